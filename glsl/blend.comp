@@ -1,0 +1,137 @@
+#version 460
+#include "workgroup.glsl"
+#include "frame.glsl"
+// One workgroup per 16x16 tile, one invocation per pixel: blends the tile's list front to back.
+// Batches of 256 splats are staged in workgroup memory. Each subgroup holds a small block of pixels, ballots which
+// staged splats reach it, walks only those, and leaves when all its pixels are opaque; the workgroup leaves with the last.
+// Before: ranges and sorted splat_ids. After: image = (colour over the background, 1 - T).
+// A list longer than `pass_limit` takes several passes; between them the image holds (colour, T), T negated once a pixel
+// has stopped.
+
+layout(constant_id = 0) const bool CULL_PIXEL_BLOCKS = true;
+layout(constant_id = 1) const bool RESUME = false;  // not the first pass
+
+layout(binding = 0, scalar) readonly buffer Ranges { uvec2 ranges[]; };                     // [tiles]
+layout(binding = 1, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [instance_capacity]
+layout(binding = 2, scalar) readonly buffer Splats { Splat splats[]; };                     // [visible_capacity]
+layout(binding = 3, scalar) buffer TotalsBlock { Totals totals; };
+layout(binding = 4, rgba32f) uniform image2D image;
+layout(push_constant, scalar) uniform Push {
+    uvec2 size_px;
+    uint tiles;
+    vec3 background;
+    uint pass_begin;   // entries of each list that earlier passes blended
+    uint pass_limit;   // entries of a list that this pass may blend
+    uint last_pass;    // 1: finish the pixels
+} push;
+
+shared vec2 staged_mean[WORKGROUP];
+shared vec4 staged_weight[WORKGROUP];  // factor, opacity
+shared vec4 staged_colour[WORKGROUP];  // colour, least u^2 + v^2 that no longer counts
+shared uint stopped_subgroups;
+
+// Even bits of a byte: half of a Morton index.
+uint even_bits(uint i) {
+    return (i & 1) | (i >> 1 & 2) | (i >> 2 & 4) | (i >> 3 & 8);
+}
+
+// -log2 of a weight over its opacity, as a sum of squares.
+float falloff(vec3 factor, vec2 d) {
+    precise float u = fma(factor.x, d.x, factor.y * d.y);
+    precise float v = factor.z * d.y;
+    precise float sum = fma(u, u, v * v);
+    return sum;
+}
+
+// Whether staged splat `i` may reach a pixel centre in the box from `low` to `high` px. Exact but for a slack that
+// covers rounding: the least falloff in the box lies at the mean or on one of the two sides that face it.
+bool reaches(uint i, vec2 low, vec2 high) {
+    vec3 factor = staged_weight[i].xyz;
+    vec2 from = low - staged_mean[i], to = high - staged_mean[i];
+    vec2 near = clamp(vec2(0.0), from, to);
+    float best_y = -factor.x * factor.y * near.x / (factor.y * factor.y + factor.z * factor.z);
+    float best_x = -factor.y / factor.x * near.y;
+    vec2 on_x = vec2(near.x, clamp(best_y, from.y, to.y));
+    vec2 on_y = vec2(clamp(best_x, from.x, to.x), near.y);
+    float least = min(falloff(factor, on_x), falloff(factor, on_y));
+    // u is a difference of products: its rounding shifts sqrt(falloff) by this much.
+    vec2 far = max(abs(from), abs(to));
+    float slack = 1e-6 * (factor.x * far.x + abs(factor.y) * far.y + factor.z * far.y);
+    float limit = sqrt(staged_colour[i].w) + slack;
+    return !(least > limit * limit);
+}
+
+void stage(uint entry) {
+    Splat splat = splats[splat_ids[entry]];
+    staged_mean[lane()] = splat.mean_px;
+    staged_weight[lane()] = vec4(splat.factor, splat.opacity);
+    staged_colour[lane()] = vec4(splat.colour, log2(splat.opacity / ALPHA_MIN) + 1e-4);
+}
+
+// Blends staged splat `i` into a pixel; true if that ends it.
+bool blend(uint i, vec2 pixel, inout vec3 colour, inout float transmittance) {
+    vec4 weight = staged_weight[i];
+    float alpha = min(ALPHA_MAX, weight.w * exp2(-falloff(weight.xyz, pixel - staged_mean[i])));
+    if (!(alpha >= ALPHA_MIN)) return false;
+    precise float rest = transmittance * (1.0 - alpha);
+    if (rest < TRANSMITTANCE_MIN) return true;
+    precise float share = alpha * transmittance;
+    precise vec3 sum = fma(staged_colour[i].rgb, vec3(share), colour);
+    colour = sum;
+    transmittance = rest;
+    return false;
+}
+
+void main() {
+    uint tile = workgroup();
+    if (tile >= push.tiles) return;
+    uint tiles_x = div_up(push.size_px.x, TILE);
+    uvec2 corner = uvec2(tile % tiles_x, tile / tiles_x) * TILE;
+    // Morton order gives a subgroup of any size a compact block: 4x2 pixels for 8, 8x4 for 32, 8x8 for 64.
+    uvec2 pixel = corner + uvec2(even_bits(lane()), even_bits(lane() >> 1));
+    vec2 centre = vec2(pixel) + 0.5;
+    vec2 block_low = subgroupBroadcast(centre, 0);
+    vec2 block_high = subgroupBroadcast(centre, gl_SubgroupSize - 1);
+
+    bool inside = all(lessThan(pixel, push.size_px));
+    vec4 state = vec4(0.0, 0.0, 0.0, 1.0);
+    if (RESUME && inside) state = imageLoad(image, ivec2(pixel));
+    vec3 colour = state.rgb;
+    float transmittance = abs(state.a);
+    bool stopped = !inside || state.a < 0.0;
+
+    uvec2 list = ranges[tile];
+    if (lane() == 0) {
+        stopped_subgroups = 0;
+        atomicMax(totals.longest_list, list.y - list.x);  // a maximum: order does not matter
+    }
+    uint begin = list.x + min(push.pass_begin, list.y - list.x);
+    uint end = begin + min(push.pass_limit, list.y - begin);
+    bool subgroup_stopped = false;
+    for (uint batch = begin; batch < end; batch += WORKGROUP) {
+        barrier();  // all are done with the batch before; nobody stops until the next barrier, so all agree here
+        if (stopped_subgroups == gl_NumSubgroups) break;
+        if (batch + lane() < end) stage(batch + lane());
+        barrier();
+        uint count = min(WORKGROUP, end - batch);
+        for (uint first = 0; first < count && !subgroup_stopped; first += gl_SubgroupSize) {
+            uint mine = first + gl_SubgroupInvocationID;
+            uvec4 reaching = subgroupBallot(mine < count && (!CULL_PIXEL_BLOCKS || reaches(mine, block_low, block_high)));
+            while (any(notEqual(reaching, uvec4(0)))) {
+                uint next = subgroupBallotFindLSB(reaching);
+                reaching[next / 32] &= ~(1u << (next % 32));
+                if (!stopped) stopped = blend(first + next, centre, colour, transmittance);
+            }
+            if (subgroupBallot(!stopped) == uvec4(0)) {
+                subgroup_stopped = true;
+                if (subgroupElect()) atomicAdd(stopped_subgroups, 1);  // a count: order does not matter
+            }
+        }
+    }
+    if (!inside) return;
+    if (push.last_pass == 1) {
+        imageStore(image, ivec2(pixel), vec4(fma(vec3(transmittance), push.background, colour), 1.0 - transmittance));
+    } else {
+        imageStore(image, ivec2(pixel), vec4(colour, stopped ? -transmittance : transmittance));
+    }
+}

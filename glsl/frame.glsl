@@ -1,0 +1,59 @@
+// What the stages of a frame share: the view, the counts, the splat, the tile.
+
+const uint TILE = 16;  // px, width and height
+
+// Elements that one workgroup of a stage takes.
+const uint CULL_CHUNK = 1024;
+const uint SCAN_CHUNK = 2048;
+const uint SORT_CHUNK = 2048;
+const uint DUPLICATE_CHUNK = 1024;
+
+// The camera. Rows of the world-to-view rotation: right, down, forward.
+struct View {
+    vec3 right;
+    vec3 down;
+    vec3 forward;
+    vec3 position_high;  // world; the position is high + low, so that differences to it keep their digits
+    vec3 position_low;
+    vec2 focal_px;
+    vec2 centre_px;
+    uvec2 size_px;
+    float near;
+};
+
+// What a frame counted. Demands may exceed what there was room for; the host then grows the workspace.
+struct Totals {
+    uint visible;          // demand: Gaussians that passed the cull
+    uint visible_kept;
+    uint spans;            // demand: tile rows touched, over all splats
+    uint instances_low;    // demand: tiles touched, over all splats, 64 bits
+    uint instances_high;
+    uint instances_kept;
+    uint longest_list;     // splats in the fullest tile
+};
+
+// Workgroup counts of the indirect dispatches.
+struct Dispatches {
+    uvec3 over_visible;
+    uvec3 sort_visible;
+    uvec3 scan_visible;
+    uvec3 duplicate;
+    uvec3 sort_instances;
+    uvec3 over_instances;
+};
+
+// A projected Gaussian. Its weight at an offset d (px, pixel minus mean) is
+// opacity * exp2(-(u*u + v*v)) with u = factor.x * d.x + factor.y * d.y, v = factor.z * d.y:
+// the Cholesky factor of the conic, times sqrt(log2(e) / 2). A sum of squares cannot turn negative.
+struct Splat {
+    vec2 mean_px;
+    vec3 factor;
+    float opacity;
+    vec3 colour;
+};
+
+const float ALPHA_MIN = 1.0 / 255.0;        // a contribution below one 8-bit step is skipped; part of the trained model
+const float ALPHA_MAX = 0.99;               // the original's cap
+const float TRANSMITTANCE_MIN = 1e-4;       // the splat that would take T below this is not added, and ends the pixel
+const float LOW_PASS = 0.3;                 // px^2, the original's dilation of the 2D covariance
+const float LARGEST_EXTENT = 3.33;          // standard deviations: sqrt(2 ln 255) = 3.3290, where opacity 1 falls to 1/255

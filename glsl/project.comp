@@ -1,0 +1,147 @@
+#version 460
+#include "workgroup.glsl"
+#include "frame.glsl"
+#include "harmonics.glsl"
+#include "ellipse.glsl"
+// One invocation per visible Gaussian: its splat, its depth key, and the tiles it touches, as one span per tile row.
+// Before: gaussian_from_splat from cull_compact; totals.spans and the instance demand are 0.
+// After: all [visible_kept] outputs are set. A splat without a tile has an empty span range and the largest depth key.
+// What a span says is what duplicate emits: no later stage decides a tile hit again.
+
+layout(constant_id = 0) const uint SH_DEGREE = 3;
+
+layout(binding = 0, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };            // [visible_capacity]
+layout(binding = 1, scalar) readonly buffer Means { vec4 bounds[]; };                       // [gaussians] mean, reach
+layout(binding = 2, scalar) readonly buffer Rotations { vec4 rotations[]; };                // [gaussians] unit, w x y z
+layout(binding = 3, scalar) readonly buffer Shapes { vec4 shapes[]; };                      // [gaussians] scale, opacity
+layout(binding = 4, scalar) readonly buffer Sh { vec4 plane[]; } sh[SH_PLANES];             // [gaussians] each
+layout(binding = 5, scalar) writeonly buffer Splats { Splat splats[]; };                    // [visible_capacity]
+layout(binding = 6, scalar) writeonly buffer DepthKeys { uint depth_keys[]; };              // [visible_capacity]
+layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity] first, rows
+layout(binding = 8, scalar) writeonly buffer TileCounts { uint tile_counts[]; };            // [visible_capacity]
+layout(binding = 9, scalar) writeonly buffer Spans { uint spans[]; };                       // [span_capacity]
+layout(binding = 10, scalar) buffer TotalsBlock { Totals totals; };
+layout(push_constant, scalar) uniform Push {
+    View view;
+    uint span_capacity;
+    uint depth_limit;  // the largest depth key, for splats without tiles
+} push;
+
+const uint ROWS_ALONE = 4;  // a splat with more tile rows is shared by its subgroup
+
+shared uint first_span;
+
+// Columns of the rotation matrix of a unit quaternion (w, x, y, z).
+mat3 rotation_matrix(vec4 q) {
+    float w = q.x, x = q.y, y = q.z, z = q.w;
+    return mat3(
+        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
+        2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
+        2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
+}
+
+// The 2D covariance V V^T + LOW_PASS I as (a, b, c) = (xx, xy, yy), and its determinant, where V (2x3) = J W R S.
+// The determinant is a sum of squares of the minors of V (Cauchy-Binet), so that no needle loses it to cancellation.
+vec4 covariance_px(vec3 v0, vec3 v1) {
+    vec3 minors = cross(v0, v1);
+    vec3 abc = vec3(dot(v0, v0), dot(v0, v1), dot(v1, v1));
+    float determinant = dot(minors, minors) + LOW_PASS * (abc.x + abc.z) + LOW_PASS * LOW_PASS;
+    return vec4(abc.x + LOW_PASS, abc.y, abc.z + LOW_PASS, determinant);
+}
+
+// Projects one Gaussian: the splat without its colour, its ellipse, and the depth.
+void project(uint gaussian, vec3 p, out Splat splat, out Ellipse ellipse, out float z) {
+    vec4 shape = shapes[gaussian];
+    z = max(dot(push.view.forward, p), push.view.near);
+    vec2 slope = vec2(dot(push.view.right, p), dot(push.view.down, p)) / z;
+    vec2 size = vec2(push.view.size_px);
+    // The Jacobian's slope is clamped 15 % of the image beyond each edge (the original's 1.3 tan(fov/2)).
+    vec2 low = (-push.view.centre_px - 0.15 * size) / push.view.focal_px;
+    vec2 high = (size - push.view.centre_px + 0.15 * size) / push.view.focal_px;
+    vec2 clamped = clamp(slope, low, high);
+    vec2 px_per_unit = push.view.focal_px / z;
+    mat3 rotation = rotation_matrix(rotations[gaussian]);
+    // Past 1e8 px a longer axis changes no weight on the image, and its square would overflow.
+    float stretch = max(px_per_unit.x, px_per_unit.y) * sqrt(1.0 + dot(clamped, clamped));
+    vec3 scale = min(shape.xyz, 1e8 / stretch);
+    vec3 v0 = px_per_unit.x * ((push.view.right - clamped.x * push.view.forward) * rotation) * scale;
+    vec3 v1 = px_per_unit.y * ((push.view.down - clamped.y * push.view.forward) * rotation) * scale;
+    vec4 covariance = covariance_px(v0, v1);
+    float a = covariance.x, b = covariance.y, c = covariance.z, determinant = covariance.w;
+
+    float to_exp2 = sqrt(0.5 * 1.4426950408889634);  // exp(-q / 2) = exp2(-(log2(e) / 2) q)
+    splat.mean_px = push.view.focal_px * slope + push.view.centre_px;
+    splat.factor.x = to_exp2 * sqrt(c / determinant);
+    splat.factor.y = to_exp2 * -b / sqrt(c * determinant);
+    splat.factor.z = to_exp2 / sqrt(c);
+    splat.opacity = shape.w;
+    ellipse = ellipse_of(splat.mean_px, vec4(a, b, c, determinant), shape.w);
+}
+
+void main() {
+    uint index = workgroup() * WORKGROUP + lane();
+    bool exists = index < totals.visible_kept;
+    uint gaussian = exists ? gaussian_from_splat[index] : 0;
+    vec3 mean = exists ? bounds[gaussian].xyz : vec3(0.0);
+    precise vec3 p = (mean - push.view.position_high) - push.view.position_low;
+
+    Splat splat;
+    Ellipse ellipse = EMPTY_ELLIPSE;
+    float z = push.view.near;
+    if (exists) project(gaussian, p, splat, ellipse, z);
+    uvec2 rows = tile_rows(ellipse, push.view.size_px);  // first, count
+
+    uint total;
+    uint offset = workgroup_exclusive_add(rows.y, total);
+    if (lane() == 0) first_span = atomicAdd(totals.spans, total);  // any order: spans are found through their range
+    barrier();
+    offset += first_span;
+    bool fits = offset <= push.span_capacity && rows.y <= push.span_capacity - offset;
+    if (!fits) rows.y = 0;
+
+    uint tiles = 0;
+    bool shared_work = rows.y > ROWS_ALONE;
+    if (!shared_work) {
+        for (uint row = 0; row < rows.y; row++) {
+            uint span = tile_span(ellipse, rows.x + row, push.view.size_px);
+            spans[offset + row] = span;
+            tiles += span_length(span);
+        }
+    }
+    uvec4 waiting = subgroupBallot(shared_work);
+    while (any(notEqual(waiting, uvec4(0)))) {
+        uint owner = subgroupBallotFindLSB(waiting);
+        waiting[owner / 32] &= ~(1u << (owner % 32));
+        Ellipse theirs = broadcast_ellipse(ellipse, owner);
+        uvec2 their_rows = subgroupBroadcast(rows, owner);
+        uint their_offset = subgroupBroadcast(offset, owner);
+        uint sum = 0;
+        for (uint row = gl_SubgroupInvocationID; row < their_rows.y; row += gl_SubgroupSize) {
+            uint span = tile_span(theirs, their_rows.x + row, push.view.size_px);
+            spans[their_offset + row] = span;
+            sum += span_length(span);
+        }
+        sum = subgroupAdd(sum);
+        if (gl_SubgroupInvocationID == owner) tiles = sum;
+    }
+
+    workgroup_exclusive_add(tiles, total);
+    if (lane() == 0) {
+        uint before = atomicAdd(totals.instances_low, total);  // a sum of integers: order does not matter
+        if (before + total < before) atomicAdd(totals.instances_high, 1);
+    }
+    if (!exists) return;
+    span_ranges[index] = tiles == 0 ? uvec2(0) : uvec2(offset, rows.x | rows.y << 16);
+    tile_counts[index] = tiles;
+    uint depth = floatBitsToUint(z) - floatBitsToUint(push.view.near);  // positive floats order like their bits
+    depth_keys[index] = tiles == 0 ? push.depth_limit : min(depth, push.depth_limit - 1);
+    if (tiles > 0) {
+        vec4 planes[SH_PLANES];
+        for (uint i = 0; i < SH_PLANES; i++) planes[i] = vec4(0.0);
+        // Literal indices: the planes stay in registers, and a lower degree loads fewer.
+#define LOAD(i) if (i < sh_planes(SH_DEGREE)) planes[i] = sh[i].plane[gaussian];
+        LOAD(0) LOAD(1) LOAD(2) LOAD(3) LOAD(4) LOAD(5) LOAD(6) LOAD(7) LOAD(8) LOAD(9) LOAD(10) LOAD(11)
+        splat.colour = harmonics_colour(planes, SH_DEGREE, normalize(p));
+        splats[index] = splat;
+    }
+}

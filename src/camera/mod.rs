@@ -1,0 +1,127 @@
+//! From where: pose and intrinsics of a pinhole camera, camera files, and a view that frames a scene.
+
+mod cameras_json;
+
+use glam::{DMat3, DVec2, DVec3};
+
+pub use cameras_json::{NamedCamera, find, read};
+
+/// A pinhole camera. View axes are COLMAP's: x right, y down, z forward. A pixel is sampled at its centre:
+/// pixel (i, j) at (i + 0.5, j + 0.5).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// World units.
+    pub position: DVec3,
+    /// World to view: the rows are right, down and forward in world axes.
+    pub rotation: DMat3,
+    pub focal_px: DVec2,
+    /// The principal point.
+    pub centre_px: DVec2,
+    /// Width and height.
+    pub size_px: [u32; 2],
+}
+
+impl Camera {
+    /// The same view at another size. The horizontal field of view stays, pixels become square, and the principal
+    /// point goes to the centre; at its own size a camera is unchanged.
+    pub fn resized(&self, size_px: [u32; 2]) -> Self {
+        if size_px == self.size_px {
+            return self.clone();
+        }
+        let focal = self.focal_px.x * f64::from(size_px[0]) / f64::from(self.size_px[0]);
+        Self { focal_px: DVec2::splat(focal), centre_px: centre(size_px), size_px, ..self.clone() }
+    }
+
+    /// A camera at `position` that looks at `target`, with the world's up (-y) up in the image.
+    pub fn looking_at(position: DVec3, target: DVec3, size_px: [u32; 2], horizontal_fov: f64) -> Self {
+        let forward = (target - position).normalize_or(DVec3::Z);
+        // Looking along y, any horizontal direction will do.
+        let right = DVec3::Y.cross(forward).try_normalize().unwrap_or(DVec3::X);
+        let down = forward.cross(right);
+        let focal = f64::from(size_px[0]) / 2.0 / (horizontal_fov / 2.0).tan();
+        Self {
+            position,
+            rotation: DMat3::from_cols(right, down, forward).transpose(),
+            focal_px: DVec2::splat(focal),
+            centre_px: centre(size_px),
+            size_px,
+        }
+    }
+
+    /// A view, slightly from above, that holds the ball around `centre`.
+    pub fn framing(centre: DVec3, radius: f64, size_px: [u32; 2]) -> Self {
+        let fov = 50f64.to_radians();
+        let [width, height] = size_px.map(f64::from);
+        let narrower = 2.0 * ((fov / 2.0).tan() * (height / width).min(1.0)).atan();
+        let distance = radius / (narrower / 2.0).sin();
+        let direction = DVec3::new(0.5, -0.45, -1.0).normalize();
+        Self::looking_at(centre + direction * distance, centre, size_px, fov)
+    }
+
+    pub fn right(&self) -> DVec3 {
+        self.rotation.row(0)
+    }
+
+    pub fn down(&self) -> DVec3 {
+        self.rotation.row(1)
+    }
+
+    pub fn forward(&self) -> DVec3 {
+        self.rotation.row(2)
+    }
+
+    /// The point in view axes.
+    pub fn view(&self, world: DVec3) -> DVec3 {
+        self.rotation * (world - self.position)
+    }
+}
+
+fn centre(size_px: [u32; 2]) -> DVec2 {
+    DVec2::from(size_px.map(f64::from)) / 2.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn looking_at_puts_the_target_in_the_middle_and_up_upwards() {
+        let camera = Camera::looking_at(DVec3::new(3.0, -2.0, 1.0), DVec3::ZERO, [640, 480], 1.0);
+        let target = camera.view(DVec3::ZERO);
+        assert!(target.x.abs() < 1e-12 && target.y.abs() < 1e-12 && target.z > 0.0);
+        let above = camera.view(DVec3::new(0.0, -1.0, 0.0));
+        assert!(above.y < 0.0, "up is -y in the world and in the image");
+        assert!((camera.rotation.determinant() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn looking_straight_down_is_a_rotation() {
+        let camera = Camera::looking_at(DVec3::new(0.0, -5.0, 0.0), DVec3::ZERO, [64, 64], 1.0);
+        assert!((camera.rotation.determinant() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn resized_keeps_the_horizontal_field_of_view() {
+        let camera = Camera {
+            focal_px: DVec2::new(1000.0, 1010.0),
+            centre_px: DVec2::new(970.0, 530.0),
+            ..Camera::looking_at(DVec3::ZERO, DVec3::Z, [1920, 1080], 1.0)
+        };
+        assert_eq!(camera.resized([1920, 1080]), camera);
+        let small = camera.resized([480, 480]);
+        assert_eq!((small.focal_px, small.centre_px), (DVec2::splat(250.0), DVec2::splat(240.0)));
+    }
+
+    #[test]
+    fn framing_holds_the_ball_in_a_narrow_image() {
+        let camera = Camera::framing(DVec3::ONE, 2.0, [200, 800]);
+        for axis in [camera.right(), camera.down()] {
+            for sign in [-1.0, 1.0] {
+                // Nearest point of the ball's silhouette seen from the camera.
+                let p = camera.view(DVec3::ONE + axis * sign * 2.0 * 0.99);
+                let px = camera.focal_px * p.truncate() / p.z + camera.centre_px;
+                assert!(px.x >= 0.0 && px.x <= 200.0 && px.y >= 0.0 && px.y <= 800.0, "{px}");
+            }
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! The commands, one file each.
+
+mod doctor;
+mod info;
+mod progress;
+mod render;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Result, bail};
+use clap::{Args, Parser, Subcommand};
+
+use crate::environment::Environment;
+use crate::gpu::{Device, DeviceChoice, OutOfMemory, Unavailable, Validation};
+use crate::scene::{self, Scene, Unreadable, synthetic};
+
+/// Renders 3D Gaussian splatting scenes with Vulkan compute.
+#[derive(Parser)]
+#[command(
+    name = "smalto",
+    version,
+    arg_required_else_help = true,
+    after_help = "\
+Exit codes: 0 done, 1 failure, 2 usage, 3 no usable Vulkan device, 4 unreadable scene or camera file, 5 out of memory.
+Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION=1 turns the validation layer on."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Render(render::Args),
+    Info(info::Args),
+    Doctor(doctor::Args),
+}
+
+/// Which device to run on.
+#[derive(Args)]
+struct DeviceArgs {
+    /// Vulkan device, by the number that `smalto doctor` lists or a part of its name [default: the fastest kind]
+    #[arg(long, value_name = "INDEX|NAME")]
+    device: Option<String>,
+}
+
+impl DeviceArgs {
+    fn open(&self) -> Result<Device> {
+        let environment = Environment::read();
+        let choice = self.device.as_deref().map_or(environment.device, DeviceChoice::from);
+        let default = if cfg!(debug_assertions) { Validation::IfInstalled } else { Validation::Off };
+        Device::open(&choice, environment.validation.unwrap_or(default))
+    }
+}
+
+/// What the user asked for makes no sense here.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Usage(String);
+
+/// Parses the command line, runs the command, and says what went wrong.
+pub fn run() -> ExitCode {
+    let outcome = match Cli::parse().command {
+        Command::Render(args) => render::run(&args),
+        Command::Info(args) => info::run(&args),
+        Command::Doctor(args) => doctor::run(&args),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("smalto: {error:#}");
+            ExitCode::from(exit_code(&error))
+        }
+    }
+}
+
+fn exit_code(error: &anyhow::Error) -> u8 {
+    if error.is::<Usage>() {
+        2
+    } else if error.is::<Unavailable>() {
+        3
+    } else if error.is::<Unreadable>() {
+        4
+    } else if error.is::<OutOfMemory>() {
+        5
+    } else {
+        1
+    }
+}
+
+/// Reads a scene file or makes the procedural scene, and says on stderr what had to be dropped.
+fn read_scene(name: &str) -> Result<Scene> {
+    let scene = match synthetic::parse(name) {
+        Some(count) => synthetic::cactus(count.map_err(|e| Usage(format!("{name}: {e:#}")))?),
+        None => {
+            let bar = progress::Bar::new("reading");
+            scene::read(Path::new(name), &|fraction| bar.set(fraction))?
+        }
+    };
+    let tally = &scene.tally;
+    if tally.dropped() + tally.clamped_scale > 0 {
+        let level = if tally.is_clean() { "note" } else { "warning" };
+        eprintln!("smalto: {level}: {name}: of {} Gaussians {tally}", tally.read);
+    }
+    Ok(scene)
+}
+
+/// What `render` and `info` draw or describe.
+#[derive(Args)]
+struct SceneArg {
+    /// Scene file (.ply, .compressed.ply or .spz), or the built-in procedural scene `cactus:COUNT`
+    #[arg(default_value = "cactus")]
+    scene: String,
+}
+
+impl SceneArg {
+    /// The scene's file, if it is one.
+    fn path(&self) -> Option<PathBuf> {
+        synthetic::parse(&self.scene).is_none().then(|| PathBuf::from(&self.scene))
+    }
+}
+
+/// `WIDTHxHEIGHT` in pixels.
+fn parse_size(text: &str) -> Result<[u32; 2]> {
+    let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    match sides {
+        Some(size @ [1..=65536, 1..=65536]) => Ok(size),
+        _ => bail!("expected WIDTHxHEIGHT in pixels, like 1280x720"),
+    }
+}

@@ -1,0 +1,183 @@
+//! `smalto render`: pictures of a scene, to files.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result, ensure};
+use glam::DVec3;
+
+use super::{DeviceArgs, SceneArg, Usage, parse_size, progress, read_scene};
+use crate::camera::{self, Camera, NamedCamera};
+use crate::options::{Background, Options};
+use crate::pixels::Pixels;
+use crate::reference;
+use crate::render::{Frame, GpuScene, Still};
+use crate::scene::{Bounds, Gaussians, Unreadable};
+
+/// Render a scene to PNG
+#[derive(clap::Args)]
+pub(super) struct Args {
+    #[command(flatten)]
+    scene: SceneArg,
+    /// PNG file, or folder for several pictures [default: the scene's name with .png, or `renders`]
+    #[arg(short, long, value_name = "FILE|DIR")]
+    output: Option<PathBuf>,
+    /// Picture size in pixels [default: the camera's own, or 1280x720]
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    size: Option<[u32; 2]>,
+    /// Camera file of the original 3DGS [default: cameras.json beside the scene or above it]
+    #[arg(long, value_name = "FILE")]
+    cameras: Option<PathBuf>,
+    /// Which camera of the file: its position in it, its image name, or `all` [default: 0]
+    #[arg(long, value_name = "N|NAME|all")]
+    camera: Option<String>,
+    /// What lies behind the scene: three numbers from 0 to 1, or `transparent`
+    #[arg(long, value_name = "R,G,B|transparent", default_value = "0,0,0", value_parser = parse_background)]
+    background: Background,
+    /// Distance ahead of the camera, in world units, from which on Gaussians are drawn
+    #[arg(long, value_name = "DISTANCE", default_value_t = Options::default().near)]
+    near: f32,
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Use only what runs on every device, with no path chosen for this one
+    #[arg(long)]
+    portable: bool,
+    /// Render on the CPU in float64 instead: the reference that the GPU is measured against. Slow
+    #[arg(long, conflicts_with_all = ["device", "portable", "timings", "dump"])]
+    reference: bool,
+    /// Print the GPU time of every stage
+    #[arg(long)]
+    timings: bool,
+    /// Write every buffer that a stage wrote, after that stage, to this folder as .npy
+    #[arg(long, value_name = "DIR")]
+    dump: Option<PathBuf>,
+}
+
+fn parse_background(text: &str) -> Result<Background> {
+    if text == "transparent" {
+        return Ok(Background::Transparent);
+    }
+    let numbers: Option<Vec<f32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    let colour: Option<[f32; 3]> = numbers.and_then(|n| n.try_into().ok());
+    let colour = colour.filter(|c| c.iter().all(|v| (0.0..=1.0).contains(v)));
+    Ok(Background::Colour(colour.context("expected R,G,B from 0 to 1, like 1,1,1, or transparent")?))
+}
+
+/// One picture to make.
+struct Shot {
+    camera: Camera,
+    output: PathBuf,
+}
+
+pub(super) fn run(args: &Args) -> Result<()> {
+    if !(args.near.is_finite() && args.near > 0.0) {
+        return Err(Usage(format!("--near {} is not a distance ahead of the camera", args.near)).into());
+    }
+    // The device first: what is missing there is known at once, a scene may take a while.
+    let device = if args.reference { None } else { Some(args.device.open()?) };
+    let scene = read_scene(&args.scene.scene)?;
+    let shots = shots(args, &scene.gaussians)?;
+    let options = Options { near: args.near, portable: args.portable };
+    match device {
+        None => {
+            for shot in &shots {
+                let started = Instant::now();
+                let pixels = reference::render(&scene.gaussians, &shot.camera, &options, args.background).to_pixels();
+                write(args, shot, &pixels)?;
+                println!("{}  {}  float64 reference, {:.1} s", shot.output.display(), size(shot), started.elapsed().as_secs_f64());
+            }
+        }
+        Some(device) => {
+            let gpu_scene = GpuScene::new(&device, &scene.gaussians)?;
+            drop(scene);
+            let mut still = Still::new(&device, &options, &gpu_scene)?;
+            let bar = progress::Bar::new("rendering");
+            for (done, shot) in shots.iter().enumerate() {
+                let frame = still.render(&shot.camera, args.background)?;
+                write(args, shot, &still.pixels()?)?;
+                report(args, shot, &frame);
+                bar.set((done + 1) as f64 / shots.len() as f64);
+            }
+            let complaints = device.complaints();
+            ensure!(complaints.is_empty(), "validation: {}", complaints.join("\n"));
+        }
+    }
+    Ok(())
+}
+
+/// The cameras to render, each with its file.
+fn shots(args: &Args, gaussians: &Gaussians) -> Result<Vec<Shot>> {
+    let cameras = cameras(args)?;
+    let wants_all = args.camera.as_deref() == Some("all");
+    let stem = args.scene.path().map_or_else(|| "cactus".to_owned(), |path| stem(&path));
+    let chosen: Vec<(usize, Camera)> = match (&cameras, &args.camera) {
+        (None, None) => vec![(0, automatic(gaussians, args.size))],
+        (None, Some(camera)) => {
+            return Err(Usage(format!("--camera {camera} needs a camera file: there is no cameras.json beside the scene, and no --cameras")).into());
+        }
+        (Some(all), _) if wants_all => all.iter().map(|c| c.camera.clone()).enumerate().collect(),
+        (Some(all), camera) => vec![pick(all, camera.as_deref().unwrap_or("0"))?],
+    };
+    let default = PathBuf::from(if wants_all { "renders".to_owned() } else { format!("{stem}.png") });
+    let output = args.output.clone().unwrap_or(default);
+    let is_folder = wants_all || output.is_dir() || output.as_os_str().to_string_lossy().ends_with('/');
+    if is_folder {
+        fs::create_dir_all(&output).with_context(|| format!("cannot make the folder {}", output.display()))?;
+    }
+    let shot = |(index, camera): (usize, Camera)| Shot {
+        camera: args.size.map_or_else(|| camera.clone(), |size| camera.resized(size)),
+        output: if is_folder { output.join(format!("{index:05}.png")) } else { output.clone() },
+    };
+    Ok(chosen.into_iter().map(shot).collect())
+}
+
+fn cameras(args: &Args) -> Result<Option<Vec<NamedCamera>>> {
+    let file = args.cameras.clone().or_else(|| args.scene.path().and_then(|scene| camera::find(&scene)));
+    file.map(|file| camera::read(&file).map_err(|problem| Unreadable::new(&file, &problem).into())).transpose()
+}
+
+fn pick(cameras: &[NamedCamera], wanted: &str) -> Result<(usize, Camera)> {
+    let by_name = cameras.iter().position(|c| c.name == wanted);
+    let by_position = wanted.parse().ok().filter(|index| *index < cameras.len());
+    let index = by_name.or(by_position).ok_or_else(|| {
+        let last = cameras.len() - 1;
+        Usage(format!("there is no camera {wanted}: they are 0 to {last}, from '{}' to '{}'", cameras[0].name, cameras[last].name))
+    })?;
+    Ok((index, cameras[index].camera.clone()))
+}
+
+/// A view of the whole scene.
+fn automatic(gaussians: &Gaussians, size: Option<[u32; 2]>) -> Camera {
+    let bounds = Bounds::of(gaussians);
+    Camera::framing(DVec3::from(bounds.centre), bounds.radius, size.unwrap_or([1280, 720]))
+}
+
+/// The file name without its endings.
+fn stem(path: &Path) -> String {
+    let name = path.file_name().map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned());
+    name.split('.').find(|part| !part.is_empty()).unwrap_or("scene").to_owned()
+}
+
+fn write(args: &Args, shot: &Shot, pixels: &Pixels) -> Result<()> {
+    pixels.write_png(&shot.output, args.background == Background::Transparent)
+}
+
+fn size(shot: &Shot) -> String {
+    let [width, height] = shot.camera.size_px;
+    format!("{width}x{height}")
+}
+
+fn report(args: &Args, shot: &Shot, frame: &Frame) {
+    let totals = &frame.totals;
+    let gpu_ms = frame.timings.iter().find(|t| t.depth == 0).map_or_else(String::new, |t| format!(", {:.2} ms on the GPU", t.duration_ms));
+    let (visible, instances) = (totals.visible, totals.instances_kept);
+    println!("{}  {}  {visible} visible, {instances} instances{gpu_ms}", shot.output.display(), size(shot));
+    if args.timings {
+        let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth > 0).collect();
+        stages.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
+        for stage in stages {
+            println!("  {:<12} {:8.3} ms", stage.name, stage.duration_ms);
+        }
+    }
+}

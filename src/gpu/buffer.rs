@@ -1,0 +1,142 @@
+//! A buffer of plain elements in device memory.
+
+use std::marker::PhantomData;
+use std::mem::size_of;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use anyhow::Result;
+use ash::vk;
+use bytemuck::Pod;
+use gpu_allocator::MemoryLocation;
+use gpu_allocator::vulkan::Allocation;
+
+use super::device::{Device, Shared};
+use super::error::{OutOfMemory, describe};
+use super::shader::Resource;
+
+/// `len` elements of type `T` in device memory. A clone is the same buffer.
+pub struct Buffer<T> {
+    pub(super) storage: Arc<Storage>,
+    len: usize,
+    _element: PhantomData<fn() -> T>,
+}
+
+impl<T> Clone for Buffer<T> {
+    fn clone(&self) -> Self {
+        Self { storage: self.storage.clone(), len: self.len, _element: PhantomData }
+    }
+}
+
+impl<T: Pod> Buffer<T> {
+    /// A buffer that shaders can bind whole. Its content is undefined. A length of 0 is stored as 1: Vulkan has no
+    /// empty buffers, and an empty scene is no special case.
+    pub fn new(device: &Device, name: &str, len: usize) -> Result<Self> {
+        let bytes = (len.max(1) * size_of::<T>()) as u64;
+        let limit = device.facts().limits.storage_range;
+        if bytes > limit {
+            let reason = format!("a shader on {} reaches at most {limit} bytes of a buffer", device.facts().name);
+            return Err(OutOfMemory { name: name.to_owned(), bytes, reason }.into());
+        }
+        let usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::INDIRECT_BUFFER
+            | vk::BufferUsageFlags::TRANSFER_SRC
+            | vk::BufferUsageFlags::TRANSFER_DST;
+        let storage = Arc::new(Storage::new(&device.0, name, bytes, usage, MemoryLocation::GpuOnly)?);
+        Ok(Self { storage, len, _element: PhantomData })
+    }
+
+    /// Elements.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    pub fn name(&self) -> &str {
+        &self.storage.name
+    }
+
+    pub fn bytes(&self) -> u64 {
+        self.storage.bytes
+    }
+
+    /// The same buffer seen as 32-bit words.
+    pub fn words(&self) -> Buffer<u32> {
+        assert!(size_of::<T>().is_multiple_of(4), "elements of `{}` are not whole words", self.name());
+        Buffer { storage: self.storage.clone(), len: self.len * size_of::<T>() / 4, _element: PhantomData }
+    }
+
+    pub(crate) fn resource(&self) -> Resource<'_> {
+        Resource::Buffer(&self.storage)
+    }
+}
+
+/// The Vulkan buffer and its memory.
+pub struct Storage {
+    pub(super) raw: vk::Buffer,
+    pub(super) name: String,
+    pub(super) bytes: u64,
+    /// Tells resources apart in the missing-barrier check.
+    pub(super) id: u64,
+    allocation: Option<Allocation>,
+    device: Arc<Shared>,
+}
+
+/// A number that no other resource or recording has.
+pub(super) fn next_id() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
+}
+
+impl Storage {
+    pub(super) fn new(
+        device: &Arc<Shared>,
+        name: &str,
+        bytes: u64,
+        usage: vk::BufferUsageFlags,
+        location: MemoryLocation,
+    ) -> Result<Self> {
+        let limit = device.facts.limits.buffer;
+        if bytes > limit {
+            let reason = format!("a buffer on {} holds at most {limit} bytes", device.facts.name);
+            return Err(OutOfMemory { name: name.to_owned(), bytes, reason }.into());
+        }
+        let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
+        // SAFETY: clause 1, the Storage owns the buffer from here on and frees it on every path.
+        let raw = unsafe { device.raw.create_buffer(&info, None) }.map_err(|e| describe("vkCreateBuffer", e))?;
+        let mut storage =
+            Self { raw, name: name.to_owned(), bytes, id: next_id(), allocation: None, device: device.clone() };
+        // SAFETY: clause 1.
+        let requirements = unsafe { device.raw.get_buffer_memory_requirements(raw) };
+        let allocation = storage.allocation.insert(device.allocate(name, requirements, location, true)?);
+        // SAFETY: clauses 1 and 4, fresh memory that meets the buffer's requirements.
+        unsafe { device.raw.bind_buffer_memory(raw, allocation.memory(), allocation.offset()) }
+            .map_err(|e| describe("vkBindBufferMemory", e))?;
+        device.name(raw, name);
+        Ok(storage)
+    }
+
+    /// The bytes of a host-visible buffer.
+    pub(super) fn mapped(&self) -> &[u8] {
+        let bytes = self.allocation.as_ref().and_then(|a| a.mapped_slice()).expect("a staging buffer is mapped");
+        &bytes[..self.bytes as usize]
+    }
+
+    pub(super) fn mapped_mut(&mut self) -> &mut [u8] {
+        let bytes = self.allocation.as_mut().and_then(|a| a.mapped_slice_mut()).expect("a staging buffer is mapped");
+        &mut bytes[..self.bytes as usize]
+    }
+}
+
+impl Drop for Storage {
+    fn drop(&mut self) {
+        // SAFETY: clause 2, commands hold an Arc of this until they are done.
+        unsafe { self.device.raw.destroy_buffer(self.raw, None) };
+        if let Some(allocation) = self.allocation.take() {
+            self.device.free(allocation);
+        }
+    }
+}

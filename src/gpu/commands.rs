@@ -1,0 +1,412 @@
+//! Recording a command buffer: dispatches, copies, barriers, timed scopes.
+
+use std::any::Any;
+use std::ffi::CString;
+use std::ops::Range;
+use std::sync::Arc;
+
+use anyhow::Result;
+use ash::vk;
+use bytemuck::Pod;
+use gpu_allocator::MemoryLocation;
+
+use super::buffer::{Buffer, Storage, next_id};
+use super::device::Device;
+use super::hazards::{Access, Hazards};
+use super::image::{Image, WHOLE};
+use super::shader::{Binding, BindingKind, Bindings, Resource, Shader};
+use super::stage::Stage;
+use super::submission::{Capture, InFlight, MAX_SCOPES, Readback, Slot, Submission};
+use super::timings::Scope;
+use super::FOLD;
+
+/// How much a dispatch covers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Extent {
+    /// At least this many invocations in a row; the shader tests its index.
+    Invocations(u64),
+    /// This many workgroups in a row. Over [`FOLD`] they are folded into y, and there may be more of them.
+    Groups(u64),
+}
+
+impl Extent {
+    /// Workgroups along x and y for workgroups of `size` invocations.
+    pub fn groups(self, size: u32) -> [u32; 2] {
+        let groups = match self {
+            Self::Invocations(n) => n.div_ceil(size.into()),
+            Self::Groups(n) => n,
+        };
+        let x = groups.min(FOLD.into());
+        [x as u32, groups.div_ceil(x.max(1)) as u32]
+    }
+}
+
+/// Which scopes get timestamps. A timestamp costs time itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Timestamps {
+    /// Every scope.
+    All,
+    /// Only scopes that are in no other.
+    Outermost,
+}
+
+/// A command buffer being recorded. What it uses it keeps alive until it is done.
+pub struct Commands {
+    recording: u64,
+    device: Device,
+    slot: Option<Slot>,
+    keep: Vec<Arc<dyn Any + Send + Sync>>,
+    hazards: Option<Hazards>,
+    timestamps: Timestamps,
+    scopes: Vec<Scope>,
+    queries: u32,
+    depth: usize,
+    /// Buffers written since the outermost scope began, when captures are wanted.
+    written: Option<Vec<Arc<Storage>>>,
+    captures: Vec<Capture>,
+    /// What went wrong where nothing could be returned; `submit` returns it.
+    failure: Option<anyhow::Error>,
+    has_readbacks: bool,
+}
+
+impl Commands {
+    pub fn new(device: &Device) -> Result<Self> {
+        let slot = Slot::take(&device.0)?;
+        Ok(Self {
+            recording: next_id(),
+            device: device.clone(),
+            slot: Some(slot),
+            keep: Vec::new(),
+            hazards: device.0.checked.then(Hazards::default),
+            timestamps: Timestamps::All,
+            scopes: Vec::new(),
+            queries: 0,
+            depth: 0,
+            written: None,
+            captures: Vec::new(),
+            failure: None,
+            has_readbacks: false,
+        })
+    }
+
+    pub fn set_timestamps(&mut self, timestamps: Timestamps) {
+        self.timestamps = timestamps;
+    }
+
+    /// From here on keeps a copy of every buffer that a scope wrote, taken at the end of that scope.
+    pub fn capture_scopes(&mut self) {
+        self.written = Some(Vec::new());
+    }
+
+    /// Runs `record` inside a scope: a debug label, two timestamps and a row in the report.
+    pub fn scope<R>(&mut self, name: &'static str, record: impl FnOnce(&mut Self) -> R) -> R {
+        let raw = self.raw();
+        let label = CString::new(name).expect("scope names contain no zero byte");
+        if let Some(debug) = &self.device.0.debug {
+            // SAFETY: clause 1, the command buffer is being recorded.
+            unsafe { debug.cmd_begin_debug_utils_label(raw, &vk::DebugUtilsLabelEXT::default().label_name(&label)) };
+        }
+        self.mark(name);
+        let first_query = self.timestamp();
+        self.depth += 1;
+        let result = record(self);
+        self.depth -= 1;
+        let last_query = self.timestamp();
+        if let (Some(first_query), Some(last_query)) = (first_query, last_query) {
+            self.scopes.push(Scope { name, depth: self.depth, first_query, last_query });
+        }
+        self.capture(name);
+        if let Some(debug) = &self.device.0.debug {
+            // SAFETY: as above; the label was begun above.
+            unsafe { debug.cmd_end_debug_utils_label(raw) };
+        }
+        result
+    }
+
+    /// Runs `stage` over `extent`.
+    pub fn dispatch<S: Shader>(&mut self, stage: &Stage<S>, bindings: S::Bindings<'_>, push: S::Push, extent: Extent) {
+        let [x, y] = extent.groups(S::WORKGROUP[0]);
+        if x > 0 {
+            self.bind(stage, &bindings, &push);
+            // SAFETY: clauses 2 and 4; the counts are within every device's limits by FOLD.
+            unsafe { self.device.0.raw.cmd_dispatch(self.raw(), x, y, 1) };
+        }
+    }
+
+    /// Runs `stage` over the workgroup counts (three words) found at byte `offset` of `counts`.
+    pub fn dispatch_indirect<S: Shader, T: Pod>(
+        &mut self,
+        stage: &Stage<S>,
+        bindings: S::Bindings<'_>,
+        push: S::Push,
+        counts: &Buffer<T>,
+        offset: usize,
+    ) {
+        assert!(offset.is_multiple_of(4) && offset as u64 + 12 <= counts.bytes(), "the counts lie in their buffer");
+        self.bind(stage, &bindings, &push);
+        self.reads(counts.resource(), S::NAME, Access::INDIRECT);
+        self.keep.push(counts.storage.clone());
+        // SAFETY: clauses 2 and 4; the counts are written by our shaders, folded like `Extent::groups`.
+        unsafe { self.device.0.raw.cmd_dispatch_indirect(self.raw(), counts.storage.raw, offset as u64) };
+    }
+
+    /// Orders what came before: accesses `from` are done, and seen by accesses `to` that come after.
+    pub fn barrier(&mut self, from: Access, to: Access) {
+        if let Some(hazards) = &mut self.hazards {
+            hazards.barrier(from, to);
+        }
+        let barrier = vk::MemoryBarrier2::default()
+            .src_stage_mask(from.stages())
+            .src_access_mask(from.accesses())
+            .dst_stage_mask(to.stages())
+            .dst_access_mask(to.accesses());
+        self.pipeline_barrier(&vk::DependencyInfo::default().memory_barriers(&[barrier]));
+    }
+
+    /// Fills a buffer with one word.
+    pub fn fill<T: Pod>(&mut self, buffer: &Buffer<T>, word: u32) {
+        self.writes(buffer.resource(), "fill", Access::COPY_WRITE);
+        self.keep.push(buffer.storage.clone());
+        // SAFETY: clause 2; the whole buffer.
+        unsafe { self.device.0.raw.cmd_fill_buffer(self.raw(), buffer.storage.raw, 0, vk::WHOLE_SIZE, word) };
+    }
+
+    /// Writes `len` elements from `offset` on, made by `make` in memory that the device can read.
+    pub fn upload<T: Pod>(&mut self, buffer: &Buffer<T>, offset: usize, len: usize, make: impl FnOnce(&mut [T])) -> Result<()> {
+        assert!(offset + len <= buffer.len(), "an upload to `{}` ends inside it", buffer.name());
+        if len == 0 {
+            return Ok(());
+        }
+        let bytes = (len * size_of::<T>()) as u64;
+        let usage = vk::BufferUsageFlags::TRANSFER_SRC;
+        let mut staging = Storage::new(&self.device.0, "upload", bytes, usage, MemoryLocation::CpuToGpu)?;
+        make(bytemuck::cast_slice_mut(staging.mapped_mut()));
+        self.writes(buffer.resource(), "upload", Access::COPY_WRITE);
+        let region = vk::BufferCopy { src_offset: 0, dst_offset: (offset * size_of::<T>()) as u64, size: bytes };
+        self.copy_buffer(&Arc::new(staging), &buffer.storage, region);
+        Ok(())
+    }
+
+    /// Copies a buffer to the host; the content is there after the wait.
+    pub fn read<T: Pod>(&mut self, buffer: &Buffer<T>) -> Result<Readback<T>> {
+        self.reads(buffer.resource(), "read back", Access::COPY_READ);
+        let staging = self.readback_storage((buffer.len().max(1) * size_of::<T>()) as u64)?;
+        let region = vk::BufferCopy { src_offset: 0, dst_offset: 0, size: staging.bytes };
+        self.copy_buffer(&buffer.storage, &staging, region);
+        Ok(Readback::new(staging, buffer.len(), self.recording))
+    }
+
+    /// Copies some rows of an image to the host, row by row without gaps.
+    pub fn read_rows(&mut self, image: &Image, rows: Range<u32>) -> Result<Readback<[f32; 4]>> {
+        let [width, height] = image.size();
+        assert!(rows.start < rows.end && rows.end <= height, "the rows lie in the image");
+        self.reads(image.resource(), "read back", Access::COPY_READ);
+        let pixels = width as usize * rows.len();
+        let staging = self.readback_storage(pixels as u64 * 16)?;
+        let layers = vk::ImageSubresourceLayers {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            mip_level: 0,
+            base_array_layer: 0,
+            layer_count: 1,
+        };
+        let region = vk::BufferImageCopy::default()
+            .image_subresource(layers)
+            .image_offset(vk::Offset3D { x: 0, y: rows.start as i32, z: 0 })
+            .image_extent(vk::Extent3D { width, height: rows.len() as u32, depth: 1 });
+        self.keep.push(image.texture.clone());
+        // SAFETY: clauses 2 and 4; the image is in GENERAL and the staging buffer holds exactly these rows.
+        unsafe {
+            let (from, to) = (image.texture.raw, staging.raw);
+            self.device.0.raw.cmd_copy_image_to_buffer(self.raw(), from, vk::ImageLayout::GENERAL, to, &[region]);
+        }
+        Ok(Readback::new(staging, pixels, self.recording))
+    }
+
+    /// Ends the recording and hands it to the GPU, behind everything submitted before.
+    pub fn submit(mut self) -> Result<InFlight> {
+        if let Some(failure) = self.failure.take() {
+            return Err(failure);
+        }
+        if self.has_readbacks {
+            self.barrier(Access::COPY_WRITE, Access::HOST_READ);
+        }
+        let slot = self.slot.take().expect("a recording has a slot until it is submitted");
+        let (keep, scopes) = (std::mem::take(&mut self.keep), std::mem::take(&mut self.scopes));
+        let captures = std::mem::take(&mut self.captures);
+        let (recording, device, queries) = (self.recording, self.device.0.clone(), self.queries);
+        InFlight::start(Submission { recording, device, slot, keep, scopes, queries, captures })
+    }
+
+    pub(super) fn make_general(&mut self, image: &Image) {
+        let barrier = vk::ImageMemoryBarrier2::default()
+            .src_stage_mask(vk::PipelineStageFlags2::NONE)
+            .dst_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+            .dst_access_mask(vk::AccessFlags2::MEMORY_WRITE | vk::AccessFlags2::MEMORY_READ)
+            .old_layout(vk::ImageLayout::UNDEFINED)
+            .new_layout(vk::ImageLayout::GENERAL)
+            .image(image.texture.raw)
+            .subresource_range(WHOLE);
+        self.keep.push(image.texture.clone());
+        self.pipeline_barrier(&vk::DependencyInfo::default().image_memory_barriers(&[barrier]));
+    }
+
+    fn pipeline_barrier(&self, info: &vk::DependencyInfo<'_>) {
+        // SAFETY: clause 1; barriers in a recording outside of any render pass.
+        unsafe { self.device.0.raw.cmd_pipeline_barrier2(self.raw(), info) };
+    }
+
+    fn bind<S: Shader>(&mut self, stage: &Stage<S>, bindings: &S::Bindings<'_>, push: &S::Push) {
+        let (mut buffers, mut images) = (Vec::new(), Vec::new());
+        let mut declared = S::BINDINGS.iter().flat_map(|b| std::iter::repeat_n(b, b.count as usize));
+        bindings.each(&mut |resource| {
+            let binding = declared.next().expect("generated bindings match the generated table");
+            if binding.reads {
+                self.reads(resource, S::NAME, Access::SHADER_READ);
+            }
+            if binding.writes {
+                self.writes(resource, S::NAME, Access::SHADER_WRITE);
+            }
+            match resource {
+                Resource::Buffer(storage) => {
+                    buffers.push(vk::DescriptorBufferInfo { buffer: storage.raw, offset: 0, range: vk::WHOLE_SIZE });
+                    self.keep.push(storage.clone());
+                }
+                Resource::Image(texture) => {
+                    let info = vk::DescriptorImageInfo::default().image_view(texture.view);
+                    images.push(info.image_layout(vk::ImageLayout::GENERAL));
+                    self.keep.push(texture.clone());
+                }
+            }
+        });
+        let (mut buffers_left, mut images_left) = (&buffers[..], &images[..]);
+        let write = |binding: &Binding| {
+            let write = vk::WriteDescriptorSet::default()
+                .dst_binding(binding.number)
+                .descriptor_type(binding.kind.descriptor_type());
+            let count = binding.count as usize;
+            match binding.kind {
+                BindingKind::Buffer => write.buffer_info(buffers_left.split_off(..count).expect("one per descriptor")),
+                BindingKind::Image => write.image_info(images_left.split_off(..count).expect("one per descriptor")),
+            }
+        };
+        let writes: Vec<_> = S::BINDINGS.iter().map(write).collect();
+        let (raw, pipeline, device) = (self.raw(), &stage.pipeline, &self.device.0);
+        // SAFETY: clauses 2 and 4; every descriptor of the layout is written.
+        unsafe {
+            device.raw.cmd_bind_pipeline(raw, vk::PipelineBindPoint::COMPUTE, pipeline.raw);
+            if !writes.is_empty() {
+                let point = vk::PipelineBindPoint::COMPUTE;
+                device.push_descriptor.cmd_push_descriptor_set(raw, point, pipeline.layout, 0, &writes);
+            }
+            if size_of::<S::Push>() > 0 {
+                let stages = vk::ShaderStageFlags::COMPUTE;
+                device.raw.cmd_push_constants(raw, pipeline.layout, stages, 0, bytemuck::bytes_of(push));
+            }
+        }
+        self.keep.push(pipeline.clone());
+    }
+
+    fn reads(&mut self, resource: Resource, command: &str, access: Access) {
+        if let Some(hazards) = &mut self.hazards
+            && let Some(complaint) = hazards.read(resource.id(), resource.name(), command, access)
+        {
+            self.device.0.complain(complaint);
+        }
+    }
+
+    fn writes(&mut self, resource: Resource, command: &str, access: Access) {
+        if let (Some(written), Resource::Buffer(storage)) = (&mut self.written, resource)
+            && !written.iter().any(|w| w.id == storage.id)
+        {
+            written.push(storage.clone());
+        }
+        if let Some(hazards) = &mut self.hazards
+            && let Some(complaint) = hazards.write(resource.id(), resource.name(), command, access)
+        {
+            self.device.0.complain(complaint);
+        }
+    }
+
+    fn readback_storage(&mut self, bytes: u64) -> Result<Arc<Storage>> {
+        self.has_readbacks = true;
+        let usage = vk::BufferUsageFlags::TRANSFER_DST;
+        let storage = Storage::new(&self.device.0, "read back", bytes, usage, MemoryLocation::GpuToCpu)?;
+        Ok(Arc::new(storage))
+    }
+
+    fn copy_buffer(&mut self, from: &Arc<Storage>, to: &Arc<Storage>, region: vk::BufferCopy) {
+        self.keep.push(from.clone());
+        self.keep.push(to.clone());
+        // SAFETY: clause 2; callers checked that the region lies in both.
+        unsafe { self.device.0.raw.cmd_copy_buffer(self.raw(), from.raw, to.raw, &[region]) };
+    }
+
+    /// Writes the stage marker, so that a lost device can tell where it was.
+    fn mark(&mut self, name: &'static str) {
+        let raw = self.raw();
+        let slot = self.slot.as_mut().expect("a recording has a slot until it is submitted");
+        if let Some((marker, value)) = slot.next_mark(name) {
+            // Execution only: a memory dependency here would hide a missing barrier from the validation layer.
+            let order = vk::MemoryBarrier2::default()
+                .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
+                .dst_stage_mask(vk::PipelineStageFlags2::ALL_TRANSFER);
+            // SAFETY: clause 2, the slot lives until the submission is done; its own word of the marker buffer.
+            unsafe {
+                let info = vk::DependencyInfo::default().memory_barriers(std::slice::from_ref(&order));
+                self.device.0.raw.cmd_pipeline_barrier2(raw, &info);
+                self.device.0.raw.cmd_fill_buffer(raw, marker, u64::from(value) * 4, 4, 1);
+            }
+        }
+    }
+
+    fn timestamp(&mut self) -> Option<u32> {
+        let facts = &self.device.0.facts.limits;
+        let wanted = self.timestamps == Timestamps::All || self.depth == 0;
+        if !wanted || facts.timestamp_bits == 0 || self.queries >= 2 * MAX_SCOPES {
+            return None;
+        }
+        let (query, slot) = (self.queries, self.slot.as_ref().expect("a recording has a slot until it is submitted"));
+        self.queries += 1;
+        // SAFETY: clause 2; the query was reset when the slot was taken.
+        unsafe {
+            let stage = vk::PipelineStageFlags2::ALL_COMMANDS;
+            self.device.0.raw.cmd_write_timestamp2(slot.buffer, stage, slot.queries, query);
+        }
+        Some(query)
+    }
+
+    /// Copies what the scope wrote, when captures are wanted.
+    fn capture(&mut self, scope: &'static str) {
+        let Some(written) = &mut self.written else { return };
+        let written = std::mem::take(written);
+        if written.is_empty() {
+            return;
+        }
+        self.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::COPY_READ | Access::SHADER | Access::INDIRECT);
+        for storage in written {
+            let copy = match self.readback_storage(storage.bytes) {
+                Ok(copy) => copy,
+                Err(error) => {
+                    self.failure.get_or_insert(error);
+                    continue;
+                }
+            };
+            self.reads(Resource::Buffer(&storage), "capture", Access::COPY_READ);
+            self.copy_buffer(&storage, &copy, vk::BufferCopy { src_offset: 0, dst_offset: 0, size: storage.bytes });
+            self.captures.push(Capture { scope, buffer: storage.name.clone(), copy });
+        }
+        self.barrier(Access::COPY_READ, Access::SHADER_WRITE | Access::COPY_WRITE);
+    }
+
+    fn raw(&self) -> vk::CommandBuffer {
+        self.slot.as_ref().expect("a recording has a slot until it is submitted").buffer
+    }
+}
+
+impl Drop for Commands {
+    fn drop(&mut self) {
+        if let Some(slot) = self.slot.take() {
+            slot.give_back(&self.device.0);
+        }
+    }
+}

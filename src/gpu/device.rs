@@ -1,0 +1,215 @@
+//! An opened device: everything that lives as long as it does.
+
+use std::ffi::CString;
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use anyhow::Result;
+use ash::{ext, khr, vk};
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
+use gpu_allocator::{AllocationError, MemoryLocation};
+
+use super::error::{OutOfMemory, describe};
+use super::facts::{self, DEVICE_FAULT, DeviceChoice, DeviceFacts, MEMORY_BUDGET};
+use super::instance::Instance;
+use super::submission::Slot;
+
+/// Whether the validation layer, the missing-barrier check, robust buffer access and stage markers are on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Validation {
+    Off,
+    /// On if the layer is installed; our own checks are on either way.
+    IfInstalled,
+    /// On; a missing layer is an error.
+    Required,
+}
+
+/// A device, its queue and its memory. Cheap to clone.
+#[derive(Clone)]
+pub struct Device(pub(super) Arc<Shared>);
+
+pub(super) struct Shared {
+    pub raw: ash::Device,
+    pub push_descriptor: khr::push_descriptor::Device,
+    pub debug: Option<ext::debug_utils::Device>,
+    pub fault: Option<ext::device_fault::Device>,
+    pub facts: DeviceFacts,
+    /// Own checks and markers are on.
+    pub checked: bool,
+    pub queue: Mutex<Queue>,
+    /// Counts submissions; every submission waits for the one before it.
+    pub timeline: vk::Semaphore,
+    /// Command buffers that wait for their next use.
+    pub slots: Mutex<Vec<Slot>>,
+    /// Dropped by hand, before the device.
+    allocator: Mutex<Option<Allocator>>,
+    pub instance: Arc<Instance>,
+}
+
+pub(super) struct Queue {
+    pub raw: vk::Queue,
+    /// The timeline value of the newest submission.
+    pub submitted: u64,
+}
+
+impl Device {
+    /// Opens the device that `choice` names.
+    pub fn open(choice: &DeviceChoice, validation: Validation) -> Result<Self> {
+        let validate = match validation {
+            Validation::Off => false,
+            Validation::IfInstalled => Instance::can_validate(),
+            Validation::Required => true,
+        };
+        let instance = Instance::new(validate)?;
+        let facts = facts::choose(&facts::devices(&instance)?, choice)?;
+        let checked = validation != Validation::Off;
+
+        let mut extensions = vec![khr::push_descriptor::NAME.as_ptr()];
+        if facts.has(MEMORY_BUDGET) {
+            extensions.push(ext::memory_budget::NAME.as_ptr());
+        }
+        if facts.has(DEVICE_FAULT) {
+            extensions.push(ext::device_fault::NAME.as_ptr());
+        }
+        let queue = vk::DeviceQueueCreateInfo::default().queue_family_index(facts.queue_family).queue_priorities(&[1.0]);
+        let robust = checked && facts.has("robust buffer access");
+        let core = vk::PhysicalDeviceFeatures::default().robust_buffer_access(robust);
+        let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
+            .scalar_block_layout(true)
+            .timeline_semaphore(true)
+            .host_query_reset(true)
+            .subgroup_broadcast_dynamic_id(true);
+        let mut features13 =
+            vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).compute_full_subgroups(true);
+        let mut fault = vk::PhysicalDeviceFaultFeaturesEXT::default().device_fault(true);
+        let mut info = vk::DeviceCreateInfo::default()
+            .queue_create_infos(std::slice::from_ref(&queue))
+            .enabled_extension_names(&extensions)
+            .enabled_features(&core)
+            .push_next(&mut features12)
+            .push_next(&mut features13);
+        if facts.has(DEVICE_FAULT) {
+            info = info.push_next(&mut fault);
+        }
+        // SAFETY: clause 4, every extension and feature was found in `facts`.
+        let raw = unsafe { instance.raw.create_device(facts.raw, &info, None) }.map_err(|e| describe("vkCreateDevice", e))?;
+        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
+        // SAFETY: clause 1; `Shared` owns both from here on.
+        let (queue, timeline) = unsafe {
+            (
+                raw.get_device_queue(facts.queue_family, 0),
+                raw.create_semaphore(&vk::SemaphoreCreateInfo::default().push_next(&mut kind), None)
+                    .map_err(|e| describe("vkCreateSemaphore", e))?,
+            )
+        };
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: instance.raw.clone(),
+            device: raw.clone(),
+            physical_device: facts.raw,
+            debug_settings: gpu_allocator::AllocatorDebugSettings::default(),
+            buffer_device_address: false,
+            allocation_sizes: gpu_allocator::AllocationSizes::new(64 << 20, 64 << 20),
+        })?;
+        let device = Self(Arc::new(Shared {
+            push_descriptor: khr::push_descriptor::Device::new(&instance.raw, &raw),
+            debug: instance.has_debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
+            fault: facts.has(DEVICE_FAULT).then(|| ext::device_fault::Device::new(&instance.raw, &raw)),
+            queue: Mutex::new(Queue { raw: queue, submitted: 0 }),
+            timeline,
+            slots: Mutex::default(),
+            allocator: Mutex::new(Some(allocator)),
+            checked,
+            facts,
+            raw,
+            instance,
+        }));
+        device.0.name(timeline, "timeline");
+        Ok(device)
+    }
+
+    /// What the device is and can do.
+    pub fn facts(&self) -> &DeviceFacts {
+        &self.0.facts
+    }
+
+    /// Whether the validation layer is on.
+    pub fn is_validated(&self) -> bool {
+        self.0.instance.validated
+    }
+
+    /// What the validation layer and the missing-barrier check have found wrong so far. Empty in a correct program.
+    pub fn complaints(&self) -> Vec<String> {
+        self.0.complaints().clone()
+    }
+
+    /// Bytes of device memory now allocated by this program.
+    pub fn allocated_bytes(&self) -> u64 {
+        self.0.allocator().as_ref().expect("the allocator lives until drop").generate_report().total_allocated_bytes
+    }
+}
+
+impl Shared {
+    /// Gives a Vulkan object the name that validation messages and capture tools show.
+    pub fn name(&self, object: impl vk::Handle, name: &str) {
+        let Some(debug) = &self.debug else { return };
+        let name = CString::new(name).expect("names contain no zero byte");
+        let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
+        // SAFETY: clause 1. A name that cannot be set is no reason to fail.
+        let _ = unsafe { debug.set_debug_utils_object_name(&info) };
+    }
+
+    pub fn complain(&self, message: String) {
+        self.complaints().push(message);
+    }
+
+    fn complaints(&self) -> MutexGuard<'_, Vec<String>> {
+        self.instance.complaints.lock().expect("no holder of the complaints panics")
+    }
+
+    fn allocator(&self) -> MutexGuard<'_, Option<Allocator>> {
+        self.allocator.lock().expect("no holder of the allocator panics")
+    }
+
+    /// Memory for a resource of its own.
+    pub fn allocate(
+        &self,
+        name: &str,
+        requirements: vk::MemoryRequirements,
+        location: MemoryLocation,
+        linear: bool,
+    ) -> Result<Allocation> {
+        let refuse = |reason: String| OutOfMemory { name: name.to_owned(), bytes: requirements.size, reason };
+        let limit = self.facts.limits.allocation;
+        if requirements.size > limit {
+            return Err(refuse(format!("{} allocates at most {limit} bytes at once", self.facts.name)).into());
+        }
+        let scheme = AllocationScheme::GpuAllocatorManaged;
+        let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme: scheme };
+        let allocation = self.allocator().as_mut().expect("the allocator lives until drop").allocate(&desc);
+        allocation.map_err(|error| match error {
+            AllocationError::OutOfMemory => {
+                refuse(format!("{} has {} bytes in all and not enough free", self.facts.name, self.facts.memory_bytes)).into()
+            }
+            other => anyhow::Error::from(other).context(format!("cannot allocate memory for {name}")),
+        })
+    }
+
+    pub fn free(&self, allocation: Allocation) {
+        let freed = self.allocator().as_mut().expect("the allocator lives until drop").free(allocation);
+        freed.expect("an allocation is freed once, by its owner");
+    }
+}
+
+impl Drop for Shared {
+    fn drop(&mut self) {
+        // SAFETY: clauses 1 and 2, no resource and no submission is left; the allocator frees its blocks first.
+        unsafe {
+            let _ = self.raw.device_wait_idle();
+            for slot in self.slots.get_mut().expect("no holder of the slots panics").drain(..) {
+                slot.destroy(&self.raw);
+            }
+            drop(self.allocator.get_mut().expect("no holder of the allocator panics").take());
+            self.raw.destroy_semaphore(self.timeline, None);
+            self.raw.destroy_device(None);
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! The missing-barrier check: says when a command uses what an earlier one wrote, with no barrier between them.
+//!
+//! The reflected interface of a shader tells who reads and who writes a resource, so the check needs no annotations.
+//! It knows whole resources, not ranges, and one command buffer: submissions are chained by the timeline semaphore.
+
+use std::collections::HashMap;
+use std::ops::BitOr;
+
+use ash::vk;
+
+/// The ends of a barrier, named by use.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Access(u32);
+
+impl Access {
+    pub const SHADER_READ: Self = Self(1);
+    pub const SHADER_WRITE: Self = Self(2);
+    /// The workgroup counts of an indirect dispatch.
+    pub const INDIRECT: Self = Self(4);
+    pub const COPY_READ: Self = Self(8);
+    /// The target of a copy or a fill.
+    pub const COPY_WRITE: Self = Self(16);
+    pub const HOST_READ: Self = Self(32);
+    /// What a shader does to a buffer that it updates.
+    pub const SHADER: Self = Self(1 | 2);
+
+    pub(super) const NONE: Self = Self(0);
+
+    const VULKAN: [(Self, vk::PipelineStageFlags2, vk::AccessFlags2); 6] = [
+        (Self::SHADER_READ, vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_READ),
+        (Self::SHADER_WRITE, vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_WRITE),
+        (Self::INDIRECT, vk::PipelineStageFlags2::DRAW_INDIRECT, vk::AccessFlags2::INDIRECT_COMMAND_READ),
+        (Self::COPY_READ, vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_READ),
+        (Self::COPY_WRITE, vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_WRITE),
+        (Self::HOST_READ, vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ),
+    ];
+
+    pub(super) fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    fn intersects(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    /// Everything done in the pipeline stages of these accesses.
+    fn whole_stages(self) -> Self {
+        let stages = self.stages();
+        Self::VULKAN.iter().filter(|(_, stage, _)| stages.contains(*stage)).fold(Self::NONE, |all, (a, ..)| all | *a)
+    }
+
+    pub(super) fn stages(self) -> vk::PipelineStageFlags2 {
+        let mine = Self::VULKAN.iter().filter(|(access, ..)| self.contains(*access));
+        mine.fold(vk::PipelineStageFlags2::NONE, |all, (_, stage, _)| all | *stage)
+    }
+
+    pub(super) fn accesses(self) -> vk::AccessFlags2 {
+        let mine = Self::VULKAN.iter().filter(|(access, ..)| self.contains(*access));
+        mine.fold(vk::AccessFlags2::NONE, |all, (.., flags)| all | *flags)
+    }
+}
+
+impl BitOr for Access {
+    type Output = Self;
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+/// What the commands recorded so far did to each resource.
+#[derive(Default)]
+pub(super) struct Hazards {
+    resources: HashMap<u64, History>,
+}
+
+#[derive(Default)]
+struct History {
+    /// The newest write: how, by whom, and for which later accesses a barrier made it visible.
+    write: Option<(Access, String, Access)>,
+    /// Reads since then: how, by whom, and which later accesses a barrier put behind them.
+    reads: Vec<(Access, String, Access)>,
+}
+
+impl Hazards {
+    pub fn barrier(&mut self, from: Access, to: Access) {
+        for history in self.resources.values_mut() {
+            if let Some((access, _, visible)) = &mut history.write
+                && from.contains(*access)
+            {
+                *visible = *visible | to;
+            }
+            for (access, _, behind) in &mut history.reads {
+                // A read needs no memory dependency, only that the writer's stage waits.
+                if from.whole_stages().contains(*access) {
+                    *behind = *behind | to.whole_stages();
+                }
+            }
+        }
+    }
+
+    /// Notes that `command` reads `resource`; a complaint if it may see old content.
+    pub fn read(&mut self, resource: u64, name: &str, command: &str, access: Access) -> Option<String> {
+        let history = self.resources.entry(resource).or_default();
+        history.reads.push((access, command.to_owned(), Access::NONE));
+        match &history.write {
+            Some((_, writer, visible)) if !visible.contains(access) => Some(complaint(name, writer, command)),
+            _ => None,
+        }
+    }
+
+    /// Notes that `command` writes `resource`; a complaint if an earlier access may still be under way.
+    pub fn write(&mut self, resource: u64, name: &str, command: &str, access: Access) -> Option<String> {
+        let history = self.resources.entry(resource).or_default();
+        let unfinished_write = history.write.as_ref().filter(|(_, _, visible)| !visible.contains(access));
+        // Its own read of what it updates is no conflict.
+        let unfinished_read = history.reads.iter().find(|(_, who, behind)| who != command && !behind.intersects(access));
+        let complaint =
+            unfinished_write.or(unfinished_read).map(|(_, earlier, _)| complaint(name, earlier, command));
+        *history = History { write: Some((access, command.to_owned(), Access::NONE)), reads: Vec::new() };
+        complaint
+    }
+}
+
+fn complaint(resource: &str, earlier: &str, later: &str) -> String {
+    format!("no barrier on `{resource}` between {earlier} and {later}")
+}

@@ -1,0 +1,132 @@
+//! The Vulkan loader and instance, and the validation layer's complaints.
+
+use std::ffi::{CStr, c_void};
+use std::sync::{Arc, Mutex};
+
+use anyhow::Result;
+use ash::{Entry, ext, vk};
+
+use super::error::{Unavailable, describe};
+
+const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
+
+/// What the validation layer and our own checks found wrong.
+pub(super) type Complaints = Arc<Mutex<Vec<String>>>;
+
+pub(super) struct Instance {
+    pub raw: ash::Instance,
+    pub complaints: Complaints,
+    /// Whether the validation layer is on.
+    pub validated: bool,
+    /// Named objects and labels, for the validation layer and for capture tools.
+    pub has_debug_utils: bool,
+    messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    _entry: Entry,
+}
+
+impl Instance {
+    /// Loads Vulkan; with `validate`, the validation layer must be there.
+    pub fn new(validate: bool) -> Result<Arc<Self>> {
+        // SAFETY: clause 5's counterpart for the host: the system's Vulkan loader is trusted like its C library.
+        let entry = unsafe { Entry::load() }.map_err(|e| {
+            Unavailable(format!("the Vulkan loader cannot be loaded ({e}): install libvulkan1 (Debian, Ubuntu), vulkan-loader (Fedora) or vulkan-icd-loader (Arch)"))
+        })?;
+        // SAFETY: the entry is alive; enumeration has no other precondition.
+        let layers = unsafe { entry.enumerate_instance_layer_properties() }.unwrap_or_default();
+        let has_layer = layers.iter().any(|l| l.layer_name_as_c_str() == Ok(VALIDATION_LAYER));
+        if validate && !has_layer {
+            return Err(Unavailable(
+                "validation was asked for but VK_LAYER_KHRONOS_validation is not installed: install vulkan-validationlayers".into(),
+            )
+            .into());
+        }
+        let offers = |layer: Option<&CStr>, name: &CStr| {
+            // SAFETY: as above.
+            let extensions = unsafe { entry.enumerate_instance_extension_properties(layer) }.unwrap_or_default();
+            extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name))
+        };
+        let has_debug_utils = offers(None, ext::debug_utils::NAME);
+        let mut extensions = Vec::new();
+        if has_debug_utils {
+            extensions.push(ext::debug_utils::NAME.as_ptr());
+        }
+        let checks_synchronization = validate && offers(Some(VALIDATION_LAYER), ext::validation_features::NAME);
+        if checks_synchronization {
+            extensions.push(ext::validation_features::NAME.as_ptr());
+        }
+        let layers = if validate { vec![VALIDATION_LAYER.as_ptr()] } else { Vec::new() };
+
+        let complaints = Complaints::default();
+        let mut messenger_info = vk::DebugUtilsMessengerCreateInfoEXT::default()
+            .message_severity(vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR)
+            .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
+            .pfn_user_callback(Some(collect))
+            .user_data(Arc::as_ptr(&complaints).cast::<c_void>().cast_mut());
+        let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
+        let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
+        let application = vk::ApplicationInfo::default().application_name(c"smalto").api_version(vk::API_VERSION_1_3);
+        let mut info = vk::InstanceCreateInfo::default()
+            .application_info(&application)
+            .enabled_extension_names(&extensions)
+            .enabled_layer_names(&layers);
+        let listens = validate && has_debug_utils;
+        if listens {
+            info = info.push_next(&mut messenger_info);
+        }
+        if checks_synchronization {
+            info = info.push_next(&mut features);
+        }
+        // SAFETY: clause 4, layers and extensions were found above; `complaints` outlives the instance.
+        let raw = unsafe { entry.create_instance(&info, None) }.map_err(|result| match result {
+            vk::Result::ERROR_INCOMPATIBLE_DRIVER => Unavailable(NO_DRIVER.to_owned()).into(),
+            _ => describe("vkCreateInstance", result),
+        })?;
+        let mut messenger_info = messenger_info;
+        messenger_info.p_next = std::ptr::null();
+        let messenger = listens
+            .then(|| {
+                let loader = ext::debug_utils::Instance::new(&entry, &raw);
+                // SAFETY: clause 1, the messenger and its user data live in this Instance and go before the instance.
+                unsafe { loader.create_debug_utils_messenger(&messenger_info, None) }.map(|m| (loader, m))
+            })
+            .transpose()
+            .map_err(|e| describe("vkCreateDebugUtilsMessengerEXT", e))?;
+        Ok(Arc::new(Self { raw, complaints, validated: validate, has_debug_utils, messenger, _entry: entry }))
+    }
+
+    /// Whether the validation layer is installed.
+    pub fn can_validate() -> bool {
+        // SAFETY: as in `new`.
+        unsafe { Entry::load().and_then(|entry| Ok(entry.enumerate_instance_layer_properties().unwrap_or_default())) }
+            .is_ok_and(|layers| layers.iter().any(|l| l.layer_name_as_c_str() == Ok(VALIDATION_LAYER)))
+    }
+}
+
+pub(super) const NO_DRIVER: &str = "no Vulkan driver is installed: install your GPU's driver, or the software device \
+    lavapipe from mesa-vulkan-drivers (Debian, Ubuntu, Fedora) or vulkan-swrast (Arch)";
+
+impl Drop for Instance {
+    fn drop(&mut self) {
+        // SAFETY: clause 1, this is the last reference.
+        unsafe {
+            if let Some((loader, messenger)) = &self.messenger {
+                loader.destroy_debug_utils_messenger(*messenger, None);
+            }
+            self.raw.destroy_instance(None);
+        }
+    }
+}
+
+/// The validation layer's callback: keeps the message.
+unsafe extern "system" fn collect(
+    _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
+    _kind: vk::DebugUtilsMessageTypeFlagsEXT,
+    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
+    complaints: *mut c_void,
+) -> vk::Bool32 {
+    // SAFETY: Vulkan passes valid data and the user data given at creation, alive by clause 1.
+    let (message, complaints) = unsafe { ((*data).message_as_c_str(), &*complaints.cast::<Mutex<Vec<String>>>()) };
+    let message = message.map_or_else(|| "a message without text".into(), |m| m.to_string_lossy().into_owned());
+    complaints.lock().expect("no holder of the complaints panics").push(message);
+    vk::FALSE
+}

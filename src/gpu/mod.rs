@@ -1,0 +1,47 @@
+//! Vulkan for compute: devices, typed buffers, stages, commands. It knows no Gaussians and is the only place with `unsafe`.
+//!
+//! # Safety contract
+//!
+//! Each `SAFETY` line in this module cites one of these clauses.
+//!
+//! 1. *Alive.* Every handle is owned by an object that keeps an [`Arc`](std::sync::Arc) of its device; the device and
+//!    the instance are destroyed after the last of them.
+//! 2. *Idle.* A command buffer keeps everything it uses until the timeline value of its submission is reached, so
+//!    nothing is destroyed, reset or read by the host while the GPU may still use it.
+//! 3. *Exclusive.* What Vulkan wants externally synchronized (queue, allocator, command pools) is behind a mutex or
+//!    reached through `&mut`.
+//! 4. *Matching.* Pipelines, layouts and descriptors are built from the same reflected interface that types the
+//!    arguments of a dispatch, and lengths are checked against device limits when a resource or stage is made.
+//! 5. *Trusted shaders.* SPIR-V comes from `build.rs` alone. The shaders bounds-check their own indices; in checked
+//!    mode the device's robust buffer access is on as well.
+//! 6. *Plain data.* Only `bytemuck::Pod` types cross between host and device.
+//!
+//! Public functions are safe under these clauses.
+
+mod buffer;
+mod commands;
+mod device;
+mod error;
+mod facts;
+mod hazards;
+mod image;
+mod instance;
+mod shader;
+mod stage;
+mod submission;
+mod timings;
+
+pub use buffer::Buffer;
+pub use commands::{Commands, Extent, Timestamps};
+pub use device::{Device, Validation};
+pub use error::{OutOfMemory, Unavailable};
+pub use facts::{DeviceChoice, DeviceFacts, survey};
+pub use hazards::Access;
+pub use image::Image;
+pub use shader::{Binding, BindingKind, Bindings, Constants, Resource, Shader};
+pub use stage::Stage;
+pub use submission::{InFlight, Readback, Results};
+pub use timings::Timing;
+
+/// Largest workgroup count of a dispatch along x and y that every device takes; more is folded into y.
+pub const FOLD: u32 = 65_535;

@@ -1,0 +1,115 @@
+//! A compute pipeline made from one shader and one set of specialization constants.
+
+use std::marker::PhantomData;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, ensure};
+use ash::vk;
+
+use super::device::{Device, Shared};
+use super::error::describe;
+use super::shader::{Binding, BindingKind, Constants, Shader};
+
+/// The pipeline of shader `S`. It holds no resources.
+pub struct Stage<S> {
+    pub(super) pipeline: Arc<Pipeline>,
+    _shader: PhantomData<fn() -> S>,
+}
+
+pub(super) struct Pipeline {
+    pub raw: vk::Pipeline,
+    pub layout: vk::PipelineLayout,
+    set_layout: vk::DescriptorSetLayout,
+    device: Arc<Shared>,
+}
+
+impl<S: Shader> Stage<S> {
+    pub fn new(device: &Device, constants: &S::Constants) -> Result<Self> {
+        let pipeline = Pipeline::new::<S>(&device.0, constants).with_context(|| format!("stage {}", S::NAME))?;
+        Ok(Self { pipeline: Arc::new(pipeline), _shader: PhantomData })
+    }
+}
+
+impl Pipeline {
+    fn new<S: Shader>(device: &Arc<Shared>, constants: &S::Constants) -> Result<Self> {
+        let limits = &device.facts.limits;
+        let push_bytes = size_of::<S::Push>() as u32;
+        ensure!(push_bytes <= limits.push_constants, "{push_bytes} bytes of push constants, the device takes {}", limits.push_constants);
+        let buffers: u32 = S::BINDINGS.iter().filter(|b| b.kind == BindingKind::Buffer).map(|b| b.count).sum();
+        ensure!(buffers <= limits.storage_buffers, "{buffers} storage buffers, the device takes {}", limits.storage_buffers);
+
+        let null = (vk::Pipeline::null(), vk::PipelineLayout::null(), vk::DescriptorSetLayout::null());
+        let mut made = Self { raw: null.0, layout: null.1, set_layout: null.2, device: device.clone() };
+        let slots: Vec<_> = S::BINDINGS.iter().map(set_layout_binding).collect();
+        let info = vk::DescriptorSetLayoutCreateInfo::default()
+            .flags(vk::DescriptorSetLayoutCreateFlags::PUSH_DESCRIPTOR_KHR)
+            .bindings(&slots);
+        // SAFETY: clauses 1 and 4 here and below; `made` owns each handle and frees it on every path.
+        made.set_layout = unsafe { device.raw.create_descriptor_set_layout(&info, None) }
+            .map_err(|e| describe("vkCreateDescriptorSetLayout", e))?;
+        let range = [vk::PushConstantRange { stage_flags: vk::ShaderStageFlags::COMPUTE, offset: 0, size: push_bytes }];
+        let ranges = if push_bytes == 0 { &range[..0] } else { &range[..] };
+        let info = vk::PipelineLayoutCreateInfo::default()
+            .set_layouts(std::slice::from_ref(&made.set_layout))
+            .push_constant_ranges(ranges);
+        // SAFETY: as above.
+        made.layout = unsafe { device.raw.create_pipeline_layout(&info, None) }
+            .map_err(|e| describe("vkCreatePipelineLayout", e))?;
+
+        let words = ash::util::read_spv(&mut std::io::Cursor::new(S::SPIRV))?;
+        let (entries, bits): (Vec<_>, Vec<u32>) = (constants.entries().into_iter().enumerate())
+            .map(|(i, (id, bits))| (vk::SpecializationMapEntry { constant_id: id, offset: 4 * i as u32, size: 4 }, bits))
+            .unzip();
+        let specialization =
+            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&bits));
+        let info = vk::ShaderModuleCreateInfo::default().code(&words);
+        // SAFETY: clause 5.
+        let module = unsafe { device.raw.create_shader_module(&info, None) }
+            .map_err(|e| describe("vkCreateShaderModule", e))?;
+        let stage = vk::PipelineShaderStageCreateInfo::default()
+            .flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS)
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .module(module)
+            .name(c"main")
+            .specialization_info(&specialization);
+        let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(made.layout);
+        // SAFETY: clauses 4 and 5; the module is not needed after the pipeline is made.
+        let pipelines = unsafe {
+            let pipelines = device.raw.create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
+            device.raw.destroy_shader_module(module, None);
+            pipelines
+        };
+        made.raw = pipelines.map_err(|(_, e)| describe("vkCreateComputePipelines", e))?[0];
+        device.name(made.raw, S::NAME);
+        device.name(made.layout, S::NAME);
+        Ok(made)
+    }
+}
+
+fn set_layout_binding(binding: &Binding) -> vk::DescriptorSetLayoutBinding<'static> {
+    vk::DescriptorSetLayoutBinding::default()
+        .binding(binding.number)
+        .descriptor_type(binding.kind.descriptor_type())
+        .descriptor_count(binding.count)
+        .stage_flags(vk::ShaderStageFlags::COMPUTE)
+}
+
+impl BindingKind {
+    pub(super) fn descriptor_type(self) -> vk::DescriptorType {
+        match self {
+            Self::Buffer => vk::DescriptorType::STORAGE_BUFFER,
+            Self::Image => vk::DescriptorType::STORAGE_IMAGE,
+        }
+    }
+}
+
+impl Drop for Pipeline {
+    fn drop(&mut self) {
+        // SAFETY: clause 2, commands hold an Arc of this until they are done; null handles may be destroyed.
+        unsafe {
+            self.device.raw.destroy_pipeline(self.raw, None);
+            self.device.raw.destroy_pipeline_layout(self.layout, None);
+            self.device.raw.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}

@@ -1,0 +1,275 @@
+//! A submitted command buffer: the wait for it and what it brings back.
+
+use std::any::Any;
+use std::marker::PhantomData;
+use std::sync::Arc;
+
+use anyhow::{Result, anyhow};
+use ash::vk;
+use bytemuck::Pod;
+use gpu_allocator::MemoryLocation;
+
+use super::buffer::Storage;
+use super::device::Shared;
+use super::error::describe;
+use super::timings::{Scope, Timing, timings};
+
+/// Timed scopes in one command buffer; further ones are not timed.
+pub(super) const MAX_SCOPES: u32 = 64;
+
+/// A command pool with its one command buffer, queries and stage markers; used by one submission at a time.
+pub(super) struct Slot {
+    pool: vk::CommandPool,
+    pub buffer: vk::CommandBuffer,
+    pub queries: vk::QueryPool,
+    /// One word per scope, set when the scope begins. In checked mode only.
+    marker: Option<Storage>,
+    marked: Vec<&'static str>,
+}
+
+impl Slot {
+    /// A slot that begins a recording: an idle one, or a new one.
+    pub fn take(device: &Arc<Shared>) -> Result<Self> {
+        let idle = device.slots.lock().expect("no holder of the slots panics").pop();
+        let mut slot = match idle {
+            Some(slot) => slot,
+            None => Self::new(device)?,
+        };
+        slot.marked.clear();
+        if let Some(marker) = &mut slot.marker {
+            marker.mapped_mut().fill(0);
+        }
+        // SAFETY: clauses 2 and 3, an idle slot is in no submission and belongs to us.
+        unsafe {
+            device.raw.reset_command_pool(slot.pool, vk::CommandPoolResetFlags::empty()).map_err(|e| describe("vkResetCommandPool", e))?;
+            device.raw.reset_query_pool(slot.queries, 0, 2 * MAX_SCOPES);
+            let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+            device.raw.begin_command_buffer(slot.buffer, &info).map_err(|e| describe("vkBeginCommandBuffer", e))?;
+        }
+        Ok(slot)
+    }
+
+    fn new(device: &Arc<Shared>) -> Result<Self> {
+        let pool = vk::CommandPoolCreateInfo::default().queue_family_index(device.facts.queue_family);
+        let queries = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2 * MAX_SCOPES);
+        let marker = device
+            .checked
+            .then(|| {
+                let (bytes, usage) = (u64::from(MAX_SCOPES) * 4, vk::BufferUsageFlags::TRANSFER_DST);
+                Storage::new(device, "stage markers", bytes, usage, MemoryLocation::GpuToCpu)
+            })
+            .transpose()?;
+        // SAFETY: clause 1; the device destroys its slots.
+        unsafe {
+            let pool = device.raw.create_command_pool(&pool, None).map_err(|e| describe("vkCreateCommandPool", e))?;
+            let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
+            let buffers = device.raw.allocate_command_buffers(&info).map_err(|e| describe("vkAllocateCommandBuffers", e))?;
+            let queries = device.raw.create_query_pool(&queries, None).map_err(|e| describe("vkCreateQueryPool", e))?;
+            Ok(Self { pool, buffer: buffers[0], queries, marker, marked: Vec::new() })
+        }
+    }
+
+    /// The buffer and word that mark the scope `name` as begun, in checked mode.
+    pub fn next_mark(&mut self, name: &'static str) -> Option<(vk::Buffer, u32)> {
+        let marker = self.marker.as_ref()?;
+        let index = self.marked.len() as u32;
+        (index < MAX_SCOPES).then(|| {
+            self.marked.push(name);
+            (marker.raw, index)
+        })
+    }
+
+    /// The last scope that the GPU began.
+    fn last_scope(&self) -> Option<&'static str> {
+        let words: &[u32] = bytemuck::cast_slice(self.marker.as_ref()?.mapped());
+        self.marked.iter().zip(words).filter(|(_, word)| **word != 0).map(|(name, _)| *name).last()
+    }
+
+    pub fn give_back(self, device: &Shared) {
+        device.slots.lock().expect("no holder of the slots panics").push(self);
+    }
+
+    /// # Safety
+    /// No submission uses the slot, and `device` made it.
+    pub unsafe fn destroy(self, device: &ash::Device) {
+        // SAFETY: the caller's promise.
+        unsafe {
+            device.destroy_query_pool(self.queries, None);
+            device.destroy_command_pool(self.pool, None);
+        }
+    }
+}
+
+/// What a recording leaves behind when it is submitted.
+pub(super) struct Submission {
+    /// Tells recordings apart.
+    pub recording: u64,
+    pub device: Arc<Shared>,
+    pub slot: Slot,
+    pub keep: Vec<Arc<dyn Any + Send + Sync>>,
+    pub scopes: Vec<Scope>,
+    pub queries: u32,
+    pub captures: Vec<Capture>,
+}
+
+/// A copy of a buffer, taken at the end of a scope that wrote it.
+pub(super) struct Capture {
+    pub scope: &'static str,
+    pub buffer: String,
+    pub copy: Arc<Storage>,
+}
+
+/// Commands on the GPU. Dropping it waits for them.
+pub struct InFlight {
+    submission: Option<Submission>,
+    value: u64,
+}
+
+impl InFlight {
+    pub(super) fn start(submission: Submission) -> Result<Self> {
+        let device = submission.device.clone();
+        let mut queue = device.queue.lock().expect("no holder of the queue panics");
+        let (before, value) = (queue.submitted, queue.submitted + 1);
+        let semaphore = |value| {
+            vk::SemaphoreSubmitInfo::default()
+                .semaphore(device.timeline)
+                .value(value)
+                .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+        };
+        let (wait, signal) = ([semaphore(before)], [semaphore(value)]);
+        let buffer = [vk::CommandBufferSubmitInfo::default().command_buffer(submission.slot.buffer)];
+        let info = vk::SubmitInfo2::default()
+            .wait_semaphore_infos(&wait)
+            .signal_semaphore_infos(&signal)
+            .command_buffer_infos(&buffer);
+        // SAFETY: clauses 2 and 3, the queue is locked and the submission keeps what the commands use.
+        unsafe {
+            let ended = device.raw.end_command_buffer(submission.slot.buffer);
+            ended.map_err(|e| describe("vkEndCommandBuffer", e))?;
+            let submitted = device.raw.queue_submit2(queue.raw, &[info], vk::Fence::null());
+            submitted.map_err(|e| describe("vkQueueSubmit2", e))?;
+        }
+        queue.submitted = value;
+        drop(queue);
+        Ok(Self { submission: Some(submission), value })
+    }
+
+    /// Waits until the GPU is done.
+    pub fn wait(mut self) -> Result<Results> {
+        let submission = self.submission.take().expect("commands are waited for once");
+        let waited = wait_for(&submission.device, self.value).and_then(|()| submission.ticks());
+        let Submission { device, slot, scopes, captures, keep, recording, .. } = submission;
+        match waited {
+            Ok(ticks) => {
+                let limits = &device.facts.limits;
+                let timings = timings(&scopes, &ticks, limits.timestamp_bits, limits.timestamp_ns);
+                let last_scope = slot.last_scope();
+                drop(keep);
+                slot.give_back(&device);
+                Ok(Results { recording, timings, last_scope, captures })
+            }
+            Err(vk::Result::ERROR_DEVICE_LOST) => Err(lost(&device, slot.last_scope())),
+            Err(other) => Err(describe("vkWaitSemaphores", other)),
+        }
+    }
+}
+
+impl Submission {
+    fn ticks(&self) -> Result<Vec<u64>, vk::Result> {
+        let mut ticks = vec![0; self.queries as usize];
+        if !ticks.is_empty() {
+            let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
+            // SAFETY: clause 2, the submission is done and wrote these queries.
+            unsafe { self.device.raw.get_query_pool_results(self.slot.queries, 0, &mut ticks, flags)? };
+        }
+        Ok(ticks)
+    }
+}
+
+fn wait_for(device: &Shared, value: u64) -> Result<(), vk::Result> {
+    let (semaphores, values) = ([device.timeline], [value]);
+    let info = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
+    // SAFETY: clause 1.
+    unsafe { device.raw.wait_semaphores(&info, u64::MAX) }
+}
+
+/// The error for a lost device: where it was, and what the driver says of it.
+fn lost(device: &Shared, last_scope: Option<&str>) -> anyhow::Error {
+    let place = match last_scope {
+        Some(scope) => format!("in stage {scope}"),
+        None => "in an unknown stage; SMALTO_VALIDATION=1 marks the stages".to_owned(),
+    };
+    let fault = device.fault.as_ref().and_then(|fault| {
+        let mut counts = vk::DeviceFaultCountsEXT::default();
+        let mut info = vk::DeviceFaultInfoEXT::default();
+        // SAFETY: clause 1; the device is lost and without buffers only the description is written.
+        let result = unsafe {
+            let get = fault.fp().get_device_fault_info_ext;
+            let counted = get(device.raw.handle(), &mut counts, std::ptr::null_mut());
+            counts = vk::DeviceFaultCountsEXT::default();
+            if counted == vk::Result::SUCCESS { get(device.raw.handle(), &mut counts, &mut info) } else { counted }
+        };
+        let described = matches!(result, vk::Result::SUCCESS | vk::Result::INCOMPLETE);
+        let text = info.description_as_c_str().ok().filter(|_| described)?;
+        Some(text.to_string_lossy().into_owned())
+    });
+    let fault = fault.map_or_else(String::new, |text| format!(": {text}"));
+    anyhow!("the GPU was lost {place}{fault}")
+}
+
+impl Drop for InFlight {
+    fn drop(&mut self) {
+        if let Some(submission) = self.submission.take() {
+            // A lost device is done with its commands too.
+            let _ = wait_for(&submission.device, self.value);
+            let Submission { device, slot, .. } = submission;
+            slot.give_back(&device);
+        }
+    }
+}
+
+/// What a finished command buffer brought back.
+pub struct Results {
+    recording: u64,
+    timings: Vec<Timing>,
+    last_scope: Option<&'static str>,
+    captures: Vec<Capture>,
+}
+
+impl Results {
+    /// Every timed scope, in the order they ended.
+    pub fn timings(&self) -> &[Timing] {
+        &self.timings
+    }
+
+    /// The last scope that the GPU began; known in checked mode.
+    pub fn last_scope(&self) -> Option<&'static str> {
+        self.last_scope
+    }
+
+    /// Scope, buffer and content of everything captured.
+    pub fn captures(&self) -> impl Iterator<Item = (&'static str, &str, &[u8])> {
+        self.captures.iter().map(|c| (c.scope, c.buffer.as_str(), c.copy.mapped()))
+    }
+
+    /// What a [`Readback`] of these commands holds.
+    pub fn view<'a, T: Pod>(&self, readback: &'a Readback<T>) -> &'a [T] {
+        assert_eq!(self.recording, readback.recording, "a readback is opened with the results of its own commands");
+        &bytemuck::cast_slice(readback.storage.mapped())[..readback.len]
+    }
+}
+
+/// A copy of `len` elements on its way to the host; [`Results::view`] opens it.
+pub struct Readback<T> {
+    storage: Arc<Storage>,
+    len: usize,
+    /// The recording it belongs to.
+    recording: u64,
+    _element: PhantomData<T>,
+}
+
+impl<T> Readback<T> {
+    pub(super) fn new(storage: Arc<Storage>, len: usize, recording: u64) -> Self {
+        Self { storage, len, recording, _element: PhantomData }
+    }
+}

@@ -1,0 +1,23 @@
+//! smalto: a renderer of 3D Gaussian splatting scenes on hand-written Vulkan compute pipelines.
+//!
+//! | module | is |
+//! |---|---|
+//! | [`scene`] | what is drawn |
+//! | [`camera`] | from where |
+//! | [`options`] | with which trade-offs |
+//! | [`reference`] | the pipeline on the CPU in f64, the oracle |
+//! | [`gpu`] | Vulkan for compute; knows no Gaussians |
+//! | [`render`] | the pipeline on the GPU |
+//! | [`pixels`], [`metrics`] | images, and how far they are apart |
+//! | [`cli`] | the commands |
+
+pub mod camera;
+pub mod cli;
+pub mod environment;
+pub mod gpu;
+pub mod metrics;
+pub mod options;
+pub mod pixels;
+pub mod reference;
+pub mod render;
+pub mod scene;

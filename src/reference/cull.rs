@@ -1,0 +1,22 @@
+//! Which Gaussians touch the image.
+
+use rayon::prelude::*;
+
+use super::{Tiling, project, tiles};
+use crate::camera::Camera;
+use crate::options::{ALPHA_MIN, Options};
+use crate::scene::Gaussians;
+
+/// The ids, ascending, of the Gaussians with at least one tile: ahead of the near plane, not too faint for any pixel,
+/// and with their ellipse on the image.
+pub fn cull(gaussians: &Gaussians, camera: &Camera, options: &Options) -> Vec<u32> {
+    let tiling = Tiling::of(camera.size_px);
+    let is_visible = |id: &u32| {
+        let index = *id as usize;
+        let depth = camera.view(glam::DVec3::from(gaussians.means()[index].map(f64::from))).z;
+        depth > f64::from(options.near)
+            && f64::from(gaussians.opacities()[index]) >= ALPHA_MIN
+            && !tiles(&project(gaussians, *id, camera), tiling).is_empty()
+    };
+    (0..gaussians.len() as u32).into_par_iter().filter(is_visible).collect()
+}

@@ -1,0 +1,93 @@
+//! The tiles that a splat touches, and one instance for each.
+
+use glam::{DVec2, dvec2};
+
+use super::Splat;
+use crate::options::TILE;
+
+/// The tiles of an image.
+#[derive(Clone, Copy, Debug)]
+pub struct Tiling {
+    pub size_px: [u32; 2],
+    /// Columns and rows.
+    pub counts: [u32; 2],
+}
+
+impl Tiling {
+    pub fn of(size_px: [u32; 2]) -> Self {
+        Self { size_px, counts: size_px.map(|s| s.div_ceil(TILE)) }
+    }
+
+    pub fn tiles(self) -> usize {
+        self.counts[0] as usize * self.counts[1] as usize
+    }
+
+    /// Bits that hold every tile number.
+    pub fn key_bits(self) -> u32 {
+        (self.tiles() as u32).next_power_of_two().trailing_zeros()
+    }
+
+    /// The least and the greatest pixel centre of tile (column, row).
+    fn centres(self, column: u32, row: u32) -> (DVec2, DVec2) {
+        let low = [column, row].map(|t| f64::from(t * TILE) + 0.5);
+        let high: [f64; 2] =
+            std::array::from_fn(|i| f64::from(([column, row][i] * TILE + TILE).min(self.size_px[i])) - 0.5);
+        (low.into(), high.into())
+    }
+}
+
+/// The numbers, ascending, of the tiles in whose box of pixel centres the splat's alpha reaches the threshold.
+pub fn tiles(splat: &Splat, tiling: Tiling) -> Vec<u32> {
+    let level = splat.level();
+    let mut touched = Vec::new();
+    if level < 0.0 {
+        return touched;
+    }
+    let extent = dvec2(splat.covariance.x_axis.x, splat.covariance.y_axis.y).map(|v| (level * v).sqrt());
+    let tile = f64::from(TILE);
+    let last = DVec2::from(tiling.counts.map(f64::from)) - 1.0;
+    let from = ((splat.mean_px - extent) / tile).floor().clamp(DVec2::ZERO, last);
+    let to = ((splat.mean_px + extent) / tile).floor().clamp(DVec2::ZERO, last);
+    for row in from.y as u32..=to.y as u32 {
+        for column in from.x as u32..=to.x as u32 {
+            let (low, high) = tiling.centres(column, row);
+            if least_distance(splat, low, high) <= level {
+                touched.push(row * tiling.counts[0] + column);
+            }
+        }
+    }
+    touched
+}
+
+/// The least squared Mahalanobis distance of any point in a box: 0 inside, else on an edge.
+fn least_distance(splat: &Splat, low: DVec2, high: DVec2) -> f64 {
+    if splat.mean_px.cmpge(low).all() && splat.mean_px.cmple(high).all() {
+        return 0.0;
+    }
+    let conic = splat.conic;
+    let mean = splat.mean_px;
+    // On a vertical edge at x the distance is least at y = mean.y - B / C (x - mean.x); likewise across.
+    let on_vertical = |x: f64| {
+        let y = mean.y - conic.x_axis.y / conic.y_axis.y * (x - mean.x);
+        splat.distance(dvec2(x, y.clamp(low.y, high.y)))
+    };
+    let on_horizontal = |y: f64| {
+        let x = mean.x - conic.x_axis.y / conic.x_axis.x * (y - mean.y);
+        splat.distance(dvec2(x.clamp(low.x, high.x), y))
+    };
+    let candidates = [on_vertical(low.x), on_vertical(high.x), on_horizontal(low.y), on_horizontal(high.y)];
+    candidates.into_iter().fold(f64::INFINITY, f64::min)
+}
+
+/// Tile and splat of every instance, splat after splat in the given order. `offsets` come from the scan of their counts.
+pub fn duplicate(splats: &[Splat], order: &[u32], offsets: &[u64], tiling: Tiling) -> (Vec<u32>, Vec<u32>) {
+    let total = offsets[order.len()] as usize;
+    let (mut tile_keys, mut splat_ids) = (vec![0; total], vec![0; total]);
+    for (rank, splat) in order.iter().enumerate() {
+        for (i, tile) in tiles(&splats[*splat as usize], tiling).into_iter().enumerate() {
+            tile_keys[offsets[rank] as usize + i] = tile;
+            splat_ids[offsets[rank] as usize + i] = *splat;
+        }
+    }
+    (tile_keys, splat_ids)
+}

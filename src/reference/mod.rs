@@ -1,0 +1,62 @@
+//! The pipeline on the CPU in f64, one file per stage: plain, and the oracle that the GPU is held to.
+//!
+//! It follows the rules of the original 3DGS with exact footprints: EWA splatting (Zwicker et al. 2001) with the
+//! original's clamp and dilation, alpha in [1/255, 0.99], an exclusive stop at T < 1e-4, and one global order by
+//! (f32 view depth, index).
+
+mod blend;
+mod cull;
+mod duplicate;
+mod project;
+mod ranges;
+mod scan;
+mod sort;
+
+use rayon::prelude::*;
+
+pub use blend::{Pixel, blend};
+pub use cull::cull;
+pub use duplicate::{Tiling, duplicate, tiles};
+pub use project::{Splat, project};
+pub use ranges::ranges;
+pub use scan::scan;
+pub use sort::sort;
+
+use crate::camera::Camera;
+use crate::options::{Background, Options};
+use crate::pixels::Pixels;
+use crate::scene::Gaussians;
+
+/// A rendered image in full precision.
+pub struct Rendering {
+    pub size_px: [u32; 2],
+    /// Row by row from the top left.
+    pub pixels: Vec<Pixel>,
+}
+
+/// Renders a scene.
+pub fn render(gaussians: &Gaussians, camera: &Camera, options: &Options, background: Background) -> Rendering {
+    let tiling = Tiling::of(camera.size_px);
+    let visible = cull(gaussians, camera, options);
+    let splats: Vec<Splat> = visible.par_iter().map(|id| project(gaussians, *id, camera)).collect();
+    let depth_keys: Vec<u32> = splats.iter().map(|s| (s.depth as f32).to_bits()).collect();
+    let (_, order) = sort(&depth_keys, &(0..splats.len() as u32).collect::<Vec<_>>(), 0..32);
+    let counts: Vec<u32> = order.par_iter().map(|i| tiles(&splats[*i as usize], tiling).len() as u32).collect();
+    let offsets = scan(&counts);
+    let (tile_keys, splat_ids) = duplicate(&splats, &order, &offsets, tiling);
+    let (tile_keys, splat_ids) = sort(&tile_keys, &splat_ids, 0..tiling.key_bits());
+    let ranges = ranges(&tile_keys, tiling.tiles());
+    let background = background.colour().map(f64::from);
+    Rendering { size_px: camera.size_px, pixels: blend(&splats, &ranges, &splat_ids, tiling, background) }
+}
+
+impl Rendering {
+    /// Rounded to f32.
+    pub fn to_pixels(&self) -> Pixels {
+        let rgba = self.pixels.iter().map(|p| {
+            let [r, g, b] = p.colour.map(|v| v as f32);
+            [r, g, b, (1.0 - p.transmittance) as f32]
+        });
+        Pixels { size: self.size_px, rgba: rgba.collect() }
+    }
+}

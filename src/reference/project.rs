@@ -1,0 +1,70 @@
+//! A Gaussian on the screen: EWA splatting with the original's rules, written out with plain matrices.
+
+use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
+
+use crate::camera::Camera;
+use crate::options::{ALPHA_MIN, LOW_PASS};
+use crate::scene::{Gaussians, harmonics};
+
+/// A projected Gaussian.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Splat {
+    pub mean_px: DVec2,
+    /// px^2, dilated.
+    pub covariance: DMat2,
+    /// The inverse of `covariance`.
+    pub conic: DMat2,
+    pub opacity: f64,
+    pub colour: DVec3,
+    /// View z, world units.
+    pub depth: f64,
+}
+
+impl Splat {
+    /// Squared Mahalanobis distance of a point on the screen.
+    pub fn distance(&self, point_px: DVec2) -> f64 {
+        let d = point_px - self.mean_px;
+        d.dot(self.conic * d)
+    }
+
+    /// The distance at which alpha falls to [`ALPHA_MIN`].
+    pub fn level(&self) -> f64 {
+        2.0 * (self.opacity / ALPHA_MIN).ln()
+    }
+}
+
+/// Projects Gaussian `id`, which lies ahead of the camera.
+pub fn project(gaussians: &Gaussians, id: u32, camera: &Camera) -> Splat {
+    let index = id as usize;
+    let mean_world = DVec3::from(gaussians.means()[index].map(f64::from));
+    let mean_view = camera.view(mean_world);
+    let slope = mean_view.truncate() / mean_view.z;
+    let mean_px = camera.focal_px * slope + camera.centre_px;
+
+    // V = J W R S, so that the covariance is V V^T. J's slope is clamped 15 % of the image beyond each edge.
+    let size = DVec2::from(camera.size_px.map(f64::from));
+    let low = (-camera.centre_px - 0.15 * size) / camera.focal_px;
+    let high = (size - camera.centre_px + 0.15 * size) / camera.focal_px;
+    let clamped = slope.clamp(low, high);
+    let [w, x, y, z] = gaussians.rotations()[index].map(f64::from);
+    let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+    let scale = DMat3::from_diagonal(DVec3::from(gaussians.scales()[index].map(f64::from)));
+    let m = camera.rotation * rotation * scale;
+    let per_unit = camera.focal_px / mean_view.z;
+    let v0 = per_unit.x * (m.row(0) - clamped.x * m.row(2));
+    let v1 = per_unit.y * (m.row(1) - clamped.y * m.row(2));
+
+    let (a, b, c) = (v0.dot(v0) + LOW_PASS, v0.dot(v1), v1.dot(v1) + LOW_PASS);
+    // a c - b^2 without its cancellation (Cauchy-Binet).
+    let determinant = v0.cross(v1).length_squared() + LOW_PASS * (v0.dot(v0) + v1.dot(v1)) + LOW_PASS * LOW_PASS;
+    let covariance = DMat2::from_cols_array(&[a, b, b, c]);
+    let conic = DMat2::from_cols_array(&[c, -b, -b, a]) * determinant.recip();
+
+    let direction = (mean_world - camera.position).normalize_or(DVec3::Z);
+    let basis = harmonics::basis(direction.to_array());
+    let sum = gaussians.sh(index).iter().zip(basis).fold(DVec3::splat(0.5), |sum, (coefficient, value)| {
+        sum + value * DVec3::from(coefficient.map(f64::from))
+    });
+    let opacity = f64::from(gaussians.opacities()[index]);
+    Splat { mean_px, covariance, conic, opacity, colour: sum.max(DVec3::ZERO), depth: mean_view.z }
+}

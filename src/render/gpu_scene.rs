@@ -1,0 +1,114 @@
+//! A scene as the shaders read it.
+
+use std::ops::Range;
+
+use anyhow::Result;
+
+use crate::gpu::{Buffer, Commands, Device};
+use crate::options::ALPHA_MIN;
+use crate::scene::{Bounds, Gaussians, sh_coefficients};
+
+/// Gaussians in device memory, one plane per attribute: 48 bytes each and 16 per vec4 of spherical harmonics, as many as
+/// the scene's degree needs (1, 3, 7 or 12).
+pub struct GpuScene {
+    /// Mean; and the distance from it to where alpha falls to 1/255 along the longest axis, negative if it starts lower.
+    pub(super) bounds: Buffer<[f32; 4]>,
+    /// w x y z.
+    pub(super) rotations: Buffer<[f32; 4]>,
+    /// Scale, opacity.
+    pub(super) shapes: Buffer<[f32; 4]>,
+    /// Coefficients without gaps, four floats a plane.
+    pub(super) sh: Vec<Buffer<[f32; 4]>>,
+    pub(super) extent: Bounds,
+    sh_degree: u32,
+}
+
+/// Gaussians uploaded at once: bounds the staging memory to about 64 MB.
+const UPLOAD_CHUNK: usize = 1 << 18;
+
+impl GpuScene {
+    /// Uploads a scene.
+    pub fn new(device: &Device, gaussians: &Gaussians) -> Result<Self> {
+        let len = gaussians.len();
+        let plane = |name: &str| Buffer::new(device, name, len);
+        let sh_planes = (3 * sh_coefficients(gaussians.sh_degree())).div_ceil(4);
+        let scene = Self {
+            bounds: plane("bounds")?,
+            rotations: plane("rotations")?,
+            shapes: plane("shapes")?,
+            sh: (0..sh_planes).map(|i| plane(&format!("sh {i}"))).collect::<Result<_>>()?,
+            extent: Bounds::of(gaussians),
+            sh_degree: gaussians.sh_degree(),
+        };
+        let mut in_flight = None;
+        for first in (0..len).step_by(UPLOAD_CHUNK) {
+            let mut commands = Commands::new(device)?;
+            scene.upload(&mut commands, gaussians, first..len.min(first + UPLOAD_CHUNK))?;
+            // Dropping the chunk before waits for it: one is copied while the next is prepared.
+            in_flight = Some(commands.submit()?);
+        }
+        in_flight.map(|last| last.wait()).transpose()?;
+        Ok(scene)
+    }
+
+    /// Gaussians.
+    pub fn len(&self) -> usize {
+        self.bounds.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    pub fn sh_degree(&self) -> u32 {
+        self.sh_degree
+    }
+
+    /// Device memory in bytes.
+    pub fn bytes(&self) -> u64 {
+        [&self.bounds, &self.rotations, &self.shapes].into_iter().chain(&self.sh).map(Buffer::bytes).sum()
+    }
+
+    /// Device memory in bytes that a scene of this size takes.
+    pub fn bytes_for(len: usize, sh_degree: u32) -> u64 {
+        16 * (3 + (3 * sh_coefficients(sh_degree)).div_ceil(4) as u64) * len as u64
+    }
+
+    fn upload(&self, commands: &mut Commands, gaussians: &Gaussians, range: Range<usize>) -> Result<()> {
+        let (first, count) = (range.start, range.len());
+        let (means, scales, opacities) = (gaussians.means(), gaussians.scales(), gaussians.opacities());
+        commands.upload(&self.bounds, first, count, |plane: &mut [[f32; 4]]| {
+            for (i, bound) in range.clone().zip(plane) {
+                let [x, y, z] = means[i];
+                *bound = [x, y, z, reach(scales[i], opacities[i])];
+            }
+        })?;
+        commands.upload(&self.rotations, first, count, |plane| plane.copy_from_slice(&gaussians.rotations()[range.clone()]))?;
+        commands.upload(&self.shapes, first, count, |plane| {
+            for (i, shape) in range.clone().zip(plane) {
+                let [x, y, z] = scales[i];
+                *shape = [x, y, z, opacities[i]];
+            }
+        })?;
+        for (number, buffer) in self.sh.iter().enumerate() {
+            commands.upload(buffer, first, count, |plane| {
+                for (i, four) in range.clone().zip(plane) {
+                    let floats = gaussians.sh(i).as_flattened();
+                    *four = std::array::from_fn(|k| floats.get(4 * number + k).copied().unwrap_or(0.0));
+                }
+            })?;
+        }
+        Ok(())
+    }
+}
+
+/// Standard deviations to where alpha is 1/255, times the longest axis, rounded up. Negative for what no pixel shows.
+fn reach(scale: [f32; 3], opacity: f32) -> f32 {
+    let opacity = f64::from(opacity);
+    if opacity < ALPHA_MIN {
+        return -1.0;
+    }
+    let longest = f64::from(scale[0].max(scale[1]).max(scale[2]));
+    let deviations = (2.0 * (opacity / ALPHA_MIN).ln()).sqrt();
+    ((deviations * longest * (1.0 + 1e-6)) as f32).min(f32::MAX)
+}

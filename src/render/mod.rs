@@ -1,0 +1,15 @@
+//! The pipeline on the GPU: a scene's buffers, the frame's buffers, and the renderer that dispatches the stages.
+
+mod gpu_scene;
+mod renderer;
+mod shaders;
+mod sort;
+mod still;
+mod workspace;
+
+pub use gpu_scene::GpuScene;
+pub use renderer::Renderer;
+pub use shaders::*;
+pub use sort::{Pairs, RadixSort, SortRange, SortScratch};
+pub use still::{Frame, Still};
+pub use workspace::{Demand, Workspace};

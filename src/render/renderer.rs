@@ -1,0 +1,287 @@
+//! The frame, top to bottom.
+
+use std::mem::offset_of;
+
+use anyhow::Result;
+use glam::DVec3;
+
+use super::gpu_scene::GpuScene;
+use super::shaders::*;
+use super::sort::{RadixSort, SortRange};
+use super::workspace::{CULL_CHUNK, Workspace};
+use crate::camera::Camera;
+use crate::gpu::{Access, Commands, Device, Extent, Image, Stage};
+use crate::options::{Background, Options, TILE};
+use crate::scene::Bounds;
+
+/// The stages of a frame, built for one set of options and one degree of spherical harmonics.
+pub struct Renderer {
+    options: Options,
+    sh_degree: u32,
+    /// Entries of a tile's list that one blend dispatch may take.
+    entries_per_pass: u32,
+    cull: Stage<Cull>,
+    cull_offsets: Stage<CullOffsets>,
+    cull_compact: Stage<CullCompact>,
+    project: Stage<Project>,
+    sort: RadixSort,
+    scan_sums: Stage<ScanSums>,
+    scan_totals: Stage<ScanTotals>,
+    scan: Stage<Scan>,
+    duplicate: Stage<Duplicate>,
+    ranges: Stage<Ranges>,
+    blend: Stage<Blend>,
+    blend_resumed: Stage<Blend>,
+}
+
+/// Smallest subgroup that the portable path is built for.
+const PORTABLE_SUBGROUP: u32 = 4;
+
+impl Renderer {
+    pub fn new(device: &Device, options: &Options, sh_degree: u32) -> Result<Self> {
+        let facts = device.facts();
+        let smallest_subgroup = if options.portable { PORTABLE_SUBGROUP } else { facts.subgroup_size[0] };
+        let cull_pixel_blocks = !options.portable;
+        let blend = |resume| Stage::new(device, &BlendConstants { cull_pixel_blocks, resume });
+        Ok(Self {
+            options: *options,
+            sh_degree,
+            // An entry costs an iteration, and a ninth more for the loops around it: three quarters leave room.
+            entries_per_pass: facts.loop_limit.map_or(u32::MAX, |limit| limit / 4 * 3),
+            cull: Stage::new(device, &CullConstants::default())?,
+            cull_offsets: Stage::new(device, &CullOffsetsConstants::default())?,
+            cull_compact: Stage::new(device, &CullCompactConstants::default())?,
+            project: Stage::new(device, &ProjectConstants { sh_degree })?,
+            sort: RadixSort::new(device, smallest_subgroup)?,
+            scan_sums: Stage::new(device, &ScanSumsConstants::default())?,
+            scan_totals: Stage::new(device, &ScanTotalsConstants::default())?,
+            scan: Stage::new(device, &ScanConstants::default())?,
+            duplicate: Stage::new(device, &DuplicateConstants::default())?,
+            ranges: Stage::new(device, &RangesConstants::default())?,
+            blend: blend(false)?,
+            blend_resumed: blend(true)?,
+        })
+    }
+
+    /// Blend dispatches that a longest tile list of this length takes.
+    pub fn passes(&self, longest_list: u32) -> u32 {
+        longest_list.div_ceil(self.entries_per_pass).max(1)
+    }
+
+    /// Records one frame: `image` is the scene seen by `camera`, if there was room in `work` and `passes` blend passes
+    /// were enough; `work.totals` says so.
+    #[allow(clippy::too_many_arguments, reason = "what a frame is made of")]
+    pub fn record(
+        &self,
+        cmd: &mut Commands,
+        scene: &GpuScene,
+        camera: &Camera,
+        background: Background,
+        work: &Workspace,
+        image: &Image,
+        passes: u32,
+    ) {
+        assert_eq!(scene.sh_degree(), self.sh_degree, "a renderer draws scenes of the degree it was built for");
+        let view = view(camera, self.options.near);
+        let depth_bits = depth_bits(camera, self.options.near, &scene.extent);
+        let tiles_x = camera.size_px[0].div_ceil(TILE);
+        let tiles = tiles_x * camera.size_px[1].div_ceil(TILE);
+
+        cmd.scope("clear", |cmd| {
+            cmd.fill(&work.totals, 0);
+            cmd.fill(&work.ranges, 0);
+        });
+        cmd.barrier(Access::COPY_WRITE, Access::SHADER);
+        cmd.scope("cull", |cmd| self.cull(cmd, scene, view, work));
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+        cmd.scope("project", |cmd| self.project(cmd, scene, view, work, depth_bits));
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let by_depth = cmd.scope("sort depths", |cmd| {
+            let lengths = &work.totals.words();
+            let length_index = offset_of!(Totals, visible_kept) / 4;
+            let range = SortRange { lengths, length_index, bits: depth_bits, values_are_indices: true };
+            let groups = (&work.dispatches, offset_of!(Dispatches, sort_visible));
+            self.sort.record(cmd, &work.depths, &work.sort, range, groups)
+        });
+        cmd.scope("scan", |cmd| self.scan(cmd, work, by_depth));
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+        cmd.scope("duplicate", |cmd| self.duplicate(cmd, work, by_depth, tiles_x));
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let by_tile = cmd.scope("sort tiles", |cmd| {
+            let lengths = &work.totals.words();
+            let length_index = offset_of!(Totals, instances_kept) / 4;
+            let bits = tiles.next_power_of_two().trailing_zeros();
+            let range = SortRange { lengths, length_index, bits, values_are_indices: false };
+            let groups = (&work.dispatches, offset_of!(Dispatches, sort_instances));
+            self.sort.record(cmd, &work.instances, &work.sort, range, groups)
+        });
+        cmd.scope("ranges", |cmd| {
+            let tile_keys = &work.instances.keys[by_tile];
+            let bindings = RangesBindings { totals: &work.totals, tile_keys, ranges: &work.ranges };
+            let groups = offset_of!(Dispatches, over_instances);
+            cmd.dispatch_indirect(&self.ranges, bindings, (), &work.dispatches, groups);
+        });
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        cmd.scope("blend", |cmd| {
+            let bindings = BlendBindings {
+                ranges: &work.ranges,
+                splat_ids: &work.instances.values[by_tile],
+                splats: &work.splats,
+                totals: &work.totals,
+                image,
+            };
+            self.blend(cmd, bindings, camera.size_px, background, tiles, passes);
+        });
+    }
+
+    fn cull(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &Workspace) {
+        let chunks = scene.len().div_ceil(CULL_CHUNK) as u32;
+        let visible_capacity = work.gaussian_from_splat.len() as u32;
+        let bindings =
+            CullBindings { bounds: &scene.bounds, visible_masks: &work.visible_masks, chunk_counts: &work.chunk_counts };
+        let push = CullPush { view, gaussians: scene.len() as u32 };
+        cmd.dispatch(&self.cull, bindings, push, Extent::Groups(chunks.into()));
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let bindings =
+            CullOffsetsBindings { sums: &work.chunk_counts, totals: &work.totals, dispatches: &work.dispatches };
+        cmd.dispatch(&self.cull_offsets, bindings, CullOffsetsPush { chunks, visible_capacity }, Extent::Groups(1));
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let bindings = CullCompactBindings {
+            visible_masks: &work.visible_masks,
+            chunk_offsets: &work.chunk_counts,
+            gaussian_from_splat: &work.gaussian_from_splat,
+        };
+        let push = CullCompactPush { chunks, visible_capacity };
+        cmd.dispatch(&self.cull_compact, bindings, push, Extent::Groups(chunks.into()));
+    }
+
+    fn project(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &Workspace, depth_bits: u32) {
+        let bindings = ProjectBindings {
+            gaussian_from_splat: &work.gaussian_from_splat,
+            bounds: &scene.bounds,
+            rotations: &scene.rotations,
+            shapes: &scene.shapes,
+            // A lower degree has fewer planes, and its pipeline reads no others.
+            sh: std::array::from_fn(|i| &scene.sh[i.min(scene.sh.len() - 1)]),
+            splats: &work.splats,
+            depth_keys: &work.depths.keys[0],
+            span_ranges: &work.span_ranges,
+            tile_counts: &work.tile_counts,
+            spans: &work.spans,
+            totals: &work.totals,
+        };
+        let push = ProjectPush { view, span_capacity: work.spans.len() as u32, depth_limit: ((1_u64 << depth_bits) - 1) as u32 };
+        cmd.dispatch_indirect(&self.project, bindings, push, &work.dispatches, offset_of!(Dispatches, over_visible));
+    }
+
+    fn scan(&self, cmd: &mut Commands, work: &Workspace, by_depth: usize) {
+        let (totals, splat_from_rank, tile_counts) = (&work.totals, &work.depths.values[by_depth], &work.tile_counts);
+        let groups = offset_of!(Dispatches, scan_visible);
+        let bindings = ScanSumsBindings { totals, splat_from_rank, tile_counts, sums: &work.scan_sums };
+        cmd.dispatch_indirect(&self.scan_sums, bindings, (), &work.dispatches, groups);
+        // The totals update the dispatches, which the sums were dispatched by.
+        cmd.barrier(Access::SHADER_WRITE | Access::INDIRECT, Access::SHADER);
+        let bindings = ScanTotalsBindings { sums: &work.scan_sums, totals, dispatches: &work.dispatches };
+        let push = ScanTotalsPush { instance_capacity: work.instances.keys[0].len() as u32 };
+        cmd.dispatch(&self.scan_totals, bindings, push, Extent::Groups(1));
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+        let bindings = ScanBindings {
+            totals,
+            splat_from_rank,
+            tile_counts,
+            sums: &work.scan_sums,
+            instance_offsets: &work.instance_offsets,
+            first_ranks: &work.first_ranks,
+        };
+        cmd.dispatch_indirect(&self.scan, bindings, (), &work.dispatches, groups);
+    }
+
+    fn duplicate(&self, cmd: &mut Commands, work: &Workspace, by_depth: usize, tiles_x: u32) {
+        let bindings = DuplicateBindings {
+            totals: &work.totals,
+            splat_from_rank: &work.depths.values[by_depth],
+            instance_offsets: &work.instance_offsets,
+            first_ranks: &work.first_ranks,
+            span_ranges: &work.span_ranges,
+            spans: &work.spans,
+            tile_keys: &work.instances.keys[0],
+            splat_ids: &work.instances.values[0],
+        };
+        let groups = offset_of!(Dispatches, duplicate);
+        cmd.dispatch_indirect(&self.duplicate, bindings, DuplicatePush { tiles_x }, &work.dispatches, groups);
+    }
+
+    fn blend(
+        &self,
+        cmd: &mut Commands,
+        bindings: BlendBindings,
+        size_px: [u32; 2],
+        background: Background,
+        tiles: u32,
+        passes: u32,
+    ) {
+        for pass in 0..passes {
+            let push = BlendPush {
+                size_px,
+                tiles,
+                background: background.colour(),
+                pass_begin: pass * self.entries_per_pass,
+                pass_limit: self.entries_per_pass,
+                last_pass: u32::from(pass + 1 == passes),
+            };
+            let stage = if pass == 0 { &self.blend } else { &self.blend_resumed };
+            if pass > 0 {
+                cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            }
+            cmd.dispatch(stage, bindings, push, Extent::Groups(tiles.into()));
+        }
+    }
+}
+
+/// The camera as the shaders take it: rounded to f32, but the position in two parts that keep f64's digits.
+fn view(camera: &Camera, near: f32) -> View {
+    let high = camera.position.as_vec3();
+    let low = (camera.position - DVec3::from(high)).as_vec3();
+    View {
+        right: camera.right().as_vec3().to_array(),
+        down: camera.down().as_vec3().to_array(),
+        forward: camera.forward().as_vec3().to_array(),
+        position_high: high.to_array(),
+        position_low: low.to_array(),
+        focal_px: camera.focal_px.as_vec2().to_array(),
+        centre_px: camera.centre_px.as_vec2().to_array(),
+        size_px: camera.size_px,
+        near,
+    }
+}
+
+/// Bits that hold the depth keys of everything between the near plane and the far end of the scene, and one key more.
+/// A key is the distance of a depth from the near plane in floats: exact, and no longer than the scene is deep.
+fn depth_bits(camera: &Camera, near: f32, extent: &Bounds) -> u32 {
+    let corner = |i: usize| {
+        let pick = |axis: usize| f64::from(if i >> axis & 1 == 0 { extent.low[axis] } else { extent.high[axis] });
+        camera.view(DVec3::new(pick(0), pick(1), pick(2))).z
+    };
+    let far = (0..8).map(corner).fold(f64::from(near), f64::max);
+    let far = (far * (1.0 + 1e-5)).min(f64::from(f32::MAX)) as f32;
+    let keys = far.to_bits() - near.to_bits() + 2;
+    u32::BITS - keys.leading_zeros()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depth_bits_grow_with_the_logarithm_of_the_depth_range() {
+        let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [64, 64], 1.0);
+        let bits = |far: f32| {
+            let extent = Bounds { low: [-1.0, -1.0, 0.0], high: [1.0, 1.0, far], centre: [0.0; 3], radius: 1.0 };
+            depth_bits(&camera, 0.25, &extent)
+        };
+        // From 0.25 to 2^k lie k + 2 octaves of 2^23 floats each.
+        assert_eq!([1.0, 3.9, 1000.0].map(bits), [25, 26, 27]);
+        assert_eq!(bits(0.1), 2, "nothing is ahead of the near plane, and the key of splats without tiles remains");
+        assert!(bits(f32::MAX) <= 31);
+    }
+}

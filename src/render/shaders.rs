@@ -1,0 +1,6 @@
+//! The typed interfaces of `glsl/*.comp`, written by `build.rs`.
+#![allow(missing_docs)]
+
+use crate::gpu::{Binding, BindingKind, Bindings, Buffer, Constants, Image, Resource, Shader};
+
+include!(concat!(env!("OUT_DIR"), "/shaders.rs"));

@@ -1,0 +1,122 @@
+//! One picture at a time, without a window: renders, waits, and repeats what did not fit.
+
+use anyhow::{Result, ensure};
+
+use super::gpu_scene::GpuScene;
+use super::renderer::Renderer;
+use super::shaders::Totals;
+use super::workspace::{Demand, Workspace};
+use crate::camera::Camera;
+use crate::gpu::{Commands, Device, Image, Results, Timestamps, Timing};
+use crate::options::{Background, Options, TILE};
+use crate::pixels::Pixels;
+
+/// Renders pictures of one scene, keeping its buffers from one to the next.
+pub struct Still<'s> {
+    device: Device,
+    scene: &'s GpuScene,
+    renderer: Renderer,
+    work: Workspace,
+    image: Image,
+    passes: u32,
+    timestamps: Timestamps,
+}
+
+/// What a frame reported of itself.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    pub totals: Totals,
+    pub timings: Vec<Timing>,
+    /// Times the frame was begun: more than one if something did not fit at first.
+    pub attempts: u32,
+}
+
+/// More attempts than any frame needs: each grows to the demand of the one before, and demands hide behind one another
+/// (visible, spans and instances, list length).
+const MAX_ATTEMPTS: u32 = 6;
+
+impl<'s> Still<'s> {
+    pub fn new(device: &Device, options: &Options, scene: &'s GpuScene) -> Result<Self> {
+        Ok(Self {
+            device: device.clone(),
+            scene,
+            renderer: Renderer::new(device, options, scene.sh_degree())?,
+            work: Workspace::new(device, Demand::guess(scene.len(), 1))?,
+            image: Image::new(device, "image", 1, 1)?,
+            passes: 1,
+            timestamps: Timestamps::All,
+        })
+    }
+
+    /// Whether stages are timed, or only the whole frame.
+    pub fn set_timestamps(&mut self, timestamps: Timestamps) {
+        self.timestamps = timestamps;
+    }
+
+    /// Starts from this much room, to see it grow.
+    pub fn with_room(mut self, room: Demand) -> Result<Self> {
+        self.work = Workspace::new(&self.device, room)?;
+        Ok(self)
+    }
+
+    /// Bytes of device memory for everything but the scene.
+    pub fn bytes(&self) -> u64 {
+        self.work.bytes() + self.image.bytes()
+    }
+
+    /// Renders a complete frame; [`Still::pixels`] reads it.
+    pub fn render(&mut self, camera: &Camera, background: Background) -> Result<Frame> {
+        self.render_with(camera, background, |_| {}).map(|(frame, _)| frame)
+    }
+
+    /// As [`Still::render`], with commands prepared by `prepare`; also returns what the last attempt brought back.
+    pub fn render_with(
+        &mut self,
+        camera: &Camera,
+        background: Background,
+        prepare: impl Fn(&mut Commands),
+    ) -> Result<(Frame, Results)> {
+        let [width, height] = camera.size_px;
+        ensure!(width > 0 && height > 0, "an image has at least one pixel");
+        if self.image.size() != camera.size_px {
+            self.image = Image::new(&self.device, "image", width, height)?;
+        }
+        let tiles = width.div_ceil(TILE) as usize * height.div_ceil(TILE) as usize;
+        self.work.grow(&self.device, Demand { gaussians: self.scene.len(), tiles, ..Demand::default() })?;
+        for attempts in 1..=MAX_ATTEMPTS {
+            let mut cmd = Commands::new(&self.device)?;
+            cmd.set_timestamps(self.timestamps);
+            prepare(&mut cmd);
+            cmd.scope("frame", |cmd| {
+                let (work, image) = (&self.work, &self.image);
+                self.renderer.record(cmd, self.scene, camera, background, work, image, self.passes);
+            });
+            cmd.barrier(crate::gpu::Access::SHADER_WRITE, crate::gpu::Access::COPY_READ);
+            let totals = cmd.read(&self.work.totals)?;
+            let results = cmd.submit()?.wait()?;
+            let totals = results.view(&totals)[0];
+            let passes = self.renderer.passes(totals.longest_list);
+            let grew = self.work.grow(&self.device, Demand::of(&totals, self.scene.len(), tiles))?;
+            if !grew && passes <= self.passes {
+                return Ok((Frame { totals, timings: results.timings().to_vec(), attempts }, results));
+            }
+            self.passes = self.passes.max(passes);
+        }
+        unreachable!("a frame fits after it has grown to its own demand");
+    }
+
+    /// The picture rendered last.
+    pub fn pixels(&self) -> Result<Pixels> {
+        const BAND_BYTES: u32 = 256 << 20; // of staging memory at a time
+        let [width, height] = self.image.size();
+        let band = (BAND_BYTES / 16 / width).max(1);
+        let mut rgba = Vec::with_capacity(width as usize * height as usize);
+        for top in (0..height).step_by(band as usize) {
+            let mut cmd = Commands::new(&self.device)?;
+            let rows = cmd.read_rows(&self.image, top..height.min(top + band))?;
+            let results = cmd.submit()?.wait()?;
+            rgba.extend_from_slice(results.view(&rows));
+        }
+        Ok(Pixels { size: [width, height], rgba })
+    }
+}

@@ -1,0 +1,169 @@
+//! Every intermediate buffer of a frame, and how large it must be.
+
+use anyhow::Result;
+
+use super::shaders::{Dispatches, Splat, Totals};
+use super::sort::{Pairs, SortScratch};
+use crate::gpu::{Buffer, Device, OutOfMemory};
+
+/// Elements that one workgroup takes; the shaders' constants of the same names.
+pub(super) const CULL_CHUNK: usize = 1024;
+const SCAN_CHUNK: usize = 2048;
+const DUPLICATE_CHUNK: usize = 1024;
+
+/// What a frame needs room for.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Demand {
+    /// Gaussians in the scene, all of them.
+    pub gaussians: usize,
+    /// Gaussians that may touch the image.
+    pub visible: u64,
+    /// Tile rows touched, over all splats.
+    pub spans: u64,
+    /// Tiles touched, over all splats.
+    pub instances: u64,
+    /// Tiles of the image.
+    pub tiles: usize,
+}
+
+impl Demand {
+    /// A first guess for a scene: a frame that needs more says so, and is repeated.
+    pub fn guess(gaussians: usize, tiles: usize) -> Self {
+        let visible = (gaussians as u64 / 2).max(1 << 16).min(gaussians as u64);
+        Self { gaussians, visible, spans: 3 * visible, instances: (8 * visible).max(1 << 16), tiles }
+    }
+
+    /// What the totals of a frame ask for.
+    pub fn of(totals: &Totals, gaussians: usize, tiles: usize) -> Self {
+        Self {
+            gaussians,
+            visible: totals.visible.into(),
+            spans: totals.spans.into(),
+            instances: u64::from(totals.instances_high) << 32 | u64::from(totals.instances_low),
+            tiles,
+        }
+    }
+
+    fn max(self, other: Self) -> Self {
+        Self {
+            gaussians: self.gaussians.max(other.gaussians),
+            visible: self.visible.max(other.visible),
+            spans: self.spans.max(other.spans),
+            instances: self.instances.max(other.instances),
+            tiles: self.tiles.max(other.tiles),
+        }
+    }
+
+    fn fits(self, room: Self) -> bool {
+        self.max(room) == room
+    }
+}
+
+/// The buffers of one frame in the making.
+pub struct Workspace {
+    pub(super) room: Demand,
+    pub(super) totals: Buffer<Totals>,
+    pub(super) dispatches: Buffer<Dispatches>,
+    /// A bit per Gaussian.
+    pub(super) visible_masks: Buffer<u32>,
+    pub(super) chunk_counts: Buffer<u32>,
+    pub(super) gaussian_from_splat: Buffer<u32>,
+    pub(super) splats: Buffer<Splat>,
+    /// Depth key and splat.
+    pub(super) depths: Pairs,
+    pub(super) span_ranges: Buffer<[u32; 2]>,
+    pub(super) spans: Buffer<u32>,
+    pub(super) tile_counts: Buffer<u32>,
+    pub(super) scan_sums: Buffer<u32>,
+    pub(super) instance_offsets: Buffer<u32>,
+    pub(super) first_ranks: Buffer<u32>,
+    /// Tile key and splat.
+    pub(super) instances: Pairs,
+    pub(super) sort: SortScratch,
+    pub(super) ranges: Buffer<[u32; 2]>,
+}
+
+impl Workspace {
+    pub fn new(device: &Device, room: Demand) -> Result<Self> {
+        let refuse = |name: &str, elements: u64| {
+            let reason = "32-bit offsets reach no further".to_owned();
+            OutOfMemory { name: name.to_owned(), bytes: elements.saturating_mul(4), reason }
+        };
+        let length = |name: &str, elements: u64| match u32::try_from(elements) {
+            Ok(length) => Ok(length as usize),
+            Err(_) => Err(refuse(name, elements)),
+        };
+        let visible = length("visible splats", room.visible)?;
+        let spans = length("tile rows", room.spans)?;
+        let instances = length("splat-tile instances", room.instances)?;
+        let chunks = room.gaussians.div_ceil(CULL_CHUNK);
+        let words = |name: &str, len: usize| Buffer::<u32>::new(device, name, len);
+        Ok(Self {
+            room,
+            totals: Buffer::new(device, "totals", 1)?,
+            dispatches: Buffer::new(device, "dispatches", 1)?,
+            visible_masks: words("visible masks", chunks * CULL_CHUNK / 32)?,
+            chunk_counts: words("chunk counts", chunks)?,
+            gaussian_from_splat: words("gaussian from splat", visible)?,
+            splats: Buffer::new(device, "splats", visible)?,
+            depths: Pairs::new(device, "depth", visible)?,
+            span_ranges: Buffer::new(device, "span ranges", visible)?,
+            spans: words("spans", spans)?,
+            tile_counts: words("tile counts", visible)?,
+            scan_sums: words("scan sums", visible.div_ceil(SCAN_CHUNK))?,
+            instance_offsets: words("instance offsets", visible)?,
+            first_ranks: words("first ranks", instances.div_ceil(DUPLICATE_CHUNK))?,
+            instances: Pairs::new(device, "instance", instances)?,
+            sort: SortScratch::new(device, visible.max(instances))?,
+            ranges: Buffer::new(device, "ranges", room.tiles)?,
+        })
+    }
+
+    /// Makes room for `demand` and a little more, if there is not enough; true if it had to.
+    pub fn grow(&mut self, device: &Device, demand: Demand) -> Result<bool> {
+        if demand.fits(self.room) {
+            return Ok(false);
+        }
+        let spare = |n: u64| n + n / 8;
+        let wanted = Demand {
+            visible: spare(demand.visible).min(demand.gaussians as u64),
+            spans: spare(demand.spans),
+            instances: spare(demand.instances),
+            ..demand
+        };
+        // What already has room stays as it is.
+        let keep = |wanted: u64, needed: u64, room: u64| if needed > room { wanted } else { room };
+        let room = Demand {
+            gaussians: demand.gaussians.max(self.room.gaussians),
+            visible: keep(wanted.visible, demand.visible, self.room.visible),
+            spans: keep(wanted.spans, demand.spans, self.room.spans),
+            instances: keep(wanted.instances, demand.instances, self.room.instances),
+            tiles: demand.tiles.max(self.room.tiles),
+        };
+        *self = Self::new(device, room)?;
+        Ok(true)
+    }
+
+    /// Device memory in bytes.
+    pub fn bytes(&self) -> u64 {
+        let words = [
+            &self.visible_masks,
+            &self.chunk_counts,
+            &self.gaussian_from_splat,
+            &self.spans,
+            &self.tile_counts,
+            &self.scan_sums,
+            &self.instance_offsets,
+            &self.first_ranks,
+        ];
+        words.iter().map(|b| b.bytes()).sum::<u64>()
+            + self.totals.bytes()
+            + self.dispatches.bytes()
+            + self.splats.bytes()
+            + self.span_ranges.bytes()
+            + self.ranges.bytes()
+            + self.depths.bytes()
+            + self.instances.bytes()
+            + self.sort.bytes()
+    }
+}

@@ -1,0 +1,209 @@
+//! From what a file stores to what renderers may rely on, in f64: finite values, unit quaternions, sigmoids, exponentials.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::{Gaussians, sh_coefficients};
+
+/// One Gaussian as files store it, after axis conversion to right, down, forward.
+#[derive(Clone, Copy, Debug)]
+pub struct Raw<'a> {
+    /// World units.
+    pub mean: [f64; 3],
+    /// Natural logarithm of the standard deviations.
+    pub log_scale: [f64; 3],
+    /// Quaternion w x y z of any length.
+    pub rotation: [f64; 4],
+    /// Before the sigmoid.
+    pub opacity_logit: f64,
+    /// As many coefficients as the scene's degree has.
+    pub sh: &'a [[f32; 3]],
+}
+
+/// How many Gaussians a file had, and what became of those that could not be taken as they were.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Tally {
+    pub read: usize,
+    /// Dropped: a mean, scale, rotation, opacity or colour that is not a number, or infinite where that means nothing.
+    pub not_finite: usize,
+    /// Dropped: a quaternion of length zero has no direction.
+    pub zero_rotation: usize,
+    /// Dropped: opacity zero.
+    pub transparent: usize,
+    /// Kept: a scale beyond the range of 32-bit floats, made the largest of them.
+    pub clamped_scale: usize,
+}
+
+impl Tally {
+    pub fn dropped(&self) -> usize {
+        self.not_finite + self.zero_rotation + self.transparent
+    }
+
+    /// Whether the scene is as the file has it, but for Gaussians that no one could see.
+    pub fn is_clean(&self) -> bool {
+        self.not_finite + self.zero_rotation + self.clamped_scale == 0
+    }
+}
+
+/// What was dropped or repaired, as a clause; "nothing dropped" if nothing was.
+impl fmt::Display for Tally {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let parts = [
+            (self.not_finite, "dropped as not finite"),
+            (self.zero_rotation, "dropped for a zero quaternion"),
+            (self.transparent, "dropped as fully transparent"),
+            (self.clamped_scale, "with a scale clamped to the largest float"),
+        ];
+        let parts: Vec<_> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+        f.write_str(if parts.is_empty() { "nothing dropped" } else { "" })?;
+        f.write_str(&parts.join(", "))
+    }
+}
+
+/// Collects Gaussians, one raw one at a time.
+#[derive(Debug)]
+pub struct Builder {
+    gaussians: Gaussians,
+    tally: Tally,
+}
+
+impl Builder {
+    /// Room for `capacity` Gaussians of this degree.
+    pub fn new(sh_degree: u32, capacity: usize) -> Self {
+        let gaussians = Gaussians {
+            means: Vec::with_capacity(capacity),
+            scales: Vec::with_capacity(capacity),
+            rotations: Vec::with_capacity(capacity),
+            opacities: Vec::with_capacity(capacity),
+            sh: Vec::with_capacity(capacity * sh_coefficients(sh_degree)),
+            sh_degree,
+        };
+        Self { gaussians, tally: Tally::default() }
+    }
+
+    /// Adds a Gaussian, or counts why it cannot be drawn.
+    pub fn push(&mut self, raw: &Raw) {
+        assert_eq!(raw.sh.len(), sh_coefficients(self.gaussians.sh_degree), "a Gaussian has the degree of its scene");
+        self.tally.read += 1;
+        // An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity a flat Gaussian: both are legal.
+        let finite = raw.mean.iter().chain(&raw.rotation).all(|v| v.is_finite())
+            && raw.mean.iter().all(|v| (*v as f32).is_finite())
+            && raw.log_scale.iter().all(|v| *v < f64::INFINITY)
+            && !raw.opacity_logit.is_nan()
+            && raw.sh.iter().flatten().all(|v| v.is_finite());
+        if !finite {
+            self.tally.not_finite += 1;
+            return;
+        }
+        let Some(rotation) = unit(raw.rotation) else {
+            self.tally.zero_rotation += 1;
+            return;
+        };
+        let opacity = (1.0 / (1.0 + (-raw.opacity_logit).exp())) as f32;
+        if opacity == 0.0 {
+            self.tally.transparent += 1;
+            return;
+        }
+        let scale = raw.log_scale.map(|s| s.exp() as f32);
+        self.tally.clamped_scale += usize::from(scale.contains(&f32::INFINITY));
+        let all = &mut self.gaussians;
+        all.means.push(raw.mean.map(|v| v as f32));
+        all.scales.push(scale.map(|s| s.min(f32::MAX)));
+        all.rotations.push(rotation.map(|v| v as f32));
+        all.opacities.push(opacity);
+        all.sh.extend_from_slice(raw.sh);
+    }
+
+    pub fn finish(self) -> (Gaussians, Tally) {
+        (self.gaussians, self.tally)
+    }
+}
+
+/// The quaternion at length one; `None` for length zero. Scaled first, so that no square over- or underflows.
+fn unit(q: [f64; 4]) -> Option<[f64; 4]> {
+    let largest = q.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    if largest == 0.0 {
+        return None;
+    }
+    let q = q.map(|v| v / largest);
+    let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+    Some(q.map(|v| v / length))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: Raw = Raw {
+        mean: [1.0, 2.0, 3.0],
+        log_scale: [0.0, -1.0, -2.0],
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity_logit: 0.0,
+        sh: &[[0.5, 0.5, 0.5]],
+    };
+
+    fn build(raw: Raw) -> (Gaussians, Tally) {
+        let mut builder = Builder::new(0, 1);
+        builder.push(&raw);
+        builder.finish()
+    }
+
+    fn tally(raw: Raw) -> Tally {
+        build(raw).1
+    }
+
+    #[test]
+    fn canonical_drops_what_is_not_finite() {
+        let nan = [f64::NAN, 0.0, 0.0];
+        let bad = [
+            Raw { mean: nan, ..GOOD },
+            Raw { mean: [f64::INFINITY, 0.0, 0.0], ..GOOD },
+            Raw { mean: [1e39, 0.0, 0.0], ..GOOD },
+            Raw { log_scale: nan, ..GOOD },
+            Raw { log_scale: [f64::INFINITY, 0.0, 0.0], ..GOOD },
+            Raw { rotation: [f64::NAN, 0.0, 0.0, 1.0], ..GOOD },
+            Raw { rotation: [f64::INFINITY, 0.0, 0.0, 1.0], ..GOOD },
+            Raw { opacity_logit: f64::NAN, ..GOOD },
+            Raw { sh: &[[f32::NAN, 0.0, 0.0]], ..GOOD },
+            Raw { sh: &[[f32::INFINITY, 0.0, 0.0]], ..GOOD },
+        ];
+        for raw in bad {
+            let (gaussians, tally) = build(raw);
+            assert_eq!(tally, Tally { read: 1, not_finite: 1, ..Tally::default() }, "{raw:?}");
+            assert!(gaussians.is_empty());
+        }
+    }
+
+    #[test]
+    fn canonical_takes_infinite_logits_as_opacities_one_and_zero() {
+        assert_eq!(build(Raw { opacity_logit: f64::INFINITY, ..GOOD }).0.opacities(), [1.0]);
+        assert_eq!(tally(Raw { opacity_logit: f64::NEG_INFINITY, ..GOOD }).transparent, 1);
+        assert_eq!(build(Raw { opacity_logit: 100.0, ..GOOD }).0.opacities(), [1.0]);
+        assert!(build(Raw { opacity_logit: -100.0, ..GOOD }).0.opacities()[0] > 0.0);
+    }
+
+    #[test]
+    fn canonical_keeps_flat_and_huge_scales() {
+        assert_eq!(build(Raw { log_scale: [f64::NEG_INFINITY, 0.0, 0.0], ..GOOD }).0.scales(), [[0.0, 1.0, 1.0]]);
+        let (gaussians, tally) = build(Raw { log_scale: [1000.0, 88.0, 0.0], ..GOOD });
+        assert_eq!(tally.clamped_scale, 1);
+        assert_eq!(gaussians.scales()[0][0], f32::MAX);
+    }
+
+    #[test]
+    fn canonical_normalizes_quaternions_of_any_length() {
+        for length in [1e-300, 1e-25, 1.0, 1e20, 1e300] {
+            let rotation = [0.5, -0.5, 0.5, 0.5].map(|v| v * length);
+            assert_eq!(build(Raw { rotation, ..GOOD }).0.rotations(), [[0.5, -0.5, 0.5, 0.5]]);
+        }
+        assert_eq!(tally(Raw { rotation: [0.0; 4], ..GOOD }).zero_rotation, 1);
+    }
+
+    #[test]
+    fn tally_says_what_happened() {
+        assert_eq!(Tally::default().to_string(), "nothing dropped");
+        let tally = Tally { read: 9, not_finite: 2, zero_rotation: 1, ..Tally::default() };
+        assert_eq!(tally.to_string(), "2 dropped as not finite, 1 dropped for a zero quaternion");
+    }
+}

@@ -1,0 +1,137 @@
+//! PlayCanvas compressed PLY: chunks of 256 Gaussians, packed into 16 bytes each, with an optional element of SH bytes.
+
+use anyhow::{Context, Result, ensure};
+
+use super::canonical::{Builder, Raw};
+use super::ply::{Element, skip};
+use super::source::Source;
+use super::{MAX_SH_DEGREE, Scene, checked_count, sh_coefficients};
+
+const CHUNK: usize = 256; // Gaussians that share their minima and maxima
+const C0: f64 = 0.28209479177387814; // Y_0^0, the constant basis function
+
+/// Minima and maxima of one chunk.
+struct Chunk {
+    mean: [[f64; 3]; 2],
+    log_scale: [[f64; 3]; 2],
+    colour: [[f64; 3]; 2],
+}
+
+pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
+    let (mut chunks, mut vertices, mut sh) = (None, None, None);
+    for element in elements {
+        match element.name.as_str() {
+            "chunk" => chunks = Some(read_chunks(source, element)?),
+            "vertex" => vertices = Some(read_vertices(source, element)?),
+            "sh" => sh = Some(read_sh(source, element)?),
+            _ => skip(source, element)?,
+        }
+    }
+    let chunks = chunks.context("the header has no element chunk")?;
+    let vertices = vertices.context("the header has no element vertex")?;
+    let (sh_degree, sh) = sh.unwrap_or((0, Vec::new()));
+    let rest = 3 * (sh_coefficients(sh_degree) - 1);
+    let count = vertices.len();
+    ensure!(chunks.len() == count.div_ceil(CHUNK), "{count} vertices need {} chunks, the file has {}", count.div_ceil(CHUNK), chunks.len());
+    ensure!(sh.len() == rest * count, "{count} vertices need as many sh elements, the file has {}", sh.len() / rest.max(1));
+
+    let mut builder = Builder::new(sh_degree, count);
+    let mut coefficients = vec![[0.0; 3]; sh_coefficients(sh_degree)];
+    for (index, [position, rotation, scale, colour]) in vertices.into_iter().enumerate() {
+        let chunk = &chunks[index / CHUNK];
+        let byte = |shift: u32| f64::from(colour >> shift & 255) / 255.0;
+        let rgb = [byte(24), byte(16), byte(8)];
+        let alpha = byte(0);
+        let rgb = std::array::from_fn::<_, 3, _>(|i| lerp(chunk.colour[0][i], chunk.colour[1][i], rgb[i]));
+        coefficients[0] = rgb.map(|v| ((v - 0.5) / C0) as f32);
+        let bands = coefficients.len() - 1;
+        for (i, coefficient) in coefficients[1..].iter_mut().enumerate() {
+            // Channel-major, as in the original PLY.
+            *coefficient = std::array::from_fn(|channel| sh_value(sh[index * rest + channel * bands + i]));
+        }
+        builder.push(&Raw {
+            mean: unpack(position, &chunk.mean),
+            log_scale: unpack(scale, &chunk.log_scale),
+            rotation: unpack_rotation(rotation),
+            opacity_logit: (alpha / (1.0 - alpha)).ln(),
+            sh: &coefficients,
+        });
+    }
+    let (gaussians, tally) = builder.finish();
+    Ok(Scene { gaussians, tally, format: "compressed PLY".to_owned() })
+}
+
+fn read_chunks(source: &mut Source, element: &Element) -> Result<Vec<Chunk>> {
+    let triple = |stem: &str, names: [&str; 3]| -> Result<_> {
+        let [x, y, z] = names.map(|name| element.property(&format!("{stem}_{name}")));
+        Ok([x?, y?, z?])
+    };
+    let axes = ["x", "y", "z"];
+    let mean = [triple("min", axes)?, triple("max", axes)?];
+    let scale = [triple("min_scale", axes)?, triple("max_scale", axes)?];
+    let channels = ["r", "g", "b"];
+    let colour = element.has("min_r").then(|| anyhow::Ok([triple("min", channels)?, triple("max", channels)?])).transpose()?;
+    rows(source, element, |row| Chunk {
+        mean: mean.map(|p| p.map(|p| p.read(row))),
+        log_scale: scale.map(|p| p.map(|p| p.read(row))),
+        colour: colour.map_or([[0.0; 3], [1.0; 3]], |c| c.map(|p| p.map(|p| p.read(row)))),
+    })
+}
+
+fn read_vertices(source: &mut Source, element: &Element) -> Result<Vec<[u32; 4]>> {
+    let [position, rotation, scale, colour] =
+        ["packed_position", "packed_rotation", "packed_scale", "packed_color"].map(|name| element.property(name));
+    let properties = [position?, rotation?, scale?, colour?];
+    rows(source, element, |row| properties.map(|p| p.read(row) as u32))
+}
+
+/// The degree, and the bytes of all Gaussians one after another.
+fn read_sh(source: &mut Source, element: &Element) -> Result<(u32, Vec<u8>)> {
+    let rest = element.run("f_rest_");
+    let degree = (1..=MAX_SH_DEGREE).find(|d| 3 * (sh_coefficients(*d) - 1) == rest);
+    let degree = degree.with_context(|| format!("element sh has {rest} f_rest properties, expected 9, 24 or 45"))?;
+    let properties = (0..rest).map(|i| element.property(&format!("f_rest_{i}"))).collect::<Result<Vec<_>>>()?;
+    let bytes: Vec<Vec<u8>> = rows(source, element, |row| properties.iter().map(|p| p.read(row) as u8).collect())?;
+    Ok((degree, bytes.concat()))
+}
+
+fn rows<T>(source: &mut Source, element: &Element, read: impl Fn(&[u8]) -> T) -> Result<Vec<T>> {
+    let count = checked_count(element.count, element.stride() as u64, source.left(), &element.name)?;
+    let mut row = vec![0; element.stride()];
+    let mut all = Vec::with_capacity(count);
+    for _ in 0..count {
+        source.fill(&mut row, &element.name)?;
+        all.push(read(&row));
+    }
+    Ok(all)
+}
+
+/// 11, 10 and 11 bits from the top, between the minima and maxima.
+fn unpack(packed: u32, range: &[[f64; 3]; 2]) -> [f64; 3] {
+    let fractions =
+        [f64::from(packed >> 21) / 2047.0, f64::from(packed >> 11 & 1023) / 1023.0, f64::from(packed & 2047) / 2047.0];
+    std::array::from_fn(|i| lerp(range[0][i], range[1][i], fractions[i]))
+}
+
+/// Two bits for the largest component of w x y z, which is positive, then ten for each of the others in order.
+fn unpack_rotation(packed: u32) -> [f64; 4] {
+    let largest = (packed >> 30) as usize;
+    let mut others = [20, 10, 0].map(|shift| (f64::from(packed >> shift & 1023) / 1023.0 - 0.5) * 2f64.sqrt()).into_iter();
+    let mut q: [f64; 4] = std::array::from_fn(|i| if i == largest { 0.0 } else { others.next().unwrap_or(0.0) });
+    q[largest] = (1.0 - q.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
+    q
+}
+
+/// A byte as a coefficient in -4 to 4: bucket centres, but the ends are exact.
+fn sh_value(byte: u8) -> f32 {
+    let fraction = match byte {
+        0 => 0.0,
+        255 => 1.0,
+        b => (f64::from(b) + 0.5) / 256.0,
+    };
+    ((fraction - 0.5) * 8.0) as f32
+}
+
+fn lerp(from: f64, to: f64, fraction: f64) -> f64 {
+    from * (1.0 - fraction) + to * fraction
+}

@@ -1,0 +1,133 @@
+//! What is drawn: the Gaussians of a scene, validated and made canonical once, when they are read.
+
+mod bounds;
+mod canonical;
+mod compressed_ply;
+pub mod harmonics;
+mod ply;
+mod source;
+mod spz;
+pub mod synthetic;
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+
+pub use bounds::{Bounds, percentiles};
+pub use canonical::{Builder, Raw, Tally};
+use source::Source;
+
+/// Highest degree of spherical harmonics that a scene may have.
+pub const MAX_SH_DEGREE: u32 = 3;
+
+/// Coefficients of spherical harmonics up to `degree`, for one colour channel.
+pub const fn sh_coefficients(degree: u32) -> usize {
+    ((degree + 1) * (degree + 1)) as usize
+}
+
+/// A scene on the CPU as a structure of arrays: canonical, finite, ready for every renderer.
+///
+/// World axes are COLMAP's (right, down, forward). A [`Builder`] is the only way to make one.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gaussians {
+    means: Vec<[f32; 3]>,
+    scales: Vec<[f32; 3]>,
+    rotations: Vec<[f32; 4]>,
+    opacities: Vec<f32>,
+    sh: Vec<[f32; 3]>,
+    sh_degree: u32,
+}
+
+impl Gaussians {
+    pub fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.means.is_empty()
+    }
+
+    /// World units.
+    pub fn means(&self) -> &[[f32; 3]] {
+        &self.means
+    }
+
+    /// Standard deviations along the local axes in world units: finite, zero allowed.
+    pub fn scales(&self) -> &[[f32; 3]] {
+        &self.scales
+    }
+
+    /// Unit quaternions w x y z, local to world.
+    pub fn rotations(&self) -> &[[f32; 4]] {
+        &self.rotations
+    }
+
+    /// After the sigmoid: over 0, at most 1.
+    pub fn opacities(&self) -> &[f32] {
+        &self.opacities
+    }
+
+    /// The spherical harmonics of Gaussian `index`: red, green, blue of each of [`sh_coefficients`] basis functions.
+    pub fn sh(&self, index: usize) -> &[[f32; 3]] {
+        let stride = sh_coefficients(self.sh_degree);
+        &self.sh[index * stride..][..stride]
+    }
+
+    pub fn sh_degree(&self) -> u32 {
+        self.sh_degree
+    }
+}
+
+/// A scene and what was done to make it canonical.
+#[derive(Debug)]
+pub struct Scene {
+    pub gaussians: Gaussians,
+    pub tally: Tally,
+    /// What it was read from: "SPZ 4", "PLY", ...
+    pub format: String,
+}
+
+/// A scene or camera file that cannot be used: which, and why, in one sentence.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: {problem}")]
+pub struct Unreadable {
+    pub path: String,
+    pub problem: String,
+}
+
+impl Unreadable {
+    pub fn new(path: &Path, problem: &anyhow::Error) -> Self {
+        Self { path: path.display().to_string(), problem: format!("{problem:#}") }
+    }
+}
+
+/// Reads a scene file, whatever its name says, by its content. `progress` is told the fraction read so far.
+pub fn read(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene, Unreadable> {
+    read_any(path, progress).map_err(|problem| Unreadable::new(path, &problem))
+}
+
+fn read_any(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
+    let mut source = Source::open(path, progress)?;
+    ensure!(source.len() > 0, "the file is empty");
+    let magic = source.peek(4)?;
+    let scene = match magic {
+        _ if magic.starts_with(b"ply") => ply::read(&mut source)?,
+        _ if magic.starts_with(b"NGSP") => spz::read_v4(&mut source)?,
+        [0x1f, 0x8b, ..] => spz::read_gzip(&mut source)?,
+        _ => bail!("not a scene that smalto reads: expected .ply, .compressed.ply or .spz content, found bytes {magic:02x?}"),
+    };
+    let Tally { read, .. } = scene.tally;
+    ensure!(read > 0, "the scene holds no Gaussians");
+    ensure!(!scene.gaussians.is_empty(), "none of its {read} Gaussians can be drawn: {}", scene.tally);
+    Ok(scene)
+}
+
+/// A count from a file header as a length, refused when the file cannot hold so many elements of `bytes` each.
+fn checked_count(count: u64, bytes: u64, available: u64, what: &str) -> Result<usize> {
+    let needed = count.checked_mul(bytes).with_context(|| format!("the header claims {count} {what}"))?;
+    ensure!(
+        needed <= available,
+        "the file is truncated or its header wrong: {count} {what} need {needed} bytes, {available} are left"
+    );
+    Ok(usize::try_from(count)?)
+}

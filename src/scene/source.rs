@@ -1,0 +1,105 @@
+//! A scene file being read: its length, the place reached, and progress.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, ErrorKind, Read};
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow, ensure};
+
+/// Reads front to back; every error says at which byte.
+pub(super) struct Source<'p> {
+    reader: BufReader<File>,
+    len: u64,
+    position: u64,
+    progress: &'p dyn Fn(f64),
+    /// Position at which progress is told next.
+    next_report: u64,
+}
+
+impl<'p> Source<'p> {
+    pub fn open(path: &Path, progress: &'p dyn Fn(f64)) -> Result<Self> {
+        let file = File::open(path).map_err(|e| anyhow!("cannot be opened: {}", describe(&e)))?;
+        let metadata = file.metadata()?;
+        ensure!(metadata.is_file(), "is not a file");
+        let reader = BufReader::with_capacity(1 << 20, file);
+        Ok(Self { reader, len: metadata.len(), position: 0, progress, next_report: 0 })
+    }
+
+    /// Bytes in the file.
+    pub fn len(&self) -> u64 {
+        self.len
+    }
+
+    /// Bytes not yet read.
+    pub fn left(&self) -> u64 {
+        self.len.saturating_sub(self.position)
+    }
+
+    /// The next bytes, up to `count`, without reading past them.
+    pub fn peek(&mut self, count: usize) -> Result<&[u8]> {
+        let bytes = self.reader.fill_buf()?;
+        Ok(&bytes[..count.min(bytes.len())])
+    }
+
+    /// Fills `bytes`; `what` names them in the error if the file ends first.
+    pub fn fill(&mut self, bytes: &mut [u8], what: &str) -> Result<()> {
+        let start = self.position;
+        self.read_exact(bytes).map_err(|error| match error.kind() {
+            ErrorKind::UnexpectedEof => {
+                let end = start + bytes.len() as u64;
+                anyhow!("the file ends at byte {}, inside {what} at bytes {start} to {end}", self.len)
+            }
+            _ => anyhow!("cannot be read: {error}"),
+        })
+    }
+
+    /// A line without its end, of at most `limit` bytes.
+    pub fn line(&mut self, limit: u64) -> Result<String> {
+        let mut line = Vec::new();
+        let start = self.position;
+        (&mut *self).take(limit).read_until(b'\n', &mut line)?;
+        ensure!(line.pop() == Some(b'\n'), "no line ends within {limit} bytes of byte {start}");
+        if line.last() == Some(&b'\r') {
+            line.pop();
+        }
+        String::from_utf8(line).with_context(|| format!("the line at byte {start} is not text"))
+    }
+}
+
+impl Read for Source<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.reader.read(bytes)?;
+        self.advance(count);
+        Ok(count)
+    }
+}
+
+impl BufRead for Source<'_> {
+    fn fill_buf(&mut self) -> std::io::Result<&[u8]> {
+        self.reader.fill_buf()
+    }
+
+    fn consume(&mut self, count: usize) {
+        self.reader.consume(count);
+        self.advance(count);
+    }
+}
+
+impl Source<'_> {
+    fn advance(&mut self, count: usize) {
+        self.position += count as u64;
+        if self.position >= self.next_report {
+            (self.progress)(self.position as f64 / self.len.max(1) as f64);
+            self.next_report = self.position + self.len / 200;
+        }
+    }
+}
+
+/// What went wrong, without the operating system's error number.
+fn describe(error: &std::io::Error) -> String {
+    match error.kind() {
+        ErrorKind::NotFound => "there is no such file".to_owned(),
+        ErrorKind::PermissionDenied => "permission denied".to_owned(),
+        _ => error.to_string(),
+    }
+}

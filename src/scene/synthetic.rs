@@ -1,0 +1,310 @@
+//! A seeded procedural scene: a potted cactus of any number of Gaussians, the object of the paper this project starts from.
+//!
+//! It has what trained scenes have: flat surface splats, needles (the spines are real ones), a heavy tail of anisotropy,
+//! many faint splats, floaters, view-dependent colour up to SH degree 3. Up is -y.
+
+use std::f64::consts::{PI, TAU};
+
+use anyhow::{Context, Result, ensure};
+use glam::{DQuat, DVec3, dvec3};
+
+use super::canonical::{Builder, Raw};
+use super::harmonics::{C0, basis};
+use super::{MAX_SH_DEGREE, Scene, sh_coefficients};
+
+/// The count of a scene that is not told one: the coarsest of the paper's four levels of detail.
+pub const DEFAULT_COUNT: usize = 139_410;
+
+/// Reads `cactus` or `cactus:COUNT`; `None` for anything else, which is then a file.
+pub fn parse(name: &str) -> Option<Result<usize>> {
+    let rest = name.strip_prefix("cactus")?;
+    if rest.is_empty() {
+        return Some(Ok(DEFAULT_COUNT));
+    }
+    let count = rest.strip_prefix(':')?;
+    Some(count.replace('_', "").parse().with_context(|| format!("'{count}' is not a number of Gaussians")).and_then(|n| {
+        ensure!((1..=200_000_000).contains(&n), "a cactus has 1 to 200000000 Gaussians, not {n}");
+        Ok(n)
+    }))
+}
+
+/// The cactus with `count` Gaussians. The same count gives the same scene everywhere.
+pub fn cactus(count: usize) -> Scene {
+    let mut random = Random(0x5eed_cac7);
+    let mut builder = Builder::new(MAX_SH_DEGREE, count);
+    let weight: f64 = PARTS.iter().map(|p| p.share).sum();
+    let mut made = 0;
+    let mut share = 0.0;
+    for part in &PARTS {
+        share += part.share;
+        let until = (count as f64 * share / weight).round() as usize;
+        let of_part = until - made;
+        for _ in made..until {
+            // The same surface from any count: a splat covers its part of the area.
+            let spacing = (part.area / of_part as f64).sqrt();
+            let patch = (part.sample)(&mut random);
+            push(&mut builder, &mut random, &patch, spacing, part);
+        }
+        made = until;
+    }
+    let (gaussians, tally) = builder.finish();
+    Scene { gaussians, tally, format: "procedural cactus".to_owned() }
+}
+
+/// A kind of matter: how many of the Gaussians it gets, and how they look.
+struct Part {
+    share: f64,
+    /// World units squared that its splats cover together.
+    area: f64,
+    /// Fraction of its splats that are faint.
+    faint: f64,
+    /// Strength of the highlight.
+    gloss: f64,
+    sample: fn(&mut Random) -> Patch,
+}
+
+const PARTS: [Part; 8] = [
+    Part { share: 0.40, area: 5.2, faint: 0.35, gloss: 0.25, sample: flesh },
+    Part { share: 0.10, area: 0.30, faint: 0.10, gloss: 0.10, sample: spine },
+    Part { share: 0.16, area: 3.0, faint: 0.35, gloss: 0.35, sample: pot },
+    Part { share: 0.05, area: 0.6, faint: 0.30, gloss: 0.05, sample: soil },
+    Part { share: 0.03, area: 0.35, faint: 0.25, gloss: 0.15, sample: flower },
+    Part { share: 0.16, area: 30.0, faint: 0.40, gloss: 0.12, sample: table },
+    Part { share: 0.05, area: 60.0, faint: 0.95, gloss: 0.0, sample: haze },
+    Part { share: 0.05, area: 40.0, faint: 1.0, gloss: 0.0, sample: floater },
+];
+
+/// A piece of surface.
+struct Patch {
+    point: DVec3,
+    normal: DVec3,
+    /// Direction in the surface along which splats are drawn out.
+    grain: DVec3,
+    albedo: DVec3,
+    /// Standard deviations along grain, across it and along the normal, over the spacing.
+    shape: DVec3,
+}
+
+const LIGHT: DVec3 = dvec3(-0.48, -0.72, -0.5); // towards it, nearly unit
+
+fn push(builder: &mut Builder, random: &mut Random, patch: &Patch, spacing: f64, part: &Part) {
+    let grain = (patch.grain - patch.normal * patch.grain.dot(patch.normal)).normalize_or(patch.normal.any_orthonormal_vector());
+    let across = patch.normal.cross(grain);
+    let tilt = DQuat::from_axis_angle(random.direction(), 0.08 * random.normal());
+    let rotation = tilt * DQuat::from_mat3(&glam::DMat3::from_cols(grain, across, patch.normal));
+    // Log-normal sizes; one splat in fifty is a needle or pancake far out in the tail, as after training.
+    let stretch = if random.unit() < 0.02 { dvec3(1.2, -1.0, -2.0) * random.normal().abs() } else { DVec3::ZERO };
+    let scale = dvec3(random.normal(), random.normal(), random.normal()) * dvec3(0.35, 0.35, 0.6) + stretch;
+    let log_scale = (patch.shape * spacing).map(f64::ln) + scale;
+    let opacity = if random.unit() < part.faint { 0.003 + 0.25 * random.unit().powi(3) } else { 1.0 - 0.6 * random.unit().powi(2) };
+
+    let diffuse = 0.42 + 0.62 * patch.normal.dot(LIGHT).max(0.0);
+    let shadow = if patch.point.y > -0.02 { contact_shadow(patch.point) } else { 1.0 };
+    let colour = patch.albedo * diffuse * shadow + 0.02 * dvec3(random.normal(), random.normal(), random.normal());
+    let mut sh = [[0.0_f32; 3]; sh_coefficients(MAX_SH_DEGREE)];
+    sh[0] = ((colour - 0.5) / C0).to_array().map(|v| v as f32);
+    let mirror = 2.0 * patch.normal.dot(LIGHT) * patch.normal - LIGHT;
+    // A view sees the highlight when it looks against the mirrored light, and SH take the direction of the view.
+    let lobe = basis((-mirror.normalize_or(DVec3::Y)).to_array());
+    for (i, coefficient) in sh.iter_mut().enumerate().skip(1) {
+        let band = (i as f64).sqrt().floor();
+        let highlight = part.gloss * lobe[i] * (-0.25 * band * band).exp();
+        *coefficient = std::array::from_fn(|_| (highlight + 0.03 / band * random.normal()) as f32);
+    }
+    builder.push(&Raw {
+        mean: patch.point.to_array(),
+        log_scale: log_scale.to_array(),
+        rotation: [rotation.w, rotation.x, rotation.y, rotation.z],
+        opacity_logit: (opacity / (1.0 - opacity)).ln(),
+        sh: &sh,
+    });
+}
+
+/// The plant: a ribbed column with two arms, as spines of circles.
+fn flesh(random: &mut Random) -> Patch {
+    let (centre, direction, radius, _) = limb(random);
+    let angle = TAU * random.unit();
+    let (side, other) = direction.any_orthonormal_pair();
+    let out = side * angle.cos() + other * angle.sin();
+    let rib = (RIBS * angle).cos();
+    let valley = 0.5 - 0.5 * rib;
+    let green = dvec3(0.26, 0.50, 0.20).lerp(dvec3(0.10, 0.27, 0.13), valley) * (1.0 + 0.08 * random.normal());
+    Patch {
+        point: centre + out * radius * (1.0 + 0.09 * rib) * (1.0 - 0.02 * random.unit()),
+        normal: (out - side.lerp(other, 0.5) * 0.05 * rib).normalize(),
+        grain: direction,
+        albedo: green,
+        shape: dvec3(1.5, 0.55, 0.12),
+    }
+}
+
+const RIBS: f64 = 12.0;
+
+/// A point on the axis of the column or of an arm: centre, direction, radius, and how far along it is.
+fn limb(random: &mut Random) -> (DVec3, DVec3, f64, f64) {
+    let t = random.unit();
+    let pick = random.unit();
+    let dome = |t: f64| (1.0 - ((t - 0.86).max(0.0) / 0.14).powi(2)).max(0.0).sqrt();
+    if pick < 0.62 {
+        let bulge = 0.30 + 0.05 * (PI * t).sin();
+        return (dvec3(0.03 * (3.0 * t).sin(), -0.62 - 1.75 * t, 0.0), -DVec3::Y, bulge * dome(t).max(0.02), t);
+    }
+    // An arm leaves the column sideways and turns up on a quarter circle.
+    let (side, height, length, yaw) = if pick < 0.83 { (1.0, -1.25, 0.75, 0.35) } else { (-1.0, -1.55, 0.5, -0.5) };
+    let outward = dvec3(side * f64::cos(yaw), 0.0, f64::sin(yaw));
+    let turn = 0.34;
+    let start = dvec3(0.0, height, 0.0) + outward * 0.18;
+    let (arc, straight) = (turn * PI / 2.0, length);
+    let s = t * (arc + straight);
+    let (point, direction) = if s < arc {
+        let a = s / turn;
+        (start + outward * turn * a.sin() - DVec3::Y * turn * (1.0 - a.cos()), outward * a.cos() - DVec3::Y * a.sin())
+    } else {
+        (start + outward * turn - DVec3::Y * (turn + s - arc), -DVec3::Y)
+    };
+    (point, direction, 0.155 * dome(t).max(0.02), t)
+}
+
+/// Needles in tufts along the ribs.
+fn spine(random: &mut Random) -> Patch {
+    let (centre, direction, radius, _) = limb(random);
+    let rib = (random.unit() * RIBS).floor();
+    let (side, other) = direction.any_orthonormal_pair();
+    let angle = TAU * rib / RIBS;
+    let out = side * angle.cos() + other * angle.sin();
+    let lean = (out + 0.55 * random.direction()).normalize();
+    let along = random.unit();
+    Patch {
+        point: centre + out * radius * 1.09 + lean * 0.09 * along,
+        normal: lean.any_orthonormal_vector(),
+        grain: lean,
+        albedo: dvec3(0.90, 0.82, 0.62) * (1.0 - 0.3 * along),
+        shape: dvec3(9.0, 0.22, 0.18),
+    }
+}
+
+/// Terracotta: a cone that widens upwards, and its rim.
+fn pot(random: &mut Random) -> Patch {
+    let angle = TAU * random.unit();
+    let out = dvec3(angle.cos(), 0.0, angle.sin());
+    let t = random.unit();
+    let is_rim = t > 0.74;
+    let radius = if is_rim { 0.66 } else { 0.42 + 0.24 * t };
+    let height = -0.62 * t;
+    let band = if is_rim || (t * 22.0).sin() > 0.93 { 0.88 } else { 1.0 };
+    Patch {
+        point: out * radius + DVec3::Y * height,
+        normal: (out + dvec3(0.0, 0.3, 0.0)).normalize(),
+        grain: dvec3(-out.z, 0.0, out.x),
+        albedo: dvec3(0.72, 0.36, 0.22) * band * (1.0 + 0.05 * random.normal()),
+        shape: dvec3(1.1, 0.7, 0.10),
+    }
+}
+
+fn soil(random: &mut Random) -> Patch {
+    let (angle, radius) = (TAU * random.unit(), 0.63 * random.unit().sqrt());
+    let pebble = if random.unit() < 0.15 { dvec3(0.62, 0.58, 0.52) } else { dvec3(0.24, 0.17, 0.12) };
+    Patch {
+        point: dvec3(radius * angle.cos(), -0.57 - 0.03 * random.unit(), radius * angle.sin()),
+        normal: (-DVec3::Y + 0.4 * random.direction()).normalize(),
+        grain: random.direction(),
+        albedo: pebble * (1.0 + 0.2 * random.normal()),
+        shape: dvec3(0.9, 0.7, 0.4),
+    }
+}
+
+/// Petals on the crown of the column and on the long arm.
+fn flower(random: &mut Random) -> Patch {
+    let crown = if random.unit() < 0.7 { dvec3(0.03 * 3.0_f64.sin(), -2.36, 0.0) } else { dvec3(0.49, -2.33, 0.18) };
+    let petal = (random.unit() * 9.0).floor() / 9.0 * TAU;
+    let (t, width) = (random.unit(), random.normal() * 0.22);
+    let out = dvec3((petal + width).cos(), 0.0, (petal + width).sin());
+    let is_heart = t < 0.18;
+    let colour = if is_heart { dvec3(0.98, 0.80, 0.25) } else { dvec3(0.93, 0.30, 0.52).lerp(dvec3(1.0, 0.72, 0.80), t) };
+    Patch {
+        point: crown + out * 0.20 * t - DVec3::Y * (0.16 * (t * 2.2).sin() - 0.02),
+        normal: (-DVec3::Y + 0.8 * out).normalize(),
+        grain: out,
+        albedo: colour * 1.1,
+        shape: dvec3(1.3, 0.7, 0.1),
+    }
+}
+
+/// A wooden table: planks along x.
+fn table(random: &mut Random) -> Patch {
+    let (angle, radius) = (TAU * random.unit(), 3.0 * random.unit().sqrt());
+    let point = dvec3(radius * angle.cos(), 0.0, radius * angle.sin());
+    let plank = (point.z / 0.42).floor();
+    let tone = 0.85 + 0.15 * (plank * 12.9898).sin();
+    let grain = 0.94 + 0.06 * (point.z * 90.0 + 3.0 * (point.x * 1.7 + plank).sin()).sin();
+    let gap = if (point.z / 0.42).fract().abs() < 0.02 { 0.45 } else { 1.0 };
+    Patch {
+        point: point + DVec3::Y * 0.004 * random.normal(),
+        normal: -DVec3::Y,
+        grain: DVec3::X,
+        albedo: dvec3(0.66, 0.49, 0.33) * tone * grain * gap,
+        shape: dvec3(2.4, 0.6, 0.05),
+    }
+}
+
+/// Faint large splats far behind: what training puts in place of a background.
+fn haze(random: &mut Random) -> Patch {
+    let direction = random.direction();
+    let above = dvec3(direction.x, -direction.y.abs(), direction.z);
+    Patch {
+        point: above * (6.0 + 6.0 * random.unit()),
+        normal: -above,
+        grain: random.direction(),
+        albedo: dvec3(0.75, 0.83, 0.92).lerp(dvec3(0.95, 0.88, 0.78), random.unit()),
+        shape: dvec3(3.0, 2.0, 0.3),
+    }
+}
+
+/// Stray splats in the air, some of them very far away.
+fn floater(random: &mut Random) -> Patch {
+    let far = if random.unit() < 0.02 { 200.0 * random.unit() } else { 0.0 };
+    let direction = random.direction();
+    Patch {
+        point: dvec3(0.0, -1.2, 0.0) + direction * (0.6 + 2.6 * random.unit() + far),
+        normal: random.direction(),
+        grain: random.direction(),
+        albedo: dvec3(0.5, 0.5, 0.5) + 0.25 * random.direction(),
+        shape: dvec3(0.25, 0.12, 0.03),
+    }
+}
+
+/// Light that the pot keeps from the table.
+fn contact_shadow(point: DVec3) -> f64 {
+    let from_pot = dvec3(point.x - 0.25, 0.0, point.z - 0.25).length();
+    1.0 - 0.55 * (-(from_pot / 0.75).powi(4)).exp()
+}
+
+/// SplitMix64 (Steele et al. 2014): small, and the same everywhere.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Uniform in [0, 1).
+    fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Mean 0, standard deviation 1 (Box and Muller).
+    fn normal(&mut self) -> f64 {
+        (-2.0 * (1.0 - self.unit()).ln()).sqrt() * (TAU * self.unit()).cos()
+    }
+
+    /// Uniform on the unit sphere.
+    fn direction(&mut self) -> DVec3 {
+        let (z, angle) = (2.0 * self.unit() - 1.0, TAU * self.unit());
+        let r = (1.0 - z * z).sqrt();
+        dvec3(r * angle.cos(), r * angle.sin(), z)
+    }
+}
