@@ -1,6 +1,7 @@
 #version 460
 #include "workgroup.glsl"
 #include "frame.glsl"
+#include "depth.glsl"
 // One workgroup per chunk of 1024 Gaussians: which of them can touch the image?
 // Before: nothing. After: visible_masks has a bit per Gaussian, chunk_counts the number of bits set in each chunk.
 // The test is a bound: a Gaussian that touches a pixel centre is never dropped, some that do not are kept.
@@ -22,7 +23,7 @@ shared uint count;
 // (project.comp), and the low-pass adds LARGEST_EXTENT * sqrt(LOW_PASS) at most.
 bool may_be_visible(vec3 mean, float reach) {
     precise vec3 p = (mean - push.view.position_high) - push.view.position_low;
-    float z = dot(push.view.forward, p);
+    float z = depth_of(mean, push.view);
     if (!(reach >= 0.0 && z > push.view.near)) return false;
     vec2 slope = vec2(dot(push.view.right, p), dot(push.view.down, p)) / z;
     vec2 size = vec2(push.view.size_px);

@@ -8,12 +8,14 @@ const uint SCAN_CHUNK = 2048;
 const uint SORT_CHUNK = 2048;
 const uint DUPLICATE_CHUNK = 1024;
 
-// The camera. Rows of the world-to-view rotation: right, down, forward.
+// The camera. Rows of the world-to-view rotation: right, down, forward. What decides a depth comes in two parts, high
+// and low, that keep the digits of f64.
 struct View {
     vec3 right;
     vec3 down;
     vec3 forward;
-    vec3 position_high;  // world; the position is high + low, so that differences to it keep their digits
+    vec3 forward_low;
+    vec3 position_high;  // world
     vec3 position_low;
     vec2 focal_px;
     vec2 centre_px;

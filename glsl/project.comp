@@ -1,6 +1,7 @@
 #version 460
 #include "workgroup.glsl"
 #include "frame.glsl"
+#include "depth.glsl"
 #include "harmonics.glsl"
 #include "ellipse.glsl"
 // One invocation per visible Gaussian: its splat, its depth key, and the tiles it touches, as one span per tile row.
@@ -50,9 +51,9 @@ vec4 covariance_px(vec3 v0, vec3 v1) {
 }
 
 // Projects one Gaussian: the splat without its colour, its ellipse, and the depth.
-void project(uint gaussian, vec3 p, out Splat splat, out Ellipse ellipse, out float z) {
+void project(uint gaussian, vec3 mean, vec3 p, out Splat splat, out Ellipse ellipse, out float z) {
     vec4 shape = shapes[gaussian];
-    z = max(dot(push.view.forward, p), push.view.near);
+    z = max(depth_of(mean, push.view), push.view.near);
     vec2 slope = vec2(dot(push.view.right, p), dot(push.view.down, p)) / z;
     vec2 size = vec2(push.view.size_px);
     // The Jacobian's slope is clamped 15 % of the image beyond each edge (the original's 1.3 tan(fov/2)).
@@ -88,7 +89,7 @@ void main() {
     Splat splat;
     Ellipse ellipse = EMPTY_ELLIPSE;
     float z = push.view.near;
-    if (exists) project(gaussian, p, splat, ellipse, z);
+    if (exists) project(gaussian, mean, p, splat, ellipse, z);
     uvec2 rows = tile_rows(ellipse, push.view.size_px);  // first, count
 
     uint total;

@@ -13,7 +13,7 @@ pub struct Pixel {
     pub colour: [f64; 3],
     pub transmittance: f64,
     /// How far a colour channel may move when decisions that lie within the rounding of f32 arithmetic fall the other
-    /// way: an alpha at the threshold, a transmittance at the stop, two splats at the same depth.
+    /// way: an alpha at the threshold, a transmittance at the stop. The order of the splats is not in doubt.
     pub doubt: f64,
 }
 
@@ -21,8 +21,6 @@ pub struct Pixel {
 const ALPHA_DOUBT: f64 = 2e-5;
 /// Relative width of a doubtful transmittance: factors 1 - alpha near 0.01 magnify an alpha's error a hundred times.
 const STOP_DOUBT: f64 = 1e-3;
-/// Relative width of a doubtful depth order: eight units in the last place of an f32.
-const DEPTH_DOUBT: f64 = 1e-6;
 
 /// Blends every tile's list. Returns the pixels row by row.
 pub fn blend(splats: &[Splat], ranges: &[[u32; 2]], splat_ids: &[u32], tiling: Tiling, background: [f64; 3]) -> Vec<Pixel> {
@@ -42,7 +40,6 @@ fn blend_pixel<'s>(list: impl Iterator<Item = &'s Splat>, centre: DVec2, backgro
     let mut colour = DVec3::ZERO;
     let mut transmittance = 1.0;
     let mut doubt = 0.0;
-    let mut recent: Vec<(&Splat, f64, f64)> = Vec::new(); // contributors at about this depth: splat, alpha, T before it
     for splat in list {
         let distance = splat.distance(centre);
         let alpha = (splat.opacity * (-0.5 * distance).exp()).min(ALPHA_MAX);
@@ -56,11 +53,6 @@ fn blend_pixel<'s>(list: impl Iterator<Item = &'s Splat>, centre: DVec2, backgro
         if (rest / TRANSMITTANCE_MIN - 1.0).abs() < STOP_DOUBT {
             doubt += transmittance * brightest;
         }
-        recent.retain(|(other, ..)| splat.depth - other.depth <= DEPTH_DOUBT * splat.depth);
-        for (other, other_alpha, before) in &recent {
-            doubt += before * alpha * other_alpha * (splat.colour - other.colour).abs().max_element();
-        }
-        recent.push((splat, alpha, transmittance));
         if rest < TRANSMITTANCE_MIN {
             break;
         }

@@ -14,7 +14,7 @@ pub fn cull(gaussians: &Gaussians, camera: &Camera, options: &Options) -> Vec<u3
     let is_visible = |id: &u32| {
         let index = *id as usize;
         let depth = camera.view(glam::DVec3::from(gaussians.means()[index].map(f64::from))).z;
-        depth > f64::from(options.near)
+        depth as f32 > options.near
             && f64::from(gaussians.opacities()[index]) >= ALPHA_MIN
             && !tiles(&project(gaussians, *id, camera), tiling).is_empty()
     };

@@ -238,16 +238,18 @@ impl Renderer {
     }
 }
 
-/// The camera as the shaders take it: rounded to f32, but the position in two parts that keep f64's digits.
+/// The camera as the shaders take it: rounded to f32, but in two parts what decides a depth.
 fn view(camera: &Camera, near: f32) -> View {
-    let high = camera.position.as_vec3();
-    let low = (camera.position - DVec3::from(high)).as_vec3();
+    let split = |v: DVec3| (v.as_vec3().to_array(), (v - DVec3::from(v.as_vec3())).as_vec3().to_array());
+    let (forward, forward_low) = split(camera.forward());
+    let (position_high, position_low) = split(camera.position);
     View {
         right: camera.right().as_vec3().to_array(),
         down: camera.down().as_vec3().to_array(),
-        forward: camera.forward().as_vec3().to_array(),
-        position_high: high.to_array(),
-        position_low: low.to_array(),
+        forward,
+        forward_low,
+        position_high,
+        position_low,
         focal_px: camera.focal_px.as_vec2().to_array(),
         centre_px: camera.centre_px.as_vec2().to_array(),
         size_px: camera.size_px,
