@@ -1,5 +1,6 @@
 #version 460
 #include "workgroup.glsl"
+#include "ballot.glsl"
 #include "frame.glsl"
 // One workgroup per 16x16 tile, one invocation per pixel: blends the tile's list front to back.
 // Batches of 256 splats are staged in workgroup memory. Each subgroup holds a small block of pixels, ballots which
@@ -27,7 +28,8 @@ layout(push_constant, scalar) uniform Push {
 
 shared vec2 staged_mean[WORKGROUP];
 shared vec4 staged_weight[WORKGROUP];  // factor, opacity
-shared vec4 staged_colour[WORKGROUP];  // colour, least u^2 + v^2 that no longer counts
+shared vec4 staged_colour[WORKGROUP];  // colour, and the falloff at which alpha is ALPHA_MIN
+shared vec3 staged_reach[WORKGROUP];   // slopes dy/dx and dx/dy of the lines of least falloff, root of the largest falloff
 shared uint stopped_subgroups;
 
 // Even bits of a byte: half of a Morton index.
@@ -46,38 +48,38 @@ float falloff(vec3 factor, vec2 d) {
 // Whether staged splat `i` may reach a pixel centre in the box from `low` to `high` px. Exact but for a slack that
 // covers rounding: the least falloff in the box lies at the mean or on one of the two sides that face it.
 bool reaches(uint i, vec2 low, vec2 high) {
-    vec3 factor = staged_weight[i].xyz;
+    vec3 factor = staged_weight[i].xyz, reach = staged_reach[i];
     vec2 from = low - staged_mean[i], to = high - staged_mean[i];
     vec2 near = clamp(vec2(0.0), from, to);
-    float best_y = -factor.x * factor.y * near.x / (factor.y * factor.y + factor.z * factor.z);
-    float best_x = -factor.y / factor.x * near.y;
-    vec2 on_x = vec2(near.x, clamp(best_y, from.y, to.y));
-    vec2 on_y = vec2(clamp(best_x, from.x, to.x), near.y);
+    vec2 on_x = vec2(near.x, clamp(reach.x * near.x, from.y, to.y));
+    vec2 on_y = vec2(clamp(reach.y * near.y, from.x, to.x), near.y);
     float least = min(falloff(factor, on_x), falloff(factor, on_y));
     // u is a difference of products: its rounding shifts sqrt(falloff) by this much.
     vec2 far = max(abs(from), abs(to));
-    float slack = 1e-6 * (factor.x * far.x + abs(factor.y) * far.y + factor.z * far.y);
-    float limit = sqrt(staged_colour[i].w) + slack;
+    float limit = reach.z + 1e-6 * (factor.x * far.x + (abs(factor.y) + factor.z) * far.y);
     return !(least > limit * limit);
 }
 
-void stage(uint entry) {
-    Splat splat = splats[splat_ids[entry]];
+void stage(Splat splat) {
+    vec3 f = splat.factor;
+    float falloff_max = log2(splat.opacity / ALPHA_MIN);
     staged_mean[lane()] = splat.mean_px;
-    staged_weight[lane()] = vec4(splat.factor, splat.opacity);
-    staged_colour[lane()] = vec4(splat.colour, log2(splat.opacity / ALPHA_MIN) + 1e-4);
+    staged_weight[lane()] = vec4(f, splat.opacity);
+    staged_colour[lane()] = vec4(splat.colour, falloff_max);
+    staged_reach[lane()] = vec3(-f.x * f.y / (f.y * f.y + f.z * f.z), -f.y / f.x, sqrt(falloff_max + 1e-4));
 }
 
 // Blends staged splat `i` into a pixel; true if that ends it.
 bool blend(uint i, vec2 pixel, inout vec3 colour, inout float transmittance) {
-    vec4 weight = staged_weight[i];
-    float alpha = min(ALPHA_MAX, weight.w * exp2(-falloff(weight.xyz, pixel - staged_mean[i])));
-    if (!(alpha >= ALPHA_MIN)) return false;
+    vec4 weight = staged_weight[i], look = staged_colour[i];
+    float fall = falloff(weight.xyz, pixel - staged_mean[i]);
+    if (!(fall <= look.w)) return false;  // alpha < ALPHA_MIN
+    float alpha = min(ALPHA_MAX, weight.w * exp2(-fall));
     precise float rest = transmittance * (1.0 - alpha);
     if (rest < TRANSMITTANCE_MIN) return true;
     precise float share = alpha * transmittance;
-    precise vec3 sum = fma(staged_colour[i].rgb, vec3(share), colour);
-    colour = sum;
+    precise vec3 added = fma(look.rgb, vec3(share), colour);
+    colour = added;
     transmittance = rest;
     return false;
 }
@@ -108,21 +110,30 @@ void main() {
     uint begin = list.x + min(push.pass_begin, list.y - list.x);
     uint end = begin + min(push.pass_limit, list.y - begin);
     bool subgroup_stopped = false;
+    // Loaded a batch ahead, and its id two: the loads run while the batch before is blended.
+    Splat ahead;
+    uint id_ahead = 0;
+    if (begin + lane() < end) ahead = splats[splat_ids[begin + lane()]];
+    if (begin + WORKGROUP + lane() < end) id_ahead = splat_ids[begin + WORKGROUP + lane()];
     for (uint batch = begin; batch < end; batch += WORKGROUP) {
         barrier();  // all are done with the batch before; nobody stops until the next barrier, so all agree here
         if (stopped_subgroups == gl_NumSubgroups) break;
-        if (batch + lane() < end) stage(batch + lane());
+        stage(ahead);
         barrier();
+        uint following = batch + WORKGROUP + lane();
+        if (following < end) ahead = splats[id_ahead];
+        if (following + WORKGROUP < end) id_ahead = splat_ids[following + WORKGROUP];
         uint count = min(WORKGROUP, end - batch);
         for (uint first = 0; first < count && !subgroup_stopped; first += gl_SubgroupSize) {
             uint mine = first + gl_SubgroupInvocationID;
             uvec4 reaching = subgroupBallot(mine < count && (!CULL_PIXEL_BLOCKS || reaches(mine, block_low, block_high)));
-            while (any(notEqual(reaching, uvec4(0)))) {
-                uint next = subgroupBallotFindLSB(reaching);
-                reaching[next / 32] &= ~(1u << (next % 32));
-                if (!stopped) stopped = blend(first + next, centre, colour, transmittance);
+            for (uint w = 0; w < BALLOT_WORDS; w++) {
+                for (uint word = reaching[w]; word != 0; word &= word - 1) {
+                    uint i = first + 32 * w + findLSB(word);
+                    if (!stopped) stopped = blend(i, centre, colour, transmittance);
+                }
             }
-            if (subgroupBallot(!stopped) == uvec4(0)) {
+            if (!any_in(subgroupBallot(!stopped))) {
                 subgroup_stopped = true;
                 if (subgroupElect()) atomicAdd(stopped_subgroups, 1);  // a count: order does not matter
             }

@@ -1,5 +1,6 @@
 #version 460
 #include "workgroup.glsl"
+#include "ballot.glsl"
 #include "frame.glsl"
 #include "depth.glsl"
 #include "harmonics.glsl"
@@ -110,20 +111,21 @@ void main() {
         }
     }
     uvec4 waiting = subgroupBallot(shared_work);
-    while (any(notEqual(waiting, uvec4(0)))) {
-        uint owner = subgroupBallotFindLSB(waiting);
-        waiting[owner / 32] &= ~(1u << (owner % 32));
-        Ellipse theirs = broadcast_ellipse(ellipse, owner);
-        uvec2 their_rows = subgroupBroadcast(rows, owner);
-        uint their_offset = subgroupBroadcast(offset, owner);
-        uint sum = 0;
-        for (uint row = gl_SubgroupInvocationID; row < their_rows.y; row += gl_SubgroupSize) {
-            uint span = tile_span(theirs, their_rows.x + row, push.view.size_px);
-            spans[their_offset + row] = span;
-            sum += span_length(span);
+    for (uint w = 0; w < BALLOT_WORDS; w++) {
+        for (uint word = waiting[w]; word != 0; word &= word - 1) {
+            uint owner = 32 * w + findLSB(word);
+            Ellipse theirs = broadcast_ellipse(ellipse, owner);
+            uvec2 their_rows = subgroupBroadcast(rows, owner);
+            uint their_offset = subgroupBroadcast(offset, owner);
+            uint sum = 0;
+            for (uint row = gl_SubgroupInvocationID; row < their_rows.y; row += gl_SubgroupSize) {
+                uint span = tile_span(theirs, their_rows.x + row, push.view.size_px);
+                spans[their_offset + row] = span;
+                sum += span_length(span);
+            }
+            sum = subgroupAdd(sum);
+            if (gl_SubgroupInvocationID == owner) tiles = sum;
         }
-        sum = subgroupAdd(sum);
-        if (gl_SubgroupInvocationID == owner) tiles = sum;
     }
 
     workgroup_exclusive_add(tiles, total);

@@ -1,5 +1,6 @@
 #version 460
 #include "workgroup.glsl"
+#include "ballot.glsl"
 #include "frame.glsl"
 #include "sort.glsl"
 // One workgroup per chunk of 2048 keys: moves them and their values to their place.
@@ -27,13 +28,22 @@ shared uint counts[SUBGROUPS * DIGITS];  // per subgroup and digit; then where t
 shared uint destinations[DIGITS];        // of the chunk's sorted element i with this digit, minus i
 shared uint staged[SORT_CHUNK];
 
+// Of the lanes in `same`: how many come before this one, and how many there are.
+uvec2 rank_in(uvec4 same) {
+    uvec2 rank = uvec2(0);
+    for (uint w = 0; w < BALLOT_WORDS; w++) {
+        rank += uvec2(bitCount(same[w] & gl_SubgroupLtMask[w]), bitCount(same[w]));
+    }
+    return rank;
+}
+
 // Lanes of the subgroup whose digit equals this lane's.
 uvec4 same_digit(uint digit) {
     uvec4 same = subgroupBallot(true);
     for (uint bit = 0; bit < DIGIT_BITS; bit++) {
         bool mine = (digit >> bit & 1) != 0;
         uvec4 ballot = subgroupBallot(mine);
-        same &= mine ? ballot : ~ballot;
+        for (uint w = 0; w < BALLOT_WORDS; w++) same[w] &= mine ? ballot[w] : ~ballot[w];
     }
     return same;
 }
@@ -54,15 +64,14 @@ void main() {
         // Past the end: the largest digit, behind every key that exists.
         keys[k] = index < length ? keys_in[index] : 0xffffffff;
         uint digit = digit_of(keys[k], push.shift, push.bits);
-        uvec4 same = same_digit(digit);
-        uint earlier = subgroupBallotExclusiveBitCount(same);
+        uvec2 rank = rank_in(same_digit(digit));
         uint before = counts[mine + digit];
         subgroupMemoryBarrierShared();
         subgroupBarrier();
-        if (earlier == 0) counts[mine + digit] = before + subgroupBallotBitCount(same);
+        if (rank.x == 0) counts[mine + digit] = before + rank.y;
         subgroupMemoryBarrierShared();
         subgroupBarrier();
-        ranks[k] = before + earlier;
+        ranks[k] = before + rank.x;
     }
     barrier();
 

@@ -41,8 +41,9 @@ impl Renderer {
     pub fn new(device: &Device, options: &Options, sh_degree: u32) -> Result<Self> {
         let facts = device.facts();
         let smallest_subgroup = if options.portable { PORTABLE_SUBGROUP } else { facts.subgroup_size[0] };
+        let ballot_words = if options.portable { 4 } else { facts.subgroup_size[1].div_ceil(32) };
         let cull_pixel_blocks = !options.portable;
-        let blend = |resume| Stage::new(device, &BlendConstants { cull_pixel_blocks, resume });
+        let blend = |resume| Stage::new(device, &BlendConstants { cull_pixel_blocks, resume, ballot_words });
         Ok(Self {
             options: *options,
             sh_degree,
@@ -51,8 +52,8 @@ impl Renderer {
             cull: Stage::new(device, &CullConstants::default())?,
             cull_offsets: Stage::new(device, &CullOffsetsConstants::default())?,
             cull_compact: Stage::new(device, &CullCompactConstants::default())?,
-            project: Stage::new(device, &ProjectConstants { sh_degree })?,
-            sort: RadixSort::new(device, smallest_subgroup)?,
+            project: Stage::new(device, &ProjectConstants { sh_degree, ballot_words })?,
+            sort: RadixSort::new(device, smallest_subgroup, ballot_words)?,
             scan_sums: Stage::new(device, &ScanSumsConstants::default())?,
             scan_totals: Stage::new(device, &ScanTotalsConstants::default())?,
             scan: Stage::new(device, &ScanConstants::default())?,

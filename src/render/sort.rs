@@ -67,14 +67,15 @@ pub struct SortRange<'a> {
 }
 
 impl RadixSort {
-    /// `smallest_subgroup` is the least subgroup size that the pipelines may run with.
-    pub fn new(device: &Device, smallest_subgroup: u32) -> Result<Self> {
+    /// `smallest_subgroup` is the least subgroup size that the pipelines may run with, `ballot_words` the words of a
+    /// ballot of the largest.
+    pub fn new(device: &Device, smallest_subgroup: u32, ballot_words: u32) -> Result<Self> {
         let digit_bits = digit_bits(smallest_subgroup);
         let subgroups = SortScatter::WORKGROUP[0] / smallest_subgroup;
         Ok(Self {
             histogram: Stage::new(device, &SortHistogramConstants { digit_bits })?,
             offsets: Stage::new(device, &SortOffsetsConstants { digit_bits })?,
-            scatter: Stage::new(device, &SortScatterConstants { digit_bits, subgroups })?,
+            scatter: Stage::new(device, &SortScatterConstants { digit_bits, subgroups, ballot_words })?,
             digit_bits,
         })
     }
