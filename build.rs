@@ -154,7 +154,29 @@ impl Shader for {name} {{
             return Ok(());
         }
         self.structs.push((stem.to_owned(), structure.clone()));
-        self.plain_struct(structure, &format!("`{}` as the shaders lay it out.", structure.name))
+        self.plain_struct(structure, &format!("`{}` as the shaders lay it out.", structure.name))?;
+        // A struct of one kind of number can be the element of a buffer.
+        if let Some(scalar) = self.scalar(&Type::Struct(structure.name.clone())) {
+            let implementation = format!("const SCALAR: Scalar = Scalar::{scalar};");
+            writeln!(self.code, "\nimpl Element for {} {{\n    {implementation}\n}}", structure.name)?;
+        }
+        Ok(())
+    }
+
+    /// The kind of number that a type is made of, if there is only one.
+    fn scalar(&self, ty: &Type) -> Option<&'static str> {
+        match ty {
+            Type::U32 => Some("U32"),
+            Type::I32 => Some("I32"),
+            Type::F32 => Some("F32"),
+            Type::U64 => Some("U64"),
+            Type::Array(element, _) => self.scalar(element),
+            Type::Struct(name) => {
+                let (_, structure) = self.structs.iter().find(|(_, s)| s.name == *name)?;
+                let scalars: Vec<_> = structure.members.iter().map(|m| self.scalar(&m.ty)).collect();
+                scalars.first().copied().flatten().filter(|first| scalars.iter().all(|s| *s == Some(*first)))
+            }
+        }
     }
 
     fn plain_struct(&mut self, structure: &Struct, doc: &str) -> Result<()> {

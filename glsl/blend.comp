@@ -16,7 +16,8 @@ layout(binding = 0, scalar) readonly buffer Ranges { uvec2 ranges[]; };         
 layout(binding = 1, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [instance_capacity]
 layout(binding = 2, scalar) readonly buffer Splats { Splat splats[]; };                     // [visible_capacity]
 layout(binding = 3, scalar) buffer TotalsBlock { Totals totals; };
-layout(binding = 4, rgba32f) uniform image2D image;
+layout(binding = 4, scalar) readonly buffer TilesByClass { uint tiles_by_class[]; };        // [TILE_CLASSES * tiles]
+layout(binding = 5, rgba32f) uniform image2D image;
 layout(push_constant, scalar) uniform Push {
     uvec2 size_px;
     uint tiles;
@@ -29,7 +30,6 @@ layout(push_constant, scalar) uniform Push {
 shared vec2 staged_mean[WORKGROUP];
 shared vec4 staged_weight[WORKGROUP];  // factor, opacity
 shared vec4 staged_colour[WORKGROUP];  // colour, and the falloff at which alpha is ALPHA_MIN
-shared vec3 staged_reach[WORKGROUP];   // slopes dy/dx and dx/dy of the lines of least falloff, root of the largest falloff
 shared uint stopped_subgroups;
 
 // Even bits of a byte: half of a Morton index.
@@ -48,25 +48,24 @@ float falloff(vec3 factor, vec2 d) {
 // Whether staged splat `i` may reach a pixel centre in the box from `low` to `high` px. Exact but for a slack that
 // covers rounding: the least falloff in the box lies at the mean or on one of the two sides that face it.
 bool reaches(uint i, vec2 low, vec2 high) {
-    vec3 factor = staged_weight[i].xyz, reach = staged_reach[i];
+    vec3 factor = staged_weight[i].xyz;
     vec2 from = low - staged_mean[i], to = high - staged_mean[i];
     vec2 near = clamp(vec2(0.0), from, to);
-    vec2 on_x = vec2(near.x, clamp(reach.x * near.x, from.y, to.y));
-    vec2 on_y = vec2(clamp(reach.y * near.y, from.x, to.x), near.y);
+    float best_y = -factor.x * factor.y / (factor.y * factor.y + factor.z * factor.z) * near.x;
+    float best_x = -factor.y / factor.x * near.y;
+    vec2 on_x = vec2(near.x, clamp(best_y, from.y, to.y));
+    vec2 on_y = vec2(clamp(best_x, from.x, to.x), near.y);
     float least = min(falloff(factor, on_x), falloff(factor, on_y));
     // u is a difference of products: its rounding shifts sqrt(falloff) by this much.
     vec2 far = max(abs(from), abs(to));
-    float limit = reach.z + 1e-6 * (factor.x * far.x + (abs(factor.y) + factor.z) * far.y);
+    float limit = sqrt(staged_colour[i].w + 1e-4) + 1e-6 * (factor.x * far.x + (abs(factor.y) + factor.z) * far.y);
     return !(least > limit * limit);
 }
 
 void stage(Splat splat) {
-    vec3 f = splat.factor;
-    float falloff_max = log2(splat.opacity / ALPHA_MIN);
     staged_mean[lane()] = splat.mean_px;
-    staged_weight[lane()] = vec4(f, splat.opacity);
-    staged_colour[lane()] = vec4(splat.colour, falloff_max);
-    staged_reach[lane()] = vec3(-f.x * f.y / (f.y * f.y + f.z * f.z), -f.y / f.x, sqrt(falloff_max + 1e-4));
+    staged_weight[lane()] = vec4(splat.factor, splat.opacity);
+    staged_colour[lane()] = vec4(splat.colour, log2(splat.opacity / ALPHA_MIN));
 }
 
 // Blends staged splat `i` into a pixel; true if that ends it.
@@ -84,9 +83,19 @@ bool blend(uint i, vec2 pixel, inout vec3 colour, inout float transmittance) {
     return false;
 }
 
+// The `place`-th tile when those with long lists come first.
+uint next_tile(uint place) {
+    for (uint c = 0; c < TILE_CLASSES; c++) {
+        uint count = totals.tiles_in_class[c];
+        if (place < count) return tiles_by_class[c * push.tiles + place];
+        place -= count;
+    }
+    return 0;  // unreachable: every tile is in a class
+}
+
 void main() {
-    uint tile = workgroup();
-    if (tile >= push.tiles) return;
+    if (workgroup() >= push.tiles) return;
+    uint tile = next_tile(workgroup());
     uint tiles_x = div_up(push.size_px.x, TILE);
     uvec2 corner = uvec2(tile % tiles_x, tile / tiles_x) * TILE;
     // Morton order gives a subgroup of any size a compact block: 4x2 pixels for 8, 8x4 for 32, 8x8 for 64.

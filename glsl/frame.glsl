@@ -8,6 +8,8 @@ const uint SCAN_CHUNK = 2048;
 const uint SORT_CHUNK = 2048;
 const uint DUPLICATE_CHUNK = 1024;
 
+const uint TILE_CLASSES = 6;  // by the length of a tile's list: tile_order.comp
+
 // The camera. Rows of the world-to-view rotation: right, down, forward. What decides a depth comes in two parts, high
 // and low, that keep the digits of f64.
 struct View {
@@ -32,6 +34,7 @@ struct Totals {
     uint instances_high;
     uint instances_kept;
     uint longest_list;     // splats in the fullest tile
+    uint tiles_in_class[TILE_CLASSES];
 };
 
 // Workgroup counts of the indirect dispatches.

@@ -1,6 +1,7 @@
 //! The commands, one file each.
 
 mod doctor;
+mod dump;
 mod info;
 mod progress;
 mod render;

@@ -7,8 +7,9 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
 
-use super::{DeviceArgs, SceneArg, Usage, parse_size, progress, read_scene};
+use super::{DeviceArgs, SceneArg, Usage, dump, parse_size, progress, read_scene};
 use crate::camera::{self, Camera, NamedCamera};
+use crate::gpu::Commands;
 use crate::options::{Background, Options};
 use crate::pixels::Pixels;
 use crate::reference;
@@ -94,7 +95,15 @@ pub(super) fn run(args: &Args) -> Result<()> {
             let mut still = Still::new(&device, &options, &gpu_scene)?;
             let bar = progress::Bar::new("rendering");
             for (done, shot) in shots.iter().enumerate() {
-                let frame = still.render(&shot.camera, args.background)?;
+                let prepare = |cmd: &mut Commands| {
+                    if args.dump.is_some() {
+                        cmd.capture_scopes();
+                    }
+                };
+                let (frame, results) = still.render_with(&shot.camera, args.background, prepare)?;
+                if let Some(folder) = &args.dump {
+                    dump::write(folder, results.captures())?;
+                }
                 write(args, shot, &still.pixels()?)?;
                 report(args, shot, &frame);
                 bar.set((done + 1) as f64 / shots.len() as f64);

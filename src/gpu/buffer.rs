@@ -7,13 +7,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::Result;
 use ash::vk;
-use bytemuck::Pod;
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::Allocation;
 
 use super::device::{Device, Shared};
 use super::error::{OutOfMemory, describe};
-use super::shader::Resource;
+use super::shader::{Element, Resource, Scalar};
 
 /// `len` elements of type `T` in device memory. A clone is the same buffer.
 pub struct Buffer<T> {
@@ -28,7 +27,7 @@ impl<T> Clone for Buffer<T> {
     }
 }
 
-impl<T: Pod> Buffer<T> {
+impl<T: Element> Buffer<T> {
     /// A buffer that shaders can bind whole. Its content is undefined. A length of 0 is stored as 1: Vulkan has no
     /// empty buffers, and an empty scene is no special case.
     pub fn new(device: &Device, name: &str, len: usize) -> Result<Self> {
@@ -42,8 +41,9 @@ impl<T: Pod> Buffer<T> {
             | vk::BufferUsageFlags::INDIRECT_BUFFER
             | vk::BufferUsageFlags::TRANSFER_SRC
             | vk::BufferUsageFlags::TRANSFER_DST;
-        let storage = Arc::new(Storage::new(&device.0, name, bytes, usage, MemoryLocation::GpuOnly)?);
-        Ok(Self { storage, len, _element: PhantomData })
+        let mut storage = Storage::new(&device.0, name, bytes, usage, MemoryLocation::GpuOnly)?;
+        (storage.scalar, storage.columns) = (T::SCALAR, size_of::<T>() / T::SCALAR.bytes());
+        Ok(Self { storage: Arc::new(storage), len, _element: PhantomData })
     }
 
     /// Elements.
@@ -81,6 +81,9 @@ pub struct Storage {
     pub(super) bytes: u64,
     /// Tells resources apart in the missing-barrier check.
     pub(super) id: u64,
+    /// An element is so many of these; a staging buffer's say nothing.
+    pub(super) scalar: Scalar,
+    pub(super) columns: usize,
     allocation: Option<Allocation>,
     device: Arc<Shared>,
 }
@@ -107,8 +110,16 @@ impl Storage {
         let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
         // SAFETY: clause 1, the Storage owns the buffer from here on and frees it on every path.
         let raw = unsafe { device.raw.create_buffer(&info, None) }.map_err(|e| describe("vkCreateBuffer", e))?;
-        let mut storage =
-            Self { raw, name: name.to_owned(), bytes, id: next_id(), allocation: None, device: device.clone() };
+        let mut storage = Self {
+            raw,
+            name: name.to_owned(),
+            bytes,
+            id: next_id(),
+            scalar: Scalar::U32,
+            columns: 1,
+            allocation: None,
+            device: device.clone(),
+        };
         // SAFETY: clause 1.
         let requirements = unsafe { device.raw.get_buffer_memory_requirements(raw) };
         let allocation = storage.allocation.insert(device.allocate(name, requirements, location, true)?);

@@ -7,14 +7,13 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use ash::vk;
-use bytemuck::Pod;
 use gpu_allocator::MemoryLocation;
 
 use super::buffer::{Buffer, Storage, next_id};
 use super::device::Device;
 use super::hazards::{Access, Hazards};
 use super::image::{Image, WHOLE};
-use super::shader::{Binding, BindingKind, Bindings, Resource, Shader};
+use super::shader::{Binding, BindingKind, Bindings, Element, Resource, Shader};
 use super::stage::Stage;
 use super::submission::{Capture, InFlight, MAX_SCOPES, Readback, Slot, Submission};
 use super::timings::Scope;
@@ -134,7 +133,7 @@ impl Commands {
     }
 
     /// Runs `stage` over the workgroup counts (three words) found at byte `offset` of `counts`.
-    pub fn dispatch_indirect<S: Shader, T: Pod>(
+    pub fn dispatch_indirect<S: Shader, T: Element>(
         &mut self,
         stage: &Stage<S>,
         bindings: S::Bindings<'_>,
@@ -164,7 +163,7 @@ impl Commands {
     }
 
     /// Fills a buffer with one word.
-    pub fn fill<T: Pod>(&mut self, buffer: &Buffer<T>, word: u32) {
+    pub fn fill<T: Element>(&mut self, buffer: &Buffer<T>, word: u32) {
         self.writes(buffer.resource(), "fill", Access::COPY_WRITE);
         self.keep.push(buffer.storage.clone());
         // SAFETY: clause 2; the whole buffer.
@@ -172,7 +171,7 @@ impl Commands {
     }
 
     /// Writes `len` elements from `offset` on, made by `make` in memory that the device can read.
-    pub fn upload<T: Pod>(&mut self, buffer: &Buffer<T>, offset: usize, len: usize, make: impl FnOnce(&mut [T])) -> Result<()> {
+    pub fn upload<T: Element>(&mut self, buffer: &Buffer<T>, offset: usize, len: usize, make: impl FnOnce(&mut [T])) -> Result<()> {
         assert!(offset + len <= buffer.len(), "an upload to `{}` ends inside it", buffer.name());
         if len == 0 {
             return Ok(());
@@ -188,7 +187,7 @@ impl Commands {
     }
 
     /// Copies a buffer to the host; the content is there after the wait.
-    pub fn read<T: Pod>(&mut self, buffer: &Buffer<T>) -> Result<Readback<T>> {
+    pub fn read<T: Element>(&mut self, buffer: &Buffer<T>) -> Result<Readback<T>> {
         self.reads(buffer.resource(), "read back", Access::COPY_READ);
         let staging = self.readback_storage((buffer.len().max(1) * size_of::<T>()) as u64)?;
         let region = vk::BufferCopy { src_offset: 0, dst_offset: 0, size: staging.bytes };
@@ -393,7 +392,7 @@ impl Commands {
             };
             self.reads(Resource::Buffer(&storage), "capture", Access::COPY_READ);
             self.copy_buffer(&storage, &copy, vk::BufferCopy { src_offset: 0, dst_offset: 0, size: storage.bytes });
-            self.captures.push(Capture { scope, buffer: storage.name.clone(), copy });
+            self.captures.push(Capture { scope, copy, source: storage });
         }
         self.barrier(Access::COPY_READ, Access::SHADER_WRITE | Access::COPY_WRITE);
     }

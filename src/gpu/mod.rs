@@ -38,9 +38,9 @@ pub use error::{OutOfMemory, Unavailable};
 pub use facts::{DeviceChoice, DeviceFacts, survey};
 pub use hazards::Access;
 pub use image::Image;
-pub use shader::{Binding, BindingKind, Bindings, Constants, Resource, Shader};
+pub use shader::{Binding, BindingKind, Bindings, Constants, Element, Resource, Scalar, Shader};
 pub use stage::Stage;
-pub use submission::{InFlight, Readback, Results};
+pub use submission::{Capture, InFlight, Readback, Results};
 pub use timings::Timing;
 
 /// Largest workgroup count of a dispatch along x and y that every device takes; more is folded into y.

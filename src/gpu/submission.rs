@@ -12,6 +12,7 @@ use gpu_allocator::MemoryLocation;
 use super::buffer::Storage;
 use super::device::Shared;
 use super::error::describe;
+use super::shader::Scalar;
 use super::timings::{Scope, Timing, timings};
 
 /// Timed scopes in one command buffer; further ones are not timed.
@@ -113,10 +114,30 @@ pub(super) struct Submission {
 }
 
 /// A copy of a buffer, taken at the end of a scope that wrote it.
-pub(super) struct Capture {
-    pub scope: &'static str,
-    pub buffer: String,
-    pub copy: Arc<Storage>,
+pub struct Capture {
+    pub(super) scope: &'static str,
+    pub(super) source: Arc<Storage>,
+    pub(super) copy: Arc<Storage>,
+}
+
+impl Capture {
+    pub fn scope(&self) -> &'static str {
+        self.scope
+    }
+
+    /// The buffer's name.
+    pub fn buffer(&self) -> &str {
+        &self.source.name
+    }
+
+    /// What the buffer's numbers are, and how many make an element.
+    pub fn element(&self) -> (Scalar, usize) {
+        (self.source.scalar, self.source.columns)
+    }
+
+    pub fn bytes(&self) -> &[u8] {
+        self.copy.mapped()
+    }
 }
 
 /// Commands on the GPU. Dropping it waits for them.
@@ -247,9 +268,9 @@ impl Results {
         self.last_scope
     }
 
-    /// Scope, buffer and content of everything captured.
-    pub fn captures(&self) -> impl Iterator<Item = (&'static str, &str, &[u8])> {
-        self.captures.iter().map(|c| (c.scope, c.buffer.as_str(), c.copy.mapped()))
+    /// Everything captured, in the order of the frame.
+    pub fn captures(&self) -> &[Capture] {
+        &self.captures
     }
 
     /// What a [`Readback`] of these commands holds.

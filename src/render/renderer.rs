@@ -30,6 +30,7 @@ pub struct Renderer {
     scan: Stage<Scan>,
     duplicate: Stage<Duplicate>,
     ranges: Stage<Ranges>,
+    tile_order: Stage<TileOrder>,
     blend: Stage<Blend>,
     blend_resumed: Stage<Blend>,
 }
@@ -59,6 +60,7 @@ impl Renderer {
             scan: Stage::new(device, &ScanConstants::default())?,
             duplicate: Stage::new(device, &DuplicateConstants::default())?,
             ranges: Stage::new(device, &RangesConstants::default())?,
+            tile_order: Stage::new(device, &TileOrderConstants::default())?,
             blend: blend(false)?,
             blend_resumed: blend(true)?,
         })
@@ -121,6 +123,9 @@ impl Renderer {
             let bindings = RangesBindings { totals: &work.totals, tile_keys, ranges: &work.ranges };
             let groups = offset_of!(Dispatches, over_instances);
             cmd.dispatch_indirect(&self.ranges, bindings, (), &work.dispatches, groups);
+            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            let bindings = TileOrderBindings { ranges: &work.ranges, tiles_by_class: &work.tiles_by_class, totals: &work.totals };
+            cmd.dispatch(&self.tile_order, bindings, TileOrderPush { tiles }, Extent::Invocations(tiles.into()));
         });
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         cmd.scope("blend", |cmd| {
@@ -129,6 +134,7 @@ impl Renderer {
                 splat_ids: &work.instances.values[by_tile],
                 splats: &work.splats,
                 totals: &work.totals,
+                tiles_by_class: &work.tiles_by_class,
                 image,
             };
             self.blend(cmd, bindings, camera.size_px, background, tiles, passes);

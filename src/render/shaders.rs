@@ -1,6 +1,6 @@
 //! The typed interfaces of `glsl/*.comp`, written by `build.rs`.
 #![allow(missing_docs)]
 
-use crate::gpu::{Binding, BindingKind, Bindings, Buffer, Constants, Image, Resource, Shader};
+use crate::gpu::{Binding, BindingKind, Bindings, Buffer, Constants, Element, Image, Resource, Scalar, Shader};
 
 include!(concat!(env!("OUT_DIR"), "/shaders.rs"));

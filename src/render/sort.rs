@@ -6,7 +6,7 @@ use super::shaders::{
     SortHistogram, SortHistogramBindings, SortHistogramConstants, SortHistogramPush, SortOffsets, SortOffsetsBindings,
     SortOffsetsConstants, SortOffsetsPush, SortScatter, SortScatterBindings, SortScatterConstants, SortScatterPush,
 };
-use crate::gpu::{Access, Buffer, Commands, Device, Extent, Shader, Stage};
+use crate::gpu::{Access, Buffer, Commands, Device, Element, Extent, Shader, Stage};
 
 /// Keys that one workgroup takes; the shaders' constant of the same name.
 const SORT_CHUNK: usize = 2048;
@@ -82,7 +82,7 @@ impl RadixSort {
 
     /// Sorts, and returns which of the pairs holds the result. `groups` tells where the count of [`SORT_CHUNK`]s is,
     /// as workgroup counts: buffer and byte. Begins behind a barrier, and ends with one.
-    pub fn record<T: bytemuck::Pod>(
+    pub fn record<T: Element>(
         &self,
         cmd: &mut Commands,
         pairs: &Pairs,

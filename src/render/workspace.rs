@@ -10,6 +10,7 @@ use crate::gpu::{Buffer, Device, OutOfMemory};
 pub(super) const CULL_CHUNK: usize = 1024;
 const SCAN_CHUNK: usize = 2048;
 const DUPLICATE_CHUNK: usize = 1024;
+const TILE_CLASSES: usize = 6;
 
 /// What a frame needs room for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -81,6 +82,7 @@ pub struct Workspace {
     pub(super) instances: Pairs,
     pub(super) sort: SortScratch,
     pub(super) ranges: Buffer<[u32; 2]>,
+    pub(super) tiles_by_class: Buffer<u32>,
 }
 
 impl Workspace {
@@ -116,6 +118,7 @@ impl Workspace {
             instances: Pairs::new(device, "instance", instances)?,
             sort: SortScratch::new(device, visible.max(instances))?,
             ranges: Buffer::new(device, "ranges", room.tiles)?,
+            tiles_by_class: words("tiles by class", TILE_CLASSES * room.tiles)?,
         })
     }
 
@@ -155,6 +158,7 @@ impl Workspace {
             &self.scan_sums,
             &self.instance_offsets,
             &self.first_ranks,
+            &self.tiles_by_class,
         ];
         words.iter().map(|b| b.bytes()).sum::<u64>()
             + self.totals.bytes()
