@@ -12,7 +12,7 @@ use smalto::environment::Environment;
 use smalto::gpu::{Device, Timestamps, Validation};
 use smalto::options::{Background, Options};
 use smalto::render::{Frame, GpuScene, Still};
-use smalto::scene::{self, Bounds, synthetic};
+use smalto::scene::{self, Focus, synthetic};
 
 const WARM_UP: usize = 30;
 const FRAMES: usize = 100;
@@ -33,7 +33,7 @@ fn main() -> Result<()> {
     let read_s = started.elapsed().as_secs_f64();
     let cameras: Vec<Camera> = match arguments.get(1).filter(|_| synthetic::parse(name).is_none()) {
         Some(file) => camera::read(Path::new(file))?.into_iter().map(|c| c.camera).collect(),
-        None => orbit(&Bounds::of(&scene.gaussians)),
+        None => orbit(&Focus::of(&scene.gaussians)),
     };
     let started = Instant::now();
     let gpu_scene = GpuScene::new(&device, &scene.gaussians)?;
@@ -105,11 +105,11 @@ fn quantiles(values: impl Iterator<Item = f64>) -> (f64, f64) {
 }
 
 /// A hundred views around the scene, nearer and farther.
-fn orbit(bounds: &Bounds) -> Vec<Camera> {
-    let centre = DVec3::from(bounds.centre);
+fn orbit(focus: &Focus) -> Vec<Camera> {
+    let centre = DVec3::from(focus.centre);
     let view = |i: i32| {
         let turn = f64::from(i) / 100.0 * std::f64::consts::TAU;
-        let distance = bounds.radius * (2.2 + 0.8 * (2.0 * turn).sin());
+        let distance = focus.radius * (2.2 + 0.8 * (2.0 * turn).sin());
         let offset = DVec3::new(turn.cos(), -0.35, turn.sin()) * distance;
         Camera::looking_at(centre + offset, centre, [720, 720], 60f64.to_radians())
     };

@@ -47,11 +47,13 @@ uvec2 tiles_between(float low, float high, uint size_px) {
     return end > first && low <= high ? uvec2(uint(first), uint(end) - uint(first)) : uvec2(0);
 }
 
-// Tile rows that the ellipse may meet, as (first, count); no row if it misses the image sideways.
+// Tile rows that the ellipse may meet, as (first, count); no row if it misses the image sideways, or lies between pixel
+// centres, as the many splats do whose opacity is hardly more than ALPHA_MIN.
 uvec2 tile_rows(Ellipse e, uvec2 size_px) {
     if (!(e.extent.x >= 0.0)) return uvec2(0);
     vec2 reach = e.extent + 1e-6 * abs(e.mean_px);
     vec2 low = e.mean_px - reach, high = e.mean_px + reach;
+    if (any(greaterThan(ceil(low - 0.5), floor(high - 0.5)))) return uvec2(0);
     if (tiles_between(low.x, high.x, size_px.x).y == 0) return uvec2(0);
     return tiles_between(low.y, high.y, size_px.y);
 }

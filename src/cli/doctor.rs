@@ -1,10 +1,84 @@
-//! `smalto doctor`.
-use anyhow::Result;
-/// doctor
+//! `smalto doctor`: what Vulkan offers here, and whether it draws what it should.
+
+use anyhow::{Result, bail};
+use glam::DVec3;
+
+use super::DeviceArgs;
+use crate::camera::Camera;
+use crate::gpu::{Device, DeviceFacts, survey};
+use crate::metrics::{max_error, psnr};
+use crate::options::{Background, Options};
+use crate::reference;
+use crate::render::{GpuScene, Still};
+use crate::scene::synthetic;
+
+/// List the Vulkan devices and what they lack, and test one of them against the reference
 #[derive(clap::Args)]
 pub(super) struct Args {
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Print the devices as JSON, without the self-test
+    #[arg(long)]
+    json: bool,
 }
-pub(super) fn run(_args: &Args) -> Result<()> {
-    println!("{:#?}", crate::gpu::survey()?);
-    Ok(())
+
+pub(super) fn run(args: &Args) -> Result<()> {
+    let devices = survey()?;
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&devices)?);
+        return Ok(());
+    }
+    for (index, device) in devices.iter().enumerate() {
+        print(index, device);
+    }
+    let device = args.device.open()?;
+    println!("self-test on {}{}", device.facts().name, if device.is_validated() { ", validated" } else { "" });
+    self_test(&device)
+}
+
+fn print(index: usize, device: &DeviceFacts) {
+    let DeviceFacts { name, kind, driver, vulkan, subgroup_size: [smallest, largest], limits, .. } = device;
+    println!("{index}  {name} ({kind}), {driver}, Vulkan {vulkan}");
+    let free = device.memory_free_bytes.map_or_else(String::new, |free| format!(", {:.1} GB free", free as f64 / 1e9));
+    println!("   memory         {:.1} GB{free}", device.memory_bytes as f64 / 1e9);
+    println!("   subgroup       {smallest} to {largest} invocations");
+    println!("   largest        storage buffer {} bytes, allocation {} bytes, image {} px", limits.storage_range, limits.allocation, limits.image);
+    println!("   workgroup      {} invocations, {} bytes", limits.workgroup_invocations, limits.workgroup_memory);
+    println!("   timestamps     {}", if limits.timestamp_bits == 0 { "none".to_owned() } else { format!("{} bits of {} ns", limits.timestamp_bits, limits.timestamp_ns) });
+    let optional: Vec<_> = device.optional.iter().map(|(what, has)| format!("{what} {}", if *has { "yes" } else { "no" })).collect();
+    println!("   optional       {}", optional.join(", "));
+    if let Some(limit) = device.loop_limit {
+        println!("   loops          end after {limit} iterations; long tile lists are blended in passes");
+    }
+    match &device.missing[..] {
+        [] => println!("   usable         yes"),
+        missing => println!("   usable         no, it lacks {}", missing.join(", ")),
+    }
+}
+
+/// Least agreement with the reference: what f32 arithmetic reaches with all decisions right but a few at thresholds.
+const PSNR_MIN: f64 = 80.0;
+
+/// Renders a small scene on the chosen path and on the portable one, and compares both with the reference.
+fn self_test(device: &Device) -> Result<()> {
+    let gaussians = synthetic::cactus(5000).gaussians;
+    let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 120], 0.9);
+    let scene = GpuScene::new(device, &gaussians)?;
+    let exact = reference::render(&gaussians, &camera, &Options::default(), Background::BLACK).to_pixels();
+    for portable in [false, true] {
+        let options = Options { portable, ..Options::default() };
+        let mut still = Still::new(device, &options, &scene)?;
+        still.render(&camera, Background::BLACK)?;
+        let pixels = still.pixels()?;
+        let (psnr, error) = (psnr(&pixels, &exact), max_error(&pixels, &exact));
+        let path = if portable { "portable path" } else { "default path" };
+        println!("   {path:<14} {psnr:.1} dB to the float64 reference, largest difference {error:.5}");
+        if !(psnr >= PSNR_MIN) {
+            bail!("{} draws a wrong picture on the {path}: {psnr:.1} dB to the reference, {PSNR_MIN} expected", device.facts().name);
+        }
+    }
+    match &device.complaints()[..] {
+        [] => Ok(println!("   passed")),
+        complaints => bail!("the device complained: {}", complaints.join("\n")),
+    }
 }

@@ -14,7 +14,7 @@ use crate::options::{Background, Options};
 use crate::pixels::Pixels;
 use crate::reference;
 use crate::render::{Frame, GpuScene, Still};
-use crate::scene::{Bounds, Gaussians, Unreadable};
+use crate::scene::{Focus, Gaussians, Unreadable};
 
 /// Render a scene to PNG
 #[derive(clap::Args)]
@@ -158,8 +158,8 @@ fn pick(cameras: &[NamedCamera], wanted: &str) -> Result<(usize, Camera)> {
 
 /// A view of the whole scene.
 fn automatic(gaussians: &Gaussians, size: Option<[u32; 2]>) -> Camera {
-    let bounds = Bounds::of(gaussians);
-    Camera::framing(DVec3::from(bounds.centre), bounds.radius, size.unwrap_or([1280, 720]))
+    let focus = Focus::of(gaussians);
+    Camera::framing(DVec3::from(focus.centre), focus.radius, size.unwrap_or([1280, 720]))
 }
 
 /// The file name without its endings.

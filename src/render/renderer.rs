@@ -285,7 +285,7 @@ mod tests {
     fn depth_bits_grow_with_the_logarithm_of_the_depth_range() {
         let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [64, 64], 1.0);
         let bits = |far: f32| {
-            let extent = Bounds { low: [-1.0, -1.0, 0.0], high: [1.0, 1.0, far], centre: [0.0; 3], radius: 1.0 };
+            let extent = Bounds { low: [-1.0, -1.0, 0.0], high: [1.0, 1.0, far] };
             depth_bits(&camera, 0.25, &extent)
         };
         // From 0.25 to 2^k lie k + 2 octaves of 2^23 floats each.

@@ -2,32 +2,42 @@
 
 use super::Gaussians;
 
-/// The box of all means, and the ball that holds most of the visible matter.
+/// The box of all means, world units per axis. Of an empty scene, the origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// World units, per axis.
     pub low: [f32; 3],
     pub high: [f32; 3],
-    /// Median of the means, weighted by opacity: far floaters do not move it.
+}
+
+impl Bounds {
+    pub fn of(gaussians: &Gaussians) -> Self {
+        let means = gaussians.means();
+        let first = means.first().copied().unwrap_or_default();
+        let mut bounds = Self { low: first, high: first };
+        for mean in means {
+            for axis in 0..3 {
+                bounds.low[axis] = bounds.low[axis].min(mean[axis]);
+                bounds.high[axis] = bounds.high[axis].max(mean[axis]);
+            }
+        }
+        bounds
+    }
+}
+
+/// The ball that holds most of what can be seen, wherever floaters are. Of an empty scene, the unit ball.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Focus {
+    /// Median of the means, weighted by opacity.
     pub centre: [f64; 3],
     /// Distance from `centre` that holds 90 % of the opacity.
     pub radius: f64,
 }
 
-impl Bounds {
-    /// Of an empty scene: a ball of radius one at the origin.
+impl Focus {
     pub fn of(gaussians: &Gaussians) -> Self {
         let (means, opacities) = (gaussians.means(), gaussians.opacities());
         if means.is_empty() {
-            return Self { low: [0.0; 3], high: [0.0; 3], centre: [0.0; 3], radius: 1.0 };
-        }
-        let mut low = means[0];
-        let mut high = means[0];
-        for mean in means {
-            for axis in 0..3 {
-                low[axis] = low[axis].min(mean[axis]);
-                high[axis] = high[axis].max(mean[axis]);
-            }
+            return Self { centre: [0.0; 3], radius: 1.0 };
         }
         let weighted = |value: &dyn Fn(&[f32; 3]) -> f64, fraction| {
             let mut values: Vec<_> = means.iter().zip(opacities).map(|(m, o)| (value(m), f64::from(*o))).collect();
@@ -36,7 +46,7 @@ impl Bounds {
         let centre = std::array::from_fn(|axis| weighted(&|m| f64::from(m[axis]), 0.5));
         let distance = |m: &[f32; 3]| (0..3).map(|i| (f64::from(m[i]) - centre[i]).powi(2)).sum::<f64>().sqrt();
         let radius = weighted(&distance, 0.9);
-        Self { low, high, centre, radius: if radius > 0.0 { radius } else { 1.0 } }
+        Self { centre, radius: if radius > 0.0 { radius } else { 1.0 } }
     }
 }
 

@@ -2,13 +2,14 @@
 
 use std::fmt;
 
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{Gaussians, sh_coefficients};
 
 /// One Gaussian as files store it, after axis conversion to right, down, forward.
 #[derive(Clone, Copy, Debug)]
-pub struct Raw<'a> {
+pub struct Raw {
     /// World units.
     pub mean: [f64; 3],
     /// Natural logarithm of the standard deviations.
@@ -17,8 +18,6 @@ pub struct Raw<'a> {
     pub rotation: [f64; 4],
     /// Before the sigmoid.
     pub opacity_logit: f64,
-    /// As many coefficients as the scene's degree has.
-    pub sh: &'a [[f32; 3]],
 }
 
 /// How many Gaussians a file had, and what became of those that could not be taken as they were.
@@ -61,12 +60,15 @@ impl fmt::Display for Tally {
     }
 }
 
-/// Collects Gaussians, one raw one at a time.
+/// Collects Gaussians, a block at a time.
 #[derive(Debug)]
 pub struct Builder {
     gaussians: Gaussians,
     tally: Tally,
 }
+
+/// Gaussians that a reader decodes at once: enough to share among threads, few enough to need little memory.
+pub const BLOCK: usize = 1 << 16;
 
 impl Builder {
     /// Room for `capacity` Gaussians of this degree.
@@ -82,42 +84,71 @@ impl Builder {
         Self { gaussians, tally: Tally::default() }
     }
 
-    /// Adds a Gaussian, or counts why it cannot be drawn.
-    pub fn push(&mut self, raw: &Raw) {
-        assert_eq!(raw.sh.len(), sh_coefficients(self.gaussians.sh_degree), "a Gaussian has the degree of its scene");
-        self.tally.read += 1;
-        // An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity a flat Gaussian: both are legal.
-        let finite = raw.mean.iter().chain(&raw.rotation).all(|v| v.is_finite())
-            && raw.mean.iter().all(|v| (*v as f32).is_finite())
-            && raw.log_scale.iter().all(|v| *v < f64::INFINITY)
-            && !raw.opacity_logit.is_nan()
-            && raw.sh.iter().flatten().all(|v| v.is_finite());
-        if !finite {
-            self.tally.not_finite += 1;
-            return;
-        }
-        let Some(rotation) = unit(raw.rotation) else {
-            self.tally.zero_rotation += 1;
-            return;
-        };
-        let opacity = (1.0 / (1.0 + (-raw.opacity_logit).exp())) as f32;
-        if opacity == 0.0 {
-            self.tally.transparent += 1;
-            return;
-        }
-        let scale = raw.log_scale.map(|s| s.exp() as f32);
-        self.tally.clamped_scale += usize::from(scale.contains(&f32::INFINITY));
+    /// Adds `count` Gaussians, or counts why they cannot be drawn. `decode` makes the one with this index in the block,
+    /// and fills its spherical harmonics; it runs on many threads.
+    pub fn extend(&mut self, count: usize, decode: impl Fn(usize, &mut [[f32; 3]]) -> Raw + Sync) {
+        let stride = sh_coefficients(self.gaussians.sh_degree);
+        let mut sh = vec![[0.0; 3]; count * stride];
+        let decoded = sh.par_chunks_exact_mut(stride).enumerate().map(|(i, sh)| canonical(&decode(i, sh), sh));
+        let decoded: Vec<Result<Canonical, Flaw>> = decoded.collect();
+        self.tally.read += count;
         let all = &mut self.gaussians;
-        all.means.push(raw.mean.map(|v| v as f32));
-        all.scales.push(scale.map(|s| s.min(f32::MAX)));
-        all.rotations.push(rotation.map(|v| v as f32));
-        all.opacities.push(opacity);
-        all.sh.extend_from_slice(raw.sh);
+        for (result, sh) in decoded.into_iter().zip(sh.chunks_exact(stride)) {
+            match result {
+                Ok(gaussian) => {
+                    all.means.push(gaussian.mean);
+                    all.scales.push(gaussian.scale);
+                    all.rotations.push(gaussian.rotation);
+                    all.opacities.push(gaussian.opacity);
+                    all.sh.extend_from_slice(sh);
+                    self.tally.clamped_scale += usize::from(gaussian.has_clamped_scale);
+                }
+                Err(Flaw::NotFinite) => self.tally.not_finite += 1,
+                Err(Flaw::ZeroRotation) => self.tally.zero_rotation += 1,
+                Err(Flaw::Transparent) => self.tally.transparent += 1,
+            }
+        }
     }
 
     pub fn finish(self) -> (Gaussians, Tally) {
         (self.gaussians, self.tally)
     }
+}
+
+struct Canonical {
+    mean: [f32; 3],
+    scale: [f32; 3],
+    has_clamped_scale: bool,
+    rotation: [f32; 4],
+    opacity: f32,
+}
+
+/// Why a Gaussian cannot be drawn.
+enum Flaw {
+    NotFinite,
+    ZeroRotation,
+    Transparent,
+}
+
+fn canonical(raw: &Raw, sh: &[[f32; 3]]) -> Result<Canonical, Flaw> {
+    // An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity a flat Gaussian: both are legal.
+    let mean = raw.mean.map(|v| v as f32);
+    let is_finite = mean.iter().all(|v| v.is_finite())
+        && raw.rotation.iter().all(|v| v.is_finite())
+        && raw.log_scale.iter().all(|v| *v < f64::INFINITY)
+        && !raw.opacity_logit.is_nan()
+        && sh.as_flattened().iter().all(|v| v.is_finite());
+    if !is_finite {
+        return Err(Flaw::NotFinite);
+    }
+    let rotation = unit(raw.rotation).ok_or(Flaw::ZeroRotation)?.map(|v| v as f32);
+    let opacity = (1.0 / (1.0 + (-raw.opacity_logit).exp())) as f32;
+    if opacity == 0.0 {
+        return Err(Flaw::Transparent);
+    }
+    let scale = raw.log_scale.map(|s| s.exp() as f32);
+    let has_clamped_scale = scale.contains(&f32::INFINITY);
+    Ok(Canonical { mean, scale: scale.map(|s| s.min(f32::MAX)), has_clamped_scale, rotation, opacity })
 }
 
 /// The quaternion at length one; `None` for length zero. Scaled first, so that no square over- or underflows.
@@ -140,12 +171,18 @@ mod tests {
         log_scale: [0.0, -1.0, -2.0],
         rotation: [1.0, 0.0, 0.0, 0.0],
         opacity_logit: 0.0,
-        sh: &[[0.5, 0.5, 0.5]],
     };
 
     fn build(raw: Raw) -> (Gaussians, Tally) {
+        build_coloured(raw, [0.5; 3])
+    }
+
+    fn build_coloured(raw: Raw, colour: [f32; 3]) -> (Gaussians, Tally) {
         let mut builder = Builder::new(0, 1);
-        builder.push(&raw);
+        builder.extend(1, |_, sh| {
+            sh[0] = colour;
+            raw
+        });
         builder.finish()
     }
 
@@ -165,14 +202,24 @@ mod tests {
             Raw { rotation: [f64::NAN, 0.0, 0.0, 1.0], ..GOOD },
             Raw { rotation: [f64::INFINITY, 0.0, 0.0, 1.0], ..GOOD },
             Raw { opacity_logit: f64::NAN, ..GOOD },
-            Raw { sh: &[[f32::NAN, 0.0, 0.0]], ..GOOD },
-            Raw { sh: &[[f32::INFINITY, 0.0, 0.0]], ..GOOD },
         ];
         for raw in bad {
             let (gaussians, tally) = build(raw);
             assert_eq!(tally, Tally { read: 1, not_finite: 1, ..Tally::default() }, "{raw:?}");
             assert!(gaussians.is_empty());
         }
+        for colour in [f32::NAN, f32::INFINITY] {
+            assert_eq!(build_coloured(GOOD, [0.0, colour, 0.0]).1.not_finite, 1);
+        }
+    }
+
+    #[test]
+    fn canonical_keeps_the_order_of_what_it_keeps() {
+        let mut builder = Builder::new(0, 10);
+        builder.extend(10, |i, _| Raw { mean: [if i % 3 == 0 { f64::NAN } else { i as f64 }, 0.0, 0.0], ..GOOD });
+        let (gaussians, tally) = builder.finish();
+        assert_eq!(gaussians.means().iter().map(|m| m[0]).collect::<Vec<_>>(), [1.0, 2.0, 4.0, 5.0, 7.0, 8.0]);
+        assert_eq!((tally.read, tally.not_finite), (10, 4));
     }
 
     #[test]

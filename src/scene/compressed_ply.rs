@@ -36,27 +36,26 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
     ensure!(sh.len() == rest * count, "{count} vertices need as many sh elements, the file has {}", sh.len() / rest.max(1));
 
     let mut builder = Builder::new(sh_degree, count);
-    let mut coefficients = vec![[0.0; 3]; sh_coefficients(sh_degree)];
-    for (index, [position, rotation, scale, colour]) in vertices.into_iter().enumerate() {
+    let bands = sh_coefficients(sh_degree) - 1;
+    builder.extend(count, |index, coefficients| {
+        let [position, rotation, scale, colour] = vertices[index];
         let chunk = &chunks[index / CHUNK];
         let byte = |shift: u32| f64::from(colour >> shift & 255) / 255.0;
         let rgb = [byte(24), byte(16), byte(8)];
         let alpha = byte(0);
         let rgb = std::array::from_fn::<_, 3, _>(|i| lerp(chunk.colour[0][i], chunk.colour[1][i], rgb[i]));
         coefficients[0] = rgb.map(|v| ((v - 0.5) / C0) as f32);
-        let bands = coefficients.len() - 1;
         for (i, coefficient) in coefficients[1..].iter_mut().enumerate() {
             // Channel-major, as in the original PLY.
             *coefficient = std::array::from_fn(|channel| sh_value(sh[index * rest + channel * bands + i]));
         }
-        builder.push(&Raw {
+        Raw {
             mean: unpack(position, &chunk.mean),
             log_scale: unpack(scale, &chunk.log_scale),
             rotation: unpack_rotation(rotation),
             opacity_logit: (alpha / (1.0 - alpha)).ln(),
-            sh: &coefficients,
-        });
-    }
+        }
+    });
     let (gaussians, tally) = builder.finish();
     Ok(Scene { gaussians, tally, format: "compressed PLY".to_owned() })
 }

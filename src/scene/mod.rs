@@ -13,7 +13,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 
-pub use bounds::{Bounds, percentiles};
+pub use bounds::{Bounds, Focus, percentiles};
 pub use canonical::{Builder, Raw, Tally};
 use source::Source;
 

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 
-use super::canonical::{Builder, Raw};
+use super::canonical::{BLOCK, Builder, Raw};
 use super::source::Source;
 use super::{MAX_SH_DEGREE, Scene, checked_count, compressed_ply, sh_coefficients};
 
@@ -209,21 +209,25 @@ fn vertices(source: &mut Source, element: &Element) -> Result<Scene> {
     let layout = Layout::of(element)?;
     let count = checked_count(element.count, element.stride() as u64, source.left(), "vertices")?;
     let mut builder = Builder::new(layout.sh_degree, count);
-    let mut row = vec![0; element.stride()];
-    let mut sh = vec![[0.0; 3]; sh_coefficients(layout.sh_degree)];
-    let bands = sh.len() - 1;
-    for index in 0..count {
-        source.fill(&mut row, "a vertex").with_context(|| format!("vertex {index} of {count}"))?;
-        sh[0] = layout.dc.map(|p| p.read(&row) as f32);
-        for (i, coefficient) in sh[1..].iter_mut().enumerate() {
-            *coefficient = std::array::from_fn(|channel| layout.rest[channel * bands + i].read(&row) as f32);
-        }
-        builder.push(&Raw {
-            mean: layout.mean.map(|p| p.read(&row)),
-            log_scale: layout.scale.map(|p| p.read(&row)),
-            rotation: layout.rotation.map(|p| p.read(&row)),
-            opacity_logit: layout.opacity.read(&row),
-            sh: &sh,
+    let stride = element.stride();
+    let bands = sh_coefficients(layout.sh_degree) - 1;
+    let mut rows = Vec::new();
+    for first in (0..count).step_by(BLOCK) {
+        let block = BLOCK.min(count - first);
+        rows.resize(block * stride, 0);
+        source.fill(&mut rows, "the vertices")?;
+        builder.extend(block, |index, sh| {
+            let row = &rows[index * stride..][..stride];
+            sh[0] = layout.dc.map(|p| p.read(row) as f32);
+            for (i, coefficient) in sh[1..].iter_mut().enumerate() {
+                *coefficient = std::array::from_fn(|channel| layout.rest[channel * bands + i].read(row) as f32);
+            }
+            Raw {
+                mean: layout.mean.map(|p| p.read(row)),
+                log_scale: layout.scale.map(|p| p.read(row)),
+                rotation: layout.rotation.map(|p| p.read(row)),
+                opacity_logit: layout.opacity.read(row),
+            }
         });
     }
     let (gaussians, tally) = builder.finish();

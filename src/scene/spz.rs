@@ -4,8 +4,9 @@ use std::io::{BufReader, Read};
 
 use anyhow::{Context, Result, bail, ensure};
 use flate2::bufread::GzDecoder;
+use rayon::prelude::*;
 
-use super::canonical::{Builder, Raw};
+use super::canonical::{BLOCK, Builder, Raw};
 use super::source::Source;
 use super::{MAX_SH_DEGREE, Scene, sh_coefficients};
 
@@ -101,44 +102,50 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
     decode(&header, readers)
 }
 
-/// Reads one Gaussian after another from all planes at once.
-fn decode<R: Read>(header: &Header, mut planes: Vec<R>) -> Result<Scene> {
+/// Reads block after block from all planes at once.
+fn decode<R: Read + Send>(header: &Header, mut planes: Vec<R>) -> Result<Scene> {
     let layout = header.planes();
     // The header was checked against the file, but a bomb may still claim a thousand times what it holds.
     let mut builder = Builder::new(header.sh_degree, header.count.min(1 << 24));
-    let mut rows: Vec<Vec<u8>> = layout.iter().map(|(_, bytes)| vec![0; *bytes]).collect();
-    let mut sh = vec![[0.0; 3]; sh_coefficients(header.sh_degree)];
+    let mut blocks: Vec<Vec<u8>> = vec![Vec::new(); layout.len()];
     let step = 0.5_f64.powi(header.fractional_bits as i32);
-    for index in 0..header.count {
-        for ((plane, row), (name, _)) in planes.iter_mut().zip(&mut rows).zip(&layout) {
-            plane.read_exact(row).with_context(|| format!("the {name} end at Gaussian {index} of {}", header.count))?;
-        }
-        let position = &rows[0];
-        let [x, y, z] = [0, 3, 6].map(|at| {
-            let bits = i32::from_le_bytes([0, position[at], position[at + 1], position[at + 2]]) >> 8;
-            f64::from(bits) * step
-        });
-        let alpha = f64::from(rows[1][0]) / 255.0;
-        sh[0] = std::array::from_fn(|i| ((f64::from(rows[2][i]) / 255.0 - 0.5) / 0.15) as f32);
-        for (i, coefficient) in sh[1..].iter_mut().enumerate() {
-            let sign = SH_SIGN[i];
-            *coefficient = std::array::from_fn(|channel| sign * (f32::from(rows[5][3 * i + channel]) - 128.0) / 128.0);
-        }
-        let [w, qx, qy, qz] = match header.version {
-            2 => rotation_first_three(&rows[4]),
-            _ => rotation_smallest_three(&rows[4]),
-        };
-        // Right, up, back to right, down, forward.
-        builder.push(&Raw {
-            mean: [x, -y, -z],
-            log_scale: std::array::from_fn(|i| f64::from(rows[3][i]) / 16.0 - 10.0),
-            rotation: [w, qx, -qy, -qz],
-            opacity_logit: (alpha / (1.0 - alpha)).ln(),
-            sh: &sh,
-        });
+    for first in (0..header.count).step_by(BLOCK) {
+        let count = BLOCK.min(header.count - first);
+        let parts = planes.par_iter_mut().zip(&mut blocks).zip(&layout);
+        parts.try_for_each(|((plane, block), (name, bytes))| {
+            block.resize(count * bytes, 0);
+            let place = || format!("the {name} of Gaussians {first} to {} of {}", first + count, header.count);
+            plane.read_exact(block).with_context(place)
+        })?;
+        builder.extend(count, |index, sh| gaussian(header.version, &layout, &blocks, index, step, sh));
     }
     let (gaussians, tally) = builder.finish();
     Ok(Scene { gaussians, tally, format: format!("SPZ {}", header.version) })
+}
+
+fn gaussian(version: u32, layout: &[(&str, usize)], blocks: &[Vec<u8>], index: usize, step: f64, sh: &mut [[f32; 3]]) -> Raw {
+    let row = |plane: usize| {
+        let bytes = layout[plane].1;
+        &blocks[plane][index * bytes..][..bytes]
+    };
+    let (position, colour, scale) = (row(0), row(2), row(3));
+    let [x, y, z] = [0, 3, 6].map(|at| {
+        let bits = i32::from_le_bytes([0, position[at], position[at + 1], position[at + 2]]) >> 8;
+        f64::from(bits) * step
+    });
+    let alpha = f64::from(row(1)[0]) / 255.0;
+    sh[0] = std::array::from_fn(|i| ((f64::from(colour[i]) / 255.0 - 0.5) / 0.15) as f32);
+    for (i, coefficient) in sh[1..].iter_mut().enumerate() {
+        *coefficient = std::array::from_fn(|channel| SH_SIGN[i] * (f32::from(row(5)[3 * i + channel]) - 128.0) / 128.0);
+    }
+    let [w, qx, qy, qz] = if version == 2 { rotation_first_three(row(4)) } else { rotation_smallest_three(row(4)) };
+    // Right, up, back to right, down, forward.
+    Raw {
+        mean: [x, -y, -z],
+        log_scale: std::array::from_fn(|i| f64::from(scale[i]) / 16.0 - 10.0),
+        rotation: [w, qx, -qy, -qz],
+        opacity_logit: (alpha / (1.0 - alpha)).ln(),
+    }
 }
 
 /// Signs of the basis functions past the first when y and z change sign: the parity of each in y z.

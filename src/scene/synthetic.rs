@@ -6,11 +6,11 @@
 use std::f64::consts::{PI, TAU};
 
 use anyhow::{Context, Result, ensure};
-use glam::{DQuat, DVec3, dvec3};
+use glam::{DMat3, DQuat, DVec3, dvec3};
 
-use super::canonical::{Builder, Raw};
+use super::canonical::{BLOCK, Builder, Raw};
 use super::harmonics::{C0, basis};
-use super::{MAX_SH_DEGREE, Scene, sh_coefficients};
+use super::{MAX_SH_DEGREE, Scene};
 
 /// The count of a scene that is not told one: the coarsest of the paper's four levels of detail.
 pub const DEFAULT_COUNT: usize = 139_410;
@@ -30,20 +30,17 @@ pub fn parse(name: &str) -> Option<Result<usize>> {
 
 /// The cactus with `count` Gaussians. The same count gives the same scene everywhere.
 pub fn cactus(count: usize) -> Scene {
-    let mut random = Random(0x5eed_cac7);
     let mut builder = Builder::new(MAX_SH_DEGREE, count);
     let weight: f64 = PARTS.iter().map(|p| p.share).sum();
-    let mut made = 0;
-    let mut share = 0.0;
+    let (mut made, mut share) = (0, 0.0);
     for part in &PARTS {
         share += part.share;
         let until = (count as f64 * share / weight).round() as usize;
-        let of_part = until - made;
-        for _ in made..until {
-            // The same surface from any count: a splat covers its part of the area.
-            let spacing = (part.area / of_part as f64).sqrt();
-            let patch = (part.sample)(&mut random);
-            push(&mut builder, &mut random, &patch, spacing, part);
+        // The same surface from any count: a splat covers its part of the area.
+        let spacing = (part.area / (until - made).max(1) as f64).sqrt();
+        for first in (made..until).step_by(BLOCK) {
+            let block = BLOCK.min(until - first);
+            builder.extend(block, |i, sh| gaussian(&mut Random::of(first + i), part, spacing, sh));
         }
         made = until;
     }
@@ -64,14 +61,14 @@ struct Part {
 }
 
 const PARTS: [Part; 8] = [
-    Part { share: 0.40, area: 5.2, faint: 0.35, gloss: 0.25, sample: flesh },
+    Part { share: 0.38, area: 5.2, faint: 0.35, gloss: 0.25, sample: flesh },
     Part { share: 0.10, area: 0.30, faint: 0.10, gloss: 0.10, sample: spine },
-    Part { share: 0.16, area: 3.0, faint: 0.35, gloss: 0.35, sample: pot },
+    Part { share: 0.15, area: 3.0, faint: 0.35, gloss: 0.35, sample: pot },
     Part { share: 0.05, area: 0.6, faint: 0.30, gloss: 0.05, sample: soil },
     Part { share: 0.03, area: 0.35, faint: 0.25, gloss: 0.15, sample: flower },
-    Part { share: 0.16, area: 30.0, faint: 0.40, gloss: 0.12, sample: table },
-    Part { share: 0.05, area: 60.0, faint: 0.95, gloss: 0.0, sample: haze },
-    Part { share: 0.05, area: 40.0, faint: 1.0, gloss: 0.0, sample: floater },
+    Part { share: 0.19, area: 16.0, faint: 0.35, gloss: 0.12, sample: table },
+    Part { share: 0.06, area: 9000.0, faint: 0.60, gloss: 0.0, sample: backdrop },
+    Part { share: 0.04, area: 30.0, faint: 1.0, gloss: 0.0, sample: floater },
 ];
 
 /// A piece of surface.
@@ -83,41 +80,45 @@ struct Patch {
     albedo: DVec3,
     /// Standard deviations along grain, across it and along the normal, over the spacing.
     shape: DVec3,
+    /// Whether the light falls on it; else it glows.
+    is_lit: bool,
 }
 
 const LIGHT: DVec3 = dvec3(-0.48, -0.72, -0.5); // towards it, nearly unit
 
-fn push(builder: &mut Builder, random: &mut Random, patch: &Patch, spacing: f64, part: &Part) {
-    let grain = (patch.grain - patch.normal * patch.grain.dot(patch.normal)).normalize_or(patch.normal.any_orthonormal_vector());
+fn gaussian(random: &mut Random, part: &Part, spacing: f64, sh: &mut [[f32; 3]]) -> Raw {
+    let patch = (part.sample)(random);
+    let any = patch.normal.any_orthonormal_vector();
+    let grain = (patch.grain - patch.normal * patch.grain.dot(patch.normal)).normalize_or(any);
     let across = patch.normal.cross(grain);
     let tilt = DQuat::from_axis_angle(random.direction(), 0.08 * random.normal());
-    let rotation = tilt * DQuat::from_mat3(&glam::DMat3::from_cols(grain, across, patch.normal));
-    // Log-normal sizes; one splat in fifty is a needle or pancake far out in the tail, as after training.
-    let stretch = if random.unit() < 0.02 { dvec3(1.2, -1.0, -2.0) * random.normal().abs() } else { DVec3::ZERO };
-    let scale = dvec3(random.normal(), random.normal(), random.normal()) * dvec3(0.35, 0.35, 0.6) + stretch;
-    let log_scale = (patch.shape * spacing).map(f64::ln) + scale;
-    let opacity = if random.unit() < part.faint { 0.003 + 0.25 * random.unit().powi(3) } else { 1.0 - 0.6 * random.unit().powi(2) };
+    let rotation = tilt * DQuat::from_mat3(&DMat3::from_cols(grain, across, patch.normal));
+    // Log-normal sizes; one splat in thirty lies far out in the tail of anisotropy, as after training.
+    let tail = if random.unit() < 1.0 / 30.0 { dvec3(0.3, -1.2, -2.6) * random.normal().abs() } else { DVec3::ZERO };
+    let spread = dvec3(random.normal(), random.normal(), random.normal()) * dvec3(0.3, 0.3, 0.6);
+    let log_scale = (patch.shape * spacing).map(f64::ln) + spread + tail;
+    let is_faint = random.unit() < part.faint;
+    let opacity = if is_faint { 0.003 + 0.25 * random.unit().powi(3) } else { 1.0 - 0.6 * random.unit().powi(2) };
 
-    let diffuse = 0.42 + 0.62 * patch.normal.dot(LIGHT).max(0.0);
-    let shadow = if patch.point.y > -0.02 { contact_shadow(patch.point) } else { 1.0 };
-    let colour = patch.albedo * diffuse * shadow + 0.02 * dvec3(random.normal(), random.normal(), random.normal());
-    let mut sh = [[0.0_f32; 3]; sh_coefficients(MAX_SH_DEGREE)];
-    sh[0] = ((colour - 0.5) / C0).to_array().map(|v| v as f32);
+    let diffuse = if patch.is_lit { 0.42 + 0.62 * patch.normal.dot(LIGHT).max(0.0) } else { 1.0 };
+    let shadow = if patch.is_lit && patch.point.y > -0.02 { contact_shadow(patch.point) } else { 1.0 };
+    let grit = if patch.is_lit { 0.02 } else { 0.004 };
+    let noise = grit * dvec3(random.normal(), random.normal(), random.normal());
+    sh[0] = ((patch.albedo * diffuse * shadow + noise - 0.5) / C0).to_array().map(|v| v as f32);
     let mirror = 2.0 * patch.normal.dot(LIGHT) * patch.normal - LIGHT;
     // A view sees the highlight when it looks against the mirrored light, and SH take the direction of the view.
     let lobe = basis((-mirror.normalize_or(DVec3::Y)).to_array());
     for (i, coefficient) in sh.iter_mut().enumerate().skip(1) {
         let band = (i as f64).sqrt().floor();
         let highlight = part.gloss * lobe[i] * (-0.25 * band * band).exp();
-        *coefficient = std::array::from_fn(|_| (highlight + 0.03 / band * random.normal()) as f32);
+        *coefficient = std::array::from_fn(|_| (highlight + 1.5 * grit / band * random.normal()) as f32);
     }
-    builder.push(&Raw {
+    Raw {
         mean: patch.point.to_array(),
         log_scale: log_scale.to_array(),
         rotation: [rotation.w, rotation.x, rotation.y, rotation.z],
         opacity_logit: (opacity / (1.0 - opacity)).ln(),
-        sh: &sh,
-    });
+    }
 }
 
 /// The plant: a ribbed column with two arms, as spines of circles.
@@ -135,6 +136,7 @@ fn flesh(random: &mut Random) -> Patch {
         grain: direction,
         albedo: green,
         shape: dvec3(1.5, 0.55, 0.12),
+        is_lit: true,
     }
 }
 
@@ -150,7 +152,7 @@ fn limb(random: &mut Random) -> (DVec3, DVec3, f64, f64) {
         return (dvec3(0.03 * (3.0 * t).sin(), -0.62 - 1.75 * t, 0.0), -DVec3::Y, bulge * dome(t).max(0.02), t);
     }
     // An arm leaves the column sideways and turns up on a quarter circle.
-    let (side, height, length, yaw) = if pick < 0.83 { (1.0, -1.25, 0.75, 0.35) } else { (-1.0, -1.55, 0.5, -0.5) };
+    let (side, height, length, yaw) = if pick < 0.83 { (1.0, -1.02, 0.62, 0.35) } else { (-1.0, -1.3, 0.38, -0.5) };
     let outward = dvec3(side * f64::cos(yaw), 0.0, f64::sin(yaw));
     let turn = 0.34;
     let start = dvec3(0.0, height, 0.0) + outward * 0.18;
@@ -180,6 +182,7 @@ fn spine(random: &mut Random) -> Patch {
         grain: lean,
         albedo: dvec3(0.90, 0.82, 0.62) * (1.0 - 0.3 * along),
         shape: dvec3(9.0, 0.22, 0.18),
+        is_lit: true,
     }
 }
 
@@ -198,6 +201,7 @@ fn pot(random: &mut Random) -> Patch {
         grain: dvec3(-out.z, 0.0, out.x),
         albedo: dvec3(0.72, 0.36, 0.22) * band * (1.0 + 0.05 * random.normal()),
         shape: dvec3(1.1, 0.7, 0.10),
+        is_lit: true,
     }
 }
 
@@ -210,12 +214,13 @@ fn soil(random: &mut Random) -> Patch {
         grain: random.direction(),
         albedo: pebble * (1.0 + 0.2 * random.normal()),
         shape: dvec3(0.9, 0.7, 0.4),
+        is_lit: true,
     }
 }
 
 /// Petals on the crown of the column and on the long arm.
 fn flower(random: &mut Random) -> Patch {
-    let crown = if random.unit() < 0.7 { dvec3(0.03 * 3.0_f64.sin(), -2.36, 0.0) } else { dvec3(0.49, -2.33, 0.18) };
+    let crown = if random.unit() < 0.7 { dvec3(0.03 * 3.0_f64.sin(), -2.36, 0.0) } else { dvec3(0.49, -1.95, 0.18) };
     let petal = (random.unit() * 9.0).floor() / 9.0 * TAU;
     let (t, width) = (random.unit(), random.normal() * 0.22);
     let out = dvec3((petal + width).cos(), 0.0, (petal + width).sin());
@@ -227,12 +232,13 @@ fn flower(random: &mut Random) -> Patch {
         grain: out,
         albedo: colour * 1.1,
         shape: dvec3(1.3, 0.7, 0.1),
+        is_lit: true,
     }
 }
 
 /// A wooden table: planks along x.
 fn table(random: &mut Random) -> Patch {
-    let (angle, radius) = (TAU * random.unit(), 3.0 * random.unit().sqrt());
+    let (angle, radius) = (TAU * random.unit(), 2.4 * random.unit().sqrt());
     let point = dvec3(radius * angle.cos(), 0.0, radius * angle.sin());
     let plank = (point.z / 0.42).floor();
     let tone = 0.85 + 0.15 * (plank * 12.9898).sin();
@@ -243,24 +249,28 @@ fn table(random: &mut Random) -> Patch {
         normal: -DVec3::Y,
         grain: DVec3::X,
         albedo: dvec3(0.66, 0.49, 0.33) * tone * grain * gap,
-        shape: dvec3(2.4, 0.6, 0.05),
+        shape: dvec3(1.8, 0.5, 0.05),
+        is_lit: true,
     }
 }
 
-/// Faint large splats far behind: what training puts in place of a background.
-fn haze(random: &mut Random) -> Patch {
+/// Large soft splats far behind, warm at the horizon and cool above: what training puts in place of a background.
+fn backdrop(random: &mut Random) -> Patch {
     let direction = random.direction();
-    let above = dvec3(direction.x, -direction.y.abs(), direction.z);
+    let height = 0.5 - 0.5 * direction.y;
+    let (floor, horizon, sky) = (dvec3(0.36, 0.30, 0.27), dvec3(0.93, 0.84, 0.72), dvec3(0.50, 0.63, 0.72));
+    let tone = if height < 0.5 { floor.lerp(horizon, 2.0 * height) } else { horizon.lerp(sky, 2.0 * height - 1.0) };
     Patch {
-        point: above * (6.0 + 6.0 * random.unit()),
-        normal: -above,
+        point: direction * (26.0 + 4.0 * random.unit()),
+        normal: -direction,
         grain: random.direction(),
-        albedo: dvec3(0.75, 0.83, 0.92).lerp(dvec3(0.95, 0.88, 0.78), random.unit()),
-        shape: dvec3(3.0, 2.0, 0.3),
+        albedo: tone * (1.0 + 0.015 * random.normal()),
+        shape: dvec3(2.2, 1.8, 0.1),
+        is_lit: false,
     }
 }
 
-/// Stray splats in the air, some of them very far away.
+/// Stray splats in the air, a few of them very far away.
 fn floater(random: &mut Random) -> Patch {
     let far = if random.unit() < 0.02 { 200.0 * random.unit() } else { 0.0 };
     let direction = random.direction();
@@ -268,8 +278,9 @@ fn floater(random: &mut Random) -> Patch {
         point: dvec3(0.0, -1.2, 0.0) + direction * (0.6 + 2.6 * random.unit() + far),
         normal: random.direction(),
         grain: random.direction(),
-        albedo: dvec3(0.5, 0.5, 0.5) + 0.25 * random.direction(),
+        albedo: dvec3(0.6, 0.57, 0.52) + 0.2 * random.direction(),
         shape: dvec3(0.25, 0.12, 0.03),
+        is_lit: false,
     }
 }
 
@@ -283,6 +294,12 @@ fn contact_shadow(point: DVec3) -> f64 {
 struct Random(u64);
 
 impl Random {
+    /// The stream of one Gaussian, so that they can be made in any order.
+    fn of(index: usize) -> Self {
+        let mut seed = Self(0x5eed_cac7 ^ (index as u64) << 20);
+        Self(seed.next())
+    }
+
     fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
