@@ -6,7 +6,7 @@
 // Before: nothing. After: visible_masks has a bit per Gaussian, chunk_counts the number of bits set in each chunk.
 // The test is a bound: a Gaussian that touches a pixel centre is never dropped, some that do not are kept.
 
-layout(binding = 0, scalar) readonly buffer Bounds { vec4 bounds[]; };                      // [gaussians] mean, reach
+layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 1, scalar) writeonly buffer VisibleMasks { uint visible_masks[]; };        // [chunks * 32]
 layout(binding = 2, scalar) writeonly buffer ChunkCounts { uint chunk_counts[]; };          // [chunks]
 layout(push_constant, scalar) uniform Push {
@@ -18,10 +18,13 @@ const uint WORDS = CULL_CHUNK / 32;
 shared uint words[WORDS];
 shared uint count;
 
-// `reach`: world units from the mean to where alpha falls to 1/255 along the longest axis; negative if it never reaches it.
+// `bound`: the mean, and two bfloat16: how many standard deviations from the mean alpha falls to ALPHA_MIN, and above
+// it the same in world units along the longest axis, negative if alpha starts lower.
 // Bound on the half extent of the splat: rows of J W have length f/z * sqrt(1 + t^2), t the clamped slope
-// (project.comp), and the low-pass adds LARGEST_EXTENT * sqrt(LOW_PASS) at most.
-bool may_be_visible(vec3 mean, float reach) {
+// (project.comp), and the low-pass adds deviations * sqrt(LOW_PASS) at most.
+bool may_be_visible(uvec4 bound) {
+    vec3 mean = uintBitsToFloat(bound.xyz);
+    float reach = uintBitsToFloat(bound.w & 0xffff0000), deviations = uintBitsToFloat(bound.w << 16);
     precise vec3 p = (mean - push.view.position_high) - push.view.position_low;
     float z = depth_of(mean, push.view);
     if (!(reach >= 0.0 && z > push.view.near)) return false;
@@ -32,11 +35,14 @@ bool may_be_visible(vec3 mean, float reach) {
     vec2 high = (size - push.view.centre_px + margin) / push.view.focal_px;
     vec2 clamped = clamp(slope, low, high);
     vec2 extent = push.view.focal_px / z * sqrt(1.0 + clamped * clamped) * reach;
-    extent += LARGEST_EXTENT * sqrt(LOW_PASS);
+    extent += deviations * sqrt(LOW_PASS);
     vec2 mean_px = push.view.focal_px * slope + push.view.centre_px;
-    vec2 slack = 1e-4 * (extent + abs(mean_px)) + 1.0;  // px, over the rounding of all of the above
-    extent += slack;
-    return all(greaterThanEqual(mean_px + extent, vec2(0.0))) && all(lessThanEqual(mean_px - extent, size));
+    // px, over the rounding of all of the above; the first term is that of the view transform.
+    vec2 slack = 1e-6 * push.view.focal_px * length(p) / z + 1e-5 * (extent + abs(mean_px)) + 0.01;
+    vec2 from = mean_px - extent - slack, to = mean_px + extent + slack;
+    // On the image, and not between pixel centres, as the many splats are whose opacity is hardly more than ALPHA_MIN.
+    return all(greaterThanEqual(to, vec2(0.0))) && all(lessThanEqual(from, size))
+        && all(lessThanEqual(ceil(from - 0.5), floor(to - 0.5)));
 }
 
 void main() {
@@ -49,8 +55,7 @@ void main() {
         uint gaussian = chunk * CULL_CHUNK + i;
         bool visible = false;
         if (gaussian < push.gaussians) {
-            vec4 bound = bounds[gaussian];
-            visible = may_be_visible(bound.xyz, bound.w);
+            visible = may_be_visible(bounds[gaussian]);
         }
         uvec4 ballot = subgroupBallot(visible);
         if (subgroupElect()) {

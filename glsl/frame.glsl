@@ -61,4 +61,3 @@ const float ALPHA_MIN = 1.0 / 255.0;        // a contribution below one 8-bit st
 const float ALPHA_MAX = 0.99;               // the original's cap
 const float TRANSMITTANCE_MIN = 1e-4;       // the splat that would take T below this is not added, and ends the pixel
 const float LOW_PASS = 0.3;                 // px^2, the original's dilation of the 2D covariance
-const float LARGEST_EXTENT = 3.33;          // standard deviations: sqrt(2 ln 255) = 3.3290, where opacity 1 falls to 1/255

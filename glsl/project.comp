@@ -13,7 +13,7 @@
 layout(constant_id = 0) const uint SH_DEGREE = 3;
 
 layout(binding = 0, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };            // [visible_capacity]
-layout(binding = 1, scalar) readonly buffer Means { vec4 bounds[]; };                       // [gaussians] mean, reach
+layout(binding = 1, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 2, scalar) readonly buffer Rotations { vec4 rotations[]; };                // [gaussians] unit, w x y z
 layout(binding = 3, scalar) readonly buffer Shapes { vec4 shapes[]; };                      // [gaussians] scale, opacity
 layout(binding = 4, scalar) readonly buffer Sh { vec4 plane[]; } sh[SH_PLANES];             // [gaussians] each
@@ -84,7 +84,7 @@ void main() {
     uint index = workgroup() * WORKGROUP + lane();
     bool exists = index < totals.visible_kept;
     uint gaussian = exists ? gaussian_from_splat[index] : 0;
-    vec3 mean = exists ? bounds[gaussian].xyz : vec3(0.0);
+    vec3 mean = exists ? uintBitsToFloat(bounds[gaussian].xyz) : vec3(0.0);
     precise vec3 p = (mean - push.view.position_high) - push.view.position_low;
 
     Splat splat;

@@ -11,8 +11,8 @@ use crate::scene::{Bounds, Gaussians, sh_coefficients};
 /// Gaussians in device memory, one plane per attribute: 48 bytes each and 16 per vec4 of spherical harmonics, as many as
 /// the scene's degree needs (1, 3, 7 or 12).
 pub struct GpuScene {
-    /// Mean; and the distance from it to where alpha falls to 1/255 along the longest axis, negative if it starts lower.
-    pub(super) bounds: Buffer<[f32; 4]>,
+    /// The mean as bits, and the [`reach`].
+    pub(super) bounds: Buffer<[u32; 4]>,
     /// w x y z.
     pub(super) rotations: Buffer<[f32; 4]>,
     /// Scale, opacity.
@@ -30,10 +30,10 @@ impl GpuScene {
     /// Uploads a scene.
     pub fn new(device: &Device, gaussians: &Gaussians) -> Result<Self> {
         let len = gaussians.len();
-        let plane = |name: &str| Buffer::new(device, name, len);
+        let plane = |name: &str| Buffer::<[f32; 4]>::new(device, name, len);
         let sh_planes = (3 * sh_coefficients(gaussians.sh_degree())).div_ceil(4);
         let scene = Self {
-            bounds: plane("bounds")?,
+            bounds: Buffer::new(device, "bounds", len)?,
             rotations: plane("rotations")?,
             shapes: plane("shapes")?,
             sh: (0..sh_planes).map(|i| plane(&format!("sh {i}"))).collect::<Result<_>>()?,
@@ -66,7 +66,7 @@ impl GpuScene {
 
     /// Device memory in bytes.
     pub fn bytes(&self) -> u64 {
-        [&self.bounds, &self.rotations, &self.shapes].into_iter().chain(&self.sh).map(Buffer::bytes).sum()
+        Self::bytes_for(self.len(), self.sh_degree)
     }
 
     /// Device memory in bytes that a scene of this size takes.
@@ -77,9 +77,9 @@ impl GpuScene {
     fn upload(&self, commands: &mut Commands, gaussians: &Gaussians, range: Range<usize>) -> Result<()> {
         let (first, count) = (range.start, range.len());
         let (means, scales, opacities) = (gaussians.means(), gaussians.scales(), gaussians.opacities());
-        commands.upload(&self.bounds, first, count, |plane: &mut [[f32; 4]]| {
+        commands.upload(&self.bounds, first, count, |plane| {
             for (i, bound) in range.clone().zip(plane) {
-                let [x, y, z] = means[i];
+                let [x, y, z] = means[i].map(f32::to_bits);
                 *bound = [x, y, z, reach(scales[i], opacities[i])];
             }
         })?;
@@ -102,13 +102,39 @@ impl GpuScene {
     }
 }
 
-/// Standard deviations to where alpha is 1/255, times the longest axis, rounded up. Negative for what no pixel shows.
-fn reach(scale: [f32; 3], opacity: f32) -> f32 {
+/// Two bfloat16, rounded up: how many standard deviations from the mean alpha falls to 1/255, and in the upper half the
+/// same in world units along the longest axis, or -1 where alpha starts lower.
+fn reach(scale: [f32; 3], opacity: f32) -> u32 {
     let opacity = f64::from(opacity);
     if opacity < ALPHA_MIN {
-        return -1.0;
+        return (-1.0_f32).to_bits();
     }
     let longest = f64::from(scale[0].max(scale[1]).max(scale[2]));
     let deviations = (2.0 * (opacity / ALPHA_MIN).ln()).sqrt();
-    ((deviations * longest * (1.0 + 1e-6)) as f32).min(f32::MAX)
+    upper_half(deviations * longest) << 16 | upper_half(deviations)
+}
+
+/// The bits of the least bfloat16 that is not less than `value`, which is not negative.
+fn upper_half(value: f64) -> u32 {
+    let single = (value * (1.0 + 1e-6)) as f32;
+    single.to_bits().div_ceil(1 << 16)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reach_is_rounded_up_and_hardly_more() {
+        for (scale, opacity) in [(1.0_f32, 1.0_f32), (1e-8, 0.5), (3.7e5, 0.004), (f32::MAX, 1.0)] {
+            let bits = reach([scale, 0.0, scale / 2.0], opacity);
+            let [world, deviations] = [bits & 0xffff_0000, bits << 16].map(|b| f64::from(f32::from_bits(b)));
+            let exact = (2.0 * (f64::from(opacity) / ALPHA_MIN).ln()).sqrt();
+            assert!(deviations >= exact && deviations <= exact * 1.01, "{opacity}: {deviations} for {exact}");
+            let exact = (exact * f64::from(scale)).min(f64::INFINITY);
+            assert!(world >= exact && (world <= exact * 1.01 || world == f64::INFINITY), "{scale}: {world} for {exact}");
+        }
+        assert!(f32::from_bits(reach([1.0; 3], 0.003) & 0xffff_0000) < 0.0);
+        assert_eq!(reach([1.0; 3], (1.0_f64 / 255.0) as f32) << 16, 0, "alpha 1/255 is at the mean alone");
+    }
 }
