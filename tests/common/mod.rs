@@ -5,12 +5,12 @@ use std::path::PathBuf;
 
 use smalto::camera::{self, Camera};
 use smalto::environment::Environment;
-use smalto::gpu::{Device, Validation};
+use smalto::gpu::{Buffer, Commands, Device, Element, Validation};
 use smalto::options::{Background, Options};
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Rendering};
-use smalto::render::{GpuScene, Still};
-use smalto::scene::{self, Gaussians};
+use smalto::render::{Frame, GpuScene, Still};
+use smalto::scene::{self, Builder, Gaussians, Raw};
 
 /// A device with validation on. A missing device fails the test; so does anything the validation layer or the
 /// missing-barrier check says.
@@ -28,6 +28,90 @@ impl Gpu {
         let mut still = Still::new(&self.0, options, &scene).expect("the renderer can be built");
         still.render(camera, Background::BLACK).expect("the frame can be rendered");
         still.pixels().expect("the picture can be read")
+    }
+}
+
+/// Everything that one frame wrote.
+pub struct Captured {
+    pub frame: Frame,
+    pub pixels: Pixels,
+    buffers: Vec<(String, Vec<u8>)>,
+}
+
+impl Captured {
+    /// The buffer as it was at the end of the last scope that wrote it.
+    pub fn buffer<T: bytemuck::Pod>(&self, name: &str) -> Vec<T> {
+        let found = self.buffers.iter().rfind(|(n, _)| n == name);
+        bytemuck::pod_collect_to_vec(&found.unwrap_or_else(|| panic!("no stage wrote {name}")).1)
+    }
+}
+
+impl Gpu {
+    /// Renders with a copy of every buffer after every stage.
+    pub fn capture(&self, gaussians: &Gaussians, camera: &Camera, options: &Options) -> Captured {
+        let scene = GpuScene::new(&self.0, gaussians).expect("the scene fits");
+        let mut still = Still::new(&self.0, options, &scene).expect("the renderer can be built");
+        let prepare = |cmd: &mut Commands| cmd.capture_scopes();
+        let (frame, results) = still.render_with(camera, Background::BLACK, prepare).expect("the frame can be rendered");
+        let named = |c: &smalto::gpu::Capture| (c.buffer().to_owned(), c.bytes().to_vec());
+        let buffers = results.captures().iter().map(named).collect();
+        Captured { frame, pixels: still.pixels().expect("the picture can be read"), buffers }
+    }
+
+    /// A buffer with this content.
+    pub fn upload<T: Element>(&self, name: &str, content: &[T]) -> Buffer<T> {
+        let buffer = Buffer::new(&self.0, name, content.len()).expect("the buffer fits");
+        let mut cmd = Commands::new(&self.0).expect("commands can be recorded");
+        cmd.upload(&buffer, 0, content.len(), |memory| memory.copy_from_slice(content)).expect("the upload fits");
+        cmd.submit().and_then(|c| c.wait()).expect("the upload succeeds");
+        buffer
+    }
+
+    pub fn download<T: Element>(&self, buffer: &Buffer<T>) -> Vec<T> {
+        let mut cmd = Commands::new(&self.0).expect("commands can be recorded");
+        let readback = cmd.read(buffer).expect("the copy fits");
+        let results = cmd.submit().and_then(|c| c.wait()).expect("the copy succeeds");
+        results.view(&readback).to_vec()
+    }
+
+    /// Runs what `record` records, to its end.
+    pub fn run(&self, record: impl FnOnce(&mut Commands)) {
+        let mut cmd = Commands::new(&self.0).expect("commands can be recorded");
+        record(&mut cmd);
+        cmd.submit().and_then(|c| c.wait()).expect("the commands succeed");
+    }
+}
+
+/// Canonical Gaussians from raw ones with one constant colour each.
+pub fn gaussians(raws: &[(Raw, [f32; 3])]) -> Gaussians {
+    let mut builder = Builder::new(0, raws.len());
+    builder.extend(raws.len(), |i, sh| {
+        sh[0] = raws[i].1.map(|c| (c - 0.5) / 0.282_094_8);
+        raws[i].0
+    });
+    builder.finish().0
+}
+
+/// Small, fast and the same everywhere: SplitMix64.
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Below `end`.
+    pub fn below(&mut self, end: u32) -> u32 {
+        ((self.bits() >> 32) * u64::from(end) >> 32) as u32
+    }
+
+    /// Between `low` and `high`.
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
     }
 }
 
