@@ -178,6 +178,24 @@ fn ply_takes_any_order_and_extra_properties() {
 }
 
 #[test]
+fn antialiased_scenes_are_recognized() {
+    let plain = ply(&NAMES.map(|n| ("float", n)));
+    let with = |comment: &str| String::from_utf8_lossy(&plain).replacen("made by a test", comment, 1);
+    // The data after the header are not text, but the replacement is before them.
+    let header_end = |text: &str| text.find("end_header\n").unwrap() + 11;
+    let data = &plain[header_end(&String::from_utf8_lossy(&plain))..];
+    for (comment, expected) in [("SplatRenderMode: mip", true), ("SplatRenderMode: default", false), ("antialiased 1", true)] {
+        let text = with(comment);
+        let file = [&text.as_bytes()[..header_end(&text)], data].concat();
+        assert_eq!(parse(&file).unwrap().is_antialiased, expected, "{comment}");
+    }
+    let mut spz = fs::read(fixture("plush.v4.spz")).unwrap();
+    assert!(!parse(&spz).unwrap().is_antialiased);
+    spz[14] |= 1;
+    assert!(parse(&spz).unwrap().is_antialiased);
+}
+
+#[test]
 fn ply_says_what_is_missing() {
     for missing in NAMES {
         let properties: Vec<_> = NAMES.iter().filter(|n| **n != missing).map(|n| ("float", *n)).collect();
@@ -285,6 +303,34 @@ fn progress_goes_from_the_beginning_to_the_end() {
     let seen = seen.into_inner();
     assert!(seen.is_sorted() && seen.iter().all(|f| (0.0..=1.0).contains(f)));
     assert!(seen.last().is_some_and(|f| *f > 0.99));
+}
+
+/// SPZ 4 with the extension that names its axes.
+#[test]
+fn spz_axes_follow_the_extension() {
+    let plain = fs::read(fixture("plush.v4.spz")).unwrap();
+    let with_system = |system: u32| {
+        let mut file = plain[..32].to_vec();
+        file[14] |= 2;
+        file[16..20].copy_from_slice(&(32_u32 + 16 + 12).to_le_bytes());
+        file.extend([1_u32, 8, 0, 0].iter().flat_map(|w| w.to_le_bytes())); // one to skip
+        file.extend([0xadbe_0003_u32, 4, system].iter().flat_map(|w| w.to_le_bytes()));
+        [&file, &plain[32..]].concat()
+    };
+    let expected = parse(&plain).unwrap().gaussians;
+    // 4 is right, up, back, the default; 0 leaves it unspecified.
+    for system in [0, 4] {
+        assert_eq!(parse(&with_system(system)).unwrap().gaussians, expected);
+    }
+    // 6 is right, down, front: the file's values are ours.
+    let same_axes = parse(&with_system(6)).unwrap().gaussians;
+    for (ours, default) in same_axes.means().iter().zip(expected.means()) {
+        assert_eq!(*ours, [default[0], -default[1], -default[2]]);
+    }
+    // 1 is left, down, back.
+    let mirrored = parse(&with_system(1)).unwrap().gaussians;
+    assert_eq!(mirrored.means()[0], [-expected.means()[0][0], -expected.means()[0][1], expected.means()[0][2]]);
+    assert!(parse(&with_system(12)).unwrap_err().contains("coordinate system 12"));
 }
 
 /// SPZ version 2, which no tool at hand writes: 3-byte rotations, made here from the published layout.

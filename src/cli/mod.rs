@@ -104,6 +104,9 @@ fn read_scene(name: &str) -> Result<Scene> {
         let level = if tally.is_clean() { "note" } else { "warning" };
         eprintln!("smalto: {level}: {name}: of {} Gaussians {tally}", tally.read);
     }
+    if scene.is_antialiased {
+        eprintln!("smalto: warning: {name}: the scene was trained with antialiasing, and is drawn without");
+    }
     Ok(scene)
 }
 

@@ -57,7 +57,7 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
         }
     });
     let (gaussians, tally) = builder.finish();
-    Ok(Scene { gaussians, tally, format: "compressed PLY".to_owned() })
+    Ok(Scene { gaussians, tally, format: "compressed PLY".to_owned(), is_antialiased: false })
 }
 
 fn read_chunks(source: &mut Source, element: &Element) -> Result<Vec<Chunk>> {

@@ -85,6 +85,8 @@ pub struct Scene {
     pub tally: Tally,
     /// What it was read from: "SPZ 4", "PLY", ...
     pub format: String,
+    /// Trained with the antialiasing of Mip-Splatting, which is a rule of rendering that smalto does not have.
+    pub is_antialiased: bool,
 }
 
 /// A scene or camera file that cannot be used: which, and why, in one sentence.

@@ -107,13 +107,13 @@ impl Property {
 }
 
 pub(super) fn read(source: &mut Source) -> Result<Scene> {
-    let elements = header(source)?;
+    let Header { elements, is_antialiased } = header(source)?;
     if elements.iter().any(|e| e.name == "chunk") {
         return compressed_ply::read(source, &elements);
     }
     for element in &elements {
         if element.name == "vertex" {
-            return vertices(source, element);
+            return Ok(Scene { is_antialiased, ..vertices(source, element)? });
         }
         skip(source, element)?;
     }
@@ -131,7 +131,13 @@ pub(super) fn skip(source: &mut Source, element: &Element) -> Result<()> {
     Ok(())
 }
 
-fn header(source: &mut Source) -> Result<Vec<Element>> {
+struct Header {
+    elements: Vec<Element>,
+    is_antialiased: bool,
+}
+
+fn header(source: &mut Source) -> Result<Header> {
+    let mut is_antialiased = false;
     let mut elements: Vec<Element> = Vec::new();
     let start = source.left();
     let mut number = 0;
@@ -144,6 +150,9 @@ fn header(source: &mut Source) -> Result<Vec<Element>> {
             ["ply"] if number == 1 => {}
             ["format", "binary_little_endian", "1.0"] => {}
             ["format", other, ..] => bail!("PLY format {other} is not supported, only binary_little_endian 1.0"),
+            // Brush and splat-transform; Postshot. The last one counts.
+            ["comment", "SplatRenderMode:", mode] => is_antialiased = mode == "mip",
+            ["comment", "antialiased", flag] => is_antialiased = flag == "1",
             ["comment" | "obj_info", ..] | [] => {}
             ["element", name, count] => {
                 let count = count.parse().with_context(|| format!("header line {number}: '{count}' is not a count"))?;
@@ -162,7 +171,7 @@ fn header(source: &mut Source) -> Result<Vec<Element>> {
                     _ => bail!("header line {number} is not PLY: '{line}'"),
                 }
             }
-            ["end_header"] => return Ok(elements),
+            ["end_header"] => return Ok(Header { elements, is_antialiased }),
             _ => bail!("header line {number} is not PLY: '{line}'"),
         }
     }
@@ -231,5 +240,5 @@ fn vertices(source: &mut Source, element: &Element) -> Result<Scene> {
         });
     }
     let (gaussians, tally) = builder.finish();
-    Ok(Scene { gaussians, tally, format: "PLY".to_owned() })
+    Ok(Scene { gaussians, tally, format: "PLY".to_owned(), is_antialiased: false })
 }

@@ -1,4 +1,4 @@
-//! SPZ versions 2, 3 (gzip) and 4 (zstd streams): quantized planes, axes right, up, back.
+//! SPZ versions 2, 3 (gzip) and 4 (zstd streams): quantized planes; axes right, up, back, unless an extension says other.
 
 use std::io::{BufReader, Read};
 
@@ -21,6 +21,8 @@ struct Header {
     count: usize,
     sh_degree: u32,
     fractional_bits: u32,
+    has_extensions: bool,
+    is_antialiased: bool,
 }
 
 impl Header {
@@ -32,7 +34,8 @@ impl Header {
         ensure!(fractional_bits < 24, "{fractional_bits} fractional bits do not fit into a 24-bit position");
         let most = file_bytes.saturating_mul(MAX_RATIO) / MIN_BYTES;
         ensure!(u64::from(count) <= most, "the header claims {count} Gaussians, a file of {file_bytes} bytes holds {most} at most");
-        Ok(Self { version, count: count as usize, sh_degree, fractional_bits })
+        let (is_antialiased, has_extensions) = (bytes[14] & 1 != 0, bytes[14] & 2 != 0);
+        Ok(Self { version, count: count as usize, sh_degree, fractional_bits, has_extensions, is_antialiased })
     }
 
     /// The planes in file order, with the bytes that one Gaussian has in each.
@@ -66,7 +69,11 @@ pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
         ensure!(plane.len() == wanted, "the {name} end after {} of {wanted} bytes", plane.len());
         planes.push(std::io::Cursor::new(plane));
     }
-    decode(&header, planes)
+    let mut records = Vec::new();
+    if header.has_extensions {
+        (&mut stream).take(MAX_EXTENSION_BYTES).read_to_end(&mut records).context("the extensions cannot be decompressed")?;
+    }
+    decode(&header, flips(&records)?, planes)
 }
 
 /// A plain header, a table of contents, and a zstd stream per plane.
@@ -78,10 +85,13 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
     let (streams, toc) = (bytes[15] as usize, u32::from_le_bytes([bytes[16], bytes[17], bytes[18], bytes[19]]));
     let planes = header.planes();
     ensure!(streams == planes.len(), "SH degree {} has {} streams, the header says {streams}", header.sh_degree, planes.len());
-    // Extension records lie between the header and the table of contents; none changes the picture.
+    // Extension records lie between the header and the table of contents.
     let gap = u64::from(toc).checked_sub(32).context("the table of contents begins inside the header")?;
     ensure!(gap <= source.left(), "the table of contents begins at byte {toc}, past the end of the file");
-    std::io::copy(&mut source.take(gap), &mut std::io::sink())?;
+    ensure!(gap <= MAX_EXTENSION_BYTES, "{gap} bytes of extensions lie before the table of contents");
+    let mut records = vec![0; gap as usize];
+    source.fill(&mut records, "the extensions")?;
+    let flips = flips(if header.has_extensions { &records } else { &[] })?;
     let mut sizes = Vec::new();
     for (name, bytes) in &planes {
         let mut entry = [0; 16];
@@ -99,11 +109,11 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
         let decoder = zstd::Decoder::new(std::io::Cursor::new(compressed)).with_context(|| format!("the {name} are not zstd"))?;
         readers.push(BufReader::with_capacity(1 << 16, decoder));
     }
-    decode(&header, readers)
+    decode(&header, flips, readers)
 }
 
 /// Reads block after block from all planes at once.
-fn decode<R: Read + Send>(header: &Header, mut planes: Vec<R>) -> Result<Scene> {
+fn decode<R: Read + Send>(header: &Header, flips: [bool; 3], mut planes: Vec<R>) -> Result<Scene> {
     let layout = header.planes();
     // The header was checked against the file, but a bomb may still claim a thousand times what it holds.
     let mut builder = Builder::new(header.sh_degree, header.count.min(1 << 24));
@@ -117,43 +127,71 @@ fn decode<R: Read + Send>(header: &Header, mut planes: Vec<R>) -> Result<Scene> 
             let place = || format!("the {name} of Gaussians {first} to {} of {}", first + count, header.count);
             plane.read_exact(block).with_context(place)
         })?;
-        builder.extend(count, |index, sh| gaussian(header.version, &layout, &blocks, index, step, sh));
+        builder.extend(count, |index, sh| {
+            let row = |plane: usize| {
+                let bytes = layout[plane].1;
+                &blocks[plane][index * bytes..][..bytes]
+            };
+            gaussian(header.version, row, step, flips, sh)
+        });
     }
     let (gaussians, tally) = builder.finish();
-    Ok(Scene { gaussians, tally, format: format!("SPZ {}", header.version) })
+    Ok(Scene { gaussians, tally, format: format!("SPZ {}", header.version), is_antialiased: header.is_antialiased })
 }
 
-fn gaussian(version: u32, layout: &[(&str, usize)], blocks: &[Vec<u8>], index: usize, step: f64, sh: &mut [[f32; 3]]) -> Raw {
-    let row = |plane: usize| {
-        let bytes = layout[plane].1;
-        &blocks[plane][index * bytes..][..bytes]
-    };
+/// One Gaussian from its bytes in each plane.
+fn gaussian<'b>(version: u32, row: impl Fn(usize) -> &'b [u8], step: f64, flips: [bool; 3], sh: &mut [[f32; 3]]) -> Raw {
+    let sign = flips.map(|flip| if flip { -1.0 } else { 1.0 });
     let (position, colour, scale) = (row(0), row(2), row(3));
-    let [x, y, z] = [0, 3, 6].map(|at| {
-        let bits = i32::from_le_bytes([0, position[at], position[at + 1], position[at + 2]]) >> 8;
-        f64::from(bits) * step
+    let mean = std::array::from_fn(|axis| {
+        let bits = i32::from_le_bytes([0, position[3 * axis], position[3 * axis + 1], position[3 * axis + 2]]) >> 8;
+        sign[axis] * f64::from(bits) * step
     });
     let alpha = f64::from(row(1)[0]) / 255.0;
     sh[0] = std::array::from_fn(|i| ((f64::from(colour[i]) / 255.0 - 0.5) / 0.15) as f32);
     for (i, coefficient) in sh[1..].iter_mut().enumerate() {
-        *coefficient = std::array::from_fn(|channel| SH_SIGN[i] * (f32::from(row(5)[3 * i + channel]) - 128.0) / 128.0);
+        let is_odd = ODD_AXES[i].iter().filter(|axis| flips[**axis]).count() % 2 == 1;
+        let sign = if is_odd { -1.0 } else { 1.0 };
+        *coefficient = std::array::from_fn(|channel| sign * (f32::from(row(5)[3 * i + channel]) - 128.0) / 128.0);
     }
-    let [w, qx, qy, qz] = if version == 2 { rotation_first_three(row(4)) } else { rotation_smallest_three(row(4)) };
-    // Right, up, back to right, down, forward.
-    Raw {
-        mean: [x, -y, -z],
-        log_scale: std::array::from_fn(|i| f64::from(scale[i]) / 16.0 - 10.0),
-        rotation: [w, qx, -qy, -qz],
-        opacity_logit: (alpha / (1.0 - alpha)).ln(),
-    }
+    let [w, x, y, z] = if version == 2 { rotation_first_three(row(4)) } else { rotation_smallest_three(row(4)) };
+    // A reflection of an axis turns rotations about the other two around.
+    let rotation = [w, sign[1] * sign[2] * x, sign[0] * sign[2] * y, sign[0] * sign[1] * z];
+    let log_scale = std::array::from_fn(|i| f64::from(scale[i]) / 16.0 - 10.0);
+    Raw { mean, log_scale, rotation, opacity_logit: (alpha / (1.0 - alpha)).ln() }
 }
 
-/// Signs of the basis functions past the first when y and z change sign: the parity of each in y z.
-const SH_SIGN: [f32; 15] = [
-    -1.0, -1.0, 1.0, // y, z, x
-    -1.0, 1.0, 1.0, -1.0, 1.0, // xy, yz, zz, xz, xx - yy
-    -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0, // y(xx), xyz, y(zz), z(zz), x(zz), z(xx - yy), x(xx)
-];
+/// The axes in which each basis function past the first is odd.
+const ODD_AXES: [&[usize]; 15] =
+    [&[1], &[2], &[0], &[0, 1], &[1, 2], &[], &[0, 2], &[], &[1], &[0, 1, 2], &[1], &[2], &[0], &[2], &[0]];
+
+/// More than any file's extension records take.
+const MAX_EXTENSION_BYTES: u64 = 1 << 20;
+/// The extension that names the axes of the file.
+const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
+
+/// Which axes must change sign to be right, down, forward, by the extension records (type, length, payload).
+fn flips(records: &[u8]) -> Result<[bool; 3]> {
+    let right_up_back = [false, true, true];
+    let mut rest = records;
+    while let Some((head, tail)) = rest.split_first_chunk::<8>() {
+        let [kind, bytes] = [0, 4].map(|at| u32::from_le_bytes(std::array::from_fn(|i| head[at + i])));
+        let Some((payload, next)) = tail.split_at_checked(bytes as usize) else {
+            bail!("an extension claims {bytes} bytes, {} are left", tail.len());
+        };
+        if kind == COORDINATE_SYSTEM {
+            let system = payload.first_chunk().map(|b| u32::from_le_bytes(*b)).context("the coordinate system is missing")?;
+            return match system {
+                0 => Ok(right_up_back),
+                // Bits of the number less one: right, up, front.
+                1..=8 => Ok([(system - 1) & 1 == 0, (system - 1) & 2 != 0, (system - 1) & 4 == 0]),
+                _ => bail!("coordinate system {system} exchanges axes, which is not supported"),
+            };
+        }
+        rest = next;
+    }
+    Ok(right_up_back)
+}
 
 /// Version 2: x, y, z as bytes, w not negative.
 fn rotation_first_three(bytes: &[u8]) -> [f64; 4] {

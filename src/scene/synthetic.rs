@@ -45,7 +45,7 @@ pub fn cactus(count: usize) -> Scene {
         made = until;
     }
     let (gaussians, tally) = builder.finish();
-    Scene { gaussians, tally, format: "procedural cactus".to_owned() }
+    Scene { gaussians, tally, format: "procedural cactus".to_owned(), is_antialiased: false }
 }
 
 /// A kind of matter: how many of the Gaussians it gets, and how they look.
