@@ -10,7 +10,9 @@ use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use shaderc::{CompileOptions, Compiler, EnvVersion, OptimizationLevel, ResolvedInclude, ShaderKind, SpirvVersion, TargetEnv};
+use shaderc::{
+    CompileOptions, Compiler, EnvVersion, OptimizationLevel, ResolvedInclude, ShaderKind, SpirvVersion, TargetEnv,
+};
 
 #[path = "src/gpu/spirv.rs"]
 mod spirv;
@@ -63,7 +65,8 @@ fn compile(compiler: &Compiler, source: &Path, out: &Path) -> Result<Modules> {
     let (named_path, optimized_path) = (path("named"), path("optimized"));
     for (level, path) in [(OptimizationLevel::Zero, &named_path), (OptimizationLevel::Performance, &optimized_path)] {
         if !path.exists() {
-            let module = compiler.compile_into_spirv(&text, ShaderKind::Compute, file, "main", Some(&options(level)?))?;
+            let module =
+                compiler.compile_into_spirv(&text, ShaderKind::Compute, file, "main", Some(&options(level)?))?;
             fs::write(path, module.as_binary_u8())?;
         }
     }
@@ -113,7 +116,7 @@ impl Generated {
             }
             None => "()".to_owned(),
         };
-        self.constants(&name, interface)?;
+        let constants = self.constants(&name, interface)?;
         let bindings = interface.bindings.iter().map(|b| {
             let (number, name, count, reads, writes) = (b.number, &b.name, b.count, b.reads, b.writes);
             let kind = match b.kind {
@@ -140,7 +143,7 @@ impl Shader for {name} {{
 {bindings}    ];
     type Bindings<'a> = {name}Bindings<'a>;
     type Push = {push};
-    type Constants = {name}Constants;
+    type Constants = {constants};
 }}
 "
         )?;
@@ -180,8 +183,15 @@ impl Shader for {name} {{
     }
 
     fn plain_struct(&mut self, structure: &Struct, doc: &str) -> Result<()> {
-        ensure!(!self.code.contains(&format!("pub struct {} ", structure.name)), "two types are named `{}`", structure.name);
-        writeln!(self.code, "\n/// {doc}\n#[repr(C)]\n#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]")?;
+        ensure!(
+            !self.code.contains(&format!("pub struct {} ", structure.name)),
+            "two types are named `{}`",
+            structure.name
+        );
+        writeln!(
+            self.code,
+            "\n/// {doc}\n#[repr(C)]\n#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]"
+        )?;
         writeln!(self.code, "pub struct {} {{", structure.name)?;
         for Member { name, ty } in &structure.members {
             writeln!(self.code, "    pub {}: {},", identifier(name)?, rust_type(ty))?;
@@ -207,7 +217,10 @@ impl Shader for {name} {{
                 }
                 count => {
                     writeln!(self.code, "    pub {field}: [{one}; {count}],")?;
-                    writeln!(visits, "        for element in self.{field} {{\n            bind(element.resource());\n        }}")?;
+                    writeln!(
+                        visits,
+                        "        for element in self.{field} {{\n            bind(element.resource());\n        }}"
+                    )?;
                 }
             }
         }
@@ -216,8 +229,15 @@ impl Shader for {name} {{
         Ok(())
     }
 
-    fn constants(&mut self, name: &str, interface: &Interface) -> Result<()> {
-        writeln!(self.code, "\n/// The specialization constants of [`{name}`]; the defaults are the shader's.\n#[derive(Clone, Copy, Debug)]")?;
+    /// Writes the struct of specialization constants, if there are any, and returns its type.
+    fn constants(&mut self, name: &str, interface: &Interface) -> Result<String> {
+        if interface.constants.is_empty() {
+            return Ok("()".to_owned());
+        }
+        writeln!(
+            self.code,
+            "\n/// The specialization constants of [`{name}`]; the defaults are the shader's.\n#[derive(Clone, Copy, Debug)]"
+        )?;
         writeln!(self.code, "pub struct {name}Constants {{")?;
         let (mut defaults, mut entries) = (String::new(), String::new());
         for constant in &interface.constants {
@@ -226,7 +246,9 @@ impl Shader for {name} {{
                 Value::Bool(v) => ("bool", v.to_string(), format!("u32::from(self.{field})")),
                 Value::U32(v) => ("u32", v.to_string(), format!("self.{field}")),
                 Value::I32(v) => ("i32", v.to_string(), format!("self.{field} as u32")),
-                Value::F32(v) => ("f32", format!("f32::from_bits({:#x})", v.to_bits()), format!("self.{field}.to_bits()")),
+                Value::F32(v) => {
+                    ("f32", format!("f32::from_bits({:#x})", v.to_bits()), format!("self.{field}.to_bits()"))
+                }
             };
             writeln!(self.code, "    pub {}: {ty},", identifier(&field)?)?;
             writeln!(defaults, "            {field}: {default},")?;
@@ -251,7 +273,7 @@ impl Constants for {name}Constants {{
 }}
 "
         )?;
-        Ok(())
+        Ok(format!("{name}Constants"))
     }
 }
 

@@ -71,7 +71,9 @@ fn measure(still: &mut Still, cameras: &[Camera], size: [u32; 2]) -> Result<()> 
     };
     let (whole, wall_ms) = run(Timestamps::Outermost)?;
     let (staged, _) = run(Timestamps::All)?;
-    let frame_ms = |frames: &[Frame]| quantiles(frames.iter().map(|f| f.timings.iter().find(|t| t.depth == 0).map_or(0.0, |t| t.duration_ms)));
+    let frame_ms = |frames: &[Frame]| {
+        quantiles(frames.iter().map(|f| f.timings.iter().find(|t| t.depth == 0).map_or(0.0, |t| t.duration_ms)))
+    };
     let (median, p95) = frame_ms(&whole);
     let (staged_median, _) = frame_ms(&staged);
     let counts = |pick: fn(&Frame) -> u32| quantiles(whole.iter().map(|f| f64::from(pick(f)))).0 / 1e6;

@@ -4,7 +4,9 @@ use crate::pixels::Pixels;
 
 /// Largest absolute difference of any colour channel of any pixel. NaN differs infinitely.
 pub fn max_error(a: &Pixels, b: &Pixels) -> f32 {
-    colour_pairs(a, b).map(|(x, y)| if x == y { 0.0 } else { (x - y).abs() }).fold(0.0, |m, d| if d <= m { m } else { nan_to_infinity(d) })
+    colour_pairs(a, b)
+        .map(|(x, y)| if x == y { 0.0 } else { (x - y).abs() })
+        .fold(0.0, |m, d| if d <= m { m } else { nan_to_infinity(d) })
 }
 
 /// Peak signal-to-noise ratio of the colour channels in dB for a peak of 1, not clamped to the display's range.

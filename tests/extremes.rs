@@ -127,7 +127,9 @@ fn a_camera_inside_large_splats_agrees() {
 
 #[test]
 fn scales_from_zero_to_the_largest_float_agree() {
-    for exponent in [f64::NEG_INFINITY, -87.0, -50.0, -30.0, -16.6, -8.0, 0.0, 8.0, 11.1, 17.0, 20.0, 44.4, 60.0, 88.0, 400.0] {
+    for exponent in
+        [f64::NEG_INFINITY, -87.0, -50.0, -30.0, -16.6, -8.0, 0.0, 8.0, 11.1, 17.0, 20.0, 44.4, 60.0, 88.0, 400.0]
+    {
         for axes in [[exponent; 3], [exponent, -3.0, -3.0], [exponent, exponent, f64::NEG_INFINITY]] {
             let rotation = [0.9, 0.3, -0.2, 0.1];
             let raw = Raw { mean: [0.3, -0.2, 5.0], log_scale: axes, rotation, opacity_logit: logit(0.8) };
@@ -173,9 +175,9 @@ fn negative_and_bright_colours_agree() {
     let exact = reference::render(&scene, &ahead([48, 48], 50.0), &Options::default(), Background::BLACK);
     for (pixel, exact) in pixels.rgba.iter().zip(&exact.pixels) {
         assert!(pixel.iter().all(|v| *v >= 0.0), "nothing is subtracted");
-        for channel in 0..3 {
-            let allowed = exact.doubt + ROUNDING * exact.colour[channel].max(1.0);
-            assert!((f64::from(pixel[channel]) - exact.colour[channel]).abs() <= allowed);
+        for (value, expected) in pixel.iter().zip(exact.colour) {
+            let allowed = exact.doubt + ROUNDING * expected.max(1.0);
+            assert!((f64::from(*value) - expected).abs() <= allowed);
         }
     }
 }
@@ -187,7 +189,7 @@ fn needles(length: f64, count: usize) -> Gaussians {
     let raws: Vec<_> = (0..count)
         .map(|i| {
             let depth = 5.0 + 0.01 * i as f64;
-            let turn = DQuat::from_rotation_z(random.between(0.0, 3.14159));
+            let turn = DQuat::from_rotation_z(random.between(0.0, std::f64::consts::PI));
             let tilt = DQuat::from_rotation_y(random.between(-0.3, 0.3));
             let q = turn * tilt;
             let raw = Raw {
@@ -205,7 +207,9 @@ fn needles(length: f64, count: usize) -> Gaussians {
 #[test]
 fn needles_of_any_length_agree() {
     // Rounding moves a needle's weight in proportion to its length over its thickness (u |d| / sigma, u = 2^-24).
-    for (length, tolerance) in [(2.0, 1e-4), (20.0, 1e-4), (200.0, 1e-4), (1500.0, 5e-4), (15_000.0, 4e-3), (150_000.0, 4e-2)] {
+    for (length, tolerance) in
+        [(2.0, 1e-4), (20.0, 1e-4), (200.0, 1e-4), (1500.0, 5e-4), (15_000.0, 4e-3), (150_000.0, 4e-2)]
+    {
         let (scene, camera) = (needles(length, 40), ahead([160, 120], 200.0));
         let pixels = render(&scene, &camera);
         let exact = reference::render(&scene, &camera, &Options::default(), Background::BLACK);
@@ -283,7 +287,10 @@ fn equal_depths_keep_the_order_of_the_file_in_every_run() {
     let raws: Vec<_> = (0..4000)
         .map(|i| {
             let mean = [random.between(-2.0, 2.0), random.between(-2.0, 2.0), 4.0 + f64::from(i % 3)];
-            (ball(mean, 0.1, random.between(0.05, 0.9)), [random.between(0.0, 1.0) as f32, random.between(0.0, 1.0) as f32, 0.5])
+            (
+                ball(mean, 0.1, random.between(0.05, 0.9)),
+                [random.between(0.0, 1.0) as f32, random.between(0.0, 1.0) as f32, 0.5],
+            )
         })
         .collect();
     let (scene, camera) = (gaussians(&raws), ahead([96, 96], 100.0));
@@ -311,16 +318,16 @@ fn means_on_tile_borders_and_pixel_centres_agree() {
 
 #[test]
 fn thousands_of_faint_layers_agree() {
-    let raws: Vec<_> = (0..5000).map(|i| (ball([0.0, 0.0, 5.0 + 0.001 * f64::from(i)], 20.0, 1.2 / 255.0), RED)).collect();
+    let raws: Vec<_> =
+        (0..5000).map(|i| (ball([0.0, 0.0, 5.0 + 0.001 * f64::from(i)], 20.0, 1.2 / 255.0), RED)).collect();
     agrees("layers", &gaussians(&raws), &ahead([40, 40], 50.0));
 }
 
 /// More entries in one tile than llvmpipe lets a loop run: all must count.
 #[test]
 fn a_tile_list_longer_than_65535_is_drawn_to_its_end() {
-    let mut raws: Vec<_> = (0..70_000)
-        .map(|i| (ball([-0.35, -0.35, 5.0 + 1e-5 * f64::from(i)], 0.002, 0.5), RED))
-        .collect();
+    let mut raws: Vec<_> =
+        (0..70_000).map(|i| (ball([-0.35, -0.35, 5.0 + 1e-5 * f64::from(i)], 0.002, 0.5), RED)).collect();
     // The farthest splat covers what the others do not.
     raws.push((ball([0.1, 0.1, 8.0], 0.2, 0.95), GREEN));
     let scene = gaussians(&raws);
@@ -389,14 +396,20 @@ fn random_splats_from_the_whole_range_stay_finite_and_convex() {
             let length = 10_f64.powf(random.between(-20.0, 20.0));
             let rotation = std::array::from_fn(|_| length * random.between(-1.0, 1.0));
             let opacity_logit = random.between(-10.0, 10.0) * if random.below(10) == 0 { 10.0 } else { 1.0 };
-            raws.push((Raw { mean, log_scale, rotation, opacity_logit }, std::array::from_fn(|_| random.between(0.1, 0.9) as f32)));
+            raws.push((
+                Raw { mean, log_scale, rotation, opacity_logit },
+                std::array::from_fn(|_| random.between(0.1, 0.9) as f32),
+            ));
         }
         let scene = gaussians(&raws);
         let pixels = render(&scene, &ahead([80, 60], 60.0));
         for pixel in &pixels.rgba {
             // Colours between 0.1 and 0.9, over black.
             let coverage = pixel[3];
-            assert!(pixel[..3].iter().all(|c| *c <= 0.9 * coverage + 1e-5 && *c >= 0.1 * coverage - 1e-5), "round {round}: {pixel:?}");
+            assert!(
+                pixel[..3].iter().all(|c| *c <= 0.9 * coverage + 1e-5 && *c >= 0.1 * coverage - 1e-5),
+                "round {round}: {pixel:?}"
+            );
         }
     }
 }

@@ -61,7 +61,8 @@ fn agrees_with_splat_transform(name: &str) {
         assert!(dot.abs() > 1.0 - 1e-6, "{name} {i} rotation: {q:?} for {:?}", gaussians.rotations()[i]);
         for (k, coefficient) in gaussians.sh(i).iter().enumerate() {
             for (channel, value) in coefficient.iter().enumerate() {
-                let column = if k == 0 { format!("f_dc_{channel}") } else { format!("f_rest_{}", channel * 15 + k - 1) };
+                let column =
+                    if k == 0 { format!("f_dc_{channel}") } else { format!("f_rest_{}", channel * 15 + k - 1) };
                 close(&format!("{name} {i} {column}"), *value, theirs(&column), 2e-6);
             }
         }
@@ -184,7 +185,9 @@ fn antialiased_scenes_are_recognized() {
     // The data after the header are not text, but the replacement is before them.
     let header_end = |text: &str| text.find("end_header\n").unwrap() + 11;
     let data = &plain[header_end(&String::from_utf8_lossy(&plain))..];
-    for (comment, expected) in [("SplatRenderMode: mip", true), ("SplatRenderMode: default", false), ("antialiased 1", true)] {
+    for (comment, expected) in
+        [("SplatRenderMode: mip", true), ("SplatRenderMode: default", false), ("antialiased 1", true)]
+    {
         let text = with(comment);
         let file = [&text.as_bytes()[..header_end(&text)], data].concat();
         assert_eq!(parse(&file).unwrap().is_antialiased, expected, "{comment}");
@@ -248,7 +251,7 @@ fn damaged_files_are_refused_in_one_sentence() {
         ("SPZ toc outside", changed(&spz, 19, 0xff), "past the end"),
         ("SPZ count", changed(&spz, 8, 62), "the file says"),
         ("SPZ huge count", [&spz[..8], &huge, &spz[12..]].concat(), "at most"),
-        ("SPZ cut", spz[..spz.len() - 30].to_vec(), "are left" ),
+        ("SPZ cut", spz[..spz.len() - 30].to_vec(), "are left"),
         ("gzip cut", gzip[..gzip.len() / 2].to_vec(), ""),
         ("gzip of nothing", gzip[..12].to_vec(), ""),
         ("compressed cut", compressed[..compressed.len() - 5].to_vec(), "truncated"),

@@ -19,7 +19,10 @@ fn matches_the_reference(name: &str, gaussians: &Gaussians, cameras: &[Camera]) 
         println!("{name} camera {i}: {comparison:?}");
         assert!(comparison.psnr >= 90.0, "{name} camera {i}: {comparison:?}");
         assert_eq!(comparison.unexplained, 0, "{name} camera {i}: {comparison:?}");
-        assert!(comparison.different <= rendering.pixels.len() / 1000, "{name} camera {i}: at most 0.1 % flip: {comparison:?}");
+        assert!(
+            comparison.different <= rendering.pixels.len() / 1000,
+            "{name} camera {i}: at most 0.1 % flip: {comparison:?}"
+        );
     }
 }
 

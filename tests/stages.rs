@@ -15,8 +15,8 @@ use smalto::scene::{Gaussians, synthetic};
 
 /// Around the subgroup (8, 32), the workgroup (256), the chunks (1024, 2048), and 16-bit counts.
 const SIZES: [usize; 24] = [
-    0, 1, 7, 8, 9, 31, 32, 33, 255, 256, 257, 1023, 1024, 1025, 2047, 2048, 2049, 4095, 4096, 4097, 65_535, 65_536, 65_537,
-    300_000,
+    0, 1, 7, 8, 9, 31, 32, 33, 255, 256, 257, 1023, 1024, 1025, 2047, 2048, 2049, 4095, 4096, 4097, 65_535, 65_536,
+    65_537, 300_000,
 ];
 
 /// Sorts on the GPU; the results are those of `length` keys.
@@ -42,7 +42,9 @@ fn sort(gpu: &Gpu, subgroup: u32, keys: &[u32], values: Option<&[u32]>, bits: u3
 
 fn random_keys(count: usize, bits: Range<u32>, seed: u64) -> Vec<u32> {
     let mut random = Random(seed);
-    (0..count).map(|_| ((random.bits() as u32) & ((1_u64 << bits.end) - 1) as u32) >> bits.start << bits.start).collect()
+    (0..count)
+        .map(|_| ((random.bits() as u32) & ((1_u64 << bits.end) - 1) as u32) >> bits.start << bits.start)
+        .collect()
 }
 
 #[test]
@@ -95,7 +97,7 @@ fn sort_keeps_the_order_of_equal_keys() {
 #[test]
 fn ranges_mark_where_tiles_begin_and_end() {
     let gpu = Gpu::new();
-    let stage = Stage::<Ranges>::new(&gpu.0, &RangesConstants::default()).unwrap();
+    let stage = Stage::<Ranges>::new(&gpu.0, &()).unwrap();
     // One more than 65,535 workgroups, so that the dispatch is folded.
     for size in SIZES.into_iter().chain([65_536 * 256 + 1]) {
         let tiles = 1 + size / 100;
@@ -116,7 +118,7 @@ fn ranges_mark_where_tiles_begin_and_end() {
 #[test]
 fn cull_offsets_are_an_exclusive_sum() {
     let gpu = Gpu::new();
-    let stage = Stage::<CullOffsets>::new(&gpu.0, &CullOffsetsConstants::default()).unwrap();
+    let stage = Stage::<CullOffsets>::new(&gpu.0, &()).unwrap();
     for size in SIZES {
         let mut random = Random(size as u64);
         let counts: Vec<u32> = (0..size).map(|_| random.below(1025)).collect();
@@ -127,7 +129,12 @@ fn cull_offsets_are_an_exclusive_sum() {
         let visible_capacity = 1_000_000;
         gpu.run(|cmd| {
             let bindings = CullOffsetsBindings { sums: &sums, totals: &totals, dispatches: &dispatches };
-            cmd.dispatch(&stage, bindings, CullOffsetsPush { chunks: size as u32, visible_capacity }, Extent::Groups(1));
+            cmd.dispatch(
+                &stage,
+                bindings,
+                CullOffsetsPush { chunks: size as u32, visible_capacity },
+                Extent::Groups(1),
+            );
         });
         let sums: Vec<u64> = gpu.download(&sums).into_iter().map(u64::from).collect();
         let (total, totals) = (expected[size], gpu.download(&totals)[0]);
@@ -146,11 +153,12 @@ fn cull_offsets_are_an_exclusive_sum() {
 #[test]
 fn cull_compact_lists_the_set_bits_in_order() {
     let gpu = Gpu::new();
-    let stage = Stage::<CullCompact>::new(&gpu.0, &CullCompactConstants::default()).unwrap();
+    let stage = Stage::<CullCompact>::new(&gpu.0, &()).unwrap();
     // The last is one more than 65,535 workgroups.
     for (chunks, capacity) in [(1, 1000), (2, 2048), (3, 10), (65_536, 1 << 20)] {
         let mut random = Random(chunks as u64);
-        let masks: Vec<u32> = (0..chunks * 32).map(|_| (random.bits() & random.bits() & random.bits()) as u32).collect();
+        let masks: Vec<u32> =
+            (0..chunks * 32).map(|_| (random.bits() & random.bits() & random.bits()) as u32).collect();
         let counts: Vec<u32> = masks.chunks(32).map(|m| m.iter().map(|w| w.count_ones()).sum()).collect();
         let offsets: Vec<u32> = reference::scan(&counts)[..chunks].iter().map(|o| *o as u32).collect();
         let bit = |i: &u32| masks[*i as usize / 32] >> (i % 32) & 1 == 1;
@@ -174,7 +182,11 @@ fn cull_compact_lists_the_set_bits_in_order() {
 fn views() -> Vec<(usize, Camera)> {
     let from = |size| Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), size, 0.9);
     let counts = [1, 255, 256, 257, 1023, 1024, 1025, 4096, 20_000];
-    counts.iter().zip([[64, 64], [61, 35], [128, 16], [33, 65]].iter().cycle()).map(|(n, size)| (*n, from(*size))).collect()
+    counts
+        .iter()
+        .zip([[64, 64], [61, 35], [128, 16], [33, 65]].iter().cycle())
+        .map(|(n, size)| (*n, from(*size)))
+        .collect()
 }
 
 struct Case {
@@ -235,7 +247,8 @@ fn cull_keeps_every_gaussian_that_shows() {
         assert!(visible.is_sorted(), "compaction keeps the order");
         let exact = reference::cull(&case.gaussians, &case.camera, &Options::default());
         // What lies between pixel centres touches a tile's box of centres, but no centre.
-        let shows = |id: &u32| touches_a_centre(&reference::project(&case.gaussians, *id, &case.camera), case.camera.size_px);
+        let shows =
+            |id: &u32| touches_a_centre(&reference::project(&case.gaussians, *id, &case.camera), case.camera.size_px);
         let missing: Vec<_> = exact.iter().filter(|id| shows(id) && visible.binary_search(id).is_err()).collect();
         assert!(missing.is_empty(), "{missing:?} are missing");
         for id in visible.iter().filter(|id| exact.binary_search(id).is_err()) {
@@ -309,7 +322,8 @@ fn project_finds_every_tile_and_hardly_more() {
             for tile in allowed.iter().filter(|t| !tiles.contains(t)) {
                 let (x, y) = (tile % tiling.counts[0] * TILE, tile / tiling.counts[0] * TILE);
                 for (px, py) in (0..TILE * TILE).map(|i| (x + i % TILE, y + i / TILE)) {
-                    let alpha = exact.opacity * (-0.5 * exact.distance(dvec2(f64::from(px) + 0.5, f64::from(py) + 0.5))).exp();
+                    let alpha =
+                        exact.opacity * (-0.5 * exact.distance(dvec2(f64::from(px) + 0.5, f64::from(py) + 0.5))).exp();
                     assert!(alpha < ALPHA_MIN * (1.0 + 1e-4), "splat {id} misses tile {tile}: alpha {alpha}");
                 }
             }
@@ -326,7 +340,8 @@ fn project_finds_every_tile_and_hardly_more() {
 fn depths_are_sorted_like_the_exact_ones() {
     for case in cases() {
         let (visible, tiles) = (case.visible(), case.tiles());
-        let depth = |splat: u32| reference::project(&case.gaussians, visible[splat as usize], &case.camera).depth as f32;
+        let depth =
+            |splat: u32| reference::project(&case.gaussians, visible[splat as usize], &case.camera).depth as f32;
         let order: Vec<u32> = case.order().into_iter().filter(|s| !tiles[*s as usize].is_empty()).collect();
         let key = |splat: &u32| (depth(*splat).to_bits(), *splat);
         assert!(order.is_sorted_by_key(key), "by (f32 depth, index)");
@@ -337,8 +352,11 @@ fn depths_are_sorted_like_the_exact_ones() {
 fn duplicate_emits_each_splats_tiles_in_depth_order() {
     for case in cases() {
         let tiles = case.tiles();
-        let expected: Vec<(u32, u32)> =
-            case.order().into_iter().flat_map(|splat| tiles[splat as usize].iter().map(move |tile| (*tile, splat))).collect();
+        let expected: Vec<(u32, u32)> = case
+            .order()
+            .into_iter()
+            .flat_map(|splat| tiles[splat as usize].iter().map(move |tile| (*tile, splat)))
+            .collect();
         let total = case.captured.frame.totals.instances_kept as usize;
         assert_eq!(expected.len(), total);
         // Sorted by tile, stably, it is what the blend walks.

@@ -43,8 +43,8 @@ pub fn find(scene: &Path) -> Option<PathBuf> {
 /// Reads every camera of the file.
 pub fn read(path: &Path) -> Result<Vec<NamedCamera>> {
     let text = fs::read_to_string(path).context("cannot be read")?;
-    let entries: Vec<Entry> =
-        serde_json::from_str(&text).context("is not a cameras.json (an array of id, img_name, width, height, position, rotation, fx, fy)")?;
+    let entries: Vec<Entry> = serde_json::from_str(&text)
+        .context("is not a cameras.json (an array of id, img_name, width, height, position, rotation, fx, fy)")?;
     ensure!(!entries.is_empty(), "holds no camera");
     entries.into_iter().enumerate().map(|(i, entry)| entry.camera(i).with_context(|| format!("camera {i}"))).collect()
 }
@@ -55,10 +55,16 @@ impl Entry {
         ensure!(!size_px.contains(&0), "its size {}x{} is empty", self.width, self.height);
         ensure!(self.fx > 0.0 && self.fy > 0.0, "its focal lengths {} and {} are not positive", self.fx, self.fy);
         let position = DVec3::from(self.position);
-        ensure!(position.is_finite() && self.fx.is_finite() && self.fy.is_finite(), "its position or focal length is not finite");
+        ensure!(
+            position.is_finite() && self.fx.is_finite() && self.fy.is_finite(),
+            "its position or focal length is not finite"
+        );
         // Rows of camera to world are the columns of world to camera.
         let rotation = DMat3::from_cols_array_2d(&self.rotation);
-        let error = (rotation * rotation.transpose() - DMat3::IDENTITY).to_cols_array().iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+        let error = (rotation * rotation.transpose() - DMat3::IDENTITY)
+            .to_cols_array()
+            .iter()
+            .fold(0.0, |m: f64, v| m.max(v.abs()));
         ensure!(error < 1e-3 && rotation.determinant() > 0.0, "its rotation is not a rotation matrix");
         let name = self.img_name.unwrap_or_else(|| self.id.map_or_else(|| index.to_string(), |id| id.to_string()));
         let focal_px = DVec2::new(self.fx, self.fy);

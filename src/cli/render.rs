@@ -86,7 +86,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 let started = Instant::now();
                 let pixels = reference::render(&scene.gaussians, &shot.camera, &options, args.background).to_pixels();
                 write(args, shot, &pixels)?;
-                println!("{}  {}  float64 reference, {:.1} s", shot.output.display(), size(shot), started.elapsed().as_secs_f64());
+                println!(
+                    "{}  {}  float64 reference, {:.1} s",
+                    shot.output.display(),
+                    size(shot),
+                    started.elapsed().as_secs_f64()
+                );
             }
         }
         Some(device) => {
@@ -123,7 +128,10 @@ fn shots(args: &Args, gaussians: &Gaussians) -> Result<Vec<Shot>> {
     let chosen: Vec<(usize, Camera)> = match (&cameras, &args.camera) {
         (None, None) => vec![(0, automatic(gaussians, args.size))],
         (None, Some(camera)) => {
-            return Err(Usage(format!("--camera {camera} needs a camera file: there is no cameras.json beside the scene, and no --cameras")).into());
+            return Err(Usage(format!(
+                "--camera {camera} needs a camera file: there is no cameras.json beside the scene, and no --cameras"
+            ))
+            .into());
         }
         (Some(all), _) if wants_all => all.iter().map(|c| c.camera.clone()).enumerate().collect(),
         (Some(all), camera) => vec![pick(all, camera.as_deref().unwrap_or("0"))?],
@@ -151,7 +159,10 @@ fn pick(cameras: &[NamedCamera], wanted: &str) -> Result<(usize, Camera)> {
     let by_position = wanted.parse().ok().filter(|index| *index < cameras.len());
     let index = by_name.or(by_position).ok_or_else(|| {
         let last = cameras.len() - 1;
-        Usage(format!("there is no camera {wanted}: they are 0 to {last}, from '{}' to '{}'", cameras[0].name, cameras[last].name))
+        Usage(format!(
+            "there is no camera {wanted}: they are 0 to {last}, from '{}' to '{}'",
+            cameras[0].name, cameras[last].name
+        ))
     })?;
     Ok((index, cameras[index].camera.clone()))
 }
@@ -179,7 +190,11 @@ fn size(shot: &Shot) -> String {
 
 fn report(args: &Args, shot: &Shot, frame: &Frame) {
     let totals = &frame.totals;
-    let gpu_ms = frame.timings.iter().find(|t| t.depth == 0).map_or_else(String::new, |t| format!(", {:.2} ms on the GPU", t.duration_ms));
+    let gpu_ms = frame
+        .timings
+        .iter()
+        .find(|t| t.depth == 0)
+        .map_or_else(String::new, |t| format!(", {:.2} ms on the GPU", t.duration_ms));
     let (visible, instances) = (totals.visible, totals.instances_kept);
     println!("{}  {}  {visible} visible, {instances} instances{gpu_ms}", shot.output.display(), size(shot));
     if args.timings {

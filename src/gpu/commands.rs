@@ -1,7 +1,6 @@
 //! Recording a command buffer: dispatches, copies, barriers, timed scopes.
 
 use std::any::Any;
-use std::ffi::CString;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -11,34 +10,13 @@ use gpu_allocator::MemoryLocation;
 
 use super::buffer::{Buffer, Storage, next_id};
 use super::device::Device;
+use super::extent::Extent;
 use super::hazards::{Access, Hazards};
 use super::image::{Image, WHOLE};
 use super::shader::{Binding, BindingKind, Bindings, Element, Resource, Shader};
 use super::stage::Stage;
-use super::submission::{Capture, InFlight, MAX_SCOPES, Readback, Slot, Submission};
+use super::submission::{Capture, InFlight, Readback, Slot, Submission};
 use super::timings::Scope;
-use super::FOLD;
-
-/// How much a dispatch covers.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Extent {
-    /// At least this many invocations in a row; the shader tests its index.
-    Invocations(u64),
-    /// This many workgroups in a row. Over [`FOLD`] they are folded into y, and there may be more of them.
-    Groups(u64),
-}
-
-impl Extent {
-    /// Workgroups along x and y for workgroups of `size` invocations.
-    pub fn groups(self, size: u32) -> [u32; 2] {
-        let groups = match self {
-            Self::Invocations(n) => n.div_ceil(size.into()),
-            Self::Groups(n) => n,
-        };
-        let x = groups.min(FOLD.into());
-        [x as u32, groups.div_ceil(x.max(1)) as u32]
-    }
-}
 
 /// Which scopes get timestamps. A timestamp costs time itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,19 +30,21 @@ pub enum Timestamps {
 /// A command buffer being recorded. What it uses it keeps alive until it is done.
 pub struct Commands {
     recording: u64,
-    device: Device,
-    slot: Option<Slot>,
+    pub(super) device: Device,
+    pub(super) slot: Option<Slot>,
     keep: Vec<Arc<dyn Any + Send + Sync>>,
     hazards: Option<Hazards>,
-    timestamps: Timestamps,
-    scopes: Vec<Scope>,
-    queries: u32,
-    depth: usize,
+    barriers: usize,
+    overlooked_barrier: Option<usize>,
+    pub(super) timestamps: Timestamps,
+    pub(super) scopes: Vec<Scope>,
+    pub(super) queries: u32,
+    pub(super) depth: usize,
     /// Buffers written since the outermost scope began, when captures are wanted.
-    written: Option<Vec<Arc<Storage>>>,
-    captures: Vec<Capture>,
+    pub(super) written: Option<Vec<Arc<Storage>>>,
+    pub(super) captures: Vec<Capture>,
     /// What went wrong where nothing could be returned; `submit` returns it.
-    failure: Option<anyhow::Error>,
+    pub(super) failure: Option<anyhow::Error>,
     has_readbacks: bool,
 }
 
@@ -77,6 +57,8 @@ impl Commands {
             slot: Some(slot),
             keep: Vec::new(),
             hazards: device.0.checked.then(Hazards::default),
+            barriers: 0,
+            overlooked_barrier: None,
             timestamps: Timestamps::All,
             scopes: Vec::new(),
             queries: 0,
@@ -92,34 +74,14 @@ impl Commands {
         self.timestamps = timestamps;
     }
 
+    /// Hides the barrier of this number, from 0, from the missing-barrier check: how the check itself is tested.
+    pub fn overlook_barrier(&mut self, number: usize) {
+        self.overlooked_barrier = Some(number);
+    }
+
     /// From here on keeps a copy of every buffer that a scope wrote, taken at the end of that scope.
     pub fn capture_scopes(&mut self) {
         self.written = Some(Vec::new());
-    }
-
-    /// Runs `record` inside a scope: a debug label, two timestamps and a row in the report.
-    pub fn scope<R>(&mut self, name: &'static str, record: impl FnOnce(&mut Self) -> R) -> R {
-        let raw = self.raw();
-        let label = CString::new(name).expect("scope names contain no zero byte");
-        if let Some(debug) = &self.device.0.debug {
-            // SAFETY: clause 1, the command buffer is being recorded.
-            unsafe { debug.cmd_begin_debug_utils_label(raw, &vk::DebugUtilsLabelEXT::default().label_name(&label)) };
-        }
-        self.mark(name);
-        let first_query = self.timestamp();
-        self.depth += 1;
-        let result = record(self);
-        self.depth -= 1;
-        let last_query = self.timestamp();
-        if let (Some(first_query), Some(last_query)) = (first_query, last_query) {
-            self.scopes.push(Scope { name, depth: self.depth, first_query, last_query });
-        }
-        self.capture(name);
-        if let Some(debug) = &self.device.0.debug {
-            // SAFETY: as above; the label was begun above.
-            unsafe { debug.cmd_end_debug_utils_label(raw) };
-        }
-        result
     }
 
     /// Runs `stage` over `extent`.
@@ -151,9 +113,12 @@ impl Commands {
 
     /// Orders what came before: accesses `from` are done, and seen by accesses `to` that come after.
     pub fn barrier(&mut self, from: Access, to: Access) {
-        if let Some(hazards) = &mut self.hazards {
+        if let Some(hazards) = &mut self.hazards
+            && self.overlooked_barrier != Some(self.barriers)
+        {
             hazards.barrier(from, to);
         }
+        self.barriers += 1;
         let barrier = vk::MemoryBarrier2::default()
             .src_stage_mask(from.stages())
             .src_access_mask(from.accesses())
@@ -171,7 +136,13 @@ impl Commands {
     }
 
     /// Writes `len` elements from `offset` on, made by `make` in memory that the device can read.
-    pub fn upload<T: Element>(&mut self, buffer: &Buffer<T>, offset: usize, len: usize, make: impl FnOnce(&mut [T])) -> Result<()> {
+    pub fn upload<T: Element>(
+        &mut self,
+        buffer: &Buffer<T>,
+        offset: usize,
+        len: usize,
+        make: impl FnOnce(&mut [T]),
+    ) -> Result<()> {
         assert!(offset + len <= buffer.len(), "an upload to `{}` ends inside it", buffer.name());
         if len == 0 {
             return Ok(());
@@ -233,7 +204,8 @@ impl Commands {
         let (keep, scopes) = (std::mem::take(&mut self.keep), std::mem::take(&mut self.scopes));
         let captures = std::mem::take(&mut self.captures);
         let (recording, device, queries) = (self.recording, self.device.0.clone(), self.queries);
-        InFlight::start(Submission { recording, device, slot, keep, scopes, queries, captures })
+        let barriers = self.barriers;
+        InFlight::start(Submission { recording, device, slot, keep, scopes, queries, barriers, captures })
     }
 
     pub(super) fn make_general(&mut self, image: &Image) {
@@ -305,7 +277,7 @@ impl Commands {
         self.keep.push(pipeline.clone());
     }
 
-    fn reads(&mut self, resource: Resource, command: &str, access: Access) {
+    pub(super) fn reads(&mut self, resource: Resource, command: &str, access: Access) {
         if let Some(hazards) = &mut self.hazards
             && let Some(complaint) = hazards.read(resource.id(), resource.name(), command, access)
         {
@@ -326,78 +298,21 @@ impl Commands {
         }
     }
 
-    fn readback_storage(&mut self, bytes: u64) -> Result<Arc<Storage>> {
+    pub(super) fn readback_storage(&mut self, bytes: u64) -> Result<Arc<Storage>> {
         self.has_readbacks = true;
         let usage = vk::BufferUsageFlags::TRANSFER_DST;
         let storage = Storage::new(&self.device.0, "read back", bytes, usage, MemoryLocation::GpuToCpu)?;
         Ok(Arc::new(storage))
     }
 
-    fn copy_buffer(&mut self, from: &Arc<Storage>, to: &Arc<Storage>, region: vk::BufferCopy) {
+    pub(super) fn copy_buffer(&mut self, from: &Arc<Storage>, to: &Arc<Storage>, region: vk::BufferCopy) {
         self.keep.push(from.clone());
         self.keep.push(to.clone());
         // SAFETY: clause 2; callers checked that the region lies in both.
         unsafe { self.device.0.raw.cmd_copy_buffer(self.raw(), from.raw, to.raw, &[region]) };
     }
 
-    /// Writes the stage marker, so that a lost device can tell where it was.
-    fn mark(&mut self, name: &'static str) {
-        let raw = self.raw();
-        let slot = self.slot.as_mut().expect("a recording has a slot until it is submitted");
-        if let Some((marker, value)) = slot.next_mark(name) {
-            // Execution only: a memory dependency here would hide a missing barrier from the validation layer.
-            let order = vk::MemoryBarrier2::default()
-                .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
-                .dst_stage_mask(vk::PipelineStageFlags2::ALL_TRANSFER);
-            // SAFETY: clause 2, the slot lives until the submission is done; its own word of the marker buffer.
-            unsafe {
-                let info = vk::DependencyInfo::default().memory_barriers(std::slice::from_ref(&order));
-                self.device.0.raw.cmd_pipeline_barrier2(raw, &info);
-                self.device.0.raw.cmd_fill_buffer(raw, marker, u64::from(value) * 4, 4, 1);
-            }
-        }
-    }
-
-    fn timestamp(&mut self) -> Option<u32> {
-        let facts = &self.device.0.facts.limits;
-        let wanted = self.timestamps == Timestamps::All || self.depth == 0;
-        if !wanted || facts.timestamp_bits == 0 || self.queries >= 2 * MAX_SCOPES {
-            return None;
-        }
-        let (query, slot) = (self.queries, self.slot.as_ref().expect("a recording has a slot until it is submitted"));
-        self.queries += 1;
-        // SAFETY: clause 2; the query was reset when the slot was taken.
-        unsafe {
-            let stage = vk::PipelineStageFlags2::ALL_COMMANDS;
-            self.device.0.raw.cmd_write_timestamp2(slot.buffer, stage, slot.queries, query);
-        }
-        Some(query)
-    }
-
-    /// Copies what the scope wrote, when captures are wanted.
-    fn capture(&mut self, scope: &'static str) {
-        let Some(written) = &mut self.written else { return };
-        let written = std::mem::take(written);
-        if written.is_empty() {
-            return;
-        }
-        self.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::COPY_READ | Access::SHADER | Access::INDIRECT);
-        for storage in written {
-            let copy = match self.readback_storage(storage.bytes) {
-                Ok(copy) => copy,
-                Err(error) => {
-                    self.failure.get_or_insert(error);
-                    continue;
-                }
-            };
-            self.reads(Resource::Buffer(&storage), "capture", Access::COPY_READ);
-            self.copy_buffer(&storage, &copy, vk::BufferCopy { src_offset: 0, dst_offset: 0, size: storage.bytes });
-            self.captures.push(Capture { scope, copy, source: storage });
-        }
-        self.barrier(Access::COPY_READ, Access::SHADER_WRITE | Access::COPY_WRITE);
-    }
-
-    fn raw(&self) -> vk::CommandBuffer {
+    pub(super) fn raw(&self) -> vk::CommandBuffer {
         self.slot.as_ref().expect("a recording has a slot until it is submitted").buffer
     }
 }

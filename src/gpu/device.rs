@@ -70,7 +70,8 @@ impl Device {
         if facts.has(DEVICE_FAULT) {
             extensions.push(ext::device_fault::NAME.as_ptr());
         }
-        let queue = vk::DeviceQueueCreateInfo::default().queue_family_index(facts.queue_family).queue_priorities(&[1.0]);
+        let queue =
+            vk::DeviceQueueCreateInfo::default().queue_family_index(facts.queue_family).queue_priorities(&[1.0]);
         let robust = checked && facts.has("robust buffer access");
         let core = vk::PhysicalDeviceFeatures::default().robust_buffer_access(robust);
         let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
@@ -91,7 +92,8 @@ impl Device {
             info = info.push_next(&mut fault);
         }
         // SAFETY: clause 4, every extension and feature was found in `facts`.
-        let raw = unsafe { instance.raw.create_device(facts.raw, &info, None) }.map_err(|e| describe("vkCreateDevice", e))?;
+        let raw =
+            unsafe { instance.raw.create_device(facts.raw, &info, None) }.map_err(|e| describe("vkCreateDevice", e))?;
         let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
         // SAFETY: clause 1; `Shared` owns both from here on.
         let (queue, timeline) = unsafe {
@@ -187,7 +189,8 @@ impl Shared {
         let allocation = self.allocator().as_mut().expect("the allocator lives until drop").allocate(&desc);
         allocation.map_err(|error| match error {
             AllocationError::OutOfMemory => {
-                refuse(format!("{} has {} bytes in all and not enough free", self.facts.name, self.facts.memory_bytes)).into()
+                refuse(format!("{} has {} bytes in all and not enough free", self.facts.name, self.facts.memory_bytes))
+                    .into()
             }
             other => anyhow::Error::from(other).context(format!("cannot allocate memory for {name}")),
         })

@@ -189,8 +189,14 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
         ("dynamic subgroup broadcast", features12.subgroup_broadcast_dynamic_id == vk::TRUE),
         ("synchronization2", features13.synchronization2 == vk::TRUE),
         ("full subgroups", features13.compute_full_subgroups == vk::TRUE),
-        ("subgroup vote, ballot and arithmetic in compute shaders", subgroup.supported_operations.contains(wanted_operations)),
-        ("subgroups of 4 to 128 invocations", subgroup_sizes.min_subgroup_size >= 4 && subgroup_sizes.max_subgroup_size <= 128),
+        (
+            "subgroup vote, ballot and arithmetic in compute shaders",
+            subgroup.supported_operations.contains(wanted_operations),
+        ),
+        (
+            "subgroups of 4 to 128 invocations",
+            subgroup_sizes.min_subgroup_size >= 4 && subgroup_sizes.max_subgroup_size <= 128,
+        ),
         ("workgroups of 256 invocations", properties.limits.max_compute_work_group_invocations >= 256),
         ("32 KiB of workgroup memory", properties.limits.max_compute_shared_memory_size >= 32 << 10),
     ];
@@ -214,11 +220,14 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
     };
     let (memory_bytes, memory_free_bytes) = memory(instance, raw, offers(ext::memory_budget::NAME));
     let limits = properties.limits;
-    let text = |bytes: Result<&CStr, _>| bytes.map_or_else(|_| "?".to_owned(), |s: &CStr| s.to_string_lossy().into_owned());
+    let text =
+        |bytes: Result<&CStr, _>| bytes.map_or_else(|_| "?".to_owned(), |s: &CStr| s.to_string_lossy().into_owned());
     Ok(DeviceFacts {
         name: text(properties.device_name_as_c_str()),
         kind,
-        driver: format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str())).trim().to_owned(),
+        driver: format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str()))
+            .trim()
+            .to_owned(),
         vulkan: format!(
             "{}.{}.{}",
             vk::api_version_major(properties.api_version),

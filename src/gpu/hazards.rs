@@ -113,9 +113,9 @@ impl Hazards {
         let history = self.resources.entry(resource).or_default();
         let unfinished_write = history.write.as_ref().filter(|(_, _, visible)| !visible.contains(access));
         // Its own read of what it updates is no conflict.
-        let unfinished_read = history.reads.iter().find(|(_, who, behind)| who != command && !behind.intersects(access));
-        let complaint =
-            unfinished_write.or(unfinished_read).map(|(_, earlier, _)| complaint(name, earlier, command));
+        let unfinished_read =
+            history.reads.iter().find(|(_, who, behind)| who != command && !behind.intersects(access));
+        let complaint = unfinished_write.or(unfinished_read).map(|(_, earlier, _)| complaint(name, earlier, command));
         *history = History { write: Some((access, command.to_owned(), Access::NONE)), reads: Vec::new() };
         complaint
     }

@@ -58,7 +58,9 @@ impl Instance {
 
         let complaints = Complaints::default();
         let mut messenger_info = vk::DebugUtilsMessengerCreateInfoEXT::default()
-            .message_severity(vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR)
+            .message_severity(
+                vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
+            )
             .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
             .pfn_user_callback(Some(collect))
             .user_data(Arc::as_ptr(&complaints).cast::<c_void>().cast_mut());
@@ -81,7 +83,6 @@ impl Instance {
             vk::Result::ERROR_INCOMPATIBLE_DRIVER => Unavailable(NO_DRIVER.to_owned()).into(),
             _ => describe("vkCreateInstance", result),
         })?;
-        let mut messenger_info = messenger_info;
         messenger_info.p_next = std::ptr::null();
         let messenger = listens
             .then(|| {
@@ -97,7 +98,7 @@ impl Instance {
     /// Whether the validation layer is installed.
     pub fn can_validate() -> bool {
         // SAFETY: as in `new`.
-        unsafe { Entry::load().and_then(|entry| Ok(entry.enumerate_instance_layer_properties().unwrap_or_default())) }
+        unsafe { Entry::load().map(|entry| entry.enumerate_instance_layer_properties().unwrap_or_default()) }
             .is_ok_and(|layers| layers.iter().any(|l| l.layer_name_as_c_str() == Ok(VALIDATION_LAYER)))
     }
 }

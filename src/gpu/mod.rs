@@ -22,19 +22,22 @@ mod buffer;
 mod commands;
 mod device;
 mod error;
+mod extent;
 mod facts;
 mod hazards;
 mod image;
 mod instance;
+mod scopes;
 mod shader;
 mod stage;
 mod submission;
 mod timings;
 
 pub use buffer::Buffer;
-pub use commands::{Commands, Extent, Timestamps};
+pub use commands::{Commands, Timestamps};
 pub use device::{Device, Validation};
 pub use error::{OutOfMemory, Unavailable};
+pub use extent::{Extent, FOLD};
 pub use facts::{DeviceChoice, DeviceFacts, survey};
 pub use hazards::Access;
 pub use image::Image;
@@ -42,6 +45,3 @@ pub use shader::{Binding, BindingKind, Bindings, Constants, Element, Resource, S
 pub use stage::Stage;
 pub use submission::{Capture, InFlight, Readback, Results};
 pub use timings::Timing;
-
-/// Largest workgroup count of a dispatch along x and y that every device takes; more is folded into y.
-pub const FOLD: u32 = 65_535;

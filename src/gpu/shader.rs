@@ -97,6 +97,13 @@ pub trait Constants: Default {
     fn entries(&self) -> Vec<(u32, u32)>;
 }
 
+/// Of a shader that has none.
+impl Constants for () {
+    fn entries(&self) -> Vec<(u32, u32)> {
+        Vec::new()
+    }
+}
+
 /// A buffer or an image, whatever its element type.
 #[derive(Clone, Copy)]
 pub enum Resource<'a> {

@@ -130,13 +130,21 @@ impl<'m> Reflector<'m> {
                     bindings.push(self.binding(id, number, pointee)?);
                 }
                 StorageClass::PushConstant => push = Some(self.members(pointee)?),
-                StorageClass::Uniform => bail!("`{}`: uniform buffers are not supported, use push constants", self.name(id)),
+                StorageClass::Uniform => {
+                    bail!("`{}`: uniform buffers are not supported, use push constants", self.name(id))
+                }
                 _ => {}
             }
         }
         bindings.sort_by_key(|b| b.number);
         for pair in bindings.windows(2) {
-            ensure!(pair[0].number != pair[1].number, "`{}` and `{}` share binding {}", pair[0].name, pair[1].name, pair[0].number);
+            ensure!(
+                pair[0].number != pair[1].number,
+                "`{}` and `{}` share binding {}",
+                pair[0].name,
+                pair[1].name,
+                pair[0].number
+            );
             let twin = bindings.iter().filter(|b| b.name == pair[0].name).count();
             ensure!(twin == 1, "two bindings are named `{}`", pair[0].name);
         }
@@ -168,20 +176,26 @@ impl<'m> Reflector<'m> {
                 );
                 let content = id_ref(instruction, 0)?;
                 let (element, stride) = match self.global(content)? {
-                    i if i.class.opcode == Op::TypeRuntimeArray => {
-                        (id_ref(i, 0)?, Some(self.decoration(content, Decoration::ArrayStride).context("an array has a stride")?))
-                    }
+                    i if i.class.opcode == Op::TypeRuntimeArray => (
+                        id_ref(i, 0)?,
+                        Some(self.decoration(content, Decoration::ArrayStride).context("an array has a stride")?),
+                    ),
                     _ => (content, None),
                 };
                 let ty = self.ty(element).with_context(|| format!("binding `{member_name}`"))?;
                 if let Some(stride) = stride {
-                    ensure!(stride == self.size(&ty), "binding `{member_name}`: elements are padded to {stride} bytes; use `scalar` layout");
+                    ensure!(
+                        stride == self.size(&ty),
+                        "binding `{member_name}`: elements are padded to {stride} bytes; use `scalar` layout"
+                    );
                 }
                 let name = match self.name(variable) {
                     "" => member_name,
                     named => named.to_owned(),
                 };
-                let flag = |decoration| self.has(variable, decoration) || self.member_decoration(block, 0, decoration).is_some();
+                let flag = |decoration| {
+                    self.has(variable, decoration) || self.member_decoration(block, 0, decoration).is_some()
+                };
                 let (reads, writes) = (!flag(Decoration::NonReadable), !flag(Decoration::NonWritable));
                 Ok(Binding { number, name, count, kind: Kind::Buffer(ty), reads, writes })
             }
@@ -230,7 +244,10 @@ impl<'m> Reflector<'m> {
                 let element = self.ty(id_ref(instruction, 0)?)?;
                 let length = self.constant(id_ref(instruction, 1)?)?;
                 let stride = self.decoration(id, Decoration::ArrayStride).context("an array has a stride")?;
-                ensure!(stride == self.size(&element), "array elements are padded to {stride} bytes; use `scalar` layout");
+                ensure!(
+                    stride == self.size(&element),
+                    "array elements are padded to {stride} bytes; use `scalar` layout"
+                );
                 Type::Array(Box::new(element), length)
             }
             Op::TypeStruct => {

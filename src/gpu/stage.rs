@@ -34,9 +34,17 @@ impl Pipeline {
     fn new<S: Shader>(device: &Arc<Shared>, constants: &S::Constants) -> Result<Self> {
         let limits = &device.facts.limits;
         let push_bytes = size_of::<S::Push>() as u32;
-        ensure!(push_bytes <= limits.push_constants, "{push_bytes} bytes of push constants, the device takes {}", limits.push_constants);
+        ensure!(
+            push_bytes <= limits.push_constants,
+            "{push_bytes} bytes of push constants, the device takes {}",
+            limits.push_constants
+        );
         let buffers: u32 = S::BINDINGS.iter().filter(|b| b.kind == BindingKind::Buffer).map(|b| b.count).sum();
-        ensure!(buffers <= limits.storage_buffers, "{buffers} storage buffers, the device takes {}", limits.storage_buffers);
+        ensure!(
+            buffers <= limits.storage_buffers,
+            "{buffers} storage buffers, the device takes {}",
+            limits.storage_buffers
+        );
 
         let null = (vk::Pipeline::null(), vk::PipelineLayout::null(), vk::DescriptorSetLayout::null());
         let mut made = Self { raw: null.0, layout: null.1, set_layout: null.2, device: device.clone() };
@@ -58,14 +66,15 @@ impl Pipeline {
 
         let words = ash::util::read_spv(&mut std::io::Cursor::new(S::SPIRV))?;
         let (entries, bits): (Vec<_>, Vec<u32>) = (constants.entries().into_iter().enumerate())
-            .map(|(i, (id, bits))| (vk::SpecializationMapEntry { constant_id: id, offset: 4 * i as u32, size: 4 }, bits))
+            .map(|(i, (id, bits))| {
+                (vk::SpecializationMapEntry { constant_id: id, offset: 4 * i as u32, size: 4 }, bits)
+            })
             .unzip();
-        let specialization =
-            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&bits));
+        let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&bits));
         let info = vk::ShaderModuleCreateInfo::default().code(&words);
         // SAFETY: clause 5.
-        let module = unsafe { device.raw.create_shader_module(&info, None) }
-            .map_err(|e| describe("vkCreateShaderModule", e))?;
+        let module =
+            unsafe { device.raw.create_shader_module(&info, None) }.map_err(|e| describe("vkCreateShaderModule", e))?;
         let stage = vk::PipelineShaderStageCreateInfo::default()
             .flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS)
             .stage(vk::ShaderStageFlags::COMPUTE)

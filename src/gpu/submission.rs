@@ -42,7 +42,10 @@ impl Slot {
         }
         // SAFETY: clauses 2 and 3, an idle slot is in no submission and belongs to us.
         unsafe {
-            device.raw.reset_command_pool(slot.pool, vk::CommandPoolResetFlags::empty()).map_err(|e| describe("vkResetCommandPool", e))?;
+            device
+                .raw
+                .reset_command_pool(slot.pool, vk::CommandPoolResetFlags::empty())
+                .map_err(|e| describe("vkResetCommandPool", e))?;
             device.raw.reset_query_pool(slot.queries, 0, 2 * MAX_SCOPES);
             let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
             device.raw.begin_command_buffer(slot.buffer, &info).map_err(|e| describe("vkBeginCommandBuffer", e))?;
@@ -52,7 +55,8 @@ impl Slot {
 
     fn new(device: &Arc<Shared>) -> Result<Self> {
         let pool = vk::CommandPoolCreateInfo::default().queue_family_index(device.facts.queue_family);
-        let queries = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2 * MAX_SCOPES);
+        let queries =
+            vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2 * MAX_SCOPES);
         let marker = device
             .checked
             .then(|| {
@@ -64,7 +68,8 @@ impl Slot {
         unsafe {
             let pool = device.raw.create_command_pool(&pool, None).map_err(|e| describe("vkCreateCommandPool", e))?;
             let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
-            let buffers = device.raw.allocate_command_buffers(&info).map_err(|e| describe("vkAllocateCommandBuffers", e))?;
+            let buffers =
+                device.raw.allocate_command_buffers(&info).map_err(|e| describe("vkAllocateCommandBuffers", e))?;
             let queries = device.raw.create_query_pool(&queries, None).map_err(|e| describe("vkCreateQueryPool", e))?;
             Ok(Self { pool, buffer: buffers[0], queries, marker, marked: Vec::new() })
         }
@@ -83,7 +88,7 @@ impl Slot {
     /// The last scope that the GPU began.
     fn last_scope(&self) -> Option<&'static str> {
         let words: &[u32] = bytemuck::cast_slice(self.marker.as_ref()?.mapped());
-        self.marked.iter().zip(words).filter(|(_, word)| **word != 0).map(|(name, _)| *name).last()
+        self.marked.iter().zip(words).rfind(|(_, word)| **word != 0).map(|(name, _)| *name)
     }
 
     pub fn give_back(self, device: &Shared) {
@@ -110,6 +115,7 @@ pub(super) struct Submission {
     pub keep: Vec<Arc<dyn Any + Send + Sync>>,
     pub scopes: Vec<Scope>,
     pub queries: u32,
+    pub barriers: usize,
     pub captures: Vec<Capture>,
 }
 
@@ -179,7 +185,7 @@ impl InFlight {
     pub fn wait(mut self) -> Result<Results> {
         let submission = self.submission.take().expect("commands are waited for once");
         let waited = wait_for(&submission.device, self.value).and_then(|()| submission.ticks());
-        let Submission { device, slot, scopes, captures, keep, recording, .. } = submission;
+        let Submission { device, slot, scopes, captures, keep, recording, barriers, .. } = submission;
         match waited {
             Ok(ticks) => {
                 let limits = &device.facts.limits;
@@ -187,7 +193,7 @@ impl InFlight {
                 let last_scope = slot.last_scope();
                 drop(keep);
                 slot.give_back(&device);
-                Ok(Results { recording, timings, last_scope, captures })
+                Ok(Results { recording, timings, last_scope, barriers, captures })
             }
             Err(vk::Result::ERROR_DEVICE_LOST) => Err(lost(&device, slot.last_scope())),
             Err(other) => Err(describe("vkWaitSemaphores", other)),
@@ -254,6 +260,7 @@ pub struct Results {
     recording: u64,
     timings: Vec<Timing>,
     last_scope: Option<&'static str>,
+    barriers: usize,
     captures: Vec<Capture>,
 }
 
@@ -266,6 +273,11 @@ impl Results {
     /// The last scope that the GPU began; known in checked mode.
     pub fn last_scope(&self) -> Option<&'static str> {
         self.last_scope
+    }
+
+    /// Barriers among the commands.
+    pub fn barriers(&self) -> usize {
+        self.barriers
     }
 
     /// Everything captured, in the order of the frame.

@@ -22,8 +22,9 @@ pub(super) struct Scope {
 /// Turns the ticks of all queries into times. `valid_bits` of a tick count; `tick_ns` nanoseconds each.
 pub(super) fn timings(scopes: &[Scope], ticks: &[u64], valid_bits: u32, tick_ns: f32) -> Vec<Timing> {
     let mask = if valid_bits >= 64 { u64::MAX } else { (1 << valid_bits) - 1 };
-    let milliseconds =
-        |from: u32, to: u32| (ticks[to as usize].wrapping_sub(ticks[from as usize]) & mask) as f64 * f64::from(tick_ns) * 1e-6;
+    let milliseconds = |from: u32, to: u32| {
+        (ticks[to as usize].wrapping_sub(ticks[from as usize]) & mask) as f64 * f64::from(tick_ns) * 1e-6
+    };
     let origin = scopes.iter().map(|s| s.first_query).min().unwrap_or(0);
     let timing = |scope: &Scope| Timing {
         name: scope.name,

@@ -23,10 +23,17 @@ const ALPHA_DOUBT: f64 = 2e-5;
 const STOP_DOUBT: f64 = 1e-3;
 
 /// Blends every tile's list. Returns the pixels row by row.
-pub fn blend(splats: &[Splat], ranges: &[[u32; 2]], splat_ids: &[u32], tiling: Tiling, background: [f64; 3]) -> Vec<Pixel> {
+pub fn blend(
+    splats: &[Splat],
+    ranges: &[[u32; 2]],
+    splat_ids: &[u32],
+    tiling: Tiling,
+    background: [f64; 3],
+) -> Vec<Pixel> {
     let [width, height] = tiling.size_px;
     let background = DVec3::from(background);
-    let brightest = splats.par_iter().map(|s| s.colour.max_element()).reduce(|| 0.0, f64::max).max(background.max_element());
+    let brightest =
+        splats.par_iter().map(|s| s.colour.max_element()).reduce(|| 0.0, f64::max).max(background.max_element());
     let pixel = |index: usize| {
         let (x, y) = (index as u32 % width, index as u32 / width);
         let [begin, end] = ranges[((y / TILE) * tiling.counts[0] + x / TILE) as usize];

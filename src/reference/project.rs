@@ -62,9 +62,11 @@ pub fn project(gaussians: &Gaussians, id: u32, camera: &Camera) -> Splat {
 
     let direction = (mean_world - camera.position).normalize_or(DVec3::Z);
     let basis = harmonics::basis(direction.to_array());
-    let sum = gaussians.sh(index).iter().zip(basis).fold(DVec3::splat(0.5), |sum, (coefficient, value)| {
-        sum + value * DVec3::from(coefficient.map(f64::from))
-    });
+    let sum = gaussians
+        .sh(index)
+        .iter()
+        .zip(basis)
+        .fold(DVec3::splat(0.5), |sum, (coefficient, value)| sum + value * DVec3::from(coefficient.map(f64::from)));
     let opacity = f64::from(gaussians.opacities()[index]);
     Splat { mean_px, covariance, conic, opacity, colour: sum.max(DVec3::ZERO), depth: mean_view.z }
 }

@@ -83,7 +83,9 @@ impl GpuScene {
                 *bound = [x, y, z, reach(scales[i], opacities[i])];
             }
         })?;
-        commands.upload(&self.rotations, first, count, |plane| plane.copy_from_slice(&gaussians.rotations()[range.clone()]))?;
+        commands.upload(&self.rotations, first, count, |plane| {
+            plane.copy_from_slice(&gaussians.rotations()[range.clone()])
+        })?;
         commands.upload(&self.shapes, first, count, |plane| {
             for (i, shape) in range.clone().zip(plane) {
                 let [x, y, z] = scales[i];
@@ -132,7 +134,10 @@ mod tests {
             let exact = (2.0 * (f64::from(opacity) / ALPHA_MIN).ln()).sqrt();
             assert!(deviations >= exact && deviations <= exact * 1.01, "{opacity}: {deviations} for {exact}");
             let exact = (exact * f64::from(scale)).min(f64::INFINITY);
-            assert!(world >= exact && (world <= exact * 1.01 || world == f64::INFINITY), "{scale}: {world} for {exact}");
+            assert!(
+                world >= exact && (world <= exact * 1.01 || world == f64::INFINITY),
+                "{scale}: {world} for {exact}"
+            );
         }
         assert!(f32::from_bits(reach([1.0; 3], 0.003) & 0xffff_0000) < 0.0);
         assert_eq!(reach([1.0; 3], (1.0_f64 / 255.0) as f32) << 16, 0, "alpha 1/255 is at the mean alone");

@@ -50,17 +50,17 @@ impl Renderer {
             sh_degree,
             // An entry costs an iteration, and a ninth more for the loops around it: three quarters leave room.
             entries_per_pass: facts.loop_limit.map_or(u32::MAX, |limit| limit / 4 * 3),
-            cull: Stage::new(device, &CullConstants::default())?,
-            cull_offsets: Stage::new(device, &CullOffsetsConstants::default())?,
-            cull_compact: Stage::new(device, &CullCompactConstants::default())?,
+            cull: Stage::new(device, &())?,
+            cull_offsets: Stage::new(device, &())?,
+            cull_compact: Stage::new(device, &())?,
             project: Stage::new(device, &ProjectConstants { sh_degree, ballot_words })?,
             sort: RadixSort::new(device, smallest_subgroup, ballot_words)?,
-            scan_sums: Stage::new(device, &ScanSumsConstants::default())?,
-            scan_totals: Stage::new(device, &ScanTotalsConstants::default())?,
-            scan: Stage::new(device, &ScanConstants::default())?,
-            duplicate: Stage::new(device, &DuplicateConstants::default())?,
-            ranges: Stage::new(device, &RangesConstants::default())?,
-            tile_order: Stage::new(device, &TileOrderConstants::default())?,
+            scan_sums: Stage::new(device, &())?,
+            scan_totals: Stage::new(device, &())?,
+            scan: Stage::new(device, &())?,
+            duplicate: Stage::new(device, &())?,
+            ranges: Stage::new(device, &())?,
+            tile_order: Stage::new(device, &())?,
             blend: blend(false)?,
             blend_resumed: blend(true)?,
         })
@@ -124,7 +124,8 @@ impl Renderer {
             let groups = offset_of!(Dispatches, over_instances);
             cmd.dispatch_indirect(&self.ranges, bindings, (), &work.dispatches, groups);
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-            let bindings = TileOrderBindings { ranges: &work.ranges, tiles_by_class: &work.tiles_by_class, totals: &work.totals };
+            let bindings =
+                TileOrderBindings { ranges: &work.ranges, tiles_by_class: &work.tiles_by_class, totals: &work.totals };
             cmd.dispatch(&self.tile_order, bindings, TileOrderPush { tiles }, Extent::Invocations(tiles.into()));
         });
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
@@ -144,8 +145,11 @@ impl Renderer {
     fn cull(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &Workspace) {
         let chunks = scene.len().div_ceil(CULL_CHUNK) as u32;
         let visible_capacity = work.gaussian_from_splat.len() as u32;
-        let bindings =
-            CullBindings { bounds: &scene.bounds, visible_masks: &work.visible_masks, chunk_counts: &work.chunk_counts };
+        let bindings = CullBindings {
+            bounds: &scene.bounds,
+            visible_masks: &work.visible_masks,
+            chunk_counts: &work.chunk_counts,
+        };
         let push = CullPush { view, gaussians: scene.len() as u32 };
         cmd.dispatch(&self.cull, bindings, push, Extent::Groups(chunks.into()));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
@@ -177,7 +181,11 @@ impl Renderer {
             spans: &work.spans,
             totals: &work.totals,
         };
-        let push = ProjectPush { view, span_capacity: work.spans.len() as u32, depth_limit: ((1_u64 << depth_bits) - 1) as u32 };
+        let push = ProjectPush {
+            view,
+            span_capacity: work.spans.len() as u32,
+            depth_limit: ((1_u64 << depth_bits) - 1) as u32,
+        };
         cmd.dispatch_indirect(&self.project, bindings, push, &work.dispatches, offset_of!(Dispatches, over_visible));
     }
 

@@ -102,8 +102,11 @@ impl RadixSort {
             let push = SortHistogramPush { length_index, shift, bits };
             cmd.dispatch_indirect(&self.histogram, histogram, push, groups.0, groups.1);
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-            let offsets =
-                SortOffsetsBindings { lengths: range.lengths, sums: &scratch.sums, digit_totals: &scratch.digit_totals };
+            let offsets = SortOffsetsBindings {
+                lengths: range.lengths,
+                sums: &scratch.sums,
+                digit_totals: &scratch.digit_totals,
+            };
             let digits = Extent::Groups(1 << self.digit_bits);
             cmd.dispatch(&self.offsets, offsets, SortOffsetsPush { length_index }, digits);
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);

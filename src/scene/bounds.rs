@@ -1,5 +1,7 @@
 //! How large a scene is and where its matter lies.
 
+use glam::Vec3;
+
 use super::Gaussians;
 
 /// The box of all means, world units per axis. Of an empty scene, the origin.
@@ -11,16 +13,10 @@ pub struct Bounds {
 
 impl Bounds {
     pub fn of(gaussians: &Gaussians) -> Self {
-        let means = gaussians.means();
-        let first = means.first().copied().unwrap_or_default();
-        let mut bounds = Self { low: first, high: first };
-        for mean in means {
-            for axis in 0..3 {
-                bounds.low[axis] = bounds.low[axis].min(mean[axis]);
-                bounds.high[axis] = bounds.high[axis].max(mean[axis]);
-            }
-        }
-        bounds
+        let mut means = gaussians.means().iter().map(|m| Vec3::from(*m));
+        let first = means.next().unwrap_or_default();
+        let (low, high) = means.fold((first, first), |(low, high), mean| (low.min(mean), high.max(mean)));
+        Self { low: low.to_array(), high: high.to_array() }
     }
 }
 

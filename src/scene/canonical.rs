@@ -166,12 +166,8 @@ fn unit(q: [f64; 4]) -> Option<[f64; 4]> {
 mod tests {
     use super::*;
 
-    const GOOD: Raw = Raw {
-        mean: [1.0, 2.0, 3.0],
-        log_scale: [0.0, -1.0, -2.0],
-        rotation: [1.0, 0.0, 0.0, 0.0],
-        opacity_logit: 0.0,
-    };
+    const GOOD: Raw =
+        Raw { mean: [1.0, 2.0, 3.0], log_scale: [0.0, -1.0, -2.0], rotation: [1.0, 0.0, 0.0, 0.0], opacity_logit: 0.0 };
 
     fn build(raw: Raw) -> (Gaussians, Tally) {
         build_coloured(raw, [0.5; 3])

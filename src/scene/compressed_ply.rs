@@ -32,8 +32,17 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
     let (sh_degree, sh) = sh.unwrap_or((0, Vec::new()));
     let rest = 3 * (sh_coefficients(sh_degree) - 1);
     let count = vertices.len();
-    ensure!(chunks.len() == count.div_ceil(CHUNK), "{count} vertices need {} chunks, the file has {}", count.div_ceil(CHUNK), chunks.len());
-    ensure!(sh.len() == rest * count, "{count} vertices need as many sh elements, the file has {}", sh.len() / rest.max(1));
+    ensure!(
+        chunks.len() == count.div_ceil(CHUNK),
+        "{count} vertices need {} chunks, the file has {}",
+        count.div_ceil(CHUNK),
+        chunks.len()
+    );
+    ensure!(
+        sh.len() == rest * count,
+        "{count} vertices need as many sh elements, the file has {}",
+        sh.len() / rest.max(1)
+    );
 
     let mut builder = Builder::new(sh_degree, count);
     let bands = sh_coefficients(sh_degree) - 1;
@@ -69,7 +78,8 @@ fn read_chunks(source: &mut Source, element: &Element) -> Result<Vec<Chunk>> {
     let mean = [triple("min", axes)?, triple("max", axes)?];
     let scale = [triple("min_scale", axes)?, triple("max_scale", axes)?];
     let channels = ["r", "g", "b"];
-    let colour = element.has("min_r").then(|| anyhow::Ok([triple("min", channels)?, triple("max", channels)?])).transpose()?;
+    let colour =
+        element.has("min_r").then(|| anyhow::Ok([triple("min", channels)?, triple("max", channels)?])).transpose()?;
     rows(source, element, |row| Chunk {
         mean: mean.map(|p| p.map(|p| p.read(row))),
         log_scale: scale.map(|p| p.map(|p| p.read(row))),
@@ -115,7 +125,8 @@ fn unpack(packed: u32, range: &[[f64; 3]; 2]) -> [f64; 3] {
 /// Two bits for the largest component of w x y z, which is positive, then ten for each of the others in order.
 fn unpack_rotation(packed: u32) -> [f64; 4] {
     let largest = (packed >> 30) as usize;
-    let mut others = [20, 10, 0].map(|shift| (f64::from(packed >> shift & 1023) / 1023.0 - 0.5) * 2f64.sqrt()).into_iter();
+    let mut others =
+        [20, 10, 0].map(|shift| (f64::from(packed >> shift & 1023) / 1023.0 - 0.5) * 2f64.sqrt()).into_iter();
     let mut q: [f64; 4] = std::array::from_fn(|i| if i == largest { 0.0 } else { others.next().unwrap_or(0.0) });
     q[largest] = (1.0 - q.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
     q

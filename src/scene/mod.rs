@@ -116,7 +116,9 @@ fn read_any(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
         _ if magic.starts_with(b"ply") => ply::read(&mut source)?,
         _ if magic.starts_with(b"NGSP") => spz::read_v4(&mut source)?,
         [0x1f, 0x8b, ..] => spz::read_gzip(&mut source)?,
-        _ => bail!("not a scene that smalto reads: expected .ply, .compressed.ply or .spz content, found bytes {magic:02x?}"),
+        _ => bail!(
+            "not a scene that smalto reads: expected .ply, .compressed.ply or .spz content, found bytes {magic:02x?}"
+        ),
     };
     let Tally { read, .. } = scene.tally;
     ensure!(read > 0, "the scene holds no Gaussians");

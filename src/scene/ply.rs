@@ -122,7 +122,11 @@ pub(super) fn read(source: &mut Source) -> Result<Scene> {
 
 /// Reads past an element that nothing is taken from.
 pub(super) fn skip(source: &mut Source, element: &Element) -> Result<()> {
-    ensure!(!element.has_list, "element {} has a list property; lists before the Gaussians are not supported", element.name);
+    ensure!(
+        !element.has_list,
+        "element {} has a list property; lists before the Gaussians are not supported",
+        element.name
+    );
     let count = checked_count(element.count, element.stride() as u64, source.left(), &element.name)?;
     let mut row = vec![0; element.stride()];
     for _ in 0..count {
@@ -159,11 +163,14 @@ fn header(source: &mut Source) -> Result<Header> {
                 elements.push(Element { name: name.to_owned(), count, properties: Vec::new(), has_list: false });
             }
             ["property", ref kind @ .., name] => {
-                let element = elements.last_mut().with_context(|| format!("header line {number}: a property outside of an element"))?;
+                let element = elements
+                    .last_mut()
+                    .with_context(|| format!("header line {number}: a property outside of an element"))?;
                 match kind {
                     ["list", ..] => element.has_list = true,
                     [kind] => {
-                        let kind = Scalar::parse(kind).with_context(|| format!("header line {number}: '{kind}' is not a PLY type"))?;
+                        let kind = Scalar::parse(kind)
+                            .with_context(|| format!("header line {number}: '{kind}' is not a PLY type"))?;
                         ensure!(!element.has(name), "header line {number}: property {name} is there twice");
                         let offset = element.stride();
                         element.properties.push(Property { name: name.to_owned(), kind, offset });
@@ -193,8 +200,9 @@ impl<'e> Layout<'e> {
     fn of(element: &'e Element) -> Result<Self> {
         let rest_count = element.run("f_rest_");
         let sh_degree = (0..=MAX_SH_DEGREE).find(|d| 3 * (sh_coefficients(*d) - 1) == rest_count);
-        let sh_degree = sh_degree
-            .with_context(|| format!("there are {rest_count} f_rest properties; 0, 9, 24 or 45 make SH degree 0, 1, 2 or 3"))?;
+        let sh_degree = sh_degree.with_context(|| {
+            format!("there are {rest_count} f_rest properties; 0, 9, 24 or 45 make SH degree 0, 1, 2 or 3")
+        })?;
         let rest: Vec<String> = (0..rest_count).map(|i| format!("f_rest_{i}")).collect();
         Ok(Self {
             mean: all(element, ["x", "y", "z"])?,

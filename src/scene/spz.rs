@@ -29,11 +29,15 @@ impl Header {
     fn parse(bytes: &[u8; 16], file_bytes: u64) -> Result<Self> {
         let word = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
         ensure!(word(0) == MAGIC, "the SPZ header does not begin with NGSP");
-        let (version, count, sh_degree, fractional_bits) = (word(4), word(8), u32::from(bytes[12]), u32::from(bytes[13]));
+        let (version, count, sh_degree, fractional_bits) =
+            (word(4), word(8), u32::from(bytes[12]), u32::from(bytes[13]));
         ensure!(sh_degree <= MAX_SH_DEGREE, "SH degree {sh_degree} is not supported, only 0 to {MAX_SH_DEGREE}");
         ensure!(fractional_bits < 24, "{fractional_bits} fractional bits do not fit into a 24-bit position");
         let most = file_bytes.saturating_mul(MAX_RATIO) / MIN_BYTES;
-        ensure!(u64::from(count) <= most, "the header claims {count} Gaussians, a file of {file_bytes} bytes holds {most} at most");
+        ensure!(
+            u64::from(count) <= most,
+            "the header claims {count} Gaussians, a file of {file_bytes} bytes holds {most} at most"
+        );
         let (is_antialiased, has_extensions) = (bytes[14] & 1 != 0, bytes[14] & 2 != 0);
         Ok(Self { version, count: count as usize, sh_degree, fractional_bits, has_extensions, is_antialiased })
     }
@@ -42,7 +46,8 @@ impl Header {
     fn planes(&self) -> Vec<(&'static str, usize)> {
         let rotation = if self.version == 2 { 3 } else { 4 };
         let sh = 3 * (sh_coefficients(self.sh_degree) - 1);
-        let mut planes = vec![("positions", 9), ("alphas", 1), ("colours", 3), ("scales", 3), ("rotations", rotation), ("sh", sh)];
+        let mut planes =
+            vec![("positions", 9), ("alphas", 1), ("colours", 3), ("scales", 3), ("rotations", rotation), ("sh", sh)];
         planes.retain(|(_, bytes)| *bytes > 0);
         planes
     }
@@ -65,13 +70,19 @@ pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
         let wanted = header.count * bytes;
         let mut plane = Vec::new();
         // Grows with what is there, so a lying header costs nothing.
-        (&mut stream).take(wanted as u64).read_to_end(&mut plane).with_context(|| format!("the {name} cannot be decompressed"))?;
+        (&mut stream)
+            .take(wanted as u64)
+            .read_to_end(&mut plane)
+            .with_context(|| format!("the {name} cannot be decompressed"))?;
         ensure!(plane.len() == wanted, "the {name} end after {} of {wanted} bytes", plane.len());
         planes.push(std::io::Cursor::new(plane));
     }
     let mut records = Vec::new();
     if header.has_extensions {
-        (&mut stream).take(MAX_EXTENSION_BYTES).read_to_end(&mut records).context("the extensions cannot be decompressed")?;
+        (&mut stream)
+            .take(MAX_EXTENSION_BYTES)
+            .read_to_end(&mut records)
+            .context("the extensions cannot be decompressed")?;
     }
     decode(&header, flips(&records)?, planes)
 }
@@ -84,7 +95,12 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
     ensure!(header.version == 4, "SPZ version {} is not supported, only 2, 3 and 4", header.version);
     let (streams, toc) = (bytes[15] as usize, u32::from_le_bytes([bytes[16], bytes[17], bytes[18], bytes[19]]));
     let planes = header.planes();
-    ensure!(streams == planes.len(), "SH degree {} has {} streams, the header says {streams}", header.sh_degree, planes.len());
+    ensure!(
+        streams == planes.len(),
+        "SH degree {} has {} streams, the header says {streams}",
+        header.sh_degree,
+        planes.len()
+    );
     // Extension records lie between the header and the table of contents.
     let gap = u64::from(toc).checked_sub(32).context("the table of contents begins inside the header")?;
     ensure!(gap <= source.left(), "the table of contents begins at byte {toc}, past the end of the file");
@@ -106,7 +122,8 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
         ensure!(size <= source.left(), "the {name} take {size} bytes, the file has {} left", source.left());
         let mut compressed = vec![0; usize::try_from(size)?];
         source.fill(&mut compressed, name)?;
-        let decoder = zstd::Decoder::new(std::io::Cursor::new(compressed)).with_context(|| format!("the {name} are not zstd"))?;
+        let decoder =
+            zstd::Decoder::new(std::io::Cursor::new(compressed)).with_context(|| format!("the {name} are not zstd"))?;
         readers.push(BufReader::with_capacity(1 << 16, decoder));
     }
     decode(&header, flips, readers)
@@ -140,7 +157,13 @@ fn decode<R: Read + Send>(header: &Header, flips: [bool; 3], mut planes: Vec<R>)
 }
 
 /// One Gaussian from its bytes in each plane.
-fn gaussian<'b>(version: u32, row: impl Fn(usize) -> &'b [u8], step: f64, flips: [bool; 3], sh: &mut [[f32; 3]]) -> Raw {
+fn gaussian<'b>(
+    version: u32,
+    row: impl Fn(usize) -> &'b [u8],
+    step: f64,
+    flips: [bool; 3],
+    sh: &mut [[f32; 3]],
+) -> Raw {
     let sign = flips.map(|flip| if flip { -1.0 } else { 1.0 });
     let (position, colour, scale) = (row(0), row(2), row(3));
     let mean = std::array::from_fn(|axis| {
@@ -180,7 +203,8 @@ fn flips(records: &[u8]) -> Result<[bool; 3]> {
             bail!("an extension claims {bytes} bytes, {} are left", tail.len());
         };
         if kind == COORDINATE_SYSTEM {
-            let system = payload.first_chunk().map(|b| u32::from_le_bytes(*b)).context("the coordinate system is missing")?;
+            let system =
+                payload.first_chunk().map(|b| u32::from_le_bytes(*b)).context("the coordinate system is missing")?;
             return match system {
                 0 => Ok(right_up_back),
                 // Bits of the number less one: right, up, front.

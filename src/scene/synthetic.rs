@@ -22,10 +22,12 @@ pub fn parse(name: &str) -> Option<Result<usize>> {
         return Some(Ok(DEFAULT_COUNT));
     }
     let count = rest.strip_prefix(':')?;
-    Some(count.replace('_', "").parse().with_context(|| format!("'{count}' is not a number of Gaussians")).and_then(|n| {
-        ensure!((1..=200_000_000).contains(&n), "a cactus has 1 to 200000000 Gaussians, not {n}");
-        Ok(n)
-    }))
+    Some(count.replace('_', "").parse().with_context(|| format!("'{count}' is not a number of Gaussians")).and_then(
+        |n| {
+            ensure!((1..=200_000_000).contains(&n), "a cactus has 1 to 200000000 Gaussians, not {n}");
+            Ok(n)
+        },
+    ))
 }
 
 /// The cactus with `count` Gaussians. The same count gives the same scene everywhere.
@@ -225,7 +227,8 @@ fn flower(random: &mut Random) -> Patch {
     let (t, width) = (random.unit(), random.normal() * 0.22);
     let out = dvec3((petal + width).cos(), 0.0, (petal + width).sin());
     let is_heart = t < 0.18;
-    let colour = if is_heart { dvec3(0.98, 0.80, 0.25) } else { dvec3(0.93, 0.30, 0.52).lerp(dvec3(1.0, 0.72, 0.80), t) };
+    let colour =
+        if is_heart { dvec3(0.98, 0.80, 0.25) } else { dvec3(0.93, 0.30, 0.52).lerp(dvec3(1.0, 0.72, 0.80), t) };
     Patch {
         point: crown + out * 0.20 * t - DVec3::Y * (0.16 * (t * 2.2).sin() - 0.02),
         normal: (-DVec3::Y + 0.8 * out).normalize(),

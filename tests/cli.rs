@@ -1,0 +1,247 @@
+//! The program as its users meet it: output, exit codes, sentences.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn smalto(arguments: &[&str]) -> Output {
+    run(arguments, |_| {})
+}
+
+fn run(arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_smalto"));
+    command.args(arguments).env("SMALTO_VALIDATION", "1");
+    prepare(&mut command);
+    command.output().expect("the program starts")
+}
+
+/// Succeeds, and returns what it printed.
+fn ok(arguments: &[&str]) -> String {
+    let output = smalto(arguments);
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {error}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Fails with this exit code; returns its sentence.
+fn fails(code: i32, arguments: &[&str]) -> String {
+    let output = smalto(arguments);
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {error}");
+    assert!(!error.contains("panicked"), "{error}");
+    error
+}
+
+fn path(folder: &tempfile::TempDir, name: &str) -> String {
+    folder.path().join(name).display().to_string()
+}
+
+fn png(path: impl AsRef<Path>) -> image::DynamicImage {
+    image::open(path).expect("it is a PNG")
+}
+
+#[test]
+fn render_without_a_scene_draws_the_cactus() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = run(&["render", "--size", "160x120"], |c| {
+        c.current_dir(folder.path());
+    });
+    assert!(output.status.success());
+    let picture = png(folder.path().join("cactus.png")).to_rgb8();
+    assert_eq!(picture.dimensions(), (160, 120));
+    // Green in the middle, a warm backdrop in the corner.
+    let (middle, corner) = (picture.get_pixel(80, 52).0, picture.get_pixel(3, 3).0);
+    assert!(middle[1] > middle[2] && corner[0] > 150, "{middle:?} {corner:?}");
+}
+
+#[test]
+fn render_twice_writes_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.png", "b.png"] {
+        ok(&["render", "cactus:3000", "--size", "100x80", "-o", &path(&folder, name)]);
+    }
+    assert_eq!(fs::read(path(&folder, "a.png")).unwrap(), fs::read(path(&folder, "b.png")).unwrap());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2, "nothing else is left behind");
+}
+
+#[test]
+fn render_on_the_gpu_and_as_reference_look_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let common = ["render", "cactus:3000", "--size", "100x80", "-o"];
+    ok(&[&common[..], &[&path(&folder, "gpu.png")]].concat());
+    ok(&[&common[..], &[&path(&folder, "portable.png"), "--portable"]].concat());
+    ok(&[&common[..], &[&path(&folder, "cpu.png"), "--reference"]].concat());
+    let pixels = |name| png(path(&folder, name)).to_rgb8().into_raw();
+    assert_eq!(pixels("gpu.png"), pixels("portable.png"));
+    let steps = pixels("gpu.png").iter().zip(pixels("cpu.png")).map(|(a, b)| a.abs_diff(b)).max().unwrap();
+    assert!(steps <= 1, "{steps} steps of 255");
+}
+
+#[test]
+fn render_takes_backgrounds() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "a.png");
+    // Nothing is that far away.
+    let empty = ["render", "cactus:100", "--size", "8x8", "--near", "1e6", "-o", &out, "--background"];
+    ok(&[&empty[..], &["1,0.5,0"]].concat());
+    assert!(png(&out).to_rgb8().pixels().all(|p| p.0 == [255, 128, 0]));
+    ok(&[&empty[..], &["transparent"]].concat());
+    assert!(png(&out).to_rgba8().pixels().all(|p| p.0[3] == 0));
+}
+
+/// Two cameras, one named.
+fn cameras(folder: &tempfile::TempDir, name: &str) -> String {
+    let camera = |name: &str, z: f64| {
+        format!(
+            r#"{{"id": 0, "img_name": "{name}", "width": 64, "height": 48, "position": [0, -1.2, {z}],
+            "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "fx": 60, "fy": 60}}"#
+        )
+    };
+    fs::write(folder.path().join(name), format!("[{}, {}]", camera("front", -5.0), camera("near", -2.5))).unwrap();
+    path(folder, name)
+}
+
+#[test]
+fn render_takes_cameras_by_number_name_and_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = cameras(&folder, "cams.json");
+    let by = |camera: &str, out: &str| {
+        ok(&["render", "cactus:500", "--cameras", &file, "--camera", camera, "-o", &path(&folder, out)]);
+        fs::read(path(&folder, out)).ok()
+    };
+    let first = by("0", "0.png");
+    assert_eq!(by("front", "front.png"), first);
+    let second = by("near", "near.png");
+    assert_ne!(second, first);
+    by("all", "all");
+    assert_eq!(fs::read(folder.path().join("all/00000.png")).ok(), first);
+    assert_eq!(fs::read(folder.path().join("all/00001.png")).ok(), second);
+    assert_eq!(png(path(&folder, "0.png")).to_rgb8().dimensions(), (64, 48), "the camera's own size");
+    ok(&["render", "cactus:500", "--cameras", &file, "--size", "32x32", "-o", &path(&folder, "small.png")]);
+    assert_eq!(png(path(&folder, "small.png")).to_rgb8().dimensions(), (32, 32));
+    let error = fails(2, &["render", "cactus:500", "--cameras", &file, "--camera", "side"]);
+    assert!(error.contains("there is no camera side: they are 0 to 1, from 'front' to 'near'"), "{error}");
+}
+
+#[test]
+fn render_finds_the_cameras_of_a_model_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    cameras(&folder, "cameras.json");
+    let below = folder.path().join("point_cloud/iteration_7");
+    fs::create_dir_all(&below).unwrap();
+    let scene = below.join("point_cloud.ply");
+    fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/plush.ply"), &scene).unwrap();
+    let out = path(&folder, "a.png");
+    ok(&["render", scene.to_str().unwrap(), "-o", &out]);
+    assert_eq!(png(&out).to_rgb8().dimensions(), (64, 48));
+}
+
+#[test]
+fn render_prints_stages_and_dumps_buffers() {
+    let folder = tempfile::tempdir().unwrap();
+    let dump = path(&folder, "dump");
+    let out = path(&folder, "a.png");
+    let text = ok(&["render", "cactus:500", "--size", "64x64", "-o", &out, "--timings", "--dump", &dump]);
+    for stage in ["cull", "project", "sort depths", "scan", "duplicate", "sort tiles", "ranges", "blend"] {
+        assert!(text.contains(&format!("\n  {stage} ")), "{text}");
+    }
+    let files: Vec<PathBuf> = fs::read_dir(&dump).unwrap().map(|e| e.unwrap().path()).collect();
+    let splats =
+        files.iter().find(|f| f.display().to_string().ends_with("project.splats.npy")).expect("splats are there");
+    let array = npyz::NpyFile::new(fs::File::open(splats).unwrap()).unwrap();
+    assert_eq!(array.shape(), [500, 9]);
+    assert!(array.into_vec::<f32>().unwrap().iter().any(|v| *v != 0.0));
+}
+
+#[test]
+fn info_describes_a_scene() {
+    let text = ok(&["info", "tests/fixtures/plush.ply"]);
+    for part in ["61 Gaussians", "SH degree 3", "opacity", "anisotropy", "on the GPU"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let json: serde_json::Value = serde_json::from_str(&ok(&["info", "tests/fixtures/plush.ply", "--json"])).unwrap();
+    assert_eq!(json["gaussians"], 61);
+    assert_eq!(json["gpu_bytes"], 61 * 15 * 16);
+    assert_eq!(json["tally"]["read"], 61);
+    assert!(json["opacity"][3].as_f64().unwrap() > 0.0);
+}
+
+#[test]
+fn doctor_lists_devices_and_tests_one() {
+    let text = ok(&["doctor"]);
+    assert!(text.starts_with("0  ") && text.contains("usable         yes") && text.contains("passed"), "{text}");
+    let json: serde_json::Value = serde_json::from_str(&ok(&["doctor", "--json"])).unwrap();
+    assert!(json[0]["limits"]["storage_range"].as_u64().unwrap() > 0);
+}
+
+#[test]
+fn every_command_has_help() {
+    for arguments in
+        [&["--help"][..], &["render", "--help"], &["info", "--help"], &["doctor", "--help"], &["--version"]]
+    {
+        assert!(!ok(arguments).is_empty());
+    }
+    assert!(ok(&["--help"]).contains("Exit codes: 0 done"));
+}
+
+#[test]
+fn wrong_usage_is_exit_code_2() {
+    for arguments in [
+        &["paint"][..],
+        &["render", "--size", "0x10"],
+        &["render", "--size", "wide"],
+        &["render", "--background", "1,2,3"],
+        &["render", "--background", "red"],
+        &["render", "--near=-1"],
+        &["render", "--near", "nan"],
+        &["render", "cactus:0"],
+        &["render", "cactus:many"],
+        &["render", "cactus:100", "--camera", "3"],
+        &["render", "--reference", "--portable"],
+    ] {
+        let error = fails(2, arguments);
+        assert!(!error.is_empty());
+    }
+}
+
+#[test]
+fn a_missing_device_or_driver_is_exit_code_3() {
+    assert!(fails(3, &["render", "--device", "no such device"]).contains("there are: 0 "));
+    assert!(fails(3, &["doctor", "--device", "99"]).contains("there are: 0 "));
+    let output = run(&["render"], |c| {
+        c.env("VK_DRIVER_FILES", "/nowhere").env("VK_ICD_FILENAMES", "/nowhere").env("SMALTO_VALIDATION", "0");
+    });
+    assert_eq!(output.status.code(), Some(3));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("install"));
+}
+
+#[test]
+fn an_unreadable_scene_or_camera_file_is_exit_code_4() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("bad.ply"), "ply\nformat binary_little_endian 1.0\n").unwrap();
+    fs::write(folder.path().join("bad.json"), "{}").unwrap();
+    let out = path(&folder, "a.png");
+    fs::write(&out, "kept").unwrap();
+    let bad = path(&folder, "bad.ply");
+    assert!(fails(4, &["render", &bad, "-o", &out]).contains("bad.ply: the PLY header has no end"));
+    assert!(fails(4, &["info", "no/such.ply"]).contains("no/such.ply: cannot be opened: there is no such file"));
+    let cameras = path(&folder, "bad.json");
+    assert!(
+        fails(4, &["render", "cactus:10", "--cameras", &cameras, "-o", &out])
+            .contains("bad.json: is not a cameras.json")
+    );
+    assert!(fails(4, &["render", "cactus:10", "--cameras", "none.json"]).contains("none.json: "));
+    assert_eq!(fs::read(&out).unwrap(), b"kept", "a failure leaves the old picture");
+}
+
+#[test]
+fn too_little_memory_is_exit_code_5() {
+    let error = fails(5, &["render", "cactus:100", "--size", "60000x60000"]);
+    assert!(error.contains("57600000000 bytes"), "{error}");
+}
+
+#[test]
+fn a_place_that_cannot_be_written_is_exit_code_1() {
+    let error = fails(1, &["render", "cactus:100", "--size", "8x8", "-o", "/proc/a.png"]);
+    assert!(error.contains("cannot write /proc/a.png"), "{error}");
+}
