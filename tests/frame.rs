@@ -48,3 +48,17 @@ fn frame_matches_the_reference_on_plush_215k() {
         matches_the_reference("plush-215k", &scene, &captured_cameras("plush.cameras.json", &[0, 40, 80], SIZE));
     }
 }
+
+#[test]
+fn frame_matches_the_reference_on_playbot() {
+    if let Some(scene) = read_captured("playbot.spz") {
+        matches_the_reference("playbot", &scene, &captured_cameras("playbot.orbit.cameras.json", &[10], SIZE));
+    }
+}
+
+#[test]
+fn frame_matches_the_reference_on_plush_1940k() {
+    if let Some(scene) = read_captured("plush-1940k.spz") {
+        matches_the_reference("plush-1940k", &scene, &captured_cameras("plush.cameras.json", &[0, 50], SIZE));
+    }
+}
