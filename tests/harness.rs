@@ -5,22 +5,28 @@ mod common;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use common::{Gpu, compare};
+use common::{Gpu, Turn, compare};
 use glam::DVec3;
 use smalto::camera::Camera;
+use smalto::environment::Environment;
 use smalto::gpu::{
-    Access, Buffer, Commands, Device, DeviceChoice, Extent, OutOfMemory, Stage, Timestamps, Unavailable,
+    Access, Buffer, Commands, Device, DeviceChoice, Extent, OutOfMemory, Stage, Timestamps, Unavailable, Validation,
 };
 use smalto::options::{Background, Options};
 use smalto::reference;
 use smalto::render::*;
 use smalto::scene::synthetic;
 
+/// A device whose complaints do not fail the test.
+fn device_with_complaints() -> (Device, Turn) {
+    let turn = Turn::take();
+    let environment = Environment::read();
+    (Device::open(&environment.device, Validation::Required).unwrap(), turn)
+}
+
 /// The complaints about these commands. Each test has a device of its own.
 fn complaints(record: impl FnOnce(&Fixture, &mut Commands)) -> Vec<String> {
-    let gpu = Gpu::new();
-    let device = gpu.0.clone();
-    std::mem::forget(gpu); // whose drop expects no complaints
+    let (device, _turn) = device_with_complaints();
     let fixture = Fixture {
         ranges: Stage::new(&device, &()).unwrap(),
         tile_order: Stage::new(&device, &()).unwrap(),
@@ -136,9 +142,7 @@ fn every_barrier_of_a_frame_is_missed_when_it_is_gone() {
     let scene = synthetic::cactus(300).gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [48, 48], 0.9);
     let render = |overlooked: Option<usize>| {
-        let gpu = Gpu::new();
-        let device = gpu.0.clone();
-        std::mem::forget(gpu);
+        let (device, _turn) = device_with_complaints();
         let scene = GpuScene::new(&device, &scene).unwrap();
         let mut still = Still::new(&device, &Options::default(), &scene).unwrap();
         let prepare = |cmd: &mut Commands| {
@@ -225,7 +229,7 @@ fn a_buffer_over_the_limits_is_refused_with_its_bytes() {
 #[test]
 fn a_device_that_does_not_exist_is_named() {
     for choice in [DeviceChoice::Index(99), DeviceChoice::Name("no such device".into())] {
-        let error = Device::open(&choice, smalto::gpu::Validation::Off).err().expect("there is none");
+        let error = Device::open(&choice, Validation::Off).err().expect("there is none");
         assert!(error.is::<Unavailable>(), "{error:#}");
         assert!(error.to_string().contains("there are: 0 "), "{error:#}");
     }

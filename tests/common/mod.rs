@@ -1,7 +1,9 @@
 //! What the tests share: a device whose every complaint fails the test, scenes, and the comparison with the reference.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+use std::cell::Cell;
 use std::path::PathBuf;
+use std::sync::{Condvar, Mutex};
 
 use smalto::camera::{self, Camera};
 use smalto::environment::Environment;
@@ -14,13 +16,14 @@ use smalto::scene::{self, Builder, Gaussians, Raw};
 
 /// A device with validation on. A missing device fails the test; so does anything the validation layer or the
 /// missing-barrier check says.
-pub struct Gpu(pub Device);
+pub struct Gpu(pub Device, Turn);
 
 impl Gpu {
     pub fn new() -> Self {
+        let turn = Turn::take();
         let environment = Environment::read();
         let validation = environment.validation.unwrap_or(Validation::Required);
-        Self(Device::open(&environment.device, validation).expect("GPU tests need a Vulkan device"))
+        Self(Device::open(&environment.device, validation).expect("GPU tests need a Vulkan device"), turn)
     }
 
     pub fn render(&self, gaussians: &Gaussians, camera: &Camera, options: &Options) -> Pixels {
@@ -120,6 +123,36 @@ impl Drop for Gpu {
     fn drop(&mut self) {
         if !std::thread::panicking() {
             assert_eq!(self.0.complaints(), Vec::<String>::new(), "the device has no complaints");
+        }
+    }
+}
+
+/// A test's turn to use devices: drivers refuse to open many at once, and tests run on as many threads as there are cores.
+pub struct Turn;
+
+const TURNS: usize = 4;
+static TAKEN: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
+
+thread_local! {
+    /// Devices of this test: they share a turn.
+    static DEVICES: Cell<usize> = const { Cell::new(0) };
+}
+
+impl Turn {
+    pub fn take() -> Self {
+        if DEVICES.replace(DEVICES.get() + 1) == 0 {
+            let taken = TAKEN.0.lock().unwrap();
+            *TAKEN.1.wait_while(taken, |taken| *taken >= TURNS).unwrap() += 1;
+        }
+        Self
+    }
+}
+
+impl Drop for Turn {
+    fn drop(&mut self) {
+        if DEVICES.replace(DEVICES.get() - 1) == 1 {
+            *TAKEN.0.lock().unwrap() -= 1;
+            TAKEN.1.notify_one();
         }
     }
 }
