@@ -1,6 +1,7 @@
 //! GPU time of a frame and of its stages over the cameras of a file, 30 warm-up and 100 measured frames.
 //!
 //! `cargo bench --bench frame -- SCENE CAMERAS.json WIDTHxHEIGHT...`; without arguments, the cactus seen from an orbit.
+//! `--portable` measures the portable path, `--check` compares the first camera's picture with the f64 reference.
 
 use std::path::Path;
 use std::time::Instant;
@@ -10,7 +11,9 @@ use glam::DVec3;
 use smalto::camera::{self, Camera};
 use smalto::environment::Environment;
 use smalto::gpu::{Device, Timestamps, Validation};
+use smalto::metrics::{max_error, psnr};
 use smalto::options::{Background, Options};
+use smalto::reference;
 use smalto::render::{Frame, GpuScene, Still};
 use smalto::scene::{self, Focus, synthetic};
 
@@ -51,6 +54,16 @@ fn main() -> Result<()> {
     for size in if sizes.is_empty() { vec![[720, 720]] } else { sizes } {
         let cameras: Vec<Camera> = cameras.iter().map(|c| c.resized(size)).collect();
         measure(&mut still, &cameras, size)?;
+        if std::env::args().any(|a| a == "--check") {
+            still.render(&cameras[0], Background::BLACK)?;
+            let (pixels, options) = (still.pixels()?, Options { portable, ..Options::default() });
+            let exact = reference::render(&scene.gaussians, &cameras[0], &options, Background::BLACK).to_pixels();
+            println!(
+                "  {:.1} dB to the f64 reference, largest difference {:.5}",
+                psnr(&pixels, &exact),
+                max_error(&pixels, &exact)
+            );
+        }
     }
     Ok(())
 }

@@ -149,7 +149,8 @@ impl Commands {
         }
         let bytes = (len * size_of::<T>()) as u64;
         let usage = vk::BufferUsageFlags::TRANSFER_SRC;
-        let mut staging = Storage::new(&self.device.0, "upload", bytes, usage, MemoryLocation::CpuToGpu)?;
+        // Cached memory of the host, although it is read by the device: it is written by many threads.
+        let mut staging = Storage::new(&self.device.0, "upload", bytes, usage, MemoryLocation::GpuToCpu)?;
         make(bytemuck::cast_slice_mut(staging.mapped_mut()));
         self.writes(buffer.resource(), "upload", Access::COPY_WRITE);
         let region = vk::BufferCopy { src_offset: 0, dst_offset: (offset * size_of::<T>()) as u64, size: bytes };

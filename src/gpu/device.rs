@@ -180,10 +180,6 @@ impl Shared {
         linear: bool,
     ) -> Result<Allocation> {
         let refuse = |reason: String| OutOfMemory { name: name.to_owned(), bytes: requirements.size, reason };
-        let limit = self.facts.limits.allocation;
-        if requirements.size > limit {
-            return Err(refuse(format!("{} allocates at most {limit} bytes at once", self.facts.name)).into());
-        }
         let scheme = AllocationScheme::GpuAllocatorManaged;
         let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme: scheme };
         let allocation = self.allocator().as_mut().expect("the allocator lives until drop").allocate(&desc);

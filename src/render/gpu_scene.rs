@@ -3,8 +3,9 @@
 use std::ops::Range;
 
 use anyhow::Result;
+use rayon::prelude::*;
 
-use crate::gpu::{Buffer, Commands, Device};
+use crate::gpu::{Buffer, Commands, Device, Element};
 use crate::options::ALPHA_MIN;
 use crate::scene::{Bounds, Gaussians, sh_coefficients};
 
@@ -23,8 +24,8 @@ pub struct GpuScene {
     sh_degree: u32,
 }
 
-/// Gaussians uploaded at once: bounds the staging memory to about 64 MB.
-const UPLOAD_CHUNK: usize = 1 << 18;
+/// Gaussians uploaded at once: their spherical harmonics, which every plane takes a part of, stay in the cache.
+const UPLOAD_CHUNK: usize = 1 << 15;
 
 impl GpuScene {
     /// Uploads a scene.
@@ -75,33 +76,36 @@ impl GpuScene {
     }
 
     fn upload(&self, commands: &mut Commands, gaussians: &Gaussians, range: Range<usize>) -> Result<()> {
-        let (first, count) = (range.start, range.len());
         let (means, scales, opacities) = (gaussians.means(), gaussians.scales(), gaussians.opacities());
-        commands.upload(&self.bounds, first, count, |plane| {
-            for (i, bound) in range.clone().zip(plane) {
-                let [x, y, z] = means[i].map(f32::to_bits);
-                *bound = [x, y, z, reach(scales[i], opacities[i])];
-            }
+        upload_plane(commands, &self.bounds, &range, |i| {
+            let [x, y, z] = means[i].map(f32::to_bits);
+            [x, y, z, reach(scales[i], opacities[i])]
         })?;
-        commands.upload(&self.rotations, first, count, |plane| {
-            plane.copy_from_slice(&gaussians.rotations()[range.clone()])
+        upload_plane(commands, &self.rotations, &range, |i| gaussians.rotations()[i])?;
+        upload_plane(commands, &self.shapes, &range, |i| {
+            let [x, y, z] = scales[i];
+            [x, y, z, opacities[i]]
         })?;
-        commands.upload(&self.shapes, first, count, |plane| {
-            for (i, shape) in range.clone().zip(plane) {
-                let [x, y, z] = scales[i];
-                *shape = [x, y, z, opacities[i]];
-            }
-        })?;
-        for (number, buffer) in self.sh.iter().enumerate() {
-            commands.upload(buffer, first, count, |plane| {
-                for (i, four) in range.clone().zip(plane) {
-                    let floats = gaussians.sh(i).as_flattened();
-                    *four = std::array::from_fn(|k| floats.get(4 * number + k).copied().unwrap_or(0.0));
-                }
+        for (number, plane) in self.sh.iter().enumerate() {
+            upload_plane(commands, plane, &range, |i| {
+                let floats = gaussians.sh(i).as_flattened();
+                std::array::from_fn(|k| floats.get(4 * number + k).copied().unwrap_or(0.0))
             })?;
         }
         Ok(())
     }
+}
+
+/// Uploads part of a plane, made on all cores.
+fn upload_plane<T: Element + Send>(
+    commands: &mut Commands,
+    plane: &Buffer<T>,
+    range: &Range<usize>,
+    value: impl Fn(usize) -> T + Sync,
+) -> Result<()> {
+    commands.upload(plane, range.start, range.len(), |memory| {
+        memory.par_iter_mut().with_min_len(4096).enumerate().for_each(|(k, slot)| *slot = value(range.start + k));
+    })
 }
 
 /// Two bfloat16, rounded up: how many standard deviations from the mean alpha falls to 1/255, and in the upper half the
