@@ -353,7 +353,7 @@ fn what_does_not_fit_grows_and_is_rendered_again() {
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 120], 0.9);
     let gpu_scene = GpuScene::new(&gpu.0, &scene).unwrap();
     let roomy = gpu.render(&scene, &camera, &Options::default());
-    let enough = Demand::guess(5000, 80);
+    let enough = Demand::guess(&gpu.0, 5000, 80);
     for (name, room) in [
         ("visible", Demand { visible: 10, ..enough }),
         ("spans", Demand { spans: 10, ..enough }),

@@ -35,7 +35,7 @@ impl<T: Element> Buffer<T> {
         let limit = device.facts().limits.storage_range;
         if bytes > limit {
             let reason = format!("a shader on {} reaches at most {limit} bytes of a buffer", device.facts().name);
-            return Err(OutOfMemory { name: name.to_owned(), bytes, reason }.into());
+            return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
         }
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
             | vk::BufferUsageFlags::INDIRECT_BUFFER
@@ -105,7 +105,7 @@ impl Storage {
         let limit = device.facts.limits.buffer;
         if bytes > limit {
             let reason = format!("a buffer on {} holds at most {limit} bytes", device.facts.name);
-            return Err(OutOfMemory { name: name.to_owned(), bytes, reason }.into());
+            return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
         }
         let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
         // SAFETY: clause 1, the Storage owns the buffer from here on and frees it on every path.

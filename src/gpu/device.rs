@@ -179,7 +179,7 @@ impl Shared {
         location: MemoryLocation,
         linear: bool,
     ) -> Result<Allocation> {
-        let refuse = |reason: String| OutOfMemory { name: name.to_owned(), bytes: requirements.size, reason };
+        let refuse = |reason: String| OutOfMemory { name: name.to_owned(), bytes: Some(requirements.size), reason };
         let scheme = AllocationScheme::GpuAllocatorManaged;
         let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme: scheme };
         let allocation = self.allocator().as_mut().expect("the allocator lives until drop").allocate(&desc);

@@ -25,7 +25,7 @@ impl Image {
         if width > limit || height > limit {
             let reason = format!("an image on {} has at most {limit} pixels a side", device.facts().name);
             let bytes = u64::from(width) * u64::from(height) * 16;
-            return Err(OutOfMemory { name: name.to_owned(), bytes, reason }.into());
+            return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
         }
         let image = Self { texture: Arc::new(Texture::new(&device.0, name, width, height)?) };
         let mut commands = Commands::new(device)?;

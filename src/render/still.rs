@@ -41,7 +41,7 @@ impl<'s> Still<'s> {
             device: device.clone(),
             scene,
             renderer: Renderer::new(device, options, scene.sh_degree())?,
-            work: Workspace::new(device, Demand::guess(scene.len(), 1))?,
+            work: Workspace::new(device, Demand::guess(device, scene.len(), 1))?,
             image: Image::new(device, "image", 1, 1)?,
             passes: 1,
             timestamps: Timestamps::All,

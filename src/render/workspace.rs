@@ -28,10 +28,13 @@ pub struct Demand {
 }
 
 impl Demand {
-    /// A first guess for a scene: a frame that needs more says so, and is repeated.
-    pub fn guess(gaussians: usize, tiles: usize) -> Self {
-        let visible = (gaussians as u64 / 2).max(1 << 16).min(gaussians as u64);
-        Self { gaussians, visible, spans: 3 * visible, instances: (8 * visible).max(1 << 16), tiles }
+    /// A first guess for a scene, within what a device binds: a frame that needs more says so, and is repeated.
+    pub fn guess(device: &Device, gaussians: usize, tiles: usize) -> Self {
+        let most = |bytes: usize| device.facts().limits.storage_range / bytes as u64;
+        // Captured scenes at 1080p: half of the Gaussians are visible, in 2.3 rows and 6 tiles each.
+        let visible = (gaussians as u64 / 4 * 3 + 1024).min(gaussians as u64).min(most(size_of::<Splat>()));
+        let instances = (6 * visible).max(1 << 16);
+        Self { gaussians, visible, spans: (2 * visible).min(most(4)), instances: instances.min(most(4)), tiles }
     }
 
     /// What the totals of a frame ask for.
@@ -87,13 +90,13 @@ pub struct Workspace {
 
 impl Workspace {
     pub fn new(device: &Device, room: Demand) -> Result<Self> {
-        let refuse = |name: &str, elements: u64| {
-            let reason = "32-bit offsets reach no further".to_owned();
-            OutOfMemory { name: name.to_owned(), bytes: elements.saturating_mul(4), reason }
-        };
-        let length = |name: &str, elements: u64| match u32::try_from(elements) {
-            Ok(length) => Ok(length as usize),
-            Err(_) => Err(refuse(name, elements)),
+        let length = |name: &str, elements: u64| {
+            let refusal = || OutOfMemory {
+                name: name.to_owned(),
+                bytes: Some(elements.saturating_mul(4)),
+                reason: "32-bit offsets reach no further".to_owned(),
+            };
+            u32::try_from(elements).map(|length| length as usize).map_err(|_| refusal())
         };
         let visible = length("visible splats", room.visible)?;
         let spans = length("tile rows", room.spans)?;
