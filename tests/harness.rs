@@ -228,6 +228,7 @@ fn a_buffer_over_the_limits_is_refused_with_its_bytes() {
 
 #[test]
 fn a_device_that_does_not_exist_is_named() {
+    let _turn = Turn::take();
     for choice in [DeviceChoice::Index(99), DeviceChoice::Name("no such device".into())] {
         let error = Device::open(&choice, Validation::Off).err().expect("there is none");
         assert!(error.is::<Unavailable>(), "{error:#}");
