@@ -134,6 +134,11 @@ fn render_finds_the_cameras_of_a_model_folder() {
     let out = path(&folder, "a.png");
     ok(&["render", scene.to_str().unwrap(), "-o", &out]);
     assert_eq!(png(&out).to_rgb8().dimensions(), (64, 48));
+    // The folder stands for its last iteration.
+    fs::create_dir(folder.path().join("point_cloud/iteration_3")).unwrap();
+    let by_folder = path(&folder, "b.png");
+    ok(&["render", folder.path().to_str().unwrap(), "-o", &by_folder]);
+    assert_eq!(fs::read(&by_folder).unwrap(), fs::read(&out).unwrap());
 }
 
 #[test]
@@ -198,6 +203,7 @@ fn wrong_usage_is_exit_code_2() {
         &["render", "cactus:many"],
         &["render", "cactus:100", "--camera", "3"],
         &["render", "--reference", "--portable"],
+        &["render", "cactus:100", "--size", "8x8", "-o", "picture.jpg"],
     ] {
         let error = fails(2, arguments);
         assert!(!error.is_empty());

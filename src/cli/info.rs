@@ -3,7 +3,7 @@
 use anyhow::Result;
 use serde::Serialize;
 
-use super::{SceneArg, read_scene};
+use super::SceneArg;
 use crate::render::GpuScene;
 use crate::scene::{Bounds, Focus, Gaussians, Scene, Tally, percentiles};
 
@@ -43,7 +43,7 @@ struct Report {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    let report = report(&args.scene.scene, &read_scene(&args.scene.scene)?);
+    let report = report(&args.scene.scene, &args.scene.read()?);
     if args.json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {

@@ -90,38 +90,47 @@ fn exit_code(error: &anyhow::Error) -> u8 {
     }
 }
 
-/// Reads a scene file or makes the procedural scene, and says on stderr what had to be dropped.
-fn read_scene(name: &str) -> Result<Scene> {
-    let scene = match synthetic::parse(name) {
-        Some(count) => synthetic::cactus(count.map_err(|e| Usage(format!("{name}: {e:#}")))?),
-        None => {
-            let bar = progress::Bar::new("reading");
-            scene::read(Path::new(name), &|fraction| bar.set(fraction))?
-        }
-    };
-    let tally = &scene.tally;
-    if tally.dropped() + tally.clamped_scale > 0 {
-        let level = if tally.is_clean() { "note" } else { "warning" };
-        eprintln!("smalto: {level}: {name}: of {} Gaussians {tally}", tally.read);
-    }
-    if scene.is_antialiased {
-        eprintln!("smalto: warning: {name}: the scene was trained with antialiasing, and is drawn without");
-    }
-    Ok(scene)
-}
-
 /// What `render` and `info` draw or describe.
 #[derive(Args)]
 struct SceneArg {
-    /// Scene file (.ply, .compressed.ply or .spz), or the built-in procedural scene `cactus:COUNT`
+    /// Scene file (.ply, .compressed.ply or .spz), model folder of the original 3DGS, or the built-in procedural scene
+    /// `cactus:COUNT`
     #[arg(default_value = "cactus")]
     scene: String,
 }
 
 impl SceneArg {
-    /// The scene's file, if it is one.
+    /// The scene's file, if it is one. In a model folder, the point cloud of the last iteration.
     fn path(&self) -> Option<PathBuf> {
-        synthetic::parse(&self.scene).is_none().then(|| PathBuf::from(&self.scene))
+        let path = synthetic::parse(&self.scene).is_none().then(|| PathBuf::from(&self.scene))?;
+        let iterations = std::fs::read_dir(path.join("point_cloud")).into_iter().flatten().flatten();
+        let number = |folder: &Path| folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse::<u64>().ok();
+        let last = iterations.map(|entry| entry.path()).filter_map(|f| Some((number(&f)?, f))).max();
+        Some(last.map_or(path, |(_, folder)| folder.join("point_cloud.ply")))
+    }
+
+    /// Reads the file or makes the procedural scene, and says on stderr what had to be dropped.
+    fn read(&self) -> Result<Scene> {
+        let (name, scene) = match self.path() {
+            Some(path) => {
+                let bar = progress::Bar::new("reading");
+                (path.display().to_string(), scene::read(&path, &|fraction| bar.set(fraction))?)
+            }
+            None => {
+                let count = synthetic::parse(&self.scene).expect("what is no file is procedural");
+                let count = count.map_err(|e| Usage(format!("{}: {e:#}", self.scene)))?;
+                (self.scene.clone(), synthetic::cactus(count))
+            }
+        };
+        let tally = &scene.tally;
+        if tally.dropped() + tally.clamped_scale > 0 {
+            let level = if tally.is_clean() { "note" } else { "warning" };
+            eprintln!("smalto: {level}: {name}: of {} Gaussians {tally}", tally.read);
+        }
+        if scene.is_antialiased {
+            eprintln!("smalto: warning: {name}: the scene was trained with antialiasing, and is drawn without");
+        }
+        Ok(scene)
     }
 }
 

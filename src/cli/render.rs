@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
 
-use super::{DeviceArgs, SceneArg, Usage, dump, parse_size, progress, read_scene};
+use super::{DeviceArgs, SceneArg, Usage, dump, parse_size, progress};
 use crate::camera::{self, Camera, NamedCamera};
 use crate::gpu::Commands;
 use crate::options::{Background, Options};
@@ -77,7 +77,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     // The device first: what is missing there is known at once, a scene may take a while.
     let device = if args.reference { None } else { Some(args.device.open()?) };
-    let scene = read_scene(&args.scene.scene)?;
+    let scene = args.scene.read()?;
     let shots = shots(args, &scene.gaussians)?;
     let options = Options { near: args.near, portable: args.portable };
     match device {
@@ -139,6 +139,12 @@ fn shots(args: &Args, gaussians: &Gaussians) -> Result<Vec<Shot>> {
     let default = PathBuf::from(if wants_all { "renders".to_owned() } else { format!("{stem}.png") });
     let output = args.output.clone().unwrap_or(default);
     let is_folder = wants_all || output.is_dir() || output.as_os_str().to_string_lossy().ends_with('/');
+    if !is_folder && !output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+        return Err(Usage(format!("--output {}: pictures are written as .png", output.display())).into());
+    }
+    if wants_all && args.dump.is_some() {
+        return Err(Usage("--dump writes the buffers of one picture, not of --camera all".to_owned()).into());
+    }
     if is_folder {
         fs::create_dir_all(&output).with_context(|| format!("cannot make the folder {}", output.display()))?;
     }

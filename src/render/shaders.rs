@@ -1,5 +1,4 @@
 //! The typed interfaces of `glsl/*.comp`, written by `build.rs`.
-#![allow(missing_docs)]
 
 use crate::gpu::{Binding, BindingKind, Bindings, Buffer, Constants, Element, Image, Resource, Scalar, Shader};
 
