@@ -282,3 +282,17 @@ fn captures_hold_what_a_scope_wrote() {
     }
     assert_eq!(seen.get(), 2);
 }
+
+#[test]
+fn a_device_is_closed_with_its_last_user() {
+    let (device, _turn) = device_with_complaints();
+    let users = device.users();
+    {
+        let buffer = Buffer::<u32>::new(&device, "buffer", 4).unwrap();
+        let mut cmd = Commands::new(&device).unwrap();
+        cmd.scope("fill", |cmd| cmd.fill(&buffer, 1));
+        cmd.submit().unwrap().wait().unwrap();
+        drop(Commands::new(&device).unwrap());
+    }
+    assert_eq!(device.users(), users, "nothing is left that keeps the device");
+}

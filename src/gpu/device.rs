@@ -143,6 +143,11 @@ impl Device {
         self.0.complaints().clone()
     }
 
+    /// What keeps the device open: this handle, its clones, and every resource, stage and recording on it.
+    pub fn users(&self) -> usize {
+        Arc::strong_count(&self.0)
+    }
+
     /// Bytes of device memory now allocated by this program.
     pub fn allocated_bytes(&self) -> u64 {
         self.0.allocator().as_ref().expect("the allocator lives until drop").generate_report().total_allocated_bytes

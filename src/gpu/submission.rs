@@ -23,7 +23,8 @@ pub(super) struct Slot {
     pool: vk::CommandPool,
     pub buffer: vk::CommandBuffer,
     pub queries: vk::QueryPool,
-    /// One word per scope, set when the scope begins. In checked mode only.
+    /// One word per scope, set when the scope begins. In checked mode only, and not while the slot is idle: the device
+    /// keeps idle slots, and a buffer keeps the device.
     marker: Option<Storage>,
     marked: Vec<&'static str>,
 }
@@ -37,8 +38,11 @@ impl Slot {
             None => Self::new(device)?,
         };
         slot.marked.clear();
-        if let Some(marker) = &mut slot.marker {
+        if device.checked {
+            let (bytes, usage) = (u64::from(MAX_SCOPES) * 4, vk::BufferUsageFlags::TRANSFER_DST);
+            let mut marker = Storage::new(device, "stage markers", bytes, usage, MemoryLocation::GpuToCpu)?;
             marker.mapped_mut().fill(0);
+            slot.marker = Some(marker);
         }
         // SAFETY: clauses 2 and 3, an idle slot is in no submission and belongs to us.
         unsafe {
@@ -57,13 +61,6 @@ impl Slot {
         let pool = vk::CommandPoolCreateInfo::default().queue_family_index(device.facts.queue_family);
         let queries =
             vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2 * MAX_SCOPES);
-        let marker = device
-            .checked
-            .then(|| {
-                let (bytes, usage) = (u64::from(MAX_SCOPES) * 4, vk::BufferUsageFlags::TRANSFER_DST);
-                Storage::new(device, "stage markers", bytes, usage, MemoryLocation::GpuToCpu)
-            })
-            .transpose()?;
         // SAFETY: clause 1; the device destroys its slots.
         unsafe {
             let pool = device.raw.create_command_pool(&pool, None).map_err(|e| describe("vkCreateCommandPool", e))?;
@@ -71,7 +68,7 @@ impl Slot {
             let buffers =
                 device.raw.allocate_command_buffers(&info).map_err(|e| describe("vkAllocateCommandBuffers", e))?;
             let queries = device.raw.create_query_pool(&queries, None).map_err(|e| describe("vkCreateQueryPool", e))?;
-            Ok(Self { pool, buffer: buffers[0], queries, marker, marked: Vec::new() })
+            Ok(Self { pool, buffer: buffers[0], queries, marker: None, marked: Vec::new() })
         }
     }
 
@@ -91,7 +88,9 @@ impl Slot {
         self.marked.iter().zip(words).rfind(|(_, word)| **word != 0).map(|(name, _)| *name)
     }
 
-    pub fn give_back(self, device: &Shared) {
+    /// Leaves the slot to the next recording. No submission uses it.
+    pub fn give_back(mut self, device: &Shared) {
+        self.marker = None;
         device.slots.lock().expect("no holder of the slots panics").push(self);
     }
 
@@ -112,6 +111,7 @@ pub(super) struct Submission {
     pub recording: u64,
     pub device: Arc<Shared>,
     pub slot: Slot,
+    #[expect(dead_code, reason = "held until the GPU is done")]
     pub keep: Vec<Arc<dyn Any + Send + Sync>>,
     pub scopes: Vec<Scope>,
     pub queries: u32,
@@ -170,11 +170,13 @@ impl InFlight {
             .signal_semaphore_infos(&signal)
             .command_buffer_infos(&buffer);
         // SAFETY: clauses 2 and 3, the queue is locked and the submission keeps what the commands use.
-        unsafe {
+        let submitted = unsafe {
             let ended = device.raw.end_command_buffer(submission.slot.buffer);
-            ended.map_err(|e| describe("vkEndCommandBuffer", e))?;
-            let submitted = device.raw.queue_submit2(queue.raw, &[info], vk::Fence::null());
-            submitted.map_err(|e| describe("vkQueueSubmit2", e))?;
+            ended.and_then(|()| device.raw.queue_submit2(queue.raw, &[info], vk::Fence::null()))
+        };
+        if let Err(error) = submitted {
+            submission.slot.give_back(&device);
+            return Err(describe("vkQueueSubmit2", error));
         }
         queue.submitted = value;
         drop(queue);
@@ -185,17 +187,16 @@ impl InFlight {
     pub fn wait(mut self) -> Result<Results> {
         let submission = self.submission.take().expect("commands are waited for once");
         let waited = wait_for(&submission.device, self.value).and_then(|()| submission.ticks());
-        let Submission { device, slot, scopes, captures, keep, recording, barriers, .. } = submission;
+        let Submission { device, slot, scopes, captures, recording, barriers, .. } = submission;
+        let last_scope = slot.last_scope();
+        slot.give_back(&device);
         match waited {
             Ok(ticks) => {
                 let limits = &device.facts.limits;
                 let timings = timings(&scopes, &ticks, limits.timestamp_bits, limits.timestamp_ns);
-                let last_scope = slot.last_scope();
-                drop(keep);
-                slot.give_back(&device);
                 Ok(Results { recording, timings, last_scope, barriers, captures })
             }
-            Err(vk::Result::ERROR_DEVICE_LOST) => Err(lost(&device, slot.last_scope())),
+            Err(vk::Result::ERROR_DEVICE_LOST) => Err(lost(&device, last_scope)),
             Err(other) => Err(describe("vkWaitSemaphores", other)),
         }
     }
@@ -213,11 +214,17 @@ impl Submission {
     }
 }
 
+/// Waits for a timeline value; whatever it returns, the GPU is done with the commands, or lost.
 fn wait_for(device: &Shared, value: u64) -> Result<(), vk::Result> {
     let (semaphores, values) = ([device.timeline], [value]);
     let info = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
-    // SAFETY: clause 1.
-    unsafe { device.raw.wait_semaphores(&info, u64::MAX) }
+    // SAFETY: clauses 1 and 3.
+    unsafe {
+        device.raw.wait_semaphores(&info, u64::MAX).inspect_err(|_| {
+            let _queue = device.queue.lock().expect("no holder of the queue panics");
+            let _ = device.raw.device_wait_idle();
+        })
+    }
 }
 
 /// The error for a lost device: where it was, and what the driver says of it.
@@ -247,7 +254,6 @@ fn lost(device: &Shared, last_scope: Option<&str>) -> anyhow::Error {
 impl Drop for InFlight {
     fn drop(&mut self) {
         if let Some(submission) = self.submission.take() {
-            // A lost device is done with its commands too.
             let _ = wait_for(&submission.device, self.value);
             let Submission { device, slot, .. } = submission;
             slot.give_back(&device);

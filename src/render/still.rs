@@ -7,7 +7,7 @@ use super::renderer::Renderer;
 use super::shaders::Totals;
 use super::workspace::{Demand, Workspace};
 use crate::camera::Camera;
-use crate::gpu::{Commands, Device, Image, Results, Timestamps, Timing};
+use crate::gpu::{Access, Commands, Device, Image, Results, Timestamps, Timing};
 use crate::options::{Background, Options, TILE};
 use crate::pixels::Pixels;
 
@@ -91,7 +91,7 @@ impl<'s> Still<'s> {
                 let (work, image) = (&self.work, &self.image);
                 self.renderer.record(cmd, self.scene, camera, background, work, image, self.passes);
             });
-            cmd.barrier(crate::gpu::Access::SHADER_WRITE, crate::gpu::Access::COPY_READ);
+            cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
             let totals = cmd.read(&self.work.totals)?;
             let results = cmd.submit()?.wait()?;
             let totals = results.view(&totals)[0];

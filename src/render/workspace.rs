@@ -146,6 +146,7 @@ impl Workspace {
             instances: keep(wanted.instances, demand.instances, self.room.instances),
             tiles: demand.tiles.max(self.room.tiles),
         };
+        *self = Self::new(device, Demand::default())?; // frees what is there before the larger buffers are made
         *self = Self::new(device, room)?;
         Ok(true)
     }
