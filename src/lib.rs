@@ -5,7 +5,7 @@
 //! | [`scene`] | what is drawn |
 //! | [`camera`] | from where |
 //! | [`options`] | with which trade-offs |
-//! | [`reference`] | the pipeline on the CPU in f64, the oracle |
+//! | [`mod@reference`] | the pipeline on the CPU in f64, the oracle |
 //! | [`gpu`] | Vulkan for compute; knows no Gaussians |
 //! | [`render`] | the pipeline on the GPU |
 //! | [`pixels`], [`metrics`] | images, and how far they are apart |

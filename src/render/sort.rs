@@ -80,7 +80,7 @@ impl RadixSort {
         })
     }
 
-    /// Sorts, and returns which of the pairs holds the result. `groups` tells where the count of [`SORT_CHUNK`]s is,
+    /// Sorts, and returns which of the pairs holds the result. `groups` tells where the count of 2048-key chunks is,
     /// as workgroup counts: buffer and byte. Begins behind a barrier, and ends with one.
     pub fn record<T: Element>(
         &self,
