@@ -127,8 +127,8 @@ impl Drop for Gpu {
     }
 }
 
-/// A test's turn to use devices. One test at a time: validation layer 1.3.239 crashes now and then when a thread uses a
-/// device while another opens or closes one, and drivers refuse to open many at once.
+/// A test's turn to use devices. One test at a time: drivers refuse to open many devices at once, and a software device
+/// uses every core for one.
 pub struct Turn;
 
 static TAKEN: (Mutex<bool>, Condvar) = (Mutex::new(false), Condvar::new());
