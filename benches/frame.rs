@@ -30,7 +30,7 @@ fn main() -> Result<()> {
     let name = arguments.first().map_or("cactus", String::as_str);
     let started = Instant::now();
     let scene = match synthetic::parse(name) {
-        Some(count) => synthetic::cactus(count?),
+        Some(count) => synthetic::cactus(count?)?,
         None => scene::read(Path::new(name), &|_| {})?,
     };
     let read_s = started.elapsed().as_secs_f64();

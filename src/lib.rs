@@ -9,12 +9,14 @@
 //! | [`gpu`] | Vulkan for compute; knows no Gaussians |
 //! | [`render`] | the pipeline on the GPU |
 //! | [`pixels`], [`metrics`] | images, and how far they are apart |
+//! | [`memory`] | running out of it |
 //! | [`cli`] | the commands |
 
 pub mod camera;
 pub mod cli;
 pub mod environment;
 pub mod gpu;
+pub mod memory;
 pub mod metrics;
 pub mod options;
 pub mod pixels;

@@ -4,17 +4,21 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Every module of the crate and the modules it may use.
-const EDGES: [(&str, &[&str]); 10] = [
-    ("scene", &[]),
+const EDGES: [(&str, &[&str]); 11] = [
+    ("memory", &[]),
+    ("scene", &["memory"]),
     ("camera", &[]),
     ("options", &[]),
     ("pixels", &[]),
     ("metrics", &["pixels"]),
-    ("gpu", &[]),
+    ("gpu", &["memory"]),
     ("reference", &["scene", "camera", "options", "pixels"]),
-    ("render", &["gpu", "scene", "camera", "options", "pixels"]),
+    ("render", &["memory", "gpu", "scene", "camera", "options", "pixels"]),
     ("environment", &["gpu"]),
-    ("cli", &["render", "reference", "gpu", "scene", "camera", "options", "pixels", "metrics", "environment"]),
+    (
+        "cli",
+        &["memory", "render", "reference", "gpu", "scene", "camera", "options", "pixels", "metrics", "environment"],
+    ),
 ];
 
 /// Lines after which a file should be split.

@@ -89,6 +89,60 @@ fn render_takes_backgrounds() {
     assert!(png(&out).to_rgba8().pixels().all(|p| p.0[3] == 0));
 }
 
+/// A scene of any size is framed, and drawn: the near plane goes with it.
+#[test]
+fn render_frames_a_small_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut ply = fs::read("tests/fixtures/plush.ply").unwrap();
+    // x y z come first, the scales' logarithms at properties 55 to 57 of 62.
+    let data = ply.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    let names: Vec<String> = String::from_utf8_lossy(&ply[..data])
+        .lines()
+        .filter_map(|l| Some(l.strip_prefix("property float ")?.to_owned()))
+        .collect();
+    for vertex in ply[data..].chunks_exact_mut(4 * names.len()) {
+        for (name, bytes) in names.iter().zip(vertex.chunks_exact_mut(4)) {
+            let value = f32::from_le_bytes(bytes.try_into().unwrap());
+            let smaller = match name.as_str() {
+                "x" | "y" | "z" => value / 1000.0,
+                name if name.starts_with("scale") => value - 1000f32.ln(),
+                _ => value,
+            };
+            bytes.copy_from_slice(&smaller.to_le_bytes());
+        }
+    }
+    let (scene, out) = (path(&folder, "small.ply"), path(&folder, "a.png"));
+    fs::write(&scene, ply).unwrap();
+    let common = ["render", &scene, "--size", "64x64", "-o", &out];
+    ok(&common);
+    let small = png(&out).to_rgb8();
+    ok(&["render", "tests/fixtures/plush.ply", "--size", "64x64", "-o", &out]);
+    let steps = small.iter().zip(png(&out).to_rgb8().iter()).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+    assert!(steps <= 1 && small.iter().any(|v| *v > 50), "{steps} steps of 255");
+    let output = smalto(&[&common[..], &["--near", "0.2"]].concat());
+    assert!(String::from_utf8_lossy(&output.stderr).contains("no Gaussian is in view"));
+}
+
+/// A scene in which every Gaussian is fully transparent is the background, not an error.
+#[test]
+fn a_transparent_scene_is_the_background() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut ply = b"ply\nformat binary_little_endian 1.0\nelement vertex 1\n".to_vec();
+    let names = "x y z f_dc_0 f_dc_1 f_dc_2 scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 opacity";
+    for name in names.split(' ') {
+        ply.extend(format!("property float {name}\n").bytes());
+    }
+    ply.extend(b"end_header\n");
+    for value in [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, f32::NEG_INFINITY] {
+        ply.extend(value.to_le_bytes());
+    }
+    let (scene, out) = (path(&folder, "clear.ply"), path(&folder, "a.png"));
+    fs::write(&scene, ply).unwrap();
+    ok(&["render", &scene, "--size", "20x20", "--background", "0,0,1", "-o", &out]);
+    assert!(png(&out).to_rgb8().pixels().all(|p| p.0 == [0, 0, 255]));
+    assert!(ok(&["info", &scene]).contains("0 Gaussians"));
+}
+
 /// Two cameras, one named.
 fn cameras(folder: &tempfile::TempDir, name: &str) -> String {
     let camera = |name: &str, z: f64| {
@@ -119,6 +173,15 @@ fn render_takes_cameras_by_number_name_and_all() {
     assert_eq!(png(path(&folder, "0.png")).to_rgb8().dimensions(), (64, 48), "the camera's own size");
     ok(&["render", "cactus:500", "--cameras", &file, "--size", "32x32", "-o", &path(&folder, "small.png")]);
     assert_eq!(png(path(&folder, "small.png")).to_rgb8().dimensions(), (32, 32));
+    // Photographs may be named like positions of others.
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(path(&folder, "n.json"), text.replace("front", "1").replace("near", "0001")).unwrap();
+    let by_number = |camera: &str| {
+        let (file, out) = (path(&folder, "n.json"), path(&folder, "n.png"));
+        ok(&["render", "cactus:500", "--cameras", &file, "--camera", camera, "-o", &out]);
+        fs::read(out).ok()
+    };
+    assert_eq!([by_number("0"), by_number("1"), by_number("0001")], [first, second.clone(), second]);
     let error = fails(2, &["render", "cactus:500", "--cameras", &file, "--camera", "side"]);
     assert!(error.contains("there is no camera side: they are 0 to 1, from 'front' to 'near'"), "{error}");
 }
@@ -134,6 +197,16 @@ fn render_finds_the_cameras_of_a_model_folder() {
     let out = path(&folder, "a.png");
     ok(&["render", scene.to_str().unwrap(), "-o", &out]);
     assert_eq!(png(&out).to_rgb8().dimensions(), (64, 48));
+    // A link finds the cameras beside itself.
+    #[cfg(unix)]
+    {
+        let elsewhere = tempfile::tempdir().unwrap();
+        cameras(&elsewhere, "cameras.json");
+        let link = elsewhere.path().join("scene.ply");
+        std::os::unix::fs::symlink(fs::canonicalize("tests/fixtures/plush.ply").unwrap(), &link).unwrap();
+        ok(&["render", link.to_str().unwrap(), "-o", &out]);
+        assert_eq!(png(&out).to_rgb8().dimensions(), (64, 48));
+    }
     // The folder stands for its last iteration.
     fs::create_dir(folder.path().join("point_cloud/iteration_3")).unwrap();
     let by_folder = path(&folder, "b.png");
@@ -229,7 +302,9 @@ fn an_unreadable_scene_or_camera_file_is_exit_code_4() {
     let out = path(&folder, "a.png");
     fs::write(&out, "kept").unwrap();
     let bad = path(&folder, "bad.ply");
-    assert!(fails(4, &["render", &bad, "-o", &out]).contains("bad.ply: the PLY header has no end"));
+    assert!(
+        fails(4, &["render", &bad, "-o", &out]).contains("bad.ply: the file ends at byte 36, inside the PLY header")
+    );
     assert!(fails(4, &["info", "no/such.ply"]).contains("no/such.ply: cannot be opened: there is no such file"));
     let cameras = path(&folder, "bad.json");
     assert!(
@@ -244,6 +319,27 @@ fn an_unreadable_scene_or_camera_file_is_exit_code_4() {
 fn too_little_memory_is_exit_code_5() {
     let error = fails(5, &["render", "cactus:100", "--size", "60000x60000"]);
     assert!(error.contains("57600000000 bytes"), "{error}");
+    // Host memory: 236 bytes a Gaussian of SH degree 3.
+    let output = run(&["info", "cactus:200000000"], limit_memory);
+    assert_eq!(output.status.code(), Some(5), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// 4 GB of address space for the program.
+fn limit_memory(command: &mut Command) {
+    let program = command.get_program().to_owned();
+    let arguments: Vec<_> = command.get_args().map(ToOwned::to_owned).collect();
+    *command = Command::new("sh");
+    command.args(["-c", "ulimit -v 4000000; exec \"$0\" \"$@\""]).arg(program).args(arguments);
+}
+
+#[test]
+fn a_reader_that_leaves_early_is_no_failure() {
+    let script = |text: &str| Command::new("sh").args(["-c", text, env!("CARGO_BIN_EXE_smalto")]).output().unwrap();
+    let early = script("exec 3>&1; { \"$0\" info tests/fixtures/plush.ply; echo $? >&3; } | true");
+    assert_eq!((early.stdout, early.stderr), (b"0\n".to_vec(), Vec::new()));
+    let full = script("\"$0\" info tests/fixtures/plush.ply > /dev/full");
+    assert_eq!(full.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&full.stderr).contains("cannot write to standard output"));
 }
 
 #[test]

@@ -5,7 +5,7 @@ mod common;
 use common::{Gpu, ROUNDING, Random, compare, gaussians};
 use glam::{DQuat, DVec3, dvec2};
 use smalto::camera::Camera;
-use smalto::gpu::OutOfMemory;
+use smalto::memory::OutOfMemory;
 use smalto::options::{Background, Options};
 use smalto::pixels::Pixels;
 use smalto::reference;
@@ -70,7 +70,7 @@ fn nothing_to_draw_is_the_background() {
 
 #[test]
 fn images_of_any_shape_agree() {
-    let scene = synthetic::cactus(3000).gaussians;
+    let scene = synthetic::cactus(3000).unwrap().gaussians;
     let camera = |size| Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), size, 0.9);
     for size in [[1, 1], [2, 1], [1, 3], [15, 16], [16, 16], [17, 13], [31, 33], [100, 1], [1, 100], [257, 129]] {
         agrees(&format!("{size:?}"), &scene, &camera(size));
@@ -226,7 +226,7 @@ fn needles_of_any_length_agree() {
 
 #[test]
 fn wide_fields_of_view_stay_finite() {
-    let scene = synthetic::cactus(2000).gaussians;
+    let scene = synthetic::cactus(2000).unwrap().gaussians;
     for degrees in [120.0_f64, 170.0, 179.0, 179.9] {
         let target = DVec3::new(0.0, -1.2, 0.0);
         let camera = Camera::looking_at(DVec3::new(0.5, -1.5, -1.0), target, [96, 64], degrees.to_radians());
@@ -246,7 +246,7 @@ fn narrow_fields_of_view_agree() {
 
 #[test]
 fn a_scene_far_from_the_origin_looks_the_same() {
-    let local = synthetic::cactus(3000).gaussians;
+    let local = synthetic::cactus(3000).unwrap().gaussians;
     let eye = DVec3::new(1.5, -2.5, -4.0);
     let target = DVec3::new(0.0, -1.2, 0.0);
     for offset in [1e2, 1e4, 1e6] {
@@ -349,7 +349,7 @@ fn a_tile_list_longer_than_65535_is_drawn_to_its_end() {
 #[test]
 fn what_does_not_fit_grows_and_is_rendered_again() {
     let gpu = Gpu::new();
-    let scene = synthetic::cactus(5000).gaussians;
+    let scene = synthetic::cactus(5000).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 120], 0.9);
     let gpu_scene = GpuScene::new(&gpu.0, &scene).unwrap();
     let roomy = gpu.render(&scene, &camera, &Options::default());

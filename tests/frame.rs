@@ -28,7 +28,7 @@ fn matches_the_reference(name: &str, gaussians: &Gaussians, cameras: &[Camera]) 
 
 #[test]
 fn frame_matches_the_reference_on_the_cactus() {
-    let scene = synthetic::cactus(synthetic::DEFAULT_COUNT).gaussians;
+    let scene = synthetic::cactus(synthetic::DEFAULT_COUNT).unwrap().gaussians;
     let target = glam::DVec3::new(0.0, -1.2, 0.0);
     let cameras = [(3.0, -2.5, -4.0), (-1.2, -1.5, -1.4), (0.2, -5.0, 0.1)]
         .map(|(x, y, z)| Camera::looking_at(glam::DVec3::new(x, y, z), target, SIZE, 1.0));

@@ -9,9 +9,8 @@ use common::{Gpu, Turn, compare};
 use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::environment::Environment;
-use smalto::gpu::{
-    Access, Buffer, Commands, Device, DeviceChoice, Extent, OutOfMemory, Stage, Timestamps, Unavailable, Validation,
-};
+use smalto::gpu::{Access, Buffer, Commands, Device, DeviceChoice, Extent, Stage, Timestamps, Unavailable, Validation};
+use smalto::memory::OutOfMemory;
 use smalto::options::{Background, Options};
 use smalto::reference;
 use smalto::render::*;
@@ -139,7 +138,7 @@ fn a_missing_barrier_around_copies_and_indirect_counts_is_reported() {
 /// Every barrier of a frame is there for a reason, and the check knows it.
 #[test]
 fn every_barrier_of_a_frame_is_missed_when_it_is_gone() {
-    let scene = synthetic::cactus(300).gaussians;
+    let scene = synthetic::cactus(300).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [48, 48], 0.9);
     let render = |overlooked: Option<usize>| {
         let (device, _turn) = device_with_complaints();
@@ -179,7 +178,7 @@ fn a_complaint_fails_the_test_that_caused_it() {
 #[test]
 fn a_changed_pixel_fails_the_comparison() {
     let gpu = Gpu::new();
-    let scene = synthetic::cactus(500).gaussians;
+    let scene = synthetic::cactus(500).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [48, 48], 0.9);
     let rendering = reference::render(&scene, &camera, &Options::default(), Background::BLACK);
     let mut pixels = gpu.render(&scene, &camera, &Options::default());

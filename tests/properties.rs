@@ -40,7 +40,7 @@ fn free(gaussians: &Gaussians) -> Vec<Free> {
 }
 
 fn build(free: &[Free], degree: u32) -> Gaussians {
-    let mut builder = Builder::new(degree, free.len());
+    let mut builder = Builder::new(degree, free.len()).unwrap();
     builder.extend(free.len(), |i, sh| {
         sh.copy_from_slice(&free[i].sh[..sh_coefficients(degree)]);
         free[i].raw
@@ -49,7 +49,7 @@ fn build(free: &[Free], degree: u32) -> Gaussians {
 }
 
 fn scene() -> Vec<Free> {
-    free(&synthetic::cactus(3000).gaussians)
+    free(&synthetic::cactus(3000).unwrap().gaussians)
 }
 
 fn render(scene: &[Free]) -> Pixels {
@@ -63,7 +63,7 @@ fn render_from(scene: &[Free], camera: &Camera) -> Pixels {
 #[test]
 fn two_renders_are_the_same_bits() {
     let gpu = Gpu::new();
-    let scene = synthetic::cactus(20_000).gaussians;
+    let scene = synthetic::cactus(20_000).unwrap().gaussians;
     let first = gpu.render(&scene, &camera(), &Options::default());
     assert!(Gpu::new().render(&scene, &camera(), &Options::default()) == first);
 }
@@ -71,7 +71,7 @@ fn two_renders_are_the_same_bits() {
 #[test]
 fn the_portable_path_draws_the_same_bits() {
     let gpu = Gpu::new();
-    let scene = synthetic::cactus(50_000).gaussians;
+    let scene = synthetic::cactus(50_000).unwrap().gaussians;
     for camera in [camera(), camera().resized([301, 203])] {
         let default = gpu.render(&scene, &camera, &Options::default());
         assert!(gpu.render(&scene, &camera, &Options { portable: true, ..Options::default() }) == default);

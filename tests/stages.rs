@@ -201,7 +201,7 @@ fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
     for portable in [false, true] {
         for (count, camera) in views() {
-            let gaussians = synthetic::cactus(count).gaussians;
+            let gaussians = synthetic::cactus(count).unwrap().gaussians;
             let options = Options { portable, ..Options::default() };
             let captured = gpu.capture(&gaussians, &camera, &options);
             cases.push(Case { gaussians, camera, captured });

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DVec2, DVec3};
 use serde::Deserialize;
 
-use super::{Camera, centre};
+use super::{Camera, MAX_SIDE, centre};
 
 /// A camera and the name of its photograph.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,6 +15,10 @@ pub struct NamedCamera {
     pub name: String,
     pub camera: Camera,
 }
+
+/// Beyond these no scene can be seen in 32-bit floats.
+const MAX_FOCAL_PX: f64 = 1e9;
+const MAX_POSITION: f64 = 1e30;
 
 #[derive(Deserialize)]
 struct Entry {
@@ -36,8 +40,10 @@ const PARENTS: usize = 3;
 
 /// The `cameras.json` beside a scene or in a folder above it.
 pub fn find(scene: &Path) -> Option<PathBuf> {
-    let folder = scene.canonicalize().ok()?;
-    folder.ancestors().skip(1).take(1 + PARENTS).map(|f| f.join("cameras.json")).find(|file| file.is_file())
+    // Where the path says the scene is, then where it is: it may be a link.
+    let places = [std::path::absolute(scene).ok(), scene.canonicalize().ok()];
+    let folders = places.iter().flatten().flat_map(|place| place.ancestors().skip(1).take(1 + PARENTS));
+    folders.map(|folder| folder.join("cameras.json")).find(|file| file.is_file())
 }
 
 /// Reads every camera of the file.
@@ -52,12 +58,22 @@ pub fn read(path: &Path) -> Result<Vec<NamedCamera>> {
 impl Entry {
     fn camera(self, index: usize) -> Result<NamedCamera> {
         let size_px = [self.width, self.height];
-        ensure!(!size_px.contains(&0), "its size {}x{} is empty", self.width, self.height);
-        ensure!(self.fx > 0.0 && self.fy > 0.0, "its focal lengths {} and {} are not positive", self.fx, self.fy);
+        ensure!(
+            size_px.iter().all(|side| (1..=MAX_SIDE).contains(side)),
+            "its size {}x{} is not from 1 to {MAX_SIDE} pixels",
+            self.width,
+            self.height
+        );
+        ensure!(
+            [self.fx, self.fy].iter().all(|f| *f > 0.0 && *f <= MAX_FOCAL_PX),
+            "its focal lengths {} and {} are not over 0 and up to {MAX_FOCAL_PX:e} pixels",
+            self.fx,
+            self.fy
+        );
         let position = DVec3::from(self.position);
         ensure!(
-            position.is_finite() && self.fx.is_finite() && self.fy.is_finite(),
-            "its position or focal length is not finite"
+            position.abs().max_element() <= MAX_POSITION,
+            "its position is not within {MAX_POSITION:e} of the origin"
         );
         // Rows of camera to world are the columns of world to camera.
         let rotation = DMat3::from_cols_array_2d(&self.rotation);
@@ -99,8 +115,11 @@ mod tests {
         for (from, to, expected) in [
             ("[0, 0, -1]", "[0, 0, 1]", "not a rotation"),
             ("[0, 0, -1]", "[0, 0, -2]", "not a rotation"),
-            ("640", "0", "empty"),
-            ("500", "-500", "not positive"),
+            ("640", "0", "from 1 to 65536"),
+            ("640", "65537", "from 1 to 65536"),
+            ("500", "1e10", "up to 1e9"),
+            ("[1, 2, 3]", "[1, 2e31, 3]", "within 1e30"),
+            ("500", "-500", "not over 0"),
             ("\"fx\": 500,", "", "missing field `fx`"),
             ("[{", "{", "not a cameras.json"),
         ] {

@@ -6,6 +6,9 @@ use glam::{DMat3, DVec2, DVec3};
 
 pub use cameras_json::{NamedCamera, find, read};
 
+/// Most pixels along a side of an image.
+pub const MAX_SIDE: u32 = 65536;
+
 /// A pinhole camera. View axes are COLMAP's: x right, y down, z forward. A pixel is sampled at its centre:
 /// pixel (i, j) at (i + 0.5, j + 0.5).
 #[derive(Clone, Debug, PartialEq)]

@@ -3,7 +3,7 @@
 use anyhow::{Result, bail, ensure};
 use glam::DVec3;
 
-use super::DeviceArgs;
+use super::{DeviceArgs, say};
 use crate::camera::Camera;
 use crate::gpu::{Device, DeviceFacts, survey};
 use crate::metrics::{max_error, psnr};
@@ -25,45 +25,46 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args) -> Result<()> {
     let devices = survey()?;
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&devices)?);
-        return Ok(());
+        return say!("{}", serde_json::to_string_pretty(&devices)?);
     }
     for (index, device) in devices.iter().enumerate() {
-        print(index, device);
+        print(index, device)?;
     }
     let device = args.device.open()?;
-    println!("self-test on {}{}", device.facts().name, if device.is_validated() { ", validated" } else { "" });
+    say!("self-test on {}{}", device.facts().name, if device.is_validated() { ", validated" } else { "" })?;
     self_test(&device)
 }
 
-fn print(index: usize, device: &DeviceFacts) {
+fn print(index: usize, device: &DeviceFacts) -> Result<()> {
     let DeviceFacts { name, kind, driver, vulkan, subgroup_size: [smallest, largest], limits, .. } = device;
-    println!("{index}  {name} ({kind}), {driver}, Vulkan {vulkan}");
+    say!("{index}  {name} ({kind}), {driver}, Vulkan {vulkan}")?;
     let free = device.memory_free_bytes.map_or_else(String::new, |free| format!(", {:.1} GB free", free as f64 / 1e9));
-    println!("   memory         {:.1} GB{free}", device.memory_bytes as f64 / 1e9);
-    println!("   subgroup       {smallest} to {largest} invocations");
-    println!(
+    say!("   memory         {:.1} GB{free}", device.memory_bytes as f64 / 1e9)?;
+    say!("   subgroup       {smallest} to {largest} invocations")?;
+    say!(
         "   largest        storage buffer {} bytes, allocation {} bytes, image {} px",
-        limits.storage_range, limits.allocation, limits.image
-    );
-    println!("   workgroup      {} invocations, {} bytes", limits.workgroup_invocations, limits.workgroup_memory);
-    println!(
+        limits.storage_range,
+        limits.allocation,
+        limits.image
+    )?;
+    say!("   workgroup      {} invocations, {} bytes", limits.workgroup_invocations, limits.workgroup_memory)?;
+    say!(
         "   timestamps     {}",
         if limits.timestamp_bits == 0 {
             "none".to_owned()
         } else {
             format!("{} bits of {} ns", limits.timestamp_bits, limits.timestamp_ns)
         }
-    );
+    )?;
     let optional: Vec<_> =
         device.optional.iter().map(|(what, has)| format!("{what} {}", if *has { "yes" } else { "no" })).collect();
-    println!("   optional       {}", optional.join(", "));
+    say!("   optional       {}", optional.join(", "))?;
     if let Some(limit) = device.loop_limit {
-        println!("   loops          end after {limit} iterations; long tile lists are blended in passes");
+        say!("   loops          end after {limit} iterations; long tile lists are blended in passes")?;
     }
     match &device.missing[..] {
-        [] => println!("   usable         yes"),
-        missing => println!("   usable         no, it lacks {}", missing.join(", ")),
+        [] => say!("   usable         yes"),
+        missing => say!("   usable         no, it lacks {}", missing.join(", ")),
     }
 }
 
@@ -72,7 +73,7 @@ const PSNR_MIN: f64 = 80.0;
 
 /// Renders a small scene on the chosen path and on the portable one, and compares both with the reference.
 fn self_test(device: &Device) -> Result<()> {
-    let gaussians = synthetic::cactus(5000).gaussians;
+    let gaussians = synthetic::cactus(5000)?.gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 120], 0.9);
     let scene = GpuScene::new(device, &gaussians)?;
     let exact = reference::render(&gaussians, &camera, &Options::default(), Background::BLACK).to_pixels();
@@ -83,7 +84,7 @@ fn self_test(device: &Device) -> Result<()> {
         let pixels = still.pixels()?;
         let (psnr, error) = (psnr(&pixels, &exact), max_error(&pixels, &exact));
         let path = if portable { "portable path" } else { "default path" };
-        println!("   {path:<14} {psnr:.1} dB to the float64 reference, largest difference {error:.5}");
+        say!("   {path:<14} {psnr:.1} dB to the float64 reference, largest difference {error:.5}")?;
         if psnr.is_nan() || psnr < PSNR_MIN {
             bail!(
                 "{} draws a wrong picture on the {path}: {psnr:.1} dB to the reference, {PSNR_MIN} expected",
@@ -93,6 +94,5 @@ fn self_test(device: &Device) -> Result<()> {
     }
     let complaints = device.complaints();
     ensure!(complaints.is_empty(), "the device complained: {}", complaints.join("\n"));
-    println!("   passed");
-    Ok(())
+    say!("   passed")
 }

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use serde::Serialize;
 
-use super::SceneArg;
+use super::{SceneArg, say};
 use crate::render::GpuScene;
 use crate::scene::{Bounds, Focus, Gaussians, Scene, Tally, percentiles};
 
@@ -43,13 +43,8 @@ struct Report {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    let report = report(&args.scene.scene, &args.scene.read()?);
-    if args.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
-    } else {
-        print(&report);
-    }
-    Ok(())
+    let report = report(&args.scene.scene.display().to_string(), &args.scene.read()?);
+    if args.json { say!("{}", serde_json::to_string_pretty(&report)?) } else { print(&report) }
 }
 
 fn report(name: &str, scene: &Scene) -> Report {
@@ -77,17 +72,18 @@ fn of_scales(gaussians: &Gaussians, value: fn([f64; 3]) -> f64) -> [f32; 7] {
     percentiles(values.collect(), FRACTIONS)
 }
 
-fn print(report: &Report) {
+fn print(report: &Report) -> Result<()> {
     let Report { scene, format, gaussians, sh_degree, tally, low, high, centre, radius, .. } = report;
-    println!("{scene}: {format}, {gaussians} Gaussians, SH degree {sh_degree}");
-    println!("read        {} ({tally})", tally.read);
-    println!("box         {} to {}", point(low), point(high));
-    println!("matter      90 % of the opacity within {radius:.4} of {}", point(&centre.map(|v| v as f32)));
-    println!("on the GPU  {:.1} MB", report.gpu_bytes as f64 / 1e6);
-    println!("percentile  {}", FRACTIONS.map(|f| format!("{:>9}", format!("{:.0} %", f * 100.0))).concat());
+    say!("{scene}: {format}, {gaussians} Gaussians, SH degree {sh_degree}")?;
+    say!("read        {} ({tally})", tally.read)?;
+    say!("box         {} to {}", point(low), point(high))?;
+    say!("matter      90 % of the opacity within {radius:.4} of {}", point(&centre.map(|v| v as f32)))?;
+    say!("on the GPU  {:.1} MB", report.gpu_bytes as f64 / 1e6)?;
+    say!("percentile  {}", FRACTIONS.map(|f| format!("{:>9}", format!("{:.0} %", f * 100.0))).concat())?;
     for (name, values) in [("opacity", report.opacity), ("scale", report.scale), ("anisotropy", report.anisotropy)] {
-        println!("{name:<11} {}", values.map(|v| format!("{:>9}", number(v))).concat());
+        say!("{name:<11} {}", values.map(|v| format!("{:>9}", number(v))).concat())?;
     }
+    Ok(())
 }
 
 fn point(p: &[f32; 3]) -> String {

@@ -6,14 +6,18 @@ mod info;
 mod progress;
 mod render;
 
+use std::fmt;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use clap::{Args, Parser, Subcommand};
 
+use crate::camera::MAX_SIDE;
 use crate::environment::Environment;
-use crate::gpu::{Device, DeviceChoice, OutOfMemory, Unavailable, Validation};
+use crate::gpu::{Device, DeviceChoice, Unavailable, Validation};
+use crate::memory::OutOfMemory;
 use crate::scene::{self, Scene, Unreadable, synthetic};
 
 /// Renders 3D Gaussian splatting scenes with Vulkan compute.
@@ -55,6 +59,26 @@ impl DeviceArgs {
     }
 }
 
+/// Like `println!`, but returns what goes wrong. A reader that left early is no failure.
+macro_rules! say {
+    ($($line:tt)*) => { $crate::cli::print_line(format_args!($($line)*)) };
+}
+use say;
+
+fn print_line(line: fmt::Arguments) -> Result<()> {
+    match writeln!(std::io::stdout(), "{line}") {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(error).context("cannot write to standard output")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Prints a line to stderr, if there is one to print to.
+fn remark(line: &str) {
+    _ = writeln!(std::io::stderr(), "smalto: {line}");
+}
+
 /// What the user asked for makes no sense here.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
@@ -70,7 +94,7 @@ pub fn run() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("smalto: {error:#}");
+            remark(&format!("{error:#}"));
             ExitCode::from(exit_code(&error))
         }
     }
@@ -96,39 +120,44 @@ struct SceneArg {
     /// Scene file (.ply, .compressed.ply or .spz), model folder of the original 3DGS, or the built-in procedural scene
     /// `cactus:COUNT`
     #[arg(default_value = "cactus")]
-    scene: String,
+    scene: PathBuf,
 }
 
 impl SceneArg {
+    /// The count of the procedural scene, if it is that.
+    fn procedural(&self) -> Option<Result<usize>> {
+        synthetic::parse(self.scene.to_str()?)
+    }
+
     /// The scene's file, if it is one. In a model folder, the point cloud of the last iteration.
     fn path(&self) -> Option<PathBuf> {
-        let path = synthetic::parse(&self.scene).is_none().then(|| PathBuf::from(&self.scene))?;
-        let iterations = std::fs::read_dir(path.join("point_cloud")).into_iter().flatten().flatten();
+        if self.procedural().is_some() {
+            return None;
+        }
+        let iterations = std::fs::read_dir(self.scene.join("point_cloud")).into_iter().flatten().flatten();
         let number = |folder: &Path| folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse::<u64>().ok();
         let last = iterations.map(|entry| entry.path()).filter_map(|f| Some((number(&f)?, f))).max();
-        Some(last.map_or(path, |(_, folder)| folder.join("point_cloud.ply")))
+        Some(last.map_or_else(|| self.scene.clone(), |(_, folder)| folder.join("point_cloud.ply")))
     }
 
     /// Reads the file or makes the procedural scene, and says on stderr what had to be dropped.
     fn read(&self) -> Result<Scene> {
-        let (name, scene) = match self.path() {
-            Some(path) => {
-                let bar = progress::Bar::new("reading");
-                (path.display().to_string(), scene::read(&path, &|fraction| bar.set(fraction))?)
-            }
+        let path = self.path().unwrap_or_else(|| self.scene.clone());
+        let name = path.display();
+        let scene = match self.procedural() {
+            Some(count) => synthetic::cactus(count.map_err(|e| Usage(format!("{name}: {e:#}")))?)?,
             None => {
-                let count = synthetic::parse(&self.scene).expect("what is no file is procedural");
-                let count = count.map_err(|e| Usage(format!("{}: {e:#}", self.scene)))?;
-                (self.scene.clone(), synthetic::cactus(count))
+                let bar = progress::Bar::new("reading");
+                scene::read(&path, &|fraction| bar.set(fraction))?
             }
         };
         let tally = &scene.tally;
         if tally.dropped() + tally.clamped_scale > 0 {
             let level = if tally.is_clean() { "note" } else { "warning" };
-            eprintln!("smalto: {level}: {name}: of {} Gaussians {tally}", tally.read);
+            remark(&format!("{level}: {name}: of {} Gaussians {tally}", tally.read));
         }
         if scene.is_antialiased {
-            eprintln!("smalto: warning: {name}: the scene was trained with antialiasing, and is drawn without");
+            remark(&format!("warning: {name}: the scene was trained with antialiasing, and is drawn without"));
         }
         Ok(scene)
     }
@@ -138,7 +167,7 @@ impl SceneArg {
 fn parse_size(text: &str) -> Result<[u32; 2]> {
     let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     match sides {
-        Some(size @ [1..=65536, 1..=65536]) => Ok(size),
+        Some(size @ [1..=MAX_SIDE, 1..=MAX_SIDE]) => Ok(size),
         _ => bail!("expected WIDTHxHEIGHT in pixels, like 1280x720"),
     }
 }

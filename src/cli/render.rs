@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
 
-use super::{DeviceArgs, SceneArg, Usage, dump, parse_size, progress};
+use super::{DeviceArgs, SceneArg, Usage, dump, parse_size, progress, remark, say};
 use crate::camera::{self, Camera, NamedCamera};
 use crate::gpu::Commands;
 use crate::options::{Background, Options};
@@ -36,9 +36,10 @@ pub(super) struct Args {
     /// What lies behind the scene: three numbers from 0 to 1, or `transparent`
     #[arg(long, value_name = "R,G,B|transparent", default_value = "0,0,0", value_parser = parse_background)]
     background: Background,
-    /// Distance ahead of the camera, in world units, from which on Gaussians are drawn
-    #[arg(long, value_name = "DISTANCE", default_value_t = Options::default().near)]
-    near: f32,
+    /// Distance ahead of the camera, in world units, from which on Gaussians are drawn [default: 0.2, less where a
+    /// small scene without cameras needs it]
+    #[arg(long, value_name = "DISTANCE")]
+    near: Option<f32>,
     #[command(flatten)]
     device: DeviceArgs,
     /// Use only what runs on every device, with no path chosen for this one
@@ -65,6 +66,12 @@ fn parse_background(text: &str) -> Result<Background> {
     Ok(Background::Colour(colour.context("expected R,G,B from 0 to 1, like 1,1,1, or transparent")?))
 }
 
+/// Pictures to make, and where the near plane of all of them is.
+struct Plan {
+    shots: Vec<Shot>,
+    near: f32,
+}
+
 /// One picture to make.
 struct Shot {
     camera: Camera,
@@ -72,26 +79,26 @@ struct Shot {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    if !(args.near.is_finite() && args.near > 0.0) {
-        return Err(Usage(format!("--near {} is not a distance ahead of the camera", args.near)).into());
+    if let Some(near) = args.near.filter(|near| !(near.is_finite() && *near > 0.0)) {
+        return Err(Usage(format!("--near {near} is not a distance ahead of the camera")).into());
     }
     // The device first: what is missing there is known at once, a scene may take a while.
     let device = if args.reference { None } else { Some(args.device.open()?) };
     let scene = args.scene.read()?;
-    let shots = shots(args, &scene.gaussians)?;
-    let options = Options { near: args.near, portable: args.portable };
+    let Plan { shots, near } = plan(args, &scene.gaussians)?;
+    let options = Options { near, portable: args.portable };
     match device {
         None => {
             for shot in &shots {
                 let started = Instant::now();
                 let pixels = reference::render(&scene.gaussians, &shot.camera, &options, args.background).to_pixels();
                 write(args, shot, &pixels)?;
-                println!(
+                say!(
                     "{}  {}  float64 reference, {:.1} s",
                     shot.output.display(),
                     size(shot),
                     started.elapsed().as_secs_f64()
-                );
+                )?;
             }
         }
         Some(device) => {
@@ -110,7 +117,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
                     dump::write(folder, results.captures())?;
                 }
                 write(args, shot, &still.pixels()?)?;
-                report(args, shot, &frame);
+                report(args, shot, &frame)?;
                 bar.set((done + 1) as f64 / shots.len() as f64);
             }
             let complaints = device.complaints();
@@ -120,13 +127,17 @@ pub(super) fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// The cameras to render, each with its file.
-fn shots(args: &Args, gaussians: &Gaussians) -> Result<Vec<Shot>> {
+fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     let cameras = cameras(args)?;
     let wants_all = args.camera.as_deref() == Some("all");
     let stem = args.scene.path().map_or_else(|| "cactus".to_owned(), |path| stem(&path));
+    let mut near = Options::default().near;
     let chosen: Vec<(usize, Camera)> = match (&cameras, &args.camera) {
-        (None, None) => vec![(0, automatic(gaussians, args.size))],
+        (None, None) => {
+            let (camera, distance) = automatic(gaussians, args.size);
+            near = near.min(distance as f32 / 100.0);
+            vec![(0, camera)]
+        }
         (None, Some(camera)) => {
             return Err(Usage(format!(
                 "--camera {camera} needs a camera file: there is no cameras.json beside the scene, and no --cameras"
@@ -134,7 +145,8 @@ fn shots(args: &Args, gaussians: &Gaussians) -> Result<Vec<Shot>> {
             .into());
         }
         (Some(all), _) if wants_all => all.iter().map(|c| c.camera.clone()).enumerate().collect(),
-        (Some(all), camera) => vec![pick(all, camera.as_deref().unwrap_or("0"))?],
+        (Some(all), None) => vec![(0, all[0].camera.clone())],
+        (Some(all), Some(wanted)) => vec![pick(all, wanted)?],
     };
     let default = PathBuf::from(if wants_all { "renders".to_owned() } else { format!("{stem}.png") });
     let output = args.output.clone().unwrap_or(default);
@@ -152,7 +164,7 @@ fn shots(args: &Args, gaussians: &Gaussians) -> Result<Vec<Shot>> {
         camera: args.size.map_or_else(|| camera.clone(), |size| camera.resized(size)),
         output: if is_folder { output.join(format!("{index:05}.png")) } else { output.clone() },
     };
-    Ok(chosen.into_iter().map(shot).collect())
+    Ok(Plan { shots: chosen.into_iter().map(shot).collect(), near: args.near.unwrap_or(near) })
 }
 
 fn cameras(args: &Args) -> Result<Option<Vec<NamedCamera>>> {
@@ -161,9 +173,10 @@ fn cameras(args: &Args) -> Result<Option<Vec<NamedCamera>>> {
 }
 
 fn pick(cameras: &[NamedCamera], wanted: &str) -> Result<(usize, Camera)> {
-    let by_name = cameras.iter().position(|c| c.name == wanted);
-    let by_position = wanted.parse().ok().filter(|index| *index < cameras.len());
-    let index = by_name.or(by_position).ok_or_else(|| {
+    // A number as one writes it is a position; 0007 is a name.
+    let by_position = (0..cameras.len()).find(|index| index.to_string() == wanted);
+    let by_name = || cameras.iter().position(|c| c.name == wanted);
+    let index = by_position.or_else(by_name).ok_or_else(|| {
         let last = cameras.len() - 1;
         Usage(format!(
             "there is no camera {wanted}: they are 0 to {last}, from '{}' to '{}'",
@@ -173,10 +186,13 @@ fn pick(cameras: &[NamedCamera], wanted: &str) -> Result<(usize, Camera)> {
     Ok((index, cameras[index].camera.clone()))
 }
 
-/// A view of the whole scene.
-fn automatic(gaussians: &Gaussians, size: Option<[u32; 2]>) -> Camera {
+/// A view of the whole scene, and the distance to its middle.
+fn automatic(gaussians: &Gaussians, size: Option<[u32; 2]>) -> (Camera, f64) {
     let focus = Focus::of(gaussians);
-    Camera::framing(DVec3::from(focus.centre), focus.radius, size.unwrap_or([1280, 720]))
+    let centre = DVec3::from(focus.centre);
+    let camera = Camera::framing(centre, focus.radius, size.unwrap_or([1280, 720]));
+    let distance = camera.position.distance(centre);
+    (camera, distance)
 }
 
 /// The file name without its endings.
@@ -194,7 +210,7 @@ fn size(shot: &Shot) -> String {
     format!("{width}x{height}")
 }
 
-fn report(args: &Args, shot: &Shot, frame: &Frame) {
+fn report(args: &Args, shot: &Shot, frame: &Frame) -> Result<()> {
     let totals = &frame.totals;
     let gpu_ms = frame
         .timings
@@ -202,12 +218,16 @@ fn report(args: &Args, shot: &Shot, frame: &Frame) {
         .find(|t| t.depth == 0)
         .map_or_else(String::new, |t| format!(", {:.2} ms on the GPU", t.duration_ms));
     let (visible, instances) = (totals.visible, totals.instances_kept);
-    println!("{}  {}  {visible} visible, {instances} instances{gpu_ms}", shot.output.display(), size(shot));
+    if visible == 0 {
+        remark(&format!("note: {}: no Gaussian is in view", shot.output.display()));
+    }
+    say!("{}  {}  {visible} visible, {instances} instances{gpu_ms}", shot.output.display(), size(shot))?;
     if args.timings {
         let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth > 0).collect();
         stages.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
         for stage in stages {
-            println!("  {:<12} {:8.3} ms", stage.name, stage.duration_ms);
+            say!("  {:<12} {:8.3} ms", stage.name, stage.duration_ms)?;
         }
     }
+    Ok(())
 }

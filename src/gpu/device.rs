@@ -8,10 +8,11 @@ use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
 use gpu_allocator::{AllocationError, MemoryLocation};
 
-use super::error::{OutOfMemory, describe};
+use super::error::describe;
 use super::facts::{self, DEVICE_FAULT, DeviceChoice, DeviceFacts, MEMORY_BUDGET};
 use super::instance::Instance;
 use super::submission::Slot;
+use crate::memory::OutOfMemory;
 
 /// Whether the validation layer, the missing-barrier check, robust buffer access and stage markers are on.
 #[derive(Clone, Copy, Debug, PartialEq)]

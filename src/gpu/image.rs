@@ -10,8 +10,9 @@ use gpu_allocator::vulkan::Allocation;
 use super::buffer::next_id;
 use super::commands::Commands;
 use super::device::{Device, Shared};
-use super::error::{OutOfMemory, describe};
+use super::error::describe;
 use super::shader::Resource;
+use crate::memory::OutOfMemory;
 
 /// `width` x `height` pixels of format R32G32B32A32_SFLOAT, always in the layout GENERAL. A clone is the same image.
 #[derive(Clone)]
@@ -24,7 +25,7 @@ impl Image {
         let limit = device.facts().limits.image;
         if width > limit || height > limit {
             let reason = format!("an image on {} has at most {limit} pixels a side", device.facts().name);
-            let bytes = u64::from(width) * u64::from(height) * 16;
+            let bytes = (u64::from(width) * u64::from(height)).saturating_mul(16);
             return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
         }
         let image = Self { texture: Arc::new(Texture::new(&device.0, name, width, height)?) };

@@ -36,7 +36,7 @@ mod timings;
 pub use buffer::Buffer;
 pub use commands::{Commands, Timestamps};
 pub use device::{Device, Validation};
-pub use error::{OutOfMemory, Unavailable};
+pub use error::Unavailable;
 pub use extent::{Extent, FOLD};
 pub use facts::{DeviceChoice, DeviceFacts, survey};
 pub use hazards::Access;

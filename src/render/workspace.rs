@@ -4,7 +4,8 @@ use anyhow::Result;
 
 use super::shaders::{Dispatches, Splat, Totals};
 use super::sort::{Pairs, SortScratch};
-use crate::gpu::{Buffer, Device, OutOfMemory};
+use crate::gpu::{Buffer, Device};
+use crate::memory::OutOfMemory;
 
 /// Elements that one workgroup takes; the shaders' constants of the same names.
 pub(super) const CULL_CHUNK: usize = 1024;

@@ -58,8 +58,8 @@ fn weighted_quantile(values: &mut [(f64, f64)], fraction: f64) -> f64 {
     reached.unwrap_or(&values[values.len() - 1]).0
 }
 
-/// The values below which these fractions of `values` lie (nearest rank). `values` is not empty.
+/// The values below which these fractions of `values` lie (nearest rank); 0 if there are none.
 pub fn percentiles<const N: usize>(mut values: Vec<f32>, fractions: [f64; N]) -> [f32; N] {
     values.sort_unstable_by(f32::total_cmp);
-    fractions.map(|f| values[((values.len() - 1) as f64 * f).round() as usize])
+    fractions.map(|f| values.get((values.len().saturating_sub(1) as f64 * f).round() as usize).copied().unwrap_or(0.0))
 }

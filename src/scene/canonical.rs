@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{Gaussians, sh_coefficients};
+use crate::memory::{OutOfMemory, host_vec};
 
 /// One Gaussian as files store it, after axis conversion to right, down, forward.
 #[derive(Clone, Copy, Debug)]
@@ -24,7 +25,8 @@ pub struct Raw {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Tally {
     pub read: usize,
-    /// Dropped: a mean, scale, rotation, opacity or colour that is not a number, or infinite where that means nothing.
+    /// Dropped: a mean, scale, rotation, opacity or colour that is not a number, infinite where that means nothing, or
+    /// too large for 32-bit floats to compute with.
     pub not_finite: usize,
     /// Dropped: a quaternion of length zero has no direction.
     pub zero_rotation: usize,
@@ -49,7 +51,7 @@ impl Tally {
 impl fmt::Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts = [
-            (self.not_finite, "dropped as not finite"),
+            (self.not_finite, "dropped as not finite in 32-bit floats"),
             (self.zero_rotation, "dropped for a zero quaternion"),
             (self.transparent, "dropped as fully transparent"),
             (self.clamped_scale, "with a scale clamped to the largest float"),
@@ -72,16 +74,16 @@ pub const BLOCK: usize = 1 << 16;
 
 impl Builder {
     /// Room for `capacity` Gaussians of this degree.
-    pub fn new(sh_degree: u32, capacity: usize) -> Self {
+    pub fn new(sh_degree: u32, capacity: usize) -> Result<Self, OutOfMemory> {
         let gaussians = Gaussians {
-            means: Vec::with_capacity(capacity),
-            scales: Vec::with_capacity(capacity),
-            rotations: Vec::with_capacity(capacity),
-            opacities: Vec::with_capacity(capacity),
-            sh: Vec::with_capacity(capacity * sh_coefficients(sh_degree)),
+            means: host_vec(capacity, "means")?,
+            scales: host_vec(capacity, "scales")?,
+            rotations: host_vec(capacity, "rotations")?,
+            opacities: host_vec(capacity, "opacities")?,
+            sh: host_vec(capacity * sh_coefficients(sh_degree), "spherical harmonics")?,
             sh_degree,
         };
-        Self { gaussians, tally: Tally::default() }
+        Ok(Self { gaussians, tally: Tally::default() })
     }
 
     /// Adds `count` Gaussians, or counts why they cannot be drawn. `decode` makes the one with this index in the block,
@@ -123,6 +125,9 @@ struct Canonical {
     opacity: f32,
 }
 
+/// A sum of sixteen coefficients below this, times their basis functions, does not overflow.
+const MAX_SH: f32 = 1e36;
+
 /// Why a Gaussian cannot be drawn.
 enum Flaw {
     NotFinite,
@@ -137,7 +142,7 @@ fn canonical(raw: &Raw, sh: &[[f32; 3]]) -> Result<Canonical, Flaw> {
         && raw.rotation.iter().all(|v| v.is_finite())
         && raw.log_scale.iter().all(|v| *v < f64::INFINITY)
         && !raw.opacity_logit.is_nan()
-        && sh.as_flattened().iter().all(|v| v.is_finite());
+        && sh.as_flattened().iter().all(|v| v.abs() < MAX_SH);
     if !is_finite {
         return Err(Flaw::NotFinite);
     }
@@ -174,7 +179,7 @@ mod tests {
     }
 
     fn build_coloured(raw: Raw, colour: [f32; 3]) -> (Gaussians, Tally) {
-        let mut builder = Builder::new(0, 1);
+        let mut builder = Builder::new(0, 1).unwrap();
         builder.extend(1, |_, sh| {
             sh[0] = colour;
             raw
@@ -204,14 +209,14 @@ mod tests {
             assert_eq!(tally, Tally { read: 1, not_finite: 1, ..Tally::default() }, "{raw:?}");
             assert!(gaussians.is_empty());
         }
-        for colour in [f32::NAN, f32::INFINITY] {
+        for colour in [f32::NAN, f32::INFINITY, -3e38] {
             assert_eq!(build_coloured(GOOD, [0.0, colour, 0.0]).1.not_finite, 1);
         }
     }
 
     #[test]
     fn canonical_keeps_the_order_of_what_it_keeps() {
-        let mut builder = Builder::new(0, 10);
+        let mut builder = Builder::new(0, 10).unwrap();
         builder.extend(10, |i, _| Raw { mean: [if i % 3 == 0 { f64::NAN } else { i as f64 }, 0.0, 0.0], ..GOOD });
         let (gaussians, tally) = builder.finish();
         assert_eq!(gaussians.means().iter().map(|m| m[0]).collect::<Vec<_>>(), [1.0, 2.0, 4.0, 5.0, 7.0, 8.0]);
@@ -247,6 +252,6 @@ mod tests {
     fn tally_says_what_happened() {
         assert_eq!(Tally::default().to_string(), "nothing dropped");
         let tally = Tally { read: 9, not_finite: 2, zero_rotation: 1, ..Tally::default() };
-        assert_eq!(tally.to_string(), "2 dropped as not finite, 1 dropped for a zero quaternion");
+        assert_eq!(tally.to_string(), "2 dropped as not finite in 32-bit floats, 1 dropped for a zero quaternion");
     }
 }

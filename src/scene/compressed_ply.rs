@@ -2,10 +2,11 @@
 
 use anyhow::{Context, Result, ensure};
 
-use super::canonical::{Builder, Raw};
-use super::ply::{Element, skip};
+use super::canonical::{BLOCK, Builder, Raw};
+use super::ply::{Element, Property, Scalar, skip};
 use super::source::Source;
 use super::{MAX_SH_DEGREE, Scene, checked_count, sh_coefficients};
+use crate::memory::host_vec;
 
 const CHUNK: usize = 256; // Gaussians that share their minima and maxima
 const C0: f64 = 0.28209479177387814; // Y_0^0, the constant basis function
@@ -44,27 +45,30 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
         sh.len() / rest.max(1)
     );
 
-    let mut builder = Builder::new(sh_degree, count);
+    let mut builder = Builder::new(sh_degree, count)?;
     let bands = sh_coefficients(sh_degree) - 1;
-    builder.extend(count, |index, coefficients| {
-        let [position, rotation, scale, colour] = vertices[index];
-        let chunk = &chunks[index / CHUNK];
-        let byte = |shift: u32| f64::from(colour >> shift & 255) / 255.0;
-        let rgb = [byte(24), byte(16), byte(8)];
-        let alpha = byte(0);
-        let rgb = std::array::from_fn::<_, 3, _>(|i| lerp(chunk.colour[0][i], chunk.colour[1][i], rgb[i]));
-        coefficients[0] = rgb.map(|v| ((v - 0.5) / C0) as f32);
-        for (i, coefficient) in coefficients[1..].iter_mut().enumerate() {
-            // Channel-major, as in the original PLY.
-            *coefficient = std::array::from_fn(|channel| sh_value(sh[index * rest + channel * bands + i]));
-        }
-        Raw {
-            mean: unpack(position, &chunk.mean),
-            log_scale: unpack(scale, &chunk.log_scale),
-            rotation: unpack_rotation(rotation),
-            opacity_logit: (alpha / (1.0 - alpha)).ln(),
-        }
-    });
+    for first in (0..count).step_by(BLOCK) {
+        builder.extend(BLOCK.min(count - first), |index, coefficients| {
+            let index = first + index;
+            let [position, rotation, scale, colour] = vertices[index];
+            let chunk = &chunks[index / CHUNK];
+            let byte = |shift: u32| f64::from(colour >> shift & 255) / 255.0;
+            let rgb = [byte(24), byte(16), byte(8)];
+            let alpha = byte(0);
+            let rgb = std::array::from_fn::<_, 3, _>(|i| lerp(chunk.colour[0][i], chunk.colour[1][i], rgb[i]));
+            coefficients[0] = rgb.map(|v| ((v - 0.5) / C0) as f32);
+            for (i, coefficient) in coefficients[1..].iter_mut().enumerate() {
+                // Channel-major, as in the original PLY.
+                *coefficient = std::array::from_fn(|channel| sh_value(sh[index * rest + channel * bands + i]));
+            }
+            Raw {
+                mean: unpack(position, &chunk.mean),
+                log_scale: unpack(scale, &chunk.log_scale),
+                rotation: unpack_rotation(rotation),
+                opacity_logit: (alpha / (1.0 - alpha)).ln(),
+            }
+        });
+    }
     let (gaussians, tally) = builder.finish();
     Ok(Scene { gaussians, tally, format: "compressed PLY".to_owned(), is_antialiased: false })
 }
@@ -80,18 +84,19 @@ fn read_chunks(source: &mut Source, element: &Element) -> Result<Vec<Chunk>> {
     let channels = ["r", "g", "b"];
     let colour =
         element.has("min_r").then(|| anyhow::Ok([triple("min", channels)?, triple("max", channels)?])).transpose()?;
-    rows(source, element, |row| Chunk {
+    let chunk = |row: &[u8]| Chunk {
         mean: mean.map(|p| p.map(|p| p.read(row))),
         log_scale: scale.map(|p| p.map(|p| p.read(row))),
         colour: colour.map_or([[0.0; 3], [1.0; 3]], |c| c.map(|p| p.map(|p| p.read(row)))),
-    })
+    };
+    rows(source, element, 1, |row, all| all.push(chunk(row)))
 }
 
 fn read_vertices(source: &mut Source, element: &Element) -> Result<Vec<[u32; 4]>> {
-    let [position, rotation, scale, colour] =
-        ["packed_position", "packed_rotation", "packed_scale", "packed_color"].map(|name| element.property(name));
+    let [position, rotation, scale, colour] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
+        .map(|n| of_kind(element, n, Scalar::U32));
     let properties = [position?, rotation?, scale?, colour?];
-    rows(source, element, |row| properties.map(|p| p.read(row) as u32))
+    rows(source, element, 1, |row, all| all.push(properties.map(|p| p.read(row) as u32)))
 }
 
 /// The degree, and the bytes of all Gaussians one after another.
@@ -99,18 +104,33 @@ fn read_sh(source: &mut Source, element: &Element) -> Result<(u32, Vec<u8>)> {
     let rest = element.run("f_rest_");
     let degree = (1..=MAX_SH_DEGREE).find(|d| 3 * (sh_coefficients(*d) - 1) == rest);
     let degree = degree.with_context(|| format!("element sh has {rest} f_rest properties, expected 9, 24 or 45"))?;
-    let properties = (0..rest).map(|i| element.property(&format!("f_rest_{i}"))).collect::<Result<Vec<_>>>()?;
-    let bytes: Vec<Vec<u8>> = rows(source, element, |row| properties.iter().map(|p| p.read(row) as u8).collect())?;
-    Ok((degree, bytes.concat()))
+    let properties = (0..rest).map(|i| of_kind(element, &format!("f_rest_{i}"), Scalar::U8));
+    let properties = properties.collect::<Result<Vec<_>>>()?;
+    let bytes = rows(source, element, rest, |row, all| all.extend(properties.iter().map(|p| row[p.offset])))?;
+    Ok((degree, bytes))
 }
 
-fn rows<T>(source: &mut Source, element: &Element, read: impl Fn(&[u8]) -> T) -> Result<Vec<T>> {
+/// The property of this name, which the packing wants to be of this type.
+fn of_kind<'e>(element: &'e Element, name: &str, kind: Scalar) -> Result<&'e Property> {
+    let property = element.property(name)?;
+    ensure!(property.kind == kind, "property {name} of element {} is not of type {kind:?}", element.name);
+    Ok(property)
+}
+
+/// Reads every row of an element: `take` appends `per_row` values of it.
+fn rows<T>(
+    source: &mut Source,
+    element: &Element,
+    per_row: usize,
+    take: impl Fn(&[u8], &mut Vec<T>),
+) -> Result<Vec<T>> {
+    ensure!(!element.has_list, "element {} has a list property", element.name);
     let count = checked_count(element.count, element.stride() as u64, source.left(), &element.name)?;
     let mut row = vec![0; element.stride()];
-    let mut all = Vec::with_capacity(count);
+    let mut all = host_vec(count * per_row, &element.name)?;
     for _ in 0..count {
         source.fill(&mut row, &element.name)?;
-        all.push(read(&row));
+        take(&row, &mut all);
     }
     Ok(all)
 }

@@ -17,6 +17,8 @@ pub use bounds::{Bounds, Focus, percentiles};
 pub use canonical::{Builder, Raw, Tally};
 use source::Source;
 
+use crate::memory::OutOfMemory;
+
 /// Highest degree of spherical harmonics that a scene may have.
 pub const MAX_SH_DEGREE: u32 = 3;
 
@@ -104,8 +106,14 @@ impl Unreadable {
 }
 
 /// Reads a scene file, whatever its name says, by its content. `progress` is told the fraction read so far.
-pub fn read(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene, Unreadable> {
-    read_any(path, progress).map_err(|problem| Unreadable::new(path, &problem))
+///
+/// # Errors
+/// [`Unreadable`] if the file is not a scene that can be drawn, [`OutOfMemory`] if it does not fit into memory.
+pub fn read(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
+    read_any(path, progress).map_err(|problem| match problem.downcast::<OutOfMemory>() {
+        Ok(too_large) => too_large.into(),
+        Err(problem) => Unreadable::new(path, &problem).into(),
+    })
 }
 
 fn read_any(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
@@ -122,7 +130,8 @@ fn read_any(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
     };
     let Tally { read, .. } = scene.tally;
     ensure!(read > 0, "the scene holds no Gaussians");
-    ensure!(!scene.gaussians.is_empty(), "none of its {read} Gaussians can be drawn: {}", scene.tally);
+    let is_drawable = !scene.gaussians.is_empty() || scene.tally.is_clean();
+    ensure!(is_drawable, "none of its {read} Gaussians can be drawn: {}", scene.tally);
     Ok(scene)
 }
 

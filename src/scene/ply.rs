@@ -1,5 +1,7 @@
 //! PLY: the header, and the scenes of the original 3DGS (`x y z`, `f_dc`, `f_rest`, `opacity`, `scale`, `rot`).
 
+use std::io::Read;
+
 use anyhow::{Context, Result, bail, ensure};
 
 use super::canonical::{BLOCK, Builder, Raw};
@@ -14,9 +16,10 @@ const MAX_HEADER_BYTES: u64 = 1 << 20;
 pub(super) struct Element {
     pub name: String,
     pub count: u64,
-    /// In file order. Empty for an element with a list property, whose size is unknown.
+    /// In file order, without lists.
     pub properties: Vec<Property>,
-    has_list: bool,
+    /// Has a list property: the size of its rows is unknown.
+    pub has_list: bool,
 }
 
 #[derive(Debug)]
@@ -109,7 +112,7 @@ impl Property {
 pub(super) fn read(source: &mut Source) -> Result<Scene> {
     let Header { elements, is_antialiased } = header(source)?;
     if elements.iter().any(|e| e.name == "chunk") {
-        return compressed_ply::read(source, &elements);
+        return Ok(Scene { is_antialiased, ..compressed_ply::read(source, &elements)? });
     }
     for element in &elements {
         if element.name == "vertex" {
@@ -128,10 +131,9 @@ pub(super) fn skip(source: &mut Source, element: &Element) -> Result<()> {
         element.name
     );
     let count = checked_count(element.count, element.stride() as u64, source.left(), &element.name)?;
-    let mut row = vec![0; element.stride()];
-    for _ in 0..count {
-        source.fill(&mut row, &element.name)?;
-    }
+    let bytes = (count * element.stride()) as u64;
+    let skipped = std::io::copy(&mut source.take(bytes), &mut std::io::sink())?;
+    ensure!(skipped == bytes, "the file ends inside element {}", element.name);
     Ok(())
 }
 
@@ -141,18 +143,18 @@ struct Header {
 }
 
 fn header(source: &mut Source) -> Result<Header> {
-    let mut is_antialiased = false;
+    let (mut has_format, mut is_antialiased) = (false, false);
     let mut elements: Vec<Element> = Vec::new();
     let start = source.left();
     let mut number = 0;
     loop {
         let room = MAX_HEADER_BYTES.saturating_sub(start - source.left());
-        let line = source.line(room).context("the PLY header has no end")?;
+        let line = source.line(room, "the PLY header")?;
         number += 1;
         let words: Vec<&str> = line.split_whitespace().collect();
         match words[..] {
             ["ply"] if number == 1 => {}
-            ["format", "binary_little_endian", "1.0"] => {}
+            ["format", "binary_little_endian", "1.0"] => has_format = true,
             ["format", other, ..] => bail!("PLY format {other} is not supported, only binary_little_endian 1.0"),
             // Brush and splat-transform; Postshot. The last one counts.
             ["comment", "SplatRenderMode:", mode] => is_antialiased = mode == "mip",
@@ -178,7 +180,10 @@ fn header(source: &mut Source) -> Result<Header> {
                     _ => bail!("header line {number} is not PLY: '{line}'"),
                 }
             }
-            ["end_header"] => return Ok(Header { elements, is_antialiased }),
+            ["end_header"] => {
+                ensure!(has_format, "the PLY header has no format line");
+                return Ok(Header { elements, is_antialiased });
+            }
             _ => bail!("header line {number} is not PLY: '{line}'"),
         }
     }
@@ -225,7 +230,7 @@ fn vertices(source: &mut Source, element: &Element) -> Result<Scene> {
     ensure!(!element.has_list, "element vertex has a list property");
     let layout = Layout::of(element)?;
     let count = checked_count(element.count, element.stride() as u64, source.left(), "vertices")?;
-    let mut builder = Builder::new(layout.sh_degree, count);
+    let mut builder = Builder::new(layout.sh_degree, count)?;
     let stride = element.stride();
     let bands = sh_coefficients(layout.sh_degree) - 1;
     let mut rows = Vec::new();

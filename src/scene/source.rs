@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, ErrorKind, Read};
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 
 /// Reads front to back; every error says at which byte.
 pub(super) struct Source<'p> {
@@ -53,16 +53,18 @@ impl<'p> Source<'p> {
         })
     }
 
-    /// A line without its end, of at most `limit` bytes.
-    pub fn line(&mut self, limit: u64) -> Result<String> {
+    /// A line without its end, of at most `limit` bytes; `what` names what it is part of.
+    pub fn line(&mut self, limit: u64, what: &str) -> Result<String> {
         let mut line = Vec::new();
-        let start = self.position;
         (&mut *self).take(limit).read_until(b'\n', &mut line)?;
-        ensure!(line.pop() == Some(b'\n'), "no line ends within {limit} bytes of byte {start}");
+        if line.pop() != Some(b'\n') {
+            ensure!(self.left() > 0, "the file ends at byte {}, inside {what}", self.len);
+            bail!("{what} has no end within {} bytes", self.position);
+        }
         if line.last() == Some(&b'\r') {
             line.pop();
         }
-        String::from_utf8(line).with_context(|| format!("the line at byte {start} is not text"))
+        Ok(String::from_utf8_lossy(&line).into_owned())
     }
 }
 

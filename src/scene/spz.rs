@@ -11,10 +11,8 @@ use super::source::Source;
 use super::{MAX_SH_DEGREE, Scene, sh_coefficients};
 
 const MAGIC: u32 = 0x5053_474e; // "NGSP"
-/// Most Gaussians per compressed byte that is believed: the reference implementation's cap on the compression ratio.
+/// Most bytes per compressed byte that are believed: the reference implementation's cap on the compression ratio.
 const MAX_RATIO: u64 = 1024;
-/// Bytes of a Gaussian without rotation, scale, colour and opacity: no honest file has fewer before compression.
-const MIN_BYTES: u64 = 9;
 
 struct Header {
     version: u32,
@@ -33,13 +31,18 @@ impl Header {
             (word(4), word(8), u32::from(bytes[12]), u32::from(bytes[13]));
         ensure!(sh_degree <= MAX_SH_DEGREE, "SH degree {sh_degree} is not supported, only 0 to {MAX_SH_DEGREE}");
         ensure!(fractional_bits < 24, "{fractional_bits} fractional bits do not fit into a 24-bit position");
-        let most = file_bytes.saturating_mul(MAX_RATIO) / MIN_BYTES;
+        let flag = |bit: u8| bytes[14] & bit != 0;
+        ensure!(!flag(0x80), "the file is a tree of levels of detail (flag 0x80), which is not supported");
+        let (is_antialiased, has_extensions) = (flag(1), flag(2));
+        let header =
+            Self { version, count: count as usize, sh_degree, fractional_bits, has_extensions, is_antialiased };
+        let bytes_each: usize = header.planes().iter().map(|(_, bytes)| bytes).sum();
+        let most = file_bytes.saturating_mul(MAX_RATIO) / bytes_each as u64;
         ensure!(
             u64::from(count) <= most,
             "the header claims {count} Gaussians, a file of {file_bytes} bytes holds {most} at most"
         );
-        let (is_antialiased, has_extensions) = (bytes[14] & 1 != 0, bytes[14] & 2 != 0);
-        Ok(Self { version, count: count as usize, sh_degree, fractional_bits, has_extensions, is_antialiased })
+        Ok(header)
     }
 
     /// The planes in file order, with the bytes that one Gaussian has in each.
@@ -77,14 +80,11 @@ pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
         ensure!(plane.len() == wanted, "the {name} end after {} of {wanted} bytes", plane.len());
         planes.push(std::io::Cursor::new(plane));
     }
+    // Reaches the checksum at the end of the stream, extensions or not.
     let mut records = Vec::new();
-    if header.has_extensions {
-        (&mut stream)
-            .take(MAX_EXTENSION_BYTES)
-            .read_to_end(&mut records)
-            .context("the extensions cannot be decompressed")?;
-    }
-    decode(&header, flips(&records)?, planes)
+    stream.take(MAX_EXTENSION_BYTES + 1).read_to_end(&mut records).context("the gzip stream is damaged")?;
+    ensure!(records.len() as u64 <= MAX_EXTENSION_BYTES, "over {MAX_EXTENSION_BYTES} bytes follow the Gaussians");
+    decode(&header, flips(if header.has_extensions { &records } else { &[] })?, planes)
 }
 
 /// A plain header, a table of contents, and a zstd stream per plane.
@@ -132,8 +132,7 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
 /// Reads block after block from all planes at once.
 fn decode<R: Read + Send>(header: &Header, flips: [bool; 3], mut planes: Vec<R>) -> Result<Scene> {
     let layout = header.planes();
-    // The header was checked against the file, but a bomb may still claim a thousand times what it holds.
-    let mut builder = Builder::new(header.sh_degree, header.count.min(1 << 24));
+    let mut builder = Builder::new(header.sh_degree, header.count)?;
     let mut blocks: Vec<Vec<u8>> = vec![Vec::new(); layout.len()];
     let step = 0.5_f64.powi(header.fractional_bits as i32);
     for first in (0..header.count).step_by(BLOCK) {
@@ -141,7 +140,8 @@ fn decode<R: Read + Send>(header: &Header, flips: [bool; 3], mut planes: Vec<R>)
         let parts = planes.par_iter_mut().zip(&mut blocks).zip(&layout);
         parts.try_for_each(|((plane, block), (name, bytes))| {
             block.resize(count * bytes, 0);
-            let place = || format!("the {name} of Gaussians {first} to {} of {}", first + count, header.count);
+            let place =
+                || format!("the {name} of Gaussians {first} to {} of {} are damaged", first + count, header.count);
             plane.read_exact(block).with_context(place)
         })?;
         builder.extend(count, |index, sh| {
@@ -151,6 +151,10 @@ fn decode<R: Read + Send>(header: &Header, flips: [bool; 3], mut planes: Vec<R>)
             };
             gaussian(header.version, row, step, flips, sh)
         });
+    }
+    for (plane, (name, _)) in planes.iter_mut().zip(&layout) {
+        let rest = plane.read(&mut [0]).with_context(|| format!("the {name} are damaged"))?;
+        ensure!(rest == 0, "the {name} go on after those of {} Gaussians", header.count);
     }
     let (gaussians, tally) = builder.finish();
     Ok(Scene { gaussians, tally, format: format!("SPZ {}", header.version), is_antialiased: header.is_antialiased })

@@ -11,6 +11,7 @@ use glam::{DMat3, DQuat, DVec3, dvec3};
 use super::canonical::{BLOCK, Builder, Raw};
 use super::harmonics::{C0, basis};
 use super::{MAX_SH_DEGREE, Scene};
+use crate::memory::OutOfMemory;
 
 /// The count of a scene that is not told one: the coarsest of the paper's four levels of detail.
 pub const DEFAULT_COUNT: usize = 139_410;
@@ -31,8 +32,8 @@ pub fn parse(name: &str) -> Option<Result<usize>> {
 }
 
 /// The cactus with `count` Gaussians. The same count gives the same scene everywhere.
-pub fn cactus(count: usize) -> Scene {
-    let mut builder = Builder::new(MAX_SH_DEGREE, count);
+pub fn cactus(count: usize) -> Result<Scene, OutOfMemory> {
+    let mut builder = Builder::new(MAX_SH_DEGREE, count)?;
     let weight: f64 = PARTS.iter().map(|p| p.share).sum();
     let (mut made, mut share) = (0, 0.0);
     for part in &PARTS {
@@ -47,7 +48,7 @@ pub fn cactus(count: usize) -> Scene {
         made = until;
     }
     let (gaussians, tally) = builder.finish();
-    Scene { gaussians, tally, format: "procedural cactus".to_owned(), is_antialiased: false }
+    Ok(Scene { gaussians, tally, format: "procedural cactus".to_owned(), is_antialiased: false })
 }
 
 /// A kind of matter: how many of the Gaussians it gets, and how they look.

@@ -88,7 +88,7 @@ impl Gpu {
 
 /// Canonical Gaussians from raw ones with one constant colour each.
 pub fn gaussians(raws: &[(Raw, [f32; 3])]) -> Gaussians {
-    let mut builder = Builder::new(0, raws.len());
+    let mut builder = Builder::new(0, raws.len()).unwrap();
     builder.extend(raws.len(), |i, sh| {
         sh[0] = raws[i].1.map(|c| (c - 0.5) / 0.282_094_8);
         raws[i].0
