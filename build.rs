@@ -53,13 +53,14 @@ struct Modules {
     optimized_path: PathBuf,
 }
 
-/// Compiles one shader twice, or takes both modules from an earlier build of the same preprocessed source.
+/// Compiles one shader twice, or takes both modules from an earlier build of the same preprocessed source by
+/// the same build script.
 fn compile(compiler: &Compiler, source: &Path, out: &Path) -> Result<Modules> {
     let text = fs::read_to_string(source)?;
     let file = source.to_str().context("a shader's path is not UTF-8")?;
     let preprocessed = compiler.preprocess(&text, file, "main", Some(&options(OptimizationLevel::Zero)?))?.as_text();
     let mut hasher = DefaultHasher::new();
-    preprocessed.hash(&mut hasher);
+    (preprocessed, include_str!("build.rs")).hash(&mut hasher);
     let stem = source.file_stem().and_then(|s| s.to_str()).context("a shader's name is not UTF-8")?;
     let path = |kind: &str| out.join(format!("{stem}.{:016x}.{kind}.spv", hasher.finish()));
     let (named_path, optimized_path) = (path("named"), path("optimized"));
@@ -67,7 +68,9 @@ fn compile(compiler: &Compiler, source: &Path, out: &Path) -> Result<Modules> {
         if !path.exists() {
             let module =
                 compiler.compile_into_spirv(&text, ShaderKind::Compute, file, "main", Some(&options(level)?))?;
-            fs::write(path, module.as_binary_u8())?;
+            let unfinished = path.with_extension("part");
+            fs::write(&unfinished, module.as_binary_u8())?;
+            fs::rename(&unfinished, path)?;
         }
     }
     let named = fs::read(&named_path)?.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();

@@ -74,7 +74,7 @@ void project(uint gaussian, vec3 mean, vec3 p, out Splat splat, out Ellipse elli
     float to_exp2 = sqrt(0.5 * 1.4426950408889634);  // exp(-q / 2) = exp2(-(log2(e) / 2) q)
     splat.mean_px = push.view.focal_px * slope + push.view.centre_px;
     splat.factor.x = to_exp2 * sqrt(c / determinant);
-    splat.factor.y = to_exp2 * -b / sqrt(c * determinant);
+    splat.factor.y = -to_exp2 * (b / sqrt(c)) / sqrt(determinant);  // c * determinant overflows
     splat.factor.z = to_exp2 / sqrt(c);
     splat.opacity = shape.w;
     ellipse = ellipse_of(splat.mean_px, vec4(a, b, c, determinant), shape.w);
@@ -95,7 +95,11 @@ void main() {
 
     uint total;
     uint offset = workgroup_exclusive_add(rows.y, total);
-    if (lane() == 0) first_span = atomicAdd(totals.spans, total);  // any order: spans are found through their range
+    if (lane() == 0) {
+        first_span = atomicAdd(totals.spans, total);  // any order: spans are found through their range
+        // Over 2^32 spans are at least as many instances: refused like those.
+        if (first_span + total < first_span) atomicAdd(totals.instances_high, 1);
+    }
     barrier();
     offset += first_span;
     bool fits = offset <= push.span_capacity && rows.y <= push.span_capacity - offset;

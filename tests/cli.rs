@@ -276,6 +276,7 @@ fn wrong_usage_is_exit_code_2() {
         &["render", "cactus:many"],
         &["render", "cactus:100", "--camera", "3"],
         &["render", "--reference", "--portable"],
+        &["render", "cactus:100", "--reference", "--size", "20000x20"],
         &["render", "cactus:100", "--size", "8x8", "-o", "picture.jpg"],
     ] {
         let error = fails(2, arguments);

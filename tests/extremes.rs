@@ -2,14 +2,16 @@
 
 mod common;
 
-use common::{Gpu, ROUNDING, Random, compare, gaussians};
+use std::f64::consts::PI;
+
+use common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, compare, gaussians};
 use glam::{DQuat, DVec3, dvec2};
 use smalto::camera::Camera;
 use smalto::memory::OutOfMemory;
 use smalto::options::{Background, Options};
 use smalto::pixels::Pixels;
 use smalto::reference;
-use smalto::render::{Demand, GpuScene, Still};
+use smalto::render::{Demand, GpuScene, Still, Workspace};
 use smalto::scene::{Gaussians, Raw, synthetic};
 
 /// Looks along z from the origin; `focal` px.
@@ -123,6 +125,15 @@ fn a_camera_inside_large_splats_agrees() {
         (ball([0.0, 0.1, 4.0], 0.5, 0.9), RED),
     ]);
     agrees("inside", &scene, &ahead([120, 90], 100.0));
+}
+
+/// A tilted splat, 1e8 px long and 3000 wide: the tilt is seen a thousand pixels from its mean.
+#[test]
+fn a_splat_longer_than_its_squares_can_be_keeps_its_tilt() {
+    let rotation = [(PI / 8.0).cos(), 0.0, 0.0, (PI / 8.0).sin()];
+    let log_scale = [1e6, 7.5, 1e-3].map(f64::ln);
+    let scene = gaussians(&[(Raw { mean: [0.0, 0.0, 5.0], log_scale, rotation, opacity_logit: 2.0 }, RED)]);
+    agrees("tilt", &scene, &ahead([16, 2048], 2000.0));
 }
 
 #[test]
@@ -326,9 +337,16 @@ fn thousands_of_faint_layers_agree() {
 /// More entries in one tile than llvmpipe lets a loop run: all must count.
 #[test]
 fn a_tile_list_longer_than_65535_is_drawn_to_its_end() {
-    let mut raws: Vec<_> =
-        (0..70_000).map(|i| (ball([-0.35, -0.35, 5.0 + 1e-5 * f64::from(i)], 0.002, 0.5), RED)).collect();
-    // The farthest splat covers what the others do not.
+    // Most cover one corner; a faint one now and then covers the tile, so that each missing stretch is seen.
+    let entry = |i: u32| {
+        let z = 5.0 + 1e-5 * f64::from(i);
+        if i % 400 == 399 {
+            (ball([0.1, 0.1, z], 0.2, 0.02), GREEN)
+        } else {
+            (ball([-0.35, -0.35, z], 0.002, 0.5), RED)
+        }
+    };
+    let mut raws: Vec<_> = (0..70_000).map(entry).collect();
     raws.push((ball([0.1, 0.1, 8.0], 0.2, 0.95), GREEN));
     let scene = gaussians(&raws);
     let camera = ahead([16, 16], 100.0);
@@ -342,8 +360,13 @@ fn a_tile_list_longer_than_65535_is_drawn_to_its_end() {
         let rendering = reference::render(&scene, &camera, &options, Background::BLACK);
         let pixels = still.pixels().unwrap();
         assert_eq!(compare(&pixels, &rendering).unexplained, 0);
-        assert!(pixels.at(10, 10)[1] > 0.6, "the last splat shows: {:?}", pixels.at(10, 10));
+        assert!(pixels.at(10, 10)[1] > 0.9, "the last splat shows: {:?}", pixels.at(10, 10));
     }
+}
+
+#[test]
+fn long_lists_agree_in_subgroups_of_four() {
+    again_in_subgroups_of_four(&["a_tile_list_longer_than_65535_is_drawn_to_its_end"]);
 }
 
 #[test]
@@ -368,6 +391,17 @@ fn what_does_not_fit_grows_and_is_rendered_again() {
         assert!(still.pixels().unwrap() == roomy, "{name}: the picture is complete");
         assert_eq!(still.render(&camera, Background::BLACK).unwrap().attempts, 1, "{name}: the room stays");
     }
+}
+
+/// Where the spare room is over a limit of the device, the room that is needed is enough.
+#[test]
+fn what_fits_exactly_is_not_refused() {
+    let gpu = Gpu::new();
+    let most = gpu.0.facts().limits.storage_range.min(128 << 20) / 36;
+    let mut work = Workspace::new(&gpu.0, Demand::default()).unwrap();
+    let demand = Demand { gaussians: 1 << 23, visible: most, ..Demand::default() };
+    assert!(work.grow(&gpu.0, demand).unwrap());
+    assert!(!work.grow(&gpu.0, demand).unwrap());
 }
 
 /// 2^32 instances and more: counted in 64 bits, and refused with the bytes it would take.

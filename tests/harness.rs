@@ -283,6 +283,15 @@ fn captures_hold_what_a_scope_wrote() {
 }
 
 #[test]
+#[should_panic(expected = "of one device")]
+fn what_is_recorded_together_is_of_one_device() {
+    let (device, _turn) = device_with_complaints();
+    let (other, _same_turn) = device_with_complaints();
+    let buffer = Buffer::<u32>::new(&other, "elsewhere", 1).unwrap();
+    Commands::new(&device).unwrap().fill(&buffer, 0);
+}
+
+#[test]
 fn a_device_is_closed_with_its_last_user() {
     let (device, _turn) = device_with_complaints();
     let users = device.users();

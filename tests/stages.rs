@@ -396,3 +396,8 @@ fn blend_matches_its_twin_on_the_same_lists() {
         assert!(comparison.unexplained == 0 && comparison.psnr > 100.0, "{comparison:?}");
     }
 }
+
+#[test]
+fn every_stage_agrees_in_subgroups_of_four() {
+    common::again_in_subgroups_of_four(&["--skip", "subgroups_of_four"]);
+}

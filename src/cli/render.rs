@@ -66,6 +66,9 @@ fn parse_background(text: &str) -> Result<Background> {
     Ok(Background::Colour(colour.context("expected R,G,B from 0 to 1, like 1,1,1, or transparent")?))
 }
 
+/// The reference keeps 40 bytes a pixel.
+const REFERENCE_SIDE: u32 = 16384;
+
 /// Pictures to make, and where the near plane of all of them is.
 struct Plan {
     shots: Vec<Shot>,
@@ -164,7 +167,13 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
         camera: args.size.map_or_else(|| camera.clone(), |size| camera.resized(size)),
         output: if is_folder { output.join(format!("{index:05}.png")) } else { output.clone() },
     };
-    Ok(Plan { shots: chosen.into_iter().map(shot).collect(), near: args.near.unwrap_or(near) })
+    let shots: Vec<_> = chosen.into_iter().map(shot).collect();
+    if let Some(shot) =
+        shots.iter().find(|s| args.reference && s.camera.size_px.into_iter().max() > Some(REFERENCE_SIDE))
+    {
+        return Err(Usage(format!("--reference draws up to {REFERENCE_SIDE} pixels a side, not {}", size(shot))).into());
+    }
+    Ok(Plan { shots, near: args.near.unwrap_or(near) })
 }
 
 fn cameras(args: &Args) -> Result<Option<Vec<NamedCamera>>> {

@@ -86,7 +86,7 @@ pub struct Storage {
     pub(super) scalar: Scalar,
     pub(super) columns: usize,
     allocation: Option<Allocation>,
-    device: Arc<Shared>,
+    pub(super) device: Arc<Shared>,
 }
 
 /// A number that no other resource or recording has.

@@ -9,7 +9,7 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 
 use super::buffer::{Buffer, Storage, next_id};
-use super::device::Device;
+use super::device::{Device, Shared};
 use super::extent::Extent;
 use super::hazards::{Access, Hazards};
 use super::image::{Image, WHOLE};
@@ -103,7 +103,8 @@ impl Commands {
         counts: &Buffer<T>,
         offset: usize,
     ) {
-        assert!(offset.is_multiple_of(4) && offset as u64 + 12 <= counts.bytes(), "the counts lie in their buffer");
+        let last = counts.bytes().checked_sub(12);
+        assert!(offset.is_multiple_of(4) && last >= Some(offset as u64), "the counts lie in their buffer");
         self.bind(stage, &bindings, &push);
         self.reads(counts.resource(), S::NAME, Access::INDIRECT);
         self.keep.push(counts.storage.clone());
@@ -143,7 +144,11 @@ impl Commands {
         len: usize,
         make: impl FnOnce(&mut [T]),
     ) -> Result<()> {
-        assert!(offset + len <= buffer.len(), "an upload to `{}` ends inside it", buffer.name());
+        assert!(
+            offset <= buffer.len() && len <= buffer.len() - offset,
+            "an upload to `{}` ends inside it",
+            buffer.name()
+        );
         if len == 0 {
             return Ok(());
         }
@@ -232,6 +237,7 @@ impl Commands {
         let mut declared = S::BINDINGS.iter().flat_map(|b| std::iter::repeat_n(b, b.count as usize));
         bindings.each(&mut |resource| {
             let binding = declared.next().expect("generated bindings match the generated table");
+            self.owns(resource.device());
             if binding.reads {
                 self.reads(resource, S::NAME, Access::SHADER_READ);
             }
@@ -263,6 +269,7 @@ impl Commands {
         };
         let writes: Vec<_> = S::BINDINGS.iter().map(write).collect();
         let (raw, pipeline, device) = (self.raw(), &stage.pipeline, &self.device.0);
+        self.owns(&pipeline.device);
         // SAFETY: clauses 2 and 4; every descriptor of the layout is written.
         unsafe {
             device.raw.cmd_bind_pipeline(raw, vk::PipelineBindPoint::COMPUTE, pipeline.raw);
@@ -278,7 +285,13 @@ impl Commands {
         self.keep.push(pipeline.clone());
     }
 
+    /// What is recorded together is of one device: clause 4.
+    fn owns(&self, device: &Arc<Shared>) {
+        assert!(Arc::ptr_eq(device, &self.device.0), "a recording, its stages and its resources are of one device");
+    }
+
     pub(super) fn reads(&mut self, resource: Resource, command: &str, access: Access) {
+        self.owns(resource.device());
         if let Some(hazards) = &mut self.hazards
             && let Some(complaint) = hazards.read(resource.id(), resource.name(), command, access)
         {
@@ -287,6 +300,7 @@ impl Commands {
     }
 
     fn writes(&mut self, resource: Resource, command: &str, access: Access) {
+        self.owns(resource.device());
         if let (Some(written), Resource::Buffer(storage)) = (&mut self.written, resource)
             && !written.iter().any(|w| w.id == storage.id)
         {

@@ -9,7 +9,7 @@ use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, 
 use gpu_allocator::{AllocationError, MemoryLocation};
 
 use super::error::describe;
-use super::facts::{self, DEVICE_FAULT, DeviceChoice, DeviceFacts, MEMORY_BUDGET};
+use super::facts::{self, DEVICE_FAULT, DeviceChoice, DeviceFacts, MEMORY_BUDGET, PORTABILITY_SUBSET};
 use super::instance::Instance;
 use super::submission::Slot;
 use crate::memory::OutOfMemory;
@@ -71,6 +71,9 @@ impl Device {
         if facts.has(DEVICE_FAULT) {
             extensions.push(ext::device_fault::NAME.as_ptr());
         }
+        if facts.has(PORTABILITY_SUBSET) {
+            extensions.push(khr::portability_subset::NAME.as_ptr());
+        }
         let queue =
             vk::DeviceQueueCreateInfo::default().queue_family_index(facts.queue_family).queue_priorities(&[1.0]);
         let robust = checked && facts.has("robust buffer access");
@@ -95,38 +98,36 @@ impl Device {
         // SAFETY: clause 4, every extension and feature was found in `facts`.
         let raw =
             unsafe { instance.raw.create_device(facts.raw, &info, None) }.map_err(|e| describe("vkCreateDevice", e))?;
-        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
-        // SAFETY: clause 1; `Shared` owns both from here on.
-        let (queue, timeline) = unsafe {
-            (
-                raw.get_device_queue(facts.queue_family, 0),
-                raw.create_semaphore(&vk::SemaphoreCreateInfo::default().push_next(&mut kind), None)
-                    .map_err(|e| describe("vkCreateSemaphore", e))?,
-            )
-        };
-        let allocator = Allocator::new(&AllocatorCreateDesc {
-            instance: instance.raw.clone(),
-            device: raw.clone(),
-            physical_device: facts.raw,
-            debug_settings: gpu_allocator::AllocatorDebugSettings::default(),
-            buffer_device_address: false,
-            allocation_sizes: gpu_allocator::AllocationSizes::new(64 << 20, 64 << 20),
-        })?;
-        let device = Self(Arc::new(Shared {
+        // SAFETY: clause 1, for this and the calls below: `shared` owns what is made, and frees it on every path.
+        let queue = unsafe { raw.get_device_queue(facts.queue_family, 0) };
+        let mut shared = Shared {
             push_descriptor: khr::push_descriptor::Device::new(&instance.raw, &raw),
             debug: instance.has_debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
             fault: facts.has(DEVICE_FAULT).then(|| ext::device_fault::Device::new(&instance.raw, &raw)),
             queue: Mutex::new(Queue { raw: queue, submitted: 0 }),
-            timeline,
+            timeline: vk::Semaphore::null(),
             slots: Mutex::default(),
-            allocator: Mutex::new(Some(allocator)),
+            allocator: Mutex::new(None),
             checked,
             facts,
             raw,
             instance,
-        }));
-        device.0.name(timeline, "timeline");
-        Ok(device)
+        };
+        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
+        let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
+        shared.timeline =
+            unsafe { shared.raw.create_semaphore(&info, None) }.map_err(|e| describe("vkCreateSemaphore", e))?;
+        shared.name(shared.timeline, "timeline");
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: shared.instance.raw.clone(),
+            device: shared.raw.clone(),
+            physical_device: shared.facts.raw,
+            debug_settings: gpu_allocator::AllocatorDebugSettings::default(),
+            buffer_device_address: false,
+            allocation_sizes: gpu_allocator::AllocationSizes::new(64 << 20, 64 << 20),
+        })?;
+        shared.allocator = Mutex::new(Some(allocator));
+        Ok(Self(Arc::new(shared)))
     }
 
     /// What the device is and can do.

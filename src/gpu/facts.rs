@@ -85,7 +85,10 @@ impl DeviceFacts {
     }
 }
 
+/// What a stage may bind: that many are required of a device.
+pub(super) const MAX_STORAGE_BUFFERS: u32 = 24;
 pub(super) const MEMORY_BUDGET: &str = "memory budget";
+pub(super) const PORTABILITY_SUBSET: &str = "portability subset";
 pub(super) const DEVICE_FAULT: &str = "device fault";
 
 /// Every device of this machine, usable or not, in the loader's order.
@@ -175,6 +178,12 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
     let families = unsafe { instance.raw.get_physical_device_queue_family_properties(raw) };
     let family = families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE));
 
+    let workgroup =
+        properties.limits.max_compute_work_group_invocations.min(properties.limits.max_compute_work_group_size[0]);
+    let storage_buffers = properties
+        .limits
+        .max_per_stage_descriptor_storage_buffers
+        .min(properties.limits.max_descriptor_set_storage_buffers);
     let wanted_operations = vk::SubgroupFeatureFlags::BASIC
         | vk::SubgroupFeatureFlags::VOTE
         | vk::SubgroupFeatureFlags::BALLOT
@@ -197,7 +206,8 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
             "subgroups of 4 to 128 invocations",
             subgroup_sizes.min_subgroup_size >= 4 && subgroup_sizes.max_subgroup_size <= 128,
         ),
-        ("workgroups of 256 invocations", properties.limits.max_compute_work_group_invocations >= 256),
+        ("workgroups of 256 invocations", workgroup >= 256),
+        ("24 storage buffers in a stage", storage_buffers >= MAX_STORAGE_BUFFERS),
         ("32 KiB of workgroup memory", properties.limits.max_compute_shared_memory_size >= 32 << 10),
     ];
     let missing = requirements.iter().filter(|(_, met)| !met).map(|(what, _)| (*what).to_owned()).collect();
@@ -208,6 +218,7 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
         ("subgroup size control", features13.subgroup_size_control == vk::TRUE),
         ("robust buffer access", core.robust_buffer_access == vk::TRUE),
         (MEMORY_BUDGET, offers(ext::memory_budget::NAME)),
+        (PORTABILITY_SUBSET, offers(khr::portability_subset::NAME)),
         (DEVICE_FAULT, has_fault_extension && fault.device_fault == vk::TRUE),
     ];
 
@@ -242,11 +253,9 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
             buffer: maintenance4.max_buffer_size,
             allocation: maintenance3.max_memory_allocation_size,
             image: limits.max_image_dimension2_d,
-            storage_buffers: limits
-                .max_per_stage_descriptor_storage_buffers
-                .min(limits.max_descriptor_set_storage_buffers),
+            storage_buffers,
             workgroup_memory: limits.max_compute_shared_memory_size,
-            workgroup_invocations: limits.max_compute_work_group_invocations,
+            workgroup_invocations: workgroup,
             push_constants: limits.max_push_constants_size,
             timestamp_ns: limits.timestamp_period,
             timestamp_bits: family.map_or(0, |f| families[f].timestamp_valid_bits),

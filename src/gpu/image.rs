@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::Allocation;
@@ -22,6 +22,7 @@ pub struct Image {
 
 impl Image {
     pub fn new(device: &Device, name: &str, width: u32, height: u32) -> Result<Self> {
+        ensure!(width > 0 && height > 0, "an image has at least one pixel");
         let limit = device.facts().limits.image;
         if width > limit || height > limit {
             let reason = format!("an image on {} has at most {limit} pixels a side", device.facts().name);
@@ -58,7 +59,7 @@ pub struct Texture {
     pub(super) id: u64,
     bytes: u64,
     allocation: Option<Allocation>,
-    device: Arc<Shared>,
+    pub(super) device: Arc<Shared>,
 }
 
 pub(super) const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {

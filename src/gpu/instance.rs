@@ -4,7 +4,7 @@ use std::ffi::{CStr, c_void};
 use std::sync::{Arc, Mutex};
 
 use anyhow::Result;
-use ash::{Entry, ext, vk};
+use ash::{Entry, ext, khr, vk};
 
 use super::error::{Unavailable, describe};
 
@@ -50,6 +50,11 @@ impl Instance {
         if has_debug_utils {
             extensions.push(ext::debug_utils::NAME.as_ptr());
         }
+        // Without it the loader hides drivers on top of other interfaces, like MoltenVK.
+        let lists_portable = offers(None, khr::portability_enumeration::NAME);
+        if lists_portable {
+            extensions.push(khr::portability_enumeration::NAME.as_ptr());
+        }
         let checks_synchronization = validate && offers(Some(VALIDATION_LAYER), ext::validation_features::NAME);
         if checks_synchronization {
             extensions.push(ext::validation_features::NAME.as_ptr());
@@ -69,6 +74,11 @@ impl Instance {
         let application = vk::ApplicationInfo::default().application_name(c"smalto").api_version(vk::API_VERSION_1_3);
         let mut info = vk::InstanceCreateInfo::default()
             .application_info(&application)
+            .flags(if lists_portable {
+                vk::InstanceCreateFlags::ENUMERATE_PORTABILITY_KHR
+            } else {
+                vk::InstanceCreateFlags::empty()
+            })
             .enabled_extension_names(&extensions)
             .enabled_layer_names(&layers);
         let listens = validate && has_debug_utils;
@@ -84,15 +94,15 @@ impl Instance {
             _ => describe("vkCreateInstance", result),
         })?;
         messenger_info.p_next = std::ptr::null();
-        let messenger = listens
-            .then(|| {
-                let loader = ext::debug_utils::Instance::new(&entry, &raw);
-                // SAFETY: clause 1, the messenger and its user data live in this Instance and go before the instance.
-                unsafe { loader.create_debug_utils_messenger(&messenger_info, None) }.map(|m| (loader, m))
-            })
-            .transpose()
-            .map_err(|e| describe("vkCreateDebugUtilsMessengerEXT", e))?;
-        Ok(Arc::new(Self { raw, complaints, validated: validate, has_debug_utils, messenger, _entry: entry }))
+        let mut instance =
+            Self { raw, complaints, validated: validate, has_debug_utils, messenger: None, _entry: entry };
+        if listens {
+            let loader = ext::debug_utils::Instance::new(&instance._entry, &instance.raw);
+            // SAFETY: clause 1, the messenger and its user data live in this Instance and go before the instance.
+            let messenger = unsafe { loader.create_debug_utils_messenger(&messenger_info, None) };
+            instance.messenger = Some((loader, messenger.map_err(|e| describe("vkCreateDebugUtilsMessengerEXT", e))?));
+        }
+        Ok(Arc::new(instance))
     }
 
     /// Whether the validation layer is installed.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use bytemuck::Pod;
 
 use super::buffer::Storage;
+use super::device::Shared;
 use super::image::Texture;
 
 /// A compute shader with its reflected interface.
@@ -112,6 +113,13 @@ pub enum Resource<'a> {
 }
 
 impl Resource<'_> {
+    pub(super) fn device(&self) -> &Arc<Shared> {
+        match self {
+            Self::Buffer(storage) => &storage.device,
+            Self::Image(texture) => &texture.device,
+        }
+    }
+
     pub(super) fn id(&self) -> u64 {
         match self {
             Self::Buffer(storage) => storage.id,

@@ -8,6 +8,7 @@ use ash::vk;
 
 use super::device::{Device, Shared};
 use super::error::describe;
+use super::facts::MAX_STORAGE_BUFFERS;
 use super::shader::{Binding, BindingKind, Constants, Shader};
 
 /// The pipeline of shader `S`. It holds no resources.
@@ -20,7 +21,7 @@ pub(super) struct Pipeline {
     pub raw: vk::Pipeline,
     pub layout: vk::PipelineLayout,
     set_layout: vk::DescriptorSetLayout,
-    device: Arc<Shared>,
+    pub(super) device: Arc<Shared>,
 }
 
 impl<S: Shader> Stage<S> {
@@ -40,11 +41,7 @@ impl Pipeline {
             limits.push_constants
         );
         let buffers: u32 = S::BINDINGS.iter().filter(|b| b.kind == BindingKind::Buffer).map(|b| b.count).sum();
-        ensure!(
-            buffers <= limits.storage_buffers,
-            "{buffers} storage buffers, the device takes {}",
-            limits.storage_buffers
-        );
+        ensure!(buffers <= MAX_STORAGE_BUFFERS, "{buffers} storage buffers, {MAX_STORAGE_BUFFERS} at most");
 
         let null = (vk::Pipeline::null(), vk::PipelineLayout::null(), vk::DescriptorSetLayout::null());
         let mut made = Self { raw: null.0, layout: null.1, set_layout: null.2, device: device.clone() };

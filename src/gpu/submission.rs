@@ -5,7 +5,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 
 use anyhow::{Result, anyhow};
-use ash::vk;
+use ash::vk::{self, Handle as _};
 use bytemuck::Pod;
 use gpu_allocator::MemoryLocation;
 
@@ -19,6 +19,7 @@ use super::timings::{Scope, Timing, timings};
 pub(super) const MAX_SCOPES: u32 = 64;
 
 /// A command pool with its one command buffer, queries and stage markers; used by one submission at a time.
+#[derive(Default)]
 pub(super) struct Slot {
     pool: vk::CommandPool,
     pub buffer: vk::CommandBuffer,
@@ -33,42 +34,47 @@ impl Slot {
     /// A slot that begins a recording: an idle one, or a new one.
     pub fn take(device: &Arc<Shared>) -> Result<Self> {
         let idle = device.slots.lock().expect("no holder of the slots panics").pop();
-        let mut slot = match idle {
-            Some(slot) => slot,
-            None => Self::new(device)?,
-        };
-        slot.marked.clear();
+        let mut slot = idle.unwrap_or_default();
+        match slot.begin(device) {
+            Ok(()) => Ok(slot),
+            Err(error) => {
+                slot.give_back(device);
+                Err(error)
+            }
+        }
+    }
+
+    /// Makes what the slot has not yet, and begins its command buffer.
+    fn begin(&mut self, device: &Arc<Shared>) -> Result<()> {
+        let raw = &device.raw;
+        let pool = vk::CommandPoolCreateInfo::default().queue_family_index(device.facts.queue_family);
+        let queries =
+            vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2 * MAX_SCOPES);
+        self.marked.clear();
         if device.checked {
             let (bytes, usage) = (u64::from(MAX_SCOPES) * 4, vk::BufferUsageFlags::TRANSFER_DST);
             let mut marker = Storage::new(device, "stage markers", bytes, usage, MemoryLocation::GpuToCpu)?;
             marker.mapped_mut().fill(0);
-            slot.marker = Some(marker);
+            self.marker = Some(marker);
         }
-        // SAFETY: clauses 2 and 3, an idle slot is in no submission and belongs to us.
+        // SAFETY: clauses 1, 2 and 3: the slot owns the pools until the device destroys it, and is in no submission.
         unsafe {
-            device
-                .raw
-                .reset_command_pool(slot.pool, vk::CommandPoolResetFlags::empty())
+            if self.pool.is_null() {
+                self.pool = raw.create_command_pool(&pool, None).map_err(|e| describe("vkCreateCommandPool", e))?;
+            }
+            if self.buffer.is_null() {
+                let info = vk::CommandBufferAllocateInfo::default().command_pool(self.pool).command_buffer_count(1);
+                let buffers = raw.allocate_command_buffers(&info);
+                self.buffer = buffers.map_err(|e| describe("vkAllocateCommandBuffers", e))?[0];
+            }
+            if self.queries.is_null() {
+                self.queries = raw.create_query_pool(&queries, None).map_err(|e| describe("vkCreateQueryPool", e))?;
+            }
+            raw.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty())
                 .map_err(|e| describe("vkResetCommandPool", e))?;
-            device.raw.reset_query_pool(slot.queries, 0, 2 * MAX_SCOPES);
+            raw.reset_query_pool(self.queries, 0, 2 * MAX_SCOPES);
             let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-            device.raw.begin_command_buffer(slot.buffer, &info).map_err(|e| describe("vkBeginCommandBuffer", e))?;
-        }
-        Ok(slot)
-    }
-
-    fn new(device: &Arc<Shared>) -> Result<Self> {
-        let pool = vk::CommandPoolCreateInfo::default().queue_family_index(device.facts.queue_family);
-        let queries =
-            vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2 * MAX_SCOPES);
-        // SAFETY: clause 1; the device destroys its slots.
-        unsafe {
-            let pool = device.raw.create_command_pool(&pool, None).map_err(|e| describe("vkCreateCommandPool", e))?;
-            let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
-            let buffers =
-                device.raw.allocate_command_buffers(&info).map_err(|e| describe("vkAllocateCommandBuffers", e))?;
-            let queries = device.raw.create_query_pool(&queries, None).map_err(|e| describe("vkCreateQueryPool", e))?;
-            Ok(Self { pool, buffer: buffers[0], queries, marker: None, marked: Vec::new() })
+            raw.begin_command_buffer(self.buffer, &info).map_err(|e| describe("vkBeginCommandBuffer", e))
         }
     }
 

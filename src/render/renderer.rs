@@ -48,8 +48,12 @@ impl Renderer {
         Ok(Self {
             options: *options,
             sh_degree,
-            // An entry costs an iteration, and a ninth more for the loops around it: three quarters leave room.
-            entries_per_pass: facts.loop_limit.map_or(u32::MAX, |limit| limit / 4 * 3),
+            entries_per_pass: facts.loop_limit.map_or(u32::MAX, |limit| {
+                // For a subgroup of entries: an iteration each, one around them, and in the loops over the words of a
+                // ballot one a word, one to leave each word, and as many to see that a pixel still goes on.
+                let iterations = smallest_subgroup + 3 * ballot_words + 3;
+                limit / iterations * smallest_subgroup
+            }),
             cull: Stage::new(device, &())?,
             cull_offsets: Stage::new(device, &())?,
             cull_compact: Stage::new(device, &())?,

@@ -1,6 +1,6 @@
 //! One picture at a time, without a window: renders, waits, and repeats what did not fit.
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 
 use super::gpu_scene::GpuScene;
 use super::renderer::Renderer;
@@ -8,6 +8,7 @@ use super::shaders::Totals;
 use super::workspace::{Demand, Workspace};
 use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, Image, Results, Timestamps, Timing};
+use crate::memory::host_vec;
 use crate::options::{Background, Options, TILE};
 use crate::pixels::Pixels;
 
@@ -77,7 +78,6 @@ impl<'s> Still<'s> {
         prepare: impl Fn(&mut Commands),
     ) -> Result<(Frame, Results)> {
         let [width, height] = camera.size_px;
-        ensure!(width > 0 && height > 0, "an image has at least one pixel");
         if self.image.size() != camera.size_px {
             self.image = Image::new(&self.device, "image", width, height)?;
         }
@@ -110,7 +110,7 @@ impl<'s> Still<'s> {
         const BAND_BYTES: u32 = 256 << 20; // of staging memory at a time
         let [width, height] = self.image.size();
         let band = (BAND_BYTES / 16 / width).max(1);
-        let mut rgba = Vec::with_capacity(width as usize * height as usize);
+        let mut rgba = host_vec(width as usize * height as usize, "picture")?;
         for top in (0..height).step_by(band as usize) {
             let mut cmd = Commands::new(&self.device)?;
             let rows = cmd.read_rows(&self.image, top..height.min(top + band))?;

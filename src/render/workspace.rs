@@ -131,24 +131,20 @@ impl Workspace {
         if demand.fits(self.room) {
             return Ok(false);
         }
-        let spare = |n: u64| n + n / 8;
-        let wanted = Demand {
-            visible: spare(demand.visible).min(demand.gaussians as u64),
-            spans: spare(demand.spans),
-            instances: spare(demand.instances),
-            ..demand
-        };
         // What already has room stays as it is.
-        let keep = |wanted: u64, needed: u64, room: u64| if needed > room { wanted } else { room };
-        let room = Demand {
-            gaussians: demand.gaussians.max(self.room.gaussians),
-            visible: keep(wanted.visible, demand.visible, self.room.visible),
-            spans: keep(wanted.spans, demand.spans, self.room.spans),
-            instances: keep(wanted.instances, demand.instances, self.room.instances),
-            tiles: demand.tiles.max(self.room.tiles),
+        let spare = |needed: u64, room: u64| if needed > room { needed + needed / 8 } else { room };
+        let exact = demand.max(self.room);
+        let roomy = Demand {
+            visible: spare(demand.visible, self.room.visible).min(exact.gaussians as u64),
+            spans: spare(demand.spans, self.room.spans),
+            instances: spare(demand.instances, self.room.instances),
+            ..exact
         };
         *self = Self::new(device, Demand::default())?; // frees what is there before the larger buffers are made
-        *self = Self::new(device, room)?;
+        *self = match Self::new(device, roomy) {
+            Err(error) if error.is::<OutOfMemory>() => Self::new(device, exact)?,
+            other => other?,
+        };
         Ok(true)
     }
 

@@ -3,6 +3,7 @@
 
 use std::cell::Cell;
 use std::path::PathBuf;
+use std::process::Command;
 use std::sync::{Condvar, Mutex};
 
 use smalto::camera::{self, Camera};
@@ -206,4 +207,12 @@ pub fn compare(pixels: &Pixels, reference: &Rendering) -> Comparison {
         different: pairs().filter(|p| difference(*p) > ROUNDING).count(),
         unexplained: pairs().filter(|p| difference(*p) > ROUNDING + p.1.doubt).count(),
     }
+}
+
+/// Runs tests of this program again on llvmpipe with vectors of 128 bits, which makes its subgroups four wide: what
+/// processors without wider vectors have. Other devices take no notice.
+pub fn again_in_subgroups_of_four(arguments: &[&str]) {
+    let mut again = Command::new(std::env::current_exe().unwrap());
+    let output = again.args(arguments).env("LP_NATIVE_VECTOR_WIDTH", "128").output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
 }
