@@ -1,7 +1,7 @@
 //! The Vulkan loader and instance, and the validation layer's complaints.
 
 use std::ffi::{CStr, c_void};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use anyhow::Result;
 use ash::{Entry, ext, khr, vk};
@@ -12,6 +12,10 @@ const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
 /// What the validation layer and our own checks found wrong.
 pub(super) type Complaints = Arc<Mutex<Vec<String>>>;
+
+/// The first instance lives as long as the program. With the last instance the loader would unload the drivers, and a
+/// driver's library cannot be loaded any number of times: thread-local storage is not given back.
+static FIRST: OnceLock<Arc<Instance>> = OnceLock::new();
 
 pub(super) struct Instance {
     pub raw: ash::Instance,
@@ -102,7 +106,9 @@ impl Instance {
             let messenger = unsafe { loader.create_debug_utils_messenger(&messenger_info, None) };
             instance.messenger = Some((loader, messenger.map_err(|e| describe("vkCreateDebugUtilsMessengerEXT", e))?));
         }
-        Ok(Arc::new(instance))
+        let instance = Arc::new(instance);
+        let _ = FIRST.get_or_init(|| instance.clone());
+        Ok(instance)
     }
 
     /// Whether the validation layer is installed.
