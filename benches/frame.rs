@@ -6,9 +6,10 @@
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use glam::DVec3;
 use smalto::camera::{self, Camera};
+use smalto::cli;
 use smalto::environment::Environment;
 use smalto::gpu::{Device, Timestamps, Validation};
 use smalto::metrics::{max_error, psnr};
@@ -47,7 +48,7 @@ fn main() -> Result<()> {
         gpu_scene.sh_degree(),
         gpu_scene.bytes() >> 20
     );
-    let sizes = arguments.iter().skip(2).map(|text| parse_size(text).context("sizes are WIDTHxHEIGHT"));
+    let sizes = arguments.iter().skip(2).map(|text| cli::parse_size(text));
     let sizes = sizes.collect::<Result<Vec<_>>>()?;
     let options = Options { portable, ..Options::default() };
     let mut still = Still::new(&device, &options, &gpu_scene)?;
@@ -129,9 +130,4 @@ fn orbit(focus: &Focus) -> Vec<Camera> {
         Camera::looking_at(centre + offset, centre, [720, 720], 60f64.to_radians())
     };
     (0..100).map(view).collect()
-}
-
-fn parse_size(text: &str) -> Option<[u32; 2]> {
-    let (width, height) = text.split_once('x')?;
-    Some([width.parse().ok()?, height.parse().ok()?])
 }

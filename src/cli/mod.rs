@@ -164,7 +164,7 @@ impl SceneArg {
 }
 
 /// `WIDTHxHEIGHT` in pixels.
-fn parse_size(text: &str) -> Result<[u32; 2]> {
+pub fn parse_size(text: &str) -> Result<[u32; 2]> {
     let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     match sides {
         Some(size @ [1..=MAX_SIDE, 1..=MAX_SIDE]) => Ok(size),

@@ -160,9 +160,6 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     if wants_all && args.dump.is_some() {
         return Err(Usage("--dump writes the buffers of one picture, not of --camera all".to_owned()).into());
     }
-    if is_folder {
-        fs::create_dir_all(&output).with_context(|| format!("cannot make the folder {}", output.display()))?;
-    }
     let shot = |(index, camera): (usize, Camera)| Shot {
         camera: args.size.map_or_else(|| camera.clone(), |size| camera.resized(size)),
         output: if is_folder { output.join(format!("{index:05}.png")) } else { output.clone() },
@@ -172,6 +169,9 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
         shots.iter().find(|s| args.reference && s.camera.size_px.into_iter().max() > Some(REFERENCE_SIDE))
     {
         return Err(Usage(format!("--reference draws up to {REFERENCE_SIDE} pixels a side, not {}", size(shot))).into());
+    }
+    if is_folder {
+        fs::create_dir_all(&output).with_context(|| format!("cannot make the folder {}", output.display()))?;
     }
     Ok(Plan { shots, near: args.near.unwrap_or(near) })
 }

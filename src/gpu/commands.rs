@@ -32,7 +32,7 @@ pub struct Commands {
     recording: u64,
     pub(super) device: Device,
     pub(super) slot: Option<Slot>,
-    keep: Vec<Arc<dyn Any + Send + Sync>>,
+    kept: Vec<Arc<dyn Any + Send + Sync>>,
     hazards: Option<Hazards>,
     barriers: usize,
     overlooked_barrier: Option<usize>,
@@ -55,7 +55,7 @@ impl Commands {
             recording: next_id(),
             device: device.clone(),
             slot: Some(slot),
-            keep: Vec::new(),
+            kept: Vec::new(),
             hazards: device.0.checked.then(Hazards::default),
             barriers: 0,
             overlooked_barrier: None,
@@ -107,7 +107,7 @@ impl Commands {
         assert!(offset.is_multiple_of(4) && last >= Some(offset as u64), "the counts lie in their buffer");
         self.bind(stage, &bindings, &push);
         self.reads(counts.resource(), S::NAME, Access::INDIRECT);
-        self.keep.push(counts.storage.clone());
+        self.keep(counts.resource());
         // SAFETY: clauses 2 and 4; the counts are written by our shaders, folded like `Extent::groups`.
         unsafe { self.device.0.raw.cmd_dispatch_indirect(self.raw(), counts.storage.raw, offset as u64) };
     }
@@ -131,7 +131,7 @@ impl Commands {
     /// Fills a buffer with one word.
     pub fn fill<T: Element>(&mut self, buffer: &Buffer<T>, word: u32) {
         self.writes(buffer.resource(), "fill", Access::COPY_WRITE);
-        self.keep.push(buffer.storage.clone());
+        self.keep(buffer.resource());
         // SAFETY: clause 2; the whole buffer.
         unsafe { self.device.0.raw.cmd_fill_buffer(self.raw(), buffer.storage.raw, 0, vk::WHOLE_SIZE, word) };
     }
@@ -189,7 +189,7 @@ impl Commands {
             .image_subresource(layers)
             .image_offset(vk::Offset3D { x: 0, y: rows.start as i32, z: 0 })
             .image_extent(vk::Extent3D { width, height: rows.len() as u32, depth: 1 });
-        self.keep.push(image.texture.clone());
+        self.keep(image.resource());
         // SAFETY: clauses 2 and 4; the image is in GENERAL and the staging buffer holds exactly these rows.
         unsafe {
             let (from, to) = (image.texture.raw, staging.raw);
@@ -207,11 +207,11 @@ impl Commands {
             self.barrier(Access::COPY_WRITE, Access::HOST_READ);
         }
         let slot = self.slot.take().expect("a recording has a slot until it is submitted");
-        let (keep, scopes) = (std::mem::take(&mut self.keep), std::mem::take(&mut self.scopes));
+        let (kept, scopes) = (std::mem::take(&mut self.kept), std::mem::take(&mut self.scopes));
         let captures = std::mem::take(&mut self.captures);
         let (recording, device, queries) = (self.recording, self.device.0.clone(), self.queries);
         let barriers = self.barriers;
-        InFlight::start(Submission { recording, device, slot, keep, scopes, queries, barriers, captures })
+        InFlight::start(Submission { recording, device, slot, kept, scopes, queries, barriers, captures })
     }
 
     pub(super) fn make_general(&mut self, image: &Image) {
@@ -223,7 +223,7 @@ impl Commands {
             .new_layout(vk::ImageLayout::GENERAL)
             .image(image.texture.raw)
             .subresource_range(WHOLE);
-        self.keep.push(image.texture.clone());
+        self.keep(image.resource());
         self.pipeline_barrier(&vk::DependencyInfo::default().image_memory_barriers(&[barrier]));
     }
 
@@ -237,7 +237,7 @@ impl Commands {
         let mut declared = S::BINDINGS.iter().flat_map(|b| std::iter::repeat_n(b, b.count as usize));
         bindings.each(&mut |resource| {
             let binding = declared.next().expect("generated bindings match the generated table");
-            self.owns(resource.device());
+            self.keep(resource);
             if binding.reads {
                 self.reads(resource, S::NAME, Access::SHADER_READ);
             }
@@ -247,12 +247,10 @@ impl Commands {
             match resource {
                 Resource::Buffer(storage) => {
                     buffers.push(vk::DescriptorBufferInfo { buffer: storage.raw, offset: 0, range: vk::WHOLE_SIZE });
-                    self.keep.push(storage.clone());
                 }
                 Resource::Image(texture) => {
                     let info = vk::DescriptorImageInfo::default().image_view(texture.view);
                     images.push(info.image_layout(vk::ImageLayout::GENERAL));
-                    self.keep.push(texture.clone());
                 }
             }
         });
@@ -282,7 +280,16 @@ impl Commands {
                 device.raw.cmd_push_constants(raw, pipeline.layout, stages, 0, bytemuck::bytes_of(push));
             }
         }
-        self.keep.push(pipeline.clone());
+        self.kept.push(pipeline.clone());
+    }
+
+    /// Keeps a resource until the commands are done.
+    fn keep(&mut self, resource: Resource) {
+        self.owns(resource.device());
+        self.kept.push(match resource {
+            Resource::Buffer(storage) => storage.clone(),
+            Resource::Image(texture) => texture.clone(),
+        });
     }
 
     /// What is recorded together is of one device: clause 4.
@@ -291,7 +298,6 @@ impl Commands {
     }
 
     pub(super) fn reads(&mut self, resource: Resource, command: &str, access: Access) {
-        self.owns(resource.device());
         if let Some(hazards) = &mut self.hazards
             && let Some(complaint) = hazards.read(resource.id(), resource.name(), command, access)
         {
@@ -300,7 +306,6 @@ impl Commands {
     }
 
     fn writes(&mut self, resource: Resource, command: &str, access: Access) {
-        self.owns(resource.device());
         if let (Some(written), Resource::Buffer(storage)) = (&mut self.written, resource)
             && !written.iter().any(|w| w.id == storage.id)
         {
@@ -321,8 +326,8 @@ impl Commands {
     }
 
     pub(super) fn copy_buffer(&mut self, from: &Arc<Storage>, to: &Arc<Storage>, region: vk::BufferCopy) {
-        self.keep.push(from.clone());
-        self.keep.push(to.clone());
+        self.keep(Resource::Buffer(from));
+        self.keep(Resource::Buffer(to));
         // SAFETY: clause 2; callers checked that the region lies in both.
         unsafe { self.device.0.raw.cmd_copy_buffer(self.raw(), from.raw, to.raw, &[region]) };
     }

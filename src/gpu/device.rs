@@ -55,12 +55,7 @@ pub(super) struct Queue {
 impl Device {
     /// Opens the device that `choice` names.
     pub fn open(choice: &DeviceChoice, validation: Validation) -> Result<Self> {
-        let validate = match validation {
-            Validation::Off => false,
-            Validation::IfInstalled => Instance::can_validate(),
-            Validation::Required => true,
-        };
-        let instance = Instance::new(validate)?;
+        let instance = Instance::new(validation)?;
         let facts = facts::choose(&facts::devices(&instance)?, choice)?;
         let checked = validation != Validation::Off;
 

@@ -6,6 +6,7 @@ use anyhow::Result;
 use ash::{ext, khr, vk};
 use serde::Serialize;
 
+use super::device::Validation;
 use super::error::{Unavailable, describe};
 use super::instance::{Instance, NO_DRIVER};
 
@@ -93,7 +94,7 @@ pub(super) const DEVICE_FAULT: &str = "device fault";
 
 /// Every device of this machine, usable or not, in the loader's order.
 pub fn survey() -> Result<Vec<DeviceFacts>> {
-    devices(&*Instance::new(false)?)
+    devices(&*Instance::new(Validation::Off)?)
 }
 
 pub(super) fn devices(instance: &Instance) -> Result<Vec<DeviceFacts>> {

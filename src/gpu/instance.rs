@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 use anyhow::Result;
 use ash::{Entry, ext, khr, vk};
 
+use super::device::Validation;
 use super::error::{Unavailable, describe};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -25,12 +26,12 @@ pub(super) struct Instance {
     /// Named objects and labels, for the validation layer and for capture tools.
     pub has_debug_utils: bool,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    _entry: Entry,
+    entry: Entry,
 }
 
 impl Instance {
-    /// Loads Vulkan; with `validate`, the validation layer must be there.
-    pub fn new(validate: bool) -> Result<Arc<Self>> {
+    /// Loads Vulkan, with the validation layer as wanted.
+    pub fn new(validation: Validation) -> Result<Arc<Self>> {
         // SAFETY: clause 5's counterpart for the host: the system's Vulkan loader is trusted like its C library.
         let entry = unsafe { Entry::load() }.map_err(|e| {
             Unavailable(format!("the Vulkan loader cannot be loaded ({e}): install libvulkan1 (Debian, Ubuntu), vulkan-loader (Fedora) or vulkan-icd-loader (Arch)"))
@@ -38,12 +39,13 @@ impl Instance {
         // SAFETY: the entry is alive; enumeration has no other precondition.
         let layers = unsafe { entry.enumerate_instance_layer_properties() }.unwrap_or_default();
         let has_layer = layers.iter().any(|l| l.layer_name_as_c_str() == Ok(VALIDATION_LAYER));
-        if validate && !has_layer {
+        if validation == Validation::Required && !has_layer {
             return Err(Unavailable(
                 "validation was asked for but VK_LAYER_KHRONOS_validation is not installed: install vulkan-validationlayers".into(),
             )
             .into());
         }
+        let validate = validation != Validation::Off && has_layer;
         let offers = |layer: Option<&CStr>, name: &CStr| {
             // SAFETY: as above.
             let extensions = unsafe { entry.enumerate_instance_extension_properties(layer) }.unwrap_or_default();
@@ -98,10 +100,9 @@ impl Instance {
             _ => describe("vkCreateInstance", result),
         })?;
         messenger_info.p_next = std::ptr::null();
-        let mut instance =
-            Self { raw, complaints, validated: validate, has_debug_utils, messenger: None, _entry: entry };
+        let mut instance = Self { raw, complaints, validated: validate, has_debug_utils, messenger: None, entry };
         if listens {
-            let loader = ext::debug_utils::Instance::new(&instance._entry, &instance.raw);
+            let loader = ext::debug_utils::Instance::new(&instance.entry, &instance.raw);
             // SAFETY: clause 1, the messenger and its user data live in this Instance and go before the instance.
             let messenger = unsafe { loader.create_debug_utils_messenger(&messenger_info, None) };
             instance.messenger = Some((loader, messenger.map_err(|e| describe("vkCreateDebugUtilsMessengerEXT", e))?));
@@ -109,13 +110,6 @@ impl Instance {
         let instance = Arc::new(instance);
         let _ = FIRST.get_or_init(|| instance.clone());
         Ok(instance)
-    }
-
-    /// Whether the validation layer is installed.
-    pub fn can_validate() -> bool {
-        // SAFETY: as in `new`.
-        unsafe { Entry::load().map(|entry| entry.enumerate_instance_layer_properties().unwrap_or_default()) }
-            .is_ok_and(|layers| layers.iter().any(|l| l.layer_name_as_c_str() == Ok(VALIDATION_LAYER)))
     }
 }
 

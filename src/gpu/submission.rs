@@ -118,7 +118,7 @@ pub(super) struct Submission {
     pub device: Arc<Shared>,
     pub slot: Slot,
     #[expect(dead_code, reason = "held until the GPU is done")]
-    pub keep: Vec<Arc<dyn Any + Send + Sync>>,
+    pub kept: Vec<Arc<dyn Any + Send + Sync>>,
     pub scopes: Vec<Scope>,
     pub queries: u32,
     pub barriers: usize,
@@ -178,11 +178,14 @@ impl InFlight {
         // SAFETY: clauses 2 and 3, the queue is locked and the submission keeps what the commands use.
         let submitted = unsafe {
             let ended = device.raw.end_command_buffer(submission.slot.buffer);
-            ended.and_then(|()| device.raw.queue_submit2(queue.raw, &[info], vk::Fence::null()))
+            ended.map_err(|e| describe("vkEndCommandBuffer", e)).and_then(|()| {
+                let submitted = device.raw.queue_submit2(queue.raw, &[info], vk::Fence::null());
+                submitted.map_err(|e| describe("vkQueueSubmit2", e))
+            })
         };
         if let Err(error) = submitted {
             submission.slot.give_back(&device);
-            return Err(describe("vkQueueSubmit2", error));
+            return Err(error);
         }
         queue.submitted = value;
         drop(queue);

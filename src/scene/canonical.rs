@@ -86,9 +86,15 @@ impl Builder {
         Ok(Self { gaussians, tally: Tally::default() })
     }
 
-    /// Adds `count` Gaussians, or counts why they cannot be drawn. `decode` makes the one with this index in the block,
-    /// and fills its spherical harmonics; it runs on many threads.
+    /// Adds `count` Gaussians, or counts why they cannot be drawn. `decode` makes the one with this index, and fills its
+    /// spherical harmonics; it runs on many threads.
     pub fn extend(&mut self, count: usize, decode: impl Fn(usize, &mut [[f32; 3]]) -> Raw + Sync) {
+        for first in (0..count).step_by(BLOCK) {
+            self.extend_block(BLOCK.min(count - first), |index, sh| decode(first + index, sh));
+        }
+    }
+
+    fn extend_block(&mut self, count: usize, decode: impl Fn(usize, &mut [[f32; 3]]) -> Raw + Sync) {
         let stride = sh_coefficients(self.gaussians.sh_degree);
         let mut sh = vec![[0.0; 3]; count * stride];
         let decoded = sh.par_chunks_exact_mut(stride).enumerate().map(|(i, sh)| canonical(&decode(i, sh), sh));

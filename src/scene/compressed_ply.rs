@@ -2,14 +2,14 @@
 
 use anyhow::{Context, Result, ensure};
 
-use super::canonical::{BLOCK, Builder, Raw};
+use super::canonical::{Builder, Raw};
+use super::harmonics::C0;
 use super::ply::{Element, Property, Scalar, skip};
 use super::source::Source;
-use super::{MAX_SH_DEGREE, Scene, checked_count, sh_coefficients};
+use super::{MAX_SH_DEGREE, Scene, checked_count, rest_values};
 use crate::memory::host_vec;
 
 const CHUNK: usize = 256; // Gaussians that share their minima and maxima
-const C0: f64 = 0.28209479177387814; // Y_0^0, the constant basis function
 
 /// Minima and maxima of one chunk.
 struct Chunk {
@@ -31,7 +31,7 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
     let chunks = chunks.context("the header has no element chunk")?;
     let vertices = vertices.context("the header has no element vertex")?;
     let (sh_degree, sh) = sh.unwrap_or((0, Vec::new()));
-    let rest = 3 * (sh_coefficients(sh_degree) - 1);
+    let rest = rest_values(sh_degree);
     let count = vertices.len();
     ensure!(
         chunks.len() == count.div_ceil(CHUNK),
@@ -46,29 +46,26 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
     );
 
     let mut builder = Builder::new(sh_degree, count)?;
-    let bands = sh_coefficients(sh_degree) - 1;
-    for first in (0..count).step_by(BLOCK) {
-        builder.extend(BLOCK.min(count - first), |index, coefficients| {
-            let index = first + index;
-            let [position, rotation, scale, colour] = vertices[index];
-            let chunk = &chunks[index / CHUNK];
-            let byte = |shift: u32| f64::from(colour >> shift & 255) / 255.0;
-            let rgb = [byte(24), byte(16), byte(8)];
-            let alpha = byte(0);
-            let rgb = std::array::from_fn::<_, 3, _>(|i| lerp(chunk.colour[0][i], chunk.colour[1][i], rgb[i]));
-            coefficients[0] = rgb.map(|v| ((v - 0.5) / C0) as f32);
-            for (i, coefficient) in coefficients[1..].iter_mut().enumerate() {
-                // Channel-major, as in the original PLY.
-                *coefficient = std::array::from_fn(|channel| sh_value(sh[index * rest + channel * bands + i]));
-            }
-            Raw {
-                mean: unpack(position, &chunk.mean),
-                log_scale: unpack(scale, &chunk.log_scale),
-                rotation: unpack_rotation(rotation),
-                opacity_logit: (alpha / (1.0 - alpha)).ln(),
-            }
-        });
-    }
+    let bands = rest / 3;
+    builder.extend(count, |index, coefficients| {
+        let [position, rotation, scale, colour] = vertices[index];
+        let chunk = &chunks[index / CHUNK];
+        let byte = |shift: u32| f64::from(colour >> shift & 255) / 255.0;
+        let rgb = [byte(24), byte(16), byte(8)];
+        let alpha = byte(0);
+        let rgb = std::array::from_fn::<_, 3, _>(|i| lerp(chunk.colour[0][i], chunk.colour[1][i], rgb[i]));
+        coefficients[0] = rgb.map(|v| ((v - 0.5) / C0) as f32);
+        for (i, coefficient) in coefficients[1..].iter_mut().enumerate() {
+            // Channel-major, as in the original PLY.
+            *coefficient = std::array::from_fn(|channel| sh_value(sh[index * rest + channel * bands + i]));
+        }
+        Raw {
+            mean: unpack(position, &chunk.mean),
+            log_scale: unpack(scale, &chunk.log_scale),
+            rotation: unpack_rotation(rotation),
+            opacity_logit: (alpha / (1.0 - alpha)).ln(),
+        }
+    });
     let (gaussians, tally) = builder.finish();
     Ok(Scene { gaussians, tally, format: "compressed PLY".to_owned(), is_antialiased: false })
 }
@@ -102,7 +99,7 @@ fn read_vertices(source: &mut Source, element: &Element) -> Result<Vec<[u32; 4]>
 /// The degree, and the bytes of all Gaussians one after another.
 fn read_sh(source: &mut Source, element: &Element) -> Result<(u32, Vec<u8>)> {
     let rest = element.run("f_rest_");
-    let degree = (1..=MAX_SH_DEGREE).find(|d| 3 * (sh_coefficients(*d) - 1) == rest);
+    let degree = (1..=MAX_SH_DEGREE).find(|d| rest_values(*d) == rest);
     let degree = degree.with_context(|| format!("element sh has {rest} f_rest properties, expected 9, 24 or 45"))?;
     let properties = (0..rest).map(|i| of_kind(element, &format!("f_rest_{i}"), Scalar::U8));
     let properties = properties.collect::<Result<Vec<_>>>()?;

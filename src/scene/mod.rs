@@ -27,6 +27,11 @@ pub const fn sh_coefficients(degree: u32) -> usize {
     ((degree + 1) * (degree + 1)) as usize
 }
 
+/// Numbers that files keep apart from the first coefficient: those of the others, for all three channels.
+const fn rest_values(degree: u32) -> usize {
+    3 * (sh_coefficients(degree) - 1)
+}
+
 /// A scene on the CPU as a structure of arrays: canonical, finite, ready for every renderer.
 ///
 /// World axes are COLMAP's (right, down, forward). A [`Builder`] is the only way to make one.

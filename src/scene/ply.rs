@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 use super::canonical::{BLOCK, Builder, Raw};
 use super::source::Source;
-use super::{MAX_SH_DEGREE, Scene, checked_count, compressed_ply, sh_coefficients};
+use super::{MAX_SH_DEGREE, Scene, checked_count, compressed_ply, rest_values};
 
 /// Longest header that is read.
 const MAX_HEADER_BYTES: u64 = 1 << 20;
@@ -204,7 +204,7 @@ struct Layout<'e> {
 impl<'e> Layout<'e> {
     fn of(element: &'e Element) -> Result<Self> {
         let rest_count = element.run("f_rest_");
-        let sh_degree = (0..=MAX_SH_DEGREE).find(|d| 3 * (sh_coefficients(*d) - 1) == rest_count);
+        let sh_degree = (0..=MAX_SH_DEGREE).find(|d| rest_values(*d) == rest_count);
         let sh_degree = sh_degree.with_context(|| {
             format!("there are {rest_count} f_rest properties; 0, 9, 24 or 45 make SH degree 0, 1, 2 or 3")
         })?;
@@ -232,7 +232,7 @@ fn vertices(source: &mut Source, element: &Element) -> Result<Scene> {
     let count = checked_count(element.count, element.stride() as u64, source.left(), "vertices")?;
     let mut builder = Builder::new(layout.sh_degree, count)?;
     let stride = element.stride();
-    let bands = sh_coefficients(layout.sh_degree) - 1;
+    let bands = layout.rest.len() / 3;
     let mut rows = Vec::new();
     for first in (0..count).step_by(BLOCK) {
         let block = BLOCK.min(count - first);

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::canonical::{BLOCK, Builder, Raw};
 use super::source::Source;
-use super::{MAX_SH_DEGREE, Scene, sh_coefficients};
+use super::{MAX_SH_DEGREE, Scene, rest_values};
 
 const MAGIC: u32 = 0x5053_474e; // "NGSP"
 /// Most bytes per compressed byte that are believed: the reference implementation's cap on the compression ratio.
@@ -48,7 +48,7 @@ impl Header {
     /// The planes in file order, with the bytes that one Gaussian has in each.
     fn planes(&self) -> Vec<(&'static str, usize)> {
         let rotation = if self.version == 2 { 3 } else { 4 };
-        let sh = 3 * (sh_coefficients(self.sh_degree) - 1);
+        let sh = rest_values(self.sh_degree);
         let mut planes =
             vec![("positions", 9), ("alphas", 1), ("colours", 3), ("scales", 3), ("rotations", rotation), ("sh", sh)];
         planes.retain(|(_, bytes)| *bytes > 0);

@@ -8,7 +8,7 @@ use std::f64::consts::{PI, TAU};
 use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DQuat, DVec3, dvec3};
 
-use super::canonical::{BLOCK, Builder, Raw};
+use super::canonical::{Builder, Raw};
 use super::harmonics::{C0, basis};
 use super::{MAX_SH_DEGREE, Scene};
 use crate::memory::OutOfMemory;
@@ -41,10 +41,7 @@ pub fn cactus(count: usize) -> Result<Scene, OutOfMemory> {
         let until = (count as f64 * share / weight).round() as usize;
         // The same surface from any count: a splat covers its part of the area.
         let spacing = (part.area / (until - made).max(1) as f64).sqrt();
-        for first in (made..until).step_by(BLOCK) {
-            let block = BLOCK.min(until - first);
-            builder.extend(block, |i, sh| gaussian(&mut Random::of(first + i), part, spacing, sh));
-        }
+        builder.extend(until - made, |i, sh| gaussian(&mut Random::of(made + i), part, spacing, sh));
         made = until;
     }
     let (gaussians, tally) = builder.finish();
