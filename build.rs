@@ -29,7 +29,8 @@ fn main() {
 
 fn run() -> Result<()> {
     println!("cargo::rerun-if-changed={SHADER_FOLDER}");
-    println!("cargo::rerun-if-changed=src/gpu/spirv.rs");
+    println!("cargo::rerun-if-changed=src");
+    tell_commit();
     let out = PathBuf::from(std::env::var("OUT_DIR")?);
     let mut sources: Vec<PathBuf> = fs::read_dir(SHADER_FOLDER)?.map(|e| Ok(e?.path())).collect::<Result<_>>()?;
     sources.retain(|path| path.extension().is_some_and(|e| e == "comp"));
@@ -44,6 +45,21 @@ fn run() -> Result<()> {
         generated.shader(stem, &interface, &modules.optimized_path).with_context(|| source.display().to_string())?;
     }
     write_if_changed(&out.join("shaders.rs"), generated.code.as_bytes())
+}
+
+/// Lets the program know which commit it is built from, where git knows it.
+fn tell_commit() {
+    let git = |arguments: &[&str]| {
+        let output = std::process::Command::new("git").args(arguments).output().ok().filter(|o| o.status.success())?;
+        Some(String::from_utf8_lossy(&output.stdout).trim().to_owned())
+    };
+    // What changes with every commit.
+    for path in ["HEAD", "index"].iter().filter_map(|name| git(&["rev-parse", "--git-path", name])) {
+        println!("cargo::rerun-if-changed={path}");
+    }
+    if let Some(commit) = git(&["describe", "--always", "--dirty", "--abbrev=12"]) {
+        println!("cargo::rustc-env=SMALTO_COMMIT={commit}");
+    }
 }
 
 struct Modules {

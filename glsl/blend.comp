@@ -2,6 +2,7 @@
 #include "workgroup.glsl"
 #include "ballot.glsl"
 #include "frame.glsl"
+#include "blend_splat.glsl"
 // One workgroup per 16x16 tile, one invocation per pixel: blends the tile's list front to back.
 // Batches of 256 splats are staged in workgroup memory. Each subgroup holds a small block of pixels, ballots which
 // staged splats reach it, walks only those, and leaves when all its pixels are opaque; the workgroup leaves with the last.
@@ -11,6 +12,7 @@
 
 layout(constant_id = 0) const bool CULL_PIXEL_BLOCKS = true;
 layout(constant_id = 1) const bool RESUME = false;  // not the first pass
+layout(constant_id = 2) const bool COUNT = false;   // count the work into `totals`
 
 layout(binding = 0, scalar) readonly buffer Ranges { uvec2 ranges[]; };                     // [tiles]
 layout(binding = 1, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [instance_capacity]
@@ -37,14 +39,6 @@ uint even_bits(uint i) {
     return (i & 1) | (i >> 1 & 2) | (i >> 2 & 4) | (i >> 3 & 8);
 }
 
-// -log2 of a weight over its opacity, as a sum of squares.
-float falloff(vec3 factor, vec2 d) {
-    precise float u = fma(factor.x, d.x, factor.y * d.y);
-    precise float v = factor.z * d.y;
-    precise float sum = fma(u, u, v * v);
-    return sum;
-}
-
 // Whether staged splat `i` may reach a pixel centre in the box from `low` to `high` px. Exact but for a slack that
 // covers rounding: the least falloff in the box lies at the mean or on one of the two sides that face it.
 bool reaches(uint i, vec2 low, vec2 high) {
@@ -65,22 +59,7 @@ bool reaches(uint i, vec2 low, vec2 high) {
 void stage(Splat splat) {
     staged_mean[lane()] = splat.mean_px;
     staged_weight[lane()] = vec4(splat.factor, splat.opacity);
-    staged_colour[lane()] = vec4(splat.colour, log2(splat.opacity / ALPHA_MIN));
-}
-
-// Blends staged splat `i` into a pixel; true if that ends it.
-bool blend(uint i, vec2 pixel, inout vec3 colour, inout float transmittance) {
-    vec4 weight = staged_weight[i], look = staged_colour[i];
-    float fall = falloff(weight.xyz, pixel - staged_mean[i]);
-    if (!(fall <= look.w)) return false;  // alpha < ALPHA_MIN
-    float alpha = min(ALPHA_MAX, weight.w * exp2(-fall));
-    precise float rest = transmittance * (1.0 - alpha);
-    if (rest < TRANSMITTANCE_MIN) return true;
-    precise float share = alpha * transmittance;
-    precise vec3 added = fma(look.rgb, vec3(share), colour);
-    colour = added;
-    transmittance = rest;
-    return false;
+    staged_colour[lane()] = colour_and_limit(splat);
 }
 
 // The `place`-th tile when those with long lists come first.
@@ -91,6 +70,19 @@ uint next_tile(uint place) {
         place -= count;
     }
     return 0;  // unreachable: every tile is in a class
+}
+
+// Adds a workgroup's share to what a counting blend counts. All are sums of integers: order does not matter.
+void count_work(uint evaluations, uint walked, bool opaque, bool has_list) {
+    uint sum = subgroupAdd(evaluations), slots = subgroupAdd(walked), pixels = subgroupAdd(uint(opaque));
+    if (subgroupElect()) {
+        uint before = atomicAdd(totals.evaluations_low, sum);
+        if (before + sum < before) atomicAdd(totals.evaluations_high, 1);
+        before = atomicAdd(totals.walked_low, slots);
+        if (before + slots < before) atomicAdd(totals.walked_high, 1);
+        atomicAdd(totals.stopped_pixels, pixels);
+        if (has_list && gl_SubgroupID == 0) atomicAdd(totals.listed_tiles, 1);
+    }
 }
 
 void main() {
@@ -119,6 +111,7 @@ void main() {
     uint begin = list.x + min(push.pass_begin, list.y - list.x);
     uint end = begin + min(push.pass_limit, list.y - begin);
     bool subgroup_stopped = false;
+    uint evaluations = 0, walked = 0;
     // Loaded a batch ahead, and its id two: the loads run while the batch before is blended.
     Splat ahead;
     uint id_ahead = 0;
@@ -139,7 +132,14 @@ void main() {
             for (uint w = 0; w < BALLOT_WORDS; w++) {
                 for (uint word = reaching[w]; word != 0; word &= word - 1) {
                     uint i = first + 32 * w + findLSB(word);
-                    if (!stopped) stopped = blend(i, centre, colour, transmittance);
+                    if (COUNT) {
+                        walked++;
+                        evaluations += uint(!stopped);
+                    }
+                    if (!stopped) {
+                        stopped = blend_splat(
+                            staged_mean[i], staged_weight[i], staged_colour[i], centre, colour, transmittance);
+                    }
                 }
             }
             if (!any_in(subgroupBallot(!stopped))) {
@@ -148,6 +148,7 @@ void main() {
             }
         }
     }
+    if (COUNT) count_work(evaluations, walked, inside && stopped && push.last_pass == 1, list.y > list.x && !RESUME);
     if (!inside) return;
     if (push.last_pass == 1) {
         imageStore(image, ivec2(pixel), vec4(fma(vec3(transmittance), push.background, colour), 1.0 - transmittance));

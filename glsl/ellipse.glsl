@@ -2,6 +2,9 @@
 // Rows meet a convex set in an interval, whose ends lie at the set's extreme points or at the row's borders
 // (the idea of AccuTile, Hanson et al. 2024). Sums of squares and clamped roots: needles and huge splats need no care.
 
+// What the original tests instead: the square that three standard deviations along the longest axis reach.
+layout(constant_id = 1) const bool THREE_SIGMA_SQUARES = false;
+
 struct Ellipse {
     vec2 mean_px;
     vec2 extent;        // px, half width and half height; negative for an ellipse without a point
@@ -27,6 +30,10 @@ Ellipse ellipse_of(vec2 mean_px, vec4 covariance, float opacity) {
     e.width_scale = covariance.w / c;
     e.inverse_c = 1.0 / c;
     e.rightmost_y = b * sqrt(e.level / a);
+    if (THREE_SIGMA_SQUARES) {
+        float longest = 0.5 * (a + c) + sqrt(0.25 * (a - c) * (a - c) + b * b);  // the larger eigenvalue
+        e.extent = vec2(ceil(3.0 * sqrt(longest)));
+    }
     return e;
 }
 
@@ -65,6 +72,10 @@ vec2 chord(Ellipse e, float y) {
 
 // The tiles of one row that the ellipse meets, packed as first | end << 16.
 uint tile_span(Ellipse e, uint row, uvec2 size_px) {
+    if (THREE_SIGMA_SQUARES) {
+        uvec2 columns = tiles_between(e.mean_px.x - e.extent.x, e.mean_px.x + e.extent.x, size_px.x);
+        return columns.x | (columns.x + columns.y) << 16;
+    }
     float low = max(float(row * TILE) + 0.5 - e.mean_px.y, -e.extent.y);
     float high = min(float(min(row * TILE + TILE, size_px.y)) - 0.5 - e.mean_px.y, e.extent.y);
     if (!(low <= high)) return 0;

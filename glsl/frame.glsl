@@ -34,6 +34,12 @@ struct Totals {
     uint instances_high;
     uint instances_kept;
     uint longest_list;     // splats in the fullest tile
+    uint evaluations_low;  // by a counting blend alone: alphas computed for pixels that had not stopped, 64 bits
+    uint evaluations_high;
+    uint walked_low;       // and for all lanes of the subgroups that computed them, 64 bits
+    uint walked_high;
+    uint stopped_pixels;   // opaque before their list ended
+    uint listed_tiles;     // with a list
     uint tiles_in_class[TILE_CLASSES];
 };
 

@@ -9,9 +9,11 @@
 //! | [`gpu`] | Vulkan for compute; knows no Gaussians |
 //! | [`render`] | the pipeline on the GPU |
 //! | [`pixels`], [`metrics`] | images, and how far they are apart |
+//! | [`bench`] | how fast, measured |
 //! | [`memory`] | running out of it |
 //! | [`cli`] | the commands |
 
+pub mod bench;
 pub mod camera;
 pub mod cli;
 pub mod environment;

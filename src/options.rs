@@ -21,10 +21,21 @@ pub struct Options {
     pub portable: bool,
 }
 
+impl Options {
+    /// Every named choice of options.
+    pub const PRESETS: [(&'static str, Self); 2] =
+        [("default", Self { near: 0.2, portable: false }), ("portable", Self { near: 0.2, portable: true })];
+
+    /// The choice of this name.
+    pub fn preset(name: &str) -> Option<Self> {
+        Self::PRESETS.iter().find(|(known, _)| *known == name).map(|(_, options)| *options)
+    }
+}
+
 impl Default for Options {
     /// The rules of the original 3DGS: near plane at 0.2.
     fn default() -> Self {
-        Self { near: 0.2, portable: false }
+        Self::PRESETS[0].1
     }
 }
 

@@ -1,6 +1,7 @@
-//! From where: pose and intrinsics of a pinhole camera, camera files, and a view that frames a scene.
+//! From where: pose and intrinsics of a pinhole camera, camera files, scripted paths, and a view that frames a scene.
 
 mod cameras_json;
+pub mod path;
 
 use glam::{DMat3, DVec2, DVec3};
 

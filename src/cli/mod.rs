@@ -1,5 +1,7 @@
 //! The commands, one file each.
 
+mod bench;
+mod bench_table;
 mod doctor;
 mod dump;
 mod info;
@@ -11,14 +13,14 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
 
-use crate::camera::MAX_SIDE;
+use crate::camera::{self, MAX_SIDE, NamedCamera};
 use crate::environment::Environment;
 use crate::gpu::{Device, DeviceChoice, Unavailable, Validation};
 use crate::memory::OutOfMemory;
-use crate::scene::{self, Scene, Unreadable, synthetic};
+use crate::scene::{self, Procedural, Scene, Unreadable};
 
 /// Renders 3D Gaussian splatting scenes with Vulkan compute.
 #[derive(Parser)]
@@ -27,7 +29,8 @@ use crate::scene::{self, Scene, Unreadable, synthetic};
     version,
     arg_required_else_help = true,
     after_help = "\
-Exit codes: 0 done, 1 failure, 2 usage, 3 no usable Vulkan device, 4 unreadable scene or camera file, 5 out of memory.
+Exit codes: 0 done, 1 failure, 2 usage, 3 no usable Vulkan device, 4 unreadable scene, camera or report file,
+            5 out of memory, 6 slower than the baseline.
 Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION=1 turns the validation layer on."
 )]
 struct Cli {
@@ -39,6 +42,7 @@ struct Cli {
 enum Command {
     Render(render::Args),
     Info(info::Args),
+    Bench(bench::Args),
     Doctor(doctor::Args),
 }
 
@@ -89,6 +93,7 @@ pub fn run() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Render(args) => render::run(&args),
         Command::Info(args) => info::run(&args),
+        Command::Bench(args) => bench::run(&args),
         Command::Doctor(args) => doctor::run(&args),
     };
     match outcome {
@@ -109,6 +114,8 @@ fn exit_code(error: &anyhow::Error) -> u8 {
         4
     } else if error.is::<OutOfMemory>() {
         5
+    } else if error.is::<bench::Regression>() {
+        6
     } else {
         1
     }
@@ -117,16 +124,16 @@ fn exit_code(error: &anyhow::Error) -> u8 {
 /// What `render` and `info` draw or describe.
 #[derive(Args)]
 struct SceneArg {
-    /// Scene file (.ply, .compressed.ply or .spz), model folder of the original 3DGS, or the built-in procedural scene
-    /// `cactus:COUNT`
+    /// Scene file (.ply, .compressed.ply or .spz), model folder of the original 3DGS, or a procedural scene: cactus,
+    /// few-large or many-small, with :COUNT for another number of Gaussians
     #[arg(default_value = "cactus")]
     scene: PathBuf,
 }
 
 impl SceneArg {
-    /// The count of the procedural scene, if it is that.
-    fn procedural(&self) -> Option<Result<usize>> {
-        synthetic::parse(self.scene.to_str()?)
+    /// The procedural scene, if it is one.
+    fn procedural(&self) -> Option<Result<Procedural>> {
+        Procedural::parse(self.scene.to_str()?)
     }
 
     /// The scene's file, if it is one. In a model folder, the point cloud of the last iteration.
@@ -140,12 +147,24 @@ impl SceneArg {
         Some(last.map_or_else(|| self.scene.clone(), |(_, folder)| folder.join("point_cloud.ply")))
     }
 
+    /// What reports call the scene: its file name, not where it lies.
+    fn title(&self) -> String {
+        self.scene.file_name().unwrap_or(self.scene.as_os_str()).to_string_lossy().into_owned()
+    }
+
+    /// What files made from the scene are named after.
+    fn stem(&self) -> String {
+        let path = self.path().unwrap_or_else(|| self.scene.clone());
+        let name = path.file_name().map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned());
+        name.split(['.', ':']).find(|part| !part.is_empty()).unwrap_or("scene").to_owned()
+    }
+
     /// Reads the file or makes the procedural scene, and says on stderr what had to be dropped.
     fn read(&self) -> Result<Scene> {
         let path = self.path().unwrap_or_else(|| self.scene.clone());
         let name = path.display();
         let scene = match self.procedural() {
-            Some(count) => synthetic::cactus(count.map_err(|e| Usage(format!("{name}: {e:#}")))?)?,
+            Some(procedural) => procedural.map_err(|e| Usage(format!("{name}: {e:#}")))?.make()?,
             None => {
                 let bar = progress::Bar::new("reading");
                 scene::read(&path, &|fraction| bar.set(fraction))?
@@ -163,8 +182,24 @@ impl SceneArg {
     }
 }
 
+/// The cameras of a file.
+fn read_cameras(file: &Path) -> Result<Vec<NamedCamera>> {
+    camera::read(file).map_err(|problem| Unreadable::new(file, &problem).into())
+}
+
+fn size_text([width, height]: [u32; 2]) -> String {
+    format!("{width}x{height}")
+}
+
+/// Fails if the device complained.
+fn complain(device: &Device) -> Result<()> {
+    let complaints = device.complaints();
+    ensure!(complaints.is_empty(), "validation: {}", complaints.join("\n"));
+    Ok(())
+}
+
 /// `WIDTHxHEIGHT` in pixels.
-pub fn parse_size(text: &str) -> Result<[u32; 2]> {
+fn parse_size(text: &str) -> Result<[u32; 2]> {
     let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     match sides {
         Some(size @ [1..=MAX_SIDE, 1..=MAX_SIDE]) => Ok(size),

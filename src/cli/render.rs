@@ -1,20 +1,20 @@
 //! `smalto render`: pictures of a scene, to files.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use glam::DVec3;
 
-use super::{DeviceArgs, SceneArg, Usage, dump, parse_size, progress, remark, say};
+use super::{DeviceArgs, SceneArg, Usage, complain, dump, parse_size, progress, read_cameras, remark, say, size_text};
 use crate::camera::{self, Camera, NamedCamera};
 use crate::gpu::Commands;
 use crate::options::{Background, Options};
 use crate::pixels::Pixels;
 use crate::reference;
 use crate::render::{Frame, GpuScene, Still};
-use crate::scene::{Focus, Gaussians, Unreadable};
+use crate::scene::{Focus, Gaussians};
 
 /// Render a scene to PNG
 #[derive(clap::Args)]
@@ -99,7 +99,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 say!(
                     "{}  {}  float64 reference, {:.1} s",
                     shot.output.display(),
-                    size(shot),
+                    size_text(shot.camera.size_px),
                     started.elapsed().as_secs_f64()
                 )?;
             }
@@ -123,8 +123,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 report(args, shot, &frame)?;
                 bar.set((done + 1) as f64 / shots.len() as f64);
             }
-            let complaints = device.complaints();
-            ensure!(complaints.is_empty(), "validation: {}", complaints.join("\n"));
+            complain(&device)?;
         }
     }
     Ok(())
@@ -133,7 +132,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
 fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     let cameras = cameras(args)?;
     let wants_all = args.camera.as_deref() == Some("all");
-    let stem = args.scene.path().map_or_else(|| "cactus".to_owned(), |path| stem(&path));
+    let stem = args.scene.stem();
     let mut near = Options::default().near;
     let chosen: Vec<(usize, Camera)> = match (&cameras, &args.camera) {
         (None, None) => {
@@ -168,7 +167,7 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     if let Some(shot) =
         shots.iter().find(|s| args.reference && s.camera.size_px.into_iter().max() > Some(REFERENCE_SIDE))
     {
-        return Err(Usage(format!("--reference draws up to {REFERENCE_SIDE} pixels a side, not {}", size(shot))).into());
+        return Err(Usage(format!("--reference draws up to {REFERENCE_SIDE} pixels a side, not {}", size_text(shot.camera.size_px))).into());
     }
     if is_folder {
         fs::create_dir_all(&output).with_context(|| format!("cannot make the folder {}", output.display()))?;
@@ -178,7 +177,7 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
 
 fn cameras(args: &Args) -> Result<Option<Vec<NamedCamera>>> {
     let file = args.cameras.clone().or_else(|| args.scene.path().and_then(|scene| camera::find(&scene)));
-    file.map(|file| camera::read(&file).map_err(|problem| Unreadable::new(&file, &problem).into())).transpose()
+    file.map(|file| read_cameras(&file)).transpose()
 }
 
 fn pick(cameras: &[NamedCamera], wanted: &str) -> Result<(usize, Camera)> {
@@ -204,19 +203,8 @@ fn automatic(gaussians: &Gaussians, size: Option<[u32; 2]>) -> (Camera, f64) {
     (camera, distance)
 }
 
-/// The file name without its endings.
-fn stem(path: &Path) -> String {
-    let name = path.file_name().map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned());
-    name.split('.').find(|part| !part.is_empty()).unwrap_or("scene").to_owned()
-}
-
 fn write(args: &Args, shot: &Shot, pixels: &Pixels) -> Result<()> {
     pixels.write_png(&shot.output, args.background == Background::Transparent)
-}
-
-fn size(shot: &Shot) -> String {
-    let [width, height] = shot.camera.size_px;
-    format!("{width}x{height}")
 }
 
 fn report(args: &Args, shot: &Shot, frame: &Frame) -> Result<()> {
@@ -230,7 +218,7 @@ fn report(args: &Args, shot: &Shot, frame: &Frame) -> Result<()> {
     if visible == 0 {
         remark(&format!("note: {}: no Gaussian is in view", shot.output.display()));
     }
-    say!("{}  {}  {visible} visible, {instances} instances{gpu_ms}", shot.output.display(), size(shot))?;
+    say!("{}  {}  {visible} visible, {instances} instances{gpu_ms}", shot.output.display(), size_text(shot.camera.size_px))?;
     if args.timings {
         let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth > 0).collect();
         stages.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));

@@ -64,6 +64,11 @@ impl<T: Element> Buffer<T> {
         self.storage.bytes
     }
 
+    /// Name and bytes.
+    pub fn footprint(&self) -> (&str, u64) {
+        (self.name(), self.bytes())
+    }
+
     /// The same buffer seen as 32-bit words.
     pub fn words(&self) -> Buffer<u32> {
         assert!(size_of::<T>().is_multiple_of(4), "elements of `{}` are not whole words", self.name());

@@ -45,7 +45,7 @@ pub struct Commands {
     pub(super) captures: Vec<Capture>,
     /// What went wrong where nothing could be returned; `submit` returns it.
     pub(super) failure: Option<anyhow::Error>,
-    has_readbacks: bool,
+    pub(super) has_readbacks: bool,
 }
 
 impl Commands {
@@ -305,7 +305,7 @@ impl Commands {
         }
     }
 
-    fn writes(&mut self, resource: Resource, command: &str, access: Access) {
+    pub(super) fn writes(&mut self, resource: Resource, command: &str, access: Access) {
         if let (Some(written), Resource::Buffer(storage)) = (&mut self.written, resource)
             && !written.iter().any(|w| w.id == storage.id)
         {

@@ -39,6 +39,8 @@ pub struct DeviceFacts {
     pub kind: &'static str,
     pub driver: String,
     pub vulkan: String,
+    /// Tells one of several equal devices from the others; the driver's own tools print it too.
+    pub uuid: String,
     /// Invocations in a subgroup: smallest and largest.
     pub subgroup_size: [u32; 2],
     /// Device-local memory in bytes; what is free of it, where the driver tells.
@@ -148,12 +150,14 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
     let offers = |name: &CStr| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));
 
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
+    let mut id = vk::PhysicalDeviceIDProperties::default();
     let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
     let mut subgroup_sizes = vk::PhysicalDeviceSubgroupSizeControlProperties::default();
     let mut maintenance3 = vk::PhysicalDeviceMaintenance3Properties::default();
     let mut maintenance4 = vk::PhysicalDeviceMaintenance4Properties::default();
     let mut properties = vk::PhysicalDeviceProperties2::default()
         .push_next(&mut driver)
+        .push_next(&mut id)
         .push_next(&mut subgroup)
         .push_next(&mut subgroup_sizes)
         .push_next(&mut maintenance3)
@@ -246,6 +250,7 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
             vk::api_version_minor(properties.api_version),
             vk::api_version_patch(properties.api_version)
         ),
+        uuid: uuid(id.device_uuid),
         subgroup_size: [subgroup_sizes.min_subgroup_size, subgroup_sizes.max_subgroup_size],
         memory_bytes,
         memory_free_bytes,
@@ -269,6 +274,12 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
         queue_family: family.unwrap_or(0) as u32,
         rank,
     })
+}
+
+/// 8-4-4-4-12 hexadecimal digits.
+fn uuid(bytes: [u8; 16]) -> String {
+    let groups = [&bytes[..4], &bytes[4..6], &bytes[6..8], &bytes[8..10], &bytes[10..]];
+    groups.map(|group| group.iter().map(|b| format!("{b:02x}")).collect::<String>()).join("-")
 }
 
 /// Device-local bytes: all, and free if the driver tells.

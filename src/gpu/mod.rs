@@ -30,6 +30,7 @@ mod instance;
 mod scopes;
 mod shader;
 mod stage;
+mod staging;
 mod submission;
 mod timings;
 
@@ -43,5 +44,6 @@ pub use hazards::Access;
 pub use image::Image;
 pub use shader::{Binding, BindingKind, Bindings, Constants, Element, Resource, Scalar, Shader};
 pub use stage::Stage;
+pub use staging::Staging;
 pub use submission::{Capture, InFlight, Readback, Results};
 pub use timings::Timing;

@@ -8,8 +8,8 @@ mod still;
 mod workspace;
 
 pub use gpu_scene::GpuScene;
-pub use renderer::Renderer;
+pub use renderer::{Renderer, Variation};
 pub use shaders::*;
 pub use sort::{Pairs, RadixSort, SortRange, SortScratch};
-pub use still::{Frame, Still};
+pub use still::{Frame, Started, Still};
 pub use workspace::{Demand, Workspace};

@@ -10,7 +10,7 @@ use super::shaders::*;
 use super::sort::{RadixSort, SortRange};
 use super::workspace::{CULL_CHUNK, Workspace};
 use crate::camera::Camera;
-use crate::gpu::{Access, Commands, Device, Extent, Image, Stage};
+use crate::gpu::{Access, Buffer, Commands, Device, Extent, Image, Stage};
 use crate::options::{Background, Options, TILE};
 use crate::scene::Bounds;
 
@@ -38,13 +38,28 @@ pub struct Renderer {
 /// Smallest subgroup that the portable path is built for.
 const PORTABLE_SUBGROUP: u32 = 4;
 
+/// How a renderer that measures differs from one that draws: not at all, by default.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Variation {
+    /// Blend counts its work: `Totals` from `evaluations_low` on. It takes longer.
+    pub counts_work: bool,
+    /// Splats are in all tiles of a square of three standard deviations, as in the original, instead of those that
+    /// their ellipse meets.
+    pub three_sigma_squares: bool,
+}
+
 impl Renderer {
     pub fn new(device: &Device, options: &Options, sh_degree: u32) -> Result<Self> {
+        Self::varied(device, options, sh_degree, Variation::default())
+    }
+
+    pub fn varied(device: &Device, options: &Options, sh_degree: u32, variation: Variation) -> Result<Self> {
         let facts = device.facts();
         let smallest_subgroup = if options.portable { PORTABLE_SUBGROUP } else { facts.subgroup_size[0] };
         let ballot_words = if options.portable { 4 } else { facts.subgroup_size[1].div_ceil(32) };
         let cull_pixel_blocks = !options.portable;
-        let blend = |resume| Stage::new(device, &BlendConstants { cull_pixel_blocks, resume, ballot_words });
+        let Variation { counts_work: count, three_sigma_squares } = variation;
+        let blend = |resume| Stage::new(device, &BlendConstants { cull_pixel_blocks, resume, count, ballot_words });
         Ok(Self {
             options: *options,
             sh_degree,
@@ -57,7 +72,7 @@ impl Renderer {
             cull: Stage::new(device, &())?,
             cull_offsets: Stage::new(device, &())?,
             cull_compact: Stage::new(device, &())?,
-            project: Stage::new(device, &ProjectConstants { sh_degree, ballot_words })?,
+            project: Stage::new(device, &ProjectConstants { sh_degree, three_sigma_squares, ballot_words })?,
             sort: RadixSort::new(device, smallest_subgroup, ballot_words)?,
             scan_sums: Stage::new(device, &())?,
             scan_totals: Stage::new(device, &())?,
@@ -73,6 +88,12 @@ impl Renderer {
     /// Blend dispatches that a longest tile list of this length takes.
     pub fn passes(&self, longest_list: u32) -> u32 {
         longest_list.div_ceil(self.entries_per_pass).max(1)
+    }
+
+    /// Passes over its keys that a frame's sort by depth takes, and its sort by tile.
+    pub fn sort_passes(&self, scene: &GpuScene, camera: &Camera) -> [u32; 2] {
+        let depth_bits = depth_bits(camera, self.options.near, &scene.extent);
+        [depth_bits, tile_bits(tiles(camera.size_px).iter().product())].map(|bits| self.sort.passes(bits))
     }
 
     /// Records one frame: `image` is the scene seen by `camera`, if there was room in `work` and `passes` blend passes
@@ -91,72 +112,55 @@ impl Renderer {
         assert_eq!(scene.sh_degree(), self.sh_degree, "a renderer draws scenes of the degree it was built for");
         let view = view(camera, self.options.near);
         let depth_bits = depth_bits(camera, self.options.near, &scene.extent);
-        let tiles_x = camera.size_px[0].div_ceil(TILE);
-        let tiles = tiles_x * camera.size_px[1].div_ceil(TILE);
+        let [tiles_x, tiles_y] = tiles(camera.size_px);
+        let tiles = tiles_x * tiles_y;
 
         cmd.scope("clear", |cmd| {
             cmd.fill(&work.totals, 0);
             cmd.fill(&work.ranges, 0);
         });
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-        cmd.scope("cull", |cmd| self.cull(cmd, scene, view, work));
+        cmd.scope("cull", |cmd| {
+            self.cull(cmd, scene, view, work);
+            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            self.compact(cmd, scene, work);
+        });
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         cmd.scope("project", |cmd| self.project(cmd, scene, view, work, depth_bits));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let by_depth = cmd.scope("sort depths", |cmd| {
-            let lengths = &work.totals.words();
-            let length_index = offset_of!(Totals, visible_kept) / 4;
-            let range = SortRange { lengths, length_index, bits: depth_bits, values_are_indices: true };
-            let groups = (&work.dispatches, offset_of!(Dispatches, sort_visible));
-            self.sort.record(cmd, &work.depths, &work.sort, range, groups)
-        });
-        cmd.scope("scan", |cmd| self.scan(cmd, work, by_depth));
+        let by_depth = cmd.scope("sort depths", |cmd| self.sort_depths(cmd, work, depth_bits));
+        let splat_from_rank = &work.depths.values[by_depth];
+        cmd.scope("scan", |cmd| self.scan(cmd, work, splat_from_rank));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
-        cmd.scope("duplicate", |cmd| self.duplicate(cmd, work, by_depth, tiles_x));
+        cmd.scope("duplicate", |cmd| self.duplicate(cmd, work, splat_from_rank, tiles_x));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let by_tile = cmd.scope("sort tiles", |cmd| {
-            let lengths = &work.totals.words();
-            let length_index = offset_of!(Totals, instances_kept) / 4;
-            let bits = tiles.next_power_of_two().trailing_zeros();
-            let range = SortRange { lengths, length_index, bits, values_are_indices: false };
-            let groups = (&work.dispatches, offset_of!(Dispatches, sort_instances));
-            self.sort.record(cmd, &work.instances, &work.sort, range, groups)
-        });
+        let by_tile = cmd.scope("sort tiles", |cmd| self.sort_tiles(cmd, work, tiles));
         cmd.scope("ranges", |cmd| {
-            let tile_keys = &work.instances.keys[by_tile];
-            let bindings = RangesBindings { totals: &work.totals, tile_keys, ranges: &work.ranges };
-            let groups = offset_of!(Dispatches, over_instances);
-            cmd.dispatch_indirect(&self.ranges, bindings, (), &work.dispatches, groups);
+            self.ranges(cmd, work, &work.instances.keys[by_tile]);
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-            let bindings =
-                TileOrderBindings { ranges: &work.ranges, tiles_by_class: &work.tiles_by_class, totals: &work.totals };
-            cmd.dispatch(&self.tile_order, bindings, TileOrderPush { tiles }, Extent::Invocations(tiles.into()));
+            self.order_tiles(cmd, work, tiles);
         });
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         cmd.scope("blend", |cmd| {
-            let bindings = BlendBindings {
-                ranges: &work.ranges,
-                splat_ids: &work.instances.values[by_tile],
-                splats: &work.splats,
-                totals: &work.totals,
-                tiles_by_class: &work.tiles_by_class,
-                image,
-            };
-            self.blend(cmd, bindings, camera.size_px, background, tiles, passes);
+            let splat_ids = &work.instances.values[by_tile];
+            self.blend(cmd, work, splat_ids, image, background, passes);
         });
     }
 
-    fn cull(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &Workspace) {
-        let chunks = scene.len().div_ceil(CULL_CHUNK) as u32;
-        let visible_capacity = work.gaussian_from_splat.len() as u32;
+    /// Which Gaussians may touch the image.
+    pub(crate) fn cull(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &Workspace) {
         let bindings = CullBindings {
             bounds: &scene.bounds,
             visible_masks: &work.visible_masks,
             chunk_counts: &work.chunk_counts,
         };
         let push = CullPush { view, gaussians: scene.len() as u32 };
-        cmd.dispatch(&self.cull, bindings, push, Extent::Groups(chunks.into()));
-        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        cmd.dispatch(&self.cull, bindings, push, Extent::Groups(chunks(scene).into()));
+    }
+
+    /// The ids of those.
+    pub(crate) fn compact(&self, cmd: &mut Commands, scene: &GpuScene, work: &Workspace) {
+        let (chunks, visible_capacity) = (chunks(scene), work.gaussian_from_splat.len() as u32);
         let bindings =
             CullOffsetsBindings { sums: &work.chunk_counts, totals: &work.totals, dispatches: &work.dispatches };
         cmd.dispatch(&self.cull_offsets, bindings, CullOffsetsPush { chunks, visible_capacity }, Extent::Groups(1));
@@ -170,7 +174,8 @@ impl Renderer {
         cmd.dispatch(&self.cull_compact, bindings, push, Extent::Groups(chunks.into()));
     }
 
-    fn project(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &Workspace, depth_bits: u32) {
+    /// Their splats, depth keys and tiles.
+    pub(crate) fn project(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &Workspace, depth_bits: u32) {
         let bindings = ProjectBindings {
             gaussian_from_splat: &work.gaussian_from_splat,
             bounds: &scene.bounds,
@@ -193,16 +198,23 @@ impl Renderer {
         cmd.dispatch_indirect(&self.project, bindings, push, &work.dispatches, offset_of!(Dispatches, over_visible));
     }
 
-    fn scan(&self, cmd: &mut Commands, work: &Workspace, by_depth: usize) {
-        let (totals, splat_from_rank, tile_counts) = (&work.totals, &work.depths.values[by_depth], &work.tile_counts);
+    /// Sorts the splats by depth; returns which of `work.depths` is sorted.
+    pub(crate) fn sort_depths(&self, cmd: &mut Commands, work: &Workspace, bits: u32) -> usize {
+        let (lengths, length_index) = (&work.totals.words(), offset_of!(Totals, visible_kept) / 4);
+        let range = SortRange { lengths, length_index, bits, values_are_indices: true };
+        let groups = (&work.dispatches, offset_of!(Dispatches, sort_visible));
+        self.sort.record(cmd, &work.depths, &work.sort, range, groups)
+    }
+
+    /// Where the instances of each splat begin, splats in the order of `splat_from_rank`.
+    pub(crate) fn scan(&self, cmd: &mut Commands, work: &Workspace, splat_from_rank: &Buffer<u32>) {
+        let (totals, tile_counts) = (&work.totals, &work.tile_counts);
         let groups = offset_of!(Dispatches, scan_visible);
         let bindings = ScanSumsBindings { totals, splat_from_rank, tile_counts, sums: &work.scan_sums };
         cmd.dispatch_indirect(&self.scan_sums, bindings, (), &work.dispatches, groups);
         // The totals update the dispatches, which the sums were dispatched by.
         cmd.barrier(Access::SHADER_WRITE | Access::INDIRECT, Access::SHADER);
-        let bindings = ScanTotalsBindings { sums: &work.scan_sums, totals, dispatches: &work.dispatches };
-        let push = ScanTotalsPush { instance_capacity: work.instances.keys[0].len() as u32 };
-        cmd.dispatch(&self.scan_totals, bindings, push, Extent::Groups(1));
+        self.scan_totals(cmd, work);
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         let bindings = ScanBindings {
             totals,
@@ -215,10 +227,24 @@ impl Renderer {
         cmd.dispatch_indirect(&self.scan, bindings, (), &work.dispatches, groups);
     }
 
-    fn duplicate(&self, cmd: &mut Commands, work: &Workspace, by_depth: usize, tiles_x: u32) {
+    /// The number of instances, and the dispatches over them.
+    pub(crate) fn scan_totals(&self, cmd: &mut Commands, work: &Workspace) {
+        let bindings = ScanTotalsBindings { sums: &work.scan_sums, totals: &work.totals, dispatches: &work.dispatches };
+        let push = ScanTotalsPush { instance_capacity: work.instances.keys[0].len() as u32 };
+        cmd.dispatch(&self.scan_totals, bindings, push, Extent::Groups(1));
+    }
+
+    /// Tile and splat of every instance, in the order of the splats.
+    pub(crate) fn duplicate(
+        &self,
+        cmd: &mut Commands,
+        work: &Workspace,
+        splat_from_rank: &Buffer<u32>,
+        tiles_x: u32,
+    ) {
         let bindings = DuplicateBindings {
             totals: &work.totals,
-            splat_from_rank: &work.depths.values[by_depth],
+            splat_from_rank,
             instance_offsets: &work.instance_offsets,
             first_ranks: &work.first_ranks,
             span_ranges: &work.span_ranges,
@@ -230,18 +256,50 @@ impl Renderer {
         cmd.dispatch_indirect(&self.duplicate, bindings, DuplicatePush { tiles_x }, &work.dispatches, groups);
     }
 
-    fn blend(
+    /// Sorts the instances by tile, stably; returns which of `work.instances` is sorted.
+    pub(crate) fn sort_tiles(&self, cmd: &mut Commands, work: &Workspace, tiles: u32) -> usize {
+        let (lengths, length_index) = (&work.totals.words(), offset_of!(Totals, instances_kept) / 4);
+        let range = SortRange { lengths, length_index, bits: tile_bits(tiles), values_are_indices: false };
+        let groups = (&work.dispatches, offset_of!(Dispatches, sort_instances));
+        self.sort.record(cmd, &work.instances, &work.sort, range, groups)
+    }
+
+    /// Where each tile's list begins and ends.
+    pub(crate) fn ranges(&self, cmd: &mut Commands, work: &Workspace, tile_keys: &Buffer<u32>) {
+        let bindings = RangesBindings { totals: &work.totals, tile_keys, ranges: &work.ranges };
+        let groups = offset_of!(Dispatches, over_instances);
+        cmd.dispatch_indirect(&self.ranges, bindings, (), &work.dispatches, groups);
+    }
+
+    /// Tiles with long lists first.
+    pub(crate) fn order_tiles(&self, cmd: &mut Commands, work: &Workspace, tiles: u32) {
+        let bindings =
+            TileOrderBindings { ranges: &work.ranges, tiles_by_class: &work.tiles_by_class, totals: &work.totals };
+        cmd.dispatch(&self.tile_order, bindings, TileOrderPush { tiles }, Extent::Invocations(tiles.into()));
+    }
+
+    /// Blends every tile's list of `splat_ids` into the image.
+    pub(crate) fn blend(
         &self,
         cmd: &mut Commands,
-        bindings: BlendBindings,
-        size_px: [u32; 2],
+        work: &Workspace,
+        splat_ids: &Buffer<u32>,
+        image: &Image,
         background: Background,
-        tiles: u32,
         passes: u32,
     ) {
+        let tiles = tiles(image.size()).iter().product();
+        let bindings = BlendBindings {
+            ranges: &work.ranges,
+            splat_ids,
+            splats: &work.splats,
+            totals: &work.totals,
+            tiles_by_class: &work.tiles_by_class,
+            image,
+        };
         for pass in 0..passes {
             let push = BlendPush {
-                size_px,
+                size_px: image.size(),
                 tiles,
                 background: background.colour(),
                 pass_begin: pass * self.entries_per_pass,
@@ -257,8 +315,23 @@ impl Renderer {
     }
 }
 
+/// Workgroups that cull the scene.
+fn chunks(scene: &GpuScene) -> u32 {
+    scene.len().div_ceil(CULL_CHUNK) as u32
+}
+
+/// Columns and rows of tiles of an image.
+pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
+    size_px.map(|side| side.div_ceil(TILE))
+}
+
+/// Bits that hold every tile number.
+fn tile_bits(tiles: u32) -> u32 {
+    tiles.next_power_of_two().trailing_zeros()
+}
+
 /// The camera as the shaders take it: rounded to f32, but in two parts what decides a depth.
-fn view(camera: &Camera, near: f32) -> View {
+pub(crate) fn view(camera: &Camera, near: f32) -> View {
     let split = |v: DVec3| (v.as_vec3().to_array(), (v - DVec3::from(v.as_vec3())).as_vec3().to_array());
     let (forward, forward_low) = split(camera.forward());
     let (position_high, position_low) = split(camera.position);
@@ -278,7 +351,7 @@ fn view(camera: &Camera, near: f32) -> View {
 
 /// Bits that hold the depth keys of everything between the near plane and the far end of the scene, and one key more.
 /// A key is the distance of a depth from the near plane in floats: exact, and no longer than the scene is deep.
-fn depth_bits(camera: &Camera, near: f32, extent: &Bounds) -> u32 {
+pub(crate) fn depth_bits(camera: &Camera, near: f32, extent: &Bounds) -> u32 {
     let corner = |i: usize| {
         let pick = |axis: usize| f64::from(if i >> axis & 1 == 0 { extent.low[axis] } else { extent.high[axis] });
         camera.view(DVec3::new(pick(0), pick(1), pick(2))).z

@@ -23,8 +23,9 @@ impl Pairs {
         Ok(Self { keys: [buffer("keys")?, buffer("keys 2")?], values: [buffer("values")?, buffer("values 2")?] })
     }
 
-    pub fn bytes(&self) -> u64 {
-        self.keys.iter().chain(&self.values).map(Buffer::bytes).sum()
+    pub fn buffers(&self) -> [&Buffer<u32>; 4] {
+        let ([a, b], [c, d]) = (&self.keys, &self.values);
+        [a, b, c, d]
     }
 }
 
@@ -41,8 +42,8 @@ impl SortScratch {
         Ok(Self { sums, digit_totals: Buffer::new(device, "digit totals", 1 << MAX_DIGIT_BITS)? })
     }
 
-    pub fn bytes(&self) -> u64 {
-        self.sums.bytes() + self.digit_totals.bytes()
+    pub fn buffers(&self) -> [&Buffer<u32>; 2] {
+        [&self.sums, &self.digit_totals]
     }
 }
 
@@ -80,6 +81,11 @@ impl RadixSort {
         })
     }
 
+    /// Passes over the keys that a sort by this many bits takes.
+    pub fn passes(&self, bits: u32) -> u32 {
+        bits.div_ceil(self.digit_bits)
+    }
+
     /// Sorts, and returns which of the pairs holds the result. `groups` tells where the count of 2048-key chunks is,
     /// as workgroup counts: buffer and byte. Begins behind a barrier, and ends with one.
     pub fn record<T: Element>(
@@ -90,7 +96,7 @@ impl RadixSort {
         range: SortRange,
         groups: (&Buffer<T>, usize),
     ) -> usize {
-        let passes = range.bits.div_ceil(self.digit_bits);
+        let passes = self.passes(range.bits);
         // Digits of equal width: 13 bits are 7 + 6, not 8 + 5, and need fewer counts.
         let width = range.bits.div_ceil(passes.max(1));
         let length_index = range.length_index as u32;

@@ -3,18 +3,19 @@
 use anyhow::Result;
 
 use super::gpu_scene::GpuScene;
-use super::renderer::Renderer;
+use super::renderer::{Renderer, Variation, tiles};
 use super::shaders::Totals;
 use super::workspace::{Demand, Workspace};
 use crate::camera::Camera;
-use crate::gpu::{Access, Commands, Device, Image, Results, Timestamps, Timing};
+use crate::gpu::{Access, Commands, Device, Image, InFlight, Readback, Results, Timestamps, Timing};
 use crate::memory::host_vec;
-use crate::options::{Background, Options, TILE};
+use crate::options::{Background, Options};
 use crate::pixels::Pixels;
 
 /// Renders pictures of one scene, keeping its buffers from one to the next.
 pub struct Still<'s> {
     device: Device,
+    options: Options,
     scene: &'s GpuScene,
     renderer: Renderer,
     work: Workspace,
@@ -32,6 +33,14 @@ pub struct Frame {
     pub attempts: u32,
 }
 
+/// A frame on the GPU.
+pub struct Started {
+    commands: InFlight,
+    totals: Readback<Totals>,
+    tiles: usize,
+    passes: u32,
+}
+
 /// More attempts than any frame needs: each grows to the demand of the one before, and demands hide behind one another
 /// (visible, spans and instances, list length).
 const MAX_ATTEMPTS: u32 = 6;
@@ -40,6 +49,7 @@ impl<'s> Still<'s> {
     pub fn new(device: &Device, options: &Options, scene: &'s GpuScene) -> Result<Self> {
         Ok(Self {
             device: device.clone(),
+            options: *options,
             scene,
             renderer: Renderer::new(device, options, scene.sh_degree())?,
             work: Workspace::new(device, Demand::guess(device, scene.len(), 1))?,
@@ -60,9 +70,28 @@ impl<'s> Still<'s> {
         Ok(self)
     }
 
-    /// Bytes of device memory for everything but the scene.
-    pub fn bytes(&self) -> u64 {
-        self.work.bytes() + self.image.bytes()
+    /// From here on frames count their work, which takes longer, or do not.
+    pub fn count_work(&mut self, counts_work: bool) -> Result<()> {
+        let variation = Variation { counts_work, ..Variation::default() };
+        self.renderer = Renderer::varied(&self.device, &self.options, self.scene.sh_degree(), variation)?;
+        Ok(())
+    }
+
+    /// Device memory for everything but the scene: every buffer's name and bytes.
+    pub fn buffers(&self) -> Vec<(&str, u64)> {
+        let mut buffers = self.work.buffers();
+        buffers.push(("image", self.image.bytes()));
+        buffers
+    }
+
+    /// Tiles of an image of this size.
+    pub fn tiles(&self, size_px: [u32; 2]) -> u32 {
+        tiles(size_px).iter().product()
+    }
+
+    /// Passes over its keys that a frame's sort by depth takes, and its sort by tile.
+    pub fn sort_passes(&self, camera: &Camera) -> [u32; 2] {
+        self.renderer.sort_passes(self.scene, camera)
     }
 
     /// Renders a complete frame; [`Still::pixels`] reads it.
@@ -77,32 +106,56 @@ impl<'s> Still<'s> {
         background: Background,
         prepare: impl Fn(&mut Commands),
     ) -> Result<(Frame, Results)> {
+        for attempts in 1..=MAX_ATTEMPTS {
+            let started = self.start_with(camera, background, &prepare)?;
+            if let Some((totals, results)) = self.finish_with(started)? {
+                return Ok((Frame { totals, timings: results.timings().to_vec(), attempts }, results));
+            }
+        }
+        unreachable!("a frame fits after it has grown to its own demand");
+    }
+
+    /// Hands a frame to the GPU without waiting for it. Frames run one after the other, into the same picture.
+    pub fn start(&mut self, camera: &Camera, background: Background) -> Result<Started> {
+        self.start_with(camera, background, |_| {})
+    }
+
+    /// Waits for a frame: whether it is complete. If it did not fit, the next one has more room.
+    pub fn finish(&mut self, started: Started) -> Result<bool> {
+        self.finish_with(started).map(|done| done.is_some())
+    }
+
+    fn start_with(
+        &mut self,
+        camera: &Camera,
+        background: Background,
+        prepare: impl Fn(&mut Commands),
+    ) -> Result<Started> {
         let [width, height] = camera.size_px;
         if self.image.size() != camera.size_px {
             self.image = Image::new(&self.device, "image", width, height)?;
         }
-        let tiles = width.div_ceil(TILE) as usize * height.div_ceil(TILE) as usize;
+        let tiles = tiles(camera.size_px).iter().map(|n| *n as usize).product();
         self.work.grow(&self.device, Demand { gaussians: self.scene.len(), tiles, ..Demand::default() })?;
-        for attempts in 1..=MAX_ATTEMPTS {
-            let mut cmd = Commands::new(&self.device)?;
-            cmd.set_timestamps(self.timestamps);
-            prepare(&mut cmd);
-            cmd.scope("frame", |cmd| {
-                let (work, image) = (&self.work, &self.image);
-                self.renderer.record(cmd, self.scene, camera, background, work, image, self.passes);
-            });
-            cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-            let totals = cmd.read(&self.work.totals)?;
-            let results = cmd.submit()?.wait()?;
-            let totals = results.view(&totals)[0];
-            let passes = self.renderer.passes(totals.longest_list);
-            let grew = self.work.grow(&self.device, Demand::of(&totals, self.scene.len(), tiles))?;
-            if !grew && passes <= self.passes {
-                return Ok((Frame { totals, timings: results.timings().to_vec(), attempts }, results));
-            }
-            self.passes = self.passes.max(passes);
-        }
-        unreachable!("a frame fits after it has grown to its own demand");
+        let mut cmd = Commands::new(&self.device)?;
+        cmd.set_timestamps(self.timestamps);
+        prepare(&mut cmd);
+        cmd.scope("frame", |cmd| {
+            let (work, image) = (&self.work, &self.image);
+            self.renderer.record(cmd, self.scene, camera, background, work, image, self.passes);
+        });
+        cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        let totals = cmd.read(&self.work.totals)?;
+        Ok(Started { commands: cmd.submit()?, totals, tiles, passes: self.passes })
+    }
+
+    fn finish_with(&mut self, started: Started) -> Result<Option<(Totals, Results)>> {
+        let results = started.commands.wait()?;
+        let totals = results.view(&started.totals)[0];
+        let passes = self.renderer.passes(totals.longest_list);
+        let grew = self.work.grow(&self.device, Demand::of(&totals, self.scene.len(), started.tiles))?;
+        self.passes = self.passes.max(passes);
+        Ok((!grew && passes <= started.passes).then_some((totals, results)))
     }
 
     /// The picture rendered last.

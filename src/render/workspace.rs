@@ -8,7 +8,7 @@ use crate::gpu::{Buffer, Device};
 use crate::memory::OutOfMemory;
 
 /// Elements that one workgroup takes; the shaders' constants of the same names.
-pub(super) const CULL_CHUNK: usize = 1024;
+pub(crate) const CULL_CHUNK: usize = 1024;
 const SCAN_CHUNK: usize = 2048;
 const DUPLICATE_CHUNK: usize = 1024;
 const TILE_CLASSES: usize = 6;
@@ -66,27 +66,27 @@ impl Demand {
 
 /// The buffers of one frame in the making.
 pub struct Workspace {
-    pub(super) room: Demand,
-    pub(super) totals: Buffer<Totals>,
-    pub(super) dispatches: Buffer<Dispatches>,
+    pub(crate) room: Demand,
+    pub(crate) totals: Buffer<Totals>,
+    pub(crate) dispatches: Buffer<Dispatches>,
     /// A bit per Gaussian.
-    pub(super) visible_masks: Buffer<u32>,
-    pub(super) chunk_counts: Buffer<u32>,
-    pub(super) gaussian_from_splat: Buffer<u32>,
-    pub(super) splats: Buffer<Splat>,
+    pub(crate) visible_masks: Buffer<u32>,
+    pub(crate) chunk_counts: Buffer<u32>,
+    pub(crate) gaussian_from_splat: Buffer<u32>,
+    pub(crate) splats: Buffer<Splat>,
     /// Depth key and splat.
-    pub(super) depths: Pairs,
-    pub(super) span_ranges: Buffer<[u32; 2]>,
-    pub(super) spans: Buffer<u32>,
-    pub(super) tile_counts: Buffer<u32>,
-    pub(super) scan_sums: Buffer<u32>,
-    pub(super) instance_offsets: Buffer<u32>,
-    pub(super) first_ranks: Buffer<u32>,
+    pub(crate) depths: Pairs,
+    pub(crate) span_ranges: Buffer<[u32; 2]>,
+    pub(crate) spans: Buffer<u32>,
+    pub(crate) tile_counts: Buffer<u32>,
+    pub(crate) scan_sums: Buffer<u32>,
+    pub(crate) instance_offsets: Buffer<u32>,
+    pub(crate) first_ranks: Buffer<u32>,
     /// Tile key and splat.
-    pub(super) instances: Pairs,
-    pub(super) sort: SortScratch,
-    pub(super) ranges: Buffer<[u32; 2]>,
-    pub(super) tiles_by_class: Buffer<u32>,
+    pub(crate) instances: Pairs,
+    pub(crate) sort: SortScratch,
+    pub(crate) ranges: Buffer<[u32; 2]>,
+    pub(crate) tiles_by_class: Buffer<u32>,
 }
 
 impl Workspace {
@@ -148,8 +148,8 @@ impl Workspace {
         Ok(true)
     }
 
-    /// Device memory in bytes.
-    pub fn bytes(&self) -> u64 {
+    /// Every buffer's name and bytes.
+    pub fn buffers(&self) -> Vec<(&str, u64)> {
         let words = [
             &self.visible_masks,
             &self.chunk_counts,
@@ -161,14 +161,15 @@ impl Workspace {
             &self.first_ranks,
             &self.tiles_by_class,
         ];
-        words.iter().map(|b| b.bytes()).sum::<u64>()
-            + self.totals.bytes()
-            + self.dispatches.bytes()
-            + self.splats.bytes()
-            + self.span_ranges.bytes()
-            + self.ranges.bytes()
-            + self.depths.bytes()
-            + self.instances.bytes()
-            + self.sort.bytes()
+        let sorted = [self.depths.buffers(), self.instances.buffers()].into_iter().flatten().chain(self.sort.buffers());
+        let mut all: Vec<_> = words.into_iter().chain(sorted).map(Buffer::footprint).collect();
+        all.extend([
+            self.totals.footprint(),
+            self.dispatches.footprint(),
+            self.splats.footprint(),
+            self.span_ranges.footprint(),
+            self.ranges.footprint(),
+        ]);
+        all
     }
 }

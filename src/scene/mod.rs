@@ -5,6 +5,7 @@ mod canonical;
 mod compressed_ply;
 pub mod harmonics;
 mod ply;
+mod procedural;
 mod source;
 mod spz;
 pub mod synthetic;
@@ -15,6 +16,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 pub use bounds::{Bounds, Focus, percentiles};
 pub use canonical::{Builder, Raw, Tally};
+pub use procedural::Procedural;
 use source::Source;
 
 use crate::memory::OutOfMemory;

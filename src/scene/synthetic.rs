@@ -5,7 +5,6 @@
 
 use std::f64::consts::{PI, TAU};
 
-use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DQuat, DVec3, dvec3};
 
 use super::canonical::{Builder, Raw};
@@ -13,23 +12,8 @@ use super::harmonics::{C0, basis};
 use super::{MAX_SH_DEGREE, Scene};
 use crate::memory::OutOfMemory;
 
-/// The count of a scene that is not told one: the coarsest of the paper's four levels of detail.
+/// The coarsest of the paper's four levels of detail.
 pub const DEFAULT_COUNT: usize = 139_410;
-
-/// Reads `cactus` or `cactus:COUNT`; `None` for anything else, which is then a file.
-pub fn parse(name: &str) -> Option<Result<usize>> {
-    let rest = name.strip_prefix("cactus")?;
-    if rest.is_empty() {
-        return Some(Ok(DEFAULT_COUNT));
-    }
-    let count = rest.strip_prefix(':')?;
-    Some(count.replace('_', "").parse().with_context(|| format!("'{count}' is not a number of Gaussians")).and_then(
-        |n| {
-            ensure!((1..=200_000_000).contains(&n), "a cactus has 1 to 200000000 Gaussians, not {n}");
-            Ok(n)
-        },
-    ))
-}
 
 /// The cactus with `count` Gaussians. The same count gives the same scene everywhere.
 pub fn cactus(count: usize) -> Result<Scene, OutOfMemory> {
@@ -292,11 +276,11 @@ fn contact_shadow(point: DVec3) -> f64 {
 }
 
 /// SplitMix64 (Steele et al. 2014): small, and the same everywhere.
-struct Random(u64);
+pub(super) struct Random(u64);
 
 impl Random {
     /// The stream of one Gaussian, so that they can be made in any order.
-    fn of(index: usize) -> Self {
+    pub(super) fn of(index: usize) -> Self {
         let mut seed = Self(0x5eed_cac7 ^ (index as u64) << 20);
         Self(seed.next())
     }
@@ -310,17 +294,17 @@ impl Random {
     }
 
     /// Uniform in [0, 1).
-    fn unit(&mut self) -> f64 {
+    pub(super) fn unit(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
     /// Mean 0, standard deviation 1 (Box and Muller).
-    fn normal(&mut self) -> f64 {
+    pub(super) fn normal(&mut self) -> f64 {
         (-2.0 * (1.0 - self.unit()).ln()).sqrt() * (TAU * self.unit()).cos()
     }
 
     /// Uniform on the unit sphere.
-    fn direction(&mut self) -> DVec3 {
+    pub(super) fn direction(&mut self) -> DVec3 {
         let (z, angle) = (2.0 * self.unit() - 1.0, TAU * self.unit());
         let r = (1.0 - z * z).sqrt();
         dvec3(r * angle.cos(), r * angle.sin(), z)

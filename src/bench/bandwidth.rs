@@ -1,0 +1,36 @@
+//! The bandwidth of device memory, measured by a plain copy on the same device in the same run.
+
+use anyhow::{Context, Result, ensure};
+
+use super::statistics::Statistics;
+use crate::gpu::{Access, Buffer, Commands, Device, Extent, Stage};
+use crate::render::{Copy, CopyBindings, CopyPush};
+
+const COPIES: usize = 9;
+const BYTES: u64 = 512 << 20;
+
+/// Bytes read and written by a copy in device memory, in 1e9 a second: the median of nine copies of half a gibibyte, or
+/// of what the device binds.
+pub fn copy_gb_s(device: &Device) -> Result<f64> {
+    let limits = &device.facts().limits;
+    ensure!(limits.timestamp_bits > 0, "{} has no timestamps to measure with", device.facts().name);
+    let len = (BYTES.min(limits.storage_range).min(device.facts().memory_bytes / 16) / 16) as usize;
+    let buffer = |name| Buffer::<[u32; 4]>::new(device, name, len);
+    let (from, to) = (buffer("copy source")?, buffer("copy target")?);
+    let stage = Stage::<Copy>::new(device, &())?;
+    let copy = || {
+        let mut cmd = Commands::new(device)?;
+        // Written once a copy, so that no driver answers for memory that was never touched.
+        cmd.fill(&from, 0x5a5a_5a5a);
+        cmd.barrier(Access::COPY_WRITE, Access::SHADER);
+        cmd.scope("copy", |cmd| {
+            let bindings = CopyBindings { from: &from, to: &to };
+            cmd.dispatch(&stage, bindings, CopyPush { elements: len as u32 }, Extent::Invocations(len as u64));
+        });
+        let results = cmd.submit()?.wait()?;
+        let timing = results.timings().first().context("the copy was not timed")?;
+        Ok(timing.duration_ms)
+    };
+    let times = (0..COPIES).map(|_| copy()).collect::<Result<Vec<_>>>()?;
+    Ok(2.0 * 16.0 * len as f64 / (Statistics::of(times).median * 1e6))
+}

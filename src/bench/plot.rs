@@ -1,0 +1,193 @@
+//! Plots as SVG: stacked bars of stages, lines over the number of Gaussians.
+
+use std::path::Path;
+
+use anyhow::{Result, anyhow};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use super::report::Report;
+use crate::pixels::write_whole;
+
+/// Where a plot is drawn.
+pub type Panel<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+
+/// Horizontal bars of stacked parts.
+pub struct Bars {
+    pub title: String,
+    pub unit: String,
+    /// Each bar's name and its parts: name and length. Parts of one name have one colour.
+    pub bars: Vec<(String, Vec<(String, f64)>)>,
+}
+
+/// Lines through points.
+pub struct Lines {
+    pub title: String,
+    pub x: String,
+    pub y: String,
+    /// Each line's name and its points.
+    pub lines: Vec<(String, Vec<(f64, f64)>)>,
+    /// Both axes are logarithmic.
+    pub is_logarithmic: bool,
+}
+
+/// Writes an SVG of this size in pixels, drawn by `draw`, whole or not at all.
+pub fn write(path: &Path, size: (u32, u32), draw: impl FnOnce(&Panel) -> Result<()>) -> Result<()> {
+    let mut text = String::new();
+    {
+        let panel = SVGBackend::with_string(&mut text, size).into_drawing_area();
+        panel.fill(&WHITE).map_err(broken)?;
+        draw(&panel)?;
+        panel.present().map_err(broken)?;
+    }
+    write_whole(path, |file| Ok(std::io::Write::write_all(file, text.as_bytes())?))
+}
+
+/// Where the time of each run's frame goes: the paper's Figure 2.
+pub fn stage_breakdown(report: &Report, path: &Path) -> Result<()> {
+    let bar = |run: &super::Run| {
+        let parts = run.stages.iter().map(|stage| (stage.name.clone(), stage.ms.median.max(0.0)));
+        (run.title(), parts.collect())
+    };
+    let bars: Vec<_> = report.runs.iter().map(bar).collect();
+    let height = 150 + 34 * bars.len() as u32;
+    let title = format!("Where a frame's time goes: {}", report.device.name);
+    write(path, (1000, height), |panel| Bars { title, unit: "GPU time, ms (median)".to_owned(), bars }.draw(panel))
+}
+
+const FONT: &str = "sans-serif";
+const TEXT: i32 = 14; // px
+const NAMES: u32 = 300; // px, the room for the names of bars
+
+/// Distinct for readers of all kinds of colour vision (Okabe and Ito 2008), then again, lighter.
+const PALETTE: [(u8, u8, u8); 8] = [
+    (0, 114, 178),
+    (230, 159, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (86, 180, 233),
+    (213, 94, 0),
+    (240, 228, 66),
+    (110, 110, 110),
+];
+
+fn colour(index: usize) -> RGBColor {
+    let (r, g, b) = PALETTE[index % PALETTE.len()];
+    let lighten = |v: u8| if index < PALETTE.len() { v } else { 128 + v / 2 };
+    RGBColor(lighten(r), lighten(g), lighten(b))
+}
+
+fn broken<E: std::error::Error + Send + Sync>(error: DrawingAreaErrorKind<E>) -> anyhow::Error {
+    anyhow!("cannot draw the plot: {error}")
+}
+
+impl Bars {
+    pub fn draw(&self, panel: &Panel) -> Result<()> {
+        let longest = self.bars.iter().map(|(_, parts)| parts.iter().map(|p| p.1).sum::<f64>()).fold(0.0, f64::max);
+        let count = self.bars.len() as f64;
+        let mut names: Vec<&str> = Vec::new();
+        for (name, _) in self.bars.iter().flat_map(|(_, parts)| parts) {
+            if !names.contains(&name.as_str()) {
+                names.push(name);
+            }
+        }
+        let mut chart = ChartBuilder::on(panel)
+            .caption(&self.title, (FONT, TEXT + 4))
+            .margin(10)
+            .margin_left(NAMES)
+            .margin_right(150)
+            .x_label_area_size(40)
+            .build_cartesian_2d(0.0..longest.max(1e-6) * 1.02, 0.0..count)
+            .map_err(broken)?;
+        let mesh = &mut chart.configure_mesh();
+        mesh.disable_y_mesh().y_labels(0).x_desc(&self.unit).label_style((FONT, TEXT)).draw().map_err(broken)?;
+        for (index, name) in names.iter().enumerate() {
+            let piece = |(row, (_, parts)): (usize, &(String, Vec<(String, f64)>))| {
+                let before: f64 = parts.iter().take_while(|p| p.0 != *name).map(|p| p.1).sum();
+                let length = parts.iter().find(|p| p.0 == *name)?.1;
+                let y = count - row as f64;
+                Some(Rectangle::new([(before, y - 0.2), (before + length, y - 0.8)], colour(index).filled()))
+            };
+            chart.draw_series(self.bars.iter().enumerate().filter_map(piece)).map_err(broken)?;
+            let place = (panel.dim_in_pixel().0 as i32 - 140, 50 + 20 * index as i32);
+            let key = Rectangle::new([place, (place.0 + 12, place.1 + 12)], colour(index).filled());
+            panel.draw(&key).map_err(broken)?;
+            panel.draw(&Text::new(*name, (place.0 + 18, place.1), (FONT, TEXT))).map_err(broken)?;
+        }
+        for (row, (name, _)) in self.bars.iter().enumerate() {
+            let (x, y) = chart.backend_coord(&(0.0, count - row as f64 - 0.5));
+            let (left, top) = panel.get_base_pixel();
+            let style = (FONT, TEXT).into_text_style(panel);
+            let width = panel.estimate_text_size(name, &style).map_err(broken)?.0 as i32;
+            let place = ((x - left - 8 - width).max(2), y - top - TEXT / 2);
+            panel.draw(&Text::new(name.as_str(), place, style)).map_err(broken)?;
+        }
+        Ok(())
+    }
+}
+
+impl Lines {
+    pub fn draw(&self, panel: &Panel) -> Result<()> {
+        let points = || self.lines.iter().flat_map(|(_, points)| points);
+        let range = |pick: fn(&(f64, f64)) -> f64| {
+            points().map(pick).fold((f64::INFINITY, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)))
+        };
+        let ((x_low, x_high), (y_low, y_high)) = (range(|p| p.0), range(|p| p.1));
+        let mut builder = ChartBuilder::on(panel);
+        builder.caption(&self.title, (FONT, TEXT + 4)).margin(10).margin_right(20);
+        builder.x_label_area_size(40).y_label_area_size(60);
+        // The two kinds of axes are two types.
+        macro_rules! draw {
+            ($x:expr, $y:expr) => {{
+                let mut chart = builder.build_cartesian_2d($x, $y).map_err(broken)?;
+                let mesh = &mut chart.configure_mesh();
+                let mesh = mesh.x_desc(&self.x).y_desc(&self.y).label_style((FONT, TEXT));
+                mesh.x_label_formatter(&|v| short(*v)).y_label_formatter(&|v| short(*v)).draw().map_err(broken)?;
+                for (index, (name, points)) in self.lines.iter().enumerate() {
+                    let style = colour(index).stroke_width(2);
+                    let line = chart.draw_series(LineSeries::new(points.iter().copied(), style)).map_err(broken)?;
+                    let key = move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style);
+                    line.label(name).legend(key);
+                    let dots = points.iter().map(|p| Circle::new(*p, 3, colour(index).filled()));
+                    chart.draw_series(dots).map_err(broken)?;
+                }
+                let labels = &mut chart.configure_series_labels();
+                let labels = labels.position(SeriesLabelPosition::UpperLeft).label_font((FONT, TEXT));
+                labels.background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.2)).draw().map_err(broken)?;
+            }};
+        }
+        if self.is_logarithmic {
+            let low = 10_f64.powf(y_low.log10().floor());
+            draw!((x_low * 0.9..x_high * 1.1).log_scale(), (low..y_high * 1.5).log_scale());
+        } else {
+            draw!(0.0..x_high * 1.05, 0.0..y_high * 1.2);
+        }
+        Ok(())
+    }
+}
+
+/// 1940000 as 1.94M.
+fn short(value: f64) -> String {
+    let (scaled, unit) = match value.abs() {
+        v if v >= 1e6 => (value / 1e6, "M"),
+        v if v >= 1e3 => (value / 1e3, "k"),
+        _ => (value, ""),
+    };
+    let digits = if scaled.abs() >= 10.0 { 0 } else { 2 };
+    let text = format!("{scaled:.digits$}");
+    let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+    format!("{text}{unit}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_on_axes_are_short() {
+        let cases = [(1_940_000.0, "1.94M"), (139_410.0, "139k"), (0.5, "0.5"), (20.0, "20"), (0.0, "0"), (0.05, "0.05")];
+        for (value, text) in cases {
+            assert_eq!(short(value), text);
+        }
+    }
+}

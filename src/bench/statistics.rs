@@ -1,0 +1,48 @@
+//! What is said of many measurements of one quantity.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Least, middle, mean, and what 95 and 99 of a hundred samples do not exceed (nearest rank).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Statistics {
+    pub min: f64,
+    pub median: f64,
+    pub mean: f64,
+    pub p95: f64,
+    pub p99: f64,
+}
+
+impl Statistics {
+    /// Of at least one sample.
+    pub fn of(samples: impl IntoIterator<Item = f64>) -> Self {
+        let mut samples: Vec<f64> = samples.into_iter().collect();
+        assert!(!samples.is_empty(), "statistics are of something");
+        samples.sort_unstable_by(f64::total_cmp);
+        let at = |fraction: f64| samples[((samples.len() as f64 * fraction).ceil() as usize).max(1) - 1];
+        Self {
+            min: samples[0],
+            median: f64::midpoint(at(0.5), samples[samples.len() / 2]),
+            mean: samples.iter().sum::<f64>() / samples.len() as f64,
+            p95: at(0.95),
+            p99: at(0.99),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn statistics_are_of_the_sorted_samples() {
+        let of = |samples: &[f64]| Statistics::of(samples.iter().copied());
+        let hundred: Vec<f64> = (1..=100).rev().map(f64::from).collect();
+        let expected = Statistics { min: 1.0, median: 50.5, mean: 50.5, p95: 95.0, p99: 99.0 };
+        assert_eq!(of(&hundred), expected);
+        let expected = Statistics { min: 1.0, median: 2.0, mean: 2.0, p95: 3.0, p99: 3.0 };
+        assert_eq!(of(&[3.0, 1.0, 2.0]), expected);
+        assert_eq!(of(&[7.0]).p99, 7.0);
+    }
+}

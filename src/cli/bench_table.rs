@@ -1,0 +1,90 @@
+//! The tables of `smalto bench` on the terminal.
+
+use anyhow::Result;
+use comfy_table::presets::NOTHING;
+use comfy_table::{CellAlignment, Table};
+
+use super::{say, size_text};
+use crate::bench::{Change, Report, Run, Statistics};
+
+/// A table of right-aligned numbers behind a left-aligned name.
+fn table(header: &[&str]) -> Table {
+    let mut table = Table::new();
+    table.load_style(NOTHING).set_header(header);
+    for (index, column) in table.column_iter_mut().enumerate() {
+        column.set_padding((0, 2));
+        column.set_cell_alignment(if index == 0 { CellAlignment::Left } else { CellAlignment::Right });
+    }
+    table
+}
+
+fn say_table(table: &Table) -> Result<()> {
+    for line in table.lines() {
+        say!("  {}", line.trim_end())?;
+    }
+    Ok(())
+}
+
+pub(super) fn print_run(run: &Run) -> Result<()> {
+    let (frame, counts) = (&run.frame, &run.counts);
+    say!("{}  {}  {} Gaussians, SH degree {}", run.scene.name, size_text(run.size), run.scene.gaussians, run.scene.sh_degree)?;
+    let mut times = table(&["ms", "min", "median", "mean", "p95", "p99", "of a copy's speed"]);
+    let mut row = |name: &str, s: Statistics, note: String| {
+        let numbers = [s.min, s.median, s.mean, s.p95, s.p99].map(|v| format!("{v:.3}"));
+        times.add_row(std::iter::once(name.to_owned()).chain(numbers).chain([note]));
+    };
+    row("frame, GPU", frame.gpu_ms, String::new());
+    row("frame, waited for", frame.wall_ms, String::new());
+    for stage in &run.stages {
+        let percent = format!("{:.0} %", stage.bandwidth_fraction * 100.0);
+        let note = if stage.least_bytes > 0 { percent } else { String::new() };
+        row(&format!("  {}", stage.name), stage.ms, note);
+    }
+    say_table(&times)?;
+    let (fps, cost_us) = (1e3 / frame.pipelined_ms, frame.timestamps_cost_ms * 1e3);
+    say!("  pipelined {:.3} ms a frame, {fps:.0} frames a second; stage timestamps cost {cost_us:.0} us", frame.pipelined_ms)?;
+    say!(
+        "  {:.0} visible, {:.0} instances in {:.0} of {} tiles, longest list {:.0} (medians)",
+        counts.visible.median,
+        counts.instances.median,
+        counts.listed_tiles.median,
+        counts.tiles,
+        counts.longest_list.median
+    )?;
+    say!(
+        "  per pixel {:.0} listed, {:.0} evaluated, {:.0} with idle lanes; {:.0} % of the pixels end early",
+        counts.listed_per_pixel.median,
+        counts.evaluations_per_pixel.median,
+        counts.lanes_per_pixel.median,
+        counts.early_exit_rate.median * 100.0
+    )?;
+    let bytes: u64 = run.memory.iter().map(|a| a.bytes).sum();
+    say!("  {:.0} MB in {} buffers; picture {}", bytes as f64 / 1e6, run.memory.len(), &run.image_hash[..16])?;
+    if let Some(psnr_db) = run.psnr_db {
+        say!("  {psnr_db:.1} dB to the float64 reference")?;
+    }
+    Ok(())
+}
+
+pub(super) fn print_machine(report: &Report) -> Result<()> {
+    let device = &report.device;
+    let clocks = device.clocks.map_or_else(String::new, |c| format!(", {} MHz, memory {} MHz", c.shader_mhz, c.memory_mhz));
+    say!("{}, {}{clocks}, copies at {:.0} GB/s", device.name, device.driver, device.copy_gb_s)?;
+    let commit = report.smalto.commit.as_deref().unwrap_or("of unknown commit");
+    say!("smalto {} {commit}; {} + {} frames, {}", report.smalto.version, report.warmup, report.frames, report.path)
+}
+
+pub(super) fn print_changes(changes: &[Change]) -> Result<()> {
+    for change in changes {
+        say!("{} against the baseline", change.title)?;
+        let mut times = table(&["median ms", "before", "now", "change"]);
+        let mut row = |name: &str, [before, now]: [f64; 2]| {
+            let percent = format!("{:+.1} %", (now / before - 1.0) * 100.0);
+            times.add_row([name.to_owned(), format!("{before:.3}"), format!("{now:.3}"), percent]);
+        };
+        row("frame, GPU", change.frame_ms);
+        change.stages.iter().for_each(|(name, ms)| row(&format!("  {name}"), *ms));
+        say_table(&times)?;
+    }
+    Ok(())
+}

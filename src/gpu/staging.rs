@@ -1,0 +1,64 @@
+//! Host memory that the device copies to and from, kept from one use to the next.
+
+use std::marker::PhantomData;
+use std::sync::Arc;
+
+use anyhow::Result;
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+
+use super::buffer::{Buffer, Storage};
+use super::commands::Commands;
+use super::device::Device;
+use super::hazards::Access;
+use super::shader::Element;
+
+/// `len` elements of type `T` in host memory, for copies that every frame repeats.
+pub struct Staging<T> {
+    storage: Arc<Storage>,
+    len: usize,
+    _element: PhantomData<fn() -> T>,
+}
+
+impl<T: Element> Staging<T> {
+    /// Its content is undefined. A length of 0 is stored as 1.
+    pub fn new(device: &Device, name: &str, len: usize) -> Result<Self> {
+        let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
+        let bytes = (len.max(1) * size_of::<T>()) as u64;
+        let storage = Storage::new(&device.0, name, bytes, usage, MemoryLocation::GpuToCpu)?;
+        Ok(Self { storage: Arc::new(storage), len, _element: PhantomData })
+    }
+
+    /// The elements.
+    ///
+    /// # Panics
+    /// While commands that copy to or from here are recorded or on the GPU.
+    pub fn open(&mut self) -> &mut [T] {
+        let storage = Arc::get_mut(&mut self.storage).expect("staging memory is opened when no commands use it");
+        &mut bytemuck::cast_slice_mut(storage.mapped_mut())[..self.len]
+    }
+}
+
+impl Commands {
+    /// Copies the first `len` elements to the host; they are there after the wait.
+    pub fn fetch<T: Element>(&mut self, from: &Buffer<T>, to: &Staging<T>, len: usize) {
+        assert!(len <= from.len() && len <= to.len, "the elements of `{}` lie in it and fit", from.name());
+        self.reads(from.resource(), "fetch", Access::COPY_READ);
+        self.has_readbacks = true;
+        self.copy_elements::<T>(&from.storage, &to.storage, len);
+    }
+
+    /// Copies the first `len` elements to the device.
+    pub fn load<T: Element>(&mut self, from: &Staging<T>, to: &Buffer<T>, len: usize) {
+        assert!(len <= from.len && len <= to.len(), "the elements of `{}` lie in it and fit", to.name());
+        self.writes(to.resource(), "load", Access::COPY_WRITE);
+        self.copy_elements::<T>(&from.storage, &to.storage, len);
+    }
+
+    fn copy_elements<T>(&mut self, from: &Arc<Storage>, to: &Arc<Storage>, len: usize) {
+        if len > 0 {
+            let size = (len * size_of::<T>()) as u64;
+            self.copy_buffer(from, to, vk::BufferCopy { src_offset: 0, dst_offset: 0, size });
+        }
+    }
+}

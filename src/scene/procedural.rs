@@ -1,0 +1,115 @@
+//! Scenes that need no file: the cactus, and two clouds at the ends of tile density, seeded and the same everywhere.
+
+use anyhow::{Context, Result, ensure};
+use glam::DVec3;
+
+use super::canonical::{Builder, Raw};
+use super::harmonics::C0;
+use super::synthetic::{self, Random};
+use super::Scene;
+use crate::memory::OutOfMemory;
+
+/// Most Gaussians of a procedural scene.
+pub const MAX_COUNT: usize = 200_000_000;
+
+/// A procedural scene: what, and how many Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Procedural {
+    pub kind: Kind,
+    pub count: usize,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Kind {
+    /// A potted cactus with the statistics of trained scenes.
+    Cactus,
+    /// A ball of large Gaussians: each in many tiles.
+    FewLarge,
+    /// A ball of small ones: most in a single tile.
+    ManySmall,
+}
+
+/// Each kind's name, and its count when it is not told one.
+const KINDS: [(Kind, &str, usize); 3] = [
+    (Kind::Cactus, "cactus", synthetic::DEFAULT_COUNT),
+    (Kind::FewLarge, "few-large", 20_000),
+    (Kind::ManySmall, "many-small", 2_000_000),
+];
+
+impl Procedural {
+    /// Reads `NAME` or `NAME:COUNT`; `None` for anything else, which is then a file.
+    pub fn parse(text: &str) -> Option<Result<Self>> {
+        let (name, count) = text.split_once(':').map_or((text, None), |(name, count)| (name, Some(count)));
+        let (kind, _, default) = *KINDS.iter().find(|(_, known, _)| *known == name)?;
+        Some(count.map_or(Ok(default), parse_count).map(|count| Self { kind, count }))
+    }
+
+    pub fn name(self) -> &'static str {
+        KINDS.iter().find(|(kind, ..)| *kind == self.kind).map_or("", |(_, name, _)| name)
+    }
+
+    pub fn make(self) -> Result<Scene, OutOfMemory> {
+        match self.kind {
+            Kind::Cactus => synthetic::cactus(self.count),
+            // Seen from an orbit at 720x720, radii of some 100 px and of 1 px.
+            Kind::FewLarge => self.ball(0.08),
+            Kind::ManySmall => self.ball(0.001),
+        }
+    }
+
+    /// Gaussians of about this standard deviation, uniform in the unit ball.
+    fn ball(self, scale: f64) -> Result<Scene, OutOfMemory> {
+        let mut builder = Builder::new(0, self.count)?;
+        builder.extend(self.count, |i, sh| {
+            let mut random = Random::of(i);
+            let mean = random.direction() * random.unit().cbrt();
+            let axis = random.direction();
+            let log_scale = DVec3::from_array([(); 3].map(|()| scale.ln() + 0.4 * random.normal()));
+            let opacity = 0.1 + 0.8 * random.unit();
+            // The colour tells the place.
+            sh[0] = (0.45 * mean / C0).to_array().map(|v| v as f32);
+            Raw {
+                mean: mean.to_array(),
+                log_scale: log_scale.to_array(),
+                rotation: [random.normal(), axis.x, axis.y, axis.z],
+                opacity_logit: (opacity / (1.0 - opacity)).ln(),
+            }
+        });
+        let (gaussians, tally) = builder.finish();
+        Ok(Scene { gaussians, tally, format: format!("procedural {}", self.name()), is_antialiased: false })
+    }
+}
+
+fn parse_count(text: &str) -> Result<usize> {
+    let count = text.replace('_', "").parse().with_context(|| format!("'{text}' is not a number of Gaussians"))?;
+    ensure!((1..=MAX_COUNT).contains(&count), "a procedural scene has 1 to {MAX_COUNT} Gaussians, not {count}");
+    Ok(count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn procedural_names_are_read_with_and_without_a_count() {
+        let parse = |text| Procedural::parse(text).map(|p| p.map(|p| (p.kind, p.count)).map_err(|e| format!("{e:#}")));
+        assert_eq!(parse("cactus"), Some(Ok((Kind::Cactus, 139_410))));
+        assert_eq!(parse("many-small:3_000"), Some(Ok((Kind::ManySmall, 3000))));
+        assert_eq!(parse("cactus.ply"), None);
+        assert_eq!(parse("cacti:3"), None);
+        assert!(parse("few-large:0").unwrap().unwrap_err().contains("1 to 200000000"));
+        assert!(parse("few-large:many").unwrap().unwrap_err().contains("'many' is not a number"));
+    }
+
+    #[test]
+    fn procedural_clouds_are_the_same_every_time_and_of_their_size() {
+        for (kind, scale) in [(Kind::FewLarge, 0.08_f32), (Kind::ManySmall, 0.001)] {
+            let cloud = Procedural { kind, count: 500 };
+            let (a, b) = (cloud.make().unwrap().gaussians, cloud.make().unwrap().gaussians);
+            assert_eq!(a, b);
+            let mut widths: Vec<f32> = a.scales().iter().map(|s| s[0]).collect();
+            widths.sort_unstable_by(f32::total_cmp);
+            assert!((0.9..1.1).contains(&(widths[250] / scale)), "median {}", widths[250]);
+        }
+    }
+}
