@@ -10,6 +10,7 @@
 //! | [`render`] | the pipeline on the GPU |
 //! | [`pixels`], [`metrics`] | images, and how far they are apart |
 //! | [`bench`] | how fast, measured |
+//! | [`ladder`] | the optimizations one by one, from where the project started |
 //! | [`memory`] | running out of it |
 //! | [`cli`] | the commands |
 
@@ -18,6 +19,7 @@ pub mod camera;
 pub mod cli;
 pub mod environment;
 pub mod gpu;
+pub mod ladder;
 pub mod memory;
 pub mod metrics;
 pub mod options;

@@ -45,9 +45,7 @@ pub fn compare(before: &Report, now: &Report) -> Result<Vec<Change>, Foreign> {
 impl Change {
     fn between(before: &Run, now: &Run) -> Self {
         let stage = |name: &str| before.stages.iter().find(|stage| stage.name == name);
-        let stages = now.stages.iter().filter_map(|s| {
-            Some((s.name.clone(), [stage(&s.name)?.ms.median, s.ms.median]))
-        });
+        let stages = now.stages.iter().filter_map(|s| Some((s.name.clone(), [stage(&s.name)?.ms.median, s.ms.median])));
         Self {
             title: now.title(),
             frame_ms: [before.frame.gpu_ms.median, now.frame.gpu_ms.median],

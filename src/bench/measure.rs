@@ -113,7 +113,9 @@ fn pipelined(still: &mut Still, views: &[Camera], protocol: Protocol, tick: &dyn
             if i < count {
                 queue.push_back(still.start(&views[i % views.len()], Background::BLACK)?);
             }
-            if i >= IN_FLIGHT - 1 && let Some(oldest) = queue.pop_front() {
+            if i >= IN_FLIGHT - 1
+                && let Some(oldest) = queue.pop_front()
+            {
                 ensure!(still.finish(oldest)?, "a frame no longer fits where it fitted before");
                 tick();
             }

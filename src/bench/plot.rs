@@ -5,6 +5,7 @@ use std::path::Path;
 use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::report::Report;
 use crate::pixels::write_whole;
@@ -100,7 +101,13 @@ impl Bars {
             .build_cartesian_2d(0.0..longest.max(1e-6) * 1.02, 0.0..count)
             .map_err(broken)?;
         let mesh = &mut chart.configure_mesh();
-        mesh.disable_y_mesh().y_labels(0).x_desc(&self.unit).label_style((FONT, TEXT)).draw().map_err(broken)?;
+        mesh.disable_y_mesh()
+            .max_light_lines(0)
+            .y_labels(0)
+            .x_desc(&self.unit)
+            .label_style((FONT, TEXT))
+            .draw()
+            .map_err(broken)?;
         for (index, name) in names.iter().enumerate() {
             let piece = |(row, (_, parts)): (usize, &(String, Vec<(String, f64)>))| {
                 let before: f64 = parts.iter().take_while(|p| p.0 != *name).map(|p| p.1).sum();
@@ -117,10 +124,8 @@ impl Bars {
         for (row, (name, _)) in self.bars.iter().enumerate() {
             let (x, y) = chart.backend_coord(&(0.0, count - row as f64 - 0.5));
             let (left, top) = panel.get_base_pixel();
-            let style = (FONT, TEXT).into_text_style(panel);
-            let width = panel.estimate_text_size(name, &style).map_err(broken)?.0 as i32;
-            let place = ((x - left - 8 - width).max(2), y - top - TEXT / 2);
-            panel.draw(&Text::new(name.as_str(), place, style)).map_err(broken)?;
+            let style = (FONT, TEXT).into_text_style(panel).pos(Pos::new(HPos::Right, VPos::Center));
+            panel.draw(&Text::new(name.as_str(), (x - left - 8, y - top), style)).map_err(broken)?;
         }
         Ok(())
     }
@@ -141,7 +146,7 @@ impl Lines {
             ($x:expr, $y:expr) => {{
                 let mut chart = builder.build_cartesian_2d($x, $y).map_err(broken)?;
                 let mesh = &mut chart.configure_mesh();
-                let mesh = mesh.x_desc(&self.x).y_desc(&self.y).label_style((FONT, TEXT));
+                let mesh = mesh.x_desc(&self.x).y_desc(&self.y).label_style((FONT, TEXT)).max_light_lines(0);
                 mesh.x_label_formatter(&|v| short(*v)).y_label_formatter(&|v| short(*v)).draw().map_err(broken)?;
                 for (index, (name, points)) in self.lines.iter().enumerate() {
                     let style = colour(index).stroke_width(2);
@@ -157,10 +162,11 @@ impl Lines {
             }};
         }
         if self.is_logarithmic {
-            let low = 10_f64.powf(y_low.log10().floor());
-            draw!((x_low * 0.9..x_high * 1.1).log_scale(), (low..y_high * 1.5).log_scale());
+            // Room for the key above the lines.
+            let top = y_high * (y_high / y_low).max(2.0);
+            draw!((x_low * 0.9..x_high * 1.1).log_scale(), (y_low * 0.8..top).log_scale());
         } else {
-            draw!(0.0..x_high * 1.05, 0.0..y_high * 1.2);
+            draw!(0.0..x_high * 1.05, 0.0..y_high * 1.4);
         }
         Ok(())
     }
@@ -185,7 +191,8 @@ mod tests {
 
     #[test]
     fn numbers_on_axes_are_short() {
-        let cases = [(1_940_000.0, "1.94M"), (139_410.0, "139k"), (0.5, "0.5"), (20.0, "20"), (0.0, "0"), (0.05, "0.05")];
+        let cases =
+            [(1_940_000.0, "1.94M"), (139_410.0, "139k"), (0.5, "0.5"), (20.0, "20"), (0.0, "0"), (0.05, "0.05")];
         for (value, text) in cases {
             assert_eq!(short(value), text);
         }

@@ -167,12 +167,21 @@ impl Report {
         write_whole(path, |file| {
             let mut csv = csv::Writer::from_writer(file);
             csv.write_record([
-                "scene", "gaussians", "width", "height", "preset", "quantity", "min", "median", "mean", "p95", "p99",
+                "scene",
+                "gaussians",
+                "width",
+                "height",
+                "preset",
+                "quantity",
+                "min",
+                "median",
+                "mean",
+                "p95",
+                "p99",
             ])?;
             for run in &self.runs {
                 for (quantity, s) in run.rows() {
-                    let about =
-                        [run.scene.gaussians.to_string(), run.size[0].to_string(), run.size[1].to_string()];
+                    let about = [run.scene.gaussians.to_string(), run.size[0].to_string(), run.size[1].to_string()];
                     let values = [s.min, s.median, s.mean, s.p95, s.p99].map(|v| v.to_string());
                     let fields = std::iter::once(run.scene.name.clone()).chain(about);
                     csv.write_record(fields.chain([run.preset.clone(), quantity]).chain(values))?;

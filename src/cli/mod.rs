@@ -1,13 +1,13 @@
 //! The commands, one file each.
 
 mod bench;
-mod bench_table;
 mod doctor;
 mod dump;
 mod info;
 mod progress;
 mod render;
 
+use std::ffi::OsString;
 use std::fmt;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -88,9 +88,14 @@ fn remark(line: &str) {
 #[error("{0}")]
 struct Usage(String);
 
-/// Parses the command line, runs the command, and says what went wrong.
+/// Runs the command that the process was given, and says what went wrong.
 pub fn run() -> ExitCode {
-    let outcome = match Cli::parse().command {
+    run_from(std::env::args_os())
+}
+
+/// The same with these arguments, the first of which is the program's name.
+pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> ExitCode {
+    let outcome = match Cli::parse_from(arguments).command {
         Command::Render(args) => render::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Bench(args) => bench::run(&args),

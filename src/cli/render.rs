@@ -167,7 +167,11 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     if let Some(shot) =
         shots.iter().find(|s| args.reference && s.camera.size_px.into_iter().max() > Some(REFERENCE_SIDE))
     {
-        return Err(Usage(format!("--reference draws up to {REFERENCE_SIDE} pixels a side, not {}", size_text(shot.camera.size_px))).into());
+        return Err(Usage(format!(
+            "--reference draws up to {REFERENCE_SIDE} pixels a side, not {}",
+            size_text(shot.camera.size_px)
+        ))
+        .into());
     }
     if is_folder {
         fs::create_dir_all(&output).with_context(|| format!("cannot make the folder {}", output.display()))?;
@@ -218,7 +222,11 @@ fn report(args: &Args, shot: &Shot, frame: &Frame) -> Result<()> {
     if visible == 0 {
         remark(&format!("note: {}: no Gaussian is in view", shot.output.display()));
     }
-    say!("{}  {}  {visible} visible, {instances} instances{gpu_ms}", shot.output.display(), size_text(shot.camera.size_px))?;
+    say!(
+        "{}  {}  {visible} visible, {instances} instances{gpu_ms}",
+        shot.output.display(),
+        size_text(shot.camera.size_px)
+    )?;
     if args.timings {
         let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth > 0).collect();
         stages.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));

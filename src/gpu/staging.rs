@@ -29,6 +29,15 @@ impl<T: Element> Staging<T> {
         Ok(Self { storage: Arc::new(storage), len, _element: PhantomData })
     }
 
+    /// Elements.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
     /// The elements.
     ///
     /// # Panics

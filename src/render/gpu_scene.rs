@@ -20,7 +20,7 @@ pub struct GpuScene {
     pub(super) shapes: Buffer<[f32; 4]>,
     /// Coefficients without gaps, four floats a plane.
     pub(super) sh: Vec<Buffer<[f32; 4]>>,
-    pub(super) extent: Bounds,
+    pub(crate) extent: Bounds,
     sh_degree: u32,
 }
 

@@ -9,6 +9,7 @@ mod workspace;
 
 pub use gpu_scene::GpuScene;
 pub use renderer::{Renderer, Variation};
+pub(crate) use renderer::{depth_bits, tiles, view};
 pub use shaders::*;
 pub use sort::{Pairs, RadixSort, SortRange, SortScratch};
 pub use still::{Frame, Started, Still};

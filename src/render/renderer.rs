@@ -24,7 +24,7 @@ pub struct Renderer {
     cull_offsets: Stage<CullOffsets>,
     cull_compact: Stage<CullCompact>,
     project: Stage<Project>,
-    sort: RadixSort,
+    pub(crate) sort: RadixSort,
     scan_sums: Stage<ScanSums>,
     scan_totals: Stage<ScanTotals>,
     scan: Stage<Scan>,
@@ -235,13 +235,7 @@ impl Renderer {
     }
 
     /// Tile and splat of every instance, in the order of the splats.
-    pub(crate) fn duplicate(
-        &self,
-        cmd: &mut Commands,
-        work: &Workspace,
-        splat_from_rank: &Buffer<u32>,
-        tiles_x: u32,
-    ) {
+    pub(crate) fn duplicate(&self, cmd: &mut Commands, work: &Workspace, splat_from_rank: &Buffer<u32>, tiles_x: u32) {
         let bindings = DuplicateBindings {
             totals: &work.totals,
             splat_from_rank,

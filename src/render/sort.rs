@@ -9,7 +9,7 @@ use super::shaders::{
 use crate::gpu::{Access, Buffer, Commands, Device, Element, Extent, Shader, Stage};
 
 /// Keys that one workgroup takes; the shaders' constant of the same name.
-const SORT_CHUNK: usize = 2048;
+pub(super) const SORT_CHUNK: usize = 2048;
 
 /// Keys and values, twice: a pass reads one pair and writes the other.
 pub struct Pairs {

@@ -3,12 +3,13 @@
 use anyhow::Result;
 
 use super::shaders::{Dispatches, Splat, Totals};
-use super::sort::{Pairs, SortScratch};
-use crate::gpu::{Buffer, Device};
+use super::sort::{Pairs, SORT_CHUNK, SortScratch};
+use crate::gpu::{Buffer, Commands, Device, Extent};
 use crate::memory::OutOfMemory;
 
 /// Elements that one workgroup takes; the shaders' constants of the same names.
 pub(crate) const CULL_CHUNK: usize = 1024;
+const WORKGROUP: usize = 256;
 const SCAN_CHUNK: usize = 2048;
 const DUPLICATE_CHUNK: usize = 1024;
 const TILE_CLASSES: usize = 6;
@@ -146,6 +147,25 @@ impl Workspace {
             other => other?,
         };
         Ok(true)
+    }
+
+    /// Writes the counts of a frame, and the dispatches over them, from the host.
+    pub(crate) fn set_totals(&self, cmd: &mut Commands, totals: Totals) -> Result<()> {
+        let groups = |elements: u32, chunk: usize| {
+            let [x, y] = Extent::Groups(elements.div_ceil(chunk as u32).into()).groups(1);
+            [x, y, 1]
+        };
+        let (visible, instances) = (totals.visible_kept, totals.instances_kept);
+        let dispatches = Dispatches {
+            over_visible: groups(visible, WORKGROUP),
+            sort_visible: groups(visible, SORT_CHUNK),
+            scan_visible: groups(visible, SCAN_CHUNK),
+            duplicate: groups(instances, DUPLICATE_CHUNK),
+            sort_instances: groups(instances, SORT_CHUNK),
+            over_instances: groups(instances, WORKGROUP),
+        };
+        cmd.upload(&self.totals, 0, 1, |memory| memory[0] = totals)?;
+        cmd.upload(&self.dispatches, 0, 1, |memory| memory[0] = dispatches)
     }
 
     /// Every buffer's name and bytes.

@@ -3,10 +3,10 @@
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
 
+use super::Scene;
 use super::canonical::{Builder, Raw};
 use super::harmonics::C0;
 use super::synthetic::{self, Random};
-use super::Scene;
 use crate::memory::OutOfMemory;
 
 /// Most Gaussians of a procedural scene.

@@ -4,8 +4,9 @@ use anyhow::Result;
 use comfy_table::presets::NOTHING;
 use comfy_table::{CellAlignment, Table};
 
-use super::{say, size_text};
-use crate::bench::{Change, Report, Run, Statistics};
+use crate::bench::{Change, Clocks, DeviceReport, Protocol, Run, Statistics, VersionReport};
+use crate::cli::{say, size_text};
+use crate::ladder::{Climb, Paper};
 
 /// A table of right-aligned numbers behind a left-aligned name.
 fn table(header: &[&str]) -> Table {
@@ -27,7 +28,7 @@ fn say_table(table: &Table) -> Result<()> {
 
 pub(super) fn print_run(run: &Run) -> Result<()> {
     let (frame, counts) = (&run.frame, &run.counts);
-    say!("{}  {}  {} Gaussians, SH degree {}", run.scene.name, size_text(run.size), run.scene.gaussians, run.scene.sh_degree)?;
+    say!("{}  {} Gaussians, SH degree {}", run.title(), run.scene.gaussians, run.scene.sh_degree)?;
     let mut times = table(&["ms", "min", "median", "mean", "p95", "p99", "of a copy's speed"]);
     let mut row = |name: &str, s: Statistics, note: String| {
         let numbers = [s.min, s.median, s.mean, s.p95, s.p99].map(|v| format!("{v:.3}"));
@@ -42,7 +43,10 @@ pub(super) fn print_run(run: &Run) -> Result<()> {
     }
     say_table(&times)?;
     let (fps, cost_us) = (1e3 / frame.pipelined_ms, frame.timestamps_cost_ms * 1e3);
-    say!("  pipelined {:.3} ms a frame, {fps:.0} frames a second; stage timestamps cost {cost_us:.0} us", frame.pipelined_ms)?;
+    say!(
+        "  pipelined {:.3} ms a frame, {fps:.0} frames a second; stage timestamps cost {cost_us:.0} us",
+        frame.pipelined_ms
+    )?;
     say!(
         "  {:.0} visible, {:.0} instances in {:.0} of {} tiles, longest list {:.0} (medians)",
         counts.visible.median,
@@ -66,12 +70,46 @@ pub(super) fn print_run(run: &Run) -> Result<()> {
     Ok(())
 }
 
-pub(super) fn print_machine(report: &Report) -> Result<()> {
-    let device = &report.device;
-    let clocks = device.clocks.map_or_else(String::new, |c| format!(", {} MHz, memory {} MHz", c.shader_mhz, c.memory_mhz));
+pub(super) fn print_machine(
+    device: &DeviceReport,
+    smalto: &VersionReport,
+    protocol: Protocol,
+    path: &str,
+) -> Result<()> {
+    let clocks = |c: Clocks| format!(", {} MHz, memory {} MHz", c.shader_mhz, c.memory_mhz);
+    let clocks = device.clocks.map_or_else(String::new, clocks);
     say!("{}, {}{clocks}, copies at {:.0} GB/s", device.name, device.driver, device.copy_gb_s)?;
-    let commit = report.smalto.commit.as_deref().unwrap_or("of unknown commit");
-    say!("smalto {} {commit}; {} + {} frames, {}", report.smalto.version, report.warmup, report.frames, report.path)
+    let commit = smalto.commit.as_deref().unwrap_or("of unknown commit");
+    say!("smalto {} {commit}; {} + {} frames, {path}", smalto.version, protocol.warmup, protocol.frames)
+}
+
+/// A row a rung: what it changes, beside what the paper says of it.
+pub(super) fn print_climb(climb: &Climb) -> Result<()> {
+    let scene = &climb.scene;
+    say!("{}  {}  {} Gaussians, SH degree {}", scene.name, size_text(climb.size), scene.gaussians, scene.sh_degree)?;
+    let header =
+        ["rung", "frame ms", "times", "cull", "project", "duplicate", "sort", "ranges", "blend", "its stage", "paper"];
+    let mut rows = table(&header);
+    let first_ms = climb.rungs.first().map_or(f64::NAN, |rung| rung.wall_ms.median);
+    for rung in &climb.rungs {
+        let ms = |name: &str| rung.stage_ms(name).map_or_else(String::new, |ms| format!("{ms:.3}"));
+        let faster = climb.stage_speedup(rung).map_or_else(String::new, |x| format!("{} {x:.1}x", rung.stage));
+        let paper = Paper::of(&rung.name).map_or("", |step| step.speedup);
+        let (frame, times) = (format!("{:.3}", rung.wall_ms.median), format!("{:.1}x", first_ms / rung.wall_ms.median));
+        let stages = ["cull", "project", "duplicate", "sort", "ranges", "blend"].map(ms);
+        let about = [rung.name.clone(), frame, times];
+        rows.add_row(about.into_iter().chain(stages).chain([faster, paper.to_owned()]));
+    }
+    say_table(&rows)?;
+    let (first, last) = (&climb.rungs[0], &climb.rungs[climb.rungs.len() - 1]);
+    let instances = [first, last].map(|rung| rung.instances.median);
+    say!(
+        "  {:.0} visible on every rung; {:.0} instances by squares, {:.0} by ellipses; the last picture is {} from the first",
+        first.visible.median,
+        instances[0],
+        instances[1],
+        last.to_baseline_db.map_or_else(|| "not".to_owned(), |db| format!("{db:.1} dB"))
+    )
 }
 
 pub(super) fn print_changes(changes: &[Change]) -> Result<()> {

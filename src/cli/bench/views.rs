@@ -1,0 +1,80 @@
+//! Where a bench's views come from.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use anyhow::{Result, bail};
+use glam::DVec3;
+
+use super::super::read_cameras;
+use crate::camera::{Camera, path};
+use crate::options::Options;
+use crate::scene::{Focus, Gaussians};
+
+/// A camera path by name.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::cli) enum CameraPath {
+    Orbit { zooms: bool },
+    Keyframes(PathBuf),
+}
+
+impl FromStr for CameraPath {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        match text {
+            "orbit" => Ok(Self::Orbit { zooms: false }),
+            "orbit-zoom" => Ok(Self::Orbit { zooms: true }),
+            _ => match text.strip_prefix("keyframes:") {
+                Some(file) if !file.is_empty() => Ok(Self::Keyframes(file.into())),
+                _ => bail!("expected orbit, orbit-zoom or keyframes:FILE"),
+            },
+        }
+    }
+}
+
+/// The views of every scene.
+pub(super) struct Cameras {
+    /// As the report calls them.
+    pub name: String,
+    source: Source,
+}
+
+enum Source {
+    Orbit { zooms: bool },
+    File(Vec<Camera>),
+    Keyframes(Vec<Camera>),
+}
+
+impl Cameras {
+    /// From a camera file, or along a path.
+    pub fn read(file: Option<&Path>, path: &CameraPath) -> Result<Self> {
+        let name = |file: &Path| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let read = |file: &Path| Ok::<_, anyhow::Error>(read_cameras(file)?.into_iter().map(|c| c.camera).collect());
+        Ok(match (file, path) {
+            (Some(file), _) => Self { name: name(file), source: Source::File(read(file)?) },
+            (None, CameraPath::Keyframes(file)) => {
+                Self { name: format!("keyframes:{}", name(file)), source: Source::Keyframes(read(file)?) }
+            }
+            (None, CameraPath::Orbit { zooms }) => {
+                let name = if *zooms { "orbit-zoom" } else { "orbit" };
+                Self { name: name.to_owned(), source: Source::Orbit { zooms: *zooms } }
+            }
+        })
+    }
+
+    /// The views at this size, at most `frames`, and where the near plane is.
+    pub fn views(&self, gaussians: &Gaussians, size: [u32; 2], frames: usize) -> (Vec<Camera>, f32) {
+        let resized = |cameras: &[Camera]| cameras.iter().map(|c| c.resized(size)).collect::<Vec<_>>();
+        let near = Options::default().near;
+        match &self.source {
+            Source::File(cameras) => (resized(&cameras[..frames.min(cameras.len())]), near),
+            Source::Keyframes(cameras) => (path::through(&resized(cameras), frames), near),
+            Source::Orbit { zooms } => {
+                let focus = Focus::of(gaussians);
+                let views = path::orbit(DVec3::from(focus.centre), focus.radius, *zooms, size, frames);
+                (views, near.min(focus.radius as f32 / 100.0))
+            }
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! Measures every rung on one scene, and checks that they draw the same.
+
+use anyhow::{Result, bail, ensure};
+
+use super::report::{Climb, RungReport, RungStage};
+use super::{Duplication, RUNGS, Rung, Variant, VariantFrame};
+use crate::bench::{Protocol, SceneReport, Statistics};
+use crate::camera::Camera;
+use crate::gpu::Device;
+use crate::metrics::psnr;
+use crate::options::Options;
+use crate::pixels::Pixels;
+use crate::render::GpuScene;
+
+/// The agreement that is asked of rungs whose arithmetic differs, or whose order of equal depths is open. dB.
+const PSNR_MIN: f64 = 40.0;
+
+/// What a rung counted, view by view, and its picture of the last view.
+struct Evidence {
+    rung: &'static Rung,
+    counts: Vec<[u32; 2]>,
+    pixels: Pixels,
+}
+
+/// Climbs the ladder over `views`, which are of one size. `progress` is told the fraction done.
+///
+/// # Errors
+/// If rungs that must agree count or draw differently.
+pub fn climb(
+    device: &Device,
+    scene: (&SceneReport, &GpuScene),
+    options: &Options,
+    views: &[Camera],
+    protocol: Protocol,
+    progress: &dyn Fn(f64),
+) -> Result<Climb> {
+    let mut evidence: Vec<Evidence> = Vec::new();
+    let mut rungs = Vec::new();
+    for (index, rung) in RUNGS.iter().enumerate() {
+        let tick = |done: usize| {
+            let part = done as f64 / (protocol.warmup + protocol.frames) as f64;
+            progress((index as f64 + part) / RUNGS.len() as f64);
+        };
+        let mut variant = Variant::new(device, rung, options, scene.1)?;
+        for i in 0..protocol.warmup {
+            variant.render(&views[i % views.len()])?;
+            tick(i);
+        }
+        let mut frames = Vec::new();
+        for i in 0..protocol.frames {
+            frames.push(variant.render(&views[i % views.len()])?);
+            tick(protocol.warmup + i);
+        }
+        let counts = frames.iter().map(|f| [f.totals.visible, f.totals.instances_kept]).collect();
+        let new = Evidence { rung, counts, pixels: variant.pixels()? };
+        let to_baseline_db = evidence.first().map_or(f64::INFINITY, |first| psnr(&new.pixels, &first.pixels));
+        evidence.iter().try_for_each(|earlier| agree(earlier, &new))?;
+        rungs.push(report(rung, &frames, &new.pixels, to_baseline_db));
+        evidence.push(new);
+    }
+    Ok(Climb { scene: scene.0.clone(), size: views[0].size_px, near: options.near, rungs })
+}
+
+/// Whether two rungs agree in all they must.
+fn agree(a: &Evidence, b: &Evidence) -> Result<()> {
+    let names = (a.rung.name, b.rung.name);
+    let visible = |e: &Evidence| e.counts.iter().map(|c| c[0]).collect::<Vec<_>>();
+    ensure!(visible(a) == visible(b), "the rungs {} and {} see different Gaussians", names.0, names.1);
+    let psnr_db = psnr(&a.pixels, &b.pixels);
+    if psnr_db.is_nan() || psnr_db < PSNR_MIN {
+        bail!("the rungs {} and {} draw different pictures: {psnr_db:.1} dB", names.0, names.1);
+    }
+    if a.rung.exact_tiles != b.rung.exact_tiles {
+        return Ok(());
+    }
+    ensure!(a.counts == b.counts, "the rungs {} and {} count different instances", names.0, names.1);
+    let order_is_open = [a, b].iter().any(|e| e.rung.duplication == Duplication::SingleAllocation);
+    ensure!(order_is_open || a.pixels == b.pixels, "the rungs {} and {} draw different bits", names.0, names.1);
+    Ok(())
+}
+
+fn report(rung: &Rung, frames: &[VariantFrame], pixels: &Pixels, to_baseline_db: f64) -> RungReport {
+    let of = |value: &dyn Fn(&VariantFrame) -> f64| Statistics::of(frames.iter().map(value));
+    let stage = |name: &'static str| {
+        let time =
+            |f: &VariantFrame| f.stages.iter().find(|s| s.name == name).map_or((0.0, 0.0), |s| (s.gpu_ms, s.host_ms));
+        RungStage { name: name.to_owned(), ms: of(&|f| time(f).0 + time(f).1), host_ms: of(&|f| time(f).1).median }
+    };
+    RungReport {
+        name: rung.name.to_owned(),
+        from: rung.from.map(str::to_owned),
+        stage: rung.stage.to_owned(),
+        wall_ms: of(&|f| f.wall_ms),
+        stages: frames[0].stages.iter().map(|s| stage(s.name)).collect(),
+        visible: of(&|f| f.totals.visible.into()),
+        instances: of(&|f| f.totals.instances_kept.into()),
+        longest_list: of(&|f| f.totals.longest_list.into()),
+        image_hash: blake3::hash(bytemuck::cast_slice(&pixels.rgba)).to_hex().to_string(),
+        to_baseline_db: to_baseline_db.is_finite().then_some(to_baseline_db),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn evidence(rung: &'static Rung, counts: [u32; 2], grey: f32) -> Evidence {
+        Evidence { rung, counts: vec![counts], pixels: Pixels { size: [1, 1], rgba: vec![[grey, grey, grey, 1.0]] } }
+    }
+
+    #[test]
+    fn rungs_that_differ_where_they_must_not_are_found() {
+        let named = |name: &str| RUNGS.iter().find(|r| r.name == name).unwrap();
+        let (base, single, exact) = (named("baseline"), named("+1 in a single pass"), named("+6 exact tiles"));
+        let error = |a: Evidence, b: Evidence| agree(&a, &b).err().map(|e| e.to_string());
+        assert_eq!(error(evidence(base, [5, 9], 0.5), evidence(named("+2 GPU ranges"), [5, 9], 0.5)), None);
+        let seen = error(evidence(base, [5, 9], 0.5), evidence(exact, [6, 8], 0.5)).unwrap();
+        assert!(seen.contains("see different"), "{seen}");
+        let counted = error(evidence(base, [5, 9], 0.5), evidence(single, [5, 8], 0.5)).unwrap();
+        assert!(counted.contains("count different"), "{counted}");
+        let bits = error(evidence(base, [5, 9], 0.5), evidence(named("+2 GPU ranges"), [5, 9], 0.500_01)).unwrap();
+        assert!(bits.contains("different bits"), "{bits}");
+        assert_eq!(error(evidence(base, [5, 9], 0.5), evidence(single, [5, 9], 0.500_01)), None);
+        assert_eq!(error(evidence(base, [5, 9], 0.5), evidence(exact, [5, 7], 0.501)), None);
+        let pictures = error(evidence(base, [5, 9], 0.5), evidence(exact, [5, 7], 0.6)).unwrap();
+        assert!(pictures.contains("20.0 dB"), "{pictures}");
+    }
+}

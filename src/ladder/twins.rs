@@ -1,0 +1,65 @@
+//! What the baseline does on the CPU, in one thread, with the decisions that the GPU stored: it never decides again
+//! which Gaussian is visible or which tile a splat is in.
+
+/// The positions of the bits set in `masks`, ascending, into `ids`; how many there are, whether or not they fit.
+pub fn compact(masks: &[u32], ids: &mut [u32]) -> usize {
+    let mut count = 0;
+    for (index, mask) in masks.iter().enumerate() {
+        let mut rest = *mask;
+        while rest != 0 {
+            if let Some(id) = ids.get_mut(count) {
+                *id = index as u32 * 32 + rest.trailing_zeros();
+            }
+            count += 1;
+            rest &= rest - 1;
+        }
+    }
+    count
+}
+
+/// Tile and splat of every instance, splat after splat, from the spans of columns that each has in its tile rows (first
+/// span; first row and number of rows in 16 bits each). How many there are, whether or not they fit.
+pub fn duplicate(
+    span_ranges: &[[u32; 2]],
+    spans: &[u32],
+    tiles_x: u32,
+    tile_keys: &mut [u32],
+    splat_ids: &mut [u32],
+) -> usize {
+    let mut count = 0;
+    for (splat, [first, rows]) in span_ranges.iter().enumerate() {
+        let (first_row, rows) = (rows & 0xffff, rows >> 16);
+        for row in 0..rows {
+            let span = spans[(first + row) as usize];
+            for column in span & 0xffff..span >> 16 {
+                if let (Some(key), Some(id)) = (tile_keys.get_mut(count), splat_ids.get_mut(count)) {
+                    (*key, *id) = ((first_row + row) * tiles_x + column, splat as u32);
+                }
+                count += 1;
+            }
+        }
+    }
+    count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn compact_lists_the_bits_that_are_set() {
+        let mut ids = [0; 3];
+        assert_eq!(compact(&[0b101, 0, 1 << 31], &mut ids), 3);
+        assert_eq!(ids, [0, 2, 95]);
+        assert_eq!(compact(&[u32::MAX], &mut ids), 32, "the count goes on where the room ends");
+    }
+
+    #[test]
+    fn duplicate_walks_rows_and_columns() {
+        let span = |first: u32, end: u32| first | end << 16;
+        let (mut keys, mut ids) = ([0; 8], [0; 8]);
+        let ranges = [[1, 2 | 2 << 16], [0, 0], [0, 1 << 16]];
+        let count = duplicate(&ranges, &[span(4, 5), span(0, 2), span(3, 4)], 10, &mut keys, &mut ids);
+        assert_eq!((&keys[..count], &ids[..count]), (&[20, 21, 33, 4][..], &[0, 0, 0, 2][..]));
+    }
+}
