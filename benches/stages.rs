@@ -59,7 +59,7 @@ fn main() -> Result<()> {
     for (stage, input, bytes, ms) in rows {
         let gb_s = bytes as f64 / (ms * 1e6);
         let percent = format!("{:.0} %", gb_s / copy_gb_s * 100.0);
-        println!("{stage:<10} {input:<32} {:>10.1} {gb_s:>8.0} {percent:>16}", ms * 1e3);
+        println!("{stage:<10} {input:<32} {:>10.1} {gb_s:>8.1} {percent:>16}", ms * 1e3);
     }
     Ok(())
 }
