@@ -4,9 +4,10 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
+use tempfile::NamedTempFile;
 
 /// Row by row from the top left, four floats a pixel: colour over the background as displayed (no transfer function
 /// is applied, as in the original 3DGS), and coverage 1 - T. Over nothing, colour is premultiplied by coverage.
@@ -59,8 +60,24 @@ fn byte(value: f32) -> u8 {
 
 /// Writes a file under a temporary name beside `path` and renames it when it is complete.
 pub fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> Result<()>) -> Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let target = || format!("cannot write {}", path.display());
+    let file = unfinished(path)?;
+    let mut writer = BufWriter::new(file.as_file());
+    write(&mut writer).and_then(|()| Ok(writer.flush()?)).with_context(target)?;
+    drop(writer);
+    file.persist(path).map_err(|e| e.error).with_context(target)?;
+    Ok(())
+}
+
+/// Fails if [`write_whole`] would: for what takes long to make.
+pub fn check_writable(path: &Path) -> Result<()> {
+    ensure!(!path.is_dir(), "cannot write {}: it is a folder", path.display());
+    unfinished(path).map(drop)
+}
+
+/// A file beside `path` that goes when it is dropped.
+fn unfinished(path: &Path) -> Result<NamedTempFile> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
     builder.prefix(".smalto-").suffix(".part");
     #[cfg(unix)]
@@ -69,12 +86,7 @@ pub fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> Res
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    let file = builder.tempfile_in(folder).with_context(target)?;
-    let mut writer = BufWriter::new(file.as_file());
-    write(&mut writer).and_then(|()| Ok(writer.flush()?)).with_context(target)?;
-    drop(writer);
-    file.persist(path).map_err(|e| e.error).with_context(target)?;
-    Ok(())
+    builder.tempfile_in(folder).with_context(|| format!("cannot write {}", path.display()))
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Every module of the crate and the modules it may use.
-const EDGES: [(&str, &[&str]); 11] = [
+const EDGES: [(&str, &[&str]); 13] = [
     ("memory", &[]),
     ("scene", &["memory"]),
     ("camera", &[]),
@@ -14,10 +14,25 @@ const EDGES: [(&str, &[&str]); 11] = [
     ("gpu", &["memory"]),
     ("reference", &["scene", "camera", "options", "pixels"]),
     ("render", &["memory", "gpu", "scene", "camera", "options", "pixels"]),
+    ("bench", &["gpu", "render", "scene", "camera", "options", "pixels"]),
+    ("ladder", &["bench", "gpu", "render", "reference", "scene", "camera", "options", "pixels", "metrics"]),
     ("environment", &["gpu"]),
     (
         "cli",
-        &["memory", "render", "reference", "gpu", "scene", "camera", "options", "pixels", "metrics", "environment"],
+        &[
+            "memory",
+            "render",
+            "reference",
+            "gpu",
+            "scene",
+            "camera",
+            "options",
+            "pixels",
+            "metrics",
+            "environment",
+            "bench",
+            "ladder",
+        ],
     ),
 ];
 

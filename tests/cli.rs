@@ -1,40 +1,12 @@
 //! The program as its users meet it: output, exit codes, sentences.
 
+mod common;
+
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 
-fn smalto(arguments: &[&str]) -> Output {
-    run(arguments, |_| {})
-}
-
-fn run(arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_smalto"));
-    command.args(arguments).env("SMALTO_VALIDATION", "1");
-    prepare(&mut command);
-    command.output().expect("the program starts")
-}
-
-/// Succeeds, and returns what it printed.
-fn ok(arguments: &[&str]) -> String {
-    let output = smalto(arguments);
-    let error = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{arguments:?}: {error}");
-    String::from_utf8(output.stdout).unwrap()
-}
-
-/// Fails with this exit code; returns its sentence.
-fn fails(code: i32, arguments: &[&str]) -> String {
-    let output = smalto(arguments);
-    let error = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {error}");
-    assert!(!error.contains("panicked"), "{error}");
-    error
-}
-
-fn path(folder: &tempfile::TempDir, name: &str) -> String {
-    folder.path().join(name).display().to_string()
-}
+use common::program::{fails, ok, path, run, smalto};
 
 fn png(path: impl AsRef<Path>) -> image::DynamicImage {
     image::open(path).expect("it is a PNG")

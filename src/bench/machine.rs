@@ -30,13 +30,11 @@ pub struct DeviceReport {
     pub name: String,
     pub driver: String,
     pub vulkan: String,
-    /// Clocks right after the last measured frame; null where the driver does not tell.
-    pub clocks: Option<Clocks>,
     /// What a plain copy moves, read and written, 1e9 bytes per second: the limit of stages bound by memory.
     pub copy_gb_s: f64,
 }
 
-/// Clock rates in MHz.
+/// Clock rates in MHz, while a frame was on the device.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Clocks {
@@ -48,16 +46,25 @@ impl DeviceReport {
     pub fn of(device: &Device, copy_gb_s: f64) -> Self {
         let facts = device.facts();
         let (name, driver, vulkan) = (facts.name.clone(), facts.driver.clone(), facts.vulkan.clone());
-        Self { name, driver, vulkan, clocks: Clocks::now(&facts.uuid), copy_gb_s }
+        Self { name, driver, vulkan, copy_gb_s }
     }
 }
 
-impl Clocks {
-    /// Of an NVIDIA device, from its driver's management library.
-    fn now(uuid: &str) -> Option<Self> {
-        let nvml = Nvml::init().ok()?;
-        let device = nvml.device_by_uuid(format!("GPU-{uuid}")).ok()?;
-        let (shader, memory) = (device.clock_info(Clock::SM).ok()?, device.clock_info(Clock::Memory).ok()?);
-        Some(Self { shader_mhz: shader, memory_mhz: memory })
+/// Asks for the clocks of an NVIDIA device, through its driver's management library; knows nothing of others.
+pub struct ClockProbe {
+    nvml: Option<Nvml>,
+    uuid: String,
+}
+
+impl ClockProbe {
+    pub fn new(device: &Device) -> Self {
+        Self { nvml: Nvml::init().ok(), uuid: format!("GPU-{}", device.facts().uuid) }
+    }
+
+    /// The clocks at this moment, where the driver tells.
+    pub fn now(&self) -> Option<Clocks> {
+        let device = self.nvml.as_ref()?.device_by_uuid(self.uuid.as_str()).ok()?;
+        let mhz = |clock| device.clock_info(clock).ok();
+        Some(Clocks { shader_mhz: mhz(Clock::SM)?, memory_mhz: mhz(Clock::Memory)? })
     }
 }

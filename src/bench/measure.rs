@@ -6,6 +6,7 @@ use std::time::Instant;
 use anyhow::{Result, ensure};
 
 use super::least_bytes::Work;
+use super::machine::{ClockProbe, Clocks};
 use super::report::{Allocation, Counts, FrameTimes, Run, SceneReport, StageReport};
 use super::statistics::Statistics;
 use crate::camera::Camera;
@@ -46,6 +47,7 @@ pub fn measure(
     let whole = timed(&mut still, views, protocol, Timestamps::Outermost, &tick)?;
     let staged = timed(&mut still, views, protocol, Timestamps::All, &tick)?;
     let pipelined_ms = pipelined(&mut still, views, protocol, &tick)?;
+    let clocks = clocks(device, &mut still, views)?;
     still.count_work(true)?;
     let counted: Vec<Totals> =
         frames(&mut still, views, 0..protocol.frames, &tick)?.into_iter().map(|(frame, _)| frame.totals).collect();
@@ -61,6 +63,7 @@ pub fn measure(
         size: views[0].size_px,
         preset: preset.to_owned(),
         near: options.near,
+        clocks,
         frame: FrameTimes {
             gpu_ms,
             wall_ms: Statistics::of(whole.iter().map(|(_, wall_ms)| *wall_ms)),
@@ -126,6 +129,16 @@ fn pipelined(still: &mut Still, views: &[Camera], protocol: Protocol, tick: &dyn
         run(protocol.warmup)?;
     }
     run(protocol.frames)
+}
+
+/// The clocks while a frame is on the device.
+fn clocks(device: &Device, still: &mut Still, views: &[Camera]) -> Result<Option<Clocks>> {
+    let probe = ClockProbe::new(device);
+    frames(still, views, 0..views.len().min(10), &|| ())?; // the device may have rested while the probe was made
+    let started = still.start(&views[0], Background::BLACK)?;
+    let clocks = probe.now();
+    still.finish(started)?;
+    Ok(clocks)
 }
 
 fn frame_ms(frame: &Frame) -> f64 {

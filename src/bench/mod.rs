@@ -13,7 +13,7 @@ mod statistics;
 
 pub use bandwidth::copy_gb_s;
 pub use compare::{Change, Foreign, compare};
-pub use machine::{Clocks, DeviceReport, VersionReport};
+pub use machine::{ClockProbe, Clocks, DeviceReport, VersionReport};
 pub use measure::{Protocol, measure};
 pub use report::{Allocation, Counts, FORMAT, FrameTimes, Report, Run, SceneReport, StageReport};
 pub use statistics::Statistics;

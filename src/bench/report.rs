@@ -6,7 +6,7 @@ use anyhow::{Context, Result, ensure};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::machine::{DeviceReport, VersionReport};
+use super::machine::{Clocks, DeviceReport, VersionReport};
 use super::statistics::Statistics;
 use crate::pixels::write_whole;
 use crate::scene::Gaussians;
@@ -42,6 +42,8 @@ pub struct Run {
     pub preset: String,
     /// Distance of the near plane, world units.
     pub near: f32,
+    /// Null where the driver does not tell.
+    pub clocks: Option<Clocks>,
     pub frame: FrameTimes,
     /// In the order of the frame; last, as "gaps", what lies between the stages.
     pub stages: Vec<StageReport>,

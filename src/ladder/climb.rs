@@ -4,7 +4,7 @@ use anyhow::{Result, bail, ensure};
 
 use super::report::{Climb, RungReport, RungStage};
 use super::{Duplication, RUNGS, Rung, Variant, VariantFrame};
-use crate::bench::{Protocol, SceneReport, Statistics};
+use crate::bench::{ClockProbe, Protocol, SceneReport, Statistics};
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::metrics::psnr;
@@ -34,6 +34,7 @@ pub fn climb(
     protocol: Protocol,
     progress: &dyn Fn(f64),
 ) -> Result<Climb> {
+    let probe = ClockProbe::new(device);
     let mut evidence: Vec<Evidence> = Vec::new();
     let mut rungs = Vec::new();
     for (index, rung) in RUNGS.iter().enumerate() {
@@ -51,11 +52,12 @@ pub fn climb(
             frames.push(variant.render(&views[i % views.len()])?);
             tick(protocol.warmup + i);
         }
+        let clocks = probe.now();
         let counts = frames.iter().map(|f| [f.totals.visible, f.totals.instances_kept]).collect();
         let new = Evidence { rung, counts, pixels: variant.pixels()? };
         let to_baseline_db = evidence.first().map_or(f64::INFINITY, |first| psnr(&new.pixels, &first.pixels));
         evidence.iter().try_for_each(|earlier| agree(earlier, &new))?;
-        rungs.push(report(rung, &frames, &new.pixels, to_baseline_db));
+        rungs.push(RungReport { clocks, ..report(rung, &frames, &new.pixels, to_baseline_db) });
         evidence.push(new);
     }
     Ok(Climb { scene: scene.0.clone(), size: views[0].size_px, near: options.near, rungs })
@@ -90,6 +92,7 @@ fn report(rung: &Rung, frames: &[VariantFrame], pixels: &Pixels, to_baseline_db:
         name: rung.name.to_owned(),
         from: rung.from.map(str::to_owned),
         stage: rung.stage.to_owned(),
+        clocks: None,
         wall_ms: of(&|f| f.wall_ms),
         stages: frames[0].stages.iter().map(|s| stage(s.name)).collect(),
         visible: of(&|f| f.totals.visible.into()),

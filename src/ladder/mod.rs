@@ -25,10 +25,12 @@ pub enum Place {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Duplication {
     Cpu,
-    /// Count, scan, scatter.
+    /// Count, scan, scatter: an invocation for every splat.
     TwoPass,
-    /// A place for every splat's instances from a counter, without a scan.
+    /// The same without a scan: a splat takes the place of its instances from a counter.
     SingleAllocation,
+    /// As `render` duplicates: count, scan, then an invocation for every instance, whatever the splats' sizes.
+    Balanced,
 }
 
 /// By which keys instances are sorted.
@@ -114,11 +116,18 @@ const DIGITS: Rung = Rung {
     sort: Sort::DigitsNeeded,
     ..EXACT_TILES
 };
+const BALANCED: Rung = Rung {
+    name: "+8 by instance",
+    from: Some(DIGITS.name),
+    stage: "duplicate",
+    duplication: Duplication::Balanced,
+    ..DIGITS
+};
 const PIXEL_BLOCKS: Rung =
-    Rung { name: "+8 pixel blocks", from: Some(DIGITS.name), stage: "blend", blend: Blend::PixelBlocks, ..DIGITS };
+    Rung { name: "+9 pixel blocks", from: Some(BALANCED.name), stage: "blend", blend: Blend::PixelBlocks, ..BALANCED };
 
 /// Every rung, from the paper's baseline to the frame that `render` draws.
-pub const RUNGS: [Rung; 13] = [
+pub const RUNGS: [Rung; 14] = [
     BASELINE,
     DUPLICATION,
     SINGLE_PASS,
@@ -131,5 +140,6 @@ pub const RUNGS: [Rung; 13] = [
     BALLOT_EXIT,
     EXACT_TILES,
     DIGITS,
+    BALANCED,
     PIXEL_BLOCKS,
 ];

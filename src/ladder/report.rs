@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::bench::plot::{self, Bars, Lines, Panel};
-use crate::bench::{DeviceReport, SceneReport, Statistics, VersionReport};
+use crate::bench::{Clocks, DeviceReport, SceneReport, Statistics, VersionReport};
 use crate::pixels::write_whole;
 
 /// The measurements of `smalto bench --ladder`. Times are in milliseconds.
@@ -47,6 +47,8 @@ pub struct RungReport {
     pub from: Option<String>,
     /// The stage that the change is about, or "frame".
     pub stage: String,
+    /// Right after the last frame; null where the driver does not tell.
+    pub clocks: Option<Clocks>,
     /// A whole frame, one at a time: from its begin to the end of the last wait.
     pub wall_ms: Statistics,
     pub stages: Vec<RungStage>,
@@ -197,7 +199,7 @@ fn over_counts(
 ) -> Result<()> {
     let climbs = series(report);
     let names =
-        ["baseline", "+1 GPU duplication", "+2 GPU ranges", "+4 GPU compaction", "+7 digits needed", "+8 pixel blocks"];
+        ["baseline", "+1 GPU duplication", "+2 GPU ranges", "+4 GPU compaction", "+7 digits needed", "+9 pixel blocks"];
     let line = |name: &&str| {
         let point = |climb: &&Climb| Some((climb.scene.gaussians as f64, value(climb, climb.rung(name)?)?));
         ((*name).to_owned(), climbs.iter().filter_map(point).collect())

@@ -21,7 +21,7 @@ pub struct Variant<'s> {
     options: Options,
     scene: &'s GpuScene,
     renderer: Renderer,
-    allocate: Stage<LadderDuplicate>,
+    scatter: Stage<LadderDuplicate>,
     gather: Stage<Gather>,
     /// The first pass over a tile's list, and the others.
     blend: [Stage<LadderBlend>; 2],
@@ -103,6 +103,7 @@ impl<'s> Variant<'s> {
         let ballot_words = device.facts().subgroup_size[1].div_ceil(32);
         let ballot_exit = rung.blend == Blend::BallotExit;
         let blend = |resume| Stage::new(device, &LadderBlendConstants { batch, resume, ballot_exit, ballot_words });
+        let single_pass = rung.duplication == Duplication::SingleAllocation;
         let variation = Variation { three_sigma_squares: !rung.exact_tiles, ..Variation::default() };
         Ok(Self {
             device: device.clone(),
@@ -110,7 +111,7 @@ impl<'s> Variant<'s> {
             options: *options,
             scene,
             renderer: Renderer::varied(device, options, scene.sh_degree(), variation)?,
-            allocate: Stage::new(device, &())?,
+            scatter: Stage::new(device, &LadderDuplicateConstants { single_pass })?,
             gather: Stage::new(device, &())?,
             blend: [blend(false)?, blend(true)?],
             // An iteration for an entry, and less than one for its part of a batch.
@@ -230,7 +231,7 @@ impl<'s> Variant<'s> {
     fn duplicate(&mut self, steps: &mut Steps, order: &Buffer<u32>, tiles_x: u32) -> Result<()> {
         let (renderer, work, extra) = (&self.renderer, &self.work, &mut self.extra);
         match self.rung.duplication {
-            Duplication::TwoPass => {
+            Duplication::Balanced => {
                 steps.cmd.scope("duplicate", |cmd| {
                     renderer.scan(cmd, work, order);
                     cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
@@ -238,14 +239,19 @@ impl<'s> Variant<'s> {
                 });
                 steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
             }
-            Duplication::SingleAllocation => {
+            kind @ (Duplication::TwoPass | Duplication::SingleAllocation) => {
                 // The totals update the dispatches, which the projection was dispatched by.
                 steps.cmd.barrier(Access::INDIRECT, Access::SHADER_WRITE);
                 steps.cmd.scope("duplicate", |cmd| {
-                    renderer.scan_totals(cmd, work);
+                    match kind {
+                        Duplication::TwoPass => renderer.scan(cmd, work, order),
+                        _ => renderer.scan_totals(cmd, work),
+                    }
                     cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
                     let bindings = LadderDuplicateBindings {
                         totals: &work.totals,
+                        splat_from_rank: order,
+                        instance_offsets: &work.instance_offsets,
                         cursor: &extra.cursor,
                         span_ranges: &work.span_ranges,
                         spans: &work.spans,
@@ -255,7 +261,7 @@ impl<'s> Variant<'s> {
                     };
                     let groups = offset_of!(Dispatches, over_visible);
                     let push = LadderDuplicatePush { tiles_x };
-                    cmd.dispatch_indirect(&self.allocate, bindings, push, &work.dispatches, groups);
+                    cmd.dispatch_indirect(&self.scatter, bindings, push, &work.dispatches, groups);
                 });
                 steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
             }

@@ -1,6 +1,8 @@
 //! What the tests share: a device whose every complaint fails the test, scenes, and the comparison with the reference.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+pub mod program;
+
 use std::cell::Cell;
 use std::path::PathBuf;
 use std::process::Command;

@@ -15,6 +15,7 @@ use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::metrics::psnr;
 use crate::options::{Background, Options};
+use crate::pixels::check_writable;
 use crate::reference;
 use crate::render::{GpuScene, Still};
 use crate::scene::{Gaussians, Unreadable};
@@ -84,8 +85,9 @@ pub(super) struct Regression(String);
 
 pub(super) fn run(args: &Args) -> Result<()> {
     check_usage(args)?;
-    let device = args.device.open()?;
     // Whatever the files lack is known before anything is measured.
+    [&args.json, &args.csv, &args.plot].into_iter().flatten().try_for_each(|file| check_writable(file))?;
+    let device = args.device.open()?;
     let baseline = args.baseline.as_deref().map(read_baseline).transpose()?;
     let cameras = Cameras::read(args.cameras.as_deref(), &args.path)?;
     let copy_gb_s = bench::copy_gb_s(&device)?;

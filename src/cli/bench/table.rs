@@ -63,7 +63,10 @@ pub(super) fn print_run(run: &Run) -> Result<()> {
         counts.early_exit_rate.median * 100.0
     )?;
     let bytes: u64 = run.memory.iter().map(|a| a.bytes).sum();
-    say!("  {:.0} MB in {} buffers; picture {}", bytes as f64 / 1e6, run.memory.len(), &run.image_hash[..16])?;
+    let clocks = |c: Clocks| format!("; {} MHz, memory {} MHz", c.shader_mhz, c.memory_mhz);
+    let clocks = run.clocks.map_or_else(String::new, clocks);
+    let (megabytes, picture) = (bytes as f64 / 1e6, &run.image_hash[..16]);
+    say!("  {megabytes:.0} MB in {} buffers; picture {picture}{clocks}", run.memory.len())?;
     if let Some(psnr_db) = run.psnr_db {
         say!("  {psnr_db:.1} dB to the float64 reference")?;
     }
@@ -76,9 +79,7 @@ pub(super) fn print_machine(
     protocol: Protocol,
     path: &str,
 ) -> Result<()> {
-    let clocks = |c: Clocks| format!(", {} MHz, memory {} MHz", c.shader_mhz, c.memory_mhz);
-    let clocks = device.clocks.map_or_else(String::new, clocks);
-    say!("{}, {}{clocks}, copies at {:.0} GB/s", device.name, device.driver, device.copy_gb_s)?;
+    say!("{}, {}, copies at {:.0} GB/s", device.name, device.driver, device.copy_gb_s)?;
     let commit = smalto.commit.as_deref().unwrap_or("of unknown commit");
     say!("smalto {} {commit}; {} + {} frames, {path}", smalto.version, protocol.warmup, protocol.frames)
 }

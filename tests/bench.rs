@@ -1,0 +1,201 @@
+//! `smalto bench` as its users meet it: reports, their schema, baselines, the ladder.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::program::{fails, ok, path};
+use serde_json::Value;
+use smalto::bench::Report;
+use smalto::ladder::{LadderReport, Place, RUNGS};
+
+/// Little work, the same on every device.
+const QUICK: [&str; 6] = ["--size", "48x40", "--warmup", "1", "--frames", "3"];
+
+fn quick<'a>(scene: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["bench", scene], &QUICK[..], more].concat()
+}
+
+fn json(file: &str) -> Value {
+    serde_json::from_str(&fs::read_to_string(file).unwrap()).unwrap()
+}
+
+fn schema(name: &str) -> Value {
+    json(&format!("{}/docs/{name}.schema.json", env!("CARGO_MANIFEST_DIR")))
+}
+
+fn median(value: &Value) -> f64 {
+    value["median"].as_f64().unwrap()
+}
+
+#[test]
+fn the_schemas_in_the_docs_are_those_of_the_reports() {
+    assert_eq!(schema("bench"), schemars::schema_for!(Report).to_value());
+    assert_eq!(schema("ladder"), schemars::schema_for!(LadderReport).to_value());
+}
+
+#[test]
+fn bench_reports_frames_stages_counts_and_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, table, plot) = (path(&folder, "a.json"), path(&folder, "a.csv"), path(&folder, "a.svg"));
+    let presets = ["--preset", "default,portable", "--json", &out, "--csv", &table, "--plot", &plot, "--check"];
+    let text = ok(&quick("cactus:2000", &presets));
+    let report = json(&out);
+    let validator = jsonschema::validator_for(&schema("bench")).unwrap();
+    assert!(validator.is_valid(&report), "{:?}", validator.validate(&report).err());
+    let mut broken = report.clone();
+    broken["runs"][0]["frame"].as_object_mut().unwrap().remove("gpu_ms");
+    assert!(!validator.is_valid(&broken), "the schema notices what is missing");
+
+    let run = &report["runs"][0];
+    let stages: Vec<_> = run["stages"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();
+    let expected =
+        ["clear", "cull", "project", "sort depths", "scan", "duplicate", "sort tiles", "ranges", "blend", "gaps"];
+    assert_eq!(stages, expected);
+    let inside: f64 = run["stages"].as_array().unwrap().iter().map(|s| median(&s["ms"])).sum();
+    let frame = median(&run["frame"]["staged_gpu_ms"]);
+    assert!((0.5..1.5).contains(&(inside / frame)), "the stages make the frame: {inside} of {frame} ms");
+    assert!(median(&run["frame"]["wall_ms"]) >= median(&run["frame"]["gpu_ms"]));
+    assert!(run["frame"]["pipelined_ms"].as_f64().unwrap() > 0.0);
+    let counts = &run["counts"];
+    assert!(median(&counts["visible"]) <= 2000.0 && median(&counts["visible"]) > 500.0);
+    assert_eq!(counts["tiles"], 9);
+    assert!(median(&counts["evaluations_per_pixel"]) <= median(&counts["lanes_per_pixel"]));
+    assert!(median(&counts["evaluations_per_pixel"]) > 1.0);
+    assert!((0.0..=1.0).contains(&median(&counts["early_exit_rate"])));
+    assert!(run["memory"].as_array().unwrap().iter().any(|m| m["buffer"] == "splats" && m["bytes"].as_u64() > Some(0)));
+    assert!(run["psnr_db"].as_f64().unwrap() > 60.0);
+    assert_eq!(report["runs"][1]["preset"], "portable");
+    assert_eq!(report["runs"][1]["image_hash"], run["image_hash"], "both presets draw the same bits");
+    assert_eq!(report["runs"][1]["scene"]["hash"], run["scene"]["hash"]);
+
+    let mut rows = csv::Reader::from_path(&table).unwrap();
+    let rows: Vec<Vec<String>> = rows.records().map(|r| r.unwrap().iter().map(str::to_owned).collect()).collect();
+    let blend = rows.iter().find(|row| row[5] == "blend ms").unwrap();
+    assert_eq!(blend[7].parse::<f64>().unwrap(), median(&run["stages"][8]["ms"]), "CSV is a view of the JSON");
+    assert!(fs::read_to_string(&plot).unwrap().contains("sort depths"));
+    assert!(text.contains("frame, GPU") && text.contains("to the float64 reference"), "{text}");
+}
+
+#[test]
+fn a_slower_frame_than_the_baseline_is_exit_code_6() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, changed) = (path(&folder, "a.json"), path(&folder, "b.json"));
+    ok(&quick("cactus:500", &["--json", &out]));
+    let pretend = |factor: f64| {
+        let mut report = json(&out);
+        let frame = &mut report["runs"][0]["frame"]["gpu_ms"]["median"];
+        *frame = (frame.as_f64().unwrap() * factor).into();
+        report["runs"][0]["image_hash"] = "another".into();
+        fs::write(&changed, report.to_string()).unwrap();
+    };
+    pretend(1e-3);
+    let error = fails(6, &quick("cactus:500", &["--baseline", &changed, "--threshold", "50"]));
+    assert!(error.contains("slower than the baseline by more than 50 %: cactus:500 48x40 default"), "{error}");
+    assert!(error.contains("the picture is not the baseline's"), "{error}");
+    pretend(1e3);
+    let text = ok(&quick("cactus:500", &["--baseline", &changed]));
+    assert!(text.contains("against the baseline"), "{text}");
+}
+
+#[test]
+fn a_damaged_or_foreign_baseline_is_refused_before_anything_is_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, other) = (path(&folder, "a.json"), path(&folder, "b.json"));
+    ok(&quick("cactus:500", &["--json", &out]));
+    let refused = |content: &str, sentence: &str| {
+        fs::write(&other, content).unwrap();
+        let error = fails(4, &quick("cactus:500", &["--baseline", &other]));
+        assert!(error.contains("b.json: ") && error.contains(sentence), "{error}");
+    };
+    let good = fs::read_to_string(&out).unwrap();
+    refused("", "is not JSON");
+    refused(&good[..good.len() / 2], "is not JSON");
+    refused("[1, 2]", "is not a report of this bench: it is of no known format, expected is smalto bench 1");
+    refused(r#"{"format": "smalto ladder 1"}"#, "it is smalto ladder 1");
+    refused(&good.replace("\"frames\"", "\"framed\""), "is a damaged report");
+    assert!(fails(4, &quick("cactus:500", &["--baseline", "none.json"])).contains("none.json: cannot be read"));
+    let foreign = |arguments: &[&str], sentence: &str| {
+        let error = fails(2, arguments);
+        assert!(error.contains(sentence), "{error}");
+    };
+    foreign(&quick("cactus:501", &["--baseline", &out]), "it has no run of cactus:501 48x40 default");
+    foreign(
+        &quick("cactus:500", &["--path", "orbit", "--baseline", &out]),
+        "another camera path: orbit-zoom, not orbit",
+    );
+    let device = good.replace(json(&out)["device"]["name"].as_str().unwrap(), "abacus");
+    fs::write(&other, device).unwrap();
+    foreign(&quick("cactus:500", &["--baseline", &other]), "another device: abacus");
+}
+
+#[test]
+fn bench_refuses_what_makes_no_sense() {
+    for arguments in [
+        &["bench", "--path", "circle"][..],
+        &["bench", "--path", "keyframes:"],
+        &["bench", "--frames", "0"],
+        &["bench", "--preset", "wrong"],
+        &["bench", "--size", "720"],
+        &["bench", "--threshold=-1"],
+        &["bench", "--near", "0"],
+        &["bench", "--ladder", "--baseline", "a.json"],
+        &["bench", "--ladder", "--size", "8x8,9x9"],
+        &["bench", "--ladder", "--size", "65536x65536"],
+        &["bench", "--cameras", "a.json", "--path", "orbit"],
+        &["bench", "cactus:0", "--frames", "1", "--warmup", "0"],
+    ] {
+        assert!(!fails(2, arguments).is_empty());
+    }
+    assert!(fails(4, &["bench", "no/such.ply"]).contains("no/such.ply"));
+    assert!(fails(4, &["bench", "cactus:10", "--path", "keyframes:none.json"]).contains("none.json"));
+    let error = fails(1, &["bench", "cactus:10", "--json", "/nowhere/a.json"]);
+    assert!(error.contains("cannot write /nowhere/a.json"), "{error}");
+}
+
+#[test]
+fn bench_moves_along_keyframes_and_camera_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let cameras = path(&folder, "cameras.json");
+    let camera = |x: f64| {
+        format!(
+            r#"{{"img_name": "a", "width": 64, "height": 48, "position": [{x}, -1.2, -5],
+                 "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "fx": 60, "fy": 60}}"#
+        )
+    };
+    fs::write(&cameras, format!("[{}, {}]", camera(-1.0), camera(1.0))).unwrap();
+    let hash = |arguments: &[&str]| {
+        let out = path(&folder, "a.json");
+        ok(&quick("cactus:500", &[arguments, &["--json", &out]].concat()));
+        let report = json(&out);
+        (report["path"].as_str().unwrap().to_owned(), report["runs"][0]["image_hash"].as_str().unwrap().to_owned())
+    };
+    let keyframes = format!("keyframes:{cameras}");
+    let (from_file, along) = (hash(&["--cameras", &cameras]), hash(&["--path", &keyframes]));
+    assert_eq!((from_file.0.as_str(), along.0.as_str()), ("cameras.json", "keyframes:cameras.json"));
+    // Of three frames the last is the file's first camera again, and the last keyframe.
+    assert_ne!(from_file.1, along.1);
+}
+
+#[test]
+fn the_ladder_is_climbed_and_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, table, plot) = (path(&folder, "a.json"), path(&folder, "a.csv"), path(&folder, "a.svg"));
+    let files = ["--ladder", "--json", &out, "--csv", &table, "--plot", &plot];
+    let text = ok(&quick("cactus:1000", &[&["few-large:20"], &files[..]].concat()));
+    let report = json(&out);
+    let validator = jsonschema::validator_for(&schema("ladder")).unwrap();
+    assert!(validator.is_valid(&report), "{:?}", validator.validate(&report).err());
+    assert_eq!(report["climbs"].as_array().unwrap().len(), 2);
+    let rungs = report["climbs"][0]["rungs"].as_array().unwrap();
+    let names: Vec<_> = rungs.iter().map(|r| r["name"].as_str().unwrap()).collect();
+    assert_eq!(names, RUNGS.map(|rung| rung.name));
+    for (rung, report) in RUNGS.iter().zip(rungs) {
+        let host: f64 = report["stages"].as_array().unwrap().iter().map(|s| s["host_ms"].as_f64().unwrap()).sum();
+        assert_eq!(host > 0.0, rung.compaction == Place::Cpu, "{}: {host} ms on the CPU", rung.name);
+    }
+    assert!(text.contains("+9 pixel blocks") && text.contains("96x"), "{text}");
+    assert!(Path::new(&plot).metadata().unwrap().len() > 1000);
+    assert!(fs::read_to_string(&table).unwrap().contains("baseline,ranges ms"));
+}

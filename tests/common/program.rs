@@ -1,0 +1,35 @@
+//! The program, run as its users run it.
+
+use std::process::{Command, Output};
+
+pub fn smalto(arguments: &[&str]) -> Output {
+    run(arguments, |_| {})
+}
+
+pub fn run(arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_smalto"));
+    command.args(arguments).env("SMALTO_VALIDATION", "1");
+    prepare(&mut command);
+    command.output().expect("the program starts")
+}
+
+/// Succeeds, and returns what it printed.
+pub fn ok(arguments: &[&str]) -> String {
+    let output = smalto(arguments);
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {error}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Fails with this exit code; returns its sentence.
+pub fn fails(code: i32, arguments: &[&str]) -> String {
+    let output = smalto(arguments);
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {error}");
+    assert!(!error.contains("panicked"), "{error}");
+    error
+}
+
+pub fn path(folder: &tempfile::TempDir, name: &str) -> String {
+    folder.path().join(name).display().to_string()
+}
