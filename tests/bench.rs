@@ -11,7 +11,7 @@ use smalto::bench::Report;
 use smalto::ladder::{LadderReport, Place, RUNGS};
 
 /// Little work, the same on every device.
-const QUICK: [&str; 6] = ["--size", "48x40", "--warmup", "1", "--frames", "3"];
+const QUICK: [&str; 6] = ["--size", "48x40", "--warmup", "0", "--frames", "3"];
 
 fn quick<'a>(scene: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     [&["bench", scene], &QUICK[..], more].concat()

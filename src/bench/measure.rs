@@ -1,7 +1,7 @@
 //! The protocol: warm up, then measure whole frames, stages, throughput and work, each in frames of its own.
 
 use std::collections::VecDeque;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Result, ensure};
 
@@ -21,6 +21,10 @@ pub struct Protocol {
     /// At least one.
     pub frames: usize,
 }
+
+/// A device that rested while a scene was read takes as long to raise its clocks (0.1 s were seen on an H100), however
+/// many frames that is.
+const WARM_UP: Duration = Duration::from_millis(500);
 
 /// Frames in flight when throughput is measured: one runs while the next is recorded.
 const IN_FLIGHT: usize = 2;
@@ -44,6 +48,7 @@ pub fn measure(
         done.set(done.get() + 1);
         progress(done.get() as f64 / all_frames as f64);
     };
+    warm_up(&mut still, views, protocol)?;
     let whole = timed(&mut still, views, protocol, Timestamps::Outermost, &tick)?;
     let staged = timed(&mut still, views, protocol, Timestamps::All, &tick)?;
     let pipelined_ms = pipelined(&mut still, views, protocol, &tick)?;
@@ -78,6 +83,15 @@ pub fn measure(
         image_hash: blake3::hash(bytemuck::cast_slice(&pixels.rgba)).to_hex().to_string(),
         psnr_db: None,
     })
+}
+
+/// Brings the device to its full clocks, unless no warm-up is wanted.
+fn warm_up(still: &mut Still, views: &[Camera], protocol: Protocol) -> Result<()> {
+    let started = Instant::now();
+    while protocol.warmup > 0 && started.elapsed() < WARM_UP {
+        frames(still, views, 0..1, &|| ())?;
+    }
+    Ok(())
 }
 
 /// Frames, each with the wall time in milliseconds from its begin to the end of its wait.

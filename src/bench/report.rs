@@ -22,7 +22,7 @@ pub struct Report {
     pub format: String,
     pub smalto: VersionReport,
     pub device: DeviceReport,
-    /// Frames before the measured ones.
+    /// Frames before the measured ones of each kind; before the first, unless this is 0, also half a second of frames.
     pub warmup: usize,
     /// Measured frames of every kind of run: with two timestamps, with one pair a stage, and pipelined.
     pub frames: usize,

@@ -37,7 +37,7 @@ pub(super) struct Args {
     /// Picture sizes in pixels
     #[arg(long, value_name = "WxH,...", default_value = "720x720", value_delimiter = ',', value_parser = parse_size)]
     size: Vec<[u32; 2]>,
-    /// Frames before the measured ones
+    /// Frames before the measured ones, and, unless 0, half a second to bring the device to its clocks
     #[arg(long, value_name = "N", default_value_t = 30)]
     warmup: usize,
     /// Measured frames
