@@ -22,7 +22,7 @@ pub struct Protocol {
     pub frames: usize,
 }
 
-/// A device that rested while a scene was read takes as long to raise its clocks (0.1 s were seen on an H100), however
+/// A device that rested while a scene was read takes as long to raise its clocks (over 0.1 s on an H100), however
 /// many frames that is.
 const WARM_UP: Duration = Duration::from_millis(500);
 

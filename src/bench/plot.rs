@@ -163,7 +163,7 @@ impl Lines {
         }
         if self.is_logarithmic {
             // Room for the key above the lines.
-            let top = y_high * (y_high / y_low).max(2.0);
+            let top = y_high * (y_high / y_low).powf(0.4).max(2.0);
             draw!((x_low * 0.9..x_high * 1.1).log_scale(), (y_low * 0.8..top).log_scale());
         } else {
             draw!(0.0..x_high * 1.05, 0.0..y_high * 1.4);
