@@ -277,6 +277,7 @@ impl Shader for {name} {{
             self.code,
             "}}
 
+#[allow(clippy::derivable_impls)] // where every default happens to be zero
 impl Default for {name}Constants {{
     fn default() -> Self {{
         Self {{

@@ -212,7 +212,7 @@ fn duplicate(device: &Device, splats: u32) -> Result<Bench<'_>> {
     scanned.record(&mut cmd);
     cmd.submit()?.wait()?;
     let spans: Vec<u32> = tile_counts(splats).iter().map(|count| count << 16).collect();
-    let ranges: Vec<[u32; 2]> = (0..splats).map(|i| [i, random(i) % 45 | 1 << 16]).collect();
+    let ranges: Vec<[u32; 2]> = (0..splats).map(|i| [i, (random(i) % 45) | (1 << 16)]).collect();
     let (spans, span_ranges) = (upload(device, "spans", &spans)?, upload(device, "span ranges", &ranges)?);
     let instances = scanned.instances;
     let buffer = |name| Buffer::<u32>::new(device, name, instances as usize);

@@ -9,7 +9,7 @@
 //! | [`gpu`] | Vulkan for compute; knows no Gaussians |
 //! | [`render`] | the pipeline on the GPU |
 //! | [`pixels`], [`metrics`] | images, and how far they are apart |
-//! | [`bench`] | how fast, measured |
+//! | [`mod@bench`] | how fast, measured |
 //! | [`ladder`] | the optimizations one by one, from where the project started |
 //! | [`memory`] | running out of it |
 //! | [`cli`] | the commands |

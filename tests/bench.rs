@@ -34,7 +34,11 @@ fn the_schemas_in_the_docs_are_those_of_the_reports() {
     let same = |name: &str, current: schemars::Schema| {
         let fresh = std::env::temp_dir().join(format!("{name}.schema.json"));
         fs::write(&fresh, format!("{current:#}\n", current = current.as_value())).unwrap();
-        assert!(schema(name) == *current.as_value(), "docs/{name}.schema.json is old; the new one is {}", fresh.display());
+        assert!(
+            schema(name) == *current.as_value(),
+            "docs/{name}.schema.json is old; the new one is {}",
+            fresh.display()
+        );
         fs::remove_file(fresh).unwrap();
     };
     same("bench", schemars::schema_for!(Report));

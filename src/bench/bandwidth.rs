@@ -4,7 +4,7 @@ use anyhow::{Context, Result, ensure};
 
 use super::statistics::Statistics;
 use crate::gpu::{Access, Buffer, Commands, Device, Extent, Stage};
-use crate::render::{Copy, CopyBindings, CopyPush};
+use crate::render::{CopyWords, CopyWordsBindings, CopyWordsPush};
 
 const COPIES: usize = 9;
 const BYTES: u64 = 512 << 20;
@@ -17,15 +17,15 @@ pub fn copy_gb_s(device: &Device) -> Result<f64> {
     let len = (BYTES.min(limits.storage_range).min(device.facts().memory_bytes / 16) / 16) as usize;
     let buffer = |name| Buffer::<[u32; 4]>::new(device, name, len);
     let (from, to) = (buffer("copy source")?, buffer("copy target")?);
-    let stage = Stage::<Copy>::new(device, &())?;
+    let stage = Stage::<CopyWords>::new(device, &())?;
     let copy = || {
         let mut cmd = Commands::new(device)?;
         // Written once a copy, so that no driver answers for memory that was never touched.
         cmd.fill(&from, 0x5a5a_5a5a);
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
         cmd.scope("copy", |cmd| {
-            let bindings = CopyBindings { from: &from, to: &to };
-            cmd.dispatch(&stage, bindings, CopyPush { elements: len as u32 }, Extent::Invocations(len as u64));
+            let bindings = CopyWordsBindings { from: &from, to: &to };
+            cmd.dispatch(&stage, bindings, CopyWordsPush { elements: len as u32 }, Extent::Invocations(len as u64));
         });
         let results = cmd.submit()?.wait()?;
         let timing = results.timings().first().context("the copy was not timed")?;

@@ -16,8 +16,7 @@ pub struct Change {
 impl Change {
     /// Whether the frame takes longer by more than this fraction.
     pub fn is_regression(&self, threshold: f64) -> bool {
-        // NaN is no improvement.
-        !(self.frame_ms[1] <= self.frame_ms[0] * (1.0 + threshold))
+        self.frame_ms[1] > self.frame_ms[0] * (1.0 + threshold)
     }
 }
 

@@ -17,8 +17,19 @@ pub type Panel<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 pub struct Bars {
     pub title: String,
     pub unit: String,
-    /// Each bar's name and its parts: name and length. Parts of one name have one colour.
-    pub bars: Vec<(String, Vec<(String, f64)>)>,
+    pub bars: Vec<Bar>,
+}
+
+/// A bar and its parts: name and length. Parts of one name have one colour.
+pub struct Bar {
+    pub name: String,
+    pub parts: Vec<(String, f64)>,
+}
+
+impl Bar {
+    fn length(&self) -> f64 {
+        self.parts.iter().map(|part| part.1).sum()
+    }
 }
 
 /// Lines through points.
@@ -48,7 +59,7 @@ pub fn write(path: &Path, size: (u32, u32), draw: impl FnOnce(&Panel) -> Result<
 pub fn stage_breakdown(report: &Report, path: &Path) -> Result<()> {
     let bar = |run: &super::Run| {
         let parts = run.stages.iter().map(|stage| (stage.name.clone(), stage.ms.median.max(0.0)));
-        (run.title(), parts.collect())
+        Bar { name: run.title(), parts: parts.collect() }
     };
     let bars: Vec<_> = report.runs.iter().map(bar).collect();
     let height = 150 + 34 * bars.len() as u32;
@@ -84,10 +95,10 @@ fn broken<E: std::error::Error + Send + Sync>(error: DrawingAreaErrorKind<E>) ->
 
 impl Bars {
     pub fn draw(&self, panel: &Panel) -> Result<()> {
-        let longest = self.bars.iter().map(|(_, parts)| parts.iter().map(|p| p.1).sum::<f64>()).fold(0.0, f64::max);
+        let longest = self.bars.iter().map(Bar::length).fold(0.0, f64::max);
         let count = self.bars.len() as f64;
         let mut names: Vec<&str> = Vec::new();
-        for (name, _) in self.bars.iter().flat_map(|(_, parts)| parts) {
+        for (name, _) in self.bars.iter().flat_map(|bar| &bar.parts) {
             if !names.contains(&name.as_str()) {
                 names.push(name);
             }
@@ -109,9 +120,9 @@ impl Bars {
             .draw()
             .map_err(broken)?;
         for (index, name) in names.iter().enumerate() {
-            let piece = |(row, (_, parts)): (usize, &(String, Vec<(String, f64)>))| {
-                let before: f64 = parts.iter().take_while(|p| p.0 != *name).map(|p| p.1).sum();
-                let length = parts.iter().find(|p| p.0 == *name)?.1;
+            let piece = |(row, bar): (usize, &Bar)| {
+                let before: f64 = bar.parts.iter().take_while(|p| p.0 != *name).map(|p| p.1).sum();
+                let length = bar.parts.iter().find(|p| p.0 == *name)?.1;
                 let y = count - row as f64;
                 Some(Rectangle::new([(before, y - 0.2), (before + length, y - 0.8)], colour(index).filled()))
             };
@@ -121,11 +132,11 @@ impl Bars {
             panel.draw(&key).map_err(broken)?;
             panel.draw(&Text::new(*name, (place.0 + 18, place.1), (FONT, TEXT))).map_err(broken)?;
         }
-        for (row, (name, _)) in self.bars.iter().enumerate() {
+        for (row, bar) in self.bars.iter().enumerate() {
             let (x, y) = chart.backend_coord(&(0.0, count - row as f64 - 0.5));
             let (left, top) = panel.get_base_pixel();
             let style = (FONT, TEXT).into_text_style(panel).pos(Pos::new(HPos::Right, VPos::Center));
-            panel.draw(&Text::new(name.as_str(), (x - left - 8, y - top), style)).map_err(broken)?;
+            panel.draw(&Text::new(bar.name.as_str(), (x - left - 8, y - top), style)).map_err(broken)?;
         }
         Ok(())
     }

@@ -6,7 +6,7 @@ use anyhow::Result;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::bench::plot::{self, Bars, Lines, Panel};
+use crate::bench::plot::{self, Bar, Bars, Lines, Panel};
 use crate::bench::{Clocks, DeviceReport, SceneReport, Statistics, VersionReport};
 use crate::pixels::write_whole;
 
@@ -183,7 +183,7 @@ fn breakdown(report: &LadderReport, panel: &Panel) -> Result<()> {
     // The baseline is in the other plots: its bar would leave no room for the others.
     let bars = climb.rungs.iter().skip(1).map(|rung| {
         let parts = rung.stages.iter().map(|stage| (stage.name.clone(), stage.ms.median));
-        (rung.name.clone(), parts.collect())
+        Bar { name: rung.name.clone(), parts: parts.collect() }
     });
     let title = format!("Where the time goes, {} Gaussians, {}", climb.scene.gaussians, report.device.name);
     Bars { title, unit: "ms (median), CPU and GPU".to_owned(), bars: bars.collect() }.draw(panel)
