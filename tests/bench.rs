@@ -146,6 +146,8 @@ fn bench_refuses_what_makes_no_sense() {
         &["bench", "--path", "circle"][..],
         &["bench", "--path", "keyframes:"],
         &["bench", "--frames", "0"],
+        &["bench", "--frames", "18446744073709551615"],
+        &["bench", "--warmup", "1000001"],
         &["bench", "--preset", "wrong"],
         &["bench", "--size", "720"],
         &["bench", "--threshold=-1"],

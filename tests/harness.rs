@@ -9,7 +9,9 @@ use common::{Gpu, Turn, compare};
 use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::environment::Environment;
-use smalto::gpu::{Access, Buffer, Commands, Device, DeviceChoice, Extent, Stage, Timestamps, Unavailable, Validation};
+use smalto::gpu::{
+    Access, Buffer, Commands, Device, DeviceChoice, Extent, Stage, Staging, Timestamps, Unavailable, Validation,
+};
 use smalto::memory::OutOfMemory;
 use smalto::options::{Background, Options};
 use smalto::reference;
@@ -280,6 +282,34 @@ fn captures_hold_what_a_scope_wrote() {
         seen.set(seen.get() + 1);
     }
     assert_eq!(seen.get(), 2);
+}
+
+#[test]
+fn staging_carries_elements_both_ways() {
+    let gpu = Gpu::new();
+    let buffer = Buffer::<[u32; 2]>::new(&gpu.0, "pairs", 5).unwrap();
+    let mut staging = Staging::<[u32; 2]>::new(&gpu.0, "staging", 5).unwrap();
+    staging.open().copy_from_slice(&[[1, 2], [3, 4], [5, 6], [7, 8], [9, 10]]);
+    gpu.run(|cmd| {
+        cmd.fill(&buffer, 0);
+        cmd.barrier(Access::COPY_WRITE, Access::COPY_WRITE);
+        cmd.load(&staging, &buffer, 3);
+    });
+    staging.open().fill([0; 2]);
+    gpu.run(|cmd| cmd.fetch(&buffer, &staging, 4));
+    assert_eq!(staging.open(), [[1, 2], [3, 4], [5, 6], [0, 0], [0, 0]]);
+}
+
+#[test]
+#[should_panic(expected = "opened when no commands use it")]
+fn staging_is_not_opened_while_commands_use_it() {
+    let (device, _turn) = device_with_complaints();
+    let buffer = Buffer::<u32>::new(&device, "words", 1).unwrap();
+    let mut staging = Staging::<u32>::new(&device, "staging", 1).unwrap();
+    let mut cmd = Commands::new(&device).unwrap();
+    cmd.fetch(&buffer, &staging, 1);
+    let _in_flight = cmd.submit().unwrap();
+    staging.open();
 }
 
 #[test]

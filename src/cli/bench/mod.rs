@@ -38,10 +38,10 @@ pub(super) struct Args {
     #[arg(long, value_name = "WxH,...", default_value = "720x720", value_delimiter = ',', value_parser = parse_size)]
     size: Vec<[u32; 2]>,
     /// Frames before the measured ones, and, unless 0, half a second to bring the device to its clocks
-    #[arg(long, value_name = "N", default_value_t = 30)]
+    #[arg(long, value_name = "N", default_value_t = 30, value_parser = count(0))]
     warmup: usize,
     /// Measured frames
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = count(1))]
     frames: usize,
     /// Choices of quality and speed to measure
     #[arg(long, value_name = "NAME,...", default_value = "default", value_delimiter = ',', value_parser = preset_names())]
@@ -72,6 +72,11 @@ pub(super) struct Args {
     /// How much longer than in the baseline a frame may take, in percent
     #[arg(long, value_name = "PERCENT", default_value_t = 5.0)]
     threshold: f64,
+}
+
+/// A number of frames.
+fn count(least: u64) -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(least..=1_000_000)
 }
 
 fn preset_names() -> PossibleValuesParser {
