@@ -10,7 +10,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use criterion::{BenchmarkId, Criterion, Throughput};
-use smalto::bench::{Statistics, copy_gb_s};
+use smalto::bench::{Protocol, Statistics, copy_gb_s};
 use smalto::environment::Environment;
 use smalto::gpu::{Access, Buffer, Commands, Device, Element, Extent, Image, Stage, Staging, Validation};
 use smalto::options::{Options, TILE};
@@ -74,7 +74,8 @@ fn run(criterion: &mut Criterion, device: &Device, bench: Bench, rows: &mut Vec<
         let results = cmd.submit()?.wait()?;
         Ok(results.timings().first().context("the stage was not timed")?.duration_ms)
     };
-    once()?; // what cannot run at all fails here, with its reason
+    // What cannot run at all fails here, with its reason.
+    Protocol { warmup: 1, frames: 1 }.warm_up(|_| once().map(drop))?;
     let times = RefCell::new(Vec::new());
     let mut group = criterion.benchmark_group(bench.stage);
     group.throughput(Throughput::Bytes(bench.bytes));

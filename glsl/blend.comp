@@ -29,6 +29,8 @@ layout(push_constant, scalar) uniform Push {
     uint last_pass;    // 1: finish the pixels
 } push;
 
+#include "blend_pixel.glsl"
+
 shared vec2 staged_mean[WORKGROUP];
 shared vec4 staged_weight[WORKGROUP];  // factor, opacity
 shared vec4 staged_colour[WORKGROUP];  // colour, and the falloff at which alpha is ALPHA_MIN
@@ -97,8 +99,7 @@ void main() {
     vec2 block_high = subgroupBroadcast(centre, gl_SubgroupSize - 1);
 
     bool inside = all(lessThan(pixel, push.size_px));
-    vec4 state = vec4(0.0, 0.0, 0.0, 1.0);
-    if (RESUME && inside) state = imageLoad(image, ivec2(pixel));
+    vec4 state = begin_pixel(pixel, inside);
     vec3 colour = state.rgb;
     float transmittance = abs(state.a);
     bool stopped = !inside || state.a < 0.0;
@@ -149,10 +150,5 @@ void main() {
         }
     }
     if (COUNT) count_work(evaluations, walked, inside && stopped && push.last_pass == 1, list.y > list.x && !RESUME);
-    if (!inside) return;
-    if (push.last_pass == 1) {
-        imageStore(image, ivec2(pixel), vec4(fma(vec3(transmittance), push.background, colour), 1.0 - transmittance));
-    } else {
-        imageStore(image, ivec2(pixel), vec4(colour, stopped ? -transmittance : transmittance));
-    }
+    if (inside) end_pixel(pixel, colour, transmittance, stopped);
 }

@@ -27,6 +27,8 @@ layout(push_constant, scalar) uniform Push {
     uint last_pass;    // 1: finish the pixels
 } push;
 
+#include "blend_pixel.glsl"
+
 const uint STAGED = BATCH == 0 ? 1 : BATCH;
 shared vec2 staged_mean[STAGED];
 shared vec4 staged_weight[STAGED];  // factor, opacity
@@ -81,8 +83,7 @@ void main() {
     uint tiles_x = div_up(push.size_px.x, TILE);
     uvec2 pixel = uvec2(tile % tiles_x, tile / tiles_x) * TILE + uvec2(lane() % TILE, lane() / TILE);
     bool inside = all(lessThan(pixel, push.size_px));
-    vec4 state = vec4(0.0, 0.0, 0.0, 1.0);
-    if (RESUME && inside) state = imageLoad(image, ivec2(pixel));
+    vec4 state = begin_pixel(pixel, inside);
     colour = state.rgb;
     transmittance = abs(state.a);
     stopped = !inside || state.a < 0.0;
@@ -100,10 +101,5 @@ void main() {
     } else {
         blend_in_batches(centre, begin, end);
     }
-    if (!inside) return;
-    if (push.last_pass == 1) {
-        imageStore(image, ivec2(pixel), vec4(fma(vec3(transmittance), push.background, colour), 1.0 - transmittance));
-    } else {
-        imageStore(image, ivec2(pixel), vec4(colour, stopped ? -transmittance : transmittance));
-    }
+    if (inside) end_pixel(pixel, colour, transmittance, stopped);
 }

@@ -5,7 +5,8 @@ mod common;
 use std::fs;
 use std::path::Path;
 
-use common::program::{fails, ok, path};
+use common::Gpu;
+use common::program::{fails, ok, path, smalto};
 use serde_json::Value;
 use smalto::bench::Report;
 use smalto::ladder::{LadderReport, Place, RUNGS};
@@ -76,9 +77,9 @@ fn bench_reports_frames_stages_counts_and_memory() {
     assert!((0.0..=1.0).contains(&median(&counts["early_exit_rate"])));
     assert!(run["memory"].as_array().unwrap().iter().any(|m| m["buffer"] == "splats" && m["bytes"].as_u64() > Some(0)));
     assert!(run["psnr_db"].as_f64().unwrap() > 60.0);
-    assert_eq!(report["runs"][1]["preset"], "portable");
+    assert_eq!(report["runs"][1]["subject"]["preset"], "portable");
     assert_eq!(report["runs"][1]["image_hash"], run["image_hash"], "both presets draw the same bits");
-    assert_eq!(report["runs"][1]["scene"]["hash"], run["scene"]["hash"]);
+    assert_eq!(report["runs"][1]["subject"]["scene"], run["subject"]["scene"]);
 
     let mut rows = csv::Reader::from_path(&table).unwrap();
     let rows: Vec<Vec<String>> = rows.records().map(|r| r.unwrap().iter().map(str::to_owned).collect()).collect();
@@ -107,6 +108,9 @@ fn a_slower_frame_than_the_baseline_is_exit_code_6() {
     pretend(1e3);
     let text = ok(&quick("cactus:500", &["--baseline", &changed]));
     assert!(text.contains("against the baseline"), "{text}");
+    // The same scene twice is two runs; the baseline has one for both.
+    let text = ok(&quick("cactus:500", &["cactus:500", "--baseline", &changed]));
+    assert_eq!(text.matches("against the baseline").count(), 2, "{text}");
 }
 
 #[test]
@@ -127,14 +131,20 @@ fn a_damaged_or_foreign_baseline_is_refused_before_anything_is_measured() {
     refused(&good.replace("\"frames\"", "\"framed\""), "is a damaged report");
     assert!(fails(4, &quick("cactus:500", &["--baseline", "none.json"])).contains("none.json: cannot be read"));
     let foreign = |arguments: &[&str], sentence: &str| {
-        let error = fails(2, arguments);
-        assert!(error.contains(sentence), "{error}");
+        let output = smalto(arguments);
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(2) && error.contains(sentence), "{error}");
+        assert!(output.stdout.is_empty(), "nothing was measured");
     };
-    foreign(&quick("cactus:501", &["--baseline", &out]), "it has no run of cactus:501 48x40 default");
+    let against = ["--baseline", &out];
+    foreign(&quick("cactus:501", &against), "it has no run of cactus:501 48x40 default from the same cameras");
+    foreign(&quick("cactus:500", &["--near", "0.1", "--baseline", &out]), "it has no run of");
     foreign(
         &quick("cactus:500", &["--path", "orbit", "--baseline", &out]),
         "another camera path: orbit-zoom, not orbit",
     );
+    let warm = ["bench", "cactus:500", "--size", "48x40", "--warmup", "1", "--frames", "3", "--baseline", &out];
+    foreign(&warm, "another number of frames to warm up: 0, not 1");
     let device = good.replace(json(&out)["device"]["name"].as_str().unwrap(), "abacus");
     fs::write(&other, device).unwrap();
     foreign(&quick("cactus:500", &["--baseline", &other]), "another device: abacus");
@@ -150,15 +160,19 @@ fn bench_refuses_what_makes_no_sense() {
         &["bench", "--warmup", "1000001"],
         &["bench", "--preset", "wrong"],
         &["bench", "--size", "720"],
-        &["bench", "--threshold=-1"],
+        &["bench", "--threshold", "3"],
+        &["bench", "--baseline", "a.json", "--threshold=-1"],
         &["bench", "--near", "0"],
         &["bench", "--ladder", "--baseline", "a.json"],
         &["bench", "--ladder", "--size", "8x8,9x9"],
-        &["bench", "--ladder", "--size", "65536x65536"],
         &["bench", "--cameras", "a.json", "--path", "orbit"],
         &["bench", "cactus:0", "--frames", "1", "--warmup", "0"],
     ] {
         assert!(!fails(2, arguments).is_empty());
+    }
+    if Gpu::new().0.facts().loop_limit.is_some() {
+        let error = fails(2, &["bench", "--ladder", "cactus:10", "--size", "256x65520"]);
+        assert!(error.contains("does not walk all 65520 tiles"), "{error}");
     }
     assert!(fails(4, &["bench", "no/such.ply"]).contains("no/such.ply"));
     assert!(fails(4, &["bench", "cactus:10", "--path", "keyframes:none.json"]).contains("none.json"));

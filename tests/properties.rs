@@ -9,7 +9,7 @@ use smalto::metrics::psnr;
 use smalto::options::{Background, Options};
 use smalto::pixels::Pixels;
 use smalto::reference;
-use smalto::render::{GpuScene, Still};
+use smalto::render::{Demand, GpuScene, Still};
 use smalto::scene::{Builder, Gaussians, Raw, sh_coefficients, synthetic};
 
 const SIZE: [u32; 2] = [112, 80];
@@ -274,4 +274,20 @@ fn a_window_of_the_picture_is_the_picture() {
     let mut errors: Vec<f32> = errors.collect();
     errors.sort_unstable_by(f32::total_cmp);
     assert!(errors[errors.len() * 99 / 100] < 1e-3, "{}", errors[errors.len() * 99 / 100]);
+}
+
+#[test]
+fn a_frame_that_did_not_fit_stays_incomplete_when_the_room_has_grown_since() {
+    let gpu = Gpu::new();
+    let gaussians = synthetic::cactus(2000).unwrap().gaussians;
+    let scene = GpuScene::new(&gpu.0, &gaussians).unwrap();
+    let camera = camera();
+    let room = Demand { gaussians: 2000, visible: 2000, spans: 9000, instances: 10, tiles: 35 };
+    let mut still = Still::new(&gpu.0, &Options::default(), &scene).unwrap().with_room(room).unwrap();
+    let [first, second] = [(); 2].map(|()| still.start(&camera, Background::BLACK).unwrap());
+    assert!(!still.finish(first).unwrap());
+    assert!(!still.finish(second).unwrap(), "it was begun in the room of the first");
+    let third = still.start(&camera, Background::BLACK).unwrap();
+    assert!(still.finish(third).unwrap());
+    assert!(still.pixels().unwrap() == gpu.render(&gaussians, &camera, &Options::default()));
 }

@@ -1,6 +1,6 @@
 //! A report beside an earlier one.
 
-use super::report::{Report, Run};
+use super::report::{Report, Run, Subject};
 
 /// How a run's frame changed.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,43 +13,46 @@ pub struct Change {
     pub picture_differs: bool,
 }
 
-impl Change {
-    /// Whether the frame takes longer by more than this fraction.
-    pub fn is_regression(&self, threshold: f64) -> bool {
-        self.frame_ms[1] > self.frame_ms[0] * (1.0 + threshold)
-    }
-}
-
 /// The earlier report measured something else.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Foreign(String);
 
-/// The changes of every run of `now`, in its order.
-pub fn compare(before: &Report, now: &Report) -> Result<Vec<Change>, Foreign> {
-    let same = |what: &str, then: &str, today: &str| {
-        (then == today).then_some(()).ok_or_else(|| Foreign(format!("it is of another {what}: {then}, not {today}")))
-    };
-    same("device", &before.device.name, &now.device.name)?;
-    same("camera path", &before.path, &now.path)?;
-    same("number of frames", &before.frames.to_string(), &now.frames.to_string())?;
-    let change = |run: &Run| {
-        let is_twin = |b: &&Run| b.scene.hash == run.scene.hash && b.size == run.size && b.preset == run.preset;
-        let twin = before.runs.iter().find(is_twin);
-        twin.map(|twin| Change::between(twin, run)).ok_or_else(|| Foreign(format!("it has no run of {}", run.title())))
-    };
-    now.runs.iter().map(change).collect()
+impl Report {
+    /// Whether `other` was measured on the same device by the same rules.
+    pub fn same_conditions(&self, other: &Self) -> Result<(), Foreign> {
+        let same = |what: &str, mine: &str, theirs: &str| {
+            let foreign = || Foreign(format!("it is of another {what}: {mine}, not {theirs}"));
+            (mine == theirs).then_some(()).ok_or_else(foreign)
+        };
+        same("device", &self.device.name, &other.device.name)?;
+        same("camera path", &self.path, &other.path)?;
+        same("number of frames", &self.frames.to_string(), &other.frames.to_string())?;
+        same("number of frames to warm up", &self.warmup.to_string(), &other.warmup.to_string())
+    }
+
+    /// The run of this subject.
+    pub fn run_of(&self, subject: &Subject) -> Result<&Run, Foreign> {
+        let missing = || Foreign(format!("it has no run of {} from the same cameras", subject.title()));
+        self.runs.iter().find(|run| run.subject == *subject).ok_or_else(missing)
+    }
 }
 
 impl Change {
-    fn between(before: &Run, now: &Run) -> Self {
-        let stage = |name: &str| before.stages.iter().find(|stage| stage.name == name);
-        let stages = now.stages.iter().filter_map(|s| Some((s.name.clone(), [stage(&s.name)?.ms.median, s.ms.median])));
+    /// From `before` to `now`.
+    pub fn between(before: &Run, now: &Run) -> Self {
+        let before_ms = |name: &str| Some(before.stages.iter().find(|stage| stage.name == name)?.ms.median);
+        let stages = now.stages.iter().filter_map(|s| Some((s.name.clone(), [before_ms(&s.name)?, s.ms.median])));
         Self {
-            title: now.title(),
+            title: now.subject.title(),
             frame_ms: [before.frame.gpu_ms.median, now.frame.gpu_ms.median],
             stages: stages.collect(),
             picture_differs: before.image_hash != now.image_hash,
         }
+    }
+
+    /// Whether the frame takes longer by more than this fraction.
+    pub fn is_regression(&self, threshold: f64) -> bool {
+        self.frame_ms[1] > self.frame_ms[0] * (1.0 + threshold)
     }
 }

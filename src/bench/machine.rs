@@ -23,7 +23,7 @@ impl VersionReport {
     }
 }
 
-/// The device.
+/// The device and its host.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DeviceReport {
@@ -32,9 +32,11 @@ pub struct DeviceReport {
     pub vulkan: String,
     /// What a plain copy moves, read and written, 1e9 bytes per second: the limit of stages bound by memory.
     pub copy_gb_s: f64,
+    /// The host's processor; null where the system does not tell.
+    pub cpu: Option<String>,
 }
 
-/// Clock rates in MHz, while a frame was on the device.
+/// Clock rates in MHz.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Clocks {
@@ -46,8 +48,15 @@ impl DeviceReport {
     pub fn of(device: &Device, copy_gb_s: f64) -> Self {
         let facts = device.facts();
         let (name, driver, vulkan) = (facts.name.clone(), facts.driver.clone(), facts.vulkan.clone());
-        Self { name, driver, vulkan, copy_gb_s }
+        Self { name, driver, vulkan, copy_gb_s, cpu: cpu() }
     }
+}
+
+/// The processor's name, as Linux tells it.
+fn cpu() -> Option<String> {
+    let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("model name"))?;
+    Some(line.trim_start_matches([' ', '\t', ':']).to_owned())
 }
 
 /// Asks for the clocks of an NVIDIA device, through its driver's management library; knows nothing of others.

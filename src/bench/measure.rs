@@ -1,129 +1,149 @@
 //! The protocol: warm up, then measure whole frames, stages, throughput and work, each in frames of its own.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, ensure};
 
+use super::bandwidth::copy_gb_s;
 use super::least_bytes::Work;
 use super::machine::{ClockProbe, Clocks};
-use super::report::{Allocation, Counts, FrameTimes, Run, SceneReport, StageReport};
+use super::report::{Allocation, Counts, FrameTimes, Run, StageReport, Subject};
 use super::statistics::Statistics;
 use crate::camera::Camera;
 use crate::gpu::{Device, Timestamps};
 use crate::options::{Background, Options};
-use crate::render::{Frame, GpuScene, Still, Totals};
+use crate::render::{Frame, GpuScene, Still, Totals, tiles};
 
 /// How many frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Protocol {
+    /// At least; unless 0, also for half a second.
     pub warmup: usize,
     /// At least one.
     pub frames: usize,
 }
 
-/// A device that rested while a scene was read takes as long to raise its clocks (over 0.1 s on an H100), however
-/// many frames that is.
+/// A device that rested while a scene was read takes as long to raise its clocks (over 0.1 s on an H100), however many
+/// frames that is.
 const WARM_UP: Duration = Duration::from_millis(500);
 
 /// Frames in flight when throughput is measured: one runs while the next is recorded.
 const IN_FLIGHT: usize = 2;
 
-/// Measures a scene over `views`, which are of one size: measured frame `i` shows view `i`, from the first again after
-/// the last. `progress` is told the fraction done.
-pub fn measure(
-    device: &Device,
-    scene: (&SceneReport, &GpuScene),
-    options: (&str, &Options),
-    views: &[Camera],
-    protocol: Protocol,
-    copy_gb_s: f64,
-    progress: &dyn Fn(f64),
-) -> Result<Run> {
-    let ((scene_report, scene), (preset, options)) = (scene, options);
-    let mut still = Still::new(device, options, scene)?;
-    let all_frames = 3 * (protocol.warmup + protocol.frames) + protocol.frames;
-    let done = std::cell::Cell::new(0);
-    let tick = || {
-        done.set(done.get() + 1);
-        progress(done.get() as f64 / all_frames as f64);
-    };
-    warm_up(&mut still, views, protocol)?;
-    let whole = timed(&mut still, views, protocol, Timestamps::Outermost, &tick)?;
-    let staged = timed(&mut still, views, protocol, Timestamps::All, &tick)?;
-    let pipelined_ms = pipelined(&mut still, views, protocol, &tick)?;
-    let clocks = clocks(device, &mut still, views)?;
-    still.count_work(true)?;
-    let counted: Vec<Totals> =
-        frames(&mut still, views, 0..protocol.frames, &tick)?.into_iter().map(|(frame, _)| frame.totals).collect();
-    still.count_work(false)?;
-    still.render(&views[(protocol.frames - 1) % views.len()], Background::BLACK)?;
-    let pixels = still.pixels()?;
+impl Protocol {
+    /// Brings the device to its full clocks with frames that nobody measures. `frame` is told their number.
+    pub fn warm_up(self, mut frame: impl FnMut(usize) -> Result<()>) -> Result<()> {
+        let started = Instant::now();
+        (0..)
+            .take_while(|i| *i < self.warmup || self.warmup > 0 && started.elapsed() < WARM_UP)
+            .try_for_each(&mut frame)
+    }
+}
 
-    let gpu_ms = Statistics::of(whole.iter().map(|(frame, _)| frame_ms(frame)));
-    let staged_gpu_ms = Statistics::of(staged.iter().map(|(frame, _)| frame_ms(frame)));
-    let buffers = scene.buffers().into_iter().chain(still.buffers());
-    Ok(Run {
-        scene: scene_report.clone(),
-        size: views[0].size_px,
-        preset: preset.to_owned(),
-        near: options.near,
-        clocks,
-        frame: FrameTimes {
+/// A device to measure on, and by which rules.
+pub struct Bench {
+    pub device: Device,
+    pub protocol: Protocol,
+    /// What a plain copy moves, read and written, 1e9 bytes per second.
+    pub copy_gb_s: f64,
+}
+
+impl Bench {
+    /// # Errors
+    /// If the device has no timestamps.
+    pub fn new(device: &Device, protocol: Protocol) -> Result<Self> {
+        Ok(Self { device: device.clone(), protocol, copy_gb_s: copy_gb_s(device)? })
+    }
+
+    /// Measures a scene over `views`, which are of one size: frame `i` shows view `i`, from the first again after the
+    /// last. `progress` is told the fraction done.
+    pub fn measure(
+        &self,
+        subject: Subject,
+        scene: &GpuScene,
+        options: &Options,
+        views: &[Camera],
+        progress: &dyn Fn(f64),
+    ) -> Result<Run> {
+        let done = Cell::new(0);
+        let tick = || {
+            done.set(done.get() + 1);
+            progress(done.get() as f64 / (4 * self.protocol.frames) as f64);
+        };
+        let mut still = Still::new(&self.device, options, scene)?;
+        let whole = self.frames(&mut still, views, Timestamps::Outermost, &tick)?;
+        let staged = self.frames(&mut still, views, Timestamps::All, &tick)?;
+        let pipelined_ms = self.pipelined(&mut still, views, &tick)?;
+        let clocks = self.clocks(&mut still, views)?;
+        let gpu_ms = Statistics::of(whole.iter().map(|(frame, _)| frame_ms(frame)));
+        let staged_gpu_ms = Statistics::of(staged.iter().map(|(frame, _)| frame_ms(frame)));
+        let frame = FrameTimes {
             gpu_ms,
             wall_ms: Statistics::of(whole.iter().map(|(_, wall_ms)| *wall_ms)),
             pipelined_ms,
             staged_gpu_ms,
             timestamps_cost_ms: staged_gpu_ms.median - gpu_ms.median,
-        },
-        stages: stages(&still, scene, views, &staged, copy_gb_s),
-        counts: counts(&still, &counted, views[0].size_px),
-        memory: buffers.map(|(name, bytes)| Allocation { buffer: name.to_owned(), bytes }).collect(),
-        allocated_bytes: device.allocated_bytes(),
-        image_hash: blake3::hash(bytemuck::cast_slice(&pixels.rgba)).to_hex().to_string(),
-        psnr_db: None,
-    })
-}
+        };
+        let stages = self.stages(&still, scene, views, &staged);
+        let memory = scene.buffers().into_iter().chain(still.buffers());
+        let memory = memory.map(|(name, bytes)| Allocation { buffer: name.to_owned(), bytes }).collect();
+        let allocated_bytes = self.device.allocated_bytes();
 
-/// Brings the device to its full clocks, unless no warm-up is wanted.
-fn warm_up(still: &mut Still, views: &[Camera], protocol: Protocol) -> Result<()> {
-    let started = Instant::now();
-    while protocol.warmup > 0 && started.elapsed() < WARM_UP {
-        frames(still, views, 0..1, &|| ())?;
+        still.count_work(true)?;
+        let counted = self.totals(&mut still, views, &tick)?;
+        let pixels = still.pixels()?;
+        Ok(Run {
+            counts: counts(&counted, subject.size),
+            subject,
+            clocks,
+            frame,
+            stages,
+            memory,
+            allocated_bytes,
+            image_hash: blake3::hash(bytemuck::cast_slice(&pixels.rgba)).to_hex().to_string(),
+            psnr_db: None,
+        })
     }
-    Ok(())
-}
 
-/// Frames, each with the wall time in milliseconds from its begin to the end of its wait.
-type Timed = Vec<(Frame, f64)>;
+    /// The measured frames, each with the wall time in milliseconds from its begin to the end of its wait.
+    fn frames(
+        &self,
+        still: &mut Still,
+        views: &[Camera],
+        timestamps: Timestamps,
+        tick: &dyn Fn(),
+    ) -> Result<Vec<(Frame, f64)>> {
+        still.set_timestamps(timestamps);
+        self.protocol.warm_up(|i| still.render(&views[i % views.len()], Background::BLACK).map(drop))?;
+        let frame = |i: usize| loop {
+            let started = Instant::now();
+            let frame = still.render(&views[i % views.len()], Background::BLACK)?;
+            // The first frame that needs more room is not like those after it.
+            if frame.attempts == 1 {
+                let wall_ms = started.elapsed().as_secs_f64() * 1e3;
+                tick();
+                return Ok((frame, wall_ms));
+            }
+        };
+        (0..self.protocol.frames).map(frame).collect()
+    }
 
-fn timed(
-    still: &mut Still,
-    views: &[Camera],
-    protocol: Protocol,
-    timestamps: Timestamps,
-    tick: &dyn Fn(),
-) -> Result<Timed> {
-    still.set_timestamps(timestamps);
-    frames(still, views, 0..protocol.warmup, tick)?;
-    frames(still, views, 0..protocol.frames, tick)
-}
+    fn totals(&self, still: &mut Still, views: &[Camera], tick: &dyn Fn()) -> Result<Vec<Totals>> {
+        let frame = |i: usize| {
+            let frame = still.render(&views[i % views.len()], Background::BLACK)?;
+            tick();
+            Ok(frame.totals)
+        };
+        (0..self.protocol.frames).map(frame).collect()
+    }
 
-fn frames(still: &mut Still, views: &[Camera], which: std::ops::Range<usize>, tick: &dyn Fn()) -> Result<Timed> {
-    let mut frame = |i: usize| {
-        let started = Instant::now();
-        let frame = still.render(&views[i % views.len()], Background::BLACK)?;
-        let wall_ms = started.elapsed().as_secs_f64() * 1e3;
-        tick();
-        Ok((frame, wall_ms))
-    };
-    which.map(&mut frame).collect()
-}
-
-/// Milliseconds a frame when the host does not wait for each.
-fn pipelined(still: &mut Still, views: &[Camera], protocol: Protocol, tick: &dyn Fn()) -> Result<f64> {
-    still.set_timestamps(Timestamps::Outermost);
-    let mut run = |count: usize| -> Result<f64> {
+    /// Milliseconds a frame when the host does not wait for each.
+    fn pipelined(&self, still: &mut Still, views: &[Camera], tick: &dyn Fn()) -> Result<f64> {
+        still.set_timestamps(Timestamps::Outermost);
+        self.protocol.warm_up(|i| still.render(&views[i % views.len()], Background::BLACK).map(drop))?;
+        let count = self.protocol.frames;
         let started = Instant::now();
         let mut queue = VecDeque::new();
         for i in 0..count + IN_FLIGHT {
@@ -138,65 +158,63 @@ fn pipelined(still: &mut Still, views: &[Camera], protocol: Protocol, tick: &dyn
             }
         }
         Ok(started.elapsed().as_secs_f64() * 1e3 / count as f64)
-    };
-    if protocol.warmup > 0 {
-        run(protocol.warmup)?;
     }
-    run(protocol.frames)
-}
 
-/// The clocks while a frame is on the device.
-fn clocks(device: &Device, still: &mut Still, views: &[Camera]) -> Result<Option<Clocks>> {
-    let probe = ClockProbe::new(device);
-    frames(still, views, 0..views.len().min(10), &|| ())?; // the device may have rested while the probe was made
-    let started = still.start(&views[0], Background::BLACK)?;
-    let clocks = probe.now();
-    still.finish(started)?;
-    Ok(clocks)
+    /// The clocks while a frame is on the device.
+    fn clocks(&self, still: &mut Still, views: &[Camera]) -> Result<Option<Clocks>> {
+        let probe = ClockProbe::new(&self.device);
+        // The device may have rested while the probe was made.
+        self.protocol.warm_up(|_| still.render(&views[0], Background::BLACK).map(drop))?;
+        let started = still.start(&views[0], Background::BLACK)?;
+        let clocks = probe.now();
+        still.finish(started)?;
+        Ok(clocks)
+    }
+
+    fn stages(&self, still: &Still, scene: &GpuScene, views: &[Camera], frames: &[(Frame, f64)]) -> Vec<StageReport> {
+        let mut first: Vec<_> = frames[0].0.timings.iter().filter(|t| t.depth == 1).collect();
+        first.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
+        let ms_of = |frame: &Frame, name: &str| -> f64 {
+            frame.timings.iter().filter(|t| t.depth == 1 && t.name == name).map(|t| t.duration_ms).sum()
+        };
+        let bytes_of = |i: usize, frame: &Frame, name: &str| {
+            let view = &views[i % views.len()];
+            let work = Work {
+                scene,
+                totals: &frame.totals,
+                tiles: tiles(view.size_px).iter().product(),
+                pixels: u64::from(view.size_px[0]) * u64::from(view.size_px[1]),
+                sort_passes: still.sort_passes(view),
+            };
+            work.least_bytes(name) as f64
+        };
+        let stage = |name: &str| {
+            let ms = Statistics::of(frames.iter().map(|(frame, _)| ms_of(frame, name)));
+            let bytes = frames.iter().enumerate().map(|(i, (frame, _))| bytes_of(i, frame, name));
+            let bytes = Statistics::of(bytes).median;
+            let bandwidth_fraction = bytes / (self.copy_gb_s * 1e6) / ms.median.max(1e-6);
+            StageReport { name: name.to_owned(), ms, least_bytes: bytes as u64, bandwidth_fraction }
+        };
+        let mut stages: Vec<_> = first.iter().map(|timing| stage(timing.name)).collect();
+        let gaps = frames.iter().map(|(frame, _)| {
+            let inside: f64 = frame.timings.iter().filter(|t| t.depth == 1).map(|t| t.duration_ms).sum();
+            frame_ms(frame) - inside
+        });
+        let gaps = Statistics::of(gaps);
+        stages.push(StageReport { name: "gaps".to_owned(), ms: gaps, least_bytes: 0, bandwidth_fraction: 0.0 });
+        stages
+    }
 }
 
 fn frame_ms(frame: &Frame) -> f64 {
     frame.timings.iter().filter(|t| t.depth == 0).map(|t| t.duration_ms).sum()
 }
 
-fn stages(still: &Still, scene: &GpuScene, views: &[Camera], frames: &Timed, copy_gb_s: f64) -> Vec<StageReport> {
-    let mut first: Vec<_> = frames[0].0.timings.iter().filter(|t| t.depth == 1).collect();
-    first.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
-    let ms_of = |frame: &Frame, name: &str| -> f64 {
-        frame.timings.iter().filter(|t| t.depth == 1 && t.name == name).map(|t| t.duration_ms).sum()
-    };
-    let bytes_of = |i: usize, frame: &Frame, name: &str| {
-        let view = &views[i % views.len()];
-        let work = Work {
-            scene,
-            totals: &frame.totals,
-            tiles: still.tiles(view.size_px),
-            pixels: u64::from(view.size_px[0]) * u64::from(view.size_px[1]),
-            sort_passes: still.sort_passes(view),
-        };
-        work.least_bytes(name) as f64
-    };
-    let stage = |name: &str| {
-        let ms = Statistics::of(frames.iter().map(|(frame, _)| ms_of(frame, name)));
-        let bytes = Statistics::of(frames.iter().enumerate().map(|(i, (frame, _))| bytes_of(i, frame, name))).median;
-        let bandwidth_fraction = bytes / (copy_gb_s * 1e6) / ms.median.max(1e-6);
-        StageReport { name: name.to_owned(), ms, least_bytes: bytes as u64, bandwidth_fraction }
-    };
-    let mut stages: Vec<_> = first.iter().map(|timing| stage(timing.name)).collect();
-    let gaps = frames.iter().map(|(frame, _)| {
-        let inside: f64 = frame.timings.iter().filter(|t| t.depth == 1).map(|t| t.duration_ms).sum();
-        frame_ms(frame) - inside
-    });
-    let gaps = Statistics::of(gaps);
-    stages.push(StageReport { name: "gaps".to_owned(), ms: gaps, least_bytes: 0, bandwidth_fraction: 0.0 });
-    stages
-}
-
-fn counts(still: &Still, frames: &[Totals], size_px: [u32; 2]) -> Counts {
+fn counts(frames: &[Totals], size_px: [u32; 2]) -> Counts {
     let pixels = f64::from(size_px[0]) * f64::from(size_px[1]);
     let of = |value: &dyn Fn(&Totals) -> f64| Statistics::of(frames.iter().map(value));
     let wide = |high: u32, low: u32| (u64::from(high) << 32 | u64::from(low)) as f64;
-    let tiles = still.tiles(size_px);
+    let tiles: u32 = tiles(size_px).iter().product();
     Counts {
         visible: of(&|t| t.visible.into()),
         instances: of(&|t| t.instances_kept.into()),

@@ -12,8 +12,8 @@ mod report;
 mod statistics;
 
 pub use bandwidth::copy_gb_s;
-pub use compare::{Change, Foreign, compare};
+pub use compare::{Change, Foreign};
 pub use machine::{ClockProbe, Clocks, DeviceReport, VersionReport};
-pub use measure::{Protocol, measure};
-pub use report::{Allocation, Counts, FORMAT, FrameTimes, Report, Run, SceneReport, StageReport};
+pub use measure::{Bench, Protocol};
+pub use report::{Allocation, Counts, FORMAT, FrameTimes, Report, Run, SceneReport, StageReport, Subject};
 pub use statistics::Statistics;

@@ -59,10 +59,11 @@ pub fn write(path: &Path, size: (u32, u32), draw: impl FnOnce(&Panel) -> Result<
 pub fn stage_breakdown(report: &Report, path: &Path) -> Result<()> {
     let bar = |run: &super::Run| {
         let parts = run.stages.iter().map(|stage| (stage.name.clone(), stage.ms.median.max(0.0)));
-        Bar { name: run.title(), parts: parts.collect() }
+        Bar { name: run.subject.title(), parts: parts.collect() }
     };
     let bars: Vec<_> = report.runs.iter().map(bar).collect();
-    let height = 150 + 34 * bars.len() as u32;
+    let key = bars.iter().map(|bar| bar.parts.len()).max().unwrap_or(0) as i32;
+    let height = (150 + 34 * bars.len() as u32).max((KEY_TOP + KEY_STEP * (key + 1)) as u32);
     let title = format!("Where a frame's time goes: {}", report.device.name);
     write(path, (1000, height), |panel| Bars { title, unit: "GPU time, ms (median)".to_owned(), bars }.draw(panel))
 }
@@ -70,6 +71,9 @@ pub fn stage_breakdown(report: &Report, path: &Path) -> Result<()> {
 const FONT: &str = "sans-serif";
 const TEXT: i32 = 14; // px
 const NAMES: u32 = 300; // px, the room for the names of bars
+// px, where the key begins and how far its lines are apart
+const KEY_TOP: i32 = 50;
+const KEY_STEP: i32 = 20;
 
 /// Distinct for readers of all kinds of colour vision (Okabe and Ito 2008), then again, lighter.
 const PALETTE: [(u8, u8, u8); 8] = [
@@ -127,7 +131,7 @@ impl Bars {
                 Some(Rectangle::new([(before, y - 0.2), (before + length, y - 0.8)], colour(index).filled()))
             };
             chart.draw_series(self.bars.iter().enumerate().filter_map(piece)).map_err(broken)?;
-            let place = (panel.dim_in_pixel().0 as i32 - 140, 50 + 20 * index as i32);
+            let place = (panel.dim_in_pixel().0 as i32 - 140, KEY_TOP + KEY_STEP * index as i32);
             let key = Rectangle::new([place, (place.0 + 12, place.1 + 12)], colour(index).filled());
             panel.draw(&key).map_err(broken)?;
             panel.draw(&Text::new(*name, (place.0 + 18, place.1), (FONT, TEXT))).map_err(broken)?;

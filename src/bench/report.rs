@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::machine::{Clocks, DeviceReport, VersionReport};
 use super::statistics::Statistics;
+use crate::camera::Camera;
 use crate::pixels::write_whole;
 use crate::scene::Gaussians;
 
@@ -22,7 +23,7 @@ pub struct Report {
     pub format: String,
     pub smalto: VersionReport,
     pub device: DeviceReport,
-    /// Frames before the measured ones of each kind; before the first, unless this is 0, also half a second of frames.
+    /// Frames before the measured ones of each kind: at least so many and, unless it is 0, at least half a second.
     pub warmup: usize,
     /// Measured frames of every kind of run: with two timestamps, with one pair a stage, and pipelined.
     pub frames: usize,
@@ -36,13 +37,8 @@ pub struct Report {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Run {
-    pub scene: SceneReport,
-    /// Width and height in pixels.
-    pub size: [u32; 2],
-    pub preset: String,
-    /// Distance of the near plane, world units.
-    pub near: f32,
-    /// Null where the driver does not tell.
+    pub subject: Subject,
+    /// While a frame was on the device; null where the driver does not tell.
     pub clocks: Option<Clocks>,
     pub frame: FrameTimes,
     /// In the order of the frame; last, as "gaps", what lies between the stages.
@@ -54,8 +50,22 @@ pub struct Run {
     pub allocated_bytes: u64,
     /// BLAKE3 of the last frame's floats, row by row.
     pub image_hash: String,
-    /// PSNR of the first view against the f64 reference, in dB, if it was asked for.
+    /// PSNR of the first view against the f64 reference, in dB; null if it was not asked for, or both are equal.
     pub psnr_db: Option<f64>,
+}
+
+/// What a run measures, and what tells it from the others of a report.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Subject {
+    pub scene: SceneReport,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    pub preset: String,
+    /// Distance of the near plane, world units.
+    pub near: f32,
+    /// BLAKE3 of the cameras.
+    pub views_hash: String,
 }
 
 /// What was drawn.
@@ -142,8 +152,18 @@ impl SceneReport {
     }
 }
 
-impl Run {
-    /// What tells it from the other runs of a report.
+impl Subject {
+    pub fn new(scene: &SceneReport, preset: &str, near: f32, views: &[Camera]) -> Self {
+        let mut hasher = blake3::Hasher::new();
+        for Camera { position, rotation, focal_px, centre_px, size_px } in views {
+            hasher.update(bytemuck::bytes_of(position)).update(bytemuck::bytes_of(rotation));
+            hasher.update(bytemuck::bytes_of(focal_px)).update(bytemuck::bytes_of(centre_px));
+            hasher.update(bytemuck::bytes_of(size_px));
+        }
+        let views_hash = hasher.finalize().to_hex().to_string();
+        Self { scene: scene.clone(), size: views[0].size_px, preset: preset.to_owned(), near, views_hash }
+    }
+
     pub fn title(&self) -> String {
         let [width, height] = self.size;
         format!("{} {width}x{height} {}", self.scene.name, self.preset)
@@ -182,11 +202,12 @@ impl Report {
                 "p99",
             ])?;
             for run in &self.runs {
+                let Subject { scene, size, preset, .. } = &run.subject;
+                let numbers = [scene.gaussians.to_string(), size[0].to_string(), size[1].to_string()];
+                let about: Vec<_> = [scene.name.clone()].into_iter().chain(numbers).chain([preset.clone()]).collect();
                 for (quantity, s) in run.rows() {
-                    let about = [run.scene.gaussians.to_string(), run.size[0].to_string(), run.size[1].to_string()];
                     let values = [s.min, s.median, s.mean, s.p95, s.p99].map(|v| v.to_string());
-                    let fields = std::iter::once(run.scene.name.clone()).chain(about);
-                    csv.write_record(fields.chain([run.preset.clone(), quantity]).chain(values))?;
+                    csv.write_record(about.iter().cloned().chain([quantity]).chain(values))?;
                 }
             }
             Ok(csv.flush()?)

@@ -10,7 +10,7 @@ use super::Camera;
 const FIELD_OF_VIEW: f64 = 60.0 * TAU / 360.0;
 
 /// One turn around the ball at `centre`, slightly from above, in `views` equal steps; with `zooms`, nearing and leaving
-/// twice on the way, from 1.4 to 3 radii.
+/// twice on the way, from 1.5 to 3.2 radii.
 pub fn orbit(centre: DVec3, radius: f64, zooms: bool, size_px: [u32; 2], views: usize) -> Vec<Camera> {
     let view = |i: usize| {
         let turn = i as f64 / views as f64 * TAU;

@@ -126,7 +126,7 @@ fn exit_code(error: &anyhow::Error) -> u8 {
     }
 }
 
-/// What `render` and `info` draw or describe.
+/// What the commands draw, describe or measure.
 #[derive(Args)]
 struct SceneArg {
     /// Scene file (.ply, .compressed.ply or .spz), model folder of the original 3DGS, or a procedural scene: cactus,
@@ -159,9 +159,12 @@ impl SceneArg {
 
     /// What files made from the scene are named after.
     fn stem(&self) -> String {
+        if let Some(Ok(procedural)) = self.procedural() {
+            return procedural.name().to_owned();
+        }
         let path = self.path().unwrap_or_else(|| self.scene.clone());
         let name = path.file_name().map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned());
-        name.split(['.', ':']).find(|part| !part.is_empty()).unwrap_or("scene").to_owned()
+        name.split('.').find(|part| !part.is_empty()).unwrap_or("scene").to_owned()
     }
 
     /// Reads the file or makes the procedural scene, and says on stderr what had to be dropped.

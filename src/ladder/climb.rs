@@ -4,9 +4,8 @@ use anyhow::{Result, bail, ensure};
 
 use super::report::{Climb, RungReport, RungStage};
 use super::{Duplication, RUNGS, Rung, Variant, VariantFrame};
-use crate::bench::{ClockProbe, Protocol, SceneReport, Statistics};
+use crate::bench::{Bench, ClockProbe, Clocks, SceneReport, Statistics};
 use crate::camera::Camera;
-use crate::gpu::Device;
 use crate::metrics::psnr;
 use crate::options::Options;
 use crate::pixels::Pixels;
@@ -29,40 +28,37 @@ struct Evidence {
 /// # Errors
 /// If rungs that must agree count or draw differently.
 pub fn climb(
-    device: &Device,
-    scene: (&SceneReport, &GpuScene),
+    bench: &Bench,
+    scene: &SceneReport,
+    gpu_scene: &GpuScene,
     options: &Options,
     views: &[Camera],
-    protocol: Protocol,
     progress: &dyn Fn(f64),
 ) -> Result<Climb> {
-    let probe = ClockProbe::new(device);
-    let mut evidence: Vec<Evidence> = Vec::new();
+    let probe = ClockProbe::new(&bench.device);
+    // The first rung of each test of tiles: what the others are held against.
+    let mut first: Vec<Evidence> = Vec::new();
     let mut rungs = Vec::new();
     for (index, rung) in RUNGS.iter().enumerate() {
-        let tick = |done: usize| {
-            let part = done as f64 / (protocol.warmup + protocol.frames) as f64;
+        let mut variant = Variant::new(&bench.device, rung, options, gpu_scene)?;
+        let mut render = |i: usize| variant.render(&views[i % views.len()]);
+        bench.protocol.warm_up(|i| render(i).map(drop))?;
+        let frames = (0..bench.protocol.frames).map(|i| {
+            let part = i as f64 / bench.protocol.frames as f64;
             progress((index as f64 + part) / RUNGS.len() as f64);
-        };
-        let mut variant = Variant::new(device, rung, options, scene.1)?;
-        for i in 0..protocol.warmup {
-            variant.render(&views[i % views.len()])?;
-            tick(i);
-        }
-        let mut frames = Vec::new();
-        for i in 0..protocol.frames {
-            frames.push(variant.render(&views[i % views.len()])?);
-            tick(protocol.warmup + i);
-        }
+            render(i)
+        });
+        let frames = frames.collect::<Result<Vec<_>>>()?;
         let clocks = probe.now();
         let counts = frames.iter().map(|f| [f.totals.visible, f.totals.instances_kept]).collect();
         let new = Evidence { rung, counts, pixels: variant.pixels()? };
-        let to_baseline_db = evidence.first().map_or(f64::INFINITY, |first| psnr(&new.pixels, &first.pixels));
-        evidence.iter().try_for_each(|earlier| agree(earlier, &new))?;
-        rungs.push(RungReport { clocks, ..report(rung, &frames, &new.pixels, to_baseline_db) });
-        evidence.push(new);
+        first.iter().try_for_each(|earlier| agree(earlier, &new))?;
+        rungs.push(report(rung, &frames, clocks, &new.pixels, first.first().map(|baseline| &baseline.pixels)));
+        if first.iter().all(|earlier| earlier.rung.exact_tiles != rung.exact_tiles) {
+            first.push(new);
+        }
     }
-    Ok(Climb { scene: scene.0.clone(), size: views[0].size_px, near: options.near, rungs })
+    Ok(Climb { scene: scene.clone(), size: views[0].size_px, near: options.near, rungs })
 }
 
 /// Whether two rungs agree in all they must.
@@ -88,25 +84,32 @@ fn agree(a: &Evidence, b: &Evidence) -> Result<()> {
     Ok(())
 }
 
-fn report(rung: &Rung, frames: &[VariantFrame], pixels: &Pixels, to_baseline_db: f64) -> RungReport {
+fn report(
+    rung: &Rung,
+    frames: &[VariantFrame],
+    clocks: Option<Clocks>,
+    pixels: &Pixels,
+    baseline: Option<&Pixels>,
+) -> RungReport {
     let of = |value: &dyn Fn(&VariantFrame) -> f64| Statistics::of(frames.iter().map(value));
     let stage = |name: &'static str| {
-        let time =
-            |f: &VariantFrame| f.stages.iter().find(|s| s.name == name).map_or((0.0, 0.0), |s| (s.gpu_ms, s.host_ms));
-        RungStage { name: name.to_owned(), ms: of(&|f| time(f).0 + time(f).1), host_ms: of(&|f| time(f).1).median }
+        let times = |f: &VariantFrame| f.stages.iter().find(|s| s.name == name).map(|s| (s.gpu_ms, s.host_ms));
+        let times = |f: &VariantFrame| times(f).unwrap_or_default();
+        let host_ms = of(&|f| times(f).1).median;
+        RungStage { name: name.to_owned(), ms: of(&|f| times(f).0 + times(f).1), host_ms }
     };
     RungReport {
         name: rung.name.to_owned(),
         from: rung.from.map(str::to_owned),
         stage: rung.stage.to_owned(),
-        clocks: None,
+        clocks,
         wall_ms: of(&|f| f.wall_ms),
         stages: frames[0].stages.iter().map(|s| stage(s.name)).collect(),
         visible: of(&|f| f.totals.visible.into()),
         instances: of(&|f| f.totals.instances_kept.into()),
         longest_list: of(&|f| f.totals.longest_list.into()),
         image_hash: blake3::hash(bytemuck::cast_slice(&pixels.rgba)).to_hex().to_string(),
-        to_baseline_db: to_baseline_db.is_finite().then_some(to_baseline_db),
+        to_baseline_db: baseline.map(|first| psnr(pixels, first)).filter(|db| db.is_finite()),
     }
 }
 

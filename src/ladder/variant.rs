@@ -146,11 +146,7 @@ impl<'s> Variant<'s> {
 
     /// The picture rendered last.
     pub fn pixels(&self) -> Result<Pixels> {
-        let [width, height] = self.image.size();
-        let mut cmd = Commands::new(&self.device)?;
-        let rows = cmd.read_rows(&self.image, 0..height)?;
-        let results = cmd.submit()?.wait()?;
-        Ok(Pixels { size: [width, height], rgba: results.view(&rows).to_vec() })
+        read_pixels(&self.device, &self.image)
     }
 
     fn grow(&mut self, demand: Demand) -> Result<bool> {

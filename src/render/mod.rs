@@ -12,5 +12,6 @@ pub use renderer::{Renderer, Variation};
 pub(crate) use renderer::{depth_bits, tiles, view};
 pub use shaders::*;
 pub use sort::{Pairs, RadixSort, SortRange, SortScratch};
+pub(crate) use still::read_pixels;
 pub use still::{Frame, Started, Still};
 pub use workspace::{Demand, Workspace};

@@ -37,7 +37,8 @@ pub struct Frame {
 pub struct Started {
     commands: InFlight,
     totals: Readback<Totals>,
-    tiles: usize,
+    /// What it had room for, which may have grown since.
+    room: Demand,
     passes: u32,
 }
 
@@ -82,11 +83,6 @@ impl<'s> Still<'s> {
         let mut buffers = self.work.buffers();
         buffers.push(("image", self.image.bytes()));
         buffers
-    }
-
-    /// Tiles of an image of this size.
-    pub fn tiles(&self, size_px: [u32; 2]) -> u32 {
-        tiles(size_px).iter().product()
     }
 
     /// Passes over its keys that a frame's sort by depth takes, and its sort by tile.
@@ -146,30 +142,36 @@ impl<'s> Still<'s> {
         });
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let totals = cmd.read(&self.work.totals)?;
-        Ok(Started { commands: cmd.submit()?, totals, tiles, passes: self.passes })
+        Ok(Started { commands: cmd.submit()?, totals, room: self.work.room, passes: self.passes })
     }
 
     fn finish_with(&mut self, started: Started) -> Result<Option<(Totals, Results)>> {
         let results = started.commands.wait()?;
         let totals = results.view(&started.totals)[0];
         let passes = self.renderer.passes(totals.longest_list);
-        let grew = self.work.grow(&self.device, Demand::of(&totals, self.scene.len(), started.tiles))?;
+        let demand = Demand::of(&totals, self.scene.len(), started.room.tiles);
+        self.work.grow(&self.device, demand)?;
         self.passes = self.passes.max(passes);
-        Ok((!grew && passes <= started.passes).then_some((totals, results)))
+        Ok((demand.fits(started.room) && passes <= started.passes).then_some((totals, results)))
     }
 
     /// The picture rendered last.
     pub fn pixels(&self) -> Result<Pixels> {
-        const BAND_BYTES: u32 = 256 << 20; // of staging memory at a time
-        let [width, height] = self.image.size();
-        let band = (BAND_BYTES / 16 / width).max(1);
-        let mut rgba = host_vec(width as usize * height as usize, "picture")?;
-        for top in (0..height).step_by(band as usize) {
-            let mut cmd = Commands::new(&self.device)?;
-            let rows = cmd.read_rows(&self.image, top..height.min(top + band))?;
-            let results = cmd.submit()?.wait()?;
-            rgba.extend_from_slice(results.view(&rows));
-        }
-        Ok(Pixels { size: [width, height], rgba })
+        read_pixels(&self.device, &self.image)
     }
+}
+
+/// An image as it is after all that was submitted.
+pub(crate) fn read_pixels(device: &Device, image: &Image) -> Result<Pixels> {
+    const BAND_BYTES: u32 = 256 << 20; // of staging memory at a time
+    let [width, height] = image.size();
+    let band = (BAND_BYTES / 16 / width).max(1);
+    let mut rgba = host_vec(width as usize * height as usize, "picture")?;
+    for top in (0..height).step_by(band as usize) {
+        let mut cmd = Commands::new(device)?;
+        let rows = cmd.read_rows(image, top..height.min(top + band))?;
+        let results = cmd.submit()?.wait()?;
+        rgba.extend_from_slice(results.view(&rows));
+    }
+    Ok(Pixels { size: [width, height], rgba })
 }

@@ -60,7 +60,8 @@ impl Demand {
         }
     }
 
-    fn fits(self, room: Self) -> bool {
+    /// Whether there is room for it.
+    pub(super) fn fits(self, room: Self) -> bool {
         self.max(room) == room
     }
 }

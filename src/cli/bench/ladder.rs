@@ -4,9 +4,8 @@ use anyhow::Result;
 
 use super::views::Cameras;
 use super::{Args, Loaded, table};
-use crate::bench::{DeviceReport, VersionReport};
+use crate::bench::{Bench, DeviceReport, VersionReport};
 use crate::cli::{Usage, complain, progress};
-use crate::gpu::Device;
 use crate::ladder::{self, LadderReport};
 use crate::options::{Options, TILE};
 
@@ -14,13 +13,17 @@ use crate::options::{Options, TILE};
 const SCENES: [&str; 6] =
     ["cactus:139410", "cactus:452000", "cactus:1440000", "cactus:1940000", "few-large", "many-small"];
 
-/// The single-pass duplication walks a splat's tiles in one loop, and some devices end loops beyond this.
-const MAX_TILES: u32 = 65_535;
+/// Of a workgroup; its sums loop over them.
+const MAX_SUBGROUPS: u32 = 64;
 
-pub(super) fn run(args: &Args, device: &Device, cameras: &Cameras, copy_gb_s: f64) -> Result<()> {
-    let size = args.size[0];
-    if size.iter().map(|side| u64::from(side.div_ceil(TILE))).product::<u64>() > MAX_TILES.into() {
-        return Err(Usage(format!("--ladder measures images of up to {MAX_TILES} tiles of {TILE}x{TILE}")).into());
+pub(super) fn run(args: &Args, bench: &Bench, cameras: &Cameras) -> Result<()> {
+    let (device, size) = (&bench.device, args.size[0]);
+    // The paper's duplication walks all tiles of a splat in one invocation, and some devices end loops silently.
+    let [columns, rows] = size.map(|side| side.div_ceil(TILE));
+    let iterations = columns * rows + rows + MAX_SUBGROUPS;
+    if device.facts().loop_limit.is_some_and(|limit| iterations > limit) {
+        let (name, tiles) = (&device.facts().name, columns * rows);
+        return Err(Usage(format!("--ladder: {name} does not walk all {tiles} tiles of such an image")).into());
     }
     let mut climbs = Vec::new();
     for scene in args.scenes(&SCENES) {
@@ -28,8 +31,7 @@ pub(super) fn run(args: &Args, device: &Device, cameras: &Cameras, copy_gb_s: f6
         let (views, near) = cameras.views(&scene.gaussians, size, args.frames);
         let options = Options { near: args.near.unwrap_or(near), ..Options::default() };
         let bar = progress::Bar::new(format!("{} ladder", scene.report.name));
-        let measured = (&scene.report, &scene.gpu);
-        let climb = ladder::climb(device, measured, &options, &views, args.protocol(), &|done| bar.set(done))?;
+        let climb = ladder::climb(bench, &scene.report, &scene.gpu, &options, &views, &|done| bar.set(done))?;
         drop(bar);
         table::print_climb(&climb)?;
         climbs.push(climb);
@@ -37,13 +39,13 @@ pub(super) fn run(args: &Args, device: &Device, cameras: &Cameras, copy_gb_s: f6
     let report = LadderReport {
         format: LadderReport::FORMAT.to_owned(),
         smalto: VersionReport::current(),
-        device: DeviceReport::of(device, copy_gb_s),
+        device: DeviceReport::of(device, bench.copy_gb_s),
         warmup: args.warmup,
         frames: args.frames,
         path: cameras.name.clone(),
         climbs,
     };
-    table::print_machine(&report.device, &report.smalto, args.protocol(), &report.path)?;
+    table::print_machine(&report.device, &report.smalto, bench.protocol, &report.path)?;
     complain(device)?;
     if let Some(file) = &args.json {
         report.write_json(file)?;

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::builder::{PossibleValuesParser, RangedU64ValueParser};
 
-use super::{DeviceArgs, SceneArg, Usage, complain, parse_size, progress, remark, size_text};
-use crate::bench::{self, DeviceReport, Protocol, Report, SceneReport, VersionReport};
+use super::{DeviceArgs, SceneArg, Usage, complain, parse_size, progress, remark};
+use crate::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::metrics::psnr;
@@ -37,7 +37,8 @@ pub(super) struct Args {
     /// Picture sizes in pixels
     #[arg(long, value_name = "WxH,...", default_value = "720x720", value_delimiter = ',', value_parser = parse_size)]
     size: Vec<[u32; 2]>,
-    /// Frames before the measured ones, and, unless 0, half a second to bring the device to its clocks
+    /// Frames before the measured ones: at least so many and, unless 0, half a second, in which the device raises its
+    /// clocks
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = count(0))]
     warmup: usize,
     /// Measured frames
@@ -70,7 +71,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE")]
     baseline: Option<PathBuf>,
     /// How much longer than in the baseline a frame may take, in percent
-    #[arg(long, value_name = "PERCENT", default_value_t = 5.0)]
+    #[arg(long, value_name = "PERCENT", default_value_t = 5.0, requires = "baseline")]
     threshold: f64,
 }
 
@@ -95,52 +96,52 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let device = args.device.open()?;
     let baseline = args.baseline.as_deref().map(read_baseline).transpose()?;
     let cameras = Cameras::read(args.cameras.as_deref(), &args.path)?;
-    let copy_gb_s = bench::copy_gb_s(&device)?;
+    let bench = Bench::new(&device, Protocol { warmup: args.warmup, frames: args.frames })?;
     if args.ladder {
-        return ladder::run(args, &device, &cameras, copy_gb_s);
+        return ladder::run(args, &bench, &cameras);
     }
-    let mut runs = Vec::new();
+    let mut report = Report {
+        format: bench::FORMAT.to_owned(),
+        smalto: VersionReport::current(),
+        device: DeviceReport::of(&device, bench.copy_gb_s),
+        warmup: args.warmup,
+        frames: args.frames,
+        path: cameras.name.clone(),
+        runs: Vec::new(),
+    };
+    let mut changes = Vec::new();
+    if let Some(baseline) = &baseline {
+        baseline.same_conditions(&report).map_err(foreign)?;
+    }
     for scene in args.scenes(&["cactus"]) {
         let scene = Loaded::read(&device, &scene)?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
             let (views, near) = cameras.views(&scene.gaussians, size, args.frames);
             let options = Options::preset(preset).context("clap lets known presets pass alone")?;
             let options = Options { near: args.near.unwrap_or(near), ..options };
-            let bar = progress::Bar::new(format!("{} {} {preset}", scene.report.name, size_text(size)));
-            let (measured, tick) = ((&scene.report, &scene.gpu), |done| bar.set(done));
-            let options = (preset.as_str(), &options);
-            let mut run = bench::measure(&device, measured, options, &views, args.protocol(), copy_gb_s, &tick)?;
+            let subject = Subject::new(&scene.report, preset, options.near, &views);
+            let before = baseline.as_ref().map(|b| b.run_of(&subject)).transpose().map_err(foreign)?;
+            let bar = progress::Bar::new(subject.title());
+            let mut run = bench.measure(subject, &scene.gpu, &options, &views, &|done| bar.set(done))?;
             drop(bar);
             if args.check {
-                run.psnr_db = Some(accuracy(&device, &scene, &views[0], options.1)?);
+                run.psnr_db = accuracy(&device, &scene, &views[0], &options)?;
             }
-            table::print_run(&run)?;
-            runs.push(run);
+            table::print_run(&run, args.check)?;
+            changes.extend(before.map(|before| Change::between(before, &run)));
+            report.runs.push(run);
         }
     }
-    let report = Report {
-        format: bench::FORMAT.to_owned(),
-        smalto: VersionReport::current(),
-        device: DeviceReport::of(&device, copy_gb_s),
-        warmup: args.warmup,
-        frames: args.frames,
-        path: cameras.name,
-        runs,
-    };
-    table::print_machine(&report.device, &report.smalto, args.protocol(), &report.path)?;
+    table::print_machine(&report.device, &report.smalto, bench.protocol, &report.path)?;
     complain(&device)?;
     write(args, &report)?;
-    baseline.map_or(Ok(()), |before| compare(&before, &report, args.threshold / 100.0))
+    baseline.map_or(Ok(()), |baseline| judge(&changes, baseline.runs.len(), args.threshold))
 }
 
 impl Args {
     /// The scenes that were named, or these.
     fn scenes(&self, default: &[&str]) -> Vec<PathBuf> {
         if self.scenes.is_empty() { default.iter().map(PathBuf::from).collect() } else { self.scenes.clone() }
-    }
-
-    fn protocol(&self) -> Protocol {
-        Protocol { warmup: self.warmup, frames: self.frames }
     }
 }
 
@@ -178,12 +179,12 @@ fn read_baseline(file: &Path) -> Result<Report> {
     Report::read(file).map_err(|problem| Unreadable::new(file, &problem).into())
 }
 
-/// PSNR of a view against the f64 reference in dB.
-fn accuracy(device: &Device, scene: &Loaded, view: &Camera, options: &Options) -> Result<f64> {
+/// PSNR of a view against the f64 reference in dB; `None` if they are equal.
+fn accuracy(device: &Device, scene: &Loaded, view: &Camera, options: &Options) -> Result<Option<f64>> {
     let mut still = Still::new(device, options, &scene.gpu)?;
     still.render(view, Background::BLACK)?;
     let exact = reference::render(&scene.gaussians, view, options, Background::BLACK).to_pixels();
-    Ok(psnr(&still.pixels()?, &exact))
+    Ok(Some(psnr(&still.pixels()?, &exact)).filter(|db| db.is_finite()))
 }
 
 fn write(args: &Args, report: &Report) -> Result<()> {
@@ -199,16 +200,24 @@ fn write(args: &Args, report: &Report) -> Result<()> {
     Ok(())
 }
 
-fn compare(before: &Report, now: &Report, threshold: f64) -> Result<()> {
-    let changes = bench::compare(before, now).map_err(|foreign| Usage(format!("--baseline: {foreign}")))?;
-    table::print_changes(&changes)?;
+fn foreign(problem: bench::Foreign) -> Usage {
+    Usage(format!("--baseline: {problem}"))
+}
+
+/// Says how the runs changed; fails if one is slower than the threshold, in percent, allows.
+fn judge(changes: &[Change], baseline_runs: usize, threshold: f64) -> Result<()> {
+    table::print_changes(changes)?;
     for change in changes.iter().filter(|change| change.picture_differs) {
         remark(&format!("note: {}: the picture is not the baseline's", change.title));
     }
-    let slower: Vec<_> = changes.iter().filter(|c| c.is_regression(threshold)).map(|c| c.title.clone()).collect();
+    if changes.len() < baseline_runs {
+        remark(&format!("note: of the baseline's {baseline_runs} runs {} were measured again", changes.len()));
+    }
+    let slower = changes.iter().filter(|c| c.is_regression(threshold / 100.0)).map(|c| c.title.as_str());
+    let slower: Vec<_> = slower.collect();
     if slower.is_empty() {
         return Ok(());
     }
-    Err(Regression(format!("slower than the baseline by more than {} %: {}", threshold * 100.0, slower.join(", ")))
-        .into())
+    let slower = slower.join(", ");
+    Err(Regression(format!("slower than the baseline by more than {threshold} %: {slower}")).into())
 }

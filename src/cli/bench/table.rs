@@ -26,9 +26,11 @@ fn say_table(table: &Table) -> Result<()> {
     Ok(())
 }
 
-pub(super) fn print_run(run: &Run) -> Result<()> {
-    let (frame, counts) = (&run.frame, &run.counts);
-    say!("{}  {} Gaussians, SH degree {}", run.title(), run.scene.gaussians, run.scene.sh_degree)?;
+/// `checked`: whether the picture was compared with the reference.
+pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
+    let (subject, frame, counts) = (&run.subject, &run.frame, &run.counts);
+    let scene = &subject.scene;
+    say!("{}  {} Gaussians, SH degree {}", subject.title(), scene.gaussians, scene.sh_degree)?;
     let mut times = table(&["ms", "min", "median", "mean", "p95", "p99", "of a copy's speed"]);
     let mut row = |name: &str, s: Statistics, note: String| {
         let numbers = [s.min, s.median, s.mean, s.p95, s.p99].map(|v| format!("{v:.3}"));
@@ -67,10 +69,11 @@ pub(super) fn print_run(run: &Run) -> Result<()> {
     let clocks = run.clocks.map_or_else(String::new, clocks);
     let (megabytes, picture) = (bytes as f64 / 1e6, &run.image_hash[..16]);
     say!("  {megabytes:.0} MB in {} buffers; picture {picture}{clocks}", run.memory.len())?;
-    if let Some(psnr_db) = run.psnr_db {
-        say!("  {psnr_db:.1} dB to the float64 reference")?;
+    match run.psnr_db {
+        Some(psnr_db) => say!("  {psnr_db:.1} dB to the float64 reference"),
+        None if checked => say!("  equal to the float64 reference"),
+        None => Ok(()),
     }
-    Ok(())
 }
 
 pub(super) fn print_machine(
@@ -81,6 +84,9 @@ pub(super) fn print_machine(
 ) -> Result<()> {
     say!("{}, {}, copies at {:.0} GB/s", device.name, device.driver, device.copy_gb_s)?;
     let commit = smalto.commit.as_deref().unwrap_or("of unknown commit");
+    if let Some(cpu) = &device.cpu {
+        say!("{cpu}")?;
+    }
     say!("smalto {} {commit}; {} + {} frames, {path}", smalto.version, protocol.warmup, protocol.frames)
 }
 
@@ -105,11 +111,11 @@ pub(super) fn print_climb(climb: &Climb) -> Result<()> {
     let (first, last) = (&climb.rungs[0], &climb.rungs[climb.rungs.len() - 1]);
     let instances = [first, last].map(|rung| rung.instances.median);
     say!(
-        "  {:.0} visible on every rung; {:.0} instances by squares, {:.0} by ellipses; the last picture is {} from the first",
+        "  {:.0} visible on every rung; {:.0} instances by squares, {:.0} by ellipses; the last picture is {} the first",
         first.visible.median,
         instances[0],
         instances[1],
-        last.to_baseline_db.map_or_else(|| "not".to_owned(), |db| format!("{db:.1} dB"))
+        last.to_baseline_db.map_or_else(|| "equal to".to_owned(), |db| format!("{db:.1} dB from"))
     )
 }
 
