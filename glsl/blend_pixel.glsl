@@ -7,7 +7,9 @@ vec4 begin_pixel(uvec2 pixel, bool inside) {
 }
 
 void end_pixel(uvec2 pixel, vec3 colour, float transmittance, bool stopped) {
-    vec4 state = vec4(colour, stopped ? -transmittance : transmittance);
-    if (push.last_pass == 1) state = vec4(fma(vec3(transmittance), push.background, colour), 1.0 - transmittance);
-    imageStore(image, ivec2(pixel), state);
+    if (push.last_pass == 1) {
+        imageStore(image, ivec2(pixel), vec4(fma(vec3(transmittance), push.background, colour), 1.0 - transmittance));
+    } else {
+        imageStore(image, ivec2(pixel), vec4(colour, stopped ? -transmittance : transmittance));
+    }
 }

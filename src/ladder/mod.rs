@@ -1,7 +1,7 @@
 //! The ladder of optimizations that this renderer started from, rung by rung, with all other code shared: from a frame
 //! that keeps its books on the CPU and blends without workgroup memory to the frame that `render` draws.
 //!
-//! A rung differs from the one it is measured against in one thing. [`climb`] measures all of them on one scene, and
+//! A rung differs from the one it is measured against in one step. [`climb`] measures all of them on one scene, and
 //! fails if two that must agree count or draw differently.
 
 mod climb;
@@ -38,7 +38,8 @@ pub enum Duplication {
 pub enum Sort {
     /// Every instance by 32 bits of depth, then by 32 bits of tile: what a 64-bit key is.
     AllDigits,
-    /// The visible splats by the depth bits that the scene has, then the instances by the tile bits that the image has.
+    /// The visible splats, not the instances, by the depth bits that the scene has; then the instances by the tile bits
+    /// that the image has.
     DigitsNeeded,
 }
 
@@ -51,7 +52,8 @@ pub enum Blend {
     Batches(u32),
     /// Batches of 256; subgroups that stopped are found by ballot.
     BallotExit,
-    /// As `render` blends: subgroups walk the splats that reach their pixels, long lists come first.
+    /// As `render` blends: subgroups hold blocks of 8x4 pixels or so and walk the splats that reach them, batches are
+    /// loaded ahead, and the longest lists come first.
     PixelBlocks,
 }
 
@@ -59,7 +61,7 @@ pub enum Blend {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rung {
     pub name: &'static str,
-    /// The rung whose difference to this one is its one change; `None` for the first.
+    /// The rung whose difference to this one is its step; `None` for the first.
     pub from: Option<&'static str>,
     /// The stage that the change is about; "frame" if it is about several.
     pub stage: &'static str,
