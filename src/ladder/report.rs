@@ -43,7 +43,7 @@ pub struct Climb {
 #[serde(deny_unknown_fields)]
 pub struct RungReport {
     pub name: String,
-    /// The rung that it changes in one thing; null for the first.
+    /// The rung that it is a step from; null for the first.
     pub from: Option<String>,
     /// The stage that the change is about, or "frame".
     pub stage: String,
