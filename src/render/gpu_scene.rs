@@ -65,11 +65,6 @@ impl GpuScene {
         self.sh_degree
     }
 
-    /// Device memory in bytes.
-    pub fn bytes(&self) -> u64 {
-        Self::bytes_for(self.len(), self.sh_degree)
-    }
-
     /// Every buffer's name and bytes.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let planes = [&self.rotations, &self.shapes].into_iter().chain(&self.sh).map(Buffer::footprint);
@@ -78,16 +73,7 @@ impl GpuScene {
 
     /// Device memory in bytes that a scene of this size takes.
     pub fn bytes_for(len: usize, sh_degree: u32) -> u64 {
-        Self::bytes_per_gaussian(sh_degree) * len as u64
-    }
-
-    /// Device memory of one Gaussian.
-    pub fn bytes_each(&self) -> u64 {
-        Self::bytes_per_gaussian(self.sh_degree)
-    }
-
-    fn bytes_per_gaussian(sh_degree: u32) -> u64 {
-        16 * (3 + (3 * sh_coefficients(sh_degree)).div_ceil(4) as u64)
+        16 * (3 + (3 * sh_coefficients(sh_degree)).div_ceil(4) as u64) * len as u64
     }
 
     fn upload(&self, commands: &mut Commands, gaussians: &Gaussians, range: Range<usize>) -> Result<()> {

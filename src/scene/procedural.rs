@@ -10,17 +10,17 @@ use super::synthetic::{self, Random};
 use crate::memory::OutOfMemory;
 
 /// Most Gaussians of a procedural scene.
-pub const MAX_COUNT: usize = 200_000_000;
+const MAX_COUNT: usize = 200_000_000;
 
 /// A procedural scene: what, and how many Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Procedural {
-    pub kind: Kind,
-    pub count: usize,
+    kind: Kind,
+    count: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Kind {
+enum Kind {
     /// A potted cactus with the statistics of trained scenes.
     Cactus,
     /// A ball of large Gaussians: each in many tiles.
