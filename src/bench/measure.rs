@@ -9,7 +9,7 @@ use anyhow::{Result, ensure};
 use super::bandwidth::copy_gb_s;
 use super::least_bytes::Work;
 use super::machine::{ClockProbe, Clocks};
-use super::report::{Allocation, Counts, FrameTimes, Run, StageReport, Subject};
+use super::report::{Allocation, Counts, FrameTimes, Run, StageReport, Subject, image_hash};
 use super::statistics::Statistics;
 use crate::camera::Camera;
 use crate::gpu::{Device, Timestamps};
@@ -93,7 +93,6 @@ impl Bench {
 
         still.count_work(true)?;
         let counted = self.totals(&mut still, views, &tick)?;
-        let pixels = still.pixels()?;
         Ok(Run {
             counts: counts(&counted, subject.size),
             subject,
@@ -102,7 +101,7 @@ impl Bench {
             stages,
             memory,
             allocated_bytes,
-            image_hash: blake3::hash(bytemuck::cast_slice(&pixels.rgba)).to_hex().to_string(),
+            image_hash: image_hash(&still.pixels()?),
             psnr_db: None,
         })
     }

@@ -15,5 +15,5 @@ pub use bandwidth::copy_gb_s;
 pub use compare::{Change, Foreign};
 pub use machine::{ClockProbe, Clocks, DeviceReport, VersionReport};
 pub use measure::{Bench, Protocol};
-pub use report::{Allocation, Counts, FORMAT, FrameTimes, Report, Run, SceneReport, StageReport, Subject};
+pub use report::{Allocation, Counts, FrameTimes, Report, Run, SceneReport, StageReport, Subject, image_hash};
 pub use statistics::Statistics;

@@ -9,11 +9,8 @@ use serde::{Deserialize, Serialize};
 use super::machine::{Clocks, DeviceReport, VersionReport};
 use super::statistics::Statistics;
 use crate::camera::Camera;
-use crate::pixels::write_whole;
+use crate::pixels::{Pixels, write_whole};
 use crate::scene::Gaussians;
-
-/// The first member of every report: what it is, and by which rules.
-pub const FORMAT: &str = "smalto bench 1";
 
 /// The measurements of `smalto bench`. Times are in milliseconds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -139,6 +136,11 @@ pub struct Allocation {
     pub bytes: u64,
 }
 
+/// BLAKE3 of a picture's floats, row by row.
+pub fn image_hash(pixels: &Pixels) -> String {
+    blake3::hash(bytemuck::cast_slice(&pixels.rgba)).to_hex().to_string()
+}
+
 impl SceneReport {
     pub fn of(name: String, gaussians: &Gaussians) -> Self {
         let mut hasher = blake3::Hasher::new();
@@ -171,12 +173,16 @@ impl Subject {
 }
 
 impl Report {
+    /// The first member of every report: what it is, and by which rules.
+    pub const FORMAT: &str = "smalto bench 1";
+
     /// Reads a report; the error says why it is none.
     pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).context("cannot be read")?;
         let value: serde_json::Value = serde_json::from_str(&text).context("is not JSON")?;
         let format = value.get("format").and_then(|f| f.as_str()).unwrap_or("of no known format");
-        ensure!(format == FORMAT, "is not a report of this bench: it is {format}, expected is {FORMAT}");
+        let expected = Self::FORMAT;
+        ensure!(format == expected, "is not a report of this bench: it is {format}, expected is {expected}");
         serde_json::from_value(value).context("is a damaged report")
     }
 
@@ -188,25 +194,14 @@ impl Report {
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         write_whole(path, |file| {
             let mut csv = csv::Writer::from_writer(file);
-            csv.write_record([
-                "scene",
-                "gaussians",
-                "width",
-                "height",
-                "preset",
-                "quantity",
-                "min",
-                "median",
-                "mean",
-                "p95",
-                "p99",
-            ])?;
+            let about = ["scene", "gaussians", "width", "height", "preset", "quantity"];
+            csv.write_record(about.into_iter().chain(Statistics::COLUMNS))?;
             for run in &self.runs {
                 let Subject { scene, size, preset, .. } = &run.subject;
                 let numbers = [scene.gaussians.to_string(), size[0].to_string(), size[1].to_string()];
                 let about: Vec<_> = [scene.name.clone()].into_iter().chain(numbers).chain([preset.clone()]).collect();
-                for (quantity, s) in run.rows() {
-                    let values = [s.min, s.median, s.mean, s.p95, s.p99].map(|v| v.to_string());
+                for (quantity, statistics) in run.rows() {
+                    let values = statistics.columns().map(|v| v.to_string());
                     csv.write_record(about.iter().cloned().chain([quantity]).chain(values))?;
                 }
             }

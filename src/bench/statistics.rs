@@ -15,6 +15,14 @@ pub struct Statistics {
 }
 
 impl Statistics {
+    /// What the columns of tables are called.
+    pub const COLUMNS: [&str; 5] = ["min", "median", "mean", "p95", "p99"];
+
+    /// The numbers in the order of [`Statistics::COLUMNS`].
+    pub fn columns(&self) -> [f64; 5] {
+        [self.min, self.median, self.mean, self.p95, self.p99]
+    }
+
     /// Of at least one sample.
     pub fn of(samples: impl IntoIterator<Item = f64>) -> Self {
         let mut samples: Vec<f64> = samples.into_iter().collect();

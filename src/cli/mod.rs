@@ -199,6 +199,12 @@ fn size_text([width, height]: [u32; 2]) -> String {
     format!("{width}x{height}")
 }
 
+/// Fails if `--near` is no place for a plane.
+fn check_near(near: Option<f32>) -> Result<(), Usage> {
+    let wrong = near.filter(|near| !(near.is_finite() && *near > 0.0));
+    wrong.map_or(Ok(()), |near| Err(Usage(format!("--near {near} is not a distance ahead of the camera"))))
+}
+
 /// Fails if the device complained.
 fn complain(device: &Device) -> Result<()> {
     let complaints = device.complaints();

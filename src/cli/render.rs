@@ -7,7 +7,9 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use glam::DVec3;
 
-use super::{DeviceArgs, SceneArg, Usage, complain, dump, parse_size, progress, read_cameras, remark, say, size_text};
+use super::{
+    DeviceArgs, SceneArg, Usage, check_near, complain, dump, parse_size, progress, read_cameras, remark, say, size_text,
+};
 use crate::camera::{self, Camera, NamedCamera};
 use crate::gpu::Commands;
 use crate::options::{Background, Options};
@@ -82,9 +84,7 @@ struct Shot {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    if let Some(near) = args.near.filter(|near| !(near.is_finite() && *near > 0.0)) {
-        return Err(Usage(format!("--near {near} is not a distance ahead of the camera")).into());
-    }
+    check_near(args.near)?;
     // The device first: what is missing there is known at once, a scene may take a while.
     let device = if args.reference { None } else { Some(args.device.open()?) };
     let scene = args.scene.read()?;

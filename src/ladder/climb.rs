@@ -4,7 +4,7 @@ use anyhow::{Result, bail, ensure};
 
 use super::report::{Climb, RungReport, RungStage};
 use super::{Duplication, RUNGS, Rung, Variant, VariantFrame};
-use crate::bench::{Bench, ClockProbe, Clocks, SceneReport, Statistics};
+use crate::bench::{Bench, ClockProbe, Clocks, SceneReport, Statistics, image_hash};
 use crate::camera::Camera;
 use crate::metrics::psnr;
 use crate::options::Options;
@@ -108,7 +108,7 @@ fn report(
         visible: of(&|f| f.totals.visible.into()),
         instances: of(&|f| f.totals.instances_kept.into()),
         longest_list: of(&|f| f.totals.longest_list.into()),
-        image_hash: blake3::hash(bytemuck::cast_slice(&pixels.rgba)).to_hex().to_string(),
+        image_hash: image_hash(pixels),
         to_baseline_db: baseline.map(|first| psnr(pixels, first)).filter(|db| db.is_finite()),
     }
 }

@@ -75,7 +75,7 @@ pub struct Rung {
 }
 
 /// What every rung starts from: the paper's baseline.
-pub const BASELINE: Rung = Rung {
+const BASELINE: Rung = Rung {
     name: "baseline",
     from: None,
     stage: "frame",

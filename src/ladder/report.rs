@@ -126,25 +126,15 @@ impl LadderReport {
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         write_whole(path, |file| {
             let mut csv = csv::Writer::from_writer(file);
-            csv.write_record([
-                "scene",
-                "gaussians",
-                "rung",
-                "quantity",
-                "min",
-                "median",
-                "mean",
-                "p95",
-                "p99",
-                "host median",
-            ])?;
+            let about = ["scene", "gaussians", "rung", "quantity"];
+            csv.write_record(about.into_iter().chain(Statistics::COLUMNS).chain(["host median"]))?;
             for climb in &self.climbs {
                 for rung in &climb.rungs {
                     let stages = rung.stages.iter().map(|s| (format!("{} ms", s.name), s.ms, s.host_ms.to_string()));
                     let rows = std::iter::once(("frame wall ms".to_owned(), rung.wall_ms, String::new())).chain(stages);
                     for (quantity, s, host) in rows {
                         let about = [&climb.scene.name, &climb.scene.gaussians.to_string(), &rung.name, &quantity];
-                        let values = [s.min, s.median, s.mean, s.p95, s.p99].map(|v| v.to_string());
+                        let values = s.columns().map(|v| v.to_string());
                         csv.write_record(about.into_iter().cloned().chain(values).chain([host]))?;
                     }
                 }

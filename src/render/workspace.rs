@@ -8,7 +8,7 @@ use crate::gpu::{Buffer, Commands, Device, Extent};
 use crate::memory::OutOfMemory;
 
 /// Elements that one workgroup takes; the shaders' constants of the same names.
-pub(crate) const CULL_CHUNK: usize = 1024;
+pub(super) const CULL_CHUNK: usize = 1024;
 const WORKGROUP: usize = 256;
 const SCAN_CHUNK: usize = 2048;
 const DUPLICATE_CHUNK: usize = 1024;
@@ -68,12 +68,12 @@ impl Demand {
 
 /// The buffers of one frame in the making.
 pub struct Workspace {
-    pub(crate) room: Demand,
+    pub(super) room: Demand,
     pub(crate) totals: Buffer<Totals>,
     pub(crate) dispatches: Buffer<Dispatches>,
     /// A bit per Gaussian.
     pub(crate) visible_masks: Buffer<u32>,
-    pub(crate) chunk_counts: Buffer<u32>,
+    pub(super) chunk_counts: Buffer<u32>,
     pub(crate) gaussian_from_splat: Buffer<u32>,
     pub(crate) splats: Buffer<Splat>,
     /// Depth key and splat.
@@ -81,14 +81,14 @@ pub struct Workspace {
     pub(crate) span_ranges: Buffer<[u32; 2]>,
     pub(crate) spans: Buffer<u32>,
     pub(crate) tile_counts: Buffer<u32>,
-    pub(crate) scan_sums: Buffer<u32>,
+    pub(super) scan_sums: Buffer<u32>,
     pub(crate) instance_offsets: Buffer<u32>,
-    pub(crate) first_ranks: Buffer<u32>,
+    pub(super) first_ranks: Buffer<u32>,
     /// Tile key and splat.
     pub(crate) instances: Pairs,
     pub(crate) sort: SortScratch,
     pub(crate) ranges: Buffer<[u32; 2]>,
-    pub(crate) tiles_by_class: Buffer<u32>,
+    pub(super) tiles_by_class: Buffer<u32>,
 }
 
 impl Workspace {

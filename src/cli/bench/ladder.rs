@@ -7,7 +7,8 @@ use super::{Args, Loaded, table};
 use crate::bench::{Bench, DeviceReport, VersionReport};
 use crate::cli::{Usage, complain, progress};
 use crate::ladder::{self, LadderReport};
-use crate::options::{Options, TILE};
+use crate::options::Options;
+use crate::render::tiles;
 
 /// The paper's object at its four levels of detail, and scenes at both ends of tile density.
 const SCENES: [&str; 6] =
@@ -19,7 +20,7 @@ const MAX_SUBGROUPS: u32 = 64;
 pub(super) fn run(args: &Args, bench: &Bench, cameras: &Cameras) -> Result<()> {
     let (device, size) = (&bench.device, args.size[0]);
     // The paper's duplication walks all tiles of a splat in one invocation, and some devices end loops silently.
-    let [columns, rows] = size.map(|side| side.div_ceil(TILE));
+    let [columns, rows] = tiles(size);
     let iterations = columns * rows + rows + MAX_SUBGROUPS;
     if device.facts().loop_limit.is_some_and(|limit| iterations > limit) {
         let (name, tiles) = (&device.facts().name, columns * rows);

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::builder::{PossibleValuesParser, RangedU64ValueParser};
 
-use super::{DeviceArgs, SceneArg, Usage, complain, parse_size, progress, remark};
+use super::{DeviceArgs, SceneArg, Usage, check_near, complain, parse_size, progress, remark};
 use crate::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
 use crate::camera::Camera;
 use crate::gpu::Device;
@@ -101,7 +101,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return ladder::run(args, &bench, &cameras);
     }
     let mut report = Report {
-        format: bench::FORMAT.to_owned(),
+        format: Report::FORMAT.to_owned(),
         smalto: VersionReport::current(),
         device: DeviceReport::of(&device, bench.copy_gb_s),
         warmup: args.warmup,
@@ -163,9 +163,7 @@ impl Loaded {
 }
 
 fn check_usage(args: &Args) -> Result<()> {
-    if let Some(near) = args.near.filter(|near| !(near.is_finite() && *near > 0.0)) {
-        return Err(Usage(format!("--near {near} is not a distance ahead of the camera")).into());
-    }
+    check_near(args.near)?;
     if args.ladder && args.size.len() != 1 {
         return Err(Usage("--ladder measures one --size".to_owned()).into());
     }

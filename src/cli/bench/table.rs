@@ -31,9 +31,10 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
     let (subject, frame, counts) = (&run.subject, &run.frame, &run.counts);
     let scene = &subject.scene;
     say!("{}  {} Gaussians, SH degree {}", subject.title(), scene.gaussians, scene.sh_degree)?;
-    let mut times = table(&["ms", "min", "median", "mean", "p95", "p99", "of a copy's speed"]);
+    let header: Vec<_> = ["ms"].into_iter().chain(Statistics::COLUMNS).chain(["of a copy's speed"]).collect();
+    let mut times = table(&header);
     let mut row = |name: &str, s: Statistics, note: String| {
-        let numbers = [s.min, s.median, s.mean, s.p95, s.p99].map(|v| format!("{v:.3}"));
+        let numbers = s.columns().map(|v| format!("{v:.3}"));
         times.add_row(std::iter::once(name.to_owned()).chain(numbers).chain([note]));
     };
     row("frame, GPU", frame.gpu_ms, String::new());
