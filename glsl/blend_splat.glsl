@@ -1,4 +1,9 @@
 // What a splat does to a pixel: the arithmetic that all blends share, so that they agree bit for bit.
+#include "rules.glsl"
+
+layout(constant_id = 18) const float ALPHA_MAX = 0.99;
+layout(constant_id = 19) const float TRANSMITTANCE_MIN = 1e-4;  // the splat that would take T below is not added
+layout(constant_id = 20) const float STOP = 0.0;                // a pixel is finished once T is below
 
 // -log2 of a weight over its opacity, as a sum of squares.
 float falloff(vec3 factor, vec2 d) {
@@ -8,15 +13,21 @@ float falloff(vec3 factor, vec2 d) {
     return sum;
 }
 
-// What a splat is blended with: its colour, and the falloff at which alpha is ALPHA_MIN.
+// The falloff past which a splat of this opacity is not drawn.
+float falloff_limit(float opacity) {
+    float limit = log2(opacity / ALPHA_MIN);
+    return EXTENT == EXTENT_THREE_SIGMA ? min(limit, 4.5 * LOG2_E) : limit;
+}
+
+// What a splat is blended with: its colour, and its limit.
 vec4 colour_and_limit(Splat splat) {
-    return vec4(splat.colour, log2(splat.opacity / ALPHA_MIN));
+    return vec4(splat.colour, falloff_limit(splat.opacity));
 }
 
 // Blends a splat into a pixel; true if that ends the pixel. `weight`: factor, opacity; `look`: colour and limit.
 bool blend_splat(vec2 mean, vec4 weight, vec4 look, vec2 pixel, inout vec3 colour, inout float transmittance) {
     float fall = falloff(weight.xyz, pixel - mean);
-    if (!(fall <= look.w)) return false;  // alpha < ALPHA_MIN
+    if (!(fall <= look.w)) return false;
     float alpha = min(ALPHA_MAX, weight.w * exp2(-fall));
     precise float rest = transmittance * (1.0 - alpha);
     if (rest < TRANSMITTANCE_MIN) return true;
@@ -24,5 +35,5 @@ bool blend_splat(vec2 mean, vec4 weight, vec4 look, vec2 pixel, inout vec3 colou
     precise vec3 added = fma(look.rgb, vec3(share), colour);
     colour = added;
     transmittance = rest;
-    return false;
+    return STOP > 0.0 && rest < STOP;
 }

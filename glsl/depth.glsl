@@ -42,3 +42,23 @@ float depth_of(vec3 mean, View view) {
     precise float depth = sum + rest;
     return depth;
 }
+
+// The distance of a point from the camera, rounded once in the same way.
+float distance_of(vec3 mean, View view) {
+    float sum = 0.0, rest = 0.0;
+    for (int i = 0; i < 3; i++) {
+        vec2 offset = two_sum(mean[i], -view.position_high[i]);
+        precise float low = offset.y - view.position_low[i];
+        vec2 square = two_product(offset.x, offset.x);
+        vec2 added = two_sum(sum, square.x);
+        sum = added.x;
+        precise float next = rest + (added.y + (square.y + 2.0 * offset.x * low));
+        rest = next;
+    }
+    // A step of Newton's from the rounded root, in which only the correction is rounded.
+    float root = sqrt(sum);
+    vec2 square = two_product(root, root);
+    precise float left = ((sum - square.x) - square.y) + rest;
+    precise float distance = root + left / (2.0 * root);
+    return distance;
+}

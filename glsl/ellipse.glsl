@@ -2,8 +2,10 @@
 // Rows meet a convex set in an interval, whose ends lie at the set's extreme points or at the row's borders
 // (the idea of AccuTile, Hanson et al. 2024). Sums of squares and clamped roots: needles and huge splats need no care.
 
-// What the original tests instead: the square that three standard deviations along the longest axis reach.
-layout(constant_id = 1) const bool THREE_SIGMA_SQUARES = false;
+#include "rules.glsl"
+
+// All tiles of the box around the ellipse instead.
+layout(constant_id = 21) const bool BOX_TILES = false;
 
 struct Ellipse {
     vec2 mean_px;
@@ -11,7 +13,7 @@ struct Ellipse {
     float slope;        // b / c: the ellipse's chords in y are centred on x = slope * y
     float width_scale;  // det / c: the half width of the chord at y is sqrt((level - y^2 / c) * width_scale)
     float inverse_c;
-    float level;        // 2 ln(opacity / ALPHA_MIN), the Mahalanobis distance squared of the border
+    float level;        // Mahalanobis distance squared of the border: 2 ln(opacity / ALPHA_MIN), if not cut
     float rightmost_y;  // px, height of the rightmost point above the mean
 };
 
@@ -25,13 +27,16 @@ Ellipse ellipse_of(vec2 mean_px, vec4 covariance, float opacity) {
     e.mean_px = mean_px;
     // 1e-4 over the true level: blend's f32 weights may pass ALPHA_MIN by their rounding, and no tile may miss that.
     e.level = 2.0 * log(opacity / ALPHA_MIN) + 1e-4;
+    if (EXTENT == EXTENT_THREE_SIGMA) e.level = min(e.level, 9.0 + 1e-4);
     e.extent = sqrt(e.level * vec2(a, c));
     e.slope = b / c;
     e.width_scale = covariance.w / c;
     e.inverse_c = 1.0 / c;
     e.rightmost_y = b * sqrt(e.level / a);
-    if (THREE_SIGMA_SQUARES) {
-        float longest = 0.5 * (a + c) + sqrt(0.25 * (a - c) * (a - c) + b * b);  // the larger eigenvalue
+    if (EXTENT == EXTENT_THREE_SIGMA_SQUARES) {
+        float middle = 0.5 * (a + c);
+        // The larger eigenvalue, with the original's floor under the root.
+        float longest = middle + sqrt(max(0.25 * (a - c) * (a - c) + b * b, 0.1));
         e.extent = vec2(ceil(3.0 * sqrt(longest)));
     }
     return e;
@@ -47,9 +52,17 @@ Ellipse broadcast_ellipse(Ellipse e, uint from) {
 // Tiles [first, last + 1) along one axis whose pixel centres the interval [low, high] px meets, as (first, count).
 uvec2 tiles_between(float low, float high, uint size_px) {
     uint tiles = (size_px + TILE - 1) / TILE;
-    // Tile t has centres from TILE t + 0.5 to TILE t + TILE - 0.5. Clamped as floats: casts out of range are undefined.
-    float first = clamp(ceil((low - (float(TILE) - 0.5)) / float(TILE)), 0.0, float(tiles));
-    float end = clamp(floor((high - 0.5) / float(TILE)) + 1.0, 0.0, float(tiles));
+    // Tile t has centres from TILE t + 0.5 to TILE t + TILE - 0.5.
+    float first = ceil((low - (float(TILE) - 0.5)) / float(TILE));
+    float end = floor((high - 0.5) / float(TILE)) + 1.0;
+    if (EXTENT == EXTENT_THREE_SIGMA_SQUARES) {
+        // The original's, whose pixel centres are integers: lower on one side, and not the same on both.
+        first = floor((low - 0.5) / float(TILE));
+        end = floor((high - 0.5 + float(TILE) - 1.0) / float(TILE));
+    }
+    // Clamped as floats: casts out of range are undefined.
+    first = clamp(first, 0.0, float(tiles));
+    end = clamp(end, 0.0, float(tiles));
     // Positive phrasing: NaN gives no tile.
     return end > first && low <= high ? uvec2(uint(first), uint(end) - uint(first)) : uvec2(0);
 }
@@ -60,7 +73,8 @@ uvec2 tile_rows(Ellipse e, uvec2 size_px) {
     if (!(e.extent.x >= 0.0)) return uvec2(0);
     vec2 reach = e.extent + 1e-6 * abs(e.mean_px);
     vec2 low = e.mean_px - reach, high = e.mean_px + reach;
-    if (any(greaterThan(ceil(low - 0.5), floor(high - 0.5)))) return uvec2(0);
+    bool between_centres = any(greaterThan(ceil(low - 0.5), floor(high - 0.5)));
+    if (between_centres && EXTENT != EXTENT_THREE_SIGMA_SQUARES) return uvec2(0);
     if (tiles_between(low.x, high.x, size_px.x).y == 0) return uvec2(0);
     return tiles_between(low.y, high.y, size_px.y);
 }
@@ -72,7 +86,7 @@ vec2 chord(Ellipse e, float y) {
 
 // The tiles of one row that the ellipse meets, packed as first | end << 16.
 uint tile_span(Ellipse e, uint row, uvec2 size_px) {
-    if (THREE_SIGMA_SQUARES) {
+    if (BOX_TILES || EXTENT == EXTENT_THREE_SIGMA_SQUARES) {
         uvec2 columns = tiles_between(e.mean_px.x - e.extent.x, e.mean_px.x + e.extent.x, size_px.x);
         return columns.x | (columns.x + columns.y) << 16;
     }

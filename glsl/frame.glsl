@@ -63,7 +63,4 @@ struct Splat {
     vec3 colour;
 };
 
-const float ALPHA_MIN = 1.0 / 255.0;        // a contribution below one 8-bit step is skipped; part of the trained model
-const float ALPHA_MAX = 0.99;               // the original's cap
-const float TRANSMITTANCE_MIN = 1e-4;       // the splat that would take T below this is not added, and ends the pixel
-const float LOW_PASS = 0.3;                 // px^2, the original's dilation of the 2D covariance
+const float LOW_PASS = 0.3;  // px^2, the original's dilation of the 2D covariance

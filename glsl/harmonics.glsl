@@ -10,10 +10,6 @@ const float C3[7] = float[7](
 // Coefficients are packed without gaps into vec4 planes: coefficient i has floats 3 i to 3 i + 2.
 const uint SH_PLANES = 12;
 
-uint sh_planes(uint degree) {
-    return (3 * (degree + 1) * (degree + 1) + 3) / 4;
-}
-
 vec3 coefficient(vec4 planes[SH_PLANES], uint i) {
     uint first = 3 * i;
     return vec3(planes[first / 4][first % 4], planes[(first + 1) / 4][(first + 1) % 4], planes[(first + 2) / 4][(first + 2) % 4]);

@@ -5,18 +5,20 @@
 #include "depth.glsl"
 #include "harmonics.glsl"
 #include "ellipse.glsl"
+#include "grids.glsl"
 // One invocation per visible Gaussian: its splat, its depth key, and the tiles it touches, as one span per tile row.
 // Before: gaussian_from_splat from cull_compact; totals.spans and the instance demand are 0.
 // After: all [visible_kept] outputs are set. A splat without a tile has an empty span range and the largest depth key.
 // What a span says is what duplicate emits: no later stage decides a tile hit again.
 
-layout(constant_id = 0) const uint SH_DEGREE = 3;
+layout(constant_id = 3) const bool BY_DISTANCE = false;   // depth keys are distances from the camera
+layout(constant_id = 4) const bool ANTIALIASED = false;   // opacities make up for the low-pass
 
 layout(binding = 0, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };            // [visible_capacity]
 layout(binding = 1, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
-layout(binding = 2, scalar) readonly buffer Rotations { vec4 rotations[]; };                // [gaussians] unit, w x y z
-layout(binding = 3, scalar) readonly buffer Shapes { vec4 shapes[]; };                      // [gaussians] scale, opacity
-layout(binding = 4, scalar) readonly buffer Sh { vec4 plane[]; } sh[SH_PLANES];             // [gaussians] each
+layout(binding = 2, scalar) readonly buffer GridsBlock { Grids grids; };
+layout(binding = 3, scalar) readonly buffer Shapes { uvec4 plane[]; } shapes[2];            // [gaussians] at most each
+layout(binding = 4, scalar) readonly buffer Sh { uvec4 plane[]; } sh[SH_PLANES];            // [gaussians] at most each
 layout(binding = 5, scalar) writeonly buffer Splats { Splat splats[]; };                    // [visible_capacity]
 layout(binding = 6, scalar) writeonly buffer DepthKeys { uint depth_keys[]; };              // [visible_capacity]
 layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity] first, rows
@@ -27,8 +29,12 @@ layout(push_constant, scalar) uniform Push {
     View view;
     uint span_capacity;
     uint depth_limit;  // the largest depth key, for splats without tiles
+    uint depth_shift;  // bits that depth keys leave out
 } push;
 
+#include "storage.glsl"
+
+const float COMPENSATION_MIN = 0.005;  // the least part of an opacity that is left (gsplat)
 const uint ROWS_ALONE = 4;  // a splat with more tile rows is shared by its subgroup
 
 shared uint first_span;
@@ -44,16 +50,21 @@ mat3 rotation_matrix(vec4 q) {
 
 // The 2D covariance V V^T + LOW_PASS I as (a, b, c) = (xx, xy, yy), and its determinant, where V (2x3) = J W R S.
 // The determinant is a sum of squares of the minors of V (Cauchy-Binet), so that no needle loses it to cancellation.
-vec4 covariance_px(vec3 v0, vec3 v1) {
+// `sharp_part`: the determinant without the low-pass, over it.
+vec4 covariance_px(vec3 v0, vec3 v1, out float sharp_part) {
     vec3 minors = cross(v0, v1);
     vec3 abc = vec3(dot(v0, v0), dot(v0, v1), dot(v1, v1));
-    float determinant = dot(minors, minors) + LOW_PASS * (abc.x + abc.z) + LOW_PASS * LOW_PASS;
+    float sharp = dot(minors, minors);
+    float determinant = sharp + LOW_PASS * (abc.x + abc.z) + LOW_PASS * LOW_PASS;
+    sharp_part = sharp / determinant;
     return vec4(abc.x + LOW_PASS, abc.y, abc.z + LOW_PASS, determinant);
 }
 
 // Projects one Gaussian: the splat without its colour, its ellipse, and the depth.
 void project(uint gaussian, vec3 mean, vec3 p, out Splat splat, out Ellipse ellipse, out float z) {
-    vec4 shape = shapes[gaussian];
+    vec4 rotation;
+    vec3 scale;
+    load_shape(gaussian, rotation, scale, splat.opacity);
     z = max(depth_of(mean, push.view), push.view.near);
     vec2 slope = vec2(dot(push.view.right, p), dot(push.view.down, p)) / z;
     vec2 size = vec2(push.view.size_px);
@@ -62,22 +73,23 @@ void project(uint gaussian, vec3 mean, vec3 p, out Splat splat, out Ellipse elli
     vec2 high = (size - push.view.centre_px + 0.15 * size) / push.view.focal_px;
     vec2 clamped = clamp(slope, low, high);
     vec2 px_per_unit = push.view.focal_px / z;
-    mat3 rotation = rotation_matrix(rotations[gaussian]);
+    mat3 to_world = rotation_matrix(rotation);
     // Past 1e8 px a longer axis changes no weight on the image, and its square would overflow.
     float stretch = max(px_per_unit.x, px_per_unit.y) * sqrt(1.0 + dot(clamped, clamped));
-    vec3 scale = min(shape.xyz, 1e8 / stretch);
-    vec3 v0 = px_per_unit.x * ((push.view.right - clamped.x * push.view.forward) * rotation) * scale;
-    vec3 v1 = px_per_unit.y * ((push.view.down - clamped.y * push.view.forward) * rotation) * scale;
-    vec4 covariance = covariance_px(v0, v1);
+    scale = min(scale, 1e8 / stretch);
+    vec3 v0 = px_per_unit.x * ((push.view.right - clamped.x * push.view.forward) * to_world) * scale;
+    vec3 v1 = px_per_unit.y * ((push.view.down - clamped.y * push.view.forward) * to_world) * scale;
+    float sharp_part;
+    vec4 covariance = covariance_px(v0, v1, sharp_part);
     float a = covariance.x, b = covariance.y, c = covariance.z, determinant = covariance.w;
 
-    float to_exp2 = sqrt(0.5 * 1.4426950408889634);  // exp(-q / 2) = exp2(-(log2(e) / 2) q)
+    float to_exp2 = sqrt(0.5 * LOG2_E);
     splat.mean_px = push.view.focal_px * slope + push.view.centre_px;
     splat.factor.x = to_exp2 * sqrt(c / determinant);
     splat.factor.y = -to_exp2 * (b / sqrt(c)) / sqrt(determinant);  // c * determinant overflows
     splat.factor.z = to_exp2 / sqrt(c);
-    splat.opacity = shape.w;
-    ellipse = ellipse_of(splat.mean_px, vec4(a, b, c, determinant), shape.w);
+    if (ANTIALIASED) splat.opacity *= sqrt(max(sharp_part, COMPENSATION_MIN * COMPENSATION_MIN));
+    ellipse = ellipse_of(splat.mean_px, vec4(a, b, c, determinant), splat.opacity);
 }
 
 void main() {
@@ -140,14 +152,12 @@ void main() {
     if (!exists) return;
     span_ranges[index] = tiles == 0 ? uvec2(0) : uvec2(offset, rows.x | rows.y << 16);
     tile_counts[index] = tiles;
-    uint depth = floatBitsToUint(z) - floatBitsToUint(push.view.near);  // positive floats order like their bits
-    depth_keys[index] = tiles == 0 ? push.depth_limit : min(depth, push.depth_limit - 1);
+    float far = BY_DISTANCE && tiles > 0 ? distance_of(mean, push.view) : z;
+    uint depth = floatBitsToUint(far) - floatBitsToUint(push.view.near);  // positive floats order like their bits
+    depth_keys[index] = tiles == 0 ? push.depth_limit : min(depth >> push.depth_shift, push.depth_limit - 1);
     if (tiles > 0) {
         vec4 planes[SH_PLANES];
-        for (uint i = 0; i < SH_PLANES; i++) planes[i] = vec4(0.0);
-        // Literal indices: the planes stay in registers, and a lower degree loads fewer.
-#define LOAD(i) if (i < sh_planes(SH_DEGREE)) planes[i] = sh[i].plane[gaussian];
-        LOAD(0) LOAD(1) LOAD(2) LOAD(3) LOAD(4) LOAD(5) LOAD(6) LOAD(7) LOAD(8) LOAD(9) LOAD(10) LOAD(11)
+        load_sh(gaussian, planes);
         splat.colour = harmonics_colour(planes, SH_DEGREE, normalize(p));
         splats[index] = splat;
     }

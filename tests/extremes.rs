@@ -32,8 +32,8 @@ fn logit(opacity: f64) -> f64 {
 
 fn render(scene: &Gaussians, camera: &Camera) -> Pixels {
     let gpu = Gpu::new();
-    let pixels = gpu.render(scene, camera, &Options::default());
-    let portable = gpu.render(scene, camera, &Options { portable: true, ..Options::default() });
+    let pixels = gpu.render(scene, camera, &Options::EXACT);
+    let portable = gpu.render(scene, camera, &Options { portable: true, ..Options::EXACT });
     assert!(pixels == portable, "the portable path draws the same bits");
     assert!(pixels.rgba.iter().flatten().all(|v| v.is_finite()), "every pixel is finite");
     assert!(pixels.rgba.iter().all(|p| (0.0..=1.0).contains(&p[3])), "coverage is a fraction");
@@ -43,7 +43,7 @@ fn render(scene: &Gaussians, camera: &Camera) -> Pixels {
 /// Renders on the GPU and holds it to the reference: rounding, and what is in doubt.
 fn agrees(name: &str, scene: &Gaussians, camera: &Camera) -> Pixels {
     let pixels = render(scene, camera);
-    let rendering = reference::render(scene, camera, &Options::default(), Background::BLACK);
+    let rendering = reference::render(scene, camera, &Options::EXACT.rules, Background::BLACK);
     let comparison = compare(&pixels, &rendering);
     assert_eq!(comparison.unexplained, 0, "{name}: {comparison:?}");
     pixels
@@ -60,8 +60,8 @@ fn nothing_to_draw_is_the_background() {
     let faint = gaussians(&[(ball([0.0, 0.0, 5.0], 1.0, 0.0039), RED)]);
     let aside = gaussians(&[(ball([500.0, 0.0, 5.0], 1.0, 0.9), RED)]);
     for (name, scene) in [("empty", gaussians(&[])), ("behind", behind), ("faint", faint), ("aside", aside)] {
-        let scene = GpuScene::new(&gpu.0, &scene).unwrap();
-        let mut still = Still::new(&gpu.0, &Options::default(), &scene).unwrap();
+        let scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
+        let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap();
         let background = [0.25, 0.5, 0.75];
         let frame = still.render(&camera, Background::Colour(background)).unwrap();
         assert_eq!(frame.totals.instances_kept, 0, "{name}");
@@ -108,7 +108,7 @@ fn more_than_65535_tiles_agree() {
 
 #[test]
 fn the_near_plane_is_exact() {
-    let near = Options::default().near;
+    let near = Options::EXACT.rules.near;
     let (below, above) = (near.next_down(), near.next_up());
     for (z, is_drawn) in [(below, false), (near, false), (above, true), (-near, false), (0.0, false)] {
         let scene = gaussians(&[(ball([0.0, 0.0, z.into()], 0.001, 0.9), RED)]);
@@ -183,7 +183,7 @@ fn negative_and_bright_colours_agree() {
         (ball([0.1, 0.0, 6.0], 0.5, 0.7), [1e4, -1e4, 0.5]),
     ]);
     let pixels = render(&scene, &ahead([48, 48], 50.0));
-    let exact = reference::render(&scene, &ahead([48, 48], 50.0), &Options::default(), Background::BLACK);
+    let exact = reference::render(&scene, &ahead([48, 48], 50.0), &Options::EXACT.rules, Background::BLACK);
     for (pixel, exact) in pixels.rgba.iter().zip(&exact.pixels) {
         assert!(pixel.iter().all(|v| *v >= 0.0), "nothing is subtracted");
         for (value, expected) in pixel.iter().zip(exact.colour) {
@@ -223,7 +223,7 @@ fn needles_of_any_length_agree() {
     {
         let (scene, camera) = (needles(length, 40), ahead([160, 120], 200.0));
         let pixels = render(&scene, &camera);
-        let exact = reference::render(&scene, &camera, &Options::default(), Background::BLACK);
+        let exact = reference::render(&scene, &camera, &Options::EXACT.rules, Background::BLACK);
         let mut wrong = 0;
         for (pixel, exact) in pixels.rgba.iter().zip(&exact.pixels) {
             let error = (0..3).map(|i| (f64::from(pixel[i]) - exact.colour[i]).abs()).fold(0.0, f64::max);
@@ -251,7 +251,7 @@ fn narrow_fields_of_view_agree() {
     let scene = gaussians(&[(ball([0.0, 0.0, 100.0], 0.001, 0.9), RED), (ball([1e-4, 0.0, 120.0], 0.002, 0.5), GREEN)]);
     let camera = ahead([65, 65], 1e6);
     let pixels = render(&scene, &camera);
-    let exact = reference::render(&scene, &camera, &Options::default(), Background::BLACK).to_pixels();
+    let exact = reference::render(&scene, &camera, &Options::EXACT.rules, Background::BLACK).to_pixels();
     assert!(smalto::metrics::psnr(&pixels, &exact) > 40.0);
 }
 
@@ -307,8 +307,8 @@ fn equal_depths_keep_the_order_of_the_file_in_every_run() {
     let (scene, camera) = (gaussians(&raws), ahead([96, 96], 100.0));
     let first = agrees("ties", &scene, &camera);
     let gpu = Gpu::new();
-    let scene = GpuScene::new(&gpu.0, &scene).unwrap();
-    let mut still = Still::new(&gpu.0, &Options::default(), &scene).unwrap();
+    let scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
+    let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap();
     for run in 0..30 {
         still.render(&camera, Background::BLACK).unwrap();
         assert!(still.pixels().unwrap() == first, "run {run} draws the same bits");
@@ -352,12 +352,12 @@ fn a_tile_list_longer_than_65535_is_drawn_to_its_end() {
     let camera = ahead([16, 16], 100.0);
     let gpu = Gpu::new();
     for portable in [false, true] {
-        let options = Options { portable, ..Options::default() };
-        let gpu_scene = GpuScene::new(&gpu.0, &scene).unwrap();
+        let options = Options { portable, ..Options::EXACT };
+        let gpu_scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
         let mut still = Still::new(&gpu.0, &options, &gpu_scene).unwrap();
         let frame = still.render(&camera, Background::BLACK).unwrap();
         assert!(frame.totals.longest_list > 65_535, "the list is long: {}", frame.totals.longest_list);
-        let rendering = reference::render(&scene, &camera, &options, Background::BLACK);
+        let rendering = reference::render(&scene, &camera, &options.rules, Background::BLACK);
         let pixels = still.pixels().unwrap();
         assert_eq!(compare(&pixels, &rendering).unexplained, 0);
         assert!(pixels.at(10, 10)[1] > 0.9, "the last splat shows: {:?}", pixels.at(10, 10));
@@ -374,8 +374,8 @@ fn what_does_not_fit_grows_and_is_rendered_again() {
     let gpu = Gpu::new();
     let scene = synthetic::cactus(5000).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 120], 0.9);
-    let gpu_scene = GpuScene::new(&gpu.0, &scene).unwrap();
-    let roomy = gpu.render(&scene, &camera, &Options::default());
+    let gpu_scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
+    let roomy = gpu.render(&scene, &camera, &Options::EXACT);
     let enough = Demand::guess(&gpu.0, 5000, 80);
     for (name, room) in [
         ("visible", Demand { visible: 10, ..enough }),
@@ -384,7 +384,7 @@ fn what_does_not_fit_grows_and_is_rendered_again() {
         ("all", Demand { visible: 1, spans: 1, instances: 1, ..enough }),
         ("nothing", Demand::default()),
     ] {
-        let still = Still::new(&gpu.0, &Options::default(), &gpu_scene).unwrap();
+        let still = Still::new(&gpu.0, &Options::EXACT, &gpu_scene).unwrap();
         let mut still = still.with_room(room).unwrap();
         let frame = still.render(&camera, Background::BLACK).unwrap();
         assert!(frame.attempts > 1, "{name}: did not fit at first");
@@ -411,8 +411,8 @@ fn more_instances_than_32_bits_count_are_refused() {
     // Each covers 128 x 128 tiles.
     let count = (1_u64 << 32) / (128 * 128) + 1;
     let raws: Vec<_> = (0..count).map(|i| (ball([0.0, 0.0, 5.0 + 1e-4 * i as f64], 1e3, 0.5), RED)).collect();
-    let scene = GpuScene::new(&gpu.0, &gaussians(&raws)).unwrap();
-    let mut still = Still::new(&gpu.0, &Options::default(), &scene).unwrap();
+    let scene = GpuScene::new(&gpu.0, &gaussians(&raws), &Options::EXACT).unwrap();
+    let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap();
     let error = still.render(&ahead([2048, 2048], 1000.0), Background::BLACK).unwrap_err();
     assert!(error.is::<OutOfMemory>(), "{error:#}");
     assert!(error.to_string().contains("instance"), "{error:#}");

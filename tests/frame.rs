@@ -12,9 +12,9 @@ const SIZE: [u32; 2] = [480, 270];
 
 fn matches_the_reference(name: &str, gaussians: &Gaussians, cameras: &[Camera]) {
     let gpu = Gpu::new();
-    let options = Options::default();
+    let options = Options::EXACT;
     for (i, camera) in cameras.iter().enumerate() {
-        let rendering = reference::render(gaussians, camera, &options, Background::BLACK);
+        let rendering = reference::render(gaussians, camera, &options.rules, Background::BLACK);
         let comparison = compare(&gpu.render(gaussians, camera, &options), &rendering);
         println!("{name} camera {i}: {comparison:?}");
         assert!(comparison.psnr >= 90.0, "{name} camera {i}: {comparison:?}");

@@ -144,8 +144,8 @@ fn every_barrier_of_a_frame_is_missed_when_it_is_gone() {
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [48, 48], 0.9);
     let render = |overlooked: Option<usize>| {
         let (device, _turn) = device_with_complaints();
-        let scene = GpuScene::new(&device, &scene).unwrap();
-        let mut still = Still::new(&device, &Options::default(), &scene).unwrap();
+        let scene = GpuScene::new(&device, &scene, &Options::EXACT).unwrap();
+        let mut still = Still::new(&device, &Options::EXACT, &scene).unwrap();
         let prepare = |cmd: &mut Commands| {
             if let Some(number) = overlooked {
                 cmd.overlook_barrier(number);
@@ -182,8 +182,8 @@ fn a_changed_pixel_fails_the_comparison() {
     let gpu = Gpu::new();
     let scene = synthetic::cactus(500).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [48, 48], 0.9);
-    let rendering = reference::render(&scene, &camera, &Options::default(), Background::BLACK);
-    let mut pixels = gpu.render(&scene, &camera, &Options::default());
+    let rendering = reference::render(&scene, &camera, &Options::EXACT.rules, Background::BLACK);
+    let mut pixels = gpu.render(&scene, &camera, &Options::EXACT);
     assert_eq!(compare(&pixels, &rendering).unexplained, 0);
     for value in [f32::NAN, f32::INFINITY, pixels.rgba[1000][1] + 0.02] {
         let kept = std::mem::replace(&mut pixels.rgba[1000][1], value);

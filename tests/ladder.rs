@@ -6,7 +6,7 @@ use common::{Gpu, Random, gaussians};
 use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::ladder::{RUNGS, Rung, Variant, VariantFrame};
-use smalto::options::{ALPHA_MAX, ALPHA_MIN, Background, Options, TILE, TRANSMITTANCE_MIN};
+use smalto::options::{Background, Options, Rules, TILE};
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Splat, Tiling};
 use smalto::render::{GpuScene, Still, Totals};
@@ -17,8 +17,8 @@ fn camera(size: [u32; 2]) -> Camera {
 }
 
 fn draw(gpu: &Gpu, rung: &Rung, scene: &Gaussians, cameras: &[Camera]) -> (VariantFrame, Pixels) {
-    let scene = GpuScene::new(&gpu.0, scene).unwrap();
-    let mut variant = Variant::new(&gpu.0, rung, &Options::default(), &scene).unwrap();
+    let scene = GpuScene::new(&gpu.0, scene, &Options::EXACT).unwrap();
+    let mut variant = Variant::new(&gpu.0, rung, &Options::EXACT, &scene).unwrap();
     let frames = cameras.iter().map(|camera| variant.render(camera).unwrap());
     (frames.last().unwrap(), variant.pixels().unwrap())
 }
@@ -28,7 +28,7 @@ fn the_last_rung_is_the_frame_that_render_draws() {
     let gpu = Gpu::new();
     let (scene, camera) = (synthetic::cactus(4000).unwrap().gaussians, camera([150, 90]));
     let last = draw(&gpu, &RUNGS[RUNGS.len() - 1], &scene, std::slice::from_ref(&camera));
-    assert!(last.1 == gpu.render(&scene, &camera, &Options::default()));
+    assert!(last.1 == gpu.render(&scene, &camera, &Options::EXACT));
 }
 
 #[test]
@@ -62,7 +62,7 @@ fn rungs_blend_lists_that_are_longer_than_a_pass() {
     let specks: Vec<_> = (0..70_000).map(speck).collect();
     let scene = gaussians(&specks);
     let camera = [Camera::looking_at(DVec3::ZERO, DVec3::Z, [16, 16], 0.35)];
-    let exact = reference::render(&scene, &camera[0], &Options::default(), Background::BLACK).to_pixels();
+    let exact = reference::render(&scene, &camera[0], &Options::EXACT.rules, Background::BLACK).to_pixels();
     for rung in &RUNGS {
         let (frame, pixels) = draw(&gpu, rung, &scene, &camera);
         assert!(frame.totals.longest_list > 40_000, "{}", frame.totals.longest_list);
@@ -83,21 +83,6 @@ fn rungs_draw_nothing_where_nothing_is() {
     }
 }
 
-/// Tiles whose pixel centres the square of the original's radius meets.
-fn square_tiles(splat: &Splat, tiling: Tiling) -> u32 {
-    let [a, b, c] = [splat.covariance.x_axis.x, splat.covariance.x_axis.y, splat.covariance.y_axis.y];
-    let longest = f64::midpoint(a, c) + (0.25 * (a - c).powi(2) + b * b).sqrt();
-    let radius = (3.0 * longest.sqrt()).ceil();
-    let along = |mean: f64, axis: usize| {
-        let touched = |tile: &u32| {
-            let (low, high) = (tile * TILE, (tile * TILE + TILE).min(tiling.size_px[axis]));
-            mean + radius >= f64::from(low) + 0.5 && mean - radius <= f64::from(high) - 0.5
-        };
-        (0..tiling.counts[axis]).filter(touched).count() as u32
-    };
-    along(splat.mean_px.x, 0) * along(splat.mean_px.y, 1)
-}
-
 #[test]
 fn squares_of_three_standard_deviations_are_the_originals() {
     let gpu = Gpu::new();
@@ -114,7 +99,11 @@ fn squares_of_three_standard_deviations_are_the_originals() {
     let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [300, 150], 0.9);
     let (frame, _) = draw(&gpu, &RUNGS[0], &scene, std::slice::from_ref(&camera));
     let tiling = Tiling::of(camera.size_px);
-    let tiles = |id: u32| square_tiles(&reference::project(&scene, id, &camera), tiling);
+    let rules = Rules::INRIA;
+    let tiles = |id: u32| {
+        let splat = reference::project(&scene, id, &camera, &rules);
+        reference::tiles(&splat, tiling, &rules).len() as u32
+    };
     let expected: u32 = (0..2000).map(tiles).sum();
     let found = frame.totals.instances_kept;
     assert_eq!(frame.totals.visible, 2000);
@@ -126,8 +115,8 @@ fn squares_of_three_standard_deviations_are_the_originals() {
 fn counting_frames_count_what_the_reference_counts_and_draw_the_same() {
     let gpu = Gpu::new();
     let (scene, camera) = (synthetic::cactus(3000).unwrap().gaussians, camera([96, 70]));
-    let options = Options { portable: true, ..Options::default() };
-    let gpu_scene = GpuScene::new(&gpu.0, &scene).unwrap();
+    let options = Options { portable: true, ..Options::EXACT };
+    let gpu_scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
     let count = |options: &Options| {
         let mut still = Still::new(&gpu.0, options, &gpu_scene).unwrap();
         still.render(&camera, Background::BLACK).unwrap();
@@ -137,8 +126,8 @@ fn counting_frames_count_what_the_reference_counts_and_draw_the_same() {
         assert!(still.pixels().unwrap() == plain, "counting changes no bit");
         totals
     };
-    let (portable, default) = (count(&options), count(&Options::default()));
-    let (evaluations, stopped) = reference_counts(&scene, &camera, &options);
+    let (portable, default) = (count(&options), count(&Options::EXACT));
+    let (evaluations, stopped) = reference_counts(&scene, &camera, &options.rules);
     // f32 decides a few thresholds otherwise than f64.
     let near = |found: u32, expected: u32| found.abs_diff(expected) <= expected / 1000 + 2;
     assert!(near(portable.evaluations_low, evaluations), "{} of {evaluations}", portable.evaluations_low);
@@ -150,14 +139,18 @@ fn counting_frames_count_what_the_reference_counts_and_draw_the_same() {
 }
 
 /// Alphas up to the end of each pixel, and the pixels that end before their list does.
-fn reference_counts(scene: &Gaussians, camera: &Camera, options: &Options) -> (u32, u32) {
+fn reference_counts(scene: &Gaussians, camera: &Camera, rules: &Rules) -> (u32, u32) {
+    let [alpha_min, alpha_max, transmittance_min] =
+        [rules.alpha_min, rules.alpha_max, rules.transmittance_min].map(f64::from);
     let tiling = Tiling::of(camera.size_px);
-    let mut splats: Vec<Splat> =
-        reference::cull(scene, camera, options).into_iter().map(|id| reference::project(scene, id, camera)).collect();
+    let mut splats: Vec<Splat> = {
+            let visible = reference::cull(scene, camera, rules).into_iter();
+            visible.map(|id| reference::project(scene, id, camera, rules)).collect()
+        };
     splats.sort_by(|a, b| (a.depth as f32).total_cmp(&(b.depth as f32)));
     let mut lists = vec![Vec::new(); tiling.tiles()];
     for splat in &splats {
-        reference::tiles(splat, tiling).into_iter().for_each(|tile| lists[tile as usize].push(splat));
+        reference::tiles(splat, tiling, rules).into_iter().for_each(|tile| lists[tile as usize].push(splat));
     }
     let (mut evaluations, mut stopped) = (0, 0);
     for y in 0..camera.size_px[1] {
@@ -166,11 +159,11 @@ fn reference_counts(scene: &Gaussians, camera: &Camera, options: &Options) -> (u
             for splat in &lists[(y / TILE * tiling.counts[0] + x / TILE) as usize] {
                 evaluations += 1;
                 let distance = splat.distance(glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
-                let alpha = (splat.opacity * (-0.5 * distance).exp()).min(ALPHA_MAX);
-                if alpha < ALPHA_MIN {
+                let alpha = (splat.opacity * (-0.5 * distance).exp()).min(alpha_max);
+                if alpha < alpha_min {
                     continue;
                 }
-                if transmittance * (1.0 - alpha) < TRANSMITTANCE_MIN {
+                if transmittance * (1.0 - alpha) < transmittance_min {
                     stopped += 1;
                     break;
                 }

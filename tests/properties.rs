@@ -6,7 +6,7 @@ use common::{Gpu, Random, compare};
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use smalto::camera::Camera;
 use smalto::metrics::psnr;
-use smalto::options::{Background, Options};
+use smalto::options::{Background, Options, Rules};
 use smalto::pixels::Pixels;
 use smalto::reference;
 use smalto::render::{Demand, GpuScene, Still};
@@ -57,15 +57,15 @@ fn render(scene: &[Free]) -> Pixels {
 }
 
 fn render_from(scene: &[Free], camera: &Camera) -> Pixels {
-    Gpu::new().render(&build(scene, 3), camera, &Options::default())
+    Gpu::new().render(&build(scene, 3), camera, &Options::EXACT)
 }
 
 #[test]
 fn two_renders_are_the_same_bits() {
     let gpu = Gpu::new();
     let scene = synthetic::cactus(20_000).unwrap().gaussians;
-    let first = gpu.render(&scene, &camera(), &Options::default());
-    assert!(Gpu::new().render(&scene, &camera(), &Options::default()) == first);
+    let first = gpu.render(&scene, &camera(), &Options::EXACT);
+    assert!(Gpu::new().render(&scene, &camera(), &Options::EXACT) == first);
 }
 
 #[test]
@@ -73,8 +73,8 @@ fn the_portable_path_draws_the_same_bits() {
     let gpu = Gpu::new();
     let scene = synthetic::cactus(50_000).unwrap().gaussians;
     for camera in [camera(), camera().resized([301, 203])] {
-        let default = gpu.render(&scene, &camera, &Options::default());
-        assert!(gpu.render(&scene, &camera, &Options { portable: true, ..Options::default() }) == default);
+        let default = gpu.render(&scene, &camera, &Options::EXACT);
+        assert!(gpu.render(&scene, &camera, &Options { portable: true, ..Options::EXACT }) == default);
     }
 }
 
@@ -143,8 +143,8 @@ fn three_opaque_layers_hide_what_is_behind() {
 fn a_background_shows_through_by_the_transmittance() {
     let gpu = Gpu::new();
     let gaussians = build(&scene()[..800], 3);
-    let scene = GpuScene::new(&gpu.0, &gaussians).unwrap();
-    let mut still = Still::new(&gpu.0, &Options::default(), &scene).unwrap();
+    let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
+    let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap();
     let mut over = |background| {
         still.render(&camera(), background).unwrap();
         still.pixels().unwrap()
@@ -166,8 +166,8 @@ fn zero_bands_of_harmonics_cost_nothing_of_the_picture() {
             gaussian.sh[sh_coefficients(degree)..].fill([0.0; 3]);
         }
         let gpu = Gpu::new();
-        let padded = gpu.render(&build(&low, 3), &camera(), &Options::default());
-        let exact = gpu.render(&build(&low, degree), &camera(), &Options::default());
+        let padded = gpu.render(&build(&low, 3), &camera(), &Options::EXACT);
+        let exact = gpu.render(&build(&low, degree), &camera(), &Options::EXACT);
         assert!(smalto::metrics::max_error(&padded, &exact) < 1e-6, "degree {degree}");
     }
 }
@@ -177,8 +177,8 @@ fn every_degree_matches_the_reference() {
     let gpu = Gpu::new();
     for degree in 0..=3 {
         let scene = build(&scene(), degree);
-        let rendering = reference::render(&scene, &camera(), &Options::default(), Background::BLACK);
-        let comparison = compare(&gpu.render(&scene, &camera(), &Options::default()), &rendering);
+        let rendering = reference::render(&scene, &camera(), &Options::EXACT.rules, Background::BLACK);
+        let comparison = compare(&gpu.render(&scene, &camera(), &Options::EXACT), &rendering);
         assert!(comparison.unexplained == 0 && comparison.psnr > 90.0, "degree {degree}: {comparison:?}");
     }
 }
@@ -233,7 +233,10 @@ fn a_scene_scaled_by_a_power_of_two_is_the_same() {
         gaussian.raw.log_scale = gaussian.raw.log_scale.map(|v| v + 16.0_f64.ln());
     }
     let there = Camera { position: camera().position * 16.0, ..camera() };
-    let options = Options { near: Options::default().near * 16.0, ..Options::default() };
+    let options = Options {
+        rules: Rules { near: Options::EXACT.rules.near * 16.0, ..Options::EXACT.rules },
+        ..Options::EXACT
+    };
     let pixels = Gpu::new().render(&build(&scaled, 3), &there, &options);
     assert!(psnr(&pixels, &expected) > 90.0);
 }
@@ -280,14 +283,14 @@ fn a_window_of_the_picture_is_the_picture() {
 fn a_frame_that_did_not_fit_stays_incomplete_when_the_room_has_grown_since() {
     let gpu = Gpu::new();
     let gaussians = synthetic::cactus(2000).unwrap().gaussians;
-    let scene = GpuScene::new(&gpu.0, &gaussians).unwrap();
+    let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
     let camera = camera();
     let room = Demand { gaussians: 2000, visible: 2000, spans: 9000, instances: 10, tiles: 35 };
-    let mut still = Still::new(&gpu.0, &Options::default(), &scene).unwrap().with_room(room).unwrap();
+    let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap().with_room(room).unwrap();
     let [first, second] = [(); 2].map(|()| still.start(&camera, Background::BLACK).unwrap());
     assert!(!still.finish(first).unwrap());
     assert!(!still.finish(second).unwrap(), "it was begun in the room of the first");
     let third = still.start(&camera, Background::BLACK).unwrap();
     assert!(still.finish(third).unwrap());
-    assert!(still.pixels().unwrap() == gpu.render(&gaussians, &camera, &Options::default()));
+    assert!(still.pixels().unwrap() == gpu.render(&gaussians, &camera, &Options::EXACT));
 }

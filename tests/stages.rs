@@ -8,10 +8,12 @@ use common::{Gpu, Random};
 use glam::{DMat2, DVec3, dvec2};
 use smalto::camera::Camera;
 use smalto::gpu::{Access, Extent, Stage};
-use smalto::options::{ALPHA_MIN, Options, TILE};
+use smalto::options::{ALPHA_MIN, Options, Rules, TILE};
 use smalto::reference::{self, Tiling};
 use smalto::render::*;
 use smalto::scene::{Gaussians, synthetic};
+
+const RULES: &Rules = &Rules::TRAINED;
 
 /// Around the subgroup (8, 32), the workgroup (256), the chunks (1024, 2048), and 16-bit counts.
 const SIZES: [usize; 24] = [
@@ -202,7 +204,7 @@ fn cases() -> Vec<Case> {
     for portable in [false, true] {
         for (count, camera) in views() {
             let gaussians = synthetic::cactus(count).unwrap().gaussians;
-            let options = Options { portable, ..Options::default() };
+            let options = Options { portable, ..Options::EXACT };
             let captured = gpu.capture(&gaussians, &camera, &options);
             cases.push(Case { gaussians, camera, captured });
         }
@@ -245,10 +247,10 @@ fn cull_keeps_every_gaussian_that_shows() {
     for case in cases() {
         let visible = case.visible();
         assert!(visible.is_sorted(), "compaction keeps the order");
-        let exact = reference::cull(&case.gaussians, &case.camera, &Options::default());
+        let exact = reference::cull(&case.gaussians, &case.camera, RULES);
         // What lies between pixel centres touches a tile's box of centres, but no centre.
         let shows =
-            |id: &u32| touches_a_centre(&reference::project(&case.gaussians, *id, &case.camera), case.camera.size_px);
+            |id: &u32| touches_a_centre(&reference::project(&case.gaussians, *id, &case.camera, RULES), case.camera.size_px);
         let missing: Vec<_> = exact.iter().filter(|id| shows(id) && visible.binary_search(id).is_err()).collect();
         assert!(missing.is_empty(), "{missing:?} are missing");
         for id in visible.iter().filter(|id| exact.binary_search(id).is_err()) {
@@ -260,9 +262,9 @@ fn cull_keeps_every_gaussian_that_shows() {
 /// Whether the image of the ball around a Gaussian, which the cull tests, meets the image; with room for rounding.
 fn ball_meets_image(case: &Case, id: u32) -> bool {
     let (gaussians, camera) = (&case.gaussians, &case.camera);
-    let splat = reference::project(gaussians, id, camera);
+    let splat = reference::project(gaussians, id, camera, RULES);
     let longest = gaussians.scales()[id as usize].iter().fold(0.0_f64, |m, s| m.max((*s).into()));
-    let deviations = splat.level().sqrt();
+    let deviations = splat.level(RULES).sqrt();
     let size = dvec2(camera.size_px[0].into(), camera.size_px[1].into());
     let slope = ((splat.mean_px - camera.centre_px) / camera.focal_px).abs().min(0.65 * size / camera.focal_px);
     let stretch = camera.focal_px / splat.depth * (1.0 + slope * slope).map(f64::sqrt);
@@ -274,7 +276,7 @@ fn ball_meets_image(case: &Case, id: u32) -> bool {
 fn touches_a_centre(splat: &reference::Splat, size: [u32; 2]) -> bool {
     let largest = dvec2(f64::from(size[0]), f64::from(size[1])) - 0.5;
     let nearest = ((splat.mean_px - 0.5).round() + 0.5).clamp(dvec2(0.5, 0.5), largest);
-    splat.opacity * (-0.5 * splat.distance(nearest)).exp() > ALPHA_MIN * (1.0 + 1e-4)
+    splat.opacity * (-0.5 * splat.distance(nearest)).exp() > f64::from(ALPHA_MIN) * (1.0 + 1e-4)
 }
 
 #[test]
@@ -285,7 +287,7 @@ fn project_matches_its_twin() {
             if tiles.is_empty() {
                 continue; // then the splat is not written
             }
-            let exact = reference::project(&case.gaussians, id, &case.camera);
+            let exact = reference::project(&case.gaussians, id, &case.camera, RULES);
             let mean = dvec2(f64::from(splat.mean_px[0]), f64::from(splat.mean_px[1]));
             let reach = (exact.mean_px - case.camera.centre_px).abs().max_element() + case.camera.focal_px.x;
             assert!((mean - exact.mean_px).abs().max_element() <= 1e-6 * reach, "mean {mean} for {}", exact.mean_px);
@@ -315,8 +317,8 @@ fn project_finds_every_tile_and_hardly_more() {
         let tiling = Tiling::of(case.camera.size_px);
         let (mut found, mut exact_tiles) = (0, 0);
         for (id, tiles) in case.visible().into_iter().zip(case.tiles()) {
-            let exact = reference::project(&case.gaussians, id, &case.camera);
-            let allowed = reference::tiles(&exact, tiling);
+            let exact = reference::project(&case.gaussians, id, &case.camera, RULES);
+            let allowed = reference::tiles(&exact, tiling, RULES);
             assert!(tiles.is_sorted_by(|a, b| a < b));
             // No pixel of another tile reaches the threshold.
             for tile in allowed.iter().filter(|t| !tiles.contains(t)) {
@@ -324,7 +326,7 @@ fn project_finds_every_tile_and_hardly_more() {
                 for (px, py) in (0..TILE * TILE).map(|i| (x + i % TILE, y + i / TILE)) {
                     let alpha =
                         exact.opacity * (-0.5 * exact.distance(dvec2(f64::from(px) + 0.5, f64::from(py) + 0.5))).exp();
-                    assert!(alpha < ALPHA_MIN * (1.0 + 1e-4), "splat {id} misses tile {tile}: alpha {alpha}");
+                    assert!(alpha < f64::from(ALPHA_MIN) * (1.0 + 1e-4), "splat {id} misses tile {tile}: alpha {alpha}");
                 }
             }
             found += tiles.len();
@@ -341,7 +343,7 @@ fn depths_are_sorted_like_the_exact_ones() {
     for case in cases() {
         let (visible, tiles) = (case.visible(), case.tiles());
         let depth =
-            |splat: u32| reference::project(&case.gaussians, visible[splat as usize], &case.camera).depth as f32;
+            |splat: u32| reference::project(&case.gaussians, visible[splat as usize], &case.camera, RULES).depth as f32;
         let order: Vec<u32> = case.order().into_iter().filter(|s| !tiles[*s as usize].is_empty()).collect();
         let key = |splat: &u32| (depth(*splat).to_bits(), *splat);
         assert!(order.is_sorted_by_key(key), "by (f32 depth, index)");
@@ -381,6 +383,7 @@ fn blend_matches_its_twin_on_the_same_lists() {
             conic: conic(s),
             opacity: f64::from(s.opacity),
             colour: DVec3::from(s.colour.map(f64::from)),
+            distance_world: 0.0,
             depth: 1.0,
         };
         let splats: Vec<_> = splats[..case.visible().len()].iter().map(exact).collect();
@@ -390,7 +393,8 @@ fn blend_matches_its_twin_on_the_same_lists() {
         let (keys, values): (Vec<u32>, Vec<u32>) = instances.into_iter().unzip();
         let (keys, values) = reference::sort(&keys, &values, 0..tiling.key_bits());
         let ranges = reference::ranges(&keys, tiling.tiles());
-        let pixels = reference::blend(&splats, &ranges, &values, tiling, [0.0; 3]);
+        let lists = reference::Lists { splats: &splats, ranges: &ranges, splat_ids: &values, rays: None };
+        let pixels = reference::blend(&lists, tiling, DVec3::ZERO, RULES);
         let rendering = reference::Rendering { size_px: case.camera.size_px, pixels };
         let comparison = common::compare(&case.captured.pixels, &rendering);
         assert!(comparison.unexplained == 0 && comparison.psnr > 100.0, "{comparison:?}");

@@ -28,7 +28,7 @@ impl Work<'_> {
             // Bounds in; a bit out and in; ids out.
             "cull" => 16 * gaussians + gaussians / 4 + 4 * visible,
             // Id and Gaussian in; splat, depth key, span range and tile count out.
-            "project" => visible * (4 + GpuScene::bytes_for(1, self.scene.sh_degree()) + splat + 4 + 8 + 4) + 4 * spans,
+            "project" => visible * (4 + self.scene.bytes_each() + splat + 4 + 8 + 4) + 4 * spans,
             // The values of the first pass are indices, and not read.
             "sort depths" => visible * (pass * depth_passes).saturating_sub(4),
             // Order and tile count in, twice; offset out.

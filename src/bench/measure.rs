@@ -86,7 +86,8 @@ impl Bench {
             staged_gpu_ms,
             timestamps_cost_ms: staged_gpu_ms.median - gpu_ms.median,
         };
-        let stages = self.stages(&still, scene, views, &staged);
+        let drawn: Vec<Camera> = views.iter().map(|view| view.sampled(options.drawn_size(view.size_px))).collect();
+        let stages = self.stages(&still, scene, &drawn, &staged);
         let memory = scene.buffers().into_iter().chain(still.buffers());
         let memory = memory.map(|(name, bytes)| Allocation { buffer: name.to_owned(), bytes }).collect();
         let allocated_bytes = self.device.allocated_bytes();
@@ -94,7 +95,7 @@ impl Bench {
         still.count_work(true)?;
         let counted = self.totals(&mut still, views, &tick)?;
         Ok(Run {
-            counts: counts(&counted, subject.size),
+            counts: counts(&counted, subject.size, options.drawn_size(subject.size)),
             subject,
             clocks,
             frame,
@@ -209,11 +210,11 @@ fn frame_ms(frame: &Frame) -> f64 {
     frame.timings.iter().filter(|t| t.depth == 0).map(|t| t.duration_ms).sum()
 }
 
-fn counts(frames: &[Totals], size_px: [u32; 2]) -> Counts {
+fn counts(frames: &[Totals], size_px: [u32; 2], drawn_px: [u32; 2]) -> Counts {
     let pixels = f64::from(size_px[0]) * f64::from(size_px[1]);
     let of = |value: &dyn Fn(&Totals) -> f64| Statistics::of(frames.iter().map(value));
     let wide = |high: u32, low: u32| (u64::from(high) << 32 | u64::from(low)) as f64;
-    let tiles: u32 = tiles(size_px).iter().product();
+    let tiles: u32 = tiles(drawn_px).iter().product();
     Counts {
         visible: of(&|t| t.visible.into()),
         instances: of(&|t| t.instances_kept.into()),

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::machine::{Clocks, DeviceReport, VersionReport};
 use super::statistics::Statistics;
 use crate::camera::Camera;
+use crate::options::Options;
 use crate::pixels::{Pixels, write_whole};
 use crate::scene::Gaussians;
 
@@ -16,7 +17,7 @@ use crate::scene::Gaussians;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Report {
-    /// "smalto bench 1".
+    /// "smalto bench 2".
     pub format: String,
     pub smalto: VersionReport,
     pub device: DeviceReport,
@@ -59,8 +60,8 @@ pub struct Subject {
     /// Width and height in pixels.
     pub size: [u32; 2],
     pub preset: String,
-    /// Distance of the near plane, world units.
-    pub near: f32,
+    /// The preset's, with what overrides them.
+    pub options: Options,
     /// BLAKE3 of the cameras.
     pub views_hash: String,
 }
@@ -155,7 +156,7 @@ impl SceneReport {
 }
 
 impl Subject {
-    pub fn new(scene: &SceneReport, preset: &str, near: f32, views: &[Camera]) -> Self {
+    pub fn new(scene: &SceneReport, preset: &str, options: &Options, views: &[Camera]) -> Self {
         let mut hasher = blake3::Hasher::new();
         for Camera { position, rotation, focal_px, centre_px, size_px } in views {
             hasher.update(bytemuck::bytes_of(position)).update(bytemuck::bytes_of(rotation));
@@ -163,7 +164,7 @@ impl Subject {
             hasher.update(bytemuck::bytes_of(size_px));
         }
         let views_hash = hasher.finalize().to_hex().to_string();
-        Self { scene: scene.clone(), size: views[0].size_px, preset: preset.to_owned(), near, views_hash }
+        Self { scene: scene.clone(), size: views[0].size_px, preset: preset.to_owned(), options: *options, views_hash }
     }
 
     pub fn title(&self) -> String {
@@ -174,7 +175,7 @@ impl Subject {
 
 impl Report {
     /// The first member of every report: what it is, and by which rules.
-    pub const FORMAT: &str = "smalto bench 1";
+    pub const FORMAT: &str = "smalto bench 2";
 
     /// Reads a report; the error says why it is none.
     pub fn read(path: &Path) -> Result<Self> {

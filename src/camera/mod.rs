@@ -36,6 +36,12 @@ impl Camera {
         Self { focal_px: DVec2::splat(focal), centre_px: centre(size_px), size_px, ..self.clone() }
     }
 
+    /// The same view in an image of another size: nothing but the number of pixels changes.
+    pub fn sampled(&self, size_px: [u32; 2]) -> Self {
+        let ratio = DVec2::from(size_px.map(f64::from)) / DVec2::from(self.size_px.map(f64::from));
+        Self { focal_px: self.focal_px * ratio, centre_px: self.centre_px * ratio, size_px, ..self.clone() }
+    }
+
     /// A camera at `position` that looks at `target`, with the world's up (-y) up in the image.
     pub fn looking_at(position: DVec3, target: DVec3, size_px: [u32; 2], horizontal_fov: f64) -> Self {
         let forward = (target - position).normalize_or(DVec3::Z);
@@ -114,6 +120,15 @@ mod tests {
         assert_eq!(camera.resized([1920, 1080]), camera);
         let small = camera.resized([480, 480]);
         assert_eq!((small.focal_px, small.centre_px), (DVec2::splat(250.0), DVec2::splat(240.0)));
+    }
+
+    #[test]
+    fn sampled_sees_the_same_between_the_same_borders() {
+        let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [1920, 1080], 1.0);
+        let small = camera.sampled([960, 27]);
+        assert_eq!((small.centre_px, small.size_px), (DVec2::new(480.0, 13.5), [960, 27]));
+        let point = |c: &Camera| (c.focal_px * DVec2::new(0.1, -0.2) + c.centre_px) / DVec2::from(c.size_px.map(f64::from));
+        assert!(point(&camera).distance(point(&small)) < 1e-12);
     }
 
     #[test]

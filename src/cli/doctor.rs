@@ -75,10 +75,10 @@ const PSNR_MIN: f64 = 80.0;
 fn self_test(device: &Device) -> Result<()> {
     let gaussians = synthetic::cactus(5000)?.gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 120], 0.9);
-    let scene = GpuScene::new(device, &gaussians)?;
-    let exact = reference::render(&gaussians, &camera, &Options::default(), Background::BLACK).to_pixels();
+    let scene = GpuScene::new(device, &gaussians, &Options::EXACT)?;
+    let exact = reference::render(&gaussians, &camera, &Options::EXACT.rules, Background::BLACK).to_pixels();
     for portable in [false, true] {
-        let options = Options { portable, ..Options::default() };
+        let options = Options { portable, ..Options::EXACT };
         let mut still = Still::new(device, &options, &scene)?;
         still.render(&camera, Background::BLACK)?;
         let pixels = still.pixels()?;

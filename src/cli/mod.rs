@@ -4,6 +4,7 @@ mod bench;
 mod doctor;
 mod dump;
 mod info;
+mod knobs;
 mod progress;
 mod render;
 
@@ -21,6 +22,7 @@ use crate::environment::Environment;
 use crate::gpu::{Device, DeviceChoice, Unavailable, Validation};
 use crate::memory::OutOfMemory;
 use crate::scene::{self, Procedural, Scene, Unreadable};
+use knobs::Knobs;
 
 /// Renders 3D Gaussian splatting scenes with Vulkan compute.
 #[derive(Parser)]
@@ -183,9 +185,6 @@ impl SceneArg {
             let level = if tally.is_clean() { "note" } else { "warning" };
             remark(&format!("{level}: {name}: of {} Gaussians {tally}", tally.read));
         }
-        if scene.is_antialiased {
-            remark(&format!("warning: {name}: the scene was trained with antialiasing, and is drawn without"));
-        }
         Ok(scene)
     }
 }
@@ -197,12 +196,6 @@ fn read_cameras(file: &Path) -> Result<Vec<NamedCamera>> {
 
 fn size_text([width, height]: [u32; 2]) -> String {
     format!("{width}x{height}")
-}
-
-/// Fails if `--near` is no place for a plane.
-fn check_near(near: Option<f32>) -> Result<(), Usage> {
-    let wrong = near.filter(|near| !(near.is_finite() && *near > 0.0));
-    wrong.map_or(Ok(()), |near| Err(Usage(format!("--near {near} is not a distance ahead of the camera"))))
 }
 
 /// Fails if the device complained.

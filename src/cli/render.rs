@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use glam::DVec3;
 
 use super::{
-    DeviceArgs, SceneArg, Usage, check_near, complain, dump, parse_size, progress, read_cameras, remark, say, size_text,
+    DeviceArgs, Knobs, SceneArg, Usage, complain, dump, knobs, parse_size, progress, read_cameras, remark, say, size_text,
 };
 use crate::camera::{self, Camera, NamedCamera};
 use crate::gpu::Commands;
@@ -38,16 +38,17 @@ pub(super) struct Args {
     /// What lies behind the scene: three numbers from 0 to 1, or `transparent`
     #[arg(long, value_name = "R,G,B|transparent", default_value = "0,0,0", value_parser = parse_background)]
     background: Background,
-    /// Distance ahead of the camera, in world units, from which on Gaussians are drawn [default: 0.2, less where a
-    /// small scene without cameras needs it]
-    #[arg(long, value_name = "DISTANCE")]
-    near: Option<f32>,
     #[command(flatten)]
     device: DeviceArgs,
+    /// Accuracy against speed: exact, balanced, fast or preview; or as inria, gsplat or khr draw
+    #[arg(long, value_name = "NAME", default_value = "balanced", value_parser = knobs::preset_names())]
+    preset: String,
+    #[command(flatten)]
+    knobs: Knobs,
     /// Use only what runs on every device, with no path chosen for this one
     #[arg(long)]
     portable: bool,
-    /// Render on the CPU in float64 instead: the reference that the GPU is measured against. Slow
+    /// Render on the CPU in float64 instead, exactly by the rules: the reference that the GPU is measured against. Slow
     #[arg(long, conflicts_with_all = ["device", "portable", "timings", "dump"])]
     reference: bool,
     /// Print the GPU time of every stage
@@ -71,10 +72,10 @@ fn parse_background(text: &str) -> Result<Background> {
 /// The reference keeps 40 bytes a pixel.
 const REFERENCE_SIDE: u32 = 16384;
 
-/// Pictures to make, and where the near plane of all of them is.
+/// Pictures to make, and how near the near plane has to be for them.
 struct Plan {
     shots: Vec<Shot>,
-    near: f32,
+    nearest: f32,
 }
 
 /// One picture to make.
@@ -84,17 +85,22 @@ struct Shot {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    check_near(args.near)?;
+    args.knobs.check()?;
+    if !args.reference {
+        args.knobs.check_gpu()?;
+    }
     // The device first: what is missing there is known at once, a scene may take a while.
     let device = if args.reference { None } else { Some(args.device.open()?) };
     let scene = args.scene.read()?;
-    let Plan { shots, near } = plan(args, &scene.gaussians)?;
-    let options = Options { near, portable: args.portable };
+    let Plan { shots, nearest } = plan(args, &scene.gaussians)?;
+    let preset = Options::preset(&args.preset).context("clap lets known presets pass alone")?;
+    let preset = Options { portable: args.portable || preset.portable, ..preset };
+    let options = args.knobs.options(&preset, scene.is_antialiased, nearest);
     match device {
         None => {
             for shot in &shots {
                 let started = Instant::now();
-                let pixels = reference::render(&scene.gaussians, &shot.camera, &options, args.background).to_pixels();
+                let pixels = reference::render(&scene.gaussians, &shot.camera, &options.rules, args.background).to_pixels();
                 write(args, shot, &pixels)?;
                 say!(
                     "{}  {}  float64 reference, {:.1} s",
@@ -105,7 +111,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
             }
         }
         Some(device) => {
-            let gpu_scene = GpuScene::new(&device, &scene.gaussians)?;
+            let gpu_scene = GpuScene::new(&device, &scene.gaussians, &options)?;
             drop(scene);
             let mut still = Still::new(&device, &options, &gpu_scene)?;
             let bar = progress::Bar::new("rendering");
@@ -133,11 +139,11 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     let cameras = cameras(args)?;
     let wants_all = args.camera.as_deref() == Some("all");
     let stem = args.scene.stem();
-    let mut near = Options::default().near;
+    let mut nearest = f32::INFINITY;
     let chosen: Vec<(usize, Camera)> = match (&cameras, &args.camera) {
         (None, None) => {
             let (camera, distance) = automatic(gaussians, args.size);
-            near = near.min(distance as f32 / 100.0);
+            nearest = distance as f32 / 100.0;
             vec![(0, camera)]
         }
         (None, Some(camera)) => {
@@ -176,7 +182,7 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     if is_folder {
         fs::create_dir_all(&output).with_context(|| format!("cannot make the folder {}", output.display()))?;
     }
-    Ok(Plan { shots, near: args.near.unwrap_or(near) })
+    Ok(Plan { shots, nearest })
 }
 
 fn cameras(args: &Args) -> Result<Option<Vec<NamedCamera>>> {

@@ -58,7 +58,7 @@ pub fn climb(
             first.push(new);
         }
     }
-    Ok(Climb { scene: scene.clone(), size: views[0].size_px, near: options.near, rungs })
+    Ok(Climb { scene: scene.clone(), size: views[0].size_px, near: options.rules.near, rungs })
 }
 
 /// Whether two rungs agree in all they must.

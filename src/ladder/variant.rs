@@ -9,7 +9,7 @@ use super::steps::{StageTime, Steps};
 use super::{Blend, Duplication, Place, Rung, Sort, twins};
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, Extent, Image, Stage, Staging};
-use crate::options::{Background, Options};
+use crate::options::{Background, Extent as Reach, Options, Rules};
 use crate::pixels::Pixels;
 use crate::reference;
 use crate::render::*;
@@ -18,7 +18,6 @@ use crate::render::*;
 pub struct Variant<'s> {
     device: Device,
     rung: Rung,
-    options: Options,
     scene: &'s GpuScene,
     renderer: Renderer,
     scatter: Stage<LadderDuplicate>,
@@ -102,15 +101,18 @@ impl<'s> Variant<'s> {
         };
         let ballot_words = device.facts().subgroup_size[1].div_ceil(32);
         let ballot_exit = rung.blend == Blend::BallotExit;
-        let blend = |resume| Stage::new(device, &LadderBlendConstants { batch, resume, ballot_exit, ballot_words });
+        let blend = |resume| {
+            let rest = LadderBlendConstants::default();
+            Stage::new(device, &LadderBlendConstants { batch, resume, ballot_exit, ballot_words, ..rest })
+        };
         let single_pass = rung.duplication == Duplication::SingleAllocation;
-        let variation = Variation { three_sigma_squares: !rung.exact_tiles, ..Variation::default() };
+        let extent = if rung.exact_tiles { options.rules.extent } else { Reach::ThreeSigmaSquares };
+        let options = Options { rules: Rules { extent, ..options.rules }, ..*options };
         Ok(Self {
             device: device.clone(),
             rung: *rung,
-            options: *options,
             scene,
-            renderer: Renderer::varied(device, options, scene.sh_degree(), variation)?,
+            renderer: Renderer::new(device, &options, scene.layout())?,
             scatter: Stage::new(device, &LadderDuplicateConstants { single_pass })?,
             gather: Stage::new(device, &())?,
             blend: [blend(false)?, blend(true)?],
@@ -166,8 +168,8 @@ impl<'s> Variant<'s> {
 
     /// Renders a frame into the room there is.
     fn attempt(&mut self, camera: &Camera) -> Result<(Totals, Vec<StageTime>)> {
-        let view = view(camera, self.options.near);
-        let depth_bits = depth_bits(camera, self.options.near, &self.scene.extent);
+        let view = self.renderer.view(camera);
+        let depth_keys = self.renderer.depth_keys(self.scene, camera);
         let [tiles_x, tiles_y] = tiles(camera.size_px);
         let mut steps = Steps::new(&self.device)?;
         steps.cmd.scope("clear", |cmd| {
@@ -177,12 +179,12 @@ impl<'s> Variant<'s> {
         });
         steps.cmd.barrier(Access::COPY_WRITE, Access::SHADER);
         self.compact(&mut steps, view)?;
-        steps.cmd.scope("project", |cmd| self.renderer.project(cmd, self.scene, view, &self.work, depth_bits));
+        steps.cmd.scope("project", |cmd| self.renderer.project(cmd, self.scene, view, &self.work, depth_keys));
         steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         let order = match self.rung.sort {
             Sort::AllDigits => self.extra.identity.clone(),
             Sort::DigitsNeeded => {
-                let sort = |cmd: &mut Commands| self.renderer.sort_depths(cmd, &self.work, depth_bits);
+                let sort = |cmd: &mut Commands| self.renderer.sort_depths(cmd, &self.work, depth_keys.bits);
                 let by_depth = steps.cmd.scope("sort", sort);
                 self.work.depths.values[by_depth].clone()
             }

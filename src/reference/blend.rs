@@ -3,8 +3,8 @@
 use glam::{DVec2, DVec3, dvec2};
 use rayon::prelude::*;
 
-use super::{Splat, Tiling};
-use crate::options::{ALPHA_MAX, ALPHA_MIN, TILE, TRANSMITTANCE_MIN};
+use super::{Rays, Splat, Tiling};
+use crate::options::{Rules, TILE};
 
 /// One pixel of a [`super::Rendering`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,50 +21,88 @@ pub struct Pixel {
 const ALPHA_DOUBT: f64 = 2e-5;
 /// Relative width of a doubtful transmittance: factors 1 - alpha near 0.01 magnify an alpha's error a hundred times.
 const STOP_DOUBT: f64 = 1e-3;
+/// Behind a transmittance of this nothing is seen, whatever the rules.
+const NOTHING: f64 = 1e-12;
+
+/// The splats of every tile, front to back.
+pub struct Lists<'a> {
+    pub splats: &'a [Splat],
+    /// Of each tile, its part of `splat_ids`.
+    pub ranges: &'a [[u32; 2]],
+    pub splat_ids: &'a [u32],
+    /// To sort anew in every pixel.
+    pub rays: Option<&'a Rays>,
+}
 
 /// Blends every tile's list. Returns the pixels row by row.
-pub fn blend(
-    splats: &[Splat],
-    ranges: &[[u32; 2]],
-    splat_ids: &[u32],
-    tiling: Tiling,
-    background: [f64; 3],
-) -> Vec<Pixel> {
+pub fn blend(lists: &Lists, tiling: Tiling, background: DVec3, rules: &Rules) -> Vec<Pixel> {
     let [width, height] = tiling.size_px;
-    let background = DVec3::from(background);
     let brightest =
-        splats.par_iter().map(|s| s.colour.max_element()).reduce(|| 0.0, f64::max).max(background.max_element());
+        lists.splats.par_iter().map(|s| s.colour.max_element()).reduce(|| 0.0, f64::max).max(background.max_element());
     let pixel = |index: usize| {
         let (x, y) = (index as u32 % width, index as u32 / width);
-        let [begin, end] = ranges[((y / TILE) * tiling.counts[0] + x / TILE) as usize];
-        let list = splat_ids[begin as usize..end as usize].iter().map(|id| &splats[*id as usize]);
-        blend_pixel(list, dvec2(f64::from(x) + 0.5, f64::from(y) + 0.5), background, brightest)
+        let centre = dvec2(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let [begin, end] = lists.ranges[((y / TILE) * tiling.counts[0] + x / TILE) as usize];
+        let ids = &lists.splat_ids[begin as usize..end as usize];
+        let splat = |id: &u32| &lists.splats[*id as usize];
+        match lists.rays {
+            None => blend_pixel(ids.iter().map(splat), centre, background, brightest, rules),
+            Some(rays) => {
+                let by_depth = sorted_along_ray(ids, rays, centre, |id| contributes(splat(&id), centre, rules));
+                blend_pixel(by_depth.iter().map(splat), centre, background, brightest, rules)
+            }
+        }
     };
     (0..width as usize * height as usize).into_par_iter().with_min_len(256).map(pixel).collect()
 }
 
-fn blend_pixel<'s>(list: impl Iterator<Item = &'s Splat>, centre: DVec2, background: DVec3, brightest: f64) -> Pixel {
+/// Those of `ids` that are to be kept, in the order in which the ray through `centre` meets them.
+fn sorted_along_ray(ids: &[u32], rays: &Rays, centre: DVec2, keep: impl Fn(u32) -> bool) -> Vec<u32> {
+    let kept = ids.iter().filter(|id| keep(**id));
+    let mut met: Vec<(f64, u32)> = kept.map(|id| (rays.depth(*id, centre), *id)).collect();
+    met.sort_by(|a, b| a.0.total_cmp(&b.0));
+    met.into_iter().map(|(_, id)| id).collect()
+}
+
+fn contributes(splat: &Splat, centre: DVec2, rules: &Rules) -> bool {
+    splat.distance(centre) <= splat.level(rules)
+}
+
+fn blend_pixel<'s>(
+    list: impl Iterator<Item = &'s Splat>,
+    centre: DVec2,
+    background: DVec3,
+    brightest: f64,
+    rules: &Rules,
+) -> Pixel {
+    let [alpha_max, transmittance_min] = [rules.alpha_max, rules.transmittance_min].map(f64::from);
     let mut colour = DVec3::ZERO;
     let mut transmittance = 1.0;
     let mut doubt = 0.0;
     for splat in list {
         let distance = splat.distance(centre);
-        let alpha = (splat.opacity * (-0.5 * distance).exp()).min(ALPHA_MAX);
-        if (alpha / ALPHA_MIN - 1.0).abs() < ALPHA_DOUBT + weight_doubt(splat, centre, distance) {
-            doubt += transmittance * ALPHA_MIN * brightest;
+        let weight = splat.opacity * (-0.5 * distance).exp();
+        // Where the splat ends: at the threshold, or three standard deviations away.
+        let least = splat.opacity * (-0.5 * splat.level(rules)).exp();
+        if (weight / least - 1.0).abs() < ALPHA_DOUBT + weight_doubt(splat, centre, distance) {
+            doubt += transmittance * least * brightest;
         }
-        if alpha < ALPHA_MIN {
+        if weight < least {
             continue;
         }
+        let alpha = weight.min(alpha_max);
         let rest = transmittance * (1.0 - alpha);
-        if (rest / TRANSMITTANCE_MIN - 1.0).abs() < STOP_DOUBT {
+        if transmittance_min > 0.0 && (rest / transmittance_min - 1.0).abs() < STOP_DOUBT {
             doubt += transmittance * brightest;
         }
-        if rest < TRANSMITTANCE_MIN {
+        if rest < transmittance_min {
             break;
         }
         colour += splat.colour * (alpha * transmittance);
         transmittance = rest;
+        if transmittance < NOTHING {
+            break;
+        }
     }
     Pixel { colour: (colour + transmittance * background).to_array(), transmittance, doubt }
 }

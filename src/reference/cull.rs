@@ -4,19 +4,19 @@ use rayon::prelude::*;
 
 use super::{Tiling, project, tiles};
 use crate::camera::Camera;
-use crate::options::{ALPHA_MIN, Options};
+use crate::options::Rules;
 use crate::scene::Gaussians;
 
 /// The ids, ascending, of the Gaussians with at least one tile: ahead of the near plane, not too faint for any pixel,
 /// and with their ellipse on the image.
-pub fn cull(gaussians: &Gaussians, camera: &Camera, options: &Options) -> Vec<u32> {
+pub fn cull(gaussians: &Gaussians, camera: &Camera, rules: &Rules) -> Vec<u32> {
     let tiling = Tiling::of(camera.size_px);
     let is_visible = |id: &u32| {
         let index = *id as usize;
         let depth = camera.view(glam::DVec3::from(gaussians.means()[index].map(f64::from))).z;
-        depth as f32 > options.near
-            && f64::from(gaussians.opacities()[index]) >= ALPHA_MIN
-            && !tiles(&project(gaussians, *id, camera), tiling).is_empty()
+        depth as f32 > rules.near
+            && gaussians.opacities()[index] >= rules.alpha_min
+            && !tiles(&project(gaussians, *id, camera, rules), tiling, rules).is_empty()
     };
     (0..gaussians.len() as u32).into_par_iter().filter(is_visible).collect()
 }

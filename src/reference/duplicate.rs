@@ -3,7 +3,7 @@
 use glam::{DVec2, dvec2};
 
 use super::Splat;
-use crate::options::TILE;
+use crate::options::{Extent, Rules, TILE};
 
 /// The tiles of an image.
 #[derive(Clone, Copy, Debug)]
@@ -36,12 +36,16 @@ impl Tiling {
     }
 }
 
-/// The numbers, ascending, of the tiles in whose box of pixel centres the splat's alpha reaches the threshold.
-pub fn tiles(splat: &Splat, tiling: Tiling) -> Vec<u32> {
-    let level = splat.level();
+/// The numbers, ascending, of the tiles that the splat may be drawn in: those in whose box of pixel centres its alpha
+/// reaches the threshold, or those of the original's square.
+pub fn tiles(splat: &Splat, tiling: Tiling, rules: &Rules) -> Vec<u32> {
+    let level = splat.level(rules);
     let mut touched = Vec::new();
-    if level < 0.0 {
+    if !(level >= 0.0) {
         return touched;
+    }
+    if rules.extent == Extent::ThreeSigmaSquares {
+        return square_tiles(splat, tiling);
     }
     let extent = dvec2(splat.covariance.x_axis.x, splat.covariance.y_axis.y).map(|v| (level * v).sqrt());
     let tile = f64::from(TILE);
@@ -57,6 +61,21 @@ pub fn tiles(splat: &Splat, tiling: Tiling) -> Vec<u32> {
         }
     }
     touched
+}
+
+/// The tiles of the square around three standard deviations along the longest axis, as the original computes them, with
+/// pixel centres at integers and the floor of 0.1 under the root.
+fn square_tiles(splat: &Splat, tiling: Tiling) -> Vec<u32> {
+    let [a, b, c] = [splat.covariance.x_axis.x, splat.covariance.x_axis.y, splat.covariance.y_axis.y];
+    let longest = 0.5 * (a + c) + (0.25 * (a - c).powi(2) + b * b).max(0.1).sqrt();
+    let radius = (3.0 * longest.sqrt()).ceil();
+    let tile = f64::from(TILE);
+    let low = ((splat.mean_px - 0.5 - radius) / tile).floor();
+    let high = ((splat.mean_px - 0.5 + radius + tile - 1.0) / tile).floor();
+    let counts = DVec2::from(tiling.counts.map(f64::from));
+    let (low, high) = (low.clamp(DVec2::ZERO, counts), high.clamp(DVec2::ZERO, counts));
+    let rows = low.y as u32..high.y as u32;
+    rows.flat_map(|row| (low.x as u32..high.x as u32).map(move |column| row * tiling.counts[0] + column)).collect()
 }
 
 /// The least squared Mahalanobis distance of any point in a box: 0 inside, else on an edge.
@@ -80,11 +99,17 @@ fn least_distance(splat: &Splat, low: DVec2, high: DVec2) -> f64 {
 }
 
 /// Tile and splat of every instance, splat after splat in the given order. `offsets` come from the scan of their counts.
-pub fn duplicate(splats: &[Splat], order: &[u32], offsets: &[u64], tiling: Tiling) -> (Vec<u32>, Vec<u32>) {
+pub fn duplicate(
+    splats: &[Splat],
+    order: &[u32],
+    offsets: &[u64],
+    tiling: Tiling,
+    rules: &Rules,
+) -> (Vec<u32>, Vec<u32>) {
     let total = offsets[order.len()] as usize;
     let (mut tile_keys, mut splat_ids) = (vec![0; total], vec![0; total]);
     for (rank, splat) in order.iter().enumerate() {
-        for (i, tile) in tiles(&splats[*splat as usize], tiling).into_iter().enumerate() {
+        for (i, tile) in tiles(&splats[*splat as usize], tiling, rules).into_iter().enumerate() {
             tile_keys[offsets[rank] as usize + i] = tile;
             splat_ids[offsets[rank] as usize + i] = *splat;
         }

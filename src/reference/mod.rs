@@ -1,29 +1,32 @@
 //! The pipeline on the CPU in f64, one file per stage: plain, and the oracle that the GPU is held to.
 //!
-//! It follows the rules of the original 3DGS with exact footprints: EWA splatting (Zwicker et al. 2001) with the
-//! original's clamp and dilation, alpha in [1/255, 0.99], an exclusive stop at T < 1e-4, and one global order by
-//! (f32 view depth, index).
+//! It follows the [`Rules`] it is given: EWA splatting (Zwicker et al. 2001) with the original's clamp and dilation, and by
+//! default alpha in [1/255, 0.99], an exclusive stop at T < 1e-4, and one global order by (f32 view depth, index). With
+//! [`Rules::complete`] nothing is left out; with [`Order::PerPixel`](crate::options::Order::PerPixel) the order is ideal:
+//! errors of arithmetic, of approximation and of the model can be told apart.
 
 mod blend;
 mod cull;
 mod duplicate;
 mod project;
 mod ranges;
+mod ray;
 mod scan;
 mod sort;
 
 use rayon::prelude::*;
 
-pub use blend::{Pixel, blend};
+pub use blend::{Lists, Pixel, blend};
 pub use cull::cull;
 pub use duplicate::{Tiling, duplicate, tiles};
 pub use project::{Splat, project};
 pub use ranges::ranges;
+pub use ray::Rays;
 pub use scan::scan;
 pub use sort::sort;
 
 use crate::camera::Camera;
-use crate::options::{Background, Options};
+use crate::options::{Background, Order, Rules};
 use crate::pixels::Pixels;
 use crate::scene::Gaussians;
 
@@ -35,19 +38,26 @@ pub struct Rendering {
 }
 
 /// Renders a scene.
-pub fn render(gaussians: &Gaussians, camera: &Camera, options: &Options, background: Background) -> Rendering {
+pub fn render(gaussians: &Gaussians, camera: &Camera, rules: &Rules, background: Background) -> Rendering {
     let tiling = Tiling::of(camera.size_px);
-    let visible = cull(gaussians, camera, options);
-    let splats: Vec<Splat> = visible.par_iter().map(|id| project(gaussians, *id, camera)).collect();
-    let depth_keys: Vec<u32> = splats.iter().map(|s| (s.depth as f32).to_bits()).collect();
-    let (_, order) = sort(&depth_keys, &(0..splats.len() as u32).collect::<Vec<_>>(), 0..32);
-    let counts: Vec<u32> = order.par_iter().map(|i| tiles(&splats[*i as usize], tiling).len() as u32).collect();
+    let visible = cull(gaussians, camera, rules);
+    let splats: Vec<Splat> = visible.par_iter().map(|id| project(gaussians, *id, camera, rules)).collect();
+    let (_, order) = sort(&depth_keys(&splats, rules), &(0..splats.len() as u32).collect::<Vec<_>>(), 0..32);
+    let counts: Vec<u32> = order.par_iter().map(|i| tiles(&splats[*i as usize], tiling, rules).len() as u32).collect();
     let offsets = scan(&counts);
-    let (tile_keys, splat_ids) = duplicate(&splats, &order, &offsets, tiling);
+    let (tile_keys, splat_ids) = duplicate(&splats, &order, &offsets, tiling, rules);
     let (tile_keys, splat_ids) = sort(&tile_keys, &splat_ids, 0..tiling.key_bits());
     let ranges = ranges(&tile_keys, tiling.tiles());
-    let background = background.colour().map(f64::from);
-    Rendering { size_px: camera.size_px, pixels: blend(&splats, &ranges, &splat_ids, tiling, background) }
+    let rays = (rules.order == Order::PerPixel).then(|| Rays::new(gaussians, &visible, camera));
+    let background = background.colour().map(f64::from).into();
+    let list = Lists { splats: &splats, ranges: &ranges, splat_ids: &splat_ids, rays: rays.as_ref() };
+    Rendering { size_px: camera.size_px, pixels: blend(&list, tiling, background, rules) }
+}
+
+/// What splats are sorted by: the bits of positive floats order as the floats do.
+fn depth_keys(splats: &[Splat], rules: &Rules) -> Vec<u32> {
+    let key = |splat: &Splat| if rules.order == Order::Distance { splat.distance_world } else { splat.depth };
+    splats.iter().map(|splat| (key(splat) as f32).to_bits()).collect()
 }
 
 impl Rendering {

@@ -3,7 +3,7 @@
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 
 use crate::camera::Camera;
-use crate::options::{ALPHA_MIN, LOW_PASS};
+use crate::options::{COMPENSATION_MIN, Extent, LOW_PASS, Rules};
 use crate::scene::{Gaussians, harmonics};
 
 /// A projected Gaussian.
@@ -18,6 +18,8 @@ pub struct Splat {
     pub colour: DVec3,
     /// View z, world units.
     pub depth: f64,
+    /// From the camera, world units.
+    pub distance_world: f64,
 }
 
 impl Splat {
@@ -27,14 +29,15 @@ impl Splat {
         d.dot(self.conic * d)
     }
 
-    /// The distance at which alpha falls to [`ALPHA_MIN`].
-    pub fn level(&self) -> f64 {
-        2.0 * (self.opacity / ALPHA_MIN).ln()
+    /// The distance at which alpha falls to the threshold, or where the rules cut it off.
+    pub fn level(&self, rules: &Rules) -> f64 {
+        let level = 2.0 * (self.opacity / f64::from(rules.alpha_min)).ln();
+        if rules.extent == Extent::ThreeSigma { level.min(9.0) } else { level }
     }
 }
 
 /// Projects Gaussian `id`, which lies ahead of the camera.
-pub fn project(gaussians: &Gaussians, id: u32, camera: &Camera) -> Splat {
+pub fn project(gaussians: &Gaussians, id: u32, camera: &Camera, rules: &Rules) -> Splat {
     let index = id as usize;
     let mean_world = DVec3::from(gaussians.means()[index].map(f64::from));
     let mean_view = camera.view(mean_world);
@@ -56,7 +59,8 @@ pub fn project(gaussians: &Gaussians, id: u32, camera: &Camera) -> Splat {
 
     let (a, b, c) = (v0.dot(v0) + LOW_PASS, v0.dot(v1), v1.dot(v1) + LOW_PASS);
     // a c - b^2 without its cancellation (Cauchy-Binet).
-    let determinant = v0.cross(v1).length_squared() + LOW_PASS * (v0.dot(v0) + v1.dot(v1)) + LOW_PASS * LOW_PASS;
+    let sharp = v0.cross(v1).length_squared();
+    let determinant = sharp + LOW_PASS * (v0.dot(v0) + v1.dot(v1)) + LOW_PASS * LOW_PASS;
     let covariance = DMat2::from_cols_array(&[a, b, b, c]);
     let conic = DMat2::from_cols_array(&[c, -b, -b, a]) * determinant.recip();
 
@@ -67,6 +71,8 @@ pub fn project(gaussians: &Gaussians, id: u32, camera: &Camera) -> Splat {
         .iter()
         .zip(basis)
         .fold(DVec3::splat(0.5), |sum, (coefficient, value)| sum + value * DVec3::from(coefficient.map(f64::from)));
-    let opacity = f64::from(gaussians.opacities()[index]);
-    Splat { mean_px, covariance, conic, opacity, colour: sum.max(DVec3::ZERO), depth: mean_view.z }
+    let compensation = if rules.antialiased { (sharp / determinant).max(COMPENSATION_MIN.powi(2)).sqrt() } else { 1.0 };
+    let opacity = f64::from(gaussians.opacities()[index]) * compensation;
+    let distance_world = (mean_world - camera.position).length();
+    Splat { mean_px, covariance, conic, opacity, colour: sum.max(DVec3::ZERO), depth: mean_view.z, distance_world }
 }

@@ -5,50 +5,62 @@ use std::ops::Range;
 use anyhow::Result;
 use rayon::prelude::*;
 
+use super::layout::Layout;
+use super::shaders::Grids;
 use crate::gpu::{Buffer, Commands, Device, Element};
-use crate::options::ALPHA_MIN;
-use crate::scene::{Bounds, Gaussians, sh_coefficients};
+use crate::options::Options;
+use crate::scene::{Bounds, Gaussians, Requirements};
 
-/// Gaussians in device memory, one plane per attribute: 48 bytes each and 16 per vec4 of spherical harmonics, as many as
-/// the scene's degree needs (1, 3, 7 or 12).
+/// Gaussians in device memory, in planes of four words: one of bounds, and as many of shapes and of spherical harmonics as
+/// the layout needs. Where a Gaussian needs less than what is left of a plane, several share an element.
 pub struct GpuScene {
     /// The mean as bits, and the [`reach`].
     pub(super) bounds: Buffer<[u32; 4]>,
-    /// w x y z.
-    pub(super) rotations: Buffer<[f32; 4]>,
-    /// Scale, opacity.
-    pub(super) shapes: Buffer<[f32; 4]>,
-    /// Coefficients without gaps, four floats a plane.
-    pub(super) sh: Vec<Buffer<[f32; 4]>>,
+    /// Rotation, scale, opacity.
+    pub(super) shapes: Vec<Buffer<[u32; 4]>>,
+    pub(super) sh: Vec<Buffer<[u32; 4]>>,
+    pub(super) grids: Buffer<Grids>,
+    pub(super) layout: Layout,
     pub(crate) extent: Bounds,
-    sh_degree: u32,
+    alpha_min: f64,
 }
 
-/// Gaussians uploaded at once: their spherical harmonics, which every plane takes a part of, stay in the cache.
+/// Gaussians uploaded at once, a multiple of those that share an element: their spherical harmonics, which every plane takes a part of, stay in the cache.
 const UPLOAD_CHUNK: usize = 1 << 15;
 
 impl GpuScene {
-    /// Uploads a scene.
-    pub fn new(device: &Device, gaussians: &Gaussians) -> Result<Self> {
+    /// Uploads a scene: what it requires of it, as the options let it be stored.
+    pub fn new(device: &Device, gaussians: &Gaussians, options: &Options) -> Result<Self> {
+        Self::with(device, gaussians, &Requirements::of(gaussians), options)
+    }
+
+    /// The same for a scene whose requirements are known.
+    pub fn with(device: &Device, gaussians: &Gaussians, needs: &Requirements, options: &Options) -> Result<Self> {
         let len = gaussians.len();
-        let plane = |name: &str| Buffer::<[f32; 4]>::new(device, name, len);
-        let sh_planes = (3 * sh_coefficients(gaussians.sh_degree())).div_ceil(4);
+        let layout = Layout::of(gaussians, needs, options);
+        let planes = |name: &str, words: usize| {
+            let plane = |i: usize| Buffer::new(device, &format!("{name} {i}"), len.div_ceil(share(words, i)));
+            (0..words.div_ceil(4)).map(plane).collect::<Result<_>>()
+        };
         let scene = Self {
             bounds: Buffer::new(device, "bounds", len)?,
-            rotations: plane("rotations")?,
-            shapes: plane("shapes")?,
-            sh: (0..sh_planes).map(|i| plane(&format!("sh {i}"))).collect::<Result<_>>()?,
+            shapes: planes("shapes", layout.shape_words())?,
+            sh: planes("sh", layout.sh_words())?,
+            grids: Buffer::new(device, "grids", 1)?,
             extent: Bounds::of(gaussians),
-            sh_degree: gaussians.sh_degree(),
+            alpha_min: options.rules.alpha_min.into(),
+            layout,
         };
-        let mut in_flight = None;
+        let mut commands = Commands::new(device)?;
+        commands.upload(&scene.grids, 0, 1, |memory| memory[0] = scene.layout.grids())?;
+        let mut in_flight = commands.submit()?;
         for first in (0..len).step_by(UPLOAD_CHUNK) {
             let mut commands = Commands::new(device)?;
             scene.upload(&mut commands, gaussians, first..len.min(first + UPLOAD_CHUNK))?;
             // Dropping the chunk before waits for it: one is copied while the next is prepared.
-            in_flight = Some(commands.submit()?);
+            in_flight = commands.submit()?;
         }
-        in_flight.map(|last| last.wait()).transpose()?;
+        in_flight.wait()?;
         Ok(scene)
     }
 
@@ -61,40 +73,65 @@ impl GpuScene {
         self.len() == 0
     }
 
-    pub fn sh_degree(&self) -> u32 {
-        self.sh_degree
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Device memory in bytes that a Gaussian takes.
+    pub fn bytes_each(&self) -> u64 {
+        self.layout.bytes_each()
     }
 
     /// Every buffer's name and bytes.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
-        let planes = [&self.rotations, &self.shapes].into_iter().chain(&self.sh).map(Buffer::footprint);
-        std::iter::once(self.bounds.footprint()).chain(planes).collect()
-    }
-
-    /// Device memory in bytes that a scene of this size takes.
-    pub fn bytes_for(len: usize, sh_degree: u32) -> u64 {
-        16 * (3 + (3 * sh_coefficients(sh_degree)).div_ceil(4) as u64) * len as u64
+        let planes = std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh).map(Buffer::footprint);
+        planes.chain([self.grids.footprint()]).collect()
     }
 
     fn upload(&self, commands: &mut Commands, gaussians: &Gaussians, range: Range<usize>) -> Result<()> {
         let (means, scales, opacities) = (gaussians.means(), gaussians.scales(), gaussians.opacities());
         upload_plane(commands, &self.bounds, &range, |i| {
             let [x, y, z] = means[i].map(f32::to_bits);
-            [x, y, z, reach(scales[i], opacities[i])]
+            [x, y, z, reach(scales[i], opacities[i], self.alpha_min)]
         })?;
-        upload_plane(commands, &self.rotations, &range, |i| gaussians.rotations()[i])?;
-        upload_plane(commands, &self.shapes, &range, |i| {
-            let [x, y, z] = scales[i];
-            [x, y, z, opacities[i]]
-        })?;
-        for (number, plane) in self.sh.iter().enumerate() {
-            upload_plane(commands, plane, &range, |i| {
-                let floats = gaussians.sh(i).as_flattened();
-                std::array::from_fn(|k| floats.get(4 * number + k).copied().unwrap_or(0.0))
-            })?;
-        }
-        Ok(())
+        let layout = &self.layout;
+        let shape_word = |index: usize, word: usize| layout.shape_word(gaussians, index, word);
+        upload_words(commands, &self.shapes, layout.shape_words(), &range, shape_word)?;
+        let sh_word = |index: usize, word: usize| layout.sh_word(gaussians.sh(index), word);
+        upload_words(commands, &self.sh, layout.sh_words(), &range, sh_word)
     }
+}
+
+/// Gaussians that share an element of plane `plane`, where each takes `words` words in all: those whose last words
+/// fill it.
+fn share(words: usize, plane: usize) -> usize {
+    match words - 4 * plane {
+        1 => 4,
+        2 => 2,
+        _ => 1,
+    }
+}
+
+/// Uploads the planes of Gaussians `range`, of which each has `words` words.
+fn upload_words(
+    commands: &mut Commands,
+    planes: &[Buffer<[u32; 4]>],
+    words: usize,
+    range: &Range<usize>,
+    word: impl Fn(usize, usize) -> u32 + Sync,
+) -> Result<()> {
+    for (number, plane) in planes.iter().enumerate() {
+        let share = share(words, number);
+        let elements = range.start / share..range.end.div_ceil(share);
+        let each = 4 / share;
+        upload_plane(commands, plane, &elements, |element| {
+            std::array::from_fn(|k| {
+                let (index, place) = (element * share + k / each, 4 * number + k % each);
+                if index < range.end && place < words { word(index, place) } else { 0 }
+            })
+        })?;
+    }
+    Ok(())
 }
 
 /// Uploads part of a plane, made on all cores.
@@ -109,15 +146,15 @@ fn upload_plane<T: Element + Send>(
     })
 }
 
-/// Two bfloat16, rounded up: how many standard deviations from the mean alpha falls to 1/255, and in the upper half the
-/// same in world units along the longest axis, or -1 where alpha starts lower.
-fn reach(scale: [f32; 3], opacity: f32) -> u32 {
+/// Two bfloat16, rounded up: how many standard deviations from the mean alpha falls to `alpha_min`, and in the upper half
+/// the same in world units along the longest axis, or -1 where alpha starts lower.
+fn reach(scale: [f32; 3], opacity: f32, alpha_min: f64) -> u32 {
     let opacity = f64::from(opacity);
-    if opacity < ALPHA_MIN {
+    if opacity < alpha_min {
         return (-1.0_f32).to_bits();
     }
     let longest = f64::from(scale[0].max(scale[1]).max(scale[2]));
-    let deviations = (2.0 * (opacity / ALPHA_MIN).ln()).sqrt();
+    let deviations = (2.0 * (opacity / alpha_min).ln()).sqrt();
     upper_half(deviations * longest) << 16 | upper_half(deviations)
 }
 
@@ -130,13 +167,14 @@ fn upper_half(value: f64) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::options::ALPHA_MIN;
 
     #[test]
     fn reach_is_rounded_up_and_hardly_more() {
         for (scale, opacity) in [(1.0_f32, 1.0_f32), (1e-8, 0.5), (3.7e5, 0.004), (f32::MAX, 1.0)] {
-            let bits = reach([scale, 0.0, scale / 2.0], opacity);
+            let bits = reach([scale, 0.0, scale / 2.0], opacity, ALPHA_MIN.into());
             let [world, deviations] = [bits & 0xffff_0000, bits << 16].map(|b| f64::from(f32::from_bits(b)));
-            let exact = (2.0 * (f64::from(opacity) / ALPHA_MIN).ln()).sqrt();
+            let exact = (2.0 * (f64::from(opacity) / f64::from(ALPHA_MIN)).ln()).sqrt();
             assert!(deviations >= exact && deviations <= exact * 1.01, "{opacity}: {deviations} for {exact}");
             let exact = (exact * f64::from(scale)).min(f64::INFINITY);
             assert!(
@@ -144,7 +182,7 @@ mod tests {
                 "{scale}: {world} for {exact}"
             );
         }
-        assert!(f32::from_bits(reach([1.0; 3], 0.003) & 0xffff_0000) < 0.0);
-        assert_eq!(reach([1.0; 3], (1.0_f64 / 255.0) as f32) << 16, 0, "alpha 1/255 is at the mean alone");
+        assert!(f32::from_bits(reach([1.0; 3], 0.003, ALPHA_MIN.into()) & 0xffff_0000) < 0.0);
+        assert_eq!(reach([1.0; 3], ALPHA_MIN, ALPHA_MIN.into()) << 16, 0, "alpha 1/255 is at the mean alone");
     }
 }

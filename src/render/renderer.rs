@@ -2,22 +2,22 @@
 
 use std::mem::offset_of;
 
-use anyhow::Result;
-use glam::DVec3;
+use anyhow::{Result, ensure};
 
 use super::gpu_scene::GpuScene;
+use super::layout::Layout;
 use super::shaders::*;
 use super::sort::{RadixSort, SortRange};
+use super::view::{DepthKeys, tile_bits, tiles, view};
 use super::workspace::{CULL_CHUNK, Workspace};
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, Extent, Image, Stage};
-use crate::options::{Background, Options, TILE};
-use crate::scene::Bounds;
+use crate::options::{Background, Extent as Reach, Options, Order, TileTest};
 
-/// The stages of a frame, built for one set of options and one degree of spherical harmonics.
+/// The stages of a frame, built for one set of options and one layout of a scene.
 pub struct Renderer {
     options: Options,
-    sh_degree: u32,
+    layout: Layout,
     /// Entries of a tile's list that one blend dispatch may take.
     entries_per_pass: u32,
     cull: Stage<Cull>,
@@ -43,26 +43,52 @@ const PORTABLE_SUBGROUP: u32 = 4;
 pub struct Variation {
     /// Blend counts its work: `Totals` from `evaluations_low` on. It takes longer.
     pub counts_work: bool,
-    /// Splats are in all tiles of a square of three standard deviations, as in the original, instead of those that
-    /// their ellipse meets.
-    pub three_sigma_squares: bool,
 }
 
 impl Renderer {
-    pub fn new(device: &Device, options: &Options, sh_degree: u32) -> Result<Self> {
-        Self::varied(device, options, sh_degree, Variation::default())
+    pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Self> {
+        Self::varied(device, options, layout, Variation::default())
     }
 
-    pub fn varied(device: &Device, options: &Options, sh_degree: u32, variation: Variation) -> Result<Self> {
+    pub fn varied(device: &Device, options: &Options, layout: &Layout, variation: Variation) -> Result<Self> {
+        let rules = &options.rules;
+        ensure!(rules.order != Order::PerPixel, "only the reference sorts the splats of every pixel anew");
         let facts = device.facts();
         let smallest_subgroup = if options.portable { PORTABLE_SUBGROUP } else { facts.subgroup_size[0] };
         let ballot_words = if options.portable { 4 } else { facts.subgroup_size[1].div_ceil(32) };
-        let cull_pixel_blocks = !options.portable;
-        let Variation { counts_work: count, three_sigma_squares } = variation;
-        let blend = |resume| Stage::new(device, &BlendConstants { cull_pixel_blocks, resume, count, ballot_words });
+        let extent = match rules.extent {
+            Reach::Exact => 0,
+            Reach::ThreeSigma => 1,
+            Reach::ThreeSigmaSquares => 2,
+        };
+        let project = ProjectConstants {
+            sh_degree: layout.sh_degree,
+            sh_storage: layout.sh.code(),
+            shape_storage: layout.shape.code(),
+            by_distance: rules.order == Order::Distance,
+            antialiased: rules.antialiased,
+            alpha_min: rules.alpha_min,
+            extent,
+            box_tiles: options.tile_test == TileTest::Box,
+            ballot_words,
+        };
+        let blend = |resume| {
+            let constants = BlendConstants {
+                cull_pixel_blocks: !options.portable,
+                resume,
+                count: variation.counts_work,
+                alpha_min: rules.alpha_min,
+                extent,
+                alpha_max: rules.alpha_max,
+                transmittance_min: rules.transmittance_min,
+                stop: options.stop,
+                ballot_words,
+            };
+            Stage::new(device, &constants)
+        };
         Ok(Self {
             options: *options,
-            sh_degree,
+            layout: layout.clone(),
             entries_per_pass: facts.loop_limit.map_or(u32::MAX, |limit| {
                 // For a subgroup of entries: an iteration each, one around them, and in the loops over the words of a
                 // ballot one a word, one to leave each word, and as many to see that a pixel still goes on.
@@ -72,7 +98,7 @@ impl Renderer {
             cull: Stage::new(device, &())?,
             cull_offsets: Stage::new(device, &())?,
             cull_compact: Stage::new(device, &())?,
-            project: Stage::new(device, &ProjectConstants { sh_degree, three_sigma_squares, ballot_words })?,
+            project: Stage::new(device, &project)?,
             sort: RadixSort::new(device, smallest_subgroup, ballot_words)?,
             scan_sums: Stage::new(device, &())?,
             scan_totals: Stage::new(device, &())?,
@@ -92,8 +118,16 @@ impl Renderer {
 
     /// Passes over its keys that a frame's sort by depth takes, and its sort by tile.
     pub fn sort_passes(&self, scene: &GpuScene, camera: &Camera) -> [u32; 2] {
-        let depth_bits = depth_bits(camera, self.options.near, &scene.extent);
+        let depth_bits = self.depth_keys(scene, camera).bits;
         [depth_bits, tile_bits(tiles(camera.size_px).iter().product())].map(|bits| self.sort.passes(bits))
+    }
+
+    pub(crate) fn depth_keys(&self, scene: &GpuScene, camera: &Camera) -> DepthKeys {
+        DepthKeys::of(camera, &self.options, &scene.extent)
+    }
+
+    pub(crate) fn view(&self, camera: &Camera) -> View {
+        view(camera, self.options.rules.near)
     }
 
     /// Records one frame: `image` is the scene seen by `camera`, if there was room in `work` and `passes` blend passes
@@ -109,9 +143,9 @@ impl Renderer {
         image: &Image,
         passes: u32,
     ) {
-        assert_eq!(scene.sh_degree(), self.sh_degree, "a renderer draws scenes of the degree it was built for");
-        let view = view(camera, self.options.near);
-        let depth_bits = depth_bits(camera, self.options.near, &scene.extent);
+        assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
+        let view = self.view(camera);
+        let depth_keys = self.depth_keys(scene, camera);
         let [tiles_x, tiles_y] = tiles(camera.size_px);
         let tiles = tiles_x * tiles_y;
 
@@ -126,9 +160,9 @@ impl Renderer {
             self.compact(cmd, scene, work);
         });
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
-        cmd.scope("project", |cmd| self.project(cmd, scene, view, work, depth_bits));
+        cmd.scope("project", |cmd| self.project(cmd, scene, view, work, depth_keys));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let by_depth = cmd.scope("sort depths", |cmd| self.sort_depths(cmd, work, depth_bits));
+        let by_depth = cmd.scope("sort depths", |cmd| self.sort_depths(cmd, work, depth_keys.bits));
         let splat_from_rank = &work.depths.values[by_depth];
         cmd.scope("scan", |cmd| self.scan(cmd, work, splat_from_rank));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
@@ -175,13 +209,13 @@ impl Renderer {
     }
 
     /// Their splats, depth keys and tiles.
-    pub(crate) fn project(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &Workspace, depth_bits: u32) {
+    pub(crate) fn project(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &Workspace, keys: DepthKeys) {
         let bindings = ProjectBindings {
             gaussian_from_splat: &work.gaussian_from_splat,
             bounds: &scene.bounds,
-            rotations: &scene.rotations,
-            shapes: &scene.shapes,
-            // A lower degree has fewer planes, and its pipeline reads no others.
+            grids: &scene.grids,
+            // A smaller layout has fewer planes, and its pipeline reads no others.
+            shapes: std::array::from_fn(|i| &scene.shapes[i.min(scene.shapes.len() - 1)]),
             sh: std::array::from_fn(|i| &scene.sh[i.min(scene.sh.len() - 1)]),
             splats: &work.splats,
             depth_keys: &work.depths.keys[0],
@@ -193,7 +227,8 @@ impl Renderer {
         let push = ProjectPush {
             view,
             span_capacity: work.spans.len() as u32,
-            depth_limit: ((1_u64 << depth_bits) - 1) as u32,
+            depth_limit: ((1_u64 << keys.bits) - 1) as u32,
+            depth_shift: keys.shift,
         };
         cmd.dispatch_indirect(&self.project, bindings, push, &work.dispatches, offset_of!(Dispatches, over_visible));
     }
@@ -312,64 +347,4 @@ impl Renderer {
 /// Workgroups that cull the scene.
 fn chunks(scene: &GpuScene) -> u32 {
     scene.len().div_ceil(CULL_CHUNK) as u32
-}
-
-/// Columns and rows of tiles of an image.
-pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
-    size_px.map(|side| side.div_ceil(TILE))
-}
-
-/// Bits that hold every tile number.
-fn tile_bits(tiles: u32) -> u32 {
-    tiles.next_power_of_two().trailing_zeros()
-}
-
-/// The camera as the shaders take it: rounded to f32, but in two parts what decides a depth.
-pub(crate) fn view(camera: &Camera, near: f32) -> View {
-    let split = |v: DVec3| (v.as_vec3().to_array(), (v - DVec3::from(v.as_vec3())).as_vec3().to_array());
-    let (forward, forward_low) = split(camera.forward());
-    let (position_high, position_low) = split(camera.position);
-    View {
-        right: camera.right().as_vec3().to_array(),
-        down: camera.down().as_vec3().to_array(),
-        forward,
-        forward_low,
-        position_high,
-        position_low,
-        focal_px: camera.focal_px.as_vec2().to_array(),
-        centre_px: camera.centre_px.as_vec2().to_array(),
-        size_px: camera.size_px,
-        near,
-    }
-}
-
-/// Bits that hold the depth keys of everything between the near plane and the far end of the scene, and one key more.
-/// A key is the distance of a depth from the near plane in floats: exact, and no longer than the scene is deep.
-pub(crate) fn depth_bits(camera: &Camera, near: f32, extent: &Bounds) -> u32 {
-    let corner = |i: usize| {
-        let pick = |axis: usize| f64::from(if i >> axis & 1 == 0 { extent.low[axis] } else { extent.high[axis] });
-        camera.view(DVec3::new(pick(0), pick(1), pick(2))).z
-    };
-    let far = (0..8).map(corner).fold(f64::from(near), f64::max);
-    let far = (far * (1.0 + 1e-5)).min(f64::from(f32::MAX)) as f32;
-    let keys = far.to_bits() - near.to_bits() + 2;
-    u32::BITS - keys.leading_zeros()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn depth_bits_grow_with_the_logarithm_of_the_depth_range() {
-        let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [64, 64], 1.0);
-        let bits = |far: f32| {
-            let extent = Bounds { low: [-1.0, -1.0, 0.0], high: [1.0, 1.0, far] };
-            depth_bits(&camera, 0.25, &extent)
-        };
-        // From 0.25 to 2^k lie k + 2 octaves of 2^23 floats each.
-        assert_eq!([0.49, 0.99, 3.9, 15.9, 1000.0].map(bits), [23, 24, 25, 26, 27]);
-        assert!(bits(0.1) < 8, "nothing is ahead of the near plane");
-        assert!(bits(f32::MAX) <= 31);
-    }
 }

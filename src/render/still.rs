@@ -3,11 +3,14 @@
 use anyhow::Result;
 
 use super::gpu_scene::GpuScene;
-use super::renderer::{Renderer, Variation, tiles};
-use super::shaders::Totals;
+use super::renderer::{Renderer, Variation};
+use super::shaders::{Enlarge, EnlargeBindings, EnlargePush, Totals};
+use super::view::tiles;
 use super::workspace::{Demand, Workspace};
 use crate::camera::Camera;
-use crate::gpu::{Access, Commands, Device, Image, InFlight, Readback, Results, Timestamps, Timing};
+use crate::gpu::{
+    Access, Commands, Device, Extent, Image, InFlight, Readback, Results, Stage, Timestamps, Timing,
+};
 use crate::memory::host_vec;
 use crate::options::{Background, Options};
 use crate::pixels::Pixels;
@@ -20,8 +23,16 @@ pub struct Still<'s> {
     renderer: Renderer,
     work: Workspace,
     image: Image,
+    /// What is drawn smaller than the picture.
+    enlarged: Option<Enlarged>,
     passes: u32,
     timestamps: Timestamps,
+}
+
+/// A picture that is drawn smaller, and enlarged.
+struct Enlarged {
+    drawn: Image,
+    stage: Stage<Enlarge>,
 }
 
 /// What a frame reported of itself.
@@ -52,9 +63,13 @@ impl<'s> Still<'s> {
             device: device.clone(),
             options: *options,
             scene,
-            renderer: Renderer::new(device, options, scene.sh_degree())?,
+            renderer: Renderer::new(device, options, scene.layout())?,
             work: Workspace::new(device, Demand::guess(device, scene.len(), 1))?,
             image: Image::new(device, "image", 1, 1)?,
+            enlarged: match options.scale {
+                1.0 => None,
+                _ => Some(Enlarged { drawn: Image::new(device, "drawn image", 1, 1)?, stage: Stage::new(device, &())? }),
+            },
             passes: 1,
             timestamps: Timestamps::All,
         })
@@ -73,8 +88,8 @@ impl<'s> Still<'s> {
 
     /// From here on frames count their work, which takes longer, or do not.
     pub fn count_work(&mut self, counts_work: bool) -> Result<()> {
-        let variation = Variation { counts_work, ..Variation::default() };
-        self.renderer = Renderer::varied(&self.device, &self.options, self.scene.sh_degree(), variation)?;
+        let variation = Variation { counts_work };
+        self.renderer = Renderer::varied(&self.device, &self.options, self.scene.layout(), variation)?;
         Ok(())
     }
 
@@ -82,6 +97,7 @@ impl<'s> Still<'s> {
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let mut buffers = self.work.buffers();
         buffers.push(("image", self.image.bytes()));
+        buffers.extend(self.enlarged.iter().map(|enlarged| ("drawn image", enlarged.drawn.bytes())));
         buffers
     }
 
@@ -127,9 +143,10 @@ impl<'s> Still<'s> {
         background: Background,
         prepare: impl Fn(&mut Commands),
     ) -> Result<Started> {
-        let [width, height] = camera.size_px;
-        if self.image.size() != camera.size_px {
-            self.image = Image::new(&self.device, "image", width, height)?;
+        fit(&self.device, &mut self.image, "image", camera.size_px)?;
+        let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
+        if let Some(enlarged) = &mut self.enlarged {
+            fit(&self.device, &mut enlarged.drawn, "drawn image", camera.size_px)?;
         }
         let tiles = tiles(camera.size_px).iter().map(|n| *n as usize).product();
         self.work.grow(&self.device, Demand { gaussians: self.scene.len(), tiles, ..Demand::default() })?;
@@ -137,8 +154,12 @@ impl<'s> Still<'s> {
         cmd.set_timestamps(self.timestamps);
         prepare(&mut cmd);
         cmd.scope("frame", |cmd| {
-            let (work, image) = (&self.work, &self.image);
-            self.renderer.record(cmd, self.scene, camera, background, work, image, self.passes);
+            let (work, drawn) = (&self.work, self.enlarged.as_ref().map_or(&self.image, |enlarged| &enlarged.drawn));
+            self.renderer.record(cmd, self.scene, camera, background, work, drawn, self.passes);
+            if let Some(enlarged) = &self.enlarged {
+                cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+                cmd.scope("enlarge", |cmd| enlarged.record(cmd, &self.image));
+            }
         });
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let totals = cmd.read(&self.work.totals)?;
@@ -159,6 +180,22 @@ impl<'s> Still<'s> {
     pub fn pixels(&self) -> Result<Pixels> {
         read_pixels(&self.device, &self.image)
     }
+}
+
+impl Enlarged {
+    fn record(&self, cmd: &mut Commands, image: &Image) {
+        let push = EnlargePush { drawn_size_px: self.drawn.size(), size_px: image.size() };
+        let pixels = image.size().iter().map(|side| u64::from(*side)).product();
+        cmd.dispatch(&self.stage, EnlargeBindings { drawn: &self.drawn, image }, push, Extent::Invocations(pixels));
+    }
+}
+
+/// Makes the image anew if it has not this size.
+fn fit(device: &Device, image: &mut Image, name: &str, size: [u32; 2]) -> Result<()> {
+    if image.size() != size {
+        *image = Image::new(device, name, size[0], size[1])?;
+    }
+    Ok(())
 }
 
 /// An image as it is after all that was submitted.

@@ -3,9 +3,11 @@
 mod bounds;
 mod canonical;
 mod compressed_ply;
+mod grid;
 pub mod harmonics;
 mod ply;
 mod procedural;
+mod requirements;
 mod source;
 mod spz;
 pub mod synthetic;
@@ -16,7 +18,9 @@ use anyhow::{Context, Result, bail, ensure};
 
 pub use bounds::{Bounds, Focus, percentiles};
 pub use canonical::{Builder, Raw, Tally};
+pub use grid::Grid;
 pub use procedural::Procedural;
+pub use requirements::{Band, Requirements, bands, decode_rotation, encode_rotation};
 use source::Source;
 
 use crate::memory::OutOfMemory;

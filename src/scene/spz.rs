@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::canonical::{BLOCK, Builder, Raw};
 use super::source::Source;
-use super::{MAX_SH_DEGREE, Scene, rest_values};
+use super::{MAX_SH_DEGREE, Scene, decode_rotation, rest_values};
 
 const MAGIC: u32 = 0x5053_474e; // "NGSP"
 /// Most bytes per compressed byte that are believed: the reference implementation's cap on the compression ratio.
@@ -227,20 +227,8 @@ fn rotation_first_three(bytes: &[u8]) -> [f64; 4] {
     [(1.0 - (x * x + y * y + z * z)).max(0.0).sqrt(), x, y, z]
 }
 
-/// Versions 3 and 4: two bits for the largest of x y z w, which is positive, then sign and nine bits for each other.
+/// Versions 3 and 4: x, y, z, w as [`encode_rotation`](super::encode_rotation) keeps four numbers.
 fn rotation_smallest_three(bytes: &[u8]) -> [f64; 4] {
-    let packed = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
-    let largest = (packed >> 30) as usize;
-    let mut shifts = [20, 10, 0].into_iter();
-    let mut q = [0.0; 4];
-    for (i, component) in q.iter_mut().enumerate() {
-        if i != largest {
-            let bits = packed >> shifts.next().unwrap_or(0) & 1023;
-            let magnitude = f64::from(bits & 511) / 511.0 * 0.5_f64.sqrt();
-            *component = if bits & 512 != 0 { -magnitude } else { magnitude };
-        }
-    }
-    q[largest] = (1.0 - q.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
-    let [x, y, z, w] = q;
+    let [x, y, z, w] = decode_rotation(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]));
     [w, x, y, z]
 }

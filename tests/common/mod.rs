@@ -30,7 +30,7 @@ impl Gpu {
     }
 
     pub fn render(&self, gaussians: &Gaussians, camera: &Camera, options: &Options) -> Pixels {
-        let scene = GpuScene::new(&self.0, gaussians).expect("the scene fits");
+        let scene = GpuScene::new(&self.0, gaussians, options).expect("the scene fits");
         let mut still = Still::new(&self.0, options, &scene).expect("the renderer can be built");
         still.render(camera, Background::BLACK).expect("the frame can be rendered");
         still.pixels().expect("the picture can be read")
@@ -55,7 +55,7 @@ impl Captured {
 impl Gpu {
     /// Renders with a copy of every buffer after every stage.
     pub fn capture(&self, gaussians: &Gaussians, camera: &Camera, options: &Options) -> Captured {
-        let scene = GpuScene::new(&self.0, gaussians).expect("the scene fits");
+        let scene = GpuScene::new(&self.0, gaussians, options).expect("the scene fits");
         let mut still = Still::new(&self.0, options, &scene).expect("the renderer can be built");
         let prepare = |cmd: &mut Commands| cmd.capture_scopes();
         let (frame, results) =
@@ -158,6 +158,11 @@ impl Drop for Turn {
             TAKEN.1.notify_one();
         }
     }
+}
+
+/// The options that are held to the reference.
+pub fn exact() -> Options {
+    Options::EXACT
 }
 
 /// A captured scene of the folder `SMALTO_TEST_SCENES`, or of `../shared/scenes`.

@@ -8,7 +8,7 @@ use crate::bench::{Bench, DeviceReport, VersionReport};
 use crate::cli::{Usage, complain, progress};
 use crate::ladder::{self, LadderReport};
 use crate::options::Options;
-use crate::render::tiles;
+use crate::render::{GpuScene, tiles};
 
 /// The paper's object at its four levels of detail, and scenes at both ends of tile density.
 const SCENES: [&str; 6] =
@@ -28,11 +28,12 @@ pub(super) fn run(args: &Args, bench: &Bench, cameras: &Cameras) -> Result<()> {
     }
     let mut climbs = Vec::new();
     for scene in args.scenes(&SCENES) {
-        let scene = Loaded::read(device, &scene)?;
-        let (views, near) = cameras.views(&scene.gaussians, size, args.frames);
-        let options = Options { near: args.near.unwrap_or(near), ..Options::default() };
+        let scene = Loaded::read(&scene)?;
+        let (views, nearest) = cameras.views(&scene.gaussians, size, args.frames);
+        let options = args.knobs.options(&Options::EXACT, scene.is_antialiased, nearest);
+        let gpu = GpuScene::with(device, &scene.gaussians, &scene.requirements, &options)?;
         let bar = progress::Bar::new(format!("{} ladder", scene.report.name));
-        let climb = ladder::climb(bench, &scene.report, &scene.gpu, &options, &views, &|done| bar.set(done))?;
+        let climb = ladder::climb(bench, &scene.report, &gpu, &options, &views, &|done| bar.set(done))?;
         drop(bar);
         table::print_climb(&climb)?;
         climbs.push(climb);

@@ -7,9 +7,9 @@ mod views;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use clap::builder::{PossibleValuesParser, RangedU64ValueParser};
+use clap::builder::RangedU64ValueParser;
 
-use super::{DeviceArgs, SceneArg, Usage, check_near, complain, parse_size, progress, remark};
+use super::{DeviceArgs, Knobs, SceneArg, Usage, complain, knobs, parse_size, progress, remark};
 use crate::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
 use crate::camera::Camera;
 use crate::gpu::Device;
@@ -18,7 +18,7 @@ use crate::options::{Background, Options};
 use crate::pixels::check_writable;
 use crate::reference;
 use crate::render::{GpuScene, Still};
-use crate::scene::{Gaussians, Unreadable};
+use crate::scene::{Gaussians, Requirements, Scene, Unreadable};
 use views::{CameraPath, Cameras};
 
 /// Measure how fast scenes are drawn: whole frames, every stage, counts, memory
@@ -45,11 +45,10 @@ pub(super) struct Args {
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = count(1))]
     frames: usize,
     /// Choices of quality and speed to measure
-    #[arg(long, value_name = "NAME,...", default_value = "default", value_delimiter = ',', value_parser = preset_names())]
+    #[arg(long, value_name = "NAME,...", default_value = "balanced", value_delimiter = ',', value_parser = knobs::preset_names())]
     preset: Vec<String>,
-    /// Distance of the near plane in world units [default: 0.2, less where an orbit around a small scene needs it]
-    #[arg(long, value_name = "DISTANCE")]
-    near: Option<f32>,
+    #[command(flatten)]
+    knobs: Knobs,
     /// Climb the ladder instead: measure the paper's baseline and every optimization on top of it, on one size
     #[arg(long, conflicts_with_all = ["baseline", "preset", "check"])]
     ladder: bool,
@@ -78,10 +77,6 @@ pub(super) struct Args {
 /// A number of frames.
 fn count(least: u64) -> RangedU64ValueParser<usize> {
     RangedU64ValueParser::new().range(least..=1_000_000)
-}
-
-fn preset_names() -> PossibleValuesParser {
-    PossibleValuesParser::new(Options::PRESETS.map(|(name, _)| name))
 }
 
 /// The frames of a run became slower than the baseline allows.
@@ -114,18 +109,19 @@ pub(super) fn run(args: &Args) -> Result<()> {
         baseline.same_conditions(&report).map_err(foreign)?;
     }
     for scene in args.scenes(&["cactus"]) {
-        let scene = Loaded::read(&device, &scene)?;
+        let scene = Loaded::read(&scene)?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
-            let (views, near) = cameras.views(&scene.gaussians, size, args.frames);
+            let (views, nearest) = cameras.views(&scene.gaussians, size, args.frames);
             let options = Options::preset(preset).context("clap lets known presets pass alone")?;
-            let options = Options { near: args.near.unwrap_or(near), ..options };
-            let subject = Subject::new(&scene.report, preset, options.near, &views);
+            let options = args.knobs.options(&options, scene.is_antialiased, nearest);
+            let gpu = GpuScene::with(&device, &scene.gaussians, &scene.requirements, &options)?;
+            let subject = Subject::new(&scene.report, preset, &options, &views);
             let before = baseline.as_ref().map(|b| b.run_of(&subject)).transpose().map_err(foreign)?;
             let bar = progress::Bar::new(subject.title());
-            let mut run = bench.measure(subject, &scene.gpu, &options, &views, &|done| bar.set(done))?;
+            let mut run = bench.measure(subject, &gpu, &options, &views, &|done| bar.set(done))?;
             drop(bar);
             if args.check {
-                run.psnr_db = accuracy(&device, &scene, &views[0], &options)?;
+                run.psnr_db = accuracy(&device, (&scene.gaussians, &gpu), &views[0], &options)?;
             }
             table::print_run(&run, args.check)?;
             changes.extend(before.map(|before| Change::between(before, &run)));
@@ -145,25 +141,27 @@ impl Args {
     }
 }
 
-/// A scene on both sides, and what the report says of it.
+/// A scene, and what the report says of it.
 struct Loaded {
     report: SceneReport,
     gaussians: Gaussians,
-    gpu: GpuScene,
+    is_antialiased: bool,
+    requirements: Requirements,
 }
 
 impl Loaded {
-    fn read(device: &Device, path: &Path) -> Result<Self> {
+    fn read(path: &Path) -> Result<Self> {
         let scene = SceneArg { scene: path.to_owned() };
-        let gaussians = scene.read()?.gaussians;
+        let Scene { gaussians, is_antialiased, .. } = scene.read()?;
         ensure!(!gaussians.is_empty(), "{}: there is nothing to draw", scene.title());
-        let (report, gpu) = (SceneReport::of(scene.title(), &gaussians), GpuScene::new(device, &gaussians)?);
-        Ok(Self { report, gaussians, gpu })
+        let (report, requirements) = (SceneReport::of(scene.title(), &gaussians), Requirements::of(&gaussians));
+        Ok(Self { report, gaussians, is_antialiased, requirements })
     }
 }
 
 fn check_usage(args: &Args) -> Result<()> {
-    check_near(args.near)?;
+    args.knobs.check()?;
+    args.knobs.check_gpu()?;
     if args.ladder && args.size.len() != 1 {
         return Err(Usage("--ladder measures one --size".to_owned()).into());
     }
@@ -178,10 +176,15 @@ fn read_baseline(file: &Path) -> Result<Report> {
 }
 
 /// PSNR of a view against the f64 reference in dB; `None` if they are equal.
-fn accuracy(device: &Device, scene: &Loaded, view: &Camera, options: &Options) -> Result<Option<f64>> {
-    let mut still = Still::new(device, options, &scene.gpu)?;
+fn accuracy(
+    device: &Device,
+    (gaussians, scene): (&Gaussians, &GpuScene),
+    view: &Camera,
+    options: &Options,
+) -> Result<Option<f64>> {
+    let mut still = Still::new(device, options, scene)?;
     still.render(view, Background::BLACK)?;
-    let exact = reference::render(&scene.gaussians, view, options, Background::BLACK).to_pixels();
+    let exact = reference::render(gaussians, view, &options.rules, Background::BLACK).to_pixels();
     Ok(Some(psnr(&still.pixels()?, &exact)).filter(|db| db.is_finite()))
 }
 

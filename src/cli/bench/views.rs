@@ -8,7 +8,6 @@ use glam::DVec3;
 
 use super::super::read_cameras;
 use crate::camera::{Camera, path};
-use crate::options::Options;
 use crate::scene::{Focus, Gaussians};
 
 /// A camera path by name.
@@ -63,17 +62,16 @@ impl Cameras {
         })
     }
 
-    /// The views at this size, at most `frames`, and where the near plane is.
+    /// The views at this size, at most `frames`, and how near the near plane has to be for them.
     pub fn views(&self, gaussians: &Gaussians, size: [u32; 2], frames: usize) -> (Vec<Camera>, f32) {
         let resized = |cameras: &[Camera]| cameras.iter().map(|c| c.resized(size)).collect::<Vec<_>>();
-        let near = Options::default().near;
         match &self.source {
-            Source::File(cameras) => (resized(&cameras[..frames.min(cameras.len())]), near),
-            Source::Keyframes(cameras) => (path::through(&resized(cameras), frames), near),
+            Source::File(cameras) => (resized(&cameras[..frames.min(cameras.len())]), f32::INFINITY),
+            Source::Keyframes(cameras) => (path::through(&resized(cameras), frames), f32::INFINITY),
             Source::Orbit { zooms } => {
                 let focus = Focus::of(gaussians);
                 let views = path::orbit(DVec3::from(focus.centre), focus.radius, *zooms, size, frames);
-                (views, near.min(focus.radius as f32 / 100.0))
+                (views, focus.radius as f32 / 100.0)
             }
         }
     }

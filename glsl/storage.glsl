@@ -1,0 +1,99 @@
+// A Gaussian's attributes, unpacked from the words that they are kept in (render/layout.rs). Behind the declarations of
+// `shapes`, `sh` and `grids`.
+
+layout(constant_id = 0) const uint SH_DEGREE = 3;
+layout(constant_id = 1) const uint SH_STORAGE = 0;
+layout(constant_id = 2) const uint SHAPE_STORAGE = 0;
+
+const uint STORED_F32 = 0;
+const uint STORED_F16 = 1;
+const uint STORED_U8 = 2;
+
+// A number in 8 bits: `grid` is its offset and step.
+float on_grid(vec2 grid, uint number) {
+    return fma(grid.y, float(number), grid.x);
+}
+
+// Bits [10 i, 10 i + 10): a sign and nine bits of magnitude up to sqrt(1/2).
+float small_component(uint packed, int i) {
+    float magnitude = float(bitfieldExtract(packed, 10 * i, 9)) * (0.70710678118654752 / 511.0);
+    return bitfieldExtract(packed, 10 * i + 9, 1) == 0 ? magnitude : -magnitude;
+}
+
+// A unit quaternion (w, x, y, z) without its largest component, whose index is in the upper two bits.
+vec4 unpack_rotation(uint packed) {
+    vec3 others = vec3(small_component(packed, 2), small_component(packed, 1), small_component(packed, 0));
+    float largest = sqrt(max(1.0 - dot(others, others), 0.0));
+    switch (packed >> 30) {
+        case 0: return vec4(largest, others);
+        case 1: return vec4(others.x, largest, others.yz);
+        case 2: return vec4(others.xy, largest, others.z);
+        default: return vec4(others, largest);
+    }
+}
+
+void load_shape(uint gaussian, out vec4 rotation, out vec3 scale, out float opacity) {
+    if (SHAPE_STORAGE == STORED_F32) {
+        rotation = uintBitsToFloat(shapes[0].plane[gaussian]);
+        vec4 rest = uintBitsToFloat(shapes[1].plane[gaussian]);
+        scale = rest.xyz;
+        opacity = rest.w;
+    } else if (SHAPE_STORAGE == STORED_F16) {
+        uvec4 words = shapes[0].plane[gaussian];
+        rotation = normalize(vec4(unpackHalf2x16(words.x), unpackHalf2x16(words.y)));
+        vec2 rest = unpackHalf2x16(words.w);
+        scale = grids.scale_unit * vec3(unpackHalf2x16(words.z), rest.x);
+        opacity = rest.y;
+    } else {
+        uvec4 two = shapes[0].plane[gaussian / 2];
+        uvec2 words = gaussian % 2 == 0 ? two.xy : two.zw;
+        for (int i = 0; i < 3; i++) scale[i] = exp2(on_grid(grids.log2_scale, bitfieldExtract(words.x, 8 * i, 8)));
+        opacity = float(words.x >> 24) / 255.0;
+        rotation = unpack_rotation(words.y);
+    }
+}
+
+const uint SH_FLOATS = 3 * (SH_DEGREE + 1) * (SH_DEGREE + 1);
+const uint SH_PER_WORD = SH_STORAGE == STORED_F32 ? 1 : SH_STORAGE == STORED_F16 ? 2 : 4;
+const uint SH_WORDS = (SH_FLOATS + SH_PER_WORD - 1) / SH_PER_WORD;
+const uint SH_STORED_PLANES = (SH_WORDS + 3) / 4;
+// Gaussians that share an element of the last plane.
+const uint SH_SHARE = SH_WORDS % 4 == 1 ? 4 : SH_WORDS % 4 == 2 ? 2 : 1;
+
+// This Gaussian's part of an element that several share, first.
+uvec4 own_part(uvec4 element, uint gaussian) {
+    if (SH_SHARE == 2) return gaussian % 2 == 0 ? element : element.zwxy;
+    if (SH_SHARE == 4) return uvec4(element[gaussian % 4], 0, 0, 0);
+    return element;
+}
+
+// The four floats from `first` on, from the word that holds them in 8 bits each.
+vec4 unpack_bytes(uint word, uint first) {
+    vec4 floats;
+    for (uint k = 0; k < 4; k++) {
+        floats[k] = on_grid(grids.sh[min((first + k) / 3, 15)], bitfieldExtract(word, int(8 * k), 8));
+    }
+    return floats;
+}
+
+// All coefficients without gaps, four floats a plane; those of degrees that are not kept are 0.
+void load_sh(uint gaussian, out vec4 planes[SH_PLANES]) {
+    uvec4 stored[SH_PLANES];
+    for (uint i = 0; i < SH_PLANES; i++) planes[i] = vec4(0.0);
+    // Literal indices: everything stays in registers, and a scene that keeps less loads less.
+#define LOAD(i) \
+    if (i + 1 < SH_STORED_PLANES) stored[i] = sh[i].plane[gaussian]; \
+    if (i + 1 == SH_STORED_PLANES) stored[i] = own_part(sh[i].plane[gaussian / SH_SHARE], gaussian);
+    LOAD(0) LOAD(1) LOAD(2) LOAD(3) LOAD(4) LOAD(5) LOAD(6) LOAD(7) LOAD(8) LOAD(9) LOAD(10) LOAD(11)
+#undef LOAD
+#define UNPACK(i) \
+    if (4 * i < SH_FLOATS) { \
+        if (SH_STORAGE == STORED_F32) planes[i] = uintBitsToFloat(stored[i]); \
+        if (SH_STORAGE == STORED_F16) { \
+            planes[i] = vec4(unpackHalf2x16(stored[i / 2][2 * i % 4]), unpackHalf2x16(stored[i / 2][2 * i % 4 + 1])); \
+        } \
+        if (SH_STORAGE == STORED_U8) planes[i] = unpack_bytes(stored[i / 4][i % 4], 4 * i); \
+    }
+    UNPACK(0) UNPACK(1) UNPACK(2) UNPACK(3) UNPACK(4) UNPACK(5) UNPACK(6) UNPACK(7) UNPACK(8) UNPACK(9) UNPACK(10) UNPACK(11)
+#undef UNPACK
+}

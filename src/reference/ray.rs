@@ -1,0 +1,52 @@
+//! Where along a ray a Gaussian is densest: the ideal depth to sort by, in every pixel anew (StopThePop, Radl et al. 2024).
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use rayon::prelude::*;
+
+use crate::camera::Camera;
+use crate::scene::Gaussians;
+
+/// The Gaussians of some splats, as rays from the camera meet them.
+pub struct Rays {
+    focal_px: DVec2,
+    centre_px: DVec2,
+    whitened: Vec<Whitened>,
+}
+
+/// A Gaussian in coordinates in which it is the unit ball.
+struct Whitened {
+    /// From view axes.
+    from_view: DMat3,
+    /// From the camera.
+    mean: DVec3,
+}
+
+/// A Gaussian is taken to be no flatter than this part of its longest axis.
+const FLATTEST: f64 = 1e-6;
+
+impl Rays {
+    pub fn new(gaussians: &Gaussians, ids: &[u32], camera: &Camera) -> Self {
+        let whitened = |id: &u32| {
+            let index = *id as usize;
+            let [w, x, y, z] = gaussians.rotations()[index].map(f64::from);
+            let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+            let scale = DVec3::from(gaussians.scales()[index].map(f64::from));
+            let scale = scale.max(DVec3::splat(FLATTEST * scale.max_element())).max(DVec3::splat(f64::MIN_POSITIVE));
+            let from_view = DMat3::from_diagonal(scale.recip()) * (camera.rotation * rotation).transpose();
+            let mean = from_view * camera.view(DVec3::from(gaussians.means()[index].map(f64::from)));
+            Whitened { from_view, mean }
+        };
+        Self {
+            focal_px: camera.focal_px,
+            centre_px: camera.centre_px,
+            whitened: ids.par_iter().map(whitened).collect(),
+        }
+    }
+
+    /// View depth at which splat `id` is densest along the ray through a point of the image: not behind the camera.
+    pub fn depth(&self, id: u32, point_px: DVec2) -> f64 {
+        let Whitened { from_view, mean } = &self.whitened[id as usize];
+        let ray = *from_view * ((point_px - self.centre_px) / self.focal_px).extend(1.0);
+        (ray.dot(*mean) / ray.length_squared()).max(0.0)
+    }
+}

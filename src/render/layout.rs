@@ -1,0 +1,187 @@
+//! How the numbers of a Gaussian are packed into words for the GPU, as `storage.glsl` unpacks them.
+
+use half::f16;
+use rayon::prelude::*;
+
+use super::shaders::Grids;
+use crate::options::{Options, Storage};
+use crate::scene::{Gaussians, Grid, MAX_SH_DEGREE, Requirements, bands, encode_rotation, sh_coefficients};
+
+/// What of a scene is kept on the GPU, and in how many bits: what the scene requires, and the options allow to lose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layout {
+    pub sh_degree: u32,
+    pub sh: Packing,
+    pub shape: Packing,
+    sh_grids: [Grid; sh_coefficients(MAX_SH_DEGREE)],
+    scale_grid: Grid,
+    /// Scales are multiples of it where they are 16-bit floats.
+    scale_unit: f32,
+}
+
+/// In what numbers a group of attributes is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Packing {
+    /// Never [`Storage::Lossless`].
+    pub storage: Storage,
+    /// What the file held is given back.
+    pub is_lossless: bool,
+}
+
+impl Packing {
+    /// The fewest bits that `allowed` lets be used.
+    fn of(allowed: Storage, fits_bytes: bool) -> Self {
+        match allowed {
+            Storage::Lossless | Storage::F16 if fits_bytes => Self { storage: Storage::U8, is_lossless: true },
+            Storage::Lossless | Storage::F32 => Self { storage: Storage::F32, is_lossless: true },
+            Storage::F16 => Self { storage: Storage::F16, is_lossless: false },
+            Storage::U8 => Self { storage: Storage::U8, is_lossless: fits_bytes },
+        }
+    }
+
+    /// As the shaders call it.
+    pub(super) fn code(self) -> u32 {
+        match self.storage {
+            Storage::Lossless | Storage::F32 => 0,
+            Storage::F16 => 1,
+            Storage::U8 => 2,
+        }
+    }
+}
+
+impl Layout {
+    pub fn of(gaussians: &Gaussians, needs: &Requirements, options: &Options) -> Self {
+        let sh_degree = needs.sh_degree.min(options.sh_degree);
+        let sh = Packing::of(options.sh_storage, needs.sh_grids.is_some());
+        let shape = Packing::of(options.shape_storage, needs.scale_grid.is_some());
+        let sh_grids = needs.sh_grids.unwrap_or_else(|| match sh.storage {
+            Storage::U8 => std::array::from_fn(|i| spanning_coefficient(gaussians, sh_degree, i)),
+            _ => [UNUSED; sh_coefficients(MAX_SH_DEGREE)],
+        });
+        let logarithms = || gaussians.scales().par_iter().flat_map_iter(|s| s.map(|s| f64::from(s).log2()));
+        let scale_grid = needs.scale_grid.unwrap_or_else(|| match shape.storage {
+            Storage::U8 => Grid::spanning(logarithms()),
+            _ => UNUSED,
+        });
+        let largest = gaussians.scales().as_flattened().iter().fold(0.0, |m: f32, s| m.max(*s));
+        // The largest becomes 2^15 at most, so that only what is 2^29 times smaller loses precision.
+        let scale_unit = if largest > 0.0 { (f64::from(largest).log2().ceil() - 15.0).exp2() as f32 } else { 1.0 };
+        let scale_unit = scale_unit.max(f32::MIN_POSITIVE);
+        Self { sh_degree, sh, shape, sh_grids, scale_grid, scale_unit }
+    }
+
+    /// Above what this packing changes of any channel of any Gaussian's colour from any direction, the degrees that are
+    /// left out included: |dc| <= sum over l of sqrt((2 l + 1) / 4 pi) |dk_l|. A picture changes by as much at most,
+    /// since a pixel is a convex combination of colours.
+    pub fn colour_error(&self, gaussians: &Gaussians) -> f64 {
+        if self.sh.is_lossless && self.sh_degree == gaussians.sh_degree() {
+            return 0.0;
+        }
+        let kept = sh_coefficients(self.sh_degree);
+        let of_gaussian = |index: usize| {
+            let sh = gaussians.sh(index);
+            let change = |i: usize, channel: usize| match sh.get(i) {
+                Some(value) if i < kept => f64::from(self.kept(i, value[channel])) - f64::from(value[channel]),
+                Some(value) => value[channel].into(),
+                None => 0.0,
+            };
+            (0..3).map(|channel| bands(|i| change(i, channel)).iter().sum()).fold(0.0, f64::max)
+        };
+        (0..gaussians.len()).into_par_iter().with_min_len(4096).map(of_gaussian).reduce(|| 0.0, f64::max)
+    }
+
+    /// What the GPU has for the value of a coefficient.
+    fn kept(&self, coefficient: usize, value: f32) -> f32 {
+        match self.sh.storage {
+            Storage::Lossless | Storage::F32 => value,
+            Storage::F16 => half(value).to_f32(),
+            Storage::U8 => {
+                let grid = self.sh_grids[coefficient];
+                grid.decode(grid.encode(value.into()))
+            }
+        }
+    }
+
+    /// Device memory in bytes that a Gaussian takes. Words that would be alone are with those of others, but three have
+    /// the room of four.
+    pub fn bytes_each(&self) -> u64 {
+        let padded = |words: usize| words + usize::from(words % 4 == 3);
+        4 * (4 + padded(self.shape_words()) + padded(self.sh_words())) as u64
+    }
+
+    /// Words of spherical harmonics that a Gaussian takes.
+    pub(super) fn sh_words(&self) -> usize {
+        let floats = 3 * sh_coefficients(self.sh_degree);
+        match self.sh.storage {
+            Storage::Lossless | Storage::F32 => floats,
+            Storage::F16 => floats.div_ceil(2),
+            Storage::U8 => floats.div_ceil(4),
+        }
+    }
+
+    /// Words of rotation, scale and opacity that a Gaussian takes.
+    pub(super) fn shape_words(&self) -> usize {
+        match self.shape.storage {
+            Storage::Lossless | Storage::F32 => 8,
+            Storage::F16 => 4,
+            Storage::U8 => 2,
+        }
+    }
+
+    /// Word `word` of the spherical harmonics `sh`.
+    pub(super) fn sh_word(&self, sh: &[[f32; 3]], word: usize) -> u32 {
+        let floats = &sh[..sh_coefficients(self.sh_degree)].as_flattened();
+        let float = |i: usize| floats.get(i).copied().unwrap_or(0.0);
+        match self.sh.storage {
+            Storage::Lossless | Storage::F32 => float(word).to_bits(),
+            Storage::F16 => halves([float(2 * word), float(2 * word + 1)]),
+            Storage::U8 => u32::from_le_bytes(std::array::from_fn(|k| {
+                let i = 4 * word + k;
+                self.sh_grids[(i / 3).min(15)].encode(float(i).into())
+            })),
+        }
+    }
+
+    /// Word `word` of Gaussian `index`'s rotation, scale and opacity.
+    pub(super) fn shape_word(&self, gaussians: &Gaussians, index: usize, word: usize) -> u32 {
+        let (q, scale, opacity) = (gaussians.rotations()[index], gaussians.scales()[index], gaussians.opacities()[index]);
+        let [x, y, z] = scale;
+        match self.shape.storage {
+            Storage::Lossless | Storage::F32 => [q, [x, y, z, opacity]].as_flattened()[word].to_bits(),
+            Storage::F16 => {
+                let [x, y, z] = scale.map(|s| s / self.scale_unit);
+                [[q[0], q[1]], [q[2], q[3]], [x, y], [z, opacity]].map(halves)[word]
+            }
+            Storage::U8 if word == 0 => {
+                let [x, y, z] = scale.map(|s| self.scale_grid.encode(f64::from(s).log2()));
+                // Nothing that is drawn becomes transparent.
+                u32::from_le_bytes([x, y, z, (opacity * 255.0).round().max(1.0) as u8])
+            }
+            Storage::U8 => encode_rotation(q),
+        }
+    }
+
+    /// What the shaders need to unpack it.
+    pub(super) fn grids(&self) -> Grids {
+        let pair = |grid: Grid| [grid.offset, grid.step];
+        Grids { sh: self.sh_grids.map(pair), log2_scale: pair(self.scale_grid), scale_unit: self.scale_unit }
+    }
+}
+
+const UNUSED: Grid = Grid { offset: 0.0, step: 1.0 };
+
+fn spanning_coefficient(gaussians: &Gaussians, degree: u32, i: usize) -> Grid {
+    if i >= sh_coefficients(degree) {
+        return UNUSED;
+    }
+    Grid::spanning((0..gaussians.len()).into_par_iter().flat_map_iter(|index| gaussians.sh(index)[i].map(f64::from)))
+}
+
+/// The nearest 16-bit float, but never an infinity.
+fn half(value: f32) -> f16 {
+    f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
+}
+
+fn halves([low, high]: [f32; 2]) -> u32 {
+    u32::from(half(low).to_bits()) | u32::from(half(high).to_bits()) << 16
+}

@@ -1,0 +1,223 @@
+//! What a scene requires of a renderer: nothing else need be modelled.
+
+use std::f64::consts::PI;
+
+use rayon::prelude::*;
+
+use super::{Gaussians, Grid, MAX_SH_DEGREE, harmonics, sh_coefficients};
+
+/// What there is in a scene to be drawn, and in how few bits it can be kept.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Requirements {
+    /// The highest degree of spherical harmonics with a coefficient that is not zero.
+    pub sh_degree: u32,
+    /// Of each degree.
+    pub bands: [Band; MAX_SH_DEGREE as usize + 1],
+    /// Above the brightest channel of any Gaussian from any direction.
+    pub brightest: f64,
+    /// Of each coefficient, if the file held all of them in 8 bits.
+    pub sh_grids: Option<[Grid; sh_coefficients(MAX_SH_DEGREE)]>,
+    /// Of the binary logarithms of the scales, if the file held them and the opacities in 8 bits and the rotations in 32,
+    /// as .spz does.
+    pub scale_grid: Option<Grid>,
+}
+
+/// What the coefficients of one degree do to colours.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Band {
+    /// Above their part of any channel of any Gaussian from any direction.
+    pub bound: f64,
+    /// Root mean square of their part of a channel, over Gaussians and directions.
+    pub rms: f64,
+}
+
+impl Requirements {
+    pub fn of(gaussians: &Gaussians) -> Self {
+        let all = (0..gaussians.len()).into_par_iter().with_min_len(4096);
+        let none = || ([Band::default(); 4], 0.0_f64);
+        let larger = |(mut a, brightest): ([Band; 4], f64), (b, other): ([Band; 4], f64)| {
+            for (sum, band) in a.iter_mut().zip(b) {
+                *sum = Band { bound: sum.bound.max(band.bound), rms: sum.rms + band.rms };
+            }
+            (a, brightest.max(other))
+        };
+        let (mut bands, brightest) = all
+            .fold(none, |sum, index| {
+                let channels = (0..3).map(|channel| of_channel(gaussians.sh(index), channel));
+                channels.fold(sum, larger)
+            })
+            .reduce(none, larger);
+        for band in &mut bands {
+            band.rms = (band.rms / (3 * gaussians.len().max(1)) as f64).sqrt();
+        }
+        let sh_degree = (0..=gaussians.sh_degree()).rev().find(|l| bands[*l as usize].bound > 0.0).unwrap_or(0);
+        Self {
+            sh_degree,
+            bands,
+            brightest,
+            sh_grids: sh_grids(gaussians, sh_degree),
+            scale_grid: scale_grid(gaussians),
+        }
+    }
+
+    /// Above what spherical harmonics beyond `degree` change of any channel of any Gaussian.
+    pub fn above_degree(&self, degree: u32) -> f64 {
+        self.bands.iter().skip(degree as usize + 1).map(|band| band.bound).sum()
+    }
+}
+
+/// The bound and the square of the part of each degree in one channel of a Gaussian, and the bound of the channel.
+fn of_channel(sh: &[[f32; 3]], channel: usize) -> ([Band; 4], f64) {
+    let bands = bands(|i| sh.get(i).map_or(0.0, |k| k[channel].into()));
+    let brightest = 0.5 + harmonics::C0 * f64::from(sh[0][channel]) + bands[1..].iter().sum::<f64>();
+    // A basis function has mean square 1 / 4 pi over the directions.
+    (std::array::from_fn(|l| Band { bound: bands[l], rms: bands[l].powi(2) / (2 * l + 1) as f64 }), brightest)
+}
+
+/// Above the part of each degree in a channel with these coefficients: by Cauchy-Schwarz their length times that of the
+/// basis functions, whose squares sum to (2 l + 1) / 4 pi in every direction (the addition theorem).
+pub fn bands(coefficient: impl Fn(usize) -> f64) -> [f64; MAX_SH_DEGREE as usize + 1] {
+    std::array::from_fn(|l| {
+        let squares: f64 = (l * l..(l + 1) * (l + 1)).map(|i| coefficient(i).powi(2)).sum();
+        (squares * (2 * l + 1) as f64 / (4.0 * PI)).sqrt()
+    })
+}
+
+fn sh_grids(gaussians: &Gaussians, degree: u32) -> Option<[Grid; sh_coefficients(MAX_SH_DEGREE)]> {
+    let mut grids = [Grid { offset: 0.0, step: 1.0 }; sh_coefficients(MAX_SH_DEGREE)];
+    for (i, grid) in grids.iter_mut().enumerate().take(sh_coefficients(degree)) {
+        *grid = Grid::of(3 * gaussians.len(), |k| gaussians.sh(k / 3)[i][k % 3].into())?;
+    }
+    Some(grids)
+}
+
+fn scale_grid(gaussians: &Gaussians) -> Option<Grid> {
+    let on_bytes = |opacity: &f32| {
+        let steps = f64::from(*opacity) * 255.0;
+        (steps - steps.round()).abs() < 1e-4
+    };
+    let few = |rotation: &[f32; 4]| rotation_error(decode_rotation(encode_rotation(*rotation)), *rotation) < 1e-6;
+    let grid = Grid::of(3 * gaussians.len(), |i| f64::from(gaussians.scales()[i / 3][i % 3]).log2())?;
+    let held = gaussians.opacities().par_iter().with_min_len(4096).all(on_bytes)
+        && gaussians.rotations().par_iter().with_min_len(4096).all(few);
+    held.then_some(grid)
+}
+
+/// A unit quaternion in 32 bits: two for its largest component, made positive, and ten, a sign and nine of magnitude up to
+/// sqrt(1/2), for each of the others (the scheme of SPZ 3).
+pub fn encode_rotation(rotation: [f32; 4]) -> u32 {
+    // Where two components are nearly the largest, a file may have chosen either.
+    let error = |packed: &u32| rotation_error(decode_rotation(*packed), rotation);
+    let candidates = (0..4).map(|largest| encode_around(rotation, largest));
+    candidates.min_by(|a, b| error(a).total_cmp(&error(b))).unwrap_or(0)
+}
+
+fn encode_around(rotation: [f32; 4], largest: usize) -> u32 {
+    let flip = rotation[largest] < 0.0;
+    let others = rotation.iter().enumerate().filter(|(i, _)| *i != largest);
+    let packed = others.fold(0, |packed, (_, component)| {
+        let steps = (f64::from(component.abs()) * 2_f64.sqrt() * 511.0).round().min(511.0) as u32;
+        packed << 10 | u32::from((*component < 0.0) != flip) << 9 | steps
+    });
+    (largest as u32) << 30 | packed
+}
+
+/// What [`encode_rotation`] kept.
+pub fn decode_rotation(packed: u32) -> [f64; 4] {
+    let largest = (packed >> 30) as usize;
+    let mut shifts = [20, 10, 0].into_iter();
+    let mut q = [0.0; 4];
+    for (_, component) in q.iter_mut().enumerate().filter(|(i, _)| *i != largest) {
+        let bits = packed >> shifts.next().unwrap_or(0) & 1023;
+        let magnitude = f64::from(bits & 511) / 511.0 * 0.5_f64.sqrt();
+        *component = if bits & 512 == 0 { magnitude } else { -magnitude };
+    }
+    q[largest] = (1.0 - q.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
+    q
+}
+
+/// The largest difference of a component, whichever of the two quaternions of a rotation is meant.
+fn rotation_error(a: [f64; 4], b: [f32; 4]) -> f64 {
+    let with = |sign: f64| a.iter().zip(b).map(|(a, b)| (a - sign * f64::from(b)).abs()).fold(0.0, f64::max);
+    with(1.0).min(with(-1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Builder, Raw};
+
+    fn scene(coefficients: &[[f32; 3]], opacity_logit: f64, rotation: [f64; 4]) -> Gaussians {
+        let degree = coefficients.len().isqrt() as u32 - 1;
+        let mut builder = Builder::new(degree, 1).unwrap();
+        builder.extend(1, |_, sh| {
+            sh.copy_from_slice(coefficients);
+            Raw { mean: [0.0; 3], log_scale: [-1.0, -2.0, -3.0], rotation, opacity_logit }
+        });
+        builder.finish().0
+    }
+
+    #[test]
+    fn a_degree_of_zeros_is_not_required() {
+        let mut sh = vec![[0.0; 3]; 16];
+        sh[0] = [1.0; 3];
+        sh[2] = [0.5, 0.0, 0.0];
+        let needs = Requirements::of(&scene(&sh, 0.0, [1.0, 0.0, 0.0, 0.0]));
+        assert_eq!(needs.sh_degree, 1);
+        assert_eq!(needs.above_degree(1), 0.0);
+        assert!((needs.above_degree(0) - 0.5 * 0.4886025119).abs() < 1e-9, "C1 times the coefficient");
+    }
+
+    /// A search for a direction in which the colour passes the bound.
+    #[test]
+    fn no_direction_passes_the_bounds() {
+        let mut state = 1_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f64 / (1_u64 << 23) as f64 - 1.0
+        };
+        let mut closest = 0.0_f64;
+        for _ in 0..50 {
+            let sh: Vec<[f32; 3]> = (0..16).map(|_| [random() as f32; 3]).collect();
+            let needs = Requirements::of(&scene(&sh, 0.0, [1.0, 0.0, 0.0, 0.0]));
+            for _ in 0..2000 {
+                let d = glam::DVec3::new(random(), random(), random()).normalize();
+                let basis = harmonics::basis(d.to_array());
+                let part = |range: std::ops::Range<usize>| -> f64 { range.map(|i| basis[i] * f64::from(sh[i][0])).sum() };
+                for degree in 0..4 {
+                    let beyond = part((degree + 1) * (degree + 1)..16).abs();
+                    assert!(beyond <= needs.above_degree(degree as u32) + 1e-12);
+                    closest = closest.max(beyond / needs.above_degree(degree as u32).max(1e-9));
+                }
+                assert!(0.5 + part(0..16) <= needs.brightest + 1e-12);
+            }
+        }
+        assert!(closest > 0.8, "the bound is not loose: {closest}");
+    }
+
+    #[test]
+    fn rotations_survive_their_32_bits() {
+        // The second has a component of sqrt(1/2) beside the one left out.
+        for packed in [0, 0x1ff, 0x8123_4567, 0xc0ab_cdef_u32, 0x4000_0001] {
+            let rotation = decode_rotation(packed).map(|v| v as f32);
+            for rotation in [rotation, rotation.map(|v| -v)] {
+                assert!(rotation_error(decode_rotation(encode_rotation(rotation)), rotation) < 1e-6, "{packed:x}");
+            }
+        }
+        for rotation in [[0.5, -0.5, 0.5, 0.5], [0.1, -0.7, 0.7, 0.1]] {
+            assert!(rotation_error(decode_rotation(encode_rotation(rotation)), rotation) < 1.5e-3);
+        }
+    }
+
+    #[test]
+    fn grids_are_found_where_a_file_held_bytes() {
+        let opacity = 100.0 / 255.0_f64;
+        let logit = (opacity / (1.0 - opacity)).ln();
+        let needs = Requirements::of(&scene(&[[0.5, -0.25, 0.125]], logit, [1.0, 0.0, 0.0, 0.0]));
+        assert!(needs.sh_grids.is_some() && needs.scale_grid.is_some());
+        let needs = Requirements::of(&scene(&[[0.5, -0.25, 0.125]], 0.1234, [1.0, 0.0, 0.0, 0.0]));
+        assert!(needs.scale_grid.is_none(), "the opacity is between two steps");
+        let needs = Requirements::of(&scene(&[[0.5, -0.25, 0.125]], logit, [0.9, 0.1, 0.3, 0.2]));
+        assert!(needs.scale_grid.is_none(), "the rotation is between two steps");
+    }
+}
