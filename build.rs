@@ -19,6 +19,8 @@ mod spirv;
 use spirv::{Interface, Kind, Member, Struct, Type, Value};
 
 const SHADER_FOLDER: &str = "glsl";
+/// Defined where a shader is compiled for arithmetic in 16-bit floats.
+const HALF: &str = "HALF_ARITHMETIC";
 
 fn main() {
     if let Err(error) = run() {
@@ -40,9 +42,13 @@ fn run() -> Result<()> {
     let mut generated = Generated::default();
     for source in sources {
         let stem = source.file_stem().and_then(|s| s.to_str()).context("a shader's name is not UTF-8")?;
-        let modules = compile(&compiler, &source, &out)?;
-        let interface = spirv::reflect(&modules.named).with_context(|| source.display().to_string())?;
-        generated.shader(stem, &interface, &modules.optimized_path).with_context(|| source.display().to_string())?;
+        let place = || source.display().to_string();
+        let modules = compile(&compiler, &source, &out, None)?;
+        let interface = spirv::reflect(&modules.named).with_context(place)?;
+        let half = compile(&compiler, &source, &out, Some(HALF))?;
+        // What asks for the macro has a second form; of any other shader, both are the same.
+        let half = (half.optimized_path != modules.optimized_path).then_some(half.optimized_path);
+        generated.shader(stem, &interface, &modules.optimized_path, half.as_deref()).with_context(place)?;
     }
     write_if_changed(&out.join("shaders.rs"), generated.code.as_bytes())
 }
@@ -71,10 +77,10 @@ struct Modules {
 
 /// Compiles one shader twice, or takes both modules from an earlier build of the same preprocessed source by
 /// the same build script.
-fn compile(compiler: &Compiler, source: &Path, out: &Path) -> Result<Modules> {
+fn compile(compiler: &Compiler, source: &Path, out: &Path, defined: Option<&str>) -> Result<Modules> {
     let text = fs::read_to_string(source)?;
     let file = source.to_str().context("a shader's path is not UTF-8")?;
-    let preprocessed = compiler.preprocess(&text, file, "main", Some(&options(OptimizationLevel::Zero)?))?.as_text();
+    let preprocessed = compiler.preprocess(&text, file, "main", Some(&options(OptimizationLevel::Zero, defined)?))?.as_text();
     let mut hasher = DefaultHasher::new();
     (preprocessed, include_str!("build.rs")).hash(&mut hasher);
     let stem = source.file_stem().and_then(|s| s.to_str()).context("a shader's name is not UTF-8")?;
@@ -83,7 +89,7 @@ fn compile(compiler: &Compiler, source: &Path, out: &Path) -> Result<Modules> {
     for (level, path) in [(OptimizationLevel::Zero, &named_path), (OptimizationLevel::Performance, &optimized_path)] {
         if !path.exists() {
             let module =
-                compiler.compile_into_spirv(&text, ShaderKind::Compute, file, "main", Some(&options(level)?))?;
+                compiler.compile_into_spirv(&text, ShaderKind::Compute, file, "main", Some(&options(level, defined)?))?;
             let unfinished = path.with_extension("part");
             fs::write(&unfinished, module.as_binary_u8())?;
             fs::rename(&unfinished, path)?;
@@ -93,8 +99,11 @@ fn compile(compiler: &Compiler, source: &Path, out: &Path) -> Result<Modules> {
     Ok(Modules { named, optimized_path })
 }
 
-fn options(level: OptimizationLevel) -> Result<CompileOptions<'static>> {
+fn options(level: OptimizationLevel, defined: Option<&str>) -> Result<CompileOptions<'static>> {
     let mut options = CompileOptions::new()?;
+    if let Some(name) = defined {
+        options.add_macro_definition(name, None);
+    }
     options.set_target_env(TargetEnv::Vulkan, EnvVersion::Vulkan1_3 as u32);
     options.set_target_spirv(SpirvVersion::V1_6);
     options.set_optimization_level(level);
@@ -121,7 +130,7 @@ struct Generated {
 }
 
 impl Generated {
-    fn shader(&mut self, stem: &str, interface: &Interface, spirv: &Path) -> Result<()> {
+    fn shader(&mut self, stem: &str, interface: &Interface, spirv: &Path, half: Option<&Path>) -> Result<()> {
         for structure in &interface.structs {
             self.shared_struct(stem, structure)?;
         }
@@ -148,6 +157,7 @@ impl Generated {
         });
         let bindings: String = bindings.collect();
         let [x, y, z] = interface.workgroup;
+        let half = half.map_or("None".to_owned(), |path| format!("Some(include_bytes!({path:?}))"));
         write!(
             self.code,
             "
@@ -157,6 +167,7 @@ pub struct {name};
 impl Shader for {name} {{
     const NAME: &'static str = \"{stem}\";
     const SPIRV: &'static [u8] = include_bytes!({spirv:?});
+    const HALF_SPIRV: Option<&'static [u8]> = {half};
     const WORKGROUP: [u32; 3] = [{x}, {y}, {z}];
     const BINDINGS: &'static [Binding] = &[
 {bindings}    ];

@@ -33,7 +33,7 @@ layout(push_constant, scalar) uniform Push {
 
 shared vec2 staged_mean[WORKGROUP];
 shared vec4 staged_weight[WORKGROUP];  // factor, opacity
-shared vec4 staged_colour[WORKGROUP];  // colour, and the falloff at which alpha is ALPHA_MIN
+shared real4 staged_colour[WORKGROUP];  // colour, and the falloff past which it is not drawn
 shared uint stopped_subgroups;
 
 // Even bits of a byte: half of a Morton index.
@@ -54,7 +54,7 @@ bool reaches(uint i, vec2 low, vec2 high) {
     float least = min(falloff(factor, on_x), falloff(factor, on_y));
     // u is a difference of products: its rounding shifts sqrt(falloff) by this much.
     vec2 far = max(abs(from), abs(to));
-    float limit = sqrt(staged_colour[i].w + 1e-4) + 1e-6 * (factor.x * far.x + (abs(factor.y) + factor.z) * far.y);
+    float limit = sqrt(float(staged_colour[i].w) + 1e-4) + 1e-6 * (factor.x * far.x + (abs(factor.y) + factor.z) * far.y);
     return !(least > limit * limit);
 }
 
@@ -100,8 +100,8 @@ void main() {
 
     bool inside = all(lessThan(pixel, push.size_px));
     vec4 state = begin_pixel(pixel, inside);
-    vec3 colour = state.rgb;
-    float transmittance = abs(state.a);
+    real3 colour = real3(state.rgb);
+    real transmittance = real(abs(state.a));
     bool stopped = !inside || state.a < 0.0;
 
     uvec2 list = ranges[tile];
@@ -150,5 +150,5 @@ void main() {
         }
     }
     if (COUNT) count_work(evaluations, walked, inside && stopped && push.last_pass == 1, list.y > list.x && !RESUME);
-    if (inside) end_pixel(pixel, colour, transmittance, stopped);
+    if (inside) end_pixel(pixel, vec3(colour), float(transmittance), stopped);
 }

@@ -1,6 +1,18 @@
 // What a splat does to a pixel: the arithmetic that all blends share, so that they agree bit for bit.
 #include "rules.glsl"
 
+// With HALF_ARITHMETIC, colours, alphas and transmittances are 16-bit floats; distances never are.
+#ifdef HALF_ARITHMETIC
+#extension GL_EXT_shader_explicit_arithmetic_types_float16 : require
+#define real float16_t
+#define real3 f16vec3
+#define real4 f16vec4
+#else
+#define real float
+#define real3 vec3
+#define real4 vec4
+#endif
+
 layout(constant_id = 18) const float ALPHA_MAX = 0.99;
 layout(constant_id = 19) const float TRANSMITTANCE_MIN = 1e-4;  // the splat that would take T below is not added
 layout(constant_id = 20) const float STOP = 0.0;                // a pixel is finished once T is below
@@ -20,20 +32,20 @@ float falloff_limit(float opacity) {
 }
 
 // What a splat is blended with: its colour, and its limit.
-vec4 colour_and_limit(Splat splat) {
-    return vec4(splat.colour, falloff_limit(splat.opacity));
+real4 colour_and_limit(Splat splat) {
+    return real4(vec4(splat.colour, falloff_limit(splat.opacity)));
 }
 
 // Blends a splat into a pixel; true if that ends the pixel. `weight`: factor, opacity; `look`: colour and limit.
-bool blend_splat(vec2 mean, vec4 weight, vec4 look, vec2 pixel, inout vec3 colour, inout float transmittance) {
+bool blend_splat(vec2 mean, vec4 weight, real4 look, vec2 pixel, inout real3 colour, inout real transmittance) {
     float fall = falloff(weight.xyz, pixel - mean);
-    if (!(fall <= look.w)) return false;
-    float alpha = min(ALPHA_MAX, weight.w * exp2(-fall));
-    precise float rest = transmittance * (1.0 - alpha);
-    if (rest < TRANSMITTANCE_MIN) return true;
-    precise float share = alpha * transmittance;
-    precise vec3 added = fma(look.rgb, vec3(share), colour);
+    if (!(fall <= float(look.w))) return false;
+    real alpha = min(real(ALPHA_MAX), real(weight.w * exp2(-fall)));
+    precise real rest = transmittance * (real(1.0) - alpha);
+    if (rest < real(TRANSMITTANCE_MIN)) return true;
+    precise real share = alpha * transmittance;
+    precise real3 added = fma(look.rgb, real3(share), colour);
     colour = added;
     transmittance = rest;
-    return STOP > 0.0 && rest < STOP;
+    return STOP > 0.0 && rest < real(STOP);
 }

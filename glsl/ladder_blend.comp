@@ -1,4 +1,5 @@
 #version 460
+#undef HALF_ARITHMETIC  // this has no such form
 #include "workgroup.glsl"
 #include "ballot.glsl"
 #include "frame.glsl"

@@ -9,7 +9,7 @@ use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, 
 use gpu_allocator::{AllocationError, MemoryLocation};
 
 use super::error::describe;
-use super::facts::{self, DEVICE_FAULT, DeviceChoice, DeviceFacts, MEMORY_BUDGET, PORTABILITY_SUBSET};
+use super::facts::{self, DEVICE_FAULT, DeviceChoice, DeviceFacts, HALF_FLOATS, MEMORY_BUDGET, PORTABILITY_SUBSET};
 use super::instance::Instance;
 use super::submission::Slot;
 use crate::memory::OutOfMemory;
@@ -77,7 +77,8 @@ impl Device {
             .scalar_block_layout(true)
             .timeline_semaphore(true)
             .host_query_reset(true)
-            .subgroup_broadcast_dynamic_id(true);
+            .subgroup_broadcast_dynamic_id(true)
+            .shader_float16(facts.has(HALF_FLOATS));
         let mut features13 =
             vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).compute_full_subgroups(true);
         let mut fault = vk::PhysicalDeviceFaultFeaturesEXT::default().device_fault(true);

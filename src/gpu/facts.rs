@@ -90,6 +90,7 @@ impl DeviceFacts {
 
 /// What a stage may bind: that many are required of a device.
 pub(super) const MAX_STORAGE_BUFFERS: u32 = 24;
+pub(super) const HALF_FLOATS: &str = "f16 arithmetic";
 pub(super) const MEMORY_BUDGET: &str = "memory budget";
 pub(super) const PORTABILITY_SUBSET: &str = "portability subset";
 pub(super) const DEVICE_FAULT: &str = "device fault";
@@ -217,7 +218,7 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
     ];
     let missing = requirements.iter().filter(|(_, met)| !met).map(|(what, _)| (*what).to_owned()).collect();
     let optional = vec![
-        ("f16 arithmetic", features12.shader_float16 == vk::TRUE),
+        (HALF_FLOATS, features12.shader_float16 == vk::TRUE),
         ("8-bit storage", features12.storage_buffer8_bit_access == vk::TRUE),
         ("16-bit storage", features11.storage_buffer16_bit_access == vk::TRUE),
         ("subgroup size control", features13.subgroup_size_control == vk::TRUE),

@@ -14,6 +14,8 @@ pub trait Shader {
     const NAME: &'static str;
     /// The module, little-endian words.
     const SPIRV: &'static [u8];
+    /// The same with arithmetic in 16-bit floats, if it has such a form.
+    const HALF_SPIRV: Option<&'static [u8]>;
     /// Invocations in a workgroup.
     const WORKGROUP: [u32; 3];
     const BINDINGS: &'static [Binding];

@@ -8,7 +8,7 @@ use ash::vk;
 
 use super::device::{Device, Shared};
 use super::error::describe;
-use super::facts::MAX_STORAGE_BUFFERS;
+use super::facts::{HALF_FLOATS, MAX_STORAGE_BUFFERS};
 use super::shader::{Binding, BindingKind, Constants, Shader};
 
 /// The pipeline of shader `S`. It holds no resources.
@@ -26,13 +26,23 @@ pub(super) struct Pipeline {
 
 impl<S: Shader> Stage<S> {
     pub fn new(device: &Device, constants: &S::Constants) -> Result<Self> {
-        let pipeline = Pipeline::new::<S>(&device.0, constants).with_context(|| format!("stage {}", S::NAME))?;
+        Self::from_spirv(device, constants, S::SPIRV)
+    }
+
+    /// The same with arithmetic in 16-bit floats, where the shader has such a form and the device such floats.
+    pub fn in_halves(device: &Device, constants: &S::Constants) -> Result<Self> {
+        let has_halves = device.facts().has(HALF_FLOATS);
+        Self::from_spirv(device, constants, S::HALF_SPIRV.filter(|_| has_halves).unwrap_or(S::SPIRV))
+    }
+
+    fn from_spirv(device: &Device, constants: &S::Constants, spirv: &[u8]) -> Result<Self> {
+        let pipeline = Pipeline::new::<S>(&device.0, constants, spirv).with_context(|| format!("stage {}", S::NAME))?;
         Ok(Self { pipeline: Arc::new(pipeline), _shader: PhantomData })
     }
 }
 
 impl Pipeline {
-    fn new<S: Shader>(device: &Arc<Shared>, constants: &S::Constants) -> Result<Self> {
+    fn new<S: Shader>(device: &Arc<Shared>, constants: &S::Constants, spirv: &[u8]) -> Result<Self> {
         let limits = &device.facts.limits;
         let push_bytes = size_of::<S::Push>() as u32;
         ensure!(
@@ -61,7 +71,7 @@ impl Pipeline {
         made.layout = unsafe { device.raw.create_pipeline_layout(&info, None) }
             .map_err(|e| describe("vkCreatePipelineLayout", e))?;
 
-        let words = ash::util::read_spv(&mut std::io::Cursor::new(S::SPIRV))?;
+        let words = ash::util::read_spv(&mut std::io::Cursor::new(spirv))?;
         let (entries, bits): (Vec<_>, Vec<u32>) = (constants.entries().into_iter().enumerate())
             .map(|(i, (id, bits))| {
                 (vk::SpecializationMapEntry { constant_id: id, offset: 4 * i as u32, size: 4 }, bits)

@@ -192,7 +192,7 @@ impl<'s> Variant<'s> {
         self.duplicate(&mut steps, &order, tiles_x)?;
         let sorted = steps.cmd.scope("sort", |cmd| self.sort(cmd, tiles_x * tiles_y));
         self.ranges(&mut steps, &sorted.tile_keys, tiles_x * tiles_y)?;
-        steps.cmd.scope("blend", |cmd| self.blend(cmd, &sorted.splat_ids, tiles_x * tiles_y));
+        steps.cmd.scope("blend", |cmd| self.blend(cmd, camera, &sorted.splat_ids, tiles_x * tiles_y));
         steps.cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let totals = steps.flush_and_read(&self.work.totals)?;
         Ok((totals, steps.into_times()))
@@ -343,12 +343,13 @@ impl<'s> Variant<'s> {
         Ok(())
     }
 
-    fn blend(&self, cmd: &mut Commands, splat_ids: &Buffer<u32>, tiles: u32) {
+    fn blend(&self, cmd: &mut Commands, camera: &Camera, splat_ids: &Buffer<u32>, tiles: u32) {
         let (work, image) = (&self.work, &self.image);
         if self.rung.blend == Blend::PixelBlocks {
             self.renderer.order_tiles(cmd, work, tiles);
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-            return self.renderer.blend(cmd, work, splat_ids, image, Background::BLACK, self.passes);
+            let target = Target { image, certificate: None, background: Background::BLACK };
+            return self.renderer.blend(cmd, (self.scene, camera), work, splat_ids, target, self.passes);
         }
         for pass in 0..self.passes {
             if pass > 0 {

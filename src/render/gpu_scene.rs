@@ -5,10 +5,11 @@ use std::ops::Range;
 use anyhow::Result;
 use rayon::prelude::*;
 
+use super::blending::LISTED_ALPHA;
 use super::layout::Layout;
 use super::shaders::Grids;
 use crate::gpu::{Buffer, Commands, Device, Element};
-use crate::options::Options;
+use crate::options::{Options, Rules};
 use crate::scene::{Bounds, Gaussians, Requirements};
 
 /// Gaussians in device memory, in planes of four words: one of bounds, and as many of shapes and of spherical harmonics as
@@ -22,6 +23,8 @@ pub struct GpuScene {
     pub(super) grids: Buffer<Grids>,
     pub(super) layout: Layout,
     pub(crate) extent: Bounds,
+    /// Above the brightest channel of any Gaussian.
+    pub(super) brightest: f64,
     alpha_min: f64,
 }
 
@@ -32,6 +35,17 @@ impl GpuScene {
     /// Uploads a scene: what it requires of it, as the options let it be stored.
     pub fn new(device: &Device, gaussians: &Gaussians, options: &Options) -> Result<Self> {
         Self::with(device, gaussians, &Requirements::of(gaussians), options)
+    }
+
+    /// The same for [`Still::certified`](super::Still::certified), which has to see what others may cull.
+    pub fn certifiable(
+        device: &Device,
+        gaussians: &Gaussians,
+        needs: &Requirements,
+        options: &Options,
+    ) -> Result<Self> {
+        let rules = Rules { alpha_min: LISTED_ALPHA, ..options.rules };
+        Self::with(device, gaussians, needs, &Options { rules, ..*options })
     }
 
     /// The same for a scene whose requirements are known.
@@ -48,6 +62,7 @@ impl GpuScene {
             sh: planes("sh", layout.sh_words())?,
             grids: Buffer::new(device, "grids", 1)?,
             extent: Bounds::of(gaussians),
+            brightest: needs.brightest,
             alpha_min: options.rules.alpha_min.into(),
             layout,
         };

@@ -1,5 +1,6 @@
 //! The pipeline on the GPU: a scene's buffers, the frame's buffers, and the renderer that dispatches the stages.
 
+mod blending;
 mod gpu_scene;
 mod layout;
 mod renderer;
@@ -9,9 +10,10 @@ mod still;
 mod view;
 mod workspace;
 
+pub use blending::{Target, Variation};
 pub use gpu_scene::GpuScene;
 pub use layout::{Layout, Packing};
-pub use renderer::{Renderer, Variation};
+pub use renderer::Renderer;
 pub use shaders::*;
 pub use sort::{Pairs, RadixSort, SortRange, SortScratch};
 pub(crate) use still::read_pixels;

@@ -4,6 +4,7 @@ use std::mem::offset_of;
 
 use anyhow::{Result, ensure};
 
+use super::blending::{Blending, LISTED_ALPHA, Target, Variation, extent_code};
 use super::gpu_scene::GpuScene;
 use super::layout::Layout;
 use super::shaders::*;
@@ -11,15 +12,13 @@ use super::sort::{RadixSort, SortRange};
 use super::view::{DepthKeys, tile_bits, tiles, view};
 use super::workspace::{CULL_CHUNK, Workspace};
 use crate::camera::Camera;
-use crate::gpu::{Access, Buffer, Commands, Device, Extent, Image, Stage};
-use crate::options::{Background, Extent as Reach, Options, Order, TileTest};
+use crate::gpu::{Access, Buffer, Commands, Device, Extent, Stage};
+use crate::options::{Extent as Reach, Options, Order, TileTest};
 
 /// The stages of a frame, built for one set of options and one layout of a scene.
 pub struct Renderer {
     options: Options,
     layout: Layout,
-    /// Entries of a tile's list that one blend dispatch may take.
-    entries_per_pass: u32,
     cull: Stage<Cull>,
     cull_offsets: Stage<CullOffsets>,
     cull_compact: Stage<CullCompact>,
@@ -31,19 +30,11 @@ pub struct Renderer {
     duplicate: Stage<Duplicate>,
     ranges: Stage<Ranges>,
     tile_order: Stage<TileOrder>,
-    blend: Stage<Blend>,
-    blend_resumed: Stage<Blend>,
+    blending: Blending,
 }
 
 /// Smallest subgroup that the portable path is built for.
 const PORTABLE_SUBGROUP: u32 = 4;
-
-/// How a renderer that measures differs from one that draws: not at all, by default.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Variation {
-    /// Blend counts its work: `Totals` from `evaluations_low` on. It takes longer.
-    pub counts_work: bool,
-}
 
 impl Renderer {
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Self> {
@@ -56,10 +47,10 @@ impl Renderer {
         let facts = device.facts();
         let smallest_subgroup = if options.portable { PORTABLE_SUBGROUP } else { facts.subgroup_size[0] };
         let ballot_words = if options.portable { 4 } else { facts.subgroup_size[1].div_ceil(32) };
-        let extent = match rules.extent {
-            Reach::Exact => 0,
-            Reach::ThreeSigma => 1,
-            Reach::ThreeSigmaSquares => 2,
+        // Where everything that is left out is to be known, it is listed first.
+        let (alpha_min, extent) = match variation.certifies {
+            false => (rules.alpha_min, rules.extent),
+            true => (LISTED_ALPHA, Reach::Exact),
         };
         let project = ProjectConstants {
             sh_degree: layout.sh_degree,
@@ -67,34 +58,14 @@ impl Renderer {
             shape_storage: layout.shape.code(),
             by_distance: rules.order == Order::Distance,
             antialiased: rules.antialiased,
-            alpha_min: rules.alpha_min,
-            extent,
+            alpha_min,
+            extent: extent_code(extent),
             box_tiles: options.tile_test == TileTest::Box,
             ballot_words,
-        };
-        let blend = |resume| {
-            let constants = BlendConstants {
-                cull_pixel_blocks: !options.portable,
-                resume,
-                count: variation.counts_work,
-                alpha_min: rules.alpha_min,
-                extent,
-                alpha_max: rules.alpha_max,
-                transmittance_min: rules.transmittance_min,
-                stop: options.stop,
-                ballot_words,
-            };
-            Stage::new(device, &constants)
         };
         Ok(Self {
             options: *options,
             layout: layout.clone(),
-            entries_per_pass: facts.loop_limit.map_or(u32::MAX, |limit| {
-                // For a subgroup of entries: an iteration each, one around them, and in the loops over the words of a
-                // ballot one a word, one to leave each word, and as many to see that a pixel still goes on.
-                let iterations = smallest_subgroup + 3 * ballot_words + 3;
-                limit / iterations * smallest_subgroup
-            }),
             cull: Stage::new(device, &())?,
             cull_offsets: Stage::new(device, &())?,
             cull_compact: Stage::new(device, &())?,
@@ -106,14 +77,13 @@ impl Renderer {
             duplicate: Stage::new(device, &())?,
             ranges: Stage::new(device, &())?,
             tile_order: Stage::new(device, &())?,
-            blend: blend(false)?,
-            blend_resumed: blend(true)?,
+            blending: Blending::new(device, options, variation, [smallest_subgroup, ballot_words])?,
         })
     }
 
     /// Blend dispatches that a longest tile list of this length takes.
     pub fn passes(&self, longest_list: u32) -> u32 {
-        longest_list.div_ceil(self.entries_per_pass).max(1)
+        self.blending.passes(longest_list)
     }
 
     /// Passes over its keys that a frame's sort by depth takes, and its sort by tile.
@@ -130,17 +100,15 @@ impl Renderer {
         view(camera, self.options.rules.near)
     }
 
-    /// Records one frame: `image` is the scene seen by `camera`, if there was room in `work` and `passes` blend passes
+    /// Records one frame: `target` shows the scene seen by `camera`, if there was room in `work` and `passes` blend passes
     /// were enough; `work.totals` says so.
-    #[allow(clippy::too_many_arguments, reason = "what a frame is made of")]
     pub fn record(
         &self,
         cmd: &mut Commands,
         scene: &GpuScene,
         camera: &Camera,
-        background: Background,
         work: &Workspace,
-        image: &Image,
+        target: Target,
         passes: u32,
     ) {
         assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
@@ -177,7 +145,7 @@ impl Renderer {
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         cmd.scope("blend", |cmd| {
             let splat_ids = &work.instances.values[by_tile];
-            self.blend(cmd, work, splat_ids, image, background, passes);
+            self.blend(cmd, (scene, camera), work, splat_ids, target, passes);
         });
     }
 
@@ -307,40 +275,17 @@ impl Renderer {
         cmd.dispatch(&self.tile_order, bindings, TileOrderPush { tiles }, Extent::Invocations(tiles.into()));
     }
 
-    /// Blends every tile's list of `splat_ids` into the image.
+    /// Blends every tile's list of `splat_ids`.
     pub(crate) fn blend(
         &self,
         cmd: &mut Commands,
+        view: (&GpuScene, &Camera),
         work: &Workspace,
         splat_ids: &Buffer<u32>,
-        image: &Image,
-        background: Background,
+        target: Target,
         passes: u32,
     ) {
-        let tiles = tiles(image.size()).iter().product();
-        let bindings = BlendBindings {
-            ranges: &work.ranges,
-            splat_ids,
-            splats: &work.splats,
-            totals: &work.totals,
-            tiles_by_class: &work.tiles_by_class,
-            image,
-        };
-        for pass in 0..passes {
-            let push = BlendPush {
-                size_px: image.size(),
-                tiles,
-                background: background.colour(),
-                pass_begin: pass * self.entries_per_pass,
-                pass_limit: self.entries_per_pass,
-                last_pass: u32::from(pass + 1 == passes),
-            };
-            let stage = if pass == 0 { &self.blend } else { &self.blend_resumed };
-            if pass > 0 {
-                cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-            }
-            cmd.dispatch(stage, bindings, push, Extent::Groups(tiles.into()));
-        }
+        self.blending.record(cmd, view, work, splat_ids, target, passes);
     }
 }
 

@@ -1,18 +1,19 @@
 //! One picture at a time, without a window: renders, waits, and repeats what did not fit.
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 
+use super::blending::{Target, Variation};
 use super::gpu_scene::GpuScene;
-use super::renderer::{Renderer, Variation};
+use super::renderer::Renderer;
 use super::shaders::{Enlarge, EnlargeBindings, EnlargePush, Totals};
 use super::view::tiles;
 use super::workspace::{Demand, Workspace};
 use crate::camera::Camera;
 use crate::gpu::{
-    Access, Commands, Device, Extent, Image, InFlight, Readback, Results, Stage, Timestamps, Timing,
+    Access, Commands, Device, Extent as Groups, Image, InFlight, Readback, Results, Stage, Timestamps, Timing,
 };
 use crate::memory::host_vec;
-use crate::options::{Background, Options};
+use crate::options::{Background, Extent, Options};
 use crate::pixels::Pixels;
 
 /// Renders pictures of one scene, keeping its buffers from one to the next.
@@ -25,6 +26,7 @@ pub struct Still<'s> {
     image: Image,
     /// What is drawn smaller than the picture.
     enlarged: Option<Enlarged>,
+    certificate: Option<Image>,
     passes: u32,
     timestamps: Timestamps,
 }
@@ -59,17 +61,32 @@ const MAX_ATTEMPTS: u32 = 6;
 
 impl<'s> Still<'s> {
     pub fn new(device: &Device, options: &Options, scene: &'s GpuScene) -> Result<Self> {
+        Self::varied(device, options, scene, Variation::default())
+    }
+
+    /// Also makes a certificate of every picture: `scene` is [`GpuScene::certifiable`].
+    pub fn certified(device: &Device, options: &Options, scene: &'s GpuScene) -> Result<Self> {
+        ensure!(options.scale == 1.0, "a picture that is drawn smaller and enlarged has no certificate");
+        let is_cut_by_tiles = options.rules.extent == Extent::ThreeSigmaSquares;
+        ensure!(!is_cut_by_tiles, "a picture in which splats end at the borders of tiles has no certificate");
+        let variation = Variation { certifies: true, ..Variation::default() };
+        let certificate = Some(Image::new(device, "certificate", 1, 1)?);
+        Ok(Self { certificate, ..Self::varied(device, options, scene, variation)? })
+    }
+
+    fn varied(device: &Device, options: &Options, scene: &'s GpuScene, variation: Variation) -> Result<Self> {
         Ok(Self {
             device: device.clone(),
             options: *options,
             scene,
-            renderer: Renderer::new(device, options, scene.layout())?,
+            renderer: Renderer::varied(device, options, scene.layout(), variation)?,
             work: Workspace::new(device, Demand::guess(device, scene.len(), 1))?,
             image: Image::new(device, "image", 1, 1)?,
             enlarged: match options.scale {
                 1.0 => None,
                 _ => Some(Enlarged { drawn: Image::new(device, "drawn image", 1, 1)?, stage: Stage::new(device, &())? }),
             },
+            certificate: None,
             passes: 1,
             timestamps: Timestamps::All,
         })
@@ -88,7 +105,7 @@ impl<'s> Still<'s> {
 
     /// From here on frames count their work, which takes longer, or do not.
     pub fn count_work(&mut self, counts_work: bool) -> Result<()> {
-        let variation = Variation { counts_work };
+        let variation = Variation { counts_work, certifies: self.certificate.is_some() };
         self.renderer = Renderer::varied(&self.device, &self.options, self.scene.layout(), variation)?;
         Ok(())
     }
@@ -145,6 +162,9 @@ impl<'s> Still<'s> {
     ) -> Result<Started> {
         fit(&self.device, &mut self.image, "image", camera.size_px)?;
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
+        if let Some(certificate) = &mut self.certificate {
+            fit(&self.device, certificate, "certificate", camera.size_px)?;
+        }
         if let Some(enlarged) = &mut self.enlarged {
             fit(&self.device, &mut enlarged.drawn, "drawn image", camera.size_px)?;
         }
@@ -154,8 +174,9 @@ impl<'s> Still<'s> {
         cmd.set_timestamps(self.timestamps);
         prepare(&mut cmd);
         cmd.scope("frame", |cmd| {
-            let (work, drawn) = (&self.work, self.enlarged.as_ref().map_or(&self.image, |enlarged| &enlarged.drawn));
-            self.renderer.record(cmd, self.scene, camera, background, work, drawn, self.passes);
+            let image = self.enlarged.as_ref().map_or(&self.image, |enlarged| &enlarged.drawn);
+            let target = Target { image, certificate: self.certificate.as_ref(), background };
+            self.renderer.record(cmd, self.scene, camera, &self.work, target, self.passes);
             if let Some(enlarged) = &self.enlarged {
                 cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
                 cmd.scope("enlarge", |cmd| enlarged.record(cmd, &self.image));
@@ -180,13 +201,20 @@ impl<'s> Still<'s> {
     pub fn pixels(&self) -> Result<Pixels> {
         read_pixels(&self.device, &self.image)
     }
+
+    /// In every channel of every pixel, how far the picture rendered last is at most from what
+    /// [`Rules::complete`](crate::options::Rules::complete) shows in the same order: proven for what was left out, with an
+    /// allowance for rounding. `None` without [`Still::certified`].
+    pub fn certificate(&self) -> Result<Option<Pixels>> {
+        self.certificate.as_ref().map(|certificate| read_pixels(&self.device, certificate)).transpose()
+    }
 }
 
 impl Enlarged {
     fn record(&self, cmd: &mut Commands, image: &Image) {
         let push = EnlargePush { drawn_size_px: self.drawn.size(), size_px: image.size() };
         let pixels = image.size().iter().map(|side| u64::from(*side)).product();
-        cmd.dispatch(&self.stage, EnlargeBindings { drawn: &self.drawn, image }, push, Extent::Invocations(pixels));
+        cmd.dispatch(&self.stage, EnlargeBindings { drawn: &self.drawn, image }, push, Groups::Invocations(pixels));
     }
 }
 
