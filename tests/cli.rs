@@ -245,9 +245,14 @@ fn doctor_lists_devices_and_tests_one() {
 
 #[test]
 fn every_command_has_help() {
-    for arguments in
-        [&["--help"][..], &["render", "--help"], &["info", "--help"], &["doctor", "--help"], &["--version"]]
-    {
+    for arguments in [
+        &["--help"][..],
+        &["render", "--help"],
+        &["info", "--help"],
+        &["compare", "--help"],
+        &["doctor", "--help"],
+        &["--version"],
+    ] {
         assert!(!ok(arguments).is_empty());
     }
     assert!(ok(&["--help"]).contains("Exit codes: 0 done"));

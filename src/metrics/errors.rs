@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::filter::{by_row, check_sizes, is_finite};
+use super::{by_row, check_sizes, is_finite};
 use crate::pixels::{Pixels, to_byte};
 
 /// Largest absolute difference of any colour channel of any pixel. NaN differs infinitely.
@@ -14,7 +14,6 @@ pub fn max_error(a: &Pixels, b: &Pixels) -> f32 {
 pub fn mse(a: &Pixels, b: &Pixels) -> f64 {
     check_sizes(a, b);
     let width = a.size[0] as usize;
-    // Row by row in order, so that the sum is the same every time.
     let rows = by_row(0..a.size[1] as usize, |y| {
         let row = y * width..(y + 1) * width;
         let pixels = a.rgba[row.clone()].iter().zip(&b.rgba[row]);

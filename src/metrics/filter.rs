@@ -2,8 +2,6 @@
 
 use rayon::prelude::*;
 
-use crate::pixels::Pixels;
-
 /// One channel of an image, row by row.
 pub(super) struct Plane {
     width: usize,
@@ -65,25 +63,4 @@ fn add(weight: f32, values: &[f32], out: &mut [f32]) {
     for (sum, value) in out.iter_mut().zip(values) {
         *sum += weight * value;
     }
-}
-
-/// What `of_row` makes of every row of these, in order.
-pub(super) fn by_row<T: Send>(rows: std::ops::Range<usize>, of_row: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
-    rows.into_par_iter().map(of_row).collect()
-}
-
-/// A value as a display shows it. NaN is 0, as in 8 bits.
-pub(super) fn displayed(value: f32) -> f32 {
-    value.max(0.0).min(1.0)
-}
-
-/// Whether a display could show the pixel; what covers it does not count.
-pub(super) fn is_finite(pixel: &[f32; 4]) -> bool {
-    pixel[..3].iter().all(|v| v.is_finite())
-}
-
-/// # Panics
-/// If the images differ in size.
-pub(super) fn check_sizes(a: &Pixels, b: &Pixels) {
-    assert_eq!(a.size, b.size, "images to compare have the same size");
 }

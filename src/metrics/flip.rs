@@ -7,7 +7,8 @@ use std::f64::consts::PI;
 use glam::{DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
-use super::filter::{Filter, Plane, by_row, check_sizes, displayed, is_finite};
+use super::filter::{Filter, Plane};
+use super::{by_row, check_sizes, displayed, is_finite};
 use crate::pixels::Pixels;
 
 /// Pixels to a degree of the field of view: 0.7 m from a display 3840 pixels and 0.7 m wide.

@@ -1,7 +1,8 @@
 //! Structural similarity: Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to
 //! structural similarity", IEEE Transactions on Image Processing 13(4), 2004.
 
-use super::filter::{Filter, Plane, by_row, check_sizes, displayed};
+use super::filter::{Filter, Plane};
+use super::{by_row, check_sizes, displayed};
 use crate::pixels::Pixels;
 
 /// Side of the window in pixels, and the standard deviation of its weights.

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::builder::{PossibleValuesParser, RangedU64ValueParser};
 
-use super::{DeviceArgs, SceneArg, Usage, check_near, complain, parse_size, progress, remark};
+use super::{DeviceArgs, OverThreshold, SceneArg, Usage, check_near, complain, parse_size, progress, remark};
 use crate::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
 use crate::camera::Camera;
 use crate::gpu::Device;
@@ -83,11 +83,6 @@ fn count(least: u64) -> RangedU64ValueParser<usize> {
 fn preset_names() -> PossibleValuesParser {
     PossibleValuesParser::new(Options::PRESETS.map(|(name, _)| name))
 }
-
-/// The frames of a run became slower than the baseline allows.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub(super) struct Regression(String);
 
 pub(super) fn run(args: &Args) -> Result<()> {
     check_usage(args)?;
@@ -217,5 +212,5 @@ fn judge(changes: &[Change], baseline_runs: usize, threshold: f64) -> Result<()>
         return Ok(());
     }
     let slower = slower.join(", ");
-    Err(Regression(format!("slower than the baseline by more than {threshold} %: {slower}")).into())
+    Err(OverThreshold(format!("slower than the baseline by more than {threshold} %: {slower}")).into())
 }
