@@ -150,7 +150,7 @@ fn thresholds_decide_on_both_sides() {
         "smalto: a.npy, b.npy: largest error 0.125 is over --max-error 0.1; a.npy, b.npy: PSNR 45.666023 is under \
          --min-psnr 50\n"
     );
-    // 0.1 is no number of 64 bits that 32 bits hold; neither is it over itself.
+    // In 32 bits 0.1 is a little more than in 64, yet not over the 0.1 of the command line.
     let [c, d] = [0.0, 0.1].map(|v| Pixels { size: [1, 1], rgba: vec![[v, v, v, 1.0]] });
     let (c, d) = (write(&folder, "c.npy", &c), write(&folder, "d.npy", &d));
     ok(&["compare", &c, &d, "--max-error", "0.1"]);

@@ -150,7 +150,7 @@ const SENSITIVITY: [(f64, f64); 4] = [(1.0, 0.0047), (1.0, 0.0053), (34.1, 0.04)
 fn sensitivity(pixels_per_degree: f64) -> [Filter; 4] {
     let widest = SENSITIVITY.iter().map(|(_, b)| *b).fold(0.0, f64::max);
     let radius = (3.0 * (widest / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as usize;
-    // Half of each amplitude goes to either direction.
+    // Each direction has the square root of the amplitude, so that both together have it whole.
     let weight = |(a, b): (f64, f64), x: f64| {
         (a * (PI / b).sqrt()).sqrt() * (-PI * PI * (x / pixels_per_degree).powi(2) / b).exp()
     };

@@ -9,13 +9,13 @@ mod report;
 mod samples;
 mod ssim;
 
-use std::ops::Range;
-
 pub use difference::{Difference, Over};
 pub use errors::{changed8, fraction_over, largest_step, max_error, mse, non_finite, psnr};
 pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
 pub use report::{Pair, Report};
 pub use ssim::ssim;
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
