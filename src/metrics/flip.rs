@@ -221,7 +221,7 @@ impl ColourDifference {
 /// HyAB: lightness and chroma apart, to the power of q_c = 0.7.
 fn distance(a: Vec3, b: Vec3) -> f32 {
     let d = a - b;
-    (d.x.abs() + d.y.hypot(d.z)).powf(0.7)
+    (d.x.abs() + (d.y * d.y + d.z * d.z).sqrt()).powf(0.7)
 }
 
 #[cfg(test)]
