@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use common::program::{fails, ok, path, run, smalto};
+use smalto::pixels::Pixels;
 
 fn png(path: impl AsRef<Path>) -> image::DynamicImage {
     image::open(path).expect("it is a PNG")
@@ -59,6 +60,24 @@ fn render_takes_backgrounds() {
     assert!(png(&out).to_rgb8().pixels().all(|p| p.0 == [255, 128, 0]));
     ok(&[&empty[..], &["transparent"]].concat());
     assert!(png(&out).to_rgba8().pixels().all(|p| p.0[3] == 0));
+}
+
+#[test]
+fn render_writes_the_floats_to_exr_and_npy() {
+    let folder = tempfile::tempdir().unwrap();
+    let read = |name: &str, background: &str| {
+        let out = path(&folder, name);
+        ok(&["render", "cactus:3000", "--size", "100x80", "-o", &out, "--background", background]);
+        Pixels::read(Path::new(&out)).unwrap()
+    };
+    for background in ["0,0,0", "transparent"] {
+        let [png, exr, npy] = ["a.png", "a.exr", "a.npy"].map(|name| read(name, background));
+        assert_eq!(exr, npy);
+        assert_ne!(exr, png, "8 bits cannot hold the picture");
+        let steps = exr.to_rgba8().iter().zip(png.to_rgba8()).map(|(a, b)| a.abs_diff(b)).max();
+        assert!(background == "transparent" || steps == Some(0), "{steps:?}");
+        assert_eq!(exr.rgba.iter().any(|p| p[3] < 1.0), background == "transparent");
+    }
 }
 
 /// A scene of any size is framed, and drawn: the near plane goes with it.
@@ -226,9 +245,14 @@ fn doctor_lists_devices_and_tests_one() {
 
 #[test]
 fn every_command_has_help() {
-    for arguments in
-        [&["--help"][..], &["render", "--help"], &["info", "--help"], &["doctor", "--help"], &["--version"]]
-    {
+    for arguments in [
+        &["--help"][..],
+        &["render", "--help"],
+        &["info", "--help"],
+        &["compare", "--help"],
+        &["doctor", "--help"],
+        &["--version"],
+    ] {
         assert!(!ok(arguments).is_empty());
     }
     assert!(ok(&["--help"]).contains("Exit codes: 0 done"));

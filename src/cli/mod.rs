@@ -1,12 +1,14 @@
 //! The commands, one file each.
 
 mod bench;
+mod compare;
 mod doctor;
 mod dump;
 mod info;
 mod knobs;
 mod progress;
 mod render;
+mod table;
 
 use std::ffi::OsString;
 use std::fmt;
@@ -31,8 +33,8 @@ use knobs::Knobs;
     version,
     arg_required_else_help = true,
     after_help = "\
-Exit codes: 0 done, 1 failure, 2 usage, 3 no usable Vulkan device, 4 unreadable scene, camera or report file,
-            5 out of memory, 6 slower than the baseline.
+Exit codes: 0 done, 1 failure, 2 usage, 3 no usable Vulkan device,
+            4 unreadable scene, camera, image or report file, 5 out of memory, 6 over a threshold.
 Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION=1 turns the validation layer on."
 )]
 struct Cli {
@@ -45,6 +47,7 @@ enum Command {
     Render(render::Args),
     Info(info::Args),
     Bench(bench::Args),
+    Compare(compare::Args),
     Doctor(doctor::Args),
 }
 
@@ -90,6 +93,11 @@ fn remark(line: &str) {
 #[error("{0}")]
 struct Usage(String);
 
+/// What was measured is worse than the user allows: slower, or too different.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct OverThreshold(String);
+
 /// Runs the command that the process was given, and says what went wrong.
 pub fn run() -> ExitCode {
     run_from(std::env::args_os())
@@ -101,6 +109,7 @@ pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>
         Command::Render(args) => render::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Bench(args) => bench::run(&args),
+        Command::Compare(args) => compare::run(&args),
         Command::Doctor(args) => doctor::run(&args),
     };
     match outcome {
@@ -121,7 +130,7 @@ fn exit_code(error: &anyhow::Error) -> u8 {
         4
     } else if error.is::<OutOfMemory>() {
         5
-    } else if error.is::<bench::Regression>() {
+    } else if error.is::<OverThreshold>() {
         6
     } else {
         1

@@ -13,17 +13,18 @@ use super::{
 use crate::camera::{self, Camera, NamedCamera};
 use crate::gpu::Commands;
 use crate::options::{Background, Options};
-use crate::pixels::Pixels;
+use crate::pixels::{FileKind, Pixels};
 use crate::reference;
 use crate::render::{Frame, GpuScene, Still};
 use crate::scene::{Focus, Gaussians};
 
-/// Render a scene to PNG
+/// Render a scene to PNG, EXR or .npy
 #[derive(clap::Args)]
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    /// PNG file, or folder for several pictures [default: the scene's name with .png, or `renders`]
+    /// Picture file, or folder for several as PNG [default: the scene's name with .png, or `renders`]. A .png has 8 bits
+    /// a channel; .exr and .npy hold the 32-bit floats, alpha multiplied in
     #[arg(short, long, value_name = "FILE|DIR")]
     output: Option<PathBuf>,
     /// Picture size in pixels [default: the camera's own, or 1280x720]
@@ -159,8 +160,8 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     let default = PathBuf::from(if wants_all { "renders".to_owned() } else { format!("{stem}.png") });
     let output = args.output.clone().unwrap_or(default);
     let is_folder = wants_all || output.is_dir() || output.as_os_str().to_string_lossy().ends_with('/');
-    if !is_folder && !output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
-        return Err(Usage(format!("--output {}: pictures are written as .png", output.display())).into());
+    if !is_folder {
+        FileKind::of(&output).map_err(|problem| Usage(format!("--output {problem}")))?;
     }
     if wants_all && args.dump.is_some() {
         return Err(Usage("--dump writes the buffers of one picture, not of --camera all".to_owned()).into());
@@ -214,7 +215,7 @@ fn automatic(gaussians: &Gaussians, size: Option<[u32; 2]>) -> (Camera, f64) {
 }
 
 fn write(args: &Args, shot: &Shot, pixels: &Pixels) -> Result<()> {
-    pixels.write_png(&shot.output, args.background == Background::Transparent)
+    pixels.write(&shot.output, args.background == Background::Transparent)
 }
 
 fn report(args: &Args, shot: &Shot, frame: &Frame) -> Result<()> {

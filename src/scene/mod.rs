@@ -102,7 +102,7 @@ pub struct Scene {
     pub is_antialiased: bool,
 }
 
-/// A scene or camera file that cannot be used: which, and why, in one sentence.
+/// A file that cannot be used: which, and why, in one sentence.
 #[derive(Debug, thiserror::Error)]
 #[error("{path}: {problem}")]
 pub struct Unreadable {

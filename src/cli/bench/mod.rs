@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::builder::RangedU64ValueParser;
 
-use super::{DeviceArgs, Knobs, SceneArg, Usage, complain, knobs, parse_size, progress, remark};
+use super::{DeviceArgs, Knobs, OverThreshold, SceneArg, Usage, complain, knobs, parse_size, progress, remark};
 use crate::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
 use crate::camera::Camera;
 use crate::gpu::Device;
@@ -78,11 +78,6 @@ pub(super) struct Args {
 fn count(least: u64) -> RangedU64ValueParser<usize> {
     RangedU64ValueParser::new().range(least..=1_000_000)
 }
-
-/// The frames of a run became slower than the baseline allows.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub(super) struct Regression(String);
 
 pub(super) fn run(args: &Args) -> Result<()> {
     check_usage(args)?;
@@ -220,5 +215,5 @@ fn judge(changes: &[Change], baseline_runs: usize, threshold: f64) -> Result<()>
         return Ok(());
     }
     let slower = slower.join(", ");
-    Err(Regression(format!("slower than the baseline by more than {threshold} %: {slower}")).into())
+    Err(OverThreshold(format!("slower than the baseline by more than {threshold} %: {slower}")).into())
 }

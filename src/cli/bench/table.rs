@@ -1,30 +1,11 @@
 //! The tables of `smalto bench` on the terminal.
 
 use anyhow::Result;
-use comfy_table::presets::NOTHING;
-use comfy_table::{CellAlignment, Table};
 
 use crate::bench::{Change, Clocks, DeviceReport, Protocol, Run, Statistics, VersionReport};
+use crate::cli::table::{say_table, table};
 use crate::cli::{say, size_text};
 use crate::ladder::{Climb, Paper};
-
-/// A table of right-aligned numbers behind a left-aligned name.
-fn table(header: &[&str]) -> Table {
-    let mut table = Table::new();
-    table.load_style(NOTHING).set_header(header);
-    for (index, column) in table.column_iter_mut().enumerate() {
-        column.set_padding((0, 2));
-        column.set_cell_alignment(if index == 0 { CellAlignment::Left } else { CellAlignment::Right });
-    }
-    table
-}
-
-fn say_table(table: &Table) -> Result<()> {
-    for line in table.lines() {
-        say!("  {}", line.trim_end())?;
-    }
-    Ok(())
-}
 
 /// `checked`: whether the picture was compared with the reference.
 pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {

@@ -1,0 +1,41 @@
+//! How far two images are apart. Colours are compared, coverage is not.
+
+mod difference;
+mod errors;
+mod filter;
+mod flip;
+mod report;
+#[cfg(test)]
+mod samples;
+mod ssim;
+
+pub use difference::{Difference, Over};
+pub use errors::{changed8, fraction_over, largest_step, max_error, mse, non_finite, psnr};
+pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
+pub use report::{Pair, Report};
+pub use ssim::ssim;
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use crate::pixels::Pixels;
+
+fn check_sizes(a: &Pixels, b: &Pixels) {
+    assert_eq!(a.size, b.size, "images to compare have the same size");
+}
+
+/// Whether a pixel's colour is; what it covers does not count.
+fn is_finite(pixel: &[f32; 4]) -> bool {
+    pixel[..3].iter().all(|v| v.is_finite())
+}
+
+/// A value as a display shows it. NaN is 0, as in 8 bits.
+fn displayed(value: f32) -> f32 {
+    if value.is_nan() { 0.0 } else { value.clamp(0.0, 1.0) }
+}
+
+/// What `of_row` makes of every row, in order: sums over it are the same every time.
+fn by_row<T: Send>(rows: Range<usize>, of_row: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+    rows.into_par_iter().map(of_row).collect()
+}

@@ -1,0 +1,58 @@
+//! Files that appear whole or not at all.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use tempfile::NamedTempFile;
+
+/// Writes a file under a temporary name beside `path` and renames it when it is complete.
+pub fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> Result<()>) -> Result<()> {
+    let target = || format!("cannot write {}", path.display());
+    let file = unfinished(path)?;
+    let mut writer = BufWriter::new(file.as_file());
+    write(&mut writer).and_then(|()| Ok(writer.flush()?)).with_context(target)?;
+    drop(writer);
+    file.persist(path).map_err(|e| e.error).with_context(target)?;
+    Ok(())
+}
+
+/// Fails if [`write_whole`] would: for what takes long to make.
+pub fn check_writable(path: &Path) -> Result<()> {
+    ensure!(!path.is_dir(), "cannot write {}: it is a folder", path.display());
+    unfinished(path).map(drop)
+}
+
+/// A file beside `path` that goes when it is dropped.
+fn unfinished(path: &Path) -> Result<NamedTempFile> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".smalto-").suffix(".part");
+    #[cfg(unix)]
+    {
+        // Temporary files are private by default; a result has the permissions of any other new file.
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    builder.tempfile_in(folder).with_context(|| format!("cannot write {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        std::fs::write(&path, "old").unwrap();
+        let result = write_whole(&path, |file| {
+            file.write_all(b"half")?;
+            anyhow::bail!("no")
+        });
+        assert!(result.is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+}
