@@ -1,0 +1,183 @@
+//! A scene's views under given options: how long a frame takes, and how far pictures are from the exact ones.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use anyhow::Result;
+
+use super::report::{Point, StageTime};
+use crate::bench::{Protocol, Statistics};
+use crate::camera::Camera;
+use crate::gpu::{Device, Timestamps};
+use crate::metrics::{Difference, mse};
+use crate::options::{Background, Options, Rules};
+use crate::pixels::Pixels;
+use crate::reference;
+use crate::render::{Frame, GpuScene, Still};
+use crate::scene::{Gaussians, Requirements};
+
+/// A scene, its views, and the pictures that others are held against.
+pub struct Study<'a> {
+    pub device: &'a Device,
+    pub gaussians: &'a Gaussians,
+    pub needs: &'a Requirements,
+    /// With no knob turned.
+    pub exact: Options,
+    /// At full size, where time is measured.
+    pub views: Vec<Camera>,
+    /// The same views at the size at which the reference is drawn.
+    pub small_views: Vec<Camera>,
+    pub frames: usize,
+    /// Of `views`, drawn exactly on the GPU; and of `small_views`, by the reference.
+    exact_pictures: Vec<Pixels>,
+    oracle_pictures: Vec<Pixels>,
+    scenes: RefCell<Vec<(Kept, Rc<GpuScene>)>>,
+}
+
+/// What a scene on the GPU depends on.
+type Kept = (u32, [crate::options::Storage; 2], f32);
+
+/// What a frame takes.
+pub struct Cost {
+    /// Median GPU time of a frame.
+    pub gpu_ms: f64,
+    /// Median of each stage, in the order of the frame.
+    pub stages: Vec<StageTime>,
+    /// Device memory of the scene, and of everything else.
+    pub scene_bytes: u64,
+    pub work_bytes: u64,
+}
+
+/// Scenes that are kept for the next options that store them alike.
+const SCENES_KEPT: usize = 4;
+
+impl<'a> Study<'a> {
+    /// Draws the exact pictures and those of the reference. `progress` is told the fraction done.
+    pub fn new(
+        device: &'a Device,
+        (gaussians, needs): (&'a Gaussians, &'a Requirements),
+        exact: Options,
+        [views, small_views]: [Vec<Camera>; 2],
+        frames: usize,
+        progress: &dyn Fn(f64),
+    ) -> Result<Self> {
+        let mut oracle_pictures = Vec::new();
+        for (done, view) in small_views.iter().enumerate() {
+            progress(done as f64 / small_views.len() as f64);
+            oracle_pictures.push(reference::render(gaussians, view, &exact.rules, Background::BLACK).to_pixels());
+        }
+        let mut study = Self {
+            device,
+            gaussians,
+            needs,
+            exact,
+            views,
+            small_views,
+            frames,
+            exact_pictures: Vec::new(),
+            oracle_pictures,
+            scenes: RefCell::default(),
+        };
+        study.exact_pictures = study.draw(&exact, &study.views)?;
+        Ok(study)
+    }
+
+    /// The scene on the GPU as these options keep it.
+    fn scene(&self, options: &Options) -> Result<Rc<GpuScene>> {
+        let kept = (options.sh_degree, [options.sh_storage, options.shape_storage], options.rules.alpha_min);
+        let mut scenes = self.scenes.borrow_mut();
+        if let Some((_, scene)) = scenes.iter().find(|(known, _)| *known == kept) {
+            return Ok(scene.clone());
+        }
+        if scenes.len() == SCENES_KEPT {
+            scenes.remove(0);
+        }
+        let scene = Rc::new(GpuScene::with(self.device, self.gaussians, self.needs, options)?);
+        scenes.push((kept, scene.clone()));
+        Ok(scene)
+    }
+
+    fn draw(&self, options: &Options, views: &[Camera]) -> Result<Vec<Pixels>> {
+        let scene = self.scene(options)?;
+        let mut still = Still::new(self.device, options, &scene)?;
+        let picture = |view: &Camera| {
+            still.render(view, Background::BLACK)?;
+            still.pixels()
+        };
+        views.iter().map(picture).collect()
+    }
+
+    /// How long a frame takes, over the views.
+    pub fn cost(&self, options: &Options) -> Result<Cost> {
+        let scene = self.scene(options)?;
+        let mut still = Still::new(self.device, options, &scene)?;
+        let mut frames = |timestamps| {
+            still.set_timestamps(timestamps);
+            let mut frame = |i: usize| still.render(&self.views[i % self.views.len()], Background::BLACK);
+            Protocol { warmup: self.views.len(), frames: self.frames }.warm_up(|i| frame(i).map(drop))?;
+            (0..self.frames).map(frame).collect::<Result<Vec<Frame>>>()
+        };
+        let gpu_ms = Statistics::of(frames(Timestamps::Outermost)?.iter().map(|frame| duration_ms(frame, 0, "frame")));
+        let staged = frames(Timestamps::All)?;
+        let mut names: Vec<_> = staged[0].timings.iter().filter(|t| t.depth == 1).collect();
+        names.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
+        let stage = |name: &str| {
+            let ms = Statistics::of(staged.iter().map(|frame| duration_ms(frame, 1, name))).median;
+            StageTime { stage: name.to_owned(), ms }
+        };
+        let bytes = |buffers: Vec<(&str, u64)>| buffers.iter().map(|(_, bytes)| bytes).sum();
+        Ok(Cost {
+            gpu_ms: gpu_ms.median,
+            stages: names.iter().map(|timing| stage(timing.name)).collect(),
+            scene_bytes: bytes(scene.buffers()),
+            work_bytes: bytes(still.buffers()),
+        })
+    }
+
+    /// The median GPU time of a frame alone, and the mean squared error of the worst view against the exact one.
+    pub(super) fn glance(&self, options: &Options) -> Result<(f64, f64)> {
+        let pictures = self.draw(options, &self.views)?;
+        let errors = pictures.iter().zip(&self.exact_pictures).map(|(a, b)| mse(a, b));
+        Ok((self.cost(options)?.gpu_ms, errors.fold(0.0, f64::max)))
+    }
+
+    /// The worst of each measure against the exact pictures, over the views.
+    pub fn from_exact(&self, options: &Options) -> Result<Difference> {
+        Ok(worst(&self.draw(options, &self.views)?, &self.exact_pictures))
+    }
+
+    /// The worst of each measure against the reference, over the small views.
+    pub fn from_oracle(&self, options: &Options) -> Result<Difference> {
+        Ok(worst(&self.draw(options, &self.small_views)?, &self.oracle_pictures))
+    }
+
+    /// Time, memory and errors under these options.
+    pub fn point(&self, name: &str, options: &Options) -> Result<Point> {
+        let Cost { gpu_ms, stages, scene_bytes, work_bytes } = self.cost(options)?;
+        Ok(Point {
+            name: name.to_owned(),
+            options: *options,
+            gpu_ms,
+            stages,
+            scene_bytes,
+            work_bytes,
+            from_oracle: self.from_oracle(options)?,
+            from_exact: self.from_exact(options)?,
+            is_pareto: false,
+        })
+    }
+
+    /// The rules of the exact pictures.
+    pub fn rules(&self) -> &Rules {
+        &self.exact.rules
+    }
+}
+
+fn duration_ms(frame: &Frame, depth: u32, name: &str) -> f64 {
+    frame.timings.iter().filter(|t| t.depth == depth && t.name == name).map(|t| t.duration_ms).sum()
+}
+
+fn worst(pictures: &[Pixels], exact: &[Pixels]) -> Difference {
+    let all: Vec<_> = pictures.iter().zip(exact).map(|(a, b)| Difference::between(a, b)).collect();
+    Difference::worst(&all).expect("a study has a view")
+}

@@ -1,0 +1,17 @@
+//! What accuracy costs: every knob of quality and speed measured on a scene, and the cheapest options within a budget.
+
+mod budget;
+mod candidates;
+mod certify;
+mod measure;
+mod plot;
+mod report;
+mod search;
+
+pub use budget::{Budget, Choice, Grounds, Unmeetable, choose};
+pub use candidates::knobs;
+pub use certify::certify;
+pub use measure::{Cost, Study};
+pub use plot::plot;
+pub use report::{BudgetReport, CertificateReport, Point, Promise, Report, SettingReport, StageTime, mark_pareto};
+pub use search::search;
