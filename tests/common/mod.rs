@@ -1,6 +1,8 @@
 //! What the tests share: a device whose every complaint fails the test, scenes, and the comparison with the reference.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+pub mod agree;
+pub mod free;
 pub mod program;
 
 use std::cell::Cell;
@@ -16,6 +18,11 @@ use smalto::pixels::Pixels;
 use smalto::reference::{self, Rendering};
 use smalto::render::{Frame, GpuScene, Still};
 use smalto::scene::{self, Builder, Gaussians, Raw};
+
+/// The options of the most exact picture.
+pub fn exact() -> Options {
+    Options::default()
+}
 
 /// A device with validation on. A missing device fails the test; so does anything the validation layer or the
 /// missing-barrier check says.
