@@ -51,6 +51,12 @@ vec4 covariance_px(vec3 v0, vec3 v1) {
     return vec4(abc.x + LOW_PASS, abc.y, abc.z + LOW_PASS, determinant);
 }
 
+// The unit vector along `p`, whose length may have a square beyond the floats.
+vec3 direction(vec3 p) {
+    vec3 size = abs(p);
+    return normalize(p / max(size.x, max(size.y, size.z)));
+}
+
 // Projects one Gaussian: the splat without its colour, its ellipse, and the depth.
 void project(uint gaussian, vec3 mean, vec3 p, out Splat splat, out Ellipse ellipse, out float z) {
     vec4 shape = shapes[gaussian];
@@ -148,7 +154,7 @@ void main() {
         // Literal indices: the planes stay in registers, and a lower degree loads fewer.
 #define LOAD(i) if (i < sh_planes(SH_DEGREE)) planes[i] = sh[i].plane[gaussian];
         LOAD(0) LOAD(1) LOAD(2) LOAD(3) LOAD(4) LOAD(5) LOAD(6) LOAD(7) LOAD(8) LOAD(9) LOAD(10) LOAD(11)
-        splat.colour = harmonics_colour(planes, SH_DEGREE, normalize(p));
+        splat.colour = harmonics_colour(planes, SH_DEGREE, direction(p));
         splats[index] = splat;
     }
 }
