@@ -17,22 +17,22 @@ struct Ellipse {
 
 const Ellipse EMPTY_ELLIPSE = Ellipse(vec2(0.0), vec2(-1.0), 0.0, 0.0, 0.0, 0.0, 0.0);
 
-// `covariance`: (a, b, c, determinant) in px^2.
-Ellipse ellipse_of(vec2 mean_px, vec4 covariance, float opacity) {
+// `covariance`: (a, b, c, determinant) in units of `unit_px`.
+Ellipse ellipse_of(vec2 mean_px, vec4 covariance, float unit_px, float opacity) {
     if (!(opacity >= ALPHA_MIN)) return EMPTY_ELLIPSE;
     float a = covariance.x, b = covariance.y, c = covariance.z;
     Ellipse e;
     e.mean_px = mean_px;
     // 1e-4 over the true level: blend's f32 weights may pass ALPHA_MIN by their rounding, and no tile may miss that.
     e.level = 2.0 * log(opacity / ALPHA_MIN) + 1e-4;
-    e.extent = sqrt(e.level * vec2(a, c));
+    e.extent = unit_px * sqrt(e.level * vec2(a, c));
     e.slope = b / c;
-    e.width_scale = covariance.w / c;
-    e.inverse_c = 1.0 / c;
-    e.rightmost_y = b * sqrt(e.level / a);
+    e.width_scale = unit_px * unit_px * (covariance.w / c);
+    e.inverse_c = 1.0 / c / unit_px / unit_px;
+    e.rightmost_y = unit_px * b * sqrt(e.level / a);
     if (THREE_SIGMA_SQUARES) {
         float longest = 0.5 * (a + c) + sqrt(0.25 * (a - c) * (a - c) + b * b);  // the larger eigenvalue
-        e.extent = vec2(ceil(3.0 * sqrt(longest)));
+        e.extent = vec2(ceil(3.0 * unit_px * sqrt(longest)));
     }
     return e;
 }

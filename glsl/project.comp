@@ -42,13 +42,13 @@ mat3 rotation_matrix(vec4 q) {
         2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
 }
 
-// The 2D covariance V V^T + LOW_PASS I as (a, b, c) = (xx, xy, yy), and its determinant, where V (2x3) = J W R S.
+// The 2D covariance V V^T + low_pass I as (a, b, c) = (xx, xy, yy), and its determinant, where V (2x3) = J W R S.
 // The determinant is a sum of squares of the minors of V (Cauchy-Binet), so that no needle loses it to cancellation.
-vec4 covariance_px(vec3 v0, vec3 v1) {
+vec4 covariance_of(vec3 v0, vec3 v1, float low_pass) {
     vec3 minors = cross(v0, v1);
     vec3 abc = vec3(dot(v0, v0), dot(v0, v1), dot(v1, v1));
-    float determinant = dot(minors, minors) + LOW_PASS * (abc.x + abc.z) + LOW_PASS * LOW_PASS;
-    return vec4(abc.x + LOW_PASS, abc.y, abc.z + LOW_PASS, determinant);
+    float determinant = dot(minors, minors) + low_pass * (abc.x + abc.z) + low_pass * low_pass;
+    return vec4(abc.x + low_pass, abc.y, abc.z + low_pass, determinant);
 }
 
 // The unit vector along `p`, whose length may have a square beyond the floats.
@@ -67,23 +67,26 @@ void project(uint gaussian, vec3 mean, vec3 p, out Splat splat, out Ellipse elli
     vec2 low = (-push.view.centre_px - 0.15 * size) / push.view.focal_px;
     vec2 high = (size - push.view.centre_px + 0.15 * size) / push.view.focal_px;
     vec2 clamped = clamp(slope, low, high);
-    vec2 px_per_unit = push.view.focal_px / z;
+    vec2 px_per_world = push.view.focal_px / z;
     mat3 rotation = rotation_matrix(rotations[gaussian]);
-    // Past 1e8 px a longer axis changes no weight on the image, and its square would overflow.
-    float stretch = max(px_per_unit.x, px_per_unit.y) * sqrt(1.0 + dot(clamped, clamped));
-    vec3 scale = min(shape.xyz, 1e8 / stretch);
-    vec3 v0 = px_per_unit.x * ((push.view.right - clamped.x * push.view.forward) * rotation) * scale;
-    vec3 v1 = px_per_unit.y * ((push.view.down - clamped.y * push.view.forward) * rotation) * scale;
-    vec4 covariance = covariance_px(v0, v1);
+    float stretch = max(px_per_world.x, px_per_world.y) * sqrt(1.0 + dot(clamped, clamped));
+    // Past 1e16 px a longer axis changes no weight on the image.
+    vec3 scale = min(shape.xyz, 1e16 / stretch);
+    // The unit in which the axes are measured, so that no fourth power of one overflows.
+    float unit_px = max(1.0, 1e-8 * stretch * max(scale.x, max(scale.y, scale.z)));
+    vec2 per_world = px_per_world / unit_px;
+    vec3 v0 = per_world.x * ((push.view.right - clamped.x * push.view.forward) * rotation) * scale;
+    vec3 v1 = per_world.y * ((push.view.down - clamped.y * push.view.forward) * rotation) * scale;
+    vec4 covariance = covariance_of(v0, v1, LOW_PASS / unit_px / unit_px);
     float a = covariance.x, b = covariance.y, c = covariance.z, determinant = covariance.w;
 
-    float to_exp2 = sqrt(0.5 * 1.4426950408889634);  // exp(-q / 2) = exp2(-(log2(e) / 2) q)
+    float to_exp2 = sqrt(0.5 * 1.4426950408889634) / unit_px;  // exp(-q / 2) = exp2(-(log2(e) / 2) q)
     splat.mean_px = push.view.focal_px * slope + push.view.centre_px;
     splat.factor.x = to_exp2 * sqrt(c / determinant);
     splat.factor.y = -to_exp2 * (b / sqrt(c)) / sqrt(determinant);  // c * determinant overflows
     splat.factor.z = to_exp2 / sqrt(c);
     splat.opacity = shape.w;
-    ellipse = ellipse_of(splat.mean_px, vec4(a, b, c, determinant), shape.w);
+    ellipse = ellipse_of(splat.mean_px, covariance, unit_px, shape.w);
 }
 
 void main() {

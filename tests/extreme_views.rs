@@ -250,6 +250,29 @@ fn depths_from_a_thousandth_to_a_million_agree() {
     assert!(pixels.rgba.iter().filter(|p| p[3] > 0.3).count() > 4000, "the square is there");
 }
 
+/// As large as their means are far beside the image, up to 3e11 px: layers across all of it.
+#[test]
+fn large_splats_far_aside_agree() {
+    for power in 2..9 {
+        let far = 10_f64.powi(power);
+        let raws: Vec<_> = (0..8)
+            .map(|i| {
+                let angle = f64::from(i) * 0.8;
+                let z = [0.3, 5.0][i as usize % 2];
+                let mean = [far * angle.cos(), far * angle.sin(), z];
+                let raw = Raw {
+                    mean,
+                    log_scale: [far, far * [1.0, 0.7, 0.1, 1.5][i as usize % 4], far * 0.8].map(f64::ln),
+                    rotation: [0.9, 0.1, -0.2, 0.3],
+                    opacity_logit: logit(0.4),
+                };
+                (raw, if i % 3 == 0 { RED } else { GREEN })
+            })
+            .collect();
+        agrees(&format!("1e{power}"), &gaussians(&raws), &ahead([64, 48], 1000.0));
+    }
+}
+
 #[test]
 fn views_agree_in_subgroups_of_four() {
     again_in_subgroups_of_four(&[

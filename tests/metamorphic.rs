@@ -73,7 +73,6 @@ fn the_axes_of_a_gaussian_can_be_exchanged() {
         gaussian.raw.rotation = [q.w, q.x, q.y, q.z];
         gaussian.raw.log_scale.swap(0, 1);
     }
-    println!("axes {} {}", psnr(&render(&exchanged), &expected), psnr_but_for_flips(&render(&exchanged), &expected));
     assert!(psnr_but_for_flips(&render(&exchanged), &expected) > 90.0);
 }
 
@@ -85,7 +84,6 @@ fn world_and_camera_can_turn_together() {
         let turn = DQuat::from_axis_angle(axis.normalize(), angle);
         let pixels = render_from(&moved(&matt, turn, DVec3::ZERO), &moved_camera(turn, DVec3::ZERO));
         let psnr = psnr_but_for_flips(&pixels, &expected);
-        println!("turn {psnr}");
         assert!(psnr > 90.0, "{psnr}");
     }
 }
@@ -100,7 +98,6 @@ fn world_and_camera_can_move_far_together() {
     let expected = render(&eighths);
     let shift = DVec3::new(1_500_000.0, -1_048_576.0, 2_000_000.0);
     let pixels = render_from(&moved(&eighths, DQuat::IDENTITY, shift), &moved_camera(DQuat::IDENTITY, shift));
-    println!("far {}", psnr_but_for_flips(&pixels, &expected));
     assert!(psnr_but_for_flips(&pixels, &expected) > 90.0);
 }
 
@@ -112,14 +109,8 @@ fn a_world_of_any_size_makes_the_same_picture() {
     for power in [-45, -2, 2, 45] {
         // All roundings are the same, but those of a device's square roots.
         let pixels = scaled(&scene, 4_f64.powi(power));
-        println!("scaled {power} {}", psnr(&pixels, &expected));
         assert!(psnr_but_for_flips(&pixels, &expected) > 100.0, "4^{power}: {} dB", psnr(&pixels, &expected));
     }
-    println!(
-        "scaled 3.7 {} {}",
-        psnr(&scaled(&scene, 3.7), &expected),
-        psnr_but_for_flips(&scaled(&scene, 3.7), &expected)
-    );
     assert!(psnr_but_for_flips(&scaled(&scene, 3.7), &expected) > 90.0);
 }
 
@@ -137,7 +128,6 @@ fn a_mirrored_scene_makes_a_mirrored_picture() {
     for row in pixels.rgba.chunks_mut(SIZE[0] as usize) {
         row.reverse();
     }
-    println!("mirror {} {}", psnr(&pixels, &expected), psnr_but_for_flips(&pixels, &expected));
     assert!(psnr_but_for_flips(&pixels, &expected) > 100.0);
 }
 
@@ -147,7 +137,6 @@ fn a_camera_upside_down_takes_the_picture_upside_down() {
     let rolled = DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0)) * camera.rotation;
     let mut pixels = render_from(&scene, &Camera { rotation: rolled, ..camera });
     pixels.rgba.reverse();
-    println!("roll {} {}", psnr(&pixels, &render(&scene)), psnr_but_for_flips(&pixels, &render(&scene)));
     assert!(psnr_but_for_flips(&pixels, &render(&scene)) > 100.0);
 }
 
