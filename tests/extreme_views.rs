@@ -53,9 +53,14 @@ fn the_near_plane_is_exact() {
     let near = exact().near;
     let (below, above) = (near.next_down(), near.next_up());
     for (z, is_drawn) in [(below, false), (near, false), (above, true), (-near, false), (0.0, false)] {
-        let scene = gaussians(&[(ball([0.0, 0.0, z.into()], 0.001, 0.9), RED)]);
-        let pixels = agrees("near", &scene, &ahead([33, 33], 30.0));
-        assert_eq!(pixels.at(16, 16)[0] > 0.5, is_drawn, "at depth {z:e}");
+        // A million from the origin, the position of the camera in f64 makes up for the means.
+        for far in [0.0, f64::from(1 << 20)] {
+            let (mean, behind) = if far == 0.0 { (f64::from(z), 0.0) } else { (far, far - f64::from(z)) };
+            let scene = gaussians(&[(ball([far, 0.0, mean], 0.001, 0.9), RED)]);
+            let camera = Camera { position: DVec3::new(far, 0.0, behind), ..ahead([33, 33], 30.0) };
+            let pixels = agrees("near", &scene, &camera);
+            assert_eq!(pixels.at(16, 16)[0] > 0.5, is_drawn, "at depth {z:e}, {far} from the origin");
+        }
     }
 }
 

@@ -7,7 +7,7 @@ use std::io::Write;
 
 use common::agree::{GREEN, RED, agrees, agrees_within, ahead, ball, logit, reference_of, render};
 use common::free::{Free, build};
-use common::{Gpu, ROUNDING, Random, exact, gaussians};
+use common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, exact, gaussians};
 use glam::DQuat;
 use smalto::options::Background;
 use smalto::render::{GpuScene, Still};
@@ -291,4 +291,9 @@ fn what_a_file_holds_that_is_not_finite_is_dropped_and_counted() {
     assert_eq!(read.gaussians, clean.gaussians, "what is left is drawn as if the rest had never been");
     let tally = read.tally;
     assert_eq!((tally.read, tally.not_finite, tally.zero_rotation, tally.transparent), (52 + bad, bad, 1, 1));
+}
+
+#[test]
+fn numbers_agree_in_subgroups_of_four() {
+    again_in_subgroups_of_four(&["--skip", "subgroups_of_four"]);
 }

@@ -4,7 +4,7 @@ mod common;
 
 use common::agree::{ahead, logit, reference_of};
 use common::free::{Free, SIZE, build, camera, render, render_from, scene};
-use common::{Gpu, ROUNDING, Random, exact, gaussians};
+use common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, exact, gaussians};
 use glam::{DMat3, DQuat, DVec3, Vec3, dvec2};
 use smalto::camera::Camera;
 use smalto::metrics::{max_error, psnr};
@@ -200,4 +200,9 @@ fn a_window_of_the_picture_is_the_picture() {
     let mut errors: Vec<f32> = errors.collect();
     errors.sort_unstable_by(f32::total_cmp);
     assert!(errors[errors.len() * 99 / 100] < 1e-3, "{}", errors[errors.len() * 99 / 100]);
+}
+
+#[test]
+fn pictures_follow_in_subgroups_of_four() {
+    again_in_subgroups_of_four(&["--skip", "subgroups_of_four"]);
 }

@@ -4,8 +4,8 @@ mod common;
 
 use common::agree::{agrees, ahead};
 use common::free::{Free, SIZE, build, camera, render, render_from, scene};
-use common::{Gpu, Random, compare, exact, gaussians};
-use glam::DVec3;
+use common::{Gpu, Random, again_in_subgroups_of_four, compare, exact, gaussians};
+use glam::{DMat3, DQuat, DVec3};
 use smalto::camera::Camera;
 use smalto::options::{Background, Options};
 use smalto::reference;
@@ -144,7 +144,7 @@ fn every_degree_matches_the_reference() {
 fn random_splats_from_the_whole_range_are_convex_and_agree() {
     let mut random = Random(17);
     let near = exact().near;
-    for round in 0..12 {
+    for round in 0..20 {
         let mut raws = Vec::new();
         for _ in 0..300 {
             let z = match random.below(8) {
@@ -164,13 +164,24 @@ fn random_splats_from_the_whole_range_are_convex_and_agree() {
             let colour = std::array::from_fn(|_| random.between(0.1, 0.9) as f32);
             raws.push((Raw { mean, log_scale, rotation, opacity_logit }, colour));
         }
-        let pixels = agrees(&format!("round {round}"), &gaussians(&raws), &ahead([80, 60], 60.0));
+        let turn = DQuat::from_euler(glam::EulerRot::XYZ, random.between(-3.0, 3.0), random.between(-3.0, 3.0), 1.0);
+        for (raw, _) in &mut raws {
+            raw.mean = (turn.inverse() * DVec3::from(raw.mean)).to_array();
+        }
+        let mut camera = ahead([80, 60], 10_f64.powf(random.between(0.0, 4.0)));
+        camera.rotation *= DMat3::from_quat(turn);
+        let pixels = agrees(&format!("round {round}"), &gaussians(&raws), &camera);
         for pixel in &pixels.rgba {
             // Colours between 0.1 and 0.9, over black.
             let [low, high] = [0.1, 0.9].map(|c| c * pixel[3]);
             assert!(pixel[..3].iter().all(|c| (low - 1e-5..=high + 1e-5).contains(c)), "round {round}: {pixel:?}");
         }
     }
+}
+
+#[test]
+fn random_splats_agree_in_subgroups_of_four() {
+    again_in_subgroups_of_four(&["random_splats_from_the_whole_range_are_convex_and_agree"]);
 }
 
 /// Every pixel is a mean of the colours and the background, so what is done to all of them is done to it.
