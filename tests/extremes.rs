@@ -139,17 +139,10 @@ fn needles_of_any_length_agree() {
     for (length, tolerance) in
         [(2.0, 1e-4), (20.0, 1e-4), (200.0, 1e-4), (1500.0, 5e-4), (15_000.0, 4e-3), (150_000.0, 4e-2)]
     {
-        let (scene, camera) = (needles(length, 40), ahead([160, 120], 200.0));
-        let pixels = render(&scene, &camera);
-        let exact = reference_of(&scene, &camera);
-        let mut wrong = 0;
-        for (pixel, exact) in pixels.rgba.iter().zip(&exact.pixels) {
-            let error = (0..3).map(|i| (f64::from(pixel[i]) - exact.colour[i]).abs()).fold(0.0, f64::max);
-            wrong += usize::from(error > tolerance + exact.doubt);
-        }
-        assert_eq!(wrong, 0, "needles of {length} px");
+        let name = format!("needles of {length} px");
+        let pixels = agrees_within(tolerance, &name, &needles(length, 40), &ahead([160, 120], 200.0));
         let drawn = pixels.rgba.iter().filter(|p| p[3] > 0.01).count();
-        assert!(drawn > 1000, "needles of {length} px are there: {drawn} pixels");
+        assert!(drawn > 1000, "{name} are there: {drawn} pixels");
     }
 }
 

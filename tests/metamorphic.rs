@@ -3,8 +3,8 @@
 mod common;
 
 use common::agree::{ahead, logit, reference_of};
-use common::free::{Free, SIZE, build, camera, render, render_from, scene};
-use common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, exact, gaussians};
+use common::free::{Free, SIZE, build, camera, moved, render, render_from, scene};
+use common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, difference, exact, gaussians};
 use glam::{DMat3, DQuat, DVec3, Vec3, dvec2};
 use smalto::camera::Camera;
 use smalto::metrics::{max_error, psnr};
@@ -30,17 +30,6 @@ fn matt() -> Vec<Free> {
     let mut matt = scene();
     matt.iter_mut().for_each(|gaussian| gaussian.sh[1..].fill([0.0; 3]));
     matt
-}
-
-/// The Gaussians turned about the origin, and moved.
-fn moved(scene: &[Free], turn: DQuat, shift: DVec3) -> Vec<Free> {
-    let moved = |free: &Free| {
-        let [w, x, y, z] = free.raw.rotation;
-        let q = turn * DQuat::from_xyzw(x, y, z, w);
-        let mean = (turn * DVec3::from(free.raw.mean) + shift).to_array();
-        Free { raw: Raw { mean, rotation: [q.w, q.x, q.y, q.z], ..free.raw }, sh: free.sh.clone() }
-    };
-    scene.iter().map(moved).collect()
 }
 
 fn moved_camera(turn: DQuat, shift: DVec3) -> Camera {
@@ -83,8 +72,7 @@ fn world_and_camera_can_turn_together() {
     for (axis, angle) in [(DVec3::Y, 1.0), (DVec3::new(1.0, 2.0, -1.0), 2.5), (DVec3::new(-3.0, 0.2, 1.0), -0.4)] {
         let turn = DQuat::from_axis_angle(axis.normalize(), angle);
         let pixels = render_from(&moved(&matt, turn, DVec3::ZERO), &moved_camera(turn, DVec3::ZERO));
-        let psnr = psnr_but_for_flips(&pixels, &expected);
-        assert!(psnr > 90.0, "{psnr}");
+        assert!(psnr_but_for_flips(&pixels, &expected) > 90.0);
     }
 }
 
@@ -170,7 +158,7 @@ fn strips_and_columns_of_the_picture_make_the_picture() {
         for (i, pixel) in pixels.rgba.iter().enumerate() {
             let [x, y] = [corner[0] + i as u32 % size_px[0], corner[1] + i as u32 / size_px[0]];
             let exact = &whole.pixels[(y * camera.size_px[0] + x) as usize];
-            let error = (0..3).map(|i| (f64::from(pixel[i]) - exact.colour[i]).abs()).fold(0.0, f64::max);
+            let error = difference((pixel, exact));
             assert!(error <= ROUNDING + exact.doubt, "pixel {x}, {y}: {pixel:?} for {exact:?}");
         }
     };
@@ -193,7 +181,7 @@ fn a_window_of_the_picture_is_the_picture() {
     let (left, top) = (21, 13);
     let mut window = camera();
     window.size_px = [64, 48];
-    window.centre_px -= glam::dvec2(f64::from(left), f64::from(top));
+    window.centre_px -= dvec2(f64::from(left), f64::from(top));
     let pixels = render_from(&near, &window);
     let inside = |x: u32, y: u32| Vec3::from_slice(&whole.at(left + x, top + y)) - Vec3::from_slice(&pixels.at(x, y));
     let errors = (0..48).flat_map(|y| (0..64).map(move |x| (x, y))).map(|(x, y)| inside(x, y).abs().max_element());

@@ -1,6 +1,6 @@
 //! Scenes that can be changed: raw values and coefficients, and the pictures of them.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use smalto::camera::Camera;
 use smalto::pixels::Pixels;
 use smalto::scene::{Builder, Gaussians, Raw, sh_coefficients, synthetic};
@@ -45,6 +45,17 @@ pub fn build(free: &[Free], degree: u32) -> Gaussians {
 
 pub fn scene() -> Vec<Free> {
     free(&synthetic::cactus(3000).unwrap().gaussians)
+}
+
+/// The Gaussians turned about the origin, and moved.
+pub fn moved(scene: &[Free], turn: DQuat, shift: DVec3) -> Vec<Free> {
+    let moved = |free: &Free| {
+        let [w, x, y, z] = free.raw.rotation;
+        let q = turn * DQuat::from_xyzw(x, y, z, w);
+        let mean = (turn * DVec3::from(free.raw.mean) + shift).to_array();
+        Free { raw: Raw { mean, rotation: [q.w, q.x, q.y, q.z], ..free.raw }, sh: free.sh.clone() }
+    };
+    scene.iter().map(moved).collect()
 }
 
 pub fn render(scene: &[Free]) -> Pixels {

@@ -203,12 +203,14 @@ pub struct Comparison {
 /// Largest difference that f32 arithmetic alone may make to a pixel whose decisions are not in doubt.
 pub const ROUNDING: f64 = 1e-4;
 
+/// The largest of the colour channels; infinite for what is not finite.
+pub fn difference((pixel, exact): (&[f32; 4], &reference::Pixel)) -> f64 {
+    let channel = |i: usize| (f64::from(pixel[i]) - exact.colour[i]).abs();
+    if pixel.iter().all(|v| v.is_finite()) { channel(0).max(channel(1)).max(channel(2)) } else { f64::INFINITY }
+}
+
 pub fn compare(pixels: &Pixels, reference: &Rendering) -> Comparison {
     let exact = reference.to_pixels();
-    let difference = |(a, b): (&[f32; 4], &reference::Pixel)| {
-        let channel = |i: usize| (f64::from(a[i]) - b.colour[i]).abs();
-        if a.iter().all(|v| v.is_finite()) { channel(0).max(channel(1)).max(channel(2)) } else { f64::INFINITY }
-    };
     let pairs = || pixels.rgba.iter().zip(&reference.pixels);
     Comparison {
         psnr: smalto::metrics::psnr(pixels, &exact),
