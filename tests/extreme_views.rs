@@ -7,9 +7,9 @@ use common::free::{self, Free, build, moved};
 use common::{Gpu, Random, again_in_subgroups_of_four, exact, gaussians};
 use glam::{DQuat, DVec2, DVec3, dvec2};
 use smalto::camera::Camera;
-use smalto::options::Options;
+use smalto::options::{Background, Options};
 use smalto::reference;
-use smalto::render::Splat;
+use smalto::render::{GpuScene, Splat, Still};
 use smalto::scene::{Raw, synthetic};
 
 #[test]
@@ -33,6 +33,20 @@ fn images_as_wide_or_high_as_images_get_agree() {
     let scene = gaussians(&raws);
     agrees("wide", &scene, &ahead([16384, 3], 10_000.0));
     agrees("high", &scene, &ahead([3, 16384], 10_000.0));
+}
+
+#[test]
+fn images_that_no_device_makes_are_refused() {
+    let gpu = Gpu::new();
+    let scene = GpuScene::new(&gpu.0, &gaussians(&[(ball([0.0, 0.0, 5.0], 1.0, 0.9), RED)])).unwrap();
+    let mut still = Still::new(&gpu.0, &exact(), &scene).unwrap();
+    let limit = gpu.0.facts().limits.image;
+    for size in [[limit + 1, 1], [1, limit + 1]] {
+        let error = still.render(&ahead(size, 30.0), Background::BLACK).unwrap_err();
+        assert!(error.to_string().contains(&format!("at most {limit} pixels a side")), "{error:#}");
+    }
+    still.render(&ahead([5, 4], 30.0), Background::BLACK).unwrap();
+    assert!(still.pixels().unwrap().at(2, 2)[0] > 0.8, "the next picture is as if nothing had been");
 }
 
 #[test]
