@@ -80,7 +80,8 @@ struct Modules {
 fn compile(compiler: &Compiler, source: &Path, out: &Path, defined: Option<&str>) -> Result<Modules> {
     let text = fs::read_to_string(source)?;
     let file = source.to_str().context("a shader's path is not UTF-8")?;
-    let preprocessed = compiler.preprocess(&text, file, "main", Some(&options(OptimizationLevel::Zero, defined)?))?.as_text();
+    let preprocessed =
+        compiler.preprocess(&text, file, "main", Some(&options(OptimizationLevel::Zero, defined)?))?.as_text();
     let mut hasher = DefaultHasher::new();
     (preprocessed, include_str!("build.rs")).hash(&mut hasher);
     let stem = source.file_stem().and_then(|s| s.to_str()).context("a shader's name is not UTF-8")?;
@@ -88,8 +89,13 @@ fn compile(compiler: &Compiler, source: &Path, out: &Path, defined: Option<&str>
     let (named_path, optimized_path) = (path("named"), path("optimized"));
     for (level, path) in [(OptimizationLevel::Zero, &named_path), (OptimizationLevel::Performance, &optimized_path)] {
         if !path.exists() {
-            let module =
-                compiler.compile_into_spirv(&text, ShaderKind::Compute, file, "main", Some(&options(level, defined)?))?;
+            let module = compiler.compile_into_spirv(
+                &text,
+                ShaderKind::Compute,
+                file,
+                "main",
+                Some(&options(level, defined)?),
+            )?;
             let unfinished = path.with_extension("part");
             fs::write(&unfinished, module.as_binary_u8())?;
             fs::rename(&unfinished, path)?;

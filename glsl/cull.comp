@@ -38,7 +38,7 @@ bool may_be_visible(uvec4 bound) {
     extent += deviations * sqrt(LOW_PASS);
     vec2 mean_px = push.view.focal_px * slope + push.view.centre_px;
     // px, over the rounding of all of the above; the first term is that of the view transform.
-    vec2 slack = 1e-6 * push.view.focal_px * length(p) / z + 1e-5 * (extent + abs(mean_px)) + 0.01;
+    vec2 slack = 1e-6 * push.view.focal_px * sqrt(1.0 + dot(slope, slope)) + 1e-5 * (extent + abs(mean_px)) + 0.01;
     vec2 from = mean_px - extent - slack, to = mean_px + extent + slack;
     // On the image, and not between pixel centres, as the many splats are whose opacity is hardly more than ALPHA_MIN.
     return all(greaterThanEqual(to, vec2(0.0))) && all(lessThanEqual(from, size))

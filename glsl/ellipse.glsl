@@ -19,8 +19,8 @@ struct Ellipse {
 
 const Ellipse EMPTY_ELLIPSE = Ellipse(vec2(0.0), vec2(-1.0), 0.0, 0.0, 0.0, 0.0, 0.0);
 
-// `covariance`: (a, b, c, determinant) in px^2.
-Ellipse ellipse_of(vec2 mean_px, vec4 covariance, float opacity) {
+// `covariance`: (a, b, c, determinant) in units of `unit_px`.
+Ellipse ellipse_of(vec2 mean_px, vec4 covariance, float unit_px, float opacity) {
     if (!(opacity >= ALPHA_MIN)) return EMPTY_ELLIPSE;
     float a = covariance.x, b = covariance.y, c = covariance.z;
     Ellipse e;
@@ -28,16 +28,16 @@ Ellipse ellipse_of(vec2 mean_px, vec4 covariance, float opacity) {
     // 1e-4 over the true level: blend's f32 weights may pass ALPHA_MIN by their rounding, and no tile may miss that.
     e.level = 2.0 * log(opacity / ALPHA_MIN) + 1e-4;
     if (EXTENT == EXTENT_THREE_SIGMA) e.level = min(e.level, 9.0 + 1e-4);
-    e.extent = sqrt(e.level * vec2(a, c));
+    e.extent = unit_px * sqrt(e.level * vec2(a, c));
     e.slope = b / c;
-    e.width_scale = covariance.w / c;
-    e.inverse_c = 1.0 / c;
-    e.rightmost_y = b * sqrt(e.level / a);
+    e.width_scale = unit_px * unit_px * (covariance.w / c);
+    e.inverse_c = 1.0 / c / unit_px / unit_px;
+    e.rightmost_y = unit_px * b * sqrt(e.level / a);
     if (EXTENT == EXTENT_THREE_SIGMA_SQUARES) {
-        float middle = 0.5 * (a + c);
         // The larger eigenvalue, with the original's floor under the root.
-        float longest = middle + sqrt(max(0.25 * (a - c) * (a - c) + b * b, 0.1));
-        e.extent = vec2(ceil(3.0 * sqrt(longest)));
+        float floor_px4 = 0.1 / (unit_px * unit_px) / (unit_px * unit_px);
+        float longest = 0.5 * (a + c) + sqrt(max(0.25 * (a - c) * (a - c) + b * b, floor_px4));
+        e.extent = vec2(ceil(3.0 * unit_px * sqrt(longest)));
     }
     return e;
 }

@@ -48,16 +48,22 @@ mat3 rotation_matrix(vec4 q) {
         2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
 }
 
-// The 2D covariance V V^T + LOW_PASS I as (a, b, c) = (xx, xy, yy), and its determinant, where V (2x3) = J W R S.
+// The 2D covariance V V^T + low_pass I as (a, b, c) = (xx, xy, yy), and its determinant, where V (2x3) = J W R S.
 // The determinant is a sum of squares of the minors of V (Cauchy-Binet), so that no needle loses it to cancellation.
 // `sharp_part`: the determinant without the low-pass, over it.
-vec4 covariance_px(vec3 v0, vec3 v1, out float sharp_part) {
+vec4 covariance_of(vec3 v0, vec3 v1, float low_pass, out float sharp_part) {
     vec3 minors = cross(v0, v1);
     vec3 abc = vec3(dot(v0, v0), dot(v0, v1), dot(v1, v1));
     float sharp = dot(minors, minors);
-    float determinant = sharp + LOW_PASS * (abc.x + abc.z) + LOW_PASS * LOW_PASS;
+    float determinant = sharp + low_pass * (abc.x + abc.z) + low_pass * low_pass;
     sharp_part = sharp / determinant;
-    return vec4(abc.x + LOW_PASS, abc.y, abc.z + LOW_PASS, determinant);
+    return vec4(abc.x + low_pass, abc.y, abc.z + low_pass, determinant);
+}
+
+// The unit vector along `p`, whose length may have a square beyond the floats.
+vec3 direction(vec3 p) {
+    vec3 size = abs(p);
+    return normalize(p / max(size.x, max(size.y, size.z)));
 }
 
 // Projects one Gaussian: the splat without its colour, its ellipse, and the depth.
@@ -72,24 +78,27 @@ void project(uint gaussian, vec3 mean, vec3 p, out Splat splat, out Ellipse elli
     vec2 low = (-push.view.centre_px - 0.15 * size) / push.view.focal_px;
     vec2 high = (size - push.view.centre_px + 0.15 * size) / push.view.focal_px;
     vec2 clamped = clamp(slope, low, high);
-    vec2 px_per_unit = push.view.focal_px / z;
+    vec2 px_per_world = push.view.focal_px / z;
     mat3 to_world = rotation_matrix(rotation);
-    // Past 1e8 px a longer axis changes no weight on the image, and its square would overflow.
-    float stretch = max(px_per_unit.x, px_per_unit.y) * sqrt(1.0 + dot(clamped, clamped));
-    scale = min(scale, 1e8 / stretch);
-    vec3 v0 = px_per_unit.x * ((push.view.right - clamped.x * push.view.forward) * to_world) * scale;
-    vec3 v1 = px_per_unit.y * ((push.view.down - clamped.y * push.view.forward) * to_world) * scale;
+    float stretch = max(px_per_world.x, px_per_world.y) * sqrt(1.0 + dot(clamped, clamped));
+    // Past 1e16 px a longer axis changes no weight on the image.
+    scale = min(scale, 1e16 / stretch);
+    // The unit in which the axes are measured, so that no fourth power of one overflows.
+    float unit_px = max(1.0, 1e-8 * stretch * max(scale.x, max(scale.y, scale.z)));
+    vec2 per_world = px_per_world / unit_px;
+    vec3 v0 = per_world.x * ((push.view.right - clamped.x * push.view.forward) * to_world) * scale;
+    vec3 v1 = per_world.y * ((push.view.down - clamped.y * push.view.forward) * to_world) * scale;
     float sharp_part;
-    vec4 covariance = covariance_px(v0, v1, sharp_part);
+    vec4 covariance = covariance_of(v0, v1, LOW_PASS / unit_px / unit_px, sharp_part);
     float a = covariance.x, b = covariance.y, c = covariance.z, determinant = covariance.w;
 
-    float to_exp2 = sqrt(0.5 * LOG2_E);
+    float to_exp2 = sqrt(0.5 * LOG2_E) / unit_px;
     splat.mean_px = push.view.focal_px * slope + push.view.centre_px;
     splat.factor.x = to_exp2 * sqrt(c / determinant);
     splat.factor.y = -to_exp2 * (b / sqrt(c)) / sqrt(determinant);  // c * determinant overflows
     splat.factor.z = to_exp2 / sqrt(c);
     if (ANTIALIASED) splat.opacity *= sqrt(max(sharp_part, COMPENSATION_MIN * COMPENSATION_MIN));
-    ellipse = ellipse_of(splat.mean_px, vec4(a, b, c, determinant), splat.opacity);
+    ellipse = ellipse_of(splat.mean_px, covariance, unit_px, splat.opacity);
 }
 
 void main() {
@@ -158,7 +167,7 @@ void main() {
     if (tiles > 0) {
         vec4 planes[SH_PLANES];
         load_sh(gaussian, planes);
-        splat.colour = harmonics_colour(planes, SH_DEGREE, normalize(p));
+        splat.colour = harmonics_colour(planes, SH_DEGREE, direction(p));
         splats[index] = splat;
     }
 }

@@ -49,7 +49,12 @@ fn holds(name: &str, scene: &Gaussians, camera: &Camera, background: Background)
                 sums[i] += value;
             }
         }
-        println!("{name}, {setting}: largest error {:.2e} under {:.2e}, means {:.2}x apart", largest[0], largest[1], sums[1] / sums[0]);
+        println!(
+            "{name}, {setting}: largest error {:.2e} under {:.2e}, means {:.2}x apart",
+            largest[0],
+            largest[1],
+            sums[1] / sums[0]
+        );
         // What the bound is worth: it is no constant that always holds.
         assert!(sums[1] < 60.0 * sums[0] + 1e-3 * picture.rgba.len() as f64, "{name}, {setting}: the bound is loose");
     }

@@ -144,9 +144,9 @@ fn reference_counts(scene: &Gaussians, camera: &Camera, rules: &Rules) -> (u32, 
         [rules.alpha_min, rules.alpha_max, rules.transmittance_min].map(f64::from);
     let tiling = Tiling::of(camera.size_px);
     let mut splats: Vec<Splat> = {
-            let visible = reference::cull(scene, camera, rules).into_iter();
-            visible.map(|id| reference::project(scene, id, camera, rules)).collect()
-        };
+        let visible = reference::cull(scene, camera, rules).into_iter();
+        visible.map(|id| reference::project(scene, id, camera, rules)).collect()
+    };
     splats.sort_by(|a, b| (a.depth as f32).total_cmp(&(b.depth as f32)));
     let mut lists = vec![Vec::new(); tiling.tiles()];
     for splat in &splats {

@@ -249,8 +249,9 @@ fn cull_keeps_every_gaussian_that_shows() {
         assert!(visible.is_sorted(), "compaction keeps the order");
         let exact = reference::cull(&case.gaussians, &case.camera, RULES);
         // What lies between pixel centres touches a tile's box of centres, but no centre.
-        let shows =
-            |id: &u32| touches_a_centre(&reference::project(&case.gaussians, *id, &case.camera, RULES), case.camera.size_px);
+        let shows = |id: &u32| {
+            touches_a_centre(&reference::project(&case.gaussians, *id, &case.camera, RULES), case.camera.size_px)
+        };
         let missing: Vec<_> = exact.iter().filter(|id| shows(id) && visible.binary_search(id).is_err()).collect();
         assert!(missing.is_empty(), "{missing:?} are missing");
         for id in visible.iter().filter(|id| exact.binary_search(id).is_err()) {
@@ -326,7 +327,10 @@ fn project_finds_every_tile_and_hardly_more() {
                 for (px, py) in (0..TILE * TILE).map(|i| (x + i % TILE, y + i / TILE)) {
                     let alpha =
                         exact.opacity * (-0.5 * exact.distance(dvec2(f64::from(px) + 0.5, f64::from(py) + 0.5))).exp();
-                    assert!(alpha < f64::from(ALPHA_MIN) * (1.0 + 1e-4), "splat {id} misses tile {tile}: alpha {alpha}");
+                    assert!(
+                        alpha < f64::from(ALPHA_MIN) * (1.0 + 1e-4),
+                        "splat {id} misses tile {tile}: alpha {alpha}"
+                    );
                 }
             }
             found += tiles.len();

@@ -127,7 +127,8 @@ mod tests {
         let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [1920, 1080], 1.0);
         let small = camera.sampled([960, 27]);
         assert_eq!((small.centre_px, small.size_px), (DVec2::new(480.0, 13.5), [960, 27]));
-        let point = |c: &Camera| (c.focal_px * DVec2::new(0.1, -0.2) + c.centre_px) / DVec2::from(c.size_px.map(f64::from));
+        let point =
+            |c: &Camera| (c.focal_px * DVec2::new(0.1, -0.2) + c.centre_px) / DVec2::from(c.size_px.map(f64::from));
         assert!(point(&camera).distance(point(&small)) < 1e-12);
     }
 

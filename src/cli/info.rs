@@ -171,7 +171,9 @@ fn print_required(required: &Required, sh_degree: u32) -> Result<()> {
     for (degree, (bound, rms)) in required.sh_bounds.iter().zip(required.sh_rms).enumerate() {
         if degree <= sh_degree as usize {
             let use_of_it = if degree as u32 <= required.sh_degree_kept { "kept" } else { "left out" };
-            say!("SH degree {degree} adds up to {bound:.3} to a channel, {rms:.4} in the root mean square: {use_of_it}")?;
+            say!(
+                "SH degree {degree} adds up to {bound:.3} to a channel, {rms:.4} in the root mean square: {use_of_it}"
+            )?;
         }
     }
     say!("means       32-bit floats, {} apart at the outermost", number(required.coordinate_step))?;

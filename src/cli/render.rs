@@ -8,7 +8,8 @@ use anyhow::{Context, Result};
 use glam::DVec3;
 
 use super::{
-    DeviceArgs, Knobs, SceneArg, Usage, complain, dump, knobs, parse_size, progress, read_cameras, remark, say, size_text,
+    DeviceArgs, Knobs, SceneArg, Usage, complain, dump, knobs, parse_size, progress, read_cameras, remark, say,
+    size_text,
 };
 use crate::camera::{self, Camera, NamedCamera};
 use crate::gpu::Commands;
@@ -101,7 +102,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
         None => {
             for shot in &shots {
                 let started = Instant::now();
-                let pixels = reference::render(&scene.gaussians, &shot.camera, &options.rules, args.background).to_pixels();
+                let pixels =
+                    reference::render(&scene.gaussians, &shot.camera, &options.rules, args.background).to_pixels();
                 write(args, shot, &pixels)?;
                 say!(
                     "{}  {}  float64 reference, {:.1} s",

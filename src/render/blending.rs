@@ -36,7 +36,12 @@ enum Stages {
 
 impl Blending {
     /// `smallest_subgroup` is the least subgroup size that it may run with, `ballot_words` the words of a ballot.
-    pub fn new(device: &Device, options: &Options, variation: Variation, [smallest_subgroup, ballot_words]: [u32; 2]) -> Result<Self> {
+    pub fn new(
+        device: &Device,
+        options: &Options,
+        variation: Variation,
+        [smallest_subgroup, ballot_words]: [u32; 2],
+    ) -> Result<Self> {
         let rules = &options.rules;
         let extent = extent_code(rules.extent);
         let (alpha_min, alpha_max, transmittance_min) = (rules.alpha_min, rules.alpha_max, rules.transmittance_min);

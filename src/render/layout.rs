@@ -144,7 +144,8 @@ impl Layout {
 
     /// Word `word` of Gaussian `index`'s rotation, scale and opacity.
     pub(super) fn shape_word(&self, gaussians: &Gaussians, index: usize, word: usize) -> u32 {
-        let (q, scale, opacity) = (gaussians.rotations()[index], gaussians.scales()[index], gaussians.opacities()[index]);
+        let (q, scale, opacity) =
+            (gaussians.rotations()[index], gaussians.scales()[index], gaussians.opacities()[index]);
         let [x, y, z] = scale;
         match self.shape.storage {
             Storage::Lossless | Storage::F32 => [q, [x, y, z, opacity]].as_flattened()[word].to_bits(),

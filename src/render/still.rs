@@ -84,7 +84,9 @@ impl<'s> Still<'s> {
             image: Image::new(device, "image", 1, 1)?,
             enlarged: match options.scale {
                 1.0 => None,
-                _ => Some(Enlarged { drawn: Image::new(device, "drawn image", 1, 1)?, stage: Stage::new(device, &())? }),
+                _ => {
+                    Some(Enlarged { drawn: Image::new(device, "drawn image", 1, 1)?, stage: Stage::new(device, &())? })
+                }
             },
             certificate: None,
             passes: 1,

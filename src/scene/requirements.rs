@@ -183,7 +183,8 @@ mod tests {
             for _ in 0..2000 {
                 let d = glam::DVec3::new(random(), random(), random()).normalize();
                 let basis = harmonics::basis(d.to_array());
-                let part = |range: std::ops::Range<usize>| -> f64 { range.map(|i| basis[i] * f64::from(sh[i][0])).sum() };
+                let part =
+                    |range: std::ops::Range<usize>| -> f64 { range.map(|i| basis[i] * f64::from(sh[i][0])).sum() };
                 for degree in 0..4 {
                     let beyond = part((degree + 1) * (degree + 1)..16).abs();
                     assert!(beyond <= needs.above_degree(degree as u32) + 1e-12);

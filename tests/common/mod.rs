@@ -1,6 +1,8 @@
 //! What the tests share: a device whose every complaint fails the test, scenes, and the comparison with the reference.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+pub mod agree;
+pub mod free;
 pub mod program;
 
 use std::cell::Cell;
@@ -160,11 +162,6 @@ impl Drop for Turn {
     }
 }
 
-/// The options that are held to the reference.
-pub fn exact() -> Options {
-    Options::EXACT
-}
-
 /// A captured scene of the folder `SMALTO_TEST_SCENES`, or of `../shared/scenes`.
 pub fn captured(name: &str) -> Option<PathBuf> {
     let folder =
@@ -201,12 +198,14 @@ pub struct Comparison {
 /// Largest difference that f32 arithmetic alone may make to a pixel whose decisions are not in doubt.
 pub const ROUNDING: f64 = 1e-4;
 
+/// The largest of the colour channels; infinite for what is not finite.
+pub fn difference((pixel, exact): (&[f32; 4], &reference::Pixel)) -> f64 {
+    let channel = |i: usize| (f64::from(pixel[i]) - exact.colour[i]).abs();
+    if pixel.iter().all(|v| v.is_finite()) { channel(0).max(channel(1)).max(channel(2)) } else { f64::INFINITY }
+}
+
 pub fn compare(pixels: &Pixels, reference: &Rendering) -> Comparison {
     let exact = reference.to_pixels();
-    let difference = |(a, b): (&[f32; 4], &reference::Pixel)| {
-        let channel = |i: usize| (f64::from(a[i]) - b.colour[i]).abs();
-        if a.iter().all(|v| v.is_finite()) { channel(0).max(channel(1)).max(channel(2)) } else { f64::INFINITY }
-    };
     let pairs = || pixels.rgba.iter().zip(&reference.pixels);
     Comparison {
         psnr: smalto::metrics::psnr(pixels, &exact),

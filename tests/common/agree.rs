@@ -1,0 +1,70 @@
+//! Small scenes and cameras at the edge of the numbers, rendered on both paths and held to the reference.
+
+use glam::{DVec3, dvec2};
+use smalto::camera::Camera;
+use smalto::options::{Background, Options};
+use smalto::pixels::Pixels;
+use smalto::reference::{self, Rendering};
+use smalto::scene::{Gaussians, Raw};
+
+use super::{Gpu, compare, difference};
+
+pub const RED: [f32; 3] = [1.0, 0.0, 0.0];
+pub const GREEN: [f32; 3] = [0.0, 1.0, 0.0];
+
+/// Looks along z from the origin; `focal` px.
+pub fn ahead(size: [u32; 2], focal: f64) -> Camera {
+    let mut camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, size, 1.0);
+    camera.focal_px = dvec2(focal, focal);
+    camera
+}
+
+/// A round Gaussian.
+pub fn ball(mean: [f64; 3], scale: f64, opacity: f64) -> Raw {
+    Raw { mean, log_scale: [scale.ln(); 3], rotation: [1.0, 0.0, 0.0, 0.0], opacity_logit: logit(opacity) }
+}
+
+pub fn logit(opacity: f64) -> f64 {
+    (opacity / (1.0 - opacity)).ln()
+}
+
+/// The picture over black, which both paths draw alike, every value of which is finite, and every coverage a fraction.
+pub fn render(scene: &Gaussians, camera: &Camera) -> Pixels {
+    render_by(&Options::EXACT, scene, camera)
+}
+
+fn render_by(options: &Options, scene: &Gaussians, camera: &Camera) -> Pixels {
+    let gpu = Gpu::new();
+    let pixels = gpu.render(scene, camera, options);
+    let portable = gpu.render(scene, camera, &Options { portable: true, ..*options });
+    assert!(pixels == portable, "the portable path draws the same bits");
+    assert!(pixels.rgba.iter().flatten().all(|v| v.is_finite()), "every pixel is finite");
+    assert!(pixels.rgba.iter().all(|p| (0.0..=1.0).contains(&p[3])), "coverage is a fraction");
+    pixels
+}
+
+/// The same picture in f64.
+pub fn reference_of(scene: &Gaussians, camera: &Camera) -> Rendering {
+    reference::render(scene, camera, &Options::EXACT.rules, Background::BLACK)
+}
+
+/// Renders on the GPU and holds it to the reference: rounding, and what is in doubt.
+pub fn agrees(name: &str, scene: &Gaussians, camera: &Camera) -> Pixels {
+    agrees_by(&Options::EXACT, name, scene, camera)
+}
+
+pub fn agrees_by(options: &Options, name: &str, scene: &Gaussians, camera: &Camera) -> Pixels {
+    let pixels = render_by(options, scene, camera);
+    let comparison = compare(&pixels, &reference::render(scene, camera, &options.rules, Background::BLACK));
+    assert_eq!(comparison.unexplained, 0, "{name}: {comparison:?}");
+    pixels
+}
+
+/// Renders on the GPU and holds it to the reference within `rounding` and what is in doubt.
+pub fn agrees_within(rounding: f64, name: &str, scene: &Gaussians, camera: &Camera) -> Pixels {
+    let pixels = render(scene, camera);
+    for (index, pair) in pixels.rgba.iter().zip(&reference_of(scene, camera).pixels).enumerate() {
+        assert!(difference(pair) <= rounding + pair.1.doubt, "{name}: pixel {index}: {pair:?}");
+    }
+    pixels
+}
