@@ -10,6 +10,7 @@
 //! | [`render`] | the pipeline on the GPU |
 //! | [`pixels`], [`metrics`] | images, and how far they are apart |
 //! | [`mod@bench`] | how fast, measured |
+//! | [`trade`] | what accuracy costs, and the cheapest options within a budget |
 //! | [`ladder`] | the optimizations one by one, from where the project started |
 //! | [`memory`] | running out of it |
 //! | [`cli`] | the commands |
@@ -27,3 +28,4 @@ pub mod pixels;
 pub mod reference;
 pub mod render;
 pub mod scene;
+pub mod trade;

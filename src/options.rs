@@ -159,11 +159,21 @@ impl Options {
     };
     /// Looks the same: at least 60 dB from the reference, no 8-bit value more than 3 steps away.
     pub const BALANCED: Self =
-        Self { stop: 1e-3, key_bits: 24, sh_storage: Storage::F16, shape_storage: Storage::F16, ..Self::EXACT };
+        Self { stop: 1e-3, sh_storage: Storage::F16, shape_storage: Storage::F16, ..Self::EXACT };
     /// At least 50 dB from the reference.
-    pub const FAST: Self = Self { stop: 1.0 / 255.0, sh_storage: Storage::U8, ..Self::BALANCED };
+    pub const FAST: Self = Self {
+        rules: Rules { alpha_min: 1.0 / 192.0, ..Rules::TRAINED },
+        stop: 1.0 / 255.0,
+        key_bits: 24,
+        ..Self::BALANCED
+    };
     /// At least 40 dB from the reference.
-    pub const PREVIEW: Self = Self { stop: 1e-2, key_bits: 16, ..Self::FAST };
+    pub const PREVIEW: Self = Self {
+        rules: Rules { alpha_min: 1.0 / 128.0, ..Rules::TRAINED },
+        stop: 1e-2,
+        key_bits: 16,
+        ..Self::FAST
+    };
 
     /// Every named choice of options.
     pub const PRESETS: [(&'static str, Self); 8] = [

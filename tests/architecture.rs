@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Every module of the crate and the modules it may use.
-const EDGES: [(&str, &[&str]); 13] = [
+const EDGES: [(&str, &[&str]); 14] = [
     ("memory", &[]),
     ("scene", &["memory"]),
     ("camera", &[]),
@@ -16,6 +16,7 @@ const EDGES: [(&str, &[&str]); 13] = [
     ("render", &["memory", "gpu", "scene", "camera", "options", "pixels"]),
     ("bench", &["gpu", "render", "scene", "camera", "options", "pixels"]),
     ("ladder", &["bench", "gpu", "render", "reference", "scene", "camera", "options", "pixels", "metrics"]),
+    ("trade", &["bench", "gpu", "render", "reference", "scene", "camera", "options", "pixels", "metrics"]),
     ("environment", &["gpu"]),
     (
         "cli",
@@ -32,6 +33,7 @@ const EDGES: [(&str, &[&str]); 13] = [
             "environment",
             "bench",
             "ladder",
+            "trade",
         ],
     ),
 ];

@@ -68,8 +68,8 @@ pub fn stage_breakdown(report: &Report, path: &Path) -> Result<()> {
     write(path, (1000, height), |panel| Bars { title, unit: "GPU time, ms (median)".to_owned(), bars }.draw(panel))
 }
 
-const FONT: &str = "sans-serif";
-const TEXT: i32 = 14; // px
+pub(crate) const FONT: &str = "sans-serif";
+pub(crate) const TEXT: i32 = 14; // px
 const NAMES: u32 = 300; // px, the room for the names of bars
 // px, where the key begins and how far its lines are apart
 const KEY_TOP: i32 = 50;
@@ -87,13 +87,13 @@ const PALETTE: [(u8, u8, u8); 8] = [
     (110, 110, 110),
 ];
 
-fn colour(index: usize) -> RGBColor {
+pub(crate) fn colour(index: usize) -> RGBColor {
     let (r, g, b) = PALETTE[index % PALETTE.len()];
     let lighten = |v: u8| if index < PALETTE.len() { v } else { 128 + v / 2 };
     RGBColor(lighten(r), lighten(g), lighten(b))
 }
 
-fn broken<E: std::error::Error + Send + Sync>(error: DrawingAreaErrorKind<E>) -> anyhow::Error {
+pub(crate) fn broken<E: std::error::Error + Send + Sync>(error: DrawingAreaErrorKind<E>) -> anyhow::Error {
     anyhow!("cannot draw the plot: {error}")
 }
 

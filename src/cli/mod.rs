@@ -1,6 +1,7 @@
 //! The commands, one file each.
 
 mod bench;
+mod budget;
 mod compare;
 mod doctor;
 mod dump;
@@ -9,6 +10,7 @@ mod knobs;
 mod progress;
 mod render;
 mod table;
+mod trade;
 
 use std::ffi::OsString;
 use std::fmt;
@@ -24,6 +26,8 @@ use crate::environment::Environment;
 use crate::gpu::{Device, DeviceChoice, Unavailable, Validation};
 use crate::memory::OutOfMemory;
 use crate::scene::{self, Procedural, Scene, Unreadable};
+use crate::trade::Unmeetable;
+use budget::BudgetArgs;
 use knobs::Knobs;
 
 /// Renders 3D Gaussian splatting scenes with Vulkan compute.
@@ -48,6 +52,7 @@ enum Command {
     Info(info::Args),
     Bench(bench::Args),
     Compare(compare::Args),
+    Trade(trade::Args),
     Doctor(doctor::Args),
 }
 
@@ -110,6 +115,7 @@ pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>
         Command::Info(args) => info::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Trade(args) => trade::run(&args),
         Command::Doctor(args) => doctor::run(&args),
     };
     match outcome {
@@ -130,7 +136,7 @@ fn exit_code(error: &anyhow::Error) -> u8 {
         4
     } else if error.is::<OutOfMemory>() {
         5
-    } else if error.is::<OverThreshold>() {
+    } else if error.is::<OverThreshold>() || error.is::<Unmeetable>() {
         6
     } else {
         1

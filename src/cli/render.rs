@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use glam::DVec3;
 
 use super::{
-    DeviceArgs, Knobs, SceneArg, Usage, complain, dump, knobs, parse_size, progress, read_cameras, remark, say,
+    BudgetArgs, DeviceArgs, Knobs, SceneArg, Usage, complain, dump, knobs, parse_size, progress, read_cameras, remark, say,
     size_text,
 };
 use crate::camera::{self, Camera, NamedCamera};
@@ -42,11 +42,14 @@ pub(super) struct Args {
     background: Background,
     #[command(flatten)]
     device: DeviceArgs,
-    /// Accuracy against speed: exact, balanced, fast or preview; or as inria, gsplat or khr draw
-    #[arg(long, value_name = "NAME", default_value = "balanced", value_parser = knobs::preset_names())]
-    preset: String,
+    /// Accuracy against speed: exact, balanced, fast or preview; or as inria, gsplat or khr draw [default:
+    /// balanced]
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["max_error", "min_psnr"], value_parser = knobs::preset_names())]
+    preset: Option<String>,
     #[command(flatten)]
     knobs: Knobs,
+    #[command(flatten)]
+    budget: BudgetArgs,
     /// Use only what runs on every device, with no path chosen for this one
     #[arg(long)]
     portable: bool,
@@ -88,6 +91,7 @@ struct Shot {
 
 pub(super) fn run(args: &Args) -> Result<()> {
     args.knobs.check()?;
+    args.budget.budget()?;
     if !args.reference {
         args.knobs.check_gpu()?;
     }
@@ -95,7 +99,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let device = if args.reference { None } else { Some(args.device.open()?) };
     let scene = args.scene.read()?;
     let Plan { shots, nearest } = plan(args, &scene.gaussians)?;
-    let preset = Options::preset(&args.preset).context("clap lets known presets pass alone")?;
+    let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
     let preset = Options { portable: args.portable || preset.portable, ..preset };
     let options = args.knobs.options(&preset, scene.is_antialiased, nearest);
     match device {
@@ -114,6 +118,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
             }
         }
         Some(device) => {
+            let views: Vec<Camera> = shots.iter().map(|shot| shot.camera.clone()).collect();
+            let exact = args.knobs.options(&Options { portable: options.portable, ..Options::EXACT }, scene.is_antialiased, nearest);
+            let options = args.budget.choose(&device, &scene.gaussians, &views, exact, options)?;
             let gpu_scene = GpuScene::new(&device, &scene.gaussians, &options)?;
             drop(scene);
             let mut still = Still::new(&device, &options, &gpu_scene)?;

@@ -8,25 +8,27 @@ use crate::options::{Background, Extent, Options, Rules};
 use crate::reference::{self, Rendering};
 use crate::render::{GpuScene, Still};
 
-/// What is left out in the ways that a certificate is for.
-fn settings(exact: &Options) -> Vec<(&'static str, Options)> {
-    let with = |rules: Rules| Options { rules, ..*exact };
-    let rules = exact.rules;
-    vec![
-        ("exact", *exact),
-        ("stop 1/255", Options { stop: 1.0 / 255.0, ..*exact }),
-        ("alpha-min 1/64", with(Rules { alpha_min: 1.0 / 64.0, ..rules })),
-        ("alpha-min 1/4096", with(Rules { alpha_min: 1.0 / 4096.0, ..rules })),
-        ("extent three-sigma", with(Rules { extent: Extent::ThreeSigma, ..rules })),
-        ("alpha-min 1/128, stop 0.01", Options { stop: 0.01, ..with(Rules { alpha_min: 1.0 / 128.0, ..rules }) }),
-    ]
+/// What is left out in the ways that a certificate is for, little and much.
+fn settings(exact: &Options) -> Vec<(String, Options)> {
+    let with = |alpha_min: f32, stop: f32| Options { stop, rules: Rules { alpha_min, ..exact.rules }, ..*exact };
+    let mut all = vec![("exact".to_owned(), *exact)];
+    for stop in [1e-3, 1.0 / 255.0, 1e-2, 1.0 / 16.0] {
+        all.push((format!("stop {stop:.4}"), Options { stop, ..*exact }));
+    }
+    for inverse in [65_536, 4096, 512, 128, 64, 16] {
+        all.push((format!("alpha-min 1/{inverse}"), with(1.0 / inverse as f32, 0.0)));
+    }
+    all.push(("alpha-min 1/128, stop 0.01".to_owned(), with(1.0 / 128.0, 0.01)));
+    let rules = Rules { extent: Extent::ThreeSigma, ..exact.rules };
+    all.push(("extent three-sigma".to_owned(), Options { rules, ..*exact }));
+    all
 }
 
 /// Holds the certificates of the study's small views against what the reference draws when nothing is left out.
 /// `progress` is told the fraction done.
 pub fn certify(study: &Study, progress: &dyn Fn(f64)) -> Result<CertificateReport> {
     let mut settings: Vec<(Options, SettingReport)> =
-        settings(&study.exact).into_iter().map(|(name, options)| (options, empty(name))).collect();
+        settings(&study.exact).into_iter().map(|(name, options)| (options, empty(&name))).collect();
     let scene = GpuScene::certifiable(study.device, study.gaussians, study.needs, &study.exact)?;
     for (done, view) in study.small_views.iter().enumerate() {
         progress(done as f64 / study.small_views.len() as f64);

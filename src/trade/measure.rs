@@ -107,18 +107,31 @@ impl<'a> Study<'a> {
         views.iter().map(picture).collect()
     }
 
-    /// How long a frame takes, over the views.
+    /// How long a frame takes, over the views: the median GPU time in milliseconds.
+    pub fn gpu_ms(&self, options: &Options) -> Result<f64> {
+        let scene = self.scene(options)?;
+        self.frame_ms(&mut Still::new(self.device, options, &scene)?)
+    }
+
+    fn frame_ms(&self, still: &mut Still) -> Result<f64> {
+        still.set_timestamps(Timestamps::Outermost);
+        let protocol = Protocol { warmup: self.views.len(), frames: self.frames };
+        protocol.warm_up(|i| self.frame(still, i).map(drop))?;
+        let frames = (0..self.frames).map(|i| Ok(duration_ms(&self.frame(still, i)?, 0, "frame")));
+        Ok(Statistics::of(frames.collect::<Result<Vec<f64>>>()?).median)
+    }
+
+    fn frame(&self, still: &mut Still, i: usize) -> Result<Frame> {
+        still.render(&self.views[i % self.views.len()], Background::BLACK)
+    }
+
+    /// What a frame takes, over the views.
     pub fn cost(&self, options: &Options) -> Result<Cost> {
         let scene = self.scene(options)?;
         let mut still = Still::new(self.device, options, &scene)?;
-        let mut frames = |timestamps| {
-            still.set_timestamps(timestamps);
-            let mut frame = |i: usize| still.render(&self.views[i % self.views.len()], Background::BLACK);
-            Protocol { warmup: self.views.len(), frames: self.frames }.warm_up(|i| frame(i).map(drop))?;
-            (0..self.frames).map(frame).collect::<Result<Vec<Frame>>>()
-        };
-        let gpu_ms = Statistics::of(frames(Timestamps::Outermost)?.iter().map(|frame| duration_ms(frame, 0, "frame")));
-        let staged = frames(Timestamps::All)?;
+        let gpu_ms = self.frame_ms(&mut still)?;
+        still.set_timestamps(Timestamps::All);
+        let staged = (0..self.frames).map(|i| self.frame(&mut still, i)).collect::<Result<Vec<Frame>>>()?;
         let mut names: Vec<_> = staged[0].timings.iter().filter(|t| t.depth == 1).collect();
         names.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
         let stage = |name: &str| {
@@ -127,7 +140,7 @@ impl<'a> Study<'a> {
         };
         let bytes = |buffers: Vec<(&str, u64)>| buffers.iter().map(|(_, bytes)| bytes).sum();
         Ok(Cost {
-            gpu_ms: gpu_ms.median,
+            gpu_ms,
             stages: names.iter().map(|timing| stage(timing.name)).collect(),
             scene_bytes: bytes(scene.buffers()),
             work_bytes: bytes(still.buffers()),
@@ -138,17 +151,22 @@ impl<'a> Study<'a> {
     pub(super) fn glance(&self, options: &Options) -> Result<(f64, f64)> {
         let pictures = self.draw(options, &self.views)?;
         let errors = pictures.iter().zip(&self.exact_pictures).map(|(a, b)| mse(a, b));
-        Ok((self.cost(options)?.gpu_ms, errors.fold(0.0, f64::max)))
+        Ok((self.gpu_ms(options)?, errors.fold(0.0, f64::max)))
     }
 
     /// The worst of each measure against the exact pictures, over the views.
     pub fn from_exact(&self, options: &Options) -> Result<Difference> {
-        Ok(worst(&self.draw(options, &self.views)?, &self.exact_pictures))
+        Ok(worst_of(&each(&self.draw(options, &self.views)?, &self.exact_pictures)))
     }
 
     /// The worst of each measure against the reference, over the small views.
     pub fn from_oracle(&self, options: &Options) -> Result<Difference> {
-        Ok(worst(&self.draw(options, &self.small_views)?, &self.oracle_pictures))
+        Ok(worst_of(&self.each_from_oracle(options)?))
+    }
+
+    /// Every small view against the reference.
+    pub fn each_from_oracle(&self, options: &Options) -> Result<Vec<Difference>> {
+        Ok(each(&self.draw(options, &self.small_views)?, &self.oracle_pictures))
     }
 
     /// Time, memory and errors under these options.
@@ -173,11 +191,14 @@ impl<'a> Study<'a> {
     }
 }
 
-fn duration_ms(frame: &Frame, depth: u32, name: &str) -> f64 {
+fn duration_ms(frame: &Frame, depth: usize, name: &str) -> f64 {
     frame.timings.iter().filter(|t| t.depth == depth && t.name == name).map(|t| t.duration_ms).sum()
 }
 
-fn worst(pictures: &[Pixels], exact: &[Pixels]) -> Difference {
-    let all: Vec<_> = pictures.iter().zip(exact).map(|(a, b)| Difference::between(a, b)).collect();
-    Difference::worst(&all).expect("a study has a view")
+fn each(pictures: &[Pixels], exact: &[Pixels]) -> Vec<Difference> {
+    pictures.iter().zip(exact).map(|(a, b)| Difference::between(a, b)).collect()
+}
+
+pub(super) fn worst_of(all: &[Difference]) -> Difference {
+    Difference::worst(all).expect("a study has a view")
 }

@@ -113,12 +113,16 @@ pub struct BudgetReport {
     pub budget: String,
     pub choice: String,
     pub options: Options,
+    /// Whether there is a proof for any view, or a measurement.
+    pub is_proven: bool,
     pub gpu_ms: f64,
     pub exact_gpu_ms: f64,
-    /// Views that were not used to choose; the worst picture of those, against the exact ones at full size, and those
-    /// that passed the budget.
+    /// Views that were not used to choose.
     pub held_out_views: usize,
-    pub held_out: Difference,
+    /// The worst of their pictures: from the reference at its size, and from the exact ones at full size.
+    pub from_oracle: Difference,
+    pub from_exact: Difference,
+    /// Views whose picture is farther from the reference than the budget.
     pub exceeded: usize,
 }
 

@@ -19,7 +19,7 @@ use crate::pixels::check_writable;
 use crate::reference;
 use crate::render::{GpuScene, Still};
 use crate::scene::{Gaussians, Requirements, Scene, Unreadable};
-use views::{CameraPath, Cameras};
+pub(super) use views::{CameraPath, Cameras};
 
 /// Measure how fast scenes are drawn: whole frames, every stage, counts, memory
 #[derive(clap::Args)]

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use anyhow::{Result, bail};
 use glam::DVec3;
 
-use super::super::read_cameras;
+use crate::cli::read_cameras;
 use crate::camera::{Camera, path};
 use crate::scene::{Focus, Gaussians};
 
@@ -33,7 +33,7 @@ impl FromStr for CameraPath {
 }
 
 /// The views of every scene.
-pub(super) struct Cameras {
+pub(in crate::cli) struct Cameras {
     /// As the report calls them.
     pub name: String,
     source: Source,

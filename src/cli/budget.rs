@@ -1,0 +1,80 @@
+//! Error budgets as arguments: the options are chosen instead of named.
+
+use anyhow::Result;
+
+use super::{Usage, progress, remark};
+use crate::camera::Camera;
+use crate::gpu::Device;
+use crate::options::Options;
+use crate::scene::{Gaussians, Requirements};
+use crate::trade::{Budget, Study, choose};
+
+/// How far pictures may be from the reference.
+#[derive(clap::Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Error budget")]
+pub(super) struct BudgetArgs {
+    /// Choose the fastest options of which no colour value is farther from the reference, where white is 1: by proof, or
+    /// else by measuring views of the scene, with a margin. Exit code 6 if there are none
+    #[arg(long, value_name = "ERROR", conflicts_with = "min_psnr")]
+    pub max_error: Option<f64>,
+    /// The same for the PSNR to the reference, in dB
+    #[arg(long, value_name = "DB")]
+    pub min_psnr: Option<f64>,
+}
+
+/// Views that are asked, and those of them that the reference draws, this wide at most.
+const VIEWS: usize = 8;
+const ORACLE_VIEWS: usize = 3;
+const ORACLE_WIDTH: u32 = 320;
+const FRAMES: usize = 24;
+
+impl BudgetArgs {
+    pub fn budget(&self) -> Result<Option<Budget>, Usage> {
+        let wrong = |name: &str, value: f64, what: &str| Err(Usage(format!("--{name} {value} is not {what}")));
+        match (self.max_error, self.min_psnr) {
+            (Some(error), _) if !(error > 0.0 && error.is_finite()) => wrong("max-error", error, "an error over 0"),
+            (_, Some(db)) if !(db > 0.0 && db < 1000.0) => wrong("min-psnr", db, "a PSNR in dB over 0"),
+            (Some(error), _) => Ok(Some(Budget::MaxError(error))),
+            (_, Some(db)) => Ok(Some(Budget::MinPsnr(db))),
+            (None, None) => Ok(None),
+        }
+    }
+
+    /// What to draw `views` with: chosen for them if there is a budget, which is said on stderr; else `options`. `exact`
+    /// has the rules, and no knob turned.
+    pub fn choose(
+        &self,
+        device: &Device,
+        gaussians: &Gaussians,
+        views: &[Camera],
+        exact: Options,
+        options: Options,
+    ) -> Result<Options> {
+        let Some(budget) = self.budget()? else {
+            return Ok(options);
+        };
+        let needs = Requirements::of(gaussians);
+        let views = spread(views, VIEWS);
+        let small = spread(&views, ORACLE_VIEWS).iter().map(small).collect();
+        let bar = progress::Bar::new("choosing");
+        let progress = |done| bar.set(done);
+        let study = Study::new(device, (gaussians, &needs), exact, [views, small], FRAMES, &progress)?;
+        let choice = choose(&study, budget)?;
+        drop(bar);
+        remark(&format!("note: {}", choice.explain()));
+        Ok(choice.options)
+    }
+}
+
+/// At most `count` of these, evenly.
+pub(super) fn spread<T: Clone>(all: &[T], count: usize) -> Vec<T> {
+    let count = count.min(all.len());
+    (0..count).map(|i| all[i * all.len() / count].clone()).collect()
+}
+
+/// The same view, small enough for the reference.
+fn small(camera: &Camera) -> Camera {
+    let [width, height] = camera.size_px;
+    let least = (width.max(height) as f64 / f64::from(ORACLE_WIDTH)).max(1.0);
+    camera.sampled([width, height].map(|side| ((f64::from(side) / least).round() as u32).max(1)))
+}

@@ -1,0 +1,292 @@
+//! `smalto trade`: what accuracy costs on a scene.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::ValueEnum;
+
+use super::bench::{CameraPath, Cameras};
+use super::budget::{BudgetArgs, spread};
+use super::table::{say_table, table};
+use super::{DeviceArgs, Knobs, SceneArg, Usage, complain, parse_size, progress, say, size_text};
+use crate::bench::{DeviceReport, SceneReport, VersionReport, copy_gb_s};
+use crate::camera::{self, Camera, path};
+use crate::gpu::Device;
+use crate::metrics::Difference;
+use crate::options::Options;
+use crate::pixels::check_writable;
+use crate::scene::{Gaussians, Requirements};
+use crate::trade::{self, BudgetReport, CertificateReport, Point, Promise, Report, Study, mark_pareto};
+
+/// Measure what accuracy costs: every knob alone and a search over combinations, in time, memory and error
+#[derive(clap::Args)]
+pub(super) struct Args {
+    #[command(flatten)]
+    scene: SceneArg,
+    /// Camera file of the original 3DGS [default: cameras.json beside the scene or above it, else one orbit with zoom]
+    #[arg(long, value_name = "FILE")]
+    cameras: Option<PathBuf>,
+    /// What to measure: every knob alone and the presets, a search over combinations, whether the presets keep their
+    /// promise over all cameras, certificates against the true errors
+    #[arg(long, value_name = "PART,...", default_value = "knobs,search", value_delimiter = ',')]
+    parts: Vec<Part>,
+    /// Picture size at which time is measured, and the distance from the exact picture
+    #[arg(long, value_name = "WxH", default_value = "1920x1080", value_parser = parse_size)]
+    size: [u32; 2],
+    /// Picture size at which the float64 reference is drawn, on the CPU
+    #[arg(long, value_name = "WxH", default_value = "480x270", value_parser = parse_size)]
+    oracle_size: [u32; 2],
+    /// Views to measure over, spread over the cameras
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    views: u16,
+    /// Measured frames of every point
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    frames: u16,
+    #[command(flatten)]
+    budget: BudgetArgs,
+    /// Views between the cameras on which the choice for a budget is tried
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    held_out: u16,
+    #[command(flatten)]
+    knobs: Knobs,
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Write the report as JSON (docs/trade.schema.json)
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Draw time against error, as SVG
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Part {
+    Knobs,
+    Search,
+    Promises,
+    Certificate,
+}
+
+/// The presets that promise something: their least PSNR in dB, and the largest difference in 8 bits.
+const PROMISES: [(&str, Options, f64, Option<u8>); 4] = [
+    ("exact", Options::EXACT, 90.0, None),
+    ("balanced", Options::BALANCED, 60.0, Some(3)),
+    ("fast", Options::FAST, 50.0, None),
+    ("preview", Options::PREVIEW, 40.0, None),
+];
+
+/// Cameras of an orbit, where there is no file.
+const ORBIT_VIEWS: usize = 100;
+
+pub(super) fn run(args: &Args) -> Result<()> {
+    args.knobs.check()?;
+    args.knobs.check_gpu()?;
+    let budget = args.budget.budget()?;
+    [&args.json, &args.plot].into_iter().flatten().try_for_each(|file| check_writable(file))?;
+    let device = args.device.open()?;
+    let scene = args.scene.read()?;
+    let gaussians = &scene.gaussians;
+    if gaussians.is_empty() {
+        return Err(Usage(format!("{}: there is nothing to draw", args.scene.title())).into());
+    }
+    let needs = Requirements::of(gaussians);
+    let file = args.cameras.clone().or_else(|| args.scene.path().and_then(|scene| camera::find(&scene)));
+    let cameras = Cameras::read(file.as_deref(), &CameraPath::Orbit { zooms: true })?;
+    let (all, nearest) = cameras.views(gaussians, args.size, ORBIT_VIEWS);
+    let exact = args.knobs.options(&Options::EXACT, scene.is_antialiased, nearest);
+    let bench = Bench { args, device: &device, gaussians, needs: &needs, exact };
+    let has = |part| args.parts.contains(&part);
+
+    let study = bench.study("reference", &spread(&all, args.views.into()), args.size)?;
+    let mut report = Report {
+        format: Report::FORMAT.to_owned(),
+        smalto: VersionReport::current(),
+        device: DeviceReport::of(&device, copy_gb_s(&device)?),
+        scene: SceneReport::of(args.scene.title(), gaussians),
+        size: args.size,
+        oracle_size: args.oracle_size,
+        views: study.views.len(),
+        frames: args.frames.into(),
+        points: Vec::new(),
+        search: Vec::new(),
+        promises: Vec::new(),
+        certificate: None,
+        budget: None,
+    };
+    say!(
+        "{}  {}  {} Gaussians, {} views; reference at {}",
+        report.scene.name,
+        size_text(args.size),
+        gaussians.len(),
+        report.views,
+        size_text(args.oracle_size)
+    )?;
+    if has(Part::Knobs) {
+        report.points = bench.points(&study)?;
+    }
+    if has(Part::Search) {
+        let bar = progress::Bar::new("search");
+        report.search = trade::search(&study, &|done| bar.set(done))?;
+    }
+    mark_pareto(&mut report.points.iter_mut().chain(&mut report.search).collect::<Vec<_>>());
+    print_points(&report)?;
+    if has(Part::Promises) {
+        report.promises = bench.promises(&all)?;
+        print_promises(&report.promises)?;
+    }
+    if has(Part::Certificate) {
+        let bar = progress::Bar::new("certificate");
+        let certificate = trade::certify(&study, &|done| bar.set(done))?;
+        drop(bar);
+        print_certificate(&certificate)?;
+        report.certificate = Some(certificate);
+    }
+    if let Some(budget) = budget {
+        let choice = trade::choose(&study, budget)?;
+        say!("{}", choice.explain())?;
+        let between = path::through(&all, usize::from(args.held_out) + 2);
+        let held_out = bench.study("held-out views", &between[1..=args.held_out.into()], args.size)?;
+        let held = choice.hold(&held_out)?;
+        print_budget(&held)?;
+        report.budget = Some(held);
+    }
+    complain(&device)?;
+    if let Some(file) = &args.json {
+        report.write_json(file)?;
+    }
+    let presets = Options::PRESETS.map(|(name, _)| name);
+    args.plot.as_ref().map_or(Ok(()), |file| trade::plot(&report, &presets, file))
+}
+
+/// What all parts measure.
+struct Bench<'a> {
+    args: &'a Args,
+    device: &'a Device,
+    gaussians: &'a Gaussians,
+    needs: &'a Requirements,
+    exact: Options,
+}
+
+impl<'a> Bench<'a> {
+    fn study(&self, name: &str, views: &[Camera], size: [u32; 2]) -> Result<Study<'a>> {
+        let bar = progress::Bar::new(name);
+        let sized = |size: [u32; 2]| views.iter().map(|view| view.resized(size)).collect();
+        let scene = (self.gaussians, self.needs);
+        let frames = self.args.frames.into();
+        Study::new(self.device, scene, self.exact, [sized(size), sized(self.args.oracle_size)], frames, &|d| bar.set(d))
+    }
+
+    /// The presets and the knobs alone, by the rules of the scene.
+    fn points(&self, study: &Study) -> Result<Vec<Point>> {
+        let mut all = vec![("exact".to_owned(), self.exact)];
+        for (name, preset) in Options::PRESETS.iter().filter(|(name, _)| !["exact", "portable"].contains(name)) {
+            all.push(((*name).to_owned(), self.by_rules(preset)));
+        }
+        all.extend(trade::knobs(&self.exact, self.needs));
+        let bar = progress::Bar::new("knobs");
+        let count = all.len() as f64;
+        let point = |(i, (name, options)): (usize, (String, Options))| {
+            bar.set(i as f64 / count);
+            study.point(&name, &options)
+        };
+        all.into_iter().enumerate().map(point).collect()
+    }
+
+    fn by_rules(&self, preset: &Options) -> Options {
+        self.args.knobs.options(preset, self.exact.rules.antialiased, self.exact.rules.near)
+    }
+
+    /// The worst picture of each preset over all cameras, against the reference.
+    fn promises(&self, cameras: &[Camera]) -> Result<Vec<Promise>> {
+        let study = self.study("promises", cameras, self.args.oracle_size)?;
+        let promise = |(preset, options, min_psnr_db, max_step): &(&str, Options, f64, Option<u8>)| {
+            let worst = study.from_oracle(&self.by_rules(options))?;
+            let is_kept = worst.psnr_db.is_none_or(|db| db >= *min_psnr_db)
+                && max_step.is_none_or(|step| worst.largest_step <= step);
+            let (min_psnr_db, max_step, cameras) = (*min_psnr_db, *max_step, cameras.len());
+            Ok(Promise { preset: (*preset).to_owned(), min_psnr_db, max_step, worst, cameras, is_kept })
+        };
+        PROMISES.iter().map(promise).collect()
+    }
+}
+
+fn print_points(report: &Report) -> Result<()> {
+    let Some(exact) = report.points.first().or(report.search.first()) else {
+        return Ok(());
+    };
+    let header = ["", "ms", "saved", "MB", "dB", "max error", "step", "SSIM", "FLIP", "dB to exact", "max", ""];
+    let mut rows = table(&header);
+    for point in report.points.iter().chain(&report.search) {
+        let (oracle, full) = (&point.from_oracle, &point.from_exact);
+        rows.add_row([
+            point.name.clone(),
+            format!("{:.3}", point.gpu_ms),
+            format!("{:.3}", exact.gpu_ms - point.gpu_ms),
+            format!("{:.0}", (point.scene_bytes + point.work_bytes) as f64 / 1e6),
+            decibels(oracle),
+            format!("{:.4}", oracle.max_error),
+            oracle.largest_step.to_string(),
+            oracle.ssim.map_or_else(String::new, |ssim| format!("{ssim:.5}")),
+            format!("{:.5}", oracle.flip),
+            decibels(full),
+            format!("{:.4}", full.max_error),
+            if point.is_pareto { "*" } else { "" }.to_owned(),
+        ]);
+    }
+    say_table(&rows)?;
+    say!("  worst view of each; step: largest difference in 8 bits; *: no other is both faster and closer")
+}
+
+fn print_promises(promises: &[Promise]) -> Result<()> {
+    let mut rows = table(&["preset", "promise", "dB", "max error", "step", "SSIM", "FLIP", "cameras", "kept"]);
+    for promise in promises {
+        let step = promise.max_step.map_or_else(String::new, |step| format!(", {step} steps"));
+        let worst = &promise.worst;
+        rows.add_row([
+            promise.preset.clone(),
+            format!("{} dB{step}", promise.min_psnr_db),
+            decibels(worst),
+            format!("{:.4}", worst.max_error),
+            worst.largest_step.to_string(),
+            worst.ssim.map_or_else(String::new, |ssim| format!("{ssim:.5}")),
+            format!("{:.5}", worst.flip),
+            promise.cameras.to_string(),
+            if promise.is_kept { "yes" } else { "NO" }.to_owned(),
+        ]);
+    }
+    say_table(&rows)
+}
+
+fn print_certificate(report: &CertificateReport) -> Result<()> {
+    let header = ["certificate", "pixels", "violations", "max error", "max bound", "mean error", "mean bound", "tightest"];
+    let mut rows = table(&header);
+    for setting in &report.settings {
+        rows.add_row([
+            setting.name.clone(),
+            setting.pixel_tests.to_string(),
+            setting.violations.to_string(),
+            format!("{:.5}", setting.max_error),
+            format!("{:.5}", setting.max_certificate),
+            format!("{:.2e}", setting.mean_error),
+            format!("{:.2e}", setting.mean_certificate),
+            format!("{:.3}", setting.tightest),
+        ]);
+    }
+    say_table(&rows)?;
+    say!("  {} pixels tested, {} violations", report.pixel_tests, report.violations)
+}
+
+fn print_budget(held: &BudgetReport) -> Result<()> {
+    let BudgetReport { held_out_views, exceeded, from_oracle, from_exact, .. } = held;
+    say!(
+        "  on {held_out_views} other views: {exceeded} over the budget; worst {} dB and {:.4} to the reference, {} dB and {:.4} to exact",
+        decibels(from_oracle),
+        from_oracle.max_error,
+        decibels(from_exact),
+        from_exact.max_error
+    )
+}
+
+fn decibels(difference: &Difference) -> String {
+    difference.psnr_db.map_or_else(|| "equal".to_owned(), |db| format!("{db:.1}"))
+}
