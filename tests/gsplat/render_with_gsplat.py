@@ -1,0 +1,140 @@
+"""Renders a scene by gsplat 1.5.3's own PyTorch functions, on the CPU in float64.
+
+Usage: render_with_gsplat.py [--antialiased] IN OUT.npy, with `pip install torch numpy gsplat==1.5.3`. No GPU and no CUDA
+toolkit are needed. tests/gsplat.rs runs it with the Python that SMALTO_GSPLAT_PYTHON names.
+
+IN is a folder with
+    means.npy       [n, 3] f4     world units
+    scales.npy      [n, 3] f4     standard deviations, not their logarithms
+    rotations.npy   [n, 4] f4     unit quaternions w x y z
+    opacities.npy   [n] f4        after the sigmoid
+    sh.npy          [n, k, 3] f4  k = (degree + 1)^2; basis order and signs of the original 3DGS
+    view.npy        [4, 4] f8     world to view: x right, y down, z forward
+    intrinsics.npy  [4] f8        focal lengths x y, principal point x y, in px
+    size.npy        [2] u4        width, height
+OUT.npy becomes [height, width, 3] f4: colours over black, not clamped at 1.
+
+Projection and spherical harmonics are gsplat's functions (gsplat/cuda/_torch_impl.py), called unchanged. Its blending needs
+CUDA; `blend` follows gsplat/cuda/csrc/RasterizeToPixels3DGSFwd.cu, lines 140 to 169.
+"""
+
+import argparse
+import importlib.metadata
+import importlib.util
+import pathlib
+
+import numpy as np
+import torch
+
+VERSION = "1.5.3"  # whose rules and constants these are
+LOW_PASS, NEAR, FAR = 0.3, 0.01, 1e10  # gsplat's defaults
+ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN = 0.999, 1 / 255, 1e-4
+TILE, CHUNK, BATCH = 16, 50_000, 1024  # for memory and speed: they do not change the picture
+
+
+def load_gsplat():
+    """gsplat's _torch_impl.py as a module of its own: `import gsplat` would look for CUDA, and may compile."""
+    version = importlib.metadata.version("gsplat")
+    if version != VERSION:
+        raise SystemExit(f"gsplat is {version}; the rules here are those of {VERSION}")
+    folder = importlib.util.find_spec("gsplat").submodule_search_locations[0]
+    path = pathlib.Path(folder) / "cuda" / "_torch_impl.py"
+    spec = importlib.util.spec_from_file_location("gsplat_torch_impl", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def project(gsplat, scene, view, intrinsics, width, height, antialiased):
+    """Of every visible Gaussian, nearest first: mean_px [m, 2], conic a b c [m, 3], opacity [m], colour [m, 3], and half the
+    sides of a box outside of which alpha is under the threshold [m, 2]."""
+    fx, fy, cx, cy = intrinsics
+    k = torch.tensor([[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]], dtype=torch.float64)
+    position = torch.inverse(view)[:3, 3]
+    degree = round(scene["sh"].shape[1] ** 0.5) - 1
+    parts = []
+    for start in range(0, len(scene["means"]), CHUNK):
+        chunk = {name: values[start : start + CHUNK].double() for name, values in scene.items()}
+        means, opacities = chunk["means"], chunk["opacities"]
+        covariances, _ = gsplat._quat_scale_to_covar_preci(chunk["rotations"], chunk["scales"], compute_preci=False)
+        radii, means_px, depths, conics, compensations = gsplat._fully_fused_projection(
+            means, covariances, view[None], k, width, height, LOW_PASS, NEAR, FAR, antialiased
+        )
+        if antialiased:
+            opacities = opacities * compensations[0]
+        # A radius of 0 says culled; one that overflowed its integer does not. The opacity is tested in
+        # ProjectionEWA3DGSFused.cu, line 171, and by no function of PyTorch.
+        keep = (radii[0] != 0).all(-1) & (opacities >= ALPHA_MIN)
+        radii, means_px, depths, conics = (values[0][keep] for values in (radii, means_px, depths, conics))
+        opacities = opacities[keep]
+        # + 0.5 and the floor: gsplat/rendering.py, line 525.
+        colours = gsplat._spherical_harmonics(degree, means[keep] - position, chunk["sh"][keep])
+        colours = torch.clamp_min(colours + 0.5, 0)
+        # gsplat's radii are 3.33 sigma; alpha falls to 1/255 at sqrt(2 ln(255 opacity)) sigma, never more.
+        half = radii.double().abs() * (torch.sqrt(2 * torch.log(opacities / ALPHA_MIN)) / 3.33)[:, None]
+        parts.append((depths.float(), means_px, conics, opacities, colours, half + 0.01))  # px, against rounding
+    depths, *splats = (torch.cat(values) for values in zip(*parts))
+    order = torch.sort(depths, stable=True).indices  # gsplat sorts by the depth as a 32-bit float
+    return [values[order] for values in splats]
+
+
+def blend(means_px, conics, opacities, colours, half, width, height):
+    """The image [height, width, 3], a tile after the other."""
+    image = torch.zeros(height, width, 3, dtype=torch.float64)
+    low, high = means_px - half, means_px + half
+    for top in range(0, height, TILE):
+        y = torch.arange(top, min(top + TILE, height)) + 0.5
+        in_rows = ((high[:, 1] >= y[0]) & (low[:, 1] <= y[-1])).nonzero()[:, 0]
+        for left in range(0, width, TILE):
+            x = torch.arange(left, min(left + TILE, width)) + 0.5
+            ids = in_rows[(high[in_rows, 0] >= x[0]) & (low[in_rows, 0] <= x[-1])]
+            splats = (means_px[ids], conics[ids], opacities[ids], colours[ids])
+            tile = blend_tile(splats, x.double().repeat(len(y)), y.double().repeat_interleave(len(x)))
+            image[top : top + TILE, left : left + TILE] = tile.view(len(y), len(x), 3)
+    return image
+
+
+def blend_tile(splats, x, y):
+    """The colours of the pixels with centres at x, y."""
+    transmittance = torch.ones_like(x)
+    colour = torch.zeros(len(x), 3, dtype=torch.float64)
+    for means_px, conics, opacities, colours in zip(*(values.split(BATCH) for values in splats)):
+        # Arrays are [splat, pixel].
+        dx, dy = means_px[:, :1] - x, means_px[:, 1:] - y
+        a, b, c = conics.T[:, :, None]
+        sigma = 0.5 * (a * dx * dx + c * dy * dy) + b * dx * dy
+        alpha = (opacities[:, None] * torch.exp(-sigma)).clamp_max(ALPHA_MAX)
+        alpha[(sigma < 0) | (alpha < ALPHA_MIN)] = 0  # as if it were skipped
+        # Row i is what remains before splat i, row i + 1 after it.
+        remaining = torch.cumprod(torch.cat((transmittance[None], 1 - alpha)), 0)
+        # The splat that would leave no more than the least is not added, nor any behind it.
+        is_added = remaining[1:] > TRANSMITTANCE_MIN
+        colour += (alpha * remaining[:-1] * is_added).T @ colours
+        transmittance = remaining[-1]
+        if (transmittance <= TRANSMITTANCE_MIN).all():
+            break
+    return colour
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", metavar="IN", type=pathlib.Path)
+    parser.add_argument("out", metavar="OUT.npy", type=pathlib.Path)
+    parser.add_argument("--antialiased", action="store_true", help='gsplat\'s rasterize_mode="antialiased"')
+    args = parser.parse_args()
+
+    def load(name):
+        return torch.from_numpy(np.load(args.folder / f"{name}.npy"))
+
+    scene = {name: load(name) for name in ("means", "scales", "rotations", "opacities", "sh")}
+    width, height = np.load(args.folder / "size.npy").tolist()
+    with torch.no_grad():
+        splats = project(
+            load_gsplat(), scene, load("view"), load("intrinsics").tolist(), width, height, args.antialiased
+        )
+        image = blend(*splats, width, height)
+    np.save(args.out, image.numpy().astype(np.float32))
+
+
+if __name__ == "__main__":
+    main()
