@@ -162,7 +162,7 @@ impl Options {
         Self { stop: 1e-3, sh_storage: Storage::F16, shape_storage: Storage::F16, ..Self::EXACT };
     /// At least 50 dB from the reference.
     pub const FAST: Self = Self {
-        rules: Rules { alpha_min: 1.0 / 192.0, ..Rules::TRAINED },
+        rules: Rules { alpha_min: 1.0 / 224.0, ..Rules::TRAINED },
         stop: 1.0 / 255.0,
         key_bits: 24,
         ..Self::BALANCED
@@ -170,7 +170,7 @@ impl Options {
     /// At least 40 dB from the reference.
     pub const PREVIEW: Self = Self {
         rules: Rules { alpha_min: 1.0 / 128.0, ..Rules::TRAINED },
-        stop: 1e-2,
+        stop: 1.0 / 128.0,
         key_bits: 16,
         ..Self::FAST
     };
