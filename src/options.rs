@@ -192,6 +192,19 @@ impl Options {
         size_px.map(|side| ((f64::from(side) * f64::from(self.scale)).round() as u32).clamp(1, side))
     }
 
+    /// Why pictures drawn like this have no certificate; `None` if they have.
+    pub fn uncertifiable(&self) -> Option<&'static str> {
+        if self.scale != 1.0 {
+            Some("a picture that is drawn smaller and enlarged has no certificate")
+        } else if self.half_blend {
+            Some("a picture that is blended in 16-bit floats has no certificate")
+        } else if self.rules.extent == Extent::ThreeSigmaSquares {
+            Some("a picture in which splats end at the borders of tiles has no certificate")
+        } else {
+            None
+        }
+    }
+
     /// The choice of this name.
     pub fn preset(name: &str) -> Option<Self> {
         Self::PRESETS.iter().find(|(known, _)| *known == name).map(|(_, options)| *options)

@@ -103,6 +103,7 @@ impl Bench {
             memory,
             allocated_bytes,
             image_hash: image_hash(&still.pixels()?),
+            certified_error: None,
             psnr_db: None,
         })
     }

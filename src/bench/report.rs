@@ -48,6 +48,8 @@ pub struct Run {
     pub allocated_bytes: u64,
     /// BLAKE3 of the last frame's floats, row by row.
     pub image_hash: String,
+    /// Above the error of every value of all views, by their certificates; null if it was not asked for.
+    pub certified_error: Option<f32>,
     /// PSNR of the first view against the f64 reference, in dB; null if it was not asked for, or both are equal.
     pub psnr_db: Option<f64>,
 }

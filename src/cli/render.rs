@@ -14,10 +14,10 @@ use super::{
 use crate::camera::{self, Camera, NamedCamera};
 use crate::gpu::Commands;
 use crate::options::{Background, Options};
-use crate::pixels::{FileKind, Pixels};
+use crate::pixels::{FileKind, Pixels, check_writable};
 use crate::reference;
 use crate::render::{Frame, GpuScene, Still};
-use crate::scene::{Focus, Gaussians};
+use crate::scene::{Focus, Gaussians, Requirements};
 
 /// Render a scene to PNG, EXR or .npy
 #[derive(clap::Args)]
@@ -59,6 +59,10 @@ pub(super) struct Args {
     /// Print the GPU time of every stage
     #[arg(long)]
     timings: bool,
+    /// Also write, for every pixel, how far its channels are at most from the picture in which nothing is left out: by no
+    /// threshold, cut or stop. An .exr or .npy file, or a folder for several pictures
+    #[arg(long, value_name = "FILE|DIR", conflicts_with = "reference")]
+    certificate: Option<PathBuf>,
     /// Write every buffer that a stage wrote, after that stage, to this folder as .npy
     #[arg(long, value_name = "DIR")]
     dump: Option<PathBuf>,
@@ -87,6 +91,7 @@ struct Plan {
 struct Shot {
     camera: Camera,
     output: PathBuf,
+    certificate: Option<PathBuf>,
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
@@ -121,9 +126,17 @@ pub(super) fn run(args: &Args) -> Result<()> {
             let views: Vec<Camera> = shots.iter().map(|shot| shot.camera.clone()).collect();
             let exact = args.knobs.options(&Options { portable: options.portable, ..Options::EXACT }, scene.is_antialiased, nearest);
             let options = args.budget.choose(&device, &scene.gaussians, &views, exact, options)?;
-            let gpu_scene = GpuScene::new(&device, &scene.gaussians, &options)?;
+            let certifies = args.certificate.is_some();
+            let gpu_scene = match certifies {
+                true => GpuScene::certifiable(&device, &scene.gaussians, &Requirements::of(&scene.gaussians), &options)?,
+                false => GpuScene::new(&device, &scene.gaussians, &options)?,
+            };
             drop(scene);
-            let mut still = Still::new(&device, &options, &gpu_scene)?;
+            if let Some(why) = options.uncertifiable().filter(|_| certifies) {
+                return Err(Usage(format!("--certificate: {why}")).into());
+            }
+            let still = if certifies { Still::certified } else { Still::new };
+            let mut still = still(&device, &options, &gpu_scene)?;
             let bar = progress::Bar::new("rendering");
             for (done, shot) in shots.iter().enumerate() {
                 let prepare = |cmd: &mut Commands| {
@@ -137,6 +150,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 }
                 write(args, shot, &still.pixels()?)?;
                 report(args, shot, &frame)?;
+                if let (Some(file), Some(certificate)) = (&shot.certificate, still.certificate()?) {
+                    certificate.write(file, false)?;
+                    let largest = certificate.rgba.iter().map(|bound| bound[0]).fold(0.0, f32::max);
+                    say!("  certified: no value is farther than {largest:.4} from where nothing is left out")?;
+                }
                 bar.set((done + 1) as f64 / shots.len() as f64);
             }
             complain(&device)?;
@@ -175,10 +193,16 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     if wants_all && args.dump.is_some() {
         return Err(Usage("--dump writes the buffers of one picture, not of --camera all".to_owned()).into());
     }
+    let certificate = |index: usize| match &args.certificate {
+        Some(folder) if is_folder => Some(folder.join(format!("{index:05}.exr"))),
+        file => file.clone(),
+    };
     let shot = |(index, camera): (usize, Camera)| Shot {
         camera: args.size.map_or_else(|| camera.clone(), |size| camera.resized(size)),
         output: if is_folder { output.join(format!("{index:05}.png")) } else { output.clone() },
+        certificate: certificate(index),
     };
+    check_certificate(args, is_folder)?;
     let shots: Vec<_> = chosen.into_iter().map(shot).collect();
     if let Some(shot) =
         shots.iter().find(|s| args.reference && s.camera.size_px.into_iter().max() > Some(REFERENCE_SIDE))
@@ -189,10 +213,21 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
         ))
         .into());
     }
-    if is_folder {
-        fs::create_dir_all(&output).with_context(|| format!("cannot make the folder {}", output.display()))?;
+    for folder in [Some(&output), args.certificate.as_ref()].into_iter().flatten().filter(|_| is_folder) {
+        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     }
     Ok(Plan { shots, nearest })
+}
+
+/// Bounds are floats, and most are less than a step of 8 bits.
+fn check_certificate(args: &Args, is_folder: bool) -> Result<()> {
+    let Some(file) = args.certificate.as_ref().filter(|_| !is_folder) else {
+        return Ok(());
+    };
+    match FileKind::of(file) {
+        Ok(FileKind::Exr | FileKind::Npy) => Ok(check_writable(file)?),
+        _ => Err(Usage(format!("--certificate {}: bounds are written as .exr or .npy", file.display())).into()),
+    }
 }
 
 fn cameras(args: &Args) -> Result<Option<Vec<NamedCamera>>> {

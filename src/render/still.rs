@@ -1,6 +1,6 @@
 //! One picture at a time, without a window: renders, waits, and repeats what did not fit.
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, anyhow};
 
 use super::blending::{Target, Variation};
 use super::gpu_scene::GpuScene;
@@ -10,10 +10,10 @@ use super::view::tiles;
 use super::workspace::{Demand, Workspace};
 use crate::camera::Camera;
 use crate::gpu::{
-    Access, Commands, Device, Extent as Groups, Image, InFlight, Readback, Results, Stage, Timestamps, Timing,
+    Access, Commands, Device, Extent, Image, InFlight, Readback, Results, Stage, Timestamps, Timing,
 };
 use crate::memory::host_vec;
-use crate::options::{Background, Extent, Options};
+use crate::options::{Background, Options};
 use crate::pixels::Pixels;
 
 /// Renders pictures of one scene, keeping its buffers from one to the next.
@@ -66,9 +66,7 @@ impl<'s> Still<'s> {
 
     /// Also makes a certificate of every picture: `scene` is [`GpuScene::certifiable`].
     pub fn certified(device: &Device, options: &Options, scene: &'s GpuScene) -> Result<Self> {
-        ensure!(options.scale == 1.0, "a picture that is drawn smaller and enlarged has no certificate");
-        let is_cut_by_tiles = options.rules.extent == Extent::ThreeSigmaSquares;
-        ensure!(!is_cut_by_tiles, "a picture in which splats end at the borders of tiles has no certificate");
+        options.uncertifiable().map_or(Ok(()), |why| Err(anyhow!(why)))?;
         let variation = Variation { certifies: true, ..Variation::default() };
         let certificate = Some(Image::new(device, "certificate", 1, 1)?);
         Ok(Self { certificate, ..Self::varied(device, options, scene, variation)? })
@@ -216,7 +214,7 @@ impl Enlarged {
     fn record(&self, cmd: &mut Commands, image: &Image) {
         let push = EnlargePush { drawn_size_px: self.drawn.size(), size_px: image.size() };
         let pixels = image.size().iter().map(|side| u64::from(*side)).product();
-        cmd.dispatch(&self.stage, EnlargeBindings { drawn: &self.drawn, image }, push, Groups::Invocations(pixels));
+        cmd.dispatch(&self.stage, EnlargeBindings { drawn: &self.drawn, image }, push, Extent::Invocations(pixels));
     }
 }
 

@@ -50,11 +50,14 @@ pub(super) struct Args {
     #[command(flatten)]
     knobs: Knobs,
     /// Climb the ladder instead: measure the paper's baseline and every optimization on top of it, on one size
-    #[arg(long, conflicts_with_all = ["baseline", "preset", "check"])]
+    #[arg(long, conflicts_with_all = ["baseline", "preset", "check", "certificate"])]
     ladder: bool,
     /// Also compare the first view with the float64 reference. Slow
     #[arg(long)]
     check: bool,
+    /// Also certify every view: how far any value is at most from where nothing is left out
+    #[arg(long)]
+    certificate: bool,
     #[command(flatten)]
     device: DeviceArgs,
     /// Write the report as JSON (docs/bench.schema.json)
@@ -117,6 +120,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
             drop(bar);
             if args.check {
                 run.psnr_db = accuracy(&device, (&scene.gaussians, &gpu), &views[0], &options)?;
+            }
+            if args.certificate {
+                run.certified_error = Some(certified_error(&device, &scene, &views, &options)?);
             }
             table::print_run(&run, args.check)?;
             changes.extend(before.map(|before| Change::between(before, &run)));
@@ -181,6 +187,22 @@ fn accuracy(
     still.render(view, Background::BLACK)?;
     let exact = reference::render(gaussians, view, &options.rules, Background::BLACK).to_pixels();
     Ok(Some(psnr(&still.pixels()?, &exact)).filter(|db| db.is_finite()))
+}
+
+/// The largest bound of any pixel of any view.
+fn certified_error(device: &Device, scene: &Loaded, views: &[Camera], options: &Options) -> Result<f32> {
+    if let Some(why) = options.uncertifiable() {
+        return Err(Usage(format!("--certificate: {why}")).into());
+    }
+    let gpu = GpuScene::certifiable(device, &scene.gaussians, &scene.requirements, options)?;
+    let mut still = Still::certified(device, options, &gpu)?;
+    let mut largest = 0.0_f32;
+    for view in views {
+        still.render(view, Background::BLACK)?;
+        let bounds = still.certificate()?.into_iter().flat_map(|certificate| certificate.rgba);
+        largest = bounds.map(|bound| bound[0]).fold(largest, f32::max);
+    }
+    Ok(largest)
 }
 
 fn write(args: &Args, report: &Report) -> Result<()> {

@@ -51,6 +51,9 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
     let clocks = run.clocks.map_or_else(String::new, clocks);
     let (megabytes, picture) = (bytes as f64 / 1e6, &run.image_hash[..16]);
     say!("  {megabytes:.0} MB in {} buffers; picture {picture}{clocks}", run.memory.len())?;
+    if let Some(bound) = run.certified_error {
+        say!("  certified: no value of any view is farther than {bound:.4} from where nothing is left out")?;
+    }
     match run.psnr_db {
         Some(psnr_db) => say!("  {psnr_db:.1} dB to the float64 reference"),
         None if checked => say!("  equal to the float64 reference"),
