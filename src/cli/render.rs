@@ -8,8 +8,8 @@ use anyhow::{Context, Result};
 use glam::DVec3;
 
 use super::{
-    BudgetArgs, DeviceArgs, Knobs, SceneArg, Usage, complain, dump, knobs, parse_size, progress, read_cameras, remark, say,
-    size_text,
+    BudgetArgs, DeviceArgs, Knobs, SceneArg, Usage, complain, dump, knobs, parse_size, progress, read_cameras, remark,
+    say, size_text,
 };
 use crate::camera::{self, Camera, NamedCamera};
 use crate::gpu::Commands;
@@ -124,11 +124,17 @@ pub(super) fn run(args: &Args) -> Result<()> {
         }
         Some(device) => {
             let views: Vec<Camera> = shots.iter().map(|shot| shot.camera.clone()).collect();
-            let exact = args.knobs.options(&Options { portable: options.portable, ..Options::EXACT }, scene.is_antialiased, nearest);
+            let exact = args.knobs.options(
+                &Options { portable: options.portable, ..Options::EXACT },
+                scene.is_antialiased,
+                nearest,
+            );
             let options = args.budget.choose(&device, &scene.gaussians, &views, exact, options)?;
             let certifies = args.certificate.is_some();
             let gpu_scene = match certifies {
-                true => GpuScene::certifiable(&device, &scene.gaussians, &Requirements::of(&scene.gaussians), &options)?,
+                true => {
+                    GpuScene::certifiable(&device, &scene.gaussians, &Requirements::of(&scene.gaussians), &options)?
+                }
                 false => GpuScene::new(&device, &scene.gaussians, &options)?,
             };
             drop(scene);

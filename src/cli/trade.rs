@@ -258,7 +258,8 @@ fn print_promises(promises: &[Promise]) -> Result<()> {
 }
 
 fn print_certificate(report: &CertificateReport) -> Result<()> {
-    let header = ["certificate", "pixels", "violations", "max error", "max bound", "mean error", "mean bound", "tightest"];
+    let header =
+        ["certificate", "pixels", "violations", "max error", "max bound", "mean error", "mean bound", "tightest"];
     let mut rows = table(&header);
     for setting in &report.settings {
         rows.add_row([

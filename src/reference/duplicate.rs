@@ -41,7 +41,7 @@ impl Tiling {
 pub fn tiles(splat: &Splat, tiling: Tiling, rules: &Rules) -> Vec<u32> {
     let level = splat.level(rules);
     let mut touched = Vec::new();
-    if !(level >= 0.0) {
+    if level.is_nan() || level < 0.0 {
         return touched;
     }
     if rules.extent == Extent::ThreeSigmaSquares {

@@ -9,9 +9,7 @@ use super::shaders::{Enlarge, EnlargeBindings, EnlargePush, Totals};
 use super::view::tiles;
 use super::workspace::{Demand, Workspace};
 use crate::camera::Camera;
-use crate::gpu::{
-    Access, Commands, Device, Extent, Image, InFlight, Readback, Results, Stage, Timestamps, Timing,
-};
+use crate::gpu::{Access, Commands, Device, Extent, Image, InFlight, Readback, Results, Stage, Timestamps, Timing};
 use crate::memory::host_vec;
 use crate::options::{Background, Options};
 use crate::pixels::Pixels;

@@ -98,7 +98,7 @@ pub fn choose(study: &Study, budget: Budget) -> Result<Choice> {
     });
     // What 32-bit floats do adds to what the options do.
     let left = budget.allowed() - MARGIN * floor;
-    if !(left >= 0.0) {
+    if left.is_nan() || left < 0.0 {
         return Err(Unmeetable(format!(
             "{budget} is closer than 32-bit floats are to the reference: {} here, {} with a margin for other views",
             budget.say(floor),
@@ -170,9 +170,7 @@ fn measured(study: &Study) -> Vec<(String, Options, Option<f64>)> {
         Options { rules, portable: study.exact.portable, ..*preset }
     };
     let mut all = Vec::new();
-    for (name, preset) in
-        [("preview", Options::PREVIEW), ("fast", Options::FAST), ("balanced", Options::BALANCED)]
-    {
+    for (name, preset) in [("preview", Options::PREVIEW), ("fast", Options::FAST), ("balanced", Options::BALANCED)] {
         all.push((name.to_owned(), by_rules(&preset, preset.rules.alpha_min), None));
         for alpha in [1.0 / 224.0, 1.0 / 192.0, 1.0 / 160.0, 1.0 / 96.0] {
             let options = by_rules(&preset, alpha);
@@ -205,7 +203,7 @@ impl Choice {
     /// with.
     pub fn hold(&self, study: &Study) -> Result<BudgetReport> {
         let each = study.each_from_oracle(&self.options)?;
-        let exceeded = each.iter().filter(|d| !(self.budget.amplitude(d) <= self.budget.allowed())).count();
+        let kept = each.iter().filter(|d| self.budget.amplitude(d) <= self.budget.allowed()).count();
         Ok(BudgetReport {
             budget: self.budget.to_string(),
             choice: self.name.clone(),
@@ -216,7 +214,7 @@ impl Choice {
             held_out_views: each.len(),
             from_oracle: worst_of(&each),
             from_exact: study.from_exact(&self.options)?,
-            exceeded,
+            exceeded: each.len() - kept,
         })
     }
 }
