@@ -25,7 +25,8 @@ pub struct GpuScene {
     pub(crate) extent: Bounds,
     /// Above the brightest channel of any Gaussian.
     pub(super) brightest: f64,
-    alpha_min: f64,
+    /// Where alpha is lower, Gaussians may be culled.
+    pub(super) alpha_min: f32,
 }
 
 /// Gaussians uploaded at once, a multiple of those that share an element: their spherical harmonics, which every plane takes a part of, stay in the cache.
@@ -63,7 +64,7 @@ impl GpuScene {
             grids: Buffer::new(device, "grids", 1)?,
             extent: Bounds::of(gaussians),
             brightest: needs.brightest,
-            alpha_min: options.rules.alpha_min.into(),
+            alpha_min: options.rules.alpha_min,
             layout,
         };
         let mut commands = Commands::new(device)?;
@@ -107,7 +108,7 @@ impl GpuScene {
         let (means, scales, opacities) = (gaussians.means(), gaussians.scales(), gaussians.opacities());
         upload_plane(commands, &self.bounds, &range, |i| {
             let [x, y, z] = means[i].map(f32::to_bits);
-            [x, y, z, reach(scales[i], opacities[i], self.alpha_min)]
+            [x, y, z, reach(scales[i], opacities[i], self.alpha_min.into())]
         })?;
         let layout = &self.layout;
         let shape_word = |index: usize, word: usize| layout.shape_word(gaussians, index, word);

@@ -19,6 +19,8 @@ use crate::options::{Extent as Reach, Options, Order, TileTest};
 pub struct Renderer {
     options: Options,
     layout: Layout,
+    /// Splats are listed where their alpha reaches this.
+    listed_alpha: f32,
     cull: Stage<Cull>,
     cull_offsets: Stage<CullOffsets>,
     cull_compact: Stage<CullCompact>,
@@ -48,7 +50,7 @@ impl Renderer {
         let smallest_subgroup = if options.portable { PORTABLE_SUBGROUP } else { facts.subgroup_size[0] };
         let ballot_words = if options.portable { 4 } else { facts.subgroup_size[1].div_ceil(32) };
         // Where everything that is left out is to be known, it is listed first.
-        let (alpha_min, extent) = match variation.certifies {
+        let (listed_alpha, extent) = match variation.certifies {
             false => (rules.alpha_min, rules.extent),
             true => (LISTED_ALPHA, Reach::Exact),
         };
@@ -58,7 +60,7 @@ impl Renderer {
             shape_storage: layout.shape.code(),
             by_distance: rules.order == Order::Distance,
             antialiased: rules.antialiased,
-            alpha_min,
+            alpha_min: listed_alpha,
             extent: extent_code(extent),
             box_tiles: options.tile_test == TileTest::Box,
             ballot_words,
@@ -66,6 +68,7 @@ impl Renderer {
         Ok(Self {
             options: *options,
             layout: layout.clone(),
+            listed_alpha,
             cull: Stage::new(device, &())?,
             cull_offsets: Stage::new(device, &())?,
             cull_compact: Stage::new(device, &())?,
@@ -112,6 +115,7 @@ impl Renderer {
         passes: u32,
     ) {
         assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
+        assert!(scene.alpha_min <= self.listed_alpha, "a scene is culled by no higher threshold than it is drawn by");
         let view = self.view(camera);
         let depth_keys = self.depth_keys(scene, camera);
         let [tiles_x, tiles_y] = tiles(camera.size_px);
