@@ -1,6 +1,7 @@
 //! The tiles that a splat touches, and one instance for each.
 
 use glam::{DVec2, dvec2};
+use rayon::prelude::*;
 
 use super::Splat;
 use crate::options::{Extent, Rules, TILE};
@@ -98,21 +99,10 @@ fn least_distance(splat: &Splat, low: DVec2, high: DVec2) -> f64 {
     candidates.into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// Tile and splat of every instance, splat after splat in the given order. `offsets` come from the scan of their counts.
-pub fn duplicate(
-    splats: &[Splat],
-    order: &[u32],
-    offsets: &[u64],
-    tiling: Tiling,
-    rules: &Rules,
-) -> (Vec<u32>, Vec<u32>) {
-    let total = offsets[order.len()] as usize;
-    let (mut tile_keys, mut splat_ids) = (vec![0; total], vec![0; total]);
-    for (rank, splat) in order.iter().enumerate() {
-        for (i, tile) in tiles(&splats[*splat as usize], tiling, rules).into_iter().enumerate() {
-            tile_keys[offsets[rank] as usize + i] = tile;
-            splat_ids[offsets[rank] as usize + i] = *splat;
-        }
-    }
-    (tile_keys, splat_ids)
+/// Tile and splat of every instance, splat after splat in the given order.
+pub fn duplicate(splats: &[Splat], order: &[u32], tiling: Tiling, rules: &Rules) -> (Vec<u32>, Vec<u32>) {
+    let touched: Vec<Vec<u32>> = order.par_iter().map(|id| tiles(&splats[*id as usize], tiling, rules)).collect();
+    let repeated = order.iter().zip(&touched).flat_map(|(id, tiles)| std::iter::repeat_n(*id, tiles.len()));
+    let splat_ids = repeated.collect();
+    (touched.concat(), splat_ids)
 }

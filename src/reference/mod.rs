@@ -43,9 +43,7 @@ pub fn render(gaussians: &Gaussians, camera: &Camera, rules: &Rules, background:
     let visible = cull(gaussians, camera, rules);
     let splats: Vec<Splat> = visible.par_iter().map(|id| project(gaussians, *id, camera, rules)).collect();
     let (_, order) = sort(&depth_keys(&splats, rules), &(0..splats.len() as u32).collect::<Vec<_>>(), 0..32);
-    let counts: Vec<u32> = order.par_iter().map(|i| tiles(&splats[*i as usize], tiling, rules).len() as u32).collect();
-    let offsets = scan(&counts);
-    let (tile_keys, splat_ids) = duplicate(&splats, &order, &offsets, tiling, rules);
+    let (tile_keys, splat_ids) = duplicate(&splats, &order, tiling, rules);
     let (tile_keys, splat_ids) = sort(&tile_keys, &splat_ids, 0..tiling.key_bits());
     let ranges = ranges(&tile_keys, tiling.tiles());
     let rays = (rules.order == Order::PerPixel).then(|| Rays::new(gaussians, &visible, camera));
