@@ -33,6 +33,10 @@ float falloff_limit(float opacity) {
 
 // What a splat is blended with: its colour, and its limit.
 real4 colour_and_limit(Splat splat) {
+#ifdef HALF_ARITHMETIC
+    // Far enough below the largest 16-bit float that no sum of shares rounds beyond it.
+    splat.colour = min(splat.colour, vec3(32768.0));
+#endif
     return real4(vec4(splat.colour, falloff_limit(splat.opacity)));
 }
 

@@ -10,6 +10,7 @@ use common::program::{fails, ok, path, smalto};
 use serde_json::Value;
 use smalto::bench::Report;
 use smalto::ladder::{LadderReport, Place, RUNGS};
+use smalto::trade;
 
 /// Little work, the same on every device.
 const QUICK: [&str; 6] = ["--size", "48x40", "--warmup", "0", "--frames", "3"];
@@ -44,13 +45,14 @@ fn the_schemas_in_the_docs_are_those_of_the_reports() {
     };
     same("bench", schemars::schema_for!(Report));
     same("ladder", schemars::schema_for!(LadderReport));
+    same("trade", schemars::schema_for!(trade::Report));
 }
 
 #[test]
 fn bench_reports_frames_stages_counts_and_memory() {
     let folder = tempfile::tempdir().unwrap();
     let (out, table, plot) = (path(&folder, "a.json"), path(&folder, "a.csv"), path(&folder, "a.svg"));
-    let presets = ["--preset", "default,portable", "--json", &out, "--csv", &table, "--plot", &plot, "--check"];
+    let presets = ["--preset", "balanced,portable", "--json", &out, "--csv", &table, "--plot", &plot, "--check"];
     let text = ok(&quick("cactus:2000", &presets));
     let report = json(&out);
     let validator = jsonschema::validator_for(&schema("bench")).unwrap();
@@ -104,7 +106,7 @@ fn a_slower_frame_than_the_baseline_is_exit_code_6() {
     };
     pretend(1e-3);
     let error = fails(6, &quick("cactus:500", &["--baseline", &changed, "--threshold", "50"]));
-    assert!(error.contains("slower than the baseline by more than 50 %: cactus:500 48x40 default"), "{error}");
+    assert!(error.contains("slower than the baseline by more than 50 %: cactus:500 48x40 balanced"), "{error}");
     assert!(error.contains("the picture is not the baseline's"), "{error}");
     pretend(1e3);
     let text = ok(&quick("cactus:500", &["--baseline", &changed]));
@@ -127,7 +129,7 @@ fn a_damaged_or_foreign_baseline_is_refused_before_anything_is_measured() {
     let good = fs::read_to_string(&out).unwrap();
     refused("", "is not JSON");
     refused(&good[..good.len() / 2], "is not JSON");
-    refused("[1, 2]", "is not a report of this bench: it is of no known format, expected is smalto bench 1");
+    refused("[1, 2]", "is not a report of this bench: it is of no known format, expected is smalto bench 2");
     refused(r#"{"format": "smalto ladder 1"}"#, "it is smalto ladder 1");
     refused(&good.replace("\"frames\"", "\"framed\""), "is a damaged report");
     assert!(fails(4, &quick("cactus:500", &["--baseline", "none.json"])).contains("none.json: cannot be read"));
@@ -138,7 +140,7 @@ fn a_damaged_or_foreign_baseline_is_refused_before_anything_is_measured() {
         assert!(output.stdout.is_empty(), "nothing was measured");
     };
     let against = ["--baseline", &out];
-    foreign(&quick("cactus:501", &against), "it has no run of cactus:501 48x40 default from the same cameras");
+    foreign(&quick("cactus:501", &against), "it has no run of cactus:501 48x40 balanced from the same cameras");
     foreign(&quick("cactus:500", &["--near", "0.1", "--baseline", &out]), "it has no run of");
     foreign(
         &quick("cactus:500", &["--path", "orbit", "--baseline", &out]),

@@ -230,9 +230,17 @@ fn info_describes_a_scene() {
     }
     let json: serde_json::Value = serde_json::from_str(&ok(&["info", "tests/fixtures/plush.ply", "--json"])).unwrap();
     assert_eq!(json["gaussians"], 61);
-    assert_eq!(json["gpu_bytes"], 61 * 15 * 16);
+    // The file's numbers lie on 8-bit grids: 16 bytes of bounds, 8 of shape, 48 of spherical harmonics.
+    assert_eq!(json["required"]["gpu_bytes"], 61 * (16 + 8 + 48));
+    assert_eq!(json["required"]["f32_bytes"], 61 * 15 * 16);
+    assert_eq!(json["required"]["sh_degree_kept"], 3);
+    assert_eq!(json["required"]["colour_error"], 0.0);
     assert_eq!(json["tally"]["read"], 61);
     assert!(json["opacity"][3].as_f64().unwrap() > 0.0);
+    let fast = ["info", "cactus:1000", "--preset", "fast", "--json"];
+    let json: serde_json::Value = serde_json::from_str(&ok(&fast)).unwrap();
+    assert!(json["required"]["colour_error"].as_f64().unwrap() > 0.0, "16-bit floats lose something");
+    assert_eq!(json["required"]["depth_bits_kept"], 24);
 }
 
 #[test]
@@ -250,6 +258,7 @@ fn every_command_has_help() {
         &["render", "--help"],
         &["info", "--help"],
         &["compare", "--help"],
+        &["trade", "--help"],
         &["doctor", "--help"],
         &["--version"],
     ] {

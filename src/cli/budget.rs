@@ -3,6 +3,7 @@
 use anyhow::Result;
 
 use super::{Usage, progress, remark};
+use crate::bench::Protocol;
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
@@ -26,7 +27,7 @@ pub(super) struct BudgetArgs {
 const VIEWS: usize = 8;
 const ORACLE_VIEWS: usize = 3;
 const ORACLE_WIDTH: u32 = 320;
-const FRAMES: usize = 24;
+const PROTOCOL: Protocol = Protocol { warmup: VIEWS, frames: 24 };
 
 impl BudgetArgs {
     pub fn budget(&self) -> Result<Option<Budget>, Usage> {
@@ -58,7 +59,7 @@ impl BudgetArgs {
         let small = spread(&views, ORACLE_VIEWS).iter().map(small).collect();
         let bar = progress::Bar::new("choosing");
         let progress = |done| bar.set(done);
-        let study = Study::new(device, (gaussians, &needs), exact, [views, small], FRAMES, &progress)?;
+        let study = Study::new(device, (gaussians, &needs), exact, [views, small], PROTOCOL, &progress)?;
         let choice = choose(&study, budget)?;
         drop(bar);
         remark(&format!("note: {}", choice.explain()));

@@ -9,7 +9,7 @@ use super::bench::{CameraPath, Cameras};
 use super::budget::{BudgetArgs, spread};
 use super::table::{say_table, table};
 use super::{DeviceArgs, Knobs, SceneArg, Usage, complain, parse_size, progress, say, size_text};
-use crate::bench::{DeviceReport, SceneReport, VersionReport, copy_gb_s};
+use crate::bench::{DeviceReport, Protocol, SceneReport, VersionReport, copy_gb_s};
 use crate::camera::{self, Camera, path};
 use crate::gpu::Device;
 use crate::metrics::Difference;
@@ -39,6 +39,10 @@ pub(super) struct Args {
     /// Views to measure over, spread over the cameras
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
     views: u16,
+    /// Frames before the measured ones: at least so many and, unless 0, half a second, in which the device raises its
+    /// clocks
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(0..=10_000))]
+    warmup: u16,
     /// Measured frames of every point
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     frames: u16,
@@ -106,6 +110,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         size: args.size,
         oracle_size: args.oracle_size,
         views: study.views.len(),
+        warmup: args.warmup.into(),
         frames: args.frames.into(),
         points: Vec::new(),
         search: Vec::new(),
@@ -125,6 +130,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
         report.points = bench.points(&study)?;
     }
     if has(Part::Search) {
+        if report.points.is_empty() {
+            report.points.push(study.point("exact", &exact)?);
+        }
         let bar = progress::Bar::new("search");
         report.search = trade::search(&study, &|done| bar.set(done))?;
     }
@@ -172,8 +180,8 @@ impl<'a> Bench<'a> {
         let bar = progress::Bar::new(name);
         let sized = |size: [u32; 2]| views.iter().map(|view| view.resized(size)).collect();
         let scene = (self.gaussians, self.needs);
-        let frames = self.args.frames.into();
-        Study::new(self.device, scene, self.exact, [sized(size), sized(self.args.oracle_size)], frames, &|d| bar.set(d))
+        let protocol = Protocol { warmup: self.args.warmup.into(), frames: self.args.frames.into() };
+        Study::new(self.device, scene, self.exact, [sized(size), sized(self.args.oracle_size)], protocol, &|d| bar.set(d))
     }
 
     /// The presets and the knobs alone, by the rules of the scene.
@@ -211,7 +219,7 @@ impl<'a> Bench<'a> {
 }
 
 fn print_points(report: &Report) -> Result<()> {
-    let Some(exact) = report.points.first().or(report.search.first()) else {
+    let Some(exact) = report.points.first() else {
         return Ok(());
     };
     let header = ["", "ms", "saved", "MB", "dB", "max error", "step", "SSIM", "FLIP", "dB to exact", "max", ""];

@@ -105,12 +105,15 @@ impl GpuScene {
     }
 
     fn upload(&self, commands: &mut Commands, gaussians: &Gaussians, range: Range<usize>) -> Result<()> {
-        let (means, scales, opacities) = (gaussians.means(), gaussians.scales(), gaussians.opacities());
-        upload_plane(commands, &self.bounds, &range, |i| {
-            let [x, y, z] = means[i].map(f32::to_bits);
-            [x, y, z, reach(scales[i], opacities[i], self.alpha_min.into())]
-        })?;
         let layout = &self.layout;
+        upload_plane(commands, &self.bounds, &range, |i| {
+            let [x, y, z] = gaussians.means()[i].map(f32::to_bits);
+            let (scale, kept) = layout.kept_shape(gaussians, i);
+            // What is too faint to be drawn stays so.
+            let opacity = gaussians.opacities()[i];
+            let opacity = if opacity < self.alpha_min { opacity } else { kept };
+            [x, y, z, reach(scale, opacity, self.alpha_min.into())]
+        })?;
         let shape_word = |index: usize, word: usize| layout.shape_word(gaussians, index, word);
         upload_words(commands, &self.shapes, layout.shape_words(), &range, shape_word)?;
         let sh_word = |index: usize, word: usize| layout.sh_word(gaussians.sh(index), word);

@@ -155,10 +155,22 @@ impl Layout {
             }
             Storage::U8 if word == 0 => {
                 let [x, y, z] = scale.map(|s| self.scale_grid.encode(f64::from(s).log2()));
-                // Nothing that is drawn becomes transparent.
-                u32::from_le_bytes([x, y, z, (opacity * 255.0).round().max(1.0) as u8])
+                u32::from_le_bytes([x, y, z, opacity_byte(opacity)])
             }
             Storage::U8 => encode_rotation(q),
+        }
+    }
+
+    /// Scale and opacity of Gaussian `index`, as the GPU has them.
+    pub(super) fn kept_shape(&self, gaussians: &Gaussians, index: usize) -> ([f32; 3], f32) {
+        let (scale, opacity) = (gaussians.scales()[index], gaussians.opacities()[index]);
+        let on_grid = |s: f32| self.scale_grid.decode(self.scale_grid.encode(f64::from(s).log2())).exp2();
+        match self.shape.storage {
+            Storage::Lossless | Storage::F32 => (scale, opacity),
+            Storage::F16 => {
+                (scale.map(|s| half(s / self.scale_unit).to_f32() * self.scale_unit), half(opacity).to_f32())
+            }
+            Storage::U8 => (scale.map(on_grid), f32::from(opacity_byte(opacity)) / 255.0),
         }
     }
 
@@ -181,6 +193,11 @@ fn spanning_coefficient(gaussians: &Gaussians, degree: u32, i: usize) -> Grid {
 /// The nearest 16-bit float, but never an infinity.
 fn half(value: f32) -> f16 {
     f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
+}
+
+/// Nothing that is drawn becomes transparent.
+fn opacity_byte(opacity: f32) -> u8 {
+    (opacity * 255.0).round().max(1.0) as u8
 }
 
 fn halves([low, high]: [f32; 2]) -> u32 {

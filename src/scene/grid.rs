@@ -24,7 +24,7 @@ impl Grid {
         let mut sample: Vec<f64> = Vec::new();
         for i in 0..SAMPLE.min(count) {
             // Scattered, so that no pattern of the file hides a step.
-            let value = values((i as u64 * SCATTER % count as u64) as usize);
+            let value = values((i as u64 * SCATTER % count as u64) as usize) + 0.0; // -0 is 0
             if let Err(place) = sample.binary_search_by(|v| v.total_cmp(&value)) {
                 sample.insert(place, value);
             }
@@ -82,6 +82,12 @@ mod tests {
                 assert!((f64::from(grid.decode(grid.encode(value(i)))) - value(i)).abs() < 2e-6, "{offset} {i}");
             }
         }
+    }
+
+    #[test]
+    fn the_two_zeros_are_one_step() {
+        let value = |i: usize| if i == 500 { -0.0 } else { (i % 200) as f64 / 128.0 - 0.5 };
+        assert!(Grid::of(1000, value).is_some());
     }
 
     #[test]

@@ -27,7 +27,7 @@ pub struct Study<'a> {
     pub views: Vec<Camera>,
     /// The same views at the size at which the reference is drawn.
     pub small_views: Vec<Camera>,
-    pub frames: usize,
+    pub protocol: Protocol,
     /// Of `views`, drawn exactly on the GPU; and of `small_views`, by the reference.
     exact_pictures: Vec<Pixels>,
     oracle_pictures: Vec<Pixels>,
@@ -58,7 +58,7 @@ impl<'a> Study<'a> {
         (gaussians, needs): (&'a Gaussians, &'a Requirements),
         exact: Options,
         [views, small_views]: [Vec<Camera>; 2],
-        frames: usize,
+        protocol: Protocol,
         progress: &dyn Fn(f64),
     ) -> Result<Self> {
         let mut oracle_pictures = Vec::new();
@@ -73,7 +73,7 @@ impl<'a> Study<'a> {
             exact,
             views,
             small_views,
-            frames,
+            protocol,
             exact_pictures: Vec::new(),
             oracle_pictures,
             scenes: RefCell::default(),
@@ -115,9 +115,8 @@ impl<'a> Study<'a> {
 
     fn frame_ms(&self, still: &mut Still) -> Result<f64> {
         still.set_timestamps(Timestamps::Outermost);
-        let protocol = Protocol { warmup: self.views.len(), frames: self.frames };
-        protocol.warm_up(|i| self.frame(still, i).map(drop))?;
-        let frames = (0..self.frames).map(|i| Ok(duration_ms(&self.frame(still, i)?, 0, "frame")));
+        self.protocol.warm_up(|i| self.frame(still, i).map(drop))?;
+        let frames = (0..self.protocol.frames).map(|i| Ok(duration_ms(&self.frame(still, i)?, 0, "frame")));
         Ok(Statistics::of(frames.collect::<Result<Vec<f64>>>()?).median)
     }
 
@@ -131,7 +130,7 @@ impl<'a> Study<'a> {
         let mut still = Still::new(self.device, options, &scene)?;
         let gpu_ms = self.frame_ms(&mut still)?;
         still.set_timestamps(Timestamps::All);
-        let staged = (0..self.frames).map(|i| self.frame(&mut still, i)).collect::<Result<Vec<Frame>>>()?;
+        let staged = (0..self.protocol.frames).map(|i| self.frame(&mut still, i)).collect::<Result<Vec<Frame>>>()?;
         let mut names: Vec<_> = staged[0].timings.iter().filter(|t| t.depth == 1).collect();
         names.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
         let stage = |name: &str| {

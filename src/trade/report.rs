@@ -24,8 +24,9 @@ pub struct Report {
     pub size: [u32; 2],
     /// Width and height at which the reference is drawn.
     pub oracle_size: [u32; 2],
-    /// Views that each point was measured over, and measured frames.
+    /// Views that each point was measured over, frames to warm up and measured ones.
     pub views: usize,
+    pub warmup: usize,
     pub frames: usize,
     /// The exact options, every preset, and every knob turned alone.
     pub points: Vec<Point>,

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 pub mod agree;
+pub mod cloud;
 pub mod free;
 pub mod program;
 
