@@ -112,9 +112,7 @@ fn sorted_by_upper_bits(scene: &Gaussians, camera: &Camera, shift: u32) -> Rende
     let key = |splat: &reference::Splat| ((splat.depth as f32).to_bits() - rules.near.to_bits()) >> shift;
     let keys: Vec<u32> = splats.iter().map(key).collect();
     let (_, order) = reference::sort(&keys, &(0..splats.len() as u32).collect::<Vec<_>>(), 0..32);
-    let tiles = |id: &u32| reference::tiles(&splats[*id as usize], tiling, &rules).len() as u32;
-    let offsets = reference::scan(&order.iter().map(tiles).collect::<Vec<_>>());
-    let (tile_keys, splat_ids) = reference::duplicate(&splats, &order, &offsets, tiling, &rules);
+    let (tile_keys, splat_ids) = reference::duplicate(&splats, &order, tiling, &rules);
     let (tile_keys, splat_ids) = reference::sort(&tile_keys, &splat_ids, 0..tiling.key_bits());
     let ranges = reference::ranges(&tile_keys, tiling.tiles());
     let lists = Lists { splats: &splats, ranges: &ranges, splat_ids: &splat_ids, rays: None };
