@@ -8,8 +8,8 @@ use anyhow::{Context, Result};
 use glam::DVec3;
 
 use super::{
-    BudgetArgs, DeviceArgs, Knobs, SceneArg, Usage, complain, dump, knobs, parse_size, progress, read_cameras, remark, say,
-    size_text,
+    BudgetArgs, DeviceArgs, Knobs, SceneArg, Usage, complain, dump, knobs, parse_size, progress, read_cameras, remark,
+    say, size_text,
 };
 use crate::camera::{self, Camera, NamedCamera};
 use crate::gpu::Commands;
@@ -119,7 +119,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
         }
         Some(device) => {
             let views: Vec<Camera> = shots.iter().map(|shot| shot.camera.clone()).collect();
-            let exact = args.knobs.options(&Options { portable: options.portable, ..Options::EXACT }, scene.is_antialiased, nearest);
+            let exact = args.knobs.options(
+                &Options { portable: options.portable, ..Options::EXACT },
+                scene.is_antialiased,
+                nearest,
+            );
             let options = args.budget.choose(&device, &scene.gaussians, &views, exact, options)?;
             let gpu_scene = GpuScene::new(&device, &scene.gaussians, &options)?;
             drop(scene);

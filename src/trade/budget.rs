@@ -173,9 +173,7 @@ fn measured(study: &Study, budget: Budget) -> Vec<(String, Options, Option<f64>)
         Options { rules, key_bits, portable: study.exact.portable, ..*preset }
     };
     let mut all = Vec::new();
-    for (name, preset) in
-        [("preview", Options::PREVIEW), ("fast", Options::FAST), ("balanced", Options::BALANCED)]
-    {
+    for (name, preset) in [("preview", Options::PREVIEW), ("fast", Options::FAST), ("balanced", Options::BALANCED)] {
         all.push((name.to_owned(), by_rules(&preset, preset.rules.alpha_min), None));
         for alpha in [1.0 / 224.0, 1.0 / 192.0, 1.0 / 160.0, 1.0 / 96.0] {
             let options = by_rules(&preset, alpha);

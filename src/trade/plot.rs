@@ -10,7 +10,8 @@ use super::report::{Point, Report, psnr_db};
 use crate::bench::plot::{self, FONT, Panel, TEXT, broken, colour};
 
 /// What 8 bits alone make of a picture: every value one step off, truncated, rounded.
-const GUIDES_DB: [(f64, &str); 3] = [(48.1, "1 step of 8 bits"), (52.9, "8 bits, truncated"), (58.9, "8 bits, rounded")];
+const GUIDES_DB: [(f64, &str); 3] =
+    [(48.1, "1 step of 8 bits"), (52.9, "8 bits, truncated"), (58.9, "8 bits, rounded")];
 
 /// The knobs alone in grey, the search as a line, the presets named.
 pub fn plot(report: &Report, presets: &[&str], path: &Path) -> Result<()> {

@@ -6,8 +6,8 @@ use std::str::FromStr;
 use anyhow::{Result, bail};
 use glam::DVec3;
 
-use crate::cli::read_cameras;
 use crate::camera::{Camera, path};
+use crate::cli::read_cameras;
 use crate::scene::{Focus, Gaussians};
 
 /// A camera path by name.
