@@ -46,7 +46,7 @@ fn list<'r>(report: &'r Value, name: &str) -> &'r [Value] {
     report[name].as_array().unwrap()
 }
 
-fn names<'r>(points: &'r [Value]) -> Vec<&'r str> {
+fn names(points: &[Value]) -> Vec<&str> {
     points.iter().map(|p| p["name"].as_str().unwrap()).collect()
 }
 

@@ -41,7 +41,8 @@ impl Tiling {
 pub fn tiles(splat: &Splat, tiling: Tiling, rules: &Rules) -> Vec<u32> {
     let level = splat.level(rules);
     let mut touched = Vec::new();
-    if !(level >= 0.0) {
+    let reaches_threshold = level >= 0.0; // NaN does not
+    if !reaches_threshold {
         return touched;
     }
     if rules.extent == Extent::ThreeSigmaSquares {

@@ -98,7 +98,8 @@ pub fn choose(study: &Study, budget: Budget) -> Result<Choice> {
     });
     // What 32-bit floats do adds to what the options do.
     let left = budget.allowed() - MARGIN * floor;
-    if !(left >= 0.0) {
+    let is_meetable = left >= 0.0; // NaN is not
+    if !is_meetable {
         return Err(Unmeetable(format!(
             "{budget} is closer than 32-bit floats are to the reference: {} here, {} with a margin for other views",
             budget.say(floor),
@@ -208,7 +209,8 @@ impl Choice {
     /// with.
     pub fn hold(&self, study: &Study) -> Result<BudgetReport> {
         let each = study.each_from_oracle(&self.options)?;
-        let exceeded = each.iter().filter(|d| !(self.budget.amplitude(d) <= self.budget.allowed())).count();
+        let keeps = |d: &&Difference| self.budget.amplitude(d) <= self.budget.allowed();
+        let exceeded = each.len() - each.iter().filter(keeps).count();
         Ok(BudgetReport {
             budget: self.budget.to_string(),
             choice: self.name.clone(),
