@@ -305,7 +305,7 @@ fn what_is_chosen_for_a_budget_keeps_it_on_other_views() {
     let gpu = Gpu::new();
     let scene = scene();
     let others = orbit(&scene, 11);
-    for budget in [Budget::MaxError(0.1), Budget::MaxError(0.004), Budget::MinPsnr(45.0)] {
+    for budget in [Budget::MaxError(0.02), Budget::MinPsnr(45.0)] {
         let choice = chosen(&gpu, &scene, budget, &others[1..]).unwrap();
         let (Grounds::Proven(error) | Grounds::Measured(error)) = choice.grounds;
         if let Budget::MaxError(allowed) = budget {
