@@ -190,7 +190,8 @@ fn blending_in_halves_is_near_the_exact_picture() {
 fn colours_beyond_16_bit_floats_are_blended_in_halves_as_large_ones() {
     let gpu = Gpu::new();
     let colours = [[7e4, 1.0, 1e-7], [1e30, 0.0, 0.0], [300.0; 3]];
-    let balls: Vec<_> = (0..9).map(|i| (ball([0.0, 0.0, f64::from(i + 2)], 0.3, 0.6), colours[i as usize % 3])).collect();
+    let balls: Vec<_> =
+        (0..9).map(|i| (ball([0.0, 0.0, f64::from(i + 2)], 0.3, 0.6), colours[i as usize % 3])).collect();
     let options = Options { half_blend: true, ..Options::EXACT };
     let pixels = gpu.render(&gaussians(&balls), &ahead([32, 32], 40.0), &options);
     assert!(pixels.rgba.iter().flatten().all(|v| v.is_finite()));
@@ -261,9 +262,7 @@ fn a_scale_of_1_is_none() {
 fn a_bench_counts_the_tiles_that_are_drawn() {
     let folder = tempfile::tempdir().unwrap();
     let out = common::program::path(&folder, "a.json");
-    ok(&[
-        "bench", "cactus:500", "--size", "96x80", "--scale", "0.5", "--frames", "2", "--warmup", "0", "--json", &out,
-    ]);
+    ok(&["bench", "cactus:500", "--size", "96x80", "--scale", "0.5", "--frames", "2", "--warmup", "0", "--json", &out]);
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(out).unwrap()).unwrap();
     let run = &report["runs"][0];
     assert_eq!(run["counts"]["tiles"], 3 * 3);

@@ -181,7 +181,9 @@ impl<'a> Bench<'a> {
         let sized = |size: [u32; 2]| views.iter().map(|view| view.resized(size)).collect();
         let scene = (self.gaussians, self.needs);
         let protocol = Protocol { warmup: self.args.warmup.into(), frames: self.args.frames.into() };
-        Study::new(self.device, scene, self.exact, [sized(size), sized(self.args.oracle_size)], protocol, &|d| bar.set(d))
+        Study::new(self.device, scene, self.exact, [sized(size), sized(self.args.oracle_size)], protocol, &|d| {
+            bar.set(d)
+        })
     }
 
     /// The presets and the knobs alone, by the rules of the scene.

@@ -117,7 +117,11 @@ pub fn choose(study: &Study, budget: Budget) -> Result<Choice> {
     for (gpu_ms, name, options, proven) in candidates {
         let error = match proven {
             Some(error) => error,
-            None => MARGIN * budget.amplitude(&study.from_exact(&options)?),
+            None => (MARGIN * budget.amplitude(&study.from_exact(&options)?)).max(match budget {
+                // Other views may have what a stop hides, and it has a bound.
+                Budget::MaxError(_) => f64::from(options.stop) * brightest(study),
+                Budget::MinPsnr(_) => 0.0,
+            }),
         };
         if error <= left {
             let grounds = proven.map_or(Grounds::Measured(error + MARGIN * floor), Grounds::Proven);
@@ -136,11 +140,16 @@ pub fn choose(study: &Study, budget: Budget) -> Result<Choice> {
     })
 }
 
+/// Above any colour that can be behind a splat: the scene's, or a background up to 1.
+fn brightest(study: &Study) -> f64 {
+    study.needs.brightest.max(1.0)
+}
+
 /// Options that differ from the exact ones in stop, degree and storage of the spherical harmonics alone, with the bounds
 /// that docs/accuracy.md derives: a stop moves a value by its part of the brightest colour, a change of the colours by
 /// itself.
 fn proven(study: &Study, left: f64) -> Vec<(String, Options, Option<f64>)> {
-    let brightest = study.needs.brightest.max(1.0); // nothing behind the scene is over 1
+    let brightest = brightest(study);
     let storages = if study.needs.sh_grids.is_some() {
         vec![Storage::Lossless]
     } else {

@@ -38,14 +38,14 @@ pub struct Study<'a> {
 type Kept = (u32, [crate::options::Storage; 2], f32);
 
 /// What a frame takes.
-pub struct Cost {
+struct Cost {
     /// Median GPU time of a frame.
-    pub gpu_ms: f64,
+    gpu_ms: f64,
     /// Median of each stage, in the order of the frame.
-    pub stages: Vec<StageTime>,
+    stages: Vec<StageTime>,
     /// Device memory of the scene, and of everything else.
-    pub scene_bytes: u64,
-    pub work_bytes: u64,
+    scene_bytes: u64,
+    work_bytes: u64,
 }
 
 /// Scenes that are kept for the next options that store them alike.
@@ -99,12 +99,7 @@ impl<'a> Study<'a> {
 
     fn draw(&self, options: &Options, views: &[Camera]) -> Result<Vec<Pixels>> {
         let scene = self.scene(options)?;
-        let mut still = Still::new(self.device, options, &scene)?;
-        let picture = |view: &Camera| {
-            still.render(view, Background::BLACK)?;
-            still.pixels()
-        };
-        views.iter().map(picture).collect()
+        draw(&mut Still::new(self.device, options, &scene)?, views)
     }
 
     /// How long a frame takes, over the views: the median GPU time in milliseconds.
@@ -124,13 +119,10 @@ impl<'a> Study<'a> {
         still.render(&self.views[i % self.views.len()], Background::BLACK)
     }
 
-    /// What a frame takes, over the views.
-    pub fn cost(&self, options: &Options) -> Result<Cost> {
-        let scene = self.scene(options)?;
-        let mut still = Still::new(self.device, options, &scene)?;
-        let gpu_ms = self.frame_ms(&mut still)?;
+    fn cost(&self, scene: &GpuScene, still: &mut Still) -> Result<Cost> {
+        let gpu_ms = self.frame_ms(still)?;
         still.set_timestamps(Timestamps::All);
-        let staged = (0..self.protocol.frames).map(|i| self.frame(&mut still, i)).collect::<Result<Vec<Frame>>>()?;
+        let staged = (0..self.protocol.frames).map(|i| self.frame(still, i)).collect::<Result<Vec<Frame>>>()?;
         let mut names: Vec<_> = staged[0].timings.iter().filter(|t| t.depth == 1).collect();
         names.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
         let stage = |name: &str| {
@@ -170,7 +162,11 @@ impl<'a> Study<'a> {
 
     /// Time, memory and errors under these options.
     pub fn point(&self, name: &str, options: &Options) -> Result<Point> {
-        let Cost { gpu_ms, stages, scene_bytes, work_bytes } = self.cost(options)?;
+        let scene = self.scene(options)?;
+        let mut still = Still::new(self.device, options, &scene)?;
+        let Cost { gpu_ms, stages, scene_bytes, work_bytes } = self.cost(&scene, &mut still)?;
+        let mut from =
+            |views: &[Camera], exact: &[Pixels]| draw(&mut still, views).map(|all| worst_of(&each(&all, exact)));
         Ok(Point {
             name: name.to_owned(),
             options: *options,
@@ -178,8 +174,8 @@ impl<'a> Study<'a> {
             stages,
             scene_bytes,
             work_bytes,
-            from_oracle: self.from_oracle(options)?,
-            from_exact: self.from_exact(options)?,
+            from_oracle: from(&self.small_views, &self.oracle_pictures)?,
+            from_exact: from(&self.views, &self.exact_pictures)?,
             is_pareto: false,
         })
     }
@@ -188,6 +184,14 @@ impl<'a> Study<'a> {
     pub fn rules(&self) -> &Rules {
         &self.exact.rules
     }
+}
+
+fn draw(still: &mut Still, views: &[Camera]) -> Result<Vec<Pixels>> {
+    let picture = |view: &Camera| {
+        still.render(view, Background::BLACK)?;
+        still.pixels()
+    };
+    views.iter().map(picture).collect()
 }
 
 fn duration_ms(frame: &Frame, depth: usize, name: &str) -> f64 {

@@ -11,7 +11,7 @@ mod search;
 pub use budget::{Budget, Choice, Grounds, Unmeetable, choose};
 pub use candidates::knobs;
 pub use certify::certify;
-pub use measure::{Cost, Study};
+pub use measure::Study;
 pub use plot::plot;
 pub use report::{BudgetReport, CertificateReport, Point, Promise, Report, SettingReport, StageTime, mark_pareto};
 pub use search::search;

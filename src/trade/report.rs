@@ -28,7 +28,7 @@ pub struct Report {
     pub views: usize,
     pub warmup: usize,
     pub frames: usize,
-    /// The exact options, every preset, and every knob turned alone.
+    /// The exact options; with the knobs, every preset and every knob turned alone.
     pub points: Vec<Point>,
     /// The options on the way of the search, each with all turns before it.
     pub search: Vec<Point>,
