@@ -46,10 +46,6 @@ pub(super) struct Args {
     /// balanced]
     #[arg(long, value_name = "NAME", conflicts_with_all = ["max_error", "min_psnr"], value_parser = knobs::preset_names())]
     preset: Option<String>,
-    #[command(flatten)]
-    knobs: Knobs,
-    #[command(flatten)]
-    budget: BudgetArgs,
     /// Use only what runs on every device, with no path chosen for this one
     #[arg(long)]
     portable: bool,
@@ -66,6 +62,10 @@ pub(super) struct Args {
     /// Write every buffer that a stage wrote, after that stage, to this folder as .npy
     #[arg(long, value_name = "DIR")]
     dump: Option<PathBuf>,
+    #[command(flatten)]
+    knobs: Knobs,
+    #[command(flatten)]
+    budget: BudgetArgs,
 }
 
 fn parse_background(text: &str) -> Result<Background> {

@@ -47,13 +47,6 @@ pub(super) struct Args {
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     frames: u16,
     #[command(flatten)]
-    budget: BudgetArgs,
-    /// Views between the cameras on which the choice for a budget is tried
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=1000))]
-    held_out: u16,
-    #[command(flatten)]
-    knobs: Knobs,
-    #[command(flatten)]
     device: DeviceArgs,
     /// Write the report as JSON (docs/trade.schema.json)
     #[arg(long, value_name = "FILE")]
@@ -61,6 +54,13 @@ pub(super) struct Args {
     /// Draw time against error, as SVG
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    budget: BudgetArgs,
+    /// Views between the cameras on which the choice for a budget is tried
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    held_out: u16,
+    #[command(flatten)]
+    knobs: Knobs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

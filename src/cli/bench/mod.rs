@@ -47,8 +47,6 @@ pub(super) struct Args {
     /// Choices of quality and speed to measure
     #[arg(long, value_name = "NAME,...", default_value = "balanced", value_delimiter = ',', value_parser = knobs::preset_names())]
     preset: Vec<String>,
-    #[command(flatten)]
-    knobs: Knobs,
     /// Climb the ladder instead: measure the paper's baseline and every optimization on top of it, on one size
     #[arg(long, conflicts_with_all = ["baseline", "preset", "check", "certificate"])]
     ladder: bool,
@@ -75,6 +73,8 @@ pub(super) struct Args {
     /// How much longer than in the baseline a frame may take, in percent
     #[arg(long, value_name = "PERCENT", default_value_t = 5.0, requires = "baseline")]
     threshold: f64,
+    #[command(flatten)]
+    knobs: Knobs,
 }
 
 /// A number of frames.
