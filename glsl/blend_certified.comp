@@ -107,8 +107,9 @@ void main() {
     brightest = uintBitsToFloat(brightest_bits);
     if (!inside) return;
     float range = max(brightest, max(push.background.r, max(push.background.g, push.background.b)));
-    // The sum itself is rounded, upwards.
-    float bound = (1.0 + 1e-3) * range * sum + push.unlisted;
+    // The sum is rounded too, by no more than its terms are many.
+    float rounded = 1.0 + 1e-3 + float(list.y - list.x) * ULP;
+    float bound = rounded * range * sum + push.unlisted;
     imageStore(certificate, ivec2(pixel), push.last_pass == 1 ? vec4(vec3(bound), 1.0) : vec4(sum, brightest, 0.0, 0.0));
     end_pixel(pixel, colour, transmittance, stopped);
 }

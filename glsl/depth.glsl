@@ -45,10 +45,16 @@ float depth_of(vec3 mean, View view) {
 
 // The distance of a point from the camera, rounded once in the same way.
 float distance_of(vec3 mean, View view) {
+    vec3 far = abs(mean - view.position_high);
+    int exponent;
+    frexp(max(far.x, max(far.y, far.z)), exponent);
+    // Measured in a power of two near it: no square leaves the floats, and nothing is rounded by it.
+    exponent = clamp(exponent, -120, 120);
+    float unit = uintBitsToFloat(uint(127 + exponent) << 23), per_unit = uintBitsToFloat(uint(127 - exponent) << 23);
     float sum = 0.0, rest = 0.0;
     for (int i = 0; i < 3; i++) {
-        vec2 offset = two_sum(mean[i], -view.position_high[i]);
-        precise float low = offset.y - view.position_low[i];
+        vec2 offset = per_unit * two_sum(mean[i], -view.position_high[i]);
+        precise float low = offset.y - per_unit * view.position_low[i];
         vec2 square = two_product(offset.x, offset.x);
         vec2 added = two_sum(sum, square.x);
         sum = added.x;
@@ -60,5 +66,5 @@ float distance_of(vec3 mean, View view) {
     vec2 square = two_product(root, root);
     precise float left = ((sum - square.x) - square.y) + rest;
     precise float distance = root + left / (2.0 * root);
-    return distance;
+    return unit * distance;
 }

@@ -71,7 +71,8 @@ uvec2 tiles_between(float low, float high, uint size_px) {
 // centres, as the many splats do whose opacity is hardly more than ALPHA_MIN.
 uvec2 tile_rows(Ellipse e, uvec2 size_px) {
     if (!(e.extent.x >= 0.0)) return uvec2(0);
-    vec2 reach = e.extent + 1e-6 * abs(e.mean_px);
+    // What is rounded generously elsewhere has the original's tiles here.
+    vec2 reach = e.extent + (EXTENT == EXTENT_THREE_SIGMA_SQUARES ? vec2(0.0) : 1e-6 * abs(e.mean_px));
     vec2 low = e.mean_px - reach, high = e.mean_px + reach;
     bool between_centres = any(greaterThan(ceil(low - 0.5), floor(high - 0.5)));
     if (between_centres && EXTENT != EXTENT_THREE_SIGMA_SQUARES) return uvec2(0);

@@ -192,6 +192,12 @@ impl Options {
         size_px.map(|side| ((f64::from(side) * f64::from(self.scale)).round() as u32).clamp(1, side))
     }
 
+    /// No knob turned, by the same rules. A threshold over the trained one is a knob.
+    pub fn untraded(&self) -> Self {
+        let rules = Rules { alpha_min: self.rules.alpha_min.min(ALPHA_MIN), ..self.rules };
+        Self { rules, portable: self.portable, ..Self::EXACT }
+    }
+
     /// Why pictures drawn like this have no certificate; `None` if they have.
     pub fn uncertifiable(&self) -> Option<&'static str> {
         if self.scale != 1.0 {

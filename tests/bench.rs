@@ -168,6 +168,7 @@ fn bench_refuses_what_makes_no_sense() {
         &["bench", "--near", "0"],
         &["bench", "--ladder", "--baseline", "a.json"],
         &["bench", "--ladder", "--size", "8x8,9x9"],
+        &["bench", "--ladder", "--alpha-min", "0.05"],
         &["bench", "--cameras", "a.json", "--path", "orbit"],
         &["bench", "cactus:0", "--frames", "1", "--warmup", "0"],
     ] {

@@ -5,14 +5,15 @@ mod common;
 use std::fs;
 use std::path::Path;
 
+use common::agree::{ahead, ball};
 use common::program::{fails, ok, path, smalto};
-use common::{Gpu, ROUNDING, Random};
+use common::{Gpu, ROUNDING, Random, gaussians};
 use glam::DVec3;
 use serde_json::Value;
 use smalto::bench::Protocol;
 use smalto::camera::{Camera, path as paths};
 use smalto::metrics::{Difference, max_error};
-use smalto::options::{ALPHA_MIN, Options, Rules, Storage};
+use smalto::options::{ALPHA_MIN, Background, Options, Rules, Storage};
 use smalto::pixels::Pixels;
 use smalto::render::Layout;
 use smalto::scene::{Focus, Gaussians, Procedural, Requirements, synthetic};
@@ -161,6 +162,35 @@ fn a_budget_that_nothing_keeps_is_exit_code_6() {
 }
 
 #[test]
+fn what_was_measured_is_written_although_the_budget_cannot_be_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "a.json");
+    fails(6, &quick("cactus:100", "certificate", &["--json", &out, "--max-error", "1e-9"]));
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(out).unwrap()).unwrap();
+    assert_eq!(report["certificate"]["violations"], 0);
+    assert!(report["budget"].is_null());
+}
+
+/// A haze of faint black Gaussians: nothing is left of it on black.
+#[test]
+fn a_budget_is_for_the_background_that_is_drawn() {
+    let mut random = Random(5);
+    let mut haze = || {
+        let mean = [random.between(-2.0, 2.0), random.between(-2.0, 2.0), random.between(4.0, 6.0)];
+        (ball(mean, 0.5, 0.006), [0.0; 3])
+    };
+    let scene = gaussians(&(0..800).map(|_| haze()).collect::<Vec<_>>());
+    let (gpu, needs) = (Gpu::new(), Requirements::of(&scene));
+    let white = Background::Colour([1.0; 3]);
+    let views = [[ahead([32, 24], 30.0)].to_vec(), [ahead([32, 24], 30.0)].to_vec()];
+    let protocol = Protocol { warmup: 0, frames: 1 };
+    let study = Study::new(&gpu.0, (&scene, &needs), (Options::EXACT, white), views, protocol, &|_| {}).unwrap();
+    let faint = Rules { alpha_min: 1.0 / 64.0, ..Rules::TRAINED };
+    let error = study.from_exact(&Options { rules: faint, ..Options::EXACT }).unwrap().max_error;
+    assert!(error > 0.2, "what a threshold takes from the haze is white: {error}");
+}
+
+#[test]
 fn render_says_what_it_chose_for_a_budget() {
     let folder = tempfile::tempdir().unwrap();
     let out = path(&folder, "a.npy");
@@ -209,8 +239,24 @@ fn knobs_and_budgets_that_make_no_sense_are_exit_code_2() {
             assert!(!fails(2, &[&[command, "cactus:10"], wrong].concat()).is_empty());
         }
     }
-    for wrong in [&["--max-error", "0.1", "--preset", "fast"][..], &["--min-psnr", "40", "--preset", "exact"]] {
+    for wrong in [
+        &["--max-error", "0.1", "--preset", "fast"][..],
+        &["--min-psnr", "40", "--preset", "exact"],
+        &["--min-psnr", "40", "--scale", "0.5"],
+        &["--max-error", "0.1", "--reference"],
+        &["-o", "a.exr", "--certificate", "a.exr"],
+        &["--certificate", "a.png"],
+        &["--certificate", "a.exr", "--half-blend", "true"],
+        &["--certificate", "a.exr", "--extent", "three-sigma-squares"],
+    ] {
         assert!(!fails(2, &[&["render", "cactus:10"], wrong].concat()).is_empty());
+    }
+    for wrong in [
+        &["--parts", "certificate", "--plot", "a.svg"][..],
+        &["--parts", "certificate", "--extent", "three-sigma-squares"],
+        &["--scale", "0.5"],
+    ] {
+        assert!(!fails(2, &[&["trade", "cactus:10"], wrong].concat()).is_empty());
     }
     for wrong in [&["--parts", "none"][..], &["--views", "0"], &["--frames", "0"], &["--held-out", "0"]] {
         assert!(!fails(2, &[&["trade", "cactus:10"], wrong].concat()).is_empty());
@@ -290,7 +336,7 @@ fn chosen(gpu: &Gpu, scene: &Gaussians, budget: Budget, others: &[Camera]) -> an
     let study = |views: &[Camera]| {
         let protocol = Protocol { warmup: 0, frames: 2 };
         let views = [views.to_vec(), views.to_vec()];
-        Study::new(&gpu.0, (scene, &needs), Options::EXACT, views, protocol, &|_| {})
+        Study::new(&gpu.0, (scene, &needs), (Options::EXACT, Background::BLACK), views, protocol, &|_| {})
     };
     let choice = choose(&study(&views)?, budget)?;
     println!("{}", choice.explain());

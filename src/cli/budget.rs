@@ -6,7 +6,7 @@ use super::{Usage, progress, remark};
 use crate::bench::Protocol;
 use crate::camera::Camera;
 use crate::gpu::Device;
-use crate::options::Options;
+use crate::options::{Background, Options};
 use crate::scene::{Gaussians, Requirements};
 use crate::trade::{Budget, Study, choose};
 
@@ -14,7 +14,8 @@ use crate::trade::{Budget, Study, choose};
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Error budget")]
 pub(super) struct BudgetArgs {
-    /// Choose the fastest options of which no colour value is farther from the reference, where white is 1: by proof, or
+    /// Choose the fastest options, of those tried, with no colour value farther from the reference, white being 1: by
+    /// proof, or
     /// else by measuring views of the scene, with a margin. Exit code 6 if there are none
     #[arg(long, value_name = "ERROR", conflicts_with = "min_psnr")]
     pub max_error: Option<f64>,
@@ -48,7 +49,7 @@ impl BudgetArgs {
         device: &Device,
         gaussians: &Gaussians,
         views: &[Camera],
-        exact: Options,
+        (exact, background): (Options, Background),
         options: Options,
     ) -> Result<Options> {
         let Some(budget) = self.budget()? else {
@@ -59,7 +60,7 @@ impl BudgetArgs {
         let small = spread(&views, ORACLE_VIEWS).iter().map(small).collect();
         let bar = progress::Bar::new("choosing");
         let progress = |done| bar.set(done);
-        let study = Study::new(device, (gaussians, &needs), exact, [views, small], PROTOCOL, &progress)?;
+        let study = Study::new(device, (gaussians, &needs), (exact, background), [views, small], PROTOCOL, &progress)?;
         let choice = choose(&study, budget)?;
         drop(bar);
         remark(&format!("note: {}", choice.explain()));

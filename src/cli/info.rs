@@ -57,7 +57,7 @@ struct Required {
     sh_rms: [f64; 4],
     sh_storage: String,
     shape_storage: String,
-    /// Above what storage changes of any colour channel of any picture.
+    /// Above what the storage and the degree of SH change of any colour channel of any picture; shapes have no bound.
     colour_error: f64,
     /// Above the brightest channel of any Gaussian.
     brightest: f64,
@@ -180,7 +180,7 @@ fn print_required(required: &Required, sh_degree: u32) -> Result<()> {
     let kept = required.depth_bits_kept;
     say!("depth keys  {} bits reach across the scene, {kept} are sorted by", required.depth_bits)?;
     say!("{preset} keeps SH in {sh_storage}, shapes in {shape_storage}")?;
-    say!("            which changes no colour channel by more than {colour_error:.2e}")?;
+    say!("            its SH change no colour channel of a picture by more than {colour_error:.2e}")?;
     say!(
         "on the GPU  {:.1} MB, {bytes_each} bytes a Gaussian; all in 32-bit floats would be {:.1} MB",
         required.gpu_bytes as f64 / 1e6,

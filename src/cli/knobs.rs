@@ -9,17 +9,17 @@ use crate::options::{Extent, Options, Order, Rules, Storage, TileTest};
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Rules of the picture")]
 pub(super) struct Knobs {
-    /// Distance ahead of the camera, in world units, from which on Gaussians are drawn [default: 0.2, less where a small
-    /// scene without cameras needs it]
+    /// Distance ahead of the camera, in world units, from which on Gaussians are drawn [default: the preset's, mostly
+    /// 0.2; less where a small scene without cameras needs it]
     #[arg(long, value_name = "DISTANCE")]
     pub near: Option<f32>,
-    /// What splats are sorted by [default: depth]
+    /// What splats are sorted by [default: the preset's, mostly depth]
     #[arg(long, value_name = "BY")]
     order: Option<Order>,
-    /// How far splats reach [default: exact]
+    /// How far splats reach [default: the preset's, mostly exact]
     #[arg(long, value_name = "RULE")]
     extent: Option<Extent>,
-    /// Skip contributions below this alpha [default: 1/255]
+    /// Skip contributions below this alpha [default: the preset's, 1/255 when exact]
     #[arg(long, value_name = "ALPHA")]
     alpha_min: Option<f32>,
     /// Make up for the low-pass in the opacities (Mip-Splatting) [default: if the scene was trained so]
@@ -89,6 +89,18 @@ impl Knobs {
         within("alpha-min", self.alpha_min, 0.0, 1.0, "an alpha over 0, at most 1")?;
         within("scale", self.scale, 0.0, 1.0, "a part of a side, over 0 and at most 1")?;
         within("stop", self.stop, 0.0_f32.next_down(), 1.0, "a transmittance from 0 to 1")
+    }
+
+    /// Whether accuracy is given up for speed by hand.
+    pub fn trades(&self) -> bool {
+        let Self { stop, key_bits, sh_degree, sh_storage, shape_storage, half_blend, tile_test, scale, .. } = self;
+        let numbers = stop.is_some() || scale.is_some() || key_bits.is_some() || sh_degree.is_some();
+        numbers || sh_storage.is_some() || shape_storage.is_some() || half_blend.is_some() || tile_test.is_some()
+    }
+
+    /// Whether the picture is drawn by other rules than the preset's, but for the near plane.
+    pub fn rules(&self) -> bool {
+        self.order.is_some() || self.extent.is_some() || self.alpha_min.is_some() || self.antialiased.is_some()
     }
 
     /// Fails if the GPU cannot draw by these rules.

@@ -55,8 +55,9 @@ pub(super) struct Args {
     /// Print the GPU time of every stage
     #[arg(long)]
     timings: bool,
-    /// Also write, for every pixel, how far its channels are at most from the picture in which nothing is left out: by no
-    /// threshold, cut or stop. An .exr or .npy file, or a folder for several pictures
+    /// Also write, for every pixel, how far its channels are at most from the picture in which nothing is left out, by no
+    /// threshold, cut or stop, of the scene as the GPU keeps it in the order in which it is sorted. An .exr or .npy file,
+    /// or a folder for several pictures
     #[arg(long, value_name = "FILE|DIR", conflicts_with = "reference")]
     certificate: Option<PathBuf>,
     /// Write every buffer that a stage wrote, after that stage, to this folder as .npy
@@ -96,7 +97,9 @@ struct Shot {
 
 pub(super) fn run(args: &Args) -> Result<()> {
     args.knobs.check()?;
-    args.budget.budget()?;
+    if args.budget.budget()?.is_some() && (args.knobs.trades() || args.reference) {
+        return Err(Usage("a budget chooses the knobs itself, and those of the GPU alone".to_owned()).into());
+    }
     if !args.reference {
         args.knobs.check_gpu()?;
     }
@@ -107,12 +110,16 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
     let preset = Options { portable: args.portable || preset.portable, ..preset };
     let options = args.knobs.options(&preset, scene.is_antialiased, nearest);
+    let exact = args.knobs.options(&preset.untraded(), scene.is_antialiased, nearest);
+    if let Some(why) = options.uncertifiable().filter(|_| args.certificate.is_some()) {
+        return Err(Usage(format!("--certificate: {why}")).into());
+    }
     match device {
         None => {
             for shot in &shots {
                 let started = Instant::now();
                 let pixels =
-                    reference::render(&scene.gaussians, &shot.camera, &options.rules, args.background).to_pixels();
+                    reference::render(&scene.gaussians, &shot.camera, &exact.rules, args.background).to_pixels();
                 write(args, shot, &pixels)?;
                 say!(
                     "{}  {}  float64 reference, {:.1} s",
@@ -124,12 +131,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         }
         Some(device) => {
             let views: Vec<Camera> = shots.iter().map(|shot| shot.camera.clone()).collect();
-            let exact = args.knobs.options(
-                &Options { portable: options.portable, ..Options::EXACT },
-                scene.is_antialiased,
-                nearest,
-            );
-            let options = args.budget.choose(&device, &scene.gaussians, &views, exact, options)?;
+            let options = args.budget.choose(&device, &scene.gaussians, &views, (exact, args.background), options)?;
             let certifies = args.certificate.is_some();
             let gpu_scene = match certifies {
                 true => {
@@ -138,9 +140,6 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 false => GpuScene::new(&device, &scene.gaussians, &options)?,
             };
             drop(scene);
-            if let Some(why) = options.uncertifiable().filter(|_| certifies) {
-                return Err(Usage(format!("--certificate: {why}")).into());
-            }
             let still = if certifies { Still::certified } else { Still::new };
             let mut still = still(&device, &options, &gpu_scene)?;
             let bar = progress::Bar::new("rendering");
@@ -159,7 +158,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 if let (Some(file), Some(certificate)) = (&shot.certificate, still.certificate()?) {
                     certificate.write(file, false)?;
                     let largest = certificate.rgba.iter().map(|bound| bound[0]).fold(0.0, f32::max);
-                    say!("  certified: no value is farther than {largest:.4} from where nothing is left out")?;
+                    say!(
+                        "  certified: no value is farther than {largest:.4} from where nothing is left out (as stored, in this order)"
+                    )?;
                 }
                 bar.set((done + 1) as f64 / shots.len() as f64);
             }
@@ -200,7 +201,7 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
         return Err(Usage("--dump writes the buffers of one picture, not of --camera all".to_owned()).into());
     }
     let certificate = |index: usize| match &args.certificate {
-        Some(folder) if is_folder => Some(folder.join(format!("{index:05}.exr"))),
+        Some(folder) if wants_all || folder.is_dir() => Some(folder.join(format!("{index:05}.exr"))),
         file => file.clone(),
     };
     let shot = |(index, camera): (usize, Camera)| Shot {
@@ -208,7 +209,7 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
         output: if is_folder { output.join(format!("{index:05}.png")) } else { output.clone() },
         certificate: certificate(index),
     };
-    check_certificate(args, is_folder)?;
+    check_certificate(args, wants_all)?;
     let shots: Vec<_> = chosen.into_iter().map(shot).collect();
     if let Some(shot) =
         shots.iter().find(|s| args.reference && s.camera.size_px.into_iter().max() > Some(REFERENCE_SIDE))
@@ -219,15 +220,19 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
         ))
         .into());
     }
-    for folder in [Some(&output), args.certificate.as_ref()].into_iter().flatten().filter(|_| is_folder) {
+    let folders = [is_folder.then_some(&output), args.certificate.as_ref().filter(|_| wants_all)];
+    for folder in folders.into_iter().flatten() {
         fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    }
+    if let Some(shot) = shots.iter().find(|shot| shot.certificate.as_ref() == Some(&shot.output)) {
+        return Err(Usage(format!("{} is to be the picture and its certificate", shot.output.display())).into());
     }
     Ok(Plan { shots, nearest })
 }
 
 /// Bounds are floats, and most are less than a step of 8 bits.
-fn check_certificate(args: &Args, is_folder: bool) -> Result<()> {
-    let Some(file) = args.certificate.as_ref().filter(|_| !is_folder) else {
+fn check_certificate(args: &Args, wants_all: bool) -> Result<()> {
+    let Some(file) = args.certificate.as_ref().filter(|file| !wants_all && !file.is_dir()) else {
         return Ok(());
     };
     match FileKind::of(file) {

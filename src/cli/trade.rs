@@ -13,10 +13,10 @@ use crate::bench::{DeviceReport, Protocol, SceneReport, VersionReport, copy_gb_s
 use crate::camera::{self, Camera, path};
 use crate::gpu::Device;
 use crate::metrics::Difference;
-use crate::options::Options;
+use crate::options::{Background, Options};
 use crate::pixels::check_writable;
 use crate::scene::{Gaussians, Requirements};
-use crate::trade::{self, BudgetReport, CertificateReport, Point, Promise, Report, Study, mark_pareto};
+use crate::trade::{self, Budget, BudgetReport, CertificateReport, Point, Promise, Report, Study, mark_pareto};
 
 /// Measure what accuracy costs: every knob alone and a search over combinations, in time, memory and error
 #[derive(clap::Args)]
@@ -85,6 +85,7 @@ const ORBIT_VIEWS: usize = 100;
 pub(super) fn run(args: &Args) -> Result<()> {
     args.knobs.check()?;
     args.knobs.check_gpu()?;
+    check_parts(args)?;
     let budget = args.budget.budget()?;
     [&args.json, &args.plot].into_iter().flatten().try_for_each(|file| check_writable(file))?;
     let device = args.device.open()?;
@@ -96,7 +97,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let needs = Requirements::of(gaussians);
     let file = args.cameras.clone().or_else(|| args.scene.path().and_then(|scene| camera::find(&scene)));
     let cameras = Cameras::read(file.as_deref(), &CameraPath::Orbit { zooms: true })?;
-    let (all, nearest) = cameras.views(gaussians, args.size, ORBIT_VIEWS);
+    let count = if file.is_some() { usize::MAX } else { ORBIT_VIEWS };
+    let (all, nearest) = cameras.views(gaussians, args.size, count);
     let exact = args.knobs.options(&Options::EXACT, scene.is_antialiased, nearest);
     let bench = Bench { args, device: &device, gaussians, needs: &needs, exact };
     let has = |part| args.parts.contains(&part);
@@ -149,21 +151,32 @@ pub(super) fn run(args: &Args) -> Result<()> {
         print_certificate(&certificate)?;
         report.certificate = Some(certificate);
     }
-    if let Some(budget) = budget {
-        let choice = trade::choose(&study, budget)?;
-        say!("{}", choice.explain())?;
-        let between = path::through(&all, usize::from(args.held_out) + 2);
-        let held_out = bench.study("held-out views", &between[1..=args.held_out.into()], args.size)?;
-        let held = choice.hold(&held_out)?;
-        print_budget(&held)?;
-        report.budget = Some(held);
-    }
+    // What was measured is kept, whatever becomes of the budget.
+    let held = budget.map(|budget| bench.hold(&study, budget, &all)).transpose();
+    report.budget = held.as_ref().ok().cloned().flatten();
     complain(&device)?;
     if let Some(file) = &args.json {
         report.write_json(file)?;
     }
     let presets = Options::PRESETS.map(|(name, _)| name);
-    args.plot.as_ref().map_or(Ok(()), |file| trade::plot(&report, &presets, file))
+    args.plot.as_ref().map_or(Ok(()), |file| trade::plot(&report, &presets, file))?;
+    held.map(drop)
+}
+
+/// Fails if the arguments do not go together.
+fn check_parts(args: &Args) -> Result<(), Usage> {
+    let has = |part| args.parts.contains(&part);
+    if args.knobs.trades() {
+        return Err(Usage("trade turns the knobs itself; rules of the picture can be set".to_owned()));
+    }
+    if args.plot.is_some() && !has(Part::Knobs) && !has(Part::Search) {
+        return Err(Usage("--plot draws what --parts knobs or search measures".to_owned()));
+    }
+    let rules = args.knobs.options(&Options::EXACT, false, f32::INFINITY);
+    match rules.uncertifiable().filter(|_| has(Part::Certificate)) {
+        Some(why) => Err(Usage(format!("--parts certificate: {why}"))),
+        None => Ok(()),
+    }
 }
 
 /// What all parts measure.
@@ -181,9 +194,14 @@ impl<'a> Bench<'a> {
         let sized = |size: [u32; 2]| views.iter().map(|view| view.resized(size)).collect();
         let scene = (self.gaussians, self.needs);
         let protocol = Protocol { warmup: self.args.warmup.into(), frames: self.args.frames.into() };
-        Study::new(self.device, scene, self.exact, [sized(size), sized(self.args.oracle_size)], protocol, &|d| {
-            bar.set(d)
-        })
+        Study::new(
+            self.device,
+            scene,
+            (self.exact, Background::BLACK),
+            [sized(size), sized(self.args.oracle_size)],
+            protocol,
+            &|d| bar.set(d),
+        )
     }
 
     /// The presets and the knobs alone, by the rules of the scene.
@@ -200,6 +218,17 @@ impl<'a> Bench<'a> {
             study.point(&name, &options)
         };
         all.into_iter().enumerate().map(point).collect()
+    }
+
+    /// Chooses for a budget, and tries the choice on views between the cameras.
+    fn hold(&self, study: &Study, budget: Budget, cameras: &[Camera]) -> Result<BudgetReport> {
+        let choice = trade::choose(study, budget)?;
+        say!("{}", choice.explain())?;
+        let count = usize::from(self.args.held_out);
+        let between = path::through(cameras, count + 2);
+        let held = choice.hold(&self.study("held-out views", &between[1..=count], self.args.size)?)?;
+        print_budget(&held)?;
+        Ok(held)
     }
 
     fn by_rules(&self, preset: &Options) -> Options {

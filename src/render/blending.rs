@@ -120,7 +120,7 @@ impl Blending {
                         pass_begin,
                         pass_limit,
                         last_pass,
-                        unlisted: unlisted(scene),
+                        unlisted: unlisted(scene, background),
                         position_error_px: position_error_px(camera),
                     };
                     cmd.dispatch(&stages[usize::from(pass > 0)], bindings, push, groups);
@@ -132,8 +132,9 @@ impl Blending {
 
 /// What the contributions of all Gaussians where they are not listed add up to at most: as themselves, and as part of
 /// what lies behind a listed one.
-fn unlisted(scene: &GpuScene) -> f32 {
-    (2.0 * scene.len() as f64 * f64::from(LISTED_ALPHA) * scene.brightest) as f32
+fn unlisted(scene: &GpuScene, background: [f32; 3]) -> f32 {
+    let brightest = background.map(f64::from).into_iter().fold(scene.brightest, f64::max);
+    (2.0 * scene.len() as f64 * f64::from(LISTED_ALPHA) * brightest) as f32
 }
 
 /// How far rounding moves a mean near the middle of the image: some 2^-23 of the focal length and of the size.

@@ -29,7 +29,8 @@ pub struct GpuScene {
     pub(super) alpha_min: f32,
 }
 
-/// Gaussians uploaded at once, a multiple of those that share an element: their spherical harmonics, which every plane takes a part of, stay in the cache.
+/// Gaussians uploaded at once, a multiple of those that share an element: their spherical harmonics, which every plane
+/// takes a part of, stay in the cache.
 const UPLOAD_CHUNK: usize = 1 << 15;
 
 impl GpuScene {

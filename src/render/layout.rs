@@ -53,7 +53,10 @@ impl Layout {
     pub fn of(gaussians: &Gaussians, needs: &Requirements, options: &Options) -> Self {
         let sh_degree = needs.sh_degree.min(options.sh_degree);
         let sh = Packing::of(options.sh_storage, needs.sh_grids.is_some());
-        let shape = Packing::of(options.shape_storage, needs.scale_grid.is_some());
+        // 8 bits of a logarithm cannot say zero.
+        let is_flat = gaussians.scales().as_flattened().contains(&0.0);
+        let allowed = if is_flat { options.shape_storage.min(Storage::F16) } else { options.shape_storage };
+        let shape = Packing::of(allowed, needs.scale_grid.is_some());
         let sh_grids = needs.sh_grids.unwrap_or_else(|| match sh.storage {
             Storage::U8 => std::array::from_fn(|i| spanning_coefficient(gaussians, sh_degree, i)),
             _ => [UNUSED; sh_coefficients(MAX_SH_DEGREE)],

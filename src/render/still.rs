@@ -112,6 +112,7 @@ impl<'s> Still<'s> {
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let mut buffers = self.work.buffers();
         buffers.push(("image", self.image.bytes()));
+        buffers.extend(self.certificate.iter().map(|certificate| ("certificate", certificate.bytes())));
         buffers.extend(self.enlarged.iter().map(|enlarged| ("drawn image", enlarged.drawn.bytes())));
         buffers
     }

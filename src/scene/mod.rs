@@ -98,7 +98,7 @@ pub struct Scene {
     pub tally: Tally,
     /// What it was read from: "SPZ 4", "PLY", ...
     pub format: String,
-    /// Trained with the antialiasing of Mip-Splatting, which is a rule of rendering that smalto does not have.
+    /// Trained with the antialiasing of Mip-Splatting, and drawn with it.
     pub is_antialiased: bool,
 }
 

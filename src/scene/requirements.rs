@@ -59,11 +59,6 @@ impl Requirements {
             scale_grid: scale_grid(gaussians),
         }
     }
-
-    /// Above what spherical harmonics beyond `degree` change of any channel of any Gaussian.
-    pub fn above_degree(&self, degree: u32) -> f64 {
-        self.bands.iter().skip(degree as usize + 1).map(|band| band.bound).sum()
-    }
 }
 
 /// The bound and the square of the part of each degree in one channel of a Gaussian, and the bound of the channel.
@@ -94,7 +89,7 @@ fn sh_grids(gaussians: &Gaussians, degree: u32) -> Option<[Grid; sh_coefficients
 fn scale_grid(gaussians: &Gaussians) -> Option<Grid> {
     let on_bytes = |opacity: &f32| {
         let steps = f64::from(*opacity) * 255.0;
-        (steps - steps.round()).abs() < 1e-4
+        steps.round() >= 1.0 && (steps - steps.round()).abs() < 1e-4
     };
     let few = |rotation: &[f32; 4]| rotation_error(decode_rotation(encode_rotation(*rotation)), *rotation) < 1e-6;
     let grid = Grid::of(3 * gaussians.len(), |i| f64::from(gaussians.scales()[i / 3][i % 3]).log2())?;
@@ -157,6 +152,11 @@ mod tests {
         builder.finish().0
     }
 
+    /// Above what spherical harmonics beyond `degree` add to any channel of any Gaussian.
+    fn above(needs: &Requirements, degree: usize) -> f64 {
+        needs.bands.iter().skip(degree + 1).map(|band| band.bound).sum()
+    }
+
     #[test]
     fn a_degree_of_zeros_is_not_required() {
         let mut sh = vec![[0.0; 3]; 16];
@@ -164,8 +164,8 @@ mod tests {
         sh[2] = [0.5, 0.0, 0.0];
         let needs = Requirements::of(&scene(&sh, 0.0, [1.0, 0.0, 0.0, 0.0]));
         assert_eq!(needs.sh_degree, 1);
-        assert_eq!(needs.above_degree(1), 0.0);
-        assert!((needs.above_degree(0) - 0.5 * 0.4886025119).abs() < 1e-9, "C1 times the coefficient");
+        assert_eq!(above(&needs, 1), 0.0);
+        assert!((above(&needs, 0) - 0.5 * 0.4886025119).abs() < 1e-9, "C1 times the coefficient");
     }
 
     /// A search for a direction in which the colour passes the bound.
@@ -187,8 +187,8 @@ mod tests {
                     |range: std::ops::Range<usize>| -> f64 { range.map(|i| basis[i] * f64::from(sh[i][0])).sum() };
                 for degree in 0..4 {
                     let beyond = part((degree + 1) * (degree + 1)..16).abs();
-                    assert!(beyond <= needs.above_degree(degree as u32) + 1e-12);
-                    closest = closest.max(beyond / needs.above_degree(degree as u32).max(1e-9));
+                    assert!(beyond <= above(&needs, degree) + 1e-12);
+                    closest = closest.max(beyond / above(&needs, degree).max(1e-9));
                 }
                 assert!(0.5 + part(0..16) <= needs.brightest + 1e-12);
             }

@@ -201,7 +201,9 @@ impl Choice {
     /// Which, why, and by how much, in a sentence.
     pub fn explain(&self) -> String {
         let why = match &self.grounds {
-            Grounds::Proven(error) => format!("proven to change no value by more than {error:.2e}"),
+            Grounds::Proven(error) => {
+                format!("proven to change no value by more than {error:.2e}, besides what 32-bit floats do")
+            }
             Grounds::Measured(error) => format!("{} on these views, margin included", self.budget.say(*error)),
         };
         let next = self.refused.last().map_or_else(String::new, |(name, error)| {

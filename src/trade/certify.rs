@@ -4,7 +4,7 @@ use anyhow::Result;
 
 use super::measure::Study;
 use super::report::{CertificateReport, SettingReport};
-use crate::options::{Background, Extent, Options, Rules};
+use crate::options::{Extent, Options, Rules};
 use crate::reference::{self, Rendering};
 use crate::render::{GpuScene, Still};
 
@@ -32,10 +32,10 @@ pub fn certify(study: &Study, progress: &dyn Fn(f64)) -> Result<CertificateRepor
     let scene = GpuScene::certifiable(study.device, study.gaussians, study.needs, &study.exact)?;
     for (done, view) in study.small_views.iter().enumerate() {
         progress(done as f64 / study.small_views.len() as f64);
-        let complete = reference::render(study.gaussians, view, &study.rules().complete(), Background::BLACK);
+        let complete = reference::render(study.gaussians, view, &study.rules().complete(), study.background);
         for (options, report) in &mut settings {
             let mut still = Still::certified(study.device, options, &scene)?;
-            still.render(view, Background::BLACK)?;
+            still.render(view, study.background)?;
             if let Some(certificate) = still.certificate()? {
                 let bounds = certificate.rgba.iter().map(|bound| f64::from(bound[0]));
                 compare(report, still.pixels()?.rgba.iter(), bounds, &complete);

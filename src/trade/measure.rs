@@ -28,6 +28,7 @@ pub struct Study<'a> {
     /// The same views at the size at which the reference is drawn.
     pub small_views: Vec<Camera>,
     pub protocol: Protocol,
+    pub background: Background,
     /// Of `views`, drawn exactly on the GPU; and of `small_views`, by the reference.
     exact_pictures: Vec<Pixels>,
     oracle_pictures: Vec<Pixels>,
@@ -56,7 +57,7 @@ impl<'a> Study<'a> {
     pub fn new(
         device: &'a Device,
         (gaussians, needs): (&'a Gaussians, &'a Requirements),
-        exact: Options,
+        (exact, background): (Options, Background),
         [views, small_views]: [Vec<Camera>; 2],
         protocol: Protocol,
         progress: &dyn Fn(f64),
@@ -64,7 +65,7 @@ impl<'a> Study<'a> {
         let mut oracle_pictures = Vec::new();
         for (done, view) in small_views.iter().enumerate() {
             progress(done as f64 / small_views.len() as f64);
-            oracle_pictures.push(reference::render(gaussians, view, &exact.rules, Background::BLACK).to_pixels());
+            oracle_pictures.push(reference::render(gaussians, view, &exact.rules, background).to_pixels());
         }
         let mut study = Self {
             device,
@@ -74,6 +75,7 @@ impl<'a> Study<'a> {
             views,
             small_views,
             protocol,
+            background,
             exact_pictures: Vec::new(),
             oracle_pictures,
             scenes: RefCell::default(),
@@ -99,7 +101,7 @@ impl<'a> Study<'a> {
 
     fn draw(&self, options: &Options, views: &[Camera]) -> Result<Vec<Pixels>> {
         let scene = self.scene(options)?;
-        draw(&mut Still::new(self.device, options, &scene)?, views)
+        draw(&mut Still::new(self.device, options, &scene)?, views, self.background)
     }
 
     /// How long a frame takes, over the views: the median GPU time in milliseconds.
@@ -116,7 +118,7 @@ impl<'a> Study<'a> {
     }
 
     fn frame(&self, still: &mut Still, i: usize) -> Result<Frame> {
-        still.render(&self.views[i % self.views.len()], Background::BLACK)
+        still.render(&self.views[i % self.views.len()], self.background)
     }
 
     fn cost(&self, scene: &GpuScene, still: &mut Still) -> Result<Cost> {
@@ -165,8 +167,9 @@ impl<'a> Study<'a> {
         let scene = self.scene(options)?;
         let mut still = Still::new(self.device, options, &scene)?;
         let Cost { gpu_ms, stages, scene_bytes, work_bytes } = self.cost(&scene, &mut still)?;
-        let mut from =
-            |views: &[Camera], exact: &[Pixels]| draw(&mut still, views).map(|all| worst_of(&each(&all, exact)));
+        let mut from = |views: &[Camera], exact: &[Pixels]| {
+            draw(&mut still, views, self.background).map(|all| worst_of(&each(&all, exact)))
+        };
         Ok(Point {
             name: name.to_owned(),
             options: *options,
@@ -186,9 +189,9 @@ impl<'a> Study<'a> {
     }
 }
 
-fn draw(still: &mut Still, views: &[Camera]) -> Result<Vec<Pixels>> {
+fn draw(still: &mut Still, views: &[Camera], background: Background) -> Result<Vec<Pixels>> {
     let picture = |view: &Camera| {
-        still.render(view, Background::BLACK)?;
+        still.render(view, background)?;
         still.pixels()
     };
     views.iter().map(picture).collect()

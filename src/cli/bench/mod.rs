@@ -14,7 +14,7 @@ use crate::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneRep
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::metrics::psnr;
-use crate::options::{Background, Options};
+use crate::options::{Background, Options, Rules};
 use crate::pixels::check_writable;
 use crate::reference;
 use crate::render::{GpuScene, Still};
@@ -53,7 +53,8 @@ pub(super) struct Args {
     /// Also compare the first view with the float64 reference. Slow
     #[arg(long)]
     check: bool,
-    /// Also certify every view: how far any value is at most from where nothing is left out
+    /// Also certify every view: how far any value is at most from where nothing is left out, of the scene as it is stored
+    /// and in the order in which it is sorted
     #[arg(long)]
     certificate: bool,
     #[command(flatten)]
@@ -111,7 +112,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
             let (views, nearest) = cameras.views(&scene.gaussians, size, args.frames);
             let options = Options::preset(preset).context("clap lets known presets pass alone")?;
+            let rules = args.knobs.options(&options.untraded(), scene.is_antialiased, nearest).rules;
             let options = args.knobs.options(&options, scene.is_antialiased, nearest);
+            if let Some(why) = options.uncertifiable().filter(|_| args.certificate) {
+                return Err(Usage(format!("--certificate: {why}")).into());
+            }
             let gpu = GpuScene::with(&device, &scene.gaussians, &scene.requirements, &options)?;
             let subject = Subject::new(&scene.report, preset, &options, &views);
             let before = baseline.as_ref().map(|b| b.run_of(&subject)).transpose().map_err(foreign)?;
@@ -119,7 +124,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
             let mut run = bench.measure(subject, &gpu, &options, &views, &|done| bar.set(done))?;
             drop(bar);
             if args.check {
-                run.psnr_db = accuracy(&device, (&scene.gaussians, &gpu), &views[0], &options)?;
+                run.psnr_db = accuracy(&device, (&scene.gaussians, &gpu), &views[0], (&options, &rules))?;
             }
             if args.certificate {
                 run.certified_error = Some(certified_error(&device, &scene, &views, &options)?);
@@ -163,6 +168,9 @@ impl Loaded {
 fn check_usage(args: &Args) -> Result<()> {
     args.knobs.check()?;
     args.knobs.check_gpu()?;
+    if args.ladder && (args.knobs.trades() || args.knobs.rules()) {
+        return Err(Usage("--ladder turns its own knobs; --near alone can be set".to_owned()).into());
+    }
     if args.ladder && args.size.len() != 1 {
         return Err(Usage("--ladder measures one --size".to_owned()).into());
     }
@@ -181,19 +189,16 @@ fn accuracy(
     device: &Device,
     (gaussians, scene): (&Gaussians, &GpuScene),
     view: &Camera,
-    options: &Options,
+    (options, rules): (&Options, &Rules),
 ) -> Result<Option<f64>> {
     let mut still = Still::new(device, options, scene)?;
     still.render(view, Background::BLACK)?;
-    let exact = reference::render(gaussians, view, &options.rules, Background::BLACK).to_pixels();
+    let exact = reference::render(gaussians, view, rules, Background::BLACK).to_pixels();
     Ok(Some(psnr(&still.pixels()?, &exact)).filter(|db| db.is_finite()))
 }
 
 /// The largest bound of any pixel of any view.
 fn certified_error(device: &Device, scene: &Loaded, views: &[Camera], options: &Options) -> Result<f32> {
-    if let Some(why) = options.uncertifiable() {
-        return Err(Usage(format!("--certificate: {why}")).into());
-    }
     let gpu = GpuScene::certifiable(device, &scene.gaussians, &scene.requirements, options)?;
     let mut still = Still::certified(device, options, &gpu)?;
     let mut largest = 0.0_f32;

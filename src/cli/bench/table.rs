@@ -52,7 +52,9 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
     let (megabytes, picture) = (bytes as f64 / 1e6, &run.image_hash[..16]);
     say!("  {megabytes:.0} MB in {} buffers; picture {picture}{clocks}", run.memory.len())?;
     if let Some(bound) = run.certified_error {
-        say!("  certified: no value of any view is farther than {bound:.4} from where nothing is left out")?;
+        say!(
+            "  certified: no value of any view is farther than {bound:.4} from where nothing is left out (as stored, in this order)"
+        )?;
     }
     match run.psnr_db {
         Some(psnr_db) => say!("  {psnr_db:.1} dB to the float64 reference"),
