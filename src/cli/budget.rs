@@ -15,8 +15,7 @@ use crate::trade::{Budget, Study, choose};
 #[command(next_help_heading = "Error budget")]
 pub(super) struct BudgetArgs {
     /// Choose the fastest options, of those tried, with no colour value farther from the reference, white being 1: by
-    /// proof, or
-    /// else by measuring views of the scene, with a margin. Exit code 6 if there are none
+    /// proof, or else by measuring views of the scene, with a margin. Exit code 6 if there are none
     #[arg(long, value_name = "ERROR", conflicts_with = "min_psnr")]
     pub max_error: Option<f64>,
     /// The same for the PSNR to the reference, in dB

@@ -2,7 +2,7 @@
 //!
 //! It follows the [`Rules`] it is given: EWA splatting (Zwicker et al. 2001) with the original's clamp and dilation, and by
 //! default alpha in [1/255, 0.99], an exclusive stop at T < 1e-4, and one global order by (f32 view depth, index). With
-//! [`Rules::complete`] nothing is left out; with [`Order::PerPixel`](crate::options::Order::PerPixel) the order is ideal:
+//! [`Rules::complete`] nothing is left out; with [`Order::PerPixel`] the order is ideal:
 //! errors of arithmetic, of approximation and of the model can be told apart.
 
 mod blend;
