@@ -173,11 +173,6 @@ impl Bench {
     }
 
     fn stages(&self, still: &Still, scene: &GpuScene, views: &[Camera], frames: &[(Frame, f64)]) -> Vec<StageReport> {
-        let mut first: Vec<_> = frames[0].0.timings.iter().filter(|t| t.depth == 1).collect();
-        first.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
-        let ms_of = |frame: &Frame, name: &str| -> f64 {
-            frame.timings.iter().filter(|t| t.depth == 1 && t.name == name).map(|t| t.duration_ms).sum()
-        };
         let bytes_of = |i: usize, frame: &Frame, name: &str| {
             let view = &views[i % views.len()];
             let work = Work {
@@ -189,14 +184,14 @@ impl Bench {
             };
             work.least_bytes(name) as f64
         };
-        let stage = |name: &str| {
-            let ms = Statistics::of(frames.iter().map(|(frame, _)| ms_of(frame, name)));
+        let stage = |(name, ms): (&str, Statistics)| {
             let bytes = frames.iter().enumerate().map(|(i, (frame, _))| bytes_of(i, frame, name));
             let bytes = Statistics::of(bytes).median;
             let bandwidth_fraction = bytes / (self.copy_gb_s * 1e6) / ms.median.max(1e-6);
             StageReport { name: name.to_owned(), ms, least_bytes: bytes as u64, bandwidth_fraction }
         };
-        let mut stages: Vec<_> = first.iter().map(|timing| stage(timing.name)).collect();
+        let times = stage_times(frames.iter().map(|(frame, _)| frame));
+        let mut stages: Vec<_> = times.into_iter().map(stage).collect();
         let gaps = frames.iter().map(|(frame, _)| {
             let inside: f64 = frame.timings.iter().filter(|t| t.depth == 1).map(|t| t.duration_ms).sum();
             frame_ms(frame) - inside
@@ -207,7 +202,19 @@ impl Bench {
     }
 }
 
-fn frame_ms(frame: &Frame) -> f64 {
+/// The stages of frames that were timed, in the order of the first, and what each took.
+pub fn stage_times<'f>(frames: impl Iterator<Item = &'f Frame> + Clone) -> Vec<(&'static str, Statistics)> {
+    let mut first: Vec<_> = frames.clone().take(1).flat_map(|f| f.timings.iter().filter(|t| t.depth == 1)).collect();
+    first.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
+    let ms_of = |frame: &Frame, name: &str| -> f64 {
+        frame.timings.iter().filter(|t| t.depth == 1 && t.name == name).map(|t| t.duration_ms).sum()
+    };
+    let of = |name| (name, Statistics::of(frames.clone().map(|frame| ms_of(frame, name))));
+    first.iter().map(|timing| of(timing.name)).collect()
+}
+
+/// GPU time of a frame in milliseconds.
+pub fn frame_ms(frame: &Frame) -> f64 {
     frame.timings.iter().filter(|t| t.depth == 0).map(|t| t.duration_ms).sum()
 }
 

@@ -14,6 +14,6 @@ mod statistics;
 pub use bandwidth::copy_gb_s;
 pub use compare::{Change, Foreign};
 pub use machine::{ClockProbe, Clocks, DeviceReport, VersionReport};
-pub use measure::{Bench, Protocol};
+pub use measure::{Bench, Protocol, frame_ms, stage_times};
 pub use report::{Allocation, Counts, FrameTimes, Report, Run, SceneReport, StageReport, Subject, image_hash};
 pub use statistics::Statistics;

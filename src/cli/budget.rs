@@ -46,7 +46,7 @@ impl BudgetArgs {
     pub fn choose(
         &self,
         device: &Device,
-        gaussians: &Gaussians,
+        scene: (&Gaussians, &Requirements),
         views: &[Camera],
         (exact, background): (Options, Background),
         options: Options,
@@ -54,12 +54,11 @@ impl BudgetArgs {
         let Some(budget) = self.budget()? else {
             return Ok(options);
         };
-        let needs = Requirements::of(gaussians);
         let views = spread(views, VIEWS);
         let small = spread(&views, ORACLE_VIEWS).iter().map(small).collect();
         let bar = progress::Bar::new("choosing");
         let progress = |done| bar.set(done);
-        let study = Study::new(device, (gaussians, &needs), (exact, background), [views, small], PROTOCOL, &progress)?;
+        let study = Study::new(device, scene, (exact, background), [views, small], PROTOCOL, &progress)?;
         let choice = choose(&study, budget)?;
         drop(bar);
         remark(&format!("note: {}", choice.explain()));

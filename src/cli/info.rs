@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::{SceneArg, knobs, say};
 use crate::options::{Options, Storage};
-use crate::render::{Layout, Packing};
+use crate::render::{Layout, Packing, depth_bits};
 use crate::scene::{Bounds, Focus, Gaussians, Requirements, Scene, Tally, percentiles};
 
 /// Describe a scene: counts, bounds, distributions, what it requires of the GPU
@@ -125,12 +125,6 @@ fn required(gaussians: &Gaussians, preset: &str) -> Result<Required> {
         gpu_bytes: layout.bytes_each() * gaussians.len() as u64,
         f32_bytes,
     })
-}
-
-/// Bits of the floats from `near` to `far`.
-fn depth_bits(near: f32, far: f64) -> u32 {
-    let far = (far as f32).clamp(near, f32::MAX);
-    u32::BITS - (far.to_bits() - near.to_bits() + 2).leading_zeros()
 }
 
 fn packing(packing: Packing) -> String {

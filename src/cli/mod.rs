@@ -209,6 +209,11 @@ fn read_cameras(file: &Path) -> Result<Vec<NamedCamera>> {
     camera::read(file).map_err(|problem| Unreadable::new(file, &problem).into())
 }
 
+/// What a largest bound of certificates means.
+fn certified(bound: f32) -> String {
+    format!("certified: no value is farther than {bound:.4} from where nothing is left out (as stored, in this order)")
+}
+
 fn size_text([width, height]: [u32; 2]) -> String {
     format!("{width}x{height}")
 }

@@ -8,8 +8,8 @@ use anyhow::{Context, Result};
 use glam::DVec3;
 
 use super::{
-    BudgetArgs, DeviceArgs, Knobs, SceneArg, Usage, complain, dump, knobs, parse_size, progress, read_cameras, remark,
-    say, size_text,
+    BudgetArgs, DeviceArgs, Knobs, SceneArg, Usage, certified, complain, dump, knobs, parse_size, progress,
+    read_cameras, remark, say, size_text,
 };
 use crate::camera::{self, Camera, NamedCamera};
 use crate::gpu::Commands;
@@ -131,14 +131,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
         }
         Some(device) => {
             let views: Vec<Camera> = shots.iter().map(|shot| shot.camera.clone()).collect();
-            let options = args.budget.choose(&device, &scene.gaussians, &views, (exact, args.background), options)?;
+            let (gaussians, needs) = (&scene.gaussians, Requirements::of(&scene.gaussians));
+            let options =
+                args.budget.choose(&device, (gaussians, &needs), &views, (exact, args.background), options)?;
             let certifies = args.certificate.is_some();
-            let gpu_scene = match certifies {
-                true => {
-                    GpuScene::certifiable(&device, &scene.gaussians, &Requirements::of(&scene.gaussians), &options)?
-                }
-                false => GpuScene::new(&device, &scene.gaussians, &options)?,
-            };
+            let upload = if certifies { GpuScene::certifiable } else { GpuScene::with };
+            let gpu_scene = upload(&device, gaussians, &needs, &options)?;
             drop(scene);
             let still = if certifies { Still::certified } else { Still::new };
             let mut still = still(&device, &options, &gpu_scene)?;
@@ -157,10 +155,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 report(args, shot, &frame)?;
                 if let (Some(file), Some(certificate)) = (&shot.certificate, still.certificate()?) {
                     certificate.write(file, false)?;
-                    let largest = certificate.rgba.iter().map(|bound| bound[0]).fold(0.0, f32::max);
-                    say!(
-                        "  certified: no value is farther than {largest:.4} from where nothing is left out (as stored, in this order)"
-                    )?;
+                    say!("  {}", certified(certificate.largest()))?;
                 }
                 bar.set((done + 1) as f64 / shots.len() as f64);
             }

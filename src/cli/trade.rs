@@ -103,7 +103,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let bench = Bench { args, device: &device, gaussians, needs: &needs, exact };
     let has = |part| args.parts.contains(&part);
 
-    let study = bench.study("reference", &spread(&all, args.views.into()), args.size)?;
+    let study = bench.study("reference", &spread(&all, args.views.into()))?;
     let mut report = Report {
         format: Report::FORMAT.to_owned(),
         smalto: VersionReport::current(),
@@ -189,19 +189,16 @@ struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
-    fn study(&self, name: &str, views: &[Camera], size: [u32; 2]) -> Result<Study<'a>> {
+    /// Of these views, at full size and at that of the reference.
+    fn study(&self, name: &str, views: &[Camera]) -> Result<Study<'a>> {
+        self.study_at(name, [resized(views, self.args.size), resized(views, self.args.oracle_size)])
+    }
+
+    fn study_at(&self, name: &str, views: [Vec<Camera>; 2]) -> Result<Study<'a>> {
         let bar = progress::Bar::new(name);
-        let sized = |size: [u32; 2]| views.iter().map(|view| view.resized(size)).collect();
-        let scene = (self.gaussians, self.needs);
+        let (scene, drawn) = ((self.gaussians, self.needs), (self.exact, Background::BLACK));
         let protocol = Protocol { warmup: self.args.warmup.into(), frames: self.args.frames.into() };
-        Study::new(
-            self.device,
-            scene,
-            (self.exact, Background::BLACK),
-            [sized(size), sized(self.args.oracle_size)],
-            protocol,
-            &|d| bar.set(d),
-        )
+        Study::new(self.device, scene, drawn, views, protocol, &|done| bar.set(done))
     }
 
     /// The presets and the knobs alone, by the rules of the scene.
@@ -226,7 +223,7 @@ impl<'a> Bench<'a> {
         say!("{}", choice.explain())?;
         let count = usize::from(self.args.held_out);
         let between = path::through(cameras, count + 2);
-        let held = choice.hold(&self.study("held-out views", &between[1..=count], self.args.size)?)?;
+        let held = choice.hold(&self.study("held-out views", &between[1..=count])?)?;
         print_budget(&held)?;
         Ok(held)
     }
@@ -237,7 +234,8 @@ impl<'a> Bench<'a> {
 
     /// The worst picture of each preset over all cameras, against the reference.
     fn promises(&self, cameras: &[Camera]) -> Result<Vec<Promise>> {
-        let study = self.study("promises", cameras, self.args.oracle_size)?;
+        // Only the reference is asked: nothing is drawn at full size.
+        let study = self.study_at("promises", [Vec::new(), resized(cameras, self.args.oracle_size)])?;
         let promise = |(preset, options, min_psnr_db, max_step): &(&str, Options, f64, Option<u8>)| {
             let worst = study.from_oracle(&self.by_rules(options))?;
             let is_kept = worst.psnr_db.is_none_or(|db| db >= *min_psnr_db)
@@ -247,6 +245,10 @@ impl<'a> Bench<'a> {
         };
         PROMISES.iter().map(promise).collect()
     }
+}
+
+fn resized(views: &[Camera], size: [u32; 2]) -> Vec<Camera> {
+    views.iter().map(|view| view.resized(size)).collect()
 }
 
 fn print_points(report: &Report) -> Result<()> {

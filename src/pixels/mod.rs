@@ -17,6 +17,11 @@ pub struct Pixels {
 }
 
 impl Pixels {
+    /// The largest colour value of any pixel, 0 at least.
+    pub fn largest(&self) -> f32 {
+        self.rgba.iter().flat_map(|p| &p[..3]).fold(0.0, |largest: f32, v| largest.max(*v))
+    }
+
     /// Pixel (x, y).
     pub fn at(&self, x: u32, y: u32) -> [f32; 4] {
         self.rgba[y as usize * self.size[0] as usize + x as usize]

@@ -18,5 +18,5 @@ pub use shaders::*;
 pub use sort::{Pairs, RadixSort, SortRange, SortScratch};
 pub(crate) use still::read_pixels;
 pub use still::{Frame, Started, Still};
-pub(crate) use view::tiles;
+pub(crate) use view::{depth_bits, tiles};
 pub use workspace::{Demand, Workspace};

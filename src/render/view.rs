@@ -36,11 +36,17 @@ pub(crate) fn view(camera: &Camera, near: f32) -> View {
     }
 }
 
+/// Bits that hold a key for every float from `near` to `far`, and one key more.
+pub(crate) fn depth_bits(near: f32, far: f64) -> u32 {
+    let far = far.clamp(near.into(), f32::MAX.into()) as f32;
+    u32::BITS - (far.to_bits() - near.to_bits() + 2).leading_zeros()
+}
+
 /// How the depth of a splat becomes a key: its distance from the near plane in floats, exact and no longer than the scene
 /// is deep, without the lowest `shift` bits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct DepthKeys {
-    /// Bits that hold the keys of everything between the near plane and the far end of the scene, and one key more.
+    /// [`depth_bits`] from the near plane to the far end of the scene, without those.
     pub bits: u32,
     pub shift: u32,
 }
@@ -54,9 +60,7 @@ impl DepthKeys {
             if options.rules.order == Order::Distance { view.length() } else { view.z }
         };
         let far = (0..8).map(corner).fold(f64::from(near), f64::max);
-        let far = (far * (1.0 + 1e-5)).min(f64::from(f32::MAX)) as f32;
-        let keys = far.to_bits() - near.to_bits() + 2;
-        let needed = u32::BITS - keys.leading_zeros();
+        let needed = depth_bits(near, far * (1.0 + 1e-5));
         let shift = needed.saturating_sub(options.key_bits);
         Self { bits: needed - shift, shift }
     }

@@ -6,11 +6,11 @@ use std::rc::Rc;
 use anyhow::Result;
 
 use super::report::{Point, StageTime};
-use crate::bench::{Protocol, Statistics};
+use crate::bench::{Protocol, Statistics, frame_ms, stage_times};
 use crate::camera::Camera;
 use crate::gpu::{Device, Timestamps};
 use crate::metrics::{Difference, mse};
-use crate::options::{Background, Options, Rules};
+use crate::options::{Background, Options, Rules, Storage};
 use crate::pixels::Pixels;
 use crate::reference;
 use crate::render::{Frame, GpuScene, Still};
@@ -36,18 +36,7 @@ pub struct Study<'a> {
 }
 
 /// What a scene on the GPU depends on.
-type Kept = (u32, [crate::options::Storage; 2], f32);
-
-/// What a frame takes.
-struct Cost {
-    /// Median GPU time of a frame.
-    gpu_ms: f64,
-    /// Median of each stage, in the order of the frame.
-    stages: Vec<StageTime>,
-    /// Device memory of the scene, and of everything else.
-    scene_bytes: u64,
-    work_bytes: u64,
-}
+type Kept = (u32, [Storage; 2], f32);
 
 /// Scenes that are kept for the next options that store them alike.
 const SCENES_KEPT: usize = 4;
@@ -113,31 +102,12 @@ impl<'a> Study<'a> {
     fn frame_ms(&self, still: &mut Still) -> Result<f64> {
         still.set_timestamps(Timestamps::Outermost);
         self.protocol.warm_up(|i| self.frame(still, i).map(drop))?;
-        let frames = (0..self.protocol.frames).map(|i| Ok(duration_ms(&self.frame(still, i)?, 0, "frame")));
+        let frames = (0..self.protocol.frames).map(|i| Ok(frame_ms(&self.frame(still, i)?)));
         Ok(Statistics::of(frames.collect::<Result<Vec<f64>>>()?).median)
     }
 
     fn frame(&self, still: &mut Still, i: usize) -> Result<Frame> {
         still.render(&self.views[i % self.views.len()], self.background)
-    }
-
-    fn cost(&self, scene: &GpuScene, still: &mut Still) -> Result<Cost> {
-        let gpu_ms = self.frame_ms(still)?;
-        still.set_timestamps(Timestamps::All);
-        let staged = (0..self.protocol.frames).map(|i| self.frame(still, i)).collect::<Result<Vec<Frame>>>()?;
-        let mut names: Vec<_> = staged[0].timings.iter().filter(|t| t.depth == 1).collect();
-        names.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
-        let stage = |name: &str| {
-            let ms = Statistics::of(staged.iter().map(|frame| duration_ms(frame, 1, name))).median;
-            StageTime { stage: name.to_owned(), ms }
-        };
-        let bytes = |buffers: Vec<(&str, u64)>| buffers.iter().map(|(_, bytes)| bytes).sum();
-        Ok(Cost {
-            gpu_ms,
-            stages: names.iter().map(|timing| stage(timing.name)).collect(),
-            scene_bytes: bytes(scene.buffers()),
-            work_bytes: bytes(still.buffers()),
-        })
     }
 
     /// The median GPU time of a frame alone, and the mean squared error of the worst view against the exact one.
@@ -166,7 +136,12 @@ impl<'a> Study<'a> {
     pub fn point(&self, name: &str, options: &Options) -> Result<Point> {
         let scene = self.scene(options)?;
         let mut still = Still::new(self.device, options, &scene)?;
-        let Cost { gpu_ms, stages, scene_bytes, work_bytes } = self.cost(&scene, &mut still)?;
+        let gpu_ms = self.frame_ms(&mut still)?;
+        still.set_timestamps(Timestamps::All);
+        let staged = (0..self.protocol.frames).map(|i| self.frame(&mut still, i)).collect::<Result<Vec<Frame>>>()?;
+        let stage = |(name, ms): (&str, Statistics)| StageTime { stage: name.to_owned(), ms: ms.median };
+        let bytes = |buffers: Vec<(&str, u64)>| buffers.iter().map(|(_, bytes)| bytes).sum();
+        let (scene_bytes, work_bytes) = (bytes(scene.buffers()), bytes(still.buffers()));
         let mut from = |views: &[Camera], exact: &[Pixels]| {
             draw(&mut still, views, self.background).map(|all| worst_of(&each(&all, exact)))
         };
@@ -174,7 +149,7 @@ impl<'a> Study<'a> {
             name: name.to_owned(),
             options: *options,
             gpu_ms,
-            stages,
+            stages: stage_times(staged.iter()).into_iter().map(stage).collect(),
             scene_bytes,
             work_bytes,
             from_oracle: from(&self.small_views, &self.oracle_pictures)?,
@@ -195,10 +170,6 @@ fn draw(still: &mut Still, views: &[Camera], background: Background) -> Result<V
         still.pixels()
     };
     views.iter().map(picture).collect()
-}
-
-fn duration_ms(frame: &Frame, depth: usize, name: &str) -> f64 {
-    frame.timings.iter().filter(|t| t.depth == depth && t.name == name).map(|t| t.duration_ms).sum()
 }
 
 fn each(pictures: &[Pixels], exact: &[Pixels]) -> Vec<Difference> {

@@ -204,8 +204,7 @@ fn certified_error(device: &Device, scene: &Loaded, views: &[Camera], options: &
     let mut largest = 0.0_f32;
     for view in views {
         still.render(view, Background::BLACK)?;
-        let bounds = still.certificate()?.into_iter().flat_map(|certificate| certificate.rgba);
-        largest = bounds.map(|bound| bound[0]).fold(largest, f32::max);
+        largest = still.certificate()?.map_or(largest, |certificate| largest.max(certificate.largest()));
     }
     Ok(largest)
 }

@@ -4,7 +4,7 @@ use anyhow::Result;
 
 use crate::bench::{Change, Clocks, DeviceReport, Protocol, Run, Statistics, VersionReport};
 use crate::cli::table::{say_table, table};
-use crate::cli::{say, size_text};
+use crate::cli::{certified, say, size_text};
 use crate::ladder::{Climb, Paper};
 
 /// `checked`: whether the picture was compared with the reference.
@@ -52,9 +52,7 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
     let (megabytes, picture) = (bytes as f64 / 1e6, &run.image_hash[..16]);
     say!("  {megabytes:.0} MB in {} buffers; picture {picture}{clocks}", run.memory.len())?;
     if let Some(bound) = run.certified_error {
-        say!(
-            "  certified: no value of any view is farther than {bound:.4} from where nothing is left out (as stored, in this order)"
-        )?;
+        say!("  {}", certified(bound))?;
     }
     match run.psnr_db {
         Some(psnr_db) => say!("  {psnr_db:.1} dB to the float64 reference"),
