@@ -3,6 +3,7 @@
 use std::any::Any;
 use std::ops::Range;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 use anyhow::Result;
 use ash::vk;
@@ -12,7 +13,7 @@ use super::buffer::{Buffer, Storage, next_id};
 use super::device::{Device, Shared};
 use super::extent::Extent;
 use super::hazards::{Access, Hazards};
-use super::image::{Image, WHOLE};
+use super::image::{Image, Texture, WHOLE};
 use super::shader::{Binding, BindingKind, Bindings, Element, Resource, Shader};
 use super::stage::Stage;
 use super::submission::{Capture, InFlight, Readback, Slot, Submission};
@@ -33,6 +34,8 @@ pub struct Commands {
     pub(super) device: Device,
     pub(super) slot: Option<Slot>,
     kept: Vec<Arc<dyn Any + Send + Sync>>,
+    /// Images that these commands use first.
+    fresh: Vec<Arc<Texture>>,
     hazards: Option<Hazards>,
     barriers: usize,
     overlooked_barrier: Option<usize>,
@@ -56,6 +59,7 @@ impl Commands {
             device: device.clone(),
             slot: Some(slot),
             kept: Vec::new(),
+            fresh: Vec::new(),
             hazards: device.0.checked.then(Hazards::default),
             barriers: 0,
             overlooked_barrier: None,
@@ -214,17 +218,21 @@ impl Commands {
         InFlight::start(Submission { recording, device, slot, kept, scopes, queries, barriers, captures })
     }
 
-    pub(super) fn make_general(&mut self, image: &Image) {
+    /// Brings a fresh image into the layout in which it stays.
+    fn make_general(&mut self, texture: &Arc<Texture>) {
+        if texture.is_general.swap(true, Ordering::Relaxed) {
+            return;
+        }
         let barrier = vk::ImageMemoryBarrier2::default()
             .src_stage_mask(vk::PipelineStageFlags2::NONE)
             .dst_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
             .dst_access_mask(vk::AccessFlags2::MEMORY_WRITE | vk::AccessFlags2::MEMORY_READ)
             .old_layout(vk::ImageLayout::UNDEFINED)
             .new_layout(vk::ImageLayout::GENERAL)
-            .image(image.texture.raw)
+            .image(texture.raw)
             .subresource_range(WHOLE);
-        self.keep(image.resource());
         self.pipeline_barrier(&vk::DependencyInfo::default().image_memory_barriers(&[barrier]));
+        self.fresh.push(texture.clone());
     }
 
     fn pipeline_barrier(&self, info: &vk::DependencyInfo<'_>) {
@@ -286,10 +294,13 @@ impl Commands {
     /// Keeps a resource until the commands are done.
     fn keep(&mut self, resource: Resource) {
         self.owns(resource.device());
-        self.kept.push(match resource {
-            Resource::Buffer(storage) => storage.clone(),
-            Resource::Image(texture) => texture.clone(),
-        });
+        match resource {
+            Resource::Buffer(storage) => self.kept.push(storage.clone()),
+            Resource::Image(texture) => {
+                self.make_general(texture);
+                self.kept.push(texture.clone());
+            }
+        }
     }
 
     /// What is recorded together is of one device: clause 4.
@@ -340,6 +351,8 @@ impl Commands {
 impl Drop for Commands {
     fn drop(&mut self) {
         if let Some(slot) = self.slot.take() {
+            // Never submitted: the next use is the first.
+            self.fresh.iter().for_each(|texture| texture.is_general.store(false, Ordering::Relaxed));
             slot.give_back(&self.device.0);
         }
     }

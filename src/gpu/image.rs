@@ -1,6 +1,7 @@
 //! A 2-D image of four floats a pixel that shaders write and the host reads.
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use anyhow::{Result, ensure};
 use ash::vk;
@@ -8,13 +9,13 @@ use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::Allocation;
 
 use super::buffer::next_id;
-use super::commands::Commands;
 use super::device::{Device, Shared};
 use super::error::describe;
 use super::shader::Resource;
 use crate::memory::OutOfMemory;
 
-/// `width` x `height` pixels of format R32G32B32A32_SFLOAT, always in the layout GENERAL. A clone is the same image.
+/// `width` x `height` pixels of format R32G32B32A32_SFLOAT, in the layout GENERAL from its first use on. A clone is the same
+/// image.
 #[derive(Clone)]
 pub struct Image {
     pub(super) texture: Arc<Texture>,
@@ -29,11 +30,7 @@ impl Image {
             let bytes = (u64::from(width) * u64::from(height)).saturating_mul(16);
             return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
         }
-        let image = Self { texture: Arc::new(Texture::new(&device.0, name, width, height)?) };
-        let mut commands = Commands::new(device)?;
-        commands.make_general(&image);
-        commands.submit()?.wait()?;
-        Ok(image)
+        Ok(Self { texture: Arc::new(Texture::new(&device.0, name, width, height)?) })
     }
 
     /// Width and height in pixels.
@@ -57,6 +54,8 @@ pub struct Texture {
     pub(super) name: String,
     pub(super) size: [u32; 2],
     pub(super) id: u64,
+    /// Whether the first command that uses it is recorded, and before it the change to its layout.
+    pub(super) is_general: AtomicBool,
     bytes: u64,
     allocation: Option<Allocation>,
     pub(super) device: Arc<Shared>,
@@ -92,6 +91,7 @@ impl Texture {
             name: name.to_owned(),
             size: [width, height],
             id: next_id(),
+            is_general: AtomicBool::new(false),
             bytes: requirements.size,
             allocation: None,
             device: device.clone(),

@@ -13,7 +13,9 @@ use crate::options::{Options, Rules};
 use crate::scene::{Bounds, Gaussians, Requirements};
 
 /// Gaussians in device memory, in planes of four words: one of bounds, and as many of shapes and of spherical harmonics as
-/// the layout needs. Where a Gaussian needs less than what is left of a plane, several share an element.
+/// the layout needs. Where a Gaussian needs less than what is left of a plane, several share an element. A clone is the
+/// same scene.
+#[derive(Clone)]
 pub struct GpuScene {
     /// The mean as bits, and the [`reach`].
     pub(super) bounds: Buffer<[u32; 4]>,

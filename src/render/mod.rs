@@ -17,6 +17,6 @@ pub use renderer::Renderer;
 pub use shaders::*;
 pub use sort::{Pairs, RadixSort, SortRange, SortScratch};
 pub(crate) use still::read_pixels;
-pub use still::{Frame, Started, Still};
+pub use still::{Frame, Recorded, Started, Still};
 pub(crate) use view::{depth_bits, tiles};
 pub use workspace::{Demand, Workspace};

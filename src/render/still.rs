@@ -15,10 +15,10 @@ use crate::options::{Background, Options};
 use crate::pixels::Pixels;
 
 /// Renders pictures of one scene, keeping its buffers from one to the next.
-pub struct Still<'s> {
+pub struct Still {
     device: Device,
     options: Options,
-    scene: &'s GpuScene,
+    scene: GpuScene,
     renderer: Renderer,
     work: Workspace,
     image: Image,
@@ -47,6 +47,11 @@ pub struct Frame {
 /// A frame on the GPU.
 pub struct Started {
     commands: InFlight,
+    recorded: Recorded,
+}
+
+/// A frame among commands that are recorded: whether it is complete is known when they are done.
+pub struct Recorded {
     totals: Readback<Totals>,
     /// What it had room for, which may have grown since.
     room: Demand,
@@ -57,24 +62,24 @@ pub struct Started {
 /// (visible, spans and instances, list length).
 const MAX_ATTEMPTS: u32 = 6;
 
-impl<'s> Still<'s> {
-    pub fn new(device: &Device, options: &Options, scene: &'s GpuScene) -> Result<Self> {
+impl Still {
+    pub fn new(device: &Device, options: &Options, scene: &GpuScene) -> Result<Self> {
         Self::varied(device, options, scene, Variation::default())
     }
 
     /// Also makes a certificate of every picture: `scene` is [`GpuScene::certifiable`].
-    pub fn certified(device: &Device, options: &Options, scene: &'s GpuScene) -> Result<Self> {
+    pub fn certified(device: &Device, options: &Options, scene: &GpuScene) -> Result<Self> {
         options.uncertifiable().map_or(Ok(()), |why| Err(anyhow!(why)))?;
         let variation = Variation { certifies: true, ..Variation::default() };
         let certificate = Some(Image::new(device, "certificate", 1, 1)?);
         Ok(Self { certificate, ..Self::varied(device, options, scene, variation)? })
     }
 
-    fn varied(device: &Device, options: &Options, scene: &'s GpuScene, variation: Variation) -> Result<Self> {
+    fn varied(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
         Ok(Self {
             device: device.clone(),
             options: *options,
-            scene,
+            scene: scene.clone(),
             renderer: Renderer::varied(device, options, scene.layout(), variation)?,
             work: Workspace::new(device, Demand::guess(device, scene.len(), 1))?,
             image: Image::new(device, "image", 1, 1)?,
@@ -119,7 +124,7 @@ impl<'s> Still<'s> {
 
     /// Passes over its keys that a frame's sort by depth takes, and its sort by tile.
     pub fn sort_passes(&self, camera: &Camera) -> [u32; 2] {
-        self.renderer.sort_passes(self.scene, camera)
+        self.renderer.sort_passes(&self.scene, camera)
     }
 
     /// Renders a complete frame; [`Still::pixels`] reads it.
@@ -159,6 +164,21 @@ impl<'s> Still<'s> {
         background: Background,
         prepare: impl Fn(&mut Commands),
     ) -> Result<Started> {
+        let mut cmd = Commands::new(&self.device)?;
+        cmd.set_timestamps(self.timestamps);
+        prepare(&mut cmd);
+        let recorded = self.record(&mut cmd, camera, background)?;
+        Ok(Started { commands: cmd.submit()?, recorded })
+    }
+
+    fn finish_with(&mut self, started: Started) -> Result<Option<(Totals, Results)>> {
+        let results = started.commands.wait()?;
+        let totals = self.judge(&results, &started.recorded)?;
+        Ok(totals.map(|totals| (totals, results)))
+    }
+
+    /// Records a frame among other commands; [`Still::judge`] says whether it came out whole.
+    pub fn record(&mut self, cmd: &mut Commands, camera: &Camera, background: Background) -> Result<Recorded> {
         fit(&self.device, &mut self.image, "image", camera.size_px)?;
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
         if let Some(certificate) = &mut self.certificate {
@@ -169,31 +189,27 @@ impl<'s> Still<'s> {
         }
         let tiles = tiles(camera.size_px).iter().map(|n| *n as usize).product();
         self.work.grow(&self.device, Demand { gaussians: self.scene.len(), tiles, ..Demand::default() })?;
-        let mut cmd = Commands::new(&self.device)?;
-        cmd.set_timestamps(self.timestamps);
-        prepare(&mut cmd);
         cmd.scope("frame", |cmd| {
             let image = self.enlarged.as_ref().map_or(&self.image, |enlarged| &enlarged.drawn);
             let target = Target { image, certificate: self.certificate.as_ref(), background };
-            self.renderer.record(cmd, self.scene, camera, &self.work, target, self.passes);
+            self.renderer.record(cmd, &self.scene, camera, &self.work, target, self.passes);
             if let Some(enlarged) = &self.enlarged {
                 cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
                 cmd.scope("enlarge", |cmd| enlarged.record(cmd, &self.image));
             }
         });
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-        let totals = cmd.read(&self.work.totals)?;
-        Ok(Started { commands: cmd.submit()?, totals, room: self.work.room, passes: self.passes })
+        Ok(Recorded { totals: cmd.read(&self.work.totals)?, room: self.work.room, passes: self.passes })
     }
 
-    fn finish_with(&mut self, started: Started) -> Result<Option<(Totals, Results)>> {
-        let results = started.commands.wait()?;
-        let totals = results.view(&started.totals)[0];
+    /// What a frame counted, if it is complete. If it did not fit, the next one has more room.
+    pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
+        let totals = results.view(&recorded.totals)[0];
         let passes = self.renderer.passes(totals.longest_list);
-        let demand = Demand::of(&totals, self.scene.len(), started.room.tiles);
+        let demand = Demand::of(&totals, self.scene.len(), recorded.room.tiles);
         self.work.grow(&self.device, demand)?;
         self.passes = self.passes.max(passes);
-        Ok((demand.fits(started.room) && passes <= started.passes).then_some((totals, results)))
+        Ok((demand.fits(recorded.room) && passes <= recorded.passes).then_some(totals))
     }
 
     /// The picture rendered last.
