@@ -28,6 +28,13 @@ pub enum Timestamps {
     Outermost,
 }
 
+const LAYER: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers {
+    aspect_mask: vk::ImageAspectFlags::COLOR,
+    mip_level: 0,
+    base_array_layer: 0,
+    layer_count: 1,
+};
+
 /// A command buffer being recorded. What it uses it keeps alive until it is done.
 pub struct Commands {
     recording: u64,
@@ -183,14 +190,8 @@ impl Commands {
         self.reads(image.resource(), "read back", Access::COPY_READ);
         let pixels = width as usize * rows.len();
         let staging = self.readback_storage(pixels as u64 * 16)?;
-        let layers = vk::ImageSubresourceLayers {
-            aspect_mask: vk::ImageAspectFlags::COLOR,
-            mip_level: 0,
-            base_array_layer: 0,
-            layer_count: 1,
-        };
         let region = vk::BufferImageCopy::default()
-            .image_subresource(layers)
+            .image_subresource(LAYER)
             .image_offset(vk::Offset3D { x: 0, y: rows.start as i32, z: 0 })
             .image_extent(vk::Extent3D { width, height: rows.len() as u32, depth: 1 });
         self.keep(image.resource());
@@ -202,8 +203,58 @@ impl Commands {
         Ok(Readback::new(staging, pixels, self.recording))
     }
 
+    /// Copies pixels of 8 bits a channel, row by row, into an image for a screen.
+    pub fn copy_to_screen(&mut self, from: &Buffer<u32>, to: &Image) {
+        let [width, height] = to.size();
+        assert!(from.len() >= width as usize * height as usize, "there is a word for every pixel");
+        self.reads(from.resource(), "copy to screen", Access::COPY_READ);
+        self.writes(to.resource(), "copy to screen", Access::COPY_WRITE);
+        self.keep(from.resource());
+        self.keep(to.resource());
+        let region = vk::BufferImageCopy::default().image_subresource(LAYER).image_extent(vk::Extent3D {
+            width,
+            height,
+            depth: 1,
+        });
+        let (buffer, image) = (from.storage.raw, to.texture.raw);
+        // SAFETY: clauses 2 and 4; the image is in GENERAL, and has four bytes a pixel.
+        unsafe {
+            let layout = vk::ImageLayout::GENERAL;
+            self.device.0.raw.cmd_copy_buffer_to_image(self.raw(), buffer, image, layout, &[region]);
+        }
+    }
+
+    /// Copies an image for a screen to the host: red, green, blue, alpha.
+    pub fn read_screen(&mut self, image: &Image) -> Result<Readback<[u8; 4]>> {
+        let [width, height] = image.size();
+        self.reads(image.resource(), "read back", Access::COPY_READ);
+        let pixels = width as usize * height as usize;
+        let staging = self.readback_storage(pixels as u64 * 4)?;
+        let region = vk::BufferImageCopy::default().image_subresource(LAYER).image_extent(vk::Extent3D {
+            width,
+            height,
+            depth: 1,
+        });
+        self.keep(image.resource());
+        // SAFETY: clauses 2 and 4; the image is in GENERAL and the staging buffer holds exactly its pixels.
+        unsafe {
+            let (from, to) = (image.texture.raw, staging.raw);
+            self.device.0.raw.cmd_copy_image_to_buffer(self.raw(), from, vk::ImageLayout::GENERAL, to, &[region]);
+        }
+        Ok(Readback::new(staging, pixels, self.recording))
+    }
+
     /// Ends the recording and hands it to the GPU, behind everything submitted before.
-    pub fn submit(mut self) -> Result<InFlight> {
+    pub fn submit(self) -> Result<InFlight> {
+        self.submit_between(None, None)
+    }
+
+    /// The same, after `wait` is signalled; `signal` is when it is done.
+    pub(super) fn submit_between(
+        mut self,
+        wait: Option<vk::Semaphore>,
+        signal: Option<vk::Semaphore>,
+    ) -> Result<InFlight> {
         if let Some(failure) = self.failure.take() {
             return Err(failure);
         }
@@ -215,7 +266,7 @@ impl Commands {
         let captures = std::mem::take(&mut self.captures);
         let (recording, device, queries) = (self.recording, self.device.0.clone(), self.queries);
         let barriers = self.barriers;
-        InFlight::start(Submission { recording, device, slot, kept, scopes, queries, barriers, captures })
+        InFlight::start(Submission { recording, device, slot, kept, scopes, queries, barriers, captures }, wait, signal)
     }
 
     /// Brings a fresh image into the layout in which it stays.
@@ -224,7 +275,8 @@ impl Commands {
             return;
         }
         let barrier = vk::ImageMemoryBarrier2::default()
-            .src_stage_mask(vk::PipelineStageFlags2::NONE)
+            // Behind the wait for an image of a swapchain.
+            .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
             .dst_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
             .dst_access_mask(vk::AccessFlags2::MEMORY_WRITE | vk::AccessFlags2::MEMORY_READ)
             .old_layout(vk::ImageLayout::UNDEFINED)
@@ -233,6 +285,25 @@ impl Commands {
             .subresource_range(WHOLE);
         self.pipeline_barrier(&vk::DependencyInfo::default().image_memory_barriers(&[barrier]));
         self.fresh.push(texture.clone());
+    }
+
+    /// Brings an image of a window into the layout in which it is shown.
+    pub(super) fn make_presentable(&mut self, image: &Image) {
+        self.keep(image.resource());
+        let barrier = vk::ImageMemoryBarrier2::default()
+            .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+            .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
+            .dst_stage_mask(vk::PipelineStageFlags2::NONE)
+            .old_layout(vk::ImageLayout::GENERAL)
+            .new_layout(vk::ImageLayout::PRESENT_SRC_KHR)
+            .image(image.texture.raw)
+            .subresource_range(WHOLE);
+        self.pipeline_barrier(&vk::DependencyInfo::default().image_memory_barriers(&[barrier]));
+    }
+
+    /// Keeps anything until the commands are done.
+    pub(super) fn keep_alive(&mut self, thing: Arc<dyn Any + Send + Sync>) {
+        self.kept.push(thing);
     }
 
     fn pipeline_barrier(&self, info: &vk::DependencyInfo<'_>) {
@@ -292,7 +363,7 @@ impl Commands {
     }
 
     /// Keeps a resource until the commands are done.
-    fn keep(&mut self, resource: Resource) {
+    pub(super) fn keep(&mut self, resource: Resource) {
         self.owns(resource.device());
         match resource {
             Resource::Buffer(storage) => self.kept.push(storage.clone()),

@@ -3,15 +3,19 @@
 use std::ffi::CString;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
 use gpu_allocator::{AllocationError, MemoryLocation};
+use raw_window_handle::{HasDisplayHandle, RawDisplayHandle};
 
-use super::error::describe;
-use super::facts::{self, DEVICE_FAULT, DeviceChoice, DeviceFacts, HALF_FLOATS, MEMORY_BUDGET, PORTABILITY_SUBSET};
+use super::error::{Unavailable, describe};
+use super::facts::{
+    self, ANY_FORMAT, DEVICE_FAULT, DeviceChoice, DeviceFacts, HALF_FLOATS, MEMORY_BUDGET, PORTABILITY_SUBSET,
+    SWAPCHAINS,
+};
 use super::instance::Instance;
-use super::submission::Slot;
+use super::submission::{Slot, completed};
 use crate::memory::OutOfMemory;
 
 /// Whether the validation layer, the missing-barrier check, robust buffer access and stage markers are on.
@@ -55,8 +59,21 @@ pub(super) struct Queue {
 impl Device {
     /// Opens the device that `choice` names.
     pub fn open(choice: &DeviceChoice, validation: Validation) -> Result<Self> {
-        let instance = Instance::new(validation)?;
+        Self::open_on(choice, validation, None)
+    }
+
+    /// The same for windows of this display too.
+    pub fn open_for(choice: &DeviceChoice, validation: Validation, display: &dyn HasDisplayHandle) -> Result<Self> {
+        Self::open_on(choice, validation, Some(display.display_handle().context("the display is gone")?.as_raw()))
+    }
+
+    fn open_on(choice: &DeviceChoice, validation: Validation, display: Option<RawDisplayHandle>) -> Result<Self> {
+        let instance = Instance::new(validation, display)?;
         let facts = facts::choose(&facts::devices(&instance)?, choice)?;
+        let presents = display.is_some();
+        if presents && !facts.has(SWAPCHAINS) {
+            return Err(Unavailable(format!("{} cannot show windows", facts.name)).into());
+        }
         let checked = validation != Validation::Off;
 
         let mut extensions = vec![khr::push_descriptor::NAME.as_ptr()];
@@ -69,18 +86,25 @@ impl Device {
         if facts.has(PORTABILITY_SUBSET) {
             extensions.push(khr::portability_subset::NAME.as_ptr());
         }
+        if presents {
+            extensions.push(khr::swapchain::NAME.as_ptr());
+        }
         let queue =
             vk::DeviceQueueCreateInfo::default().queue_family_index(facts.queue_family).queue_priorities(&[1.0]);
         let robust = checked && facts.has("robust buffer access");
-        let core = vk::PhysicalDeviceFeatures::default().robust_buffer_access(robust);
+        let core = vk::PhysicalDeviceFeatures::default()
+            .robust_buffer_access(robust)
+            .shader_storage_image_write_without_format(facts.has(ANY_FORMAT));
         let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
             .scalar_block_layout(true)
             .timeline_semaphore(true)
             .host_query_reset(true)
             .subgroup_broadcast_dynamic_id(true)
             .shader_float16(facts.has(HALF_FLOATS));
-        let mut features13 =
-            vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).compute_full_subgroups(true);
+        let mut features13 = vk::PhysicalDeviceVulkan13Features::default()
+            .synchronization2(true)
+            .compute_full_subgroups(true)
+            .dynamic_rendering(facts.has(SWAPCHAINS));
         let mut fault = vk::PhysicalDeviceFaultFeaturesEXT::default().device_fault(true);
         let mut info = vk::DeviceCreateInfo::default()
             .queue_create_infos(std::slice::from_ref(&queue))
@@ -139,6 +163,23 @@ impl Device {
     /// What the validation layer and the missing-barrier check have found wrong so far. Empty in a correct program.
     pub fn complaints(&self) -> Vec<String> {
         self.0.complaints().clone()
+    }
+
+    /// The number of the newest submission.
+    pub(super) fn submitted(&self) -> u64 {
+        self.0.queue.lock().expect("no holder of the queue panics").submitted
+    }
+
+    /// The number of the newest submission that is done.
+    pub(super) fn completed(&self) -> Result<u64> {
+        completed(&self.0).map_err(|e| describe("vkGetSemaphoreCounterValue", e))
+    }
+
+    /// Waits for all that was submitted.
+    pub(super) fn wait_idle(&self) -> Result<()> {
+        let _queue = self.0.queue.lock().expect("no holder of the queue panics");
+        // SAFETY: clause 3.
+        unsafe { self.0.raw.device_wait_idle() }.map_err(|e| describe("vkDeviceWaitIdle", e))
     }
 
     /// What keeps the device open: this handle, its clones, and every resource, stage and recording on it.

@@ -94,10 +94,12 @@ pub(super) const HALF_FLOATS: &str = "f16 arithmetic";
 pub(super) const MEMORY_BUDGET: &str = "memory budget";
 pub(super) const PORTABILITY_SUBSET: &str = "portability subset";
 pub(super) const DEVICE_FAULT: &str = "device fault";
+pub(super) const SWAPCHAINS: &str = "windows";
+pub(super) const ANY_FORMAT: &str = "image stores of any format";
 
 /// Every device of this machine, usable or not, in the loader's order.
 pub fn survey() -> Result<Vec<DeviceFacts>> {
-    devices(&*Instance::new(Validation::Off)?)
+    devices(&*Instance::new(Validation::Off, None)?)
 }
 
 pub(super) fn devices(instance: &Instance) -> Result<Vec<DeviceFacts>> {
@@ -182,7 +184,10 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
     let core = features.features;
 
     let families = unsafe { instance.raw.get_physical_device_queue_family_properties(raw) };
-    let family = families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE));
+    let family_of = |wanted| families.iter().position(|f| f.queue_flags.contains(wanted));
+    let draws_and_computes = family_of(vk::QueueFlags::COMPUTE | vk::QueueFlags::GRAPHICS);
+    let draws = draws_and_computes.is_some() && features13.dynamic_rendering == vk::TRUE;
+    let family = draws_and_computes.or_else(|| family_of(vk::QueueFlags::COMPUTE));
 
     let workgroup =
         properties.limits.max_compute_work_group_invocations.min(properties.limits.max_compute_work_group_size[0]);
@@ -226,6 +231,8 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
         (MEMORY_BUDGET, offers(ext::memory_budget::NAME)),
         (PORTABILITY_SUBSET, offers(khr::portability_subset::NAME)),
         (DEVICE_FAULT, has_fault_extension && fault.device_fault == vk::TRUE),
+        (SWAPCHAINS, offers(khr::swapchain::NAME) && draws),
+        (ANY_FORMAT, core.shader_storage_image_write_without_format == vk::TRUE),
     ];
 
     let (kind, rank) = match properties.device_type {

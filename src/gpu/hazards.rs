@@ -8,6 +8,11 @@ use std::ops::BitOr;
 
 use ash::vk;
 
+/// Triangles are blended with what an image holds.
+const DRAWN: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
+    vk::AccessFlags2::COLOR_ATTACHMENT_READ.as_raw() | vk::AccessFlags2::COLOR_ATTACHMENT_WRITE.as_raw(),
+);
+
 /// The ends of a barrier, named by use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Access(u32);
@@ -21,18 +26,21 @@ impl Access {
     /// The target of a copy or a fill.
     pub const COPY_WRITE: Self = Self(16);
     pub const HOST_READ: Self = Self(32);
+    /// Triangles over an image.
+    pub const DRAW: Self = Self(64);
     /// What a shader does to a buffer that it updates.
     pub const SHADER: Self = Self(1 | 2);
 
     pub(super) const NONE: Self = Self(0);
 
-    const VULKAN: [(Self, vk::PipelineStageFlags2, vk::AccessFlags2); 6] = [
+    const VULKAN: [(Self, vk::PipelineStageFlags2, vk::AccessFlags2); 7] = [
         (Self::SHADER_READ, vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_READ),
         (Self::SHADER_WRITE, vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_WRITE),
         (Self::INDIRECT, vk::PipelineStageFlags2::DRAW_INDIRECT, vk::AccessFlags2::INDIRECT_COMMAND_READ),
         (Self::COPY_READ, vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_READ),
         (Self::COPY_WRITE, vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_WRITE),
         (Self::HOST_READ, vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ),
+        (Self::DRAW, vk::PipelineStageFlags2::COLOR_ATTACHMENT_OUTPUT, DRAWN),
     ];
 
     pub(super) fn contains(self, other: Self) -> bool {

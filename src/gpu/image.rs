@@ -1,5 +1,6 @@
-//! A 2-D image of four floats a pixel that shaders write and the host reads.
+//! 2-D images that shaders write: of four floats a pixel, which the host reads, or as a screen shows them.
 
+use std::any::Any;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -14,7 +15,7 @@ use super::error::describe;
 use super::shader::Resource;
 use crate::memory::OutOfMemory;
 
-/// `width` x `height` pixels of format R32G32B32A32_SFLOAT, in the layout GENERAL from its first use on. A clone is the same
+/// `width` x `height` pixels, of format R32G32B32A32_SFLOAT unless they are for a screen, in the layout GENERAL from its first use on. A clone is the same
 /// image.
 #[derive(Clone)]
 pub struct Image {
@@ -30,7 +31,19 @@ impl Image {
             let bytes = (u64::from(width) * u64::from(height)).saturating_mul(16);
             return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
         }
-        Ok(Self { texture: Arc::new(Texture::new(&device.0, name, width, height)?) })
+        let usage = vk::ImageUsageFlags::STORAGE | vk::ImageUsageFlags::TRANSFER_SRC;
+        let format = vk::Format::R32G32B32A32_SFLOAT;
+        Ok(Self { texture: Arc::new(Texture::new(&device.0, name, (format, usage), [width, height])?) })
+    }
+
+    /// Red, green, blue and alpha in 8 bits, as a window would show them: what is drawn into where there is no window.
+    pub fn screen(device: &Device, name: &str, size: [u32; 2]) -> Result<Self> {
+        let usage = vk::ImageUsageFlags::STORAGE
+            | vk::ImageUsageFlags::COLOR_ATTACHMENT
+            | vk::ImageUsageFlags::TRANSFER_SRC
+            | vk::ImageUsageFlags::TRANSFER_DST;
+        let kind = (vk::Format::R8G8B8A8_UNORM, usage);
+        Ok(Self { texture: Arc::new(Texture::new(&device.0, name, kind, size)?) })
     }
 
     /// Width and height in pixels.
@@ -53,11 +66,15 @@ pub struct Texture {
     pub(super) view: vk::ImageView,
     pub(super) name: String,
     pub(super) size: [u32; 2],
+    pub(super) format: vk::Format,
     pub(super) id: u64,
     /// Whether the first command that uses it is recorded, and before it the change to its layout.
     pub(super) is_general: AtomicBool,
     bytes: u64,
+    /// None for an image of a swapchain, which is part of that.
     allocation: Option<Allocation>,
+    #[expect(dead_code, reason = "lives as long as its image is used")]
+    swapchain: Option<Arc<dyn Any + Send + Sync>>,
     pub(super) device: Arc<Shared>,
 }
 
@@ -70,59 +87,96 @@ pub(super) const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
 };
 
 impl Texture {
-    fn new(device: &Arc<Shared>, name: &str, width: u32, height: u32) -> Result<Self> {
-        let format = vk::Format::R32G32B32A32_SFLOAT;
+    fn new(
+        device: &Arc<Shared>,
+        name: &str,
+        (format, usage): (vk::Format, vk::ImageUsageFlags),
+        size: [u32; 2],
+    ) -> Result<Self> {
         let info = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
             .format(format)
-            .extent(vk::Extent3D { width, height, depth: 1 })
+            .extent(vk::Extent3D { width: size[0], height: size[1], depth: 1 })
             .mip_levels(1)
             .array_layers(1)
             .samples(vk::SampleCountFlags::TYPE_1)
             .tiling(vk::ImageTiling::OPTIMAL)
-            .usage(vk::ImageUsageFlags::STORAGE | vk::ImageUsageFlags::TRANSFER_SRC);
+            .usage(usage);
         // SAFETY: clause 1, the Texture owns the image from here on and frees it on every path.
         let raw = unsafe { device.raw.create_image(&info, None) }.map_err(|e| describe("vkCreateImage", e))?;
         // SAFETY: clause 1.
         let requirements = unsafe { device.raw.get_image_memory_requirements(raw) };
-        let mut texture = Self {
-            raw,
-            view: vk::ImageView::null(),
-            name: name.to_owned(),
-            size: [width, height],
-            id: next_id(),
-            is_general: AtomicBool::new(false),
-            bytes: requirements.size,
-            allocation: None,
-            device: device.clone(),
+        let mut texture = Self::unbound(device, name, raw, format, size);
+        texture.bytes = requirements.size;
+        let allocation = device.allocate(name, requirements, MemoryLocation::GpuOnly, false);
+        let allocation = match allocation {
+            Ok(allocation) => texture.allocation.insert(allocation),
+            Err(error) => {
+                // SAFETY: clause 1; nothing has used it.
+                unsafe { device.raw.destroy_image(raw, None) };
+                return Err(error);
+            }
         };
-        let allocation =
-            texture.allocation.insert(device.allocate(name, requirements, MemoryLocation::GpuOnly, false)?);
         // SAFETY: clauses 1 and 4, fresh memory that meets the image's requirements.
         unsafe { device.raw.bind_image_memory(raw, allocation.memory(), allocation.offset()) }
             .map_err(|e| describe("vkBindImageMemory", e))?;
+        texture.add_view()?;
+        Ok(texture)
+    }
+
+    /// Image `raw` of a swapchain, which is kept as long as this is.
+    pub(super) fn of_swapchain(
+        device: &Arc<Shared>,
+        raw: vk::Image,
+        format: vk::Format,
+        size: [u32; 2],
+        swapchain: Arc<dyn Any + Send + Sync>,
+    ) -> Result<Self> {
+        let mut texture = Self::unbound(device, "window", raw, format, size);
+        texture.swapchain = Some(swapchain);
+        texture.add_view()?;
+        Ok(texture)
+    }
+
+    fn unbound(device: &Arc<Shared>, name: &str, raw: vk::Image, format: vk::Format, size: [u32; 2]) -> Self {
+        Self {
+            raw,
+            view: vk::ImageView::null(),
+            name: name.to_owned(),
+            size,
+            format,
+            id: next_id(),
+            is_general: AtomicBool::new(false),
+            bytes: 0,
+            allocation: None,
+            swapchain: None,
+            device: device.clone(),
+        }
+    }
+
+    fn add_view(&mut self) -> Result<()> {
+        let device = &self.device;
         let view = vk::ImageViewCreateInfo::default()
-            .image(raw)
+            .image(self.raw)
             .view_type(vk::ImageViewType::TYPE_2D)
-            .format(format)
+            .format(self.format)
             .subresource_range(WHOLE);
         // SAFETY: clause 1.
-        texture.view =
+        self.view =
             unsafe { device.raw.create_image_view(&view, None) }.map_err(|e| describe("vkCreateImageView", e))?;
-        device.name(raw, name);
-        device.name(texture.view, name);
-        Ok(texture)
+        device.name(self.raw, &self.name);
+        device.name(self.view, &self.name);
+        Ok(())
     }
 }
 
 impl Drop for Texture {
     fn drop(&mut self) {
         // SAFETY: clause 2, commands hold an Arc of this until they are done; a null view may be destroyed.
-        unsafe {
-            self.device.raw.destroy_image_view(self.view, None);
-            self.device.raw.destroy_image(self.raw, None);
-        }
+        unsafe { self.device.raw.destroy_image_view(self.view, None) };
         if let Some(allocation) = self.allocation.take() {
+            // SAFETY: as above; with memory of its own, the image is no swapchain's.
+            unsafe { self.device.raw.destroy_image(self.raw, None) };
             self.device.free(allocation);
         }
     }

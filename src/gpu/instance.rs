@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use anyhow::Result;
 use ash::{Entry, ext, khr, vk};
+use raw_window_handle::RawDisplayHandle;
 
 use super::device::Validation;
 use super::error::{Unavailable, describe};
@@ -26,12 +27,12 @@ pub(super) struct Instance {
     /// Named objects and labels, for the validation layer and for capture tools.
     pub has_debug_utils: bool,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    entry: Entry,
+    pub entry: Entry,
 }
 
 impl Instance {
-    /// Loads Vulkan, with the validation layer as wanted.
-    pub fn new(validation: Validation) -> Result<Arc<Self>> {
+    /// Loads Vulkan, with the validation layer as wanted, and with what windows of this display need.
+    pub fn new(validation: Validation, display: Option<RawDisplayHandle>) -> Result<Arc<Self>> {
         // SAFETY: clause 5's counterpart for the host: the system's Vulkan loader is trusted like its C library.
         let entry = unsafe { Entry::load() }.map_err(|e| {
             Unavailable(format!("the Vulkan loader cannot be loaded ({e}): install libvulkan1 (Debian, Ubuntu), vulkan-loader (Fedora) or vulkan-icd-loader (Arch)"))
@@ -60,6 +61,17 @@ impl Instance {
         let lists_portable = offers(None, khr::portability_enumeration::NAME);
         if lists_portable {
             extensions.push(khr::portability_enumeration::NAME.as_ptr());
+        }
+        if let Some(display) = display {
+            let needed = ash_window::enumerate_required_extensions(display)
+                .map_err(|e| Unavailable(format!("Vulkan has no windows on this display ({e})")))?;
+            // SAFETY: ash-window returns static strings.
+            let missing = needed.iter().map(|name| unsafe { CStr::from_ptr(*name) }).find(|name| !offers(None, name));
+            if let Some(missing) = missing {
+                let missing = missing.to_string_lossy();
+                return Err(Unavailable(format!("Vulkan lacks {missing}, which windows of this display need")).into());
+            }
+            extensions.extend(needed);
         }
         let checks_synchronization = validate && offers(Some(VALIDATION_LAYER), ext::validation_features::NAME);
         if checks_synchronization {

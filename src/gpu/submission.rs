@@ -4,14 +4,14 @@ use std::any::Any;
 use std::marker::PhantomData;
 use std::sync::Arc;
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use ash::vk::{self, Handle as _};
 use bytemuck::Pod;
 use gpu_allocator::MemoryLocation;
 
 use super::buffer::Storage;
 use super::device::Shared;
-use super::error::describe;
+use super::error::{DeviceLost, describe};
 use super::shader::Scalar;
 use super::timings::{Scope, Timing, timings};
 
@@ -159,17 +159,23 @@ pub struct InFlight {
 }
 
 impl InFlight {
-    pub(super) fn start(submission: Submission) -> Result<Self> {
+    /// Submits, behind everything submitted before and behind `wait`; `signal` comes with the end.
+    pub(super) fn start(
+        submission: Submission,
+        wait: Option<vk::Semaphore>,
+        signal: Option<vk::Semaphore>,
+    ) -> Result<Self> {
         let device = submission.device.clone();
         let mut queue = device.queue.lock().expect("no holder of the queue panics");
         let (before, value) = (queue.submitted, queue.submitted + 1);
-        let semaphore = |value| {
-            vk::SemaphoreSubmitInfo::default()
-                .semaphore(device.timeline)
-                .value(value)
-                .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+        let at = |semaphore, value| {
+            let stages = vk::PipelineStageFlags2::ALL_COMMANDS;
+            vk::SemaphoreSubmitInfo::default().semaphore(semaphore).value(value).stage_mask(stages)
         };
-        let (wait, signal) = ([semaphore(before)], [semaphore(value)]);
+        // Binary semaphores have no value.
+        let others = |semaphore: Option<vk::Semaphore>| semaphore.into_iter().map(|s| at(s, 0));
+        let wait: Vec<_> = others(wait).chain([at(device.timeline, before)]).collect();
+        let signal: Vec<_> = others(signal).chain([at(device.timeline, value)]).collect();
         let buffer = [vk::CommandBufferSubmitInfo::default().command_buffer(submission.slot.buffer)];
         let info = vk::SubmitInfo2::default()
             .wait_semaphore_infos(&wait)
@@ -190,6 +196,12 @@ impl InFlight {
         queue.submitted = value;
         drop(queue);
         Ok(Self { submission: Some(submission), value })
+    }
+
+    /// Whether the GPU is done, or lost.
+    pub fn is_done(&self) -> bool {
+        let device = &self.submission.as_ref().expect("commands are waited for once").device;
+        completed(device).is_ok_and(|value| value >= self.value)
     }
 
     /// Waits until the GPU is done.
@@ -221,6 +233,12 @@ impl Submission {
         }
         Ok(ticks)
     }
+}
+
+/// The timeline value that is reached.
+pub(super) fn completed(device: &Shared) -> Result<u64, vk::Result> {
+    // SAFETY: clause 1.
+    unsafe { device.raw.get_semaphore_counter_value(device.timeline) }
 }
 
 /// Waits for a timeline value; whatever it returns, the GPU is done with the commands, or lost.
@@ -257,7 +275,7 @@ fn lost(device: &Shared, last_scope: Option<&str>) -> anyhow::Error {
         Some(text.to_string_lossy().into_owned())
     });
     let fault = fault.map_or_else(String::new, |text| format!(": {text}"));
-    anyhow!("the GPU was lost {place}{fault}")
+    DeviceLost(format!("the GPU was lost {place}{fault}")).into()
 }
 
 impl Drop for InFlight {
