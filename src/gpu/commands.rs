@@ -203,25 +203,41 @@ impl Commands {
         Ok(Readback::new(staging, pixels, self.recording))
     }
 
+    /// Writes every pixel of an image of floats, row by row.
+    pub fn upload_image(&mut self, image: &Image, pixels: &[[f32; 4]]) -> Result<()> {
+        let [width, height] = image.size();
+        assert_eq!(pixels.len(), width as usize * height as usize, "there is a value for every pixel");
+        let usage = vk::BufferUsageFlags::TRANSFER_SRC;
+        let bytes = size_of_val(pixels) as u64;
+        let mut staging = Storage::new(&self.device.0, "upload", bytes, usage, MemoryLocation::GpuToCpu)?;
+        staging.mapped_mut().copy_from_slice(bytemuck::cast_slice(pixels));
+        self.writes(image.resource(), "upload", Access::COPY_WRITE);
+        self.fill_image(&Arc::new(staging), image);
+        Ok(())
+    }
+
     /// Copies pixels of 8 bits a channel, row by row, into an image for a screen.
     pub fn copy_to_screen(&mut self, from: &Buffer<u32>, to: &Image) {
         let [width, height] = to.size();
         assert!(from.len() >= width as usize * height as usize, "there is a word for every pixel");
         self.reads(from.resource(), "copy to screen", Access::COPY_READ);
         self.writes(to.resource(), "copy to screen", Access::COPY_WRITE);
-        self.keep(from.resource());
+        self.fill_image(&from.storage, to);
+    }
+
+    /// Copies all pixels of an image from a buffer that has as many.
+    fn fill_image(&mut self, from: &Arc<Storage>, to: &Image) {
+        self.keep(Resource::Buffer(from));
         self.keep(to.resource());
+        let [width, height] = to.size();
         let region = vk::BufferImageCopy::default().image_subresource(LAYER).image_extent(vk::Extent3D {
             width,
             height,
             depth: 1,
         });
-        let (buffer, image) = (from.storage.raw, to.texture.raw);
-        // SAFETY: clauses 2 and 4; the image is in GENERAL, and has four bytes a pixel.
-        unsafe {
-            let layout = vk::ImageLayout::GENERAL;
-            self.device.0.raw.cmd_copy_buffer_to_image(self.raw(), buffer, image, layout, &[region]);
-        }
+        let (buffer, image, layout) = (from.raw, to.texture.raw, vk::ImageLayout::GENERAL);
+        // SAFETY: clauses 2 and 4; the image is in GENERAL, and callers checked that the buffer has its pixels.
+        unsafe { self.device.0.raw.cmd_copy_buffer_to_image(self.raw(), buffer, image, layout, &[region]) };
     }
 
     /// Copies an image for a screen to the host: red, green, blue, alpha.

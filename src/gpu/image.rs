@@ -31,7 +31,8 @@ impl Image {
             let bytes = (u64::from(width) * u64::from(height)).saturating_mul(16);
             return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
         }
-        let usage = vk::ImageUsageFlags::STORAGE | vk::ImageUsageFlags::TRANSFER_SRC;
+        let usage =
+            vk::ImageUsageFlags::STORAGE | vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::TRANSFER_DST;
         let format = vk::Format::R32G32B32A32_SFLOAT;
         Ok(Self { texture: Arc::new(Texture::new(&device.0, name, (format, usage), [width, height])?) })
     }
@@ -73,7 +74,7 @@ pub struct Texture {
     bytes: u64,
     /// None for an image of a swapchain, which is part of that.
     allocation: Option<Allocation>,
-    #[expect(dead_code, reason = "lives as long as its image is used")]
+    /// Lives as long as its image is used.
     swapchain: Option<Arc<dyn Any + Send + Sync>>,
     pub(super) device: Arc<Shared>,
 }

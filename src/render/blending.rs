@@ -82,6 +82,11 @@ impl Blending {
         longest_list.div_ceil(self.entries_per_pass).max(1)
     }
 
+    /// The longest tile list that so many dispatches finish.
+    pub fn longest_list(&self, passes: u32) -> u32 {
+        self.entries_per_pass.saturating_mul(passes)
+    }
+
     /// Blends every tile's list of `splat_ids`.
     pub fn record(
         &self,

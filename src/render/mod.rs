@@ -1,6 +1,7 @@
 //! The pipeline on the GPU: a scene's buffers, the frame's buffers, and the renderer that dispatches the stages.
 
 mod blending;
+mod display;
 mod gpu_scene;
 mod layout;
 mod renderer;
@@ -11,6 +12,7 @@ mod view;
 mod workspace;
 
 pub use blending::{Target, Variation};
+pub use display::{Compare, Display, Picture, Quantity, Scale, upload_pixels};
 pub use gpu_scene::GpuScene;
 pub use layout::{Layout, Packing};
 pub use renderer::Renderer;

@@ -89,6 +89,11 @@ impl Renderer {
         self.blending.passes(longest_list)
     }
 
+    /// The longest tile list that so many of them finish.
+    pub(super) fn longest_list(&self, passes: u32) -> u32 {
+        self.blending.longest_list(passes)
+    }
+
     /// Passes over its keys that a frame's sort by depth takes, and its sort by tile.
     pub fn sort_passes(&self, scene: &GpuScene, camera: &Camera) -> [u32; 2] {
         let depth_bits = self.depth_keys(scene, camera).bits;

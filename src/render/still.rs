@@ -5,11 +5,13 @@ use anyhow::{Result, anyhow};
 use super::blending::{Target, Variation};
 use super::gpu_scene::GpuScene;
 use super::renderer::Renderer;
-use super::shaders::{Enlarge, EnlargeBindings, EnlargePush, Totals};
+use super::shaders::{Enlarge, EnlargeBindings, EnlargePush, Room, Totals};
 use super::view::tiles;
 use super::workspace::{Demand, Workspace};
 use crate::camera::Camera;
-use crate::gpu::{Access, Commands, Device, Extent, Image, InFlight, Readback, Results, Stage, Timestamps, Timing};
+use crate::gpu::{
+    Access, Buffer, Commands, Device, Extent, Image, InFlight, Readback, Results, Stage, Timestamps, Timing,
+};
 use crate::memory::host_vec;
 use crate::options::{Background, Options};
 use crate::pixels::Pixels;
@@ -26,6 +28,8 @@ pub struct Still {
     enlarged: Option<Enlarged>,
     certificate: Option<Image>,
     passes: u32,
+    /// Room and passes of the frame recorded last.
+    drawn: (Demand, u32),
     timestamps: Timestamps,
 }
 
@@ -91,6 +95,7 @@ impl Still {
             },
             certificate: None,
             passes: 1,
+            drawn: (Demand::default(), 1),
             timestamps: Timestamps::All,
         })
     }
@@ -199,6 +204,7 @@ impl Still {
             }
         });
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        self.drawn = (self.work.room, self.passes);
         Ok(Recorded { totals: cmd.read(&self.work.totals)?, room: self.work.room, passes: self.passes })
     }
 
@@ -210,6 +216,24 @@ impl Still {
         self.work.grow(&self.device, demand)?;
         self.passes = self.passes.max(passes);
         Ok((demand.fits(recorded.room) && passes <= recorded.passes).then_some(totals))
+    }
+
+    /// The image of the picture drawn last.
+    pub(super) fn image(&self) -> &Image {
+        &self.image
+    }
+
+    /// What the frame drawn last counted.
+    pub(super) fn totals(&self) -> &Buffer<Totals> {
+        &self.work.totals
+    }
+
+    /// What the frame drawn last had room for, as the shader that shows it takes it.
+    pub(super) fn drawn_room(&self) -> Room {
+        let (room, passes) = self.drawn;
+        let word = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
+        let longest_list = self.renderer.longest_list(passes);
+        Room { visible: word(room.visible), spans: word(room.spans), instances: word(room.instances), longest_list }
     }
 
     /// The picture rendered last.
