@@ -11,6 +11,7 @@ mod requirements;
 mod source;
 mod spz;
 pub mod synthetic;
+mod transform;
 
 use std::path::Path;
 
@@ -22,6 +23,7 @@ pub use grid::Grid;
 pub use procedural::Procedural;
 pub use requirements::{Band, Requirements, bands, decode_rotation, encode_rotation};
 use source::Source;
+pub use transform::Transform;
 
 use crate::memory::OutOfMemory;
 
@@ -40,7 +42,8 @@ const fn rest_values(degree: u32) -> usize {
 
 /// A scene on the CPU as a structure of arrays: canonical, finite, ready for every renderer.
 ///
-/// World axes are COLMAP's (right, down, forward). A [`Builder`] is the only way to make one.
+/// World axes are COLMAP's (right, down, forward). A [`Builder`] is the only way to make one, [`Gaussians::transformed`] and
+/// [`Gaussians::joined`] make others of them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gaussians {
     means: Vec<[f32; 3]>,
