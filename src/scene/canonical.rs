@@ -118,6 +118,11 @@ impl Builder {
         }
     }
 
+    /// Those added so far.
+    pub fn gaussians(&self) -> &Gaussians {
+        &self.gaussians
+    }
+
     pub fn finish(self) -> (Gaussians, Tally) {
         (self.gaussians, self.tally)
     }

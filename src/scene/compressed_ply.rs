@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, ensure};
 
-use super::canonical::{Builder, Raw};
+use super::canonical::{BLOCK, Builder, Raw};
 use super::harmonics::C0;
 use super::ply::{Element, Property, Scalar, skip};
 use super::source::Source;
@@ -47,7 +47,7 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
 
     let mut builder = Builder::new(sh_degree, count)?;
     let bands = rest / 3;
-    builder.extend(count, |index, coefficients| {
+    let decode = |index: usize, coefficients: &mut [[f32; 3]]| {
         let [position, rotation, scale, colour] = vertices[index];
         let chunk = &chunks[index / CHUNK];
         let byte = |shift: u32| f64::from(colour >> shift & 255) / 255.0;
@@ -65,7 +65,11 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
             rotation: unpack_rotation(rotation),
             opacity_logit: (alpha / (1.0 - alpha)).ln(),
         }
-    });
+    };
+    for first in (0..count).step_by(BLOCK) {
+        source.before_block(&builder)?;
+        builder.extend(BLOCK.min(count - first), |index, coefficients| decode(first + index, coefficients));
+    }
     let (gaussians, tally) = builder.finish();
     Ok(Scene { gaussians, tally, format: "compressed PLY".to_owned(), is_antialiased: false })
 }

@@ -11,6 +11,7 @@ mod requirements;
 mod source;
 mod spz;
 pub mod synthetic;
+mod transform;
 
 use std::path::Path;
 
@@ -22,6 +23,7 @@ pub use grid::Grid;
 pub use procedural::Procedural;
 pub use requirements::{Band, Requirements, bands, decode_rotation, encode_rotation};
 use source::Source;
+pub use transform::Transform;
 
 use crate::memory::OutOfMemory;
 
@@ -40,7 +42,8 @@ const fn rest_values(degree: u32) -> usize {
 
 /// A scene on the CPU as a structure of arrays: canonical, finite, ready for every renderer.
 ///
-/// World axes are COLMAP's (right, down, forward). A [`Builder`] is the only way to make one.
+/// World axes are COLMAP's (right, down, forward). A [`Builder`] is the only way to make one, [`Gaussians::transformed`] and
+/// [`Gaussians::joined`] make others of them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gaussians {
     means: Vec<[f32; 3]>,
@@ -116,19 +119,51 @@ impl Unreadable {
     }
 }
 
+/// Who waits for a scene to be read. All are called on the thread that reads.
+#[derive(Clone, Copy)]
+pub struct Watch<'w> {
+    /// Told the fraction of the file read so far.
+    pub progress: &'w dyn Fn(f64),
+    /// Shown the Gaussians decoded so far, in the order of the scene: first when they are 65,536 or more, then whenever
+    /// they have doubled, and never when they are all.
+    pub partial: &'w dyn Fn(&Gaussians),
+    /// Asked now and then, some 200 times a file and once every 65,536 Gaussians. When it says so, and goes on saying
+    /// so, reading ends with [`Cancelled`].
+    pub is_cancelled: &'w dyn Fn() -> bool,
+}
+
+/// No one waits for the scene any more: reading was cancelled by [`Watch::is_cancelled`].
+#[derive(Debug, thiserror::Error)]
+#[error("cancelled")]
+pub struct Cancelled;
+
 /// Reads a scene file, whatever its name says, by its content. `progress` is told the fraction read so far.
 ///
 /// # Errors
 /// [`Unreadable`] if the file is not a scene that can be drawn, [`OutOfMemory`] if it does not fit into memory.
 pub fn read(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
-    read_any(path, progress).map_err(|problem| match problem.downcast::<OutOfMemory>() {
-        Ok(too_large) => too_large.into(),
-        Err(problem) => Unreadable::new(path, &problem).into(),
+    read_watched(path, &Watch { progress, partial: &|_| {}, is_cancelled: &|| false })
+}
+
+/// The same, showing what there is on the way.
+///
+/// # Errors
+/// Those of [`read`], and [`Cancelled`].
+pub fn read_watched(path: &Path, watch: &Watch) -> Result<Scene> {
+    read_any(path, watch).map_err(|problem| {
+        // Decoders wrap the errors of what they read from, each in its own way.
+        if (watch.is_cancelled)() {
+            return Cancelled.into();
+        }
+        match problem.downcast::<OutOfMemory>() {
+            Ok(too_large) => too_large.into(),
+            Err(problem) => Unreadable::new(path, &problem).into(),
+        }
     })
 }
 
-fn read_any(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
-    let mut source = Source::open(path, progress)?;
+fn read_any(path: &Path, watch: &Watch) -> Result<Scene> {
+    let mut source = Source::open(path, watch)?;
     ensure!(source.len() > 0, "the file is empty");
     let magic = source.peek(4)?;
     let scene = match magic {

@@ -235,6 +235,7 @@ fn vertices(source: &mut Source, element: &Element) -> Result<Scene> {
     let bands = layout.rest.len() / 3;
     let mut rows = Vec::new();
     for first in (0..count).step_by(BLOCK) {
+        source.before_block(&builder)?;
         let block = BLOCK.min(count - first);
         rows.resize(block * stride, 0);
         source.fill(&mut rows, "the vertices")?;

@@ -1,4 +1,4 @@
-//! A scene file being read: its length, the place reached, and progress.
+//! A scene file being read: its length, the place reached, and who watches.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, ErrorKind, Read};
@@ -6,23 +6,42 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow, bail, ensure};
 
+use super::canonical::BLOCK;
+use super::{Builder, Cancelled, Watch};
+
 /// Reads front to back; every error says at which byte.
-pub(super) struct Source<'p> {
+pub(super) struct Source<'w> {
     reader: BufReader<File>,
     len: u64,
     position: u64,
-    progress: &'p dyn Fn(f64),
+    watch: &'w Watch<'w>,
     /// Position at which progress is told next.
     next_report: u64,
+    is_cancelled: bool,
+    /// Gaussians at which they are shown next.
+    next_partial: usize,
 }
 
-impl<'p> Source<'p> {
-    pub fn open(path: &Path, progress: &'p dyn Fn(f64)) -> Result<Self> {
+impl<'w> Source<'w> {
+    pub fn open(path: &Path, watch: &'w Watch<'w>) -> Result<Self> {
         let file = File::open(path).map_err(|e| anyhow!("cannot be opened: {}", describe(&e)))?;
         let metadata = file.metadata()?;
         ensure!(metadata.is_file(), "is not a file");
         let reader = BufReader::with_capacity(1 << 20, file);
-        Ok(Self { reader, len: metadata.len(), position: 0, progress, next_report: 0 })
+        let len = metadata.len();
+        Ok(Self { reader, len, position: 0, watch, next_report: 0, is_cancelled: false, next_partial: BLOCK })
+    }
+
+    /// To be called before each block of Gaussians is decoded: shows what there is so far if that has doubled, so that all
+    /// that is shown together is less than twice the scene; fails if no one waits any more.
+    pub fn before_block(&mut self, so_far: &Builder) -> Result<()> {
+        ensure!(!(self.watch.is_cancelled)(), Cancelled);
+        let gaussians = so_far.gaussians();
+        if gaussians.len() >= self.next_partial {
+            (self.watch.partial)(gaussians);
+            self.next_partial = 2 * gaussians.len();
+        }
+        Ok(())
     }
 
     /// Bytes in the file.
@@ -70,6 +89,7 @@ impl<'p> Source<'p> {
 
 impl Read for Source<'_> {
     fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
+        self.check()?;
         let count = self.reader.read(bytes)?;
         self.advance(count);
         Ok(count)
@@ -78,6 +98,7 @@ impl Read for Source<'_> {
 
 impl BufRead for Source<'_> {
     fn fill_buf(&mut self) -> std::io::Result<&[u8]> {
+        self.check()?;
         self.reader.fill_buf()
     }
 
@@ -88,10 +109,15 @@ impl BufRead for Source<'_> {
 }
 
 impl Source<'_> {
+    fn check(&self) -> std::io::Result<()> {
+        if self.is_cancelled { Err(std::io::Error::other(Cancelled)) } else { Ok(()) }
+    }
+
     fn advance(&mut self, count: usize) {
         self.position += count as u64;
         if self.position >= self.next_report {
-            (self.progress)(self.position as f64 / self.len.max(1) as f64);
+            (self.watch.progress)(self.position as f64 / self.len.max(1) as f64);
+            self.is_cancelled = (self.watch.is_cancelled)();
             self.next_report = self.position + self.len / 200;
         }
     }

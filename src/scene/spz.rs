@@ -59,7 +59,7 @@ impl Header {
 /// A gzip stream with all planes one after another.
 pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
     let file_bytes = source.len();
-    let mut stream = GzDecoder::new(source);
+    let mut stream = GzDecoder::new(&mut *source);
     let mut bytes = [0; 16];
     stream.read_exact(&mut bytes).context("the gzip stream ends inside the SPZ header")?;
     let header = Header::parse(&bytes, file_bytes)?;
@@ -84,7 +84,7 @@ pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
     let mut records = Vec::new();
     stream.take(MAX_EXTENSION_BYTES + 1).read_to_end(&mut records).context("the gzip stream is damaged")?;
     ensure!(records.len() as u64 <= MAX_EXTENSION_BYTES, "over {MAX_EXTENSION_BYTES} bytes follow the Gaussians");
-    decode(&header, flips(if header.has_extensions { &records } else { &[] })?, planes)
+    decode(source, &header, flips(if header.has_extensions { &records } else { &[] })?, planes)
 }
 
 /// A plain header, a table of contents, and a zstd stream per plane.
@@ -126,16 +126,17 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
             zstd::Decoder::new(std::io::Cursor::new(compressed)).with_context(|| format!("the {name} are not zstd"))?;
         readers.push(BufReader::with_capacity(1 << 16, decoder));
     }
-    decode(&header, flips, readers)
+    decode(source, &header, flips, readers)
 }
 
 /// Reads block after block from all planes at once.
-fn decode<R: Read + Send>(header: &Header, flips: [bool; 3], mut planes: Vec<R>) -> Result<Scene> {
+fn decode<R: Read + Send>(source: &mut Source, header: &Header, flips: [bool; 3], mut planes: Vec<R>) -> Result<Scene> {
     let layout = header.planes();
     let mut builder = Builder::new(header.sh_degree, header.count)?;
     let mut blocks: Vec<Vec<u8>> = vec![Vec::new(); layout.len()];
     let step = 0.5_f64.powi(header.fractional_bits as i32);
     for first in (0..header.count).step_by(BLOCK) {
+        source.before_block(&builder)?;
         let count = BLOCK.min(header.count - first);
         let parts = planes.par_iter_mut().zip(&mut blocks).zip(&layout);
         parts.try_for_each(|((plane, block), (name, bytes))| {

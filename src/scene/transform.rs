@@ -1,0 +1,153 @@
+//! Scenes placed in a world: turned, moved and scaled, and several joined into one.
+
+use anyhow::{Result, ensure};
+use glam::{DMat4, DQuat, DVec3};
+use rayon::prelude::*;
+
+use super::harmonics::{Rotation, rotation};
+use super::{Gaussians, sh_coefficients};
+use crate::memory::{OutOfMemory, host_vec};
+
+/// A similarity from local to world axes: `world = scale * rotation * local + translation`. It never mirrors, as no
+/// rotation of a Gaussian could follow that.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transform {
+    rotation: DQuat,
+    translation: DVec3,
+    scale: f64,
+}
+
+/// How far from a similarity the entries of a matrix may be, over its scale: what 32-bit floats leave of one.
+const MATRIX_TOLERANCE: f64 = 1e-5;
+
+impl Transform {
+    pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, translation: DVec3::ZERO, scale: 1.0 };
+
+    /// `rotation` of any length but zero, `translation` in world units, `scale` over 0.
+    pub fn new(rotation: DQuat, translation: DVec3, scale: f64) -> Result<Self> {
+        let length = rotation.length();
+        ensure!(length.is_finite() && length > 0.0, "{rotation} is not a rotation");
+        ensure!(translation.is_finite(), "the translation {translation} is not finite");
+        ensure!(scale.is_finite() && scale > 0.0, "the scale {scale} is not over 0 and finite");
+        Ok(Self { rotation: rotation / length, translation, scale })
+    }
+
+    /// From a matrix that is a similarity: one that shears, mirrors or scales the axes differently is refused.
+    pub fn from_matrix(matrix: &DMat4) -> Result<Self> {
+        ensure!(matrix.is_finite(), "the matrix is not finite");
+        ensure!(matrix.row(3).to_array() == [0.0, 0.0, 0.0, 1.0], "the last row of the matrix is not 0 0 0 1");
+        let linear = glam::DMat3::from_mat4(*matrix);
+        let determinant = linear.determinant();
+        ensure!(determinant != 0.0, "the matrix has no inverse");
+        ensure!(determinant > 0.0, "the matrix mirrors, which Gaussians cannot follow");
+        let scale = determinant.cbrt();
+        let turn = linear * scale.recip();
+        let error = (turn * turn.transpose() - glam::DMat3::IDENTITY).to_cols_array().map(f64::abs);
+        ensure!(error.iter().all(|e| *e < MATRIX_TOLERANCE), "the matrix shears, or scales the axes differently");
+        Self::new(DQuat::from_mat3(&turn), matrix.w_axis.truncate(), scale)
+    }
+
+    /// Unit length.
+    pub fn rotation(&self) -> DQuat {
+        self.rotation
+    }
+
+    /// World units.
+    pub fn translation(&self) -> DVec3 {
+        self.translation
+    }
+
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// Where a local point is in the world.
+    pub fn point(&self, local: DVec3) -> DVec3 {
+        self.rotation * (local * self.scale) + self.translation
+    }
+
+    /// First `self`, then `next`.
+    pub fn then(&self, next: &Self) -> Result<Self> {
+        Self::new(next.rotation * self.rotation, next.point(self.translation), next.scale * self.scale)
+    }
+
+    /// World to local.
+    pub fn inverse(&self) -> Result<Self> {
+        let (rotation, scale) = (self.rotation.conjugate(), self.scale.recip());
+        Self::new(rotation, rotation * (self.translation * -scale), scale)
+    }
+}
+
+impl Gaussians {
+    /// The scene in the world, computed in f64 and rounded once. View-dependent colour turns with it. The identity changes
+    /// no bit.
+    ///
+    /// # Errors
+    /// If a mean would be too far for 32-bit floats; [`OutOfMemory`].
+    pub fn transformed(&self, transform: &Transform) -> Result<Self> {
+        let mut moved = self.copy()?;
+        if *transform == Transform::IDENTITY {
+            return Ok(moved);
+        }
+        moved.means.par_iter_mut().for_each(|mean| {
+            *mean = transform.point(DVec3::from(mean.map(f64::from))).to_array().map(|v| v as f32);
+        });
+        if let Some(far) = moved.means.par_iter().position_first(|mean| !mean.iter().all(|v| v.is_finite())) {
+            let mean = transform.point(DVec3::from(self.means[far].map(f64::from)));
+            anyhow::bail!("Gaussian {far} would lie at {mean}, which is beyond 32-bit floats");
+        }
+        let scaled = |s: f32| ((f64::from(s) * transform.scale) as f32).min(f32::MAX);
+        moved.scales.par_iter_mut().for_each(|scale| *scale = scale.map(scaled));
+        if transform.rotation != DQuat::IDENTITY {
+            moved.turn(transform.rotation);
+        }
+        Ok(moved)
+    }
+
+    fn turn(&mut self, turn: DQuat) {
+        self.rotations.par_iter_mut().for_each(|rotation| {
+            let [w, x, y, z] = rotation.map(f64::from);
+            let q = (turn * DQuat::from_xyzw(x, y, z, w)).normalize();
+            *rotation = [q.w, q.x, q.y, q.z].map(|v| v as f32);
+        });
+        let matrices: Rotation = rotation(turn);
+        self.sh.par_chunks_exact_mut(sh_coefficients(self.sh_degree)).for_each(|sh| matrices.apply(sh));
+    }
+
+    fn copy(&self) -> Result<Self, OutOfMemory> {
+        Self::joined([self].into_iter())
+    }
+
+    /// The Gaussians of all parts, one part after the other; the degree of spherical harmonics is the largest, lower
+    /// ones are filled up with zeros.
+    pub fn joined<'a>(parts: impl Iterator<Item = &'a Self>) -> Result<Self, OutOfMemory> {
+        let parts: Vec<&Self> = parts.collect();
+        let count = parts.iter().map(|part| part.len()).sum();
+        let sh_degree = parts.iter().map(|part| part.sh_degree).max().unwrap_or(0);
+        let stride = sh_coefficients(sh_degree);
+        let mut all = Self {
+            means: host_vec(count, "means")?,
+            scales: host_vec(count, "scales")?,
+            rotations: host_vec(count, "rotations")?,
+            opacities: host_vec(count, "opacities")?,
+            sh: host_vec(count * stride, "spherical harmonics")?,
+            sh_degree,
+        };
+        for part in parts {
+            all.means.extend_from_slice(&part.means);
+            all.scales.extend_from_slice(&part.scales);
+            all.rotations.extend_from_slice(&part.rotations);
+            all.opacities.extend_from_slice(&part.opacities);
+            if part.sh_degree == sh_degree {
+                all.sh.extend_from_slice(&part.sh);
+            } else {
+                for sh in part.sh.chunks_exact(sh_coefficients(part.sh_degree)) {
+                    let end = all.sh.len() + stride;
+                    all.sh.extend_from_slice(sh);
+                    all.sh.resize(end, [0.0; 3]);
+                }
+            }
+        }
+        Ok(all)
+    }
+}
