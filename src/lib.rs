@@ -13,6 +13,7 @@
 //! | [`trade`] | what accuracy costs, and the cheapest options within a budget |
 //! | [`ladder`] | the optimizations one by one, from where the project started |
 //! | [`memory`] | running out of it |
+//! | [`viewer`] | the window |
 //! | [`cli`] | the commands |
 
 pub mod bench;
@@ -29,3 +30,4 @@ pub mod reference;
 pub mod render;
 pub mod scene;
 pub mod trade;
+pub mod viewer;

@@ -3,12 +3,11 @@
 use anyhow::Result;
 
 use super::{Usage, progress, remark};
-use crate::bench::Protocol;
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::{Background, Options};
 use crate::scene::{Gaussians, Requirements};
-use crate::trade::{Budget, Study, choose};
+use crate::trade::{Budget, choose_for};
 
 /// How far pictures may be from the reference.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -22,12 +21,6 @@ pub(super) struct BudgetArgs {
     #[arg(long, value_name = "DB")]
     pub min_psnr: Option<f64>,
 }
-
-/// Views that are asked, and those of them that the reference draws, this wide at most.
-const VIEWS: usize = 8;
-const ORACLE_VIEWS: usize = 3;
-const ORACLE_WIDTH: u32 = 320;
-const PROTOCOL: Protocol = Protocol { warmup: VIEWS, frames: 24 };
 
 impl BudgetArgs {
     pub fn budget(&self) -> Result<Option<Budget>, Usage> {
@@ -54,27 +47,11 @@ impl BudgetArgs {
         let Some(budget) = self.budget()? else {
             return Ok(options);
         };
-        let views = spread(views, VIEWS);
-        let small = spread(&views, ORACLE_VIEWS).iter().map(small).collect();
         let bar = progress::Bar::new("choosing");
         let progress = |done| bar.set(done);
-        let study = Study::new(device, scene, (exact, background), [views, small], PROTOCOL, &progress)?;
-        let choice = choose(&study, budget)?;
+        let choice = choose_for(device, scene, (exact, background), views, budget, &progress)?;
         drop(bar);
         remark(&format!("note: {}", choice.explain()));
         Ok(choice.options)
     }
-}
-
-/// At most `count` of these, evenly.
-pub(super) fn spread<T: Clone>(all: &[T], count: usize) -> Vec<T> {
-    let count = count.min(all.len());
-    (0..count).map(|i| all[i * all.len() / count].clone()).collect()
-}
-
-/// The same view, small enough for the reference.
-fn small(camera: &Camera) -> Camera {
-    let [width, height] = camera.size_px;
-    let least = (width.max(height) as f64 / f64::from(ORACLE_WIDTH)).max(1.0);
-    camera.sampled([width, height].map(|side| ((f64::from(side) / least).round() as u32).max(1)))
 }

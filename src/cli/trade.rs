@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::ValueEnum;
 
 use super::bench::{CameraPath, Cameras};
-use super::budget::{BudgetArgs, spread};
+use super::budget::BudgetArgs;
 use super::table::{say_table, table};
 use super::{DeviceArgs, Knobs, SceneArg, Usage, complain, parse_size, progress, say, size_text};
 use crate::bench::{DeviceReport, Protocol, SceneReport, VersionReport, copy_gb_s};
@@ -16,7 +16,7 @@ use crate::metrics::Difference;
 use crate::options::{Background, Options};
 use crate::pixels::check_writable;
 use crate::scene::{Gaussians, Requirements};
-use crate::trade::{self, Budget, BudgetReport, CertificateReport, Point, Promise, Report, Study, mark_pareto};
+use crate::trade::{self, Budget, BudgetReport, CertificateReport, Point, Promise, Report, Study, mark_pareto, spread};
 
 /// Measure what accuracy costs: every knob alone and a search over combinations, in time, memory and error
 #[derive(clap::Args)]

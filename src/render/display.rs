@@ -161,6 +161,10 @@ impl<'a> Picture<'a> {
         Self { image, frame: None }
     }
 
+    pub fn image(&self) -> &Image {
+        self.image
+    }
+
     fn room(&self) -> Room {
         let everything = Room { visible: u32::MAX, spans: u32::MAX, instances: u32::MAX, longest_list: u32::MAX };
         self.frame.as_ref().map_or(everything, |(_, room)| *room)

@@ -6,9 +6,13 @@ use anyhow::Result;
 
 use super::measure::{Study, worst_of};
 use super::report::BudgetReport;
+use crate::bench::Protocol;
+use crate::camera::Camera;
+use crate::gpu::Device;
 use crate::metrics::Difference;
-use crate::options::{Options, Rules, Storage};
+use crate::options::{Background, Options, Rules, Storage};
 use crate::render::Layout;
+use crate::scene::{Gaussians, Requirements};
 
 /// How far pictures may be from the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,6 +89,40 @@ impl fmt::Display for Budget {
             Self::MinPsnr(db) => write!(f, "--min-psnr {db}"),
         }
     }
+}
+
+/// Views that are asked, and those of them that the reference draws, this wide at most.
+const VIEWS: usize = 8;
+const ORACLE_VIEWS: usize = 3;
+const ORACLE_WIDTH: u32 = 320;
+const PROTOCOL: Protocol = Protocol { warmup: VIEWS, frames: 24 };
+
+/// Chooses what to draw `views` with; `exact` has the rules, and no knob turned. `progress` is told the fraction done of
+/// what the reference draws.
+pub fn choose_for(
+    device: &Device,
+    scene: (&Gaussians, &Requirements),
+    (exact, background): (Options, Background),
+    views: &[Camera],
+    budget: Budget,
+    progress: &dyn Fn(f64),
+) -> Result<Choice> {
+    let views = spread(views, VIEWS);
+    let small = spread(&views, ORACLE_VIEWS).iter().map(small).collect();
+    choose(&Study::new(device, scene, (exact, background), [views, small], PROTOCOL, progress)?, budget)
+}
+
+/// At most `count` of these, evenly.
+pub fn spread<T: Clone>(all: &[T], count: usize) -> Vec<T> {
+    let count = count.min(all.len());
+    (0..count).map(|i| all[i * all.len() / count].clone()).collect()
+}
+
+/// The same view, small enough for the reference.
+fn small(camera: &Camera) -> Camera {
+    let [width, height] = camera.size_px;
+    let least = (width.max(height) as f64 / f64::from(ORACLE_WIDTH)).max(1.0);
+    camera.sampled([width, height].map(|side| ((f64::from(side) / least).round() as u32).max(1)))
 }
 
 /// Chooses for the scene and the views of a study.

@@ -8,7 +8,7 @@ mod plot;
 mod report;
 mod search;
 
-pub use budget::{Budget, Choice, Grounds, Unmeetable, choose};
+pub use budget::{Budget, Choice, Grounds, Unmeetable, choose, choose_for, spread};
 pub use candidates::knobs;
 pub use certify::certify;
 pub use measure::Study;

@@ -1,7 +1,5 @@
 //! What the knobs cost in the current view: measured on demand, each alone against none.
 
-use std::sync::Arc;
-
 use anyhow::Result;
 
 use crate::bench::Protocol;
@@ -9,7 +7,7 @@ use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::{Background, Options, Rules};
 use crate::scene::{Gaussians, Requirements};
-use crate::trade::{Budget, Study, choose};
+use crate::trade::Study;
 
 /// What turning knobs costs in one view.
 #[derive(Clone, Debug)]
@@ -67,22 +65,9 @@ pub fn costs(
     let study = Study::new(device, scene, (exact, background), [vec![view.clone()], Vec::new()], PROTOCOL, &|_| {})?;
     let cost = |(knob, options): (&'static str, Options)| {
         let difference = study.from_exact(&options)?;
-        let psnr = difference.psnr.unwrap_or(f64::INFINITY);
+        let psnr = difference.psnr_db.unwrap_or(f64::INFINITY);
         Ok(Cost { knob, ms: study.gpu_ms(&options)?, psnr, max_error: difference.max_error })
     };
     let knobs = turned(&exact, options).into_iter().map(cost).collect::<Result<_>>()?;
     Ok(Costs { exact_ms: study.gpu_ms(&exact)?, knobs })
-}
-
-/// The cheapest options within a budget for these views, and why.
-pub fn within(
-    device: &Device,
-    (gaussians, needs): (&Arc<Gaussians>, &Requirements),
-    exact: Options,
-    views: Vec<Camera>,
-    background: Background,
-    budget: Budget,
-) -> Result<(Options, String)> {
-    let choice = choose_for(device, (gaussians, needs), (exact, background), views, budget)?;
-    Ok((choice.options, choice.explain()))
 }

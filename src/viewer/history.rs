@@ -1,0 +1,131 @@
+//! How long the last frames took: every stage of each, and what is typical of them.
+
+use std::collections::VecDeque;
+
+use crate::bench::Statistics;
+use crate::gpu::Timing;
+
+/// Frames that are remembered.
+pub const REMEMBERED: usize = 240;
+
+/// Stage times of the last frames in milliseconds.
+#[derive(Default)]
+pub struct History {
+    /// Names of the stages, in the order of the frame.
+    stages: Vec<&'static str>,
+    frames: VecDeque<Vec<f32>>,
+}
+
+impl History {
+    /// Remembers a frame's stages: those inside the outermost scopes, or these where they have none.
+    pub fn add(&mut self, timings: &[Timing]) {
+        let outermost = timings.iter().filter(|t| t.depth == 0 && t.name != "frame");
+        let mut stages: Vec<&Timing> = timings.iter().filter(|t| t.depth == 1).chain(outermost).collect();
+        stages.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
+        let mut times = vec![0.0; self.stages.len()];
+        for stage in stages {
+            let place = self.stages.iter().position(|name| *name == stage.name).unwrap_or_else(|| {
+                self.stages.push(stage.name);
+                times.push(0.0);
+                times.len() - 1
+            });
+            times[place] += stage.duration_ms as f32;
+        }
+        if self.frames.len() == REMEMBERED {
+            self.frames.pop_front();
+        }
+        self.frames.push_back(times);
+    }
+
+    pub fn stages(&self) -> &[&'static str] {
+        &self.stages
+    }
+
+    /// Milliseconds of every stage, the oldest frame first; stages that came up later are missing at the end.
+    pub fn frames(&self) -> impl ExactSizeIterator<Item = &[f32]> {
+        self.frames.iter().map(Vec::as_slice)
+    }
+
+    /// The time of stage `place` over the frames that are remembered.
+    pub fn stage(&self, place: usize) -> Option<Statistics> {
+        let times: Vec<f64> = self.frames.iter().map(|f| f64::from(f.get(place).copied().unwrap_or(0.0))).collect();
+        (!times.is_empty()).then(|| Statistics::of(times))
+    }
+
+    /// The time of whole frames.
+    pub fn whole(&self) -> Option<Statistics> {
+        let times: Vec<f64> = self.frames.iter().map(|frame| f64::from(frame.iter().sum::<f32>())).collect();
+        (!times.is_empty()).then(|| Statistics::of(times))
+    }
+
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+}
+
+/// Latency and the frames that came too late, while something moves.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pace {
+    pub shown: u64,
+    pub drawn: u64,
+    /// Refreshes that passed without a new frame, while one was due.
+    pub dropped: u64,
+    /// Milliseconds from the newest input to the submission of the frame that answers it: the last, and their mean.
+    pub latency_ms: f64,
+    pub mean_latency_ms: f64,
+    answered: u64,
+}
+
+impl Pace {
+    /// A frame that answers an input was submitted so many milliseconds after it.
+    pub fn answer(&mut self, latency_ms: f64) {
+        self.answered += 1;
+        self.latency_ms = latency_ms;
+        self.mean_latency_ms += (latency_ms - self.mean_latency_ms) / self.answered as f64;
+    }
+
+    /// A frame was due right after the one before; `interval_ms` passed, a refresh takes `refresh_ms`.
+    pub fn interval(&mut self, interval_ms: f64, refresh_ms: f64) {
+        self.dropped += ((interval_ms / refresh_ms).round() as u64).saturating_sub(1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn timing(name: &'static str, depth: usize, start_ms: f64, duration_ms: f64) -> Timing {
+        Timing { name, depth, start_ms, duration_ms }
+    }
+
+    #[test]
+    fn stages_keep_their_order_and_add_up() {
+        let mut history = History::default();
+        history.add(&[timing("blend", 1, 2.0, 3.0), timing("cull", 1, 0.0, 1.0), timing("frame", 0, 0.0, 9.0)]);
+        assert_eq!(history.stages(), ["cull", "blend"]);
+        history.add(&[timing("cull", 1, 0.0, 2.0), timing("cull", 1, 1.0, 2.0), timing("new", 1, 3.0, 1.0)]);
+        assert_eq!(history.stages(), ["cull", "blend", "new"]);
+        assert_eq!(history.frames().map(<[f32]>::to_vec).collect::<Vec<_>>(), [vec![1.0, 3.0], vec![4.0, 0.0, 1.0]]);
+        assert_eq!(history.whole().unwrap().median, 4.5);
+        assert_eq!(history.stage(2).unwrap().max, 1.0);
+    }
+
+    #[test]
+    fn a_history_is_no_longer_than_it_may_be() {
+        let mut history = History::default();
+        (0..REMEMBERED + 5).for_each(|i| history.add(&[timing("cull", 1, 0.0, i as f64)]));
+        assert_eq!(history.frames().len(), REMEMBERED);
+        assert_eq!(history.frames().next().unwrap(), [5.0]);
+    }
+
+    #[test]
+    fn frames_that_came_late_are_counted_as_the_refreshes_they_missed() {
+        let mut pace = Pace::default();
+        for interval in [16.0, 17.0, 33.0, 50.0, 8.0] {
+            pace.interval(interval, 16.7);
+        }
+        assert_eq!(pace.dropped, 1 + 2);
+        [2.0, 4.0].map(|ms| pace.answer(ms));
+        assert_eq!((pace.latency_ms, pace.mean_latency_ms), (4.0, 3.0));
+    }
+}

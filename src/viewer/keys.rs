@@ -1,0 +1,209 @@
+//! Which key does what, and the file in which that can be changed.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use egui::{Key, KeyboardShortcut, Modifiers};
+use serde::Deserialize;
+
+/// What keys do. Those from `Forward` to `Slow` act as long as they are held.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Action {
+    Forward,
+    Back,
+    Left,
+    Right,
+    Up,
+    Down,
+    Fast,
+    Slow,
+    NextCamera,
+    PreviousCamera,
+    NearestCamera,
+    FlipUp,
+    Frame,
+    Reset,
+    FullScreen,
+    HidePanels,
+    Screenshot,
+    CopyView,
+    PasteView,
+    FreezeCulling,
+    Flicker,
+    Explain,
+    AddKey,
+    Play,
+    NextLook,
+    PreviousLook,
+    Help,
+    Quit,
+}
+
+/// Every action: its name in the file, its key and what it does.
+pub const ACTIONS: [(Action, &str, &str, &str); 28] = [
+    (Action::Forward, "forward", "W", "fly ahead"),
+    (Action::Back, "back", "S", "fly back"),
+    (Action::Left, "left", "A", "fly left"),
+    (Action::Right, "right", "D", "fly right"),
+    (Action::Up, "up", "E", "fly up"),
+    (Action::Down, "down", "Q", "fly down"),
+    (Action::Fast, "fast", "Shift", "fly five times as fast"),
+    (Action::Slow, "slow", "Ctrl", "fly a fifth as fast"),
+    (Action::NextCamera, "next-camera", "N", "next camera of the file"),
+    (Action::PreviousCamera, "previous-camera", "P", "previous camera of the file"),
+    (Action::NearestCamera, "nearest-camera", "G", "nearest camera of the file"),
+    (Action::FlipUp, "flip-up", "U", "turn the up axis over"),
+    (Action::Frame, "frame", "C", "turn around the middle of the scene"),
+    (Action::Reset, "reset", "R", "the first view again"),
+    (Action::FullScreen, "full-screen", "F", "full screen, and back"),
+    (Action::HidePanels, "hide-panels", "H", "hide the panels, and show them"),
+    (Action::Screenshot, "screenshot", "F12", "write a picture of the view"),
+    (Action::CopyView, "copy-view", "Ctrl+C", "copy the view as JSON"),
+    (Action::PasteView, "paste-view", "Ctrl+V", "go to the view that was copied"),
+    (Action::FreezeCulling, "freeze-culling", "K", "keep what is culled from here, and fly outside"),
+    (Action::Flicker, "flicker", "Space", "hold: the other picture of a comparison"),
+    (Action::Explain, "explain", "X", "explain the pixel under the cursor"),
+    (Action::AddKey, "add-key", "I", "add the view to the path"),
+    (Action::Play, "play", "O", "play the path, and stop"),
+    (Action::NextLook, "next-look", "L", "the next way of looking inside"),
+    (Action::PreviousLook, "previous-look", "J", "the one before"),
+    (Action::Help, "help", "Questionmark", "show the keys"),
+    (Action::Quit, "quit", "Ctrl+Q", "quit"),
+];
+
+/// A key with what is held beside it, or a key to hold that is beside others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Chord {
+    Key(KeyboardShortcut),
+    Held(Modifiers),
+}
+
+/// Which key does what.
+#[derive(Clone, Debug)]
+pub struct Bindings {
+    chords: BTreeMap<Action, Chord>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    #[serde(default)]
+    keys: BTreeMap<Action, String>,
+}
+
+impl Default for Bindings {
+    fn default() -> Self {
+        let chord = |text| parse(text).expect("the keys above are keys");
+        Self { chords: ACTIONS.iter().map(|(action, _, key, _)| (*action, chord(key))).collect() }
+    }
+}
+
+impl Bindings {
+    /// Where the file is looked for.
+    pub fn default_file() -> Option<PathBuf> {
+        Some(dirs::config_dir()?.join("smalto").join("viewer.toml"))
+    }
+
+    /// The usual keys, but for those that the file names.
+    pub fn read(path: &Path) -> Result<Self> {
+        Self::parse(&std::fs::read_to_string(path).context("cannot be read")?)
+    }
+
+    fn parse(text: &str) -> Result<Self> {
+        let file: File = toml::from_str(text).map_err(|e| anyhow::anyhow!("{}", e.to_string().trim()))?;
+        let mut bindings = Self::default();
+        for (action, key) in file.keys {
+            bindings.chords.insert(action, parse(&key).with_context(|| format!("{}: {key}", name(action)))?);
+        }
+        let all: Vec<_> = bindings.chords.iter().collect();
+        for (i, (action, chord)) in all.iter().enumerate() {
+            if let Some((other, _)) = all[..i].iter().find(|(_, c)| c == chord) {
+                anyhow::bail!("{} and {} have the same key", name(**other), name(**action));
+            }
+        }
+        Ok(bindings)
+    }
+
+    pub fn chord(&self, action: Action) -> Chord {
+        self.chords[&action]
+    }
+
+    /// As it is shown.
+    pub fn text(&self, action: Action) -> String {
+        match self.chord(action) {
+            Chord::Key(shortcut) => {
+                let mut parts = held(shortcut.modifiers);
+                parts.push(shortcut.logical_key.symbol_or_name());
+                parts.join("+")
+            }
+            Chord::Held(modifiers) => held(modifiers).join("+"),
+        }
+    }
+}
+
+fn held(modifiers: Modifiers) -> Vec<&'static str> {
+    let all = [(modifiers.ctrl || modifiers.command, "Ctrl"), (modifiers.shift, "Shift"), (modifiers.alt, "Alt")];
+    all.into_iter().filter_map(|(is_held, name)| is_held.then_some(name)).collect()
+}
+
+fn name(action: Action) -> &'static str {
+    ACTIONS.iter().find(|(known, ..)| *known == action).map_or("", |(_, name, ..)| *name)
+}
+
+/// `Ctrl+Shift+N`: keys to hold, and one more or none.
+fn parse(text: &str) -> Result<Chord> {
+    let mut modifiers = Modifiers::NONE;
+    let mut key = None;
+    for part in text.split('+').map(str::trim) {
+        match part.to_lowercase().as_str() {
+            "ctrl" | "cmd" => modifiers = modifiers | Modifiers::COMMAND,
+            "shift" => modifiers = modifiers | Modifiers::SHIFT,
+            "alt" => modifiers = modifiers | Modifiers::ALT,
+            _ => {
+                ensure!(key.is_none(), "a shortcut has one key beside Ctrl, Shift and Alt");
+                key = Some(Key::from_name(part).with_context(|| format!("there is no key {part}"))?);
+            }
+        }
+    }
+    Ok(match key {
+        Some(key) => Chord::Key(KeyboardShortcut::new(modifiers, key)),
+        None => Chord::Held(modifiers),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_action_has_a_key_of_its_own() {
+        assert!(Bindings::parse("").is_ok());
+        let bindings = Bindings::default();
+        assert_eq!(bindings.text(Action::CopyView), "Ctrl+C");
+        assert_eq!(bindings.text(Action::Fast), "Shift");
+        assert_eq!(bindings.text(Action::Forward), "W");
+    }
+
+    #[test]
+    fn a_file_changes_keys() {
+        let bindings = Bindings::parse("[keys]\nnext-camera = \"Ctrl+Shift+N\"\nforward = \"Up\"").unwrap();
+        assert_eq!(bindings.text(Action::NextCamera), "Ctrl+Shift+N");
+        assert_eq!(bindings.chord(Action::Back), Bindings::default().chord(Action::Back));
+    }
+
+    #[test]
+    fn a_file_that_makes_no_sense_is_refused_in_a_sentence() {
+        for (text, expected) in [
+            ("[keys]\nnext-camera = \"Nn\"", "there is no key Nn"),
+            ("[keys]\nnext-camera = \"A+B\"", "one key beside"),
+            ("[keys]\nnext-camera = \"W\"", "forward and next-camera have the same key"),
+            ("[keys]\njump = \"W\"", "jump"),
+            ("keys", "TOML"),
+        ] {
+            let error = format!("{:#}", Bindings::parse(text).unwrap_err());
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+}
