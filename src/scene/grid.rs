@@ -15,6 +15,10 @@ const SAMPLE: usize = 1 << 14;
 /// A prime, far from any count's simple fractions.
 const SCATTER: u64 = 2_654_435_761;
 
+/// The smallest gap between numbers of a file may be so many steps: .spz rounds coefficients to 8 or 16 steps, and
+/// cuts the last off at 255.
+const MOST_STEPS: u32 = 16;
+
 /// A number on a grid is what arithmetic in f32 makes of it: this close, or this much relative to it.
 const ROUNDING: f64 = 1e-6;
 
@@ -34,16 +38,18 @@ impl Grid {
         }
         let (first, last) = (*sample.first()?, *sample.last()?);
         let gap = sample.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
-        // The gap is rounded; the span of all steps is, relative to it, not.
-        let step = if gap.is_finite() { (last - first) / ((last - first) / gap).round() } else { 1.0 };
         let least = (0..count).into_par_iter().with_min_len(1 << 14).map(&values).reduce(|| first, f64::min);
-        let grid = Self { offset: least as f32, step: step as f32 };
-        let is_on_grid = |i| {
-            let value = values(i);
-            (f64::from(grid.decode(grid.encode(value))) - value).abs() <= ROUNDING * value.abs().max(1.0)
-        };
-        let holds_all = grid.step > 0.0 && (0..count).into_par_iter().with_min_len(1 << 14).all(is_on_grid);
-        holds_all.then_some(grid)
+        let off = |grid: Self, value: f64| (f64::from(grid.decode(grid.encode(value))) - value).abs();
+        let holds = |grid: Self, value: f64| off(grid, value) <= ROUNDING * value.abs().max(1.0);
+        // The smallest gap may be several steps. It is rounded; the span of all steps is, relative to it, not.
+        let grids = (1..=MOST_STEPS).map(|parts| {
+            let steps = ((last - first) / gap * f64::from(parts)).round();
+            let step = if gap.is_finite() { (last - first) / steps } else { 1.0 };
+            Self { offset: least as f32, step: step as f32 }
+        });
+        let holds_all = |grid: &Self| (0..count).into_par_iter().with_min_len(1 << 14).all(|i| holds(*grid, values(i)));
+        let mut likely = grids.filter(|grid| grid.step > 0.0 && sample.iter().all(|v| holds(*grid, *v)));
+        likely.find(holds_all)
     }
 
     /// The grid that spans the finite ones of `values`.
@@ -82,6 +88,17 @@ mod tests {
                 assert!((f64::from(grid.decode(grid.encode(value(i)))) - value(i)).abs() < 2e-6, "{offset} {i}");
             }
         }
+    }
+
+    #[test]
+    fn a_grid_is_found_where_no_two_numbers_are_a_step_apart() {
+        let coarse = |i: usize| f64::from((i as u32 * 7 % 17 * 16).min(255)) / 128.0 - 1.0;
+        let grid = Grid::of(5000, coarse).unwrap();
+        assert_eq!(grid.step, 1.0 / 128.0);
+        assert!((0..17).all(|i| f64::from(grid.decode(grid.encode(coarse(i)))) == coarse(i)));
+        // Of many, one alone.
+        let rare = |i: usize| if i == 54_321 { 255.0 } else { f64::from(i as u32 * 7 % 16 * 16) };
+        assert_eq!(Grid::of(1 << 16, rare).unwrap().step, 1.0);
     }
 
     #[test]

@@ -107,7 +107,7 @@ mod tests {
         assert_eq!(history.stages(), ["cull", "blend", "new"]);
         assert_eq!(history.frames().map(<[f32]>::to_vec).collect::<Vec<_>>(), [vec![1.0, 3.0], vec![4.0, 0.0, 1.0]]);
         assert_eq!(history.whole().unwrap().median, 4.5);
-        assert_eq!(history.stage(2).unwrap().max, 1.0);
+        assert_eq!(history.stage(2).unwrap().p99, 1.0);
     }
 
     #[test]
