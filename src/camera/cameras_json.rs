@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DVec2, DVec3};
 use serde::Deserialize;
 
-use super::{Camera, MAX_SIDE, centre};
+use super::{Camera, MAX_POSITION, MAX_SIDE, centre};
 
 /// A camera and the name of its photograph.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,9 +16,8 @@ pub struct NamedCamera {
     pub camera: Camera,
 }
 
-/// Beyond these no scene can be seen in 32-bit floats.
+/// Beyond this no scene can be seen in 32-bit floats.
 const MAX_FOCAL_PX: f64 = 1e9;
-const MAX_POSITION: f64 = 1e30;
 
 #[derive(Deserialize)]
 struct Entry {

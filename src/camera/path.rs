@@ -39,9 +39,14 @@ fn between([before, from, to, after]: [&Camera; 4], t: f64) -> Camera {
     let [p0, p1, p2, p3] = [before, from, to, after].map(|c| c.position);
     let cubic = 3.0 * (p1 - p2) + p3 - p0;
     let square = 2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3;
+    Camera { position: p1 + 0.5 * t * (p2 - p0 + t * (square + t * cubic)), ..mixed(from, to, t) }
+}
+
+/// The view at `t` from 0 to 1 on the straight way from one camera to another of the same size.
+pub(super) fn mixed(from: &Camera, to: &Camera, t: f64) -> Camera {
     let [a, b] = [from, to].map(|c| DQuat::from_mat3(&c.rotation));
     Camera {
-        position: p1 + 0.5 * t * (p2 - p0 + t * (square + t * cubic)),
+        position: from.position.lerp(to.position, t),
         rotation: DMat3::from_quat(a.slerp(b, t)),
         focal_px: from.focal_px.lerp(to.focal_px, t),
         centre_px: from.centre_px.lerp(to.centre_px, t),
