@@ -13,12 +13,14 @@
 //! | [`trade`] | what accuracy costs, and the cheapest options within a budget |
 //! | [`ladder`] | the optimizations one by one, from where the project started |
 //! | [`memory`] | running out of it |
+//! | [`files`] | that appear whole or not at all |
 //! | [`cli`] | the commands |
 
 pub mod bench;
 pub mod camera;
 pub mod cli;
 pub mod environment;
+pub mod files;
 pub mod gpu;
 pub mod ladder;
 pub mod memory;
