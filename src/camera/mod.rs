@@ -8,7 +8,7 @@ mod up;
 
 use glam::{DMat3, DVec2, DVec3};
 
-pub use cameras_json::{NamedCamera, find, read};
+pub use cameras_json::{NamedCamera, find, from_json, read, to_json, write};
 pub use control::Navigator;
 pub use up::Up;
 
