@@ -46,7 +46,7 @@ pub(super) struct Entry {
     cy: Option<f64>,
     /// When a path is there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub seconds: Option<f64>,
+    seconds: Option<f64>,
 }
 
 /// How many folders above a scene's are searched for `cameras.json`: a model folder keeps its scenes two below.
@@ -80,7 +80,7 @@ pub(super) fn read_timed(path: &Path) -> Result<Vec<(NamedCamera, Option<f64>)>>
 
 /// Writes a file that [`read`] reads as exactly these cameras. It appears whole or not at all.
 pub fn write(path: &Path, cameras: &[NamedCamera]) -> Result<()> {
-    let entry = |(i, named): (usize, &NamedCamera)| Entry::of(i, &named.name, &named.camera);
+    let entry = |(i, named): (usize, &NamedCamera)| Entry::of(i, &named.name, &named.camera, None);
     write_entries(path, cameras.iter().enumerate().map(entry))
 }
 
@@ -98,7 +98,7 @@ pub(super) fn write_entries(path: &Path, entries: impl ExactSizeIterator<Item = 
 
 /// The camera as an entry of a `cameras.json`, from which [`from_json`] makes the same camera, bit for bit.
 pub fn to_json(camera: &Camera) -> String {
-    serde_json::to_string(&Entry::of(0, "view", camera)).expect("numbers and a name can be written as JSON")
+    serde_json::to_string(&Entry::of(0, "view", camera, None)).expect("numbers and a name can be written as JSON")
 }
 
 /// The camera of such an entry, or the first one of an array of them.
@@ -113,7 +113,7 @@ pub fn from_json(text: &str) -> Result<Camera> {
 }
 
 impl Entry {
-    pub fn of(index: usize, name: &str, camera: &Camera) -> Self {
+    pub fn of(index: usize, name: &str, camera: &Camera, seconds: Option<f64>) -> Self {
         let Camera { position, rotation, focal_px, centre_px, size_px } = camera;
         let centred = centre(*size_px);
         Self {
@@ -127,7 +127,7 @@ impl Entry {
             fy: focal_px.y,
             cx: (centre_px.x != centred.x).then_some(centre_px.x),
             cy: (centre_px.y != centred.y).then_some(centre_px.y),
-            seconds: None,
+            seconds,
         }
     }
 

@@ -4,12 +4,14 @@
 mod cameras_json;
 pub mod control;
 pub mod path;
+mod timeline;
 mod up;
 
 use glam::{DMat3, DVec2, DVec3};
 
 pub use cameras_json::{NamedCamera, find, from_json, read, to_json, write};
 pub use control::Navigator;
+pub use timeline::{Key, Timeline};
 pub use up::Up;
 
 /// Most pixels along a side of an image.
