@@ -13,6 +13,7 @@
 //! | [`trade`] | what accuracy costs, and the cheapest options within a budget |
 //! | [`ladder`] | the optimizations one by one, from where the project started |
 //! | [`memory`] | running out of it |
+//! | [`files`] | that appear whole or not at all |
 //! | [`viewer`] | the window |
 //! | [`cli`] | the commands |
 
@@ -20,6 +21,7 @@ pub mod bench;
 pub mod camera;
 pub mod cli;
 pub mod environment;
+pub mod files;
 pub mod gpu;
 pub mod ladder;
 pub mod memory;

@@ -4,24 +4,26 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Every module of the crate and the modules it may use.
-const EDGES: [(&str, &[&str]); 14] = [
+const EDGES: [(&str, &[&str]); 15] = [
     ("memory", &[]),
+    ("files", &[]),
     ("scene", &["memory"]),
-    ("camera", &[]),
+    ("camera", &["files"]),
     ("options", &[]),
-    ("pixels", &[]),
+    ("pixels", &["files"]),
     ("metrics", &["pixels"]),
     ("gpu", &["memory"]),
     ("reference", &["scene", "camera", "options", "pixels"]),
     ("render", &["memory", "gpu", "scene", "camera", "options", "pixels"]),
-    ("bench", &["gpu", "render", "scene", "camera", "options", "pixels"]),
-    ("ladder", &["bench", "gpu", "render", "reference", "scene", "camera", "options", "pixels", "metrics"]),
-    ("trade", &["bench", "gpu", "render", "reference", "scene", "camera", "options", "pixels", "metrics"]),
+    ("bench", &["files", "gpu", "render", "scene", "camera", "options", "pixels"]),
+    ("ladder", &["files", "bench", "gpu", "render", "reference", "scene", "camera", "options", "pixels", "metrics"]),
+    ("trade", &["files", "bench", "gpu", "render", "reference", "scene", "camera", "options", "pixels", "metrics"]),
     ("environment", &["gpu"]),
     (
         "cli",
         &[
             "memory",
+            "files",
             "render",
             "reference",
             "gpu",

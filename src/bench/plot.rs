@@ -8,7 +8,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::report::Report;
-use crate::pixels::write_whole;
+use crate::files::write_whole;
 
 /// Where a plot is drawn.
 pub type Panel<'a> = DrawingArea<SVGBackend<'a>, Shift>;

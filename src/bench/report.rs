@@ -9,8 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::machine::{Clocks, DeviceReport, VersionReport};
 use super::statistics::Statistics;
 use crate::camera::Camera;
+use crate::files::write_whole;
 use crate::options::Options;
-use crate::pixels::{Pixels, write_whole};
+use crate::pixels::Pixels;
 use crate::scene::Gaussians;
 
 /// The measurements of `smalto bench`. Times are in milliseconds.

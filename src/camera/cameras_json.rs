@@ -1,13 +1,17 @@
-//! `cameras.json` of the original 3DGS: an array of camera-to-world poses with focal lengths.
+//! `cameras.json` of the original 3DGS: an array of camera-to-world poses with focal lengths. Two members are our own and
+//! optional: the principal point, and the time of a key. Others read past them.
 
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DVec2, DVec3};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use super::{Camera, MAX_SIDE, centre};
+use super::{Camera, MAX_POSITION, MAX_SIDE, centre};
+use crate::files::write_whole;
 
 /// A camera and the name of its photograph.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,12 +20,14 @@ pub struct NamedCamera {
     pub camera: Camera,
 }
 
-/// Beyond these no scene can be seen in 32-bit floats.
+/// Beyond this no scene can be seen in 32-bit floats.
 const MAX_FOCAL_PX: f64 = 1e9;
-const MAX_POSITION: f64 = 1e30;
 
-#[derive(Deserialize)]
-struct Entry {
+/// What one camera of a file must have.
+const MEMBERS: &str = "id, img_name, width, height, position, rotation, fx, fy";
+
+#[derive(Deserialize, Serialize)]
+pub(super) struct Entry {
     #[serde(default)]
     id: Option<i64>,
     #[serde(default)]
@@ -33,6 +39,14 @@ struct Entry {
     rotation: [[f64; 3]; 3],
     fx: f64,
     fy: f64,
+    /// The principal point in pixels, if it is not the centre.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    cx: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    cy: Option<f64>,
+    /// When a path is there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    seconds: Option<f64>,
 }
 
 /// How many folders above a scene's are searched for `cameras.json`: a model folder keeps its scenes two below.
@@ -48,14 +62,75 @@ pub fn find(scene: &Path) -> Option<PathBuf> {
 
 /// Reads every camera of the file.
 pub fn read(path: &Path) -> Result<Vec<NamedCamera>> {
+    Ok(read_timed(path)?.into_iter().map(|(camera, _)| camera).collect())
+}
+
+/// Every camera of the file, and its time if it has one.
+pub(super) fn read_timed(path: &Path) -> Result<Vec<(NamedCamera, Option<f64>)>> {
     let text = fs::read_to_string(path).context("cannot be read")?;
-    let entries: Vec<Entry> = serde_json::from_str(&text)
-        .context("is not a cameras.json (an array of id, img_name, width, height, position, rotation, fx, fy)")?;
+    let entries: Vec<Entry> =
+        serde_json::from_str(&text).with_context(|| format!("is not a cameras.json (an array of {MEMBERS})"))?;
     ensure!(!entries.is_empty(), "holds no camera");
-    entries.into_iter().enumerate().map(|(i, entry)| entry.camera(i).with_context(|| format!("camera {i}"))).collect()
+    let timed = |(i, entry): (usize, Entry)| {
+        let seconds = entry.seconds;
+        Ok((entry.camera(i).with_context(|| format!("camera {i}"))?, seconds))
+    };
+    entries.into_iter().enumerate().map(timed).collect()
+}
+
+/// Writes a file that [`read`] reads as exactly these cameras. It appears whole or not at all.
+pub fn write(path: &Path, cameras: &[NamedCamera]) -> Result<()> {
+    let entry = |(i, named): (usize, &NamedCamera)| Entry::of(i, &named.name, &named.camera, None);
+    write_entries(path, cameras.iter().enumerate().map(entry))
+}
+
+pub(super) fn write_entries(path: &Path, entries: impl ExactSizeIterator<Item = Entry>) -> Result<()> {
+    ensure!(entries.len() > 0, "cannot write {}: there is no camera", path.display());
+    write_whole(path, |file| {
+        // A camera a line.
+        for (i, entry) in entries.enumerate() {
+            file.write_all(if i == 0 { b"[\n" } else { b",\n" })?;
+            serde_json::to_writer(&mut *file, &entry)?;
+        }
+        Ok(file.write_all(b"\n]\n")?)
+    })
+}
+
+/// The camera as an entry of a `cameras.json`, from which [`from_json`] makes the same camera, bit for bit.
+pub fn to_json(camera: &Camera) -> String {
+    serde_json::to_string(&Entry::of(0, "view", camera, None)).expect("numbers and a name can be written as JSON")
+}
+
+/// The camera of such an entry, or the first one of an array of them.
+pub fn from_json(text: &str) -> Result<Camera> {
+    let value: Value = serde_json::from_str(text).context("it is not JSON")?;
+    let first = match value {
+        Value::Array(all) => all.into_iter().next().context("it holds no camera")?,
+        one => one,
+    };
+    let entry: Entry = serde_json::from_value(first).with_context(|| format!("it is not a camera ({MEMBERS})"))?;
+    Ok(entry.camera(0)?.camera)
 }
 
 impl Entry {
+    pub fn of(index: usize, name: &str, camera: &Camera, seconds: Option<f64>) -> Self {
+        let Camera { position, rotation, focal_px, centre_px, size_px } = camera;
+        let centred = centre(*size_px);
+        Self {
+            id: i64::try_from(index).ok(),
+            img_name: Some(name.to_owned()),
+            width: size_px[0],
+            height: size_px[1],
+            position: position.to_array(),
+            rotation: rotation.to_cols_array_2d(),
+            fx: focal_px.x,
+            fy: focal_px.y,
+            cx: (centre_px.x != centred.x).then_some(centre_px.x),
+            cy: (centre_px.y != centred.y).then_some(centre_px.y),
+            seconds,
+        }
+    }
+
     fn camera(self, index: usize) -> Result<NamedCamera> {
         let size_px = [self.width, self.height];
         ensure!(
@@ -69,6 +144,12 @@ impl Entry {
             "its focal lengths {} and {} are not over 0 and up to {MAX_FOCAL_PX:e} pixels",
             self.fx,
             self.fy
+        );
+        let middle = centre(size_px);
+        let centre_px = DVec2::new(self.cx.unwrap_or(middle.x), self.cy.unwrap_or(middle.y));
+        ensure!(
+            centre_px.abs().max_element() <= MAX_FOCAL_PX,
+            "its principal point {centre_px} is not within {MAX_FOCAL_PX:e} pixels"
         );
         let position = DVec3::from(self.position);
         ensure!(
@@ -84,7 +165,7 @@ impl Entry {
         ensure!(error < 1e-3 && rotation.determinant() > 0.0, "its rotation is not a rotation matrix");
         let name = self.img_name.unwrap_or_else(|| self.id.map_or_else(|| index.to_string(), |id| id.to_string()));
         let focal_px = DVec2::new(self.fx, self.fy);
-        Ok(NamedCamera { name, camera: Camera { position, rotation, focal_px, centre_px: centre(size_px), size_px } })
+        Ok(NamedCamera { name, camera: Camera { position, rotation, focal_px, centre_px, size_px } })
     }
 }
 
@@ -118,6 +199,7 @@ mod tests {
             ("640", "0", "from 1 to 65536"),
             ("640", "65537", "from 1 to 65536"),
             ("500", "1e10", "up to 1e9"),
+            ("\"fx\"", "\"cy\": -2e9, \"fx\"", "principal point"),
             ("[1, 2, 3]", "[1, 2e31, 3]", "within 1e30"),
             ("500", "-500", "not over 0"),
             ("\"fx\": 500,", "", "missing field `fx`"),
@@ -127,5 +209,64 @@ mod tests {
             assert!(error.contains(expected), "{error}");
         }
         assert!(format!("{:#}", parse("[]").unwrap_err()).contains("no camera"));
+    }
+
+    #[test]
+    fn cameras_json_takes_a_principal_point_and_knows_the_centre() {
+        let centre = |text: &str| parse(text).unwrap().remove(0).camera.centre_px;
+        assert_eq!(centre(ONE), DVec2::new(320.0, 240.0));
+        assert_eq!(centre(&ONE.replace("\"fx\"", "\"cx\": 301.5, \"fx\"")), DVec2::new(301.5, 240.0));
+        assert_eq!(centre(&ONE.replace("\"fx\"", "\"cx\": 1, \"cy\": -2, \"fx\"")), DVec2::new(1.0, -2.0));
+    }
+
+    /// Numbers of every magnitude, few of which are short in decimal.
+    fn random_cameras() -> Vec<NamedCamera> {
+        let mut state = 1_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        let one = |i: usize| {
+            let place = |v: f64| (v - 0.5) * 10_f64.powi(i as i32 % 25 - 12);
+            let [position, target] = [(); 2].map(|()| DVec3::new(place(random()), place(random()), place(random())));
+            let camera = Camera::looking_at(position, target, [1 + i as u32, 1000], 0.1 + 2.0 * random());
+            let centre_px = if i % 2 == 0 { camera.centre_px } else { DVec2::new(random() * 999.0, -random()) };
+            let name = format!("view \"{i}\"\n");
+            NamedCamera { name, camera: Camera { centre_px, focal_px: camera.focal_px * random(), ..camera } }
+        };
+        (0..1000).map(one).collect()
+    }
+
+    #[test]
+    fn cameras_go_through_text_and_files_without_losing_a_bit() {
+        let cameras = random_cameras();
+        for NamedCamera { camera, .. } in &cameras {
+            assert_eq!(from_json(&to_json(camera)).unwrap(), *camera);
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cameras.json");
+        write(&path, &cameras).unwrap();
+        assert_eq!(read(&path).unwrap(), cameras);
+        let text = fs::read_to_string(&path).unwrap();
+        assert_eq!(from_json(&text).unwrap(), cameras[0].camera, "the first of an array");
+        assert_eq!(text.lines().count(), 1002, "a camera a line");
+        assert!(!text.lines().nth(1).unwrap().contains("cx"), "the centre need not be said");
+        assert!(write(&path, &[]).unwrap_err().to_string().contains("no camera"));
+    }
+
+    #[test]
+    fn a_copied_view_is_a_camera_file_in_brackets() {
+        let camera = parse(ONE).unwrap().remove(0).camera;
+        let copied = to_json(&camera);
+        assert_eq!(parse(&format!("[{copied}]")).unwrap()[0].camera, camera);
+        for (text, expected) in [
+            ("a view", "not JSON"),
+            ("[]", "no camera"),
+            ("7", "not a camera"),
+            ("{\"id\": 7}", "missing field `width`"),
+            (&copied.replace("500", "-500"), "not over 0"),
+        ] {
+            assert!(format!("{:#}", from_json(text).unwrap_err()).contains(expected), "{text}");
+        }
     }
 }

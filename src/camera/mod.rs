@@ -1,14 +1,24 @@
-//! From where: pose and intrinsics of a pinhole camera, camera files, scripted paths, and a view that frames a scene.
+//! From where: pose and intrinsics of a pinhole camera, camera files, scripted paths, a view that frames a scene, and what
+//! hands do to it.
 
 mod cameras_json;
+pub mod control;
 pub mod path;
+mod timeline;
+mod up;
 
 use glam::{DMat3, DVec2, DVec3};
 
-pub use cameras_json::{NamedCamera, find, read};
+pub use cameras_json::{NamedCamera, find, from_json, read, to_json, write};
+pub use control::Navigator;
+pub use timeline::{Key, Timeline};
+pub use up::Up;
 
 /// Most pixels along a side of an image.
 pub const MAX_SIDE: u32 = 65536;
+
+/// World units from the origin, along each axis, beyond which no scene can be seen in 32-bit floats.
+pub const MAX_POSITION: f64 = 1e30;
 
 /// A pinhole camera. View axes are COLMAP's: x right, y down, z forward. A pixel is sampled at its centre:
 /// pixel (i, j) at (i + 0.5, j + 0.5).

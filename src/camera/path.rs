@@ -29,19 +29,26 @@ pub fn through(keyframes: &[Camera], views: usize) -> Vec<Camera> {
         let along = i as f64 / views.saturating_sub(1).max(1) as f64 * segments as f64;
         let segment = (along as usize).min(segments.saturating_sub(1));
         let key = |step: usize| &keyframes[(segment + step).saturating_sub(1).min(segments)];
-        between([key(0), key(1), key(2), key(3)], along - segment as f64)
+        let outer = [key(0), key(3)].map(|c| c.position);
+        between(outer, [key(1), key(2)], along - segment as f64)
     };
     (0..views).map(view).collect()
 }
 
-/// The view at `t` from 0 to 1 between the second and the third camera.
-fn between([before, from, to, after]: [&Camera; 4], t: f64) -> Camera {
-    let [p0, p1, p2, p3] = [before, from, to, after].map(|c| c.position);
+/// The view at `t` from 0 to 1 between two cameras of one size: on the Catmull-Rom spline with these positions before
+/// and after.
+pub(super) fn between([p0, p3]: [DVec3; 2], [from, to]: [&Camera; 2], t: f64) -> Camera {
+    let [p1, p2] = [from, to].map(|c| c.position);
     let cubic = 3.0 * (p1 - p2) + p3 - p0;
     let square = 2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3;
+    Camera { position: p1 + 0.5 * t * (p2 - p0 + t * (square + t * cubic)), ..mixed(from, to, t) }
+}
+
+/// The view at `t` from 0 to 1 on the straight way from one camera to another of the same size.
+pub(super) fn mixed(from: &Camera, to: &Camera, t: f64) -> Camera {
     let [a, b] = [from, to].map(|c| DQuat::from_mat3(&c.rotation));
     Camera {
-        position: p1 + 0.5 * t * (p2 - p0 + t * (square + t * cubic)),
+        position: from.position.lerp(to.position, t),
         rotation: DMat3::from_quat(a.slerp(b, t)),
         focal_px: from.focal_px.lerp(to.focal_px, t),
         centre_px: from.centre_px.lerp(to.centre_px, t),

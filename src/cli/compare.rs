@@ -9,8 +9,9 @@ use anyhow::{Context, Result, bail, ensure};
 
 use super::table::{say_table, table};
 use super::{OverThreshold, Usage, progress, say, size_text};
+use crate::files::{check_writable, write_whole};
 use crate::metrics::{Difference, Flip, Pair, Report, flip};
-use crate::pixels::{FileKind, Pixels, check_writable, write_whole};
+use crate::pixels::{FileKind, Pixels};
 use crate::scene::Unreadable;
 
 /// Compare pictures: error, PSNR, SSIM, FLIP, and what changes in 8 bits

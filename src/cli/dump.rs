@@ -6,8 +6,8 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use npyz::WriterBuilder;
 
+use crate::files::write_whole;
 use crate::gpu::{Capture, Scalar};
-use crate::pixels::write_whole;
 
 /// Writes each capture as `NN-stage.buffer.npy`, one row an element, NN counting in the order of the frame.
 pub(super) fn write(folder: &Path, captures: &[Capture]) -> Result<()> {

@@ -12,9 +12,10 @@ use super::{
     read_cameras, remark, say, size_text,
 };
 use crate::camera::{self, Camera, NamedCamera};
+use crate::files::check_writable;
 use crate::gpu::Commands;
 use crate::options::{Background, Options};
-use crate::pixels::{FileKind, Pixels, check_writable};
+use crate::pixels::{FileKind, Pixels};
 use crate::reference;
 use crate::render::{Frame, GpuScene, Still};
 use crate::scene::{Focus, Gaussians, Requirements};

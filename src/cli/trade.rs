@@ -11,10 +11,10 @@ use super::table::{say_table, table};
 use super::{DeviceArgs, Knobs, SceneArg, Usage, complain, parse_size, progress, say, size_text};
 use crate::bench::{DeviceReport, Protocol, SceneReport, VersionReport, copy_gb_s};
 use crate::camera::{self, Camera, path};
+use crate::files::check_writable;
 use crate::gpu::Device;
 use crate::metrics::Difference;
 use crate::options::{Background, Options};
-use crate::pixels::check_writable;
 use crate::scene::{Gaussians, Requirements};
 use crate::trade::{self, Budget, BudgetReport, CertificateReport, Point, Promise, Report, Study, mark_pareto, spread};
 

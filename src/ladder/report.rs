@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::bench::plot::{self, Bar, Bars, Lines, Panel};
 use crate::bench::{Clocks, DeviceReport, SceneReport, Statistics, VersionReport};
-use crate::pixels::write_whole;
+use crate::files::write_whole;
 
 /// The measurements of `smalto bench --ladder`. Times are in milliseconds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -1,10 +1,8 @@
 //! An image in memory, and the files that hold one.
 
 mod read;
-mod whole;
 mod write;
 
-pub use whole::{check_writable, write_whole};
 pub use write::FileKind;
 
 /// Row by row from the top left, four floats a pixel: colour over the background as displayed (no transfer function

@@ -8,7 +8,8 @@ use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use npyz::WriterBuilder;
 
-use super::{Pixels, write_whole};
+use super::Pixels;
+use crate::files::write_whole;
 
 /// The files that an image can be written to, each named by its extension.
 #[derive(Clone, Copy, Debug, PartialEq)]

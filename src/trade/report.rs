@@ -7,9 +7,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::bench::{DeviceReport, SceneReport, VersionReport};
+use crate::files::write_whole;
 use crate::metrics::Difference;
 use crate::options::Options;
-use crate::pixels::write_whole;
 
 /// The trade between accuracy and speed of one scene. Times are in milliseconds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -1,0 +1,275 @@
+//! A path that is composed: cameras at times, and the smooth way through them.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use glam::DVec3;
+
+use super::Camera;
+use super::cameras_json::{Entry, read_timed, write_entries};
+use super::path::between;
+
+/// Keys lie between 0 and this.
+const MAX_SECONDS: f64 = 1e6;
+
+/// Times nearer to each other are the same.
+const RESOLUTION: f64 = 1e-6;
+
+/// Where the camera is at a time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Key {
+    pub seconds: f64,
+    pub camera: Camera,
+}
+
+/// Keys in the order of time, no two at the same.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Timeline {
+    keys: Vec<Key>,
+}
+
+impl Timeline {
+    pub fn keys(&self) -> &[Key] {
+        &self.keys
+    }
+
+    /// Adds a key, in place of one at the same time; where it is among the keys.
+    pub fn insert(&mut self, seconds: f64, camera: Camera) -> Result<usize> {
+        check(seconds)?;
+        let index = self.keys.partition_point(|key| key.seconds <= seconds - RESOLUTION);
+        let replaced = self.keys.get(index).is_some_and(|key| key.seconds < seconds + RESOLUTION);
+        self.keys.splice(index..index + usize::from(replaced), [Key { seconds, camera }]);
+        Ok(index)
+    }
+
+    /// Takes a key out, if there is one of this number.
+    pub fn remove(&mut self, index: usize) -> Option<Key> {
+        (index < self.keys.len()).then(|| self.keys.remove(index))
+    }
+
+    /// Moves a key to another time, in place of one that is there; where it is then among the keys.
+    pub fn retime(&mut self, index: usize, seconds: f64) -> Result<usize> {
+        ensure!(index < self.keys.len(), "there is no key {index} among {}", self.keys.len());
+        check(seconds)?;
+        let key = self.keys.remove(index);
+        self.insert(seconds, key.camera)
+    }
+
+    /// Seconds from the first key to the last.
+    pub fn duration(&self) -> f64 {
+        match (self.keys.first(), self.keys.last()) {
+            (Some(first), Some(last)) => last.seconds - first.seconds,
+            _ => 0.0,
+        }
+    }
+
+    /// The camera at a time, in the size of the first key; before the first key and after the last, theirs. None if there
+    /// is no key.
+    ///
+    /// Positions lie on a Catmull-Rom spline whose velocity at a key is that of the parabola through it and its
+    /// neighbours in time, within limits; rotations go along the shortest arcs, intrinsics in proportion. For keys in
+    /// equal steps this is [`through`](super::path::through).
+    pub fn at(&self, seconds: f64) -> Option<Camera> {
+        let size_px = self.keys.first()?.camera.size_px;
+        let next = self.keys.partition_point(|key| key.seconds <= seconds);
+        let (from, to) = (next.saturating_sub(1), next.min(self.keys.len() - 1));
+        if from == to || self.keys[from].seconds == seconds {
+            return Some(self.keys[from].camera.resized(size_px));
+        }
+        let [p1, p2] = [from, to].map(|i| self.keys[i].camera.position);
+        let start = self.keys[from].seconds;
+        let time = self.keys[to].seconds - start;
+        // The neighbours for which the even spline has these velocities.
+        let outer = [p2 - 2.0 * time * self.velocity(from), p1 + 2.0 * time * self.velocity(to)];
+        let ends = [from, to].map(|i| self.keys[i].camera.resized(size_px));
+        Some(between(outer, [&ends[0], &ends[1]], (seconds - start) / time))
+    }
+
+    /// The velocity at a key of a path with two keys or more, in world units per second.
+    fn velocity(&self, index: usize) -> DVec3 {
+        let step = |from: usize| {
+            let (a, b) = (&self.keys[from], &self.keys[from + 1]);
+            (b.camera.position - a.camera.position, b.seconds - a.seconds)
+        };
+        // At the ends of the path, as if a key were there twice.
+        if index == 0 || index + 1 == self.keys.len() {
+            let (way, time) = step(index.min(self.keys.len() - 2));
+            return way / (2.0 * time);
+        }
+        let ((before, time_before), (after, time_after)) = (step(index - 1), step(index));
+        let share = time_after / (time_before + time_after);
+        let parabola = before / time_before * share + after / time_after * (1.0 - share);
+        // Haste on one side must not swing the other about: three times the mean speed there does not turn back
+        // (Fritsch and Carlson 1980), nor is there more swing than with equal steps.
+        let even = ((before + after) / 2.0).length();
+        let limit = |way: DVec3, time: f64| even.max(3.0 * way.length()) / time;
+        parabola.clamp_length_max(limit(before, time_before).min(limit(after, time_after)))
+    }
+
+    /// The cameras of a film: one every `1 / fps` seconds from the first key to the last. No cameras if `fps` is not over
+    /// 0 and finite.
+    pub fn frames(&self, fps: f64) -> impl ExactSizeIterator<Item = Camera> + '_ {
+        // A duration that is a whole number of frames but for rounding has its last one.
+        let steps = (self.duration() * fps + 1e-6) as usize;
+        let is_any = fps > 0.0 && fps.is_finite() && !self.keys.is_empty();
+        let count = if is_any { steps + 1 } else { 0 };
+        let frame = move |i| self.at(self.keys[0].seconds + i as f64 / fps).expect("a path with frames has keys");
+        (0..count).map(frame)
+    }
+
+    /// Writes the keys as a `cameras.json` in which each has a member `seconds`.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let entry = |(i, key): (usize, &Key)| Entry::of(i, &format!("key {i}"), &key.camera, Some(key.seconds));
+        write_entries(path, self.keys.iter().enumerate().map(entry))
+    }
+
+    /// Reads such a file, or any `cameras.json`: a camera without a time comes a second after the one before it.
+    pub fn read(path: &Path) -> Result<Self> {
+        let mut timeline = Self::default();
+        let mut next = 0.0;
+        for (i, (named, seconds)) in read_timed(path)?.into_iter().enumerate() {
+            let seconds = seconds.unwrap_or(next);
+            timeline.insert(seconds, named.camera).with_context(|| format!("camera {i}"))?;
+            next = seconds + 1.0;
+        }
+        Ok(timeline)
+    }
+}
+
+fn check(seconds: f64) -> Result<()> {
+    ensure!((0.0..=MAX_SECONDS).contains(&seconds), "a key at {seconds} s is not from 0 to {MAX_SECONDS:e} seconds");
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::path::{orbit, through};
+
+    const SIZE: [u32; 2] = [64, 48];
+
+    fn cameras() -> Vec<Camera> {
+        orbit(DVec3::new(1.0, 2.0, 3.0), 2.0, true, SIZE, 6)
+    }
+
+    fn timeline(times: &[f64]) -> Timeline {
+        let mut timeline = Timeline::default();
+        for (seconds, camera) in times.iter().zip(cameras()) {
+            timeline.insert(*seconds, camera).unwrap();
+        }
+        timeline
+    }
+
+    fn times(timeline: &Timeline) -> Vec<f64> {
+        timeline.keys().iter().map(|key| key.seconds).collect()
+    }
+
+    #[test]
+    fn equal_steps_are_the_way_through_keyframes() {
+        let timeline = timeline(&[2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+        let path: Vec<Camera> = timeline.frames(10.0).collect();
+        let expected = through(&cameras(), 51);
+        assert_eq!(path.len(), expected.len());
+        for (ours, expected) in path.iter().zip(&expected) {
+            assert!(ours.position.distance(expected.position) < 1e-12);
+            assert!(ours.rotation.abs_diff_eq(expected.rotation, 1e-12));
+            assert!(ours.focal_px.distance(expected.focal_px) < 1e-12);
+        }
+    }
+
+    #[test]
+    fn keys_are_met_exactly_and_the_ends_stand_still() {
+        let timeline = timeline(&[0.5, 1.0, 1.7, 4.0, 4.1, 9.0]);
+        for key in timeline.keys() {
+            assert_eq!(timeline.at(key.seconds).as_ref(), Some(&key.camera));
+        }
+        let keys = timeline.keys();
+        for (seconds, key) in [(0.0, 0), (-5.0, 0), (f64::NAN, 0), (9.5, 5), (f64::INFINITY, 5)] {
+            assert_eq!(timeline.at(seconds).as_ref(), Some(&keys[key].camera), "{seconds}");
+        }
+        assert_eq!(timeline.duration(), 8.5);
+        assert_eq!((Timeline::default().at(1.0), Timeline::default().duration()), (None, 0.0));
+    }
+
+    #[test]
+    fn uneven_times_make_no_jumps_of_speed() {
+        let timeline = timeline(&[0.0, 1.0, 1.7, 4.0, 5.5, 6.0]);
+        let place = |seconds| timeline.at(seconds).unwrap().position;
+        let h = 1e-6;
+        for key in &timeline.keys()[1..5] {
+            let (t, p) = (key.seconds, key.camera.position);
+            let (before, after) = ((p - place(t - h)) / h, (place(t + h) - p) / h);
+            assert!(before.distance(after) < 1e-4 * before.length(), "{t} s: {before} then {after}");
+        }
+    }
+
+    #[test]
+    fn haste_before_a_long_way_does_not_swing_it_about() {
+        let mut timeline = Timeline::default();
+        for (seconds, x) in [(0.0, 0.0), (0.01, 10.0), (10.0, 11.0), (20.0, 12.0)] {
+            let there = DVec3::X * x;
+            timeline.insert(seconds, Camera::looking_at(there, there + DVec3::Z, SIZE, 1.0)).unwrap();
+        }
+        let path: Vec<f64> = timeline.frames(100.0).map(|camera| camera.position.x).collect();
+        assert!(path.iter().all(|x| (-1e-9..=12.5).contains(x)), "{path:?}");
+        assert_eq!(path.len(), 2001);
+    }
+
+    #[test]
+    fn keys_stay_in_order_and_one_at_a_time() {
+        let mut timeline = timeline(&[3.0, 1.0, 2.0]);
+        assert_eq!(times(&timeline), [1.0, 2.0, 3.0]);
+        let other = cameras().remove(5);
+        assert_eq!(timeline.insert(2.0 + 1e-9, cameras().remove(4)).unwrap(), 1);
+        assert_eq!(timeline.insert(2.0, other.clone()).unwrap(), 1);
+        assert_eq!((times(&timeline), &timeline.keys()[1].camera), (vec![1.0, 2.0, 3.0], &other));
+        assert_eq!(timeline.retime(1, 4.5).unwrap(), 2);
+        assert_eq!(times(&timeline), [1.0, 3.0, 4.5]);
+        assert_eq!(timeline.retime(2, 4.5).unwrap(), 2, "where it is");
+        assert_eq!(timeline.retime(2, 1.0).unwrap(), 0, "onto another");
+        assert_eq!((times(&timeline), &timeline.keys()[0].camera), (vec![1.0, 3.0], &other));
+        let before = timeline.clone();
+        for wrong in [f64::NAN, -1.0, f64::INFINITY, 1e7] {
+            assert!(timeline.insert(wrong, other.clone()).is_err() && timeline.retime(0, wrong).is_err());
+        }
+        assert!(timeline.retime(2, 0.0).is_err() && timeline.remove(2).is_none());
+        assert_eq!(timeline, before);
+        assert_eq!(timeline.remove(0).unwrap().camera, other);
+        assert_eq!(times(&timeline), [3.0]);
+    }
+
+    #[test]
+    fn frames_are_those_of_the_whole_duration() {
+        let timeline = timeline(&[0.0, 0.3]);
+        for (fps, count) in [(10.0, 4), (30.0, 10), (1.0, 1), (0.0, 0), (-1.0, 0), (f64::NAN, 0), (f64::INFINITY, 0)] {
+            assert_eq!(timeline.frames(fps).len(), count, "{fps} frames a second");
+        }
+        assert_eq!(timeline.frames(10.0).last().unwrap(), timeline.keys()[1].camera);
+        assert_eq!(Timeline::default().frames(30.0).len(), 0);
+    }
+
+    #[test]
+    fn keys_of_other_sizes_are_seen_in_the_first_ones() {
+        let mut timeline = timeline(&[0.0, 1.0]);
+        timeline.insert(2.0, cameras()[2].resized([640, 640])).unwrap();
+        assert!(timeline.frames(5.0).all(|camera| camera.size_px == SIZE));
+        assert!((timeline.at(2.0).unwrap().focal_px.x / cameras()[2].focal_px.x - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn timelines_are_camera_files_and_camera_files_timelines() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("path.json");
+        let timeline = timeline(&[0.1, 1.0 / 3.0, 2.5]);
+        timeline.write(&path).unwrap();
+        assert_eq!(Timeline::read(&path).unwrap(), timeline);
+        let plain = crate::camera::read(&path).unwrap();
+        assert_eq!(
+            plain.iter().map(|named| &named.camera).collect::<Vec<_>>(),
+            cameras()[..3].iter().collect::<Vec<_>>()
+        );
+        crate::camera::write(&path, &plain).unwrap();
+        assert_eq!(times(&Timeline::read(&path).unwrap()), [0.0, 1.0, 2.0]);
+        assert!(Timeline::default().write(&path).is_err());
+    }
+}
