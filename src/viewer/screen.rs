@@ -90,7 +90,7 @@ pub enum Shown {
 }
 
 /// How pictures and panels make a frame.
-pub struct Look<'a> {
+pub struct Arrangement<'a> {
     pub compare: Compare,
     pub quantity: Quantity,
     pub triangles: &'a [ClippedPrimitive],
@@ -223,7 +223,7 @@ impl Screen {
     }
 
     /// Shows what was drawn last, with panels over it.
-    pub fn show(&mut self, pair: &mut Pair, look: &Look) -> Result<Shown> {
+    pub fn show(&mut self, pair: &mut Pair, look: &Arrangement) -> Result<Shown> {
         while self.flights.len() >= IN_FLIGHT {
             self.land(pair)?;
         }
@@ -255,7 +255,7 @@ impl Screen {
         })
     }
 
-    fn record(&mut self, cmd: &mut Commands, pair: &Pair, look: &Look, image: &Image) -> Result<()> {
+    fn record(&mut self, cmd: &mut Commands, pair: &Pair, look: &Arrangement, image: &Image) -> Result<()> {
         let size = image.size();
         let fits = |image: &Image| image.size() == size;
         let first = pair.first.as_ref().map(|drawn| Picture::of(&drawn.still)).filter(|p| fits(p.image()));

@@ -1,0 +1,294 @@
+//! What the window shows and is asked to do: scenes, view, options, and what is under way.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::DVec3;
+
+use super::comparison::Comparison;
+use super::events::{Event, Events};
+use super::export::Export;
+use super::history::{History, Pace};
+use super::jobs::{Jobs, Side};
+use super::keys::Bindings;
+use super::layers::{Layer, Source};
+use super::looks::Looks;
+use super::measuring::Costs;
+use super::messages::Messages;
+use super::pictures::Plan;
+use super::timeline::Film;
+use crate::camera::{Camera, NamedCamera, Navigator};
+use crate::gpu::Vsync;
+use crate::options::{Background, Options};
+use crate::render::Explanation;
+use crate::scene::{Focus, Gaussians};
+
+/// What the program was started with.
+#[derive(Clone)]
+pub struct Setup {
+    pub scenes: Vec<PathBuf>,
+    pub cameras: Option<PathBuf>,
+    pub options: Options,
+    /// Whether the options say by hand what scenes say of their antialiasing.
+    pub antialiased_by_hand: bool,
+    pub bindings: Bindings,
+    pub vsync: Vsync,
+    /// Tell what happens on standard output, a line of JSON each.
+    pub tells_events: bool,
+}
+
+/// What the window itself has to do.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Wish {
+    FullScreen,
+    Quit,
+    Vsync(Vsync),
+    Copy(String),
+    /// Explain this pixel of the first picture.
+    Explain([u32; 2]),
+    /// Turn around what is seen at this pixel.
+    Focus([u32; 2]),
+}
+
+/// The state of a window.
+pub struct Viewer {
+    pub setup: Setup,
+    pub jobs: Jobs,
+    pub events: Events,
+    pub messages: Messages,
+    pub layers: Vec<Layer>,
+    pub cameras: Vec<NamedCamera>,
+    pub cameras_name: String,
+    /// The camera of the file that was gone to last.
+    pub camera: Option<usize>,
+    pub navigator: Navigator,
+    /// Whether the view has been set for what is open.
+    pub has_view: bool,
+    pub options: Options,
+    pub background: Background,
+    pub comparison: Comparison,
+    pub looks: Looks,
+    /// A build of this side is under way.
+    pub building: [bool; 2],
+    /// The plans that could not be built, not to be tried again and again.
+    pub refused: [Option<Plan>; 2],
+    pub generation: u64,
+    pub history: History,
+    pub pace: Pace,
+    pub costs: Option<Costs>,
+    pub is_measuring: bool,
+    pub budget: BudgetWish,
+    pub film: Film,
+    pub export: Export,
+    pub explanation: Option<([u32; 2], Explanation)>,
+    pub panels: Panels,
+    pub vsync: Vsync,
+    /// The pictures have to be drawn anew.
+    pub is_stale: bool,
+    pub wishes: Vec<Wish>,
+    /// Of the window, in pixels.
+    pub size: [u32; 2],
+    /// When an input came that no frame has answered yet.
+    pub input_at: Option<Instant>,
+    pub started: Instant,
+    numbers: u64,
+}
+
+/// An error budget as one types it.
+pub struct BudgetWish {
+    pub is_psnr: bool,
+    pub max_error: f64,
+    pub min_psnr: f64,
+    pub is_choosing: bool,
+}
+
+/// Which panels are open.
+pub struct Panels {
+    pub are_hidden: bool,
+    pub shows_help: bool,
+}
+
+impl Viewer {
+    pub fn new(setup: Setup, jobs: Jobs, size: [u32; 2]) -> Self {
+        let mut viewer = Self {
+            options: setup.options,
+            vsync: setup.vsync,
+            events: Events::new(setup.tells_events),
+            jobs,
+            messages: Messages::default(),
+            layers: Vec::new(),
+            cameras: Vec::new(),
+            cameras_name: String::new(),
+            camera: None,
+            navigator: Navigator::new(DVec3::ZERO, 1.0, size),
+            has_view: false,
+            background: Background::BLACK,
+            comparison: Comparison::default(),
+            looks: Looks::default(),
+            building: [false; 2],
+            refused: [None, None],
+            generation: 0,
+            history: History::default(),
+            pace: Pace::default(),
+            costs: None,
+            is_measuring: false,
+            budget: BudgetWish { is_psnr: false, max_error: 0.02, min_psnr: 60.0, is_choosing: false },
+            film: Film::default(),
+            export: Export::default(),
+            explanation: None,
+            panels: Panels { are_hidden: false, shows_help: false },
+            is_stale: true,
+            wishes: Vec::new(),
+            size,
+            input_at: None,
+            started: Instant::now(),
+            numbers: 0,
+            setup,
+        };
+        if let Some(cameras) = viewer.setup.cameras.clone() {
+            viewer.open_cameras(&cameras);
+        }
+        for scene in viewer.setup.scenes.clone() {
+            viewer.open(&scene);
+        }
+        viewer
+    }
+
+    /// The camera of the picture.
+    pub fn view(&self) -> Camera {
+        self.navigator.camera(self.size)
+    }
+
+    /// Opens a scene beside those that are open. Where there is a camera file beside the first, opens that too.
+    pub fn open(&mut self, path: &Path) {
+        let source = match Source::of(path) {
+            Ok(source) => source,
+            Err(problem) => return self.messages.error(format!("{}: {problem:#}", path.display())),
+        };
+        if let (Source::File(file), true, None) = (&source, self.layers.is_empty(), &self.setup.cameras)
+            && let Some(cameras) = crate::camera::find(file)
+        {
+            self.open_cameras(&cameras);
+        }
+        self.numbers += 1;
+        self.layers.push(Layer::open(self.numbers, source, &self.jobs));
+    }
+
+    /// Reads a camera file.
+    pub fn open_cameras(&mut self, path: &Path) {
+        let path = path.to_owned();
+        let file = path.clone();
+        self.jobs.start(
+            move |_| crate::camera::read(&file),
+            move |cameras| super::jobs::News::Cameras(path, cameras),
+        );
+    }
+
+    /// Opens whatever was dropped on the window: a camera file, a photograph to compare with, or a scene.
+    pub fn drop_file(&mut self, path: &Path) {
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        match extension.to_str() {
+            Some("json") => self.open_cameras(path),
+            Some("png" | "exr" | "npy" | "jpg" | "jpeg") => self.compare_with_picture(path),
+            _ => self.open(path),
+        }
+    }
+
+    /// Closes a scene.
+    pub fn close(&mut self, number: u64) {
+        self.layers.retain(|layer| layer.number != number);
+        self.is_stale = true;
+    }
+
+    /// What a side is to show; none while there is nothing.
+    pub fn plan(&self, side: Side) -> anyhow::Result<Option<Plan>> {
+        let options = match side {
+            Side::First => self.options,
+            Side::Second => match self.comparison.options(&self.options) {
+                Some(options) => options,
+                None => return Ok(None),
+            },
+        };
+        let parts = self.layers.iter().filter_map(|layer| layer.part(side as usize).transpose());
+        let parts = parts.collect::<anyhow::Result<Vec<_>>>()?;
+        Ok((!parts.is_empty()).then_some(Plan { parts, options }))
+    }
+
+    /// Makes the first view once there is something to see: the file's first camera, or the whole scene.
+    pub fn set_first_view(&mut self, gaussians: &Gaussians) {
+        let focus = Focus::of(gaussians);
+        let (centre, radius) = (DVec3::from(focus.centre), focus.radius);
+        self.navigator.frame(centre, radius, self.size);
+        self.looks.set_extent(radius);
+        if self.cameras.is_empty() {
+            // As `render` does: closer for a small scene.
+            let distance = self.navigator.view_distance();
+            let nearest = distance as f32 / 100.0;
+            self.options.rules.near = self.setup.options.rules.near.min(nearest);
+        } else {
+            self.go_to_camera(0, true);
+        }
+        self.has_view = true;
+        self.is_stale = true;
+    }
+
+    /// Goes to a camera of the file, at once or in a glide.
+    pub fn go_to_camera(&mut self, index: usize, at_once: bool) {
+        let Some(named) = self.cameras.get(index) else { return };
+        let (camera, name) = (named.camera.clone(), named.name.clone());
+        if at_once {
+            self.navigator.snap(&camera);
+        } else {
+            self.navigator.glide_to(&camera, crate::camera::GLIDE_SECONDS);
+        }
+        self.camera = Some(index);
+        self.events.tell(&Event::Camera { index, name });
+        self.is_stale = true;
+    }
+
+    /// The next camera of the file, or the one before.
+    pub fn step_camera(&mut self, forward: bool) {
+        let count = self.cameras.len();
+        if count == 0 {
+            return self.messages.note("there is no camera file: drop a cameras.json on the window");
+        }
+        let next = match (self.camera, forward) {
+            (None, _) => 0,
+            (Some(index), true) => (index + 1) % count,
+            (Some(index), false) => (index + count - 1) % count,
+        };
+        self.go_to_camera(next, false);
+    }
+
+    pub fn go_to_nearest_camera(&mut self) {
+        match self.navigator.nearest(&self.cameras) {
+            Some(index) => self.go_to_camera(index, false),
+            None => self.messages.note("there is no camera file: drop a cameras.json on the window"),
+        }
+    }
+
+    pub fn reset_view(&mut self) {
+        let joined: Option<Arc<Gaussians>> = self.layers.iter().find_map(|layer| layer.gaussians.clone());
+        if let Some(gaussians) = joined {
+            self.set_first_view(&gaussians);
+        }
+    }
+
+    pub fn paste_view(&mut self, text: &str) {
+        match crate::camera::from_json(text) {
+            Ok(camera) => {
+                self.navigator.snap(&camera);
+                self.camera = None;
+                self.is_stale = true;
+            }
+            Err(problem) => self.messages.note(format!("what was pasted is no view: {problem:#}")),
+        }
+    }
+
+    /// The number of the next build.
+    pub fn next_generation(&mut self) -> u64 {
+        self.generation += 1;
+        self.generation
+    }
+}
