@@ -1,7 +1,9 @@
 //! The pipeline on the GPU: a scene's buffers, the frame's buffers, and the renderer that dispatches the stages.
 
 mod blending;
+mod explain;
 mod gpu_scene;
+mod inspect;
 mod layout;
 mod renderer;
 mod shaders;
@@ -11,7 +13,9 @@ mod view;
 mod workspace;
 
 pub use blending::{Target, Variation};
+pub use explain::{Explained, Explanation};
 pub use gpu_scene::GpuScene;
+pub use inspect::{Attribute, Inspection, Inspector, Look, Work};
 pub use layout::{Layout, Packing};
 pub use renderer::Renderer;
 pub use shaders::*;
