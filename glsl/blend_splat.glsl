@@ -42,7 +42,8 @@ real4 colour_and_limit(Splat splat) {
 
 // Alpha where a splat of this opacity has this falloff, no more than its limit.
 real alpha_at(float opacity, float fall) {
-    return min(real(ALPHA_MAX), real(opacity * exp2(-fall)));
+    precise real alpha = min(real(ALPHA_MAX), real(opacity * exp2(-fall)));
+    return alpha;
 }
 
 // Blends a splat into a pixel; true if that ends the pixel. `weight`: factor, opacity; `look`: colour and limit.

@@ -252,13 +252,13 @@ fn recolour_shows_the_attributes_of_the_gaussians() {
 #[test]
 fn an_isolated_gaussian_is_drawn_as_if_it_were_alone() {
     let gpu = Gpu::new();
-    let all = cloud(&mut Random(8), 300, 2, 0.3);
+    let all = cloud(&mut Random(8), 2500, 2, 0.3);
     let (scene, camera) = (build(&all, 2), camera());
     let options = Options { shape_storage: Storage::F32, sh_storage: Storage::F32, ..Options::EXACT };
     let mut still = still_of(&gpu, &scene, &options);
     let visible = reference::cull(&scene, &camera, RULES);
-    let hidden = (0..300).find(|id| visible.binary_search(id).is_err()).unwrap();
-    for id in visible.into_iter().step_by(40).chain([hidden, 299, 300]) {
+    let hidden = (0..2500).find(|id| visible.binary_search(id).is_err()).unwrap();
+    for id in visible.into_iter().step_by(311).chain([hidden, 1023, 1024, 2499, 2500]) {
         let isolated = Inspection { isolated: Some(id), ..Inspection::default() };
         let picture = inspect(&mut still, &camera, isolated.clone());
         let alone = build(all.get(id as usize..id as usize + 1).unwrap_or(&[]), 2);
@@ -355,6 +355,10 @@ fn an_explanation_adds_up_to_the_pixel_in_the_order_of_the_reference() {
         }
         assert!(compared >= 50, "{compared} compared");
         assert!(still.explain([width, 0]).is_err());
+        let depth = inspect(&mut still, camera, look(Look::Attribute(Attribute::Depth))).pixels;
+        let [x, y] = [width / 2, height / 2];
+        let (explained, shown) = (still.explain([x, y]).unwrap().colour(Background::BLACK), depth.at(x, y)[0]);
+        assert!(shown > 0.1 && (explained[0] - shown).abs() <= 1e-6 * shown, "{explained:?} for {shown}");
     }
 }
 

@@ -33,6 +33,7 @@ pub struct Explained {
     pub alpha: f32,
     /// What those before it left.
     pub transmittance: f32,
+    /// The attribute, where a picture of one is explained.
     pub colour: [f32; 3],
     /// alpha * transmittance.
     pub share: f32,
@@ -50,7 +51,7 @@ impl Explanation {
     /// View z of the splat behind which less than half is seen; where none is, the mean over what is seen, and nothing
     /// where nothing is.
     pub fn depth(&self) -> Option<f32> {
-        let median = self.splats.iter().find(|splat| splat.transmittance - splat.share < 0.5);
+        let median = self.splats.iter().find(|splat| splat.transmittance * (1.0 - splat.alpha) < 0.5);
         let sum = |value: fn(&Explained) -> f64| self.splats.iter().map(value).sum::<f64>();
         let mean = || sum(|s| f64::from(s.share) * f64::from(s.depth)) / sum(|s| s.share.into());
         median.map(|splat| splat.depth).or_else(|| (!self.splats.is_empty()).then(|| mean() as f32))

@@ -39,6 +39,7 @@ pub enum Look {
     Work(Work),
 }
 
+/// In the order of recolour.comp's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribute {
     /// View z of the mean, world units.
@@ -57,7 +58,7 @@ pub enum Attribute {
     Identity,
 }
 
-/// The first three are counts, in all channels, with an alpha of 1.
+/// The first three are counts, in all channels, with an alpha of 1. In the order of inspect.comp's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
     /// Entries of the tile's list.
@@ -167,16 +168,14 @@ impl Inspector {
         });
     }
 
-    /// The last act: every tile's list of `splat_ids` into the picture that is looked at. `blending` is what an ordinary
-    /// frame ends with.
-    #[allow(clippy::too_many_arguments)] // those of a blend, and the blend
+    /// The last act: every tile's part of the list of splats into the picture that is looked at. `blending` is what an
+    /// ordinary frame ends with.
     pub(super) fn draw(
         &self,
         cmd: &mut Commands,
         blending: &Blending,
         view: (&GpuScene, &Camera),
-        work: &Workspace,
-        splat_ids: &Buffer<u32>,
+        (work, splat_ids): (&Workspace, &Buffer<u32>),
         target: Target,
         passes: u32,
     ) {

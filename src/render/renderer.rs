@@ -162,7 +162,7 @@ impl Renderer {
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         let splat_ids = &work.instances.values[by_tile];
         match inspector {
-            Some(inspector) => inspector.draw(cmd, &self.blending, (scene, camera), work, splat_ids, target, passes),
+            Some(inspector) => inspector.draw(cmd, &self.blending, (scene, camera), (work, splat_ids), target, passes),
             None => cmd.scope("blend", |cmd| self.blend(cmd, (scene, camera), work, splat_ids, target, passes)),
         }
     }
