@@ -40,11 +40,17 @@ real4 colour_and_limit(Splat splat) {
     return real4(vec4(splat.colour, falloff_limit(splat.opacity)));
 }
 
+// Alpha where a splat of this opacity has this falloff, no more than its limit.
+real alpha_at(float opacity, float fall) {
+    precise real alpha = min(real(ALPHA_MAX), real(opacity * exp2(-fall)));
+    return alpha;
+}
+
 // Blends a splat into a pixel; true if that ends the pixel. `weight`: factor, opacity; `look`: colour and limit.
 bool blend_splat(vec2 mean, vec4 weight, real4 look, vec2 pixel, inout real3 colour, inout real transmittance) {
     float fall = falloff(weight.xyz, pixel - mean);
     if (!(fall <= float(look.w))) return false;
-    real alpha = min(real(ALPHA_MAX), real(weight.w * exp2(-fall)));
+    real alpha = alpha_at(weight.w, fall);
     precise real rest = transmittance * (real(1.0) - alpha);
     if (rest < real(TRANSMITTANCE_MIN)) return true;
     precise real share = alpha * transmittance;

@@ -6,6 +6,7 @@
 #include "harmonics.glsl"
 #include "ellipse.glsl"
 #include "grids.glsl"
+#include "rotation.glsl"
 // One invocation per visible Gaussian: its splat, its depth key, and the tiles it touches, as one span per tile row.
 // Before: gaussian_from_splat from cull_compact; totals.spans and the instance demand are 0.
 // After: all [visible_kept] outputs are set. A splat without a tile has an empty span range and the largest depth key.
@@ -38,15 +39,6 @@ const float COMPENSATION_MIN = 0.005;  // the least part of an opacity that is l
 const uint ROWS_ALONE = 4;  // a splat with more tile rows is shared by its subgroup
 
 shared uint first_span;
-
-// Columns of the rotation matrix of a unit quaternion (w, x, y, z).
-mat3 rotation_matrix(vec4 q) {
-    float w = q.x, x = q.y, y = q.z, z = q.w;
-    return mat3(
-        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
-        2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
-        2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
-}
 
 // The 2D covariance V V^T + low_pass I as (a, b, c) = (xx, xy, yy), and its determinant, where V (2x3) = J W R S.
 // The determinant is a sum of squares of the minors of V (Cauchy-Binet), so that no needle loses it to cancellation.

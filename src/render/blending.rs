@@ -25,7 +25,7 @@ pub struct Target<'a> {
 /// The pipelines of the blend, of which the second resumes what the first began.
 pub(super) struct Blending {
     /// Entries of a tile's list that one dispatch may take.
-    entries_per_pass: u32,
+    pub(super) entries_per_pass: u32,
     stages: Stages,
 }
 

@@ -107,6 +107,15 @@ impl GpuScene {
         planes.chain([self.grids.footprint()]).collect()
     }
 
+    /// A smaller layout has fewer planes, and its pipelines read no others.
+    pub(super) fn shape_planes(&self) -> [&Buffer<[u32; 4]>; 2] {
+        std::array::from_fn(|i| &self.shapes[i.min(self.shapes.len() - 1)])
+    }
+
+    pub(super) fn sh_planes(&self) -> [&Buffer<[u32; 4]>; 12] {
+        std::array::from_fn(|i| &self.sh[i.min(self.sh.len() - 1)])
+    }
+
     fn upload(&self, commands: &mut Commands, gaussians: &Gaussians, range: Range<usize>) -> Result<()> {
         let layout = &self.layout;
         upload_plane(commands, &self.bounds, &range, |i| {

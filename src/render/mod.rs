@@ -2,7 +2,9 @@
 
 mod blending;
 mod display;
+mod explain;
 mod gpu_scene;
+mod inspect;
 mod layout;
 mod renderer;
 mod shaders;
@@ -13,7 +15,9 @@ mod workspace;
 
 pub use blending::{Target, Variation};
 pub use display::{Compare, Display, Picture, Quantity, Scale, upload_pixels};
+pub use explain::{Explained, Explanation};
 pub use gpu_scene::GpuScene;
+pub use inspect::{Attribute, Inspection, Inspector, Look, Work};
 pub use layout::{Layout, Packing};
 pub use renderer::Renderer;
 pub use shaders::*;

@@ -6,6 +6,7 @@ use anyhow::{Result, ensure};
 
 use super::blending::{Blending, LISTED_ALPHA, Target, Variation, extent_code};
 use super::gpu_scene::GpuScene;
+use super::inspect::Inspector;
 use super::layout::Layout;
 use super::shaders::*;
 use super::sort::{RadixSort, SortRange};
@@ -38,6 +39,12 @@ pub struct Renderer {
 /// Smallest subgroup that the portable path is built for.
 const PORTABLE_SUBGROUP: u32 = 4;
 
+/// The least subgroup size that pipelines may run with, and the words of a ballot of the largest.
+pub(super) fn subgroups(device: &Device, options: &Options) -> [u32; 2] {
+    let [smallest, largest] = device.facts().subgroup_size;
+    if options.portable { [PORTABLE_SUBGROUP, 4] } else { [smallest, largest.div_ceil(32)] }
+}
+
 impl Renderer {
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Self> {
         Self::varied(device, options, layout, Variation::default())
@@ -46,9 +53,7 @@ impl Renderer {
     pub fn varied(device: &Device, options: &Options, layout: &Layout, variation: Variation) -> Result<Self> {
         let rules = &options.rules;
         ensure!(rules.order != Order::PerPixel, "only the reference sorts the splats of every pixel anew");
-        let facts = device.facts();
-        let smallest_subgroup = if options.portable { PORTABLE_SUBGROUP } else { facts.subgroup_size[0] };
-        let ballot_words = if options.portable { 4 } else { facts.subgroup_size[1].div_ceil(32) };
+        let [smallest_subgroup, ballot_words] = subgroups(device, options);
         // Where everything that is left out is to be known, it is listed first.
         let (listed_alpha, extent) = match variation.certifies {
             false => (rules.alpha_min, rules.extent),
@@ -108,16 +113,16 @@ impl Renderer {
         view(camera, self.options.rules.near)
     }
 
-    /// Records one frame: `target` shows the scene seen by `camera`, if there was room in `work` and `passes` blend passes
-    /// were enough; `work.totals` says so.
+    /// Records one frame: `target` shows the scene seen by `camera`, or what an inspector looks at, if there was room in
+    /// `work` and `passes` blend passes were enough; `work.totals` says so.
     pub fn record(
         &self,
         cmd: &mut Commands,
-        scene: &GpuScene,
-        camera: &Camera,
+        (scene, camera): (&GpuScene, &Camera),
         work: &Workspace,
         target: Target,
         passes: u32,
+        inspector: Option<&Inspector>,
     ) {
         assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
         assert!(scene.alpha_min <= self.listed_alpha, "a scene is culled by no higher threshold than it is drawn by");
@@ -132,13 +137,21 @@ impl Renderer {
         });
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
         cmd.scope("cull", |cmd| {
-            self.cull(cmd, scene, view, work);
+            let elsewhere = inspector.and_then(Inspector::culled_from);
+            let culled_from = elsewhere.map_or(view, |c| self.view(&c.sampled(self.options.drawn_size(c.size_px))));
+            self.cull(cmd, scene, culled_from, work);
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            if let Some(inspector) = inspector {
+                inspector.narrow(cmd, scene, view, work);
+            }
             self.compact(cmd, scene, work);
         });
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         cmd.scope("project", |cmd| self.project(cmd, scene, view, work, depth_keys));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        if let Some(inspector) = inspector {
+            inspector.recolour(cmd, scene, view, work);
+        }
         let by_depth = cmd.scope("sort depths", |cmd| self.sort_depths(cmd, work, depth_keys.bits));
         let splat_from_rank = &work.depths.values[by_depth];
         cmd.scope("scan", |cmd| self.scan(cmd, work, splat_from_rank));
@@ -152,10 +165,16 @@ impl Renderer {
             self.order_tiles(cmd, work, tiles);
         });
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        cmd.scope("blend", |cmd| {
-            let splat_ids = &work.instances.values[by_tile];
-            self.blend(cmd, (scene, camera), work, splat_ids, target, passes);
-        });
+        let splat_ids = &work.instances.values[by_tile];
+        match inspector {
+            Some(inspector) => inspector.draw(cmd, &self.blending, (scene, camera), (work, splat_ids), target, passes),
+            None => cmd.scope("blend", |cmd| self.blend(cmd, (scene, camera), work, splat_ids, target, passes)),
+        }
+    }
+
+    /// Of the frame that `work` holds, the splats of all tiles, tile after tile.
+    pub(super) fn splat_ids<'w>(&self, work: &'w Workspace, camera: &Camera) -> &'w Buffer<u32> {
+        &work.instances.values[self.sort.sorted(tile_bits(tiles(camera.size_px).iter().product()))]
     }
 
     /// Which Gaussians may touch the image.
@@ -191,9 +210,8 @@ impl Renderer {
             gaussian_from_splat: &work.gaussian_from_splat,
             bounds: &scene.bounds,
             grids: &scene.grids,
-            // A smaller layout has fewer planes, and its pipeline reads no others.
-            shapes: std::array::from_fn(|i| &scene.shapes[i.min(scene.shapes.len() - 1)]),
-            sh: std::array::from_fn(|i| &scene.sh[i.min(scene.sh.len() - 1)]),
+            shapes: scene.shape_planes(),
+            sh: scene.sh_planes(),
             splats: &work.splats,
             depth_keys: &work.depths.keys[0],
             span_ranges: &work.span_ranges,
@@ -299,6 +317,6 @@ impl Renderer {
 }
 
 /// Workgroups that cull the scene.
-fn chunks(scene: &GpuScene) -> u32 {
+pub(super) fn chunks(scene: &GpuScene) -> u32 {
     scene.len().div_ceil(CULL_CHUNK) as u32
 }

@@ -86,6 +86,11 @@ impl RadixSort {
         bits.div_ceil(self.digit_bits)
     }
 
+    /// Which of the pairs holds the result of a sort by this many bits.
+    pub fn sorted(&self, bits: u32) -> usize {
+        self.passes(bits) as usize % 2
+    }
+
     /// Sorts, and returns which of the pairs holds the result. `groups` tells where the count of 2048-key chunks is,
     /// as workgroup counts: buffer and byte. Begins behind a barrier, and ends with one.
     pub fn record<T: Element>(
@@ -130,7 +135,7 @@ impl RadixSort {
             cmd.dispatch_indirect(&self.scatter, scatter, push, groups.0, groups.1);
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         }
-        passes as usize % 2
+        self.sorted(range.bits)
     }
 }
 

@@ -1,9 +1,11 @@
 //! One picture at a time, without a window: renders, waits, and repeats what did not fit.
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 
 use super::blending::{Target, Variation};
+use super::explain::{Explainer, Explanation};
 use super::gpu_scene::GpuScene;
+use super::inspect::{Inspection, Inspector};
 use super::renderer::Renderer;
 use super::shaders::{Enlarge, EnlargeBindings, EnlargePush, Room, Totals};
 use super::view::tiles;
@@ -31,6 +33,20 @@ pub struct Still {
     /// Room and passes of the frame recorded last.
     drawn: (Demand, u32),
     timestamps: Timestamps,
+    inspector: Option<Inspector>,
+    explainer: Option<Explainer>,
+    /// The frame recorded last.
+    last: Option<Last>,
+}
+
+/// A frame, as it would be recorded again.
+#[derive(Clone)]
+struct Last {
+    number: u64,
+    camera: Camera,
+    background: Background,
+    /// It is done, and `work` holds all of it.
+    is_whole: bool,
 }
 
 /// A picture that is drawn smaller, and enlarged.
@@ -56,6 +72,7 @@ pub struct Started {
 
 /// A frame among commands that are recorded: whether it is complete is known when they are done.
 pub struct Recorded {
+    number: u64,
     totals: Readback<Totals>,
     /// What it had room for, which may have grown since.
     room: Demand,
@@ -97,6 +114,9 @@ impl Still {
             passes: 1,
             drawn: (Demand::default(), 1),
             timestamps: Timestamps::All,
+            inspector: None,
+            explainer: None,
+            last: None,
         })
     }
 
@@ -108,7 +128,22 @@ impl Still {
     /// Starts from this much room, to see it grow.
     pub fn with_room(mut self, room: Demand) -> Result<Self> {
         self.work = Workspace::new(&self.device, room)?;
+        self.last = None;
         Ok(self)
+    }
+
+    /// From here on pictures show what is looked at.
+    pub fn set_inspection(&mut self, inspection: Inspection) -> Result<()> {
+        let is_ordinary = inspection == Inspection::default();
+        ensure!(is_ordinary || self.certificate.is_none(), "a picture that is inspected has no certificate");
+        match &mut self.inspector {
+            inspector if is_ordinary => *inspector = None,
+            Some(inspector) if inspector.inspection.look == inspection.look => inspector.inspection = inspection,
+            inspector => {
+                *inspector = Some(Inspector::new(&self.device, &self.options, self.scene.layout(), inspection)?);
+            }
+        }
+        Ok(())
     }
 
     /// From here on frames count their work, which takes longer, or do not.
@@ -185,6 +220,8 @@ impl Still {
     /// Records a frame among other commands; [`Still::judge`] says whether it came out whole.
     pub fn record(&mut self, cmd: &mut Commands, camera: &Camera, background: Background) -> Result<Recorded> {
         fit(&self.device, &mut self.image, "image", camera.size_px)?;
+        let number = self.last.as_ref().map_or(0, |last| last.number + 1);
+        self.last = Some(Last { number, camera: camera.clone(), background, is_whole: false });
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
         if let Some(certificate) = &mut self.certificate {
             fit(&self.device, certificate, "certificate", camera.size_px)?;
@@ -197,7 +234,8 @@ impl Still {
         cmd.scope("frame", |cmd| {
             let image = self.enlarged.as_ref().map_or(&self.image, |enlarged| &enlarged.drawn);
             let target = Target { image, certificate: self.certificate.as_ref(), background };
-            self.renderer.record(cmd, &self.scene, camera, &self.work, target, self.passes);
+            let inspector = self.inspector.as_ref();
+            self.renderer.record(cmd, (&self.scene, camera), &self.work, target, self.passes, inspector);
             if let Some(enlarged) = &self.enlarged {
                 cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
                 cmd.scope("enlarge", |cmd| enlarged.record(cmd, &self.image));
@@ -205,7 +243,7 @@ impl Still {
         });
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         self.drawn = (self.work.room, self.passes);
-        Ok(Recorded { totals: cmd.read(&self.work.totals)?, room: self.work.room, passes: self.passes })
+        Ok(Recorded { number, totals: cmd.read(&self.work.totals)?, room: self.work.room, passes: self.passes })
     }
 
     /// What a frame counted, if it is complete. If it did not fit, the next one has more room.
@@ -215,7 +253,34 @@ impl Still {
         let demand = Demand::of(&totals, self.scene.len(), recorded.room.tiles);
         self.work.grow(&self.device, demand)?;
         self.passes = self.passes.max(passes);
-        Ok((demand.fits(recorded.room) && passes <= recorded.passes).then_some(totals))
+        let is_whole = demand.fits(recorded.room) && passes <= recorded.passes;
+        if let Some(last) = &mut self.last {
+            let is_held = last.number == recorded.number && self.work.room == recorded.room;
+            last.is_whole = is_whole && is_held;
+        }
+        Ok(is_whole.then_some(totals))
+    }
+
+    /// What a pixel of the frame recorded last is made of, in 32-bit floats; where pictures are drawn smaller, what the
+    /// nearest drawn pixel is. Waits, and renders the frame again if it is not known to be complete.
+    pub fn explain(&mut self, pixel: [u32; 2]) -> Result<Explanation> {
+        let Last { camera, background, is_whole, .. } = self.last.clone().context("nothing is rendered yet")?;
+        let size = camera.size_px;
+        ensure!(pixel[0] < size[0] && pixel[1] < size[1], "pixel {pixel:?} lies outside of a picture of {size:?}");
+        if !is_whole {
+            self.render(&camera, background)?;
+        }
+        let explainer = match &mut self.explainer {
+            Some(explainer) => explainer,
+            none => none.insert(Explainer::new(&self.device, &self.options)?),
+        };
+        let drawn = self.options.drawn_size(size);
+        let pixel = std::array::from_fn(|i| {
+            let place = (f64::from(pixel[i]) + 0.5) / f64::from(size[i]) * f64::from(drawn[i]);
+            (place as u32).min(drawn[i] - 1)
+        });
+        let view = (&self.scene, &camera.sampled(drawn));
+        explainer.explain(&self.device, &self.renderer, view, &self.work, pixel)
     }
 
     /// The image of the picture drawn last.

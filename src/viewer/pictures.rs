@@ -7,11 +7,11 @@ use anyhow::Result;
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::{Background, Options};
-use crate::render::{Frame, GpuScene, Layout, Still};
+use crate::render::{Frame, GpuScene, Inspection, Layout, Still};
 use crate::scene::{Gaussians, Requirements, Transform};
 
 /// What is to be drawn: scenes in their places, and how.
-#[derive(Clone)]
+#[derive(Clone, PartialEq)]
 pub struct Plan {
     pub parts: Vec<(Arc<Gaussians>, Transform)>,
     pub options: Options,
@@ -29,6 +29,7 @@ pub struct Drawn {
     pub generation: u64,
     /// Of the first frame, which is complete.
     pub frame: Frame,
+    pub inspection: Inspection,
 }
 
 impl Plan {
@@ -68,10 +69,12 @@ impl Plan {
         };
         let mut still = Still::new(device, &self.options, &scene)?;
         let frame = still.render(view, background)?;
-        Ok(Drawn { plan: self, gaussians, needs, scene, still, generation, frame })
+        let inspection = Inspection::default();
+        Ok(Drawn { plan: self, gaussians, needs, scene, still, generation, frame, inspection })
     }
 
-    fn joined(&self) -> Result<Arc<Gaussians>> {
+    /// The parts in their places, as one scene.
+    pub fn joined(&self) -> Result<Arc<Gaussians>> {
         if let [(gaussians, transform)] = &self.parts[..]
             && *transform == Transform::IDENTITY
         {

@@ -4,6 +4,7 @@
 pub mod agree;
 pub mod cloud;
 pub mod free;
+pub mod listed;
 pub mod program;
 
 use std::cell::Cell;
