@@ -10,7 +10,7 @@ mod up;
 use glam::{DMat3, DVec2, DVec3};
 
 pub use cameras_json::{NamedCamera, find, from_json, read, to_json, write};
-pub use control::Navigator;
+pub use control::{FIELDS_OF_VIEW, GLIDE_SECONDS, Navigator};
 pub use timeline::{Key, Timeline};
 pub use up::Up;
 

@@ -163,10 +163,7 @@ impl SceneArg {
         if self.procedural().is_some() {
             return None;
         }
-        let iterations = std::fs::read_dir(self.scene.join("point_cloud")).into_iter().flatten().flatten();
-        let number = |folder: &Path| folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse::<u64>().ok();
-        let last = iterations.map(|entry| entry.path()).filter_map(|f| Some((number(&f)?, f))).max();
-        Some(last.map_or_else(|| self.scene.clone(), |(_, folder)| folder.join("point_cloud.ply")))
+        Some(scene::in_folder(&self.scene))
     }
 
     /// What reports call the scene: its file name, not where it lies.

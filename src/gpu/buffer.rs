@@ -64,6 +64,11 @@ impl<T: Element> Buffer<T> {
         self.storage.bytes
     }
 
+    /// Whether it is in the memory of this device.
+    pub fn is_on(&self, device: &Device) -> bool {
+        Arc::ptr_eq(&self.storage.device, &device.0)
+    }
+
     /// Name and bytes.
     pub fn footprint(&self) -> (&str, u64) {
         (self.name(), self.bytes())

@@ -92,6 +92,11 @@ impl GpuScene {
         self.len() == 0
     }
 
+    /// Whether it is in the memory of this device.
+    pub fn is_on(&self, device: &Device) -> bool {
+        self.bounds.is_on(device)
+    }
+
     pub fn layout(&self) -> &Layout {
         &self.layout
     }

@@ -283,6 +283,11 @@ impl Still {
         explainer.explain(&self.device, &self.renderer, view, &self.work, pixel)
     }
 
+    /// Width and height of the picture drawn last.
+    pub fn size(&self) -> [u32; 2] {
+        self.image.size()
+    }
+
     /// The image of the picture drawn last.
     pub(super) fn image(&self) -> &Image {
         &self.image

@@ -13,7 +13,7 @@ mod spz;
 pub mod synthetic;
 mod transform;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 
@@ -179,6 +179,14 @@ fn read_any(path: &Path, watch: &Watch) -> Result<Scene> {
     let is_drawable = !scene.gaussians.is_empty() || scene.tally.is_clean();
     ensure!(is_drawable, "none of its {read} Gaussians can be drawn: {}", scene.tally);
     Ok(scene)
+}
+
+/// The scene of a model folder of the original 3DGS: the point cloud of the last iteration. Any other path is as it is.
+pub fn in_folder(path: &Path) -> PathBuf {
+    let iterations = std::fs::read_dir(path.join("point_cloud")).into_iter().flatten().flatten();
+    let number = |folder: &Path| folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse::<u64>().ok();
+    let last = iterations.map(|entry| entry.path()).filter_map(|f| Some((number(&f)?, f))).max();
+    last.map_or_else(|| path.to_owned(), |(_, folder)| folder.join("point_cloud.ply"))
 }
 
 /// A count from a file header as a length, refused when the file cannot hold so many elements of `bytes` each.

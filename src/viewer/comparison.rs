@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::jobs::{News, Side};
 use super::state::Viewer;
@@ -90,6 +91,15 @@ impl Comparison {
         }
     }
 
+    /// The time until the other picture is to be shown.
+    pub fn until_flicker(&self, seconds: f64) -> Duration {
+        if self.with == With::Nothing || self.way != Way::Flicker || self.flicker_hz <= 0.0 {
+            return Duration::MAX;
+        }
+        let halves = seconds * f64::from(self.flicker_hz) * 2.0;
+        Duration::from_secs_f64((1.0 - halves.fract()) / (f64::from(self.flicker_hz) * 2.0) + 1e-3)
+    }
+
     /// Whether a picture that was drawn for a view is not of this one.
     pub fn is_of_another_view(&self, view: &Camera) -> bool {
         self.with == With::Reference && self.drawn_for.as_ref().is_some_and(|drawn_for| drawn_for != view)
@@ -102,6 +112,7 @@ impl Viewer {
         let path = path.to_owned();
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         self.comparison.is_drawing = true;
+        self.comparison.drawn_for = None;
         self.jobs.start(move |_| Pixels::read(&path), move |pixels| News::Picture(name, pixels));
     }
 
@@ -113,7 +124,7 @@ impl Viewer {
         self.comparison.is_drawing = true;
         self.comparison.drawn_for = Some(view.clone());
         self.jobs.start(
-            move |_| Ok(crate::reference::render(&*plan.joined()?, &view, &rules, background).to_pixels()),
+            move |_| Ok(crate::reference::render(&plan.joined()?, &view, &rules, background).to_pixels()),
             |pixels| News::Picture("float64 reference".to_owned(), pixels),
         );
     }

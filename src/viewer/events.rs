@@ -10,8 +10,8 @@ use serde::Serialize;
 pub enum Event {
     /// The window is open.
     Open { device: String, size: [u32; 2] },
-    /// The first frame that shows a scene was handed over, so many milliseconds after the start.
-    FirstFrame { ms: f64 },
+    /// The first frame that shows a scene, whole or what is read of it, so many milliseconds after the start.
+    FirstFrame { ms: f64, is_whole: bool },
     /// All scenes are read, and this many Gaussians are drawn.
     Scene { gaussians: usize, scenes: usize },
     /// A view of this many cameras is there to step through.

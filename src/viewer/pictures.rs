@@ -11,7 +11,7 @@ use crate::render::{Frame, GpuScene, Inspection, Layout, Still};
 use crate::scene::{Gaussians, Requirements, Transform};
 
 /// What is to be drawn: scenes in their places, and how.
-#[derive(Clone, PartialEq)]
+#[derive(Clone)]
 pub struct Plan {
     pub parts: Vec<(Arc<Gaussians>, Transform)>,
     pub options: Options,
@@ -35,6 +35,10 @@ pub struct Drawn {
 impl Plan {
     pub fn gaussians(&self) -> usize {
         self.parts.iter().map(|(gaussians, _)| gaussians.len()).sum()
+    }
+
+    pub fn is_same(&self, other: &Self) -> bool {
+        self.options == other.options && self.has_scene_of(other)
     }
 
     /// Whether it draws the same Gaussians in the same places.

@@ -97,9 +97,18 @@ pub struct Arrangement<'a> {
     pub pixels_per_point: f32,
 }
 
+impl Second {
+    pub fn drawn(&self) -> Option<&Drawn> {
+        match self {
+            Self::Drawn(drawn) => Some(drawn),
+            Self::Image(_) => None,
+        }
+    }
+}
+
 impl Pair {
     /// What is drawn, and on which side.
-    fn drawn(&mut self) -> impl Iterator<Item = (Side, &mut Drawn)> {
+    pub fn drawn(&mut self) -> impl Iterator<Item = (Side, &mut Drawn)> {
         let second = self.second.as_mut().and_then(|second| match second {
             Second::Drawn(drawn) => Some((Side::Second, &mut **drawn)),
             Second::Image(_) => None,

@@ -10,19 +10,20 @@ use super::comparison::Comparison;
 use super::events::{Event, Events};
 use super::export::Export;
 use super::history::{History, Pace};
-use super::jobs::{Jobs, Side};
+use super::jobs::{Jobs, News, Side};
 use super::keys::Bindings;
 use super::layers::{Layer, Source};
 use super::looks::Looks;
-use super::measuring::Costs;
+use super::measuring::{Costs, costs};
 use super::messages::Messages;
 use super::pictures::Plan;
 use super::timeline::Film;
 use crate::camera::{Camera, NamedCamera, Navigator};
-use crate::gpu::Vsync;
+use crate::gpu::{Device, Vsync};
 use crate::options::{Background, Options};
 use crate::render::Explanation;
-use crate::scene::{Focus, Gaussians};
+use crate::scene::{Cancelled, Focus, Gaussians, Requirements, Scene};
+use crate::trade::{Budget, choose_for, spread};
 
 /// What the program was started with.
 #[derive(Clone)]
@@ -49,6 +50,12 @@ pub enum Wish {
     Explain([u32; 2]),
     /// Turn around what is seen at this pixel.
     Focus([u32; 2]),
+    WritePicture,
+    WriteFilm,
+    /// Measure what the knobs cost.
+    Measure,
+    /// Choose options within the budget.
+    Choose,
 }
 
 /// The state of a window.
@@ -65,6 +72,7 @@ pub struct Viewer {
     pub navigator: Navigator,
     /// Whether the view has been set for what is open.
     pub has_view: bool,
+    first_view: Option<Camera>,
     pub options: Options,
     pub background: Background,
     pub comparison: Comparison,
@@ -123,6 +131,7 @@ impl Viewer {
             camera: None,
             navigator: Navigator::new(DVec3::ZERO, 1.0, size),
             has_view: false,
+            first_view: None,
             background: Background::BLACK,
             comparison: Comparison::default(),
             looks: Looks::default(),
@@ -181,7 +190,7 @@ impl Viewer {
         let file = path.clone();
         self.jobs.start(
             move |_| crate::camera::read(&file),
-            move |cameras| super::jobs::News::Cameras(path, cameras),
+            move |cameras| News::Cameras(path, cameras),
         );
     }
 
@@ -223,13 +232,14 @@ impl Viewer {
         self.looks.set_extent(radius);
         if self.cameras.is_empty() {
             // As `render` does: closer for a small scene.
-            let distance = self.navigator.view_distance();
+            let distance = self.view().position.distance(self.navigator.pivot());
             let nearest = distance as f32 / 100.0;
             self.options.rules.near = self.setup.options.rules.near.min(nearest);
         } else {
             self.go_to_camera(0, true);
         }
         self.has_view = true;
+        self.first_view = Some(self.view());
         self.is_stale = true;
     }
 
@@ -283,6 +293,84 @@ impl Viewer {
                 self.is_stale = true;
             }
             Err(problem) => self.messages.note(format!("what was pasted is no view: {problem:#}")),
+        }
+    }
+
+    /// Takes a scene that was read, or says why it was not.
+    pub fn take_scene(&mut self, number: u64, scene: anyhow::Result<Scene>) {
+        let Some(place) = self.layers.iter().position(|layer| layer.number == number) else { return };
+        match scene {
+            Ok(scene) => {
+                let layer = &mut self.layers[place];
+                layer.fill(scene);
+                let gaussians = layer.gaussians.clone().expect("it was filled");
+                if !self.setup.antialiased_by_hand {
+                    self.options.rules.antialiased = self.layers.iter().any(|layer| layer.is_antialiased);
+                }
+                // Of what came before, only a part was known.
+                if !self.has_view || self.layers.len() == 1 && !self.has_moved() {
+                    self.set_first_view(&gaussians);
+                }
+            }
+            Err(problem) => {
+                let layer = self.layers.remove(place);
+                let is_cancelled = problem.is::<Cancelled>();
+                if !is_cancelled {
+                    let told = format!("{problem:#}");
+                    let named = if told.contains(&layer.name) { told } else { format!("{}: {told}", layer.name) };
+                    self.messages.error(named);
+                }
+            }
+        }
+        self.is_stale = true;
+    }
+
+    /// Whether the view is another than the first.
+    fn has_moved(&self) -> bool {
+        self.first_view.as_ref().is_some_and(|first| *first != self.view())
+    }
+
+    /// Takes cameras that were read, or says why they were not.
+    pub fn take_cameras(&mut self, path: &Path, cameras: anyhow::Result<Vec<NamedCamera>>) {
+        match cameras {
+            Ok(cameras) => {
+                self.events.tell(&Event::Cameras { count: cameras.len() });
+                self.cameras = cameras;
+                self.cameras_name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                self.options.rules.near = self.setup.options.rules.near;
+                self.go_to_camera(0, true);
+                self.first_view = Some(self.view());
+            }
+            Err(problem) => self.messages.error(format!("{}: {problem:#}", path.display())),
+        }
+    }
+
+    /// Begins to measure what the knobs cost, or to choose them within the budget.
+    pub fn start_measuring(&mut self, device: Device, scene: (Arc<Gaussians>, Arc<Requirements>), chooses: bool) {
+        let (options, view, background) = (self.options, self.view(), self.background);
+        if chooses {
+            let budget = match self.budget.is_psnr {
+                true => Budget::MinPsnr(self.budget.min_psnr),
+                false => Budget::MaxError(self.budget.max_error),
+            };
+            // What is looked at, and a few cameras of the file beside it.
+            let cameras: Vec<Camera> = self.cameras.iter().map(|named| named.camera.resized(self.size)).collect();
+            let views = std::iter::once(view).chain(spread(&cameras, 7)).collect::<Vec<_>>();
+            self.budget.is_choosing = true;
+            self.jobs.start(
+                move |_| {
+                    let exact = (options.untraded(), background);
+                    let choice = choose_for(&device, (&scene.0, &scene.1), exact, &views, budget, &|_| {})?;
+                    Ok((choice.options, choice.explain()))
+                },
+                News::Chosen,
+            );
+        } else {
+            self.is_measuring = true;
+            self.jobs.start(
+                move |_| costs(&device, (&scene.0, &scene.1), &options, &view, background),
+                News::Measured,
+            );
         }
     }
 

@@ -1,0 +1,417 @@
+//! One window's life without the window: news come in, panels are laid out, pictures are drawn and shown.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use egui::{FullOutput, PlatformOutput, RawInput};
+
+use super::comparison::{With, fitted};
+use super::events::Event;
+use super::jobs::{News, Side};
+use super::pictures::Drawn;
+use super::screen::{Arrangement, Pair, Screen, Second, Shown};
+use super::state::{Viewer, Wish};
+use super::{hands, panels};
+use crate::gpu::Device;
+use crate::memory::OutOfMemory;
+use crate::render::{Compare, upload_pixels};
+
+/// A viewer with the device that it draws on.
+pub struct Session {
+    pub viewer: Viewer,
+    pub pair: Pair,
+    pub screen: Screen,
+    context: egui::Context,
+    /// When the frame before was prepared, and whether the next was due at once.
+    before: Option<(Instant, bool)>,
+    has_shown_scene: bool,
+}
+
+/// What a frame leaves to be done by whoever owns the window.
+pub struct Turn {
+    pub platform: PlatformOutput,
+    /// When the next frame is due, if nothing happens before.
+    pub again_in: Duration,
+    pub wishes: Vec<Wish>,
+    pub shown: Shown,
+}
+
+/// Frames on the GPU are looked after this often.
+const POLL: Duration = Duration::from_millis(4);
+
+impl Session {
+    pub fn new(viewer: Viewer, screen: Screen, context: egui::Context) -> Self {
+        Self { viewer, pair: Pair::default(), screen, context, before: None, has_shown_scene: false }
+    }
+
+    pub fn context(&self) -> &egui::Context {
+        &self.context
+    }
+
+    /// A new screen in place of one that is gone, with nothing on it yet.
+    pub fn replace_screen(&mut self, screen: Screen) {
+        self.pair = Pair::default();
+        self.screen = screen;
+        // The letters of the panels went with the device.
+        let (context, style) = (egui::Context::default(), self.context.global_style());
+        context.set_global_style(style);
+        self.context = context;
+        self.viewer.building = [false; 2];
+        self.viewer.refused = [None, None];
+        self.viewer.is_stale = true;
+        self.viewer.comparison.is_stale = true;
+    }
+
+    /// Hears what threads report, without showing anything: whether there was something.
+    pub fn hear(&mut self) -> bool {
+        let news = self.viewer.jobs.news();
+        let heard = !news.is_empty();
+        news.into_iter().for_each(|news| self.take(news));
+        heard
+    }
+
+    fn take(&mut self, news: News) {
+        let viewer = &mut self.viewer;
+        match news {
+            News::Reading(number, fraction) => {
+                if let Some(layer) = viewer.layers.iter_mut().find(|layer| layer.number == number) {
+                    layer.progress = Some(fraction);
+                }
+            }
+            News::Partial(number, gaussians) => {
+                let Some(layer) = viewer.layers.iter_mut().find(|layer| layer.number == number) else { return };
+                layer.gaussians = Some(gaussians.clone());
+                if !viewer.has_view {
+                    viewer.set_first_view(&gaussians);
+                }
+            }
+            News::Read(number, scene) => viewer.take_scene(number, scene),
+            News::Cameras(path, cameras) => viewer.take_cameras(&path, cameras),
+            News::Built(side, drawn) => self.take_built(side, drawn),
+            News::Picture(name, pixels) => {
+                viewer.comparison.is_drawing = false;
+                match pixels {
+                    Ok(pixels) => {
+                        let is_reference = viewer.comparison.drawn_for.is_some();
+                        viewer.comparison.with = if is_reference { With::Reference } else { With::Picture };
+                        viewer.comparison.picture = Some((name, Arc::new(pixels)));
+                        viewer.comparison.is_stale = true;
+                    }
+                    Err(problem) => viewer.messages.error(format!("{name}: {problem:#}")),
+                }
+            }
+            News::Measured(costs) => {
+                viewer.is_measuring = false;
+                match costs {
+                    Ok(costs) => viewer.costs = Some(costs),
+                    Err(problem) => viewer.messages.error(format!("cannot measure: {problem:#}")),
+                }
+            }
+            News::Chosen(choice) => {
+                viewer.budget.is_choosing = false;
+                match choice {
+                    Ok((options, why)) => {
+                        viewer.options = options;
+                        viewer.messages.note(why);
+                    }
+                    Err(problem) => viewer.messages.error(format!("{problem:#}")),
+                }
+            }
+            News::Writing(fraction) => viewer.export.progress = Some(fraction),
+            News::Written(story) => {
+                viewer.export.progress = None;
+                match story {
+                    Ok(story) => {
+                        viewer.events.tell(&Event::Written { text: story.clone() });
+                        viewer.messages.note(story);
+                    }
+                    Err(problem) => viewer.messages.error(format!("{problem:#}")),
+                }
+            }
+        }
+    }
+
+    fn take_built(&mut self, side: Side, drawn: Result<Box<Drawn>>) {
+        let viewer = &mut self.viewer;
+        viewer.building[side as usize] = false;
+        match drawn {
+            // Of a device that is gone.
+            Ok(drawn) if !drawn.scene.is_on(self.screen.device()) => {}
+            Ok(drawn) => {
+                viewer.is_stale = true;
+                match side {
+                    Side::First => {
+                        let is_new = self.pair.first.as_ref().is_none_or(|old| !old.plan.has_scene_of(&drawn.plan));
+                        if is_new && viewer.layers.iter().all(|layer| layer.progress.is_none()) {
+                            let (gaussians, scenes) = (drawn.gaussians.len(), drawn.plan.parts.len());
+                            viewer.events.tell(&Event::Scene { gaussians, scenes });
+                        }
+                        if is_new {
+                            viewer.explanation = None;
+                            viewer.looks.isolated = None;
+                        }
+                        self.pair.first = Some(*drawn);
+                    }
+                    Side::Second => self.pair.second = Some(Second::Drawn(drawn)),
+                }
+            }
+            Err(problem) => {
+                viewer.refused[side as usize] = viewer.plan(side).ok().flatten();
+                let story = match problem.downcast_ref::<OutOfMemory>() {
+                    Some(_) => format!("this scene does not fit: {problem:#}"),
+                    None => format!("{problem:#}"),
+                };
+                viewer.messages.error(story);
+            }
+        }
+    }
+
+    /// Builds what is wanted and not there.
+    fn build(&mut self) {
+        for side in [Side::First, Side::Second] {
+            let i = side as usize;
+            let wanted = match self.viewer.plan(side) {
+                Ok(wanted) => wanted,
+                Err(problem) => {
+                    self.viewer.messages.note(format!("{problem:#}"));
+                    continue;
+                }
+            };
+            let there = match side {
+                Side::First => self.pair.first.as_ref(),
+                Side::Second => self.pair.second.as_ref().and_then(Second::drawn),
+            };
+            let Some(wanted) = wanted else {
+                // The last scene was closed, or nothing is compared.
+                let is_loading = self.viewer.layers.iter().any(|layer| layer.progress.is_some());
+                if side == Side::First && self.pair.first.is_some() && !is_loading {
+                    self.pair.first = None;
+                    self.viewer.is_stale = true;
+                }
+                if side == Side::Second && there.is_some() {
+                    self.pair.second = None;
+                    self.viewer.is_stale = true;
+                }
+                continue;
+            };
+            let is_there = there.is_some_and(|drawn| drawn.plan.is_same(&wanted));
+            let is_refused = self.viewer.refused[i].as_ref().is_some_and(|refused| refused.is_same(&wanted));
+            if is_there || is_refused || self.viewer.building[i] {
+                continue;
+            }
+            let before = there.or(self.pair.first.as_ref()).map(Drawn::kept);
+            self.viewer.building[i] = true;
+            self.viewer.refused[i] = None;
+            let (device, view, background) =
+                (self.screen.device().clone(), self.viewer.view(), self.viewer.background);
+            let generation = self.viewer.next_generation();
+            self.viewer.jobs.start(
+                move |_| wanted.build(&device, before, &view, background, generation).map(Box::new),
+                move |drawn| News::Built(side, drawn),
+            );
+        }
+    }
+
+    /// Brings a picture from elsewhere to the window's size.
+    fn fit_picture(&mut self) -> Result<()> {
+        let comparison = &mut self.viewer.comparison;
+        match comparison.with {
+            With::Reference | With::Picture => {}
+            With::Nothing | With::Options(_) => {
+                if self.pair.second.as_ref().is_some_and(|second| second.drawn().is_none()) {
+                    self.pair.second = None;
+                }
+                return Ok(());
+            }
+        }
+        let size = self.viewer.size;
+        let has_size = matches!(&self.pair.second, Some(Second::Image(image)) if image.size() == size);
+        if let Some((name, pixels)) = &comparison.picture
+            && (!has_size || comparison.is_stale)
+        {
+            let pixels = fitted(pixels, size, self.viewer.background);
+            self.pair.second = Some(Second::Image(upload_pixels(self.screen.device(), name, &pixels)?));
+            comparison.is_stale = false;
+        }
+        Ok(())
+    }
+
+    /// Prepares and shows one frame of a window of `size` pixels.
+    pub fn turn(&mut self, input: RawInput, size: [u32; 2]) -> Result<Turn> {
+        let now = Instant::now();
+        let seconds = self.before.map_or(0.0, |(before, _)| (now - before).as_secs_f64());
+        self.viewer.size = size;
+        self.hear();
+        self.land(false)?;
+        let pixels_per_point = input.viewport().native_pixels_per_point.unwrap_or(1.0) * self.context.zoom_factor();
+        let moved_before = self.viewer.view();
+        let has_input = !input.events.is_empty();
+        let (viewer, pair) = (&mut self.viewer, &self.pair);
+        if has_input && viewer.input_at.is_none() {
+            viewer.input_at = Some(now);
+        }
+        let output = self.context.clone().run_ui(input, |ui| {
+            hands::follow(viewer, ui, seconds.min(0.1));
+            panels::show(viewer, pair, ui);
+        });
+        let FullOutput { platform_output, textures_delta, shapes, pixels_per_point: points, viewport_output, .. } =
+            output;
+        let pixels_per_point = if points > 0.0 { points } else { pixels_per_point };
+        self.screen.add_textures(textures_delta);
+        let mut wishes = std::mem::take(&mut self.viewer.wishes);
+        self.grant(&mut wishes)?;
+        for (is_error, text) in self.viewer.messages.fresh() {
+            self.viewer.events.tell(&Event::Message { is_error, text });
+        }
+        self.build();
+        self.fit_picture()?;
+        self.look()?;
+        self.viewer.is_stale |= self.viewer.view() != moved_before || self.lacks_size();
+        if self.viewer.is_stale {
+            self.draw()?;
+        }
+        let triangles = self.context.tessellate(shapes, pixels_per_point);
+        let compare = self.viewer.comparison.shown(size[0], self.viewer.started.elapsed().as_secs_f64());
+        let quantity = self.viewer.looks.quantity();
+        let is_difference = matches!(compare, Compare::Difference(_));
+        let quantity = if is_difference { crate::render::Quantity::Colour } else { quantity };
+        let arrangement = Arrangement { compare, quantity, triangles: &triangles, pixels_per_point };
+        let shown = self.screen.show(&mut self.pair, &arrangement)?;
+        if shown == Shown::Yes {
+            self.note_shown(now);
+        }
+        let asked = viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap_or(Duration::MAX);
+        let again_in = self.again_in(asked);
+        self.before = Some((now, again_in.is_zero()));
+        Ok(Turn { platform: platform_output, again_in, wishes, shown })
+    }
+
+    /// Whether a picture has another size than the window.
+    fn lacks_size(&self) -> bool {
+        self.pair.first.as_ref().is_some_and(|drawn| drawn.still.size() != self.viewer.size)
+    }
+
+    fn draw(&mut self) -> Result<()> {
+        let (camera, background) = (self.viewer.view(), self.viewer.background);
+        // At a new size there is nothing to show in place of a frame that does not find room.
+        for (_, drawn) in self.pair.drawn() {
+            if drawn.still.size() != camera.size_px {
+                drawn.still.render(&camera, background)?;
+            }
+        }
+        self.screen.draw(&mut self.pair, &camera, background)?;
+        self.viewer.is_stale = false;
+        self.viewer.pace.drawn += u64::from(self.pair.first.is_some());
+        if let Some(at) = self.viewer.input_at.take() {
+            self.viewer.pace.answer(at.elapsed().as_secs_f64() * 1e3);
+        }
+        Ok(())
+    }
+
+    fn look(&mut self) -> Result<()> {
+        let mut has_changed = false;
+        for (side, drawn) in self.pair.drawn() {
+            has_changed |= self.viewer.looks.apply(side, drawn)?;
+        }
+        if has_changed {
+            self.viewer.is_stale = true;
+            self.viewer.history.clear();
+            self.viewer.events.tell(&Event::Look { look: self.viewer.looks.sight().name.to_owned() });
+        }
+        Ok(())
+    }
+
+    /// Learns from the frames that are done.
+    pub fn land(&mut self, wait: bool) -> Result<()> {
+        for landed in self.screen.landed(&mut self.pair, wait)? {
+            self.viewer.history.add(&landed.timings);
+            for (side, totals) in landed.pictures {
+                // It did not fit: again, with more room.
+                self.viewer.is_stale |= totals.is_none();
+                if let (Some(totals), Side::First, Some(first)) = (totals, side, &mut self.pair.first) {
+                    first.frame.totals = totals;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Does what the device is needed for; leaves the rest.
+    fn grant(&mut self, wishes: &mut Vec<Wish>) -> Result<()> {
+        let mut error = None;
+        wishes.retain(|wish| match *wish {
+            Wish::Explain(pixel) | Wish::Focus(pixel) => {
+                if let (Some(first), None) = (&mut self.pair.first, &error) {
+                    match first.still.explain(pixel) {
+                        Ok(explanation) if matches!(wish, Wish::Explain(_)) => {
+                            let colour = explanation.colour(self.viewer.background);
+                            let splats = explanation.splats.len();
+                            self.viewer.events.tell(&Event::Explained { pixel, splats, colour });
+                            self.viewer.explanation = Some((pixel, explanation));
+                        }
+                        Ok(explanation) => hands::focus(&mut self.viewer, pixel, explanation.depth()),
+                        Err(problem) => error = Some(problem),
+                    }
+                }
+                false
+            }
+            Wish::WritePicture => {
+                self.viewer.write_picture(self.screen.device());
+                false
+            }
+            Wish::WriteFilm => {
+                self.viewer.write_film(self.screen.device());
+                false
+            }
+            Wish::Measure | Wish::Choose => {
+                self.start_measuring(matches!(wish, Wish::Choose));
+                false
+            }
+            _ => true,
+        });
+        error.map_or(Ok(()), Err)
+    }
+
+    fn start_measuring(&mut self, chooses: bool) {
+        let Some(first) = &self.pair.first else { return };
+        let device = self.screen.device().clone();
+        self.viewer.start_measuring(device, (first.gaussians.clone(), first.needs.clone()), chooses);
+    }
+
+    fn note_shown(&mut self, now: Instant) {
+        let viewer = &mut self.viewer;
+        viewer.pace.shown += 1;
+        if let Some((before, true)) = self.before {
+            viewer.pace.interval((now - before).as_secs_f64() * 1e3, 1000.0 / 60.0);
+        }
+        let is_whole = viewer.layers.iter().all(|layer| layer.progress.is_none());
+        if !self.has_shown_scene && self.pair.first.is_some() {
+            self.has_shown_scene = is_whole;
+            viewer.events.tell(&Event::FirstFrame { ms: viewer.started.elapsed().as_secs_f64() * 1e3, is_whole });
+        }
+    }
+
+    fn again_in(&self, asked: Duration) -> Duration {
+        let viewer = &self.viewer;
+        if viewer.is_stale || viewer.navigator.is_gliding() || viewer.film.is_playing {
+            return Duration::ZERO;
+        }
+        let flicker = viewer.comparison.until_flicker(viewer.started.elapsed().as_secs_f64());
+        let note = viewer.messages.next_change().unwrap_or(Duration::MAX);
+        let poll = if self.screen.is_busy() { POLL } else { Duration::MAX };
+        asked.min(flicker).min(note).min(poll)
+    }
+
+    /// How it went.
+    pub fn closing(&self) -> Event {
+        let pace = &self.viewer.pace;
+        Event::Closed {
+            frames_shown: pace.shown,
+            frames_drawn: pace.drawn,
+            frames_dropped: pace.dropped,
+            mean_latency_ms: pace.mean_latency_ms,
+            gpu_bytes: self.screen.device().allocated_bytes(),
+        }
+    }
+}
