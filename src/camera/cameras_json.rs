@@ -230,7 +230,8 @@ mod tests {
             let place = |v: f64| (v - 0.5) * 10_f64.powi(i as i32 % 25 - 12);
             let [position, target] = [(); 2].map(|()| DVec3::new(place(random()), place(random()), place(random())));
             let camera = Camera::looking_at(position, target, [1 + i as u32, 1000], 0.1 + 2.0 * random());
-            let centre_px = if i % 2 == 0 { camera.centre_px } else { DVec2::new(random() * 999.0, -random()) };
+            let centre_px =
+                if i.is_multiple_of(2) { camera.centre_px } else { DVec2::new(random() * 999.0, -random()) };
             let name = format!("view \"{i}\"\n");
             NamedCamera { name, camera: Camera { centre_px, focal_px: camera.focal_px * random(), ..camera } }
         };

@@ -1,7 +1,7 @@
 //! The spherical harmonics that scenes store their colour in: the real basis of the original 3DGS, signs included
 //! (Kerbl et al. 2023; Sloan 2013 for the polynomials), and how coefficients turn with a scene.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
 
@@ -44,32 +44,32 @@ pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
 }
 
 /// What a turn of the scene does to coefficients. The degrees do not mix: a block of ones, threes, fives and sevens.
-pub struct Rotation([[f64; 16]; 16]);
+pub struct Turn([[f64; 16]; 16]);
 
-/// The rotated basis, each function projected on the basis: row j, column i holds the integral over the sphere of
-/// Y_j(d) Y_i(R^-1 d). The product is a polynomial of degree 6 at most, for which 4 Gauss-Legendre nodes in z times 8
-/// equal steps of azimuth are exact (Abramowitz and Stegun 1964, 25.4.30).
-pub fn rotation(turn: DQuat) -> Rotation {
-    let (inner, outer) = ((30_f64.sqrt() + 18.0) / 36.0, (18.0 - 30_f64.sqrt()) / 36.0);
-    let node = |sign: f64| (3.0 / 7.0 + sign * 2.0 / 7.0 * 1.2_f64.sqrt()).sqrt();
-    let nodes = [(node(-1.0), inner), (-node(-1.0), inner), (node(1.0), outer), (-node(1.0), outer)];
-    let back = turn.conjugate();
-    let mut matrix = [[0.0; 16]; 16];
-    for (z, weight) in nodes {
-        for step in 0..8 {
-            let (sin, cos) = (TAU * f64::from(step) / 8.0).sin_cos();
-            let r = (1.0 - z * z).sqrt();
-            let direction = DVec3::new(r * cos, r * sin, z);
-            let (values, turned) = (basis(direction.to_array()), basis((back * direction).to_array()));
-            for (row, a) in matrix.iter_mut().zip(values) {
-                row.iter_mut().zip(turned).for_each(|(sum, b)| *sum += weight * PI / 4.0 * a * b);
+impl Turn {
+    /// The turned basis, each function projected on the basis: row j, column i holds the integral over the sphere of
+    /// Y_j(d) Y_i(R^-1 d). The product is a polynomial of degree 6 at most, for which 4 Gauss-Legendre nodes in z times 8
+    /// equal steps of azimuth are exact (Abramowitz and Stegun 1964, 25.4.30). `rotation` has unit length.
+    pub fn new(rotation: DQuat) -> Self {
+        let (inner, outer) = ((18.0 + 30_f64.sqrt()) / 36.0, (18.0 - 30_f64.sqrt()) / 36.0);
+        let node = |sign: f64| (3.0 / 7.0 + sign * 2.0 / 7.0 * 1.2_f64.sqrt()).sqrt();
+        let nodes = [(node(-1.0), inner), (-node(-1.0), inner), (node(1.0), outer), (-node(1.0), outer)];
+        let back = rotation.conjugate();
+        let mut matrix = [[0.0; 16]; 16];
+        for (z, weight) in nodes {
+            for step in 0..8 {
+                let (sin, cos) = (TAU * f64::from(step) / 8.0).sin_cos();
+                let r = (1.0 - z * z).sqrt();
+                let direction = DVec3::new(r * cos, r * sin, z);
+                let (values, turned) = (basis(direction.to_array()), basis((back * direction).to_array()));
+                for (row, a) in matrix.iter_mut().zip(values) {
+                    row.iter_mut().zip(turned).for_each(|(sum, b)| *sum += weight * TAU / 8.0 * a * b);
+                }
             }
         }
+        Self(matrix)
     }
-    Rotation(matrix)
-}
 
-impl Rotation {
     /// Turns the coefficients of one Gaussian, of any degree, in f64.
     pub fn apply(&self, sh: &mut [[f32; 3]]) {
         let mut degree = 1;
@@ -93,7 +93,7 @@ mod tests {
 
     #[test]
     fn a_turn_mixes_no_degrees_and_keeps_lengths() {
-        let Rotation(matrix) = rotation(DQuat::from_xyzw(0.1, -0.7, 0.3, 0.4).normalize());
+        let Turn(matrix) = Turn::new(DQuat::from_xyzw(0.1, -0.7, 0.3, 0.4).normalize());
         for (j, row) in matrix.iter().enumerate() {
             for (i, value) in row.iter().enumerate() {
                 assert!(j.isqrt() == i.isqrt() || value.abs() < 1e-14, "{j} {i}: {value}");
@@ -107,10 +107,10 @@ mod tests {
 
     #[test]
     fn the_turned_basis_is_the_basis_seen_from_the_direction_turned_back() {
-        let turn = DQuat::from_xyzw(-0.5, 0.2, 0.8, 0.1).normalize();
-        let Rotation(matrix) = rotation(turn);
+        let rotation = DQuat::from_xyzw(-0.5, 0.2, 0.8, 0.1).normalize();
+        let Turn(matrix) = Turn::new(rotation);
         for direction in [DVec3::X, DVec3::NEG_Y, DVec3::new(1.0, -2.0, 0.5).normalize()] {
-            let (now, before) = (basis(direction.to_array()), basis((turn.conjugate() * direction).to_array()));
+            let (now, before) = (basis(direction.to_array()), basis((rotation.conjugate() * direction).to_array()));
             for (i, expected) in before.iter().enumerate() {
                 let sum: f64 = (0..16).map(|j| matrix[j][i] * now[j]).sum();
                 assert!((sum - expected).abs() < 1e-13, "{i}");

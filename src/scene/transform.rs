@@ -1,10 +1,10 @@
 //! Scenes placed in a world: turned, moved and scaled, and several joined into one.
 
-use anyhow::{Result, ensure};
-use glam::{DMat4, DQuat, DVec3};
+use anyhow::{Result, bail, ensure};
+use glam::{DMat3, DMat4, DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::harmonics::{Rotation, rotation};
+use super::harmonics::Turn;
 use super::{Gaussians, sh_coefficients};
 use crate::memory::{OutOfMemory, host_vec};
 
@@ -36,13 +36,13 @@ impl Transform {
     pub fn from_matrix(matrix: &DMat4) -> Result<Self> {
         ensure!(matrix.is_finite(), "the matrix is not finite");
         ensure!(matrix.row(3).to_array() == [0.0, 0.0, 0.0, 1.0], "the last row of the matrix is not 0 0 0 1");
-        let linear = glam::DMat3::from_mat4(*matrix);
+        let linear = DMat3::from_mat4(*matrix);
         let determinant = linear.determinant();
         ensure!(determinant != 0.0, "the matrix has no inverse");
         ensure!(determinant > 0.0, "the matrix mirrors, which Gaussians cannot follow");
         let scale = determinant.cbrt();
         let turn = linear * scale.recip();
-        let error = (turn * turn.transpose() - glam::DMat3::IDENTITY).to_cols_array().map(f64::abs);
+        let error = (turn * turn.transpose() - DMat3::IDENTITY).to_cols_array().map(f64::abs);
         ensure!(error.iter().all(|e| *e < MATRIX_TOLERANCE), "the matrix shears, or scales the axes differently");
         Self::new(DQuat::from_mat3(&turn), matrix.w_axis.truncate(), scale)
     }
@@ -85,7 +85,7 @@ impl Gaussians {
     /// # Errors
     /// If a mean would be too far for 32-bit floats; [`OutOfMemory`].
     pub fn transformed(&self, transform: &Transform) -> Result<Self> {
-        let mut moved = self.copy()?;
+        let mut moved = Self::joined(std::iter::once(self))?;
         if *transform == Transform::IDENTITY {
             return Ok(moved);
         }
@@ -94,7 +94,7 @@ impl Gaussians {
         });
         if let Some(far) = moved.means.par_iter().position_first(|mean| !mean.iter().all(|v| v.is_finite())) {
             let mean = transform.point(DVec3::from(self.means[far].map(f64::from)));
-            anyhow::bail!("Gaussian {far} would lie at {mean}, which is beyond 32-bit floats");
+            bail!("Gaussian {far} would lie at {mean}, which is beyond 32-bit floats");
         }
         let scaled = |s: f32| ((f64::from(s) * transform.scale) as f32).min(f32::MAX);
         moved.scales.par_iter_mut().for_each(|scale| *scale = scale.map(scaled));
@@ -104,18 +104,14 @@ impl Gaussians {
         Ok(moved)
     }
 
-    fn turn(&mut self, turn: DQuat) {
-        self.rotations.par_iter_mut().for_each(|rotation| {
-            let [w, x, y, z] = rotation.map(f64::from);
-            let q = (turn * DQuat::from_xyzw(x, y, z, w)).normalize();
-            *rotation = [q.w, q.x, q.y, q.z].map(|v| v as f32);
+    fn turn(&mut self, rotation: DQuat) {
+        self.rotations.par_iter_mut().for_each(|local| {
+            let [w, x, y, z] = local.map(f64::from);
+            let q = (rotation * DQuat::from_xyzw(x, y, z, w)).normalize();
+            *local = [q.w, q.x, q.y, q.z].map(|v| v as f32);
         });
-        let matrices: Rotation = rotation(turn);
-        self.sh.par_chunks_exact_mut(sh_coefficients(self.sh_degree)).for_each(|sh| matrices.apply(sh));
-    }
-
-    fn copy(&self) -> Result<Self, OutOfMemory> {
-        Self::joined([self].into_iter())
+        let turn = Turn::new(rotation);
+        self.sh.par_chunks_exact_mut(sh_coefficients(self.sh_degree)).for_each(|sh| turn.apply(sh));
     }
 
     /// The Gaussians of all parts, one part after the other; the degree of spherical harmonics is the largest, lower
