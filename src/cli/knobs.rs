@@ -24,7 +24,7 @@ pub(super) struct Knobs {
     alpha_min: Option<f32>,
     /// Make up for the low-pass in the opacities (Mip-Splatting) [default: if the scene was trained so]
     #[arg(long, value_name = "YES", value_parser = clap::value_parser!(bool))]
-    antialiased: Option<bool>,
+    pub antialiased: Option<bool>,
     /// Finish a pixel once its transmittance is below this; no colour moves by more than this part of the brightest
     #[arg(long, value_name = "T", help_heading = TRADES)]
     stop: Option<f32>,

@@ -11,6 +11,7 @@ mod progress;
 mod render;
 mod table;
 mod trade;
+mod view;
 
 use std::ffi::OsString;
 use std::fmt;
@@ -49,6 +50,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Render(render::Args),
+    View(view::Args),
     Info(info::Args),
     Bench(bench::Args),
     Compare(compare::Args),
@@ -66,10 +68,16 @@ struct DeviceArgs {
 
 impl DeviceArgs {
     fn open(&self) -> Result<Device> {
+        let (choice, validation) = self.choice();
+        Device::open(&choice, validation)
+    }
+
+    /// Which device, and how it is watched.
+    fn choice(&self) -> (DeviceChoice, Validation) {
         let environment = Environment::read();
         let choice = self.device.as_deref().map_or(environment.device, DeviceChoice::from);
         let default = if cfg!(debug_assertions) { Validation::IfInstalled } else { Validation::Off };
-        Device::open(&choice, environment.validation.unwrap_or(default))
+        (choice, environment.validation.unwrap_or(default))
     }
 }
 
@@ -112,6 +120,7 @@ pub fn run() -> ExitCode {
 pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> ExitCode {
     let outcome = match Cli::parse_from(arguments).command {
         Command::Render(args) => render::run(&args),
+        Command::View(args) => view::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Compare(args) => compare::run(&args),

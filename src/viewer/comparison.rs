@@ -40,6 +40,8 @@ pub struct Comparison {
     pub split: f32,
     /// On differences.
     pub gain: f32,
+    /// The split is in the hand.
+    pub is_held: bool,
     /// The second picture is shown while this is held.
     pub is_flicked: bool,
     /// Flickers by itself, this often a second.
@@ -60,6 +62,7 @@ impl Default for Comparison {
             way: Way::Split,
             split: 0.5,
             gain: 10.0,
+            is_held: false,
             is_flicked: false,
             flicker_hz: 0.0,
             picture: None,
@@ -86,7 +89,13 @@ impl Comparison {
             _ if self.with == With::Nothing => Compare::First,
             _ if self.is_flicked => Compare::Second,
             Way::Split => Compare::Split(self.split * width as f32),
-            Way::Flicker => if is_second_half { Compare::Second } else { Compare::First },
+            Way::Flicker => {
+                if is_second_half {
+                    Compare::Second
+                } else {
+                    Compare::First
+                }
+            }
             Way::Difference => Compare::Difference(self.gain),
         }
     }
@@ -124,7 +133,10 @@ impl Viewer {
         self.comparison.is_drawing = true;
         self.comparison.drawn_for = Some(view.clone());
         self.jobs.start(
-            move |_| Ok(crate::reference::render(&plan.joined()?, &view, &rules, background).to_pixels()),
+            move |_| {
+                let scene = plan.joined()?;
+                Ok(crate::reference::render(&scene, &view, &rules, background).to_pixels())
+            },
             |pixels| News::Picture("float64 reference".to_owned(), pixels),
         );
     }

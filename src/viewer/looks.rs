@@ -40,7 +40,11 @@ pub const SIGHTS: [Sight; 15] = [
     Sight { name: "ellipse outlines", look: Look::Work(Work::Outlines), numbers: Numbers::None },
     Sight { name: "opacity", look: Look::Attribute(Attribute::Opacity), numbers: Numbers::Mean([0.0, 1.0]) },
     Sight { name: "size, log2", look: Look::Attribute(Attribute::Size), numbers: Numbers::Mean([-12.0, 0.0]) },
-    Sight { name: "anisotropy, log2", look: Look::Attribute(Attribute::Anisotropy), numbers: Numbers::Mean([0.0, 8.0]) },
+    Sight {
+        name: "anisotropy, log2",
+        look: Look::Attribute(Attribute::Anisotropy),
+        numbers: Numbers::Mean([0.0, 8.0]),
+    },
     Sight { name: "base colour", look: Look::Attribute(Attribute::BaseColour), numbers: Numbers::None },
     Sight { name: "identity", look: Look::Attribute(Attribute::Identity), numbers: Numbers::None },
 ];

@@ -39,6 +39,8 @@ pub struct Screen {
 enum Target {
     Window(Swapchain),
     Offscreen(Image),
+    /// Neither any more.
+    Closed,
 }
 
 /// A frame on the GPU.
@@ -147,6 +149,14 @@ impl Screen {
         }
     }
 
+    /// Ends the use of the window, which another screen may take over.
+    pub fn close(&mut self) {
+        self.flights.clear();
+        self.drawing = None;
+        self.overlay = None;
+        self.target = Target::Closed;
+    }
+
     pub fn device(&self) -> &Device {
         &self.device
     }
@@ -156,6 +166,7 @@ impl Screen {
         match &self.target {
             Target::Window(swapchain) => swapchain.size(),
             Target::Offscreen(image) => Some(image.size()),
+            Target::Closed => None,
         }
     }
 
@@ -166,7 +177,7 @@ impl Screen {
                 Presentation::Lost => Ok(Shown::Lost),
                 _ => Ok(if swapchain.size().is_some() { Shown::Yes } else { Shown::Hidden }),
             },
-            Target::Offscreen(_) => Ok(Shown::Yes),
+            Target::Offscreen(_) | Target::Closed => Ok(Shown::Yes),
         }
     }
 
@@ -237,6 +248,7 @@ impl Screen {
             self.land(pair)?;
         }
         let acquired = match &mut self.target {
+            Target::Closed => return Ok(Shown::Hidden),
             Target::Offscreen(_) => None,
             Target::Window(swapchain) => match swapchain.acquire()? {
                 Acquisition::Image(acquired) => Some(acquired),

@@ -53,14 +53,35 @@ impl Session {
     pub fn replace_screen(&mut self, screen: Screen) {
         self.pair = Pair::default();
         self.screen = screen;
-        // The letters of the panels went with the device.
-        let (context, style) = (egui::Context::default(), self.context.global_style());
-        context.set_global_style(style);
-        self.context = context;
+        self.forget_letters();
         self.viewer.building = [false; 2];
         self.viewer.refused = [None, None];
         self.viewer.is_stale = true;
         self.viewer.comparison.is_stale = true;
+    }
+
+    /// Gives the pictures up, and the memory that they take.
+    pub fn drop_pictures(&mut self) {
+        for (side, _) in self.pair.drawn() {
+            self.viewer.refused[side as usize] = self.viewer.plan(side).ok().flatten();
+        }
+        self.pair = Pair::default();
+        self.viewer.is_stale = true;
+    }
+
+    /// The panels send their letters again, to another surface.
+    pub fn forget_letters(&mut self) {
+        let (context, style) = (egui::Context::default(), self.context.global_style());
+        context.set_global_style(style);
+        self.context = context;
+    }
+
+    /// Whether all that was asked for is read, and on the screen.
+    pub fn is_settled(&self) -> bool {
+        let viewer = &self.viewer;
+        let is_read = viewer.layers.iter().all(|layer| layer.progress.is_none()) && !viewer.is_reading_cameras;
+        let is_built = viewer.layers.is_empty() || self.pair.first.is_some();
+        is_read && is_built && !viewer.building.contains(&true) && !viewer.is_stale
     }
 
     /// Hears what threads report, without showing anything: whether there was something.
@@ -185,12 +206,11 @@ impl Session {
             let Some(wanted) = wanted else {
                 // The last scene was closed, or nothing is compared.
                 let is_loading = self.viewer.layers.iter().any(|layer| layer.progress.is_some());
-                if side == Side::First && self.pair.first.is_some() && !is_loading {
-                    self.pair.first = None;
-                    self.viewer.is_stale = true;
-                }
-                if side == Side::Second && there.is_some() {
-                    self.pair.second = None;
+                if there.is_some() && !(side == Side::First && is_loading) {
+                    match side {
+                        Side::First => self.pair.first = None,
+                        Side::Second => self.pair.second = None,
+                    }
                     self.viewer.is_stale = true;
                 }
                 continue;
@@ -203,8 +223,7 @@ impl Session {
             let before = there.or(self.pair.first.as_ref()).map(Drawn::kept);
             self.viewer.building[i] = true;
             self.viewer.refused[i] = None;
-            let (device, view, background) =
-                (self.screen.device().clone(), self.viewer.view(), self.viewer.background);
+            let (device, view, background) = (self.screen.device().clone(), self.viewer.view(), self.viewer.background);
             let generation = self.viewer.next_generation();
             self.viewer.jobs.start(
                 move |_| wanted.build(&device, before, &view, background, generation).map(Box::new),

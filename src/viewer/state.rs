@@ -33,8 +33,11 @@ pub struct Setup {
     pub options: Options,
     /// Whether the options say by hand what scenes say of their antialiasing.
     pub antialiased_by_hand: bool,
+    /// The same of the near plane, which else comes closer for a small scene without cameras.
+    pub near_by_hand: bool,
     pub bindings: Bindings,
     pub vsync: Vsync,
+    pub hides_panels: bool,
     /// Tell what happens on standard output, a line of JSON each.
     pub tells_events: bool,
 }
@@ -67,6 +70,7 @@ pub struct Viewer {
     pub layers: Vec<Layer>,
     pub cameras: Vec<NamedCamera>,
     pub cameras_name: String,
+    pub is_reading_cameras: bool,
     /// The camera of the file that was gone to last.
     pub camera: Option<usize>,
     pub navigator: Navigator,
@@ -128,6 +132,7 @@ impl Viewer {
             layers: Vec::new(),
             cameras: Vec::new(),
             cameras_name: String::new(),
+            is_reading_cameras: false,
             camera: None,
             navigator: Navigator::new(DVec3::ZERO, 1.0, size),
             has_view: false,
@@ -146,7 +151,7 @@ impl Viewer {
             film: Film::default(),
             export: Export::default(),
             explanation: None,
-            panels: Panels { are_hidden: false, shows_help: false },
+            panels: Panels { are_hidden: setup.hides_panels, shows_help: false },
             is_stale: true,
             wishes: Vec::new(),
             size,
@@ -188,10 +193,8 @@ impl Viewer {
     pub fn open_cameras(&mut self, path: &Path) {
         let path = path.to_owned();
         let file = path.clone();
-        self.jobs.start(
-            move |_| crate::camera::read(&file),
-            move |cameras| News::Cameras(path, cameras),
-        );
+        self.is_reading_cameras = true;
+        self.jobs.start(move |_| crate::camera::read(&file), move |cameras| News::Cameras(path, cameras));
     }
 
     /// Opens whatever was dropped on the window: a camera file, a photograph to compare with, or a scene.
@@ -230,14 +233,13 @@ impl Viewer {
         let (centre, radius) = (DVec3::from(focus.centre), focus.radius);
         self.navigator.frame(centre, radius, self.size);
         self.looks.set_extent(radius);
-        if self.cameras.is_empty() {
+        if self.cameras.is_empty() && !self.setup.near_by_hand {
             // As `render` does: closer for a small scene.
             let distance = self.view().position.distance(self.navigator.pivot());
             let nearest = distance as f32 / 100.0;
             self.options.rules.near = self.setup.options.rules.near.min(nearest);
-        } else {
-            self.go_to_camera(0, true);
         }
+        self.go_to_camera(0, true);
         self.has_view = true;
         self.first_view = Some(self.view());
         self.is_stale = true;
@@ -332,6 +334,7 @@ impl Viewer {
 
     /// Takes cameras that were read, or says why they were not.
     pub fn take_cameras(&mut self, path: &Path, cameras: anyhow::Result<Vec<NamedCamera>>) {
+        self.is_reading_cameras = false;
         match cameras {
             Ok(cameras) => {
                 self.events.tell(&Event::Cameras { count: cameras.len() });
@@ -367,10 +370,7 @@ impl Viewer {
             );
         } else {
             self.is_measuring = true;
-            self.jobs.start(
-                move |_| costs(&device, (&scene.0, &scene.1), &options, &view, background),
-                News::Measured,
-            );
+            self.jobs.start(move |_| costs(&device, (&scene.0, &scene.1), &options, &view, background), News::Measured);
         }
     }
 

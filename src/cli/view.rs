@@ -1,0 +1,108 @@
+//! `smalto view`: a window on scenes.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use image::{ExtendedColorType, ImageEncoder};
+
+use super::{DeviceArgs, Knobs, Usage, complain, knobs, parse_size, remark, say, size_text};
+use crate::environment::Environment;
+use crate::files::write_whole;
+use crate::gpu::Vsync;
+use crate::options::Options;
+use crate::viewer::{self, Bindings, Opening, Setup, Summary};
+
+/// Open a window on scenes: fly through them, see what every stage costs, look inside the pipeline
+#[derive(clap::Args)]
+pub(super) struct Args {
+    /// Scene files (.ply, .compressed.ply or .spz), model folders of the original 3DGS, or procedural scenes: cactus,
+    /// few-large or many-small, with :COUNT for another number of Gaussians. More can be dropped on the window
+    scenes: Vec<PathBuf>,
+    /// Camera file of the original 3DGS [default: cameras.json beside the first scene or above it]
+    #[arg(long, value_name = "FILE")]
+    cameras: Option<PathBuf>,
+    /// Size of the window in pixels
+    #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "1280x720")]
+    size: [u32; 2],
+    /// Begin in full screen
+    #[arg(long)]
+    fullscreen: bool,
+    /// When a picture is shown: at a refresh of the screen, at once, or the newest at every refresh
+    #[arg(long, value_name = "WHEN", default_value = "on")]
+    vsync: Vsync,
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Accuracy against speed: exact, balanced, fast or preview; or as inria, gsplat or khr draw [default: balanced]
+    #[arg(long, value_name = "NAME", value_parser = knobs::preset_names())]
+    preset: Option<String>,
+    /// File that says which key does what [default: smalto/viewer.toml in the user's folder of settings]
+    #[arg(long, value_name = "FILE")]
+    keys: Option<PathBuf>,
+    /// Tell what happens on standard output, a line of JSON each
+    #[arg(long)]
+    events: bool,
+    /// No window: draw this many frames of the viewer, from the file's cameras in turn, and say how long they took
+    #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u32).range(4..), conflicts_with_all = ["fullscreen", "vsync"])]
+    offscreen: Option<u32>,
+    /// With --offscreen: write the last frame, panels included, as PNG
+    #[arg(long, value_name = "FILE", requires = "offscreen")]
+    screen: Option<PathBuf>,
+    /// Begin with the panels hidden
+    #[arg(long)]
+    no_panels: bool,
+    #[command(flatten)]
+    knobs: Knobs,
+}
+
+pub(super) fn run(args: &Args) -> Result<()> {
+    args.knobs.check()?;
+    args.knobs.check_gpu()?;
+    let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
+    let setup = Setup {
+        scenes: args.scenes.clone(),
+        cameras: args.cameras.clone(),
+        options: args.knobs.options(&preset, false, f32::INFINITY),
+        antialiased_by_hand: args.knobs.antialiased.is_some(),
+        near_by_hand: args.knobs.near.is_some(),
+        bindings: bindings(args)?,
+        vsync: args.vsync,
+        hides_panels: args.no_panels,
+        tells_events: args.events,
+    };
+    if let Some(frames) = args.offscreen {
+        return offscreen(args, setup, frames);
+    }
+    let (device, validation) = args.device.choice();
+    let fault = Environment::read()
+        .fault
+        .map(|text| text.parse().map_err(|problem| Usage(format!("SMALTO_FAULT: {problem:#}"))));
+    let fault = fault.transpose()?;
+    viewer::run(Opening { setup, size: args.size, is_full_screen: args.fullscreen, device, validation, fault })
+}
+
+fn bindings(args: &Args) -> Result<Bindings, Usage> {
+    let default = Bindings::default_file().filter(|file| file.is_file());
+    let Some(file) = args.keys.clone().or(default) else { return Ok(Bindings::default()) };
+    Bindings::read(&file).map_err(|problem| Usage(format!("{}: {problem:#}", file.display())))
+}
+
+fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
+    let device = args.device.open()?;
+    let Summary { interval_ms, gpu_ms, first_frame_ms, size, screen } =
+        viewer::run_offscreen(setup, &device, args.size, frames, !args.no_panels)?;
+    if let Some(file) = &args.screen {
+        let bytes: &[u8] = bytemuck::cast_slice(&screen);
+        write_whole(file, |out| {
+            let encoder = image::codecs::png::PngEncoder::new(out);
+            Ok(encoder.write_image(bytes, size[0], size[1], ExtendedColorType::Rgba8)?)
+        })
+        .with_context(|| format!("cannot write {}", file.display()))?;
+    }
+    say!("{}  {frames} frames, first after {first_frame_ms:.0} ms", size_text(size))?;
+    say!("  from frame to frame  median {:.3} ms, p95 {:.3} ms", interval_ms.median, interval_ms.p95)?;
+    match gpu_ms {
+        Some(gpu) => say!("  GPU time of pictures  median {:.3} ms, p95 {:.3} ms", gpu.median, gpu.p95)?,
+        None => remark("note: nothing was drawn"),
+    }
+    complain(&device)
+}

@@ -1,0 +1,252 @@
+//! What hands do: mouse and keys, and files that are dropped.
+
+use egui::{Event as Input, Key, PointerButton, Sense, Ui};
+use glam::{DVec2, DVec3};
+
+use super::comparison::{Way, With};
+use super::events::Event;
+use super::keys::{Action, Chord};
+use super::state::{Viewer, Wish};
+
+/// How much faster and slower flying is with the keys for that.
+const FAST: f64 = 5.0;
+/// Scrolled points of a step of the dolly.
+const STEP_POINTS: f64 = 50.0;
+/// How near the split a drag takes hold of it, in points.
+const GRIP_POINTS: f32 = 6.0;
+
+/// Follows what happened since the frame before, `seconds` ago.
+pub fn follow(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
+    let dropped = ui.input(|input| input.raw.dropped_files.clone());
+    for file in &dropped {
+        viewer.drop_file(file.path());
+    }
+    let types = ui.ctx().egui_wants_keyboard_input();
+    if !types {
+        keys(viewer, ui);
+    }
+    let is_moving = !types && fly(viewer, ui, seconds);
+    let is_gliding = viewer.navigator.advance(seconds);
+    viewer.play(seconds);
+    if is_moving || is_gliding {
+        ui.ctx().request_repaint();
+    }
+}
+
+/// Whether the key of an action was pressed.
+fn pressed(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
+    match viewer.setup.bindings.chord(action) {
+        Chord::Key(shortcut) => ui.input_mut(|input| input.consume_shortcut(&shortcut)),
+        Chord::Held(_) => false,
+    }
+}
+
+/// Whether the key of an action is held.
+fn held(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
+    ui.input(|input| match viewer.setup.bindings.chord(action) {
+        Chord::Key(shortcut) => input.key_down(shortcut.logical_key),
+        Chord::Held(modifiers) => input.modifiers.contains(modifiers),
+    })
+}
+
+fn keys(viewer: &mut Viewer, ui: &mut Ui) {
+    // egui turns the usual keys for the clipboard into events of their own.
+    let clipboard = ui.input(|input| input.events.clone());
+    for event in clipboard {
+        match event {
+            Input::Copy => copy_view(viewer),
+            Input::Paste(text) => viewer.paste_view(&text),
+            _ => {}
+        }
+    }
+    if pressed(viewer, ui, Action::NextCamera) {
+        viewer.step_camera(true);
+    }
+    if pressed(viewer, ui, Action::PreviousCamera) {
+        viewer.step_camera(false);
+    }
+    if pressed(viewer, ui, Action::NearestCamera) {
+        viewer.go_to_nearest_camera();
+    }
+    if pressed(viewer, ui, Action::FlipUp) {
+        viewer.navigator.flip_up();
+    }
+    if pressed(viewer, ui, Action::Frame) {
+        let home = viewer.navigator.home(viewer.size);
+        viewer.navigator.glide_to(&home, crate::camera::GLIDE_SECONDS);
+    }
+    if pressed(viewer, ui, Action::Reset) {
+        viewer.reset_view();
+    }
+    if pressed(viewer, ui, Action::FullScreen) {
+        viewer.wishes.push(Wish::FullScreen);
+    }
+    if pressed(viewer, ui, Action::HidePanels) {
+        viewer.panels.are_hidden = !viewer.panels.are_hidden;
+    }
+    // A question mark is a key of its own, or Shift with another.
+    let asks = ui.input(|input| input.events.iter().any(|event| *event == Input::Text("?".to_owned())));
+    if pressed(viewer, ui, Action::Help) || asks {
+        viewer.panels.shows_help = !viewer.panels.shows_help;
+    }
+    if ui.input(|input| input.key_pressed(Key::Escape)) {
+        viewer.panels.shows_help = false;
+        viewer.explanation = None;
+        viewer.looks.isolated = None;
+    }
+    if pressed(viewer, ui, Action::Screenshot) {
+        viewer.wishes.push(Wish::WritePicture);
+    }
+    if pressed(viewer, ui, Action::CopyView) {
+        copy_view(viewer);
+    }
+    if pressed(viewer, ui, Action::FreezeCulling) {
+        freeze(viewer);
+    }
+    if pressed(viewer, ui, Action::Explain)
+        && let Some(pixel) = pixel_under_cursor(viewer, ui)
+    {
+        viewer.wishes.push(Wish::Explain(pixel));
+    }
+    if pressed(viewer, ui, Action::AddKey) {
+        viewer.add_key();
+    }
+    if pressed(viewer, ui, Action::Play) {
+        let film = &mut viewer.film;
+        film.is_playing = !film.is_playing && film.timeline.keys().len() > 1;
+        if film.is_playing && film.now >= film.end() {
+            film.now = 0.0;
+        }
+    }
+    if pressed(viewer, ui, Action::NextLook) {
+        viewer.looks.step(true);
+    }
+    if pressed(viewer, ui, Action::PreviousLook) {
+        viewer.looks.step(false);
+    }
+    if pressed(viewer, ui, Action::Quit) {
+        viewer.wishes.push(Wish::Quit);
+    }
+    viewer.comparison.is_flicked = viewer.comparison.with != With::Nothing && held(viewer, ui, Action::Flicker);
+}
+
+/// Puts the view on the clipboard.
+pub fn copy_view(viewer: &mut Viewer) {
+    let text = crate::camera::to_json(&viewer.view());
+    if let Ok(view) = serde_json::from_str(&text) {
+        viewer.events.tell(&Event::Copied { view });
+    }
+    viewer.wishes.push(Wish::Copy(text));
+    viewer.messages.note("the view is copied");
+}
+
+/// Keeps what is culled from here, or follows the camera again.
+pub fn freeze(viewer: &mut Viewer) {
+    viewer.looks.culled_from = match viewer.looks.culled_from {
+        Some(_) => None,
+        None => Some(viewer.view()),
+    };
+}
+
+/// Flies as long as keys are held; whether it does.
+fn fly(viewer: &mut Viewer, ui: &Ui, seconds: f64) -> bool {
+    let held = |action| held(viewer, ui, action);
+    // Keys with Ctrl are shortcuts, unless Ctrl is the key to be slow and a direction is held.
+    let along = |plus, minus| f64::from(u8::from(held(plus))) - f64::from(u8::from(held(minus)));
+    let direction = DVec3::new(
+        along(Action::Right, Action::Left),
+        along(Action::Down, Action::Up),
+        along(Action::Forward, Action::Back),
+    );
+    if direction == DVec3::ZERO {
+        return false;
+    }
+    let pace = if held(Action::Fast) { FAST } else { 1.0 } * if held(Action::Slow) { 1.0 / FAST } else { 1.0 };
+    viewer.navigator.fly(direction, seconds, pace);
+    viewer.camera = None;
+    true
+}
+
+/// Follows the mouse over the picture.
+pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
+    let rect = ui.available_rect_before_wrap();
+    let response = ui.allocate_rect(rect, Sense::click_and_drag());
+    let points = ui.ctx().pixels_per_point();
+    let size = viewer.size;
+    let to_pixels = |v: egui::Vec2| DVec2::new(f64::from(v.x), f64::from(v.y)) * f64::from(points);
+    let drag = to_pixels(response.drag_delta());
+    let shift = ui.input(|input| input.modifiers.shift);
+    if split_is_dragged(viewer, ui, &response) {
+        return;
+    }
+    let before = viewer.navigator.camera(size);
+    if drag != DVec2::ZERO {
+        if response.dragged_by(PointerButton::Middle) || response.dragged_by(PointerButton::Primary) && shift {
+            viewer.navigator.pan(drag, size);
+        } else if response.dragged_by(PointerButton::Primary) {
+            viewer.navigator.orbit(drag, size);
+        } else if response.dragged_by(PointerButton::Secondary) {
+            viewer.navigator.look(drag, size);
+        }
+    }
+    if response.hovered() {
+        let scrolled = ui.input(|input| input.smooth_scroll_delta().y);
+        viewer.navigator.dolly(f64::from(scrolled) / STEP_POINTS);
+        let zoom = ui.input(|input| input.zoom_delta());
+        if zoom != 1.0 {
+            viewer.navigator.dolly(f64::from(zoom).ln() * 10.0);
+        }
+    }
+    if viewer.navigator.camera(size) != before {
+        viewer.camera = None;
+        viewer.film.is_playing = false;
+    }
+    if response.double_clicked_by(PointerButton::Primary)
+        && let Some(pixel) = pixel_under_cursor(viewer, ui)
+    {
+        viewer.wishes.push(Wish::Focus(pixel));
+    }
+}
+
+/// Moves the split with the hand; whether the hand is at it.
+fn split_is_dragged(viewer: &mut Viewer, ui: &Ui, response: &egui::Response) -> bool {
+    let comparison = &mut viewer.comparison;
+    if comparison.with == With::Nothing || comparison.way != Way::Split {
+        return false;
+    }
+    let width = viewer.size[0] as f32 / ui.ctx().pixels_per_point();
+    let at = comparison.split * width;
+    let is_near = |x: f32| (x - at).abs() < GRIP_POINTS;
+    let began = ui.input(|input| input.pointer.press_origin());
+    if response.hover_pos().is_some_and(|p| is_near(p.x)) {
+        ui.ctx().set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
+    }
+    if response.drag_started_by(PointerButton::Primary) {
+        comparison.is_held = began.is_some_and(|p| is_near(p.x));
+    }
+    if !response.dragged_by(PointerButton::Primary) {
+        comparison.is_held = false;
+    }
+    if comparison.is_held
+        && let Some(p) = response.interact_pointer_pos()
+    {
+        comparison.split = (p.x / width).clamp(0.0, 1.0);
+    }
+    comparison.is_held
+}
+
+/// The pixel of the picture at the cursor, if that is in the window.
+pub fn pixel_under_cursor(viewer: &Viewer, ui: &Ui) -> Option<[u32; 2]> {
+    let at = ui.input(|input| input.pointer.latest_pos())? * ui.ctx().pixels_per_point();
+    let is_inside = at.x >= 0.0 && at.y >= 0.0 && at.x < viewer.size[0] as f32 && at.y < viewer.size[1] as f32;
+    is_inside.then_some([at.x as u32, at.y as u32])
+}
+
+/// Turns around what is seen at a pixel, this deep.
+pub fn focus(viewer: &mut Viewer, pixel: [u32; 2], depth: Option<f32>) {
+    let Some(depth) = depth else { return viewer.messages.note("there is nothing at this pixel") };
+    let view = viewer.view();
+    let place = DVec2::from(pixel.map(f64::from)) + 0.5 - view.centre_px;
+    let point_view = (place / view.focal_px).extend(1.0) * f64::from(depth);
+    viewer.navigator.focus(view.position + view.rotation.transpose() * point_view);
+}

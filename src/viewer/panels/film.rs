@@ -1,0 +1,116 @@
+//! Paths: keys on a time line, playing, and frames and pictures to files.
+
+use std::path::PathBuf;
+
+use egui::{DragValue, Slider, TextEdit, Ui};
+
+use super::super::state::{Viewer, Wish};
+use crate::camera::Timeline;
+
+pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
+    ui.horizontal(|ui| {
+        if ui.button("Add key").clicked() {
+            viewer.add_key();
+        }
+        let film = &mut viewer.film;
+        let text = if film.is_playing { "Stop" } else { "Play" };
+        if ui.add_enabled(film.timeline.keys().len() > 1, egui::Button::new(text)).clicked() {
+            film.is_playing = !film.is_playing;
+            if film.is_playing && film.now >= film.end() {
+                film.now = 0.0;
+            }
+        }
+        ui.add(DragValue::new(&mut film.step).speed(0.1).range(0.1..=60.0).suffix(" s a key"));
+    });
+    let end = viewer.film.end();
+    if end > 0.0 {
+        let mut now = viewer.film.now;
+        if ui.add(Slider::new(&mut now, 0.0..=end).suffix(" s").text("time")).changed() {
+            viewer.show_time(now);
+        }
+    }
+    keys(viewer, ui);
+    files(viewer, ui);
+    ui.separator();
+    export(viewer, ui);
+}
+
+fn keys(viewer: &mut Viewer, ui: &mut Ui) {
+    let (mut removed, mut moved, mut shown) = (None, None, None);
+    for (i, key) in viewer.film.timeline.keys().iter().enumerate() {
+        ui.horizontal(|ui| {
+            let mut seconds = key.seconds;
+            if ui.add(DragValue::new(&mut seconds).speed(0.05).range(0.0..=3600.0).suffix(" s")).changed() {
+                moved = Some((i, seconds));
+            }
+            if ui.small_button("go").clicked() {
+                shown = Some(key.seconds);
+            }
+            if ui.small_button("x").clicked() {
+                removed = Some(i);
+            }
+        });
+    }
+    if let Some((i, seconds)) = moved
+        && let Err(problem) = viewer.film.timeline.retime(i, seconds)
+    {
+        viewer.messages.note(format!("{problem:#}"));
+    }
+    if let Some(i) = removed {
+        viewer.film.timeline.remove(i);
+    }
+    if let Some(seconds) = shown {
+        viewer.show_time(seconds);
+    }
+}
+
+fn files(viewer: &mut Viewer, ui: &mut Ui) {
+    ui.horizontal(|ui| {
+        ui.add(TextEdit::singleline(&mut viewer.film.file).desired_width(110.0));
+        let path = PathBuf::from(&viewer.film.file);
+        if ui.button("Save path").clicked() {
+            match viewer.film.timeline.write(&path) {
+                Ok(()) => viewer.messages.note(format!("{} written", path.display())),
+                Err(problem) => viewer.messages.error(format!("{problem:#}")),
+            }
+        }
+        if ui.button("Load").clicked() {
+            match Timeline::read(&path) {
+                Ok(timeline) => viewer.film.timeline = timeline,
+                Err(problem) => viewer.messages.error(format!("{}: {problem:#}", path.display())),
+            }
+        }
+    });
+}
+
+fn export(viewer: &mut Viewer, ui: &mut Ui) {
+    let window = viewer.size;
+    let export = &mut viewer.export;
+    ui.horizontal(|ui| {
+        let mut is_own = export.size.is_some();
+        if ui.checkbox(&mut is_own, "size of its own").changed() {
+            export.size = is_own.then_some(window);
+        }
+        if let Some([width, height]) = &mut export.size {
+            ui.add(DragValue::new(width).range(1..=16384));
+            ui.add(DragValue::new(height).range(1..=16384));
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.add(TextEdit::singleline(&mut export.picture).desired_width(150.0));
+        if ui.button("Write picture").clicked() {
+            viewer.wishes.push(Wish::WritePicture);
+        }
+    });
+    let export = &mut viewer.export;
+    ui.horizontal(|ui| {
+        ui.add(TextEdit::singleline(&mut export.folder).desired_width(90.0));
+        ui.add(DragValue::new(&mut viewer.film.fps).range(1.0..=240.0).suffix(" fps"));
+        if ui.button("Write frames").clicked() {
+            viewer.wishes.push(Wish::WriteFilm);
+        }
+    });
+    if let Some(fraction) = export.progress {
+        ui.add(egui::ProgressBar::new(fraction as f32).show_percentage());
+    }
+}

@@ -1,0 +1,154 @@
+//! Looking inside: what is shown in place of colours, culling that stays behind, a pixel explained.
+
+use egui::{Color32, ComboBox, Context, DragValue, Grid, ScrollArea, Stroke, Ui, Window};
+use glam::{DVec2, DVec3};
+
+use super::super::hands;
+use super::super::looks::{Numbers, SIGHTS};
+use super::super::screen::Pair;
+use super::super::state::{Viewer, Wish};
+use crate::camera::Camera;
+use crate::render::Explained;
+
+pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
+    let looks = &mut viewer.looks;
+    ComboBox::from_id_salt("sight").width(180.0).selected_text(looks.sight().name).show_ui(ui, |ui| {
+        for (i, sight) in SIGHTS.iter().enumerate() {
+            ui.selectable_value(&mut looks.sight, i, sight.name);
+        }
+    });
+    if matches!(looks.sight().numbers, Numbers::Counts | Numbers::Mean(_)) {
+        ui.horizontal(|ui| {
+            let [low, high] = &mut looks.ranges[looks.sight];
+            ui.add(DragValue::new(low).speed(0.05));
+            scale(ui);
+            ui.add(DragValue::new(high).speed(0.05));
+        });
+    }
+    let mut is_frozen = looks.culled_from.is_some();
+    if ui.checkbox(&mut is_frozen, "keep what is culled from here").changed() {
+        hands::freeze(viewer);
+    }
+    let looks = &mut viewer.looks;
+    if let Some(index) = looks.isolated {
+        ui.horizontal(|ui| {
+            ui.label(format!("Gaussian {index} alone"));
+            if ui.small_button("all again").clicked() {
+                looks.isolated = None;
+            }
+        });
+    }
+    let key = viewer.setup.bindings.text(super::super::keys::Action::Explain);
+    ui.label(format!("{key} explains the pixel under the cursor."));
+    if let (Some(first), Some(index)) = (&pair.first, viewer.looks.isolated) {
+        let (i, gaussians) = (index as usize, &first.gaussians);
+        if i < gaussians.len() {
+            ui.label(format!(
+                "mean {:?}\nscales {:?}\nrotation {:?}\nopacity {}",
+                gaussians.means()[i],
+                gaussians.scales()[i],
+                gaussians.rotations()[i],
+                gaussians.opacities()[i]
+            ));
+        }
+    }
+}
+
+/// The colours from low to high.
+fn scale(ui: &mut Ui) {
+    let (response, painter) = ui.allocate_painter(egui::vec2(110.0, 14.0), egui::Sense::hover());
+    let width = response.rect.width() / 64.0;
+    for i in 0..64 {
+        let colorous::Color { r, g, b } = colorous::INFERNO.eval_continuous(f64::from(i) / 63.0);
+        let left = response.rect.left_top() + egui::vec2(i as f32 * width, 0.0);
+        let bar = egui::Rect::from_min_size(left, egui::vec2(width + 0.5, response.rect.height()));
+        painter.rect_filled(bar, 0.0, Color32::from_rgb(r, g, b));
+    }
+}
+
+/// What a pixel is made of: splats front to back, of which one can be seen alone.
+pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
+    let Some((pixel, explanation)) = &viewer.explanation else { return };
+    let mut is_open = true;
+    let mut chosen = None;
+    let [r, g, b] = explanation.colour(viewer.background);
+    Window::new(format!("Pixel {}, {}", pixel[0], pixel[1])).open(&mut is_open).default_size([460.0, 320.0]).show(
+        context,
+        |ui| {
+            let end = if explanation.is_stopped { "stopped" } else { "to the end of its list" };
+            let depth = explanation.depth().map_or_else(|| "nothing".to_owned(), |z| format!("{z:.4}"));
+            ui.label(format!(
+                "{} splats blended, {end}; transmittance left {:.5}\ncolour {r:.4} {g:.4} {b:.4}, depth {depth}",
+                explanation.splats.len(),
+                explanation.transmittance
+            ));
+            ui.horizontal(|ui| {
+                ["Gaussian", "depth", "alpha", "T before", "share", "colour"].map(|title| {
+                    ui.add_sized([62.0, 14.0], egui::Label::new(title));
+                });
+            });
+            let rows = explanation.splats.len();
+            ScrollArea::vertical().auto_shrink([false, false]).show_rows(ui, 18.0, rows, |ui, rows| {
+                Grid::new("splats").num_columns(6).min_col_width(62.0).striped(true).show(ui, |ui| {
+                    for Explained { gaussian, depth, alpha, transmittance, colour, share } in &explanation.splats[rows]
+                    {
+                        let is_alone = viewer.looks.isolated == Some(*gaussian);
+                        if ui.selectable_label(is_alone, gaussian.to_string()).clicked() {
+                            chosen = Some((!is_alone).then_some(*gaussian));
+                        }
+                        ui.monospace(format!("{depth:.4}"));
+                        ui.monospace(format!("{alpha:.4}"));
+                        ui.monospace(format!("{transmittance:.4}"));
+                        ui.monospace(format!("{share:.4}"));
+                        let [r, g, b] = colour.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8);
+                        ui.colored_label(Color32::from_rgb(r, g, b), "#####");
+                        ui.end_row();
+                    }
+                });
+            });
+            ui.label("Click a Gaussian to see it alone; Esc for all.");
+        },
+    );
+    if let Some(isolated) = chosen {
+        viewer.looks.isolated = isolated.filter(|_| pair.first.is_some());
+    }
+    if !is_open {
+        viewer.explanation = None;
+    }
+}
+
+/// The frustum that is culled from, drawn where the view has left it.
+pub(super) fn frustum(viewer: &Viewer, ui: &Ui) {
+    let Some(from) = &viewer.looks.culled_from else { return };
+    let view = viewer.view();
+    if *from == view {
+        return;
+    }
+    let points = f64::from(ui.ctx().pixels_per_point());
+    let deep = from.position.distance(viewer.navigator.pivot()).max(1e-6);
+    let corner = |x: f64, y: f64| {
+        let place = (DVec2::new(x, y) * DVec2::from(from.size_px.map(f64::from)) - from.centre_px) / from.focal_px;
+        from.position + from.rotation.transpose() * (place.extend(1.0) * deep)
+    };
+    let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)];
+    let painter = ui.ctx().layer_painter(egui::LayerId::background());
+    let mut line = |a: DVec3, b: DVec3| {
+        if let Some([a, b]) = seen(&view, a, b) {
+            let at = |p: DVec2| egui::pos2((p.x / points) as f32, (p.y / points) as f32);
+            painter.line_segment([at(a), at(b)], Stroke::new(1.5, Color32::from_rgb(255, 200, 60)));
+        }
+    };
+    for i in 0..4 {
+        line(corners[i], corners[(i + 1) % 4]);
+        line(from.position, corners[i]);
+    }
+}
+
+/// Where a line is seen, if any of it is ahead.
+fn seen(view: &Camera, a: DVec3, b: DVec3) -> Option<[DVec2; 2]> {
+    let [a, b] = [view.view(a), view.view(b)];
+    let near = 1e-3 * (a - b).length();
+    let cut = |p: DVec3, q: DVec3| if p.z >= near { p } else { p + (q - p) * ((near - p.z) / (q.z - p.z)) };
+    let is_seen = a.z > near || b.z > near;
+    is_seen.then(|| [cut(a, b), cut(b, a)].map(|p| p.truncate() / p.z * view.focal_px + view.centre_px))
+}

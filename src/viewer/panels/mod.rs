@@ -1,0 +1,95 @@
+//! The panels: everything that can be set, and all that is measured.
+
+mod compare;
+mod film;
+mod help;
+mod inside;
+mod quality;
+mod scenes;
+mod time;
+mod view;
+
+use egui::{Align2, Color32, Context, Frame, Panel, RichText, ScrollArea, Stroke, Ui};
+
+use super::comparison::{Way, With};
+use super::hands;
+use super::screen::Pair;
+use super::state::Viewer;
+
+/// Lays out all panels, and the picture's mouse behind them.
+pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
+    if !viewer.panels.are_hidden {
+        Panel::right("panels").default_size(320.0).show(ui, |ui| {
+            ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+                section(ui, "Scenes", true, |ui| scenes::show(viewer, pair, ui));
+                section(ui, "View", true, |ui| view::show(viewer, ui));
+                section(ui, "Quality and speed", true, |ui| quality::show(viewer, pair, ui));
+                section(ui, "Time", true, |ui| time::show(viewer, ui));
+                section(ui, "Look inside", true, |ui| inside::show(viewer, pair, ui));
+                section(ui, "Compare", false, |ui| compare::show(viewer, ui));
+                section(ui, "Path and files", false, |ui| film::show(viewer, ui));
+                section(ui, "Memory", false, |ui| time::memory(pair, ui));
+            });
+        });
+    }
+    hands::mouse(viewer, ui);
+    split_line(viewer, ui);
+    inside::frustum(viewer, ui);
+    messages(viewer, ui.ctx());
+    help::show(viewer, ui.ctx());
+    inside::explanation(viewer, pair, ui.ctx());
+}
+
+fn section(ui: &mut Ui, title: &str, is_open: bool, add: impl FnOnce(&mut Ui)) {
+    egui::CollapsingHeader::new(RichText::new(title).strong()).default_open(is_open).show(ui, add);
+}
+
+/// Errors until they are closed, notes for a while.
+fn messages(viewer: &mut Viewer, context: &Context) {
+    let mut closed = None;
+    egui::Area::new("messages".into()).anchor(Align2::LEFT_BOTTOM, [12.0, -12.0]).show(context, |ui| {
+        ui.set_max_width(560.0);
+        for (place, message) in viewer.messages.shown().iter().enumerate() {
+            let colour = if message.is_error { Color32::from_rgb(255, 120, 100) } else { Color32::LIGHT_GRAY };
+            Frame::popup(ui.style()).show(ui, |ui| {
+                ui.horizontal_wrapped(|ui| {
+                    if message.is_error && ui.small_button("x").clicked() {
+                        closed = Some(place);
+                    }
+                    ui.label(RichText::new(&message.text).color(colour));
+                });
+            });
+        }
+    });
+    if let Some(place) = closed {
+        viewer.messages.close(place);
+    }
+}
+
+/// Where the first picture ends and the second begins, and what they are.
+fn split_line(viewer: &Viewer, ui: &Ui) {
+    let comparison = &viewer.comparison;
+    if comparison.with == With::Nothing {
+        return;
+    }
+    let points = ui.ctx().pixels_per_point();
+    let [width, height] = viewer.size.map(|side| side as f32 / points);
+    let x = comparison.split * width;
+    let painter = ui.ctx().layer_painter(egui::LayerId::background());
+    if comparison.way == Way::Split {
+        painter.vline(x, 0.0..=height, Stroke::new(1.0, Color32::WHITE));
+    }
+    let font = egui::FontId::proportional(13.0);
+    let text = compare::second_name(viewer);
+    let at = match comparison.way {
+        Way::Split => egui::pos2(x + 6.0, 6.0),
+        _ => egui::pos2(6.0, 6.0),
+    };
+    let text = match comparison.way {
+        Way::Difference => format!("difference to {text}, {} times", comparison.gain),
+        _ => text,
+    };
+    let galley = painter.layout_no_wrap(text, font, Color32::WHITE);
+    painter.rect_filled(egui::Rect::from_min_size(at, galley.size()).expand(3.0), 2.0, Color32::from_black_alpha(150));
+    painter.galley(at, galley, Color32::WHITE);
+}

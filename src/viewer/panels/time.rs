@@ -1,0 +1,84 @@
+//! Where the time goes: every stage of the last frames, and the buffers that they take.
+
+use egui::{Color32, Grid, Rect, Sense, Ui, pos2, vec2};
+
+use super::super::history::REMEMBERED;
+use super::super::screen::Pair;
+use super::super::state::Viewer;
+
+/// Colours of the stages, in the order of the frame.
+fn colour(stage: usize, stages: usize) -> Color32 {
+    let at = (stage as f64 + 0.5) / stages.max(1) as f64;
+    let colorous::Color { r, g, b } = colorous::SINEBOW.eval_continuous(at);
+    Color32::from_rgb(r, g, b)
+}
+
+pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
+    let history = &viewer.history;
+    let Some(whole) = history.whole() else {
+        ui.label("no frame yet");
+        return;
+    };
+    plot(viewer, whole.p95.max(1e-3) as f32 * 1.25, ui);
+    Grid::new("stages").num_columns(4).striped(true).show(ui, |ui| {
+        for title in ["stage, GPU ms", "median", "p95", "p99"] {
+            ui.label(title);
+        }
+        ui.end_row();
+        let stages = history.stages();
+        for (place, name) in stages.iter().enumerate() {
+            ui.colored_label(colour(place, stages.len()), *name);
+            if let Some(times) = history.stage(place) {
+                [times.median, times.p95, times.p99].map(|ms| ui.monospace(format!("{ms:.3}")));
+            }
+            ui.end_row();
+        }
+        ui.strong("frame");
+        [whole.median, whole.p95, whole.p99].map(|ms| ui.monospace(format!("{ms:.3}")));
+        ui.end_row();
+    });
+    let pace = &viewer.pace;
+    ui.label(format!(
+        "{} drawn, {} shown, {} dropped; input to submission {:.2} ms, {:.2} on average",
+        pace.drawn, pace.shown, pace.dropped, pace.latency_ms, pace.mean_latency_ms
+    ));
+}
+
+/// The last frames, stage upon stage.
+fn plot(viewer: &Viewer, top_ms: f32, ui: &mut Ui) {
+    let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 90.0), Sense::hover());
+    let rect = response.rect;
+    painter.rect_filled(rect, 2.0, Color32::from_gray(16));
+    let stages = viewer.history.stages().len();
+    let width = rect.width() / REMEMBERED as f32;
+    let first = REMEMBERED - viewer.history.frames().len();
+    for (i, frame) in viewer.history.frames().enumerate() {
+        let x = rect.left() + (first + i) as f32 * width;
+        let mut below = rect.bottom();
+        for (stage, ms) in frame.iter().enumerate() {
+            let above = (below - ms / top_ms * rect.height()).max(rect.top());
+            let bar = Rect::from_min_max(pos2(x, above), pos2(x + width, below));
+            painter.rect_filled(bar, 0.0, colour(stage, stages));
+            below = above;
+        }
+    }
+    let text = format!("{top_ms:.2} ms");
+    let font = egui::FontId::monospace(10.0);
+    painter.text(rect.left_top() + vec2(3.0, 2.0), egui::Align2::LEFT_TOP, text, font, Color32::GRAY);
+}
+
+/// Device memory by buffer, the largest first.
+pub(super) fn memory(pair: &Pair, ui: &mut Ui) {
+    let Some(first) = &pair.first else { return };
+    let mut buffers = first.buffers();
+    buffers.sort_by_key(|(_, bytes)| std::cmp::Reverse(*bytes));
+    let all: u64 = buffers.iter().map(|(_, bytes)| bytes).sum();
+    ui.label(format!("{:.1} MB in {} buffers of the first picture", all as f64 / 1e6, buffers.len()));
+    Grid::new("memory").num_columns(2).striped(true).show(ui, |ui| {
+        for (name, bytes) in buffers {
+            ui.label(name);
+            ui.monospace(format!("{:9.3} MB", bytes as f64 / 1e6));
+            ui.end_row();
+        }
+    });
+}
