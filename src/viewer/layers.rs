@@ -20,7 +20,6 @@ pub enum Source {
 pub struct Layer {
     pub number: u64,
     pub name: String,
-    pub source: Source,
     pub gaussians: Option<Arc<Gaussians>>,
     pub is_antialiased: bool,
     /// What was read and dropped, in words.
@@ -97,7 +96,6 @@ impl Layer {
         Self {
             number,
             name: source.name(),
-            source,
             gaussians: None,
             is_antialiased: false,
             story: String::new(),

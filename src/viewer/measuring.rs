@@ -25,7 +25,6 @@ pub struct Cost {
     pub ms: f64,
     /// To the exact picture, in dB; infinite where they are equal.
     pub psnr: f64,
-    pub max_error: f32,
 }
 
 /// As the last of [`Costs::knobs`] is called.
@@ -66,7 +65,7 @@ pub fn costs(
     let cost = |(knob, options): (&'static str, Options)| {
         let difference = study.from_exact(&options)?;
         let psnr = difference.psnr_db.unwrap_or(f64::INFINITY);
-        Ok(Cost { knob, ms: study.gpu_ms(&options)?, psnr, max_error: difference.max_error })
+        Ok(Cost { knob, ms: study.gpu_ms(&options)?, psnr })
     };
     let knobs = turned(&exact, options).into_iter().map(cost).collect::<Result<_>>()?;
     Ok(Costs { exact_ms: study.gpu_ms(&exact)?, knobs })

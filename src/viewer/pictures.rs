@@ -33,10 +33,6 @@ pub struct Drawn {
 }
 
 impl Plan {
-    pub fn gaussians(&self) -> usize {
-        self.parts.iter().map(|(gaussians, _)| gaussians.len()).sum()
-    }
-
     pub fn is_same(&self, other: &Self) -> bool {
         self.options == other.options && self.has_scene_of(other)
     }

@@ -2,7 +2,6 @@
 
 use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::Instant;
 
 use anyhow::Result;
 use egui::{ClippedPrimitive, TexturesDelta};
@@ -53,7 +52,6 @@ struct Flight {
 struct Drawing {
     commands: InFlight,
     pictures: Vec<(Side, u64, Recorded)>,
-    begun: Instant,
 }
 
 /// A frame that is done.
@@ -61,8 +59,6 @@ pub struct Landed {
     pub timings: Vec<Timing>,
     /// Of what was drawn: the side, what the frame counted if it came out whole.
     pub pictures: Vec<(Side, Option<Totals>)>,
-    /// From the recording to the end on the GPU, as far as the host saw it, in milliseconds.
-    pub latency_ms: f64,
 }
 
 /// The two pictures of a screen.
@@ -209,7 +205,7 @@ impl Screen {
     /// Waits for the oldest frame.
     fn land(&mut self, pair: &mut Pair) -> Result<()> {
         let Some(Flight { drawing, show }) = self.flights.pop_front() else { return Ok(()) };
-        if let Some(Drawing { commands, pictures, begun }) = drawing {
+        if let Some(Drawing { commands, pictures }) = drawing {
             let results = commands.wait()?;
             let mut counted = Vec::new();
             for (side, generation, recorded) in pictures {
@@ -218,8 +214,7 @@ impl Screen {
                     counted.push((side, drawn.still.judge(&results, &recorded)?));
                 }
             }
-            let latency_ms = begun.elapsed().as_secs_f64() * 1e3;
-            self.landed.push(Landed { timings: results.timings().to_vec(), pictures: counted, latency_ms });
+            self.landed.push(Landed { timings: results.timings().to_vec(), pictures: counted });
         }
         show.wait()?;
         Ok(())
@@ -230,14 +225,13 @@ impl Screen {
         while self.flights.len() >= IN_FLIGHT {
             self.land(pair)?;
         }
-        let begun = Instant::now();
         let mut cmd = Commands::new(&self.device)?;
         let mut pictures = Vec::new();
         for (side, drawn) in pair.drawn() {
             pictures.push((side, drawn.generation, drawn.still.record(&mut cmd, camera, background)?));
         }
         if !pictures.is_empty() {
-            self.drawing = Some(Drawing { commands: cmd.submit()?, pictures, begun });
+            self.drawing = Some(Drawing { commands: cmd.submit()?, pictures });
         }
         Ok(())
     }

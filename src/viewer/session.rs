@@ -13,7 +13,6 @@ use super::pictures::Drawn;
 use super::screen::{Arrangement, Pair, Screen, Second, Shown};
 use super::state::{Viewer, Wish};
 use super::{hands, panels};
-use crate::gpu::Device;
 use crate::memory::OutOfMemory;
 use crate::render::{Compare, upload_pixels};
 
@@ -36,9 +35,6 @@ pub struct Turn {
     pub wishes: Vec<Wish>,
     pub shown: Shown,
 }
-
-/// Frames on the GPU are looked after this often.
-const POLL: Duration = Duration::from_millis(4);
 
 impl Session {
     pub fn new(viewer: Viewer, screen: Screen, context: egui::Context) -> Self {
@@ -341,9 +337,11 @@ impl Session {
         Ok(())
     }
 
-    /// Learns from the frames that are done.
-    pub fn land(&mut self, wait: bool) -> Result<()> {
-        for landed in self.screen.landed(&mut self.pair, wait)? {
+    /// Learns from the frames that are done; whether there is something new to show. `wait`: from all of them.
+    pub fn land(&mut self, wait: bool) -> Result<bool> {
+        let landed = self.screen.landed(&mut self.pair, wait)?;
+        let has_news = !landed.is_empty();
+        for landed in landed {
             self.viewer.history.add(&landed.timings);
             for (side, totals) in landed.pictures {
                 // It did not fit: again, with more room.
@@ -353,7 +351,7 @@ impl Session {
                 }
             }
         }
-        Ok(())
+        Ok(has_news)
     }
 
     /// Does what the device is needed for; leaves the rest.
@@ -402,7 +400,7 @@ impl Session {
         let viewer = &mut self.viewer;
         viewer.pace.shown += 1;
         if let Some((before, true)) = self.before {
-            viewer.pace.interval((now - before).as_secs_f64() * 1e3, 1000.0 / 60.0);
+            viewer.pace.interval((now - before).as_secs_f64() * 1e3, viewer.refresh_ms);
         }
         let is_whole = viewer.layers.iter().all(|layer| layer.progress.is_none());
         if !self.has_shown_scene && self.pair.first.is_some() {
@@ -418,8 +416,7 @@ impl Session {
         }
         let flicker = viewer.comparison.until_flicker(viewer.started.elapsed().as_secs_f64());
         let note = viewer.messages.next_change().unwrap_or(Duration::MAX);
-        let poll = if self.screen.is_busy() { POLL } else { Duration::MAX };
-        asked.min(flicker).min(note).min(poll)
+        asked.min(flicker).min(note)
     }
 
     /// How it went.

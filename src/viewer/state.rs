@@ -104,6 +104,8 @@ pub struct Viewer {
     /// When an input came that no frame has answered yet.
     pub input_at: Option<Instant>,
     pub started: Instant,
+    /// Milliseconds that a refresh of the screen takes.
+    pub refresh_ms: f64,
     numbers: u64,
 }
 
@@ -157,6 +159,7 @@ impl Viewer {
             size,
             input_at: None,
             started: Instant::now(),
+            refresh_ms: 1000.0 / 60.0,
             numbers: 0,
             setup,
         };

@@ -104,6 +104,9 @@ struct Open {
     fault: Option<Fault>,
 }
 
+/// Frames on the GPU are looked after this often.
+const POLL: Duration = Duration::from_millis(2);
+
 /// A device that is lost again and again is broken.
 const MOST_LOSSES: u32 = 3;
 
@@ -125,6 +128,9 @@ impl Program {
         let wake = Arc::new(move || drop(proxy.send_event(Wake)));
         let mut viewer = Viewer::new(opening.setup.clone(), Jobs::new(wake), [size.width.max(1), size.height.max(1)]);
         viewer.started = self.started;
+        if let Some(refresh) = window.current_monitor().and_then(|monitor| monitor.refresh_rate_millihertz()) {
+            viewer.refresh_ms = 1e6 / f64::from(refresh.max(1));
+        }
         viewer.events.tell(&Event::Open { device: device.facts().name.clone(), size: viewer.size });
         let context = egui::Context::default();
         let input = input_of(&context, &window);
@@ -155,9 +161,11 @@ impl ApplicationHandler<Wake> for Program {
         }
     }
 
-    fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
-        if let (StartCause::ResumeTimeReached { .. }, Some(open)) = (cause, &self.window) {
-            open.window.request_redraw();
+    fn new_events(&mut self, events: &ActiveEventLoop, cause: StartCause) {
+        if let (StartCause::ResumeTimeReached { .. }, Some(open)) = (cause, &mut self.window)
+            && let Err(failure) = open.look_after(&self.opening)
+        {
+            self.fail(events, failure);
         }
     }
 
@@ -194,8 +202,10 @@ impl ApplicationHandler<Wake> for Program {
     }
 
     fn about_to_wait(&mut self, events: &ActiveEventLoop) {
-        let due = self.window.as_ref().and_then(|open| open.due);
-        events.set_control_flow(due.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
+        let Some(open) = &self.window else { return };
+        let poll = open.session.screen.is_busy().then(|| Instant::now() + POLL);
+        let next = [open.due, poll].into_iter().flatten().min();
+        events.set_control_flow(next.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
 
     fn exiting(&mut self, _: &ActiveEventLoop) {
@@ -208,6 +218,20 @@ impl ApplicationHandler<Wake> for Program {
 }
 
 impl Open {
+    /// Learns from frames that are done, and begins one that is due.
+    fn look_after(&mut self, opening: &Opening) -> Result<()> {
+        match self.session.land(false) {
+            Ok(has_news) => {
+                let is_due = self.due.is_some_and(|due| due <= Instant::now());
+                if has_news && !self.is_hidden || is_due {
+                    self.window.request_redraw();
+                }
+                Ok(())
+            }
+            Err(failure) => self.recover(failure, opening),
+        }
+    }
+
     fn resize(&mut self, size: PhysicalSize<u32>) -> Result<()> {
         let size = [size.width, size.height];
         let shown = self.session.screen.fit(size);

@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 use super::super::hands;
 use super::super::looks::{Numbers, SIGHTS};
 use super::super::screen::Pair;
-use super::super::state::{Viewer, Wish};
+use super::super::state::Viewer;
 use crate::camera::Camera;
 use crate::render::Explained;
 
@@ -83,9 +83,9 @@ pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
                 explanation.transmittance
             ));
             ui.horizontal(|ui| {
-                ["Gaussian", "depth", "alpha", "T before", "share", "colour"].map(|title| {
+                for title in ["Gaussian", "depth", "alpha", "T before", "share", "colour"] {
                     ui.add_sized([62.0, 14.0], egui::Label::new(title));
-                });
+                }
             });
             let rows = explanation.splats.len();
             ScrollArea::vertical().auto_shrink([false, false]).show_rows(ui, 18.0, rows, |ui, rows| {
@@ -132,7 +132,7 @@ pub(super) fn frustum(viewer: &Viewer, ui: &Ui) {
     };
     let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)];
     let painter = ui.ctx().layer_painter(egui::LayerId::background());
-    let mut line = |a: DVec3, b: DVec3| {
+    let line = |a: DVec3, b: DVec3| {
         if let Some([a, b]) = seen(&view, a, b) {
             let at = |p: DVec2| egui::pos2((p.x / points) as f32, (p.y / points) as f32);
             painter.line_segment([at(a), at(b)], Stroke::new(1.5, Color32::from_rgb(255, 200, 60)));

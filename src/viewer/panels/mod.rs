@@ -23,9 +23,9 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
                 section(ui, "Scenes", true, |ui| scenes::show(viewer, pair, ui));
                 section(ui, "View", true, |ui| view::show(viewer, ui));
-                section(ui, "Quality and speed", true, |ui| quality::show(viewer, pair, ui));
                 section(ui, "Time", true, |ui| time::show(viewer, ui));
                 section(ui, "Look inside", true, |ui| inside::show(viewer, pair, ui));
+                section(ui, "Quality and speed", true, |ui| quality::show(viewer, pair, ui));
                 section(ui, "Compare", false, |ui| compare::show(viewer, ui));
                 section(ui, "Path and files", false, |ui| film::show(viewer, ui));
                 section(ui, "Memory", false, |ui| time::memory(pair, ui));

@@ -6,17 +6,17 @@ use super::super::measuring::{ALL, Cost};
 use super::super::screen::Pair;
 use super::super::state::{Viewer, Wish};
 use crate::options::{Extent, Options, Order, Rules, Storage, TileTest};
+use crate::scene::MAX_SH_DEGREE;
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     presets(viewer, ui);
     let costs = viewer.costs.clone();
     let cost = |knob: &str| costs.as_ref().and_then(|costs| costs.knobs.iter().find(|cost| cost.knob == knob));
     let exact_ms = costs.as_ref().map(|costs| costs.exact_ms);
-    let max_degree = pair.first.as_ref().map_or(3, |first| first.gaussians.sh_degree());
     let Options { rules, stop, key_bits, sh_degree, sh_storage, shape_storage, half_blend, tile_test, scale, portable } =
         &mut viewer.options;
     Grid::new("knobs").num_columns(3).striped(true).show(ui, |ui| {
-        let mut row = |name: &str, ui: &mut Ui, add: &mut dyn FnMut(&mut Ui)| {
+        let row = |name: &str, ui: &mut Ui, add: &mut dyn FnMut(&mut Ui)| {
             ui.label(name);
             add(ui);
             ui.label(cost(name).map_or_else(String::new, |cost| said(cost, exact_ms)));
@@ -25,7 +25,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         row("stop", ui, &mut |ui| fraction(ui, stop, 0.0..=1.0));
         row("alpha-min", ui, &mut |ui| fraction(ui, &mut rules.alpha_min, 1e-6..=1.0));
         row("key-bits", ui, &mut |ui| drop(ui.add(DragValue::new(key_bits).range(8..=32))));
-        row("sh-degree", ui, &mut |ui| drop(ui.add(egui::Slider::new(sh_degree, 0..=max_degree.max(1)))));
+        row("sh-degree", ui, &mut |ui| drop(ui.add(egui::Slider::new(sh_degree, 0..=MAX_SH_DEGREE))));
         row("sh-storage", ui, &mut |ui| choice(ui, "sh", sh_storage, &STORAGES));
         row("shape-storage", ui, &mut |ui| choice(ui, "shape", shape_storage, &STORAGES));
         row("half-blend", ui, &mut |ui| drop(ui.checkbox(half_blend, "")));

@@ -5,6 +5,7 @@ use egui::{Color32, Grid, Rect, Sense, Ui, pos2, vec2};
 use super::super::history::REMEMBERED;
 use super::super::screen::Pair;
 use super::super::state::Viewer;
+use crate::bench::Statistics;
 
 /// Colours of the stages, in the order of the frame.
 fn colour(stage: usize, stages: usize) -> Color32 {
@@ -29,12 +30,12 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         for (place, name) in stages.iter().enumerate() {
             ui.colored_label(colour(place, stages.len()), *name);
             if let Some(times) = history.stage(place) {
-                [times.median, times.p95, times.p99].map(|ms| ui.monospace(format!("{ms:.3}")));
+                milliseconds(&times, ui);
             }
             ui.end_row();
         }
         ui.strong("frame");
-        [whole.median, whole.p95, whole.p99].map(|ms| ui.monospace(format!("{ms:.3}")));
+        milliseconds(&whole, ui);
         ui.end_row();
     });
     let pace = &viewer.pace;
@@ -42,6 +43,12 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         "{} drawn, {} shown, {} dropped; input to submission {:.2} ms, {:.2} on average",
         pace.drawn, pace.shown, pace.dropped, pace.latency_ms, pace.mean_latency_ms
     ));
+}
+
+fn milliseconds(times: &Statistics, ui: &mut Ui) {
+    for ms in [times.median, times.p95, times.p99] {
+        ui.monospace(format!("{ms:.3}"));
+    }
 }
 
 /// The last frames, stage upon stage.
