@@ -53,6 +53,9 @@ pub struct DeviceFacts {
     pub missing: Vec<String>,
     /// Loop iterations that an invocation may run before the driver ends it silently.
     pub loop_limit: Option<u32>,
+    /// Once triangles have been drawn, the driver takes a timestamp only when the next one is written.
+    #[serde(skip)]
+    pub(super) has_late_timestamps: bool,
     #[serde(skip)]
     pub(super) raw: vk::PhysicalDevice,
     #[serde(skip)]
@@ -244,6 +247,7 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
     };
     let (memory_bytes, memory_free_bytes) = memory(instance, raw, offers(ext::memory_budget::NAME));
     let limits = properties.limits;
+    let is_llvmpipe = driver.driver_id == vk::DriverId::MESA_LLVMPIPE;
     let text =
         |bytes: Result<&CStr, _>| bytes.map_or_else(|_| "?".to_owned(), |s: &CStr| s.to_string_lossy().into_owned());
     Ok(DeviceFacts {
@@ -277,7 +281,8 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
         optional,
         missing,
         // llvmpipe's loop limiter, LP_MAX_TGSI_LOOP_ITERATIONS; summed over all loops of an invocation.
-        loop_limit: (driver.driver_id == vk::DriverId::MESA_LLVMPIPE).then_some(65_535),
+        loop_limit: is_llvmpipe.then_some(65_535),
+        has_late_timestamps: is_llvmpipe,
         raw,
         queue_family: family.unwrap_or(0) as u32,
         rank,

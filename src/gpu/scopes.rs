@@ -7,7 +7,7 @@ use ash::vk;
 use super::commands::{Commands, Timestamps};
 use super::hazards::Access;
 use super::shader::Resource;
-use super::submission::{Capture, MAX_SCOPES};
+use super::submission::{Capture, MAX_SCOPES, SPARE_QUERY};
 use super::timings::Scope;
 
 impl Commands {
@@ -66,6 +66,10 @@ impl Commands {
         unsafe {
             let stage = vk::PipelineStageFlags2::ALL_COMMANDS;
             self.device.0.raw.cmd_write_timestamp2(slot.buffer, stage, slot.queries, query);
+            if self.device.0.facts.has_late_timestamps {
+                self.device.0.raw.cmd_write_timestamp2(slot.buffer, stage, slot.queries, SPARE_QUERY);
+                self.device.0.raw.cmd_reset_query_pool(slot.buffer, slot.queries, SPARE_QUERY, 1);
+            }
         }
         Some(query)
     }

@@ -18,6 +18,11 @@ use super::timings::{Scope, Timing, timings};
 /// Timed scopes in one command buffer; further ones are not timed.
 pub(super) const MAX_SCOPES: u32 = 64;
 
+/// Written behind the others where a driver needs it; never read.
+pub(super) const SPARE_QUERY: u32 = 2 * MAX_SCOPES;
+
+const QUERIES: u32 = SPARE_QUERY + 1;
+
 /// A command pool with its one command buffer, queries and stage markers; used by one submission at a time.
 #[derive(Default)]
 pub(super) struct Slot {
@@ -48,8 +53,7 @@ impl Slot {
     fn begin(&mut self, device: &Arc<Shared>) -> Result<()> {
         let raw = &device.raw;
         let pool = vk::CommandPoolCreateInfo::default().queue_family_index(device.facts.queue_family);
-        let queries =
-            vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2 * MAX_SCOPES);
+        let queries = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(QUERIES);
         self.marked.clear();
         if device.checked {
             let (bytes, usage) = (u64::from(MAX_SCOPES) * 4, vk::BufferUsageFlags::TRANSFER_DST);
@@ -72,7 +76,7 @@ impl Slot {
             }
             raw.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty())
                 .map_err(|e| describe("vkResetCommandPool", e))?;
-            raw.reset_query_pool(self.queries, 0, 2 * MAX_SCOPES);
+            raw.reset_query_pool(self.queries, 0, QUERIES);
             let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
             raw.begin_command_buffer(self.buffer, &info).map_err(|e| describe("vkBeginCommandBuffer", e))
         }
