@@ -14,7 +14,7 @@ use super::Pixels;
 const MOST_BYTES: u64 = 1 << 32;
 
 impl Pixels {
-    /// Reads a PNG (grey or colour, 8 or 16 bits), OpenEXR or .npy file, which it is told by its content. The array
+    /// Reads a PNG (grey or colour, 8 or 16 bits), JPEG, OpenEXR or .npy file, which it is told by its content. The array
     /// has three or four channels in its last dimension: floats as they are, or bytes, of which 255 are 1.
     ///
     /// Alpha is multiplied in where it is straight, in PNG; without alpha, coverage is 1. The error says why the file
@@ -32,9 +32,10 @@ impl Pixels {
         match &magic[..] {
             [] => bail!("the file is empty"),
             [0x89, b'P', b'N', b'G', ..] => Ok(decode(reader, ImageFormat::Png)?.premultiplied()),
+            [0xff, 0xd8, 0xff, ..] => decode(reader, ImageFormat::Jpeg),
             [0x76, 0x2f, 0x31, 0x01, ..] => decode(reader, ImageFormat::OpenExr),
             [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => array(reader),
-            _ => bail!("not an image that smalto reads: expected PNG, OpenEXR or .npy content"),
+            _ => bail!("not an image that smalto reads: expected PNG, JPEG, OpenEXR or .npy content"),
         }
     }
 

@@ -20,6 +20,8 @@ pub struct Summary {
     /// GPU time of the pictures in milliseconds.
     pub gpu_ms: Option<Statistics>,
     pub first_frame_ms: f64,
+    /// Milliseconds from an input to the submission of the picture that answers it, on average.
+    pub latency_ms: f64,
     /// The last frame: size, and rows of red, green, blue and alpha.
     pub size: [u32; 2],
     pub screen: Vec<[u8; 4]>,
@@ -56,7 +58,10 @@ pub fn run(setup: Setup, device: &Device, size: [u32; 2], frames: u32, with_pane
             session.viewer.go_to_camera(frame as usize % cameras, true);
         }
         session.viewer.is_stale = true;
-        session.turn(input(started), size)?;
+        session.make_room()?;
+        let mut input = input(started);
+        input.events.push(egui::Event::PointerMoved(egui::pos2(frame as f32 % 100.0, 50.0)));
+        session.turn(input, size)?;
         intervals.push(begun.elapsed().as_secs_f64() * 1e3);
     }
     session.land(true)?;
@@ -64,5 +69,6 @@ pub fn run(setup: Setup, device: &Device, size: [u32; 2], frames: u32, with_pane
     let gpu_ms = session.viewer.history.whole();
     // The first ones fill the pipeline and warm the device up.
     let measured = intervals.split_off(intervals.len() / 4);
-    Ok(Summary { interval_ms: Statistics::of(measured), gpu_ms, first_frame_ms, size, screen })
+    let latency_ms = session.viewer.pace.mean_latency_ms;
+    Ok(Summary { interval_ms: Statistics::of(measured), gpu_ms, first_frame_ms, latency_ms, size, screen })
 }

@@ -202,6 +202,14 @@ impl Screen {
         Ok(std::mem::take(&mut self.landed))
     }
 
+    /// Waits until fewer frames than may be are on their way.
+    pub fn make_room(&mut self, pair: &mut Pair) -> Result<()> {
+        while self.flights.len() >= IN_FLIGHT {
+            self.land(pair)?;
+        }
+        Ok(())
+    }
+
     /// Waits for the oldest frame.
     fn land(&mut self, pair: &mut Pair) -> Result<()> {
         let Some(Flight { drawing, show }) = self.flights.pop_front() else { return Ok(()) };
@@ -222,9 +230,7 @@ impl Screen {
 
     /// Draws the pictures of `pair` anew. [`Screen::show`] shows them.
     pub fn draw(&mut self, pair: &mut Pair, camera: &Camera, background: Background) -> Result<()> {
-        while self.flights.len() >= IN_FLIGHT {
-            self.land(pair)?;
-        }
+        self.make_room(pair)?;
         let mut cmd = Commands::new(&self.device)?;
         let mut pictures = Vec::new();
         for (side, drawn) in pair.drawn() {
@@ -238,9 +244,7 @@ impl Screen {
 
     /// Shows what was drawn last, with panels over it.
     pub fn show(&mut self, pair: &mut Pair, look: &Arrangement) -> Result<Shown> {
-        while self.flights.len() >= IN_FLIGHT {
-            self.land(pair)?;
-        }
+        self.make_room(pair)?;
         let acquired = match &mut self.target {
             Target::Closed => return Ok(Shown::Hidden),
             Target::Offscreen(_) => None,

@@ -252,6 +252,11 @@ impl Session {
         Ok(())
     }
 
+    /// Waits until another frame may be on its way: before its input is taken, so that this is as fresh as can be.
+    pub fn make_room(&mut self) -> Result<()> {
+        self.screen.make_room(&mut self.pair)
+    }
+
     /// Prepares and shows one frame of a window of `size` pixels.
     pub fn turn(&mut self, input: RawInput, size: [u32; 2]) -> Result<Turn> {
         let now = Instant::now();

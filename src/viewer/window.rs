@@ -262,10 +262,10 @@ impl Open {
                 self.window.request_redraw();
                 return Ok(());
             }
-            None => {
+            None => self.session.make_room().and_then(|()| {
                 let input = self.input.take_egui_input(&self.window);
                 self.session.turn(input, size)
-            }
+            }),
         };
         match turn {
             Ok(turn) => self.finish(turn, events),
