@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use clap::builder::PossibleValuesParser;
 use image::{ExtendedColorType, ImageEncoder};
 
 use super::{DeviceArgs, Knobs, Usage, complain, knobs, parse_size, remark, say, size_text};
@@ -10,7 +11,7 @@ use crate::environment::Environment;
 use crate::files::write_whole;
 use crate::gpu::Vsync;
 use crate::options::Options;
-use crate::viewer::{self, Bindings, Opening, Setup, Summary};
+use crate::viewer::{self, Bindings, CompareWith, Opening, Setup, Summary, Way};
 
 /// Open a window on scenes: fly through them, see what every stage costs, look inside the pipeline
 #[derive(clap::Args)]
@@ -35,6 +36,15 @@ pub(super) struct Args {
     /// Accuracy against speed: exact, balanced, fast or preview; or as inria, gsplat or khr draw [default: balanced]
     #[arg(long, value_name = "NAME", value_parser = knobs::preset_names())]
     preset: Option<String>,
+    /// Hold the picture against another: of a preset, of the float64 `reference`, or a picture file
+    #[arg(long, value_name = "PRESET|reference|FILE")]
+    compare: Option<String>,
+    /// How the two are shown
+    #[arg(long, value_name = "WAY", default_value = "split")]
+    compare_by: Way,
+    /// What is shown in place of colours
+    #[arg(long, value_name = "LOOK", default_value = "colour", value_parser = PossibleValuesParser::new(viewer::sight_names()))]
+    look: String,
     /// File that says which key does what [default: smalto/viewer.toml in the user's folder of settings]
     #[arg(long, value_name = "FILE")]
     keys: Option<PathBuf>,
@@ -58,15 +68,24 @@ pub(super) fn run(args: &Args) -> Result<()> {
     args.knobs.check()?;
     args.knobs.check_gpu()?;
     let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
+    let by = |preset: &Options| args.knobs.options(preset, false, f32::INFINITY);
+    let compares_with = args.compare.as_ref().map(|with| match Options::preset(with) {
+        Some(options) => CompareWith::Options(options),
+        None if with == "reference" => CompareWith::Reference,
+        None => CompareWith::File(with.into()),
+    });
     let setup = Setup {
         scenes: args.scenes.clone(),
         cameras: args.cameras.clone(),
-        options: args.knobs.options(&preset, false, f32::INFINITY),
+        options: by(&preset),
         antialiased_by_hand: args.knobs.antialiased.is_some(),
         near_by_hand: args.knobs.near.is_some(),
         bindings: bindings(args)?,
         vsync: args.vsync,
         hides_panels: args.no_panels,
+        compares_with,
+        way: args.compare_by,
+        sight: viewer::sight_names().position(|name| name == args.look).expect("it is one of them"),
         tells_events: args.events,
     };
     if let Some(frames) = args.offscreen {

@@ -7,7 +7,7 @@ use std::time::Duration;
 use super::jobs::{News, Side};
 use super::state::Viewer;
 use crate::camera::Camera;
-use crate::options::{Background, Options};
+use crate::options::{Background, Options, Rules};
 use crate::pixels::Pixels;
 use crate::render::Compare;
 
@@ -25,10 +25,13 @@ pub enum With {
 }
 
 /// How two pictures are shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Way {
+    /// Side by side, at a line that can be dragged.
     Split,
+    /// One after the other.
     Flicker,
+    /// What is between them, amplified.
     Difference,
 }
 
@@ -77,7 +80,13 @@ impl Comparison {
     /// What the second side draws by, if it draws.
     pub fn options(&self, first: &Options) -> Option<Options> {
         match &self.with {
-            With::Options(options) => Some(options.unwrap_or(*first)),
+            With::Options(None) => Some(*first),
+            With::Options(Some(options)) => {
+                // What a preset does not say: how near, and how the scene was trained.
+                let near = options.rules.near.min(first.rules.near);
+                let rules = Rules { near, antialiased: first.rules.antialiased, ..options.rules };
+                Some(Options { rules, ..*options })
+            }
             _ => None,
         }
     }

@@ -125,7 +125,7 @@ mod tests {
             pace.interval(interval, 16.7);
         }
         assert_eq!(pace.dropped, 1 + 2);
-        [2.0, 4.0].map(|ms| pace.answer(ms));
+        [2.0, 4.0].into_iter().for_each(|ms| pace.answer(ms));
         assert_eq!((pace.latency_ms, pace.mean_latency_ms), (4.0, 3.0));
     }
 }

@@ -158,9 +158,9 @@ fn parse(text: &str) -> Result<Chord> {
     let mut key = None;
     for part in text.split('+').map(str::trim) {
         match part.to_lowercase().as_str() {
-            "ctrl" | "cmd" => modifiers = modifiers | Modifiers::COMMAND,
-            "shift" => modifiers = modifiers | Modifiers::SHIFT,
-            "alt" => modifiers = modifiers | Modifiers::ALT,
+            "ctrl" | "cmd" => modifiers |= Modifiers::COMMAND,
+            "shift" => modifiers |= Modifiers::SHIFT,
+            "alt" => modifiers |= Modifiers::ALT,
             _ => {
                 ensure!(key.is_none(), "a shortcut has one key beside Ctrl, Shift and Alt");
                 key = Some(Key::from_name(part).with_context(|| format!("there is no key {part}"))?);

@@ -29,25 +29,26 @@ pub enum Numbers {
 /// Every way of looking.
 pub const SIGHTS: [Sight; 15] = [
     Sight { name: "colour", look: Look::Colour, numbers: Numbers::None },
-    Sight { name: "tile load", look: Look::Work(Work::TileLoad), numbers: Numbers::Counts },
+    Sight { name: "tile-load", look: Look::Work(Work::TileLoad), numbers: Numbers::Counts },
     Sight { name: "evaluations", look: Look::Work(Work::Evaluations), numbers: Numbers::Counts },
     Sight { name: "contributions", look: Look::Work(Work::Contributions), numbers: Numbers::Counts },
-    Sight { name: "transmittance left", look: Look::Colour, numbers: Numbers::Transmittance },
+    Sight { name: "transmittance-left", look: Look::Colour, numbers: Numbers::Transmittance },
     Sight { name: "alpha", look: Look::Colour, numbers: Numbers::Coverage },
     Sight { name: "depth", look: Look::Attribute(Attribute::Depth), numbers: Numbers::Mean([0.0, 10.0]) },
     Sight { name: "normals", look: Look::Attribute(Attribute::Normal), numbers: Numbers::None },
-    Sight { name: "splat centres", look: Look::Work(Work::Centres), numbers: Numbers::None },
-    Sight { name: "ellipse outlines", look: Look::Work(Work::Outlines), numbers: Numbers::None },
+    Sight { name: "splat-centres", look: Look::Work(Work::Centres), numbers: Numbers::None },
+    Sight { name: "ellipse-outlines", look: Look::Work(Work::Outlines), numbers: Numbers::None },
     Sight { name: "opacity", look: Look::Attribute(Attribute::Opacity), numbers: Numbers::Mean([0.0, 1.0]) },
-    Sight { name: "size, log2", look: Look::Attribute(Attribute::Size), numbers: Numbers::Mean([-12.0, 0.0]) },
-    Sight {
-        name: "anisotropy, log2",
-        look: Look::Attribute(Attribute::Anisotropy),
-        numbers: Numbers::Mean([0.0, 8.0]),
-    },
-    Sight { name: "base colour", look: Look::Attribute(Attribute::BaseColour), numbers: Numbers::None },
+    Sight { name: "size-log2", look: Look::Attribute(Attribute::Size), numbers: Numbers::Mean([-12.0, 0.0]) },
+    Sight { name: "anisotropy-log2", look: Look::Attribute(Attribute::Anisotropy), numbers: Numbers::Mean([0.0, 8.0]) },
+    Sight { name: "base-colour", look: Look::Attribute(Attribute::BaseColour), numbers: Numbers::None },
     Sight { name: "identity", look: Look::Attribute(Attribute::Identity), numbers: Numbers::None },
 ];
+
+/// What they are called.
+pub fn sight_names() -> impl Iterator<Item = &'static str> {
+    SIGHTS.iter().map(|sight| sight.name)
+}
 
 /// How the pictures are looked at.
 pub struct Looks {

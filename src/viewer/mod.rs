@@ -20,7 +20,9 @@ mod state;
 mod timeline;
 mod window;
 
+pub use comparison::Way;
 pub use keys::Bindings;
+pub use looks::sight_names;
 pub use offscreen::{Summary, run as run_offscreen};
-pub use state::Setup;
+pub use state::{CompareWith, Setup};
 pub use window::{Fault, Opening, run};

@@ -22,7 +22,7 @@ pub struct Session {
     pub pair: Pair,
     pub screen: Screen,
     context: egui::Context,
-    /// When the frame before was prepared, and whether the next was due at once.
+    /// When the frame before was prepared, and whether it was one of a motion that went on.
     before: Option<(Instant, bool)>,
     has_shown_scene: bool,
 }
@@ -76,8 +76,9 @@ impl Session {
     pub fn is_settled(&self) -> bool {
         let viewer = &self.viewer;
         let is_read = viewer.layers.iter().all(|layer| layer.progress.is_none()) && !viewer.is_reading_cameras;
-        let is_built = viewer.layers.is_empty() || self.pair.first.is_some();
-        is_read && is_built && !viewer.building.contains(&true) && !viewer.is_stale
+        let is_compared = viewer.comparison.with == With::Nothing || self.pair.second.is_some();
+        let is_built = viewer.layers.is_empty() || self.pair.first.is_some() && is_compared;
+        is_read && is_built && !viewer.comparison.is_drawing && !viewer.building.contains(&true) && !viewer.is_stale
     }
 
     /// Hears what threads report, without showing anything: whether there was something.
@@ -266,10 +267,9 @@ impl Session {
         self.land(false)?;
         let pixels_per_point = input.viewport().native_pixels_per_point.unwrap_or(1.0) * self.context.zoom_factor();
         let moved_before = self.viewer.view();
-        let has_input = !input.events.is_empty();
         let (viewer, pair) = (&mut self.viewer, &self.pair);
-        if has_input && viewer.input_at.is_none() {
-            viewer.input_at = Some(now);
+        if !input.events.is_empty() {
+            viewer.input_at.get_or_insert(now);
         }
         let output = self.context.clone().run_ui(input, |ui| {
             hands::follow(viewer, ui, seconds.min(0.1));
@@ -288,9 +288,12 @@ impl Session {
         self.fit_picture()?;
         self.look()?;
         self.viewer.is_stale |= self.viewer.view() != moved_before || self.lacks_size();
-        if self.viewer.is_stale {
+        let draws = self.viewer.is_stale;
+        if draws {
             self.draw()?;
         }
+        // What changed no picture needs no answer.
+        self.viewer.input_at = None;
         let triangles = self.context.tessellate(shapes, pixels_per_point);
         let compare = self.viewer.comparison.shown(size[0], self.viewer.started.elapsed().as_secs_f64());
         let quantity = self.viewer.looks.quantity();
@@ -299,11 +302,11 @@ impl Session {
         let arrangement = Arrangement { compare, quantity, triangles: &triangles, pixels_per_point };
         let shown = self.screen.show(&mut self.pair, &arrangement)?;
         if shown == Shown::Yes {
-            self.note_shown(now);
+            self.note_shown(now, draws);
         }
         let asked = viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap_or(Duration::MAX);
         let again_in = self.again_in(asked);
-        self.before = Some((now, again_in.is_zero()));
+        self.before = Some((now, draws && again_in.is_zero()));
         Ok(Turn { platform: platform_output, again_in, wishes, shown })
     }
 
@@ -401,10 +404,10 @@ impl Session {
         self.viewer.start_measuring(device, (first.gaussians.clone(), first.needs.clone()), chooses);
     }
 
-    fn note_shown(&mut self, now: Instant) {
+    fn note_shown(&mut self, now: Instant, draws: bool) {
         let viewer = &mut self.viewer;
         viewer.pace.shown += 1;
-        if let Some((before, true)) = self.before {
+        if let (Some((before, true)), true) = (self.before, draws) {
             viewer.pace.interval((now - before).as_secs_f64() * 1e3, viewer.refresh_ms);
         }
         let is_whole = viewer.layers.iter().all(|layer| layer.progress.is_none());

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use super::comparison::Comparison;
+use super::comparison::{Comparison, Way, With};
 use super::events::{Event, Events};
 use super::export::Export;
 use super::history::{History, Pace};
@@ -38,8 +38,23 @@ pub struct Setup {
     pub bindings: Bindings,
     pub vsync: Vsync,
     pub hides_panels: bool,
+    pub compares_with: Option<CompareWith>,
+    pub way: Way,
+    /// The number of a way of looking among [`sight_names`](super::sight_names).
+    pub sight: usize,
     /// Tell what happens on standard output, a line of JSON each.
     pub tells_events: bool,
+}
+
+/// What the picture is held against from the start.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CompareWith {
+    /// The same scenes by other options: those of a preset.
+    Options(Options),
+    /// The float64 reference.
+    Reference,
+    /// A picture or photograph.
+    File(PathBuf),
 }
 
 /// What the window itself has to do.
@@ -168,6 +183,13 @@ impl Viewer {
         }
         for scene in viewer.setup.scenes.clone() {
             viewer.open(&scene);
+        }
+        viewer.looks.sight = viewer.setup.sight;
+        viewer.comparison.way = viewer.setup.way;
+        match viewer.setup.compares_with.clone() {
+            Some(CompareWith::Options(options)) => viewer.comparison.with = With::Options(Some(options)),
+            Some(CompareWith::File(file)) => viewer.compare_with_picture(&file),
+            Some(CompareWith::Reference) | None => {}
         }
         viewer
     }
@@ -315,6 +337,9 @@ impl Viewer {
                 // Of what came before, only a part was known.
                 if !self.has_view || self.layers.len() == 1 && !self.has_moved() {
                     self.set_first_view(&gaussians);
+                }
+                if self.setup.compares_with.take_if(|with| *with == CompareWith::Reference).is_some() {
+                    self.compare_with_reference();
                 }
             }
             Err(problem) => {

@@ -191,6 +191,7 @@ impl ApplicationHandler<Wake> for Program {
             WindowEvent::RedrawRequested => open.frame(events, &self.opening),
             _ => {
                 if response.repaint {
+                    open.session.viewer.input_at.get_or_insert_with(Instant::now);
                     open.window.request_redraw();
                 }
                 Ok(())

@@ -4,19 +4,16 @@ use egui::{DragValue, Slider, Ui};
 
 use super::super::comparison::{Way, With};
 use super::super::state::Viewer;
-use crate::options::{Options, Rules};
+use crate::options::Options;
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
-    let Rules { near, antialiased, .. } = viewer.options.rules;
     let comparison = &mut viewer.comparison;
     ui.horizontal_wrapped(|ui| {
         ui.selectable_value(&mut comparison.with, With::Nothing, "nothing");
         ui.selectable_value(&mut comparison.with, With::Options(None), "other scenes")
             .on_hover_text("each scene then has a second box for the second picture");
         for (name, preset) in &Options::PRESETS {
-            let rules = Rules { near: preset.rules.near.min(near), antialiased, ..preset.rules };
-            let options = Some(Options { rules, ..*preset });
-            ui.selectable_value(&mut comparison.with, With::Options(options), *name);
+            ui.selectable_value(&mut comparison.with, With::Options(Some(*preset)), *name);
         }
         if comparison.picture.is_some() && comparison.drawn_for.is_none() {
             ui.selectable_value(&mut comparison.with, With::Picture, "photograph");
@@ -64,11 +61,7 @@ pub(super) fn second_name(viewer: &Viewer) -> String {
         With::Nothing => String::new(),
         With::Options(None) => "other scenes".to_owned(),
         With::Options(Some(options)) => {
-            let same = |preset: &Options| Options {
-                rules: Rules { near: options.rules.near, antialiased: options.rules.antialiased, ..preset.rules },
-                ..*preset
-            };
-            let known = Options::PRESETS.iter().find(|(_, preset)| same(preset) == *options);
+            let known = Options::PRESETS.iter().find(|(_, preset)| preset == options);
             known.map_or_else(|| "other options".to_owned(), |(name, _)| (*name).to_owned())
         }
         With::Reference | With::Picture => {

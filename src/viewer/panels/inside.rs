@@ -82,31 +82,37 @@ pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
                 explanation.splats.len(),
                 explanation.transmittance
             ));
+            ui.label("Click a Gaussian to see it alone; Esc for all.");
             ui.horizontal(|ui| {
                 for title in ["Gaussian", "depth", "alpha", "T before", "share", "colour"] {
                     ui.add_sized([62.0, 14.0], egui::Label::new(title));
                 }
             });
             let rows = explanation.splats.len();
-            ScrollArea::vertical().auto_shrink([false, false]).show_rows(ui, 18.0, rows, |ui, rows| {
-                Grid::new("splats").num_columns(6).min_col_width(62.0).striped(true).show(ui, |ui| {
-                    for Explained { gaussian, depth, alpha, transmittance, colour, share } in &explanation.splats[rows]
-                    {
-                        let is_alone = viewer.looks.isolated == Some(*gaussian);
-                        if ui.selectable_label(is_alone, gaussian.to_string()).clicked() {
-                            chosen = Some((!is_alone).then_some(*gaussian));
+            ScrollArea::vertical().auto_shrink([false, false]).max_height(360.0).show_rows(
+                ui,
+                18.0,
+                rows,
+                |ui, rows| {
+                    Grid::new("splats").num_columns(6).min_col_width(62.0).striped(true).show(ui, |ui| {
+                        for Explained { gaussian, depth, alpha, transmittance, colour, share } in
+                            &explanation.splats[rows]
+                        {
+                            let is_alone = viewer.looks.isolated == Some(*gaussian);
+                            if ui.selectable_label(is_alone, gaussian.to_string()).clicked() {
+                                chosen = Some((!is_alone).then_some(*gaussian));
+                            }
+                            ui.monospace(format!("{depth:.4}"));
+                            ui.monospace(format!("{alpha:.4}"));
+                            ui.monospace(format!("{transmittance:.4}"));
+                            ui.monospace(format!("{share:.4}"));
+                            let [r, g, b] = colour.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8);
+                            ui.colored_label(Color32::from_rgb(r, g, b), "#####");
+                            ui.end_row();
                         }
-                        ui.monospace(format!("{depth:.4}"));
-                        ui.monospace(format!("{alpha:.4}"));
-                        ui.monospace(format!("{transmittance:.4}"));
-                        ui.monospace(format!("{share:.4}"));
-                        let [r, g, b] = colour.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8);
-                        ui.colored_label(Color32::from_rgb(r, g, b), "#####");
-                        ui.end_row();
-                    }
-                });
-            });
-            ui.label("Click a Gaussian to see it alone; Esc for all.");
+                    });
+                },
+            );
         },
     );
     if let Some(isolated) = chosen {
