@@ -107,8 +107,9 @@ fn bindings(args: &Args) -> Result<Bindings, Usage> {
 
 fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     let device = args.device.open()?;
-    let Summary { interval_ms, gpu_ms, first_frame_ms, latency_ms, size, screen } =
-        viewer::run_offscreen(setup, &device, args.size, frames, !args.no_panels)?;
+    let size = args.size;
+    let Summary { interval_ms, gpu_ms, first_frame_ms, latency_ms, screen } =
+        viewer::run_offscreen(setup, &device, size, frames)?;
     if let Some(file) = &args.screen {
         let bytes: &[u8] = bytemuck::cast_slice(&screen);
         write_whole(file, |out| {
@@ -121,7 +122,7 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     say!("  from frame to frame  median {:.3} ms, p95 {:.3} ms", interval_ms.median, interval_ms.p95)?;
     say!("  input to submission  mean {latency_ms:.3} ms")?;
     match gpu_ms {
-        Some(gpu) => say!("  GPU time of pictures  median {:.3} ms, p95 {:.3} ms", gpu.median, gpu.p95)?,
+        Some(gpu) => say!("  GPU time of a frame   median {:.3} ms, p95 {:.3} ms", gpu.median, gpu.p95)?,
         None => remark("note: nothing was drawn"),
     }
     complain(&device)

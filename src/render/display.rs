@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 
-use super::shaders::{Display as DisplayShader, DisplayBindings, DisplayConstants, DisplayPush, Room, Totals};
+use super::shaders::{Room, Show, ShowBindings, ShowConstants, ShowPush, Totals};
 use super::still::Still;
 use crate::gpu::{Access, Buffer, Commands, Device, Extent, Image, Stage};
 use crate::pixels::Pixels;
@@ -44,7 +44,7 @@ pub struct Display {
     device: Device,
     /// Whether the window's images take stores of shaders.
     is_direct: bool,
-    stage: Stage<DisplayShader>,
+    stage: Stage<Show>,
     colours: Buffer<u32>,
     shown: Buffer<u32>,
     /// Takes the place of the window's images where these take no stores.
@@ -79,7 +79,7 @@ impl Display {
         Ok(Self {
             device: device.clone(),
             is_direct,
-            stage: Stage::new(device, &DisplayConstants { direct: is_direct, bgra: is_bgra })?,
+            stage: Stage::new(device, &ShowConstants { direct: is_direct, bgra: is_bgra })?,
             colours,
             shown: Buffer::new(device, "shown", 1)?,
             no_screen: Image::screen(device, "no screen", [1, 1])?,
@@ -120,7 +120,7 @@ impl Display {
             Quantity::Coverage => (3, none),
             Quantity::Transmittance => (4, none),
         };
-        let push = DisplayPush {
+        let push = ShowPush {
             size_px,
             mode,
             split_px,
@@ -132,7 +132,7 @@ impl Display {
             first_room: first.room(),
             second_room: second.room(),
         };
-        let bindings = DisplayBindings {
+        let bindings = ShowBindings {
             first: first.image,
             second: second.image,
             first_totals: first.totals(&self.no_totals),

@@ -117,14 +117,15 @@ impl Comparison {
         let halves = seconds * f64::from(self.flicker_hz) * 2.0;
         Duration::from_secs_f64((1.0 - halves.fract()) / (f64::from(self.flicker_hz) * 2.0) + 1e-3)
     }
-
-    /// Whether a picture that was drawn for a view is not of this one.
-    pub fn is_of_another_view(&self, view: &Camera) -> bool {
-        self.with == With::Reference && self.drawn_for.as_ref().is_some_and(|drawn_for| drawn_for != view)
-    }
 }
 
 impl Viewer {
+    /// Whether the reference was drawn for another view than this one, and is no use here.
+    pub fn shows_another_view(&self) -> bool {
+        let comparison = &self.comparison;
+        comparison.with == With::Reference && comparison.drawn_for.as_ref() != Some(&self.view())
+    }
+
     /// Reads a photograph or another picture, to compare with.
     pub fn compare_with_picture(&mut self, path: &Path) {
         let path = path.to_owned();

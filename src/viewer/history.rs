@@ -1,6 +1,7 @@
 //! How long the last frames took: every stage of each, and what is typical of them.
 
 use std::collections::VecDeque;
+use std::time::{Duration, Instant};
 
 use crate::bench::Statistics;
 use crate::gpu::Timing;
@@ -14,7 +15,17 @@ pub struct History {
     /// Names of the stages, in the order of the frame.
     stages: Vec<&'static str>,
     frames: VecDeque<Vec<f32>>,
+    digest: Option<(Instant, Digest)>,
 }
+
+/// What is typical of the frames that are remembered, in milliseconds.
+pub struct Digest {
+    pub stages: Vec<(&'static str, Statistics)>,
+    pub whole: Statistics,
+}
+
+/// Numbers that change faster cannot be read.
+const DIGEST_STAYS: Duration = Duration::from_millis(200);
 
 impl History {
     /// Remembers a frame's stages: those inside the outermost scopes, or these where they have none.
@@ -46,10 +57,25 @@ impl History {
         self.frames.iter().map(Vec::as_slice)
     }
 
-    /// The time of stage `place` over the frames that are remembered.
-    pub fn stage(&self, place: usize) -> Option<Statistics> {
-        let times: Vec<f64> = self.frames.iter().map(|f| f64::from(f.get(place).copied().unwrap_or(0.0))).collect();
-        (!times.is_empty()).then(|| Statistics::of(times))
+    /// Sees to it that [`History::digest`] is of the last frames, or nearly.
+    pub fn summarize(&mut self) {
+        let is_fresh = self.digest.as_ref().is_some_and(|(made, _)| made.elapsed() < DIGEST_STAYS);
+        if is_fresh {
+            return;
+        }
+        let stage = |(place, name): (usize, &&'static str)| {
+            let times = self.frames.iter().map(|frame| f64::from(frame.get(place).copied().unwrap_or(0.0)));
+            (*name, Statistics::of(times))
+        };
+        self.digest = self.whole().map(|whole| {
+            let stages = self.stages.iter().enumerate().map(stage).collect();
+            (Instant::now(), Digest { stages, whole })
+        });
+    }
+
+    /// What was summarized last.
+    pub fn digest(&self) -> Option<&Digest> {
+        self.digest.as_ref().map(|(_, digest)| digest)
     }
 
     /// The time of whole frames.
@@ -70,8 +96,7 @@ pub struct Pace {
     pub drawn: u64,
     /// Refreshes that passed without a new frame, while one was due.
     pub dropped: u64,
-    /// Milliseconds from the newest input to the submission of the frame that answers it: the last, and their mean.
-    pub latency_ms: f64,
+    /// Milliseconds from an input to the submission of the frame that answers it, on average.
     pub mean_latency_ms: f64,
     answered: u64,
 }
@@ -80,7 +105,6 @@ impl Pace {
     /// A frame that answers an input was submitted so many milliseconds after it.
     pub fn answer(&mut self, latency_ms: f64) {
         self.answered += 1;
-        self.latency_ms = latency_ms;
         self.mean_latency_ms += (latency_ms - self.mean_latency_ms) / self.answered as f64;
     }
 
@@ -107,7 +131,9 @@ mod tests {
         assert_eq!(history.stages(), ["cull", "blend", "new"]);
         assert_eq!(history.frames().map(<[f32]>::to_vec).collect::<Vec<_>>(), [vec![1.0, 3.0], vec![4.0, 0.0, 1.0]]);
         assert_eq!(history.whole().unwrap().median, 4.5);
-        assert_eq!(history.stage(2).unwrap().p99, 1.0);
+        history.summarize();
+        let digest = history.digest().unwrap();
+        assert_eq!((digest.stages[2].0, digest.stages[2].1.p99), ("new", 1.0));
     }
 
     #[test]
@@ -126,6 +152,6 @@ mod tests {
         }
         assert_eq!(pace.dropped, 1 + 2);
         [2.0, 4.0].into_iter().for_each(|ms| pace.answer(ms));
-        assert_eq!((pace.latency_ms, pace.mean_latency_ms), (4.0, 3.0));
+        assert_eq!(pace.mean_latency_ms, 3.0);
     }
 }

@@ -20,9 +20,10 @@ mod state;
 mod timeline;
 mod window;
 
-pub use comparison::Way;
+pub use comparison::{Way, With};
 pub use keys::Bindings;
 pub use looks::sight_names;
-pub use offscreen::{Summary, run as run_offscreen};
-pub use state::{CompareWith, Setup};
+pub use offscreen::{Offscreen, Summary, run as run_offscreen};
+pub use session::{Session, Turn};
+pub use state::{CompareWith, Setup, Viewer, Wish};
 pub use window::{Fault, Opening, run};

@@ -213,18 +213,24 @@ impl Screen {
     /// Waits for the oldest frame.
     fn land(&mut self, pair: &mut Pair) -> Result<()> {
         let Some(Flight { drawing, show }) = self.flights.pop_front() else { return Ok(()) };
-        if let Some(Drawing { commands, pictures }) = drawing {
-            let results = commands.wait()?;
-            let mut counted = Vec::new();
-            for (side, generation, recorded) in pictures {
-                // What was replaced meanwhile has nothing to learn.
-                if let Some((_, drawn)) = pair.drawn().find(|(s, drawn)| (*s, drawn.generation) == (side, generation)) {
-                    counted.push((side, drawn.still.judge(&results, &recorded)?));
-                }
+        let Some(Drawing { commands, pictures }) = drawing else {
+            show.wait()?;
+            return Ok(());
+        };
+        let drawn = commands.wait()?;
+        let mut counted = Vec::new();
+        for (side, generation, recorded) in pictures {
+            // What was replaced meanwhile has nothing to learn.
+            if let Some((_, there)) = pair.drawn().find(|(s, there)| (*s, there.generation) == (side, generation)) {
+                counted.push((side, there.still.judge(&drawn, &recorded)?));
             }
-            self.landed.push(Landed { timings: results.timings().to_vec(), pictures: counted });
         }
-        show.wait()?;
+        let mut timings = drawn.timings().to_vec();
+        // Of a submission of its own, behind the other.
+        let end_ms = timings.iter().map(|t| t.start_ms + t.duration_ms).fold(0.0, f64::max);
+        let later = |t: &Timing| Timing { start_ms: t.start_ms + end_ms, ..t.clone() };
+        timings.extend(show.wait()?.timings().iter().map(later));
+        self.landed.push(Landed { timings, pictures: counted });
         Ok(())
     }
 

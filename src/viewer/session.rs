@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use egui::{FullOutput, PlatformOutput, RawInput};
+use egui::{ClippedPrimitive, FullOutput, PlatformOutput, RawInput};
 
 use super::comparison::{With, fitted};
 use super::events::Event;
@@ -14,7 +14,7 @@ use super::screen::{Arrangement, Pair, Screen, Second, Shown};
 use super::state::{Viewer, Wish};
 use super::{hands, panels};
 use crate::memory::OutOfMemory;
-use crate::render::{Compare, upload_pixels};
+use crate::render::{Compare, Quantity, upload_pixels};
 
 /// A viewer with the device that it draws on.
 pub struct Session {
@@ -25,11 +25,25 @@ pub struct Session {
     /// When the frame before was prepared, and whether it was one of a motion that went on.
     before: Option<(Instant, bool)>,
     has_shown_scene: bool,
+    laid: Laid,
 }
+
+/// The panels as they were laid out last.
+struct Laid {
+    at: Option<Instant>,
+    triangles: Vec<ClippedPrimitive>,
+    pixels_per_point: f32,
+    /// When they want to be laid out again.
+    again_in: Duration,
+}
+
+/// Panels are laid out, and hands heard, no more often than this: faster than screens and hands are.
+const LAYOUT_STAYS: Duration = Duration::from_millis(4);
 
 /// What a frame leaves to be done by whoever owns the window.
 pub struct Turn {
-    pub platform: PlatformOutput,
+    /// If the panels were laid out.
+    pub platform: Option<PlatformOutput>,
     /// When the next frame is due, if nothing happens before.
     pub again_in: Duration,
     pub wishes: Vec<Wish>,
@@ -38,7 +52,8 @@ pub struct Turn {
 
 impl Session {
     pub fn new(viewer: Viewer, screen: Screen, context: egui::Context) -> Self {
-        Self { viewer, pair: Pair::default(), screen, context, before: None, has_shown_scene: false }
+        let laid = Laid { at: None, triangles: Vec::new(), pixels_per_point: 1.0, again_in: Duration::MAX };
+        Self { viewer, pair: Pair::default(), screen, context, before: None, has_shown_scene: false, laid }
     }
 
     pub fn context(&self) -> &egui::Context {
@@ -70,6 +85,8 @@ impl Session {
         let (context, style) = (egui::Context::default(), self.context.global_style());
         context.set_global_style(style);
         self.context = context;
+        self.laid.at = None;
+        self.laid.triangles.clear();
     }
 
     /// Whether all that was asked for is read, and on the screen.
@@ -258,14 +275,47 @@ impl Session {
         self.screen.make_room(&mut self.pair)
     }
 
-    /// Prepares and shows one frame of a window of `size` pixels.
-    pub fn turn(&mut self, input: RawInput, size: [u32; 2]) -> Result<Turn> {
+    /// Prepares and shows one frame of a window of `size` pixels. `input` is what happened since it was taken last.
+    pub fn turn(&mut self, input: impl FnOnce() -> RawInput, size: [u32; 2]) -> Result<Turn> {
         let now = Instant::now();
-        let seconds = self.before.map_or(0.0, |(before, _)| (now - before).as_secs_f64());
+        self.viewer.is_stale |= self.viewer.size != size;
         self.viewer.size = size;
         self.hear();
         self.land(false)?;
-        let pixels_per_point = input.viewport().native_pixels_per_point.unwrap_or(1.0) * self.context.zoom_factor();
+        let stays = self.laid.at.map(|at| LAYOUT_STAYS.saturating_sub(now - at)).unwrap_or_default();
+        let (platform, wishes) = if stays.is_zero() {
+            self.lay_out(input(), now)?
+        } else if self.viewer.is_stale {
+            Default::default()
+        } else {
+            // Too early to ask hands, and nothing to draw.
+            return Ok(Turn { platform: None, again_in: stays, wishes: Vec::new(), shown: Shown::Yes });
+        };
+        for (is_error, text) in self.viewer.messages.fresh() {
+            self.viewer.events.tell(&Event::Message { is_error, text });
+        }
+        self.build();
+        self.fit_picture()?;
+        self.look()?;
+        self.viewer.is_stale |= self.lacks_size();
+        let draws = self.viewer.is_stale;
+        if draws {
+            self.draw()?;
+        }
+        // What changed no picture needs no answer.
+        self.viewer.input_at = None;
+        let shown = self.screen.show(&mut self.pair, &arrangement(&self.viewer, &self.laid))?;
+        if shown == Shown::Yes {
+            self.note_shown(now, draws);
+        }
+        let again_in = self.again_in();
+        self.before = Some((now, draws && again_in <= LAYOUT_STAYS));
+        Ok(Turn { platform, again_in, wishes, shown })
+    }
+
+    /// Lets hands act and lays the panels out; what whoever owns the window has to do then.
+    fn lay_out(&mut self, input: RawInput, now: Instant) -> Result<(Option<PlatformOutput>, Vec<Wish>)> {
+        let seconds = self.laid.at.map_or(0.0, |before| (now - before).as_secs_f64());
         let moved_before = self.viewer.view();
         let (viewer, pair) = (&mut self.viewer, &self.pair);
         if !input.events.is_empty() {
@@ -275,39 +325,15 @@ impl Session {
             hands::follow(viewer, ui, seconds.min(0.1));
             panels::show(viewer, pair, ui);
         });
-        let FullOutput { platform_output, textures_delta, shapes, pixels_per_point: points, viewport_output, .. } =
-            output;
-        let pixels_per_point = if points > 0.0 { points } else { pixels_per_point };
+        let FullOutput { platform_output, textures_delta, shapes, pixels_per_point, viewport_output, .. } = output;
         self.screen.add_textures(textures_delta);
+        let again_in = viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap_or(Duration::MAX);
+        let triangles = self.context.tessellate(shapes, pixels_per_point);
+        self.laid = Laid { at: Some(now), triangles, pixels_per_point, again_in };
         let mut wishes = std::mem::take(&mut self.viewer.wishes);
         self.grant(&mut wishes)?;
-        for (is_error, text) in self.viewer.messages.fresh() {
-            self.viewer.events.tell(&Event::Message { is_error, text });
-        }
-        self.build();
-        self.fit_picture()?;
-        self.look()?;
-        self.viewer.is_stale |= self.viewer.view() != moved_before || self.lacks_size();
-        let draws = self.viewer.is_stale;
-        if draws {
-            self.draw()?;
-        }
-        // What changed no picture needs no answer.
-        self.viewer.input_at = None;
-        let triangles = self.context.tessellate(shapes, pixels_per_point);
-        let compare = self.viewer.comparison.shown(size[0], self.viewer.started.elapsed().as_secs_f64());
-        let quantity = self.viewer.looks.quantity();
-        let is_difference = matches!(compare, Compare::Difference(_));
-        let quantity = if is_difference { crate::render::Quantity::Colour } else { quantity };
-        let arrangement = Arrangement { compare, quantity, triangles: &triangles, pixels_per_point };
-        let shown = self.screen.show(&mut self.pair, &arrangement)?;
-        if shown == Shown::Yes {
-            self.note_shown(now, draws);
-        }
-        let asked = viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap_or(Duration::MAX);
-        let again_in = self.again_in(asked);
-        self.before = Some((now, draws && again_in.is_zero()));
-        Ok(Turn { platform: platform_output, again_in, wishes, shown })
+        self.viewer.is_stale |= self.viewer.view() != moved_before;
+        Ok((Some(platform_output), wishes))
     }
 
     /// Whether a picture has another size than the window.
@@ -417,14 +443,15 @@ impl Session {
         }
     }
 
-    fn again_in(&self, asked: Duration) -> Duration {
+    /// When the next frame is due, if nothing happens before.
+    fn again_in(&self) -> Duration {
         let viewer = &self.viewer;
         if viewer.is_stale || viewer.navigator.is_gliding() || viewer.film.is_playing {
             return Duration::ZERO;
         }
         let flicker = viewer.comparison.until_flicker(viewer.started.elapsed().as_secs_f64());
         let note = viewer.messages.next_change().unwrap_or(Duration::MAX);
-        asked.min(flicker).min(note)
+        self.laid.again_in.min(flicker).min(note)
     }
 
     /// How it went.
@@ -438,4 +465,18 @@ impl Session {
             gpu_bytes: self.screen.device().allocated_bytes(),
         }
     }
+}
+
+/// What is shown of the pictures, and over them.
+fn arrangement<'a>(viewer: &Viewer, laid: &'a Laid) -> Arrangement<'a> {
+    let compare = match viewer.shows_another_view() {
+        true => Compare::First,
+        false => viewer.comparison.shown(viewer.size[0], viewer.started.elapsed().as_secs_f64()),
+    };
+    // A difference is one of what would be shown.
+    let quantity = match compare {
+        Compare::Difference(_) => Quantity::Colour,
+        _ => viewer.looks.quantity(),
+    };
+    Arrangement { compare, quantity, triangles: &laid.triangles, pixels_per_point: laid.pixels_per_point }
 }

@@ -264,7 +264,7 @@ impl Open {
                 return Ok(());
             }
             None => self.session.make_room().and_then(|()| {
-                let input = self.input.take_egui_input(&self.window);
+                let input = || self.input.take_egui_input(&self.window);
                 self.session.turn(input, size)
             }),
         };
@@ -277,7 +277,9 @@ impl Open {
     /// Does what a frame left to be done.
     fn finish(&mut self, turn: Turn, events: &ActiveEventLoop) -> Result<()> {
         let Turn { platform, again_in, wishes, shown } = turn;
-        self.input.handle_platform_output(&self.window, platform);
+        if let Some(platform) = platform {
+            self.input.handle_platform_output(&self.window, platform);
+        }
         for wish in wishes {
             self.grant(wish, events)?;
         }

@@ -28,11 +28,10 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             ui.spinner();
         }
     });
-    let view = viewer.view();
-    let comparison = &mut viewer.comparison;
-    if comparison.is_of_another_view(&view) {
-        ui.label("the reference was drawn for another view");
+    if viewer.shows_another_view() {
+        ui.label("The reference was drawn for another view: draw it anew.");
     }
+    let comparison = &mut viewer.comparison;
     ui.label("A photograph: drop it on the window, and go to its camera.");
     ui.horizontal(|ui| {
         ui.selectable_value(&mut comparison.way, Way::Split, "split");

@@ -23,7 +23,7 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
                 section(ui, "Scenes", true, |ui| scenes::show(viewer, pair, ui));
                 section(ui, "View", true, |ui| view::show(viewer, ui));
-                section(ui, "Time", true, |ui| time::show(viewer, ui));
+                section(ui, "Time", true, |ui| time::show(viewer, pair, ui));
                 section(ui, "Look inside", true, |ui| inside::show(viewer, pair, ui));
                 section(ui, "Quality and speed", true, |ui| quality::show(viewer, pair, ui));
                 section(ui, "Compare", false, |ui| compare::show(viewer, ui));
@@ -69,7 +69,7 @@ fn messages(viewer: &mut Viewer, context: &Context) {
 /// Where the first picture ends and the second begins, and what they are.
 fn split_line(viewer: &Viewer, ui: &Ui) {
     let comparison = &viewer.comparison;
-    if comparison.with == With::Nothing {
+    if comparison.with == With::Nothing || viewer.shows_another_view() {
         return;
     }
     let points = ui.ctx().pixels_per_point();

@@ -1,8 +1,8 @@
 //! Where the time goes: every stage of the last frames, and the buffers that they take.
 
-use egui::{Color32, Grid, Rect, Sense, Ui, pos2, vec2};
+use egui::{Color32, Grid, Mesh, Rect, Sense, Ui, pos2, vec2};
 
-use super::super::history::REMEMBERED;
+use super::super::history::{Digest, REMEMBERED};
 use super::super::screen::Pair;
 use super::super::state::Viewer;
 use crate::bench::Statistics;
@@ -14,9 +14,12 @@ fn colour(stage: usize, stages: usize) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
-    let history = &viewer.history;
-    let Some(whole) = history.whole() else {
+pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
+    viewer.history.summarize();
+    if pair.second.as_ref().is_some_and(|second| second.drawn().is_some()) {
+        ui.label("of both pictures together");
+    }
+    let Some(Digest { stages, whole }) = viewer.history.digest() else {
         ui.label("no frame yet");
         return;
     };
@@ -26,22 +29,19 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             ui.label(title);
         }
         ui.end_row();
-        let stages = history.stages();
-        for (place, name) in stages.iter().enumerate() {
+        for (place, (name, times)) in stages.iter().enumerate() {
             ui.colored_label(colour(place, stages.len()), *name);
-            if let Some(times) = history.stage(place) {
-                milliseconds(&times, ui);
-            }
+            milliseconds(times, ui);
             ui.end_row();
         }
         ui.strong("frame");
-        milliseconds(&whole, ui);
+        milliseconds(whole, ui);
         ui.end_row();
     });
     let pace = &viewer.pace;
     ui.label(format!(
-        "{} drawn, {} shown, {} dropped; input to submission {:.2} ms, {:.2} on average",
-        pace.drawn, pace.shown, pace.dropped, pace.latency_ms, pace.mean_latency_ms
+        "{} drawn, {} dropped; input to submission {:.1} ms on average",
+        pace.drawn, pace.dropped, pace.mean_latency_ms
     ));
 }
 
@@ -59,16 +59,18 @@ fn plot(viewer: &Viewer, top_ms: f32, ui: &mut Ui) {
     let stages = viewer.history.stages().len();
     let width = rect.width() / REMEMBERED as f32;
     let first = REMEMBERED - viewer.history.frames().len();
+    // One mesh: thousands of bars would each be a shape.
+    let mut bars = Mesh::default();
     for (i, frame) in viewer.history.frames().enumerate() {
         let x = rect.left() + (first + i) as f32 * width;
         let mut below = rect.bottom();
         for (stage, ms) in frame.iter().enumerate() {
             let above = (below - ms / top_ms * rect.height()).max(rect.top());
-            let bar = Rect::from_min_max(pos2(x, above), pos2(x + width, below));
-            painter.rect_filled(bar, 0.0, colour(stage, stages));
+            bars.add_colored_rect(Rect::from_min_max(pos2(x, above), pos2(x + width, below)), colour(stage, stages));
             below = above;
         }
     }
+    painter.add(bars);
     let text = format!("{top_ms:.2} ms");
     let font = egui::FontId::monospace(10.0);
     painter.text(rect.left_top() + vec2(3.0, 2.0), egui::Align2::LEFT_TOP, text, font, Color32::GRAY);
