@@ -11,7 +11,7 @@ use crate::environment::Environment;
 use crate::files::write_whole;
 use crate::gpu::Vsync;
 use crate::options::Options;
-use crate::viewer::{self, Bindings, CompareWith, Opening, Setup, Summary, Way};
+use crate::viewer::{self, Bindings, CompareWith, Digest, Opening, Setup, Summary, Way};
 
 /// Open a window on scenes: fly through them, see what every stage costs, look inside the pipeline
 #[derive(clap::Args)]
@@ -108,7 +108,7 @@ fn bindings(args: &Args) -> Result<Bindings, Usage> {
 fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     let device = args.device.open()?;
     let size = args.size;
-    let Summary { interval_ms, gpu_ms, first_frame_ms, latency_ms, screen } =
+    let Summary { interval_ms, gpu, first_frame_ms, latency_ms, screen } =
         viewer::run_offscreen(setup, &device, size, frames)?;
     if let Some(file) = &args.screen {
         let bytes: &[u8] = bytemuck::cast_slice(&screen);
@@ -121,8 +121,13 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     say!("{}  {frames} frames, first after {first_frame_ms:.0} ms", size_text(size))?;
     say!("  from frame to frame  median {:.3} ms, p95 {:.3} ms", interval_ms.median, interval_ms.p95)?;
     say!("  input to submission  mean {latency_ms:.3} ms")?;
-    match gpu_ms {
-        Some(gpu) => say!("  GPU time of a frame   median {:.3} ms, p95 {:.3} ms", gpu.median, gpu.p95)?,
+    match gpu {
+        Some(Digest { stages, whole }) => {
+            say!("  GPU time of a frame   median {:.3} ms, p95 {:.3} ms", whole.median, whole.p95)?;
+            for (stage, times) in stages {
+                say!("    {stage:<14} {:8.3} ms", times.median)?;
+            }
+        }
         None => remark("note: nothing was drawn"),
     }
     complain(&device)

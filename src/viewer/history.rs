@@ -60,28 +60,27 @@ impl History {
     /// Sees to it that [`History::digest`] is of the last frames, or nearly.
     pub fn summarize(&mut self) {
         let is_fresh = self.digest.as_ref().is_some_and(|(made, _)| made.elapsed() < DIGEST_STAYS);
-        if is_fresh {
-            return;
+        if !is_fresh {
+            self.digest = self.digest_now().map(|digest| (Instant::now(), digest));
         }
+    }
+
+    /// What is typical of the frames that are remembered, if there are any.
+    pub fn digest_now(&self) -> Option<Digest> {
         let stage = |(place, name): (usize, &&'static str)| {
             let times = self.frames.iter().map(|frame| f64::from(frame.get(place).copied().unwrap_or(0.0)));
             (*name, Statistics::of(times))
         };
-        self.digest = self.whole().map(|whole| {
-            let stages = self.stages.iter().enumerate().map(stage).collect();
-            (Instant::now(), Digest { stages, whole })
-        });
+        let whole = self.frames.iter().map(|frame| f64::from(frame.iter().sum::<f32>()));
+        (!self.frames.is_empty()).then(|| Digest {
+            stages: self.stages.iter().enumerate().map(stage).collect(),
+            whole: Statistics::of(whole),
+        })
     }
 
     /// What was summarized last.
     pub fn digest(&self) -> Option<&Digest> {
         self.digest.as_ref().map(|(_, digest)| digest)
-    }
-
-    /// The time of whole frames.
-    pub fn whole(&self) -> Option<Statistics> {
-        let times: Vec<f64> = self.frames.iter().map(|frame| f64::from(frame.iter().sum::<f32>())).collect();
-        (!times.is_empty()).then(|| Statistics::of(times))
     }
 
     pub fn clear(&mut self) {
@@ -130,10 +129,10 @@ mod tests {
         history.add(&[timing("cull", 1, 0.0, 2.0), timing("cull", 1, 1.0, 2.0), timing("new", 1, 3.0, 1.0)]);
         assert_eq!(history.stages(), ["cull", "blend", "new"]);
         assert_eq!(history.frames().map(<[f32]>::to_vec).collect::<Vec<_>>(), [vec![1.0, 3.0], vec![4.0, 0.0, 1.0]]);
-        assert_eq!(history.whole().unwrap().median, 4.5);
         history.summarize();
         let digest = history.digest().unwrap();
         assert_eq!((digest.stages[2].0, digest.stages[2].1.p99), ("new", 1.0));
+        assert_eq!(digest.whole.median, 4.5);
     }
 
     #[test]

@@ -21,6 +21,7 @@ mod timeline;
 mod window;
 
 pub use comparison::{Way, With};
+pub use history::Digest;
 pub use keys::Bindings;
 pub use looks::sight_names;
 pub use offscreen::{Offscreen, Summary, run as run_offscreen};

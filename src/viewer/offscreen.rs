@@ -7,6 +7,7 @@ use anyhow::{Result, bail};
 use egui::{RawInput, ViewportId, ViewportInfo};
 
 use super::comparison::With;
+use super::history::Digest;
 use super::jobs::Jobs;
 use super::screen::Screen;
 use super::session::{Session, Turn};
@@ -27,8 +28,8 @@ pub struct Offscreen {
 pub struct Summary {
     /// Milliseconds from one frame to the next.
     pub interval_ms: Statistics,
-    /// GPU time of the pictures in milliseconds.
-    pub gpu_ms: Option<Statistics>,
+    /// GPU time of the last frames and of their stages, if anything was drawn.
+    pub gpu: Option<Digest>,
     pub first_frame_ms: f64,
     /// Milliseconds from an input to the submission of the picture that answers it, on average.
     pub latency_ms: f64,
@@ -110,7 +111,7 @@ pub fn run(setup: Setup, device: &Device, size: [u32; 2], frames: u32) -> Result
     let measured = intervals.split_off(intervals.len() / 4);
     Ok(Summary {
         interval_ms: Statistics::of(measured),
-        gpu_ms: viewer.history.whole(),
+        gpu: viewer.history.digest_now(),
         first_frame_ms,
         latency_ms: viewer.pace.mean_latency_ms,
         screen,
