@@ -93,9 +93,17 @@ impl Session {
     pub fn is_settled(&self) -> bool {
         let viewer = &self.viewer;
         let is_read = viewer.layers.iter().all(|layer| layer.progress.is_none()) && !viewer.is_reading_cameras;
+        let is_asked = viewer.wishes.is_empty() && viewer.export.progress.is_none();
+        let is_measured = !viewer.is_measuring && !viewer.budget.is_choosing;
         let is_compared = viewer.comparison.with == With::Nothing || self.pair.second.is_some();
         let is_built = viewer.layers.is_empty() || self.pair.first.is_some() && is_compared;
-        is_read && is_built && !viewer.comparison.is_drawing && !viewer.building.contains(&true) && !viewer.is_stale
+        is_asked
+            && is_measured
+            && is_read
+            && is_built
+            && !viewer.comparison.is_drawing
+            && !viewer.building.contains(&true)
+            && !viewer.is_stale
     }
 
     /// Hears what threads report, without showing anything: whether there was something.

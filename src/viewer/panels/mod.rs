@@ -69,7 +69,7 @@ fn messages(viewer: &mut Viewer, context: &Context) {
 /// Where the first picture ends and the second begins, and what they are.
 fn split_line(viewer: &Viewer, ui: &Ui) {
     let comparison = &viewer.comparison;
-    if comparison.with == With::Nothing || viewer.shows_another_view() {
+    if viewer.panels.are_hidden || comparison.with == With::Nothing || viewer.shows_another_view() {
         return;
     }
     let points = ui.ctx().pixels_per_point();
