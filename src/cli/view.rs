@@ -7,6 +7,7 @@ use clap::builder::PossibleValuesParser;
 use image::{ExtendedColorType, ImageEncoder};
 
 use super::{DeviceArgs, Knobs, Usage, complain, knobs, parse_size, remark, say, size_text};
+use crate::bench::Statistics;
 use crate::environment::Environment;
 use crate::files::write_whole;
 use crate::gpu::Vsync;
@@ -119,8 +120,9 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
         .with_context(|| format!("cannot write {}", file.display()))?;
     }
     say!("{}  {frames} frames, first after {first_frame_ms:.0} ms", size_text(size))?;
-    say!("  from frame to frame  median {:.3} ms, p95 {:.3} ms", interval_ms.median, interval_ms.p95)?;
-    say!("  input to submission  mean {latency_ms:.3} ms")?;
+    let Statistics { mean, median, p95, .. } = interval_ms;
+    say!("  from frame to frame   mean {mean:.3} ms, median {median:.3} ms, p95 {p95:.3} ms")?;
+    say!("  input to submission   mean {latency_ms:.3} ms")?;
     match gpu {
         Some(Digest { stages, whole }) => {
             say!("  GPU time of a frame   median {:.3} ms, p95 {:.3} ms", whole.median, whole.p95)?;

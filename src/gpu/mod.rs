@@ -28,6 +28,7 @@ mod hazards;
 mod image;
 mod instance;
 mod overlay;
+mod overlay_memory;
 mod scopes;
 mod shader;
 mod stage;

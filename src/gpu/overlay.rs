@@ -4,7 +4,6 @@ use anyhow::{Context, Result};
 use ash::vk;
 use egui::epaint::ImageDelta;
 use egui::{ClippedPrimitive, TextureId};
-use egui_ash_renderer::allocator::DefaultAllocator;
 use egui_ash_renderer::{DynamicRendering, Options, RenderMode, Renderer};
 
 use super::commands::Commands;
@@ -12,10 +11,11 @@ use super::device::Device;
 use super::error::describe;
 use super::hazards::Access;
 use super::image::Image;
+use super::overlay_memory::OverlayMemory;
 
 /// Paints what egui laid out.
 pub struct Overlay {
-    painter: Option<Renderer<DefaultAllocator>>,
+    painter: Option<Renderer<OverlayMemory>>,
     pool: vk::CommandPool,
     format: vk::Format,
     /// Textures out of use, and the submission after which nothing reads them.
@@ -46,9 +46,8 @@ impl Overlay {
             depth_attachment_format: None,
             stencil_attachment_format: None,
         };
-        let painter = Renderer::with_default_allocator(
-            &shared.instance.raw,
-            shared.facts.raw,
+        let painter = Renderer::with_allocator(
+            OverlayMemory(shared.clone()),
             shared.raw.clone(),
             RenderMode::DynamicRendering(target),
             Options { in_flight_frames: IN_FLIGHT, ..Options::default() },

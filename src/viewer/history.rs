@@ -7,7 +7,7 @@ use crate::bench::Statistics;
 use crate::gpu::Timing;
 
 /// Frames that are remembered.
-pub const REMEMBERED: usize = 240;
+const REMEMBERED: usize = 240;
 
 /// Stage times of the last frames in milliseconds.
 #[derive(Default)]

@@ -69,12 +69,12 @@ impl Offscreen {
     /// Frames until all that was asked for is read, built, drawn and shown. An error that it would show is one.
     pub fn settle(&mut self) -> Result<()> {
         loop {
-            self.frame(Vec::new())?;
+            let has_asked = self.frame(Vec::new())?.platform.is_some();
             self.session.land(true)?;
             if let Some(problem) = self.viewer().messages.shown().iter().find(|message| message.is_error) {
                 bail!("{}", problem.text);
             }
-            if self.session.is_settled() && self.events.is_empty() {
+            if has_asked && self.session.is_settled() {
                 return Ok(());
             }
             std::thread::sleep(Duration::from_millis(2));

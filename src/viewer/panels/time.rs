@@ -2,10 +2,14 @@
 
 use egui::{Color32, Grid, Mesh, Rect, Sense, Ui, pos2, vec2};
 
-use super::super::history::{Digest, REMEMBERED};
+use super::super::history::Digest;
 use super::super::screen::Pair;
 use super::super::state::Viewer;
 use crate::bench::Statistics;
+
+/// Frames of the plot, and what of a stage is too little to be seen, in points.
+const PLOTTED: usize = 120;
+const LEAST_HEIGHT: f32 = 0.25;
 
 /// Colours of the stages, in the order of the frame.
 fn colour(stage: usize, stages: usize) -> Color32 {
@@ -57,16 +61,20 @@ fn plot(viewer: &Viewer, top_ms: f32, ui: &mut Ui) {
     let rect = response.rect;
     painter.rect_filled(rect, 2.0, Color32::from_gray(16));
     let stages = viewer.history.stages().len();
-    let width = rect.width() / REMEMBERED as f32;
-    let first = REMEMBERED - viewer.history.frames().len();
+    let width = rect.width() / PLOTTED as f32;
+    let frames = viewer.history.frames();
+    let (first, skipped) = (PLOTTED.saturating_sub(frames.len()), frames.len().saturating_sub(PLOTTED));
     // One mesh: thousands of bars would each be a shape.
     let mut bars = Mesh::default();
-    for (i, frame) in viewer.history.frames().enumerate() {
+    let colours: Vec<Color32> = (0..stages).map(|stage| colour(stage, stages)).collect();
+    for (i, frame) in frames.skip(skipped).enumerate() {
         let x = rect.left() + (first + i) as f32 * width;
         let mut below = rect.bottom();
         for (stage, ms) in frame.iter().enumerate() {
             let above = (below - ms / top_ms * rect.height()).max(rect.top());
-            bars.add_colored_rect(Rect::from_min_max(pos2(x, above), pos2(x + width, below)), colour(stage, stages));
+            if below - above > LEAST_HEIGHT {
+                bars.add_colored_rect(Rect::from_min_max(pos2(x, above), pos2(x + width, below)), colours[stage]);
+            }
             below = above;
         }
     }
