@@ -1,6 +1,6 @@
 //! What hands do: mouse and keys, and files that are dropped.
 
-use egui::{Event as Input, Key, PointerButton, Sense, Ui};
+use egui::{Event as Input, Key, KeyboardShortcut, PointerButton, Sense, Ui};
 use glam::{DVec2, DVec3};
 
 use super::comparison::{Way, With};
@@ -33,12 +33,19 @@ pub fn follow(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
     }
 }
 
+/// How often the key of an action was pressed: more than once where frames take long.
+fn presses(viewer: &Viewer, ui: &Ui, action: Action) -> usize {
+    match viewer.setup.bindings.chord(action) {
+        Chord::Key(KeyboardShortcut { modifiers, logical_key }) => {
+            ui.input_mut(|input| input.count_and_consume_key(modifiers, logical_key))
+        }
+        Chord::Held(_) => 0,
+    }
+}
+
 /// Whether the key of an action was pressed.
 fn pressed(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
-    match viewer.setup.bindings.chord(action) {
-        Chord::Key(shortcut) => ui.input_mut(|input| input.consume_shortcut(&shortcut)),
-        Chord::Held(_) => false,
-    }
+    presses(viewer, ui, action) > 0
 }
 
 /// Whether the key of an action is held.
@@ -59,12 +66,8 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
             _ => {}
         }
     }
-    if pressed(viewer, ui, Action::NextCamera) {
-        viewer.step_camera(true);
-    }
-    if pressed(viewer, ui, Action::PreviousCamera) {
-        viewer.step_camera(false);
-    }
+    (0..presses(viewer, ui, Action::NextCamera)).for_each(|_| viewer.step_camera(true));
+    (0..presses(viewer, ui, Action::PreviousCamera)).for_each(|_| viewer.step_camera(false));
     if pressed(viewer, ui, Action::NearestCamera) {
         viewer.go_to_nearest_camera();
     }
@@ -118,12 +121,8 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
             film.now = 0.0;
         }
     }
-    if pressed(viewer, ui, Action::NextLook) {
-        viewer.looks.step(true);
-    }
-    if pressed(viewer, ui, Action::PreviousLook) {
-        viewer.looks.step(false);
-    }
+    (0..presses(viewer, ui, Action::NextLook)).for_each(|_| viewer.looks.step(true));
+    (0..presses(viewer, ui, Action::PreviousLook)).for_each(|_| viewer.looks.step(false));
     if pressed(viewer, ui, Action::Quit) {
         viewer.wishes.push(Wish::Quit);
     }
