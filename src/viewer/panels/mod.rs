@@ -50,7 +50,7 @@ fn section(ui: &mut Ui, title: &str, is_open: bool, add: impl FnOnce(&mut Ui)) {
 fn messages(viewer: &mut Viewer, context: &Context) {
     let mut closed = None;
     egui::Area::new("messages".into()).anchor(Align2::LEFT_BOTTOM, [12.0, -12.0]).show(context, |ui| {
-        ui.set_max_width(560.0);
+        ui.set_max_width(560f32.min(context.content_rect().width() - 40.0));
         for (place, message) in viewer.messages.shown().iter().enumerate() {
             let colour = if message.is_error { Color32::from_rgb(255, 120, 100) } else { Color32::LIGHT_GRAY };
             Frame::popup(ui.style()).show(ui, |ui| {
