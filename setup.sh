@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
 # Installs what building and testing smalto needs and this machine lacks: a C++ compiler, CMake, git and Python (for the
-# shader compiler), Rust, the Vulkan loader, a driver, the validation layer. Says nothing when nothing is missing.
+# shader compiler), Rust, the Vulkan loader, a driver, the validation layer, the libraries that a window takes, and for the
+# tests an X server without a screen and a window manager. Says nothing when nothing is missing.
 set -euo pipefail
 
 has() { command -v "$1" >/dev/null 2>&1; }
 has_file() { compgen -G "$1" >/dev/null; }
-has_library() { { ldconfig -p 2>/dev/null || /sbin/ldconfig -p; } | grep -q "$1"; }
+has_library() { { ldconfig -p 2>/dev/null || /sbin/ldconfig -p; } | grep "$1" >/dev/null; }
 
 missing=()
 has c++ || missing+=(compiler)
@@ -17,6 +18,13 @@ has_library libvulkan.so.1 || missing+=(loader)
 { has_file '/usr/share/vulkan/icd.d/*.json' || has_file '/etc/vulkan/icd.d/*.json'; } || missing+=(driver)
 { has_file '/usr/share/vulkan/explicit_layer.d/VkLayer_khronos_validation.json' ||
     has_file '/etc/vulkan/explicit_layer.d/VkLayer_khronos_validation.json'; } || missing+=(validation)
+has_library libX11-xcb.so.1 || missing+=(x11-xcb)
+has_library libXcursor.so.1 || missing+=(xcursor)
+has_library libXi.so.6 || missing+=(xi)
+has_library libXrandr.so.2 || missing+=(xrandr)
+has_library libxkbcommon-x11.so.0 || missing+=(xkbcommon-x11)
+has Xvfb || missing+=(xvfb)
+has openbox || missing+=(openbox)
 [ ${#missing[@]} -eq 0 ] && exit 0
 
 # What each is called: Debian and Ubuntu, Fedora, Arch.
@@ -38,6 +46,24 @@ package() {
         *:driver) echo mesa-vulkan-drivers ;;
         apt:validation) echo vulkan-validationlayers ;;
         *:validation) echo vulkan-validation-layers ;;
+        apt:x11-xcb) echo libx11-xcb1 ;;
+        dnf:x11-xcb) echo libX11-xcb ;;
+        pacman:x11-xcb) echo libx11 ;;
+        apt:xcursor) echo libxcursor1 ;;
+        dnf:xcursor) echo libXcursor ;;
+        pacman:xcursor) echo libxcursor ;;
+        apt:xi) echo libxi6 ;;
+        dnf:xi) echo libXi ;;
+        pacman:xi) echo libxi ;;
+        apt:xrandr) echo libxrandr2 ;;
+        dnf:xrandr) echo libXrandr ;;
+        pacman:xrandr) echo libxrandr ;;
+        apt:xkbcommon-x11) echo libxkbcommon-x11-0 ;;
+        *:xkbcommon-x11) echo libxkbcommon-x11 ;;
+        apt:xvfb) echo xvfb ;;
+        dnf:xvfb) echo xorg-x11-server-Xvfb ;;
+        pacman:xvfb) echo xorg-server-xvfb ;;
+        *:openbox) echo openbox ;;
     esac
 }
 
@@ -64,7 +90,8 @@ case "$manager" in
     pacman) $root pacman -S --needed --noconfirm --quiet "${packages[@]}" ;;
     *)
         echo "No package manager that this script knows (apt, dnf, pacman). Please install: a C++ compiler, CMake, git," \
-            "Python 3, Rust, the Vulkan loader, a Vulkan driver (your GPU's, or Mesa's lavapipe), the Khronos validation layer." >&2
+            "Python 3, Rust, the Vulkan loader, a Vulkan driver (your GPU's, or Mesa's lavapipe), the Khronos validation layer," \
+            "the X11 libraries of windows (xcb, Xcursor, Xi, Xrandr, xkbcommon), Xvfb, openbox." >&2
         exit 1
         ;;
 esac

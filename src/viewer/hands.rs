@@ -33,12 +33,24 @@ pub fn follow(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
     }
 }
 
+/// How often the key of an action was pressed: more than once where frames take long. One that is held presses itself
+/// again and again, which counts where it `repeats`.
+fn presses(viewer: &Viewer, ui: &Ui, action: Action, repeats: bool) -> usize {
+    let Chord::Key(shortcut) = viewer.setup.bindings.chord(action) else { return 0 };
+    let mut count = 0;
+    let mut is_other = |event: &Input| {
+        let Input::Key { key, modifiers, pressed: true, repeat, .. } = event else { return true };
+        let is_it = *key == shortcut.logical_key && modifiers.matches_logically(shortcut.modifiers);
+        count += usize::from(is_it && (repeats || !repeat));
+        !is_it
+    };
+    ui.input_mut(|input| input.events.retain(&mut is_other));
+    count
+}
+
 /// Whether the key of an action was pressed.
 fn pressed(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
-    match viewer.setup.bindings.chord(action) {
-        Chord::Key(shortcut) => ui.input_mut(|input| input.consume_shortcut(&shortcut)),
-        Chord::Held(_) => false,
-    }
+    presses(viewer, ui, action, false) > 0
 }
 
 /// Whether the key of an action is held.
@@ -59,12 +71,8 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
             _ => {}
         }
     }
-    if pressed(viewer, ui, Action::NextCamera) {
-        viewer.step_camera(true);
-    }
-    if pressed(viewer, ui, Action::PreviousCamera) {
-        viewer.step_camera(false);
-    }
+    (0..presses(viewer, ui, Action::NextCamera, true)).for_each(|_| viewer.step_camera(true));
+    (0..presses(viewer, ui, Action::PreviousCamera, true)).for_each(|_| viewer.step_camera(false));
     if pressed(viewer, ui, Action::NearestCamera) {
         viewer.go_to_nearest_camera();
     }
@@ -118,12 +126,8 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
             film.now = 0.0;
         }
     }
-    if pressed(viewer, ui, Action::NextLook) {
-        viewer.looks.step(true);
-    }
-    if pressed(viewer, ui, Action::PreviousLook) {
-        viewer.looks.step(false);
-    }
+    (0..presses(viewer, ui, Action::NextLook, true)).for_each(|_| viewer.looks.step(true));
+    (0..presses(viewer, ui, Action::PreviousLook, true)).for_each(|_| viewer.looks.step(false));
     if pressed(viewer, ui, Action::Quit) {
         viewer.wishes.push(Wish::Quit);
     }

@@ -26,6 +26,8 @@ pub struct Session {
     before: Option<(Instant, bool)>,
     has_shown_scene: bool,
     laid: Laid,
+    /// The way of looking that was told last.
+    sight: usize,
 }
 
 /// The panels as they were laid out last.
@@ -53,7 +55,8 @@ pub struct Turn {
 impl Session {
     pub fn new(viewer: Viewer, screen: Screen, context: egui::Context) -> Self {
         let laid = Laid { at: None, triangles: Vec::new(), pixels_per_point: 1.0, again_in: Duration::MAX };
-        Self { viewer, pair: Pair::default(), screen, context, before: None, has_shown_scene: false, laid }
+        let sight = viewer.looks.sight;
+        Self { viewer, pair: Pair::default(), screen, context, before: None, has_shown_scene: false, laid, sight }
     }
 
     pub fn context(&self) -> &egui::Context {
@@ -374,6 +377,10 @@ impl Session {
         if has_changed {
             self.viewer.is_stale = true;
             self.viewer.history.clear();
+        }
+        // Some ways of looking show other sides of the same drawing.
+        if has_changed || self.sight != self.viewer.looks.sight {
+            self.sight = self.viewer.looks.sight;
             self.viewer.events.tell(&Event::Look { look: self.viewer.looks.sight().name.to_owned() });
         }
         Ok(())

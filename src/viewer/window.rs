@@ -71,8 +71,7 @@ pub fn run(opening: Opening) -> Result<()> {
     let proxy = events.create_proxy();
     let mut program = Program { opening, proxy, window: None, failure: None, started: Instant::now() };
     events.run_app(&mut program).context("the window's events ended")?;
-    let complaints = program.window.as_ref().map_or_else(Vec::new, |open| open.session.screen.device().complaints());
-    drop(program.window.take());
+    let complaints = program.window.take().map_or_else(Vec::new, Open::close);
     match program.failure {
         Some(failure) => Err(failure),
         None => {
@@ -102,6 +101,8 @@ struct Open {
     /// Devices that were lost one after the other, with no frame between them.
     losses: u32,
     fault: Option<Fault>,
+    /// About devices that were lost.
+    complaints: Vec<String>,
 }
 
 /// Frames on the GPU are looked after this often.
@@ -137,7 +138,17 @@ impl Program {
         window.request_redraw();
         let session = Session::new(viewer, screen, context);
         let fault = opening.fault;
-        Ok(Open { session, input, window, due: None, is_hidden: false, frames: 0, losses: 0, fault })
+        Ok(Open {
+            session,
+            input,
+            window,
+            due: None,
+            is_hidden: false,
+            frames: 0,
+            losses: 0,
+            fault,
+            complaints: Vec::new(),
+        })
     }
 
     fn fail(&mut self, events: &ActiveEventLoop, failure: anyhow::Error) {
@@ -219,6 +230,14 @@ impl ApplicationHandler<Wake> for Program {
 }
 
 impl Open {
+    /// Closes the window: all that was complained of meanwhile.
+    fn close(self) -> Vec<String> {
+        let (device, mut complaints) = (self.session.screen.device().clone(), self.complaints);
+        drop(self.session);
+        complaints.extend(device.complaints());
+        complaints
+    }
+
     /// Learns from frames that are done, and begins one that is due.
     fn look_after(&mut self, opening: &Opening) -> Result<()> {
         match self.session.land(false) {
@@ -352,6 +371,7 @@ impl Open {
             self.session.drop_pictures();
         } else if failure.is::<DeviceLost>() && self.losses < MOST_LOSSES {
             self.losses += 1;
+            self.complaints.extend(self.session.screen.device().complaints());
             viewer.messages.error(format!("{failure:#}; it is opened anew"));
             self.session.drop_pictures();
             self.session.screen.close();

@@ -3,9 +3,13 @@
 
 pub mod agree;
 pub mod cloud;
+#[cfg(target_os = "linux")]
+pub mod desktop;
 pub mod free;
 pub mod listed;
 pub mod program;
+#[cfg(target_os = "linux")]
+pub mod window;
 
 use std::cell::Cell;
 use std::path::PathBuf;

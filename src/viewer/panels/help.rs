@@ -1,6 +1,6 @@
 //! The keys and what the mouse does, on the screen.
 
-use egui::{Align2, Context, Grid, Window};
+use egui::{Align2, Context, Grid, ScrollArea, Window};
 
 use super::super::keys::ACTIONS;
 use super::super::state::Viewer;
@@ -14,22 +14,28 @@ const MOUSE: [(&str, &str); 6] = [
     ("drop a file", "open a scene, cameras, or a picture to compare with"),
 ];
 
+/// Points of width that two columns take.
+const WIDE: f32 = 900.0;
+
 pub(super) fn show(viewer: &mut Viewer, context: &Context) {
     let mut is_open = viewer.panels.shows_help;
     let window = Window::new("Mouse and keys").open(&mut is_open).anchor(Align2::CENTER_CENTER, [0.0, 0.0]);
+    let columns = if context.content_rect().width() < WIDE { 1 } else { 2 };
     window.resizable(false).show(context, |ui| {
-        Grid::new("help").num_columns(4).striped(true).show(ui, |ui| {
-            let mouse = MOUSE.map(|(what, does)| (what.to_owned(), does));
-            let keys = ACTIONS.iter().map(|(action, _, _, does)| (viewer.setup.bindings.text(*action), *does));
-            let all: Vec<_> = mouse.into_iter().chain(keys).collect();
-            let half = all.len().div_ceil(2);
-            for i in 0..half {
-                for (key, does) in [all.get(i), all.get(half + i)].into_iter().flatten() {
-                    ui.monospace(key);
-                    ui.label(*does);
+        ScrollArea::vertical().show(ui, |ui| {
+            Grid::new(("help", columns)).num_columns(2 * columns).striped(true).show(ui, |ui| {
+                let mouse = MOUSE.map(|(what, does)| (what.to_owned(), does));
+                let keys = ACTIONS.iter().map(|(action, _, _, does)| (viewer.setup.bindings.text(*action), *does));
+                let all: Vec<_> = mouse.into_iter().chain(keys).collect();
+                let rows = all.len().div_ceil(columns);
+                for row in 0..rows {
+                    for (key, does) in all.iter().skip(row).step_by(rows) {
+                        ui.monospace(key);
+                        ui.label(*does);
+                    }
+                    ui.end_row();
                 }
-                ui.end_row();
-            }
+            });
         });
     });
     viewer.panels.shows_help = is_open;

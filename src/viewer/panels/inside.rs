@@ -137,7 +137,7 @@ pub(super) fn frustum(viewer: &Viewer, ui: &Ui) {
         from.position + from.rotation.transpose() * (place.extend(1.0) * deep)
     };
     let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)];
-    let painter = ui.ctx().layer_painter(egui::LayerId::background());
+    let painter = ui.ctx().layer_painter(egui::LayerId::background()).with_clip_rect(ui.clip_rect());
     let line = |a: DVec3, b: DVec3| {
         if let Some([a, b]) = seen(&view, a, b) {
             let at = |p: DVec2| egui::pos2((p.x / points) as f32, (p.y / points) as f32);

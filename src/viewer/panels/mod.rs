@@ -32,6 +32,8 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             });
         });
     }
+    // What is drawn over the picture ends where the panels begin.
+    ui.set_clip_rect(ui.available_rect_before_wrap());
     hands::mouse(viewer, ui);
     split_line(viewer, ui);
     inside::frustum(viewer, ui);
@@ -48,7 +50,7 @@ fn section(ui: &mut Ui, title: &str, is_open: bool, add: impl FnOnce(&mut Ui)) {
 fn messages(viewer: &mut Viewer, context: &Context) {
     let mut closed = None;
     egui::Area::new("messages".into()).anchor(Align2::LEFT_BOTTOM, [12.0, -12.0]).show(context, |ui| {
-        ui.set_max_width(560.0);
+        ui.set_max_width(560f32.min(context.content_rect().width() - 40.0));
         for (place, message) in viewer.messages.shown().iter().enumerate() {
             let colour = if message.is_error { Color32::from_rgb(255, 120, 100) } else { Color32::LIGHT_GRAY };
             Frame::popup(ui.style()).show(ui, |ui| {
@@ -75,7 +77,7 @@ fn split_line(viewer: &Viewer, ui: &Ui) {
     let points = ui.ctx().pixels_per_point();
     let [width, height] = viewer.size.map(|side| side as f32 / points);
     let x = comparison.split * width;
-    let painter = ui.ctx().layer_painter(egui::LayerId::background());
+    let painter = ui.ctx().layer_painter(egui::LayerId::background()).with_clip_rect(ui.clip_rect());
     if comparison.way == Way::Split {
         painter.vline(x, 0.0..=height, Stroke::new(1.0, Color32::WHITE));
     }
