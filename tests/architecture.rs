@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Every module of the crate and the modules it may use.
-const EDGES: [(&str, &[&str]); 15] = [
+const EDGES: [(&str, &[&str]); 16] = [
     ("memory", &[]),
     ("files", &[]),
     ("scene", &["memory"]),
@@ -18,6 +18,7 @@ const EDGES: [(&str, &[&str]); 15] = [
     ("bench", &["files", "gpu", "render", "scene", "camera", "options", "pixels"]),
     ("ladder", &["files", "bench", "gpu", "render", "reference", "scene", "camera", "options", "pixels", "metrics"]),
     ("trade", &["files", "bench", "gpu", "render", "reference", "scene", "camera", "options", "pixels", "metrics"]),
+    ("viewer", &["memory", "gpu", "render", "reference", "scene", "camera", "options", "pixels", "bench", "trade"]),
     ("environment", &["gpu"]),
     (
         "cli",
@@ -36,6 +37,7 @@ const EDGES: [(&str, &[&str]); 15] = [
             "bench",
             "ladder",
             "trade",
+            "viewer",
         ],
     ),
 ];

@@ -11,6 +11,7 @@ mod layers;
 mod looks;
 mod measuring;
 mod messages;
+mod news;
 mod offscreen;
 mod panels;
 mod pictures;
@@ -18,6 +19,7 @@ mod screen;
 mod session;
 mod state;
 mod timeline;
+mod views;
 mod window;
 
 pub use comparison::{Way, With};

@@ -4,7 +4,7 @@ use egui::{DragValue, Slider, Ui};
 
 use super::super::comparison::{Way, With};
 use super::super::state::Viewer;
-use crate::options::Options;
+use crate::options::{Options, Rules};
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     let comparison = &mut viewer.comparison;
@@ -52,6 +52,17 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             ui.add(Slider::new(&mut comparison.gain, 1.0..=1000.0).logarithmic(true).text("times"));
         }
     }
+}
+
+/// What the first picture is called where another is beside it.
+pub(super) fn first_name(viewer: &Viewer) -> String {
+    let options = &viewer.options;
+    let like = |preset: &Options| {
+        let rules = Rules { near: options.rules.near, antialiased: options.rules.antialiased, ..preset.rules };
+        Options { rules, ..*preset } == *options
+    };
+    let known = Options::PRESETS.iter().find(|(_, preset)| like(preset));
+    known.map_or_else(|| "these options".to_owned(), |(name, _)| (*name).to_owned())
 }
 
 /// What the second picture is called.

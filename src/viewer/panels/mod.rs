@@ -81,17 +81,20 @@ fn split_line(viewer: &Viewer, ui: &Ui) {
     if comparison.way == Way::Split {
         painter.vline(x, 0.0..=height, Stroke::new(1.0, Color32::WHITE));
     }
-    let font = egui::FontId::proportional(13.0);
-    let text = compare::second_name(viewer);
-    let at = match comparison.way {
-        Way::Split => egui::pos2(x + 6.0, 6.0),
-        _ => egui::pos2(6.0, 6.0),
+    let label = |text: String, left: Option<f32>| {
+        let galley = painter.layout_no_wrap(text, egui::FontId::proportional(13.0), Color32::WHITE);
+        let at = egui::pos2(left.unwrap_or(x - 6.0 - galley.size().x), 6.0);
+        let back = egui::Rect::from_min_size(at, galley.size()).expand(3.0);
+        painter.rect_filled(back, 2.0, Color32::from_black_alpha(150));
+        painter.galley(at, galley, Color32::WHITE);
     };
-    let text = match comparison.way {
-        Way::Difference => format!("difference to {text}, {} times", comparison.gain),
-        _ => text,
-    };
-    let galley = painter.layout_no_wrap(text, font, Color32::WHITE);
-    painter.rect_filled(egui::Rect::from_min_size(at, galley.size()).expand(3.0), 2.0, Color32::from_black_alpha(150));
-    painter.galley(at, galley, Color32::WHITE);
+    let [first, second] = [compare::first_name(viewer), compare::second_name(viewer)];
+    match comparison.way {
+        Way::Split => {
+            label(first, None);
+            label(second, Some(x + 6.0));
+        }
+        Way::Flicker => label(format!("{first}, {second}"), Some(6.0)),
+        Way::Difference => label(format!("{first}, difference to {second}, {} times", comparison.gain), Some(6.0)),
+    }
 }
