@@ -36,9 +36,6 @@ struct Laid {
     again_in: Duration,
 }
 
-/// Panels are laid out, and hands heard, no more often than this: faster than screens and hands are.
-const LAYOUT_STAYS: Duration = Duration::from_millis(4);
-
 /// What a frame leaves to be done by whoever owns the window.
 pub struct Turn {
     /// If the panels were laid out.
@@ -126,7 +123,9 @@ impl Session {
         self.viewer.size = size;
         self.hear();
         self.land(false)?;
-        let stays = self.laid.at.map(|at| LAYOUT_STAYS.saturating_sub(now - at)).unwrap_or_default();
+        // More often than twice a refresh, nobody sees panels or moves a hand.
+        let layout_stays = Duration::from_secs_f64(self.viewer.refresh_ms / 2000.0);
+        let stays = self.laid.at.map(|at| layout_stays.saturating_sub(now - at)).unwrap_or_default();
         let (platform, wishes) = if stays.is_zero() {
             self.lay_out(input(), now)?
         } else if self.viewer.is_stale {
@@ -153,7 +152,7 @@ impl Session {
             self.note_shown(now, draws);
         }
         let again_in = self.again_in();
-        self.before = Some((now, draws && again_in <= LAYOUT_STAYS));
+        self.before = Some((now, draws && again_in <= layout_stays));
         Ok(Turn { platform, again_in, wishes, shown })
     }
 
