@@ -3,7 +3,7 @@
 //! Nothing here waits for the device to be idle: what a window of another size replaces is kept until it is out of use.
 
 use std::any::Any;
-use std::sync::{Arc, Mutex, atomic::Ordering};
+use std::sync::{Arc, atomic::Ordering};
 
 use anyhow::{Context, Result};
 use ash::{khr, vk};
@@ -15,6 +15,7 @@ use super::error::{Unavailable, describe};
 use super::facts::ANY_FORMAT;
 use super::image::{Image, Texture};
 use super::instance::Instance;
+use super::semaphores::{Ready, Semaphores, semaphore};
 use super::submission::InFlight;
 
 /// How pictures reach the screen.
@@ -132,7 +133,7 @@ impl Swapchain {
             vsync,
             chain: None,
             retired: Vec::new(),
-            semaphores: Arc::new(Semaphores { device: shared.clone(), idle: Mutex::default() }),
+            semaphores: Arc::new(Semaphores::new(shared)),
         })
     }
 
@@ -346,45 +347,6 @@ impl Commands {
             Err(error) => return Err(describe("vkQueuePresentKHR", error)),
         };
         Ok((in_flight, outcome))
-    }
-}
-
-/// Semaphores for acquisitions, each used again when the submission that waited for it is done.
-struct Semaphores {
-    idle: Mutex<Vec<vk::Semaphore>>,
-    device: Arc<Shared>,
-}
-
-struct Ready {
-    raw: vk::Semaphore,
-    owner: Arc<Semaphores>,
-}
-
-impl Semaphores {
-    fn take(self: &Arc<Self>) -> Result<Ready> {
-        let idle = self.idle.lock().expect("no holder of the semaphores panics").pop();
-        Ok(Ready { raw: idle.map_or_else(|| semaphore(&self.device), Ok)?, owner: self.clone() })
-    }
-}
-
-impl Drop for Ready {
-    fn drop(&mut self) {
-        self.owner.idle.lock().expect("no holder of the semaphores panics").push(self.raw);
-    }
-}
-
-fn semaphore(device: &Shared) -> Result<vk::Semaphore> {
-    // SAFETY: clause 1, whoever asks owns it.
-    unsafe { device.raw.create_semaphore(&vk::SemaphoreCreateInfo::default(), None) }
-        .map_err(|e| describe("vkCreateSemaphore", e))
-}
-
-impl Drop for Semaphores {
-    fn drop(&mut self) {
-        for semaphore in self.idle.get_mut().expect("no holder of the semaphores panics").drain(..) {
-            // SAFETY: clause 2, the submissions that waited for it are done.
-            unsafe { self.device.raw.destroy_semaphore(semaphore, None) };
-        }
     }
 }
 

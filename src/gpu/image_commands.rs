@@ -1,0 +1,134 @@
+//! What commands do with whole images: copies from and to the host, and the layouts that they are in.
+
+use std::ops::Range;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use anyhow::Result;
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+
+use super::buffer::{Buffer, Storage};
+use super::commands::Commands;
+use super::hazards::Access;
+use super::image::{Image, Texture, WHOLE};
+use super::shader::Resource;
+use super::submission::Readback;
+
+const LAYER: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers {
+    aspect_mask: vk::ImageAspectFlags::COLOR,
+    mip_level: 0,
+    base_array_layer: 0,
+    layer_count: 1,
+};
+
+impl Commands {
+    /// Copies some rows of an image to the host, row by row without gaps.
+    pub fn read_rows(&mut self, image: &Image, rows: Range<u32>) -> Result<Readback<[f32; 4]>> {
+        let [width, height] = image.size();
+        assert!(rows.start < rows.end && rows.end <= height, "the rows lie in the image");
+        self.reads(image.resource(), "read back", Access::COPY_READ);
+        let pixels = width as usize * rows.len();
+        let staging = self.readback_storage(pixels as u64 * 16)?;
+        let region = vk::BufferImageCopy::default()
+            .image_subresource(LAYER)
+            .image_offset(vk::Offset3D { x: 0, y: rows.start as i32, z: 0 })
+            .image_extent(vk::Extent3D { width, height: rows.len() as u32, depth: 1 });
+        self.keep(image.resource());
+        // SAFETY: clauses 2 and 4; the image is in GENERAL and the staging buffer holds exactly these rows.
+        unsafe {
+            let (from, to) = (image.texture.raw, staging.raw);
+            self.device.0.raw.cmd_copy_image_to_buffer(self.raw(), from, vk::ImageLayout::GENERAL, to, &[region]);
+        }
+        Ok(Readback::new(staging, pixels, self.recording))
+    }
+
+    /// Writes every pixel of an image of floats, row by row.
+    pub fn upload_image(&mut self, image: &Image, pixels: &[[f32; 4]]) -> Result<()> {
+        let [width, height] = image.size();
+        assert_eq!(pixels.len(), width as usize * height as usize, "there is a value for every pixel");
+        let usage = vk::BufferUsageFlags::TRANSFER_SRC;
+        let bytes = size_of_val(pixels) as u64;
+        let mut staging = Storage::new(&self.device.0, "upload", bytes, usage, MemoryLocation::GpuToCpu)?;
+        staging.mapped_mut().copy_from_slice(bytemuck::cast_slice(pixels));
+        self.writes(image.resource(), "upload", Access::COPY_WRITE);
+        self.fill_image(&Arc::new(staging), image);
+        Ok(())
+    }
+
+    /// Copies pixels of 8 bits a channel, row by row, into an image for a screen.
+    pub fn copy_to_screen(&mut self, from: &Buffer<u32>, to: &Image) {
+        let [width, height] = to.size();
+        assert!(from.len() >= width as usize * height as usize, "there is a word for every pixel");
+        self.reads(from.resource(), "copy to screen", Access::COPY_READ);
+        self.writes(to.resource(), "copy to screen", Access::COPY_WRITE);
+        self.fill_image(&from.storage, to);
+    }
+
+    /// Copies all pixels of an image from a buffer that has as many.
+    fn fill_image(&mut self, from: &Arc<Storage>, to: &Image) {
+        self.keep(Resource::Buffer(from));
+        self.keep(to.resource());
+        let [width, height] = to.size();
+        let region = vk::BufferImageCopy::default().image_subresource(LAYER).image_extent(vk::Extent3D {
+            width,
+            height,
+            depth: 1,
+        });
+        let (buffer, image, layout) = (from.raw, to.texture.raw, vk::ImageLayout::GENERAL);
+        // SAFETY: clauses 2 and 4; the image is in GENERAL, and callers checked that the buffer has its pixels.
+        unsafe { self.device.0.raw.cmd_copy_buffer_to_image(self.raw(), buffer, image, layout, &[region]) };
+    }
+
+    /// Copies an image for a screen to the host: red, green, blue, alpha.
+    pub fn read_screen(&mut self, image: &Image) -> Result<Readback<[u8; 4]>> {
+        let [width, height] = image.size();
+        self.reads(image.resource(), "read back", Access::COPY_READ);
+        let pixels = width as usize * height as usize;
+        let staging = self.readback_storage(pixels as u64 * 4)?;
+        let region = vk::BufferImageCopy::default().image_subresource(LAYER).image_extent(vk::Extent3D {
+            width,
+            height,
+            depth: 1,
+        });
+        self.keep(image.resource());
+        // SAFETY: clauses 2 and 4; the image is in GENERAL and the staging buffer holds exactly its pixels.
+        unsafe {
+            let (from, to) = (image.texture.raw, staging.raw);
+            self.device.0.raw.cmd_copy_image_to_buffer(self.raw(), from, vk::ImageLayout::GENERAL, to, &[region]);
+        }
+        Ok(Readback::new(staging, pixels, self.recording))
+    }
+
+    /// Brings a fresh image into the layout in which it stays.
+    pub(super) fn make_general(&mut self, texture: &Arc<Texture>) {
+        if texture.is_general.swap(true, Ordering::Relaxed) {
+            return;
+        }
+        let barrier = vk::ImageMemoryBarrier2::default()
+            // Behind the wait for an image of a swapchain.
+            .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+            .dst_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+            .dst_access_mask(vk::AccessFlags2::MEMORY_WRITE | vk::AccessFlags2::MEMORY_READ)
+            .old_layout(vk::ImageLayout::UNDEFINED)
+            .new_layout(vk::ImageLayout::GENERAL)
+            .image(texture.raw)
+            .subresource_range(WHOLE);
+        self.pipeline_barrier(&vk::DependencyInfo::default().image_memory_barriers(&[barrier]));
+        self.fresh.push(texture.clone());
+    }
+
+    /// Brings an image of a window into the layout in which it is shown.
+    pub(super) fn make_presentable(&mut self, image: &Image) {
+        self.keep(image.resource());
+        let barrier = vk::ImageMemoryBarrier2::default()
+            .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+            .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
+            .dst_stage_mask(vk::PipelineStageFlags2::NONE)
+            .old_layout(vk::ImageLayout::GENERAL)
+            .new_layout(vk::ImageLayout::PRESENT_SRC_KHR)
+            .image(image.texture.raw)
+            .subresource_range(WHOLE);
+        self.pipeline_barrier(&vk::DependencyInfo::default().image_memory_barriers(&[barrier]));
+    }
+}
