@@ -1,5 +1,6 @@
 //! What becomes of news: scenes that were read, pictures that were built, and what is to be built next.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Result;
@@ -12,6 +13,7 @@ use super::screen::Second;
 use super::session::Session;
 use crate::memory::OutOfMemory;
 use crate::render::upload_pixels;
+use crate::scene::Unreadable;
 
 impl Session {
     pub(super) fn take(&mut self, news: News) {
@@ -41,7 +43,10 @@ impl Session {
                         viewer.comparison.picture = Some((name, Arc::new(pixels)));
                         viewer.comparison.is_stale = true;
                     }
-                    Err(problem) => viewer.messages.error(format!("{name}: {problem:#}")),
+                    Err(problem) => {
+                        viewer.messages.error(format!("{name}: {problem:#}"));
+                        viewer.failure.get_or_insert(Unreadable::new(Path::new(&name), &problem).into());
+                    }
                 }
             }
             News::Measured(costs) => {
@@ -106,6 +111,7 @@ impl Session {
                     None => format!("{problem:#}"),
                 };
                 viewer.messages.error(story);
+                viewer.failure.get_or_insert(problem);
             }
         }
     }

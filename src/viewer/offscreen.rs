@@ -71,6 +71,9 @@ impl Offscreen {
         loop {
             let has_asked = self.frame(Vec::new())?.platform.is_some();
             self.session.land(true)?;
+            if let Some(failure) = self.viewer().failure.take() {
+                return Err(failure);
+            }
             if let Some(problem) = self.viewer().messages.shown().iter().find(|message| message.is_error) {
                 bail!("{}", problem.text);
             }

@@ -22,7 +22,7 @@ use crate::camera::{Camera, NamedCamera, Navigator};
 use crate::gpu::{Device, Vsync};
 use crate::options::{Background, Options};
 use crate::render::Explanation;
-use crate::scene::{Cancelled, Gaussians, Requirements, Scene};
+use crate::scene::{Cancelled, Gaussians, Requirements, Scene, Unreadable};
 use crate::trade::{Budget, choose_for, spread};
 
 /// What the program was started with.
@@ -82,6 +82,8 @@ pub struct Viewer {
     pub jobs: Jobs,
     pub events: Events,
     pub messages: Messages,
+    /// The first thing that could not be opened, for whoever has no window to read of it.
+    pub failure: Option<anyhow::Error>,
     pub layers: Vec<Layer>,
     pub cameras: Vec<NamedCamera>,
     pub cameras_name: String,
@@ -146,6 +148,7 @@ impl Viewer {
             events: Events::new(setup.tells_events),
             jobs,
             messages: Messages::default(),
+            failure: None,
             layers: Vec::new(),
             cameras: Vec::new(),
             cameras_name: String::new(),
@@ -278,6 +281,7 @@ impl Viewer {
                     let told = format!("{problem:#}");
                     let named = if told.contains(&layer.name) { told } else { format!("{}: {told}", layer.name) };
                     self.messages.error(named);
+                    self.failure.get_or_insert(problem);
                 }
             }
         }
@@ -301,7 +305,11 @@ impl Viewer {
                 self.go_to_camera(0, true);
                 self.first_view = Some(self.view());
             }
-            Err(problem) => self.messages.error(format!("{}: {problem:#}", path.display())),
+            Err(problem) => {
+                let unreadable = Unreadable::new(path, &problem);
+                self.messages.error(unreadable.to_string());
+                self.failure.get_or_insert(unreadable.into());
+            }
         }
     }
 
