@@ -174,7 +174,7 @@ impl ApplicationHandler<Wake> for Program {
 
     fn new_events(&mut self, events: &ActiveEventLoop, cause: StartCause) {
         if let (StartCause::ResumeTimeReached { .. }, Some(open)) = (cause, &mut self.window)
-            && let Err(failure) = open.look_after(&self.opening)
+            && let Err(failure) = open.look_after().or_else(|failure| open.recover(failure, &self.opening))
         {
             self.fail(events, failure);
         }
@@ -199,7 +199,7 @@ impl ApplicationHandler<Wake> for Program {
                 Ok(())
             }
             WindowEvent::Resized(size) => open.resize(size),
-            WindowEvent::RedrawRequested => open.frame(events, &self.opening),
+            WindowEvent::RedrawRequested => open.frame(events),
             _ => {
                 if response.repaint {
                     open.session.viewer.input_at.get_or_insert_with(Instant::now);
@@ -208,7 +208,7 @@ impl ApplicationHandler<Wake> for Program {
                 Ok(())
             }
         };
-        if let Err(failure) = outcome {
+        if let Err(failure) = outcome.or_else(|failure| open.recover(failure, &self.opening)) {
             self.fail(events, failure);
         }
     }
@@ -239,17 +239,13 @@ impl Open {
     }
 
     /// Learns from frames that are done, and begins one that is due.
-    fn look_after(&mut self, opening: &Opening) -> Result<()> {
-        match self.session.land(false) {
-            Ok(has_news) => {
-                let is_due = self.due.is_some_and(|due| due <= Instant::now());
-                if has_news && !self.is_hidden || is_due {
-                    self.window.request_redraw();
-                }
-                Ok(())
-            }
-            Err(failure) => self.recover(failure, opening),
+    fn look_after(&mut self) -> Result<()> {
+        let has_news = self.session.land(false)?;
+        let is_due = self.due.is_some_and(|due| due <= Instant::now());
+        if has_news && !self.is_hidden || is_due {
+            self.window.request_redraw();
         }
+        Ok(())
     }
 
     fn resize(&mut self, size: PhysicalSize<u32>) -> Result<()> {
@@ -261,7 +257,7 @@ impl Open {
         Ok(())
     }
 
-    fn frame(&mut self, events: &ActiveEventLoop, opening: &Opening) -> Result<()> {
+    fn frame(&mut self, events: &ActiveEventLoop) -> Result<()> {
         self.due = None;
         let Some(size) = self.session.screen.size() else {
             self.hide(true);
@@ -287,10 +283,7 @@ impl Open {
                 self.session.turn(input, size)
             }),
         };
-        match turn {
-            Ok(turn) => self.finish(turn, events),
-            Err(failure) => self.recover(failure, opening),
-        }
+        self.finish(turn?, events)
     }
 
     /// Does what a frame left to be done.
