@@ -2,16 +2,17 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::builder::PossibleValuesParser;
 use image::{ExtendedColorType, ImageEncoder};
 
 use super::{DeviceArgs, Knobs, Usage, complain, knobs, parse_size, remark, say, size_text};
 use crate::bench::Statistics;
 use crate::environment::Environment;
-use crate::files::write_whole;
+use crate::files::{check_writable, write_whole};
 use crate::gpu::Vsync;
 use crate::options::Options;
+use crate::scene::Procedural;
 use crate::viewer::{self, Bindings, CompareWith, Digest, Opening, Setup, Summary, Way};
 
 /// Open a window on scenes: fly through them, see what every stage costs, look inside the pipeline
@@ -68,6 +69,10 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args) -> Result<()> {
     args.knobs.check()?;
     args.knobs.check_gpu()?;
+    for scene in &args.scenes {
+        let procedural = scene.to_str().and_then(Procedural::parse);
+        procedural.transpose().map_err(|problem| Usage(format!("{}: {problem:#}", scene.display())))?;
+    }
     let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
     let by = |preset: &Options| args.knobs.options(preset, false, f32::INFINITY);
     let compares_with = args.compare.as_ref().map(|with| match Options::preset(with) {
@@ -107,6 +112,9 @@ fn bindings(args: &Args) -> Result<Bindings, Usage> {
 }
 
 fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
+    if let Some(file) = &args.screen {
+        check_writable(file)?;
+    }
     let device = args.device.open()?;
     let size = args.size;
     let Summary { interval_ms, gpu, first_frame_ms, latency_ms, screen } =
@@ -116,8 +124,7 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
         write_whole(file, |out| {
             let encoder = image::codecs::png::PngEncoder::new(out);
             Ok(encoder.write_image(bytes, size[0], size[1], ExtendedColorType::Rgba8)?)
-        })
-        .with_context(|| format!("cannot write {}", file.display()))?;
+        })?;
     }
     say!("{}  {frames} frames, first after {first_frame_ms:.0} ms", size_text(size))?;
     let Statistics { mean, median, p95, .. } = interval_ms;

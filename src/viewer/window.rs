@@ -67,7 +67,7 @@ struct Wake;
 /// Opens a window and stays until it is closed. What the validation layer complained of is a failure.
 pub fn run(opening: Opening) -> Result<()> {
     let events = EventLoop::<Wake>::with_user_event().build();
-    let events = events.map_err(|e| Unavailable(format!("no window can be opened: {e}")))?;
+    let events = events.map_err(|e| no_window(&e))?;
     let proxy = events.create_proxy();
     let mut program = Program { opening, proxy, window: None, failure: None, started: Instant::now() };
     events.run_app(&mut program).context("the window's events ended")?;
@@ -79,6 +79,13 @@ pub fn run(opening: Opening) -> Result<()> {
             Ok(())
         }
     }
+}
+
+/// Why there is no window, without the place in the source where that was found.
+fn no_window(problem: &dyn std::error::Error) -> Unavailable {
+    let told = problem.to_string();
+    let reason = told.rsplit_once(".rs:").and_then(|(_, rest)| Some(rest.split_once(": ")?.1)).unwrap_or(&told);
+    Unavailable(format!("no window can be opened: {}", reason.trim_end_matches('.')))
 }
 
 struct Program {
