@@ -12,6 +12,9 @@ use serde_json::Value;
 
 use super::desktop::{CONTROL, Desktop, PATIENCE, Shot};
 
+/// Within this a window that has the keys answers one.
+const ANSWER: Duration = Duration::from_secs(8);
+
 /// The program, and its window.
 pub struct Viewer<'a> {
     pub desktop: &'a Desktop,
@@ -200,12 +203,33 @@ impl<'a> Viewer<'a> {
         self.settle();
     }
 
-    /// The view, as Ctrl and C copy it.
+    /// The view, as Ctrl and C copy it. A window manager may not yet have given the keys to a window that it has just
+    /// brought back: then it is asked again.
     pub fn view(&mut self) -> Value {
         self.with_control('c');
-        let view = self.next("copied")["view"].clone();
+        for _ in 0..3 {
+            let begun = Instant::now();
+            while begun.elapsed() < ANSWER && !self.has_next("copied") {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            if self.has_next("copied") {
+                break;
+            }
+            self.with_control('c');
+        }
+        let mut view = self.next("copied")["view"].clone();
         self.settle();
+        while self.has_next("copied") {
+            view = self.next("copied")["view"].clone();
+        }
         view
+    }
+
+    /// Whether an event of a kind has come that was not waited for.
+    fn has_next(&mut self, kind: &str) -> bool {
+        self.seen.extend(self.events.try_iter());
+        let first = self.read.get(kind).copied().unwrap_or(0);
+        self.seen[first..].iter().any(|event| event["event"] == kind)
     }
 
     /// Leaves by Ctrl and Q; without complaints. What it told at the end.
