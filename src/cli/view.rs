@@ -4,14 +4,14 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::builder::PossibleValuesParser;
-use image::{ExtendedColorType, ImageEncoder};
 
 use super::{DeviceArgs, Knobs, Usage, complain, knobs, parse_size, remark, say, size_text};
 use crate::bench::Statistics;
 use crate::environment::Environment;
-use crate::files::{check_writable, write_whole};
+use crate::files::check_writable;
 use crate::gpu::Vsync;
 use crate::options::Options;
+use crate::pixels::write_rgba8;
 use crate::scene::Procedural;
 use crate::viewer::{self, Bindings, CompareWith, Digest, Opening, Setup, Summary, Way};
 
@@ -120,11 +120,7 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     let Summary { interval_ms, gpu, first_frame_ms, latency_ms, screen } =
         viewer::run_offscreen(setup, &device, size, frames)?;
     if let Some(file) = &args.screen {
-        let bytes: &[u8] = bytemuck::cast_slice(&screen);
-        write_whole(file, |out| {
-            let encoder = image::codecs::png::PngEncoder::new(out);
-            Ok(encoder.write_image(bytes, size[0], size[1], ExtendedColorType::Rgba8)?)
-        })?;
+        write_rgba8(file, size, &screen)?;
     }
     say!("{}  {frames} frames, first after {first_frame_ms:.0} ms", size_text(size))?;
     let Statistics { mean, median, p95, .. } = interval_ms;

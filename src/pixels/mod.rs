@@ -3,7 +3,7 @@
 mod read;
 mod write;
 
-pub use write::FileKind;
+pub use write::{FileKind, write_rgba8};
 
 /// Row by row from the top left, four floats a pixel: colour over the background as displayed (no transfer function
 /// is applied, as in the original 3DGS), and coverage 1 - T. Over nothing, colour is premultiplied by coverage.

@@ -52,10 +52,7 @@ impl Pixels {
         } else {
             (self.to_rgb8(), ExtendedColorType::Rgb8)
         };
-        write_whole(path, |file| {
-            let [width, height] = self.size;
-            Ok(PngEncoder::new(file).write_image(&bytes, width, height, kind)?)
-        })
+        write_bytes(path, self.size, &bytes, kind)
     }
 
     /// Writes an OpenEXR file of 32-bit floats, with an alpha channel if `transparent`.
@@ -84,4 +81,13 @@ impl Pixels {
         let channels = if transparent { 4 } else { 3 };
         self.rgba.iter().flat_map(|p| &p[..channels]).copied().collect()
     }
+}
+
+/// Writes a PNG of pixels that are in 8 bits already: red, green, blue and alpha.
+pub fn write_rgba8(path: &Path, size: [u32; 2], pixels: &[[u8; 4]]) -> Result<()> {
+    write_bytes(path, size, bytemuck::cast_slice(pixels), ExtendedColorType::Rgba8)
+}
+
+fn write_bytes(path: &Path, [width, height]: [u32; 2], bytes: &[u8], kind: ExtendedColorType) -> Result<()> {
+    write_whole(path, |file| Ok(PngEncoder::new(file).write_image(bytes, width, height, kind)?))
 }

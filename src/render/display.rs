@@ -59,6 +59,12 @@ pub struct Picture<'a> {
     frame: Option<(&'a Buffer<Totals>, Room)>,
 }
 
+/// Red, green and blue at a part of the scale, from 0 for low to 1 for high.
+pub fn false_colour(part: f64) -> [u8; 3] {
+    let colorous::Color { r, g, b } = colorous::INFERNO.eval_continuous(part);
+    [r, g, b]
+}
+
 /// Colours of the scale from low to high.
 const COLOURS: usize = 256;
 
@@ -69,7 +75,7 @@ impl Display {
         let mut cmd = Commands::new(device)?;
         cmd.upload(&colours, 0, COLOURS, |memory: &mut [u32]| {
             for (i, word) in memory.iter_mut().enumerate() {
-                let colorous::Color { r, g, b } = colorous::INFERNO.eval_continuous(i as f64 / (COLOURS - 1) as f64);
+                let [r, g, b] = false_colour(i as f64 / (COLOURS - 1) as f64);
                 *word = u32::from_le_bytes([r, g, b, 255]);
             }
         })?;

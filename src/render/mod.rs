@@ -14,7 +14,7 @@ mod view;
 mod workspace;
 
 pub use blending::{Target, Variation};
-pub use display::{Compare, Display, Picture, Quantity, Scale, upload_pixels};
+pub use display::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
 pub use explain::{Explained, Explanation};
 pub use gpu_scene::GpuScene;
 pub use inspect::{Attribute, Inspection, Inspector, Look, Work};

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 
 use super::jobs::{News, Side};
-use super::pictures::Plan;
+use super::pictures::{Kept, Plan};
 use super::state::Viewer;
 use crate::camera::Camera;
 use crate::gpu::Device;
@@ -28,16 +28,16 @@ impl Default for Export {
     }
 }
 
-/// Draws each camera into its file.
+/// Draws each camera into its file; takes over what `before` has of the plan already.
 fn write_all(
     device: &Device,
-    plan: Plan,
+    (plan, before): (Plan, Option<Kept>),
     shots: &[(Camera, PathBuf)],
     background: Background,
     progress: &dyn Fn(f64),
 ) -> Result<()> {
     let (first, _) = shots.first().context("there is nothing to write")?;
-    let mut drawn = plan.build(device, None, first, background, 0)?;
+    let mut drawn = plan.build(device, before, first, background, 0)?;
     for (done, (camera, file)) in shots.iter().enumerate() {
         drawn.still.render(camera, background)?;
         drawn.still.pixels()?.write(file, false)?;
@@ -48,16 +48,16 @@ fn write_all(
 
 impl Viewer {
     /// Writes the view as a picture.
-    pub fn write_picture(&mut self, device: &Device) {
+    pub fn write_picture(&mut self, device: &Device, before: Option<Kept>) {
         let camera = self.view();
         let camera = self.export.size.map_or_else(|| camera.clone(), |size| camera.resized(size));
         let file = PathBuf::from(&self.export.picture);
         let story = format!("{} written, {}x{}", file.display(), camera.size_px[0], camera.size_px[1]);
-        self.write(device, vec![(camera, file)], story);
+        self.write((device, before), vec![(camera, file)], story);
     }
 
     /// Writes the frames of the path.
-    pub fn write_film(&mut self, device: &Device) {
+    pub fn write_film(&mut self, device: &Device, before: Option<Kept>) {
         let size = self.export.size.unwrap_or(self.size);
         let folder = PathBuf::from(&self.export.folder);
         if let Err(problem) = std::fs::create_dir_all(&folder) {
@@ -67,10 +67,10 @@ impl Viewer {
         let shot = |(i, camera): (usize, Camera)| (camera.resized(size), folder.join(format!("{i:05}.png")));
         let shots: Vec<_> = frames.map(shot).collect();
         let story = format!("{} frames written to {}", shots.len(), folder.display());
-        self.write(device, shots, story);
+        self.write((device, before), shots, story);
     }
 
-    fn write(&mut self, device: &Device, shots: Vec<(Camera, PathBuf)>, story: String) {
+    fn write(&mut self, (device, before): (&Device, Option<Kept>), shots: Vec<(Camera, PathBuf)>, story: String) {
         let plan = match self.plan(Side::First) {
             Ok(Some(plan)) if !shots.is_empty() => plan,
             Ok(_) => return self.messages.note("there is nothing to write yet"),
@@ -81,7 +81,7 @@ impl Viewer {
         self.jobs.start(
             move |reporter| {
                 let progress = |fraction| reporter.tell(News::Writing(fraction));
-                write_all(&device, plan, &shots, background, &progress).map(|()| story)
+                write_all(&device, (plan, before), &shots, background, &progress).map(|()| story)
             },
             News::Written,
         );

@@ -120,11 +120,7 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
         viewer.add_key();
     }
     if pressed(viewer, ui, Action::Play) {
-        let film = &mut viewer.film;
-        film.is_playing = !film.is_playing && film.timeline.keys().len() > 1;
-        if film.is_playing && film.now >= film.end() {
-            film.now = 0.0;
-        }
+        viewer.film.toggle();
     }
     (0..presses(viewer, ui, Action::NextLook, true)).for_each(|_| viewer.looks.step(true));
     (0..presses(viewer, ui, Action::PreviousLook, true)).for_each(|_| viewer.looks.step(false));

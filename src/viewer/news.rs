@@ -91,7 +91,7 @@ impl Session {
                 match side {
                     Side::First => {
                         let is_new = self.pair.first.as_ref().is_none_or(|old| !old.plan.has_scene_of(&drawn.plan));
-                        if is_new && viewer.layers.iter().all(|layer| layer.progress.is_none()) {
+                        if is_new && !viewer.is_reading() {
                             let (gaussians, scenes) = (drawn.gaussians.len(), drawn.plan.parts.len());
                             viewer.events.tell(&Event::Scene { gaussians, scenes });
                         }
@@ -133,7 +133,7 @@ impl Session {
             };
             let Some(wanted) = wanted else {
                 // The last scene was closed, or nothing is compared.
-                let is_loading = self.viewer.layers.iter().any(|layer| layer.progress.is_some());
+                let is_loading = self.viewer.is_reading();
                 if there.is_some() && !(side == Side::First && is_loading) {
                     match side {
                         Side::First => self.pair.first = None,

@@ -8,6 +8,7 @@ use egui::{ClippedPrimitive, FullOutput, PlatformOutput, RawInput};
 use super::comparison::With;
 use super::events::Event;
 use super::jobs::Side;
+use super::pictures::{Drawn, Kept};
 use super::screen::{Arrangement, Pair, Screen, Shown};
 use super::state::{Viewer, Wish};
 use super::{hands, panels};
@@ -89,7 +90,7 @@ impl Session {
     /// Whether all that was asked for is read, and on the screen.
     pub fn is_settled(&self) -> bool {
         let viewer = &self.viewer;
-        let is_read = viewer.layers.iter().all(|layer| layer.progress.is_none()) && !viewer.is_reading_cameras;
+        let is_read = !viewer.is_reading() && !viewer.is_reading_cameras;
         let is_asked = viewer.wishes.is_empty() && viewer.export.progress.is_none();
         let is_measured = !viewer.is_measuring && !viewer.budget.is_choosing;
         let is_compared = viewer.comparison.with == With::Nothing || self.pair.second.is_some();
@@ -103,12 +104,9 @@ impl Session {
             && !viewer.is_stale
     }
 
-    /// Hears what threads report, without showing anything: whether there was something.
-    pub fn hear(&mut self) -> bool {
-        let news = self.viewer.jobs.news();
-        let heard = !news.is_empty();
-        news.into_iter().for_each(|news| self.take(news));
-        heard
+    /// Hears what threads report, without showing anything.
+    pub fn hear(&mut self) {
+        self.viewer.jobs.news().into_iter().for_each(|news| self.take(news));
     }
 
     /// Waits until another frame may be on its way: before its input is taken, so that this is as fresh as can be.
@@ -255,11 +253,11 @@ impl Session {
                 false
             }
             Wish::WritePicture => {
-                self.viewer.write_picture(self.screen.device());
+                self.viewer.write_picture(self.screen.device(), kept(&self.pair));
                 false
             }
             Wish::WriteFilm => {
-                self.viewer.write_film(self.screen.device());
+                self.viewer.write_film(self.screen.device(), kept(&self.pair));
                 false
             }
             Wish::Measure | Wish::Choose => {
@@ -283,7 +281,7 @@ impl Session {
         if let (Some((before, true)), true) = (self.before, draws) {
             viewer.pace.interval((now - before).as_secs_f64() * 1e3, viewer.refresh_ms);
         }
-        let is_whole = viewer.layers.iter().all(|layer| layer.progress.is_none());
+        let is_whole = !viewer.is_reading();
         if !self.has_shown_scene && self.pair.first.is_some() {
             self.has_shown_scene = is_whole;
             viewer.events.tell(&Event::FirstFrame { ms: viewer.started.elapsed().as_secs_f64() * 1e3, is_whole });
@@ -312,6 +310,11 @@ impl Session {
             gpu_bytes: self.screen.device().allocated_bytes(),
         }
     }
+}
+
+/// What of the first picture files can be drawn from.
+fn kept(pair: &Pair) -> Option<Kept> {
+    pair.first.as_ref().map(Drawn::kept)
 }
 
 /// What is shown of the pictures, and over them.

@@ -86,7 +86,6 @@ pub struct Viewer {
     pub failure: Option<anyhow::Error>,
     pub layers: Vec<Layer>,
     pub cameras: Vec<NamedCamera>,
-    pub cameras_name: String,
     pub is_reading_cameras: bool,
     /// The camera of the file that was gone to last.
     pub camera: Option<usize>,
@@ -151,7 +150,6 @@ impl Viewer {
             failure: None,
             layers: Vec::new(),
             cameras: Vec::new(),
-            cameras_name: String::new(),
             is_reading_cameras: false,
             camera: None,
             navigator: Navigator::new(DVec3::ZERO, 1.0, size),
@@ -235,6 +233,11 @@ impl Viewer {
         }
     }
 
+    /// Whether scenes are being read.
+    pub fn is_reading(&self) -> bool {
+        self.layers.iter().any(|layer| layer.progress.is_some())
+    }
+
     /// Closes a scene.
     pub fn close(&mut self, number: u64) {
         self.layers.retain(|layer| layer.number != number);
@@ -300,7 +303,6 @@ impl Viewer {
             Ok(cameras) => {
                 self.events.tell(&Event::Cameras { count: cameras.len() });
                 self.cameras = cameras;
-                self.cameras_name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
                 self.options.rules.near = self.setup.options.rules.near;
                 self.go_to_camera(0, true);
                 self.first_view = Some(self.view());

@@ -33,6 +33,14 @@ impl Film {
     pub fn end(&self) -> f64 {
         self.timeline.keys().last().map_or(0.0, |key| key.seconds)
     }
+
+    /// Plays, from the start if it is at its end, or stops. One key is no path.
+    pub fn toggle(&mut self) {
+        self.is_playing = !self.is_playing && self.timeline.keys().len() > 1;
+        if self.is_playing && self.now >= self.end() {
+            self.now = 0.0;
+        }
+    }
 }
 
 impl Viewer {

@@ -15,10 +15,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         let film = &mut viewer.film;
         let text = if film.is_playing { "Stop" } else { "Play" };
         if ui.add_enabled(film.timeline.keys().len() > 1, egui::Button::new(text)).clicked() {
-            film.is_playing = !film.is_playing;
-            if film.is_playing && film.now >= film.end() {
-                film.now = 0.0;
-            }
+            film.toggle();
         }
         ui.add(DragValue::new(&mut film.step).speed(0.1).range(0.1..=60.0).suffix(" s a key"));
     });

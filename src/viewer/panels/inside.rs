@@ -8,7 +8,8 @@ use super::super::looks::{Numbers, SIGHTS};
 use super::super::screen::Pair;
 use super::super::state::Viewer;
 use crate::camera::Camera;
-use crate::render::Explained;
+use crate::pixels::to_byte;
+use crate::render::{Explained, false_colour};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let looks = &mut viewer.looks;
@@ -59,7 +60,7 @@ fn scale(ui: &mut Ui) {
     let (response, painter) = ui.allocate_painter(egui::vec2(110.0, 14.0), egui::Sense::hover());
     let width = response.rect.width() / 64.0;
     for i in 0..64 {
-        let colorous::Color { r, g, b } = colorous::INFERNO.eval_continuous(f64::from(i) / 63.0);
+        let [r, g, b] = false_colour(f64::from(i) / 63.0);
         let left = response.rect.left_top() + egui::vec2(i as f32 * width, 0.0);
         let bar = egui::Rect::from_min_size(left, egui::vec2(width + 0.5, response.rect.height()));
         painter.rect_filled(bar, 0.0, Color32::from_rgb(r, g, b));
@@ -106,7 +107,7 @@ pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
                             ui.monospace(format!("{alpha:.4}"));
                             ui.monospace(format!("{transmittance:.4}"));
                             ui.monospace(format!("{share:.4}"));
-                            let [r, g, b] = colour.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8);
+                            let [r, g, b] = colour.map(to_byte);
                             ui.colored_label(Color32::from_rgb(r, g, b), "#####");
                             ui.end_row();
                         }
