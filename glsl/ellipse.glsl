@@ -2,6 +2,7 @@
 // Rows meet a convex set in an interval, whose ends lie at the set's extreme points or at the row's borders
 // (the idea of AccuTile, Hanson et al. 2024). Sums of squares and clamped roots: needles and huge splats need no care.
 
+// Behind the declaration of LISTED, the width and height in px of the tiles that splats are listed in.
 #include "rules.glsl"
 
 // All tiles of the box around the ellipse instead.
@@ -50,15 +51,16 @@ Ellipse broadcast_ellipse(Ellipse e, uint from) {
 }
 
 // Tiles [first, last + 1) along one axis whose pixel centres the interval [low, high] px meets, as (first, count).
-uvec2 tiles_between(float low, float high, uint size_px) {
-    uint tiles = (size_px + TILE - 1) / TILE;
-    // Tile t has centres from TILE t + 0.5 to TILE t + TILE - 0.5.
-    float first = ceil((low - (float(TILE) - 0.5)) / float(TILE));
-    float end = floor((high - 0.5) / float(TILE)) + 1.0;
+uvec2 tiles_between(float low, float high, uint size_px, uint side_px) {
+    uint tiles = (size_px + side_px - 1) / side_px;
+    float side = float(side_px);
+    // Tile t has centres from side t + 0.5 to side t + side - 0.5.
+    float first = ceil((low - (side - 0.5)) / side);
+    float end = floor((high - 0.5) / side) + 1.0;
     if (EXTENT == EXTENT_THREE_SIGMA_SQUARES) {
         // The original's, whose pixel centres are integers: lower on one side, and not the same on both.
-        first = floor((low - 0.5) / float(TILE));
-        end = floor((high - 0.5 + float(TILE) - 1.0) / float(TILE));
+        first = floor((low - 0.5) / side);
+        end = floor((high - 0.5 + side - 1.0) / side);
     }
     // Clamped as floats: casts out of range are undefined.
     first = clamp(first, 0.0, float(tiles));
@@ -76,8 +78,8 @@ uvec2 tile_rows(Ellipse e, uvec2 size_px) {
     vec2 low = e.mean_px - reach, high = e.mean_px + reach;
     bool between_centres = any(greaterThan(ceil(low - 0.5), floor(high - 0.5)));
     if (between_centres && EXTENT != EXTENT_THREE_SIGMA_SQUARES) return uvec2(0);
-    if (tiles_between(low.x, high.x, size_px.x).y == 0) return uvec2(0);
-    return tiles_between(low.y, high.y, size_px.y);
+    if (tiles_between(low.x, high.x, size_px.x, LISTED.x).y == 0) return uvec2(0);
+    return tiles_between(low.y, high.y, size_px.y, LISTED.y);
 }
 
 // Half width of the chord at y (px, relative to the mean), and its centre.
@@ -88,11 +90,11 @@ vec2 chord(Ellipse e, float y) {
 // The tiles of one row that the ellipse meets, packed as first | end << 16.
 uint tile_span(Ellipse e, uint row, uvec2 size_px) {
     if (BOX_TILES || EXTENT == EXTENT_THREE_SIGMA_SQUARES) {
-        uvec2 columns = tiles_between(e.mean_px.x - e.extent.x, e.mean_px.x + e.extent.x, size_px.x);
+        uvec2 columns = tiles_between(e.mean_px.x - e.extent.x, e.mean_px.x + e.extent.x, size_px.x, LISTED.x);
         return columns.x | (columns.x + columns.y) << 16;
     }
-    float low = max(float(row * TILE) + 0.5 - e.mean_px.y, -e.extent.y);
-    float high = min(float(min(row * TILE + TILE, size_px.y)) - 0.5 - e.mean_px.y, e.extent.y);
+    float low = max(float(row * LISTED.y) + 0.5 - e.mean_px.y, -e.extent.y);
+    float high = min(float(min(row * LISTED.y + LISTED.y, size_px.y)) - 0.5 - e.mean_px.y, e.extent.y);
     if (!(low <= high)) return 0;
     vec2 right = chord(e, clamp(e.rightmost_y, low, high));
     vec2 left = chord(e, clamp(-e.rightmost_y, low, high));
@@ -100,7 +102,7 @@ uint tile_span(Ellipse e, uint row, uvec2 size_px) {
     float slack = 1e-6 * (abs(right.x) + abs(left.x) + right.y + left.y + abs(e.mean_px.x)) + 1e-4;
     float first_px = e.mean_px.x + left.x - left.y - slack;
     float last_px = e.mean_px.x + right.x + right.y + slack;
-    uvec2 tiles = tiles_between(first_px, last_px, size_px.x);
+    uvec2 tiles = tiles_between(first_px, last_px, size_px.x, LISTED.x);
     return tiles.x | (tiles.x + tiles.y) << 16;
 }
 

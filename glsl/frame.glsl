@@ -8,6 +8,16 @@ const uint SCAN_CHUNK = 2048;
 const uint SORT_CHUNK = 2048;
 const uint DUPLICATE_CHUNK = 1024;
 
+// The fast path lists splats in bins, each of 32 blocks of pixels.
+const uvec2 BIN = uvec2(64, 32);  // px
+const uint BLOCK = 8;             // px, width and height
+const uint BLOCKS = 32;           // in a bin, row by row
+const uint MAX_BINS = 7200;       // whose counts leave some of 32 KiB of workgroup memory
+const uint BIN_PROJECT_CHUNK = 512;
+const uint BIN_CHUNKS = 128;      // parts in which splats are listed
+const uint BIN_RUN = 2048;        // entries that a workgroup sorts
+const uint BIN_STRETCH = 1024;    // entries whose masks lie together
+
 const uint TILE_CLASSES = 6;  // by the length of a tile's list: tile_order.comp
 
 // The camera. Rows of the world-to-view rotation: right, down, forward. What decides a depth comes in two parts, high
@@ -51,6 +61,20 @@ struct Dispatches {
     uvec3 duplicate;
     uvec3 sort_instances;
     uvec3 over_instances;
+};
+
+// What is listed in a bin: entries [first, first + count), in runs and stretches of its own.
+struct Bin {
+    uint first;
+    uint count;
+    uint first_run;
+    uint first_stretch;
+};
+
+// Workgroup counts of the fast path's indirect dispatches.
+struct BinDispatches {
+    uvec3 over_runs;
+    uvec3 over_stretches;
 };
 
 // A projected Gaussian. Its weight at an offset d (px, pixel minus mean) is

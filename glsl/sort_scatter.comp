@@ -23,30 +23,12 @@ layout(push_constant, scalar) uniform Push {
     uint values_are_indices;  // 1 in a first pass whose value is the key's index: values_in is not read
 } push;
 
+#include "subgroup_rank.glsl"
+
 const uint ITEMS = SORT_CHUNK / WORKGROUP;
 shared uint counts[SUBGROUPS * DIGITS];  // per subgroup and digit; then where the subgroup's first key of it goes
 shared uint destinations[DIGITS];        // of the chunk's sorted element i with this digit, minus i
 shared uint staged[SORT_CHUNK];
-
-// Of the lanes in `same`: how many come before this one, and how many there are.
-uvec2 rank_in(uvec4 same) {
-    uvec2 rank = uvec2(0);
-    for (uint w = 0; w < BALLOT_WORDS; w++) {
-        rank += uvec2(bitCount(same[w] & gl_SubgroupLtMask[w]), bitCount(same[w]));
-    }
-    return rank;
-}
-
-// Lanes of the subgroup whose digit equals this lane's.
-uvec4 same_digit(uint digit) {
-    uvec4 same = subgroupBallot(true);
-    for (uint bit = 0; bit < DIGIT_BITS; bit++) {
-        bool mine = (digit >> bit & 1) != 0;
-        uvec4 ballot = subgroupBallot(mine);
-        for (uint w = 0; w < BALLOT_WORDS; w++) same[w] &= mine ? ballot[w] : ~ballot[w];
-    }
-    return same;
-}
 
 void main() {
     uint length = lengths[push.length_index];

@@ -1,11 +1,15 @@
-// Workgroups of 256, with nothing assumed of the subgroup size but that it is a power of two from 4 to 128.
+// Workgroups of 256, or as a shader says before it includes this, with nothing assumed of the subgroup size but that it is a power of two from 4 to 128.
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_vote : require
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
+#ifdef WORKGROUP_SIZE
+const uint WORKGROUP = WORKGROUP_SIZE;
+#else
 const uint WORKGROUP = 256;
+#endif
 const uint MAX_SUBGROUPS = WORKGROUP / 4;
 layout(local_size_x = WORKGROUP) in;
 
@@ -13,7 +17,7 @@ layout(local_size_x = WORKGROUP) in;
 const uint FOLD = 65535;
 
 // Index of this invocation in its workgroup, in subgroup order: neighbours share a subgroup on every device, which
-// gl_LocalInvocationIndex does not promise. Subgroups are full, so this counts 0 to 255.
+// gl_LocalInvocationIndex does not promise. Subgroups are full, so this counts from 0 on.
 uint lane() {
     return gl_SubgroupID * gl_SubgroupSize + gl_SubgroupInvocationID;
 }

@@ -86,6 +86,15 @@ pub struct Limits {
 }
 
 impl DeviceFacts {
+    /// Whether the stages of the fast path run on it.
+    pub(crate) fn has_fast_path(&self) -> bool {
+        let [smallest, largest] = self.subgroup_size;
+        smallest == largest
+            && (8..=64).contains(&smallest)
+            && self.has(SHUFFLES)
+            && self.limits.workgroup_invocations >= 1024
+    }
+
     pub(super) fn has(&self, optional: &str) -> bool {
         self.optional.iter().any(|(name, present)| *name == optional && *present)
     }
@@ -98,6 +107,7 @@ pub(super) const MEMORY_BUDGET: &str = "memory budget";
 pub(super) const PORTABILITY_SUBSET: &str = "portability subset";
 pub(super) const DEVICE_FAULT: &str = "device fault";
 pub(super) const SWAPCHAINS: &str = "windows";
+pub(super) const SHUFFLES: &str = "subgroup shuffles";
 pub(super) const ANY_FORMAT: &str = "image stores of any format";
 
 /// Every device of this machine, usable or not, in the loader's order.
@@ -234,6 +244,7 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
         (MEMORY_BUDGET, offers(ext::memory_budget::NAME)),
         (PORTABILITY_SUBSET, offers(khr::portability_subset::NAME)),
         (DEVICE_FAULT, has_fault_extension && fault.device_fault == vk::TRUE),
+        (SHUFFLES, subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)),
         (SWAPCHAINS, offers(khr::swapchain::NAME) && draws),
         (ANY_FORMAT, core.shader_storage_image_write_without_format == vk::TRUE),
     ];

@@ -3,6 +3,8 @@
 mod blending;
 mod display;
 mod explain;
+mod fast;
+mod fast_workspace;
 mod gpu_scene;
 mod inspect;
 mod layout;

@@ -4,11 +4,13 @@ use anyhow::{Context, Result, anyhow, ensure};
 
 use super::blending::{Target, Variation};
 use super::explain::{Explainer, Explanation};
+use super::fast::Fast;
+use super::fast_workspace::FastWorkspace;
 use super::gpu_scene::GpuScene;
 use super::inspect::{Inspection, Inspector};
 use super::renderer::Renderer;
 use super::shaders::{Enlarge, EnlargeBindings, EnlargePush, Room, Totals};
-use super::view::tiles;
+use super::view::{bins, tiles};
 use super::workspace::{Demand, Workspace};
 use crate::camera::Camera;
 use crate::gpu::{
@@ -25,13 +27,14 @@ pub struct Still {
     scene: GpuScene,
     renderer: Renderer,
     work: Workspace,
+    fast: Option<(Fast, FastWorkspace)>,
     image: Image,
     /// What is drawn smaller than the picture.
     enlarged: Option<Enlarged>,
     certificate: Option<Image>,
     passes: u32,
-    /// Room and passes of the frame recorded last.
-    drawn: (Demand, u32),
+    /// Of the frame recorded last.
+    drawn: Limits,
     timestamps: Timestamps,
     inspector: Option<Inspector>,
     explainer: Option<Explainer>,
@@ -74,9 +77,17 @@ pub struct Started {
 pub struct Recorded {
     number: u64,
     totals: Readback<Totals>,
-    /// What it had room for, which may have grown since.
+    limits: Limits,
+}
+
+/// What a frame has to keep to.
+#[derive(Clone, Copy, PartialEq)]
+struct Limits {
+    /// It is drawn on the fast path.
+    is_fast: bool,
+    /// What it has room for.
     room: Demand,
-    passes: u32,
+    longest_list: u32,
 }
 
 /// More attempts than any frame needs: each grows to the demand of the one before, and demands hide behind one another
@@ -97,12 +108,16 @@ impl Still {
     }
 
     fn varied(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
+        let fast = fast_path(device, options, scene, variation)?;
+        // What is drawn on the fast path alone needs no room on the other.
+        let guess = if fast.is_some() { Demand::default() } else { Demand::guess(device, scene.len(), 1) };
         Ok(Self {
             device: device.clone(),
             options: *options,
             scene: scene.clone(),
             renderer: Renderer::varied(device, options, scene.layout(), variation)?,
-            work: Workspace::new(device, Demand::guess(device, scene.len(), 1))?,
+            work: Workspace::new(device, guess)?,
+            fast,
             image: Image::new(device, "image", 1, 1)?,
             enlarged: match options.scale {
                 1.0 => None,
@@ -112,7 +127,7 @@ impl Still {
             },
             certificate: None,
             passes: 1,
-            drawn: (Demand::default(), 1),
+            drawn: Limits { is_fast: false, room: Demand::default(), longest_list: 0 },
             timestamps: Timestamps::All,
             inspector: None,
             explainer: None,
@@ -127,7 +142,10 @@ impl Still {
 
     /// Starts from this much room, to see it grow.
     pub fn with_room(mut self, room: Demand) -> Result<Self> {
-        self.work = Workspace::new(&self.device, room)?;
+        match &mut self.fast {
+            Some((fast, work)) => *work = FastWorkspace::new(&self.device, room, fast.splat_elements())?,
+            None => self.work = Workspace::new(&self.device, room)?,
+        }
         self.last = None;
         Ok(self)
     }
@@ -150,12 +168,14 @@ impl Still {
     pub fn count_work(&mut self, counts_work: bool) -> Result<()> {
         let variation = Variation { counts_work, certifies: self.certificate.is_some() };
         self.renderer = Renderer::varied(&self.device, &self.options, self.scene.layout(), variation)?;
+        self.fast = fast_path(&self.device, &self.options, &self.scene, variation)?;
         Ok(())
     }
 
     /// Device memory for everything but the scene: every buffer's name and bytes.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let mut buffers = self.work.buffers();
+        buffers.extend(self.fast.iter().flat_map(|(_, work)| work.buffers()));
         buffers.push(("image", self.image.bytes()));
         buffers.extend(self.certificate.iter().map(|certificate| ("certificate", certificate.bytes())));
         buffers.extend(self.enlarged.iter().map(|enlarged| ("drawn image", enlarged.drawn.bytes())));
@@ -229,34 +249,64 @@ impl Still {
         if let Some(enlarged) = &mut self.enlarged {
             fit(&self.device, &mut enlarged.drawn, "drawn image", camera.size_px)?;
         }
-        let tiles = tiles(camera.size_px).iter().map(|n| *n as usize).product();
-        self.work.grow(&self.device, Demand { gaussians: self.scene.len(), tiles, ..Demand::default() })?;
-        cmd.scope("frame", |cmd| {
-            let image = self.enlarged.as_ref().map_or(&self.image, |enlarged| &enlarged.drawn);
-            let target = Target { image, certificate: self.certificate.as_ref(), background };
-            let inspector = self.inspector.as_ref();
-            self.renderer.record(cmd, (&self.scene, camera), &self.work, target, self.passes, inspector);
-            if let Some(enlarged) = &self.enlarged {
-                cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-                cmd.scope("enlarge", |cmd| enlarged.record(cmd, &self.image));
+        let is_inspected = self.inspector.is_some();
+        let fast = self.fast.as_mut().filter(|(fast, _)| !is_inspected && fast.takes(camera.size_px));
+        let gaussians = self.scene.len();
+        let tiles = if fast.is_some() { bins(camera.size_px) } else { tiles(camera.size_px) };
+        let tiles = tiles.iter().map(|n| *n as usize).product();
+        let demand = Demand { gaussians, tiles, ..Demand::default() };
+        let image = self.enlarged.as_ref().map_or(&self.image, |enlarged| &enlarged.drawn);
+        let target = Target { image, certificate: self.certificate.as_ref(), background };
+        let totals;
+        match fast {
+            Some((fast, work)) => {
+                work.grow(&self.device, demand)?;
+                self.drawn = Limits { is_fast: true, room: work.room, longest_list: fast.longest_list() };
+                totals = &work.totals;
+                record_frame(cmd, &self.enlarged, &self.image, |cmd| {
+                    fast.record(cmd, (&self.scene, camera), work, target);
+                });
             }
-        });
+            None => {
+                self.work.grow(&self.device, demand)?;
+                let longest_list = self.renderer.longest_list(self.passes);
+                self.drawn = Limits { is_fast: false, room: self.work.room, longest_list };
+                totals = &self.work.totals;
+                let (work, inspector) = (&self.work, self.inspector.as_ref());
+                record_frame(cmd, &self.enlarged, &self.image, |cmd| {
+                    self.renderer.record(cmd, (&self.scene, camera), work, target, self.passes, inspector);
+                });
+            }
+        }
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-        self.drawn = (self.work.room, self.passes);
-        Ok(Recorded { number, totals: cmd.read(&self.work.totals)?, room: self.work.room, passes: self.passes })
+        Ok(Recorded { number, totals: cmd.read(totals)?, limits: self.drawn })
     }
 
     /// What a frame counted, if it is complete. If it did not fit, the next one has more room.
     pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
         let totals = results.view(&recorded.totals)[0];
-        let passes = self.renderer.passes(totals.longest_list);
-        let demand = Demand::of(&totals, self.scene.len(), recorded.room.tiles);
-        self.work.grow(&self.device, demand)?;
-        self.passes = self.passes.max(passes);
-        let is_whole = demand.fits(recorded.room) && passes <= recorded.passes;
+        let limits = recorded.limits;
+        let demand = Demand::of(&totals, self.scene.len(), limits.room.tiles);
+        let is_whole = demand.fits(limits.room) && totals.longest_list <= limits.longest_list;
+        let room = match &mut self.fast {
+            Some((fast, work)) if limits.is_fast => {
+                work.grow(&self.device, demand)?;
+                let room = work.room;
+                if totals.longest_list > fast.longest_list() {
+                    self.fast = None;
+                }
+                room
+            }
+            _ if limits.is_fast => limits.room,
+            _ => {
+                self.work.grow(&self.device, demand)?;
+                self.passes = self.passes.max(self.renderer.passes(totals.longest_list));
+                self.work.room
+            }
+        };
         if let Some(last) = &mut self.last {
-            let is_held = last.number == recorded.number && self.work.room == recorded.room;
-            last.is_whole = is_whole && is_held;
+            // An explanation reads the lists of the portable path.
+            last.is_whole = is_whole && !limits.is_fast && last.number == recorded.number && room == limits.room;
         }
         Ok(is_whole.then_some(totals))
     }
@@ -268,7 +318,10 @@ impl Still {
         let size = camera.size_px;
         ensure!(pixel[0] < size[0] && pixel[1] < size[1], "pixel {pixel:?} lies outside of a picture of {size:?}");
         if !is_whole {
-            self.render(&camera, background)?;
+            let fast = self.fast.take();
+            let rendered = self.render(&camera, background);
+            self.fast = fast;
+            rendered?;
         }
         let explainer = match &mut self.explainer {
             Some(explainer) => explainer,
@@ -295,14 +348,16 @@ impl Still {
 
     /// What the frame drawn last counted.
     pub(super) fn totals(&self) -> &Buffer<Totals> {
-        &self.work.totals
+        match &self.fast {
+            Some((_, work)) if self.drawn.is_fast => &work.totals,
+            _ => &self.work.totals,
+        }
     }
 
     /// What the frame drawn last had room for, as the shader that shows it takes it.
     pub(super) fn drawn_room(&self) -> Room {
-        let (room, passes) = self.drawn;
+        let Limits { room, longest_list, .. } = self.drawn;
         let word = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
-        let longest_list = self.renderer.longest_list(passes);
         Room { visible: word(room.visible), spans: word(room.spans), instances: word(room.instances), longest_list }
     }
 
@@ -317,6 +372,40 @@ impl Still {
     pub fn certificate(&self) -> Result<Option<Pixels>> {
         self.certificate.as_ref().map(|certificate| read_pixels(&self.device, certificate)).transpose()
     }
+}
+
+/// The fast path and a first guess of its room, where it can be taken.
+fn fast_path(
+    device: &Device,
+    options: &Options,
+    scene: &GpuScene,
+    variation: Variation,
+) -> Result<Option<(Fast, FastWorkspace)>> {
+    let fast = if variation == Variation::default() { Fast::new(device, options, scene.layout())? } else { None };
+    let guess = Demand::guess(device, scene.len(), 1);
+    // Captured scenes at 1080p: a splat is in 1.2 rows of bins and in 1.8 bins.
+    let guess = Demand { spans: guess.visible / 2 * 3, instances: guess.visible * 2, ..guess };
+    fast.map(|fast| {
+        let work = FastWorkspace::new(device, guess, fast.splat_elements())?;
+        Ok((fast, work))
+    })
+    .transpose()
+}
+
+/// Records what `draw` does, and what enlarges it.
+fn record_frame(
+    cmd: &mut Commands,
+    enlarged: &Option<Enlarged>,
+    image: &Image,
+    draw: impl FnOnce(&mut Commands),
+) {
+    cmd.scope("frame", |cmd| {
+        draw(cmd);
+        if let Some(enlarged) = enlarged {
+            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            cmd.scope("enlarge", |cmd| enlarged.record(cmd, image));
+        }
+    });
 }
 
 impl Enlarged {

@@ -12,6 +12,11 @@ pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
     size_px.map(|side| side.div_ceil(TILE))
 }
 
+/// Columns and rows of bins of an image.
+pub(super) fn bins(size_px: [u32; 2]) -> [u32; 2] {
+    [size_px[0].div_ceil(64), size_px[1].div_ceil(32)]
+}
+
 /// Bits that hold every tile number.
 pub(super) fn tile_bits(tiles: u32) -> u32 {
     tiles.next_power_of_two().trailing_zeros()

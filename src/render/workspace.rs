@@ -60,10 +60,41 @@ impl Demand {
         }
     }
 
+    /// Room for it where `room` is not enough: with some to spare, and without. What already has room stays as it is.
+    pub(super) fn rooms_beyond(self, room: Self) -> [Self; 2] {
+        let spare = |needed: u64, room: u64| if needed > room { needed + needed / 8 } else { room };
+        let exact = self.max(room);
+        let roomy = Self {
+            visible: spare(self.visible, room.visible).min(exact.gaussians as u64),
+            spans: spare(self.spans, room.spans),
+            instances: spare(self.instances, room.instances),
+            ..exact
+        };
+        [roomy, exact]
+    }
+
     /// Whether there is room for it.
     pub(super) fn fits(self, room: Self) -> bool {
         self.max(room) == room
     }
+}
+
+/// Makes buffers for the first of `rooms`, or for the second if there is no memory for that.
+pub(super) fn first_that_fits<T>([roomy, exact]: [Demand; 2], make: impl Fn(Demand) -> Result<T>) -> Result<T> {
+    match make(roomy) {
+        Err(error) if error.is::<OutOfMemory>() => make(exact),
+        other => other,
+    }
+}
+
+/// A buffer's length, if 32-bit offsets reach its end.
+pub(super) fn length(name: &str, elements: u64) -> Result<usize, OutOfMemory> {
+    let refusal = |_| OutOfMemory {
+        name: name.to_owned(),
+        bytes: Some(elements.saturating_mul(4)),
+        reason: "32-bit offsets reach no further".to_owned(),
+    };
+    u32::try_from(elements).map(|length| length as usize).map_err(refusal)
 }
 
 /// The buffers of one frame in the making.
@@ -93,14 +124,6 @@ pub struct Workspace {
 
 impl Workspace {
     pub fn new(device: &Device, room: Demand) -> Result<Self> {
-        let length = |name: &str, elements: u64| {
-            let refusal = || OutOfMemory {
-                name: name.to_owned(),
-                bytes: Some(elements.saturating_mul(4)),
-                reason: "32-bit offsets reach no further".to_owned(),
-            };
-            u32::try_from(elements).map(|length| length as usize).map_err(|_| refusal())
-        };
         let visible = length("visible splats", room.visible)?;
         let spans = length("tile rows", room.spans)?;
         let instances = length("splat-tile instances", room.instances)?;
@@ -133,20 +156,9 @@ impl Workspace {
         if demand.fits(self.room) {
             return Ok(false);
         }
-        // What already has room stays as it is.
-        let spare = |needed: u64, room: u64| if needed > room { needed + needed / 8 } else { room };
-        let exact = demand.max(self.room);
-        let roomy = Demand {
-            visible: spare(demand.visible, self.room.visible).min(exact.gaussians as u64),
-            spans: spare(demand.spans, self.room.spans),
-            instances: spare(demand.instances, self.room.instances),
-            ..exact
-        };
+        let rooms = demand.rooms_beyond(self.room);
         *self = Self::new(device, Demand::default())?; // frees what is there before the larger buffers are made
-        *self = match Self::new(device, roomy) {
-            Err(error) if error.is::<OutOfMemory>() => Self::new(device, exact)?,
-            other => other?,
-        };
+        *self = first_that_fits(rooms, |room| Self::new(device, room))?;
         Ok(true)
     }
 

@@ -1,0 +1,75 @@
+#version 460
+#include "workgroup.glsl"
+#include "frame.glsl"
+#include "rules.glsl"
+#include "bin_splat.glsl"
+// One workgroup per stretch of 1024 entries of a bin: which of its 32 blocks does each entry reach?
+// Before: sorted splat_ids. After: masks, for every stretch and block 32 words with a bit per entry.
+// Rows of blocks meet an ellipse in an interval (the idea of AccuTile, Hanson et al. 2024). A bound: a block with a
+// pixel that the splat is drawn on is never left out.
+
+layout(binding = 0, scalar) readonly buffer StretchBins { uint stretch_bins[]; };           // [stretches]
+layout(binding = 1, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
+layout(binding = 2, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [entry_capacity]
+layout(binding = 3, scalar) readonly buffer Splats { uvec4 splats[]; };                     // [visible_capacity] of 2 or 3
+layout(binding = 4, scalar) writeonly buffer Masks { uint masks[]; };                       // [stretches * BLOCKS * 32]
+layout(binding = 5, scalar) readonly buffer DispatchesBlock { BinDispatches dispatches; };
+layout(push_constant, scalar) uniform Push {
+    uint bins_x;
+} push;
+
+shared uint reached[BIN_STRETCH];
+
+// Blocks of a bin whose pixel centres the ellipse meets, a bit each. `corner`: px, of the bin, from the mean.
+uint blocks_reached(vec2 corner, vec3 factor, float log2_opacity, vec2 mean) {
+    // Over the true border: blend's f32 weights may pass ALPHA_MIN by their rounding.
+    float border = sqrt(max(log2_opacity - log2(ALPHA_MIN), 0.0) + 1e-3);
+    float half_height = border / factor.z;
+    float rightmost_y = -factor.y * half_height * inversesqrt(factor.y * factor.y + factor.z * factor.z);
+    vec2 far = abs(corner) + vec2(BIN);
+    float slack = 1e-6 * (abs(mean.x) + far.x + abs(factor.y / factor.x) * far.y) + 1e-3;
+    uint mask = 0;
+    for (uint row = 0; row < BIN.y / BLOCK; row++) {
+        float low = max(corner.y + float(row * BLOCK) + 0.5, -half_height);
+        float high = min(corner.y + float(row * BLOCK + BLOCK) - 0.5, half_height);
+        // Negative phrasing here and below: what is not a number reaches everything.
+        if (low > high + slack) continue;
+        float right_y = clamp(rightmost_y, low, high), left_y = clamp(-rightmost_y, low, high);
+        float right_v = factor.z * right_y, left_v = factor.z * left_y;
+        float right = (sqrt(max(border * border - right_v * right_v, 0.0)) - factor.y * right_y) / factor.x + slack;
+        float left = -(sqrt(max(border * border - left_v * left_v, 0.0)) + factor.y * left_y) / factor.x - slack;
+        // Block c has centres from BLOCK c + 0.5 to BLOCK c + BLOCK - 0.5.
+        float first = ceil((left - corner.x - (float(BLOCK) - 0.5)) / float(BLOCK));
+        float last = floor((right - corner.x - 0.5) / float(BLOCK));
+        uint from = first > 0.0 ? uint(min(first, 8.0)) : 0;
+        uint end = last < 7.0 ? uint(max(last + 1.0, 0.0)) : 8;
+        if (from < end) mask |= ((1u << end) - (1u << from)) << 8 * row;
+    }
+    return mask;
+}
+
+void main() {
+    uint stretch = workgroup();
+    if (stretch >= dispatches.over_stretches.x * dispatches.over_stretches.y) return;
+    uint number = stretch_bins[stretch];
+    Bin bin = bins[number];
+    uint begin = (stretch - bin.first_stretch) * BIN_STRETCH;
+    if (stretch < bin.first_stretch || begin >= bin.count) return;
+    vec2 corner = vec2(uvec2(number % push.bins_x, number / push.bins_x) * BIN);
+    for (uint i = lane(); i < BIN_STRETCH; i += WORKGROUP) {
+        reached[i] = 0;
+        if (begin + i >= bin.count) continue;
+        uint splat = splat_ids[bin.first + begin + i];
+        vec4 a = uintBitsToFloat(splats[splat * SPLAT_WORDS]);
+        vec2 b = uintBitsToFloat(splats[splat * SPLAT_WORDS + 1].xy);
+        reached[i] = blocks_reached(corner - a.xy, vec3(a.zw, b.x), b.y, a.xy);
+    }
+    barrier();
+    // Transposed: lane b serves block b, so that all lanes read one word at a time.
+    uint block = lane() % BLOCKS;
+    for (uint word = lane() / BLOCKS; word < BIN_STRETCH / 32; word += WORKGROUP / BLOCKS) {
+        uint bits = 0;
+        for (uint i = 0; i < 32; i++) bits |= (reached[32 * word + i] >> block & 1) << i;
+        masks[(stretch * BLOCKS + block) * 32 + word] = bits;
+    }
+}

@@ -1,0 +1,98 @@
+#version 460
+#include "workgroup.glsl"
+#include "ballot.glsl"
+#include "frame.glsl"
+#include "harmonics.glsl"
+const uvec2 LISTED = BIN;
+#include "ellipse.glsl"
+#include "grids.glsl"
+#include "rotation.glsl"
+#include "bin_splat.glsl"
+// One workgroup per chunk of 512 Gaussians: those that can touch the image become splats, with the bins they touch as one
+// span per row of bins.
+// Before: totals are 0. After: totals.visible and totals.spans are demands; the outputs of all splats that fit are set, in
+// any order: `gaussian_from_splat` is what orders splats of one depth.
+
+layout(constant_id = 3) const bool BY_DISTANCE = false;  // depth keys are distances from the camera
+
+layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
+layout(binding = 1, scalar) readonly buffer GridsBlock { Grids grids; };
+layout(binding = 2, scalar) readonly buffer Shapes { uvec4 plane[]; } shapes[2];            // [gaussians] at most each
+layout(binding = 3, scalar) readonly buffer Sh { uvec4 plane[]; } sh[SH_PLANES];            // [gaussians] at most each
+layout(binding = 4, scalar) writeonly buffer Ids { uint gaussian_from_splat[]; };           // [visible_capacity]
+layout(binding = 5, scalar) writeonly buffer Splats { uvec4 splats[]; };                    // [visible_capacity] of 2 or 3
+layout(binding = 6, scalar) writeonly buffer DepthKeys { uint depth_keys[]; };              // [visible_capacity]
+layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity] first, rows
+layout(binding = 8, scalar) writeonly buffer Spans { uint spans[]; };                       // [span_capacity]
+layout(binding = 9, scalar) buffer TotalsBlock { Totals totals; };
+layout(push_constant, scalar) uniform Push {
+    View view;
+    uint gaussians;
+    uint visible_capacity;
+    uint span_capacity;
+    uint depth_limit;  // the largest depth key
+    uint depth_shift;  // bits that depth keys leave out
+} push;
+
+#include "storage.glsl"
+#include "cull_test.glsl"
+#include "projection.glsl"
+#include "spans.glsl"
+
+shared uint survivors[BIN_PROJECT_CHUNK];
+shared uvec2 first;  // splat and span of this workgroup
+
+void make_splat(uint gaussian, bool exists) {
+    vec3 mean = exists ? uintBitsToFloat(bounds[gaussian].xyz) : vec3(0.0);
+    precise vec3 p = (mean - push.view.position_high) - push.view.position_low;
+    Splat splat;
+    Ellipse ellipse = EMPTY_ELLIPSE;
+    float z = push.view.near;
+    if (exists) project(gaussian, mean, p, splat, ellipse, z);
+    uvec2 rows = tile_rows(ellipse, push.view.size_px);  // first, count
+
+    // Rows in the lower half: MAX_BINS leaves a splat fewer than 256, so that all of a workgroup fit.
+    uint total;
+    uint before = workgroup_exclusive_add(rows.y > 0 ? 1 << 16 | rows.y : 0, total);
+    if (lane() == 0) {
+        // In any order: lists are sorted, and spans are found through their range.
+        first.x = atomicAdd(totals.visible, total >> 16);
+        first.y = atomicAdd(totals.spans, total & 0xffff);
+        if (first.y + (total & 0xffff) < first.y) atomicAdd(totals.instances_high, 1);  // refused
+    }
+    barrier();
+    uint index = first.x + (before >> 16), offset = first.y + (before & 0xffff);
+    bool kept = rows.y > 0 && index < push.visible_capacity;
+    if (!kept || offset > push.span_capacity || rows.y > push.span_capacity - offset) rows.y = 0;
+    write_spans(ellipse, rows, offset);
+    if (!kept) return;
+    gaussian_from_splat[index] = gaussian;
+    span_ranges[index] = uvec2(offset, rows.x | rows.y << 16);
+    float far = BY_DISTANCE ? distance_of(mean, push.view) : z;
+    uint depth = floatBitsToUint(far) - floatBitsToUint(push.view.near);  // positive floats order like their bits
+    depth_keys[index] = min(depth >> push.depth_shift, push.depth_limit);
+    vec4 planes[SH_PLANES];
+    load_sh(gaussian, planes);
+    splat.colour = harmonics_colour(planes, SH_DEGREE, direction(p));
+    splats[index * SPLAT_WORDS] = first_element(splat);
+    splats[index * SPLAT_WORDS + 1] = second_element(splat);
+    if (!COMPACT) splats[index * SPLAT_WORDS + 2] = third_element(splat);
+}
+
+void main() {
+    uint begin = workgroup() * BIN_PROJECT_CHUNK;
+    if (begin >= push.gaussians) return;
+    uint found = 0;
+    for (uint i = lane(); i < BIN_PROJECT_CHUNK; i += WORKGROUP) {
+        uint gaussian = begin + i, total;
+        bool visible = gaussian < push.gaussians && may_be_visible(bounds[gaussian]);
+        uint before = workgroup_exclusive_add(uint(visible), total);
+        if (visible) survivors[found + before] = gaussian;
+        found += total;
+    }
+    barrier();
+    for (uint i = 0; i < found; i += WORKGROUP) {
+        bool exists = i + lane() < found;
+        make_splat(exists ? survivors[i + lane()] : 0, exists);
+    }
+}

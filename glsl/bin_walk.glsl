@@ -1,0 +1,36 @@
+// Goes through the bins of a chunk of splats. Behind the declarations of `totals`, `span_ranges`, `spans` and `push`, and of
+// visit(bin, splat), which is called once for each.
+
+const uint ROWS_ALONE = 2;  // a splat with more rows of bins is shared by its subgroup
+
+void visit_row(uvec2 range, uint row, uint splat, uint from, uint step) {
+    uint span = spans[range.x + row];
+    uint bins = ((range.y & 0xffff) + row) * push.bins_x;
+    for (uint x = (span & 0xffff) + from; x < span >> 16; x += step) visit(bins + x, splat);
+}
+
+void visit_chunk(uint chunk) {
+    uint visible = min(totals.visible, push.visible_capacity);
+    uint each = div_up(visible, BIN_CHUNKS);
+    uint begin = chunk * each, end = min(visible, begin + each);
+    for (uint first = begin; first < end; first += WORKGROUP) {
+        uint splat = first + lane();
+        uvec2 range = splat < end ? span_ranges[splat] : uvec2(0);
+        uint rows = range.y >> 16;
+        bool shared_work = rows > ROWS_ALONE;
+        if (!shared_work) {
+            for (uint row = 0; row < rows; row++) visit_row(range, row, splat, 0, 1);
+        }
+        uvec4 waiting = subgroupBallot(shared_work);
+        for (uint w = 0; w < BALLOT_WORDS; w++) {
+            for (uint word = waiting[w]; word != 0; word &= word - 1) {
+                uint owner = 32 * w + findLSB(word);
+                uvec2 theirs = subgroupBroadcast(range, owner);
+                uint their_splat = subgroupBroadcast(splat, owner);
+                for (uint row = 0; row < theirs.y >> 16; row++) {
+                    visit_row(theirs, row, their_splat, gl_SubgroupInvocationID, gl_SubgroupSize);
+                }
+            }
+        }
+    }
+}

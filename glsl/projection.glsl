@@ -1,0 +1,58 @@
+// How a Gaussian becomes a splat. Behind storage.glsl and the declaration of `push`.
+
+layout(constant_id = 4) const bool ANTIALIASED = false;  // opacities make up for the low-pass
+
+const float COMPENSATION_MIN = 0.005;  // the least part of an opacity that is left (gsplat)
+
+// The 2D covariance V V^T + low_pass I as (a, b, c) = (xx, xy, yy), and its determinant, where V (2x3) = J W R S.
+// The determinant is a sum of squares of the minors of V (Cauchy-Binet), so that no needle loses it to cancellation.
+// `sharp_part`: the determinant without the low-pass, over it.
+vec4 covariance_of(vec3 v0, vec3 v1, float low_pass, out float sharp_part) {
+    vec3 minors = cross(v0, v1);
+    vec3 abc = vec3(dot(v0, v0), dot(v0, v1), dot(v1, v1));
+    float sharp = dot(minors, minors);
+    float determinant = sharp + low_pass * (abc.x + abc.z) + low_pass * low_pass;
+    sharp_part = sharp / determinant;
+    return vec4(abc.x + low_pass, abc.y, abc.z + low_pass, determinant);
+}
+
+// The unit vector along `p`, whose length may have a square beyond the floats.
+vec3 direction(vec3 p) {
+    vec3 size = abs(p);
+    return normalize(p / max(size.x, max(size.y, size.z)));
+}
+
+// Projects one Gaussian: the splat without its colour, its ellipse, and the depth.
+void project(uint gaussian, vec3 mean, vec3 p, out Splat splat, out Ellipse ellipse, out float z) {
+    vec4 rotation;
+    vec3 scale;
+    load_shape(gaussian, rotation, scale, splat.opacity);
+    z = max(depth_of(mean, push.view), push.view.near);
+    vec2 slope = vec2(dot(push.view.right, p), dot(push.view.down, p)) / z;
+    vec2 size = vec2(push.view.size_px);
+    // The Jacobian's slope is clamped 15 % of the image beyond each edge (the original's 1.3 tan(fov/2)).
+    vec2 low = (-push.view.centre_px - 0.15 * size) / push.view.focal_px;
+    vec2 high = (size - push.view.centre_px + 0.15 * size) / push.view.focal_px;
+    vec2 clamped = clamp(slope, low, high);
+    vec2 px_per_world = push.view.focal_px / z;
+    mat3 to_world = rotation_matrix(rotation);
+    float stretch = max(px_per_world.x, px_per_world.y) * sqrt(1.0 + dot(clamped, clamped));
+    // Past 1e16 px a longer axis changes no weight on the image.
+    scale = min(scale, 1e16 / stretch);
+    // The unit in which the axes are measured, so that no fourth power of one overflows.
+    float unit_px = max(1.0, 1e-8 * stretch * max(scale.x, max(scale.y, scale.z)));
+    vec2 per_world = px_per_world / unit_px;
+    vec3 v0 = per_world.x * ((push.view.right - clamped.x * push.view.forward) * to_world) * scale;
+    vec3 v1 = per_world.y * ((push.view.down - clamped.y * push.view.forward) * to_world) * scale;
+    float sharp_part;
+    vec4 covariance = covariance_of(v0, v1, LOW_PASS / unit_px / unit_px, sharp_part);
+    float a = covariance.x, b = covariance.y, c = covariance.z, determinant = covariance.w;
+
+    float to_exp2 = sqrt(0.5 * LOG2_E) / unit_px;
+    splat.mean_px = push.view.focal_px * slope + push.view.centre_px;
+    splat.factor.x = to_exp2 * sqrt(c / determinant);
+    splat.factor.y = -to_exp2 * (b / sqrt(c)) / sqrt(determinant);  // c * determinant overflows
+    splat.factor.z = to_exp2 / sqrt(c);
+    if (ANTIALIASED) splat.opacity *= sqrt(max(sharp_part, COMPENSATION_MIN * COMPENSATION_MIN));
+    ellipse = ellipse_of(splat.mean_px, covariance, unit_px, splat.opacity);
+}

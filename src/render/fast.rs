@@ -1,0 +1,241 @@
+//! The fast path: splats are listed and sorted in bins of 64x32 pixels, and blended in blocks of 8x8.
+//!
+//! The structure is that of HiGS (two scales of tiles); what differs is how lists are kept in one order in every run, and
+//! that long lists are neither cut nor composed: a block's splats are blended from the first to the last by one subgroup.
+
+use std::mem::offset_of;
+
+use anyhow::Result;
+
+use super::blending::{Target, extent_code};
+use super::fast_workspace::{BIN_CHUNKS, FastWorkspace, MAX_BINS, PROJECT_CHUNK};
+use super::gpu_scene::GpuScene;
+use super::layout::Layout;
+use super::shaders::*;
+use super::sort::digit_bits;
+use super::view::{DepthKeys, bins, view};
+use crate::camera::Camera;
+use crate::gpu::{Access, Commands, Device, Extent, Shader, Stage};
+use crate::options::{Extent as Reach, Options, Order, Storage, TileTest};
+
+/// The stages of a fast frame.
+pub struct Fast {
+    options: Options,
+    layout: Layout,
+    project: Stage<BinProject>,
+    count: Stage<BinCount>,
+    offsets: Stage<BinOffsets>,
+    fill: Stage<BinFill>,
+    sort: Stage<BinSort>,
+    merge: Stage<BinMerge>,
+    masks: Stage<BinMasks>,
+    blend: Stage<BinBlend>,
+    subgroup: u32,
+    longest_list: u32,
+}
+
+impl Fast {
+    /// `None` where the device or the options call for the portable path.
+    pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Option<Self>> {
+        let rules = &options.rules;
+        let [subgroup, _] = device.facts().subgroup_size;
+        let is_asked_for = !options.portable
+            && !options.half_blend
+            && options.tile_test == TileTest::Ellipse
+            && rules.extent == Reach::Exact
+            && rules.order != Order::PerPixel;
+        if !is_asked_for || !device.facts().has_fast_path() {
+            return Ok(None);
+        }
+        let (alpha_min, extent, ballot_words) = (rules.alpha_min, extent_code(rules.extent), subgroup.div_ceil(32));
+        let compact = is_compact(options);
+        let (sh_degree, sh_storage, shape_storage) = (layout.sh_degree, layout.sh.code(), layout.shape.code());
+        let project = BinProjectConstants {
+            sh_degree,
+            sh_storage,
+            shape_storage,
+            by_distance: rules.order == Order::Distance,
+            antialiased: rules.antialiased,
+            compact,
+            alpha_min,
+            extent,
+            ballot_words,
+            ..BinProjectConstants::default()
+        };
+        let subgroups = BinSort::WORKGROUP[0] / subgroup;
+        let sort = BinSortConstants { digit_bits: digit_bits(subgroup, 8 << 10), subgroups, ballot_words };
+        let blend = BinBlendConstants {
+            subgroup,
+            alpha_min,
+            extent,
+            alpha_max: rules.alpha_max,
+            transmittance_min: rules.transmittance_min,
+            stop: options.stop,
+            compact,
+        };
+        Ok(Some(Self {
+            options: *options,
+            layout: layout.clone(),
+            project: Stage::new(device, &project)?,
+            count: Stage::new(device, &BinCountConstants { ballot_words })?,
+            offsets: Stage::new(device, &())?,
+            fill: Stage::new(device, &BinFillConstants { ballot_words })?,
+            sort: Stage::new(device, &sort)?,
+            merge: Stage::new(device, &())?,
+            masks: Stage::new(device, &BinMasksConstants { alpha_min, extent, compact })?,
+            blend: Stage::new(device, &blend)?,
+            subgroup,
+            // For a batch of a subgroup's entries: one iteration each, and those around them.
+            longest_list: device.facts().loop_limit.map_or(u32::MAX, |limit| limit / 4),
+        }))
+    }
+
+    /// Whether it can draw pictures of this size.
+    pub fn takes(&self, size_px: [u32; 2]) -> bool {
+        bins(size_px).iter().product::<u32>() <= MAX_BINS
+    }
+
+    /// The longest list of a bin that it can draw.
+    pub fn longest_list(&self) -> u32 {
+        self.longest_list
+    }
+
+    /// Elements of a splat's record.
+    pub fn splat_elements(&self) -> usize {
+        if is_compact(&self.options) { 2 } else { 3 }
+    }
+
+    /// Records one frame: `target` shows the scene seen by `camera`, if there was room in `work`; `work.totals` says so.
+    pub fn record(&self, cmd: &mut Commands, (scene, camera): (&GpuScene, &Camera), work: &FastWorkspace, target: Target) {
+        assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
+        let view = view(camera, self.options.rules.near);
+        let keys = DepthKeys::of(camera, &self.options, &scene.extent);
+        let [bins_x, bins_y] = bins(camera.size_px);
+        let bins = bins_x * bins_y;
+        let visible_capacity = work.gaussian_from_splat.len() as u32;
+        let entry_capacity = work.entries.len() as u32;
+        let between_stages = |cmd: &mut Commands| {
+            cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+        };
+
+        cmd.scope("clear", |cmd| cmd.fill(&work.totals, 0));
+        cmd.barrier(Access::COPY_WRITE, Access::SHADER);
+        cmd.scope("project", |cmd| {
+            let bindings = BinProjectBindings {
+                bounds: &scene.bounds,
+                grids: &scene.grids,
+                shapes: scene.shape_planes(),
+                sh: scene.sh_planes(),
+                gaussian_from_splat: &work.gaussian_from_splat,
+                splats: &work.splats,
+                depth_keys: &work.depth_keys,
+                span_ranges: &work.span_ranges,
+                spans: &work.spans,
+                totals: &work.totals,
+            };
+            let push = BinProjectPush {
+                view,
+                gaussians: scene.len() as u32,
+                visible_capacity,
+                span_capacity: work.spans.len() as u32,
+                depth_limit: ((1_u64 << keys.bits) - 1) as u32,
+                depth_shift: keys.shift,
+            };
+            cmd.dispatch(&self.project, bindings, push, Extent::Groups(scene.len().div_ceil(PROJECT_CHUNK) as u64));
+        });
+        between_stages(cmd);
+        let (totals, span_ranges, spans) = (&work.totals, &work.span_ranges, &work.spans);
+        let parts = Extent::Groups(BIN_CHUNKS as u64);
+        cmd.scope("count", |cmd| {
+            let bindings = BinCountBindings { totals, span_ranges, spans, counts: &work.counts };
+            cmd.dispatch(&self.count, bindings, BinCountPush { bins_x, bins, visible_capacity }, parts);
+        });
+        between_stages(cmd);
+        cmd.scope("offsets", |cmd| {
+            let bindings = BinOffsetsBindings {
+                totals,
+                counts: &work.counts,
+                bins: &work.bins,
+                bin_order: &work.bin_order,
+                run_bins: &work.run_bins,
+                stretch_bins: &work.stretch_bins,
+                dispatches: &work.dispatches,
+            };
+            let push = BinOffsetsPush { bins, visible_capacity, entry_capacity };
+            cmd.dispatch(&self.offsets, bindings, push, Extent::Groups(1));
+        });
+        between_stages(cmd);
+        cmd.scope("fill", |cmd| {
+            let bindings = BinFillBindings {
+                totals,
+                span_ranges,
+                spans,
+                counts: &work.counts,
+                bins: &work.bins,
+                depth_keys: &work.depth_keys,
+                entries: &work.entries,
+            };
+            let push = BinFillPush { bins_x, bins, visible_capacity, entry_capacity };
+            cmd.dispatch(&self.fill, bindings, push, parts);
+        });
+        between_stages(cmd);
+        let over_runs = offset_of!(BinDispatches, over_runs);
+        cmd.scope("sort", |cmd| {
+            let bindings = BinSortBindings {
+                run_bins: &work.run_bins,
+                bins: &work.bins,
+                gaussian_from_splat: &work.gaussian_from_splat,
+                depth_keys: &work.depth_keys,
+                entries: &work.entries,
+                splat_ids: &work.splat_ids,
+                dispatches: &work.dispatches,
+            };
+            cmd.dispatch_indirect(&self.sort, bindings, (), &work.dispatches, over_runs);
+        });
+        between_stages(cmd);
+        cmd.scope("merge", |cmd| {
+            let bindings = BinMergeBindings {
+                run_bins: &work.run_bins,
+                bins: &work.bins,
+                gaussian_from_splat: &work.gaussian_from_splat,
+                entries: &work.entries,
+                splat_ids: &work.splat_ids,
+                dispatches: &work.dispatches,
+            };
+            cmd.dispatch_indirect(&self.merge, bindings, (), &work.dispatches, over_runs);
+        });
+        between_stages(cmd);
+        cmd.scope("masks", |cmd| {
+            let bindings = BinMasksBindings {
+                stretch_bins: &work.stretch_bins,
+                bins: &work.bins,
+                splat_ids: &work.splat_ids,
+                splats: &work.splats,
+                masks: &work.masks,
+                dispatches: &work.dispatches,
+            };
+            let over_stretches = offset_of!(BinDispatches, over_stretches);
+            cmd.dispatch_indirect(&self.masks, bindings, BinMasksPush { bins_x }, &work.dispatches, over_stretches);
+        });
+        between_stages(cmd);
+        cmd.scope("blend", |cmd| {
+            let bindings = BinBlendBindings {
+                bins: &work.bins,
+                bin_order: &work.bin_order,
+                splat_ids: &work.splat_ids,
+                splats: &work.splats,
+                masks: &work.masks,
+                image: target.image,
+            };
+            let push = BinBlendPush { size_px: target.image.size(), bins_x, bins, background: target.background.colour() };
+            // A subgroup per block, of which a bin has 32.
+            let lanes = u64::from(bins) * 32 * u64::from(self.subgroup);
+            cmd.dispatch(&self.blend, bindings, push, Extent::Invocations(lanes));
+        });
+    }
+}
+
+/// Whether colours of splats are kept in 16-bit floats: where those of Gaussians may be.
+fn is_compact(options: &Options) -> bool {
+    matches!(options.sh_storage, Storage::F16 | Storage::U8)
+}
