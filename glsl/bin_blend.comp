@@ -1,6 +1,8 @@
 #version 460
+#define WORKGROUP_SIZE 128
 #include "workgroup.glsl"
 #extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_EXT_control_flow_attributes : require
 #include "frame.glsl"
 #include "rules.glsl"
 #include "bin_splat.glsl"
@@ -27,9 +29,11 @@ layout(push_constant, scalar) uniform Push {
     vec3 background;
 } push;
 
-const uint PIXELS = BLOCK * BLOCK / SUBGROUP;  // of a lane, one below the other
-const uint ROWS = SUBGROUP / BLOCK;            // of pixels between them
-const float NEVER = 1e38;                      // an exponent that no splat reaches
+layout(constant_id = 10) const uint PARTS = 1;        // of a block, one below the other, each with a subgroup
+const uint PIXELS = BLOCK * BLOCK / PARTS / SUBGROUP;  // of a lane, one below the other
+const uint ROWS = SUBGROUP / BLOCK;                    // of pixels between them
+layout(constant_id = 7) const uint AT_ONCE = 4;  // splats whose alphas are computed before the first is blended
+layout(constant_id = 8) const uint VARIANT = 0;
 
 // Of the entries that are blended next: exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y).
 shared vec4 staged_a[WORKGROUP];
@@ -47,10 +51,6 @@ struct Walk {
     uint total;   // in those of all lanes
     uint taken;   // of them
 };
-
-uint load_word(uint index, bool exists) {
-    return exists ? masks[index] : 0;
-}
 
 // Index of the n-th set bit of `word`, which has more.
 uint nth_bit(uint word, uint n) {
@@ -116,41 +116,69 @@ Record load_record(uint splat) {
     return record;
 }
 
-// Leaves the polynomial of a splat around `middle` where all lanes find it.
-void stage(Record record, vec2 middle) {
+// Whether a splat may reach a pixel centre in the box from `low` to `high`, px from its mean. The least falloff in the box
+// lies at the mean or on one of the two sides that face it.
+bool reaches(vec3 factor, float log2_opacity, vec2 low, vec2 high) {
+    vec2 near = clamp(vec2(0.0), low, high);
+    float best_y = -factor.x * factor.y / (factor.y * factor.y + factor.z * factor.z) * near.x;
+    float best_x = -factor.y / factor.x * near.y;
+    vec2 on_x = vec2(near.x, clamp(best_y, low.y, high.y)), on_y = vec2(clamp(best_x, low.x, high.x), near.y);
+    vec2 u = factor.x * vec2(on_x.x, on_y.x) + factor.y * vec2(on_x.y, on_y.y);
+    vec2 v = factor.z * vec2(on_x.y, on_y.y);
+    vec2 fall = u * u + v * v;
+    vec2 far = max(abs(low), abs(high));
+    float border = sqrt(max(log2_opacity - log2(ALPHA_MIN), 0.0) + 1e-3)
+        + 1e-6 * (factor.x * far.x + (abs(factor.y) + factor.z) * far.y);
+    return !(min(fall.x, fall.y) > border * border);
+}
+
+// Leaves the polynomials of splats around `middle` where all lanes find them, in their order, and ones that are never drawn
+// behind them. Returns how many there are: where blocks are shared, those that reach this part.
+uint stage(Record record, vec2 middle, bool exists) {
     vec2 d = middle - record.a.xy;
     vec3 factor = vec3(record.a.zw, record.b.x);
+    uint place = gl_SubgroupInvocationID, all = SUBGROUP;
+    if (PARTS > 1) {
+        vec2 half_size = 0.5 * vec2(BLOCK, BLOCK / PARTS) - 0.5;
+        exists = exists && reaches(factor, record.b.y, d - half_size, d + half_size);
+        uvec4 ballot = subgroupBallot(exists);
+        uint before = subgroupBallotExclusiveBitCount(ballot);
+        all = subgroupBallotBitCount(ballot);
+        place = exists ? before : all + place - before;
+    }
+    place += gl_SubgroupID * SUBGROUP;
     precise float u = fma(factor.x, d.x, factor.y * d.y);
     precise float v = factor.z * d.y;
     precise float at_middle = record.b.y - fma(u, u, v * v);
-    uint place = gl_SubgroupID * SUBGROUP + gl_SubgroupInvocationID;
     staged_a[place] =
-        vec4(at_middle, -2.0 * factor.x * u, -2.0 * (factor.y * u + factor.z * v), -factor.x * factor.x);
+        vec4(exists ? at_middle : -1e30, -2.0 * factor.x * u, -2.0 * (factor.y * u + factor.z * v), -factor.x * factor.x);
     staged_b[place] = vec4(
         -2.0 * factor.x * factor.y, -(factor.y * factor.y + factor.z * factor.z), record.b.zw);
     staged_blue[place] = record.blue;
+    return all;
 }
 
 void main() {
     uint place = workgroup() * gl_NumSubgroups + gl_SubgroupID;
-    if (place >= push.bins * BLOCKS) return;
+    if (place >= push.bins * BLOCKS * PARTS) return;
+    uint part = place % PARTS;
+    place /= PARTS;
     uint number = bin_order[place / BLOCKS], block = place % BLOCKS;
     uvec2 corner = uvec2(number % push.bins_x, number / push.bins_x) * BIN
-        + uvec2(block % (BIN.x / BLOCK), block / (BIN.x / BLOCK)) * BLOCK;
+        + uvec2(block % (BIN.x / BLOCK), block / (BIN.x / BLOCK)) * BLOCK + uvec2(0, part * BLOCK / PARTS);
     if (any(greaterThanEqual(corner, push.size_px))) return;
     Bin bin = bins[number];
     uint lane_of = gl_SubgroupInvocationID;
     uvec2 pixel = corner + uvec2(lane_of % BLOCK, lane_of / BLOCK);
-    vec2 middle = vec2(corner) + 0.5 * float(BLOCK);
+    vec2 middle = vec2(corner) + 0.5 * vec2(BLOCK, BLOCK / PARTS);
     float x = float(lane_of % BLOCK) + 0.5 - 0.5 * float(BLOCK);
-    float y[PIXELS], transmittance[PIXELS], threshold[PIXELS];
+    // The transmittance of a pixel, negated once it has stopped.
+    float y[PIXELS], live[PIXELS];
     vec3 colour[PIXELS];
     for (uint k = 0; k < PIXELS; k++) {
-        y[k] = float(lane_of / BLOCK + k * ROWS) + 0.5 - 0.5 * float(BLOCK);
-        transmittance[k] = 1.0;
+        y[k] = float(lane_of / BLOCK + k * ROWS) + 0.5 - 0.5 * float(BLOCK / PARTS);
         colour[k] = vec3(0.0);
-        bool inside = all(lessThan(pixel + uvec2(0, k * ROWS), push.size_px));
-        threshold[k] = inside ? log2(ALPHA_MIN) : NEVER;
+        live[k] = all(lessThan(pixel + uvec2(0, k * ROWS), push.size_px)) ? 1.0 : -1.0;
     }
 
     Walk walk;
@@ -161,47 +189,79 @@ void main() {
     uint entry;
     uint count = take(walk, bin, block, entry);
     uint splat = lane_of < count ? splat_ids[bin.first + entry] : 0;
-    Record record;
+    Record record = Record(vec4(0.0), vec4(0.0), 0.0);
     if (lane_of < count) record = load_record(splat);
     uint count_ahead = take(walk, bin, block, entry);
     if (lane_of < count_ahead) splat = splat_ids[bin.first + entry];
     while (count > 0) {
-        subgroupMemoryBarrierShared();
         subgroupBarrier();
-        if (lane_of < count) stage(record, middle);
-        subgroupMemoryBarrierShared();
+        uint staged = stage(record, middle, lane_of < count);
         subgroupBarrier();
-        uint here = count;
+        uint here = min(count, staged);
         count = count_ahead;
         if (lane_of < count) record = load_record(splat);
         count_ahead = take(walk, bin, block, entry);
         if (lane_of < count_ahead) splat = splat_ids[bin.first + entry];
-        for (uint i = gl_SubgroupID * SUBGROUP; i < gl_SubgroupID * SUBGROUP + here; i++) {
-            vec4 a = staged_a[i], b = staged_b[i];
-            float blue = staged_blue[i];
-            float on_axis = fma(x, fma(a.w, x, a.y), a.x), slope = fma(b.x, x, a.z);
-            for (uint k = 0; k < PIXELS; k++) {
-                float exponent = fma(y[k], fma(b.y, y[k], slope), on_axis);
-                float alpha = min(ALPHA_MAX, exp2(exponent));
-                float rest = fma(-alpha, transmittance[k], transmittance[k]);
-                // Positive phrasing: what is not a number is not drawn.
-                bool drawn = exponent >= threshold[k];
-                if (drawn && rest < max(STOP, TRANSMITTANCE_MIN)) threshold[k] = NEVER;
-                if (drawn && rest >= TRANSMITTANCE_MIN) {
-                    colour[k] = fma(vec3(b.zw, blue), vec3(alpha * transmittance[k]), colour[k]);
-                    transmittance[k] = rest;
+        uint first = gl_SubgroupID * SUBGROUP;
+        for (uint i = first; i < first + here; i += AT_ONCE) {
+            float alphas[AT_ONCE][PIXELS];
+            vec3 colours[AT_ONCE];
+            [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+                vec4 a = staged_a[i + j], b = staged_b[i + j];
+                colours[j] = vec3(b.zw, staged_blue[i + j]);
+                float on_axis = fma(x, fma(a.w, x, a.y), a.x), slope = fma(b.x, x, a.z);
+                [[unroll]] for (uint k = 0; k < PIXELS; k++) {
+                    float exponent = fma(y[k], fma(b.y, y[k], slope), on_axis);
+                    // Positive phrasing: what is not a number is not drawn.
+                    alphas[j][k] = exponent >= log2(ALPHA_MIN) ? min(ALPHA_MAX, exp2(exponent)) : 0.0;
                 }
+            }
+            if (VARIANT == 1) {
+                bool ends = false;
+                float after[PIXELS];
+                [[unroll]] for (uint k = 0; k < PIXELS; k++) {
+                    after[k] = max(live[k], 0.0);
+                    [[unroll]] for (uint j = 0; j < AT_ONCE; j++) after[k] = fma(-alphas[j][k], after[k], after[k]);
+                    ends = ends || live[k] > 0.0 && after[k] < max(TRANSMITTANCE_MIN, STOP);
+                }
+                if (!subgroupAny(ends)) {
+                    [[unroll]] for (uint k = 0; k < PIXELS; k++) {
+                        float before = max(live[k], 0.0);
+                        [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+                            float share = alphas[j][k] * before;
+                            colour[k] = fma(colours[j], vec3(share), colour[k]);
+                            before = fma(-alphas[j][k], before, before);
+                        }
+                        live[k] = live[k] > 0.0 ? after[k] : live[k];
+                    }
+                    continue;
+                }
+            }
+            [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+                [[unroll]] for (uint k = 0; k < PIXELS; k++) {
+                    float rest = fma(-alphas[j][k], live[k], live[k]);
+                    if (rest >= TRANSMITTANCE_MIN && (TRANSMITTANCE_MIN > 0.0 || live[k] > 0.0)) {
+                        colour[k] = fma(colours[j], vec3(alphas[j][k] * live[k]), colour[k]);
+                        live[k] = rest;
+                    } else {
+                        live[k] = -abs(live[k]);
+                    }
+                }
+            }
+            if (STOP > 0.0) {
+                [[unroll]] for (uint k = 0; k < PIXELS; k++) live[k] = live[k] < STOP ? -abs(live[k]) : live[k];
             }
         }
         bool goes_on = false;
-        for (uint k = 0; k < PIXELS; k++) goes_on = goes_on || threshold[k] < NEVER;
+        for (uint k = 0; k < PIXELS; k++) goes_on = goes_on || live[k] > 0.0;
         if (!subgroupAny(goes_on)) break;
     }
     for (uint k = 0; k < PIXELS; k++) {
         uvec2 at = pixel + uvec2(0, k * ROWS);
         if (all(lessThan(at, push.size_px))) {
-            vec3 shown = fma(vec3(transmittance[k]), push.background, colour[k]);
-            imageStore(image, ivec2(at), vec4(shown, 1.0 - transmittance[k]));
+            float transmittance = abs(live[k]);
+            vec3 shown = fma(vec3(transmittance), push.background, colour[k]);
+            imageStore(image, ivec2(at), vec4(shown, 1.0 - transmittance));
         }
     }
 }

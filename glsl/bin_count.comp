@@ -1,15 +1,18 @@
 #version 460
-#define WORKGROUP_SIZE 512
+#define WORKGROUP_SIZE 1024
 #include "workgroup.glsl"
 #include "ballot.glsl"
 #include "frame.glsl"
 // One workgroup per part of the splats, BIN_CHUNKS in all: how many of them does each bin list?
-// Before: totals.visible, span_ranges and spans from bin_project. After: all [BIN_CHUNKS * bins] counts are set.
+// Before: totals.visible, span_ranges and spans from bin_project; listed_in_bins are 0. After: listed_in_bins are the sums of
+// all parts, part_places where a part's entries of a bin go in its list, where it has some.
 
+layout(constant_id = 30) const uint BIN_CHUNKS = 128;
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };
 layout(binding = 1, scalar) readonly buffer SpanRanges { uvec2 span_ranges[]; };            // [visible_capacity]
 layout(binding = 2, scalar) readonly buffer Spans { uint spans[]; };                        // [span_capacity]
-layout(binding = 3, scalar) writeonly buffer Counts { uint counts[]; };                     // [BIN_CHUNKS * bins]
+layout(binding = 3, scalar) buffer ListedInBins { uint listed_in_bins[]; };                 // [bins]
+layout(binding = 4, scalar) writeonly buffer PartPlaces { uint part_places[]; };            // [BIN_CHUNKS * bins]
 layout(push_constant, scalar) uniform Push {
     uint bins_x;
     uint bins;
@@ -31,5 +34,8 @@ void main() {
     barrier();
     visit_chunk(chunk);
     barrier();
-    for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) counts[chunk * push.bins + bin] = listed[bin];
+    for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) {
+        // In any order of the parts: bin_sort makes it one.
+        if (listed[bin] > 0) part_places[chunk * push.bins + bin] = atomicAdd(listed_in_bins[bin], listed[bin]);
+    }
 }

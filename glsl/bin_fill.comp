@@ -1,15 +1,16 @@
 #version 460
-#define WORKGROUP_SIZE 512
+#define WORKGROUP_SIZE 1024
 #include "workgroup.glsl"
 #include "ballot.glsl"
 #include "frame.glsl"
 // One workgroup per part of the splats, the same parts as in bin_count: lists them in their bins.
-// Before: counts and bins from bin_offsets. After: entries are (depth key, splat), in any order within a bin.
+// Before: bins from bin_offsets, part_places. After: entries are (depth key, splat), in any order within a bin.
 
+layout(constant_id = 30) const uint BIN_CHUNKS = 128;
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };
 layout(binding = 1, scalar) readonly buffer SpanRanges { uvec2 span_ranges[]; };            // [visible_capacity]
 layout(binding = 2, scalar) readonly buffer Spans { uint spans[]; };                        // [span_capacity]
-layout(binding = 3, scalar) readonly buffer Counts { uint counts[]; };                      // [BIN_CHUNKS * bins]
+layout(binding = 3, scalar) readonly buffer PartPlaces { uint part_places[]; };             // [BIN_CHUNKS * bins]
 layout(binding = 4, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
 layout(binding = 5, scalar) readonly buffer DepthKeys { uint depth_keys[]; };               // [visible_capacity]
 layout(binding = 6, scalar) writeonly buffer Entries { uvec2 entries[]; };                  // [entry_capacity]
@@ -33,7 +34,7 @@ void main() {
     uint chunk = workgroup();
     if (chunk >= BIN_CHUNKS || totals.instances_kept == 0) return;
     for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) {
-        next[bin] = bins[bin].first + counts[chunk * push.bins + bin];
+        next[bin] = bins[bin].first + part_places[chunk * push.bins + bin];
     }
     barrier();
     visit_chunk(chunk);

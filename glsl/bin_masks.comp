@@ -1,5 +1,7 @@
 #version 460
 #include "workgroup.glsl"
+#extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_EXT_control_flow_attributes : require
 #include "frame.glsl"
 #include "rules.glsl"
 #include "bin_splat.glsl"
@@ -18,34 +20,47 @@ layout(push_constant, scalar) uniform Push {
     uint bins_x;
 } push;
 
-shared uint reached[BIN_STRETCH];
+layout(constant_id = 6) const uint SUBGROUP = 32;
+
+shared uint reached[BIN_STRETCH];            // blocks, a bit each
+shared uint rows[BLOCKS * (BIN_STRETCH / 32 + 1)];  // of a block's words, padded against bank conflicts
 
 // Blocks of a bin whose pixel centres the ellipse meets, a bit each. `corner`: px, of the bin, from the mean.
 uint blocks_reached(vec2 corner, vec3 factor, float log2_opacity, vec2 mean) {
     // Over the true border: blend's f32 weights may pass ALPHA_MIN by their rounding.
     float border = sqrt(max(log2_opacity - log2(ALPHA_MIN), 0.0) + 1e-3);
-    float half_height = border / factor.z;
+    float half_height = border / factor.z, per_x = 1.0 / factor.x, slope = factor.y * per_x;
     float rightmost_y = -factor.y * half_height * inversesqrt(factor.y * factor.y + factor.z * factor.z);
     vec2 far = abs(corner) + vec2(BIN);
-    float slack = 1e-6 * (abs(mean.x) + far.x + abs(factor.y / factor.x) * far.y) + 1e-3;
+    float slack = 1e-6 * (abs(mean.x) + far.x + abs(slope) * far.y) + 1e-3;
     uint mask = 0;
-    for (uint row = 0; row < BIN.y / BLOCK; row++) {
+    [[unroll]] for (uint row = 0; row < BIN.y / BLOCK; row++) {
         float low = max(corner.y + float(row * BLOCK) + 0.5, -half_height);
         float high = min(corner.y + float(row * BLOCK + BLOCK) - 0.5, half_height);
-        // Negative phrasing here and below: what is not a number reaches everything.
-        if (low > high + slack) continue;
         float right_y = clamp(rightmost_y, low, high), left_y = clamp(-rightmost_y, low, high);
         float right_v = factor.z * right_y, left_v = factor.z * left_y;
-        float right = (sqrt(max(border * border - right_v * right_v, 0.0)) - factor.y * right_y) / factor.x + slack;
-        float left = -(sqrt(max(border * border - left_v * left_v, 0.0)) + factor.y * left_y) / factor.x - slack;
+        float right = sqrt(max(border * border - right_v * right_v, 0.0)) * per_x - slope * right_y + slack;
+        float left = -sqrt(max(border * border - left_v * left_v, 0.0)) * per_x - slope * left_y - slack;
         // Block c has centres from BLOCK c + 0.5 to BLOCK c + BLOCK - 0.5.
         float first = ceil((left - corner.x - (float(BLOCK) - 0.5)) / float(BLOCK));
-        float last = floor((right - corner.x - 0.5) / float(BLOCK));
+        float end = floor((right - corner.x - 0.5) / float(BLOCK)) + 1.0;
+        // Negative phrasing: what is not a number reaches everything.
         uint from = first > 0.0 ? uint(min(first, 8.0)) : 0;
-        uint end = last < 7.0 ? uint(max(last + 1.0, 0.0)) : 8;
-        if (from < end) mask |= ((1u << end) - (1u << from)) << 8 * row;
+        uint to = end < 8.0 ? uint(max(end, 0.0)) : 8;
+        if (from < to && !(low > high + slack)) mask |= ((1u << to) - (1u << from)) << 8 * row;
     }
     return mask;
+}
+
+// Turns 32 words with a bit per block, one a lane, into 32 words with a bit per lane: a 32x32 bit transpose.
+uint transposed(uint word) {
+    [[unroll]] for (uint step = 16; step > 0; step /= 2) {
+        uint low = 0xffffffff / ((1u << step) + 1);  // 0x0000ffff, 0x00ff00ff, ..., 0x55555555
+        uint other = subgroupShuffleXor(word, step);
+        word = (gl_SubgroupInvocationID & step) == 0 ? word & low | (other & low) << step
+                                                     : word & ~low | (other & ~low) >> step;
+    }
+    return word;
 }
 
 void main() {
@@ -57,19 +72,28 @@ void main() {
     if (stretch < bin.first_stretch || begin >= bin.count) return;
     vec2 corner = vec2(uvec2(number % push.bins_x, number / push.bins_x) * BIN);
     for (uint i = lane(); i < BIN_STRETCH; i += WORKGROUP) {
-        reached[i] = 0;
-        if (begin + i >= bin.count) continue;
-        uint splat = splat_ids[bin.first + begin + i];
-        vec4 a = uintBitsToFloat(splats[splat * SPLAT_WORDS]);
-        vec2 b = uintBitsToFloat(splats[splat * SPLAT_WORDS + 1].xy);
-        reached[i] = blocks_reached(corner - a.xy, vec3(a.zw, b.x), b.y, a.xy);
+        uint mask = 0;
+        if (begin + i < bin.count) {
+            uint splat = splat_ids[bin.first + begin + i];
+            vec4 a = uintBitsToFloat(splats[splat * SPLAT_WORDS]);
+            vec2 b = uintBitsToFloat(splats[splat * SPLAT_WORDS + 1].xy);
+            mask = blocks_reached(corner - a.xy, vec3(a.zw, b.x), b.y, a.xy);
+        }
+        if (SUBGROUP == 32) {
+            rows[gl_SubgroupInvocationID * 33 + i / 32] = transposed(mask);
+        } else {
+            reached[i] = mask;
+        }
     }
     barrier();
-    // Transposed: lane b serves block b, so that all lanes read one word at a time.
-    uint block = lane() % BLOCKS;
-    for (uint word = lane() / BLOCKS; word < BIN_STRETCH / 32; word += WORKGROUP / BLOCKS) {
+    uint block = lane() / 32, word = lane() % 32;
+    for (; block < BLOCKS; block += WORKGROUP / 32) {
         uint bits = 0;
-        for (uint i = 0; i < 32; i++) bits |= (reached[32 * word + i] >> block & 1) << i;
+        if (SUBGROUP == 32) {
+            bits = rows[block * 33 + word];
+        } else {
+            for (uint i = 0; i < 32; i++) bits |= (reached[32 * word + i] >> block & 1) << i;
+        }
         masks[(stretch * BLOCKS + block) * 32 + word] = bits;
     }
 }

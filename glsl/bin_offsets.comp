@@ -2,12 +2,13 @@
 #define WORKGROUP_SIZE 1024
 #include "workgroup.glsl"
 #include "frame.glsl"
+#include "bin_run.glsl"
 // One workgroup in all: where the entries of each bin go, and what the stages over entries are dispatched over.
-// Before: counts from bin_count. After: counts are those of the chunks before; bins, bin_order, run_bins, stretch_bins and
-// the dispatches are set; totals has the entries, kept and demanded, and the longest list.
+// Before: listed_in_bins from bin_count. After: bins, bin_order, run_bins, stretch_bins and the dispatches are set; totals has
+// the entries, kept and demanded, and the longest list.
 
 layout(binding = 0, scalar) buffer TotalsBlock { Totals totals; };
-layout(binding = 1, scalar) buffer Counts { uint counts[]; };                               // [BIN_CHUNKS * bins]
+layout(binding = 1, scalar) readonly buffer ListedInBins { uint listed_in_bins[]; };        // [bins]
 layout(binding = 2, scalar) writeonly buffer Bins { Bin bins[]; };                          // [bins]
 layout(binding = 3, scalar) writeonly buffer BinOrder { uint bin_order[]; };                // [bins] longest lists first
 layout(binding = 4, scalar) writeonly buffer RunBins { uint run_bins[]; };                  // [runs]
@@ -19,28 +20,12 @@ layout(push_constant, scalar) uniform Push {
     uint entry_capacity;
 } push;
 
-const uint BATCH = 16;                                  // rows of counts that are loaded at once
-const uint MINE = (MAX_BINS + WORKGROUP - 1) / WORKGROUP;  // bins of an invocation at most
-const uint CLASSES = 33;                                // of lists, by the bits of their length
+const uint CLASSES = 33;  // of lists, by the bits of their length
 
 shared uint listed[MAX_BINS];
 shared uint class_sizes[CLASSES];
 shared uint instances_high;
 shared uint longest;
-
-// Makes the counts of a bin those of the chunks before; returns their sum.
-uint sum_chunks(uint bin) {
-    uint sum = 0;
-    for (uint first = 0; first < BIN_CHUNKS; first += BATCH) {
-        uint batch[BATCH];
-        for (uint i = 0; i < BATCH; i++) batch[i] = counts[(first + i) * push.bins + bin];
-        for (uint i = 0; i < BATCH; i++) {
-            counts[(first + i) * push.bins + bin] = sum;
-            sum += batch[i];
-        }
-    }
-    return sum;
-}
 
 void main() {
     if (workgroup() > 0) return;
@@ -50,7 +35,7 @@ void main() {
     }
     if (lane() < CLASSES) class_sizes[lane()] = 0;
     barrier();
-    for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) listed[bin] = sum_chunks(bin);
+    for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) listed[bin] = listed_in_bins[bin];
     barrier();
     // Of consecutive bins each, so that entries lie in the order of the bins.
     uint each = div_up(push.bins, WORKGROUP), begin = min(lane() * each, push.bins), end = min(begin + each, push.bins);

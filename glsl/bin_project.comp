@@ -22,7 +22,7 @@ layout(binding = 3, scalar) readonly buffer Sh { uvec4 plane[]; } sh[SH_PLANES];
 layout(binding = 4, scalar) writeonly buffer Ids { uint gaussian_from_splat[]; };           // [visible_capacity]
 layout(binding = 5, scalar) writeonly buffer Splats { uvec4 splats[]; };                    // [visible_capacity] of 2 or 3
 layout(binding = 6, scalar) writeonly buffer DepthKeys { uint depth_keys[]; };              // [visible_capacity]
-layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity] first, rows
+layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity] first or only span, rows
 layout(binding = 8, scalar) writeonly buffer Spans { uint spans[]; };                       // [span_capacity]
 layout(binding = 9, scalar) buffer TotalsBlock { Totals totals; };
 layout(push_constant, scalar) uniform Push {
@@ -39,21 +39,25 @@ layout(push_constant, scalar) uniform Push {
 #include "projection.glsl"
 #include "spans.glsl"
 
+const bool SH_EARLY = SH_STORED_PLANES <= 3;
 shared uint survivors[BIN_PROJECT_CHUNK];
+shared float depths[BIN_PROJECT_CHUNK];  // of the survivors
 shared uvec2 first;  // splat and span of this workgroup
 
-void make_splat(uint gaussian, bool exists) {
+void make_splat(uint gaussian, float z, bool exists) {
     vec3 mean = exists ? uintBitsToFloat(bounds[gaussian].xyz) : vec3(0.0);
     precise vec3 p = (mean - push.view.position_high) - push.view.position_low;
     Splat splat;
     Ellipse ellipse = EMPTY_ELLIPSE;
-    float z = push.view.near;
-    if (exists) project(gaussian, mean, p, splat, ellipse, z);
+    // Few words are loaded before it is certain that they are needed: they arrive while the splat is projected.
+    uvec4 stored[SH_PLANES];
+    if (SH_EARLY && exists) fetch_sh(gaussian, stored);
+    if (exists) project(gaussian, p, z, splat, ellipse);
     uvec2 rows = tile_rows(ellipse, push.view.size_px);  // first, count
 
-    // Rows in the lower half: MAX_BINS leaves a splat fewer than 256, so that all of a workgroup fit.
-    uint total;
-    uint before = workgroup_exclusive_add(rows.y > 0 ? 1 << 16 | rows.y : 0, total);
+    // Spans in the lower half: MAX_BINS leaves a splat fewer than 256, so that all of a workgroup fit.
+    uint total, row_spans = rows.y > 1 ? rows.y : 0;
+    uint before = workgroup_exclusive_add(rows.y > 0 ? 1 << 16 | row_spans : 0, total);
     if (lane() == 0) {
         // In any order: lists are sorted, and spans are found through their range.
         first.x = atomicAdd(totals.visible, total >> 16);
@@ -63,17 +67,17 @@ void make_splat(uint gaussian, bool exists) {
     barrier();
     uint index = first.x + (before >> 16), offset = first.y + (before & 0xffff);
     bool kept = rows.y > 0 && index < push.visible_capacity;
-    if (!kept || offset > push.span_capacity || rows.y > push.span_capacity - offset) rows.y = 0;
-    write_spans(ellipse, rows, offset);
+    if (!kept || offset > push.span_capacity || row_spans > push.span_capacity - offset) rows.y = 0;
+    write_spans(ellipse, rows.y > 1 ? rows : uvec2(0), offset);
     if (!kept) return;
     gaussian_from_splat[index] = gaussian;
-    span_ranges[index] = uvec2(offset, rows.x | rows.y << 16);
+    uint place = rows.y == 1 ? tile_span(ellipse, rows.x, push.view.size_px) : offset;
+    span_ranges[index] = uvec2(place, rows.x | rows.y << 16);
     float far = BY_DISTANCE ? distance_of(mean, push.view) : z;
     uint depth = floatBitsToUint(far) - floatBitsToUint(push.view.near);  // positive floats order like their bits
     depth_keys[index] = min(depth >> push.depth_shift, push.depth_limit);
-    vec4 planes[SH_PLANES];
-    load_sh(gaussian, planes);
-    splat.colour = harmonics_colour(planes, SH_DEGREE, direction(p));
+    if (!SH_EARLY) fetch_sh(gaussian, stored);
+    splat.colour = stored_colour(stored, direction(p));
     splats[index * SPLAT_WORDS] = first_element(splat);
     splats[index * SPLAT_WORDS + 1] = second_element(splat);
     if (!COMPACT) splats[index * SPLAT_WORDS + 2] = third_element(splat);
@@ -85,14 +89,18 @@ void main() {
     uint found = 0;
     for (uint i = lane(); i < BIN_PROJECT_CHUNK; i += WORKGROUP) {
         uint gaussian = begin + i, total;
-        bool visible = gaussian < push.gaussians && may_be_visible(bounds[gaussian]);
+        float z = 0.0;
+        bool visible = gaussian < push.gaussians && may_be_visible(bounds[gaussian], z);
         uint before = workgroup_exclusive_add(uint(visible), total);
-        if (visible) survivors[found + before] = gaussian;
+        if (visible) {
+            survivors[found + before] = gaussian;
+            depths[found + before] = z;
+        }
         found += total;
     }
     barrier();
     for (uint i = 0; i < found; i += WORKGROUP) {
         bool exists = i + lane() < found;
-        make_splat(exists ? survivors[i + lane()] : 0, exists);
+        make_splat(exists ? survivors[i + lane()] : 0, exists ? depths[i + lane()] : push.view.near, exists);
     }
 }

@@ -1,14 +1,19 @@
 #version 460
+#define WORKGROUP_SIZE 512
 #include "workgroup.glsl"
+#extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_EXT_control_flow_attributes : require
 #include "ballot.glsl"
 #include "frame.glsl"
 #include "sort.glsl"
-// One workgroup per run of up to 2048 entries of a bin: sorts them by depth, then by Gaussian.
+#include "bin_run.glsl"
+// One workgroup per run of entries of a bin: sorts them by depth, then by Gaussian.
 // Before: entries from bin_fill. After: the only run of a bin is in splat_ids; others are sorted among the entries.
-// A radix sort in workgroup memory by the bits in which the run's depths differ. No two entries of a bin are equal in
-// both, so their order does not depend on how they came.
+// A radix sort in registers and workgroup memory by the upper 24 of the bits in which the run's depths differ, then by
+// insertion of the few that agree in those. No two entries of a bin are equal in depth and Gaussian, so that their order
+// does not depend on how they came.
 
-layout(constant_id = 1) const uint SUBGROUPS = 8;  // in a workgroup, at most
+layout(constant_id = 1) const uint SUBGROUPS = 16;  // in a workgroup, at most
 
 layout(binding = 0, scalar) readonly buffer RunBins { uint run_bins[]; };                   // [runs]
 layout(binding = 1, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
@@ -21,74 +26,87 @@ layout(binding = 6, scalar) readonly buffer DispatchesBlock { BinDispatches disp
 #include "subgroup_rank.glsl"
 
 const uint ITEMS = BIN_RUN / WORKGROUP;
-const uint TIES_ALONE = 16;  // longer rows of equal depths are sorted by Gaussian first
+const uint COARSE_BITS = 24;
+const uint TIES_ALONE = 16;  // rows that agree in the coarse bits and are longer take a full sort instead
+const uint NONE = 0xffffffff;  // behind every key
+const uint COUNTS = SUBGROUPS * DIGITS;
 shared uint keys[BIN_RUN];
-shared uint values[BIN_RUN];
-shared uint digit_counts[SUBGROUPS * DIGITS];
+shared uint values[COUNTS > BIN_RUN ? COUNTS : BIN_RUN];  // counts of digits while keys are sorted
 shared uint lowest, highest, has_long_ties;
 
-// Sorts keys and values [0, count) stably by the bits from `shift` on, DIGIT_BITS of them.
-void sort_by_digit(uint count, uint shift) {
-    uint items = div_up(count, WORKGROUP), bits = min(DIGIT_BITS, 32 - shift);
-    for (uint i = lane(); i < SUBGROUPS * DIGITS; i += WORKGROUP) digit_counts[i] = 0;
+// Of a run: its keys and values in registers, item k of a lane at place own + k * gl_SubgroupSize. Each subgroup has
+// consecutive ones, so that (subgroup, item, lane) is their order.
+uint key[ITEMS], value[ITEMS];
+uint count, items, own;
+
+// Sorts stably by the bits from `shift` on, DIGIT_BITS of them.
+void sort_by_digit(uint shift) {
+    uint bits = min(DIGIT_BITS, 32 - shift);
+    for (uint i = lane(); i < COUNTS; i += WORKGROUP) values[i] = 0;
     barrier();
-    // Each subgroup takes consecutive keys, so that (subgroup, item, lane) is their order.
-    uint first = gl_SubgroupID * gl_SubgroupSize * items + gl_SubgroupInvocationID;
     uint mine = gl_SubgroupID * DIGITS;
-    uint key[ITEMS], value[ITEMS], place[ITEMS];
-    for (uint k = 0; k < ITEMS; k++) {
-        if (k >= items) break;
-        uint index = first + k * gl_SubgroupSize;
-        // Past the end: the largest digit, behind every key that exists.
-        key[k] = index < count ? keys[index] : 0xffffffff;
-        value[k] = index < count ? values[index] : 0;
-        uint digit = digit_of(key[k], shift, bits);
-        uvec2 rank = rank_in(same_digit(digit));
-        uint before = digit_counts[mine + digit];
-        subgroupMemoryBarrierShared();
-        subgroupBarrier();
-        if (rank.x == 0) digit_counts[mine + digit] = before + rank.y;
-        subgroupMemoryBarrierShared();
-        subgroupBarrier();
-        place[k] = before + rank.x;
+    uint place[ITEMS];
+    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+        if (k < items) {
+            uint digit = digit_of(key[k], shift, bits);
+            uvec4 same = same_digit(digit);
+            uvec2 rank = rank_in(same);
+            // The first lane of a digit counts for all; the others wait for its answer, and so for the items before.
+            uint before = 0;
+            if (rank.x == 0) before = atomicAdd(values[mine + digit], rank.y);
+            place[k] = subgroupShuffle(before, subgroupBallotFindLSB(same)) + rank.x;
+        }
     }
     barrier();
     // Lane d serves digit d: sums over the subgroups, then over the digits.
     uint sum = 0, total;
     if (lane() < DIGITS) {
         for (uint s = 0; s < gl_NumSubgroups; s++) {
-            uint here = digit_counts[s * DIGITS + lane()];
-            digit_counts[s * DIGITS + lane()] = sum;
+            uint here = values[s * DIGITS + lane()];
+            values[s * DIGITS + lane()] = sum;
             sum += here;
         }
     }
     uint before = workgroup_exclusive_add(sum, total);
-    if (lane() < DIGITS) {
-        for (uint s = 0; s < gl_NumSubgroups; s++) digit_counts[s * DIGITS + lane()] += before;
-    }
+    if (lane() < DIGITS) keys[lane()] = before;
     barrier();
-    for (uint k = 0; k < ITEMS; k++) {
-        if (k >= items) break;
-        uint index = place[k] + digit_counts[mine + digit_of(key[k], shift, bits)];
-        if (index < BIN_RUN) {
-            keys[index] = key[k];
-            values[index] = value[k];
+    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+        if (k < items) {
+            uint digit = digit_of(key[k], shift, bits);
+            place[k] += values[mine + digit] + keys[digit];
         }
     }
     barrier();
+    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+        if (k < items) keys[place[k]] = key[k];
+    }
+    barrier();
+    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+        if (k < items) key[k] = keys[own + k * gl_SubgroupSize];
+    }
+    barrier();
+    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+        if (k < items) keys[place[k]] = value[k];
+    }
+    barrier();
+    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+        if (k < items) value[k] = keys[own + k * gl_SubgroupSize];
+    }
 }
 
-// Sorts by all bits in which keys differ, which become differences from the lowest.
-void sort_by_keys(uint count) {
+// Sorts by the upper `most` of the bits in which keys differ; keys become differences from the lowest. Leaves keys and
+// values in workgroup memory too. Returns the bits that are left out.
+uint sort_by_keys(uint most) {
     if (lane() == 0) {
-        lowest = 0xffffffff;
+        lowest = NONE;
         highest = 0;
     }
     barrier();
-    uint low = 0xffffffff, high = 0;
-    for (uint i = lane(); i < count; i += WORKGROUP) {
-        low = min(low, keys[i]);
-        high = max(high, keys[i]);
+    uint low = NONE, high = 0;
+    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+        bool exists = k < items && own + k * gl_SubgroupSize < count;
+        low = exists ? min(low, key[k]) : low;
+        high = exists ? max(high, key[k]) : high;
     }
     low = subgroupMin(low);
     high = subgroupMax(high);
@@ -98,62 +116,89 @@ void sort_by_keys(uint count) {
     }
     barrier();
     low = lowest;
-    uint bits = uint(findMSB(highest - low) + 1);
-    for (uint i = lane(); i < count; i += WORKGROUP) keys[i] -= low;
+    uint bits = uint(findMSB(highest - low) + 1), coarse = bits - min(bits, most);
+    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+        // Past the end: the largest digits, behind every key that exists.
+        if (k < items) key[k] = own + k * gl_SubgroupSize < count ? key[k] - low : NONE;
+    }
+    for (uint shift = coarse; shift < bits; shift += DIGIT_BITS) {
+        sort_by_digit(shift);
+        barrier();
+    }
+    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+        if (k < items) {
+            keys[own + k * gl_SubgroupSize] = key[k];
+            values[own + k * gl_SubgroupSize] = value[k];
+        }
+    }
     barrier();
-    for (uint shift = 0; shift < bits; shift += DIGIT_BITS) sort_by_digit(count, shift);
+    return coarse;
 }
 
-// Entries in a row with the depth of sorted entry `i`, if that is the first of them; 0 if not.
-uint ties_at(uint i, uint count) {
-    if (i >= count || i > 0 && keys[i - 1] == keys[i]) return 0;
+// Entries in a row that agree with sorted entry `i` but for `coarse` bits, if that is the first of them; 0 if not.
+uint ties_at(uint i, uint coarse) {
+    uint upper = keys[i] >> coarse;
+    if (i > 0 && keys[i - 1] >> coarse == upper) return 0;
     uint ties = 1;
-    while (ties <= TIES_ALONE && i + ties < count && keys[i + ties] == keys[i]) ties++;
+    while (ties <= TIES_ALONE && i + ties < count && keys[i + ties] >> coarse == upper) ties++;
     return ties;
 }
 
-// Sorts a few values from `first` on by Gaussian.
+// Whether an entry comes before another, by depth and then by Gaussian.
+bool is_before(uint one_key, uint one_value, uint other_key, uint other_value) {
+    if (one_key != other_key) return one_key < other_key;
+    return gaussian_from_splat[one_value] < gaussian_from_splat[other_value];
+}
+
+// Sorts a few entries from `first` on.
 void sort_ties(uint first, uint ties) {
-    for (uint i = 1; i < ties; i++) {
-        uint value = values[first + i], gaussian = gaussian_from_splat[value], place = first + i;
-        while (place > first && gaussian_from_splat[values[place - 1]] > gaussian) {
+    for (uint i = first + 1; i < first + ties; i++) {
+        uint its_key = keys[i], its_value = values[i], place = i;
+        while (place > first && is_before(its_key, its_value, keys[place - 1], values[place - 1])) {
+            keys[place] = keys[place - 1];
             values[place] = values[place - 1];
             place--;
         }
-        values[place] = value;
+        keys[place] = its_key;
+        values[place] = its_value;
     }
 }
 
 void main() {
     uint run = workgroup();
-    // A folded dispatch may have more workgroups than there are runs: those have no bin.
+    // A folded dispatch may have more workgroups than there are runs.
     if (run >= dispatches.over_runs.x * dispatches.over_runs.y) return;
     Bin bin = bins[run_bins[run]];
     uint begin = (run - bin.first_run) * BIN_RUN;
     if (run < bin.first_run || begin >= bin.count) return;
-    uint count = min(bin.count - begin, BIN_RUN);
-    for (uint i = lane(); i < count; i += WORKGROUP) {
-        uvec2 entry = entries[bin.first + begin + i];
-        keys[i] = entry.x;
-        values[i] = entry.y;
+    count = min(bin.count - begin, BIN_RUN);
+    items = div_up(count, WORKGROUP);
+    own = gl_SubgroupID * gl_SubgroupSize * items + gl_SubgroupInvocationID;
+    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+        uint i = own + k * gl_SubgroupSize;
+        uvec2 entry = k < items && i < count ? entries[bin.first + begin + i] : uvec2(0);
+        key[k] = entry.x;
+        value[k] = entry.y;
     }
     if (lane() == 0) has_long_ties = 0;
-    barrier();
-    sort_by_keys(count);
+    uint coarse = sort_by_keys(COARSE_BITS);
+    bool has_ties = false;
     for (uint i = lane(); i < count; i += WORKGROUP) {
-        if (ties_at(i, count) > TIES_ALONE) has_long_ties = 1;
+        uint ties = ties_at(i, coarse);
+        if (ties > TIES_ALONE) has_long_ties = 1;
+        has_ties = has_ties || ties > 1;
     }
     barrier();
     if (has_long_ties == 1) {
-        for (uint i = lane(); i < count; i += WORKGROUP) keys[i] = gaussian_from_splat[values[i]];
+        [[unroll]] for (uint k = 0; k < ITEMS; k++) key[k] = k < items ? gaussian_from_splat[value[k]] : 0;
+        sort_by_keys(32);
+        [[unroll]] for (uint k = 0; k < ITEMS; k++) key[k] = k < items ? depth_keys[value[k]] : 0;
         barrier();
-        sort_by_keys(count);
-        for (uint i = lane(); i < count; i += WORKGROUP) keys[i] = depth_keys[values[i]];
-        barrier();
-        sort_by_keys(count);
+        sort_by_keys(32);
     } else {
-        for (uint i = lane(); i < count; i += WORKGROUP) {
-            uint ties = ties_at(i, count);
+        // A row is found by its first entry alone, and the coarse bits that end it do not move.
+        for (uint i = lane(); has_ties && i < count; i += WORKGROUP) {
+            uint ties = ties_at(i, coarse);
             if (ties > 1) sort_ties(i, ties);
         }
         barrier();

@@ -1,10 +1,10 @@
 // Goes through the bins of a chunk of splats. Behind the declarations of `totals`, `span_ranges`, `spans` and `push`, and of
 // visit(bin, splat), which is called once for each.
 
-const uint ROWS_ALONE = 2;  // a splat with more rows of bins is shared by its subgroup
+const uint ROWS_ALONE = 8;  // a splat with more rows of bins is shared by its subgroup
 
 void visit_row(uvec2 range, uint row, uint splat, uint from, uint step) {
-    uint span = spans[range.x + row];
+    uint span = range.y >> 16 == 1 ? range.x : spans[range.x + row];  // the only one is in place
     uint bins = ((range.y & 0xffff) + row) * push.bins_x;
     for (uint x = (span & 0xffff) + from; x < span >> 16; x += step) visit(bins + x, splat);
 }

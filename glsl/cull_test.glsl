@@ -5,11 +5,12 @@
 // it the same in world units along the longest axis, negative if alpha starts lower.
 // Bound on the half extent of the splat: rows of J W have length f/z * sqrt(1 + t^2), t the clamped slope
 // (project.comp), and the low-pass adds deviations * sqrt(LOW_PASS) at most.
-bool may_be_visible(uvec4 bound) {
+// `z`: the view depth of its mean.
+bool may_be_visible(uvec4 bound, out float z) {
     vec3 mean = uintBitsToFloat(bound.xyz);
     float reach = uintBitsToFloat(bound.w & 0xffff0000), deviations = uintBitsToFloat(bound.w << 16);
     precise vec3 p = (mean - push.view.position_high) - push.view.position_low;
-    float z = depth_of(mean, push.view);
+    z = depth_of(mean, push.view);
     if (!(reach >= 0.0 && z > push.view.near)) return false;
     vec2 slope = vec2(dot(push.view.right, p), dot(push.view.down, p)) / z;
     vec2 size = vec2(push.view.size_px);
@@ -26,4 +27,9 @@ bool may_be_visible(uvec4 bound) {
     // On the image, and not between pixel centres, as the many splats are whose opacity is hardly more than ALPHA_MIN.
     return all(greaterThanEqual(to, vec2(0.0))) && all(lessThanEqual(from, size))
         && all(lessThanEqual(ceil(from - 0.5), floor(to - 0.5)));
+}
+
+bool may_be_visible(uvec4 bound) {
+    float z;
+    return may_be_visible(bound, z);
 }

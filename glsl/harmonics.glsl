@@ -15,29 +15,40 @@ vec3 coefficient(vec4 planes[SH_PLANES], uint i) {
     return vec3(planes[first / 4][first % 4], planes[(first + 1) / 4][(first + 1) % 4], planes[(first + 2) / 4][(first + 2) % 4]);
 }
 
-// Colour in the unit direction `d`, not negative.
-vec3 harmonics_colour(vec4 planes[SH_PLANES], uint degree, vec3 d) {
-    vec3 colour = 0.5 + C0 * coefficient(planes, 0);
+// The functions up to `degree` in the unit direction `d`; 0 above it.
+float[16] harmonics_basis(uint degree, vec3 d) {
+    float basis[16];
+    for (uint i = 0; i < 16; i++) basis[i] = 0.0;
+    float xx = d.x * d.x, yy = d.y * d.y, zz = d.z * d.z;
+    basis[0] = C0;
     if (degree >= 1) {
-        colour += C1 * (-d.y * coefficient(planes, 1) + d.z * coefficient(planes, 2) - d.x * coefficient(planes, 3));
+        basis[1] = -C1 * d.y;
+        basis[2] = C1 * d.z;
+        basis[3] = -C1 * d.x;
     }
     if (degree >= 2) {
-        float xx = d.x * d.x, yy = d.y * d.y, zz = d.z * d.z;
-        colour += C2[0] * d.x * d.y * coefficient(planes, 4);
-        colour += C2[1] * d.y * d.z * coefficient(planes, 5);
-        colour += C2[2] * (2.0 * zz - xx - yy) * coefficient(planes, 6);
-        colour += C2[3] * d.x * d.z * coefficient(planes, 7);
-        colour += C2[4] * (xx - yy) * coefficient(planes, 8);
+        basis[4] = C2[0] * d.x * d.y;
+        basis[5] = C2[1] * d.y * d.z;
+        basis[6] = C2[2] * (2.0 * zz - xx - yy);
+        basis[7] = C2[3] * d.x * d.z;
+        basis[8] = C2[4] * (xx - yy);
     }
     if (degree >= 3) {
-        float xx = d.x * d.x, yy = d.y * d.y, zz = d.z * d.z;
-        colour += C3[0] * d.y * (3.0 * xx - yy) * coefficient(planes, 9);
-        colour += C3[1] * d.x * d.y * d.z * coefficient(planes, 10);
-        colour += C3[2] * d.y * (4.0 * zz - xx - yy) * coefficient(planes, 11);
-        colour += C3[3] * d.z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * coefficient(planes, 12);
-        colour += C3[4] * d.x * (4.0 * zz - xx - yy) * coefficient(planes, 13);
-        colour += C3[5] * d.z * (xx - yy) * coefficient(planes, 14);
-        colour += C3[6] * d.x * (xx - 3.0 * yy) * coefficient(planes, 15);
+        basis[9] = C3[0] * d.y * (3.0 * xx - yy);
+        basis[10] = C3[1] * d.x * d.y * d.z;
+        basis[11] = C3[2] * d.y * (4.0 * zz - xx - yy);
+        basis[12] = C3[3] * d.z * (2.0 * zz - 3.0 * xx - 3.0 * yy);
+        basis[13] = C3[4] * d.x * (4.0 * zz - xx - yy);
+        basis[14] = C3[5] * d.z * (xx - yy);
+        basis[15] = C3[6] * d.x * (xx - 3.0 * yy);
     }
+    return basis;
+}
+
+// Colour in the unit direction `d`, not negative.
+vec3 harmonics_colour(vec4 planes[SH_PLANES], uint degree, vec3 d) {
+    float basis[16] = harmonics_basis(degree, d);
+    vec3 colour = vec3(0.5);
+    for (uint i = 0; i < (degree + 1) * (degree + 1); i++) colour += basis[i] * coefficient(planes, i);
     return max(colour, 0.0);
 }

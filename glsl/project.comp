@@ -48,8 +48,8 @@ void main() {
 
     Splat splat;
     Ellipse ellipse = EMPTY_ELLIPSE;
-    float z = push.view.near;
-    if (exists) project(gaussian, mean, p, splat, ellipse, z);
+    float z = max(depth_of(mean, push.view), push.view.near);
+    if (exists) project(gaussian, p, z, splat, ellipse);
     uvec2 rows = tile_rows(ellipse, push.view.size_px);  // first, count
 
     uint total;
@@ -77,9 +77,9 @@ void main() {
     uint depth = floatBitsToUint(far) - floatBitsToUint(push.view.near);  // positive floats order like their bits
     depth_keys[index] = tiles == 0 ? push.depth_limit : min(depth >> push.depth_shift, push.depth_limit - 1);
     if (tiles > 0) {
-        vec4 planes[SH_PLANES];
-        load_sh(gaussian, planes);
-        splat.colour = harmonics_colour(planes, SH_DEGREE, direction(p));
+        uvec4 stored[SH_PLANES];
+        fetch_sh(gaussian, stored);
+        splat.colour = stored_colour(stored, direction(p));
         splats[index] = splat;
     }
 }

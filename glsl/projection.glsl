@@ -22,12 +22,11 @@ vec3 direction(vec3 p) {
     return normalize(p / max(size.x, max(size.y, size.z)));
 }
 
-// Projects one Gaussian: the splat without its colour, its ellipse, and the depth.
-void project(uint gaussian, vec3 mean, vec3 p, out Splat splat, out Ellipse ellipse, out float z) {
+// Projects one Gaussian at depth `z`: the splat without its colour, and its ellipse.
+void project(uint gaussian, vec3 p, float z, out Splat splat, out Ellipse ellipse) {
     vec4 rotation;
     vec3 scale;
     load_shape(gaussian, rotation, scale, splat.opacity);
-    z = max(depth_of(mean, push.view), push.view.near);
     vec2 slope = vec2(dot(push.view.right, p), dot(push.view.down, p)) / z;
     vec2 size = vec2(push.view.size_px);
     // The Jacobian's slope is clamped 15 % of the image beyond each edge (the original's 1.3 tan(fov/2)).

@@ -1,3 +1,4 @@
+#extension GL_EXT_control_flow_attributes : require
 // A Gaussian's attributes, unpacked from the words that they are kept in (render/layout.rs). Behind the declarations of
 // `shapes`, `sh` and `grids`.
 
@@ -76,16 +77,19 @@ vec4 unpack_bytes(uint word, uint first) {
     return floats;
 }
 
-// All coefficients without gaps, four floats a plane; those of degrees that are not kept are 0.
-void load_sh(uint gaussian, out vec4 planes[SH_PLANES]) {
-    uvec4 stored[SH_PLANES];
-    for (uint i = 0; i < SH_PLANES; i++) planes[i] = vec4(0.0);
+// The words of a Gaussian's spherical harmonics.
+void fetch_sh(uint gaussian, out uvec4 stored[SH_PLANES]) {
     // Literal indices: everything stays in registers, and a scene that keeps less loads less.
 #define LOAD(i) \
     if (i + 1 < SH_STORED_PLANES) stored[i] = sh[i].plane[gaussian]; \
     if (i + 1 == SH_STORED_PLANES) stored[i] = own_part(sh[i].plane[gaussian / SH_SHARE], gaussian);
     LOAD(0) LOAD(1) LOAD(2) LOAD(3) LOAD(4) LOAD(5) LOAD(6) LOAD(7) LOAD(8) LOAD(9) LOAD(10) LOAD(11)
 #undef LOAD
+}
+
+// All coefficients without gaps, four floats a plane; those of degrees that are not kept are 0.
+void unpack_sh(uvec4 stored[SH_PLANES], out vec4 planes[SH_PLANES]) {
+    for (uint i = 0; i < SH_PLANES; i++) planes[i] = vec4(0.0);
 #define UNPACK(i) \
     if (4 * i < SH_FLOATS) { \
         if (SH_STORAGE == STORED_F32) planes[i] = uintBitsToFloat(stored[i]); \
@@ -96,4 +100,31 @@ void load_sh(uint gaussian, out vec4 planes[SH_PLANES]) {
     }
     UNPACK(0) UNPACK(1) UNPACK(2) UNPACK(3) UNPACK(4) UNPACK(5) UNPACK(6) UNPACK(7) UNPACK(8) UNPACK(9) UNPACK(10) UNPACK(11)
 #undef UNPACK
+}
+
+void load_sh(uint gaussian, out vec4 planes[SH_PLANES]) {
+    uvec4 stored[SH_PLANES];
+    fetch_sh(gaussian, stored);
+    unpack_sh(stored, planes);
+}
+
+// Colour in the unit direction `d`, not negative, from the words of `fetch_sh`.
+vec3 stored_colour(uvec4 stored[SH_PLANES], vec3 d) {
+    if (SH_STORAGE != STORED_U8) {
+        vec4 planes[SH_PLANES];
+        unpack_sh(stored, planes);
+        return harmonics_colour(planes, SH_DEGREE, d);
+    }
+    // The steps of a coefficient are the same in all channels: multiplied into its function once.
+    float basis[16] = harmonics_basis(SH_DEGREE, d);
+    vec3 colour = vec3(0.5);
+    [[unroll]] for (uint i = 0; i < SH_FLOATS / 3; i++) {
+        vec3 numbers;
+        [[unroll]] for (uint c = 0; c < 3; c++) {
+            uint place = 3 * i + c;
+            numbers[c] = float(bitfieldExtract(stored[place / 16][place / 4 % 4], int(8 * (place % 4)), 8));
+        }
+        colour += basis[i] * grids.sh[i].x + basis[i] * grids.sh[i].y * numbers;
+    }
+    return max(colour, 0.0);
 }

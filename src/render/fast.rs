@@ -8,7 +8,7 @@ use std::mem::offset_of;
 use anyhow::Result;
 
 use super::blending::{Target, extent_code};
-use super::fast_workspace::{BIN_CHUNKS, FastWorkspace, MAX_BINS, PROJECT_CHUNK};
+use super::fast_workspace::{FastWorkspace, MAX_BINS, PROJECT_CHUNK};
 use super::gpu_scene::GpuScene;
 use super::layout::Layout;
 use super::shaders::*;
@@ -63,7 +63,9 @@ impl Fast {
             ..BinProjectConstants::default()
         };
         let subgroups = BinSort::WORKGROUP[0] / subgroup;
-        let sort = BinSortConstants { digit_bits: digit_bits(subgroup, 8 << 10), subgroups, ballot_words };
+        let bin_run = bin_run(device);
+        let digit_bits = digit_bits(BinSort::WORKGROUP[0] / subgroup, 4 * bin_run);
+        let sort = BinSortConstants { digit_bits, subgroups, bin_run, ballot_words };
         let blend = BinBlendConstants {
             subgroup,
             alpha_min,
@@ -72,21 +74,24 @@ impl Fast {
             transmittance_min: rules.transmittance_min,
             stop: options.stop,
             compact,
+            at_once: knob("X_ONCE", 4),
+            variant: knob("X_VAR", 1),
+            parts: knob("X_PARTS", 1),
         };
         Ok(Some(Self {
             options: *options,
             layout: layout.clone(),
             project: Stage::new(device, &project)?,
-            count: Stage::new(device, &BinCountConstants { ballot_words })?,
-            offsets: Stage::new(device, &())?,
-            fill: Stage::new(device, &BinFillConstants { ballot_words })?,
+            count: Stage::new(device, &BinCountConstants { ballot_words, bin_chunks: knob("X_CHUNKS", 128) })?,
+            offsets: Stage::new(device, &BinOffsetsConstants { bin_run })?,
+            fill: Stage::new(device, &BinFillConstants { ballot_words, bin_chunks: knob("X_CHUNKS", 128) })?,
             sort: Stage::new(device, &sort)?,
-            merge: Stage::new(device, &())?,
-            masks: Stage::new(device, &BinMasksConstants { alpha_min, extent, compact })?,
+            merge: Stage::new(device, &BinMergeConstants { bin_run })?,
+            masks: Stage::new(device, &BinMasksConstants { subgroup, alpha_min, extent, compact })?,
             blend: Stage::new(device, &blend)?,
             subgroup,
             // For a batch of a subgroup's entries: one iteration each, and those around them.
-            longest_list: device.facts().loop_limit.map_or(u32::MAX, |limit| limit / 4),
+            longest_list: device.facts().loop_limit.map_or(u32::MAX, |limit| limit / knob("X_LIM", 4)),
         }))
     }
 
@@ -118,7 +123,10 @@ impl Fast {
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         };
 
-        cmd.scope("clear", |cmd| cmd.fill(&work.totals, 0));
+        cmd.scope("clear", |cmd| {
+            cmd.fill(&work.totals, 0);
+            cmd.fill(&work.listed_in_bins, 0);
+        });
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
         cmd.scope("project", |cmd| {
             let bindings = BinProjectBindings {
@@ -145,16 +153,16 @@ impl Fast {
         });
         between_stages(cmd);
         let (totals, span_ranges, spans) = (&work.totals, &work.span_ranges, &work.spans);
-        let parts = Extent::Groups(BIN_CHUNKS as u64);
+        let parts = Extent::Groups(u64::from(knob("X_CHUNKS", 128)));
         cmd.scope("count", |cmd| {
-            let bindings = BinCountBindings { totals, span_ranges, spans, counts: &work.counts };
+            let bindings = BinCountBindings { totals, span_ranges, spans, listed_in_bins: &work.listed_in_bins, part_places: &work.part_places };
             cmd.dispatch(&self.count, bindings, BinCountPush { bins_x, bins, visible_capacity }, parts);
         });
         between_stages(cmd);
         cmd.scope("offsets", |cmd| {
             let bindings = BinOffsetsBindings {
                 totals,
-                counts: &work.counts,
+                listed_in_bins: &work.listed_in_bins,
                 bins: &work.bins,
                 bin_order: &work.bin_order,
                 run_bins: &work.run_bins,
@@ -170,7 +178,7 @@ impl Fast {
                 totals,
                 span_ranges,
                 spans,
-                counts: &work.counts,
+                part_places: &work.part_places,
                 bins: &work.bins,
                 depth_keys: &work.depth_keys,
                 entries: &work.entries,
@@ -229,7 +237,7 @@ impl Fast {
             };
             let push = BinBlendPush { size_px: target.image.size(), bins_x, bins, background: target.background.colour() };
             // A subgroup per block, of which a bin has 32.
-            let lanes = u64::from(bins) * 32 * u64::from(self.subgroup);
+            let lanes = u64::from(bins) * 32 * u64::from(self.subgroup) * u64::from(knob("X_PARTS", 1));
             cmd.dispatch(&self.blend, bindings, push, Extent::Invocations(lanes));
         });
     }
@@ -238,4 +246,13 @@ impl Fast {
 /// Whether colours of splats are kept in 16-bit floats: where those of Gaussians may be.
 fn is_compact(options: &Options) -> bool {
     matches!(options.sh_storage, Storage::F16 | Storage::U8)
+}
+
+fn knob(name: &str, default: u32) -> u32 {
+    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
+}
+
+/// Entries that a workgroup sorts: their keys and values fit its memory, with a little to spare.
+fn bin_run(device: &Device) -> u32 {
+    if device.facts().limits.workgroup_memory >= 40 << 10 { knob("X_RUN", 4096) } else { 2048 }
 }

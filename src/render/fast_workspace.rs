@@ -9,7 +9,7 @@ use crate::gpu::{Buffer, Device};
 // The shaders' constants of the same names.
 pub(super) const MAX_BINS: u32 = 7200;
 pub(super) const PROJECT_CHUNK: usize = 512;
-pub(super) const BIN_CHUNKS: usize = 128;
+pub(super) const BIN_CHUNKS: usize = 512;
 const BIN_RUN: usize = 2048;
 const BIN_STRETCH: usize = 1024;
 
@@ -24,8 +24,9 @@ pub struct FastWorkspace {
     pub depth_keys: Buffer<u32>,
     pub span_ranges: Buffer<[u32; 2]>,
     pub spans: Buffer<u32>,
-    /// Entries of every bin in every part of the splats.
-    pub counts: Buffer<u32>,
+    pub listed_in_bins: Buffer<u32>,
+    /// Where the entries of every part of the splats begin in every bin.
+    pub part_places: Buffer<u32>,
     pub bins: Buffer<Bin>,
     pub bin_order: Buffer<u32>,
     pub run_bins: Buffer<u32>,
@@ -54,7 +55,8 @@ impl FastWorkspace {
             depth_keys: words("depth keys", visible)?,
             span_ranges: Buffer::new(device, "span ranges", visible)?,
             spans: words("spans", spans)?,
-            counts: words("bin counts", BIN_CHUNKS * room.tiles)?,
+            listed_in_bins: words("listed in bins", room.tiles)?,
+            part_places: words("part places", BIN_CHUNKS * room.tiles)?,
             bins: Buffer::new(device, "bins", room.tiles)?,
             bin_order: words("bin order", room.tiles)?,
             run_bins: words("run bins", entries / BIN_RUN + room.tiles)?,
@@ -84,7 +86,8 @@ impl FastWorkspace {
             &self.gaussian_from_splat,
             &self.depth_keys,
             &self.spans,
-            &self.counts,
+            &self.listed_in_bins,
+            &self.part_places,
             &self.bin_order,
             &self.run_bins,
             &self.stretch_bins,

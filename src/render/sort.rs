@@ -71,7 +71,7 @@ impl RadixSort {
     /// `smallest_subgroup` is the least subgroup size that the pipelines may run with, `ballot_words` the words of a
     /// ballot of the largest.
     pub fn new(device: &Device, smallest_subgroup: u32, ballot_words: u32) -> Result<Self> {
-        let digit_bits = digit_bits(smallest_subgroup, 16 << 10);
+        let digit_bits = digit_bits(SortScatter::WORKGROUP[0] / smallest_subgroup, 16 << 10);
         let subgroups = SortScatter::WORKGROUP[0] / smallest_subgroup;
         Ok(Self {
             histogram: Stage::new(device, &SortHistogramConstants { digit_bits })?,
@@ -139,10 +139,8 @@ impl RadixSort {
     }
 }
 
-/// The widest digit whose counts per subgroup of a workgroup of 256 fit so many bytes of workgroup memory: of 16 KiB,
-/// 8 bits from subgroups of 16 on, 6 for 4.
-pub(super) fn digit_bits(smallest_subgroup: u32, bytes: u32) -> u32 {
-    let subgroups = SortScatter::WORKGROUP[0] / smallest_subgroup;
+/// The widest digit whose counts per subgroup fit so many bytes of workgroup memory.
+pub(super) fn digit_bits(subgroups: u32, bytes: u32) -> u32 {
     (bytes / 4 / subgroups).ilog2().min(MAX_DIGIT_BITS)
 }
 
@@ -152,6 +150,6 @@ mod tests {
 
     #[test]
     fn digits_narrow_with_the_subgroup() {
-        assert_eq!([4, 8, 16, 32, 64, 128].map(|subgroup| digit_bits(subgroup, 16 << 10)), [6, 7, 8, 8, 8, 8]);
+        assert_eq!([64, 32, 16, 8, 4, 2].map(|subgroups| digit_bits(subgroups, 16 << 10)), [6, 7, 8, 8, 8, 8]);
     }
 }
