@@ -33,7 +33,7 @@ layout(constant_id = 10) const uint PARTS = 1;        // of a block, one below t
 const uint PIXELS = BLOCK * BLOCK / PARTS / SUBGROUP;  // of a lane, one below the other
 const uint ROWS = SUBGROUP / BLOCK;                    // of pixels between them
 layout(constant_id = 7) const uint AT_ONCE = 4;  // splats whose alphas are computed before the first is blended
-layout(constant_id = 8) const uint VARIANT = 0;
+layout(constant_id = 8) const bool LEAVE = false;
 
 // Of the entries that are blended next: exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y).
 shared vec4 staged_a[WORKGROUP];
@@ -216,40 +216,40 @@ void main() {
                     alphas[j][k] = exponent >= log2(ALPHA_MIN) ? min(ALPHA_MAX, exp2(exponent)) : 0.0;
                 }
             }
-            if (VARIANT == 1) {
-                bool ends = false;
-                float after[PIXELS];
+            // Transmittances as if no pixel stopped, which is seldom wrong; then what was added after all.
+            float left[PIXELS][AT_ONCE + 1];
+            bool ends = false;
+            [[unroll]] for (uint k = 0; k < PIXELS; k++) {
+                left[k][0] = max(live[k], 0.0);
+                [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+                    left[k][j + 1] = fma(-alphas[j][k], left[k][j], left[k][j]);
+                }
+                ends = ends || live[k] > 0.0 && left[k][AT_ONCE] < max(TRANSMITTANCE_MIN, STOP);
+            }
+            bool any_ends = subgroupAny(ends);
+            if (any_ends) {
                 [[unroll]] for (uint k = 0; k < PIXELS; k++) {
-                    after[k] = max(live[k], 0.0);
-                    [[unroll]] for (uint j = 0; j < AT_ONCE; j++) after[k] = fma(-alphas[j][k], after[k], after[k]);
-                    ends = ends || live[k] > 0.0 && after[k] < max(TRANSMITTANCE_MIN, STOP);
-                }
-                if (!subgroupAny(ends)) {
-                    [[unroll]] for (uint k = 0; k < PIXELS; k++) {
-                        float before = max(live[k], 0.0);
-                        [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
-                            float share = alphas[j][k] * before;
-                            colour[k] = fma(colours[j], vec3(share), colour[k]);
-                            before = fma(-alphas[j][k], before, before);
-                        }
-                        live[k] = live[k] > 0.0 ? after[k] : live[k];
+                    float last = left[k][0];
+                    [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+                        bool added = left[k][j + 1] >= TRANSMITTANCE_MIN;
+                        alphas[j][k] = added ? alphas[j][k] : 0.0;
+                        last = added ? left[k][j + 1] : last;
                     }
-                    continue;
+                    bool stops = left[k][AT_ONCE] < max(TRANSMITTANCE_MIN, STOP);
+                    live[k] = live[k] <= 0.0 ? live[k] : stops ? -last : last;
                 }
+            } else {
+                [[unroll]] for (uint k = 0; k < PIXELS; k++) live[k] = live[k] > 0.0 ? left[k][AT_ONCE] : live[k];
             }
             [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
                 [[unroll]] for (uint k = 0; k < PIXELS; k++) {
-                    float rest = fma(-alphas[j][k], live[k], live[k]);
-                    if (rest >= TRANSMITTANCE_MIN && (TRANSMITTANCE_MIN > 0.0 || live[k] > 0.0)) {
-                        colour[k] = fma(colours[j], vec3(alphas[j][k] * live[k]), colour[k]);
-                        live[k] = rest;
-                    } else {
-                        live[k] = -abs(live[k]);
-                    }
+                    colour[k] = fma(colours[j], vec3(alphas[j][k] * left[k][j]), colour[k]);
                 }
             }
-            if (STOP > 0.0) {
-                [[unroll]] for (uint k = 0; k < PIXELS; k++) live[k] = live[k] < STOP ? -abs(live[k]) : live[k];
+            if (LEAVE && any_ends) {
+                bool goes_on = false;
+                [[unroll]] for (uint k = 0; k < PIXELS; k++) goes_on = goes_on || live[k] > 0.0;
+                if (!subgroupAny(goes_on)) break;
             }
         }
         bool goes_on = false;

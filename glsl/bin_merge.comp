@@ -3,7 +3,6 @@
 #include "workgroup.glsl"
 #extension GL_EXT_control_flow_attributes : require
 #include "frame.glsl"
-#include "bin_run.glsl"
 // One workgroup per run of a bin that has several: where each of its entries goes among all of the bin.
 // Before: runs sorted by bin_sort. After: splat_ids of these bins are sorted by depth, then by Gaussian.
 // An entry's place is the sum over all runs of the entries before it, found by bisection in workgroup memory: no run waits

@@ -2,7 +2,6 @@
 #define WORKGROUP_SIZE 1024
 #include "workgroup.glsl"
 #include "frame.glsl"
-#include "bin_run.glsl"
 // One workgroup in all: where the entries of each bin go, and what the stages over entries are dispatched over.
 // Before: listed_in_bins from bin_count. After: bins, bin_order, run_bins, stretch_bins and the dispatches are set; totals has
 // the entries, kept and demanded, and the longest list.

@@ -2,11 +2,9 @@
 #define WORKGROUP_SIZE 512
 #include "workgroup.glsl"
 #extension GL_KHR_shader_subgroup_shuffle : require
-#extension GL_EXT_control_flow_attributes : require
 #include "ballot.glsl"
 #include "frame.glsl"
 #include "sort.glsl"
-#include "bin_run.glsl"
 // One workgroup per run of entries of a bin: sorts them by depth, then by Gaussian.
 // Before: entries from bin_fill. After: the only run of a bin is in splat_ids; others are sorted among the entries.
 // A radix sort in registers and workgroup memory by the upper 24 of the bits in which the run's depths differ, then by
@@ -25,7 +23,6 @@ layout(binding = 6, scalar) readonly buffer DispatchesBlock { BinDispatches disp
 
 #include "subgroup_rank.glsl"
 
-const uint ITEMS = BIN_RUN / WORKGROUP;
 const uint COARSE_BITS = 24;
 const uint TIES_ALONE = 16;  // rows that agree in the coarse bits and are longer take a full sort instead
 const uint NONE = 0xffffffff;  // behind every key
@@ -35,30 +32,24 @@ shared uint values[COUNTS > BIN_RUN ? COUNTS : BIN_RUN];  // counts of digits wh
 shared uint lowest, highest, has_long_ties;
 
 // Of a run: its keys and values in registers, item k of a lane at place own + k * gl_SubgroupSize. Each subgroup has
-// consecutive ones, so that (subgroup, item, lane) is their order.
-uint key[ITEMS], value[ITEMS];
+// consecutive ones, so that (subgroup, item, lane) is their order. Literal indices: registers cannot be indexed.
+#define EACH_ITEM(DO) DO(0) if (items > 1) { DO(1) } if (items > 2) { DO(2) } if (items > 3) { DO(3) }
+uvec4 key, value;
 uint count, items, own;
 
-// Sorts stably by the bits from `shift` on, DIGIT_BITS of them.
-void sort_by_digit(uint shift) {
-    uint bits = min(DIGIT_BITS, 32 - shift);
-    for (uint i = lane(); i < COUNTS; i += WORKGROUP) values[i] = 0;
-    barrier();
-    uint mine = gl_SubgroupID * DIGITS;
-    uint place[ITEMS];
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        if (k < items) {
-            uint digit = digit_of(key[k], shift, bits);
-            uvec4 same = same_digit(digit);
-            uvec2 rank = rank_in(same);
-            // The first lane of a digit counts for all; the others wait for its answer, and so for the items before.
-            uint before = 0;
-            if (rank.x == 0) before = atomicAdd(values[mine + digit], rank.y);
-            place[k] = subgroupShuffle(before, subgroupBallotFindLSB(same)) + rank.x;
-        }
-    }
-    barrier();
-    // Lane d serves digit d: sums over the subgroups, then over the digits.
+// The place of this lane's key among those of its subgroup with the same digit, of all items so far.
+uint count_digit(uint digit) {
+    uvec4 same = same_digit(digit);
+    uvec2 rank = rank_in(same);
+    // The first lane of a digit counts for all; the others wait for its answer, and so for the items before.
+    uint before = 0;
+    if (rank.x == 0) before = atomicAdd(values[gl_SubgroupID * DIGITS + digit], rank.y);
+    return subgroupShuffle(before, subgroupBallotFindLSB(same)) + rank.x;
+}
+
+// Makes the counts of digits, of which lane d serves digit d, sums over the subgroups before; over the digits before too
+// in `keys`.
+void scan_digits() {
     uint sum = 0, total;
     if (lane() < DIGITS) {
         for (uint s = 0; s < gl_NumSubgroups; s++) {
@@ -69,29 +60,37 @@ void sort_by_digit(uint shift) {
     }
     uint before = workgroup_exclusive_add(sum, total);
     if (lane() < DIGITS) keys[lane()] = before;
+}
+
+// Sorts stably by the bits from `shift` on, DIGIT_BITS of them.
+void sort_by_digit(uint shift) {
+    uint bits = min(DIGIT_BITS, 32 - shift);
+    for (uint i = lane(); i < COUNTS; i += WORKGROUP) values[i] = 0;
     barrier();
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        if (k < items) {
-            uint digit = digit_of(key[k], shift, bits);
-            place[k] += values[mine + digit] + keys[digit];
-        }
-    }
+    uvec4 place;
+#define COUNT(k) place[k] = count_digit(digit_of(key[k], shift, bits));
+    EACH_ITEM(COUNT)
     barrier();
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        if (k < items) keys[place[k]] = key[k];
-    }
+    scan_digits();
     barrier();
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        if (k < items) key[k] = keys[own + k * gl_SubgroupSize];
-    }
+#define PLACE(k) { uint d = digit_of(key[k], shift, bits); place[k] += values[gl_SubgroupID * DIGITS + d] + keys[d]; }
+    EACH_ITEM(PLACE)
     barrier();
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        if (k < items) keys[place[k]] = value[k];
-    }
+#define PUT_KEY(k) keys[place[k]] = key[k];
+    EACH_ITEM(PUT_KEY)
     barrier();
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        if (k < items) value[k] = keys[own + k * gl_SubgroupSize];
-    }
+#define GET_KEY(k) key[k] = keys[own + k * gl_SubgroupSize];
+    EACH_ITEM(GET_KEY)
+    barrier();
+#define PUT_VALUE(k) keys[place[k]] = value[k];
+    EACH_ITEM(PUT_VALUE)
+    barrier();
+#define GET_VALUE(k) value[k] = keys[own + k * gl_SubgroupSize];
+    EACH_ITEM(GET_VALUE)
+}
+
+bool exists(uint k) {
+    return own + k * gl_SubgroupSize < count;
 }
 
 // Sorts by the upper `most` of the bits in which keys differ; keys become differences from the lowest. Leaves keys and
@@ -103,11 +102,8 @@ uint sort_by_keys(uint most) {
     }
     barrier();
     uint low = NONE, high = 0;
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        bool exists = k < items && own + k * gl_SubgroupSize < count;
-        low = exists ? min(low, key[k]) : low;
-        high = exists ? max(high, key[k]) : high;
-    }
+#define REACH(k) if (exists(k)) { low = min(low, key[k]); high = max(high, key[k]); }
+    EACH_ITEM(REACH)
     low = subgroupMin(low);
     high = subgroupMax(high);
     if (subgroupElect()) {
@@ -117,20 +113,15 @@ uint sort_by_keys(uint most) {
     barrier();
     low = lowest;
     uint bits = uint(findMSB(highest - low) + 1), coarse = bits - min(bits, most);
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        // Past the end: the largest digits, behind every key that exists.
-        if (k < items) key[k] = own + k * gl_SubgroupSize < count ? key[k] - low : NONE;
-    }
+    // Past the end: the largest digits, behind every key that exists.
+#define LOWER(k) key[k] = exists(k) ? key[k] - low : NONE;
+    EACH_ITEM(LOWER)
     for (uint shift = coarse; shift < bits; shift += DIGIT_BITS) {
         sort_by_digit(shift);
         barrier();
     }
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        if (k < items) {
-            keys[own + k * gl_SubgroupSize] = key[k];
-            values[own + k * gl_SubgroupSize] = value[k];
-        }
-    }
+#define KEEP(k) keys[own + k * gl_SubgroupSize] = key[k]; values[own + k * gl_SubgroupSize] = value[k];
+    EACH_ITEM(KEEP)
     barrier();
     return coarse;
 }
@@ -174,12 +165,14 @@ void main() {
     count = min(bin.count - begin, BIN_RUN);
     items = div_up(count, WORKGROUP);
     own = gl_SubgroupID * gl_SubgroupSize * items + gl_SubgroupInvocationID;
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        uint i = own + k * gl_SubgroupSize;
-        uvec2 entry = k < items && i < count ? entries[bin.first + begin + i] : uvec2(0);
-        key[k] = entry.x;
-        value[k] = entry.y;
+    key = value = uvec4(0);
+#define LOAD(k) \
+    if (exists(k)) { \
+        uvec2 entry = entries[bin.first + begin + own + k * gl_SubgroupSize]; \
+        key[k] = entry.x; \
+        value[k] = entry.y; \
     }
+    EACH_ITEM(LOAD)
     if (lane() == 0) has_long_ties = 0;
     uint coarse = sort_by_keys(COARSE_BITS);
     bool has_ties = false;
@@ -190,9 +183,11 @@ void main() {
     }
     barrier();
     if (has_long_ties == 1) {
-        [[unroll]] for (uint k = 0; k < ITEMS; k++) key[k] = k < items ? gaussian_from_splat[value[k]] : 0;
+#define LOAD_GAUSSIAN(k) key[k] = gaussian_from_splat[value[k]];
+        EACH_ITEM(LOAD_GAUSSIAN)
         sort_by_keys(32);
-        [[unroll]] for (uint k = 0; k < ITEMS; k++) key[k] = k < items ? depth_keys[value[k]] : 0;
+#define LOAD_DEPTH(k) key[k] = depth_keys[value[k]];
+        EACH_ITEM(LOAD_DEPTH)
         barrier();
         sort_by_keys(32);
     } else {

@@ -63,9 +63,8 @@ impl Fast {
             ..BinProjectConstants::default()
         };
         let subgroups = BinSort::WORKGROUP[0] / subgroup;
-        let bin_run = bin_run(device);
-        let digit_bits = digit_bits(BinSort::WORKGROUP[0] / subgroup, 4 * bin_run);
-        let sort = BinSortConstants { digit_bits, subgroups, bin_run, ballot_words };
+        let digit_bits = digit_bits(subgroups, 16 << 10);
+        let sort = BinSortConstants { digit_bits, subgroups, ballot_words };
         let blend = BinBlendConstants {
             subgroup,
             alpha_min,
@@ -75,7 +74,7 @@ impl Fast {
             stop: options.stop,
             compact,
             at_once: knob("X_ONCE", 4),
-            variant: knob("X_VAR", 1),
+            leave: knob("X_LEAVE", 1) > 0,
             parts: knob("X_PARTS", 1),
         };
         Ok(Some(Self {
@@ -83,10 +82,10 @@ impl Fast {
             layout: layout.clone(),
             project: Stage::new(device, &project)?,
             count: Stage::new(device, &BinCountConstants { ballot_words, bin_chunks: knob("X_CHUNKS", 128) })?,
-            offsets: Stage::new(device, &BinOffsetsConstants { bin_run })?,
+            offsets: Stage::new(device, &())?,
             fill: Stage::new(device, &BinFillConstants { ballot_words, bin_chunks: knob("X_CHUNKS", 128) })?,
             sort: Stage::new(device, &sort)?,
-            merge: Stage::new(device, &BinMergeConstants { bin_run })?,
+            merge: Stage::new(device, &())?,
             masks: Stage::new(device, &BinMasksConstants { subgroup, alpha_min, extent, compact })?,
             blend: Stage::new(device, &blend)?,
             subgroup,
@@ -252,7 +251,3 @@ fn knob(name: &str, default: u32) -> u32 {
     std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
 }
 
-/// Entries that a workgroup sorts: their keys and values fit its memory, with a little to spare.
-fn bin_run(device: &Device) -> u32 {
-    if device.facts().limits.workgroup_memory >= 40 << 10 { knob("X_RUN", 4096) } else { 2048 }
-}
