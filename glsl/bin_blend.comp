@@ -33,7 +33,6 @@ layout(constant_id = 10) const uint PARTS = 1;        // of a block, one below t
 const uint PIXELS = BLOCK * BLOCK / PARTS / SUBGROUP;  // of a lane, one below the other
 const uint ROWS = SUBGROUP / BLOCK;                    // of pixels between them
 layout(constant_id = 7) const uint AT_ONCE = 4;  // splats whose alphas are computed before the first is blended
-layout(constant_id = 8) const bool LEAVE = false;
 
 // Of the entries that are blended next: exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y).
 shared vec4 staged_a[WORKGROUP];
@@ -226,8 +225,7 @@ void main() {
                 }
                 ends = ends || live[k] > 0.0 && left[k][AT_ONCE] < max(TRANSMITTANCE_MIN, STOP);
             }
-            bool any_ends = subgroupAny(ends);
-            if (any_ends) {
+            if (subgroupAny(ends)) {
                 [[unroll]] for (uint k = 0; k < PIXELS; k++) {
                     float last = left[k][0];
                     [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
@@ -245,11 +243,6 @@ void main() {
                 [[unroll]] for (uint k = 0; k < PIXELS; k++) {
                     colour[k] = fma(colours[j], vec3(alphas[j][k] * left[k][j]), colour[k]);
                 }
-            }
-            if (LEAVE && any_ends) {
-                bool goes_on = false;
-                [[unroll]] for (uint k = 0; k < PIXELS; k++) goes_on = goes_on || live[k] > 0.0;
-                if (!subgroupAny(goes_on)) break;
             }
         }
         bool goes_on = false;

@@ -7,7 +7,6 @@
 // Before: totals.visible, span_ranges and spans from bin_project; listed_in_bins are 0. After: listed_in_bins are the sums of
 // all parts, part_places where a part's entries of a bin go in its list, where it has some.
 
-layout(constant_id = 30) const uint BIN_CHUNKS = 128;
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };
 layout(binding = 1, scalar) readonly buffer SpanRanges { uvec2 span_ranges[]; };            // [visible_capacity]
 layout(binding = 2, scalar) readonly buffer Spans { uint spans[]; };                        // [span_capacity]

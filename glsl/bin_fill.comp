@@ -6,7 +6,6 @@
 // One workgroup per part of the splats, the same parts as in bin_count: lists them in their bins.
 // Before: bins from bin_offsets, part_places. After: entries are (depth key, splat), in any order within a bin.
 
-layout(constant_id = 30) const uint BIN_CHUNKS = 128;
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };
 layout(binding = 1, scalar) readonly buffer SpanRanges { uvec2 span_ranges[]; };            // [visible_capacity]
 layout(binding = 2, scalar) readonly buffer Spans { uint spans[]; };                        // [span_capacity]

@@ -22,7 +22,6 @@ layout(push_constant, scalar) uniform Push {
 
 layout(constant_id = 6) const uint SUBGROUP = 32;
 
-const uint ITEMS = BIN_STRETCH / WORKGROUP;
 shared uint reached[BIN_STRETCH];            // blocks, a bit each
 shared uint rows[BLOCKS * (BIN_STRETCH / 32 + 1)];  // of a block's words, padded against bank conflicts
 
@@ -72,23 +71,13 @@ void main() {
     uint begin = (stretch - bin.first_stretch) * BIN_STRETCH;
     if (stretch < bin.first_stretch || begin >= bin.count) return;
     vec2 corner = vec2(uvec2(number % push.bins_x, number / push.bins_x) * BIN);
-    // All loads first: they wait for one another otherwise.
-    vec4 a[ITEMS];
-    vec2 b[ITEMS];
-    uint splat[ITEMS];
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        uint i = begin + k * WORKGROUP + lane();
-        splat[k] = splat_ids[bin.first + min(i, bin.count - 1)];
-    }
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        a[k] = uintBitsToFloat(splats[splat[k] * SPLAT_WORDS]);
-        b[k] = uintBitsToFloat(splats[splat[k] * SPLAT_WORDS + 1].xy);
-    }
-    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
-        uint i = k * WORKGROUP + lane();
+    for (uint i = lane(); i < BIN_STRETCH; i += WORKGROUP) {
         uint mask = 0;
         if (begin + i < bin.count) {
-            mask = blocks_reached(corner - a[k].xy, vec3(a[k].zw, b[k].x), b[k].y, a[k].xy);
+            uint splat = splat_ids[bin.first + begin + i];
+            vec4 a = uintBitsToFloat(splats[splat * SPLAT_WORDS]);
+            vec2 b = uintBitsToFloat(splats[splat * SPLAT_WORDS + 1].xy);
+            mask = blocks_reached(corner - a.xy, vec3(a.zw, b.x), b.y, a.xy);
         }
         if (SUBGROUP == 32) {
             rows[gl_SubgroupInvocationID * 33 + i / 32] = transposed(mask);

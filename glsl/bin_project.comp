@@ -42,7 +42,9 @@ layout(push_constant, scalar) uniform Push {
 const bool SH_EARLY = SH_STORED_PLANES <= 3;
 shared uint survivors[BIN_PROJECT_CHUNK];
 shared float depths[BIN_PROJECT_CHUNK];  // of the survivors
-shared uvec2 first;  // splat and span of this workgroup
+shared uint found;
+shared uint splats_here, spans_here;  // of a workgroup at a time
+shared uvec2 first;                   // the first of these
 
 void make_splat(uint gaussian, float z, bool exists) {
     vec3 mean = exists ? uintBitsToFloat(bounds[gaussian].xyz) : vec3(0.0);
@@ -55,17 +57,29 @@ void make_splat(uint gaussian, float z, bool exists) {
     if (exists) project(gaussian, p, z, splat, ellipse);
     uvec2 rows = tile_rows(ellipse, push.view.size_px);  // first, count
 
-    // Spans in the lower half: MAX_BINS leaves a splat fewer than 256, so that all of a workgroup fit.
-    uint total, row_spans = rows.y > 1 ? rows.y : 0;
-    uint before = workgroup_exclusive_add(rows.y > 0 ? 1 << 16 | row_spans : 0, total);
+    uint row_spans = rows.y > 1 ? rows.y : 0;
+    // In any order, here and below: lists are sorted, and spans are found through their range.
+    uvec4 ballot = subgroupBallot(rows.y > 0);
+    uint index = subgroupBallotExclusiveBitCount(ballot), offset = subgroupExclusiveAdd(row_spans);
+    uint all_spans = subgroupAdd(row_spans);
+    uvec2 mine = uvec2(0);
+    if (subgroupElect()) {
+        mine.x = atomicAdd(splats_here, subgroupBallotBitCount(ballot));
+        if (all_spans > 0) mine.y = atomicAdd(spans_here, all_spans);
+    }
+    mine = subgroupBroadcastFirst(mine);
+    barrier();
     if (lane() == 0) {
-        // In any order: lists are sorted, and spans are found through their range.
-        first.x = atomicAdd(totals.visible, total >> 16);
-        first.y = atomicAdd(totals.spans, total & 0xffff);
-        if (first.y + (total & 0xffff) < first.y) atomicAdd(totals.instances_high, 1);  // refused
+        first.x = atomicAdd(totals.visible, splats_here);
+        if (spans_here > 0) {
+            first.y = atomicAdd(totals.spans, spans_here);
+            if (first.y + spans_here < first.y) atomicAdd(totals.instances_high, 1);  // refused
+        }
+        splats_here = spans_here = 0;
     }
     barrier();
-    uint index = first.x + (before >> 16), offset = first.y + (before & 0xffff);
+    index += first.x + mine.x;
+    offset += first.y + mine.y;
     bool kept = rows.y > 0 && index < push.visible_capacity;
     if (!kept || offset > push.span_capacity || row_spans > push.span_capacity - offset) rows.y = 0;
     write_spans(ellipse, rows.y > 1 ? rows : uvec2(0), offset);
@@ -86,17 +100,20 @@ void make_splat(uint gaussian, float z, bool exists) {
 void main() {
     uint begin = workgroup() * BIN_PROJECT_CHUNK;
     if (begin >= push.gaussians) return;
-    uint found = 0;
+    if (lane() == 0) found = splats_here = spans_here = 0;
+    barrier();
     for (uint i = lane(); i < BIN_PROJECT_CHUNK; i += WORKGROUP) {
-        uint gaussian = begin + i, total;
+        uint gaussian = begin + i;
         float z = 0.0;
         bool visible = gaussian < push.gaussians && may_be_visible(bounds[gaussian], z);
-        uint before = workgroup_exclusive_add(uint(visible), total);
+        uvec4 ballot = subgroupBallot(visible);
+        uint place = 0;
+        if (subgroupElect()) place = atomicAdd(found, subgroupBallotBitCount(ballot));
+        place = subgroupBroadcastFirst(place) + subgroupBallotExclusiveBitCount(ballot);
         if (visible) {
-            survivors[found + before] = gaussian;
-            depths[found + before] = z;
+            survivors[place] = gaussian;
+            depths[place] = z;
         }
-        found += total;
     }
     barrier();
     for (uint i = 0; i < found; i += WORKGROUP) {

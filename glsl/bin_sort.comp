@@ -7,9 +7,9 @@
 #include "sort.glsl"
 // One workgroup per run of entries of a bin: sorts them by depth, then by Gaussian.
 // Before: entries from bin_fill. After: the only run of a bin is in splat_ids; others are sorted among the entries.
-// A radix sort in registers and workgroup memory by the upper 24 of the bits in which the run's depths differ, then by
-// insertion of the few that agree in those. No two entries of a bin are equal in depth and Gaussian, so that their order
-// does not depend on how they came.
+// Entries go where the distribution of their depths lets expect them, and those that share a place are sorted by insertion.
+// Where too many share one, a radix sort of the run takes over. No two entries of a bin are equal in depth and Gaussian,
+// so that their order does not depend on how they came.
 
 layout(constant_id = 1) const uint SUBGROUPS = 16;  // in a workgroup, at most
 
@@ -23,13 +23,13 @@ layout(binding = 6, scalar) readonly buffer DispatchesBlock { BinDispatches disp
 
 #include "subgroup_rank.glsl"
 
-const uint COARSE_BITS = 24;
-const uint TIES_ALONE = 16;  // rows that agree in the coarse bits and are longer take a full sort instead
+const uint SHARED_ALONE = 24;  // entries that share a place at most
+const uint PLACE_BITS = 11;    // of BIN_RUN places
 const uint NONE = 0xffffffff;  // behind every key
 const uint COUNTS = SUBGROUPS * DIGITS;
 shared uint keys[BIN_RUN];
-shared uint values[COUNTS > BIN_RUN ? COUNTS : BIN_RUN];  // counts of digits while keys are sorted
-shared uint lowest, highest, has_long_ties;
+shared uint values[2 * BIN_RUN > COUNTS ? 2 * BIN_RUN : COUNTS];  // and counts while keys are sorted
+shared uint lowest, highest, is_crowded;
 
 // Of a run: its keys and values in registers, item k of a lane at place own + k * gl_SubgroupSize. Each subgroup has
 // consecutive ones, so that (subgroup, item, lane) is their order. Literal indices: registers cannot be indexed.
@@ -93,9 +93,8 @@ bool exists(uint k) {
     return own + k * gl_SubgroupSize < count;
 }
 
-// Sorts by the upper `most` of the bits in which keys differ; keys become differences from the lowest. Leaves keys and
-// values in workgroup memory too. Returns the bits that are left out.
-uint sort_by_keys(uint most) {
+// Makes keys differences from the lowest; returns the bits in which they differ.
+uint lower_keys() {
     if (lane() == 0) {
         lowest = NONE;
         highest = 0;
@@ -111,28 +110,69 @@ uint sort_by_keys(uint most) {
         atomicMax(highest, high);
     }
     barrier();
-    low = lowest;
-    uint bits = uint(findMSB(highest - low) + 1), coarse = bits - min(bits, most);
     // Past the end: the largest digits, behind every key that exists.
-#define LOWER(k) key[k] = exists(k) ? key[k] - low : NONE;
+#define LOWER(k) key[k] = exists(k) ? key[k] - lowest : NONE;
     EACH_ITEM(LOWER)
-    for (uint shift = coarse; shift < bits; shift += DIGIT_BITS) {
+    return uint(findMSB(highest - lowest) + 1);
+}
+
+// Sorts the run, by keys alone and stably.
+void sort_by_keys() {
+    uint bits = lower_keys();
+    for (uint shift = 0; shift < bits; shift += DIGIT_BITS) {
         sort_by_digit(shift);
         barrier();
     }
-#define KEEP(k) keys[own + k * gl_SubgroupSize] = key[k]; values[own + k * gl_SubgroupSize] = value[k];
-    EACH_ITEM(KEEP)
-    barrier();
-    return coarse;
 }
 
-// Entries in a row that agree with sorted entry `i` but for `coarse` bits, if that is the first of them; 0 if not.
-uint ties_at(uint i, uint coarse) {
-    uint upper = keys[i] >> coarse;
-    if (i > 0 && keys[i - 1] >> coarse == upper) return 0;
-    uint ties = 1;
-    while (ties <= TIES_ALONE && i + ties < count && keys[i + ties] >> coarse == upper) ties++;
-    return ties;
+// Makes BIN_RUN counts in `values` from `first` on sums of those before.
+void scan_counts(uint first) {
+    const uint EACH = BIN_RUN / WORKGROUP;
+    uint sum = 0, total;
+    for (uint i = 0; i < EACH; i++) sum += values[first + lane() * EACH + i];
+    uint before = workgroup_exclusive_add(sum, total);
+    for (uint i = 0; i < EACH; i++) {
+        uint here = values[first + lane() * EACH + i];
+        values[first + lane() * EACH + i] = before;
+        before += here;
+    }
+    barrier();
+}
+
+uint count_before(uint first, uint place) {
+    return place < BIN_RUN ? values[first + place] : count;
+}
+
+// Puts every entry where as many are expected before it as there are, by a distribution that is even within each of
+// BIN_RUN equal parts of the keys' range. Leaves, from BIN_RUN on, how many entries come before each place.
+void sort_by_distribution() {
+    uint bits = lower_keys(), shift = bits - min(bits, PLACE_BITS);
+    for (uint i = lane(); i < 2 * BIN_RUN; i += WORKGROUP) values[i] = 0;
+    barrier();
+#define COUNT_PART(k) if (exists(k)) atomicAdd(values[key[k] >> shift], 1);
+    EACH_ITEM(COUNT_PART)
+    barrier();
+    scan_counts(0);
+    uvec4 place, rank;
+    // The product has 32 bits at most: of a key's `shift` <= 21 and of a count's 11, but for a run of one depth.
+#define EXPECT(k) \
+    if (exists(k)) { \
+        uint part = key[k] >> shift, before = values[part]; \
+        uint here = min(count_before(0, part + 1) - before, BIN_RUN - 1); \
+        place[k] = before + ((key[k] & ((1u << shift) - 1)) * here >> shift); \
+        rank[k] = atomicAdd(values[BIN_RUN + place[k]], 1); \
+    }
+    EACH_ITEM(EXPECT)
+    barrier();
+    scan_counts(BIN_RUN);
+#define PUT(k) \
+    if (exists(k)) { \
+        uint here = values[BIN_RUN + place[k]] + rank[k]; \
+        keys[here] = key[k]; \
+        values[here] = value[k]; \
+    }
+    EACH_ITEM(PUT)
+    barrier();
 }
 
 // Whether an entry comes before another, by depth and then by Gaussian.
@@ -142,8 +182,8 @@ bool is_before(uint one_key, uint one_value, uint other_key, uint other_value) {
 }
 
 // Sorts a few entries from `first` on.
-void sort_ties(uint first, uint ties) {
-    for (uint i = first + 1; i < first + ties; i++) {
+void sort_few(uint first, uint few) {
+    for (uint i = first + 1; i < first + few; i++) {
         uint its_key = keys[i], its_value = values[i], place = i;
         while (place > first && is_before(its_key, its_value, keys[place - 1], values[place - 1])) {
             keys[place] = keys[place - 1];
@@ -173,29 +213,24 @@ void main() {
         value[k] = entry.y; \
     }
     EACH_ITEM(LOAD)
-    if (lane() == 0) has_long_ties = 0;
-    uint coarse = sort_by_keys(COARSE_BITS);
-    bool has_ties = false;
+    if (lane() == 0) is_crowded = 0;
+    sort_by_distribution();
     for (uint i = lane(); i < count; i += WORKGROUP) {
-        uint ties = ties_at(i, coarse);
-        if (ties > TIES_ALONE) has_long_ties = 1;
-        has_ties = has_ties || ties > 1;
+        uint begins = values[BIN_RUN + i], here = count_before(BIN_RUN, i + 1) - begins;
+        if (here > SHARED_ALONE) is_crowded = 1;
+        if (here > 1 && here <= SHARED_ALONE) sort_few(begins, here);
     }
     barrier();
-    if (has_long_ties == 1) {
+    if (is_crowded == 1) {
+        // By Gaussian first: equal depths stay in that order.
 #define LOAD_GAUSSIAN(k) key[k] = gaussian_from_splat[value[k]];
         EACH_ITEM(LOAD_GAUSSIAN)
-        sort_by_keys(32);
+        sort_by_keys();
 #define LOAD_DEPTH(k) key[k] = depth_keys[value[k]];
         EACH_ITEM(LOAD_DEPTH)
-        barrier();
-        sort_by_keys(32);
-    } else {
-        // A row is found by its first entry alone, and the coarse bits that end it do not move.
-        for (uint i = lane(); has_ties && i < count; i += WORKGROUP) {
-            uint ties = ties_at(i, coarse);
-            if (ties > 1) sort_ties(i, ties);
-        }
+        sort_by_keys();
+#define KEEP(k) keys[own + k * gl_SubgroupSize] = key[k]; values[own + k * gl_SubgroupSize] = value[k];
+        EACH_ITEM(KEEP)
         barrier();
     }
     bool alone = bin.count <= BIN_RUN;

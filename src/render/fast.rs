@@ -8,7 +8,7 @@ use std::mem::offset_of;
 use anyhow::Result;
 
 use super::blending::{Target, extent_code};
-use super::fast_workspace::{FastWorkspace, MAX_BINS, PROJECT_CHUNK};
+use super::fast_workspace::{BIN_CHUNKS, FastWorkspace, MAX_BINS, PROJECT_CHUNK};
 use super::gpu_scene::GpuScene;
 use super::layout::Layout;
 use super::shaders::*;
@@ -17,6 +17,9 @@ use super::view::{DepthKeys, bins, view};
 use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, Extent, Shader, Stage};
 use crate::options::{Extent as Reach, Options, Order, Storage, TileTest};
+
+/// Blocks of pixels of a picture that are shared by two subgroups each: 720x720 pixels have 8,100.
+const FEW_BLOCKS: u64 = 16384;
 
 /// The stages of a fast frame.
 pub struct Fast {
@@ -29,7 +32,8 @@ pub struct Fast {
     sort: Stage<BinSort>,
     merge: Stage<BinMerge>,
     masks: Stage<BinMasks>,
-    blend: Stage<BinBlend>,
+    /// With one subgroup for a block of pixels, and with two.
+    blend: [Stage<BinBlend>; 2],
     subgroup: u32,
     longest_list: u32,
 }
@@ -65,32 +69,34 @@ impl Fast {
         let subgroups = BinSort::WORKGROUP[0] / subgroup;
         let digit_bits = digit_bits(subgroups, 16 << 10);
         let sort = BinSortConstants { digit_bits, subgroups, ballot_words };
-        let blend = BinBlendConstants {
-            subgroup,
-            alpha_min,
-            extent,
-            alpha_max: rules.alpha_max,
-            transmittance_min: rules.transmittance_min,
-            stop: options.stop,
-            compact,
-            at_once: knob("X_ONCE", 4),
-            leave: knob("X_LEAVE", 1) > 0,
-            parts: knob("X_PARTS", 1),
+        let blend = |parts: u32| {
+            let constants = BinBlendConstants {
+                subgroup,
+                parts,
+                at_once: 4 * parts,
+                alpha_min,
+                extent,
+                alpha_max: rules.alpha_max,
+                transmittance_min: rules.transmittance_min,
+                stop: options.stop,
+                compact,
+            };
+            Stage::new(device, &constants)
         };
         Ok(Some(Self {
             options: *options,
             layout: layout.clone(),
             project: Stage::new(device, &project)?,
-            count: Stage::new(device, &BinCountConstants { ballot_words, bin_chunks: knob("X_CHUNKS", 128) })?,
+            count: Stage::new(device, &BinCountConstants { ballot_words })?,
             offsets: Stage::new(device, &())?,
-            fill: Stage::new(device, &BinFillConstants { ballot_words, bin_chunks: knob("X_CHUNKS", 128) })?,
+            fill: Stage::new(device, &BinFillConstants { ballot_words })?,
             sort: Stage::new(device, &sort)?,
             merge: Stage::new(device, &())?,
             masks: Stage::new(device, &BinMasksConstants { subgroup, alpha_min, extent, compact })?,
-            blend: Stage::new(device, &blend)?,
+            blend: [blend(1)?, blend(if subgroup > 32 { 1 } else { 2 })?],
             subgroup,
             // For a batch of a subgroup's entries: one iteration each, and those around them.
-            longest_list: device.facts().loop_limit.map_or(u32::MAX, |limit| limit / knob("X_LIM", 4)),
+            longest_list: device.facts().loop_limit.map_or(u32::MAX, |limit| limit / 4),
         }))
     }
 
@@ -152,7 +158,7 @@ impl Fast {
         });
         between_stages(cmd);
         let (totals, span_ranges, spans) = (&work.totals, &work.span_ranges, &work.spans);
-        let parts = Extent::Groups(u64::from(knob("X_CHUNKS", 128)));
+        let parts = Extent::Groups(u64::from(BIN_CHUNKS));
         cmd.scope("count", |cmd| {
             let bindings = BinCountBindings { totals, span_ranges, spans, listed_in_bins: &work.listed_in_bins, part_places: &work.part_places };
             cmd.dispatch(&self.count, bindings, BinCountPush { bins_x, bins, visible_capacity }, parts);
@@ -235,9 +241,11 @@ impl Fast {
                 image: target.image,
             };
             let push = BinBlendPush { size_px: target.image.size(), bins_x, bins, background: target.background.colour() };
-            // A subgroup per block, of which a bin has 32.
-            let lanes = u64::from(bins) * 32 * u64::from(self.subgroup) * u64::from(knob("X_PARTS", 1));
-            cmd.dispatch(&self.blend, bindings, push, Extent::Invocations(lanes));
+            // A small picture has too few blocks to keep a large device busy.
+            let blocks = u64::from(bins) * 32;
+            let parts = if blocks <= FEW_BLOCKS && self.subgroup <= 32 { 2 } else { 1 };
+            let lanes = Extent::Invocations(blocks * parts * u64::from(self.subgroup));
+            cmd.dispatch(&self.blend[parts as usize - 1], bindings, push, lanes);
         });
     }
 }
@@ -246,8 +254,3 @@ impl Fast {
 fn is_compact(options: &Options) -> bool {
     matches!(options.sh_storage, Storage::F16 | Storage::U8)
 }
-
-fn knob(name: &str, default: u32) -> u32 {
-    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
-}
-

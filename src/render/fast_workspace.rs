@@ -9,7 +9,7 @@ use crate::gpu::{Buffer, Device};
 // The shaders' constants of the same names.
 pub(super) const MAX_BINS: u32 = 7200;
 pub(super) const PROJECT_CHUNK: usize = 512;
-pub(super) const BIN_CHUNKS: usize = 512;
+pub(super) const BIN_CHUNKS: u32 = 512;
 const BIN_RUN: usize = 2048;
 const BIN_STRETCH: usize = 1024;
 
@@ -56,7 +56,7 @@ impl FastWorkspace {
             span_ranges: Buffer::new(device, "span ranges", visible)?,
             spans: words("spans", spans)?,
             listed_in_bins: words("listed in bins", room.tiles)?,
-            part_places: words("part places", BIN_CHUNKS * room.tiles)?,
+            part_places: words("part places", BIN_CHUNKS as usize * room.tiles)?,
             bins: Buffer::new(device, "bins", room.tiles)?,
             bin_order: words("bin order", room.tiles)?,
             run_bins: words("run bins", entries / BIN_RUN + room.tiles)?,
