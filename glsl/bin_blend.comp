@@ -8,8 +8,8 @@
 #include "bin_splat.glsl"
 // One subgroup per block of 8x8 pixels: blends what reaches it front to back, and leaves when all its pixels are opaque.
 // Before: bins, sorted splat_ids and masks. After: image = (colour over the background, 1 - T).
-// No subgroup waits for another. A lane has several pixels of one column; the exponent of a splat is a polynomial around
-// the middle of the block (the idea of Local-GS), two fused multiply-adds a pixel.
+// No subgroup waits for another. A lane has several pixels of one column; the exponent of a splat is evaluated around the
+// middle of the block (the idea of Local-GS), by two fused multiply-adds a pixel as a polynomial.
 
 layout(constant_id = 6) const uint SUBGROUP = 32;
 layout(constant_id = 18) const float ALPHA_MAX = 0.99;
@@ -32,9 +32,10 @@ layout(push_constant, scalar) uniform Push {
 layout(constant_id = 10) const uint PARTS = 1;        // of a block, one below the other, each with a subgroup
 const uint PIXELS = BLOCK * BLOCK / PARTS / SUBGROUP;  // of a lane, one below the other
 const uint ROWS = SUBGROUP / BLOCK;                    // of pixels between them
-layout(constant_id = 7) const uint AT_ONCE = 4;  // splats whose alphas are computed before the first is blended
+const uint AT_ONCE = 4;                       // splats whose alphas are computed before the first is blended
 
-// Of the entries that are blended next: exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y).
+// Of the entries that are blended next: with COMPACT, exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y);
+// without, exponent = a.x - (a.y + x a.w + y b.x)^2 - (a.z + y b.y)^2, two operations more and a tenth of the rounding.
 shared vec4 staged_a[WORKGROUP];
 shared vec4 staged_b[WORKGROUP];  // and red, green
 shared float staged_blue[WORKGROUP];
@@ -148,11 +149,16 @@ uint stage(Record record, vec2 middle, bool exists) {
     place += gl_SubgroupID * SUBGROUP;
     precise float u = fma(factor.x, d.x, factor.y * d.y);
     precise float v = factor.z * d.y;
-    precise float at_middle = record.b.y - fma(u, u, v * v);
-    staged_a[place] =
-        vec4(exists ? at_middle : -1e30, -2.0 * factor.x * u, -2.0 * (factor.y * u + factor.z * v), -factor.x * factor.x);
-    staged_b[place] = vec4(
-        -2.0 * factor.x * factor.y, -(factor.y * factor.y + factor.z * factor.z), record.b.zw);
+    if (COMPACT) {
+        precise float at_middle = record.b.y - fma(u, u, v * v);
+        staged_a[place] = vec4(exists ? at_middle : -1e30, -2.0 * factor.x * u, -2.0 * (factor.y * u + factor.z * v),
+            -factor.x * factor.x);
+        staged_b[place] =
+            vec4(-2.0 * factor.x * factor.y, -(factor.y * factor.y + factor.z * factor.z), record.b.zw);
+    } else {
+        staged_a[place] = vec4(exists ? record.b.y : -1e30, u, v, factor.x);
+        staged_b[place] = vec4(factor.yz, record.b.zw);
+    }
     staged_blue[place] = record.blue;
     return all;
 }
@@ -171,13 +177,17 @@ void main() {
     uvec2 pixel = corner + uvec2(lane_of % BLOCK, lane_of / BLOCK);
     vec2 middle = vec2(corner) + 0.5 * vec2(BLOCK, BLOCK / PARTS);
     float x = float(lane_of % BLOCK) + 0.5 - 0.5 * float(BLOCK);
-    // The transmittance of a pixel, negated once it has stopped.
-    float y[PIXELS], live[PIXELS];
+    // The transmittance of a pixel that goes on, which ends it once it is below `limit`; of one that has stopped, 0, and its
+    // transmittance is `last`.
+    float y[PIXELS], live[PIXELS], limit[PIXELS], last[PIXELS];
     vec3 colour[PIXELS];
     for (uint k = 0; k < PIXELS; k++) {
         y[k] = float(lane_of / BLOCK + k * ROWS) + 0.5 - 0.5 * float(BLOCK / PARTS);
         colour[k] = vec3(0.0);
-        live[k] = all(lessThan(pixel + uvec2(0, k * ROWS), push.size_px)) ? 1.0 : -1.0;
+        bool inside = all(lessThan(pixel + uvec2(0, k * ROWS), push.size_px));
+        live[k] = inside ? 1.0 : 0.0;
+        limit[k] = inside ? max(TRANSMITTANCE_MIN, STOP) : -1.0;
+        last[k] = 1.0;
     }
 
     Walk walk;
@@ -208,9 +218,16 @@ void main() {
             [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
                 vec4 a = staged_a[i + j], b = staged_b[i + j];
                 colours[j] = vec3(b.zw, staged_blue[i + j]);
-                float on_axis = fma(x, fma(a.w, x, a.y), a.x), slope = fma(b.x, x, a.z);
+                float on_axis = COMPACT ? fma(x, fma(a.w, x, a.y), a.x) : fma(a.w, x, a.y);
+                float slope = fma(b.x, x, a.z);  // with COMPACT
                 [[unroll]] for (uint k = 0; k < PIXELS; k++) {
-                    float exponent = fma(y[k], fma(b.y, y[k], slope), on_axis);
+                    float exponent;
+                    if (COMPACT) {
+                        exponent = fma(y[k], fma(b.y, y[k], slope), on_axis);
+                    } else {
+                        float u = fma(b.x, y[k], on_axis), v = fma(b.y, y[k], a.z);
+                        exponent = fma(-u, u, fma(-v, v, a.x));
+                    }
                     // Positive phrasing: what is not a number is not drawn.
                     alphas[j][k] = exponent >= log2(ALPHA_MIN) ? min(ALPHA_MAX, exp2(exponent)) : 0.0;
                 }
@@ -219,25 +236,26 @@ void main() {
             float left[PIXELS][AT_ONCE + 1];
             bool ends = false;
             [[unroll]] for (uint k = 0; k < PIXELS; k++) {
-                left[k][0] = max(live[k], 0.0);
+                left[k][0] = live[k];
                 [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
                     left[k][j + 1] = fma(-alphas[j][k], left[k][j], left[k][j]);
                 }
-                ends = ends || live[k] > 0.0 && left[k][AT_ONCE] < max(TRANSMITTANCE_MIN, STOP);
+                live[k] = left[k][AT_ONCE];
+                ends = ends || live[k] < limit[k];
             }
             if (subgroupAny(ends)) {
                 [[unroll]] for (uint k = 0; k < PIXELS; k++) {
-                    float last = left[k][0];
-                    [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
-                        bool added = left[k][j + 1] >= TRANSMITTANCE_MIN;
-                        alphas[j][k] = added ? alphas[j][k] : 0.0;
-                        last = added ? left[k][j + 1] : last;
+                    if (live[k] < limit[k]) {
+                        last[k] = left[k][0];
+                        [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+                            bool added = left[k][j + 1] >= TRANSMITTANCE_MIN;
+                            alphas[j][k] = added ? alphas[j][k] : 0.0;
+                            last[k] = added ? left[k][j + 1] : last[k];
+                        }
+                        live[k] = 0.0;
+                        limit[k] = -1.0;
                     }
-                    bool stops = left[k][AT_ONCE] < max(TRANSMITTANCE_MIN, STOP);
-                    live[k] = live[k] <= 0.0 ? live[k] : stops ? -last : last;
                 }
-            } else {
-                [[unroll]] for (uint k = 0; k < PIXELS; k++) live[k] = live[k] > 0.0 ? left[k][AT_ONCE] : live[k];
             }
             [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
                 [[unroll]] for (uint k = 0; k < PIXELS; k++) {
@@ -252,7 +270,7 @@ void main() {
     for (uint k = 0; k < PIXELS; k++) {
         uvec2 at = pixel + uvec2(0, k * ROWS);
         if (all(lessThan(at, push.size_px))) {
-            float transmittance = abs(live[k]);
+            float transmittance = limit[k] < 0.0 ? last[k] : live[k];
             vec3 shown = fma(vec3(transmittance), push.background, colour[k]);
             imageStore(image, ivec2(at), vec4(shown, 1.0 - transmittance));
         }

@@ -12,10 +12,14 @@ void visit_row(uvec2 range, uint row, uint splat, uint from, uint step) {
 void visit_chunk(uint chunk) {
     uint visible = min(totals.visible, push.visible_capacity);
     uint each = div_up(visible, BIN_CHUNKS);
-    uint begin = chunk * each, end = min(visible, begin + each);
-    for (uint first = begin; first < end; first += WORKGROUP) {
-        uint splat = first + lane();
-        uvec2 range = splat < end ? span_ranges[splat] : uvec2(0);
+    uint begin = min(visible, chunk * each), end = min(visible, begin + each);
+    // Lanes of a subgroup take splats far from one another: those nearby are often in one bin, where they would wait for
+    // each other.
+    uint part = div_up(end - begin, gl_SubgroupSize);
+    uint own_begin = begin + gl_SubgroupInvocationID * part, own_end = min(own_begin + part, end);
+    for (uint first = 0; first < part; first += gl_NumSubgroups) {
+        uint splat = own_begin + first + gl_SubgroupID;
+        uvec2 range = first + gl_SubgroupID < part && splat < own_end ? span_ranges[splat] : uvec2(0);
         uint rows = range.y >> 16;
         bool shared_work = rows > ROWS_ALONE;
         if (!shared_work) {

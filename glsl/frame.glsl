@@ -14,7 +14,7 @@ const uint BLOCK = 8;             // px, width and height
 const uint BLOCKS = 32;           // in a bin, row by row
 const uint MAX_BINS = 7200;       // whose counts leave some of 32 KiB of workgroup memory
 const uint BIN_PROJECT_CHUNK = 512;
-const uint BIN_CHUNKS = 512;      // parts in which splats are listed
+const uint BIN_CHUNKS = 264;      // parts in which splats are listed
 const uint BIN_RUN = 2048;        // entries that a workgroup sorts
 const uint BIN_STRETCH = 1024;    // entries whose masks lie together
 

@@ -62,10 +62,14 @@ fn bench_reports_frames_stages_counts_and_memory() {
     assert!(!validator.is_valid(&broken), "the schema notices what is missing");
 
     let run = &report["runs"][0];
-    let stages: Vec<_> = run["stages"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();
-    let expected =
+    let stages = |run: &Value| -> Vec<String> {
+        run["stages"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap().to_owned()).collect()
+    };
+    let fast = ["clear", "project", "count", "offsets", "fill", "sort", "merge", "masks", "blend", "gaps"];
+    let portable =
         ["clear", "cull", "project", "sort depths", "scan", "duplicate", "sort tiles", "ranges", "blend", "gaps"];
-    assert_eq!(stages, expected);
+    assert_eq!(stages(run), fast);
+    assert_eq!(stages(&report["runs"][1]), portable);
     let mean = |value: &Value| value["mean"].as_f64().unwrap();
     let inside: f64 = run["stages"].as_array().unwrap().iter().map(|s| mean(&s["ms"])).sum();
     let frame = mean(&run["frame"]["staged_gpu_ms"]);
@@ -81,7 +85,7 @@ fn bench_reports_frames_stages_counts_and_memory() {
     assert!(run["memory"].as_array().unwrap().iter().any(|m| m["buffer"] == "splats" && m["bytes"].as_u64() > Some(0)));
     assert!(run["psnr_db"].as_f64().unwrap() > 60.0);
     assert_eq!(report["runs"][1]["subject"]["preset"], "portable");
-    assert_eq!(report["runs"][1]["image_hash"], run["image_hash"], "both presets draw the same bits");
+    assert!(report["runs"][1]["psnr_db"].as_f64().unwrap() > 60.0);
     assert_eq!(report["runs"][1]["subject"]["scene"], run["subject"]["scene"]);
 
     let mut rows = csv::Reader::from_path(&table).unwrap();

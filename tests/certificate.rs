@@ -101,7 +101,8 @@ fn a_certified_picture_is_the_same_picture() {
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [100, 70], 0.9);
     for (name, options) in settings() {
         let [picture, _] = certified(&gpu, &scene, &camera, &options, Background::BLACK);
-        assert!(picture == gpu.render(&scene, &camera, &options), "{name}");
+        let portable = Options { portable: true, ..options };
+        assert!(picture == gpu.render(&scene, &camera, &portable), "{name}");
     }
 }
 

@@ -28,7 +28,7 @@ fn the_last_rung_is_the_frame_that_render_draws() {
     let gpu = Gpu::new();
     let (scene, camera) = (synthetic::cactus(4000).unwrap().gaussians, camera([150, 90]));
     let last = draw(&gpu, &RUNGS[RUNGS.len() - 1], &scene, std::slice::from_ref(&camera));
-    assert!(last.1 == gpu.render(&scene, &camera, &Options::EXACT));
+    assert!(last.1 == gpu.render(&scene, &camera, &Options { portable: true, ..Options::EXACT }));
 }
 
 #[test]

@@ -73,7 +73,6 @@ impl Fast {
             let constants = BinBlendConstants {
                 subgroup,
                 parts,
-                at_once: 4 * parts,
                 alpha_min,
                 extent,
                 alpha_max: rules.alpha_max,
@@ -158,7 +157,7 @@ impl Fast {
         });
         between_stages(cmd);
         let (totals, span_ranges, spans) = (&work.totals, &work.span_ranges, &work.spans);
-        let parts = Extent::Groups(u64::from(BIN_CHUNKS));
+        let parts = Extent::Groups(BIN_CHUNKS as u64);
         cmd.scope("count", |cmd| {
             let bindings = BinCountBindings { totals, span_ranges, spans, listed_in_bins: &work.listed_in_bins, part_places: &work.part_places };
             cmd.dispatch(&self.count, bindings, BinCountPush { bins_x, bins, visible_capacity }, parts);

@@ -9,7 +9,7 @@ use crate::gpu::{Buffer, Device};
 // The shaders' constants of the same names.
 pub(super) const MAX_BINS: u32 = 7200;
 pub(super) const PROJECT_CHUNK: usize = 512;
-pub(super) const BIN_CHUNKS: u32 = 512;
+pub(super) const BIN_CHUNKS: usize = 264;
 const BIN_RUN: usize = 2048;
 const BIN_STRETCH: usize = 1024;
 
@@ -40,6 +40,14 @@ pub struct FastWorkspace {
 }
 
 impl FastWorkspace {
+    /// A first guess of the room for a scene, from that of the portable path.
+    pub fn guess(device: &Device, guess: Demand) -> Demand {
+        let most = |bytes: u64| device.facts().limits.storage_range / bytes;
+        // Captured scenes at 1080p: a splat is in 1.2 rows of bins and in 2 bins.
+        let visible = guess.visible.min(most(48));
+        Demand { visible, spans: visible / 2, instances: (2 * visible).max(1 << 15).min(most(8)), ..guess }
+    }
+
     pub fn new(device: &Device, room: Demand, splat_elements: usize) -> Result<Self> {
         let visible = length("visible splats", room.visible)?;
         let spans = length("rows of bins", room.spans)?;
@@ -56,7 +64,7 @@ impl FastWorkspace {
             span_ranges: Buffer::new(device, "span ranges", visible)?,
             spans: words("spans", spans)?,
             listed_in_bins: words("listed in bins", room.tiles)?,
-            part_places: words("part places", BIN_CHUNKS as usize * room.tiles)?,
+            part_places: words("part places", BIN_CHUNKS * room.tiles)?,
             bins: Buffer::new(device, "bins", room.tiles)?,
             bin_order: words("bin order", room.tiles)?,
             run_bins: words("run bins", entries / BIN_RUN + room.tiles)?,

@@ -8,6 +8,7 @@ mod fast_workspace;
 mod gpu_scene;
 mod inspect;
 mod layout;
+mod paths;
 mod renderer;
 mod shaders;
 mod sort;

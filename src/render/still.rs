@@ -4,14 +4,11 @@ use anyhow::{Context, Result, anyhow, ensure};
 
 use super::blending::{Target, Variation};
 use super::explain::{Explainer, Explanation};
-use super::fast::Fast;
-use super::fast_workspace::FastWorkspace;
 use super::gpu_scene::GpuScene;
 use super::inspect::{Inspection, Inspector};
-use super::renderer::Renderer;
+use super::paths::{Limits, Paths};
 use super::shaders::{Enlarge, EnlargeBindings, EnlargePush, Room, Totals};
-use super::view::{bins, tiles};
-use super::workspace::{Demand, Workspace};
+use super::workspace::Demand;
 use crate::camera::Camera;
 use crate::gpu::{
     Access, Buffer, Commands, Device, Extent, Image, InFlight, Readback, Results, Stage, Timestamps, Timing,
@@ -25,19 +22,18 @@ pub struct Still {
     device: Device,
     options: Options,
     scene: GpuScene,
-    renderer: Renderer,
-    work: Workspace,
-    fast: Option<(Fast, FastWorkspace)>,
+    paths: Paths,
     image: Image,
     /// What is drawn smaller than the picture.
     enlarged: Option<Enlarged>,
     certificate: Option<Image>,
-    passes: u32,
     /// Of the frame recorded last.
     drawn: Limits,
     timestamps: Timestamps,
     inspector: Option<Inspector>,
     explainer: Option<Explainer>,
+    /// The lists of the frame are read, those of the portable path.
+    needs_lists: bool,
     /// The frame recorded last.
     last: Option<Last>,
 }
@@ -48,7 +44,7 @@ struct Last {
     number: u64,
     camera: Camera,
     background: Background,
-    /// It is done, and `work` holds all of it.
+    /// It is done, and the lists of the portable path hold all of it.
     is_whole: bool,
 }
 
@@ -80,16 +76,6 @@ pub struct Recorded {
     limits: Limits,
 }
 
-/// What a frame has to keep to.
-#[derive(Clone, Copy, PartialEq)]
-struct Limits {
-    /// It is drawn on the fast path.
-    is_fast: bool,
-    /// What it has room for.
-    room: Demand,
-    longest_list: u32,
-}
-
 /// More attempts than any frame needs: each grows to the demand of the one before, and demands hide behind one another
 /// (visible, spans and instances, list length).
 const MAX_ATTEMPTS: u32 = 6;
@@ -108,16 +94,11 @@ impl Still {
     }
 
     fn varied(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
-        let fast = fast_path(device, options, scene, variation)?;
-        // What is drawn on the fast path alone needs no room on the other.
-        let guess = if fast.is_some() { Demand::default() } else { Demand::guess(device, scene.len(), 1) };
         Ok(Self {
             device: device.clone(),
             options: *options,
             scene: scene.clone(),
-            renderer: Renderer::varied(device, options, scene.layout(), variation)?,
-            work: Workspace::new(device, guess)?,
-            fast,
+            paths: Paths::new(device, options, scene, variation)?,
             image: Image::new(device, "image", 1, 1)?,
             enlarged: match options.scale {
                 1.0 => None,
@@ -126,11 +107,11 @@ impl Still {
                 }
             },
             certificate: None,
-            passes: 1,
             drawn: Limits { is_fast: false, room: Demand::default(), longest_list: 0 },
             timestamps: Timestamps::All,
             inspector: None,
             explainer: None,
+            needs_lists: false,
             last: None,
         })
     }
@@ -142,10 +123,7 @@ impl Still {
 
     /// Starts from this much room, to see it grow.
     pub fn with_room(mut self, room: Demand) -> Result<Self> {
-        match &mut self.fast {
-            Some((fast, work)) => *work = FastWorkspace::new(&self.device, room, fast.splat_elements())?,
-            None => self.work = Workspace::new(&self.device, room)?,
-        }
+        self.paths.set_room(&self.device, room)?;
         self.last = None;
         Ok(self)
     }
@@ -167,15 +145,14 @@ impl Still {
     /// From here on frames count their work, which takes longer, or do not.
     pub fn count_work(&mut self, counts_work: bool) -> Result<()> {
         let variation = Variation { counts_work, certifies: self.certificate.is_some() };
-        self.renderer = Renderer::varied(&self.device, &self.options, self.scene.layout(), variation)?;
-        self.fast = fast_path(&self.device, &self.options, &self.scene, variation)?;
+        self.paths = Paths::new(&self.device, &self.options, &self.scene, variation)?;
+        self.last = None;
         Ok(())
     }
 
     /// Device memory for everything but the scene: every buffer's name and bytes.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
-        let mut buffers = self.work.buffers();
-        buffers.extend(self.fast.iter().flat_map(|(_, work)| work.buffers()));
+        let mut buffers = self.paths.buffers();
         buffers.push(("image", self.image.bytes()));
         buffers.extend(self.certificate.iter().map(|certificate| ("certificate", certificate.bytes())));
         buffers.extend(self.enlarged.iter().map(|enlarged| ("drawn image", enlarged.drawn.bytes())));
@@ -184,7 +161,7 @@ impl Still {
 
     /// Passes over its keys that a frame's sort by depth takes, and its sort by tile.
     pub fn sort_passes(&self, camera: &Camera) -> [u32; 2] {
-        self.renderer.sort_passes(&self.scene, camera)
+        self.paths.renderer.sort_passes(&self.scene, camera)
     }
 
     /// Renders a complete frame; [`Still::pixels`] reads it.
@@ -249,64 +226,29 @@ impl Still {
         if let Some(enlarged) = &mut self.enlarged {
             fit(&self.device, &mut enlarged.drawn, "drawn image", camera.size_px)?;
         }
-        let is_inspected = self.inspector.is_some();
-        let fast = self.fast.as_mut().filter(|(fast, _)| !is_inspected && fast.takes(camera.size_px));
-        let gaussians = self.scene.len();
-        let tiles = if fast.is_some() { bins(camera.size_px) } else { tiles(camera.size_px) };
-        let tiles = tiles.iter().map(|n| *n as usize).product();
-        let demand = Demand { gaussians, tiles, ..Demand::default() };
-        let image = self.enlarged.as_ref().map_or(&self.image, |enlarged| &enlarged.drawn);
-        let target = Target { image, certificate: self.certificate.as_ref(), background };
-        let totals;
-        match fast {
-            Some((fast, work)) => {
-                work.grow(&self.device, demand)?;
-                self.drawn = Limits { is_fast: true, room: work.room, longest_list: fast.longest_list() };
-                totals = &work.totals;
-                record_frame(cmd, &self.enlarged, &self.image, |cmd| {
-                    fast.record(cmd, (&self.scene, camera), work, target);
-                });
+        let inspector = self.inspector.as_ref();
+        let needs_lists = self.needs_lists || inspector.is_some();
+        self.drawn = self.paths.prepare(&self.device, self.scene.len(), camera.size_px, needs_lists)?;
+        cmd.scope("frame", |cmd| {
+            let image = self.enlarged.as_ref().map_or(&self.image, |enlarged| &enlarged.drawn);
+            let target = Target { image, certificate: self.certificate.as_ref(), background };
+            self.paths.record(cmd, (&self.scene, camera), target, self.drawn, inspector);
+            if let Some(enlarged) = &self.enlarged {
+                cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+                cmd.scope("enlarge", |cmd| enlarged.record(cmd, &self.image));
             }
-            None => {
-                self.work.grow(&self.device, demand)?;
-                let longest_list = self.renderer.longest_list(self.passes);
-                self.drawn = Limits { is_fast: false, room: self.work.room, longest_list };
-                totals = &self.work.totals;
-                let (work, inspector) = (&self.work, self.inspector.as_ref());
-                record_frame(cmd, &self.enlarged, &self.image, |cmd| {
-                    self.renderer.record(cmd, (&self.scene, camera), work, target, self.passes, inspector);
-                });
-            }
-        }
+        });
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-        Ok(Recorded { number, totals: cmd.read(totals)?, limits: self.drawn })
+        Ok(Recorded { number, totals: cmd.read(self.totals())?, limits: self.drawn })
     }
 
     /// What a frame counted, if it is complete. If it did not fit, the next one has more room.
     pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
         let totals = results.view(&recorded.totals)[0];
         let limits = recorded.limits;
-        let demand = Demand::of(&totals, self.scene.len(), limits.room.tiles);
-        let is_whole = demand.fits(limits.room) && totals.longest_list <= limits.longest_list;
-        let room = match &mut self.fast {
-            Some((fast, work)) if limits.is_fast => {
-                work.grow(&self.device, demand)?;
-                let room = work.room;
-                if totals.longest_list > fast.longest_list() {
-                    self.fast = None;
-                }
-                room
-            }
-            _ if limits.is_fast => limits.room,
-            _ => {
-                self.work.grow(&self.device, demand)?;
-                self.passes = self.passes.max(self.renderer.passes(totals.longest_list));
-                self.work.room
-            }
-        };
+        let is_whole = self.paths.judge(&self.device, &totals, limits)?;
         if let Some(last) = &mut self.last {
-            // An explanation reads the lists of the portable path.
-            last.is_whole = is_whole && !limits.is_fast && last.number == recorded.number && room == limits.room;
+            last.is_whole = is_whole && last.number == recorded.number && self.paths.holds(limits);
         }
         Ok(is_whole.then_some(totals))
     }
@@ -318,9 +260,9 @@ impl Still {
         let size = camera.size_px;
         ensure!(pixel[0] < size[0] && pixel[1] < size[1], "pixel {pixel:?} lies outside of a picture of {size:?}");
         if !is_whole {
-            let fast = self.fast.take();
+            self.needs_lists = true;
             let rendered = self.render(&camera, background);
-            self.fast = fast;
+            self.needs_lists = false;
             rendered?;
         }
         let explainer = match &mut self.explainer {
@@ -333,7 +275,7 @@ impl Still {
             (place as u32).min(drawn[i] - 1)
         });
         let view = (&self.scene, &camera.sampled(drawn));
-        explainer.explain(&self.device, &self.renderer, view, &self.work, pixel)
+        explainer.explain(&self.device, &self.paths.renderer, view, &self.paths.work, pixel)
     }
 
     /// Width and height of the picture drawn last.
@@ -348,10 +290,7 @@ impl Still {
 
     /// What the frame drawn last counted.
     pub(super) fn totals(&self) -> &Buffer<Totals> {
-        match &self.fast {
-            Some((_, work)) if self.drawn.is_fast => &work.totals,
-            _ => &self.work.totals,
-        }
+        self.paths.totals(self.drawn)
     }
 
     /// What the frame drawn last had room for, as the shader that shows it takes it.
@@ -372,40 +311,6 @@ impl Still {
     pub fn certificate(&self) -> Result<Option<Pixels>> {
         self.certificate.as_ref().map(|certificate| read_pixels(&self.device, certificate)).transpose()
     }
-}
-
-/// The fast path and a first guess of its room, where it can be taken.
-fn fast_path(
-    device: &Device,
-    options: &Options,
-    scene: &GpuScene,
-    variation: Variation,
-) -> Result<Option<(Fast, FastWorkspace)>> {
-    let fast = if variation == Variation::default() { Fast::new(device, options, scene.layout())? } else { None };
-    let guess = Demand::guess(device, scene.len(), 1);
-    // Captured scenes at 1080p: a splat is in 1.2 rows of bins and in 1.8 bins.
-    let guess = Demand { spans: guess.visible / 2 * 3, instances: guess.visible * 2, ..guess };
-    fast.map(|fast| {
-        let work = FastWorkspace::new(device, guess, fast.splat_elements())?;
-        Ok((fast, work))
-    })
-    .transpose()
-}
-
-/// Records what `draw` does, and what enlarges it.
-fn record_frame(
-    cmd: &mut Commands,
-    enlarged: &Option<Enlarged>,
-    image: &Image,
-    draw: impl FnOnce(&mut Commands),
-) {
-    cmd.scope("frame", |cmd| {
-        draw(cmd);
-        if let Some(enlarged) = enlarged {
-            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-            cmd.scope("enlarge", |cmd| enlarged.record(cmd, image));
-        }
-    });
 }
 
 impl Enlarged {

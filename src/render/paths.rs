@@ -1,0 +1,141 @@
+//! The two ways to draw a frame, and which of them one takes.
+
+use anyhow::Result;
+
+use super::blending::{Target, Variation};
+use super::fast::Fast;
+use super::fast_workspace::FastWorkspace;
+use super::gpu_scene::GpuScene;
+use super::inspect::Inspector;
+use super::renderer::Renderer;
+use super::shaders::Totals;
+use super::view::{bins, tiles};
+use super::workspace::{Demand, Workspace};
+use crate::camera::Camera;
+use crate::gpu::{Buffer, Commands, Device};
+use crate::memory::OutOfMemory;
+use crate::options::Options;
+
+/// The portable path, which draws everything, and the fast one where it can be taken.
+pub(super) struct Paths {
+    pub renderer: Renderer,
+    pub work: Workspace,
+    passes: u32,
+    fast: Option<(Fast, FastWorkspace)>,
+}
+
+/// What a frame has to keep to.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) struct Limits {
+    pub is_fast: bool,
+    /// What it has room for.
+    pub room: Demand,
+    pub longest_list: u32,
+}
+
+impl Paths {
+    pub fn new(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
+        let layout = scene.layout();
+        // What is counted, certified or looked at are the lists of the portable path.
+        let fast = if variation == Variation::default() { Fast::new(device, options, layout)? } else { None };
+        let guess = Demand::guess(device, scene.len(), 1);
+        let fast = fast.map(|fast| {
+            let work = FastWorkspace::new(device, FastWorkspace::guess(device, guess), fast.splat_elements())?;
+            anyhow::Ok((fast, work))
+        });
+        let fast = fast.transpose()?;
+        Ok(Self {
+            renderer: Renderer::varied(device, options, layout, variation)?,
+            // What is drawn on the fast path needs no room on the other.
+            work: Workspace::new(device, if fast.is_some() { Demand::default() } else { guess })?,
+            passes: 1,
+            fast,
+        })
+    }
+
+    /// Starts from this much room.
+    pub fn set_room(&mut self, device: &Device, room: Demand) -> Result<()> {
+        match &mut self.fast {
+            Some((fast, work)) => *work = FastWorkspace::new(device, room, fast.splat_elements())?,
+            None => self.work = Workspace::new(device, room)?,
+        }
+        Ok(())
+    }
+
+    /// Every buffer's name and bytes.
+    pub fn buffers(&self) -> Vec<(&str, u64)> {
+        self.work.buffers().into_iter().chain(self.fast.iter().flat_map(|(_, work)| work.buffers())).collect()
+    }
+
+    /// What the frame of these limits counts.
+    pub fn totals(&self, limits: Limits) -> &Buffer<Totals> {
+        match &self.fast {
+            Some((_, work)) if limits.is_fast => &work.totals,
+            _ => &self.work.totals,
+        }
+    }
+
+    /// Makes room for a frame of this size, on the path that it takes.
+    pub fn prepare(&mut self, device: &Device, gaussians: usize, size: [u32; 2], needs_lists: bool) -> Result<Limits> {
+        let demand = |counted: [u32; 2]| {
+            let tiles = counted.iter().map(|n| *n as usize).product();
+            Demand { gaussians, tiles, ..Demand::default() }
+        };
+        let fast = self.fast.as_mut().filter(|(fast, _)| !needs_lists && fast.takes(size));
+        if let Some((fast, work)) = fast
+            && grown(work.grow(device, demand(bins(size))))?
+        {
+            return Ok(Limits { is_fast: true, room: work.room, longest_list: fast.longest_list() });
+        }
+        self.work.grow(device, demand(tiles(size)))?;
+        Ok(Limits { is_fast: false, room: self.work.room, longest_list: self.renderer.longest_list(self.passes) })
+    }
+
+    /// Records a frame that is prepared.
+    pub fn record(
+        &self,
+        cmd: &mut Commands,
+        view: (&GpuScene, &Camera),
+        target: Target,
+        limits: Limits,
+        inspector: Option<&Inspector>,
+    ) {
+        match &self.fast {
+            Some((fast, work)) if limits.is_fast => fast.record(cmd, view, work, target),
+            _ => self.renderer.record(cmd, view, &self.work, target, self.passes, inspector),
+        }
+    }
+
+    /// Whether a frame that counted `totals` kept to its limits. If it did not, the next one has more room, or takes the
+    /// portable path where the fast one has not enough.
+    pub fn judge(&mut self, device: &Device, totals: &Totals, limits: Limits) -> Result<bool> {
+        let demand = Demand::of(totals, limits.room.gaussians, limits.room.tiles);
+        let is_whole = demand.fits(limits.room) && totals.longest_list <= limits.longest_list;
+        match &mut self.fast {
+            Some((_, work)) if limits.is_fast => {
+                if totals.longest_list > limits.longest_list || !grown(work.grow(device, demand))? {
+                    self.fast = None;
+                }
+            }
+            _ if limits.is_fast => {}
+            _ => {
+                self.work.grow(device, demand)?;
+                self.passes = self.passes.max(self.renderer.passes(totals.longest_list));
+            }
+        }
+        Ok(is_whole)
+    }
+
+    /// Whether the portable path still holds a frame of these limits.
+    pub fn holds(&self, limits: Limits) -> bool {
+        !limits.is_fast && self.work.room == limits.room
+    }
+}
+
+/// Whether there is memory to grow.
+fn grown(result: Result<()>) -> Result<bool> {
+    match result {
+        Err(error) if error.is::<OutOfMemory>() => Ok(false),
+        other => other.map(|()| true),
+    }
+}
