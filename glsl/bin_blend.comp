@@ -118,7 +118,7 @@ Record load_record(uint splat) {
 
 // Whether a splat may reach a pixel centre in the box from `low` to `high`, px from its mean. The least falloff in the box
 // lies at the mean or on one of the two sides that face it.
-bool reaches(vec3 factor, float log2_opacity, vec2 low, vec2 high) {
+bool reaches(vec3 factor, float limit, vec2 low, vec2 high) {
     vec2 near = clamp(vec2(0.0), low, high);
     float best_y = -factor.x * factor.y / (factor.y * factor.y + factor.z * factor.z) * near.x;
     float best_x = -factor.y / factor.x * near.y;
@@ -127,7 +127,7 @@ bool reaches(vec3 factor, float log2_opacity, vec2 low, vec2 high) {
     vec2 v = factor.z * vec2(on_x.y, on_y.y);
     vec2 fall = u * u + v * v;
     vec2 far = max(abs(low), abs(high));
-    float border = sqrt(max(log2_opacity - log2(ALPHA_MIN), 0.0) + 1e-3)
+    float border = sqrt(max(limit, 0.0) + 1e-3)
         + 1e-6 * (factor.x * far.x + (abs(factor.y) + factor.z) * far.y);
     return !(min(fall.x, fall.y) > border * border);
 }
@@ -229,7 +229,7 @@ void main() {
                         exponent = fma(-u, u, fma(-v, v, a.x));
                     }
                     // Positive phrasing: what is not a number is not drawn.
-                    alphas[j][k] = exponent >= log2(ALPHA_MIN) ? min(ALPHA_MAX, exp2(exponent)) : 0.0;
+                    alphas[j][k] = exponent >= 0.0 ? min(ALPHA_MAX, ALPHA_MIN * exp2(exponent)) : 0.0;
                 }
             }
             // Transmittances as if no pixel stopped, which is seldom wrong; then what was added after all.

@@ -26,9 +26,9 @@ shared uint reached[BIN_STRETCH];            // blocks, a bit each
 shared uint rows[BLOCKS * (BIN_STRETCH / 32 + 1)];  // of a block's words, padded against bank conflicts
 
 // Blocks of a bin whose pixel centres the ellipse meets, a bit each. `corner`: px, of the bin, from the mean.
-uint blocks_reached(vec2 corner, vec3 factor, float log2_opacity, vec2 mean) {
+uint blocks_reached(vec2 corner, vec3 factor, float limit, vec2 mean) {
     // Over the true border: blend's f32 weights may pass ALPHA_MIN by their rounding.
-    float border = sqrt(max(log2_opacity - log2(ALPHA_MIN), 0.0) + 1e-3);
+    float border = sqrt(max(limit, 0.0) + 1e-3);
     float half_height = border / factor.z, per_x = 1.0 / factor.x, slope = factor.y * per_x;
     float rightmost_y = -factor.y * half_height * inversesqrt(factor.y * factor.y + factor.z * factor.z);
     vec2 far = abs(corner) + vec2(BIN);

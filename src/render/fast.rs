@@ -249,7 +249,7 @@ impl Fast {
     }
 }
 
-/// Whether colours of splats are kept in 16-bit floats: where those of Gaussians may be.
+/// Whether colours of splats are kept in 16-bit floats: where those of Gaussians may be, and pixels may stop early.
 fn is_compact(options: &Options) -> bool {
-    matches!(options.sh_storage, Storage::F16 | Storage::U8)
+    matches!(options.sh_storage, Storage::F16 | Storage::U8) && options.stop > 0.0
 }

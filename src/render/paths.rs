@@ -115,6 +115,7 @@ impl Paths {
             Some((_, work)) if limits.is_fast => {
                 if totals.longest_list > limits.longest_list || !grown(work.grow(device, demand))? {
                     self.fast = None;
+                    self.work = Workspace::new(device, Demand::guess(device, limits.room.gaussians, 1))?;
                 }
             }
             _ if limits.is_fast => {}

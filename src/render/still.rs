@@ -77,8 +77,8 @@ pub struct Recorded {
 }
 
 /// More attempts than any frame needs: each grows to the demand of the one before, and demands hide behind one another
-/// (visible, spans and instances, list length).
-const MAX_ATTEMPTS: u32 = 6;
+/// (visible, spans and instances, list length), on either path.
+const MAX_ATTEMPTS: u32 = 10;
 
 impl Still {
     pub fn new(device: &Device, options: &Options, scene: &GpuScene) -> Result<Self> {
