@@ -254,7 +254,8 @@ fn an_isolated_gaussian_is_drawn_as_if_it_were_alone() {
     let gpu = Gpu::new();
     let all = cloud(&mut Random(8), 2500, 2, 0.3);
     let (scene, camera) = (build(&all, 2), camera());
-    let options = Options { shape_storage: Storage::F32, sh_storage: Storage::F32, ..Options::EXACT };
+    // What is looked at is drawn on the portable path.
+    let options = Options { shape_storage: Storage::F32, sh_storage: Storage::F32, portable: true, ..Options::EXACT };
     let mut still = still_of(&gpu, &scene, &options);
     let visible = reference::cull(&scene, &camera, RULES);
     let hidden = (0..2500).find(|id| visible.binary_search(id).is_err()).unwrap();
@@ -278,7 +279,7 @@ fn an_isolated_gaussian_is_drawn_as_if_it_were_alone() {
 fn what_is_culled_from_elsewhere_is_drawn_from_here() {
     let gpu = Gpu::new();
     for (scene, from) in cases() {
-        let mut still = still_of(&gpu, &scene, &Options::EXACT);
+        let mut still = still_of(&gpu, &scene, &Options { portable: true, ..Options::EXACT });
         let frozen = inspect(&mut still, &from, Inspection::default()).gaussians();
         let keep = |ids: &[u32]| {
             let all = common::free::free(&scene);
@@ -456,7 +457,8 @@ fn outlines_lie_on_the_ellipse_and_centres_at_the_mean() {
 fn no_inspection_costs_nothing_and_changes_nothing() {
     let gpu = Gpu::new();
     let (scene, camera) = (build(&cloud(&mut Random(5), 400, 2, 0.3), 2), camera());
-    let mut still = still_of(&gpu, &scene, &Options::EXACT);
+    let options = Options { portable: true, ..Options::EXACT };
+    let mut still = still_of(&gpu, &scene, &options);
     let mut frame = |inspection: Inspection| {
         still.set_inspection(inspection).unwrap();
         let (frame, results) = still.render_with(&camera, Background::BLACK, |_| {}).unwrap();
@@ -464,7 +466,7 @@ fn no_inspection_costs_nothing_and_changes_nothing() {
         (still.pixels().unwrap(), names, results.barriers())
     };
     let ordinary = frame(Inspection::default());
-    assert!(ordinary.0 == gpu.render(&scene, &camera, &Options::EXACT));
+    assert!(ordinary.0 == gpu.render(&scene, &camera, &options));
     let depth = frame(look(Look::Attribute(Attribute::Depth)));
     assert!(depth.1.contains(&"recolour") && depth.1.contains(&"blend") && depth.0 != ordinary.0);
     let work = frame(look(Look::Work(Work::TileLoad)));

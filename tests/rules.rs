@@ -93,12 +93,17 @@ fn presets_draw_by_their_rules_on_every_path() {
     let gpu = Gpu::new();
     let scene = scene();
     for (name, options) in Options::PRESETS {
-        let pixels = gpu.render(&scene, &camera(), &options);
-        let portable = gpu.render(&scene, &camera(), &Options { portable: true, ..options });
-        assert!(pixels == portable, "{name}: the portable path draws the same bits");
+        let [pixels, portable] =
+            [options.portable, true].map(|portable| gpu.render(&scene, &camera(), &Options { portable, ..options }));
         if options.stop == 0.0 {
-            let found = compare(&pixels, &reference_by(&options.rules, &scene));
-            assert_agrees(name, &options.rules, &found);
+            let exact = reference_by(&options.rules, &scene);
+            for pixels in [&pixels, &portable] {
+                assert_agrees(name, &options.rules, &compare(pixels, &exact));
+            }
+        } else {
+            // A pixel may go on a few splats longer on the fast path.
+            let error = f64::from(max_error(&pixels, &portable));
+            assert!(error <= 2.0 * f64::from(options.stop), "{name}: {error}");
         }
     }
 }

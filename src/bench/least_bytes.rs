@@ -38,6 +38,13 @@ impl Work<'_> {
             "sort tiles" => instances * pass * tile_passes,
             // Keys in; ranges out and in; order out.
             "ranges" => 4 * instances + 20 * tiles,
+            // Of the fast path, whose instances are entries of bins. Span ranges and spans in.
+            "count" => 8 * visible + 4 * spans,
+            // The same and depth keys in; depth key and splat of every entry out.
+            "fill" => 12 * visible + 4 * spans + 8 * instances,
+            "sort" => (8 + 4) * instances,
+            // Splat ids and the shapes of splats in; a bit for each of 32 blocks out.
+            "masks" => (4 + 4) * instances + 32 * visible,
             // Every splat in once, from wherever it is cached; the image out.
             "blend" => visible * splat + 4 * instances + 16 * self.pixels,
             _ => 0,

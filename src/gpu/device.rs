@@ -12,7 +12,7 @@ use raw_window_handle::{HasDisplayHandle, RawDisplayHandle};
 use super::error::{Unavailable, describe};
 use super::facts::{
     self, ANY_FORMAT, DEVICE_FAULT, DeviceChoice, DeviceFacts, HALF_FLOATS, MEMORY_BUDGET, PORTABILITY_SUBSET,
-    STATISTICS, SWAPCHAINS,
+    SWAPCHAINS,
 };
 use super::instance::Instance;
 use super::submission::{Slot, completed};
@@ -37,7 +37,6 @@ pub(super) struct Shared {
     pub push_descriptor: khr::push_descriptor::Device,
     pub debug: Option<ext::debug_utils::Device>,
     pub fault: Option<ext::device_fault::Device>,
-    pub statistics: Option<khr::pipeline_executable_properties::Device>,
     pub facts: DeviceFacts,
     /// Own checks and markers are on.
     pub checked: bool,
@@ -87,9 +86,6 @@ impl Device {
         if facts.has(PORTABILITY_SUBSET) {
             extensions.push(khr::portability_subset::NAME.as_ptr());
         }
-        if facts.has(STATISTICS) {
-            extensions.push(khr::pipeline_executable_properties::NAME.as_ptr());
-        }
         if presents {
             extensions.push(khr::swapchain::NAME.as_ptr());
         }
@@ -110,8 +106,6 @@ impl Device {
             .compute_full_subgroups(true)
             .dynamic_rendering(facts.has(SWAPCHAINS));
         let mut fault = vk::PhysicalDeviceFaultFeaturesEXT::default().device_fault(true);
-        let mut statistics =
-            vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
         let mut info = vk::DeviceCreateInfo::default()
             .queue_create_infos(std::slice::from_ref(&queue))
             .enabled_extension_names(&extensions)
@@ -120,9 +114,6 @@ impl Device {
             .push_next(&mut features13);
         if facts.has(DEVICE_FAULT) {
             info = info.push_next(&mut fault);
-        }
-        if facts.has(STATISTICS) {
-            info = info.push_next(&mut statistics);
         }
         // SAFETY: clause 4, every extension and feature was found in `facts`.
         let raw =
@@ -133,8 +124,6 @@ impl Device {
             push_descriptor: khr::push_descriptor::Device::new(&instance.raw, &raw),
             debug: instance.has_debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
             fault: facts.has(DEVICE_FAULT).then(|| ext::device_fault::Device::new(&instance.raw, &raw)),
-            statistics: (facts.has(STATISTICS))
-                .then(|| khr::pipeline_executable_properties::Device::new(&instance.raw, &raw)),
             queue: Mutex::new(Queue { raw: queue, submitted: 0 }),
             timeline: vk::Semaphore::null(),
             slots: Mutex::default(),

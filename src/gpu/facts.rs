@@ -107,7 +107,6 @@ pub(super) const MEMORY_BUDGET: &str = "memory budget";
 pub(super) const PORTABILITY_SUBSET: &str = "portability subset";
 pub(super) const DEVICE_FAULT: &str = "device fault";
 pub(super) const SWAPCHAINS: &str = "windows";
-pub(super) const STATISTICS: &str = "pipeline statistics";
 pub(super) const SHUFFLES: &str = "subgroup shuffles";
 pub(super) const ANY_FORMAT: &str = "image stores of any format";
 
@@ -245,7 +244,6 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
         (MEMORY_BUDGET, offers(ext::memory_budget::NAME)),
         (PORTABILITY_SUBSET, offers(khr::portability_subset::NAME)),
         (DEVICE_FAULT, has_fault_extension && fault.device_fault == vk::TRUE),
-        (STATISTICS, offers(khr::pipeline_executable_properties::NAME)),
         (SHUFFLES, subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)),
         (SWAPCHAINS, offers(khr::swapchain::NAME) && draws),
         (ANY_FORMAT, core.shader_storage_image_write_without_format == vk::TRUE),

@@ -88,11 +88,7 @@ impl Pipeline {
             .module(module)
             .name(c"main")
             .specialization_info(&specialization);
-        let flags = match device.statistics {
-            Some(_) => vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR,
-            None => vk::PipelineCreateFlags::empty(),
-        };
-        let info = vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(made.layout);
+        let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(made.layout);
         // SAFETY: clauses 4 and 5; the module is not needed after the pipeline is made.
         let pipelines = unsafe {
             let pipelines = device.raw.create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
@@ -100,17 +96,6 @@ impl Pipeline {
             pipelines
         };
         made.raw = pipelines.map_err(|(_, e)| describe("vkCreateComputePipelines", e))?[0];
-        if std::env::var("X_STAT").is_ok() {
-            if let Some(api) = &device.statistics {
-                let info = vk::PipelineExecutableInfoKHR::default().pipeline(made.raw).executable_index(0);
-                let all = unsafe { api.get_pipeline_executable_statistics(&info) }.unwrap_or_default();
-                let text: Vec<String> = all
-                    .iter()
-                    .map(|s| format!("{}={}", s.name_as_c_str().unwrap_or(c"?").to_string_lossy(), unsafe { s.value.u64 }))
-                    .collect();
-                eprintln!("{}: {}", S::NAME, text.join(", "));
-            }
-        }
         device.name(made.raw, S::NAME);
         device.name(made.layout, S::NAME);
         Ok(made)

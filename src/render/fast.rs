@@ -115,7 +115,13 @@ impl Fast {
     }
 
     /// Records one frame: `target` shows the scene seen by `camera`, if there was room in `work`; `work.totals` says so.
-    pub fn record(&self, cmd: &mut Commands, (scene, camera): (&GpuScene, &Camera), work: &FastWorkspace, target: Target) {
+    pub fn record(
+        &self,
+        cmd: &mut Commands,
+        (scene, camera): (&GpuScene, &Camera),
+        work: &FastWorkspace,
+        target: Target,
+    ) {
         assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
         let view = view(camera, self.options.rules.near);
         let keys = DepthKeys::of(camera, &self.options, &scene.extent);
@@ -159,7 +165,13 @@ impl Fast {
         let (totals, span_ranges, spans) = (&work.totals, &work.span_ranges, &work.spans);
         let parts = Extent::Groups(BIN_CHUNKS as u64);
         cmd.scope("count", |cmd| {
-            let bindings = BinCountBindings { totals, span_ranges, spans, listed_in_bins: &work.listed_in_bins, part_places: &work.part_places };
+            let bindings = BinCountBindings {
+                totals,
+                span_ranges,
+                spans,
+                listed_in_bins: &work.listed_in_bins,
+                part_places: &work.part_places,
+            };
             cmd.dispatch(&self.count, bindings, BinCountPush { bins_x, bins, visible_capacity }, parts);
         });
         between_stages(cmd);
@@ -239,7 +251,8 @@ impl Fast {
                 masks: &work.masks,
                 image: target.image,
             };
-            let push = BinBlendPush { size_px: target.image.size(), bins_x, bins, background: target.background.colour() };
+            let push =
+                BinBlendPush { size_px: target.image.size(), bins_x, bins, background: target.background.colour() };
             // A small picture has too few blocks to keep a large device busy.
             let blocks = u64::from(bins) * 32;
             let parts = if blocks <= FEW_BLOCKS && self.subgroup <= 32 { 2 } else { 1 };

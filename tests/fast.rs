@@ -1,0 +1,71 @@
+//! The fast path: that it is taken, that it gives way, and that its pictures are the same in every run.
+
+mod common;
+
+use common::{Gpu, compare};
+use glam::DVec3;
+use smalto::camera::Camera;
+use smalto::options::{Background, Options};
+use smalto::reference;
+use smalto::render::{GpuScene, Still};
+use smalto::scene::synthetic;
+
+fn camera(size: [u32; 2]) -> Camera {
+    Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), size, 0.9)
+}
+
+/// The stages of a frame that `options` draw.
+fn stages(gpu: &Gpu, options: &Options, size: [u32; 2]) -> Vec<&'static str> {
+    let scene = GpuScene::new(&gpu.0, &synthetic::cactus(500).unwrap().gaussians, options).unwrap();
+    let frame = Still::new(&gpu.0, options, &scene).unwrap().render(&camera(size), Background::BLACK).unwrap();
+    frame.timings.iter().map(|timing| timing.name).collect()
+}
+
+#[test]
+fn it_is_taken_where_nothing_speaks_against_it() {
+    let gpu = Gpu::new();
+    let is_fast = |options: Options, size| stages(&gpu, &options, size).contains(&"masks");
+    for (name, options) in Options::PRESETS {
+        assert_eq!(is_fast(options, [64, 48]), !["portable", "inria", "khr"].contains(&name), "{name}");
+    }
+    assert!(!is_fast(Options { half_blend: true, ..Options::FAST }, [64, 48]));
+    // 16 x 512 bins are more than a workgroup counts.
+    assert!(!is_fast(Options::EXACT, [1000, 16384]));
+}
+
+/// A bin of several runs, so that they are sorted, merged and blended in pieces.
+#[test]
+fn every_run_draws_the_same_bits() {
+    let gpu = Gpu::new();
+    let gaussians = synthetic::cactus(60_000).unwrap().gaussians;
+    let camera = camera([96, 64]);
+    for options in [Options::EXACT, Options::BALANCED] {
+        let scene = GpuScene::new(&gpu.0, &gaussians, &options).unwrap();
+        let mut still = Still::new(&gpu.0, &options, &scene).unwrap();
+        let mut draw = || {
+            let frame = still.render(&camera, Background::BLACK).unwrap();
+            assert!(frame.totals.longest_list > 3 * 2048, "{} entries", frame.totals.longest_list);
+            still.pixels().unwrap()
+        };
+        let first = draw();
+        for run in 1..if gpu.0.facts().loop_limit.is_some() { 20 } else { 1000 } {
+            assert!(draw() == first, "run {run}");
+        }
+        if options == Options::EXACT {
+            let exact = reference::render(&gaussians, &camera, &options.rules, Background::BLACK);
+            assert_eq!(compare(&first, &exact).unexplained, 0);
+        }
+    }
+}
+
+/// One subgroup for a block in a large picture, two in a small one.
+#[test]
+fn large_and_small_pictures_agree_with_the_reference() {
+    let gpu = Gpu::new();
+    let gaussians = synthetic::cactus(3000).unwrap().gaussians;
+    for size in [[1100, 1000], [300, 200]] {
+        let exact = reference::render(&gaussians, &camera(size), &Options::EXACT.rules, Background::BLACK);
+        let comparison = compare(&gpu.render(&gaussians, &camera(size), &Options::EXACT), &exact);
+        assert_eq!(comparison.unexplained, 0, "{size:?}: {comparison:?}");
+    }
+}
