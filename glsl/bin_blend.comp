@@ -35,7 +35,8 @@ const uint ROWS = SUBGROUP / BLOCK;                    // of pixels between them
 const uint AT_ONCE = 4;                       // splats whose alphas are computed before the first is blended
 
 // Of the entries that are blended next: with COMPACT, exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y);
-// without, exponent = a.x - (a.y + x a.w + y b.x)^2 - (a.z + y b.y)^2, two operations more and a tenth of the rounding.
+// without, exponent = a.x - (a.y + x a.w + y b.x)^2 - (a.z + y b.y)^2, and from ALPHA_MIN: three operations more and a tenth
+// of the rounding.
 shared vec4 staged_a[WORKGROUP];
 shared vec4 staged_b[WORKGROUP];  // and red, green
 shared float staged_blue[WORKGROUP];
@@ -150,7 +151,7 @@ uint stage(Record record, vec2 middle, bool exists) {
     precise float u = fma(factor.x, d.x, factor.y * d.y);
     precise float v = factor.z * d.y;
     if (COMPACT) {
-        precise float at_middle = record.b.y - fma(u, u, v * v);
+        precise float at_middle = record.b.y + log2(ALPHA_MIN) - fma(u, u, v * v);
         staged_a[place] = vec4(exists ? at_middle : -1e30, -2.0 * factor.x * u, -2.0 * (factor.y * u + factor.z * v),
             -factor.x * factor.x);
         staged_b[place] =
@@ -229,7 +230,9 @@ void main() {
                         exponent = fma(-u, u, fma(-v, v, a.x));
                     }
                     // Positive phrasing: what is not a number is not drawn.
-                    alphas[j][k] = exponent >= 0.0 ? min(ALPHA_MAX, ALPHA_MIN * exp2(exponent)) : 0.0;
+                    bool drawn = COMPACT ? exponent >= log2(ALPHA_MIN) : exponent >= 0.0;
+                    float weight = COMPACT ? exp2(exponent) : ALPHA_MIN * exp2(exponent);
+                    alphas[j][k] = drawn ? min(ALPHA_MAX, weight) : 0.0;
                 }
             }
             // Transmittances as if no pixel stopped, which is seldom wrong; then what was added after all.

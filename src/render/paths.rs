@@ -22,6 +22,8 @@ pub(super) struct Paths {
     pub work: Workspace,
     passes: u32,
     fast: Option<(Fast, FastWorkspace)>,
+    /// The frame at hand has longer lists than the fast path draws.
+    is_too_long: bool,
 }
 
 /// What a frame has to keep to.
@@ -50,6 +52,7 @@ impl Paths {
             work: Workspace::new(device, if fast.is_some() { Demand::default() } else { guess })?,
             passes: 1,
             fast,
+            is_too_long: false,
         })
     }
 
@@ -81,7 +84,8 @@ impl Paths {
             let tiles = counted.iter().map(|n| *n as usize).product();
             Demand { gaussians, tiles, ..Demand::default() }
         };
-        let fast = self.fast.as_mut().filter(|(fast, _)| !needs_lists && fast.takes(size));
+        let is_ruled_out = needs_lists || self.is_too_long;
+        let fast = self.fast.as_mut().filter(|(fast, _)| !is_ruled_out && fast.takes(size));
         if let Some((fast, work)) = fast
             && grown(work.grow(device, demand(bins(size))))?
         {
@@ -113,7 +117,8 @@ impl Paths {
         let is_whole = demand.fits(limits.room) && totals.longest_list <= limits.longest_list;
         match &mut self.fast {
             Some((_, work)) if limits.is_fast => {
-                if totals.longest_list > limits.longest_list || !grown(work.grow(device, demand))? {
+                self.is_too_long = totals.longest_list > limits.longest_list;
+                if !grown(work.grow(device, demand))? {
                     self.fast = None;
                     self.work = Workspace::new(device, Demand::guess(device, limits.room.gaussians, 1))?;
                 }
@@ -122,6 +127,8 @@ impl Paths {
             _ => {
                 self.work.grow(device, demand)?;
                 self.passes = self.passes.max(self.renderer.passes(totals.longest_list));
+                // The next frame is judged by its own lists: no picture depends on those before it.
+                self.is_too_long &= !is_whole;
             }
         }
         Ok(is_whole)

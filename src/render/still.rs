@@ -275,7 +275,12 @@ impl Still {
             (place as u32).min(drawn[i] - 1)
         });
         let view = (&self.scene, &camera.sampled(drawn));
-        explainer.explain(&self.device, &self.paths.renderer, view, &self.paths.work, pixel)
+        let explained = explainer.explain(&self.device, &self.paths.renderer, view, &self.paths.work, pixel)?;
+        if !is_whole {
+            // The picture stays what it was, to the last bit.
+            self.render(&camera, background)?;
+        }
+        Ok(explained)
     }
 
     /// Width and height of the picture drawn last.
