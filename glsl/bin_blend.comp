@@ -44,7 +44,6 @@ shared float staged_blue[WORKGROUP];
 // The walk through a block's mask, the same in all lanes but `word` and `before`.
 struct Walk {
     uint next;    // word of masks that is loaded next, by this lane
-    uint left;    // words of the mask that are not loaded yet
     uint begin;   // entry of the first bit of the words at hand
     uint word;    // this lane's
     uint ahead;   // and its next

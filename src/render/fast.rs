@@ -8,7 +8,7 @@ use std::mem::offset_of;
 use anyhow::Result;
 
 use super::blending::{Target, extent_code};
-use super::fast_workspace::{BIN_CHUNKS, FastWorkspace, MAX_BINS, PROJECT_CHUNK};
+use super::fast_workspace::{BIN_CHUNKS, BLOCKS, FastWorkspace, MAX_BINS, PROJECT_CHUNK};
 use super::gpu_scene::GpuScene;
 use super::layout::Layout;
 use super::shaders::*;
@@ -123,6 +123,8 @@ impl Fast {
         target: Target,
     ) {
         assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
+        let drawn_alpha = self.options.rules.alpha_min;
+        assert!(scene.alpha_min <= drawn_alpha, "a scene is culled by no higher threshold than it is drawn by");
         let view = view(camera, self.options.rules.near);
         let keys = DepthKeys::of(camera, &self.options, &scene.extent);
         let [bins_x, bins_y] = bins(camera.size_px);
@@ -254,7 +256,7 @@ impl Fast {
             let push =
                 BinBlendPush { size_px: target.image.size(), bins_x, bins, background: target.background.colour() };
             // A small picture has too few blocks to keep a large device busy.
-            let blocks = u64::from(bins) * 32;
+            let blocks = u64::from(bins) * BLOCKS;
             let parts = if blocks <= FEW_BLOCKS && self.subgroup <= 32 { 2 } else { 1 };
             let lanes = Extent::Invocations(blocks * parts * u64::from(self.subgroup));
             cmd.dispatch(&self.blend[parts as usize - 1], bindings, push, lanes);

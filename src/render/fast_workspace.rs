@@ -7,6 +7,9 @@ use super::workspace::{Demand, first_that_fits, length};
 use crate::gpu::{Buffer, Device};
 
 // The shaders' constants of the same names.
+/// px, width and height.
+pub(super) const BIN: [u32; 2] = [64, 32];
+pub(super) const BLOCKS: u64 = 32;
 pub(super) const MAX_BINS: u32 = 7200;
 pub(super) const PROJECT_CHUNK: usize = 512;
 pub(super) const BIN_CHUNKS: usize = 264;

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::fast_workspace::BIN;
 use super::shaders::View;
 use crate::camera::Camera;
 use crate::options::{Options, Order, TILE};
@@ -14,7 +15,7 @@ pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
 
 /// Columns and rows of bins of an image.
 pub(super) fn bins(size_px: [u32; 2]) -> [u32; 2] {
-    [size_px[0].div_ceil(64), size_px[1].div_ceil(32)]
+    std::array::from_fn(|axis| size_px[axis].div_ceil(BIN[axis]))
 }
 
 /// Bits that hold every tile number.
