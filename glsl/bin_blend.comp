@@ -1,7 +1,6 @@
 #version 460
 #define WORKGROUP_SIZE 128
 #include "workgroup.glsl"
-#extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
 #include "frame.glsl"
 #include "rules.glsl"
@@ -12,6 +11,8 @@
 // middle of the block (the idea of Local-GS), by two fused multiply-adds a pixel as a polynomial.
 
 layout(constant_id = 6) const uint SUBGROUP = 32;
+#include "subgroup_owner.glsl"
+layout(constant_id = 12) const bool HAS_CLAMPED_ALPHAS = true;  // some opacity is over ALPHA_MAX
 layout(constant_id = 18) const float ALPHA_MAX = 0.99;
 layout(constant_id = 19) const float TRANSMITTANCE_MIN = 1e-4;  // the splat that would take T below is not added
 layout(constant_id = 20) const float STOP = 0.0;                // a pixel is finished once T is below
@@ -29,10 +30,12 @@ layout(push_constant, scalar) uniform Push {
     vec3 background;
 } push;
 
-layout(constant_id = 10) const uint PARTS = 1;        // of a block, one below the other, each with a subgroup
-const uint PIXELS = BLOCK * BLOCK / PARTS / SUBGROUP;  // of a lane, one below the other
-const uint ROWS = SUBGROUP / BLOCK;                    // of pixels between them
-const uint AT_ONCE = 4;                       // splats whose alphas are computed before the first is blended
+layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;          // px
+const uvec2 BLOCK = uvec2(BLOCK_WIDTH, BLOCK_HEIGHT);
+const uint PIXELS = BLOCK_WIDTH * BLOCK_HEIGHT / SUBGROUP;  // of a lane, one below the other
+const uint ROWS = SUBGROUP / BLOCK_WIDTH;                   // of pixels between them
+// Splats whose alphas are computed before the first is blended: with one pixel a lane, more to have as much at hand.
+const uint AT_ONCE = PIXELS == 1 ? 8 : 4;
 
 // Of the entries that are blended next: with COMPACT, exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y);
 // without, exponent = a.x - (a.y + x a.w + y b.x)^2 - (a.z + y b.y)^2, and from ALPHA_MIN: three operations more and a tenth
@@ -87,10 +90,7 @@ uint take(inout Walk walk, Bin bin, uint block, out uint entry) {
     uint count = min(walk.total - walk.taken, SUBGROUP);
     uint index = walk.taken + gl_SubgroupInvocationID;
     walk.taken += count;
-    uint owner = 0;
-    for (uint step = SUBGROUP / 2; step > 0; step /= 2) {
-        if (subgroupShuffle(walk.before, owner + step) <= index) owner += step;
-    }
+    uint owner = owner_of(walk.before, index);
     uint place = nth_bit(subgroupShuffle(walk.word, owner), index - subgroupShuffle(walk.before, owner));
     entry = walk.begin + 32 * owner + place;
     return count;
@@ -116,37 +116,11 @@ Record load_record(uint splat) {
     return record;
 }
 
-// Whether a splat may reach a pixel centre in the box from `low` to `high`, px from its mean. The least falloff in the box
-// lies at the mean or on one of the two sides that face it.
-bool reaches(vec3 factor, float limit, vec2 low, vec2 high) {
-    vec2 near = clamp(vec2(0.0), low, high);
-    float best_y = -factor.x * factor.y / (factor.y * factor.y + factor.z * factor.z) * near.x;
-    float best_x = -factor.y / factor.x * near.y;
-    vec2 on_x = vec2(near.x, clamp(best_y, low.y, high.y)), on_y = vec2(clamp(best_x, low.x, high.x), near.y);
-    vec2 u = factor.x * vec2(on_x.x, on_y.x) + factor.y * vec2(on_x.y, on_y.y);
-    vec2 v = factor.z * vec2(on_x.y, on_y.y);
-    vec2 fall = u * u + v * v;
-    vec2 far = max(abs(low), abs(high));
-    float border = sqrt(max(limit, 0.0) + 1e-3)
-        + 1e-6 * (factor.x * far.x + (abs(factor.y) + factor.z) * far.y);
-    return !(min(fall.x, fall.y) > border * border);
-}
-
-// Leaves the polynomials of splats around `middle` where all lanes find them, in their order, and ones that are never drawn
-// behind them. Returns how many there are: where blocks are shared, those that reach this part.
-uint stage(Record record, vec2 middle, bool exists) {
+// Leaves the polynomials of splats around `middle` where all lanes find them, and ones that are never drawn behind them.
+void stage(Record record, vec2 middle, bool exists) {
     vec2 d = middle - record.a.xy;
     vec3 factor = vec3(record.a.zw, record.b.x);
-    uint place = gl_SubgroupInvocationID, all = SUBGROUP;
-    if (PARTS > 1) {
-        vec2 half_size = 0.5 * vec2(BLOCK, BLOCK / PARTS) - 0.5;
-        exists = exists && reaches(factor, record.b.y, d - half_size, d + half_size);
-        uvec4 ballot = subgroupBallot(exists);
-        uint before = subgroupBallotExclusiveBitCount(ballot);
-        all = subgroupBallotBitCount(ballot);
-        place = exists ? before : all + place - before;
-    }
-    place += gl_SubgroupID * SUBGROUP;
+    uint place = lane();
     precise float u = fma(factor.x, d.x, factor.y * d.y);
     precise float v = factor.z * d.y;
     if (COMPACT) {
@@ -160,29 +134,26 @@ uint stage(Record record, vec2 middle, bool exists) {
         staged_b[place] = vec4(factor.yz, record.b.zw);
     }
     staged_blue[place] = record.blue;
-    return all;
 }
 
 void main() {
     uint place = workgroup() * gl_NumSubgroups + gl_SubgroupID;
-    if (place >= push.bins * BLOCKS * PARTS) return;
-    uint part = place % PARTS;
-    place /= PARTS;
+    if (place >= push.bins * BLOCKS) return;
     uint number = bin_order[place / BLOCKS], block = place % BLOCKS;
-    uvec2 corner = uvec2(number % push.bins_x, number / push.bins_x) * BIN
-        + uvec2(block % (BIN.x / BLOCK), block / (BIN.x / BLOCK)) * BLOCK + uvec2(0, part * BLOCK / PARTS);
+    uvec2 first_block = uvec2(BIN_COLUMNS, BIN_ROWS) * uvec2(number % push.bins_x, number / push.bins_x);
+    uvec2 corner = BLOCK * (first_block + uvec2(block % BIN_COLUMNS, block / BIN_COLUMNS));
     if (any(greaterThanEqual(corner, push.size_px))) return;
     Bin bin = bins[number];
     uint lane_of = gl_SubgroupInvocationID;
-    uvec2 pixel = corner + uvec2(lane_of % BLOCK, lane_of / BLOCK);
-    vec2 middle = vec2(corner) + 0.5 * vec2(BLOCK, BLOCK / PARTS);
-    float x = float(lane_of % BLOCK) + 0.5 - 0.5 * float(BLOCK);
+    uvec2 pixel = corner + uvec2(lane_of % BLOCK.x, lane_of / BLOCK.x);
+    vec2 middle = vec2(corner) + 0.5 * vec2(BLOCK);
+    float x = float(lane_of % BLOCK.x) + 0.5 - 0.5 * float(BLOCK.x);
     // The transmittance of a pixel that goes on, which ends it once it is below `limit`; of one that has stopped, 0, and its
     // transmittance is `last`.
     float y[PIXELS], live[PIXELS], limit[PIXELS], last[PIXELS];
     vec3 colour[PIXELS];
     for (uint k = 0; k < PIXELS; k++) {
-        y[k] = float(lane_of / BLOCK + k * ROWS) + 0.5 - 0.5 * float(BLOCK / PARTS);
+        y[k] = float(lane_of / BLOCK.x + k * ROWS) + 0.5 - 0.5 * float(BLOCK.y);
         colour[k] = vec3(0.0);
         bool inside = all(lessThan(pixel + uvec2(0, k * ROWS), push.size_px));
         live[k] = inside ? 1.0 : 0.0;
@@ -204,9 +175,9 @@ void main() {
     if (lane_of < count_ahead) splat = splat_ids[bin.first + entry];
     while (count > 0) {
         subgroupBarrier();
-        uint staged = stage(record, middle, lane_of < count);
+        stage(record, middle, lane_of < count);
         subgroupBarrier();
-        uint here = min(count, staged);
+        uint here = count;
         count = count_ahead;
         if (lane_of < count) record = load_record(splat);
         count_ahead = take(walk, bin, block, entry);
@@ -231,7 +202,8 @@ void main() {
                     // Positive phrasing: what is not a number is not drawn.
                     bool drawn = COMPACT ? exponent >= log2(ALPHA_MIN) : exponent >= 0.0;
                     float weight = COMPACT ? exp2(exponent) : ALPHA_MIN * exp2(exponent);
-                    alphas[j][k] = drawn ? min(ALPHA_MAX, weight) : 0.0;
+                    if (HAS_CLAMPED_ALPHAS) weight = min(ALPHA_MAX, weight);
+                    alphas[j][k] = drawn ? weight : 0.0;
                 }
             }
             // Transmittances as if no pixel stopped, which is seldom wrong; then what was added after all.

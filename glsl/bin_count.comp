@@ -1,7 +1,6 @@
 #version 460
 #define WORKGROUP_SIZE 1024
 #include "workgroup.glsl"
-#include "ballot.glsl"
 #include "frame.glsl"
 // One workgroup per part of the splats, BIN_CHUNKS in all: how many of them does each bin list?
 // Before: totals.visible, span_ranges and spans from bin_project; listed_in_bins are 0. After: listed_in_bins are the sums of

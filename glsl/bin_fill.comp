@@ -1,7 +1,6 @@
 #version 460
 #define WORKGROUP_SIZE 1024
 #include "workgroup.glsl"
-#include "ballot.glsl"
 #include "frame.glsl"
 // One workgroup per part of the splats, the same parts as in bin_count: lists them in their bins.
 // Before: bins from bin_offsets, part_places. After: entries are (depth key, splat), in any order within a bin.

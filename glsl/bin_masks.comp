@@ -18,6 +18,7 @@ layout(binding = 4, scalar) writeonly buffer Masks { uint masks[]; };           
 layout(binding = 5, scalar) readonly buffer DispatchesBlock { BinDispatches dispatches; };
 layout(push_constant, scalar) uniform Push {
     uint bins_x;
+    uint block_height;  // px
 } push;
 
 layout(constant_id = 6) const uint SUBGROUP = 32;
@@ -31,19 +32,20 @@ uint blocks_reached(vec2 corner, vec3 factor, float limit, vec2 mean) {
     float border = sqrt(max(limit, 0.0) + 1e-3);
     float half_height = border / factor.z, per_x = 1.0 / factor.x, slope = factor.y * per_x;
     float rightmost_y = -factor.y * half_height * inversesqrt(factor.y * factor.y + factor.z * factor.z);
-    vec2 far = abs(corner) + vec2(BIN);
+    float height = float(push.block_height);
+    vec2 far = abs(corner) + vec2(BIN_COLUMNS * BLOCK_WIDTH, BIN_ROWS * height);
     float slack = 1e-6 * (abs(mean.x) + far.x + abs(slope) * far.y) + 1e-3;
     uint mask = 0;
-    [[unroll]] for (uint row = 0; row < BIN.y / BLOCK; row++) {
-        float low = max(corner.y + float(row * BLOCK) + 0.5, -half_height);
-        float high = min(corner.y + float(row * BLOCK + BLOCK) - 0.5, half_height);
+    [[unroll]] for (uint row = 0; row < BIN_ROWS; row++) {
+        float low = max(corner.y + float(row) * height + 0.5, -half_height);
+        float high = min(corner.y + float(row + 1) * height - 0.5, half_height);
         float right_y = clamp(rightmost_y, low, high), left_y = clamp(-rightmost_y, low, high);
         float right_v = factor.z * right_y, left_v = factor.z * left_y;
         float right = sqrt(max(border * border - right_v * right_v, 0.0)) * per_x - slope * right_y + slack;
         float left = -sqrt(max(border * border - left_v * left_v, 0.0)) * per_x - slope * left_y - slack;
-        // Block c has centres from BLOCK c + 0.5 to BLOCK c + BLOCK - 0.5.
-        float first = ceil((left - corner.x - (float(BLOCK) - 0.5)) / float(BLOCK));
-        float end = floor((right - corner.x - 0.5) / float(BLOCK)) + 1.0;
+        // Block c has centres from 8 c + 0.5 to 8 c + 7.5.
+        float first = ceil((left - corner.x - (float(BLOCK_WIDTH) - 0.5)) / float(BLOCK_WIDTH));
+        float end = floor((right - corner.x - 0.5) / float(BLOCK_WIDTH)) + 1.0;
         // Negative phrasing: what is not a number reaches everything.
         uint from = first > 0.0 ? uint(min(first, 8.0)) : 0;
         uint to = end < 8.0 ? uint(max(end, 0.0)) : 8;
@@ -70,7 +72,8 @@ void main() {
     Bin bin = bins[number];
     uint begin = (stretch - bin.first_stretch) * BIN_STRETCH;
     if (stretch < bin.first_stretch || begin >= bin.count) return;
-    vec2 corner = vec2(uvec2(number % push.bins_x, number / push.bins_x) * BIN);
+    uvec2 bin_px = uvec2(BIN_COLUMNS, BIN_ROWS) * uvec2(BLOCK_WIDTH, push.block_height);
+    vec2 corner = vec2(uvec2(number % push.bins_x, number / push.bins_x) * bin_px);
     for (uint i = lane(); i < BIN_STRETCH; i += WORKGROUP) {
         uint mask = 0;
         if (begin + i < bin.count) {

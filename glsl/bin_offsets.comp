@@ -19,12 +19,18 @@ layout(push_constant, scalar) uniform Push {
     uint entry_capacity;
 } push;
 
-const uint CLASSES = 34;  // of lists, by the bits of their length
+const uint CLASSES = 124;  // of lists, by their length: four for every power of two, the longest first
 
 shared uint listed[MAX_BINS];
 shared uint class_sizes[CLASSES];
 shared uint instances_high;
 shared uint longest;
+
+// Of a list's length: four for every power of two.
+uint class_of(uint length) {
+    uint high = findMSB(length | 4);
+    return CLASSES - 1 - (length < 4 ? length : 4 * (high - 1) + (length >> high - 2 & 3));
+}
 
 void main() {
     if (workgroup() > 0) return;
@@ -32,7 +38,7 @@ void main() {
         instances_high = totals.instances_high;
         longest = 0;
     }
-    if (lane() < CLASSES) class_sizes[lane()] = 0;
+    for (uint i = lane(); i < CLASSES; i += WORKGROUP) class_sizes[i] = 0;
     barrier();
     for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) listed[bin] = listed_in_bins[bin];
     barrier();
@@ -72,18 +78,15 @@ void main() {
         run += own_runs;
         stretch += own_stretches;
         listed[bin] = count;
-        atomicAdd(class_sizes[32 - findMSB(count)], 1);  // a count: order does not matter
+        atomicAdd(class_sizes[class_of(count)], 1);  // a count: order does not matter
         atomicMax(longest, count);
     }
     barrier();
+    uint all_bins;
+    uint class_begin = workgroup_exclusive_add(lane() < CLASSES ? class_sizes[lane()] : 0, all_bins);
+    barrier();
+    if (lane() < CLASSES) class_sizes[lane()] = class_begin;
     if (lane() == 0) {
-        // Where each class begins.
-        uint sum = 0;
-        for (uint i = 0; i < CLASSES; i++) {
-            uint size = class_sizes[i];
-            class_sizes[i] = sum;
-            sum += size;
-        }
         totals.visible_kept = min(totals.visible, push.visible_capacity);
         totals.instances_high = instances_high;
         totals.instances_low = total;
@@ -95,6 +98,6 @@ void main() {
     barrier();
     for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) {
         // In any order within a class: that decides when a bin is drawn, not what.
-        bin_order[atomicAdd(class_sizes[32 - findMSB(listed[bin])], 1)] = bin;
+        bin_order[atomicAdd(class_sizes[class_of(listed[bin])], 1)] = bin;
     }
 }

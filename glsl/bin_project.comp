@@ -1,14 +1,12 @@
 #version 460
+#define WORKGROUP_SIZE 128
 #include "workgroup.glsl"
 #include "ballot.glsl"
 #include "frame.glsl"
 #include "harmonics.glsl"
-const uvec2 LISTED = BIN;
-#include "ellipse.glsl"
 #include "grids.glsl"
 #include "rotation.glsl"
-#include "bin_splat.glsl"
-// One workgroup per chunk of 512 Gaussians: those that can touch the image become splats, with the bins they touch as one
+// One workgroup per chunk of 384 Gaussians: those that can touch the image become splats, with the bins they touch as one
 // span per row of bins.
 // Before: totals are 0. After: totals.visible and totals.spans are demands; the outputs of all splats that fit are set, in
 // any order: `gaussian_from_splat` is what orders splats of one depth.
@@ -32,8 +30,12 @@ layout(push_constant, scalar) uniform Push {
     uint span_capacity;
     uint depth_limit;  // the largest depth key
     uint depth_shift;  // bits that depth keys leave out
+    uint block_height;  // px
 } push;
 
+#define LISTED (uvec2(BIN_COLUMNS, BIN_ROWS) * uvec2(BLOCK_WIDTH, push.block_height))
+#include "ellipse.glsl"
+#include "bin_splat.glsl"
 #include "storage.glsl"
 #include "cull_test.glsl"
 #include "projection.glsl"

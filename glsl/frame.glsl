@@ -9,11 +9,11 @@ const uint SORT_CHUNK = 2048;
 const uint DUPLICATE_CHUNK = 1024;
 
 // The fast path lists splats in bins, each of 32 blocks of pixels.
-const uvec2 BIN = uvec2(64, 32);  // px
-const uint BLOCK = 8;             // px, width and height
+const uint BIN_COLUMNS = 8, BIN_ROWS = 4;  // of blocks
+const uint BLOCK_WIDTH = 8;                // px; blocks are 4, 8 or 16 px high
 const uint BLOCKS = 32;           // in a bin, row by row
 const uint MAX_BINS = 7200;       // whose counts leave some of 32 KiB of workgroup memory
-const uint BIN_PROJECT_CHUNK = 512;
+const uint BIN_PROJECT_CHUNK = 384;
 const uint BIN_CHUNKS = 264;      // parts in which splats are listed
 const uint BIN_RUN = 2048;        // entries that a workgroup sorts
 const uint BIN_STRETCH = 1024;    // entries whose masks lie together

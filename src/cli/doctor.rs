@@ -80,6 +80,7 @@ fn self_test(device: &Device) -> Result<()> {
     for portable in [false, true] {
         let options = Options { portable, ..Options::EXACT };
         let mut still = Still::new(device, &options, &scene)?;
+        ensure!(still.notice().is_none(), "{}", still.notice().unwrap_or_default());
         still.render(&camera, Background::BLACK)?;
         let pixels = still.pixels()?;
         let (psnr, error) = (psnr(&pixels, &exact), max_error(&pixels, &exact));

@@ -141,6 +141,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
             drop(scene);
             let still = if certifies { Still::certified } else { Still::new };
             let mut still = still(&device, &options, &gpu_scene)?;
+            if let Some(notice) = still.notice() {
+                remark(&format!("note: {notice}"));
+            }
             let bar = progress::Bar::new("rendering");
             for (done, shot) in shots.iter().enumerate() {
                 let prepare = |cmd: &mut Commands| {

@@ -1,4 +1,4 @@
-//! The fast path: splats are listed and sorted in bins of 64x32 pixels, and blended in blocks of 8x8.
+//! The fast path: splats are listed and sorted in bins of 8x4 blocks, and blended in blocks of 8 pixels by 4 to 16.
 //!
 //! The structure is that of HiGS (two scales of tiles); what differs is how lists are kept in one order in every run, and
 //! that long lists are neither cut nor composed: a block's splats are blended from the first to the last by one subgroup.
@@ -8,18 +8,22 @@ use std::mem::offset_of;
 use anyhow::Result;
 
 use super::blending::{Target, extent_code};
-use super::fast_workspace::{BIN_CHUNKS, BLOCKS, FastWorkspace, MAX_BINS, PROJECT_CHUNK};
+use super::fast_workspace::{BIN_CHUNKS, BIN_SHAPE, BLOCK_WIDTH, BLOCKS, FastWorkspace, MAX_BINS, PROJECT_CHUNK};
 use super::gpu_scene::GpuScene;
 use super::layout::Layout;
 use super::shaders::*;
 use super::sort::digit_bits;
-use super::view::{DepthKeys, bins, view};
+use super::view::{DepthKeys, view};
 use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, Extent, Shader, Stage};
 use crate::options::{Extent as Reach, Options, Order, Storage, TileTest};
 
-/// Blocks of pixels of a picture that are shared by two subgroups each: 720x720 pixels have 8,100.
-const FEW_BLOCKS: u64 = 16384;
+/// Heights of blocks, px. Low ones balance small pictures and crowded ones, high ones list fewer splats twice.
+pub(super) const BLOCK_HEIGHTS: [u32; 3] = [4, 8, 16];
+/// Pixels of a picture up to which its blocks are the lowest.
+const SMALL_PICTURE: u64 = 1 << 20;
+/// Pixels of a picture from which on its blocks are the highest.
+const LARGE_PICTURE: u64 = 1 << 22;
 
 /// The stages of a fast frame.
 pub struct Fast {
@@ -32,10 +36,12 @@ pub struct Fast {
     sort: Stage<BinSort>,
     merge: Stage<BinMerge>,
     masks: Stage<BinMasks>,
-    /// With one subgroup for a block of pixels, and with two.
-    blend: [Stage<BinBlend>; 2],
+    /// For every height of blocks.
+    blend: [Stage<BinBlend>; BLOCK_HEIGHTS.len()],
     subgroup: u32,
     longest_list: u32,
+    /// Which of [`BLOCK_HEIGHTS`] every picture has, if not its own.
+    pub(super) block_height: Option<usize>,
 }
 
 impl Fast {
@@ -69,13 +75,14 @@ impl Fast {
         let subgroups = BinSort::WORKGROUP[0] / subgroup;
         let digit_bits = digit_bits(subgroups, 16 << 10);
         let sort = BinSortConstants { digit_bits, subgroups, ballot_words };
-        let blend = |parts: u32| {
+        let blend = |height: usize| {
             let constants = BinBlendConstants {
                 subgroup,
-                parts,
+                block_height: BLOCK_HEIGHTS[height].max(subgroup / BLOCK_WIDTH),
                 alpha_min,
                 extent,
                 alpha_max: rules.alpha_max,
+                has_clamped_alphas: layout.has_clamped_alphas,
                 transmittance_min: rules.transmittance_min,
                 stop: options.stop,
                 compact,
@@ -86,22 +93,45 @@ impl Fast {
             options: *options,
             layout: layout.clone(),
             project: Stage::new(device, &project)?,
-            count: Stage::new(device, &BinCountConstants { ballot_words })?,
+            count: Stage::new(device, &BinCountConstants { subgroup })?,
             offsets: Stage::new(device, &())?,
-            fill: Stage::new(device, &BinFillConstants { ballot_words })?,
+            fill: Stage::new(device, &BinFillConstants { subgroup })?,
             sort: Stage::new(device, &sort)?,
             merge: Stage::new(device, &())?,
             masks: Stage::new(device, &BinMasksConstants { subgroup, alpha_min, extent, compact })?,
-            blend: [blend(1)?, blend(if subgroup > 32 { 1 } else { 2 })?],
+            blend: [blend(0)?, blend(1)?, blend(2)?],
             subgroup,
             // For a batch of a subgroup's entries: one iteration each, and those around them.
+            block_height: None,
             longest_list: device.facts().loop_limit.map_or(u32::MAX, |limit| limit / 4),
         }))
     }
 
     /// Whether it can draw pictures of this size.
-    pub fn takes(&self, size_px: [u32; 2]) -> bool {
-        bins(size_px).iter().product::<u32>() <= MAX_BINS
+    pub fn takes(&self, size_px: [u32; 2], gaussians: usize) -> bool {
+        self.bins(size_px, gaussians).iter().product::<u32>() <= MAX_BINS
+    }
+
+    /// Columns and rows of bins of a picture of a scene of so many Gaussians.
+    pub fn bins(&self, size_px: [u32; 2], gaussians: usize) -> [u32; 2] {
+        bins_of(size_px, BLOCK_HEIGHTS[self.block_height(size_px, gaussians)])
+    }
+
+    /// Which of the heights its blocks have.
+    fn block_height(&self, size_px: [u32; 2], gaussians: usize) -> usize {
+        if let Some(height) = self.block_height {
+            return height;
+        }
+        let pixels: u64 = size_px.iter().map(|side| u64::from(*side)).product();
+        let is_crowded = gaussians as u64 > 2 * pixels;
+        let every_lane_has_a_pixel = self.subgroup <= BLOCK_WIDTH * BLOCK_HEIGHTS[0];
+        let least = match pixels {
+            _ if every_lane_has_a_pixel && (is_crowded || pixels < SMALL_PICTURE) => 0,
+            ..LARGE_PICTURE => 1,
+            _ => 2,
+        };
+        let fits = |height: &usize| bins_of(size_px, BLOCK_HEIGHTS[*height]).iter().product::<u32>() <= MAX_BINS;
+        (least..2).find(fits).unwrap_or(2)
     }
 
     /// The longest list of a bin that it can draw.
@@ -127,8 +157,10 @@ impl Fast {
         assert!(scene.alpha_min <= drawn_alpha, "a scene is culled by no higher threshold than it is drawn by");
         let view = view(camera, self.options.rules.near);
         let keys = DepthKeys::of(camera, &self.options, &scene.extent);
-        let [bins_x, bins_y] = bins(camera.size_px);
+        let [bins_x, bins_y] = self.bins(camera.size_px, scene.len());
         let bins = bins_x * bins_y;
+        let height = self.block_height(camera.size_px, scene.len());
+        let block_height = BLOCK_HEIGHTS[height];
         let visible_capacity = work.gaussian_from_splat.len() as u32;
         let entry_capacity = work.entries.len() as u32;
         let between_stages = |cmd: &mut Commands| {
@@ -160,6 +192,7 @@ impl Fast {
                 span_capacity: work.spans.len() as u32,
                 depth_limit: ((1_u64 << keys.bits) - 1) as u32,
                 depth_shift: keys.shift,
+                block_height,
             };
             cmd.dispatch(&self.project, bindings, push, Extent::Groups(scene.len().div_ceil(PROJECT_CHUNK) as u64));
         });
@@ -241,7 +274,13 @@ impl Fast {
                 dispatches: &work.dispatches,
             };
             let over_stretches = offset_of!(BinDispatches, over_stretches);
-            cmd.dispatch_indirect(&self.masks, bindings, BinMasksPush { bins_x }, &work.dispatches, over_stretches);
+            cmd.dispatch_indirect(
+                &self.masks,
+                bindings,
+                BinMasksPush { bins_x, block_height },
+                &work.dispatches,
+                over_stretches,
+            );
         });
         between_stages(cmd);
         cmd.scope("blend", |cmd| {
@@ -255,13 +294,15 @@ impl Fast {
             };
             let push =
                 BinBlendPush { size_px: target.image.size(), bins_x, bins, background: target.background.colour() };
-            // A small picture has too few blocks to keep a large device busy.
-            let blocks = u64::from(bins) * BLOCKS;
-            let parts = if blocks <= FEW_BLOCKS && self.subgroup <= 32 { 2 } else { 1 };
-            let lanes = Extent::Invocations(blocks * parts * u64::from(self.subgroup));
-            cmd.dispatch(&self.blend[parts as usize - 1], bindings, push, lanes);
+            let lanes = Extent::Invocations(u64::from(bins) * BLOCKS * u64::from(self.subgroup));
+            cmd.dispatch(&self.blend[height], bindings, push, lanes);
         });
     }
+}
+
+fn bins_of(size_px: [u32; 2], block_height: u32) -> [u32; 2] {
+    let block = [BLOCK_WIDTH, block_height];
+    std::array::from_fn(|axis| size_px[axis].div_ceil(BIN_SHAPE[axis] * block[axis]))
 }
 
 /// Whether colours of splats are kept in 16-bit floats: where those of Gaussians may be, and pixels may stop early.

@@ -7,11 +7,13 @@ use super::workspace::{Demand, first_that_fits, length};
 use crate::gpu::{Buffer, Device};
 
 // The shaders' constants of the same names.
-/// px, width and height.
-pub(super) const BIN: [u32; 2] = [64, 32];
+/// Of blocks.
+pub(super) const BIN_SHAPE: [u32; 2] = [8, 4];
+/// px
+pub(super) const BLOCK_WIDTH: u32 = 8;
 pub(super) const BLOCKS: u64 = 32;
 pub(super) const MAX_BINS: u32 = 7200;
-pub(super) const PROJECT_CHUNK: usize = 512;
+pub(super) const PROJECT_CHUNK: usize = 384;
 pub(super) const BIN_CHUNKS: usize = 264;
 const BIN_RUN: usize = 2048;
 const BIN_STRETCH: usize = 1024;

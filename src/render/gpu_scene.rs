@@ -7,7 +7,9 @@ use rayon::prelude::*;
 
 use super::blending::LISTED_ALPHA;
 use super::layout::Layout;
+use super::self_test::trial_view;
 use super::shaders::Grids;
+use crate::camera::Camera;
 use crate::gpu::{Buffer, Commands, Device, Element};
 use crate::options::{Options, Rules};
 use crate::scene::{Bounds, Gaussians, Requirements};
@@ -24,7 +26,10 @@ pub struct GpuScene {
     pub(super) sh: Vec<Buffer<[u32; 4]>>,
     pub(super) grids: Buffer<Grids>,
     pub(super) layout: Layout,
+    len: usize,
     pub(crate) extent: Bounds,
+    /// Of its first Gaussians.
+    pub(super) trial_view: Camera,
     /// Above the brightest channel of any Gaussian.
     pub(super) brightest: f64,
     /// Where alpha is lower, Gaussians may be culled.
@@ -65,7 +70,9 @@ impl GpuScene {
             shapes: planes("shapes", layout.shape_words())?,
             sh: planes("sh", layout.sh_words())?,
             grids: Buffer::new(device, "grids", 1)?,
+            len,
             extent: Bounds::of(gaussians),
+            trial_view: trial_view(gaussians, options.rules.near),
             brightest: needs.brightest,
             alpha_min: options.rules.alpha_min,
             layout,
@@ -85,7 +92,12 @@ impl GpuScene {
 
     /// Gaussians.
     pub fn len(&self) -> usize {
-        self.bounds.len()
+        self.len
+    }
+
+    /// The same scene, of which no more than `count` Gaussians are drawn.
+    pub(super) fn first(&self, count: usize) -> Self {
+        Self { len: self.len.min(count), ..self.clone() }
     }
 
     pub fn is_empty(&self) -> bool {

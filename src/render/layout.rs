@@ -17,6 +17,8 @@ pub struct Layout {
     scale_grid: Grid,
     /// Scales are multiples of it where they are 16-bit floats.
     scale_unit: f32,
+    /// Some Gaussian is more opaque than alphas may be.
+    pub has_clamped_alphas: bool,
 }
 
 /// In what numbers a group of attributes is kept.
@@ -70,7 +72,10 @@ impl Layout {
         // The largest becomes 2^15 at most, so that only what is 2^29 times smaller loses precision.
         let scale_unit = if largest > 0.0 { (f64::from(largest).log2().ceil() - 15.0).exp2() as f32 } else { 1.0 };
         let scale_unit = scale_unit.max(f32::MIN_POSITIVE);
-        Self { sh_degree, sh, shape, sh_grids, scale_grid, scale_unit }
+        // 1 % for what packing and rounding add.
+        let clamped = 0.99 * options.rules.alpha_max;
+        let has_clamped_alphas = gaussians.opacities().iter().any(|opacity| *opacity > clamped);
+        Self { sh_degree, sh, shape, sh_grids, scale_grid, scale_unit, has_clamped_alphas }
     }
 
     /// Above what this packing changes of any channel of any Gaussian's colour from any direction, the degrees that are

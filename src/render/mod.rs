@@ -10,6 +10,7 @@ mod inspect;
 mod layout;
 mod paths;
 mod renderer;
+mod self_test;
 mod shaders;
 mod sort;
 mod still;

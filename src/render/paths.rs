@@ -9,7 +9,7 @@ use super::gpu_scene::GpuScene;
 use super::inspect::Inspector;
 use super::renderer::Renderer;
 use super::shaders::Totals;
-use super::view::{bins, tiles};
+use super::view::tiles;
 use super::workspace::{Demand, Workspace};
 use crate::camera::Camera;
 use crate::gpu::{Buffer, Commands, Device};
@@ -24,6 +24,8 @@ pub(super) struct Paths {
     fast: Option<(Fast, FastWorkspace)>,
     /// The frame at hand has longer lists than the fast path draws.
     is_too_long: bool,
+    /// Why the fast path is not taken though the device has it.
+    pub notice: Option<String>,
 }
 
 /// What a frame has to keep to.
@@ -46,14 +48,49 @@ impl Paths {
             anyhow::Ok((fast, work))
         });
         let fast = fast.transpose()?;
-        Ok(Self {
+        let mut paths = Self {
             renderer: Renderer::varied(device, options, layout, variation)?,
             // What is drawn on the fast path needs no room on the other.
             work: Workspace::new(device, if fast.is_some() { Demand::default() } else { guess })?,
             passes: 1,
             fast,
             is_too_long: false,
-        })
+            notice: None,
+        };
+        if paths.fast.is_some() {
+            paths.try_fast(device, scene)?;
+        }
+        Ok(paths)
+    }
+
+    /// Drops the fast path if it does not draw what the portable one does.
+    fn try_fast(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
+        let disagreement = self.disagreement(device, scene)?;
+        (self.passes, self.is_too_long) = (1, false);
+        let mut room = Demand::default();
+        if let Some(difference) = disagreement {
+            self.fast = None;
+            room = Demand::guess(device, scene.len(), 1);
+            self.notice = Some(format!(
+                "the device's fast path differs from the portable one by {difference:.3} and is not taken"
+            ));
+        }
+        self.work = Workspace::new(device, room)?;
+        Ok(())
+    }
+
+    #[cfg(test)]
+    pub fn replace_fast(&mut self, device: &Device, scene: &GpuScene, fast: Fast) -> Result<()> {
+        let (_, work) = self.fast.take().expect("there is a fast path");
+        self.fast = Some((fast, work));
+        self.try_fast(device, scene)
+    }
+
+    /// Which of the heights of blocks the fast path takes, if not the picture's own.
+    pub fn set_block_height(&mut self, height: Option<usize>) {
+        if let Some((fast, _)) = &mut self.fast {
+            fast.block_height = height;
+        }
     }
 
     /// Starts from this much room.
@@ -85,9 +122,9 @@ impl Paths {
             Demand { gaussians, tiles, ..Demand::default() }
         };
         let is_ruled_out = needs_lists || self.is_too_long;
-        let fast = self.fast.as_mut().filter(|(fast, _)| !is_ruled_out && fast.takes(size));
+        let fast = self.fast.as_mut().filter(|(fast, _)| !is_ruled_out && fast.takes(size, gaussians));
         if let Some((fast, work)) = fast
-            && grown(work.grow(device, demand(bins(size))))?
+            && grown(work.grow(device, demand(fast.bins(size, gaussians))))?
         {
             return Ok(Limits { is_fast: true, room: work.room, longest_list: fast.longest_list() });
         }

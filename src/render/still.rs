@@ -116,6 +116,11 @@ impl Still {
         })
     }
 
+    /// Why the device's fast path is not taken, if it should have been.
+    pub fn notice(&self) -> Option<&str> {
+        self.paths.notice.as_deref()
+    }
+
     /// Whether stages are timed, or only the whole frame.
     pub fn set_timestamps(&mut self, timestamps: Timestamps) {
         self.timestamps = timestamps;

@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 
-use super::fast_workspace::BIN;
 use super::shaders::View;
 use crate::camera::Camera;
 use crate::options::{Options, Order, TILE};
@@ -11,11 +10,6 @@ use crate::scene::Bounds;
 /// Columns and rows of tiles of an image.
 pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
     size_px.map(|side| side.div_ceil(TILE))
-}
-
-/// Columns and rows of bins of an image.
-pub(super) fn bins(size_px: [u32; 2]) -> [u32; 2] {
-    std::array::from_fn(|axis| size_px[axis].div_ceil(BIN[axis]))
 }
 
 /// Bits that hold every tile number.
