@@ -86,7 +86,10 @@ void main() {
     uint class_begin = workgroup_exclusive_add(lane() < CLASSES ? class_sizes[lane()] : 0, all_bins);
     barrier();
     if (lane() < CLASSES) class_sizes[lane()] = class_begin;
+    barrier();
     if (lane() == 0) {
+        // Classes begin at powers of two.
+        dispatches.over_long_blocks = folded(class_sizes[class_of(LONG_LIST) + 1] * BLOCKS);
         totals.visible_kept = min(totals.visible, push.visible_capacity);
         totals.instances_high = instances_high;
         totals.instances_low = total;

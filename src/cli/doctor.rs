@@ -3,9 +3,10 @@
 use anyhow::{Result, bail, ensure};
 use glam::DVec3;
 
+use super::table::{say_table, table};
 use super::{DeviceArgs, say};
 use crate::camera::Camera;
-use crate::gpu::{Device, DeviceFacts, survey};
+use crate::gpu::{Device, DeviceFacts, Executable, Unavailable, survey};
 use crate::metrics::{max_error, psnr};
 use crate::options::{Background, Options};
 use crate::reference;
@@ -20,6 +21,9 @@ pub(super) struct Args {
     /// Print the devices as JSON, without the self-test
     #[arg(long)]
     json: bool,
+    /// Also list what the driver says of the compiled shaders that draw a frame, such as their registers
+    #[arg(long, conflicts_with = "json")]
+    pipelines: bool,
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
@@ -32,7 +36,29 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     let device = args.device.open()?;
     say!("self-test on {}{}", device.facts().name, if device.is_validated() { ", validated" } else { "" })?;
-    self_test(&device)
+    self_test(&device)?;
+    if args.pipelines { pipelines(&device) } else { Ok(()) }
+}
+
+/// For a scene of the highest degree, with the presets that store most and least.
+fn pipelines(device: &Device) -> Result<()> {
+    if !device.record_executables() {
+        return Err(Unavailable(format!("{} says nothing of its pipelines", device.facts().name)).into());
+    }
+    let gaussians = synthetic::cactus(5000)?.gaussians;
+    for (preset, options) in [("exact", Options::EXACT), ("balanced", Options::BALANCED)] {
+        device.record_executables();
+        Still::new(device, &options, &GpuScene::new(device, &gaussians, &options)?)?;
+        let executables = device.take_executables();
+        let names = executables.first().map_or(&[][..], |first| &first.statistics);
+        let header: Vec<_> = [preset].into_iter().chain(names.iter().map(|(name, _)| name.as_str())).collect();
+        let mut lines = table(&header);
+        for Executable { stage, statistics } in &executables {
+            lines.add_row([*stage].into_iter().chain(statistics.iter().map(|(_, value)| value.as_str())));
+        }
+        say_table(&lines)?;
+    }
+    Ok(())
 }
 
 fn print(index: usize, device: &DeviceFacts) -> Result<()> {

@@ -85,6 +85,9 @@ impl<T: Element> Buffer<T> {
     }
 }
 
+/// Rows of 32 words that lie across two lines take twice as long on an H100, whose buffers may begin at any 16 bytes.
+const CACHE_LINES: u64 = 256;
+
 /// The Vulkan buffer and its memory.
 pub struct Storage {
     pub(super) raw: vk::Buffer,
@@ -132,7 +135,8 @@ impl Storage {
             device: device.clone(),
         };
         // SAFETY: clause 1.
-        let requirements = unsafe { device.raw.get_buffer_memory_requirements(raw) };
+        let mut requirements = unsafe { device.raw.get_buffer_memory_requirements(raw) };
+        requirements.alignment = requirements.alignment.max(CACHE_LINES);
         let allocation = storage.allocation.insert(device.allocate(name, requirements, location, true)?);
         // SAFETY: clauses 1 and 4, fresh memory that meets the buffer's requirements.
         unsafe { device.raw.bind_buffer_memory(raw, allocation.memory(), allocation.offset()) }

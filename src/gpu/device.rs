@@ -10,9 +10,10 @@ use gpu_allocator::{AllocationError, MemoryLocation};
 use raw_window_handle::{HasDisplayHandle, RawDisplayHandle};
 
 use super::error::{Unavailable, describe};
+use super::executables::{Executable, Executables};
 use super::facts::{
-    self, ANY_FORMAT, DEVICE_FAULT, DeviceChoice, DeviceFacts, HALF_FLOATS, MEMORY_BUDGET, PORTABILITY_SUBSET,
-    SWAPCHAINS,
+    self, ANY_FORMAT, DEVICE_FAULT, DeviceChoice, DeviceFacts, EXECUTABLES, HALF_FLOATS, MEMORY_BUDGET,
+    PORTABILITY_SUBSET, SWAPCHAINS,
 };
 use super::instance::Instance;
 use super::submission::{Slot, completed};
@@ -37,6 +38,7 @@ pub(super) struct Shared {
     pub push_descriptor: khr::push_descriptor::Device,
     pub debug: Option<ext::debug_utils::Device>,
     pub fault: Option<ext::device_fault::Device>,
+    pub executables: Option<Executables>,
     pub facts: DeviceFacts,
     /// Own checks and markers are on.
     pub checked: bool,
@@ -83,6 +85,9 @@ impl Device {
         if facts.has(DEVICE_FAULT) {
             extensions.push(ext::device_fault::NAME.as_ptr());
         }
+        if facts.has(EXECUTABLES) {
+            extensions.push(khr::pipeline_executable_properties::NAME.as_ptr());
+        }
         if facts.has(PORTABILITY_SUBSET) {
             extensions.push(khr::portability_subset::NAME.as_ptr());
         }
@@ -106,6 +111,8 @@ impl Device {
             .compute_full_subgroups(true)
             .dynamic_rendering(facts.has(SWAPCHAINS));
         let mut fault = vk::PhysicalDeviceFaultFeaturesEXT::default().device_fault(true);
+        let mut executables =
+            vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
         let mut info = vk::DeviceCreateInfo::default()
             .queue_create_infos(std::slice::from_ref(&queue))
             .enabled_extension_names(&extensions)
@@ -114,6 +121,9 @@ impl Device {
             .push_next(&mut features13);
         if facts.has(DEVICE_FAULT) {
             info = info.push_next(&mut fault);
+        }
+        if facts.has(EXECUTABLES) {
+            info = info.push_next(&mut executables);
         }
         // SAFETY: clause 4, every extension and feature was found in `facts`.
         let raw =
@@ -124,6 +134,9 @@ impl Device {
             push_descriptor: khr::push_descriptor::Device::new(&instance.raw, &raw),
             debug: instance.has_debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
             fault: facts.has(DEVICE_FAULT).then(|| ext::device_fault::Device::new(&instance.raw, &raw)),
+            executables: facts
+                .has(EXECUTABLES)
+                .then(|| Executables::new(khr::pipeline_executable_properties::Device::new(&instance.raw, &raw))),
             queue: Mutex::new(Queue { raw: queue, submitted: 0 }),
             timeline: vk::Semaphore::null(),
             slots: Mutex::default(),
@@ -158,6 +171,16 @@ impl Device {
     /// Whether the validation layer is on.
     pub fn is_validated(&self) -> bool {
         self.0.instance.validated
+    }
+
+    /// From here on notes what the driver says of the stages that are made. Returns whether it can say anything.
+    pub fn record_executables(&self) -> bool {
+        self.0.executables.as_ref().inspect(|executables| executables.record()).is_some()
+    }
+
+    /// What was noted, in the order in which stages were made; notes nothing from here on.
+    pub fn take_executables(&self) -> Vec<Executable> {
+        self.0.executables.as_ref().map_or_else(Vec::new, Executables::take)
     }
 
     /// What the validation layer and the missing-barrier check have found wrong so far. Empty in a correct program.

@@ -106,6 +106,7 @@ pub(super) const HALF_FLOATS: &str = "f16 arithmetic";
 pub(super) const MEMORY_BUDGET: &str = "memory budget";
 pub(super) const PORTABILITY_SUBSET: &str = "portability subset";
 pub(super) const DEVICE_FAULT: &str = "device fault";
+pub(super) const EXECUTABLES: &str = "pipeline statistics";
 pub(super) const SWAPCHAINS: &str = "windows";
 pub(super) const SHUFFLES: &str = "subgroup shuffles";
 pub(super) const ANY_FORMAT: &str = "image stores of any format";
@@ -189,6 +190,11 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
         .push_next(&mut features11)
         .push_next(&mut features12)
         .push_next(&mut features13);
+    let mut executables = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default();
+    let has_executables = offers(khr::pipeline_executable_properties::NAME);
+    if has_executables {
+        features = features.push_next(&mut executables);
+    }
     let has_fault_extension = offers(ext::device_fault::NAME);
     if has_fault_extension {
         features = features.push_next(&mut fault);
@@ -244,6 +250,7 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
         (MEMORY_BUDGET, offers(ext::memory_budget::NAME)),
         (PORTABILITY_SUBSET, offers(khr::portability_subset::NAME)),
         (DEVICE_FAULT, has_fault_extension && fault.device_fault == vk::TRUE),
+        (EXECUTABLES, has_executables && executables.pipeline_executable_info == vk::TRUE),
         (SHUFFLES, subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)),
         (SWAPCHAINS, offers(khr::swapchain::NAME) && draws),
         (ANY_FORMAT, core.shader_storage_image_write_without_format == vk::TRUE),

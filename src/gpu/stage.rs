@@ -8,6 +8,7 @@ use ash::vk;
 
 use super::device::{Device, Shared};
 use super::error::describe;
+use super::executables::Executables;
 use super::facts::{HALF_FLOATS, MAX_STORAGE_BUFFERS};
 use super::shader::{Binding, BindingKind, Constants, Shader};
 
@@ -88,7 +89,8 @@ impl Pipeline {
             .module(module)
             .name(c"main")
             .specialization_info(&specialization);
-        let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(made.layout);
+        let flags = device.executables.as_ref().map_or(vk::PipelineCreateFlags::empty(), Executables::flags);
+        let info = vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(made.layout);
         // SAFETY: clauses 4 and 5; the module is not needed after the pipeline is made.
         let pipelines = unsafe {
             let pipelines = device.raw.create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
@@ -96,6 +98,9 @@ impl Pipeline {
             pipelines
         };
         made.raw = pipelines.map_err(|(_, e)| describe("vkCreateComputePipelines", e))?[0];
+        if let Some(executables) = &device.executables {
+            executables.note(made.raw, S::NAME)?;
+        }
         device.name(made.raw, S::NAME);
         device.name(made.layout, S::NAME);
         Ok(made)

@@ -34,10 +34,12 @@ pub struct Fast {
     offsets: Stage<BinOffsets>,
     fill: Stage<BinFill>,
     sort: Stage<BinSort>,
-    merge: Stage<BinMerge>,
+    /// Of runs, and of what was merged.
+    merge: [Stage<BinMerge>; 2],
     masks: Stage<BinMasks>,
-    /// For every height of blocks.
-    blend: [Stage<BinBlend>; BLOCK_HEIGHTS.len()],
+    /// For every height of blocks; and for long bins.
+    blend: Vec<Stage<BinBlend>>,
+    blend_long: Vec<Stage<BinBlendLong>>,
     subgroup: u32,
     longest_list: u32,
     /// Which of [`BLOCK_HEIGHTS`] every picture has, if not its own.
@@ -75,19 +77,41 @@ impl Fast {
         let subgroups = BinSort::WORKGROUP[0] / subgroup;
         let digit_bits = digit_bits(subgroups, 16 << 10);
         let sort = BinSortConstants { digit_bits, subgroups, ballot_words };
-        let blend = |height: usize| {
-            let constants = BinBlendConstants {
+        let merge = |of_runs| Stage::new(device, &BinMergeConstants { of_runs });
+        let blend = |height: u32| BinBlendConstants {
+            subgroup,
+            block_height: height.max(subgroup / BLOCK_WIDTH),
+            alpha_min,
+            extent,
+            alpha_max: rules.alpha_max,
+            has_clamped_alphas: layout.has_clamped_alphas,
+            transmittance_min: rules.transmittance_min,
+            stop: options.stop,
+            compact,
+        };
+        let blend_long = |height: u32| {
+            let BinBlendConstants {
                 subgroup,
-                block_height: BLOCK_HEIGHTS[height].max(subgroup / BLOCK_WIDTH),
+                block_height,
                 alpha_min,
                 extent,
-                alpha_max: rules.alpha_max,
-                has_clamped_alphas: layout.has_clamped_alphas,
-                transmittance_min: rules.transmittance_min,
-                stop: options.stop,
+                alpha_max,
+                has_clamped_alphas,
+                transmittance_min,
+                stop,
                 compact,
-            };
-            Stage::new(device, &constants)
+            } = blend(height);
+            BinBlendLongConstants {
+                subgroup,
+                block_height,
+                alpha_min,
+                extent,
+                alpha_max,
+                has_clamped_alphas,
+                transmittance_min,
+                stop,
+                compact,
+            }
         };
         Ok(Some(Self {
             options: *options,
@@ -97,13 +121,18 @@ impl Fast {
             offsets: Stage::new(device, &())?,
             fill: Stage::new(device, &BinFillConstants { subgroup })?,
             sort: Stage::new(device, &sort)?,
-            merge: Stage::new(device, &())?,
+            merge: [merge(true)?, merge(false)?],
             masks: Stage::new(device, &BinMasksConstants { subgroup, alpha_min, extent, compact })?,
-            blend: [blend(0)?, blend(1)?, blend(2)?],
+            blend: BLOCK_HEIGHTS.iter().map(|height| Stage::new(device, &blend(*height))).collect::<Result<_>>()?,
+            blend_long: BLOCK_HEIGHTS
+                .iter()
+                .map(|height| Stage::new(device, &blend_long(*height)))
+                .collect::<Result<_>>()?,
             subgroup,
-            // For a batch of a subgroup's entries: one iteration each, and those around them.
             block_height: None,
-            longest_list: device.facts().loop_limit.map_or(u32::MAX, |limit| limit / 4),
+            // Of all loops of an invocation together: two iterations for an entry of a list that is not long, a part of one
+            // for those of others.
+            longest_list: device.facts().loop_limit.unwrap_or(u32::MAX),
         }))
     }
 
@@ -253,15 +282,27 @@ impl Fast {
         });
         between_stages(cmd);
         cmd.scope("merge", |cmd| {
-            let bindings = BinMergeBindings {
-                run_bins: &work.run_bins,
-                bins: &work.bins,
-                gaussian_from_splat: &work.gaussian_from_splat,
-                entries: &work.entries,
-                splat_ids: &work.splat_ids,
-                dispatches: &work.dispatches,
-            };
-            cmd.dispatch_indirect(&self.merge, bindings, (), &work.dispatches, over_runs);
+            for (index, (piece, [entries, merged])) in work.mergers().enumerate() {
+                if index > 0 {
+                    between_stages(cmd);
+                }
+                let bindings = BinMergeBindings {
+                    run_bins: &work.run_bins,
+                    bins: &work.bins,
+                    gaussian_from_splat: &work.gaussian_from_splat,
+                    entries,
+                    splat_ids: &work.splat_ids,
+                    dispatches: &work.dispatches,
+                    merged,
+                };
+                cmd.dispatch_indirect(
+                    &self.merge[index.min(1)],
+                    bindings,
+                    BinMergePush { piece },
+                    &work.dispatches,
+                    over_runs,
+                );
+            }
         });
         between_stages(cmd);
         cmd.scope("masks", |cmd| {
@@ -292,8 +333,17 @@ impl Fast {
                 masks: &work.masks,
                 image: target.image,
             };
-            let push =
-                BinBlendPush { size_px: target.image.size(), bins_x, bins, background: target.background.colour() };
+            let BinBlendBindings { bins: listed, bin_order, splat_ids, splats, masks, image } = bindings;
+            let long_bindings = BinBlendLongBindings { bins: listed, bin_order, splat_ids, splats, masks, image };
+            let (size_px, background) = (image.size(), target.background.colour());
+            let push = BinBlendPush { size_px, bins_x, bins, background };
+            let long_push = BinBlendLongPush { size_px, bins_x, bins, background };
+            let over_long_blocks = offset_of!(BinDispatches, over_long_blocks);
+            if work.has_long_lists() {
+                let long = &self.blend_long[height];
+                cmd.dispatch_indirect(long, long_bindings, long_push, &work.dispatches, over_long_blocks);
+                between_stages(cmd);
+            }
             let lanes = Extent::Invocations(u64::from(bins) * BLOCKS * u64::from(self.subgroup));
             cmd.dispatch(&self.blend[height], bindings, push, lanes);
         });

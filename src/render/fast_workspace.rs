@@ -16,6 +16,7 @@ pub(super) const MAX_BINS: u32 = 7200;
 pub(super) const PROJECT_CHUNK: usize = 384;
 pub(super) const BIN_CHUNKS: usize = 264;
 const BIN_RUN: usize = 2048;
+const BIN_PIECES: usize = 8;
 const BIN_STRETCH: usize = 1024;
 
 /// The buffers of one fast frame in the making. In a [`Demand`], its tiles are bins.
@@ -38,6 +39,10 @@ pub struct FastWorkspace {
     pub stretch_bins: Buffer<u32>,
     /// Depth key and splat.
     pub entries: Buffer<[u32; 2]>,
+    /// The same between mergers, if one is not enough.
+    pub merged: Buffer<[u32; 2]>,
+    /// Times that lists are merged.
+    mergers: u32,
     pub splat_ids: Buffer<u32>,
     /// A bit for every entry and block of its bin.
     pub masks: Buffer<u32>,
@@ -54,6 +59,10 @@ impl FastWorkspace {
     }
 
     pub fn new(device: &Device, room: Demand, splat_elements: usize) -> Result<Self> {
+        Self::with(device, room, splat_elements, 1)
+    }
+
+    fn with(device: &Device, room: Demand, splat_elements: usize, mergers: u32) -> Result<Self> {
         let visible = length("visible splats", room.visible)?;
         let spans = length("rows of bins", room.spans)?;
         let entries = length("entries of bins", room.instances)?;
@@ -75,22 +84,42 @@ impl FastWorkspace {
             run_bins: words("run bins", entries / BIN_RUN + room.tiles)?,
             stretch_bins: words("stretch bins", stretches)?,
             entries: Buffer::new(device, "entries", entries)?,
+            merged: Buffer::new(device, "merged entries", if mergers > 1 { entries } else { 1 })?,
+            mergers,
             splat_ids: words("splat ids", entries)?,
             masks: words("masks", stretches * BIN_STRETCH)?,
             splat_elements,
         })
     }
 
-    /// Makes room for `demand` and a little more, if there is not enough.
-    pub fn grow(&mut self, device: &Device, demand: Demand) -> Result<()> {
-        if demand.fits(self.room) {
+    /// Makes room for `demand` and a little more, and for a list as long as the longest, if there is not enough.
+    pub fn grow(&mut self, device: &Device, demand: Demand, longest_list: u32) -> Result<()> {
+        let mergers = self.mergers.max(mergers(longest_list));
+        if demand.fits(self.room) && mergers == self.mergers {
             return Ok(());
         }
         let elements = self.splat_elements;
         let rooms = demand.rooms_beyond(self.room);
         *self = Self::new(device, Demand::default(), elements)?; // frees what is there before the larger are made
-        *self = first_that_fits(rooms, |room| Self::new(device, room, elements))?;
+        *self = first_that_fits(rooms, |room| Self::with(device, room, elements, mergers))?;
         Ok(())
+    }
+
+    /// For every time that lists are merged: entries of the pieces that are sorted before, and these pieces' buffer, then the
+    /// next ones'.
+    pub fn mergers(&self) -> impl Iterator<Item = (u32, [&Buffer<[u32; 2]>; 2])> {
+        let buffers = [[&self.entries, &self.merged], [&self.merged, &self.entries]];
+        (0..self.mergers).map(move |i| ((BIN_RUN * BIN_PIECES.pow(i)) as u32, buffers[i as usize % 2]))
+    }
+
+    /// Whether there may be bins whose blocks several subgroups blend: those that are merged more than once.
+    pub fn has_long_lists(&self) -> bool {
+        self.mergers > 1
+    }
+
+    /// The longest list of a bin that is merged.
+    pub fn longest_list(&self) -> u32 {
+        u32::try_from(BIN_RUN * BIN_PIECES.pow(self.mergers) - 1).unwrap_or(u32::MAX)
     }
 
     /// Every buffer's name and bytes.
@@ -115,7 +144,14 @@ impl FastWorkspace {
             self.span_ranges.footprint(),
             self.bins.footprint(),
             self.entries.footprint(),
+            self.merged.footprint(),
         ]);
         all
     }
+}
+
+/// Times that a list is merged until it is sorted; once if it is short.
+fn mergers(longest_list: u32) -> u32 {
+    let is_enough = |times: &u32| BIN_RUN * BIN_PIECES.pow(*times) > longest_list as usize;
+    (1..).find(is_enough).expect("powers grow")
 }

@@ -124,9 +124,13 @@ impl Paths {
         let is_ruled_out = needs_lists || self.is_too_long;
         let fast = self.fast.as_mut().filter(|(fast, _)| !is_ruled_out && fast.takes(size, gaussians));
         if let Some((fast, work)) = fast
-            && grown(work.grow(device, demand(fast.bins(size, gaussians))))?
+            && grown(work.grow(device, demand(fast.bins(size, gaussians)), 0))?
         {
-            return Ok(Limits { is_fast: true, room: work.room, longest_list: fast.longest_list() });
+            return Ok(Limits {
+                is_fast: true,
+                room: work.room,
+                longest_list: fast.longest_list().min(work.longest_list()),
+            });
         }
         self.work.grow(device, demand(tiles(size)))?;
         Ok(Limits { is_fast: false, room: self.work.room, longest_list: self.renderer.longest_list(self.passes) })
@@ -153,9 +157,9 @@ impl Paths {
         let demand = Demand::of(totals, limits.room.gaussians, limits.room.tiles);
         let is_whole = demand.fits(limits.room) && totals.longest_list <= limits.longest_list;
         match &mut self.fast {
-            Some((_, work)) if limits.is_fast => {
-                self.is_too_long = totals.longest_list > limits.longest_list;
-                if !grown(work.grow(device, demand))? {
+            Some((fast, work)) if limits.is_fast => {
+                self.is_too_long = totals.longest_list > fast.longest_list();
+                if !grown(work.grow(device, demand, totals.longest_list))? {
                     self.fast = None;
                     self.work = Workspace::new(device, Demand::guess(device, limits.room.gaussians, 1))?;
                 }

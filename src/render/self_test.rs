@@ -88,8 +88,7 @@ fn difference(drawn: &Pixels, expected: &Pixels) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::environment::Environment;
-    use crate::gpu::Validation;
+    use crate::gpu::{DeviceChoice, Validation};
     use crate::options::Options;
     use crate::render::blending::Variation;
     use crate::render::fast::Fast;
@@ -97,9 +96,8 @@ mod tests {
 
     #[test]
     fn a_fast_path_that_draws_another_picture_is_dropped() {
-        let environment = Environment::read();
-        let validation = environment.validation.unwrap_or(Validation::Required);
-        let device = Device::open(&environment.device, validation).expect("GPU tests need a Vulkan device");
+        let device =
+            Device::open(&DeviceChoice::Best, Validation::IfInstalled).expect("GPU tests need a Vulkan device");
         let (options, gaussians) = (Options::EXACT, synthetic::cactus(3000).unwrap().gaussians);
         let scene = GpuScene::new(&device, &gaussians, &options).unwrap();
         let mut paths = Paths::new(&device, &options, &scene, Variation::default()).unwrap();
