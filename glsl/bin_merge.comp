@@ -3,11 +3,11 @@
 #include "workgroup.glsl"
 #extension GL_EXT_control_flow_attributes : require
 #include "frame.glsl"
-// One workgroup per run of a bin that has several pieces: where each of its entries goes among those of up to 8 pieces.
-// Before: pieces of `piece` entries are sorted, by bin_sort or by this. After: so are those of 8 times as many, or else, if
+// One workgroup per run of a bin that has several pieces: where each of its entries goes among those of up to 16 pieces.
+// Before: pieces of `piece` entries are sorted, by bin_sort or by this. After: so are those of 16 times as many, or else, if
 // these are all of a bin, its splat_ids, by depth, then by Gaussian.
 // An entry's place is the sum over the pieces of the entries before it, found by bisection in workgroup memory: no run waits
-// for another, and a list of less than 16,384 entries takes one dispatch.
+// for another, and a list of less than 32,768 entries takes one dispatch.
 
 layout(binding = 0, scalar) readonly buffer RunBins { uint run_bins[]; };                   // [runs]
 layout(binding = 1, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]

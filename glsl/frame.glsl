@@ -16,7 +16,7 @@ const uint MAX_BINS = 7200;       // whose counts leave some of 32 KiB of workgr
 const uint BIN_PROJECT_CHUNK = 384;
 const uint BIN_CHUNKS = 264;      // parts in which splats are listed
 const uint BIN_RUN = 2048;        // entries that a workgroup sorts
-const uint BIN_PIECES = 8;        // sorted pieces of a list that are merged at once
+const uint BIN_PIECES = 16;       // sorted pieces of a list that are merged at once
 // Entries of a long bin, at least: more than are merged at once; several subgroups blend each of its blocks.
 const uint LONG_LIST = BIN_RUN * BIN_PIECES;
 const uint BIN_STRETCH = 1024;    // entries whose masks lie together

@@ -16,7 +16,7 @@ pub(super) const MAX_BINS: u32 = 7200;
 pub(super) const PROJECT_CHUNK: usize = 384;
 pub(super) const BIN_CHUNKS: usize = 264;
 const BIN_RUN: usize = 2048;
-const BIN_PIECES: usize = 8;
+const BIN_PIECES: usize = 16;
 const BIN_STRETCH: usize = 1024;
 
 /// The buffers of one fast frame in the making. In a [`Demand`], its tiles are bins.
