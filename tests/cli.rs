@@ -258,6 +258,18 @@ fn doctor_lists_devices_and_tests_one() {
 }
 
 #[test]
+fn doctor_lists_registers_where_the_driver_knows_them() {
+    let json: serde_json::Value = serde_json::from_str(&ok(&["doctor", "--json"])).unwrap();
+    let knows = |device: &serde_json::Value| device["optional"].to_string().contains("[\"pipeline statistics\",true]");
+    if json.as_array().unwrap().iter().any(knows) {
+        let text = ok(&["doctor", "--pipelines"]);
+        assert!(text.contains("bin_blend") && text.contains("balanced"), "{text}");
+    } else {
+        assert!(fails(3, &["doctor", "--pipelines"]).contains("says nothing of its pipelines"));
+    }
+}
+
+#[test]
 fn every_command_has_help() {
     for arguments in [
         &["--help"][..],
