@@ -38,8 +38,10 @@ pub struct Fast {
     merge: [Stage<BinMerge>; 2],
     masks: Stage<BinMasks>,
     /// For every height of blocks; and for long bins.
-    blend: Vec<Stage<BinBlend>>,
-    blend_long: Vec<Stage<BinBlendLong>>,
+    blend: [Option<Stage<BinBlend>>; BLOCK_HEIGHTS.len()],
+    blend_long: [Option<Stage<BinBlendLong>>; BLOCK_HEIGHTS.len()],
+    /// Of these, but for the height.
+    blend_constants: BinBlendConstants,
     subgroup: u32,
     longest_list: u32,
     /// Which of [`BLOCK_HEIGHTS`] every picture has, if not its own.
@@ -78,9 +80,9 @@ impl Fast {
         let digit_bits = digit_bits(subgroups, 16 << 10);
         let sort = BinSortConstants { digit_bits, subgroups, ballot_words };
         let merge = |of_runs| Stage::new(device, &BinMergeConstants { of_runs });
-        let blend = |height: u32| BinBlendConstants {
+        let blend_constants = BinBlendConstants {
             subgroup,
-            block_height: height.max(subgroup / BLOCK_WIDTH),
+            block_height: 0,
             alpha_min,
             extent,
             alpha_max: rules.alpha_max,
@@ -88,30 +90,6 @@ impl Fast {
             transmittance_min: rules.transmittance_min,
             stop: options.stop,
             compact,
-        };
-        let blend_long = |height: u32| {
-            let BinBlendConstants {
-                subgroup,
-                block_height,
-                alpha_min,
-                extent,
-                alpha_max,
-                has_clamped_alphas,
-                transmittance_min,
-                stop,
-                compact,
-            } = blend(height);
-            BinBlendLongConstants {
-                subgroup,
-                block_height,
-                alpha_min,
-                extent,
-                alpha_max,
-                has_clamped_alphas,
-                transmittance_min,
-                stop,
-                compact,
-            }
         };
         Ok(Some(Self {
             options: *options,
@@ -123,11 +101,9 @@ impl Fast {
             sort: Stage::new(device, &sort)?,
             merge: [merge(true)?, merge(false)?],
             masks: Stage::new(device, &BinMasksConstants { subgroup, alpha_min, extent, compact })?,
-            blend: BLOCK_HEIGHTS.iter().map(|height| Stage::new(device, &blend(*height))).collect::<Result<_>>()?,
-            blend_long: BLOCK_HEIGHTS
-                .iter()
-                .map(|height| Stage::new(device, &blend_long(*height)))
-                .collect::<Result<_>>()?,
+            blend_constants,
+            blend: Default::default(),
+            blend_long: Default::default(),
             subgroup,
             block_height: None,
             // Of all loops of an invocation together: two iterations for an entry of a list that is not long, a part of one
@@ -144,6 +120,41 @@ impl Fast {
     /// Columns and rows of bins of a picture of a scene of so many Gaussians.
     pub fn bins(&self, size_px: [u32; 2], gaussians: usize) -> [u32; 2] {
         bins_of(size_px, BLOCK_HEIGHTS[self.block_height(size_px, gaussians)])
+    }
+
+    /// Makes what blends such pictures, and bins with long lists if there may be some.
+    pub fn prepare(
+        &mut self,
+        device: &Device,
+        size_px: [u32; 2],
+        gaussians: usize,
+        has_long_lists: bool,
+    ) -> Result<()> {
+        let height = self.block_height(size_px, gaussians);
+        let block_height = BLOCK_HEIGHTS[height].max(self.subgroup / BLOCK_WIDTH);
+        let constants = BinBlendConstants { block_height, ..self.blend_constants };
+        if self.blend[height].is_none() {
+            self.blend[height] = Some(Stage::new(device, &constants)?);
+        }
+        if has_long_lists && self.blend_long[height].is_none() {
+            let BinBlendConstants { subgroup, block_height, alpha_min, extent, .. } = constants;
+            let BinBlendConstants { alpha_max, has_clamped_alphas, transmittance_min, stop, compact, .. } = constants;
+            self.blend_long[height] = Some(Stage::new(
+                device,
+                &BinBlendLongConstants {
+                    subgroup,
+                    block_height,
+                    alpha_min,
+                    extent,
+                    alpha_max,
+                    has_clamped_alphas,
+                    transmittance_min,
+                    stop,
+                    compact,
+                },
+            )?);
+        }
+        Ok(())
     }
 
     /// Which of the heights its blocks have.
@@ -340,12 +351,12 @@ impl Fast {
             let long_push = BinBlendLongPush { size_px, bins_x, bins, background };
             let over_long_blocks = offset_of!(BinDispatches, over_long_blocks);
             if work.has_long_lists() {
-                let long = &self.blend_long[height];
+                let long = self.blend_long[height].as_ref().expect("it is prepared");
                 cmd.dispatch_indirect(long, long_bindings, long_push, &work.dispatches, over_long_blocks);
                 between_stages(cmd);
             }
             let lanes = Extent::Invocations(u64::from(bins) * BLOCKS * u64::from(self.subgroup));
-            cmd.dispatch(&self.blend[height], bindings, push, lanes);
+            cmd.dispatch(self.blend[height].as_ref().expect("it is prepared"), bindings, push, lanes);
         });
     }
 }

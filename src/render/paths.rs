@@ -126,6 +126,7 @@ impl Paths {
         if let Some((fast, work)) = fast
             && grown(work.grow(device, demand(fast.bins(size, gaussians)), 0))?
         {
+            fast.prepare(device, size, gaussians, work.has_long_lists())?;
             return Ok(Limits {
                 is_fast: true,
                 room: work.room,

@@ -42,7 +42,9 @@ impl Paths {
         let scene = scene.first(TRIAL);
         let expected = self.draw_trial(device, &scene, true)?;
         let mut largest: f32 = 0.0;
-        for height in 0..BLOCK_HEIGHTS.len() {
+        // A software device compiles for longer than it draws, and by one compiler whatever the height.
+        let heights = if device.facts().kind == "CPU" { 1 } else { BLOCK_HEIGHTS.len() };
+        for height in 0..heights {
             self.set_block_height(Some(height));
             let drawn = self.draw_trial(device, &scene, false)?;
             largest = largest.max(difference(&drawn, &expected));
