@@ -19,7 +19,7 @@ layout(push_constant, scalar) uniform Push {
     uint entry_capacity;
 } push;
 
-const uint CLASSES = 124;  // of lists, by their length: four for every power of two, the longest first
+const uint CLASSES = 124;  // of lists, by their length, the longest first
 
 shared uint listed[MAX_BINS];
 shared uint class_sizes[CLASSES];
@@ -38,7 +38,7 @@ void main() {
         instances_high = totals.instances_high;
         longest = 0;
     }
-    for (uint i = lane(); i < CLASSES; i += WORKGROUP) class_sizes[i] = 0;
+    if (lane() < CLASSES) class_sizes[lane()] = 0;
     barrier();
     for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) listed[bin] = listed_in_bins[bin];
     barrier();
@@ -84,7 +84,6 @@ void main() {
     barrier();
     uint all_bins;
     uint class_begin = workgroup_exclusive_add(lane() < CLASSES ? class_sizes[lane()] : 0, all_bins);
-    barrier();
     if (lane() < CLASSES) class_sizes[lane()] = class_begin;
     barrier();
     if (lane() == 0) {

@@ -81,8 +81,7 @@ impl Paths {
 
     #[cfg(test)]
     pub fn replace_fast(&mut self, device: &Device, scene: &GpuScene, fast: Fast) -> Result<()> {
-        let (_, work) = self.fast.take().expect("there is a fast path");
-        self.fast = Some((fast, work));
+        self.fast.as_mut().expect("there is a fast path").0 = fast;
         self.try_fast(device, scene)
     }
 

@@ -7,7 +7,7 @@ use super::blending::Target;
 use super::fast::BLOCK_HEIGHTS;
 use super::gpu_scene::GpuScene;
 use super::paths::Paths;
-use super::still::read_pixels;
+use super::still::{MAX_ATTEMPTS, read_pixels};
 use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, Image};
 use crate::options::Background;
@@ -15,13 +15,11 @@ use crate::pixels::Pixels;
 use crate::scene::Gaussians;
 
 /// Gaussians of a trial: the scene's first.
-pub(super) const TRIAL: usize = 1 << 14;
+const TRIAL: usize = 1 << 14;
 const SIZE: [u32; 2] = [256, 144];
 /// Between the paths, of a channel or of 1 if that is more. Rounding moves a threshold at times, which shows as a step of
 /// 1/255; what is wrong shows as more.
 const TOLERANCE: f32 = 0.03;
-/// Frames until a trial has found its room.
-const MAX_FRAMES: usize = 10;
 
 /// A view of most of the first Gaussians.
 pub(super) fn trial_view(gaussians: &Gaussians, near: f32) -> Camera {
@@ -55,7 +53,7 @@ impl Paths {
 
     fn draw_trial(&mut self, device: &Device, scene: &GpuScene, needs_lists: bool) -> Result<Pixels> {
         let image = Image::new(device, "trial", SIZE[0], SIZE[1])?;
-        for _ in 0..MAX_FRAMES {
+        for _ in 0..MAX_ATTEMPTS {
             let limits = self.prepare(device, scene.len(), SIZE, needs_lists)?;
             let mut cmd = Commands::new(device)?;
             let target = Target { image: &image, certificate: None, background: Background::BLACK };

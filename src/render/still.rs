@@ -78,7 +78,7 @@ pub struct Recorded {
 
 /// More attempts than any frame needs: each grows to the demand of the one before, and demands hide behind one another
 /// (visible, spans and instances, list length), on either path.
-const MAX_ATTEMPTS: u32 = 10;
+pub(super) const MAX_ATTEMPTS: u32 = 10;
 
 impl Still {
     pub fn new(device: &Device, options: &Options, scene: &GpuScene) -> Result<Self> {
