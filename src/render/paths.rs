@@ -8,6 +8,7 @@ use super::fast_workspace::FastWorkspace;
 use super::gpu_scene::GpuScene;
 use super::inspect::Inspector;
 use super::renderer::Renderer;
+use super::self_test;
 use super::shaders::Totals;
 use super::view::tiles;
 use super::workspace::{Demand, Workspace};
@@ -57,7 +58,7 @@ impl Paths {
             is_too_long: false,
             notice: None,
         };
-        if paths.fast.is_some() {
+        if paths.fast.is_some() && self_test::is_due(device) {
             paths.try_fast(device, scene)?;
         }
         Ok(paths)

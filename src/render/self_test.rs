@@ -1,5 +1,7 @@
 //! The fast path's trial at the start: what it draws of a part of the scene is held to the portable path.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use anyhow::Result;
 use glam::DVec3;
 
@@ -21,6 +23,17 @@ const SIZE: [u32; 2] = [256, 144];
 /// 1/255; what is wrong shows as more.
 const TOLERANCE: f32 = 0.03;
 
+/// Whether a renderer made on this device is tried. A software device compiles for longer than it draws, all by one compiler
+/// which is that of the host: there only the first renderer of a process is.
+pub(super) fn is_due(device: &Device) -> bool {
+    static HAS_TRIED: AtomicBool = AtomicBool::new(false);
+    !is_software(device) || !HAS_TRIED.swap(true, Ordering::Relaxed)
+}
+
+fn is_software(device: &Device) -> bool {
+    device.facts().kind == "CPU"
+}
+
 /// A view of most of the first Gaussians.
 pub(super) fn trial_view(gaussians: &Gaussians, near: f32) -> Camera {
     let means: Vec<_> = gaussians.means().iter().take(TRIAL).map(|mean| DVec3::from(mean.map(f64::from))).collect();
@@ -40,8 +53,7 @@ impl Paths {
         let scene = scene.first(TRIAL);
         let expected = self.draw_trial(device, &scene, true)?;
         let mut largest: f32 = 0.0;
-        // A software device compiles for longer than it draws, and by one compiler whatever the height.
-        let heights = if device.facts().kind == "CPU" { 1 } else { BLOCK_HEIGHTS.len() };
+        let heights = if is_software(device) { 1 } else { BLOCK_HEIGHTS.len() };
         for height in 0..heights {
             self.set_block_height(Some(height));
             let drawn = self.draw_trial(device, &scene, false)?;
