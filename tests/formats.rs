@@ -222,7 +222,8 @@ fn ply_reads_past_what_it_does_not_need() {
 
 #[test]
 fn ply_says_what_is_missing() {
-    for missing in NAMES {
+    // Without scale_2 they are flat.
+    for missing in NAMES.into_iter().filter(|name| *name != "scale_2") {
         let properties: Vec<_> = NAMES.iter().filter(|n| **n != missing).map(|n| ("float", *n)).collect();
         let problem = parse(&ply(&properties)).unwrap_err();
         assert!(problem.contains(&format!("property {missing} of element vertex is missing")), "{problem}");

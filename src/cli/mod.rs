@@ -3,6 +3,7 @@
 mod bench;
 mod budget;
 mod compare;
+mod convert;
 mod doctor;
 mod dump;
 mod info;
@@ -52,6 +53,7 @@ enum Command {
     Render(render::Args),
     View(view::Args),
     Info(info::Args),
+    Convert(convert::Args),
     Bench(bench::Args),
     Compare(compare::Args),
     Trade(trade::Args),
@@ -122,6 +124,7 @@ pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>
         Command::Render(args) => render::run(&args),
         Command::View(args) => view::run(&args),
         Command::Info(args) => info::run(&args),
+        Command::Convert(args) => convert::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Trade(args) => trade::run(&args),
@@ -201,6 +204,9 @@ impl SceneArg {
                 scene::read(&path, &|fraction| bar.set(fraction))?
             }
         };
+        for notice in &scene.notices {
+            remark(&format!("note: {name}: {notice}"));
+        }
         let tally = &scene.tally;
         if tally.dropped() + tally.clamped_scale > 0 {
             let level = if tally.is_clean() { "note" } else { "warning" };

@@ -3,8 +3,12 @@
 mod bounds;
 mod canonical;
 mod compressed_ply;
+mod edit;
+mod gltf;
 mod grid;
 pub mod harmonics;
+mod loss;
+mod morton;
 mod ply;
 mod procedural;
 mod requirements;
@@ -12,18 +16,22 @@ mod source;
 mod spz;
 pub mod synthetic;
 mod transform;
+mod write;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 
 pub use bounds::{Bounds, Focus, percentiles};
+pub use edit::RIGHT_UP_BACK;
 pub use canonical::{Builder, Raw, Tally};
 pub use grid::Grid;
+pub use loss::Loss;
 pub use procedural::Procedural;
 pub use requirements::{Band, Requirements, bands, decode_rotation, encode_rotation};
 use source::Source;
 pub use transform::Transform;
+pub use write::SceneFile;
 
 use crate::memory::OutOfMemory;
 
@@ -103,6 +111,8 @@ pub struct Scene {
     pub format: String,
     /// Trained with the antialiasing of Mip-Splatting, and drawn with it.
     pub is_antialiased: bool,
+    /// What is drawn otherwise than the file asks for, a clause each.
+    pub notices: Vec<String>,
 }
 
 /// A file that cannot be used: which, and why, in one sentence.
@@ -168,6 +178,8 @@ fn read_any(path: &Path, watch: &Watch) -> Result<Scene> {
     let magic = source.peek(4)?;
     let scene = match magic {
         _ if magic.starts_with(b"ply") => ply::read(&mut source)?,
+        _ if magic.starts_with(b"glTF") => gltf::read_binary(&mut source, path)?,
+        _ if has_ending(path, "gltf") => gltf::read_text(&mut source, path)?,
         _ if magic.starts_with(b"NGSP") => spz::read_v4(&mut source)?,
         [0x1f, 0x8b, ..] => spz::read_gzip(&mut source)?,
         _ => bail!(
@@ -179,6 +191,10 @@ fn read_any(path: &Path, watch: &Watch) -> Result<Scene> {
     let is_drawable = !scene.gaussians.is_empty() || scene.tally.is_clean();
     ensure!(is_drawable, "none of its {read} Gaussians can be drawn: {}", scene.tally);
     Ok(scene)
+}
+
+fn has_ending(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending))
 }
 
 /// The scene of a model folder of the original 3DGS: the point cloud of the last iteration. Any other path is as it is.

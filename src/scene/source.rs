@@ -72,6 +72,17 @@ impl<'w> Source<'w> {
         })
     }
 
+    /// The same, but the last line of the file may have no end.
+    pub fn last_line(&mut self, limit: u64, what: &str) -> Result<String> {
+        if self.left() > limit {
+            return self.line(limit, what);
+        }
+        let mut line = Vec::new();
+        (&mut *self).take(limit).read_until(b'\n', &mut line)?;
+        ensure!(!line.is_empty(), "the file ends at byte {}, inside {what}", self.len);
+        Ok(String::from_utf8_lossy(&line).trim_end().to_owned())
+    }
+
     /// A line without its end, of at most `limit` bytes; `what` names what it is part of.
     pub fn line(&mut self, limit: u64, what: &str) -> Result<String> {
         let mut line = Vec::new();
