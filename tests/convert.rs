@@ -137,7 +137,18 @@ fn scenes_are_moved_cropped_filtered_and_joined() {
         assert_eq!(*mean, [before[0] * 2.0 - 1.0, before[1] * 2.0, before[2] * 2.0 + 0.5]);
     }
     // A turn, and the same turn back.
-    convert(&[PLUSH, &out, "--transform", "rotate=10,20,30", "--transform", "rotate=0,0,-30", "--transform", "rotate=0,-20,0", "--transform", "rotate=-10,0,0"]);
+    convert(&[
+        PLUSH,
+        &out,
+        "--transform",
+        "rotate=10,20,30",
+        "--transform",
+        "rotate=0,0,-30",
+        "--transform",
+        "rotate=0,-20,0",
+        "--transform",
+        "rotate=-10,0,0",
+    ]);
     for loss in Loss::between(&original, &read(&out)) {
         assert!(loss.largest < 2e-5, "{loss:?}");
     }

@@ -276,7 +276,7 @@ fn damaged_files_are_refused_in_one_sentence() {
         ("count overflows", with("vertex 1", "vertex 18446744073709551615"), "claims"),
         ("count is text", with("vertex 1", "vertex many"), "'many' is not a count"),
         ("no Gaussians", with("vertex 1", "vertex 0"), "holds no Gaussians"),
-        ("ascii", with("binary_little_endian", "ascii"), "ascii is not supported"),
+        ("ascii", with("binary_little_endian", "ascii"), "is not a number"),
         ("unknown type", with("property float x", "property quad x"), "'quad' is not a PLY type"),
         ("twice", with("property float y", "property float x"), "there twice"),
         ("list", with("property float x", "property list uchar int x"), "list"),

@@ -100,7 +100,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
     ensure!(!arranged.is_empty(), "all {} Gaussians are transparent in the steps of the format", gaussians.len());
     drop(gaussians);
     if lost_degrees {
-        remark(&format!("warning: {}: the format has colours of SH degree {} alone", output.display(), arranged.sh_degree()));
+        remark(&format!(
+            "warning: {}: the format has colours of SH degree {} alone",
+            output.display(),
+            arranged.sh_degree()
+        ));
     }
     let (format, loss) = write(output, kind, &arranged, is_antialiased)?;
     let report = Report {
@@ -211,13 +215,16 @@ fn print(report: &Report) -> Result<()> {
     let mut rows = table(&["lost", "largest", "rms", "unit"]);
     for loss in loss {
         let number = |value: f64| if value == 0.0 { "0".to_owned() } else { format!("{value:.2e}") };
-        rows.add_row([loss.attribute.to_owned(), number(loss.largest), number(loss.rms), loss.unit.to_owned()].map(Cell::new));
+        rows.add_row(
+            [loss.attribute.to_owned(), number(loss.largest), number(loss.rms), loss.unit.to_owned()].map(Cell::new),
+        );
     }
     say_table(&rows)
 }
 
 fn numbers<const N: usize>(text: &str) -> Result<[f64; N]> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok().filter(|n: &f64| n.is_finite())).collect();
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|n| n.trim().parse().ok().filter(|n: &f64| n.is_finite())).collect();
     let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
     numbers.with_context(|| format!("'{text}' is not {N} number{}", if N == 1 { "" } else { "s with commas between" }))
 }

@@ -137,11 +137,7 @@ fn chunk(source: &mut Source) -> Result<Option<(u32, Vec<u8>)>> {
     let mut header = [0; 8];
     source.fill(&mut header, "the header of a chunk")?;
     let (bytes, kind) = (word(&header, 0), word(&header, 4));
-    ensure!(
-        u64::from(bytes) <= source.left(),
-        "a chunk claims {bytes} bytes, the file has {} left",
-        source.left()
-    );
+    ensure!(u64::from(bytes) <= source.left(), "a chunk claims {bytes} bytes, the file has {} left", source.left());
     let mut chunk = vec![0; bytes as usize];
     source.fill(&mut chunk, "a chunk")?;
     Ok(Some((kind, chunk)))
@@ -200,14 +196,18 @@ impl Document {
     /// The bytes of every buffer.
     fn load(&self, path: &Path, mut embedded: Option<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
         let load = |(index, buffer): (usize, &Buffer)| match &buffer.uri {
-            None => embedded.take().filter(|_| index == 0).with_context(|| format!("buffer {index} is not in the file")),
+            None => {
+                embedded.take().filter(|_| index == 0).with_context(|| format!("buffer {index} is not in the file"))
+            }
             Some(uri) => match uri.strip_prefix("data:") {
                 Some(data) => {
-                    let (_, text) = data.split_once(";base64,").with_context(|| format!("buffer {index} is not base64"))?;
+                    let (_, text) =
+                        data.split_once(";base64,").with_context(|| format!("buffer {index} is not base64"))?;
                     STANDARD.decode(text).with_context(|| format!("buffer {index} is not base64"))
                 }
                 None => {
-                    let is_beside = !uri.contains([':', '\\']) && Path::new(uri).components().all(|c| matches!(c, std::path::Component::Normal(_)));
+                    let is_beside = !uri.contains([':', '\\'])
+                        && Path::new(uri).components().all(|c| matches!(c, std::path::Component::Normal(_)));
                     ensure!(is_beside, "buffer {index} lies at '{uri}', which is not beside the file");
                     let file = path.parent().unwrap_or(Path::new("")).join(uri.replace("%20", " "));
                     std::fs::read(&file).with_context(|| format!("buffer {index}, {}, cannot be read", file.display()))
@@ -246,7 +246,8 @@ impl Node {
         if let Some(matrix) = &self.matrix {
             return DMat4::from_cols_array(matrix);
         }
-        let [scale, translation] = [self.scale.unwrap_or([1.0; 3]), self.translation.unwrap_or([0.0; 3])].map(DVec3::from);
+        let [scale, translation] =
+            [self.scale.unwrap_or([1.0; 3]), self.translation.unwrap_or([0.0; 3])].map(DVec3::from);
         let rotation = DQuat::from_array(self.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
         DMat4::from_scale_rotation_translation(scale, rotation, translation)
     }

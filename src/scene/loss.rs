@@ -138,7 +138,12 @@ mod tests {
 
     #[test]
     fn a_scene_has_lost_nothing_of_itself() {
-        let raw = Raw { mean: [1.0; 3], log_scale: [f64::NEG_INFINITY; 3], rotation: [0.1, 0.2, 0.3, 0.4], opacity_logit: 2.0 };
+        let raw = Raw {
+            mean: [1.0; 3],
+            log_scale: [f64::NEG_INFINITY; 3],
+            rotation: [0.1, 0.2, 0.3, 0.4],
+            opacity_logit: 2.0,
+        };
         let scene = one(raw, &[[0.1; 3]]);
         assert!(Loss::between(&scene, &scene).iter().all(|loss| loss.largest == 0.0 && loss.rms == 0.0));
     }

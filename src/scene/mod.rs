@@ -23,8 +23,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 
 pub use bounds::{Bounds, Focus, percentiles};
-pub use edit::RIGHT_UP_BACK;
 pub use canonical::{Builder, Raw, Tally};
+pub use edit::RIGHT_UP_BACK;
 pub use grid::Grid;
 pub use loss::Loss;
 pub use procedural::Procedural;

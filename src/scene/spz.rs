@@ -7,8 +7,8 @@ use flate2::bufread::GzDecoder;
 use rayon::prelude::*;
 
 use super::canonical::{BLOCK, Builder, Raw};
-use super::source::Source;
 use super::harmonics::flip_sign;
+use super::source::Source;
 use super::{MAX_SH_DEGREE, RIGHT_UP_BACK, Scene, decode_rotation, rest_values};
 
 pub(super) const MAGIC: u32 = 0x5053_474e; // "NGSP"
@@ -161,7 +161,13 @@ fn decode<R: Read + Send>(source: &mut Source, header: &Header, flips: [bool; 3]
         ensure!(rest == 0, "the {name} go on after those of {} Gaussians", header.count);
     }
     let (gaussians, tally) = builder.finish();
-    Ok(Scene { gaussians, tally, format: format!("SPZ {}", header.version), is_antialiased: header.is_antialiased, notices: Vec::new() })
+    Ok(Scene {
+        gaussians,
+        tally,
+        format: format!("SPZ {}", header.version),
+        is_antialiased: header.is_antialiased,
+        notices: Vec::new(),
+    })
 }
 
 /// One Gaussian from its bytes in each plane.

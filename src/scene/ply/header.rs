@@ -154,8 +154,10 @@ pub(super) fn read(source: &mut Source) -> Result<Header> {
             [] => {}
             ["element", name, count] => {
                 let encoding = encoding.context("the PLY header has no format line before its elements")?;
-                let count = count.parse().with_context(|| format!("header line {number}: '{count}' is not a count"))?;
-                let name = name.to_owned();
+                let count = count
+                    .parse()
+                    .with_context(|| format!("header line {number}: '{}' is not a count", quoted(count)))?;
+                let name = quoted(name);
                 elements.push(Element { name, count, properties: Vec::new(), has_list: false, encoding });
             }
             ["property", ref kind @ .., name] => {
@@ -166,20 +168,24 @@ pub(super) fn read(source: &mut Source) -> Result<Header> {
                     ["list", ..] => element.has_list = true,
                     [kind] => {
                         let kind = Scalar::parse(kind)
-                            .with_context(|| format!("header line {number}: '{kind}' is not a PLY type"))?;
-                        ensure!(element.properties.len() < MAX_PROPERTIES, "element {} has over {MAX_PROPERTIES} properties", element.name);
-                        ensure!(!element.has(name), "header line {number}: property {name} is there twice");
+                            .with_context(|| format!("header line {number}: '{}' is not a PLY type", quoted(kind)))?;
+                        ensure!(
+                            element.properties.len() < MAX_PROPERTIES,
+                            "element {} has over {MAX_PROPERTIES} properties",
+                            element.name
+                        );
+                        ensure!(!element.has(name), "header line {number}: property {} is there twice", quoted(name));
                         let (offset, is_big_endian) = (element.stride(), element.encoding == Encoding::BigEndian);
-                        element.properties.push(Property { name: name.to_owned(), kind, offset, is_big_endian });
+                        element.properties.push(Property { name: quoted(name), kind, offset, is_big_endian });
                     }
-                    _ => bail!("header line {number} is not PLY: '{line}'"),
+                    _ => bail!("header line {number} is not PLY: '{}'", quoted(&line)),
                 }
             }
             ["end_header"] => {
                 ensure!(encoding.is_some(), "the PLY header has no format line");
                 return Ok(Header { elements, is_antialiased: comments.is_antialiased, notices: comments.notices() });
             }
-            _ => bail!("header line {number} is not PLY: '{line}'"),
+            _ => bail!("header line {number} is not PLY: '{}'", quoted(&line)),
         }
     }
 }
@@ -189,8 +195,16 @@ fn encoding_of(name: &str) -> Result<Encoding> {
         "binary_little_endian" => Encoding::LittleEndian,
         "binary_big_endian" => Encoding::BigEndian,
         "ascii" => Encoding::Ascii,
-        other => bail!("PLY format {other} is not supported, only ascii, binary_little_endian and binary_big_endian"),
+        other => bail!(
+            "PLY format {} is not supported, only ascii, binary_little_endian and binary_big_endian",
+            quoted(other)
+        ),
     })
+}
+
+/// The beginning of what a file says, as it can be printed.
+pub(super) fn quoted(text: &str) -> String {
+    text.chars().take(40).flat_map(char::escape_debug).collect()
 }
 
 /// What trainers write into comments. The last of a kind counts.
@@ -229,7 +243,8 @@ impl Comments {
         let size = size.map(|size| format!("it asks for a kernel of {size} px^2, and is drawn with {LOW_PASS}"));
         let is_other = |axis: &&String| !matches!(axis.to_ascii_lowercase().as_str(), "y" | "-y");
         let vertical = self.vertical.as_ref().filter(is_other);
-        let vertical = vertical.map(|axis| format!("it says that its vertical axis is {axis}, and is drawn as if it were y"));
+        let vertical = vertical
+            .map(|axis| format!("it says that its vertical axis is {}, and is drawn as if it were y", quoted(axis)));
         let flat = self.is_flat.then(|| "it was trained as 2D Gaussians, and is drawn as flat ones in 3D".to_owned());
         [size, vertical, flat].into_iter().flatten().collect()
     }

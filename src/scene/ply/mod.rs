@@ -12,6 +12,7 @@ use super::canonical::{BLOCK, Builder, Raw};
 use super::harmonics::C0;
 use super::source::Source;
 use super::{MAX_SH_DEGREE, Scene, checked_count, compressed_ply, rest_values};
+use header::quoted;
 pub(super) use header::{Element, Encoding, Property, Scalar};
 
 /// Longest line of an element that is written as text.
@@ -89,8 +90,9 @@ impl<'e> Rows<'e> {
             let mut words = line.split_ascii_whitespace();
             for property in &self.element.properties {
                 let word = words.next().with_context(|| format!("vertex {row} has no {}", property.name))?;
-                let value: f64 =
-                    word.parse().with_context(|| format!("vertex {row}: '{word}' for {} is not a number", property.name))?;
+                let value: f64 = word.parse().with_context(|| {
+                    format!("vertex {row}: '{}' for {} is not a number", quoted(word), property.name)
+                })?;
                 self.bytes.extend(value.to_le_bytes());
             }
             ensure!(words.next().is_none(), "vertex {row} has more numbers than properties");

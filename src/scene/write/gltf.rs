@@ -22,7 +22,9 @@ enum Attribute {
     Rotation,
     Scale,
     Opacity,
-    Sh { index: usize },
+    Sh {
+        index: usize,
+    },
 }
 
 pub(super) fn write(gaussians: &Gaussians, out: &mut impl Write) -> Result<()> {
@@ -53,7 +55,9 @@ pub(super) fn write(gaussians: &Gaussians, out: &mut impl Write) -> Result<()> {
     }))?;
     document.resize(document.len().next_multiple_of(4), b' ');
     let all = 12 + 8 + document.len() + 8 + length;
-    let all = u32::try_from(all).ok().with_context(|| format!("a .glb holds less than 4 GiB, the scene takes {all} bytes"))?;
+    let all = u32::try_from(all)
+        .ok()
+        .with_context(|| format!("a .glb holds less than 4 GiB, the scene takes {all} bytes"))?;
     for word in [MAGIC, 2, all, document.len() as u32, JSON] {
         out.write_all(&word.to_le_bytes())?;
     }
@@ -78,9 +82,11 @@ fn attributes(sh_degree: u32) -> Vec<(String, Attribute)> {
         (own("OPACITY"), Attribute::Opacity),
     ];
     let coefficients = (0..=sh_degree).flat_map(|degree| (0..2 * degree + 1).map(move |i| (degree, i)));
-    attributes.extend(coefficients.enumerate().map(|(index, (degree, i))| {
-        (own(&format!("SH_DEGREE_{degree}_COEF_{i}")), Attribute::Sh { index })
-    }));
+    attributes.extend(
+        coefficients
+            .enumerate()
+            .map(|(index, (degree, i))| (own(&format!("SH_DEGREE_{degree}_COEF_{i}")), Attribute::Sh { index })),
+    );
     attributes
 }
 

@@ -42,10 +42,7 @@ impl SceneFile {
             _ if name.ends_with(".splat") => Self::Splat,
             _ if name.ends_with(".spz") => Self::Spz { version: 4 },
             _ if name.ends_with(".glb") => Self::Glb,
-            _ => bail!(
-                "{}: scenes are written as .ply, .compressed.ply, .splat, .spz or .glb",
-                path.display()
-            ),
+            _ => bail!("{}: scenes are written as .ply, .compressed.ply, .splat, .spz or .glb", path.display()),
         })
     }
 

@@ -111,7 +111,11 @@ impl Plane {
             Self::Rotations => {
                 let [w, x, y, z] = gaussians.rotations()[i];
                 // A reflection of an axis turns rotations about the other two around.
-                let [x, y, z] = [x * sign[1] as f32 * sign[2] as f32, y * (sign[0] * sign[2]) as f32, z * (sign[0] * sign[1]) as f32];
+                let [x, y, z] = [
+                    x * sign[1] as f32 * sign[2] as f32,
+                    y * (sign[0] * sign[2]) as f32,
+                    z * (sign[0] * sign[1]) as f32,
+                ];
                 Row(row).put(encode_rotation([x, y, z, w]).to_le_bytes());
             }
             Self::Sh { .. } => {
