@@ -11,7 +11,7 @@ use super::table::{say_table, table};
 use super::{SceneArg, Usage, progress, remark, say};
 use crate::camera::Up;
 use crate::files::{check_writable, write_checked};
-use crate::scene::{self, Gaussians, Loss, MAX_SH_DEGREE, Scene, SceneFile, Transform};
+use crate::scene::{self, Gaussians, Loss, MAX_SH_DEGREE, Scene, SceneFile, Transform, write_sog_folder};
 
 /// Write a scene, or several as one, to another file: what was lost on the way is told
 #[derive(clap::Args)]
@@ -19,7 +19,7 @@ use crate::scene::{self, Gaussians, Loss, MAX_SH_DEGREE, Scene, SceneFile, Trans
 Inputs are flipped and turned upright, joined, transformed step by step, cropped, filtered, and cut to a degree, in this order.
 The file is read again before it takes its name, and compared with what was to be written.")]
 pub(super) struct Args {
-    /// Scene files as of `smalto render`, then the file to write: .ply, .compressed.ply, .splat, .spz or .glb
+    /// Scene files as of `smalto render`, then the file to write: .ply, .compressed.ply, .splat, .spz, .sog, meta.json (of a SOG in a folder) or .glb
     #[arg(required = true, num_args = 2.., value_name = "IN... OUT")]
     files: Vec<PathBuf>,
     /// Leave out spherical harmonics over this degree
@@ -86,7 +86,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(input) = inputs.iter().find(is_input) {
         return Err(Usage(format!("{} is to be read and written", input.display())).into());
     }
-    check_writable(output)?;
+    if kind != SceneFile::SogFolder {
+        check_writable(output)?;
+    }
     let (gaussians, is_antialiased) = read(args, inputs)?;
     let before = gaussians.len();
     let gaussians = changed(args, gaussians)?;
@@ -190,16 +192,17 @@ impl Shape {
 /// Writes the file and reads it again: its format, and what it has lost.
 fn write(output: &Path, kind: SceneFile, gaussians: &Gaussians, is_antialiased: bool) -> Result<(String, Vec<Loss>)> {
     let bar = progress::Bar::new("reading again");
-    write_checked(
-        output,
-        |file| kind.write(gaussians, is_antialiased, file),
-        |written| {
-            let Scene { gaussians: read, format, .. } = scene::read(written, &|fraction| bar.set(fraction))?;
-            let (count, expected) = (read.len(), gaussians.len());
-            ensure!(count == expected, "of {expected} Gaussians {count} could be read again");
-            Ok((format, Loss::between(gaussians, &read)))
-        },
-    )
+    let read_again = |written: &Path| {
+        let Scene { gaussians: read, format, .. } = scene::read(written, &|fraction| bar.set(fraction))?;
+        let (count, expected) = (read.len(), gaussians.len());
+        ensure!(count == expected, "of {expected} Gaussians {count} could be read again");
+        Ok((format, Loss::between(gaussians, &read)))
+    };
+    if kind == SceneFile::SogFolder {
+        write_sog_folder(gaussians, is_antialiased, output.parent().unwrap_or(Path::new("")))?;
+        return read_again(output);
+    }
+    write_checked(output, |file| kind.write(gaussians, is_antialiased, file), read_again)
 }
 
 fn print(report: &Report) -> Result<()> {

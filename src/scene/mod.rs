@@ -7,12 +7,15 @@ mod edit;
 mod gltf;
 mod grid;
 pub mod harmonics;
+mod ksplat;
 mod loss;
 mod morton;
 mod ply;
 mod procedural;
 mod requirements;
+mod sog;
 mod source;
+mod splat;
 mod spz;
 pub mod synthetic;
 mod transform;
@@ -31,7 +34,7 @@ pub use procedural::Procedural;
 pub use requirements::{Band, Requirements, bands, decode_rotation, encode_rotation};
 use source::Source;
 pub use transform::Transform;
-pub use write::SceneFile;
+pub use write::{SceneFile, write_sog_folder};
 
 use crate::memory::OutOfMemory;
 
@@ -147,7 +150,8 @@ pub struct Watch<'w> {
 #[error("cancelled")]
 pub struct Cancelled;
 
-/// Reads a scene file, whatever its name says, by its content. `progress` is told the fraction read so far.
+/// Reads a scene file, whatever its name says, by its content; only where the content does not tell the format, as in
+/// .splat and .ksplat files, by its name. Also reads the folder of a SOG. `progress` is told the fraction read so far.
 ///
 /// # Errors
 /// [`Unreadable`] if the file is not a scene that can be drawn, [`OutOfMemory`] if it does not fit into memory.
@@ -173,17 +177,24 @@ pub fn read_watched(path: &Path, watch: &Watch) -> Result<Scene> {
 }
 
 fn read_any(path: &Path, watch: &Watch) -> Result<Scene> {
+    let path = &sog::in_folder(path);
     let mut source = Source::open(path, watch)?;
     ensure!(source.len() > 0, "the file is empty");
+    let is_named = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     let magic = source.peek(4)?;
     let scene = match magic {
         _ if magic.starts_with(b"ply") => ply::read(&mut source)?,
         _ if magic.starts_with(b"glTF") => gltf::read_binary(&mut source, path)?,
-        _ if has_ending(path, "gltf") => gltf::read_text(&mut source, path)?,
+        _ if is_named("gltf") => gltf::read_text(&mut source, path)?,
         _ if magic.starts_with(b"NGSP") => spz::read_v4(&mut source)?,
-        [0x1f, 0x8b, ..] => spz::read_gzip(&mut source)?,
+        [0x1f, 0x8b, 8, ..] => spz::read_gzip(&mut source)?,
+        [b'P', b'K', 3, 4] => sog::read_bundle(path, watch)?,
+        _ if is_named("splat") => splat::read(&mut source)?,
+        _ if is_named("ksplat") => ksplat::read(&mut source)?,
+        [b'{', ..] => sog::read_json(path, watch)?,
         _ => bail!(
-            "not a scene that smalto reads: expected .ply, .compressed.ply or .spz content, found bytes {magic:02x?}"
+            "not a scene that smalto reads: expected .ply, .compressed.ply, .spz, .sog or .glb content, a meta.json or \
+             lod-meta.json of SOG, or a file named .splat, .ksplat or .gltf, found bytes {magic:02x?}"
         ),
     };
     let Tally { read, .. } = scene.tally;
@@ -191,10 +202,6 @@ fn read_any(path: &Path, watch: &Watch) -> Result<Scene> {
     let is_drawable = !scene.gaussians.is_empty() || scene.tally.is_clean();
     ensure!(is_drawable, "none of its {read} Gaussians can be drawn: {}", scene.tally);
     Ok(scene)
-}
-
-fn has_ending(path: &Path, ending: &str) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending))
 }
 
 /// The scene of a model folder of the original 3DGS: the point cloud of the last iteration. Any other path is as it is.

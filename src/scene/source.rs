@@ -8,6 +8,7 @@ use anyhow::{Result, anyhow, bail, ensure};
 
 use super::canonical::BLOCK;
 use super::{Builder, Cancelled, Watch};
+use crate::memory::host_vec;
 
 /// Reads front to back; every error says at which byte.
 pub(super) struct Source<'w> {
@@ -81,6 +82,26 @@ impl<'w> Source<'w> {
         (&mut *self).take(limit).read_until(b'\n', &mut line)?;
         ensure!(!line.is_empty(), "the file ends at byte {}, inside {what}", self.len);
         Ok(String::from_utf8_lossy(&line).trim_end().to_owned())
+    }
+
+    /// All that is left, of at most `limit` bytes; `what` names it in the error if it is more.
+    pub fn rest(&mut self, limit: u64, what: &str) -> Result<Vec<u8>> {
+        let bytes = self.left();
+        ensure!(bytes <= limit, "{what} has {bytes} bytes, expected at most {limit}");
+        let mut all = host_vec(usize::try_from(bytes)?, what)?;
+        all.resize(bytes as usize, 0);
+        // In parts, for those who watch.
+        all.chunks_mut(1 << 20).try_for_each(|part| self.fill(part, what))?;
+        Ok(all)
+    }
+
+    /// Reads past bytes; `what` names them in the error if the file ends first.
+    pub fn skip(&mut self, bytes: u64, what: &str) -> Result<()> {
+        let start = self.position;
+        let skipped = std::io::copy(&mut (&mut *self).take(bytes), &mut std::io::sink())?;
+        let (len, end) = (self.len, start.saturating_add(bytes));
+        ensure!(skipped == bytes, "the file ends at byte {len}, inside {what} at bytes {start} to {end}");
+        Ok(())
     }
 
     /// A line without its end, of at most `limit` bytes; `what` names what it is part of.

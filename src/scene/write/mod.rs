@@ -3,6 +3,7 @@
 mod compressed_ply;
 mod gltf;
 mod ply;
+mod sog;
 mod splat;
 mod spz;
 
@@ -28,6 +29,10 @@ pub enum SceneFile {
     Splat,
     /// Version 3 is one gzip stream, 4 a zstd stream for every attribute.
     Spz { version: u32 },
+    /// Textures of PlayCanvas in one archive, with a palette of spherical harmonics.
+    Sog,
+    /// The same in a folder, whose `meta.json` it is called by.
+    SogFolder,
     /// Binary glTF with KHR_gaussian_splatting: 32-bit floats.
     Glb,
 }
@@ -41,8 +46,13 @@ impl SceneFile {
             _ if name.ends_with(".ply") => Self::Ply,
             _ if name.ends_with(".splat") => Self::Splat,
             _ if name.ends_with(".spz") => Self::Spz { version: 4 },
+            _ if name.ends_with(".sog") => Self::Sog,
+            _ if name == "meta.json" => Self::SogFolder,
             _ if name.ends_with(".glb") => Self::Glb,
-            _ => bail!("{}: scenes are written as .ply, .compressed.ply, .splat, .spz or .glb", path.display()),
+            _ => bail!(
+                "{}: scenes are written as .ply, .compressed.ply, .splat, .spz, .sog, meta.json (of SOG) or .glb",
+                path.display()
+            ),
         })
     }
 
@@ -54,8 +64,8 @@ impl SceneFile {
             kept.retain(|i| to_byte(f64::from(gaussians.opacities()[*i as usize])) > 0);
         }
         match self {
-            // Neighbours share the bounds of a chunk.
-            Self::CompressedPly => morton::sort(gaussians.means(), &mut kept),
+            // Neighbours share the bounds of a chunk, and are alike beside one another in a texture.
+            Self::CompressedPly | Self::Sog | Self::SogFolder => morton::sort(gaussians.means(), &mut kept),
             // What is seen most comes first, for those who draw what has arrived.
             Self::Splat => kept.par_sort_by(|a, b| {
                 let [a, b] = [a, b].map(|i| importance(gaussians, *i as usize));
@@ -71,13 +81,15 @@ impl SceneFile {
         !matches!(self, Self::Ply | Self::Glb)
     }
 
-    /// Writes a scene that is [`SceneFile::arranged`].
+    /// Writes a scene that is [`SceneFile::arranged`]: the same bytes for the same Gaussians, on any number of cores. A SOG
+    /// in a folder is written by [`write_sog_folder`], and here as an archive.
     pub fn write(self, gaussians: &Gaussians, is_antialiased: bool, out: &mut (impl Write + Seek)) -> Result<()> {
         match self {
             Self::Ply => ply::write(gaussians, is_antialiased, out),
             Self::CompressedPly => compressed_ply::write(gaussians, is_antialiased, out),
             Self::Splat => splat::write(gaussians, out),
             Self::Spz { version } => spz::write(gaussians, is_antialiased, version, out),
+            Self::Sog | Self::SogFolder => sog::write(gaussians, is_antialiased, out),
             Self::Glb => gltf::write(gaussians, out),
         }
     }
@@ -138,4 +150,12 @@ fn to_byte(fraction: f64) -> u8 {
 /// The colour that a coefficient of degree 0 makes alone.
 fn base_colour(coefficient: f32) -> f64 {
     0.5 + C0 * f64::from(coefficient)
+}
+
+/// Writes a scene that is [`SceneFile::arranged`] as SOG 2 into a folder: its textures, and `meta.json` last.
+///
+/// # Errors
+/// If the folder cannot be made, or a file in it not be written.
+pub fn write_sog_folder(gaussians: &Gaussians, is_antialiased: bool, folder: &Path) -> Result<()> {
+    sog::write_folder(gaussians, is_antialiased, folder)
 }
