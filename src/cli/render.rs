@@ -8,10 +8,10 @@ use anyhow::{Context, Result};
 use glam::DVec3;
 
 use super::{
-    BudgetArgs, DeviceArgs, Knobs, SceneArg, Usage, certified, complain, dump, knobs, parse_size, progress,
-    read_cameras, remark, say, size_text,
+    BudgetArgs, DeviceArgs, FilmArgs, Knobs, SceneArg, SplitArg, Usage, certified, complain, dump, knobs,
+    named_or_found, parse_size, progress, remark, say, size_text,
 };
-use crate::camera::{self, Camera, NamedCamera};
+use crate::camera::{Camera, NamedCamera};
 use crate::files::check_writable;
 use crate::gpu::Commands;
 use crate::options::{Background, Options};
@@ -32,12 +32,17 @@ pub(super) struct Args {
     /// Picture size in pixels [default: the camera's own, or 1280x720]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<[u32; 2]>,
-    /// Camera file of the original 3DGS [default: cameras.json beside the scene or above it]
-    #[arg(long, value_name = "FILE")]
+    /// Camera file: cameras.json of the original 3DGS, transforms.json of nerfstudio, instant-ngp or Blender's sets, or a
+    /// sparse model of COLMAP (its folder, the one above it, or images.bin or .txt) [default: found beside the scene or above it]
+    #[arg(long, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
+    #[command(flatten)]
+    split: SplitArg,
     /// Which camera of the file: its position in it, its image name, or `all` [default: 0]
     #[arg(long, value_name = "N|NAME|all")]
     camera: Option<String>,
+    #[command(flatten)]
+    film: FilmArgs,
     /// What lies behind the scene: three numbers from 0 to 1, or `transparent`
     #[arg(long, value_name = "R,G,B|transparent", default_value = "0,0,0", value_parser = parse_background)]
     background: Background,
@@ -171,7 +176,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
 
 fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     let cameras = cameras(args)?;
-    let wants_all = args.camera.as_deref() == Some("all");
+    let wants_all = args.camera.as_deref() == Some("all") || args.film.is_wanted();
     let stem = args.scene.stem();
     let mut nearest = f32::INFINITY;
     let chosen: Vec<(usize, Camera)> = match (&cameras, &args.camera) {
@@ -182,7 +187,7 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
         }
         (None, Some(camera)) => {
             return Err(Usage(format!(
-                "--camera {camera} needs a camera file: there is no cameras.json beside the scene, and no --cameras"
+                "--camera {camera} needs a camera file: there is none beside the scene or above it, and no --cameras"
             ))
             .into());
         }
@@ -197,7 +202,7 @@ fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
         FileKind::of(&output).map_err(|problem| Usage(format!("--output {problem}")))?;
     }
     if wants_all && args.dump.is_some() {
-        return Err(Usage("--dump writes the buffers of one picture, not of --camera all".to_owned()).into());
+        return Err(Usage("--dump writes the buffers of one picture, not of --camera all or --path".to_owned()).into());
     }
     let certificate = |index: usize| match &args.certificate {
         Some(folder) if wants_all || folder.is_dir() => Some(folder.join(format!("{index:05}.exr"))),
@@ -241,8 +246,13 @@ fn check_certificate(args: &Args, wants_all: bool) -> Result<()> {
 }
 
 fn cameras(args: &Args) -> Result<Option<Vec<NamedCamera>>> {
-    let file = args.cameras.clone().or_else(|| args.scene.path().and_then(|scene| camera::find(&scene)));
-    file.map(|file| read_cameras(&file)).transpose()
+    if let Some(frames) = args.film.read()? {
+        return Ok(Some(frames));
+    }
+    match named_or_found(args.cameras.as_deref(), &args.scene) {
+        Some(file) => Ok(Some(args.split.read(&file)?)),
+        None => Ok(args.split.check_no_file().map(|()| None)?),
+    }
 }
 
 fn pick(cameras: &[NamedCamera], wanted: &str) -> Result<(usize, Camera)> {
