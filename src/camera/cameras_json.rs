@@ -1,27 +1,16 @@
 //! `cameras.json` of the original 3DGS: an array of camera-to-world poses with focal lengths. Two members are our own and
 //! optional: the principal point, and the time of a key. Others read past them.
 
-use std::fs;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{Camera, MAX_POSITION, MAX_SIDE, centre};
+use super::{Camera, NamedCamera, centre};
 use crate::files::write_whole;
-
-/// A camera and the name of its photograph.
-#[derive(Clone, Debug, PartialEq)]
-pub struct NamedCamera {
-    pub name: String,
-    pub camera: Camera,
-}
-
-/// Beyond this no scene can be seen in 32-bit floats.
-const MAX_FOCAL_PX: f64 = 1e9;
 
 /// What one camera of a file must have.
 const MEMBERS: &str = "id, img_name, width, height, position, rotation, fx, fy";
@@ -49,27 +38,10 @@ pub(super) struct Entry {
     seconds: Option<f64>,
 }
 
-/// How many folders above a scene's are searched for `cameras.json`: a model folder keeps its scenes two below.
-const PARENTS: usize = 3;
-
-/// The `cameras.json` beside a scene or in a folder above it.
-pub fn find(scene: &Path) -> Option<PathBuf> {
-    // Where the path says the scene is, then where it is: it may be a link.
-    let places = [std::path::absolute(scene).ok(), scene.canonicalize().ok()];
-    let folders = places.iter().flatten().flat_map(|place| place.ancestors().skip(1).take(1 + PARENTS));
-    folders.map(|folder| folder.join("cameras.json")).find(|file| file.is_file())
-}
-
-/// Reads every camera of the file.
-pub fn read(path: &Path) -> Result<Vec<NamedCamera>> {
-    Ok(read_timed(path)?.into_iter().map(|(camera, _)| camera).collect())
-}
-
 /// Every camera of the file, and its time if it has one.
-pub(super) fn read_timed(path: &Path) -> Result<Vec<(NamedCamera, Option<f64>)>> {
-    let text = fs::read_to_string(path).context("cannot be read")?;
+pub(super) fn parse(text: &[u8]) -> Result<Vec<(NamedCamera, Option<f64>)>> {
     let entries: Vec<Entry> =
-        serde_json::from_str(&text).with_context(|| format!("is not a cameras.json (an array of {MEMBERS})"))?;
+        serde_json::from_slice(text).with_context(|| format!("is not a cameras.json (an array of {MEMBERS})"))?;
     ensure!(!entries.is_empty(), "holds no camera");
     let timed = |(i, entry): (usize, Entry)| {
         let seconds = entry.seconds;
@@ -78,7 +50,7 @@ pub(super) fn read_timed(path: &Path) -> Result<Vec<(NamedCamera, Option<f64>)>>
     entries.into_iter().enumerate().map(timed).collect()
 }
 
-/// Writes a file that [`read`] reads as exactly these cameras. It appears whole or not at all.
+/// Writes a file that [`read`](super::read) reads as exactly these cameras. It appears whole or not at all.
 pub fn write(path: &Path, cameras: &[NamedCamera]) -> Result<()> {
     let entry = |(i, named): (usize, &NamedCamera)| Entry::of(i, &named.name, &named.camera, None);
     write_entries(path, cameras.iter().enumerate().map(entry))
@@ -133,44 +105,25 @@ impl Entry {
 
     fn camera(self, index: usize) -> Result<NamedCamera> {
         let size_px = [self.width, self.height];
-        ensure!(
-            size_px.iter().all(|side| (1..=MAX_SIDE).contains(side)),
-            "its size {}x{} is not from 1 to {MAX_SIDE} pixels",
-            self.width,
-            self.height
-        );
-        ensure!(
-            [self.fx, self.fy].iter().all(|f| *f > 0.0 && *f <= MAX_FOCAL_PX),
-            "its focal lengths {} and {} are not over 0 and up to {MAX_FOCAL_PX:e} pixels",
-            self.fx,
-            self.fy
-        );
         let middle = centre(size_px);
-        let centre_px = DVec2::new(self.cx.unwrap_or(middle.x), self.cy.unwrap_or(middle.y));
-        ensure!(
-            centre_px.abs().max_element() <= MAX_FOCAL_PX,
-            "its principal point {centre_px} is not within {MAX_FOCAL_PX:e} pixels"
-        );
-        let position = DVec3::from(self.position);
-        ensure!(
-            position.abs().max_element() <= MAX_POSITION,
-            "its position is not within {MAX_POSITION:e} of the origin"
-        );
-        // Rows of camera to world are the columns of world to camera.
-        let rotation = DMat3::from_cols_array_2d(&self.rotation);
-        let error = (rotation * rotation.transpose() - DMat3::IDENTITY)
-            .to_cols_array()
-            .iter()
-            .fold(0.0, |m: f64, v| m.max(v.abs()));
-        ensure!(error < 1e-3 && rotation.determinant() > 0.0, "its rotation is not a rotation matrix");
+        let camera = Camera {
+            position: DVec3::from(self.position),
+            // Rows of camera to world are the columns of world to camera.
+            rotation: DMat3::from_cols_array_2d(&self.rotation),
+            focal_px: DVec2::new(self.fx, self.fy),
+            centre_px: DVec2::new(self.cx.unwrap_or(middle.x), self.cy.unwrap_or(middle.y)),
+            size_px,
+        };
         let name = self.img_name.unwrap_or_else(|| self.id.map_or_else(|| index.to_string(), |id| id.to_string()));
-        let focal_px = DVec2::new(self.fx, self.fy);
-        Ok(NamedCamera { name, camera: Camera { position, rotation, focal_px, centre_px, size_px } })
+        Ok(NamedCamera { name, camera: camera.checked()? })
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
+    use super::super::read;
     use super::*;
 
     const ONE: &str = r#"[{"id": 7, "img_name": "a", "width": 640, "height": 480, "position": [1, 2, 3],
@@ -179,7 +132,7 @@ mod tests {
     fn parse(text: &str) -> Result<Vec<NamedCamera>> {
         let file = tempfile::NamedTempFile::new()?;
         fs::write(file.path(), text)?;
-        read(file.path())
+        Ok(read(file.path())?.cameras)
     }
 
     #[test]
@@ -203,7 +156,7 @@ mod tests {
             ("[1, 2, 3]", "[1, 2e31, 3]", "within 1e30"),
             ("500", "-500", "not over 0"),
             ("\"fx\": 500,", "", "missing field `fx`"),
-            ("[{", "{", "not a cameras.json"),
+            ("[{", "[", "not a cameras.json"),
         ] {
             let error = format!("{:#}", parse(&ONE.replace(from, to)).unwrap_err());
             assert!(error.contains(expected), "{error}");
@@ -247,7 +200,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cameras.json");
         write(&path, &cameras).unwrap();
-        assert_eq!(read(&path).unwrap(), cameras);
+        assert_eq!(read(&path).unwrap().cameras, cameras);
         let text = fs::read_to_string(&path).unwrap();
         assert_eq!(from_json(&text).unwrap(), cameras[0].camera, "the first of an array");
         assert_eq!(text.lines().count(), 1002, "a camera a line");

@@ -2,15 +2,20 @@
 //! hands do to it.
 
 mod cameras_json;
+mod colmap;
 pub mod control;
+mod file;
+mod lens;
 pub mod path;
 mod timeline;
+mod transforms_json;
 mod up;
 
 use glam::{DMat3, DVec2, DVec3};
 
-pub use cameras_json::{NamedCamera, find, from_json, read, to_json, write};
+pub use cameras_json::{from_json, to_json, write};
 pub use control::{FIELDS_OF_VIEW, GLIDE_SECONDS, Navigator};
+pub use file::{CameraFile, NamedCamera, Split, find, read};
 pub use timeline::{Key, Timeline};
 pub use up::Up;
 
@@ -36,14 +41,16 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// The same view at another size. The horizontal field of view stays, pixels become square, and the principal
-    /// point goes to the centre; at its own size a camera is unchanged.
+    /// The same view at another size. The horizontal field of view stays, pixels become square, and the middle of the
+    /// image sees what it saw: a principal point beside it stays beside it by the same angle, one in it stays in it. At
+    /// its own size a camera is unchanged.
     pub fn resized(&self, size_px: [u32; 2]) -> Self {
         if size_px == self.size_px {
             return self.clone();
         }
         let focal = self.focal_px.x * f64::from(size_px[0]) / f64::from(self.size_px[0]);
-        Self { focal_px: DVec2::splat(focal), centre_px: centre(size_px), size_px, ..self.clone() }
+        let aside = (self.centre_px - centre(self.size_px)) / self.focal_px;
+        Self { focal_px: DVec2::splat(focal), centre_px: centre(size_px) + aside * focal, size_px, ..self.clone() }
     }
 
     /// The same view in an image of another size: nothing but the number of pixels changes.
@@ -129,7 +136,33 @@ mod tests {
         };
         assert_eq!(camera.resized([1920, 1080]), camera);
         let small = camera.resized([480, 480]);
-        assert_eq!((small.focal_px, small.centre_px), (DVec2::splat(250.0), DVec2::splat(240.0)));
+        assert_eq!(small.focal_px, DVec2::splat(250.0));
+        // The middle of the image sees what it saw.
+        let middle = |c: &Camera| (centre(c.size_px) - c.centre_px) / c.focal_px;
+        assert!(middle(&small).distance(middle(&camera)) < 1e-15, "{}", small.centre_px);
+        assert!(small.centre_px.distance(DVec2::new(242.5, 240.0 - 2500.0 / 1010.0)) < 1e-12, "{}", small.centre_px);
+    }
+
+    #[test]
+    fn resized_at_the_same_aspect_is_the_same_picture_with_other_pixels() {
+        let camera = Camera {
+            centre_px: DVec2::new(910.0, 700.5),
+            ..Camera::looking_at(DVec3::ZERO, DVec3::Z, [1920, 1080], 1.0)
+        };
+        let (small, sampled) = (camera.resized([480, 270]), camera.sampled([480, 270]));
+        assert!(small.centre_px.distance(sampled.centre_px) < 1e-12);
+        assert!(small.focal_px.distance(sampled.focal_px) < 1e-12);
+    }
+
+    #[test]
+    fn resized_keeps_a_principal_point_in_the_middle_to_the_last_bit() {
+        let camera = Camera {
+            focal_px: DVec2::new(1234.567, 0.1),
+            ..Camera::looking_at(DVec3::ZERO, DVec3::Z, [1921, 1079], 1.0)
+        };
+        for size in [[1, 1], [301, 203], [65536, 7]] {
+            assert_eq!(camera.resized(size).centre_px, centre(size));
+        }
     }
 
     #[test]

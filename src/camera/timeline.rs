@@ -5,9 +5,10 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
 
-use super::Camera;
-use super::cameras_json::{Entry, read_timed, write_entries};
+use super::cameras_json::{self, Entry, write_entries};
+use super::file::read_whole;
 use super::path::between;
+use super::{Camera, NamedCamera};
 
 /// Keys lie between 0 and this.
 const MAX_SECONDS: f64 = 1e6;
@@ -124,20 +125,29 @@ impl Timeline {
     }
 
     /// Reads such a file, or any `cameras.json`: a camera without a time comes a second after the one before it.
+    ///
+    /// # Errors
+    /// One sentence, without the file's name, if it is no such file, or has two cameras at one time.
     pub fn read(path: &Path) -> Result<Self> {
-        let mut timeline = Self::default();
         let mut next = 0.0;
-        for (i, (named, seconds)) in read_timed(path)?.into_iter().enumerate() {
+        let key = |(i, (named, seconds)): (usize, (NamedCamera, Option<f64>))| {
             let seconds = seconds.unwrap_or(next);
-            timeline.insert(seconds, named.camera).with_context(|| format!("camera {i}"))?;
+            check(seconds).with_context(|| format!("camera {i}"))?;
             next = seconds + 1.0;
+            Ok((i, Key { seconds, camera: named.camera }))
+        };
+        let keys = cameras_json::parse(&read_whole(path)?)?.into_iter().enumerate().map(key);
+        let mut keys = keys.collect::<Result<Vec<_>>>()?;
+        keys.sort_by(|(_, a), (_, b)| a.seconds.total_cmp(&b.seconds));
+        for ((i, a), (j, b)) in keys.iter().zip(&keys[1..]) {
+            ensure!(b.seconds - a.seconds >= RESOLUTION, "cameras {i} and {j} are both at {} s", a.seconds);
         }
-        Ok(timeline)
+        Ok(Self { keys: keys.into_iter().map(|(_, key)| key).collect() })
     }
 }
 
 fn check(seconds: f64) -> Result<()> {
-    ensure!((0.0..=MAX_SECONDS).contains(&seconds), "a key at {seconds} s is not from 0 to {MAX_SECONDS:e} seconds");
+    ensure!((0.0..=MAX_SECONDS).contains(&seconds), "a key at {seconds:?} s is not from 0 to {MAX_SECONDS:e} seconds");
     Ok(())
 }
 
@@ -263,7 +273,7 @@ mod tests {
         let timeline = timeline(&[0.1, 1.0 / 3.0, 2.5]);
         timeline.write(&path).unwrap();
         assert_eq!(Timeline::read(&path).unwrap(), timeline);
-        let plain = crate::camera::read(&path).unwrap();
+        let plain = crate::camera::read(&path).unwrap().cameras;
         assert_eq!(
             plain.iter().map(|named| &named.camera).collect::<Vec<_>>(),
             cameras()[..3].iter().collect::<Vec<_>>()
@@ -271,5 +281,22 @@ mod tests {
         crate::camera::write(&path, &plain).unwrap();
         assert_eq!(times(&Timeline::read(&path).unwrap()), [0.0, 1.0, 2.0]);
         assert!(Timeline::default().write(&path).is_err());
+        let text = |second: f64| {
+            let key = |seconds: f64| {
+                let entry = crate::camera::to_json(&cameras()[0]);
+                format!("{}, \"seconds\": {seconds}}}", entry.strip_suffix('}').unwrap())
+            };
+            format!("[{}, {}]", key(2.0), key(second))
+        };
+        for (second, expected) in
+            [(1.0, None), (2.0, Some("cameras 0 and 1 are both at 2 s")), (-1.0, Some("camera 1:"))]
+        {
+            std::fs::write(&path, text(second)).unwrap();
+            match (Timeline::read(&path), expected) {
+                (Ok(timeline), None) => assert_eq!(times(&timeline), [1.0, 2.0]),
+                (Err(problem), Some(expected)) => assert!(format!("{problem:#}").contains(expected), "{problem:#}"),
+                (read, _) => panic!("{second}: {read:?}"),
+            }
+        }
     }
 }

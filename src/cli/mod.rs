@@ -2,6 +2,7 @@
 
 mod bench;
 mod budget;
+mod cameras;
 mod compare;
 mod convert;
 mod doctor;
@@ -17,19 +18,20 @@ mod view;
 use std::ffi::OsString;
 use std::fmt;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
 
-use crate::camera::{self, MAX_SIDE, NamedCamera};
+use crate::camera::MAX_SIDE;
 use crate::environment::Environment;
 use crate::gpu::{Device, DeviceChoice, Unavailable, Validation};
 use crate::memory::OutOfMemory;
 use crate::scene::{self, Procedural, Scene, Unreadable};
 use crate::trade::Unmeetable;
 use budget::BudgetArgs;
+use cameras::{FilmArgs, SplitArg, named_or_found};
 use knobs::Knobs;
 
 /// Renders 3D Gaussian splatting scenes with Vulkan compute.
@@ -214,11 +216,6 @@ impl SceneArg {
         }
         Ok(scene)
     }
-}
-
-/// The cameras of a file.
-fn read_cameras(file: &Path) -> Result<Vec<NamedCamera>> {
-    camera::read(file).map_err(|problem| Unreadable::new(file, &problem).into())
 }
 
 /// What a largest bound of certificates means.

@@ -8,9 +8,11 @@ use clap::ValueEnum;
 use super::bench::{CameraPath, Cameras};
 use super::budget::BudgetArgs;
 use super::table::{say_table, table};
-use super::{DeviceArgs, Knobs, SceneArg, Usage, complain, parse_size, progress, say, size_text};
+use super::{
+    DeviceArgs, Knobs, SceneArg, SplitArg, Usage, complain, named_or_found, parse_size, progress, say, size_text,
+};
 use crate::bench::{DeviceReport, Protocol, SceneReport, VersionReport, copy_gb_s};
-use crate::camera::{self, Camera, path};
+use crate::camera::{Camera, path};
 use crate::files::check_writable;
 use crate::gpu::Device;
 use crate::metrics::Difference;
@@ -23,9 +25,12 @@ use crate::trade::{self, Budget, BudgetReport, CertificateReport, Point, Promise
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    /// Camera file of the original 3DGS [default: cameras.json beside the scene or above it, else one orbit with zoom]
-    #[arg(long, value_name = "FILE")]
+    /// Camera file or folder, as `smalto render` takes it [default: found beside the scene or above it, else one orbit with
+    /// zoom]
+    #[arg(long, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
+    #[command(flatten)]
+    split: SplitArg,
     /// What to measure: every knob alone and the presets, a search over combinations, whether the presets keep their
     /// promise over all cameras, certificates against the true errors
     #[arg(long, value_name = "PART,...", default_value = "knobs,search", value_delimiter = ',')]
@@ -95,8 +100,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return Err(Usage(format!("{}: there is nothing to draw", args.scene.title())).into());
     }
     let needs = Requirements::of(gaussians);
-    let file = args.cameras.clone().or_else(|| args.scene.path().and_then(|scene| camera::find(&scene)));
-    let cameras = Cameras::read(file.as_deref(), &CameraPath::Orbit { zooms: true })?;
+    let file = named_or_found(args.cameras.as_deref(), &args.scene);
+    let cameras = Cameras::read(file.as_deref(), &args.split, &CameraPath::Orbit { zooms: true })?;
     let count = if file.is_some() { usize::MAX } else { ORBIT_VIEWS };
     let (all, nearest) = cameras.views(gaussians, args.size, count);
     let exact = args.knobs.options(&Options::EXACT, scene.is_antialiased, nearest);

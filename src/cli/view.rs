@@ -21,8 +21,8 @@ pub(super) struct Args {
     /// Scene files (.ply, .compressed.ply or .spz), model folders of the original 3DGS, or procedural scenes: cactus,
     /// few-large or many-small, with :COUNT for another number of Gaussians. More can be dropped on the window
     scenes: Vec<PathBuf>,
-    /// Camera file of the original 3DGS [default: cameras.json beside the first scene or above it]
-    #[arg(long, value_name = "FILE")]
+    /// Camera file or folder, as `smalto render` takes it [default: found beside the first scene or above it]
+    #[arg(long, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
     /// Size of the window in pixels
     #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "1280x720")]

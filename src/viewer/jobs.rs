@@ -9,7 +9,7 @@ use anyhow::{Result, anyhow};
 
 use super::measuring::Costs;
 use super::pictures::Drawn;
-use crate::camera::NamedCamera;
+use crate::camera::CameraFile;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::scene::{Gaussians, Scene};
@@ -21,7 +21,7 @@ pub enum News {
     /// The first Gaussians of layer `.0`.
     Partial(u64, Arc<Gaussians>),
     Read(u64, Result<Scene>),
-    Cameras(PathBuf, Result<Vec<NamedCamera>>),
+    Cameras(PathBuf, Result<CameraFile>),
     /// A picture is ready to be drawn from anywhere.
     Built(Side, Result<Box<Drawn>>),
     /// A photograph or a drawing of the reference, and what it is called.

@@ -18,7 +18,7 @@ use super::measuring::{Costs, costs};
 use super::messages::Messages;
 use super::pictures::Plan;
 use super::timeline::Film;
-use crate::camera::{Camera, NamedCamera, Navigator};
+use crate::camera::{Camera, CameraFile, NamedCamera, Navigator};
 use crate::gpu::{Device, Vsync};
 use crate::options::{Background, Options};
 use crate::render::Explanation;
@@ -227,7 +227,7 @@ impl Viewer {
     pub fn drop_file(&mut self, path: &Path) {
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
         match extension.to_str() {
-            Some("json") => self.open_cameras(path),
+            Some("json" | "bin" | "txt") => self.open_cameras(path),
             Some("png" | "exr" | "npy" | "jpg" | "jpeg") => self.compare_with_picture(path),
             _ => self.open(path),
         }
@@ -297,10 +297,11 @@ impl Viewer {
     }
 
     /// Takes cameras that were read, or says why they were not.
-    pub fn take_cameras(&mut self, path: &Path, cameras: anyhow::Result<Vec<NamedCamera>>) {
+    pub fn take_cameras(&mut self, path: &Path, cameras: anyhow::Result<CameraFile>) {
         self.is_reading_cameras = false;
         match cameras {
-            Ok(cameras) => {
+            Ok(CameraFile { cameras, notices, .. }) => {
+                notices.iter().for_each(|notice| self.messages.note(format!("{}: {notice}", path.display())));
                 self.events.tell(&Event::Cameras { count: cameras.len() });
                 self.cameras = cameras;
                 self.options.rules.near = self.setup.options.rules.near;

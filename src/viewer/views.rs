@@ -45,7 +45,7 @@ impl Viewer {
     pub fn step_camera(&mut self, forward: bool) {
         let count = self.cameras.len();
         if count == 0 {
-            return self.messages.note("there is no camera file: drop a cameras.json on the window");
+            return self.messages.note("there is no camera file: drop one on the window, such as a cameras.json");
         }
         let next = match (self.camera, forward) {
             (None, _) => 0,
@@ -58,7 +58,7 @@ impl Viewer {
     pub fn go_to_nearest_camera(&mut self) {
         match self.navigator.nearest(&self.cameras) {
             Some(index) => self.go_to_camera(index, false),
-            None => self.messages.note("there is no camera file: drop a cameras.json on the window"),
+            None => self.messages.note("there is no camera file: drop one on the window, such as a cameras.json"),
         }
     }
 

@@ -187,7 +187,7 @@ pub fn read_captured(name: &str) -> Option<Gaussians> {
 
 pub fn captured_cameras(name: &str, which: &[usize], size: [u32; 2]) -> Vec<Camera> {
     let file = captured(name).expect("a scene's cameras lie beside it");
-    let cameras = camera::read(&file).expect("a captured scene's cameras can be read");
+    let cameras = camera::read(&file).expect("a captured scene's cameras can be read").cameras;
     which.iter().map(|i| cameras[*i].camera.resized(size)).collect()
 }
 

@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::builder::RangedU64ValueParser;
 
-use super::{DeviceArgs, Knobs, OverThreshold, SceneArg, Usage, complain, knobs, parse_size, progress, remark};
+use super::{
+    DeviceArgs, Knobs, OverThreshold, SceneArg, SplitArg, Usage, complain, knobs, parse_size, progress, remark,
+};
 use crate::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
 use crate::camera::Camera;
 use crate::files::check_writable;
@@ -27,9 +29,11 @@ pub(super) struct Args {
     /// Scenes, as `smalto render` takes them [default: cactus; with --ladder, cactus at four levels of detail,
     /// few-large and many-small]
     scenes: Vec<PathBuf>,
-    /// Camera file of the original 3DGS: frame after frame from its cameras
-    #[arg(long, value_name = "FILE", conflicts_with = "path")]
+    /// Camera file or folder, as `smalto render` takes it: frame after frame from its cameras
+    #[arg(long, value_name = "FILE|DIR", conflicts_with = "path")]
     cameras: Option<PathBuf>,
+    #[command(flatten)]
+    split: SplitArg,
     /// Where the camera moves: one turn around the scene (orbit), the same nearing and leaving twice (orbit-zoom), or
     /// smoothly through the cameras of a file
     #[arg(long, value_name = "orbit|orbit-zoom|keyframes:FILE", default_value = "orbit-zoom")]
@@ -89,7 +93,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     [&args.json, &args.csv, &args.plot].into_iter().flatten().try_for_each(|file| check_writable(file))?;
     let device = args.device.open()?;
     let baseline = args.baseline.as_deref().map(read_baseline).transpose()?;
-    let cameras = Cameras::read(args.cameras.as_deref(), &args.path)?;
+    let cameras = Cameras::read(args.cameras.as_deref(), &args.split, &args.path)?;
     let bench = Bench::new(&device, Protocol { warmup: args.warmup, frames: args.frames })?;
     if args.ladder {
         return ladder::run(args, &bench, &cameras);

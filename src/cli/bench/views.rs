@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use glam::DVec3;
 
 use crate::camera::{Camera, path};
-use crate::cli::read_cameras;
+use crate::cli::SplitArg;
 use crate::scene::{Focus, Gaussians};
 
 /// A camera path by name.
@@ -46,16 +46,17 @@ enum Source {
 }
 
 impl Cameras {
-    /// From a camera file, or along a path.
-    pub fn read(file: Option<&Path>, path: &CameraPath) -> Result<Self> {
+    /// From a split of a camera file, or along a path.
+    pub fn read(file: Option<&Path>, split: &SplitArg, path: &CameraPath) -> Result<Self> {
         let name = |file: &Path| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let read = |file: &Path| Ok::<_, anyhow::Error>(read_cameras(file)?.into_iter().map(|c| c.camera).collect());
+        let read = |file: &Path| Ok::<_, anyhow::Error>(split.read(file)?.into_iter().map(|c| c.camera).collect());
         Ok(match (file, path) {
             (Some(file), _) => Self { name: name(file), source: Source::File(read(file)?) },
             (None, CameraPath::Keyframes(file)) => {
                 Self { name: format!("keyframes:{}", name(file)), source: Source::Keyframes(read(file)?) }
             }
             (None, CameraPath::Orbit { zooms }) => {
+                split.check_no_file()?;
                 let name = if *zooms { "orbit-zoom" } else { "orbit" };
                 Self { name: name.to_owned(), source: Source::Orbit { zooms: *zooms } }
             }

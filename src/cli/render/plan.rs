@@ -9,8 +9,8 @@ use glam::DVec3;
 
 use super::outputs::{Names, Output, Outputs, safe_stem};
 use super::{Args, video};
-use crate::camera::{self, Camera, NamedCamera};
-use crate::cli::{Usage, read_cameras, size_text};
+use crate::camera::{Camera, NamedCamera};
+use crate::cli::{Usage, named_or_found, size_text};
 use crate::files::check_writable;
 use crate::pixels::FileKind;
 use crate::scene::{Focus, Gaussians};
@@ -56,10 +56,11 @@ pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
         }
         (None, Some(camera)) => {
             return Err(Usage(format!(
-                "--camera {camera} needs a camera file: there is no cameras.json beside the scene, and no --cameras"
+                "--camera {camera} needs a camera file: there is none beside the scene or above it, and no --cameras"
             ))
             .into());
         }
+        (Some(all), None) if args.film.has_path() => choose(all, "all")?,
         (Some(all), wanted) => choose(all, wanted.as_deref().unwrap_or("0"))?,
     };
     let several = is_list || args.video;
@@ -74,8 +75,13 @@ pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
 }
 
 fn cameras(args: &Args) -> Result<Option<Vec<NamedCamera>>> {
-    let file = args.cameras.clone().or_else(|| args.scene.path().and_then(|scene| camera::find(&scene)));
-    file.map(|file| read_cameras(&file)).transpose()
+    if let Some(frames) = args.film.read()? {
+        return Ok(Some(frames));
+    }
+    match named_or_found(args.cameras.as_deref(), &args.scene) {
+        Some(file) => Ok(Some(args.split.read(&file)?)),
+        None => Ok(args.split.check_no_file().map(|()| None)?),
+    }
 }
 
 /// The cameras that `wanted` names, and whether it is a list.
@@ -158,6 +164,9 @@ fn check_together(args: &Args, outputs: &Outputs, several: bool) -> Result<()> {
         if args.certificate.is_some() {
             return refuse(format!("--certificate is of the picture, not of --layers {name}"));
         }
+    }
+    if args.film.fps().is_some() && !args.video && !args.film.has_path() {
+        return refuse("--fps is of a film: --video or --path".to_owned());
     }
     check_certificate(args, several)
 }

@@ -1,0 +1,131 @@
+//! Sparse models of COLMAP: `cameras` and `images`, as .bin or .txt. World to camera, axes right, down, forward.
+
+mod binary;
+mod models;
+mod text;
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use glam::{DMat3, DQuat, DVec3};
+
+use super::lens::{Bent, Lens};
+use super::{Camera, CameraFile, NamedCamera};
+use models::Intrinsics;
+
+/// A photograph: where it was taken from, and with which camera.
+struct Photograph {
+    name: String,
+    /// w x y z, from the world to the camera; of any length over 0.
+    rotation: [f64; 4],
+    /// After the rotation, world units.
+    translation: [f64; 3],
+    camera: u32,
+}
+
+/// The files of a model.
+struct Files {
+    cameras: PathBuf,
+    images: PathBuf,
+    is_binary: bool,
+}
+
+impl Files {
+    fn with_ending(folder: &Path, ending: &str) -> Self {
+        let [cameras, images] = ["cameras", "images"].map(|name| folder.join(name).with_extension(ending));
+        Self { cameras, images, is_binary: ending == "bin" }
+    }
+
+    /// The files of a folder that is a model.
+    fn of(folder: &Path) -> Option<Self> {
+        let both = ["bin", "txt"].map(|ending| Self::with_ending(folder, ending));
+        both.into_iter().find(|files| files.cameras.is_file() && files.images.is_file())
+    }
+
+    fn read(&self) -> Result<CameraFile> {
+        let read_cameras = if self.is_binary { binary::cameras } else { text::cameras };
+        let read_images = if self.is_binary { binary::images } else { text::images };
+        let named = |file: &Path| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let cameras = read_cameras(&self.cameras).with_context(|| named(&self.cameras))?;
+        let mut photographs = read_images(&self.images).with_context(|| named(&self.images))?;
+        // As the original sorts them: by their bytes.
+        photographs.sort_by(|a, b| a.name.cmp(&b.name));
+        assembled(&cameras, photographs).with_context(|| named(&self.images))
+    }
+}
+
+/// Whether the folder is a model, or holds some.
+pub(super) fn is_model(folder: &Path) -> bool {
+    !models_of(folder).is_empty()
+}
+
+/// Reads the model that the folder is or, of those that it holds, the one with the most photographs. None if there is none.
+pub(super) fn read_folder(folder: &Path) -> Option<Result<CameraFile>> {
+    let models = models_of(folder);
+    if models.len() <= 1 {
+        return models.first().map(|(_, files)| files.read());
+    }
+    Some(largest(&models))
+}
+
+/// Reads the model that a file is of. None if it is no such file.
+pub(super) fn read_file(path: &Path) -> Option<Result<CameraFile>> {
+    let [stem, ending] = [path.file_stem()?.to_str()?, path.extension()?.to_str()?];
+    let is_one = ["cameras", "images"].contains(&stem) && ["bin", "txt"].contains(&ending);
+    is_one.then(|| Files::with_ending(path.parent().unwrap_or(Path::new("")), ending).read())
+}
+
+/// The models of a folder and their numbers: COLMAP gives each a folder with a number.
+fn models_of(folder: &Path) -> Vec<(u64, Files)> {
+    if let Some(files) = Files::of(folder) {
+        return vec![(0, files)];
+    }
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let numbered = entries.filter_map(|entry| Some((entry.file_name()?.to_str()?.parse::<u64>().ok()?, entry)));
+    let mut models: Vec<_> = numbered.filter_map(|(number, entry)| Some((number, Files::of(&entry)?))).collect();
+    models.sort_by_key(|(number, _)| *number);
+    models
+}
+
+fn largest(models: &[(u64, Files)]) -> Result<CameraFile> {
+    let mut best: Option<(u64, CameraFile)> = None;
+    for (number, files) in models {
+        let read = files.read().with_context(|| format!("model {number}"))?;
+        if best.as_ref().is_none_or(|(_, best)| read.cameras.len() > best.cameras.len()) {
+            best = Some((*number, read));
+        }
+    }
+    let (number, mut best) = best.context("there is no model")?;
+    let (count, photographs) = (models.len(), best.cameras.len());
+    best.notices.push(format!("of {count} models the largest is taken, {number} with {photographs} photographs"));
+    Ok(best)
+}
+
+fn assembled(cameras: &HashMap<u32, Intrinsics>, photographs: Vec<Photograph>) -> Result<CameraFile> {
+    let mut bent = Bent::default();
+    let mut named = Vec::with_capacity(photographs.len());
+    for photograph in photographs {
+        let (camera, lens) =
+            photograph.seen_with(cameras).with_context(|| photograph.name.escape_debug().to_string())?;
+        bent.add(lens, &camera);
+        named.push(NamedCamera { name: photograph.name, camera });
+    }
+    let notices = bent.notice(named.len()).into_iter().collect();
+    Ok(CameraFile { cameras: named, splits: None, notices })
+}
+
+impl Photograph {
+    fn seen_with<'c>(&self, cameras: &'c HashMap<u32, Intrinsics>) -> Result<(Camera, &'c Lens)> {
+        let Intrinsics { focal_px, centre_px, size_px, lens } =
+            cameras.get(&self.camera).with_context(|| format!("there is no camera {}", self.camera))?;
+        let [w, x, y, z] = self.rotation;
+        let length = DQuat::from_xyzw(x, y, z, w).length();
+        ensure!(length > 0.0 && length.is_finite(), "its quaternion {w:?} {x:?} {y:?} {z:?} is no rotation");
+        let rotation = DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
+        let position = -(rotation.transpose() * DVec3::from(self.translation));
+        let camera = Camera { position, rotation, focal_px: *focal_px, centre_px: *centre_px, size_px: *size_px };
+        Ok((camera.checked()?, lens))
+    }
+}

@@ -1,0 +1,178 @@
+//! `transforms.json` of nerfstudio, instant-ngp and Blender's sets: camera-to-world matrices with OpenGL's axes, and
+//! intrinsics for all frames or for each.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use glam::{DMat3, DVec2, DVec3};
+use image::ImageReader;
+use serde_json::{Map, Value};
+
+use super::lens::{Bent, Lens};
+use super::{Camera, CameraFile, MAX_SIDE, NamedCamera, Split, centre};
+
+/// What a file may say of which frames are for what.
+const SPLITS: [(Split, &str, &str); 3] = [
+    (Split::Train, "train", "train_filenames"),
+    (Split::Val, "val", "val_filenames"),
+    (Split::Test, "test", "test_filenames"),
+];
+
+/// The cameras of the file at `path`, in its order.
+pub(super) fn parse(text: &[u8], path: &Path) -> Result<CameraFile> {
+    let file: Map<String, Value> = serde_json::from_slice(text).context("is not JSON")?;
+    let frames = file.get("frames").and_then(Value::as_array);
+    let frames = frames.context("is not a cameras.json, and no transforms.json: it has no array `frames`")?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut bent = Bent::default();
+    let mut cameras = Vec::new();
+    for (i, frame) in frames.iter().enumerate() {
+        let own = frame.as_object().with_context(|| format!("frame {i} is not an object"))?;
+        let frame = Frame { own, file: &file };
+        let (named, lens) = frame.camera(i, folder).with_context(|| format!("frame {i}"))?;
+        bent.add(&lens, &named.camera);
+        cameras.push(named);
+    }
+    let splits = splits(&file, path, &cameras)?;
+    Ok(CameraFile { splits, notices: bent.notice(cameras.len()).into_iter().collect(), cameras })
+}
+
+/// The splits of each camera: those whose lists name it, or the one in the name of Blender's files.
+fn splits(file: &Map<String, Value>, path: &Path, cameras: &[NamedCamera]) -> Result<Option<Vec<Vec<Split>>>> {
+    if !SPLITS.iter().any(|(_, _, list)| file.contains_key(*list)) {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let named = SPLITS.iter().find(|(_, name, _)| stem.strip_prefix("transforms_") == Some(*name));
+        return Ok(named.map(|(split, _, _)| vec![vec![*split]; cameras.len()]));
+    }
+    let mut by_name: HashMap<&str, Vec<Split>> = HashMap::new();
+    for (split, _, list) in SPLITS {
+        let Some(names) = file.get(list) else { continue };
+        let names = names.as_array().map(|names| names.iter().map(Value::as_str).collect::<Option<Vec<_>>>());
+        for name in names.flatten().with_context(|| format!("{list} is not an array of names"))? {
+            let splits = by_name.entry(plain(name)).or_default();
+            if !splits.contains(&split) {
+                splits.push(split);
+            }
+        }
+    }
+    let of = |camera: &NamedCamera| by_name.get(camera.name.as_str()).cloned().unwrap_or_default();
+    Ok(Some(cameras.iter().map(of).collect()))
+}
+
+/// A frame's file as it is named here.
+fn plain(name: &str) -> &str {
+    name.strip_prefix("./").unwrap_or(name)
+}
+
+/// One frame: what it does not say itself, the file says for all.
+struct Frame<'f> {
+    own: &'f Map<String, Value>,
+    file: &'f Map<String, Value>,
+}
+
+impl Frame<'_> {
+    fn camera(&self, index: usize, folder: &Path) -> Result<(NamedCamera, Lens)> {
+        let name = self.own.get("file_path").and_then(Value::as_str);
+        let size_px = self.size_px(name.map(|name| folder.join(name)).as_deref())?;
+        let (position, rotation) = self.pose()?;
+        let middle = centre(size_px);
+        let centre_px = DVec2::new(self.number("cx")?.unwrap_or(middle.x), self.number("cy")?.unwrap_or(middle.y));
+        let camera = Camera { position, rotation, focal_px: self.focal_px(size_px)?, centre_px, size_px }.checked()?;
+        let name = name.map_or_else(|| index.to_string(), |name| plain(name).to_owned());
+        Ok((NamedCamera { name, camera }, self.lens()?))
+    }
+
+    /// A number of the frame, or else of the file. Null is as good as nothing.
+    fn number(&self, name: &str) -> Result<Option<f64>> {
+        [self.own, self.file].into_iter().find_map(|of| number(of, name).transpose()).transpose()
+    }
+
+    /// Where the camera is, and its rotation from the world to right, down and forward.
+    fn pose(&self) -> Result<(DVec3, DMat3)> {
+        let matrix = self.own.get("transform_matrix").context("it has no transform_matrix")?;
+        let rows = rows(matrix).context("its transform_matrix is not 3 or 4 rows of 4 numbers")?;
+        let is_affine = rows.get(3).is_none_or(|last| *last == [0.0, 0.0, 0.0, 1.0]);
+        ensure!(is_affine, "the last row of its transform_matrix is not 0, 0, 0, 1");
+        let column = |i: usize| DVec3::new(rows[0][i], rows[1][i], rows[2][i]);
+        // OpenGL's up is our down negated, its back our forward.
+        let rotation = DMat3::from_cols(column(0), -column(1), -column(2)).transpose();
+        Ok((column(3), rotation))
+    }
+
+    /// From the file or, as Blender's sets have none, from the photograph.
+    fn size_px(&self, photograph: Option<&Path>) -> Result<[u32; 2]> {
+        if let (Some(width), Some(height)) = (self.number("w")?, self.number("h")?) {
+            let is_side = |side: f64| side.fract() == 0.0 && (1.0..=f64::from(MAX_SIDE)).contains(&side);
+            let is_size = is_side(width) && is_side(height);
+            ensure!(is_size, "its size {width:?}x{height:?} is not of whole numbers from 1 to {MAX_SIDE}");
+            return Ok([width as u32, height as u32]);
+        }
+        let photograph =
+            photograph.context("it has no size (w and h), and no file_path of a photograph that has one")?;
+        let file = with_ending(photograph).with_context(|| {
+            format!("it has no size (w and h), and its photograph {} is not there", photograph.display())
+        })?;
+        let size = ImageReader::open(&file).map_err(anyhow::Error::from).and_then(|r| Ok(r.into_dimensions()?));
+        let unread = |e| anyhow!("it has no size (w and h), and its photograph {} has none: {e}", file.display());
+        let (width, height) = size.map_err(unread)?;
+        Ok([width, height])
+    }
+
+    /// Of the frame before that of the file; focal lengths before angles of view; the vertical one, if there is none, is
+    /// the horizontal one.
+    fn focal_px(&self, size_px: [u32; 2]) -> Result<DVec2> {
+        let axis = |side: u32, focal: &str, angle: &str| {
+            for of in [self.own, self.file] {
+                if let Some(focal_px) = number(of, focal)? {
+                    return Ok(Some(focal_px));
+                }
+                if let Some(angle) = number(of, angle)? {
+                    return Ok(Some(f64::from(side) / 2.0 / (angle / 2.0).tan()));
+                }
+            }
+            Ok::<_, anyhow::Error>(None)
+        };
+        let x = axis(size_px[0], "fl_x", "camera_angle_x")?;
+        let y = axis(size_px[1], "fl_y", "camera_angle_y")?;
+        let x = x.or(y).context("it has no focal length: neither fl_x nor camera_angle_x")?;
+        Ok(DVec2::new(x, y.unwrap_or(x)))
+    }
+
+    fn lens(&self) -> Result<Lens> {
+        let text = |name: &str| [self.own, self.file].into_iter().find_map(|of| of.get(name).filter(|v| !v.is_null()));
+        let model = text("camera_model").and_then(Value::as_str).unwrap_or("OPENCV");
+        let is_fisheye = text("is_fisheye").and_then(Value::as_bool).unwrap_or(false);
+        let k = |name: &str| Ok::<_, anyhow::Error>(self.number(name)?.unwrap_or(0.0));
+        let radial = [k("k1")?, k("k2")?, k("k3")?, k("k4")?];
+        match model {
+            "OPENCV_FISHEYE" => Ok(Lens::fisheye(model, &radial)),
+            _ if is_fisheye => Ok(Lens::fisheye("fisheye", &radial)),
+            "SIMPLE_PINHOLE" | "PINHOLE" | "PERSPECTIVE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" => {
+                Ok(Lens::perspective(model, &radial, &[], [k("p1")?, k("p2")?]))
+            }
+            _ => bail!("its camera model {} is not supported, only pinholes and those of OpenCV", model.escape_debug()),
+        }
+    }
+}
+
+fn number(of: &Map<String, Value>, name: &str) -> Result<Option<f64>> {
+    let value = of.get(name).filter(|value| !value.is_null());
+    value.map(|value| value.as_f64().with_context(|| format!("its {name} is not a number"))).transpose()
+}
+
+fn rows(matrix: &Value) -> Option<Vec<[f64; 4]>> {
+    let row = |row: &Value| row.as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<_>>>()?.try_into().ok();
+    let rows: Vec<[f64; 4]> = matrix.as_array()?.iter().map(row).collect::<Option<_>>()?;
+    [3, 4].contains(&rows.len()).then_some(rows)
+}
+
+/// The file of a photograph that may be named without its ending.
+fn with_ending(photograph: &Path) -> Option<PathBuf> {
+    let ended = |ending: &str| {
+        let mut name = photograph.as_os_str().to_owned();
+        name.push(ending);
+        PathBuf::from(name)
+    };
+    ["", ".png", ".jpg"].map(ended).into_iter().find(|file| file.is_file())
+}
