@@ -13,8 +13,9 @@ use npyz::WriterBuilder;
 use smalto::camera::Camera;
 use smalto::metrics::{max_error, psnr};
 use smalto::options::{Background, Extent, Options, Order, Rules};
-use smalto::pixels::Pixels;
+use smalto::pixels::{Depths, Pixels};
 use smalto::reference;
+use smalto::render::{GpuScene, Inspection, Look, Still, Work, depths};
 use smalto::scene::{Builder, Gaussians, Raw};
 
 const GSPLAT: Options = Options { rules: Rules::GSPLAT, ..Options::EXACT };
@@ -55,7 +56,7 @@ fn write_scene(folder: &Path, gaussians: &Gaussians) {
 }
 
 /// gsplat's picture of the scene in this folder.
-fn render_with_gsplat(python: &Path, folder: &Path, camera: &Camera, antialiased: bool) -> Pixels {
+fn render_with_gsplat(python: &Path, folder: &Path, camera: &Camera, arguments: &[&str]) -> Pixels {
     let to_view = glam::DMat4::from_mat3(camera.rotation) * glam::DMat4::from_translation(-camera.position);
     write(folder, "view.npy", &[4, 4], &to_view.transpose().to_cols_array());
     let (focal, centre) = (camera.focal_px, camera.centre_px);
@@ -63,7 +64,7 @@ fn render_with_gsplat(python: &Path, folder: &Path, camera: &Camera, antialiased
     write(folder, "size.npy", &[2], &camera.size_px);
     let picture = folder.join("picture.npy");
     let mut tool = Command::new(python);
-    tool.arg("tests/gsplat/render_with_gsplat.py").args(antialiased.then_some("--antialiased"));
+    tool.arg("tests/gsplat/render_with_gsplat.py").args(arguments);
     let output = tool.arg(folder).arg(&picture).output().expect("SMALTO_GSPLAT_PYTHON names a Python");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     Pixels::read(&picture).unwrap()
@@ -167,6 +168,37 @@ fn gsplat_draws_the_small_scene_as_smalto_does() {
     }
 }
 
+/// Expected depth, median depth and number of splats in every pixel of the small scene.
+const DEPTHS: &str = "tests/gsplat/small-depths.npy";
+
+#[test]
+fn gsplat_finds_the_small_scene_as_deep_as_smalto_does() {
+    let gpu = Gpu::new();
+    let theirs = Pixels::read(Path::new(DEPTHS)).unwrap();
+    let (scene, camera) = (small_scene(), small_camera());
+    let rendering = reference::render(&scene, &camera, &Rules::GSPLAT, Background::BLACK);
+    let gpu_scene = GpuScene::new(&gpu.0, &scene, &GSPLAT).unwrap();
+    let mut still = Still::new(&gpu.0, &GSPLAT, &gpu_scene).unwrap();
+    still.set_inspection(Inspection { look: Look::Work(Work::Depths), ..Inspection::default() }).unwrap();
+    still.render(&camera, Background::BLACK).unwrap();
+    let of_gpu = depths(&still.pixels().unwrap());
+    // On the GPU a decision in doubt may fall the other way.
+    for (name, own, most, most_differing) in [("reference", rendering.depths(), 1e-6, 0), ("GPU", of_gpu, 1e-5, 4)] {
+        let Depths { expected, median, counts } = own;
+        assert_eq!(counts.size, theirs.size);
+        // gsplat has 0 where there is no depth.
+        let apart = |own: f32, their: f32| if own.is_nan() { their } else { (own - their).abs() / their };
+        let differs = |(i, their): (usize, &[f32; 4])| {
+            let [mean, middle, count, _] = *their;
+            let depths = apart(expected.values[i], mean).max(apart(median.values[i], middle));
+            depths > most || counts.values[i] != count
+        };
+        let differing = theirs.rgba.iter().enumerate().filter(|pixel| differs(*pixel)).count();
+        println!("{name}: {differing} pixels differ");
+        assert!(differing <= most_differing, "{name}: {differing} pixels differ");
+    }
+}
+
 #[test]
 fn gsplat_draws_the_small_scene_unlike_any_other_rules() {
     let gaussians = small_scene();
@@ -195,8 +227,9 @@ fn gsplat_still_draws_the_stored_pictures() {
     let Some(python) = python() else { return };
     let folder = tempfile::tempdir().unwrap();
     write_scene(folder.path(), &small_scene());
-    for (path, rules) in PICTURES {
-        let fresh = render_with_gsplat(&python, folder.path(), &small_camera(), rules.antialiased);
+    let [(plain, _), (antialiased, _)] = PICTURES;
+    for (path, arguments) in [(plain, &[][..]), (antialiased, &["--antialiased"]), (DEPTHS, &["--depths"])] {
+        let fresh = render_with_gsplat(&python, folder.path(), &small_camera(), arguments);
         let beside = Path::new(env!("CARGO_TARGET_TMPDIR")).join(Path::new(path).file_name().unwrap());
         std::fs::copy(folder.path().join("picture.npy"), &beside).unwrap();
         let stored = Pixels::read(Path::new(path)).ok();
@@ -221,7 +254,7 @@ fn gsplat_draws_captured_scenes_as_smalto_does() {
         write_scene(folder.path(), &gaussians);
         let which = [0, 40, 80];
         for (index, camera) in which.iter().zip(captured_cameras(cameras, &which, [192, 144])) {
-            let picture = render_with_gsplat(&python, folder.path(), &camera, false);
+            let picture = render_with_gsplat(&python, folder.path(), &camera, &[]);
             let measured = Measured::new(&gpu, &gaussians, &camera, Rules::GSPLAT, &picture);
             let row = format!("{name:20} camera {index:2}: {measured}");
             println!("{row}");

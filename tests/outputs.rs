@@ -20,8 +20,8 @@ use smalto::reference;
 use smalto::render::{GpuScene, Inspection, Look, Still, Work, depths};
 use smalto::scene::{Gaussians, synthetic};
 
-/// What f32 arithmetic may change of an expected depth, as a part of it; and of a median, which is one splat's depth.
-const ROUNDING: f64 = 2e-5;
+/// What f32 arithmetic may change of an expected depth, as a part of it: 3e-6 measured; and of a median, one splat's depth.
+const ROUNDING: f64 = 1e-5;
 const ROUNDING_OF_ONE: f64 = 1e-6;
 
 const DEPTHS: Look = Look::Work(Work::Depths);
@@ -90,10 +90,10 @@ fn depths_and_counts_are_those_of_the_reference() {
 /// The reference itself, against every pixel's list taken apart.
 #[test]
 fn the_reference_takes_depths_from_what_it_blends() {
+    let mut kinds = [0; 3];
     for (scene, camera) in cases() {
         let lists = Listed::of(&scene, &camera);
         let depths = exact(&scene, &camera, &Rules::TRAINED).depths();
-        let mut kinds = [0; 3];
         for pixel in 0..depths.counts.values.len() {
             let (blended, (_, centre)) = (lists.walk(pixel).blended, lists.list(pixel));
             let (mut left, mut sum, mut median) = (1.0, 0.0, f64::NAN);
@@ -110,8 +110,8 @@ fn the_reference_takes_depths_from_what_it_blends() {
             assert_eq!((own[1].to_bits(), own[2]), ((median as f32).to_bits(), blended.len() as f32), "pixel {pixel}");
             kinds[if mean.is_nan() { 0 } else { 1 + usize::from(!median.is_nan()) }] += 1;
         }
-        assert!(kinds[1] > 0 && kinds[2] > 100, "with and without a median: {kinds:?}");
     }
+    assert!(kinds.iter().all(|pixels| *pixels > 10), "without anything, without a median, with one: {kinds:?}");
 }
 
 #[test]

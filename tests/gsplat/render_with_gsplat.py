@@ -1,6 +1,6 @@
 """Renders a scene by gsplat 1.5.3's own PyTorch functions, on the CPU in float64.
 
-Usage: render_with_gsplat.py [--antialiased] IN OUT.npy, with `pip install torch numpy gsplat==1.5.3`. No GPU and no CUDA
+Usage: render_with_gsplat.py [--antialiased] [--depths] IN OUT.npy, with `pip install torch numpy gsplat==1.5.3`. No GPU and no CUDA
 toolkit are needed. tests/gsplat.rs runs it with the Python that SMALTO_GSPLAT_PYTHON names.
 
 IN is a folder with
@@ -12,7 +12,8 @@ IN is a folder with
     view.npy        [4, 4] f8     world to view: x right, y down, z forward
     intrinsics.npy  [4] f8        focal lengths x y, principal point x y, in px
     size.npy        [2] u4        width, height
-OUT.npy becomes [height, width, 3] f4: colours over black, not clamped at 1.
+OUT.npy becomes [height, width, 3] f4: colours over black, not clamped at 1; or with --depths, the expected depth (gsplat's
+render mode ED), the median depth, which is 0 where the transmittance stays above a half, and the number of splats blended.
 
 Projection and spherical harmonics are gsplat's functions (gsplat/cuda/_torch_impl.py), called unchanged. Its blending needs
 CUDA; `blend` follows gsplat/cuda/csrc/RasterizeToPixels3DGSFwd.cu, lines 140 to 169.
@@ -46,8 +47,8 @@ def load_gsplat():
 
 
 def project(gsplat, scene, view, intrinsics, width, height, antialiased):
-    """Of every visible Gaussian, nearest first: mean_px [m, 2], conic a b c [m, 3], opacity [m], colour [m, 3], and half the
-    sides of a box outside of which alpha is under the threshold [m, 2]."""
+    """Of every visible Gaussian, nearest first: mean_px [m, 2], conic a b c [m, 3], opacity [m], colour and depth [m, 4], and
+    half the sides of a box outside of which alpha is under the threshold [m, 2]."""
     fx, fy, cx, cy = intrinsics
     k = torch.tensor([[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]], dtype=torch.float64)
     position = torch.inverse(view)[:3, 3]
@@ -69,7 +70,7 @@ def project(gsplat, scene, view, intrinsics, width, height, antialiased):
         opacities = opacities[keep]
         # + 0.5 and the floor: gsplat/rendering.py, line 525.
         colours = gsplat._spherical_harmonics(degree, means[keep] - position, chunk["sh"][keep])
-        colours = torch.clamp_min(colours + 0.5, 0)
+        colours = torch.cat((torch.clamp_min(colours + 0.5, 0), depths[:, None]), 1)  # as render mode RGB+ED does
         # gsplat's radii are 3.33 sigma; alpha falls to 1/255 at sqrt(2 ln(255 opacity)) sigma, never more.
         half = radii.double().abs() * (torch.sqrt(2 * torch.log(opacities / ALPHA_MIN)) / 3.33)[:, None]
         parts.append((depths.float(), means_px, conics, opacities, colours, half + 0.01))  # px, against rounding
@@ -79,8 +80,8 @@ def project(gsplat, scene, view, intrinsics, width, height, antialiased):
 
 
 def blend(means_px, conics, opacities, colours, half, width, height):
-    """The image [height, width, 3], a tile after the other."""
-    image = torch.zeros(height, width, 3, dtype=torch.float64)
+    """The image [height, width, 6], a tile after the other: colours, expected depth, median depth, number of splats."""
+    image = torch.zeros(height, width, 6, dtype=torch.float64)
     low, high = means_px - half, means_px + half
     for top in range(0, height, TILE):
         y = torch.arange(top, min(top + TILE, height)) + 0.5
@@ -90,14 +91,15 @@ def blend(means_px, conics, opacities, colours, half, width, height):
             ids = in_rows[(high[in_rows, 0] >= x[0]) & (low[in_rows, 0] <= x[-1])]
             splats = (means_px[ids], conics[ids], opacities[ids], colours[ids])
             tile = blend_tile(splats, x.double().repeat(len(y)), y.double().repeat_interleave(len(x)))
-            image[top : top + TILE, left : left + TILE] = tile.view(len(y), len(x), 3)
+            image[top : top + TILE, left : left + TILE] = tile.view(len(y), len(x), 6)
     return image
 
 
 def blend_tile(splats, x, y):
-    """The colours of the pixels with centres at x, y."""
+    """What `blend` makes of the pixels with centres at x, y."""
     transmittance = torch.ones_like(x)
-    colour = torch.zeros(len(x), 3, dtype=torch.float64)
+    colour = torch.zeros(len(x), 4, dtype=torch.float64)
+    covered, median, count = (torch.zeros_like(x) for _ in range(3))
     for means_px, conics, opacities, colours in zip(*(values.split(BATCH) for values in splats)):
         # Arrays are [splat, pixel].
         dx, dy = means_px[:, :1] - x, means_px[:, 1:] - y
@@ -109,11 +111,18 @@ def blend_tile(splats, x, y):
         remaining = torch.cumprod(torch.cat((transmittance[None], 1 - alpha)), 0)
         # The splat that would leave no more than the least is not added, nor any behind it.
         is_added = remaining[1:] > TRANSMITTANCE_MIN
-        colour += (alpha * remaining[:-1] * is_added).T @ colours
+        weights = alpha * remaining[:-1] * is_added
+        colour += weights.T @ colours
+        covered += weights.sum(0)
+        # The last one that is met by more than half of the light, as in RasterizeToPixels2DGSFwd.cu.
+        is_median = is_added & (remaining[:-1] > 0.5) & (remaining[1:] <= 0.5)
+        median += (is_median * colours[:, 3:]).sum(0)
+        count += (is_added & (alpha > 0)).sum(0)
         transmittance = remaining[-1]
         if (transmittance <= TRANSMITTANCE_MIN).all():
             break
-    return colour
+    colour[:, 3] /= covered.clamp_min(1e-10)  # gsplat/rendering.py, render mode ED
+    return torch.cat((colour, median[:, None], count[:, None]), 1)
 
 
 def main():
@@ -121,6 +130,7 @@ def main():
     parser.add_argument("folder", metavar="IN", type=pathlib.Path)
     parser.add_argument("out", metavar="OUT.npy", type=pathlib.Path)
     parser.add_argument("--antialiased", action="store_true", help='gsplat\'s rasterize_mode="antialiased"')
+    parser.add_argument("--depths", action="store_true", help="expected depth, median depth, number of splats")
     args = parser.parse_args()
 
     def load(name):
@@ -133,6 +143,7 @@ def main():
             load_gsplat(), scene, load("view"), load("intrinsics").tolist(), width, height, args.antialiased
         )
         image = blend(*splats, width, height)
+    image = image[..., 3:] if args.depths else image[..., :3]
     np.save(args.out, image.numpy().astype(np.float32))
 
 

@@ -31,7 +31,8 @@ pub(super) struct Args {
     /// What is written of a picture, as a list. One layer goes to --output itself. Of several, in a folder each has a
     /// folder of its name (renders/colour/00000.png, renders/depth/00000.exr); beside a file, all but the colour have
     /// their name in theirs (a.png, a.depth.exr). Depths are the view z of the splats' means, in world units; depths
-    /// and counts are floats in one channel, .exr where pictures are PNG
+    /// and counts are floats in one channel, .exr where pictures are PNG. All are of what the preset blends: `exact` stops
+    /// latest
     #[arg(long, value_name = "LAYERS", value_delimiter = ',', default_value = "colour")]
     layers: Vec<Layer>,
     /// How pictures in a folder are named [default: index]. Folders in names of images are made below --output

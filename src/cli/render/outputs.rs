@@ -202,8 +202,14 @@ const EXTENSIONS: [&str; 10] = ["jpg", "jpeg", "png", "exr", "tif", "tiff", "web
 pub(super) fn safe_stem(image: &str) -> Result<String> {
     let is_extension = |end: &str| EXTENSIONS.iter().any(|known| end.eq_ignore_ascii_case(known));
     let stem = image.rsplit_once('.').filter(|(_, end)| is_extension(end)).map_or(image, |(stem, _)| stem);
-    let parts = stem.split(['/', '\\']).filter(|part| !["", ".", ".."].contains(part));
-    let safe: Vec<String> = parts.map(|part| part.replace(is_unsafe, "_")).collect();
+    let mut safe = Vec::new();
+    for part in stem.split(['/', '\\']) {
+        match part {
+            "" | "." => {}
+            ".." => _ = safe.pop(),
+            part => safe.push(part.replace(is_unsafe, "_")),
+        }
+    }
     let name = safe.join("/");
     (!name.is_empty()).then_some(name).with_context(|| format!("the image name '{image}' names no file"))
 }
@@ -224,6 +230,7 @@ mod tests {
         assert_eq!(safe("cam 1/00.05.jpeg").as_deref(), Some("cam 1/00.05"));
         assert_eq!(safe("frame.0001").as_deref(), Some("frame.0001"));
         assert_eq!(safe("../../etc/passwd").as_deref(), Some("etc/passwd"));
+        assert_eq!(safe("a/../../b/c").as_deref(), Some("b/c"));
         assert_eq!(safe("/data//a/./b.png").as_deref(), Some("data/a/b"));
         assert_eq!(safe("C:\\scans\\a?\n.tif").as_deref(), Some("C_/scans/a__"));
         assert_eq!(["", "..", "/", ".png", "../.jpg"].map(safe), [const { None }; 5]);
