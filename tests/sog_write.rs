@@ -21,8 +21,8 @@ fn splat_transform_reads_what_is_written() {
     assert!(written(&plush) == fs::read(fixture("smalto.sog")).unwrap(), "other bytes than splat-transform has read");
     let theirs = Table::read(&fixture("smalto.sog.csv"));
     table::agrees("smalto.sog", &read(&fixture("smalto.sog")).gaussians, &theirs, &SAME);
-    // All but rotations are on few enough values that none is changed by more than a step of the means.
-    table::agrees("plush.ply", &plush, &theirs, &Tolerance { value: 2.1e-3, rotation: 5e-5 });
+    // 61 Gaussians share 32 palette entries.
+    table::agrees("plush.ply", &plush, &theirs, &Tolerance { value: 0.035, rotation: 5e-5 });
 }
 
 /// Every Gaussian of a scene with needles, floaters and view-dependent colour, within the steps of the format.
