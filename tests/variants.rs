@@ -135,7 +135,7 @@ fn gltf_follows_nodes_and_buffers() {
         ("/nodes/1/children", serde_json::json!([0]), "parents"),
         ("/accessors/0/count", serde_json::json!(1_000_000_000_000_000_u64), "bytes"),
         ("/accessors/2/count", serde_json::json!(7), "of another attribute"),
-        ("/bufferViews/1/byteLength", serde_json::json!(u64::MAX), "outside of its buffer"),
+        ("/bufferViews/2/byteLength", serde_json::json!(u64::MAX), "outside of its buffer"),
         ("/buffers/0/uri", serde_json::json!("../a.bin"), "not beside the file"),
         ("/buffers/0/uri", serde_json::json!("none.bin"), "cannot be read"),
         (

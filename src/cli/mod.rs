@@ -160,8 +160,8 @@ fn exit_code(error: &anyhow::Error) -> u8 {
 /// What the commands draw, describe or measure.
 #[derive(Args)]
 struct SceneArg {
-    /// Scene file (.ply, .compressed.ply or .spz), model folder of the original 3DGS, or a procedural scene: cactus,
-    /// few-large or many-small, with :COUNT for another number of Gaussians
+    /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb or .gltf), folder of a SOG or model folder of the
+    /// original 3DGS, or a procedural scene: cactus, few-large or many-small, with :COUNT for another number of Gaussians
     #[arg(default_value = "cactus")]
     scene: PathBuf,
 }

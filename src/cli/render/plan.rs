@@ -46,6 +46,9 @@ struct Chosen {
 }
 
 pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
+    if args.film.fps().is_some() && !args.video && !args.film.has_path() {
+        return Err(Usage("--fps is of a film: --video or --path".to_owned()).into());
+    }
     let cameras = cameras(args)?;
     let mut nearest = f32::INFINITY;
     let (chosen, is_list) = match (&cameras, &args.camera) {
@@ -164,9 +167,6 @@ fn check_together(args: &Args, outputs: &Outputs, several: bool) -> Result<()> {
         if args.certificate.is_some() {
             return refuse(format!("--certificate is of the picture, not of --layers {name}"));
         }
-    }
-    if args.film.fps().is_some() && !args.video && !args.film.has_path() {
-        return refuse("--fps is of a film: --video or --path".to_owned());
     }
     check_certificate(args, several)
 }
