@@ -75,11 +75,11 @@ mod tests {
     fn a_film_is_one_command() {
         assert_eq!(
             line_for("renders", [64, 48], 30.0),
-            "ffmpeg -framerate 30 -i renders/%05d.png -c:v libx264 -pix_fmt yuv420p renders.mp4"
+            "ffmpeg -framerate 30 -i 'renders/%05d.png' -c:v libx264 -pix_fmt yuv420p renders.mp4"
         );
         assert_eq!(
             line_for("out/", [63, 48], 29.97),
-            "ffmpeg -framerate 29.97 -i out/%05d.png -vf 'pad=ceil(iw/2)*2:ceil(ih/2)*2' -c:v libx264 -pix_fmt yuv420p \
+            "ffmpeg -framerate 29.97 -i 'out/%05d.png' -vf 'pad=ceil(iw/2)*2:ceil(ih/2)*2' -c:v libx264 -pix_fmt yuv420p \
              out.mp4"
         );
     }
