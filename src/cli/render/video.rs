@@ -79,8 +79,8 @@ mod tests {
         );
         assert_eq!(
             line_for("out/", [63, 48], 29.97),
-            "ffmpeg -framerate 29.97 -i 'out/%05d.png' -vf 'pad=ceil(iw/2)*2:ceil(ih/2)*2' -c:v libx264 -pix_fmt yuv420p \
-             out.mp4"
+            "ffmpeg -framerate 29.97 -i 'out/%05d.png' -vf 'pad=ceil(iw/2)*2:ceil(ih/2)*2' -c:v libx264 \
+             -pix_fmt yuv420p out.mp4"
         );
     }
 
