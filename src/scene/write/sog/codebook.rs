@@ -66,21 +66,19 @@ impl Sorted {
         Self { values, sums }
     }
 
-    /// Half of the way by rank and half by value: dense where the values are, but never far from a lone one.
+    /// As dense as the cube root of the density of the values (Panter and Dite 1951), which is one over their gaps: equal
+    /// steps along the sum of the gaps to the power of two thirds.
     fn spread(&self) -> Codebook {
-        let (first, last) = (self.values[0], self.values[self.values.len() - 1]);
-        let place = |i: usize| {
-            let rank = i as f64 / (self.values.len() - 1) as f64;
-            rank + f64::from(self.values[i] - first) / f64::from(last - first)
-        };
+        let mut sum = 0.0;
+        let places = std::iter::once(0.0).chain(self.values.windows(2).map(|pair| {
+            sum += (f64::from(pair[1]) - f64::from(pair[0])).powi(2).cbrt();
+            sum
+        }));
+        let places: Vec<f64> = places.collect();
         Codebook(std::array::from_fn(|i| {
-            let target = 2.0 * (i as f64 + 0.5) / VALUES as f64;
-            let mut range = 0..self.values.len();
-            while range.len() > 1 {
-                let middle = range.start + range.len() / 2;
-                range = if place(middle) <= target { middle..range.end } else { range.start..middle };
-            }
-            self.values[range.start]
+            let target = sum * (i as f64 + 0.5) / VALUES as f64;
+            // The first place, 0, is below every target.
+            self.values[places.partition_point(|place| *place <= target) - 1]
         }))
     }
 
