@@ -5,8 +5,9 @@
 #include "blend_splat.glsl"
 // One workgroup per 16x16 tile, one invocation per pixel: walks the tile's list as a blend does, and counts or draws what
 // there is to do instead of doing it.
-// Before: ranges and sorted splat_ids. After: image = (a count in all three channels, 1) or (colour, 1 - T).
-// A list longer than `pass_limit` takes several passes; between them the image holds (count or colour, T), T negated once
+// Before: ranges and sorted splat_ids; for depths, splats with theirs as colour. After: image = (a count in all three
+// channels, 1), (colour, 1 - T), or (mean depth, median depth, count, 1 - T).
+// A list longer than `pass_limit` takes several passes; between them the image holds the same with T instead, negated once
 // a pixel has stopped.
 
 layout(constant_id = 1) const bool RESUME = false;  // not the first pass
@@ -34,10 +35,12 @@ const uint EVALUATIONS = 1;
 const uint CONTRIBUTIONS = 2;
 const uint CENTRES = 3;
 const uint OUTLINES = 4;
+const uint DEPTHS = 5;
 
 const float CENTRE_RADIUS = 1.5;         // px
 const float OUTLINE_ALPHA = 0.5;
 const float OUTLINES_STOP = 1.0 / 512.0;  // half a step of 8 bits
+const float NOTHING = 1e-12;              // behind this transmittance nothing is seen
 
 shared vec2 staged_mean[WORKGROUP];
 shared vec4 staged_weight[WORKGROUP];  // factor, opacity
@@ -50,6 +53,13 @@ bool is_border(vec3 factor, float limit, vec2 d) {
     vec2 outwards = vec2(factor.x * u, factor.y * u + factor.z * v);  // half the gradient of the falloff
     outwards = outwards == vec2(0.0) ? vec2(1.0, 0.0) : normalize(outwards);
     return falloff(factor, d) <= limit && !(falloff(factor, d + outwards) <= limit);
+}
+
+// (mean depth, median depth, count) with one more splat, which has this share of the pixel and leaves `after` of it.
+vec3 add_depth(vec3 sum, float depth, float share, float before, float after) {
+    // The mean goes towards each new depth by its part of all shares so far: it never leaves the depths that it is of.
+    float mean = sum.z == 0.0 ? depth : sum.x + (depth - sum.x) * share / max(1.0 - after, share);
+    return vec3(mean, before > 0.5 && after <= 0.5 ? depth : sum.y, sum.z + 1.0);
 }
 
 // What staged splat `i` does to a pixel; true if that ends it.
@@ -67,12 +77,17 @@ bool walk_splat(uint i, vec2 centre, inout vec3 sum, inout float transmittance) 
         transmittance *= 1.0 - OUTLINE_ALPHA;
         return transmittance < OUTLINES_STOP;
     }
-    vec3 colour = vec3(0.0);
+    if (WORK == DEPTHS && transmittance < NOTHING) return true;
+    vec3 share = vec3(0.0);
     float before = transmittance;
-    bool ends = blend_splat(mean, weight, look, centre, colour, transmittance);
+    bool ends = blend_splat(mean, weight, vec4(vec3(1.0), look.w), centre, share, transmittance);
     // The splat that ends a pixel is added if the transmittance fell under STOP, and not if it would fall under its minimum.
     bool drawn = falloff(weight.xyz, centre - mean) <= look.w && (!ends || transmittance != before);
-    if (WORK == EVALUATIONS || drawn) sum += 1.0;
+    if (WORK == DEPTHS) {
+        if (drawn) sum = add_depth(sum, look.r, share.r, before, transmittance);
+    } else if (WORK == EVALUATIONS || drawn) {
+        sum += 1.0;
+    }
     return ends;
 }
 
@@ -116,7 +131,7 @@ void main() {
         if (stopped && !told) atomicAdd(stopped_lanes, 1);  // a count: order does not matter
         told = stopped;
     }
-    bool opaque = WORK == CENTRES ? stopped : WORK != OUTLINES;
+    bool opaque = WORK == CENTRES ? stopped : WORK != OUTLINES && WORK != DEPTHS;
     if (opaque && push.last_pass == 1) transmittance = 0.0;
     if (inside) end_pixel(pixel, sum, transmittance, stopped);
 }

@@ -9,13 +9,24 @@ use tempfile::NamedTempFile;
 
 /// Writes a file under a temporary name beside `path` and renames it when it is complete.
 pub fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> Result<()>) -> Result<()> {
+    write_checked(path, write, |_| Ok(()))
+}
+
+/// The same, but the complete file takes its name only if `check`, given the temporary one, finds nothing wrong. The
+/// temporary name ends like the other.
+pub fn write_checked<T>(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<&File>) -> Result<()>,
+    check: impl FnOnce(&Path) -> Result<T>,
+) -> Result<T> {
     let target = || format!("cannot write {}", path.display());
     let file = unfinished(path)?;
     let mut writer = BufWriter::new(file.as_file());
     write(&mut writer).and_then(|()| Ok(writer.flush()?)).with_context(target)?;
     drop(writer);
+    let found = check(file.path()).with_context(target)?;
     file.persist(path).map_err(|e| e.error).with_context(target)?;
-    Ok(())
+    Ok(found)
 }
 
 /// Fails if [`write_whole`] would: for what takes long to make.
@@ -28,7 +39,10 @@ pub fn check_writable(path: &Path) -> Result<()> {
 fn unfinished(path: &Path) -> Result<NamedTempFile> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".smalto-").suffix(".part");
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let ending = name.rfind('.').map_or("", |dot| &name[dot..]);
+    let suffix = format!(".part{ending}");
+    builder.prefix(".smalto-").suffix(&suffix);
     #[cfg(unix)]
     {
         // Temporary files are private by default; a result has the permissions of any other new file.

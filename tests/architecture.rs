@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 const EDGES: [(&str, &[&str]); 16] = [
     ("memory", &[]),
     ("files", &[]),
-    ("scene", &["memory"]),
+    ("scene", &["memory", "files"]),
     ("camera", &["files"]),
     ("options", &[]),
     ("pixels", &["files"]),

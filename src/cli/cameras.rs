@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::ValueEnum;
 
 use super::{SceneArg, Usage, remark};
@@ -64,42 +64,32 @@ pub(super) fn named_or_found(named: Option<&Path>, scene: &SceneArg) -> Option<P
 
 /// Views along a path.
 #[derive(clap::Args)]
-pub(super) struct FilmArgs {
+pub(super) struct PathArg {
     /// Draw the frames of a camera path into a folder: a file of cameras with times, as `smalto view` writes it
     /// (docs/camera-path.md)
     #[arg(long, value_name = "FILE", conflicts_with_all = ["cameras", "camera", "split"])]
     path: Option<PathBuf>,
-    /// Frames for every second of the path
-    #[arg(long, value_name = "N", default_value = "30", requires = "path", value_parser = parse_fps)]
-    fps: f64,
 }
 
-/// Most frames of a film.
+/// Most frames of a path.
 const MAX_FRAMES: usize = 100_000;
 
-impl FilmArgs {
-    pub fn is_wanted(&self) -> bool {
+impl PathArg {
+    pub fn is_given(&self) -> bool {
         self.path.is_some()
     }
 
     /// The frames, if a path was given.
-    pub fn read(&self) -> Result<Option<Vec<NamedCamera>>> {
+    pub fn frames(&self, fps: f64) -> Result<Option<Vec<NamedCamera>>> {
         let Some(file) = &self.path else { return Ok(None) };
         let timeline = Timeline::read(file).map_err(|problem| Unreadable::new(file, &problem))?;
-        let frames = timeline.frames(self.fps);
+        let frames = timeline.frames(fps);
         let count = frames.len();
         if count > MAX_FRAMES {
-            let (seconds, fps) = (timeline.duration(), self.fps);
-            let which = format!("{seconds} s of {} at {fps} frames a second", file.display());
+            let (seconds, file) = (timeline.duration(), file.display());
+            let which = format!("{seconds} s of {file} at {fps} frames a second");
             return Err(Usage(format!("--path: {which} are {count} frames, over {MAX_FRAMES}")).into());
         }
         Ok(Some(frames.enumerate().map(|(i, camera)| NamedCamera { name: format!("frame {i}"), camera }).collect()))
-    }
-}
-
-fn parse_fps(text: &str) -> Result<f64> {
-    match text.parse() {
-        Ok(fps) if fps > 0.0 && fps <= 1000.0 => Ok(fps),
-        _ => bail!("expected frames a second, over 0 and up to 1000"),
     }
 }

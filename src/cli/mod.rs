@@ -4,6 +4,7 @@ mod bench;
 mod budget;
 mod cameras;
 mod compare;
+mod convert;
 mod doctor;
 mod dump;
 mod info;
@@ -30,7 +31,7 @@ use crate::memory::OutOfMemory;
 use crate::scene::{self, Procedural, Scene, Unreadable};
 use crate::trade::Unmeetable;
 use budget::BudgetArgs;
-use cameras::{FilmArgs, SplitArg, named_or_found};
+use cameras::{PathArg, SplitArg, named_or_found};
 use knobs::Knobs;
 
 /// Renders 3D Gaussian splatting scenes with Vulkan compute.
@@ -54,6 +55,7 @@ enum Command {
     Render(render::Args),
     View(view::Args),
     Info(info::Args),
+    Convert(convert::Args),
     Bench(bench::Args),
     Compare(compare::Args),
     Trade(trade::Args),
@@ -124,6 +126,7 @@ pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>
         Command::Render(args) => render::run(&args),
         Command::View(args) => view::run(&args),
         Command::Info(args) => info::run(&args),
+        Command::Convert(args) => convert::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Trade(args) => trade::run(&args),
@@ -203,6 +206,9 @@ impl SceneArg {
                 scene::read(&path, &|fraction| bar.set(fraction))?
             }
         };
+        for notice in &scene.notices {
+            remark(&format!("note: {name}: {notice}"));
+        }
         let tally = &scene.tally;
         if tally.dropped() + tally.clamped_scale > 0 {
             let level = if tally.is_clean() { "note" } else { "warning" };

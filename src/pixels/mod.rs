@@ -1,8 +1,10 @@
 //! An image in memory, and the files that hold one.
 
+mod plane;
 mod read;
 mod write;
 
+pub use plane::{Depths, Plane};
 pub use write::{FileKind, write_rgba8};
 
 /// Row by row from the top left, four floats a pixel: colour over the background as displayed (no transfer function
@@ -27,17 +29,33 @@ impl Pixels {
 
     /// Red, green, blue in 8 bits, rounded to the nearest step.
     pub fn to_rgb8(&self) -> Vec<u8> {
-        self.rgba.iter().flat_map(|p| [to_byte(p[0]), to_byte(p[1]), to_byte(p[2])]).collect()
+        self.opaque().map(to_byte).collect()
+    }
+
+    /// The same in 16 bits.
+    pub fn to_rgb16(&self) -> Vec<u16> {
+        self.opaque().map(to_word).collect()
     }
 
     /// Red, green, blue and alpha in 8 bits, alpha not multiplied in, as PNG wants it.
     pub fn to_rgba8(&self) -> Vec<u8> {
-        let straight = |p: &[f32; 4]| {
-            let [r, g, b, a] = *p;
-            let scale = if a > 0.0 { 1.0 / a } else { 0.0 };
-            [to_byte(r * scale), to_byte(g * scale), to_byte(b * scale), to_byte(a)]
-        };
-        self.rgba.iter().flat_map(straight).collect()
+        self.straight().map(to_byte).collect()
+    }
+
+    /// The same in 16 bits.
+    pub fn to_rgba16(&self) -> Vec<u16> {
+        self.straight().map(to_word).collect()
+    }
+
+    fn opaque(&self) -> impl Iterator<Item = f32> {
+        self.rgba.iter().flat_map(|[r, g, b, _]| [*r, *g, *b])
+    }
+
+    fn straight(&self) -> impl Iterator<Item = f32> {
+        self.rgba.iter().flat_map(|[r, g, b, a]| {
+            let scale = if *a > 0.0 { 1.0 / a } else { 0.0 };
+            [r * scale, g * scale, b * scale, *a]
+        })
     }
 }
 
@@ -45,6 +63,11 @@ impl Pixels {
 pub(crate) fn to_byte(value: f32) -> u8 {
     // The cast saturates, and turns NaN into 0.
     (value.clamp(0.0, 1.0) * 255.0).round() as u8
+}
+
+/// The same in 16 bits.
+fn to_word(value: f32) -> u16 {
+    (value.clamp(0.0, 1.0) * 65535.0).round() as u16
 }
 
 #[cfg(test)]
@@ -55,11 +78,15 @@ mod tests {
     fn pixels_round_to_the_nearest_step_and_clamp() {
         let pixels = Pixels { size: [2, 1], rgba: vec![[0.5, -1.0, 2.0, 1.0], [f32::NAN, 0.0019, 0.0020, 1.0]] };
         assert_eq!(pixels.to_rgb8(), [128, 0, 255, 0, 0, 1]);
+        assert_eq!(pixels.to_rgb16(), [32768, 0, 65535, 0, 125, 131]);
     }
 
     #[test]
     fn pixels_without_background_are_written_with_straight_alpha() {
         let pixels = Pixels { size: [2, 1], rgba: vec![[0.25, 0.5, 0.0, 0.5], [0.0; 4]] };
         assert_eq!(pixels.to_rgba8(), [128, 255, 0, 128, 0, 0, 0, 0]);
+        assert_eq!(pixels.to_rgba16(), [32768, 65535, 0, 32768, 0, 0, 0, 0]);
+        assert_eq!(pixels.alpha().to_grey8(), [128, 0]);
+        assert_eq!(pixels.alpha().to_grey16(), [32768, 0]);
     }
 }

@@ -3,19 +3,24 @@
 use std::path::Path;
 
 use anyhow::{Result, bail};
+use exr::prelude::{Encoding, Image, Layer, LayerAttributes, SpecificChannels, Vec2, WritableImage};
 use image::codecs::openexr::OpenExrEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use npyz::WriterBuilder;
+use serde::Serialize;
 
-use super::Pixels;
+use super::{Pixels, Plane};
 use crate::files::write_whole;
 
-/// The files that an image can be written to, each named by its extension.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The files that an image can be written to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
 pub enum FileKind {
     /// 8 bits a channel.
     Png,
+    /// 16 bits a channel.
+    Png16,
     /// 32-bit floats as they are, alpha multiplied in.
     Exr,
     /// The same as an array of rows of pixels of three or four floats.
@@ -33,13 +38,33 @@ impl FileKind {
             _ => bail!("{}: pictures are written as .png, .exr or .npy", path.display()),
         }
     }
+
+    /// What the names of such files end in.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Png | Self::Png16 => "png",
+            Self::Exr => "exr",
+            Self::Npy => "npy",
+        }
+    }
+
+    /// Whether it holds any number, not only those from 0 to 1.
+    pub fn holds_floats(self) -> bool {
+        matches!(self, Self::Exr | Self::Npy)
+    }
 }
 
 impl Pixels {
     /// Writes the kind of file that the extension names, with an alpha channel if `transparent`.
     pub fn write(&self, path: &Path, transparent: bool) -> Result<()> {
-        match FileKind::of(path)? {
+        self.write_as(FileKind::of(path)?, path, transparent)
+    }
+
+    /// Writes this kind of file, with an alpha channel if `transparent`.
+    pub fn write_as(&self, kind: FileKind, path: &Path, transparent: bool) -> Result<()> {
+        match kind {
             FileKind::Png => self.write_png(path, transparent),
+            FileKind::Png16 => self.write_png16(path, transparent),
             FileKind::Exr => self.write_exr(path, transparent),
             FileKind::Npy => self.write_npy(path, transparent),
         }
@@ -55,6 +80,16 @@ impl Pixels {
         write_bytes(path, self.size, &bytes, kind)
     }
 
+    /// Writes a 16-bit PNG, with a straight alpha channel if `transparent`.
+    pub fn write_png16(&self, path: &Path, transparent: bool) -> Result<()> {
+        let (words, kind) = if transparent {
+            (self.to_rgba16(), ExtendedColorType::Rgba16)
+        } else {
+            (self.to_rgb16(), ExtendedColorType::Rgb16)
+        };
+        write_bytes(path, self.size, bytemuck::cast_slice(&words), kind)
+    }
+
     /// Writes an OpenEXR file of 32-bit floats, with an alpha channel if `transparent`.
     pub fn write_exr(&self, path: &Path, transparent: bool) -> Result<()> {
         let kind = if transparent { ExtendedColorType::Rgba32F } else { ExtendedColorType::Rgb32F };
@@ -68,18 +103,37 @@ impl Pixels {
     /// Writes a NumPy array of 32-bit floats: height, width, and three or, if `transparent`, four channels.
     pub fn write_npy(&self, path: &Path, transparent: bool) -> Result<()> {
         let [width, height] = self.size.map(u64::from);
-        let shape = [height, width, if transparent { 4 } else { 3 }];
-        write_whole(path, |file| {
-            let mut array = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
-            array.extend(self.floats(transparent))?;
-            Ok(array.finish()?)
-        })
+        write_array(path, &[height, width, if transparent { 4 } else { 3 }], self.floats(transparent))
     }
 
     /// Channel by channel, pixel by pixel.
     fn floats(&self, transparent: bool) -> Vec<f32> {
         let channels = if transparent { 4 } else { 3 };
         self.rgba.iter().flat_map(|p| &p[..channels]).copied().collect()
+    }
+}
+
+impl Plane {
+    /// Writes this kind of file: a grey PNG in which 1 is white, an OpenEXR file with one channel of 32-bit floats, Y, or a
+    /// NumPy array of 32-bit floats: height, width.
+    pub fn write_as(&self, kind: FileKind, path: &Path) -> Result<()> {
+        let [height, width] = [self.size[1], self.size[0]].map(u64::from);
+        match kind {
+            FileKind::Png => write_bytes(path, self.size, &self.to_grey8(), ExtendedColorType::L8),
+            FileKind::Png16 => {
+                write_bytes(path, self.size, bytemuck::cast_slice(&self.to_grey16()), ExtendedColorType::L16)
+            }
+            FileKind::Exr => self.write_exr(path),
+            FileKind::Npy => write_array(path, &[height, width], self.values.iter().copied()),
+        }
+    }
+
+    fn write_exr(&self, path: &Path) -> Result<()> {
+        let [width, height] = self.size.map(|side| side as usize);
+        let value = |at: Vec2<usize>| (self.values[at.1 * width + at.0],);
+        let channels = SpecificChannels::build().with_channel("Y").with_pixel_fn(value);
+        let layer = Layer::new((width, height), LayerAttributes::default(), Encoding::SMALL_LOSSLESS, channels);
+        write_whole(path, |file| Ok(Image::from_layer(layer).write().to_buffered(file)?))
     }
 }
 
@@ -90,4 +144,12 @@ pub fn write_rgba8(path: &Path, size: [u32; 2], pixels: &[[u8; 4]]) -> Result<()
 
 fn write_bytes(path: &Path, [width, height]: [u32; 2], bytes: &[u8], kind: ExtendedColorType) -> Result<()> {
     write_whole(path, |file| Ok(PngEncoder::new(file).write_image(bytes, width, height, kind)?))
+}
+
+fn write_array(path: &Path, shape: &[u64], floats: impl IntoIterator<Item = f32>) -> Result<()> {
+    write_whole(path, |file| {
+        let mut array = npyz::WriteOptions::new().default_dtype().shape(shape).writer(file).begin_nd()?;
+        array.extend(floats)?;
+        Ok(array.finish()?)
+    })
 }

@@ -12,6 +12,13 @@ pub struct Pixel {
     /// Over the background.
     pub colour: [f64; 3],
     pub transmittance: f64,
+    /// The sum of the depths of what was blended, each times its share of the pixel. A depth is the view z of a splat's
+    /// mean, in world units.
+    pub depth: f64,
+    /// The depth of the splat after which the transmittance is 0.5 or less; 0 where it stays above.
+    pub median_depth: f64,
+    /// Splats that were blended.
+    pub blended: u32,
     /// How far a colour channel may move when decisions that lie within the rounding of f32 arithmetic fall the other
     /// way: an alpha at the threshold, a transmittance at the stop. The order of the splats is not in doubt.
     pub doubt: f64,
@@ -78,6 +85,7 @@ fn blend_pixel<'s>(
     let [alpha_max, transmittance_min] = [rules.alpha_max, rules.transmittance_min].map(f64::from);
     let mut colour = DVec3::ZERO;
     let mut transmittance = 1.0;
+    let (mut depth, mut median_depth, mut blended) = (0.0, 0.0, 0);
     let mut doubt = 0.0;
     for splat in list {
         let distance = splat.distance(centre);
@@ -98,13 +106,20 @@ fn blend_pixel<'s>(
         if rest < transmittance_min {
             break;
         }
-        colour += splat.colour * (alpha * transmittance);
+        let share = alpha * transmittance;
+        colour += splat.colour * share;
+        depth += splat.depth * share;
+        if transmittance > 0.5 && rest <= 0.5 {
+            median_depth = splat.depth;
+        }
+        blended += 1;
         transmittance = rest;
         if transmittance < NOTHING {
             break;
         }
     }
-    Pixel { colour: (colour + transmittance * background).to_array(), transmittance, doubt }
+    let colour = (colour + transmittance * background).to_array();
+    Pixel { colour, transmittance, depth, median_depth, blended, doubt }
 }
 
 /// Relative error of a weight from rounding positions on the screen to f32, 2^-24 of their size a few times over.

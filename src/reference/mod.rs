@@ -27,7 +27,7 @@ pub use sort::sort;
 
 use crate::camera::Camera;
 use crate::options::{Background, Order, Rules};
-use crate::pixels::Pixels;
+use crate::pixels::{Depths, Pixels, Plane};
 use crate::scene::Gaussians;
 
 /// A rendered image in full precision.
@@ -66,5 +66,18 @@ impl Rendering {
             [r, g, b, (1.0 - p.transmittance) as f32]
         });
         Pixels { size: self.size_px, rgba: rgba.collect() }
+    }
+
+    /// The same of what lies how deep.
+    pub fn depths(&self) -> Depths {
+        let plane = |value: fn(&Pixel) -> f64| Plane {
+            size: self.size_px,
+            values: self.pixels.iter().map(|p| value(p) as f32).collect(),
+        };
+        Depths {
+            expected: plane(|p| if p.blended > 0 { p.depth / (1.0 - p.transmittance) } else { f64::NAN }),
+            median: plane(|p| if p.median_depth > 0.0 { p.median_depth } else { f64::NAN }),
+            counts: plane(|p| p.blended.into()),
+        }
     }
 }

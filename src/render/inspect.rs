@@ -15,6 +15,7 @@ use super::workspace::Workspace;
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, Extent, Stage};
 use crate::options::{Background, Options};
+use crate::pixels::{Depths, Pixels, Plane};
 
 /// What a frame is looked at for. By default it is an ordinary one, and costs what that costs.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -71,6 +72,20 @@ pub enum Work {
     Centres,
     /// The outermost pixel of what every splat is drawn on, half transparent, front to back.
     Outlines,
+    /// Not a picture but [`depths`]: the mean depth, the median, which is 0 where there is none, and the count of what was
+    /// blended; and coverage.
+    Depths,
+}
+
+/// What a picture of [`Work::Depths`] holds.
+pub fn depths(picture: &Pixels) -> Depths {
+    let plane =
+        |value: fn(&[f32; 4]) -> f32| Plane { size: picture.size, values: picture.rgba.iter().map(value).collect() };
+    Depths {
+        expected: plane(|[mean, _, count, _]| if *count > 0.0 { *mean } else { f32::NAN }),
+        median: plane(|[_, median, _, _]| if *median > 0.0 { *median } else { f32::NAN }),
+        counts: plane(|[_, _, count, _]| *count),
+    }
 }
 
 /// The pipelines of an inspection.
@@ -87,25 +102,32 @@ enum Picture {
         /// In 32-bit floats, where colours are blended in fewer.
         blending: Option<Blending>,
     },
-    /// The second resumes what the first began.
-    Work([Stage<Inspect>; 2]),
+    Work {
+        /// The second resumes what the first began.
+        stages: [Stage<Inspect>; 2],
+        /// Where depths are what is looked at.
+        recolour: Option<Stage<Recolour>>,
+    },
 }
 
 impl Inspector {
     pub fn new(device: &Device, options: &Options, layout: &Layout, inspection: Inspection) -> Result<Self> {
+        let recolour = |attribute: Attribute| {
+            let constants = RecolourConstants {
+                sh_degree: layout.sh_degree,
+                sh_storage: layout.sh.code(),
+                shape_storage: layout.shape.code(),
+                attribute: attribute as u32,
+            };
+            Stage::new(device, &constants)
+        };
         let picture = match inspection.look {
             Look::Colour => Picture::Colour,
             Look::Attribute(attribute) => {
-                let constants = RecolourConstants {
-                    sh_degree: layout.sh_degree,
-                    sh_storage: layout.sh.code(),
-                    shape_storage: layout.shape.code(),
-                    attribute: attribute as u32,
-                };
                 let in_floats = Options { half_blend: false, ..*options };
                 let blending = || Blending::new(device, &in_floats, Variation::default(), subgroups(device, options));
                 Picture::Attribute {
-                    recolour: Stage::new(device, &constants)?,
+                    recolour: recolour(attribute)?,
                     blending: options.half_blend.then(blending).transpose()?,
                 }
             }
@@ -123,7 +145,10 @@ impl Inspector {
                     };
                     Stage::new(device, &constants)
                 };
-                Picture::Work([stage(false)?, stage(true)?])
+                Picture::Work {
+                    stages: [stage(false)?, stage(true)?],
+                    recolour: (work == Work::Depths).then(|| recolour(Attribute::Depth)).transpose()?,
+                }
             }
         };
         Ok(Self { inspection, narrow: Stage::new(device, &())?, picture })
@@ -152,7 +177,10 @@ impl Inspector {
 
     /// Gives the splats the colours of an attribute, if one is looked at.
     pub(super) fn recolour(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &Workspace) {
-        let Picture::Attribute { recolour, .. } = &self.picture else { return };
+        let (Picture::Attribute { recolour, .. } | Picture::Work { recolour: Some(recolour), .. }) = &self.picture
+        else {
+            return;
+        };
         let bindings = RecolourBindings {
             totals: &work.totals,
             gaussian_from_splat: &work.gaussian_from_splat,
@@ -186,7 +214,7 @@ impl Inspector {
                 let target = Target { background: Background::Transparent, ..target };
                 cmd.scope("blend", |cmd| blending.record(cmd, view, work, splat_ids, target, passes));
             }
-            Picture::Work(stages) => cmd.scope("inspect", |cmd| {
+            Picture::Work { stages, .. } => cmd.scope("inspect", |cmd| {
                 walk(cmd, stages, blending.entries_per_pass, work, splat_ids, target, passes);
             }),
         }

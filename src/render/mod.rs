@@ -21,7 +21,7 @@ pub use blending::{Target, Variation};
 pub use display::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
 pub use explain::{Explained, Explanation};
 pub use gpu_scene::GpuScene;
-pub use inspect::{Attribute, Inspection, Inspector, Look, Work};
+pub use inspect::{Attribute, Inspection, Inspector, Look, Work, depths};
 pub use layout::{Layout, Packing};
 pub use renderer::Renderer;
 pub use shaders::*;

@@ -5,7 +5,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use super::blending::{Target, Variation};
 use super::explain::{Explainer, Explanation};
 use super::gpu_scene::GpuScene;
-use super::inspect::{Inspection, Inspector};
+use super::inspect::{Inspection, Inspector, Look, Work};
 use super::paths::{Limits, Paths};
 use super::shaders::{Enlarge, EnlargeBindings, EnlargePush, Room, Totals};
 use super::workspace::Demand;
@@ -137,6 +137,8 @@ impl Still {
     pub fn set_inspection(&mut self, inspection: Inspection) -> Result<()> {
         let is_ordinary = inspection == Inspection::default();
         ensure!(is_ordinary || self.certificate.is_none(), "a picture that is inspected has no certificate");
+        let has_depths = inspection.look == Look::Work(Work::Depths);
+        ensure!(!has_depths || self.enlarged.is_none(), "depths of a picture that is drawn smaller cannot be enlarged");
         match &mut self.inspector {
             inspector if is_ordinary => *inspector = None,
             Some(inspector) if inspector.inspection.look == inspection.look => inspector.inspection = inspection,

@@ -41,6 +41,17 @@ impl Tally {
         self.not_finite + self.zero_rotation + self.transparent
     }
 
+    /// Of two parts of a scene.
+    pub(super) fn and(&self, other: &Self) -> Self {
+        Self {
+            read: self.read + other.read,
+            not_finite: self.not_finite + other.not_finite,
+            zero_rotation: self.zero_rotation + other.zero_rotation,
+            transparent: self.transparent + other.transparent,
+            clamped_scale: self.clamped_scale + other.clamped_scale,
+        }
+    }
+
     /// Whether the scene is as the file has it, but for Gaussians that no one could see.
     pub fn is_clean(&self) -> bool {
         self.not_finite + self.zero_rotation + self.clamped_scale == 0
@@ -167,8 +178,15 @@ fn canonical(raw: &Raw, sh: &[[f32; 3]]) -> Result<Canonical, Flaw> {
     Ok(Canonical { mean, scale: scale.map(|s| s.min(f32::MAX)), has_clamped_scale, rotation, opacity })
 }
 
-/// The quaternion at length one; `None` for length zero. Scaled first, so that no square over- or underflows.
+/// What rounding to 32-bit floats makes of the squared length of a unit quaternion, at most.
+const UNIT_TOLERANCE: f64 = 2.4e-7;
+
+/// The quaternion at length one; `None` for length zero. Scaled first, so that no square over- or underflows. One that has
+/// been rounded at length one stays as it is: what is written and read again keeps its bits.
 fn unit(q: [f64; 4]) -> Option<[f64; 4]> {
+    if (q.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < UNIT_TOLERANCE {
+        return Some(q);
+    }
     let largest = q.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     if largest == 0.0 {
         return None;

@@ -4,12 +4,12 @@ use anyhow::{Context, Result, ensure};
 
 use super::canonical::{BLOCK, Builder, Raw};
 use super::harmonics::C0;
-use super::ply::{Element, Property, Scalar, skip};
+use super::ply::{Element, Encoding, Property, Scalar, skip};
 use super::source::Source;
 use super::{MAX_SH_DEGREE, Scene, checked_count, rest_values};
 use crate::memory::host_vec;
 
-const CHUNK: usize = 256; // Gaussians that share their minima and maxima
+pub(super) const CHUNK: usize = 256; // Gaussians that share their minima and maxima
 
 /// Minima and maxima of one chunk.
 struct Chunk {
@@ -71,7 +71,7 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
         builder.extend(BLOCK.min(count - first), |index, coefficients| decode(first + index, coefficients));
     }
     let (gaussians, tally) = builder.finish();
-    Ok(Scene { gaussians, tally, format: "compressed PLY".to_owned(), is_antialiased: false })
+    Ok(Scene { gaussians, tally, format: "compressed PLY".to_owned(), is_antialiased: false, notices: Vec::new() })
 }
 
 fn read_chunks(source: &mut Source, element: &Element) -> Result<Vec<Chunk>> {
@@ -126,6 +126,7 @@ fn rows<T>(
     take: impl Fn(&[u8], &mut Vec<T>),
 ) -> Result<Vec<T>> {
     ensure!(!element.has_list, "element {} has a list property", element.name);
+    ensure!(element.encoding != Encoding::Ascii, "packed Gaussians written as text are not supported");
     let count = checked_count(element.count, element.stride() as u64, source.left(), &element.name)?;
     let mut row = vec![0; element.stride()];
     let mut all = host_vec(count * per_row, &element.name)?;

@@ -43,6 +43,16 @@ pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
     ]
 }
 
+/// The axes in which each basis function is odd.
+const ODD_AXES: [&[usize]; 16] =
+    [&[], &[1], &[2], &[0], &[0, 1], &[1, 2], &[], &[0, 2], &[], &[1], &[0, 1, 2], &[1], &[2], &[0], &[2], &[0]];
+
+/// What the coefficient of a basis function is multiplied by where these axes point the other way.
+pub fn flip_sign(index: usize, axes: [bool; 3]) -> f32 {
+    let flips = ODD_AXES[index].iter().filter(|axis| axes[**axis]).count();
+    if flips % 2 == 1 { -1.0 } else { 1.0 }
+}
+
 /// What a turn of the scene does to coefficients. The degrees do not mix: a block of ones, threes, fives and sevens.
 pub struct Turn([[f64; 16]; 16]);
 

@@ -3,15 +3,23 @@
 mod bounds;
 mod canonical;
 mod compressed_ply;
+mod edit;
+mod gltf;
 mod grid;
 pub mod harmonics;
+mod ksplat;
+mod loss;
+mod morton;
 mod ply;
 mod procedural;
 mod requirements;
+mod sog;
 mod source;
+mod splat;
 mod spz;
 pub mod synthetic;
 mod transform;
+mod write;
 
 use std::path::{Path, PathBuf};
 
@@ -19,11 +27,14 @@ use anyhow::{Context, Result, bail, ensure};
 
 pub use bounds::{Bounds, Focus, percentiles};
 pub use canonical::{Builder, Raw, Tally};
+pub use edit::RIGHT_UP_BACK;
 pub use grid::Grid;
+pub use loss::Loss;
 pub use procedural::Procedural;
 pub use requirements::{Band, Requirements, bands, decode_rotation, encode_rotation};
 use source::Source;
 pub use transform::Transform;
+pub use write::{SceneFile, write_sog_folder};
 
 use crate::memory::OutOfMemory;
 
@@ -103,6 +114,8 @@ pub struct Scene {
     pub format: String,
     /// Trained with the antialiasing of Mip-Splatting, and drawn with it.
     pub is_antialiased: bool,
+    /// What is drawn otherwise than the file asks for, a clause each.
+    pub notices: Vec<String>,
 }
 
 /// A file that cannot be used: which, and why, in one sentence.
@@ -137,7 +150,8 @@ pub struct Watch<'w> {
 #[error("cancelled")]
 pub struct Cancelled;
 
-/// Reads a scene file, whatever its name says, by its content. `progress` is told the fraction read so far.
+/// Reads a scene file, whatever its name says, by its content; only where the content does not tell the format, as in
+/// .splat and .ksplat files, by its name. Also reads the folder of a SOG. `progress` is told the fraction read so far.
 ///
 /// # Errors
 /// [`Unreadable`] if the file is not a scene that can be drawn, [`OutOfMemory`] if it does not fit into memory.
@@ -163,15 +177,24 @@ pub fn read_watched(path: &Path, watch: &Watch) -> Result<Scene> {
 }
 
 fn read_any(path: &Path, watch: &Watch) -> Result<Scene> {
+    let path = &sog::in_folder(path);
     let mut source = Source::open(path, watch)?;
     ensure!(source.len() > 0, "the file is empty");
+    let is_named = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     let magic = source.peek(4)?;
     let scene = match magic {
         _ if magic.starts_with(b"ply") => ply::read(&mut source)?,
+        _ if magic.starts_with(b"glTF") => gltf::read_binary(&mut source, path)?,
+        _ if is_named("gltf") => gltf::read_text(&mut source, path)?,
         _ if magic.starts_with(b"NGSP") => spz::read_v4(&mut source)?,
-        [0x1f, 0x8b, ..] => spz::read_gzip(&mut source)?,
+        [0x1f, 0x8b, 8, ..] => spz::read_gzip(&mut source)?,
+        [b'P', b'K', 3, 4] => sog::read_bundle(path, watch)?,
+        _ if is_named("splat") => splat::read(&mut source)?,
+        _ if is_named("ksplat") => ksplat::read(&mut source)?,
+        [b'{', ..] => sog::read_json(path, watch)?,
         _ => bail!(
-            "not a scene that smalto reads: expected .ply, .compressed.ply or .spz content, found bytes {magic:02x?}"
+            "not a scene that smalto reads: expected .ply, .compressed.ply, .spz, .sog or .glb content, a meta.json or \
+             lod-meta.json of SOG, or a file named .splat, .ksplat or .gltf, found bytes {magic:02x?}"
         ),
     };
     let Tally { read, .. } = scene.tally;

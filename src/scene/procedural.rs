@@ -76,7 +76,13 @@ impl Procedural {
             }
         });
         let (gaussians, tally) = builder.finish();
-        Ok(Scene { gaussians, tally, format: format!("procedural {}", self.name()), is_antialiased: false })
+        Ok(Scene {
+            gaussians,
+            tally,
+            format: format!("procedural {}", self.name()),
+            is_antialiased: false,
+            notices: Vec::new(),
+        })
     }
 }
 

@@ -8,6 +8,8 @@ use anyhow::{Result, anyhow, bail, ensure};
 
 use super::canonical::BLOCK;
 use super::{Builder, Cancelled, Watch};
+use crate::files::describe;
+use crate::memory::host_vec;
 
 /// Reads front to back; every error says at which byte.
 pub(super) struct Source<'w> {
@@ -72,6 +74,37 @@ impl<'w> Source<'w> {
         })
     }
 
+    /// The same, but the last line of the file may have no end.
+    pub fn last_line(&mut self, limit: u64, what: &str) -> Result<String> {
+        if self.left() > limit {
+            return self.line(limit, what);
+        }
+        let mut line = Vec::new();
+        (&mut *self).take(limit).read_until(b'\n', &mut line)?;
+        ensure!(!line.is_empty(), "the file ends at byte {}, inside {what}", self.len);
+        Ok(String::from_utf8_lossy(&line).trim_end().to_owned())
+    }
+
+    /// All that is left, of at most `limit` bytes; `what` names it in the error if it is more.
+    pub fn rest(&mut self, limit: u64, what: &str) -> Result<Vec<u8>> {
+        let bytes = self.left();
+        ensure!(bytes <= limit, "{what} has {bytes} bytes, expected at most {limit}");
+        let mut all = host_vec(usize::try_from(bytes)?, what)?;
+        all.resize(bytes as usize, 0);
+        // In parts, for those who watch.
+        all.chunks_mut(1 << 20).try_for_each(|part| self.fill(part, what))?;
+        Ok(all)
+    }
+
+    /// Reads past bytes; `what` names them in the error if the file ends first.
+    pub fn skip(&mut self, bytes: u64, what: &str) -> Result<()> {
+        let start = self.position;
+        let skipped = std::io::copy(&mut (&mut *self).take(bytes), &mut std::io::sink())?;
+        let (len, end) = (self.len, start.saturating_add(bytes));
+        ensure!(skipped == bytes, "the file ends at byte {len}, inside {what} at bytes {start} to {end}");
+        Ok(())
+    }
+
     /// A line without its end, of at most `limit` bytes; `what` names what it is part of.
     pub fn line(&mut self, limit: u64, what: &str) -> Result<String> {
         let mut line = Vec::new();
@@ -120,14 +153,5 @@ impl Source<'_> {
             self.is_cancelled = (self.watch.is_cancelled)();
             self.next_report = self.position + self.len / 200;
         }
-    }
-}
-
-/// What went wrong, without the operating system's error number.
-fn describe(error: &std::io::Error) -> String {
-    match error.kind() {
-        ErrorKind::NotFound => "there is no such file".to_owned(),
-        ErrorKind::PermissionDenied => "permission denied".to_owned(),
-        _ => error.to_string(),
     }
 }

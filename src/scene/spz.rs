@@ -7,10 +7,13 @@ use flate2::bufread::GzDecoder;
 use rayon::prelude::*;
 
 use super::canonical::{BLOCK, Builder, Raw};
+use super::harmonics::flip_sign;
 use super::source::Source;
-use super::{MAX_SH_DEGREE, Scene, decode_rotation, rest_values};
+use super::{MAX_SH_DEGREE, RIGHT_UP_BACK, Scene, decode_rotation, rest_values};
 
-const MAGIC: u32 = 0x5053_474e; // "NGSP"
+pub(super) const MAGIC: u32 = 0x5053_474e; // "NGSP"
+/// Of a coefficient of degree 0, in the range of a byte.
+pub(super) const COLOUR_SCALE: f64 = 0.15;
 /// Most bytes per compressed byte that are believed: the reference implementation's cap on the compression ratio.
 const MAX_RATIO: u64 = 1024;
 
@@ -158,7 +161,13 @@ fn decode<R: Read + Send>(source: &mut Source, header: &Header, flips: [bool; 3]
         ensure!(rest == 0, "the {name} go on after those of {} Gaussians", header.count);
     }
     let (gaussians, tally) = builder.finish();
-    Ok(Scene { gaussians, tally, format: format!("SPZ {}", header.version), is_antialiased: header.is_antialiased })
+    Ok(Scene {
+        gaussians,
+        tally,
+        format: format!("SPZ {}", header.version),
+        is_antialiased: header.is_antialiased,
+        notices: Vec::new(),
+    })
 }
 
 /// One Gaussian from its bytes in each plane.
@@ -176,10 +185,9 @@ fn gaussian<'b>(
         sign[axis] * f64::from(bits) * step
     });
     let alpha = f64::from(row(1)[0]) / 255.0;
-    sh[0] = std::array::from_fn(|i| ((f64::from(colour[i]) / 255.0 - 0.5) / 0.15) as f32);
+    sh[0] = std::array::from_fn(|i| ((f64::from(colour[i]) / 255.0 - 0.5) / COLOUR_SCALE) as f32);
     for (i, coefficient) in sh[1..].iter_mut().enumerate() {
-        let is_odd = ODD_AXES[i].iter().filter(|axis| flips[**axis]).count() % 2 == 1;
-        let sign = if is_odd { -1.0 } else { 1.0 };
+        let sign = flip_sign(i + 1, flips);
         *coefficient = std::array::from_fn(|channel| sign * (f32::from(row(5)[3 * i + channel]) - 128.0) / 128.0);
     }
     let [w, x, y, z] = if version == 2 { rotation_first_three(row(4)) } else { rotation_smallest_three(row(4)) };
@@ -189,10 +197,6 @@ fn gaussian<'b>(
     Raw { mean, log_scale, rotation, opacity_logit: (alpha / (1.0 - alpha)).ln() }
 }
 
-/// The axes in which each basis function past the first is odd.
-const ODD_AXES: [&[usize]; 15] =
-    [&[1], &[2], &[0], &[0, 1], &[1, 2], &[], &[0, 2], &[], &[1], &[0, 1, 2], &[1], &[2], &[0], &[2], &[0]];
-
 /// More than any file's extension records take.
 const MAX_EXTENSION_BYTES: u64 = 1 << 20;
 /// The extension that names the axes of the file.
@@ -200,7 +204,6 @@ const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
 
 /// Which axes must change sign to be right, down, forward, by the extension records (type, length, payload).
 fn flips(records: &[u8]) -> Result<[bool; 3]> {
-    let right_up_back = [false, true, true];
     let mut rest = records;
     while let Some((head, tail)) = rest.split_first_chunk::<8>() {
         let [kind, bytes] = [0, 4].map(|at| u32::from_le_bytes(std::array::from_fn(|i| head[at + i])));
@@ -211,7 +214,7 @@ fn flips(records: &[u8]) -> Result<[bool; 3]> {
             let system =
                 payload.first_chunk().map(|b| u32::from_le_bytes(*b)).context("the coordinate system is missing")?;
             return match system {
-                0 => Ok(right_up_back),
+                0 => Ok(RIGHT_UP_BACK),
                 // Bits of the number less one: right, up, front.
                 1..=8 => Ok([(system - 1) & 1 == 0, (system - 1) & 2 != 0, (system - 1) & 4 == 0]),
                 _ => bail!("coordinate system {system} exchanges axes, which is not supported"),
@@ -219,7 +222,7 @@ fn flips(records: &[u8]) -> Result<[bool; 3]> {
         }
         rest = next;
     }
-    Ok(right_up_back)
+    Ok(RIGHT_UP_BACK)
 }
 
 /// Version 2: x, y, z as bytes, w not negative.

@@ -29,7 +29,7 @@ pub fn cactus(count: usize) -> Result<Scene, OutOfMemory> {
         made = until;
     }
     let (gaussians, tally) = builder.finish();
-    Ok(Scene { gaussians, tally, format: "procedural cactus".to_owned(), is_antialiased: false })
+    Ok(Scene { gaussians, tally, format: "procedural cactus".to_owned(), is_antialiased: false, notices: Vec::new() })
 }
 
 /// A kind of matter: how many of the Gaussians it gets, and how they look.

@@ -108,9 +108,10 @@ impl Layer {
 
     /// Takes what was read.
     pub fn fill(&mut self, scene: Scene) {
-        let Scene { gaussians, tally, format, is_antialiased } = scene;
+        let Scene { gaussians, tally, format, is_antialiased, notices } = scene;
         let degree = gaussians.sh_degree();
         self.story = format!("{format}, {} Gaussians, SH degree {degree}; {tally}", gaussians.len());
+        notices.iter().for_each(|notice| self.story += &format!("; {notice}"));
         self.is_antialiased = is_antialiased;
         self.gaussians = Some(Arc::new(gaussians));
         self.progress = None;

@@ -8,6 +8,7 @@ pub mod desktop;
 pub mod free;
 pub mod listed;
 pub mod program;
+pub mod table;
 #[cfg(target_os = "linux")]
 pub mod window;
 

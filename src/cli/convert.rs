@@ -1,0 +1,273 @@
+//! `smalto convert`: scenes to another file, changed on the way.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use comfy_table::Cell;
+use glam::{DQuat, DVec3, EulerRot};
+use serde::Serialize;
+
+use super::table::{say_table, table};
+use super::{SceneArg, Usage, progress, remark, say};
+use crate::camera::Up;
+use crate::files::{check_writable, write_checked};
+use crate::scene::{self, Gaussians, Loss, MAX_SH_DEGREE, Scene, SceneFile, Transform, write_sog_folder};
+
+/// Write a scene, or several as one, to another file: what was lost on the way is told
+#[derive(clap::Args)]
+#[command(after_help = "\
+Inputs are flipped and turned upright, joined, transformed step by step, cropped, filtered, and cut to a degree, in this order.
+The file is read again before it takes its name, and compared with what was to be written.")]
+pub(super) struct Args {
+    /// Scene files as of `smalto render`, then the file to write: .ply, .compressed.ply, .splat, .spz, .sog, meta.json (of a SOG in a folder) or .glb
+    #[arg(required = true, num_args = 2.., value_name = "IN... OUT")]
+    files: Vec<PathBuf>,
+    /// Leave out spherical harmonics over this degree
+    #[arg(long, value_name = "DEGREE", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_SH_DEGREE)))]
+    sh_degree: Option<u32>,
+    /// translate=X,Y,Z, rotate=X,Y,Z (degrees about x, then y, then z) or scale=FACTOR. Several are applied one after another
+    #[arg(long, value_name = "STEP", allow_hyphen_values = true, value_parser = parse_step)]
+    transform: Vec<Transform>,
+    /// Keep the Gaussians whose means are in box=X,Y,Z,X,Y,Z (two corners) or sphere=X,Y,Z,RADIUS
+    #[arg(long, value_name = "SHAPE", value_parser = parse_shape)]
+    crop: Option<Shape>,
+    /// Leave out Gaussians that are less opaque, from 0 to 1
+    #[arg(long, value_name = "OPACITY")]
+    min_opacity: Option<f32>,
+    /// The axis of the inputs that points up: x, y, z, -x, -y or -z [default: -y, as it is in what is written]
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true, value_parser = parse_up)]
+    up: Option<Up>,
+    /// Axes of the inputs that point the other way than their formats say, like y or yz
+    #[arg(long, value_name = "AXES", value_parser = parse_axes)]
+    flip: Option<Axes>,
+    /// Version of a .spz file
+    #[arg(long, value_name = "3|4", default_value_t = 4, value_parser = clap::value_parser!(u32).range(3..=4))]
+    spz_version: u32,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Axes that are flipped.
+#[derive(Clone, Copy)]
+struct Axes([bool; 3]);
+
+/// Where means are kept, world units.
+#[derive(Clone, Copy)]
+enum Shape {
+    Box([f64; 3], [f64; 3]),
+    Sphere(DVec3, f64),
+}
+
+#[derive(Serialize)]
+struct Report {
+    file: String,
+    format: String,
+    bytes: u64,
+    gaussians: usize,
+    sh_degree: u32,
+    /// Asked for by a crop or an opacity.
+    removed: usize,
+    /// Fully transparent in the file's steps.
+    transparent: usize,
+    loss: Vec<Loss>,
+}
+
+pub(super) fn run(args: &Args) -> Result<()> {
+    let (output, inputs) = args.files.split_last().context("there is no file")?;
+    let mut kind = SceneFile::of(output).map_err(|problem| Usage(format!("{problem:#}")))?;
+    if let SceneFile::Spz { version } = &mut kind {
+        *version = args.spz_version;
+    }
+    if let Some(opacity) = args.min_opacity.filter(|opacity| !(0.0..=1.0).contains(opacity)) {
+        return Err(Usage(format!("--min-opacity {opacity} is not from 0 to 1")).into());
+    }
+    let is_input = |input: &&PathBuf| input.canonicalize().is_ok_and(|a| output.canonicalize().is_ok_and(|b| a == b));
+    if let Some(input) = inputs.iter().find(is_input) {
+        return Err(Usage(format!("{} is to be read and written", input.display())).into());
+    }
+    if kind != SceneFile::SogFolder {
+        check_writable(output)?;
+    }
+    let (gaussians, is_antialiased) = read(args, inputs)?;
+    let before = gaussians.len();
+    let gaussians = changed(args, gaussians)?;
+    ensure!(!gaussians.is_empty(), "no Gaussian is left of {before}");
+    if is_antialiased && !kind.says_antialiased() {
+        remark(&format!("warning: {}: the format does not say that the scene is antialiased", output.display()));
+    }
+    let arranged = kind.arranged(&gaussians)?;
+    let (removed, transparent) = (before - gaussians.len(), gaussians.len() - arranged.len());
+    let lost_degrees = arranged.sh_degree() < gaussians.sh_degree();
+    ensure!(!arranged.is_empty(), "all {} Gaussians are transparent in the steps of the format", gaussians.len());
+    drop(gaussians);
+    if lost_degrees {
+        remark(&format!(
+            "warning: {}: the format has colours of SH degree {} alone",
+            output.display(),
+            arranged.sh_degree()
+        ));
+    }
+    let (format, loss) = write(output, kind, &arranged, is_antialiased)?;
+    let report = Report {
+        file: output.display().to_string(),
+        format,
+        bytes: std::fs::metadata(output).map_or(0, |data| data.len()),
+        gaussians: arranged.len(),
+        sh_degree: arranged.sh_degree(),
+        removed,
+        transparent,
+        loss,
+    };
+    if args.json { say!("{}", serde_json::to_string_pretty(&report)?) } else { print(&report) }
+}
+
+/// The inputs as one scene, and whether it is antialiased.
+fn read(args: &Args, inputs: &[PathBuf]) -> Result<(Gaussians, bool)> {
+    let (mut parts, mut is_antialiased) = (Vec::new(), None);
+    for input in inputs {
+        let scene = SceneArg { scene: input.clone() }.read()?;
+        if is_antialiased.is_some_and(|others| others != scene.is_antialiased) {
+            return Err(Usage(format!(
+                "{} is {}antialiased, and those before are not alike: one file cannot say both",
+                input.display(),
+                if scene.is_antialiased { "" } else { "not " }
+            ))
+            .into());
+        }
+        is_antialiased = Some(scene.is_antialiased);
+        let Axes(axes) = args.flip.unwrap_or(Axes([false; 3]));
+        let part = scene.gaussians.flipped(axes);
+        parts.push(match args.up {
+            Some(up) => part.transformed(&upright(up)?)?,
+            None => part,
+        });
+    }
+    let joined = if parts.len() == 1 { parts.remove(0) } else { Gaussians::joined(parts.iter())? };
+    Ok((joined, is_antialiased.unwrap_or(false)))
+}
+
+/// What turns the axis to where up is. The opposite one is turned about x, or about z if it is x.
+fn upright(up: Up) -> Result<Transform> {
+    let wanted = Up::default().vector();
+    let rotation = if up.flipped() == Up::default() {
+        DQuat::from_rotation_x(std::f64::consts::PI)
+    } else {
+        DQuat::from_rotation_arc(up.vector(), wanted)
+    };
+    // Quarter turns to the last bit.
+    let matrix = glam::DMat3::from_quat(rotation).to_cols_array().map(f64::round);
+    Transform::new(DQuat::from_mat3(&glam::DMat3::from_cols_array(&matrix)), DVec3::ZERO, 1.0)
+}
+
+fn changed(args: &Args, mut gaussians: Gaussians) -> Result<Gaussians> {
+    let mut transform = Transform::IDENTITY;
+    for step in &args.transform {
+        transform = transform.then(step)?;
+    }
+    if transform != Transform::IDENTITY {
+        gaussians = gaussians.transformed(&transform)?;
+    }
+    if args.crop.is_some() || args.min_opacity.is_some() {
+        let least = args.min_opacity.unwrap_or(0.0);
+        let is_kept = |i: &u32| {
+            let mean = gaussians.means()[*i as usize].map(f64::from);
+            gaussians.opacities()[*i as usize] >= least && args.crop.is_none_or(|shape| shape.contains(mean))
+        };
+        let kept: Vec<u32> = (0..gaussians.len() as u32).filter(is_kept).collect();
+        gaussians = gaussians.selected(&kept)?;
+    }
+    Ok(args.sh_degree.map_or_else(|| gaussians.clone(), |degree| gaussians.clone().of_degree(degree)))
+}
+
+impl Shape {
+    fn contains(self, mean: [f64; 3]) -> bool {
+        match self {
+            Self::Box(low, high) => (0..3).all(|axis| (low[axis]..=high[axis]).contains(&mean[axis])),
+            Self::Sphere(centre, radius) => DVec3::from(mean).distance(centre) <= radius,
+        }
+    }
+}
+
+/// Writes the file and reads it again: its format, and what it has lost.
+fn write(output: &Path, kind: SceneFile, gaussians: &Gaussians, is_antialiased: bool) -> Result<(String, Vec<Loss>)> {
+    let bar = progress::Bar::new("reading again");
+    let read_again = |written: &Path| {
+        let Scene { gaussians: read, format, .. } = scene::read(written, &|fraction| bar.set(fraction))?;
+        let (count, expected) = (read.len(), gaussians.len());
+        ensure!(count == expected, "of {expected} Gaussians {count} could be read again");
+        Ok((format, Loss::between(gaussians, &read)))
+    };
+    if kind == SceneFile::SogFolder {
+        write_sog_folder(gaussians, is_antialiased, output.parent().unwrap_or(Path::new("")))?;
+        return read_again(output);
+    }
+    write_checked(output, |file| kind.write(gaussians, is_antialiased, file), read_again)
+}
+
+fn print(report: &Report) -> Result<()> {
+    let Report { file, format, bytes, gaussians, sh_degree, removed, transparent, loss } = report;
+    let (megabytes, each) = (*bytes as f64 / 1e6, *bytes as f64 / *gaussians as f64);
+    say!("{file}  {format}, {gaussians} Gaussians, SH degree {sh_degree}, {megabytes:.1} MB, {each:.1} bytes each")?;
+    if *removed > 0 {
+        say!("  {removed} left out as asked for")?;
+    }
+    if *transparent > 0 {
+        say!("  {transparent} left out: fully transparent in the steps of the format")?;
+    }
+    let mut rows = table(&["lost", "largest", "rms", "unit"]);
+    for loss in loss {
+        let number = |value: f64| if value == 0.0 { "0".to_owned() } else { format!("{value:.2e}") };
+        rows.add_row(
+            [loss.attribute.to_owned(), number(loss.largest), number(loss.rms), loss.unit.to_owned()].map(Cell::new),
+        );
+    }
+    say_table(&rows)
+}
+
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N]> {
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|n| n.trim().parse().ok().filter(|n: &f64| n.is_finite())).collect();
+    let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
+    numbers.with_context(|| format!("'{text}' is not {N} number{}", if N == 1 { "" } else { "s with commas between" }))
+}
+
+fn parse_step(text: &str) -> Result<Transform> {
+    let (rotation, translation, scale) = match text.split_once('=') {
+        Some(("translate", by)) => (DQuat::IDENTITY, DVec3::from(numbers(by)?), 1.0),
+        Some(("rotate", by)) => {
+            let [x, y, z] = numbers::<3>(by)?.map(f64::to_radians);
+            (DQuat::from_euler(EulerRot::ZYX, z, y, x), DVec3::ZERO, 1.0)
+        }
+        Some(("scale", by)) => (DQuat::IDENTITY, DVec3::ZERO, numbers::<1>(by)?[0]),
+        _ => anyhow::bail!("expected translate=X,Y,Z, rotate=X,Y,Z or scale=FACTOR"),
+    };
+    Transform::new(rotation, translation, scale)
+}
+
+fn parse_shape(text: &str) -> Result<Shape> {
+    match text.split_once('=') {
+        Some(("box", corners)) => {
+            let [x, y, z, u, v, w] = numbers(corners)?;
+            let (a, b) = (DVec3::new(x, y, z), DVec3::new(u, v, w));
+            Ok(Shape::Box(a.min(b).to_array(), a.max(b).to_array()))
+        }
+        Some(("sphere", ball)) => {
+            let [x, y, z, radius] = numbers(ball)?;
+            ensure!(radius > 0.0, "a sphere of radius {radius} holds nothing");
+            Ok(Shape::Sphere(DVec3::new(x, y, z), radius))
+        }
+        _ => anyhow::bail!("expected box=X,Y,Z,X,Y,Z or sphere=X,Y,Z,RADIUS"),
+    }
+}
+
+fn parse_up(text: &str) -> Result<Up> {
+    let wanted = text.trim_start_matches('+');
+    let found = Up::ALL.into_iter().find(|up| up.to_string().trim_start_matches('+') == wanted);
+    found.context("expected x, y, z, -x, -y or -z")
+}
+
+fn parse_axes(text: &str) -> Result<Axes> {
+    ensure!(!text.is_empty() && text.chars().all(|c| "xyz".contains(c)), "expected some of x, y and z, like yz");
+    Ok(Axes(['x', 'y', 'z'].map(|axis| text.contains(axis))))
+}

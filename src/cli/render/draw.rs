@@ -1,0 +1,166 @@
+//! The pictures of a plan, drawn and written: by the GPU or by the reference.
+
+use std::time::Instant;
+
+use anyhow::Result;
+
+use super::outputs::Output;
+use super::resume::Record;
+use super::{Args, Plan, Shot};
+use crate::cli::{Usage, certified, complain, dump, progress, remark, say, size_text};
+use crate::gpu::{Commands, Device};
+use crate::options::Options;
+use crate::reference;
+use crate::render::{Frame, GpuScene, Inspection, Look, Still, Work, depths};
+use crate::scene::{Gaussians, Requirements, Scene};
+
+/// What one frame shows: the picture, or what lies how deep in it.
+#[derive(Clone, Copy, PartialEq)]
+enum Pass {
+    Picture,
+    Depths,
+}
+
+impl Pass {
+    /// The files of a shot that are written of it, and are not there yet.
+    fn outputs<'s>(self, shot: &'s Shot, record: &Record) -> Vec<&'s Output> {
+        let is_picture = self == Self::Picture;
+        shot.outputs.iter().filter(|output| output.layer.is_of_picture() == is_picture && !record.has(output)).collect()
+    }
+
+    fn inspection(self) -> Inspection {
+        let look = if self == Self::Picture { Look::Colour } else { Look::Work(Work::Depths) };
+        Inspection { look, ..Inspection::default() }
+    }
+}
+
+/// Every layer comes from one rendering.
+pub(super) fn by_reference(args: &Args, plan: &Plan, gaussians: &Gaussians, exact: &Options) -> Result<()> {
+    let mut record = Record::begin(args, plan, gaussians, exact, None)?;
+    for shot in &plan.shots {
+        let [pictures, layers] = [Pass::Picture, Pass::Depths].map(|pass| pass.outputs(shot, &record));
+        if pictures.is_empty() && layers.is_empty() {
+            continue;
+        }
+        let started = Instant::now();
+        let rendering = reference::render(gaussians, &shot.camera, &exact.rules, args.background);
+        if !pictures.is_empty() {
+            let pixels = rendering.to_pixels();
+            write(&pictures, &mut record, |output| output.write_picture(&pixels, args.background))?;
+        }
+        if !layers.is_empty() {
+            let depths = rendering.depths();
+            write(&layers, &mut record, |output| output.write_depths(&depths))?;
+        }
+        let files = names(&[pictures, layers].concat());
+        let (size, seconds) = (size_text(shot.camera.size_px), started.elapsed().as_secs_f64());
+        say!("{files}  {size}  float64 reference, {seconds:.1} s")?;
+    }
+    record.finish()
+}
+
+/// `exact` has the rules, and no knob turned.
+pub(super) fn by_gpu(
+    args: &Args,
+    plan: &Plan,
+    device: &Device,
+    scene: Scene,
+    (exact, options): (Options, Options),
+) -> Result<()> {
+    let (gaussians, needs) = (&scene.gaussians, Requirements::of(&scene.gaussians));
+    let views: Vec<_> = plan.shots.iter().map(|shot| shot.camera.clone()).collect();
+    let options = args.budget.choose(device, (gaussians, &needs), &views, (exact, args.background), options)?;
+    if let Some(layer) = plan.outputs.depths().next().filter(|_| options.scale != 1.0) {
+        let name = layer.name();
+        return Err(Usage(format!("--layers {name}: of pictures that are drawn smaller it cannot be enlarged")).into());
+    }
+    let mut record = Record::begin(args, plan, gaussians, &options, Some(&device.facts().name))?;
+    let certifies = args.certificate.is_some();
+    let upload = if certifies { GpuScene::certifiable } else { GpuScene::with };
+    let gpu_scene = upload(device, gaussians, &needs, &options)?;
+    drop(scene);
+    let still = if certifies { Still::certified } else { Still::new };
+    let mut still = still(device, &options, &gpu_scene)?;
+    if let Some(notice) = still.notice() {
+        remark(&format!("note: {notice}"));
+    }
+    let bar = progress::Bar::new("rendering");
+    // One pass after the other, so that its pipelines are made once.
+    let all =
+        [Pass::Picture, Pass::Depths].into_iter().flat_map(|pass| plan.shots.iter().map(move |shot| (pass, shot)));
+    let left: Vec<_> = all.filter(|(pass, shot)| !pass.outputs(shot, &record).is_empty()).collect();
+    for (done, (pass, shot)) in left.iter().enumerate() {
+        let outputs = pass.outputs(shot, &record);
+        still.set_inspection(pass.inspection())?;
+        draw(args, &mut still, (*pass, shot), &outputs, &mut record)?;
+        bar.set((done + 1) as f64 / left.len() as f64);
+    }
+    complain(device)?;
+    record.finish()
+}
+
+fn draw(
+    args: &Args,
+    still: &mut Still,
+    (pass, shot): (Pass, &Shot),
+    outputs: &[&Output],
+    record: &mut Record,
+) -> Result<()> {
+    let prepare = |cmd: &mut Commands| {
+        if args.dump.is_some() {
+            cmd.capture_scopes();
+        }
+    };
+    let (frame, results) = still.render_with(&shot.camera, args.background, prepare)?;
+    if let Some(folder) = &args.dump {
+        dump::write(folder, results.captures())?;
+    }
+    let pixels = still.pixels()?;
+    match pass {
+        Pass::Picture => write(outputs, record, |output| output.write_picture(&pixels, args.background))?,
+        Pass::Depths => {
+            let depths = depths(&pixels);
+            write(outputs, record, |output| output.write_depths(&depths))?;
+        }
+    }
+    report(args, shot, outputs, &frame)?;
+    if let (Some(file), Some(certificate)) = (&shot.certificate, still.certificate()?) {
+        certificate.write(file, false)?;
+        say!("  {}", certified(certificate.largest()))?;
+    }
+    Ok(())
+}
+
+fn write(outputs: &[&Output], record: &mut Record, write: impl Fn(&Output) -> Result<()>) -> Result<()> {
+    outputs.iter().try_for_each(|output| {
+        write(output)?;
+        record.add(output)
+    })
+}
+
+fn names(outputs: &[&Output]) -> String {
+    outputs.iter().map(|output| output.path.display().to_string()).collect::<Vec<_>>().join(", ")
+}
+
+fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Result<()> {
+    let totals = &frame.totals;
+    let gpu_ms = frame
+        .timings
+        .iter()
+        .find(|t| t.depth == 0)
+        .map_or_else(String::new, |t| format!(", {:.2} ms on the GPU", t.duration_ms));
+    let (visible, instances) = (totals.visible, totals.instances_kept);
+    let files = names(outputs);
+    if visible == 0 {
+        remark(&format!("note: {files}: no Gaussian is in view"));
+    }
+    say!("{files}  {}  {visible} visible, {instances} instances{gpu_ms}", size_text(shot.camera.size_px))?;
+    if args.timings {
+        let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth > 0).collect();
+        stages.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
+        for stage in stages {
+            say!("  {:<12} {:8.3} ms", stage.name, stage.duration_ms)?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,60 @@
+//! Scenes made of others: fewer Gaussians, in another order, of a lower degree, in other axes.
+
+use rayon::prelude::*;
+
+use super::harmonics::flip_sign;
+use super::{Gaussians, sh_coefficients};
+use crate::memory::{OutOfMemory, host_vec};
+
+/// What turns right, down, forward into right, up, back, and back: the axes that change their sign.
+pub const RIGHT_UP_BACK: [bool; 3] = [false, true, true];
+
+impl Gaussians {
+    /// Those with these indices, in this order.
+    pub fn selected(&self, indices: &[u32]) -> Result<Self, OutOfMemory> {
+        let stride = sh_coefficients(self.sh_degree);
+        let mut selected = Self {
+            means: host_vec(indices.len(), "means")?,
+            scales: host_vec(indices.len(), "scales")?,
+            rotations: host_vec(indices.len(), "rotations")?,
+            opacities: host_vec(indices.len(), "opacities")?,
+            sh: host_vec(indices.len() * stride, "spherical harmonics")?,
+            sh_degree: self.sh_degree,
+        };
+        let indices = || indices.iter().map(|i| *i as usize);
+        selected.means.extend(indices().map(|i| self.means[i]));
+        selected.scales.extend(indices().map(|i| self.scales[i]));
+        selected.rotations.extend(indices().map(|i| self.rotations[i]));
+        selected.opacities.extend(indices().map(|i| self.opacities[i]));
+        indices().for_each(|i| selected.sh.extend_from_slice(self.sh(i)));
+        Ok(selected)
+    }
+
+    /// The same without the spherical harmonics over this degree.
+    pub fn of_degree(mut self, degree: u32) -> Self {
+        if degree < self.sh_degree {
+            let (from, to) = (sh_coefficients(self.sh_degree), sh_coefficients(degree));
+            for i in 0..self.means.len() {
+                self.sh.copy_within(i * from..i * from + to, i * to);
+            }
+            self.sh.truncate(self.means.len() * to);
+            self.sh.shrink_to_fit();
+            self.sh_degree = degree;
+        }
+        self
+    }
+
+    /// The scene in axes of which these point the other way. An odd number of them mirrors it.
+    pub fn flipped(mut self, axes: [bool; 3]) -> Self {
+        let sign = axes.map(|flip| if flip { -1.0 } else { 1.0 });
+        self.means.par_iter_mut().for_each(|mean| mean.iter_mut().zip(sign).for_each(|(v, sign)| *v *= sign));
+        // A reflection of an axis turns rotations about the other two around.
+        let turned = [1.0, sign[1] * sign[2], sign[0] * sign[2], sign[0] * sign[1]];
+        self.rotations.par_iter_mut().for_each(|q| q.iter_mut().zip(turned).for_each(|(v, sign)| *v *= sign));
+        let signs: Vec<f32> = (0..sh_coefficients(self.sh_degree)).map(|index| flip_sign(index, axes)).collect();
+        self.sh.par_chunks_exact_mut(signs.len()).for_each(|sh| {
+            sh.iter_mut().zip(&signs).for_each(|(c, sign)| *c = c.map(|v| v * sign));
+        });
+        self
+    }
+}

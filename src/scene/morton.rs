@@ -1,0 +1,63 @@
+//! Gaussians in the order of a Z-shaped curve: neighbours in space are neighbours in a file.
+
+use rayon::prelude::*;
+
+/// Bits of the curve along each axis.
+const BITS: u32 = 21;
+
+/// Sorts indices of `means` along the curve through the box of all that are indexed; those of one cell keep their order.
+pub(super) fn sort(means: &[[f32; 3]], indices: &mut Vec<u32>) {
+    let bounds = indices.iter().map(|i| means[*i as usize]).fold(
+        [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]],
+        |[low, high], mean| {
+            [std::array::from_fn(|k| low[k].min(mean[k])), std::array::from_fn(|k| high[k].max(mean[k]))]
+        },
+    );
+    let code = |index: &u32| {
+        let mean = means[*index as usize];
+        (0..3).fold(0, |code, axis| {
+            let [low, high, value] = [bounds[0][axis], bounds[1][axis], mean[axis]].map(f64::from);
+            let fraction = if high > low { (value - low) / (high - low) } else { 0.0 };
+            code | spread((fraction * f64::from((1 << BITS) - 1)) as u64) << axis
+        })
+    };
+    let mut coded: Vec<(u64, u32)> = indices.par_iter().map(|index| (code(index), *index)).collect();
+    coded.par_sort_unstable();
+    *indices = coded.into_iter().map(|(_, index)| index).collect();
+}
+
+/// Every bit of a number of [`BITS`] three places from the next.
+fn spread(mut value: u64) -> u64 {
+    for (shift, mask) in [
+        (32, 0x1f_0000_0000_ffff),
+        (16, 0x1f_0000_ff00_00ff),
+        (8, 0x100f_00f0_0f00_f00f),
+        (4, 0x10c3_0c30_c30c_30c3),
+        (2, 0x1249_2492_4924_9249),
+    ] {
+        value = (value | value << shift) & mask;
+    }
+    value
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bits_are_spread_three_apart() {
+        for value in [0, 1, 0b1011, (1 << BITS) - 1, 0x15_5555] {
+            let expected = (0..BITS).fold(0, |code, bit| code | (value >> bit & 1) << (3 * bit));
+            assert_eq!(spread(value), expected, "{value:x}");
+        }
+    }
+
+    #[test]
+    fn corners_of_a_cube_are_in_the_order_of_the_curve() {
+        let means: Vec<[f32; 3]> =
+            (0..8).rev().map(|i| [0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 5.0 } else { -1e3 })).collect();
+        let mut indices: Vec<u32> = (0..8).collect();
+        sort(&means, &mut indices);
+        assert_eq!(indices, [7, 6, 5, 4, 3, 2, 1, 0]);
+    }
+}

@@ -1,0 +1,65 @@
+//! Where the textures of a SOG lie: in a zip archive, or in a folder.
+
+use std::io::{Cursor, Read};
+use std::path::{Component, Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use zip::ZipArchive;
+use zip::result::ZipError;
+
+use crate::scene::Watch;
+use crate::scene::source::Source;
+
+pub(super) enum Files {
+    Folder(PathBuf),
+    /// An archive and its length in bytes.
+    Archive(ZipArchive<Cursor<Vec<u8>>>, u64),
+}
+
+impl Files {
+    pub fn archive(source: &mut Source) -> Result<Self> {
+        let bytes = source.rest(u64::MAX, "the archive")?;
+        let archive = ZipArchive::new(Cursor::new(bytes)).context("the zip archive cannot be read")?;
+        Ok(Self::Archive(archive, source.len()))
+    }
+
+    /// The content of a file of at most `limit` bytes.
+    pub fn read(&mut self, name: &str, limit: u64) -> Result<Vec<u8>> {
+        match self {
+            Self::Folder(folder) => {
+                let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
+                let read = || Source::open(&inside(folder, name)?, &watch)?.rest(limit, "it");
+                read().with_context(|| name.to_owned())
+            }
+            Self::Archive(archive, _) => {
+                let file = match archive.by_name(name) {
+                    Err(ZipError::FileNotFound) => bail!("the zip archive has no {name}"),
+                    file => file.with_context(|| format!("{name} cannot be unpacked"))?,
+                };
+                // Grows with what is there: its size may be a lie.
+                let mut bytes = Vec::new();
+                file.take(limit + 1).read_to_end(&mut bytes).with_context(|| format!("{name} cannot be unpacked"))?;
+                ensure!(bytes.len() as u64 <= limit, "{name} has over {limit} bytes");
+                Ok(bytes)
+            }
+        }
+    }
+
+    /// Bytes that these files have on disk; of an archive, those of all of it.
+    pub fn bytes(&self, names: &[&str]) -> Result<u64> {
+        match self {
+            Self::Archive(_, len) => Ok(*len),
+            Self::Folder(folder) => names.iter().try_fold(0_u64, |sum, name| {
+                let metadata = std::fs::metadata(inside(folder, name)?);
+                Ok(sum.saturating_add(metadata.with_context(|| format!("{name} cannot be opened"))?.len()))
+            }),
+        }
+    }
+}
+
+/// The path of a file that a JSON names: below the folder, whatever it says.
+pub(super) fn inside(folder: &Path, name: &str) -> Result<PathBuf> {
+    let is_below = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+    ensure!(is_below && !name.is_empty(), "'{name}' is not the name of a file beside the JSON");
+    Ok(folder.join(name))
+}

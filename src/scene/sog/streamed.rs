@@ -1,0 +1,95 @@
+//! The streamed SOG of PlayCanvas: `lod-meta.json` holds a tree whose leaves say which Gaussians of which SOG files are theirs,
+//! at every level of detail. Read is the finest level as a whole, and what is drawn around the scene at all levels.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use serde::Deserialize;
+
+use super::files::{Files, inside};
+use super::{Unit, decode_all};
+use crate::scene::source::Source;
+use crate::scene::{Cancelled, Scene, Watch};
+
+/// Larger than any `lod-meta.json`.
+pub(super) const MAX_BYTES: u64 = 1 << 28;
+
+#[derive(Deserialize)]
+struct Written {
+    #[serde(rename = "lodLevels")]
+    levels: Option<u32>,
+    filenames: Vec<String>,
+    environment: Option<String>,
+    tree: Node,
+}
+
+#[derive(Deserialize)]
+struct Node {
+    #[serde(default)]
+    children: Vec<Node>,
+    /// Of a leaf: its Gaussians by level, 0 the finest.
+    #[serde(default)]
+    lods: BTreeMap<u32, Range>,
+}
+
+#[derive(Deserialize)]
+struct Range {
+    file: usize,
+    count: u64,
+}
+
+impl Node {
+    fn leaves<'n>(&'n self, visit: &mut impl FnMut(&'n BTreeMap<u32, Range>)) {
+        visit(&self.lods);
+        self.children.iter().for_each(|child| child.leaves(visit));
+    }
+}
+
+pub(super) fn read(source: &mut Source, json: &[u8], folder: &Path, watch: &Watch) -> Result<Scene> {
+    let written: Written = serde_json::from_slice(json).context("lod-meta.json is not that of a streamed SOG")?;
+    let mut finest = None;
+    written.tree.leaves(&mut |lods| finest = finest.into_iter().chain(lods.keys().copied()).min());
+    let finest = finest.context("the tree in lod-meta.json has no Gaussians")?;
+    // Gaussians of each file that are of the level.
+    let mut counts = BTreeMap::<usize, u64>::new();
+    written.tree.leaves(&mut |lods| {
+        if let Some(range) = lods.get(&finest) {
+            let count = counts.entry(range.file).or_default();
+            *count = count.saturating_add(range.count);
+        }
+    });
+    let (mut units, mut names) = (Vec::new(), BTreeSet::new());
+    for (file, count) in counts {
+        ensure!(!(watch.is_cancelled)(), Cancelled);
+        let name = written.filenames.get(file);
+        let name = name.with_context(|| format!("lod-meta.json names file {file} of {}", written.filenames.len()))?;
+        ensure!(names.insert(name), "lod-meta.json names {name} twice");
+        let unit = open(folder, name, watch)?;
+        ensure!(
+            unit.meta.count as u64 == count,
+            "{name} has {} Gaussians, of which lod-meta.json puts {count} into level {finest}; files of several levels are \
+             not supported",
+            unit.meta.count
+        );
+        units.push(unit);
+    }
+    if let Some(name) = &written.environment {
+        units.push(open(folder, name, watch)?);
+    }
+    let levels = written.levels.map_or_else(String::new, |levels| format!(" of {levels}"));
+    decode_all(source, units, format!("streamed SOG, level {finest}{levels}"), watch)
+}
+
+/// A SOG file that lies below the folder: a `meta.json` or a bundle.
+fn open(folder: &Path, name: &str, watch: &Watch) -> Result<Unit> {
+    let path = inside(folder, name)?;
+    let unit = || {
+        if name.ends_with(".sog") {
+            let quiet = Watch { progress: &|_| {}, ..*watch };
+            return Unit::open(Files::archive(&mut Source::open(&path, &quiet)?)?);
+        }
+        Unit::open(Files::Folder(path.parent().unwrap_or(folder).to_owned()))
+    };
+    unit().with_context(|| name.to_owned())
+}

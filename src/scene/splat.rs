@@ -1,0 +1,79 @@
+//! `.splat`: 32 bytes a Gaussian and nothing else, so that its name and its values must tell what it is. As PLY, its axes are
+//! right, down, forward; its scales and opacities are final, and its colours of degree 0.
+
+use anyhow::{Result, ensure};
+
+use super::Scene;
+use super::canonical::{BLOCK, Builder, Raw};
+use super::harmonics::C0;
+use super::source::Source;
+
+/// Bytes of a Gaussian: mean and scales as 32-bit floats, colour and opacity, then the quaternion w x y z as bytes.
+const ROW: usize = 32;
+/// Farther than any mean, and larger than any scale: what is not numbers makes greater ones.
+const LARGEST: f32 = 1e9;
+
+pub(super) fn read(source: &mut Source) -> Result<Scene> {
+    let bytes = source.len();
+    ensure!(
+        bytes.is_multiple_of(ROW as u64),
+        "a .splat file has {ROW} bytes for each Gaussian, these {bytes} are not a multiple of that"
+    );
+    let count = usize::try_from(bytes / ROW as u64)?;
+    let mut builder = Builder::new(0, count)?;
+    let mut rows = Vec::new();
+    for first in (0..count).step_by(BLOCK) {
+        source.before_block(&builder)?;
+        let block = BLOCK.min(count - first);
+        rows.resize(block * ROW, 0);
+        source.fill(&mut rows, "the Gaussians")?;
+        let rows = rows.as_chunks().0;
+        if first == 0 {
+            check_plausible(rows)?;
+        }
+        builder.extend(block, |index, sh| {
+            sh[0] = colour(&rows[index][24..]);
+            gaussian(&rows[index])
+        });
+    }
+    let (gaussians, tally) = builder.finish();
+    Ok(Scene { gaussians, tally, format: "SPLAT".to_owned(), is_antialiased: false, notices: Vec::new() })
+}
+
+/// Refuses what has the name of the format but another content. Single Gaussians may be damaged.
+fn check_plausible(rows: &[[u8; ROW]]) -> Result<()> {
+    let bad = rows.iter().filter(|row| !is_plausible(row)).count();
+    ensure!(
+        bad * 10 <= rows.len(),
+        "not a .splat file: of its first {} records, {bad} have no finite mean or no positive scale",
+        rows.len()
+    );
+    Ok(())
+}
+
+fn is_plausible(row: &[u8; ROW]) -> bool {
+    let [mean, scale] = [0, 12].map(|at| floats(&row[at..]));
+    mean.iter().all(|v| v.abs() < LARGEST)
+        && scale.iter().all(|v| (0.0..LARGEST).contains(v))
+        && scale.iter().any(|v| *v > 0.0)
+}
+
+fn gaussian(row: &[u8; ROW]) -> Raw {
+    let alpha = f64::from(row[27]) / 255.0;
+    Raw {
+        mean: floats(&row[..]).map(f64::from),
+        log_scale: floats(&row[12..]).map(|v| f64::from(v).ln()),
+        rotation: std::array::from_fn(|i| (f64::from(row[28 + i]) - 128.0) / 128.0),
+        opacity_logit: (alpha / (1.0 - alpha)).ln(),
+    }
+}
+
+/// The coefficient of degree 0 that makes this colour of three bytes.
+pub(super) fn colour(bytes: &[u8]) -> [f32; 3] {
+    std::array::from_fn(|i| ((f64::from(bytes[i]) / 255.0 - 0.5) / C0) as f32)
+}
+
+/// The first three 32-bit floats of bytes that are long enough.
+pub(super) fn floats(bytes: &[u8]) -> [f32; 3] {
+    std::array::from_fn(|i| f32::from_le_bytes(std::array::from_fn(|k| bytes[4 * i + k])))
+}

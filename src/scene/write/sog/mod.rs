@@ -1,0 +1,214 @@
+//! SOG 2 of PlayCanvas: lossless WebP textures with a texel for each Gaussian, and a `meta.json` that says what their bytes
+//! mean, in a zip archive or a folder.
+
+mod codebook;
+mod kmeans;
+
+use std::io::{Seek, Write};
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use image_webp::{ColorType, WebPEncoder};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
+
+use self::codebook::Codebook;
+use crate::files::write_whole;
+use crate::scene::{Gaussians, sh_coefficients};
+
+/// Most entries of the palette of coefficients: what labels of 16 bits can name.
+const MAX_ENTRIES: usize = 1 << 16;
+/// Entries of the palette in a row of its texture.
+const ROW_ENTRIES: usize = 64;
+/// In place of the logarithm of scale zero.
+const LEAST_LOG_SCALE: f32 = -87.0;
+
+/// A file of a SOG: its name and its bytes.
+type File = (&'static str, Vec<u8>);
+
+/// Writes the zip archive. Neighbours should be neighbours in space: they make textures that compress well. The same bytes
+/// for the same Gaussians, on any number of threads.
+pub(super) fn write(gaussians: &Gaussians, is_antialiased: bool, out: &mut (impl Write + Seek)) -> Result<()> {
+    let mut archive = ZipWriter::new(out);
+    // WebP is compressed already.
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+    for (name, bytes) in files(gaussians, is_antialiased)? {
+        archive.start_file(name, options)?;
+        archive.write_all(&bytes)?;
+    }
+    archive.finish()?;
+    Ok(())
+}
+
+/// Writes the same files into a folder, which is made if it is not there; `meta.json` last.
+pub(super) fn write_folder(gaussians: &Gaussians, is_antialiased: bool, folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    for (name, bytes) in files(gaussians, is_antialiased)? {
+        write_whole(&folder.join(name), |file| Ok(file.write_all(&bytes)?))?;
+    }
+    Ok(())
+}
+
+fn files(gaussians: &Gaussians, is_antialiased: bool) -> Result<Vec<File>> {
+    let ranges = [0, 1, 2].map(|axis| range(gaussians, axis));
+    let log_scales = gaussians.scales().as_flattened().par_iter().map(|s| s.ln().max(LEAST_LOG_SCALE));
+    let log_scales = Codebook::of(log_scales.collect());
+    let stride = sh_coefficients(gaussians.sh_degree());
+    let colours = (0..3 * gaussians.len()).into_par_iter().map(|i| gaussians.sh(i / 3)[0][i % 3]);
+    let colours = Codebook::of(colours.collect());
+    let palette = (stride > 1 && !gaussians.is_empty()).then(|| Palette::of(gaussians));
+
+    let steps = |i: usize| -> [[u8; 2]; 3] {
+        std::array::from_fn(|axis| steps(gaussians.means()[i][axis], ranges[axis]).to_le_bytes())
+    };
+    let scale = |i: usize| gaussians.scales()[i].map(|s| log_scales.byte(s.ln().max(LEAST_LOG_SCALE)));
+    let colour = |i: usize| {
+        let [red, green, blue] = gaussians.sh(i)[0].map(|coefficient| colours.byte(coefficient));
+        [red, green, blue, (gaussians.opacities()[i] * 255.0).round() as u8]
+    };
+    let count = gaussians.len();
+    let mut textures = vec![
+        Texture::of("means_l.webp", count, |i| steps(i).map(|s| s[0])),
+        Texture::of("means_u.webp", count, |i| steps(i).map(|s| s[1])),
+        Texture::of("scales.webp", count, scale),
+        Texture::of("quats.webp", count, |i| smallest_three(gaussians.rotations()[i])),
+        Texture::of("sh0.webp", count, colour),
+    ];
+    let mut meta = json!({
+        "version": 2,
+        "asset": { "generator": "smalto" },
+        "count": count,
+        "antialias": is_antialiased,
+        "means": {
+            "mins": ranges.map(|[min, _]| min),
+            "maxs": ranges.map(|[_, max]| max),
+            "files": ["means_l.webp", "means_u.webp"],
+        },
+        "scales": { "codebook": log_scales.values(), "files": ["scales.webp"] },
+        "quats": { "files": ["quats.webp"] },
+        "sh0": { "codebook": colours.values(), "files": ["sh0.webp"] },
+    });
+    if let Some(palette) = &palette {
+        textures.extend(palette.textures());
+        meta["shN"] = palette.meta(gaussians.sh_degree());
+    }
+    let encoded = textures.par_iter().map(|texture| Ok((texture.name, texture.encode()?)));
+    let mut files = encoded.collect::<Result<Vec<_>>>()?;
+    files.push(("meta.json", serde_json::to_vec(&meta)?));
+    Ok(files)
+}
+
+/// Coefficients past the first: entries that Gaussians share, and which is whose.
+struct Palette {
+    /// Of each entry, one after another, red, green and blue of each coefficient.
+    entries: Vec<f32>,
+    /// Values of an entry.
+    width: usize,
+    labels: Vec<u16>,
+    codebook: Codebook,
+}
+
+impl Palette {
+    fn of(gaussians: &Gaussians) -> Self {
+        let count = gaussians.len();
+        let point = |i: usize| gaussians.sh(i)[1..].as_flattened();
+        // As many as splat-transform makes: a power of two, not more than there are Gaussians.
+        let most = (1 << count.ilog2()).min(MAX_ENTRIES);
+        let (entries, labels) = kmeans::cluster(count, point, most);
+        let codebook = Codebook::of(entries.clone());
+        Self { entries, width: point(0).len(), labels, codebook }
+    }
+
+    fn textures(&self) -> [Texture; 2] {
+        let coefficients = self.width / 3;
+        let width = ROW_ENTRIES * coefficients;
+        let texels = self.entries.len() / 3;
+        let centroid = |i: usize| [0, 1, 2].map(|channel| self.codebook.byte(self.entries[3 * i + channel]));
+        let label = |i: usize| {
+            let [low, high] = self.labels[i].to_le_bytes();
+            [low, high, 0]
+        };
+        [
+            Texture::sized("shN_centroids.webp", [width, texels.div_ceil(width)], texels, centroid),
+            Texture::of("shN_labels.webp", self.labels.len(), label),
+        ]
+    }
+
+    fn meta(&self, sh_degree: u32) -> Value {
+        json!({
+            "count": self.entries.len() / self.width,
+            "bands": sh_degree,
+            "codebook": self.codebook.values(),
+            "files": ["shN_centroids.webp", "shN_labels.webp"],
+        })
+    }
+}
+
+/// Row after row, with as many bytes for a texel as it has channels.
+struct Texture {
+    name: &'static str,
+    size: [usize; 2],
+    colours: ColorType,
+    bytes: Vec<u8>,
+}
+
+impl Texture {
+    /// A texel for each Gaussian, in the size that splat-transform gives it: nearly square, of sides that are multiples of 4.
+    fn of<const N: usize>(name: &'static str, count: usize, texel: impl Fn(usize) -> [u8; N] + Sync) -> Self {
+        let width = ((count as f64).sqrt() / 4.0).ceil().max(1.0) as usize * 4;
+        let height = count.div_ceil(width * 4).max(1) * 4;
+        Self::sized(name, [width, height], count, texel)
+    }
+
+    /// The texels past `count` are zero.
+    fn sized<const N: usize>(
+        name: &'static str,
+        size: [usize; 2],
+        count: usize,
+        texel: impl Fn(usize) -> [u8; N] + Sync,
+    ) -> Self {
+        let mut bytes = vec![0; size[0] * size[1] * N];
+        bytes.as_chunks_mut().0[..count].par_iter_mut().enumerate().for_each(|(i, bytes)| *bytes = texel(i));
+        Self { name, size, colours: if N == 4 { ColorType::Rgba8 } else { ColorType::Rgb8 }, bytes }
+    }
+
+    fn encode(&self) -> Result<Vec<u8>> {
+        let mut webp = Vec::new();
+        let [width, height] = self.size;
+        let (width, height) = (u32::try_from(width)?, u32::try_from(height)?);
+        WebPEncoder::new(&mut webp)
+            .encode(&self.bytes, width, height, self.colours)
+            .with_context(|| format!("{} cannot be made of {width}x{height} texels", self.name))?;
+        Ok(webp)
+    }
+}
+
+/// Smallest and largest coordinate, compressed.
+fn range(gaussians: &Gaussians, axis: usize) -> [f64; 2] {
+    let values = gaussians.means().iter().map(|mean| compressed(mean[axis]));
+    let range = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], v| [min.min(v), max.max(v)]);
+    if gaussians.is_empty() { [0.0; 2] } else { range }
+}
+
+/// Sign and logarithm, so that the steps are fine near the origin.
+fn compressed(value: f32) -> f64 {
+    let value = f64::from(value);
+    value.abs().ln_1p().copysign(value)
+}
+
+/// A coordinate in the nearest of 65,536 steps.
+fn steps(value: f32, [min, max]: [f64; 2]) -> u16 {
+    let fraction = if max > min { (compressed(value) - min) / (max - min) } else { 0.0 };
+    (65535.0 * fraction).round() as u16
+}
+
+/// A unit quaternion w x y z: three components in a byte each, and which is missing, the largest, made positive.
+fn smallest_three(q: [f32; 4]) -> [u8; 4] {
+    let largest = (0..4).fold(0, |largest, i| if q[i].abs() > q[largest].abs() { i } else { largest });
+    let sign = f64::from(q[largest]).signum();
+    let mut others = (0..4).filter(|i| *i != largest).map(|i| sign * f64::from(q[i]) * 2_f64.sqrt());
+    let bytes = [(); 3].map(|()| ((others.next().unwrap_or(0.0) * 0.5 + 0.5) * 255.0).round().clamp(0.0, 255.0) as u8);
+    [bytes[0], bytes[1], bytes[2], 252 + largest as u8]
+}
