@@ -22,7 +22,7 @@ fn splat_transform_reads_what_is_written() {
     let theirs = Table::read(&fixture("smalto.sog.csv"));
     table::agrees("smalto.sog", &read(&fixture("smalto.sog")).gaussians, &theirs, &SAME);
     // All but rotations are on few enough values that none is changed by more than a step of the means.
-    table::agrees("plush.ply", &plush, &theirs, &Tolerance { value: 2.1e-3, rotation: 2e-5 });
+    table::agrees("plush.ply", &plush, &theirs, &Tolerance { value: 2.1e-3, rotation: 5e-5 });
 }
 
 /// Every Gaussian of a scene with needles, floaters and view-dependent colour, within the steps of the format.
@@ -46,7 +46,8 @@ fn what_is_written_is_near_what_was() {
         }
         table::close("opacity", back.opacities()[i], scene.opacities()[i].into(), 0.51 / 255.0);
         let dot: f64 = scene.rotations()[i].iter().zip(back.rotations()[i]).map(|(a, b)| f64::from(a * b)).sum();
-        assert!(dot.abs() > 1.0 - 2e-5, "{i}: {dot}");
+        // Half a step of sqrt(2) / 255 in three components, and what that does to the fourth when all are equal.
+        assert!(dot.abs() > 1.0 - 5e-5, "{i}: {dot}");
         for (k, (before, after)) in scene.sh(i).iter().zip(back.sh(i)).enumerate() {
             let square: f32 = before.iter().zip(after).map(|(a, b)| (a - b).powi(2)).sum();
             squares[if k == 0 { 1 } else { 2 }] += f64::from(square);
@@ -67,7 +68,7 @@ fn a_sog_that_is_written_again_is_the_same() {
     for i in 0..first.len() {
         assert_eq!(again.sh(i), first.sh(i));
         for axis in 0..3 {
-            table::close("mean", again.means()[i][axis], first.means()[i][axis].into(), 1e-6);
+            table::close("mean", again.means()[i][axis], first.means()[i][axis].into(), 3e-6);
         }
     }
 }

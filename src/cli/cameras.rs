@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::ValueEnum;
 
 use super::{SceneArg, Usage, remark};
@@ -64,32 +64,49 @@ pub(super) fn named_or_found(named: Option<&Path>, scene: &SceneArg) -> Option<P
 
 /// Views along a path.
 #[derive(clap::Args)]
-pub(super) struct PathArg {
+pub(super) struct FilmArgs {
     /// Draw the frames of a camera path into a folder: a file of cameras with times, as `smalto view` writes it
     /// (docs/camera-path.md)
     #[arg(long, value_name = "FILE", conflicts_with_all = ["cameras", "camera", "split"])]
     path: Option<PathBuf>,
+    /// Frames a second, of a path and of a film [default: 30]
+    #[arg(long, value_name = "FPS", value_parser = parse_fps)]
+    fps: Option<f64>,
 }
 
-/// Most frames of a path.
+/// Frames a second of a film.
+pub(super) const DEFAULT_FPS: f64 = 30.0;
+/// Most frames of a film.
 const MAX_FRAMES: usize = 100_000;
 
-impl PathArg {
-    pub fn is_given(&self) -> bool {
+impl FilmArgs {
+    pub fn has_path(&self) -> bool {
         self.path.is_some()
     }
 
+    /// Frames a second, if they were asked for.
+    pub fn fps(&self) -> Option<f64> {
+        self.fps
+    }
+
     /// The frames, if a path was given.
-    pub fn frames(&self, fps: f64) -> Result<Option<Vec<NamedCamera>>> {
+    pub fn read(&self) -> Result<Option<Vec<NamedCamera>>> {
         let Some(file) = &self.path else { return Ok(None) };
         let timeline = Timeline::read(file).map_err(|problem| Unreadable::new(file, &problem))?;
-        let frames = timeline.frames(fps);
+        let frames = timeline.frames(self.fps.unwrap_or(DEFAULT_FPS));
         let count = frames.len();
         if count > MAX_FRAMES {
-            let (seconds, file) = (timeline.duration(), file.display());
-            let which = format!("{seconds} s of {file} at {fps} frames a second");
+            let (seconds, fps) = (timeline.duration(), self.fps.unwrap_or(DEFAULT_FPS));
+            let which = format!("{seconds} s of {} at {fps} frames a second", file.display());
             return Err(Usage(format!("--path: {which} are {count} frames, over {MAX_FRAMES}")).into());
         }
         Ok(Some(frames.enumerate().map(|(i, camera)| NamedCamera { name: format!("frame {i}"), camera }).collect()))
+    }
+}
+
+fn parse_fps(text: &str) -> Result<f64> {
+    match text.parse() {
+        Ok(fps) if fps > 0.0 && fps <= 1000.0 => Ok(fps),
+        _ => bail!("expected frames a second, over 0 and up to 1000"),
     }
 }

@@ -31,7 +31,7 @@ use crate::memory::OutOfMemory;
 use crate::scene::{self, Procedural, Scene, Unreadable};
 use crate::trade::Unmeetable;
 use budget::BudgetArgs;
-use cameras::{PathArg, SplitArg, named_or_found};
+use cameras::{FilmArgs, SplitArg, named_or_found};
 use knobs::Knobs;
 
 /// Renders 3D Gaussian splatting scenes with Vulkan compute.

@@ -8,9 +8,9 @@ mod video;
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 
-use super::{BudgetArgs, DeviceArgs, Knobs, PathArg, SceneArg, SplitArg, Usage, knobs, parse_size, say};
+use super::{BudgetArgs, DeviceArgs, FilmArgs, Knobs, SceneArg, SplitArg, Usage, knobs, parse_size, say};
 use crate::options::{Background, Options};
 use crate::pixels::FileKind;
 use outputs::{Layer, Names};
@@ -41,8 +41,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<[u32; 2]>,
     /// Camera file: cameras.json of the original 3DGS, transforms.json of nerfstudio, instant-ngp or Blender's sets, or a
-    /// sparse model of COLMAP (its folder, the one above it, or images.bin or .txt) [default: found beside the scene or
-    /// above it]
+    /// sparse model of COLMAP (its folder, the one above it, or images.bin or .txt) [default: found beside the scene or above it]
     #[arg(long, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
     #[command(flatten)]
@@ -52,14 +51,11 @@ pub(super) struct Args {
     #[arg(long, value_name = "N|NAME|LIST|all")]
     camera: Option<String>,
     #[command(flatten)]
-    path: PathArg,
+    film: FilmArgs,
     /// Write the chosen cameras as frames, numbered from 0 without gaps, and print the ffmpeg command that makes a film
     /// of them
     #[arg(long, conflicts_with = "names")]
     video: bool,
-    /// Frames a second, of the film and along the path [default: 30]
-    #[arg(long, value_name = "FPS", value_parser = parse_fps)]
-    fps: Option<f64>,
     /// Go on with an interrupted run of the same command into a folder: what it completed is skipped
     #[arg(long, conflicts_with_all = ["certificate", "dump"])]
     resume: bool,
@@ -95,12 +91,6 @@ pub(super) struct Args {
     budget: BudgetArgs,
 }
 
-impl Args {
-    fn fps(&self) -> f64 {
-        self.fps.unwrap_or(30.0)
-    }
-}
-
 fn parse_background(text: &str) -> Result<Background> {
     if text == "transparent" {
         return Ok(Background::Transparent);
@@ -109,13 +99,6 @@ fn parse_background(text: &str) -> Result<Background> {
     let colour: Option<[f32; 3]> = numbers.and_then(|n| n.try_into().ok());
     let colour = colour.filter(|c| c.iter().all(|v| (0.0..=1.0).contains(v)));
     Ok(Background::Colour(colour.context("expected R,G,B from 0 to 1, like 1,1,1, or transparent")?))
-}
-
-fn parse_fps(text: &str) -> Result<f64> {
-    match text.parse() {
-        Ok(fps) if fps > 0.0 && fps <= 1000.0 => Ok(fps),
-        _ => bail!("expected frames a second, over 0 and up to 1000"),
-    }
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {

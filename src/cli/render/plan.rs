@@ -60,10 +60,8 @@ pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
             ))
             .into());
         }
-        (Some(all), wanted) => {
-            let default = if args.path.is_given() { "all" } else { "0" };
-            choose(all, wanted.as_deref().unwrap_or(default))?
-        }
+        (Some(all), None) if args.film.has_path() => choose(all, "all")?,
+        (Some(all), wanted) => choose(all, wanted.as_deref().unwrap_or("0"))?,
     };
     let several = is_list || args.video;
     let outputs = Outputs::of(args, several)?;
@@ -77,10 +75,7 @@ pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
 }
 
 fn cameras(args: &Args) -> Result<Option<Vec<NamedCamera>>> {
-    if args.fps.is_some() && !args.video && !args.path.is_given() {
-        return Err(Usage("--fps is that of --video or --path".to_owned()).into());
-    }
-    if let Some(frames) = args.path.frames(args.fps())? {
+    if let Some(frames) = args.film.read()? {
         return Ok(Some(frames));
     }
     match named_or_found(args.cameras.as_deref(), &args.scene) {
@@ -169,6 +164,9 @@ fn check_together(args: &Args, outputs: &Outputs, several: bool) -> Result<()> {
         if args.certificate.is_some() {
             return refuse(format!("--certificate is of the picture, not of --layers {name}"));
         }
+    }
+    if args.film.fps().is_some() && !args.video && !args.film.has_path() {
+        return refuse("--fps is of a film: --video or --path".to_owned());
     }
     check_certificate(args, several)
 }

@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 
 use super::outputs::{Layer, Outputs};
 use super::{Args, Shot};
+use crate::cli::cameras::DEFAULT_FPS;
 use crate::cli::{Usage, size_text};
 use crate::options::Background;
 
@@ -24,7 +25,7 @@ pub(super) fn command(args: &Args, outputs: &Outputs, shots: &[Shot]) -> Result<
         return refuse(format!("needs pictures of one size, not {size} and {other}: --size makes them so"));
     }
     let frames = outputs.layer_folder(Layer::Colour).context("the pictures of a film lie in a folder")?;
-    line(&frames, &film(outputs.folder().unwrap_or(&frames)), size, args.fps())
+    line(&frames, &film(outputs.folder().unwrap_or(&frames)), size, args.film.fps().unwrap_or(DEFAULT_FPS))
 }
 
 /// The film of a folder lies beside it.

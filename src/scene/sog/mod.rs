@@ -38,7 +38,7 @@ pub(super) fn in_folder(path: &Path) -> PathBuf {
 pub(super) fn read_bundle(path: &Path, watch: &Watch) -> Result<Scene> {
     let reading = Watch { progress: &|fraction| (watch.progress)(READ * fraction), ..*watch };
     let mut source = Source::open(path, &reading)?;
-    let unit = Unit::open(Files::archive(&mut source)?)?;
+    let unit = Unit::open(Files::archive(&mut source)?, "meta.json")?;
     let decoding = Watch { progress: &|fraction| (watch.progress)(READ + (1.0 - READ) * fraction), ..*watch };
     let format = unit.meta.format();
     decode_all(&mut source, vec![unit], format, &decoding)
@@ -92,8 +92,8 @@ struct Unit {
 }
 
 impl Unit {
-    fn open(mut files: Files) -> Result<Self> {
-        let json = files.read("meta.json", meta::MAX_BYTES)?;
+    fn open(mut files: Files, json: &str) -> Result<Self> {
+        let json = files.read(json, meta::MAX_BYTES)?;
         Self::parse(&json, files)
     }
 

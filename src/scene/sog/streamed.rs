@@ -87,9 +87,11 @@ fn open(folder: &Path, name: &str, watch: &Watch) -> Result<Unit> {
     let unit = || {
         if name.ends_with(".sog") {
             let quiet = Watch { progress: &|_| {}, ..*watch };
-            return Unit::open(Files::archive(&mut Source::open(&path, &quiet)?)?);
+            return Unit::open(Files::archive(&mut Source::open(&path, &quiet)?)?, "meta.json");
         }
-        Unit::open(Files::Folder(path.parent().unwrap_or(folder).to_owned()))
+        let (folder, json) =
+            name.rsplit_once('/').map_or((folder.to_owned(), name), |(f, json)| (folder.join(f), json));
+        Unit::open(Files::Folder(folder), json)
     };
     unit().with_context(|| name.to_owned())
 }
