@@ -503,6 +503,8 @@ fn render_draws_the_frames_of_a_path() {
     let film = path(&folder, "film");
     ok(&[&common[..], &["--fps", "4", "-o", &film]].concat());
     assert_eq!(fs::read_dir(&film).unwrap().count(), 3);
+    let command = ok(&[&common[..], &["--fps", "4", "-o", &film, "--video"]].concat());
+    assert!(command.contains("ffmpeg -framerate 4 -i "), "{command}");
     for (frame, camera) in timeline.frames(4.0).enumerate() {
         let (cameras, out) = (path(&folder, "one.json"), path(&folder, "one.png"));
         camera::write(Path::new(&cameras), &[NamedCamera { name: String::new(), camera }]).unwrap();

@@ -8,6 +8,7 @@ use anyhow::{Result, anyhow, bail, ensure};
 
 use super::canonical::BLOCK;
 use super::{Builder, Cancelled, Watch};
+use crate::files::describe;
 use crate::memory::host_vec;
 
 /// Reads front to back; every error says at which byte.
@@ -152,14 +153,5 @@ impl Source<'_> {
             self.is_cancelled = (self.watch.is_cancelled)();
             self.next_report = self.position + self.len / 200;
         }
-    }
-}
-
-/// What went wrong, without the operating system's error number.
-fn describe(error: &std::io::Error) -> String {
-    match error.kind() {
-        ErrorKind::NotFound => "there is no such file".to_owned(),
-        ErrorKind::PermissionDenied => "permission denied".to_owned(),
-        _ => error.to_string(),
     }
 }
