@@ -18,7 +18,7 @@ use crate::viewer::{self, Bindings, CompareWith, Digest, Opening, Setup, Summary
 /// Open a window on scenes: fly through them, see what every stage costs, look inside the pipeline
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// Scene files (.ply, .compressed.ply or .spz), model folders of the original 3DGS, or procedural scenes: cactus,
+    /// Scene files as of `smalto render`, model folders of the original 3DGS, or procedural scenes: cactus,
     /// few-large or many-small, with :COUNT for another number of Gaussians. More can be dropped on the window
     scenes: Vec<PathBuf>,
     /// Camera file or folder, as `smalto render` takes it [default: found beside the first scene or above it]

@@ -79,12 +79,12 @@ impl<'e> Rows<'e> {
 
     /// Reads the next rows. Returns all of them.
     fn next(&mut self, source: &mut Source, first: usize, count: usize) -> Result<&[u8]> {
-        self.bytes.clear();
         if self.element.encoding != Encoding::Ascii {
             self.bytes.resize(count * self.element.stride(), 0);
             source.fill(&mut self.bytes, "the vertices")?;
             return Ok(&self.bytes);
         }
+        self.bytes.clear();
         for row in first..first + count {
             let line = source.last_line(MAX_LINE_BYTES, "the vertices")?;
             let mut words = line.split_ascii_whitespace();

@@ -65,7 +65,8 @@ pub(super) fn write(gaussians: &Gaussians, is_antialiased: bool, out: &mut impl 
             let sh = &gaussians.sh(i)[1..];
             // Channel-major, as in the original PLY.
             let values = (0..3).flat_map(|channel| sh.iter().map(move |coefficient| coefficient[channel]));
-            row.iter_mut().zip(values).for_each(|(byte, value)| *byte = sh_byte(value));
+            let bytes = row.iter_mut().zip(values).enumerate();
+            bytes.for_each(|(k, (byte, value))| *byte = sh_byte(value, (i + k).is_multiple_of(2)));
         })?;
     }
     Ok(())
@@ -118,7 +119,10 @@ fn pack_rotation(rotation: [f32; 4]) -> u32 {
     })
 }
 
-/// A coefficient in 256 buckets from -4 to 4.
-fn sh_byte(value: f32) -> u8 {
-    ((value / 8.0 + 0.5) * 256.0).floor().clamp(0.0, 255.0) as u8
+/// A coefficient in 256 buckets from -4 to 4. One on the border of two, as 0 and all of a .spz are, is as far from the middle of
+/// either: if all took the upper one, the colours of the scene would change.
+fn sh_byte(value: f32, takes_lower: bool) -> u8 {
+    let place = (value / 8.0 + 0.5) * 256.0;
+    let bucket = if place.fract() == 0.0 && takes_lower { place - 1.0 } else { place.floor() };
+    bucket.clamp(0.0, 255.0) as u8
 }
