@@ -53,6 +53,12 @@ fn cases() -> Vec<(Gaussians, Camera)> {
     cases
 }
 
+/// One behind the other, in the middle of the middle pixel, with nothing around them.
+fn two_balls() -> (Gaussians, Camera) {
+    let scene = gaussians(&[(ball([0.0, 0.0, 4.0], 0.2, 0.5), GREEN), (ball([0.0, 0.0, 2.0], 0.1, 0.4), RED)]);
+    (scene, ahead([41, 31], 40.0))
+}
+
 /// As a part of what is expected; 0 if there is none of either.
 fn apart(value: f32, expected: f32) -> f64 {
     if value.is_nan() && expected.is_nan() { 0.0 } else { f64::from((value - expected).abs() / expected) }
@@ -91,7 +97,7 @@ fn depths_and_counts_are_those_of_the_reference() {
 #[test]
 fn the_reference_takes_depths_from_what_it_blends() {
     let mut kinds = [0; 3];
-    for (scene, camera) in cases() {
+    for (scene, camera) in cases().into_iter().chain([two_balls()]) {
         let lists = Listed::of(&scene, &camera);
         let depths = exact(&scene, &camera, &Rules::TRAINED).depths();
         for pixel in 0..depths.counts.values.len() {
@@ -117,9 +123,7 @@ fn the_reference_takes_depths_from_what_it_blends() {
 #[test]
 fn depths_of_two_balls_are_what_one_works_out() {
     let gpu = Gpu::new();
-    let scene = gaussians(&[(ball([0.0, 0.0, 4.0], 0.2, 0.5), GREEN), (ball([0.0, 0.0, 2.0], 0.1, 0.4), RED)]);
-    // The balls are at the middle of the middle pixel.
-    let camera = ahead([41, 31], 40.0);
+    let (scene, camera) = two_balls();
     let of_reference = exact(&scene, &camera, &Rules::TRAINED).depths();
     for depths in [drawn(&gpu, &scene, &camera, &Options::EXACT), of_reference] {
         let at = |plane: &Plane, x: usize, y: usize| plane.values[y * 41 + x];
