@@ -309,17 +309,24 @@ fn spz_axes_follow_the_extension() {
     assert!(parse(&with_system(12)).unwrap_err().contains("coordinate system 12"));
 }
 
-/// SPZ version 2, which no tool at hand writes: 3-byte rotations, made here from the published layout.
+/// SPZ versions 1 and 2, which no tool at hand writes, made here from the published layout: 3-byte rotations, and in version 1
+/// positions as 16-bit floats.
 #[test]
-fn spz_2_rotations_have_their_own_layout() {
+fn spz_1_and_2_have_their_own_layouts() {
+    let halves = [0x3e00_u16, 0xc000, 0x3400].map(u16::to_le_bytes);
+    check_old_spz(1, halves.as_flattened());
+    let steps = [1.5_f64, -2.0, 0.25].map(|value| ((value * 4096.0) as i32).to_le_bytes());
+    check_old_spz(2, &steps.iter().flat_map(|bytes| &bytes[..3]).copied().collect::<Vec<_>>());
+}
+
+/// One Gaussian at 1.5, -2, 0.25.
+fn check_old_spz(version: u32, position: &[u8]) {
     let mut plain = Vec::new();
     plain.extend(0x5053_474e_u32.to_le_bytes());
-    plain.extend(2_u32.to_le_bytes());
+    plain.extend(version.to_le_bytes());
     plain.extend(1_u32.to_le_bytes());
     plain.extend([0, 12, 0, 0]);
-    for value in [1.5_f64, -2.0, 0.25] {
-        plain.extend(&((value * 4096.0) as i32).to_le_bytes()[..3]);
-    }
+    plain.extend(position);
     plain.extend([128, 166, 128, 90, 160, 150, 140]); // alpha, colour, scale
     plain.extend([255, 128, 64]); // x y z of the quaternion
     let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());

@@ -52,7 +52,7 @@ fn splat_is_told_by_its_name_whatever_its_first_bytes_are() {
         assert_eq!(parse(".SPLAT", &bytes).unwrap().format, "SPLAT");
     }
     let nameless = parse("", &fs::read(fixture("plush.splat")).unwrap()).unwrap_err();
-    assert!(nameless.contains("or a file named .splat or .ksplat"), "{nameless}");
+    assert!(nameless.contains("or a file named .splat, .ksplat or .gltf"), "{nameless}");
     // Content that tells its format is read under any name.
     assert_eq!(parse(".splat", &fs::read(fixture("plush.ply")).unwrap()).unwrap().format, "PLY");
 }

@@ -1,4 +1,4 @@
-//! SPZ versions 2, 3 (gzip) and 4 (zstd streams): quantized planes; axes right, up, back, unless an extension says other.
+//! SPZ versions 1, 2, 3 (gzip) and 4 (zstd streams): quantized planes; axes right, up, back, unless an extension says other.
 
 use std::io::{BufReader, Read};
 
@@ -50,10 +50,17 @@ impl Header {
 
     /// The planes in file order, with the bytes that one Gaussian has in each.
     fn planes(&self) -> Vec<(&'static str, usize)> {
-        let rotation = if self.version == 2 { 3 } else { 4 };
+        let position = if self.version == 1 { 6 } else { 9 };
+        let rotation = if self.version <= 2 { 3 } else { 4 };
         let sh = rest_values(self.sh_degree);
-        let mut planes =
-            vec![("positions", 9), ("alphas", 1), ("colours", 3), ("scales", 3), ("rotations", rotation), ("sh", sh)];
+        let mut planes = vec![
+            ("positions", position),
+            ("alphas", 1),
+            ("colours", 3),
+            ("scales", 3),
+            ("rotations", rotation),
+            ("sh", sh),
+        ];
         planes.retain(|(_, bytes)| *bytes > 0);
         planes
     }
@@ -67,9 +74,8 @@ pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
     stream.read_exact(&mut bytes).context("the gzip stream ends inside the SPZ header")?;
     let header = Header::parse(&bytes, file_bytes)?;
     match header.version {
-        2 | 3 => {}
-        1 => bail!("SPZ version 1 is not supported; no released encoder wrote it"),
-        other => bail!("SPZ version {other} is not supported in a gzip stream, only 2 and 3"),
+        1..=3 => {}
+        other => bail!("SPZ version {other} is not supported in a gzip stream, only 1 to 3"),
     }
     let mut planes = Vec::new();
     for (name, bytes) in header.planes() {
@@ -95,7 +101,7 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
     let mut bytes = [0; 32];
     source.fill(&mut bytes, "the SPZ header")?;
     let header = Header::parse(bytes.first_chunk().expect("32 bytes begin with 16"), source.len())?;
-    ensure!(header.version == 4, "SPZ version {} is not supported, only 2, 3 and 4", header.version);
+    ensure!(header.version == 4, "SPZ version {} is not supported, only 4 without a gzip stream", header.version);
     let (streams, toc) = (bytes[15] as usize, u32::from_le_bytes([bytes[16], bytes[17], bytes[18], bytes[19]]));
     let planes = header.planes();
     ensure!(
@@ -181,6 +187,9 @@ fn gaussian<'b>(
     let sign = flips.map(|flip| if flip { -1.0 } else { 1.0 });
     let (position, colour, scale) = (row(0), row(2), row(3));
     let mean = std::array::from_fn(|axis| {
+        if version == 1 {
+            return sign[axis] * half::f16::from_le_bytes([position[2 * axis], position[2 * axis + 1]]).to_f64();
+        }
         let bits = i32::from_le_bytes([0, position[3 * axis], position[3 * axis + 1], position[3 * axis + 2]]) >> 8;
         sign[axis] * f64::from(bits) * step
     });
@@ -190,7 +199,7 @@ fn gaussian<'b>(
         let sign = flip_sign(i + 1, flips);
         *coefficient = std::array::from_fn(|channel| sign * (f32::from(row(5)[3 * i + channel]) - 128.0) / 128.0);
     }
-    let [w, x, y, z] = if version == 2 { rotation_first_three(row(4)) } else { rotation_smallest_three(row(4)) };
+    let [w, x, y, z] = if version <= 2 { rotation_first_three(row(4)) } else { rotation_smallest_three(row(4)) };
     // A reflection of an axis turns rotations about the other two around.
     let rotation = [w, sign[1] * sign[2] * x, sign[0] * sign[2] * y, sign[0] * sign[1] * z];
     let log_scale = std::array::from_fn(|i| f64::from(scale[i]) / 16.0 - 10.0);
@@ -225,7 +234,7 @@ fn flips(records: &[u8]) -> Result<[bool; 3]> {
     Ok(RIGHT_UP_BACK)
 }
 
-/// Version 2: x, y, z as bytes, w not negative.
+/// Versions 1 and 2: x, y, z as bytes, w not negative.
 fn rotation_first_three(bytes: &[u8]) -> [f64; 4] {
     let [x, y, z] = [0, 1, 2].map(|i| f64::from(bytes[i]) / 127.5 - 1.0);
     [(1.0 - (x * x + y * y + z * z)).max(0.0).sqrt(), x, y, z]
