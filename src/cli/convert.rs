@@ -15,12 +15,15 @@ use crate::scene::{self, Gaussians, Loss, MAX_SH_DEGREE, Scene, SceneFile, Trans
 
 /// Write a scene, or several as one, to another file: what was lost on the way is told
 #[derive(clap::Args)]
-#[command(after_help = "\
+#[command(
+    override_usage = "smalto convert [OPTIONS] <IN>... <OUT>",
+    after_help = "\
 Inputs are flipped and turned upright, joined, transformed step by step, cropped, filtered, and cut to a degree, in this order.
-The file is read again before it takes its name, and compared with what was to be written.")]
+The file is read again before it takes its name, and compared with what was to be written."
+)]
 pub(super) struct Args {
     /// Scene files as of `smalto render`, then the file to write: .ply, .compressed.ply, .splat, .spz, .sog, meta.json (of a SOG in a folder) or .glb
-    #[arg(required = true, num_args = 2.., value_name = "IN... OUT")]
+    #[arg(required = true, num_args = 2.., value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Leave out spherical harmonics over this degree
     #[arg(long, value_name = "DEGREE", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_SH_DEGREE)))]
