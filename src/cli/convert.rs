@@ -139,8 +139,10 @@ fn read(args: &Args, inputs: &[PathBuf]) -> Result<(Gaussians, bool)> {
             .into());
         }
         is_antialiased = Some(scene.is_antialiased);
-        let Axes(axes) = args.flip.unwrap_or(Axes([false; 3]));
-        let part = scene.gaussians.flipped(axes);
+        let part = match args.flip {
+            Some(Axes(axes)) => scene.gaussians.flipped(axes),
+            None => scene.gaussians,
+        };
         parts.push(match args.up {
             Some(up) => part.transformed(&upright(up)?)?,
             None => part,
@@ -150,7 +152,7 @@ fn read(args: &Args, inputs: &[PathBuf]) -> Result<(Gaussians, bool)> {
     Ok((joined, is_antialiased.unwrap_or(false)))
 }
 
-/// What turns the axis to where up is. The opposite one is turned about x, or about z if it is x.
+/// What turns the axis to where up is. The opposite one is turned about x.
 fn upright(up: Up) -> Result<Transform> {
     let wanted = Up::default().vector();
     let rotation = if up.flipped() == Up::default() {
@@ -180,7 +182,10 @@ fn changed(args: &Args, mut gaussians: Gaussians) -> Result<Gaussians> {
         let kept: Vec<u32> = (0..gaussians.len() as u32).filter(is_kept).collect();
         gaussians = gaussians.selected(&kept)?;
     }
-    Ok(args.sh_degree.map_or_else(|| gaussians.clone(), |degree| gaussians.clone().of_degree(degree)))
+    Ok(match args.sh_degree {
+        Some(degree) => gaussians.of_degree(degree),
+        None => gaussians,
+    })
 }
 
 impl Shape {

@@ -21,6 +21,19 @@ pub struct Raw {
     pub opacity_logit: f64,
 }
 
+/// What has this opacity behind the sigmoid; of opacities 0 and 1, infinite.
+pub(super) fn logit(opacity: f64) -> f64 {
+    (opacity / (1.0 - opacity)).ln()
+}
+
+/// The quaternion of unit length with these components, in their order, around the largest, which is positive.
+pub(super) fn around_largest(largest: usize, others: [f64; 3]) -> [f64; 4] {
+    let mut others = others.into_iter();
+    let mut q: [f64; 4] = std::array::from_fn(|i| if i == largest { 0.0 } else { others.next().unwrap_or(0.0) });
+    q[largest] = (1.0 - q.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
+    q
+}
+
 /// How many Gaussians a file had, and what became of those that could not be taken as they were.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Tally {

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, ensure};
 
-use super::canonical::{BLOCK, Builder, Raw};
+use super::canonical::{BLOCK, Builder, Raw, around_largest, logit};
 use super::harmonics::C0;
 use super::ply::{Element, Encoding, Property, Scalar, skip};
 use super::source::Source;
@@ -63,7 +63,7 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
             mean: unpack(position, &chunk.mean),
             log_scale: unpack(scale, &chunk.log_scale),
             rotation: unpack_rotation(rotation),
-            opacity_logit: (alpha / (1.0 - alpha)).ln(),
+            opacity_logit: logit(alpha),
         }
     };
     for first in (0..count).step_by(BLOCK) {
@@ -147,11 +147,7 @@ fn unpack(packed: u32, range: &[[f64; 3]; 2]) -> [f64; 3] {
 /// Two bits for the largest component of w x y z, which is positive, then ten for each of the others in order.
 fn unpack_rotation(packed: u32) -> [f64; 4] {
     let largest = (packed >> 30) as usize;
-    let mut others =
-        [20, 10, 0].map(|shift| (f64::from(packed >> shift & 1023) / 1023.0 - 0.5) * 2f64.sqrt()).into_iter();
-    let mut q: [f64; 4] = std::array::from_fn(|i| if i == largest { 0.0 } else { others.next().unwrap_or(0.0) });
-    q[largest] = (1.0 - q.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
-    q
+    around_largest(largest, [20, 10, 0].map(|shift| (f64::from(packed >> shift & 1023) / 1023.0 - 0.5) * 2f64.sqrt()))
 }
 
 /// A byte as a coefficient in -4 to 4: bucket centres, but the ends are exact.

@@ -9,6 +9,17 @@ use crate::memory::{OutOfMemory, host_vec};
 /// What turns right, down, forward into right, up, back, and back: the axes that change their sign.
 pub const RIGHT_UP_BACK: [bool; 3] = [false, true, true];
 
+/// What coordinates are multiplied by where these axes point the other way.
+pub(super) fn axis_signs(axes: [bool; 3]) -> [f32; 3] {
+    axes.map(|flip| if flip { -1.0 } else { 1.0 })
+}
+
+/// The same for a quaternion w x y z: a reflection of an axis turns rotations about the other two around.
+pub(super) fn rotation_signs(axes: [bool; 3]) -> [f32; 4] {
+    let [x, y, z] = axis_signs(axes);
+    [1.0, y * z, x * z, x * y]
+}
+
 impl Gaussians {
     /// Those with these indices, in this order.
     pub fn selected(&self, indices: &[u32]) -> Result<Self, OutOfMemory> {
@@ -46,10 +57,9 @@ impl Gaussians {
 
     /// The scene in axes of which these point the other way. An odd number of them mirrors it.
     pub fn flipped(mut self, axes: [bool; 3]) -> Self {
-        let sign = axes.map(|flip| if flip { -1.0 } else { 1.0 });
+        let sign = axis_signs(axes);
         self.means.par_iter_mut().for_each(|mean| mean.iter_mut().zip(sign).for_each(|(v, sign)| *v *= sign));
-        // A reflection of an axis turns rotations about the other two around.
-        let turned = [1.0, sign[1] * sign[2], sign[0] * sign[2], sign[0] * sign[1]];
+        let turned = rotation_signs(axes);
         self.rotations.par_iter_mut().for_each(|q| q.iter_mut().zip(turned).for_each(|(v, sign)| *v *= sign));
         let signs: Vec<f32> = (0..sh_coefficients(self.sh_degree)).map(|index| flip_sign(index, axes)).collect();
         self.sh.par_chunks_exact_mut(signs.len()).for_each(|sh| {

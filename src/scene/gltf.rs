@@ -10,8 +10,8 @@ use glam::{DMat4, DQuat, DVec3};
 use rayon::prelude::*;
 use serde::Deserialize;
 
-use super::canonical::{BLOCK, Builder, Raw};
-use super::source::Source;
+use super::canonical::{BLOCK, Builder, Raw, logit};
+use super::source::{Source, word};
 use super::{Gaussians, MAX_SH_DEGREE, RIGHT_UP_BACK, Scene, Tally, Transform, checked_count, sh_coefficients};
 
 pub(super) const MAGIC: u32 = 0x4654_6c67; // "glTF"
@@ -141,10 +141,6 @@ fn chunk(source: &mut Source) -> Result<Option<(u32, Vec<u8>)>> {
     let mut chunk = vec![0; bytes as usize];
     source.fill(&mut chunk, "a chunk")?;
     Ok(Some((kind, chunk)))
-}
-
-fn word(bytes: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
 }
 
 fn read_document(source: &mut Source, path: &Path, text: &[u8], embedded: Option<Vec<u8>>) -> Result<Scene> {
@@ -379,7 +375,7 @@ impl<'b> Part<'b> {
                     mean: self.mean.row(index),
                     log_scale: if self.has_logarithms { scale } else { scale.map(f64::ln) },
                     rotation: [w, x, y, z],
-                    opacity_logit: (opacity / (1.0 - opacity)).ln(),
+                    opacity_logit: logit(opacity),
                 }
             });
         }

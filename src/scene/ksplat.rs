@@ -4,8 +4,8 @@
 use anyhow::{Result, bail, ensure};
 use half::f16;
 
-use super::canonical::{BLOCK, Builder, Raw};
-use super::source::Source;
+use super::canonical::{BLOCK, Builder, Raw, logit};
+use super::source::{Source, word};
 use super::splat::{colour, floats};
 use super::{MAX_SH_DEGREE, Scene, checked_count, rest_values};
 use crate::memory::host_vec;
@@ -274,7 +274,7 @@ fn gaussian(row: &[u8], index: usize, sh_degree: u32, level: Level, centres: &Ce
         mean,
         log_scale: std::array::from_fn(|i| level.float(row, triple, i).ln()),
         rotation: std::array::from_fn(|i| level.float(row, 2 * triple, i)),
-        opacity_logit: (alpha / (1.0 - alpha)).ln(),
+        opacity_logit: logit(alpha),
     }
 }
 
@@ -285,11 +285,6 @@ fn bytes(source: &mut Source, count: u32, each: u64, what: &str) -> Result<Vec<u
     bytes.resize(count * each as usize, 0);
     source.fill(&mut bytes, what)?;
     Ok(bytes)
-}
-
-/// The 32-bit number at this byte.
-fn word(bytes: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes(first(&bytes[at..]))
 }
 
 /// The first bytes of a row that is long enough.

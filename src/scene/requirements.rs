@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use rayon::prelude::*;
 
+use super::canonical::around_largest;
 use super::{Gaussians, Grid, MAX_SH_DEGREE, harmonics, sh_coefficients};
 
 /// What there is in a scene to be drawn, and in how few bits it can be kept.
@@ -120,15 +121,12 @@ fn encode_around(rotation: [f32; 4], largest: usize) -> u32 {
 /// What [`encode_rotation`] kept.
 pub fn decode_rotation(packed: u32) -> [f64; 4] {
     let largest = (packed >> 30) as usize;
-    let mut shifts = [20, 10, 0].into_iter();
-    let mut q = [0.0; 4];
-    for (_, component) in q.iter_mut().enumerate().filter(|(i, _)| *i != largest) {
-        let bits = packed >> shifts.next().unwrap_or(0) & 1023;
+    let component = |shift: u32| {
+        let bits = packed >> shift & 1023;
         let magnitude = f64::from(bits & 511) / 511.0 * 0.5_f64.sqrt();
-        *component = if bits & 512 == 0 { magnitude } else { -magnitude };
-    }
-    q[largest] = (1.0 - q.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
-    q
+        if bits & 512 == 0 { magnitude } else { -magnitude }
+    };
+    around_largest(largest, [20, 10, 0].map(component))
 }
 
 /// The largest difference of a component, whichever of the two quaternions of a rotation is meant.

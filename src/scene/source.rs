@@ -120,6 +120,11 @@ impl<'w> Source<'w> {
     }
 }
 
+/// The 32-bit number at this byte.
+pub(super) fn word(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes(std::array::from_fn(|i| bytes[at + i]))
+}
+
 impl Read for Source<'_> {
     fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
         self.check()?;

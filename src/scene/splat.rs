@@ -4,7 +4,7 @@
 use anyhow::{Result, ensure};
 
 use super::Scene;
-use super::canonical::{BLOCK, Builder, Raw};
+use super::canonical::{BLOCK, Builder, Raw, logit};
 use super::harmonics::C0;
 use super::source::Source;
 
@@ -64,7 +64,7 @@ fn gaussian(row: &[u8; ROW]) -> Raw {
         mean: floats(&row[..]).map(f64::from),
         log_scale: floats(&row[12..]).map(|v| f64::from(v).ln()),
         rotation: std::array::from_fn(|i| (f64::from(row[28 + i]) - 128.0) / 128.0),
-        opacity_logit: (alpha / (1.0 - alpha)).ln(),
+        opacity_logit: logit(alpha),
     }
 }
 

@@ -6,9 +6,10 @@ use anyhow::{Context, Result, bail, ensure};
 use flate2::bufread::GzDecoder;
 use rayon::prelude::*;
 
-use super::canonical::{BLOCK, Builder, Raw};
+use super::canonical::{BLOCK, Builder, Raw, logit};
+use super::edit::{axis_signs, rotation_signs};
 use super::harmonics::flip_sign;
-use super::source::Source;
+use super::source::{Source, word};
 use super::{MAX_SH_DEGREE, RIGHT_UP_BACK, Scene, decode_rotation, rest_values};
 
 pub(super) const MAGIC: u32 = 0x5053_474e; // "NGSP"
@@ -28,7 +29,7 @@ struct Header {
 
 impl Header {
     fn parse(bytes: &[u8; 16], file_bytes: u64) -> Result<Self> {
-        let word = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
+        let word = |at: usize| word(bytes, at);
         ensure!(word(0) == MAGIC, "the SPZ header does not begin with NGSP");
         let (version, count, sh_degree, fractional_bits) =
             (word(4), word(8), u32::from(bytes[12]), u32::from(bytes[13]));
@@ -184,7 +185,7 @@ fn gaussian<'b>(
     flips: [bool; 3],
     sh: &mut [[f32; 3]],
 ) -> Raw {
-    let sign = flips.map(|flip| if flip { -1.0 } else { 1.0 });
+    let sign = axis_signs(flips).map(f64::from);
     let (position, colour, scale) = (row(0), row(2), row(3));
     let mean = std::array::from_fn(|axis| {
         if version == 1 {
@@ -199,11 +200,11 @@ fn gaussian<'b>(
         let sign = flip_sign(i + 1, flips);
         *coefficient = std::array::from_fn(|channel| sign * (f32::from(row(5)[3 * i + channel]) - 128.0) / 128.0);
     }
-    let [w, x, y, z] = if version <= 2 { rotation_first_three(row(4)) } else { rotation_smallest_three(row(4)) };
-    // A reflection of an axis turns rotations about the other two around.
-    let rotation = [w, sign[1] * sign[2] * x, sign[0] * sign[2] * y, sign[0] * sign[1] * z];
+    let stored = if version <= 2 { rotation_first_three(row(4)) } else { rotation_smallest_three(row(4)) };
+    let turned = rotation_signs(flips);
+    let rotation = std::array::from_fn(|i| f64::from(turned[i]) * stored[i]);
     let log_scale = std::array::from_fn(|i| f64::from(scale[i]) / 16.0 - 10.0);
-    Raw { mean, log_scale, rotation, opacity_logit: (alpha / (1.0 - alpha)).ln() }
+    Raw { mean, log_scale, rotation, opacity_logit: logit(alpha) }
 }
 
 /// More than any file's extension records take.

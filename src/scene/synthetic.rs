@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
 
-use super::canonical::{Builder, Raw};
+use super::canonical::{Builder, Raw, logit};
 use super::harmonics::{C0, basis};
 use super::{MAX_SH_DEGREE, Scene};
 use crate::memory::OutOfMemory;
@@ -101,7 +101,7 @@ fn gaussian(random: &mut Random, part: &Part, spacing: f64, sh: &mut [[f32; 3]])
         mean: patch.point.to_array(),
         log_scale: log_scale.to_array(),
         rotation: [rotation.w, rotation.x, rotation.y, rotation.z],
-        opacity_logit: (opacity / (1.0 - opacity)).ln(),
+        opacity_logit: logit(opacity),
     }
 }
 

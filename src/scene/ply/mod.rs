@@ -4,8 +4,6 @@
 mod header;
 mod points;
 
-use std::io::Read;
-
 use anyhow::{Context, Result, bail, ensure};
 
 use super::canonical::{BLOCK, Builder, Raw};
@@ -46,17 +44,12 @@ pub(super) fn skip(source: &mut Source, element: &Element) -> Result<()> {
         return (0..count).try_for_each(|_| source.line(MAX_LINE_BYTES, &element.name).map(drop));
     }
     let count = checked_count(element.count, element.stride() as u64, source.left(), &element.name)?;
-    let bytes = (count * element.stride()) as u64;
-    let skipped = std::io::copy(&mut source.take(bytes), &mut std::io::sink())?;
-    ensure!(skipped == bytes, "the file ends inside element {}", element.name);
-    Ok(())
+    source.skip((count * element.stride()) as u64, &element.name)
 }
 
 /// The rows of an element, a block at a time.
 struct Rows<'e> {
     element: &'e Element,
-    /// How rows are kept: as in the file, or where that is text, as 64-bit floats.
-    kept: Element,
     count: usize,
     bytes: Vec<u8>,
 }
@@ -70,11 +63,12 @@ impl<'e> Rows<'e> {
         // The last line may have no end.
         let available = source.left() + u64::from(is_text);
         let count = checked_count(element.count, least as u64, available, "vertices")?;
-        Ok(Self { element, kept: element.widened(), count, bytes: Vec::new() })
+        Ok(Self { element, count, bytes: Vec::new() })
     }
 
-    fn layout(&self) -> &Element {
-        if self.element.encoding == Encoding::Ascii { &self.kept } else { self.element }
+    /// How rows are kept: as in the file, or where that is text, as 64-bit floats.
+    fn kept(&self) -> Element {
+        if self.element.encoding == Encoding::Ascii { self.element.widened() } else { self.element.clone() }
     }
 
     /// Reads the next rows. Returns all of them.
@@ -185,7 +179,7 @@ fn all<'e, const N: usize>(element: &'e Element, names: [&str; N]) -> Result<[&'
 
 fn vertices(source: &mut Source, element: &Element) -> Result<Scene> {
     let mut rows = Rows::of(source, element)?;
-    let kept = rows.layout().clone();
+    let kept = rows.kept();
     if !["scale_0", "rot_0", "opacity", "f_dc_0"].iter().any(|name| element.has(name)) {
         return points::read(source, &mut rows, &kept);
     }

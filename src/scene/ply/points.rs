@@ -4,7 +4,7 @@ use anyhow::Result;
 
 use super::{Colour, Element, Rows, all};
 use crate::memory::host_vec;
-use crate::scene::canonical::{BLOCK, Builder, Raw};
+use crate::scene::canonical::{BLOCK, Builder, Raw, logit};
 use crate::scene::source::Source;
 use crate::scene::{Scene, morton};
 
@@ -37,7 +37,7 @@ pub(super) fn read(source: &mut Source, rows: &mut Rows, kept: &Element) -> Resu
             mean: means[index].map(f64::from),
             log_scale: [f64::from(radii[index]).ln(); 3],
             rotation: [1.0, 0.0, 0.0, 0.0],
-            opacity_logit: (OPACITY / (1.0 - OPACITY)).ln(),
+            opacity_logit: logit(OPACITY),
         }
     });
     let (gaussians, tally) = builder.finish();

@@ -16,7 +16,7 @@ use serde::de::IgnoredAny;
 use self::files::Files;
 use self::meta::Meta;
 use self::texture::Texture;
-use super::canonical::{BLOCK, Builder, Raw};
+use super::canonical::{BLOCK, Builder, Raw, around_largest};
 use super::source::Source;
 use super::{Scene, Watch, sh_coefficients};
 
@@ -202,8 +202,5 @@ impl Texels<'_> {
 /// Other last bytes stand for no rotation.
 fn rotation_smallest_three([a, b, c, last]: [u8; 4]) -> [f64; 4] {
     let Some(largest) = last.checked_sub(252).map(usize::from) else { return [1.0, 0.0, 0.0, 0.0] };
-    let mut others = [a, b, c].map(|byte| (f64::from(byte) / 127.5 - 1.0) / 2_f64.sqrt()).into_iter();
-    let mut q: [f64; 4] = std::array::from_fn(|i| if i == largest { 0.0 } else { others.next().unwrap_or(0.0) });
-    q[largest] = (1.0 - q.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
-    q
+    around_largest(largest, [a, b, c].map(|byte| (f64::from(byte) / 127.5 - 1.0) / 2_f64.sqrt()))
 }

@@ -136,12 +136,6 @@ impl Row<'_> {
     }
 }
 
-/// Before the sigmoid; of an opacity of 1, infinite.
-fn logit(opacity: f32) -> f64 {
-    let opacity = f64::from(opacity);
-    (opacity / (1.0 - opacity)).ln()
-}
-
 /// A fraction in the nearest of 256 steps.
 fn to_byte(fraction: f64) -> u8 {
     (fraction * 255.0).round().clamp(0.0, 255.0) as u8

@@ -4,7 +4,8 @@ use std::io::Write;
 
 use anyhow::Result;
 
-use super::{Row, logit, write_rows};
+use super::{Row, write_rows};
+use crate::scene::canonical::logit;
 use crate::scene::{Gaussians, rest_values};
 
 pub(super) fn write(gaussians: &Gaussians, is_antialiased: bool, out: &mut impl Write) -> Result<()> {
@@ -30,7 +31,7 @@ pub(super) fn write(gaussians: &Gaussians, is_antialiased: bool, out: &mut impl 
         row.floats(sh[0]);
         // Channel-major: all red, all green, all blue.
         (0..3).for_each(|channel| row.floats(sh[1..].iter().map(|coefficient| coefficient[channel])));
-        row.floats([logit(gaussians.opacities()[i]) as f32]);
+        row.floats([logit(f64::from(gaussians.opacities()[i])) as f32]);
         row.floats(gaussians.scales()[i].map(|scale| f64::from(scale).ln() as f32));
         row.floats(gaussians.rotations()[i]);
     })

@@ -6,6 +6,7 @@ use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
 use super::{Row, to_byte, write_rows};
+use crate::scene::edit::{axis_signs, rotation_signs};
 use crate::scene::harmonics::flip_sign;
 use crate::scene::spz::{COLOUR_SCALE, MAGIC};
 use crate::scene::{Gaussians, RIGHT_UP_BACK, encode_rotation, rest_values};
@@ -95,13 +96,12 @@ impl Plane {
     }
 
     fn encode(self, gaussians: &Gaussians, i: usize, step: f64, row: &mut [u8]) {
-        let sign = RIGHT_UP_BACK.map(|flip| if flip { -1.0 } else { 1.0 });
         let sh = gaussians.sh(i);
         match self {
             Self::Positions => {
                 let mut row = Row(row);
-                for (mean, sign) in gaussians.means()[i].iter().zip(sign) {
-                    let [a, b, c, _] = ((sign * f64::from(*mean) / step).round() as i32).to_le_bytes();
+                for (mean, sign) in gaussians.means()[i].iter().zip(axis_signs(RIGHT_UP_BACK)) {
+                    let [a, b, c, _] = ((f64::from(sign * mean) / step).round() as i32).to_le_bytes();
                     row.put([a, b, c]);
                 }
             }
@@ -109,13 +109,8 @@ impl Plane {
             Self::Colours => Row(row).put(sh[0].map(|v| to_byte(f64::from(v) * COLOUR_SCALE + 0.5))),
             Self::Scales => Row(row).put(gaussians.scales()[i].map(scale_byte)),
             Self::Rotations => {
-                let [w, x, y, z] = gaussians.rotations()[i];
-                // A reflection of an axis turns rotations about the other two around.
-                let [x, y, z] = [
-                    x * sign[1] as f32 * sign[2] as f32,
-                    y * (sign[0] * sign[2]) as f32,
-                    z * (sign[0] * sign[1]) as f32,
-                ];
+                let (turned, q) = (rotation_signs(RIGHT_UP_BACK), gaussians.rotations()[i]);
+                let [w, x, y, z] = std::array::from_fn(|i| turned[i] * q[i]);
                 Row(row).put(encode_rotation([x, y, z, w]).to_le_bytes());
             }
             Self::Sh { .. } => {
