@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use tempfile::NamedTempFile;
 
 /// Writes a file under a temporary name beside `path` and renames it when it is complete.
@@ -49,7 +49,14 @@ fn unfinished(path: &Path) -> Result<NamedTempFile> {
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    builder.tempfile_in(folder).with_context(|| format!("cannot write {}", path.display()))
+    builder.tempfile_in(folder).map_err(|error| {
+        // The error's own sentence names the temporary file, which means nothing to who asked for another.
+        let why = match error.kind() {
+            ErrorKind::NotFound => "there is no such folder".to_owned(),
+            kind => kind.to_string(),
+        };
+        anyhow!("cannot write {}: {why}", path.display())
+    })
 }
 
 /// What went wrong, without the operating system's error number.
@@ -64,6 +71,14 @@ pub fn describe(error: &std::io::Error) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_place_that_takes_no_file_is_said_without_the_temporary_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("none/a.png");
+        let expected = format!("cannot write {}: there is no such folder", path.display());
+        assert_eq!(format!("{:#}", check_writable(&path).unwrap_err()), expected);
+    }
 
     #[test]
     fn a_failed_write_leaves_the_old_file() {

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use bytemuck::Zeroable;
+
 /// The device or the host has not the memory that was asked for, or a limit of the device is below it.
 #[derive(Debug)]
 pub struct OutOfMemory {
@@ -27,10 +29,19 @@ impl fmt::Display for OutOfMemory {
 /// An empty vector with host memory for `len` elements.
 pub fn host_vec<T>(len: usize, name: &str) -> Result<Vec<T>, OutOfMemory> {
     let mut vec = Vec::new();
-    vec.try_reserve_exact(len).map_err(|_| OutOfMemory {
+    vec.try_reserve_exact(len).map_err(|_| no_host_memory::<T>(len, name))?;
+    Ok(vec)
+}
+
+/// A vector of `len` zeros that the system hands out page by page, to the threads that write them first.
+pub fn host_zeros<T: Zeroable>(len: usize, name: &str) -> Result<Vec<T>, OutOfMemory> {
+    bytemuck::allocation::try_zeroed_vec(len).map_err(|()| no_host_memory::<T>(len, name))
+}
+
+fn no_host_memory<T>(len: usize, name: &str) -> OutOfMemory {
+    OutOfMemory {
         name: name.to_owned(),
         bytes: Some(size_of::<T>() as u64 * len as u64),
         reason: "this machine has not that much memory left".to_owned(),
-    })?;
-    Ok(vec)
+    }
 }

@@ -207,6 +207,41 @@ fn frames_say_what_differs_from_the_file() {
     }
 }
 
+/// nerfstudio's own arithmetic (`nerfstudio_dataparser.py`, `save_dataparser_transform`), in NumPy:
+///
+/// `t = T @ inv(A); c2w = t @ pose; c2w[:3, 3] *= scale / applied_scale`
+#[test]
+fn transforms_are_put_where_nerfstudio_put_the_scene() {
+    let pose = "[[0.6, 0, 0.8, 1], [0, 1, 0, 2], [-0.8, 0, 0.6, 3], [0, 0, 0, 1]]";
+    let applied = r#""applied_transform": [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]], "applied_scale": 0.5"#;
+    let frame = format!(r#"{{"file_path": "a", "w": 64, "h": 48, "fl_x": 50, "transform_matrix": {pose}}}"#);
+    let (folder, file) = written("transforms.json", format!(r#"{{{applied}, "frames": [{frame}]}}"#));
+    let beside = folder.path().join("dataparser_transforms.json");
+    let plain = read(&file);
+    assert!(plain.notices.is_empty());
+    fs::write(&beside, r#"{"transform": [[0, -1, 0, 4], [1, 0, 0, 5], [0, 0, 1, 6]], "scale": 0.25}"#).unwrap();
+    let placed = read(&file);
+    assert_eq!(placed.notices.len(), 1, "{:?}", placed.notices);
+    let camera = placed.cameras[0].camera;
+    assert!((camera.position - DVec3::new(3.5, 3.0, 4.0)).length() < 1e-12, "{}", camera.position);
+    for (axis, expected) in [
+        (camera.right(), DVec3::new(-0.8, 0.6, 0.0)),
+        (camera.down(), DVec3::new(0.0, 0.0, -1.0)),
+        (camera.forward(), DVec3::new(-0.6, -0.8, 0.0)),
+    ] {
+        assert!((axis - expected).length() < 1e-12, "{axis}, not {expected}");
+    }
+    for (text, expected) in [
+        ("{}", "is not a transform of three rows"),
+        (r#"{"transform": [[2, 0, 0, 4], [0, 1, 0, 5], [0, 0, 1, 6]], "scale": 1}"#, "not a rotation and a translation"),
+        (r#"{"transform": [[1, 0, 0, 4], [0, 1, 0, 5], [0, 0, 1, 6]], "scale": 0}"#, "its scale is not over 0"),
+    ] {
+        fs::write(&beside, text).unwrap();
+        let problem = refused(&file);
+        assert!(problem.starts_with("dataparser_transforms.json: ") && problem.contains(expected), "{problem}");
+    }
+}
+
 #[test]
 fn transforms_say_what_is_wrong() {
     let right = format!(r#"{{"w": 80, "h": 40, "fl_x": 100, "frames": [{FRAME}]}}"#);
@@ -308,6 +343,20 @@ fn colmap_files_say_what_is_wrong() {
         let problem = refused(folder.path());
         assert!(problem.contains(expected), "{problem}");
     }
+}
+
+#[test]
+fn a_list_of_colmap_that_is_shorter_than_it_says_is_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(fixture("text/cameras.txt"), folder.path().join("cameras.txt")).unwrap();
+    let images = fs::read_to_string(fixture("text/images.txt")).unwrap();
+    assert_eq!(read(fixture("text")).notices.iter().filter(|notice| notice.contains("says")).count(), 0);
+    let cut: String = images.lines().take(4 + 2 * 7).flat_map(|line| [line, "\n"]).collect();
+    fs::write(folder.path().join("images.txt"), cut).unwrap();
+    let cut = read(folder.path().to_owned());
+    assert_eq!(cut.cameras.len(), 7);
+    let notice = "images.txt says that it has 12 photographs, and has 7";
+    assert!(cut.notices.iter().any(|n| n == notice), "{:?}", cut.notices);
 }
 
 #[test]

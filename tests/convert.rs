@@ -165,6 +165,19 @@ fn scenes_are_moved_cropped_filtered_and_joined() {
     convert(&[&out, &path(&folder, "b.ply"), "--flip", "zy"]);
     assert!(read(path(&folder, "b.ply")) == original);
 
+    // Whatever reads a scene reads it the same way.
+    let described = |args: &[&str]| {
+        let mut report: Value = serde_json::from_str(&ok(&[&["info", "--json"], args].concat())).unwrap();
+        for name in ["scene", "format"] {
+            report.as_object_mut().unwrap().remove(name);
+        }
+        report
+    };
+    let flags = ["--up", "z", "--flip", "x"];
+    convert(&[&[PLUSH, out.as_str()], &flags[..]].concat());
+    assert_eq!(described(&[&[PLUSH], &flags[..]].concat()), described(&[&out]));
+    assert_ne!(described(&[PLUSH]), described(&[&out]));
+
     let [x, y, z] = original.means()[7];
     let report = convert(&[PLUSH, &out, "--crop", &format!("sphere={x},{y},{z},1e-3")]);
     assert_eq!(report["removed"], 60);

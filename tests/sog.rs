@@ -9,7 +9,7 @@ use std::path::Path;
 use common::captured;
 use common::table::{self, SAME, Table, fixture, parse, parse_at, read};
 use serde_json::{Value, json};
-use smalto::scene::Gaussians;
+use smalto::scene::{Gaussians, Reading};
 use tempfile::TempDir;
 
 fn agrees_with_splat_transform(gaussians: &Gaussians, csv: &str) {
@@ -154,6 +154,20 @@ fn the_finest_level_of_a_streamed_sog_is_read() {
     });
     let coarse = read(folder.path());
     assert_eq!((coarse.gaussians.len(), coarse.format.as_str()), (122 + 61, "streamed SOG, level 1 of 2"));
+}
+
+#[test]
+fn a_level_of_a_streamed_sog_can_be_chosen() {
+    let level = |path: &str, level| Reading { level: Some(level), ..Reading::default() }.read(&fixture(path), &|_| {});
+    let coarse = level("lod", 1).unwrap();
+    assert_eq!((coarse.gaussians.len(), coarse.format.as_str()), (122 + 61, "streamed SOG, level 1 of 2"));
+    assert_eq!(coarse.gaussians.means()[..122], *read(&fixture("lod/1_0")).gaussians.means());
+    assert_eq!(level("lod", 0).unwrap().gaussians, read(&fixture("lod")).gaussians);
+    let refused = |path, number| level(path, number).unwrap_err().to_string();
+    assert!(refused("lod", 2).ends_with("there is no level 2 in lod-meta.json, only 0, 1"), "{}", refused("lod", 2));
+    for path in ["plush.ply", "plush.sog", "plush.v1", "plush.v1/meta.json", "plush.glb"] {
+        assert!(refused(path, 0).contains("there are no levels of detail"), "{}", refused(path, 0));
+    }
 }
 
 /// What is changed in `meta.json`, and what is said of it.

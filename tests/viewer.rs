@@ -9,7 +9,7 @@ use smalto::camera::{self, NamedCamera};
 use smalto::metrics::max_error;
 use smalto::options::{Options, Rules};
 use smalto::pixels::Pixels;
-use smalto::scene::Procedural;
+use smalto::scene::{Procedural, Reading};
 use smalto::viewer::{Bindings, CompareWith, Offscreen, Setup, Way, Wish, With};
 
 const SIZE: [u32; 2] = [160, 96];
@@ -21,6 +21,7 @@ fn setup(scenes: &[&str]) -> Setup {
         options: Options::default(),
         antialiased_by_hand: false,
         near_by_hand: false,
+        reading: Reading::default(),
         bindings: Bindings::default(),
         vsync: smalto::gpu::Vsync::On,
         hides_panels: true,

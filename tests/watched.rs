@@ -5,7 +5,7 @@ use std::fs;
 use std::io::Write;
 use std::path::PathBuf;
 
-use smalto::scene::{self, Cancelled, Gaussians, Unreadable, Watch, read_watched};
+use smalto::scene::{self, Cancelled, Gaussians, Reading, Unreadable, Watch};
 
 /// Gaussians in each file: four whole blocks of 65,536 and a part of one.
 const COUNT: usize = 300_000;
@@ -106,7 +106,7 @@ fn what_is_shown_is_the_beginning_of_the_scene_and_doubles() {
             shown.borrow_mut().push(part.len());
         };
         let watch = Watch { progress: &|fraction| last.set(fraction), partial: &partial, is_cancelled: &|| false };
-        assert_eq!(read_watched(&path, &watch).unwrap().gaussians, expected);
+        assert_eq!(Reading::default().read_watched(&path, &watch).unwrap().gaussians, expected);
         assert_eq!(*shown.borrow(), SHOWN, "{}", path.display());
         assert!(last.get() > 0.99);
     }
@@ -116,7 +116,7 @@ fn what_is_shown_is_the_beginning_of_the_scene_and_doubles() {
 fn a_small_scene_is_shown_only_when_it_is_whole() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/plush.ply");
     let partial = |_: &Gaussians| panic!("there is too little to show");
-    read_watched(&path, &Watch { progress: &|_| {}, partial: &partial, is_cancelled: &|| false }).unwrap();
+    Reading::default().read_watched(&path, &Watch { progress: &|_| {}, partial: &partial, is_cancelled: &|| false }).unwrap();
 }
 
 /// After a number of questions, whichever part of the reader asks.
@@ -131,7 +131,7 @@ fn reading_ends_soon_after_it_is_cancelled() {
                 asked.get() > patience
             };
             let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &is_cancelled };
-            match read_watched(&path, &watch) {
+            match Reading::default().read_watched(&path, &watch) {
                 Ok(_) => assert!(asked.get() <= patience, "{} with {patience}", path.display()),
                 Err(error) => assert!(error.is::<Cancelled>(), "{} with {patience}: {error:#}", path.display()),
             }
@@ -147,7 +147,7 @@ fn cancelling_while_something_is_shown_shows_nothing_more() {
         let shown = Cell::new(0);
         let watch =
             Watch { progress: &|_| {}, partial: &|_| shown.set(shown.get() + 1), is_cancelled: &|| shown.get() > 0 };
-        assert!(read_watched(&path, &watch).unwrap_err().is::<Cancelled>());
+        assert!(Reading::default().read_watched(&path, &watch).unwrap_err().is::<Cancelled>());
         assert_eq!(shown.get(), 1);
     }
 }
@@ -159,6 +159,6 @@ fn a_damaged_file_is_unreadable_whoever_watches() {
         let whole = fs::read(&path).unwrap();
         fs::write(&path, &whole[..whole.len() / 2]).unwrap();
         let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
-        assert!(read_watched(&path, &watch).unwrap_err().is::<Unreadable>());
+        assert!(Reading::default().read_watched(&path, &watch).unwrap_err().is::<Unreadable>());
     }
 }

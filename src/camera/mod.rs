@@ -3,6 +3,7 @@
 
 mod cameras_json;
 mod colmap;
+mod dataparser;
 pub mod control;
 mod file;
 mod lens;

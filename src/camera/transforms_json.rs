@@ -9,6 +9,7 @@ use glam::{DMat3, DVec2, DVec3};
 use image::ImageReader;
 use serde_json::{Map, Value};
 
+use super::dataparser::{self, Dataparser};
 use super::lens::{Bent, Lens};
 use super::{Camera, CameraFile, MAX_SIDE, NamedCamera, Split, centre};
 
@@ -25,17 +26,20 @@ pub(super) fn parse(text: &[u8], path: &Path) -> Result<CameraFile> {
     let frames = file.get("frames").and_then(Value::as_array);
     let frames = frames.context("is not a cameras.json, and no transforms.json: it has no array `frames`")?;
     let folder = path.parent().unwrap_or(Path::new(""));
+    let placed = Dataparser::beside(folder, text)?;
     let mut bent = Bent::default();
     let mut cameras = Vec::new();
     for (i, frame) in frames.iter().enumerate() {
         let own = frame.as_object().with_context(|| format!("frame {i} is not an object"))?;
         let frame = Frame { own, file: &file };
-        let (named, lens) = frame.camera(i, folder).with_context(|| format!("frame {i}"))?;
+        let (named, lens) = frame.camera(i, folder, placed.as_ref()).with_context(|| format!("frame {i}"))?;
         bent.add(&lens, &named.camera);
         cameras.push(named);
     }
     let splits = splits(&file, path, &cameras)?;
-    Ok(CameraFile { splits, notices: bent.notice(cameras.len()).into_iter().collect(), cameras })
+    let told = placed.map(|_| format!("{} beside it says where the scene is, and the cameras are put there", dataparser::FILE));
+    let notices = bent.notice(cameras.len()).into_iter().chain(told).collect();
+    Ok(CameraFile { splits, notices, cameras })
 }
 
 /// The splits of each camera: those whose lists name it, or the one in the name of Blender's files.
@@ -72,10 +76,11 @@ struct Frame<'f> {
 }
 
 impl Frame<'_> {
-    fn camera(&self, index: usize, folder: &Path) -> Result<(NamedCamera, Lens)> {
+    fn camera(&self, index: usize, folder: &Path, placed: Option<&Dataparser>) -> Result<(NamedCamera, Lens)> {
         let name = self.own.get("file_path").and_then(Value::as_str);
         let size_px = self.size_px(name.map(|name| folder.join(name)).as_deref())?;
         let (position, rotation) = self.pose()?;
+        let (position, rotation) = placed.map_or((position, rotation), |placed| placed.moved(position, rotation));
         let middle = centre(size_px);
         let centre_px = DVec2::new(self.number("cx")?.unwrap_or(middle.x), self.number("cy")?.unwrap_or(middle.y));
         let camera = Camera { position, rotation, focal_px: self.focal_px(size_px)?, centre_px, size_px }.checked()?;

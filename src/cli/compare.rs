@@ -17,8 +17,8 @@ use crate::scene::Unreadable;
 /// Compare pictures: error, PSNR, SSIM, FLIP, and what changes in 8 bits
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// PNG, EXR or .npy file, recognized by content; or a folder of them, compared with those of the same names. Alpha
-    /// is not compared
+    /// PNG, JPEG, EXR or .npy file, recognized by content; or a folder of them, compared with those of the same names.
+    /// Alpha is not compared. One channel is grey, and NaN in it, where no depth is, 0
     a: PathBuf,
     /// The other file or folder; the order makes no difference
     b: PathBuf,

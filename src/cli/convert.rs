@@ -8,8 +8,7 @@ use glam::{DQuat, DVec3, EulerRot};
 use serde::Serialize;
 
 use super::table::{say_table, table};
-use super::{SceneArg, Usage, progress, remark, say};
-use crate::camera::Up;
+use super::{ReadingArgs, SceneArg, Usage, progress, remark, say};
 use crate::files::{check_writable, write_checked};
 use crate::scene::{self, Gaussians, Loss, MAX_SH_DEGREE, Scene, SceneFile, Transform, write_sog_folder};
 
@@ -37,23 +36,15 @@ pub(super) struct Args {
     /// Leave out Gaussians that are less opaque, from 0 to 1
     #[arg(long, value_name = "OPACITY")]
     min_opacity: Option<f32>,
-    /// The axis of the inputs that points up: x, y, z, -x, -y or -z [default: -y, as it is in what is written]
-    #[arg(long, value_name = "AXIS", allow_hyphen_values = true, value_parser = parse_up)]
-    up: Option<Up>,
-    /// Axes of the inputs that point the other way than their formats say, like y or yz
-    #[arg(long, value_name = "AXES", value_parser = parse_axes)]
-    flip: Option<Axes>,
     /// Version of a .spz file
     #[arg(long, value_name = "3|4", default_value_t = 4, value_parser = clap::value_parser!(u32).range(3..=4))]
     spz_version: u32,
     /// Print JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    reading: ReadingArgs,
 }
-
-/// Axes that are flipped.
-#[derive(Clone, Copy)]
-struct Axes([bool; 3]);
 
 /// Where means are kept, world units.
 #[derive(Clone, Copy)]
@@ -129,7 +120,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
 fn read(args: &Args, inputs: &[PathBuf]) -> Result<(Gaussians, bool)> {
     let (mut parts, mut is_antialiased) = (Vec::new(), None);
     for input in inputs {
-        let scene = SceneArg { scene: input.clone() }.read()?;
+        let scene = SceneArg { scene: input.clone(), reading: args.reading }.read()?;
         if is_antialiased.is_some_and(|others| others != scene.is_antialiased) {
             return Err(Usage(format!(
                 "{} is {}antialiased, and those before are not alike: one file cannot say both",
@@ -139,30 +130,10 @@ fn read(args: &Args, inputs: &[PathBuf]) -> Result<(Gaussians, bool)> {
             .into());
         }
         is_antialiased = Some(scene.is_antialiased);
-        let part = match args.flip {
-            Some(Axes(axes)) => scene.gaussians.flipped(axes),
-            None => scene.gaussians,
-        };
-        parts.push(match args.up {
-            Some(up) => part.transformed(&upright(up)?)?,
-            None => part,
-        });
+        parts.push(scene.gaussians);
     }
     let joined = if parts.len() == 1 { parts.remove(0) } else { Gaussians::joined(parts.iter())? };
     Ok((joined, is_antialiased.unwrap_or(false)))
-}
-
-/// What turns the axis to where up is. The opposite one is turned about x.
-fn upright(up: Up) -> Result<Transform> {
-    let wanted = Up::default().vector();
-    let rotation = if up.flipped() == Up::default() {
-        DQuat::from_rotation_x(std::f64::consts::PI)
-    } else {
-        DQuat::from_rotation_arc(up.vector(), wanted)
-    };
-    // Quarter turns to the last bit.
-    let matrix = glam::DMat3::from_quat(rotation).to_cols_array().map(f64::round);
-    Transform::new(DQuat::from_mat3(&glam::DMat3::from_cols_array(&matrix)), DVec3::ZERO, 1.0)
 }
 
 fn changed(args: &Args, mut gaussians: Gaussians) -> Result<Gaussians> {
@@ -267,15 +238,4 @@ fn parse_shape(text: &str) -> Result<Shape> {
         }
         _ => anyhow::bail!("expected box=X,Y,Z,X,Y,Z or sphere=X,Y,Z,RADIUS"),
     }
-}
-
-fn parse_up(text: &str) -> Result<Up> {
-    let wanted = text.trim_start_matches('+');
-    let found = Up::ALL.into_iter().find(|up| up.to_string().trim_start_matches('+') == wanted);
-    found.context("expected x, y, z, -x, -y or -z")
-}
-
-fn parse_axes(text: &str) -> Result<Axes> {
-    ensure!(!text.is_empty() && text.chars().all(|c| "xyz".contains(c)), "expected some of x, y and z, like yz");
-    Ok(Axes(['x', 'y', 'z'].map(|axis| text.contains(axis))))
 }

@@ -11,6 +11,7 @@ mod info;
 mod knobs;
 mod progress;
 mod render;
+mod scenes;
 mod table;
 mod trade;
 mod view;
@@ -18,7 +19,6 @@ mod view;
 use std::ffi::OsString;
 use std::fmt;
 use std::io::Write;
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -28,11 +28,12 @@ use crate::camera::MAX_SIDE;
 use crate::environment::Environment;
 use crate::gpu::{Device, DeviceChoice, Unavailable, Validation};
 use crate::memory::OutOfMemory;
-use crate::scene::{self, Procedural, Scene, Unreadable};
+use crate::scene::Unreadable;
 use crate::trade::Unmeetable;
 use budget::BudgetArgs;
 use cameras::{FilmArgs, SplitArg, named_or_found};
 use knobs::Knobs;
+use scenes::{ReadingArgs, SceneArg};
 
 /// Renders 3D Gaussian splatting scenes with Vulkan compute.
 #[derive(Parser)]
@@ -154,67 +155,6 @@ fn exit_code(error: &anyhow::Error) -> u8 {
         6
     } else {
         1
-    }
-}
-
-/// What the commands draw, describe or measure.
-#[derive(Args)]
-struct SceneArg {
-    /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb or .gltf), folder of a SOG or model folder of the
-    /// original 3DGS, or a procedural scene: cactus, few-large or many-small, with :COUNT for another number of Gaussians
-    #[arg(default_value = "cactus")]
-    scene: PathBuf,
-}
-
-impl SceneArg {
-    /// The procedural scene, if it is one.
-    fn procedural(&self) -> Option<Result<Procedural>> {
-        Procedural::parse(self.scene.to_str()?)
-    }
-
-    /// The scene's file, if it is one. In a model folder, the point cloud of the last iteration.
-    fn path(&self) -> Option<PathBuf> {
-        if self.procedural().is_some() {
-            return None;
-        }
-        Some(scene::in_folder(&self.scene))
-    }
-
-    /// What reports call the scene: its file name, not where it lies.
-    fn title(&self) -> String {
-        self.scene.file_name().unwrap_or(self.scene.as_os_str()).to_string_lossy().into_owned()
-    }
-
-    /// What files made from the scene are named after.
-    fn stem(&self) -> String {
-        if let Some(Ok(procedural)) = self.procedural() {
-            return procedural.name().to_owned();
-        }
-        let path = self.path().unwrap_or_else(|| self.scene.clone());
-        let name = path.file_name().map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned());
-        name.split('.').find(|part| !part.is_empty()).unwrap_or("scene").to_owned()
-    }
-
-    /// Reads the file or makes the procedural scene, and says on stderr what had to be dropped.
-    fn read(&self) -> Result<Scene> {
-        let path = self.path().unwrap_or_else(|| self.scene.clone());
-        let name = path.display();
-        let scene = match self.procedural() {
-            Some(procedural) => procedural.map_err(|e| Usage(format!("{name}: {e:#}")))?.make()?,
-            None => {
-                let bar = progress::Bar::new("reading");
-                scene::read(&path, &|fraction| bar.set(fraction))?
-            }
-        };
-        for notice in &scene.notices {
-            remark(&format!("note: {name}: {notice}"));
-        }
-        let tally = &scene.tally;
-        if tally.dropped() + tally.clamped_scale > 0 {
-            let level = if tally.is_clean() { "note" } else { "warning" };
-            remark(&format!("{level}: {name}: of {} Gaussians {tally}", tally.read));
-        }
-        Ok(scene)
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::builder::PossibleValuesParser;
 
-use super::{DeviceArgs, Knobs, Usage, complain, knobs, parse_size, remark, say, size_text};
+use super::{DeviceArgs, Knobs, ReadingArgs, Usage, complain, knobs, parse_size, remark, say, size_text};
 use crate::bench::Statistics;
 use crate::environment::Environment;
 use crate::files::check_writable;
@@ -64,6 +64,8 @@ pub(super) struct Args {
     no_panels: bool,
     #[command(flatten)]
     knobs: Knobs,
+    #[command(flatten)]
+    reading: ReadingArgs,
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
@@ -82,6 +84,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     });
     let setup = Setup {
         scenes: args.scenes.clone(),
+        reading: args.reading.reading()?,
         cameras: args.cameras.clone(),
         options: by(&preset),
         antialiased_by_hand: args.knobs.antialiased.is_some(),

@@ -5,6 +5,8 @@ use std::io::{BufReader, ErrorKind, Read, Seek};
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use exr::meta::MetaData;
+use exr::prelude::{ReadChannels, ReadLayers};
 use image::{ImageFormat, ImageReader, Limits};
 use npyz::{NpyFile, Order};
 
@@ -15,7 +17,9 @@ const MOST_BYTES: u64 = 1 << 32;
 
 impl Pixels {
     /// Reads a PNG (grey or colour, 8 or 16 bits), JPEG, OpenEXR or .npy file, which it is told by its content. The array
-    /// has three or four channels in its last dimension: floats as they are, or bytes, of which 255 are 1.
+    /// has one, three or four channels in its last dimension, or no dimension for one: floats as they are, or bytes, of
+    /// which 255 are 1. What has one channel, as depths and counts have, is grey, and NaN in it, where nothing is, is 0
+    /// without coverage.
     ///
     /// Alpha is multiplied in where it is straight, in PNG; without alpha, coverage is 1. The error says why the file
     /// is none of these.
@@ -33,7 +37,7 @@ impl Pixels {
             [] => bail!("the file is empty"),
             [0x89, b'P', b'N', b'G', ..] => Ok(decode(reader, ImageFormat::Png)?.premultiplied()),
             [0xff, 0xd8, 0xff, ..] => decode(reader, ImageFormat::Jpeg),
-            [0x76, 0x2f, 0x31, 0x01, ..] => decode(reader, ImageFormat::OpenExr),
+            [0x76, 0x2f, 0x31, 0x01, ..] => open_exr(reader),
             [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => array(reader),
             _ => bail!("not an image that smalto reads: expected PNG, JPEG, OpenEXR or .npy content"),
         }
@@ -62,18 +66,44 @@ fn decode(file: BufReader<File>, format: ImageFormat) -> Result<Pixels> {
     Ok(Pixels { size, rgba })
 }
 
+/// An OpenEXR file of colours, or of one channel.
+fn open_exr(mut file: BufReader<File>) -> Result<Pixels> {
+    let headers = MetaData::read_from_buffered(&mut file, false).context("cannot be decoded")?.headers;
+    file.rewind()?;
+    if headers.iter().any(|header| header.channels.list.len() != 1) {
+        return decode(file, ImageFormat::OpenExr);
+    }
+    let bytes = headers.iter().map(|header| 4 * header.layer_size.area() as u64).sum::<u64>();
+    ensure!(bytes <= MOST_BYTES, "takes {bytes} bytes, over {MOST_BYTES}");
+    let layers = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
+    let layer = layers.all_attributes().from_buffered(file).context("cannot be decoded")?.layer_data;
+    let size = [layer.size.width(), layer.size.height()].map(|side| side as u32);
+    let values = layer.channel_data.list[0].sample_data.values_as_f32();
+    Ok(Pixels { size, rgba: values.map(grey).collect() })
+}
+
 fn array(file: BufReader<File>) -> Result<Pixels> {
     let array = NpyFile::new(file).context("is a damaged .npy file")?;
     let shape = array.shape().to_vec();
-    let [height, width, channels @ 3..=4] = shape[..] else {
-        bail!("is an array of shape {shape:?}, not of height, width and 3 or 4 channels");
+    let (height, width, channels) = match shape[..] {
+        [height, width] => (height, width, 1),
+        [height, width, channels @ (1 | 3 | 4)] => (height, width, channels),
+        _ => bail!("is an array of shape {shape:?}, not of height, width and 1, 3 or 4 channels"),
     };
     let sides = u32::try_from(width).ok().zip(u32::try_from(height).ok()).filter(|(w, h)| *w > 0 && *h > 0);
     let (width, height) = sides.with_context(|| format!("is an array of shape {shape:?}, which is no picture"))?;
     ensure!(array.order() == Order::C, "is an array in Fortran order");
     let values = values(array)?;
-    let pixel = |p: &[f32]| [p[0], p[1], p[2], p.get(3).copied().unwrap_or(1.0)];
+    let pixel = |p: &[f32]| match *p {
+        [value] => grey(value),
+        _ => [p[0], p[1], p[2], p.get(3).copied().unwrap_or(1.0)],
+    };
     Ok(Pixels { size: [width, height], rgba: values.chunks_exact(channels as usize).map(pixel).collect() })
+}
+
+/// The pixel of an image with one channel.
+fn grey(value: f32) -> [f32; 4] {
+    if value.is_nan() { [0.0; 4] } else { [value, value, value, 1.0] }
 }
 
 /// Every element, as many as the shape says.
@@ -97,6 +127,7 @@ fn values(array: NpyFile<BufReader<File>>) -> Result<Vec<f32>> {
 mod tests {
     use image::{DynamicImage, GrayAlphaImage, GrayImage, ImageBuffer, Luma, LumaA, Rgba};
 
+    use super::super::{FileKind, Plane};
     use super::*;
 
     /// Values that 8 bits cannot hold, and some that are none.
@@ -173,6 +204,22 @@ mod tests {
         save(&path, &[2, 1, 3], Order::C, &[0_u8, 51, 255, 1, 2, 3]);
         let bytes = Pixels::read(&path).unwrap();
         assert_eq!((bytes.size, bytes.at(0, 0)), ([1, 2], [0.0, 0.2, 1.0, 1.0]));
+    }
+
+    #[test]
+    fn one_channel_is_read_as_grey() {
+        let folder = tempfile::tempdir().unwrap();
+        let plane = Plane { size: [3, 2], values: vec![-2.0, f32::INFINITY, 0.0, f32::NAN, 1e-30, 17.3] };
+        let mut grey: Vec<_> = plane.values.iter().map(|v| [*v, *v, *v, 1.0]).collect();
+        grey[3] = [0.0; 4];
+        for kind in [FileKind::Exr, FileKind::Npy] {
+            let path = folder.path().join("a");
+            plane.write_as(kind, &path).unwrap();
+            assert_eq!(Pixels::read(&path).unwrap(), Pixels { size: [3, 2], rgba: grey.clone() });
+        }
+        let path = folder.path().join("a.npy");
+        save(&path, &[2, 3, 1], Order::C, &plane.values);
+        assert_eq!(Pixels::read(&path).unwrap().rgba, grey);
     }
 
     #[test]

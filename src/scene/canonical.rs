@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{Gaussians, sh_coefficients};
-use crate::memory::{OutOfMemory, host_vec};
+use crate::memory::{OutOfMemory, host_vec, host_zeros};
 
 /// One Gaussian as files store it, after axis conversion to right, down, forward.
 #[derive(Clone, Copy, Debug)]
@@ -89,6 +89,7 @@ impl fmt::Display for Tally {
 /// Collects Gaussians, a block at a time.
 #[derive(Debug)]
 pub struct Builder {
+    /// Its spherical harmonics have room for all from the start, so that threads decode to where they stay.
     gaussians: Gaussians,
     tally: Tally,
 }
@@ -104,7 +105,7 @@ impl Builder {
             scales: host_vec(capacity, "scales")?,
             rotations: host_vec(capacity, "rotations")?,
             opacities: host_vec(capacity, "opacities")?,
-            sh: host_vec(capacity * sh_coefficients(sh_degree), "spherical harmonics")?,
+            sh: host_zeros(capacity * sh_coefficients(sh_degree), "spherical harmonics")?,
             sh_degree,
         };
         Ok(Self { gaussians, tally: Tally::default() })
@@ -119,20 +120,27 @@ impl Builder {
     }
 
     fn extend_block(&mut self, count: usize, decode: impl Fn(usize, &mut [[f32; 3]]) -> Raw + Sync) {
-        let stride = sh_coefficients(self.gaussians.sh_degree);
-        let mut sh = vec![[0.0; 3]; count * stride];
-        let decoded = sh.par_chunks_exact_mut(stride).enumerate().map(|(i, sh)| canonical(&decode(i, sh), sh));
+        let all = &mut self.gaussians;
+        let stride = sh_coefficients(all.sh_degree);
+        let (start, end) = (all.means.len() * stride, (all.means.len() + count) * stride);
+        if all.sh.len() < end {
+            all.sh.resize(end, [0.0; 3]);
+        }
+        let sh = all.sh[start..end].par_chunks_exact_mut(stride);
+        let decoded = sh.enumerate().map(|(i, sh)| canonical(&decode(i, sh), sh));
         let decoded: Vec<Result<Canonical, Flaw>> = decoded.collect();
         self.tally.read += count;
-        let all = &mut self.gaussians;
-        for (result, sh) in decoded.into_iter().zip(sh.chunks_exact(stride)) {
+        for (i, result) in decoded.into_iter().enumerate() {
             match result {
                 Ok(gaussian) => {
+                    let (from, to) = (start + i * stride, all.means.len() * stride);
+                    if from != to {
+                        all.sh.copy_within(from..from + stride, to);
+                    }
                     all.means.push(gaussian.mean);
                     all.scales.push(gaussian.scale);
                     all.rotations.push(gaussian.rotation);
                     all.opacities.push(gaussian.opacity);
-                    all.sh.extend_from_slice(sh);
                     self.tally.clamped_scale += usize::from(gaussian.has_clamped_scale);
                 }
                 Err(Flaw::NotFinite) => self.tally.not_finite += 1,
@@ -147,7 +155,9 @@ impl Builder {
         &self.gaussians
     }
 
-    pub fn finish(self) -> (Gaussians, Tally) {
+    pub fn finish(mut self) -> (Gaussians, Tally) {
+        let all = &mut self.gaussians;
+        all.sh.truncate(all.means.len() * sh_coefficients(all.sh_degree));
         (self.gaussians, self.tally)
     }
 }

@@ -12,6 +12,7 @@ mod loss;
 mod morton;
 mod ply;
 mod procedural;
+mod reading;
 mod requirements;
 mod sog;
 mod source;
@@ -23,7 +24,7 @@ mod write;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 
 pub use bounds::{Bounds, Focus, percentiles};
 pub use canonical::{Builder, Raw, Tally};
@@ -31,12 +32,10 @@ pub use edit::RIGHT_UP_BACK;
 pub use grid::Grid;
 pub use loss::Loss;
 pub use procedural::Procedural;
+pub use reading::Reading;
 pub use requirements::{Band, Requirements, bands, decode_rotation, encode_rotation};
-use source::Source;
 pub use transform::Transform;
 pub use write::{SceneFile, write_sog_folder};
-
-use crate::memory::OutOfMemory;
 
 /// Highest degree of spherical harmonics that a scene may have.
 pub const MAX_SH_DEGREE: u32 = 3;
@@ -150,58 +149,12 @@ pub struct Watch<'w> {
 #[error("cancelled")]
 pub struct Cancelled;
 
-/// Reads a scene file, whatever its name says, by its content; only where the content does not tell the format, as in
-/// .splat and .ksplat files, by its name. Also reads the folder of a SOG. `progress` is told the fraction read so far.
+/// Reads a scene file as it is: [`Reading::read`].
 ///
 /// # Errors
-/// [`Unreadable`] if the file is not a scene that can be drawn, [`OutOfMemory`] if it does not fit into memory.
+/// Those of [`Reading::read`].
 pub fn read(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
-    read_watched(path, &Watch { progress, partial: &|_| {}, is_cancelled: &|| false })
-}
-
-/// The same, showing what there is on the way.
-///
-/// # Errors
-/// Those of [`read`], and [`Cancelled`].
-pub fn read_watched(path: &Path, watch: &Watch) -> Result<Scene> {
-    read_any(path, watch).map_err(|problem| {
-        // Decoders wrap the errors of what they read from, each in its own way.
-        if (watch.is_cancelled)() {
-            return Cancelled.into();
-        }
-        match problem.downcast::<OutOfMemory>() {
-            Ok(too_large) => too_large.into(),
-            Err(problem) => Unreadable::new(path, &problem).into(),
-        }
-    })
-}
-
-fn read_any(path: &Path, watch: &Watch) -> Result<Scene> {
-    let path = &sog::in_folder(path);
-    let mut source = Source::open(path, watch)?;
-    ensure!(source.len() > 0, "the file is empty");
-    let is_named = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
-    let magic = source.peek(4)?;
-    let scene = match magic {
-        _ if magic.starts_with(b"ply") => ply::read(&mut source)?,
-        _ if magic.starts_with(b"glTF") => gltf::read_binary(&mut source, path)?,
-        _ if is_named("gltf") => gltf::read_text(&mut source, path)?,
-        _ if magic.starts_with(b"NGSP") => spz::read_v4(&mut source)?,
-        [0x1f, 0x8b, 8, ..] => spz::read_gzip(&mut source)?,
-        [b'P', b'K', 3, 4] => sog::read_bundle(path, watch)?,
-        _ if is_named("splat") => splat::read(&mut source)?,
-        _ if is_named("ksplat") => ksplat::read(&mut source)?,
-        [b'{', ..] => sog::read_json(path, watch)?,
-        _ => bail!(
-            "not a scene that smalto reads: expected .ply, .compressed.ply, .spz, .sog or .glb content, a meta.json or \
-             lod-meta.json of SOG, or a file named .splat, .ksplat or .gltf, found bytes {magic:02x?}"
-        ),
-    };
-    let Tally { read, .. } = scene.tally;
-    ensure!(read > 0, "the scene holds no Gaussians");
-    let is_drawable = !scene.gaussians.is_empty() || scene.tally.is_clean();
-    ensure!(is_drawable, "none of its {read} Gaussians can be drawn: {}", scene.tally);
-    Ok(scene)
+    Reading::default().read(path, progress)
 }
 
 /// The scene of a model folder of the original 3DGS: the point cloud of the last iteration. Any other path is as it is.

@@ -1,15 +1,19 @@
 //! A scene file being read: its length, the place reached, and who watches.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, ErrorKind, Read};
+use std::io::{self, BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use anyhow::{Result, anyhow, bail, ensure};
+use rayon::prelude::*;
 
 use super::canonical::BLOCK;
 use super::{Builder, Cancelled, Watch};
 use crate::files::describe;
 use crate::memory::host_vec;
+
+/// Bytes that one thread reads at a time.
+const PART: usize = 1 << 20;
 
 /// Reads front to back; every error says at which byte.
 pub(super) struct Source<'w> {
@@ -29,7 +33,7 @@ impl<'w> Source<'w> {
         let file = File::open(path).map_err(|e| anyhow!("cannot be opened: {}", describe(&e)))?;
         let metadata = file.metadata()?;
         ensure!(metadata.is_file(), "is not a file");
-        let reader = BufReader::with_capacity(1 << 20, file);
+        let reader = BufReader::with_capacity(PART, file);
         let len = metadata.len();
         Ok(Self { reader, len, position: 0, watch, next_report: 0, is_cancelled: false, next_partial: BLOCK })
     }
@@ -65,7 +69,8 @@ impl<'w> Source<'w> {
     /// Fills `bytes`; `what` names them in the error if the file ends first.
     pub fn fill(&mut self, bytes: &mut [u8], what: &str) -> Result<()> {
         let start = self.position;
-        self.read_exact(bytes).map_err(|error| match error.kind() {
+        let read = if bytes.len() > PART { self.read_parts(bytes) } else { self.read_exact(bytes) };
+        read.map_err(|error| match error.kind() {
             ErrorKind::UnexpectedEof => {
                 let end = start + bytes.len() as u64;
                 anyhow!("the file ends at byte {}, inside {what} at bytes {start} to {end}", self.len)
@@ -92,14 +97,14 @@ impl<'w> Source<'w> {
         let mut all = host_vec(usize::try_from(bytes)?, what)?;
         all.resize(bytes as usize, 0);
         // In parts, for those who watch.
-        all.chunks_mut(1 << 20).try_for_each(|part| self.fill(part, what))?;
+        all.chunks_mut(PART).try_for_each(|part| self.fill(part, what))?;
         Ok(all)
     }
 
     /// Reads past bytes; `what` names them in the error if the file ends first.
     pub fn skip(&mut self, bytes: u64, what: &str) -> Result<()> {
         let start = self.position;
-        let skipped = std::io::copy(&mut (&mut *self).take(bytes), &mut std::io::sink())?;
+        let skipped = io::copy(&mut (&mut *self).take(bytes), &mut io::sink())?;
         let (len, end) = (self.len, start.saturating_add(bytes));
         ensure!(skipped == bytes, "the file ends at byte {len}, inside {what} at bytes {start} to {end}");
         Ok(())
@@ -126,7 +131,7 @@ pub(super) fn word(bytes: &[u8], at: usize) -> u32 {
 }
 
 impl Read for Source<'_> {
-    fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         self.check()?;
         let count = self.reader.read(bytes)?;
         self.advance(count);
@@ -135,7 +140,7 @@ impl Read for Source<'_> {
 }
 
 impl BufRead for Source<'_> {
-    fn fill_buf(&mut self) -> std::io::Result<&[u8]> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
         self.check()?;
         self.reader.fill_buf()
     }
@@ -147,8 +152,19 @@ impl BufRead for Source<'_> {
 }
 
 impl Source<'_> {
-    fn check(&self) -> std::io::Result<()> {
-        if self.is_cancelled { Err(std::io::Error::other(Cancelled)) } else { Ok(()) }
+    /// Fills `bytes` in parts on many threads, each of which copies from the system's cache.
+    fn read_parts(&mut self, bytes: &mut [u8]) -> io::Result<()> {
+        self.check()?;
+        let (file, start) = (self.reader.get_ref(), self.position);
+        let parts = bytes.par_chunks_mut(PART).enumerate();
+        parts.try_for_each(|(i, part)| read_exact_at(file, part, start + (i * PART) as u64))?;
+        self.reader.seek(SeekFrom::Start(start + bytes.len() as u64))?;
+        self.advance(bytes.len());
+        Ok(())
+    }
+
+    fn check(&self) -> io::Result<()> {
+        if self.is_cancelled { Err(io::Error::other(Cancelled)) } else { Ok(()) }
     }
 
     fn advance(&mut self, count: usize) {
@@ -159,4 +175,25 @@ impl Source<'_> {
             self.next_report = self.position + self.len / 200;
         }
     }
+}
+
+#[cfg(unix)]
+fn read_exact_at(file: &File, bytes: &mut [u8], position: u64) -> io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, bytes, position)
+}
+
+#[cfg(windows)]
+fn read_exact_at(file: &File, mut bytes: &mut [u8], mut position: u64) -> io::Result<()> {
+    while !bytes.is_empty() {
+        match std::os::windows::fs::FileExt::seek_read(file, bytes, position) {
+            Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
+            Ok(count) => {
+                bytes = &mut std::mem::take(&mut bytes)[count..];
+                position += count as u64;
+            }
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
 }

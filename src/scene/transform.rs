@@ -17,6 +17,12 @@ pub struct Transform {
     scale: f64,
 }
 
+impl Default for Transform {
+    fn default() -> Self {
+        Self::IDENTITY
+    }
+}
+
 /// How far from a similarity the entries of a matrix may be, over its scale: what 32-bit floats leave of one.
 const MATRIX_TOLERANCE: f64 = 1e-5;
 

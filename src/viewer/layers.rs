@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use glam::{DQuat, DVec3, EulerRot};
 
 use super::jobs::{Cancel, Jobs, News};
-use crate::scene::{self, Gaussians, Procedural, Scene, Transform, Watch};
+use crate::scene::{self, Gaussians, Procedural, Reading, Scene, Transform, Watch};
 
 /// Where a scene comes from.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,17 +76,22 @@ impl Source {
 
 impl Layer {
     /// Begins to read a scene.
-    pub fn open(number: u64, source: Source, jobs: &Jobs) -> Self {
+    pub fn open(number: u64, source: Source, reading: Reading, jobs: &Jobs) -> Self {
         let cancel = Cancel::default();
         let (origin, stop) = (source.clone(), cancel.clone());
         jobs.start(
             move |reporter| match origin {
-                Source::Procedural(procedural) => Ok(procedural.make()?),
-                Source::File(path) => scene::read_watched(
+                Source::Procedural(procedural) => reading.make(procedural),
+                Source::File(path) => reading.read_watched(
                     &path,
                     &Watch {
                         progress: &|fraction| reporter.tell(News::Reading(number, fraction)),
-                        partial: &|so_far| reporter.tell(News::Partial(number, Arc::new(so_far.clone()))),
+                        partial: &|so_far| {
+                            // What cannot be placed is said when all is read.
+                            if let Ok(placed) = reading.placed(so_far.clone()) {
+                                reporter.tell(News::Partial(number, Arc::new(placed)));
+                            }
+                        },
                         is_cancelled: &|| stop.is_cancelled(),
                     },
                 ),

@@ -22,13 +22,15 @@ use crate::camera::{Camera, CameraFile, NamedCamera, Navigator};
 use crate::gpu::{Device, Vsync};
 use crate::options::{Background, Options};
 use crate::render::Explanation;
-use crate::scene::{Cancelled, Gaussians, Requirements, Scene, Unreadable};
+use crate::scene::{Cancelled, Gaussians, Reading, Requirements, Scene, Unreadable};
 use crate::trade::{Budget, choose_for, spread};
 
 /// What the program was started with.
 #[derive(Clone)]
 pub struct Setup {
     pub scenes: Vec<PathBuf>,
+    /// How these are read. Scenes that come later say all themselves.
+    pub reading: Reading,
     pub cameras: Option<PathBuf>,
     pub options: Options,
     /// Whether the options say by hand what scenes say of their antialiasing.
@@ -183,7 +185,7 @@ impl Viewer {
             viewer.open_cameras(&cameras);
         }
         for scene in viewer.setup.scenes.clone() {
-            viewer.open(&scene);
+            viewer.open(&scene, viewer.setup.reading);
         }
         viewer.looks.sight = viewer.setup.sight;
         viewer.comparison.way = viewer.setup.way;
@@ -201,7 +203,7 @@ impl Viewer {
     }
 
     /// Opens a scene beside those that are open. Where there is a camera file beside the first, opens that too.
-    pub fn open(&mut self, path: &Path) {
+    pub fn open(&mut self, path: &Path, reading: Reading) {
         let source = match Source::of(path) {
             Ok(source) => source,
             Err(problem) => return self.messages.error(format!("{}: {problem:#}", path.display())),
@@ -212,7 +214,7 @@ impl Viewer {
             self.open_cameras(&cameras);
         }
         self.numbers += 1;
-        self.layers.push(Layer::open(self.numbers, source, &self.jobs));
+        self.layers.push(Layer::open(self.numbers, source, reading, &self.jobs));
     }
 
     /// Reads a camera file.
@@ -229,7 +231,7 @@ impl Viewer {
         match extension.to_str() {
             Some("json" | "bin" | "txt") => self.open_cameras(path),
             Some("png" | "exr" | "npy" | "jpg" | "jpeg") => self.compare_with_picture(path),
-            _ => self.open(path),
+            _ => self.open(path, Reading::default()),
         }
     }
 

@@ -42,8 +42,8 @@ fn camera(source: &mut Source) -> Result<Intrinsics> {
     model.intrinsics(size_px, &parameters?)
 }
 
-/// Photographs in the order of the file.
-pub(super) fn images(path: &Path) -> Result<Vec<Photograph>> {
+/// Photographs in the order of the file; how many it says it has is beyond doubt.
+pub(super) fn images(path: &Path) -> Result<(Vec<Photograph>, Option<usize>)> {
     let mut source = Source::open(path)?;
     // A name ends with a zero, then comes the number of points.
     let count = source.count(IMAGE_BYTES + 1 + 8, "images")?;
@@ -53,7 +53,7 @@ pub(super) fn images(path: &Path) -> Result<Vec<Photograph>> {
         images.push(image(&mut source).with_context(|| format!("image {i}"))?);
     }
     source.end()?;
-    Ok(images)
+    Ok((images, None))
 }
 
 fn image(source: &mut Source) -> Result<Photograph> {

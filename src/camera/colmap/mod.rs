@@ -49,10 +49,16 @@ impl Files {
         let read_images = if self.is_binary { binary::images } else { text::images };
         let named = |file: &Path| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let cameras = read_cameras(&self.cameras).with_context(|| named(&self.cameras))?;
-        let mut photographs = read_images(&self.images).with_context(|| named(&self.images))?;
+        let (mut photographs, announced) = read_images(&self.images).with_context(|| named(&self.images))?;
         // As the original sorts them: by their bytes.
         photographs.sort_by(|a, b| a.name.cmp(&b.name));
-        assembled(&cameras, photographs).with_context(|| named(&self.images))
+        let count = photographs.len();
+        let mut file = assembled(&cameras, photographs).with_context(|| named(&self.images))?;
+        if let Some(announced) = announced.filter(|announced| *announced != count) {
+            let images = named(&self.images);
+            file.notices.push(format!("{images} says that it has {announced} photographs, and has {count}"));
+        }
+        Ok(file)
     }
 }
 

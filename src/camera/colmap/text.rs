@@ -34,8 +34,8 @@ fn camera(line: &str) -> Result<(u32, Intrinsics)> {
     Ok((id, model.intrinsics(size_px, &parameters?)?))
 }
 
-/// Photographs in the order of the file.
-pub(super) fn images(path: &Path) -> Result<Vec<Photograph>> {
+/// Photographs in the order of the file, and how many the file says it has, if it does.
+pub(super) fn images(path: &Path) -> Result<(Vec<Photograph>, Option<usize>)> {
     let mut lines = Lines::open(path)?;
     let mut images = Vec::new();
     while let Some(line) = lines.content()? {
@@ -45,7 +45,7 @@ pub(super) fn images(path: &Path) -> Result<Vec<Photograph>> {
             ensure!(are_points(line), "line {}: expected the points of an image (x y id each)", lines.number);
         }
     }
-    Ok(images)
+    Ok((images, lines.announced))
 }
 
 /// `id w x y z translation... camera name`
@@ -81,6 +81,11 @@ fn number<T: FromStr>(word: Option<&str>, what: &str) -> Result<T> {
     })
 }
 
+fn announced(comment: &str) -> Option<usize> {
+    let (_, count) = comment.split_once("Number of images:")?;
+    count.split(',').next()?.trim().parse().ok()
+}
+
 /// Lines of a file, without the spaces around them.
 struct Lines {
     reader: BufReader<File>,
@@ -88,13 +93,16 @@ struct Lines {
     text: String,
     /// Of the line that was read last, from 1 on.
     number: u64,
+    /// What a comment like `# Number of images: 12, ...` says.
+    announced: Option<usize>,
 }
 
 impl Lines {
     fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(|e| anyhow!("cannot be opened: {}", describe(&e)))?;
         ensure!(file.metadata()?.is_file(), "is not a file");
-        Ok(Self { reader: BufReader::with_capacity(1 << 16, file), bytes: Vec::new(), text: String::new(), number: 0 })
+        let reader = BufReader::with_capacity(1 << 16, file);
+        Ok(Self { reader, bytes: Vec::new(), text: String::new(), number: 0, announced: None })
     }
 
     fn line(&mut self) -> Result<Option<&str>> {
@@ -116,6 +124,7 @@ impl Lines {
             if has_content {
                 return Ok(Some(self.text.trim_ascii()));
             }
+            self.announced = self.announced.or_else(|| announced(&self.text));
         }
     }
 }

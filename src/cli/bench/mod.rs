@@ -10,7 +10,7 @@ use anyhow::{Context, Result, ensure};
 use clap::builder::RangedU64ValueParser;
 
 use super::{
-    DeviceArgs, Knobs, OverThreshold, SceneArg, SplitArg, Usage, complain, knobs, parse_size, progress, remark,
+    DeviceArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, SplitArg, Usage, complain, knobs, parse_size, progress, remark,
 };
 use crate::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
 use crate::camera::Camera;
@@ -80,6 +80,8 @@ pub(super) struct Args {
     threshold: f64,
     #[command(flatten)]
     knobs: Knobs,
+    #[command(flatten)]
+    reading: ReadingArgs,
 }
 
 /// A number of frames.
@@ -112,7 +114,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         baseline.same_conditions(&report).map_err(foreign)?;
     }
     for scene in args.scenes(&["cactus"]) {
-        let scene = Loaded::read(&scene)?;
+        let scene = Loaded::read(&scene, args.reading)?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
             let (views, nearest) = cameras.views(&scene.gaussians, size, args.frames);
             let options = Options::preset(preset).context("clap lets known presets pass alone")?;
@@ -160,8 +162,8 @@ struct Loaded {
 }
 
 impl Loaded {
-    fn read(path: &Path) -> Result<Self> {
-        let scene = SceneArg { scene: path.to_owned() };
+    fn read(path: &Path, reading: ReadingArgs) -> Result<Self> {
+        let scene = SceneArg { scene: path.to_owned(), reading };
         let Scene { gaussians, is_antialiased, .. } = scene.read()?;
         ensure!(!gaussians.is_empty(), "{}: there is nothing to draw", scene.title());
         let (report, requirements) = (SceneReport::of(scene.title(), &gaussians), Requirements::of(&gaussians));

@@ -17,6 +17,7 @@ use self::files::Files;
 use self::meta::Meta;
 use self::texture::Texture;
 use super::canonical::{BLOCK, Builder, Raw, around_largest};
+use super::reading::NO_LEVELS;
 use super::source::Source;
 use super::{Scene, Watch, sh_coefficients};
 
@@ -44,8 +45,8 @@ pub(super) fn read_bundle(path: &Path, watch: &Watch) -> Result<Scene> {
     decode_all(&mut source, vec![unit], format, &decoding)
 }
 
-/// A `meta.json`, or the `lod-meta.json` of several levels of detail, beside which the textures lie.
-pub(super) fn read_json(path: &Path, watch: &Watch) -> Result<Scene> {
+/// A `meta.json`, or this level of the `lod-meta.json` of several, beside which the textures lie.
+pub(super) fn read_json(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     #[derive(Deserialize)]
     struct Keys {
         means: Option<IgnoredAny>,
@@ -56,8 +57,9 @@ pub(super) fn read_json(path: &Path, watch: &Watch) -> Result<Scene> {
     let json = source.rest(streamed::MAX_BYTES, "the JSON")?;
     let folder = path.parent().unwrap_or(Path::new("."));
     match serde_json::from_slice(&json).context("not the JSON of a scene")? {
-        Keys { tree: Some(_), .. } => streamed::read(&mut source, &json, folder, watch),
+        Keys { tree: Some(_), .. } => streamed::read(&mut source, &json, folder, level, watch),
         Keys { means: Some(_), .. } => {
+            ensure!(level.is_none(), NO_LEVELS);
             let unit = Unit::parse(&json, Files::Folder(folder.to_owned()))?;
             let format = unit.meta.format();
             decode_all(&mut source, vec![unit], format, watch)

@@ -1,5 +1,5 @@
 //! The streamed SOG of PlayCanvas: `lod-meta.json` holds a tree whose leaves say which Gaussians of which SOG files are theirs,
-//! at every level of detail. Read is the finest level as a whole, and what is drawn around the scene at all levels.
+//! at every level of detail. Read is one level as a whole, and what is drawn around the scene at all levels.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -46,15 +46,17 @@ impl Node {
     }
 }
 
-pub(super) fn read(source: &mut Source, json: &[u8], folder: &Path, watch: &Watch) -> Result<Scene> {
+pub(super) fn read(source: &mut Source, json: &[u8], folder: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     let written: Written = serde_json::from_slice(json).context("lod-meta.json is not that of a streamed SOG")?;
-    let mut finest = None;
-    written.tree.leaves(&mut |lods| finest = finest.into_iter().chain(lods.keys().copied()).min());
-    let finest = finest.context("the tree in lod-meta.json has no Gaussians")?;
+    let mut levels = BTreeSet::new();
+    written.tree.leaves(&mut |lods| levels.extend(lods.keys().copied()));
+    let finest = *levels.first().context("the tree in lod-meta.json has no Gaussians")?;
+    let level = level.unwrap_or(finest);
+    ensure!(levels.contains(&level), "there is no level {level} in lod-meta.json, only {}", listed(&levels));
     // Gaussians of each file that are of the level.
     let mut counts = BTreeMap::<usize, u64>::new();
     written.tree.leaves(&mut |lods| {
-        if let Some(range) = lods.get(&finest) {
+        if let Some(range) = lods.get(&level) {
             let count = counts.entry(range.file).or_default();
             *count = count.saturating_add(range.count);
         }
@@ -68,7 +70,7 @@ pub(super) fn read(source: &mut Source, json: &[u8], folder: &Path, watch: &Watc
         let unit = open(folder, name, watch)?;
         ensure!(
             unit.meta.count as u64 == count,
-            "{name} has {} Gaussians, of which lod-meta.json puts {count} into level {finest}; files of several levels are \
+            "{name} has {} Gaussians, of which lod-meta.json puts {count} into level {level}; files of several levels are \
              not supported",
             unit.meta.count
         );
@@ -77,8 +79,12 @@ pub(super) fn read(source: &mut Source, json: &[u8], folder: &Path, watch: &Watc
     if let Some(name) = &written.environment {
         units.push(open(folder, name, watch)?);
     }
-    let levels = written.levels.map_or_else(String::new, |levels| format!(" of {levels}"));
-    decode_all(source, units, format!("streamed SOG, level {finest}{levels}"), watch)
+    let of = written.levels.map_or_else(String::new, |levels| format!(" of {levels}"));
+    decode_all(source, units, format!("streamed SOG, level {level}{of}"), watch)
+}
+
+fn listed(levels: &BTreeSet<u32>) -> String {
+    levels.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
 }
 
 /// A SOG file that lies below the folder: a `meta.json` or a bundle.

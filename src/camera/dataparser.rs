@@ -1,0 +1,71 @@
+//! `dataparser_transforms.json`, with which nerfstudio says where it has put the scene that it trains and exports: turned,
+//! moved and scaled from where the cameras of its `transforms.json` are.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use glam::{DMat3, DMat4, DVec3, DVec4};
+use serde::Deserialize;
+
+pub(super) const FILE: &str = "dataparser_transforms.json";
+
+/// Rows of a matrix whose last is 0, 0, 0, 1.
+type Rows = [[f64; 4]; 3];
+
+/// From the data as they were captured to the trained scene: a matrix, then a scale.
+#[derive(Deserialize)]
+struct Written {
+    transform: Rows,
+    scale: f64,
+}
+
+/// What `transforms.json` says was done to the captured data before.
+#[derive(Default, Deserialize)]
+struct Applied {
+    applied_transform: Option<Rows>,
+    applied_scale: Option<f64>,
+}
+
+/// From the cameras of a `transforms.json` to the scene that was trained with them.
+pub(super) struct Dataparser {
+    matrix: DMat4,
+    scale: f64,
+}
+
+impl Dataparser {
+    /// That of the file in `folder`, if there is one, for the `transforms.json` with this text.
+    pub fn beside(folder: &Path, transforms: &[u8]) -> Result<Option<Self>> {
+        let path = folder.join(FILE);
+        if !path.is_file() {
+            return Ok(None);
+        }
+        Self::parse(&fs::read(&path)?, transforms).with_context(|| FILE.to_owned()).map(Some)
+    }
+
+    fn parse(text: &[u8], transforms: &[u8]) -> Result<Self> {
+        let Written { transform, scale } =
+            serde_json::from_slice(text).context("is not a transform of three rows of four numbers and a scale")?;
+        let applied: Applied =
+            serde_json::from_slice(transforms).context("applied_transform or applied_scale of transforms.json")?;
+        let (before, applied_scale) =
+            (applied.applied_transform.map_or(DMat4::IDENTITY, matrix), applied.applied_scale.unwrap_or(1.0));
+        let (matrix, scale) = (matrix(transform) * before.inverse(), scale / applied_scale);
+        let turn = DMat3::from_mat4(matrix);
+        let is_rotation = (turn * turn.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-4) && turn.determinant() > 0.0;
+        ensure!(is_rotation && matrix.is_finite(), "its transform is not a rotation and a translation");
+        ensure!(scale.is_finite() && scale > 0.0, "its scale is not over 0 and finite");
+        Ok(Self { matrix, scale })
+    }
+
+    /// A camera's position and its rotation from the world.
+    pub fn moved(&self, position: DVec3, rotation: DMat3) -> (DVec3, DMat3) {
+        let position = self.scale * self.matrix.transform_point3(position);
+        (position, rotation * DMat3::from_mat4(self.matrix).transpose())
+    }
+}
+
+fn matrix(rows: Rows) -> DMat4 {
+    let [x, y, z] = rows.map(DVec4::from);
+    DMat4::from_cols(x, y, z, DVec4::W).transpose()
+}

@@ -1,0 +1,103 @@
+//! Reading a scene file, by its content, as one that it tells the truth or as one is told better.
+
+use std::path::Path;
+
+use anyhow::{Result, bail, ensure};
+
+use super::source::Source;
+use super::{Cancelled, Gaussians, Procedural, Scene, Tally, Transform, Unreadable, Watch, gltf, ksplat, ply, sog, splat, spz};
+use crate::memory::OutOfMemory;
+
+/// What a file does not say of its scene, or says wrongly.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Reading {
+    /// Level of detail, 0 the finest, of files that have several. By default the finest there is.
+    pub level: Option<u32>,
+    /// Axes that point the other way than the format says: x, y, z.
+    pub flip: [bool; 3],
+    /// What is done with the scene when its axes are flipped.
+    pub transform: Transform,
+}
+
+impl Reading {
+    /// Reads a scene file, whatever its name says, by its content; only where the content does not tell the format, as in
+    /// .splat and .ksplat files, by its name. Also reads the folder of a SOG. `progress` is told the fraction read so far.
+    ///
+    /// # Errors
+    /// [`Unreadable`] if the file is not a scene that can be drawn, [`OutOfMemory`] if it does not fit into memory.
+    pub fn read(&self, path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
+        self.read_watched(path, &Watch { progress, partial: &|_| {}, is_cancelled: &|| false })
+    }
+
+    /// The same, showing what there is on the way.
+    ///
+    /// # Errors
+    /// Those of [`Reading::read`], and [`Cancelled`].
+    pub fn read_watched(&self, path: &Path, watch: &Watch) -> Result<Scene> {
+        let read = read_any(path, self.level, watch)
+            .and_then(|scene| Ok(Scene { gaussians: self.placed(scene.gaussians)?, ..scene }));
+        read.map_err(|problem| {
+            // Decoders wrap the errors of what they read from, each in its own way.
+            if (watch.is_cancelled)() {
+                return Cancelled.into();
+            }
+            match problem.downcast::<OutOfMemory>() {
+                Ok(too_large) => too_large.into(),
+                Err(problem) => Unreadable::new(path, &problem).into(),
+            }
+        })
+    }
+
+    /// Makes a procedural scene.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`], and [`Unreadable`] if a level of detail is asked for.
+    pub fn make(&self, procedural: Procedural) -> Result<Scene> {
+        if self.level.is_some() {
+            return Err(Unreadable { path: procedural.name().to_owned(), problem: NO_LEVELS.to_owned() }.into());
+        }
+        let scene = procedural.make()?;
+        Ok(Scene { gaussians: self.placed(scene.gaussians)?, ..scene })
+    }
+
+    /// The Gaussians of a scene, or a part of them, flipped and transformed.
+    ///
+    /// # Errors
+    /// If that takes them out of the range of 32-bit floats.
+    pub fn placed(&self, gaussians: Gaussians) -> Result<Gaussians> {
+        let flipped = if self.flip == [false; 3] { gaussians } else { gaussians.flipped(self.flip) };
+        if self.transform == Transform::IDENTITY { Ok(flipped) } else { flipped.transformed(&self.transform) }
+    }
+}
+
+fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
+    let path = &sog::in_folder(path);
+    let mut source = Source::open(path, watch)?;
+    ensure!(source.len() > 0, "the file is empty");
+    let is_named = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+    let magic = source.peek(4)?;
+    let scene = match magic {
+        _ if magic.starts_with(b"{") && !is_named("gltf") => sog::read_json(path, level, watch)?,
+        _ if level.is_some() => bail!(NO_LEVELS),
+        _ if magic.starts_with(b"ply") => ply::read(&mut source)?,
+        _ if magic.starts_with(b"glTF") => gltf::read_binary(&mut source, path)?,
+        _ if is_named("gltf") => gltf::read_text(&mut source, path)?,
+        _ if magic.starts_with(b"NGSP") => spz::read_v4(&mut source)?,
+        [0x1f, 0x8b, 8, ..] => spz::read_gzip(&mut source)?,
+        [b'P', b'K', 3, 4] => sog::read_bundle(path, watch)?,
+        _ if is_named("splat") => splat::read(&mut source)?,
+        _ if is_named("ksplat") => ksplat::read(&mut source)?,
+        _ => bail!(
+            "not a scene that smalto reads: expected .ply, .compressed.ply, .spz, .sog or .glb content, a meta.json or \
+             lod-meta.json of SOG, or a file named .splat, .ksplat or .gltf, found bytes {magic:02x?}"
+        ),
+    };
+    let Tally { read, .. } = scene.tally;
+    ensure!(read > 0, "the scene holds no Gaussians");
+    let is_drawable = !scene.gaussians.is_empty() || scene.tally.is_clean();
+    ensure!(is_drawable, "none of its {read} Gaussians can be drawn: {}", scene.tally);
+    Ok(scene)
+}
+
+/// What is said where a level is asked for and there is none.
+pub(super) const NO_LEVELS: &str = "there are no levels of detail to choose from, as a lod-meta.json has";
