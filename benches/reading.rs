@@ -1,14 +1,17 @@
 //! How fast scene files are read: `cargo bench --bench reading -- FILE...`. Seconds are the least of five runs, memory the most
 //! that was held at once.
 
+#[path = "../tests/common/peak.rs"]
+mod peak;
+
 use std::path::Path;
 use std::time::Instant;
 
-use peak_alloc::PeakAlloc;
+use peak::Peak;
 use smalto::scene;
 
 #[global_allocator]
-static MEMORY: PeakAlloc = PeakAlloc;
+static MEMORY: Peak = Peak::new();
 
 const RUNS: usize = 5;
 
@@ -16,7 +19,7 @@ fn main() {
     for file in std::env::args().skip(1).filter(|argument| !argument.starts_with("--")) {
         let path = Path::new(&file);
         let (mut least, mut gaussians) = (f64::INFINITY, 0);
-        MEMORY.reset_peak_usage();
+        let before = MEMORY.reset();
         for _ in 0..RUNS {
             let started = Instant::now();
             gaussians = match scene::read(path, &|_| {}) {
@@ -31,7 +34,7 @@ fn main() {
             path.file_name().unwrap_or_default().to_string_lossy(),
             gaussians as f64 / least / 1e6,
             megabytes / least,
-            MEMORY.peak_usage() >> 20
+            (MEMORY.most() - before) >> 20
         );
     }
 }

@@ -222,7 +222,7 @@ fn transforms_are_put_where_nerfstudio_put_the_scene() {
     fs::write(&beside, r#"{"transform": [[0, -1, 0, 4], [1, 0, 0, 5], [0, 0, 1, 6]], "scale": 0.25}"#).unwrap();
     let placed = read(&file);
     assert_eq!(placed.notices.len(), 1, "{:?}", placed.notices);
-    let camera = placed.cameras[0].camera;
+    let camera = &placed.cameras[0].camera;
     assert!((camera.position - DVec3::new(3.5, 3.0, 4.0)).length() < 1e-12, "{}", camera.position);
     for (axis, expected) in [
         (camera.right(), DVec3::new(-0.8, 0.6, 0.0)),
@@ -233,7 +233,10 @@ fn transforms_are_put_where_nerfstudio_put_the_scene() {
     }
     for (text, expected) in [
         ("{}", "is not a transform of three rows"),
-        (r#"{"transform": [[2, 0, 0, 4], [0, 1, 0, 5], [0, 0, 1, 6]], "scale": 1}"#, "not a rotation and a translation"),
+        (
+            r#"{"transform": [[2, 0, 0, 4], [0, 1, 0, 5], [0, 0, 1, 6]], "scale": 1}"#,
+            "not a rotation and a translation",
+        ),
         (r#"{"transform": [[1, 0, 0, 4], [0, 1, 0, 5], [0, 0, 1, 6]], "scale": 0}"#, "its scale is not over 0"),
     ] {
         fs::write(&beside, text).unwrap();

@@ -3,17 +3,19 @@
 //! `SMALTO_DAMAGE=100000 cargo test --release --test damage` runs so many files of each kind instead of the few of the suite.
 
 mod common;
+#[path = "common/peak.rs"]
+mod peak;
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use common::Random;
-use peak_alloc::PeakAlloc;
+use peak::Peak;
 use smalto::scene;
 
 #[global_allocator]
-static MEMORY: PeakAlloc = PeakAlloc;
+static MEMORY: Peak = Peak::new();
 
 /// Damaged files of every fixture.
 const ROUNDS: usize = 150;
@@ -82,8 +84,7 @@ fn damaged_files_of_every_kind_are_read_or_refused() {
         for round in 0..rounds {
             let bytes = damaged(&whole, &mut random);
             fs::write(&path, &bytes).unwrap();
-            MEMORY.reset_peak_usage();
-            let (before, started) = (MEMORY.current_usage(), Instant::now());
+            let (before, started) = (MEMORY.reset(), Instant::now());
             let result = std::panic::catch_unwind(|| scene::read(&path, &|_| {}));
             let keep = || {
                 let kept = std::env::temp_dir().join(format!("smalto-damage-{round}-{name}"));
@@ -98,7 +99,7 @@ fn damaged_files_of_every_kind_are_read_or_refused() {
                     assert!(!text.contains('\n') && text.len() < 1000, "'{text}': {}", keep());
                 }
             }
-            let (used, took) = (MEMORY.peak_usage().saturating_sub(before), started.elapsed());
+            let (used, took) = (MEMORY.most() - before, started.elapsed());
             assert!(used < MEMORY_AT_LEAST + MEMORY_EACH * bytes.len(), "{used} bytes: {}", keep());
             assert!(took < LONGEST, "{took:?}: {}", keep());
             (largest, longest) = (largest.max(used), longest.max(took));

@@ -116,7 +116,9 @@ fn what_is_shown_is_the_beginning_of_the_scene_and_doubles() {
 fn a_small_scene_is_shown_only_when_it_is_whole() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/plush.ply");
     let partial = |_: &Gaussians| panic!("there is too little to show");
-    Reading::default().read_watched(&path, &Watch { progress: &|_| {}, partial: &partial, is_cancelled: &|| false }).unwrap();
+    Reading::default()
+        .read_watched(&path, &Watch { progress: &|_| {}, partial: &partial, is_cancelled: &|| false })
+        .unwrap();
 }
 
 /// After a number of questions, whichever part of the reader asks.

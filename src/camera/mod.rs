@@ -3,8 +3,8 @@
 
 mod cameras_json;
 mod colmap;
-mod dataparser;
 pub mod control;
+mod dataparser;
 mod file;
 mod lens;
 pub mod path;

@@ -37,7 +37,8 @@ pub(super) fn parse(text: &[u8], path: &Path) -> Result<CameraFile> {
         cameras.push(named);
     }
     let splits = splits(&file, path, &cameras)?;
-    let told = placed.map(|_| format!("{} beside it says where the scene is, and the cameras are put there", dataparser::FILE));
+    let told = placed
+        .map(|_| format!("{} beside it says where the scene is, and the cameras are put there", dataparser::FILE));
     let notices = bent.notice(cameras.len()).into_iter().chain(told).collect();
     Ok(CameraFile { splits, notices, cameras })
 }

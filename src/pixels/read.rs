@@ -238,8 +238,8 @@ mod tests {
             let problem = of_bytes(magic);
             assert!(problem.starts_with("cannot be decoded") || problem.starts_with("is a damaged .npy"), "{problem}");
         }
-        save(&path, &[4, 4], Order::C, &[0.0_f32; 16]);
-        assert_eq!(problem(), "is an array of shape [4, 4], not of height, width and 3 or 4 channels");
+        save(&path, &[4, 2, 2], Order::C, &[0.0_f32; 16]);
+        assert_eq!(problem(), "is an array of shape [4, 2, 2], not of height, width and 1, 3 or 4 channels");
         save(&path, &[0, 4, 3], Order::C, &[0.0_f32; 0]);
         assert_eq!(problem(), "is an array of shape [0, 4, 3], which is no picture");
         save(&path, &[1, 1, 3], Order::Fortran, &[0.0_f32; 3]);

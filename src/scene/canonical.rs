@@ -92,6 +92,8 @@ pub struct Builder {
     /// Its spherical harmonics have room for all from the start, so that threads decode to where they stay.
     gaussians: Gaussians,
     tally: Tally,
+    /// Of a block; kept, since memory that is new for every block costs more than what is done with it.
+    decoded: Vec<Result<Canonical, Flaw>>,
 }
 
 /// Gaussians that a reader decodes at once: enough to share among threads, few enough to need little memory.
@@ -108,7 +110,7 @@ impl Builder {
             sh: host_zeros(capacity * sh_coefficients(sh_degree), "spherical harmonics")?,
             sh_degree,
         };
-        Ok(Self { gaussians, tally: Tally::default() })
+        Ok(Self { gaussians, tally: Tally::default(), decoded: Vec::new() })
     }
 
     /// Adds `count` Gaussians, or counts why they cannot be drawn. `decode` makes the one with this index, and fills its
@@ -128,9 +130,9 @@ impl Builder {
         }
         let sh = all.sh[start..end].par_chunks_exact_mut(stride);
         let decoded = sh.enumerate().map(|(i, sh)| canonical(&decode(i, sh), sh));
-        let decoded: Vec<Result<Canonical, Flaw>> = decoded.collect();
+        decoded.collect_into_vec(&mut self.decoded);
         self.tally.read += count;
-        for (i, result) in decoded.into_iter().enumerate() {
+        for (i, result) in self.decoded.drain(..).enumerate() {
             match result {
                 Ok(gaussian) => {
                     let (from, to) = (start + i * stride, all.means.len() * stride);
@@ -162,6 +164,7 @@ impl Builder {
     }
 }
 
+#[derive(Debug)]
 struct Canonical {
     mean: [f32; 3],
     scale: [f32; 3],
@@ -174,6 +177,7 @@ struct Canonical {
 const MAX_SH: f32 = 1e36;
 
 /// Why a Gaussian cannot be drawn.
+#[derive(Debug)]
 enum Flaw {
     NotFinite,
     ZeroRotation,

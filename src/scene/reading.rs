@@ -5,7 +5,9 @@ use std::path::Path;
 use anyhow::{Result, bail, ensure};
 
 use super::source::Source;
-use super::{Cancelled, Gaussians, Procedural, Scene, Tally, Transform, Unreadable, Watch, gltf, ksplat, ply, sog, splat, spz};
+use super::{
+    Cancelled, Gaussians, Procedural, Scene, Tally, Transform, Unreadable, Watch, gltf, ksplat, ply, sog, splat, spz,
+};
 use crate::memory::OutOfMemory;
 
 /// What a file does not say of its scene, or says wrongly.
@@ -76,8 +78,9 @@ fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     ensure!(source.len() > 0, "the file is empty");
     let is_named = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     let magic = source.peek(4)?;
+    let is_json = magic.starts_with(b"{") && !["gltf", "splat", "ksplat"].into_iter().any(is_named);
     let scene = match magic {
-        _ if magic.starts_with(b"{") && !is_named("gltf") => sog::read_json(path, level, watch)?,
+        _ if is_json => sog::read_json(path, level, watch)?,
         _ if level.is_some() => bail!(NO_LEVELS),
         _ if magic.starts_with(b"ply") => ply::read(&mut source)?,
         _ if magic.starts_with(b"glTF") => gltf::read_binary(&mut source, path)?,

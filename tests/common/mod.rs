@@ -139,11 +139,15 @@ impl Drop for Gpu {
     }
 }
 
-/// A test's turn to use devices. One test at a time: drivers refuse to open many devices at once, and a software device
-/// uses every core for one.
+/// Tests that use devices at once: drivers refuse to open many, and a software device uses every core to draw, but one to
+/// compile.
+const AT_ONCE: usize = 2;
+
+/// A test's turn to use devices.
 pub struct Turn;
 
-static TAKEN: (Mutex<bool>, Condvar) = (Mutex::new(false), Condvar::new());
+/// Turns that are taken.
+static TAKEN: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
 thread_local! {
     /// Devices of this test: they share a turn.
@@ -154,7 +158,7 @@ impl Turn {
     pub fn take() -> Self {
         if DEVICES.replace(DEVICES.get() + 1) == 0 {
             let taken = TAKEN.0.lock().unwrap();
-            *TAKEN.1.wait_while(taken, |taken| *taken).unwrap() = true;
+            *TAKEN.1.wait_while(taken, |taken| *taken == AT_ONCE).unwrap() += 1;
         }
         Self
     }
@@ -163,7 +167,7 @@ impl Turn {
 impl Drop for Turn {
     fn drop(&mut self) {
         if DEVICES.replace(DEVICES.get() - 1) == 1 {
-            *TAKEN.0.lock().unwrap() = false;
+            *TAKEN.0.lock().unwrap() -= 1;
             TAKEN.1.notify_one();
         }
     }

@@ -10,7 +10,8 @@ use anyhow::{Context, Result, ensure};
 use clap::builder::RangedU64ValueParser;
 
 use super::{
-    DeviceArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, SplitArg, Usage, complain, knobs, parse_size, progress, remark,
+    DeviceArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, SplitArg, Usage, complain, knobs, parse_size, progress,
+    remark,
 };
 use crate::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
 use crate::camera::Camera;

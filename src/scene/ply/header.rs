@@ -128,6 +128,15 @@ impl Property {
     pub fn read(&self, element: &[u8]) -> f64 {
         self.kind.read(&element[self.offset..], self.is_big_endian)
     }
+
+    /// The same rounded to 32 bits. Most of a file is colours in such floats: they are read as they lie.
+    #[inline]
+    pub fn read_f32(&self, element: &[u8]) -> f32 {
+        match element[self.offset..].first_chunk() {
+            Some(bytes) if self.kind == Scalar::F32 && !self.is_big_endian => f32::from_le_bytes(*bytes),
+            _ => self.read(element) as f32,
+        }
+    }
 }
 
 /// What a PLY holds, and what its comments say.

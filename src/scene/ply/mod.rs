@@ -10,6 +10,7 @@ use super::canonical::{BLOCK, Builder, Raw};
 use super::harmonics::C0;
 use super::source::Source;
 use super::{MAX_SH_DEGREE, Scene, checked_count, compressed_ply, rest_values};
+use crate::memory::host_vec;
 use header::quoted;
 pub(super) use header::{Element, Encoding, Property, Scalar};
 
@@ -74,6 +75,9 @@ impl<'e> Rows<'e> {
     /// Reads the next rows. Returns all of them.
     fn next(&mut self, source: &mut Source, first: usize, count: usize) -> Result<&[u8]> {
         if self.element.encoding != Encoding::Ascii {
+            if self.bytes.capacity() == 0 {
+                self.bytes = host_vec(count * self.element.stride(), "vertices")?;
+            }
             self.bytes.resize(count * self.element.stride(), 0);
             source.fill(&mut self.bytes, "the vertices")?;
             return Ok(&self.bytes);
@@ -166,7 +170,7 @@ impl<'e> Colour<'e> {
     /// As coefficients of degree 0.
     fn read(self, row: &[u8]) -> [f32; 3] {
         match self {
-            Self::Coefficients(coefficients) => coefficients.map(|p| p.read(row) as f32),
+            Self::Coefficients(coefficients) => coefficients.map(|p| p.read_f32(row)),
             Self::Channels(channels, most) => channels.map(|p| ((p.read(row) / most - 0.5) / C0) as f32),
         }
     }
@@ -194,7 +198,7 @@ fn vertices(source: &mut Source, element: &Element) -> Result<Scene> {
             let row = &bytes[index * stride..][..stride];
             sh[0] = layout.colour.read(row);
             for (i, coefficient) in sh[1..].iter_mut().enumerate() {
-                *coefficient = std::array::from_fn(|channel| layout.rest[channel * bands + i].read(row) as f32);
+                *coefficient = std::array::from_fn(|channel| layout.rest[channel * bands + i].read_f32(row));
             }
             layout.raw(row)
         });

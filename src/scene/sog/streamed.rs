@@ -46,7 +46,13 @@ impl Node {
     }
 }
 
-pub(super) fn read(source: &mut Source, json: &[u8], folder: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
+pub(super) fn read(
+    source: &mut Source,
+    json: &[u8],
+    folder: &Path,
+    level: Option<u32>,
+    watch: &Watch,
+) -> Result<Scene> {
     let written: Written = serde_json::from_slice(json).context("lod-meta.json is not that of a streamed SOG")?;
     let mut levels = BTreeSet::new();
     written.tree.leaves(&mut |lods| levels.extend(lods.keys().copied()));
