@@ -356,7 +356,7 @@ fn a_list_of_colmap_that_is_shorter_than_it_says_is_noticed() {
     assert_eq!(read(fixture("text")).notices.iter().filter(|notice| notice.contains("says")).count(), 0);
     let cut: String = images.lines().take(4 + 2 * 7).flat_map(|line| [line, "\n"]).collect();
     fs::write(folder.path().join("images.txt"), cut).unwrap();
-    let cut = read(folder.path().to_owned());
+    let cut = read(folder.path());
     assert_eq!(cut.cameras.len(), 7);
     let notice = "images.txt says that it has 12 photographs, and has 7";
     assert!(cut.notices.iter().any(|n| n == notice), "{:?}", cut.notices);

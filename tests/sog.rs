@@ -9,7 +9,7 @@ use std::path::Path;
 use common::captured;
 use common::table::{self, SAME, Table, fixture, parse, parse_at, read};
 use serde_json::{Value, json};
-use smalto::scene::{Gaussians, Reading};
+use smalto::scene::{self, Gaussians, Reading};
 use tempfile::TempDir;
 
 fn agrees_with_splat_transform(gaussians: &Gaussians, csv: &str) {
@@ -154,6 +154,16 @@ fn the_finest_level_of_a_streamed_sog_is_read() {
     });
     let coarse = read(folder.path());
     assert_eq!((coarse.gaussians.len(), coarse.format.as_str()), (122 + 61, "streamed SOG, level 1 of 2"));
+}
+
+#[test]
+fn names_in_a_file_break_no_sentence() {
+    let folder = copied("lod");
+    for name in ["a\nb/meta.json".to_owned(), "\u{7}".repeat(5000), "a".repeat(100_000)] {
+        change(&folder.path().join("lod-meta.json"), |meta| meta["filenames"][0] = json!(name));
+        let problem = scene::read(folder.path(), &|_| {}).unwrap_err().to_string();
+        assert!(!problem.contains(char::is_control) && problem.len() < 4000, "{problem}");
+    }
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::fs;
 use std::io::Write;
 use std::path::PathBuf;
 
-use smalto::scene::{self, Cancelled, Gaussians, Reading, Unreadable, Watch};
+use smalto::scene::{self, Builder, Cancelled, Gaussians, Reading, Unreadable, Watch};
 
 /// Gaussians in each file: four whole blocks of 65,536 and a part of one.
 const COUNT: usize = 300_000;
@@ -101,8 +101,9 @@ fn what_is_shown_is_the_beginning_of_the_scene_and_doubles() {
         assert_eq!(expected.len(), COUNT, "{}", path.display());
         assert!(expected.means()[1] != expected.means()[2], "the order can be told");
         let (shown, last) = (RefCell::new(Vec::new()), Cell::new(0.0));
-        let partial = |part: &Gaussians| {
-            assert!(is_beginning(part, &expected), "{}", path.display());
+        let partial = |part: &Builder| {
+            let part = part.so_far().unwrap();
+            assert!(is_beginning(&part, &expected), "{}", path.display());
             shown.borrow_mut().push(part.len());
         };
         let watch = Watch { progress: &|fraction| last.set(fraction), partial: &partial, is_cancelled: &|| false };
@@ -115,7 +116,7 @@ fn what_is_shown_is_the_beginning_of_the_scene_and_doubles() {
 #[test]
 fn a_small_scene_is_shown_only_when_it_is_whole() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/plush.ply");
-    let partial = |_: &Gaussians| panic!("there is too little to show");
+    let partial = |_: &Builder| panic!("there is too little to show");
     Reading::default()
         .read_watched(&path, &Watch { progress: &|_| {}, partial: &partial, is_cancelled: &|| false })
         .unwrap();

@@ -76,18 +76,19 @@ impl SceneArg {
     }
 }
 
+const HEADING: &str = "Scene";
+
 /// What scene files do not say, or say wrongly.
 #[derive(Args, Clone, Copy, Default)]
-#[command(next_help_heading = "Scenes that lie or have levels")]
 pub(super) struct ReadingArgs {
     /// The scene's axis that points up: x, y, z, -x, -y or -z. It is turned, cameras are not [default: -y]
-    #[arg(long, value_name = "AXIS", allow_hyphen_values = true, value_parser = parse_up)]
+    #[arg(long, help_heading = HEADING, value_name = "AXIS", allow_hyphen_values = true, value_parser = parse_up)]
     up: Option<Up>,
     /// The scene's axes that point the other way than its format says, like y or yz
-    #[arg(long, value_name = "AXES", value_parser = parse_axes)]
+    #[arg(long, help_heading = HEADING, value_name = "AXES", value_parser = parse_axes)]
     flip: Option<Axes>,
     /// Level of detail of a lod-meta.json, 0 the finest [default: the finest there is]
-    #[arg(long, value_name = "LEVEL")]
+    #[arg(long, help_heading = HEADING, value_name = "LEVEL")]
     lod: Option<u32>,
 }
 

@@ -152,9 +152,15 @@ impl Builder {
         }
     }
 
-    /// Those added so far.
-    pub fn gaussians(&self) -> &Gaussians {
-        &self.gaussians
+    /// How many were added so far.
+    pub(super) fn len(&self) -> usize {
+        self.gaussians.len()
+    }
+
+    /// A copy of those added so far, if there is memory for it.
+    pub fn so_far(&self) -> Result<Gaussians, OutOfMemory> {
+        let all: Vec<u32> = (0..self.len() as u32).collect();
+        self.gaussians.selected(&all)
     }
 
     pub fn finish(mut self) -> (Gaussians, Tally) {

@@ -127,8 +127,20 @@ pub struct Unreadable {
 
 impl Unreadable {
     pub fn new(path: &Path, problem: &anyhow::Error) -> Self {
-        Self { path: path.display().to_string(), problem: format!("{problem:#}") }
+        Self { path: path.display().to_string(), problem: sentence(&format!("{problem:#}")) }
     }
+}
+
+/// On one line, and no longer than one reads, whatever names and numbers of the file are in it.
+fn sentence(text: &str) -> String {
+    const BEGIN: usize = 400;
+    const END: usize = 200;
+    let escape = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    let letters: Vec<String> = text.chars().map(escape).collect();
+    if letters.len() <= BEGIN + END {
+        return letters.concat();
+    }
+    format!("{} ... {}", letters[..BEGIN].concat(), letters[letters.len() - END..].concat())
 }
 
 /// Who waits for a scene to be read. All are called on the thread that reads.
@@ -136,9 +148,9 @@ impl Unreadable {
 pub struct Watch<'w> {
     /// Told the fraction of the file read so far.
     pub progress: &'w dyn Fn(f64),
-    /// Shown the Gaussians decoded so far, in the order of the scene: first when they are 65,536 or more, then whenever
+    /// Shown what was decoded so far, in the order of the scene: first when they are 65,536 or more, then whenever
     /// they have doubled, and never when they are all.
-    pub partial: &'w dyn Fn(&Gaussians),
+    pub partial: &'w dyn Fn(&Builder),
     /// Asked now and then, some 200 times a file and once every 65,536 Gaussians. When it says so, and goes on saying
     /// so, reading ends with [`Cancelled`].
     pub is_cancelled: &'w dyn Fn() -> bool,

@@ -42,10 +42,9 @@ impl<'w> Source<'w> {
     /// that is shown together is less than twice the scene; fails if no one waits any more.
     pub fn before_block(&mut self, so_far: &Builder) -> Result<()> {
         ensure!(!(self.watch.is_cancelled)(), Cancelled);
-        let gaussians = so_far.gaussians();
-        if gaussians.len() >= self.next_partial {
-            (self.watch.partial)(gaussians);
-            self.next_partial = 2 * gaussians.len();
+        if so_far.len() >= self.next_partial {
+            (self.watch.partial)(so_far);
+            self.next_partial = 2 * so_far.len();
         }
         Ok(())
     }

@@ -88,7 +88,8 @@ impl Layer {
                         progress: &|fraction| reporter.tell(News::Reading(number, fraction)),
                         partial: &|so_far| {
                             // What cannot be placed is said when all is read.
-                            if let Ok(placed) = reading.placed(so_far.clone()) {
+                            let part = so_far.so_far().map_err(anyhow::Error::from);
+                            if let Ok(placed) = part.and_then(|part| reading.placed(part)) {
                                 reporter.tell(News::Partial(number, Arc::new(placed)));
                             }
                         },
