@@ -52,7 +52,7 @@ fn unfinished(path: &Path) -> Result<NamedTempFile> {
     builder.tempfile_in(folder).map_err(|error| {
         // The error's own sentence names the temporary file, which means nothing to who asked for another.
         let why = match error.kind() {
-            ErrorKind::NotFound => "there is no such folder".to_owned(),
+            ErrorKind::NotFound if !folder.exists() => "there is no such folder".to_owned(),
             kind => kind.to_string(),
         };
         anyhow!("cannot write {}: {why}", path.display())
