@@ -150,6 +150,8 @@ impl Builder {
                 Err(Flaw::Transparent) => self.tally.transparent += 1,
             }
         }
+        // Where those were that moved or were dropped, others are decoded, who may leave zeros as they are.
+        all.sh[all.means.len() * stride..end].fill([0.0; 3]);
     }
 
     /// How many were added so far.
@@ -283,6 +285,19 @@ mod tests {
         let (gaussians, tally) = builder.finish();
         assert_eq!(gaussians.means().iter().map(|m| m[0]).collect::<Vec<_>>(), [1.0, 2.0, 4.0, 5.0, 7.0, 8.0]);
         assert_eq!((tally.read, tally.not_finite), (10, 4));
+    }
+
+    #[test]
+    fn canonical_leaves_nothing_of_what_it_drops() {
+        let mut builder = Builder::new(1, 4).unwrap();
+        builder.extend(2, |i, sh| {
+            sh.fill([1.0 + i as f32; 3]);
+            Raw { opacity_logit: [f64::NAN, 0.0][i], ..GOOD }
+        });
+        builder.extend(2, |_, _| GOOD);
+        let (gaussians, _) = builder.finish();
+        assert_eq!(gaussians.sh(0), [[2.0; 3]; 4]);
+        assert_eq!([gaussians.sh(1), gaussians.sh(2)], [[[0.0; 3]; 4]; 2]);
     }
 
     #[test]
