@@ -1,4 +1,4 @@
-//! Reading a scene file, by its content, as one that it tells the truth or as one is told better.
+//! Reading a scene file: what it is, by its content, and what it does not say of its levels and axes, by who asks.
 
 use std::path::Path;
 
