@@ -1,12 +1,14 @@
 //! `dataparser_transforms.json`, with which nerfstudio says where it has put the scene that it trains and exports: turned,
 //! moved and scaled from where the cameras of its `transforms.json` are.
 
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DMat4, DVec3, DVec4};
 use serde::Deserialize;
+use serde_json::{Map, Value};
+
+use super::file::read_whole;
 
 pub(super) const FILE: &str = "dataparser_transforms.json";
 
@@ -21,7 +23,7 @@ struct Written {
 }
 
 /// What `transforms.json` says was done to the captured data before.
-#[derive(Default, Deserialize)]
+#[derive(Deserialize)]
 struct Applied {
     applied_transform: Option<Rows>,
     applied_scale: Option<f64>,
@@ -34,20 +36,21 @@ pub(super) struct Dataparser {
 }
 
 impl Dataparser {
-    /// That of the file in `folder`, if there is one, for the `transforms.json` with this text.
-    pub fn beside(folder: &Path, transforms: &[u8]) -> Result<Option<Self>> {
+    /// That of the file in `folder`, if there is one, for this `transforms.json`.
+    pub fn beside(folder: &Path, transforms: &Map<String, Value>) -> Result<Option<Self>> {
         let path = folder.join(FILE);
         if !path.is_file() {
             return Ok(None);
         }
-        Self::parse(&fs::read(&path)?, transforms).with_context(|| FILE.to_owned()).map(Some)
+        let read = read_whole(&path).and_then(|text| Self::parse(&text, transforms));
+        read.with_context(|| FILE.to_owned()).map(Some)
     }
 
-    fn parse(text: &[u8], transforms: &[u8]) -> Result<Self> {
+    fn parse(text: &[u8], transforms: &Map<String, Value>) -> Result<Self> {
         let Written { transform, scale } =
             serde_json::from_slice(text).context("is not a transform of three rows of four numbers and a scale")?;
         let applied: Applied =
-            serde_json::from_slice(transforms).context("applied_transform or applied_scale of transforms.json")?;
+            Applied::deserialize(transforms).context("applied_transform or applied_scale of transforms.json")?;
         let (before, applied_scale) =
             (applied.applied_transform.map_or(DMat4::IDENTITY, matrix), applied.applied_scale.unwrap_or(1.0));
         let (matrix, scale) = (matrix(transform) * before.inverse(), scale / applied_scale);

@@ -26,7 +26,7 @@ pub(super) fn parse(text: &[u8], path: &Path) -> Result<CameraFile> {
     let frames = file.get("frames").and_then(Value::as_array);
     let frames = frames.context("is not a cameras.json, and no transforms.json: it has no array `frames`")?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let placed = Dataparser::beside(folder, text)?;
+    let placed = Dataparser::beside(folder, &file)?;
     let mut bent = Bent::default();
     let mut cameras = Vec::new();
     for (i, frame) in frames.iter().enumerate() {
