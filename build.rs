@@ -1,7 +1,9 @@
-//! Compiles `glsl/*.comp` to SPIR-V and writes one typed Rust interface per shader to `OUT_DIR/shaders.rs`.
+//! Compiles `glsl/*/*.comp` to SPIR-V and writes one typed Rust interface per shader to `OUT_DIR/shaders.rs`, in one
+//! module per folder.
 //!
 //! A shader declares its own interface; this turns it into a marker type, a bindings struct, a push-constant struct and
-//! a struct of specialization constants, so that a forgotten or mistyped buffer does not compile.
+//! a struct of specialization constants, so that a forgotten or mistyped buffer does not compile. The `const uint` and
+//! `const float` values of a folder's headers (`*.glsl`) become Rust constants of the same names.
 
 use std::collections::hash_map::DefaultHasher;
 use std::fmt::Write as _;
@@ -10,17 +12,15 @@ use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use shaderc::{
-    CompileOptions, Compiler, EnvVersion, OptimizationLevel, ResolvedInclude, ShaderKind, SpirvVersion, TargetEnv,
-};
+use shaderc::Compiler;
 
+#[path = "src/gpu/glsl.rs"]
+mod glsl;
 #[path = "src/gpu/spirv.rs"]
 mod spirv;
 use spirv::{Interface, Kind, Member, Struct, Type, Value};
 
 const SHADER_FOLDER: &str = "glsl";
-/// Defined where a shader is compiled for arithmetic in 16-bit floats.
-const HALF: &str = "HALF_ARITHMETIC";
 
 fn main() {
     if let Err(error) = run() {
@@ -31,95 +31,60 @@ fn main() {
 
 fn run() -> Result<()> {
     println!("cargo::rerun-if-changed={SHADER_FOLDER}");
-    println!("cargo::rerun-if-changed=src");
-    tell_commit();
     let out = PathBuf::from(std::env::var("OUT_DIR")?);
-    let mut sources: Vec<PathBuf> = fs::read_dir(SHADER_FOLDER)?.map(|e| Ok(e?.path())).collect::<Result<_>>()?;
-    sources.retain(|path| path.extension().is_some_and(|e| e == "comp"));
-    sources.sort();
-
     let compiler = Compiler::new()?;
     let mut generated = Generated::default();
-    for source in sources {
-        let stem = source.file_stem().and_then(|s| s.to_str()).context("a shader's name is not UTF-8")?;
-        let place = || source.display().to_string();
-        let modules = compile(&compiler, &source, &out, None)?;
-        let interface = spirv::reflect(&modules.named).with_context(place)?;
-        let half = compile(&compiler, &source, &out, Some(HALF))?;
-        // What asks for the macro has a second form; of any other shader, both are the same.
-        let half = (half.optimized_path != modules.optimized_path).then_some(half.optimized_path);
-        generated.shader(stem, &interface, &modules.optimized_path, half.as_deref()).with_context(place)?;
+    for folder in sorted_entries(Path::new(SHADER_FOLDER))? {
+        let module = stem(&folder)?.to_owned();
+        let files = sorted_entries(&folder)?;
+        let has_ending = |path: &&PathBuf, ending: &str| path.extension().is_some_and(|e| e == ending);
+        writeln!(generated.modules, "\n/// The shaders and constants of `{SHADER_FOLDER}/{module}/`.")?;
+        writeln!(generated.modules, "#[allow(clippy::wildcard_imports)]\npub mod {module} {{\n    use super::*;\n")?;
+        for header in files.iter().filter(|path| has_ending(path, "glsl")) {
+            generated.shared_constants(&fs::read_to_string(header)?)?;
+        }
+        for source in files.iter().filter(|path| has_ending(path, "comp")) {
+            let stem = stem(source)?;
+            let place = || source.display().to_string();
+            let (named, optimized) = compiled(&compiler, source, &module, stem, &out)?;
+            let interface = spirv::reflect(&named).with_context(place)?;
+            generated.shader(&module, stem, &interface, &optimized).with_context(place)?;
+        }
+        writeln!(generated.modules, "}}")?;
+        generated.known.clear();
     }
-    write_if_changed(&out.join("shaders.rs"), generated.code.as_bytes())
+    write_if_changed(&out.join("shaders.rs"), (generated.structs_code + &generated.modules).as_bytes())
 }
 
-/// Lets the program know which commit it is built from, where git knows it.
-fn tell_commit() {
-    let git = |arguments: &[&str]| {
-        let output = std::process::Command::new("git").args(arguments).output().ok().filter(|o| o.status.success())?;
-        Some(String::from_utf8_lossy(&output.stdout).trim().to_owned())
-    };
-    // What changes with every commit.
-    for path in ["HEAD", "index"].iter().filter_map(|name| git(&["rev-parse", "--git-path", name])) {
-        println!("cargo::rerun-if-changed={path}");
-    }
-    if let Some(commit) = git(&["describe", "--always", "--dirty", "--abbrev=12"]) {
-        println!("cargo::rustc-env=SMALTO_COMMIT={commit}");
-    }
+fn sorted_entries(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+    let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+    paths.sort();
+    Ok(paths)
 }
 
-struct Modules {
-    /// Unoptimized, with the names and the unused bindings that reflection needs.
-    named: Vec<u32>,
-    /// What the library embeds.
-    optimized_path: PathBuf,
+fn stem(path: &Path) -> Result<&str> {
+    path.file_stem().and_then(|s| s.to_str()).context("a shader's name is not UTF-8")
 }
 
-/// Compiles one shader twice, or takes both modules from an earlier build of the same preprocessed source by
-/// the same build script.
-fn compile(compiler: &Compiler, source: &Path, out: &Path, defined: Option<&str>) -> Result<Modules> {
-    let text = fs::read_to_string(source)?;
-    let file = source.to_str().context("a shader's path is not UTF-8")?;
-    let preprocessed =
-        compiler.preprocess(&text, file, "main", Some(&options(OptimizationLevel::Zero, defined)?))?.as_text();
+/// The unoptimized words of a shader and the path of its optimized module, from an earlier build of the same
+/// preprocessed source if there is one.
+fn compiled(compiler: &Compiler, source: &Path, module: &str, stem: &str, out: &Path) -> Result<(Vec<u32>, PathBuf)> {
+    let folder = Path::new(SHADER_FOLDER);
     let mut hasher = DefaultHasher::new();
-    (preprocessed, include_str!("build.rs")).hash(&mut hasher);
-    let stem = source.file_stem().and_then(|s| s.to_str()).context("a shader's name is not UTF-8")?;
-    let path = |kind: &str| out.join(format!("{stem}.{:016x}.{kind}.spv", hasher.finish()));
-    let (named_path, optimized_path) = (path("named"), path("optimized"));
-    for (level, path) in [(OptimizationLevel::Zero, &named_path), (OptimizationLevel::Performance, &optimized_path)] {
-        if !path.exists() {
-            let module = compiler.compile_into_spirv(
-                &text,
-                ShaderKind::Compute,
-                file,
-                "main",
-                Some(&options(level, defined)?),
-            )?;
+    (glsl::preprocess(compiler, folder, source)?, include_str!("src/gpu/glsl.rs")).hash(&mut hasher);
+    let path = |kind: &str| out.join(format!("{module}.{stem}.{:016x}.{kind}.spv", hasher.finish()));
+    let (named, optimized) = (path("named"), path("optimized"));
+    if !named.exists() || !optimized.exists() {
+        let modules = glsl::compile(compiler, folder, source)?;
+        for (path, words) in [(&named, &modules.named), (&optimized, &modules.optimized)] {
             let unfinished = path.with_extension("part");
-            fs::write(&unfinished, module.as_binary_u8())?;
+            fs::write(&unfinished, words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<_>>())?;
             fs::rename(&unfinished, path)?;
         }
     }
-    let named = fs::read(&named_path)?.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
-    Ok(Modules { named, optimized_path })
-}
-
-fn options(level: OptimizationLevel, defined: Option<&str>) -> Result<CompileOptions<'static>> {
-    let mut options = CompileOptions::new()?;
-    if let Some(name) = defined {
-        options.add_macro_definition(name, None);
-    }
-    options.set_target_env(TargetEnv::Vulkan, EnvVersion::Vulkan1_3 as u32);
-    options.set_target_spirv(SpirvVersion::V1_6);
-    options.set_optimization_level(level);
-    options.set_warnings_as_errors();
-    options.set_include_callback(|name, _, from, _| {
-        let path = Path::new(SHADER_FOLDER).join(name);
-        let content = fs::read_to_string(&path).map_err(|e| format!("{from} includes {name}: {e}"))?;
-        Ok(ResolvedInclude { resolved_name: path.display().to_string(), content })
-    });
-    Ok(options)
+    let words = fs::read(&named)?.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    Ok((words, optimized))
 }
 
 fn write_if_changed(path: &Path, bytes: &[u8]) -> Result<()> {
@@ -131,22 +96,50 @@ fn write_if_changed(path: &Path, bytes: &[u8]) -> Result<()> {
 
 #[derive(Default)]
 struct Generated {
-    code: String,
+    /// Code of the structs that shaders of several folders share.
+    structs_code: String,
     structs: Vec<(String, Struct)>,
+    /// Code of the modules, one per folder.
+    modules: String,
+    /// Bodies of the structs of the current module, by name: an equal body becomes a type alias.
+    known: Vec<(String, String)>,
 }
 
 impl Generated {
-    fn shader(&mut self, stem: &str, interface: &Interface, spirv: &Path, half: Option<&Path>) -> Result<()> {
+    /// Repeats the constants of a header: those with one number for a value.
+    fn shared_constants(&mut self, header: &str) -> Result<()> {
+        for line in header.lines() {
+            let code = line.split("//").next().unwrap_or_default().trim();
+            let Some((ty, list)) = code.strip_prefix("const ").and_then(|rest| rest.split_once(' ')) else { continue };
+            for (name, value) in list.trim_end_matches(';').split(',').filter_map(|one| one.split_once('=')) {
+                let (name, value) = (name.trim(), value.trim().trim_end_matches('u'));
+                match ty {
+                    "uint" if value.parse::<u32>().is_ok() => {
+                        writeln!(self.modules, "    pub const {name}: u32 = {value};")?;
+                    }
+                    "float" if value.parse::<f32>().is_ok() => {
+                        writeln!(self.modules, "    pub const {name}: f32 = {value};")?;
+                    }
+                    _ => {}
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn shader(&mut self, module: &str, stem: &str, interface: &Interface, spirv: &Path) -> Result<()> {
         for structure in &interface.structs {
-            self.shared_struct(stem, structure)?;
+            self.shared_struct(&format!("{module}/{stem}"), structure)?;
         }
         let name = pascal_case(stem);
         self.bindings(&name, interface)?;
         let push = match &interface.push {
             Some(members) => {
-                let structure = Struct { name: format!("{name}Push"), members: members.clone() };
-                self.plain_struct(&structure, &format!("Push constants of `{stem}.comp`."))?;
-                structure.name
+                let body = plain_struct_body(members)?;
+                self.type_of_module(&name, "Push", &body, |ty| {
+                    format!("/// Push constants of [`{name}`].\n{PLAIN}\npub struct {ty} {{\n{body}}}\n")
+                });
+                format!("{name}Push")
             }
             None => "()".to_owned(),
         };
@@ -163,17 +156,20 @@ impl Generated {
         });
         let bindings: String = bindings.collect();
         let [x, y, z] = interface.workgroup;
-        let half = half.map_or("None".to_owned(), |path| format!("Some(include_bytes!({path:?}))"));
+        let fingerprint = interface.fingerprint();
         write!(
-            self.code,
+            self.modules,
             "
-/// `{SHADER_FOLDER}/{stem}.comp`.
+/// `{SHADER_FOLDER}/{module}/{stem}.comp`.
 pub struct {name};
 
-impl Shader for {name} {{
+// SAFETY: build.rs reflected the interface from this very module.
+#[allow(unsafe_code)]
+unsafe impl Shader for {name} {{
     const NAME: &'static str = \"{stem}\";
+    const PATH: &'static str = \"{module}/{stem}.comp\";
     const SPIRV: &'static [u8] = include_bytes!({spirv:?});
-    const HALF_SPIRV: Option<&'static [u8]> = {half};
+    const INTERFACE: u64 = {fingerprint:#x};
     const WORKGROUP: [u32; 3] = [{x}, {y}, {z}];
     const BINDINGS: &'static [Binding] = &[
 {bindings}    ];
@@ -186,18 +182,37 @@ impl Shader for {name} {{
         Ok(())
     }
 
-    /// A struct that several shaders may declare: written once, and refused when two declarations differ.
-    fn shared_struct(&mut self, stem: &str, structure: &Struct) -> Result<()> {
+    /// Writes the type `shader` + `kind` into the current module, or an alias where a type of this kind and body exists.
+    fn type_of_module(&mut self, shader: &str, kind: &'static str, body: &str, code: impl Fn(&str) -> String) {
+        let name = format!("{shader}{kind}");
+        let lifetime = if kind == "Bindings" { "<'a>" } else { "" };
+        match self.known.iter().find(|(known, text)| text == body && known.ends_with(kind)) {
+            Some((twin, _)) => {
+                self.modules += &format!("\n/// The same as [`{twin}`].\npub type {name}{lifetime} = {twin}{lifetime};\n");
+            }
+            None => {
+                self.modules += &format!("\n{}", code(&name));
+                self.known.push((name, body.to_owned()));
+            }
+        }
+    }
+
+    /// A struct that shaders of several folders may declare: written once, and refused when two declarations differ.
+    fn shared_struct(&mut self, shader: &str, structure: &Struct) -> Result<()> {
         if let Some((owner, known)) = self.structs.iter().find(|(_, s)| s.name == structure.name) {
             ensure!(known == structure, "struct `{}` differs from the one in {owner}.comp", structure.name);
             return Ok(());
         }
-        self.structs.push((stem.to_owned(), structure.clone()));
-        self.plain_struct(structure, &format!("`{}` as the shaders lay it out.", structure.name))?;
+        self.structs.push((shader.to_owned(), structure.clone()));
+        let (name, body) = (&structure.name, plain_struct_body(&structure.members)?);
+        write!(
+            self.structs_code,
+            "\n/// `{name}` as the shaders lay it out.\n{PLAIN}\npub struct {name} {{\n{body}}}\n"
+        )?;
         // A struct of one kind of number can be the element of a buffer.
-        if let Some(scalar) = self.scalar(&Type::Struct(structure.name.clone())) {
+        if let Some(scalar) = self.scalar(&Type::Struct(name.clone())) {
             let implementation = format!("const SCALAR: Scalar = Scalar::{scalar};");
-            writeln!(self.code, "\nimpl Element for {} {{\n    {implementation}\n}}", structure.name)?;
+            writeln!(self.structs_code, "\nimpl Element for {name} {{\n    {implementation}\n}}")?;
         }
         Ok(())
     }
@@ -218,28 +233,8 @@ impl Shader for {name} {{
         }
     }
 
-    fn plain_struct(&mut self, structure: &Struct, doc: &str) -> Result<()> {
-        ensure!(
-            !self.code.contains(&format!("pub struct {} ", structure.name)),
-            "two types are named `{}`",
-            structure.name
-        );
-        writeln!(
-            self.code,
-            "\n/// {doc}\n#[repr(C)]\n#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]"
-        )?;
-        writeln!(self.code, "pub struct {} {{", structure.name)?;
-        for Member { name, ty } in &structure.members {
-            writeln!(self.code, "    pub {}: {},", identifier(name)?, rust_type(ty))?;
-        }
-        writeln!(self.code, "}}")?;
-        Ok(())
-    }
-
-    fn bindings(&mut self, name: &str, interface: &Interface) -> Result<()> {
-        writeln!(self.code, "\n/// The resources that [`{name}`] reads and writes.\n#[derive(Clone, Copy)]")?;
-        writeln!(self.code, "pub struct {name}Bindings<'a> {{")?;
-        let mut visits = String::new();
+    fn bindings(&mut self, shader: &str, interface: &Interface) -> Result<()> {
+        let (mut fields, mut visits) = (String::new(), String::new());
         for binding in &interface.bindings {
             let field = identifier(&binding.name)?;
             let one = match &binding.kind {
@@ -248,11 +243,11 @@ impl Shader for {name} {{
             };
             match binding.count {
                 1 => {
-                    writeln!(self.code, "    pub {field}: {one},")?;
+                    writeln!(fields, "    pub {field}: {one},")?;
                     writeln!(visits, "        bind(self.{field}.resource());")?;
                 }
                 count => {
-                    writeln!(self.code, "    pub {field}: [{one}; {count}],")?;
+                    writeln!(fields, "    pub {field}: [{one}; {count}],")?;
                     writeln!(
                         visits,
                         "        for element in self.{field} {{\n            bind(element.resource());\n        }}"
@@ -260,22 +255,31 @@ impl Shader for {name} {{
                 }
             }
         }
-        writeln!(self.code, "}}\n\nimpl Bindings for {name}Bindings<'_> {{")?;
-        writeln!(self.code, "    fn each(&self, bind: &mut dyn FnMut(Resource)) {{\n{visits}    }}\n}}")?;
+        self.type_of_module(shader, "Bindings", &fields, |name| {
+            format!(
+                "/// The resources that [`{shader}`] reads and writes.
+#[derive(Clone, Copy)]
+pub struct {name}<'a> {{
+{fields}}}
+
+// SAFETY: the fields are those that build.rs reflected, in the order of their binding numbers.
+#[allow(unsafe_code)]
+unsafe impl Bindings for {name}<'_> {{
+    fn each(&self, bind: &mut dyn FnMut(Resource)) {{
+{visits}    }}
+}}
+"
+            )
+        });
         Ok(())
     }
 
     /// Writes the struct of specialization constants, if there are any, and returns its type.
-    fn constants(&mut self, name: &str, interface: &Interface) -> Result<String> {
+    fn constants(&mut self, shader: &str, interface: &Interface) -> Result<String> {
         if interface.constants.is_empty() {
             return Ok("()".to_owned());
         }
-        writeln!(
-            self.code,
-            "\n/// The specialization constants of [`{name}`]; the defaults are the shader's.\n#[derive(Clone, Copy, Debug)]"
-        )?;
-        writeln!(self.code, "pub struct {name}Constants {{")?;
-        let (mut defaults, mut entries) = (String::new(), String::new());
+        let (mut fields, mut defaults, mut entries) = (String::new(), String::new(), String::new());
         for constant in &interface.constants {
             let field = constant.name.to_lowercase();
             let (ty, default, bits) = match constant.default {
@@ -286,32 +290,45 @@ impl Shader for {name} {{
                     ("f32", format!("f32::from_bits({:#x})", v.to_bits()), format!("self.{field}.to_bits()"))
                 }
             };
-            writeln!(self.code, "    pub {}: {ty},", identifier(&field)?)?;
+            writeln!(fields, "    pub {}: {ty},", identifier(&field)?)?;
             writeln!(defaults, "            {field}: {default},")?;
             writeln!(entries, "            ({}, {bits}),", constant.id)?;
         }
-        write!(
-            self.code,
-            "}}
+        self.type_of_module(shader, "Constants", &format!("{fields}{defaults}{entries}"), |name| {
+            format!(
+                "/// The specialization constants of [`{shader}`]; the defaults are the shader's.
+#[derive(Clone, Copy, Debug)]
+pub struct {name} {{
+{fields}}}
 
 #[allow(clippy::derivable_impls)] // where every default happens to be zero
-impl Default for {name}Constants {{
+impl Default for {name} {{
     fn default() -> Self {{
         Self {{
 {defaults}        }}
     }}
 }}
 
-impl Constants for {name}Constants {{
+// SAFETY: the numbers and types are those that build.rs reflected.
+#[allow(unsafe_code)]
+unsafe impl Constants for {name} {{
     fn entries(&self) -> Vec<(u32, u32)> {{
         vec![
 {entries}        ]
     }}
 }}
 "
-        )?;
-        Ok(format!("{name}Constants"))
+            )
+        });
+        Ok(format!("{shader}Constants"))
     }
+}
+
+/// The attributes of a struct that is copied to the GPU as it lies in memory.
+const PLAIN: &str = "#[repr(C)]\n#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]";
+
+fn plain_struct_body(members: &[Member]) -> Result<String> {
+    members.iter().map(|Member { name, ty }| Ok(format!("    pub {}: {},\n", identifier(name)?, rust_type(ty)))).collect()
 }
 
 fn rust_type(ty: &Type) -> String {

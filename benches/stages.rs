@@ -10,10 +10,11 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use criterion::{BenchmarkId, Criterion, Throughput};
-use smalto::bench::{Protocol, Statistics, copy_gb_s};
+use smalto::measure::bench::{Protocol, Statistics, copy_gb_s};
 use smalto::environment::Environment;
-use smalto::gpu::{Access, Buffer, Commands, Device, Element, Extent, Image, Stage, Staging, Validation};
-use smalto::options::{Options, TILE};
+use smalto::gpu::{Access, Buffer, Commands, Device, Element, DispatchSize, Image, Stage, Staging, Validation};
+use smalto::options::Options;
+use smalto::rules::TILE;
 use smalto::render::*;
 
 /// A stage with its input, ready to run again and again.
@@ -117,7 +118,7 @@ fn upload<T: Element>(device: &Device, name: &str, content: &[T]) -> Result<Buff
 
 fn totals(device: &Device, splats: u32, instances: u32) -> Result<Buffer<Totals>> {
     let totals =
-        Totals { visible_kept: splats, instances_low: instances, instances_kept: instances, ..Totals::zeroed() };
+        Totals { visible_kept: splats, listed_low: instances, listed_kept: instances, ..Totals::zeroed() };
     upload(device, "totals", &[totals])
 }
 
@@ -132,7 +133,7 @@ struct Scanned {
     identity: Buffer<u32>,
     tile_counts: Buffer<u32>,
     sums: Buffer<u32>,
-    dispatches: Buffer<Dispatches>,
+    dispatches: Buffer<PortableDispatches>,
     offsets: Buffer<u32>,
     first_ranks: Buffer<u32>,
     instances: u32,
@@ -158,13 +159,13 @@ impl Scanned {
 
     fn record(&self, cmd: &mut Commands) {
         let (totals, splat_from_rank, tile_counts) = (&self.totals, &self.identity, &self.tile_counts);
-        let groups = || Extent::Groups(self.identity.len().div_ceil(2048) as u64);
+        let groups = || DispatchSize::Groups(self.identity.len().div_ceil(2048) as u64);
         let bindings = ScanSumsBindings { totals, splat_from_rank, tile_counts, sums: &self.sums };
         cmd.dispatch(&self.stages.0, bindings, (), groups());
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         let bindings = ScanTotalsBindings { sums: &self.sums, totals, dispatches: &self.dispatches };
         let push = ScanTotalsPush { instance_capacity: self.instances };
-        cmd.dispatch(&self.stages.1, bindings, push, Extent::Groups(1));
+        cmd.dispatch(&self.stages.1, bindings, push, DispatchSize::Groups(1));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         let (sums, instance_offsets, first_ranks) = (&self.sums, &self.offsets, &self.first_ranks);
         let bindings = ScanBindings { totals, splat_from_rank, tile_counts, sums, instance_offsets, first_ranks };
@@ -188,7 +189,7 @@ fn sort(device: &Device, bits: u32, keys: u32) -> Result<Bench<'_>> {
     let pairs = Pairs::new(device, "sort", keys as usize)?;
     let scratch = SortScratch::new(device, keys as usize)?;
     let lengths = upload(device, "lengths", &[keys])?;
-    let [x, y] = Extent::Groups(keys.div_ceil(2048).into()).groups(1);
+    let [x, y] = DispatchSize::Groups(keys.div_ceil(2048).into()).groups(1);
     let groups = upload(device, "groups", &[x, y, 1])?;
     let mut input = Staging::<u32>::new(device, "unsorted keys", keys as usize)?;
     input.open().iter_mut().zip(0..).for_each(|(key, i)| *key = random(i));
@@ -234,7 +235,7 @@ fn duplicate(device: &Device, splats: u32) -> Result<Bench<'_>> {
                 tile_keys: &tile_keys,
                 splat_ids: &splat_ids,
             };
-            let groups = Extent::Groups(instances.div_ceil(1024).into());
+            let groups = DispatchSize::Groups(instances.div_ceil(1024).into());
             cmd.scope("duplicate", |cmd| cmd.dispatch(&stage, bindings, DuplicatePush { tiles_x: 45 }, groups));
         }),
     })
@@ -254,7 +255,7 @@ fn ranges(device: &Device, instances: u32) -> Result<Bench<'_>> {
         bytes: 4 * u64::from(instances) + 8 * u64::from(TILES),
         record: Box::new(move |cmd| {
             let bindings = RangesBindings { totals: &totals, tile_keys: &tile_keys, ranges: &ranges };
-            cmd.scope("ranges", |cmd| cmd.dispatch(&stage, bindings, (), Extent::Invocations(instances.into())));
+            cmd.scope("ranges", |cmd| cmd.dispatch(&stage, bindings, (), DispatchSize::Invocations(instances.into())));
         }),
     })
 }
@@ -302,7 +303,7 @@ fn blend(device: &Device, list: u32) -> Result<Bench<'_>> {
             };
             let (size_px, background) = ([SIDE; 2], [0.0; 3]);
             let push = BlendPush { size_px, tiles, background, pass_begin: 0, pass_limit: u32::MAX, last_pass: 1 };
-            cmd.scope("blend", |cmd| cmd.dispatch(&stage, bindings, push, Extent::Groups(tiles.into())));
+            cmd.scope("blend", |cmd| cmd.dispatch(&stage, bindings, push, DispatchSize::Groups(tiles.into())));
         }),
     })
 }

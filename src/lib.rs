@@ -1,35 +1,34 @@
 //! smalto: a renderer of 3D Gaussian splatting scenes on hand-written Vulkan compute pipelines.
 //!
-//! | module | is |
+//! | module | holds |
 //! |---|---|
-//! | [`scene`] | what is drawn |
-//! | [`camera`] | from where |
-//! | [`options`] | with which trade-offs |
-//! | [`mod@reference`] | the pipeline on the CPU in f64, the oracle |
-//! | [`gpu`] | Vulkan for compute; knows no Gaussians |
-//! | [`render`] | the pipeline on the GPU |
-//! | [`pixels`], [`metrics`] | images, and how far they are apart |
-//! | [`mod@bench`] | how fast, measured |
-//! | [`trade`] | what accuracy costs, and the cheapest options within a budget |
-//! | [`ladder`] | the optimizations one by one, from where the project started |
-//! | [`memory`] | running out of it |
-//! | [`files`] | that appear whole or not at all |
+//! | [`scene`] | Gaussians and the file formats they come in |
+//! | [`camera`] | cameras, camera files, camera paths |
+//! | [`rules`] | the rules of a picture |
+//! | [`options`] | the knobs that trade accuracy for speed, and the presets |
+//! | [`mod@reference`] | the pipelines on the CPU in f64: the oracle |
+//! | [`gpu`] | Vulkan for compute; it knows no Gaussians |
+//! | [`render`] | the pipelines on the GPU |
+//! | [`pixels`] | images in memory and in files |
+//! | [`measure`] | speed, accuracy, and what one costs the other |
 //! | [`viewer`] | the window |
 //! | [`cli`] | the commands |
+//! | [`files`], [`host_memory`] | atomic writes, and allocations that fail with an error |
 
-pub mod bench;
+#![deny(unsafe_code)]
+
 pub mod camera;
 pub mod cli;
-pub mod environment;
 pub mod files;
+#[allow(unsafe_code)]
 pub mod gpu;
-pub mod ladder;
-pub mod memory;
-pub mod metrics;
+#[allow(unsafe_code)]
+pub mod host_memory;
+pub mod measure;
 pub mod options;
 pub mod pixels;
 pub mod reference;
 pub mod render;
+pub mod rules;
 pub mod scene;
-pub mod trade;
 pub mod viewer;

@@ -106,7 +106,7 @@ fn modules_know_only_whom_they_may() {
 fn a_forbidden_edge_is_found() {
     let source = |name: &str, text: &str| vec![(name.to_owned(), text.to_owned())];
     assert_eq!(
-        violations(&source("scene/ply.rs", "use crate::render::Renderer;")),
+        violations(&source("scene/ply.rs", "use crate::render::PortablePipeline;")),
         ["scene/ply.rs: scene may not use render"]
     );
     assert_eq!(

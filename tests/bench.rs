@@ -8,9 +8,9 @@ use std::path::Path;
 use common::Gpu;
 use common::program::{fails, ok, path, smalto};
 use serde_json::Value;
-use smalto::bench::Report;
-use smalto::ladder::{LadderReport, Place, RUNGS};
-use smalto::trade;
+use smalto::measure::bench::Report;
+use smalto::measure::ladder::{LadderReport, Place, RUNGS};
+use smalto::measure::trade;
 
 /// Little work, the same on every device.
 const QUICK: [&str; 6] = ["--size", "48x40", "--warmup", "0", "--frames", "3"];

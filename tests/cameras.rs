@@ -10,7 +10,8 @@ use common::program::{fails, ok, path, smalto};
 use common::{Gpu, Random, compare};
 use glam::{DMat3, DVec2, DVec3};
 use smalto::camera::{self, Camera, CameraFile, NamedCamera, Split, Timeline};
-use smalto::options::{Background, Options};
+use smalto::options::Options;
+use smalto::rules::Background;
 use smalto::reference;
 use smalto::scene::synthetic;
 

@@ -5,10 +5,11 @@ mod common;
 use common::{Gpu, Random, gaussians};
 use glam::DVec3;
 use smalto::camera::Camera;
-use smalto::options::{Background, Extent, Options, Rules};
+use smalto::options::Options;
+use smalto::rules::{Background, Footprint, Rules};
 use smalto::pixels::Pixels;
 use smalto::reference;
-use smalto::render::{GpuScene, Still};
+use smalto::render::{GpuScene, Renderer};
 use smalto::scene::{Gaussians, Raw, Requirements, synthetic};
 
 /// What is left out in ways that a certificate is for, beside nothing more than the rules do.
@@ -21,14 +22,14 @@ fn settings() -> Vec<(&'static str, Options)> {
         ("stop 1/64", Options { stop: 1.0 / 64.0, ..Options::EXACT }),
         ("alpha 1/32", rules(Rules { alpha_min: 1.0 / 32.0, ..trained })),
         ("alpha 1/4096", rules(Rules { alpha_min: 1.0 / 4096.0, transmittance_min: 1e-6, ..trained })),
-        ("three sigma", rules(Rules { extent: Extent::ThreeSigma, ..trained })),
+        ("three sigma", rules(Rules { extent: Footprint::ThreeSigma, ..trained })),
     ]
 }
 
 fn certified(gpu: &Gpu, scene: &Gaussians, camera: &Camera, options: &Options, background: Background) -> [Pixels; 2] {
     let needs = Requirements::of(scene);
     let gpu_scene = GpuScene::certifiable(&gpu.0, scene, &needs, options).unwrap();
-    let mut still = Still::certified(&gpu.0, options, &gpu_scene).unwrap();
+    let mut still = Renderer::certified(&gpu.0, options, &gpu_scene).unwrap();
     still.render(camera, background).unwrap();
     [still.pixels().unwrap(), still.certificate().unwrap().unwrap()]
 }

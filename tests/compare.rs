@@ -7,7 +7,7 @@ use std::path::Path;
 
 use common::program::{fails, ok, path};
 use serde_json::Value;
-use smalto::metrics::Report;
+use smalto::measure::metrics::Report;
 use smalto::pixels::Pixels;
 
 /// 16x12 pixels of grey, and one that differs by `error`.

@@ -7,10 +7,11 @@ use common::free;
 use common::{Gpu, Random, again_in_subgroups_of_four, compare, gaussians};
 use glam::DVec3;
 use smalto::camera::Camera;
-use smalto::memory::OutOfMemory;
-use smalto::options::{Background, Options};
+use smalto::host_memory::OutOfMemory;
+use smalto::options::Options;
+use smalto::rules::Background;
 use smalto::reference;
-use smalto::render::{Demand, GpuScene, Still, Workspace};
+use smalto::render::{Capacity, GpuScene, Renderer, PortableWorkspace};
 use smalto::scene::{Raw, synthetic};
 
 #[test]
@@ -30,7 +31,7 @@ fn equal_depths_keep_the_order_of_the_file_in_every_run() {
     let first = agrees("ties", &scene, &camera);
     let gpu = Gpu::new();
     let scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
-    let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap();
+    let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
     for run in 0..100 {
         still.render(&camera, Background::BLACK).unwrap();
         assert!(still.pixels().unwrap() == first, "run {run} draws the same bits");
@@ -84,7 +85,7 @@ fn a_million_splats_in_one_tile_are_drawn_to_the_last() {
     let camera = ahead([6, 1], 100.0);
     let gpu = Gpu::new();
     let gpu_scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
-    let mut still = Still::new(&gpu.0, &Options::EXACT, &gpu_scene).unwrap();
+    let mut still = Renderer::new(&gpu.0, &Options::EXACT, &gpu_scene).unwrap();
     let frame = still.render(&camera, Background::BLACK).unwrap();
     assert_eq!(frame.totals.longest_list as usize, COUNT);
     let pixels = still.pixels().unwrap();
@@ -113,7 +114,7 @@ fn a_tile_list_longer_than_65535_is_drawn_to_its_end() {
     for portable in [false, true] {
         let options = Options { portable, ..Options::EXACT };
         let gpu_scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
-        let mut still = Still::new(&gpu.0, &options, &gpu_scene).unwrap();
+        let mut still = Renderer::new(&gpu.0, &options, &gpu_scene).unwrap();
         let frame = still.render(&camera, Background::BLACK).unwrap();
         assert!(frame.totals.longest_list > 65_535, "the list is long: {}", frame.totals.longest_list);
         let rendering = reference::render(&scene, &camera, &options.rules, Background::BLACK);
@@ -135,15 +136,15 @@ fn what_does_not_fit_grows_and_is_rendered_again() {
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 120], 0.9);
     let gpu_scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
     let roomy = gpu.render(&scene, &camera, &Options::EXACT);
-    let enough = Demand::guess(&gpu.0, 5000, 80);
+    let enough = Capacity::guess(&gpu.0, 5000, 80);
     for (name, room) in [
-        ("visible", Demand { visible: 10, ..enough }),
-        ("spans", Demand { spans: 10, ..enough }),
-        ("instances", Demand { instances: 10, ..enough }),
-        ("all", Demand { visible: 1, spans: 1, instances: 1, ..enough }),
-        ("nothing", Demand::default()),
+        ("visible", Capacity { visible: 10, ..enough }),
+        ("spans", Capacity { spans: 10, ..enough }),
+        ("instances", Capacity { instances: 10, ..enough }),
+        ("all", Capacity { visible: 1, spans: 1, instances: 1, ..enough }),
+        ("nothing", Capacity::default()),
     ] {
-        let still = Still::new(&gpu.0, &Options::EXACT, &gpu_scene).unwrap();
+        let still = Renderer::new(&gpu.0, &Options::EXACT, &gpu_scene).unwrap();
         let mut still = still.with_room(room).unwrap();
         let frame = still.render(&camera, Background::BLACK).unwrap();
         assert!(frame.attempts > 1, "{name}: did not fit at first");
@@ -158,8 +159,8 @@ fn a_frame_that_did_not_fit_stays_incomplete_when_the_room_has_grown_since() {
     let gaussians = synthetic::cactus(2000).unwrap().gaussians;
     let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
     let camera = free::camera();
-    let room = Demand { gaussians: 2000, visible: 2000, spans: 9000, instances: 10, tiles: 35 };
-    let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap().with_room(room).unwrap();
+    let room = Capacity { gaussians: 2000, visible: 2000, spans: 9000, instances: 10, tiles: 35 };
+    let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap().with_room(room).unwrap();
     let [first, second] = [(); 2].map(|()| still.start(&camera, Background::BLACK).unwrap());
     assert!(!still.finish(first).unwrap());
     assert!(!still.finish(second).unwrap(), "it was begun in the room of the first");
@@ -173,8 +174,8 @@ fn a_frame_that_did_not_fit_stays_incomplete_when_the_room_has_grown_since() {
 fn what_fits_exactly_is_not_refused() {
     let gpu = Gpu::new();
     let most = gpu.0.facts().limits.storage_range.min(128 << 20) / 36;
-    let mut work = Workspace::new(&gpu.0, Demand::default()).unwrap();
-    let demand = Demand { gaussians: 1 << 23, visible: most, ..Demand::default() };
+    let mut work = PortableWorkspace::new(&gpu.0, Capacity::default()).unwrap();
+    let demand = Capacity { gaussians: 1 << 23, visible: most, ..Capacity::default() };
     assert!(work.grow(&gpu.0, demand).unwrap());
     assert!(!work.grow(&gpu.0, demand).unwrap());
 }
@@ -189,7 +190,7 @@ fn more_instances_than_32_bits_count_are_refused() {
     let scene = GpuScene::new(&gpu.0, &gaussians(&raws), &Options::EXACT).unwrap();
     // The fast path's bins are larger: to a GPU with the memory, these are 2^28 entries, which it draws.
     let options = Options { portable: true, ..Options::EXACT };
-    let mut still = Still::new(&gpu.0, &options, &scene).unwrap();
+    let mut still = Renderer::new(&gpu.0, &options, &scene).unwrap();
     let error = still.render(&ahead([2048, 2048], 1000.0), Background::BLACK).unwrap_err();
     assert!(error.is::<OutOfMemory>(), "{error:#}");
     assert!(error.to_string().contains("instance"), "{error:#}");

@@ -7,9 +7,10 @@ use common::free::{self, Free, build, moved};
 use common::{Gpu, Random, again_in_subgroups_of_four, gaussians};
 use glam::{DQuat, DVec2, DVec3, dvec2};
 use smalto::camera::Camera;
-use smalto::options::{Background, Options, Rules};
+use smalto::options::Options;
+use smalto::rules::{Background, Rules};
 use smalto::reference;
-use smalto::render::{GpuScene, Splat, Still};
+use smalto::render::{GpuScene, Splat, Renderer};
 use smalto::scene::{Raw, synthetic};
 
 #[test]
@@ -39,7 +40,7 @@ fn images_as_wide_or_high_as_images_get_agree() {
 fn images_that_no_device_makes_are_refused() {
     let gpu = Gpu::new();
     let scene = GpuScene::new(&gpu.0, &gaussians(&[(ball([0.0, 0.0, 5.0], 1.0, 0.9), RED)]), &Options::EXACT).unwrap();
-    let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap();
+    let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
     let limit = gpu.0.facts().limits.image;
     for size in [[limit + 1, 1], [1, limit + 1]] {
         let error = still.render(&ahead(size, 30.0), Background::BLACK).unwrap_err();
@@ -153,7 +154,7 @@ fn narrow_fields_of_view_agree() {
             assert!(error <= shift_px + 1e-4, "{degrees} degrees: {error} px off");
         }
         // A shift of s px changes an alpha by 0.6 s over the standard deviation, which is a pixel at least.
-        let psnr = smalto::metrics::psnr(&captured.pixels, &reference_of(&scene, &camera).to_pixels());
+        let psnr = smalto::measure::metrics::psnr(&captured.pixels, &reference_of(&scene, &camera).to_pixels());
         let expected = (-20.0 * (0.6 * shift_px).log10()).min(90.0);
         assert!(psnr >= expected, "{degrees} degrees: {psnr} dB, {expected} expected");
     }
@@ -207,7 +208,7 @@ fn far_from_the_origin_a_slow_camera_does_not_jitter() {
         assert!(gpu.render(&far, &there, &Options::EXACT) == near_pixels, "step {step} is the same there and here");
         agrees(&format!("step {step}"), &far, &there);
         if let Some(before) = before.replace(near_pixels.clone()) {
-            let change = smalto::metrics::max_error(&before, &near_pixels);
+            let change = smalto::measure::metrics::max_error(&before, &near_pixels);
             assert!((1e-3..0.1).contains(&change), "a small step is a small change, and one: {change}");
         }
     }

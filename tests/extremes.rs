@@ -9,8 +9,9 @@ use common::agree::{GREEN, RED, agrees, agrees_within, ahead, ball, logit, refer
 use common::free::{Free, build};
 use common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, gaussians};
 use glam::DQuat;
-use smalto::options::{Background, Options};
-use smalto::render::{GpuScene, Still};
+use smalto::options::Options;
+use smalto::rules::Background;
+use smalto::render::{GpuScene, Renderer};
 use smalto::scene::{self, Gaussians, Raw, sh_coefficients};
 
 #[test]
@@ -22,10 +23,10 @@ fn nothing_to_draw_is_the_background() {
     let aside = gaussians(&[(ball([500.0, 0.0, 5.0], 1.0, 0.9), RED)]);
     for (name, scene) in [("empty", gaussians(&[])), ("behind", behind), ("faint", faint), ("aside", aside)] {
         let scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
-        let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap();
+        let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
         let background = [0.25, 0.5, 0.75];
         let frame = still.render(&camera, Background::Colour(background)).unwrap();
-        assert_eq!(frame.totals.instances_kept, 0, "{name}");
+        assert_eq!(frame.totals.listed_kept, 0, "{name}");
         let [r, g, b] = background;
         assert!(still.pixels().unwrap().rgba.iter().all(|p| *p == [r, g, b, 0.0]), "{name}");
     }
@@ -211,7 +212,7 @@ fn denormal_values_are_as_good_as_zero() {
     let zero = agrees("zero", &with(0.0), &camera);
     for tiny in [1e-45, 3e-41, 1e-38] {
         let pixels = agrees("denormal", &with(tiny), &camera);
-        assert!(smalto::metrics::max_error(&pixels, &zero) < 1e-6, "{tiny:e}");
+        assert!(smalto::measure::metrics::max_error(&pixels, &zero) < 1e-6, "{tiny:e}");
     }
 }
 

@@ -5,9 +5,10 @@ mod common;
 use common::{Gpu, compare};
 use glam::DVec3;
 use smalto::camera::Camera;
-use smalto::options::{Background, Options};
+use smalto::options::Options;
+use smalto::rules::Background;
 use smalto::reference;
-use smalto::render::{GpuScene, Still};
+use smalto::render::{GpuScene, Renderer};
 use smalto::scene::synthetic;
 
 fn camera(size: [u32; 2]) -> Camera {
@@ -17,7 +18,7 @@ fn camera(size: [u32; 2]) -> Camera {
 /// The stages of a frame that `options` draw.
 fn stages(gpu: &Gpu, options: &Options, size: [u32; 2]) -> Vec<&'static str> {
     let scene = GpuScene::new(&gpu.0, &synthetic::cactus(500).unwrap().gaussians, options).unwrap();
-    let frame = Still::new(&gpu.0, options, &scene).unwrap().render(&camera(size), Background::BLACK).unwrap();
+    let frame = Renderer::new(&gpu.0, options, &scene).unwrap().render(&camera(size), Background::BLACK).unwrap();
     frame.timings.iter().map(|timing| timing.name).collect()
 }
 
@@ -41,7 +42,7 @@ fn every_run_draws_the_same_bits() {
     let camera = camera([96, 64]);
     for options in [Options::EXACT, Options::BALANCED] {
         let scene = GpuScene::new(&gpu.0, &gaussians, &options).unwrap();
-        let mut still = Still::new(&gpu.0, &options, &scene).unwrap();
+        let mut still = Renderer::new(&gpu.0, &options, &scene).unwrap();
         let mut draw = || {
             let frame = still.render(&camera, Background::BLACK).unwrap();
             assert!(frame.totals.longest_list > 3 * 2048, "{} entries", frame.totals.longest_list);
@@ -84,7 +85,7 @@ fn long_lists_agree_with_the_reference() {
         let gaussians = synthetic::cactus(count).unwrap().gaussians;
         let camera = Camera::looking_at(DVec3::new(0.0, -1.0, -120.0), DVec3::new(0.0, -1.0, 0.0), size, 0.9);
         let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
-        let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap();
+        let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
         let frame = still.render(&camera, Background::BLACK).unwrap();
         assert!(frame.timings.iter().any(|timing| timing.name == "masks"), "{size:?} is not on the fast path");
         assert!(entries.contains(&frame.totals.longest_list), "{size:?}: {} entries", frame.totals.longest_list);

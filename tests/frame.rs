@@ -4,7 +4,8 @@ mod common;
 
 use common::{Gpu, captured_cameras, compare, read_captured};
 use smalto::camera::Camera;
-use smalto::options::{Background, Options};
+use smalto::options::Options;
+use smalto::rules::Background;
 use smalto::reference;
 use smalto::scene::{Gaussians, synthetic};
 

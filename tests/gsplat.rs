@@ -11,11 +11,12 @@ use common::{Gpu, Random, captured_cameras, compare, read_captured};
 use glam::{DVec2, dvec2, dvec3};
 use npyz::WriterBuilder;
 use smalto::camera::Camera;
-use smalto::metrics::{max_error, psnr};
-use smalto::options::{Background, Extent, Options, Order, Rules};
+use smalto::measure::metrics::{max_error, psnr};
+use smalto::options::Options;
+use smalto::rules::{Background, Footprint, Order, Rules};
 use smalto::pixels::{Depths, Pixels};
 use smalto::reference;
-use smalto::render::{GpuScene, Inspection, Look, Still, Work, depths};
+use smalto::render::{GpuScene, Inspection, Look, Renderer, Work, depths};
 use smalto::scene::{Builder, Gaussians, Raw};
 
 const GSPLAT: Options = Options { rules: Rules::GSPLAT, ..Options::EXACT };
@@ -178,7 +179,7 @@ fn gsplat_finds_the_small_scene_as_deep_as_smalto_does() {
     let (scene, camera) = (small_scene(), small_camera());
     let rendering = reference::render(&scene, &camera, &Rules::GSPLAT, Background::BLACK);
     let gpu_scene = GpuScene::new(&gpu.0, &scene, &GSPLAT).unwrap();
-    let mut still = Still::new(&gpu.0, &GSPLAT, &gpu_scene).unwrap();
+    let mut still = Renderer::new(&gpu.0, &GSPLAT, &gpu_scene).unwrap();
     still.set_inspection(Inspection { look: Look::Work(Work::Depths), ..Inspection::default() }).unwrap();
     still.render(&camera, Background::BLACK).unwrap();
     let of_gpu = depths(&still.pixels().unwrap());
@@ -207,7 +208,7 @@ fn gsplat_draws_the_small_scene_unlike_any_other_rules() {
         ("of the original", Rules::TRAINED),
         ("near plane", Rules { near: 0.2, ..Rules::GSPLAT }),
         ("order", Rules { order: Order::Distance, ..Rules::GSPLAT }),
-        ("extent", Rules { extent: Extent::ThreeSigma, ..Rules::GSPLAT }),
+        ("extent", Rules { extent: Footprint::ThreeSigma, ..Rules::GSPLAT }),
         ("least alpha", Rules { alpha_min: 0.003, ..Rules::GSPLAT }),
         ("largest alpha", Rules { alpha_max: 0.99, ..Rules::GSPLAT }),
         ("stop", Rules { transmittance_min: 0.0, ..Rules::GSPLAT }),

@@ -10,10 +10,11 @@ use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::environment::Environment;
 use smalto::gpu::{
-    Access, Buffer, Commands, Device, DeviceChoice, Extent, Stage, Staging, Timestamps, Unavailable, Validation,
+    Access, Buffer, Commands, Device, DeviceChoice, DispatchSize, Stage, Staging, Timestamps, Unavailable, Validation,
 };
-use smalto::memory::OutOfMemory;
-use smalto::options::{Background, Options};
+use smalto::host_memory::OutOfMemory;
+use smalto::options::Options;
+use smalto::rules::Background;
 use smalto::reference;
 use smalto::render::*;
 use smalto::scene::synthetic;
@@ -61,13 +62,13 @@ struct Fixture {
 impl Fixture {
     fn write_ranges(&self, cmd: &mut Commands) {
         let bindings = RangesBindings { totals: &self.totals, tile_keys: &self.tile_keys, ranges: &self.tile_ranges };
-        cmd.dispatch(&self.ranges, bindings, (), Extent::Invocations(64));
+        cmd.dispatch(&self.ranges, bindings, (), DispatchSize::Invocations(64));
     }
 
     fn read_ranges(&self, cmd: &mut Commands) {
         let (ranges, tiles_by_class, totals) = (&self.tile_ranges, &self.tiles_by_class, &self.totals);
         let bindings = TileOrderBindings { ranges, tiles_by_class, totals };
-        cmd.dispatch(&self.tile_order, bindings, TileOrderPush { tiles: 4 }, Extent::Invocations(4));
+        cmd.dispatch(&self.tile_order, bindings, TileOrderPush { tiles: 4 }, DispatchSize::Invocations(4));
     }
 }
 
@@ -146,7 +147,7 @@ fn every_barrier_of_a_frame_is_missed_when_it_is_gone() {
         let (device, _turn) = device_with_complaints();
         let options = Options { portable, ..Options::EXACT };
         let scene = GpuScene::new(&device, &scene, &options).unwrap();
-        let mut still = Still::new(&device, &options, &scene).unwrap();
+        let mut still = Renderer::new(&device, &options, &scene).unwrap();
         let prepare = |cmd: &mut Commands| {
             if let Some(number) = overlooked {
                 cmd.overlook_barrier(number);
@@ -262,8 +263,8 @@ fn dispatches_over_65535_workgroups_are_folded() {
     for (groups, expected) in
         [(0, [0, 0]), (1, [1, 1]), (65_535, [65_535, 1]), (65_536, [65_535, 2]), (1 << 24, [65_535, 257])]
     {
-        assert_eq!(Extent::Groups(groups).groups(256), expected);
-        assert_eq!(Extent::Invocations(groups * 256).groups(256), expected);
+        assert_eq!(DispatchSize::Groups(groups).groups(256), expected);
+        assert_eq!(DispatchSize::Invocations(groups * 256).groups(256), expected);
     }
 }
 

@@ -10,17 +10,18 @@ use common::{Gpu, ROUNDING, Random, captured_cameras, compare, gaussians, read_c
 use glam::{DMat3, DQuat, DVec2, DVec3, dvec2};
 use smalto::camera::Camera;
 use smalto::gpu::Commands;
-use smalto::options::{Background, Options, Rules, Storage};
+use smalto::options::{Options, Storage};
+use smalto::rules::{Background, Rules};
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Tiling};
-use smalto::render::{Attribute, GpuScene, Inspection, Look, Still, Work};
+use smalto::render::{Attribute, GpuScene, Inspection, Look, Renderer, Work};
 use smalto::scene::{Gaussians, Raw, Requirements, harmonics, synthetic};
 
 const RULES: &Rules = &Rules::TRAINED;
 
-fn still_of(gpu: &Gpu, scene: &Gaussians, options: &Options) -> Still {
+fn still_of(gpu: &Gpu, scene: &Gaussians, options: &Options) -> Renderer {
     let scene = GpuScene::new(&gpu.0, scene, options).unwrap();
-    Still::new(&gpu.0, options, &scene).unwrap()
+    Renderer::new(&gpu.0, options, &scene).unwrap()
 }
 
 fn look(look: Look) -> Inspection {
@@ -35,12 +36,12 @@ struct Picture {
     instances: usize,
 }
 
-fn inspect(still: &mut Still, camera: &Camera, inspection: Inspection) -> Picture {
+fn inspect(still: &mut Renderer, camera: &Camera, inspection: Inspection) -> Picture {
     still.set_inspection(inspection).unwrap();
     let (frame, results) = still.render_with(camera, Background::Colour([0.3; 3]), Commands::capture_scopes).unwrap();
     let buffers = results.captures().iter().map(|c| (c.buffer().to_owned(), c.bytes().to_vec())).collect();
     let totals = frame.totals;
-    let (visible, instances) = (totals.visible_kept as usize, totals.instances_kept as usize);
+    let (visible, instances) = (totals.visible_kept as usize, totals.listed_kept as usize);
     Picture { pixels: still.pixels().unwrap(), buffers, visible, instances }
 }
 
@@ -369,7 +370,7 @@ fn explain_describes_the_frame_recorded_last_complete_or_not() {
     let scene = build(&cloud(&mut Random(5), 400, 2, 0.3), 2);
     let mut still = still_of(&gpu, &scene, &Options::EXACT);
     assert!(still.explain([0, 0]).is_err(), "nothing is rendered yet");
-    let room = smalto::render::Demand { gaussians: 400, visible: 1, spans: 1, instances: 1, tiles: 1 };
+    let room = smalto::render::Capacity { gaussians: 400, visible: 1, spans: 1, instances: 1, tiles: 1 };
     let mut short = still_of(&gpu, &scene, &Options::EXACT).with_room(room).unwrap();
     let away = Camera { position: DVec3::new(0.3, 0.1, -1.0), ..camera() };
     still.render(&away, Background::BLACK).unwrap();
@@ -483,7 +484,7 @@ fn a_certified_picture_is_not_inspected() {
     let gpu = Gpu::new();
     let scene = gaussians(&[(ball([0.0, 0.0, 5.0], 0.2, 0.5), RED)]);
     let certifiable = GpuScene::certifiable(&gpu.0, &scene, &Requirements::of(&scene), &Options::EXACT).unwrap();
-    let mut still = Still::certified(&gpu.0, &Options::EXACT, &certifiable).unwrap();
+    let mut still = Renderer::certified(&gpu.0, &Options::EXACT, &certifiable).unwrap();
     still.set_inspection(Inspection::default()).unwrap();
     assert!(still.set_inspection(look(Look::Work(Work::Centres))).is_err());
 }

@@ -9,11 +9,12 @@ use common::program::ok;
 use common::{Gpu, Random, compare, gaussians};
 use glam::DVec3;
 use smalto::camera::Camera;
-use smalto::metrics::{max_error, psnr};
-use smalto::options::{Background, Options, Rules, TileTest};
+use smalto::measure::metrics::{max_error, psnr};
+use smalto::options::{Options, TileTest};
+use smalto::rules::{Background, Rules};
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Lists, Rendering, Tiling};
-use smalto::render::{GpuScene, Still, Totals};
+use smalto::render::{GpuScene, Renderer, Totals};
 use smalto::scene::{Gaussians, Raw, synthetic};
 
 const WHITE: Background = Background::Colour([1.0; 3]);
@@ -35,7 +36,7 @@ fn front(size: [u32; 2]) -> Camera {
 /// The picture, and what it took.
 fn counted(gpu: &Gpu, scene: &Gaussians, camera: &Camera, options: &Options, behind: Background) -> (Pixels, Totals) {
     let gpu_scene = GpuScene::new(&gpu.0, scene, options).unwrap();
-    let mut still = Still::new(&gpu.0, options, &gpu_scene).unwrap();
+    let mut still = Renderer::new(&gpu.0, options, &gpu_scene).unwrap();
     still.count_work(true).unwrap();
     let totals = still.render(camera, behind).unwrap().totals;
     (still.pixels().unwrap(), totals)
@@ -164,7 +165,7 @@ fn the_box_around_the_ellipse_shows_the_same_bits_from_longer_lists() {
         };
         let (ellipse, boxed) = (picture(TileTest::Ellipse), picture(TileTest::Box));
         assert!(ellipse.0 == boxed.0);
-        assert!(boxed.1.instances_kept > ellipse.1.instances_kept);
+        assert!(boxed.1.listed_kept > ellipse.1.listed_kept);
     }
 }
 

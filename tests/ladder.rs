@@ -5,11 +5,12 @@ mod common;
 use common::{Gpu, Random, gaussians};
 use glam::DVec3;
 use smalto::camera::Camera;
-use smalto::ladder::{RUNGS, Rung, Variant, VariantFrame};
-use smalto::options::{Background, Options, Rules, TILE};
+use smalto::measure::ladder::{RUNGS, Rung, Variant, VariantFrame};
+use smalto::options::Options;
+use smalto::rules::{Background, Rules, TILE};
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Splat, Tiling};
-use smalto::render::{GpuScene, Still, Totals};
+use smalto::render::{GpuScene, Renderer, Totals};
 use smalto::scene::{Gaussians, Raw, synthetic};
 
 fn camera(size: [u32; 2]) -> Camera {
@@ -41,7 +42,7 @@ fn rungs_with_the_same_tiles_agree_bit_for_bit_also_after_growing() {
         let (frame, pixels) = draw(&gpu, &group[0], &scene, &cameras);
         for rung in group.iter().skip(1) {
             let (other_frame, other_pixels) = draw(&gpu, rung, &scene, &cameras);
-            let counts = |t: &Totals| (t.visible, t.instances_kept, t.longest_list);
+            let counts = |t: &Totals| (t.visible, t.listed_kept, t.longest_list);
             assert_eq!(counts(&other_frame.totals), counts(&frame.totals), "{}", rung.name);
             // No two splats of this scene lie at one depth.
             assert!(other_pixels == pixels, "{}", rung.name);
@@ -66,7 +67,7 @@ fn rungs_blend_lists_that_are_longer_than_a_pass() {
     for rung in &RUNGS {
         let (frame, pixels) = draw(&gpu, rung, &scene, &camera);
         assert!(frame.totals.longest_list > 40_000, "{}", frame.totals.longest_list);
-        let psnr = smalto::metrics::psnr(&pixels, &exact);
+        let psnr = smalto::measure::metrics::psnr(&pixels, &exact);
         assert!(psnr > 60.0, "{}: {psnr} dB", rung.name);
     }
 }
@@ -78,7 +79,7 @@ fn rungs_draw_nothing_where_nothing_is() {
     let away = [Camera::looking_at(DVec3::new(0.0, 0.0, -1e4), DVec3::new(0.0, 0.0, -2e4), [33, 17], 0.9)];
     for rung in &RUNGS {
         let (frame, pixels) = draw(&gpu, rung, &scene, &away);
-        assert_eq!((frame.totals.visible, frame.totals.instances_kept), (0, 0), "{}", rung.name);
+        assert_eq!((frame.totals.visible, frame.totals.listed_kept), (0, 0), "{}", rung.name);
         assert!(pixels.rgba.iter().all(|p| *p == [0.0; 4]), "{}", rung.name);
     }
 }
@@ -105,7 +106,7 @@ fn squares_of_three_standard_deviations_are_the_originals() {
         reference::tiles(&splat, tiling, &rules).len() as u32
     };
     let expected: u32 = (0..2000).map(tiles).sum();
-    let found = frame.totals.instances_kept;
+    let found = frame.totals.listed_kept;
     assert_eq!(frame.totals.visible, 2000);
     // f32 rounds a radius or a border the other way here and there.
     assert!(found.abs_diff(expected) * 1000 < expected, "{found} instances, {expected} expected");
@@ -118,14 +119,14 @@ fn counting_frames_count_what_the_reference_counts_and_draw_the_same() {
     let options = Options { portable: true, ..Options::EXACT };
     let gpu_scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
     let count = |options: &Options| {
-        let mut still = Still::new(&gpu.0, options, &gpu_scene).unwrap();
+        let mut still = Renderer::new(&gpu.0, options, &gpu_scene).unwrap();
         still.render(&camera, Background::BLACK).unwrap();
         let plain = still.pixels().unwrap();
         still.count_work(true).unwrap();
         let totals = still.render(&camera, Background::BLACK).unwrap().totals;
         // What is counted is the portable path's.
         let counted = still.pixels().unwrap();
-        assert!(counted == plain || !options.portable && smalto::metrics::psnr(&counted, &plain) >= 110.0);
+        assert!(counted == plain || !options.portable && smalto::measure::metrics::psnr(&counted, &plain) >= 110.0);
         totals
     };
     let (portable, default) = (count(&options), count(&Options::EXACT));

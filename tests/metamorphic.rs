@@ -7,8 +7,9 @@ use common::free::{Free, SIZE, build, camera, moved, render, render_from, scene}
 use common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, difference, gaussians};
 use glam::{DMat3, DQuat, DVec3, Vec3, dvec2};
 use smalto::camera::Camera;
-use smalto::metrics::{max_error, psnr};
-use smalto::options::{Options, Order, Rules};
+use smalto::measure::metrics::{max_error, psnr};
+use smalto::options::Options;
+use smalto::rules::{Order, Rules};
 use smalto::pixels::Pixels;
 use smalto::scene::Raw;
 

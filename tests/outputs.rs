@@ -14,10 +14,11 @@ use common::program::{fails, ok, path, smalto};
 use common::{Gpu, Random, captured_cameras, gaussians, read_captured};
 use glam::DVec3;
 use smalto::camera::Camera;
-use smalto::options::{Background, Options, Rules};
+use smalto::options::Options;
+use smalto::rules::{Background, Rules};
 use smalto::pixels::{Depths, Pixels, Plane};
 use smalto::reference;
-use smalto::render::{GpuScene, Inspection, Look, Still, Work, depths};
+use smalto::render::{GpuScene, Inspection, Look, Renderer, Work, depths};
 use smalto::scene::{Gaussians, synthetic};
 
 /// What f32 arithmetic may change of an expected depth, as a part of it: 3e-6 measured; and of a median, one splat's depth.
@@ -28,7 +29,7 @@ const DEPTHS: Look = Look::Work(Work::Depths);
 
 fn drawn(gpu: &Gpu, scene: &Gaussians, camera: &Camera, options: &Options) -> Depths {
     let scene = GpuScene::new(&gpu.0, scene, options).unwrap();
-    let mut still = Still::new(&gpu.0, options, &scene).unwrap();
+    let mut still = Renderer::new(&gpu.0, options, &scene).unwrap();
     still.set_inspection(Inspection { look: DEPTHS, ..Inspection::default() }).unwrap();
     // The background lies nowhere.
     still.render(camera, Background::Colour([0.3; 3])).unwrap();
@@ -167,7 +168,7 @@ fn depths_are_not_enlarged() {
     let gpu = Gpu::new();
     let options = Options { scale: 0.5, ..Options::EXACT };
     let scene = GpuScene::new(&gpu.0, &gaussians(&[(ball([0.0, 0.0, 4.0], 0.2, 0.5), RED)]), &options).unwrap();
-    let mut still = Still::new(&gpu.0, &options, &scene).unwrap();
+    let mut still = Renderer::new(&gpu.0, &options, &scene).unwrap();
     let inspection = Inspection { look: DEPTHS, ..Inspection::default() };
     let error = still.set_inspection(inspection).unwrap_err().to_string();
     assert_eq!(error, "depths of a picture that is drawn smaller cannot be enlarged");

@@ -7,9 +7,10 @@ use common::free::{Free, SIZE, build, camera, render, render_from, scene};
 use common::{Gpu, Random, again_in_subgroups_of_four, compare, gaussians};
 use glam::{DMat3, DQuat, DVec3};
 use smalto::camera::Camera;
-use smalto::options::{Background, Options};
+use smalto::options::Options;
+use smalto::rules::Background;
 use smalto::reference;
-use smalto::render::{GpuScene, Still};
+use smalto::render::{GpuScene, Renderer};
 use smalto::scene::{Raw, sh_coefficients, synthetic};
 
 #[test]
@@ -18,7 +19,7 @@ fn a_hundred_renders_are_the_same_bits() {
     let first = Gpu::new().render(&gaussians, &camera(), &Options::EXACT);
     let gpu = Gpu::new();
     let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
-    let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap();
+    let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
     for run in 1..100 {
         still.render(&camera(), Background::BLACK).unwrap();
         assert!(still.pixels().unwrap() == first, "run {run}");
@@ -32,7 +33,7 @@ fn both_paths_agree_and_draw_the_same_bits_in_every_run() {
     for camera in [camera(), camera().resized([301, 203])] {
         let draw = |portable| gpu.render(&scene, &camera, &Options { portable, ..Options::EXACT });
         let [fast, portable] = [false, true].map(draw);
-        let psnr = smalto::metrics::psnr(&fast, &portable);
+        let psnr = smalto::measure::metrics::psnr(&fast, &portable);
         assert!(psnr >= 110.0, "{psnr} dB");
         assert!(draw(false) == fast && draw(true) == portable);
     }
@@ -104,7 +105,7 @@ fn a_background_shows_through_by_the_transmittance() {
     let gpu = Gpu::new();
     let gaussians = build(&scene()[..800], 3);
     let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
-    let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap();
+    let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
     let mut over = |background| {
         still.render(&camera(), background).unwrap();
         still.pixels().unwrap()
@@ -206,7 +207,7 @@ fn a_brighter_and_paler_scene_makes_such_a_picture() {
     let gpu = Gpu::new();
     let over = |all: &[Free], background: [f32; 3]| {
         let scene = GpuScene::new(&gpu.0, &build(all, 3), &Options::EXACT).unwrap();
-        let mut still = Still::new(&gpu.0, &Options::EXACT, &scene).unwrap();
+        let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
         still.render(&camera(), Background::Colour(background)).unwrap();
         still.pixels().unwrap()
     };

@@ -8,11 +8,12 @@ use common::free::{Free, build};
 use common::{Comparison, Gpu, ROUNDING, Random, compare, gaussians};
 use glam::DVec3;
 use smalto::camera::Camera;
-use smalto::metrics::max_error;
-use smalto::options::{Background, Extent, Options, Order, Rules, TILE};
+use smalto::measure::metrics::max_error;
+use smalto::options::Options;
+use smalto::rules::{Background, Footprint, Order, Rules, TILE};
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Rendering};
-use smalto::render::{GpuScene, Still};
+use smalto::render::{GpuScene, Renderer};
 use smalto::scene::{Gaussians, Raw, Requirements};
 
 /// dB of a picture in which one splat's row or column of tiles is cut elsewhere: a square ends where a radius is rounded
@@ -43,8 +44,8 @@ fn rules() -> Vec<(&'static str, Rules)> {
     let trained = Rules::TRAINED;
     vec![
         ("distance", Rules { order: Order::Distance, ..trained }),
-        ("three sigma", Rules { extent: Extent::ThreeSigma, ..trained }),
-        ("squares", Rules { extent: Extent::ThreeSigmaSquares, ..trained }),
+        ("three sigma", Rules { extent: Footprint::ThreeSigma, ..trained }),
+        ("squares", Rules { extent: Footprint::ThreeSigmaSquares, ..trained }),
         ("alpha 1/64", Rules { alpha_min: 1.0 / 64.0, ..trained }),
         ("alpha 1/1024", Rules { alpha_min: 1.0 / 1024.0, ..trained }),
         ("cap 0.9", Rules { alpha_max: 0.9, ..trained }),
@@ -64,7 +65,7 @@ fn reference_by(rules: &Rules, scene: &Gaussians) -> Rendering {
 
 fn assert_agrees(name: &str, rules: &Rules, found: &Comparison) {
     match rules.extent {
-        Extent::ThreeSigmaSquares => {
+        Footprint::ThreeSigmaSquares => {
             assert!(found.unexplained <= SQUARES_PIXELS && found.psnr > SQUARES_PSNR, "{name}: {found:?}");
         }
         _ => assert_eq!(found.unexplained, 0, "{name}: {found:?}"),
@@ -115,7 +116,7 @@ fn the_complete_picture_is_as_far_from_the_trained_one_as_the_certificate_says()
     let (trained, complete) = (Rules::TRAINED, Rules::TRAINED.complete());
     let [trained, complete] = [trained, complete].map(|rules| reference_by(&rules, &scene));
     let gpu_scene = GpuScene::certifiable(&gpu.0, &scene, &Requirements::of(&scene), &Options::EXACT).unwrap();
-    let mut still = Still::certified(&gpu.0, &Options::EXACT, &gpu_scene).unwrap();
+    let mut still = Renderer::certified(&gpu.0, &Options::EXACT, &gpu_scene).unwrap();
     still.render(&camera(), Background::BLACK).unwrap();
     let certificate = still.certificate().unwrap().unwrap();
     let (mut largest, mut closest) = (0.0_f64, 0.0_f64);
@@ -175,7 +176,7 @@ fn only_the_reference_sorts_in_every_pixel() {
     let gpu = Gpu::new();
     let options = Options { rules: Rules { order: Order::PerPixel, ..Rules::TRAINED }, ..Options::EXACT };
     let scene = GpuScene::new(&gpu.0, &crossing(), &options).unwrap();
-    let error = Still::new(&gpu.0, &options, &scene).err().expect("it is refused");
+    let error = Renderer::new(&gpu.0, &options, &scene).err().expect("it is refused");
     assert_eq!(error.to_string(), "only the reference sorts the splats of every pixel anew");
 }
 

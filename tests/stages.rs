@@ -7,8 +7,9 @@ use std::ops::Range;
 use common::{Gpu, Random};
 use glam::{DMat2, DVec3, dvec2};
 use smalto::camera::Camera;
-use smalto::gpu::{Access, Extent, Stage};
-use smalto::options::{ALPHA_MIN, Options, Rules, TILE};
+use smalto::gpu::{Access, DispatchSize, Stage};
+use smalto::options::Options;
+use smalto::rules::{ALPHA_MIN, Rules, TILE};
 use smalto::reference::{self, Tiling};
 use smalto::render::*;
 use smalto::scene::{Gaussians, synthetic};
@@ -27,7 +28,7 @@ fn sort(gpu: &Gpu, subgroup: u32, keys: &[u32], values: Option<&[u32]>, bits: u3
     let pairs = Pairs::new(&gpu.0, "test", keys.len()).unwrap();
     let scratch = SortScratch::new(&gpu.0, keys.len()).unwrap();
     let lengths = gpu.upload("lengths", &[u32::MAX, keys.len() as u32]);
-    let groups = Extent::Groups(keys.len().div_ceil(2048) as u64).groups(1);
+    let groups = DispatchSize::Groups(keys.len().div_ceil(2048) as u64).groups(1);
     let groups = gpu.upload("groups", &[[0; 3], [groups[0], groups[1], 1]]);
     let mut result = 0;
     gpu.run(|cmd| {
@@ -106,12 +107,12 @@ fn ranges_mark_where_tiles_begin_and_end() {
         let mut random = Random(size as u64);
         let mut keys: Vec<u32> = (0..size).map(|_| random.below(tiles as u32)).collect();
         keys.sort_unstable();
-        let totals = gpu.upload("totals", &[Totals { instances_kept: size as u32, ..bytemuck::Zeroable::zeroed() }]);
+        let totals = gpu.upload("totals", &[Totals { listed_kept: size as u32, ..bytemuck::Zeroable::zeroed() }]);
         let tile_keys = gpu.upload("tile keys", &keys);
         let ranges = gpu.upload("ranges", &vec![[0, 0]; tiles]);
         gpu.run(|cmd| {
             let bindings = RangesBindings { totals: &totals, tile_keys: &tile_keys, ranges: &ranges };
-            cmd.dispatch(&stage, bindings, (), Extent::Invocations(size as u64));
+            cmd.dispatch(&stage, bindings, (), DispatchSize::Invocations(size as u64));
         });
         assert!(gpu.download(&ranges) == reference::ranges(&keys, tiles), "{size} instances");
     }
@@ -127,7 +128,7 @@ fn cull_offsets_are_an_exclusive_sum() {
         let expected = reference::scan(&counts);
         let sums = gpu.upload("sums", &counts);
         let totals = gpu.upload("totals", &[<Totals as bytemuck::Zeroable>::zeroed()]);
-        let dispatches = gpu.upload("dispatches", &[<Dispatches as bytemuck::Zeroable>::zeroed()]);
+        let dispatches = gpu.upload("dispatches", &[<PortableDispatches as bytemuck::Zeroable>::zeroed()]);
         let visible_capacity = 1_000_000;
         gpu.run(|cmd| {
             let bindings = CullOffsetsBindings { sums: &sums, totals: &totals, dispatches: &dispatches };
@@ -135,7 +136,7 @@ fn cull_offsets_are_an_exclusive_sum() {
                 &stage,
                 bindings,
                 CullOffsetsPush { chunks: size as u32, visible_capacity },
-                Extent::Groups(1),
+                DispatchSize::Groups(1),
             );
         });
         let sums: Vec<u64> = gpu.download(&sums).into_iter().map(u64::from).collect();
@@ -174,7 +175,7 @@ fn cull_compact_lists_the_set_bits_in_order() {
                 gaussian_from_splat: &ids,
             };
             let push = CullCompactPush { chunks: chunks as u32, visible_capacity: capacity as u32 };
-            cmd.dispatch(&stage, bindings, push, Extent::Groups(chunks as u64));
+            cmd.dispatch(&stage, bindings, push, DispatchSize::Groups(chunks as u64));
         });
         assert!(gpu.download(&ids)[..expected.len()] == expected, "{chunks} chunks");
     }
@@ -338,7 +339,7 @@ fn project_finds_every_tile_and_hardly_more() {
         }
         assert!(found <= exact_tiles + exact_tiles / 20 + 2, "{found} tiles for {exact_tiles}");
         let totals = case.captured.frame.totals;
-        assert_eq!((found as u32, 0), (totals.instances_low, totals.instances_high));
+        assert_eq!((found as u32, 0), (totals.listed_low, totals.listed_high));
     }
 }
 
@@ -363,7 +364,7 @@ fn duplicate_emits_each_splats_tiles_in_depth_order() {
             .into_iter()
             .flat_map(|splat| tiles[splat as usize].iter().map(move |tile| (*tile, splat)))
             .collect();
-        let total = case.captured.frame.totals.instances_kept as usize;
+        let total = case.captured.frame.totals.listed_kept as usize;
         assert_eq!(expected.len(), total);
         // Sorted by tile, stably, it is what the blend walks.
         let (keys, values): (Vec<u32>, Vec<u32>) = expected.into_iter().unzip();

@@ -10,14 +10,15 @@ use common::program::{fails, ok, path, smalto};
 use common::{Gpu, ROUNDING, Random, gaussians};
 use glam::DVec3;
 use serde_json::Value;
-use smalto::bench::Protocol;
+use smalto::measure::bench::Protocol;
 use smalto::camera::{Camera, path as paths};
-use smalto::metrics::{Difference, max_error};
-use smalto::options::{ALPHA_MIN, Background, Options, Rules, Storage};
+use smalto::measure::metrics::{Difference, max_error};
+use smalto::options::{Options, Storage};
+use smalto::rules::{ALPHA_MIN, Background, Rules};
 use smalto::pixels::Pixels;
 use smalto::render::Layout;
 use smalto::scene::{Focus, Gaussians, Procedural, Requirements, synthetic};
-use smalto::trade::{Budget, Choice, Grounds, Point, Study, Unmeetable, choose, knobs, mark_pareto};
+use smalto::measure::trade::{Budget, Choice, Grounds, Point, Study, Unmeetable, choose, knobs, mark_pareto};
 
 /// Little work, the same on every device.
 const QUICK: [&str; 10] =

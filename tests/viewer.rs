@@ -6,8 +6,9 @@ use std::path::PathBuf;
 
 use common::Gpu;
 use smalto::camera::{self, NamedCamera};
-use smalto::metrics::max_error;
-use smalto::options::{Options, Rules};
+use smalto::measure::metrics::max_error;
+use smalto::options::Options;
+use smalto::rules::Rules;
 use smalto::pixels::Pixels;
 use smalto::scene::{Procedural, Reading};
 use smalto::viewer::{Bindings, CompareWith, Offscreen, Setup, Way, Wish, With};

@@ -5,9 +5,10 @@ use anyhow::Result;
 use super::{Usage, progress, remark};
 use crate::camera::Camera;
 use crate::gpu::Device;
-use crate::options::{Background, Options};
+use crate::options::Options;
+use crate::rules::Background;
 use crate::scene::{Gaussians, Requirements};
-use crate::trade::{Budget, choose_for};
+use crate::measure::trade::{Budget, choose_for};
 
 /// How far pictures may be from the reference.
 #[derive(clap::Args, Clone, Debug, Default)]

@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use super::table::{say_table, table};
 use super::{OverThreshold, Usage, progress, say, size_text};
 use crate::files::{check_writable, write_whole};
-use crate::metrics::{Difference, Flip, Pair, Report, flip};
+use crate::measure::metrics::{Difference, Flip, Pair, Report, flip};
 use crate::pixels::{FileKind, Pixels};
 use crate::scene::Unreadable;
 
@@ -29,7 +29,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE|-")]
     json: Option<PathBuf>,
     /// Pixels in a degree of the field of view, at which FLIP takes the pictures to be seen
-    #[arg(long, value_name = "PIXELS", default_value_t = crate::metrics::PIXELS_PER_DEGREE, value_parser = within(1.0, 1000.0))]
+    #[arg(long, value_name = "PIXELS", default_value_t = crate::measure::metrics::PIXELS_PER_DEGREE, value_parser = within(1.0, 1000.0))]
     ppd: f64,
     /// Exit code 6 if a colour value differs by more, where white is 1. Like the others below it is never met by a
     /// picture with infinities or NaN

@@ -7,10 +7,11 @@ use super::table::{say_table, table};
 use super::{DeviceArgs, say};
 use crate::camera::Camera;
 use crate::gpu::{Device, DeviceFacts, Executable, Unavailable, survey};
-use crate::metrics::{max_error, psnr};
-use crate::options::{Background, Options};
+use crate::measure::metrics::{max_error, psnr};
+use crate::options::Options;
+use crate::rules::Background;
 use crate::reference;
-use crate::render::{GpuScene, Still};
+use crate::render::{GpuScene, Renderer};
 use crate::scene::synthetic;
 
 /// List the Vulkan devices and what they lack, and test one of them against the reference
@@ -48,7 +49,7 @@ fn pipelines(device: &Device) -> Result<()> {
     let gaussians = synthetic::cactus(5000)?.gaussians;
     for (preset, options) in [("exact", Options::EXACT), ("balanced", Options::BALANCED)] {
         device.record_executables();
-        Still::new(device, &options, &GpuScene::new(device, &gaussians, &options)?)?;
+        Renderer::new(device, &options, &GpuScene::new(device, &gaussians, &options)?)?;
         let executables = device.take_executables();
         let names = executables.first().map_or(&[][..], |first| &first.statistics);
         let header: Vec<_> = [preset].into_iter().chain(names.iter().map(|(name, _)| name.as_str())).collect();
@@ -105,7 +106,7 @@ fn self_test(device: &Device) -> Result<()> {
     let exact = reference::render(&gaussians, &camera, &Options::EXACT.rules, Background::BLACK).to_pixels();
     for portable in [false, true] {
         let options = Options { portable, ..Options::EXACT };
-        let mut still = Still::new(device, &options, &scene)?;
+        let mut still = Renderer::new(device, &options, &scene)?;
         ensure!(still.notice().is_none(), "{}", still.notice().unwrap_or_default());
         still.render(&camera, Background::BLACK)?;
         let pixels = still.pixels()?;

@@ -3,7 +3,8 @@
 use clap::builder::PossibleValuesParser;
 
 use super::Usage;
-use crate::options::{Extent, Options, Order, Rules, Storage, TileTest};
+use crate::options::{Options, Storage};
+use crate::rules::{Footprint, Order, Rules};
 
 /// What overrides a preset.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -18,7 +19,7 @@ pub(super) struct Knobs {
     order: Option<Order>,
     /// How far splats reach [default: the preset's, mostly exact]
     #[arg(long, value_name = "RULE")]
-    extent: Option<Extent>,
+    extent: Option<Footprint>,
     /// Skip contributions below this alpha [default: the preset's, 1/255 when exact]
     #[arg(long, value_name = "ALPHA")]
     alpha_min: Option<f32>,
@@ -40,12 +41,6 @@ pub(super) struct Knobs {
     /// How the GPU keeps rotations, scales and opacities
     #[arg(long, value_name = "BITS", help_heading = TRADES)]
     shape_storage: Option<Storage>,
-    /// Blend in 16-bit floats
-    #[arg(long, value_name = "YES", help_heading = TRADES)]
-    half_blend: Option<bool>,
-    /// Which tiles a splat is listed in; the picture is the same
-    #[arg(long, value_name = "TEST", help_heading = TRADES)]
-    tile_test: Option<TileTest>,
     /// Draw at this part of the width and height, and enlarge
     #[arg(long, value_name = "0..1", help_heading = TRADES)]
     scale: Option<f32>,
@@ -72,8 +67,6 @@ impl Knobs {
             sh_degree: self.sh_degree.unwrap_or(preset.sh_degree),
             sh_storage: self.sh_storage.unwrap_or(preset.sh_storage),
             shape_storage: self.shape_storage.unwrap_or(preset.shape_storage),
-            half_blend: self.half_blend.unwrap_or(preset.half_blend),
-            tile_test: self.tile_test.unwrap_or(preset.tile_test),
             scale: self.scale.unwrap_or(preset.scale),
             portable: preset.portable,
         }
@@ -93,9 +86,9 @@ impl Knobs {
 
     /// Whether accuracy is given up for speed by hand.
     pub fn trades(&self) -> bool {
-        let Self { stop, key_bits, sh_degree, sh_storage, shape_storage, half_blend, tile_test, scale, .. } = self;
+        let Self { stop, key_bits, sh_degree, sh_storage, shape_storage, scale, .. } = self;
         let numbers = stop.is_some() || scale.is_some() || key_bits.is_some() || sh_degree.is_some();
-        numbers || sh_storage.is_some() || shape_storage.is_some() || half_blend.is_some() || tile_test.is_some()
+        numbers || sh_storage.is_some() || shape_storage.is_some()
     }
 
     /// Whether the picture is drawn by other rules than the preset's, but for the near plane.

@@ -25,11 +25,11 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
 
 use crate::camera::MAX_SIDE;
-use crate::environment::Environment;
+use crate::cli::environment::Environment;
 use crate::gpu::{Device, DeviceChoice, Unavailable, Validation};
-use crate::memory::OutOfMemory;
+use crate::host_memory::OutOfMemory;
 use crate::scene::Unreadable;
-use crate::trade::Unmeetable;
+use crate::measure::trade::Unmeetable;
 use budget::BudgetArgs;
 use cameras::{FilmArgs, SplitArg, named_or_found};
 use knobs::Knobs;

@@ -11,14 +11,15 @@ use super::table::{say_table, table};
 use super::{
     DeviceArgs, Knobs, SceneArg, SplitArg, Usage, complain, named_or_found, parse_size, progress, say, size_text,
 };
-use crate::bench::{DeviceReport, Protocol, SceneReport, VersionReport, copy_gb_s};
+use crate::measure::bench::{DeviceReport, Protocol, SceneReport, VersionReport, copy_gb_s};
 use crate::camera::{Camera, path};
 use crate::files::check_writable;
 use crate::gpu::Device;
-use crate::metrics::Difference;
-use crate::options::{Background, Options};
+use crate::measure::metrics::Difference;
+use crate::options::Options;
+use crate::rules::Background;
 use crate::scene::{Gaussians, Requirements};
-use crate::trade::{self, Budget, BudgetReport, CertificateReport, Point, Promise, Report, Study, mark_pareto, spread};
+use crate::measure::trade::{self, Budget, BudgetReport, CertificateReport, Point, Promise, Report, Study, mark_pareto, spread};
 
 /// Measure what accuracy costs: every knob alone and a search over combinations, in time, memory and error
 #[derive(clap::Args)]

@@ -6,8 +6,8 @@ use anyhow::Result;
 use clap::builder::PossibleValuesParser;
 
 use super::{DeviceArgs, Knobs, ReadingArgs, Usage, complain, knobs, parse_size, remark, say, size_text};
-use crate::bench::Statistics;
-use crate::environment::Environment;
+use crate::measure::bench::Statistics;
+use crate::cli::environment::Environment;
 use crate::files::check_writable;
 use crate::gpu::Vsync;
 use crate::options::Options;

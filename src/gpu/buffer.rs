@@ -13,7 +13,7 @@ use gpu_allocator::vulkan::Allocation;
 use super::device::{Device, Shared};
 use super::error::describe;
 use super::shader::{Element, Resource, Scalar};
-use crate::memory::OutOfMemory;
+use crate::host_memory::OutOfMemory;
 
 /// `len` elements of type `T` in device memory. A clone is the same buffer.
 pub struct Buffer<T> {

@@ -10,7 +10,7 @@ use gpu_allocator::MemoryLocation;
 
 use super::buffer::{Buffer, Storage, next_id};
 use super::device::{Device, Shared};
-use super::extent::Extent;
+use super::extent::DispatchSize;
 use super::hazards::{Access, Hazards};
 use super::image::Texture;
 use super::shader::{Binding, BindingKind, Bindings, Element, Resource, Shader};
@@ -88,7 +88,7 @@ impl Commands {
     }
 
     /// Runs `stage` over `extent`.
-    pub fn dispatch<S: Shader>(&mut self, stage: &Stage<S>, bindings: S::Bindings<'_>, push: S::Push, extent: Extent) {
+    pub fn dispatch<S: Shader>(&mut self, stage: &Stage<S>, bindings: S::Bindings<'_>, push: S::Push, extent: DispatchSize) {
         let [x, y] = extent.groups(S::WORKGROUP[0]);
         if x > 0 {
             self.bind(stage, &bindings, &push);
@@ -111,7 +111,7 @@ impl Commands {
         self.bind(stage, &bindings, &push);
         self.reads(counts.resource(), S::NAME, Access::INDIRECT);
         self.keep(counts.resource());
-        // SAFETY: clauses 2 and 4; the counts are written by our shaders, folded like `Extent::groups`.
+        // SAFETY: clauses 2 and 4; the counts are written by our shaders, folded like `DispatchSize::groups`.
         unsafe { self.device.0.raw.cmd_dispatch_indirect(self.raw(), counts.storage.raw, offset as u64) };
     }
 

@@ -17,7 +17,7 @@ use super::facts::{
 };
 use super::instance::Instance;
 use super::submission::{Slot, completed};
-use crate::memory::OutOfMemory;
+use crate::host_memory::OutOfMemory;
 
 /// Whether the validation layer, the missing-barrier check, robust buffer access and stage markers are on.
 #[derive(Clone, Copy, Debug, PartialEq)]

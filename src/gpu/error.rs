@@ -2,7 +2,7 @@
 
 use ash::vk;
 
-use crate::memory::OutOfMemory;
+use crate::host_memory::OutOfMemory;
 
 /// No device can be used: the sentence says what is missing and what to install.
 #[derive(Debug, thiserror::Error)]

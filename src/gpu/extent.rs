@@ -5,14 +5,14 @@ pub const FOLD: u32 = 65_535;
 
 /// How much a dispatch covers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Extent {
+pub enum DispatchSize {
     /// At least this many invocations in a row; the shader tests its index.
     Invocations(u64),
     /// This many workgroups in a row. Over [`FOLD`] they are folded into y, and there may be more of them.
     Groups(u64),
 }
 
-impl Extent {
+impl DispatchSize {
     /// Workgroups along x and y for workgroups of `size` invocations.
     pub fn groups(self, size: u32) -> [u32; 2] {
         let groups = match self {

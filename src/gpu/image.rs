@@ -13,7 +13,7 @@ use super::buffer::next_id;
 use super::device::{Device, Shared};
 use super::error::describe;
 use super::shader::Resource;
-use crate::memory::OutOfMemory;
+use crate::host_memory::OutOfMemory;
 
 /// `width` x `height` pixels, of format R32G32B32A32_SFLOAT unless they are for a screen, in the layout GENERAL from its first use on. A clone is the same
 /// image.

@@ -45,7 +45,7 @@ pub use commands::{Commands, Timestamps};
 pub use device::{Device, Validation};
 pub use error::{DeviceLost, Unavailable};
 pub use executables::Executable;
-pub use extent::{Extent, FOLD};
+pub use extent::{DispatchSize, FOLD};
 pub use facts::{DeviceChoice, DeviceFacts, survey};
 pub use hazards::Access;
 pub use image::Image;

@@ -9,13 +9,18 @@ use super::device::Shared;
 use super::image::Texture;
 
 /// A compute shader with its reflected interface.
-pub trait Shader {
-    /// The stem of its file, and the name of its stage in labels and messages.
+///
+/// # Safety
+/// All items describe the interface of the module in `SPIRV` (clause 4 of the contract in `gpu`).
+pub unsafe trait Shader {
+    /// The stem of the shader's file, and the name of its stage in labels and messages.
     const NAME: &'static str;
+    /// The shader's file, relative to the folder of shaders.
+    const PATH: &'static str;
     /// The module, little-endian words.
     const SPIRV: &'static [u8];
-    /// The same with arithmetic in 16-bit floats, if it has such a form.
-    const HALF_SPIRV: Option<&'static [u8]>;
+    /// The fingerprint of the interface, which a module that is loaded at run time must have too.
+    const INTERFACE: u64;
     /// Invocations in a workgroup.
     const WORKGROUP: [u32; 3];
     const BINDINGS: &'static [Binding];
@@ -89,19 +94,25 @@ where
 }
 
 /// The resources for one dispatch.
-pub trait Bindings {
+///
+/// # Safety
+/// `each` visits as many resources as the shader has descriptors, of the kinds and element types that it declares.
+pub unsafe trait Bindings {
     /// Visits every descriptor in the order of [`Shader::BINDINGS`].
     fn each(&self, bind: &mut dyn FnMut(Resource));
 }
 
 /// The values of the specialization constants of one pipeline.
-pub trait Constants: Default {
+///
+/// # Safety
+/// `entries` has constants that the shader declares, with bits that are values of their types.
+pub unsafe trait Constants: Default {
     /// `constant_id` and bits.
     fn entries(&self) -> Vec<(u32, u32)>;
 }
 
-/// Of a shader that has none.
-impl Constants for () {
+// SAFETY: a shader without constants takes no entries.
+unsafe impl Constants for () {
     fn entries(&self) -> Vec<(u32, u32)> {
         Vec::new()
     }

@@ -23,6 +23,15 @@ pub struct Interface {
     pub structs: Vec<Struct>,
 }
 
+impl Interface {
+    /// A number that two interfaces share if they are equal (FNV-1a of the `Debug` text, the same in every build).
+    pub fn fingerprint(&self) -> u64 {
+        format!("{self:?}").bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+        })
+    }
+}
+
 #[derive(Debug, PartialEq)]
 pub struct Binding {
     pub number: u32,

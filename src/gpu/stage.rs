@@ -9,7 +9,7 @@ use ash::vk;
 use super::device::{Device, Shared};
 use super::error::describe;
 use super::executables::Executables;
-use super::facts::{HALF_FLOATS, MAX_STORAGE_BUFFERS};
+use super::facts::MAX_STORAGE_BUFFERS;
 use super::shader::{Binding, BindingKind, Constants, Shader};
 
 /// The pipeline of shader `S`. It holds no resources.
@@ -27,17 +27,7 @@ pub(super) struct Pipeline {
 
 impl<S: Shader> Stage<S> {
     pub fn new(device: &Device, constants: &S::Constants) -> Result<Self> {
-        Self::from_spirv(device, constants, S::SPIRV)
-    }
-
-    /// The same with arithmetic in 16-bit floats, where the shader has such a form and the device such floats.
-    pub fn in_halves(device: &Device, constants: &S::Constants) -> Result<Self> {
-        let has_halves = device.facts().has(HALF_FLOATS);
-        Self::from_spirv(device, constants, S::HALF_SPIRV.filter(|_| has_halves).unwrap_or(S::SPIRV))
-    }
-
-    fn from_spirv(device: &Device, constants: &S::Constants, spirv: &[u8]) -> Result<Self> {
-        let pipeline = Pipeline::new::<S>(&device.0, constants, spirv).with_context(|| format!("stage {}", S::NAME))?;
+        let pipeline = Pipeline::new::<S>(&device.0, constants, S::SPIRV).with_context(|| format!("stage {}", S::NAME))?;
         Ok(Self { pipeline: Arc::new(pipeline), _shader: PhantomData })
     }
 }

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3, dvec2};
 use rayon::prelude::*;
 
 use super::{Rays, Splat, Tiling};
-use crate::options::{Rules, TILE};
+use crate::rules::{Rules, TILE};
 
 /// One pixel of a [`super::Rendering`].
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::{Tiling, project, tiles};
 use crate::camera::Camera;
-use crate::options::Rules;
+use crate::rules::Rules;
 use crate::scene::Gaussians;
 
 /// The ids, ascending, of the Gaussians with at least one tile: ahead of the near plane, not too faint for any pixel,

@@ -4,7 +4,7 @@ use glam::{DVec2, dvec2};
 use rayon::prelude::*;
 
 use super::Splat;
-use crate::options::{Extent, Rules, TILE};
+use crate::rules::{Footprint, Rules, TILE};
 
 /// The tiles of an image.
 #[derive(Clone, Copy, Debug)]
@@ -45,7 +45,7 @@ pub fn tiles(splat: &Splat, tiling: Tiling, rules: &Rules) -> Vec<u32> {
     if level.is_nan() || level < 0.0 {
         return touched;
     }
-    if rules.extent == Extent::ThreeSigmaSquares {
+    if rules.extent == Footprint::ThreeSigmaSquares {
         return square_tiles(splat, tiling);
     }
     let extent = dvec2(splat.covariance.x_axis.x, splat.covariance.y_axis.y).map(|v| (level * v).sqrt());

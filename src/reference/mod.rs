@@ -26,7 +26,7 @@ pub use scan::scan;
 pub use sort::sort;
 
 use crate::camera::Camera;
-use crate::options::{Background, Order, Rules};
+use crate::rules::{Background, Order, Rules};
 use crate::pixels::{Depths, Pixels, Plane};
 use crate::scene::Gaussians;
 

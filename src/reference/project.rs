@@ -3,7 +3,7 @@
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 
 use crate::camera::Camera;
-use crate::options::{COMPENSATION_MIN, Extent, LOW_PASS, Rules};
+use crate::rules::{COMPENSATION_MIN, Footprint, LOW_PASS, Rules};
 use crate::scene::{Gaussians, harmonics};
 
 /// A projected Gaussian.
@@ -32,7 +32,7 @@ impl Splat {
     /// The distance at which alpha falls to the threshold, or where the rules cut it off.
     pub fn level(&self, rules: &Rules) -> f64 {
         let level = 2.0 * (self.opacity / f64::from(rules.alpha_min)).ln();
-        if rules.extent == Extent::ThreeSigma { level.min(9.0) } else { level }
+        if rules.extent == Footprint::ThreeSigma { level.min(9.0) } else { level }
     }
 }
 

@@ -5,13 +5,14 @@ use std::ops::Range;
 use anyhow::Result;
 use rayon::prelude::*;
 
-use super::blending::LISTED_ALPHA;
-use super::layout::Layout;
-use super::self_test::trial_view;
-use super::shaders::Grids;
+use crate::render::portable::blend::LISTED_ALPHA;
+use crate::render::layout::Layout;
+use crate::render::trial::trial_view;
+use crate::render::shaders::Grids;
 use crate::camera::Camera;
 use crate::gpu::{Buffer, Commands, Device, Element};
-use crate::options::{Options, Rules};
+use crate::options::Options;
+use crate::rules::Rules;
 use crate::scene::{Bounds, Gaussians, Requirements};
 
 /// Gaussians in device memory, in planes of four words: one of bounds, and as many of shapes and of spherical harmonics as
@@ -46,7 +47,7 @@ impl GpuScene {
         Self::with(device, gaussians, &Requirements::of(gaussians), options)
     }
 
-    /// The same for [`Still::certified`](super::Still::certified), which has to see what others may cull.
+    /// The same for [`Renderer::certified`](super::Renderer::certified), which has to see what others may cull.
     pub fn certifiable(
         device: &Device,
         gaussians: &Gaussians,
@@ -215,7 +216,7 @@ fn upper_half(value: f64) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::options::ALPHA_MIN;
+    use crate::rules::ALPHA_MIN;
 
     #[test]
     fn reach_is_rounded_up_and_hardly_more() {

@@ -3,7 +3,7 @@
 use half::f16;
 use rayon::prelude::*;
 
-use super::shaders::Grids;
+use crate::render::shaders::Grids;
 use crate::options::{Options, Storage};
 use crate::scene::{Gaussians, Grid, MAX_SH_DEGREE, Requirements, bands, encode_rotation, sh_coefficients};
 

@@ -1,32 +1,33 @@
-//! The pipeline on the GPU: a scene's buffers, the frame's buffers, and the renderer that dispatches the stages.
+//! The pipeline on the GPU: a scene's buffers, two paths that draw it, and the facade that chooses between them.
+//!
+//! [`Renderer`] is the facade. `portable/` runs on every device; `fast/` needs subgroups of one known size and draws the
+//! same picture in less time; `choice.rs` picks one for each frame. `inspect/` looks inside the portable path.
 
-mod blending;
-mod display;
-mod explain;
+mod capacity;
+mod choice;
 mod fast;
-mod fast_workspace;
+mod frame;
 mod gpu_scene;
 mod inspect;
 mod layout;
-mod paths;
+mod portable;
+mod readback;
 mod renderer;
-mod self_test;
-mod shaders;
-mod sort;
-mod still;
-mod view;
-mod workspace;
+pub mod shaders;
+mod trial;
 
-pub use blending::{Target, Variation};
-pub use display::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
-pub use explain::{Explained, Explanation};
+pub use capacity::Capacity;
+pub use choice::Path;
+pub use fast::{FastPipeline, FastWorkspace};
+pub use frame::{Target, Variation};
+pub(crate) use frame::{depth_bits, tiles};
 pub use gpu_scene::GpuScene;
-pub use inspect::{Attribute, Inspection, Inspector, Look, Work, depths};
+pub use inspect::{
+    Attribute, Compare, Display, Explained, Explanation, Inspection, Inspector, Look, Picture, Quantity, Scale, Work,
+    depths, false_colour, upload_pixels,
+};
 pub use layout::{Layout, Packing};
-pub use renderer::Renderer;
-pub use shaders::*;
-pub use sort::{Pairs, RadixSort, SortRange, SortScratch};
-pub(crate) use still::read_pixels;
-pub use still::{Frame, Recorded, Started, Still};
-pub(crate) use view::{depth_bits, tiles};
-pub use workspace::{Demand, Workspace};
+pub use portable::{Pairs, PortablePipeline, PortableWorkspace, RadixSort, SortRange, SortScratch};
+pub(crate) use readback::read_pixels;
+pub use renderer::{Frame, Recorded, Renderer, Started};
+pub use shaders::{Splat, Totals};

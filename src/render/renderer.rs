@@ -1,322 +1,358 @@
-//! The frame, top to bottom.
+//! One picture at a time, without a window: renders, waits, and repeats what did not fit.
 
-use std::mem::offset_of;
+use anyhow::{Context, Result, anyhow, ensure};
 
-use anyhow::{Result, ensure};
-
-use super::blending::{Blending, LISTED_ALPHA, Target, Variation, extent_code};
-use super::gpu_scene::GpuScene;
-use super::inspect::Inspector;
-use super::layout::Layout;
-use super::shaders::*;
-use super::sort::{RadixSort, SortRange};
-use super::view::{DepthKeys, tile_bits, tiles, view};
-use super::workspace::{CULL_CHUNK, Workspace};
+use crate::render::portable::blend::{Target, Variation};
+use crate::render::inspect::pick::{Explainer, Explanation};
+use crate::render::gpu_scene::GpuScene;
+use crate::render::inspect::inspector::{Inspection, Inspector, Look, Work};
+use crate::render::choice::{Limits, PathChoice};
+use crate::render::shaders::{Upscale, UpscaleBindings, UpscalePush, Room, Totals};
+use crate::render::portable::workspace::Capacity;
 use crate::camera::Camera;
-use crate::gpu::{Access, Buffer, Commands, Device, Extent, Stage};
-use crate::options::{Extent as Reach, Options, Order, TileTest};
+use crate::gpu::{
+    Access, Buffer, Commands, Device, DispatchSize, Image, InFlight, Readback, Results, Stage, Timestamps, Timing,
+};
+use crate::host_memory::host_vec;
+use crate::options::Options;
+use crate::rules::Background;
+use crate::pixels::Pixels;
 
-/// The stages of a frame, built for one set of options and one layout of a scene.
+/// Renders pictures of one scene, keeping its buffers from one to the next.
 pub struct Renderer {
+    device: Device,
     options: Options,
-    layout: Layout,
-    /// Splats are listed where their alpha reaches this.
-    listed_alpha: f32,
-    cull: Stage<Cull>,
-    cull_offsets: Stage<CullOffsets>,
-    cull_compact: Stage<CullCompact>,
-    project: Stage<Project>,
-    pub(crate) sort: RadixSort,
-    scan_sums: Stage<ScanSums>,
-    scan_totals: Stage<ScanTotals>,
-    scan: Stage<Scan>,
-    duplicate: Stage<Duplicate>,
-    ranges: Stage<Ranges>,
-    tile_order: Stage<TileOrder>,
-    blending: Blending,
+    scene: GpuScene,
+    paths: PathChoice,
+    image: Image,
+    /// What is drawn smaller than the picture.
+    enlarged: Option<Enlarged>,
+    certificate: Option<Image>,
+    /// Of the frame recorded last.
+    drawn: Limits,
+    timestamps: Timestamps,
+    inspector: Option<Inspector>,
+    explainer: Option<Explainer>,
+    /// The lists of the frame are read, those of the portable path.
+    needs_lists: bool,
+    /// The frame recorded last.
+    last: Option<Last>,
 }
 
-/// Smallest subgroup that the portable path is built for.
-const PORTABLE_SUBGROUP: u32 = 4;
-
-/// The least subgroup size that pipelines may run with, and the words of a ballot of the largest.
-pub(super) fn subgroups(device: &Device, options: &Options) -> [u32; 2] {
-    let [smallest, largest] = device.facts().subgroup_size;
-    if options.portable { [PORTABLE_SUBGROUP, 4] } else { [smallest, largest.div_ceil(32)] }
+/// A frame, as it would be recorded again.
+#[derive(Clone)]
+struct Last {
+    number: u64,
+    camera: Camera,
+    background: Background,
+    /// It is done, and the lists of the portable path hold all of it.
+    is_whole: bool,
 }
+
+/// A picture that is drawn smaller, and enlarged.
+struct Enlarged {
+    drawn: Image,
+    stage: Stage<Upscale>,
+}
+
+/// What a frame reported of itself.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    pub totals: Totals,
+    pub timings: Vec<Timing>,
+    /// Times the frame was begun: more than one if something did not fit at first.
+    pub attempts: u32,
+}
+
+/// A frame on the GPU.
+pub struct Started {
+    commands: InFlight,
+    recorded: Recorded,
+}
+
+/// A frame among commands that are recorded: whether it is complete is known when they are done.
+pub struct Recorded {
+    number: u64,
+    totals: Readback<Totals>,
+    limits: Limits,
+}
+
+/// More attempts than any frame needs: each grows to the demand of the one before, and demands hide behind one another
+/// (visible, spans and instances, list length), on either path.
+pub(super) const MAX_ATTEMPTS: u32 = 10;
 
 impl Renderer {
-    pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Self> {
-        Self::varied(device, options, layout, Variation::default())
+    pub fn new(device: &Device, options: &Options, scene: &GpuScene) -> Result<Self> {
+        Self::varied(device, options, scene, Variation::default())
     }
 
-    pub fn varied(device: &Device, options: &Options, layout: &Layout, variation: Variation) -> Result<Self> {
-        let rules = &options.rules;
-        ensure!(rules.order != Order::PerPixel, "only the reference sorts the splats of every pixel anew");
-        let [smallest_subgroup, ballot_words] = subgroups(device, options);
-        // Where everything that is left out is to be known, it is listed first.
-        let (listed_alpha, extent) = match variation.certifies {
-            false => (rules.alpha_min, rules.extent),
-            true => (LISTED_ALPHA, Reach::Exact),
-        };
-        let project = ProjectConstants {
-            sh_degree: layout.sh_degree,
-            sh_storage: layout.sh.code(),
-            shape_storage: layout.shape.code(),
-            by_distance: rules.order == Order::Distance,
-            antialiased: rules.antialiased,
-            alpha_min: listed_alpha,
-            extent: extent_code(extent),
-            box_tiles: options.tile_test == TileTest::Box,
-            ballot_words,
-        };
+    /// Also makes a certificate of every picture: `scene` is [`GpuScene::certifiable`].
+    pub fn certified(device: &Device, options: &Options, scene: &GpuScene) -> Result<Self> {
+        options.uncertifiable().map_or(Ok(()), |why| Err(anyhow!(why)))?;
+        let variation = Variation { certifies: true, ..Variation::default() };
+        let certificate = Some(Image::new(device, "certificate", 1, 1)?);
+        Ok(Self { certificate, ..Self::varied(device, options, scene, variation)? })
+    }
+
+    fn varied(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
         Ok(Self {
+            device: device.clone(),
             options: *options,
-            layout: layout.clone(),
-            listed_alpha,
-            cull: Stage::new(device, &())?,
-            cull_offsets: Stage::new(device, &())?,
-            cull_compact: Stage::new(device, &())?,
-            project: Stage::new(device, &project)?,
-            sort: RadixSort::new(device, smallest_subgroup, ballot_words)?,
-            scan_sums: Stage::new(device, &())?,
-            scan_totals: Stage::new(device, &())?,
-            scan: Stage::new(device, &())?,
-            duplicate: Stage::new(device, &())?,
-            ranges: Stage::new(device, &())?,
-            tile_order: Stage::new(device, &())?,
-            blending: Blending::new(device, options, variation, [smallest_subgroup, ballot_words])?,
+            scene: scene.clone(),
+            paths: PathChoice::new(device, options, scene, variation)?,
+            image: Image::new(device, "image", 1, 1)?,
+            enlarged: match options.scale {
+                1.0 => None,
+                _ => {
+                    Some(Enlarged { drawn: Image::new(device, "drawn image", 1, 1)?, stage: Stage::new(device, &())? })
+                }
+            },
+            certificate: None,
+            drawn: Limits { is_fast: false, room: Capacity::default(), longest_list: 0 },
+            timestamps: Timestamps::All,
+            inspector: None,
+            explainer: None,
+            needs_lists: false,
+            last: None,
         })
     }
 
-    /// Blend dispatches that a longest tile list of this length takes.
-    pub fn passes(&self, longest_list: u32) -> u32 {
-        self.blending.passes(longest_list)
+    /// Why the device's fast path is not taken, if it should have been.
+    pub fn notice(&self) -> Option<&str> {
+        self.paths.notice.as_deref()
     }
 
-    /// The longest tile list that so many of them finish.
-    pub(super) fn longest_list(&self, passes: u32) -> u32 {
-        self.blending.longest_list(passes)
+    /// Whether stages are timed, or only the whole frame.
+    pub fn set_timestamps(&mut self, timestamps: Timestamps) {
+        self.timestamps = timestamps;
+    }
+
+    /// Starts from this much room, to see it grow.
+    pub fn with_room(mut self, room: Capacity) -> Result<Self> {
+        self.paths.set_room(&self.device, room)?;
+        self.last = None;
+        Ok(self)
+    }
+
+    /// From here on pictures show what is looked at.
+    pub fn set_inspection(&mut self, inspection: Inspection) -> Result<()> {
+        let is_ordinary = inspection == Inspection::default();
+        ensure!(is_ordinary || self.certificate.is_none(), "a picture that is inspected has no certificate");
+        let has_depths = inspection.look == Look::Work(Work::Depths);
+        ensure!(!has_depths || self.enlarged.is_none(), "depths of a picture that is drawn smaller cannot be enlarged");
+        match &mut self.inspector {
+            inspector if is_ordinary => *inspector = None,
+            Some(inspector) if inspector.inspection.look == inspection.look => inspector.inspection = inspection,
+            inspector => {
+                *inspector = Some(Inspector::new(&self.device, &self.options, self.scene.layout(), inspection)?);
+            }
+        }
+        Ok(())
+    }
+
+    /// From here on frames count their work, which takes longer, or do not.
+    pub fn count_work(&mut self, counts_work: bool) -> Result<()> {
+        let variation = Variation { counts_work, certifies: self.certificate.is_some() };
+        self.paths = PathChoice::new(&self.device, &self.options, &self.scene, variation)?;
+        self.last = None;
+        Ok(())
+    }
+
+    /// Device memory for everything but the scene: every buffer's name and bytes.
+    pub fn buffers(&self) -> Vec<(&str, u64)> {
+        let mut buffers = self.paths.buffers();
+        buffers.push(("image", self.image.bytes()));
+        buffers.extend(self.certificate.iter().map(|certificate| ("certificate", certificate.bytes())));
+        buffers.extend(self.enlarged.iter().map(|enlarged| ("drawn image", enlarged.drawn.bytes())));
+        buffers
     }
 
     /// Passes over its keys that a frame's sort by depth takes, and its sort by tile.
-    pub fn sort_passes(&self, scene: &GpuScene, camera: &Camera) -> [u32; 2] {
-        let depth_bits = self.depth_keys(scene, camera).bits;
-        [depth_bits, tile_bits(tiles(camera.size_px).iter().product())].map(|bits| self.sort.passes(bits))
+    pub fn sort_passes(&self, camera: &Camera) -> [u32; 2] {
+        self.paths.renderer.sort_passes(&self.scene, camera)
     }
 
-    pub(crate) fn depth_keys(&self, scene: &GpuScene, camera: &Camera) -> DepthKeys {
-        DepthKeys::of(camera, &self.options, &scene.extent)
+    /// Renders a complete frame; [`Renderer::pixels`] reads it.
+    pub fn render(&mut self, camera: &Camera, background: Background) -> Result<Frame> {
+        self.render_with(camera, background, |_| {}).map(|(frame, _)| frame)
     }
 
-    pub(crate) fn view(&self, camera: &Camera) -> View {
-        view(camera, self.options.rules.near)
-    }
-
-    /// Records one frame: `target` shows the scene seen by `camera`, or what an inspector looks at, if there was room in
-    /// `work` and `passes` blend passes were enough; `work.totals` says so.
-    pub fn record(
-        &self,
-        cmd: &mut Commands,
-        (scene, camera): (&GpuScene, &Camera),
-        work: &Workspace,
-        target: Target,
-        passes: u32,
-        inspector: Option<&Inspector>,
-    ) {
-        assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
-        assert!(scene.alpha_min <= self.listed_alpha, "a scene is culled by no higher threshold than it is drawn by");
-        let view = self.view(camera);
-        let depth_keys = self.depth_keys(scene, camera);
-        let [tiles_x, tiles_y] = tiles(camera.size_px);
-        let tiles = tiles_x * tiles_y;
-
-        cmd.scope("clear", |cmd| {
-            cmd.fill(&work.totals, 0);
-            cmd.fill(&work.ranges, 0);
-        });
-        cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-        cmd.scope("cull", |cmd| {
-            let elsewhere = inspector.and_then(Inspector::culled_from);
-            let culled_from = elsewhere.map_or(view, |c| self.view(&c.sampled(self.options.drawn_size(c.size_px))));
-            self.cull(cmd, scene, culled_from, work);
-            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-            if let Some(inspector) = inspector {
-                inspector.narrow(cmd, scene, view, work);
+    /// As [`Renderer::render`], with commands prepared by `prepare`; also returns what the last attempt brought back.
+    pub fn render_with(
+        &mut self,
+        camera: &Camera,
+        background: Background,
+        prepare: impl Fn(&mut Commands),
+    ) -> Result<(Frame, Results)> {
+        for attempts in 1..=MAX_ATTEMPTS {
+            let started = self.start_with(camera, background, &prepare)?;
+            if let Some((totals, results)) = self.finish_with(started)? {
+                return Ok((Frame { totals, timings: results.timings().to_vec(), attempts }, results));
             }
-            self.compact(cmd, scene, work);
-        });
-        cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
-        cmd.scope("project", |cmd| self.project(cmd, scene, view, work, depth_keys));
-        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        if let Some(inspector) = inspector {
-            inspector.recolour(cmd, scene, view, work);
         }
-        let by_depth = cmd.scope("sort depths", |cmd| self.sort_depths(cmd, work, depth_keys.bits));
-        let splat_from_rank = &work.depths.values[by_depth];
-        cmd.scope("scan", |cmd| self.scan(cmd, work, splat_from_rank));
-        cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
-        cmd.scope("duplicate", |cmd| self.duplicate(cmd, work, splat_from_rank, tiles_x));
-        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let by_tile = cmd.scope("sort tiles", |cmd| self.sort_tiles(cmd, work, tiles));
-        cmd.scope("ranges", |cmd| {
-            self.ranges(cmd, work, &work.instances.keys[by_tile]);
-            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-            self.order_tiles(cmd, work, tiles);
-        });
-        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let splat_ids = &work.instances.values[by_tile];
-        match inspector {
-            Some(inspector) => inspector.draw(cmd, &self.blending, (scene, camera), (work, splat_ids), target, passes),
-            None => cmd.scope("blend", |cmd| self.blend(cmd, (scene, camera), work, splat_ids, target, passes)),
+        unreachable!("a frame fits after it has grown to its own demand");
+    }
+
+    /// Hands a frame to the GPU without waiting for it. Frames run one after the other, into the same picture.
+    pub fn start(&mut self, camera: &Camera, background: Background) -> Result<Started> {
+        self.start_with(camera, background, |_| {})
+    }
+
+    /// Waits for a frame: whether it is complete. If it did not fit, the next one has more room.
+    pub fn finish(&mut self, started: Started) -> Result<bool> {
+        self.finish_with(started).map(|done| done.is_some())
+    }
+
+    fn start_with(
+        &mut self,
+        camera: &Camera,
+        background: Background,
+        prepare: impl Fn(&mut Commands),
+    ) -> Result<Started> {
+        let mut cmd = Commands::new(&self.device)?;
+        cmd.set_timestamps(self.timestamps);
+        prepare(&mut cmd);
+        let recorded = self.record(&mut cmd, camera, background)?;
+        Ok(Started { commands: cmd.submit()?, recorded })
+    }
+
+    fn finish_with(&mut self, started: Started) -> Result<Option<(Totals, Results)>> {
+        let results = started.commands.wait()?;
+        let totals = self.judge(&results, &started.recorded)?;
+        Ok(totals.map(|totals| (totals, results)))
+    }
+
+    /// Records a frame among other commands; [`Renderer::judge`] says whether it came out whole.
+    pub fn record(&mut self, cmd: &mut Commands, camera: &Camera, background: Background) -> Result<Recorded> {
+        fit(&self.device, &mut self.image, "image", camera.size_px)?;
+        let number = self.last.as_ref().map_or(0, |last| last.number + 1);
+        self.last = Some(Last { number, camera: camera.clone(), background, is_whole: false });
+        let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
+        if let Some(certificate) = &mut self.certificate {
+            fit(&self.device, certificate, "certificate", camera.size_px)?;
         }
+        if let Some(enlarged) = &mut self.enlarged {
+            fit(&self.device, &mut enlarged.drawn, "drawn image", camera.size_px)?;
+        }
+        let inspector = self.inspector.as_ref();
+        let needs_lists = self.needs_lists || inspector.is_some();
+        self.drawn = self.paths.prepare(&self.device, self.scene.len(), camera.size_px, needs_lists)?;
+        cmd.scope("frame", |cmd| {
+            let image = self.enlarged.as_ref().map_or(&self.image, |enlarged| &enlarged.drawn);
+            let target = Target { image, certificate: self.certificate.as_ref(), background };
+            self.paths.record(cmd, (&self.scene, camera), target, self.drawn, inspector);
+            if let Some(enlarged) = &self.enlarged {
+                cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+                cmd.scope("enlarge", |cmd| enlarged.record(cmd, &self.image));
+            }
+        });
+        cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        Ok(Recorded { number, totals: cmd.read(self.totals())?, limits: self.drawn })
     }
 
-    /// Of the frame that `work` holds, the splats of all tiles, tile after tile.
-    pub(super) fn splat_ids<'w>(&self, work: &'w Workspace, camera: &Camera) -> &'w Buffer<u32> {
-        &work.instances.values[self.sort.sorted(tile_bits(tiles(camera.size_px).iter().product()))]
+    /// What a frame counted, if it is complete. If it did not fit, the next one has more room.
+    pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
+        let totals = results.view(&recorded.totals)[0];
+        let limits = recorded.limits;
+        let is_whole = self.paths.judge(&self.device, &totals, limits)?;
+        if let Some(last) = &mut self.last {
+            last.is_whole = is_whole && last.number == recorded.number && self.paths.holds(limits);
+        }
+        Ok(is_whole.then_some(totals))
     }
 
-    /// Which Gaussians may touch the image.
-    pub(crate) fn cull(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &Workspace) {
-        let bindings = CullBindings {
-            bounds: &scene.bounds,
-            visible_masks: &work.visible_masks,
-            chunk_counts: &work.chunk_counts,
+    /// What a pixel of the frame recorded last is made of, in 32-bit floats; where pictures are drawn smaller, what the
+    /// nearest drawn pixel is. Waits, and renders the frame again if it is not known to be complete.
+    pub fn explain(&mut self, pixel: [u32; 2]) -> Result<Explanation> {
+        let Last { camera, background, is_whole, .. } = self.last.clone().context("nothing is rendered yet")?;
+        let size = camera.size_px;
+        ensure!(pixel[0] < size[0] && pixel[1] < size[1], "pixel {pixel:?} lies outside of a picture of {size:?}");
+        if !is_whole {
+            self.needs_lists = true;
+            let rendered = self.render(&camera, background);
+            self.needs_lists = false;
+            rendered?;
+        }
+        let explainer = match &mut self.explainer {
+            Some(explainer) => explainer,
+            none => none.insert(Explainer::new(&self.device, &self.options)?),
         };
-        let push = CullPush { view, gaussians: scene.len() as u32 };
-        cmd.dispatch(&self.cull, bindings, push, Extent::Groups(chunks(scene).into()));
+        let drawn = self.options.drawn_size(size);
+        let pixel = std::array::from_fn(|i| {
+            let place = (f64::from(pixel[i]) + 0.5) / f64::from(size[i]) * f64::from(drawn[i]);
+            (place as u32).min(drawn[i] - 1)
+        });
+        let view = (&self.scene, &camera.sampled(drawn));
+        let explained = explainer.explain(&self.device, &self.paths.renderer, view, &self.paths.work, pixel)?;
+        if !is_whole {
+            // The picture stays what it was, to the last bit.
+            self.render(&camera, background)?;
+        }
+        Ok(explained)
     }
 
-    /// The ids of those.
-    pub(crate) fn compact(&self, cmd: &mut Commands, scene: &GpuScene, work: &Workspace) {
-        let (chunks, visible_capacity) = (chunks(scene), work.gaussian_from_splat.len() as u32);
-        let bindings =
-            CullOffsetsBindings { sums: &work.chunk_counts, totals: &work.totals, dispatches: &work.dispatches };
-        cmd.dispatch(&self.cull_offsets, bindings, CullOffsetsPush { chunks, visible_capacity }, Extent::Groups(1));
-        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let bindings = CullCompactBindings {
-            visible_masks: &work.visible_masks,
-            chunk_offsets: &work.chunk_counts,
-            gaussian_from_splat: &work.gaussian_from_splat,
-        };
-        let push = CullCompactPush { chunks, visible_capacity };
-        cmd.dispatch(&self.cull_compact, bindings, push, Extent::Groups(chunks.into()));
+    /// Width and height of the picture drawn last.
+    pub fn size(&self) -> [u32; 2] {
+        self.image.size()
     }
 
-    /// Their splats, depth keys and tiles.
-    pub(crate) fn project(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &Workspace, keys: DepthKeys) {
-        let bindings = ProjectBindings {
-            gaussian_from_splat: &work.gaussian_from_splat,
-            bounds: &scene.bounds,
-            grids: &scene.grids,
-            shapes: scene.shape_planes(),
-            sh: scene.sh_planes(),
-            splats: &work.splats,
-            depth_keys: &work.depths.keys[0],
-            span_ranges: &work.span_ranges,
-            tile_counts: &work.tile_counts,
-            spans: &work.spans,
-            totals: &work.totals,
-        };
-        let push = ProjectPush {
-            view,
-            span_capacity: work.spans.len() as u32,
-            depth_limit: ((1_u64 << keys.bits) - 1) as u32,
-            depth_shift: keys.shift,
-        };
-        cmd.dispatch_indirect(&self.project, bindings, push, &work.dispatches, offset_of!(Dispatches, over_visible));
+    /// The image of the picture drawn last.
+    pub(super) fn image(&self) -> &Image {
+        &self.image
     }
 
-    /// Sorts the splats by depth; returns which of `work.depths` is sorted.
-    pub(crate) fn sort_depths(&self, cmd: &mut Commands, work: &Workspace, bits: u32) -> usize {
-        let (lengths, length_index) = (&work.totals.words(), offset_of!(Totals, visible_kept) / 4);
-        let range = SortRange { lengths, length_index, bits, values_are_indices: true };
-        let groups = (&work.dispatches, offset_of!(Dispatches, sort_visible));
-        self.sort.record(cmd, &work.depths, &work.sort, range, groups)
+    /// What the frame drawn last counted.
+    pub(super) fn totals(&self) -> &Buffer<Totals> {
+        self.paths.totals(self.drawn)
     }
 
-    /// Where the instances of each splat begin, splats in the order of `splat_from_rank`.
-    pub(crate) fn scan(&self, cmd: &mut Commands, work: &Workspace, splat_from_rank: &Buffer<u32>) {
-        let (totals, tile_counts) = (&work.totals, &work.tile_counts);
-        let groups = offset_of!(Dispatches, scan_visible);
-        let bindings = ScanSumsBindings { totals, splat_from_rank, tile_counts, sums: &work.scan_sums };
-        cmd.dispatch_indirect(&self.scan_sums, bindings, (), &work.dispatches, groups);
-        // The totals update the dispatches, which the sums were dispatched by.
-        cmd.barrier(Access::SHADER_WRITE | Access::INDIRECT, Access::SHADER);
-        self.scan_totals(cmd, work);
-        cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
-        let bindings = ScanBindings {
-            totals,
-            splat_from_rank,
-            tile_counts,
-            sums: &work.scan_sums,
-            instance_offsets: &work.instance_offsets,
-            first_ranks: &work.first_ranks,
-        };
-        cmd.dispatch_indirect(&self.scan, bindings, (), &work.dispatches, groups);
+    /// What the frame drawn last had room for, as the shader that shows it takes it.
+    pub(super) fn drawn_room(&self) -> Room {
+        let Limits { room, longest_list, .. } = self.drawn;
+        let word = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
+        Room { visible: word(room.visible), spans: word(room.spans), instances: word(room.instances), longest_list }
     }
 
-    /// The number of instances, and the dispatches over them.
-    pub(crate) fn scan_totals(&self, cmd: &mut Commands, work: &Workspace) {
-        let bindings = ScanTotalsBindings { sums: &work.scan_sums, totals: &work.totals, dispatches: &work.dispatches };
-        let push = ScanTotalsPush { instance_capacity: work.instances.keys[0].len() as u32 };
-        cmd.dispatch(&self.scan_totals, bindings, push, Extent::Groups(1));
+    /// The picture rendered last.
+    pub fn pixels(&self) -> Result<Pixels> {
+        read_pixels(&self.device, &self.image)
     }
 
-    /// Tile and splat of every instance, in the order of the splats.
-    pub(crate) fn duplicate(&self, cmd: &mut Commands, work: &Workspace, splat_from_rank: &Buffer<u32>, tiles_x: u32) {
-        let bindings = DuplicateBindings {
-            totals: &work.totals,
-            splat_from_rank,
-            instance_offsets: &work.instance_offsets,
-            first_ranks: &work.first_ranks,
-            span_ranges: &work.span_ranges,
-            spans: &work.spans,
-            tile_keys: &work.instances.keys[0],
-            splat_ids: &work.instances.values[0],
-        };
-        let groups = offset_of!(Dispatches, duplicate);
-        cmd.dispatch_indirect(&self.duplicate, bindings, DuplicatePush { tiles_x }, &work.dispatches, groups);
-    }
-
-    /// Sorts the instances by tile, stably; returns which of `work.instances` is sorted.
-    pub(crate) fn sort_tiles(&self, cmd: &mut Commands, work: &Workspace, tiles: u32) -> usize {
-        let (lengths, length_index) = (&work.totals.words(), offset_of!(Totals, instances_kept) / 4);
-        let range = SortRange { lengths, length_index, bits: tile_bits(tiles), values_are_indices: false };
-        let groups = (&work.dispatches, offset_of!(Dispatches, sort_instances));
-        self.sort.record(cmd, &work.instances, &work.sort, range, groups)
-    }
-
-    /// Where each tile's list begins and ends.
-    pub(crate) fn ranges(&self, cmd: &mut Commands, work: &Workspace, tile_keys: &Buffer<u32>) {
-        let bindings = RangesBindings { totals: &work.totals, tile_keys, ranges: &work.ranges };
-        let groups = offset_of!(Dispatches, over_instances);
-        cmd.dispatch_indirect(&self.ranges, bindings, (), &work.dispatches, groups);
-    }
-
-    /// Tiles with long lists first.
-    pub(crate) fn order_tiles(&self, cmd: &mut Commands, work: &Workspace, tiles: u32) {
-        let bindings =
-            TileOrderBindings { ranges: &work.ranges, tiles_by_class: &work.tiles_by_class, totals: &work.totals };
-        cmd.dispatch(&self.tile_order, bindings, TileOrderPush { tiles }, Extent::Invocations(tiles.into()));
-    }
-
-    /// Blends every tile's list of `splat_ids`.
-    pub(crate) fn blend(
-        &self,
-        cmd: &mut Commands,
-        view: (&GpuScene, &Camera),
-        work: &Workspace,
-        splat_ids: &Buffer<u32>,
-        target: Target,
-        passes: u32,
-    ) {
-        self.blending.record(cmd, view, work, splat_ids, target, passes);
+    /// In every channel of every pixel, how far the picture rendered last is at most from what
+    /// [`Rules::complete`](crate::rules::Rules::complete) shows in the same order: proven for what was left out, with an
+    /// allowance for rounding. `None` without [`Renderer::certified`].
+    pub fn certificate(&self) -> Result<Option<Pixels>> {
+        self.certificate.as_ref().map(|certificate| read_pixels(&self.device, certificate)).transpose()
     }
 }
 
-/// Workgroups that cull the scene.
-pub(super) fn chunks(scene: &GpuScene) -> u32 {
-    scene.len().div_ceil(CULL_CHUNK) as u32
+impl Enlarged {
+    fn record(&self, cmd: &mut Commands, image: &Image) {
+        let push = UpscalePush { drawn_size_px: self.drawn.size(), size_px: image.size() };
+        let pixels = image.size().iter().map(|side| u64::from(*side)).product();
+        cmd.dispatch(&self.stage, UpscaleBindings { drawn: &self.drawn, image }, push, DispatchSize::Invocations(pixels));
+    }
+}
+
+/// Makes the image anew if it has not this size.
+fn fit(device: &Device, image: &mut Image, name: &str, size: [u32; 2]) -> Result<()> {
+    if image.size() != size {
+        *image = Image::new(device, name, size[0], size[1])?;
+    }
+    Ok(())
+}
+
+/// An image as it is after all that was submitted.
+pub(crate) fn read_pixels(device: &Device, image: &Image) -> Result<Pixels> {
+    const BAND_BYTES: u32 = 256 << 20; // of staging memory at a time
+    let [width, height] = image.size();
+    let band = (BAND_BYTES / 16 / width).max(1);
+    let mut rgba = host_vec(width as usize * height as usize, "picture")?;
+    for top in (0..height).step_by(band as usize) {
+        let mut cmd = Commands::new(device)?;
+        let rows = cmd.read_rows(image, top..height.min(top + band))?;
+        let results = cmd.submit()?.wait()?;
+        rgba.extend_from_slice(results.view(&rows));
+    }
+    Ok(Pixels { size: [width, height], rgba })
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{Gaussians, sh_coefficients};
-use crate::memory::{OutOfMemory, host_vec, host_zeros};
+use crate::host_memory::{OutOfMemory, host_vec, host_zeros};
 
 /// One Gaussian as files store it, after axis conversion to right, down, forward.
 #[derive(Clone, Copy, Debug)]

@@ -7,7 +7,7 @@ use super::harmonics::C0;
 use super::ply::{Element, Encoding, Property, Scalar, skip};
 use super::source::Source;
 use super::{MAX_SH_DEGREE, Scene, checked_count, rest_values};
-use crate::memory::host_vec;
+use crate::host_memory::host_vec;
 
 pub(super) const CHUNK: usize = 256; // Gaussians that share their minima and maxima
 

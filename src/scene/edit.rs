@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::harmonics::flip_sign;
 use super::{Gaussians, sh_coefficients};
-use crate::memory::{OutOfMemory, host_vec};
+use crate::host_memory::{OutOfMemory, host_vec};
 
 /// What turns right, down, forward into right, up, back, and back: the axes that change their sign.
 pub const RIGHT_UP_BACK: [bool; 3] = [false, true, true];

@@ -8,7 +8,7 @@ use super::canonical::{BLOCK, Builder, Raw, logit};
 use super::source::{Source, word};
 use super::splat::{colour, floats};
 use super::{MAX_SH_DEGREE, Scene, checked_count, rest_values};
-use crate::memory::host_vec;
+use crate::host_memory::host_vec;
 
 const HEADER: usize = 4096;
 const SECTION_HEADER: usize = 1024;

@@ -7,7 +7,7 @@ use super::Scene;
 use super::canonical::{Builder, Raw};
 use super::harmonics::C0;
 use super::synthetic::{self, Random};
-use crate::memory::OutOfMemory;
+use crate::host_memory::OutOfMemory;
 
 /// Most Gaussians of a procedural scene.
 const MAX_COUNT: usize = 200_000_000;

@@ -8,7 +8,7 @@ use super::source::Source;
 use super::{
     Cancelled, Gaussians, Procedural, Scene, Tally, Transform, Unreadable, Watch, gltf, ksplat, ply, sog, splat, spz,
 };
-use crate::memory::OutOfMemory;
+use crate::host_memory::OutOfMemory;
 
 /// What a file does not say of its scene, or says wrongly.
 #[derive(Clone, Copy, Debug, Default)]

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::canonical::BLOCK;
 use super::{Builder, Cancelled, Watch};
 use crate::files::describe;
-use crate::memory::host_vec;
+use crate::host_memory::host_vec;
 
 /// Bytes that one thread reads at a time.
 const PART: usize = 1 << 20;

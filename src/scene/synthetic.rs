@@ -10,7 +10,7 @@ use glam::{DMat3, DQuat, DVec3, dvec3};
 use super::canonical::{Builder, Raw, logit};
 use super::harmonics::{C0, basis};
 use super::{MAX_SH_DEGREE, Scene};
-use crate::memory::OutOfMemory;
+use crate::host_memory::OutOfMemory;
 
 /// The coarsest of the paper's four levels of detail.
 pub const DEFAULT_COUNT: usize = 139_410;

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::harmonics::Turn;
 use super::{Gaussians, sh_coefficients};
-use crate::memory::{OutOfMemory, host_vec};
+use crate::host_memory::{OutOfMemory, host_vec};
 
 /// A similarity from local to world axes: `world = scale * rotation * local + translation`. It never mirrors, as no
 /// rotation of a Gaussian could follow that.

@@ -7,7 +7,8 @@ use std::time::Duration;
 use super::jobs::{News, Side};
 use super::state::Viewer;
 use crate::camera::Camera;
-use crate::options::{Background, Options, Rules};
+use crate::options::Options;
+use crate::rules::{Background, Rules};
 use crate::pixels::Pixels;
 use crate::render::Compare;
 

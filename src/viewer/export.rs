@@ -9,7 +9,7 @@ use super::pictures::{Kept, Plan};
 use super::state::Viewer;
 use crate::camera::Camera;
 use crate::gpu::Device;
-use crate::options::Background;
+use crate::rules::Background;
 
 /// What is written next.
 pub struct Export {

@@ -111,10 +111,10 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     if pressed(viewer, ui, Action::FreezeCulling) {
         freeze(viewer);
     }
-    if pressed(viewer, ui, Action::Explain)
+    if pressed(viewer, ui, Action::Pick)
         && let Some(pixel) = pixel_under_cursor(viewer, ui)
     {
-        viewer.wishes.push(Wish::Explain(pixel));
+        viewer.wishes.push(Wish::Pick(pixel));
     }
     if pressed(viewer, ui, Action::AddKey) {
         viewer.add_key();

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use crate::bench::Statistics;
+use crate::measure::bench::Statistics;
 use crate::gpu::Timing;
 
 /// Frames that are remembered.

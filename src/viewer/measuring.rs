@@ -2,12 +2,13 @@
 
 use anyhow::Result;
 
-use crate::bench::Protocol;
+use crate::measure::bench::Protocol;
 use crate::camera::Camera;
 use crate::gpu::Device;
-use crate::options::{Background, Options, Rules};
+use crate::options::Options;
+use crate::rules::{Background, Rules};
 use crate::scene::{Gaussians, Requirements};
-use crate::trade::Study;
+use crate::measure::trade::Study;
 
 /// What turning knobs costs in one view.
 #[derive(Clone, Debug)]
@@ -43,8 +44,6 @@ fn turned(exact: &Options, options: &Options) -> Vec<(&'static str, Options)> {
         ("sh-degree", Options { sh_degree: options.sh_degree, ..*exact }),
         ("sh-storage", Options { sh_storage: options.sh_storage, ..*exact }),
         ("shape-storage", Options { shape_storage: options.shape_storage, ..*exact }),
-        ("half-blend", Options { half_blend: options.half_blend, ..*exact }),
-        ("tile-test", Options { tile_test: options.tile_test, ..*exact }),
         ("scale", Options { scale: options.scale, ..*exact }),
         ("portable", Options { portable: options.portable, ..*exact }),
         (ALL, *options),

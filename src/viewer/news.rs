@@ -11,7 +11,7 @@ use super::jobs::{News, Side};
 use super::pictures::Drawn;
 use super::screen::Second;
 use super::session::Session;
-use crate::memory::OutOfMemory;
+use crate::host_memory::OutOfMemory;
 use crate::render::upload_pixels;
 use crate::scene::Unreadable;
 

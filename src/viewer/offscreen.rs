@@ -12,7 +12,7 @@ use super::jobs::Jobs;
 use super::screen::Screen;
 use super::session::{Session, Turn};
 use super::state::{Setup, Viewer};
-use crate::bench::Statistics;
+use crate::measure::bench::Statistics;
 use crate::gpu::Device;
 
 /// A viewer whose hands and eyes are a program's.

@@ -6,8 +6,9 @@ use anyhow::Result;
 
 use crate::camera::Camera;
 use crate::gpu::Device;
-use crate::options::{Background, Options};
-use crate::render::{Frame, GpuScene, Inspection, Layout, Still};
+use crate::options::Options;
+use crate::rules::Background;
+use crate::render::{Frame, GpuScene, Inspection, Layout, Renderer};
 use crate::scene::{Gaussians, Requirements, Transform};
 
 /// What is to be drawn: scenes in their places, and how.
@@ -24,7 +25,7 @@ pub struct Drawn {
     pub gaussians: Arc<Gaussians>,
     pub needs: Arc<Requirements>,
     pub scene: GpuScene,
-    pub still: Still,
+    pub still: Renderer,
     /// Tells it from the one that was here before.
     pub generation: u64,
     /// Of the first frame, which is complete.
@@ -67,7 +68,7 @@ impl Plan {
             Some(before) => before.scene,
             None => GpuScene::with(device, &gaussians, &needs, &self.options)?,
         };
-        let mut still = Still::new(device, &self.options, &scene)?;
+        let mut still = Renderer::new(device, &self.options, &scene)?;
         let frame = still.render(view, background)?;
         let inspection = Inspection::default();
         Ok(Drawn { plan: self, gaussians, needs, scene, still, generation, frame, inspection })

@@ -12,7 +12,7 @@ use crate::camera::Camera;
 use crate::gpu::{
     Access, Acquisition, Commands, Device, Image, InFlight, Overlay, Presentation, Swapchain, Timing, Vsync,
 };
-use crate::options::Background;
+use crate::rules::Background;
 use crate::render::{Compare, Display, Picture, Quantity, Recorded, Totals, upload_pixels};
 
 /// Frames on the GPU at once: one is drawn while the next is prepared.

@@ -237,10 +237,10 @@ impl Session {
     fn grant(&mut self, wishes: &mut Vec<Wish>) -> Result<()> {
         let mut error = None;
         wishes.retain(|wish| match *wish {
-            Wish::Explain(pixel) | Wish::Focus(pixel) => {
+            Wish::Pick(pixel) | Wish::Focus(pixel) => {
                 if let (Some(first), None) = (&mut self.pair.first, &error) {
                     match first.still.explain(pixel) {
-                        Ok(explanation) if matches!(wish, Wish::Explain(_)) => {
+                        Ok(explanation) if matches!(wish, Wish::Pick(_)) => {
                             let colour = explanation.colour(self.viewer.background);
                             let splats = explanation.splats.len();
                             self.viewer.events.tell(&Event::Explained { pixel, splats, colour });

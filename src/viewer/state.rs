@@ -20,10 +20,11 @@ use super::pictures::Plan;
 use super::timeline::Film;
 use crate::camera::{Camera, CameraFile, NamedCamera, Navigator};
 use crate::gpu::{Device, Vsync};
-use crate::options::{Background, Options};
+use crate::options::Options;
+use crate::rules::Background;
 use crate::render::Explanation;
 use crate::scene::{Cancelled, Gaussians, Reading, Requirements, Scene, Unreadable};
-use crate::trade::{Budget, choose_for, spread};
+use crate::measure::trade::{Budget, choose_for, spread};
 
 /// What the program was started with.
 #[derive(Clone)]
@@ -66,8 +67,8 @@ pub enum Wish {
     Quit,
     Vsync(Vsync),
     Copy(String),
-    /// Explain this pixel of the first picture.
-    Explain([u32; 2]),
+    /// Pick this pixel of the first picture.
+    Pick([u32; 2]),
     /// Turn around what is seen at this pixel.
     Focus([u32; 2]),
     WritePicture,

@@ -17,7 +17,7 @@ use super::screen::{Screen, Shown};
 use super::session::{Session, Turn};
 use super::state::{Setup, Viewer, Wish};
 use crate::gpu::{Device, DeviceChoice, DeviceLost, Unavailable, Validation};
-use crate::memory::OutOfMemory;
+use crate::host_memory::OutOfMemory;
 
 /// How a window is opened.
 #[derive(Clone)]

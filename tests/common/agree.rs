@@ -2,7 +2,8 @@
 
 use glam::{DVec3, dvec2};
 use smalto::camera::Camera;
-use smalto::options::{Background, Options};
+use smalto::options::Options;
+use smalto::rules::Background;
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Rendering};
 use smalto::scene::{Gaussians, Raw};

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3, dvec2};
 use smalto::camera::Camera;
-use smalto::options::{Rules, TILE};
+use smalto::rules::{Rules, TILE};
 use smalto::reference::{self, Lists, Splat, Tiling};
 use smalto::scene::Gaussians;
 

@@ -20,10 +20,11 @@ use std::sync::{Condvar, Mutex};
 use smalto::camera::{self, Camera};
 use smalto::environment::Environment;
 use smalto::gpu::{Buffer, Commands, Device, Element, Validation};
-use smalto::options::{Background, Options};
+use smalto::options::Options;
+use smalto::rules::Background;
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Rendering};
-use smalto::render::{Frame, GpuScene, Still};
+use smalto::render::{Frame, GpuScene, Renderer};
 use smalto::scene::{self, Builder, Gaussians, Raw};
 
 /// A device with validation on. A missing device fails the test; so does anything the validation layer or the
@@ -40,7 +41,7 @@ impl Gpu {
 
     pub fn render(&self, gaussians: &Gaussians, camera: &Camera, options: &Options) -> Pixels {
         let scene = GpuScene::new(&self.0, gaussians, options).expect("the scene fits");
-        let mut still = Still::new(&self.0, options, &scene).expect("the renderer can be built");
+        let mut still = Renderer::new(&self.0, options, &scene).expect("the renderer can be built");
         still.render(camera, Background::BLACK).expect("the frame can be rendered");
         still.pixels().expect("the picture can be read")
     }
@@ -65,7 +66,7 @@ impl Gpu {
     /// Renders with a copy of every buffer after every stage.
     pub fn capture(&self, gaussians: &Gaussians, camera: &Camera, options: &Options) -> Captured {
         let scene = GpuScene::new(&self.0, gaussians, options).expect("the scene fits");
-        let mut still = Still::new(&self.0, options, &scene).expect("the renderer can be built");
+        let mut still = Renderer::new(&self.0, options, &scene).expect("the renderer can be built");
         let prepare = |cmd: &mut Commands| cmd.capture_scopes();
         let (frame, results) =
             still.render_with(camera, Background::BLACK, prepare).expect("the frame can be rendered");
@@ -219,8 +220,8 @@ pub fn compare(pixels: &Pixels, reference: &Rendering) -> Comparison {
     let exact = reference.to_pixels();
     let pairs = || pixels.rgba.iter().zip(&reference.pixels);
     Comparison {
-        psnr: smalto::metrics::psnr(pixels, &exact),
-        max_error: smalto::metrics::max_error(pixels, &exact),
+        psnr: smalto::measure::metrics::psnr(pixels, &exact),
+        max_error: smalto::measure::metrics::max_error(pixels, &exact),
         different: pairs().filter(|p| difference(*p) > ROUNDING).count(),
         unexplained: pairs().filter(|p| difference(*p) > ROUNDING + p.1.doubt).count(),
     }

@@ -4,9 +4,9 @@ use anyhow::Result;
 
 use super::views::Cameras;
 use super::{Args, Loaded, table};
-use crate::bench::{Bench, DeviceReport, VersionReport};
+use crate::measure::bench::{Bench, DeviceReport, VersionReport};
 use crate::cli::{Usage, complain, progress};
-use crate::ladder::{self, LadderReport};
+use crate::measure::ladder::{self, LadderReport};
 use crate::options::Options;
 use crate::render::{GpuScene, tiles};
 

@@ -13,14 +13,15 @@ use super::{
     DeviceArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, SplitArg, Usage, complain, knobs, parse_size, progress,
     remark,
 };
-use crate::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
+use crate::measure::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
 use crate::camera::Camera;
 use crate::files::check_writable;
 use crate::gpu::Device;
-use crate::metrics::psnr;
-use crate::options::{Background, Options, Rules};
+use crate::measure::metrics::psnr;
+use crate::options::Options;
+use crate::rules::{Background, Rules};
 use crate::reference;
-use crate::render::{GpuScene, Still};
+use crate::render::{GpuScene, Renderer};
 use crate::scene::{Gaussians, Requirements, Scene, Unreadable};
 pub(super) use views::{CameraPath, Cameras};
 
@@ -198,7 +199,7 @@ fn accuracy(
     view: &Camera,
     (options, rules): (&Options, &Rules),
 ) -> Result<Option<f64>> {
-    let mut still = Still::new(device, options, scene)?;
+    let mut still = Renderer::new(device, options, scene)?;
     still.render(view, Background::BLACK)?;
     let exact = reference::render(gaussians, view, rules, Background::BLACK).to_pixels();
     Ok(Some(psnr(&still.pixels()?, &exact)).filter(|db| db.is_finite()))
@@ -207,7 +208,7 @@ fn accuracy(
 /// The largest bound of any pixel of any view.
 fn certified_error(device: &Device, scene: &Loaded, views: &[Camera], options: &Options) -> Result<f32> {
     let gpu = GpuScene::certifiable(device, &scene.gaussians, &scene.requirements, options)?;
-    let mut still = Still::certified(device, options, &gpu)?;
+    let mut still = Renderer::certified(device, options, &gpu)?;
     let mut largest = 0.0_f32;
     for view in views {
         still.render(view, Background::BLACK)?;

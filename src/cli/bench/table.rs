@@ -2,10 +2,10 @@
 
 use anyhow::Result;
 
-use crate::bench::{Change, Clocks, DeviceReport, Protocol, Run, Statistics, VersionReport};
+use crate::measure::bench::{Change, Clocks, DeviceReport, Protocol, Run, Statistics, VersionReport};
 use crate::cli::table::{say_table, table};
 use crate::cli::{certified, say, size_text};
-use crate::ladder::{Climb, Paper};
+use crate::measure::ladder::{Climb, Paper};
 
 /// `checked`: whether the picture was compared with the reference.
 pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {

@@ -11,7 +11,7 @@ use crate::cli::{Usage, certified, complain, dump, progress, remark, say, size_t
 use crate::gpu::{Commands, Device};
 use crate::options::Options;
 use crate::reference;
-use crate::render::{Frame, GpuScene, Inspection, Look, Still, Work, depths};
+use crate::render::{Frame, GpuScene, Inspection, Look, Renderer, Work, depths};
 use crate::scene::{Gaussians, Requirements, Scene};
 
 /// What one frame shows: the picture, or what lies how deep in it.
@@ -79,7 +79,7 @@ pub(super) fn by_gpu(
     let upload = if certifies { GpuScene::certifiable } else { GpuScene::with };
     let gpu_scene = upload(device, gaussians, &needs, &options)?;
     drop(scene);
-    let still = if certifies { Still::certified } else { Still::new };
+    let still = if certifies { Renderer::certified } else { Renderer::new };
     let mut still = still(device, &options, &gpu_scene)?;
     if let Some(notice) = still.notice() {
         remark(&format!("note: {notice}"));
@@ -101,7 +101,7 @@ pub(super) fn by_gpu(
 
 fn draw(
     args: &Args,
-    still: &mut Still,
+    still: &mut Renderer,
     (pass, shot): (Pass, &Shot),
     outputs: &[&Output],
     record: &mut Record,
@@ -149,7 +149,7 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         .iter()
         .find(|t| t.depth == 0)
         .map_or_else(String::new, |t| format!(", {:.2} ms on the GPU", t.duration_ms));
-    let (visible, instances) = (totals.visible, totals.instances_kept);
+    let (visible, instances) = (totals.visible, totals.listed_kept);
     let files = names(outputs);
     if visible == 0 {
         remark(&format!("note: {files}: no Gaussian is in view"));

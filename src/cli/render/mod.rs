@@ -11,7 +11,8 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 
 use super::{BudgetArgs, DeviceArgs, FilmArgs, Knobs, SceneArg, SplitArg, Usage, knobs, parse_size, say};
-use crate::options::{Background, Options};
+use crate::options::Options;
+use crate::rules::Background;
 use crate::pixels::FileKind;
 use outputs::{Layer, Names};
 use plan::{Plan, Shot, plan};

@@ -7,7 +7,7 @@ use clap::ValueEnum;
 
 use super::Args;
 use crate::cli::Usage;
-use crate::options::Background;
+use crate::rules::Background;
 use crate::pixels::{Depths, FileKind, Pixels};
 
 /// A part of what there is to know of a picture.

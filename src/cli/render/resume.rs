@@ -12,11 +12,12 @@ use serde_json::{Map, Value};
 
 use super::outputs::Output;
 use super::{Args, Plan};
-use crate::bench::{SceneReport, Subject, VersionReport};
+use crate::measure::bench::{SceneReport, Subject, VersionReport};
 use crate::camera::Camera;
 use crate::cli::{Usage, remark};
 use crate::files::write_whole;
-use crate::options::{Background, Options};
+use crate::options::Options;
+use crate::rules::Background;
 use crate::pixels::FileKind;
 use crate::scene::Gaussians;
 

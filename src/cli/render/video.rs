@@ -8,7 +8,7 @@ use super::outputs::{Layer, Outputs};
 use super::{Args, Shot};
 use crate::cli::cameras::DEFAULT_FPS;
 use crate::cli::{Usage, size_text};
-use crate::options::Background;
+use crate::rules::Background;
 
 /// Fails if the pictures of `shots` make no film; else the command that makes one.
 pub(super) fn command(args: &Args, outputs: &Outputs, shots: &[Shot]) -> Result<String> {

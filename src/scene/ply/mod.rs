@@ -10,7 +10,7 @@ use super::canonical::{BLOCK, Builder, Raw};
 use super::harmonics::C0;
 use super::source::Source;
 use super::{MAX_SH_DEGREE, Scene, checked_count, compressed_ply, rest_values};
-use crate::memory::host_vec;
+use crate::host_memory::host_vec;
 use header::quoted;
 pub(super) use header::{Element, Encoding, Property, Scalar};
 

@@ -3,7 +3,7 @@
 use anyhow::Result;
 
 use super::{Colour, Element, Rows, all};
-use crate::memory::host_vec;
+use crate::host_memory::host_vec;
 use crate::scene::canonical::{BLOCK, Builder, Raw, logit};
 use crate::scene::source::Source;
 use crate::scene::{Scene, morton};

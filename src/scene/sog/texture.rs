@@ -5,7 +5,7 @@ use std::io::Cursor;
 use anyhow::{Context, Result, ensure};
 use image_webp::WebPDecoder;
 
-use crate::memory::host_vec;
+use crate::host_memory::host_vec;
 
 /// How many texels a texture needs, and how many it may have.
 #[derive(Clone, Copy, Debug)]

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use super::canonical::BLOCK;
 use super::harmonics::C0;
 use super::{Gaussians, morton};
-use crate::memory::OutOfMemory;
+use crate::host_memory::OutOfMemory;
 
 /// The files that a scene can be written to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

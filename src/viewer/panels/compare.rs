@@ -4,7 +4,8 @@ use egui::{DragValue, Slider, Ui};
 
 use super::super::comparison::{Way, With};
 use super::super::state::Viewer;
-use crate::options::{Options, Rules};
+use crate::options::Options;
+use crate::rules::Rules;
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     let comparison = &mut viewer.comparison;

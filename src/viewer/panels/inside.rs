@@ -39,7 +39,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             }
         });
     }
-    let key = viewer.setup.bindings.text(super::super::keys::Action::Explain);
+    let key = viewer.setup.bindings.text(super::super::keys::Action::Pick);
     ui.label(format!("{key} explains the pixel under the cursor."));
     if let (Some(first), Some(index)) = (&pair.first, viewer.looks.isolated) {
         let (i, gaussians) = (index as usize, &first.gaussians);

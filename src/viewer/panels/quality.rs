@@ -5,7 +5,8 @@ use egui::{ComboBox, DragValue, Grid, Ui};
 use super::super::measuring::{ALL, Cost};
 use super::super::screen::Pair;
 use super::super::state::{Viewer, Wish};
-use crate::options::{Extent, Options, Order, Rules, Storage, TileTest};
+use crate::options::{Options, Storage};
+use crate::rules::{Footprint, Order, Rules};
 use crate::scene::MAX_SH_DEGREE;
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
@@ -13,7 +14,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let costs = viewer.costs.clone();
     let cost = |knob: &str| costs.as_ref().and_then(|costs| costs.knobs.iter().find(|cost| cost.knob == knob));
     let exact_ms = costs.as_ref().map(|costs| costs.exact_ms);
-    let Options { rules, stop, key_bits, sh_degree, sh_storage, shape_storage, half_blend, tile_test, scale, portable } =
+    let Options { rules, stop, key_bits, sh_degree, sh_storage, shape_storage, scale, portable } =
         &mut viewer.options;
     Grid::new("knobs").num_columns(3).striped(true).show(ui, |ui| {
         let row = |name: &str, ui: &mut Ui, add: &mut dyn FnMut(&mut Ui)| {
@@ -28,11 +29,9 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         row("sh-degree", ui, &mut |ui| drop(ui.add(egui::Slider::new(sh_degree, 0..=MAX_SH_DEGREE))));
         row("sh-storage", ui, &mut |ui| choice(ui, "sh", sh_storage, &STORAGES));
         row("shape-storage", ui, &mut |ui| choice(ui, "shape", shape_storage, &STORAGES));
-        row("half-blend", ui, &mut |ui| drop(ui.checkbox(half_blend, "")));
-        row("tile-test", ui, &mut |ui| choice(ui, "test", tile_test, &[TileTest::Ellipse, TileTest::Box]));
         row("scale", ui, &mut |ui| drop(ui.add(DragValue::new(scale).speed(0.01).range(0.05..=1.0))));
         row("portable", ui, &mut |ui| drop(ui.checkbox(portable, "")));
-        let extents = [Extent::Exact, Extent::ThreeSigma, Extent::ThreeSigmaSquares];
+        let extents = [Footprint::Exact, Footprint::ThreeSigma, Footprint::ThreeSigmaSquares];
         row("extent", ui, &mut |ui| choice(ui, "extent", &mut rules.extent, &extents));
         row("order", ui, &mut |ui| choice(ui, "order", &mut rules.order, &[Order::Depth, Order::Distance]));
         row("antialiased", ui, &mut |ui| drop(ui.checkbox(&mut rules.antialiased, "")));

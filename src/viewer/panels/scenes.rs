@@ -42,7 +42,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             "{} Gaussians, {} visible\n{} instances, longest list {}",
             first.gaussians.len(),
             totals.visible,
-            totals.instances_kept,
+            totals.listed_kept,
             totals.longest_list
         ));
     }

@@ -5,7 +5,7 @@ use egui::{Color32, Grid, Mesh, Rect, Sense, Ui, pos2, vec2};
 use super::super::history::Digest;
 use super::super::screen::Pair;
 use super::super::state::Viewer;
-use crate::bench::Statistics;
+use crate::measure::bench::Statistics;
 
 /// Frames of the plot, and what of a stage is too little to be seen, in points.
 const PLOTTED: usize = 120;

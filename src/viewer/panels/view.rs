@@ -6,7 +6,7 @@ use super::super::hands;
 use super::super::state::{Viewer, Wish};
 use crate::camera::{FIELDS_OF_VIEW, Up};
 use crate::gpu::Vsync;
-use crate::options::Background;
+use crate::rules::Background;
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     cameras(viewer, ui);

@@ -1,0 +1,13 @@
+# Runs after every target of shaderc-sys is declared: leaves out those that nothing links, and precompiles headers.
+function(trim_targets)
+  foreach(target SPIRV-Tools-shared SPIRV-Tools-reduce SPIRV-Tools-link SPIRV-Tools-lint SPIRV-Tools-diff)
+    if(TARGET ${target})
+      set_target_properties(${target} PROPERTIES EXCLUDE_FROM_ALL ON)
+    endif()
+  endforeach()
+  if(TARGET SPIRV-Tools-opt)
+    target_precompile_headers(SPIRV-Tools-opt PRIVATE "${CMAKE_SOURCE_DIR}/spirv-tools/source/opt/pch_source_opt.h")
+    target_precompile_headers(SPIRV-Tools-static PRIVATE "${CMAKE_SOURCE_DIR}/spirv-tools/source/pch_source.h")
+  endif()
+endfunction()
+cmake_language(DEFER CALL trim_targets)

@@ -1,0 +1,17 @@
+#version 460
+#define WORKGROUP_SIZE 128
+#include "fast/blend_block.glsl"
+// One subgroup per block of pixels: blends what reaches it front to back, and leaves when all its pixels are opaque.
+// Before: bins, sorted splat_ids and masks. After: image = (colour over the background, 1 - T), but for long bins.
+// No subgroup waits for another.
+
+void main() {
+    uint place = workgroup() * gl_NumSubgroups + gl_SubgroupID;
+    if (place >= push.bins * BLOCKS) return;
+    uint number = bin_order[place / BLOCKS], block = place % BLOCKS;
+    Bin bin = bins[number];
+    if (bin.count >= LONG_LIST || !begin_block(number, block)) return;
+    for (uint k = 0; k < PIXELS; k++) begin_pixel(k, is_inside(k) ? 1.0 : 0.0);
+    blend_words(bin, block, 0, (bin.count + 31) / 32);
+    for (uint k = 0; k < PIXELS; k++) show(k, colour[k], final_transmittance(k));
+}

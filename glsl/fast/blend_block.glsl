@@ -1,0 +1,266 @@
+#include "shared/workgroup.glsl"
+#extension GL_EXT_control_flow_attributes : require
+#include "fast/frame.glsl"
+#include "shared/rules.glsl"
+#include "shared/blend_rules.glsl"
+#include "fast/splat.glsl"
+// How a subgroup blends a block of pixels, or a part of its list, front to back. Behind WORKGROUP_SIZE.
+// A lane has several pixels of one column; the exponent of a splat is evaluated around the middle of the block (the idea of
+// Local-GS), by two fused multiply-adds a pixel as a polynomial.
+
+layout(constant_id = 6) const uint SUBGROUP = 32;
+#include "shared/subgroup_owner.glsl"
+layout(constant_id = 12) const bool HAS_CLAMPED_ALPHAS = true;  // some opacity is over ALPHA_MAX
+
+layout(binding = 0, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
+layout(binding = 1, scalar) readonly buffer BinOrder { uint bin_order[]; };                 // [bins]
+layout(binding = 2, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [entry_capacity]
+layout(binding = 3, scalar) readonly buffer Splats { uvec4 splats[]; };                     // [visible_capacity] of 2 or 3
+layout(binding = 4, scalar) readonly buffer Masks { uint masks[]; };                        // [stretches * BLOCKS * 32]
+layout(binding = 5, rgba32f) writeonly uniform image2D image;
+layout(push_constant, scalar) uniform Push {
+    uvec2 size_px;
+    uint bins_x;
+    uint bins;
+    vec3 background;
+} push;
+
+layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;  // px
+const uvec2 BLOCK = uvec2(BLOCK_WIDTH, BLOCK_HEIGHT);
+const uint BLOCK_PIXELS = BLOCK_WIDTH * BLOCK_HEIGHT;
+const uint PIXELS = BLOCK_PIXELS / SUBGROUP;  // of a lane, one below the other
+const uint ROWS = SUBGROUP / BLOCK_WIDTH;     // of pixels between them
+// Splats whose alphas are computed before the first is blended: with one pixel a lane, more to have as much at hand.
+const uint AT_ONCE = PIXELS == 1 ? 8 : 4;
+
+// Of the entries that are blended next: with COMPACT, exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y);
+// without, exponent = a.x - (a.y + x a.w + y b.x)^2 - (a.z + y b.y)^2, and from ALPHA_MIN: three operations more and a tenth
+// of the rounding.
+shared vec4 staged_a[WORKGROUP];
+shared vec4 staged_b[WORKGROUP];  // and red, green
+shared float staged_blue[WORKGROUP];
+
+// The walk through a block's mask, the same in all lanes but `word` and `before`.
+struct Walk {
+    uint next;    // word of masks that is loaded next, by this lane
+    uint end;     // words that are walked
+    uint begin;   // entry of the first bit of the words at hand
+    uint word;    // this lane's
+    uint ahead;   // and its next
+    uint before;  // bits set in the words of the lanes before
+    uint total;   // in those of all lanes
+    uint taken;   // of them
+};
+
+// Index of the n-th set bit of `word`, which has more.
+uint nth_bit(uint word, uint n) {
+    uint place = 0;
+    for (uint width = 16; width > 0; width /= 2) {
+        uint below = bitCount(bitfieldExtract(word, int(place), int(width)));
+        if (n >= below) {
+            n -= below;
+            place += width;
+        }
+    }
+    return place;
+}
+
+// An element of a bin's masks lies in stretches of 32 words, one such row per block.
+uint mask_index(Bin bin, uint block, uint word) {
+    return ((bin.first_stretch + word / 32) * BLOCKS + block) * 32 + word % 32;
+}
+
+// Entries that are taken next, one a lane: how many, and this lane's.
+uint take(inout Walk walk, Bin bin, uint block, out uint entry) {
+    while (walk.taken >= walk.total && walk.next < walk.end + SUBGROUP) {
+        walk.word = walk.ahead;
+        walk.begin = 32 * (walk.next - SUBGROUP);
+        uint mine = walk.next + gl_SubgroupInvocationID;
+        walk.ahead = mine < walk.end ? masks[mask_index(bin, block, mine)] : 0;
+        walk.next += SUBGROUP;
+        uint bits = bitCount(walk.word);
+        walk.before = subgroupExclusiveAdd(bits);
+        walk.total = subgroupAdd(bits);
+        walk.taken = 0;
+    }
+    uint count = min(walk.total - walk.taken, SUBGROUP);
+    uint index = walk.taken + gl_SubgroupInvocationID;
+    walk.taken += count;
+    uint owner = owner_of(walk.before, index);
+    uint place = nth_bit(subgroupShuffle(walk.word, owner), index - subgroupShuffle(walk.before, owner));
+    entry = walk.begin + 32 * owner + place;
+    return count;
+}
+
+struct Record {
+    vec4 a;
+    vec4 b;
+    float blue;
+};
+
+Record load_record(uint splat) {
+    Record record;
+    record.a = uintBitsToFloat(splats[splat * SPLAT_WORDS]);
+    uvec4 b = splats[splat * SPLAT_WORDS + 1];
+    if (COMPACT) {
+        record.b = vec4(uintBitsToFloat(b.xy), unpackHalf2x16(b.z));
+        record.blue = unpackHalf2x16(b.w).x;
+    } else {
+        record.b = uintBitsToFloat(b);
+        record.blue = uintBitsToFloat(splats[splat * SPLAT_WORDS + 2].x);
+    }
+    return record;
+}
+
+// Leaves the polynomials of splats around `middle` where all lanes find them, in their order, and ones that are never drawn
+// behind them.
+void stage(Record record, vec2 middle, bool exists) {
+    vec2 d = middle - record.a.xy;
+    vec3 factor = vec3(record.a.zw, record.b.x);
+    uint place = lane();
+    precise float u = fma(factor.x, d.x, factor.y * d.y);
+    precise float v = factor.z * d.y;
+    if (COMPACT) {
+        precise float at_middle = record.b.y + log2(ALPHA_MIN) - fma(u, u, v * v);
+        staged_a[place] = vec4(exists ? at_middle : -1e30, -2.0 * factor.x * u, -2.0 * (factor.y * u + factor.z * v),
+            -factor.x * factor.x);
+        staged_b[place] =
+            vec4(-2.0 * factor.x * factor.y, -(factor.y * factor.y + factor.z * factor.z), record.b.zw);
+    } else {
+        staged_a[place] = vec4(exists ? record.b.y : -1e30, u, v, factor.x);
+        staged_b[place] = vec4(factor.yz, record.b.zw);
+    }
+    staged_blue[place] = record.blue;
+}
+
+// What a subgroup has of a block of pixels, several of one column a lane.
+uvec2 pixel;             // the lane's first, px
+vec2 middle;             // of the block, px
+float x, y[PIXELS];      // of the lane's pixels, from there
+// The transmittance of a pixel that goes on, which ends it once it is below `limit`; of one that has stopped, 0, and its
+// transmittance is `last`.
+float live[PIXELS], limit[PIXELS], last[PIXELS];
+vec3 colour[PIXELS];
+
+// Below it, a pixel takes no more splats.
+float last_transmittance() {
+    return max(TRANSMITTANCE_MIN, STOP);
+}
+
+// A pixel that begins with this transmittance, or takes nothing if that is 0.
+void begin_pixel(uint k, float transmittance) {
+    live[k] = transmittance;
+    limit[k] = transmittance > 0.0 ? last_transmittance() : -1.0;
+    last[k] = transmittance;
+    colour[k] = vec3(0.0);
+}
+
+// Blends what the words [begin, end) of the block's mask list, until all pixels have stopped.
+void blend_words(Bin bin, uint block, uint begin, uint end) {
+    Walk walk;
+    walk.total = walk.taken = walk.before = walk.word = walk.begin = 0;
+    walk.next = begin + SUBGROUP;
+    walk.end = end;
+    uint word = begin + gl_SubgroupInvocationID;
+    walk.ahead = word < end ? masks[mask_index(bin, block, word)] : 0;
+    // Loaded a batch ahead, and its id two: the loads run while the batch before is blended.
+    uint entry;
+    uint count = take(walk, bin, block, entry);
+    uint splat = gl_SubgroupInvocationID < count ? splat_ids[bin.first + entry] : 0;
+    Record record = Record(vec4(0.0), vec4(0.0), 0.0);
+    if (gl_SubgroupInvocationID < count) record = load_record(splat);
+    uint count_ahead = take(walk, bin, block, entry);
+    if (gl_SubgroupInvocationID < count_ahead) splat = splat_ids[bin.first + entry];
+    while (count > 0) {
+        subgroupBarrier();
+        stage(record, middle, gl_SubgroupInvocationID < count);
+        subgroupBarrier();
+        uint first = gl_SubgroupID * SUBGROUP, behind = first + count;
+        count = count_ahead;
+        if (gl_SubgroupInvocationID < count) record = load_record(splat);
+        count_ahead = take(walk, bin, block, entry);
+        if (gl_SubgroupInvocationID < count_ahead) splat = splat_ids[bin.first + entry];
+        for (uint i = first; i < behind; i += AT_ONCE) {
+            float alphas[AT_ONCE][PIXELS];
+            vec3 colours[AT_ONCE];
+            [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+                vec4 a = staged_a[i + j], b = staged_b[i + j];
+                colours[j] = vec3(b.zw, staged_blue[i + j]);
+                float on_axis = COMPACT ? fma(x, fma(a.w, x, a.y), a.x) : fma(a.w, x, a.y);
+                float slope = fma(b.x, x, a.z);  // with COMPACT
+                [[unroll]] for (uint k = 0; k < PIXELS; k++) {
+                    float exponent;
+                    if (COMPACT) {
+                        exponent = fma(y[k], fma(b.y, y[k], slope), on_axis);
+                    } else {
+                        float u = fma(b.x, y[k], on_axis), v = fma(b.y, y[k], a.z);
+                        exponent = fma(-u, u, fma(-v, v, a.x));
+                    }
+                    // Positive phrasing: what is not a number is not drawn.
+                    bool drawn = COMPACT ? exponent >= log2(ALPHA_MIN) : exponent >= 0.0;
+                    float weight = COMPACT ? exp2(exponent) : ALPHA_MIN * exp2(exponent);
+                    if (HAS_CLAMPED_ALPHAS) weight = min(ALPHA_MAX, weight);
+                    alphas[j][k] = drawn ? weight : 0.0;
+                }
+            }
+            // Transmittances as if no pixel stopped, which is seldom wrong; then what was added after all.
+            float left[PIXELS][AT_ONCE + 1];
+            bool ends = false;
+            [[unroll]] for (uint k = 0; k < PIXELS; k++) {
+                left[k][0] = live[k];
+                [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+                    left[k][j + 1] = fma(-alphas[j][k], left[k][j], left[k][j]);
+                }
+                live[k] = left[k][AT_ONCE];
+                ends = ends || live[k] < limit[k];
+            }
+            if (subgroupAny(ends)) {
+                [[unroll]] for (uint k = 0; k < PIXELS; k++) {
+                    if (live[k] < limit[k]) {
+                        last[k] = left[k][0];
+                        [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+                            bool added = left[k][j + 1] >= TRANSMITTANCE_MIN;
+                            alphas[j][k] = added ? alphas[j][k] : 0.0;
+                            last[k] = added ? left[k][j + 1] : last[k];
+                        }
+                        live[k] = 0.0;
+                        limit[k] = -1.0;
+                    }
+                }
+            }
+            [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+                [[unroll]] for (uint k = 0; k < PIXELS; k++) {
+                    colour[k] = fma(colours[j], vec3(alphas[j][k] * left[k][j]), colour[k]);
+                }
+            }
+        }
+        bool goes_on = false;
+        for (uint k = 0; k < PIXELS; k++) goes_on = goes_on || live[k] > 0.0;
+        if (!subgroupAny(goes_on)) break;
+    }
+}
+
+float final_transmittance(uint k) {
+    return limit[k] < 0.0 ? last[k] : live[k];
+}
+
+bool is_inside(uint k) {
+    return all(lessThan(pixel + uvec2(0, k * ROWS), push.size_px));
+}
+
+void show(uint k, vec3 colour, float transmittance) {
+    vec3 shown = fma(vec3(transmittance), push.background, colour);
+    if (is_inside(k)) imageStore(image, ivec2(pixel + uvec2(0, k * ROWS)), vec4(shown, 1.0 - transmittance));
+}
+
+// Finds the lane's pixels of a block of a bin. Returns whether any is on the image.
+bool begin_block(uint bin_number, uint block) {
+    uvec2 bin_place = uvec2(bin_number % push.bins_x, bin_number / push.bins_x);
+    uvec2 corner = BLOCK * (uvec2(BIN_COLUMNS, BIN_ROWS) * bin_place + uvec2(block % BIN_COLUMNS, block / BIN_COLUMNS));
+    uvec2 lane_place = uvec2(gl_SubgroupInvocationID % BLOCK_WIDTH, gl_SubgroupInvocationID / BLOCK_WIDTH);
+    pixel = corner + lane_place;
+    middle = vec2(corner) + 0.5 * vec2(BLOCK);
+    x = float(lane_place.x) + 0.5 - 0.5 * float(BLOCK.x);
+    for (uint k = 0; k < PIXELS; k++) y[k] = float(lane_place.y + k * ROWS) + 0.5 - 0.5 * float(BLOCK.y);
+    return all(lessThan(corner, push.size_px));
+}

@@ -1,0 +1,102 @@
+#version 460
+#include "shared/workgroup.glsl"
+#extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_EXT_control_flow_attributes : require
+#include "fast/frame.glsl"
+#include "shared/rules.glsl"
+#include "fast/splat.glsl"
+// One workgroup per stretch of 1024 entries of a bin: which of its 32 blocks does each entry reach?
+// Before: sorted splat_ids. After: masks, for every stretch and block 32 words with a bit per entry.
+// Rows of blocks meet an ellipse in an interval (the idea of AccuTile, Hanson et al. 2024). A bound: a block with a
+// pixel that the splat is drawn on is never left out.
+
+layout(binding = 0, scalar) readonly buffer StretchBins { uint stretch_bins[]; };           // [stretches]
+layout(binding = 1, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
+layout(binding = 2, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [entry_capacity]
+layout(binding = 3, scalar) readonly buffer Splats { uvec4 splats[]; };                     // [visible_capacity] of 2 or 3
+layout(binding = 4, scalar) writeonly buffer Masks { uint masks[]; };                       // [stretches * BLOCKS * 32]
+layout(binding = 5, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
+layout(push_constant, scalar) uniform Push {
+    uint bins_x;
+    uint block_height;  // px
+} push;
+
+layout(constant_id = 6) const uint SUBGROUP = 32;
+
+shared uint reached[BIN_STRETCH];            // blocks, a bit each
+shared uint rows[BLOCKS * (BIN_STRETCH / 32 + 1)];  // of a block's words, padded against bank conflicts
+
+// Blocks of a bin whose pixel centres the ellipse meets, a bit each. `corner`: px, of the bin, from the mean.
+uint blocks_reached(vec2 corner, vec3 factor, float limit, vec2 mean) {
+    // Over the true border: blend's f32 weights may pass ALPHA_MIN by their rounding.
+    float border = sqrt(max(limit, 0.0) + 1e-3);
+    float half_height = border / factor.z, per_x = 1.0 / factor.x, slope = factor.y * per_x;
+    float rightmost_y = -factor.y * half_height * inversesqrt(factor.y * factor.y + factor.z * factor.z);
+    float height = float(push.block_height);
+    vec2 far = abs(corner) + vec2(BIN_COLUMNS * BLOCK_WIDTH, BIN_ROWS * height);
+    float slack = 1e-6 * (abs(mean.x) + far.x + abs(slope) * far.y) + 1e-3;
+    uint mask = 0;
+    [[unroll]] for (uint row = 0; row < BIN_ROWS; row++) {
+        float low = max(corner.y + float(row) * height + 0.5, -half_height);
+        float high = min(corner.y + float(row + 1) * height - 0.5, half_height);
+        float right_y = clamp(rightmost_y, low, high), left_y = clamp(-rightmost_y, low, high);
+        float right_v = factor.z * right_y, left_v = factor.z * left_y;
+        float right = sqrt(max(border * border - right_v * right_v, 0.0)) * per_x - slope * right_y + slack;
+        float left = -sqrt(max(border * border - left_v * left_v, 0.0)) * per_x - slope * left_y - slack;
+        // Block c has centres from 8 c + 0.5 to 8 c + 7.5.
+        float first = ceil((left - corner.x - (float(BLOCK_WIDTH) - 0.5)) / float(BLOCK_WIDTH));
+        float end = floor((right - corner.x - 0.5) / float(BLOCK_WIDTH)) + 1.0;
+        // Negative phrasing: what is not a number reaches everything.
+        uint from = first > 0.0 ? uint(min(first, 8.0)) : 0;
+        uint to = end < 8.0 ? uint(max(end, 0.0)) : 8;
+        if (from < to && !(low > high + slack)) mask |= ((1u << to) - (1u << from)) << 8 * row;
+    }
+    return mask;
+}
+
+// Turns 32 words with a bit per block, one a lane, into 32 words with a bit per lane: a 32x32 bit transpose.
+uint transposed(uint word) {
+    [[unroll]] for (uint step = 16; step > 0; step /= 2) {
+        uint low = 0xffffffff / ((1u << step) + 1);  // 0x0000ffff, 0x00ff00ff, ..., 0x55555555
+        uint other = subgroupShuffleXor(word, step);
+        word = (gl_SubgroupInvocationID & step) == 0 ? word & low | (other & low) << step
+                                                     : word & ~low | (other & ~low) >> step;
+    }
+    return word;
+}
+
+void main() {
+    uint stretch = workgroup();
+    if (stretch >= dispatches.over_stretches.x * dispatches.over_stretches.y) return;
+    uint number = stretch_bins[stretch];
+    Bin bin = bins[number];
+    uint begin = (stretch - bin.first_stretch) * BIN_STRETCH;
+    if (stretch < bin.first_stretch || begin >= bin.count) return;
+    uvec2 bin_px = uvec2(BIN_COLUMNS, BIN_ROWS) * uvec2(BLOCK_WIDTH, push.block_height);
+    vec2 corner = vec2(uvec2(number % push.bins_x, number / push.bins_x) * bin_px);
+    for (uint i = lane(); i < BIN_STRETCH; i += WORKGROUP) {
+        uint mask = 0;
+        if (begin + i < bin.count) {
+            uint splat = splat_ids[bin.first + begin + i];
+            vec4 a = uintBitsToFloat(splats[splat * SPLAT_WORDS]);
+            vec2 b = uintBitsToFloat(splats[splat * SPLAT_WORDS + 1].xy);
+            mask = blocks_reached(corner - a.xy, vec3(a.zw, b.x), b.y, a.xy);
+        }
+        if (SUBGROUP == 32) {
+            rows[gl_SubgroupInvocationID * 33 + i / 32] = transposed(mask);
+        } else {
+            reached[i] = mask;
+        }
+    }
+    barrier();
+    uint block = lane() / 32, word = lane() % 32;
+    for (; block < BLOCKS; block += WORKGROUP / 32) {
+        uint bits = 0;
+        if (SUBGROUP == 32) {
+            bits = rows[block * 33 + word];
+        } else {
+            for (uint i = 0; i < 32; i++) bits |= (reached[32 * word + i] >> block & 1) << i;
+        }
+        masks[(stretch * BLOCKS + block) * 32 + word] = bits;
+    }
+}

@@ -1,0 +1,126 @@
+#version 460
+#define WORKGROUP_SIZE 512
+#include "shared/workgroup.glsl"
+#extension GL_EXT_control_flow_attributes : require
+#include "fast/frame.glsl"
+// One workgroup per run of a bin that has several pieces: where each of its entries goes among those of up to 16 pieces.
+// Before: pieces of `piece` entries are sorted, by sort or by this. After: so are those of 16 times as many, or else, if
+// these are all of a bin, its splat_ids, by depth, then by Gaussian.
+// An entry's place is the sum over the pieces of the entries before it, found by bisection in workgroup memory: no run waits
+// for another, and a list of less than 32,768 entries takes one dispatch.
+
+layout(binding = 0, scalar) readonly buffer RunBins { uint run_bins[]; };                   // [runs]
+layout(binding = 1, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
+layout(binding = 2, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };            // [visible_capacity]
+layout(binding = 3, scalar) readonly buffer Entries { uvec2 entries[]; };                   // [entry_capacity]
+layout(binding = 4, scalar) writeonly buffer SplatIds { uint splat_ids[]; };                // [entry_capacity]
+layout(binding = 5, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
+layout(binding = 6, scalar) writeonly buffer Merged { uvec2 merged[]; };                    // [entry_capacity] if any list is longer
+layout(push_constant, scalar) uniform Push {
+    uint piece;
+} push;
+
+layout(constant_id = 0) const bool OF_RUNS = true;  // pieces are runs, and each is searched as a whole
+const uint ITEMS = BIN_RUN / WORKGROUP;
+const uint NONE = 0xffffffff;  // behind every depth key
+shared uint other_keys[BIN_RUN];
+shared uvec2 windows[BIN_PIECES];  // of every piece, the entries that this run lies between
+
+// Of the other keys at hand: those below `key`.
+uint keys_below(uint key) {
+    uint below = 0;
+    [[unroll]] for (uint step = BIN_RUN / 2; step > 0; step /= 2) {
+        if (other_keys[below + step - 1] < key) below += step;
+    }
+    return below + uint(other_keys[below] < key);
+}
+
+// Of the entries of this depth that they are of, from `below` on: those of Gaussians before this one, found by bisection.
+uint ties_before(uint first, uint below, uint others, uvec2 entry) {
+    uint gaussian = gaussian_from_splat[entry.y];
+    uint low = below, high = others;
+    while (low < high) {
+        uint middle = (low + high) / 2;
+        bool is_before = other_keys[middle] == entry.x && gaussian_from_splat[entries[first + middle].y] < gaussian;
+        if (is_before) low = middle + 1; else high = middle;
+    }
+    return low - below;
+}
+
+uint piece() {
+    return OF_RUNS ? BIN_RUN : push.piece;
+}
+
+// Of the entries [begin, end), which are sorted: the first whose key is not below `key`, or above it with `after`.
+uint bound(uint begin, uint end, uint key, bool after) {
+    while (begin < end) {
+        uint middle = (begin + end) / 2, other = entries[middle].x;
+        if (other < key || after && other == key) begin = middle + 1; else end = middle;
+    }
+    return begin;
+}
+
+// Of the piece from `other` on, the entries whose keys are neither below nor above those of the run from `begin` on.
+uvec2 window(Bin bin, uint other, uint group_end, uint begin, uint count) {
+    if (other >= group_end) return uvec2(0);
+    uint first = bin.first + other, end = bin.first + min(other + piece(), group_end);
+    uint from = bound(first, end, entries[bin.first + begin].x, false);
+    return uvec2(from, bound(from, end, entries[bin.first + begin + count - 1].x, true));
+}
+
+void main() {
+    uint run = workgroup();
+    // A folded dispatch may have more workgroups than there are runs.
+    if (run >= dispatches.over_runs.x * dispatches.over_runs.y) return;
+    Bin bin = bins[run_bins[run]];
+    uint begin = (run - bin.first_run) * BIN_RUN;
+    if (run < bin.first_run || begin >= bin.count || bin.count <= piece()) return;
+    uint count = min(bin.count - begin, BIN_RUN);
+    uint own = begin / piece() * piece();
+    uint group = begin / BIN_PIECES / piece() * BIN_PIECES * piece();
+    uint group_end = min(bin.count, group + BIN_PIECES * piece());
+    uvec2 entry[ITEMS];
+    uint place[ITEMS];
+    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+        uint i = k * WORKGROUP + lane();
+        entry[k] = i < count ? entries[bin.first + begin + i] : uvec2(0);
+        place[k] = group + begin - own + i;
+    }
+    if (!OF_RUNS) {
+        if (lane() < BIN_PIECES) windows[lane()] = window(bin, group + lane() * piece(), group_end, begin, count);
+        barrier();
+    }
+    for (uint other = group; other < group_end; other += piece()) {
+        if (other == own) continue;
+        uint from = bin.first + other, to = bin.first + min(other + piece(), group_end);
+        if (!OF_RUNS) {
+            uvec2 window = windows[(other - group) / piece()];
+            [[unroll]] for (uint k = 0; k < ITEMS; k++) place[k] += window.x - from;
+            from = window.x;
+            to = window.y;
+        }
+        do {
+            uint others = min(to - from, BIN_RUN);
+            barrier();  // all are done with the keys before
+            [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+                uint i = k * WORKGROUP + lane();
+                other_keys[i] = i < others ? entries[from + i].x : NONE;
+            }
+            barrier();
+            [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+                uint below = keys_below(entry[k].x);
+                place[k] += below;
+                // Equal depths, which are rare.
+                if (below < others && other_keys[below] == entry[k].x && k * WORKGROUP + lane() < count) {
+                    place[k] += ties_before(from, below, others, entry[k]);
+                }
+            }
+            from += BIN_RUN;
+        } while (!OF_RUNS && from < to);
+    }
+    bool is_all = bin.count <= BIN_PIECES * piece();
+    [[unroll]] for (uint k = 0; k < ITEMS; k++) {
+        if (k * WORKGROUP + lane() >= count) continue;
+        if (is_all) splat_ids[bin.first + place[k]] = entry[k].y; else merged[bin.first + place[k]] = entry[k];
+    }
+}

@@ -1,0 +1,244 @@
+#version 460
+#define WORKGROUP_SIZE 512
+#include "shared/workgroup.glsl"
+#extension GL_KHR_shader_subgroup_shuffle : require
+#include "shared/ballot.glsl"
+#include "fast/frame.glsl"
+#include "shared/digits.glsl"
+// One workgroup per run of entries of a bin: sorts them by depth, then by Gaussian.
+// Before: entries from fill. After: the only run of a bin is in splat_ids; others are sorted among the entries.
+// Entries go where the distribution of their depths lets expect them, and those that share a place are sorted by insertion.
+// Where too many share one, a radix sort of the run takes over. No two entries of a bin are equal in depth and Gaussian,
+// so that their order does not depend on how they came.
+
+layout(constant_id = 1) const uint SUBGROUPS = 16;  // in a workgroup, at most
+
+layout(binding = 0, scalar) readonly buffer RunBins { uint run_bins[]; };                   // [runs]
+layout(binding = 1, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
+layout(binding = 2, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };            // [visible_capacity]
+layout(binding = 3, scalar) readonly buffer DepthKeys { uint depth_keys[]; };               // [visible_capacity]
+layout(binding = 4, scalar) buffer Entries { uvec2 entries[]; };                            // [entry_capacity]
+layout(binding = 5, scalar) writeonly buffer SplatIds { uint splat_ids[]; };                // [entry_capacity]
+layout(binding = 6, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
+
+#include "shared/subgroup_rank.glsl"
+
+const uint SHARED_ALONE = 24;  // entries that share a place at most
+const uint PLACE_BITS = 11;    // of BIN_RUN places
+const uint NONE = 0xffffffff;  // behind every key
+const uint COUNTS = SUBGROUPS * DIGITS;
+shared uint keys[BIN_RUN];
+shared uint values[2 * BIN_RUN > COUNTS ? 2 * BIN_RUN : COUNTS];  // and counts while keys are sorted
+shared uint lowest, highest, is_crowded;
+
+// Of a run: its keys and values in registers, item k of a lane at place own + k * gl_SubgroupSize. Each subgroup has
+// consecutive ones, so that (subgroup, item, lane) is their order. Literal indices: registers cannot be indexed.
+#define EACH_ITEM(DO) DO(0) if (items > 1) { DO(1) } if (items > 2) { DO(2) } if (items > 3) { DO(3) }
+uvec4 key, value;
+uint count, items, own;
+
+// The place of this lane's key among those of its subgroup with the same digit, of all items so far.
+uint count_digit(uint digit) {
+    uvec4 same = same_digit(digit);
+    uvec2 rank = rank_in(same);
+    // The first lane of a digit counts for all; the others wait for its answer, and so for the items before.
+    uint before = 0;
+    if (rank.x == 0) before = atomicAdd(values[gl_SubgroupID * DIGITS + digit], rank.y);
+    return subgroupShuffle(before, subgroupBallotFindLSB(same)) + rank.x;
+}
+
+// Makes the counts of digits, of which lane d serves digit d, sums over the subgroups before; over the digits before too
+// in `keys`.
+void scan_digits() {
+    uint sum = 0, total;
+    if (lane() < DIGITS) {
+        for (uint s = 0; s < gl_NumSubgroups; s++) {
+            uint here = values[s * DIGITS + lane()];
+            values[s * DIGITS + lane()] = sum;
+            sum += here;
+        }
+    }
+    uint before = workgroup_exclusive_add(sum, total);
+    if (lane() < DIGITS) keys[lane()] = before;
+}
+
+// Sorts stably by the bits from `shift` on, DIGIT_BITS of them.
+void sort_by_digit(uint shift) {
+    uint bits = min(DIGIT_BITS, 32 - shift);
+    for (uint i = lane(); i < COUNTS; i += WORKGROUP) values[i] = 0;
+    barrier();
+    uvec4 place;
+#define COUNT(k) place[k] = count_digit(digit_of(key[k], shift, bits));
+    EACH_ITEM(COUNT)
+    barrier();
+    scan_digits();
+    barrier();
+#define PLACE(k) { uint d = digit_of(key[k], shift, bits); place[k] += values[gl_SubgroupID * DIGITS + d] + keys[d]; }
+    EACH_ITEM(PLACE)
+    barrier();
+#define PUT_KEY(k) keys[place[k]] = key[k];
+    EACH_ITEM(PUT_KEY)
+    barrier();
+#define GET_KEY(k) key[k] = keys[own + k * gl_SubgroupSize];
+    EACH_ITEM(GET_KEY)
+    barrier();
+#define PUT_VALUE(k) keys[place[k]] = value[k];
+    EACH_ITEM(PUT_VALUE)
+    barrier();
+#define GET_VALUE(k) value[k] = keys[own + k * gl_SubgroupSize];
+    EACH_ITEM(GET_VALUE)
+}
+
+bool exists(uint k) {
+    return own + k * gl_SubgroupSize < count;
+}
+
+// Makes keys differences from the lowest; returns the bits in which they differ.
+uint lower_keys() {
+    if (lane() == 0) {
+        lowest = NONE;
+        highest = 0;
+    }
+    barrier();
+    uint low = NONE, high = 0;
+#define REACH(k) if (exists(k)) { low = min(low, key[k]); high = max(high, key[k]); }
+    EACH_ITEM(REACH)
+    low = subgroupMin(low);
+    high = subgroupMax(high);
+    if (subgroupElect()) {
+        atomicMin(lowest, low);
+        atomicMax(highest, high);
+    }
+    barrier();
+    // Past the end: the largest digits, behind every key that exists.
+#define LOWER(k) key[k] = exists(k) ? key[k] - lowest : NONE;
+    EACH_ITEM(LOWER)
+    return uint(findMSB(highest - lowest) + 1);
+}
+
+// Sorts the run, by keys alone and stably.
+void sort_by_keys() {
+    uint bits = lower_keys();
+    for (uint shift = 0; shift < bits; shift += DIGIT_BITS) {
+        sort_by_digit(shift);
+        barrier();
+    }
+}
+
+// Makes BIN_RUN counts in `values` from `first` on sums of those before.
+void scan_counts(uint first) {
+    const uint EACH = BIN_RUN / WORKGROUP;
+    uint sum = 0, total;
+    for (uint i = 0; i < EACH; i++) sum += values[first + lane() * EACH + i];
+    uint before = workgroup_exclusive_add(sum, total);
+    for (uint i = 0; i < EACH; i++) {
+        uint here = values[first + lane() * EACH + i];
+        values[first + lane() * EACH + i] = before;
+        before += here;
+    }
+    barrier();
+}
+
+uint count_before(uint first, uint place) {
+    return place < BIN_RUN ? values[first + place] : count;
+}
+
+// Puts every entry where as many are expected before it as there are, by a distribution that is even within each of
+// BIN_RUN equal parts of the keys' range. Leaves, from BIN_RUN on, how many entries come before each place.
+void sort_by_distribution() {
+    uint bits = lower_keys(), shift = bits - min(bits, PLACE_BITS);
+    for (uint i = lane(); i < 2 * BIN_RUN; i += WORKGROUP) values[i] = 0;
+    barrier();
+#define COUNT_PART(k) if (exists(k)) atomicAdd(values[key[k] >> shift], 1);
+    EACH_ITEM(COUNT_PART)
+    barrier();
+    scan_counts(0);
+    uvec4 place, rank;
+    // The product has 32 bits at most: of a key's `shift` <= 21 and of a count's 11, but for a run of one depth.
+#define EXPECT(k) \
+    if (exists(k)) { \
+        uint part = key[k] >> shift, before = values[part]; \
+        uint here = min(count_before(0, part + 1) - before, BIN_RUN - 1); \
+        place[k] = before + ((key[k] & ((1u << shift) - 1)) * here >> shift); \
+        rank[k] = atomicAdd(values[BIN_RUN + place[k]], 1); \
+    }
+    EACH_ITEM(EXPECT)
+    barrier();
+    scan_counts(BIN_RUN);
+#define PUT(k) \
+    if (exists(k)) { \
+        uint here = values[BIN_RUN + place[k]] + rank[k]; \
+        keys[here] = key[k]; \
+        values[here] = value[k]; \
+    }
+    EACH_ITEM(PUT)
+    barrier();
+}
+
+// Whether an entry comes before another, by depth and then by Gaussian.
+bool is_before(uint one_key, uint one_value, uint other_key, uint other_value) {
+    if (one_key != other_key) return one_key < other_key;
+    return gaussian_from_splat[one_value] < gaussian_from_splat[other_value];
+}
+
+// Sorts a few entries from `first` on.
+void sort_few(uint first, uint few) {
+    for (uint i = first + 1; i < first + few; i++) {
+        uint its_key = keys[i], its_value = values[i], place = i;
+        while (place > first && is_before(its_key, its_value, keys[place - 1], values[place - 1])) {
+            keys[place] = keys[place - 1];
+            values[place] = values[place - 1];
+            place--;
+        }
+        keys[place] = its_key;
+        values[place] = its_value;
+    }
+}
+
+void main() {
+    uint run = workgroup();
+    // A folded dispatch may have more workgroups than there are runs.
+    if (run >= dispatches.over_runs.x * dispatches.over_runs.y) return;
+    Bin bin = bins[run_bins[run]];
+    uint begin = (run - bin.first_run) * BIN_RUN;
+    if (run < bin.first_run || begin >= bin.count) return;
+    count = min(bin.count - begin, BIN_RUN);
+    items = div_up(count, WORKGROUP);
+    own = gl_SubgroupID * gl_SubgroupSize * items + gl_SubgroupInvocationID;
+    key = value = uvec4(0);
+#define LOAD(k) \
+    if (exists(k)) { \
+        uvec2 entry = entries[bin.first + begin + own + k * gl_SubgroupSize]; \
+        key[k] = entry.x; \
+        value[k] = entry.y; \
+    }
+    EACH_ITEM(LOAD)
+    if (lane() == 0) is_crowded = 0;
+    sort_by_distribution();
+    for (uint i = lane(); i < count; i += WORKGROUP) {
+        uint begins = values[BIN_RUN + i], here = count_before(BIN_RUN, i + 1) - begins;
+        if (here > SHARED_ALONE) is_crowded = 1;
+        if (here > 1 && here <= SHARED_ALONE) sort_few(begins, here);
+    }
+    barrier();
+    if (is_crowded == 1) {
+        // By Gaussian first: equal depths stay in that order.
+#define LOAD_GAUSSIAN(k) key[k] = gaussian_from_splat[value[k]];
+        EACH_ITEM(LOAD_GAUSSIAN)
+        sort_by_keys();
+#define LOAD_DEPTH(k) key[k] = depth_keys[value[k]];
+        EACH_ITEM(LOAD_DEPTH)
+        sort_by_keys();
+#define KEEP(k) keys[own + k * gl_SubgroupSize] = key[k]; values[own + k * gl_SubgroupSize] = value[k];
+        EACH_ITEM(KEEP)
+        barrier();
+    }
+    bool alone = bin.count <= BIN_RUN;
+    for (uint i = lane(); i < count; i += WORKGROUP) {
+        if (alone) {
+            splat_ids[bin.first + i] = values[i];
+        } else {
+            entries[bin.first + begin + i] = uvec2(keys[i] + lowest, values[i]);
+        }
+    }
+}

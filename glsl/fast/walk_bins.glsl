@@ -1,0 +1,67 @@
+// Goes through the bins of a chunk of splats. Behind the declarations of `totals`, `span_ranges`, `spans` and `push`, and of
+// visit(bin, splat), which is called once for each.
+// Splats touch one bin or thousands. A lane visits the few bins of a small splat alone; a subgroup shares first the rows of
+// its larger splats, then the bins of these rows.
+
+layout(constant_id = 6) const uint SUBGROUP = 32;
+#include "shared/subgroup_owner.glsl"
+const uint ROWS_ALONE = 2, BINS_ALONE = 4;  // most of a small splat
+
+// The `row`-th span of a splat, whose only one is in place.
+uint span_of(uvec2 range, uint row) {
+    return range.y >> 16 == 1 ? range.x : spans[range.x + row];
+}
+
+uint width_of(uint span) {
+    return (span >> 16) - (span & 0xffff);
+}
+
+// Visits a small splat's bins, and returns whether it is small.
+bool visit_alone(uvec2 range, uint splat) {
+    uint rows = range.y >> 16;
+    if (rows > ROWS_ALONE) return false;
+    uvec2 row_spans = uvec2(rows > 0 ? span_of(range, 0) : 0, rows > 1 ? span_of(range, 1) : 0);
+    if (width_of(row_spans.x) + width_of(row_spans.y) > BINS_ALONE) return false;
+    uint bins = (range.y & 0xffff) * push.bins_x;
+    for (uint x = row_spans.x & 0xffff; x < row_spans.x >> 16; x++) visit(bins + x, splat);
+    for (uint x = row_spans.y & 0xffff; x < row_spans.y >> 16; x++) visit(bins + push.bins_x + x, splat);
+    return true;
+}
+
+// Visits the bins of the spans that the lanes have, in these rows of bins.
+void visit_spans(uint row, uint span, uint splat) {
+    uint width = width_of(span), bin = row * push.bins_x + (span & 0xffff);
+    uint before = subgroupExclusiveAdd(width), all = subgroupAdd(width);
+    for (uint done = 0; done < all; done += SUBGROUP) {
+        uint i = done + gl_SubgroupInvocationID, owner = owner_of(before, i);
+        uint column = i - subgroupShuffle(before, owner);
+        uint their_bin = subgroupShuffle(bin, owner), their_splat = subgroupShuffle(splat, owner);
+        if (i < all) visit(their_bin + column, their_splat);
+    }
+}
+
+void visit_together(uvec2 range, uint rows, uint splat) {
+    uint before = subgroupExclusiveAdd(rows), all = subgroupAdd(rows);
+    for (uint done = 0; done < all; done += SUBGROUP) {
+        uint i = done + gl_SubgroupInvocationID, owner = owner_of(before, i);
+        uint row = i - subgroupShuffle(before, owner), their_splat = subgroupShuffle(splat, owner);
+        uvec2 theirs = subgroupShuffle(range, owner);
+        visit_spans((theirs.y & 0xffff) + row, i < all ? span_of(theirs, row) : 0, their_splat);
+    }
+}
+
+void visit_chunk(uint chunk) {
+    uint visible = min(totals.visible, push.visible_capacity);
+    uint each = div_up(visible, BIN_CHUNKS);
+    uint begin = min(visible, chunk * each), end = min(visible, begin + each);
+    // Lanes of a subgroup take splats far from one another: those nearby are often in one bin, where they would wait for
+    // each other.
+    uint part = div_up(end - begin, SUBGROUP);
+    uint own_begin = begin + gl_SubgroupInvocationID * part, own_end = min(own_begin + part, end);
+    for (uint first = 0; first < part; first += gl_NumSubgroups) {
+        uint splat = own_begin + first + gl_SubgroupID;
+        uvec2 range = first + gl_SubgroupID < part && splat < own_end ? span_ranges[splat] : uvec2(0);
+        uint rows = visit_alone(range, splat) ? 0 : range.y >> 16;
+        if (subgroupAny(rows > 0)) visit_together(range, rows, splat);
+    }
+}

@@ -1,0 +1,40 @@
+#version 460
+#include "shared/workgroup.glsl"
+#include "portable/frame.glsl"
+#include "shared/depth.glsl"
+#include "portable/blend_splat.glsl"
+// One invocation per entry of one tile's list: what the blend finds there at one pixel.
+// Before: the lists of a complete frame. After: gaussians and evidence of all `count` entries, front to back.
+
+struct Evidence {
+    float depth;  // view z
+    float alpha;  // 0 where the splat is not drawn
+    vec3 colour;
+};
+
+layout(binding = 0, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [instance_capacity]
+layout(binding = 1, scalar) readonly buffer Splats { Splat splats[]; };                     // [visible_capacity]
+layout(binding = 2, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };            // [visible_capacity]
+layout(binding = 3, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
+layout(binding = 4, scalar) writeonly buffer GaussianIds { uint gaussians[]; };             // [count]
+layout(binding = 5, scalar) writeonly buffer EvidenceBlock { Evidence evidence[]; };        // [count]
+layout(push_constant, scalar) uniform Push {
+    View view;
+    uint first;   // entry of the list
+    uint count;   // entries
+    uvec2 pixel;
+} push;
+
+void main() {
+    uint index = workgroup() * WORKGROUP + lane();
+    if (index >= push.count) return;
+    uint id = splat_ids[push.first + index];
+    uint gaussian = gaussian_from_splat[id];
+    Splat splat = splats[id];
+    float fall = falloff(splat.factor, vec2(push.pixel) + 0.5 - splat.mean_px);
+    bool drawn = fall <= falloff_limit(splat.opacity);
+    gaussians[index] = gaussian;
+    evidence[index].depth = depth_of(uintBitsToFloat(bounds[gaussian].xyz), push.view);
+    evidence[index].alpha = drawn ? alpha_at(splat.opacity, fall) : 0.0;
+    evidence[index].colour = splat.colour;
+}

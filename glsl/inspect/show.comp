@@ -1,0 +1,105 @@
+#version 460
+#include "shared/workgroup.glsl"
+#include "portable/frame.glsl"
+// One invocation per pixel of a window: what it shows of one or two pictures, in 8 bits.
+// A frame that did not find room is no picture: where it was to be shown, what was shown before stays.
+// Before: the pictures are drawn and their totals counted. After: `shown` has the pixels, and so has `screen`, if DIRECT.
+
+layout(constant_id = 0) const bool DIRECT = true;  // the window's image takes stores; else `shown` is copied to it
+layout(constant_id = 1) const bool BGRA = false;   // what is copied has blue first
+
+layout(binding = 0, rgba32f) readonly uniform image2D first;
+layout(binding = 1, rgba32f) readonly uniform image2D second;
+layout(binding = 2, scalar) readonly buffer FirstTotals { Totals first_totals; };
+layout(binding = 3, scalar) readonly buffer SecondTotals { Totals second_totals; };
+layout(binding = 4, scalar) readonly buffer Colours { uint colours[]; };  // [COLOURS], red lowest
+layout(binding = 5, scalar) buffer Shown { uint shown[]; };               // [size_px.x * size_px.y]
+layout(binding = 6) writeonly uniform image2D screen;
+
+// The capacity that a frame was drawn with.
+struct Room {
+    uint visible;
+    uint spans;
+    uint listed;
+    uint longest_list;
+};
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 size_px;
+    uint mode;
+    float split_px;    // the second picture is to the right of here
+    float gain;        // on differences
+    uint quantity;
+    uint logarithmic;  // 1: `low` and `high` are the ends of a logarithmic scale
+    float low;         // the quantity that has the first colour
+    float high;        // and the last
+    Room first_room;
+    Room second_room;
+} push;
+
+const uint COLOURS = 256;
+
+const uint MODE_FIRST = 0;
+const uint MODE_SECOND = 1;
+const uint MODE_SPLIT = 2;
+const uint MODE_DIFFERENCE = 3;
+
+const uint QUANTITY_COLOUR = 0;         // none: the picture as it is
+const uint QUANTITY_RED = 1;            // the number in all three channels
+const uint QUANTITY_MEAN = 2;           // the same, over the coverage
+const uint QUANTITY_COVERAGE = 3;       // 1 - T
+const uint QUANTITY_TRANSMITTANCE = 4;  // T
+
+bool is_complete(Totals totals, Room room) {
+    return totals.visible <= room.visible && totals.spans <= room.spans && totals.listed_high == 0
+        && totals.listed_low <= room.listed && totals.longest_list <= room.longest_list;
+}
+
+// The nearest of 255 steps, halves away from zero, NaN as 0: as files have it.
+uint step_of(float value) {
+    precise float steps = (value > 0.0 ? min(value, 1.0) : 0.0) * 255.0;
+    float whole = floor(steps);
+    return uint(steps - whole >= 0.5 ? whole + 1.0 : whole);
+}
+
+float place_between(float low, float high, float value) {
+    return clamp((value - low) / max(high - low, 1e-30), 0.0, 1.0);
+}
+
+vec3 mapped(vec4 pixel) {
+    if (push.quantity == QUANTITY_COLOUR) return pixel.rgb;
+    float value = pixel.r;
+    if (push.quantity == QUANTITY_MEAN) {
+        if (!(pixel.a > 0.0)) return vec3(0.0);
+        value /= pixel.a;
+    }
+    if (push.quantity == QUANTITY_COVERAGE) value = pixel.a;
+    if (push.quantity == QUANTITY_TRANSMITTANCE) value = 1.0 - pixel.a;
+    float place = push.logarithmic == 1
+        ? place_between(log2(push.low), log2(push.high), log2(max(value, 1e-30)))
+        : place_between(push.low, push.high, value);
+    return unpackUnorm4x8(colours[uint(place * float(COLOURS - 1) + 0.5)]).rgb;
+}
+
+void main() {
+    uint index = workgroup() * WORKGROUP + lane();
+    uvec2 pixel = uvec2(index % push.size_px.x, index / push.size_px.x);
+    if (pixel.y >= push.size_px.y) return;
+    ivec2 place = ivec2(pixel);
+    bool shows_second = push.mode == MODE_SECOND || push.mode == MODE_SPLIT && float(pixel.x) + 0.5 > push.split_px;
+    bool complete = shows_second ? is_complete(second_totals, push.second_room) : is_complete(first_totals, push.first_room);
+    vec3 colour;
+    if (push.mode == MODE_DIFFERENCE) {
+        complete = complete && is_complete(second_totals, push.second_room);
+        vec4 apart = abs(imageLoad(first, place) - imageLoad(second, place));
+        colour = push.gain * mapped(apart);
+    } else {
+        colour = mapped(shows_second ? imageLoad(second, place) : imageLoad(first, place));
+    }
+    uvec3 steps = uvec3(step_of(colour.r), step_of(colour.g), step_of(colour.b));
+    if (complete) {
+        uvec3 packed = BGRA && !DIRECT ? steps.bgr : steps.rgb;
+        shown[index] = packed.r | packed.g << 8 | packed.b << 16 | 0xff000000u;
+    }
+    if (DIRECT) imageStore(screen, place, unpackUnorm4x8(shown[index]));
+}

@@ -1,0 +1,42 @@
+// What a splat does to a pixel: the arithmetic that all blends share, so that they agree bit for bit.
+#include "shared/rules.glsl"
+#include "shared/blend_rules.glsl"
+
+// -log2 of a weight over its opacity, as a sum of squares.
+float falloff(vec3 factor, vec2 d) {
+    precise float u = fma(factor.x, d.x, factor.y * d.y);
+    precise float v = factor.z * d.y;
+    precise float sum = fma(u, u, v * v);
+    return sum;
+}
+
+// The falloff past which a splat of this opacity is not drawn.
+float falloff_limit(float opacity) {
+    float limit = log2(opacity / ALPHA_MIN);
+    return EXTENT == EXTENT_THREE_SIGMA ? min(limit, 4.5 * LOG2_E) : limit;
+}
+
+// What a splat is blended with: its colour, and its limit.
+vec4 colour_and_limit(Splat splat) {
+    return vec4(splat.colour, falloff_limit(splat.opacity));
+}
+
+// Alpha where a splat of this opacity has this falloff, no more than its limit.
+float alpha_at(float opacity, float fall) {
+    precise float alpha = min(ALPHA_MAX, opacity * exp2(-fall));
+    return alpha;
+}
+
+// Blends a splat into a pixel; true if that ends the pixel. `weight`: factor, opacity; `look`: colour and limit.
+bool blend_splat(vec2 mean, vec4 weight, vec4 look, vec2 pixel, inout vec3 colour, inout float transmittance) {
+    float fall = falloff(weight.xyz, pixel - mean);
+    if (!(fall <= look.w)) return false;
+    float alpha = alpha_at(weight.w, fall);
+    precise float rest = transmittance * (1.0 - alpha);
+    if (rest < TRANSMITTANCE_MIN) return true;
+    precise float share = alpha * transmittance;
+    precise vec3 added = fma(look.rgb, vec3(share), colour);
+    colour = added;
+    transmittance = rest;
+    return STOP > 0.0 && rest < STOP;
+}

@@ -1,0 +1,50 @@
+// What the stages of both paths share: the view, the counts, the splat.
+
+const uint TILE_CLASSES = 6;  // classes of tiles by the length of their list: tile_order.comp
+
+// The camera. Rows of the world-to-view rotation: right, down, forward. What decides a depth comes in two parts, high
+// and low, that keep the digits of f64.
+struct View {
+    vec3 right;
+    vec3 down;
+    vec3 forward;
+    vec3 forward_low;
+    vec3 position_high;  // world
+    vec3 position_low;
+    vec2 focal_px;
+    vec2 centre_px;
+    uvec2 size_px;
+    float near;
+};
+
+// What a frame counted. A cell is what splats are listed in: a tile of the portable path, a bin of the fast path.
+// Demands may exceed the capacity of the frame's buffers; the host then enlarges them and draws the frame again.
+struct Totals {
+    uint visible;          // demand: Gaussians that passed the cull
+    uint visible_kept;
+    uint spans;            // demand: rows of cells touched, over all splats
+    uint listed_low;       // demand: cells touched, over all splats, 64 bits
+    uint listed_high;
+    uint listed_kept;
+    uint longest_list;     // splats in the fullest cell
+    // The rest is counted by the portable path alone; the first five by a blend that counts its work.
+    uint evaluations_low;  // alphas computed for pixels that had not stopped, 64 bits
+    uint evaluations_high;
+    uint walked_low;       // the same for all lanes of the subgroups that computed them, 64 bits
+    uint walked_high;
+    uint stopped_pixels;   // pixels that were opaque before their list ended
+    uint listed_tiles;     // tiles with a list
+    uint tiles_in_class[TILE_CLASSES];
+};
+
+// A projected Gaussian. Its weight at an offset d (px, pixel minus mean) is
+// opacity * exp2(-(u*u + v*v)) with u = factor.x * d.x + factor.y * d.y, v = factor.z * d.y:
+// the Cholesky factor of the conic, times sqrt(log2(e) / 2). A sum of squares cannot turn negative.
+struct Splat {
+    vec2 mean_px;
+    vec3 factor;
+    float opacity;
+    vec3 colour;
+};
+
+const float LOW_PASS = 0.3;  // px^2, the original's dilation of the 2D covariance

@@ -1,0 +1,141 @@
+//! Measures every rung on one scene, and checks that they draw the same.
+
+use anyhow::{Result, bail, ensure};
+
+use super::report::{Climb, RungReport, RungStage};
+use super::{Duplication, RUNGS, Rung, Variant, VariantFrame};
+use crate::measure::bench::{Bench, ClockProbe, Clocks, SceneReport, Statistics, image_hash};
+use crate::camera::Camera;
+use crate::measure::metrics::psnr;
+use crate::options::Options;
+use crate::pixels::Pixels;
+use crate::render::GpuScene;
+
+/// dB between rungs with other tiles: squares of three standard deviations cut what lies farther out.
+const OTHER_TILES_DB: f64 = 30.0;
+/// dB between rungs of which one leaves the order of equal depths open.
+const OPEN_ORDER_DB: f64 = 60.0;
+
+/// What a rung counted, view by view, and its picture of the last view.
+struct Evidence {
+    rung: &'static Rung,
+    counts: Vec<[u32; 2]>,
+    pixels: Pixels,
+}
+
+/// Climbs the ladder over `views`, which are of one size. `progress` is told the fraction done.
+///
+/// # Errors
+/// If rungs that must agree count or draw differently.
+pub fn climb(
+    bench: &Bench,
+    scene: &SceneReport,
+    gpu_scene: &GpuScene,
+    options: &Options,
+    views: &[Camera],
+    progress: &dyn Fn(f64),
+) -> Result<Climb> {
+    let probe = ClockProbe::new(&bench.device);
+    // The first rung of each test of tiles: what the others are held against.
+    let mut first: Vec<Evidence> = Vec::new();
+    let mut rungs = Vec::new();
+    for (index, rung) in RUNGS.iter().enumerate() {
+        let mut variant = Variant::new(&bench.device, rung, options, gpu_scene)?;
+        let mut render = |i: usize| variant.render(&views[i % views.len()]);
+        bench.protocol.warm_up(|i| render(i).map(drop))?;
+        let frames = (0..bench.protocol.frames).map(|i| {
+            let part = i as f64 / bench.protocol.frames as f64;
+            progress((index as f64 + part) / RUNGS.len() as f64);
+            render(i)
+        });
+        let frames = frames.collect::<Result<Vec<_>>>()?;
+        let clocks = probe.now();
+        let counts = frames.iter().map(|f| [f.totals.visible, f.totals.listed_kept]).collect();
+        let new = Evidence { rung, counts, pixels: variant.pixels()? };
+        first.iter().try_for_each(|earlier| agree(earlier, &new))?;
+        rungs.push(report(rung, &frames, clocks, &new.pixels, first.first().map(|baseline| &baseline.pixels)));
+        if first.iter().all(|earlier| earlier.rung.exact_tiles != rung.exact_tiles) {
+            first.push(new);
+        }
+    }
+    Ok(Climb { scene: scene.clone(), size: views[0].size_px, near: options.rules.near, rungs })
+}
+
+/// Whether two rungs agree in all they must.
+fn agree(a: &Evidence, b: &Evidence) -> Result<()> {
+    let names = (a.rung.name, b.rung.name);
+    let visible = |e: &Evidence| e.counts.iter().map(|c| c[0]).collect::<Vec<_>>();
+    ensure!(visible(a) == visible(b), "the rungs {} and {} see different Gaussians", names.0, names.1);
+    let at_least = |wanted_db: f64| {
+        let psnr_db = psnr(&a.pixels, &b.pixels);
+        if psnr_db.is_nan() || psnr_db < wanted_db {
+            bail!("the rungs {} and {} draw different pictures: {psnr_db:.1} dB", names.0, names.1);
+        }
+        Ok(())
+    };
+    if a.rung.exact_tiles != b.rung.exact_tiles {
+        return at_least(OTHER_TILES_DB);
+    }
+    ensure!(a.counts == b.counts, "the rungs {} and {} count different instances", names.0, names.1);
+    if [a, b].iter().any(|e| e.rung.duplication == Duplication::SingleAllocation) {
+        return at_least(OPEN_ORDER_DB);
+    }
+    ensure!(a.pixels == b.pixels, "the rungs {} and {} draw different bits", names.0, names.1);
+    Ok(())
+}
+
+fn report(
+    rung: &Rung,
+    frames: &[VariantFrame],
+    clocks: Option<Clocks>,
+    pixels: &Pixels,
+    baseline: Option<&Pixels>,
+) -> RungReport {
+    let of = |value: &dyn Fn(&VariantFrame) -> f64| Statistics::of(frames.iter().map(value));
+    let stage = |name: &'static str| {
+        let times = |f: &VariantFrame| f.stages.iter().find(|s| s.name == name).map(|s| (s.gpu_ms, s.host_ms));
+        let times = |f: &VariantFrame| times(f).unwrap_or_default();
+        let host_ms = of(&|f| times(f).1).median;
+        RungStage { name: name.to_owned(), ms: of(&|f| times(f).0 + times(f).1), host_ms }
+    };
+    RungReport {
+        name: rung.name.to_owned(),
+        from: rung.from.map(str::to_owned),
+        stage: rung.stage.to_owned(),
+        clocks,
+        wall_ms: of(&|f| f.wall_ms),
+        stages: frames[0].stages.iter().map(|s| stage(s.name)).collect(),
+        visible: of(&|f| f.totals.visible.into()),
+        instances: of(&|f| f.totals.listed_kept.into()),
+        longest_list: of(&|f| f.totals.longest_list.into()),
+        image_hash: image_hash(pixels),
+        to_baseline_db: baseline.map(|first| psnr(pixels, first)).filter(|db| db.is_finite()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn evidence(rung: &'static Rung, counts: [u32; 2], grey: f32) -> Evidence {
+        Evidence { rung, counts: vec![counts], pixels: Pixels { size: [1, 1], rgba: vec![[grey, grey, grey, 1.0]] } }
+    }
+
+    #[test]
+    fn rungs_that_differ_where_they_must_not_are_found() {
+        let named = |name: &str| RUNGS.iter().find(|r| r.name == name).unwrap();
+        let (base, single, exact) = (named("baseline"), named("+1 in a single pass"), named("+6 exact tiles"));
+        let error = |a: Evidence, b: Evidence| agree(&a, &b).err().map(|e| e.to_string());
+        assert_eq!(error(evidence(base, [5, 9], 0.5), evidence(named("+2 GPU ranges"), [5, 9], 0.5)), None);
+        let seen = error(evidence(base, [5, 9], 0.5), evidence(exact, [6, 8], 0.5)).unwrap();
+        assert!(seen.contains("see different"), "{seen}");
+        let counted = error(evidence(base, [5, 9], 0.5), evidence(single, [5, 8], 0.5)).unwrap();
+        assert!(counted.contains("count different"), "{counted}");
+        let bits = error(evidence(base, [5, 9], 0.5), evidence(named("+2 GPU ranges"), [5, 9], 0.500_01)).unwrap();
+        assert!(bits.contains("different bits"), "{bits}");
+        assert_eq!(error(evidence(base, [5, 9], 0.5), evidence(single, [5, 9], 0.500_01)), None);
+        assert_eq!(error(evidence(base, [5, 9], 0.5), evidence(exact, [5, 7], 0.501)), None);
+        let pictures = error(evidence(base, [5, 9], 0.5), evidence(exact, [5, 7], 0.6)).unwrap();
+        assert!(pictures.contains("20.0 dB"), "{pictures}");
+    }
+}

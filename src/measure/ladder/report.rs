@@ -1,0 +1,216 @@
+//! What the ladder says: JSON, CSV, plots, and the paper's figures to put beside it.
+
+use std::path::Path;
+
+use anyhow::Result;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::measure::bench::plot::{self, Bar, Bars, Lines, Panel};
+use crate::measure::bench::{Clocks, DeviceReport, SceneReport, Statistics, VersionReport};
+use crate::files::write_whole;
+
+/// The measurements of `smalto bench --ladder`. Times are in milliseconds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LadderReport {
+    /// "smalto ladder 1".
+    pub format: String,
+    pub smalto: VersionReport,
+    pub device: DeviceReport,
+    pub warmup: usize,
+    pub frames: usize,
+    /// Where the cameras come from.
+    pub path: String,
+    /// One for every scene.
+    pub climbs: Vec<Climb>,
+}
+
+/// The ladder on one scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Climb {
+    pub scene: SceneReport,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// Distance of the near plane, world units.
+    pub near: f32,
+    pub rungs: Vec<RungReport>,
+}
+
+/// One rung.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RungReport {
+    pub name: String,
+    /// The rung that it is a step from; null for the first.
+    pub from: Option<String>,
+    /// The stage that the change is about, or "frame".
+    pub stage: String,
+    /// Right after the last frame; null where the driver does not tell.
+    pub clocks: Option<Clocks>,
+    /// A whole frame, one at a time: from its begin to the end of the last wait.
+    pub wall_ms: Statistics,
+    pub stages: Vec<RungStage>,
+    pub visible: Statistics,
+    pub instances: Statistics,
+    /// Splats in the fullest tile.
+    pub longest_list: Statistics,
+    /// BLAKE3 of the last frame's floats, row by row.
+    pub image_hash: String,
+    /// PSNR of the last frame against the first rung's, in dB; null where they are equal.
+    pub to_baseline_db: Option<f64>,
+}
+
+/// One stage of a rung's frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RungStage {
+    pub name: String,
+    /// On both sides: between timestamps on the GPU, copies included, and on the CPU.
+    pub ms: Statistics,
+    /// The CPU's part of it, median.
+    pub host_ms: f64,
+}
+
+/// What the paper reports of a step, as a factor.
+pub struct Paper {
+    pub rung: &'static str,
+    pub speedup: &'static str,
+}
+
+impl Paper {
+    pub const STEPS: [Self; 4] = [
+        Self { rung: "+1 GPU duplication", speedup: "96x" },
+        Self { rung: "+2 GPU ranges", speedup: "40x" },
+        Self { rung: "+3 batches of 256", speedup: "up to 1.5x" },
+        Self { rung: "+4 GPU compaction", speedup: "2.9x" },
+    ];
+
+    /// What it says of a rung.
+    pub fn of(rung: &str) -> Option<&'static Self> {
+        Self::STEPS.iter().find(|step| step.rung == rung)
+    }
+}
+
+impl Climb {
+    pub fn rung(&self, name: &str) -> Option<&RungReport> {
+        self.rungs.iter().find(|rung| rung.name == name)
+    }
+
+    /// How often faster a rung's own stage is than on the rung that it changes.
+    pub fn stage_speedup(&self, rung: &RungReport) -> Option<f64> {
+        let before = self.rung(rung.from.as_deref()?)?;
+        Some(before.stage_ms(&rung.stage)? / rung.stage_ms(&rung.stage)?)
+    }
+}
+
+impl RungReport {
+    /// Median time of a stage, or of the frame.
+    pub fn stage_ms(&self, name: &str) -> Option<f64> {
+        if name == "frame" {
+            return Some(self.wall_ms.median);
+        }
+        self.stages.iter().find(|stage| stage.name == name).map(|stage| stage.ms.median)
+    }
+}
+
+impl LadderReport {
+    pub const FORMAT: &str = "smalto ladder 1";
+
+    pub fn write_json(&self, path: &Path) -> Result<()> {
+        write_whole(path, |file| Ok(serde_json::to_writer_pretty(file, self)?))
+    }
+
+    /// Writes the times as a table: a row for every scene, rung and stage.
+    pub fn write_csv(&self, path: &Path) -> Result<()> {
+        write_whole(path, |file| {
+            let mut csv = csv::Writer::from_writer(file);
+            let about = ["scene", "gaussians", "rung", "quantity"];
+            csv.write_record(about.into_iter().chain(Statistics::COLUMNS).chain(["host median"]))?;
+            for climb in &self.climbs {
+                for rung in &climb.rungs {
+                    let stages = rung.stages.iter().map(|s| (format!("{} ms", s.name), s.ms, s.host_ms.to_string()));
+                    let rows = std::iter::once(("frame wall ms".to_owned(), rung.wall_ms, String::new())).chain(stages);
+                    for (quantity, s, host) in rows {
+                        let about = [&climb.scene.name, &climb.scene.gaussians.to_string(), &rung.name, &quantity];
+                        let values = s.columns().map(|v| v.to_string());
+                        csv.write_record(about.into_iter().cloned().chain(values).chain([host]))?;
+                    }
+                }
+            }
+            Ok(csv.flush()?)
+        })
+    }
+}
+
+/// Draws the paper's Figures 2 to 6: where the time goes, frame time, speedup, and the gain from batches.
+pub fn plot(report: &LadderReport, path: &Path) -> Result<()> {
+    plot::write(path, (1500, 1150), |panel| {
+        let (upper, lower) = panel.split_vertically(560);
+        let (left, right) = upper.split_horizontally(900);
+        breakdown(report, &left)?;
+        over_counts(report, &right, "Frame time", "ms a frame, waited for", &|_, rung| Some(rung.wall_ms.median))?;
+        let (left, right) = lower.split_horizontally(750);
+        over_counts(report, &left, "Speedup over the baseline", "times faster", &|climb, rung| {
+            Some(climb.rungs.first()?.wall_ms.median / rung.wall_ms.median)
+        })?;
+        batches(report, &right)
+    })
+}
+
+/// The procedural object at its several levels of detail, or whatever scenes there are.
+fn series(report: &LadderReport) -> Vec<&Climb> {
+    let stem = |climb: &Climb| climb.scene.name.split(':').next().unwrap_or_default().to_owned();
+    let first = report.climbs.first().map(stem).unwrap_or_default();
+    let mut climbs: Vec<_> = report.climbs.iter().filter(|climb| stem(climb) == first).collect();
+    climbs.sort_by_key(|climb| climb.scene.gaussians);
+    climbs
+}
+
+fn breakdown(report: &LadderReport, panel: &Panel) -> Result<()> {
+    let Some(climb) = series(report).pop() else { return Ok(()) };
+    // The baseline is in the other plots: its bar would leave no room for the others.
+    let bars = climb.rungs.iter().skip(1).map(|rung| {
+        let parts = rung.stages.iter().map(|stage| (stage.name.clone(), stage.ms.median));
+        Bar { name: rung.name.clone(), parts: parts.collect() }
+    });
+    let title = format!("Where the time goes, {} Gaussians, {}", climb.scene.gaussians, report.device.name);
+    Bars { title, unit: "ms (median), CPU and GPU".to_owned(), bars: bars.collect() }.draw(panel)
+}
+
+/// A line for each rung that stands for a step.
+fn over_counts(
+    report: &LadderReport,
+    panel: &Panel,
+    title: &str,
+    y: &str,
+    value: &dyn Fn(&Climb, &RungReport) -> Option<f64>,
+) -> Result<()> {
+    let climbs = series(report);
+    let names =
+        ["baseline", "+1 GPU duplication", "+2 GPU ranges", "+4 GPU compaction", "+7 digits needed", "+9 pixel blocks"];
+    let line = |name: &&str| {
+        let point = |climb: &&Climb| Some((climb.scene.gaussians as f64, value(climb, climb.rung(name)?)?));
+        ((*name).to_owned(), climbs.iter().filter_map(point).collect())
+    };
+    let (x, y) = ("Gaussians".to_owned(), y.to_owned());
+    let lines = names.iter().map(line).collect();
+    Lines { title: title.to_owned(), x, y, lines, is_logarithmic: true }.draw(panel)
+}
+
+fn batches(report: &LadderReport, panel: &Panel) -> Result<()> {
+    let climbs = series(report);
+    let line = |batch: u32| {
+        let point = |climb: &&Climb| {
+            let unstaged = climb.rung("+2 GPU ranges")?.stage_ms("blend")?;
+            let staged = climb.rung(&format!("+3 batches of {batch}"))?.stage_ms("blend")?;
+            Some((climb.scene.gaussians as f64, unstaged / staged))
+        };
+        (format!("batches of {batch}"), climbs.iter().filter_map(point).collect())
+    };
+    let lines = [32, 64, 128, 256].map(line).into();
+    let title = "Blend: gain from batches in workgroup memory".to_owned();
+    let (x, y) = ("Gaussians".to_owned(), "times faster than from memory".to_owned());
+    Lines { title, x, y, lines, is_logarithmic: false }.draw(panel)
+}

@@ -1,0 +1,377 @@
+//! One rung's frame, from top to bottom.
+
+use std::mem::offset_of;
+use std::time::Instant;
+
+use anyhow::Result;
+
+use super::steps::{StageTime, Steps};
+use super::{Blend, Duplication, Place, Rung, Sort, twins};
+use crate::camera::Camera;
+use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage, Staging};
+use crate::options::Options;
+use crate::rules::{Background, Footprint, Rules};
+use crate::pixels::Pixels;
+use crate::reference;
+use crate::render::*;
+
+/// Renders pictures of one scene as a rung does.
+pub struct Variant<'s> {
+    device: Device,
+    rung: Rung,
+    scene: &'s GpuScene,
+    renderer: PortablePipeline,
+    scatter: Stage<ladder::Duplicate>,
+    gather: Stage<Gather>,
+    /// The first pass over a tile's list, and the others.
+    blend: [Stage<ladder::Blend>; 2],
+    entries_per_pass: u32,
+    work: PortableWorkspace,
+    extra: Extra,
+    image: Image,
+    passes: u32,
+}
+
+/// What only some rungs need; where one does not, of length 0.
+struct Extra {
+    /// Splats in their own order.
+    identity: Buffer<u32>,
+    cursor: Buffer<u32>,
+    /// Depth key and instance; then tile key and splat in that order.
+    by_depth: Pairs,
+    masks: Staging<u32>,
+    ids: Staging<u32>,
+    span_ranges: Staging<[u32; 2]>,
+    spans: Staging<u32>,
+    tile_keys: Staging<u32>,
+    splat_ids: Staging<u32>,
+    ranges: Staging<[u32; 2]>,
+}
+
+impl Extra {
+    fn new(device: &Device, rung: &Rung, room: &PortableWorkspace) -> Result<Self> {
+        let (visible, instances) = (room.splats.len(), room.instances.keys[0].len());
+        let when = |needed: bool, len: usize| if needed { len } else { 0 };
+        let words = |name: &str, needed: bool, len: usize| Staging::<u32>::new(device, name, when(needed, len));
+        let pairs = |name: &str, needed: bool, len: usize| Staging::<[u32; 2]>::new(device, name, when(needed, len));
+        let (compacts, duplicates) = (rung.compaction == Place::Cpu, rung.duplication == Duplication::Cpu);
+        let (ranges, sorts_all) = (rung.ranges == Place::Cpu, rung.sort == Sort::AllDigits);
+        let identity = Buffer::new(device, "identity", when(sorts_all, visible))?;
+        let mut cmd = Commands::new(device)?;
+        cmd.upload(&identity, 0, identity.len(), |ids| ids.iter_mut().zip(0..).for_each(|(id, i)| *id = i))?;
+        cmd.submit()?.wait()?;
+        Ok(Self {
+            identity,
+            cursor: Buffer::new(device, "cursor", 1)?,
+            by_depth: Pairs::new(device, "instance depth", when(sorts_all, instances))?,
+            masks: words("host masks", compacts, room.visible_masks.len())?,
+            ids: words("host ids", compacts, visible)?,
+            span_ranges: pairs("host span ranges", duplicates, visible)?,
+            spans: words("host spans", duplicates, room.spans.len())?,
+            tile_keys: words("host tile keys", duplicates || ranges, instances)?,
+            splat_ids: words("host splat ids", duplicates, instances)?,
+            ranges: pairs("host ranges", ranges, room.ranges.len())?,
+        })
+    }
+}
+
+/// What a frame took and counted.
+pub struct VariantFrame {
+    pub totals: Totals,
+    pub stages: Vec<StageTime>,
+    /// From the begin to the end of the last wait.
+    pub wall_ms: f64,
+}
+
+/// Sorted tile keys and their splats.
+struct Sorted {
+    tile_keys: Buffer<u32>,
+    splat_ids: Buffer<u32>,
+}
+
+/// More attempts than a frame needs; see `Renderer`.
+const MAX_ATTEMPTS: u32 = 8;
+
+impl<'s> Variant<'s> {
+    pub fn new(device: &Device, rung: &Rung, options: &Options, scene: &'s GpuScene) -> Result<Self> {
+        let work = PortableWorkspace::new(device, Capacity::guess(device, scene.len(), 1))?;
+        let batch = match rung.blend {
+            Blend::FromMemory => 0,
+            Blend::Batches(batch) => batch,
+            Blend::BallotExit | Blend::PixelBlocks => 256,
+        };
+        let ballot_words = device.facts().subgroup_size[1].div_ceil(32);
+        let ballot_exit = rung.blend == Blend::BallotExit;
+        let blend = |resume| {
+            let rest = ladder::BlendConstants::default();
+            Stage::new(device, &ladder::BlendConstants { batch, resume, ballot_exit, ballot_words, ..rest })
+        };
+        let single_pass = rung.duplication == Duplication::SingleAllocation;
+        let extent = if rung.exact_tiles { options.rules.extent } else { Footprint::ThreeSigmaSquares };
+        let options = Options { rules: Rules { extent, ..options.rules }, ..*options };
+        Ok(Self {
+            device: device.clone(),
+            rung: *rung,
+            scene,
+            renderer: PortablePipeline::new(device, &options, scene.layout())?,
+            scatter: Stage::new(device, &ladder::DuplicateConstants { single_pass })?,
+            gather: Stage::new(device, &())?,
+            blend: [blend(false)?, blend(true)?],
+            // An iteration for an entry, and less than one for its part of a batch.
+            entries_per_pass: device.facts().loop_limit.map_or(u32::MAX, |limit| limit / 2),
+            extra: Extra::new(device, rung, &work)?,
+            work,
+            image: Image::new(device, "image", 1, 1)?,
+            passes: 1,
+        })
+    }
+
+    /// Renders a complete frame; [`Variant::pixels`] reads it.
+    pub fn render(&mut self, camera: &Camera) -> Result<VariantFrame> {
+        let [width, height] = camera.size_px;
+        if self.image.size() != camera.size_px {
+            self.image = Image::new(&self.device, "image", width, height)?;
+        }
+        let tiles: u32 = tiles(camera.size_px).iter().product();
+        self.grow(Capacity { gaussians: self.scene.len(), tiles: tiles as usize, ..Capacity::default() })?;
+        for _ in 0..MAX_ATTEMPTS {
+            let started = Instant::now();
+            let (totals, stages) = self.attempt(camera)?;
+            let passes = self.passes_for(totals.longest_list);
+            let grew = self.grow(Capacity::of(&totals, self.scene.len(), tiles as usize))?;
+            if !grew && passes <= self.passes {
+                return Ok(VariantFrame { totals, stages, wall_ms: started.elapsed().as_secs_f64() * 1e3 });
+            }
+            self.passes = self.passes.max(passes);
+        }
+        unreachable!("a frame fits after it has grown to its own demand");
+    }
+
+    /// The picture rendered last.
+    pub fn pixels(&self) -> Result<Pixels> {
+        read_pixels(&self.device, &self.image)
+    }
+
+    fn grow(&mut self, demand: Capacity) -> Result<bool> {
+        let grew = self.work.grow(&self.device, demand)?;
+        if grew {
+            self.extra = Extra::new(&self.device, &self.rung, &self.work)?;
+        }
+        Ok(grew)
+    }
+
+    fn passes_for(&self, longest_list: u32) -> u32 {
+        match self.rung.blend {
+            Blend::PixelBlocks => self.renderer.passes(longest_list),
+            _ => longest_list.div_ceil(self.entries_per_pass).max(1),
+        }
+    }
+
+    /// Renders a frame into the room there is.
+    fn attempt(&mut self, camera: &Camera) -> Result<(Totals, Vec<StageTime>)> {
+        let view = self.renderer.view(camera);
+        let depth_keys = self.renderer.depth_keys(self.scene, camera);
+        let [tiles_x, tiles_y] = tiles(camera.size_px);
+        let mut steps = Steps::new(&self.device)?;
+        steps.cmd.scope("clear", |cmd| {
+            cmd.fill(&self.work.totals, 0);
+            cmd.fill(&self.work.ranges, 0);
+            cmd.fill(&self.extra.cursor, 0);
+        });
+        steps.cmd.barrier(Access::COPY_WRITE, Access::SHADER);
+        self.compact(&mut steps, view)?;
+        steps.cmd.scope("project", |cmd| self.renderer.project(cmd, self.scene, view, &self.work, depth_keys));
+        steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let order = match self.rung.sort {
+            Sort::AllDigits => self.extra.identity.clone(),
+            Sort::DigitsNeeded => {
+                let sort = |cmd: &mut Commands| self.renderer.sort_depths(cmd, &self.work, depth_keys.bits);
+                let by_depth = steps.cmd.scope("sort", sort);
+                self.work.depths.values[by_depth].clone()
+            }
+        };
+        self.duplicate(&mut steps, &order, tiles_x)?;
+        let sorted = steps.cmd.scope("sort", |cmd| self.sort(cmd, tiles_x * tiles_y));
+        self.ranges(&mut steps, &sorted.tile_keys, tiles_x * tiles_y)?;
+        steps.cmd.scope("blend", |cmd| self.blend(cmd, camera, &sorted.splat_ids, tiles_x * tiles_y));
+        steps.cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        let totals = steps.flush_and_read(&self.work.totals)?;
+        Ok((totals, steps.into_times()))
+    }
+
+    fn compact(&mut self, steps: &mut Steps, view: View) -> Result<()> {
+        let (renderer, scene, work, extra) = (&self.renderer, self.scene, &self.work, &mut self.extra);
+        if self.rung.compaction == Place::Gpu {
+            steps.cmd.scope("cull", |cmd| {
+                renderer.cull(cmd, scene, view, work);
+                cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+                renderer.compact(cmd, scene, work);
+            });
+            steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+            return Ok(());
+        }
+        steps.cmd.scope("cull", |cmd| {
+            renderer.cull(cmd, scene, view, work);
+            cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+            cmd.fetch(&work.visible_masks, &extra.masks, extra.masks.len());
+        });
+        steps.flush()?;
+        let visible = steps.on_host("cull", || twins::compact(extra.masks.open(), extra.ids.open()));
+        let kept = visible.min(extra.ids.len());
+        let totals = Totals { visible: visible as u32, visible_kept: kept as u32, ..bytemuck::Zeroable::zeroed() };
+        steps.cmd.scope("cull", |cmd| {
+            cmd.load(&extra.ids, &work.gaussian_from_splat, kept);
+            work.set_totals(cmd, totals)
+        })?;
+        steps.cmd.barrier(Access::COPY_WRITE, Access::SHADER | Access::INDIRECT);
+        Ok(())
+    }
+
+    fn duplicate(&mut self, steps: &mut Steps, order: &Buffer<u32>, tiles_x: u32) -> Result<()> {
+        let (renderer, work, extra) = (&self.renderer, &self.work, &mut self.extra);
+        match self.rung.duplication {
+            Duplication::Balanced => {
+                steps.cmd.scope("duplicate", |cmd| {
+                    renderer.scan(cmd, work, order);
+                    cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+                    renderer.duplicate(cmd, work, order, tiles_x);
+                });
+                steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+            }
+            kind @ (Duplication::TwoPass | Duplication::SingleAllocation) => {
+                // The totals update the dispatches, which the projection was dispatched by.
+                steps.cmd.barrier(Access::INDIRECT, Access::SHADER_WRITE);
+                steps.cmd.scope("duplicate", |cmd| {
+                    match kind {
+                        Duplication::TwoPass => renderer.scan(cmd, work, order),
+                        _ => renderer.scan_totals(cmd, work),
+                    }
+                    cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+                    let bindings = ladder::DuplicateBindings {
+                        totals: &work.totals,
+                        splat_from_rank: order,
+                        instance_offsets: &work.instance_offsets,
+                        cursor: &extra.cursor,
+                        span_ranges: &work.span_ranges,
+                        spans: &work.spans,
+                        tile_counts: &work.tile_counts,
+                        tile_keys: &work.instances.keys[0],
+                        splat_ids: &work.instances.values[0],
+                    };
+                    let groups = offset_of!(PortableDispatches, over_visible);
+                    let push = ladder::DuplicatePush { tiles_x };
+                    cmd.dispatch_indirect(&self.scatter, bindings, push, &work.dispatches, groups);
+                });
+                steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+            }
+            Duplication::Cpu => {
+                steps.cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+                let totals = steps.flush_and_read(&work.totals)?;
+                let visible = totals.visible_kept as usize;
+                let spans = (totals.spans as usize).min(work.spans.len());
+                steps.cmd.scope("duplicate", |cmd| {
+                    cmd.fetch(&work.span_ranges, &extra.span_ranges, visible);
+                    cmd.fetch(&work.spans, &extra.spans, spans);
+                });
+                steps.flush()?;
+                let made = steps.on_host("duplicate", || {
+                    let (ranges, spans) = (&extra.span_ranges.open()[..visible], &extra.spans.open()[..spans]);
+                    twins::duplicate(ranges, spans, tiles_x, extra.tile_keys.open(), extra.splat_ids.open())
+                });
+                let kept = made.min(extra.tile_keys.len());
+                steps.cmd.scope("duplicate", |cmd| {
+                    cmd.load(&extra.tile_keys, &work.instances.keys[0], kept);
+                    cmd.load(&extra.splat_ids, &work.instances.values[0], kept);
+                    work.set_totals(cmd, Totals { listed_kept: kept as u32, ..totals })
+                })?;
+                steps.cmd.barrier(Access::COPY_WRITE, Access::SHADER | Access::INDIRECT);
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends with a barrier.
+    fn sort(&self, cmd: &mut Commands, tiles: u32) -> Sorted {
+        let (work, by_depth) = (&self.work, &self.extra.by_depth);
+        if self.rung.sort == Sort::DigitsNeeded {
+            let by_tile = self.renderer.sort_tiles(cmd, work, tiles);
+            let [tile_keys, splat_ids] = [&work.instances.keys[by_tile], &work.instances.values[by_tile]];
+            return Sorted { tile_keys: tile_keys.clone(), splat_ids: splat_ids.clone() };
+        }
+        let (lengths, length_index) = (&work.totals.words(), offset_of!(Totals, listed_kept) / 4);
+        let groups = (&work.dispatches, offset_of!(PortableDispatches, sort_instances));
+        let gather = |cmd: &mut Commands, indices: &Buffer<u32>, table: &Buffer<u32>, gathered: &Buffer<u32>| {
+            let bindings = GatherBindings { lengths, indices, table, gathered };
+            let push = GatherPush { length_index: length_index as u32 };
+            let groups = offset_of!(PortableDispatches, over_instances);
+            cmd.dispatch_indirect(&self.gather, bindings, push, &work.dispatches, groups);
+        };
+        let all = |values_are_indices| SortRange { lengths, length_index, bits: u32::BITS, values_are_indices };
+        let [tile_keys, splat_ids] = [&work.instances.keys[0], &work.instances.values[0]];
+        gather(cmd, splat_ids, &work.depths.keys[0], &by_depth.keys[0]);
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let sorted = self.renderer.sort.record(cmd, by_depth, &work.sort, all(true), groups);
+        let instance_from_place = by_depth.values[sorted].clone();
+        // The permutation stays where the second sort writes first.
+        let by_tile = Pairs {
+            keys: by_depth.keys.clone(),
+            values: [by_depth.values[1 - sorted].clone(), instance_from_place.clone()],
+        };
+        gather(cmd, &instance_from_place, tile_keys, &by_tile.keys[0]);
+        gather(cmd, &instance_from_place, splat_ids, &by_tile.values[0]);
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let sorted = self.renderer.sort.record(cmd, &by_tile, &work.sort, all(false), groups);
+        Sorted { tile_keys: by_tile.keys[sorted].clone(), splat_ids: by_tile.values[sorted].clone() }
+    }
+
+    fn ranges(&mut self, steps: &mut Steps, tile_keys: &Buffer<u32>, tiles: u32) -> Result<()> {
+        let (work, extra) = (&self.work, &mut self.extra);
+        if self.rung.ranges == Place::Gpu {
+            steps.cmd.scope("ranges", |cmd| self.renderer.ranges(cmd, work, tile_keys));
+            steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            return Ok(());
+        }
+        steps.cmd.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::COPY_READ);
+        let instances = steps.flush_and_read(&work.totals)?.listed_kept as usize;
+        steps.cmd.scope("ranges", |cmd| cmd.fetch(tile_keys, &extra.tile_keys, instances));
+        steps.flush()?;
+        steps.on_host("ranges", || {
+            let ranges = reference::ranges(&extra.tile_keys.open()[..instances], tiles as usize);
+            extra.ranges.open()[..ranges.len()].copy_from_slice(&ranges);
+        });
+        steps.cmd.scope("ranges", |cmd| cmd.load(&extra.ranges, &work.ranges, tiles as usize));
+        steps.cmd.barrier(Access::COPY_WRITE, Access::SHADER);
+        Ok(())
+    }
+
+    fn blend(&self, cmd: &mut Commands, camera: &Camera, splat_ids: &Buffer<u32>, tiles: u32) {
+        let (work, image) = (&self.work, &self.image);
+        if self.rung.blend == Blend::PixelBlocks {
+            self.renderer.order_tiles(cmd, work, tiles);
+            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            let target = Target { image, certificate: None, background: Background::BLACK };
+            return self.renderer.blend(cmd, (self.scene, camera), work, splat_ids, target, self.passes);
+        }
+        for pass in 0..self.passes {
+            if pass > 0 {
+                cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            }
+            let bindings = ladder::BlendBindings {
+                ranges: &work.ranges,
+                splat_ids,
+                splats: &work.splats,
+                totals: &work.totals,
+                image,
+            };
+            let push = ladder::BlendPush {
+                size_px: image.size(),
+                tiles,
+                background: Background::BLACK.colour(),
+                pass_begin: pass * self.entries_per_pass,
+                pass_limit: self.entries_per_pass,
+                last_pass: u32::from(pass + 1 == self.passes),
+            };
+            cmd.dispatch(&self.blend[usize::from(pass > 0)], bindings, push, DispatchSize::Groups(tiles.into()));
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! Certificates held against the true errors: of every pixel of some views, under settings that leave out much and little.
+
+use anyhow::Result;
+
+use super::measure::Study;
+use super::report::{CertificateReport, SettingReport};
+use crate::options::Options;
+use crate::rules::{Footprint, Rules};
+use crate::reference::{self, Rendering};
+use crate::render::{GpuScene, Renderer};
+
+/// What is left out in the ways that a certificate is for, little and much.
+fn settings(exact: &Options) -> Vec<(String, Options)> {
+    let with = |alpha_min: f32, stop: f32| Options { stop, rules: Rules { alpha_min, ..exact.rules }, ..*exact };
+    let mut all = vec![("exact".to_owned(), *exact)];
+    for stop in [1e-3, 1.0 / 255.0, 1e-2, 1.0 / 16.0] {
+        all.push((format!("stop {stop:.4}"), Options { stop, ..*exact }));
+    }
+    for inverse in [65_536, 4096, 512, 128, 64, 16] {
+        all.push((format!("alpha-min 1/{inverse}"), with(1.0 / inverse as f32, 0.0)));
+    }
+    all.push(("alpha-min 1/128, stop 0.01".to_owned(), with(1.0 / 128.0, 0.01)));
+    let rules = Rules { extent: Footprint::ThreeSigma, ..exact.rules };
+    all.push(("extent three-sigma".to_owned(), Options { rules, ..*exact }));
+    all
+}
+
+/// Holds the certificates of the study's small views against what the reference draws when nothing is left out.
+/// `progress` is told the fraction done.
+pub fn certify(study: &Study, progress: &dyn Fn(f64)) -> Result<CertificateReport> {
+    let mut settings: Vec<(Options, SettingReport)> =
+        settings(&study.exact).into_iter().map(|(name, options)| (options, empty(&name))).collect();
+    let scene = GpuScene::certifiable(study.device, study.gaussians, study.needs, &study.exact)?;
+    for (done, view) in study.small_views.iter().enumerate() {
+        progress(done as f64 / study.small_views.len() as f64);
+        let complete = reference::render(study.gaussians, view, &study.rules().complete(), study.background);
+        for (options, report) in &mut settings {
+            let mut still = Renderer::certified(study.device, options, &scene)?;
+            still.render(view, study.background)?;
+            if let Some(certificate) = still.certificate()? {
+                let bounds = certificate.rgba.iter().map(|bound| f64::from(bound[0]));
+                compare(report, still.pixels()?.rgba.iter(), bounds, &complete);
+            }
+        }
+    }
+    let settings: Vec<_> = settings.into_iter().map(|(_, report)| finish(report)).collect();
+    let sum = |count: fn(&SettingReport) -> u64| settings.iter().map(count).sum();
+    Ok(CertificateReport { pixel_tests: sum(|s| s.pixel_tests), violations: sum(|s| s.violations), settings })
+}
+
+fn empty(name: &str) -> SettingReport {
+    SettingReport {
+        name: name.to_owned(),
+        pixel_tests: 0,
+        violations: 0,
+        max_error: 0.0,
+        max_certificate: 0.0,
+        mean_error: 0.0,
+        mean_certificate: 0.0,
+        tightest: 0.0,
+    }
+}
+
+/// Adds a picture. Until the end, means are sums.
+fn compare<'p>(
+    report: &mut SettingReport,
+    picture: impl Iterator<Item = &'p [f32; 4]>,
+    bounds: impl Iterator<Item = f64>,
+    complete: &Rendering,
+) {
+    for ((pixel, bound), exact) in picture.zip(bounds).zip(&complete.pixels) {
+        let error = (0..3).map(|i| (f64::from(pixel[i]) - exact.colour[i]).abs()).fold(0.0, f64::max);
+        report.pixel_tests += 1;
+        let holds = error <= bound; // NaN does not
+        report.violations += u64::from(!holds);
+        report.max_error = report.max_error.max(error);
+        report.max_certificate = report.max_certificate.max(bound);
+        report.mean_error += error;
+        report.mean_certificate += bound;
+        if bound > 0.0 {
+            report.tightest = report.tightest.max(error / bound);
+        }
+    }
+}
+
+fn finish(mut report: SettingReport) -> SettingReport {
+    let pixels = report.pixel_tests.max(1) as f64;
+    report.mean_error /= pixels;
+    report.mean_certificate /= pixels;
+    report
+}

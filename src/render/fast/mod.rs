@@ -1,0 +1,17 @@
+//! The fast path: splats are listed and sorted in bins of 8x4 blocks, and each block is blended by a subgroup.
+//!
+//! | word | meaning |
+//! |---|---|
+//! | block | 8 pixels wide and 4, 8 or 16 high: what one subgroup blends |
+//! | bin | 8x4 blocks: what splats are listed in |
+//! | entry | one splat in the list of one bin |
+//! | run | up to 2048 entries of a list that one workgroup sorts |
+//! | stretch | up to 1024 entries of a sorted list whose block masks lie together |
+//! | chunk | the splats that one workgroup of a stage takes |
+
+mod pipeline;
+mod workspace;
+
+pub(super) use pipeline::BLOCK_HEIGHTS;
+pub use pipeline::FastPipeline;
+pub use workspace::FastWorkspace;

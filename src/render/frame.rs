@@ -1,0 +1,94 @@
+//! What a camera and a scene's extent make of a frame: the view as the shaders take it, the tiles, the width of keys.
+
+use glam::DVec3;
+
+use crate::render::shaders::View;
+use crate::camera::Camera;
+use crate::options::Options;
+use crate::rules::{Order, TILE};
+use crate::scene::Bounds;
+
+/// Columns and rows of tiles of an image.
+pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
+    size_px.map(|side| side.div_ceil(TILE))
+}
+
+/// Bits that hold every tile number.
+pub(super) fn tile_bits(tiles: u32) -> u32 {
+    tiles.next_power_of_two().trailing_zeros()
+}
+
+/// The camera as the shaders take it: rounded to f32, but in two parts what decides a depth.
+pub(crate) fn view(camera: &Camera, near: f32) -> View {
+    let split = |v: DVec3| (v.as_vec3().to_array(), (v - DVec3::from(v.as_vec3())).as_vec3().to_array());
+    let (forward, forward_low) = split(camera.forward());
+    let (position_high, position_low) = split(camera.position);
+    View {
+        right: camera.right().as_vec3().to_array(),
+        down: camera.down().as_vec3().to_array(),
+        forward,
+        forward_low,
+        position_high,
+        position_low,
+        focal_px: camera.focal_px.as_vec2().to_array(),
+        centre_px: camera.centre_px.as_vec2().to_array(),
+        size_px: camera.size_px,
+        near,
+    }
+}
+
+/// Bits that hold a key for every float from `near` to `far`, and one key more.
+pub(crate) fn depth_bits(near: f32, far: f64) -> u32 {
+    let far = far.clamp(near.into(), f32::MAX.into()) as f32;
+    u32::BITS - (far.to_bits() - near.to_bits() + 2).leading_zeros()
+}
+
+/// How the depth of a splat becomes a key: its distance from the near plane in floats, exact and no longer than the scene
+/// is deep, without the lowest `shift` bits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct DepthKeys {
+    /// [`depth_bits`] from the near plane to the far end of the scene, without those.
+    pub bits: u32,
+    pub shift: u32,
+}
+
+impl DepthKeys {
+    pub fn of(camera: &Camera, options: &Options, extent: &Bounds) -> Self {
+        let near = options.rules.near;
+        let corner = |i: usize| {
+            let pick = |axis: usize| f64::from(if i >> axis & 1 == 0 { extent.low[axis] } else { extent.high[axis] });
+            let view = camera.view(DVec3::new(pick(0), pick(1), pick(2)));
+            if options.rules.order == Order::Distance { view.length() } else { view.z }
+        };
+        let far = (0..8).map(corner).fold(f64::from(near), f64::max);
+        let needed = depth_bits(near, far * (1.0 + 1e-5));
+        let shift = needed.saturating_sub(options.key_bits);
+        Self { bits: needed - shift, shift }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rules::Rules;
+
+    #[test]
+    fn depth_bits_grow_with_the_logarithm_of_the_depth_range() {
+        let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [64, 64], 1.0);
+        let keys = |far: f32, key_bits: u32| {
+            let extent = Bounds { low: [-1.0, -1.0, 0.0], high: [1.0, 1.0, far] };
+            let rules = Rules { near: 0.25, ..Rules::TRAINED };
+            DepthKeys::of(&camera, &Options { rules, key_bits, ..Options::EXACT }, &extent)
+        };
+        let bits = |far: f32| {
+            assert_eq!(keys(far, 32).shift, 0);
+            keys(far, 32).bits
+        };
+        // From 0.25 to 2^k lie k + 2 octaves of 2^23 floats each.
+        assert_eq!([0.49, 0.99, 3.9, 15.9, 1000.0].map(bits), [23, 24, 25, 26, 27]);
+        assert!(bits(0.1) < 8, "nothing is ahead of the near plane");
+        assert!(bits(f32::MAX) <= 31);
+        assert_eq!(keys(15.9, 16), DepthKeys { bits: 16, shift: 10 });
+        assert_eq!(keys(0.1, 16).shift, 0);
+    }
+}

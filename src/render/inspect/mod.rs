@@ -1,0 +1,10 @@
+//! Looking inside the portable path: pictures of attributes and of work, one pixel explained, and pictures on a screen.
+
+mod display;
+mod inspector;
+mod pick;
+
+pub use display::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
+pub use inspector::{Attribute, Inspection, Inspector, Look, Work, depths};
+pub(super) use pick::Picker;
+pub use pick::{Explained, Explanation};
