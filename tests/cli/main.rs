@@ -1,0 +1,6 @@
+//! The command line program.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod commands;

@@ -1,0 +1,13 @@
+//! Scene and camera files: what is read, refused, written and converted.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod agreement;
+mod cameras;
+mod convert;
+mod sog;
+mod sog_write;
+mod splat;
+mod variants;
+mod watched;

@@ -1,0 +1,233 @@
+//! `smalto bench` as its users meet it: reports, their schema, baselines, the ladder.
+
+use std::fs;
+use std::path::Path;
+
+use crate::common::Gpu;
+use crate::common::program::{fails, ok, path, smalto};
+use serde_json::Value;
+use smalto::measure::bench::Report;
+use smalto::measure::ladder::{LadderReport, Place, RUNGS};
+use smalto::measure::trade;
+
+/// Little work, the same on every device.
+const QUICK: [&str; 6] = ["--size", "48x40", "--warmup", "0", "--frames", "3"];
+
+fn quick<'a>(scene: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["bench", scene], &QUICK[..], more].concat()
+}
+
+fn json(file: &str) -> Value {
+    serde_json::from_str(&fs::read_to_string(file).unwrap()).unwrap()
+}
+
+fn schema(name: &str) -> Value {
+    json(&format!("{}/docs/{name}.schema.json", env!("CARGO_MANIFEST_DIR")))
+}
+
+fn median(value: &Value) -> f64 {
+    value["median"].as_f64().unwrap()
+}
+
+#[test]
+fn the_schemas_in_the_docs_are_those_of_the_reports() {
+    let same = |name: &str, current: schemars::Schema| {
+        let fresh = std::env::temp_dir().join(format!("{name}.schema.json"));
+        fs::write(&fresh, format!("{current:#}\n", current = current.as_value())).unwrap();
+        assert!(
+            schema(name) == *current.as_value(),
+            "docs/{name}.schema.json is old; the new one is {}",
+            fresh.display()
+        );
+        fs::remove_file(fresh).unwrap();
+    };
+    same("bench", schemars::schema_for!(Report));
+    same("ladder", schemars::schema_for!(LadderReport));
+    same("trade", schemars::schema_for!(trade::Report));
+}
+
+#[test]
+fn bench_reports_frames_stages_counts_and_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, table, plot) = (path(&folder, "a.json"), path(&folder, "a.csv"), path(&folder, "a.svg"));
+    let presets = ["--preset", "balanced,portable", "--json", &out, "--csv", &table, "--plot", &plot, "--check"];
+    let text = ok(&quick("cactus:2000", &presets));
+    let report = json(&out);
+    let validator = jsonschema::validator_for(&schema("bench")).unwrap();
+    assert!(validator.is_valid(&report), "{:?}", validator.validate(&report).err());
+    let mut broken = report.clone();
+    broken["runs"][0]["frame"].as_object_mut().unwrap().remove("gpu_ms");
+    assert!(!validator.is_valid(&broken), "the schema notices what is missing");
+
+    let run = &report["runs"][0];
+    let stages = |run: &Value| -> Vec<String> {
+        run["stages"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap().to_owned()).collect()
+    };
+    let fast = ["clear", "project", "count", "offsets", "fill", "sort", "merge", "masks", "blend", "gaps"];
+    let portable =
+        ["clear", "cull", "project", "sort depths", "scan", "duplicate", "sort tiles", "ranges", "blend", "gaps"];
+    assert_eq!(stages(run), fast);
+    assert_eq!(stages(&report["runs"][1]), portable);
+    let mean = |value: &Value| value["mean"].as_f64().unwrap();
+    let inside: f64 = run["stages"].as_array().unwrap().iter().map(|s| mean(&s["ms"])).sum();
+    let frame = mean(&run["frame"]["staged_gpu_ms"]);
+    assert!((inside / frame - 1.0).abs() < 1e-6, "stages and gaps make the frame: {inside} of {frame} ms");
+    assert!(median(&run["frame"]["wall_ms"]) >= median(&run["frame"]["gpu_ms"]));
+    assert!(run["frame"]["pipelined_ms"].as_f64().unwrap() > 0.0);
+    let counts = &run["counts"];
+    assert!(median(&counts["visible"]) <= 2000.0 && median(&counts["visible"]) > 500.0);
+    assert_eq!(counts["tiles"], 9);
+    assert!(median(&counts["evaluations_per_pixel"]) <= median(&counts["lanes_per_pixel"]));
+    assert!(median(&counts["evaluations_per_pixel"]) > 1.0);
+    assert!((0.0..=1.0).contains(&median(&counts["early_exit_rate"])));
+    assert!(run["memory"].as_array().unwrap().iter().any(|m| m["buffer"] == "splats" && m["bytes"].as_u64() > Some(0)));
+    assert!(run["psnr_db"].as_f64().unwrap() > 60.0);
+    assert_eq!(report["runs"][1]["subject"]["preset"], "portable");
+    assert!(report["runs"][1]["psnr_db"].as_f64().unwrap() > 60.0);
+    assert_eq!(report["runs"][1]["subject"]["scene"], run["subject"]["scene"]);
+
+    let mut rows = csv::Reader::from_path(&table).unwrap();
+    let rows: Vec<Vec<String>> = rows.records().map(|r| r.unwrap().iter().map(str::to_owned).collect()).collect();
+    let blend = rows.iter().find(|row| row[5] == "blend ms").unwrap();
+    assert_eq!(blend[7].parse::<f64>().unwrap(), median(&run["stages"][8]["ms"]), "CSV is a view of the JSON");
+    assert!(fs::read_to_string(&plot).unwrap().contains("sort depths"));
+    assert!(text.contains("frame, GPU") && text.contains("to the float64 reference"), "{text}");
+}
+
+#[test]
+fn a_slower_frame_than_the_baseline_is_exit_code_6() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, changed) = (path(&folder, "a.json"), path(&folder, "b.json"));
+    ok(&quick("cactus:500", &["--json", &out]));
+    let pretend = |factor: f64| {
+        let mut report = json(&out);
+        let frame = &mut report["runs"][0]["frame"]["gpu_ms"]["median"];
+        *frame = (frame.as_f64().unwrap() * factor).into();
+        report["runs"][0]["image_hash"] = "another".into();
+        fs::write(&changed, report.to_string()).unwrap();
+    };
+    pretend(1e-3);
+    let error = fails(6, &quick("cactus:500", &["--baseline", &changed, "--threshold", "50"]));
+    assert!(error.contains("slower than the baseline by more than 50 %: cactus:500 48x40 balanced"), "{error}");
+    assert!(error.contains("the picture is not the baseline's"), "{error}");
+    pretend(1e3);
+    let text = ok(&quick("cactus:500", &["--baseline", &changed]));
+    assert!(text.contains("against the baseline"), "{text}");
+    // The same scene twice is two runs; the baseline has one for both.
+    let text = ok(&quick("cactus:500", &["cactus:500", "--baseline", &changed]));
+    assert_eq!(text.matches("against the baseline").count(), 2, "{text}");
+}
+
+#[test]
+fn a_damaged_or_foreign_baseline_is_refused_before_anything_is_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, other) = (path(&folder, "a.json"), path(&folder, "b.json"));
+    ok(&quick("cactus:500", &["--json", &out]));
+    let refused = |content: &str, sentence: &str| {
+        fs::write(&other, content).unwrap();
+        let error = fails(4, &quick("cactus:500", &["--baseline", &other]));
+        assert!(error.contains("b.json: ") && error.contains(sentence), "{error}");
+    };
+    let good = fs::read_to_string(&out).unwrap();
+    refused("", "is not JSON");
+    refused(&good[..good.len() / 2], "is not JSON");
+    refused("[1, 2]", "is not a report of this bench: it is of no known format, expected is smalto bench 2");
+    refused(r#"{"format": "smalto ladder 1"}"#, "it is smalto ladder 1");
+    refused(&good.replace("\"frames\"", "\"framed\""), "is a damaged report");
+    assert!(fails(4, &quick("cactus:500", &["--baseline", "none.json"])).contains("none.json: cannot be read"));
+    let foreign = |arguments: &[&str], sentence: &str| {
+        let output = smalto(arguments);
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(2) && error.contains(sentence), "{error}");
+        assert!(output.stdout.is_empty(), "nothing was measured");
+    };
+    let against = ["--baseline", &out];
+    foreign(&quick("cactus:501", &against), "it has no run of cactus:501 48x40 balanced from the same cameras");
+    foreign(&quick("cactus:500", &["--near", "0.1", "--baseline", &out]), "it has no run of");
+    foreign(
+        &quick("cactus:500", &["--path", "orbit", "--baseline", &out]),
+        "another camera path: orbit-zoom, not orbit",
+    );
+    let warm = ["bench", "cactus:500", "--size", "48x40", "--warmup", "1", "--frames", "3", "--baseline", &out];
+    foreign(&warm, "another number of frames to warm up: 0, not 1");
+    let device = good.replace(json(&out)["device"]["name"].as_str().unwrap(), "abacus");
+    fs::write(&other, device).unwrap();
+    foreign(&quick("cactus:500", &["--baseline", &other]), "another device: abacus");
+}
+
+#[test]
+fn bench_refuses_what_makes_no_sense() {
+    for arguments in [
+        &["bench", "--path", "circle"][..],
+        &["bench", "--path", "keyframes:"],
+        &["bench", "--frames", "0"],
+        &["bench", "--frames", "18446744073709551615"],
+        &["bench", "--warmup", "1000001"],
+        &["bench", "--preset", "wrong"],
+        &["bench", "--size", "720"],
+        &["bench", "--threshold", "3"],
+        &["bench", "--baseline", "a.json", "--threshold=-1"],
+        &["bench", "--near", "0"],
+        &["bench", "--ladder", "--baseline", "a.json"],
+        &["bench", "--ladder", "--size", "8x8,9x9"],
+        &["bench", "--ladder", "--alpha-min", "0.05"],
+        &["bench", "--cameras", "a.json", "--path", "orbit"],
+        &["bench", "cactus:0", "--frames", "1", "--warmup", "0"],
+    ] {
+        assert!(!fails(2, arguments).is_empty());
+    }
+    if Gpu::new().0.facts().loop_limit.is_some() {
+        let error = fails(2, &["bench", "--ladder", "cactus:10", "--size", "256x65520"]);
+        assert!(error.contains("does not walk all 65520 tiles"), "{error}");
+    }
+    assert!(fails(4, &["bench", "no/such.ply"]).contains("no/such.ply"));
+    assert!(fails(4, &["bench", "cactus:10", "--path", "keyframes:none.json"]).contains("none.json"));
+    let error = fails(1, &["bench", "cactus:10", "--json", "/nowhere/a.json"]);
+    assert!(error.contains("cannot write /nowhere/a.json"), "{error}");
+}
+
+#[test]
+fn bench_moves_along_keyframes_and_camera_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let cameras = path(&folder, "cameras.json");
+    let camera = |x: f64| {
+        format!(
+            r#"{{"img_name": "a", "width": 64, "height": 48, "position": [{x}, -1.2, -5],
+                 "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "fx": 60, "fy": 60}}"#
+        )
+    };
+    fs::write(&cameras, format!("[{}, {}]", camera(-1.0), camera(1.0))).unwrap();
+    let hash = |arguments: &[&str]| {
+        let out = path(&folder, "a.json");
+        ok(&quick("cactus:500", &[arguments, &["--json", &out]].concat()));
+        let report = json(&out);
+        (report["path"].as_str().unwrap().to_owned(), report["runs"][0]["image_hash"].as_str().unwrap().to_owned())
+    };
+    let keyframes = format!("keyframes:{cameras}");
+    let (from_file, along) = (hash(&["--cameras", &cameras]), hash(&["--path", &keyframes]));
+    assert_eq!((from_file.0.as_str(), along.0.as_str()), ("cameras.json", "keyframes:cameras.json"));
+    // Of three frames the last is the file's first camera again, and the last keyframe.
+    assert_ne!(from_file.1, along.1);
+}
+
+#[test]
+fn the_ladder_is_climbed_and_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, table, plot) = (path(&folder, "a.json"), path(&folder, "a.csv"), path(&folder, "a.svg"));
+    let files = ["--ladder", "--json", &out, "--csv", &table, "--plot", &plot];
+    let text = ok(&quick("cactus:1000", &[&["few-large:20"], &files[..]].concat()));
+    let report = json(&out);
+    let validator = jsonschema::validator_for(&schema("ladder")).unwrap();
+    assert!(validator.is_valid(&report), "{:?}", validator.validate(&report).err());
+    assert_eq!(report["climbs"].as_array().unwrap().len(), 2);
+    let rungs = report["climbs"][0]["rungs"].as_array().unwrap();
+    let names: Vec<_> = rungs.iter().map(|r| r["name"].as_str().unwrap()).collect();
+    assert_eq!(names, RUNGS.map(|rung| rung.name));
+    for (rung, report) in RUNGS.iter().zip(rungs) {
+        let host: f64 = report["stages"].as_array().unwrap().iter().map(|s| s["host_ms"].as_f64().unwrap()).sum();
+        assert_eq!(host > 0.0, rung.compaction == Place::Cpu, "{}: {host} ms on the CPU", rung.name);
+    }
+    assert!(text.contains("+9 pixel blocks") && text.contains("96x"), "{text}");
+    assert!(Path::new(&plot).metadata().unwrap().len() > 1000);
+    assert!(fs::read_to_string(&table).unwrap().contains("baseline,ranges ms"));
+}

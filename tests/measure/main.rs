@@ -1,0 +1,9 @@
+//! The commands that measure: bench, its ladder, compare and trade.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod bench;
+mod compare;
+mod ladder;
+mod trade;

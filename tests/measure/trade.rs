@@ -1,0 +1,407 @@
+//! `smalto trade` and error budgets as their users meet them, and the choices behind them.
+
+use std::fs;
+use std::path::Path;
+
+use crate::common::agree::{ahead, ball};
+use crate::common::program::{fails, ok, path, smalto};
+use crate::common::{Gpu, ROUNDING, Random, gaussians};
+use glam::DVec3;
+use serde_json::Value;
+use smalto::measure::bench::Protocol;
+use smalto::camera::{Camera, path as paths};
+use smalto::measure::metrics::{Difference, max_error};
+use smalto::options::{Options, Storage};
+use smalto::rules::{ALPHA_MIN, Background, Rules};
+use smalto::pixels::Pixels;
+use smalto::render::Layout;
+use smalto::scene::{Focus, Gaussians, Procedural, Requirements, synthetic};
+use smalto::measure::trade::{Budget, Choice, Grounds, Point, Study, Unmeetable, choose, knobs, mark_pareto};
+
+/// Little work, the same on every device.
+const QUICK: [&str; 10] =
+    ["--size", "48x32", "--oracle-size", "40x24", "--views", "2", "--frames", "2", "--warmup", "0"];
+
+fn quick<'a>(scene: &'a str, parts: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["trade", scene], &QUICK[..], &["--parts", parts], more].concat()
+}
+
+/// The report of such a run, which the schema in the docs describes, and the printed tables.
+fn report(scene: &str, parts: &str, more: &[&str]) -> (Value, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "a.json");
+    let text = ok(&quick(scene, parts, &[more, &["--json", &out]].concat()));
+    let json = |file: &str| serde_json::from_str::<Value>(&fs::read_to_string(file).unwrap()).unwrap();
+    let report = json(&out);
+    let schema = json(&format!("{}/docs/trade.schema.json", env!("CARGO_MANIFEST_DIR")));
+    let validator = jsonschema::validator_for(&schema).unwrap();
+    assert!(validator.is_valid(&report), "{:?}", validator.validate(&report).err());
+    let mut broken = report.clone();
+    broken.as_object_mut().unwrap().remove("points");
+    assert!(!validator.is_valid(&broken), "the schema notices what is missing");
+    (report, text)
+}
+
+fn list<'r>(report: &'r Value, name: &str) -> &'r [Value] {
+    report[name].as_array().unwrap()
+}
+
+fn names(points: &[Value]) -> Vec<&str> {
+    points.iter().map(|p| p["name"].as_str().unwrap()).collect()
+}
+
+/// Time and PSNR.
+fn place(point: &Value) -> (f64, f64) {
+    (point["gpu_ms"].as_f64().unwrap(), point["from_oracle"]["psnr_db"].as_f64().unwrap_or(f64::INFINITY))
+}
+
+fn scene() -> Gaussians {
+    synthetic::cactus(1500).unwrap().gaussians
+}
+
+#[test]
+fn every_preset_and_every_knob_is_a_row() {
+    let folder = tempfile::tempdir().unwrap();
+    let plot = path(&folder, "a.svg");
+    let (report, text) = report("cactus:300", "knobs", &["--plot", &plot]);
+    let points = list(&report, "points");
+    let gaussians = synthetic::cactus(300).unwrap().gaussians;
+    let mut expected = vec!["exact", "balanced", "fast", "preview", "inria", "gsplat", "khr"];
+    let knobs = knobs(&Options::EXACT, &Requirements::of(&gaussians));
+    expected.extend(knobs.iter().map(|(name, _)| name.as_str()));
+    assert_eq!(names(points), expected);
+    for name in &expected {
+        assert!(text.contains(name), "{name}: {text}");
+    }
+    let stages = |point: &Value| list(point, "stages").len();
+    assert_eq!(stages(&points[0]), 9);
+    let scaled = points.iter().find(|p| p["name"] == "scale 0.5").unwrap();
+    assert_eq!(stages(scaled), 10, "and an enlargement");
+    assert!(points[0]["from_exact"]["psnr_db"].is_null(), "the exact options draw the exact picture");
+    assert!(place(&points[0]).1 > 90.0);
+    let is_beaten = |point: &Value| {
+        let (ms, db) = place(point);
+        points.iter().map(place).any(|other| other != (ms, db) && other.0 <= ms && other.1 >= db)
+    };
+    for point in points {
+        assert_eq!(point["is_pareto"], !is_beaten(point), "{}", point["name"]);
+    }
+    assert!(points.iter().any(|p| p["is_pareto"] == true));
+    for empty in ["search", "promises"] {
+        assert!(list(&report, empty).is_empty(), "{empty} was not asked for");
+    }
+    assert!(report["certificate"].is_null() && report["budget"].is_null());
+    let svg = fs::read_to_string(plot).unwrap();
+    assert!(svg.contains("balanced") && svg.contains("1 step of 8 bits"));
+}
+
+#[test]
+fn a_search_goes_on_from_the_exact_options() {
+    let (report, _) = report("few-large:40", "search", &[]);
+    assert_eq!(names(list(&report, "points")), ["exact"]);
+    let found = list(&report, "search");
+    assert!(names(found).iter().all(|name| name.starts_with("+ ")));
+    let db = |point: &Value| point["from_exact"]["psnr_db"].as_f64().unwrap_or(f64::INFINITY);
+    assert!(found.iter().all(|point| db(point) >= 36.0), "it ends where pictures are too far");
+    let turned = |pair: &[Value]| pair[0]["options"] != pair[1]["options"];
+    assert!(found.windows(2).all(turned));
+}
+
+#[test]
+fn presets_keep_their_promises_and_no_error_passes_its_certificate() {
+    let folder = tempfile::tempdir().unwrap();
+    // Three cameras, of which two are views.
+    let file = path(&folder, "cameras.json");
+    let camera = |x: f64| {
+        format!(
+            r#"{{"img_name": "a", "width": 64, "height": 48, "position": [{x}, -1.2, -5],
+                 "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "fx": 60, "fy": 60}}"#
+        )
+    };
+    fs::write(&file, format!("[{}, {}, {}]", camera(-1.0), camera(0.0), camera(1.0))).unwrap();
+    let (report, text) = report("cactus:2000", "promises,certificate", &["--cameras", &file]);
+    let promises = list(&report, "promises");
+    let presets: Vec<_> = promises.iter().map(|p| p["preset"].as_str().unwrap()).collect();
+    assert_eq!(presets, ["exact", "balanced", "fast", "preview"]);
+    for promise in promises {
+        assert_eq!((&promise["cameras"], &promise["is_kept"]), (&3.into(), &true.into()), "{promise}");
+        assert!(promise["worst"]["psnr_db"].as_f64() >= promise["min_psnr_db"].as_f64());
+    }
+    let certificate = &report["certificate"];
+    let settings = list(certificate, "settings").len() as u64;
+    assert_eq!(certificate["violations"], 0);
+    assert_eq!(certificate["pixel_tests"], settings * 2 * 40 * 24);
+    assert!(list(&report, "points").is_empty());
+    assert!(text.contains("0 violations"), "{text}");
+}
+
+#[test]
+fn a_budget_is_chosen_for_and_held_against_other_views() {
+    let (report, text) = report("cactus:500", "certificate", &["--min-psnr", "45", "--held-out", "3"]);
+    let budget = &report["budget"];
+    assert_eq!(budget["budget"], "--min-psnr 45");
+    assert_eq!(budget["held_out_views"], 3);
+    assert!(budget["gpu_ms"].as_f64() <= budget["exact_gpu_ms"].as_f64());
+    let worst = budget["from_oracle"]["psnr_db"].as_f64().unwrap();
+    assert_eq!(worst < 45.0, budget["exceeded"] != 0, "{budget}");
+    assert!(text.contains(&format!("on 3 other views: {} over the budget", budget["exceeded"])), "{text}");
+}
+
+#[test]
+fn a_budget_that_nothing_keeps_is_exit_code_6() {
+    for command in ["render", "trade"] {
+        let mut arguments = vec![command, "cactus:100", "--size", "16x16", "--max-error", "1e-9"];
+        if command == "trade" {
+            arguments.extend(["--parts", "certificate", "--oracle-size", "16x16", "--views", "1", "--frames", "1"]);
+        }
+        let error = fails(6, &arguments);
+        assert!(error.contains("is closer than 32-bit floats are to the reference"), "{error}");
+    }
+    assert!(fails(6, &["render", "cactus:100", "--size", "16x16", "--min-psnr", "900"]).contains("--min-psnr 900"));
+}
+
+#[test]
+fn what_was_measured_is_written_although_the_budget_cannot_be_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "a.json");
+    fails(6, &quick("cactus:100", "certificate", &["--json", &out, "--max-error", "1e-9"]));
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(out).unwrap()).unwrap();
+    assert_eq!(report["certificate"]["violations"], 0);
+    assert!(report["budget"].is_null());
+}
+
+/// A haze of faint black Gaussians: nothing is left of it on black.
+#[test]
+fn a_budget_is_for_the_background_that_is_drawn() {
+    let mut random = Random(5);
+    let mut haze = || {
+        let mean = [random.between(-2.0, 2.0), random.between(-2.0, 2.0), random.between(4.0, 6.0)];
+        (ball(mean, 0.5, 0.006), [0.0; 3])
+    };
+    let scene = gaussians(&(0..800).map(|_| haze()).collect::<Vec<_>>());
+    let (gpu, needs) = (Gpu::new(), Requirements::of(&scene));
+    let white = Background::Colour([1.0; 3]);
+    let views = [[ahead([32, 24], 30.0)].to_vec(), [ahead([32, 24], 30.0)].to_vec()];
+    let protocol = Protocol { warmup: 0, frames: 1 };
+    let study = Study::new(&gpu.0, (&scene, &needs), (Options::EXACT, white), views, protocol, &|_| {}).unwrap();
+    let faint = Rules { alpha_min: 1.0 / 64.0, ..Rules::TRAINED };
+    let error = study.from_exact(&Options { rules: faint, ..Options::EXACT }).unwrap().max_error;
+    assert!(error > 0.2, "what a threshold takes from the haze is white: {error}");
+}
+
+#[test]
+fn render_says_what_it_chose_for_a_budget() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "a.npy");
+    let common = ["render", "many-small:200", "--size", "32x24", "-o"];
+    let output = smalto(&[&common[..], &[&out, "--max-error", "0.01"]].concat());
+    let note = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && note.contains("note: --max-error 0.01: "), "{note}");
+    assert!(note.contains("when exact"), "{note}");
+    let exact = path(&folder, "b.npy");
+    ok(&[&common[..], &[&exact, "--reference"]].concat());
+    let [chosen, exact] = [out, exact].map(|file| Pixels::read(Path::new(&file)).unwrap());
+    assert!(max_error(&chosen, &exact) <= 0.01);
+}
+
+#[test]
+fn knobs_and_budgets_that_make_no_sense_are_exit_code_2() {
+    for wrong in [
+        &["--max-error", "0"][..],
+        &["--max-error=-1"],
+        &["--max-error", "nan"],
+        &["--max-error", "inf"],
+        &["--max-error", "0.1", "--min-psnr", "40"],
+        &["--min-psnr", "0"],
+        &["--min-psnr", "nan"],
+        &["--order", "per-pixel"],
+        &["--alpha-min", "0"],
+        &["--alpha-min", "1.1"],
+        &["--alpha-min", "nan"],
+        &["--stop=-0.1"],
+        &["--stop", "1.5"],
+        &["--stop", "nan"],
+        &["--scale", "0"],
+        &["--scale", "1.5"],
+        &["--scale", "nan"],
+        &["--key-bits", "7"],
+        &["--key-bits", "33"],
+        &["--sh-degree", "4"],
+        &["--sh-storage", "u4"],
+        &["--shape-storage", "bytes"],
+        &["--tile-test", "circle"],
+        &["--extent", "two-sigma"],
+        &["--half-blend", "maybe"],
+        &["--near", "0"],
+    ] {
+        for command in ["render", "trade"] {
+            assert!(!fails(2, &[&[command, "cactus:10"], wrong].concat()).is_empty());
+        }
+    }
+    for wrong in [
+        &["--max-error", "0.1", "--preset", "fast"][..],
+        &["--min-psnr", "40", "--preset", "exact"],
+        &["--min-psnr", "40", "--scale", "0.5"],
+        &["--max-error", "0.1", "--reference"],
+        &["-o", "a.exr", "--certificate", "a.exr"],
+        &["--certificate", "a.png"],
+        &["--certificate", "a.exr", "--half-blend", "true"],
+        &["--certificate", "a.exr", "--extent", "three-sigma-squares"],
+    ] {
+        assert!(!fails(2, &[&["render", "cactus:10"], wrong].concat()).is_empty());
+    }
+    for wrong in [
+        &["--parts", "certificate", "--plot", "a.svg"][..],
+        &["--parts", "certificate", "--extent", "three-sigma-squares"],
+        &["--scale", "0.5"],
+    ] {
+        assert!(!fails(2, &[&["trade", "cactus:10"], wrong].concat()).is_empty());
+    }
+    for wrong in [&["--parts", "none"][..], &["--views", "0"], &["--frames", "0"], &["--held-out", "0"]] {
+        assert!(!fails(2, &[&["trade", "cactus:10"], wrong].concat()).is_empty());
+    }
+    let error = fails(2, &["render", "cactus:10", "--order", "per-pixel"]);
+    assert!(error.contains("--order per-pixel is drawn by --reference alone"), "{error}");
+}
+
+#[test]
+fn the_reference_draws_in_the_order_of_every_pixel() {
+    let folder = tempfile::tempdir().unwrap();
+    let draw = |order: &str| {
+        let out = path(&folder, &format!("{order}.npy"));
+        ok(&["render", "cactus:500", "--size", "40x30", "--reference", "--order", order, "-o", &out]);
+        Pixels::read(Path::new(&out)).unwrap()
+    };
+    assert!(max_error(&draw("per-pixel"), &draw("depth")) > 0.01);
+}
+
+#[test]
+fn places_that_cannot_be_written_are_known_before_anything_is_measured() {
+    for file in ["--json", "--plot"] {
+        let arguments = quick("cactus:100", "knobs", &[file, "/nowhere/a"]);
+        let output = smalto(&arguments);
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(1) && error.contains("cannot write /nowhere/a"), "{error}");
+        assert!(output.stdout.is_empty(), "nothing was measured");
+    }
+}
+
+fn point(ms: f64, db: Option<f64>) -> Point {
+    let grey = |value: f32| Pixels { size: [1, 1], rgba: vec![[value, value, value, 1.0]] };
+    let from_oracle = Difference { psnr_db: db, ..Difference::between(&grey(0.0), &grey(0.5)) };
+    Point {
+        name: String::new(),
+        options: Options::EXACT,
+        gpu_ms: ms,
+        stages: Vec::new(),
+        scene_bytes: 0,
+        work_bytes: 0,
+        from_exact: from_oracle.clone(),
+        from_oracle,
+        is_pareto: false,
+    }
+}
+
+#[test]
+fn pareto_points_are_those_that_none_beats_in_both() {
+    let marks = |places: &[(f64, Option<f64>)]| {
+        let mut points: Vec<Point> = places.iter().map(|(ms, db)| point(*ms, *db)).collect();
+        mark_pareto(&mut points.iter_mut().collect::<Vec<_>>());
+        points.iter().map(|p| p.is_pareto).collect::<Vec<_>>()
+    };
+    let db = Some;
+    assert_eq!(
+        marks(&[(2.0, db(60.0)), (1.0, db(50.0)), (1.5, db(40.0)), (3.0, db(60.0))]),
+        [true, true, false, false]
+    );
+    assert_eq!(marks(&[(1.0, db(50.0)), (1.0, db(60.0))]), [false, true], "as fast, but farther");
+    assert_eq!(marks(&[(1.0, db(50.0)), (1.0, db(50.0))]), [true, true], "equals do not beat one another");
+    assert_eq!(marks(&[(2.0, None), (1.0, db(200.0))]), [true, true], "nothing is closer than an equal picture");
+    assert_eq!(marks(&[]), Vec::<bool>::new());
+}
+
+const SMALL: [u32; 2] = [64, 48];
+
+/// Views from around the scene.
+fn orbit(scene: &Gaussians, count: usize) -> Vec<Camera> {
+    let focus = Focus::of(scene);
+    paths::orbit(DVec3::from(focus.centre), focus.radius, true, SMALL, count)
+}
+
+/// What is chosen for this budget from some views of the scene; and whether it holds on `others`.
+fn chosen(gpu: &Gpu, scene: &Gaussians, budget: Budget, others: &[Camera]) -> anyhow::Result<Choice> {
+    let needs = Requirements::of(scene);
+    let views = orbit(scene, 4);
+    let study = |views: &[Camera]| {
+        let protocol = Protocol { warmup: 0, frames: 2 };
+        let views = [views.to_vec(), views.to_vec()];
+        Study::new(&gpu.0, (scene, &needs), (Options::EXACT, Background::BLACK), views, protocol, &|_| {})
+    };
+    let choice = choose(&study(&views)?, budget)?;
+    println!("{}", choice.explain());
+    assert!(choice.gpu_ms <= choice.exact_gpu_ms);
+    let held = choice.hold(&study(others)?)?;
+    assert_eq!((held.exceeded, held.held_out_views), (0, others.len()), "{}", choice.explain());
+    Ok(choice)
+}
+
+#[test]
+fn what_is_chosen_for_a_budget_keeps_it_on_other_views() {
+    let gpu = Gpu::new();
+    let scene = scene();
+    let others = orbit(&scene, 11);
+    for budget in [Budget::MaxError(0.02), Budget::MinPsnr(45.0)] {
+        let choice = chosen(&gpu, &scene, budget, &others[1..]).unwrap();
+        let (Grounds::Proven(error) | Grounds::Measured(error)) = choice.grounds;
+        if let Budget::MaxError(allowed) = budget {
+            assert!(error <= allowed);
+            assert_eq!(choice.options.key_bits, 32, "no view tells what swapped splats do in another");
+        }
+    }
+}
+
+#[test]
+fn a_tight_budget_says_exact_or_is_refused() {
+    let gpu = Gpu::new();
+    let scene = Procedural::parse("many-small:60").unwrap().unwrap().make().unwrap().gaussians;
+    let others = orbit(&scene, 5);
+    let choice = chosen(&gpu, &scene, Budget::MaxError(1.6e-4), &others).unwrap();
+    assert_eq!(choice.options.rules, Rules::TRAINED);
+    let refused = chosen(&gpu, &scene, Budget::MaxError(1e-6), &others).unwrap_err();
+    assert!(refused.is::<Unmeetable>(), "{refused:#}");
+    assert!(chosen(&gpu, &scene, Budget::MinPsnr(400.0), &others).unwrap_err().is::<Unmeetable>());
+}
+
+/// A search for a view in which options that are chosen by proof are farther from the exact picture than it says: the
+/// stop, the degree and the storage of the harmonics together, over random views of a bright scene.
+#[test]
+fn no_view_passes_what_is_proven_of_stop_degree_and_storage_together() {
+    let gpu = Gpu::new();
+    let scene = scene();
+    let needs = Requirements::of(&scene);
+    let mut random = Random(7);
+    let focus = Focus::of(&scene);
+    let mut closest = 0.0_f64;
+    for (sh_degree, sh_storage, stop) in [
+        (3, Storage::F16, 1e-3),
+        (2, Storage::U8, 1.0 / 64.0),
+        (1, Storage::Lossless, ALPHA_MIN),
+        (0, Storage::U8, 0.03),
+    ] {
+        let options = Options { sh_degree, sh_storage, stop, ..Options::EXACT };
+        let colours = Layout::of(&scene, &needs, &options).colour_error(&scene);
+        let bound = colours + f64::from(stop) * needs.brightest.max(1.0);
+        for _ in 0..6 {
+            let from = DVec3::from_array(std::array::from_fn(|_| random.between(-1.0, 1.0))).normalize();
+            let from = DVec3::from(focus.centre) + from * focus.radius * random.between(0.5, 3.0);
+            let camera = Camera::looking_at(from, focus.centre.into(), SMALL, random.between(0.3, 1.2));
+            let rules = Rules { near: 0.05, ..Rules::TRAINED };
+            let picture = |options: Options| gpu.render(&scene, &camera, &Options { rules, ..options });
+            let error = f64::from(max_error(&picture(options), &picture(Options::EXACT)));
+            assert!(error <= bound + ROUNDING, "{error:e} passes {bound:e}: {options:?} from {camera:?}");
+            closest = closest.max(error / bound);
+        }
+    }
+    println!("the closest is {closest:.2} of the bound");
+    assert!(closest > 0.1, "{closest}");
+}

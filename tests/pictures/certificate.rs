@@ -1,0 +1,114 @@
+//! The certificate of a picture: above its error against the sum of all contributions, at every pixel.
+
+use crate::common::{Gpu, Random, gaussians};
+use glam::DVec3;
+use smalto::camera::Camera;
+use smalto::options::Options;
+use smalto::rules::{Background, Footprint, Rules};
+use smalto::pixels::Pixels;
+use smalto::reference;
+use smalto::render::{GpuScene, Renderer};
+use smalto::scene::{Gaussians, Raw, Requirements, synthetic};
+
+/// What is left out in ways that a certificate is for, beside nothing more than the rules do.
+fn settings() -> Vec<(&'static str, Options)> {
+    let rules = |rules: Rules| Options { rules, ..Options::EXACT };
+    let trained = Options::EXACT.rules;
+    vec![
+        ("exact", Options::EXACT),
+        ("stop 1e-3", Options { stop: 1e-3, ..Options::EXACT }),
+        ("stop 1/64", Options { stop: 1.0 / 64.0, ..Options::EXACT }),
+        ("alpha 1/32", rules(Rules { alpha_min: 1.0 / 32.0, ..trained })),
+        ("alpha 1/4096", rules(Rules { alpha_min: 1.0 / 4096.0, transmittance_min: 1e-6, ..trained })),
+        ("three sigma", rules(Rules { extent: Footprint::ThreeSigma, ..trained })),
+    ]
+}
+
+fn certified(gpu: &Gpu, scene: &Gaussians, camera: &Camera, options: &Options, background: Background) -> [Pixels; 2] {
+    let needs = Requirements::of(scene);
+    let gpu_scene = GpuScene::certifiable(&gpu.0, scene, &needs, options).unwrap();
+    let mut still = Renderer::certified(&gpu.0, options, &gpu_scene).unwrap();
+    still.render(camera, background).unwrap();
+    [still.pixels().unwrap(), still.certificate().unwrap().unwrap()]
+}
+
+/// Largest and mean of the error and of the bound, over all channels; fails where a bound is passed.
+fn holds(name: &str, scene: &Gaussians, camera: &Camera, background: Background) {
+    let gpu = Gpu::new();
+    let complete = reference::render(scene, camera, &Rules::TRAINED.complete(), background);
+    for (setting, options) in settings() {
+        let [picture, certificate] = certified(&gpu, scene, camera, &options, background);
+        let (mut largest, mut sums) = ([0.0_f64; 2], [0.0; 2]);
+        for ((pixel, bound), exact) in picture.rgba.iter().zip(&certificate.rgba).zip(&complete.pixels) {
+            let error = (0..3).map(|i| (f64::from(pixel[i]) - exact.colour[i]).abs()).fold(0.0, f64::max);
+            let bound = f64::from(bound[0]);
+            assert!(error <= bound, "{name}, {setting}: error {error:e} passes its bound {bound:e}");
+            for (i, value) in [error, bound].into_iter().enumerate() {
+                largest[i] = largest[i].max(value);
+                sums[i] += value;
+            }
+        }
+        println!(
+            "{name}, {setting}: largest error {:.2e} under {:.2e}, means {:.2}x apart",
+            largest[0],
+            largest[1],
+            sums[1] / sums[0]
+        );
+        // What the bound is worth: it is no constant that always holds.
+        assert!(sums[1] < 60.0 * sums[0] + 1e-3 * picture.rgba.len() as f64, "{name}, {setting}: the bound is loose");
+    }
+}
+
+#[test]
+fn no_error_passes_its_certificate_on_the_cactus() {
+    let scene = synthetic::cactus(20_000).unwrap().gaussians;
+    let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 110], 0.9);
+    holds("cactus", &scene, &camera, Background::BLACK);
+    holds("cactus on white", &scene, &camera, Background::Colour([1.0; 3]));
+}
+
+/// A search for a counterexample among scenes made to pass the bound: many faint layers, all of one colour against the
+/// background's, so that what is left out adds up.
+#[test]
+fn no_error_passes_its_certificate_where_errors_add_up() {
+    let mut random = Random(17);
+    for round in 0..6 {
+        let bright = [1.0, 3.0][round % 2];
+        let layers: Vec<_> = (0..400)
+            .map(|i| {
+                let mean = [random.between(-0.5, 0.5), random.between(-0.5, 0.5), 4.0 + 0.01 * f64::from(i)];
+                let scale: f64 = random.between(0.05, 2.0);
+                let opacity: f64 = random.between(0.5 / 255.0, [0.02, 0.9][round / 3]);
+                let raw = Raw {
+                    mean,
+                    log_scale: [scale.ln(), (scale * random.between(0.01, 1.0)).ln(), -5.0],
+                    rotation: [random.between(-1.0, 1.0), random.between(-1.0, 1.0), 0.3, random.between(-1.0, 1.0)],
+                    opacity_logit: (opacity / (1.0 - opacity)).ln(),
+                };
+                (raw, if i % 2 == 0 && round % 3 == 2 { [0.0; 3] } else { [bright, 0.5, 0.0] })
+            })
+            .collect();
+        let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [64, 48], 0.7);
+        holds(&format!("layers {round}"), &gaussians(&layers), &camera, Background::BLACK);
+    }
+}
+
+#[test]
+fn a_certified_picture_is_the_same_picture() {
+    let gpu = Gpu::new();
+    let scene = synthetic::cactus(5000).unwrap().gaussians;
+    let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [100, 70], 0.9);
+    for (name, options) in settings() {
+        let [picture, _] = certified(&gpu, &scene, &camera, &options, Background::BLACK);
+        let portable = Options { portable: true, ..options };
+        assert!(picture == gpu.render(&scene, &camera, &portable), "{name}");
+    }
+}
+
+#[test]
+fn where_nothing_is_drawn_nothing_is_uncertain() {
+    let gpu = Gpu::new();
+    let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [40, 30], 1.0);
+    let [_, certificate] = certified(&gpu, &gaussians(&[]), &camera, &Options::EXACT, Background::BLACK);
+    assert!(certificate.rgba.iter().all(|p| p[0] == 0.0));
+}

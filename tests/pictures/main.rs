@@ -1,0 +1,18 @@
+//! Whole pictures, held to the f64 reference and to known properties.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod certificate;
+mod extreme_views;
+mod extremes;
+mod frame;
+mod gsplat;
+mod inspect;
+mod knobs;
+mod metamorphic;
+mod outputs;
+mod placing;
+mod properties;
+mod rules;
+mod storage;

@@ -1,0 +1,95 @@
+//! The fast path: that it is taken, that it gives way, and that its pictures are the same in every run.
+
+use crate::common::{Gpu, compare};
+use glam::DVec3;
+use smalto::camera::Camera;
+use smalto::options::Options;
+use smalto::rules::Background;
+use smalto::reference;
+use smalto::render::{GpuScene, Renderer};
+use smalto::scene::synthetic;
+
+fn camera(size: [u32; 2]) -> Camera {
+    Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), size, 0.9)
+}
+
+/// The stages of a frame that `options` draw.
+fn stages(gpu: &Gpu, options: &Options, size: [u32; 2]) -> Vec<&'static str> {
+    let scene = GpuScene::new(&gpu.0, &synthetic::cactus(500).unwrap().gaussians, options).unwrap();
+    let frame = Renderer::new(&gpu.0, options, &scene).unwrap().render(&camera(size), Background::BLACK).unwrap();
+    frame.timings.iter().map(|timing| timing.name).collect()
+}
+
+#[test]
+fn it_is_taken_where_nothing_speaks_against_it() {
+    let gpu = Gpu::new();
+    let is_fast = |options: Options, size| stages(&gpu, &options, size).contains(&"masks");
+    for (name, options) in Options::PRESETS {
+        assert_eq!(is_fast(options, [64, 48]), !["portable", "inria", "khr"].contains(&name), "{name}");
+    }
+    assert!(!is_fast(Options { half_blend: true, ..Options::FAST }, [64, 48]));
+    // 30 x 256 bins are more than a workgroup counts.
+    assert!(!is_fast(Options::EXACT, [1900, 16384]));
+}
+
+/// A bin of several runs, so that they are sorted, merged and blended in pieces.
+#[test]
+fn every_run_draws_the_same_bits() {
+    let gpu = Gpu::new();
+    let gaussians = synthetic::cactus(60_000).unwrap().gaussians;
+    let camera = camera([96, 64]);
+    for options in [Options::EXACT, Options::BALANCED] {
+        let scene = GpuScene::new(&gpu.0, &gaussians, &options).unwrap();
+        let mut still = Renderer::new(&gpu.0, &options, &scene).unwrap();
+        let mut draw = || {
+            let frame = still.render(&camera, Background::BLACK).unwrap();
+            assert!(frame.totals.longest_list > 3 * 2048, "{} entries", frame.totals.longest_list);
+            still.pixels().unwrap()
+        };
+        let first = draw();
+        for run in 1..if gpu.0.facts().loop_limit.is_some() { 20 } else { 1000 } {
+            assert!(draw() == first, "run {run}");
+        }
+        if options == Options::EXACT {
+            let exact = reference::render(&gaussians, &camera, &options.rules, Background::BLACK);
+            assert_eq!(compare(&first, &exact).unexplained, 0);
+        }
+    }
+}
+
+/// Blocks are 4, 8 or 16 pixels high.
+#[test]
+fn pictures_of_every_size_agree_with_the_reference() {
+    let gpu = Gpu::new();
+    let gaussians = synthetic::cactus(3000).unwrap().gaussians;
+    for size in [[300, 200], [1100, 1000], [2100, 2000]] {
+        let exact = reference::render(&gaussians, &camera(size), &Options::EXACT.rules, Background::BLACK);
+        let comparison = compare(&gpu.render(&gaussians, &camera(size), &Options::EXACT), &exact);
+        assert_eq!(comparison.unexplained, 0, "{size:?}: {comparison:?}");
+    }
+}
+
+/// Thousands of splats on a few pixels: lists that are merged once, and others that are merged twice and blended by several
+/// subgroups a block.
+#[test]
+fn long_lists_agree_with_the_reference() {
+    let gpu = Gpu::new();
+    for (count, size, entries) in [
+        (33_000, [300, 200], 25_000..32_768),
+        (33_000, [1100, 1000], 25_000..32_768),
+        (40_000, [1100, 1000], 32_768..40_000),
+        (40_000, [2100, 2000], 32_768..40_000),
+    ] {
+        let gaussians = synthetic::cactus(count).unwrap().gaussians;
+        let camera = Camera::looking_at(DVec3::new(0.0, -1.0, -120.0), DVec3::new(0.0, -1.0, 0.0), size, 0.9);
+        let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
+        let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
+        let frame = still.render(&camera, Background::BLACK).unwrap();
+        assert!(frame.timings.iter().any(|timing| timing.name == "masks"), "{size:?} is not on the fast path");
+        assert!(entries.contains(&frame.totals.longest_list), "{size:?}: {} entries", frame.totals.longest_list);
+        let exact = reference::render(&gaussians, &camera, &Options::EXACT.rules, Background::BLACK);
+        let comparison = compare(&still.pixels().unwrap(), &exact);
+        // Means far away are known to 1e-4 px, which is more doubt about thresholds than is made allowance for.
+        assert!(comparison.psnr > 100.0 && comparison.max_error < 1.0 / 255.0, "{size:?}: {comparison:?}");
+    }
+}

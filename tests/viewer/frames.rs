@@ -1,0 +1,207 @@
+//! The viewer without a window: what is compared, measured, chosen, placed and written, in frames that a program asks for.
+
+use std::path::PathBuf;
+
+use crate::common::Gpu;
+use smalto::camera::{self, NamedCamera};
+use smalto::measure::metrics::max_error;
+use smalto::options::Options;
+use smalto::rules::Rules;
+use smalto::pixels::Pixels;
+use smalto::scene::{Procedural, Reading};
+use smalto::viewer::{Bindings, CompareWith, Offscreen, Setup, Way, Wish, With};
+
+const SIZE: [u32; 2] = [160, 96];
+
+fn setup(scenes: &[&str]) -> Setup {
+    Setup {
+        scenes: scenes.iter().map(PathBuf::from).collect(),
+        cameras: None,
+        options: Options::default(),
+        antialiased_by_hand: false,
+        near_by_hand: false,
+        reading: Reading::default(),
+        bindings: Bindings::default(),
+        vsync: smalto::gpu::Vsync::On,
+        hides_panels: true,
+        compares_with: None,
+        way: Way::Split,
+        sight: 0,
+        tells_events: false,
+    }
+}
+
+fn open(gpu: &Gpu, setup: Setup) -> Offscreen {
+    let mut offscreen = Offscreen::new(setup, &gpu.0, SIZE).unwrap();
+    offscreen.settle().unwrap();
+    offscreen
+}
+
+/// What is on the screen, as floats.
+fn shown(offscreen: &mut Offscreen) -> Pixels {
+    let screen = offscreen.screen().unwrap();
+    let pixel = |p: &[u8; 4]| p.map(|v| f32::from(v) / 255.0);
+    Pixels { size: SIZE, rgba: screen.iter().map(pixel).collect() }
+}
+
+/// What `render` makes of the same, in 8 bits.
+fn rendered(gpu: &Gpu, offscreen: &mut Offscreen, options: &Options) -> Pixels {
+    let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone();
+    let pixels = gpu.render(&gaussians, &offscreen.viewer().view(), options);
+    let byte = |v: u8| f32::from(v) / 255.0;
+    let rgba = pixels.to_rgb8().chunks(3).map(|p| [byte(p[0]), byte(p[1]), byte(p[2]), 1.0]).collect();
+    Pixels { size: SIZE, rgba }
+}
+
+#[test]
+fn the_screen_is_what_render_makes_bit_for_bit() {
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["cactus:3000"]));
+    for preset in [Options::BALANCED, Options::EXACT, Options::PREVIEW] {
+        let near = offscreen.viewer().options.rules.near;
+        let options = Options { rules: Rules { near, ..preset.rules }, ..preset };
+        offscreen.viewer().options = options;
+        offscreen.settle().unwrap();
+        assert!(shown(&mut offscreen) == rendered(&gpu, &mut offscreen, &options));
+    }
+}
+
+#[test]
+fn a_split_shows_one_picture_on_each_side_and_a_difference_what_is_between() {
+    let gpu = Gpu::new();
+    let preview = Options { scale: 0.5, ..Options::PREVIEW };
+    let compares_with = Some(CompareWith::Options(preview));
+    let mut offscreen = open(&gpu, Setup { compares_with, ..setup(&["cactus:3000"]) });
+    let first = offscreen.viewer().options;
+    let second = Options { rules: Rules { near: first.rules.near, ..preview.rules }, ..preview };
+    let [first, second] = [first, second].map(|options| rendered(&gpu, &mut offscreen, &options));
+    assert!(max_error(&first, &second) > 0.05, "the two are not the same");
+    let split = shown(&mut offscreen);
+    for (i, pixel) in split.rgba.iter().enumerate() {
+        let side = if (i as u32 % SIZE[0]) < SIZE[0] / 2 { &first } else { &second };
+        assert_eq!(*pixel, side.rgba[i], "pixel {i}");
+    }
+    offscreen.viewer().comparison.way = Way::Difference;
+    offscreen.viewer().comparison.gain = 1.0;
+    offscreen.settle().unwrap();
+    for (i, pixel) in shown(&mut offscreen).rgba.iter().enumerate() {
+        let expected = (first.rgba[i][0] - second.rgba[i][0]).abs();
+        // Both were rounded to 8 bits, the difference was not.
+        assert!((pixel[0] - expected).abs() <= 2.0 / 255.0, "pixel {i}: {} for {expected}", pixel[0]);
+    }
+    offscreen.viewer().comparison.with = With::Nothing;
+    offscreen.settle().unwrap();
+    assert!(shown(&mut offscreen) == first);
+}
+
+#[test]
+fn the_reference_stands_beside_the_picture_and_only_for_its_own_view() {
+    let gpu = Gpu::new();
+    let compares_with = Some(CompareWith::Reference);
+    let mut offscreen = open(&gpu, Setup { compares_with, ..setup(&["cactus:3000"]) });
+    offscreen.viewer().comparison.split = 0.0;
+    offscreen.settle().unwrap();
+    let own = offscreen.viewer().options;
+    let picture = rendered(&gpu, &mut offscreen, &own);
+    let error = max_error(&shown(&mut offscreen), &picture);
+    assert!(error > 0.0 && error <= 3.0 / 255.0, "balanced is a step or so from the reference: {error}");
+    // From elsewhere it is not shown.
+    let view = offscreen.viewer().view();
+    offscreen.viewer().navigator.orbit(glam::DVec2::new(30.0, 0.0), SIZE);
+    offscreen.viewer().is_stale = true;
+    offscreen.settle().unwrap();
+    assert!(offscreen.viewer().view() != view && offscreen.viewer().shows_another_view());
+    assert!(shown(&mut offscreen) == rendered(&gpu, &mut offscreen, &own));
+}
+
+#[test]
+fn two_scenes_are_one_picture_and_a_scene_that_is_placed_moves() {
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["cactus:2000", "few-large:50"]));
+    let both = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone();
+    let [cactus, balls] =
+        ["cactus:2000", "few-large:50"].map(|name| Procedural::parse(name).unwrap().unwrap().make().unwrap().gaussians);
+    assert_eq!(both.len(), cactus.len() + balls.len());
+    offscreen.viewer().layers[1].place.translation = [1.0, 0.0, 0.0];
+    offscreen.settle().unwrap();
+    let moved = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone();
+    assert_eq!(moved.means()[..cactus.len()], *cactus.means());
+    for (moved, mean) in moved.means()[cactus.len()..].iter().zip(balls.means()) {
+        assert!((moved[0] - mean[0] - 1.0).abs() < 1e-5 && moved[1] == mean[1], "{moved:?} from {mean:?}");
+    }
+    offscreen.viewer().layers[0].is_shown[0] = false;
+    offscreen.settle().unwrap();
+    assert_eq!(offscreen.session.pair.first.as_ref().unwrap().gaussians.len(), balls.len());
+    let numbers: Vec<u64> = offscreen.viewer().layers.iter().map(|layer| layer.number).collect();
+    numbers.iter().for_each(|number| offscreen.viewer().close(*number));
+    offscreen.settle().unwrap();
+    assert!(shown(&mut offscreen).rgba.iter().all(|p| p[..3] == [0.0; 3]), "nothing is left");
+}
+
+#[test]
+fn knobs_are_measured_and_a_budget_chooses_them() {
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["cactus:2000"]));
+    offscreen.viewer().options.key_bits = 16;
+    offscreen.viewer().wishes.push(Wish::Measure);
+    offscreen.settle().unwrap();
+    let costs = offscreen.viewer().costs.clone().unwrap();
+    let knobs: Vec<&str> = costs.knobs.iter().map(|cost| cost.knob).collect();
+    assert_eq!(knobs, ["stop", "key-bits", "sh-storage", "shape-storage", "all together"]);
+    assert!(costs.exact_ms > 0.0 && costs.knobs.iter().all(|cost| cost.ms > 0.0 && cost.psnr > 30.0));
+    offscreen.viewer().options = Options { rules: offscreen.viewer().options.rules, ..Options::EXACT };
+    offscreen.viewer().budget.max_error = 0.05;
+    offscreen.viewer().wishes.push(Wish::Choose);
+    let exact = offscreen.viewer().options;
+    offscreen.settle().unwrap();
+    // Nothing may be faster on a device that is busy elsewhere; what is chosen keeps the budget either way.
+    let chosen = offscreen.viewer().options;
+    let [exact, chosen] = [exact, chosen].map(|options| rendered(&gpu, &mut offscreen, &options));
+    assert!(max_error(&exact, &chosen) <= 0.05 + 1.0 / 255.0);
+}
+
+#[test]
+fn a_film_and_a_picture_are_written_as_render_writes_them() {
+    let gpu = Gpu::new();
+    let folder = tempfile::tempdir().unwrap();
+    let mut offscreen = open(&gpu, setup(&["cactus:2000"]));
+    let viewer = offscreen.viewer();
+    viewer.add_key();
+    viewer.navigator.orbit(glam::DVec2::new(40.0, 10.0), SIZE);
+    viewer.add_key();
+    viewer.film.fps = 1.0;
+    viewer.export.folder = folder.path().join("film").display().to_string();
+    viewer.export.picture = folder.path().join("one.png").display().to_string();
+    viewer.export.size = Some([64, 48]);
+    viewer.wishes.extend([Wish::WriteFilm]);
+    offscreen.settle().unwrap();
+    offscreen.viewer().wishes.push(Wish::WritePicture);
+    offscreen.settle().unwrap();
+    let frames: Vec<PathBuf> = (0..3).map(|i| folder.path().join(format!("film/{i:05}.png"))).collect();
+    assert!(frames.iter().all(|frame| frame.is_file()) && !folder.path().join("film/00003.png").exists());
+    // The last frame is the last key, which is the view.
+    let [last, one] = [&frames[2], &folder.path().join("one.png")].map(|file| Pixels::read(file).unwrap());
+    assert_eq!((last.size, &last), ([64, 48], &one));
+    let options = offscreen.viewer().options;
+    let view = offscreen.viewer().view().resized([64, 48]);
+    let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone();
+    assert_eq!(gpu.render(&gaussians, &view, &options).to_rgb8(), one.to_rgb8());
+}
+
+#[test]
+fn a_view_that_is_copied_comes_back_to_the_last_bit() {
+    let gpu = Gpu::new();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("cameras.json");
+    let mut offscreen = open(&gpu, setup(&["cactus:500"]));
+    offscreen.viewer().navigator.orbit(glam::DVec2::new(17.0, 5.0), SIZE);
+    let view = offscreen.viewer().view();
+    let copied = camera::to_json(&view);
+    offscreen.viewer().navigator.orbit(glam::DVec2::new(50.0, 0.0), SIZE);
+    offscreen.viewer().paste_view(&copied);
+    assert_eq!(offscreen.viewer().view(), view);
+    camera::write(&file, &[NamedCamera { name: "view".to_owned(), camera: view.clone() }]).unwrap();
+    offscreen.viewer().drop_file(&file);
+    offscreen.settle().unwrap();
+    assert_eq!(offscreen.viewer().view(), view);
+}
