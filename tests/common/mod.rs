@@ -135,7 +135,7 @@ impl Random {
 impl Drop for Gpu {
     fn drop(&mut self) {
         if !std::thread::panicking() {
-            assert_eq!(self.0.complaints(), Vec::<String>::new(), "the device has no complaints");
+            assert_eq!(self.0.validation_messages(), Vec::<String>::new(), "the device has no complaints");
         }
     }
 }
@@ -174,25 +174,22 @@ impl Drop for Turn {
     }
 }
 
-/// A captured scene of the folder `SMALTO_TEST_SCENES`, or of `../shared/scenes`.
-pub fn captured(name: &str) -> Option<PathBuf> {
+/// A file in the folder of captured scenes: `SMALTO_TEST_SCENES`, or else `../shared/scenes`. Tests that call this are
+/// ignored by default and have `captured` in their names, by which `.ci/run` selects them.
+pub fn captured(name: &str) -> PathBuf {
     let folder =
         std::env::var_os("SMALTO_TEST_SCENES").map_or_else(|| PathBuf::from("../shared/scenes"), PathBuf::from);
     let path = folder.join(name);
-    if !path.exists() {
-        eprintln!("not tested: {} is not here", path.display());
-        return None;
-    }
-    Some(path)
+    assert!(path.exists(), "{} does not exist: set SMALTO_TEST_SCENES to the captured scenes", path.display());
+    path
 }
 
-pub fn read_captured(name: &str) -> Option<Gaussians> {
-    Some(scene::read(&captured(name)?, &|_| {}).expect("a captured scene can be read").gaussians)
+pub fn read_captured(name: &str) -> Gaussians {
+    scene::read(&captured(name), &|_| {}).expect("a captured scene can be read").gaussians
 }
 
 pub fn captured_cameras(name: &str, which: &[usize], size: [u32; 2]) -> Vec<Camera> {
-    let file = captured(name).expect("a scene's cameras lie beside it");
-    let cameras = camera::read(&file).expect("a captured scene's cameras can be read").cameras;
+    let cameras = camera::read(&captured(name)).expect("a captured scene's cameras can be read").cameras;
     which.iter().map(|i| cameras[*i].camera.resized(size)).collect()
 }
 

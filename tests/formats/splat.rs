@@ -81,8 +81,8 @@ fn damaged_gaussians_of_a_splat_file_are_counted() {
     bytes[32..36].copy_from_slice(&f32::NAN.to_le_bytes());
     bytes[64 + 12..][..4].copy_from_slice(&(-1.0_f32).to_le_bytes());
     bytes[96 + 28..][..4].copy_from_slice(&[128; 4]);
-    let tally = parse(".splat", &bytes).unwrap().tally;
-    assert_eq!((tally.read, tally.not_finite, tally.zero_rotation), (61, 2, 1));
+    let report = parse(".splat", &bytes).unwrap().report;
+    assert_eq!((report.read, report.not_finite, report.zero_rotation), (61, 2, 1));
 }
 
 /// A number in a header, and what is said of it.

@@ -176,7 +176,7 @@ fn bench_refuses_what_makes_no_sense() {
     ] {
         assert!(!fails(2, arguments).is_empty());
     }
-    if Gpu::new().0.facts().loop_limit.is_some() {
+    if Gpu::new().0.capabilities().loop_limit.is_some() {
         let error = fails(2, &["bench", "--ladder", "cactus:10", "--size", "256x65520"]);
         assert!(error.contains("does not walk all 65520 tiles"), "{error}");
     }

@@ -39,7 +39,7 @@ fn images_that_no_device_makes_are_refused() {
     let gpu = Gpu::new();
     let scene = GpuScene::new(&gpu.0, &gaussians(&[(ball([0.0, 0.0, 5.0], 1.0, 0.9), RED)]), &Options::EXACT).unwrap();
     let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
-    let limit = gpu.0.facts().limits.image;
+    let limit = gpu.0.capabilities().limits.image;
     for size in [[limit + 1, 1], [1, limit + 1]] {
         let error = still.render(&ahead(size, 30.0), Background::BLACK).unwrap_err();
         assert!(error.to_string().contains(&format!("at most {limit} pixels a side")), "{error:#}");

@@ -281,8 +281,8 @@ fn what_a_file_holds_that_is_not_finite_is_dropped_and_counted() {
     damaged.push(transparent);
     let read = read_ply(&damaged);
     assert_eq!(read.gaussians, clean.gaussians, "what is left is drawn as if the rest had never been");
-    let tally = read.tally;
-    assert_eq!((tally.read, tally.not_finite, tally.zero_rotation, tally.transparent), (52 + bad, bad, 1, 1));
+    let report = read.report;
+    assert_eq!((report.read, report.not_finite, report.zero_rotation, report.transparent), (52 + bad, bad, 1, 1));
 }
 
 #[test]

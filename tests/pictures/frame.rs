@@ -35,29 +35,29 @@ fn frame_matches_the_reference_on_the_cactus() {
 }
 
 #[test]
-fn frame_matches_the_reference_on_biker() {
-    if let Some(scene) = read_captured("biker.compressed.ply") {
-        matches_the_reference("biker", &scene, &captured_cameras("biker.orbit.cameras.json", &[0, 35, 70], SIZE));
-    }
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+fn frame_matches_the_reference_on_captured_biker() {
+    let cameras = captured_cameras("biker.orbit.cameras.json", &[0, 35, 70], SIZE);
+    matches_the_reference("biker", &read_captured("biker.compressed.ply"), &cameras);
 }
 
 #[test]
-fn frame_matches_the_reference_on_plush_215k() {
-    if let Some(scene) = read_captured("plush-215k.spz") {
-        matches_the_reference("plush-215k", &scene, &captured_cameras("plush.cameras.json", &[0, 40, 80], SIZE));
-    }
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+fn frame_matches_the_reference_on_captured_plush_215k() {
+    let cameras = captured_cameras("plush.cameras.json", &[0, 40, 80], SIZE);
+    matches_the_reference("plush-215k", &read_captured("plush-215k.spz"), &cameras);
 }
 
 #[test]
-fn frame_matches_the_reference_on_playbot() {
-    if let Some(scene) = read_captured("playbot.spz") {
-        matches_the_reference("playbot", &scene, &captured_cameras("playbot.orbit.cameras.json", &[10], SIZE));
-    }
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+fn frame_matches_the_reference_on_captured_playbot() {
+    let cameras = captured_cameras("playbot.orbit.cameras.json", &[10], SIZE);
+    matches_the_reference("playbot", &read_captured("playbot.spz"), &cameras);
 }
 
 #[test]
-fn frame_matches_the_reference_on_plush_1940k() {
-    if let Some(scene) = read_captured("plush-1940k.spz") {
-        matches_the_reference("plush-1940k", &scene, &captured_cameras("plush.cameras.json", &[0, 50], SIZE));
-    }
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+fn frame_matches_the_reference_on_captured_plush_1940k() {
+    let cameras = captured_cameras("plush.cameras.json", &[0, 50], SIZE);
+    matches_the_reference("plush-1940k", &read_captured("plush-1940k.spz"), &cameras);
 }

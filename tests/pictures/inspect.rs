@@ -65,28 +65,38 @@ impl Picture {
     }
 }
 
-/// Scenes and views: random, procedural, and captured where there is one.
-fn cases() -> Vec<(Gaussians, Camera)> {
+type Case = (Gaussians, Camera);
+
+/// A random scene and a procedural one, each with a view.
+fn cases() -> [Case; 2] {
     let from = DVec3::new(1.5, -2.5, -4.0);
-    let mut cases = vec![
+    let beside = Camera::looking_at(from, DVec3::new(0.0, -1.2, 0.0), [100, 70], 0.9);
+    [
         (build(&cloud(&mut Random(5), 400, 2, 0.3), 2), camera()),
-        (
-            synthetic::cactus(8000).unwrap().gaussians,
-            Camera::looking_at(from, DVec3::new(0.0, -1.2, 0.0), [100, 70], 0.9),
-        ),
-    ];
-    if let Some(biker) = read_captured("biker.spz") {
-        let cameras = captured_cameras("biker.orbit.cameras.json", &[10], [120, 80]);
-        cases.push((biker, cameras[0].clone()));
-    }
-    cases
+        (synthetic::cactus(8000).unwrap().gaussians, beside),
+    ]
+}
+
+fn captured_case() -> [Case; 1] {
+    let mut cameras = captured_cameras("biker.orbit.cameras.json", &[10], [120, 80]);
+    [(read_captured("biker.spz"), cameras.remove(0))]
 }
 
 #[test]
 fn inspect_counts_what_a_pixel_takes() {
+    check_counts_of_pixels(&cases(), [false, true]);
+}
+
+#[test]
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+fn inspect_counts_what_a_pixel_takes_in_a_captured_scene() {
+    check_counts_of_pixels(&captured_case(), [false]);
+}
+
+fn check_counts_of_pixels<const N: usize>(cases: &[Case; N], portable: [bool; N]) {
     let gpu = Gpu::new();
     let mut stopped = 0;
-    for ((scene, camera), portable) in cases().iter().zip([false, true, false]) {
+    for ((scene, camera), portable) in cases.iter().zip(portable) {
         let options = Options { portable, ..Options::EXACT };
         let mut still = still_of(&gpu, scene, &options);
         let [load, evaluations, contributions] = [Work::TileLoad, Work::Evaluations, Work::Contributions]
@@ -117,11 +127,21 @@ fn inspect_counts_what_a_pixel_takes() {
 /// The lists may hold what touches a tile within rounding, and lack what lies between its pixel centres.
 #[test]
 fn tile_load_is_the_length_of_the_reference_list() {
+    check_tile_load(&cases());
+}
+
+#[test]
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+fn tile_load_is_the_length_of_the_reference_list_in_a_captured_scene() {
+    check_tile_load(&captured_case());
+}
+
+fn check_tile_load(cases: &[Case]) {
     let gpu = Gpu::new();
-    for (scene, camera) in cases() {
-        let mut still = still_of(&gpu, &scene, &Options::EXACT);
-        let load = inspect(&mut still, &camera, look(Look::Work(Work::TileLoad))).pixels;
-        let exact = Listed::of(&scene, &camera);
+    for (scene, camera) in cases {
+        let mut still = still_of(&gpu, scene, &Options::EXACT);
+        let load = inspect(&mut still, camera, look(Look::Work(Work::TileLoad))).pixels;
+        let exact = Listed::of(scene, camera);
         for (pixel, loaded) in load.rgba.iter().map(|p| p[0] as usize).enumerate() {
             let expected = exact.list(pixel).0.len();
             assert!(loaded.abs_diff(expected) <= 2 + expected / 20, "pixel {pixel}: {loaded} for {expected}");
@@ -222,6 +242,16 @@ fn difference(pixels: &Pixels, (exact, scale): &(Vec<reference::Pixel>, f64)) ->
 
 #[test]
 fn recolour_shows_the_attributes_of_the_gaussians() {
+    check_attributes(&cases());
+}
+
+#[test]
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+fn recolour_shows_the_attributes_of_the_gaussians_of_a_captured_scene() {
+    check_attributes(&captured_case());
+}
+
+fn check_attributes(cases: &[Case]) {
     let gpu = Gpu::new();
     let stored = |storage| Options { sh_storage: storage, shape_storage: storage, ..Options::EXACT };
     let halves = Options { half_blend: true, portable: true, ..stored(Storage::F32) };
@@ -232,12 +262,12 @@ fn recolour_shows_the_attributes_of_the_gaussians() {
         (stored(Storage::F16), f64::MAX, 3e-4),
         (stored(Storage::U8), f64::MAX, 1e-2),
     ];
-    for (scene, camera) in cases() {
-        let expected = ATTRIBUTES.map(|a| recoloured(Listed::of(&scene, &camera), a, &scene, &camera));
+    for (scene, camera) in cases {
+        let expected = ATTRIBUTES.map(|a| recoloured(Listed::of(scene, camera), a, scene, camera));
         for (options, most, most_in_mean) in settings {
-            let mut still = still_of(&gpu, &scene, &options);
+            let mut still = still_of(&gpu, scene, &options);
             for (i, shown) in ATTRIBUTES.into_iter().enumerate() {
-                let pixels = inspect(&mut still, &camera, look(Look::Attribute(shown))).pixels;
+                let pixels = inspect(&mut still, camera, look(Look::Attribute(shown))).pixels;
                 let [largest, mean] = difference(&pixels, &expected[i]);
                 println!("{shown:?} in {:?}: {largest:.1e}, {mean:.1e}", options.shape_storage);
                 assert!(largest <= most && mean <= most_in_mean, "{shown:?}: {largest:e}, {mean:e}");
@@ -273,15 +303,25 @@ fn an_isolated_gaussian_is_drawn_as_if_it_were_alone() {
     }
 }
 
-/// From beside, from among and from beyond what is drawn, so that much of it lies behind the camera.
 #[test]
 fn what_is_culled_from_elsewhere_is_drawn_from_here() {
+    check_frozen_culling(&cases());
+}
+
+#[test]
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+fn what_is_culled_from_elsewhere_is_drawn_from_here_in_a_captured_scene() {
+    check_frozen_culling(&captured_case());
+}
+
+/// Looks from the side, from the middle and from the far end of what is drawn: much of it lies behind the camera.
+fn check_frozen_culling(cases: &[Case]) {
     let gpu = Gpu::new();
-    for (scene, from) in cases() {
-        let mut still = still_of(&gpu, &scene, &Options { portable: true, ..Options::EXACT });
-        let frozen = inspect(&mut still, &from, Inspection::default()).gaussians();
+    for (scene, from) in cases {
+        let mut still = still_of(&gpu, scene, &Options { portable: true, ..Options::EXACT });
+        let frozen = inspect(&mut still, from, Inspection::default()).gaussians();
         let keep = |ids: &[u32]| {
-            let all = crate::common::free::free(&scene);
+            let all = crate::common::free::free(scene);
             build(&ids.iter().map(|id| all[*id as usize].clone()).collect::<Vec<_>>(), scene.sh_degree())
         };
         let kept = keep(&frozen);
@@ -308,8 +348,18 @@ fn what_is_culled_from_elsewhere_is_drawn_from_here() {
 
 #[test]
 fn an_explanation_adds_up_to_the_pixel_in_the_order_of_the_reference() {
+    check_explanations(&cases(), [true, false]);
+}
+
+#[test]
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+fn an_explanation_adds_up_to_the_pixel_in_a_captured_scene() {
+    check_explanations(&captured_case(), [false]);
+}
+
+fn check_explanations<const N: usize>(cases: &[Case; N], portable: [bool; N]) {
     let gpu = Gpu::new();
-    for ((scene, camera), portable) in cases().iter().zip([true, false, false]) {
+    for ((scene, camera), portable) in cases.iter().zip(portable) {
         let options = Options { portable, ..Options::EXACT };
         let mut still = still_of(&gpu, scene, &options);
         let background = Background::Colour([0.1, 0.2, 0.3]);

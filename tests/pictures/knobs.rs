@@ -180,7 +180,7 @@ fn blending_in_halves_is_near_the_exact_picture() {
     println!("blended in halves: {db:.1} dB");
     assert!(halves.rgba.iter().flatten().all(|v| v.is_finite()));
     assert!(db > HALF_PSNR, "{db} dB");
-    let has_halves = gpu.0.facts().optional.contains(&("f16 arithmetic", true));
+    let has_halves = gpu.0.capabilities().has(smalto::gpu::Feature::HalfFloats);
     assert_eq!(halves != exact, has_halves);
     assert!(psnr(&picture(true, 1e-3), &exact) > HALF_PSNR);
 }

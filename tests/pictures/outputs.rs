@@ -38,18 +38,19 @@ fn exact(scene: &Gaussians, camera: &Camera, rules: &Rules) -> reference::Render
     reference::render(scene, camera, rules, Background::BLACK)
 }
 
-/// Random, procedural, and captured where there is one.
+/// A random scene and a procedural one, each with a view.
 fn cases() -> Vec<(Gaussians, Camera)> {
     let from = DVec3::new(1.5, -2.5, -4.0);
     let cactus = synthetic::cactus(8000).unwrap().gaussians;
-    let mut cases = vec![
+    vec![
         (build(&cloud(&mut Random(5), 400, 2, 0.3), 2), camera()),
         (cactus, Camera::looking_at(from, DVec3::new(0.0, -1.2, 0.0), [100, 70], 0.9)),
-    ];
-    if let Some(biker) = read_captured("biker.spz") {
-        cases.push((biker, captured_cameras("biker.orbit.cameras.json", &[10], [120, 80])[0].clone()));
-    }
-    cases
+    ]
+}
+
+fn captured_case() -> Vec<(Gaussians, Camera)> {
+    let camera = captured_cameras("biker.orbit.cameras.json", &[10], [120, 80]).remove(0);
+    vec![(read_captured("biker.spz"), camera)]
 }
 
 /// One behind the other, in the middle of the middle pixel, with nothing around them.
@@ -65,9 +66,19 @@ fn apart(value: f32, expected: f32) -> f64 {
 
 #[test]
 fn depths_and_counts_are_those_of_the_reference() {
+    check_depths(cases());
+}
+
+#[test]
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+fn depths_and_counts_of_a_captured_scene_are_those_of_the_reference() {
+    check_depths(captured_case());
+}
+
+fn check_depths(cases: Vec<(Gaussians, Camera)>) {
     let gpu = Gpu::new();
     let by = |rules: Rules| Options { rules, ..Options::EXACT };
-    for (scene, camera) in cases() {
+    for (scene, camera) in cases {
         for options in [Options::EXACT, by(Rules::GSPLAT), by(Rules::KHR), by(Rules::INRIA)] {
             let depths = drawn(&gpu, &scene, &camera, &options);
             let rendering = exact(&scene, &camera, &options.rules);
@@ -95,8 +106,18 @@ fn depths_and_counts_are_those_of_the_reference() {
 /// The reference itself, against every pixel's list taken apart.
 #[test]
 fn the_reference_takes_depths_from_what_it_blends() {
+    check_depths_of_the_reference(cases());
+}
+
+#[test]
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+fn the_reference_takes_depths_from_what_it_blends_in_a_captured_scene() {
+    check_depths_of_the_reference(captured_case());
+}
+
+fn check_depths_of_the_reference(cases: Vec<(Gaussians, Camera)>) {
     let mut kinds = [0; 3];
-    for (scene, camera) in cases().into_iter().chain([two_balls()]) {
+    for (scene, camera) in cases.into_iter().chain([two_balls()]) {
         let lists = Listed::of(&scene, &camera);
         let depths = exact(&scene, &camera, &Rules::TRAINED).depths();
         for pixel in 0..depths.counts.values.len() {

@@ -171,7 +171,7 @@ fn a_frame_that_did_not_fit_stays_incomplete_when_the_room_has_grown_since() {
 #[test]
 fn what_fits_exactly_is_not_refused() {
     let gpu = Gpu::new();
-    let most = gpu.0.facts().limits.storage_range.min(128 << 20) / 36;
+    let most = gpu.0.capabilities().limits.storage_range.min(128 << 20) / 36;
     let mut work = PortableWorkspace::new(&gpu.0, Capacity::default()).unwrap();
     let demand = Capacity { gaussians: 1 << 23, visible: most, ..Capacity::default() };
     assert!(work.grow(&gpu.0, demand).unwrap());

@@ -47,7 +47,7 @@ fn every_run_draws_the_same_bits() {
             still.pixels().unwrap()
         };
         let first = draw();
-        for run in 1..if gpu.0.facts().loop_limit.is_some() { 20 } else { 1000 } {
+        for run in 1..if gpu.0.capabilities().loop_limit.is_some() { 20 } else { 1000 } {
             assert!(draw() == first, "run {run}");
         }
         if options == Options::EXACT {

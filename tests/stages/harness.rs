@@ -39,7 +39,7 @@ fn complaints(record: impl FnOnce(&Fixture, &mut Commands)) -> Vec<String> {
     // Recorded, not run: what a missing barrier does on the GPU is undefined.
     let mut cmd = Commands::new(&device).unwrap();
     record(&fixture, &mut cmd);
-    own(&device.complaints())
+    own(&device.validation_messages())
 }
 
 /// What our own check says; a validation layer may see the same.
@@ -152,7 +152,7 @@ fn every_barrier_of_a_frame_is_missed_when_it_is_gone() {
             }
         };
         let (_, results) = still.render_with(&camera, Background::BLACK, prepare).unwrap();
-        (device.complaints(), results.barriers())
+        (device.validation_messages(), results.barriers())
     };
     for (portable, least) in [(true, 20), (false, 8)] {
         let (none, barriers) = render(portable, None);
@@ -222,7 +222,7 @@ fn a_readback_opens_only_with_its_own_results() {
 #[test]
 fn a_buffer_over_the_limits_is_refused_with_its_bytes() {
     let gpu = Gpu::new();
-    let limit = gpu.0.facts().limits.storage_range;
+    let limit = gpu.0.capabilities().limits.storage_range;
     let elements = (limit / 4 + 1) as usize;
     let error = Buffer::<u32>::new(&gpu.0, "too large", elements).err().expect("it does not fit");
     let refusal = error.downcast_ref::<OutOfMemory>().expect("it is a matter of memory");
@@ -291,15 +291,15 @@ fn staging_carries_elements_both_ways() {
     let gpu = Gpu::new();
     let buffer = Buffer::<[u32; 2]>::new(&gpu.0, "pairs", 5).unwrap();
     let mut staging = Staging::<[u32; 2]>::new(&gpu.0, "staging", 5).unwrap();
-    staging.open().copy_from_slice(&[[1, 2], [3, 4], [5, 6], [7, 8], [9, 10]]);
+    staging.map().copy_from_slice(&[[1, 2], [3, 4], [5, 6], [7, 8], [9, 10]]);
     gpu.run(|cmd| {
         cmd.fill(&buffer, 0);
         cmd.barrier(Access::COPY_WRITE, Access::COPY_WRITE);
-        cmd.load(&staging, &buffer, 3);
+        cmd.upload_staged(&staging, &buffer, 3);
     });
-    staging.open().fill([0; 2]);
-    gpu.run(|cmd| cmd.fetch(&buffer, &staging, 4));
-    assert_eq!(staging.open(), [[1, 2], [3, 4], [5, 6], [0, 0], [0, 0]]);
+    staging.map().fill([0; 2]);
+    gpu.run(|cmd| cmd.download(&buffer, &staging, 4));
+    assert_eq!(staging.map(), [[1, 2], [3, 4], [5, 6], [0, 0], [0, 0]]);
 }
 
 #[test]
@@ -309,9 +309,9 @@ fn staging_is_not_opened_while_commands_use_it() {
     let buffer = Buffer::<u32>::new(&device, "words", 1).unwrap();
     let mut staging = Staging::<u32>::new(&device, "staging", 1).unwrap();
     let mut cmd = Commands::new(&device).unwrap();
-    cmd.fetch(&buffer, &staging, 1);
+    cmd.download(&buffer, &staging, 1);
     let _in_flight = cmd.submit().unwrap();
-    staging.open();
+    staging.map();
 }
 
 #[test]

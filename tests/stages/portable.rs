@@ -51,7 +51,7 @@ fn random_keys(count: usize, bits: Range<u32>, seed: u64) -> Vec<u32> {
 #[test]
 fn sort_is_a_stable_sort_at_every_size() {
     let gpu = Gpu::new();
-    for subgroup in [4, gpu.0.facts().subgroup_size[0]] {
+    for subgroup in [4, gpu.0.capabilities().subgroup_size[0]] {
         for size in SIZES {
             let keys = random_keys(size, 0..13, size as u64);
             let values = random_keys(size, 0..32, 99);
@@ -64,7 +64,7 @@ fn sort_is_a_stable_sort_at_every_size() {
 #[test]
 fn sort_orders_by_any_number_of_bits() {
     let gpu = Gpu::new();
-    let subgroup = gpu.0.facts().subgroup_size[0];
+    let subgroup = gpu.0.capabilities().subgroup_size[0];
     let values: Vec<u32> = (0..5000).collect();
     for bits in [0, 1, 2, 6, 7, 8, 9, 14, 16, 17, 24, 27, 31, 32] {
         // Bits above are noise that must not matter.
@@ -80,7 +80,7 @@ fn sort_orders_by_any_number_of_bits() {
 #[test]
 fn sort_keeps_the_order_of_equal_keys() {
     let gpu = Gpu::new();
-    let subgroup = gpu.0.facts().subgroup_size[0];
+    let subgroup = gpu.0.capabilities().subgroup_size[0];
     let count = 10_000;
     let values: Vec<u32> = (0..count).collect();
     for (name, keys) in [

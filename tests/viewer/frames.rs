@@ -9,7 +9,7 @@ use smalto::options::Options;
 use smalto::rules::Rules;
 use smalto::pixels::Pixels;
 use smalto::scene::{Procedural, Reading};
-use smalto::viewer::{Bindings, CompareWith, Offscreen, Setup, Way, Wish, With};
+use smalto::viewer::{Bindings, CompareMode, CompareTarget, CompareWith, Offscreen, Request, Setup};
 
 const SIZE: [u32; 2] = [160, 96];
 
@@ -18,16 +18,16 @@ fn setup(scenes: &[&str]) -> Setup {
         scenes: scenes.iter().map(PathBuf::from).collect(),
         cameras: None,
         options: Options::default(),
-        antialiased_by_hand: false,
-        near_by_hand: false,
+        antialiased_is_explicit: false,
+        near_is_explicit: false,
         reading: Reading::default(),
         bindings: Bindings::default(),
         vsync: smalto::gpu::Vsync::On,
         hides_panels: true,
         compares_with: None,
-        way: Way::Split,
-        sight: 0,
-        tells_events: false,
+        compare_mode: CompareMode::Split,
+        view_mode: 0,
+        prints_events: false,
     }
 }
 
@@ -81,7 +81,7 @@ fn a_split_shows_one_picture_on_each_side_and_a_difference_what_is_between() {
         let side = if (i as u32 % SIZE[0]) < SIZE[0] / 2 { &first } else { &second };
         assert_eq!(*pixel, side.rgba[i], "pixel {i}");
     }
-    offscreen.viewer().comparison.way = Way::Difference;
+    offscreen.viewer().comparison.mode = CompareMode::Difference;
     offscreen.viewer().comparison.gain = 1.0;
     offscreen.settle().unwrap();
     for (i, pixel) in shown(&mut offscreen).rgba.iter().enumerate() {
@@ -89,7 +89,7 @@ fn a_split_shows_one_picture_on_each_side_and_a_difference_what_is_between() {
         // Both were rounded to 8 bits, the difference was not.
         assert!((pixel[0] - expected).abs() <= 2.0 / 255.0, "pixel {i}: {} for {expected}", pixel[0]);
     }
-    offscreen.viewer().comparison.with = With::Nothing;
+    offscreen.viewer().comparison.target = CompareTarget::Nothing;
     offscreen.settle().unwrap();
     assert!(shown(&mut offscreen) == first);
 }
@@ -143,7 +143,7 @@ fn knobs_are_measured_and_a_budget_chooses_them() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:2000"]));
     offscreen.viewer().options.key_bits = 16;
-    offscreen.viewer().wishes.push(Wish::Measure);
+    offscreen.viewer().requests.push(Request::Measure);
     offscreen.settle().unwrap();
     let costs = offscreen.viewer().costs.clone().unwrap();
     let knobs: Vec<&str> = costs.knobs.iter().map(|cost| cost.knob).collect();
@@ -151,7 +151,7 @@ fn knobs_are_measured_and_a_budget_chooses_them() {
     assert!(costs.exact_ms > 0.0 && costs.knobs.iter().all(|cost| cost.ms > 0.0 && cost.psnr > 30.0));
     offscreen.viewer().options = Options { rules: offscreen.viewer().options.rules, ..Options::EXACT };
     offscreen.viewer().budget.max_error = 0.05;
-    offscreen.viewer().wishes.push(Wish::Choose);
+    offscreen.viewer().requests.push(Request::Choose);
     let exact = offscreen.viewer().options;
     offscreen.settle().unwrap();
     // Nothing may be faster on a device that is busy elsewhere; what is chosen keeps the budget either way.
@@ -173,9 +173,9 @@ fn a_film_and_a_picture_are_written_as_render_writes_them() {
     viewer.export.folder = folder.path().join("film").display().to_string();
     viewer.export.picture = folder.path().join("one.png").display().to_string();
     viewer.export.size = Some([64, 48]);
-    viewer.wishes.extend([Wish::WriteFilm]);
+    viewer.requests.extend([Request::WriteFilm]);
     offscreen.settle().unwrap();
-    offscreen.viewer().wishes.push(Wish::WritePicture);
+    offscreen.viewer().requests.push(Request::WritePicture);
     offscreen.settle().unwrap();
     let frames: Vec<PathBuf> = (0..3).map(|i| folder.path().join(format!("film/{i:05}.png"))).collect();
     assert!(frames.iter().all(|frame| frame.is_file()) && !folder.path().join("film/00003.png").exists());
