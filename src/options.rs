@@ -1,48 +1,79 @@
-//! The knobs that trade a picture's accuracy for speed or memory, and the presets.
+//! Everything that a renderer is built for: the knobs that trade accuracy for speed or memory, and the presets.
 
+mod knobs;
+
+use std::fmt;
+use std::str::FromStr;
+
+use anyhow::Context;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::rules::{ALPHA_MIN, Footprint, Rules};
+use crate::rules::{ALPHA_MIN, Footprint, Order, Rules};
 
-/// How the GPU keeps numbers of the scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+pub use knobs::{Effect, Group, Held, KNOBS, Kind, Knob, Value};
+
+/// Number format in which the GPU keeps the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Storage {
-    /// In as few bits as give back what the file holds: an .spz file needs 8.
+    /// The fewest bits that give back exactly what the file holds: 8 for an .spz file.
     Lossless,
-    /// In 32-bit floats.
+    /// 32-bit floats.
     F32,
-    /// In 16-bit floats, or fewer bits where that loses nothing.
+    /// 16-bit floats, or fewer bits where that loses nothing.
     F16,
-    /// Spherical harmonics in 8 bits; of a shape, logarithms of scales and opacity in 8 bits and rotations in 32.
+    /// 8 bits for spherical harmonics, logarithms of scales and opacities; 32 bits for a rotation.
     U8,
 }
 
-/// What a renderer is built for.
+impl Storage {
+    /// Every format with its name on the command line and in reports.
+    pub const NAMES: [(&'static str, Self); 4] =
+        [("lossless", Self::Lossless), ("f32", Self::F32), ("f16", Self::F16), ("u8", Self::U8)];
+}
+
+impl fmt::Display for Storage {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let named = Self::NAMES.iter().find(|(_, named)| named == self);
+        f.pad(named.expect("every value of the enum has a name").0)
+    }
+}
+
+impl FromStr for Storage {
+    type Err = anyhow::Error;
+
+    fn from_str(name: &str) -> anyhow::Result<Self> {
+        let named = Self::NAMES.iter().find(|(known, _)| *known == name);
+        let expected = || format!("expected {}", Self::NAMES.map(|(name, _)| name).join(", "));
+        named.map(|(_, named)| *named).with_context(expected)
+    }
+}
+
+/// Everything that a renderer is built for.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Options {
     pub rules: Rules,
-    /// A pixel is finished as soon as its transmittance is below this. Moves no colour by more than this part of the
+    /// A pixel is finished as soon as its transmittance is below this. No colour moves by more than this fraction of the
     /// brightest colour.
     pub stop: f32,
-    /// Bits of a depth key, 8 to 32: from its upper end, as many as the scene is deep.
+    /// Most significant bits of the depth key that are sorted, 8 to 32. A scene whose depths need fewer bits uses fewer.
     pub key_bits: u32,
     /// Spherical harmonics above this degree are left out.
     pub sh_degree: u32,
-    /// Of the spherical harmonics.
+    /// Storage of spherical harmonics.
     pub sh_storage: Storage,
-    /// Of rotations, scales and opacities. Means are 32-bit floats.
+    /// Storage of rotations, scales and opacities. Means are always 32-bit floats.
     pub shape_storage: Storage,
-    /// Pictures are drawn at this part of their width and height, over 0 to 1, and enlarged.
+    /// Pictures are drawn at this fraction of their width and height, above 0 and at most 1, and enlarged.
     pub scale: f32,
-    /// Runs only what works on every device, with no path chosen for this one.
+    /// Uses only what works on every device.
     pub portable: bool,
 }
 
 impl Options {
-    /// No knob is turned: f32 throughout, the whole depth, all that the file holds.
+    /// No knob is turned: 32-bit floats, full depth keys, everything that the file holds.
     pub const EXACT: Self = Self {
         rules: Rules::TRAINED,
         stop: 0.0,
@@ -53,17 +84,17 @@ impl Options {
         scale: 1.0,
         portable: false,
     };
-    /// Looks the same: at least 60 dB from the reference, no 8-bit value more than 3 steps away.
+    /// Visually equal: a PSNR to the reference of at least 60 dB, no 8-bit value more than 3 steps away.
     pub const BALANCED: Self =
         Self { stop: 1e-3, sh_storage: Storage::F16, shape_storage: Storage::F16, ..Self::EXACT };
-    /// At least 50 dB from the reference.
+    /// A PSNR to the reference of at least 50 dB.
     pub const FAST: Self = Self {
         rules: Rules { alpha_min: 1.0 / 224.0, ..Rules::TRAINED },
         stop: 1.0 / 255.0,
         key_bits: 24,
         ..Self::BALANCED
     };
-    /// At least 40 dB from the reference.
+    /// A PSNR to the reference of at least 40 dB.
     pub const PREVIEW: Self = Self {
         rules: Rules { alpha_min: 1.0 / 128.0, ..Rules::TRAINED },
         stop: 1.0 / 128.0,
@@ -71,7 +102,7 @@ impl Options {
         ..Self::FAST
     };
 
-    /// Every named choice of options.
+    /// Every preset with its name.
     pub const PRESETS: [(&'static str, Self); 8] = [
         ("balanced", Self::BALANCED),
         ("exact", Self::EXACT),
@@ -83,18 +114,18 @@ impl Options {
         ("portable", Self { portable: true, ..Self::BALANCED }),
     ];
 
-    /// Width and height that a picture of this size is drawn at.
+    /// Width and height in pixels at which a picture of size `size_px` is drawn before it is enlarged.
     pub fn drawn_size(&self, size_px: [u32; 2]) -> [u32; 2] {
         size_px.map(|side| ((f64::from(side) * f64::from(self.scale)).round() as u32).clamp(1, side))
     }
 
-    /// No knob turned, by the same rules. A threshold over the trained one is a knob.
+    /// The exact options with the same rules. An alpha threshold above the trained one counts as a knob and is lowered.
     pub fn untraded(&self) -> Self {
         let rules = Rules { alpha_min: self.rules.alpha_min.min(ALPHA_MIN), ..self.rules };
         Self { rules, portable: self.portable, ..Self::EXACT }
     }
 
-    /// Why pictures drawn like this have no certificate; `None` if they have.
+    /// The reason why pictures drawn with these options have no certificate; `None` if they have one.
     pub fn uncertifiable(&self) -> Option<&'static str> {
         if self.scale != 1.0 {
             Some("a picture that is drawn smaller and enlarged has no certificate")
@@ -105,7 +136,12 @@ impl Options {
         }
     }
 
-    /// The choice of this name.
+    /// The reason why no GPU path draws with these options; `None` if one does.
+    pub fn undrawable(&self) -> Option<&'static str> {
+        (self.rules.order == Order::PerPixel).then_some("order per-pixel is drawn only by the reference")
+    }
+
+    /// The preset with this name.
     pub fn preset(name: &str) -> Option<Self> {
         Self::PRESETS.iter().find(|(known, _)| *known == name).map(|(_, options)| *options)
     }

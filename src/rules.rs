@@ -1,5 +1,9 @@
 //! The rules of the picture: what is drawn in exact arithmetic, whatever the speed.
 
+use std::fmt;
+use std::str::FromStr;
+
+use anyhow::Context;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -38,7 +42,7 @@ pub struct Rules {
 }
 
 /// What splats are sorted by, front to back. Equal ones stay in the order of the file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Order {
     /// The view depth of the mean as a 32-bit float: how scenes are trained.
@@ -51,7 +55,7 @@ pub enum Order {
 }
 
 /// How far from its mean a splat is drawn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Footprint {
     /// Until its alpha falls below the threshold: nothing is cut.
@@ -60,6 +64,52 @@ pub enum Footprint {
     ThreeSigma,
     /// In the tiles of the square that three standard deviations along its longest axis reach: the original 3DGS.
     ThreeSigmaSquares,
+}
+
+impl Order {
+    /// Every value with its name on the command line and in reports.
+    pub const NAMES: [(&'static str, Self); 3] =
+        [("depth", Self::Depth), ("distance", Self::Distance), ("per-pixel", Self::PerPixel)];
+}
+
+impl fmt::Display for Order {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let named = Self::NAMES.iter().find(|(_, named)| named == self);
+        f.pad(named.expect("every value of the enum has a name").0)
+    }
+}
+
+impl FromStr for Order {
+    type Err = anyhow::Error;
+
+    fn from_str(name: &str) -> anyhow::Result<Self> {
+        let named = Self::NAMES.iter().find(|(known, _)| *known == name);
+        let expected = || format!("expected {}", Self::NAMES.map(|(name, _)| name).join(", "));
+        named.map(|(_, named)| *named).with_context(expected)
+    }
+}
+
+impl Footprint {
+    /// Every value with its name on the command line and in reports.
+    pub const NAMES: [(&'static str, Self); 3] =
+        [("exact", Self::Exact), ("three-sigma", Self::ThreeSigma), ("three-sigma-squares", Self::ThreeSigmaSquares)];
+}
+
+impl fmt::Display for Footprint {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let named = Self::NAMES.iter().find(|(_, named)| named == self);
+        f.pad(named.expect("every value of the enum has a name").0)
+    }
+}
+
+impl FromStr for Footprint {
+    type Err = anyhow::Error;
+
+    fn from_str(name: &str) -> anyhow::Result<Self> {
+        let named = Self::NAMES.iter().find(|(known, _)| *known == name);
+        let expected = || format!("expected {}", Self::NAMES.map(|(name, _)| name).join(", "));
+        named.map(|(_, named)| *named).with_context(expected)
+    }
 }
 
 impl Rules {

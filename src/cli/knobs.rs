@@ -1,109 +1,103 @@
-//! The knobs of quality and speed as arguments.
+//! The knobs as flags. Names, values and help texts come from the table in `options`.
 
-use clap::builder::PossibleValuesParser;
+use clap::builder::{PossibleValuesParser, TypedValueParser, ValueParser};
+use clap::{Arg, ArgMatches, Command};
 
 use super::Usage;
-use crate::options::{Options, Storage};
-use crate::rules::{Footprint, Order, Rules};
+use crate::options::{Group, KNOBS, Kind, Knob, Options, Value};
 
-/// What overrides a preset.
-#[derive(clap::Args, Clone, Debug, Default)]
-#[command(next_help_heading = "Rules of the picture")]
-pub(super) struct Knobs {
-    /// Distance ahead of the camera, in world units, from which on Gaussians are drawn [default: the preset's, mostly
-    /// 0.2; less where a small scene without cameras needs it]
-    #[arg(long, value_name = "DISTANCE")]
-    pub near: Option<f32>,
-    /// What splats are sorted by [default: the preset's, mostly depth]
-    #[arg(long, value_name = "BY")]
-    order: Option<Order>,
-    /// How far splats reach [default: the preset's, mostly exact]
-    #[arg(long, value_name = "RULE")]
-    extent: Option<Footprint>,
-    /// Skip contributions below this alpha [default: the preset's, 1/255 when exact]
-    #[arg(long, value_name = "ALPHA")]
-    alpha_min: Option<f32>,
-    /// Make up for the low-pass in the opacities (Mip-Splatting) [default: if the scene was trained so]
-    #[arg(long, value_name = "YES", value_parser = clap::value_parser!(bool))]
-    pub antialiased: Option<bool>,
-    /// Finish a pixel once its transmittance is below this; no colour moves by more than this part of the brightest
-    #[arg(long, value_name = "T", help_heading = TRADES)]
-    stop: Option<f32>,
-    /// Bits of a depth key, at most as many as the scene is deep
-    #[arg(long, value_name = "8..32", value_parser = clap::value_parser!(u32).range(8..=32), help_heading = TRADES)]
-    key_bits: Option<u32>,
-    /// Leave out spherical harmonics above this degree
-    #[arg(long, value_name = "0..3", value_parser = clap::value_parser!(u32).range(0..=3), help_heading = TRADES)]
-    sh_degree: Option<u32>,
-    /// How the GPU keeps spherical harmonics
-    #[arg(long, value_name = "BITS", help_heading = TRADES)]
-    sh_storage: Option<Storage>,
-    /// How the GPU keeps rotations, scales and opacities
-    #[arg(long, value_name = "BITS", help_heading = TRADES)]
-    shape_storage: Option<Storage>,
-    /// Draw at this part of the width and height, and enlarge
-    #[arg(long, value_name = "0..1", help_heading = TRADES)]
-    scale: Option<f32>,
+/// The knobs that override a preset, with their values.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Knobs(Vec<(&'static Knob, Value)>);
+
+/// The knobs that are flags. The portable path is chosen by a preset, or by a flag of `render` without a value.
+fn flags() -> impl Iterator<Item = &'static Knob> {
+    KNOBS.iter().filter(|knob| knob.group != Group::Path)
 }
 
-const TRADES: &str = "Accuracy for speed (defaults are the preset's)";
+impl clap::Args for Knobs {
+    fn augment_args(command: Command) -> Command {
+        command.args(flags().map(flag))
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl clap::FromArgMatches for Knobs {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        Ok(Self(flags().filter_map(|knob| Some((knob, *matches.get_one(knob.name)?))).collect()))
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+fn flag(knob: &'static Knob) -> Arg {
+    let parse = move |text: &str| knob.parse(text);
+    let values: ValueParser = match knob.kind {
+        Kind::Name(names) => PossibleValuesParser::new(names()).try_map(move |name| parse(&name)).into(),
+        Kind::Flag => PossibleValuesParser::new(["true", "false"]).try_map(move |flag| parse(&flag)).into(),
+        Kind::Number { .. } | Kind::Count(_) => ValueParser::new(parse),
+    };
+    let heading = match knob.group {
+        Group::Rules => "Rules of the picture",
+        Group::Accuracy | Group::Path => "Accuracy for speed (defaults are the preset's)",
+    };
+    Arg::new(knob.name)
+        .long(knob.name)
+        .value_name(knob.value_name)
+        .help(knob.help)
+        .help_heading(heading)
+        .value_parser(values)
+}
 
 impl Knobs {
     /// `preset` with what these arguments change, for a scene that was trained with or without antialiasing and needs a
-    /// near plane no farther than `nearest`.
+    /// near plane at most `nearest` away.
     pub fn options(&self, preset: &Options, antialiased: bool, nearest: f32) -> Options {
-        let rules = &preset.rules;
-        Options {
-            rules: Rules {
-                near: self.near.unwrap_or(rules.near.min(nearest)),
-                order: self.order.unwrap_or(rules.order),
-                extent: self.extent.unwrap_or(rules.extent),
-                alpha_min: self.alpha_min.unwrap_or(rules.alpha_min),
-                antialiased: self.antialiased.unwrap_or(antialiased),
-                ..*rules
-            },
-            stop: self.stop.unwrap_or(preset.stop),
-            key_bits: self.key_bits.unwrap_or(preset.key_bits),
-            sh_degree: self.sh_degree.unwrap_or(preset.sh_degree),
-            sh_storage: self.sh_storage.unwrap_or(preset.sh_storage),
-            shape_storage: self.shape_storage.unwrap_or(preset.shape_storage),
-            scale: self.scale.unwrap_or(preset.scale),
-            portable: preset.portable,
+        let mut options = *preset;
+        options.rules.near = options.rules.near.min(nearest);
+        options.rules.antialiased = antialiased;
+        for (knob, value) in &self.0 {
+            (knob.set)(&mut options, *value);
         }
+        options
     }
 
-    /// Fails if a number makes no sense.
-    pub fn check(&self) -> Result<(), Usage> {
-        let within = |name: &str, value: Option<f32>, low: f32, high: f32, what: &str| match value {
-            Some(value) if !(value > low && value <= high) => Err(Usage(format!("--{name} {value} is not {what}"))),
-            _ => Ok(()),
-        };
-        within("near", self.near, 0.0, f32::MAX, "a distance ahead of the camera")?;
-        within("alpha-min", self.alpha_min, 0.0, 1.0, "an alpha over 0, at most 1")?;
-        within("scale", self.scale, 0.0, 1.0, "a part of a side, over 0 and at most 1")?;
-        within("stop", self.stop, 0.0_f32.next_down(), 1.0, "a transmittance from 0 to 1")
+    /// True if `--near` is given.
+    pub fn has_near(&self) -> bool {
+        self.0.iter().any(|(knob, _)| knob.name == NEAR)
     }
 
-    /// Whether accuracy is given up for speed by hand.
+    /// True if `--antialiased` is given.
+    pub fn has_antialiased(&self) -> bool {
+        self.0.iter().any(|(knob, _)| knob.name == "antialiased")
+    }
+
+    /// True if a knob that trades accuracy for speed is given.
     pub fn trades(&self) -> bool {
-        let Self { stop, key_bits, sh_degree, sh_storage, shape_storage, scale, .. } = self;
-        let numbers = stop.is_some() || scale.is_some() || key_bits.is_some() || sh_degree.is_some();
-        numbers || sh_storage.is_some() || shape_storage.is_some()
+        self.0.iter().any(|(knob, _)| knob.group == Group::Accuracy)
     }
 
-    /// Whether the picture is drawn by other rules than the preset's, but for the near plane.
+    /// True if a rule of the picture other than the near plane is given.
     pub fn rules(&self) -> bool {
-        self.order.is_some() || self.extent.is_some() || self.alpha_min.is_some() || self.antialiased.is_some()
+        self.0.iter().any(|(knob, _)| knob.group == Group::Rules && knob.name != NEAR)
     }
 
     /// Fails if the GPU cannot draw by these rules.
     pub fn check_gpu(&self) -> Result<(), Usage> {
-        match self.order {
-            Some(Order::PerPixel) => Err(Usage("--order per-pixel is drawn by --reference alone".to_owned())),
-            _ => Ok(()),
+        match self.options(&Options::EXACT, false, f32::INFINITY).undrawable() {
+            Some(_) => Err(Usage("--order per-pixel needs --reference".to_owned())),
+            None => Ok(()),
         }
     }
 }
+
+const NEAR: &str = "near";
 
 /// The names of the presets.
 pub(super) fn preset_names() -> PossibleValuesParser {

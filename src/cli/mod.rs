@@ -7,6 +7,7 @@ mod compare;
 mod convert;
 mod doctor;
 mod dump;
+mod environment;
 mod info;
 mod knobs;
 mod progress;
@@ -25,7 +26,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
 
 use crate::camera::MAX_SIDE;
-use crate::cli::environment::Environment;
+use environment::Environment;
 use crate::gpu::{Device, DeviceChoice, Unavailable, Validation};
 use crate::host_memory::OutOfMemory;
 use crate::scene::Unreadable;
@@ -169,7 +170,7 @@ fn size_text([width, height]: [u32; 2]) -> String {
 
 /// Fails if the device complained.
 fn complain(device: &Device) -> Result<()> {
-    let complaints = device.complaints();
+    let complaints = device.validation_messages();
     ensure!(complaints.is_empty(), "validation: {}", complaints.join("\n"));
     Ok(())
 }

@@ -1,57 +1,46 @@
-//! What the knobs cost in the current view: measured on demand, each alone against none.
+//! Measures what each turned knob costs in the current view.
 
 use anyhow::Result;
 
-use crate::measure::bench::Protocol;
 use crate::camera::Camera;
 use crate::gpu::Device;
-use crate::options::Options;
-use crate::rules::{Background, Rules};
-use crate::scene::{Gaussians, Requirements};
+use crate::measure::bench::Protocol;
 use crate::measure::trade::Study;
+use crate::options::{KNOBS, Options};
+use crate::rules::Background;
+use crate::scene::{Gaussians, Requirements};
 
-/// What turning knobs costs in one view.
+/// The costs of knobs in one view.
 #[derive(Clone, Debug)]
 pub struct Costs {
-    /// GPU time of a frame in milliseconds with no knob turned.
+    /// GPU time of the exact frame in milliseconds.
     pub exact_ms: f64,
-    /// Every knob that is turned, alone, then all together.
+    /// One entry per turned knob, alone; the last entry is for all together.
     pub knobs: Vec<Cost>,
 }
 
+/// The measured cost of one knob.
 #[derive(Clone, Debug)]
 pub struct Cost {
     pub knob: &'static str,
     /// GPU time of a frame in milliseconds.
     pub ms: f64,
-    /// To the exact picture, in dB; infinite where they are equal.
+    /// PSNR to the exact picture in dB; infinite if they are equal.
     pub psnr: f64,
 }
 
-/// As the last of [`Costs::knobs`] is called.
+/// The name of the last entry of [`Costs::knobs`].
 pub const ALL: &str = "all together";
 
 const PROTOCOL: Protocol = Protocol { warmup: 4, frames: 24 };
 
-/// Each knob in which the options differ, alone.
+/// `exact` with each knob in which `options` differ, alone, then all together.
 fn turned(exact: &Options, options: &Options) -> Vec<(&'static str, Options)> {
-    let rules = |rules: Rules| Options { rules, ..*exact };
-    let (from, to) = (&exact.rules, &options.rules);
-    let all = [
-        ("alpha-min", rules(Rules { alpha_min: to.alpha_min, ..*from })),
-        ("stop", Options { stop: options.stop, ..*exact }),
-        ("key-bits", Options { key_bits: options.key_bits, ..*exact }),
-        ("sh-degree", Options { sh_degree: options.sh_degree, ..*exact }),
-        ("sh-storage", Options { sh_storage: options.sh_storage, ..*exact }),
-        ("shape-storage", Options { shape_storage: options.shape_storage, ..*exact }),
-        ("scale", Options { scale: options.scale, ..*exact }),
-        ("portable", Options { portable: options.portable, ..*exact }),
-        (ALL, *options),
-    ];
-    all.into_iter().filter(|(_, turned)| turned != exact).collect()
+    let alone = KNOBS.iter().map(|knob| (knob.name, knob.turned(exact, (knob.get)(options))));
+    alone.chain([(ALL, *options)]).filter(|(_, turned)| turned != exact).collect()
 }
 
-/// Measures every knob that `options` turn.
+/// Measures every knob that `options` turn from the exact options with the same rules.
 pub fn costs(
     device: &Device,
     scene: (&Gaussians, &Requirements),

@@ -1,20 +1,20 @@
-//! A search over combinations of knobs: from the exact options down, always the turn that costs the least accuracy for the
-//! time it saves.
+//! A search over combinations of knobs. It starts at the exact options and repeatedly turns the knob that loses the least
+//! accuracy for the time that it saves.
 
 use anyhow::Result;
 
-use super::candidates::{ALPHAS, KEY_BITS, SCALES, STOPS, STORAGES};
+use super::candidates::held;
 use super::measure::Study;
 use super::report::Point;
-use crate::options::{Options, Storage};
-use crate::rules::Rules;
+use crate::options::{Effect, KNOBS, Knob, Options};
 
-/// The search ends where pictures are farther than this from the exact ones, in dB.
+/// The search ends when the PSNR to the exact pictures, in dB, would fall below this.
 const WORST_DB: f64 = 36.0;
-/// The least part of a frame's time that a turn has to save: what measurements of one build differ by.
+/// The least fraction of the frame time that a turn has to save. Repeated measurements of one build differ by as much.
 const LEAST_GAIN: f64 = 0.008;
 
-/// The options on the way, each with its time and errors. `progress` is told a fraction done, by the accuracy left.
+/// The options after each turn, with their time and errors. `progress` receives the fraction done, estimated from the
+/// accuracy that is left.
 pub fn search(study: &Study, progress: &dyn Fn(f64)) -> Result<Vec<Point>> {
     let mut found = Vec::new();
     let mut now = study.exact;
@@ -43,41 +43,15 @@ fn decibels(mse: f64) -> f64 {
     -10.0 * mse.log10()
 }
 
-/// Each knob turned one step on.
+/// `now` with each knob in turn moved to its next step that changes the picture.
 fn turns(now: &Options, study: &Study) -> Vec<(String, Options)> {
-    let mut all = Vec::new();
-    let rules = now.rules;
-    if let Some(stop) = next(&STOPS, &now.stop) {
-        all.push((format!("stop {stop:.4}"), Options { stop, ..*now }));
-    }
-    if let Some(alpha_min) = next(&ALPHAS, &rules.alpha_min) {
-        all.push((format!("alpha-min {alpha_min:.4}"), Options { rules: Rules { alpha_min, ..rules }, ..*now }));
-    }
-    if let Some(key_bits) = next(&KEY_BITS, &now.key_bits) {
-        all.push((format!("key-bits {key_bits}"), Options { key_bits, ..*now }));
-    }
-    if let Some(scale) = next(&SCALES, &now.scale) {
-        all.push((format!("scale {scale}"), Options { scale, ..*now }));
-    }
-    if now.sh_degree.min(study.needs.sh_degree) > 0 {
-        let sh_degree = now.sh_degree.min(study.needs.sh_degree) - 1;
-        all.push((format!("sh-degree {sh_degree}"), Options { sh_degree, ..*now }));
-    }
-    if let Some(sh_storage) = coarser(now.sh_storage, study.needs.sh_grids.is_some()) {
-        all.push((format!("sh-storage {sh_storage:?}"), Options { sh_storage, ..*now }));
-    }
-    if let Some(shape_storage) = coarser(now.shape_storage, study.needs.scale_grid.is_some()) {
-        all.push((format!("shape-storage {shape_storage:?}"), Options { shape_storage, ..*now }));
-    }
-    all
-}
-
-fn next<T: PartialEq + Copy>(steps: &[T], now: &T) -> Option<T> {
-    let place = steps.iter().position(|step| step == now)?;
-    steps.get(place + 1).copied()
-}
-
-/// Where the file held bytes, nothing is left to gain.
-fn coarser(now: Storage, is_on_grid: bool) -> Option<Storage> {
-    if is_on_grid { None } else { next(&STORAGES, &now) }
+    let held = held(study.needs);
+    let searched = KNOBS.iter().filter(|knob| knob.is_searched);
+    let turn = |knob: &Knob| {
+        let current = (knob.get)(now);
+        let mut coarser = knob.steps.iter().skip_while(|step| **step != current).skip(1);
+        let next = coarser.find(|step| (knob.effect)(**step, &held) == Effect::Changed)?;
+        Some((knob.title(*next), knob.turned(now, *next)))
+    };
+    searched.filter_map(turn).collect()
 }

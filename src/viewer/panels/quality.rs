@@ -1,46 +1,36 @@
-//! Every knob of accuracy and speed, what it costs in this view, presets, and the error budget.
+//! The quality panel: presets, every knob with its cost in this view, and the error budget.
 
 use egui::{ComboBox, DragValue, Grid, Ui};
 
 use super::super::measuring::{ALL, Cost};
 use super::super::screen::Pair;
-use super::super::state::{Viewer, Wish};
-use crate::options::{Options, Storage};
-use crate::rules::{Footprint, Order, Rules};
-use crate::scene::MAX_SH_DEGREE;
+use super::super::state::{Request, Viewer};
+use crate::options::{KNOBS, Kind, Knob, Options, Value};
+use crate::rules::Rules;
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     presets(viewer, ui);
     let costs = viewer.costs.clone();
     let cost = |knob: &str| costs.as_ref().and_then(|costs| costs.knobs.iter().find(|cost| cost.knob == knob));
     let exact_ms = costs.as_ref().map(|costs| costs.exact_ms);
-    let Options { rules, stop, key_bits, sh_degree, sh_storage, shape_storage, scale, portable } =
-        &mut viewer.options;
+    let options = &mut viewer.options;
     Grid::new("knobs").num_columns(3).striped(true).show(ui, |ui| {
-        let row = |name: &str, ui: &mut Ui, add: &mut dyn FnMut(&mut Ui)| {
+        let mut row = |name: &str, add: &mut dyn FnMut(&mut Ui)| {
             ui.label(name);
             add(ui);
-            ui.label(cost(name).map_or_else(String::new, |cost| said(cost, exact_ms)));
+            ui.label(cost(name).map_or_else(String::new, |cost| described(cost, exact_ms)));
             ui.end_row();
         };
-        row("stop", ui, &mut |ui| fraction(ui, stop, 0.0..=1.0));
-        row("alpha-min", ui, &mut |ui| fraction(ui, &mut rules.alpha_min, 1e-6..=1.0));
-        row("key-bits", ui, &mut |ui| drop(ui.add(DragValue::new(key_bits).range(8..=32))));
-        row("sh-degree", ui, &mut |ui| drop(ui.add(egui::Slider::new(sh_degree, 0..=MAX_SH_DEGREE))));
-        row("sh-storage", ui, &mut |ui| choice(ui, "sh", sh_storage, &STORAGES));
-        row("shape-storage", ui, &mut |ui| choice(ui, "shape", shape_storage, &STORAGES));
-        row("scale", ui, &mut |ui| drop(ui.add(DragValue::new(scale).speed(0.01).range(0.05..=1.0))));
-        row("portable", ui, &mut |ui| drop(ui.checkbox(portable, "")));
-        let extents = [Footprint::Exact, Footprint::ThreeSigma, Footprint::ThreeSigmaSquares];
-        row("extent", ui, &mut |ui| choice(ui, "extent", &mut rules.extent, &extents));
-        row("order", ui, &mut |ui| choice(ui, "order", &mut rules.order, &[Order::Depth, Order::Distance]));
-        row("antialiased", ui, &mut |ui| drop(ui.checkbox(&mut rules.antialiased, "")));
-        row(ALL, ui, &mut |ui| drop(ui.label("")));
+        // The near plane is in the view panel.
+        for knob in KNOBS.iter().filter(|knob| knob.name != "near") {
+            row(knob.name, &mut |ui| edit(ui, knob, options));
+        }
+        row(ALL, &mut |ui| drop(ui.label("")));
     });
     ui.horizontal(|ui| {
         let measure = egui::Button::new("Measure what they cost here");
         if ui.add_enabled(!viewer.is_measuring && pair.first.is_some(), measure).clicked() {
-            viewer.wishes.push(Wish::Measure);
+            viewer.requests.push(Request::Measure);
         }
         if viewer.is_measuring {
             ui.spinner();
@@ -52,16 +42,44 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     budget(viewer, pair, ui);
 }
 
-const STORAGES: [Storage; 4] = [Storage::Lossless, Storage::F32, Storage::F16, Storage::U8];
+/// A widget for the value of a knob.
+fn edit(ui: &mut Ui, knob: &Knob, options: &mut Options) {
+    let mut value = (knob.get)(options);
+    match (&mut value, knob.kind) {
+        (Value::Number(number), Kind::Number { usual: [low, high], is_fraction: true, .. }) => {
+            fraction(ui, number, low..=high);
+        }
+        (Value::Number(number), Kind::Number { usual: [low, high], .. }) => {
+            ui.add(DragValue::new(number).speed(0.01).range(low..=high));
+        }
+        (Value::Count(count), Kind::Count([low, high])) if high - low < 8 => {
+            ui.add(egui::Slider::new(count, low..=high));
+        }
+        (Value::Count(count), Kind::Count([low, high])) => {
+            ui.add(DragValue::new(count).range(low..=high));
+        }
+        (Value::Name(name), Kind::Name(names)) => {
+            let is_drawable = |name: &&'static str| knob.turned(options, Value::Name(name)).undrawable().is_none();
+            choice(ui, knob.name, name, names().into_iter().filter(is_drawable));
+        }
+        (Value::Flag(flag), Kind::Flag) => {
+            ui.checkbox(flag, "");
+        }
+        (value, kind) => unreachable!("{}: {value:?} is of the kind {kind:?}", knob.name),
+    }
+    if value != (knob.get)(options) {
+        (knob.set)(options, value);
+    }
+}
 
-/// Time before and after, and how far the picture is from the exact one.
-fn said(cost: &Cost, exact_ms: Option<f64>) -> String {
+/// The time, its difference to `exact_ms`, and the PSNR to the exact picture.
+fn described(cost: &Cost, exact_ms: Option<f64>) -> String {
     let saved = cost.ms - exact_ms.unwrap_or(cost.ms);
     let psnr = if cost.psnr.is_finite() { format!("{:.1} dB", cost.psnr) } else { "equal".to_owned() };
     format!("{:.3} ms ({saved:+.3}), {psnr}", cost.ms)
 }
 
-/// A threshold that one thinks of as one part of many.
+/// A widget for a threshold that is written as a fraction, such as 1/255.
 fn fraction(ui: &mut Ui, value: &mut f32, range: std::ops::RangeInclusive<f32>) {
     let formatted = |v: f64, _: std::ops::RangeInclusive<usize>| match v {
         v if v <= 0.0 => "0".to_owned(),
@@ -76,17 +94,17 @@ fn fraction(ui: &mut Ui, value: &mut f32, range: std::ops::RangeInclusive<f32>) 
     ui.add(DragValue::new(value).range(range).speed(speed).custom_formatter(formatted).custom_parser(parsed));
 }
 
-fn choice<T: Copy + PartialEq + std::fmt::Debug>(ui: &mut Ui, id: &str, value: &mut T, all: &[T]) {
-    ComboBox::from_id_salt(id).width(80.0).selected_text(format!("{value:?}")).show_ui(ui, |ui| {
+fn choice(ui: &mut Ui, id: &str, name: &mut &'static str, all: impl Iterator<Item = &'static str>) {
+    ComboBox::from_id_salt(id).width(80.0).selected_text(*name).show_ui(ui, |ui| {
         for one in all {
-            ui.selectable_value(value, *one, format!("{one:?}"));
+            ui.selectable_value(name, one, one);
         }
     });
 }
 
 fn presets(viewer: &mut Viewer, ui: &mut Ui) {
     let options = &mut viewer.options;
-    // What a preset does not say: the scene's own near plane and antialiasing.
+    // A preset leaves the scene's near plane and antialiasing as they are.
     let of = |preset: &Options, options: &Options| {
         let Rules { near, antialiased, .. } = options.rules;
         Options { rules: Rules { near: preset.rules.near.min(near), antialiased, ..preset.rules }, ..*preset }
@@ -113,7 +131,7 @@ fn budget(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         };
         let button = egui::Button::new("Choose");
         if ui.add_enabled(!budget.is_choosing && pair.first.is_some(), button).clicked() {
-            viewer.wishes.push(Wish::Choose);
+            viewer.requests.push(Request::Choose);
         }
         if viewer.budget.is_choosing {
             ui.spinner();
