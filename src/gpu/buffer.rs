@@ -3,7 +3,6 @@
 use std::marker::PhantomData;
 use std::mem::size_of;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::Result;
 use ash::vk;
@@ -11,8 +10,9 @@ use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::Allocation;
 
 use super::device::{Device, Shared};
+use super::element::{Element, Scalar};
 use super::error::describe;
-use super::shader::{Element, Resource, Scalar};
+use super::id::next_id;
 use crate::host_memory::OutOfMemory;
 
 /// `len` elements of type `T` in device memory. A clone is the same buffer.
@@ -33,9 +33,10 @@ impl<T: Element> Buffer<T> {
     /// empty buffers, and an empty scene is no special case.
     pub fn new(device: &Device, name: &str, len: usize) -> Result<Self> {
         let bytes = (len.max(1) * size_of::<T>()) as u64;
-        let limit = device.facts().limits.storage_range;
+        let limit = device.capabilities().limits.storage_range;
         if bytes > limit {
-            let reason = format!("a shader on {} reaches at most {limit} bytes of a buffer", device.facts().name);
+            let reason =
+                format!("a shader on {} reaches at most {limit} bytes of a buffer", device.capabilities().name);
             return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
         }
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
@@ -79,10 +80,6 @@ impl<T: Element> Buffer<T> {
         assert!(size_of::<T>().is_multiple_of(4), "elements of `{}` are not whole words", self.name());
         Buffer { storage: self.storage.clone(), len: self.len * size_of::<T>() / 4, _element: PhantomData }
     }
-
-    pub(crate) fn resource(&self) -> Resource<'_> {
-        Resource::Buffer(&self.storage)
-    }
 }
 
 /// Rows of 32 words that lie across two lines take twice as long on an H100, whose buffers may begin at any 16 bytes.
@@ -102,12 +99,6 @@ pub struct Storage {
     pub(super) device: Arc<Shared>,
 }
 
-/// A number that no other resource or recording has.
-pub(super) fn next_id() -> u64 {
-    static NEXT: AtomicU64 = AtomicU64::new(0);
-    NEXT.fetch_add(1, Ordering::Relaxed)
-}
-
 impl Storage {
     pub(super) fn new(
         device: &Arc<Shared>,
@@ -116,9 +107,9 @@ impl Storage {
         usage: vk::BufferUsageFlags,
         location: MemoryLocation,
     ) -> Result<Self> {
-        let limit = device.facts.limits.buffer;
+        let limit = device.capabilities.limits.buffer;
         if bytes > limit {
-            let reason = format!("a buffer on {} holds at most {limit} bytes", device.facts.name);
+            let reason = format!("a buffer on {} holds at most {limit} bytes", device.capabilities.name);
             return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
         }
         let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);

@@ -8,12 +8,15 @@ use anyhow::Result;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 
-use super::buffer::{Buffer, Storage, next_id};
+use super::buffer::{Buffer, Storage};
 use super::device::{Device, Shared};
-use super::extent::DispatchSize;
+use super::dispatch_size::DispatchSize;
+use super::element::Element;
 use super::hazards::{Access, Hazards};
+use super::id::next_id;
 use super::image::Texture;
-use super::shader::{Binding, BindingKind, Bindings, Element, Resource, Shader};
+use super::resource::Resource;
+use super::shader::{Binding, BindingKind, Bindings, Shader};
 use super::stage::Stage;
 use super::submission::{Capture, InFlight, Readback, Slot, Submission};
 use super::timings::Scope;
@@ -88,7 +91,13 @@ impl Commands {
     }
 
     /// Runs `stage` over `extent`.
-    pub fn dispatch<S: Shader>(&mut self, stage: &Stage<S>, bindings: S::Bindings<'_>, push: S::Push, extent: DispatchSize) {
+    pub fn dispatch<S: Shader>(
+        &mut self,
+        stage: &Stage<S>,
+        bindings: S::Bindings<'_>,
+        push: S::Push,
+        extent: DispatchSize,
+    ) {
         let [x, y] = extent.groups(S::WORKGROUP[0]);
         if x > 0 {
             self.bind(stage, &bindings, &push);
@@ -280,9 +289,9 @@ impl Commands {
 
     pub(super) fn reads(&mut self, resource: Resource, command: &str, access: Access) {
         if let Some(hazards) = &mut self.hazards
-            && let Some(complaint) = hazards.read(resource.id(), resource.name(), command, access)
+            && let Some(message) = hazards.read(resource.id(), resource.name(), command, access)
         {
-            self.device.0.complain(complaint);
+            self.device.0.report(message);
         }
     }
 
@@ -293,9 +302,9 @@ impl Commands {
             written.push(storage.clone());
         }
         if let Some(hazards) = &mut self.hazards
-            && let Some(complaint) = hazards.write(resource.id(), resource.name(), command, access)
+            && let Some(message) = hazards.write(resource.id(), resource.name(), command, access)
         {
-            self.device.0.complain(complaint);
+            self.device.0.report(message);
         }
     }
 

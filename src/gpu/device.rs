@@ -9,25 +9,13 @@ use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, 
 use gpu_allocator::{AllocationError, MemoryLocation};
 use raw_window_handle::{HasDisplayHandle, RawDisplayHandle};
 
+use super::capabilities::{Capabilities, Feature};
 use super::error::{Unavailable, describe};
 use super::executables::{Executable, Executables};
-use super::facts::{
-    self, ANY_FORMAT, DEVICE_FAULT, DeviceChoice, DeviceFacts, EXECUTABLES, HALF_FLOATS, MEMORY_BUDGET,
-    PORTABILITY_SUBSET, SWAPCHAINS,
-};
-use super::instance::Instance;
+use super::instance::{Instance, Validation};
 use super::submission::{Slot, completed};
+use super::survey::{self, DeviceChoice};
 use crate::host_memory::OutOfMemory;
-
-/// Whether the validation layer, the missing-barrier check, robust buffer access and stage markers are on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Validation {
-    Off,
-    /// On if the layer is installed; our own checks are on either way.
-    IfInstalled,
-    /// On; a missing layer is an error.
-    Required,
-}
 
 /// A device, its queue and its memory. Cheap to clone.
 #[derive(Clone)]
@@ -39,7 +27,7 @@ pub(super) struct Shared {
     pub debug: Option<ext::debug_utils::Device>,
     pub fault: Option<ext::device_fault::Device>,
     pub executables: Option<Executables>,
-    pub facts: DeviceFacts,
+    pub capabilities: Capabilities,
     /// Own checks and markers are on.
     pub checked: bool,
     pub queue: Mutex<Queue>,
@@ -71,45 +59,46 @@ impl Device {
 
     fn open_on(choice: &DeviceChoice, validation: Validation, display: Option<RawDisplayHandle>) -> Result<Self> {
         let instance = Instance::new(validation, display)?;
-        let facts = facts::choose(&facts::devices(&instance)?, choice)?;
+        let capabilities = survey::choose(&survey::devices(&instance)?, choice)?;
         let presents = display.is_some();
-        if presents && !facts.has(SWAPCHAINS) {
-            return Err(Unavailable(format!("{} cannot show windows", facts.name)).into());
+        if presents && !capabilities.has(Feature::Windows) {
+            return Err(Unavailable(format!("{} cannot show windows", capabilities.name)).into());
         }
         let checked = validation != Validation::Off;
 
         let mut extensions = vec![khr::push_descriptor::NAME.as_ptr()];
-        if facts.has(MEMORY_BUDGET) {
+        if capabilities.has(Feature::MemoryBudget) {
             extensions.push(ext::memory_budget::NAME.as_ptr());
         }
-        if facts.has(DEVICE_FAULT) {
+        if capabilities.has(Feature::DeviceFault) {
             extensions.push(ext::device_fault::NAME.as_ptr());
         }
-        if facts.has(EXECUTABLES) {
+        if capabilities.has(Feature::PipelineStatistics) {
             extensions.push(khr::pipeline_executable_properties::NAME.as_ptr());
         }
-        if facts.has(PORTABILITY_SUBSET) {
+        if capabilities.has(Feature::PortabilitySubset) {
             extensions.push(khr::portability_subset::NAME.as_ptr());
         }
         if presents {
             extensions.push(khr::swapchain::NAME.as_ptr());
         }
         let queue =
-            vk::DeviceQueueCreateInfo::default().queue_family_index(facts.queue_family).queue_priorities(&[1.0]);
-        let robust = checked && facts.has("robust buffer access");
+            vk::DeviceQueueCreateInfo::default().queue_family_index(capabilities.queue_family).queue_priorities(&[1.0]);
+        let robust = checked && capabilities.has(Feature::RobustBufferAccess);
         let core = vk::PhysicalDeviceFeatures::default()
             .robust_buffer_access(robust)
-            .shader_storage_image_write_without_format(facts.has(ANY_FORMAT));
+            .shader_storage_image_write_without_format(capabilities.has(Feature::AnyImageFormat));
         let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
             .scalar_block_layout(true)
             .timeline_semaphore(true)
             .host_query_reset(true)
             .subgroup_broadcast_dynamic_id(true)
-            .shader_float16(facts.has(HALF_FLOATS));
+            .shader_float16(capabilities.has(Feature::HalfFloats));
         let mut features13 = vk::PhysicalDeviceVulkan13Features::default()
             .synchronization2(true)
             .compute_full_subgroups(true)
-            .dynamic_rendering(facts.has(SWAPCHAINS));
+            .subgroup_size_control(capabilities.has(Feature::SubgroupSizeControl))
+            .dynamic_rendering(capabilities.has(Feature::Windows));
         let mut fault = vk::PhysicalDeviceFaultFeaturesEXT::default().device_fault(true);
         let mut executables =
             vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
@@ -119,30 +108,30 @@ impl Device {
             .enabled_features(&core)
             .push_next(&mut features12)
             .push_next(&mut features13);
-        if facts.has(DEVICE_FAULT) {
+        if capabilities.has(Feature::DeviceFault) {
             info = info.push_next(&mut fault);
         }
-        if facts.has(EXECUTABLES) {
+        if capabilities.has(Feature::PipelineStatistics) {
             info = info.push_next(&mut executables);
         }
-        // SAFETY: clause 4, every extension and feature was found in `facts`.
-        let raw =
-            unsafe { instance.raw.create_device(facts.raw, &info, None) }.map_err(|e| describe("vkCreateDevice", e))?;
+        // SAFETY: clause 4, every extension and feature was found in `capabilities`.
+        let raw = unsafe { instance.raw.create_device(capabilities.raw, &info, None) }
+            .map_err(|e| describe("vkCreateDevice", e))?;
         // SAFETY: clause 1, for this and the calls below: `shared` owns what is made, and frees it on every path.
-        let queue = unsafe { raw.get_device_queue(facts.queue_family, 0) };
+        let queue = unsafe { raw.get_device_queue(capabilities.queue_family, 0) };
         let mut shared = Shared {
             push_descriptor: khr::push_descriptor::Device::new(&instance.raw, &raw),
             debug: instance.has_debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
-            fault: facts.has(DEVICE_FAULT).then(|| ext::device_fault::Device::new(&instance.raw, &raw)),
-            executables: facts
-                .has(EXECUTABLES)
+            fault: capabilities.has(Feature::DeviceFault).then(|| ext::device_fault::Device::new(&instance.raw, &raw)),
+            executables: capabilities
+                .has(Feature::PipelineStatistics)
                 .then(|| Executables::new(khr::pipeline_executable_properties::Device::new(&instance.raw, &raw))),
             queue: Mutex::new(Queue { raw: queue, submitted: 0 }),
             timeline: vk::Semaphore::null(),
             slots: Mutex::default(),
             allocator: Mutex::new(None),
             checked,
-            facts,
+            capabilities,
             raw,
             instance,
         };
@@ -154,7 +143,7 @@ impl Device {
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: shared.instance.raw.clone(),
             device: shared.raw.clone(),
-            physical_device: shared.facts.raw,
+            physical_device: shared.capabilities.raw,
             debug_settings: gpu_allocator::AllocatorDebugSettings::default(),
             buffer_device_address: false,
             allocation_sizes: gpu_allocator::AllocationSizes::new(64 << 20, 64 << 20),
@@ -164,8 +153,8 @@ impl Device {
     }
 
     /// What the device is and can do.
-    pub fn facts(&self) -> &DeviceFacts {
-        &self.0.facts
+    pub fn capabilities(&self) -> &Capabilities {
+        &self.0.capabilities
     }
 
     /// Whether the validation layer is on.
@@ -184,8 +173,8 @@ impl Device {
     }
 
     /// What the validation layer and the missing-barrier check have found wrong so far. Empty in a correct program.
-    pub fn complaints(&self) -> Vec<String> {
-        self.0.complaints().clone()
+    pub fn validation_messages(&self) -> Vec<String> {
+        self.0.messages().clone()
     }
 
     /// The number of the newest submission.
@@ -226,12 +215,12 @@ impl Shared {
         let _ = unsafe { debug.set_debug_utils_object_name(&info) };
     }
 
-    pub fn complain(&self, message: String) {
-        self.complaints().push(message);
+    pub fn report(&self, message: String) {
+        self.messages().push(message);
     }
 
-    fn complaints(&self) -> MutexGuard<'_, Vec<String>> {
-        self.instance.complaints.lock().expect("no holder of the complaints panics")
+    fn messages(&self) -> MutexGuard<'_, Vec<String>> {
+        self.instance.messages.lock().expect("no holder of the messages panics")
     }
 
     fn allocator(&self) -> MutexGuard<'_, Option<Allocator>> {
@@ -251,10 +240,11 @@ impl Shared {
         let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme: scheme };
         let allocation = self.allocator().as_mut().expect("the allocator lives until drop").allocate(&desc);
         allocation.map_err(|error| match error {
-            AllocationError::OutOfMemory => {
-                refuse(format!("{} has {} bytes in all and not enough free", self.facts.name, self.facts.memory_bytes))
-                    .into()
-            }
+            AllocationError::OutOfMemory => refuse(format!(
+                "{} has {} bytes in all and not enough free",
+                self.capabilities.name, self.capabilities.memory_bytes
+            ))
+            .into(),
             other => anyhow::Error::from(other).context(format!("cannot allocate memory for {name}")),
         })
     }

@@ -4,35 +4,35 @@
 //! It knows whole resources, not ranges, and one command buffer: submissions are chained by the timeline semaphore.
 
 use std::collections::HashMap;
-use std::ops::BitOr;
 
 use ash::vk;
+use bitflags::bitflags;
 
 /// Triangles are blended with what an image holds.
 const DRAWN: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
     vk::AccessFlags2::COLOR_ATTACHMENT_READ.as_raw() | vk::AccessFlags2::COLOR_ATTACHMENT_WRITE.as_raw(),
 );
 
-/// The ends of a barrier, named by use.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Access(u32);
+bitflags! {
+    /// The accesses before or after a barrier, named by use.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct Access: u32 {
+        const SHADER_READ = 1;
+        const SHADER_WRITE = 1 << 1;
+        /// The workgroup counts of an indirect dispatch.
+        const INDIRECT = 1 << 2;
+        const COPY_READ = 1 << 3;
+        /// The target of a copy or a fill.
+        const COPY_WRITE = 1 << 4;
+        const HOST_READ = 1 << 5;
+        /// Triangles over an image.
+        const DRAW = 1 << 6;
+        /// The accesses of a shader to a buffer that it updates.
+        const SHADER = Self::SHADER_READ.bits() | Self::SHADER_WRITE.bits();
+    }
+}
 
 impl Access {
-    pub const SHADER_READ: Self = Self(1);
-    pub const SHADER_WRITE: Self = Self(2);
-    /// The workgroup counts of an indirect dispatch.
-    pub const INDIRECT: Self = Self(4);
-    pub const COPY_READ: Self = Self(8);
-    /// The target of a copy or a fill.
-    pub const COPY_WRITE: Self = Self(16);
-    pub const HOST_READ: Self = Self(32);
-    /// Triangles over an image.
-    pub const DRAW: Self = Self(64);
-    /// What a shader does to a buffer that it updates.
-    pub const SHADER: Self = Self(1 | 2);
-
-    pub(super) const NONE: Self = Self(0);
-
     const VULKAN: [(Self, vk::PipelineStageFlags2, vk::AccessFlags2); 7] = [
         (Self::SHADER_READ, vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_READ),
         (Self::SHADER_WRITE, vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_WRITE),
@@ -43,18 +43,10 @@ impl Access {
         (Self::DRAW, vk::PipelineStageFlags2::COLOR_ATTACHMENT_OUTPUT, DRAWN),
     ];
 
-    pub(super) fn contains(self, other: Self) -> bool {
-        self.0 & other.0 == other.0
-    }
-
-    fn intersects(self, other: Self) -> bool {
-        self.0 & other.0 != 0
-    }
-
-    /// Everything done in the pipeline stages of these accesses.
+    /// All accesses that happen in the pipeline stages of these.
     fn whole_stages(self) -> Self {
         let stages = self.stages();
-        Self::VULKAN.iter().filter(|(_, stage, _)| stages.contains(*stage)).fold(Self::NONE, |all, (a, ..)| all | *a)
+        Self::VULKAN.iter().filter(|(_, stage, _)| stages.contains(*stage)).fold(Self::empty(), |all, (a, ..)| all | *a)
     }
 
     pub(super) fn stages(self) -> vk::PipelineStageFlags2 {
@@ -65,13 +57,6 @@ impl Access {
     pub(super) fn accesses(self) -> vk::AccessFlags2 {
         let mine = Self::VULKAN.iter().filter(|(access, ..)| self.contains(*access));
         mine.fold(vk::AccessFlags2::NONE, |all, (.., flags)| all | *flags)
-    }
-}
-
-impl BitOr for Access {
-    type Output = Self;
-    fn bitor(self, other: Self) -> Self {
-        Self(self.0 | other.0)
     }
 }
 
@@ -95,40 +80,41 @@ impl Hazards {
             if let Some((access, _, visible)) = &mut history.write
                 && from.contains(*access)
             {
-                *visible = *visible | to;
+                *visible |= to;
             }
             for (access, _, behind) in &mut history.reads {
                 // A read needs no memory dependency, only that the writer's stage waits.
                 if from.whole_stages().contains(*access) {
-                    *behind = *behind | to.whole_stages();
+                    *behind |= to.whole_stages();
                 }
             }
         }
     }
 
-    /// Notes that `command` reads `resource`; a complaint if it may see old content.
+    /// Notes that `command` reads `resource`; a message if it may see old content.
     pub fn read(&mut self, resource: u64, name: &str, command: &str, access: Access) -> Option<String> {
         let history = self.resources.entry(resource).or_default();
-        history.reads.push((access, command.to_owned(), Access::NONE));
+        history.reads.push((access, command.to_owned(), Access::empty()));
         match &history.write {
-            Some((_, writer, visible)) if !visible.contains(access) => Some(complaint(name, writer, command)),
+            Some((_, writer, visible)) if !visible.contains(access) => Some(missing_barrier(name, writer, command)),
             _ => None,
         }
     }
 
-    /// Notes that `command` writes `resource`; a complaint if an earlier access may still be under way.
+    /// Notes that `command` writes `resource`; a message if an earlier access may still be under way.
     pub fn write(&mut self, resource: u64, name: &str, command: &str, access: Access) -> Option<String> {
         let history = self.resources.entry(resource).or_default();
         let unfinished_write = history.write.as_ref().filter(|(_, _, visible)| !visible.contains(access));
         // Its own read of what it updates is no conflict.
         let unfinished_read =
             history.reads.iter().find(|(_, who, behind)| who != command && !behind.intersects(access));
-        let complaint = unfinished_write.or(unfinished_read).map(|(_, earlier, _)| complaint(name, earlier, command));
-        *history = History { write: Some((access, command.to_owned(), Access::NONE)), reads: Vec::new() };
-        complaint
+        let message =
+            unfinished_write.or(unfinished_read).map(|(_, earlier, _)| missing_barrier(name, earlier, command));
+        *history = History { write: Some((access, command.to_owned(), Access::empty())), reads: Vec::new() };
+        message
     }
 }
 
-fn complaint(resource: &str, earlier: &str, later: &str) -> String {
+fn missing_barrier(resource: &str, earlier: &str, later: &str) -> String {
     format!("no barrier on `{resource}` between {earlier} and {later}")
 }

@@ -9,10 +9,9 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::Allocation;
 
-use super::buffer::next_id;
 use super::device::{Device, Shared};
 use super::error::describe;
-use super::shader::Resource;
+use super::id::next_id;
 use crate::host_memory::OutOfMemory;
 
 /// `width` x `height` pixels, of format R32G32B32A32_SFLOAT unless they are for a screen, in the layout GENERAL from its first use on. A clone is the same
@@ -25,9 +24,9 @@ pub struct Image {
 impl Image {
     pub fn new(device: &Device, name: &str, width: u32, height: u32) -> Result<Self> {
         ensure!(width > 0 && height > 0, "an image has at least one pixel");
-        let limit = device.facts().limits.image;
+        let limit = device.capabilities().limits.image;
         if width > limit || height > limit {
-            let reason = format!("an image on {} has at most {limit} pixels a side", device.facts().name);
+            let reason = format!("an image on {} has at most {limit} pixels a side", device.capabilities().name);
             let bytes = (u64::from(width) * u64::from(height)).saturating_mul(16);
             return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
         }
@@ -54,10 +53,6 @@ impl Image {
 
     pub fn bytes(&self) -> u64 {
         self.texture.bytes
-    }
-
-    pub(crate) fn resource(&self) -> Resource<'_> {
-        Resource::Image(&self.texture)
     }
 }
 

@@ -12,7 +12,7 @@ use super::buffer::{Buffer, Storage};
 use super::commands::Commands;
 use super::hazards::Access;
 use super::image::{Image, Texture, WHOLE};
-use super::shader::Resource;
+use super::resource::Resource;
 use super::submission::Readback;
 
 const LAYER: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers {

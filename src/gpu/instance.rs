@@ -1,4 +1,4 @@
-//! The Vulkan loader and instance, and the validation layer's complaints.
+//! The Vulkan loader and instance, and the validation layer's messages.
 
 use std::ffi::{CStr, c_void};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -7,21 +7,30 @@ use anyhow::Result;
 use ash::{Entry, ext, khr, vk};
 use raw_window_handle::RawDisplayHandle;
 
-use super::device::Validation;
 use super::error::{Unavailable, describe};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
 /// What the validation layer and our own checks found wrong.
-pub(super) type Complaints = Arc<Mutex<Vec<String>>>;
+pub(super) type Messages = Arc<Mutex<Vec<String>>>;
 
 /// The first instance lives as long as the program. With the last instance the loader would unload the drivers, and a
 /// driver's library cannot be loaded any number of times: thread-local storage is not given back.
 static FIRST: OnceLock<Arc<Instance>> = OnceLock::new();
 
+/// The state of the validation layer, the missing-barrier check, robust buffer access and the stage markers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Validation {
+    Off,
+    /// The layer is on if it is installed. The other checks are on.
+    IfInstalled,
+    /// All checks are on; a missing layer is an error.
+    Required,
+}
+
 pub(super) struct Instance {
     pub raw: ash::Instance,
-    pub complaints: Complaints,
+    pub messages: Messages,
     /// Whether the validation layer is on.
     pub validated: bool,
     /// Named objects and labels, for the validation layer and for capture tools.
@@ -79,14 +88,14 @@ impl Instance {
         }
         let layers = if validate { vec![VALIDATION_LAYER.as_ptr()] } else { Vec::new() };
 
-        let complaints = Complaints::default();
+        let messages = Messages::default();
         let mut messenger_info = vk::DebugUtilsMessengerCreateInfoEXT::default()
             .message_severity(
                 vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
             )
             .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
             .pfn_user_callback(Some(collect))
-            .user_data(Arc::as_ptr(&complaints).cast::<c_void>().cast_mut());
+            .user_data(Arc::as_ptr(&messages).cast::<c_void>().cast_mut());
         let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
         let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
         let application = vk::ApplicationInfo::default().application_name(c"smalto").api_version(vk::API_VERSION_1_3);
@@ -106,13 +115,13 @@ impl Instance {
         if checks_synchronization {
             info = info.push_next(&mut features);
         }
-        // SAFETY: clause 4, layers and extensions were found above; `complaints` outlives the instance.
+        // SAFETY: clause 4, layers and extensions were found above; `messages` outlives the instance.
         let raw = unsafe { entry.create_instance(&info, None) }.map_err(|result| match result {
             vk::Result::ERROR_INCOMPATIBLE_DRIVER => Unavailable(NO_DRIVER.to_owned()).into(),
             _ => describe("vkCreateInstance", result),
         })?;
         messenger_info.p_next = std::ptr::null();
-        let mut instance = Self { raw, complaints, validated: validate, has_debug_utils, messenger: None, entry };
+        let mut instance = Self { raw, messages, validated: validate, has_debug_utils, messenger: None, entry };
         if listens {
             let loader = ext::debug_utils::Instance::new(&instance.entry, &instance.raw);
             // SAFETY: clause 1, the messenger and its user data live in this Instance and go before the instance.
@@ -150,13 +159,13 @@ unsafe extern "system" fn collect(
     _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
     _kind: vk::DebugUtilsMessageTypeFlagsEXT,
     data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
-    complaints: *mut c_void,
+    messages: *mut c_void,
 ) -> vk::Bool32 {
     // SAFETY: Vulkan passes valid data and the user data given at creation, alive by clause 1.
-    let (message, complaints) = unsafe { ((*data).message_as_c_str(), &*complaints.cast::<Mutex<Vec<String>>>()) };
+    let (message, messages) = unsafe { ((*data).message_as_c_str(), &*messages.cast::<Mutex<Vec<String>>>()) };
     let message = message.map_or_else(|| "a message without text".into(), |m| m.to_string_lossy().into_owned());
     if !RESIZED_MEANWHILE.iter().any(|id| message.contains(id)) {
-        complaints.lock().expect("no holder of the complaints panics").push(message);
+        messages.lock().expect("no holder of the messages panics").push(message);
     }
     vk::FALSE
 }

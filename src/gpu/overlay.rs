@@ -30,7 +30,7 @@ impl Overlay {
     /// For images like this one.
     pub fn new(device: &Device, like: &Image) -> Result<Self> {
         let shared = &device.0;
-        let info = vk::CommandPoolCreateInfo::default().queue_family_index(shared.facts.queue_family);
+        let info = vk::CommandPoolCreateInfo::default().queue_family_index(shared.capabilities.queue_family);
         // SAFETY: clause 1, freed on every path by the drop of what is made next.
         let pool = unsafe { shared.raw.create_command_pool(&info, None) };
         let format = like.texture.format;

@@ -6,7 +6,7 @@ use ash::vk;
 
 use super::commands::{Commands, Timestamps};
 use super::hazards::Access;
-use super::shader::Resource;
+use super::resource::Resource;
 use super::submission::{Capture, MAX_SCOPES, SPARE_QUERY};
 use super::timings::Scope;
 
@@ -55,9 +55,9 @@ impl Commands {
     }
 
     fn timestamp(&mut self) -> Option<u32> {
-        let facts = &self.device.0.facts.limits;
+        let limits = &self.device.0.capabilities.limits;
         let wanted = self.timestamps == Timestamps::All || self.depth == 0;
-        if !wanted || facts.timestamp_bits == 0 || self.queries >= 2 * MAX_SCOPES {
+        if !wanted || limits.timestamp_bits == 0 || self.queries >= 2 * MAX_SCOPES {
             return None;
         }
         let (query, slot) = (self.queries, self.slot.as_ref().expect("a recording has a slot until it is submitted"));
@@ -66,7 +66,7 @@ impl Commands {
         unsafe {
             let stage = vk::PipelineStageFlags2::ALL_COMMANDS;
             self.device.0.raw.cmd_write_timestamp2(slot.buffer, stage, slot.queries, query);
-            if self.device.0.facts.has_late_timestamps {
+            if self.device.0.capabilities.has_late_timestamps {
                 self.device.0.raw.cmd_write_timestamp2(slot.buffer, stage, slot.queries, SPARE_QUERY);
                 self.device.0.raw.cmd_reset_query_pool(slot.buffer, slot.queries, SPARE_QUERY, 1);
             }

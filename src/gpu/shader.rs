@@ -1,12 +1,8 @@
 //! The traits that `build.rs` implements for every shader.
 
-use std::sync::Arc;
-
 use bytemuck::Pod;
 
-use super::buffer::Storage;
-use super::device::Shared;
-use super::image::Texture;
+use super::resource::Resource;
 
 /// A compute shader with its reflected interface.
 ///
@@ -47,52 +43,6 @@ pub enum BindingKind {
     Image,
 }
 
-/// What a buffer may hold: plain data made of one kind of scalar.
-pub trait Element: Pod {
-    const SCALAR: Scalar;
-}
-
-/// The kind of a buffer's numbers, which captures are written as.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Scalar {
-    F32,
-    I32,
-    U32,
-    U64,
-}
-
-impl Scalar {
-    pub const fn bytes(self) -> usize {
-        match self {
-            Self::F32 | Self::I32 | Self::U32 => 4,
-            Self::U64 => 8,
-        }
-    }
-}
-
-impl Element for f32 {
-    const SCALAR: Scalar = Scalar::F32;
-}
-
-impl Element for i32 {
-    const SCALAR: Scalar = Scalar::I32;
-}
-
-impl Element for u32 {
-    const SCALAR: Scalar = Scalar::U32;
-}
-
-impl Element for u64 {
-    const SCALAR: Scalar = Scalar::U64;
-}
-
-impl<T: Element, const N: usize> Element for [T; N]
-where
-    [T; N]: Pod,
-{
-    const SCALAR: Scalar = T::SCALAR;
-}
-
 /// The resources for one dispatch.
 ///
 /// # Safety
@@ -115,35 +65,5 @@ pub unsafe trait Constants: Default {
 unsafe impl Constants for () {
     fn entries(&self) -> Vec<(u32, u32)> {
         Vec::new()
-    }
-}
-
-/// A buffer or an image, whatever its element type.
-#[derive(Clone, Copy)]
-pub enum Resource<'a> {
-    Buffer(&'a Arc<Storage>),
-    Image(&'a Arc<Texture>),
-}
-
-impl Resource<'_> {
-    pub(super) fn device(&self) -> &Arc<Shared> {
-        match self {
-            Self::Buffer(storage) => &storage.device,
-            Self::Image(texture) => &texture.device,
-        }
-    }
-
-    pub(super) fn id(&self) -> u64 {
-        match self {
-            Self::Buffer(storage) => storage.id,
-            Self::Image(texture) => texture.id,
-        }
-    }
-
-    pub(super) fn name(&self) -> &str {
-        match self {
-            Self::Buffer(storage) => &storage.name,
-            Self::Image(texture) => &texture.name,
-        }
     }
 }

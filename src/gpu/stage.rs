@@ -6,10 +6,10 @@ use std::sync::Arc;
 use anyhow::{Context, Result, ensure};
 use ash::vk;
 
+use super::capabilities::MAX_STORAGE_BUFFERS;
 use super::device::{Device, Shared};
 use super::error::describe;
 use super::executables::Executables;
-use super::facts::MAX_STORAGE_BUFFERS;
 use super::shader::{Binding, BindingKind, Constants, Shader};
 
 /// The pipeline of shader `S`. It holds no resources.
@@ -26,15 +26,34 @@ pub(super) struct Pipeline {
 }
 
 impl<S: Shader> Stage<S> {
+    /// Builds the pipeline. The subgroup size is the driver's choice and may differ between workgroups.
+    ///
+    /// # Errors
+    /// The shader needs more than the device's limits allow, or the driver refuses it.
     pub fn new(device: &Device, constants: &S::Constants) -> Result<Self> {
-        let pipeline = Pipeline::new::<S>(&device.0, constants, S::SPIRV).with_context(|| format!("stage {}", S::NAME))?;
+        Self::build(device, constants, None)
+    }
+
+    /// Builds the pipeline for subgroups of `size` invocations, such as
+    /// [`Capabilities::fast_subgroup`](super::Capabilities::fast_subgroup). A device with one subgroup size gets the
+    /// same pipeline as from [`Stage::new`]; one that reports a range is asked for `size`.
+    ///
+    /// # Errors
+    /// As for [`Stage::new`], and if the device cannot run the stage with subgroups of this size.
+    pub fn of_subgroups(device: &Device, constants: &S::Constants, size: u32) -> Result<Self> {
+        Self::build(device, constants, Some(size))
+    }
+
+    fn build(device: &Device, constants: &S::Constants, subgroup: Option<u32>) -> Result<Self> {
+        let pipeline =
+            Pipeline::new::<S>(&device.0, constants, subgroup).with_context(|| format!("stage {}", S::NAME))?;
         Ok(Self { pipeline: Arc::new(pipeline), _shader: PhantomData })
     }
 }
 
 impl Pipeline {
-    fn new<S: Shader>(device: &Arc<Shared>, constants: &S::Constants, spirv: &[u8]) -> Result<Self> {
-        let limits = &device.facts.limits;
+    fn new<S: Shader>(device: &Arc<Shared>, constants: &S::Constants, subgroup: Option<u32>) -> Result<Self> {
+        let limits = &device.capabilities.limits;
         let push_bytes = size_of::<S::Push>() as u32;
         ensure!(
             push_bytes <= limits.push_constants,
@@ -43,6 +62,7 @@ impl Pipeline {
         );
         let buffers: u32 = S::BINDINGS.iter().filter(|b| b.kind == BindingKind::Buffer).map(|b| b.count).sum();
         ensure!(buffers <= MAX_STORAGE_BUFFERS, "{buffers} storage buffers, {MAX_STORAGE_BUFFERS} at most");
+        let required = required_subgroup::<S>(device, subgroup)?;
 
         let null = (vk::Pipeline::null(), vk::PipelineLayout::null(), vk::DescriptorSetLayout::null());
         let mut made = Self { raw: null.0, layout: null.1, set_layout: null.2, device: device.clone() };
@@ -62,7 +82,7 @@ impl Pipeline {
         made.layout = unsafe { device.raw.create_pipeline_layout(&info, None) }
             .map_err(|e| describe("vkCreatePipelineLayout", e))?;
 
-        let words = ash::util::read_spv(&mut std::io::Cursor::new(spirv))?;
+        let words = ash::util::read_spv(&mut std::io::Cursor::new(S::SPIRV))?;
         let (entries, bits): (Vec<_>, Vec<u32>) = (constants.entries().into_iter().enumerate())
             .map(|(i, (id, bits))| {
                 (vk::SpecializationMapEntry { constant_id: id, offset: 4 * i as u32, size: 4 }, bits)
@@ -73,12 +93,17 @@ impl Pipeline {
         // SAFETY: clause 5.
         let module =
             unsafe { device.raw.create_shader_module(&info, None) }.map_err(|e| describe("vkCreateShaderModule", e))?;
-        let stage = vk::PipelineShaderStageCreateInfo::default()
+        let mut size = vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default()
+            .required_subgroup_size(required.unwrap_or_default());
+        let mut stage = vk::PipelineShaderStageCreateInfo::default()
             .flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS)
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(module)
             .name(c"main")
             .specialization_info(&specialization);
+        if required.is_some() {
+            stage = stage.push_next(&mut size);
+        }
         let flags = device.executables.as_ref().map_or(vk::PipelineCreateFlags::empty(), Executables::flags);
         let info = vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(made.layout);
         // SAFETY: clauses 4 and 5; the module is not needed after the pipeline is made.
@@ -95,6 +120,22 @@ impl Pipeline {
         device.name(made.layout, S::NAME);
         Ok(made)
     }
+}
+
+/// The subgroup size that the pipeline must be asked for: none if the device has only the one that the stage wants.
+fn required_subgroup<S: Shader>(device: &Shared, wanted: Option<u32>) -> Result<Option<u32>> {
+    let Some(wanted) = wanted else { return Ok(None) };
+    let capabilities = &device.capabilities;
+    if capabilities.subgroup_size == [wanted; 2] {
+        return Ok(None);
+    }
+    let workgroup = S::WORKGROUP.iter().product();
+    ensure!(
+        capabilities.can_require_subgroup(wanted, workgroup),
+        "{} cannot run workgroups of {workgroup} invocations in subgroups of {wanted}",
+        capabilities.name
+    );
+    Ok(Some(wanted))
 }
 
 fn set_layout_binding(binding: &Binding) -> vk::DescriptorSetLayoutBinding<'static> {

@@ -10,8 +10,8 @@ use gpu_allocator::MemoryLocation;
 use super::buffer::{Buffer, Storage};
 use super::commands::Commands;
 use super::device::Device;
+use super::element::Element;
 use super::hazards::Access;
-use super::shader::Element;
 
 /// `len` elements of type `T` in host memory, for copies that every frame repeats.
 pub struct Staging<T> {
@@ -42,7 +42,7 @@ impl<T: Element> Staging<T> {
     ///
     /// # Panics
     /// While commands that copy to or from here are recorded or on the GPU.
-    pub fn open(&mut self) -> &mut [T] {
+    pub fn map(&mut self) -> &mut [T] {
         let storage = Arc::get_mut(&mut self.storage).expect("staging memory is opened when no commands use it");
         &mut bytemuck::cast_slice_mut(storage.mapped_mut())[..self.len]
     }
@@ -50,17 +50,17 @@ impl<T: Element> Staging<T> {
 
 impl Commands {
     /// Copies the first `len` elements to the host; they are there after the wait.
-    pub fn fetch<T: Element>(&mut self, from: &Buffer<T>, to: &Staging<T>, len: usize) {
+    pub fn download<T: Element>(&mut self, from: &Buffer<T>, to: &Staging<T>, len: usize) {
         assert!(len <= from.len() && len <= to.len, "the elements of `{}` lie in it and fit", from.name());
-        self.reads(from.resource(), "fetch", Access::COPY_READ);
+        self.reads(from.resource(), "download", Access::COPY_READ);
         self.has_readbacks = true;
         self.copy_elements::<T>(&from.storage, &to.storage, len);
     }
 
     /// Copies the first `len` elements to the device.
-    pub fn load<T: Element>(&mut self, from: &Staging<T>, to: &Buffer<T>, len: usize) {
+    pub fn upload_staged<T: Element>(&mut self, from: &Staging<T>, to: &Buffer<T>, len: usize) {
         assert!(len <= from.len && len <= to.len(), "the elements of `{}` lie in it and fit", to.name());
-        self.writes(to.resource(), "load", Access::COPY_WRITE);
+        self.writes(to.resource(), "upload", Access::COPY_WRITE);
         self.copy_elements::<T>(&from.storage, &to.storage, len);
     }
 

@@ -11,8 +11,8 @@ use gpu_allocator::MemoryLocation;
 
 use super::buffer::Storage;
 use super::device::Shared;
+use super::element::Scalar;
 use super::error::{DeviceLost, describe};
-use super::shader::Scalar;
 use super::timings::{Scope, Timing, timings};
 
 /// Timed scopes in one command buffer; further ones are not timed.
@@ -52,7 +52,7 @@ impl Slot {
     /// Makes what the slot has not yet, and begins its command buffer.
     fn begin(&mut self, device: &Arc<Shared>) -> Result<()> {
         let raw = &device.raw;
-        let pool = vk::CommandPoolCreateInfo::default().queue_family_index(device.facts.queue_family);
+        let pool = vk::CommandPoolCreateInfo::default().queue_family_index(device.capabilities.queue_family);
         let queries = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(QUERIES);
         self.marked.clear();
         if device.checked {
@@ -217,7 +217,7 @@ impl InFlight {
         slot.give_back(&device);
         match waited {
             Ok(ticks) => {
-                let limits = &device.facts.limits;
+                let limits = &device.capabilities.limits;
                 let timings = timings(&scopes, &ticks, limits.timestamp_bits, limits.timestamp_ns);
                 Ok(Results { recording, timings, last_scope, barriers, captures })
             }

@@ -9,17 +9,17 @@ use anyhow::{Context, Result};
 use ash::{khr, vk};
 use raw_window_handle::{HasDisplayHandle, HasWindowHandle};
 
+use super::capabilities::Feature;
 use super::commands::Commands;
 use super::device::{Device, Shared};
 use super::error::{Unavailable, describe};
-use super::facts::ANY_FORMAT;
 use super::image::{Image, Texture};
 use super::instance::Instance;
 use super::semaphores::{Ready, Semaphores, semaphore};
 use super::submission::InFlight;
 
 /// How pictures reach the screen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Vsync {
     /// One at every refresh, none torn: FIFO.
@@ -121,10 +121,14 @@ impl Swapchain {
         let surface = Arc::new(Surface { raw, loader, window: window.clone(), instance: instance.clone() });
         // SAFETY: clause 1.
         let presents = unsafe {
-            surface.loader.get_physical_device_surface_support(shared.facts.raw, shared.facts.queue_family, raw)
+            surface.loader.get_physical_device_surface_support(
+                shared.capabilities.raw,
+                shared.capabilities.queue_family,
+                raw,
+            )
         };
         if !presents.map_err(|e| describe("vkGetPhysicalDeviceSurfaceSupportKHR", e))? {
-            return Err(Unavailable(format!("{} cannot show pictures in this window", shared.facts.name)).into());
+            return Err(Unavailable(format!("{} cannot show pictures in this window", shared.capabilities.name)).into());
         }
         Ok(Self {
             device: device.clone(),
@@ -153,9 +157,9 @@ impl Swapchain {
 
     /// Whether shaders can store into its images; else pictures are copied into them.
     pub fn is_stored_directly(&self) -> Result<bool> {
-        let facts = &self.device.0.facts;
+        let capabilities = &self.device.0.capabilities;
         let storable = self.capabilities()?.supported_usage_flags.contains(vk::ImageUsageFlags::STORAGE);
-        Ok(storable && facts.has(ANY_FORMAT) && self.format_stores()?)
+        Ok(storable && capabilities.has(Feature::AnyImageFormat) && self.format_stores()?)
     }
 
     /// Whether red and blue change places in its images.
@@ -273,7 +277,7 @@ impl Swapchain {
     }
 
     fn capabilities(&self) -> Result<vk::SurfaceCapabilitiesKHR> {
-        let (surface, device) = (&self.surface, self.device.0.facts.raw);
+        let (surface, device) = (&self.surface, self.device.0.capabilities.raw);
         // SAFETY: clause 1, here and in the queries below.
         unsafe { surface.loader.get_physical_device_surface_capabilities(device, surface.raw) }
             .map_err(|e| describe(CAPABILITIES, e))
@@ -281,7 +285,7 @@ impl Swapchain {
 
     /// Eight bits a channel that are shown as they are.
     fn format(&self) -> Result<vk::SurfaceFormatKHR> {
-        let (surface, device) = (&self.surface, self.device.0.facts.raw);
+        let (surface, device) = (&self.surface, self.device.0.capabilities.raw);
         let formats = unsafe { surface.loader.get_physical_device_surface_formats(device, surface.raw) }
             .map_err(|e| describe("vkGetPhysicalDeviceSurfaceFormatsKHR", e))?;
         let wanted = [vk::Format::R8G8B8A8_UNORM, vk::Format::B8G8R8A8_UNORM];
@@ -293,7 +297,7 @@ impl Swapchain {
     }
 
     fn format_stores(&self) -> Result<bool> {
-        let (instance, device) = (&self.device.0.instance, self.device.0.facts.raw);
+        let (instance, device) = (&self.device.0.instance, self.device.0.capabilities.raw);
         let format = self.format()?.format;
         let properties = unsafe { instance.raw.get_physical_device_format_properties(device, format) };
         Ok(properties.optimal_tiling_features.contains(vk::FormatFeatureFlags::STORAGE_IMAGE))
@@ -301,7 +305,7 @@ impl Swapchain {
 
     /// The presentation mode that is wanted, or the nearest that there is; FIFO always is.
     fn mode(&self) -> Result<vk::PresentModeKHR> {
-        let (surface, device) = (&self.surface, self.device.0.facts.raw);
+        let (surface, device) = (&self.surface, self.device.0.capabilities.raw);
         let modes = unsafe { surface.loader.get_physical_device_surface_present_modes(device, surface.raw) }
             .map_err(|e| describe("vkGetPhysicalDeviceSurfacePresentModesKHR", e))?;
         let wanted: &[_] = match self.vsync {

@@ -1,24 +1,23 @@
-//! What a Vulkan device is and can do, read before it is opened.
+//! Lists the Vulkan devices of this machine, reads their capabilities and chooses one.
 
 use std::ffi::CStr;
 
 use anyhow::Result;
 use ash::{ext, khr, vk};
-use serde::Serialize;
 
-use super::device::Validation;
+use super::capabilities::{Capabilities, DeviceKind, Feature, Limits, MAX_STORAGE_BUFFERS, RequiredSubgroups};
 use super::error::{Unavailable, describe};
-use super::instance::{Instance, NO_DRIVER};
+use super::instance::{Instance, NO_DRIVER, Validation};
 
-/// Which device to use.
+/// The device to open.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum DeviceChoice {
-    /// Discrete before integrated before virtual before CPU.
+    /// The first usable device by [`DeviceKind`]: discrete before integrated before virtual before CPU.
     #[default]
     Best,
-    /// By the number that `doctor` lists.
+    /// The number that `smalto doctor` prints.
     Index(usize),
-    /// By a part of its name, whatever the case.
+    /// A part of the name; case is ignored.
     Name(String),
 }
 
@@ -31,100 +30,23 @@ impl From<&str> for DeviceChoice {
     }
 }
 
-/// What was read from one physical device.
-#[derive(Clone, Debug, Serialize)]
-pub struct DeviceFacts {
-    pub name: String,
-    /// discrete, integrated, virtual, CPU or other.
-    pub kind: &'static str,
-    pub driver: String,
-    pub vulkan: String,
-    /// Tells one of several equal devices from the others; the driver's own tools print it too.
-    pub uuid: String,
-    /// Invocations in a subgroup: smallest and largest.
-    pub subgroup_size: [u32; 2],
-    /// Device-local memory in bytes; what is free of it, where the driver tells.
-    pub memory_bytes: u64,
-    pub memory_free_bytes: Option<u64>,
-    pub limits: Limits,
-    /// Optional features, used when present.
-    pub optional: Vec<(&'static str, bool)>,
-    /// What smalto needs and this device lacks; empty when it can be used.
-    pub missing: Vec<String>,
-    /// Loop iterations that an invocation may run before the driver ends it silently.
-    pub loop_limit: Option<u32>,
-    /// Once triangles have been drawn, the driver takes a timestamp only when the next one is written.
-    #[serde(skip)]
-    pub(super) has_late_timestamps: bool,
-    #[serde(skip)]
-    pub(super) raw: vk::PhysicalDevice,
-    #[serde(skip)]
-    pub(super) queue_family: u32,
-    #[serde(skip)]
-    pub(super) rank: u32,
-}
-
-/// The limits that bound a scene or an image.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Limits {
-    /// Largest storage buffer range, in bytes.
-    pub storage_range: u64,
-    /// Largest buffer and largest allocation, in bytes.
-    pub buffer: u64,
-    pub allocation: u64,
-    /// Widest and highest image.
-    pub image: u32,
-    /// Storage buffers that a stage may bind.
-    pub storage_buffers: u32,
-    /// Workgroup memory in bytes.
-    pub workgroup_memory: u32,
-    pub workgroup_invocations: u32,
-    pub push_constants: u32,
-    /// Nanoseconds of a timestamp tick; 0 when there are no timestamps.
-    pub timestamp_ns: f32,
-    pub timestamp_bits: u32,
-}
-
-impl DeviceFacts {
-    /// Whether the stages of the fast path run on it.
-    pub(crate) fn has_fast_path(&self) -> bool {
-        let [smallest, largest] = self.subgroup_size;
-        smallest == largest
-            && (8..=64).contains(&smallest)
-            && self.has(SHUFFLES)
-            && self.limits.workgroup_invocations >= 1024
-    }
-
-    pub(super) fn has(&self, optional: &str) -> bool {
-        self.optional.iter().any(|(name, present)| *name == optional && *present)
-    }
-}
-
-/// What a stage may bind: that many are required of a device.
-pub(super) const MAX_STORAGE_BUFFERS: u32 = 24;
-pub(super) const HALF_FLOATS: &str = "f16 arithmetic";
-pub(super) const MEMORY_BUDGET: &str = "memory budget";
-pub(super) const PORTABILITY_SUBSET: &str = "portability subset";
-pub(super) const DEVICE_FAULT: &str = "device fault";
-pub(super) const EXECUTABLES: &str = "pipeline statistics";
-pub(super) const SWAPCHAINS: &str = "windows";
-pub(super) const SHUFFLES: &str = "subgroup shuffles";
-pub(super) const ANY_FORMAT: &str = "image stores of any format";
-
-/// Every device of this machine, usable or not, in the loader's order.
-pub fn survey() -> Result<Vec<DeviceFacts>> {
+/// Lists every device of this machine, usable or not, in the loader's order.
+///
+/// # Errors
+/// [`Unavailable`] if there is no Vulkan loader or driver.
+pub fn survey() -> Result<Vec<Capabilities>> {
     devices(&*Instance::new(Validation::Off, None)?)
 }
 
-pub(super) fn devices(instance: &Instance) -> Result<Vec<DeviceFacts>> {
+pub(super) fn devices(instance: &Instance) -> Result<Vec<Capabilities>> {
     // SAFETY: clause 1.
     let devices =
         unsafe { instance.raw.enumerate_physical_devices() }.map_err(|e| describe("vkEnumeratePhysicalDevices", e))?;
     devices.into_iter().map(|device| read(instance, device)).collect()
 }
 
-/// The device that `choice` names, or a sentence that says why there is none.
-pub(super) fn choose(devices: &[DeviceFacts], choice: &DeviceChoice) -> Result<DeviceFacts, Unavailable> {
+/// Returns the device that `choice` names, or an error that says why there is none.
+pub(super) fn choose(devices: &[Capabilities], choice: &DeviceChoice) -> Result<Capabilities, Unavailable> {
     if devices.is_empty() {
         return Err(Unavailable(NO_DRIVER.to_owned()));
     }
@@ -132,7 +54,7 @@ pub(super) fn choose(devices: &[DeviceFacts], choice: &DeviceChoice) -> Result<D
         let lines = devices.iter().enumerate().map(|(i, d)| format!("{i} {}", d.name));
         lines.collect::<Vec<_>>().join(", ")
     };
-    let candidates: Vec<&DeviceFacts> = match choice {
+    let candidates: Vec<&Capabilities> = match choice {
         DeviceChoice::Best => devices.iter().collect(),
         DeviceChoice::Index(index) => devices.get(*index).into_iter().collect(),
         DeviceChoice::Name(part) => {
@@ -148,7 +70,7 @@ pub(super) fn choose(devices: &[DeviceFacts], choice: &DeviceChoice) -> Result<D
         };
         return Err(Unavailable(format!("there is no Vulkan device {asked}; there are: {}", list())));
     }
-    match candidates.iter().filter(|d| d.missing.is_empty()).min_by_key(|d| d.rank) {
+    match candidates.iter().filter(|d| d.missing.is_empty()).min_by_key(|d| d.kind) {
         Some(device) => Ok((*device).clone()),
         None => {
             let reasons = candidates.iter().map(|d| format!("{} lacks {}", d.name, d.missing.join(", ")));
@@ -160,7 +82,7 @@ pub(super) fn choose(devices: &[DeviceFacts], choice: &DeviceChoice) -> Result<D
     }
 }
 
-fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
+fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
     // SAFETY: clause 1, for this and the other queries of the physical device below.
     let extensions = unsafe { instance.raw.enumerate_device_extension_properties(raw) }
         .map_err(|e| describe("vkEnumerateDeviceExtensionProperties", e))?;
@@ -186,21 +108,21 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
     let mut features12 = vk::PhysicalDeviceVulkan12Features::default();
     let mut features13 = vk::PhysicalDeviceVulkan13Features::default();
     let mut fault = vk::PhysicalDeviceFaultFeaturesEXT::default();
-    let mut features = vk::PhysicalDeviceFeatures2::default()
+    let mut queried = vk::PhysicalDeviceFeatures2::default()
         .push_next(&mut features11)
         .push_next(&mut features12)
         .push_next(&mut features13);
     let mut executables = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default();
     let has_executables = offers(khr::pipeline_executable_properties::NAME);
     if has_executables {
-        features = features.push_next(&mut executables);
+        queried = queried.push_next(&mut executables);
     }
     let has_fault_extension = offers(ext::device_fault::NAME);
     if has_fault_extension {
-        features = features.push_next(&mut fault);
+        queried = queried.push_next(&mut fault);
     }
-    unsafe { instance.raw.get_physical_device_features2(raw, &mut features) };
-    let core = features.features;
+    unsafe { instance.raw.get_physical_device_features2(raw, &mut queried) };
+    let core = queried.features;
 
     let families = unsafe { instance.raw.get_physical_device_queue_family_properties(raw) };
     let family_of = |wanted| families.iter().position(|f| f.queue_flags.contains(wanted));
@@ -241,34 +163,34 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
         ("32 KiB of workgroup memory", properties.limits.max_compute_shared_memory_size >= 32 << 10),
     ];
     let missing = requirements.iter().filter(|(_, met)| !met).map(|(what, _)| (*what).to_owned()).collect();
-    let optional = vec![
-        (HALF_FLOATS, features12.shader_float16 == vk::TRUE),
-        ("8-bit storage", features12.storage_buffer8_bit_access == vk::TRUE),
-        ("16-bit storage", features11.storage_buffer16_bit_access == vk::TRUE),
-        ("subgroup size control", features13.subgroup_size_control == vk::TRUE),
-        ("robust buffer access", core.robust_buffer_access == vk::TRUE),
-        (MEMORY_BUDGET, offers(ext::memory_budget::NAME)),
-        (PORTABILITY_SUBSET, offers(khr::portability_subset::NAME)),
-        (DEVICE_FAULT, has_fault_extension && fault.device_fault == vk::TRUE),
-        (EXECUTABLES, has_executables && executables.pipeline_executable_info == vk::TRUE),
-        (SHUFFLES, subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)),
-        (SWAPCHAINS, offers(khr::swapchain::NAME) && draws),
-        (ANY_FORMAT, core.shader_storage_image_write_without_format == vk::TRUE),
+    let features = vec![
+        (Feature::HalfFloats, features12.shader_float16 == vk::TRUE),
+        (Feature::Storage8, features12.storage_buffer8_bit_access == vk::TRUE),
+        (Feature::Storage16, features11.storage_buffer16_bit_access == vk::TRUE),
+        (Feature::SubgroupSizeControl, features13.subgroup_size_control == vk::TRUE),
+        (Feature::RobustBufferAccess, core.robust_buffer_access == vk::TRUE),
+        (Feature::MemoryBudget, offers(ext::memory_budget::NAME)),
+        (Feature::PortabilitySubset, offers(khr::portability_subset::NAME)),
+        (Feature::DeviceFault, has_fault_extension && fault.device_fault == vk::TRUE),
+        (Feature::PipelineStatistics, has_executables && executables.pipeline_executable_info == vk::TRUE),
+        (Feature::SubgroupShuffles, subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)),
+        (Feature::Windows, offers(khr::swapchain::NAME) && draws),
+        (Feature::AnyImageFormat, core.shader_storage_image_write_without_format == vk::TRUE),
     ];
 
-    let (kind, rank) = match properties.device_type {
-        vk::PhysicalDeviceType::DISCRETE_GPU => ("discrete", 0),
-        vk::PhysicalDeviceType::INTEGRATED_GPU => ("integrated", 1),
-        vk::PhysicalDeviceType::VIRTUAL_GPU => ("virtual", 2),
-        vk::PhysicalDeviceType::CPU => ("CPU", 3),
-        _ => ("other", 4),
+    let kind = match properties.device_type {
+        vk::PhysicalDeviceType::DISCRETE_GPU => DeviceKind::Discrete,
+        vk::PhysicalDeviceType::INTEGRATED_GPU => DeviceKind::Integrated,
+        vk::PhysicalDeviceType::VIRTUAL_GPU => DeviceKind::Virtual,
+        vk::PhysicalDeviceType::CPU => DeviceKind::Cpu,
+        _ => DeviceKind::Other,
     };
     let (memory_bytes, memory_free_bytes) = memory(instance, raw, offers(ext::memory_budget::NAME));
     let limits = properties.limits;
     let is_llvmpipe = driver.driver_id == vk::DriverId::MESA_LLVMPIPE;
     let text =
         |bytes: Result<&CStr, _>| bytes.map_or_else(|_| "?".to_owned(), |s: &CStr| s.to_string_lossy().into_owned());
-    Ok(DeviceFacts {
+    Ok(Capabilities {
         name: text(properties.device_name_as_c_str()),
         kind,
         driver: format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str()))
@@ -296,14 +218,18 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<DeviceFacts> {
             timestamp_ns: limits.timestamp_period,
             timestamp_bits: family.map_or(0, |f| families[f].timestamp_valid_bits),
         },
-        optional,
+        features,
         missing,
+        required_subgroups: RequiredSubgroups {
+            in_compute: subgroup_sizes.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE),
+            per_workgroup: subgroup_sizes.max_compute_workgroup_subgroups,
+            default_size: subgroup.subgroup_size,
+        },
         // llvmpipe's loop limiter, LP_MAX_TGSI_LOOP_ITERATIONS; summed over all loops of an invocation.
         loop_limit: is_llvmpipe.then_some(65_535),
         has_late_timestamps: is_llvmpipe,
         raw,
         queue_family: family.unwrap_or(0) as u32,
-        rank,
     })
 }
 
