@@ -1,0 +1,100 @@
+//! Every module of the crate uses only the modules below it; `unsafe` and Vulkan stay in their homes.
+
+use crate::{code, sources};
+
+/// Every module of the crate, from the ground up, and the modules that it may use. `measure` is listed by its inner
+/// modules, which are modules of their own here.
+const EDGES: [(&str, &str); 15] = [
+    ("host_memory", ""),
+    ("files", ""),
+    ("rules", ""),
+    ("options", "rules"),
+    ("scene", "host_memory files"),
+    ("camera", "files"),
+    ("pixels", "files"),
+    ("gpu", "host_memory"),
+    ("reference", "scene camera rules pixels"),
+    ("render", "host_memory gpu scene camera rules options pixels"),
+    ("measure::metrics", "pixels"),
+    ("measure::bench", "files gpu render scene camera rules options pixels"),
+    ("measure::ladder", "files gpu render reference camera rules options pixels measure::bench measure::metrics"),
+    ("measure::trade", "files gpu render reference scene camera rules options pixels measure::bench measure::metrics"),
+    ("viewer", "host_memory gpu render reference scene camera rules options pixels measure::bench measure::trade"),
+];
+
+/// Modules that may use every other.
+const TOP: [&str; 3] = ["cli", "main", "lib"];
+
+/// Words that only these modules may write.
+const HOMES: [(&str, &[&str]); 3] = [("unsafe ", &["gpu", "host_memory"]), ("ash::", &["gpu"]), ("vk::", &["gpu"])];
+
+/// The module of a source file, as the table names it; none for the file that only lists the modules of `measure`.
+fn module(name: &str) -> Option<String> {
+    let mut parts = name.trim_end_matches(".rs").split('/');
+    match (parts.next().unwrap(), parts.next()) {
+        ("measure", None | Some("mod")) => None,
+        ("measure", Some(inner)) => Some(format!("measure::{inner}")),
+        (outer, _) => Some(outer.to_owned()),
+    }
+}
+
+/// The modules that a source uses by paths from the crate's root.
+fn used(text: &str) -> Vec<String> {
+    let code = code(text);
+    let name = |text: &str| text.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+    let target = |rest: &str| match name(rest) {
+        outer if outer == "measure" => format!("measure::{}", name(rest.trim_start_matches("measure::"))),
+        outer => outer,
+    };
+    code.split("crate::").skip(1).map(target).collect()
+}
+
+/// What is wrong with these sources, one line each.
+fn violations(sources: &[(String, String)]) -> Vec<String> {
+    let mut found = Vec::new();
+    for (name, text) in sources {
+        let Some(module) = module(name) else { continue };
+        for (word, homes) in HOMES {
+            if code(text).contains(word) && !homes.contains(&module.as_str()) {
+                found.push(format!("{name}: `{}` outside of {}", word.trim(), homes.join(" and ")));
+            }
+        }
+        if TOP.contains(&module.as_str()) {
+            continue;
+        }
+        let Some((_, allowed)) = EDGES.iter().find(|(m, _)| *m == module) else {
+            found.push(format!("{name}: module {module} is not in the table"));
+            continue;
+        };
+        let may_use = |target: &str| target == module || allowed.split(' ').any(|other| other == target);
+        for target in used(text).iter().filter(|target| !may_use(target)) {
+            found.push(format!("{name}: {module} may not use {target}"));
+        }
+    }
+    found
+}
+
+#[test]
+fn modules_use_only_what_the_table_allows() {
+    assert_eq!(violations(&sources()), Vec::<String>::new());
+}
+
+#[test]
+fn a_forbidden_edge_is_found() {
+    let source = |name: &str, text: &str| vec![(name.to_owned(), text.to_owned())];
+    assert_eq!(
+        violations(&source("scene/ply.rs", "use crate::render::PortablePipeline;")),
+        ["scene/ply.rs: scene may not use render"]
+    );
+    assert_eq!(
+        violations(&source("measure/bench/run.rs", "use crate::measure::trade::Knob;")),
+        ["measure/bench/run.rs: measure::bench may not use measure::trade"]
+    );
+    assert_eq!(
+        violations(&source("render/a.rs", "let x = unsafe { y() };")),
+        ["render/a.rs: `unsafe` outside of gpu and host_memory"]
+    );
+    assert_eq!(violations(&source("render/a.rs", "use ash::vk;")), ["render/a.rs: `ash::` outside of gpu"]);
+    assert_eq!(violations(&source("fresh.rs", "")), ["fresh.rs: module fresh is not in the table"]);
+    assert_eq!(violations(&source("scene/ply.rs", "// use crate::render;")), Vec::<String>::new());
+}

@@ -1,0 +1,76 @@
+//! Files are short enough to read, their lines are wrapped, and their first line says what they are.
+
+use std::fs;
+use std::path::PathBuf;
+
+use crate::{files, root, sources};
+
+/// Lines after which a file should be split.
+const LINES: usize = 400;
+
+/// The longest line, in characters.
+const COLUMNS: usize = 120;
+
+/// Files with one of these endings in the folders of the checkout.
+fn all(folders: &[&str], endings: &[&str]) -> Vec<PathBuf> {
+    let pairs = folders.iter().flat_map(|folder| endings.iter().map(move |ending| (folder, ending)));
+    let found: Vec<PathBuf> = pairs.flat_map(|(folder, ending)| files(&root().join(folder), ending)).collect();
+    assert!(!found.is_empty());
+    found
+}
+
+/// Numbers of the lines that are too long. Rows of Markdown tables and lines without spaces cannot be wrapped.
+fn long_lines(text: &str, is_markdown: bool) -> Vec<usize> {
+    let is_long = |line: &str| {
+        let is_whole = is_markdown && (line.trim_start().starts_with('|') || !line.trim().contains(' '));
+        line.chars().count() > COLUMNS && !is_whole
+    };
+    text.lines().enumerate().filter(|(_, line)| is_long(line)).map(|(i, _)| i + 1).collect()
+}
+
+#[test]
+fn files_are_short_enough_to_read() {
+    let long = |path: &PathBuf| {
+        let lines = fs::read_to_string(path).unwrap().lines().count();
+        (lines > LINES).then(|| format!("{}: {lines} lines", path.display()))
+    };
+    let found: Vec<String> =
+        all(&["src", "glsl", "tests", "benches"], &["rs", "comp", "glsl"]).iter().filter_map(long).collect();
+    assert_eq!(found, Vec::<String>::new());
+}
+
+#[test]
+fn lines_are_at_most_120_columns() {
+    let mut found = Vec::new();
+    let mut paths = all(&["src", "glsl", "tests", "benches", "docs"], &["rs", "comp", "glsl", "md"]);
+    paths.extend(["README.md", "build.rs"].map(|name| root().join(name)));
+    for path in paths {
+        let is_markdown = path.extension().is_some_and(|e| e == "md");
+        for line in long_lines(&fs::read_to_string(&path).unwrap(), is_markdown) {
+            found.push(format!("{}:{line}", path.strip_prefix(root()).unwrap().display()));
+        }
+    }
+    assert!(found.is_empty(), "{} lines are too long:\n{}", found.len(), found.join("\n"));
+}
+
+#[test]
+fn a_long_line_is_found() {
+    let text = format!("{}\n{} {}\n| {} |", "é".repeat(COLUMNS), "a".repeat(60), "b".repeat(60), "c".repeat(200));
+    assert_eq!(long_lines(&text, true), [2]);
+    assert_eq!(long_lines(&text, false), [2, 3]);
+}
+
+#[test]
+fn every_file_says_first_what_it_is() {
+    for (name, text) in sources() {
+        assert!(text.starts_with("//! "), "{name}");
+    }
+    for path in all(&["tests", "benches"], &["rs"]) {
+        assert!(fs::read_to_string(&path).unwrap().starts_with("//! "), "{}", path.display());
+    }
+    for path in all(&["glsl"], &["comp"]) {
+        let text = fs::read_to_string(&path).unwrap();
+        let is_complete = text.contains("\n// One ") && text.contains("// Before:") && text.contains("After:");
+        assert!(is_complete, "{}", path.display());
+    }
+}
