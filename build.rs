@@ -5,6 +5,7 @@
 //! a struct of specialization constants, so that a forgotten or mistyped buffer does not compile. The `const uint` and
 //! `const float` values of a folder's headers (`*.glsl`) become Rust constants of the same names.
 
+use std::collections::BTreeMap;
 use std::collections::hash_map::DefaultHasher;
 use std::fmt::Write as _;
 use std::fs;
@@ -35,13 +36,18 @@ fn run() -> Result<()> {
     let compiler = Compiler::new()?;
     let mut generated = Generated::default();
     for folder in sorted_entries(Path::new(SHADER_FOLDER))? {
+        for header in sorted_entries(&folder)?.iter().filter(|path| has_ending(path, "glsl")) {
+            generated.header_constants(&fs::read_to_string(header)?).with_context(|| header.display().to_string())?;
+        }
+    }
+    generated.shared_constants()?;
+    for folder in sorted_entries(Path::new(SHADER_FOLDER))? {
         let module = stem(&folder)?.to_owned();
         let files = sorted_entries(&folder)?;
-        let has_ending = |path: &&PathBuf, ending: &str| path.extension().is_some_and(|e| e == ending);
         writeln!(generated.modules, "\n/// The shaders and constants of `{SHADER_FOLDER}/{module}/`.")?;
         writeln!(generated.modules, "#[allow(clippy::wildcard_imports)]\npub mod {module} {{\n    use super::*;\n")?;
         for header in files.iter().filter(|path| has_ending(path, "glsl")) {
-            generated.shared_constants(&fs::read_to_string(header)?)?;
+            generated.numbers(&fs::read_to_string(header)?)?;
         }
         for source in files.iter().filter(|path| has_ending(path, "comp")) {
             let stem = stem(source)?;
@@ -61,6 +67,10 @@ fn sorted_entries(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
     paths.sort();
     Ok(paths)
+}
+
+fn has_ending(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|e| e == ending)
 }
 
 fn stem(path: &Path) -> Result<&str> {
@@ -101,13 +111,45 @@ struct Generated {
     structs: Vec<(String, Struct)>,
     /// Code of the modules, one per folder.
     modules: String,
+    /// Name and GLSL type of every specialization constant that a header declares, in lower case.
+    header_constants: BTreeMap<String, String>,
     /// Bodies of the structs of the current module, by name: an equal body becomes a type alias.
     known: Vec<(String, String)>,
 }
 
 impl Generated {
+    /// Notes the specialization constants of a header: several shaders share them.
+    fn header_constants(&mut self, header: &str) -> Result<()> {
+        for line in header.lines().filter(|line| line.starts_with("layout(constant_id")) {
+            let declaration = line.split_once("const ").and_then(|(_, rest)| rest.split_once(" = "));
+            let (ty, name) = declaration.and_then(|(d, _)| d.split_once(' ')).context("not a specialization constant")?;
+            let known = self.header_constants.insert(name.to_lowercase(), ty.to_owned());
+            ensure!(known.is_none_or(|known| known == ty), "{name} has two types");
+        }
+        Ok(())
+    }
+
+    /// Writes the struct of all specialization constants that headers declare.
+    fn shared_constants(&mut self) -> Result<()> {
+        writeln!(
+            self.structs_code,
+            "\n/// The specialization constants that shaders share: those that a header declares.\n#[derive(Clone, Copy, Debug)]"
+        )?;
+        writeln!(self.structs_code, "pub struct SharedConstants {{")?;
+        for (name, ty) in &self.header_constants {
+            let ty = match ty.as_str() {
+                "bool" => "bool",
+                "uint" => "u32",
+                "float" => "f32",
+                other => bail!("{name} is a {other}"),
+            };
+            writeln!(self.structs_code, "    pub {}: {ty},", identifier(name)?)?;
+        }
+        Ok(writeln!(self.structs_code, "}}")?)
+    }
+
     /// Repeats the constants of a header: those with one number for a value.
-    fn shared_constants(&mut self, header: &str) -> Result<()> {
+    fn numbers(&mut self, header: &str) -> Result<()> {
         for line in header.lines() {
             let code = line.split("//").next().unwrap_or_default().trim();
             let Some((ty, list)) = code.strip_prefix("const ").and_then(|rest| rest.split_once(' ')) else { continue };
@@ -280,6 +322,7 @@ unsafe impl Bindings for {name}<'_> {{
             return Ok("()".to_owned());
         }
         let (mut fields, mut defaults, mut entries) = (String::new(), String::new(), String::new());
+        let mut shared = String::new();
         for constant in &interface.constants {
             let field = constant.name.to_lowercase();
             let (ty, default, bits) = match constant.default {
@@ -290,6 +333,9 @@ unsafe impl Bindings for {name}<'_> {{
                     ("f32", format!("f32::from_bits({:#x})", v.to_bits()), format!("self.{field}.to_bits()"))
                 }
             };
+            if self.header_constants.contains_key(&field) {
+                writeln!(shared, "            {field}: shared.{field},")?;
+            }
             writeln!(fields, "    pub {}: {ty},", identifier(&field)?)?;
             writeln!(defaults, "            {field}: {default},")?;
             writeln!(entries, "            ({}, {bits}),", constant.id)?;
@@ -306,6 +352,16 @@ impl Default for {name} {{
     fn default() -> Self {{
         Self {{
 {defaults}        }}
+    }}
+}}
+
+impl {name} {{
+    /// The values of `shared`, and the shader's defaults for its own constants.
+    #[allow(clippy::needless_update, unused_variables)] // where all constants are shared, or none
+    pub fn of(shared: &SharedConstants) -> Self {{
+        Self {{
+{shared}            ..Self::default()
+        }}
     }}
 }}
 

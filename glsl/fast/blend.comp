@@ -1,5 +1,6 @@
 #version 460
 #define WORKGROUP_SIZE 128
+layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;  // px
 #include "fast/blend_block.glsl"
 // One subgroup per block of pixels: blends what reaches it front to back, and leaves when all its pixels are opaque.
 // Before: bins, sorted splat_ids and masks. After: image = (colour over the background, 1 - T), but for long bins.

@@ -8,8 +8,7 @@
 // A lane has several pixels of one column; the exponent of a splat is evaluated around the middle of the block (the idea of
 // Local-GS), by two fused multiply-adds a pixel as a polynomial.
 
-layout(constant_id = 6) const uint SUBGROUP = 32;
-#include "shared/subgroup_owner.glsl"
+#include "fast/subgroup_owner.glsl"
 layout(constant_id = 12) const bool HAS_CLAMPED_ALPHAS = true;  // some opacity is over ALPHA_MAX
 
 layout(binding = 0, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
@@ -25,7 +24,6 @@ layout(push_constant, scalar) uniform Push {
     vec3 background;
 } push;
 
-layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;  // px
 const uvec2 BLOCK = uvec2(BLOCK_WIDTH, BLOCK_HEIGHT);
 const uint BLOCK_PIXELS = BLOCK_WIDTH * BLOCK_HEIGHT;
 const uint PIXELS = BLOCK_PIXELS / SUBGROUP;  // of a lane, one below the other

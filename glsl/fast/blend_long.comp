@@ -1,5 +1,6 @@
 #version 460
 #define WORKGROUP_SIZE 128
+layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;  // px
 #include "fast/blend_block.glsl"
 // One workgroup per block of pixels of a long bin.
 // Before: as for blend. After: image, where blend leaves it out.

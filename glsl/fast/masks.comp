@@ -5,6 +5,7 @@
 #include "fast/frame.glsl"
 #include "shared/rules.glsl"
 #include "fast/splat.glsl"
+#include "fast/subgroup_owner.glsl"
 // One workgroup per stretch of 1024 entries of a bin: which of its 32 blocks does each entry reach?
 // Before: sorted splat_ids. After: masks, for every stretch and block 32 words with a bit per entry.
 // Rows of blocks meet an ellipse in an interval (the idea of AccuTile, Hanson et al. 2024). A bound: a block with a
@@ -21,7 +22,6 @@ layout(push_constant, scalar) uniform Push {
     uint block_height;  // px
 } push;
 
-layout(constant_id = 6) const uint SUBGROUP = 32;
 
 shared uint reached[BIN_STRETCH];            // blocks, a bit each
 shared uint rows[BLOCKS * (BIN_STRETCH / 32 + 1)];  // of a block's words, padded against bank conflicts

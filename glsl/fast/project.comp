@@ -11,8 +11,6 @@
 // Before: totals are 0. After: totals.visible and totals.spans are demands; the outputs of all splats that fit are set, in
 // any order: `gaussian_from_splat` is what orders splats of one depth.
 
-layout(constant_id = 3) const bool BY_DISTANCE = false;  // depth keys are distances from the camera
-
 layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 1, scalar) readonly buffer GridsBlock { Grids grids; };
 layout(binding = 2, scalar) readonly buffer Shapes { uvec4 plane[]; } shapes[2];            // [gaussians] at most each

@@ -4,6 +4,7 @@
 #extension GL_KHR_shader_subgroup_shuffle : require
 #include "shared/ballot.glsl"
 #include "fast/frame.glsl"
+layout(constant_id = 0) const uint DIGIT_BITS = 8;  // bits of a key that one pass sorts by
 #include "shared/digits.glsl"
 // One workgroup per run of entries of a bin: sorts them by depth, then by Gaussian.
 // Before: entries from fill. After: the only run of a bin is in splat_ids; others are sorted among the entries.

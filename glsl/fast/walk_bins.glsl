@@ -3,8 +3,7 @@
 // Splats touch one bin or thousands. A lane visits the few bins of a small splat alone; a subgroup shares first the rows of
 // its larger splats, then the bins of these rows.
 
-layout(constant_id = 6) const uint SUBGROUP = 32;
-#include "shared/subgroup_owner.glsl"
+#include "fast/subgroup_owner.glsl"
 const uint ROWS_ALONE = 2, BINS_ALONE = 4;  // most of a small splat
 
 // The `row`-th span of a splat, whose only one is in place.

@@ -1,6 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
+#include "inspect/codes.glsl"
 #include "portable/blend_splat.glsl"
 // One workgroup per 16x16 tile, one invocation per pixel: walks the tile's list as a blend does, and counts or draws what
 // there is to do instead of doing it.
@@ -29,12 +30,6 @@ layout(push_constant, scalar) uniform Push {
 #include "portable/blend_pixel.glsl"
 
 // render/inspect.rs has what they mean.
-const uint TILE_LOAD = 0;
-const uint EVALUATIONS = 1;
-const uint CONTRIBUTIONS = 2;
-const uint CENTRES = 3;
-const uint OUTLINES = 4;
-const uint DEPTHS = 5;
 
 const float CENTRE_RADIUS = 1.5;         // px
 const float OUTLINE_ALPHA = 0.5;
@@ -65,26 +60,26 @@ vec3 add_depth(vec3 sum, float depth, float share, float before, float after) {
 bool walk_splat(uint i, vec2 centre, inout vec3 sum, inout float transmittance) {
     vec2 mean = staged_mean[i];
     vec4 weight = staged_weight[i], look = staged_look[i];
-    if (WORK == CENTRES) {
+    if (WORK == WORK_CENTRES) {
         if (!(distance(mean, centre) <= CENTRE_RADIUS)) return false;
         sum = look.rgb;
         return true;
     }
-    if (WORK == OUTLINES) {
+    if (WORK == WORK_OUTLINES) {
         if (!is_border(weight.xyz, look.w, centre - mean)) return false;
         sum += OUTLINE_ALPHA * transmittance * look.rgb;
         transmittance *= 1.0 - OUTLINE_ALPHA;
         return transmittance < OUTLINES_STOP;
     }
-    if (WORK == DEPTHS && transmittance < NOTHING) return true;
+    if (WORK == WORK_DEPTHS && transmittance < NOTHING) return true;
     vec3 share = vec3(0.0);
     float before = transmittance;
     bool ends = blend_splat(mean, weight, vec4(vec3(1.0), look.w), centre, share, transmittance);
     // The splat that ends a pixel is added if the transmittance fell under STOP, and not if it would fall under its minimum.
     bool drawn = falloff(weight.xyz, centre - mean) <= look.w && (!ends || transmittance != before);
-    if (WORK == DEPTHS) {
+    if (WORK == WORK_DEPTHS) {
         if (drawn) sum = add_depth(sum, look.r, share.r, before, transmittance);
-    } else if (WORK == EVALUATIONS || drawn) {
+    } else if (WORK == WORK_EVALUATIONS || drawn) {
         sum += 1.0;
     }
     return ends;
@@ -109,7 +104,7 @@ void main() {
     }
     uint begin = list.x + min(push.pass_begin, list.y - list.x);
     uint end = begin + min(push.pass_limit, list.y - begin);
-    if (WORK == TILE_LOAD) {
+    if (WORK == WORK_TILE_LOAD) {
         sum = vec3(list.y - list.x);
         end = begin;
     }
@@ -130,7 +125,7 @@ void main() {
         if (stopped && !told) atomicAdd(stopped_lanes, 1);  // a count: order does not matter
         told = stopped;
     }
-    bool opaque = WORK == CENTRES ? stopped : WORK != OUTLINES && WORK != DEPTHS;
+    bool opaque = WORK == WORK_CENTRES ? stopped : WORK != WORK_OUTLINES && WORK != WORK_DEPTHS;
     if (opaque && push.last_pass == 1) transmittance = 0.0;
     if (inside) end_pixel(pixel, sum, transmittance, stopped);
 }

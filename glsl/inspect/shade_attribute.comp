@@ -1,6 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
+#include "inspect/codes.glsl"
 #include "shared/depth.glsl"
 #include "shared/harmonics.glsl"
 #include "shared/grids.glsl"
@@ -24,13 +25,6 @@ layout(push_constant, scalar) uniform Push {
 #include "shared/storage.glsl"
 
 // render/inspect.rs has what they mean.
-const uint DEPTH = 0;
-const uint NORMAL = 1;
-const uint OPACITY = 2;
-const uint SIZE = 3;
-const uint ANISOTROPY = 4;
-const uint BASE_COLOUR = 5;
-const uint IDENTITY = 6;
 
 // The shortest axis in world axes, towards the camera; the first of equal ones.
 vec3 normal_of(vec4 rotation, vec3 scale, vec3 from_camera) {
@@ -61,12 +55,12 @@ vec3 attribute_of(uint gaussian) {
     load_shape(gaussian, rotation, scale, opacity);
     float longest = max(scale.x, max(scale.y, scale.z)), shortest = min(scale.x, min(scale.y, scale.z));
     switch (ATTRIBUTE) {
-        case DEPTH: return vec3(depth_of(mean, push.view));
-        case NORMAL: return 0.5 + 0.5 * normal_of(rotation, scale, mean - push.view.position_high);
-        case OPACITY: return vec3(opacity);
-        case SIZE: return vec3(log2_length(longest));
-        case ANISOTROPY: return vec3(log2_length(longest) - log2_length(shortest));
-        case BASE_COLOUR: {
+        case ATTRIBUTE_DEPTH: return vec3(depth_of(mean, push.view));
+        case ATTRIBUTE_NORMAL: return 0.5 + 0.5 * normal_of(rotation, scale, mean - push.view.position_high);
+        case ATTRIBUTE_OPACITY: return vec3(opacity);
+        case ATTRIBUTE_SIZE: return vec3(log2_length(longest));
+        case ATTRIBUTE_ANISOTROPY: return vec3(log2_length(longest) - log2_length(shortest));
+        case ATTRIBUTE_BASE_COLOUR: {
             vec4 planes[SH_PLANES];
             load_sh(gaussian, planes);
             return harmonics_colour(planes, 0, vec3(0.0));

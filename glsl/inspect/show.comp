@@ -1,6 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
+#include "inspect/codes.glsl"
 // One invocation per pixel of a window: what it shows of one or two pictures, in 8 bits.
 // A frame that did not find room is no picture: where it was to be shown, what was shown before stays.
 // Before: the pictures are drawn and their totals counted. After: `shown` has the pixels, and so has `screen`, if DIRECT.
@@ -36,19 +37,6 @@ layout(push_constant, scalar) uniform Push {
     Room first_room;
     Room second_room;
 } push;
-
-const uint COLOURS = 256;
-
-const uint MODE_FIRST = 0;
-const uint MODE_SECOND = 1;
-const uint MODE_SPLIT = 2;
-const uint MODE_DIFFERENCE = 3;
-
-const uint QUANTITY_COLOUR = 0;         // none: the picture as it is
-const uint QUANTITY_RED = 1;            // the number in all three channels
-const uint QUANTITY_MEAN = 2;           // the same, over the coverage
-const uint QUANTITY_COVERAGE = 3;       // 1 - T
-const uint QUANTITY_TRANSMITTANCE = 4;  // T
 
 bool is_complete(Totals totals, Room room) {
     return totals.visible <= room.visible && totals.spans <= room.spans && totals.listed_high == 0

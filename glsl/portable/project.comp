@@ -13,8 +13,6 @@ const uvec2 LISTED = uvec2(TILE, TILE);
 // After: all [visible_kept] outputs are set. A splat without a tile has an empty span range and the largest depth key.
 // What a span says is what duplicate emits: no later stage decides a tile hit again.
 
-layout(constant_id = 3) const bool BY_DISTANCE = false;   // depth keys are distances from the camera
-
 layout(binding = 0, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };            // [visible_capacity]
 layout(binding = 1, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 2, scalar) readonly buffer GridsBlock { Grids grids; };

@@ -1,6 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
+layout(constant_id = 0) const uint DIGIT_BITS = 8;  // bits of a key that one pass sorts by
 #include "shared/digits.glsl"
 // One workgroup per chunk of 2048 keys: how many of them have each digit.
 // Before: keys[0 .. length]. After: sums[digit * chunks + chunk] is set.

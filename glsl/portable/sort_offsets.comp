@@ -1,6 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
+layout(constant_id = 0) const uint DIGIT_BITS = 8;  // bits of a key that one pass sorts by
 #include "shared/digits.glsl"
 // One workgroup per digit: where in the digit's run the keys of each chunk go.
 // Before: `sums` from sort_histogram. After: each digit's row is exclusive, and digit_totals has its sum.

@@ -2,6 +2,7 @@
 #include "shared/workgroup.glsl"
 #include "shared/ballot.glsl"
 #include "portable/frame.glsl"
+layout(constant_id = 0) const uint DIGIT_BITS = 8;  // bits of a key that one pass sorts by
 #include "shared/digits.glsl"
 // One workgroup per chunk of 2048 keys: moves them and their values to their place.
 // Before: sums and digit_totals from sort_offsets. After: keys_out and values_out are sorted by this digit, stably.

@@ -1,8 +1,7 @@
-// What the three shaders of a radix sort pass share.
+// Digits of the keys of a radix sort. Requires: DIGIT_BITS.
 // A pass sorts 32-bit keys with 32-bit values, stably, by one digit of DIGIT_BITS bits: histogram, offsets, scatter
 // (reduce-then-scan; no workgroup waits for another, so it needs no forward progress between them).
 
-layout(constant_id = 0) const uint DIGIT_BITS = 8;
 const uint DIGITS = 1u << DIGIT_BITS;
 
 // The key's bits from `shift` on, `bits` of them, at most DIGIT_BITS.

@@ -1,5 +1,6 @@
 // How a Gaussian becomes a splat. Behind storage.glsl and the declaration of `push`.
 
+layout(constant_id = 3) const bool BY_DISTANCE = false;  // depth keys are distances from the camera
 layout(constant_id = 4) const bool ANTIALIASED = false;  // opacities make up for the low-pass
 
 const float COMPENSATION_MIN = 0.005;  // the least part of an opacity that is left (gsplat)

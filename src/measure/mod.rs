@@ -1,4 +1,4 @@
-//! What the renderer is measured with: time, accuracy, and the trade between them.
+//! Measurements of the renderer: time (`bench`, `ladder`), accuracy (`metrics`), and the trade between them (`trade`).
 
 pub mod bench;
 pub mod ladder;

@@ -1,189 +1,239 @@
-//! The two ways to draw a frame, and which of them one takes.
+//! The choice of a path for each frame, and the buffers of both paths.
+
+use std::fmt;
 
 use anyhow::Result;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use crate::render::portable::blend::{Target, Variation};
-use crate::render::fast::pipeline::FastPipeline;
-use crate::render::fast::workspace::FastWorkspace;
-use crate::render::gpu_scene::GpuScene;
-use crate::render::inspect::inspector::Inspector;
-use crate::render::portable::pipeline::PortablePipeline;
-use crate::render::trial;
-use crate::render::shaders::Totals;
-use crate::render::frame::tiles;
-use crate::render::portable::workspace::{Capacity, PortableWorkspace};
-use crate::camera::Camera;
+use super::capacity::Capacity;
+use super::fast::{FastPipeline, FastWorkspace};
+use super::frame::{Shot, Target, Variation, tiles};
+use super::gpu_scene::GpuScene;
+use super::inspect::Inspector;
+use super::portable::{PortablePipeline, PortableWorkspace};
+use super::shaders::Totals;
+use super::trial;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 
-/// The portable path, which draws everything, and the fast one where it can be taken.
+/// The way a frame was drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Path {
+    /// Runs on every device. Splats are listed in tiles.
+    Portable,
+    /// Needs subgroups of one known size. Splats are listed in bins.
+    Fast,
+}
+
+impl fmt::Display for Path {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Self::Portable => "portable",
+            Self::Fast => "fast",
+        })
+    }
+}
+
+/// The portable path, which draws everything, and the fast path where the device and the options allow it.
 pub(super) struct PathChoice {
-    pub renderer: PortablePipeline,
+    pub portable: PortablePipeline,
     pub work: PortableWorkspace,
+    /// Blend dispatches of a frame on the portable path.
     passes: u32,
-    fast: Option<(FastPipeline, FastWorkspace)>,
-    /// The frame at hand has longer lists than the fast path draws.
-    is_too_long: bool,
-    /// Why the fast path is not taken though the device has it.
+    fast: Option<Fast>,
+    /// Why the fast path is not taken although the device has it.
     pub notice: Option<String>,
+}
+
+/// The fast path and its buffers.
+struct Fast {
+    pipeline: FastPipeline,
+    work: FastWorkspace,
+    /// The last frame had a list that is too long for it.
+    is_too_long: bool,
 }
 
 /// What a frame has to keep to.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct Limits {
-    pub is_fast: bool,
-    /// What it has room for.
-    pub room: Capacity,
+    pub path: Path,
+    pub capacity: Capacity,
     pub longest_list: u32,
 }
 
 impl PathChoice {
     pub fn new(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
         let layout = scene.layout();
-        // What is counted, certified or looked at are the lists of the portable path.
-        let fast = if variation == Variation::default() { FastPipeline::new(device, options, layout)? } else { None };
+        // Counts, certificates and inspections are those of the portable path.
+        let fast = match variation {
+            Variation::Plain => FastPipeline::new(device, options, layout)?,
+            Variation::Counting | Variation::Certifying => None,
+        };
         let guess = Capacity::guess(device, scene.len(), 1);
-        let fast = fast.map(|fast| {
-            let work = FastWorkspace::new(device, FastWorkspace::guess(device, guess), fast.splat_elements())?;
-            anyhow::Ok((fast, work))
+        let fast = fast.map(|pipeline| {
+            let guess = FastWorkspace::guess(device, guess);
+            let work = FastWorkspace::new(device, guess, pipeline.splat_elements())?;
+            anyhow::Ok(Fast { pipeline, work, is_too_long: false })
         });
         let fast = fast.transpose()?;
-        let mut paths = Self {
-            renderer: PortablePipeline::varied(device, options, layout, variation)?,
-            // What is drawn on the fast path needs no room on the other.
+        let mut choice = Self {
+            portable: PortablePipeline::varied(device, options, layout, variation)?,
+            // Where the fast path draws, the portable one needs no buffers.
             work: PortableWorkspace::new(device, if fast.is_some() { Capacity::default() } else { guess })?,
             passes: 1,
             fast,
-            is_too_long: false,
             notice: None,
         };
-        if paths.fast.is_some() && self_test::is_due(device) {
-            paths.try_fast(device, scene)?;
+        if choice.fast.is_some() && trial::is_due(device) {
+            choice.try_fast(device, scene)?;
         }
-        Ok(paths)
+        Ok(choice)
     }
 
     /// Drops the fast path if it does not draw what the portable one does.
     fn try_fast(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
         let disagreement = self.disagreement(device, scene)?;
-        (self.passes, self.is_too_long) = (1, false);
-        let mut room = Capacity::default();
+        self.passes = 1;
+        let mut capacity = Capacity::default();
+        if let Some(fast) = &mut self.fast {
+            fast.is_too_long = false;
+        }
         if let Some(difference) = disagreement {
             self.fast = None;
-            room = Capacity::guess(device, scene.len(), 1);
+            capacity = Capacity::guess(device, scene.len(), 1);
             self.notice = Some(format!(
-                "the device's fast path differs from the portable one by {difference:.3} and is not taken"
+                "the fast path is not taken: on this device its picture differs from the portable path's by {difference:.3}"
             ));
         }
-        self.work = PortableWorkspace::new(device, room)?;
+        self.work = PortableWorkspace::new(device, capacity)?;
         Ok(())
     }
 
     #[cfg(test)]
-    pub fn replace_fast(&mut self, device: &Device, scene: &GpuScene, fast: FastPipeline) -> Result<()> {
-        self.fast.as_mut().expect("there is a fast path").0 = fast;
+    pub fn replace_fast(&mut self, device: &Device, scene: &GpuScene, pipeline: FastPipeline) -> Result<()> {
+        self.fast.as_mut().expect("there is a fast path").pipeline = pipeline;
         self.try_fast(device, scene)
     }
 
-    /// Which of the heights of blocks the fast path takes, if not the picture's own.
-    pub fn set_block_height(&mut self, height: Option<usize>) {
-        if let Some((fast, _)) = &mut self.fast {
-            fast.block_height = height;
+    /// Makes every picture of the fast path take this index of the heights of blocks, or its own if `None`.
+    pub fn force_block_height(&mut self, height: Option<usize>) {
+        if let Some(fast) = &mut self.fast {
+            fast.pipeline.forced_block_height = height;
         }
     }
 
-    /// Starts from this much room.
-    pub fn set_room(&mut self, device: &Device, room: Capacity) -> Result<()> {
+    /// Starts from buffers of this capacity.
+    pub fn set_capacity(&mut self, device: &Device, capacity: Capacity) -> Result<()> {
         match &mut self.fast {
-            Some((fast, work)) => *work = FastWorkspace::new(device, room, fast.splat_elements())?,
-            None => self.work = PortableWorkspace::new(device, room)?,
+            Some(fast) => fast.work = FastWorkspace::new(device, capacity, fast.pipeline.splat_elements())?,
+            None => self.work = PortableWorkspace::new(device, capacity)?,
         }
         Ok(())
     }
 
     /// Every buffer's name and bytes.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
-        self.work.buffers().into_iter().chain(self.fast.iter().flat_map(|(_, work)| work.buffers())).collect()
+        self.work.buffers().into_iter().chain(self.fast.iter().flat_map(|fast| fast.work.buffers())).collect()
     }
 
-    /// What the frame of these limits counts.
-    pub fn totals(&self, limits: Limits) -> &Buffer<Totals> {
+    /// The counts of a frame on `path`.
+    pub fn totals(&self, path: Path) -> &Buffer<Totals> {
         match &self.fast {
-            Some((_, work)) if limits.is_fast => &work.totals,
+            Some(fast) if path == Path::Fast => &fast.work.totals,
             _ => &self.work.totals,
         }
     }
 
-    /// Makes room for a frame of this size, on the path that it takes.
-    pub fn prepare(&mut self, device: &Device, gaussians: usize, size: [u32; 2], needs_lists: bool) -> Result<Limits> {
-        let demand = |counted: [u32; 2]| {
-            let tiles = counted.iter().map(|n| *n as usize).product();
-            Capacity { gaussians, tiles, ..Capacity::default() }
-        };
-        let is_ruled_out = needs_lists || self.is_too_long;
-        let fast = self.fast.as_mut().filter(|(fast, _)| !is_ruled_out && fast.takes(size, gaussians));
-        if let Some((fast, work)) = fast
-            && grown(work.grow(device, demand(fast.bins(size, gaussians)), 0))?
-        {
-            fast.prepare(device, size, gaussians, work.has_long_lists())?;
-            return Ok(Limits {
-                is_fast: true,
-                room: work.room,
-                longest_list: fast.longest_list().min(work.longest_list()),
-            });
+    /// The fewest bytes that every stage of a frame on `path` moves.
+    pub fn least_bytes(&self, path: Path, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
+        match &self.fast {
+            Some(fast) if path == Path::Fast => fast.pipeline.least_bytes(shot, totals),
+            _ => self.portable.least_bytes(shot, totals),
         }
-        self.work.grow(device, demand(tiles(size)))?;
-        Ok(Limits { is_fast: false, room: self.work.room, longest_list: self.renderer.longest_list(self.passes) })
     }
 
-    /// Records a frame that is prepared.
+    /// Chooses the path of a frame of this size and makes its buffers large enough for it. `needs_tile_lists` rules the
+    /// fast path out.
+    pub fn prepare(
+        &mut self,
+        device: &Device,
+        gaussians: usize,
+        size: [u32; 2],
+        needs_tile_lists: bool,
+    ) -> Result<Limits> {
+        let demand = |cells: u32| Capacity { gaussians, cells: cells as usize, ..Capacity::default() };
+        let is_possible = |fast: &&mut Fast| {
+            !needs_tile_lists && !fast.is_too_long && fast.pipeline.takes(size, gaussians)
+        };
+        if let Some(Fast { pipeline, work, .. }) = self.fast.as_mut().filter(is_possible) {
+            let grid = pipeline.grid(size, gaussians);
+            if has_memory(work.grow(device, demand(grid.count()), 0))? {
+                pipeline.prepare(device, grid, work.has_long_lists())?;
+                let longest_list = pipeline.longest_list().min(work.longest_list());
+                return Ok(Limits { path: Path::Fast, capacity: work.capacity, longest_list });
+            }
+        }
+        self.work.grow(device, demand(tiles(size).iter().product()))?;
+        let longest_list = self.portable.longest_list(self.passes);
+        Ok(Limits { path: Path::Portable, capacity: self.work.capacity, longest_list })
+    }
+
+    /// Records a frame that [`prepare`](Self::prepare) made buffers for.
     pub fn record(
         &self,
         cmd: &mut Commands,
-        view: (&GpuScene, &Camera),
+        shot: Shot,
         target: Target,
         limits: Limits,
         inspector: Option<&Inspector>,
     ) {
-        match &self.fast {
-            Some((fast, work)) if limits.is_fast => fast.record(cmd, view, work, target),
-            _ => self.renderer.record(cmd, view, &self.work, target, self.passes, inspector),
+        match (&self.fast, inspector) {
+            (Some(fast), None) if limits.path == Path::Fast => fast.pipeline.record(cmd, shot, &fast.work, target),
+            (_, None) => self.portable.record(cmd, shot, &self.work, target, self.passes),
+            (_, Some(inspector)) => inspector.record(cmd, &self.portable, shot, &self.work, target, self.passes),
         }
     }
 
-    /// Whether a frame that counted `totals` kept to its limits. If it did not, the next one has more room, or takes the
-    /// portable path where the fast one has not enough.
+    /// True if a frame that counted `totals` kept to its limits. If it did not, the next frame has larger buffers, or takes
+    /// the portable path where the fast one cannot grow.
     pub fn judge(&mut self, device: &Device, totals: &Totals, limits: Limits) -> Result<bool> {
-        let demand = Capacity::of(totals, limits.room.gaussians, limits.room.tiles);
-        let is_whole = demand.fits(limits.room) && totals.longest_list <= limits.longest_list;
-        match &mut self.fast {
-            Some((fast, work)) if limits.is_fast => {
-                self.is_too_long = totals.longest_list > fast.longest_list();
-                if !grown(work.grow(device, demand, totals.longest_list))? {
+        let demand = Capacity::of(totals, limits.capacity.gaussians, limits.capacity.cells);
+        let is_whole = demand.fits(limits.capacity) && totals.longest_list <= limits.longest_list;
+        match (&mut self.fast, limits.path) {
+            (Some(fast), Path::Fast) => {
+                fast.is_too_long = totals.longest_list > fast.pipeline.longest_list();
+                if !has_memory(fast.work.grow(device, demand, totals.longest_list))? {
                     self.fast = None;
-                    self.work = PortableWorkspace::new(device, Capacity::guess(device, limits.room.gaussians, 1))?;
+                    self.work = PortableWorkspace::new(device, Capacity::guess(device, limits.capacity.gaussians, 1))?;
                 }
             }
-            _ if limits.is_fast => {}
-            _ => {
+            // The fast path was dropped after this frame was recorded.
+            (None, Path::Fast) => {}
+            (fast, Path::Portable) => {
                 self.work.grow(device, demand)?;
-                self.passes = self.passes.max(self.renderer.passes(totals.longest_list));
-                // The next frame is judged by its own lists: no picture depends on those before it.
-                self.is_too_long &= !is_whole;
+                self.passes = self.passes.max(self.portable.passes(totals.longest_list));
+                if let Some(fast) = fast
+                    && is_whole
+                {
+                    // Each frame is judged by its own lists: no picture depends on those before it.
+                    fast.is_too_long = false;
+                }
             }
         }
         Ok(is_whole)
     }
 
-    /// Whether the portable path still holds a frame of these limits.
+    /// True if the portable path still holds the lists of a frame of these limits.
     pub fn holds(&self, limits: Limits) -> bool {
-        !limits.is_fast && self.work.room == limits.room
+        limits.path == Path::Portable && self.work.capacity == limits.capacity
     }
 }
 
-/// Whether there is memory to grow.
-fn grown(result: Result<()>) -> Result<bool> {
+/// False if the result is that memory ran out.
+fn has_memory(result: Result<()>) -> Result<bool> {
     match result {
         Err(error) if error.is::<OutOfMemory>() => Ok(false),
         other => other.map(|()| true),

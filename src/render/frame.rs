@@ -1,12 +1,73 @@
-//! What a camera and a scene's extent make of a frame: the view as the shaders take it, the tiles, the width of keys.
+//! What both paths share of a frame: the target, the view, the width of depth keys, limits of subgroups.
 
 use glam::DVec3;
 
-use crate::render::shaders::View;
 use crate::camera::Camera;
+use crate::gpu::{Device, Image};
 use crate::options::Options;
-use crate::rules::{Order, TILE};
+use crate::render::gpu_scene::GpuScene;
+use crate::render::shaders::View;
+use crate::rules::{Background, Footprint, Order, TILE};
 use crate::scene::Bounds;
+
+/// The scene and the camera of one frame.
+#[derive(Clone, Copy)]
+pub struct Shot<'a> {
+    pub scene: &'a GpuScene,
+    pub camera: &'a Camera,
+}
+
+/// What a frame is drawn into.
+#[derive(Clone, Copy)]
+pub struct Target<'a> {
+    pub image: &'a Image,
+    /// For [`Variation::Certifying`]: an image of the same size.
+    pub certificate: Option<&'a Image>,
+    pub background: Background,
+}
+
+/// How a renderer that measures differs from one that draws.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Variation {
+    /// It does not differ.
+    #[default]
+    Plain,
+    /// Blend counts its work: [`Totals`](super::Totals) from `evaluations_low` on. It takes longer.
+    Counting,
+    /// A certificate is made for every picture, which stays the same. It takes much longer.
+    Certifying,
+}
+
+/// The subgroup sizes that the pipelines of the portable path may run with.
+#[derive(Clone, Copy)]
+pub(super) struct SubgroupLimits {
+    pub smallest: u32,
+    /// 32-bit words of a ballot of the largest subgroup.
+    pub ballot_words: u32,
+}
+
+/// Smallest subgroup that the portable path is built for.
+const PORTABLE_SUBGROUP: u32 = 4;
+
+impl SubgroupLimits {
+    pub fn of(device: &Device, options: &Options) -> Self {
+        let [smallest, largest] = device.capabilities().subgroup_size;
+        match options.portable {
+            true => Self { smallest: PORTABLE_SUBGROUP, ballot_words: 4 },
+            false => Self { smallest, ballot_words: largest.div_ceil(32) },
+        }
+    }
+}
+
+/// The number that shaders know a footprint by: `EXTENT_*` in rules.glsl.
+pub(super) fn footprint_code(footprint: Footprint) -> u32 {
+    use crate::render::shaders::shared::{EXTENT_EXACT, EXTENT_THREE_SIGMA, EXTENT_THREE_SIGMA_SQUARES};
+    match footprint {
+        Footprint::Exact => EXTENT_EXACT,
+        Footprint::ThreeSigma => EXTENT_THREE_SIGMA,
+        Footprint::ThreeSigmaSquares => EXTENT_THREE_SIGMA_SQUARES,
+    }
+}
 
 /// Columns and rows of tiles of an image.
 pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
@@ -18,7 +79,7 @@ pub(super) fn tile_bits(tiles: u32) -> u32 {
     tiles.next_power_of_two().trailing_zeros()
 }
 
-/// The camera as the shaders take it: rounded to f32, but in two parts what decides a depth.
+/// The camera in f32, as the shaders read it. The vectors that decide a depth come in two parts, high and low.
 pub(crate) fn view(camera: &Camera, near: f32) -> View {
     let split = |v: DVec3| (v.as_vec3().to_array(), (v - DVec3::from(v.as_vec3())).as_vec3().to_array());
     let (forward, forward_low) = split(camera.forward());
@@ -43,11 +104,11 @@ pub(crate) fn depth_bits(near: f32, far: f64) -> u32 {
     u32::BITS - (far.to_bits() - near.to_bits() + 2).leading_zeros()
 }
 
-/// How the depth of a splat becomes a key: its distance from the near plane in floats, exact and no longer than the scene
-/// is deep, without the lowest `shift` bits.
+/// How the depth of a splat becomes a key: the number of floats between the near plane and the depth, which is exact and
+/// takes no more bits than the scene is deep, without the lowest `shift` bits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct DepthKeys {
-    /// [`depth_bits`] from the near plane to the far end of the scene, without those.
+    /// Bits of a key: [`depth_bits`] from the near plane to the far end of the scene, less `shift`.
     pub bits: u32,
     pub shift: u32,
 }

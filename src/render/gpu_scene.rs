@@ -3,16 +3,15 @@
 use std::ops::Range;
 
 use anyhow::Result;
+use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::render::portable::blend::LISTED_ALPHA;
-use crate::render::layout::Layout;
-use crate::render::trial::trial_view;
-use crate::render::shaders::Grids;
 use crate::camera::Camera;
 use crate::gpu::{Buffer, Commands, Device, Element};
 use crate::options::Options;
-use crate::rules::Rules;
+use crate::render::layout::Layout;
+use crate::render::shaders::Grids;
+use crate::rules::{LISTED_ALPHA, Rules};
 use crate::scene::{Bounds, Gaussians, Requirements};
 
 /// Gaussians in device memory, in planes of four words: one of bounds, and as many of shapes and of spherical harmonics as
@@ -37,6 +36,10 @@ pub struct GpuScene {
     pub(super) alpha_min: f32,
 }
 
+/// Gaussians of a trial, from the scene's first on.
+pub(super) const TRIAL: usize = 1 << 14;
+/// Size of the trial's picture, px.
+pub(super) const TRIAL_SIZE: [u32; 2] = [256, 144];
 /// Gaussians uploaded at once, a multiple of those that share an element: their spherical harmonics, which every plane
 /// takes a part of, stay in the cache.
 const UPLOAD_CHUNK: usize = 1 << 15;
@@ -211,6 +214,19 @@ fn reach(scale: [f32; 3], opacity: f32, alpha_min: f64) -> u32 {
 fn upper_half(value: f64) -> u32 {
     let single = (value * (1.0 + 1e-6)) as f32;
     single.to_bits().div_ceil(1 << 16)
+}
+
+/// A camera that sees most of the trial's Gaussians.
+fn trial_view(gaussians: &Gaussians, near: f32) -> Camera {
+    let means: Vec<_> = gaussians.means().iter().take(TRIAL).map(|mean| DVec3::from(mean.map(f64::from))).collect();
+    let median = |mut values: Vec<f64>| {
+        let middle = values.len() / 2;
+        if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    };
+    let centre = DVec3::from([0, 1, 2].map(|axis| median(means.iter().map(|mean| mean[axis]).collect())));
+    let radius = median(means.iter().map(|mean| mean.distance(centre)).collect());
+    let position = centre - DVec3::new(0.3, -0.2, 1.0) * (2.0 * radius).max(4.0 * f64::from(near));
+    Camera::looking_at(position, centre, TRIAL_SIZE, 0.9)
 }
 
 #[cfg(test)]

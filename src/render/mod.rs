@@ -5,6 +5,7 @@
 
 mod capacity;
 mod choice;
+mod constants;
 mod fast;
 mod frame;
 mod gpu_scene;
@@ -18,8 +19,8 @@ mod trial;
 
 pub use capacity::Capacity;
 pub use choice::Path;
-pub use fast::{FastPipeline, FastWorkspace};
-pub use frame::{Target, Variation};
+pub use fast::{BLOCK_HEIGHTS, BinGrid, FastPipeline, FastWorkspace};
+pub use frame::{Shot, Target, Variation};
 pub(crate) use frame::{depth_bits, tiles};
 pub use gpu_scene::GpuScene;
 pub use inspect::{

@@ -1,67 +1,69 @@
-//! One picture at a time, without a window: renders, waits, and repeats what did not fit.
+//! The facade: renders pictures of one scene on the path that suits each, and repeats a frame that did not fit.
 
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 
-use crate::render::portable::blend::{Target, Variation};
-use crate::render::inspect::pick::{Explainer, Explanation};
-use crate::render::gpu_scene::GpuScene;
-use crate::render::inspect::inspector::{Inspection, Inspector, Look, Work};
-use crate::render::choice::{Limits, PathChoice};
-use crate::render::shaders::{Upscale, UpscaleBindings, UpscalePush, Room, Totals};
-use crate::render::portable::workspace::Capacity;
+use super::capacity::Capacity;
+use super::choice::{Limits, Path, PathChoice};
+use super::frame::{Shot, Target, Variation};
+use super::gpu_scene::GpuScene;
+use super::inspect::{Explanation, Inspection, Inspector, Look, Picker, Picture, Work};
+use super::readback::read_pixels;
+use super::shaders::shared::{Upscale, UpscaleBindings, UpscalePush};
+use super::shaders::{Room, Totals};
+use super::trial::MAX_ATTEMPTS;
 use crate::camera::Camera;
 use crate::gpu::{
-    Access, Buffer, Commands, Device, DispatchSize, Image, InFlight, Readback, Results, Stage, Timestamps, Timing,
+    Access, Commands, Device, DispatchSize, Image, InFlight, Readback, Results, Stage, Timestamps, Timing,
 };
-use crate::host_memory::host_vec;
 use crate::options::Options;
-use crate::rules::Background;
 use crate::pixels::Pixels;
+use crate::rules::Background;
 
-/// Renders pictures of one scene, keeping its buffers from one to the next.
+/// Renders pictures of one scene and keeps its buffers from one frame to the next.
 pub struct Renderer {
     device: Device,
     options: Options,
     scene: GpuScene,
-    paths: PathChoice,
+    choice: PathChoice,
     image: Image,
-    /// What is drawn smaller than the picture.
-    enlarged: Option<Enlarged>,
+    /// Set if pictures are drawn smaller than they are.
+    upscaler: Option<Upscaler>,
     certificate: Option<Image>,
-    /// Of the frame recorded last.
+    /// The limits of the frame recorded last.
     drawn: Limits,
     timestamps: Timestamps,
     inspector: Option<Inspector>,
-    explainer: Option<Explainer>,
-    /// The lists of the frame are read, those of the portable path.
-    needs_lists: bool,
+    picker: Option<Picker>,
+    /// True while frames take the portable path because their lists are read.
+    needs_tile_lists: bool,
     /// The frame recorded last.
     last: Option<Last>,
 }
 
-/// A frame, as it would be recorded again.
+/// A frame as it would be recorded again.
 #[derive(Clone)]
 struct Last {
     number: u64,
     camera: Camera,
     background: Background,
-    /// It is done, and the lists of the portable path hold all of it.
-    is_whole: bool,
+    /// True if the frame is finished and the lists of the portable path hold all of it.
+    has_tile_lists: bool,
 }
 
-/// A picture that is drawn smaller, and enlarged.
-struct Enlarged {
+/// Enlarges pictures that are drawn smaller.
+struct Upscaler {
     drawn: Image,
     stage: Stage<Upscale>,
 }
 
-/// What a frame reported of itself.
+/// The report of a finished frame.
 #[derive(Clone, Debug)]
 pub struct Frame {
     pub totals: Totals,
     pub timings: Vec<Timing>,
-    /// Times the frame was begun: more than one if something did not fit at first.
+    /// Times that the frame was drawn: more than one if something did not fit at first.
     pub attempts: u32,
+    pub path: Path,
 }
 
 /// A frame on the GPU.
@@ -70,76 +72,96 @@ pub struct Started {
     recorded: Recorded,
 }
 
-/// A frame among commands that are recorded: whether it is complete is known when they are done.
+/// A frame among recorded commands. Whether it is complete is known when they have run.
 pub struct Recorded {
     number: u64,
     totals: Readback<Totals>,
     limits: Limits,
 }
 
-/// More attempts than any frame needs: each grows to the demand of the one before, and demands hide behind one another
-/// (visible, spans and instances, list length), on either path.
-pub(super) const MAX_ATTEMPTS: u32 = 10;
-
 impl Renderer {
+    /// Builds the pipelines for `options` and the storage of `scene`, and tries the fast path where the device has it.
+    ///
+    /// # Errors
+    /// If the options ask for what only the reference draws, or device memory runs out.
     pub fn new(device: &Device, options: &Options, scene: &GpuScene) -> Result<Self> {
-        Self::varied(device, options, scene, Variation::default())
+        Self::varied(device, options, scene, Variation::Plain)
     }
 
-    /// Also makes a certificate of every picture: `scene` is [`GpuScene::certifiable`].
+    /// Also makes a certificate of every picture. `scene` is made by [`GpuScene::certifiable`].
+    ///
+    /// # Errors
+    /// If pictures with these options have no certificate: [`Options::uncertifiable`].
     pub fn certified(device: &Device, options: &Options, scene: &GpuScene) -> Result<Self> {
         options.uncertifiable().map_or(Ok(()), |why| Err(anyhow!(why)))?;
-        let variation = Variation { certifies: true, ..Variation::default() };
         let certificate = Some(Image::new(device, "certificate", 1, 1)?);
-        Ok(Self { certificate, ..Self::varied(device, options, scene, variation)? })
+        Ok(Self { certificate, ..Self::varied(device, options, scene, Variation::Certifying)? })
     }
 
     fn varied(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
+        let upscaler = || {
+            anyhow::Ok(Upscaler { drawn: Image::new(device, "drawn image", 1, 1)?, stage: Stage::new(device, &())? })
+        };
         Ok(Self {
             device: device.clone(),
             options: *options,
             scene: scene.clone(),
-            paths: PathChoice::new(device, options, scene, variation)?,
+            choice: PathChoice::new(device, options, scene, variation)?,
             image: Image::new(device, "image", 1, 1)?,
-            enlarged: match options.scale {
-                1.0 => None,
-                _ => {
-                    Some(Enlarged { drawn: Image::new(device, "drawn image", 1, 1)?, stage: Stage::new(device, &())? })
-                }
-            },
+            upscaler: (options.scale != 1.0).then(upscaler).transpose()?,
             certificate: None,
-            drawn: Limits { is_fast: false, room: Capacity::default(), longest_list: 0 },
+            drawn: Limits { path: Path::Portable, capacity: Capacity::default(), longest_list: 0 },
             timestamps: Timestamps::All,
             inspector: None,
-            explainer: None,
-            needs_lists: false,
+            picker: None,
+            needs_tile_lists: false,
             last: None,
         })
     }
 
-    /// Why the device's fast path is not taken, if it should have been.
-    pub fn notice(&self) -> Option<&str> {
-        self.paths.notice.as_deref()
+    /// The path of the frame recorded last.
+    pub fn path(&self) -> Path {
+        self.drawn.path
     }
 
-    /// Whether stages are timed, or only the whole frame.
+    /// Why the fast path is not taken although device and options allow it.
+    pub fn notice(&self) -> Option<&str> {
+        self.choice.notice.as_deref()
+    }
+
+    /// The fewest bytes that each stage of a frame moves through device memory, by the name of its scope: each input read
+    /// once, each output written once. The frame was the last recorded, seen by `camera`, and counted `totals`.
+    pub fn least_bytes(&self, totals: &Totals, camera: &Camera) -> Vec<(&'static str, u64)> {
+        let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
+        let mut stages = self.choice.least_bytes(self.drawn.path, Shot { scene: &self.scene, camera }, totals);
+        if self.upscaler.is_some() {
+            let pixels = |size: [u32; 2]| size.iter().map(|side| u64::from(*side)).product::<u64>();
+            stages.push(("upscale", 16 * (pixels(camera.size_px) + pixels(self.image.size()))));
+        }
+        stages
+    }
+
+    /// Times every stage, or only the whole frame.
     pub fn set_timestamps(&mut self, timestamps: Timestamps) {
         self.timestamps = timestamps;
     }
 
-    /// Starts from this much room, to see it grow.
-    pub fn with_room(mut self, room: Capacity) -> Result<Self> {
-        self.paths.set_room(&self.device, room)?;
+    /// Starts from buffers of this capacity: tests see them grow.
+    pub fn with_capacity(mut self, capacity: Capacity) -> Result<Self> {
+        self.choice.set_capacity(&self.device, capacity)?;
         self.last = None;
         Ok(self)
     }
 
-    /// From here on pictures show what is looked at.
+    /// Inspects all frames from now on.
+    ///
+    /// # Errors
+    /// If pictures have certificates, or depths are asked of pictures that are drawn smaller.
     pub fn set_inspection(&mut self, inspection: Inspection) -> Result<()> {
         let is_ordinary = inspection == Inspection::default();
         ensure!(is_ordinary || self.certificate.is_none(), "a picture that is inspected has no certificate");
         let has_depths = inspection.look == Look::Work(Work::Depths);
-        ensure!(!has_depths || self.enlarged.is_none(), "depths of a picture that is drawn smaller cannot be enlarged");
+        ensure!(!has_depths || self.upscaler.is_none(), "depths need --scale 1: they cannot be enlarged");
         match &mut self.inspector {
             inspector if is_ordinary => *inspector = None,
             Some(inspector) if inspector.inspection.look == inspection.look => inspector.inspection = inspection,
@@ -150,26 +172,25 @@ impl Renderer {
         Ok(())
     }
 
-    /// From here on frames count their work, which takes longer, or do not.
+    /// Makes all frames from now on count their work, which takes longer, or not. Counting takes the portable path.
     pub fn count_work(&mut self, counts_work: bool) -> Result<()> {
-        let variation = Variation { counts_work, certifies: self.certificate.is_some() };
-        self.paths = PathChoice::new(&self.device, &self.options, &self.scene, variation)?;
+        let variation = match (counts_work, &self.certificate) {
+            (true, _) => Variation::Counting,
+            (false, Some(_)) => Variation::Certifying,
+            (false, None) => Variation::Plain,
+        };
+        self.choice = PathChoice::new(&self.device, &self.options, &self.scene, variation)?;
         self.last = None;
         Ok(())
     }
 
-    /// Device memory for everything but the scene: every buffer's name and bytes.
+    /// Device memory of everything except the scene: every buffer's name and bytes.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
-        let mut buffers = self.paths.buffers();
+        let mut buffers = self.choice.buffers();
         buffers.push(("image", self.image.bytes()));
         buffers.extend(self.certificate.iter().map(|certificate| ("certificate", certificate.bytes())));
-        buffers.extend(self.enlarged.iter().map(|enlarged| ("drawn image", enlarged.drawn.bytes())));
+        buffers.extend(self.upscaler.iter().map(|upscaler| ("drawn image", upscaler.drawn.bytes())));
         buffers
-    }
-
-    /// Passes over its keys that a frame's sort by depth takes, and its sort by tile.
-    pub fn sort_passes(&self, camera: &Camera) -> [u32; 2] {
-        self.paths.renderer.sort_passes(&self.scene, camera)
     }
 
     /// Renders a complete frame; [`Renderer::pixels`] reads it.
@@ -177,7 +198,7 @@ impl Renderer {
         self.render_with(camera, background, |_| {}).map(|(frame, _)| frame)
     }
 
-    /// As [`Renderer::render`], with commands prepared by `prepare`; also returns what the last attempt brought back.
+    /// As [`Renderer::render`], with commands that `prepare` prepares; also returns the results of the last attempt.
     pub fn render_with(
         &mut self,
         camera: &Camera,
@@ -187,18 +208,20 @@ impl Renderer {
         for attempts in 1..=MAX_ATTEMPTS {
             let started = self.start_with(camera, background, &prepare)?;
             if let Some((totals, results)) = self.finish_with(started)? {
-                return Ok((Frame { totals, timings: results.timings().to_vec(), attempts }, results));
+                let timings = results.timings().to_vec();
+                let path = self.drawn.path;
+                return Ok((Frame { totals, timings, attempts, path }, results));
             }
         }
-        unreachable!("a frame fits after it has grown to its own demand");
+        bail!("the frame did not fit its buffers in {MAX_ATTEMPTS} attempts, although they grew to what it counted")
     }
 
-    /// Hands a frame to the GPU without waiting for it. Frames run one after the other, into the same picture.
+    /// Hands a frame to the GPU without waiting for it. Frames run one after the other and draw into the same picture.
     pub fn start(&mut self, camera: &Camera, background: Background) -> Result<Started> {
         self.start_with(camera, background, |_| {})
     }
 
-    /// Waits for a frame: whether it is complete. If it did not fit, the next one has more room.
+    /// Waits for a frame. True if it is complete; if not, the next one has larger buffers.
     pub fn finish(&mut self, started: Started) -> Result<bool> {
         self.finish_with(started).map(|done| done.is_some())
     }
@@ -222,69 +245,72 @@ impl Renderer {
         Ok(totals.map(|totals| (totals, results)))
     }
 
-    /// Records a frame among other commands; [`Renderer::judge`] says whether it came out whole.
+    /// Records a frame among other commands; [`Renderer::judge`] tells whether it is complete.
     pub fn record(&mut self, cmd: &mut Commands, camera: &Camera, background: Background) -> Result<Recorded> {
         fit(&self.device, &mut self.image, "image", camera.size_px)?;
         let number = self.last.as_ref().map_or(0, |last| last.number + 1);
-        self.last = Some(Last { number, camera: camera.clone(), background, is_whole: false });
+        self.last = Some(Last { number, camera: camera.clone(), background, has_tile_lists: false });
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
         if let Some(certificate) = &mut self.certificate {
             fit(&self.device, certificate, "certificate", camera.size_px)?;
         }
-        if let Some(enlarged) = &mut self.enlarged {
-            fit(&self.device, &mut enlarged.drawn, "drawn image", camera.size_px)?;
+        if let Some(upscaler) = &mut self.upscaler {
+            fit(&self.device, &mut upscaler.drawn, "drawn image", camera.size_px)?;
         }
         let inspector = self.inspector.as_ref();
-        let needs_lists = self.needs_lists || inspector.is_some();
-        self.drawn = self.paths.prepare(&self.device, self.scene.len(), camera.size_px, needs_lists)?;
+        let needs_tile_lists = self.needs_tile_lists || inspector.is_some();
+        self.drawn = self.choice.prepare(&self.device, self.scene.len(), camera.size_px, needs_tile_lists)?;
         cmd.scope("frame", |cmd| {
-            let image = self.enlarged.as_ref().map_or(&self.image, |enlarged| &enlarged.drawn);
+            let image = self.upscaler.as_ref().map_or(&self.image, |upscaler| &upscaler.drawn);
             let target = Target { image, certificate: self.certificate.as_ref(), background };
-            self.paths.record(cmd, (&self.scene, camera), target, self.drawn, inspector);
-            if let Some(enlarged) = &self.enlarged {
+            self.choice.record(cmd, Shot { scene: &self.scene, camera }, target, self.drawn, inspector);
+            if let Some(upscaler) = &self.upscaler {
                 cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-                cmd.scope("enlarge", |cmd| enlarged.record(cmd, &self.image));
+                cmd.scope("upscale", |cmd| upscaler.record(cmd, &self.image));
             }
         });
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-        Ok(Recorded { number, totals: cmd.read(self.totals())?, limits: self.drawn })
+        Ok(Recorded { number, totals: cmd.read(self.choice.totals(self.drawn.path))?, limits: self.drawn })
     }
 
-    /// What a frame counted, if it is complete. If it did not fit, the next one has more room.
+    /// The counts of a frame if it is complete. If it did not fit, the next one has larger buffers.
     pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
         let totals = results.view(&recorded.totals)[0];
         let limits = recorded.limits;
-        let is_whole = self.paths.judge(&self.device, &totals, limits)?;
+        let is_whole = self.choice.judge(&self.device, &totals, limits)?;
         if let Some(last) = &mut self.last {
-            last.is_whole = is_whole && last.number == recorded.number && self.paths.holds(limits);
+            last.has_tile_lists = is_whole && last.number == recorded.number && self.choice.holds(limits);
         }
         Ok(is_whole.then_some(totals))
     }
 
-    /// What a pixel of the frame recorded last is made of, in 32-bit floats; where pictures are drawn smaller, what the
-    /// nearest drawn pixel is. Waits, and renders the frame again if it is not known to be complete.
+    /// The splats that a pixel of the frame recorded last is made of; where pictures are drawn smaller, of the nearest drawn
+    /// pixel. Waits for the device, and draws the frame again on the portable path if its lists are not there.
+    ///
+    /// # Errors
+    /// If no frame was recorded, or the pixel lies outside the picture.
     pub fn explain(&mut self, pixel: [u32; 2]) -> Result<Explanation> {
-        let Last { camera, background, is_whole, .. } = self.last.clone().context("nothing is rendered yet")?;
+        let Last { camera, background, has_tile_lists, .. } = self.last.clone().context("nothing is rendered yet")?;
         let size = camera.size_px;
         ensure!(pixel[0] < size[0] && pixel[1] < size[1], "pixel {pixel:?} lies outside of a picture of {size:?}");
-        if !is_whole {
-            self.needs_lists = true;
+        if !has_tile_lists {
+            self.needs_tile_lists = true;
             let rendered = self.render(&camera, background);
-            self.needs_lists = false;
+            self.needs_tile_lists = false;
             rendered?;
         }
-        let explainer = match &mut self.explainer {
-            Some(explainer) => explainer,
-            none => none.insert(Explainer::new(&self.device, &self.options)?),
+        let picker = match &mut self.picker {
+            Some(picker) => picker,
+            none => none.insert(Picker::new(&self.device, &self.options, self.scene.layout())?),
         };
         let drawn = self.options.drawn_size(size);
         let pixel = std::array::from_fn(|i| {
             let place = (f64::from(pixel[i]) + 0.5) / f64::from(size[i]) * f64::from(drawn[i]);
             (place as u32).min(drawn[i] - 1)
         });
-        let view = (&self.scene, &camera.sampled(drawn));
-        let explained = explainer.explain(&self.device, &self.paths.renderer, view, &self.paths.work, pixel)?;
-        if !is_whole {
+        let shot = Shot { scene: &self.scene, camera: &camera.sampled(drawn) };
+        let explained = picker.explain(&self.device, &self.choice.portable, shot, &self.choice.work, pixel)?;
+        if !has_tile_lists {
             // The picture stays what it was, to the last bit.
             self.render(&camera, background)?;
         }
@@ -296,21 +322,13 @@ impl Renderer {
         self.image.size()
     }
 
-    /// The image of the picture drawn last.
-    pub(super) fn image(&self) -> &Image {
-        &self.image
-    }
-
-    /// What the frame drawn last counted.
-    pub(super) fn totals(&self) -> &Buffer<Totals> {
-        self.paths.totals(self.drawn)
-    }
-
-    /// What the frame drawn last had room for, as the shader that shows it takes it.
-    pub(super) fn drawn_room(&self) -> Room {
-        let Limits { room, longest_list, .. } = self.drawn;
+    /// The picture drawn last, for a screen.
+    pub fn picture(&self) -> Picture<'_> {
+        let Limits { path, capacity, longest_list } = self.drawn;
         let word = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
-        Room { visible: word(room.visible), spans: word(room.spans), instances: word(room.instances), longest_list }
+        let Capacity { visible, spans, listed, .. } = capacity;
+        let room = Room { visible: word(visible), spans: word(spans), listed: word(listed), longest_list };
+        Picture::of_frame(&self.image, self.choice.totals(path), room)
     }
 
     /// The picture rendered last.
@@ -318,15 +336,15 @@ impl Renderer {
         read_pixels(&self.device, &self.image)
     }
 
-    /// In every channel of every pixel, how far the picture rendered last is at most from what
-    /// [`Rules::complete`](crate::rules::Rules::complete) shows in the same order: proven for what was left out, with an
-    /// allowance for rounding. `None` without [`Renderer::certified`].
+    /// For every channel of every pixel, a bound on the distance of the picture rendered last from the one that
+    /// [`Rules::complete`](crate::rules::Rules::complete) draws in the same order: proven for everything that was left out,
+    /// with an allowance for rounding. `None` without [`Renderer::certified`].
     pub fn certificate(&self) -> Result<Option<Pixels>> {
         self.certificate.as_ref().map(|certificate| read_pixels(&self.device, certificate)).transpose()
     }
 }
 
-impl Enlarged {
+impl Upscaler {
     fn record(&self, cmd: &mut Commands, image: &Image) {
         let push = UpscalePush { drawn_size_px: self.drawn.size(), size_px: image.size() };
         let pixels = image.size().iter().map(|side| u64::from(*side)).product();
@@ -334,25 +352,10 @@ impl Enlarged {
     }
 }
 
-/// Makes the image anew if it has not this size.
+/// Replaces the image if it has another size.
 fn fit(device: &Device, image: &mut Image, name: &str, size: [u32; 2]) -> Result<()> {
     if image.size() != size {
         *image = Image::new(device, name, size[0], size[1])?;
     }
     Ok(())
-}
-
-/// An image as it is after all that was submitted.
-pub(crate) fn read_pixels(device: &Device, image: &Image) -> Result<Pixels> {
-    const BAND_BYTES: u32 = 256 << 20; // of staging memory at a time
-    let [width, height] = image.size();
-    let band = (BAND_BYTES / 16 / width).max(1);
-    let mut rgba = host_vec(width as usize * height as usize, "picture")?;
-    for top in (0..height).step_by(band as usize) {
-        let mut cmd = Commands::new(device)?;
-        let rows = cmd.read_rows(image, top..height.min(top + band))?;
-        let results = cmd.submit()?.wait()?;
-        rgba.extend_from_slice(results.view(&rows));
-    }
-    Ok(Pixels { size: [width, height], rgba })
 }

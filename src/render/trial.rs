@@ -1,43 +1,28 @@
-//! The fast path's trial at the start: what it draws of a part of the scene is held to the portable path.
+//! The trial of the fast path at the start: its picture of a part of the scene is compared with the portable path's.
 
-use anyhow::Result;
-use glam::DVec3;
+use anyhow::{Result, bail, ensure};
 
-use crate::render::portable::blend::Target;
-use crate::render::fast::pipeline::BLOCK_HEIGHTS;
-use crate::render::gpu_scene::GpuScene;
-use crate::render::choice::PathChoice;
-use crate::render::renderer::{MAX_ATTEMPTS, read_pixels};
-use crate::camera::Camera;
-use crate::gpu::{Access, Commands, Device, Image};
-use crate::rules::Background;
+use super::choice::{Path, PathChoice};
+use super::fast::BLOCK_HEIGHTS;
+use super::frame::{Shot, Target};
+use super::gpu_scene::{GpuScene, TRIAL, TRIAL_SIZE};
+use super::readback::read_pixels;
+use crate::gpu::{Access, Commands, Device, DeviceKind, Image};
 use crate::pixels::Pixels;
-use crate::scene::Gaussians;
+use crate::rules::Background;
 
-/// Gaussians of a trial: the scene's first.
-const TRIAL: usize = 1 << 14;
-const SIZE: [u32; 2] = [256, 144];
-/// Between the paths, of a channel or of 1 if that is more. Rounding moves a threshold at times, which shows as a step of
-/// 1/255; what is wrong shows as more.
+/// More attempts than any frame needs. Buffers grow to the demand of the attempt before, and an overflow hides the demand of
+/// the next stage (visible, spans and listed, list length), on either path.
+pub(super) const MAX_ATTEMPTS: u32 = 10;
+
+/// The largest difference between the paths, as a part of a channel's value or of 1 if that is more. Rounding at times
+/// moves a threshold, which is a step of 1/255; errors are larger.
 const TOLERANCE: f32 = 0.03;
 
-/// Whether renderers made on this device are tried: what is feared are the compilers of GPU drivers. A software device, which
-/// the tests run on, would compile for longer than it draws.
+/// True if renderers made on this device are tried: shader compilers of GPU drivers make mistakes. On a software device,
+/// which the tests run on, the trial's pipelines would take longer to compile than a frame to draw.
 pub(super) fn is_due(device: &Device) -> bool {
-    device.facts().kind != "CPU"
-}
-
-/// A view of most of the first Gaussians.
-pub(super) fn trial_view(gaussians: &Gaussians, near: f32) -> Camera {
-    let means: Vec<_> = gaussians.means().iter().take(TRIAL).map(|mean| DVec3::from(mean.map(f64::from))).collect();
-    let median = |mut values: Vec<f64>| {
-        let middle = values.len() / 2;
-        if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
-    };
-    let centre = DVec3::from([0, 1, 2].map(|axis| median(means.iter().map(|mean| mean[axis]).collect())));
-    let radius = median(means.iter().map(|mean| mean.distance(centre)).collect());
-    let position = centre - DVec3::new(0.3, -0.2, 1.0) * (2.0 * radius).max(4.0 * f64::from(near));
-    Camera::looking_at(position, centre, SIZE, 0.9)
+    device.capabilities().kind != DeviceKind::Cpu
 }
 
 impl PathChoice {
@@ -48,33 +33,35 @@ impl PathChoice {
         let mut largest: f32 = 0.0;
         let heights = if is_due(device) { BLOCK_HEIGHTS.len() } else { 1 };
         for height in 0..heights {
-            self.set_block_height(Some(height));
+            self.force_block_height(Some(height));
             let drawn = self.draw_trial(device, &scene, false)?;
             largest = largest.max(difference(&drawn, &expected));
         }
-        self.set_block_height(None);
+        self.force_block_height(None);
         Ok((largest > TOLERANCE).then_some(largest))
     }
 
-    fn draw_trial(&mut self, device: &Device, scene: &GpuScene, needs_lists: bool) -> Result<Pixels> {
-        let image = Image::new(device, "trial", SIZE[0], SIZE[1])?;
+    fn draw_trial(&mut self, device: &Device, scene: &GpuScene, needs_tile_lists: bool) -> Result<Pixels> {
+        let image = Image::new(device, "trial", TRIAL_SIZE[0], TRIAL_SIZE[1])?;
         for _ in 0..MAX_ATTEMPTS {
-            let limits = self.prepare(device, scene.len(), SIZE, needs_lists)?;
+            let limits = self.prepare(device, scene.len(), TRIAL_SIZE, needs_tile_lists)?;
             let mut cmd = Commands::new(device)?;
             let target = Target { image: &image, certificate: None, background: Background::BLACK };
-            self.record(&mut cmd, (scene, &scene.trial_view), target, limits, None);
+            self.record(&mut cmd, Shot { scene, camera: &scene.trial_view }, target, limits, None);
             cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-            let totals = cmd.read(self.totals(limits))?;
+            let totals = cmd.read(self.totals(limits.path))?;
             let results = cmd.submit()?.wait()?;
             if self.judge(device, &results.view(&totals)[0], limits)? {
-                break;
+                ensure!(needs_tile_lists || limits.path == Path::Fast, "the trial of the fast path ran out of memory");
+                return read_pixels(device, &image);
             }
         }
-        read_pixels(device, &image)
+        bail!("the trial of the fast path did not fit its buffers in {MAX_ATTEMPTS} attempts")
     }
 }
 
-/// The largest, as a part of the expected value or of 1; 0 where both are no numbers.
+/// The largest difference of a channel, as a part of the expected value or of 1 if that is more; 0 where both are not
+/// finite.
 fn difference(drawn: &Pixels, expected: &Pixels) -> f32 {
     let channels = drawn.rgba.iter().flatten().zip(expected.rgba.iter().flatten());
     let difference = |(a, b): (&f32, &f32)| match (a.is_finite(), b.is_finite()) {
@@ -95,8 +82,8 @@ mod tests {
     use super::*;
     use crate::gpu::{DeviceChoice, Validation};
     use crate::options::Options;
-    use crate::render::portable::blend::Variation;
-    use crate::render::fast::FastPipeline;
+    use crate::render::Variation;
+    use crate::render::FastPipeline;
     use crate::scene::synthetic;
 
     #[test]
@@ -105,7 +92,7 @@ mod tests {
             Device::open(&DeviceChoice::Best, Validation::IfInstalled).expect("GPU tests need a Vulkan device");
         let (options, gaussians) = (Options::EXACT, synthetic::cactus(3000).unwrap().gaussians);
         let scene = GpuScene::new(&device, &gaussians, &options).unwrap();
-        let mut paths = PathChoice::new(&device, &options, &scene, Variation::default()).unwrap();
+        let mut paths = PathChoice::new(&device, &options, &scene, Variation::Plain).unwrap();
         assert_eq!(paths.notice, None);
 
         let mut wrong = options;

@@ -13,6 +13,7 @@ use crate::options::Options;
 use crate::rules::{Background, Footprint, Rules};
 use crate::pixels::Pixels;
 use crate::reference;
+use crate::render::shaders::{PortableDispatches, View, ladder};
 use crate::render::*;
 
 /// Renders pictures of one scene as a rung does.
@@ -22,7 +23,7 @@ pub struct Variant<'s> {
     scene: &'s GpuScene,
     renderer: PortablePipeline,
     scatter: Stage<ladder::Duplicate>,
-    gather: Stage<Gather>,
+    gather: Stage<ladder::Gather>,
     /// The first pass over a tile's list, and the others.
     blend: [Stage<ladder::Blend>; 2],
     entries_per_pass: u32,
@@ -100,7 +101,7 @@ impl<'s> Variant<'s> {
             Blend::Batches(batch) => batch,
             Blend::BallotExit | Blend::PixelBlocks => 256,
         };
-        let ballot_words = device.facts().subgroup_size[1].div_ceil(32);
+        let ballot_words = device.capabilities().subgroup_size[1].div_ceil(32);
         let ballot_exit = rung.blend == Blend::BallotExit;
         let blend = |resume| {
             let rest = ladder::BlendConstants::default();
@@ -118,7 +119,7 @@ impl<'s> Variant<'s> {
             gather: Stage::new(device, &())?,
             blend: [blend(false)?, blend(true)?],
             // An iteration for an entry, and less than one for its part of a batch.
-            entries_per_pass: device.facts().loop_limit.map_or(u32::MAX, |limit| limit / 2),
+            entries_per_pass: device.capabilities().loop_limit.map_or(u32::MAX, |limit| limit / 2),
             extra: Extra::new(device, rung, &work)?,
             work,
             image: Image::new(device, "image", 1, 1)?,
@@ -133,7 +134,7 @@ impl<'s> Variant<'s> {
             self.image = Image::new(&self.device, "image", width, height)?;
         }
         let tiles: u32 = tiles(camera.size_px).iter().product();
-        self.grow(Capacity { gaussians: self.scene.len(), tiles: tiles as usize, ..Capacity::default() })?;
+        self.grow(Capacity { gaussians: self.scene.len(), cells: tiles as usize, ..Capacity::default() })?;
         for _ in 0..MAX_ATTEMPTS {
             let started = Instant::now();
             let (totals, stages) = self.attempt(camera)?;
@@ -213,14 +214,14 @@ impl<'s> Variant<'s> {
         steps.cmd.scope("cull", |cmd| {
             renderer.cull(cmd, scene, view, work);
             cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-            cmd.fetch(&work.visible_masks, &extra.masks, extra.masks.len());
+            cmd.download(&work.visible_masks, &extra.masks, extra.masks.len());
         });
         steps.flush()?;
-        let visible = steps.on_host("cull", || twins::compact(extra.masks.open(), extra.ids.open()));
+        let visible = steps.on_host("cull", || twins::compact(extra.masks.map(), extra.ids.map()));
         let kept = visible.min(extra.ids.len());
         let totals = Totals { visible: visible as u32, visible_kept: kept as u32, ..bytemuck::Zeroable::zeroed() };
         steps.cmd.scope("cull", |cmd| {
-            cmd.load(&extra.ids, &work.gaussian_from_splat, kept);
+            cmd.upload_staged(&extra.ids, &work.gaussian_from_splat, kept);
             work.set_totals(cmd, totals)
         })?;
         steps.cmd.barrier(Access::COPY_WRITE, Access::SHADER | Access::INDIRECT);
@@ -270,18 +271,18 @@ impl<'s> Variant<'s> {
                 let visible = totals.visible_kept as usize;
                 let spans = (totals.spans as usize).min(work.spans.len());
                 steps.cmd.scope("duplicate", |cmd| {
-                    cmd.fetch(&work.span_ranges, &extra.span_ranges, visible);
-                    cmd.fetch(&work.spans, &extra.spans, spans);
+                    cmd.download(&work.span_ranges, &extra.span_ranges, visible);
+                    cmd.download(&work.spans, &extra.spans, spans);
                 });
                 steps.flush()?;
                 let made = steps.on_host("duplicate", || {
-                    let (ranges, spans) = (&extra.span_ranges.open()[..visible], &extra.spans.open()[..spans]);
-                    twins::duplicate(ranges, spans, tiles_x, extra.tile_keys.open(), extra.splat_ids.open())
+                    let (ranges, spans) = (&extra.span_ranges.map()[..visible], &extra.spans.map()[..spans]);
+                    twins::duplicate(ranges, spans, tiles_x, extra.tile_keys.map(), extra.splat_ids.map())
                 });
                 let kept = made.min(extra.tile_keys.len());
                 steps.cmd.scope("duplicate", |cmd| {
-                    cmd.load(&extra.tile_keys, &work.instances.keys[0], kept);
-                    cmd.load(&extra.splat_ids, &work.instances.values[0], kept);
+                    cmd.upload_staged(&extra.tile_keys, &work.instances.keys[0], kept);
+                    cmd.upload_staged(&extra.splat_ids, &work.instances.values[0], kept);
                     work.set_totals(cmd, Totals { listed_kept: kept as u32, ..totals })
                 })?;
                 steps.cmd.barrier(Access::COPY_WRITE, Access::SHADER | Access::INDIRECT);
@@ -301,8 +302,8 @@ impl<'s> Variant<'s> {
         let (lengths, length_index) = (&work.totals.words(), offset_of!(Totals, listed_kept) / 4);
         let groups = (&work.dispatches, offset_of!(PortableDispatches, sort_instances));
         let gather = |cmd: &mut Commands, indices: &Buffer<u32>, table: &Buffer<u32>, gathered: &Buffer<u32>| {
-            let bindings = GatherBindings { lengths, indices, table, gathered };
-            let push = GatherPush { length_index: length_index as u32 };
+            let bindings = ladder::GatherBindings { lengths, indices, table, gathered };
+            let push = ladder::GatherPush { length_index: length_index as u32 };
             let groups = offset_of!(PortableDispatches, over_instances);
             cmd.dispatch_indirect(&self.gather, bindings, push, &work.dispatches, groups);
         };
@@ -333,13 +334,13 @@ impl<'s> Variant<'s> {
         }
         steps.cmd.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::COPY_READ);
         let instances = steps.flush_and_read(&work.totals)?.listed_kept as usize;
-        steps.cmd.scope("ranges", |cmd| cmd.fetch(tile_keys, &extra.tile_keys, instances));
+        steps.cmd.scope("ranges", |cmd| cmd.download(tile_keys, &extra.tile_keys, instances));
         steps.flush()?;
         steps.on_host("ranges", || {
-            let ranges = reference::ranges(&extra.tile_keys.open()[..instances], tiles as usize);
-            extra.ranges.open()[..ranges.len()].copy_from_slice(&ranges);
+            let ranges = reference::ranges(&extra.tile_keys.map()[..instances], tiles as usize);
+            extra.ranges.map()[..ranges.len()].copy_from_slice(&ranges);
         });
-        steps.cmd.scope("ranges", |cmd| cmd.load(&extra.ranges, &work.ranges, tiles as usize));
+        steps.cmd.scope("ranges", |cmd| cmd.upload_staged(&extra.ranges, &work.ranges, tiles as usize));
         steps.cmd.barrier(Access::COPY_WRITE, Access::SHADER);
         Ok(())
     }
@@ -350,7 +351,7 @@ impl<'s> Variant<'s> {
             self.renderer.order_tiles(cmd, work, tiles);
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
             let target = Target { image, certificate: None, background: Background::BLACK };
-            return self.renderer.blend(cmd, (self.scene, camera), work, splat_ids, target, self.passes);
+            return self.renderer.blend(cmd, Shot { scene: self.scene, camera }, work, splat_ids, target, self.passes);
         }
         for pass in 0..self.passes {
             if pass > 0 {

@@ -12,6 +12,6 @@
 mod pipeline;
 mod workspace;
 
-pub(super) use pipeline::BLOCK_HEIGHTS;
-pub use pipeline::FastPipeline;
+
+pub use pipeline::{BLOCK_HEIGHTS, BinGrid, FastPipeline};
 pub use workspace::FastWorkspace;

@@ -1,33 +1,33 @@
-//! The fast path: splats are listed and sorted in bins of 8x4 blocks, and blended in blocks of 8 pixels by 4 to 16.
+//! The pipelines of the fast path and the frame that they draw, one method per stage.
 //!
-//! The structure is that of HiGS (two scales of tiles); what differs is how lists are kept in one order in every run, and
-//! that long lists are neither cut nor composed: a block's splats are blended from the first to the last by one subgroup.
+//! The structure is that of HiGS (two scales of tiles). It differs in how lists keep one order in every run, and in how
+//! blocks of long lists are shared by several subgroups.
 
 use std::mem::offset_of;
 
 use anyhow::Result;
 
-use crate::render::portable::blend::{Target, extent_code};
-use crate::render::fast::workspace::{BIN_CHUNKS, BIN_SHAPE, BLOCK_WIDTH, BLOCKS, FastWorkspace, MAX_BINS, PROJECT_CHUNK};
-use crate::render::gpu_scene::GpuScene;
-use crate::render::layout::Layout;
-use crate::render::shaders::fast::*;
-use crate::render::shaders::*;
-use crate::render::portable::sort::digit_bits;
-use crate::render::frame::{DepthKeys, view};
-use crate::camera::Camera;
+use super::workspace::FastWorkspace;
 use crate::gpu::{Access, Commands, Device, DispatchSize, Shader, Stage};
-use crate::options::{Options, Storage};
+use crate::options::Options;
+use crate::render::constants::{is_compact, shared};
+use crate::render::frame::{DepthKeys, Shot, Target, view};
+use crate::render::layout::Layout;
+use crate::render::portable::digit_bits;
+use crate::render::shaders::fast::*;
+use crate::render::shaders::{Bin, FastDispatches, SharedConstants, Totals};
 use crate::rules::{Footprint, Order};
 
 /// Heights of blocks, px. Low ones balance small pictures and crowded ones, high ones list fewer splats twice.
-pub(super) const BLOCK_HEIGHTS: [u32; 3] = [4, 8, 16];
-/// Pixels of a picture up to which its blocks are the lowest.
+pub const BLOCK_HEIGHTS: [u32; 3] = [4, 8, 16];
+/// Pixels of a picture below which its blocks are the lowest.
 const SMALL_PICTURE: u64 = 1 << 20;
 /// Pixels of a picture from which on its blocks are the highest.
 const LARGE_PICTURE: u64 = 1 << 22;
+/// Workgroup memory in bytes that the counts of a sort may take.
+const SORT_COUNTS_BYTES: u32 = 16 << 10;
 
-/// The stages of a fast frame.
+/// The stages of a fast frame, built for one set of options and one layout of a scene.
 pub struct FastPipeline {
     options: Options,
     layout: Layout,
@@ -36,131 +36,103 @@ pub struct FastPipeline {
     offsets: Stage<Offsets>,
     fill: Stage<Fill>,
     sort: Stage<Sort>,
-    /// Of runs, and of what was merged.
-    merge: [Stage<Merge>; 2],
+    /// Merges runs.
+    merge_runs: Stage<Merge>,
+    /// Merges what was merged before.
+    merge_again: Stage<Merge>,
     masks: Stage<Masks>,
-    /// For every height of blocks; and for long bins.
+    /// One for each of [`BLOCK_HEIGHTS`], made when the first picture needs it.
     blend: [Option<Stage<Blend>>; BLOCK_HEIGHTS.len()],
     blend_long: [Option<Stage<BlendLong>>; BLOCK_HEIGHTS.len()],
-    /// Of these, but for the height.
-    blend_constants: BlendConstants,
+    constants: SharedConstants,
     subgroup: u32,
     longest_list: u32,
-    /// Which of [`BLOCK_HEIGHTS`] every picture has, if not its own.
-    pub(super) block_height: Option<usize>,
+    /// The index in [`BLOCK_HEIGHTS`] that every picture takes, if set; else each takes the one that suits its size.
+    pub(in crate::render) forced_block_height: Option<usize>,
+}
+
+/// The sizes of one picture in bins and blocks.
+#[derive(Clone, Copy)]
+pub struct BinGrid {
+    /// Columns and rows of bins.
+    pub bins: [u32; 2],
+    /// px
+    pub block_height: u32,
+    /// The index of `block_height` in [`BLOCK_HEIGHTS`].
+    height_index: usize,
+}
+
+impl BinGrid {
+    pub fn new(size_px: [u32; 2], height_index: usize) -> Self {
+        let block_height = BLOCK_HEIGHTS[height_index];
+        let bin_px = [BIN_COLUMNS * BLOCK_WIDTH, BIN_ROWS * block_height];
+        let bins = std::array::from_fn(|axis| size_px[axis].div_ceil(bin_px[axis]));
+        Self { bins, block_height, height_index }
+    }
+
+    /// Bins of the picture.
+    pub fn count(&self) -> u32 {
+        self.bins.iter().product()
+    }
 }
 
 impl FastPipeline {
     /// `None` where the device or the options call for the portable path.
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Option<Self>> {
         let rules = &options.rules;
-        let [subgroup, _] = device.facts().subgroup_size;
-        let is_asked_for = !options.portable
-            && rules.extent == Footprint::Exact
-            && rules.order != Order::PerPixel;
-        if !is_asked_for || !device.facts().has_fast_path() {
-            return Ok(None);
-        }
-        let (alpha_min, extent, ballot_words) = (rules.alpha_min, extent_code(rules.extent), subgroup.div_ceil(32));
-        let compact = is_compact(options);
-        let (sh_degree, sh_storage, shape_storage) = (layout.sh_degree, layout.sh.code(), layout.shape.code());
-        let project = ProjectConstants {
-            sh_degree,
-            sh_storage,
-            shape_storage,
-            by_distance: rules.order == Order::Distance,
-            antialiased: rules.antialiased,
-            compact,
-            alpha_min,
-            extent,
-            ballot_words,
-            ..ProjectConstants::default()
-        };
+        let is_asked_for =
+            !options.portable && rules.extent == Footprint::Exact && rules.order != Order::PerPixel;
+        let Some(subgroup) = device.capabilities().fast_subgroup().filter(|_| is_asked_for) else { return Ok(None) };
+        let constants = shared(options, layout, subgroup);
         let subgroups = Sort::WORKGROUP[0] / subgroup;
-        let digit_bits = digit_bits(subgroups, 16 << 10);
-        let sort = SortConstants { digit_bits, subgroups, ballot_words };
+        let digit_bits = digit_bits(subgroups, SORT_COUNTS_BYTES);
+        let sort = SortConstants { digit_bits, subgroups, ..SortConstants::of(&constants) };
         let merge = |of_runs| Stage::new(device, &MergeConstants { of_runs });
-        let blend_constants = BlendConstants {
-            subgroup,
-            block_height: 0,
-            alpha_min,
-            extent,
-            alpha_max: rules.alpha_max,
-            has_clamped_alphas: layout.has_clamped_alphas,
-            transmittance_min: rules.transmittance_min,
-            stop: options.stop,
-            compact,
-        };
         Ok(Some(Self {
             options: *options,
             layout: layout.clone(),
-            project: Stage::new(device, &project)?,
-            count: Stage::new(device, &CountConstants { subgroup })?,
+            project: Stage::of_subgroups(device, &ProjectConstants::of(&constants), subgroup)?,
+            count: Stage::of_subgroups(device, &CountConstants::of(&constants), subgroup)?,
             offsets: Stage::new(device, &())?,
-            fill: Stage::new(device, &FillConstants { subgroup })?,
-            sort: Stage::new(device, &sort)?,
-            merge: [merge(true)?, merge(false)?],
-            masks: Stage::new(device, &MasksConstants { subgroup, alpha_min, extent, compact })?,
-            blend_constants,
+            fill: Stage::of_subgroups(device, &FillConstants::of(&constants), subgroup)?,
+            sort: Stage::of_subgroups(device, &sort, subgroup)?,
+            merge_runs: merge(true)?,
+            merge_again: merge(false)?,
+            masks: Stage::of_subgroups(device, &MasksConstants::of(&constants), subgroup)?,
             blend: Default::default(),
             blend_long: Default::default(),
+            constants,
             subgroup,
-            block_height: None,
-            // Of all loops of an invocation together: two iterations for an entry of a list that is not long, a part of one
-            // for those of others.
-            longest_list: device.facts().loop_limit.unwrap_or(u32::MAX),
+            forced_block_height: None,
+            // The loops of one invocation together take at most two iterations per entry of a short list, and less than
+            // one per entry of a long list.
+            longest_list: device.capabilities().loop_limit.unwrap_or(u32::MAX),
         }))
     }
 
-    /// Whether it can draw pictures of this size.
+    /// True if it can draw pictures of this size.
     pub fn takes(&self, size_px: [u32; 2], gaussians: usize) -> bool {
-        self.bins(size_px, gaussians).iter().product::<u32>() <= MAX_BINS
+        self.grid(size_px, gaussians).count() <= MAX_BINS
     }
 
-    /// Columns and rows of bins of a picture of a scene of so many Gaussians.
-    pub fn bins(&self, size_px: [u32; 2], gaussians: usize) -> [u32; 2] {
-        bins_of(size_px, BLOCK_HEIGHTS[self.block_height(size_px, gaussians)])
-    }
-
-    /// Makes what blends such pictures, and bins with long lists if there may be some.
-    pub fn prepare(
-        &mut self,
-        device: &Device,
-        size_px: [u32; 2],
-        gaussians: usize,
-        has_long_lists: bool,
-    ) -> Result<()> {
-        let height = self.block_height(size_px, gaussians);
-        let block_height = BLOCK_HEIGHTS[height].max(self.subgroup / BLOCK_WIDTH);
-        let constants = BlendConstants { block_height, ..self.blend_constants };
+    /// Makes the blend pipelines for pictures of this size, and those for long lists if there may be some.
+    pub fn prepare(&mut self, device: &Device, grid: BinGrid, has_long_lists: bool) -> Result<()> {
+        let height = grid.height_index;
+        let block_height = grid.block_height.max(self.subgroup / BLOCK_WIDTH);
+        let constants = BlendConstants { block_height, ..BlendConstants::of(&self.constants) };
         if self.blend[height].is_none() {
-            self.blend[height] = Some(Stage::new(device, &constants)?);
+            self.blend[height] = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
         }
         if has_long_lists && self.blend_long[height].is_none() {
-            let BlendConstants { subgroup, block_height, alpha_min, extent, .. } = constants;
-            let BlendConstants { alpha_max, has_clamped_alphas, transmittance_min, stop, compact, .. } = constants;
-            self.blend_long[height] = Some(Stage::new(
-                device,
-                &BlendLongConstants {
-                    subgroup,
-                    block_height,
-                    alpha_min,
-                    extent,
-                    alpha_max,
-                    has_clamped_alphas,
-                    transmittance_min,
-                    stop,
-                    compact,
-                },
-            )?);
+            self.blend_long[height] = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
         }
         Ok(())
     }
 
-    /// Which of the heights its blocks have.
-    fn block_height(&self, size_px: [u32; 2], gaussians: usize) -> usize {
-        if let Some(height) = self.block_height {
-            return height;
+    /// The bins and blocks of a picture of a scene of so many Gaussians.
+    pub fn grid(&self, size_px: [u32; 2], gaussians: usize) -> BinGrid {
+        if let Some(height) = self.forced_block_height {
+            return BinGrid::new(size_px, height);
         }
         let pixels: u64 = size_px.iter().map(|side| u64::from(*side)).product();
         let is_crowded = gaussians as u64 > 2 * pixels;
@@ -170,8 +142,8 @@ impl FastPipeline {
             ..LARGE_PICTURE => 1,
             _ => 2,
         };
-        let fits = |height: &usize| bins_of(size_px, BLOCK_HEIGHTS[*height]).iter().product::<u32>() <= MAX_BINS;
-        (least..2).find(fits).unwrap_or(2)
+        let fits = |height: &usize| BinGrid::new(size_px, *height).count() <= MAX_BINS;
+        BinGrid::new(size_px, (least..2).find(fits).unwrap_or(2))
     }
 
     /// The longest list of a bin that it can draw.
@@ -179,194 +151,234 @@ impl FastPipeline {
         self.longest_list
     }
 
-    /// Elements of a splat's record.
+    /// 16-byte elements of a splat's record.
     pub fn splat_elements(&self) -> usize {
         if is_compact(&self.options) { 2 } else { 3 }
     }
 
-    /// Records one frame: `target` shows the scene seen by `camera`, if there was room in `work`; `work.totals` says so.
-    pub fn record(
-        &self,
-        cmd: &mut Commands,
-        (scene, camera): (&GpuScene, &Camera),
-        work: &FastWorkspace,
-        target: Target,
-    ) {
+    /// Records one frame: `target` shows `shot` if the capacity of `work` was enough, which `work.totals` tells.
+    ///
+    /// # Panics
+    /// If the scene has another layout than the pipeline was built for, or the blend was not [`prepare`](Self::prepare)d.
+    pub fn record(&self, cmd: &mut Commands, shot: Shot, work: &FastWorkspace, target: Target) {
+        let Shot { scene, camera } = shot;
         assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
         let drawn_alpha = self.options.rules.alpha_min;
         assert!(scene.alpha_min <= drawn_alpha, "a scene is culled by no higher threshold than it is drawn by");
-        let view = view(camera, self.options.rules.near);
-        let keys = DepthKeys::of(camera, &self.options, &scene.extent);
-        let [bins_x, bins_y] = self.bins(camera.size_px, scene.len());
-        let bins = bins_x * bins_y;
-        let height = self.block_height(camera.size_px, scene.len());
-        let block_height = BLOCK_HEIGHTS[height];
-        let visible_capacity = work.gaussian_from_splat.len() as u32;
-        let entry_capacity = work.entries.len() as u32;
-        let between_stages = |cmd: &mut Commands| {
-            cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
-        };
-
+        let grid = self.grid(camera.size_px, scene.len());
         cmd.scope("clear", |cmd| {
             cmd.fill(&work.totals, 0);
             cmd.fill(&work.listed_in_bins, 0);
         });
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-        cmd.scope("project", |cmd| {
-            let bindings = ProjectBindings {
-                bounds: &scene.bounds,
-                grids: &scene.grids,
-                shapes: scene.shape_planes(),
-                sh: scene.sh_planes(),
-                gaussian_from_splat: &work.gaussian_from_splat,
-                splats: &work.splats,
-                depth_keys: &work.depth_keys,
-                span_ranges: &work.span_ranges,
-                spans: &work.spans,
-                totals: &work.totals,
-            };
-            let push = ProjectPush {
-                view,
-                gaussians: scene.len() as u32,
-                visible_capacity,
-                span_capacity: work.spans.len() as u32,
-                depth_limit: ((1_u64 << keys.bits) - 1) as u32,
-                depth_shift: keys.shift,
-                block_height,
-            };
-            cmd.dispatch(&self.project, bindings, push, DispatchSize::Groups(scene.len().div_ceil(PROJECT_CHUNK) as u64));
-        });
+        cmd.scope("project", |cmd| self.project(cmd, shot, work, grid));
         between_stages(cmd);
-        let (totals, span_ranges, spans) = (&work.totals, &work.span_ranges, &work.spans);
-        let parts = DispatchSize::Groups(BIN_CHUNKS as u64);
-        cmd.scope("count", |cmd| {
-            let bindings = CountBindings {
-                totals,
-                span_ranges,
-                spans,
-                listed_in_bins: &work.listed_in_bins,
-                part_places: &work.part_places,
-            };
-            cmd.dispatch(&self.count, bindings, CountPush { bins_x, bins, visible_capacity }, parts);
-        });
+        cmd.scope("count", |cmd| self.count(cmd, work, grid));
         between_stages(cmd);
-        cmd.scope("offsets", |cmd| {
-            let bindings = OffsetsBindings {
-                totals,
-                listed_in_bins: &work.listed_in_bins,
-                bins: &work.bins,
-                bin_order: &work.bin_order,
-                run_bins: &work.run_bins,
-                stretch_bins: &work.stretch_bins,
-                dispatches: &work.dispatches,
-            };
-            let push = OffsetsPush { bins, visible_capacity, entry_capacity };
-            cmd.dispatch(&self.offsets, bindings, push, DispatchSize::Groups(1));
-        });
+        cmd.scope("offsets", |cmd| self.offsets(cmd, work, grid));
         between_stages(cmd);
-        cmd.scope("fill", |cmd| {
-            let bindings = FillBindings {
-                totals,
-                span_ranges,
-                spans,
-                part_places: &work.part_places,
-                bins: &work.bins,
-                depth_keys: &work.depth_keys,
-                entries: &work.entries,
-            };
-            let push = FillPush { bins_x, bins, visible_capacity, entry_capacity };
-            cmd.dispatch(&self.fill, bindings, push, parts);
-        });
+        cmd.scope("fill", |cmd| self.fill(cmd, work, grid));
         between_stages(cmd);
-        let over_runs = offset_of!(FastDispatches, over_runs);
-        cmd.scope("sort", |cmd| {
-            let bindings = SortBindings {
-                run_bins: &work.run_bins,
-                bins: &work.bins,
-                gaussian_from_splat: &work.gaussian_from_splat,
-                depth_keys: &work.depth_keys,
-                entries: &work.entries,
-                splat_ids: &work.splat_ids,
-                dispatches: &work.dispatches,
-            };
-            cmd.dispatch_indirect(&self.sort, bindings, (), &work.dispatches, over_runs);
-        });
+        cmd.scope("sort", |cmd| self.sort(cmd, work));
         between_stages(cmd);
-        cmd.scope("merge", |cmd| {
-            for (index, (piece, [entries, merged])) in work.mergers().enumerate() {
-                if index > 0 {
-                    between_stages(cmd);
-                }
-                let bindings = MergeBindings {
-                    run_bins: &work.run_bins,
-                    bins: &work.bins,
-                    gaussian_from_splat: &work.gaussian_from_splat,
-                    entries,
-                    splat_ids: &work.splat_ids,
-                    dispatches: &work.dispatches,
-                    merged,
-                };
-                cmd.dispatch_indirect(
-                    &self.merge[index.min(1)],
-                    bindings,
-                    MergePush { piece },
-                    &work.dispatches,
-                    over_runs,
-                );
-            }
-        });
+        cmd.scope("merge", |cmd| self.merge(cmd, work));
         between_stages(cmd);
-        cmd.scope("masks", |cmd| {
-            let bindings = MasksBindings {
-                stretch_bins: &work.stretch_bins,
-                bins: &work.bins,
-                splat_ids: &work.splat_ids,
-                splats: &work.splats,
-                masks: &work.masks,
-                dispatches: &work.dispatches,
-            };
-            let over_stretches = offset_of!(FastDispatches, over_stretches);
-            cmd.dispatch_indirect(
-                &self.masks,
-                bindings,
-                MasksPush { bins_x, block_height },
-                &work.dispatches,
-                over_stretches,
-            );
-        });
+        cmd.scope("masks", |cmd| self.masks(cmd, work, grid));
         between_stages(cmd);
-        cmd.scope("blend", |cmd| {
-            let bindings = BlendBindings {
-                bins: &work.bins,
-                bin_order: &work.bin_order,
-                splat_ids: &work.splat_ids,
-                splats: &work.splats,
-                masks: &work.masks,
-                image: target.image,
-            };
-            let BlendBindings { bins: listed, bin_order, splat_ids, splats, masks, image } = bindings;
-            let long_bindings = BlendLongBindings { bins: listed, bin_order, splat_ids, splats, masks, image };
-            let (size_px, background) = (image.size(), target.background.colour());
-            let push = BlendPush { size_px, bins_x, bins, background };
-            let long_push = BlendLongPush { size_px, bins_x, bins, background };
-            let over_long_blocks = offset_of!(FastDispatches, over_long_blocks);
-            if work.has_long_lists() {
-                let long = self.blend_long[height].as_ref().expect("it is prepared");
-                cmd.dispatch_indirect(long, long_bindings, long_push, &work.dispatches, over_long_blocks);
+        cmd.scope("blend", |cmd| self.blend(cmd, work, grid, target));
+    }
+
+    /// The fewest bytes that each stage moves through device memory: each input read once, each output written once.
+    pub fn least_bytes(&self, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
+        let Shot { scene, camera } = shot;
+        let gaussians = scene.len() as u64;
+        let [visible, spans, entries] = [totals.visible_kept, totals.spans, totals.listed_kept].map(u64::from);
+        let bins = u64::from(self.grid(camera.size_px, scene.len()).count());
+        let pixels: u64 = camera.size_px.iter().map(|side| u64::from(*side)).product();
+        let splat = 16 * self.splat_elements() as u64;
+        let (bounds, key, id) = (16, 4, 4);
+        let walk = 8 * visible + 4 * spans; // span ranges and spans
+        // Only lists of several runs are merged. The totals know the longest: it counts, others are left out.
+        let merged = if totals.longest_list > BIN_RUN { u64::from(totals.longest_list) } else { 0 };
+        vec![
+            ("clear", size_of::<Totals>() as u64 + 4 * bins),
+            // Bounds of all Gaussians in, the rest of those that are visible; splat, id, key and spans out.
+            ("project", bounds * gaussians + visible * (scene.bytes_each() - bounds + splat + id + key) + walk),
+            // Counts of all bins out.
+            ("count", walk + 4 * bins),
+            // Counts in; bins, their order, the dispatches out.
+            ("offsets", bins * (4 + size_of::<Bin>() as u64 + 4) + size_of::<FastDispatches>() as u64),
+            // Depth keys and bins in; depth key and splat of every entry out.
+            ("fill", walk + key * visible + size_of::<Bin>() as u64 * bins + 8 * entries),
+            // Depth key and splat in, splat out.
+            ("sort", (8 + 4) * entries),
+            ("merge", (8 + 4) * merged),
+            // Splat ids and the shapes of splats in; a word of block masks per entry out.
+            ("masks", (id + 4) * entries + 32 * visible),
+            // Ids, masks and splats in, each splat once; the image out.
+            ("blend", (id + 4) * entries + splat * visible + 16 * pixels),
+        ]
+    }
+
+    /// Projects the Gaussians that may touch the image, and finds the bins of each splat, as one span per row of bins.
+    pub(crate) fn project(&self, cmd: &mut Commands, shot: Shot, work: &FastWorkspace, grid: BinGrid) {
+        let Shot { scene, camera } = shot;
+        let keys = DepthKeys::of(camera, &self.options, &scene.extent);
+        let bindings = ProjectBindings {
+            bounds: &scene.bounds,
+            grids: &scene.grids,
+            shapes: scene.shape_planes(),
+            sh: scene.sh_planes(),
+            gaussian_from_splat: &work.gaussian_from_splat,
+            splats: &work.splats,
+            depth_keys: &work.depth_keys,
+            span_ranges: &work.span_ranges,
+            spans: &work.spans,
+            totals: &work.totals,
+        };
+        let push = ProjectPush {
+            view: view(camera, self.options.rules.near),
+            gaussians: scene.len() as u32,
+            visible_capacity: work.visible_capacity(),
+            span_capacity: work.spans.len() as u32,
+            depth_limit: ((1_u64 << keys.bits) - 1) as u32,
+            depth_shift: keys.shift,
+            block_height: grid.block_height,
+        };
+        let groups = scene.len().div_ceil(PROJECT_CHUNK as usize) as u64;
+        cmd.dispatch(&self.project, bindings, push, DispatchSize::Groups(groups));
+    }
+
+    /// Counts the splats of every bin, part by part.
+    pub(crate) fn count(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
+        let bindings = CountBindings {
+            totals: &work.totals,
+            span_ranges: &work.span_ranges,
+            spans: &work.spans,
+            listed_in_bins: &work.listed_in_bins,
+            part_places: &work.part_places,
+        };
+        let push = CountPush { bins_x: grid.bins[0], bins: grid.count(), visible_capacity: work.visible_capacity() };
+        cmd.dispatch(&self.count, bindings, push, DispatchSize::Groups(BIN_CHUNKS.into()));
+    }
+
+    /// Finds where each bin's list begins, and the dispatches over runs, stretches and long lists.
+    pub(crate) fn offsets(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
+        let bindings = OffsetsBindings {
+            totals: &work.totals,
+            listed_in_bins: &work.listed_in_bins,
+            bins: &work.bins,
+            bin_order: &work.bin_order,
+            run_bins: &work.run_bins,
+            stretch_bins: &work.stretch_bins,
+            dispatches: &work.dispatches,
+        };
+        let push = OffsetsPush {
+            bins: grid.count(),
+            visible_capacity: work.visible_capacity(),
+            entry_capacity: work.entry_capacity(),
+        };
+        cmd.dispatch(&self.offsets, bindings, push, DispatchSize::Groups(1));
+    }
+
+    /// Writes depth key and splat of every entry into the list of its bin, in any order.
+    pub(crate) fn fill(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
+        let bindings = FillBindings {
+            totals: &work.totals,
+            span_ranges: &work.span_ranges,
+            spans: &work.spans,
+            part_places: &work.part_places,
+            bins: &work.bins,
+            depth_keys: &work.depth_keys,
+            entries: &work.entries,
+        };
+        let push = FillPush {
+            bins_x: grid.bins[0],
+            bins: grid.count(),
+            visible_capacity: work.visible_capacity(),
+            entry_capacity: work.entry_capacity(),
+        };
+        cmd.dispatch(&self.fill, bindings, push, DispatchSize::Groups(BIN_CHUNKS.into()));
+    }
+
+    /// Sorts every run by depth, then by Gaussian.
+    pub(crate) fn sort(&self, cmd: &mut Commands, work: &FastWorkspace) {
+        let bindings = SortBindings {
+            run_bins: &work.run_bins,
+            bins: &work.bins,
+            gaussian_from_splat: &work.gaussian_from_splat,
+            depth_keys: &work.depth_keys,
+            entries: &work.entries,
+            splat_ids: &work.splat_ids,
+            dispatches: &work.dispatches,
+        };
+        cmd.dispatch_indirect(&self.sort, bindings, (), &work.dispatches, offset_of!(FastDispatches, over_runs));
+    }
+
+    /// Merges the runs of every list that has several, level by level.
+    pub(crate) fn merge(&self, cmd: &mut Commands, work: &FastWorkspace) {
+        for (level, (piece, [entries, merged])) in work.merge_levels().enumerate() {
+            if level > 0 {
                 between_stages(cmd);
             }
-            let lanes = DispatchSize::Invocations(u64::from(bins) * BLOCKS * u64::from(self.subgroup));
-            cmd.dispatch(self.blend[height].as_ref().expect("it is prepared"), bindings, push, lanes);
-        });
+            let stage = if level == 0 { &self.merge_runs } else { &self.merge_again };
+            let bindings = MergeBindings {
+                run_bins: &work.run_bins,
+                bins: &work.bins,
+                gaussian_from_splat: &work.gaussian_from_splat,
+                entries,
+                splat_ids: &work.splat_ids,
+                dispatches: &work.dispatches,
+                merged,
+            };
+            let groups = offset_of!(FastDispatches, over_runs);
+            cmd.dispatch_indirect(stage, bindings, MergePush { piece }, &work.dispatches, groups);
+        }
+    }
+
+    /// Marks the blocks of its bin that every entry's splat reaches.
+    pub(crate) fn masks(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
+        let bindings = MasksBindings {
+            stretch_bins: &work.stretch_bins,
+            bins: &work.bins,
+            splat_ids: &work.splat_ids,
+            splats: &work.splats,
+            masks: &work.masks,
+            dispatches: &work.dispatches,
+        };
+        let push = MasksPush { bins_x: grid.bins[0], block_height: grid.block_height };
+        let groups = offset_of!(FastDispatches, over_stretches);
+        cmd.dispatch_indirect(&self.masks, bindings, push, &work.dispatches, groups);
+    }
+
+    /// Blends every block front to back: those of long lists by several subgroups each, the others by one.
+    pub(crate) fn blend(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid, target: Target) {
+        let bindings = BlendBindings {
+            bins: &work.bins,
+            bin_order: &work.bin_order,
+            splat_ids: &work.splat_ids,
+            splats: &work.splats,
+            masks: &work.masks,
+            image: target.image,
+        };
+        let push = BlendPush {
+            size_px: target.image.size(),
+            bins_x: grid.bins[0],
+            bins: grid.count(),
+            background: target.background.colour(),
+        };
+        if work.has_long_lists() {
+            let long = self.blend_long[grid.height_index].as_ref().expect("`prepare` made it");
+            let groups = offset_of!(FastDispatches, over_long_blocks);
+            cmd.dispatch_indirect(long, bindings, push, &work.dispatches, groups);
+            between_stages(cmd);
+        }
+        let blend = self.blend[grid.height_index].as_ref().expect("`prepare` made it");
+        let lanes = u64::from(grid.count()) * u64::from(BLOCKS * self.subgroup);
+        cmd.dispatch(blend, bindings, push, DispatchSize::Invocations(lanes));
     }
 }
 
-fn bins_of(size_px: [u32; 2], block_height: u32) -> [u32; 2] {
-    let block = [BLOCK_WIDTH, block_height];
-    std::array::from_fn(|axis| size_px[axis].div_ceil(BIN_SHAPE[axis] * block[axis]))
-}
-
-/// Whether colours of splats are kept in 16-bit floats: where those of Gaussians may be, and pixels may stop early.
-fn is_compact(options: &Options) -> bool {
-    matches!(options.sh_storage, Storage::F16 | Storage::U8) && options.stop > 0.0
+fn between_stages(cmd: &mut Commands) {
+    cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
 }

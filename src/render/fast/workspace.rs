@@ -1,37 +1,25 @@
-//! Every intermediate buffer of a fast frame.
+//! Every intermediate buffer of a frame of the fast path.
 
 use anyhow::Result;
 
-use crate::render::shaders::{Bin, FastDispatches, Totals};
-use crate::render::portable::workspace::{Capacity, first_that_fits, length};
 use crate::gpu::{Buffer, Device};
+use crate::render::capacity::{Capacity, length};
+use crate::render::shaders::fast::{BIN_CHUNKS, BIN_PIECES, BIN_RUN, BIN_STRETCH};
+use crate::render::shaders::{Bin, FastDispatches, Totals};
 
-// The shaders' constants of the same names.
-/// Of blocks.
-pub(super) const BIN_SHAPE: [u32; 2] = [8, 4];
-/// px
-pub(super) const BLOCK_WIDTH: u32 = 8;
-pub(super) const BLOCKS: u64 = 32;
-pub(super) const MAX_BINS: u32 = 7200;
-pub(super) const PROJECT_CHUNK: usize = 384;
-pub(super) const BIN_CHUNKS: usize = 264;
-const BIN_RUN: usize = 2048;
-const BIN_PIECES: usize = 16;
-const BIN_STRETCH: usize = 1024;
-
-/// The buffers of one fast frame in the making. In a [`Capacity`], its tiles are bins.
+/// The buffers of one frame of the fast path, whose cells are bins.
 pub struct FastWorkspace {
-    pub room: Capacity,
+    pub capacity: Capacity,
     pub totals: Buffer<Totals>,
     pub dispatches: Buffer<FastDispatches>,
     pub gaussian_from_splat: Buffer<u32>,
-    /// Two or three elements each.
+    /// [`FastPipeline::splat_elements`](super::FastPipeline::splat_elements) elements each.
     pub splats: Buffer<[u32; 4]>,
     pub depth_keys: Buffer<u32>,
     pub span_ranges: Buffer<[u32; 2]>,
     pub spans: Buffer<u32>,
     pub listed_in_bins: Buffer<u32>,
-    /// Where the entries of every part of the splats begin in every bin.
+    /// Where the entries of every chunk of splats begin in the list of every bin.
     pub part_places: Buffer<u32>,
     pub bins: Buffer<Bin>,
     pub bin_order: Buffer<u32>,
@@ -39,37 +27,37 @@ pub struct FastWorkspace {
     pub stretch_bins: Buffer<u32>,
     /// Depth key and splat.
     pub entries: Buffer<[u32; 2]>,
-    /// The same between mergers, if one is not enough.
+    /// The entries between merge levels, if there are several.
     pub merged: Buffer<[u32; 2]>,
     /// Times that lists are merged.
-    mergers: u32,
+    merge_levels: u32,
     pub splat_ids: Buffer<u32>,
-    /// A bit for every entry and block of its bin.
+    /// A word per entry, a bit per block of its bin; those of 32 entries lie transposed.
     pub masks: Buffer<u32>,
     splat_elements: usize,
 }
 
 impl FastWorkspace {
-    /// A first guess of the room for a scene, from that of the portable path.
+    /// A first guess for a scene, from that of the portable path.
     pub fn guess(device: &Device, guess: Capacity) -> Capacity {
-        let most = |bytes: u64| device.facts().limits.storage_range / bytes;
+        let most = |bytes: u64| device.capabilities().limits.storage_range / bytes;
         // Captured scenes at 1080p: a splat is in 1.2 rows of bins and in 2 bins.
         let visible = guess.visible.min(most(48));
-        Capacity { visible, spans: visible / 2, instances: (2 * visible).max(1 << 15).min(most(8)), ..guess }
+        Capacity { visible, spans: visible / 2, listed: (2 * visible).max(1 << 15).min(most(8)), ..guess }
     }
 
-    pub fn new(device: &Device, room: Capacity, splat_elements: usize) -> Result<Self> {
-        Self::with(device, room, splat_elements, 1)
+    pub fn new(device: &Device, capacity: Capacity, splat_elements: usize) -> Result<Self> {
+        Self::with(device, capacity, splat_elements, 1)
     }
 
-    fn with(device: &Device, room: Capacity, splat_elements: usize, mergers: u32) -> Result<Self> {
-        let visible = length("visible splats", room.visible)?;
-        let spans = length("rows of bins", room.spans)?;
-        let entries = length("entries of bins", room.instances)?;
-        let stretches = entries / BIN_STRETCH + room.tiles;
+    fn with(device: &Device, capacity: Capacity, splat_elements: usize, merge_levels: u32) -> Result<Self> {
+        let visible = length("visible splats", capacity.visible)?;
+        let spans = length("rows of bins", capacity.spans)?;
+        let entries = length("entries of bins", capacity.listed)?;
+        let stretches = entries / BIN_STRETCH as usize + capacity.cells;
         let words = |name: &str, len: usize| Buffer::<u32>::new(device, name, len);
         Ok(Self {
-            room,
+            capacity,
             totals: Buffer::new(device, "totals", 1)?,
             dispatches: Buffer::new(device, "dispatches", 1)?,
             gaussian_from_splat: words("gaussian from splat", visible)?,
@@ -77,49 +65,57 @@ impl FastWorkspace {
             depth_keys: words("depth keys", visible)?,
             span_ranges: Buffer::new(device, "span ranges", visible)?,
             spans: words("spans", spans)?,
-            listed_in_bins: words("listed in bins", room.tiles)?,
-            part_places: words("part places", BIN_CHUNKS * room.tiles)?,
-            bins: Buffer::new(device, "bins", room.tiles)?,
-            bin_order: words("bin order", room.tiles)?,
-            run_bins: words("run bins", entries / BIN_RUN + room.tiles)?,
+            listed_in_bins: words("listed in bins", capacity.cells)?,
+            part_places: words("part places", BIN_CHUNKS as usize * capacity.cells)?,
+            bins: Buffer::new(device, "bins", capacity.cells)?,
+            bin_order: words("bin order", capacity.cells)?,
+            run_bins: words("run bins", entries / BIN_RUN as usize + capacity.cells)?,
             stretch_bins: words("stretch bins", stretches)?,
             entries: Buffer::new(device, "entries", entries)?,
-            merged: Buffer::new(device, "merged entries", if mergers > 1 { entries } else { 1 })?,
-            mergers,
+            merged: Buffer::new(device, "merged entries", if merge_levels > 1 { entries } else { 1 })?,
+            merge_levels,
             splat_ids: words("splat ids", entries)?,
-            masks: words("masks", stretches * BIN_STRETCH)?,
+            masks: words("masks", stretches * BIN_STRETCH as usize)?,
             splat_elements,
         })
     }
 
-    /// Makes room for `demand` and a little more, and for a list as long as the longest, if there is not enough.
+    /// Makes the buffers large enough for `demand`, and the merge levels enough for a list as long as the longest.
     pub fn grow(&mut self, device: &Device, demand: Capacity, longest_list: u32) -> Result<()> {
-        let mergers = self.mergers.max(mergers(longest_list));
-        if demand.fits(self.room) && mergers == self.mergers {
+        let (current, elements) = (self.capacity, self.splat_elements);
+        let levels = self.merge_levels.max(merge_levels(longest_list));
+        if demand.fits(current) && levels == self.merge_levels {
             return Ok(());
         }
-        let elements = self.splat_elements;
-        let rooms = demand.rooms_beyond(self.room);
         *self = Self::new(device, Capacity::default(), elements)?; // frees what is there before the larger are made
-        *self = first_that_fits(rooms, |room| Self::with(device, room, elements, mergers))?;
+        *self = demand.grow(current, |capacity| Self::with(device, capacity, elements, levels))?;
         Ok(())
     }
 
-    /// For every time that lists are merged: entries of the pieces that are sorted before, and these pieces' buffer, then the
-    /// next ones'.
-    pub fn mergers(&self) -> impl Iterator<Item = (u32, [&Buffer<[u32; 2]>; 2])> {
+    /// Splats that fit.
+    pub fn visible_capacity(&self) -> u32 {
+        self.gaussian_from_splat.len() as u32
+    }
+
+    /// Entries that fit.
+    pub fn entry_capacity(&self) -> u32 {
+        self.entries.len() as u32
+    }
+
+    /// One item per merge level: length of its sorted pieces, input buffer, output buffer.
+    pub fn merge_levels(&self) -> impl Iterator<Item = (u32, [&Buffer<[u32; 2]>; 2])> {
         let buffers = [[&self.entries, &self.merged], [&self.merged, &self.entries]];
-        (0..self.mergers).map(move |i| ((BIN_RUN * BIN_PIECES.pow(i)) as u32, buffers[i as usize % 2]))
+        (0..self.merge_levels).map(move |level| (BIN_RUN * BIN_PIECES.pow(level), buffers[level as usize % 2]))
     }
 
-    /// Whether there may be bins whose blocks several subgroups blend: those that are merged more than once.
+    /// True if there may be long lists, whose blocks are blended by several subgroups each.
     pub fn has_long_lists(&self) -> bool {
-        self.mergers > 1
+        self.merge_levels > 1
     }
 
-    /// The longest list of a bin that is merged.
+    /// The longest list of a bin that these merge levels sort.
     pub fn longest_list(&self) -> u32 {
-        u32::try_from(BIN_RUN * BIN_PIECES.pow(self.mergers) - 1).unwrap_or(u32::MAX)
+        u32::try_from(longest_merged(self.merge_levels)).unwrap_or(u32::MAX)
     }
 
     /// Every buffer's name and bytes.
@@ -150,8 +146,12 @@ impl FastWorkspace {
     }
 }
 
-/// Times that a list is merged until it is sorted; once if it is short.
-fn mergers(longest_list: u32) -> u32 {
-    let is_enough = |times: &u32| BIN_RUN * BIN_PIECES.pow(*times) > longest_list as usize;
-    (1..).find(is_enough).expect("powers grow")
+/// The longest list that so many merge levels sort.
+fn longest_merged(levels: u32) -> u64 {
+    u64::from(BIN_RUN) * u64::from(BIN_PIECES).pow(levels) - 1
+}
+
+/// Merge levels that sort a list of this length; one if it is short.
+fn merge_levels(longest_list: u32) -> u32 {
+    (1..).find(|levels| longest_merged(*levels) >= longest_list.into()).expect("powers grow")
 }

@@ -1,37 +1,37 @@
-//! What a window shows of pictures: one, two side by side, their difference, or a quantity in false colours.
+//! Pictures on a screen: one, two side by side, their difference, or a quantity in false colours.
 
 use anyhow::Result;
 
-use crate::render::shaders::{Room, Show, ShowBindings, ShowConstants, ShowPush, Totals};
-use crate::render::renderer::Renderer;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage};
 use crate::pixels::Pixels;
+use crate::render::shaders::inspect::*;
+use crate::render::shaders::{Room, Totals};
 
-/// What is shown of two pictures.
+/// How two pictures are shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Compare {
     First,
     Second,
-    /// The first to the left of this many pixels.
+    /// The first to the left of this column (px), the second to the right.
     Split(f32),
-    /// Of each channel, this many times.
+    /// The absolute difference per channel, multiplied by this gain.
     Difference(f32),
 }
 
-/// What is shown of a pixel.
+/// The quantity of a pixel that is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Quantity {
     /// Its colour.
     Colour,
-    /// The number that all three channels hold.
+    /// The number in all three channels, in false colours.
     Number(Scale),
-    /// The same, over the coverage.
+    /// The same, divided by the coverage.
     Mean(Scale),
     Coverage,
     Transmittance,
 }
 
-/// The numbers between which false colours lie.
+/// The ends of a scale of false colours.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     pub low: f32,
@@ -39,43 +39,40 @@ pub struct Scale {
     pub is_logarithmic: bool,
 }
 
-/// Makes what a window shows, in 8 bits as files have it. What was shown is kept for as long as a frame did not find room.
+/// Converts pictures to 8 bits for a window, with the rounding of files. The shown pixels stay while a frame is incomplete.
 pub struct Display {
     device: Device,
-    /// Whether the window's images take stores of shaders.
+    /// True if shaders may store to the window's images.
     is_direct: bool,
     stage: Stage<Show>,
     colours: Buffer<u32>,
     shown: Buffer<u32>,
-    /// Takes the place of the window's images where these take no stores.
+    /// Bound in place of the window's image where shaders may not store to that.
     no_screen: Image,
     no_totals: Buffer<Totals>,
 }
 
-/// A picture to show: an image, and whether it came out whole.
+/// A picture to show: an image, and how the shader tells that it is complete.
 pub struct Picture<'a> {
     image: &'a Image,
-    /// None for one that came from elsewhere.
+    /// `None` if it is known to be complete.
     frame: Option<(&'a Buffer<Totals>, Room)>,
 }
 
-/// Red, green and blue at a part of the scale, from 0 for low to 1 for high.
+/// Red, green and blue at a place of the scale, 0 for low and 1 for high.
 pub fn false_colour(part: f64) -> [u8; 3] {
     let colorous::Color { r, g, b } = colorous::INFERNO.eval_continuous(part);
     [r, g, b]
 }
 
-/// Colours of the scale from low to high.
-const COLOURS: usize = 256;
-
 impl Display {
-    /// `is_direct`: the window's images take stores; `is_bgra`: they have blue first.
+    /// `is_direct`: shaders may store to the window's images. `is_bgra`: these have blue first.
     pub fn new(device: &Device, is_direct: bool, is_bgra: bool) -> Result<Self> {
-        let colours = Buffer::new(device, "colours", COLOURS)?;
+        let colours = Buffer::new(device, "colours", COLOURS as usize)?;
         let mut cmd = Commands::new(device)?;
-        cmd.upload(&colours, 0, COLOURS, |memory: &mut [u32]| {
+        cmd.upload(&colours, 0, COLOURS as usize, |memory: &mut [u32]| {
             for (i, word) in memory.iter_mut().enumerate() {
-                let [r, g, b] = false_colour(i as f64 / (COLOURS - 1) as f64);
+                let [r, g, b] = false_colour(i as f64 / f64::from(COLOURS - 1));
                 *word = u32::from_le_bytes([r, g, b, 255]);
             }
         })?;
@@ -93,7 +90,7 @@ impl Display {
         })
     }
 
-    /// Records what `screen` shows of pictures of its size.
+    /// Records the conversion of two pictures of the size of `screen` into it.
     pub fn record(
         &mut self,
         cmd: &mut Commands,
@@ -110,21 +107,21 @@ impl Display {
             cmd.barrier(Access::COPY_WRITE, Access::SHADER);
         }
         for picture in [first, second] {
-            assert_eq!(picture.image.size(), size_px, "a picture is as large as what shows it");
+            assert_eq!(picture.image.size(), size_px, "a picture has the size of the screen that shows it");
         }
         let (mode, split_px, gain) = match compare {
-            Compare::First => (0, 0.0, 1.0),
-            Compare::Second => (1, 0.0, 1.0),
-            Compare::Split(x) => (2, x, 1.0),
-            Compare::Difference(gain) => (3, 0.0, gain),
+            Compare::First => (MODE_FIRST, 0.0, 1.0),
+            Compare::Second => (MODE_SECOND, 0.0, 1.0),
+            Compare::Split(x) => (MODE_SPLIT, x, 1.0),
+            Compare::Difference(gain) => (MODE_DIFFERENCE, 0.0, gain),
         };
         let none = Scale { low: 0.0, high: 1.0, is_logarithmic: false };
         let (quantity, scale) = match quantity {
-            Quantity::Colour => (0, none),
-            Quantity::Number(scale) => (1, scale),
-            Quantity::Mean(scale) => (2, scale),
-            Quantity::Coverage => (3, none),
-            Quantity::Transmittance => (4, none),
+            Quantity::Colour => (QUANTITY_COLOUR, none),
+            Quantity::Number(scale) => (QUANTITY_NUMBER, scale),
+            Quantity::Mean(scale) => (QUANTITY_MEAN, scale),
+            Quantity::Coverage => (QUANTITY_COVERAGE, none),
+            Quantity::Transmittance => (QUANTITY_TRANSMITTANCE, none),
         };
         let push = ShowPush {
             size_px,
@@ -157,12 +154,12 @@ impl Display {
 }
 
 impl<'a> Picture<'a> {
-    /// What a still drew last.
-    pub fn of(still: &'a Renderer) -> Self {
-        Self { image: still.image(), frame: Some((still.totals(), still.drawn_room())) }
+    /// An image that a frame drew, with what it counted and the capacity it had.
+    pub(in crate::render) fn of_frame(image: &'a Image, totals: &'a Buffer<Totals>, room: Room) -> Self {
+        Self { image, frame: Some((totals, room)) }
     }
 
-    /// What came from elsewhere.
+    /// An image that is known to be complete.
     pub fn whole(image: &'a Image) -> Self {
         Self { image, frame: None }
     }
@@ -172,7 +169,7 @@ impl<'a> Picture<'a> {
     }
 
     fn room(&self) -> Room {
-        let everything = Room { visible: u32::MAX, spans: u32::MAX, instances: u32::MAX, longest_list: u32::MAX };
+        let everything = Room { visible: u32::MAX, spans: u32::MAX, listed: u32::MAX, longest_list: u32::MAX };
         self.frame.as_ref().map_or(everything, |(_, room)| *room)
     }
 
@@ -184,7 +181,7 @@ impl<'a> Picture<'a> {
     }
 }
 
-/// An image that holds these pixels.
+/// Uploads pixels into a new image.
 pub fn upload_pixels(device: &Device, name: &str, pixels: &Pixels) -> Result<Image> {
     let [width, height] = pixels.size;
     let image = Image::new(device, name, width, height)?;

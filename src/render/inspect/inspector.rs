@@ -1,29 +1,27 @@
-//! Looking inside the pipeline: pictures of what the Gaussians are and of what the stages do, a frame culled from
-//! elsewhere, a Gaussian alone.
+//! The inspector: frames of the portable path that show attributes or work instead of colours, that are culled from another
+//! camera, or that draw one Gaussian alone.
 
 use std::mem::offset_of;
 
 use anyhow::Result;
 
-use crate::render::portable::blend::{Blending, Target, Variation, extent_code};
-use crate::render::gpu_scene::GpuScene;
-use crate::render::layout::Layout;
-use crate::render::portable::pipeline::{chunks, subgroups};
-use crate::render::shaders::inspect::*;
-use crate::render::shaders::*;
-use crate::render::frame::tiles;
-use crate::render::portable::workspace::PortableWorkspace;
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
-use crate::rules::Background;
 use crate::pixels::{Depths, Pixels, Plane};
+use crate::render::constants::shared;
+use crate::render::frame::{Shot, Target, tiles};
+use crate::render::layout::Layout;
+use crate::render::portable::{PortablePipeline, PortableWorkspace, chunks};
+use crate::render::shaders::inspect::*;
+use crate::render::shaders::{PortableDispatches, View};
+use crate::rules::Background;
 
-/// What a frame is looked at for. By default it is an ordinary one, and costs what that costs.
+/// How a frame is inspected. The default is an ordinary frame and costs no more than that.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Inspection {
     pub look: Look,
-    /// Gaussians are culled as seen from here, so that the camera may leave what is drawn and look at it from outside.
+    /// Gaussians are culled as seen from this camera, so that the frame's camera can look at them from outside.
     pub culled_from: Option<Camera>,
     /// Only this Gaussian is drawn: its index in the scene.
     pub isolated: Option<u32>,
@@ -35,51 +33,51 @@ pub enum Look {
     /// The scene.
     #[default]
     Colour,
-    /// An attribute of the Gaussians instead of their colours, blended as these are, over 0: the number as it is in all
-    /// channels where it is one. Divided by alpha it is the mean over what is seen.
+    /// An attribute of the Gaussians instead of their colours, blended like colours over 0. A number is in all three
+    /// channels; divided by alpha it is the mean over what is visible.
     Attribute(Attribute),
-    /// What a pixel takes, counted or drawn instead of blended, over black.
+    /// The work that a pixel takes, counted or drawn instead of blended, over black.
     Work(Work),
 }
 
-/// In the order of recolour.comp's numbers.
+/// An attribute of a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribute {
     /// View z of the mean, world units.
-    Depth,
-    /// The shortest axis n, turned to the camera, in world axes: 0.5 + 0.5 n.
-    Normal,
-    /// Of the Gaussian, before antialiasing changes it.
-    Opacity,
-    /// log2 of the longest scale in world units; -126 for none.
-    Size,
+    Depth = ATTRIBUTE_DEPTH as isize,
+    /// 0.5 + 0.5 n in world axes, where n is the shortest axis, turned to the camera.
+    Normal = ATTRIBUTE_NORMAL as isize,
+    /// The opacity of the Gaussian, before antialiasing changes it.
+    Opacity = ATTRIBUTE_OPACITY as isize,
+    /// log2 of the longest scale in world units; -126 where all scales are 0.
+    Size = ATTRIBUTE_SIZE as isize,
     /// log2 of the longest scale over the shortest.
-    Anisotropy,
-    /// Spherical harmonics of degree 0 alone.
-    BaseColour,
-    /// A colour for every index, the same in every frame.
-    Identity,
+    Anisotropy = ATTRIBUTE_ANISOTROPY as isize,
+    /// The colour by spherical harmonics of degree 0 alone.
+    BaseColour = ATTRIBUTE_BASE_COLOUR as isize,
+    /// A colour per index, the same in every frame.
+    Identity = ATTRIBUTE_IDENTITY as isize,
 }
 
-/// The first three are counts, in all channels, with an alpha of 1. In the order of inspect.comp's numbers.
+/// The work of a pixel. The first three are counts, in all channels, with an alpha of 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
-    /// Entries of the tile's list.
-    TileLoad,
-    /// Entries of the list up to the one that stopped the pixel, that one included.
-    Evaluations,
-    /// Entries that were blended.
-    Contributions,
-    /// A dot of 1.5 px radius at the mean of every splat, the nearest on top; none beyond the tiles that list the splat.
-    Centres,
-    /// The outermost pixel of what every splat is drawn on, half transparent, front to back.
-    Outlines,
-    /// Not a picture but [`depths`]: the mean depth, the median, which is 0 where there is none, and the count of what was
-    /// blended; and coverage.
-    Depths,
+    /// Instances in the tile's list.
+    TileLoad = WORK_TILE_LOAD as isize,
+    /// Instances of the list up to and including the one that stopped the pixel.
+    Evaluations = WORK_EVALUATIONS as isize,
+    /// Instances that were blended.
+    Contributions = WORK_CONTRIBUTIONS as isize,
+    /// A dot of 1.5 px radius at the mean of every splat, the nearest on top, within the tiles that list the splat.
+    Centres = WORK_CENTRES as isize,
+    /// The outermost pixels that every splat covers, half transparent, front to back.
+    Outlines = WORK_OUTLINES as isize,
+    /// Input of [`depths`], not a picture: red is the mean depth, green the median depth or 0, blue the number of blended
+    /// splats, alpha the coverage.
+    Depths = WORK_DEPTHS as isize,
 }
 
-/// What a picture of [`Work::Depths`] holds.
+/// Splits a picture of [`Work::Depths`] into planes.
 pub fn depths(picture: &Pixels) -> Depths {
     let plane =
         |value: fn(&[f32; 4]) -> f32| Plane { size: picture.size, values: picture.rgba.iter().map(value).collect() };
@@ -92,8 +90,8 @@ pub fn depths(picture: &Pixels) -> Depths {
 
 /// The pipelines of an inspection.
 pub struct Inspector {
-    pub(super) inspection: Inspection,
-    narrow: Stage<Intersect>,
+    pub(in crate::render) inspection: Inspection,
+    intersect: Stage<Intersect>,
     picture: Picture,
 }
 
@@ -103,55 +101,72 @@ enum Picture {
     Work {
         /// The second resumes what the first began.
         stages: [Stage<Inspect>; 2],
-        /// Where depths are what is looked at.
-        recolour: Option<Stage<ShadeAttribute>>,
+        /// Shades splats by depth, for [`Work::Depths`].
+        depth: Option<Stage<ShadeAttribute>>,
     },
 }
 
 impl Inspector {
     pub fn new(device: &Device, options: &Options, layout: &Layout, inspection: Inspection) -> Result<Self> {
-        let recolour = |attribute: Attribute| {
-            let constants = ShadeAttributeConstants {
-                sh_degree: layout.sh_degree,
-                sh_storage: layout.sh.code(),
-                shape_storage: layout.shape.code(),
-                attribute: attribute as u32,
-            };
-            Stage::new(device, &constants)
+        let constants = shared(options, layout, device.capabilities().subgroup_size[1]);
+        let shade = |attribute: Attribute| {
+            let attribute = attribute as u32;
+            Stage::new(device, &ShadeAttributeConstants { attribute, ..ShadeAttributeConstants::of(&constants) })
         };
         let picture = match inspection.look {
             Look::Colour => Picture::Colour,
-            Look::Attribute(attribute) => Picture::Attribute(recolour(attribute)?),
+            Look::Attribute(attribute) => Picture::Attribute(shade(attribute)?),
             Look::Work(work) => {
-                let rules = &options.rules;
                 let stage = |resume| {
-                    let constants = InspectConstants {
-                        resume,
-                        work: work as u32,
-                        alpha_min: rules.alpha_min,
-                        extent: extent_code(rules.extent),
-                        alpha_max: rules.alpha_max,
-                        transmittance_min: rules.transmittance_min,
-                        stop: options.stop,
-                    };
+                    let constants = InspectConstants { resume, work: work as u32, ..InspectConstants::of(&constants) };
                     Stage::new(device, &constants)
                 };
                 Picture::Work {
                     stages: [stage(false)?, stage(true)?],
-                    recolour: (work == Work::Depths).then(|| recolour(Attribute::Depth)).transpose()?,
+                    depth: (work == Work::Depths).then(|| shade(Attribute::Depth)).transpose()?,
                 }
             }
         };
-        Ok(Self { inspection, narrow: Stage::new(device, &())?, picture })
+        Ok(Self { inspection, intersect: Stage::new(device, &())?, picture })
     }
 
-    pub(super) fn culled_from(&self) -> Option<&Camera> {
-        self.inspection.culled_from.as_ref()
+    /// Records a frame of the portable path with what is inspected in place of its colours.
+    pub(in crate::render) fn record(
+        &self,
+        cmd: &mut Commands,
+        pipeline: &PortablePipeline,
+        shot: Shot,
+        work: &PortableWorkspace,
+        target: Target,
+        passes: u32,
+    ) {
+        let view = pipeline.view(shot.camera);
+        let culled_from = self.inspection.culled_from.as_ref();
+        pipeline.clear(cmd, work);
+        cmd.scope("cull", |cmd| {
+            pipeline.cull(cmd, shot.scene, culled_from.map_or(view, |camera| pipeline.sampled_view(camera)), work);
+            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            self.intersect(cmd, shot, view, work);
+            pipeline.compact(cmd, shot.scene, work);
+        });
+        pipeline.project_visible(cmd, shot, view, work);
+        self.shade(cmd, shot, view, work);
+        let splat_ids = pipeline.bin(cmd, shot, work);
+        match &self.picture {
+            Picture::Colour => cmd.scope("blend", |cmd| pipeline.blend(cmd, shot, work, splat_ids, target, passes)),
+            Picture::Attribute(_) => {
+                let target = Target { background: Background::Transparent, ..target };
+                cmd.scope("blend", |cmd| pipeline.blend(cmd, shot, work, splat_ids, target, passes));
+            }
+            Picture::Work { stages, .. } => cmd.scope("inspect", |cmd| {
+                walk(cmd, stages, pipeline.blending.entries_per_pass, work, splat_ids, target, passes);
+            }),
+        }
     }
 
-    /// Of what was culled from elsewhere leaves what `view` may see too, and of all Gaussians the isolated one. Begins
-    /// behind a barrier, and ends with one.
-    pub(super) fn narrow(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &PortableWorkspace) {
+    /// Intersects the visible set, which was culled from another camera, with what `view` may see; if a Gaussian is
+    /// isolated, keeps only that one. Begins after a barrier and ends with one.
+    fn intersect(&self, cmd: &mut Commands, Shot { scene, .. }: Shot, view: View, work: &PortableWorkspace) {
         let Inspection { culled_from, isolated, .. } = &self.inspection;
         if culled_from.is_none() && isolated.is_none() {
             return;
@@ -162,16 +177,14 @@ impl Inspector {
             chunk_counts: &work.chunk_counts,
         };
         let push = IntersectPush { view, chunks: chunks(scene), isolated: isolated.unwrap_or(u32::MAX) };
-        cmd.dispatch(&self.narrow, bindings, push, DispatchSize::Invocations(work.visible_masks.len() as u64));
+        let words = work.visible_masks.len() as u64;
+        cmd.dispatch(&self.intersect, bindings, push, DispatchSize::Invocations(words));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
     }
 
-    /// Gives the splats the colours of an attribute, if one is looked at.
-    pub(super) fn recolour(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &PortableWorkspace) {
-        let (Picture::Attribute(recolour) | Picture::Work { recolour: Some(recolour), .. }) = &self.picture
-        else {
-            return;
-        };
+    /// Gives the splats the colours of the inspected attribute, if there is one.
+    fn shade(&self, cmd: &mut Commands, Shot { scene, .. }: Shot, view: View, work: &PortableWorkspace) {
+        let (Picture::Attribute(stage) | Picture::Work { depth: Some(stage), .. }) = &self.picture else { return };
         let bindings = ShadeAttributeBindings {
             totals: &work.totals,
             gaussian_from_splat: &work.gaussian_from_splat,
@@ -182,36 +195,14 @@ impl Inspector {
             splats: &work.splats,
         };
         let groups = offset_of!(PortableDispatches, over_visible);
-        cmd.scope("recolour", |cmd| {
-            cmd.dispatch_indirect(recolour, bindings, ShadeAttributePush { view }, &work.dispatches, groups);
+        cmd.scope("shade attribute", |cmd| {
+            cmd.dispatch_indirect(stage, bindings, ShadeAttributePush { view }, &work.dispatches, groups);
         });
-    }
-
-    /// The last act: every tile's part of the list of splats into the picture that is looked at. `blending` is what an
-    /// ordinary frame ends with.
-    pub(super) fn draw(
-        &self,
-        cmd: &mut Commands,
-        blending: &Blending,
-        view: (&GpuScene, &Camera),
-        (work, splat_ids): (&PortableWorkspace, &Buffer<u32>),
-        target: Target,
-        passes: u32,
-    ) {
-        match &self.picture {
-            Picture::Colour => cmd.scope("blend", |cmd| blending.record(cmd, view, work, splat_ids, target, passes)),
-            Picture::Attribute(_) => {
-                let target = Target { background: Background::Transparent, ..target };
-                cmd.scope("blend", |cmd| blending.record(cmd, view, work, splat_ids, target, passes));
-            }
-            Picture::Work { stages, .. } => cmd.scope("inspect", |cmd| {
-                walk(cmd, stages, blending.entries_per_pass, work, splat_ids, target, passes);
-            }),
-        }
     }
 }
 
-/// Walks every tile's list of `splat_ids`. What a blend can do in a pass, in more loops, is little enough for this.
+/// Walks every tile's list of `splat_ids`. It takes fewer loop iterations per instance than a blend, so `entries_per_pass`
+/// of a blend suits it.
 fn walk(
     cmd: &mut Commands,
     stages: &[Stage<Inspect>; 2],

@@ -2,47 +2,45 @@
 
 use anyhow::Result;
 
-use crate::render::portable::blend::extent_code;
-use crate::render::gpu_scene::GpuScene;
-use crate::render::portable::pipeline::PortablePipeline;
-use crate::render::shaders::inspect::*;
-use crate::render::shaders::*;
-use crate::render::frame::tiles;
-use crate::render::portable::workspace::PortableWorkspace;
-use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
+use crate::render::constants::shared;
+use crate::render::frame::{Shot, tiles};
+use crate::render::layout::Layout;
+use crate::render::portable::{PortablePipeline, PortableWorkspace};
+use crate::render::shaders::Evidence;
+use crate::render::shaders::inspect::*;
 use crate::rules::{Background, TILE};
 
-/// What a pixel is made of.
+/// The splats that a pixel is made of.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Explanation {
     /// The splats that were blended, front to back.
     pub splats: Vec<Explained>,
-    /// What is left for the background.
+    /// Transmittance left for the background.
     pub transmittance: f32,
-    /// The pixel ended before its list did.
+    /// True if the pixel stopped before its list ended.
     pub is_stopped: bool,
 }
 
-/// A splat's part of a pixel.
+/// One splat's contribution to a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Explained {
-    /// Its index in the scene.
+    /// Index of the Gaussian in the scene.
     pub gaussian: u32,
     /// View z of its mean, world units.
     pub depth: f32,
     pub alpha: f32,
-    /// What those before it left.
+    /// Transmittance that the splats before it left.
     pub transmittance: f32,
-    /// The attribute, where a picture of one is explained.
+    /// The colour, or the attribute in a picture of one.
     pub colour: [f32; 3],
     /// alpha * transmittance.
     pub share: f32,
 }
 
 impl Explanation {
-    /// The pixel: all shares over a background, in the order and the roundings of the blend.
+    /// The colour of the pixel: all shares over a background, in the order and with the rounding of the blend.
     pub fn colour(&self, background: Background) -> [f32; 3] {
         let add =
             |share: f32, colour: [f32; 3], sum: [f32; 3]| std::array::from_fn(|i| share.mul_add(colour[i], sum[i]));
@@ -50,8 +48,8 @@ impl Explanation {
         add(self.transmittance, background.colour(), sum)
     }
 
-    /// View z of the splat behind which less than half is seen; where none is, the mean over what is seen, and nothing
-    /// where nothing is.
+    /// View z of the splat at which transmittance falls below one half; without one, the mean by shares; `None` where
+    /// nothing was blended.
     pub fn depth(&self) -> Option<f32> {
         let median = self.splats.iter().find(|splat| splat.transmittance * (1.0 - splat.alpha) < 0.5);
         let sum = |value: fn(&Explained) -> f64| self.splats.iter().map(value).sum::<f64>();
@@ -61,25 +59,23 @@ impl Explanation {
 }
 
 /// The pipeline that looks into a list.
-pub(super) struct Explainer {
+pub(in crate::render) struct Picker {
     options: Options,
     stage: Stage<Pick>,
 }
 
-impl Explainer {
-    pub fn new(device: &Device, options: &Options) -> Result<Self> {
-        let (rules, rest) = (&options.rules, PickConstants::default());
-        let (alpha_min, alpha_max, extent) = (rules.alpha_min, rules.alpha_max, extent_code(rules.extent));
-        let stage = Stage::new(device, &PickConstants { alpha_min, alpha_max, extent, ..rest })?;
-        Ok(Self { options: *options, stage })
+impl Picker {
+    pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Self> {
+        let constants = PickConstants::of(&shared(options, layout, device.capabilities().subgroup_size[1]));
+        Ok(Self { options: *options, stage: Stage::new(device, &constants)? })
     }
 
-    /// Explains a pixel of the complete frame that `work` holds, drawn by `renderer` and seen by `camera`.
+    /// Explains a pixel of the complete frame of `shot` that `work` holds.
     pub fn explain(
         &self,
         device: &Device,
-        renderer: &PortablePipeline,
-        (scene, camera): (&GpuScene, &Camera),
+        pipeline: &PortablePipeline,
+        Shot { scene, camera }: Shot,
         work: &PortableWorkspace,
         pixel: [u32; 2],
     ) -> Result<Explanation> {
@@ -93,7 +89,7 @@ impl Explainer {
         let gaussians = Buffer::new(device, "explained gaussians", count as usize)?;
         let evidence = Buffer::<Evidence>::new(device, "evidence", count as usize)?;
         let bindings = PickBindings {
-            splat_ids: renderer.splat_ids(work, camera),
+            splat_ids: pipeline.splat_ids(work, camera),
             splats: &work.splats,
             gaussian_from_splat: &work.gaussian_from_splat,
             bounds: &scene.bounds,
@@ -101,7 +97,7 @@ impl Explainer {
             evidence: &evidence,
         };
         let mut cmd = Commands::new(device)?;
-        let push = PickPush { view: renderer.view(camera), first, count, pixel };
+        let push = PickPush { view: pipeline.view(camera), first, count, pixel };
         cmd.dispatch(&self.stage, bindings, push, DispatchSize::Invocations(count.into()));
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let (gaussians, evidence) = (cmd.read(&gaussians)?, cmd.read(&evidence)?);
@@ -109,7 +105,7 @@ impl Explainer {
         Ok(self.walk(results.view(&gaussians), results.view(&evidence)))
     }
 
-    /// What blend_splat.glsl makes of a list, in its roundings.
+    /// Blends a list as blend_splat.glsl does, with the same rounding.
     fn walk(&self, gaussians: &[u32], evidence: &[Evidence]) -> Explanation {
         let mut explanation = Explanation { transmittance: 1.0, ..Explanation::default() };
         for (gaussian, Evidence { depth, alpha, colour }) in gaussians.iter().copied().zip(evidence.iter().copied()) {

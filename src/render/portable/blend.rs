@@ -1,33 +1,21 @@
-//! The last act of a frame: the list of every tile into the picture, and on demand a certificate of its error.
+//! The blend: the list of every tile into the picture, and on demand a certificate of its error.
 
 use anyhow::Result;
 
-use crate::render::gpu_scene::GpuScene;
-use crate::render::shaders::portable::*;
-use crate::render::shaders::*;
-use crate::render::frame::tiles;
-use crate::render::portable::workspace::PortableWorkspace;
+use super::workspace::PortableWorkspace;
 use crate::camera::Camera;
-use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage};
+use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
-use crate::rules::{Background, Footprint};
+use crate::render::frame::{Shot, SubgroupLimits, Target, Variation, tiles};
+use crate::render::gpu_scene::GpuScene;
+use crate::render::shaders::SharedConstants;
+use crate::render::shaders::portable::*;
+use crate::rules::LISTED_ALPHA;
 
-/// Where the certificate is made, splats are listed as far as their alpha reaches this.
-pub(super) const LISTED_ALPHA: f32 = 1e-12;
-
-/// What a frame is drawn into.
-#[derive(Clone, Copy)]
-pub struct Target<'a> {
-    pub image: &'a Image,
-    /// Of a renderer that certifies: an image of the same size.
-    pub certificate: Option<&'a Image>,
-    pub background: Background,
-}
-
-/// The pipelines of the blend, of which the second resumes what the first began.
-pub(super) struct Blending {
+/// The pipelines of the blend. The second of each two resumes what the first began.
+pub(in crate::render) struct Blending {
     /// Entries of a tile's list that one dispatch may take.
-    pub(super) entries_per_pass: u32,
+    pub(in crate::render) entries_per_pass: u32,
     stages: Stages,
 }
 
@@ -37,44 +25,29 @@ enum Stages {
 }
 
 impl Blending {
-    /// `smallest_subgroup` is the least subgroup size that it may run with, `ballot_words` the words of a ballot.
     pub fn new(
         device: &Device,
         options: &Options,
         variation: Variation,
-        [smallest_subgroup, ballot_words]: [u32; 2],
+        constants: &SharedConstants,
+        subgroups: SubgroupLimits,
     ) -> Result<Self> {
-        let rules = &options.rules;
-        let extent = extent_code(rules.extent);
-        let (alpha_min, alpha_max, transmittance_min) = (rules.alpha_min, rules.alpha_max, rules.transmittance_min);
         let plain = |resume| {
-            let constants = BlendConstants {
-                cull_pixel_blocks: !options.portable,
-                resume,
-                count: variation.counts_work,
-                alpha_min,
-                extent,
-                alpha_max,
-                transmittance_min,
-                stop: options.stop,
-                ballot_words,
-            };
-            Stage::new(device, &constants)
+            let cull_pixel_blocks = !options.portable;
+            let count = variation == Variation::Counting;
+            Stage::new(device, &BlendConstants { cull_pixel_blocks, resume, count, ..BlendConstants::of(constants) })
         };
-        let certified = |resume| {
-            let stop = options.stop;
-            let constants = BlendCertifiedConstants { resume, alpha_min, extent, alpha_max, transmittance_min, stop };
-            Stage::new(device, &constants)
-        };
-        let entries_per_pass = device.facts().loop_limit.map_or(u32::MAX, |limit| {
-            // For a subgroup of entries: an iteration each, one around them, and in the loops over the words of a
-            // ballot one a word, one to leave each word, and as many to see that a pixel still goes on.
-            let iterations = smallest_subgroup + 3 * ballot_words + 3;
-            limit / iterations * smallest_subgroup
+        let certified =
+            |resume| Stage::new(device, &BlendCertifiedConstants { resume, ..BlendCertifiedConstants::of(constants) });
+        let entries_per_pass = device.capabilities().loop_limit.map_or(u32::MAX, |limit| {
+            // A subgroup takes as many entries as it has lanes at a time: one iteration for each, one for the loop around
+            // them, and the loops over the words of a ballot.
+            let iterations = subgroups.smallest + 3 * subgroups.ballot_words + 3;
+            limit / iterations * subgroups.smallest
         });
-        let stages = match variation.certifies {
-            false => Stages::Plain([plain(false)?, plain(true)?]),
-            true => Stages::Certified([certified(false)?, certified(true)?]),
+        let stages = match variation {
+            Variation::Certifying => Stages::Certified([certified(false)?, certified(true)?]),
+            Variation::Plain | Variation::Counting => Stages::Plain([plain(false)?, plain(true)?]),
         };
         Ok(Self { entries_per_pass, stages })
     }
@@ -93,7 +66,7 @@ impl Blending {
     pub fn record(
         &self,
         cmd: &mut Commands,
-        (scene, camera): (&GpuScene, &Camera),
+        Shot { scene, camera }: Shot,
         work: &PortableWorkspace,
         splat_ids: &Buffer<u32>,
         target: Target,
@@ -118,7 +91,7 @@ impl Blending {
                     cmd.dispatch(&stages[usize::from(pass > 0)], bindings, push, groups);
                 }
                 Stages::Certified(stages) => {
-                    let certificate = target.certificate.expect("a renderer that certifies is given an image for it");
+                    let certificate = target.certificate.expect("a certifying renderer is given an image for it");
                     let bindings = BlendCertifiedBindings { ranges, splat_ids, splats, totals, image, certificate };
                     let push = BlendCertifiedPush {
                         size_px,
@@ -137,33 +110,15 @@ impl Blending {
     }
 }
 
-/// What the contributions of all Gaussians where they are not listed add up to at most: as themselves, and as part of
-/// what lies behind a listed one.
+/// An upper bound on the colour of all unlisted Gaussians, counted twice: once directly, and once in the colour behind a
+/// listed splat.
 fn unlisted(scene: &GpuScene, background: [f32; 3]) -> f32 {
     let brightest = background.map(f64::from).into_iter().fold(scene.brightest, f64::max);
     (2.0 * scene.len() as f64 * f64::from(LISTED_ALPHA) * brightest) as f32
 }
 
-/// How far rounding moves a mean near the middle of the image: some 2^-23 of the focal length and of the size.
+/// Pixels that rounding moves a mean near the middle of the image: some 2^-23 of the focal length and of the size.
 fn position_error_px(camera: &Camera) -> f32 {
     let largest = camera.focal_px.max_element() + f64::from(camera.size_px[0].max(camera.size_px[1]));
     (largest * 8.0 * 0.5_f64.powi(23)) as f32
-}
-
-/// As the shaders call it.
-pub(super) fn extent_code(extent: Footprint) -> u32 {
-    match extent {
-        Footprint::Exact => 0,
-        Footprint::ThreeSigma => 1,
-        Footprint::ThreeSigmaSquares => 2,
-    }
-}
-
-/// How a renderer that measures differs from one that draws: not at all, by default.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Variation {
-    /// Blend counts its work: `Totals` from `evaluations_low` on. It takes longer.
-    pub counts_work: bool,
-    /// A certificate is made beside the picture, which is the same. It takes much longer.
-    pub certifies: bool,
 }

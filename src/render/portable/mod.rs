@@ -7,8 +7,8 @@ mod pipeline;
 mod sort;
 mod workspace;
 
-pub(super) use blend::Blending;
 pub use pipeline::PortablePipeline;
+pub(super) use pipeline::chunks;
 pub(super) use sort::digit_bits;
 pub use sort::{Pairs, RadixSort, SortRange, SortScratch};
 pub use workspace::PortableWorkspace;

@@ -1,22 +1,24 @@
-//! The frame, top to bottom.
+//! The pipelines of the portable path and the frame that they draw, one method per stage.
 
 use std::mem::offset_of;
 
 use anyhow::{Result, ensure};
 
-use crate::render::portable::blend::{Blending, LISTED_ALPHA, Target, Variation, extent_code};
-use crate::render::gpu_scene::GpuScene;
-use crate::render::inspect::inspector::Inspector;
-use crate::render::layout::Layout;
-use crate::render::shaders::portable::*;
-use crate::render::shaders::*;
-use crate::render::portable::sort::{RadixSort, SortRange};
-use crate::render::frame::{DepthKeys, tile_bits, tiles, view};
-use crate::render::portable::workspace::{CULL_CHUNK, PortableWorkspace};
+use super::blend::Blending;
+use super::sort::{RadixSort, SortRange};
+use super::workspace::PortableWorkspace;
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
-use crate::options::{Options};
-use crate::rules::{Footprint, Order};
+use crate::options::Options;
+use crate::render::constants::shared;
+use crate::render::frame::{
+    DepthKeys, Shot, SubgroupLimits, Target, Variation, footprint_code, tile_bits, tiles, view,
+};
+use crate::render::gpu_scene::GpuScene;
+use crate::render::layout::Layout;
+use crate::render::shaders::portable::*;
+use crate::render::shaders::{PortableDispatches, Splat, Totals, View};
+use crate::rules::{Footprint, LISTED_ALPHA, Order};
 
 /// The stages of a frame, built for one set of options and one layout of a scene.
 pub struct PortablePipeline {
@@ -35,16 +37,7 @@ pub struct PortablePipeline {
     duplicate: Stage<Duplicate>,
     ranges: Stage<Ranges>,
     tile_order: Stage<TileOrder>,
-    blending: Blending,
-}
-
-/// Smallest subgroup that the portable path is built for.
-const PORTABLE_SUBGROUP: u32 = 4;
-
-/// The least subgroup size that pipelines may run with, and the words of a ballot of the largest.
-pub(super) fn subgroups(device: &Device, options: &Options) -> [u32; 2] {
-    let [smallest, largest] = device.facts().subgroup_size;
-    if options.portable { [PORTABLE_SUBGROUP, 4] } else { [smallest, largest.div_ceil(32)] }
+    pub(in crate::render) blending: Blending,
 }
 
 impl PortablePipeline {
@@ -54,22 +47,18 @@ impl PortablePipeline {
 
     pub fn varied(device: &Device, options: &Options, layout: &Layout, variation: Variation) -> Result<Self> {
         let rules = &options.rules;
-        ensure!(rules.order != Order::PerPixel, "only the reference sorts the splats of every pixel anew");
-        let [smallest_subgroup, ballot_words] = subgroups(device, options);
-        // Where everything that is left out is to be known, it is listed first.
-        let (listed_alpha, extent) = match variation.certifies {
-            false => (rules.alpha_min, rules.extent),
-            true => (LISTED_ALPHA, Footprint::Exact),
+        ensure!(rules.order != Order::PerPixel, "only the reference sorts the splats of every pixel on its own");
+        let subgroups = SubgroupLimits::of(device, options);
+        let constants = shared(options, layout, 32 * subgroups.ballot_words);
+        // A certificate needs everything that is left out in the lists.
+        let (listed_alpha, footprint) = match variation {
+            Variation::Plain | Variation::Counting => (rules.alpha_min, rules.extent),
+            Variation::Certifying => (LISTED_ALPHA, Footprint::Exact),
         };
         let project = ProjectConstants {
-            sh_degree: layout.sh_degree,
-            sh_storage: layout.sh.code(),
-            shape_storage: layout.shape.code(),
-            by_distance: rules.order == Order::Distance,
-            antialiased: rules.antialiased,
             alpha_min: listed_alpha,
-            extent: extent_code(extent),
-            ballot_words,
+            extent: footprint_code(footprint),
+            ..ProjectConstants::of(&constants)
         };
         Ok(Self {
             options: *options,
@@ -79,14 +68,14 @@ impl PortablePipeline {
             cull_offsets: Stage::new(device, &())?,
             cull_compact: Stage::new(device, &())?,
             project: Stage::new(device, &project)?,
-            sort: RadixSort::new(device, smallest_subgroup, ballot_words)?,
+            sort: RadixSort::new(device, subgroups.smallest, subgroups.ballot_words)?,
             scan_sums: Stage::new(device, &())?,
             scan_totals: Stage::new(device, &())?,
             scan: Stage::new(device, &())?,
             duplicate: Stage::new(device, &())?,
             ranges: Stage::new(device, &())?,
             tile_order: Stage::new(device, &())?,
-            blending: Blending::new(device, options, variation, [smallest_subgroup, ballot_words])?,
+            blending: Blending::new(device, options, variation, &constants, subgroups)?,
         })
     }
 
@@ -95,8 +84,8 @@ impl PortablePipeline {
         self.blending.passes(longest_list)
     }
 
-    /// The longest tile list that so many of them finish.
-    pub(super) fn longest_list(&self, passes: u32) -> u32 {
+    /// The longest tile list that so many blend dispatches finish.
+    pub(in crate::render) fn longest_list(&self, passes: u32) -> u32 {
         self.blending.longest_list(passes)
     }
 
@@ -114,46 +103,96 @@ impl PortablePipeline {
         view(camera, self.options.rules.near)
     }
 
-    /// Records one frame: `target` shows the scene seen by `camera`, or what an inspector looks at, if there was room in
-    /// `work` and `passes` blend passes were enough; `work.totals` says so.
-    pub fn record(
-        &self,
-        cmd: &mut Commands,
-        (scene, camera): (&GpuScene, &Camera),
-        work: &PortableWorkspace,
-        target: Target,
-        passes: u32,
-        inspector: Option<&Inspector>,
-    ) {
-        assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
-        assert!(scene.alpha_min <= self.listed_alpha, "a scene is culled by no higher threshold than it is drawn by");
-        let view = self.view(camera);
-        let depth_keys = self.depth_keys(scene, camera);
-        let [tiles_x, tiles_y] = tiles(camera.size_px);
-        let tiles = tiles_x * tiles_y;
+    /// The view of a camera at the size that its pictures are drawn at.
+    pub(in crate::render) fn sampled_view(&self, camera: &Camera) -> View {
+        self.view(&camera.sampled(self.options.drawn_size(camera.size_px)))
+    }
 
+    /// Records one frame: `target` shows `shot` if the capacity of `work` and the blend dispatches (`passes`) were enough,
+    /// which `work.totals` tells.
+    ///
+    /// # Panics
+    /// If the scene has another layout than the pipeline was built for.
+    pub fn record(&self, cmd: &mut Commands, shot: Shot, work: &PortableWorkspace, target: Target, passes: u32) {
+        let view = self.view(shot.camera);
+        self.clear(cmd, work);
+        cmd.scope("cull", |cmd| {
+            self.cull(cmd, shot.scene, view, work);
+            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            self.compact(cmd, shot.scene, work);
+        });
+        self.project_visible(cmd, shot, view, work);
+        let splat_ids = self.bin(cmd, shot, work);
+        cmd.scope("blend", |cmd| self.blend(cmd, shot, work, splat_ids, target, passes));
+    }
+
+    /// The fewest bytes that each stage moves through device memory: each input read once, each output written once, pass
+    /// by pass of a sort.
+    pub fn least_bytes(&self, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
+        let Shot { scene, camera } = shot;
+        let gaussians = scene.len() as u64;
+        let [visible, spans, instances] = [totals.visible_kept, totals.spans, totals.listed_kept].map(u64::from);
+        let tiles: u64 = tiles(camera.size_px).iter().map(|side| u64::from(*side)).product();
+        let pixels: u64 = camera.size_px.iter().map(|side| u64::from(*side)).product();
+        let splat = size_of::<Splat>() as u64;
+        let [depth_passes, tile_passes] = self.sort_passes(scene, camera).map(u64::from);
+        // Bytes per key and pass: keys in to count, keys and values in to move, keys and values out.
+        let pass = 4 + 8 + 8;
+        vec![
+            ("clear", (size_of::<Totals>() + size_of::<PortableDispatches>()) as u64 + 8 * tiles),
+            // Bounds in; a bit out and in; ids out.
+            ("cull", 16 * gaussians + gaussians / 4 + 4 * visible),
+            // Id and Gaussian in; splat, depth key, span range, tile count and spans out.
+            ("project", visible * (4 + scene.bytes_each() + splat + 4 + 8 + 4) + 4 * spans),
+            // The values of the first pass are indices, and not read.
+            ("sort depths", visible * (pass * depth_passes).saturating_sub(4)),
+            // Order and tile count in, twice; offset out.
+            ("scan", visible * (2 * 8 + 4)),
+            // Order, offset, span range and spans in; tile key and splat out.
+            ("duplicate", visible * (4 + 4 + 8) + 4 * spans + 8 * instances),
+            ("sort tiles", instances * pass * tile_passes),
+            // Keys in; ranges out and in; order out.
+            ("ranges", 4 * instances + 20 * tiles),
+            // Ids in; every splat in once, from wherever it is cached; the image out.
+            ("blend", 4 * instances + splat * visible + 16 * pixels),
+        ]
+    }
+
+    /// Clears what the stages count into.
+    pub(in crate::render) fn clear(&self, cmd: &mut Commands, work: &PortableWorkspace) {
         cmd.scope("clear", |cmd| {
             cmd.fill(&work.totals, 0);
             cmd.fill(&work.ranges, 0);
         });
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-        cmd.scope("cull", |cmd| {
-            let elsewhere = inspector.and_then(Inspector::culled_from);
-            let culled_from = elsewhere.map_or(view, |c| self.view(&c.sampled(self.options.drawn_size(c.size_px))));
-            self.cull(cmd, scene, culled_from, work);
-            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-            if let Some(inspector) = inspector {
-                inspector.narrow(cmd, scene, view, work);
-            }
-            self.compact(cmd, scene, work);
-        });
+    }
+
+    /// The end of the first act: Gaussians that were culled and compacted become splats.
+    pub(in crate::render) fn project_visible(
+        &self,
+        cmd: &mut Commands,
+        Shot { scene, camera }: Shot,
+        view: View,
+        work: &PortableWorkspace,
+    ) {
+        assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
+        assert!(scene.alpha_min <= self.listed_alpha, "a scene is culled by no higher threshold than it is drawn by");
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
-        cmd.scope("project", |cmd| self.project(cmd, scene, view, work, depth_keys));
+        cmd.scope("project", |cmd| self.project(cmd, scene, view, work, self.depth_keys(scene, camera)));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        if let Some(inspector) = inspector {
-            inspector.recolour(cmd, scene, view, work);
-        }
-        let by_depth = cmd.scope("sort depths", |cmd| self.sort_depths(cmd, work, depth_keys.bits));
+    }
+
+    /// The second act: splats become the list of every tile. Returns the splats of all lists, tile after tile.
+    pub(in crate::render) fn bin<'w>(
+        &self,
+        cmd: &mut Commands,
+        Shot { scene, camera }: Shot,
+        work: &'w PortableWorkspace,
+    ) -> &'w Buffer<u32> {
+        let [tiles_x, tiles_y] = tiles(camera.size_px);
+        let tiles = tiles_x * tiles_y;
+        let bits = self.depth_keys(scene, camera).bits;
+        let by_depth = cmd.scope("sort depths", |cmd| self.sort_depths(cmd, work, bits));
         let splat_from_rank = &work.depths.values[by_depth];
         cmd.scope("scan", |cmd| self.scan(cmd, work, splat_from_rank));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
@@ -166,19 +205,15 @@ impl PortablePipeline {
             self.order_tiles(cmd, work, tiles);
         });
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let splat_ids = &work.instances.values[by_tile];
-        match inspector {
-            Some(inspector) => inspector.draw(cmd, &self.blending, (scene, camera), (work, splat_ids), target, passes),
-            None => cmd.scope("blend", |cmd| self.blend(cmd, (scene, camera), work, splat_ids, target, passes)),
-        }
+        &work.instances.values[by_tile]
     }
 
-    /// Of the frame that `work` holds, the splats of all tiles, tile after tile.
-    pub(super) fn splat_ids<'w>(&self, work: &'w PortableWorkspace, camera: &Camera) -> &'w Buffer<u32> {
+    /// The splats of all tiles, tile after tile, of the frame that `work` holds.
+    pub(in crate::render) fn splat_ids<'w>(&self, work: &'w PortableWorkspace, camera: &Camera) -> &'w Buffer<u32> {
         &work.instances.values[self.sort.sorted(tile_bits(tiles(camera.size_px).iter().product()))]
     }
 
-    /// Which Gaussians may touch the image.
+    /// Marks the Gaussians that may touch the image.
     pub(crate) fn cull(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &PortableWorkspace) {
         let bindings = CullBindings {
             bounds: &scene.bounds,
@@ -189,7 +224,7 @@ impl PortablePipeline {
         cmd.dispatch(&self.cull, bindings, push, DispatchSize::Groups(chunks(scene).into()));
     }
 
-    /// The ids of those.
+    /// Writes the ids of the marked Gaussians, in order.
     pub(crate) fn compact(&self, cmd: &mut Commands, scene: &GpuScene, work: &PortableWorkspace) {
         let (chunks, visible_capacity) = (chunks(scene), work.gaussian_from_splat.len() as u32);
         let bindings =
@@ -205,7 +240,7 @@ impl PortablePipeline {
         cmd.dispatch(&self.cull_compact, bindings, push, DispatchSize::Groups(chunks.into()));
     }
 
-    /// Their splats, depth keys and tiles.
+    /// Projects the visible Gaussians to splats, depth keys and tiles.
     pub(crate) fn project(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &PortableWorkspace, keys: DepthKeys) {
         let bindings = ProjectBindings {
             gaussian_from_splat: &work.gaussian_from_splat,
@@ -237,7 +272,7 @@ impl PortablePipeline {
         self.sort.record(cmd, &work.depths, &work.sort, range, groups)
     }
 
-    /// Where the instances of each splat begin, splats in the order of `splat_from_rank`.
+    /// Finds where the instances of each splat begin, splats in the order of `splat_from_rank`.
     pub(crate) fn scan(&self, cmd: &mut Commands, work: &PortableWorkspace, splat_from_rank: &Buffer<u32>) {
         let (totals, tile_counts) = (&work.totals, &work.tile_counts);
         let groups = offset_of!(PortableDispatches, scan_visible);
@@ -258,14 +293,14 @@ impl PortablePipeline {
         cmd.dispatch_indirect(&self.scan, bindings, (), &work.dispatches, groups);
     }
 
-    /// The number of instances, and the dispatches over them.
+    /// Counts the instances and sets the dispatches over them.
     pub(crate) fn scan_totals(&self, cmd: &mut Commands, work: &PortableWorkspace) {
         let bindings = ScanTotalsBindings { sums: &work.scan_sums, totals: &work.totals, dispatches: &work.dispatches };
         let push = ScanTotalsPush { instance_capacity: work.instances.keys[0].len() as u32 };
         cmd.dispatch(&self.scan_totals, bindings, push, DispatchSize::Groups(1));
     }
 
-    /// Tile and splat of every instance, in the order of the splats.
+    /// Writes tile and splat of every instance, in the order of the splats.
     pub(crate) fn duplicate(&self, cmd: &mut Commands, work: &PortableWorkspace, splat_from_rank: &Buffer<u32>, tiles_x: u32) {
         let bindings = DuplicateBindings {
             totals: &work.totals,
@@ -289,14 +324,14 @@ impl PortablePipeline {
         self.sort.record(cmd, &work.instances, &work.sort, range, groups)
     }
 
-    /// Where each tile's list begins and ends.
+    /// Finds where each tile's list begins and ends.
     pub(crate) fn ranges(&self, cmd: &mut Commands, work: &PortableWorkspace, tile_keys: &Buffer<u32>) {
         let bindings = RangesBindings { totals: &work.totals, tile_keys, ranges: &work.ranges };
         let groups = offset_of!(PortableDispatches, over_instances);
         cmd.dispatch_indirect(&self.ranges, bindings, (), &work.dispatches, groups);
     }
 
-    /// Tiles with long lists first.
+    /// Orders tiles by the length of their list, the longest first.
     pub(crate) fn order_tiles(&self, cmd: &mut Commands, work: &PortableWorkspace, tiles: u32) {
         let bindings =
             TileOrderBindings { ranges: &work.ranges, tiles_by_class: &work.tiles_by_class, totals: &work.totals };
@@ -307,17 +342,17 @@ impl PortablePipeline {
     pub(crate) fn blend(
         &self,
         cmd: &mut Commands,
-        view: (&GpuScene, &Camera),
+        shot: Shot,
         work: &PortableWorkspace,
         splat_ids: &Buffer<u32>,
         target: Target,
         passes: u32,
     ) {
-        self.blending.record(cmd, view, work, splat_ids, target, passes);
+        self.blending.record(cmd, shot, work, splat_ids, target, passes);
     }
 }
 
 /// Workgroups that cull the scene.
-pub(super) fn chunks(scene: &GpuScene) -> u32 {
-    scene.len().div_ceil(CULL_CHUNK) as u32
+pub(in crate::render) fn chunks(scene: &GpuScene) -> u32 {
+    scene.len().div_ceil(CULL_CHUNK as usize) as u32
 }

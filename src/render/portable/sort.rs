@@ -2,14 +2,11 @@
 
 use anyhow::Result;
 
-use crate::render::shaders::{
-    SortHistogram, SortHistogramBindings, SortHistogramConstants, SortHistogramPush, SortOffsets, SortOffsetsBindings,
+use crate::render::shaders::portable::{
+    SORT_CHUNK, SortHistogram, SortHistogramBindings, SortHistogramConstants, SortHistogramPush, SortOffsets, SortOffsetsBindings,
     SortOffsetsConstants, SortOffsetsPush, SortScatter, SortScatterBindings, SortScatterConstants, SortScatterPush,
 };
 use crate::gpu::{Access, Buffer, Commands, Device, Element, DispatchSize, Shader, Stage};
-
-/// Keys that one workgroup takes; the shaders' constant of the same name.
-pub(super) const SORT_CHUNK: usize = 2048;
 
 /// Keys and values, twice: a pass reads one pair and writes the other.
 pub struct Pairs {
@@ -38,7 +35,7 @@ pub struct SortScratch {
 impl SortScratch {
     /// For sorts of up to `capacity` keys.
     pub fn new(device: &Device, capacity: usize) -> Result<Self> {
-        let sums = Buffer::new(device, "sort sums", capacity.div_ceil(SORT_CHUNK) << MAX_DIGIT_BITS)?;
+        let sums = Buffer::new(device, "sort sums", capacity.div_ceil(SORT_CHUNK as usize) << MAX_DIGIT_BITS)?;
         Ok(Self { sums, digit_totals: Buffer::new(device, "digit totals", 1 << MAX_DIGIT_BITS)? })
     }
 
@@ -140,7 +137,7 @@ impl RadixSort {
 }
 
 /// The widest digit whose counts per subgroup fit so many bytes of workgroup memory.
-pub(super) fn digit_bits(subgroups: u32, bytes: u32) -> u32 {
+pub(in crate::render) fn digit_bits(subgroups: u32, bytes: u32) -> u32 {
     (bytes / 4 / subgroups).ilog2().min(MAX_DIGIT_BITS)
 }
 

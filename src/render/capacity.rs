@@ -1,0 +1,93 @@
+//! What a frame needs and what its buffers hold: capacity, and how it grows.
+
+use anyhow::Result;
+
+use crate::gpu::Device;
+use crate::host_memory::OutOfMemory;
+use crate::render::shaders::{Splat, Totals};
+
+/// What the buffers of a frame hold, or what a frame would need. A cell is what splats are listed in: a tile of the
+/// portable path, a bin of the fast path.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Capacity {
+    /// Gaussians in the scene, all of them.
+    pub gaussians: usize,
+    /// Gaussians that may touch the image.
+    pub visible: u64,
+    /// Rows of cells touched, over all splats.
+    pub spans: u64,
+    /// Cells touched, over all splats: instances of the portable path, entries of the fast path.
+    pub listed: u64,
+    /// Cells of the image.
+    pub cells: usize,
+}
+
+impl Capacity {
+    /// A first guess for a scene on the portable path, within what a device binds. A frame that needs more reports it and
+    /// is drawn again.
+    pub fn guess(device: &Device, gaussians: usize, cells: usize) -> Self {
+        let most = |bytes: usize| device.capabilities().limits.storage_range / bytes as u64;
+        // Captured scenes at 1080p: half of the Gaussians are visible, in 2.3 rows and 6 tiles each.
+        let visible = (gaussians as u64 / 4 * 3 + 1024).min(gaussians as u64).min(most(size_of::<Splat>()));
+        let listed = (6 * visible).max(1 << 16);
+        Self { gaussians, visible, spans: (2 * visible).min(most(4)), listed: listed.min(most(4)), cells }
+    }
+
+    /// What the totals of a frame of so many Gaussians and cells ask for.
+    pub fn of(totals: &Totals, gaussians: usize, cells: usize) -> Self {
+        Self {
+            gaussians,
+            visible: totals.visible.into(),
+            spans: totals.spans.into(),
+            listed: u64::from(totals.listed_high) << 32 | u64::from(totals.listed_low),
+            cells,
+        }
+    }
+
+    fn max(self, other: Self) -> Self {
+        Self {
+            gaussians: self.gaussians.max(other.gaussians),
+            visible: self.visible.max(other.visible),
+            spans: self.spans.max(other.spans),
+            listed: self.listed.max(other.listed),
+            cells: self.cells.max(other.cells),
+        }
+    }
+
+    /// `self` and `current` together: first with an eighth to spare where `current` is not enough, then without.
+    fn beyond(self, current: Self) -> [Self; 2] {
+        let spare = |needed: u64, current: u64| if needed > current { needed + needed / 8 } else { current };
+        let exact = self.max(current);
+        let roomy = Self {
+            visible: spare(self.visible, current.visible).min(exact.gaussians as u64),
+            spans: spare(self.spans, current.spans),
+            listed: spare(self.listed, current.listed),
+            ..exact
+        };
+        [roomy, exact]
+    }
+
+    /// True if `capacity` holds it.
+    pub(super) fn fits(self, capacity: Self) -> bool {
+        self.max(capacity) == capacity
+    }
+
+    /// Makes buffers for it and for `current`, with some to spare if there is memory for that.
+    pub(super) fn grow<T>(self, current: Self, make: impl Fn(Self) -> Result<T>) -> Result<T> {
+        let [roomy, exact] = self.beyond(current);
+        match make(roomy) {
+            Err(error) if error.is::<OutOfMemory>() => make(exact),
+            other => other,
+        }
+    }
+}
+
+/// A buffer's length, if 32-bit offsets reach its end.
+pub(super) fn length(name: &str, elements: u64) -> Result<usize, OutOfMemory> {
+    let refusal = |_| OutOfMemory {
+        name: name.to_owned(),
+        bytes: Some(elements.saturating_mul(4)),
+        reason: "32-bit offsets reach no further".to_owned(),
+    };
+    u32::try_from(elements).map(|length| length as usize).map_err(refusal)
+}

@@ -1,0 +1,35 @@
+//! The one map from options, scene layout and device to the specialization constants of all shaders.
+
+use super::frame::footprint_code;
+use super::layout::Layout;
+use super::shaders::SharedConstants;
+use crate::options::{Options, Storage};
+use crate::rules::Order;
+
+/// The constants for pipelines whose subgroups have at most `subgroup` lanes. Shaders take those that they declare; a stage
+/// sets its own constants beside them.
+pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> SharedConstants {
+    let rules = &options.rules;
+    SharedConstants {
+        sh_degree: layout.sh_degree,
+        sh_storage: layout.sh.code(),
+        shape_storage: layout.shape.code(),
+        has_clamped_alphas: layout.has_clamped_alphas,
+        by_distance: rules.order == Order::Distance,
+        antialiased: rules.antialiased,
+        extent: footprint_code(rules.extent),
+        alpha_min: rules.alpha_min,
+        alpha_max: rules.alpha_max,
+        transmittance_min: rules.transmittance_min,
+        stop: options.stop,
+        compact: is_compact(options),
+        subgroup,
+        ballot_words: subgroup.div_ceil(32),
+    }
+}
+
+/// True if the fast path keeps colours of splats in 16-bit floats: where those of Gaussians may be, and pixels may stop
+/// early.
+pub(super) fn is_compact(options: &Options) -> bool {
+    matches!(options.sh_storage, Storage::F16 | Storage::U8) && options.stop > 0.0
+}
