@@ -1,29 +1,33 @@
-//! Error budgets as arguments: the options are chosen instead of named.
+//! Arguments for an error budget, for which the options are chosen automatically.
 
 use anyhow::Result;
 
 use super::{Usage, progress, remark};
 use crate::camera::Camera;
 use crate::gpu::Device;
+use crate::measure::trade::{Budget, choose_for};
 use crate::options::Options;
 use crate::rules::Background;
 use crate::scene::{Gaussians, Requirements};
-use crate::measure::trade::{Budget, choose_for};
 
-/// How far pictures may be from the reference.
+/// Largest error of the pictures against the reference.
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Error budget")]
 pub(super) struct BudgetArgs {
-    /// Choose the fastest options, of those tried, with no colour value farther from the reference, white being 1: by
-    /// proof, or else by measuring views of the scene, with a margin. Exit code 6 if there are none
+    /// Choose the fastest of some options whose colour values differ from the reference by at most ERROR (white is 1):
+    /// by proof, else by measurement on views of the scene, with a margin. Exit code 6 if there are none
     #[arg(long, value_name = "ERROR", conflicts_with = "min_psnr")]
     pub max_error: Option<f64>,
-    /// The same for the PSNR to the reference, in dB
+    /// Choose the fastest of some options whose PSNR to the reference is at least DB. Exit code 6 if there are none
     #[arg(long, value_name = "DB")]
     pub min_psnr: Option<f64>,
 }
 
 impl BudgetArgs {
+    /// The budget of the arguments, `None` without one.
+    ///
+    /// # Errors
+    /// If the number is not a valid budget.
     pub fn budget(&self) -> Result<Option<Budget>, Usage> {
         let wrong = |name: &str, value: f64, what: &str| Err(Usage(format!("--{name} {value} is not {what}")));
         match (self.max_error, self.min_psnr) {
@@ -35,8 +39,11 @@ impl BudgetArgs {
         }
     }
 
-    /// What to draw `views` with: chosen for them if there is a budget, which is said on stderr; else `options`. `exact`
-    /// has the rules, and no knob turned.
+    /// The options to draw `views` with: with a budget the chosen ones, which are reported on stderr, else `options`.
+    /// `exact` has the rules of the picture and every knob at its most exact step.
+    ///
+    /// # Errors
+    /// If no options stay within the budget, or if rendering fails.
     pub fn choose(
         &self,
         device: &Device,

@@ -1,5 +1,6 @@
-//! `smalto trade`: what accuracy costs on a scene.
+//! `smalto trade`: the cost of accuracy on a scene.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use anyhow::Result;
@@ -9,47 +10,50 @@ use super::bench::{CameraPath, Cameras};
 use super::budget::BudgetArgs;
 use super::table::{say_table, table};
 use super::{
-    DeviceArgs, Knobs, SceneArg, SplitArg, Usage, complain, named_or_found, parse_size, progress, say, size_text,
+    DeviceArgs, Knobs, SceneArg, SplitArg, Usage, complain, named_or_found, parse_size, progress, remark, say,
+    size_text,
 };
-use crate::measure::bench::{DeviceReport, Protocol, SceneReport, VersionReport, copy_gb_s};
 use crate::camera::{Camera, path};
 use crate::files::check_writable;
 use crate::gpu::Device;
+use crate::measure::bench::{DeviceReport, Protocol, SceneReport, VersionReport, copy_gb_s};
 use crate::measure::metrics::Difference;
+use crate::measure::trade::{
+    self, Budget, BudgetReport, CertificateReport, Point, Promise, Report, Study, mark_pareto, spread,
+};
 use crate::options::Options;
 use crate::rules::Background;
 use crate::scene::{Gaussians, Requirements};
-use crate::measure::trade::{self, Budget, BudgetReport, CertificateReport, Point, Promise, Report, Study, mark_pareto, spread};
 
-/// Measure what accuracy costs: every knob alone and a search over combinations, in time, memory and error
+/// Measure the cost of accuracy: time, memory and error of every knob alone and of combinations that a search finds
 #[derive(clap::Args)]
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    /// Camera file or folder, as `smalto render` takes it [default: found beside the scene or above it, else one orbit with
-    /// zoom]
+    /// Camera file or folder, as `smalto render` takes it [default: the one found in the scene's folder or above it,
+    /// else one orbit with zoom]
     #[arg(long, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
-    /// What to measure: every knob alone and the presets, a search over combinations, whether the presets keep their
-    /// promise over all cameras, certificates against the true errors
+    /// Parts to measure: knobs (the presets and every knob alone), search (combinations of knobs), promises (checks the
+    /// accuracy that the presets promise, over all cameras), certificate (certificates compared with the true errors)
     #[arg(long, value_name = "PART,...", default_value = "knobs,search", value_delimiter = ',')]
     parts: Vec<Part>,
-    /// Picture size at which time is measured, and the distance from the exact picture
+    /// Picture size at which time and the error against the exact picture are measured
     #[arg(long, value_name = "WxH", default_value = "1920x1080", value_parser = parse_size)]
     size: [u32; 2],
     /// Picture size at which the float64 reference is drawn, on the CPU
     #[arg(long, value_name = "WxH", default_value = "480x270", value_parser = parse_size)]
     oracle_size: [u32; 2],
-    /// Views to measure over, spread over the cameras
+    /// Number of views to measure over, spread over the cameras
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
     views: u16,
-    /// Frames before the measured ones: at least so many and, unless 0, half a second, in which the device raises its
-    /// clocks
+    /// Least number of warm-up frames of every point; 0: no warm-up. The warm-up goes on until the frame time is
+    /// steady, as in `smalto bench`
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(0..=10_000))]
     warmup: u16,
-    /// Measured frames of every point
+    /// Number of measured frames of every point
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     frames: u16,
     #[command(flatten)]
@@ -57,12 +61,12 @@ pub(super) struct Args {
     /// Write the report as JSON (docs/trade.schema.json)
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Draw time against error, as SVG
+    /// Plot error over time as SVG
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     #[command(flatten)]
     budget: BudgetArgs,
-    /// Views between the cameras on which the choice for a budget is tried
+    /// Number of views between the cameras on which the choice for a budget is checked
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=1000))]
     held_out: u16,
     #[command(flatten)]
@@ -77,7 +81,7 @@ enum Part {
     Certificate,
 }
 
-/// The presets that promise something: their least PSNR in dB, and the largest difference in 8 bits.
+/// Presets that promise an accuracy: name, options, least PSNR in dB, and largest difference in 8 bits.
 const PROMISES: [(&str, Options, f64, Option<u8>); 4] = [
     ("exact", Options::EXACT, 90.0, None),
     ("balanced", Options::BALANCED, 60.0, Some(3)),
@@ -85,11 +89,10 @@ const PROMISES: [(&str, Options, f64, Option<u8>); 4] = [
     ("preview", Options::PREVIEW, 40.0, None),
 ];
 
-/// Cameras of an orbit, where there is no file.
+/// Cameras of the orbit if there is no camera file.
 const ORBIT_VIEWS: usize = 100;
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    args.knobs.check()?;
     args.knobs.check_gpu()?;
     check_parts(args)?;
     let budget = args.budget.budget()?;
@@ -98,7 +101,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let scene = args.scene.read()?;
     let gaussians = &scene.gaussians;
     if gaussians.is_empty() {
-        return Err(Usage(format!("{}: there is nothing to draw", args.scene.title())).into());
+        return Err(Usage(format!("{}: the scene has no Gaussians", args.scene.title())).into());
     }
     let needs = Requirements::of(gaussians);
     let file = named_or_found(args.cameras.as_deref(), &args.scene);
@@ -157,7 +160,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         print_certificate(&certificate)?;
         report.certificate = Some(certificate);
     }
-    // What was measured is kept, whatever becomes of the budget.
+    // A budget that cannot be met fails after the report of everything else is written.
     let held = budget.map(|budget| bench.hold(&study, budget, &all)).transpose();
     report.budget = held.as_ref().ok().cloned().flatten();
     complain(&device)?;
@@ -169,14 +172,14 @@ pub(super) fn run(args: &Args) -> Result<()> {
     held.map(drop)
 }
 
-/// Fails if the arguments do not go together.
+/// Fails if arguments contradict each other.
 fn check_parts(args: &Args) -> Result<(), Usage> {
     let has = |part| args.parts.contains(&part);
     if args.knobs.trades() {
-        return Err(Usage("trade turns the knobs itself; rules of the picture can be set".to_owned()));
+        return Err(Usage("trade sets the knobs itself; only rules of the picture can be set".to_owned()));
     }
     if args.plot.is_some() && !has(Part::Knobs) && !has(Part::Search) {
-        return Err(Usage("--plot draws what --parts knobs or search measures".to_owned()));
+        return Err(Usage("--plot needs --parts knobs or search".to_owned()));
     }
     let rules = args.knobs.options(&Options::EXACT, false, f32::INFINITY);
     match rules.uncertifiable().filter(|_| has(Part::Certificate)) {
@@ -185,7 +188,7 @@ fn check_parts(args: &Args) -> Result<(), Usage> {
     }
 }
 
-/// What all parts measure.
+/// The scene and the settings that all parts share.
 struct Bench<'a> {
     args: &'a Args,
     device: &'a Device,
@@ -195,7 +198,7 @@ struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
-    /// Of these views, at full size and at that of the reference.
+    /// A study of these views, at full size and at the size of the reference.
     fn study(&self, name: &str, views: &[Camera]) -> Result<Study<'a>> {
         self.study_at(name, [resized(views, self.args.size), resized(views, self.args.oracle_size)])
     }
@@ -204,10 +207,10 @@ impl<'a> Bench<'a> {
         let bar = progress::Bar::new(name);
         let (scene, drawn) = ((self.gaussians, self.needs), (self.exact, Background::BLACK));
         let protocol = Protocol { warmup: self.args.warmup.into(), frames: self.args.frames.into() };
-        Study::new(self.device, scene, drawn, views, protocol, &|done| bar.set(done))
+        Ok(Study::new(self.device, scene, drawn, views, protocol, &|done| bar.set(done))?.thorough())
     }
 
-    /// The presets and the knobs alone, by the rules of the scene.
+    /// Measures the presets and every knob alone, with the rules of the scene.
     fn points(&self, study: &Study) -> Result<Vec<Point>> {
         let mut all = vec![("exact".to_owned(), self.exact)];
         for (name, preset) in Options::PRESETS.iter().filter(|(name, _)| !["exact", "portable"].contains(name)) {
@@ -223,7 +226,7 @@ impl<'a> Bench<'a> {
         all.into_iter().enumerate().map(point).collect()
     }
 
-    /// Chooses for a budget, and tries the choice on views between the cameras.
+    /// Chooses options for a budget, and checks the choice on views between the cameras.
     fn hold(&self, study: &Study, budget: Budget, cameras: &[Camera]) -> Result<BudgetReport> {
         let choice = trade::choose(study, budget)?;
         say!("{}", choice.explain())?;
@@ -238,9 +241,9 @@ impl<'a> Bench<'a> {
         self.args.knobs.options(preset, self.exact.rules.antialiased, self.exact.rules.near)
     }
 
-    /// The worst picture of each preset over all cameras, against the reference.
+    /// Compares the worst picture of each preset over all cameras with the reference.
     fn promises(&self, cameras: &[Camera]) -> Result<Vec<Promise>> {
-        // Only the reference is asked: nothing is drawn at full size.
+        // Only the reference is needed: nothing is drawn at full size.
         let study = self.study_at("promises", [Vec::new(), resized(cameras, self.args.oracle_size)])?;
         let promise = |(preset, options, min_psnr_db, max_step): &(&str, Options, f64, Option<u8>)| {
             let worst = study.from_oracle(&self.by_rules(options))?;
@@ -261,12 +264,13 @@ fn print_points(report: &Report) -> Result<()> {
     let Some(exact) = report.points.first() else {
         return Ok(());
     };
-    let header = ["", "ms", "saved", "MB", "dB", "max error", "step", "SSIM", "FLIP", "dB to exact", "max", ""];
+    let header = ["", "path", "ms", "saved", "MB", "dB", "max error", "step", "SSIM", "FLIP", "dB to exact", "max", ""];
     let mut rows = table(&header);
     for point in report.points.iter().chain(&report.search) {
         let (oracle, full) = (&point.from_oracle, &point.from_exact);
         rows.add_row([
             point.name.clone(),
+            point.drawn_by.to_string(),
             format!("{:.3}", point.gpu_ms),
             format!("{:.3}", exact.gpu_ms - point.gpu_ms),
             format!("{:.0}", (point.scene_bytes + point.work_bytes) as f64 / 1e6),
@@ -281,7 +285,21 @@ fn print_points(report: &Report) -> Result<()> {
         ]);
     }
     say_table(&rows)?;
-    say!("  worst view of each; step: largest difference in 8 bits; *: no other is both faster and closer")
+    say!(
+        "  errors of the worst view; step: largest difference in 8 bits; \
+         *: no other is both faster and more accurate"
+    )?;
+    let all = || report.points.iter().chain(&report.search);
+    let notices: BTreeSet<&str> = all().filter_map(|point| point.notice.as_deref()).collect();
+    notices.iter().for_each(|notice| remark(&format!("note: {}: {notice}", report.scene.name)));
+    let unsteady = all().filter(|point| point.warm_up.is_some_and(|warm_up| !warm_up.is_steady)).count();
+    match unsteady {
+        0 => Ok(()),
+        _ => {
+            let points = all().count();
+            say!("  warning: the frame time of {unsteady} of {points} points was not steady after the warm-up")
+        }
+    }
 }
 
 fn print_promises(promises: &[Promise]) -> Result<()> {
@@ -327,7 +345,8 @@ fn print_certificate(report: &CertificateReport) -> Result<()> {
 fn print_budget(held: &BudgetReport) -> Result<()> {
     let BudgetReport { held_out_views, exceeded, from_oracle, from_exact, .. } = held;
     say!(
-        "  on {held_out_views} other views: {exceeded} over the budget; worst {} dB and {:.4} to the reference, {} dB and {:.4} to exact",
+        "  on {held_out_views} other views: {exceeded} over the budget; worst {} dB and {:.4} to the reference, \
+         {} dB and {:.4} to exact",
         decibels(from_oracle),
         from_oracle.max_error,
         decibels(from_exact),

@@ -1,30 +1,31 @@
-//! `smalto bench --ladder`: the paper's baseline and every optimization on top of it.
+//! `smalto bench --ladder`: the paper's baseline and every optimization on top of it, up to the portable path.
 
 use anyhow::Result;
 
 use super::views::Cameras;
 use super::{Args, Loaded, table};
-use crate::measure::bench::{Bench, DeviceReport, VersionReport};
 use crate::cli::{Usage, complain, progress};
+use crate::measure::bench::{Bench, DeviceReport, VersionReport};
 use crate::measure::ladder::{self, LadderReport};
 use crate::options::Options;
 use crate::render::{GpuScene, tiles};
 
-/// The paper's object at its four levels of detail, and scenes at both ends of tile density.
+/// Default scenes: the paper's object at its four levels of detail, and two scenes with few and many splats per tile.
 const SCENES: [&str; 6] =
     ["cactus:139410", "cactus:452000", "cactus:1440000", "cactus:1940000", "few-large", "many-small"];
 
-/// Of a workgroup; its sums loop over them.
+/// Most subgroups of a workgroup; sums over a workgroup loop over them.
 const MAX_SUBGROUPS: u32 = 64;
 
 pub(super) fn run(args: &Args, bench: &Bench, cameras: &Cameras) -> Result<()> {
     let (device, size) = (&bench.device, args.size[0]);
-    // The paper's duplication walks all tiles of a splat in one invocation, and some devices end loops silently.
+    // In the paper's duplication one invocation walks all tiles of a splat, and some devices end long loops silently.
     let [columns, rows] = tiles(size);
     let iterations = columns * rows + rows + MAX_SUBGROUPS;
-    if device.facts().loop_limit.is_some_and(|limit| iterations > limit) {
-        let (name, tiles) = (&device.facts().name, columns * rows);
-        return Err(Usage(format!("--ladder: {name} does not walk all {tiles} tiles of such an image")).into());
+    if device.capabilities().loop_limit.is_some_and(|limit| iterations > limit) {
+        let (name, tiles) = (&device.capabilities().name, columns * rows);
+        let problem = format!("--ladder: {name} limits loops to fewer iterations than {tiles} tiles need");
+        return Err(Usage(problem).into());
     }
     let mut climbs = Vec::new();
     for scene in args.scenes(&SCENES) {

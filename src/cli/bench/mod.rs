@@ -1,4 +1,4 @@
-//! `smalto bench`: how fast a scene is drawn, stage by stage, and the ladder of optimizations.
+//! `smalto bench`: the speed of frames and their stages, and the ladder of optimizations.
 
 mod ladder;
 mod table;
@@ -13,54 +13,62 @@ use super::{
     DeviceArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, SplitArg, Usage, complain, knobs, parse_size, progress,
     remark,
 };
-use crate::measure::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
 use crate::camera::Camera;
 use crate::files::check_writable;
 use crate::gpu::Device;
+use crate::measure::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
 use crate::measure::metrics::psnr;
 use crate::options::Options;
-use crate::rules::{Background, Rules};
 use crate::reference;
 use crate::render::{GpuScene, Renderer};
+use crate::rules::{Background, Rules};
 use crate::scene::{Gaussians, Requirements, Scene, Unreadable};
 pub(super) use views::{CameraPath, Cameras};
 
-/// Measure how fast scenes are drawn: whole frames, every stage, counts, memory
+/// Measure the speed of rendering: whole frames, every stage, counts, memory
 #[derive(clap::Args)]
 pub(super) struct Args {
     /// Scenes, as `smalto render` takes them [default: cactus; with --ladder, cactus at four levels of detail,
     /// few-large and many-small]
     scenes: Vec<PathBuf>,
-    /// Camera file or folder, as `smalto render` takes it: frame after frame from its cameras
+    /// Camera file or folder, as `smalto render` takes it: each frame is drawn from the next of its cameras
     #[arg(long, value_name = "FILE|DIR", conflicts_with = "path")]
     cameras: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
-    /// Where the camera moves: one turn around the scene (orbit), the same nearing and leaving twice (orbit-zoom), or
-    /// smoothly through the cameras of a file
+    /// Camera path: one turn around the scene (orbit), the same with two approaches to it (orbit-zoom), or a smooth
+    /// path through the cameras of a file
     #[arg(long, value_name = "orbit|orbit-zoom|keyframes:FILE", default_value = "orbit-zoom")]
     path: CameraPath,
     /// Picture sizes in pixels
     #[arg(long, value_name = "WxH,...", default_value = "720x720", value_delimiter = ',', value_parser = parse_size)]
     size: Vec<[u32; 2]>,
-    /// Frames before the measured ones: at least so many and, unless 0, half a second, in which the device raises its
-    /// clocks
+    /// Least number of warm-up frames; 0: no warm-up. The warm-up goes on until the frame time is steady: the median
+    /// GPU times of two consecutive windows of at least one second agree within 2 %. A window consists of rounds over
+    /// the same views, 25 at most and fewer if frames are slow. After 10 s the measurement begins with a warning
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = count(0))]
     warmup: usize,
     /// Measured frames
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = count(1))]
     frames: usize,
-    /// Choices of quality and speed to measure
-    #[arg(long, value_name = "NAME,...", default_value = "balanced", value_delimiter = ',', value_parser = knobs::preset_names())]
+    /// Presets of quality and speed to measure
+    #[arg(
+        long,
+        value_name = "NAME,...",
+        default_value = "balanced",
+        value_delimiter = ',',
+        value_parser = knobs::preset_names()
+    )]
     preset: Vec<String>,
-    /// Climb the ladder instead: measure the paper's baseline and every optimization on top of it, on one size
+    /// Measure the ladder instead: the paper's baseline and every optimization on top of it, up to the portable path,
+    /// at one size
     #[arg(long, conflicts_with_all = ["baseline", "preset", "check", "certificate"])]
     ladder: bool,
     /// Also compare the first view with the float64 reference. Slow
     #[arg(long)]
     check: bool,
-    /// Also certify every view: how far any value is at most from where nothing is left out, of the scene as it is stored
-    /// and in the order in which it is sorted
+    /// Also certify every view: an upper bound of the difference of any value from a picture that leaves nothing out,
+    /// for the scene as it is stored and the order in which it is sorted
     #[arg(long)]
     certificate: bool,
     #[command(flatten)]
@@ -71,13 +79,13 @@ pub(super) struct Args {
     /// Write the report's statistics as CSV
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Draw where the time goes, as SVG
+    /// Plot the time of every stage as SVG
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Compare with an earlier report; exit code 6 if a frame takes longer than --threshold allows
     #[arg(long, value_name = "FILE")]
     baseline: Option<PathBuf>,
-    /// How much longer than in the baseline a frame may take, in percent
+    /// Largest increase of the frame time over the baseline, in percent
     #[arg(long, value_name = "PERCENT", default_value_t = 5.0, requires = "baseline")]
     threshold: f64,
     #[command(flatten)]
@@ -86,14 +94,14 @@ pub(super) struct Args {
     reading: ReadingArgs,
 }
 
-/// A number of frames.
+/// Parses a number of frames, at least `least`.
 fn count(least: u64) -> RangedU64ValueParser<usize> {
     RangedU64ValueParser::new().range(least..=1_000_000)
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
     check_usage(args)?;
-    // Whatever the files lack is known before anything is measured.
+    // Files that cannot be written are reported before anything is measured.
     [&args.json, &args.csv, &args.plot].into_iter().flatten().try_for_each(|file| check_writable(file))?;
     let device = args.device.open()?;
     let baseline = args.baseline.as_deref().map(read_baseline).transpose()?;
@@ -119,7 +127,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         let scene = Loaded::read(&scene, args.reading)?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
             let (views, nearest) = cameras.views(&scene.gaussians, size, args.frames);
-            let options = Options::preset(preset).context("clap lets known presets pass alone")?;
+            let options = Options::preset(preset).context("the preset is unknown")?;
             let rules = args.knobs.options(&options.untraded(), scene.is_antialiased, nearest).rules;
             let options = args.knobs.options(&options, scene.is_antialiased, nearest);
             if let Some(why) = options.uncertifiable().filter(|_| args.certificate) {
@@ -131,6 +139,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
             let bar = progress::Bar::new(subject.title());
             let mut run = bench.measure(subject, &gpu, &options, &views, &|done| bar.set(done))?;
             drop(bar);
+            if let Some(notice) = &run.notice {
+                remark(&format!("note: {}: {notice}", run.subject.title()));
+            }
             if args.check {
                 run.psnr_db = accuracy(&device, (&scene.gaussians, &gpu), &views[0], (&options, &rules))?;
             }
@@ -149,13 +160,13 @@ pub(super) fn run(args: &Args) -> Result<()> {
 }
 
 impl Args {
-    /// The scenes that were named, or these.
+    /// The scenes of the arguments, or `default` if there are none.
     fn scenes(&self, default: &[&str]) -> Vec<PathBuf> {
         if self.scenes.is_empty() { default.iter().map(PathBuf::from).collect() } else { self.scenes.clone() }
     }
 }
 
-/// A scene, and what the report says of it.
+/// A scene and its entry in the report.
 struct Loaded {
     report: SceneReport,
     gaussians: Gaussians,
@@ -167,23 +178,22 @@ impl Loaded {
     fn read(path: &Path, reading: ReadingArgs) -> Result<Self> {
         let scene = SceneArg { scene: path.to_owned(), reading };
         let Scene { gaussians, is_antialiased, .. } = scene.read()?;
-        ensure!(!gaussians.is_empty(), "{}: there is nothing to draw", scene.title());
+        ensure!(!gaussians.is_empty(), "{}: the scene has no Gaussians", scene.title());
         let (report, requirements) = (SceneReport::of(scene.title(), &gaussians), Requirements::of(&gaussians));
         Ok(Self { report, gaussians, is_antialiased, requirements })
     }
 }
 
 fn check_usage(args: &Args) -> Result<()> {
-    args.knobs.check()?;
     args.knobs.check_gpu()?;
     if args.ladder && (args.knobs.trades() || args.knobs.rules()) {
-        return Err(Usage("--ladder turns its own knobs; --near alone can be set".to_owned()).into());
+        return Err(Usage("--ladder sets the knobs itself; only --near can be combined with it".to_owned()).into());
     }
     if args.ladder && args.size.len() != 1 {
         return Err(Usage("--ladder measures one --size".to_owned()).into());
     }
     if !(args.threshold >= 0.0 && args.threshold.is_finite()) {
-        return Err(Usage(format!("--threshold {} is not a percentage from 0 on", args.threshold)).into());
+        return Err(Usage(format!("--threshold {} is not a percentage of at least 0", args.threshold)).into());
     }
     Ok(())
 }
@@ -192,27 +202,27 @@ fn read_baseline(file: &Path) -> Result<Report> {
     Report::read(file).map_err(|problem| Unreadable::new(file, &problem).into())
 }
 
-/// PSNR of a view against the f64 reference in dB; `None` if they are equal.
+/// PSNR of a view against the float64 reference in dB; `None` if both are equal.
 fn accuracy(
     device: &Device,
     (gaussians, scene): (&Gaussians, &GpuScene),
     view: &Camera,
     (options, rules): (&Options, &Rules),
 ) -> Result<Option<f64>> {
-    let mut still = Renderer::new(device, options, scene)?;
-    still.render(view, Background::BLACK)?;
+    let mut renderer = Renderer::new(device, options, scene)?;
+    renderer.render(view, Background::BLACK)?;
     let exact = reference::render(gaussians, view, rules, Background::BLACK).to_pixels();
-    Ok(Some(psnr(&still.pixels()?, &exact)).filter(|db| db.is_finite()))
+    Ok(Some(psnr(&renderer.pixels()?, &exact)).filter(|db| db.is_finite()))
 }
 
-/// The largest bound of any pixel of any view.
+/// The largest certified bound of any pixel of any view.
 fn certified_error(device: &Device, scene: &Loaded, views: &[Camera], options: &Options) -> Result<f32> {
     let gpu = GpuScene::certifiable(device, &scene.gaussians, &scene.requirements, options)?;
-    let mut still = Renderer::certified(device, options, &gpu)?;
+    let mut renderer = Renderer::certified(device, options, &gpu)?;
     let mut largest = 0.0_f32;
     for view in views {
-        still.render(view, Background::BLACK)?;
-        largest = still.certificate()?.map_or(largest, |certificate| largest.max(certificate.largest()));
+        renderer.render(view, Background::BLACK)?;
+        largest = renderer.certificate()?.map_or(largest, |certificate| largest.max(certificate.largest()));
     }
     Ok(largest)
 }
@@ -234,14 +244,17 @@ fn foreign(problem: bench::Foreign) -> Usage {
     Usage(format!("--baseline: {problem}"))
 }
 
-/// Says how the runs changed; fails if one is slower than the threshold, in percent, allows.
+/// Prints the changes. Fails if a run is slower than the baseline by more than `threshold` percent.
 fn judge(changes: &[Change], baseline_runs: usize, threshold: f64) -> Result<()> {
     table::print_changes(changes)?;
     for change in changes.iter().filter(|change| change.picture_differs) {
-        remark(&format!("note: {}: the picture is not the baseline's", change.title));
+        remark(&format!("note: {}: the picture differs from the baseline's", change.title));
+    }
+    for (change, [before, now]) in changes.iter().filter_map(|change| Some((change, change.other_path?))) {
+        remark(&format!("note: {}: drawn by the {now} path, in the baseline by the {before} path", change.title));
     }
     if changes.len() < baseline_runs {
-        remark(&format!("note: of the baseline's {baseline_runs} runs {} were measured again", changes.len()));
+        remark(&format!("note: only {} of the baseline's {baseline_runs} runs were measured", changes.len()));
     }
     let slower = changes.iter().filter(|c| c.is_regression(threshold / 100.0)).map(|c| c.title.as_str());
     let slower: Vec<_> = slower.collect();

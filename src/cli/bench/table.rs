@@ -2,24 +2,28 @@
 
 use anyhow::Result;
 
-use crate::measure::bench::{Change, Clocks, DeviceReport, Protocol, Run, Statistics, VersionReport};
 use crate::cli::table::{say_table, table};
 use crate::cli::{certified, say, size_text};
+use crate::measure::bench::{Change, Clocks, DeviceReport, Protocol, Run, Statistics, VersionReport, WarmUp};
 use crate::measure::ladder::{Climb, Paper};
 
-/// `checked`: whether the picture was compared with the reference.
+/// Prints a run. `checked` tells if the picture was compared with the reference.
 pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
     let (subject, frame, counts) = (&run.subject, &run.frame, &run.counts);
     let scene = &subject.scene;
-    say!("{}  {} Gaussians, SH degree {}", subject.title(), scene.gaussians, scene.sh_degree)?;
-    let header: Vec<_> = ["ms"].into_iter().chain(Statistics::COLUMNS).chain(["of a copy's speed"]).collect();
+    let (gaussians, sh_degree) = (scene.gaussians, scene.sh_degree);
+    say!("{}  {gaussians} Gaussians, SH degree {sh_degree}, {} path", subject.title(), run.drawn_by)?;
+    if let Some(notice) = &run.notice {
+        say!("  note: {notice}")?;
+    }
+    let header: Vec<_> = ["ms"].into_iter().chain(Statistics::COLUMNS).chain(["of copy bandwidth"]).collect();
     let mut times = table(&header);
     let mut row = |name: &str, s: Statistics, note: String| {
         let numbers = s.columns().map(|v| format!("{v:.3}"));
         times.add_row(std::iter::once(name.to_owned()).chain(numbers).chain([note]));
     };
     row("frame, GPU", frame.gpu_ms, String::new());
-    row("frame, waited for", frame.wall_ms, String::new());
+    row("frame, wall", frame.wall_ms, String::new());
     for stage in &run.stages {
         let percent = format!("{:.0} %", stage.bandwidth_fraction * 100.0);
         let note = if stage.least_bytes > 0 { percent } else { String::new() };
@@ -28,9 +32,10 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
     say_table(&times)?;
     let (fps, cost_us) = (1e3 / frame.pipelined_ms, frame.timestamps_cost_ms * 1e3);
     say!(
-        "  pipelined {:.3} ms a frame, {fps:.0} frames a second; stage timestamps cost {cost_us:.0} us",
+        "  pipelined {:.3} ms per frame, {fps:.0} frames per second; stage timestamps cost {cost_us:.0} us",
         frame.pipelined_ms
     )?;
+    print_warm_up(run.warm_up)?;
     say!(
         "  {:.0} visible, {:.0} instances in {:.0} of {} tiles, longest list {:.0} (medians)",
         counts.visible.median,
@@ -39,8 +44,11 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
         counts.tiles,
         counts.longest_list.median
     )?;
+    if let Some(entries) = counts.entries {
+        say!("  {:.0} entries in bins (median)", entries.median)?;
+    }
     say!(
-        "  per pixel {:.0} listed, {:.0} evaluated, {:.0} with idle lanes; {:.0} % of the pixels end early",
+        "  per pixel {:.0} listed, {:.0} evaluated, {:.0} with idle lanes; {:.0} % of the pixels stop early",
         counts.listed_per_pixel.median,
         counts.evaluations_per_pixel.median,
         counts.lanes_per_pixel.median,
@@ -61,6 +69,19 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
     }
 }
 
+fn print_warm_up(warm_up: Option<WarmUp>) -> Result<()> {
+    match warm_up {
+        None => Ok(()),
+        Some(WarmUp { frames, seconds, is_steady: true }) => {
+            say!("  steady after {frames} warm-up frames, {seconds:.1} s")
+        }
+        Some(WarmUp { frames, seconds, is_steady: false }) => {
+            say!("  warning: the frame time is not steady after {frames} warm-up frames, {seconds:.1} s")
+        }
+    }
+}
+
+/// Prints device, program and protocol.
 pub(super) fn print_machine(
     device: &DeviceReport,
     smalto: &VersionReport,
@@ -68,45 +89,54 @@ pub(super) fn print_machine(
     path: &str,
 ) -> Result<()> {
     say!("{}, {}, copies at {:.0} GB/s", device.name, device.driver, device.copy_gb_s)?;
-    let commit = smalto.commit.as_deref().unwrap_or("of unknown commit");
+    let commit = smalto.commit.as_deref().unwrap_or("(unknown commit)");
     if let Some(cpu) = &device.cpu {
         say!("{cpu}")?;
     }
-    say!("smalto {} {commit}; {} + {} frames, {path}", smalto.version, protocol.warmup, protocol.frames)
+    let Protocol { warmup, frames } = protocol;
+    say!("smalto {} {commit}; {warmup} warm-up frames or more, {frames} measured, {path}", smalto.version)
 }
 
-/// A row a rung: what it changes, beside what the paper says of it.
+/// Prints a row per rung: its times, the speedup of the stage that it changes, and the paper's speedup.
 pub(super) fn print_climb(climb: &Climb) -> Result<()> {
     let scene = &climb.scene;
     say!("{}  {}  {} Gaussians, SH degree {}", scene.name, size_text(climb.size), scene.gaussians, scene.sh_degree)?;
     let header =
-        ["rung", "frame ms", "times", "cull", "project", "duplicate", "sort", "ranges", "blend", "its stage", "paper"];
+        ["rung", "frame ms", "speedup", "cull", "project", "duplicate", "sort", "ranges", "blend", "changed", "paper"];
     let mut rows = table(&header);
     let first_ms = climb.rungs.first().map_or(f64::NAN, |rung| rung.wall_ms.median);
     for rung in &climb.rungs {
         let ms = |name: &str| rung.stage_ms(name).map_or_else(String::new, |ms| format!("{ms:.3}"));
-        let faster = climb.stage_speedup(rung).map_or_else(String::new, |x| format!("{} {x:.1}x", rung.stage));
+        let changed = climb.stage_speedup(rung).map_or_else(String::new, |x| format!("{} {x:.1}x", rung.stage));
         let paper = Paper::of(&rung.name).map_or("", |step| step.speedup);
         let (frame, times) = (format!("{:.3}", rung.wall_ms.median), format!("{:.1}x", first_ms / rung.wall_ms.median));
         let stages = ["cull", "project", "duplicate", "sort", "ranges", "blend"].map(ms);
         let about = [rung.name.clone(), frame, times];
-        rows.add_row(about.into_iter().chain(stages).chain([faster, paper.to_owned()]));
+        rows.add_row(about.into_iter().chain(stages).chain([changed, paper.to_owned()]));
     }
     say_table(&rows)?;
     let (first, last) = (&climb.rungs[0], &climb.rungs[climb.rungs.len() - 1]);
     let instances = [first, last].map(|rung| rung.instances.median);
     say!(
-        "  {:.0} visible on every rung; {:.0} instances by squares, {:.0} by ellipses; the last picture is {} the first",
+        "  {:.0} visible on every rung; {:.0} instances by squares, {:.0} by ellipses; \
+         the last picture is {} the first",
         first.visible.median,
         instances[0],
         instances[1],
         last.to_baseline_db.map_or_else(|| "equal to".to_owned(), |db| format!("{db:.1} dB from"))
-    )
+    )?;
+    let unsteady = climb.rungs.iter().filter(|rung| rung.warm_up.is_some_and(|warm_up| !warm_up.is_steady));
+    let unsteady: Vec<_> = unsteady.map(|rung| rung.name.as_str()).collect();
+    if unsteady.is_empty() {
+        return Ok(());
+    }
+    say!("  warning: the frame time was not steady after the warm-up of {}", unsteady.join(", "))
 }
 
+/// Prints the times of each run before and now.
 pub(super) fn print_changes(changes: &[Change]) -> Result<()> {
     for change in changes {
-        say!("{} against the baseline", change.title)?;
+        say!("{} compared with the baseline", change.title)?;
         let mut times = table(&["median ms", "before", "now", "change"]);
         let mut row = |name: &str, [before, now]: [f64; 2]| {
             let percent = format!("{:+.1} %", (now / before - 1.0) * 100.0);

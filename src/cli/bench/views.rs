@@ -1,4 +1,4 @@
-//! Where a bench's views come from.
+//! The views of a bench: a camera file or a camera path.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -10,7 +10,7 @@ use crate::camera::{Camera, path};
 use crate::cli::SplitArg;
 use crate::scene::{Focus, Gaussians};
 
-/// A camera path by name.
+/// A camera path as an argument names it.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::cli) enum CameraPath {
     Orbit { zooms: bool },
@@ -32,9 +32,9 @@ impl FromStr for CameraPath {
     }
 }
 
-/// The views of every scene.
+/// The source of the views of every scene.
 pub(in crate::cli) struct Cameras {
-    /// As the report calls them.
+    /// Name in the report.
     pub name: String,
     source: Source,
 }
@@ -46,7 +46,10 @@ enum Source {
 }
 
 impl Cameras {
-    /// From a split of a camera file, or along a path.
+    /// Reads the views of `split` from a camera file if there is one, else follows `path`.
+    ///
+    /// # Errors
+    /// If a file cannot be read, or if `split` selects cameras and there is no file.
     pub fn read(file: Option<&Path>, split: &SplitArg, path: &CameraPath) -> Result<Self> {
         let name = |file: &Path| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let read = |file: &Path| Ok::<_, anyhow::Error>(split.read(file)?.into_iter().map(|c| c.camera).collect());
@@ -63,7 +66,7 @@ impl Cameras {
         })
     }
 
-    /// The views at this size, at most `frames`, and how near the near plane has to be for them.
+    /// At most `frames` views at this size, and the largest distance of the near plane that they allow, in world units.
     pub fn views(&self, gaussians: &Gaussians, size: [u32; 2], frames: usize) -> (Vec<Camera>, f32) {
         let resized = |cameras: &[Camera]| cameras.iter().map(|c| c.resized(size)).collect::<Vec<_>>();
         match &self.source {

@@ -1,37 +1,47 @@
-//! A report beside an earlier one.
+//! Comparison of a report with an earlier one, the baseline.
 
 use super::report::{Report, Run, Subject};
+use crate::render;
 
-/// How a run's frame changed.
+/// The change of a run against the baseline.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
     pub title: String,
-    /// Median GPU time of a frame in milliseconds, before and now; then of every stage that both have.
+    /// Median GPU time of a frame in milliseconds, before and now.
     pub frame_ms: [f64; 2],
+    /// The same for every stage that both runs have.
     pub stages: Vec<(String, [f64; 2])>,
-    /// Whether the last frame is another picture.
+    /// The last frames are different pictures.
     pub picture_differs: bool,
+    /// The paths that drew the frames, before and now, if they differ.
+    pub other_path: Option<[render::Path; 2]>,
 }
 
-/// The earlier report measured something else.
+/// The baseline was measured under other conditions.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Foreign(String);
 
 impl Report {
-    /// Whether `other` was measured on the same device by the same rules.
-    pub fn same_conditions(&self, other: &Self) -> Result<(), Foreign> {
+    /// Checks that `now` was measured on the same device with the same protocol as this baseline.
+    ///
+    /// # Errors
+    /// [`Foreign`] with the first condition that differs.
+    pub fn same_conditions(&self, now: &Self) -> Result<(), Foreign> {
         let same = |what: &str, mine: &str, theirs: &str| {
-            let foreign = || Foreign(format!("it is of another {what}: {mine}, not {theirs}"));
+            let foreign = || Foreign(format!("its {what} is {mine}, this run's is {theirs}"));
             (mine == theirs).then_some(()).ok_or_else(foreign)
         };
-        same("device", &self.device.name, &other.device.name)?;
-        same("camera path", &self.path, &other.path)?;
-        same("number of frames", &self.frames.to_string(), &other.frames.to_string())?;
-        same("number of frames to warm up", &self.warmup.to_string(), &other.warmup.to_string())
+        same("device", &self.device.name, &now.device.name)?;
+        same("camera path", &self.path, &now.path)?;
+        same("number of frames", &self.frames.to_string(), &now.frames.to_string())?;
+        same("number of warm-up frames", &self.warmup.to_string(), &now.warmup.to_string())
     }
 
-    /// The run of this subject.
+    /// The run with this subject.
+    ///
+    /// # Errors
+    /// [`Foreign`] if there is none.
     pub fn run_of(&self, subject: &Subject) -> Result<&Run, Foreign> {
         let missing = || Foreign(format!("it has no run of {} from the same cameras", subject.title()));
         self.runs.iter().find(|run| run.subject == *subject).ok_or_else(missing)
@@ -39,7 +49,7 @@ impl Report {
 }
 
 impl Change {
-    /// From `before` to `now`.
+    /// The change from `before` to `now`.
     pub fn between(before: &Run, now: &Run) -> Self {
         let before_ms = |name: &str| Some(before.stages.iter().find(|stage| stage.name == name)?.ms.median);
         let stages = now.stages.iter().filter_map(|s| Some((s.name.clone(), [before_ms(&s.name)?, s.ms.median])));
@@ -48,10 +58,11 @@ impl Change {
             frame_ms: [before.frame.gpu_ms.median, now.frame.gpu_ms.median],
             stages: stages.collect(),
             picture_differs: before.image_hash != now.image_hash,
+            other_path: (before.drawn_by != now.drawn_by).then_some([before.drawn_by, now.drawn_by]),
         }
     }
 
-    /// Whether the frame takes longer by more than this fraction.
+    /// The frame takes longer by more than this fraction.
     pub fn is_regression(&self, threshold: f64) -> bool {
         self.frame_ms[1] > self.frame_ms[0] * (1.0 + threshold)
     }

@@ -1,4 +1,4 @@
-//! What a measurement was made with: the program, the device, its clocks.
+//! The conditions of a measurement: the program, the device, its clocks.
 
 use nvml_wrapper::Nvml;
 use nvml_wrapper::enum_wrappers::device::Clock;
@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::gpu::Device;
 
-/// The program.
+/// The version of the program.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VersionReport {
     pub version: String,
-    /// Of the source, `-dirty` if there were changes on top; null where the build did not know it.
+    /// Commit of the source, with `-dirty` if there were uncommitted changes; null if the build did not know it.
     pub commit: Option<String>,
 }
 
@@ -30,9 +30,10 @@ pub struct DeviceReport {
     pub name: String,
     pub driver: String,
     pub vulkan: String,
-    /// What a plain copy moves, read and written, 1e9 bytes per second: the limit of stages bound by memory.
+    /// Bandwidth of a plain copy, bytes read plus bytes written, in 1e9 bytes per second: the limit of stages that are
+    /// bound by memory.
     pub copy_gb_s: f64,
-    /// The host's processor; null where the system does not tell.
+    /// The host's processor; null if the system does not report it.
     pub cpu: Option<String>,
 }
 
@@ -46,20 +47,20 @@ pub struct Clocks {
 
 impl DeviceReport {
     pub fn of(device: &Device, copy_gb_s: f64) -> Self {
-        let facts = device.facts();
+        let facts = device.capabilities();
         let (name, driver, vulkan) = (facts.name.clone(), facts.driver.clone(), facts.vulkan.clone());
         Self { name, driver, vulkan, copy_gb_s, cpu: cpu() }
     }
 }
 
-/// The processor's name, as Linux tells it.
+/// The processor's name from Linux's /proc/cpuinfo.
 fn cpu() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("model name"))?;
     Some(line.trim_start_matches([' ', '\t', ':']).to_owned())
 }
 
-/// Asks for the clocks of an NVIDIA device, through its driver's management library; knows nothing of others.
+/// Reads the clocks of an NVIDIA device through the driver's management library (NVML). Other devices report none.
 pub struct ClockProbe {
     nvml: Option<Nvml>,
     uuid: String,
@@ -67,10 +68,10 @@ pub struct ClockProbe {
 
 impl ClockProbe {
     pub fn new(device: &Device) -> Self {
-        Self { nvml: Nvml::init().ok(), uuid: format!("GPU-{}", device.facts().uuid) }
+        Self { nvml: Nvml::init().ok(), uuid: format!("GPU-{}", device.capabilities().uuid) }
     }
 
-    /// The clocks at this moment, where the driver tells.
+    /// The present clocks; `None` if the driver does not report them.
     pub fn now(&self) -> Option<Clocks> {
         let device = self.nvml.as_ref()?.device_by_uuid(self.uuid.as_str()).ok()?;
         let mhz = |clock| device.clock_info(clock).ok();

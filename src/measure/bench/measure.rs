@@ -1,57 +1,46 @@
-//! The protocol: warm up, then measure whole frames, stages, throughput and work, each in frames of its own.
+//! The measurement of a run: whole frames, stages, throughput and counts, each in frames of its own.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 
 use super::bandwidth::copy_gb_s;
-use super::least_bytes::Work;
 use super::machine::{ClockProbe, Clocks};
 use super::report::{Allocation, Counts, FrameTimes, Run, StageReport, Subject, image_hash};
 use super::statistics::Statistics;
+use super::warm_up::{Protocol, WarmUp, WarmUpLimits};
 use crate::camera::Camera;
 use crate::gpu::{Device, Timestamps};
 use crate::options::Options;
+use crate::render::{self, Frame, GpuScene, Renderer, Totals, tiles};
 use crate::rules::Background;
-use crate::render::{Frame, GpuScene, Renderer, Totals, tiles};
-
-/// How many frames.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Protocol {
-    /// At least; unless 0, also for half a second.
-    pub warmup: usize,
-    /// At least one.
-    pub frames: usize,
-}
-
-/// A device that rested while a scene was read takes as long to raise its clocks (over 0.1 s on an H100), however many
-/// frames that is.
-const WARM_UP: Duration = Duration::from_millis(500);
 
 /// Frames in flight when throughput is measured: one runs while the next is recorded.
 const IN_FLIGHT: usize = 2;
 
-impl Protocol {
-    /// Brings the device to its full clocks with frames that nobody measures. `frame` is told their number.
-    pub fn warm_up(self, mut frame: impl FnMut(usize) -> Result<()>) -> Result<()> {
-        let started = Instant::now();
-        (0..)
-            .take_while(|i| *i < self.warmup || self.warmup > 0 && started.elapsed() < WARM_UP)
-            .try_for_each(&mut frame)
-    }
-}
-
-/// A device to measure on, and by which rules.
+/// The device to measure on, and the protocol.
 pub struct Bench {
     pub device: Device,
     pub protocol: Protocol,
-    /// What a plain copy moves, read and written, 1e9 bytes per second.
+    /// Bandwidth of a plain copy, bytes read plus bytes written, in 1e9 bytes per second.
     pub copy_gb_s: f64,
 }
 
+/// A measured frame.
+struct Measured {
+    frame: Frame,
+    /// Wall time from the begin to the end of the wait.
+    wall_ms: f64,
+    path: render::Path,
+    /// Least bytes of each stage, by the stage's name.
+    least_bytes: Vec<(&'static str, u64)>,
+}
+
 impl Bench {
+    /// Measures the bandwidth of the device.
+    ///
     /// # Errors
     /// If the device has no timestamps.
     pub fn new(device: &Device, protocol: Protocol) -> Result<Self> {
@@ -59,7 +48,10 @@ impl Bench {
     }
 
     /// Measures a scene over `views`, which are of one size: frame `i` shows view `i`, from the first again after the
-    /// last. `progress` is told the fraction done.
+    /// last. `progress` receives the completed fraction.
+    ///
+    /// # Errors
+    /// If rendering fails, or if a timed stage does not state its bytes.
     pub fn measure(
         &self,
         subject: Subject,
@@ -73,37 +65,41 @@ impl Bench {
             done.set(done.get() + 1);
             progress(done.get() as f64 / (4 * self.protocol.frames) as f64);
         };
-        let mut still = Renderer::new(&self.device, options, scene)?;
-        let whole = self.frames(&mut still, views, Timestamps::Outermost, &tick)?;
-        let staged = self.frames(&mut still, views, Timestamps::All, &tick)?;
-        let pipelined_ms = self.pipelined(&mut still, views, &tick)?;
-        let clocks = self.clocks(&mut still, views)?;
-        let gpu_ms = Statistics::of(whole.iter().map(|(frame, _)| frame_ms(frame)));
-        let staged_gpu_ms = Statistics::of(staged.iter().map(|(frame, _)| frame_ms(frame)));
+        let mut renderer = Renderer::new(&self.device, options, scene)?;
+        let mut warm_up = None;
+        let whole = self.frames(&mut renderer, views, Timestamps::Outermost, &mut warm_up, &tick)?;
+        let staged = self.frames(&mut renderer, views, Timestamps::All, &mut warm_up, &tick)?;
+        let pipelined_ms = self.pipelined(&mut renderer, views, &mut warm_up, &tick)?;
+        let clocks = self.clocks(&mut renderer, views)?;
+        let gpu_ms = Statistics::of(whole.iter().map(|measured| frame_ms(&measured.frame)));
+        let staged_gpu_ms = Statistics::of(staged.iter().map(|measured| frame_ms(&measured.frame)));
         let frame = FrameTimes {
             gpu_ms,
-            wall_ms: Statistics::of(whole.iter().map(|(_, wall_ms)| *wall_ms)),
+            wall_ms: Statistics::of(whole.iter().map(|measured| measured.wall_ms)),
             pipelined_ms,
             staged_gpu_ms,
             timestamps_cost_ms: staged_gpu_ms.median - gpu_ms.median,
         };
-        let drawn: Vec<Camera> = views.iter().map(|view| view.sampled(options.drawn_size(view.size_px))).collect();
-        let stages = self.stages(&still, scene, &drawn, &staged);
-        let memory = scene.buffers().into_iter().chain(still.buffers());
+        let memory = scene.buffers().into_iter().chain(renderer.buffers());
         let memory = memory.map(|(name, bytes)| Allocation { buffer: name.to_owned(), bytes }).collect();
         let allocated_bytes = self.device.allocated_bytes();
 
-        // Frames that count their work take the portable path, so the picture is that of one that does not.
-        still.render(&views[(self.protocol.frames - 1) % views.len()], Background::BLACK)?;
-        let image_hash = image_hash(&still.pixels()?);
-        still.count_work(true)?;
-        let counted = self.totals(&mut still, views, &tick)?;
+        // The hash is that of a frame without counters: those with counters are drawn by the portable path.
+        renderer.render(&views[(self.protocol.frames - 1) % views.len()], Background::BLACK)?;
+        let image_hash = image_hash(&renderer.pixels()?);
+        let paths: Vec<_> = staged.iter().map(|measured| measured.path).collect();
+        let notice = notice(&renderer, &paths);
+        renderer.count_work(true)?;
+        let counted = self.totals(&mut renderer, views, &tick)?;
         Ok(Run {
-            counts: counts(&counted, subject.size, options.drawn_size(subject.size)),
+            counts: counts(&counted, &staged, subject.size, options.drawn_size(subject.size)),
             subject,
+            drawn_by: paths[0],
+            notice,
+            warm_up,
             clocks,
             frame,
-            stages,
+            stages: self.stages(&staged)?,
             memory,
             allocated_bytes,
             image_hash,
@@ -112,53 +108,69 @@ impl Bench {
         })
     }
 
-    /// The measured frames, each with the wall time in milliseconds from its begin to the end of its wait.
+    /// Warms up, and adds this to the warm-ups that are `done`.
+    fn warm_up(&self, renderer: &mut Renderer, views: &[Camera], done: &mut Option<WarmUp>) -> Result<()> {
+        let frame = |view: usize| Ok(frame_ms(&renderer.render(&views[view], Background::BLACK)?));
+        let next = self.protocol.warm_up(views.len(), WarmUpLimits::THOROUGH.after(*done), frame)?;
+        *done = done.map_or(next, |done| next.map(|next| done.and(next)));
+        Ok(())
+    }
+
     fn frames(
         &self,
-        still: &mut Renderer,
+        renderer: &mut Renderer,
         views: &[Camera],
         timestamps: Timestamps,
+        warm_up: &mut Option<WarmUp>,
         tick: &dyn Fn(),
-    ) -> Result<Vec<(Frame, f64)>> {
-        still.set_timestamps(timestamps);
-        self.protocol.warm_up(|i| still.render(&views[i % views.len()], Background::BLACK).map(drop))?;
+    ) -> Result<Vec<Measured>> {
+        renderer.set_timestamps(timestamps);
+        self.warm_up(renderer, views, warm_up)?;
         let frame = |i: usize| loop {
+            let view = &views[i % views.len()];
             let started = Instant::now();
-            let frame = still.render(&views[i % views.len()], Background::BLACK)?;
-            // The first frame that needs more room is not like those after it.
+            let frame = renderer.render(view, Background::BLACK)?;
+            // A frame that had to grow its buffers is drawn again: it differs from those after it.
             if frame.attempts == 1 {
                 let wall_ms = started.elapsed().as_secs_f64() * 1e3;
                 tick();
-                return Ok((frame, wall_ms));
+                let least_bytes = renderer.least_bytes(&frame.totals, view);
+                return Ok(Measured { frame, wall_ms, path: renderer.path(), least_bytes });
             }
         };
         (0..self.protocol.frames).map(frame).collect()
     }
 
-    fn totals(&self, still: &mut Renderer, views: &[Camera], tick: &dyn Fn()) -> Result<Vec<Totals>> {
+    fn totals(&self, renderer: &mut Renderer, views: &[Camera], tick: &dyn Fn()) -> Result<Vec<Totals>> {
         let frame = |i: usize| {
-            let frame = still.render(&views[i % views.len()], Background::BLACK)?;
+            let frame = renderer.render(&views[i % views.len()], Background::BLACK)?;
             tick();
             Ok(frame.totals)
         };
         (0..self.protocol.frames).map(frame).collect()
     }
 
-    /// Milliseconds a frame when the host does not wait for each.
-    fn pipelined(&self, still: &mut Renderer, views: &[Camera], tick: &dyn Fn()) -> Result<f64> {
-        still.set_timestamps(Timestamps::Outermost);
-        self.protocol.warm_up(|i| still.render(&views[i % views.len()], Background::BLACK).map(drop))?;
+    /// Milliseconds per frame if the host does not wait for each.
+    fn pipelined(
+        &self,
+        renderer: &mut Renderer,
+        views: &[Camera],
+        warm_up: &mut Option<WarmUp>,
+        tick: &dyn Fn(),
+    ) -> Result<f64> {
+        renderer.set_timestamps(Timestamps::Outermost);
+        self.warm_up(renderer, views, warm_up)?;
         let count = self.protocol.frames;
         let started = Instant::now();
         let mut queue = VecDeque::new();
         for i in 0..count + IN_FLIGHT {
             if i < count {
-                queue.push_back(still.start(&views[i % views.len()], Background::BLACK)?);
+                queue.push_back(renderer.start(&views[i % views.len()], Background::BLACK)?);
             }
             if i >= IN_FLIGHT - 1
                 && let Some(oldest) = queue.pop_front()
             {
-                ensure!(still.finish(oldest)?, "a frame no longer fits where it fitted before");
+                ensure!(renderer.finish(oldest)?, "a frame needs more memory than the same frame before");
                 tick();
             }
         }
@@ -166,55 +178,74 @@ impl Bench {
     }
 
     /// The clocks while a frame is on the device.
-    fn clocks(&self, still: &mut Renderer, views: &[Camera]) -> Result<Option<Clocks>> {
+    fn clocks(&self, renderer: &mut Renderer, views: &[Camera]) -> Result<Option<Clocks>> {
         let probe = ClockProbe::new(&self.device);
-        // The device may have rested while the probe was made.
-        self.protocol.warm_up(|_| still.render(&views[0], Background::BLACK).map(drop))?;
-        let started = still.start(&views[0], Background::BLACK)?;
+        // The device may have lowered its clocks while the probe was created.
+        let frame = |view: usize| Ok(frame_ms(&renderer.render(&views[view], Background::BLACK)?));
+        self.protocol.warm_up(1, WarmUpLimits::BRIEF, frame)?;
+        let started = renderer.start(&views[0], Background::BLACK)?;
         let clocks = probe.now();
-        still.finish(started)?;
+        renderer.finish(started)?;
         Ok(clocks)
     }
 
-    fn stages(&self, still: &Renderer, scene: &GpuScene, views: &[Camera], frames: &[(Frame, f64)]) -> Vec<StageReport> {
-        let bytes_of = |i: usize, frame: &Frame, name: &str| {
-            let view = &views[i % views.len()];
-            let work = Work {
-                scene,
-                totals: &frame.totals,
-                tiles: tiles(view.size_px).iter().product(),
-                pixels: u64::from(view.size_px[0]) * u64::from(view.size_px[1]),
-                sort_passes: still.sort_passes(view),
-            };
-            work.least_bytes(name) as f64
-        };
+    fn stages(&self, frames: &[Measured]) -> Result<Vec<StageReport>> {
         let stage = |(name, ms): (&str, Statistics)| {
-            let bytes = frames.iter().enumerate().map(|(i, (frame, _))| bytes_of(i, frame, name));
-            let bytes = Statistics::of(bytes).median;
+            let bytes = frames.iter().map(|measured| stage_bytes(name, &measured.frame, &measured.least_bytes));
+            let bytes = Statistics::of(bytes.collect::<Result<Vec<_>>>()?).median;
             let bandwidth_fraction = bytes / (self.copy_gb_s * 1e6) / ms.median.max(1e-6);
-            StageReport { name: name.to_owned(), ms, least_bytes: bytes as u64, bandwidth_fraction }
+            Ok(StageReport { name: name.to_owned(), ms, least_bytes: bytes as u64, bandwidth_fraction })
         };
-        let times = stage_times(frames.iter().map(|(frame, _)| frame));
-        let mut stages: Vec<_> = times.into_iter().map(stage).collect();
-        let gaps = frames.iter().map(|(frame, _)| {
+        let times = stage_times(frames.iter().map(|measured| &measured.frame));
+        let mut stages = times.into_iter().map(stage).collect::<Result<Vec<_>>>()?;
+        let gaps = frames.iter().map(|Measured { frame, .. }| {
             let inside: f64 = frame.timings.iter().filter(|t| t.depth == 1).map(|t| t.duration_ms).sum();
             frame_ms(frame) - inside
         });
         let gaps = Statistics::of(gaps);
         stages.push(StageReport { name: "gaps".to_owned(), ms: gaps, least_bytes: 0, bandwidth_fraction: 0.0 });
-        stages
+        Ok(stages)
     }
 }
 
-/// The stages of frames that were timed, in the order of the first, and what each took.
+/// The bytes that a frame states for a stage, 0 if the frame does not have it.
+fn stage_bytes(stage: &str, frame: &Frame, least_bytes: &[(&str, u64)]) -> Result<f64> {
+    if !frame.timings.iter().any(|timing| timing.depth == 1 && timing.name == stage) {
+        return Ok(0.0);
+    }
+    let mut entries = least_bytes.iter().filter(|(name, _)| *name == stage).map(|(_, bytes)| *bytes).peekable();
+    entries.peek().with_context(|| format!("stage {stage} does not state its least bytes"))?;
+    Ok(entries.sum::<u64>() as f64)
+}
+
+/// The renderer's notice, or the number of frames that another path drew than the first.
+pub(crate) fn notice(renderer: &Renderer, paths: &[render::Path]) -> Option<String> {
+    let others: Vec<_> = paths.iter().filter(|path| **path != paths[0]).collect();
+    let mixed = || {
+        let (other, count, all) = (others.first()?, others.len(), paths.len());
+        Some(format!("{count} of {all} frames were drawn by the {other} path, the others by the {} path", paths[0]))
+    };
+    renderer.notice().map(str::to_owned).or_else(mixed)
+}
+
+/// The stages of timed frames in the order of their first appearance, each with its time per frame: 0 for frames
+/// without it.
 pub fn stage_times<'f>(frames: impl Iterator<Item = &'f Frame> + Clone) -> Vec<(&'static str, Statistics)> {
-    let mut first: Vec<_> = frames.clone().take(1).flat_map(|f| f.timings.iter().filter(|t| t.depth == 1)).collect();
-    first.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
+    let mut names: Vec<&'static str> = Vec::new();
+    for frame in frames.clone() {
+        let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth == 1).collect();
+        stages.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
+        for stage in stages {
+            if !names.contains(&stage.name) {
+                names.push(stage.name);
+            }
+        }
+    }
     let ms_of = |frame: &Frame, name: &str| -> f64 {
         frame.timings.iter().filter(|t| t.depth == 1 && t.name == name).map(|t| t.duration_ms).sum()
     };
     let of = |name| (name, Statistics::of(frames.clone().map(|frame| ms_of(frame, name))));
-    first.iter().map(|timing| of(timing.name)).collect()
+    names.into_iter().map(of).collect()
 }
 
 /// GPU time of a frame in milliseconds.
@@ -222,14 +253,18 @@ pub fn frame_ms(frame: &Frame) -> f64 {
     frame.timings.iter().filter(|t| t.depth == 0).map(|t| t.duration_ms).sum()
 }
 
-fn counts(frames: &[Totals], size_px: [u32; 2], drawn_px: [u32; 2]) -> Counts {
+/// Counts of frames with counters (`frames`, all of the portable path) and of the measured ones (`staged`).
+fn counts(frames: &[Totals], staged: &[Measured], size_px: [u32; 2], drawn_px: [u32; 2]) -> Counts {
     let pixels = f64::from(size_px[0]) * f64::from(size_px[1]);
     let of = |value: &dyn Fn(&Totals) -> f64| Statistics::of(frames.iter().map(value));
     let wide = |high: u32, low: u32| (u64::from(high) << 32 | u64::from(low)) as f64;
     let tiles: u32 = tiles(drawn_px).iter().product();
+    let fast = staged.iter().filter(|measured| measured.path == render::Path::Fast);
+    let entries: Vec<f64> = fast.map(|measured| measured.frame.totals.listed_kept.into()).collect();
     Counts {
         visible: of(&|t| t.visible.into()),
         instances: of(&|t| t.listed_kept.into()),
+        entries: (!entries.is_empty()).then(|| Statistics::of(entries)),
         tiles,
         listed_tiles: of(&|t| t.listed_tiles.into()),
         longest_list: of(&|t| t.longest_list.into()),
@@ -237,5 +272,35 @@ fn counts(frames: &[Totals], size_px: [u32; 2], drawn_px: [u32; 2]) -> Counts {
         evaluations_per_pixel: of(&|t| wide(t.evaluations_high, t.evaluations_low) / pixels),
         lanes_per_pixel: of(&|t| wide(t.walked_high, t.walked_low) / pixels),
         early_exit_rate: of(&|t| f64::from(t.stopped_pixels) / pixels),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::Timing;
+
+    fn frame(stages: &[&'static str]) -> Frame {
+        let timing =
+            |(i, name): (usize, &&'static str)| Timing { name, depth: 1, start_ms: i as f64, duration_ms: 1.0 };
+        let timings = stages.iter().enumerate().map(timing).collect();
+        Frame { totals: bytemuck::Zeroable::zeroed(), timings, attempts: 1 }
+    }
+
+    #[test]
+    fn a_timed_stage_without_bytes_is_an_error() {
+        let frame = frame(&["clear", "sort"]);
+        let stated = [("clear", 8), ("sort", 20), ("sort", 2)];
+        assert_eq!(stage_bytes("sort", &frame, &stated).unwrap(), 22.0);
+        assert_eq!(stage_bytes("blend", &frame, &stated).unwrap(), 0.0, "the frame has no such stage");
+        let error = stage_bytes("sort", &frame, &stated[..1]).unwrap_err();
+        assert_eq!(error.to_string(), "stage sort does not state its least bytes");
+    }
+
+    #[test]
+    fn stages_of_frames_of_both_paths_are_listed() {
+        let frames = [frame(&["clear", "sort", "blend"]), frame(&["clear", "scan", "blend"])];
+        let times: Vec<_> = stage_times(frames.iter()).into_iter().map(|(name, ms)| (name, ms.mean)).collect();
+        assert_eq!(times, [("clear", 1.0), ("sort", 0.5), ("blend", 1.0), ("scan", 0.5)]);
     }
 }

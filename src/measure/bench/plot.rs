@@ -1,4 +1,4 @@
-//! Plots as SVG: stacked bars of stages, lines over the number of Gaussians.
+//! Plots as SVG: stacked bars of stages, and lines over the number of Gaussians.
 
 use std::path::Path;
 
@@ -10,17 +10,17 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::report::Report;
 use crate::files::write_whole;
 
-/// Where a plot is drawn.
+/// The area that a plot is drawn into.
 pub type Panel<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
-/// Horizontal bars of stacked parts.
+/// Horizontal bars of stacked parts; the parts have a common unit.
 pub struct Bars {
     pub title: String,
     pub unit: String,
     pub bars: Vec<Bar>,
 }
 
-/// A bar and its parts: name and length. Parts of one name have one colour.
+/// A bar and its parts (name, length). Parts with the same name have the same colour.
 pub struct Bar {
     pub name: String,
     pub parts: Vec<(String, f64)>,
@@ -37,13 +37,13 @@ pub struct Lines {
     pub title: String,
     pub x: String,
     pub y: String,
-    /// Each line's name and its points.
+    /// Name and points of each line.
     pub lines: Vec<(String, Vec<(f64, f64)>)>,
     /// Both axes are logarithmic.
     pub is_logarithmic: bool,
 }
 
-/// Writes an SVG of this size in pixels, drawn by `draw`, whole or not at all.
+/// Writes an SVG of this size in pixels atomically; `draw` draws it.
 pub fn write(path: &Path, size: (u32, u32), draw: impl FnOnce(&Panel) -> Result<()>) -> Result<()> {
     let mut text = String::new();
     {
@@ -55,27 +55,27 @@ pub fn write(path: &Path, size: (u32, u32), draw: impl FnOnce(&Panel) -> Result<
     write_whole(path, |file| Ok(std::io::Write::write_all(file, text.as_bytes())?))
 }
 
-/// Where the time of each run's frame goes: the paper's Figure 2.
+/// Writes the stage times of every run as stacked bars: the paper's Figure 2.
 pub fn stage_breakdown(report: &Report, path: &Path) -> Result<()> {
     let bar = |run: &super::Run| {
         let parts = run.stages.iter().map(|stage| (stage.name.clone(), stage.ms.median.max(0.0)));
-        Bar { name: run.subject.title(), parts: parts.collect() }
+        Bar { name: format!("{} ({})", run.subject.title(), run.drawn_by), parts: parts.collect() }
     };
     let bars: Vec<_> = report.runs.iter().map(bar).collect();
     let key = bars.iter().map(|bar| bar.parts.len()).max().unwrap_or(0) as i32;
     let height = (150 + 34 * bars.len() as u32).max((KEY_TOP + KEY_STEP * (key + 1)) as u32);
-    let title = format!("Where a frame's time goes: {}", report.device.name);
+    let title = format!("GPU time of a frame by stage: {}", report.device.name);
     write(path, (1000, height), |panel| Bars { title, unit: "GPU time, ms (median)".to_owned(), bars }.draw(panel))
 }
 
 pub(crate) const FONT: &str = "sans-serif";
 pub(crate) const TEXT: i32 = 14; // px
-const NAMES: u32 = 300; // px, the room for the names of bars
-// px, where the key begins and how far its lines are apart
+const NAMES: u32 = 300; // px, width of the column of bar names
+// px, top of the key and distance of its lines
 const KEY_TOP: i32 = 50;
 const KEY_STEP: i32 = 20;
 
-/// Distinct for readers of all kinds of colour vision (Okabe and Ito 2008), then again, lighter.
+/// Colours that are distinct for all kinds of colour vision (Okabe and Ito 2008); later ones repeat them, lighter.
 const PALETTE: [(u8, u8, u8); 8] = [
     (0, 114, 178),
     (230, 159, 0),
@@ -156,7 +156,7 @@ impl Lines {
         let mut builder = ChartBuilder::on(panel);
         builder.caption(&self.title, (FONT, TEXT + 4)).margin(10).margin_right(20);
         builder.x_label_area_size(40).y_label_area_size(60);
-        // The two kinds of axes are two types.
+        // Linear and logarithmic axes are two types, so the code is a macro.
         macro_rules! draw {
             ($x:expr, $y:expr) => {{
                 let mut chart = builder.build_cartesian_2d($x, $y).map_err(broken)?;
@@ -177,7 +177,7 @@ impl Lines {
             }};
         }
         if self.is_logarithmic {
-            // Room for the key above the lines.
+            // The range extends upward so that the key does not cover the lines.
             let top = y_high * (y_high / y_low).powf(0.4).max(2.0);
             draw!((x_low * 0.9..x_high * 1.1).log_scale(), (y_low * 0.8..top).log_scale());
         } else {
@@ -187,7 +187,7 @@ impl Lines {
     }
 }
 
-/// 1940000 as 1.94M.
+/// Formats a number with a unit prefix: 1940000 as 1.94M.
 fn short(value: f64) -> String {
     let (scaled, unit) = match value.abs() {
         v if v >= 1e6 => (value / 1e6, "M"),

@@ -1,4 +1,4 @@
-//! What a bench says, as it is written to JSON and CSV. Times are in milliseconds.
+//! The report of a bench, as it is written to JSON and CSV. Times are in milliseconds.
 
 use std::path::Path;
 
@@ -8,54 +8,63 @@ use serde::{Deserialize, Serialize};
 
 use super::machine::{Clocks, DeviceReport, VersionReport};
 use super::statistics::Statistics;
+use super::warm_up::WarmUp;
 use crate::camera::Camera;
 use crate::files::write_whole;
 use crate::options::Options;
 use crate::pixels::Pixels;
+use crate::render;
 use crate::scene::Gaussians;
 
 /// The measurements of `smalto bench`. Times are in milliseconds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Report {
-    /// "smalto bench 2".
+    /// "smalto bench 3".
     pub format: String,
     pub smalto: VersionReport,
     pub device: DeviceReport,
-    /// Frames before the measured ones of each kind: at least so many and, unless it is 0, at least half a second.
+    /// Least number of warm-up frames. The frames of each kind are preceded by a warm-up that goes on until the frame
+    /// time is steady (see `warm_up` of a run); 0: no warm-up.
     pub warmup: usize,
-    /// Measured frames of every kind of run: with two timestamps, with one pair a stage, and pipelined.
+    /// Measured frames of each kind: with two timestamps, with two timestamps per stage, and pipelined.
     pub frames: usize,
-    /// Where the cameras come from: orbit, orbit-zoom, or a file.
+    /// Source of the cameras: orbit, orbit-zoom, or a file.
     pub path: String,
-    /// One for every scene, size and preset.
+    /// One run for every scene, size and preset.
     pub runs: Vec<Run>,
 }
 
-/// One scene at one size with one preset.
+/// The measurements of one scene at one size with one preset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Run {
     pub subject: Subject,
-    /// While a frame was on the device; null where the driver does not tell.
+    /// The path that drew the first measured frame. `notice` tells if others were drawn by the other path.
+    pub drawn_by: render::Path,
+    /// Why the fast path did not draw some or all frames, if it should have; else null.
+    pub notice: Option<String>,
+    /// The warm-ups before the measured frames of each kind together; null with a `warmup` of 0.
+    pub warm_up: Option<WarmUp>,
+    /// Clocks while a frame was on the device; null if the driver does not report them.
     pub clocks: Option<Clocks>,
     pub frame: FrameTimes,
-    /// In the order of the frame; last, as "gaps", what lies between the stages.
+    /// Stages in the order of the frame. The last entry, "gaps", is the time between the stages.
     pub stages: Vec<StageReport>,
     pub counts: Counts,
     /// Device memory by buffer, at its peak.
     pub memory: Vec<Allocation>,
-    /// Device memory that the program held in all at the end, spare room of the allocator included.
+    /// All device memory that the program held at the end, unused memory of the allocator included.
     pub allocated_bytes: u64,
     /// BLAKE3 of the last frame's floats, row by row.
     pub image_hash: String,
-    /// Above the error of every value of all views, by their certificates; null if it was not asked for.
+    /// Upper bound of the error of every colour value of all views, from their certificates; null if not requested.
     pub certified_error: Option<f32>,
-    /// PSNR of the first view against the f64 reference, in dB; null if it was not asked for, or both are equal.
+    /// PSNR of the first view against the float64 reference, in dB; null if not requested or if both are equal.
     pub psnr_db: Option<f64>,
 }
 
-/// What a run measures, and what tells it from the others of a report.
+/// The subject of a run, which identifies it within a report.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Subject {
@@ -63,20 +72,20 @@ pub struct Subject {
     /// Width and height in pixels.
     pub size: [u32; 2],
     pub preset: String,
-    /// The preset's, with what overrides them.
+    /// The options of the preset with all overrides.
     pub options: Options,
     /// BLAKE3 of the cameras.
     pub views_hash: String,
 }
 
-/// What was drawn.
+/// The scene that was drawn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneReport {
     pub name: String,
     pub gaussians: usize,
     pub sh_degree: u32,
-    /// BLAKE3 of the Gaussians as they are rendered, whatever the file format was.
+    /// BLAKE3 of the Gaussians after reading, independent of the file format.
     pub hash: String,
 }
 
@@ -84,15 +93,15 @@ pub struct SceneReport {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FrameTimes {
-    /// On the GPU, between two timestamps.
+    /// GPU time between two timestamps.
     pub gpu_ms: Statistics,
-    /// From the call to the end of the wait, one frame at a time.
+    /// Wall time from the call to the end of the wait, one frame at a time.
     pub wall_ms: Statistics,
-    /// A frame's share of the wall time when the next is recorded while one runs.
+    /// Wall time per frame if the next frame is recorded while one runs.
     pub pipelined_ms: f64,
-    /// On the GPU with timestamps around every stage.
+    /// GPU time with timestamps around every stage.
     pub staged_gpu_ms: Statistics,
-    /// What those timestamps cost: the difference of the medians.
+    /// Cost of these timestamps: `staged_gpu_ms` minus `gpu_ms`, medians.
     pub timestamps_cost_ms: f64,
 }
 
@@ -102,33 +111,38 @@ pub struct FrameTimes {
 pub struct StageReport {
     pub name: String,
     pub ms: Statistics,
-    /// The fewest bytes that the stage moves: inputs read once, outputs written once. Median over the frames.
+    /// Least number of bytes that the stage moves through device memory: every input read once, every output written
+    /// once. Median over the frames.
     pub least_bytes: u64,
-    /// How long a copy of as many bytes takes, over the stage's median time.
+    /// Time of a copy of `least_bytes` divided by the stage's median time.
     pub bandwidth_fraction: f64,
 }
 
-/// What the frames worked on, over the measured frames.
+/// Amount of work of the measured frames. All counts except `entries` are those of the portable path, which draws the
+/// same views again with counters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Counts {
     /// Gaussians that may touch the image.
     pub visible: Statistics,
-    /// Splats in tiles.
+    /// Instances: pairs of a splat and a tile of 16x16 pixels that it touches.
     pub instances: Statistics,
-    /// Of the image.
+    /// Entries: pairs of a splat and a bin of the fast path that it touches, over the frames that the fast path drew;
+    /// null if it drew none.
+    pub entries: Option<Statistics>,
+    /// Tiles of the image.
     pub tiles: u32,
-    /// Tiles with a list.
+    /// Tiles with at least one instance.
     pub listed_tiles: Statistics,
-    /// Splats in the fullest tile.
+    /// Instances of the fullest tile.
     pub longest_list: Statistics,
-    /// Splats in the list of a pixel's tile, mean over the pixels.
+    /// Instances of a pixel's tile, mean over the pixels.
     pub listed_per_pixel: Statistics,
-    /// Alphas computed for a pixel that had not stopped, mean over the pixels.
+    /// Alphas computed for a pixel before it stopped, mean over the pixels.
     pub evaluations_per_pixel: Statistics,
-    /// The same, lanes that idle beside others included.
+    /// The same with idle lanes of working subgroups included.
     pub lanes_per_pixel: Statistics,
-    /// Fraction of the pixels that are opaque before their list ends.
+    /// Fraction of the pixels that stop before their list ends.
     pub early_exit_rate: Statistics,
 }
 
@@ -146,6 +160,7 @@ pub fn image_hash(pixels: &Pixels) -> String {
 }
 
 impl SceneReport {
+    /// Describes a scene and hashes its Gaussians.
     pub fn of(name: String, gaussians: &Gaussians) -> Self {
         let mut hasher = blake3::Hasher::new();
         hasher.update(bytemuck::cast_slice(gaussians.means()));
@@ -159,6 +174,7 @@ impl SceneReport {
 }
 
 impl Subject {
+    /// Describes a run over `views`, which are not empty and of one size.
     pub fn new(scene: &SceneReport, preset: &str, options: &Options, views: &[Camera]) -> Self {
         let mut hasher = blake3::Hasher::new();
         for Camera { position, rotation, focal_px, centre_px, size_px } in views {
@@ -170,6 +186,7 @@ impl Subject {
         Self { scene: scene.clone(), size: views[0].size_px, preset: preset.to_owned(), options: *options, views_hash }
     }
 
+    /// Scene, size and preset in a line.
     pub fn title(&self) -> String {
         let [width, height] = self.size;
         format!("{} {width}x{height} {}", self.scene.name, self.preset)
@@ -177,16 +194,19 @@ impl Subject {
 }
 
 impl Report {
-    /// The first member of every report: what it is, and by which rules.
-    pub const FORMAT: &str = "smalto bench 2";
+    /// Name and version of the format, the first member of every report.
+    pub const FORMAT: &str = "smalto bench 3";
 
-    /// Reads a report; the error says why it is none.
+    /// Reads a report of this format.
+    ///
+    /// # Errors
+    /// A phrase that continues the file's name, such as "is not JSON".
     pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).context("cannot be read")?;
         let value: serde_json::Value = serde_json::from_str(&text).context("is not JSON")?;
-        let format = value.get("format").and_then(|f| f.as_str()).unwrap_or("of no known format");
+        let format = value.get("format").and_then(|f| f.as_str()).unwrap_or("unknown");
         let expected = Self::FORMAT;
-        ensure!(format == expected, "is not a report of this bench: it is {format}, expected is {expected}");
+        ensure!(format == expected, "is not a report of this version: its format is {format}, not {expected}");
         serde_json::from_value(value).context("is a damaged report")
     }
 
@@ -194,16 +214,17 @@ impl Report {
         write_whole(path, |file| Ok(serde_json::to_writer_pretty(file, self)?))
     }
 
-    /// Writes the statistics as a table: a row for every run and quantity.
+    /// Writes the statistics as CSV: a row for every run and quantity.
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         write_whole(path, |file| {
             let mut csv = csv::Writer::from_writer(file);
-            let about = ["scene", "gaussians", "width", "height", "preset", "quantity"];
+            let about = ["scene", "gaussians", "width", "height", "preset", "drawn by", "quantity"];
             csv.write_record(about.into_iter().chain(Statistics::COLUMNS))?;
             for run in &self.runs {
                 let Subject { scene, size, preset, .. } = &run.subject;
                 let numbers = [scene.gaussians.to_string(), size[0].to_string(), size[1].to_string()];
-                let about: Vec<_> = [scene.name.clone()].into_iter().chain(numbers).chain([preset.clone()]).collect();
+                let names = [preset.clone(), run.drawn_by.to_string()];
+                let about: Vec<_> = [scene.name.clone()].into_iter().chain(numbers).chain(names).collect();
                 for (quantity, statistics) in run.rows() {
                     let values = statistics.columns().map(|v| v.to_string());
                     csv.write_record(about.iter().cloned().chain([quantity]).chain(values))?;
@@ -215,7 +236,7 @@ impl Report {
 }
 
 impl Run {
-    /// Every statistic and its name.
+    /// Names and values of all statistics.
     pub fn rows(&self) -> Vec<(String, Statistics)> {
         let (frame, counts) = (&self.frame, &self.counts);
         let mut rows = vec![
@@ -225,16 +246,17 @@ impl Run {
         ];
         rows.extend(self.stages.iter().map(|stage| (format!("{} ms", stage.name), stage.ms)));
         let counted = [
-            ("visible", counts.visible),
-            ("instances", counts.instances),
-            ("listed tiles", counts.listed_tiles),
-            ("longest list", counts.longest_list),
-            ("listed per pixel", counts.listed_per_pixel),
-            ("evaluations per pixel", counts.evaluations_per_pixel),
-            ("lanes per pixel", counts.lanes_per_pixel),
-            ("early exit rate", counts.early_exit_rate),
+            ("visible", Some(counts.visible)),
+            ("instances", Some(counts.instances)),
+            ("entries", counts.entries),
+            ("listed tiles", Some(counts.listed_tiles)),
+            ("longest list", Some(counts.longest_list)),
+            ("listed per pixel", Some(counts.listed_per_pixel)),
+            ("evaluations per pixel", Some(counts.evaluations_per_pixel)),
+            ("lanes per pixel", Some(counts.lanes_per_pixel)),
+            ("early exit rate", Some(counts.early_exit_rate)),
         ];
-        rows.extend(counted.map(|(name, statistics)| (name.to_owned(), statistics)));
+        rows.extend(counted.into_iter().filter_map(|(name, statistics)| Some((name.to_owned(), statistics?))));
         rows
     }
 }

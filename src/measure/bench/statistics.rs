@@ -1,9 +1,9 @@
-//! What is said of many measurements of one quantity.
+//! Statistics of repeated measurements of one quantity.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Least, middle, mean, and what 95 and 99 of a hundred samples do not exceed (nearest rank).
+/// Minimum, median, mean, and the 95th and 99th percentiles (nearest rank).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Statistics {
@@ -15,7 +15,7 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    /// What the columns of tables are called.
+    /// Column names of tables.
     pub const COLUMNS: [&str; 5] = ["min", "median", "mean", "p95", "p99"];
 
     /// The numbers in the order of [`Statistics::COLUMNS`].
@@ -23,10 +23,13 @@ impl Statistics {
         [self.min, self.median, self.mean, self.p95, self.p99]
     }
 
-    /// Of at least one sample.
+    /// The statistics of at least one sample.
+    ///
+    /// # Panics
+    /// If there are no samples.
     pub fn of(samples: impl IntoIterator<Item = f64>) -> Self {
         let mut samples: Vec<f64> = samples.into_iter().collect();
-        assert!(!samples.is_empty(), "statistics are of something");
+        assert!(!samples.is_empty(), "statistics need at least one sample");
         samples.sort_unstable_by(f64::total_cmp);
         let at = |fraction: f64| samples[((samples.len() as f64 * fraction).ceil() as usize).max(1) - 1];
         Self {

@@ -1,32 +1,32 @@
-//! Measures every rung on one scene, and checks that they draw the same.
+//! Measures all rungs on one scene, and checks that they draw the same picture.
 
 use anyhow::{Result, bail, ensure};
 
 use super::report::{Climb, RungReport, RungStage};
 use super::{Duplication, RUNGS, Rung, Variant, VariantFrame};
-use crate::measure::bench::{Bench, ClockProbe, Clocks, SceneReport, Statistics, image_hash};
 use crate::camera::Camera;
+use crate::measure::bench::{Bench, ClockProbe, Clocks, SceneReport, Statistics, WarmUpLimits, image_hash};
 use crate::measure::metrics::psnr;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::render::GpuScene;
 
-/// dB between rungs with other tiles: squares of three standard deviations cut what lies farther out.
+/// Least PSNR in dB of rungs with different tiles: squares of three standard deviations cut off splats farther out.
 const OTHER_TILES_DB: f64 = 30.0;
-/// dB between rungs of which one leaves the order of equal depths open.
+/// Least PSNR in dB of rungs of which one leaves the order of equal depths undefined.
 const OPEN_ORDER_DB: f64 = 60.0;
 
-/// What a rung counted, view by view, and its picture of the last view.
+/// Counts of a rung for every view (visible splats and instances), and its picture of the last view.
 struct Evidence {
     rung: &'static Rung,
     counts: Vec<[u32; 2]>,
     pixels: Pixels,
 }
 
-/// Climbs the ladder over `views`, which are of one size. `progress` is told the fraction done.
+/// Measures all rungs over `views`, which are of one size. `progress` receives the completed fraction.
 ///
 /// # Errors
-/// If rungs that must agree count or draw differently.
+/// If rungs that must agree count or draw differently, or if rendering fails.
 pub fn climb(
     bench: &Bench,
     scene: &SceneReport,
@@ -36,13 +36,14 @@ pub fn climb(
     progress: &dyn Fn(f64),
 ) -> Result<Climb> {
     let probe = ClockProbe::new(&bench.device);
-    // The first rung of each test of tiles: what the others are held against.
+    // The first rung of each tile test: the others are compared with it.
     let mut first: Vec<Evidence> = Vec::new();
-    let mut rungs = Vec::new();
+    let (mut rungs, mut warm_up) = (Vec::new(), None);
     for (index, rung) in RUNGS.iter().enumerate() {
         let mut variant = Variant::new(&bench.device, rung, options, gpu_scene)?;
         let mut render = |i: usize| variant.render(&views[i % views.len()]);
-        bench.protocol.warm_up(|i| render(i).map(drop))?;
+        let limits = WarmUpLimits::THOROUGH.after(warm_up);
+        warm_up = bench.protocol.warm_up(views.len(), limits, |view| Ok(gpu_ms(&render(view)?)))?;
         let frames = (0..bench.protocol.frames).map(|i| {
             let part = i as f64 / bench.protocol.frames as f64;
             progress((index as f64 + part) / RUNGS.len() as f64);
@@ -53,7 +54,8 @@ pub fn climb(
         let counts = frames.iter().map(|f| [f.totals.visible, f.totals.listed_kept]).collect();
         let new = Evidence { rung, counts, pixels: variant.pixels()? };
         first.iter().try_for_each(|earlier| agree(earlier, &new))?;
-        rungs.push(report(rung, &frames, clocks, &new.pixels, first.first().map(|baseline| &baseline.pixels)));
+        let baseline = first.first().map(|baseline| &baseline.pixels);
+        rungs.push(RungReport { warm_up, ..report(rung, &frames, clocks, &new.pixels, baseline) });
         if first.iter().all(|earlier| earlier.rung.exact_tiles != rung.exact_tiles) {
             first.push(new);
         }
@@ -61,7 +63,12 @@ pub fn climb(
     Ok(Climb { scene: scene.clone(), size: views[0].size_px, near: options.rules.near, rungs })
 }
 
-/// Whether two rungs agree in all they must.
+/// GPU time of a frame, without the stages on the CPU.
+fn gpu_ms(frame: &VariantFrame) -> f64 {
+    frame.stages.iter().map(|stage| stage.gpu_ms).sum()
+}
+
+/// Fails if two rungs differ in something in which they must agree.
 fn agree(a: &Evidence, b: &Evidence) -> Result<()> {
     let names = (a.rung.name, b.rung.name);
     let visible = |e: &Evidence| e.counts.iter().map(|c| c[0]).collect::<Vec<_>>();
@@ -102,6 +109,7 @@ fn report(
         name: rung.name.to_owned(),
         from: rung.from.map(str::to_owned),
         stage: rung.stage.to_owned(),
+        warm_up: None,
         clocks,
         wall_ms: of(&|f| f.wall_ms),
         stages: frames[0].stages.iter().map(|s| stage(s.name)).collect(),

@@ -1,8 +1,9 @@
-//! The ladder of optimizations that this renderer started from, rung by rung, with all other code shared: from a frame
-//! that keeps its books on the CPU and blends without workgroup memory to the frame that `render` draws.
+//! The ladder of optimizations that this renderer started from: variants of one frame that share all other code. The
+//! first does its bookkeeping on the CPU and blends without workgroup memory, the last is the frame of the portable
+//! path.
 //!
-//! A rung differs from the one it is measured against in one step. [`climb`] measures all of them on one scene, and
-//! fails if two that must agree count or draw differently.
+//! A rung is one step ahead of the rung it is compared with. [`climb`] measures all rungs on one scene, and fails if
+//! two rungs that must agree count or draw differently.
 
 mod climb;
 mod report;
@@ -14,46 +15,46 @@ pub use climb::climb;
 pub use report::{Climb, LadderReport, Paper, RungReport, RungStage, plot};
 pub use variant::{Variant, VariantFrame};
 
-/// Where a stage runs.
+/// The processor that runs a stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Place {
     Cpu,
     Gpu,
 }
 
-/// How instances are made from splats.
+/// The method that makes instances from splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Duplication {
     Cpu,
-    /// Count, scan, scatter: an invocation for every splat.
+    /// Count, scan, scatter; one invocation per splat.
     TwoPass,
-    /// The same without a scan: a splat takes the place of its instances from a counter.
+    /// The same without the scan: an atomic counter gives every splat the place of its instances.
     SingleAllocation,
-    /// As `render` duplicates: count, scan, then an invocation for every instance, whatever the splats' sizes.
+    /// As the portable path: count, scan, then one invocation per instance, independent of the splats' sizes.
     Balanced,
 }
 
-/// By which keys instances are sorted.
+/// The keys that instances are sorted by.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sort {
-    /// Every instance by 32 bits of depth, then by 32 bits of tile: what a 64-bit key is.
+    /// All instances by 32 bits of depth, then by 32 bits of tile: the order of a 64-bit key.
     AllDigits,
-    /// The visible splats, not the instances, by the depth bits that the scene has; then the instances by the tile bits
-    /// that the image has.
+    /// The visible splats (not the instances) by the depth bits that the scene needs, then the instances by the tile
+    /// bits that the image needs.
     DigitsNeeded,
 }
 
-/// How a tile is blended.
+/// The method that blends a tile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Blend {
     /// Every pixel reads every splat from memory.
     FromMemory,
-    /// Batches of this many splats in workgroup memory; lanes count those that stopped.
+    /// Batches of this many splats in workgroup memory; stopped pixels are counted by atomics.
     Batches(u32),
-    /// Batches of 256; subgroups that stopped are found by ballot.
+    /// Batches of 256; stopped pixels are found by ballot.
     BallotExit,
-    /// As `render` blends: subgroups hold blocks of 8x4 pixels or so and walk the splats that reach them, batches are
-    /// loaded ahead, and the longest lists come first.
+    /// As the portable path: every subgroup owns a block of pixels (8x4 for 32 lanes) and walks the splats that reach
+    /// it, the next batch is loaded ahead, and the tiles with the longest lists come first.
     PixelBlocks,
 }
 
@@ -61,20 +62,20 @@ pub enum Blend {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rung {
     pub name: &'static str,
-    /// The rung whose difference to this one is its step; `None` for the first.
+    /// The rung that this one is compared with; `None` for the first.
     pub from: Option<&'static str>,
-    /// The stage that the change is about; "frame" if it is about several.
+    /// The stage that the step changes; "frame" if it changes several.
     pub stage: &'static str,
     pub compaction: Place,
     pub duplication: Duplication,
     pub ranges: Place,
     pub blend: Blend,
-    /// Tiles by the ellipse of alpha = 1/255, not by the square of three standard deviations.
+    /// Tiles are those that the ellipse of alpha = 1/255 touches, not the square of three standard deviations.
     pub exact_tiles: bool,
     pub sort: Sort,
 }
 
-/// What every rung starts from: the paper's baseline.
+/// The paper's baseline, from which all rungs start.
 const BASELINE: Rung = Rung {
     name: "baseline",
     from: None,
@@ -128,7 +129,7 @@ const BALANCED: Rung = Rung {
 const PIXEL_BLOCKS: Rung =
     Rung { name: "+9 pixel blocks", from: Some(BALANCED.name), stage: "blend", blend: Blend::PixelBlocks, ..BALANCED };
 
-/// Every rung, from the paper's baseline to the frame that `render` draws.
+/// All rungs, from the paper's baseline to the frame of the portable path.
 pub const RUNGS: [Rung; 14] = [
     BASELINE,
     DUPLICATION,

@@ -1,4 +1,4 @@
-//! What the ladder says: JSON, CSV, plots, and the paper's figures to put beside it.
+//! The report of the ladder: JSON, CSV, plots, and the paper's speedups.
 
 use std::path::Path;
 
@@ -6,74 +6,81 @@ use anyhow::Result;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::measure::bench::plot::{self, Bar, Bars, Lines, Panel};
-use crate::measure::bench::{Clocks, DeviceReport, SceneReport, Statistics, VersionReport};
 use crate::files::write_whole;
+use crate::measure::bench::plot::{self, Bar, Bars, Lines, Panel};
+use crate::measure::bench::{Clocks, DeviceReport, SceneReport, Statistics, VersionReport, WarmUp};
 
 /// The measurements of `smalto bench --ladder`. Times are in milliseconds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LadderReport {
-    /// "smalto ladder 1".
+    /// "smalto ladder 2".
     pub format: String,
     pub smalto: VersionReport,
     pub device: DeviceReport,
+    /// Least number of warm-up frames of every rung; a warm-up goes on until the frame time is steady (see `warm_up` of
+    /// a rung). 0: no warm-up.
     pub warmup: usize,
+    /// Number of measured frames of every rung.
     pub frames: usize,
-    /// Where the cameras come from.
+    /// Source of the cameras: orbit, orbit-zoom, or a file.
     pub path: String,
-    /// One for every scene.
+    /// One climb for every scene.
     pub climbs: Vec<Climb>,
 }
 
-/// The ladder on one scene.
+/// The measurements of all rungs on one scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Climb {
     pub scene: SceneReport,
     /// Width and height in pixels.
     pub size: [u32; 2],
-    /// Distance of the near plane, world units.
+    /// Distance of the near plane in world units.
     pub near: f32,
     pub rungs: Vec<RungReport>,
 }
 
-/// One rung.
+/// The measurements of one rung. Its frames are variants of the portable path, which the last rung equals.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RungReport {
     pub name: String,
-    /// The rung that it is a step from; null for the first.
+    /// The rung that this one is compared with; null for the first.
     pub from: Option<String>,
-    /// The stage that the change is about, or "frame".
+    /// The stage that the step changes; "frame" if it changes several.
     pub stage: String,
-    /// Right after the last frame; null where the driver does not tell.
+    /// The warm-up before the measured frames; null with a `warmup` of 0.
+    pub warm_up: Option<WarmUp>,
+    /// Clocks right after the last frame; null if the driver does not report them.
     pub clocks: Option<Clocks>,
-    /// A whole frame, one at a time: from its begin to the end of the last wait.
+    /// Wall time of a whole frame from its begin to the end of the last wait, one frame at a time.
     pub wall_ms: Statistics,
     pub stages: Vec<RungStage>,
+    /// Splats that may touch the image.
     pub visible: Statistics,
+    /// Instances: pairs of a splat and a tile of 16x16 pixels that it touches.
     pub instances: Statistics,
-    /// Splats in the fullest tile.
+    /// Instances of the fullest tile.
     pub longest_list: Statistics,
     /// BLAKE3 of the last frame's floats, row by row.
     pub image_hash: String,
-    /// PSNR of the last frame against the first rung's, in dB; null where they are equal.
+    /// PSNR of the last frame against the first rung's, in dB; null if both are equal.
     pub to_baseline_db: Option<f64>,
 }
 
-/// One stage of a rung's frame.
+/// The time of one stage of a rung's frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RungStage {
     pub name: String,
-    /// On both sides: between timestamps on the GPU, copies included, and on the CPU.
+    /// Time on the GPU, copies included, plus time on the CPU.
     pub ms: Statistics,
-    /// The CPU's part of it, median.
+    /// Time on the CPU, median.
     pub host_ms: f64,
 }
 
-/// What the paper reports of a step, as a factor.
+/// The speedup that the paper reports for the changed stage of a rung.
 pub struct Paper {
     pub rung: &'static str,
     pub speedup: &'static str,
@@ -87,18 +94,19 @@ impl Paper {
         Self { rung: "+4 GPU compaction", speedup: "2.9x" },
     ];
 
-    /// What it says of a rung.
+    /// The entry of a rung, if the paper reports one.
     pub fn of(rung: &str) -> Option<&'static Self> {
         Self::STEPS.iter().find(|step| step.rung == rung)
     }
 }
 
 impl Climb {
+    /// The rung with this name.
     pub fn rung(&self, name: &str) -> Option<&RungReport> {
         self.rungs.iter().find(|rung| rung.name == name)
     }
 
-    /// How often faster a rung's own stage is than on the rung that it changes.
+    /// Speedup of a rung's changed stage over the rung that it is compared with.
     pub fn stage_speedup(&self, rung: &RungReport) -> Option<f64> {
         let before = self.rung(rung.from.as_deref()?)?;
         Some(before.stage_ms(&rung.stage)? / rung.stage_ms(&rung.stage)?)
@@ -106,7 +114,7 @@ impl Climb {
 }
 
 impl RungReport {
-    /// Median time of a stage, or of the frame.
+    /// Median time of a stage in milliseconds; of the whole frame for "frame".
     pub fn stage_ms(&self, name: &str) -> Option<f64> {
         if name == "frame" {
             return Some(self.wall_ms.median);
@@ -116,13 +124,15 @@ impl RungReport {
 }
 
 impl LadderReport {
-    pub const FORMAT: &str = "smalto ladder 1";
+    /// Name and version of the format, the first member of every report.
+    pub const FORMAT: &str = "smalto ladder 2";
 
+    /// Writes the report as JSON.
     pub fn write_json(&self, path: &Path) -> Result<()> {
         write_whole(path, |file| Ok(serde_json::to_writer_pretty(file, self)?))
     }
 
-    /// Writes the times as a table: a row for every scene, rung and stage.
+    /// Writes the times as CSV: a row for every scene, rung and stage.
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         write_whole(path, |file| {
             let mut csv = csv::Writer::from_writer(file);
@@ -144,13 +154,13 @@ impl LadderReport {
     }
 }
 
-/// Draws the paper's Figures 2 to 6: where the time goes, frame time, speedup, and the gain from batches.
+/// Plots the paper's Figures 2 to 6: time by stage, frame time, speedup, and the gain from batches.
 pub fn plot(report: &LadderReport, path: &Path) -> Result<()> {
     plot::write(path, (1500, 1150), |panel| {
         let (upper, lower) = panel.split_vertically(560);
         let (left, right) = upper.split_horizontally(900);
         breakdown(report, &left)?;
-        over_counts(report, &right, "Frame time", "ms a frame, waited for", &|_, rung| Some(rung.wall_ms.median))?;
+        over_counts(report, &right, "Frame time", "wall time of a frame, ms", &|_, rung| Some(rung.wall_ms.median))?;
         let (left, right) = lower.split_horizontally(750);
         over_counts(report, &left, "Speedup over the baseline", "times faster", &|climb, rung| {
             Some(climb.rungs.first()?.wall_ms.median / rung.wall_ms.median)
@@ -159,7 +169,7 @@ pub fn plot(report: &LadderReport, path: &Path) -> Result<()> {
     })
 }
 
-/// The procedural object at its several levels of detail, or whatever scenes there are.
+/// The climbs of scenes with the same name as the first up to the colon (levels of detail of one object), by size.
 fn series(report: &LadderReport) -> Vec<&Climb> {
     let stem = |climb: &Climb| climb.scene.name.split(':').next().unwrap_or_default().to_owned();
     let first = report.climbs.first().map(stem).unwrap_or_default();
@@ -170,16 +180,16 @@ fn series(report: &LadderReport) -> Vec<&Climb> {
 
 fn breakdown(report: &LadderReport, panel: &Panel) -> Result<()> {
     let Some(climb) = series(report).pop() else { return Ok(()) };
-    // The baseline is in the other plots: its bar would leave no room for the others.
+    // The baseline is left out: its bar is many times as long as the others. It is in the other plots.
     let bars = climb.rungs.iter().skip(1).map(|rung| {
         let parts = rung.stages.iter().map(|stage| (stage.name.clone(), stage.ms.median));
         Bar { name: rung.name.clone(), parts: parts.collect() }
     });
-    let title = format!("Where the time goes, {} Gaussians, {}", climb.scene.gaussians, report.device.name);
+    let title = format!("Time of a frame by stage, {} Gaussians, {}", climb.scene.gaussians, report.device.name);
     Bars { title, unit: "ms (median), CPU and GPU".to_owned(), bars: bars.collect() }.draw(panel)
 }
 
-/// A line for each rung that stands for a step.
+/// Draws a value over the number of Gaussians, with a line for each of the main rungs.
 fn over_counts(
     report: &LadderReport,
     panel: &Panel,
@@ -199,6 +209,7 @@ fn over_counts(
     Lines { title: title.to_owned(), x, y, lines, is_logarithmic: true }.draw(panel)
 }
 
+/// Draws the speedup of blend by batches over the number of Gaussians, with a line for each batch size.
 fn batches(report: &LadderReport, panel: &Panel) -> Result<()> {
     let climbs = series(report);
     let line = |batch: u32| {

@@ -1,4 +1,4 @@
-//! A frame that may stop on its way for the CPU, and the time of each of its stages on both sides.
+//! A frame that may wait for the CPU between its stages, and the time of each stage on GPU and CPU.
 
 use std::time::Instant;
 
@@ -10,13 +10,13 @@ use crate::gpu::{Buffer, Commands, Device, Element, Results};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StageTime {
     pub name: &'static str,
-    /// On the GPU, copies to and from the host included.
+    /// Time on the GPU, copies to and from the host included.
     pub gpu_ms: f64,
-    /// On the CPU.
+    /// Time on the CPU.
     pub host_ms: f64,
 }
 
-/// Commands under way, and what those before them took.
+/// Commands that are being recorded, and the times of those before them.
 pub struct Steps {
     device: Device,
     pub cmd: Commands,
@@ -28,7 +28,7 @@ impl Steps {
         Ok(Self { device: device.clone(), cmd: Commands::new(device)?, times: Vec::new() })
     }
 
-    /// Runs what was recorded, and begins anew.
+    /// Runs the recorded commands, waits, and starts new ones.
     pub fn flush(&mut self) -> Result<Results> {
         let commands = std::mem::replace(&mut self.cmd, Commands::new(&self.device)?);
         let results = commands.submit()?.wait()?;
@@ -38,7 +38,7 @@ impl Steps {
         Ok(results)
     }
 
-    /// Runs what was recorded, and reads the first element of a buffer behind it.
+    /// Runs the recorded commands, and reads the first element of `buffer` after them.
     pub fn flush_and_read<T: Element>(&mut self, buffer: &Buffer<T>) -> Result<T> {
         let readback = self.cmd.read(buffer)?;
         let results = self.flush()?;
@@ -53,7 +53,7 @@ impl Steps {
         result
     }
 
-    /// The stages in the order they were begun.
+    /// The times of the stages in the order of their begin.
     pub fn into_times(self) -> Vec<StageTime> {
         self.times
     }

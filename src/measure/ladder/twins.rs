@@ -1,7 +1,8 @@
-//! What the baseline does on the CPU, in one thread, with the decisions that the GPU stored: it never decides again
-//! which Gaussian is visible or which tile a splat is in.
+//! The stages that the baseline runs on the CPU, in one thread. They use the decisions that the GPU stored: which
+//! Gaussian is visible and which tiles a splat touches is never computed twice.
 
-/// The positions of the bits set in `masks`, ascending, into `ids`; how many there are, whether or not they fit.
+/// Writes the positions of the set bits of `masks` into `ids` in ascending order, as many as fit. Returns the number of
+/// set bits.
 pub fn compact(masks: &[u32], ids: &mut [u32]) -> usize {
     let mut count = 0;
     for (index, mask) in masks.iter().enumerate() {
@@ -17,8 +18,9 @@ pub fn compact(masks: &[u32], ids: &mut [u32]) -> usize {
     count
 }
 
-/// Tile and splat of every instance, splat after splat, from the spans of columns that each has in its tile rows (first
-/// span; first row and number of rows in 16 bits each). How many there are, whether or not they fit.
+/// Writes tile and splat of every instance, splat after splat, as many as fit. `span_ranges` has for every splat its
+/// first span, and in 16 bits each its first tile row and number of rows; a span is a range of columns in a row, in 16
+/// bits each. Returns the number of instances.
 pub fn duplicate(
     span_ranges: &[[u32; 2]],
     spans: &[u32],
@@ -51,7 +53,7 @@ mod tests {
         let mut ids = [0; 3];
         assert_eq!(compact(&[0b101, 0, 1 << 31], &mut ids), 3);
         assert_eq!(ids, [0, 2, 95]);
-        assert_eq!(compact(&[u32::MAX], &mut ids), 32, "the count goes on where the room ends");
+        assert_eq!(compact(&[u32::MAX], &mut ids), 32, "bits that do not fit are counted");
     }
 
     #[test]

@@ -1,22 +1,22 @@
-//! One rung's frame, from top to bottom.
+//! The frame of one rung, stage by stage.
 
 use std::mem::offset_of;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 
 use super::steps::{StageTime, Steps};
 use super::{Blend, Duplication, Place, Rung, Sort, twins};
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage, Staging};
 use crate::options::Options;
-use crate::rules::{Background, Footprint, Rules};
 use crate::pixels::Pixels;
 use crate::reference;
 use crate::render::shaders::{PortableDispatches, View, ladder};
 use crate::render::*;
+use crate::rules::{Background, Footprint, Rules};
 
-/// Renders pictures of one scene as a rung does.
+/// Renders pictures of one scene with the stages of a rung.
 pub struct Variant<'s> {
     device: Device,
     rung: Rung,
@@ -24,7 +24,7 @@ pub struct Variant<'s> {
     renderer: PortablePipeline,
     scatter: Stage<ladder::Duplicate>,
     gather: Stage<ladder::Gather>,
-    /// The first pass over a tile's list, and the others.
+    /// The pipelines for the first pass over a tile's list and for the others.
     blend: [Stage<ladder::Blend>; 2],
     entries_per_pass: u32,
     work: PortableWorkspace,
@@ -33,12 +33,12 @@ pub struct Variant<'s> {
     passes: u32,
 }
 
-/// What only some rungs need; where one does not, of length 0.
+/// Buffers that only some rungs need; their length is 0 for the others.
 struct Extra {
-    /// Splats in their own order.
+    /// The numbers from 0 on, as the order of splats that are not sorted.
     identity: Buffer<u32>,
     cursor: Buffer<u32>,
-    /// Depth key and instance; then tile key and splat in that order.
+    /// Depth key and instance; then tile key and splat, in the order of depth.
     by_depth: Pairs,
     masks: Staging<u32>,
     ids: Staging<u32>,
@@ -76,11 +76,11 @@ impl Extra {
     }
 }
 
-/// What a frame took and counted.
+/// Times and counts of a frame.
 pub struct VariantFrame {
     pub totals: Totals,
     pub stages: Vec<StageTime>,
-    /// From the begin to the end of the last wait.
+    /// Wall time in milliseconds from the begin to the end of the last wait.
     pub wall_ms: f64,
 }
 
@@ -90,7 +90,8 @@ struct Sorted {
     splat_ids: Buffer<u32>,
 }
 
-/// More attempts than a frame needs; see `Renderer`.
+/// More attempts than any frame needs: each grows to the requirements of the one before, and an overflow hides those of
+/// the stages after it.
 const MAX_ATTEMPTS: u32 = 8;
 
 impl<'s> Variant<'s> {
@@ -118,7 +119,7 @@ impl<'s> Variant<'s> {
             scatter: Stage::new(device, &ladder::DuplicateConstants { single_pass })?,
             gather: Stage::new(device, &())?,
             blend: [blend(false)?, blend(true)?],
-            // An iteration for an entry, and less than one for its part of a batch.
+            // One iteration per entry, and less than one for its share of loading a batch.
             entries_per_pass: device.capabilities().loop_limit.map_or(u32::MAX, |limit| limit / 2),
             extra: Extra::new(device, rung, &work)?,
             work,
@@ -128,6 +129,9 @@ impl<'s> Variant<'s> {
     }
 
     /// Renders a complete frame; [`Variant::pixels`] reads it.
+    ///
+    /// # Errors
+    /// If rendering fails, or if the frame does not fit after several attempts.
     pub fn render(&mut self, camera: &Camera) -> Result<VariantFrame> {
         let [width, height] = camera.size_px;
         if self.image.size() != camera.size_px {
@@ -145,10 +149,10 @@ impl<'s> Variant<'s> {
             }
             self.passes = self.passes.max(passes);
         }
-        unreachable!("a frame fits after it has grown to its own demand");
+        bail!("a frame still overflows its buffers after growing {MAX_ATTEMPTS} times to its own counts")
     }
 
-    /// The picture rendered last.
+    /// Reads the picture that was rendered last.
     pub fn pixels(&self) -> Result<Pixels> {
         read_pixels(&self.device, &self.image)
     }
@@ -168,7 +172,7 @@ impl<'s> Variant<'s> {
         }
     }
 
-    /// Renders a frame into the room there is.
+    /// Renders a frame with the present buffers. The returned totals tell if they were large enough.
     fn attempt(&mut self, camera: &Camera) -> Result<(Totals, Vec<StageTime>)> {
         let view = self.renderer.view(camera);
         let depth_keys = self.renderer.depth_keys(self.scene, camera);
@@ -240,7 +244,7 @@ impl<'s> Variant<'s> {
                 steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
             }
             kind @ (Duplication::TwoPass | Duplication::SingleAllocation) => {
-                // The totals update the dispatches, which the projection was dispatched by.
+                // The scan writes the dispatch counts that `project` was dispatched with.
                 steps.cmd.barrier(Access::INDIRECT, Access::SHADER_WRITE);
                 steps.cmd.scope("duplicate", |cmd| {
                     match kind {
@@ -291,7 +295,7 @@ impl<'s> Variant<'s> {
         Ok(())
     }
 
-    /// Ends with a barrier.
+    /// Sorts the instances by tile and depth. The last command is a barrier.
     fn sort(&self, cmd: &mut Commands, tiles: u32) -> Sorted {
         let (work, by_depth) = (&self.work, &self.extra.by_depth);
         if self.rung.sort == Sort::DigitsNeeded {
@@ -313,7 +317,7 @@ impl<'s> Variant<'s> {
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         let sorted = self.renderer.sort.record(cmd, by_depth, &work.sort, all(true), groups);
         let instance_from_place = by_depth.values[sorted].clone();
-        // The permutation stays where the second sort writes first.
+        // The second sort first writes into the buffer of the permutation, which is no longer needed then.
         let by_tile = Pairs {
             keys: by_depth.keys.clone(),
             values: [by_depth.values[1 - sorted].clone(), instance_from_place.clone()],

@@ -1,4 +1,4 @@
-//! All measures of two images at once.
+//! All difference measures of two images together.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -8,8 +8,9 @@ use super::flip::{Flip, PIXELS_PER_DEGREE, flip};
 use super::ssim::ssim;
 use crate::pixels::Pixels;
 
-/// How far two images are apart. Colours are compared, coverage is not. A pixel that is not finite in one of them makes
-/// max_error, mse, psnr_db, ssim and flip as bad as can be: the largest 32-bit float, its square, the PSNR of that,
+/// The difference of two images. Colours are compared, alpha is ignored. If either image has a pixel that is not
+/// finite, max_error, mse, psnr_db, ssim and flip have their worst values: the largest 32-bit float, its square, the
+/// PSNR of that,
 /// -1 and 1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -20,20 +21,21 @@ pub struct Difference {
     pub mse: f64,
     /// Peak signal-to-noise ratio in dB for a peak of 1, not clamped; null if the images are equal.
     pub psnr_db: Option<f64>,
-    /// Mean structural similarity of the channels, clamped to 0 and 1; null if a side is shorter than 11 pixels.
+    /// Mean structural similarity of the channels, which are clamped to 0 and 1; null if a side is shorter than 11
+    /// pixels.
     pub ssim: Option<f64>,
-    /// Mean LDR-FLIP, clamped to 0 and 1: 0 for equal images, 1 at the most.
+    /// Mean LDR-FLIP of the images clamped to 0 and 1: 0 for equal images, at most 1.
     pub flip: f64,
     pub over: Over,
     /// Fraction of the colour values that differ in 8 bits.
     pub changed8: f64,
     /// Largest difference of a colour value in 8 bits, in steps.
     pub largest_step: u8,
-    /// Pixels that one of the images has a colour value in that is infinite or no number.
+    /// Number of pixels with an infinite or NaN colour value in either image.
     pub non_finite: u64,
 }
 
-/// Fractions of the pixels whose largest channel difference is over so many 8-bit steps of 1/255.
+/// Fractions of the pixels whose largest channel difference exceeds 1, 4 and 16 steps of 1/255.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Over {
@@ -43,7 +45,7 @@ pub struct Over {
 }
 
 impl Difference {
-    /// Between images of one size, seen at [`PIXELS_PER_DEGREE`].
+    /// Measures the difference of two images, with FLIP at [`PIXELS_PER_DEGREE`].
     ///
     /// # Panics
     /// If the images differ in size.
@@ -51,13 +53,16 @@ impl Difference {
         Self::with_flip(a, b, &flip(a, b, PIXELS_PER_DEGREE))
     }
 
-    /// The same with the [`Flip`] of these images.
+    /// As [`Difference::between`], with the [`Flip`] of these images computed before.
+    ///
+    /// # Panics
+    /// If the images differ in size.
     pub fn with_flip(a: &Pixels, b: &Pixels, flip: &Flip) -> Self {
         let (largest, non_finite) = (f64::from(f32::MAX), non_finite(a, b));
         let is_finite = non_finite == 0;
         let mse = if is_finite { mse(a, b) } else { largest * largest };
         Self {
-            // Finite values may be farther apart than a float can say; JSON has no infinity.
+            // The difference of finite values may overflow; JSON has no infinity.
             max_error: if is_finite { max_error(a, b).min(f32::MAX) } else { f32::MAX },
             mse,
             psnr_db: (mse > 0.0).then(|| -10.0 * mse.log10()),
@@ -70,7 +75,7 @@ impl Difference {
         }
     }
 
-    /// The worst value of each measure.
+    /// The worst value of each measure; `None` without differences.
     pub fn worst<'a>(all: impl IntoIterator<Item = &'a Self>) -> Option<Self> {
         all.into_iter().cloned().reduce(|x, y| Self {
             max_error: x.max_error.max(y.max_error),
@@ -90,12 +95,12 @@ impl Difference {
     }
 }
 
-/// The smaller one, or the one there is.
+/// The smaller of two values, or the only one.
 fn least(x: Option<f64>, y: Option<f64>) -> Option<f64> {
     x.into_iter().chain(y).reduce(f64::min)
 }
 
-/// In f32 two 8-bit values differ by their steps only up to rounding, which must not decide.
+/// The difference of two 8-bit values in f32 is a multiple of 1/255 only up to this rounding error.
 const ROUNDING: f32 = 1e-6;
 
 impl Over {
@@ -115,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn difference_of_equal_images_is_none() {
+    fn difference_of_equal_images_is_zero() {
         let found = Difference::between(&noise(1), &noise(1));
         let over = Over { steps_1: 0.0, steps_4: 0.0, steps_16: 0.0 };
         let expected = Difference {
@@ -133,10 +138,10 @@ mod tests {
     }
 
     #[test]
-    fn difference_holds_what_the_measures_say() {
+    fn difference_holds_the_values_of_the_measures() {
         let (a, b) = (blocks(1), noisy(&blocks(1)));
         let found = Difference::between(&a, &b);
-        // NumPy in f64 of the same images.
+        // Computed with NumPy in f64 from the same images.
         assert!((found.mse - 0.002730928481).abs() < 1e-9 && (found.psnr_db.unwrap() - 25.636896733).abs() < 1e-5);
         assert_eq!((found.ssim, found.max_error), (ssim(&a, &b), max_error(&a, &b)));
         assert_eq!(found.flip, flip(&a, &b, 67.0).mean);
@@ -145,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn difference_of_whole_steps_does_not_hang_on_rounding() {
+    fn difference_of_whole_steps_does_not_depend_on_rounding() {
         for steps in [1, 4, 16] {
             let apart = |by: i32| {
                 let values = |from: i32| (from..from + 239).map(|v| v as f32 / 255.0).collect::<Vec<_>>();
@@ -159,11 +164,11 @@ mod tests {
     }
 
     #[test]
-    fn difference_of_a_pixel_that_is_not_finite_is_as_bad_as_can_be() {
+    fn difference_with_a_pixel_that_is_not_finite_is_the_worst() {
         for value in [f32::NAN, f32::INFINITY] {
             let mut bad = noise(1);
             bad.rgba[5][2] = value;
-            // Even beside itself.
+            // Also if both images are the same.
             for other in [&noise(1), &bad] {
                 let found = Difference::between(&bad, other);
                 assert_eq!(found.non_finite, 1);

@@ -1,16 +1,16 @@
-//! Measures of single values and pixels.
+//! Measures of single colour values and pixels.
 
 use rayon::prelude::*;
 
 use super::{by_row, check_sizes, is_finite};
 use crate::pixels::{Pixels, to_byte};
 
-/// Largest absolute difference of any colour channel of any pixel. NaN differs infinitely.
+/// Largest absolute difference of any colour channel of any pixel; infinite if either value is NaN.
 pub fn max_error(a: &Pixels, b: &Pixels) -> f32 {
     pairs(a, b).map(|(p, q)| largest(p, q)).reduce(|| 0.0, f32::max)
 }
 
-/// Mean squared difference of the colour channels, not clamped to the display's range.
+/// Mean squared difference of the colour channels, which are not clamped.
 pub fn mse(a: &Pixels, b: &Pixels) -> f64 {
     check_sizes(a, b);
     let width = a.size[0] as usize;
@@ -23,13 +23,13 @@ pub fn mse(a: &Pixels, b: &Pixels) -> f64 {
     rows.iter().sum::<f64>() / (a.rgba.len() * 3) as f64
 }
 
-/// Peak signal-to-noise ratio of the colour channels in dB for a peak of 1, not clamped to the display's range.
-/// Infinite for equal images.
+/// Peak signal-to-noise ratio of the colour channels in dB for a peak of 1; the channels are not clamped. Infinite for
+/// equal images.
 pub fn psnr(a: &Pixels, b: &Pixels) -> f64 {
     -10.0 * mse(a, b).log10()
 }
 
-/// Fraction of the pixels whose largest channel difference is over the threshold. NaN is over any.
+/// Fraction of the pixels whose largest channel difference exceeds the threshold. NaN exceeds every threshold.
 pub fn fraction_over(a: &Pixels, b: &Pixels, threshold: f32) -> f64 {
     let count = pairs(a, b).filter(|(p, q)| largest(p, q) > threshold).count();
     count as f64 / a.rgba.len() as f64
@@ -46,7 +46,7 @@ pub fn largest_step(a: &Pixels, b: &Pixels) -> u8 {
     pairs(a, b).filter_map(|(p, q)| steps(p, q).max()).max().unwrap_or(0)
 }
 
-/// Pixels that either image has a colour value in that is infinite or no number.
+/// Number of pixels with an infinite or NaN colour value in either image.
 pub fn non_finite(a: &Pixels, b: &Pixels) -> u64 {
     pairs(a, b).filter(|(p, q)| !is_finite(p) || !is_finite(q)).count() as u64
 }
@@ -60,7 +60,7 @@ fn channels(p: &[f32; 4], q: &[f32; 4]) -> impl Iterator<Item = (f32, f32)> {
     [(p[0], q[0]), (p[1], q[1]), (p[2], q[2])].into_iter()
 }
 
-/// Largest difference of a channel, infinite for NaN.
+/// Largest difference of a channel; infinite for NaN.
 fn largest(p: &[f32; 4], q: &[f32; 4]) -> f32 {
     let difference = |(x, y): (f32, f32)| if x == y { 0.0 } else { (x - y).abs() };
     let worse = |most: f32, d: f32| if d.is_nan() { f32::INFINITY } else { most.max(d) };
@@ -102,15 +102,15 @@ mod tests {
         let (a, mut b) = (grey(&[0.0, 0.25, 0.5, f32::NAN]), grey(&[0.0, 0.25, 0.75, 0.0]));
         b.rgba[0][1] = 0.5;
         assert_eq!(fraction_over(&a, &b, 0.2), 0.75);
-        assert_eq!(fraction_over(&a, &b, 0.25), 0.5, "over is more than equal");
-        // One value of the first pixel, three of the third; NaN is 0 in 8 bits.
+        assert_eq!(fraction_over(&a, &b, 0.25), 0.5, "a difference equal to the threshold does not exceed it");
+        // One value of the first pixel and three of the third differ; NaN is 0 in 8 bits.
         assert_eq!(changed8(&a, &b), 4.0 / 12.0);
         assert_eq!(largest_step(&a, &b), 128);
         assert_eq!(non_finite(&a, &b), 1);
     }
 
     #[test]
-    fn coverage_does_not_count() {
+    fn alpha_is_ignored() {
         let (a, mut b) = (grey(&[0.5]), grey(&[0.5]));
         b.rgba[0][3] = f32::NAN;
         assert_eq!((max_error(&a, &b), mse(&a, &b), non_finite(&a, &b)), (0.0, 0.0, 0));

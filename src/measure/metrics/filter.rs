@@ -1,4 +1,4 @@
-//! Separable filters over one channel of an image: columns first, then along the row that comes of it.
+//! Separable filters for one channel of an image: first down the columns, then along the resulting row.
 
 use rayon::prelude::*;
 
@@ -9,7 +9,7 @@ pub(super) struct Plane {
 }
 
 impl Plane {
-    /// The channel that `value` makes of the pixel at an index.
+    /// A plane with `value(i)` at the pixel with index `i`.
     pub fn new(size: [u32; 2], value: impl Fn(usize) -> f32 + Sync + Send) -> Self {
         let [width, height] = size.map(|side| side as usize);
         Self { width, values: (0..width * height).into_par_iter().map(value).collect() }
@@ -28,11 +28,11 @@ impl Plane {
     }
 }
 
-/// Weights of the neighbours from `-radius` to `radius`.
+/// The weights of the neighbours from `-radius` to `radius`.
 pub(super) struct Filter(Vec<f32>);
 
 impl Filter {
-    /// The weight that `weight` gives to a neighbour.
+    /// A filter with `weight(i)` for the neighbour at distance `i`.
     pub fn new(radius: usize, weight: impl Fn(f64) -> f64) -> Self {
         Self((0..=2 * radius).map(|i| weight(i as f64 - radius as f64) as f32).collect())
     }
@@ -41,19 +41,18 @@ impl Filter {
         self.0.len() / 2
     }
 
-    /// Row `y` of the columns filtered. Beyond its ends a column repeats its last value.
+    /// Filters the columns and writes row `y` of the result. Beyond its ends a column repeats its outermost value.
     pub fn down(&self, plane: &Plane, y: usize, out: &mut [f32]) {
         let (radius, bottom) = (self.radius(), plane.height() - 1);
         self.weigh(|i| plane.row((y + i).saturating_sub(radius).min(bottom)), out);
     }
 
-    /// A row filtered, as far as it has all neighbours: `out` is shorter by the radius at both ends.
+    /// Filters a row where it has all neighbours: `out` is shorter than `row` by the radius at both ends.
     pub fn along(&self, row: &[f32], out: &mut [f32]) {
         self.weigh(|i| &row[i..], out);
     }
 
-    /// The sum of what `values` says of each weight, times that weight. Four at a time: `out` is less often read and
-    /// written.
+    /// Writes the sum of `values(i)` times weight `i`. Four weights at a time, to read and write `out` less often.
     fn weigh<'v>(&self, values: impl Fn(usize) -> &'v [f32], out: &mut [f32]) {
         out.fill(0.0);
         let (fours, rest) = self.0.as_chunks::<4>();

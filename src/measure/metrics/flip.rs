@@ -1,6 +1,6 @@
-//! LDR-FLIP, how different two images look when one alternates with the other: Andersson, Nilsson, Akenine-Möller,
-//! Oskarsson, Åström, Fairchild, "FLIP: A Difference Evaluator for Alternating Images", Proceedings of the ACM on
-//! Computer Graphics and Interactive Techniques 3(2), 2020. Constants are the paper's.
+//! LDR-FLIP, the perceived difference of two images that alternate: Andersson, Nilsson, Akenine-Möller, Oskarsson,
+//! Åström, Fairchild, "FLIP: A Difference Evaluator for Alternating Images", Proceedings of the ACM on Computer
+//! Graphics and Interactive Techniques 3(2), 2020. Constants are the paper's.
 
 use std::f64::consts::PI;
 
@@ -11,18 +11,21 @@ use super::filter::{Filter, Plane};
 use super::{by_row, check_sizes, displayed, is_finite};
 use crate::pixels::Pixels;
 
-/// Pixels to a degree of the field of view: 0.7 m from a display 3840 pixels and 0.7 m wide.
+/// Pixels per degree of the field of view, at 0.7 m from a display that is 3840 pixels and 0.7 m wide.
 pub const PIXELS_PER_DEGREE: f64 = 67.0;
 
-/// How different two images look.
+/// The perceived difference of two images.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Flip {
-    /// Of every pixel, row by row: 0 the same, 1 as different as can be, as pixels are that are not finite.
+    /// Error per pixel, row-major, 0 (equal) to 1 (maximal; also for non-finite pixels).
     pub map: Vec<f32>,
     pub mean: f64,
 }
 
-/// Compares the images, clamped to 0 and 1 and taken as sRGB, seen at `pixels_per_degree`, 1 at the least.
+/// Compares two images as sRGB, clamped to 0 and 1, seen at `pixels_per_degree` (at least 1).
+///
+/// # Panics
+/// If the images differ in size.
 pub fn flip(a: &Pixels, b: &Pixels, pixels_per_degree: f64) -> Flip {
     check_sizes(a, b);
     let width = a.size[0] as usize;
@@ -36,7 +39,7 @@ pub fn flip(a: &Pixels, b: &Pixels, pixels_per_degree: f64) -> Flip {
             }
             let colour = difference.between(seen_a.colour(x), seen_b.colour(x));
             let [edge, point] = [0, 1].map(|i| (seen_a.feature(i, x) - seen_b.feature(i, x)).abs());
-            // To the power of q_f = 0.5.
+            // The exponent is q_f = 0.5.
             let feature = (edge.max(point) * std::f32::consts::FRAC_1_SQRT_2).sqrt();
             colour.powf(1.0 - feature)
         };
@@ -47,8 +50,8 @@ pub fn flip(a: &Pixels, b: &Pixels, pixels_per_degree: f64) -> Flip {
     Flip { map, mean }
 }
 
-/// An image as the eye's channels: luminance, red to green, yellow to blue. They are the paper's Y, Cx and Cz without
-/// offset and scale, which the filters let pass.
+/// An image in opponent channels: luminance, red to green, yellow to blue. They are the paper's Y, Cx and Cz without
+/// offset and scale, which the filters preserve.
 struct Opponent([Plane; 3]);
 
 impl Opponent {
@@ -64,13 +67,13 @@ impl Opponent {
     }
 }
 
-/// The light of a value encoded as sRGB.
+/// The linear value of an sRGB-encoded value.
 fn linear(value: f32) -> f32 {
     let value = displayed(value);
     if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
-/// From linear sRGB to CIE XYZ in units of the white point D65.
+/// The matrix from linear sRGB to CIE XYZ in units of the white point D65.
 fn to_xyz() -> DMat3 {
     let rows = [
         DVec3::new(10_135_552.0, 8_788_810.0, 4_435_075.0) / 24_577_794.0,
@@ -81,31 +84,31 @@ fn to_xyz() -> DMat3 {
     DMat3::from_cols(x, y, z).transpose()
 }
 
-/// What the eye makes of an image, pixel by pixel along a row.
+/// One row of an image after the filters that model the eye.
 struct SeenRow {
     /// Luminance, red to green, both parts of yellow to blue.
     channels: [Vec<f32>; 4],
-    /// Edges across and down, points across and down.
+    /// Edges and points: horizontal and vertical edges, horizontal and vertical points.
     features: [Vec<f32>; 4],
 }
 
 impl SeenRow {
-    /// In the eye's channels.
+    /// The colour of a pixel in opponent channels.
     fn colour(&self, x: usize) -> Vec3 {
         let [y, cx, cz1, cz2] = self.channels.each_ref().map(|row| row[x]);
         Vec3::new(y, cx, cz1 + cz2)
     }
 
-    /// How much of an edge, 0, or of a point, 1, there is.
+    /// Strength of the edge (`which` = 0) or the point (1) at a pixel.
     fn feature(&self, which: usize, x: usize) -> f32 {
         let (across, down) = (self.features[2 * which][x], self.features[2 * which + 1][x]);
         (across * across + down * down).sqrt()
     }
 }
 
-/// The contrast sensitivity of the eye, and its detectors of edges and points.
+/// Filters for the contrast sensitivity of the eye, and detectors of edges and points.
 struct Filters {
-    /// Of [`SeenRow::channels`].
+    /// Filters of [`SeenRow::channels`].
     sensitivity: [Filter; 4],
     /// A Gaussian, its first and its second derivative.
     gaussians: [Filter; 3],
@@ -150,7 +153,7 @@ const SENSITIVITY: [(f64, f64); 4] = [(1.0, 0.0047), (1.0, 0.0053), (34.1, 0.04)
 fn sensitivity(pixels_per_degree: f64) -> [Filter; 4] {
     let widest = SENSITIVITY.iter().map(|(_, b)| *b).fold(0.0, f64::max);
     let radius = (3.0 * (widest / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as usize;
-    // Each direction has the square root of the amplitude, so that both together have it whole.
+    // Each direction has the square root of the amplitude: the product of both is the amplitude.
     let weight = |(a, b): (f64, f64), x: f64| {
         (a * (PI / b).sqrt()).sqrt() * (-PI * PI * (x / pixels_per_degree).powi(2) / b).exp()
     };
@@ -162,7 +165,7 @@ fn sensitivity(pixels_per_degree: f64) -> [Filter; 4] {
 }
 
 fn gaussians(pixels_per_degree: f64) -> [Filter; 3] {
-    // Half the width of a feature that the detectors respond to, w = 0.082 degrees.
+    // Half the width w = 0.082 degrees of the features that the detectors respond to.
     let sigma = 0.5 * 0.082 * pixels_per_degree;
     let radius = (3.0 * sigma).ceil() as usize;
     let gaussian = |x: f64| (-x * x / (2.0 * sigma * sigma)).exp();
@@ -172,12 +175,12 @@ fn gaussians(pixels_per_degree: f64) -> [Filter; 3] {
         let all = || (0..=2 * radius).map(|i| weight(i as f64 - radius as f64));
         let positive: f64 = all().filter(|w| *w > 0.0).sum();
         let negative: f64 = all().filter(|w| *w < 0.0).sum();
-        // Either sign adds up to 1.
+        // The positive weights add up to 1, and so do the negative ones.
         Filter::new(radius, |x| weight(x) / if weight(x) > 0.0 { positive } else { -negative })
     })
 }
 
-/// The colour pipeline behind the filters.
+/// The colour difference of filtered pixels.
 struct ColourDifference {
     to_xyz: Mat3,
     from_xyz: Mat3,
@@ -193,18 +196,18 @@ impl ColourDifference {
         difference
     }
 
-    /// From 0 to 1, of colours in the eye's channels.
+    /// The difference, 0 to 1, of two colours in opponent channels.
     fn between(&self, a: Vec3, b: Vec3) -> f32 {
         let [a, b] = [a, b].map(|Vec3 { x: y, y: cx, z: cz }| {
             let rgb = self.from_xyz * Vec3::new(y + cx, y, y - cz);
             self.lab(rgb.clamp(Vec3::ZERO, Vec3::ONE))
         });
-        // Differences below p_c = 0.4 of the largest take p_t = 0.95 of the range, larger ones the rest.
+        // Differences below p_c = 0.4 of the largest are mapped to p_t = 0.95 of the range, larger ones to the rest.
         let (distance, knee) = (distance(a, b), 0.4 * self.most);
         if distance < knee { distance * 0.95 / knee } else { 0.95 + (distance - knee) / (self.most - knee) * 0.05 }
     }
 
-    /// L*a*b* of linear sRGB, with chroma less in the dark by Hunt's effect.
+    /// L*a*b* of linear sRGB, with less chroma in the dark (Hunt effect).
     fn lab(&self, rgb: Vec3) -> Vec3 {
         const DELTA: f32 = 6.0 / 29.0;
         let response = |t: f32| {
@@ -218,7 +221,7 @@ impl ColourDifference {
     }
 }
 
-/// HyAB: lightness and chroma apart, to the power of q_c = 0.7.
+/// The HyAB distance, which adds the distances of lightness and chroma, to the power of q_c = 0.7.
 fn distance(a: Vec3, b: Vec3) -> f32 {
     let d = a - b;
     (d.x.abs() + (d.y * d.y + d.z * d.z).sqrt()).powf(0.7)
@@ -229,11 +232,11 @@ mod tests {
     use super::super::samples::{SIZE, blocks, noise, noisy};
     use super::*;
 
-    /// The other implementation works in f32 like this one, in another order; its own notes state errors of 1e-4
-    /// between its variants.
+    /// The authors' implementation also uses f32, in a different order; its notes state differences of 1e-4 between its
+    /// variants.
     const TOLERANCE: f64 = 2e-5;
 
-    /// Mean, and the pixels of [`PLACES`].
+    /// The mean, and the values at [`PLACES`].
     type Expected = (f64, [f32; 5]);
     const PLACES: [(usize, usize); 5] = [(0, 0), (66, 44), (33, 22), (7, 8), (60, 3)];
 
@@ -283,8 +286,8 @@ mod tests {
         let grey = |value: f32| Pixels { size: [5, 4], rgba: vec![[value, value, value, 1.0]; 20] };
         let of = |a: f32, b: f32| flip(&grey(a), &grey(b), PIXELS_PER_DEGREE).mean;
         assert_eq!(of(0.3, 0.3), 0.0);
-        assert_eq!(of(1.0, 9.0), 0.0, "what is beyond white is white");
-        // As the same implementation has it: white is less far from black than green from blue.
+        assert_eq!(of(1.0, 9.0), 0.0, "values over 1 are white");
+        // The value of the same implementation: white and black differ less than green and blue.
         assert!((of(0.0, 1.0) - 0.9673918).abs() < TOLERANCE, "{}", of(0.0, 1.0));
     }
 

@@ -1,4 +1,4 @@
-//! How far two images are apart. Colours are compared, coverage is not.
+//! Measures of the difference of two images. Colours are compared, alpha is ignored.
 
 mod difference;
 mod errors;
@@ -22,20 +22,21 @@ use rayon::prelude::*;
 use crate::pixels::Pixels;
 
 fn check_sizes(a: &Pixels, b: &Pixels) {
-    assert_eq!(a.size, b.size, "images to compare have the same size");
+    assert_eq!(a.size, b.size, "compared images have the same size");
 }
 
-/// Whether a pixel's colour is; what it covers does not count.
+/// True if all colour channels are finite; alpha is ignored.
 fn is_finite(pixel: &[f32; 4]) -> bool {
     pixel[..3].iter().all(|v| v.is_finite())
 }
 
-/// A value as a display shows it. NaN is 0, as in 8 bits.
+/// The value clamped to the display's range 0 to 1. NaN becomes 0, as in 8 bits.
 fn displayed(value: f32) -> f32 {
     if value.is_nan() { 0.0 } else { value.clamp(0.0, 1.0) }
 }
 
-/// What `of_row` makes of every row, in order: sums over it are the same every time.
+/// The results of `of_row` in the order of the rows. They are computed in parallel, but a sum over them is
+/// reproducible.
 fn by_row<T: Send>(rows: Range<usize>, of_row: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     rows.into_par_iter().map(of_row).collect()
 }

@@ -1,30 +1,31 @@
-//! What a comparison says, as it is written to JSON.
+//! The report of a comparison, as it is written to JSON.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Difference;
 
-/// What `smalto compare` found.
+/// The differences that `smalto compare` measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Report {
     /// "smalto compare 1".
     pub format: String,
-    /// At which FLIP takes the images to be seen.
+    /// Viewing condition of FLIP.
     pub pixels_per_degree: f64,
-    /// In the order of the names.
+    /// The pairs in the order of their names.
     pub pairs: Vec<Pair>,
     /// The worst value of each measure over the pairs.
     pub worst: Difference,
 }
 
-/// Two images.
+/// Two images and their difference.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Pair {
-    /// Files, as the command was given them.
+    /// First file, as in the arguments.
     pub a: String,
+    /// Second file, as in the arguments.
     pub b: String,
     /// Width and height in pixels.
     pub size: [u32; 2],
@@ -32,6 +33,6 @@ pub struct Pair {
 }
 
 impl Report {
-    /// The first member of every report: what it is, and by which rules.
+    /// Name and version of the format, the first member of every report.
     pub const FORMAT: &str = "smalto compare 1";
 }

@@ -5,15 +5,19 @@ use super::filter::{Filter, Plane};
 use super::{by_row, check_sizes, displayed};
 use crate::pixels::Pixels;
 
-/// Side of the window in pixels, and the standard deviation of its weights.
+/// Side of the window in pixels.
 const WINDOW: usize = 11;
+/// Standard deviation of the window's weights in pixels.
 const SIGMA: f64 = 1.5;
 /// (K1 L)^2 and (K2 L)^2 with K1 = 0.01, K2 = 0.03 and the peak L = 1.
 const C1: f32 = 0.0001;
 const C2: f32 = 0.0009;
 
-/// Mean structural similarity of the colour channels, clamped to 0 and 1: 1 for equal images, -1 at the least. The mean
-/// is over the windows that lie inside the image; `None` if it is too small for one.
+/// Mean structural similarity of the colour channels, which are clamped to 0 and 1: 1 for equal images, at least -1.
+/// The mean is over the windows that lie inside the image; `None` if the image is too small for a window.
+///
+/// # Panics
+/// If the images differ in size.
 pub fn ssim(a: &Pixels, b: &Pixels) -> Option<f64> {
     check_sizes(a, b);
     let [width, height] = a.size.map(|side| side as usize);
@@ -26,8 +30,8 @@ pub fn ssim(a: &Pixels, b: &Pixels) -> Option<f64> {
 
 fn of_channel(a: &Pixels, b: &Pixels, channel: usize) -> f64 {
     let pair = |i: usize| (displayed(a.rgba[i][channel]), displayed(b.rgba[i][channel]));
-    // Sums and differences of the images instead of the images: what is small is then never the difference of what is
-    // large, and one moment less is needed.
+    // Moments of the sum and the difference of the images, not of the images: small values are then not differences of
+    // large ones, and four moments suffice instead of five.
     let sum = |i: usize| pair(i).0 + pair(i).1;
     let difference = |i: usize| pair(i).0 - pair(i).1;
     let moments = [
@@ -52,7 +56,7 @@ fn of_channel(a: &Pixels, b: &Pixels, channel: usize) -> f64 {
     rows.iter().sum::<f64>() / (rows.len() * inside) as f64
 }
 
-/// Of the means and mean squares of a + b and a - b.
+/// The similarity of a window from the means and mean squares of a + b and a - b.
 fn of_window([sum, sum2]: [f32; 2], [difference, difference2]: [f32; 2]) -> f32 {
     // 2 mean_a mean_b = (sum^2 - difference^2) / 2 and mean_a^2 + mean_b^2 = (sum^2 + difference^2) / 2; the same for
     // covariance and variances.
@@ -74,7 +78,8 @@ mod tests {
     use super::super::samples::{SIZE, blocks, noise, noisy};
     use super::*;
 
-    /// Moments are summed in f32: in flat windows of different colours, variances of 0 are wrong by some 1e-7, over C2.
+    /// Moments are summed in f32: in flat windows of different colours, variances of 0 are wrong by about 1e-7, which
+    /// is divided by C2.
     const TOLERANCE: f64 = 5e-6;
 
     #[test]
@@ -102,7 +107,7 @@ mod tests {
         let grey = |value: f32| Pixels { size: SIZE, rgba: vec![[value, value, value, 1.0]; noise(0).rgba.len()] };
         let expected = (2.0 * 0.5 * 0.25 + 1e-4) / (0.5 * 0.5 + 0.25 * 0.25 + 1e-4);
         assert!((ssim(&grey(0.5), &grey(0.25)).unwrap() - expected).abs() < TOLERANCE);
-        assert_eq!(ssim(&grey(1.0), &grey(7.0)), Some(1.0), "what is beyond white is white");
+        assert_eq!(ssim(&grey(1.0), &grey(7.0)), Some(1.0), "values over 1 are white");
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! The cheapest options whose error stays within a budget: proven where there is a proof, else measured on the views.
+//! The fastest options whose error stays within a budget: by proof where there is one, else by measurement on the
+//! views.
 
 use std::fmt;
 
@@ -6,16 +7,16 @@ use anyhow::Result;
 
 use super::measure::{Study, worst_of};
 use super::report::BudgetReport;
-use crate::measure::bench::Protocol;
 use crate::camera::Camera;
 use crate::gpu::Device;
+use crate::measure::bench::Protocol;
 use crate::measure::metrics::Difference;
 use crate::options::{Options, Storage};
-use crate::rules::{Background, Rules};
 use crate::render::Layout;
+use crate::rules::{Background, Rules};
 use crate::scene::{Gaussians, Requirements};
 
-/// How far pictures may be from the reference.
+/// Largest error of the pictures against the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Budget {
     /// Largest difference of a colour value.
@@ -24,41 +25,42 @@ pub enum Budget {
     MinPsnr(f64),
 }
 
-/// What speaks for a choice.
+/// The reason for a choice: a bound of the error, and where it comes from.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Grounds {
-    /// No value of any picture of the scene differs by more, besides what 32-bit floats make of it.
+    /// Proven for every value of every picture of the scene, except for the rounding of 32-bit floats.
     Proven(f64),
-    /// The worst of the views that were asked, with the margin.
+    /// The worst of the measured views, times the margin.
     Measured(f64),
 }
 
-/// What was chosen.
+/// The options chosen for a budget.
 #[derive(Clone, Debug)]
 pub struct Choice {
     pub name: String,
     pub options: Options,
+    /// GPU time of a frame with the chosen options, in milliseconds.
     pub gpu_ms: f64,
-    /// Of the exact options.
+    /// GPU time of a frame with the exact options, in milliseconds.
     pub exact_gpu_ms: f64,
     pub grounds: Grounds,
-    /// Cheaper options and how far they are.
+    /// Faster options and their errors, which exceed the budget.
     pub refused: Vec<(String, f64)>,
     budget: Budget,
 }
 
-/// No options keep the budget.
+/// No options stay within the budget.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Unmeetable(String);
 
-/// Other views may be worse than those that were asked: an error that is measured counts so many times.
+/// Factor on measured errors, because other views may be worse than the measured ones.
 const MARGIN: f64 = 1.5;
-/// What f32 rounding alone may do to a value, whatever was measured.
+/// Error of a value that f32 rounding alone may cause, even if less was measured.
 const ROUNDING: f64 = 1e-4;
 
 impl Budget {
-    /// A difference in the measure of this budget, as an amplitude: the largest error, or the root mean square.
+    /// A difference as an amplitude: the largest error, or for a PSNR the root mean square error.
     fn amplitude(self, difference: &Difference) -> f64 {
         match self {
             Self::MaxError(_) => difference.max_error.into(),
@@ -66,7 +68,7 @@ impl Budget {
         }
     }
 
-    /// The amplitude that is allowed.
+    /// The largest amplitude within the budget.
     fn allowed(self) -> f64 {
         match self {
             Self::MaxError(error) => error,
@@ -74,8 +76,8 @@ impl Budget {
         }
     }
 
-    /// An amplitude as users say it.
-    pub fn say(self, amplitude: f64) -> String {
+    /// An amplitude in the unit of the budget.
+    pub fn format(self, amplitude: f64) -> String {
         match self {
             Self::MaxError(_) => format!("an error of {amplitude:.2e}"),
             Self::MinPsnr(_) => format!("{:.1} dB", -20.0 * amplitude.log10()),
@@ -92,14 +94,19 @@ impl fmt::Display for Budget {
     }
 }
 
-/// Views that are asked, and those of them that the reference draws, this wide at most.
+/// Number of views that are measured.
 const VIEWS: usize = 8;
+/// Number of views that the reference draws.
 const ORACLE_VIEWS: usize = 3;
-const ORACLE_WIDTH: u32 = 320;
+/// Longest side of the reference's pictures, in pixels.
+const ORACLE_SIDE: u32 = 320;
 const PROTOCOL: Protocol = Protocol { warmup: VIEWS, frames: 24 };
 
-/// Chooses what to draw `views` with; `exact` has the rules, and no knob turned. `progress` is told the fraction done of
-/// what the reference draws.
+/// Chooses options to draw `views` with. `exact` has the rules of the picture and every knob at its most exact step.
+/// `progress` receives the completed fraction of the reference's pictures.
+///
+/// # Errors
+/// [`Unmeetable`] if not even the exact options stay within the budget.
 pub fn choose_for(
     device: &Device,
     scene: (&Gaussians, &Requirements),
@@ -113,35 +120,36 @@ pub fn choose_for(
     choose(&Study::new(device, scene, (exact, background), [views, small], PROTOCOL, progress)?, budget)
 }
 
-/// At most `count` of these, evenly.
+/// At most `count` elements, evenly spread.
 pub fn spread<T: Clone>(all: &[T], count: usize) -> Vec<T> {
     let count = count.min(all.len());
     (0..count).map(|i| all[i * all.len() / count].clone()).collect()
 }
 
-/// The same view, small enough for the reference.
+/// The same view at a size that the reference draws in a reasonable time.
 fn small(camera: &Camera) -> Camera {
     let [width, height] = camera.size_px;
-    let least = (width.max(height) as f64 / f64::from(ORACLE_WIDTH)).max(1.0);
+    let least = (width.max(height) as f64 / f64::from(ORACLE_SIDE)).max(1.0);
     camera.sampled([width, height].map(|side| ((f64::from(side) / least).round() as u32).max(1)))
 }
 
-/// Chooses for the scene and the views of a study.
+/// Chooses options for the scene and the views of a study.
 ///
 /// # Errors
-/// [`Unmeetable`] if not even the exact options keep the budget.
+/// [`Unmeetable`] if not even the exact options stay within the budget.
 pub fn choose(study: &Study, budget: Budget) -> Result<Choice> {
     let floor = budget.amplitude(&study.from_oracle(&study.exact)?).max(match budget {
         Budget::MaxError(_) => ROUNDING,
         Budget::MinPsnr(_) => 0.0,
     });
-    // What 32-bit floats do adds to what the options do.
+    // The error of 32-bit floats adds to that of the options.
     let left = budget.allowed() - MARGIN * floor;
     if left.is_nan() || left < 0.0 {
         return Err(Unmeetable(format!(
-            "{budget} is closer than 32-bit floats are to the reference: {} here, {} with a margin for other views",
-            budget.say(floor),
-            budget.say(MARGIN * floor)
+            "{budget} cannot be met: 32-bit floats alone differ from the reference by {}, \
+             {} with a margin for other views",
+            budget.format(floor),
+            budget.format(MARGIN * floor)
         ))
         .into());
     }
@@ -157,7 +165,7 @@ pub fn choose(study: &Study, budget: Budget) -> Result<Choice> {
         let error = match proven {
             Some(error) => error,
             None => (MARGIN * budget.amplitude(&study.from_exact(&options)?)).max(match budget {
-                // Other views may have what a stop hides, and it has a bound.
+                // Other views may show what a stop hides; its error has a bound.
                 Budget::MaxError(_) => f64::from(options.stop) * brightest(study),
                 Budget::MinPsnr(_) => 0.0,
             }),
@@ -179,14 +187,14 @@ pub fn choose(study: &Study, budget: Budget) -> Result<Choice> {
     })
 }
 
-/// Above any colour that can be behind a splat: the scene's, or a background up to 1.
+/// Upper bound of the colours behind a splat: the brightest colour of the scene, or a background up to 1.
 fn brightest(study: &Study) -> f64 {
     study.needs.brightest.max(1.0)
 }
 
-/// Options that differ from the exact ones in stop, degree and storage of the spherical harmonics alone, with the bounds
-/// that docs/accuracy.md derives: a stop moves a value by its part of the brightest colour, a change of the colours by
-/// itself.
+/// Options that differ from the exact ones only in stop, SH degree and SH storage, with the error bounds that
+/// docs/accuracy.md derives: a stop changes a value by at most `stop` times the brightest colour, a change of the
+/// colours by at most itself.
 fn proven(study: &Study, left: f64) -> Vec<(String, Options, Option<f64>)> {
     let brightest = brightest(study);
     let storages = if study.needs.sh_grids.is_some() {
@@ -211,8 +219,9 @@ fn proven(study: &Study, left: f64) -> Vec<(String, Options, Option<f64>)> {
     found
 }
 
-/// The presets and what lies between them, by the rules of the study. Splats that cut keys swap are in few pixels, but move
-/// those by anything: no view tells the largest error of another.
+/// The presets and some options between them, with the rules of the study. Shortened depth keys swap splats in few
+/// pixels, but there by any amount, so the largest error of one view says nothing about another: only a PSNR budget
+/// allows them.
 fn measured(study: &Study, budget: Budget) -> Vec<(String, Options, Option<f64>)> {
     let swaps = matches!(budget, Budget::MinPsnr(_));
     let by_rules = |preset: &Options, alpha_min: f32| {
@@ -237,28 +246,28 @@ fn measured(study: &Study, budget: Budget) -> Vec<(String, Options, Option<f64>)
 }
 
 impl Choice {
-    /// Which, why, and by how much, in a sentence.
+    /// The choice, the reason and the times in one sentence.
     pub fn explain(&self) -> String {
         let why = match &self.grounds {
             Grounds::Proven(error) => {
-                format!("proven to change no value by more than {error:.2e}, besides what 32-bit floats do")
+                format!("proven to change no value by more than {error:.2e}, except for f32 rounding")
             }
-            Grounds::Measured(error) => format!("{} on these views, margin included", self.budget.say(*error)),
+            Grounds::Measured(error) => format!("{} on these views, margin included", self.budget.format(*error)),
         };
         let next = self.refused.last().map_or_else(String::new, |(name, error)| {
-            format!("; {} cheaper are not, the next is {name} with {}", self.refused.len(), self.budget.say(*error))
+            let (count, error) = (self.refused.len(), self.budget.format(*error));
+            format!("; {count} faster options exceed the budget, the slowest of them is {name} with {error}")
         });
         format!(
-            "{}: {}, {why}; {:.2} ms a frame, {:.2} when exact{next}",
+            "{}: {}, {why}; {:.2} ms per frame, {:.2} when exact{next}",
             self.budget, self.name, self.gpu_ms, self.exact_gpu_ms
         )
     }
 
-    /// Holds the choice against views that were not asked: those of `study`, which has others than the one it was made
-    /// with.
+    /// Measures the choice on the views of `study`, which should not be those that it was made with.
     pub fn hold(&self, study: &Study) -> Result<BudgetReport> {
         let each = study.each_from_oracle(&self.options)?;
-        let kept = each.iter().filter(|d| self.budget.amplitude(d) <= self.budget.allowed()).count();
+        let within = each.iter().filter(|d| self.budget.amplitude(d) <= self.budget.allowed()).count();
         Ok(BudgetReport {
             budget: self.budget.to_string(),
             choice: self.name.clone(),
@@ -269,7 +278,7 @@ impl Choice {
             held_out_views: each.len(),
             from_oracle: worst_of(&each),
             from_exact: study.from_exact(&self.options)?,
-            exceeded: each.len() - kept,
+            exceeded: each.len() - within,
         })
     }
 }

@@ -1,15 +1,16 @@
-//! Certificates held against the true errors: of every pixel of some views, under settings that leave out much and little.
+//! Comparison of certificates with the true errors, for every pixel of some views and for settings that leave out
+//! little or much.
 
 use anyhow::Result;
 
 use super::measure::Study;
 use super::report::{CertificateReport, SettingReport};
 use crate::options::Options;
-use crate::rules::{Footprint, Rules};
 use crate::reference::{self, Rendering};
 use crate::render::{GpuScene, Renderer};
+use crate::rules::{Footprint, Rules};
 
-/// What is left out in the ways that a certificate is for, little and much.
+/// Names and options of the settings: a certificate covers what stop, alpha threshold and footprint leave out.
 fn settings(exact: &Options) -> Vec<(String, Options)> {
     let with = |alpha_min: f32, stop: f32| Options { stop, rules: Rules { alpha_min, ..exact.rules }, ..*exact };
     let mut all = vec![("exact".to_owned(), *exact)];
@@ -25,8 +26,8 @@ fn settings(exact: &Options) -> Vec<(String, Options)> {
     all
 }
 
-/// Holds the certificates of the study's small views against what the reference draws when nothing is left out.
-/// `progress` is told the fraction done.
+/// Compares the certificates of the study's small views with the reference that leaves nothing out. `progress` receives
+/// the completed fraction.
 pub fn certify(study: &Study, progress: &dyn Fn(f64)) -> Result<CertificateReport> {
     let mut settings: Vec<(Options, SettingReport)> =
         settings(&study.exact).into_iter().map(|(name, options)| (options, empty(&name))).collect();
@@ -35,11 +36,11 @@ pub fn certify(study: &Study, progress: &dyn Fn(f64)) -> Result<CertificateRepor
         progress(done as f64 / study.small_views.len() as f64);
         let complete = reference::render(study.gaussians, view, &study.rules().complete(), study.background);
         for (options, report) in &mut settings {
-            let mut still = Renderer::certified(study.device, options, &scene)?;
-            still.render(view, study.background)?;
-            if let Some(certificate) = still.certificate()? {
+            let mut renderer = Renderer::certified(study.device, options, &scene)?;
+            renderer.render(view, study.background)?;
+            if let Some(certificate) = renderer.certificate()? {
                 let bounds = certificate.rgba.iter().map(|bound| f64::from(bound[0]));
-                compare(report, still.pixels()?.rgba.iter(), bounds, &complete);
+                compare(report, renderer.pixels()?.rgba.iter(), bounds, &complete);
             }
         }
     }
@@ -61,7 +62,7 @@ fn empty(name: &str) -> SettingReport {
     }
 }
 
-/// Adds a picture. Until the end, means are sums.
+/// Adds the pixels of a picture to `report`. The means are sums until [`finish`].
 fn compare<'p>(
     report: &mut SettingReport,
     picture: impl Iterator<Item = &'p [f32; 4]>,
@@ -71,7 +72,7 @@ fn compare<'p>(
     for ((pixel, bound), exact) in picture.zip(bounds).zip(&complete.pixels) {
         let error = (0..3).map(|i| (f64::from(pixel[i]) - exact.colour[i]).abs()).fold(0.0, f64::max);
         report.pixel_tests += 1;
-        let holds = error <= bound; // NaN does not
+        let holds = error <= bound; // false for NaN
         report.violations += u64::from(!holds);
         report.max_error = report.max_error.max(error);
         report.max_certificate = report.max_certificate.max(bound);

@@ -1,49 +1,54 @@
-//! A scene's views under given options: how long a frame takes, and how far pictures are from the exact ones.
+//! Measurements of a scene's views under given options: time of a frame, and error of the pictures.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 use anyhow::Result;
 
 use super::report::{Point, StageTime};
-use crate::measure::bench::{Protocol, Statistics, frame_ms, stage_times};
 use crate::camera::Camera;
 use crate::gpu::{Device, Timestamps};
+use crate::measure::bench::{Protocol, Statistics, WarmUp, WarmUpLimits, frame_ms, notice, stage_times};
 use crate::measure::metrics::{Difference, mse};
 use crate::options::{Options, Storage};
-use crate::rules::{Background, Rules};
 use crate::pixels::Pixels;
 use crate::reference;
 use crate::render::{Frame, GpuScene, Renderer};
+use crate::rules::{Background, Rules};
 use crate::scene::{Gaussians, Requirements};
 
-/// A scene, its views, and the pictures that others are held against.
+/// A scene, its views, and the pictures that others are compared with.
 pub struct Study<'a> {
     pub device: &'a Device,
     pub gaussians: &'a Gaussians,
     pub needs: &'a Requirements,
-    /// With no knob turned.
+    /// The exact options: the rules of the pictures, and every knob at its most exact step.
     pub exact: Options,
-    /// At full size, where time is measured.
+    /// The views at full size, at which time is measured.
     pub views: Vec<Camera>,
-    /// The same views at the size at which the reference is drawn.
+    /// The same views at the size of the reference pictures.
     pub small_views: Vec<Camera>,
     pub protocol: Protocol,
     pub background: Background,
-    /// Of `views`, drawn exactly on the GPU; and of `small_views`, by the reference.
+    /// `views`, drawn by the GPU with the exact options.
     exact_pictures: Vec<Pixels>,
+    /// `small_views`, drawn by the reference.
     oracle_pictures: Vec<Pixels>,
-    scenes: RefCell<Vec<(Kept, Rc<GpuScene>)>>,
+    scenes: RefCell<Vec<(SceneKey, Rc<GpuScene>)>>,
+    limits: WarmUpLimits,
+    /// The warm-up before this one.
+    warm_up: Cell<Option<WarmUp>>,
 }
 
-/// What a scene on the GPU depends on.
-type Kept = (u32, [Storage; 2], f32);
+/// The options that a scene on the GPU depends on: SH degree, storages, alpha threshold.
+type SceneKey = (u32, [Storage; 2], f32);
 
-/// Scenes that are kept for the next options that store them alike.
+/// Number of scenes that are kept on the GPU for other options with the same key.
 const SCENES_KEPT: usize = 4;
 
 impl<'a> Study<'a> {
-    /// Draws the exact pictures and those of the reference. `progress` is told the fraction done.
+    /// Draws the exact pictures and those of the reference. `progress` receives the completed fraction. Warm-ups are
+    /// [`WarmUpLimits::BRIEF`].
     pub fn new(
         device: &'a Device,
         (gaussians, needs): (&'a Gaussians, &'a Requirements),
@@ -69,23 +74,31 @@ impl<'a> Study<'a> {
             exact_pictures: Vec::new(),
             oracle_pictures,
             scenes: RefCell::default(),
+            limits: WarmUpLimits::BRIEF,
+            warm_up: Cell::default(),
         };
         study.exact_pictures = study.draw(&exact, &study.views)?;
         Ok(study)
     }
 
-    /// The scene on the GPU as these options keep it.
+    /// Warms up as long as reported times need: [`WarmUpLimits::THOROUGH`].
+    #[must_use]
+    pub fn thorough(self) -> Self {
+        Self { limits: WarmUpLimits::THOROUGH, ..self }
+    }
+
+    /// The scene on the GPU, stored as these options require.
     fn scene(&self, options: &Options) -> Result<Rc<GpuScene>> {
-        let kept = (options.sh_degree, [options.sh_storage, options.shape_storage], options.rules.alpha_min);
+        let key = (options.sh_degree, [options.sh_storage, options.shape_storage], options.rules.alpha_min);
         let mut scenes = self.scenes.borrow_mut();
-        if let Some((_, scene)) = scenes.iter().find(|(known, _)| *known == kept) {
+        if let Some((_, scene)) = scenes.iter().find(|(known, _)| *known == key) {
             return Ok(scene.clone());
         }
         if scenes.len() == SCENES_KEPT {
             scenes.remove(0);
         }
         let scene = Rc::new(GpuScene::with(self.device, self.gaussians, self.needs, options)?);
-        scenes.push((kept, scene.clone()));
+        scenes.push((key, scene.clone()));
         Ok(scene)
     }
 
@@ -94,41 +107,43 @@ impl<'a> Study<'a> {
         draw(&mut Renderer::new(self.device, options, &scene)?, views, self.background)
     }
 
-    /// How long a frame takes, over the views: the median GPU time in milliseconds.
+    /// Median GPU time of a frame over the views, in milliseconds.
     pub fn gpu_ms(&self, options: &Options) -> Result<f64> {
         let scene = self.scene(options)?;
         self.frame_ms(&mut Renderer::new(self.device, options, &scene)?)
     }
 
-    fn frame_ms(&self, still: &mut Renderer) -> Result<f64> {
-        still.set_timestamps(Timestamps::Outermost);
-        self.protocol.warm_up(|i| self.frame(still, i).map(drop))?;
-        let frames = (0..self.protocol.frames).map(|i| Ok(frame_ms(&self.frame(still, i)?)));
+    fn frame_ms(&self, renderer: &mut Renderer) -> Result<f64> {
+        renderer.set_timestamps(Timestamps::Outermost);
+        let limits = self.limits.after(self.warm_up.get());
+        let frame = |view: usize| Ok(frame_ms(&self.frame(renderer, view)?));
+        self.warm_up.set(self.protocol.warm_up(self.views.len(), limits, frame)?);
+        let frames = (0..self.protocol.frames).map(|i| Ok(frame_ms(&self.frame(renderer, i)?)));
         Ok(Statistics::of(frames.collect::<Result<Vec<f64>>>()?).median)
     }
 
-    fn frame(&self, still: &mut Renderer, i: usize) -> Result<Frame> {
-        still.render(&self.views[i % self.views.len()], self.background)
+    fn frame(&self, renderer: &mut Renderer, i: usize) -> Result<Frame> {
+        renderer.render(&self.views[i % self.views.len()], self.background)
     }
 
-    /// The median GPU time of a frame alone, and the mean squared error of the worst view against the exact one.
+    /// Median GPU time of a frame, and the mean squared error of the worst view against the exact picture.
     pub(super) fn glance(&self, options: &Options) -> Result<(f64, f64)> {
         let pictures = self.draw(options, &self.views)?;
         let errors = pictures.iter().zip(&self.exact_pictures).map(|(a, b)| mse(a, b));
         Ok((self.gpu_ms(options)?, errors.fold(0.0, f64::max)))
     }
 
-    /// The worst of each measure against the exact pictures, over the views.
+    /// Worst value of each measure against the exact pictures, over the views.
     pub fn from_exact(&self, options: &Options) -> Result<Difference> {
         Ok(worst_of(&each(&self.draw(options, &self.views)?, &self.exact_pictures)))
     }
 
-    /// The worst of each measure against the reference, over the small views.
+    /// Worst value of each measure against the reference, over the small views.
     pub fn from_oracle(&self, options: &Options) -> Result<Difference> {
         Ok(worst_of(&self.each_from_oracle(options)?))
     }
 
-    /// Every small view against the reference.
+    /// Difference of every small view from the reference.
     pub fn each_from_oracle(&self, options: &Options) -> Result<Vec<Difference>> {
         Ok(each(&self.draw(options, &self.small_views)?, &self.oracle_pictures))
     }
@@ -136,19 +151,26 @@ impl<'a> Study<'a> {
     /// Time, memory and errors under these options.
     pub fn point(&self, name: &str, options: &Options) -> Result<Point> {
         let scene = self.scene(options)?;
-        let mut still = Renderer::new(self.device, options, &scene)?;
-        let gpu_ms = self.frame_ms(&mut still)?;
-        still.set_timestamps(Timestamps::All);
-        let staged = (0..self.protocol.frames).map(|i| self.frame(&mut still, i)).collect::<Result<Vec<Frame>>>()?;
+        let mut renderer = Renderer::new(self.device, options, &scene)?;
+        let gpu_ms = self.frame_ms(&mut renderer)?;
+        let warm_up = self.warm_up.get();
+        renderer.set_timestamps(Timestamps::All);
+        let frame = |i: usize| Ok((self.frame(&mut renderer, i)?, renderer.path()));
+        let staged = (0..self.protocol.frames).map(frame).collect::<Result<Vec<_>>>()?;
+        let (staged, paths): (Vec<Frame>, Vec<_>) = staged.into_iter().unzip();
         let stage = |(name, ms): (&str, Statistics)| StageTime { stage: name.to_owned(), ms: ms.median };
         let bytes = |buffers: Vec<(&str, u64)>| buffers.iter().map(|(_, bytes)| bytes).sum();
-        let (scene_bytes, work_bytes) = (bytes(scene.buffers()), bytes(still.buffers()));
+        let (scene_bytes, work_bytes) = (bytes(scene.buffers()), bytes(renderer.buffers()));
+        let notice = notice(&renderer, &paths);
         let mut from = |views: &[Camera], exact: &[Pixels]| {
-            draw(&mut still, views, self.background).map(|all| worst_of(&each(&all, exact)))
+            draw(&mut renderer, views, self.background).map(|all| worst_of(&each(&all, exact)))
         };
         Ok(Point {
             name: name.to_owned(),
             options: *options,
+            drawn_by: paths[0],
+            notice,
+            warm_up,
             gpu_ms,
             stages: stage_times(staged.iter()).into_iter().map(stage).collect(),
             scene_bytes,
@@ -165,10 +187,10 @@ impl<'a> Study<'a> {
     }
 }
 
-fn draw(still: &mut Renderer, views: &[Camera], background: Background) -> Result<Vec<Pixels>> {
+fn draw(renderer: &mut Renderer, views: &[Camera], background: Background) -> Result<Vec<Pixels>> {
     let picture = |view: &Camera| {
-        still.render(view, background)?;
-        still.pixels()
+        renderer.render(view, background)?;
+        renderer.pixels()
     };
     views.iter().map(picture).collect()
 }
@@ -178,5 +200,5 @@ fn each(pictures: &[Pixels], exact: &[Pixels]) -> Vec<Difference> {
 }
 
 pub(super) fn worst_of(all: &[Difference]) -> Difference {
-    Difference::worst(all).expect("a study has a view")
+    Difference::worst(all).expect("a study has at least one view")
 }

@@ -1,4 +1,5 @@
-//! What accuracy costs: every knob of quality and speed measured on a scene, and the cheapest options within a budget.
+//! The cost of accuracy: time, memory and error of every knob on a scene, and the fastest options within an error
+//! budget.
 
 mod budget;
 mod candidates;

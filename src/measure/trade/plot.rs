@@ -1,4 +1,4 @@
-//! The trade as a plot: the time of a frame against its distance from the reference.
+//! Plot of the trade: PSNR to the reference over the GPU time of a frame.
 
 use std::path::Path;
 
@@ -9,11 +9,11 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::report::{Point, Report, psnr_db};
 use crate::measure::bench::plot::{self, FONT, Panel, TEXT, broken, colour};
 
-/// What 8 bits alone make of a picture: every value one step off, truncated, rounded.
+/// PSNR of pictures in 8 bits: every value one step off, truncated, rounded.
 const GUIDES_DB: [(f64, &str); 3] =
     [(48.1, "1 step of 8 bits"), (52.9, "8 bits, truncated"), (58.9, "8 bits, rounded")];
 
-/// The knobs alone in grey, the search as a line, the presets named.
+/// Writes the plot: single knobs as grey points, the search as a line, the presets with names.
 pub fn plot(report: &Report, presets: &[&str], path: &Path) -> Result<()> {
     plot::write(path, (1000, 640), |panel| draw(report, presets, panel))
 }
@@ -46,8 +46,8 @@ fn draw(report: &Report, presets: &[&str], panel: &Panel) -> Result<()> {
         let style = (FONT, TEXT - 3).into_text_style(panel).pos(Pos::new(HPos::Right, VPos::Bottom));
         chart.draw_series([Text::new(name, (high * 1.075, level + 0.3), style)]).map_err(broken)?;
     }
-    let way = report.points.first().into_iter().chain(&report.search).map(|point| (point.gpu_ms, db(point)));
-    chart.draw_series(LineSeries::new(way, colour(1).stroke_width(2))).map_err(broken)?;
+    let search = report.points.first().into_iter().chain(&report.search).map(|point| (point.gpu_ms, db(point)));
+    chart.draw_series(LineSeries::new(search, colour(1).stroke_width(2))).map_err(broken)?;
     for point in all() {
         let is_preset = presets.contains(&point.name.as_str());
         let shade = if is_preset { colour(0) } else { RGBColor(120, 120, 120) };

@@ -1,4 +1,4 @@
-//! What `smalto trade` says, as it is written to JSON.
+//! The report of `smalto trade`, as it is written to JSON.
 
 use std::path::Path;
 
@@ -6,60 +6,71 @@ use anyhow::Result;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::measure::bench::{DeviceReport, SceneReport, VersionReport};
 use crate::files::write_whole;
+use crate::measure::bench::{DeviceReport, SceneReport, VersionReport, WarmUp};
 use crate::measure::metrics::Difference;
 use crate::options::Options;
+use crate::render;
 
 /// The trade between accuracy and speed of one scene. Times are in milliseconds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Report {
-    /// "smalto trade 1".
+    /// "smalto trade 2".
     pub format: String,
     pub smalto: VersionReport,
     pub device: DeviceReport,
     pub scene: SceneReport,
-    /// Width and height at which time and the distance from the exact picture are measured.
+    /// Width and height at which time and the error against the exact picture are measured, in pixels.
     pub size: [u32; 2],
-    /// Width and height at which the reference is drawn.
+    /// Width and height of the reference pictures, in pixels.
     pub oracle_size: [u32; 2],
-    /// Views that each point was measured over, frames to warm up and measured ones.
+    /// Number of views that each point is measured over.
     pub views: usize,
+    /// Least number of warm-up frames before each point; a warm-up goes on until the frame time is steady (see
+    /// `warm_up` of a point). 0: no warm-up.
     pub warmup: usize,
+    /// Number of measured frames of each point.
     pub frames: usize,
-    /// The exact options; with the knobs, every preset and every knob turned alone.
+    /// The exact options; with `--parts knobs` also every preset, and every step of every knob alone.
     pub points: Vec<Point>,
-    /// The options on the way of the search, each with all turns before it.
+    /// The options along the search, each with all steps before it.
     pub search: Vec<Point>,
-    /// What the presets keep over all cameras.
+    /// The accuracy that the presets promise, checked over all cameras.
     pub promises: Vec<Promise>,
     pub certificate: Option<CertificateReport>,
     pub budget: Option<BudgetReport>,
 }
 
-/// Options, what a frame takes under them, and how far its pictures are from others: the worst view in each measure.
+/// Time, memory and error under some options. Errors are those of the worst view in each measure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Point {
     pub name: String,
     pub options: Options,
+    /// The path that drew the first frame. `notice` tells if others were drawn by the other path.
+    pub drawn_by: render::Path,
+    /// Why the fast path did not draw some or all frames, if it should have; else null.
+    pub notice: Option<String>,
+    /// The warm-up before the measured frames; null with a `warmup` of 0.
+    pub warm_up: Option<WarmUp>,
     /// Median GPU time of a frame.
     pub gpu_ms: f64,
-    /// Medians, in the order of the frame.
+    /// Median GPU time of each stage, in the order of the frame.
     pub stages: Vec<StageTime>,
-    /// Device memory.
+    /// Device memory of the scene.
     pub scene_bytes: u64,
+    /// Device memory of everything else.
     pub work_bytes: u64,
-    /// From the f64 reference, at its size.
+    /// Difference from the float64 reference, at its size.
     pub from_oracle: Difference,
-    /// From the exact options, at full size.
+    /// Difference from the exact options, at full size.
     pub from_exact: Difference,
     /// No other point is both faster and closer to the reference.
     pub is_pareto: bool,
 }
 
-/// One stage of a frame.
+/// Time of one stage of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StageTime {
@@ -67,81 +78,86 @@ pub struct StageTime {
     pub ms: f64,
 }
 
-/// A preset and the worst of its pictures.
+/// The accuracy that a preset promises, and that of its worst picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Promise {
     pub preset: String,
-    /// Least PSNR that is promised, and largest difference of an 8-bit value, if one is.
+    /// Least PSNR that is promised.
     pub min_psnr_db: f64,
+    /// Largest difference of an 8-bit value that is promised; null if none is.
     pub max_step: Option<u8>,
-    /// From the reference, over so many cameras.
+    /// Worst value of each measure against the reference, over all cameras.
     pub worst: Difference,
+    /// Number of cameras.
     pub cameras: usize,
     pub is_kept: bool,
 }
 
-/// Certificates against the true errors.
+/// Comparison of certificates with the true errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CertificateReport {
     pub settings: Vec<SettingReport>,
-    /// Over all settings and views.
+    /// Pixels that were tested, over all settings and views.
     pub pixel_tests: u64,
+    /// Pixels whose error exceeds their certificate.
     pub violations: u64,
 }
 
-/// Certificates of one setting, over all views.
+/// Comparison of the certificates of one setting with the true errors, over all views.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SettingReport {
     pub name: String,
     pub pixel_tests: u64,
-    /// Pixels whose error passes their certificate.
+    /// Pixels whose error exceeds their certificate.
     pub violations: u64,
     pub max_error: f64,
     pub max_certificate: f64,
     pub mean_error: f64,
     pub mean_certificate: f64,
-    /// The largest part of a certificate that an error takes.
+    /// Largest ratio of an error to its certificate.
     pub tightest: f64,
 }
 
-/// A budget, what was chosen for it, and views that were not asked.
+/// An error budget, the options chosen for it, and their errors on views that were not used to choose.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BudgetReport {
     pub budget: String,
     pub choice: String,
     pub options: Options,
-    /// Whether there is a proof for any view, or a measurement.
+    /// True if the bound is proven for every view, false if it was measured on some views.
     pub is_proven: bool,
     pub gpu_ms: f64,
     pub exact_gpu_ms: f64,
-    /// Views that were not used to choose.
+    /// Number of views that were not used to choose.
     pub held_out_views: usize,
-    /// The worst of their pictures: from the reference at its size, and from the exact ones at full size.
+    /// Worst difference of these views from the reference, at its size.
     pub from_oracle: Difference,
+    /// Worst difference of these views from the exact options, at full size.
     pub from_exact: Difference,
-    /// Views whose picture is farther from the reference than the budget.
+    /// Number of these views that exceed the budget.
     pub exceeded: usize,
 }
 
 impl Report {
-    /// The first member of every report: what it is, and by which rules.
-    pub const FORMAT: &str = "smalto trade 1";
+    /// Name and version of the format, the first member of every report.
+    pub const FORMAT: &str = "smalto trade 2";
 
+    /// Writes the report as JSON.
     pub fn write_json(&self, path: &Path) -> Result<()> {
         write_whole(path, |file| Ok(serde_json::to_writer_pretty(file, self)?))
     }
 }
 
-/// PSNR for comparisons: equal pictures are infinitely close.
+/// PSNR in dB; infinite for equal pictures.
 pub(super) fn psnr_db(difference: &Difference) -> f64 {
     difference.psnr_db.unwrap_or(f64::INFINITY)
 }
 
-/// Marks the points that no other beats in both time and PSNR.
+/// Sets `is_pareto` of the points that no other point beats in both time and PSNR.
 pub fn mark_pareto(points: &mut [&mut Point]) {
     let all: Vec<(f64, f64)> = points.iter().map(|p| (p.gpu_ms, psnr_db(&p.from_oracle))).collect();
     for (point, (ms, db)) in points.iter_mut().zip(&all) {
