@@ -59,6 +59,13 @@ fn unfinished(path: &Path) -> Result<NamedTempFile> {
     })
 }
 
+/// The whole file, if it is one: a device would have no end.
+pub fn read_whole(path: &Path) -> Result<Vec<u8>> {
+    let metadata = std::fs::metadata(path).map_err(|e| anyhow!("cannot be opened: {}", describe(&e)))?;
+    ensure!(metadata.is_file(), "is not a file");
+    std::fs::read(path).map_err(|e| anyhow!("cannot be read: {}", describe(&e)))
+}
+
 /// What went wrong, without the operating system's error number.
 pub fn describe(error: &std::io::Error) -> String {
     match error.kind() {

@@ -8,6 +8,7 @@ mod dataparser;
 mod file;
 mod lens;
 pub mod path;
+mod read;
 mod timeline;
 mod transforms_json;
 mod up;
@@ -16,7 +17,8 @@ use glam::{DMat3, DVec2, DVec3};
 
 pub use cameras_json::{from_json, to_json, write};
 pub use control::{FIELDS_OF_VIEW, GLIDE_SECONDS, Navigator};
-pub use file::{CameraFile, NamedCamera, Split, find, read};
+pub use file::{CameraFile, NamedCamera, Split};
+pub use read::{find, read};
 pub use timeline::{Key, Timeline};
 pub use up::Up;
 

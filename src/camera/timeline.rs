@@ -6,9 +6,9 @@ use anyhow::{Context, Result, ensure};
 use glam::DVec3;
 
 use super::cameras_json::{self, Entry, write_entries};
-use super::file::read_whole;
 use super::path::between;
 use super::{Camera, NamedCamera};
+use crate::files::read_whole;
 
 /// Keys lie between 0 and this.
 const MAX_SECONDS: f64 = 1e6;

@@ -1,4 +1,4 @@
-//! `smalto info`: what a scene holds.
+//! `smalto info`: describes a scene.
 
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -6,22 +6,22 @@ use serde::Serialize;
 use super::{SceneArg, knobs, say};
 use crate::options::{Options, Storage};
 use crate::render::{Layout, Packing, depth_bits};
-use crate::scene::{Bounds, Focus, Gaussians, Requirements, Scene, Tally, percentiles};
+use crate::scene::{Bounds, Focus, Gaussians, LoadReport, Requirements, Scene, percentiles};
 
-/// Describe a scene: counts, bounds, distributions, what it requires of the GPU
+/// Describe a scene: counts, bounds, distributions and the GPU storage that it needs
 #[derive(clap::Args)]
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    /// Whose storage to tell
+    /// Preset whose GPU storage is reported
     #[arg(long, value_name = "NAME", default_value = "balanced", value_parser = knobs::preset_names())]
     preset: String,
-    /// Print JSON
+    /// Print the report as JSON
     #[arg(long)]
     json: bool,
 }
 
-/// Fractions of the percentiles that are shown.
+/// The percentiles in a report, as fractions.
 const FRACTIONS: [f64; 7] = [0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99];
 
 #[derive(Serialize)]
@@ -30,43 +30,45 @@ struct Report {
     format: String,
     gaussians: usize,
     sh_degree: u32,
-    tally: Tally,
-    /// World units.
+    tally: LoadReport,
+    /// The corners of the bounding box of the means, and the sphere around 90 % of the opacity, in world units.
     low: [f32; 3],
     high: [f32; 3],
     centre: [f64; 3],
     radius: f64,
-    /// At 1, 5, 25, 50, 75, 95 and 99 percent.
+    /// The 1st, 5th, 25th, 50th, 75th, 95th and 99th percentiles, also of the next two.
     opacity: [f32; 7],
-    /// Geometric mean of the three standard deviations, world units.
+    /// Geometric mean of the three standard deviations, in world units.
     scale: [f32; 7],
-    /// Largest over smallest standard deviation.
+    /// The largest standard deviation divided by the smallest.
     anisotropy: [f32; 7],
     required: Required,
 }
 
-/// What the scene requires, and how the GPU keeps it.
+/// The needs of the scene, and its storage on the GPU with a preset.
 #[derive(Serialize)]
 struct Required {
     preset: String,
-    /// The highest degree of spherical harmonics with a coefficient that is not zero; and that is kept.
+    /// The highest degree of spherical harmonics with a nonzero coefficient, and the highest that the preset keeps.
     sh_degree: u32,
     sh_degree_kept: u32,
-    /// Above the part of each degree in any colour channel; and its root mean square.
+    /// An upper bound on the contribution of each degree to a colour channel, and its root mean square.
     sh_bounds: [f64; 4],
     sh_rms: [f64; 4],
     sh_storage: String,
     shape_storage: String,
-    /// Above what the storage and the degree of SH change of any colour channel of any picture; shapes have no bound.
+    /// An upper bound on the change of any colour channel of any picture by the storage and the degree of the spherical
+    /// harmonics. The storage of shapes has no bound.
     colour_error: f64,
-    /// Above the brightest channel of any Gaussian.
+    /// An upper bound on the colour channels of all Gaussians.
     brightest: f64,
-    /// Bits of a depth key from the near plane to the other end of the scene, and those that the preset keeps.
+    /// Bits of a depth key that distinguish all depths from the near plane to the far end of the scene, and the bits
+    /// that the preset sorts by.
     depth_bits: u32,
     depth_bits_kept: u32,
-    /// The distance of neighbouring 32-bit floats at the outermost coordinate, world units.
+    /// The distance between adjacent 32-bit floats at the largest coordinate, in world units.
     coordinate_step: f32,
-    /// Device memory of a Gaussian, of the scene, and of the scene in 32-bit floats.
+    /// Bytes of device memory per Gaussian, for the scene, and for the scene in 32-bit floats.
     bytes_each: u64,
     gpu_bytes: u64,
     f32_bytes: u64,
@@ -86,7 +88,7 @@ fn report(name: &str, scene: &Scene, preset: &str) -> Result<Report> {
         format: scene.format.clone(),
         gaussians: gaussians.len(),
         sh_degree: gaussians.sh_degree(),
-        tally: scene.tally,
+        tally: scene.report,
         low: bounds.low,
         high: bounds.high,
         centre: focus.centre,
@@ -99,7 +101,7 @@ fn report(name: &str, scene: &Scene, preset: &str) -> Result<Report> {
 }
 
 fn required(gaussians: &Gaussians, preset: &str) -> Result<Required> {
-    let options = Options::preset(preset).context("clap lets known presets pass alone")?;
+    let options = Options::preset(preset).with_context(|| format!("there is no preset {preset}"))?;
     let (bounds, needs) = (Bounds::of(gaussians), Requirements::of(gaussians));
     let layout = Layout::of(gaussians, &needs, &options);
     let plain = Options { sh_storage: Storage::F32, shape_storage: Storage::F32, ..Options::EXACT };
@@ -134,13 +136,14 @@ fn packing(packing: Packing) -> String {
         Storage::U8 => "8 bits",
     };
     let why = match (packing.storage, packing.is_lossless) {
-        (Storage::U8, true) => "lossless: so the file held them",
-        (_, true) => "lossless: the file held more than 8 bits",
-        (_, false) => "the preset allows the loss",
+        (Storage::U8, true) => "lossless: the file holds 8 bits",
+        (_, true) => "lossless: the file holds more than 8 bits",
+        (_, false) => "lossy, by the preset",
     };
     format!("{bits} ({why})")
 }
 
+/// Percentiles of a value of the three standard deviations.
 fn of_scales(gaussians: &Gaussians, value: fn([f64; 3]) -> f64) -> [f32; 7] {
     let values = gaussians.scales().iter().map(|s| value(s.map(f64::from)) as f32);
     percentiles(values.collect(), FRACTIONS)
@@ -151,7 +154,7 @@ fn print(report: &Report) -> Result<()> {
     say!("{scene}: {format}, {gaussians} Gaussians, SH degree {sh_degree}")?;
     say!("read        {} ({tally})", tally.read)?;
     say!("box         {} to {}", point(low), point(high))?;
-    say!("matter      90 % of the opacity within {radius:.4} of {}", point(&centre.map(|v| v as f32)))?;
+    say!("opacity     90 % lies within {radius:.4} of {}", point(&centre.map(|v| v as f32)))?;
     say!("percentile  {}", FRACTIONS.map(|f| format!("{:>9}", format!("{:.0} %", f * 100.0))).concat())?;
     for (name, values) in [("opacity", report.opacity), ("scale", report.scale), ("anisotropy", report.anisotropy)] {
         say!("{name:<11} {}", values.map(|v| format!("{:>9}", number(v))).concat())?;
@@ -161,22 +164,20 @@ fn print(report: &Report) -> Result<()> {
 
 fn print_required(required: &Required, sh_degree: u32) -> Result<()> {
     let Required { preset, sh_storage, shape_storage, brightest, colour_error, bytes_each, .. } = required;
-    say!("colour      no channel of any Gaussian is over {brightest:.2}")?;
+    say!("colour      no channel of a Gaussian is above {brightest:.2}")?;
     for (degree, (bound, rms)) in required.sh_bounds.iter().zip(required.sh_rms).enumerate() {
         if degree <= sh_degree as usize {
-            let use_of_it = if degree as u32 <= required.sh_degree_kept { "kept" } else { "left out" };
-            say!(
-                "SH degree {degree} adds up to {bound:.3} to a channel, {rms:.4} in the root mean square: {use_of_it}"
-            )?;
+            let kept = if degree as u32 <= required.sh_degree_kept { "kept" } else { "left out" };
+            say!("SH degree {degree} adds at most {bound:.3} to a channel, {rms:.4} root mean square: {kept}")?;
         }
     }
-    say!("means       32-bit floats, {} apart at the outermost", number(required.coordinate_step))?;
+    say!("means       32-bit floats, {} apart at the largest coordinate", number(required.coordinate_step))?;
     let kept = required.depth_bits_kept;
-    say!("depth keys  {} bits reach across the scene, {kept} are sorted by", required.depth_bits)?;
-    say!("{preset} keeps SH in {sh_storage}, shapes in {shape_storage}")?;
-    say!("            its SH change no colour channel of a picture by more than {colour_error:.2e}")?;
+    say!("depth keys  {} bits distinguish all depths, {kept} are sorted", required.depth_bits)?;
+    say!("{preset} stores SH in {sh_storage}, shapes in {shape_storage}")?;
+    say!("            the storage of SH changes no colour channel of a picture by more than {colour_error:.2e}")?;
     say!(
-        "on the GPU  {:.1} MB, {bytes_each} bytes a Gaussian; all in 32-bit floats would be {:.1} MB",
+        "on the GPU  {:.1} MB, {bytes_each} bytes per Gaussian; {:.1} MB if all were 32-bit floats",
         required.gpu_bytes as f64 / 1e6,
         required.f32_bytes as f64 / 1e6
     )
@@ -186,7 +187,7 @@ fn point(p: &[f32; 3]) -> String {
     format!("({}, {}, {})", number(p[0]), number(p[1]), number(p[2]))
 }
 
-/// About four digits.
+/// `value` with about four digits.
 fn number(value: f32) -> String {
     match value.abs() {
         v if v == 0.0 || (1e-3..1e5).contains(&v) => format!("{value:.4}")[..].chars().take(7).collect(),

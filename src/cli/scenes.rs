@@ -1,4 +1,4 @@
-//! The scenes that commands take.
+//! The scene argument of commands, and how scene files are read.
 
 use std::path::PathBuf;
 
@@ -10,11 +10,11 @@ use super::{Usage, progress, remark};
 use crate::camera::Up;
 use crate::scene::{self, Procedural, Reading, Scene, Transform};
 
-/// What the commands draw, describe or measure.
+/// The scene that a command draws, describes or measures.
 #[derive(Args)]
 pub(super) struct SceneArg {
-    /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb or .gltf), folder of a SOG or model folder of the
-    /// original 3DGS, or a procedural scene: cactus, few-large or many-small, with :COUNT for another number of Gaussians
+    /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb or .gltf), folder of a SOG, model folder of
+    /// the original 3DGS, or procedural scene: cactus, few-large or many-small, optionally with :COUNT Gaussians
     #[arg(default_value = "cactus")]
     pub scene: PathBuf,
     #[command(flatten)]
@@ -22,12 +22,12 @@ pub(super) struct SceneArg {
 }
 
 impl SceneArg {
-    /// The procedural scene, if it is one.
+    /// The procedural scene, if the argument names one.
     pub fn procedural(&self) -> Option<Result<Procedural>> {
         Procedural::parse(self.scene.to_str()?)
     }
 
-    /// The scene's file, if it is one. In a model folder, the point cloud of the last iteration.
+    /// The file of the scene, if it is not procedural. In a model folder, the point cloud of the last iteration.
     pub fn path(&self) -> Option<PathBuf> {
         if self.procedural().is_some() {
             return None;
@@ -35,12 +35,12 @@ impl SceneArg {
         Some(scene::in_folder(&self.scene))
     }
 
-    /// What reports call the scene: its file name, not where it lies.
+    /// The name of the scene in reports: its file name without the folder.
     pub fn title(&self) -> String {
         self.scene.file_name().unwrap_or(self.scene.as_os_str()).to_string_lossy().into_owned()
     }
 
-    /// What files made from the scene are named after.
+    /// The stem of output files that are named after the scene.
     pub fn stem(&self) -> String {
         if let Some(Ok(procedural)) = self.procedural() {
             return procedural.name().to_owned();
@@ -50,7 +50,7 @@ impl SceneArg {
         name.split('.').find(|part| !part.is_empty()).unwrap_or("scene").to_owned()
     }
 
-    /// Reads the file or makes the procedural scene, and says on stderr what had to be dropped.
+    /// Reads the file or makes the procedural scene. Prints to stderr what was dropped or clamped.
     pub fn read(&self) -> Result<Scene> {
         let path = self.path().unwrap_or_else(|| self.scene.clone());
         let (name, reading) = (path.display(), self.reading.reading()?);
@@ -67,10 +67,10 @@ impl SceneArg {
         for notice in &scene.notices {
             remark(&format!("note: {name}: {notice}"));
         }
-        let tally = &scene.tally;
-        if tally.dropped() + tally.clamped_scale > 0 {
-            let level = if tally.is_clean() { "note" } else { "warning" };
-            remark(&format!("{level}: {name}: of {} Gaussians {tally}", tally.read));
+        let report = &scene.report;
+        if report.dropped() + report.clamped_scale > 0 {
+            let level = if report.is_clean() { "note" } else { "warning" };
+            remark(&format!("{level}: {name}: of {} Gaussians {report}", report.read));
         }
         Ok(scene)
     }
@@ -78,21 +78,21 @@ impl SceneArg {
 
 const HEADING: &str = "Scene";
 
-/// What scene files do not say, or say wrongly.
+/// Properties that scene files do not record, or record wrongly.
 #[derive(Args, Clone, Copy, Default)]
 pub(super) struct ReadingArgs {
-    /// The scene's axis that points up: x, y, z, -x, -y or -z. It is turned, cameras are not [default: -y]
+    /// The axis of the scene that points up: x, y, z, -x, -y or -z. The scene is turned, cameras are not [default: -y]
     #[arg(long, help_heading = HEADING, value_name = "AXIS", allow_hyphen_values = true, value_parser = parse_up)]
     up: Option<Up>,
-    /// The scene's axes that point the other way than its format says, like y or yz
+    /// Axes of the scene to reverse, like y or yz, if they point the other way than the format says
     #[arg(long, help_heading = HEADING, value_name = "AXES", value_parser = parse_axes)]
     flip: Option<Axes>,
-    /// Level of detail of a lod-meta.json, 0 the finest [default: the finest there is]
+    /// Level of detail of a lod-meta.json; 0 is the finest [default: the finest in the file]
     #[arg(long, help_heading = HEADING, value_name = "LEVEL")]
     lod: Option<u32>,
 }
 
-/// Axes that are flipped.
+/// The axes that are reversed.
 #[derive(Clone, Copy)]
 struct Axes([bool; 3]);
 
@@ -106,7 +106,7 @@ impl ReadingArgs {
     }
 }
 
-/// What turns the axis to where up is. The opposite one is turned about x.
+/// The rotation from the axis `up` to -y. If `up` is the opposite axis, the rotation is about x.
 fn upright(up: Up) -> Result<Transform> {
     let wanted = Up::default().vector();
     let rotation = if up.flipped() == Up::default() {
@@ -114,7 +114,7 @@ fn upright(up: Up) -> Result<Transform> {
     } else {
         DQuat::from_rotation_arc(up.vector(), wanted)
     };
-    // Quarter turns to the last bit.
+    // The entries of quarter turns are exactly 0, 1 or -1.
     let matrix = DMat3::from_quat(rotation).to_cols_array().map(f64::round);
     Transform::new(DQuat::from_mat3(&DMat3::from_cols_array(&matrix)), DVec3::ZERO, 1.0)
 }

@@ -1,11 +1,8 @@
 //! From what a file stores to what renderers may rely on, in f64: finite values, unit quaternions, sigmoids, exponentials.
 
-use std::fmt;
-
 use rayon::prelude::*;
-use serde::Serialize;
 
-use super::{Gaussians, sh_coefficients};
+use super::{Gaussians, LoadReport, sh_coefficients};
 use crate::host_memory::{OutOfMemory, host_vec, host_zeros};
 
 /// One Gaussian as files store it, after axis conversion to right, down, forward.
@@ -26,72 +23,12 @@ pub(super) fn logit(opacity: f64) -> f64 {
     (opacity / (1.0 - opacity)).ln()
 }
 
-/// The quaternion of unit length with these components, in their order, around the largest, which is positive.
-pub(super) fn around_largest(largest: usize, others: [f64; 3]) -> [f64; 4] {
-    let mut others = others.into_iter();
-    let mut q: [f64; 4] = std::array::from_fn(|i| if i == largest { 0.0 } else { others.next().unwrap_or(0.0) });
-    q[largest] = (1.0 - q.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
-    q
-}
-
-/// How many Gaussians a file had, and what became of those that could not be taken as they were.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Tally {
-    pub read: usize,
-    /// Dropped: a mean, scale, rotation, opacity or colour that is not a number, infinite where that means nothing, or
-    /// too large for 32-bit floats to compute with.
-    pub not_finite: usize,
-    /// Dropped: a quaternion of length zero has no direction.
-    pub zero_rotation: usize,
-    /// Dropped: opacity zero.
-    pub transparent: usize,
-    /// Kept: a scale beyond the range of 32-bit floats, made the largest of them.
-    pub clamped_scale: usize,
-}
-
-impl Tally {
-    pub fn dropped(&self) -> usize {
-        self.not_finite + self.zero_rotation + self.transparent
-    }
-
-    /// Of two parts of a scene.
-    pub(super) fn and(&self, other: &Self) -> Self {
-        Self {
-            read: self.read + other.read,
-            not_finite: self.not_finite + other.not_finite,
-            zero_rotation: self.zero_rotation + other.zero_rotation,
-            transparent: self.transparent + other.transparent,
-            clamped_scale: self.clamped_scale + other.clamped_scale,
-        }
-    }
-
-    /// Whether the scene is as the file has it, but for Gaussians that no one could see.
-    pub fn is_clean(&self) -> bool {
-        self.not_finite + self.zero_rotation + self.clamped_scale == 0
-    }
-}
-
-/// What was dropped or repaired, as a clause; "nothing dropped" if nothing was.
-impl fmt::Display for Tally {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let parts = [
-            (self.not_finite, "dropped as not finite in 32-bit floats"),
-            (self.zero_rotation, "dropped for a zero quaternion"),
-            (self.transparent, "dropped as fully transparent"),
-            (self.clamped_scale, "with a scale clamped to the largest float"),
-        ];
-        let parts: Vec<_> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
-        f.write_str(if parts.is_empty() { "nothing dropped" } else { "" })?;
-        f.write_str(&parts.join(", "))
-    }
-}
-
 /// Collects Gaussians, a block at a time.
 #[derive(Debug)]
 pub struct Builder {
     /// Its spherical harmonics have room for all from the start, so that threads decode to where they stay.
     gaussians: Gaussians,
-    tally: Tally,
+    report: LoadReport,
     /// Of a block; kept, since memory that is new for every block costs more than what is done with it.
     decoded: Vec<Result<Canonical, Flaw>>,
 }
@@ -110,7 +47,7 @@ impl Builder {
             sh: host_zeros(capacity * sh_coefficients(sh_degree), "spherical harmonics")?,
             sh_degree,
         };
-        Ok(Self { gaussians, tally: Tally::default(), decoded: Vec::new() })
+        Ok(Self { gaussians, report: LoadReport::default(), decoded: Vec::new() })
     }
 
     /// Adds `count` Gaussians, or counts why they cannot be drawn. `decode` makes the one with this index, and fills its
@@ -131,7 +68,7 @@ impl Builder {
         let sh = all.sh[start..end].par_chunks_exact_mut(stride);
         let decoded = sh.enumerate().map(|(i, sh)| canonical(&decode(i, sh), sh));
         decoded.collect_into_vec(&mut self.decoded);
-        self.tally.read += count;
+        self.report.read += count;
         for (i, result) in self.decoded.drain(..).enumerate() {
             match result {
                 Ok(gaussian) => {
@@ -143,11 +80,11 @@ impl Builder {
                     all.scales.push(gaussian.scale);
                     all.rotations.push(gaussian.rotation);
                     all.opacities.push(gaussian.opacity);
-                    self.tally.clamped_scale += usize::from(gaussian.has_clamped_scale);
+                    self.report.clamped_scale += usize::from(gaussian.has_clamped_scale);
                 }
-                Err(Flaw::NotFinite) => self.tally.not_finite += 1,
-                Err(Flaw::ZeroRotation) => self.tally.zero_rotation += 1,
-                Err(Flaw::Transparent) => self.tally.transparent += 1,
+                Err(Flaw::NotFinite) => self.report.not_finite += 1,
+                Err(Flaw::ZeroRotation) => self.report.zero_rotation += 1,
+                Err(Flaw::Transparent) => self.report.transparent += 1,
             }
         }
         // Where those were that moved or were dropped, others are decoded, who may leave zeros as they are.
@@ -165,10 +102,10 @@ impl Builder {
         self.gaussians.selected(&all)
     }
 
-    pub fn finish(mut self) -> (Gaussians, Tally) {
+    pub fn finish(mut self) -> (Gaussians, LoadReport) {
         let all = &mut self.gaussians;
         all.sh.truncate(all.means.len() * sh_coefficients(all.sh_degree));
-        (self.gaussians, self.tally)
+        (self.gaussians, self.report)
     }
 }
 
@@ -238,11 +175,11 @@ mod tests {
     const GOOD: Raw =
         Raw { mean: [1.0, 2.0, 3.0], log_scale: [0.0, -1.0, -2.0], rotation: [1.0, 0.0, 0.0, 0.0], opacity_logit: 0.0 };
 
-    fn build(raw: Raw) -> (Gaussians, Tally) {
+    fn build(raw: Raw) -> (Gaussians, LoadReport) {
         build_coloured(raw, [0.5; 3])
     }
 
-    fn build_coloured(raw: Raw, colour: [f32; 3]) -> (Gaussians, Tally) {
+    fn build_coloured(raw: Raw, colour: [f32; 3]) -> (Gaussians, LoadReport) {
         let mut builder = Builder::new(0, 1).unwrap();
         builder.extend(1, |_, sh| {
             sh[0] = colour;
@@ -251,7 +188,7 @@ mod tests {
         builder.finish()
     }
 
-    fn tally(raw: Raw) -> Tally {
+    fn report(raw: Raw) -> LoadReport {
         build(raw).1
     }
 
@@ -269,8 +206,8 @@ mod tests {
             Raw { opacity_logit: f64::NAN, ..GOOD },
         ];
         for raw in bad {
-            let (gaussians, tally) = build(raw);
-            assert_eq!(tally, Tally { read: 1, not_finite: 1, ..Tally::default() }, "{raw:?}");
+            let (gaussians, report) = build(raw);
+            assert_eq!(report, LoadReport { read: 1, not_finite: 1, ..LoadReport::default() }, "{raw:?}");
             assert!(gaussians.is_empty());
         }
         for colour in [f32::NAN, f32::INFINITY, -3e38] {
@@ -282,9 +219,9 @@ mod tests {
     fn canonical_keeps_the_order_of_what_it_keeps() {
         let mut builder = Builder::new(0, 10).unwrap();
         builder.extend(10, |i, _| Raw { mean: [if i % 3 == 0 { f64::NAN } else { i as f64 }, 0.0, 0.0], ..GOOD });
-        let (gaussians, tally) = builder.finish();
+        let (gaussians, report) = builder.finish();
         assert_eq!(gaussians.means().iter().map(|m| m[0]).collect::<Vec<_>>(), [1.0, 2.0, 4.0, 5.0, 7.0, 8.0]);
-        assert_eq!((tally.read, tally.not_finite), (10, 4));
+        assert_eq!((report.read, report.not_finite), (10, 4));
     }
 
     #[test]
@@ -303,7 +240,7 @@ mod tests {
     #[test]
     fn canonical_takes_infinite_logits_as_opacities_one_and_zero() {
         assert_eq!(build(Raw { opacity_logit: f64::INFINITY, ..GOOD }).0.opacities(), [1.0]);
-        assert_eq!(tally(Raw { opacity_logit: f64::NEG_INFINITY, ..GOOD }).transparent, 1);
+        assert_eq!(report(Raw { opacity_logit: f64::NEG_INFINITY, ..GOOD }).transparent, 1);
         assert_eq!(build(Raw { opacity_logit: 100.0, ..GOOD }).0.opacities(), [1.0]);
         assert!(build(Raw { opacity_logit: -100.0, ..GOOD }).0.opacities()[0] > 0.0);
     }
@@ -311,8 +248,8 @@ mod tests {
     #[test]
     fn canonical_keeps_flat_and_huge_scales() {
         assert_eq!(build(Raw { log_scale: [f64::NEG_INFINITY, 0.0, 0.0], ..GOOD }).0.scales(), [[0.0, 1.0, 1.0]]);
-        let (gaussians, tally) = build(Raw { log_scale: [1000.0, 88.0, 0.0], ..GOOD });
-        assert_eq!(tally.clamped_scale, 1);
+        let (gaussians, report) = build(Raw { log_scale: [1000.0, 88.0, 0.0], ..GOOD });
+        assert_eq!(report.clamped_scale, 1);
         assert_eq!(gaussians.scales()[0][0], f32::MAX);
     }
 
@@ -322,13 +259,13 @@ mod tests {
             let rotation = [0.5, -0.5, 0.5, 0.5].map(|v| v * length);
             assert_eq!(build(Raw { rotation, ..GOOD }).0.rotations(), [[0.5, -0.5, 0.5, 0.5]]);
         }
-        assert_eq!(tally(Raw { rotation: [0.0; 4], ..GOOD }).zero_rotation, 1);
+        assert_eq!(report(Raw { rotation: [0.0; 4], ..GOOD }).zero_rotation, 1);
     }
 
     #[test]
     fn tally_says_what_happened() {
-        assert_eq!(Tally::default().to_string(), "nothing dropped");
-        let tally = Tally { read: 9, not_finite: 2, zero_rotation: 1, ..Tally::default() };
-        assert_eq!(tally.to_string(), "2 dropped as not finite in 32-bit floats, 1 dropped for a zero quaternion");
+        assert_eq!(LoadReport::default().to_string(), "nothing dropped");
+        let report = LoadReport { read: 9, not_finite: 2, zero_rotation: 1, ..LoadReport::default() };
+        assert_eq!(report.to_string(), "2 dropped as not finite in 32-bit floats, 1 dropped for a zero quaternion");
     }
 }

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use serde::Deserialize;
 
 use super::canonical::{BLOCK, Builder, Raw, logit};
-use super::source::{Source, word};
-use super::{Gaussians, MAX_SH_DEGREE, RIGHT_UP_BACK, Scene, Tally, Transform, checked_count, sh_coefficients};
+use super::source::{Source, checked_count, word};
+use super::{Gaussians, LoadReport, MAX_SH_DEGREE, RIGHT_UP_BACK, Scene, Transform, sh_coefficients};
 
 pub(super) const MAGIC: u32 = 0x4654_6c67; // "glTF"
 pub(super) const JSON: u32 = 0x4e4f_534a;
@@ -148,19 +148,19 @@ fn read_document(source: &mut Source, path: &Path, text: &[u8], embedded: Option
     let placed = document.placed()?;
     ensure!(!placed.is_empty(), "the glTF scene shows no mesh with {EXTENSION}");
     let buffers = document.load(path, embedded)?;
-    let (mut parts, mut tally, mut has_logarithms) = (Vec::new(), Tally::default(), false);
+    let (mut parts, mut report, mut has_logarithms) = (Vec::new(), LoadReport::default(), false);
     for (primitive, transform) in placed {
         let part = Part::of(&document, &buffers, primitive)?;
         has_logarithms |= part.has_logarithms;
         let (gaussians, read) = part.read(source)?;
-        tally = tally.and(&read);
+        report = report.and(&read);
         let is_moved = transform != Transform::IDENTITY;
         parts.push(if is_moved { gaussians.transformed(&transform)? } else { gaussians });
     }
     let gaussians = if parts.len() == 1 { parts.remove(0) } else { Gaussians::joined(parts.iter())? };
     let format = if has_logarithms { "glTF, scales as logarithms" } else { "glTF" };
     let gaussians = gaussians.flipped(RIGHT_UP_BACK);
-    Ok(Scene { gaussians, tally, format: format.to_owned(), is_antialiased: false, notices: Vec::new() })
+    Ok(Scene { gaussians, report, format: format.to_owned(), is_antialiased: false, notices: Vec::new() })
 }
 
 impl Document {
@@ -359,7 +359,7 @@ impl<'b> Part<'b> {
         Ok(part)
     }
 
-    fn read(&self, source: &mut Source) -> Result<(Gaussians, Tally)> {
+    fn read(&self, source: &mut Source) -> Result<(Gaussians, LoadReport)> {
         let count = self.mean.count;
         let mut builder = Builder::new(self.sh_degree, count)?;
         debug_assert_eq!(self.sh.len(), sh_coefficients(self.sh_degree));

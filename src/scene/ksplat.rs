@@ -5,9 +5,9 @@ use anyhow::{Result, bail, ensure};
 use half::f16;
 
 use super::canonical::{BLOCK, Builder, Raw, logit};
-use super::source::{Source, word};
+use super::source::{Source, checked_count, word};
 use super::splat::{colour, floats};
-use super::{MAX_SH_DEGREE, Scene, checked_count, rest_values};
+use super::{MAX_SH_DEGREE, Scene, rest_values};
 use crate::host_memory::host_vec;
 
 const HEADER: usize = 4096;
@@ -200,8 +200,8 @@ pub(super) fn read(source: &mut Source) -> Result<Scene> {
     for section in &sections {
         read_section(source, section, header.level, &mut builder)?;
     }
-    let (gaussians, tally) = builder.finish();
-    Ok(Scene { gaussians, tally, format: "KSPLAT".to_owned(), is_antialiased: false, notices: Vec::new() })
+    let (gaussians, report) = builder.finish();
+    Ok(Scene { gaussians, report, format: "KSPLAT".to_owned(), is_antialiased: false, notices: Vec::new() })
 }
 
 /// The headers of all sections, whose Gaussians the file can hold.

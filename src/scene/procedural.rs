@@ -6,7 +6,8 @@ use glam::DVec3;
 use super::Scene;
 use super::canonical::{Builder, Raw};
 use super::harmonics::C0;
-use super::synthetic::{self, Random};
+use super::random::Random;
+use super::synthetic;
 use crate::host_memory::OutOfMemory;
 
 /// Most Gaussians of a procedural scene.
@@ -75,10 +76,10 @@ impl Procedural {
                 opacity_logit: (opacity / (1.0 - opacity)).ln(),
             }
         });
-        let (gaussians, tally) = builder.finish();
+        let (gaussians, report) = builder.finish();
         Ok(Scene {
             gaussians,
-            tally,
+            report,
             format: format!("procedural {}", self.name()),
             is_antialiased: false,
             notices: Vec::new(),

@@ -1,12 +1,13 @@
 //! Reading a scene file: what it is, by its content, and what it does not say of its levels and axes, by who asks.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 
-use super::source::Source;
+use super::source::{NO_LEVELS, Source};
 use super::{
-    Cancelled, Gaussians, Procedural, Scene, Tally, Transform, Unreadable, Watch, gltf, ksplat, ply, sog, splat, spz,
+    Cancelled, Gaussians, LoadReport, Procedural, Scene, Transform, Unreadable, Watch, gltf, ksplat, ply, sog, splat,
+    spz,
 };
 use crate::host_memory::OutOfMemory;
 
@@ -72,6 +73,22 @@ impl Reading {
     }
 }
 
+/// Reads a scene file as it is: [`Reading::read`].
+///
+/// # Errors
+/// Those of [`Reading::read`].
+pub fn read(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
+    Reading::default().read(path, progress)
+}
+
+/// The scene of a model folder of the original 3DGS: the point cloud of the last iteration. Any other path is as it is.
+pub fn in_folder(path: &Path) -> PathBuf {
+    let iterations = std::fs::read_dir(path.join("point_cloud")).into_iter().flatten().flatten();
+    let number = |folder: &Path| folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse::<u64>().ok();
+    let last = iterations.map(|entry| entry.path()).filter_map(|f| Some((number(&f)?, f))).max();
+    last.map_or_else(|| path.to_owned(), |(_, folder)| folder.join("point_cloud.ply"))
+}
+
 fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     let path = &sog::in_folder(path);
     let mut source = Source::open(path, watch)?;
@@ -80,14 +97,14 @@ fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     let magic = source.peek(4)?;
     let is_json = magic.starts_with(b"{") && !["gltf", "splat", "ksplat"].into_iter().any(is_named);
     let scene = match magic {
-        _ if is_json => sog::read_json(path, level, watch)?,
+        _ if is_json => sog::read_json(source, path, level, watch)?,
         _ if level.is_some() => bail!(NO_LEVELS),
         _ if magic.starts_with(b"ply") => ply::read(&mut source)?,
         _ if magic.starts_with(b"glTF") => gltf::read_binary(&mut source, path)?,
         _ if is_named("gltf") => gltf::read_text(&mut source, path)?,
         _ if magic.starts_with(b"NGSP") => spz::read_v4(&mut source)?,
         [0x1f, 0x8b, 8, ..] => spz::read_gzip(&mut source)?,
-        [b'P', b'K', 3, 4] => sog::read_bundle(path, watch)?,
+        [b'P', b'K', 3, 4] => sog::read_bundle(source, watch)?,
         _ if is_named("splat") => splat::read(&mut source)?,
         _ if is_named("ksplat") => ksplat::read(&mut source)?,
         _ => bail!(
@@ -95,12 +112,9 @@ fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
              lod-meta.json of SOG, or a file named .splat, .ksplat or .gltf, found bytes {magic:02x?}"
         ),
     };
-    let Tally { read, .. } = scene.tally;
+    let LoadReport { read, .. } = scene.report;
     ensure!(read > 0, "the scene holds no Gaussians");
-    let is_drawable = !scene.gaussians.is_empty() || scene.tally.is_clean();
-    ensure!(is_drawable, "none of its {read} Gaussians can be drawn: {}", scene.tally);
+    let is_drawable = !scene.gaussians.is_empty() || scene.report.is_clean();
+    ensure!(is_drawable, "none of its {read} Gaussians can be drawn: {}", scene.report);
     Ok(scene)
 }
-
-/// What is said where a level is asked for and there is none.
-pub(super) const NO_LEVELS: &str = "there are no levels of detail to choose from, as a lod-meta.json has";

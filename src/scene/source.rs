@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
 
-use anyhow::{Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use rayon::prelude::*;
 
 use super::canonical::BLOCK;
@@ -14,6 +14,9 @@ use crate::host_memory::host_vec;
 
 /// Bytes that one thread reads at a time.
 const PART: usize = 1 << 20;
+
+/// The error where a level of detail is asked for and the scene has none.
+pub(super) const NO_LEVELS: &str = "there are no levels of detail to choose from, as a lod-meta.json has";
 
 /// Reads front to back; every error says at which byte.
 pub(super) struct Source<'w> {
@@ -36,6 +39,12 @@ impl<'w> Source<'w> {
         let reader = BufReader::with_capacity(PART, file);
         let len = metadata.len();
         Ok(Self { reader, len, position: 0, watch, next_report: 0, is_cancelled: false, next_partial: BLOCK })
+    }
+
+    /// The same file at the same byte, with the rest of it reported to `watch`.
+    pub fn watched_by<'v>(self, watch: &'v Watch<'v>) -> Source<'v> {
+        let Self { reader, len, position, next_report, is_cancelled, next_partial, .. } = self;
+        Source { reader, len, position, watch, next_report, is_cancelled, next_partial }
     }
 
     /// To be called before each block of Gaussians is decoded: shows what there is so far if that has doubled, so that all
@@ -127,6 +136,16 @@ impl<'w> Source<'w> {
 /// The 32-bit number at this byte.
 pub(super) fn word(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes(std::array::from_fn(|i| bytes[at + i]))
+}
+
+/// A count from a file header as a length, refused when the file cannot hold so many elements of `bytes` each.
+pub(super) fn checked_count(count: u64, bytes: u64, available: u64, what: &str) -> Result<usize> {
+    let needed = count.checked_mul(bytes).with_context(|| format!("the header claims {count} {what}"))?;
+    ensure!(
+        needed <= available,
+        "the file is truncated or its header wrong: {count} {what} need {needed} bytes, {available} are left"
+    );
+    Ok(usize::try_from(count)?)
 }
 
 impl Read for Source<'_> {

@@ -36,8 +36,8 @@ pub(super) fn read(source: &mut Source) -> Result<Scene> {
             gaussian(&rows[index])
         });
     }
-    let (gaussians, tally) = builder.finish();
-    Ok(Scene { gaussians, tally, format: "SPLAT".to_owned(), is_antialiased: false, notices: Vec::new() })
+    let (gaussians, report) = builder.finish();
+    Ok(Scene { gaussians, report, format: "SPLAT".to_owned(), is_antialiased: false, notices: Vec::new() })
 }
 
 /// Refuses what has the name of the format but another content. Single Gaussians may be damaged.

@@ -167,10 +167,10 @@ fn decode<R: Read + Send>(source: &mut Source, header: &Header, flips: [bool; 3]
         let rest = plane.read(&mut [0]).with_context(|| format!("the {name} are damaged"))?;
         ensure!(rest == 0, "the {name} go on after those of {} Gaussians", header.count);
     }
-    let (gaussians, tally) = builder.finish();
+    let (gaussians, report) = builder.finish();
     Ok(Scene {
         gaussians,
-        tally,
+        report,
         format: format!("SPZ {}", header.version),
         is_antialiased: header.is_antialiased,
         notices: Vec::new(),

@@ -9,6 +9,7 @@ use glam::{DMat3, DQuat, DVec3, dvec3};
 
 use super::canonical::{Builder, Raw, logit};
 use super::harmonics::{C0, basis};
+use super::random::Random;
 use super::{MAX_SH_DEGREE, Scene};
 use crate::host_memory::OutOfMemory;
 
@@ -28,8 +29,8 @@ pub fn cactus(count: usize) -> Result<Scene, OutOfMemory> {
         builder.extend(until - made, |i, sh| gaussian(&mut Random::of(made + i), part, spacing, sh));
         made = until;
     }
-    let (gaussians, tally) = builder.finish();
-    Ok(Scene { gaussians, tally, format: "procedural cactus".to_owned(), is_antialiased: false, notices: Vec::new() })
+    let (gaussians, report) = builder.finish();
+    Ok(Scene { gaussians, report, format: "procedural cactus".to_owned(), is_antialiased: false, notices: Vec::new() })
 }
 
 /// A kind of matter: how many of the Gaussians it gets, and how they look.
@@ -273,40 +274,4 @@ fn floater(random: &mut Random) -> Patch {
 fn contact_shadow(point: DVec3) -> f64 {
     let from_pot = dvec3(point.x - 0.25, 0.0, point.z - 0.25).length();
     1.0 - 0.55 * (-(from_pot / 0.75).powi(4)).exp()
-}
-
-/// SplitMix64 (Steele et al. 2014): small, and the same everywhere.
-pub(super) struct Random(u64);
-
-impl Random {
-    /// The stream of one Gaussian, so that they can be made in any order.
-    pub(super) fn of(index: usize) -> Self {
-        let mut seed = Self(0x5eed_cac7 ^ (index as u64) << 20);
-        Self(seed.next())
-    }
-
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in [0, 1).
-    pub(super) fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    /// Mean 0, standard deviation 1 (Box and Muller).
-    pub(super) fn normal(&mut self) -> f64 {
-        (-2.0 * (1.0 - self.unit()).ln()).sqrt() * (TAU * self.unit()).cos()
-    }
-
-    /// Uniform on the unit sphere.
-    pub(super) fn direction(&mut self) -> DVec3 {
-        let (z, angle) = (2.0 * self.unit() - 1.0, TAU * self.unit());
-        let r = (1.0 - z * z).sqrt();
-        dvec3(r * angle.cos(), r * angle.sin(), z)
-    }
 }

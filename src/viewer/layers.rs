@@ -1,4 +1,4 @@
-//! The scenes that are open: where each comes from, where it is placed, and whether it is shown.
+//! The open scenes: the source of each, its placement, and whether it is shown.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -6,59 +6,62 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use glam::{DQuat, DVec3, EulerRot};
 
-use super::jobs::{Cancel, Jobs, News};
+use super::jobs::{Cancel, JobEvent, Jobs};
 use crate::scene::{self, Gaussians, Procedural, Reading, Scene, Transform, Watch};
 
-/// Where a scene comes from.
+/// The source of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Source {
     File(PathBuf),
     Procedural(Procedural),
 }
 
-/// A scene that is open, or being read.
+/// A scene that is open or being read.
 pub struct Layer {
     pub number: u64,
     pub name: String,
     pub gaussians: Option<Arc<Gaussians>>,
     pub is_antialiased: bool,
-    /// What was read and dropped, in words.
-    pub story: String,
+    /// What was read and what was dropped, as text.
+    pub summary: String,
     pub place: Place,
-    /// Part of the first picture, and of the second where that shows scenes.
+    /// By side: the picture includes this scene.
     pub is_shown: [bool; 2],
-    /// The fraction read, while it is.
+    /// The fraction read, 0 to 1; `None` once all is read.
     pub progress: Option<f64>,
     cancel: Cancel,
 }
 
-/// A place as one edits it.
+/// The placement of a scene, as the panel edits it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// World units.
     pub translation: [f64; 3],
     /// Degrees around y, then x, then z.
-    pub turn: [f64; 3],
+    pub rotation: [f64; 3],
     pub scale: f64,
 }
 
 impl Default for Place {
     fn default() -> Self {
-        Self { translation: [0.0; 3], turn: [0.0; 3], scale: 1.0 }
+        Self { translation: [0.0; 3], rotation: [0.0; 3], scale: 1.0 }
     }
 }
 
 impl Place {
-    /// Unchanged numbers change nothing at all.
+    /// The transform of this placement: exactly the identity for the default numbers.
+    ///
+    /// # Errors
+    /// The scale or another number is not usable.
     pub fn transform(&self) -> Result<Transform> {
-        let [x, y, z] = self.turn.map(f64::to_radians);
+        let [x, y, z] = self.rotation.map(f64::to_radians);
         let rotation = DQuat::from_euler(EulerRot::YXZ, y, x, z);
         Transform::new(rotation, DVec3::from(self.translation), self.scale)
     }
 }
 
 impl Source {
-    /// The file, the model folder's file, or the procedural scene that this names.
+    /// The procedural scene, the file, or the scene file in the model folder that `path` names.
     pub fn of(path: &Path) -> Result<Self> {
         match path.to_str().and_then(Procedural::parse) {
             Some(procedural) => procedural.map(Self::Procedural),
@@ -75,7 +78,7 @@ impl Source {
 }
 
 impl Layer {
-    /// Begins to read a scene.
+    /// Starts to read a scene, on another thread.
     pub fn open(number: u64, source: Source, reading: Reading, jobs: &Jobs) -> Self {
         let cancel = Cancel::default();
         let (origin, stop) = (source.clone(), cancel.clone());
@@ -85,26 +88,26 @@ impl Layer {
                 Source::File(path) => reading.read_watched(
                     &path,
                     &Watch {
-                        progress: &|fraction| reporter.tell(News::Reading(number, fraction)),
+                        progress: &|fraction| reporter.send(JobEvent::Reading(number, fraction)),
                         partial: &|so_far| {
-                            // What cannot be placed is said when all is read.
+                            // A failure to place the scene is reported when all is read.
                             let part = so_far.so_far().map_err(anyhow::Error::from);
                             if let Ok(placed) = part.and_then(|part| reading.placed(part)) {
-                                reporter.tell(News::Partial(number, Arc::new(placed)));
+                                reporter.send(JobEvent::Partial(number, Arc::new(placed)));
                             }
                         },
                         is_cancelled: &|| stop.is_cancelled(),
                     },
                 ),
             },
-            move |scene| News::Read(number, scene),
+            move |scene| JobEvent::Read(number, scene),
         );
         Self {
             number,
             name: source.name(),
             gaussians: None,
             is_antialiased: false,
-            story: String::new(),
+            summary: String::new(),
             place: Place::default(),
             is_shown: [true; 2],
             progress: Some(0.0),
@@ -112,18 +115,21 @@ impl Layer {
         }
     }
 
-    /// Takes what was read.
-    pub fn fill(&mut self, scene: Scene) {
-        let Scene { gaussians, tally, format, is_antialiased, notices } = scene;
+    /// Takes in the scene that was read, and returns its Gaussians.
+    pub fn fill(&mut self, scene: Scene) -> Arc<Gaussians> {
+        let Scene { gaussians, report, format, is_antialiased, notices } = scene;
         let degree = gaussians.sh_degree();
-        self.story = format!("{format}, {} Gaussians, SH degree {degree}; {tally}", gaussians.len());
-        notices.iter().for_each(|notice| self.story += &format!("; {notice}"));
+        self.summary = format!("{format}, {} Gaussians, SH degree {degree}; {report}", gaussians.len());
+        notices.iter().for_each(|notice| self.summary += &format!("; {notice}"));
         self.is_antialiased = is_antialiased;
-        self.gaussians = Some(Arc::new(gaussians));
         self.progress = None;
+        self.gaussians.insert(Arc::new(gaussians)).clone()
     }
 
-    /// What a picture on this side draws of it.
+    /// The Gaussians and the transform that the picture of this side draws; `None` if it does not show the scene.
+    ///
+    /// # Errors
+    /// The placement is not a valid transform.
     pub fn part(&self, side: usize) -> Result<Option<(Arc<Gaussians>, Transform)>> {
         let Some(gaussians) = self.gaussians.as_ref().filter(|_| self.is_shown[side]) else { return Ok(None) };
         let transform = self.place.transform().with_context(|| format!("{} cannot be placed there", self.name))?;

@@ -7,8 +7,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
-use super::Photograph;
 use super::models::{Intrinsics, LEAST_PARAMETERS, Model};
+use super::photograph::Photograph;
 use crate::files::describe;
 
 /// Longest name of a photograph.

@@ -2,28 +2,19 @@
 
 mod binary;
 mod models;
+mod photograph;
 mod text;
 
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
-use glam::{DMat3, DQuat, DVec3};
+use anyhow::{Context, Result};
 
-use super::lens::{Bent, Lens};
-use super::{Camera, CameraFile, NamedCamera};
-use models::Intrinsics;
-
-/// A photograph: where it was taken from, and with which camera.
-struct Photograph {
-    name: String,
-    /// w x y z, from the world to the camera; of any length over 0.
-    rotation: [f64; 4],
-    /// After the rotation, world units.
-    translation: [f64; 3],
-    camera: u32,
-}
+use self::models::Intrinsics;
+use self::photograph::Photograph;
+use super::lens::Bent;
+use super::{CameraFile, NamedCamera};
 
 /// The files of a model.
 struct Files {
@@ -120,18 +111,4 @@ fn assembled(cameras: &HashMap<u32, Intrinsics>, photographs: Vec<Photograph>) -
     }
     let notices = bent.notice(named.len()).into_iter().collect();
     Ok(CameraFile { cameras: named, splits: None, notices })
-}
-
-impl Photograph {
-    fn seen_with<'c>(&self, cameras: &'c HashMap<u32, Intrinsics>) -> Result<(Camera, &'c Lens)> {
-        let Intrinsics { focal_px, centre_px, size_px, lens } =
-            cameras.get(&self.camera).with_context(|| format!("there is no camera {}", self.camera))?;
-        let [w, x, y, z] = self.rotation;
-        let length = DQuat::from_xyzw(x, y, z, w).length();
-        ensure!(length > 0.0 && length.is_finite(), "its quaternion {w:?} {x:?} {y:?} {z:?} is no rotation");
-        let rotation = DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
-        let position = -(rotation.transpose() * DVec3::from(self.translation));
-        let camera = Camera { position, rotation, focal_px: *focal_px, centre_px: *centre_px, size_px: *size_px };
-        Ok((camera.checked()?, lens))
-    }
 }

@@ -8,8 +8,8 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, anyhow, ensure};
 
-use super::Photograph;
 use super::models::{Intrinsics, Model};
+use super::photograph::Photograph;
 use crate::files::describe;
 
 /// Cameras by their ids.

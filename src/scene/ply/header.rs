@@ -12,7 +12,7 @@ const MAX_PROPERTIES: usize = 1024;
 
 /// How the elements behind the header are written.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::scene) enum Encoding {
+pub(super) enum Encoding {
     LittleEndian,
     BigEndian,
     /// A line each.
@@ -21,7 +21,7 @@ pub(in crate::scene) enum Encoding {
 
 /// One element of a PLY header.
 #[derive(Clone, Debug)]
-pub(in crate::scene) struct Element {
+pub(super) struct Element {
     pub name: String,
     pub count: u64,
     /// In file order, without lists.
@@ -32,7 +32,7 @@ pub(in crate::scene) struct Element {
 }
 
 #[derive(Clone, Debug)]
-pub(in crate::scene) struct Property {
+pub(super) struct Property {
     pub name: String,
     pub kind: Scalar,
     /// Bytes from the start of the element.
@@ -41,7 +41,7 @@ pub(in crate::scene) struct Property {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::scene) enum Scalar {
+pub(super) enum Scalar {
     I8,
     U8,
     I16,

@@ -2,7 +2,9 @@
 
 use anyhow::Result;
 
-use super::{Colour, Element, Rows, all};
+use super::header::Element;
+use super::layout::{Colour, all};
+use super::rows::Rows;
 use crate::host_memory::host_vec;
 use crate::scene::canonical::{BLOCK, Builder, Raw, logit};
 use crate::scene::source::Source;
@@ -40,9 +42,9 @@ pub(super) fn read(source: &mut Source, rows: &mut Rows, kept: &Element) -> Resu
             opacity_logit: logit(OPACITY),
         }
     });
-    let (gaussians, tally) = builder.finish();
+    let (gaussians, report) = builder.finish();
     let notice = "it is a point cloud without Gaussians, and is drawn as balls between its neighbours".to_owned();
-    Ok(Scene { gaussians, tally, format: "PLY, points".to_owned(), is_antialiased: false, notices: vec![notice] })
+    Ok(Scene { gaussians, report, format: "PLY, points".to_owned(), is_antialiased: false, notices: vec![notice] })
 }
 
 /// Half the distance of every point to the nearest of its neighbours along a Z-shaped curve, but not over four times the

@@ -5,29 +5,21 @@ mod files;
 mod meta;
 mod streamed;
 mod texture;
+mod unit;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use rayon::prelude::*;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use self::files::Files;
-use self::meta::Meta;
-use self::texture::Texture;
-use super::canonical::{BLOCK, Builder, Raw, around_largest};
-use super::reading::NO_LEVELS;
-use super::source::Source;
-use super::{Scene, Watch, sh_coefficients};
+use self::unit::{Unit, decode_all};
+use super::source::{NO_LEVELS, Source};
+use super::{Scene, Watch};
 
 /// The fraction of progress when an archive is read, but not yet decoded.
 const READ: f64 = 0.25;
-
-/// Bytes of all texels of a Gaussian but those of coefficients past the first.
-const TEXEL_BYTES: u64 = 20;
-/// Most bytes per compressed byte that are believed.
-const MAX_RATIO: u64 = 1024;
 
 /// The JSON that describes the SOG in this folder. Any other path is as it is.
 pub(super) fn in_folder(path: &Path) -> PathBuf {
@@ -36,9 +28,9 @@ pub(super) fn in_folder(path: &Path) -> PathBuf {
 }
 
 /// A zip archive.
-pub(super) fn read_bundle(path: &Path, watch: &Watch) -> Result<Scene> {
+pub(super) fn read_bundle(source: Source, watch: &Watch) -> Result<Scene> {
     let reading = Watch { progress: &|fraction| (watch.progress)(READ * fraction), ..*watch };
-    let mut source = Source::open(path, &reading)?;
+    let mut source = source.watched_by(&reading);
     let unit = Unit::open(Files::archive(&mut source)?, "meta.json")?;
     let decoding = Watch { progress: &|fraction| (watch.progress)(READ + (1.0 - READ) * fraction), ..*watch };
     let format = unit.meta.format();
@@ -46,14 +38,14 @@ pub(super) fn read_bundle(path: &Path, watch: &Watch) -> Result<Scene> {
 }
 
 /// A `meta.json`, or this level of the `lod-meta.json` of several, beside which the textures lie.
-pub(super) fn read_json(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
+pub(super) fn read_json(source: Source, path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     #[derive(Deserialize)]
     struct Keys {
         means: Option<IgnoredAny>,
         tree: Option<IgnoredAny>,
     }
     let quiet = Watch { progress: &|_| {}, ..*watch };
-    let mut source = Source::open(path, &quiet)?;
+    let mut source = source.watched_by(&quiet);
     let json = source.rest(streamed::MAX_BYTES, "the JSON")?;
     let folder = path.parent().unwrap_or(Path::new("."));
     match serde_json::from_slice(&json).context("not the JSON of a scene")? {
@@ -68,141 +60,4 @@ pub(super) fn read_json(path: &Path, level: Option<u32>, watch: &Watch) -> Resul
             "the JSON is not that of a scene: it has neither means, as meta.json has, nor a tree, as lod-meta.json has"
         ),
     }
-}
-
-/// All Gaussians of some SOG files as one scene. `source` is the file that was opened.
-fn decode_all(source: &mut Source, units: Vec<Unit>, format: String, watch: &Watch) -> Result<Scene> {
-    let total: usize = units.iter().map(|unit| unit.meta.count).sum();
-    let sh_degree = units.iter().map(|unit| unit.sh_degree).max().unwrap_or(0);
-    let is_antialiased = units.iter().any(|unit| unit.meta.is_antialiased);
-    let mut builder = Builder::new(sh_degree, total)?;
-    let mut before = 0;
-    for unit in units {
-        let count = unit.meta.count;
-        unit.decode(source, &mut builder, |done| (watch.progress)((before + done) as f64 / total.max(1) as f64))?;
-        before += count;
-    }
-    let (gaussians, tally) = builder.finish();
-    Ok(Scene { gaussians, tally, format, is_antialiased, notices: Vec::new() })
-}
-
-/// One `meta.json` and its textures.
-struct Unit {
-    meta: Meta,
-    files: Files,
-    sh_degree: u32,
-}
-
-impl Unit {
-    fn open(mut files: Files, json: &str) -> Result<Self> {
-        let json = files.read(json, meta::MAX_BYTES)?;
-        Self::parse(&json, files)
-    }
-
-    fn parse(json: &[u8], mut files: Files) -> Result<Self> {
-        let meta = Meta::parse(json)?;
-        let names: Vec<&str> = meta.textures().map(|(_, name)| name).collect();
-        let bytes = files.bytes(&names)?;
-        let most = bytes.saturating_mul(MAX_RATIO) / TEXEL_BYTES;
-        ensure!(
-            meta.count as u64 <= most,
-            "meta.json claims {} Gaussians, textures of {bytes} bytes hold {most} at most",
-            meta.count
-        );
-        let sh_degree = match &meta.palette {
-            None => 0,
-            Some(palette) => {
-                let centroids = files.read(&palette.centroids, meta::CENTROIDS.most_bytes())?;
-                palette.sh_degree(texture::size(&palette.centroids, &centroids)?)?
-            }
-        };
-        Ok(Self { meta, files, sh_degree })
-    }
-
-    /// Adds the Gaussians, and tells `progress` how many of them there are so far.
-    fn decode(mut self, source: &mut Source, builder: &mut Builder, progress: impl Fn(usize)) -> Result<()> {
-        source.before_block(builder)?;
-        let textures = self.textures()?;
-        let texels = Texels { textures: &textures, meta: &self.meta, sh_degree: self.sh_degree };
-        texels.check_labels()?;
-        for first in (0..self.meta.count).step_by(BLOCK) {
-            source.before_block(builder)?;
-            let count = BLOCK.min(self.meta.count - first);
-            builder.extend(count, |index, sh| texels.gaussian(first + index, sh));
-            progress(first + count);
-        }
-        Ok(())
-    }
-
-    /// Decodes all textures at once.
-    fn textures(&mut self) -> Result<Vec<Texture>> {
-        let mut files = Vec::new();
-        for (bounds, name) in self.meta.textures() {
-            files.push((bounds, name, self.files.read(name, bounds.most_bytes())?));
-        }
-        files.par_iter().map(|(bounds, name, bytes)| Texture::decode(name, bytes, *bounds)).collect()
-    }
-}
-
-/// The textures in the order of [`Meta::textures`], and what they mean.
-struct Texels<'t> {
-    textures: &'t [Texture],
-    meta: &'t Meta,
-    sh_degree: u32,
-}
-
-impl Texels<'_> {
-    fn label(&self, index: usize) -> usize {
-        let [low, high, ..] = self.textures[6].texel(index);
-        usize::from(u16::from_le_bytes([low, high]))
-    }
-
-    /// Refuses Gaussians whose coefficients are not in the palette.
-    fn check_labels(&self) -> Result<()> {
-        let Some(palette) = &self.meta.palette else { return Ok(()) };
-        let room = self.textures[5].texels() / (sh_coefficients(self.sh_degree) - 1);
-        let entries = palette.count.unwrap_or(room);
-        ensure!(entries <= room, "meta.json claims {entries} palette entries, {} holds {room}", palette.centroids);
-        let outside = (0..self.meta.count).into_par_iter().find_first(|index| self.label(*index) >= entries);
-        match outside {
-            Some(index) => bail!("Gaussian {index} has palette entry {}, there are {entries}", self.label(index)),
-            None => Ok(()),
-        }
-    }
-
-    fn gaussian(&self, index: usize, sh: &mut [[f32; 3]]) -> Raw {
-        let meta = self.meta;
-        let [low, high, scale, rotation, colour] = std::array::from_fn(|i| self.textures[i].texel(index));
-        let look_up = |tables: &[meta::Table; 3], texel: [u8; 4]| -> [f32; 3] {
-            std::array::from_fn(|i| tables[i][usize::from(texel[i])])
-        };
-        sh[0] = look_up(&meta.colours, colour);
-        if let Some(palette) = &meta.palette {
-            let coefficients = sh_coefficients(self.sh_degree) - 1;
-            // 64 entries a row, each as wide as it has coefficients: they lie one after another.
-            let entry = self.label(index) * coefficients;
-            for (i, coefficient) in sh[1..=coefficients].iter_mut().enumerate() {
-                let bytes = self.textures[5].texel(entry + i);
-                *coefficient = std::array::from_fn(|channel| palette.values[usize::from(bytes[channel])]);
-            }
-        }
-        Raw {
-            mean: std::array::from_fn(|axis| {
-                let [min, max] = meta.means[axis];
-                let range = if max == min { 1.0 } else { max - min };
-                let t = min + range * f64::from(u16::from_le_bytes([low[axis], high[axis]])) / 65535.0;
-                t.abs().exp_m1().copysign(t)
-            }),
-            log_scale: look_up(&meta.log_scales, scale).map(f64::from),
-            rotation: rotation_smallest_three(rotation),
-            opacity_logit: meta.opacity_logits[usize::from(colour[3])],
-        }
-    }
-}
-
-/// Three components of w x y z in a byte each, and in the last byte, from 252 up, which is missing: the largest, positive.
-/// Other last bytes stand for no rotation.
-fn rotation_smallest_three([a, b, c, last]: [u8; 4]) -> [f64; 4] {
-    let Some(largest) = last.checked_sub(252).map(usize::from) else { return [1.0, 0.0, 0.0, 0.0] };
-    around_largest(largest, [a, b, c].map(|byte| (f64::from(byte) / 127.5 - 1.0) / 2_f64.sqrt()))
 }

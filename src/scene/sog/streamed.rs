@@ -8,7 +8,7 @@ use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
 use super::files::{Files, inside};
-use super::{Unit, decode_all};
+use super::unit::{Unit, decode_all};
 use crate::scene::source::Source;
 use crate::scene::{Cancelled, Scene, Watch};
 

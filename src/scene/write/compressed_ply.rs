@@ -5,8 +5,8 @@ use std::io::Write;
 
 use anyhow::Result;
 
-use super::{Row, base_colour, to_byte, write_rows};
-use crate::scene::compressed_ply::CHUNK;
+use super::rows::{Row, base_colour, to_byte, write_rows};
+use crate::scene::ply::CHUNK;
 use crate::scene::{Gaussians, rest_values};
 
 /// Log scales are kept within it, as in other writers: a flat Gaussian's would be infinite.

@@ -3,6 +3,7 @@
 mod compressed_ply;
 mod gltf;
 mod ply;
+mod rows;
 mod sog;
 mod splat;
 mod spz;
@@ -13,8 +14,7 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use rayon::prelude::*;
 
-use super::canonical::BLOCK;
-use super::harmonics::C0;
+use self::rows::to_byte;
 use super::{Gaussians, morton};
 use crate::host_memory::OutOfMemory;
 
@@ -103,47 +103,6 @@ impl SceneFile {
 /// Volume times opacity.
 fn importance(gaussians: &Gaussians, index: usize) -> f32 {
     gaussians.scales()[index].iter().product::<f32>() * gaussians.opacities()[index]
-}
-
-/// Writes `count` rows of `bytes` each, encoded on all cores, a block at a time.
-fn write_rows(
-    out: &mut impl Write,
-    count: usize,
-    bytes: usize,
-    encode: impl Fn(usize, &mut [u8]) + Sync,
-) -> Result<()> {
-    let mut rows = Vec::new();
-    for first in (0..count).step_by(BLOCK) {
-        rows.resize(BLOCK.min(count - first) * bytes, 0);
-        rows.par_chunks_exact_mut(bytes).enumerate().for_each(|(i, row)| encode(first + i, row));
-        out.write_all(&rows)?;
-    }
-    Ok(())
-}
-
-/// Fills a row of bytes from the front.
-struct Row<'r>(&'r mut [u8]);
-
-impl Row<'_> {
-    fn put<const N: usize>(&mut self, bytes: [u8; N]) {
-        let (head, tail) = std::mem::take(&mut self.0).split_at_mut(N);
-        head.copy_from_slice(&bytes);
-        self.0 = tail;
-    }
-
-    fn floats(&mut self, values: impl IntoIterator<Item = f32>) {
-        values.into_iter().for_each(|value| self.put(value.to_le_bytes()));
-    }
-}
-
-/// A fraction in the nearest of 256 steps.
-fn to_byte(fraction: f64) -> u8 {
-    (fraction * 255.0).round().clamp(0.0, 255.0) as u8
-}
-
-/// The colour that a coefficient of degree 0 makes alone.
-fn base_colour(coefficient: f32) -> f64 {
-    0.5 + C0 * f64::from(coefficient)
 }
 
 /// Writes a scene that is [`SceneFile::arranged`] as SOG 2 into a folder: its textures, and `meta.json` last.

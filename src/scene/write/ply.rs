@@ -4,7 +4,7 @@ use std::io::Write;
 
 use anyhow::Result;
 
-use super::{Row, write_rows};
+use super::rows::{Row, write_rows};
 use crate::scene::canonical::logit;
 use crate::scene::{Gaussians, rest_values};
 

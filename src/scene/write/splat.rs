@@ -4,7 +4,7 @@ use std::io::Write;
 
 use anyhow::Result;
 
-use super::{Row, base_colour, to_byte, write_rows};
+use super::rows::{Row, base_colour, to_byte, write_rows};
 use crate::scene::Gaussians;
 
 pub(super) fn write(gaussians: &Gaussians, out: &mut impl Write) -> Result<()> {

@@ -5,7 +5,7 @@ use std::io::Write;
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
-use super::{Row, to_byte, write_rows};
+use super::rows::{Row, to_byte, write_rows};
 use crate::scene::edit::{axis_signs, rotation_signs};
 use crate::scene::harmonics::flip_sign;
 use crate::scene::spz::{COLOUR_SCALE, MAGIC};

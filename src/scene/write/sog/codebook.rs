@@ -107,7 +107,7 @@ impl Sorted {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::synthetic::Random;
+    use crate::scene::random::Random;
 
     fn squares(values: &[f32], book: &Codebook) -> f64 {
         values.iter().map(|v| f64::from(book.0[usize::from(book.byte(*v))] - v).powi(2)).sum()

@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use crate::scene::synthetic::Random;
+use crate::scene::random::Random;
 
 /// Rounds of Lloyd's algorithm.
 const ROUNDS: usize = 8;

@@ -2,14 +2,15 @@
 
 use anyhow::{Context, Result, ensure};
 
-use super::canonical::{BLOCK, Builder, Raw, around_largest, logit};
-use super::harmonics::C0;
-use super::ply::{Element, Encoding, Property, Scalar, skip};
-use super::source::Source;
-use super::{MAX_SH_DEGREE, Scene, checked_count, rest_values};
-use crate::host_memory::host_vec;
+use super::header::{Element, Property, Scalar};
+use super::rows::{binary_rows, skip};
+use crate::scene::canonical::{BLOCK, Builder, Raw, logit};
+use crate::scene::harmonics::C0;
+use crate::scene::rotation::from_smallest_three;
+use crate::scene::source::Source;
+use crate::scene::{MAX_SH_DEGREE, Scene, rest_values};
 
-pub(super) const CHUNK: usize = 256; // Gaussians that share their minima and maxima
+pub(in crate::scene) const CHUNK: usize = 256; // Gaussians that share their minima and maxima
 
 /// Minima and maxima of one chunk.
 struct Chunk {
@@ -70,8 +71,8 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
         source.before_block(&builder)?;
         builder.extend(BLOCK.min(count - first), |index, coefficients| decode(first + index, coefficients));
     }
-    let (gaussians, tally) = builder.finish();
-    Ok(Scene { gaussians, tally, format: "compressed PLY".to_owned(), is_antialiased: false, notices: Vec::new() })
+    let (gaussians, report) = builder.finish();
+    Ok(Scene { gaussians, report, format: "compressed PLY".to_owned(), is_antialiased: false, notices: Vec::new() })
 }
 
 fn read_chunks(source: &mut Source, element: &Element) -> Result<Vec<Chunk>> {
@@ -90,14 +91,14 @@ fn read_chunks(source: &mut Source, element: &Element) -> Result<Vec<Chunk>> {
         log_scale: scale.map(|p| p.map(|p| p.read(row))),
         colour: colour.map_or([[0.0; 3], [1.0; 3]], |c| c.map(|p| p.map(|p| p.read(row)))),
     };
-    rows(source, element, 1, |row, all| all.push(chunk(row)))
+    binary_rows(source, element, 1, |row, all| all.push(chunk(row)))
 }
 
 fn read_vertices(source: &mut Source, element: &Element) -> Result<Vec<[u32; 4]>> {
     let [position, rotation, scale, colour] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
         .map(|n| of_kind(element, n, Scalar::U32));
     let properties = [position?, rotation?, scale?, colour?];
-    rows(source, element, 1, |row, all| all.push(properties.map(|p| p.read(row) as u32)))
+    binary_rows(source, element, 1, |row, all| all.push(properties.map(|p| p.read(row) as u32)))
 }
 
 /// The degree, and the bytes of all Gaussians one after another.
@@ -107,7 +108,7 @@ fn read_sh(source: &mut Source, element: &Element) -> Result<(u32, Vec<u8>)> {
     let degree = degree.with_context(|| format!("element sh has {rest} f_rest properties, expected 9, 24 or 45"))?;
     let properties = (0..rest).map(|i| of_kind(element, &format!("f_rest_{i}"), Scalar::U8));
     let properties = properties.collect::<Result<Vec<_>>>()?;
-    let bytes = rows(source, element, rest, |row, all| all.extend(properties.iter().map(|p| row[p.offset])))?;
+    let bytes = binary_rows(source, element, rest, |row, all| all.extend(properties.iter().map(|p| row[p.offset])))?;
     Ok((degree, bytes))
 }
 
@@ -116,25 +117,6 @@ fn of_kind<'e>(element: &'e Element, name: &str, kind: Scalar) -> Result<&'e Pro
     let property = element.property(name)?;
     ensure!(property.kind == kind, "property {name} of element {} is not of type {kind:?}", element.name);
     Ok(property)
-}
-
-/// Reads every row of an element: `take` appends `per_row` values of it.
-fn rows<T>(
-    source: &mut Source,
-    element: &Element,
-    per_row: usize,
-    take: impl Fn(&[u8], &mut Vec<T>),
-) -> Result<Vec<T>> {
-    ensure!(!element.has_list, "element {} has a list property", element.name);
-    ensure!(element.encoding != Encoding::Ascii, "packed Gaussians written as text are not supported");
-    let count = checked_count(element.count, element.stride() as u64, source.left(), &element.name)?;
-    let mut row = vec![0; element.stride()];
-    let mut all = host_vec(count * per_row, &element.name)?;
-    for _ in 0..count {
-        source.fill(&mut row, &element.name)?;
-        take(&row, &mut all);
-    }
-    Ok(all)
 }
 
 /// 11, 10 and 11 bits from the top, between the minima and maxima.
@@ -147,7 +129,10 @@ fn unpack(packed: u32, range: &[[f64; 3]; 2]) -> [f64; 3] {
 /// Two bits for the largest component of w x y z, which is positive, then ten for each of the others in order.
 fn unpack_rotation(packed: u32) -> [f64; 4] {
     let largest = (packed >> 30) as usize;
-    around_largest(largest, [20, 10, 0].map(|shift| (f64::from(packed >> shift & 1023) / 1023.0 - 0.5) * 2f64.sqrt()))
+    from_smallest_three(
+        largest,
+        [20, 10, 0].map(|shift| (f64::from(packed >> shift & 1023) / 1023.0 - 0.5) * 2f64.sqrt()),
+    )
 }
 
 /// A byte as a coefficient in -4 to 4: bucket centres, but the ends are exact.

@@ -1,0 +1,34 @@
+//! A posed photograph of a model.
+
+use std::collections::HashMap;
+
+use anyhow::{Context, Result, ensure};
+use glam::{DMat3, DQuat, DVec3};
+
+use super::models::Intrinsics;
+use crate::camera::Camera;
+use crate::camera::lens::Lens;
+
+/// A photograph: where it was taken from, and with which camera.
+pub(super) struct Photograph {
+    pub name: String,
+    /// w x y z, from the world to the camera; of any length over 0.
+    pub rotation: [f64; 4],
+    /// After the rotation, world units.
+    pub translation: [f64; 3],
+    pub camera: u32,
+}
+
+impl Photograph {
+    pub fn seen_with<'c>(&self, cameras: &'c HashMap<u32, Intrinsics>) -> Result<(Camera, &'c Lens)> {
+        let Intrinsics { focal_px, centre_px, size_px, lens } =
+            cameras.get(&self.camera).with_context(|| format!("there is no camera {}", self.camera))?;
+        let [w, x, y, z] = self.rotation;
+        let length = DQuat::from_xyzw(x, y, z, w).length();
+        ensure!(length > 0.0 && length.is_finite(), "its quaternion {w:?} {x:?} {y:?} {z:?} is no rotation");
+        let rotation = DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
+        let position = -(rotation.transpose() * DVec3::from(self.translation));
+        let camera = Camera { position, rotation, focal_px: *focal_px, centre_px: *centre_px, size_px: *size_px };
+        Ok((camera.checked()?, lens))
+    }
+}

@@ -1,0 +1,95 @@
+//! Reads the rows of an element, or skips them.
+
+use anyhow::{Context, Result, ensure};
+
+use super::header::{Element, Encoding, quoted};
+use crate::host_memory::host_vec;
+use crate::scene::source::{Source, checked_count};
+
+/// Longest line of an element that is written as text.
+const MAX_LINE_BYTES: u64 = 1 << 16;
+
+/// Reads past an element that nothing is taken from.
+pub(super) fn skip(source: &mut Source, element: &Element) -> Result<()> {
+    ensure!(
+        !element.has_list || element.encoding == Encoding::Ascii,
+        "element {} has a list property; lists before the Gaussians are not supported",
+        element.name
+    );
+    if element.encoding == Encoding::Ascii {
+        let count = checked_count(element.count, 1, source.left(), &element.name)?;
+        return (0..count).try_for_each(|_| source.line(MAX_LINE_BYTES, &element.name).map(drop));
+    }
+    let count = checked_count(element.count, element.stride() as u64, source.left(), &element.name)?;
+    source.skip((count * element.stride()) as u64, &element.name)
+}
+
+/// The rows of an element, a block at a time.
+pub(super) struct Rows<'e> {
+    element: &'e Element,
+    pub count: usize,
+    bytes: Vec<u8>,
+}
+
+impl<'e> Rows<'e> {
+    pub fn of(source: &Source, element: &'e Element) -> Result<Self> {
+        ensure!(!element.has_list, "element {} has a list property", element.name);
+        let is_text = element.encoding == Encoding::Ascii;
+        // A number and a space or an end of line at least.
+        let least = if is_text { 2 * element.properties.len() } else { element.stride() };
+        // The last line may have no end.
+        let available = source.left() + u64::from(is_text);
+        let count = checked_count(element.count, least as u64, available, "vertices")?;
+        Ok(Self { element, count, bytes: Vec::new() })
+    }
+
+    /// How rows are kept: as in the file, or where that is text, as 64-bit floats.
+    pub fn kept(&self) -> Element {
+        if self.element.encoding == Encoding::Ascii { self.element.widened() } else { self.element.clone() }
+    }
+
+    /// Reads the next rows. Returns all of them.
+    pub fn next(&mut self, source: &mut Source, first: usize, count: usize) -> Result<&[u8]> {
+        if self.element.encoding != Encoding::Ascii {
+            if self.bytes.capacity() == 0 {
+                self.bytes = host_vec(count * self.element.stride(), "vertices")?;
+            }
+            self.bytes.resize(count * self.element.stride(), 0);
+            source.fill(&mut self.bytes, "the vertices")?;
+            return Ok(&self.bytes);
+        }
+        self.bytes.clear();
+        for row in first..first + count {
+            let line = source.last_line(MAX_LINE_BYTES, "the vertices")?;
+            let mut words = line.split_ascii_whitespace();
+            for property in &self.element.properties {
+                let word = words.next().with_context(|| format!("vertex {row} has no {}", property.name))?;
+                let value: f64 = word.parse().with_context(|| {
+                    format!("vertex {row}: '{}' for {} is not a number", quoted(word), property.name)
+                })?;
+                self.bytes.extend(value.to_le_bytes());
+            }
+            ensure!(words.next().is_none(), "vertex {row} has more numbers than properties");
+        }
+        Ok(&self.bytes)
+    }
+}
+
+/// Reads every row of an element: `take` appends `per_row` values of it.
+pub(super) fn binary_rows<T>(
+    source: &mut Source,
+    element: &Element,
+    per_row: usize,
+    take: impl Fn(&[u8], &mut Vec<T>),
+) -> Result<Vec<T>> {
+    ensure!(!element.has_list, "element {} has a list property", element.name);
+    ensure!(element.encoding != Encoding::Ascii, "packed Gaussians written as text are not supported");
+    let count = checked_count(element.count, element.stride() as u64, source.left(), &element.name)?;
+    let mut row = vec![0; element.stride()];
+    let mut all = host_vec(count * per_row, &element.name)?;
+    for _ in 0..count {
+        source.fill(&mut row, &element.name)?;
+        take(&row, &mut all);
+    }
+    Ok(all)
+}
