@@ -7,9 +7,9 @@ use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::host_memory::OutOfMemory;
 use smalto::options::Options;
-use smalto::rules::Background;
 use smalto::reference;
-use smalto::render::{Capacity, GpuScene, Renderer, PortableWorkspace};
+use smalto::render::{Capacity, GpuScene, PortableWorkspace, Renderer};
+use smalto::rules::Background;
 use smalto::scene::{Raw, synthetic};
 
 #[test]

@@ -4,9 +4,9 @@ use crate::common::{Gpu, compare};
 use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::options::Options;
-use smalto::rules::Background;
 use smalto::reference;
 use smalto::render::{GpuScene, Renderer};
+use smalto::rules::Background;
 use smalto::scene::synthetic;
 
 fn camera(size: [u32; 2]) -> Camera {

@@ -12,9 +12,9 @@ use smalto::gpu::{
 };
 use smalto::host_memory::OutOfMemory;
 use smalto::options::Options;
-use smalto::rules::Background;
 use smalto::reference;
 use smalto::render::*;
+use smalto::rules::Background;
 use smalto::scene::synthetic;
 
 /// A device whose complaints do not fail the test.

@@ -5,6 +5,15 @@ mod common;
 
 mod extreme_counts;
 mod fast_path;
+mod fast_stages;
 mod harness;
 mod portable;
+mod portable_frame;
+mod radix_sort;
 mod shader_interface;
+
+/// Around the subgroup (8, 32), the workgroup (256), the chunks (1024, 2048), and 16-bit counts.
+pub const SIZES: [usize; 24] = [
+    0, 1, 7, 8, 9, 31, 32, 33, 255, 256, 257, 1023, 1024, 1025, 2047, 2048, 2049, 4095, 4096, 4097, 65_535, 65_536,
+    65_537, 300_000,
+];
