@@ -55,10 +55,11 @@ impl FromStr for Storage {
 #[serde(deny_unknown_fields)]
 pub struct Options {
     pub rules: Rules,
-    /// A pixel is finished as soon as its transmittance is below this. No colour moves by more than this fraction of the
-    /// brightest colour.
+    /// A pixel is finished as soon as its transmittance is below this. No colour moves by more than this fraction of
+    /// the brightest colour.
     pub stop: f32,
-    /// Most significant bits of the depth key that are sorted, 8 to 32. A scene whose depths need fewer bits uses fewer.
+    /// Most significant bits of the depth key that are sorted, 8 to 32. A scene whose depths need fewer bits uses
+    /// fewer.
     pub key_bits: u32,
     /// Spherical harmonics above this degree are left out.
     pub sh_degree: u32,

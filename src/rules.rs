@@ -1,4 +1,4 @@
-//! The rules of the picture: what is drawn in exact arithmetic, whatever the speed.
+//! The rules of a picture. They define its colours in exact arithmetic; speed plays no part.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,50 +7,55 @@ use anyhow::Context;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A contribution below this is skipped: one 8-bit step, part of the trained model. The 32-bit value, like every
-/// threshold here: what an f32 renderer compares with.
+/// Contributions with a lower alpha are skipped: one 8-bit step, part of the trained model. Thresholds are 32-bit
+/// floats because f32 renderers compare with them.
 pub const ALPHA_MIN: f32 = 1.0 / 255.0;
-/// No splat covers more.
+/// Largest alpha of a splat at a pixel.
 pub const ALPHA_MAX: f32 = 0.99;
-/// The splat that would take the transmittance below this is not added, and ends the pixel.
+/// A pixel ends before the splat that would take its transmittance below this.
 pub const TRANSMITTANCE_MIN: f32 = 1e-4;
-/// px^2, added to both diagonal entries of a projected covariance.
+/// The alpha down to which splats are listed when a certificate is computed.
+pub const LISTED_ALPHA: f32 = 1e-12;
+/// px^2, added to both diagonal entries of a projected covariance (the low-pass of the original 3DGS).
 pub const LOW_PASS: f64 = 0.3_f32 as f64;
-/// The least factor on an opacity that makes up for the low-pass, so that small splats do not vanish (gsplat since
+/// Smallest factor on an opacity that compensates for the low-pass, so that small splats do not vanish (gsplat since
 /// commit 421f7698).
 pub const COMPENSATION_MIN: f64 = 0.005;
-/// px, width and height of a tile.
+/// Width and height of a tile in pixels.
 pub const TILE: u32 = 16;
 
-/// What the picture is, in exact arithmetic. A trained scene looks as it was trained under the rules of its trainer.
+/// The rules of a picture in exact arithmetic. A trained scene looks as in training when it is drawn by the rules of
+/// its trainer.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rules {
-    /// World units: a Gaussian whose mean is not farther ahead of the camera than this is not drawn.
+    /// Near plane in world units: a Gaussian is drawn only if the view depth of its mean is larger.
     pub near: f32,
+    /// Sort key of the splats.
     pub order: Order,
+    /// How far from its mean a splat is drawn.
     pub extent: Footprint,
     /// Contributions below this alpha are skipped.
     pub alpha_min: f32,
-    /// No splat covers more.
+    /// Largest alpha of a splat at a pixel.
     pub alpha_max: f32,
-    /// The splat that would take the transmittance below this is not added, and ends the pixel.
+    /// A pixel ends before the splat that would take its transmittance below this.
     pub transmittance_min: f32,
-    /// The opacity of a splat is lowered as the low-pass widens it (Mip-Splatting, Yu et al. 2024): for scenes that were
-    /// trained so.
+    /// Multiplies the opacity of a splat by the ratio of its areas before and after the low-pass (Mip-Splatting, Yu et
+    /// al. 2024). For scenes that were trained so.
     pub antialiased: bool,
 }
 
-/// What splats are sorted by, front to back. Equal ones stay in the order of the file.
+/// Sort key of the splats, front to back. Splats with equal keys keep the order of the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Order {
-    /// The view depth of the mean as a 32-bit float: how scenes are trained.
+    /// View depth of the mean as a 32-bit float. Scenes are trained in this order.
     Depth,
-    /// The distance of the mean from the camera as a 32-bit float: KHR_gaussian_splatting.
+    /// Distance of the mean from the camera as a 32-bit float (KHR_gaussian_splatting).
     Distance,
-    /// In every pixel anew, the depth at which the Gaussian is densest along the ray (StopThePop, Radl et al. 2024). The
-    /// reference alone can do it.
+    /// Per pixel, the depth at which the Gaussian is densest along the ray (StopThePop, Radl et al. 2024). Only the
+    /// reference supports it.
     PerPixel,
 }
 
@@ -58,11 +63,12 @@ pub enum Order {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Footprint {
-    /// Until its alpha falls below the threshold: nothing is cut.
+    /// Up to where its alpha falls below the threshold; nothing is cut.
     Exact,
-    /// The same, but nowhere beyond three standard deviations: KHR_gaussian_splatting.
+    /// As `Exact`, but at most three standard deviations (KHR_gaussian_splatting).
     ThreeSigma,
-    /// In the tiles of the square that three standard deviations along its longest axis reach: the original 3DGS.
+    /// In all tiles of the square whose half side is three standard deviations along the longest axis (the original
+    /// 3DGS).
     ThreeSigmaSquares,
 }
 
@@ -113,7 +119,7 @@ impl FromStr for Footprint {
 }
 
 impl Rules {
-    /// Those of the original 3DGS (Kerbl et al. 2023), with footprints that are not cut.
+    /// The rules of the original 3DGS (Kerbl et al. 2023), with footprints that are not cut.
     pub const TRAINED: Self = Self {
         near: 0.2,
         order: Order::Depth,
@@ -123,12 +129,12 @@ impl Rules {
         transmittance_min: TRANSMITTANCE_MIN,
         antialiased: false,
     };
-    /// The original program (diff-gaussian-rasterization), tiles cut at three standard deviations included.
+    /// The rules of the original program (diff-gaussian-rasterization), which cuts footprints to squares of tiles.
     pub const INRIA: Self = Self { extent: Footprint::ThreeSigmaSquares, ..Self::TRAINED };
-    /// gsplat 1.5.3, which also draws a mean that lies at the near plane.
+    /// The rules of gsplat 1.5.3. Its near plane is inclusive: it also draws a mean exactly on it.
     pub const GSPLAT: Self = Self { near: 0.01_f32.next_down(), alpha_max: 0.999, ..Self::TRAINED };
-    /// KHR_gaussian_splatting (glTF), which has no threshold, no cap and no stop; alphas below 1e-5 are skipped all the
-    /// same.
+    /// The rules of KHR_gaussian_splatting (glTF). The specification has no alpha threshold, cap or stop; here, alphas
+    /// below 1e-5 are skipped to bound the footprints.
     pub const KHR: Self = Self {
         order: Order::Distance,
         extent: Footprint::ThreeSigma,
@@ -138,28 +144,41 @@ impl Rules {
         ..Self::TRAINED
     };
 
-    /// The same with hardly a contribution left out: what alpha thresholds and stops approximate.
+    /// These rules without stop and with a threshold of 1e-9: the sum that thresholds and stops approximate.
     pub fn complete(self) -> Self {
         Self { alpha_min: 1e-9, transmittance_min: 0.0, extent: Footprint::Exact, ..self }
     }
 }
 
-/// What lies behind the scene: a colour, or nothing.
+/// The background of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Background {
     /// Red, green, blue as displayed; 1 is white.
     Colour([f32; 3]),
+    /// None: the picture keeps its coverage as alpha.
     Transparent,
 }
 
 impl Background {
+    /// Opaque black.
     pub const BLACK: Self = Self::Colour([0.0; 3]);
 
-    /// What is blended behind the last splat.
+    /// The colour that is blended behind the last splat; black if transparent.
     pub fn colour(self) -> [f32; 3] {
         match self {
             Self::Colour(colour) => colour,
             Self::Transparent => [0.0; 3],
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn command_line_names_are_those_of_reports() {
+        assert!(Order::NAMES.iter().all(|(name, order)| serde_json::json!(order) == *name));
+        assert!(Footprint::NAMES.iter().all(|(name, footprint)| serde_json::json!(footprint) == *name));
     }
 }

@@ -1,4 +1,4 @@
-//! `smalto compare`: how far pictures are apart, and whether that is too far.
+//! `smalto compare`: the differences of pictures, and whether they are over a threshold.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -10,43 +10,43 @@ use anyhow::{Context, Result, bail, ensure};
 use super::table::{say_table, table};
 use super::{OverThreshold, Usage, progress, say, size_text};
 use crate::files::{check_writable, write_whole};
-use crate::measure::metrics::{Difference, Flip, Pair, Report, flip};
+use crate::measure::metrics::{Difference, Flip, PIXELS_PER_DEGREE, Pair, Report, flip};
 use crate::pixels::{FileKind, Pixels};
 use crate::scene::Unreadable;
 
-/// Compare pictures: error, PSNR, SSIM, FLIP, and what changes in 8 bits
+/// Compare pictures: largest error, PSNR, SSIM, FLIP and changes in 8 bits
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// PNG, JPEG, EXR or .npy file, recognized by content; or a folder of them, compared with those of the same names.
-    /// Alpha is not compared. One channel is grey, and NaN in it, where no depth is, 0
+    /// PNG, JPEG, EXR or .npy file, recognized by its content; or a folder, whose files are compared with those of the
+    /// same names. Alpha is ignored. A single channel is read as grey, and NaN in it (no depth) as 0
     a: PathBuf,
-    /// The other file or folder; the order makes no difference
+    /// The other file or folder. The order of the two does not matter
     b: PathBuf,
-    /// Draw where FLIP sees a difference, black to bright, as PNG; for folders, to a folder
+    /// Write the FLIP map as PNG, from black (equal) to bright (different); for folders, into a folder
     #[arg(long, value_name = "FILE|DIR")]
     heatmap: Option<PathBuf>,
     /// Write the report as JSON (docs/compare.schema.json); - prints it instead of the table
     #[arg(long, value_name = "FILE|-")]
     json: Option<PathBuf>,
-    /// Pixels in a degree of the field of view, at which FLIP takes the pictures to be seen
-    #[arg(long, value_name = "PIXELS", default_value_t = crate::measure::metrics::PIXELS_PER_DEGREE, value_parser = within(1.0, 1000.0))]
+    /// Pixels per degree of the viewer's field of view, for FLIP
+    #[arg(long, value_name = "PIXELS", default_value_t = PIXELS_PER_DEGREE, value_parser = within(1.0, 1000.0))]
     ppd: f64,
-    /// Exit code 6 if a colour value differs by more, where white is 1. Like the others below it is never met by a
-    /// picture with infinities or NaN
+    /// Exit code 6 if a colour value differs by more; white is 1. No threshold is met by a picture with infinities or
+    /// NaN
     #[arg(long, value_name = "ERROR", value_parser = within(0.0, 1e6))]
     max_error: Option<f64>,
-    /// Exit code 6 if a PSNR is lower, in dB
+    /// Exit code 6 if the PSNR of a pair is lower, in dB
     #[arg(long, value_name = "DB", value_parser = within(-1000.0, 1000.0))]
     min_psnr: Option<f64>,
-    /// Exit code 6 if an SSIM is lower, from -1 to 1
+    /// Exit code 6 if the SSIM of a pair is lower, from -1 to 1
     #[arg(long, value_name = "SSIM", value_parser = within(-1.0, 1.0))]
     min_ssim: Option<f64>,
-    /// Exit code 6 if a mean FLIP is higher, from 0 to 1
+    /// Exit code 6 if the mean FLIP of a pair is higher, from 0 to 1
     #[arg(long, value_name = "FLIP", value_parser = within(0.0, 1.0))]
     max_flip: Option<f64>,
 }
 
-/// A number from `low` to `high`.
+/// Parses a number from `low` to `high`.
 fn within(low: f64, high: f64) -> impl Fn(&str) -> Result<f64> + Clone {
     move |text| match text.parse() {
         Ok(number) if (low..=high).contains(&number) => Ok(number),
@@ -70,7 +70,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
         compared.push(pair);
     }
     drop(bar);
-    let worst = Difference::worst(compared.iter().map(|pair| &pair.difference)).context("there is a pair")?;
+    let worst =
+        Difference::worst(compared.iter().map(|pair| &pair.difference)).context("there are no pictures to compare")?;
     let report = Report { format: Report::FORMAT.to_owned(), pixels_per_degree: args.ppd, pairs: compared, worst };
     match &args.json {
         Some(file) if file.as_os_str() == "-" => say!("{}", serde_json::to_string_pretty(&report)?)?,
@@ -83,7 +84,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     judge(args, &report.pairs)
 }
 
-/// The files to compare: these two, or those of one name in two folders.
+/// The files to compare: `a` and `b`, or the files with the same name in both folders.
 fn pairs(a: &Path, b: &Path) -> Result<Vec<[PathBuf; 2]>> {
     match [a, b].map(Path::is_dir) {
         [false, false] => Ok(vec![[a.to_owned(), b.to_owned()]]),
@@ -102,7 +103,7 @@ fn pairs(a: &Path, b: &Path) -> Result<Vec<[PathBuf; 2]>> {
     }
 }
 
-/// The files in a folder but for hidden ones.
+/// The names of the files in a folder, without hidden ones.
 fn file_names(folder: &Path) -> Result<BTreeSet<OsString>> {
     let unreadable = || format!("cannot read the folder {}", folder.display());
     let mut names = BTreeSet::new();
@@ -115,27 +116,27 @@ fn file_names(folder: &Path) -> Result<BTreeSet<OsString>> {
     Ok(names)
 }
 
-/// Fails if a file is in one folder alone.
+/// Fails if a file of `folder` is missing in `other`.
 fn partners(folder: &Path, names: &BTreeSet<OsString>, other: &Path, others: &BTreeSet<OsString>) -> Result<()> {
     let mut alone = names.difference(others);
     if let Some(name) = alone.next() {
         let more = match alone.count() {
             0 => String::new(),
-            more => format!(", nor have {more} more"),
+            more => format!(", and {more} more have none"),
         };
         bail!("{} has no partner in {}{more}", folder.join(name).display(), other.display());
     }
     Ok(())
 }
 
-/// What cannot be written is known before anything is compared, and nothing is written over a picture.
+/// Fails before anything is compared if an output cannot be written or would overwrite an input.
 fn check_outputs(args: &Args, pairs: &[[PathBuf; 2]], is_folder: bool) -> Result<()> {
     let json = args.json.as_deref().filter(|file| file.as_os_str() != "-");
     let inputs: BTreeSet<_> =
         pairs.iter().flatten().chain([&args.a, &args.b]).filter_map(|file| file.canonicalize().ok()).collect();
     for output in args.heatmap.as_deref().into_iter().chain(json) {
         if output.canonicalize().is_ok_and(|output| inputs.contains(&output)) {
-            return Err(Usage(format!("{} would be written over, and is to be compared", output.display())).into());
+            return Err(Usage(format!("{} is an input and would be overwritten", output.display())).into());
         }
     }
     match args.heatmap.as_deref() {
@@ -143,7 +144,7 @@ fn check_outputs(args: &Args, pairs: &[[PathBuf; 2]], is_folder: bool) -> Result
             fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?
         }
         Some(file) if FileKind::of(file).ok() != Some(FileKind::Png) => {
-            return Err(Usage(format!("--heatmap {}: it is written as .png", file.display())).into());
+            return Err(Usage(format!("--heatmap {}: expected a name that ends in .png", file.display())).into());
         }
         Some(file) => check_writable(file)?,
         None => {}
@@ -156,7 +157,7 @@ fn compare([a, b]: &[PathBuf; 2], ppd: f64) -> Result<(Pair, Flip)> {
     let [size, other] = pixels.each_ref().map(|p| p.size);
     ensure!(
         size == other,
-        "{} is of {} pixels and {} of {}: pictures to compare have one size",
+        "{} has {} pixels and {} has {}: pictures must have the same size",
         a.display(),
         size_text(size),
         b.display(),
@@ -171,7 +172,7 @@ fn read(file: &Path) -> Result<Pixels> {
     Pixels::read(file).map_err(|problem| Unreadable::new(file, &problem).into())
 }
 
-/// The map as colours from black over purple and orange to pale yellow.
+/// The FLIP map in the magma colour map: black, purple, orange, pale yellow.
 fn draw(flip: &Flip, size: [u32; 2]) -> Pixels {
     let colour = |value: &f32| {
         let (r, g, b) = colorous::MAGMA.eval_rational((value * 255.0).round() as usize, 256).as_tuple();
@@ -184,7 +185,7 @@ fn name(path: &str) -> String {
     Path::new(path).file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// A heatmap's name in its folder.
+/// The file name of a heatmap in its folder.
 fn picture_name(pair: &Pair) -> String {
     let name = name(&pair.a);
     if name.ends_with(".png") { name } else { format!("{name}.png") }
@@ -195,7 +196,7 @@ fn title(pair: &Pair) -> String {
     if a == b { a } else { format!("{a}, {b}") }
 }
 
-/// A row a pair; for folders, the worst of each column below.
+/// Prints one row per pair and, for folders, the worst value of each column.
 fn print(report: &Report, is_folder: bool) -> Result<()> {
     let header = [
         "",
@@ -238,24 +239,24 @@ fn row(title: String, difference: &Difference) -> [String; 11] {
     ]
 }
 
-/// A measure and how bad it may be.
+/// A threshold on a measure.
 struct Limit {
     option: &'static str,
     measure: &'static str,
     bound: f64,
-    /// Whether larger is better.
+    /// Larger values are better, so the bound is the least allowed.
     is_least: bool,
-    /// `None` where there is no such measure.
+    /// `None` if the pair has no such measure.
     value: fn(&Difference) -> Option<f64>,
 }
 
 impl Limit {
-    /// Those that were asked for.
+    /// The thresholds on the command line.
     fn all(args: &Args) -> Vec<Self> {
         let limit = |option, measure, bound: Option<f64>, is_least, value| {
             bound.map(|bound| Self { option, measure, bound, is_least, value })
         };
-        // The difference of two values is an f32, and so is what it is held against.
+        // The largest difference is an f32, so the bound is rounded in the same way.
         let max_error = args.max_error.map(|bound| f64::from(bound as f32));
         let all = [
             limit("--max-error", "largest error", max_error, false, |d| Some(f64::from(d.max_error))),
@@ -266,7 +267,7 @@ impl Limit {
         all.into_iter().flatten().collect()
     }
 
-    /// By how much a difference is over it; infinitely if it holds no such measure or no finite one.
+    /// The amount by which a difference is over the threshold; infinite if the measure is missing or not finite.
     fn excess(&self, difference: &Difference) -> f64 {
         match (self.value)(difference) {
             Some(value) if difference.non_finite == 0 && !value.is_nan() => {
@@ -280,7 +281,7 @@ impl Limit {
         }
     }
 
-    /// What is wrong with the pair that is farthest over, if one is.
+    /// Describes the pair that is farthest over the threshold, if any is over it.
     fn complaint(&self, pairs: &[Pair]) -> Option<String> {
         let excess = |pair: &&Pair| self.excess(&pair.difference);
         let worst = pairs.iter().filter(|pair| excess(pair) > 0.0).max_by(|x, y| excess(x).total_cmp(&excess(y)))?;
@@ -291,8 +292,8 @@ impl Limit {
                 let than = if self.is_least { "under" } else { "over" };
                 format!("{title}: {measure} {} is {than} {option} {bound}", value as f32)
             }
-            (0, None) => format!("{title}: it is too small for {option} {bound}, {measure} takes 11 pixels a side"),
-            (pixels, _) => format!("{title}: {pixels} of its pixels are not finite, which no {option} allows"),
+            (0, None) => format!("{title}: too small for {option} {bound}: {measure} needs at least 11x11 pixels"),
+            (pixels, _) => format!("{title}: pixels with infinities or NaN: {pixels}; {option} allows none"),
         })
     }
 }

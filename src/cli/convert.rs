@@ -1,4 +1,4 @@
-//! `smalto convert`: scenes to another file, changed on the way.
+//! `smalto convert`: writes one or several scenes to another file, optionally changed.
 
 use std::path::{Path, PathBuf};
 
@@ -12,41 +12,43 @@ use super::{ReadingArgs, SceneArg, Usage, progress, remark, say};
 use crate::files::{check_writable, write_checked};
 use crate::scene::{self, Gaussians, Loss, MAX_SH_DEGREE, Scene, SceneFile, Transform, write_sog_folder};
 
-/// Write a scene, or several as one, to another file: what was lost on the way is told
+/// Convert a scene, or several joined, to another file, and report what the format loses
 #[derive(clap::Args)]
 #[command(
     override_usage = "smalto convert [OPTIONS] <IN>... <OUT>",
     after_help = "\
-Inputs are flipped and turned upright, joined, transformed step by step, cropped, filtered, and cut to a degree, in this order.
-The file is read again before it takes its name, and compared with what was to be written."
+Order of the steps: --flip and --up for each input, join, --transform, --crop, --min-opacity, --sh-degree.
+The file is read back and compared before it replaces an existing one."
 )]
 pub(super) struct Args {
-    /// Scene files as of `smalto render`, then the file to write: .ply, .compressed.ply, .splat, .spz, .sog, meta.json (of a SOG in a folder) or .glb
+    /// Scene files as for `smalto render`, then the file to write: .ply, .compressed.ply, .splat, .spz, .sog, meta.json
+    /// (a SOG in a folder) or .glb
     #[arg(required = true, num_args = 2.., value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Leave out spherical harmonics over this degree
+    /// Leave out spherical harmonics above this degree
     #[arg(long, value_name = "DEGREE", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_SH_DEGREE)))]
     sh_degree: Option<u32>,
-    /// translate=X,Y,Z, rotate=X,Y,Z (degrees about x, then y, then z) or scale=FACTOR. Several are applied one after another
+    /// translate=X,Y,Z, rotate=X,Y,Z (degrees about x, then y, then z) or scale=FACTOR. May be given several times; the
+    /// steps are applied in order
     #[arg(long, value_name = "STEP", allow_hyphen_values = true, value_parser = parse_step)]
     transform: Vec<Transform>,
-    /// Keep the Gaussians whose means are in box=X,Y,Z,X,Y,Z (two corners) or sphere=X,Y,Z,RADIUS
+    /// Keep the Gaussians whose means lie in box=X,Y,Z,X,Y,Z (two corners) or sphere=X,Y,Z,RADIUS
     #[arg(long, value_name = "SHAPE", value_parser = parse_shape)]
     crop: Option<Shape>,
-    /// Leave out Gaussians that are less opaque, from 0 to 1
+    /// Leave out Gaussians with a lower opacity, from 0 to 1
     #[arg(long, value_name = "OPACITY")]
     min_opacity: Option<f32>,
-    /// Version of a .spz file
+    /// Version of the .spz file
     #[arg(long, value_name = "3|4", default_value_t = 4, value_parser = clap::value_parser!(u32).range(3..=4))]
     spz_version: u32,
-    /// Print JSON
+    /// Print the report as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     reading: ReadingArgs,
 }
 
-/// Where means are kept, world units.
+/// The region in which Gaussians are kept, in world units.
 #[derive(Clone, Copy)]
 enum Shape {
     Box([f64; 3], [f64; 3]),
@@ -60,25 +62,25 @@ struct Report {
     bytes: u64,
     gaussians: usize,
     sh_degree: u32,
-    /// Asked for by a crop or an opacity.
+    /// Gaussians left out by --crop or --min-opacity.
     removed: usize,
-    /// Fully transparent in the file's steps.
+    /// Gaussians left out because the format rounds their opacity to 0.
     transparent: usize,
     loss: Vec<Loss>,
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    let (output, inputs) = args.files.split_last().context("there is no file")?;
+    let (output, inputs) = args.files.split_last().context("no file is given")?;
     let mut kind = SceneFile::of(output).map_err(|problem| Usage(format!("{problem:#}")))?;
     if let SceneFile::Spz { version } = &mut kind {
         *version = args.spz_version;
     }
     if let Some(opacity) = args.min_opacity.filter(|opacity| !(0.0..=1.0).contains(opacity)) {
-        return Err(Usage(format!("--min-opacity {opacity} is not from 0 to 1")).into());
+        return Err(Usage(format!("--min-opacity {opacity}: expected a number from 0 to 1")).into());
     }
     let is_input = |input: &&PathBuf| input.canonicalize().is_ok_and(|a| output.canonicalize().is_ok_and(|b| a == b));
     if let Some(input) = inputs.iter().find(is_input) {
-        return Err(Usage(format!("{} is to be read and written", input.display())).into());
+        return Err(Usage(format!("{} is both an input and the output", input.display())).into());
     }
     if kind != SceneFile::SogFolder {
         check_writable(output)?;
@@ -86,18 +88,21 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let (gaussians, is_antialiased) = read(args, inputs)?;
     let before = gaussians.len();
     let gaussians = changed(args, gaussians)?;
-    ensure!(!gaussians.is_empty(), "no Gaussian is left of {before}");
+    ensure!(!gaussians.is_empty(), "none of {before} Gaussians is left");
     if is_antialiased && !kind.says_antialiased() {
-        remark(&format!("warning: {}: the format does not say that the scene is antialiased", output.display()));
+        remark(&format!(
+            "warning: {}: the format cannot record that the scene was trained with antialiasing",
+            output.display()
+        ));
     }
     let arranged = kind.arranged(&gaussians)?;
     let (removed, transparent) = (before - gaussians.len(), gaussians.len() - arranged.len());
     let lost_degrees = arranged.sh_degree() < gaussians.sh_degree();
-    ensure!(!arranged.is_empty(), "all {} Gaussians are transparent in the steps of the format", gaussians.len());
+    ensure!(!arranged.is_empty(), "the format rounds the opacity of all {} Gaussians to 0", gaussians.len());
     drop(gaussians);
     if lost_degrees {
         remark(&format!(
-            "warning: {}: the format has colours of SH degree {} alone",
+            "warning: {}: the format holds spherical harmonics up to degree {} only",
             output.display(),
             arranged.sh_degree()
         ));
@@ -116,16 +121,16 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if args.json { say!("{}", serde_json::to_string_pretty(&report)?) } else { print(&report) }
 }
 
-/// The inputs as one scene, and whether it is antialiased.
+/// Reads the inputs as one scene. The second value is true if it was trained with antialiasing.
 fn read(args: &Args, inputs: &[PathBuf]) -> Result<(Gaussians, bool)> {
     let (mut parts, mut is_antialiased) = (Vec::new(), None);
     for input in inputs {
         let scene = SceneArg { scene: input.clone(), reading: args.reading }.read()?;
         if is_antialiased.is_some_and(|others| others != scene.is_antialiased) {
             return Err(Usage(format!(
-                "{} is {}antialiased, and those before are not alike: one file cannot say both",
+                "{} was trained {} antialiasing, unlike the files before it: one file cannot record both",
                 input.display(),
-                if scene.is_antialiased { "" } else { "not " }
+                if scene.is_antialiased { "with" } else { "without" }
             ))
             .into());
         }
@@ -168,13 +173,13 @@ impl Shape {
     }
 }
 
-/// Writes the file and reads it again: its format, and what it has lost.
+/// Writes the file and reads it back. Returns the name of its format and the losses.
 fn write(output: &Path, kind: SceneFile, gaussians: &Gaussians, is_antialiased: bool) -> Result<(String, Vec<Loss>)> {
-    let bar = progress::Bar::new("reading again");
+    let bar = progress::Bar::new("reading back");
     let read_again = |written: &Path| {
         let Scene { gaussians: read, format, .. } = scene::read(written, &|fraction| bar.set(fraction))?;
         let (count, expected) = (read.len(), gaussians.len());
-        ensure!(count == expected, "of {expected} Gaussians {count} could be read again");
+        ensure!(count == expected, "{count} of {expected} Gaussians could be read back");
         Ok((format, Loss::between(gaussians, &read)))
     };
     if kind == SceneFile::SogFolder {
@@ -189,10 +194,10 @@ fn print(report: &Report) -> Result<()> {
     let (megabytes, each) = (*bytes as f64 / 1e6, *bytes as f64 / *gaussians as f64);
     say!("{file}  {format}, {gaussians} Gaussians, SH degree {sh_degree}, {megabytes:.1} MB, {each:.1} bytes each")?;
     if *removed > 0 {
-        say!("  {removed} left out as asked for")?;
+        say!("  {removed} left out by --crop or --min-opacity")?;
     }
     if *transparent > 0 {
-        say!("  {transparent} left out: fully transparent in the steps of the format")?;
+        say!("  {transparent} left out: the format rounds their opacity to 0")?;
     }
     let mut rows = table(&["lost", "largest", "rms", "unit"]);
     for loss in loss {
@@ -204,6 +209,7 @@ fn print(report: &Report) -> Result<()> {
     say_table(&rows)
 }
 
+/// Parses N finite numbers with commas between them.
 fn numbers<const N: usize>(text: &str) -> Result<[f64; N]> {
     let numbers: Option<Vec<f64>> =
         text.split(',').map(|n| n.trim().parse().ok().filter(|n: &f64| n.is_finite())).collect();
@@ -233,7 +239,7 @@ fn parse_shape(text: &str) -> Result<Shape> {
         }
         Some(("sphere", ball)) => {
             let [x, y, z, radius] = numbers(ball)?;
-            ensure!(radius > 0.0, "a sphere of radius {radius} holds nothing");
+            ensure!(radius > 0.0, "the radius of a sphere must be above 0, not {radius}");
             Ok(Shape::Sphere(DVec3::new(x, y, z), radius))
         }
         _ => anyhow::bail!("expected box=X,Y,Z,X,Y,Z or sphere=X,Y,Z,RADIUS"),

@@ -1,20 +1,20 @@
-//! `smalto doctor`: what Vulkan offers here, and whether it draws what it should.
+//! `smalto doctor`: lists the Vulkan devices and tests one of them.
 
 use anyhow::{Result, bail, ensure};
 use glam::DVec3;
 
 use super::table::{say_table, table};
-use super::{DeviceArgs, say};
+use super::{DeviceArgs, complain, say};
 use crate::camera::Camera;
-use crate::gpu::{Device, DeviceFacts, Executable, Unavailable, survey};
+use crate::gpu::{Capabilities, Device, Executable, Unavailable, survey};
 use crate::measure::metrics::{max_error, psnr};
 use crate::options::Options;
-use crate::rules::Background;
 use crate::reference;
 use crate::render::{GpuScene, Renderer};
+use crate::rules::Background;
 use crate::scene::synthetic;
 
-/// List the Vulkan devices and what they lack, and test one of them against the reference
+/// List the Vulkan devices and the features they lack, and test one of them against the reference
 #[derive(clap::Args)]
 pub(super) struct Args {
     #[command(flatten)]
@@ -22,7 +22,7 @@ pub(super) struct Args {
     /// Print the devices as JSON, without the self-test
     #[arg(long)]
     json: bool,
-    /// Also list what the driver says of the compiled shaders that draw a frame, such as their registers
+    /// Also list the driver's statistics of the compiled shaders, such as their registers
     #[arg(long, conflicts_with = "json")]
     pipelines: bool,
 }
@@ -36,15 +36,20 @@ pub(super) fn run(args: &Args) -> Result<()> {
         print(index, device)?;
     }
     let device = args.device.open()?;
-    say!("self-test on {}{}", device.facts().name, if device.is_validated() { ", validated" } else { "" })?;
+    say!("self-test on {}{}", device.capabilities().name, if device.is_validated() { ", validated" } else { "" })?;
     self_test(&device)?;
     if args.pipelines { pipelines(&device) } else { Ok(()) }
 }
 
-/// For a scene of the highest degree, with the presets that store most and least.
+/// Prints statistics of the pipelines for a scene with spherical harmonics of degree 3, with the presets that store
+/// most and least.
 fn pipelines(device: &Device) -> Result<()> {
     if !device.record_executables() {
-        return Err(Unavailable(format!("{} says nothing of its pipelines", device.facts().name)).into());
+        return Err(Unavailable(format!(
+            "the driver of {} has no statistics of pipelines",
+            device.capabilities().name
+        ))
+        .into());
     }
     let gaussians = synthetic::cactus(5000)?.gaussians;
     for (preset, options) in [("exact", Options::EXACT), ("balanced", Options::BALANCED)] {
@@ -62,8 +67,8 @@ fn pipelines(device: &Device) -> Result<()> {
     Ok(())
 }
 
-fn print(index: usize, device: &DeviceFacts) -> Result<()> {
-    let DeviceFacts { name, kind, driver, vulkan, subgroup_size: [smallest, largest], limits, .. } = device;
+fn print(index: usize, device: &Capabilities) -> Result<()> {
+    let Capabilities { name, kind, driver, vulkan, subgroup_size: [smallest, largest], limits, .. } = device;
     say!("{index}  {name} ({kind}), {driver}, Vulkan {vulkan}")?;
     let free = device.memory_free_bytes.map_or_else(String::new, |free| format!(", {:.1} GB free", free as f64 / 1e9));
     say!("   memory         {:.1} GB{free}", device.memory_bytes as f64 / 1e9)?;
@@ -84,21 +89,21 @@ fn print(index: usize, device: &DeviceFacts) -> Result<()> {
         }
     )?;
     let optional: Vec<_> =
-        device.optional.iter().map(|(what, has)| format!("{what} {}", if *has { "yes" } else { "no" })).collect();
+        device.features.iter().map(|(what, has)| format!("{what} {}", if *has { "yes" } else { "no" })).collect();
     say!("   optional       {}", optional.join(", "))?;
     if let Some(limit) = device.loop_limit {
-        say!("   loops          end after {limit} iterations; long tile lists are blended in passes")?;
+        say!("   loops          at most {limit} iterations; long tile lists are blended in several passes")?;
     }
     match &device.missing[..] {
         [] => say!("   usable         yes"),
-        missing => say!("   usable         no, it lacks {}", missing.join(", ")),
+        missing => say!("   usable         no; missing: {}", missing.join(", ")),
     }
 }
 
-/// Least agreement with the reference: what f32 arithmetic reaches with all decisions right but a few at thresholds.
+/// Least PSNR to the reference in dB. f32 arithmetic reaches it if only a few decisions at thresholds differ.
 const PSNR_MIN: f64 = 80.0;
 
-/// Renders a small scene on the chosen path and on the portable one, and compares both with the reference.
+/// Renders a small scene on the default path and on the portable path, and compares both with the reference.
 fn self_test(device: &Device) -> Result<()> {
     let gaussians = synthetic::cactus(5000)?.gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 120], 0.9);
@@ -115,12 +120,11 @@ fn self_test(device: &Device) -> Result<()> {
         say!("   {path:<14} {psnr:.1} dB to the float64 reference, largest difference {error:.5}")?;
         if psnr.is_nan() || psnr < PSNR_MIN {
             bail!(
-                "{} draws a wrong picture on the {path}: {psnr:.1} dB to the reference, {PSNR_MIN} expected",
-                device.facts().name
+                "{} draws a wrong picture on the {path}: {psnr:.1} dB to the reference instead of at least {PSNR_MIN}",
+                device.capabilities().name
             );
         }
     }
-    let complaints = device.complaints();
-    ensure!(complaints.is_empty(), "the device complained: {}", complaints.join("\n"));
+    complain(device)?;
     say!("   passed")
 }

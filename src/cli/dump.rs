@@ -1,4 +1,4 @@
-//! `--dump`: the buffers of a frame as NumPy files.
+//! `--dump`: writes the buffers of a frame as NumPy files.
 
 use std::fs;
 use std::path::Path;
@@ -9,7 +9,7 @@ use npyz::WriterBuilder;
 use crate::files::write_whole;
 use crate::gpu::{Capture, Scalar};
 
-/// Writes each capture as `NN-stage.buffer.npy`, one row an element, NN counting in the order of the frame.
+/// Writes each capture as `NN-stage.buffer.npy` with one row per element. NN counts in the order of the frame.
 pub(super) fn write(folder: &Path, captures: &[Capture]) -> Result<()> {
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     for (number, capture) in captures.iter().enumerate() {

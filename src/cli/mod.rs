@@ -1,4 +1,4 @@
-//! The commands, one file each.
+//! The commands of the program, one file each.
 
 mod bench;
 mod budget;
@@ -23,6 +23,7 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 
 use crate::camera::MAX_SIDE;
@@ -43,7 +44,7 @@ use scenes::{ReadingArgs, SceneArg};
     version,
     arg_required_else_help = true,
     after_help = "\
-Exit codes: 0 done, 1 failure, 2 usage, 3 no usable Vulkan device,
+Exit codes: 0 success, 1 failure, 2 wrong usage, 3 no usable Vulkan device,
             4 unreadable scene, camera, image or report file, 5 out of memory, 6 over a threshold.
 Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION=1 turns the validation layer on."
 )]
@@ -64,10 +65,10 @@ enum Command {
     Doctor(doctor::Args),
 }
 
-/// Which device to run on.
+/// The choice of a device.
 #[derive(Args)]
 struct DeviceArgs {
-    /// Vulkan device, by the number that `smalto doctor` lists or a part of its name [default: the fastest kind]
+    /// Vulkan device: its number in the list of `smalto doctor`, or a part of its name [default: the fastest kind]
     #[arg(long, value_name = "INDEX|NAME")]
     device: Option<String>,
 }
@@ -75,10 +76,10 @@ struct DeviceArgs {
 impl DeviceArgs {
     fn open(&self) -> Result<Device> {
         let (choice, validation) = self.choice();
-        Device::open(&choice, validation)
+        Device::open(&choice, validation)?.with_shaders(Environment::read().shaders.as_deref())
     }
 
-    /// Which device, and how it is watched.
+    /// The device and whether it is validated, from these arguments and the environment.
     fn choice(&self) -> (DeviceChoice, Validation) {
         let environment = Environment::read();
         let choice = self.device.as_deref().map_or(environment.device, DeviceChoice::from);
@@ -87,7 +88,7 @@ impl DeviceArgs {
     }
 }
 
-/// Like `println!`, but returns what goes wrong. A reader that left early is no failure.
+/// Like `println!`, but returns errors. A closed pipe is not an error.
 macro_rules! say {
     ($($line:tt)*) => { $crate::cli::print_line(format_args!($($line)*)) };
 }
@@ -102,27 +103,27 @@ fn print_line(line: fmt::Arguments) -> Result<()> {
     }
 }
 
-/// Prints a line to stderr, if there is one to print to.
+/// Prints a line to stderr. Errors are ignored: there is nowhere to report them.
 fn remark(line: &str) {
     _ = writeln!(std::io::stderr(), "smalto: {line}");
 }
 
-/// What the user asked for makes no sense here.
+/// The command line asks for something that is impossible or contradictory.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 struct Usage(String);
 
-/// What was measured is worse than the user allows: slower, or too different.
+/// A measurement is worse than the user allows: too slow, or too different.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 struct OverThreshold(String);
 
-/// Runs the command that the process was given, and says what went wrong.
+/// Runs the command in the arguments of the process. Prints errors to stderr.
 pub fn run() -> ExitCode {
     run_from(std::env::args_os())
 }
 
-/// The same with these arguments, the first of which is the program's name.
+/// Like [`run`], with the given arguments. The first is the name of the program.
 pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> ExitCode {
     let outcome = match Cli::parse_from(arguments).command {
         Command::Render(args) => render::run(&args),
@@ -159,23 +160,34 @@ fn exit_code(error: &anyhow::Error) -> u8 {
     }
 }
 
-/// What a largest bound of certificates means.
+/// The meaning of the largest bound in a certificate, as a sentence.
 fn certified(bound: f32) -> String {
-    format!("certified: no value is farther than {bound:.4} from where nothing is left out (as stored, in this order)")
+    format!("certified: leaving nothing out changes no value by more than {bound:.4} (scene as stored, same order)")
 }
 
 fn size_text([width, height]: [u32; 2]) -> String {
     format!("{width}x{height}")
 }
 
-/// Fails if the device complained.
+/// Fails if the validation layer of the device reported anything.
 fn complain(device: &Device) -> Result<()> {
-    let complaints = device.validation_messages();
-    ensure!(complaints.is_empty(), "validation: {}", complaints.join("\n"));
+    let messages = device.validation_messages();
+    ensure!(messages.is_empty(), "validation: {}", messages.join("\n"));
     Ok(())
 }
 
-/// `WIDTHxHEIGHT` in pixels.
+/// A parser for values with a name and a help text. `--help` lists them.
+fn one_of<T: Clone + Send + Sync + 'static, const N: usize>(
+    values: [(&'static str, &'static str, T); N],
+) -> impl TypedValueParser<Value = T> {
+    let listed = values.iter().map(|(name, help, _)| PossibleValue::new(*name).help(*help));
+    PossibleValuesParser::new(listed.collect::<Vec<_>>()).try_map(move |name| {
+        let found = values.iter().find(|(known, _, _)| *known == name);
+        found.map(|(_, _, value)| value.clone()).with_context(|| format!("{name} is not one of the values"))
+    })
+}
+
+/// Parses `WIDTHxHEIGHT` in pixels.
 fn parse_size(text: &str) -> Result<[u32; 2]> {
     let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     match sides {

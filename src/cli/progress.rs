@@ -1,11 +1,11 @@
-//! A progress bar on stderr for what takes long.
+//! A progress bar on stderr for long work.
 
 use std::cell::OnceCell;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// Appears after half a second, on a terminal only, and goes when dropped.
+/// A bar that appears after half a second, on a terminal only, and is removed when dropped.
 pub(super) struct Bar {
     label: String,
     started: Instant,

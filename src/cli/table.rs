@@ -6,7 +6,7 @@ use comfy_table::{CellAlignment, Table};
 
 use super::say;
 
-/// A table of right-aligned numbers behind a left-aligned name.
+/// A table with a left-aligned first column and right-aligned others.
 pub(super) fn table(header: &[&str]) -> Table {
     let mut table = Table::new();
     table.load_style(NOTHING).set_header(header);

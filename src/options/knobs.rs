@@ -143,8 +143,8 @@ pub static KNOBS: [Knob; 12] = [
     Knob {
         name: "antialiased",
         value_name: "BOOL",
-        help: "Lower the opacity of a splat as the low-pass filter widens it (Mip-Splatting) [default: true if the scene \
-               was trained so]",
+        help: "Lower the opacity of a splat as the low-pass filter widens it (Mip-Splatting) [default: true if the \
+               scene was trained so]",
         group: Group::Rules,
         kind: Kind::Flag,
         steps: &[Value::Flag(false), Value::Flag(true)],
@@ -156,8 +156,8 @@ pub static KNOBS: [Knob; 12] = [
     Knob {
         name: "stop",
         value_name: "T",
-        help: "Finish a pixel once its transmittance is below T, from 0 to 1; no colour moves by more than this fraction \
-               of the brightest",
+        help: "Finish a pixel once its transmittance is below T, from 0 to 1; no colour moves by more than this \
+               fraction of the brightest",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 1.0], usual: [0.0, 1.0], is_fraction: true },
         steps: &[

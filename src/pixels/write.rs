@@ -1,4 +1,4 @@
-//! Images to files.
+//! Writes images to files.
 
 use std::path::Path;
 
@@ -13,22 +13,25 @@ use serde::Serialize;
 use super::{Pixels, Plane};
 use crate::files::write_whole;
 
-/// The files that an image can be written to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
+/// The file formats that an image can be written to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FileKind {
-    /// 8 bits a channel.
+    /// PNG with 8 bits per channel.
     Png,
-    /// 16 bits a channel.
+    /// PNG with 16 bits per channel.
     Png16,
-    /// 32-bit floats as they are, alpha multiplied in.
+    /// OpenEXR of 32-bit floats, with premultiplied alpha.
     Exr,
-    /// The same as an array of rows of pixels of three or four floats.
+    /// NumPy array of 32-bit floats, with premultiplied alpha: height, width, three or four channels.
     Npy,
 }
 
 impl FileKind {
-    /// The kind that this file name asks for.
+    /// The format that the extension of a file name stands for: `.png` (8 bits), `.exr` or `.npy`.
+    ///
+    /// # Errors
+    /// If the name has another extension, or none.
     pub fn of(path: &Path) -> Result<Self> {
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
         match extension.to_str() {
@@ -39,7 +42,7 @@ impl FileKind {
         }
     }
 
-    /// What the names of such files end in.
+    /// The file name extension, without its dot.
     pub fn extension(self) -> &'static str {
         match self {
             Self::Png | Self::Png16 => "png",
@@ -48,19 +51,25 @@ impl FileKind {
         }
     }
 
-    /// Whether it holds any number, not only those from 0 to 1.
+    /// True if the format holds floats of any size, false if only values from 0 to 1.
     pub fn holds_floats(self) -> bool {
         matches!(self, Self::Exr | Self::Npy)
     }
 }
 
 impl Pixels {
-    /// Writes the kind of file that the extension names, with an alpha channel if `transparent`.
+    /// Writes a file of the format that its extension stands for, with an alpha channel if `transparent`.
+    ///
+    /// # Errors
+    /// If the extension is unknown or the file cannot be written.
     pub fn write(&self, path: &Path, transparent: bool) -> Result<()> {
         self.write_as(FileKind::of(path)?, path, transparent)
     }
 
-    /// Writes this kind of file, with an alpha channel if `transparent`.
+    /// Writes a file of this format, with an alpha channel if `transparent`.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
     pub fn write_as(&self, kind: FileKind, path: &Path, transparent: bool) -> Result<()> {
         match kind {
             FileKind::Png => self.write_png(path, transparent),
@@ -106,7 +115,7 @@ impl Pixels {
         write_array(path, &[height, width, if transparent { 4 } else { 3 }], self.floats(transparent))
     }
 
-    /// Channel by channel, pixel by pixel.
+    /// Three or four floats per pixel, one pixel after another.
     fn floats(&self, transparent: bool) -> Vec<f32> {
         let channels = if transparent { 4 } else { 3 };
         self.rgba.iter().flat_map(|p| &p[..channels]).copied().collect()
@@ -114,8 +123,11 @@ impl Pixels {
 }
 
 impl Plane {
-    /// Writes this kind of file: a grey PNG in which 1 is white, an OpenEXR file with one channel of 32-bit floats, Y, or a
-    /// NumPy array of 32-bit floats: height, width.
+    /// Writes a file of this format: a grey PNG in which 1 is white, an OpenEXR file with one channel `Y` of 32-bit
+    /// floats, or a NumPy array of 32-bit floats with the shape height, width.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
     pub fn write_as(&self, kind: FileKind, path: &Path) -> Result<()> {
         let [height, width] = [self.size[1], self.size[0]].map(u64::from);
         match kind {
@@ -137,7 +149,10 @@ impl Plane {
     }
 }
 
-/// Writes a PNG of pixels that are in 8 bits already: red, green, blue and alpha.
+/// Writes a PNG from 8-bit pixels of red, green, blue and straight alpha.
+///
+/// # Errors
+/// If the file cannot be written.
 pub fn write_rgba8(path: &Path, size: [u32; 2], pixels: &[[u8; 4]]) -> Result<()> {
     write_bytes(path, size, bytemuck::cast_slice(pixels), ExtendedColorType::Rgba8)
 }

@@ -1,4 +1,4 @@
-//! The pictures of a plan, drawn and written: by the GPU or by the reference.
+//! Draws and writes the pictures of a plan, on the GPU or with the reference.
 
 use std::time::Instant;
 
@@ -11,10 +11,10 @@ use crate::cli::{Usage, certified, complain, dump, progress, remark, say, size_t
 use crate::gpu::{Commands, Device};
 use crate::options::Options;
 use crate::reference;
-use crate::render::{Frame, GpuScene, Inspection, Look, Renderer, Work, depths};
+use crate::render::{Frame, GpuScene, Inspection, Look, Path, Renderer, Work, depths};
 use crate::scene::{Gaussians, Requirements, Scene};
 
-/// What one frame shows: the picture, or what lies how deep in it.
+/// The content of one frame: the picture, or its depths and counts.
 #[derive(Clone, Copy, PartialEq)]
 enum Pass {
     Picture,
@@ -22,7 +22,7 @@ enum Pass {
 }
 
 impl Pass {
-    /// The files of a shot that are written of it, and are not there yet.
+    /// The files of a shot that this pass fills and that are not complete yet.
     fn outputs<'s>(self, shot: &'s Shot, record: &Record) -> Vec<&'s Output> {
         let is_picture = self == Self::Picture;
         shot.outputs.iter().filter(|output| output.layer.is_of_picture() == is_picture && !record.has(output)).collect()
@@ -34,7 +34,7 @@ impl Pass {
     }
 }
 
-/// Every layer comes from one rendering.
+/// Draws with the reference. All layers of a shot come from one rendering.
 pub(super) fn by_reference(args: &Args, plan: &Plan, gaussians: &Gaussians, exact: &Options) -> Result<()> {
     let mut record = Record::begin(args, plan, gaussians, exact, None)?;
     for shot in &plan.shots {
@@ -59,7 +59,7 @@ pub(super) fn by_reference(args: &Args, plan: &Plan, gaussians: &Gaussians, exac
     record.finish()
 }
 
-/// `exact` has the rules, and no knob turned.
+/// Draws on the GPU. `exact` has the same rules as `options` and no knob turned.
 pub(super) fn by_gpu(
     args: &Args,
     plan: &Plan,
@@ -71,28 +71,27 @@ pub(super) fn by_gpu(
     let views: Vec<_> = plan.shots.iter().map(|shot| shot.camera.clone()).collect();
     let options = args.budget.choose(device, (gaussians, &needs), &views, (exact, args.background), options)?;
     if let Some(layer) = plan.outputs.depths().next().filter(|_| options.scale != 1.0) {
-        let name = layer.name();
-        return Err(Usage(format!("--layers {name}: of pictures that are drawn smaller it cannot be enlarged")).into());
+        return Err(Usage(format!("--layers {} needs --scale 1", layer.name())).into());
     }
-    let mut record = Record::begin(args, plan, gaussians, &options, Some(&device.facts().name))?;
+    let mut record = Record::begin(args, plan, gaussians, &options, Some(&device.capabilities().name))?;
     let certifies = args.certificate.is_some();
     let upload = if certifies { GpuScene::certifiable } else { GpuScene::with };
     let gpu_scene = upload(device, gaussians, &needs, &options)?;
     drop(scene);
-    let still = if certifies { Renderer::certified } else { Renderer::new };
-    let mut still = still(device, &options, &gpu_scene)?;
-    if let Some(notice) = still.notice() {
+    let create = if certifies { Renderer::certified } else { Renderer::new };
+    let mut renderer = create(device, &options, &gpu_scene)?;
+    if let Some(notice) = renderer.notice() {
         remark(&format!("note: {notice}"));
     }
     let bar = progress::Bar::new("rendering");
-    // One pass after the other, so that its pipelines are made once.
+    // All shots of one pass come before the next pass, so that the pipelines are created once per pass.
     let all =
         [Pass::Picture, Pass::Depths].into_iter().flat_map(|pass| plan.shots.iter().map(move |shot| (pass, shot)));
     let left: Vec<_> = all.filter(|(pass, shot)| !pass.outputs(shot, &record).is_empty()).collect();
     for (done, (pass, shot)) in left.iter().enumerate() {
         let outputs = pass.outputs(shot, &record);
-        still.set_inspection(pass.inspection())?;
-        draw(args, &mut still, (*pass, shot), &outputs, &mut record)?;
+        renderer.set_inspection(pass.inspection())?;
+        draw(args, &mut renderer, (*pass, shot), &outputs, &mut record)?;
         bar.set((done + 1) as f64 / left.len() as f64);
     }
     complain(device)?;
@@ -101,7 +100,7 @@ pub(super) fn by_gpu(
 
 fn draw(
     args: &Args,
-    still: &mut Renderer,
+    renderer: &mut Renderer,
     (pass, shot): (Pass, &Shot),
     outputs: &[&Output],
     record: &mut Record,
@@ -111,11 +110,11 @@ fn draw(
             cmd.capture_scopes();
         }
     };
-    let (frame, results) = still.render_with(&shot.camera, args.background, prepare)?;
+    let (frame, results) = renderer.render_with(&shot.camera, args.background, prepare)?;
     if let Some(folder) = &args.dump {
         dump::write(folder, results.captures())?;
     }
-    let pixels = still.pixels()?;
+    let pixels = renderer.pixels()?;
     match pass {
         Pass::Picture => write(outputs, record, |output| output.write_picture(&pixels, args.background))?,
         Pass::Depths => {
@@ -123,8 +122,8 @@ fn draw(
             write(outputs, record, |output| output.write_depths(&depths))?;
         }
     }
-    report(args, shot, outputs, &frame)?;
-    if let (Some(file), Some(certificate)) = (&shot.certificate, still.certificate()?) {
+    report(args, shot, outputs, (&frame, renderer.path()))?;
+    if let (Some(file), Some(certificate)) = (&shot.certificate, renderer.certificate()?) {
         certificate.write(file, false)?;
         say!("  {}", certified(certificate.largest()))?;
     }
@@ -142,19 +141,24 @@ fn names(outputs: &[&Output]) -> String {
     outputs.iter().map(|output| output.path.display().to_string()).collect::<Vec<_>>().join(", ")
 }
 
-fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Result<()> {
+/// Prints the counts and times of a frame. A listed splat is an instance (in a tile) on the portable path, and an entry
+/// (in a bin) on the fast path.
+fn report(args: &Args, shot: &Shot, outputs: &[&Output], (frame, path): (&Frame, Path)) -> Result<()> {
     let totals = &frame.totals;
     let gpu_ms = frame
         .timings
         .iter()
         .find(|t| t.depth == 0)
         .map_or_else(String::new, |t| format!(", {:.2} ms on the GPU", t.duration_ms));
-    let (visible, instances) = (totals.visible, totals.listed_kept);
-    let files = names(outputs);
+    let (visible, listed, files) = (totals.visible, totals.listed_kept, names(outputs));
+    let unit = match path {
+        Path::Portable => "instances",
+        Path::Fast => "entries",
+    };
     if visible == 0 {
         remark(&format!("note: {files}: no Gaussian is in view"));
     }
-    say!("{files}  {}  {visible} visible, {instances} instances{gpu_ms}", size_text(shot.camera.size_px))?;
+    say!("{files}  {}  {visible} visible, {listed} {unit}, {path} path{gpu_ms}", size_text(shot.camera.size_px))?;
     if args.timings {
         let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth > 0).collect();
         stages.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));

@@ -1,4 +1,4 @@
-//! `smalto render`: pictures of a scene, to files.
+//! `smalto render`: draws pictures of a scene to files.
 
 mod draw;
 mod outputs;
@@ -10,10 +10,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 
-use super::{BudgetArgs, DeviceArgs, FilmArgs, Knobs, SceneArg, SplitArg, Usage, knobs, parse_size, say};
+use super::{BudgetArgs, DeviceArgs, FilmArgs, Knobs, SceneArg, SplitArg, Usage, knobs, one_of, parse_size, say};
 use crate::options::Options;
-use crate::rules::Background;
 use crate::pixels::FileKind;
+use crate::rules::Background;
 use outputs::{Layer, Names};
 use plan::{Plan, Shot, plan};
 
@@ -22,69 +22,69 @@ use plan::{Plan, Shot, plan};
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    /// Picture file, or folder for several [default: the scene's name with .png, or `renders`]. A .png has 8 bits a
-    /// channel; .exr and .npy hold the 32-bit floats, alpha multiplied in. In a folder pictures are 00000.png and so on
+    /// Picture file, or folder for several pictures (00000.png and so on) [default: the scene's name with .png, or
+    /// `renders`]. A .png has 8 bits per channel; .exr and .npy hold 32-bit floats, premultiplied by alpha
     #[arg(short, long, value_name = "FILE|DIR")]
     output: Option<PathBuf>,
-    /// What files are written [default: what the file's name says; png in a folder]
-    #[arg(long, value_name = "KIND")]
+    /// Kind of the files [default: by the name of the file; png in a folder]
+    #[arg(long, value_name = "KIND", value_parser = one_of(FILE_KINDS))]
     format: Option<FileKind>,
-    /// What is written of a picture, as a list. One layer goes to --output itself. Of several, in a folder each has a
-    /// folder of its name (renders/colour/00000.png, renders/depth/00000.exr); beside a file, all but the colour have
-    /// their name in theirs (a.png, a.depth.exr). Depths are the view z of the splats' means, in world units; depths
-    /// and counts are floats in one channel, .exr where pictures are PNG. All are of what the preset blends: `exact` stops
-    /// latest
+    /// Layers to write, separated by commas. A single layer goes to --output itself. Several layers get a folder each
+    /// (renders/colour/00000.png, renders/depth/00000.exr) or, if --output is a file, their name in the file name
+    /// (a.png, a.depth.exr). Depths are the view z of the means of splats, in world units. Depths and counts have one
+    /// float channel, and are .exr if pictures are PNG. They include only the splats that the preset blends
     #[arg(long, value_name = "LAYERS", value_delimiter = ',', default_value = "colour")]
     layers: Vec<Layer>,
-    /// How pictures in a folder are named [default: index]. Folders in names of images are made below --output
+    /// Names of pictures in a folder [default: index]. Folders in image names are created below --output
     #[arg(long, value_name = "BY")]
     names: Option<Names>,
-    /// Picture size in pixels [default: the camera's own, or 1280x720]
+    /// Picture size in pixels [default: the camera's, or 1280x720]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<[u32; 2]>,
-    /// Camera file: cameras.json of the original 3DGS, transforms.json of nerfstudio, instant-ngp or Blender's sets, or a
-    /// sparse model of COLMAP (its folder, the one above it, or images.bin or .txt) [default: found beside the scene or above it]
+    /// Camera file: cameras.json of the original 3DGS, transforms.json of nerfstudio, instant-ngp or Blender's data
+    /// sets, or a sparse model of COLMAP (its folder, the folder above it, images.bin or images.txt) [default: found
+    /// next to the scene or in a folder above it]
     #[arg(long, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
-    /// Which camera of the file: its position in it, its image name, a list like 0,5,9, a range like 0..10 (both ends
-    /// included), or `all` [default: 0]
+    /// Cameras of the file: a position, an image name, a list like 0,5,9, a range like 0..10 (both ends included), or
+    /// `all` [default: 0]
     #[arg(long, value_name = "N|NAME|LIST|all")]
     camera: Option<String>,
     #[command(flatten)]
     film: FilmArgs,
-    /// Write the chosen cameras as frames, numbered from 0 without gaps, and print the ffmpeg command that makes a film
-    /// of them
+    /// Number the pictures from 0 without gaps, and print the ffmpeg command that makes a video of them
     #[arg(long, conflicts_with = "names")]
     video: bool,
-    /// Go on with an interrupted run of the same command into a folder: what it completed is skipped
+    /// Continue an interrupted run of the same command into a folder: complete files are skipped
     #[arg(long, conflicts_with_all = ["certificate", "dump"])]
     resume: bool,
-    /// What lies behind the scene: three numbers from 0 to 1, or `transparent`
+    /// Background: three numbers from 0 to 1, or `transparent`
     #[arg(long, value_name = "R,G,B|transparent", default_value = "0,0,0", value_parser = parse_background)]
     background: Background,
     #[command(flatten)]
     device: DeviceArgs,
-    /// Accuracy against speed: exact, balanced, fast or preview; or as inria, gsplat or khr draw [default:
-    /// balanced]
-    #[arg(long, value_name = "NAME", conflicts_with_all = ["max_error", "min_psnr"], value_parser = knobs::preset_names())]
+    /// Accuracy for speed: exact, balanced, fast or preview; or the rules of another renderer, in exact accuracy:
+    /// inria, gsplat or khr [default: balanced]
+    #[arg(long, value_name = "NAME", value_parser = knobs::preset_names())]
+    #[arg(conflicts_with_all = ["max_error", "min_psnr"])]
     preset: Option<String>,
-    /// Use only what runs on every device, with no path chosen for this one
+    /// Use only what works on every device: the portable path
     #[arg(long)]
     portable: bool,
-    /// Render on the CPU in float64 instead, exactly by the rules: the reference that the GPU is measured against. Slow
+    /// Render on the CPU in float64: the reference with which the GPU is compared. Slow
     #[arg(long, conflicts_with_all = ["device", "portable", "timings", "dump"])]
     reference: bool,
-    /// Print the GPU time of every stage
+    /// Print the GPU time of every stage of the frame
     #[arg(long)]
     timings: bool,
-    /// Also write, for every pixel, how far its channels are at most from the picture in which nothing is left out, by no
-    /// threshold, cut or stop, of the scene as the GPU keeps it in the order in which it is sorted. An .exr or .npy file,
-    /// or a folder for several pictures
+    /// Also write the certificate: for every pixel, an upper bound on the difference of its channels to the picture
+    /// without thresholds, cuts and stops, of the scene as stored on the GPU and in the same order. An .exr or .npy
+    /// file, or a folder for several pictures
     #[arg(long, value_name = "FILE|DIR", conflicts_with = "reference")]
     certificate: Option<PathBuf>,
-    /// Write every buffer that a stage wrote, after that stage, to this folder as .npy
+    /// Write the buffers that each stage changed to this folder, as .npy
     #[arg(long, value_name = "DIR")]
     dump: Option<PathBuf>,
     #[command(flatten)]
@@ -92,6 +92,13 @@ pub(super) struct Args {
     #[command(flatten)]
     budget: BudgetArgs,
 }
+
+const FILE_KINDS: [(&str, &str, FileKind); 4] = [
+    ("png", "8 bits per channel", FileKind::Png),
+    ("png16", "16 bits per channel", FileKind::Png16),
+    ("exr", "32-bit floats, premultiplied by alpha", FileKind::Exr),
+    ("npy", "The same as a NumPy array of rows of pixels", FileKind::Npy),
+];
 
 fn parse_background(text: &str) -> Result<Background> {
     if text == "transparent" {
@@ -104,14 +111,15 @@ fn parse_background(text: &str) -> Result<Background> {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    args.knobs.check()?;
     if args.budget.budget()?.is_some() && (args.knobs.trades() || args.reference) {
-        return Err(Usage("a budget chooses the knobs itself, and those of the GPU alone".to_owned()).into());
+        return Err(
+            Usage("--max-error and --min-psnr cannot be combined with knob flags or --reference".to_owned()).into()
+        );
     }
     if !args.reference {
         args.knobs.check_gpu()?;
     }
-    // The device first: what is missing there is known at once, a scene may take a while.
+    // The device is opened first: it fails at once, and reading a scene may take long.
     let device = if args.reference { None } else { Some(args.device.open()?) };
     let scene = args.scene.read()?;
     let plan = plan(args, &scene.gaussians)?;

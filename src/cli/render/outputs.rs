@@ -1,4 +1,4 @@
-//! What is written of every picture, and where: layers, kinds of files, names.
+//! The files that are written for a picture: layers, kinds and names.
 
 use std::path::{Path, PathBuf};
 
@@ -7,31 +7,31 @@ use clap::ValueEnum;
 
 use super::Args;
 use crate::cli::Usage;
-use crate::rules::Background;
 use crate::pixels::{Depths, FileKind, Pixels};
+use crate::rules::Background;
 
-/// A part of what there is to know of a picture.
+/// A layer of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub(super) enum Layer {
-    /// The picture
+    /// Colours of the picture
     #[value(alias = "color")]
     Colour,
-    /// How much of each pixel is covered
+    /// Coverage of each pixel, 0 to 1
     Alpha,
-    /// Expected depth: the mean over what was blended, each splat by its share; NaN where nothing was
+    /// Expected depth: mean of the blended splats, weighted by their contributions; NaN if there are none
     Depth,
-    /// Depth of the splat at which half of the light is gone (transmittance 0.5); NaN where it never is
+    /// Depth of the splat at which the transmittance falls to 0.5; NaN if it never does
     MedianDepth,
-    /// How many splats were blended
+    /// Number of blended splats
     Counts,
 }
 
-/// How pictures in a folder are named.
+/// The naming of pictures in a folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Names {
-    /// By the camera's position in its file: 00000, 00001 and so on
+    /// Position of the camera in its file: 00000, 00001 and so on
     Index,
-    /// By the camera's image, without its extension
+    /// Image of the camera, without its extension
     Image,
 }
 
@@ -42,10 +42,10 @@ pub(super) struct Output {
     pub path: PathBuf,
 }
 
-/// Where files go.
+/// The destination of all files of a run.
 pub(super) struct Outputs {
     layers: Vec<Layer>,
-    /// Of what holds colours.
+    /// The kind of files with colours or alpha.
     kind: FileKind,
     place: Place,
 }
@@ -60,12 +60,12 @@ impl Layer {
         self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
     }
 
-    /// Whether it is part of the picture itself; the others are drawn beside it.
+    /// True for layers of the picture itself. The others need a pass of their own.
     pub fn is_of_picture(self) -> bool {
         matches!(self, Self::Colour | Self::Alpha)
     }
 
-    /// What it is written as beside pictures of this kind.
+    /// The kind of its files if pictures are of the kind `of_pictures`.
     fn kind(self, of_pictures: FileKind) -> FileKind {
         if self.is_of_picture() || of_pictures.holds_floats() { of_pictures } else { FileKind::Exr }
     }
@@ -80,7 +80,7 @@ impl Output {
         }
     }
 
-    /// Writes a layer of what lies how deep.
+    /// Writes a layer of depths or counts.
     pub fn write_depths(&self, depths: &Depths) -> Result<()> {
         let plane = match self.layer {
             Layer::MedianDepth => &depths.median,
@@ -92,7 +92,7 @@ impl Output {
 }
 
 impl Outputs {
-    /// What `args` ask for, of one picture or `several`.
+    /// The outputs that `args` ask for, for one picture or `several`.
     pub fn of(args: &Args, several: bool) -> Result<Self> {
         let mut layers = args.layers.clone();
         layers.sort_unstable();
@@ -112,7 +112,7 @@ impl Outputs {
         };
         if !is_of_picture && !kind.holds_floats() {
             let name = layers[0].name();
-            return Err(Usage(format!("--layers {name} is written as .exr or .npy: PNG cannot hold it")).into());
+            return Err(Usage(format!("--layers {name} needs .exr or .npy: PNG cannot hold floats")).into());
         }
         Ok(Self { layers, kind, place })
     }
@@ -128,7 +128,7 @@ impl Outputs {
         self.layers.contains(&layer)
     }
 
-    /// The layers that are drawn beside the picture.
+    /// The layers of depths and counts.
     pub fn depths(&self) -> impl Iterator<Item = Layer> {
         self.layers.iter().copied().filter(|layer| !layer.is_of_picture())
     }
@@ -137,13 +137,13 @@ impl Outputs {
         self.kind
     }
 
-    /// Where the files of this layer lie, if that is a folder.
+    /// The folder for the files of this layer, if the output is a folder.
     pub fn layer_folder(&self, layer: Layer) -> Option<PathBuf> {
         let folder = self.folder()?;
         Some(if self.layers.len() > 1 { folder.join(layer.name()) } else { folder.to_owned() })
     }
 
-    /// The files of one picture; in a folder, `stem` is its name there.
+    /// The files of one picture. In a folder, `stem` is its name without the extension.
     pub fn files(&self, stem: &str) -> Vec<Output> {
         let output = |layer: &Layer| {
             let kind = layer.kind(self.kind);
@@ -160,7 +160,7 @@ impl Outputs {
     }
 }
 
-/// Where files are to go; none for the one file that is named after the scene.
+/// The place of the output; `None` for a single file that is named after the scene.
 fn place(args: &Args, several: bool) -> Result<Option<Place>> {
     let needs_folder = several || args.names.is_some() || args.resume;
     let Some(output) = &args.output else {
@@ -170,35 +170,36 @@ fn place(args: &Args, several: bool) -> Result<Option<Place>> {
         return Ok(Some(Place::Folder(output.clone())));
     }
     if needs_folder && names_file(output) {
-        let why = "several pictures, --names, --video and --resume take a folder";
+        let why = "several pictures, --names, --video and --resume need a folder";
         return Err(Usage(format!("--output {}: {why}", output.display())).into());
     }
     Ok(Some(if needs_folder { Place::Folder(output.clone()) } else { Place::File(output.clone()) }))
 }
 
-/// Whether this is the name of a picture or a film, not of a folder.
+/// True if the name is that of a picture or a video, not of a folder.
 fn names_file(path: &Path) -> bool {
-    let is_film = |end: &std::ffi::OsStr| ["mp4", "mkv", "mov", "webm", "avi", "gif"].iter().any(|film| end == *film);
-    FileKind::of(path).is_ok() || path.extension().is_some_and(is_film)
+    let is_video =
+        |end: &std::ffi::OsStr| ["mp4", "mkv", "mov", "webm", "avi", "gif"].iter().any(|video| end == *video);
+    FileKind::of(path).is_ok() || path.extension().is_some_and(is_video)
 }
 
-/// The kind that the file's name asks for, and `--format` if it is given.
+/// The kind of `file` by `--format` or by its name. Fails if the two disagree.
 fn kind_of_file(file: &Path, format: Option<FileKind>) -> Result<FileKind> {
     let named = FileKind::of(file).map_err(|problem| Usage(format!("--output {problem}")))?;
     match format {
         Some(format) if format.extension() != named.extension() => {
             let (expected, file) = (format.extension(), file.display());
-            Err(Usage(format!("--format writes .{expected}, and --output is {file}")).into())
+            Err(Usage(format!("--format needs a file that ends in .{expected}, but --output is {file}")).into())
         }
         Some(format) => Ok(format),
         None => Ok(named),
     }
 }
 
-/// Extensions of pictures: what follows another last dot is part of a name.
+/// Extensions of pictures. Any other text after the last dot is part of the name.
 const EXTENSIONS: [&str; 10] = ["jpg", "jpeg", "png", "exr", "tif", "tiff", "webp", "bmp", "heic", "npy"];
 
-/// The name of a camera's image as a path below any folder, without its extension: nothing in it leads out of there.
+/// Turns the name of an image into a relative path without extension that stays below the folder it is joined to.
 pub(super) fn safe_stem(image: &str) -> Result<String> {
     let is_extension = |end: &str| EXTENSIONS.iter().any(|known| end.eq_ignore_ascii_case(known));
     let stem = image.rsplit_once('.').filter(|(_, end)| is_extension(end)).map_or(image, |(stem, _)| stem);
@@ -211,10 +212,10 @@ pub(super) fn safe_stem(image: &str) -> Result<String> {
         }
     }
     let name = safe.join("/");
-    (!name.is_empty()).then_some(name).with_context(|| format!("the image name '{image}' names no file"))
+    (!name.is_empty()).then_some(name).with_context(|| format!("the image name '{image}' is not a file name"))
 }
 
-/// What some file systems do not take in names.
+/// True for characters that some file systems do not allow in names.
 fn is_unsafe(c: char) -> bool {
     c.is_control() || "<>:\"|?*".contains(c)
 }

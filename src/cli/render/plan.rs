@@ -1,4 +1,4 @@
-//! What is drawn, from where, and which files it goes to: known, and checked, before anything is drawn.
+//! The plan of a run: its cameras and files, checked before anything is drawn.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -15,39 +15,39 @@ use crate::files::check_writable;
 use crate::pixels::FileKind;
 use crate::scene::{Focus, Gaussians};
 
-/// The reference keeps 64 bytes a pixel.
+/// Largest width and height for the reference, in pixels. It needs 64 bytes per pixel.
 const REFERENCE_SIDE: u32 = 16384;
 
-/// Pictures to make, and how near the near plane has to be for them.
+/// The pictures of a run, and the largest allowed distance of the near plane.
 pub(super) struct Plan {
     pub shots: Vec<Shot>,
     pub outputs: Outputs,
     pub nearest: f32,
-    /// The command that makes a film of them, if that is wanted.
+    /// The command that makes a video of them, with `--video`.
     pub video: Option<String>,
 }
 
-/// One picture to make.
+/// One picture.
 pub(super) struct Shot {
-    /// Of the camera, in its file.
+    /// Position of the camera in its file.
     pub index: usize,
     pub camera: Camera,
     pub outputs: Vec<Output>,
     pub certificate: Option<PathBuf>,
 }
 
-/// A camera that was chosen.
+/// A camera on the command line.
 struct Chosen {
-    /// In the file.
+    /// Position in the file.
     index: usize,
-    /// None for one that no file has.
+    /// `None` for the automatic camera.
     name: Option<String>,
     camera: Camera,
 }
 
 pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     if args.film.fps().is_some() && !args.video && !args.film.has_path() {
-        return Err(Usage("--fps is of a film: --video or --path".to_owned()).into());
+        return Err(Usage("--fps needs --video or --path".to_owned()).into());
     }
     let cameras = cameras(args)?;
     let mut nearest = f32::INFINITY;
@@ -59,7 +59,7 @@ pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
         }
         (None, Some(camera)) => {
             return Err(Usage(format!(
-                "--camera {camera} needs a camera file: there is none beside the scene or above it, and no --cameras"
+                "--camera {camera} needs a camera file: no --cameras, and none found next to the scene or above it"
             ))
             .into());
         }
@@ -87,14 +87,14 @@ fn cameras(args: &Args) -> Result<Option<Vec<NamedCamera>>> {
     }
 }
 
-/// The cameras that `wanted` names, and whether it is a list.
+/// The cameras that `wanted` names. The second value is true if `wanted` is a list, a range or `all`.
 fn choose(cameras: &[NamedCamera], wanted: &str) -> Result<(Vec<Chosen>, bool)> {
     let chosen =
         |index: usize| Chosen { index, name: Some(cameras[index].name.clone()), camera: cameras[index].camera.clone() };
     if wanted == "all" {
         return Ok(((0..cameras.len()).map(chosen).collect(), true));
     }
-    // What is a name as a whole is no list.
+    // An image name may contain commas.
     if let Some(index) = position(cameras, wanted) {
         return Ok((vec![chosen(index)], false));
     }
@@ -106,7 +106,7 @@ fn choose(cameras: &[NamedCamera], wanted: &str) -> Result<(Vec<Chosen>, bool)> 
             (Some(index), _) => found.push(chosen(index)),
             (None, Some([from, to])) if from <= to && to <= last => found.extend((from..=to).map(chosen)),
             (None, Some([from, to])) if from > to => {
-                return Err(Usage(format!("--camera {item} is empty: {from} is over {to}")).into());
+                return Err(Usage(format!("--camera {item} is empty: {from} is greater than {to}")).into());
             }
             _ => {
                 return Err(Usage(format!(
@@ -121,12 +121,12 @@ fn choose(cameras: &[NamedCamera], wanted: &str) -> Result<(Vec<Chosen>, bool)> 
 }
 
 fn position(cameras: &[NamedCamera], wanted: &str) -> Option<usize> {
-    // A number as one writes it is a position; 0007 is a name.
+    // A number with leading zeros, such as 0007, is a name.
     let by_position = wanted.parse().ok().filter(|index: &usize| *index < cameras.len() && index.to_string() == wanted);
     by_position.or_else(|| cameras.iter().position(|c| c.name == wanted))
 }
 
-/// A view of the whole scene, and the distance to its middle.
+/// A camera that shows the whole scene, and its distance to the centre of the scene.
 fn automatic(gaussians: &Gaussians, size: Option<[u32; 2]>) -> (Camera, f64) {
     let focus = Focus::of(gaussians);
     let centre = DVec3::from(focus.centre);
@@ -138,7 +138,7 @@ fn automatic(gaussians: &Gaussians, size: Option<[u32; 2]>) -> (Camera, f64) {
 fn shot(args: &Args, outputs: &Outputs, several: bool, number: usize, chosen: Chosen) -> Result<Shot> {
     let Chosen { index, name, camera } = chosen;
     let stem = match (args.names.unwrap_or(Names::Index), name) {
-        // The frames of a film have no gaps between them.
+        // The frames of a video are numbered without gaps.
         (Names::Index, _) => format!("{:05}", if args.video { number } else { index }),
         (Names::Image, Some(name)) => {
             safe_stem(&name).map_err(|problem| Usage(format!("--names image: camera {index}: {problem}")))?
@@ -153,36 +153,36 @@ fn shot(args: &Args, outputs: &Outputs, several: bool, number: usize, chosen: Ch
     Ok(Shot { index, camera, outputs: outputs.files(&stem), certificate })
 }
 
-/// What cannot be asked for together.
+/// Fails if arguments exclude each other.
 fn check_together(args: &Args, outputs: &Outputs, several: bool) -> Result<()> {
     let refuse = |why: String| Err(Usage(why).into());
     if several && args.dump.is_some() {
-        return refuse("--dump writes the buffers of one picture, not of several".to_owned());
+        return refuse("--dump writes the buffers of a single picture, not of several".to_owned());
     }
     if let Some(layer) = outputs.depths().next() {
         let name = layer.name();
         if args.dump.is_some() {
-            return refuse(format!("--dump writes the buffers of the picture, not of --layers {name}"));
+            return refuse(format!("--dump cannot be combined with --layers {name}"));
         }
         if args.certificate.is_some() {
-            return refuse(format!("--certificate is of the picture, not of --layers {name}"));
+            return refuse(format!("--certificate cannot be combined with --layers {name}"));
         }
     }
     check_certificate(args, several)
 }
 
-/// Bounds are floats, and most are less than a step of 8 bits.
+/// Fails if the certificate is not a file of floats. Most bounds are smaller than a step of 8 bits.
 fn check_certificate(args: &Args, several: bool) -> Result<()> {
     let Some(file) = args.certificate.as_ref().filter(|file| !several && !file.is_dir()) else {
         return Ok(());
     };
     match FileKind::of(file) {
         Ok(kind) if kind.holds_floats() => Ok(check_writable(file)?),
-        _ => Err(Usage(format!("--certificate {}: bounds are written as .exr or .npy", file.display())).into()),
+        _ => Err(Usage(format!("--certificate {}: expected a name that ends in .exr or .npy", file.display())).into()),
     }
 }
 
-/// Fails if a picture is too large, or two things would be written to one file.
+/// Fails if a picture is too large, or two outputs would be written to the same file.
 fn check_shots(args: &Args, shots: &[Shot]) -> Result<()> {
     let is_large = |shot: &&Shot| shot.camera.size_px.into_iter().max() > Some(REFERENCE_SIDE);
     if let Some(shot) = shots.iter().find(is_large).filter(|_| args.reference) {
@@ -200,12 +200,12 @@ fn check_shots(args: &Args, shots: &[Shot]) -> Result<()> {
     }
     let written_twice = |certificate: &&PathBuf| pictures.contains_key(certificate);
     if let Some(file) = shots.iter().filter_map(|shot| shot.certificate.as_ref()).find(written_twice) {
-        return Err(Usage(format!("{} is to be the picture and its certificate", file.display())).into());
+        return Err(Usage(format!("picture and certificate would both be written to {}", file.display())).into());
     }
     Ok(())
 }
 
-/// The folders that files are put into; those of files that the user names have to be there.
+/// Creates the folders of outputs. The folder of a single file that the user names must exist.
 fn make_folders(outputs: &Outputs, shots: &[Shot], several: bool) -> Result<()> {
     let in_folder = shots.iter().filter(|_| outputs.folder().is_some()).flat_map(|shot| &shot.outputs);
     let certificates = shots.iter().filter(|_| several).filter_map(|shot| shot.certificate.as_deref());

@@ -1,34 +1,34 @@
-//! `--resume`: the record of a run into a folder. It lies there while the run lasts, so what an interrupted one has done is
-//! known, and how it was done.
+//! `--resume`: the record of a run into a folder. The record exists while the run lasts, so after an interruption it lists
+//! the complete files and the settings of the run.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::outputs::Output;
 use super::{Args, Plan};
-use crate::measure::bench::{SceneReport, Subject, VersionReport};
 use crate::camera::Camera;
 use crate::cli::{Usage, remark};
 use crate::files::write_whole;
+use crate::measure::bench::{SceneReport, Subject, VersionReport};
 use crate::options::Options;
-use crate::rules::Background;
 use crate::pixels::FileKind;
+use crate::rules::Background;
 use crate::scene::Gaussians;
 
-/// Hidden, so that what takes a folder for pictures sees pictures alone. First a line with how they are drawn; then a line
-/// for each file that is complete.
+/// The name of the record, hidden from programs that read all pictures of a folder. Its first line holds the settings;
+/// each further line names a complete file.
 const NAME: &str = ".smalto-run.jsonl";
 
-/// A record is not longer: some million files.
+/// Longest record that is read: enough for a million files.
 const MOST_BYTES: u64 = 1 << 28;
 
-/// What decides how pictures come out.
+/// Everything that determines the pictures.
 #[derive(Serialize)]
 struct How {
     program: VersionReport,
@@ -45,12 +45,12 @@ struct How {
 pub(super) struct Record {
     folder: PathBuf,
     done: BTreeSet<PathBuf>,
-    /// None where the run is not into a folder.
+    /// `None` if the output is not a folder.
     file: Option<File>,
 }
 
 impl Record {
-    /// Begins the record of `plan`, or goes on with it where `args` ask for that. `device` is none for the reference.
+    /// Begins the record of `plan`, or continues it with `--resume`. `device` is `None` for the reference.
     pub fn begin(
         args: &Args,
         plan: &Plan,
@@ -69,7 +69,7 @@ impl Record {
             None if args.resume => fresh(plan)?,
             Some(_) => {
                 let folder = folder.display();
-                remark(&format!("note: {folder}: an unfinished run is begun anew; --resume would go on with it"));
+                remark(&format!("note: {folder}: starting over; --resume would continue the unfinished run"));
                 BTreeSet::new()
             }
             None => BTreeSet::new(),
@@ -94,17 +94,17 @@ impl Record {
         self.done.contains(&output.path)
     }
 
-    /// A file is complete.
+    /// Records that a file is complete.
     pub fn add(&mut self, output: &Output) -> Result<()> {
         let Some(file) = &mut self.file else { return Ok(()) };
         let name = output.path.strip_prefix(&self.folder)?;
-        // In one piece, so that it is there whole or is seen not to be.
+        // One write, so that an incomplete line can only be the last one.
         let mut line = serde_json::to_vec(name)?;
         line.push(b'\n');
         file.write_all(&line).with_context(|| format!("cannot write {}", self.folder.join(NAME).display()))
     }
 
-    /// The run is complete: nothing is left to resume.
+    /// Removes the record: the run is complete.
     pub fn finish(self) -> Result<()> {
         if self.file.is_some() {
             let path = self.folder.join(NAME);
@@ -146,7 +146,7 @@ impl How {
         };
         match serde_json::to_value(how)? {
             Value::Object(members) => Ok(members),
-            _ => unreachable!("a struct is an object"),
+            other => bail!("the settings of a run are not a JSON object: {other}"),
         }
     }
 }
@@ -156,7 +156,7 @@ fn write_line(file: &mut impl Write, line: &impl Serialize) -> Result<()> {
     Ok(file.write_all(b"\n")?)
 }
 
-/// The record of an unfinished run, if there is one.
+/// Reads the record of an unfinished run; `None` if there is none.
 fn read(path: &Path) -> Result<Option<String>> {
     let file = match File::open(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
@@ -164,35 +164,35 @@ fn read(path: &Path) -> Result<Option<String>> {
     };
     let mut text = String::new();
     file.take(MOST_BYTES + 1).read_to_string(&mut text)?;
-    ensure!(text.len() as u64 <= MOST_BYTES, "it is longer than {MOST_BYTES} bytes");
+    ensure!(text.len() as u64 <= MOST_BYTES, "the file is longer than {MOST_BYTES} bytes");
     Ok(Some(text))
 }
 
-/// The names of the files that an earlier run completed, if it drew as this one does.
+/// The names of the files that an earlier run completed. Fails if that run had other settings.
 fn resumed(text: &str, how: &Map<String, Value>, folder: &Path) -> Result<BTreeSet<PathBuf>> {
     let mut lines = text.lines();
     let first: Map<String, Value> = lines
         .next()
         .and_then(|line| serde_json::from_str(line).ok())
-        .with_context(|| format!("{} is damaged: without --resume all is drawn anew", folder.join(NAME).display()))?;
+        .with_context(|| format!("{} is damaged: run without --resume to start over", folder.join(NAME).display()))?;
     let other: Vec<&str> =
         how.iter().filter(|(key, value)| first.get(*key) != Some(value)).map(|(key, _)| key.as_str()).collect();
     if !other.is_empty() {
         let (folder, other) = (folder.display(), other.join(", "));
         return Err(Usage(format!(
-            "--resume: {folder} was begun with other {other}; without --resume all is drawn anew"
+            "--resume: the run in {folder} had other settings ({other}); run without --resume to start over"
         ))
         .into());
     }
-    // The last line may have been cut off: its file is drawn again.
+    // The last line may be incomplete; its file is drawn again.
     Ok(lines.filter_map(|line| serde_json::from_str(line).ok()).collect())
 }
 
-/// Fails if a file is there of which nothing is known.
+/// Fails if an output exists although there is no record.
 fn fresh(plan: &Plan) -> Result<BTreeSet<PathBuf>> {
     match plan.shots.iter().flat_map(|shot| &shot.outputs).find(|output| output.path.exists()) {
         Some(output) => Err(Usage(format!(
-            "--resume: {} is there, but no unfinished run that it would be of; without --resume all is drawn anew",
+            "--resume: {} exists, but there is no unfinished run; run without --resume to start over",
             output.path.display()
         ))
         .into()),

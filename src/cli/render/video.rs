@@ -1,4 +1,4 @@
-//! `--video`: the command that makes a film of numbered pictures. It is printed, not run.
+//! `--video`: the ffmpeg command that makes a video of numbered pictures. It is printed, not run.
 
 use std::path::{Path, PathBuf};
 
@@ -10,26 +10,28 @@ use crate::cli::cameras::DEFAULT_FPS;
 use crate::cli::{Usage, size_text};
 use crate::rules::Background;
 
-/// Fails if the pictures of `shots` make no film; else the command that makes one.
+/// The command that makes a video of `shots`. Fails if their files cannot be frames of a video.
 pub(super) fn command(args: &Args, outputs: &Outputs, shots: &[Shot]) -> Result<String> {
     let refuse = |why: String| Err(Usage(format!("--video {why}")).into());
     if !outputs.has(Layer::Colour) || outputs.kind().holds_floats() {
-        return refuse("is made of colours as PNG: --layers has to have them, and --format is png or png16".to_owned());
+        return refuse(
+            "needs colours as PNG: --layers must include colour, and --format must be png or png16".to_owned(),
+        );
     }
     if args.background == Background::Transparent {
-        return refuse("is not transparent: --background has to be a colour".to_owned());
+        return refuse("cannot be transparent: --background must be a colour".to_owned());
     }
     let size = shots[0].camera.size_px;
     if let Some(other) = shots.iter().find(|shot| shot.camera.size_px != size) {
         let (size, other) = (size_text(size), size_text(other.camera.size_px));
-        return refuse(format!("needs pictures of one size, not {size} and {other}: --size makes them so"));
+        return refuse(format!("needs pictures of one size, not {size} and {other}: set --size"));
     }
-    let frames = outputs.layer_folder(Layer::Colour).context("the pictures of a film lie in a folder")?;
-    line(&frames, &film(outputs.folder().unwrap_or(&frames)), size, args.film.fps().unwrap_or(DEFAULT_FPS))
+    let frames = outputs.layer_folder(Layer::Colour).context("the pictures of a video are not in a folder")?;
+    line(&frames, &video_file(outputs.folder().unwrap_or(&frames)), size, args.film.fps().unwrap_or(DEFAULT_FPS))
 }
 
-/// The film of a folder lies beside it.
-fn film(folder: &Path) -> PathBuf {
+/// The video file, next to the folder of its pictures.
+fn video_file(folder: &Path) -> PathBuf {
     match folder.file_name() {
         Some(name) => {
             let mut name = name.to_owned();
@@ -40,22 +42,22 @@ fn film(folder: &Path) -> PathBuf {
     }
 }
 
-/// The command in words that a shell leaves as they are.
-fn line(frames: &Path, film: &Path, size_px: [u32; 2], fps: f64) -> Result<String> {
-    // ffmpeg reads % in a folder's name as the start of a number.
+/// The command, quoted for a shell.
+fn line(frames: &Path, video: &Path, size_px: [u32; 2], fps: f64) -> Result<String> {
+    // ffmpeg takes % in a path for the start of a number format.
     let folder = plain(frames)?.replace('%', "%%");
     let mut words = vec!["ffmpeg".to_owned(), "-framerate".to_owned(), fps.to_string()];
     words.extend(["-i".to_owned(), format!("{}/%05d.png", folder.trim_end_matches('/'))]);
     if size_px.iter().any(|side| side % 2 == 1) {
-        // Colours are kept for two by two pixels.
+        // yuv420p stores colour for blocks of 2x2 pixels.
         words.extend(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"].map(str::to_owned));
     }
     words.extend(["-c:v", "libx264", "-pix_fmt", "yuv420p"].map(str::to_owned));
-    words.push(plain(film)?);
-    shlex::try_join(words.iter().map(String::as_str)).context("the folder's name cannot be written for a shell")
+    words.push(plain(video)?);
+    shlex::try_join(words.iter().map(String::as_str)).context("the name of the folder cannot be quoted for a shell")
 }
 
-/// A path that ffmpeg takes for nothing but a path: not for an option, not for an address.
+/// The path in a form that ffmpeg does not take for an option or a URL.
 fn plain(path: &Path) -> Result<String> {
     let text = path.to_str().with_context(|| format!("--video: {} is not UTF-8", path.display()))?;
     let is_plain = path.is_absolute() || !(text.starts_with('-') || text.contains(':'));
@@ -68,11 +70,11 @@ mod tests {
 
     fn line_for(folder: &str, size_px: [u32; 2], fps: f64) -> String {
         let folder = Path::new(folder);
-        line(folder, &film(folder), size_px, fps).unwrap()
+        line(folder, &video_file(folder), size_px, fps).unwrap()
     }
 
     #[test]
-    fn a_film_is_one_command() {
+    fn a_video_is_one_command() {
         assert_eq!(
             line_for("renders", [64, 48], 30.0),
             "ffmpeg -framerate 30 -i 'renders/%05d.png' -c:v libx264 -pix_fmt yuv420p renders.mp4"
