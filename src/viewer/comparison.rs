@@ -1,72 +1,70 @@
-//! What the picture is held against, and how the two are shown.
+//! The comparison of the picture with a second one: what the second picture is, and how the two are shown.
 
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::jobs::{News, Side};
-use super::state::Viewer;
 use crate::camera::Camera;
 use crate::options::Options;
-use crate::rules::{Background, Rules};
 use crate::pixels::Pixels;
 use crate::render::Compare;
+use crate::rules::{Background, Rules};
 
-/// What the second picture is.
+/// What the picture is compared with.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub enum With {
+pub enum CompareTarget {
     #[default]
     Nothing,
-    /// The scenes that are chosen for it, by these options; none for those of the first.
+    /// The scenes chosen for the second picture, drawn with these options; `None` for the options of the first picture.
     Options(Option<Options>),
-    /// The float64 reference, of the view for which it was drawn.
+    /// The float64 reference, drawn for one view.
     Reference,
-    /// A photograph or a picture.
+    /// A photograph or another picture file.
     Picture,
 }
 
 /// How two pictures are shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Way {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CompareMode {
     /// Side by side, at a line that can be dragged.
     Split,
     /// One after the other.
     Flicker,
-    /// What is between them, amplified.
+    /// Their difference, amplified.
     Difference,
 }
 
-/// A comparison as one sets it.
+/// The settings and the state of a comparison.
 pub struct Comparison {
-    pub with: With,
-    pub way: Way,
-    /// The part of the width that is left of the split.
+    pub target: CompareTarget,
+    pub mode: CompareMode,
+    /// The fraction of the width that is left of the split, 0 to 1.
     pub split: f32,
-    /// On differences.
+    /// The factor by which differences are amplified.
     pub gain: f32,
-    /// The split is in the hand.
-    pub is_held: bool,
-    /// The second picture is shown while this is held.
+    /// The split is being dragged.
+    pub is_dragged: bool,
+    /// The key that shows the second picture is held.
     pub is_flicked: bool,
-    /// Flickers by itself, this often a second.
+    /// Automatic flickers per second; 0 for none.
     pub flicker_hz: f32,
-    /// What a picture from elsewhere is called, and its pixels.
+    /// Name and pixels of a picture that the GPU did not draw: the reference or a file.
     pub picture: Option<(String, Arc<Pixels>)>,
-    /// The view for which it was drawn, if it is of the reference.
+    /// The view for which the reference was drawn; `None` if `picture` is a file.
     pub drawn_for: Option<Camera>,
+    /// `picture` is being drawn or read.
     pub is_drawing: bool,
-    /// The picture has to be brought to the window's size.
+    /// `picture` must be resampled to the size of the window.
     pub is_stale: bool,
 }
 
 impl Default for Comparison {
     fn default() -> Self {
         Self {
-            with: With::Nothing,
-            way: Way::Split,
+            target: CompareTarget::Nothing,
+            mode: CompareMode::Split,
             split: 0.5,
             gain: 10.0,
-            is_held: false,
+            is_dragged: false,
             is_flicked: false,
             flicker_hz: 0.0,
             picture: None,
@@ -78,12 +76,12 @@ impl Default for Comparison {
 }
 
 impl Comparison {
-    /// What the second side draws by, if it draws.
+    /// The options of the second picture; `None` if the GPU does not draw one.
     pub fn options(&self, first: &Options) -> Option<Options> {
-        match &self.with {
-            With::Options(None) => Some(*first),
-            With::Options(Some(options)) => {
-                // What a preset does not say: how near, and how the scene was trained.
+        match &self.target {
+            CompareTarget::Options(None) => Some(*first),
+            CompareTarget::Options(Some(options)) => {
+                // Presets leave the near plane and the antialiasing to the scene.
                 let near = options.rules.near.min(first.rules.near);
                 let rules = Rules { near, antialiased: first.rules.antialiased, ..options.rules };
                 Some(Options { rules, ..*options })
@@ -92,27 +90,27 @@ impl Comparison {
         }
     }
 
-    /// What is shown of two pictures `width` pixels wide, `seconds` after the start.
+    /// What to show of two pictures that are `width` pixels wide, `seconds` after the start.
     pub fn shown(&self, width: u32, seconds: f64) -> Compare {
         let is_second_half = self.flicker_hz > 0.0 && (seconds * f64::from(self.flicker_hz)).fract() >= 0.5;
-        match self.way {
-            _ if self.with == With::Nothing => Compare::First,
+        match self.mode {
+            _ if self.target == CompareTarget::Nothing => Compare::First,
             _ if self.is_flicked => Compare::Second,
-            Way::Split => Compare::Split(self.split * width as f32),
-            Way::Flicker => {
+            CompareMode::Split => Compare::Split(self.split * width as f32),
+            CompareMode::Flicker => {
                 if is_second_half {
                     Compare::Second
                 } else {
                     Compare::First
                 }
             }
-            Way::Difference => Compare::Difference(self.gain),
+            CompareMode::Difference => Compare::Difference(self.gain),
         }
     }
 
-    /// The time until the other picture is to be shown.
+    /// The time until the automatic flicker changes pictures; [`Duration::MAX`] without one.
     pub fn until_flicker(&self, seconds: f64) -> Duration {
-        if self.with == With::Nothing || self.way != Way::Flicker || self.flicker_hz <= 0.0 {
+        if self.target == CompareTarget::Nothing || self.mode != CompareMode::Flicker || self.flicker_hz <= 0.0 {
             return Duration::MAX;
         }
         let halves = seconds * f64::from(self.flicker_hz) * 2.0;
@@ -120,41 +118,8 @@ impl Comparison {
     }
 }
 
-impl Viewer {
-    /// Whether the reference was drawn for another view than this one, and is no use here.
-    pub fn shows_another_view(&self) -> bool {
-        let comparison = &self.comparison;
-        comparison.with == With::Reference && comparison.drawn_for.as_ref() != Some(&self.view())
-    }
-
-    /// Reads a photograph or another picture, to compare with.
-    pub fn compare_with_picture(&mut self, path: &Path) {
-        let path = path.to_owned();
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        self.comparison.is_drawing = true;
-        self.comparison.drawn_for = None;
-        self.jobs.start(move |_| Pixels::read(&path), move |pixels| News::Picture(name, pixels));
-    }
-
-    /// Draws the view by the reference, to compare with.
-    pub fn compare_with_reference(&mut self) {
-        let (view, rules) = (self.view(), self.options.untraded().rules);
-        let Ok(Some(plan)) = self.plan(Side::First) else { return };
-        let background = self.background;
-        self.comparison.is_drawing = true;
-        self.comparison.drawn_for = Some(view.clone());
-        self.jobs.start(
-            move |_| {
-                let scene = plan.joined()?;
-                Ok(crate::reference::render(&scene, &view, &rules, background).to_pixels())
-            },
-            |pixels| News::Picture("float64 reference".to_owned(), pixels),
-        );
-    }
-}
-
-/// A picture as a window of `size` shows it when it looks through the camera that took it: as wide as the window, its
-/// middle in the middle, black beyond it.
+/// `pixels` resampled (bilinear) for a window of `size` that looks through the camera of the photograph: scaled to the
+/// width of the window, centred, with `background` above and below it.
 pub fn fitted(pixels: &Pixels, size: [u32; 2], background: Background) -> Pixels {
     use rayon::prelude::*;
     if pixels.size == size {
@@ -174,8 +139,8 @@ pub fn fitted(pixels: &Pixels, size: [u32; 2], background: Background) -> Pixels
     };
     let pixel = |i: usize| {
         let (x, y) = (i as u32 % size[0], i as u32 / size[0]);
-        let from_middle = |place: u32, side: u32| (f64::from(place) + 0.5 - f64::from(side) / 2.0) * ratio;
-        let place = [from_middle(x, size[0]) + width / 2.0, from_middle(y, size[1]) + height / 2.0];
+        let from_centre = |place: u32, side: u32| (f64::from(place) + 0.5 - f64::from(side) / 2.0) * ratio;
+        let place = [from_centre(x, size[0]) + width / 2.0, from_centre(y, size[1]) + height / 2.0];
         let is_inside = place[0] >= 0.0 && place[1] >= 0.0 && place[0] < width && place[1] < height;
         if is_inside { sample(place[0] - 0.5, place[1] - 0.5) } else { [r, g, b, 0.0] }
     };
@@ -194,7 +159,7 @@ mod tests {
 
     #[test]
     fn a_photograph_lies_in_the_window_as_its_camera_saw_it() {
-        // Twice as wide as the window, and higher: cut above and below.
+        // Twice as wide as the window and relatively higher: cut above and below.
         let fitted = fitted(&ramp([8, 8]), [4, 2], Background::BLACK);
         assert_eq!(fitted.at(0, 0)[..2], [1.0, 3.0]);
         assert_eq!(fitted.at(3, 1)[..2], [7.0, 5.0]);
@@ -211,11 +176,11 @@ mod tests {
     fn a_comparison_with_nothing_shows_the_picture() {
         let mut comparison = Comparison { is_flicked: true, ..Comparison::default() };
         assert_eq!(comparison.shown(100, 0.0), Compare::First);
-        comparison.with = With::Reference;
+        comparison.target = CompareTarget::Reference;
         assert_eq!(comparison.shown(100, 0.0), Compare::Second);
         comparison.is_flicked = false;
         assert_eq!(comparison.shown(100, 0.0), Compare::Split(50.0));
-        comparison.way = Way::Flicker;
+        comparison.mode = CompareMode::Flicker;
         assert_eq!(comparison.shown(100, 0.3), Compare::First);
         comparison.flicker_hz = 2.0;
         assert_eq!(comparison.shown(100, 0.3), Compare::Second);

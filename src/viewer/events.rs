@@ -1,10 +1,10 @@
-//! What happens, for scripts: a line of JSON each on standard output.
+//! Events for scripts (`--events`): one line of JSON each on standard output.
 
 use std::io::Write;
 
 use serde::Serialize;
 
-/// Something that happened.
+/// An event that scripts can react to.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum Event {
@@ -13,7 +13,8 @@ pub enum Event {
         device: String,
         size: [u32; 2],
     },
-    /// The first frame that shows a scene, whole or what is read of it, so many milliseconds after the start.
+    /// The first frame with a scene was shown, `ms` after the start. If it showed only the part that was read, each
+    /// further frame is reported until one shows all.
     FirstFrame {
         ms: f64,
         is_whole: bool,
@@ -23,7 +24,7 @@ pub enum Event {
         gaussians: usize,
         scenes: usize,
     },
-    /// A view of this many cameras is there to step through.
+    /// A camera file with this many cameras was read.
     Cameras {
         count: usize,
     },
@@ -35,7 +36,7 @@ pub enum Event {
     Resized {
         size: [u32; 2],
     },
-    /// The window lost or got back its pixels.
+    /// The window lost its pixels (for example, minimized) or got them back.
     Hidden {
         is_hidden: bool,
     },
@@ -43,15 +44,15 @@ pub enum Event {
         is_error: bool,
         text: String,
     },
-    /// A picture was written.
+    /// A picture or the frames of a path were written.
     Written {
         text: String,
     },
-    /// The view as an entry of a cameras.json, as it was copied.
+    /// The view was copied, as an entry of a cameras.json.
     Copied {
         view: serde_json::Value,
     },
-    /// How the pictures are looked at, or compared, has changed.
+    /// The view mode, or another setting of the inspection, changed.
     Look {
         look: String,
     },
@@ -70,20 +71,20 @@ pub enum Event {
     },
 }
 
-/// Tells events, if anyone wants to hear them.
+/// Writes events to standard output, if they are enabled.
 pub struct Events {
-    are_told: bool,
+    are_enabled: bool,
 }
 
 impl Events {
-    pub fn new(are_told: bool) -> Self {
-        Self { are_told }
+    pub fn new(are_enabled: bool) -> Self {
+        Self { are_enabled }
     }
 
-    pub fn tell(&self, event: &Event) {
-        if self.are_told {
+    pub fn emit(&self, event: &Event) {
+        if self.are_enabled {
             let mut out = std::io::stdout().lock();
-            // Whoever listened may have left.
+            // The reader of the pipe may have left.
             let _ = serde_json::to_writer(&mut out, event).map_err(std::io::Error::from);
             let _ = out.write_all(b"\n").and_then(|()| out.flush());
         }

@@ -1,34 +1,34 @@
-//! How long the last frames took: every stage of each, and what is typical of them.
+//! GPU times of the last frames by stage, their statistics, and the pace of the window.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use crate::measure::bench::Statistics;
 use crate::gpu::Timing;
+use crate::measure::bench::Statistics;
 
-/// Frames that are remembered.
-const REMEMBERED: usize = 240;
+/// Number of frames that are kept.
+const CAPACITY: usize = 240;
 
-/// Stage times of the last frames in milliseconds.
+/// Stage times of the last frames, in milliseconds.
 #[derive(Default)]
 pub struct History {
-    /// Names of the stages, in the order of the frame.
+    /// Names of the stages, in the order of the first frame that had them.
     stages: Vec<&'static str>,
     frames: VecDeque<Vec<f32>>,
     digest: Option<(Instant, Digest)>,
 }
 
-/// What is typical of the frames that are remembered, in milliseconds.
+/// Statistics of the kept frames, in milliseconds.
 pub struct Digest {
     pub stages: Vec<(&'static str, Statistics)>,
     pub whole: Statistics,
 }
 
-/// Numbers that change faster cannot be read.
-const DIGEST_STAYS: Duration = Duration::from_millis(200);
+/// Nobody can read numbers that change faster.
+const DIGEST_LIFETIME: Duration = Duration::from_millis(200);
 
 impl History {
-    /// Remembers a frame's stages: those inside the outermost scopes, or these where they have none.
+    /// Adds the stages of a frame: the scopes of depth 1, and the outermost scopes other than "frame".
     pub fn add(&mut self, timings: &[Timing]) {
         let outermost = timings.iter().filter(|t| t.depth == 0 && t.name != "frame");
         let mut stages: Vec<&Timing> = timings.iter().filter(|t| t.depth == 1).chain(outermost).collect();
@@ -42,7 +42,7 @@ impl History {
             });
             times[place] += stage.duration_ms as f32;
         }
-        if self.frames.len() == REMEMBERED {
+        if self.frames.len() == CAPACITY {
             self.frames.pop_front();
         }
         self.frames.push_back(times);
@@ -52,20 +52,20 @@ impl History {
         &self.stages
     }
 
-    /// Milliseconds of every stage, the oldest frame first; stages that came up later are missing at the end.
+    /// Milliseconds by stage, the oldest frame first. Older frames lack the stages that appeared later, at the end.
     pub fn frames(&self) -> impl ExactSizeIterator<Item = &[f32]> {
         self.frames.iter().map(Vec::as_slice)
     }
 
-    /// Sees to it that [`History::digest`] is of the last frames, or nearly.
+    /// Updates [`History::digest`] if it is too old.
     pub fn summarize(&mut self) {
-        let is_fresh = self.digest.as_ref().is_some_and(|(made, _)| made.elapsed() < DIGEST_STAYS);
+        let is_fresh = self.digest.as_ref().is_some_and(|(made, _)| made.elapsed() < DIGEST_LIFETIME);
         if !is_fresh {
             self.digest = self.digest_now().map(|digest| (Instant::now(), digest));
         }
     }
 
-    /// What is typical of the frames that are remembered, if there are any.
+    /// Statistics of all kept frames; `None` if there are none.
     pub fn digest_now(&self) -> Option<Digest> {
         let stage = |(place, name): (usize, &&'static str)| {
             let times = self.frames.iter().map(|frame| f64::from(frame.get(place).copied().unwrap_or(0.0)));
@@ -78,7 +78,7 @@ impl History {
         })
     }
 
-    /// What was summarized last.
+    /// The statistics that [`History::summarize`] computed last.
     pub fn digest(&self) -> Option<&Digest> {
         self.digest.as_ref().map(|(_, digest)| digest)
     }
@@ -88,26 +88,27 @@ impl History {
     }
 }
 
-/// Latency and the frames that came too late, while something moves.
+/// Counts of frames, and the latency from input to frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pace {
     pub shown: u64,
     pub drawn: u64,
-    /// Refreshes that passed without a new frame, while one was due.
+    /// Refreshes that passed without a new frame while something moved.
     pub dropped: u64,
-    /// Milliseconds from an input to the submission of the frame that answers it, on average.
+    /// Mean milliseconds from an input to the submission of the frame that answers it.
     pub mean_latency_ms: f64,
     answered: u64,
 }
 
 impl Pace {
-    /// A frame that answers an input was submitted so many milliseconds after it.
+    /// Records a frame that was submitted `latency_ms` after the input it answers.
     pub fn answer(&mut self, latency_ms: f64) {
         self.answered += 1;
         self.mean_latency_ms += (latency_ms - self.mean_latency_ms) / self.answered as f64;
     }
 
-    /// A frame was due right after the one before; `interval_ms` passed, a refresh takes `refresh_ms`.
+    /// Records a frame shown `interval_ms` after the previous one during a motion, on a screen that refreshes every
+    /// `refresh_ms`.
     pub fn interval(&mut self, interval_ms: f64, refresh_ms: f64) {
         self.dropped += ((interval_ms / refresh_ms).round() as u64).saturating_sub(1);
     }
@@ -136,15 +137,15 @@ mod tests {
     }
 
     #[test]
-    fn a_history_is_no_longer_than_it_may_be() {
+    fn a_history_keeps_no_more_frames_than_its_capacity() {
         let mut history = History::default();
-        (0..REMEMBERED + 5).for_each(|i| history.add(&[timing("cull", 1, 0.0, i as f64)]));
-        assert_eq!(history.frames().len(), REMEMBERED);
+        (0..CAPACITY + 5).for_each(|i| history.add(&[timing("cull", 1, 0.0, i as f64)]));
+        assert_eq!(history.frames().len(), CAPACITY);
         assert_eq!(history.frames().next().unwrap(), [5.0]);
     }
 
     #[test]
-    fn frames_that_came_late_are_counted_as_the_refreshes_they_missed() {
+    fn late_frames_count_as_the_refreshes_they_missed() {
         let mut pace = Pace::default();
         for interval in [16.0, 17.0, 33.0, 50.0, 8.0] {
             pace.interval(interval, 16.7);

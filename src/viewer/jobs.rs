@@ -1,4 +1,4 @@
-//! What takes long, on threads of its own: the window never waits for it, and hears of it when it is done.
+//! Jobs on threads of their own: the window never waits for them, they report events.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -8,47 +8,42 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use anyhow::{Result, anyhow};
 
 use super::measuring::Costs;
-use super::pictures::Drawn;
+use super::pictures::{Drawn, Side};
 use crate::camera::CameraFile;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::scene::{Gaussians, Scene};
 
-/// What threads report.
-pub enum News {
-    /// Of the reading of layer `.0`: the fraction done.
+/// What a job reports.
+pub enum JobEvent {
+    /// Layer number, and the fraction read, 0 to 1.
     Reading(u64, f64),
-    /// The first Gaussians of layer `.0`.
+    /// Layer number, and the Gaussians read so far.
     Partial(u64, Arc<Gaussians>),
+    /// Layer number, and the scene.
     Read(u64, Result<Scene>),
     Cameras(PathBuf, Result<CameraFile>),
-    /// A picture is ready to be drawn from anywhere.
+    /// A scene is on the GPU and can be drawn from any view.
     Built(Side, Result<Box<Drawn>>),
-    /// A photograph or a drawing of the reference, and what it is called.
+    /// Name and pixels of a photograph or of the reference.
     Picture(String, Result<Pixels>),
     Measured(Result<Costs>),
-    /// What a budget chose, and why.
+    /// The options chosen for a budget, and the reason.
     Chosen(Result<(Options, String)>),
-    /// Of what writes files: the fraction done.
+    /// The fraction of the files written, 0 to 1.
     Writing(f64),
+    /// All files are written; the text says which.
     Written(Result<String>),
 }
 
-/// The two pictures that a window can show.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
-    First,
-    Second,
-}
-
-/// Starts threads and hears of them.
+/// Starts jobs and receives their events.
 pub struct Jobs {
-    sender: Sender<News>,
-    receiver: Receiver<News>,
+    sender: Sender<JobEvent>,
+    receiver: Receiver<JobEvent>,
     wake: Arc<dyn Fn() + Send + Sync>,
 }
 
-/// Tells a thread that nobody waits for it any more.
+/// A flag that asks a job to stop because nobody needs its result.
 #[derive(Clone, Default)]
 pub struct Cancel(Arc<AtomicBool>);
 
@@ -62,44 +57,45 @@ impl Cancel {
     }
 }
 
-/// Reports what a thread has to say.
+/// Sends the events of a job.
 #[derive(Clone)]
 pub struct Reporter {
-    sender: Sender<News>,
+    sender: Sender<JobEvent>,
     wake: Arc<dyn Fn() + Send + Sync>,
 }
 
 impl Reporter {
-    pub fn tell(&self, news: News) {
-        // Nobody listens once the window is closed.
-        let _ = self.sender.send(news);
+    pub fn send(&self, event: JobEvent) {
+        // Nobody receives once the window is closed.
+        let _ = self.sender.send(event);
         (self.wake)();
     }
 }
 
 impl Jobs {
-    /// `wake` is called, from any thread, when there is news.
+    /// `wake` is called, from any thread, after every event.
     pub fn new(wake: Arc<dyn Fn() + Send + Sync>) -> Self {
         let (sender, receiver) = channel();
         Self { sender, receiver, wake }
     }
 
-    /// What has been reported since the last time.
-    pub fn news(&self) -> Vec<News> {
+    /// The events since the last call.
+    pub fn poll(&self) -> Vec<JobEvent> {
         self.receiver.try_iter().collect()
     }
 
-    /// Runs `work` on a thread of its own and reports what `tell` makes of its outcome, even if it panics.
+    /// Runs `work` on a thread of its own and sends its result as the event `to_event` makes of it, even if `work`
+    /// panics.
     pub fn start<T: Send + 'static>(
         &self,
         work: impl FnOnce(&Reporter) -> Result<T> + Send + 'static,
-        tell: impl FnOnce(Result<T>) -> News + Send + 'static,
+        to_event: impl FnOnce(Result<T>) -> JobEvent + Send + 'static,
     ) {
         let reporter = Reporter { sender: self.sender.clone(), wake: self.wake.clone() };
         std::thread::spawn(move || {
             let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| work(&reporter)));
             let outcome = outcome.unwrap_or_else(|_| Err(anyhow!("a defect of smalto ended this; see the terminal")));
-            reporter.tell(tell(outcome));
+            reporter.send(to_event(outcome));
         });
     }
 }

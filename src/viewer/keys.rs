@@ -1,4 +1,4 @@
-//! Which key does what, and the file in which that can be changed.
+//! Key bindings, and the file that changes them.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use egui::{Key, KeyboardShortcut, Modifiers};
 use serde::Deserialize;
 
-/// What keys do. Those from `Forward` to `Slow` act as long as they are held.
+/// An action that has a key. Those from `Forward` to `Slow` act while the key is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Action {
@@ -41,7 +41,7 @@ pub enum Action {
     Quit,
 }
 
-/// Every action: its name in the file, its key and what it does.
+/// Every action: its name in the file, its default key and what it does.
 pub const ACTIONS: [(Action, &str, &str, &str); 28] = [
     (Action::Forward, "forward", "W", "fly ahead"),
     (Action::Back, "back", "S", "fly back"),
@@ -54,33 +54,33 @@ pub const ACTIONS: [(Action, &str, &str, &str); 28] = [
     (Action::NextCamera, "next-camera", "N", "next camera of the file"),
     (Action::PreviousCamera, "previous-camera", "P", "previous camera of the file"),
     (Action::NearestCamera, "nearest-camera", "G", "nearest camera of the file"),
-    (Action::FlipUp, "flip-up", "U", "turn the up axis over"),
-    (Action::Frame, "frame", "C", "turn around the middle of the scene"),
-    (Action::Reset, "reset", "R", "the first view again"),
-    (Action::FullScreen, "full-screen", "F", "full screen, and back"),
-    (Action::HidePanels, "hide-panels", "H", "hide the panels, and show them"),
+    (Action::FlipUp, "flip-up", "U", "flip the up axis"),
+    (Action::Frame, "frame", "C", "turn around the centre of the scene"),
+    (Action::Reset, "reset", "R", "go back to the first view"),
+    (Action::FullScreen, "full-screen", "F", "full screen on or off"),
+    (Action::HidePanels, "hide-panels", "H", "hide or show the panels"),
     (Action::Screenshot, "screenshot", "F12", "write a picture of the view"),
     (Action::CopyView, "copy-view", "Ctrl+C", "copy the view as JSON"),
-    (Action::PasteView, "paste-view", "Ctrl+V", "go to the view that was copied"),
-    (Action::FreezeCulling, "freeze-culling", "K", "keep what is culled from here, and fly outside"),
-    (Action::Flicker, "flicker", "Space", "hold: the other picture of a comparison"),
+    (Action::PasteView, "paste-view", "Ctrl+V", "go to a copied view"),
+    (Action::FreezeCulling, "freeze-culling", "K", "freeze culling at this view, or stop that"),
+    (Action::Flicker, "flicker", "Space", "while held: the other picture of a comparison"),
     (Action::Pick, "explain", "X", "explain the pixel under the cursor"),
     (Action::AddKey, "add-key", "I", "add the view to the path"),
-    (Action::Play, "play", "O", "play the path, and stop"),
-    (Action::NextLook, "next-look", "L", "the next way of looking inside"),
-    (Action::PreviousLook, "previous-look", "J", "the one before"),
+    (Action::Play, "play", "O", "play or stop the path"),
+    (Action::NextLook, "next-look", "L", "next view mode"),
+    (Action::PreviousLook, "previous-look", "J", "previous view mode"),
     (Action::Help, "help", "Questionmark", "show the keys"),
     (Action::Quit, "quit", "Ctrl+Q", "quit"),
 ];
 
-/// A key with what is held beside it, or a key to hold that is beside others.
+/// A key with its modifiers, or modifiers alone that are held together with other keys.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Chord {
     Key(KeyboardShortcut),
     Held(Modifiers),
 }
 
-/// Which key does what.
+/// The key of every action.
 #[derive(Clone, Debug)]
 pub struct Bindings {
     chords: BTreeMap<Action, Chord>,
@@ -95,18 +95,21 @@ struct File {
 
 impl Default for Bindings {
     fn default() -> Self {
-        let chord = |text| parse(text).expect("the keys above are keys");
+        let chord = |text| parse(text).expect("every default key in ACTIONS parses");
         Self { chords: ACTIONS.iter().map(|(action, _, key, _)| (*action, chord(key))).collect() }
     }
 }
 
 impl Bindings {
-    /// Where the file is looked for.
+    /// The place of the file if the user names none; `None` without a folder for settings.
     pub fn default_file() -> Option<PathBuf> {
         Some(dirs::config_dir()?.join("smalto").join("viewer.toml"))
     }
 
-    /// The usual keys, but for those that the file names.
+    /// The default keys, changed by those that the file names.
+    ///
+    /// # Errors
+    /// The file cannot be read, a key or an action is unknown, or two actions have the same key.
     pub fn read(path: &Path) -> Result<Self> {
         Self::parse(&std::fs::read_to_string(path).context("cannot be read")?)
     }
@@ -130,7 +133,7 @@ impl Bindings {
         self.chords[&action]
     }
 
-    /// As it is shown.
+    /// The key of an action, as the help shows it.
     pub fn text(&self, action: Action) -> String {
         match self.chord(action) {
             Chord::Key(shortcut) => {
@@ -152,7 +155,7 @@ fn name(action: Action) -> &'static str {
     ACTIONS.iter().find(|(known, ..)| *known == action).map_or("", |(_, name, ..)| *name)
 }
 
-/// `Ctrl+Shift+N`: keys to hold, and one more or none.
+/// Parses text like `Ctrl+Shift+N`: modifiers, and at most one other key.
 fn parse(text: &str) -> Result<Chord> {
     let mut modifiers = Modifiers::NONE;
     let mut key = None;
@@ -162,7 +165,7 @@ fn parse(text: &str) -> Result<Chord> {
             "shift" => modifiers |= Modifiers::SHIFT,
             "alt" => modifiers |= Modifiers::ALT,
             _ => {
-                ensure!(key.is_none(), "a shortcut has one key beside Ctrl, Shift and Alt");
+                ensure!(key.is_none(), "a shortcut has one key besides Ctrl, Shift and Alt");
                 key = Some(Key::from_name(part).with_context(|| format!("there is no key {part}"))?);
             }
         }
@@ -194,10 +197,10 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_makes_no_sense_is_refused_in_a_sentence() {
+    fn a_file_that_makes_no_sense_is_refused_with_the_reason() {
         for (text, expected) in [
             ("[keys]\nnext-camera = \"Nn\"", "there is no key Nn"),
-            ("[keys]\nnext-camera = \"A+B\"", "one key beside"),
+            ("[keys]\nnext-camera = \"A+B\"", "one key besides"),
             ("[keys]\nnext-camera = \"W\"", "forward and next-camera have the same key"),
             ("[keys]\njump = \"W\"", "jump"),
             ("keys", "TOML"),

@@ -1,43 +1,43 @@
-//! What the window says in sentences.
+//! Messages in the window: notes and errors.
 
 use std::time::{Duration, Instant};
 
-/// A sentence, and since when it is shown.
+/// A message, and the time since which it is shown.
 pub struct Message {
     pub text: String,
     pub is_error: bool,
     since: Instant,
 }
 
-/// Notes leave after a while; errors stay until they are closed.
+/// The messages that are shown. Notes disappear after a while; errors stay until they are closed.
 #[derive(Default)]
 pub struct Messages {
     all: Vec<Message>,
-    /// Said since they were last asked for, to be told elsewhere too.
-    fresh: Vec<(bool, String)>,
+    /// Messages since the last [`Messages::take_new`]: whether each is an error, and its text.
+    new: Vec<(bool, String)>,
 }
 
-const NOTE_STAYS: Duration = Duration::from_secs(6);
+const NOTE_DURATION: Duration = Duration::from_secs(6);
 
 impl Messages {
     pub fn note(&mut self, text: impl Into<String>) {
-        self.say(text.into(), false);
+        self.show(text.into(), false);
     }
 
     pub fn error(&mut self, text: impl Into<String>) {
-        self.say(text.into(), true);
+        self.show(text.into(), true);
     }
 
-    fn say(&mut self, text: String, is_error: bool) {
-        self.fresh.push((is_error, text.clone()));
-        // Said again, it is as if said now.
+    fn show(&mut self, text: String, is_error: bool) {
+        self.new.push((is_error, text.clone()));
+        // A repeated message starts again.
         self.all.retain(|message| message.text != text);
         self.all.push(Message { text, is_error, since: Instant::now() });
     }
 
-    /// What is to be shown now, the oldest first.
+    /// The messages to show now, the oldest first.
     pub fn shown(&mut self) -> &[Message] {
-        self.all.retain(|message| message.is_error || message.since.elapsed() < NOTE_STAYS);
+        self.all.retain(|message| message.is_error || message.since.elapsed() < NOTE_DURATION);
         &self.all
     }
 
@@ -45,14 +45,14 @@ impl Messages {
         self.all.remove(place);
     }
 
-    /// When the next note leaves.
+    /// The time until the next note disappears; `None` without notes.
     pub fn next_change(&self) -> Option<Duration> {
         let notes = self.all.iter().filter(|message| !message.is_error);
-        notes.map(|message| NOTE_STAYS.saturating_sub(message.since.elapsed())).min()
+        notes.map(|message| NOTE_DURATION.saturating_sub(message.since.elapsed())).min()
     }
 
-    /// What has been said since the last time: whether it is an error, and the sentence.
-    pub fn fresh(&mut self) -> Vec<(bool, String)> {
-        std::mem::take(&mut self.fresh)
+    /// The messages since the last call: whether each is an error, and its text.
+    pub fn take_new(&mut self) -> Vec<(bool, String)> {
+        std::mem::take(&mut self.new)
     }
 }

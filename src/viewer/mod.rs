@@ -1,32 +1,36 @@
 //! The window: opens scenes, flies through them, shows what every stage costs, and looks inside the pipeline.
+//!
+//! Files depend on each other in one direction: plain data (`comparison`, `export`, `film`, `layers`, `view_modes`) <-
+//! `state` <- `actions` <- `input` and `panels` <- `session` <- `window` and `offscreen`. `jobs` runs threads,
+//! `job_events` handles what they report, `screen` owns the frames on the GPU.
 
+mod actions;
 mod comparison;
 mod events;
 mod export;
-mod hands;
+mod film;
 mod history;
+mod input;
+mod job_events;
 mod jobs;
 mod keys;
 mod layers;
-mod looks;
 mod measuring;
 mod messages;
-mod news;
 mod offscreen;
 mod panels;
 mod pictures;
 mod screen;
 mod session;
 mod state;
-mod timeline;
-mod views;
+mod view_modes;
 mod window;
 
-pub use comparison::{Way, With};
+pub use comparison::{CompareMode, CompareTarget};
 pub use history::Digest;
 pub use keys::Bindings;
-pub use looks::sight_names;
 pub use offscreen::{Offscreen, Summary, run as run_offscreen};
-pub use session::{Session, Turn};
-pub use state::{CompareWith, Setup, Viewer, Wish};
-pub use window::{Fault, Opening, run};
+pub use session::{FrameOutput, Session};
+pub use state::{CompareWith, Request, Setup, Viewer, WindowRequest};
+pub use view_modes::{view_mode, view_mode_names};
+pub use window::{Fault, WindowSetup, run};

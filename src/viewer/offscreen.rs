@@ -1,39 +1,42 @@
-//! The viewer without a window: the same frames with the same panels into an image, as fast as they come.
+//! The viewer without a window: draws the same frames with the same panels into an image, as fast as possible.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use egui::{RawInput, ViewportId, ViewportInfo};
 
-use super::comparison::With;
+use super::comparison::CompareTarget;
 use super::history::Digest;
 use super::jobs::Jobs;
 use super::screen::Screen;
-use super::session::{Session, Turn};
+use super::session::{FrameOutput, Session};
 use super::state::{Setup, Viewer};
-use crate::measure::bench::Statistics;
 use crate::gpu::Device;
+use crate::measure::bench::Statistics;
+use crate::render::Path;
 
-/// A viewer whose hands and eyes are a program's.
+/// A viewer that a program drives, without a window.
 pub struct Offscreen {
     pub session: Session,
     size: [u32; 2],
     started: Instant,
-    /// That no layout has answered yet.
+    /// The events that no layout has handled yet.
     events: Vec<egui::Event>,
 }
 
-/// How frames without a window went.
+/// The timings of frames without a window, and the last frame.
 pub struct Summary {
     /// Milliseconds from one frame to the next.
     pub interval_ms: Statistics,
-    /// GPU time of the last frames and of their stages, if anything was drawn.
+    /// The path that drew the last frame; `None` if nothing was drawn.
+    pub path: Option<Path>,
+    /// GPU time of the last frames and of their stages; `None` if nothing was drawn.
     pub gpu: Option<Digest>,
     pub first_frame_ms: f64,
-    /// Milliseconds from an input to the submission of the picture that answers it, on average.
+    /// Mean milliseconds from an input to the submission of the picture that answers it.
     pub latency_ms: f64,
-    /// The last frame: rows of red, green, blue and alpha.
+    /// The pixels of the last frame, row by row: red, green, blue and alpha.
     pub screen: Vec<[u8; 4]>,
 }
 
@@ -49,13 +52,13 @@ impl Offscreen {
         &mut self.session.viewer
     }
 
-    /// One frame; these events are answered by it or, if panels were laid out just before, by one of the next.
-    pub fn frame(&mut self, events: Vec<egui::Event>) -> Result<Turn> {
-        self.session.make_room()?;
+    /// Draws one frame. The events are handled by it or, if the panels were laid out just before, by a later frame.
+    pub fn frame(&mut self, events: Vec<egui::Event>) -> Result<FrameOutput> {
+        self.session.wait_for_slot()?;
         self.events.extend(events);
-        let (size, started, waiting) = (self.size, self.started, &mut self.events);
+        let (size, started, pending) = (self.size, self.started, &mut self.events);
         let input = || {
-            let events = std::mem::take(waiting);
+            let events = std::mem::take(pending);
             let mut input = RawInput { events, time: Some(started.elapsed().as_secs_f64()), ..RawInput::default() };
             let viewport = ViewportInfo { native_pixels_per_point: Some(1.0), ..ViewportInfo::default() };
             input.viewports.insert(ViewportId::ROOT, viewport);
@@ -63,34 +66,38 @@ impl Offscreen {
             input.screen_rect = Some(egui::Rect::from_min_size(egui::Pos2::ZERO, egui::vec2(width, height)));
             input
         };
-        self.session.turn(input, size)
+        self.session.frame(input, size)
     }
 
-    /// Frames until all that was asked for is read, built, drawn and shown. An error that it would show is one.
+    /// Draws frames until everything that was requested is read, built, drawn and shown.
+    ///
+    /// # Errors
+    /// A failure, or an error message that the window would show.
     pub fn settle(&mut self) -> Result<()> {
         loop {
-            let has_asked = self.frame(Vec::new())?.platform.is_some();
-            self.session.land(true)?;
+            let has_layout = self.frame(Vec::new())?.platform.is_some();
+            self.session.retire_frames(true)?;
             if let Some(failure) = self.viewer().failure.take() {
                 return Err(failure);
             }
             if let Some(problem) = self.viewer().messages.shown().iter().find(|message| message.is_error) {
                 bail!("{}", problem.text);
             }
-            if has_asked && self.session.is_settled() {
+            if has_layout && self.session.is_settled() {
                 return Ok(());
             }
             std::thread::sleep(Duration::from_millis(2));
         }
     }
 
-    /// What it shows: rows of red, green, blue and alpha.
+    /// The pixels of the frame shown last, row by row: red, green, blue and alpha.
     pub fn screen(&mut self) -> Result<Vec<[u8; 4]>> {
-        Ok(self.session.screen.read(&mut self.session.pair)?.expect("there is no window"))
+        self.session.screen.read(&mut self.session.pair)?.context("the screen of this session is a window")
     }
 }
 
-/// Opens scenes and draws `frames` frames, each from the next camera of the file or, without one, from the first view.
+/// Opens scenes and draws `frames` frames, each from the next camera of the file or, without a file, from the first
+/// view.
 pub fn run(setup: Setup, device: &Device, size: [u32; 2], frames: u32) -> Result<Summary> {
     let mut offscreen = Offscreen::new(setup, device, size)?;
     offscreen.settle()?;
@@ -99,21 +106,23 @@ pub fn run(setup: Setup, device: &Device, size: [u32; 2], frames: u32) -> Result
     for frame in 0..frames {
         let begun = Instant::now();
         let viewer = offscreen.viewer();
-        // The reference is of one view.
-        if !viewer.cameras.is_empty() && viewer.comparison.with != With::Reference {
+        // The reference is drawn for one view only.
+        if !viewer.cameras.is_empty() && viewer.comparison.target != CompareTarget::Reference {
             viewer.go_to_camera(frame as usize % viewer.cameras.len(), true);
         }
         viewer.is_stale = true;
         offscreen.frame(vec![egui::Event::PointerMoved(egui::pos2(frame as f32 % 100.0, 50.0))])?;
         intervals.push(begun.elapsed().as_secs_f64() * 1e3);
     }
-    offscreen.session.land(true)?;
+    offscreen.session.retire_frames(true)?;
     let screen = offscreen.screen()?;
+    let path = offscreen.session.pair.first.as_ref().map(|drawn| drawn.path);
     let viewer = offscreen.viewer();
-    // The first ones fill the pipeline and warm the device up.
+    // The first frames fill the pipeline and warm the device up; they do not count.
     let measured = intervals.split_off(intervals.len() / 4);
     Ok(Summary {
         interval_ms: Statistics::of(measured),
+        path,
         gpu: viewer.history.digest_now(),
         first_frame_ms,
         latency_ms: viewer.pace.mean_latency_ms,

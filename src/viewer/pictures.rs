@@ -1,4 +1,4 @@
-//! A scene on the GPU with what draws it, made on a thread beside the window.
+//! A scene on the GPU with its renderer, built by a job while the window goes on.
 
 use std::sync::Arc;
 
@@ -7,11 +7,18 @@ use anyhow::Result;
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
+use crate::render::{Frame, GpuScene, Inspection, Layout, Path, Renderer};
 use crate::rules::Background;
-use crate::render::{Frame, GpuScene, Inspection, Layout, Renderer};
 use crate::scene::{Gaussians, Requirements, Transform};
 
-/// What is to be drawn: scenes in their places, and how.
+/// One of the two pictures that a window can show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    First,
+    Second,
+}
+
+/// What to draw: scenes with their transforms, and the options.
 #[derive(Clone)]
 pub struct Plan {
     pub parts: Vec<(Arc<Gaussians>, Transform)>,
@@ -21,15 +28,17 @@ pub struct Plan {
 /// A scene on the GPU, and its picture.
 pub struct Drawn {
     pub plan: Plan,
-    /// The parts as one.
+    /// The parts joined, in world space.
     pub gaussians: Arc<Gaussians>,
     pub needs: Arc<Requirements>,
     pub scene: GpuScene,
-    pub still: Renderer,
-    /// Tells it from the one that was here before.
+    pub renderer: Renderer,
+    /// Number of the build; tells this picture from one that it replaced.
     pub generation: u64,
-    /// Of the first frame, which is complete.
+    /// The first frame, which is complete; its totals are updated by later frames.
     pub frame: Frame,
+    /// The path that drew the frame of these totals.
+    pub path: Path,
     pub inspection: Inspection,
 }
 
@@ -38,24 +47,24 @@ impl Plan {
         self.options == other.options && self.has_scene_of(other)
     }
 
-    /// Whether it draws the same Gaussians in the same places.
+    /// True if both plans draw the same Gaussians with the same transforms.
     pub fn has_scene_of(&self, other: &Self) -> bool {
         self.parts.len() == other.parts.len()
             && self.parts.iter().zip(&other.parts).all(|(a, b)| Arc::ptr_eq(&a.0, &b.0) && a.1 == b.1)
     }
 
-    /// Puts it on the GPU and draws it once; takes over what `before` has of it already.
+    /// Uploads the scene and draws it once. Takes over from `reusable` what is the same.
     pub fn build(
         self,
         device: &Device,
-        before: Option<Kept>,
+        reusable: Option<Reusable>,
         view: &Camera,
         background: Background,
         generation: u64,
     ) -> Result<Drawn> {
-        let before = before.filter(|before| before.plan.has_scene_of(&self));
-        let (gaussians, needs) = match &before {
-            Some(before) => (before.gaussians.clone(), before.needs.clone()),
+        let reusable = reusable.filter(|old| old.plan.has_scene_of(&self));
+        let (gaussians, needs) = match &reusable {
+            Some(old) => (old.gaussians.clone(), old.needs.clone()),
             None => {
                 let gaussians = self.joined()?;
                 let needs = Arc::new(Requirements::of(&gaussians));
@@ -63,18 +72,19 @@ impl Plan {
             }
         };
         let layout = Layout::of(&gaussians, &needs, &self.options);
-        let same_threshold = |before: &Kept| before.plan.options.rules.alpha_min == self.options.rules.alpha_min;
-        let scene = match before.filter(|before| *before.scene.layout() == layout && same_threshold(before)) {
-            Some(before) => before.scene,
+        let same_threshold = |old: &Reusable| old.plan.options.rules.alpha_min == self.options.rules.alpha_min;
+        let scene = match reusable.filter(|old| *old.scene.layout() == layout && same_threshold(old)) {
+            Some(old) => old.scene,
             None => GpuScene::with(device, &gaussians, &needs, &self.options)?,
         };
-        let mut still = Renderer::new(device, &self.options, &scene)?;
-        let frame = still.render(view, background)?;
+        let mut renderer = Renderer::new(device, &self.options, &scene)?;
+        let frame = renderer.render(view, background)?;
+        let path = renderer.path();
         let inspection = Inspection::default();
-        Ok(Drawn { plan: self, gaussians, needs, scene, still, generation, frame, inspection })
+        Ok(Drawn { plan: self, gaussians, needs, scene, renderer, generation, frame, path, inspection })
     }
 
-    /// The parts in their places, as one scene.
+    /// The parts, transformed, as one scene.
     pub fn joined(&self) -> Result<Arc<Gaussians>> {
         if let [(gaussians, transform)] = &self.parts[..]
             && *transform == Transform::IDENTITY
@@ -87,8 +97,8 @@ impl Plan {
     }
 }
 
-/// What of a picture another may use.
-pub struct Kept {
+/// The parts of a picture that the build of another picture may take over.
+pub struct Reusable {
     plan: Plan,
     gaussians: Arc<Gaussians>,
     needs: Arc<Requirements>,
@@ -96,8 +106,8 @@ pub struct Kept {
 }
 
 impl Drawn {
-    pub fn kept(&self) -> Kept {
-        Kept {
+    pub fn reusable(&self) -> Reusable {
+        Reusable {
             plan: self.plan.clone(),
             gaussians: self.gaussians.clone(),
             needs: self.needs.clone(),
@@ -105,9 +115,9 @@ impl Drawn {
         }
     }
 
-    /// Device memory: every buffer's name and bytes.
+    /// Device memory: name and bytes of every buffer.
     pub fn buffers(&self) -> Vec<(String, u64)> {
-        let all = self.scene.buffers().into_iter().chain(self.still.buffers());
+        let all = self.scene.buffers().into_iter().chain(self.renderer.buffers());
         all.map(|(name, bytes)| (name.to_owned(), bytes)).collect()
     }
 }

@@ -1,4 +1,5 @@
-//! Frames on their way: pictures are drawn, shown, and handed to a window or to an image of no window; two at a time.
+//! Draws pictures and shows them with panels over them, in a window or in an offscreen image. Up to two frames are in
+//! flight.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -6,59 +7,73 @@ use std::sync::Arc;
 use anyhow::Result;
 use egui::{ClippedPrimitive, TexturesDelta};
 
-use super::jobs::Side;
-use super::pictures::Drawn;
+use super::pictures::{Drawn, Side};
 use crate::camera::Camera;
 use crate::gpu::{
     Access, Acquisition, Commands, Device, Image, InFlight, Overlay, Presentation, Swapchain, Timing, Vsync,
 };
+use crate::render::{Compare, Display, Path, Picture, Quantity, Recorded, Totals, upload_pixels};
 use crate::rules::Background;
-use crate::render::{Compare, Display, Picture, Quantity, Recorded, Totals, upload_pixels};
 
-/// Frames on the GPU at once: one is drawn while the next is prepared.
-const IN_FLIGHT: usize = 2;
+/// Frames in flight: the GPU draws one while the next is prepared.
+const FRAMES_IN_FLIGHT: usize = 2;
 
-/// What pictures are shown on, and the frames on their way there.
+/// The target on which pictures are shown, and the frames in flight.
 pub struct Screen {
     device: Device,
     target: Target,
     display: Display,
     overlay: Option<Overlay>,
-    /// Textures of panels to be made and given up with the next frame.
+    /// Textures of the panels to create and free with the next frame.
     textures: TexturesDelta,
-    /// Where nothing is drawn.
+    /// Shown while there is no picture.
     blank: Option<Image>,
-    flights: VecDeque<Flight>,
-    /// What a frame left to be said while another was prepared.
-    landed: Vec<Landed>,
-    /// The recording of pictures that the next frame shows.
+    frames: VecDeque<FrameInFlight>,
+    /// Results of finished frames, kept until the next [`Screen::retire`].
+    retired: Vec<RetiredFrame>,
+    /// The pictures submitted by [`Screen::draw`] and not yet shown.
     drawing: Option<Drawing>,
 }
 
 enum Target {
     Window(Swapchain),
     Offscreen(Image),
-    /// Neither any more.
+    /// The window was given up.
     Closed,
 }
 
 /// A frame on the GPU.
-struct Flight {
+struct FrameInFlight {
     drawing: Option<Drawing>,
     show: InFlight,
 }
 
-/// Pictures on the GPU.
+/// Submitted pictures.
 struct Drawing {
     commands: InFlight,
-    pictures: Vec<(Side, u64, Recorded)>,
+    pictures: Vec<RecordedPicture>,
 }
 
-/// A frame that is done.
-pub struct Landed {
+struct RecordedPicture {
+    side: Side,
+    generation: u64,
+    path: Path,
+    recorded: Recorded,
+}
+
+/// The results of a finished frame.
+pub struct RetiredFrame {
     pub timings: Vec<Timing>,
-    /// Of what was drawn: the side, what the frame counted if it came out whole.
-    pub pictures: Vec<(Side, Option<Totals>)>,
+    /// The pictures drawn in it.
+    pub pictures: Vec<RetiredPicture>,
+}
+
+/// The results of a picture in a finished frame.
+pub struct RetiredPicture {
+    pub side: Side,
+    pub path: Path,
+    /// The counts of the frame; `None` if it is incomplete because a buffer was too small.
+    pub totals: Option<Totals>,
 }
 
 /// The two pictures of a screen.
@@ -68,29 +83,30 @@ pub struct Pair {
     pub second: Option<Second>,
 }
 
-/// What the first picture is held against.
+/// The picture with which the first one is compared.
 pub enum Second {
     Drawn(Box<Drawn>),
-    /// From elsewhere, of the window's size.
+    /// A picture that the GPU did not draw, in the size of the window.
     Image(Image),
 }
 
-/// What came of showing a frame.
+/// The outcome of showing a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shown {
     Yes,
-    /// The window has changed, and the frame is to be shown again.
+    /// The window has changed; show the frame again.
     Again,
     /// The window has no pixels.
     Hidden,
-    /// The window's surface is gone: open the screen anew.
+    /// The surface of the window is gone; open a new screen.
     Lost,
 }
 
-/// How pictures and panels make a frame.
+/// How pictures and panels are combined into a frame.
 pub struct Arrangement<'a> {
     pub compare: Compare,
     pub quantity: Quantity,
+    /// The panels.
     pub triangles: &'a [ClippedPrimitive],
     pub pixels_per_point: f32,
 }
@@ -105,7 +121,7 @@ impl Second {
 }
 
 impl Pair {
-    /// What is drawn, and on which side.
+    /// The pictures that the GPU draws, by side.
     pub fn drawn(&mut self) -> impl Iterator<Item = (Side, &mut Drawn)> {
         let second = self.second.as_mut().and_then(|second| match second {
             Second::Drawn(drawn) => Some((Side::Second, &mut **drawn)),
@@ -116,7 +132,7 @@ impl Pair {
 }
 
 impl Screen {
-    /// The screen of a window, on a device that was opened for its display.
+    /// The screen of a window. `device` was opened for the window's display.
     pub fn of_window(device: &Device, window: &Arc<winit::window::Window>, vsync: Vsync) -> Result<Self> {
         let mut swapchain = Swapchain::new(device, window, vsync)?;
         let size = window.inner_size();
@@ -125,7 +141,7 @@ impl Screen {
         Ok(Self::new(device, Target::Window(swapchain), display))
     }
 
-    /// No window: the same, into an image of this size.
+    /// A screen without a window: an image of this size in pixels.
     pub fn offscreen(device: &Device, size: [u32; 2]) -> Result<Self> {
         let target = Target::Offscreen(Image::screen(device, "screen", size)?);
         Ok(Self::new(device, target, Display::new(device, true, false)?))
@@ -139,15 +155,15 @@ impl Screen {
             overlay: None,
             textures: TexturesDelta::default(),
             blank: None,
-            flights: VecDeque::new(),
-            landed: Vec::new(),
+            frames: VecDeque::new(),
+            retired: Vec::new(),
             drawing: None,
         }
     }
 
-    /// Ends the use of the window, which another screen may take over.
+    /// Gives the window up, so that another screen can take it over.
     pub fn close(&mut self) {
-        self.flights.clear();
+        self.frames.clear();
         self.drawing = None;
         self.overlay = None;
         self.target = Target::Closed;
@@ -157,7 +173,7 @@ impl Screen {
         &self.device
     }
 
-    /// Width and height in pixels; none while there are none.
+    /// Width and height in pixels; `None` while the window has no pixels.
     pub fn size(&self) -> Option<[u32; 2]> {
         match &self.target {
             Target::Window(swapchain) => swapchain.size(),
@@ -166,7 +182,7 @@ impl Screen {
         }
     }
 
-    /// Fits the window as it is.
+    /// Adapts the swapchain to the size of the window.
     pub fn fit(&mut self, size: [u32; 2]) -> Result<Shown> {
         match &mut self.target {
             Target::Window(swapchain) => match swapchain.fit(size)? {
@@ -184,63 +200,66 @@ impl Screen {
         self.fit(size)
     }
 
-    /// Textures that panels want, from this frame on.
+    /// Applies these changes to the textures of the panels with the next frame.
     pub fn add_textures(&mut self, changes: TexturesDelta) {
         self.textures.append(changes);
     }
 
-    /// Whether frames are on their way.
+    /// True while frames are in flight.
     pub fn is_busy(&self) -> bool {
-        !self.flights.is_empty() || self.drawing.is_some()
+        !self.frames.is_empty() || self.drawing.is_some()
     }
 
-    /// The frames that are done since the last time. With `wait`, all of them.
-    pub fn landed(&mut self, pair: &mut Pair, wait: bool) -> Result<Vec<Landed>> {
-        while self.flights.front().is_some_and(|flight| wait || flight.show.is_done()) {
-            self.land(pair)?;
+    /// The frames that finished since the last call. With `wait`, waits for all that are in flight.
+    pub fn retire(&mut self, pair: &mut Pair, wait: bool) -> Result<Vec<RetiredFrame>> {
+        while self.frames.front().is_some_and(|frame| wait || frame.show.is_done()) {
+            self.retire_oldest(pair)?;
         }
-        Ok(std::mem::take(&mut self.landed))
+        Ok(std::mem::take(&mut self.retired))
     }
 
-    /// Waits until fewer frames than may be are on their way.
-    pub fn make_room(&mut self, pair: &mut Pair) -> Result<()> {
-        while self.flights.len() >= IN_FLIGHT {
-            self.land(pair)?;
+    /// Waits until another frame may be submitted.
+    pub fn wait_for_slot(&mut self, pair: &mut Pair) -> Result<()> {
+        while self.frames.len() >= FRAMES_IN_FLIGHT {
+            self.retire_oldest(pair)?;
         }
         Ok(())
     }
 
     /// Waits for the oldest frame.
-    fn land(&mut self, pair: &mut Pair) -> Result<()> {
-        let Some(Flight { drawing, show }) = self.flights.pop_front() else { return Ok(()) };
+    fn retire_oldest(&mut self, pair: &mut Pair) -> Result<()> {
+        let Some(FrameInFlight { drawing, show }) = self.frames.pop_front() else { return Ok(()) };
         let Some(Drawing { commands, pictures }) = drawing else {
             show.wait()?;
             return Ok(());
         };
-        let drawn = commands.wait()?;
-        let mut counted = Vec::new();
-        for (side, generation, recorded) in pictures {
-            // What was replaced meanwhile has nothing to learn.
-            if let Some((_, there)) = pair.drawn().find(|(s, there)| (*s, there.generation) == (side, generation)) {
-                counted.push((side, there.still.judge(&drawn, &recorded)?));
+        let results = commands.wait()?;
+        let mut retired = Vec::new();
+        for RecordedPicture { side, generation, path, recorded } in pictures {
+            // The counts of a picture that was replaced meanwhile are of no use.
+            if let Some((_, drawn)) = pair.drawn().find(|(s, drawn)| (*s, drawn.generation) == (side, generation)) {
+                let totals = drawn.renderer.judge(&results, &recorded)?;
+                retired.push(RetiredPicture { side, path, totals });
             }
         }
-        let mut timings = drawn.timings().to_vec();
-        // Of a submission of its own, behind the other.
+        let mut timings = results.timings().to_vec();
+        // Showing is a submission of its own, with its own time origin, and runs after the drawing.
         let end_ms = timings.iter().map(|t| t.start_ms + t.duration_ms).fold(0.0, f64::max);
         let later = |t: &Timing| Timing { start_ms: t.start_ms + end_ms, ..t.clone() };
         timings.extend(show.wait()?.timings().iter().map(later));
-        self.landed.push(Landed { timings, pictures: counted });
+        self.retired.push(RetiredFrame { timings, pictures: retired });
         Ok(())
     }
 
-    /// Draws the pictures of `pair` anew. [`Screen::show`] shows them.
+    /// Draws the pictures of `pair`. [`Screen::show`] shows them.
     pub fn draw(&mut self, pair: &mut Pair, camera: &Camera, background: Background) -> Result<()> {
-        self.make_room(pair)?;
+        self.wait_for_slot(pair)?;
         let mut cmd = Commands::new(&self.device)?;
         let mut pictures = Vec::new();
         for (side, drawn) in pair.drawn() {
-            pictures.push((side, drawn.generation, drawn.still.record(&mut cmd, camera, background)?));
+            let recorded = drawn.renderer.record(&mut cmd, camera, background)?;
+            let (generation, path) = (drawn.generation, drawn.renderer.path());
+            pictures.push(RecordedPicture { side, generation, path, recorded });
         }
         if !pictures.is_empty() {
             self.drawing = Some(Drawing { commands: cmd.submit()?, pictures });
@@ -248,31 +267,26 @@ impl Screen {
         Ok(())
     }
 
-    /// Shows what was drawn last, with panels over it.
-    pub fn show(&mut self, pair: &mut Pair, look: &Arrangement) -> Result<Shown> {
-        self.make_room(pair)?;
-        let acquired = match &mut self.target {
+    /// Shows the pictures drawn last, with panels over them.
+    pub fn show(&mut self, pair: &mut Pair, arrangement: &Arrangement) -> Result<Shown> {
+        self.wait_for_slot(pair)?;
+        let (image, acquired) = match &mut self.target {
             Target::Closed => return Ok(Shown::Hidden),
-            Target::Offscreen(_) => None,
+            Target::Offscreen(image) => (image.clone(), None),
             Target::Window(swapchain) => match swapchain.acquire()? {
-                Acquisition::Image(acquired) => Some(acquired),
+                Acquisition::Image(acquired) => (acquired.image().clone(), Some(acquired)),
                 Acquisition::Stale => return Ok(Shown::Again),
                 Acquisition::Hidden => return Ok(Shown::Hidden),
                 Acquisition::Lost => return Ok(Shown::Lost),
             },
         };
-        let image = match (&self.target, &acquired) {
-            (Target::Offscreen(image), _) => image.clone(),
-            (_, Some(acquired)) => acquired.image().clone(),
-            (_, None) => unreachable!("a window gives an image"),
-        };
         let mut cmd = Commands::new(&self.device)?;
-        self.record(&mut cmd, pair, look, &image)?;
+        self.record(&mut cmd, pair, arrangement, &image)?;
         let (show, outcome) = match (&mut self.target, acquired) {
             (Target::Window(swapchain), Some(acquired)) => cmd.present(swapchain, acquired)?,
             _ => (cmd.submit()?, Presentation::Shown),
         };
-        self.flights.push_back(Flight { drawing: self.drawing.take(), show });
+        self.frames.push_back(FrameInFlight { drawing: self.drawing.take(), show });
         Ok(match outcome {
             Presentation::Shown => Shown::Yes,
             Presentation::Stale => Shown::Again,
@@ -280,53 +294,66 @@ impl Screen {
         })
     }
 
-    fn record(&mut self, cmd: &mut Commands, pair: &Pair, look: &Arrangement, image: &Image) -> Result<()> {
+    fn record(&mut self, cmd: &mut Commands, pair: &Pair, arrangement: &Arrangement, image: &Image) -> Result<()> {
         let size = image.size();
         let fits = |image: &Image| image.size() == size;
-        let first = pair.first.as_ref().map(|drawn| Picture::of(&drawn.still)).filter(|p| fits(p.image()));
+        let first = pair.first.as_ref().map(|drawn| drawn.renderer.picture()).filter(|p| fits(p.image()));
         let second = pair.second.as_ref().map(|second| match second {
-            Second::Drawn(drawn) => Picture::of(&drawn.still),
+            Second::Drawn(drawn) => drawn.renderer.picture(),
             Second::Image(image) => Picture::whole(image),
         });
         let second = second.filter(|p| fits(p.image()));
-        if first.is_none() && self.blank.as_ref().is_none_or(|blank| !fits(blank)) {
-            let nothing = crate::pixels::Pixels { size, rgba: vec![[0.0; 4]; size[0] as usize * size[1] as usize] };
-            self.blank = Some(upload_pixels(&self.device, "blank", &nothing)?);
-        }
-        let first = first.or_else(|| self.blank.as_ref().map(Picture::whole)).expect("a blank was made");
+        let first = match first {
+            Some(first) => first,
+            None => Picture::whole(blank(&self.device, &mut self.blank, size)?),
+        };
         let (second, compare) = match &second {
-            Some(second) => (second, look.compare),
+            Some(second) => (second, arrangement.compare),
             None => (&first, Compare::First),
         };
-        cmd.scope("display", |cmd| self.display.record(cmd, [&first, second], compare, look.quantity, image))?;
-        if look.triangles.is_empty() {
+        cmd.scope("display", |cmd| self.display.record(cmd, [&first, second], compare, arrangement.quantity, image))?;
+        if arrangement.triangles.is_empty() {
             return Ok(());
         }
-        if self.overlay.as_ref().is_none_or(|overlay| !overlay.fits(image)) {
-            self.overlay = Some(Overlay::new(&self.device, image)?);
-        }
-        let overlay = self.overlay.as_mut().expect("an overlay was made");
+        let overlay = match &mut self.overlay {
+            Some(overlay) if overlay.fits(image) => overlay,
+            overlay => overlay.insert(Overlay::new(&self.device, image)?),
+        };
         for (id, changes) in std::mem::take(&mut self.textures.set) {
             for change in changes {
                 overlay.set_texture(id, &change)?;
             }
         }
         cmd.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::DRAW);
-        cmd.scope("panels", |cmd| cmd.overlay(overlay, image, look.pixels_per_point, look.triangles))?;
+        cmd.scope("panels", |cmd| cmd.overlay(overlay, image, arrangement.pixels_per_point, arrangement.triangles))?;
         for id in std::mem::take(&mut self.textures.free) {
             overlay.free_texture(id);
         }
         Ok(())
     }
 
-    /// What a screen without a window shows: rows of red, green, blue and alpha.
+    /// The pixels of an offscreen screen, row by row: red, green, blue and alpha. `None` for a window.
     pub fn read(&mut self, pair: &mut Pair) -> Result<Option<Vec<[u8; 4]>>> {
-        while !self.flights.is_empty() {
-            self.land(pair)?;
+        while !self.frames.is_empty() {
+            self.retire_oldest(pair)?;
         }
         let Target::Offscreen(image) = &self.target else { return Ok(None) };
         let mut cmd = Commands::new(&self.device)?;
         let pixels = cmd.read_screen(image)?;
         Ok(Some(cmd.submit()?.wait()?.view(&pixels).to_vec()))
+    }
+}
+
+/// A black image of this size; creates it in `current` if that has another size.
+fn blank<'a>(device: &Device, current: &'a mut Option<Image>, size: [u32; 2]) -> Result<&'a Image> {
+    if current.as_ref().is_none_or(|image| image.size() != size) {
+        *current = None;
+    }
+    match current {
+        Some(image) => Ok(image),
+        none => {
+            let black = crate::pixels::Pixels { size, rgba: vec![[0.0; 4]; size[0] as usize * size[1] as usize] };
+            Ok(none.insert(upload_pixels(device, "blank", &black)?))
+        }
     }
 }

@@ -1,18 +1,20 @@
-//! One window's life without the window: news come in, panels are laid out, pictures are drawn and shown.
+//! A viewer with its device, without the window: handles job events, lays panels out, draws and shows pictures.
 
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use egui::{ClippedPrimitive, FullOutput, PlatformOutput, RawInput};
 
-use super::comparison::With;
+use super::comparison::CompareTarget;
 use super::events::Event;
-use super::jobs::Side;
-use super::pictures::{Drawn, Kept};
-use super::screen::{Arrangement, Pair, Screen, Shown};
-use super::state::{Viewer, Wish};
-use super::{hands, panels};
+use super::pictures::{Drawn, Reusable, Side};
+use super::screen::{Arrangement, Pair, RetiredPicture, Screen, Shown};
+use super::state::{Request, Viewer, WindowRequest};
+use super::{input, job_events, panels};
 use crate::render::{Compare, Quantity};
+
+/// The longest time step of an input, in seconds, so that the view does not jump after a pause.
+const MAX_STEP: f64 = 0.1;
 
 /// A viewer with the device that it draws on.
 pub struct Session {
@@ -20,56 +22,68 @@ pub struct Session {
     pub pair: Pair,
     pub screen: Screen,
     context: egui::Context,
-    /// When the frame before was prepared, and whether it was one of a motion that went on.
-    before: Option<(Instant, bool)>,
+    /// When the previous frame was prepared, and whether another one was due right after it.
+    previous: Option<(Instant, bool)>,
     has_shown_scene: bool,
-    laid: Laid,
-    /// The way of looking that was told last.
-    sight: usize,
+    layout: UiLayout,
+    /// The view mode of the last event about it.
+    reported_mode: usize,
+    /// Notices about the paths that have been shown.
+    reported_notices: Vec<String>,
 }
 
 /// The panels as they were laid out last.
-struct Laid {
+struct UiLayout {
     at: Option<Instant>,
     triangles: Vec<ClippedPrimitive>,
     pixels_per_point: f32,
-    /// When they want to be laid out again.
-    again_in: Duration,
+    /// The time after which the panels ask for another layout.
+    repaint_delay: Duration,
 }
 
-/// What a frame leaves to be done by whoever owns the window.
-pub struct Turn {
-    /// If the panels were laid out.
+/// What a frame leaves to the owner of the window.
+pub struct FrameOutput {
+    /// The platform output of egui; `None` if the panels were not laid out.
     pub platform: Option<PlatformOutput>,
-    /// When the next frame is due, if nothing happens before.
-    pub again_in: Duration,
-    pub wishes: Vec<Wish>,
+    /// The time until the next frame is due, if nothing happens before.
+    pub repaint_delay: Duration,
+    pub requests: Vec<WindowRequest>,
     pub shown: Shown,
 }
 
 impl Session {
-    pub fn new(viewer: Viewer, screen: Screen, context: egui::Context) -> Self {
-        let laid = Laid { at: None, triangles: Vec::new(), pixels_per_point: 1.0, again_in: Duration::MAX };
-        let sight = viewer.looks.sight;
-        Self { viewer, pair: Pair::default(), screen, context, before: None, has_shown_scene: false, laid, sight }
+    /// Starts to open what the viewer's setup names.
+    pub fn new(mut viewer: Viewer, screen: Screen, context: egui::Context) -> Self {
+        viewer.open_setup();
+        Self {
+            reported_mode: viewer.inspection.mode,
+            reported_notices: Vec::new(),
+            viewer,
+            pair: Pair::default(),
+            screen,
+            context,
+            previous: None,
+            has_shown_scene: false,
+            layout: UiLayout { at: None, triangles: Vec::new(), pixels_per_point: 1.0, repaint_delay: Duration::MAX },
+        }
     }
 
     pub fn context(&self) -> &egui::Context {
         &self.context
     }
 
-    /// A new screen in place of one that is gone, with nothing on it yet.
+    /// Replaces a screen whose device is gone. The pictures are built again.
     pub fn replace_screen(&mut self, screen: Screen) {
         self.pair = Pair::default();
         self.screen = screen;
-        self.forget_letters();
+        self.reset_font_atlas();
         self.viewer.building = [false; 2];
         self.viewer.refused = [None, None];
         self.viewer.is_stale = true;
         self.viewer.comparison.is_stale = true;
     }
 
-    /// Gives the pictures up, and the memory that they take.
+    /// Drops the pictures and their memory, and does not build them again before their plans change.
     pub fn drop_pictures(&mut self) {
         for (side, _) in self.pair.drawn() {
             self.viewer.refused[side as usize] = self.viewer.plan(side).ok().flatten();
@@ -78,24 +92,24 @@ impl Session {
         self.viewer.is_stale = true;
     }
 
-    /// The panels send their letters again, to another surface.
-    pub fn forget_letters(&mut self) {
+    /// Makes the panels upload their font atlas again, for another surface.
+    pub fn reset_font_atlas(&mut self) {
         let (context, style) = (egui::Context::default(), self.context.global_style());
         context.set_global_style(style);
         self.context = context;
-        self.laid.at = None;
-        self.laid.triangles.clear();
+        self.layout.at = None;
+        self.layout.triangles.clear();
     }
 
-    /// Whether all that was asked for is read, and on the screen.
+    /// True if everything that was requested is read, built, drawn and on the screen.
     pub fn is_settled(&self) -> bool {
         let viewer = &self.viewer;
         let is_read = !viewer.is_reading() && !viewer.is_reading_cameras;
-        let is_asked = viewer.wishes.is_empty() && viewer.export.progress.is_none();
+        let is_executed = viewer.requests.is_empty() && viewer.export.progress.is_none();
         let is_measured = !viewer.is_measuring && !viewer.budget.is_choosing;
-        let is_compared = viewer.comparison.with == With::Nothing || self.pair.second.is_some();
+        let is_compared = viewer.comparison.target == CompareTarget::Nothing || self.pair.second.is_some();
         let is_built = viewer.layers.is_empty() || self.pair.first.is_some() && is_compared;
-        is_asked
+        is_executed
             && is_measured
             && is_read
             && is_built
@@ -104,90 +118,118 @@ impl Session {
             && !viewer.is_stale
     }
 
-    /// Hears what threads report, without showing anything.
-    pub fn hear(&mut self) {
-        self.viewer.jobs.news().into_iter().for_each(|news| self.take(news));
+    /// Handles the events of jobs, without showing anything.
+    pub fn poll_jobs(&mut self) {
+        for event in self.viewer.jobs.poll() {
+            job_events::handle(&mut self.viewer, &mut self.pair, self.screen.device(), event);
+        }
     }
 
-    /// Waits until another frame may be on its way: before its input is taken, so that this is as fresh as can be.
-    pub fn make_room(&mut self) -> Result<()> {
-        self.screen.make_room(&mut self.pair)
+    /// Waits until another frame may be submitted. Call it before taking the input, so that the input is recent.
+    pub fn wait_for_slot(&mut self) -> Result<()> {
+        self.screen.wait_for_slot(&mut self.pair)
     }
 
-    /// Prepares and shows one frame of a window of `size` pixels. `input` is what happened since it was taken last.
-    pub fn turn(&mut self, input: impl FnOnce() -> RawInput, size: [u32; 2]) -> Result<Turn> {
+    /// Prepares and shows one frame of a window of `size` pixels. `input` returns the input since its last call; it is
+    /// called only if the panels are laid out.
+    pub fn frame(&mut self, input: impl FnOnce() -> RawInput, size: [u32; 2]) -> Result<FrameOutput> {
         let now = Instant::now();
         self.viewer.is_stale |= self.viewer.size != size;
         self.viewer.size = size;
-        self.hear();
-        self.land(false)?;
-        // More often than twice a refresh, nobody sees panels or moves a hand.
-        let layout_stays = Duration::from_secs_f64(self.viewer.refresh_ms / 2000.0);
-        let stays = self.laid.at.map(|at| layout_stays.saturating_sub(now - at)).unwrap_or_default();
-        let (platform, wishes) = if stays.is_zero() {
-            self.lay_out(input(), now)?
+        self.poll_jobs();
+        self.retire_frames(false)?;
+        self.report_notices();
+        // Two layouts per refresh are enough for panels and input.
+        let layout_lifetime = Duration::from_secs_f64(self.viewer.refresh_ms / 2000.0);
+        let remaining = self.layout.at.map(|at| layout_lifetime.saturating_sub(now - at)).unwrap_or_default();
+        let (platform, requests) = if remaining.is_zero() {
+            self.lay_out_ui(input(), now)?
         } else if self.viewer.is_stale {
             Default::default()
         } else {
-            // Too early to ask hands, and nothing to draw.
-            return Ok(Turn { platform: None, again_in: stays, wishes: Vec::new(), shown: Shown::Yes });
+            // It is too early for input, and there is nothing to draw.
+            return Ok(FrameOutput {
+                platform: None,
+                repaint_delay: remaining,
+                requests: Vec::new(),
+                shown: Shown::Yes,
+            });
         };
-        for (is_error, text) in self.viewer.messages.fresh() {
-            self.viewer.events.tell(&Event::Message { is_error, text });
+        for (is_error, text) in self.viewer.messages.take_new() {
+            self.viewer.events.emit(&Event::Message { is_error, text });
         }
-        self.build();
-        self.fit_picture()?;
-        self.look()?;
-        self.viewer.is_stale |= self.lacks_size();
+        let device = self.screen.device();
+        job_events::build(&mut self.viewer, &mut self.pair, device);
+        job_events::fit_picture(&mut self.viewer, &mut self.pair, device)?;
+        self.apply_inspection()?;
+        self.viewer.is_stale |= self.has_wrong_size();
         let draws = self.viewer.is_stale;
         if draws {
             self.draw()?;
         }
-        // What changed no picture needs no answer.
+        // An input that changed no picture does not count for the latency.
         self.viewer.input_at = None;
-        let shown = self.screen.show(&mut self.pair, &arrangement(&self.viewer, &self.laid))?;
+        let shown = self.screen.show(&mut self.pair, &arrangement(&self.viewer, &self.layout))?;
         if shown == Shown::Yes {
-            self.note_shown(now, draws);
+            self.record_shown(now, draws);
         }
-        let again_in = self.again_in();
-        self.before = Some((now, draws && again_in <= layout_stays));
-        Ok(Turn { platform, again_in, wishes, shown })
+        let repaint_delay = self.repaint_delay();
+        self.previous = Some((now, draws && repaint_delay <= layout_lifetime));
+        Ok(FrameOutput { platform, repaint_delay, requests, shown })
     }
 
-    /// Lets hands act and lays the panels out; what whoever owns the window has to do then.
-    fn lay_out(&mut self, input: RawInput, now: Instant) -> Result<(Option<PlatformOutput>, Vec<Wish>)> {
-        let seconds = self.laid.at.map_or(0.0, |before| (now - before).as_secs_f64());
-        let moved_before = self.viewer.view();
+    /// Handles the input, lays the panels out and executes the requests; returns what is left to the owner of the
+    /// window.
+    fn lay_out_ui(
+        &mut self,
+        raw_input: RawInput,
+        now: Instant,
+    ) -> Result<(Option<PlatformOutput>, Vec<WindowRequest>)> {
+        let seconds = self.layout.at.map_or(0.0, |at| (now - at).as_secs_f64());
+        let view_before = self.viewer.view();
         let (viewer, pair) = (&mut self.viewer, &self.pair);
-        if !input.events.is_empty() {
+        if !raw_input.events.is_empty() {
             viewer.input_at.get_or_insert(now);
         }
-        let output = self.context.clone().run_ui(input, |ui| {
-            hands::follow(viewer, ui, seconds.min(0.1));
+        let output = self.context.clone().run_ui(raw_input, |ui| {
+            input::handle(viewer, ui, seconds.min(MAX_STEP));
             panels::show(viewer, pair, ui);
         });
         let FullOutput { platform_output, textures_delta, shapes, pixels_per_point, viewport_output, .. } = output;
         self.screen.add_textures(textures_delta);
-        let again_in = viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap_or(Duration::MAX);
+        let repaint_delay =
+            viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap_or(Duration::MAX);
         let triangles = self.context.tessellate(shapes, pixels_per_point);
-        self.laid = Laid { at: Some(now), triangles, pixels_per_point, again_in };
-        let mut wishes = std::mem::take(&mut self.viewer.wishes);
-        self.grant(&mut wishes)?;
-        self.viewer.is_stale |= self.viewer.view() != moved_before;
-        Ok((Some(platform_output), wishes))
+        self.layout = UiLayout { at: Some(now), triangles, pixels_per_point, repaint_delay };
+        let requests = self.execute_requests()?;
+        self.viewer.is_stale |= self.viewer.view() != view_before;
+        Ok((Some(platform_output), requests))
     }
 
-    /// Whether a picture has another size than the window.
-    fn lacks_size(&self) -> bool {
-        self.pair.first.as_ref().is_some_and(|drawn| drawn.still.size() != self.viewer.size)
+    /// Shows, once each, why a picture is not drawn on the fast path.
+    fn report_notices(&mut self) {
+        for (_, drawn) in self.pair.drawn() {
+            let Some(notice) = drawn.renderer.notice() else { continue };
+            if !self.reported_notices.iter().any(|reported| reported == notice) {
+                self.reported_notices.push(notice.to_owned());
+                self.viewer.messages.note(notice);
+                self.layout.repaint_delay = Duration::ZERO;
+                (self.viewer.setup.remark)(&format!("note: {notice}"));
+            }
+        }
+    }
+
+    /// True if the picture has another size than the window.
+    fn has_wrong_size(&self) -> bool {
+        self.pair.first.as_ref().is_some_and(|drawn| drawn.renderer.size() != self.viewer.size)
     }
 
     fn draw(&mut self) -> Result<()> {
         let (camera, background) = (self.viewer.view(), self.viewer.background);
-        // At a new size there is nothing to show in place of a frame that does not find room.
+        // At a new size no older picture can be shown in place of an incomplete frame, so the frame must be complete.
         for (_, drawn) in self.pair.drawn() {
-            if drawn.still.size() != camera.size_px {
-                drawn.still.render(&camera, background)?;
+            if drawn.renderer.size() != camera.size_px {
+                drawn.renderer.render(&camera, background)?;
             }
         }
         self.screen.draw(&mut self.pair, &camera, background)?;
@@ -199,107 +241,108 @@ impl Session {
         Ok(())
     }
 
-    fn look(&mut self) -> Result<()> {
+    /// Sets the inspection of the pictures, and reports a change.
+    fn apply_inspection(&mut self) -> Result<()> {
         let mut has_changed = false;
         for (side, drawn) in self.pair.drawn() {
-            has_changed |= self.viewer.looks.apply(side, drawn)?;
+            has_changed |= self.viewer.inspection.apply(side, drawn)?;
         }
         if has_changed {
             self.viewer.is_stale = true;
             self.viewer.history.clear();
         }
-        // Some ways of looking show other sides of the same drawing.
-        if has_changed || self.sight != self.viewer.looks.sight {
-            self.sight = self.viewer.looks.sight;
-            self.viewer.events.tell(&Event::Look { look: self.viewer.looks.sight().name.to_owned() });
+        // Some view modes show other channels of the same picture, so the inspection does not change.
+        if has_changed || self.reported_mode != self.viewer.inspection.mode {
+            self.reported_mode = self.viewer.inspection.mode;
+            self.viewer.events.emit(&Event::Look { look: self.viewer.inspection.view_mode().name.to_owned() });
         }
         Ok(())
     }
 
-    /// Learns from the frames that are done; whether there is something new to show. `wait`: from all of them.
-    pub fn land(&mut self, wait: bool) -> Result<bool> {
-        let landed = self.screen.landed(&mut self.pair, wait)?;
-        let has_news = !landed.is_empty();
-        for landed in landed {
-            self.viewer.history.add(&landed.timings);
-            for (side, totals) in landed.pictures {
-                // It did not fit: again, with more room.
+    /// Takes the results of finished frames; returns true if there were any. With `wait`, waits for all frames.
+    pub fn retire_frames(&mut self, wait: bool) -> Result<bool> {
+        let retired = self.screen.retire(&mut self.pair, wait)?;
+        let has_news = !retired.is_empty();
+        for frame in retired {
+            self.viewer.history.add(&frame.timings);
+            for RetiredPicture { side, path, totals } in frame.pictures {
+                // An incomplete frame is drawn again, in larger buffers.
                 self.viewer.is_stale |= totals.is_none();
                 if let (Some(totals), Side::First, Some(first)) = (totals, side, &mut self.pair.first) {
                     first.frame.totals = totals;
+                    first.path = path;
                 }
             }
         }
         Ok(has_news)
     }
 
-    /// Does what the device is needed for; leaves the rest.
-    fn grant(&mut self, wishes: &mut Vec<Wish>) -> Result<()> {
-        let mut error = None;
-        wishes.retain(|wish| match *wish {
-            Wish::Pick(pixel) | Wish::Focus(pixel) => {
-                if let (Some(first), None) = (&mut self.pair.first, &error) {
-                    match first.still.explain(pixel) {
-                        Ok(explanation) if matches!(wish, Wish::Pick(_)) => {
-                            let colour = explanation.colour(self.viewer.background);
-                            let splats = explanation.splats.len();
-                            self.viewer.events.tell(&Event::Explained { pixel, splats, colour });
-                            self.viewer.explanation = Some((pixel, explanation));
-                        }
-                        Ok(explanation) => hands::focus(&mut self.viewer, pixel, explanation.depth()),
-                        Err(problem) => error = Some(problem),
+    /// Executes the requests that need the device; returns those for the owner of the window.
+    fn execute_requests(&mut self) -> Result<Vec<WindowRequest>> {
+        let mut for_window = Vec::new();
+        for request in std::mem::take(&mut self.viewer.requests) {
+            match request {
+                Request::Window(request) => for_window.push(request),
+                Request::Pick(pixel) => self.pick(pixel)?,
+                Request::Focus(pixel) => {
+                    if let Some(first) = &mut self.pair.first {
+                        let depth = first.renderer.explain(pixel)?.depth();
+                        self.viewer.focus(pixel, depth);
                     }
                 }
-                false
+                Request::WritePicture => self.viewer.write_picture(self.screen.device(), reusable(&self.pair)),
+                Request::WriteFilm => self.viewer.write_film(self.screen.device(), reusable(&self.pair)),
+                Request::Measure | Request::Choose => {
+                    let Some(first) = &self.pair.first else { continue };
+                    let (device, scene) =
+                        (self.screen.device().clone(), (first.gaussians.clone(), first.needs.clone()));
+                    match request {
+                        Request::Measure => self.viewer.start_measuring(device, scene),
+                        _ => self.viewer.start_choosing(device, scene),
+                    }
+                }
             }
-            Wish::WritePicture => {
-                self.viewer.write_picture(self.screen.device(), kept(&self.pair));
-                false
-            }
-            Wish::WriteFilm => {
-                self.viewer.write_film(self.screen.device(), kept(&self.pair));
-                false
-            }
-            Wish::Measure | Wish::Choose => {
-                self.start_measuring(matches!(wish, Wish::Choose));
-                false
-            }
-            _ => true,
-        });
-        error.map_or(Ok(()), Err)
+        }
+        Ok(for_window)
     }
 
-    fn start_measuring(&mut self, chooses: bool) {
-        let Some(first) = &self.pair.first else { return };
-        let device = self.screen.device().clone();
-        self.viewer.start_measuring(device, (first.gaussians.clone(), first.needs.clone()), chooses);
+    /// Explains a pixel of the first picture.
+    fn pick(&mut self, pixel: [u32; 2]) -> Result<()> {
+        let Some(first) = &mut self.pair.first else { return Ok(()) };
+        let explanation = first.renderer.explain(pixel)?;
+        let colour = explanation.colour(self.viewer.background);
+        let splats = explanation.splats.len();
+        self.viewer.events.emit(&Event::Explained { pixel, splats, colour });
+        self.viewer.explanation = Some((pixel, explanation));
+        Ok(())
     }
 
-    fn note_shown(&mut self, now: Instant, draws: bool) {
+    /// Counts a frame that was shown.
+    fn record_shown(&mut self, now: Instant, draws: bool) {
         let viewer = &mut self.viewer;
         viewer.pace.shown += 1;
-        if let (Some((before, true)), true) = (self.before, draws) {
-            viewer.pace.interval((now - before).as_secs_f64() * 1e3, viewer.refresh_ms);
+        if let (Some((previous, true)), true) = (self.previous, draws) {
+            viewer.pace.interval((now - previous).as_secs_f64() * 1e3, viewer.refresh_ms);
         }
         let is_whole = !viewer.is_reading();
         if !self.has_shown_scene && self.pair.first.is_some() {
             self.has_shown_scene = is_whole;
-            viewer.events.tell(&Event::FirstFrame { ms: viewer.started.elapsed().as_secs_f64() * 1e3, is_whole });
+            viewer.events.emit(&Event::FirstFrame { ms: viewer.started.elapsed().as_secs_f64() * 1e3, is_whole });
         }
     }
 
-    /// When the next frame is due, if nothing happens before.
-    fn again_in(&self) -> Duration {
+    /// The time until the next frame is due, if nothing happens before.
+    fn repaint_delay(&self) -> Duration {
         let viewer = &self.viewer;
         if viewer.is_stale || viewer.navigator.is_gliding() || viewer.film.is_playing {
             return Duration::ZERO;
         }
         let flicker = viewer.comparison.until_flicker(viewer.started.elapsed().as_secs_f64());
         let note = viewer.messages.next_change().unwrap_or(Duration::MAX);
-        self.laid.again_in.min(flicker).min(note)
+        self.layout.repaint_delay.min(flicker).min(note)
     }
 
-    /// How it went.
+    /// The event for the end of the session.
     pub fn closing(&self) -> Event {
         let pace = &self.viewer.pace;
         Event::Closed {
@@ -312,21 +355,21 @@ impl Session {
     }
 }
 
-/// What of the first picture files can be drawn from.
-fn kept(pair: &Pair) -> Option<Kept> {
-    pair.first.as_ref().map(Drawn::kept)
+/// What files may take over from the first picture.
+fn reusable(pair: &Pair) -> Option<Reusable> {
+    pair.first.as_ref().map(Drawn::reusable)
 }
 
-/// What is shown of the pictures, and over them.
-fn arrangement<'a>(viewer: &Viewer, laid: &'a Laid) -> Arrangement<'a> {
+/// How the pictures and the panels are combined now.
+fn arrangement<'a>(viewer: &Viewer, layout: &'a UiLayout) -> Arrangement<'a> {
     let compare = match viewer.shows_another_view() {
         true => Compare::First,
         false => viewer.comparison.shown(viewer.size[0], viewer.started.elapsed().as_secs_f64()),
     };
-    // A difference is one of what would be shown.
+    // A difference is computed from colours.
     let quantity = match compare {
         Compare::Difference(_) => Quantity::Colour,
-        _ => viewer.looks.quantity(),
+        _ => viewer.inspection.quantity(),
     };
-    Arrangement { compare, quantity, triangles: &laid.triangles, pixels_per_point: laid.pixels_per_point }
+    Arrangement { compare, quantity, triangles: &layout.triangles, pixels_per_point: layout.pixels_per_point }
 }

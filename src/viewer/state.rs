@@ -1,58 +1,58 @@
-//! What the window shows and is asked to do: scenes, view, options, and what is under way.
+//! The state of a window: scenes, view, options, and the jobs under way. Plain data; `actions` changes it.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::PathBuf;
 use std::time::Instant;
 
 use glam::DVec3;
 
-use super::comparison::{Comparison, Way, With};
-use super::events::{Event, Events};
+use super::comparison::{CompareMode, CompareTarget, Comparison};
+use super::events::Events;
 use super::export::Export;
+use super::film::Film;
 use super::history::{History, Pace};
-use super::jobs::{Jobs, News, Side};
+use super::jobs::Jobs;
 use super::keys::Bindings;
-use super::layers::{Layer, Source};
-use super::looks::Looks;
-use super::measuring::{Costs, costs};
+use super::layers::Layer;
+use super::measuring::Costs;
 use super::messages::Messages;
-use super::pictures::Plan;
-use super::timeline::Film;
-use crate::camera::{Camera, CameraFile, NamedCamera, Navigator};
-use crate::gpu::{Device, Vsync};
+use super::pictures::{Plan, Side};
+use super::view_modes::InspectionSettings;
+use crate::camera::{Camera, NamedCamera, Navigator};
+use crate::gpu::Vsync;
 use crate::options::Options;
-use crate::rules::Background;
 use crate::render::Explanation;
-use crate::scene::{Cancelled, Gaussians, Reading, Requirements, Scene, Unreadable};
-use crate::measure::trade::{Budget, choose_for, spread};
+use crate::rules::Background;
+use crate::scene::Reading;
 
 /// What the program was started with.
 #[derive(Clone)]
 pub struct Setup {
     pub scenes: Vec<PathBuf>,
-    /// How these are read. Scenes that come later say all themselves.
+    /// How `scenes` are read. Scenes that are opened later are read with the defaults.
     pub reading: Reading,
     pub cameras: Option<PathBuf>,
     pub options: Options,
-    /// Whether the options say by hand what scenes say of their antialiasing.
-    pub antialiased_by_hand: bool,
-    /// The same of the near plane, which else comes closer for a small scene without cameras.
-    pub near_by_hand: bool,
+    /// The user set antialiasing explicitly; ignore the scene's flag.
+    pub antialiased_is_explicit: bool,
+    /// The user set the near plane explicitly; otherwise it moves closer for a small scene without cameras.
+    pub near_is_explicit: bool,
     pub bindings: Bindings,
     pub vsync: Vsync,
     pub hides_panels: bool,
     pub compares_with: Option<CompareWith>,
-    pub way: Way,
-    /// The number of a way of looking among [`sight_names`](super::sight_names).
-    pub sight: usize,
-    /// Tell what happens on standard output, a line of JSON each.
-    pub tells_events: bool,
+    pub compare_mode: CompareMode,
+    /// Index of a view mode among [`view_mode_names`](super::view_mode_names).
+    pub view_mode: usize,
+    /// Write events to standard output, one line of JSON each.
+    pub prints_events: bool,
+    /// Receives remarks that belong on the terminal too, such as why the fast path is not taken.
+    pub remark: fn(&str),
 }
 
-/// What the picture is held against from the start.
+/// What the picture is compared with from the start.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CompareWith {
-    /// The same scenes by other options: those of a preset.
+    /// The same scenes, drawn with other options.
     Options(Options),
     /// The float64 reference.
     Reference,
@@ -60,16 +60,14 @@ pub enum CompareWith {
     File(PathBuf),
 }
 
-/// What the window itself has to do.
+/// An action that needs the device or the window; the session executes it after the panels are laid out.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Wish {
-    FullScreen,
-    Quit,
-    Vsync(Vsync),
-    Copy(String),
-    /// Pick this pixel of the first picture.
+pub enum Request {
+    /// The owner of the window executes this one.
+    Window(WindowRequest),
+    /// Explain this pixel of the first picture.
     Pick([u32; 2]),
-    /// Turn around what is seen at this pixel.
+    /// Turn around what this pixel shows.
     Focus([u32; 2]),
     WritePicture,
     WriteFilm,
@@ -79,75 +77,90 @@ pub enum Wish {
     Choose,
 }
 
+/// An action that only the owner of the window can execute.
+#[derive(Clone, Debug, PartialEq)]
+pub enum WindowRequest {
+    ToggleFullScreen,
+    Quit,
+    Vsync(Vsync),
+    /// Put this text on the clipboard.
+    Copy(String),
+}
+
 /// The state of a window.
 pub struct Viewer {
     pub setup: Setup,
     pub jobs: Jobs,
     pub events: Events,
     pub messages: Messages,
-    /// The first thing that could not be opened, for whoever has no window to read of it.
+    /// The first failure to open or build something, for callers without a window that shows it.
     pub failure: Option<anyhow::Error>,
     pub layers: Vec<Layer>,
     pub cameras: Vec<NamedCamera>,
     pub is_reading_cameras: bool,
-    /// The camera of the file that was gone to last.
+    /// Index of the camera of the file that the view is at or moves to; `None` after the view has left it.
     pub camera: Option<usize>,
     pub navigator: Navigator,
-    /// Whether the view has been set for what is open.
+    /// The first view has been set for an open scene.
     pub has_view: bool,
     pub(super) first_view: Option<Camera>,
     pub options: Options,
     pub background: Background,
     pub comparison: Comparison,
-    pub looks: Looks,
-    /// A build of this side is under way.
+    pub inspection: InspectionSettings,
+    /// By side: a build is under way.
     pub building: [bool; 2],
-    /// The plans that could not be built, not to be tried again and again.
+    /// By side: the plan that could not be built, so that it is not tried again every frame.
     pub refused: [Option<Plan>; 2],
     pub generation: u64,
     pub history: History,
     pub pace: Pace,
     pub costs: Option<Costs>,
     pub is_measuring: bool,
-    pub budget: BudgetWish,
+    pub budget: BudgetInput,
     pub film: Film,
     pub export: Export,
+    /// The pixel that was picked, and what it is made of.
     pub explanation: Option<([u32; 2], Explanation)>,
     pub panels: Panels,
     pub vsync: Vsync,
-    /// The pictures have to be drawn anew.
+    /// The pictures must be drawn again.
     pub is_stale: bool,
-    pub wishes: Vec<Wish>,
-    /// Of the window, in pixels.
+    pub requests: Vec<Request>,
+    /// Width and height of the window in pixels.
     pub size: [u32; 2],
-    /// When an input came that no frame has answered yet.
+    /// The time of the first input that no frame has answered yet.
     pub input_at: Option<Instant>,
     pub started: Instant,
-    /// Milliseconds that a refresh of the screen takes.
+    /// The refresh interval of the screen in milliseconds.
     pub refresh_ms: f64,
-    numbers: u64,
+    last_layer_number: u64,
 }
 
-/// An error budget as one types it.
-pub struct BudgetWish {
+/// The error budget that the panel edits.
+pub struct BudgetInput {
+    /// The budget is a PSNR, not a largest error.
     pub is_psnr: bool,
+    /// Largest difference of a colour channel, in colour values from 0 to 1.
     pub max_error: f64,
+    /// In dB.
     pub min_psnr: f64,
     pub is_choosing: bool,
 }
 
-/// Which panels are open.
+/// The panels that are open.
 pub struct Panels {
     pub are_hidden: bool,
     pub shows_help: bool,
 }
 
 impl Viewer {
+    /// A viewer with nothing open yet; `size` is the window's in pixels.
     pub fn new(setup: Setup, jobs: Jobs, size: [u32; 2]) -> Self {
-        let mut viewer = Self {
+        Self {
             options: setup.options,
             vsync: setup.vsync,
-            events: Events::new(setup.tells_events),
+            events: Events::new(setup.prints_events),
             jobs,
             messages: Messages::default(),
             failure: None,
@@ -159,8 +172,8 @@ impl Viewer {
             has_view: false,
             first_view: None,
             background: Background::BLACK,
-            comparison: Comparison::default(),
-            looks: Looks::default(),
+            comparison: Comparison { mode: setup.compare_mode, ..Comparison::default() },
+            inspection: InspectionSettings { mode: setup.view_mode, ..InspectionSettings::default() },
             building: [false; 2],
             refused: [None, None],
             generation: 0,
@@ -168,34 +181,20 @@ impl Viewer {
             pace: Pace::default(),
             costs: None,
             is_measuring: false,
-            budget: BudgetWish { is_psnr: false, max_error: 0.02, min_psnr: 60.0, is_choosing: false },
+            budget: BudgetInput { is_psnr: false, max_error: 0.02, min_psnr: 60.0, is_choosing: false },
             film: Film::default(),
             export: Export::default(),
             explanation: None,
             panels: Panels { are_hidden: setup.hides_panels, shows_help: false },
             is_stale: true,
-            wishes: Vec::new(),
+            requests: Vec::new(),
             size,
             input_at: None,
             started: Instant::now(),
             refresh_ms: 1000.0 / 60.0,
-            numbers: 0,
+            last_layer_number: 0,
             setup,
-        };
-        if let Some(cameras) = viewer.setup.cameras.clone() {
-            viewer.open_cameras(&cameras);
         }
-        for scene in viewer.setup.scenes.clone() {
-            viewer.open(&scene, viewer.setup.reading);
-        }
-        viewer.looks.sight = viewer.setup.sight;
-        viewer.comparison.way = viewer.setup.way;
-        match viewer.setup.compares_with.clone() {
-            Some(CompareWith::Options(options)) => viewer.comparison.with = With::Options(Some(options)),
-            Some(CompareWith::File(file)) => viewer.compare_with_picture(&file),
-            Some(CompareWith::Reference) | None => {}
-        }
-        viewer
     }
 
     /// The camera of the picture.
@@ -203,51 +202,26 @@ impl Viewer {
         self.navigator.camera(self.size)
     }
 
-    /// Opens a scene beside those that are open. Where there is a camera file beside the first, opens that too.
-    pub fn open(&mut self, path: &Path, reading: Reading) {
-        let source = match Source::of(path) {
-            Ok(source) => source,
-            Err(problem) => return self.messages.error(format!("{}: {problem:#}", path.display())),
-        };
-        if let (Source::File(file), true, None) = (&source, self.layers.is_empty(), &self.setup.cameras)
-            && let Some(cameras) = crate::camera::find(file)
-        {
-            self.open_cameras(&cameras);
-        }
-        self.numbers += 1;
-        self.layers.push(Layer::open(self.numbers, source, reading, &self.jobs));
+    /// True if the view has moved since the first view was set.
+    pub fn has_moved(&self) -> bool {
+        self.first_view.as_ref().is_some_and(|first| *first != self.view())
     }
 
-    /// Reads a camera file.
-    pub fn open_cameras(&mut self, path: &Path) {
-        let path = path.to_owned();
-        let file = path.clone();
-        self.is_reading_cameras = true;
-        self.jobs.start(move |_| crate::camera::read(&file), move |cameras| News::Cameras(path, cameras));
+    /// True if the reference was drawn for another view than the current one, so it cannot be compared.
+    pub fn shows_another_view(&self) -> bool {
+        let comparison = &self.comparison;
+        comparison.target == CompareTarget::Reference && comparison.drawn_for.as_ref() != Some(&self.view())
     }
 
-    /// Opens whatever was dropped on the window: a camera file, a photograph to compare with, or a scene.
-    pub fn drop_file(&mut self, path: &Path) {
-        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-        match extension.to_str() {
-            Some("json" | "bin" | "txt") => self.open_cameras(path),
-            Some("png" | "exr" | "npy" | "jpg" | "jpeg") => self.compare_with_picture(path),
-            _ => self.open(path, Reading::default()),
-        }
-    }
-
-    /// Whether scenes are being read.
+    /// True while scenes are being read.
     pub fn is_reading(&self) -> bool {
         self.layers.iter().any(|layer| layer.progress.is_some())
     }
 
-    /// Closes a scene.
-    pub fn close(&mut self, number: u64) {
-        self.layers.retain(|layer| layer.number != number);
-        self.is_stale = true;
-    }
-
-    /// What a side is to show; none while there is nothing.
+    /// What a side should show; `None` if it shows nothing that the GPU draws.
+    ///
+    /// # Errors
+    /// The placement of a scene is not a valid transform.
     pub fn plan(&self, side: Side) -> anyhow::Result<Option<Plan>> {
         let options = match side {
             Side::First => self.options,
@@ -261,88 +235,10 @@ impl Viewer {
         Ok((!parts.is_empty()).then_some(Plan { parts, options }))
     }
 
-    /// Takes a scene that was read, or says why it was not.
-    pub fn take_scene(&mut self, number: u64, scene: anyhow::Result<Scene>) {
-        let Some(place) = self.layers.iter().position(|layer| layer.number == number) else { return };
-        match scene {
-            Ok(scene) => {
-                let layer = &mut self.layers[place];
-                layer.fill(scene);
-                let gaussians = layer.gaussians.clone().expect("it was filled");
-                if !self.setup.antialiased_by_hand {
-                    self.options.rules.antialiased = self.layers.iter().any(|layer| layer.is_antialiased);
-                }
-                // Of what came before, only a part was known.
-                if !self.has_view || self.layers.len() == 1 && !self.has_moved() {
-                    self.set_first_view(&gaussians);
-                }
-                if self.setup.compares_with.take_if(|with| *with == CompareWith::Reference).is_some() {
-                    self.compare_with_reference();
-                }
-            }
-            Err(problem) => {
-                let layer = self.layers.remove(place);
-                let is_cancelled = problem.is::<Cancelled>();
-                if !is_cancelled {
-                    let told = format!("{problem:#}");
-                    let named = if told.contains(&layer.name) { told } else { format!("{}: {told}", layer.name) };
-                    self.messages.error(named);
-                    self.failure.get_or_insert(problem);
-                }
-            }
-        }
-        self.is_stale = true;
-    }
-
-    /// Whether the view is another than the first.
-    fn has_moved(&self) -> bool {
-        self.first_view.as_ref().is_some_and(|first| *first != self.view())
-    }
-
-    /// Takes cameras that were read, or says why they were not.
-    pub fn take_cameras(&mut self, path: &Path, cameras: anyhow::Result<CameraFile>) {
-        self.is_reading_cameras = false;
-        match cameras {
-            Ok(CameraFile { cameras, notices, .. }) => {
-                notices.iter().for_each(|notice| self.messages.note(format!("{}: {notice}", path.display())));
-                self.events.tell(&Event::Cameras { count: cameras.len() });
-                self.cameras = cameras;
-                self.options.rules.near = self.setup.options.rules.near;
-                self.go_to_camera(0, true);
-                self.first_view = Some(self.view());
-            }
-            Err(problem) => {
-                let unreadable = Unreadable::new(path, &problem);
-                self.messages.error(unreadable.to_string());
-                self.failure.get_or_insert(unreadable.into());
-            }
-        }
-    }
-
-    /// Begins to measure what the knobs cost, or to choose them within the budget.
-    pub fn start_measuring(&mut self, device: Device, scene: (Arc<Gaussians>, Arc<Requirements>), chooses: bool) {
-        let (options, view, background) = (self.options, self.view(), self.background);
-        if chooses {
-            let budget = match self.budget.is_psnr {
-                true => Budget::MinPsnr(self.budget.min_psnr),
-                false => Budget::MaxError(self.budget.max_error),
-            };
-            // What is looked at, and a few cameras of the file beside it.
-            let cameras: Vec<Camera> = self.cameras.iter().map(|named| named.camera.resized(self.size)).collect();
-            let views = std::iter::once(view).chain(spread(&cameras, 7)).collect::<Vec<_>>();
-            self.budget.is_choosing = true;
-            self.jobs.start(
-                move |_| {
-                    let exact = (options.untraded(), background);
-                    let choice = choose_for(&device, (&scene.0, &scene.1), exact, &views, budget, &|_| {})?;
-                    Ok((choice.options, choice.explain()))
-                },
-                News::Chosen,
-            );
-        } else {
-            self.is_measuring = true;
-            self.jobs.start(move |_| costs(&device, (&scene.0, &scene.1), &options, &view, background), News::Measured);
-        }
+    /// A number that no scene of this window has had.
+    pub(super) fn next_layer_number(&mut self) -> u64 {
+        self.last_layer_number += 1;
+        self.last_layer_number
     }
 
     /// The number of the next build.

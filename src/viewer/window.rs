@@ -1,5 +1,6 @@
-//! The window itself: events to the session, frames back, and what to do when the device or the surface is gone.
+//! The window: passes events to the session, shows its frames, and recovers when the device or the surface is lost.
 
+use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -14,24 +15,32 @@ use winit::window::{Fullscreen, Window, WindowId};
 use super::events::Event;
 use super::jobs::Jobs;
 use super::screen::{Screen, Shown};
-use super::session::{Session, Turn};
-use super::state::{Setup, Viewer, Wish};
+use super::session::{FrameOutput, Session};
+use super::state::{Setup, Viewer, WindowRequest};
 use crate::gpu::{Device, DeviceChoice, DeviceLost, Unavailable, Validation};
 use crate::host_memory::OutOfMemory;
 
-/// How a window is opened.
+/// The settings with which a window is opened.
 #[derive(Clone)]
-pub struct Opening {
-    pub setup: Setup,
+pub struct WindowSetup {
+    pub viewer: Setup,
     pub size: [u32; 2],
     pub is_full_screen: bool,
     pub device: DeviceChoice,
     pub validation: Validation,
-    /// To see what comes of it.
+    /// Folder of shaders to compile at run time.
+    pub shaders: Option<PathBuf>,
+    /// A fault to inject, for tests.
     pub fault: Option<Fault>,
 }
 
-/// What is to go wrong, at which frame: `device@100`, `surface@100` or `memory@100`.
+impl WindowSetup {
+    fn open_device(&self, window: &Window) -> Result<Device> {
+        Device::open_for(&self.device, self.validation, window)?.with_shaders(self.shaders.as_deref())
+    }
+}
+
+/// A fault to inject, and the frame at which it happens: `device@100`, `surface@100` or `memory@100`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
     kind: FaultKind,
@@ -60,44 +69,46 @@ impl FromStr for Fault {
     }
 }
 
-/// Tells the window that threads have news.
+/// Wakes the event loop: a job has sent an event.
 #[derive(Debug)]
 struct Wake;
 
-/// Opens a window and stays until it is closed. What the validation layer complained of is a failure.
-pub fn run(opening: Opening) -> Result<()> {
-    let events = EventLoop::<Wake>::with_user_event().build();
-    let events = events.map_err(|e| no_window(&e))?;
+/// Opens a window and returns when it is closed.
+///
+/// # Errors
+/// No window can be opened, the device is lost again and again, or the validation layer reported something.
+pub fn run(setup: WindowSetup) -> Result<()> {
+    let events = EventLoop::<Wake>::with_user_event().build().map_err(|e| no_window(&e))?;
     let proxy = events.create_proxy();
-    let mut program = Program { opening, proxy, window: None, failure: None, started: Instant::now() };
-    events.run_app(&mut program).context("the window's events ended")?;
-    let complaints = program.window.take().map_or_else(Vec::new, Open::close);
-    match program.failure {
+    let mut app = App { setup, proxy, window: None, failure: None, started: Instant::now() };
+    events.run_app(&mut app).context("the event loop of the window failed")?;
+    let validation = app.window.take().map_or_else(Vec::new, OpenWindow::close);
+    match app.failure {
         Some(failure) => Err(failure),
         None => {
-            anyhow::ensure!(complaints.is_empty(), "validation: {}", complaints.join("\n"));
+            anyhow::ensure!(validation.is_empty(), "validation: {}", validation.join("\n"));
             Ok(())
         }
     }
 }
 
-/// Why there is no window, without the place in the source where that was found.
+/// The reason why there is no window, without the source location that winit puts before it.
 fn no_window(problem: &dyn std::error::Error) -> Unavailable {
-    let told = problem.to_string();
-    let reason = told.rsplit_once(".rs:").and_then(|(_, rest)| Some(rest.split_once(": ")?.1)).unwrap_or(&told);
+    let text = problem.to_string();
+    let reason = text.rsplit_once(".rs:").and_then(|(_, rest)| Some(rest.split_once(": ")?.1)).unwrap_or(&text);
     Unavailable(format!("no window can be opened: {}", reason.trim_end_matches('.')))
 }
 
-struct Program {
-    opening: Opening,
+struct App {
+    setup: WindowSetup,
     proxy: EventLoopProxy<Wake>,
-    window: Option<Open>,
+    window: Option<OpenWindow>,
     failure: Option<anyhow::Error>,
     started: Instant,
 }
 
 /// An open window.
-struct Open {
+struct OpenWindow {
     session: Session,
     input: egui_winit::State,
     window: Arc<Window>,
@@ -105,47 +116,47 @@ struct Open {
     due: Option<Instant>,
     is_hidden: bool,
     frames: u64,
-    /// Devices that were lost one after the other, with no frame between them.
+    /// Devices lost in a row, with no frame shown between them.
     losses: u32,
     fault: Option<Fault>,
-    /// About devices that were lost.
-    complaints: Vec<String>,
+    /// Validation messages of devices that were lost.
+    validation: Vec<String>,
 }
 
-/// Frames on the GPU are looked after this often.
+/// Interval at which frames in flight are polled.
 const POLL: Duration = Duration::from_millis(2);
 
-/// A device that is lost again and again is broken.
-const MOST_LOSSES: u32 = 3;
+/// Losses in a row after which the device counts as broken.
+const MAX_LOSSES: u32 = 3;
 
-impl Program {
-    fn open(&mut self, events: &ActiveEventLoop) -> Result<Open> {
-        let opening = &self.opening;
-        let [width, height] = opening.size;
+impl App {
+    fn open(&mut self, events: &ActiveEventLoop) -> Result<OpenWindow> {
+        let setup = &self.setup;
+        let [width, height] = setup.size;
         let attributes = Window::default_attributes()
             .with_title("smalto")
             .with_inner_size(PhysicalSize::new(width, height))
-            .with_fullscreen(opening.is_full_screen.then_some(Fullscreen::Borderless(None)));
+            .with_fullscreen(setup.is_full_screen.then_some(Fullscreen::Borderless(None)));
         let window =
             events.create_window(attributes).map_err(|e| Unavailable(format!("no window can be opened: {e}")))?;
         let window = Arc::new(window);
-        let device = Device::open_for(&opening.device, opening.validation, &*window)?;
+        let device = setup.open_device(&*window)?;
         let size = window.inner_size();
-        let screen = Screen::of_window(&device, &window, opening.setup.vsync)?;
+        let screen = Screen::of_window(&device, &window, setup.viewer.vsync)?;
         let proxy = self.proxy.clone();
         let wake = Arc::new(move || drop(proxy.send_event(Wake)));
-        let mut viewer = Viewer::new(opening.setup.clone(), Jobs::new(wake), [size.width.max(1), size.height.max(1)]);
+        let mut viewer = Viewer::new(setup.viewer.clone(), Jobs::new(wake), [size.width.max(1), size.height.max(1)]);
         viewer.started = self.started;
         if let Some(refresh) = window.current_monitor().and_then(|monitor| monitor.refresh_rate_millihertz()) {
             viewer.refresh_ms = 1e6 / f64::from(refresh.max(1));
         }
-        viewer.events.tell(&Event::Open { device: device.facts().name.clone(), size: viewer.size });
+        viewer.events.emit(&Event::Open { device: device.capabilities().name.clone(), size: viewer.size });
         let context = egui::Context::default();
         let input = input_of(&context, &window);
         window.request_redraw();
         let session = Session::new(viewer, screen, context);
-        let fault = opening.fault;
-        Ok(Open {
+        let fault = setup.fault;
+        Ok(OpenWindow {
             session,
             input,
             window,
@@ -154,7 +165,7 @@ impl Program {
             frames: 0,
             losses: 0,
             fault,
-            complaints: Vec::new(),
+            validation: Vec::new(),
         })
     }
 
@@ -169,7 +180,7 @@ fn input_of(context: &egui::Context, window: &Window) -> egui_winit::State {
     egui_winit::State::new(context.clone(), egui::ViewportId::ROOT, window, scale, window.theme(), None)
 }
 
-impl ApplicationHandler<Wake> for Program {
+impl ApplicationHandler<Wake> for App {
     fn resumed(&mut self, events: &ActiveEventLoop) {
         if self.window.is_none() {
             match self.open(events) {
@@ -181,7 +192,7 @@ impl ApplicationHandler<Wake> for Program {
 
     fn new_events(&mut self, events: &ActiveEventLoop, cause: StartCause) {
         if let (StartCause::ResumeTimeReached { .. }, Some(open)) = (cause, &mut self.window)
-            && let Err(failure) = open.look_after().or_else(|failure| open.recover(failure, &self.opening))
+            && let Err(failure) = open.poll().or_else(|failure| open.recover(failure, &self.setup))
         {
             self.fail(events, failure);
         }
@@ -189,9 +200,9 @@ impl ApplicationHandler<Wake> for Program {
 
     fn user_event(&mut self, _: &ActiveEventLoop, _: Wake) {
         if let Some(open) = &mut self.window {
-            // A hidden window draws nothing, but hears.
+            // A hidden window draws no frames, so the events of jobs are handled here.
             if open.is_hidden {
-                open.session.hear();
+                open.session.poll_jobs();
             }
             open.window.request_redraw();
         }
@@ -215,7 +226,7 @@ impl ApplicationHandler<Wake> for Program {
                 Ok(())
             }
         };
-        if let Err(failure) = outcome.or_else(|failure| open.recover(failure, &self.opening)) {
+        if let Err(failure) = outcome.or_else(|failure| open.recover(failure, &self.setup)) {
             self.fail(events, failure);
         }
     }
@@ -229,25 +240,25 @@ impl ApplicationHandler<Wake> for Program {
 
     fn exiting(&mut self, _: &ActiveEventLoop) {
         if let Some(open) = &mut self.window {
-            // What is on its way is waited for; what is lost by now is of no interest.
-            let _ = open.session.land(true);
-            open.session.viewer.events.tell(&open.session.closing());
+            // Wait for the frames in flight; a device lost now does not matter.
+            let _ = open.session.retire_frames(true);
+            open.session.viewer.events.emit(&open.session.closing());
         }
     }
 }
 
-impl Open {
-    /// Closes the window: all that was complained of meanwhile.
+impl OpenWindow {
+    /// Closes the window; returns all validation messages.
     fn close(self) -> Vec<String> {
-        let (device, mut complaints) = (self.session.screen.device().clone(), self.complaints);
+        let (device, mut messages) = (self.session.screen.device().clone(), self.validation);
         drop(self.session);
-        complaints.extend(device.complaints());
-        complaints
+        messages.extend(device.validation_messages());
+        messages
     }
 
-    /// Learns from frames that are done, and begins one that is due.
-    fn look_after(&mut self) -> Result<()> {
-        let has_news = self.session.land(false)?;
+    /// Takes the results of finished frames, and requests a frame that is due.
+    fn poll(&mut self) -> Result<()> {
+        let has_news = self.session.retire_frames(false)?;
         let is_due = self.due.is_some_and(|due| due <= Instant::now());
         if has_news && !self.is_hidden || is_due {
             self.window.request_redraw();
@@ -258,8 +269,8 @@ impl Open {
     fn resize(&mut self, size: PhysicalSize<u32>) -> Result<()> {
         let size = [size.width, size.height];
         let shown = self.session.screen.fit(size);
-        self.session.viewer.events.tell(&Event::Resized { size });
-        self.heed(shown)?;
+        self.session.viewer.events.emit(&Event::Resized { size });
+        self.handle_shown(shown)?;
         self.window.request_redraw();
         Ok(())
     }
@@ -272,35 +283,37 @@ impl Open {
         };
         self.frames += 1;
         let fault = self.fault.take_if(|fault| fault.frame == self.frames).map(|fault| fault.kind);
-        let turn = match fault {
-            Some(FaultKind::DeviceLost) => Err(DeviceLost("the GPU was lost (as was asked for)".to_owned()).into()),
+        let output = match fault {
+            Some(FaultKind::DeviceLost) => {
+                Err(DeviceLost("the GPU was lost (injected by SMALTO_FAULT)".to_owned()).into())
+            }
             Some(FaultKind::OutOfMemory) => Err(OutOfMemory {
                 name: "a buffer".to_owned(),
                 bytes: Some(1 << 50),
-                reason: "as was asked for".to_owned(),
+                reason: "injected by SMALTO_FAULT".to_owned(),
             }
             .into()),
             Some(FaultKind::SurfaceLost) => {
-                self.heed(Ok(Shown::Lost))?;
+                self.handle_shown(Ok(Shown::Lost))?;
                 self.window.request_redraw();
                 return Ok(());
             }
-            None => self.session.make_room().and_then(|()| {
+            None => self.session.wait_for_slot().and_then(|()| {
                 let input = || self.input.take_egui_input(&self.window);
-                self.session.turn(input, size)
+                self.session.frame(input, size)
             }),
         };
-        self.finish(turn?, events)
+        self.finish(output?, events)
     }
 
-    /// Does what a frame left to be done.
-    fn finish(&mut self, turn: Turn, events: &ActiveEventLoop) -> Result<()> {
-        let Turn { platform, again_in, wishes, shown } = turn;
+    /// Executes what a frame left to the owner of the window.
+    fn finish(&mut self, output: FrameOutput, events: &ActiveEventLoop) -> Result<()> {
+        let FrameOutput { platform, repaint_delay, requests, shown } = output;
         if let Some(platform) = platform {
             self.input.handle_platform_output(&self.window, platform);
         }
-        for wish in wishes {
-            self.grant(wish, events)?;
+        for request in requests {
+            self.execute(request, events)?;
         }
         self.hide(shown == Shown::Hidden);
         if shown == Shown::Yes {
@@ -312,31 +325,30 @@ impl Open {
                 Shown::Again => self.session.screen.fit([size.width, size.height]),
                 other => Ok(other),
             };
-            self.heed(shown)?;
+            self.handle_shown(shown)?;
             self.window.request_redraw();
-        } else if again_in.is_zero() {
+        } else if repaint_delay.is_zero() {
             self.window.request_redraw();
-        } else if again_in < Duration::from_secs(3600) {
-            self.due = Some(Instant::now() + again_in);
+        } else if repaint_delay < Duration::from_secs(3600) {
+            self.due = Some(Instant::now() + repaint_delay);
         }
         Ok(())
     }
 
-    fn grant(&mut self, wish: Wish, events: &ActiveEventLoop) -> Result<()> {
-        match wish {
-            Wish::FullScreen => {
+    fn execute(&mut self, request: WindowRequest, events: &ActiveEventLoop) -> Result<()> {
+        match request {
+            WindowRequest::ToggleFullScreen => {
                 let full = self.window.fullscreen().is_none().then_some(Fullscreen::Borderless(None));
                 self.window.set_fullscreen(full);
             }
-            Wish::Quit => events.exit(),
-            Wish::Vsync(vsync) => {
+            WindowRequest::Quit => events.exit(),
+            WindowRequest::Vsync(vsync) => {
                 self.session.viewer.vsync = vsync;
                 let size = self.window.inner_size();
                 let shown = self.session.screen.set_vsync(vsync, [size.width, size.height]);
-                self.heed(shown)?;
+                self.handle_shown(shown)?;
             }
-            Wish::Copy(text) => self.input.set_clipboard_text(text),
-            _ => unreachable!("the session does the rest"),
+            WindowRequest::Copy(text) => self.input.set_clipboard_text(text),
         }
         Ok(())
     }
@@ -344,41 +356,42 @@ impl Open {
     fn hide(&mut self, is_hidden: bool) {
         if self.is_hidden != is_hidden {
             self.is_hidden = is_hidden;
-            self.session.viewer.events.tell(&Event::Hidden { is_hidden });
+            self.session.viewer.events.emit(&Event::Hidden { is_hidden });
         }
     }
 
-    /// Opens another surface where one is gone.
-    fn heed(&mut self, shown: Result<Shown>) -> Result<()> {
+    /// Opens a new surface if the surface is lost.
+    fn handle_shown(&mut self, shown: Result<Shown>) -> Result<()> {
         if shown? == Shown::Lost {
             let device = self.session.screen.device().clone();
-            self.session.land(true)?;
-            // A window has one surface at a time.
+            self.session.retire_frames(true)?;
+            // A window can have only one surface at a time.
             self.session.screen.close();
-            self.session.viewer.messages.note("the window's surface was lost, and is open again");
+            self.session.viewer.messages.note("the window's surface was lost and is open again");
             self.session.screen = Screen::of_window(&device, &self.window, self.session.viewer.vsync)?;
-            self.session.forget_letters();
-            self.renew_input();
+            self.session.reset_font_atlas();
+            self.reset_input();
         }
         Ok(())
     }
 
-    /// Goes on after a failure, if there is a way: with a device opened anew, or without the scene that does not fit.
-    fn recover(&mut self, failure: anyhow::Error, opening: &Opening) -> Result<()> {
+    /// Recovers from a lost device by opening it again, and from too little memory by dropping the pictures. Returns
+    /// other failures.
+    fn recover(&mut self, failure: anyhow::Error, setup: &WindowSetup) -> Result<()> {
         let viewer = &mut self.session.viewer;
         if failure.is::<OutOfMemory>() {
-            viewer.messages.error(format!("there is not enough memory to go on: {failure:#}. Close or hide a scene"));
+            viewer.messages.error(format!("there is not enough memory: {failure:#}. Close or hide a scene"));
             self.session.drop_pictures();
-        } else if failure.is::<DeviceLost>() && self.losses < MOST_LOSSES {
+        } else if failure.is::<DeviceLost>() && self.losses < MAX_LOSSES {
             self.losses += 1;
-            self.complaints.extend(self.session.screen.device().complaints());
-            viewer.messages.error(format!("{failure:#}; it is opened anew"));
+            self.validation.extend(self.session.screen.device().validation_messages());
+            viewer.messages.error(format!("{failure:#}; the device is opened again"));
             self.session.drop_pictures();
             self.session.screen.close();
-            let device = Device::open_for(&opening.device, opening.validation, &*self.window)?;
+            let device = setup.open_device(&*self.window)?;
             let screen = Screen::of_window(&device, &self.window, self.session.viewer.vsync)?;
             self.session.replace_screen(screen);
-            self.renew_input();
+            self.reset_input();
         } else {
             return Err(failure);
         }
@@ -386,8 +399,8 @@ impl Open {
         Ok(())
     }
 
-    /// The panels begin anew with their letters.
-    fn renew_input(&mut self) {
+    /// Connects the input to the new context of the session.
+    fn reset_input(&mut self) {
         self.input = input_of(self.session.context(), &self.window);
     }
 }

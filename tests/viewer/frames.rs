@@ -28,6 +28,7 @@ fn setup(scenes: &[&str]) -> Setup {
         compare_mode: CompareMode::Split,
         view_mode: 0,
         prints_events: false,
+        remark: |_| {},
     }
 }
 

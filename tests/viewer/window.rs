@@ -386,12 +386,12 @@ fn with_fault(fault: &str, said: &str) {
 }
 
 #[test]
-fn a_lost_device_is_opened_anew() {
-    with_fault("device@8", "opened anew");
+fn a_lost_device_is_opened_again() {
+    with_fault("device@8", "opened again");
 }
 
 #[test]
-fn a_lost_surface_is_opened_anew() {
+fn a_lost_surface_is_opened_again() {
     with_fault("surface@8", "open again");
 }
 

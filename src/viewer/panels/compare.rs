@@ -1,8 +1,9 @@
-//! What the picture is held against, and how.
+//! The comparison panel: what the picture is compared with, and how the two are shown.
 
 use egui::{DragValue, Slider, Ui};
 
-use super::super::comparison::{Way, With};
+use super::super::comparison::{CompareMode, CompareTarget};
+use super::super::keys::Action;
 use super::super::state::Viewer;
 use crate::options::Options;
 use crate::rules::Rules;
@@ -10,14 +11,14 @@ use crate::rules::Rules;
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     let comparison = &mut viewer.comparison;
     ui.horizontal_wrapped(|ui| {
-        ui.selectable_value(&mut comparison.with, With::Nothing, "nothing");
-        ui.selectable_value(&mut comparison.with, With::Options(None), "other scenes")
-            .on_hover_text("each scene then has a second box for the second picture");
+        ui.selectable_value(&mut comparison.target, CompareTarget::Nothing, "nothing");
+        ui.selectable_value(&mut comparison.target, CompareTarget::Options(None), "other scenes")
+            .on_hover_text("each scene then has a second check box, for the second picture");
         for (name, preset) in &Options::PRESETS {
-            ui.selectable_value(&mut comparison.with, With::Options(Some(*preset)), *name);
+            ui.selectable_value(&mut comparison.target, CompareTarget::Options(Some(*preset)), *name);
         }
         if comparison.picture.is_some() && comparison.drawn_for.is_none() {
-            ui.selectable_value(&mut comparison.with, With::Picture, "photograph");
+            ui.selectable_value(&mut comparison.target, CompareTarget::Picture, "photograph");
         }
     });
     let is_drawing = comparison.is_drawing;
@@ -30,32 +31,33 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         }
     });
     if viewer.shows_another_view() {
-        ui.label("The reference was drawn for another view: draw it anew.");
+        ui.label("The reference was drawn for another view: draw it again.");
     }
+    let flicker_key = viewer.setup.bindings.text(Action::Flicker);
     let comparison = &mut viewer.comparison;
-    ui.label("A photograph: drop it on the window, and go to its camera.");
+    ui.label("To compare with a photograph, drop it on the window and go to its camera.");
     ui.horizontal(|ui| {
-        ui.selectable_value(&mut comparison.way, Way::Split, "split");
-        ui.selectable_value(&mut comparison.way, Way::Flicker, "flicker");
-        ui.selectable_value(&mut comparison.way, Way::Difference, "difference");
+        ui.selectable_value(&mut comparison.mode, CompareMode::Split, "split");
+        ui.selectable_value(&mut comparison.mode, CompareMode::Flicker, "flicker");
+        ui.selectable_value(&mut comparison.mode, CompareMode::Difference, "difference");
     });
-    match comparison.way {
-        Way::Split => {
+    match comparison.mode {
+        CompareMode::Split => {
             ui.add(Slider::new(&mut comparison.split, 0.0..=1.0).text("split"));
         }
-        Way::Flicker => {
+        CompareMode::Flicker => {
             ui.horizontal(|ui| {
                 ui.add(DragValue::new(&mut comparison.flicker_hz).speed(0.1).range(0.0..=10.0).suffix(" Hz"));
-                ui.label("by itself; or hold Space");
+                ui.label(format!("automatically; or hold {flicker_key}"));
             });
         }
-        Way::Difference => {
-            ui.add(Slider::new(&mut comparison.gain, 1.0..=1000.0).logarithmic(true).text("times"));
+        CompareMode::Difference => {
+            ui.add(Slider::new(&mut comparison.gain, 1.0..=1000.0).logarithmic(true).text("amplification"));
         }
     }
 }
 
-/// What the first picture is called where another is beside it.
+/// The name of the first picture of a comparison.
 pub(super) fn first_name(viewer: &Viewer) -> String {
     let options = &viewer.options;
     let like = |preset: &Options| {
@@ -66,16 +68,16 @@ pub(super) fn first_name(viewer: &Viewer) -> String {
     known.map_or_else(|| "these options".to_owned(), |(name, _)| (*name).to_owned())
 }
 
-/// What the second picture is called.
+/// The name of the second picture of a comparison.
 pub(super) fn second_name(viewer: &Viewer) -> String {
-    match &viewer.comparison.with {
-        With::Nothing => String::new(),
-        With::Options(None) => "other scenes".to_owned(),
-        With::Options(Some(options)) => {
+    match &viewer.comparison.target {
+        CompareTarget::Nothing => String::new(),
+        CompareTarget::Options(None) => "other scenes".to_owned(),
+        CompareTarget::Options(Some(options)) => {
             let known = Options::PRESETS.iter().find(|(_, preset)| preset == options);
             known.map_or_else(|| "other options".to_owned(), |(name, _)| (*name).to_owned())
         }
-        With::Reference | With::Picture => {
+        CompareTarget::Reference | CompareTarget::Picture => {
             viewer.comparison.picture.as_ref().map_or_else(String::new, |(n, _)| n.clone())
         }
     }

@@ -1,10 +1,10 @@
-//! Paths: keys on a time line, playing, and frames and pictures to files.
+//! The panel of paths and files: keys on a timeline, playing, and writing pictures and frames.
 
 use std::path::PathBuf;
 
 use egui::{DragValue, Slider, TextEdit, Ui};
 
-use super::super::state::{Viewer, Wish};
+use super::super::state::{Request, Viewer};
 use crate::camera::Timeline;
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
@@ -17,7 +17,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         if ui.add_enabled(film.timeline.keys().len() > 1, egui::Button::new(text)).clicked() {
             film.toggle();
         }
-        ui.add(DragValue::new(&mut film.step).speed(0.1).range(0.1..=60.0).suffix(" s a key"));
+        ui.add(DragValue::new(&mut film.step).speed(0.1).range(0.1..=60.0).suffix(" s per key"));
     });
     let end = viewer.film.end();
     if end > 0.0 {
@@ -71,7 +71,7 @@ fn files(viewer: &mut Viewer, ui: &mut Ui) {
                 Err(problem) => viewer.messages.error(format!("{problem:#}")),
             }
         }
-        if ui.button("Load").clicked() {
+        if ui.button("Load path").clicked() {
             match Timeline::read(&path) {
                 Ok(timeline) => viewer.film.timeline = timeline,
                 Err(problem) => viewer.messages.error(format!("{}: {problem:#}", path.display())),
@@ -85,7 +85,7 @@ fn export(viewer: &mut Viewer, ui: &mut Ui) {
     let export = &mut viewer.export;
     ui.horizontal(|ui| {
         let mut is_own = export.size.is_some();
-        if ui.checkbox(&mut is_own, "size of its own").changed() {
+        if ui.checkbox(&mut is_own, "other size than the window").changed() {
             export.size = is_own.then_some(window);
         }
         if let Some([width, height]) = &mut export.size {
@@ -96,7 +96,7 @@ fn export(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal(|ui| {
         ui.add(TextEdit::singleline(&mut export.picture).desired_width(150.0));
         if ui.button("Write picture").clicked() {
-            viewer.wishes.push(Wish::WritePicture);
+            viewer.requests.push(Request::WritePicture);
         }
     });
     let export = &mut viewer.export;
@@ -104,7 +104,7 @@ fn export(viewer: &mut Viewer, ui: &mut Ui) {
         ui.add(TextEdit::singleline(&mut export.folder).desired_width(90.0));
         ui.add(DragValue::new(&mut viewer.film.fps).range(1.0..=240.0).suffix(" fps"));
         if ui.button("Write frames").clicked() {
-            viewer.wishes.push(Wish::WriteFilm);
+            viewer.requests.push(Request::WriteFilm);
         }
     });
     if let Some(fraction) = export.progress {

@@ -1,4 +1,4 @@
-//! The keys and what the mouse does, on the screen.
+//! The help window: what the mouse and the keys do.
 
 use egui::{Align2, Context, Grid, ScrollArea, Window};
 
@@ -6,15 +6,15 @@ use super::super::keys::ACTIONS;
 use super::super::state::Viewer;
 
 const MOUSE: [(&str, &str); 6] = [
-    ("left", "turn around the pivot"),
-    ("middle, or Shift and left", "pan"),
-    ("right", "look around"),
-    ("wheel", "nearer and farther"),
-    ("double click", "turn around what is there"),
-    ("drop a file", "open a scene, cameras, or a picture to compare with"),
+    ("left drag", "turn around the pivot"),
+    ("middle drag, or Shift and left drag", "pan"),
+    ("right drag", "look around"),
+    ("wheel", "move nearer or farther"),
+    ("double click", "turn around what is under the cursor"),
+    ("drop a file", "open a scene, a camera file, or a picture to compare with"),
 ];
 
-/// Points of width that two columns take.
+/// Width of the window in points from which on the help has two columns.
 const WIDE: f32 = 900.0;
 
 pub(super) fn show(viewer: &mut Viewer, context: &Context) {

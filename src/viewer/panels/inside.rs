@@ -1,47 +1,47 @@
-//! Looking inside: what is shown in place of colours, culling that stays behind, a pixel explained.
+//! The inspection panel: view modes, frozen culling, and the explanation of a pixel.
 
 use egui::{Color32, ComboBox, Context, DragValue, Grid, ScrollArea, Stroke, Ui, Window};
 use glam::{DVec2, DVec3};
 
-use super::super::hands;
-use super::super::looks::{Numbers, SIGHTS};
+use super::super::keys::Action;
 use super::super::screen::Pair;
 use super::super::state::Viewer;
+use super::super::view_modes::{Numbers, VIEW_MODES};
 use crate::camera::Camera;
 use crate::pixels::to_byte;
 use crate::render::{Explained, false_colour};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
-    let looks = &mut viewer.looks;
-    ComboBox::from_id_salt("sight").width(180.0).selected_text(looks.sight().name).show_ui(ui, |ui| {
-        for (i, sight) in SIGHTS.iter().enumerate() {
-            ui.selectable_value(&mut looks.sight, i, sight.name);
+    let inspection = &mut viewer.inspection;
+    ComboBox::from_id_salt("view mode").width(180.0).selected_text(inspection.view_mode().name).show_ui(ui, |ui| {
+        for (i, mode) in VIEW_MODES.iter().enumerate() {
+            ui.selectable_value(&mut inspection.mode, i, mode.name);
         }
     });
-    if matches!(looks.sight().numbers, Numbers::Counts | Numbers::Mean(_)) {
+    if matches!(inspection.view_mode().numbers, Numbers::Counts | Numbers::Mean(_)) {
         ui.horizontal(|ui| {
-            let [low, high] = &mut looks.ranges[looks.sight];
+            let [low, high] = &mut inspection.ranges[inspection.mode];
             ui.add(DragValue::new(low).speed(0.05));
             scale(ui);
             ui.add(DragValue::new(high).speed(0.05));
         });
     }
-    let mut is_frozen = looks.culled_from.is_some();
-    if ui.checkbox(&mut is_frozen, "keep what is culled from here").changed() {
-        hands::freeze(viewer);
+    let mut is_frozen = inspection.culled_from.is_some();
+    if ui.checkbox(&mut is_frozen, "freeze culling at this view").changed() {
+        viewer.toggle_frozen_culling();
     }
-    let looks = &mut viewer.looks;
-    if let Some(index) = looks.isolated {
+    let inspection = &mut viewer.inspection;
+    if let Some(index) = inspection.isolated {
         ui.horizontal(|ui| {
-            ui.label(format!("Gaussian {index} alone"));
-            if ui.small_button("all again").clicked() {
-                looks.isolated = None;
+            ui.label(format!("only Gaussian {index} is drawn"));
+            if ui.small_button("draw all").clicked() {
+                inspection.isolated = None;
             }
         });
     }
-    let key = viewer.setup.bindings.text(super::super::keys::Action::Pick);
+    let key = viewer.setup.bindings.text(Action::Pick);
     ui.label(format!("{key} explains the pixel under the cursor."));
-    if let (Some(first), Some(index)) = (&pair.first, viewer.looks.isolated) {
+    if let (Some(first), Some(index)) = (&pair.first, viewer.inspection.isolated) {
         let (i, gaussians) = (index as usize, &first.gaussians);
         if i < gaussians.len() {
             ui.label(format!(
@@ -55,7 +55,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     }
 }
 
-/// The colours from low to high.
+/// The false colours, from low to high.
 fn scale(ui: &mut Ui) {
     let (response, painter) = ui.allocate_painter(egui::vec2(110.0, 14.0), egui::Sense::hover());
     let width = response.rect.width() / 64.0;
@@ -67,7 +67,7 @@ fn scale(ui: &mut Ui) {
     }
 }
 
-/// What a pixel is made of: splats front to back, of which one can be seen alone.
+/// The window that explains a pixel: its splats front to back, each of which can be isolated.
 pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
     let Some((pixel, explanation)) = &viewer.explanation else { return };
     let mut is_open = true;
@@ -76,14 +76,15 @@ pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
     Window::new(format!("Pixel {}, {}", pixel[0], pixel[1])).open(&mut is_open).default_size([460.0, 320.0]).show(
         context,
         |ui| {
-            let end = if explanation.is_stopped { "stopped" } else { "to the end of its list" };
+            let end =
+                if explanation.is_stopped { "stopped before the end of the list" } else { "to the end of the list" };
             let depth = explanation.depth().map_or_else(|| "nothing".to_owned(), |z| format!("{z:.4}"));
             ui.label(format!(
                 "{} splats blended, {end}; transmittance left {:.5}\ncolour {r:.4} {g:.4} {b:.4}, depth {depth}",
                 explanation.splats.len(),
                 explanation.transmittance
             ));
-            ui.label("Click a Gaussian to see it alone; Esc for all.");
+            ui.label("Click a Gaussian to draw only it; Esc draws all.");
             ui.horizontal(|ui| {
                 for title in ["Gaussian", "depth", "alpha", "T before", "share", "colour"] {
                     ui.add_sized([62.0, 14.0], egui::Label::new(title));
@@ -99,7 +100,7 @@ pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
                         for Explained { gaussian, depth, alpha, transmittance, colour, share } in
                             &explanation.splats[rows]
                         {
-                            let is_alone = viewer.looks.isolated == Some(*gaussian);
+                            let is_alone = viewer.inspection.isolated == Some(*gaussian);
                             if ui.selectable_label(is_alone, gaussian.to_string()).clicked() {
                                 chosen = Some((!is_alone).then_some(*gaussian));
                             }
@@ -117,16 +118,16 @@ pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
         },
     );
     if let Some(isolated) = chosen {
-        viewer.looks.isolated = isolated.filter(|_| pair.first.is_some());
+        viewer.inspection.isolated = isolated.filter(|_| pair.first.is_some());
     }
     if !is_open {
         viewer.explanation = None;
     }
 }
 
-/// The frustum that is culled from, drawn where the view has left it.
+/// Draws the frustum at which culling is frozen, if the view has left it.
 pub(super) fn frustum(viewer: &Viewer, ui: &Ui) {
-    let Some(from) = &viewer.looks.culled_from else { return };
+    let Some(from) = &viewer.inspection.culled_from else { return };
     let view = viewer.view();
     if *from == view {
         return;
@@ -140,7 +141,7 @@ pub(super) fn frustum(viewer: &Viewer, ui: &Ui) {
     let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)];
     let painter = ui.ctx().layer_painter(egui::LayerId::background()).with_clip_rect(ui.clip_rect());
     let line = |a: DVec3, b: DVec3| {
-        if let Some([a, b]) = seen(&view, a, b) {
+        if let Some([a, b]) = projected(&view, a, b) {
             let at = |p: DVec2| egui::pos2((p.x / points) as f32, (p.y / points) as f32);
             painter.line_segment([at(a), at(b)], Stroke::new(1.5, Color32::from_rgb(255, 200, 60)));
         }
@@ -151,8 +152,8 @@ pub(super) fn frustum(viewer: &Viewer, ui: &Ui) {
     }
 }
 
-/// Where a line is seen, if any of it is ahead.
-fn seen(view: &Camera, a: DVec3, b: DVec3) -> Option<[DVec2; 2]> {
+/// The projected ends of a line, in pixels, clipped at the near side; `None` if the line is behind the camera.
+fn projected(view: &Camera, a: DVec3, b: DVec3) -> Option<[DVec2; 2]> {
     let [a, b] = [view.view(a), view.view(b)];
     let near = 1e-3 * (a - b).length();
     let cut = |p: DVec3, q: DVec3| if p.z >= near { p } else { p + (q - p) * ((near - p.z) / (q.z - p.z)) };

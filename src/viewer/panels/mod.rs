@@ -1,4 +1,4 @@
-//! The panels: everything that can be set, and all that is measured.
+//! The panels: all settings and measurements, and what is drawn over the picture.
 
 mod compare;
 mod film;
@@ -11,12 +11,12 @@ mod view;
 
 use egui::{Align2, Color32, Context, Frame, Panel, RichText, ScrollArea, Stroke, Ui};
 
-use super::comparison::{Way, With};
-use super::hands;
+use super::comparison::{CompareMode, CompareTarget};
+use super::input;
 use super::screen::Pair;
 use super::state::Viewer;
 
-/// Lays out all panels, and the picture's mouse behind them.
+/// Lays out all panels, and handles the mouse over the picture behind them.
 pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     if !viewer.panels.are_hidden {
         Panel::right("panels").default_size(320.0).show(ui, |ui| {
@@ -32,9 +32,9 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             });
         });
     }
-    // What is drawn over the picture ends where the panels begin.
+    // Lines and labels over the picture end where the panels begin.
     ui.set_clip_rect(ui.available_rect_before_wrap());
-    hands::mouse(viewer, ui);
+    input::mouse(viewer, ui);
     split_line(viewer, ui);
     inside::frustum(viewer, ui);
     messages(viewer, ui.ctx());
@@ -46,7 +46,7 @@ fn section(ui: &mut Ui, title: &str, is_open: bool, add: impl FnOnce(&mut Ui)) {
     egui::CollapsingHeader::new(RichText::new(title).strong()).default_open(is_open).show(ui, add);
 }
 
-/// Errors until they are closed, notes for a while.
+/// The messages, in the lower left corner.
 fn messages(viewer: &mut Viewer, context: &Context) {
     let mut closed = None;
     egui::Area::new("messages".into()).anchor(Align2::LEFT_BOTTOM, [12.0, -12.0]).show(context, |ui| {
@@ -68,17 +68,17 @@ fn messages(viewer: &mut Viewer, context: &Context) {
     }
 }
 
-/// Where the first picture ends and the second begins, and what they are.
+/// The line between two pictures, and their names.
 fn split_line(viewer: &Viewer, ui: &Ui) {
     let comparison = &viewer.comparison;
-    if viewer.panels.are_hidden || comparison.with == With::Nothing || viewer.shows_another_view() {
+    if viewer.panels.are_hidden || comparison.target == CompareTarget::Nothing || viewer.shows_another_view() {
         return;
     }
     let points = ui.ctx().pixels_per_point();
     let [width, height] = viewer.size.map(|side| side as f32 / points);
     let x = comparison.split * width;
     let painter = ui.ctx().layer_painter(egui::LayerId::background()).with_clip_rect(ui.clip_rect());
-    if comparison.way == Way::Split {
+    if comparison.mode == CompareMode::Split {
         painter.vline(x, 0.0..=height, Stroke::new(1.0, Color32::WHITE));
     }
     let label = |text: String, left: Option<f32>| {
@@ -89,12 +89,14 @@ fn split_line(viewer: &Viewer, ui: &Ui) {
         painter.galley(at, galley, Color32::WHITE);
     };
     let [first, second] = [compare::first_name(viewer), compare::second_name(viewer)];
-    match comparison.way {
-        Way::Split => {
+    match comparison.mode {
+        CompareMode::Split => {
             label(first, None);
             label(second, Some(x + 6.0));
         }
-        Way::Flicker => label(format!("{first}, {second}"), Some(6.0)),
-        Way::Difference => label(format!("{first}, difference to {second}, {} times", comparison.gain), Some(6.0)),
+        CompareMode::Flicker => label(format!("{first}, {second}"), Some(6.0)),
+        CompareMode::Difference => {
+            label(format!("{first}, difference to {second}, amplified {} times", comparison.gain), Some(6.0));
+        }
     }
 }

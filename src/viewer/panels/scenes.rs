@@ -1,19 +1,20 @@
-//! The scenes: what is open, where it is placed, what is shown of it.
+//! The scenes panel: open scenes, their placement, counts, and the path that draws them.
 
 use std::path::PathBuf;
 
 use egui::{DragValue, Ui};
 
-use super::super::comparison::With;
+use super::super::comparison::CompareTarget;
 use super::super::layers::Layer;
 use super::super::screen::Pair;
 use super::super::state::Viewer;
+use crate::render::Path;
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     if viewer.layers.is_empty() {
         ui.label("Drop a scene on the window, or name a file:");
     }
-    let has_second = matches!(viewer.comparison.with, With::Options(_));
+    let has_second = matches!(viewer.comparison.target, CompareTarget::Options(_));
     let mut closed = None;
     for layer in &mut viewer.layers {
         ui.push_id(layer.number, |ui| {
@@ -38,23 +39,32 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     });
     if let Some(first) = &pair.first {
         let totals = &first.frame.totals;
+        // The portable path lists splats by tile, the fast path by bin.
+        let listed = match first.path {
+            Path::Portable => "instances",
+            Path::Fast => "entries",
+        };
         ui.label(format!(
-            "{} Gaussians, {} visible\n{} instances, longest list {}",
+            "{} Gaussians, {} visible\n{} {listed}, longest list {}\n{} path",
             first.gaussians.len(),
             totals.visible,
             totals.listed_kept,
-            totals.longest_list
+            totals.longest_list,
+            first.path
         ));
+        if let Some(notice) = first.renderer.notice() {
+            ui.label(notice);
+        }
     }
     if viewer.building.contains(&true) {
         ui.horizontal(|ui| {
             ui.spinner();
-            ui.label("preparing");
+            ui.label("building");
         });
     }
 }
 
-/// One scene; whether it is to be closed.
+/// The row of a scene; returns true if the user closes it.
 fn show_layer(layer: &mut Layer, has_second: bool, ui: &mut Ui) -> bool {
     let mut is_closed = false;
     ui.horizontal(|ui| {
@@ -62,7 +72,7 @@ fn show_layer(layer: &mut Layer, has_second: bool, ui: &mut Ui) -> bool {
         if has_second {
             ui.checkbox(&mut layer.is_shown[1], "").on_hover_text("show it in the second picture");
         }
-        ui.label(&layer.name).on_hover_text(&layer.story);
+        ui.label(&layer.name).on_hover_text(&layer.summary);
         is_closed = ui.small_button("x").on_hover_text("close it").clicked();
     });
     if let Some(fraction) = layer.progress {
@@ -77,12 +87,12 @@ fn show_layer(layer: &mut Layer, has_second: bool, ui: &mut Ui) -> bool {
                 ui.add(DragValue::new(value).speed(0.01));
             }
             ui.end_row();
-            ui.label("turned by, degrees");
-            for value in &mut place.turn {
+            ui.label("rotated by, degrees");
+            for value in &mut place.rotation {
                 ui.add(DragValue::new(value).speed(0.5));
             }
             ui.end_row();
-            ui.label("times");
+            ui.label("scaled by");
             ui.add(DragValue::new(&mut place.scale).speed(0.01).range(1e-6..=1e6));
             ui.end_row();
         });

@@ -1,4 +1,4 @@
-//! Where the time goes: every stage of the last frames, and the buffers that they take.
+//! The panels of GPU time by stage and of device memory by buffer.
 
 use egui::{Color32, Grid, Mesh, Rect, Sense, Ui, pos2, vec2};
 
@@ -7,11 +7,12 @@ use super::super::screen::Pair;
 use super::super::state::Viewer;
 use crate::measure::bench::Statistics;
 
-/// Frames of the plot, and what of a stage is too little to be seen, in points.
+/// Frames in the plot.
 const PLOTTED: usize = 120;
-const LEAST_HEIGHT: f32 = 0.25;
+/// Height in points below which a bar is not drawn.
+const MIN_HEIGHT: f32 = 0.25;
 
-/// Colours of the stages, in the order of the frame.
+/// The colour of a stage, by its place in the frame.
 fn colour(stage: usize, stages: usize) -> Color32 {
     let at = (stage as f64 + 0.5) / stages.max(1) as f64;
     let colorous::Color { r, g, b } = colorous::SINEBOW.eval_continuous(at);
@@ -21,7 +22,7 @@ fn colour(stage: usize, stages: usize) -> Color32 {
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     viewer.history.summarize();
     if pair.second.as_ref().is_some_and(|second| second.drawn().is_some()) {
-        ui.label("of both pictures together");
+        ui.label("both pictures together");
     }
     let Some(Digest { stages, whole }) = viewer.history.digest() else {
         ui.label("no frame yet");
@@ -44,7 +45,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     });
     let pace = &viewer.pace;
     ui.label(format!(
-        "{} drawn, {} dropped; input to submission {:.1} ms on average",
+        "{} drawn, {} dropped; mean latency from input to submission {:.1} ms",
         pace.drawn, pace.dropped, pace.mean_latency_ms
     ));
 }
@@ -55,7 +56,7 @@ fn milliseconds(times: &Statistics, ui: &mut Ui) {
     }
 }
 
-/// The last frames, stage upon stage.
+/// The last frames as stacked bars, one colour per stage.
 fn plot(viewer: &Viewer, top_ms: f32, ui: &mut Ui) {
     let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 90.0), Sense::hover());
     let rect = response.rect;
@@ -64,7 +65,7 @@ fn plot(viewer: &Viewer, top_ms: f32, ui: &mut Ui) {
     let width = rect.width() / PLOTTED as f32;
     let frames = viewer.history.frames();
     let (first, skipped) = (PLOTTED.saturating_sub(frames.len()), frames.len().saturating_sub(PLOTTED));
-    // One mesh: thousands of bars would each be a shape.
+    // One mesh, because thousands of bars would be as many shapes.
     let mut bars = Mesh::default();
     let colours: Vec<Color32> = (0..stages).map(|stage| colour(stage, stages)).collect();
     for (i, frame) in frames.skip(skipped).enumerate() {
@@ -72,7 +73,7 @@ fn plot(viewer: &Viewer, top_ms: f32, ui: &mut Ui) {
         let mut below = rect.bottom();
         for (stage, ms) in frame.iter().enumerate() {
             let above = (below - ms / top_ms * rect.height()).max(rect.top());
-            if below - above > LEAST_HEIGHT {
+            if below - above > MIN_HEIGHT {
                 bars.add_colored_rect(Rect::from_min_max(pos2(x, above), pos2(x + width, below)), colours[stage]);
             }
             below = above;
@@ -84,13 +85,13 @@ fn plot(viewer: &Viewer, top_ms: f32, ui: &mut Ui) {
     painter.text(rect.left_top() + vec2(3.0, 2.0), egui::Align2::LEFT_TOP, text, font, Color32::GRAY);
 }
 
-/// Device memory by buffer, the largest first.
+/// The device memory of the first picture by buffer, the largest first.
 pub(super) fn memory(pair: &Pair, ui: &mut Ui) {
     let Some(first) = &pair.first else { return };
     let mut buffers = first.buffers();
     buffers.sort_by_key(|(_, bytes)| std::cmp::Reverse(*bytes));
     let all: u64 = buffers.iter().map(|(_, bytes)| bytes).sum();
-    ui.label(format!("{:.1} MB in {} buffers of the first picture", all as f64 / 1e6, buffers.len()));
+    ui.label(format!("first picture: {:.1} MB in {} buffers", all as f64 / 1e6, buffers.len()));
     Grid::new("memory").num_columns(2).striped(true).show(ui, |ui| {
         for (name, bytes) in buffers {
             ui.label(name);

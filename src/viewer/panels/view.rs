@@ -1,9 +1,8 @@
-//! The view: cameras of the file, field of view, near plane, up.
+//! The view panel: cameras of the file, field of view, near plane, up axis, vsync, background.
 
 use egui::{ComboBox, DragValue, Slider, Ui};
 
-use super::super::hands;
-use super::super::state::{Viewer, Wish};
+use super::super::state::{Request, Viewer, WindowRequest};
 use crate::camera::{FIELDS_OF_VIEW, Up};
 use crate::gpu::Vsync;
 use crate::rules::Background;
@@ -25,7 +24,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         if ui.add(DragValue::new(&mut speed).speed(step).range(1e-9..=1e9)).changed() {
             viewer.navigator.set_speed(speed);
         }
-        ui.label("flying, world units a second");
+        ui.label("flying speed, world units per second");
     });
     ui.horizontal(|ui| {
         let mut up = viewer.navigator.up();
@@ -39,12 +38,12 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         }
         let mut vsync = viewer.vsync;
         ComboBox::from_label("vsync").width(70.0).selected_text(format!("{vsync:?}")).show_ui(ui, |ui| {
-            for way in [Vsync::On, Vsync::Off, Vsync::Mailbox] {
-                ui.selectable_value(&mut vsync, way, format!("{way:?}"));
+            for mode in [Vsync::On, Vsync::Off, Vsync::Mailbox] {
+                ui.selectable_value(&mut vsync, mode, format!("{mode:?}"));
             }
         });
         if vsync != viewer.vsync {
-            viewer.wishes.push(Wish::Vsync(vsync));
+            viewer.requests.push(Request::Window(WindowRequest::Vsync(vsync)));
         }
     });
     ui.horizontal(|ui| {
@@ -56,9 +55,9 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         }
         ui.label("background");
         if ui.button("Copy view").clicked() {
-            hands::copy_view(viewer);
+            viewer.copy_view();
         }
-        if ui.button("Reset").clicked() {
+        if ui.button("Reset view").clicked() {
             viewer.reset_view();
         }
     });

@@ -1,31 +1,30 @@
-//! What hands do: mouse and keys, and files that are dropped.
+//! Mouse, keys and dropped files.
 
 use egui::{Event as Input, Key, PointerButton, Sense, Ui};
 use glam::{DVec2, DVec3};
 
-use super::comparison::{Way, With};
-use super::events::Event;
+use super::comparison::{CompareMode, CompareTarget};
 use super::keys::{Action, Chord};
-use super::state::{Viewer, Wish};
+use super::state::{Request, Viewer, WindowRequest};
 
-/// How much faster and slower flying is with the keys for that.
+/// The factor by which the fast key speeds flying up, and the slow key slows it down.
 const FAST: f64 = 5.0;
-/// Scrolled points of a step of the dolly.
+/// Scrolled points per step of the dolly.
 const STEP_POINTS: f64 = 50.0;
-/// How near the split a drag takes hold of it, in points.
+/// Distance in points within which a drag takes hold of the split.
 const GRIP_POINTS: f32 = 6.0;
 
-/// Follows what happened since the frame before, `seconds` ago.
-pub fn follow(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
+/// Handles keys, dropped files and motion since the previous frame, `seconds` ago.
+pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
     let dropped = ui.input(|input| input.raw.dropped_files.clone());
     for file in &dropped {
         viewer.drop_file(file.path());
     }
-    let types = ui.ctx().egui_wants_keyboard_input();
-    if !types {
+    let is_typing = ui.ctx().egui_wants_keyboard_input();
+    if !is_typing {
         keys(viewer, ui);
     }
-    let is_moving = !types && fly(viewer, ui, seconds);
+    let is_moving = !is_typing && fly(viewer, ui, seconds);
     let is_gliding = viewer.navigator.advance(seconds);
     viewer.play(seconds);
     if is_moving || is_gliding {
@@ -33,8 +32,8 @@ pub fn follow(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
     }
 }
 
-/// How often the key of an action was pressed: more than once where frames take long. One that is held presses itself
-/// again and again, which counts where it `repeats`.
+/// Number of presses of an action's key since the previous frame, which may be several if frames take long. The repeats
+/// of a held key count only if `repeats`.
 fn presses(viewer: &Viewer, ui: &Ui, action: Action, repeats: bool) -> usize {
     let Chord::Key(shortcut) = viewer.setup.bindings.chord(action) else { return 0 };
     let mut count = 0;
@@ -48,12 +47,12 @@ fn presses(viewer: &Viewer, ui: &Ui, action: Action, repeats: bool) -> usize {
     count
 }
 
-/// Whether the key of an action was pressed.
+/// True if the key of an action was pressed; repeats of a held key do not count.
 fn pressed(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
     presses(viewer, ui, action, false) > 0
 }
 
-/// Whether the key of an action is held.
+/// True while the key of an action is held.
 fn held(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
     ui.input(|input| match viewer.setup.bindings.chord(action) {
         Chord::Key(shortcut) => input.key_down(shortcut.logical_key),
@@ -62,11 +61,11 @@ fn held(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
 }
 
 fn keys(viewer: &mut Viewer, ui: &mut Ui) {
-    // egui turns the usual keys for the clipboard into events of their own.
+    // egui turns the usual clipboard keys into events of their own.
     let clipboard = ui.input(|input| input.events.clone());
     for event in clipboard {
         match event {
-            Input::Copy => copy_view(viewer),
+            Input::Copy => viewer.copy_view(),
             Input::Paste(text) => viewer.paste_view(&text),
             _ => {}
         }
@@ -87,12 +86,12 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
         viewer.reset_view();
     }
     if pressed(viewer, ui, Action::FullScreen) {
-        viewer.wishes.push(Wish::FullScreen);
+        viewer.requests.push(Request::Window(WindowRequest::ToggleFullScreen));
     }
     if pressed(viewer, ui, Action::HidePanels) {
         viewer.panels.are_hidden = !viewer.panels.are_hidden;
     }
-    // A question mark is a key of its own, or Shift with another.
+    // Some keyboards have a key for the question mark, others need Shift and another key.
     let asks = ui.input(|input| input.events.iter().any(|event| *event == Input::Text("?".to_owned())));
     if pressed(viewer, ui, Action::Help) || asks {
         viewer.panels.shows_help = !viewer.panels.shows_help;
@@ -100,21 +99,21 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     if ui.input(|input| input.key_pressed(Key::Escape)) {
         viewer.panels.shows_help = false;
         viewer.explanation = None;
-        viewer.looks.isolated = None;
+        viewer.inspection.isolated = None;
     }
     if pressed(viewer, ui, Action::Screenshot) {
-        viewer.wishes.push(Wish::WritePicture);
+        viewer.requests.push(Request::WritePicture);
     }
     if pressed(viewer, ui, Action::CopyView) {
-        copy_view(viewer);
+        viewer.copy_view();
     }
     if pressed(viewer, ui, Action::FreezeCulling) {
-        freeze(viewer);
+        viewer.toggle_frozen_culling();
     }
     if pressed(viewer, ui, Action::Pick)
         && let Some(pixel) = pixel_under_cursor(viewer, ui)
     {
-        viewer.wishes.push(Wish::Pick(pixel));
+        viewer.requests.push(Request::Pick(pixel));
     }
     if pressed(viewer, ui, Action::AddKey) {
         viewer.add_key();
@@ -122,36 +121,19 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     if pressed(viewer, ui, Action::Play) {
         viewer.film.toggle();
     }
-    (0..presses(viewer, ui, Action::NextLook, true)).for_each(|_| viewer.looks.step(true));
-    (0..presses(viewer, ui, Action::PreviousLook, true)).for_each(|_| viewer.looks.step(false));
+    (0..presses(viewer, ui, Action::NextLook, true)).for_each(|_| viewer.inspection.step(true));
+    (0..presses(viewer, ui, Action::PreviousLook, true)).for_each(|_| viewer.inspection.step(false));
     if pressed(viewer, ui, Action::Quit) {
-        viewer.wishes.push(Wish::Quit);
+        viewer.requests.push(Request::Window(WindowRequest::Quit));
     }
-    viewer.comparison.is_flicked = viewer.comparison.with != With::Nothing && held(viewer, ui, Action::Flicker);
+    let can_flicker = viewer.comparison.target != CompareTarget::Nothing;
+    viewer.comparison.is_flicked = can_flicker && held(viewer, ui, Action::Flicker);
 }
 
-/// Puts the view on the clipboard.
-pub fn copy_view(viewer: &mut Viewer) {
-    let text = crate::camera::to_json(&viewer.view());
-    if let Ok(view) = serde_json::from_str(&text) {
-        viewer.events.tell(&Event::Copied { view });
-    }
-    viewer.wishes.push(Wish::Copy(text));
-    viewer.messages.note("the view is copied");
-}
-
-/// Keeps what is culled from here, or follows the camera again.
-pub fn freeze(viewer: &mut Viewer) {
-    viewer.looks.culled_from = match viewer.looks.culled_from {
-        Some(_) => None,
-        None => Some(viewer.view()),
-    };
-}
-
-/// Flies as long as keys are held; whether it does.
+/// Flies while keys are held; returns true if the view moves.
 fn fly(viewer: &mut Viewer, ui: &Ui, seconds: f64) -> bool {
     let held = |action| held(viewer, ui, action);
-    // Keys with Ctrl are shortcuts, unless Ctrl is the key to be slow and a direction is held.
+    // A held Ctrl also slows down, so Ctrl with a direction key is not taken for a shortcut here.
     let along = |plus, minus| f64::from(u8::from(held(plus))) - f64::from(u8::from(held(minus)));
     let direction = DVec3::new(
         along(Action::Right, Action::Left),
@@ -167,7 +149,7 @@ fn fly(viewer: &mut Viewer, ui: &Ui, seconds: f64) -> bool {
     true
 }
 
-/// Follows the mouse over the picture.
+/// Handles the mouse over the picture.
 pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
     let rect = ui.available_rect_before_wrap();
     let response = ui.allocate_rect(rect, Sense::click_and_drag());
@@ -176,7 +158,7 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
     let to_pixels = |v: egui::Vec2| DVec2::new(f64::from(v.x), f64::from(v.y)) * f64::from(points);
     let drag = to_pixels(response.drag_delta());
     let shift = ui.input(|input| input.modifiers.shift);
-    if split_is_dragged(viewer, ui, &response) {
+    if drag_split(viewer, ui, &response) {
         return;
     }
     let before = viewer.navigator.camera(size);
@@ -204,14 +186,14 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
     if response.double_clicked_by(PointerButton::Primary)
         && let Some(pixel) = pixel_under_cursor(viewer, ui)
     {
-        viewer.wishes.push(Wish::Focus(pixel));
+        viewer.requests.push(Request::Focus(pixel));
     }
 }
 
-/// Moves the split with the hand; whether the hand is at it.
-fn split_is_dragged(viewer: &mut Viewer, ui: &Ui, response: &egui::Response) -> bool {
+/// Moves the split with the mouse; returns true while it is dragged.
+fn drag_split(viewer: &mut Viewer, ui: &Ui, response: &egui::Response) -> bool {
     let comparison = &mut viewer.comparison;
-    if comparison.with == With::Nothing || comparison.way != Way::Split {
+    if comparison.target == CompareTarget::Nothing || comparison.mode != CompareMode::Split {
         return false;
     }
     let width = viewer.size[0] as f32 / ui.ctx().pixels_per_point();
@@ -222,31 +204,22 @@ fn split_is_dragged(viewer: &mut Viewer, ui: &Ui, response: &egui::Response) -> 
         ui.ctx().set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
     }
     if response.drag_started_by(PointerButton::Primary) {
-        comparison.is_held = began.is_some_and(|p| is_near(p.x));
+        comparison.is_dragged = began.is_some_and(|p| is_near(p.x));
     }
     if !response.dragged_by(PointerButton::Primary) {
-        comparison.is_held = false;
+        comparison.is_dragged = false;
     }
-    if comparison.is_held
+    if comparison.is_dragged
         && let Some(p) = response.interact_pointer_pos()
     {
         comparison.split = (p.x / width).clamp(0.0, 1.0);
     }
-    comparison.is_held
+    comparison.is_dragged
 }
 
-/// The pixel of the picture at the cursor, if that is in the window.
-pub fn pixel_under_cursor(viewer: &Viewer, ui: &Ui) -> Option<[u32; 2]> {
+/// The pixel of the picture under the cursor; `None` if the cursor is outside the window.
+fn pixel_under_cursor(viewer: &Viewer, ui: &Ui) -> Option<[u32; 2]> {
     let at = ui.input(|input| input.pointer.latest_pos())? * ui.ctx().pixels_per_point();
     let is_inside = at.x >= 0.0 && at.y >= 0.0 && at.x < viewer.size[0] as f32 && at.y < viewer.size[1] as f32;
     is_inside.then_some([at.x as u32, at.y as u32])
-}
-
-/// Turns around what is seen at a pixel, this deep.
-pub fn focus(viewer: &mut Viewer, pixel: [u32; 2], depth: Option<f32>) {
-    let Some(depth) = depth else { return viewer.messages.note("there is nothing at this pixel") };
-    let view = viewer.view();
-    let place = DVec2::from(pixel.map(f64::from)) + 0.5 - view.centre_px;
-    let point_view = (place / view.focal_px).extend(1.0) * f64::from(depth);
-    viewer.navigator.focus(view.position + view.rotation.transpose() * point_view);
 }

@@ -1,0 +1,78 @@
+//! Actions that write pictures and the frames of a path, with the same code as `smalto render`.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+
+use crate::camera::Camera;
+use crate::gpu::Device;
+use crate::rules::Background;
+use crate::viewer::jobs::JobEvent;
+use crate::viewer::pictures::{Plan, Reusable, Side};
+use crate::viewer::state::Viewer;
+
+/// Draws each camera into its file. `reusable` is what the build may take over from the picture in the window.
+fn write_all(
+    device: &Device,
+    (plan, reusable): (Plan, Option<Reusable>),
+    shots: &[(Camera, PathBuf)],
+    background: Background,
+    progress: &dyn Fn(f64),
+) -> Result<()> {
+    let (first, _) = shots.first().context("there is nothing to write")?;
+    let mut drawn = plan.build(device, reusable, first, background, 0)?;
+    for (done, (camera, file)) in shots.iter().enumerate() {
+        drawn.renderer.render(camera, background)?;
+        drawn.renderer.pixels()?.write(file, false)?;
+        progress((done + 1) as f64 / shots.len() as f64);
+    }
+    Ok(())
+}
+
+impl Viewer {
+    /// Writes the view as a picture, on another thread.
+    pub fn write_picture(&mut self, device: &Device, reusable: Option<Reusable>) {
+        let camera = self.view();
+        let camera = self.export.size.map_or_else(|| camera.clone(), |size| camera.resized(size));
+        let file = PathBuf::from(&self.export.picture);
+        let summary = format!("{} written, {}x{}", file.display(), camera.size_px[0], camera.size_px[1]);
+        self.write((device, reusable), vec![(camera, file)], summary);
+    }
+
+    /// Writes the frames of the path, on another thread.
+    pub fn write_film(&mut self, device: &Device, reusable: Option<Reusable>) {
+        let size = self.export.size.unwrap_or(self.size);
+        let folder = PathBuf::from(&self.export.folder);
+        if let Err(problem) = std::fs::create_dir_all(&folder) {
+            return self.messages.error(format!("cannot make the folder {}: {problem}", folder.display()));
+        }
+        let frames = self.film.timeline.frames(self.film.fps).enumerate();
+        let shot = |(i, camera): (usize, Camera)| (camera.resized(size), folder.join(format!("{i:05}.png")));
+        let shots: Vec<_> = frames.map(shot).collect();
+        let summary = format!("{} frames written to {}", shots.len(), folder.display());
+        self.write((device, reusable), shots, summary);
+    }
+
+    /// Writes `shots` on another thread, which reports `summary` at the end.
+    fn write(
+        &mut self,
+        (device, reusable): (&Device, Option<Reusable>),
+        shots: Vec<(Camera, PathBuf)>,
+        summary: String,
+    ) {
+        let plan = match self.plan(Side::First) {
+            Ok(Some(plan)) if !shots.is_empty() => plan,
+            Ok(_) => return self.messages.note("there is nothing to write yet"),
+            Err(problem) => return self.messages.error(format!("{problem:#}")),
+        };
+        let (device, background) = (device.clone(), self.background);
+        self.export.progress = Some(0.0);
+        self.jobs.start(
+            move |reporter| {
+                let progress = |fraction| reporter.send(JobEvent::Writing(fraction));
+                write_all(&device, (plan, reusable), &shots, background, &progress).map(|()| summary)
+            },
+            JobEvent::Written,
+        );
+    }
+}

@@ -1,0 +1,8 @@
+//! What users can do: methods of [`Viewer`](super::state::Viewer) that start jobs and move the view, by subject.
+
+mod compare;
+mod export;
+mod film;
+mod measure;
+mod open;
+mod views;

@@ -1,0 +1,122 @@
+//! Actions that open scenes, cameras and pictures, and take them in when they are read.
+
+use std::path::Path;
+
+use anyhow::Result;
+
+use crate::camera::CameraFile;
+use crate::scene::{Cancelled, Reading, Scene, Unreadable};
+use crate::viewer::comparison::CompareTarget;
+use crate::viewer::events::Event;
+use crate::viewer::jobs::JobEvent;
+use crate::viewer::layers::{Layer, Source};
+use crate::viewer::state::{CompareWith, Viewer};
+
+impl Viewer {
+    /// Opens what the program was started with.
+    pub fn open_setup(&mut self) {
+        if let Some(cameras) = self.setup.cameras.clone() {
+            self.open_cameras(&cameras);
+        }
+        for scene in self.setup.scenes.clone() {
+            self.open(&scene, self.setup.reading);
+        }
+        match self.setup.compares_with.clone() {
+            Some(CompareWith::Options(options)) => self.comparison.target = CompareTarget::Options(Some(options)),
+            Some(CompareWith::File(file)) => self.compare_with_picture(&file),
+            // The reference needs a view, which the first scene that is read gives.
+            Some(CompareWith::Reference) | None => {}
+        }
+    }
+
+    /// Opens a scene in addition to the open ones. For the first scene, also opens a camera file that lies next to it,
+    /// unless the setup names one.
+    pub fn open(&mut self, path: &Path, reading: Reading) {
+        let source = match Source::of(path) {
+            Ok(source) => source,
+            Err(problem) => return self.messages.error(format!("{}: {problem:#}", path.display())),
+        };
+        if let (Source::File(file), true, None) = (&source, self.layers.is_empty(), &self.setup.cameras)
+            && let Some(cameras) = crate::camera::find(file)
+        {
+            self.open_cameras(&cameras);
+        }
+        let number = self.next_layer_number();
+        self.layers.push(Layer::open(number, source, reading, &self.jobs));
+    }
+
+    /// Reads a camera file, on another thread.
+    pub fn open_cameras(&mut self, path: &Path) {
+        let path = path.to_owned();
+        let file = path.clone();
+        self.is_reading_cameras = true;
+        self.jobs.start(move |_| crate::camera::read(&file), move |cameras| JobEvent::Cameras(path, cameras));
+    }
+
+    /// Opens a file that was dropped on the window. Its extension decides: a camera file, a picture to compare with, or
+    /// else a scene.
+    pub fn drop_file(&mut self, path: &Path) {
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        match extension.to_str() {
+            Some("json" | "bin" | "txt") => self.open_cameras(path),
+            Some("png" | "exr" | "npy" | "jpg" | "jpeg") => self.compare_with_picture(path),
+            _ => self.open(path, Reading::default()),
+        }
+    }
+
+    /// Closes a scene.
+    pub fn close(&mut self, number: u64) {
+        self.layers.retain(|layer| layer.number != number);
+        self.is_stale = true;
+    }
+
+    /// Takes in a scene that was read, or reports why it could not be read.
+    pub fn handle_scene(&mut self, number: u64, scene: Result<Scene>) {
+        let Some(place) = self.layers.iter().position(|layer| layer.number == number) else { return };
+        match scene {
+            Ok(scene) => {
+                let gaussians = self.layers[place].fill(scene);
+                if !self.setup.antialiased_is_explicit {
+                    self.options.rules.antialiased = self.layers.iter().any(|layer| layer.is_antialiased);
+                }
+                // A view set while reading knew only a part of the scene.
+                if !self.has_view || self.layers.len() == 1 && !self.has_moved() {
+                    self.set_first_view(&gaussians);
+                }
+                if self.setup.compares_with.take_if(|with| *with == CompareWith::Reference).is_some() {
+                    self.compare_with_reference();
+                }
+            }
+            Err(problem) => {
+                let layer = self.layers.remove(place);
+                if !problem.is::<Cancelled>() {
+                    let text = format!("{problem:#}");
+                    let named = if text.contains(&layer.name) { text } else { format!("{}: {text}", layer.name) };
+                    self.messages.error(named);
+                    self.failure.get_or_insert(problem);
+                }
+            }
+        }
+        self.is_stale = true;
+    }
+
+    /// Takes in cameras that were read, or reports why they could not be read.
+    pub fn handle_cameras(&mut self, path: &Path, cameras: Result<CameraFile>) {
+        self.is_reading_cameras = false;
+        match cameras {
+            Ok(CameraFile { cameras, notices, .. }) => {
+                notices.iter().for_each(|notice| self.messages.note(format!("{}: {notice}", path.display())));
+                self.events.emit(&Event::Cameras { count: cameras.len() });
+                self.cameras = cameras;
+                self.options.rules.near = self.setup.options.rules.near;
+                self.go_to_camera(0, true);
+                self.first_view = Some(self.view());
+            }
+            Err(problem) => {
+                let unreadable = Unreadable::new(path, &problem);
+                self.messages.error(unreadable.to_string());
+                self.failure.get_or_insert(unreadable.into());
+            }
+        }
+    }
+}

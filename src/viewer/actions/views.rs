@@ -1,0 +1,110 @@
+//! Actions that move the view: to the open scenes, to cameras of the file, to a copied view.
+
+use glam::{DVec2, DVec3};
+
+use crate::scene::{Focus, Gaussians};
+use crate::viewer::events::Event;
+use crate::viewer::state::{Request, Viewer, WindowRequest};
+
+const NO_CAMERAS: &str = "there is no camera file: drop one on the window, such as a cameras.json";
+
+impl Viewer {
+    /// Goes to the first view of a scene: the first camera of the file, or a view of the whole scene.
+    pub fn set_first_view(&mut self, gaussians: &Gaussians) {
+        let focus = Focus::of(gaussians);
+        let (centre, radius) = (DVec3::from(focus.centre), focus.radius);
+        self.navigator.frame(centre, radius, self.size);
+        self.inspection.set_scene_radius(radius);
+        if self.cameras.is_empty() && !self.setup.near_is_explicit {
+            // `smalto render` also moves the near plane closer for a small scene.
+            let distance = self.view().position.distance(self.navigator.pivot());
+            let nearest = distance as f32 / 100.0;
+            self.options.rules.near = self.setup.options.rules.near.min(nearest);
+        }
+        self.go_to_camera(0, true);
+        self.has_view = true;
+        self.first_view = Some(self.view());
+        self.is_stale = true;
+    }
+
+    /// Goes to a camera of the file, at once or in a glide. Does nothing if there is no such camera.
+    pub fn go_to_camera(&mut self, index: usize, at_once: bool) {
+        let Some(named) = self.cameras.get(index) else { return };
+        let (camera, name) = (named.camera.clone(), named.name.clone());
+        if at_once {
+            self.navigator.snap(&camera);
+        } else {
+            self.navigator.glide_to(&camera, crate::camera::GLIDE_SECONDS);
+        }
+        self.camera = Some(index);
+        self.events.emit(&Event::Camera { index, name });
+        self.is_stale = true;
+    }
+
+    /// Goes to the next camera of the file, or to the previous one.
+    pub fn step_camera(&mut self, forward: bool) {
+        let count = self.cameras.len();
+        if count == 0 {
+            return self.messages.note(NO_CAMERAS);
+        }
+        let next = match (self.camera, forward) {
+            (None, _) => 0,
+            (Some(index), true) => (index + 1) % count,
+            (Some(index), false) => (index + count - 1) % count,
+        };
+        self.go_to_camera(next, false);
+    }
+
+    pub fn go_to_nearest_camera(&mut self) {
+        match self.navigator.nearest(&self.cameras) {
+            Some(index) => self.go_to_camera(index, false),
+            None => self.messages.note(NO_CAMERAS),
+        }
+    }
+
+    /// Goes back to the first view.
+    pub fn reset_view(&mut self) {
+        if let Some(gaussians) = self.layers.iter().find_map(|layer| layer.gaussians.clone()) {
+            self.set_first_view(&gaussians);
+        }
+    }
+
+    /// Copies the view to the clipboard, as an entry of a cameras.json.
+    pub fn copy_view(&mut self) {
+        let text = crate::camera::to_json(&self.view());
+        if let Ok(view) = serde_json::from_str(&text) {
+            self.events.emit(&Event::Copied { view });
+        }
+        self.requests.push(Request::Window(WindowRequest::Copy(text)));
+        self.messages.note("the view is copied");
+    }
+
+    /// Goes to a view that was copied as JSON.
+    pub fn paste_view(&mut self, text: &str) {
+        match crate::camera::from_json(text) {
+            Ok(camera) => {
+                self.navigator.snap(&camera);
+                self.camera = None;
+                self.is_stale = true;
+            }
+            Err(problem) => self.messages.note(format!("the clipboard does not hold a view: {problem:#}")),
+        }
+    }
+
+    /// Freezes culling at this view, or lets it follow the camera again.
+    pub fn toggle_frozen_culling(&mut self) {
+        self.inspection.culled_from = match self.inspection.culled_from {
+            Some(_) => None,
+            None => Some(self.view()),
+        };
+    }
+
+    /// Moves the pivot to what a pixel shows; `depth` is its view z in world units, `None` where nothing is drawn.
+    pub fn focus(&mut self, pixel: [u32; 2], depth: Option<f32>) {
+        let Some(depth) = depth else { return self.messages.note("there is nothing at this pixel") };
+        let view = self.view();
+        let place = DVec2::from(pixel.map(f64::from)) + 0.5 - view.centre_px;
+        let point_view = (place / view.focal_px).extend(1.0) * f64::from(depth);
+        self.navigator.focus(view.position + view.rotation.transpose() * point_view);
+    }
+}

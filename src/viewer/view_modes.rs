@@ -1,0 +1,134 @@
+//! View modes: what is shown in place of colours, and the ends of the scale for false colours.
+
+use super::pictures::{Drawn, Side};
+use crate::camera::Camera;
+use crate::render::{Attribute, Inspection, Look, Quantity, Scale, Work};
+
+/// A view mode, as the command line and the panel list it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewMode {
+    pub name: &'static str,
+    pub look: Look,
+    pub numbers: Numbers,
+}
+
+/// The numbers in a pixel of a view mode.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Numbers {
+    /// A colour, no number.
+    None,
+    /// Counts, on a logarithmic scale.
+    Counts,
+    /// The mean over what the pixel shows: world units, logarithms to base 2, or fractions. Holds the default ends of
+    /// the scale, low and high.
+    Mean([f32; 2]),
+    Coverage,
+    Transmittance,
+}
+
+/// All view modes.
+pub const VIEW_MODES: [ViewMode; 15] = [
+    ViewMode { name: "colour", look: Look::Colour, numbers: Numbers::None },
+    ViewMode { name: "tile-load", look: Look::Work(Work::TileLoad), numbers: Numbers::Counts },
+    ViewMode { name: "evaluations", look: Look::Work(Work::Evaluations), numbers: Numbers::Counts },
+    ViewMode { name: "contributions", look: Look::Work(Work::Contributions), numbers: Numbers::Counts },
+    ViewMode { name: "transmittance-left", look: Look::Colour, numbers: Numbers::Transmittance },
+    ViewMode { name: "alpha", look: Look::Colour, numbers: Numbers::Coverage },
+    ViewMode { name: "depth", look: Look::Attribute(Attribute::Depth), numbers: Numbers::Mean([0.0, 10.0]) },
+    ViewMode { name: "normals", look: Look::Attribute(Attribute::Normal), numbers: Numbers::None },
+    ViewMode { name: "splat-centres", look: Look::Work(Work::Centres), numbers: Numbers::None },
+    ViewMode { name: "ellipse-outlines", look: Look::Work(Work::Outlines), numbers: Numbers::None },
+    ViewMode { name: "opacity", look: Look::Attribute(Attribute::Opacity), numbers: Numbers::Mean([0.0, 1.0]) },
+    ViewMode { name: "size-log2", look: Look::Attribute(Attribute::Size), numbers: Numbers::Mean([-12.0, 0.0]) },
+    ViewMode {
+        name: "anisotropy-log2",
+        look: Look::Attribute(Attribute::Anisotropy),
+        numbers: Numbers::Mean([0.0, 8.0]),
+    },
+    ViewMode { name: "base-colour", look: Look::Attribute(Attribute::BaseColour), numbers: Numbers::None },
+    ViewMode { name: "identity", look: Look::Attribute(Attribute::Identity), numbers: Numbers::None },
+];
+
+/// The names of all view modes, in order.
+pub fn view_mode_names() -> impl Iterator<Item = &'static str> {
+    VIEW_MODES.iter().map(|mode| mode.name)
+}
+
+/// The index of the view mode of this name.
+pub fn view_mode(name: &str) -> Option<usize> {
+    view_mode_names().position(|known| known == name)
+}
+
+/// The view mode, and what else the inspection of the pictures is set to.
+pub struct InspectionSettings {
+    /// Index into [`VIEW_MODES`].
+    pub mode: usize,
+    /// By view mode: the low and the high end of its scale.
+    pub ranges: [[f32; 2]; VIEW_MODES.len()],
+    /// The camera at which culling is frozen.
+    pub culled_from: Option<Camera>,
+    /// Index of the only Gaussian that is drawn.
+    pub isolated: Option<u32>,
+}
+
+impl Default for InspectionSettings {
+    fn default() -> Self {
+        let range = |mode: &ViewMode| match mode.numbers {
+            Numbers::Counts => [1.0, 10_000.0],
+            Numbers::Mean(range) => range,
+            _ => [0.0, 1.0],
+        };
+        Self { mode: 0, ranges: std::array::from_fn(|i| range(&VIEW_MODES[i])), culled_from: None, isolated: None }
+    }
+}
+
+impl InspectionSettings {
+    pub fn view_mode(&self) -> &'static ViewMode {
+        &VIEW_MODES[self.mode]
+    }
+
+    /// Goes to the next view mode, or to the previous one.
+    pub fn step(&mut self, forward: bool) {
+        self.mode = (self.mode + if forward { 1 } else { VIEW_MODES.len() - 1 }) % VIEW_MODES.len();
+    }
+
+    /// Sets the range of depths for a scene of this radius, in world units.
+    pub fn set_scene_radius(&mut self, radius: f64) {
+        for (mode, range) in VIEW_MODES.iter().zip(&mut self.ranges) {
+            if mode.look == Look::Attribute(Attribute::Depth) {
+                *range = [0.0, 4.0 * radius as f32];
+            }
+        }
+    }
+
+    pub fn inspection(&self) -> Inspection {
+        let Self { culled_from, isolated, .. } = self;
+        Inspection { look: self.view_mode().look, culled_from: culled_from.clone(), isolated: *isolated }
+    }
+
+    /// What is shown of the pixels of the picture.
+    pub fn quantity(&self) -> Quantity {
+        let [low, high] = self.ranges[self.mode];
+        match self.view_mode().numbers {
+            Numbers::None => Quantity::Colour,
+            Numbers::Counts => Quantity::Number(Scale { low: low.max(1e-3), high, is_logarithmic: true }),
+            Numbers::Mean(_) => Quantity::Mean(Scale { low, high, is_logarithmic: false }),
+            Numbers::Coverage => Quantity::Coverage,
+            Numbers::Transmittance => Quantity::Transmittance,
+        }
+    }
+
+    /// Sets the inspection of a picture; returns true if it changed. An isolated Gaussian is one of the first picture,
+    /// so it does not apply to the second.
+    pub fn apply(&self, side: Side, drawn: &mut Drawn) -> anyhow::Result<bool> {
+        let mut inspection = self.inspection();
+        let exists = |index: u32| side == Side::First && (index as usize) < drawn.gaussians.len();
+        inspection.isolated = inspection.isolated.filter(|index| exists(*index));
+        if drawn.inspection == inspection {
+            return Ok(false);
+        }
+        drawn.renderer.set_inspection(inspection.clone())?;
+        drawn.inspection = inspection;
+        Ok(true)
+    }
+}
