@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all, and what is wrong with those that cannot be read.
+//! Atomic file writes (temporary file, then rename), whole-file reads, and readable I/O error messages.
 
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write};
@@ -7,13 +7,20 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow, ensure};
 use tempfile::NamedTempFile;
 
-/// Writes a file under a temporary name beside `path` and renames it when it is complete.
+/// Writes a file under a temporary name in the folder of `path` and renames it when it is complete.
+///
+/// # Errors
+/// If the temporary file cannot be made, written or renamed, or `write` fails. A file that was at `path` is then
+/// unchanged.
 pub fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> Result<()>) -> Result<()> {
     write_checked(path, write, |_| Ok(()))
 }
 
-/// The same, but the complete file takes its name only if `check`, given the temporary one, finds nothing wrong. The
-/// temporary name ends like the other.
+/// Like [`write_whole`], but renames the file only if `check` accepts it. `check` gets the path of the complete
+/// temporary file, which has the extension of `path`, and its result is returned.
+///
+/// # Errors
+/// Those of [`write_whole`], and those of `check`.
 pub fn write_checked<T>(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&File>) -> Result<()>,
@@ -29,13 +36,16 @@ pub fn write_checked<T>(
     Ok(found)
 }
 
-/// Fails if [`write_whole`] would: for what takes long to make.
+/// Checks before a long computation that its result can be written to `path`.
+///
+/// # Errors
+/// If `path` is a folder, or [`write_whole`] could not make its temporary file.
 pub fn check_writable(path: &Path) -> Result<()> {
     ensure!(!path.is_dir(), "cannot write {}: it is a folder", path.display());
     unfinished(path).map(drop)
 }
 
-/// A file beside `path` that goes when it is dropped.
+/// A temporary file in the folder of `path`. It is deleted when dropped.
 fn unfinished(path: &Path) -> Result<NamedTempFile> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
@@ -50,7 +60,7 @@ fn unfinished(path: &Path) -> Result<NamedTempFile> {
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     builder.tempfile_in(folder).map_err(|error| {
-        // The error's own sentence names the temporary file, which means nothing to who asked for another.
+        // The message of the error itself names the temporary file, which the user does not know.
         let why = match error.kind() {
             ErrorKind::NotFound if !folder.exists() => "there is no such folder".to_owned(),
             kind => kind.to_string(),
@@ -59,14 +69,17 @@ fn unfinished(path: &Path) -> Result<NamedTempFile> {
     })
 }
 
-/// The whole file, if it is one: a device would have no end.
+/// Reads a whole regular file. Anything else is refused: reading a device may never end.
+///
+/// # Errors
+/// A message without the file's name if `path` is not a regular file or cannot be read.
 pub fn read_whole(path: &Path) -> Result<Vec<u8>> {
     let metadata = std::fs::metadata(path).map_err(|e| anyhow!("cannot be opened: {}", describe(&e)))?;
     ensure!(metadata.is_file(), "is not a file");
     std::fs::read(path).map_err(|e| anyhow!("cannot be read: {}", describe(&e)))
 }
 
-/// What went wrong, without the operating system's error number.
+/// The message of an I/O error without the error number of the operating system.
 pub fn describe(error: &std::io::Error) -> String {
     match error.kind() {
         ErrorKind::NotFound => "there is no such file".to_owned(),
@@ -80,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_place_that_takes_no_file_is_said_without_the_temporary_name() {
+    fn an_error_does_not_name_the_temporary_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("none/a.png");
         let expected = format!("cannot write {}: there is no such folder", path.display());

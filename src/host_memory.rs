@@ -1,16 +1,17 @@
-//! Memory that is not there is an error to be told, not an abort.
+//! Allocation of host memory that fails with an error instead of aborting.
 
 use std::fmt;
 
 use bytemuck::Zeroable;
 
-/// The device or the host has not the memory that was asked for, or a limit of the device is below it.
+/// The device or the host lacks the requested memory, or the request exceeds a limit of the device.
 #[derive(Debug)]
 pub struct OutOfMemory {
     /// The resource, or the call that failed.
     pub name: String,
-    /// What it needs, if that is known.
+    /// The size of the request, if known.
     pub bytes: Option<u64>,
+    /// Why it failed, as a clause.
     pub reason: String,
 }
 
@@ -26,7 +27,10 @@ impl fmt::Display for OutOfMemory {
     }
 }
 
-/// An empty vector with host memory for `len` elements.
+/// An empty vector with capacity for `len` elements. `name` names it in the error.
+///
+/// # Errors
+/// [`OutOfMemory`] if the allocation fails.
 pub fn host_vec<T>(len: usize, name: &str) -> Result<Vec<T>, OutOfMemory> {
     let mut vec = Vec::new();
     vec.try_reserve_exact(len).map_err(|_| no_host_memory::<T>(len, name))?;
@@ -34,23 +38,26 @@ pub fn host_vec<T>(len: usize, name: &str) -> Result<Vec<T>, OutOfMemory> {
     Ok(vec)
 }
 
-/// A vector of `len` zeros that the system hands out page by page, to the threads that write them first.
+/// A vector of `len` zeros. The system maps its pages on first write, so threads that fill it share that work.
+///
+/// # Errors
+/// [`OutOfMemory`] if the allocation fails.
 pub fn host_zeros<T: Zeroable>(len: usize, name: &str) -> Result<Vec<T>, OutOfMemory> {
     let vec = bytemuck::allocation::try_zeroed_vec(len).map_err(|()| no_host_memory::<T>(len, name))?;
     ask_for_huge_pages(&vec);
     Ok(vec)
 }
 
-/// Has the system back a large vector with pages of 2 MiB: to hand out pages of 4 KiB took half of the time in which a scene
-/// is read.
+/// Asks the system to back a large vector with pages of 2 MiB. Faulting in pages of 4 KiB took half of the time of
+/// reading a scene.
 #[cfg(target_os = "linux")]
 fn ask_for_huge_pages<T>(vec: &Vec<T>) {
     const PAGE: usize = 2 << 20;
     let start = vec.as_ptr() as usize;
     let (first, end) = (start.next_multiple_of(PAGE), (start + vec.capacity() * size_of::<T>()) / PAGE * PAGE);
     if first < end {
-        // SAFETY: the range lies inside the vector's allocation, and the advice changes no byte of it. A system that has no
-        // such pages refuses, and nothing is lost.
+        // SAFETY: the range lies inside the vector's allocation, and the advice changes none of its bytes. A system
+        // without such pages returns an error, which is ignored.
         _ = unsafe { libc::madvise(first as *mut libc::c_void, end - first, libc::MADV_HUGEPAGE) };
     }
 }

@@ -1,4 +1,4 @@
-//! An image in memory, and the files that hold one.
+//! Images in memory and in files.
 
 mod plane;
 mod read;
@@ -7,22 +7,27 @@ mod write;
 pub use plane::{Depths, Plane};
 pub use write::{FileKind, write_rgba8};
 
-/// Row by row from the top left, four floats a pixel: colour over the background as displayed (no transfer function
-/// is applied, as in the original 3DGS), and coverage 1 - T. Over nothing, colour is premultiplied by coverage.
+/// An image of four floats per pixel, row by row from the top left: colour over the background as displayed (no
+/// transfer function is applied, as in the original 3DGS), and coverage 1 - T. Without a background, colour is
+/// premultiplied by coverage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pixels {
     /// Width and height.
     pub size: [u32; 2],
+    /// Red, green, blue and coverage; `size[0] * size[1]` pixels.
     pub rgba: Vec<[f32; 4]>,
 }
 
 impl Pixels {
-    /// The largest colour value of any pixel, 0 at least.
+    /// The largest colour value of any pixel, at least 0.
     pub fn largest(&self) -> f32 {
         self.rgba.iter().flat_map(|p| &p[..3]).fold(0.0, |largest: f32, v| largest.max(*v))
     }
 
     /// Pixel (x, y).
+    ///
+    /// # Panics
+    /// If `y` is not below the height.
     pub fn at(&self, x: u32, y: u32) -> [f32; 4] {
         self.rgba[y as usize * self.size[0] as usize + x as usize]
     }
@@ -32,17 +37,17 @@ impl Pixels {
         self.opaque().map(to_byte).collect()
     }
 
-    /// The same in 16 bits.
+    /// Red, green, blue in 16 bits, rounded to the nearest step.
     pub fn to_rgb16(&self) -> Vec<u16> {
         self.opaque().map(to_word).collect()
     }
 
-    /// Red, green, blue and alpha in 8 bits, alpha not multiplied in, as PNG wants it.
+    /// Red, green, blue and alpha in 8 bits with straight (not premultiplied) alpha, as PNG requires.
     pub fn to_rgba8(&self) -> Vec<u8> {
         self.straight().map(to_byte).collect()
     }
 
-    /// The same in 16 bits.
+    /// Red, green, blue and alpha in 16 bits with straight alpha.
     pub fn to_rgba16(&self) -> Vec<u16> {
         self.straight().map(to_word).collect()
     }
@@ -59,13 +64,13 @@ impl Pixels {
     }
 }
 
-/// A value in 8 bits, rounded to the nearest step.
+/// A value from 0 to 1 in 8 bits, clamped and rounded to the nearest step.
 pub(crate) fn to_byte(value: f32) -> u8 {
     // The cast saturates, and turns NaN into 0.
     (value.clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
-/// The same in 16 bits.
+/// A value from 0 to 1 in 16 bits, clamped and rounded to the nearest step.
 fn to_word(value: f32) -> u16 {
     (value.clamp(0.0, 1.0) * 65535.0).round() as u16
 }

@@ -1,4 +1,4 @@
-//! Images from files.
+//! Reads images from files.
 
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Read, Seek};
@@ -12,17 +12,18 @@ use npyz::{NpyFile, Order};
 
 use super::Pixels;
 
-/// Bytes that decoding may take: a picture of 16384 pixels a side in four floats.
+/// Largest allocation for decoding in bytes: a picture of 16384x16384 pixels of four floats.
 const MOST_BYTES: u64 = 1 << 32;
 
 impl Pixels {
-    /// Reads a PNG (grey or colour, 8 or 16 bits), JPEG, OpenEXR or .npy file, which it is told by its content. The array
-    /// has one, three or four channels in its last dimension, or no dimension for one: floats as they are, or bytes, of
-    /// which 255 are 1. What has one channel, as depths and counts have, is grey, and NaN in it, where nothing is, is 0
-    /// without coverage.
+    /// Reads a PNG (grey or colour, 8 or 16 bits), JPEG, OpenEXR or .npy file. The format is detected from the content.
     ///
-    /// Alpha is multiplied in where it is straight, in PNG; without alpha, coverage is 1. The error says why the file
-    /// is none of these.
+    /// An array has the shape height, width or height, width, channels with one, three or four channels: floats are
+    /// taken as they are, bytes are divided by 255. An image of one channel (depths, counts) becomes grey; NaN in it
+    /// becomes 0 with coverage 0. The straight alpha of a PNG is multiplied in; without alpha, coverage is 1.
+    ///
+    /// # Errors
+    /// A clause without the file's name if the file cannot be opened, has another format, or is damaged.
     pub fn read(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(|error| match error.kind() {
             ErrorKind::NotFound => anyhow!("cannot be opened: there is no such file"),
@@ -66,7 +67,7 @@ fn decode(file: BufReader<File>, format: ImageFormat) -> Result<Pixels> {
     Ok(Pixels { size, rgba })
 }
 
-/// An OpenEXR file of colours, or of one channel.
+/// Decodes an OpenEXR file of colours or of one channel.
 fn open_exr(mut file: BufReader<File>) -> Result<Pixels> {
     let headers = MetaData::read_from_buffered(&mut file, false).context("cannot be decoded")?.headers;
     file.rewind()?;
@@ -101,12 +102,12 @@ fn array(file: BufReader<File>) -> Result<Pixels> {
     Ok(Pixels { size: [width, height], rgba: values.chunks_exact(channels as usize).map(pixel).collect() })
 }
 
-/// The pixel of an image with one channel.
+/// A pixel of an image with one channel.
 fn grey(value: f32) -> [f32; 4] {
     if value.is_nan() { [0.0; 4] } else { [value, value, value, 1.0] }
 }
 
-/// Every element, as many as the shape says.
+/// All elements as f32: floats as they are, bytes divided by 255.
 fn values(array: NpyFile<BufReader<File>>) -> Result<Vec<f32>> {
     let damaged = "is a damaged .npy file";
     let array = match array.try_data::<f32>() {
@@ -130,7 +131,7 @@ mod tests {
     use super::super::{FileKind, Plane};
     use super::*;
 
-    /// Values that 8 bits cannot hold, and some that are none.
+    /// Values that 8 bits cannot hold, among them NaN, infinity and -0.
     fn floats() -> Pixels {
         let value = |i: u32| [i as f32 * 0.37 - 0.5, 1.0 / (i + 3) as f32, f32::MIN_POSITIVE, (i % 3) as f32 / 2.0];
         let mut pixels = Pixels { size: [5, 3], rgba: (0..15).map(value).collect() };
@@ -151,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn floats_return_bit_for_bit_from_exr_and_npy() {
+    fn exr_and_npy_keep_every_bit_of_floats() {
         let pixels = floats();
         let opaque = Pixels { rgba: pixels.rgba.iter().map(|p| [p[0], p[1], p[2], 1.0]).collect(), ..pixels.clone() };
         for name in ["a.exr", "a.NPY"] {
@@ -162,10 +163,10 @@ mod tests {
     }
 
     #[test]
-    fn bytes_return_from_png() {
+    fn png_keeps_8_bit_values() {
         let pixels = Pixels { size: [256, 1], rgba: (0..256).map(|i| [i as f32 / 255.0, 0.0, 1.0, 1.0]).collect() };
         assert_eq!(written(&pixels, "a.png", false), pixels);
-        // Straight alpha in the file, multiplied in here: with the rounding of two 8-bit numbers.
+        // The file has straight alpha, memory premultiplied alpha: two 8-bit roundings lie between them.
         let half = Pixels { size: [1, 1], rgba: vec![[0.25, 0.5, 0.0, 0.5]] };
         let back = written(&half, "a.png", true).at(0, 0);
         assert!(back.iter().zip(half.at(0, 0)).all(|(x, y)| (x - y).abs() < 1.0 / 255.0), "{back:?}");
@@ -223,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_image_is_refused_in_a_sentence() {
+    fn files_that_are_not_images_are_refused_in_a_sentence() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         let problem = || format!("{:#}", Pixels::read(&path).unwrap_err());
@@ -246,7 +247,7 @@ mod tests {
         assert_eq!(problem(), "is an array in Fortran order");
         save(&path, &[1, 1, 3], Order::C, &[0_i32; 3]);
         assert_eq!(problem(), "is an array of '<i4', not of f4, f8 or u1");
-        // A part of a file.
+        // Truncated files.
         save(&path, &[4, 4, 3], Order::C, &[0.0_f32; 48]);
         let part = std::fs::read(&path).unwrap();
         assert!(of_bytes(&part[..part.len() - 1]).starts_with("is a damaged .npy file"));

@@ -1,4 +1,4 @@
-//! Front-to-back blending, and where an f32 renderer may rightly decide otherwise.
+//! Front-to-back blending, with a bound on what f32 rounding may change.
 
 use glam::{DVec2, DVec3, dvec2};
 use rayon::prelude::*;
@@ -9,39 +9,42 @@ use crate::rules::{Rules, TILE};
 /// One pixel of a [`super::Rendering`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pixel {
-    /// Over the background.
+    /// Red, green, blue over the background.
     pub colour: [f64; 3],
+    /// The part of the background that is visible, 0 to 1.
     pub transmittance: f64,
-    /// The sum of the depths of what was blended, each times its share of the pixel. A depth is the view z of a splat's
+    /// Sum of the depths of the blended splats, each times its share of the pixel. A depth is the view z of a splat's
     /// mean, in world units.
     pub depth: f64,
-    /// The depth of the splat after which the transmittance is 0.5 or less; 0 where it stays above.
+    /// Depth of the splat after which the transmittance is 0.5 or less; 0 where it stays above.
     pub median_depth: f64,
-    /// Splats that were blended.
+    /// Number of blended splats.
     pub blended: u32,
-    /// How far a colour channel may move when decisions that lie within the rounding of f32 arithmetic fall the other
-    /// way: an alpha at the threshold, a transmittance at the stop. The order of the splats is not in doubt.
+    /// Bound on the change of a colour channel when decisions within the rounding error of f32 fall the other way: an
+    /// alpha at the threshold, a transmittance at the stop. The order of the splats is assumed to be right.
     pub doubt: f64,
 }
 
-/// Relative width of a doubtful alpha besides what [`weight_doubt`] adds: `exp2` and the products around it.
+/// Relative uncertainty of an alpha from `exp2` and the products around it; [`weight_doubt`] is added to it.
 const ALPHA_DOUBT: f64 = 2e-5;
-/// Relative width of a doubtful transmittance: factors 1 - alpha near 0.01 magnify an alpha's error a hundred times.
+/// Relative uncertainty of a transmittance: factors 1 - alpha near 0.01 magnify the error of alpha a hundred times.
 const STOP_DOUBT: f64 = 1e-3;
-/// Behind a transmittance of this nothing is seen, whatever the rules.
+/// Transmittance below which blending ends under any rules.
 const NOTHING: f64 = 1e-12;
 
 /// The splats of every tile, front to back.
 pub struct Lists<'a> {
+    /// The splats that `splat_ids` index.
     pub splats: &'a [Splat],
-    /// Of each tile, its part of `splat_ids`.
+    /// First and one past the last index into `splat_ids`, for each tile.
     pub ranges: &'a [[u32; 2]],
+    /// Indices into `splats`, tile after tile.
     pub splat_ids: &'a [u32],
-    /// To sort anew in every pixel.
+    /// If given, splats are sorted per pixel by their depth along its ray.
     pub rays: Option<&'a Rays>,
 }
 
-/// Blends every tile's list. Returns the pixels row by row.
+/// Blends the list of every tile. Returns the pixels row by row.
 pub fn blend(lists: &Lists, tiling: Tiling, background: DVec3, rules: &Rules) -> Vec<Pixel> {
     let [width, height] = tiling.size_px;
     let brightest =
@@ -63,7 +66,7 @@ pub fn blend(lists: &Lists, tiling: Tiling, background: DVec3, rules: &Rules) ->
     (0..width as usize * height as usize).into_par_iter().with_min_len(256).map(pixel).collect()
 }
 
-/// Those of `ids` that are to be kept, in the order in which the ray through `centre` meets them.
+/// The `ids` that `keep` accepts, in the order in which the ray through `centre` meets them.
 fn sorted_along_ray(ids: &[u32], rays: &Rays, centre: DVec2, keep: impl Fn(u32) -> bool) -> Vec<u32> {
     let kept = ids.iter().filter(|id| keep(**id));
     let mut met: Vec<(f64, u32)> = kept.map(|id| (rays.depth(*id, centre), *id)).collect();
@@ -90,7 +93,7 @@ fn blend_pixel<'s>(
     for splat in list {
         let distance = splat.distance(centre);
         let weight = splat.opacity * (-0.5 * distance).exp();
-        // Where the splat ends: at the threshold, or three standard deviations away.
+        // The weight where the splat ends: the alpha threshold, or the weight at three standard deviations.
         let least = splat.opacity * (-0.5 * splat.level(rules)).exp();
         if (weight / least - 1.0).abs() < ALPHA_DOUBT + weight_doubt(splat, centre, distance) {
             doubt += transmittance * least * brightest;
@@ -122,11 +125,11 @@ fn blend_pixel<'s>(
     Pixel { colour, transmittance, depth, median_depth, blended, doubt }
 }
 
-/// Relative error of a weight from rounding positions on the screen to f32, 2^-24 of their size a few times over.
-/// A splat's short axis, at least sqrt(0.3) px, turns a shift into a change of distance.
+/// Relative error of a weight from rounding screen positions to f32: a few times 2^-24 of their size. The short axis of
+/// a splat, at least sqrt(0.3) px, converts a shift into a change of distance.
 fn weight_doubt(splat: &Splat, centre: DVec2, distance: f64) -> f64 {
     let largest = (centre - splat.mean_px).abs().max_element() + centre.max_element();
     let shift = 4.0 * 0.5_f64.powi(24) * largest;
-    let steepest = (splat.conic.x_axis.x + splat.conic.y_axis.y).sqrt(); // over 1 / the short axis
+    let steepest = (splat.conic.x_axis.x + splat.conic.y_axis.y).sqrt(); // at least 1 / the short axis
     distance.sqrt() * steepest * shift
 }

@@ -1,4 +1,4 @@
-//! Which Gaussians touch the image.
+//! Culling: selects the Gaussians that touch the image.
 
 use rayon::prelude::*;
 
@@ -7,8 +7,8 @@ use crate::camera::Camera;
 use crate::rules::Rules;
 use crate::scene::Gaussians;
 
-/// The ids, ascending, of the Gaussians with at least one tile: ahead of the near plane, not too faint for any pixel,
-/// and with their ellipse on the image.
+/// Ascending ids of the Gaussians that touch at least one tile: beyond the near plane, with an opacity of at least the
+/// alpha threshold, and with their ellipse on the image.
 pub fn cull(gaussians: &Gaussians, camera: &Camera, rules: &Rules) -> Vec<u32> {
     let tiling = Tiling::of(camera.size_px);
     let is_visible = |id: &u32| {

@@ -1,4 +1,4 @@
-//! A Gaussian on the screen: EWA splatting with the original's rules, written out with plain matrices.
+//! Projects Gaussians to the screen: EWA splatting with the rules of the original 3DGS, written with plain matrices.
 
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 
@@ -9,16 +9,19 @@ use crate::scene::{Gaussians, harmonics};
 /// A projected Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Splat {
+    /// Position of the mean on the screen.
     pub mean_px: DVec2,
-    /// px^2, dilated.
+    /// px^2, with the low-pass added.
     pub covariance: DMat2,
     /// The inverse of `covariance`.
     pub conic: DMat2,
+    /// After the compensation for the low-pass, if the rules ask for it.
     pub opacity: f64,
+    /// Red, green, blue from this direction, at least 0.
     pub colour: DVec3,
     /// View z, world units.
     pub depth: f64,
-    /// From the camera, world units.
+    /// Distance of the mean from the camera, world units.
     pub distance_world: f64,
 }
 
@@ -29,14 +32,14 @@ impl Splat {
         d.dot(self.conic * d)
     }
 
-    /// The distance at which alpha falls to the threshold, or where the rules cut it off.
+    /// Squared Mahalanobis distance at which alpha falls to the threshold, or at which the rules cut the splat.
     pub fn level(&self, rules: &Rules) -> f64 {
         let level = 2.0 * (self.opacity / f64::from(rules.alpha_min)).ln();
         if rules.extent == Footprint::ThreeSigma { level.min(9.0) } else { level }
     }
 }
 
-/// Projects Gaussian `id`, which lies ahead of the camera.
+/// Projects Gaussian `id`, whose mean must have a positive view depth.
 pub fn project(gaussians: &Gaussians, id: u32, camera: &Camera, rules: &Rules) -> Splat {
     let index = id as usize;
     let mean_world = DVec3::from(gaussians.means()[index].map(f64::from));
@@ -44,7 +47,7 @@ pub fn project(gaussians: &Gaussians, id: u32, camera: &Camera, rules: &Rules) -
     let slope = mean_view.truncate() / mean_view.z;
     let mean_px = camera.focal_px * slope + camera.centre_px;
 
-    // V = J W R S, so that the covariance is V V^T. J's slope is clamped 15 % of the image beyond each edge.
+    // V = J W R S, so the covariance is V V^T. The slope in J is clamped to 15 % of the image beyond each edge.
     let size = DVec2::from(camera.size_px.map(f64::from));
     let low = (-camera.centre_px - 0.15 * size) / camera.focal_px;
     let high = (size - camera.centre_px + 0.15 * size) / camera.focal_px;
@@ -58,7 +61,7 @@ pub fn project(gaussians: &Gaussians, id: u32, camera: &Camera, rules: &Rules) -
     let v1 = per_unit.y * (m.row(1) - clamped.y * m.row(2));
 
     let (a, b, c) = (v0.dot(v0) + LOW_PASS, v0.dot(v1), v1.dot(v1) + LOW_PASS);
-    // a c - b^2 without its cancellation (Cauchy-Binet).
+    // a c - b^2, computed without cancellation (Cauchy-Binet).
     let sharp = v0.cross(v1).length_squared();
     let determinant = sharp + LOW_PASS * (v0.dot(v0) + v1.dot(v1)) + LOW_PASS * LOW_PASS;
     let covariance = DMat2::from_cols_array(&[a, b, b, c]);

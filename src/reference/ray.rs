@@ -1,4 +1,4 @@
-//! Where along a ray a Gaussian is densest: the ideal depth to sort by, in every pixel anew (StopThePop, Radl et al. 2024).
+//! Depth at which a Gaussian is densest along the ray of a pixel: the ideal sort key (StopThePop, Radl et al. 2024).
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
@@ -6,25 +6,26 @@ use rayon::prelude::*;
 use crate::camera::Camera;
 use crate::scene::Gaussians;
 
-/// The Gaussians of some splats, as rays from the camera meet them.
+/// Gaussians prepared for [`Rays::depth`].
 pub struct Rays {
     focal_px: DVec2,
     centre_px: DVec2,
     whitened: Vec<Whitened>,
 }
 
-/// A Gaussian in coordinates in which it is the unit ball.
+/// A Gaussian in coordinates in which it is the unit sphere.
 struct Whitened {
-    /// From view axes.
+    /// From view axes to these coordinates.
     from_view: DMat3,
-    /// From the camera.
+    /// The mean, relative to the camera.
     mean: DVec3,
 }
 
-/// A Gaussian is taken to be no flatter than this part of its longest axis.
+/// Smallest standard deviation of a Gaussian, as a part of its largest.
 const FLATTEST: f64 = 1e-6;
 
 impl Rays {
+    /// Prepares the Gaussians `ids`; a splat id is an index into them.
     pub fn new(gaussians: &Gaussians, ids: &[u32], camera: &Camera) -> Self {
         let whitened = |id: &u32| {
             let index = *id as usize;
@@ -43,7 +44,7 @@ impl Rays {
         }
     }
 
-    /// View depth at which splat `id` is densest along the ray through a point of the image: not behind the camera.
+    /// View depth at which splat `id` is densest along the ray through a point of the image, at least 0.
     pub fn depth(&self, id: u32, point_px: DVec2) -> f64 {
         let Whitened { from_view, mean } = &self.whitened[id as usize];
         let ray = *from_view * ((point_px - self.centre_px) / self.focal_px).extend(1.0);

@@ -1,6 +1,6 @@
 //! Exclusive prefix sum.
 
-/// Where each element's run begins when run `i` has `counts[i]` places; one more entry for the end of the last.
+/// Offset of each element when element `i` takes `counts[i]` places, and at the end the sum of all.
 pub fn scan(counts: &[u32]) -> Vec<u64> {
     let mut offsets = vec![0];
     let mut sum = 0;
