@@ -532,9 +532,9 @@ fn commands_take_models_splits_and_say_what_is_drawn_otherwise() {
     assert_eq!(bytes("one.png"), bytes("test/00001.png"));
 
     let error = fails(2, &[&common[..], &[&path(&folder, "a.png"), "--split", "val"]].concat());
-    assert!(error.contains("--split val: none of the 12 cameras of tests/fixtures/colmap/ are in it"), "{error}");
+    assert!(error.contains("--split val: tests/fixtures/colmap/ has 12 cameras, and none is in this split"), "{error}");
     let error = fails(2, &["render", "cactus:300", "--split", "test"]);
-    assert!(error.contains("--split chooses among the cameras of a file, and there is no camera file"), "{error}");
+    assert!(error.contains("--split needs a camera file, and there is none"), "{error}");
     fails(2, &["bench", "cactus:300", "--split", "test", "--frames", "1", "--warmup", "0"]);
     let error = fails(4, &["render", "cactus:300", "--cameras", "src"]);
     assert!(error.contains("src: is a folder with neither cameras.json"), "{error}");

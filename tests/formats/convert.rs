@@ -208,7 +208,7 @@ fn nonsense_is_refused_in_a_sentence_and_loses_nothing() {
     for (code, arguments, sentence) in [
         (2, &[PLUSH, "a.xyz"][..], "scenes are written as"),
         (2, &[PLUSH], "2 values required"),
-        (2, &[PLUSH, PLUSH], "is to be read and written"),
+        (2, &[PLUSH, PLUSH], "is both an input and the output"),
         (2, &[PLUSH, &out, "--transform", "shear=1"], "expected translate"),
         (2, &[PLUSH, &out, "--transform", "scale=0"], "scale"),
         (2, &[PLUSH, &out, "--crop", "sphere=1,2"], "numbers"),
@@ -216,7 +216,7 @@ fn nonsense_is_refused_in_a_sentence_and_loses_nothing() {
         (2, &[PLUSH, &out, "--up", "w"], "expected x, y, z"),
         (2, &[PLUSH, &out, "--flip", "a"], "expected some of"),
         (2, &[PLUSH, &out, "--sh-degree", "4"], "4"),
-        (1, &[PLUSH, &out, "--crop", "sphere=1e6,0,0,1"], "no Gaussian is left of 61"),
+        (1, &[PLUSH, &out, "--crop", "sphere=1e6,0,0,1"], "none of 61 Gaussians is left"),
         (4, &["none.ply", &out], "there is no such file"),
         (1, &[PLUSH, "/nowhere/a.ply"], "cannot write"),
         (1, &[PLUSH, &path(&folder, "far.spz"), "--transform", "translate=1e8,0,0"], "SPZ holds coordinates up to"),

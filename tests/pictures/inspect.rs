@@ -254,11 +254,11 @@ fn recolour_shows_the_attributes_of_the_gaussians_of_a_captured_scene() {
 fn check_attributes(cases: &[Case]) {
     let gpu = Gpu::new();
     let stored = |storage| Options { sh_storage: storage, shape_storage: storage, ..Options::EXACT };
-    let halves = Options { half_blend: true, portable: true, ..stored(Storage::F32) };
+    let floats = Options { portable: true, ..stored(Storage::F32) };
     // What is kept in fewer bits has other ellipses too.
     let settings = [
         (Options::EXACT, ROUNDING, ROUNDING),
-        (halves, ROUNDING, ROUNDING),
+        (floats, ROUNDING, ROUNDING),
         (stored(Storage::F16), f64::MAX, 3e-4),
         (stored(Storage::U8), f64::MAX, 1e-2),
     ];
@@ -418,8 +418,8 @@ fn explain_describes_the_frame_recorded_last_complete_or_not() {
     let scene = build(&cloud(&mut Random(5), 400, 2, 0.3), 2);
     let mut still = still_of(&gpu, &scene, &Options::EXACT);
     assert!(still.explain([0, 0]).is_err(), "nothing is rendered yet");
-    let room = smalto::render::Capacity { gaussians: 400, visible: 1, spans: 1, instances: 1, tiles: 1 };
-    let mut short = still_of(&gpu, &scene, &Options::EXACT).with_room(room).unwrap();
+    let room = smalto::render::Capacity { gaussians: 400, visible: 1, spans: 1, listed: 1, cells: 1 };
+    let mut short = still_of(&gpu, &scene, &Options::EXACT).with_capacity(room).unwrap();
     let away = Camera { position: DVec3::new(0.3, 0.1, -1.0), ..camera() };
     still.render(&away, Background::BLACK).unwrap();
     let expected = still.explain([40, 30]).unwrap();

@@ -8,7 +8,7 @@ use crate::common::{Gpu, Random, compare, gaussians};
 use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::measure::metrics::{max_error, psnr};
-use smalto::options::{Options, TileTest};
+use smalto::options::Options;
 use smalto::rules::{Background, Rules};
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Lists, Rendering, Tiling};
@@ -20,8 +20,6 @@ const WHITE: Background = Background::Colour([1.0; 3]);
 const ROUNDING: f64 = 1e-5;
 /// What shows: a hundred times that.
 const SHOWS: f32 = 1e-3;
-/// dB of pictures blended in 16-bit floats to exact ones of the cactus: 59 measured.
-const HALF_PSNR: f64 = 45.0;
 
 fn cactus() -> Gaussians {
     synthetic::cactus(4000).unwrap().gaussians
@@ -151,50 +149,6 @@ fn depths_that_differ_below_the_cut_are_drawn_as_in_the_file() {
         pixels.rgba[16 * 32 + 16][0] > 0.5
     };
     assert_eq!([32, 24, 20, 12, 8].map(red), [false, false, false, true, true]);
-}
-
-#[test]
-fn the_box_around_the_ellipse_shows_the_same_bits_from_longer_lists() {
-    let gpu = Gpu::new();
-    for (scene, camera) in [(cactus(), front([100, 70])), (build(&cloud(&mut Random(4), 600, 1, 0.3), 1), camera())] {
-        let picture = |tile_test: TileTest| {
-            let options = Options { tile_test, ..Options::EXACT };
-            counted(&gpu, &scene, &camera, &options, Background::BLACK)
-        };
-        let (ellipse, boxed) = (picture(TileTest::Ellipse), picture(TileTest::Box));
-        assert!(ellipse.0 == boxed.0);
-        assert!(boxed.1.listed_kept > ellipse.1.listed_kept);
-    }
-}
-
-#[test]
-fn blending_in_halves_is_near_the_exact_picture() {
-    let gpu = Gpu::new();
-    let scene = cactus();
-    let picture = |half_blend: bool, stop: f32| {
-        gpu.render(&scene, &front([150, 100]), &Options { half_blend, stop, ..Options::EXACT })
-    };
-    let exact = picture(false, 0.0);
-    let halves = picture(true, 0.0);
-    let db = psnr(&halves, &exact);
-    println!("blended in halves: {db:.1} dB");
-    assert!(halves.rgba.iter().flatten().all(|v| v.is_finite()));
-    assert!(db > HALF_PSNR, "{db} dB");
-    let has_halves = gpu.0.capabilities().has(smalto::gpu::Feature::HalfFloats);
-    assert_eq!(halves != exact, has_halves);
-    assert!(psnr(&picture(true, 1e-3), &exact) > HALF_PSNR);
-}
-
-#[test]
-fn colours_beyond_16_bit_floats_are_blended_in_halves_as_large_ones() {
-    let gpu = Gpu::new();
-    let colours = [[7e4, 1.0, 1e-7], [1e30, 0.0, 0.0], [300.0; 3]];
-    let balls: Vec<_> =
-        (0..9).map(|i| (ball([0.0, 0.0, f64::from(i + 2)], 0.3, 0.6), colours[i as usize % 3])).collect();
-    let options = Options { half_blend: true, ..Options::EXACT };
-    let pixels = gpu.render(&gaussians(&balls), &ahead([32, 32], 40.0), &options);
-    assert!(pixels.rgba.iter().flatten().all(|v| v.is_finite()));
-    assert!(pixels.rgba[16 * 32 + 16][0] > 1e4);
 }
 
 #[test]

@@ -319,7 +319,7 @@ fn pictures_in_a_folder_are_of_any_kind() {
     ok(&["render", "cactus:500", "--size", "8x8", "-o", &one, "--format", "png16"]);
     assert_eq!(image::open(&one).unwrap().color(), image::ColorType::Rgb16);
     let error = fails(2, &["render", "cactus:500", "--size", "8x8", "-o", &one, "--format", "exr"]);
-    assert!(error.contains("--format writes .exr, and --output is "), "{error}");
+    assert!(error.contains("--format needs a file that ends in .exr, but --output is "), "{error}");
 }
 
 #[test]
@@ -337,7 +337,7 @@ fn pictures_are_named_after_images_and_stay_in_their_folder() {
     assert!(error.contains("cameras 0 and 2 would both be written to "), "{error}");
     cameras(&folder, ["a/1.jpg", "..", "c"]);
     let error = fails(2, &[&common[..], &["--camera", "all"]].concat());
-    assert!(error.contains("--names image: camera 1: the image name '..' names no file"), "{error}");
+    assert!(error.contains("--names image: camera 1: the image name '..' is not a file name"), "{error}");
     let error = fails(2, &["render", "cactus:100", "--size", "8x8", "--names", "image", "-o", &out]);
     assert!(error.contains("--names image needs a camera file"), "{error}");
 }
@@ -360,7 +360,7 @@ fn cameras_are_chosen_by_lists_and_ranges() {
     assert_eq!([written("0..2"), written("c,d")], [["00001.png"], ["00002.png"]]);
     let refused = |camera: &str| fails(2, &[&common[..], &["-o", &path(&folder, "no"), "--camera", camera]].concat());
     assert!(refused("0,0").contains("cameras 0 and 0 would both be written to "));
-    assert!(refused("2..1").contains("--camera 2..1 is empty: 2 is over 1"));
+    assert!(refused("2..1").contains("--camera 2..1 is empty: 2 is greater than 1"));
     for (camera, item) in [("0..3", "0..3"), ("0,9", "9"), ("0..99999999999999999999", "0..9"), ("0,", ""), ("x", "x")]
     {
         let error = refused(camera);
@@ -418,7 +418,7 @@ fn an_interrupted_run_is_resumed_and_no_other() {
 
         let output = run(&[reference, &["--resume", "--background", "1,1,1"]].concat());
         assert_eq!(output.status.code(), Some(2));
-        says(&output, "was begun with other background; without --resume all is drawn anew");
+        says(&output, "had other settings (background); run without --resume to start over");
         let record = out.join(".smalto-run.jsonl");
         let text = fs::read_to_string(&record).unwrap();
         // As if the program had been stopped in the middle of a line.
@@ -436,15 +436,15 @@ fn an_interrupted_run_is_resumed_and_no_other() {
 
         let output = run(&[reference, &["--resume"]].concat());
         assert_eq!(output.status.code(), Some(2));
-        says(&output, "is there, but no unfinished run that it would be of");
+        says(&output, "exists, but there is no unfinished run");
     }
     // A run that is not to be resumed begins anew, and says so.
     fs::write(out.join(".smalto-run.jsonl"), "damaged").unwrap();
     let output = run(&["--resume"]);
-    says(&output, "is damaged: without --resume all is drawn anew");
+    says(&output, "is damaged: run without --resume to start over");
     let output = run(&[]);
     assert!(output.status.success());
-    says(&output, "an unfinished run is begun anew; --resume would go on with it");
+    says(&output, "starting over; --resume would continue the unfinished run");
     assert_ne!(fs::read(out.join("colour/00000.png")).unwrap(), b"kept");
 }
 
@@ -454,23 +454,23 @@ fn outputs_that_make_no_sense_are_exit_code_2() {
     let file = cameras(&folder, ["a", "b", "c"]);
     let place = path(&folder, "x");
     for (more, sentence) in [
-        (&["--layers", "depth", "-o", "a.png"][..], "--layers depth is written as .exr or .npy"),
-        (&["--layers", "counts", "-o", &place, "--camera", "all", "--format", "png"], "--layers counts is written as"),
-        (&["--layers", "depth", "--scale", "0.5", "-o", "a.exr"], "of pictures that are drawn smaller"),
-        (&["--layers", "depth", "--certificate", "b.exr", "-o", "a.exr"], "--certificate is of the picture"),
-        (&["--layers", "depth", "--dump", &place, "-o", "a.exr"], "--dump writes the buffers of the picture"),
-        (&["--camera", "all", "--dump", &place], "--dump writes the buffers of one picture"),
+        (&["--layers", "depth", "-o", "a.png"][..], "--layers depth needs .exr or .npy"),
+        (&["--layers", "counts", "-o", &place, "--camera", "all", "--format", "png"], "--layers counts needs .exr or .npy"),
+        (&["--layers", "depth", "--scale", "0.5", "-o", "a.exr"], "--layers depth needs --scale 1"),
+        (&["--layers", "depth", "--certificate", "b.exr", "-o", "a.exr"], "--certificate cannot be combined with --layers depth"),
+        (&["--layers", "depth", "--dump", &place, "-o", "a.exr"], "--dump cannot be combined with --layers depth"),
+        (&["--camera", "all", "--dump", &place], "--dump writes the buffers of a single picture"),
         (&["--layers", "heat"], "invalid value 'heat'"),
         (&["--names", "image", "-o", "a.png"], "--output a.png: several pictures, --names, --video and --resume"),
-        (&["--resume", "-o", "a.png"], "take a folder"),
-        (&["--video", "-o", "film.mp4"], "take a folder"),
-        (&["--camera", "all", "-o", "a.exr"], "take a folder"),
-        (&["--fps", "24", "-o", &place], "--video"),
-        (&["--video", "--fps", "0", "-o", &place], "expected frames a second"),
+        (&["--resume", "-o", "a.png"], "need a folder"),
+        (&["--video", "-o", "film.mp4"], "need a folder"),
+        (&["--camera", "all", "-o", "a.exr"], "need a folder"),
+        (&["--fps", "24", "-o", &place], "--fps needs --video or --path"),
+        (&["--video", "--fps", "0", "-o", &place], "expected frames per second"),
         (&["--video", "--names", "image", "-o", &place], "cannot be used with"),
-        (&["--video", "--format", "exr", "-o", &place], "--video is made of colours as PNG"),
-        (&["--video", "--layers", "alpha", "-o", &place], "--video is made of colours as PNG"),
-        (&["--video", "--background", "transparent", "-o", &place], "--video is not transparent"),
+        (&["--video", "--format", "exr", "-o", &place], "--video needs colours as PNG"),
+        (&["--video", "--layers", "alpha", "-o", &place], "--video needs colours as PNG"),
+        (&["--video", "--background", "transparent", "-o", &place], "--video cannot be transparent"),
     ] {
         let error = fails(2, &[&["render", "cactus:100", "--cameras", &file][..], more].concat());
         assert!(error.contains(sentence), "{more:?}: {error}");
@@ -478,6 +478,6 @@ fn outputs_that_make_no_sense_are_exit_code_2() {
     let text = fs::read_to_string(&file).unwrap();
     fs::write(&file, text.replacen("\"width\": 64", "\"width\": 32", 1)).unwrap();
     let error = fails(2, &["render", "cactus:100", "--cameras", &file, "--camera", "all", "--video", "-o", &place]);
-    assert!(error.contains("--video needs pictures of one size, not 32x48 and 64x48: --size makes them so"), "{error}");
+    assert!(error.contains("--video needs pictures of one size, not 32x48 and 64x48: set --size"), "{error}");
     assert_eq!(files(folder.path()), ["cams.json"]);
 }

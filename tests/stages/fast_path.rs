@@ -27,7 +27,6 @@ fn it_is_taken_where_nothing_speaks_against_it() {
     for (name, options) in Options::PRESETS {
         assert_eq!(is_fast(options, [64, 48]), !["portable", "inria", "khr"].contains(&name), "{name}");
     }
-    assert!(!is_fast(Options { half_blend: true, ..Options::FAST }, [64, 48]));
     // 30 x 256 bins are more than a workgroup counts.
     assert!(!is_fast(Options::EXACT, [1900, 16384]));
 }

@@ -1,5 +1,5 @@
-//! `--resume`: the record of a run into a folder. The record exists while the run lasts, so after an interruption it lists
-//! the complete files and the settings of the run.
+//! `--resume`: the record of a run into a folder. It exists while the run lasts, so after an interruption it lists the
+//! complete files and the settings of the run.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
