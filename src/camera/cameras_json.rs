@@ -1,5 +1,5 @@
-//! `cameras.json` of the original 3DGS: an array of camera-to-world poses with focal lengths. Two members are our own and
-//! optional: the principal point, and the time of a key. Others read past them.
+//! `cameras.json` of the original 3DGS: an array of camera-to-world poses with focal lengths. smalto adds two optional
+//! members, the principal point and the time of a key. Other programs ignore them.
 
 use std::io::Write;
 use std::path::Path;
@@ -12,7 +12,7 @@ use serde_json::Value;
 use super::{Camera, NamedCamera, centre};
 use crate::files::write_whole;
 
-/// What one camera of a file must have.
+/// The members of a camera that error messages list.
 const MEMBERS: &str = "id, img_name, width, height, position, rotation, fx, fy";
 
 #[derive(Deserialize, Serialize)]
@@ -24,21 +24,21 @@ pub(super) struct Entry {
     width: u32,
     height: u32,
     position: [f64; 3],
-    /// Rows of camera to world.
+    /// Camera to world, rows.
     rotation: [[f64; 3]; 3],
     fx: f64,
     fy: f64,
-    /// The principal point in pixels, if it is not the centre.
+    /// The principal point in pixels; by default the middle of the image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     cx: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     cy: Option<f64>,
-    /// When a path is there.
+    /// The time of a key of a [`Timeline`](super::Timeline).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     seconds: Option<f64>,
 }
 
-/// Every camera of the file, and its time if it has one.
+/// All cameras of the file, each with its time if it has one.
 pub(super) fn parse(text: &[u8]) -> Result<Vec<(NamedCamera, Option<f64>)>> {
     let entries: Vec<Entry> =
         serde_json::from_slice(text).with_context(|| format!("is not a cameras.json (an array of {MEMBERS})"))?;
@@ -50,7 +50,10 @@ pub(super) fn parse(text: &[u8]) -> Result<Vec<(NamedCamera, Option<f64>)>> {
     entries.into_iter().enumerate().map(timed).collect()
 }
 
-/// Writes a file that [`read`](super::read) reads as exactly these cameras. It appears whole or not at all.
+/// Writes a file that [`read`](super::read) reads as exactly these cameras. The write is atomic.
+///
+/// # Errors
+/// If there is no camera, or the file cannot be written.
 pub fn write(path: &Path, cameras: &[NamedCamera]) -> Result<()> {
     let entry = |(i, named): (usize, &NamedCamera)| Entry::of(i, &named.name, &named.camera, None);
     write_entries(path, cameras.iter().enumerate().map(entry))
@@ -59,7 +62,7 @@ pub fn write(path: &Path, cameras: &[NamedCamera]) -> Result<()> {
 pub(super) fn write_entries(path: &Path, entries: impl ExactSizeIterator<Item = Entry>) -> Result<()> {
     ensure!(entries.len() > 0, "cannot write {}: there is no camera", path.display());
     write_whole(path, |file| {
-        // A camera a line.
+        // One camera per line.
         for (i, entry) in entries.enumerate() {
             file.write_all(if i == 0 { b"[\n" } else { b",\n" })?;
             serde_json::to_writer(&mut *file, &entry)?;
@@ -68,12 +71,15 @@ pub(super) fn write_entries(path: &Path, entries: impl ExactSizeIterator<Item = 
     })
 }
 
-/// The camera as an entry of a `cameras.json`, from which [`from_json`] makes the same camera, bit for bit.
+/// The camera as an entry of a `cameras.json`. [`from_json`] makes the same camera of it, bit for bit.
 pub fn to_json(camera: &Camera) -> String {
     serde_json::to_string(&Entry::of(0, "view", camera, None)).expect("numbers and a name can be written as JSON")
 }
 
-/// The camera of such an entry, or the first one of an array of them.
+/// The camera of an entry of a `cameras.json`, or of the first entry of an array.
+///
+/// # Errors
+/// A sentence on what is wrong if `text` is neither, or no picture can be drawn with the camera.
 pub fn from_json(text: &str) -> Result<Camera> {
     let value: Value = serde_json::from_str(text).context("it is not JSON")?;
     let first = match value {
@@ -172,7 +178,7 @@ mod tests {
         assert_eq!(centre(&ONE.replace("\"fx\"", "\"cx\": 1, \"cy\": -2, \"fx\"")), DVec2::new(1.0, -2.0));
     }
 
-    /// Numbers of every magnitude, few of which are short in decimal.
+    /// Cameras with numbers of every magnitude, most of them long in decimal.
     fn random_cameras() -> Vec<NamedCamera> {
         let mut state = 1_u64;
         let mut random = || {

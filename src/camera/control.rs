@@ -1,4 +1,4 @@
-//! What hands do to a camera: turning around a point, panning, flying, and gliding to other views.
+//! Navigation: orbiting around a point, panning, flying, and gliding to other views.
 
 use std::f64::consts::PI;
 
@@ -7,31 +7,31 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use super::path::mixed;
 use super::{Camera, MAX_POSITION, MAX_SIDE, NamedCamera, Up};
 
-/// Seconds that a glide takes if there is no reason for another time.
+/// Default duration of a glide in seconds.
 pub const GLIDE_SECONDS: f64 = 0.3;
 
-/// Horizontal fields of view that can be set, in degrees.
+/// Range of the horizontal field of view in degrees.
 pub const FIELDS_OF_VIEW: std::ops::RangeInclusive<f64> = 0.1..=179.0;
 
-/// Radians from straight up or down that turning stops at: nearer, the heading would be lost.
+/// Smallest angle in radians between the viewing direction and straight up or down. Closer, the heading would be lost.
 const POLE: f64 = 0.1 * PI / 180.0;
 
-/// What one step of a dolly leaves of the distance.
+/// Factor on the distance to the pivot per dolly step.
 const DOLLY: f64 = 0.9;
 
-/// How near and far the pivot may be brought, in radii of the scene.
+/// Smallest and largest distance of the pivot that a dolly reaches, in radii of the scene.
 const NEAREST: f64 = 1e-6;
 const FARTHEST: f64 = 1e6;
 
-/// A camera that is moved by hand around a pivot: the point that turning leaves where it is.
+/// A camera that the user moves around a pivot, the fixed point of an orbit.
 ///
-/// Motions of a hand are in pixels of a window of `size_px`, x right and y down. One that is not finite, or would end
-/// beyond [`MAX_POSITION`], does nothing.
+/// Pointer motions are in pixels of a window of `size_px`, x right and y down. A motion that is not finite, or would
+/// end beyond [`MAX_POSITION`], does nothing.
 #[derive(Clone, Debug)]
 pub struct Navigator {
     view: View,
     up: Up,
-    /// The ball that holds the scene, world units.
+    /// Centre and radius of the sphere around the scene, world units.
     centre: DVec3,
     radius: f64,
     /// World units per second.
@@ -41,9 +41,9 @@ pub struct Navigator {
 
 #[derive(Clone, Debug)]
 struct View {
-    /// Its size is the one that its intrinsics are for, whatever the window's.
+    /// Its size is the one that its intrinsics are for; the window may have another.
     camera: Camera,
-    /// The pivot in view axes, which only dollying and choosing another change.
+    /// The pivot in view axes. It changes when the user dollies or sets another pivot.
     pivot_view: DVec3,
 }
 
@@ -56,7 +56,7 @@ struct Glide {
 }
 
 impl Navigator {
-    /// Sees the whole ball around `centre`, which is the pivot; flies a radius in two seconds.
+    /// A view of the whole sphere around `centre`, which becomes the pivot. The speed is a radius in two seconds.
     pub fn new(centre: DVec3, radius: f64, size_px: [u32; 2]) -> Self {
         let (centre, radius) = sound(centre, radius);
         let camera = Camera::framing(centre, radius, sound_size(size_px));
@@ -64,13 +64,13 @@ impl Navigator {
         Self { view: View { camera, pivot_view }, up: Up::default(), centre, radius, speed: radius / 2.0, glide: None }
     }
 
-    /// Begins anew with this ball, but for which way is up.
+    /// Starts over with a view of this sphere. The up axis stays.
     pub fn frame(&mut self, centre: DVec3, radius: f64, size_px: [u32; 2]) {
         *self = Self { up: self.up, ..Self::new(centre, radius, size_px) };
         self.snap(&self.home(size_px));
     }
 
-    /// The camera that sees the whole scene.
+    /// The camera that shows the whole scene.
     pub fn home(&self, size_px: [u32; 2]) -> Camera {
         let camera = Camera::framing(self.centre, self.radius, sound_size(size_px));
         if self.up == Up::default() {
@@ -81,17 +81,18 @@ impl Navigator {
         Camera { position, rotation: camera.rotation * DMat3::from_quat(turn).transpose(), ..camera }
     }
 
-    /// The camera for a window. After [`Navigator::snap`] exactly that camera, [resized](Camera::resized).
+    /// The camera for a window of this size. After [`Navigator::snap`] it is exactly that camera,
+    /// [resized](Camera::resized).
     pub fn camera(&self, size_px: [u32; 2]) -> Camera {
         self.view.camera.resized(sound_size(size_px))
     }
 
-    /// World units.
+    /// The pivot in world units.
     pub fn pivot(&self) -> DVec3 {
         self.view.pivot()
     }
 
-    /// Chooses the point to turn around without moving. A point at the camera is no pivot.
+    /// Sets the pivot (world units) without moving the camera. A point too close to the camera is ignored.
     pub fn set_pivot(&mut self, point: DVec3) {
         let pivot_view = self.view.camera.view(point);
         if pivot_view.length() >= self.radius * NEAREST {
@@ -99,11 +100,12 @@ impl Navigator {
         }
     }
 
+    /// The up axis.
     pub fn up(&self) -> Up {
         self.up
     }
 
-    /// Turns the view upright for this axis, around the pivot.
+    /// Sets the up axis and turns the view around the pivot until it is upright.
     pub fn set_up(&mut self, up: Up) {
         if up == self.up.flipped() {
             self.flip_up();
@@ -114,7 +116,7 @@ impl Navigator {
         }
     }
 
-    /// Turns the world upside down; twice is nothing at all. The picture turns by half around its middle.
+    /// Reverses the up axis: the picture turns by 180 degrees around its middle. Twice restores every bit.
     pub fn flip_up(&mut self) {
         self.up = self.up.flipped();
         self.glide = None;
@@ -124,25 +126,26 @@ impl Navigator {
         *pivot_view *= half_turn;
     }
 
-    /// World units per second.
+    /// Flying speed in world units per second.
     pub fn speed(&self) -> f64 {
         self.speed
     }
 
-    /// Over 0; anything else changes nothing.
+    /// Sets the flying speed. A value that is not positive or over [`MAX_POSITION`] is ignored.
     pub fn set_speed(&mut self, speed: f64) {
         if speed > 0.0 && speed <= MAX_POSITION {
             self.speed = speed;
         }
     }
 
-    /// Horizontal, in degrees.
+    /// Horizontal field of view in degrees.
     pub fn field_of_view(&self) -> f64 {
         let Camera { focal_px, size_px, .. } = &self.view.camera;
         2.0 * (f64::from(size_px[0]) / 2.0 / focal_px.x).atan().to_degrees()
     }
 
-    /// Horizontal, in degrees, clamped to [`FIELDS_OF_VIEW`]. Principal point and shape of the pixels stay.
+    /// Sets the horizontal field of view in degrees, clamped to [`FIELDS_OF_VIEW`]. The principal point and the shape
+    /// of the pixels stay.
     pub fn set_field_of_view(&mut self, degrees: f64) {
         let half = degrees.clamp(*FIELDS_OF_VIEW.start(), *FIELDS_OF_VIEW.end()).to_radians() / 2.0;
         let mut view = self.view.clone();
@@ -151,23 +154,22 @@ impl Navigator {
         self.go(view);
     }
 
-    /// Turns the scene with the hand around the pivot, which stays where it is in the picture: half around for a drag across
-    /// the shorter side. Up stays up, and straight up and down are never passed; a camera that is tilted loses as much of
-    /// that as it is turned.
+    /// Orbits around the pivot, which keeps its place in the picture. A drag across the shorter side of the window
+    /// turns by 180 degrees. The view stays upright and never passes straight up or down. A rolled camera loses as much
+    /// of its roll as it is turned.
     pub fn orbit(&mut self, delta_px: DVec2, size_px: [u32; 2]) {
         let [width, height] = sound_size(size_px);
         self.turn(delta_px * PI / f64::from(width.min(height)), View::around_pivot);
     }
 
-    /// Turns the camera in place to where the hand goes, by as many pixels of the middle of the picture. The pivot turns
-    /// along.
+    /// Turns the camera in place by as many pixels, measured in the middle of the picture. The pivot turns with it.
     pub fn look(&mut self, delta_px: DVec2, size_px: [u32; 2]) {
         let focal_px = self.camera(size_px).focal_px;
         let in_place = |view: &View, rotation| View { camera: Camera { rotation, ..view.camera.clone() }, ..*view };
         self.turn(delta_px / focal_px, in_place);
     }
 
-    /// Moves sideways, with the pivot, so that what is as deep as the pivot follows the hand exactly.
+    /// Moves camera and pivot sideways, so that points at the depth of the pivot follow the pointer exactly.
     pub fn pan(&mut self, delta_px: DVec2, size_px: [u32; 2]) {
         let View { camera, pivot_view } = &self.view;
         let depth = if pivot_view.z > 0.0 { pivot_view.z } else { pivot_view.length() };
@@ -175,7 +177,8 @@ impl Navigator {
         self.shift(-(camera.rotation.transpose() * step_view));
     }
 
-    /// Nears the pivot, or leaves it if `steps` is negative: by a tenth of the distance a step, so never through it.
+    /// Moves towards the pivot, or away if `steps` is negative. A step is a tenth of the distance, so the camera never
+    /// passes the pivot.
     pub fn dolly(&mut self, steps: f64) {
         let View { camera, pivot_view } = &self.view;
         let distance = pivot_view.length();
@@ -188,14 +191,14 @@ impl Navigator {
         }
     }
 
-    /// Moves along `direction`, which is in view axes (right, down, forward) and at most of length one, at `pace` times
-    /// the speed, for `seconds`. The pivot comes along.
+    /// Moves camera and pivot along `direction` for `seconds` at `pace` times the speed. `direction` is in view axes
+    /// (right, down, forward); its length is limited to 1.
     pub fn fly(&mut self, direction: DVec3, seconds: f64, pace: f64) {
         let step = self.view.camera.rotation.transpose() * direction.clamp_length_max(1.0);
         self.shift(step * self.speed * pace * seconds);
     }
 
-    /// Glides to a view of this point from here, and makes it the pivot.
+    /// Starts a glide that turns towards this point (world units), and makes it the pivot.
     pub fn focus(&mut self, point: DVec3) {
         let camera = &self.view.camera;
         let Some(forward) = (point - camera.position).try_normalize() else { return };
@@ -207,17 +210,17 @@ impl Navigator {
         }
     }
 
-    /// Takes a file's camera as it is. The pivot lies ahead, as deep as the middle of the scene.
+    /// Jumps to exactly this camera. The pivot lies straight ahead at the depth of the middle of the scene.
     pub fn snap(&mut self, camera: &Camera) {
         self.go(self.seen_from(camera));
     }
 
-    /// The same in a smooth motion, which [`Navigator::advance`] makes.
+    /// Starts a glide to this camera. [`Navigator::advance`] moves it along.
     pub fn glide_to(&mut self, camera: &Camera, seconds: f64) {
         self.glide_towards(self.seen_from(camera), seconds);
     }
 
-    /// Lets time pass; whether there is still motion. Any other motion ends a glide where it is.
+    /// Advances a glide by `seconds`. Returns true while it goes on. Any other motion ends a glide where it is.
     pub fn advance(&mut self, seconds: f64) -> bool {
         let Some(mut glide) = self.glide.take() else { return false };
         glide.elapsed += seconds.max(0.0);
@@ -231,13 +234,13 @@ impl Navigator {
         t < 1.0
     }
 
-    /// Whether a glide is on its way.
+    /// True while a glide goes on.
     pub fn is_gliding(&self) -> bool {
         self.glide.is_some()
     }
 
-    /// The camera whose view is most like this one: a step as long as the pivot is away counts as much as a turn by 60
-    /// degrees.
+    /// Index of the camera whose view is most similar to this one. A distance as long as that to the pivot counts as
+    /// much as a turn by 60 degrees.
     pub fn nearest(&self, cameras: &[NamedCamera]) -> Option<usize> {
         let here = &self.view.camera;
         let distance = self.view.pivot_view.length();
@@ -261,7 +264,7 @@ impl Navigator {
         }
     }
 
-    /// Every motion by hand ends here.
+    /// Sets the view and ends a glide. Every motion by the user goes through here.
     fn go(&mut self, view: View) {
         if view.is_sound() {
             self.view = view;
@@ -277,7 +280,7 @@ impl Navigator {
         }
     }
 
-    /// Turns to the right and down by these angles; `moved` makes the view with the new rotation.
+    /// Turns to the right and down by these angles in radians; `moved` makes the view with the new rotation.
     fn turn(&mut self, right_down: DVec2, moved: impl Fn(&View, DMat3) -> View) {
         if right_down == DVec2::ZERO {
             return;
@@ -291,19 +294,19 @@ impl Navigator {
         self.go(moved(&self.view, self.facing(heading, elevation - right_down.y, roll)));
     }
 
-    /// Where a direction points on the ground, unit length, and its angle above it.
+    /// The heading of a direction in the ground plane, unit length, and its elevation above it in radians.
     fn heading(&self, forward: DVec3) -> (DVec3, f64) {
         let up = self.up.vector();
         let height = forward.dot(up);
         let flat = forward - up * height;
-        // Looking straight down, ahead is the top of the picture; straight up, its bottom.
+        // Looking straight down, the heading is the top of the picture; straight up, its bottom.
         let ahead = self.view.camera.down() * height.signum();
         let any = up.any_orthonormal_vector();
         let heading = if flat.length() > 1e-9 { flat } else { ahead - up * ahead.dot(up) };
         (heading.normalize_or(any), height.atan2(flat.length()))
     }
 
-    /// World to view. `roll` turns the picture's axes from right to down.
+    /// Rotation from world to view. `roll` turns the axes of the picture from right to down.
     fn facing(&self, heading: DVec3, elevation: f64, roll: f64) -> DMat3 {
         let up = self.up.vector();
         let limit = PI / 2.0 - POLE;
@@ -334,7 +337,7 @@ impl View {
 }
 
 impl Glide {
-    /// At `t` from 0 to 1: slow at both ends.
+    /// The view at `t` from 0 to 1, with ease-in and ease-out.
     fn view(&self, t: f64) -> View {
         let eased = t * t * (3.0 - 2.0 * t);
         let from = self.from.camera.resized(self.to.camera.size_px);
@@ -349,13 +352,13 @@ fn is_near(position: DVec3) -> bool {
     position.is_finite() && position.abs().max_element() <= MAX_POSITION
 }
 
-/// A ball that can be looked at.
+/// This sphere if a camera can look at it, else the unit sphere; the radius is clamped.
 fn sound(centre: DVec3, radius: f64) -> (DVec3, f64) {
     let is_sound = is_near(centre) && radius > 0.0;
     if is_sound { (centre, radius.clamp(1e-20, 1e20)) } else { (DVec3::ZERO, 1.0) }
 }
 
-/// A window may be of no size.
+/// This size with sides from 1 to [`MAX_SIDE`]: a minimized window has none.
 fn sound_size(size_px: [u32; 2]) -> [u32; 2] {
     size_px.map(|side| side.clamp(1, MAX_SIDE))
 }

@@ -1,5 +1,5 @@
-//! `dataparser_transforms.json`, with which nerfstudio says where it has put the scene that it trains and exports: turned,
-//! moved and scaled from where the cameras of its `transforms.json` are.
+//! `dataparser_transforms.json` of nerfstudio: the similarity from the coordinates of its `transforms.json` to those of
+//! the scene that it trains and exports.
 
 use std::path::Path;
 
@@ -12,31 +12,31 @@ use crate::files::read_whole;
 
 pub(super) const FILE: &str = "dataparser_transforms.json";
 
-/// Rows of a matrix whose last is 0, 0, 0, 1.
+/// The first three rows of a matrix whose last row is 0, 0, 0, 1.
 type Rows = [[f64; 4]; 3];
 
-/// From the data as they were captured to the trained scene: a matrix, then a scale.
+/// The file: a matrix, then a scale, from the captured data to the trained scene.
 #[derive(Deserialize)]
 struct Written {
     transform: Rows,
     scale: f64,
 }
 
-/// What `transforms.json` says was done to the captured data before.
+/// The part of that transform that is already applied to `transforms.json`.
 #[derive(Deserialize)]
 struct Applied {
     applied_transform: Option<Rows>,
     applied_scale: Option<f64>,
 }
 
-/// From the cameras of a `transforms.json` to the scene that was trained with them.
+/// The transform from the cameras of a `transforms.json` to the scene that was trained with them.
 pub(super) struct Dataparser {
     matrix: DMat4,
     scale: f64,
 }
 
 impl Dataparser {
-    /// That of the file in `folder`, if there is one, for this `transforms.json`.
+    /// Reads the file in `folder`, if there is one, for this `transforms.json`.
     pub fn beside(folder: &Path, transforms: &Map<String, Value>) -> Result<Option<Self>> {
         let path = folder.join(FILE);
         if !path.is_file() {
@@ -61,7 +61,7 @@ impl Dataparser {
         Ok(Self { matrix, scale })
     }
 
-    /// A camera's position and its rotation from the world.
+    /// Position and world-to-view rotation of a camera in the trained scene.
     pub fn moved(&self, position: DVec3, rotation: DMat3) -> (DVec3, DMat3) {
         let position = self.scale * self.matrix.transform_point3(position);
         (position, rotation * DMat3::from_mat4(self.matrix).transpose())

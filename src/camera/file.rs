@@ -1,18 +1,18 @@
-//! Camera files: which kind one is, where they lie beside a scene, and what is in them.
+//! The content of a camera file: named cameras, splits, notices; and the check that a camera can be drawn with.
 
 use anyhow::{Result, ensure};
 use glam::DMat3;
 
 use super::{Camera, MAX_POSITION, MAX_SIDE};
 
-/// A camera and the name of its photograph.
+/// A camera with the name of its photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedCamera {
     pub name: String,
     pub camera: Camera,
 }
 
-/// What a photograph is used for.
+/// The use of a photograph in training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Split {
     Train,
@@ -20,30 +20,30 @@ pub enum Split {
     Test,
 }
 
-/// Of how many photographs, sorted by name, the first one is for tests.
+/// Every such photograph, sorted by name and from the first on, is for tests (the rule of the original 3DGS).
 const HOLD_OUT: usize = 8;
 
 /// The cameras of a file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraFile {
-    /// In the order of the file; those of COLMAP, whose files have none, by name.
+    /// In the order of the file; sorted by name for COLMAP, whose files have no order.
     pub cameras: Vec<NamedCamera>,
-    /// The splits that each camera is in, if the file says.
+    /// The splits that each camera belongs to, if the file names splits.
     pub splits: Option<Vec<Vec<Split>>>,
-    /// What is drawn otherwise than the file says, and what was left out of it: a sentence each.
+    /// Differences from the file in what is drawn, and what was left out of it: one sentence each.
     pub notices: Vec<String>,
 }
 
 impl CameraFile {
-    /// The cameras of a split, by what the file says of splits. If it says nothing, by the usual rule: of the cameras
-    /// sorted by name, every eighth from the first on is for tests, the others are for training.
+    /// The cameras of a split. If the file names no splits, the usual rule applies: of the cameras sorted by name,
+    /// every eighth from the first on is for tests, the others are for training.
     pub fn of(self, split: Split) -> Vec<NamedCamera> {
         let splits = self.splits.unwrap_or_else(|| by_name(&self.cameras));
         let cameras = self.cameras.into_iter().zip(splits);
         cameras.filter(|(_, splits)| splits.contains(&split)).map(|(camera, _)| camera).collect()
     }
 
-    /// The cameras of both, one after the other; one that says nothing of splits is in none.
+    /// Both files joined, `other` after `self`. If only one of them names splits, the cameras of the other are in none.
     pub(super) fn and(mut self, other: Self) -> Self {
         if self.splits.is_some() || other.splits.is_some() {
             let none = |file: &Self| vec![Vec::new(); file.cameras.len()];
@@ -64,11 +64,11 @@ fn by_name(cameras: &[NamedCamera]) -> Vec<Vec<Split>> {
     splits
 }
 
-/// Beyond this no scene can be seen in 32-bit floats.
+/// Largest focal length and distance of the principal point from the corner that 32-bit floats can be drawn with.
 const MAX_FOCAL_PX: f64 = 1e9;
 
 impl Camera {
-    /// The camera, if one can draw with it.
+    /// This camera if a picture can be drawn with it, else an error that says why not.
     pub(super) fn checked(self) -> Result<Self> {
         let Self { position, rotation, focal_px, centre_px, size_px } = &self;
         ensure!(

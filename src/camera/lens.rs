@@ -1,4 +1,4 @@
-//! Lenses that bend: how far from where a pinhole sees it a photograph has what is in its corners.
+//! Lens distortion: how far the corners of a photograph are from their pinhole positions.
 
 use std::collections::BTreeSet;
 
@@ -6,7 +6,7 @@ use glam::DVec2;
 
 use super::Camera;
 
-/// What a lens makes of directions, by the models of OpenCV and COLMAP. Directions are slopes x / z and y / z.
+/// A lens by the distortion models of OpenCV and COLMAP, as a map of slopes x / z and y / z.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Lens {
     model: String,
@@ -15,12 +15,13 @@ pub(super) struct Lens {
 
 #[derive(Clone, Debug, PartialEq)]
 enum Bend {
-    /// Slopes are multiplied by a fraction of polynomials in their squared length, which begin with 1; then come two
-    /// tangential terms.
+    /// Slopes are multiplied by `over / under`, polynomials in their squared length whose constant term is 1; two
+    /// tangential terms are added.
     Perspective { over: [f64; 4], under: [f64; 3], tangential: [f64; 2] },
-    /// The angle from the axis, by a polynomial in its square that begins with 1, is the distance from the centre.
+    /// The distance from the centre is the angle from the axis times a polynomial in its square whose constant term is
+    /// 1.
     Fisheye([f64; 4]),
-    /// In a way that is not computed here.
+    /// A distortion that is not computed here.
     Other,
 }
 
@@ -40,7 +41,7 @@ impl Lens {
         Self { model: model.to_owned(), bend: Bend::Other }
     }
 
-    /// The slope under which the photograph has what is at this one. None if that is not computed.
+    /// The distorted slope of a pinhole slope. `None` for [`Bend::Other`].
     fn bent(&self, slope: DVec2) -> Option<DVec2> {
         let square = slope.length_squared();
         let sum = |k: &[f64], square: f64| k.iter().rev().fold(0.0, |sum, k| (sum + k) * square) + 1.0;
@@ -62,19 +63,19 @@ impl Lens {
     }
 }
 
-/// The first of these, and zeros.
+/// The first `N` values, filled up with zeros.
 fn padded<const N: usize>(values: &[f64]) -> [f64; N] {
     std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0))
 }
 
-/// The cameras of a file that are no pinholes.
+/// Statistics of the cameras of a file that have distortion.
 #[derive(Default)]
 pub(super) struct Bent {
     models: BTreeSet<String>,
     cameras: usize,
-    /// How far the corners are off.
+    /// Largest shift of a corner.
     farthest_px: f64,
-    /// Whether there are some for which that is not computed.
+    /// Some camera has a distortion that is not computed.
     has_uncomputed: bool,
 }
 
@@ -92,7 +93,7 @@ impl Bent {
         self.has_uncomputed |= off_px.is_none();
     }
 
-    /// Says so, of a file with this many cameras.
+    /// The notice for a file with `of` cameras; `None` if all are pinholes.
     pub fn notice(&self, of: usize) -> Option<String> {
         let Self { cameras, farthest_px, .. } = self;
         if *cameras == 0 {

@@ -1,5 +1,4 @@
-//! From where: pose and intrinsics of a pinhole camera, camera files, scripted paths, a view that frames a scene, and what
-//! hands do to it.
+//! Cameras: pose and intrinsics of a pinhole camera, camera files, scripted paths, and navigation by mouse and keys.
 
 mod cameras_json;
 mod colmap;
@@ -25,7 +24,7 @@ pub use up::Up;
 /// Most pixels along a side of an image.
 pub const MAX_SIDE: u32 = 65536;
 
-/// World units from the origin, along each axis, beyond which no scene can be seen in 32-bit floats.
+/// Largest coordinate of a position in world units. Beyond it, no scene can be drawn in 32-bit floats.
 pub const MAX_POSITION: f64 = 1e30;
 
 /// A pinhole camera. View axes are COLMAP's: x right, y down, z forward. A pixel is sampled at its centre:
@@ -36,17 +35,18 @@ pub struct Camera {
     pub position: DVec3,
     /// World to view: the rows are right, down and forward in world axes.
     pub rotation: DMat3,
+    /// Focal lengths in pixels.
     pub focal_px: DVec2,
-    /// The principal point.
+    /// Principal point in pixels from the top left corner.
     pub centre_px: DVec2,
     /// Width and height.
     pub size_px: [u32; 2],
 }
 
 impl Camera {
-    /// The same view at another size. The horizontal field of view stays, pixels become square, and the middle of the
-    /// image sees what it saw: a principal point beside it stays beside it by the same angle, one in it stays in it. At
-    /// its own size a camera is unchanged.
+    /// The same view in an image of another shape. The horizontal field of view stays, pixels become square, and the
+    /// direction seen by the middle of the image stays: a principal point off the middle keeps its angle to it, a
+    /// central one stays central. At its own size a camera is unchanged.
     pub fn resized(&self, size_px: [u32; 2]) -> Self {
         if size_px == self.size_px {
             return self.clone();
@@ -56,16 +56,17 @@ impl Camera {
         Self { focal_px: DVec2::splat(focal), centre_px: centre(size_px) + aside * focal, size_px, ..self.clone() }
     }
 
-    /// The same view in an image of another size: nothing but the number of pixels changes.
+    /// The same view with another number of pixels: the borders of the image see what they saw.
     pub fn sampled(&self, size_px: [u32; 2]) -> Self {
         let ratio = DVec2::from(size_px.map(f64::from)) / DVec2::from(self.size_px.map(f64::from));
         Self { focal_px: self.focal_px * ratio, centre_px: self.centre_px * ratio, size_px, ..self.clone() }
     }
 
-    /// A camera at `position` that looks at `target`, with the world's up (-y) up in the image.
+    /// A camera at `position` that looks at `target`, with the up direction of the world (-y) up in the image.
+    /// `horizontal_fov` is in radians.
     pub fn looking_at(position: DVec3, target: DVec3, size_px: [u32; 2], horizontal_fov: f64) -> Self {
         let forward = (target - position).normalize_or(DVec3::Z);
-        // Looking along y, any horizontal direction will do.
+        // For a view along y, any horizontal direction is valid.
         let right = DVec3::Y.cross(forward).try_normalize().unwrap_or(DVec3::X);
         let down = forward.cross(right);
         let focal = f64::from(size_px[0]) / 2.0 / (horizontal_fov / 2.0).tan();
@@ -78,7 +79,7 @@ impl Camera {
         }
     }
 
-    /// A view, slightly from above, that holds the ball around `centre`.
+    /// A view, slightly from above, that contains the sphere of `radius` around `centre`.
     pub fn framing(centre: DVec3, radius: f64, size_px: [u32; 2]) -> Self {
         let fov = 50f64.to_radians();
         let [width, height] = size_px.map(f64::from);
@@ -88,19 +89,22 @@ impl Camera {
         Self::looking_at(centre + direction * distance, centre, size_px, fov)
     }
 
+    /// Direction of the x axis of the image in world axes, unit length.
     pub fn right(&self) -> DVec3 {
         self.rotation.row(0)
     }
 
+    /// Direction of the y axis of the image in world axes, unit length.
     pub fn down(&self) -> DVec3 {
         self.rotation.row(1)
     }
 
+    /// Viewing direction in world axes, unit length.
     pub fn forward(&self) -> DVec3 {
         self.rotation.row(2)
     }
 
-    /// The point in view axes.
+    /// A world point in view axes: right, down, forward from the camera.
     pub fn view(&self, world: DVec3) -> DVec3 {
         self.rotation * (world - self.position)
     }
@@ -140,7 +144,7 @@ mod tests {
         assert_eq!(camera.resized([1920, 1080]), camera);
         let small = camera.resized([480, 480]);
         assert_eq!(small.focal_px, DVec2::splat(250.0));
-        // The middle of the image sees what it saw.
+        // The middle of the image sees the same direction as before.
         let middle = |c: &Camera| (centre(c.size_px) - c.centre_px) / c.focal_px;
         assert!(middle(&small).distance(middle(&camera)) < 1e-15, "{}", small.centre_px);
         assert!(small.centre_px.distance(DVec2::new(242.5, 240.0 - 2500.0 / 1010.0)) < 1e-12, "{}", small.centre_px);
@@ -179,11 +183,11 @@ mod tests {
     }
 
     #[test]
-    fn framing_holds_the_ball_in_a_narrow_image() {
+    fn framing_contains_the_sphere_in_a_narrow_image() {
         let camera = Camera::framing(DVec3::ONE, 2.0, [200, 800]);
         for axis in [camera.right(), camera.down()] {
             for sign in [-1.0, 1.0] {
-                // Nearest point of the ball's silhouette seen from the camera.
+                // A point close to the silhouette of the sphere.
                 let p = camera.view(DVec3::ONE + axis * sign * 2.0 * 0.99);
                 let px = camera.focal_px * p.truncate() / p.z + camera.centre_px;
                 assert!(px.x >= 0.0 && px.x <= 200.0 && px.y >= 0.0 && px.y <= 800.0, "{px}");

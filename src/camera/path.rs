@@ -1,4 +1,4 @@
-//! Scripted camera paths: an orbit, with or without zoom, and a smooth way through keyframes.
+//! Scripted camera paths: an orbit, with or without zoom, and a smooth path through keyframes.
 
 use std::f64::consts::TAU;
 
@@ -9,8 +9,8 @@ use super::Camera;
 /// Horizontal field of view of the orbits, in radians.
 const FIELD_OF_VIEW: f64 = 60.0 * TAU / 360.0;
 
-/// One turn around the ball at `centre`, slightly from above, in `views` equal steps; with `zooms`, nearing and leaving
-/// twice on the way, from 1.5 to 3.2 radii.
+/// `views` cameras in equal steps of one turn around the sphere at `centre`, slightly from above. The distance is 2.3
+/// radii; with `zooms` it goes twice from 1.5 to 3.2 radii and back.
 pub fn orbit(centre: DVec3, radius: f64, zooms: bool, size_px: [u32; 2], views: usize) -> Vec<Camera> {
     let view = |i: usize| {
         let turn = i as f64 / views as f64 * TAU;
@@ -21,8 +21,11 @@ pub fn orbit(centre: DVec3, radius: f64, zooms: bool, size_px: [u32; 2], views: 
     (0..views).map(view).collect()
 }
 
-/// `views` cameras in equal steps from the first keyframe to the last: positions on a Catmull-Rom spline, rotations along
-/// the shortest arcs, intrinsics in proportion. The keyframes have one size.
+/// `views` cameras in equal steps from the first keyframe to the last: positions on a Catmull-Rom spline, rotations
+/// along the shortest arcs, intrinsics interpolated linearly. The keyframes must have the same size.
+///
+/// # Panics
+/// If there is no keyframe and `views` is not 0.
 pub fn through(keyframes: &[Camera], views: usize) -> Vec<Camera> {
     let segments = keyframes.len().saturating_sub(1);
     let view = |i: usize| {
@@ -35,8 +38,8 @@ pub fn through(keyframes: &[Camera], views: usize) -> Vec<Camera> {
     (0..views).map(view).collect()
 }
 
-/// The view at `t` from 0 to 1 between two cameras of one size: on the Catmull-Rom spline with these positions before
-/// and after.
+/// The view at `t` from 0 to 1 between two cameras of the same size, on the Catmull-Rom spline with the positions `p0`
+/// before and `p3` after them.
 pub(super) fn between([p0, p3]: [DVec3; 2], [from, to]: [&Camera; 2], t: f64) -> Camera {
     let [p1, p2] = [from, to].map(|c| c.position);
     let cubic = 3.0 * (p1 - p2) + p3 - p0;
@@ -44,7 +47,7 @@ pub(super) fn between([p0, p3]: [DVec3; 2], [from, to]: [&Camera; 2], t: f64) ->
     Camera { position: p1 + 0.5 * t * (p2 - p0 + t * (square + t * cubic)), ..mixed(from, to, t) }
 }
 
-/// The view at `t` from 0 to 1 on the straight way from one camera to another of the same size.
+/// The view at `t` from 0 to 1 on the straight line from one camera to another of the same size.
 pub(super) fn mixed(from: &Camera, to: &Camera, t: f64) -> Camera {
     let [a, b] = [from, to].map(|c| DQuat::from_mat3(&c.rotation));
     Camera {

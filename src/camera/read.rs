@@ -7,13 +7,13 @@ use anyhow::{Context, Result, bail, ensure};
 use super::{CameraFile, cameras_json, colmap, transforms_json};
 use crate::files::read_whole;
 
-/// How many folders above a scene's are searched for cameras: a model folder keeps its scenes two below.
+/// Number of folders above that of a scene that are searched: a model folder holds its scenes two levels below.
 const PARENTS: usize = 3;
 
-/// The cameras beside a scene or in a folder above it, the nearest: a `cameras.json`, a `transforms.json`, or a folder
-/// `sparse` with a model of COLMAP.
+/// Finds the camera file of a scene in its folder, or else in the nearest of three folders above it: a `cameras.json`,
+/// a `transforms.json`, or a folder `sparse` with a model of COLMAP.
 pub fn find(scene: &Path) -> Option<PathBuf> {
-    // Where the path says the scene is, then where it is: it may be a link.
+    // The folders of the path as given, then those of its target: it may be a link.
     let places = [std::path::absolute(scene).ok(), scene.canonicalize().ok()];
     let mut folders = places.iter().flatten().flat_map(|place| place.ancestors().skip(1).take(1 + PARENTS));
     folders.find_map(in_folder)
@@ -25,11 +25,12 @@ fn in_folder(folder: &Path) -> Option<PathBuf> {
     files.find(|file| file.is_file()).or_else(sparse)
 }
 
-/// Reads every camera of a file: a `cameras.json` of the original 3DGS, a `transforms.json` of nerfstudio, instant-ngp or
-/// Blender's sets, or a file of a sparse model of COLMAP. Of a folder, the first of these that is in it.
+/// Reads all cameras of a file: a `cameras.json` of the original 3DGS, a `transforms.json` of nerfstudio, instant-ngp
+/// or the Blender data sets, or a file of a sparse model of COLMAP. In a folder, the first of these is read.
 ///
 /// # Errors
-/// One sentence, without the file's name, if it is none of them or cannot be drawn from.
+/// One sentence without the file's name if it is none of them, is damaged, or holds a camera that no picture can be
+/// drawn with.
 pub fn read(path: &Path) -> Result<CameraFile> {
     let read = if path.is_dir() { read_folder(path) } else { read_file(path) }?;
     ensure!(!read.cameras.is_empty(), "holds no camera");

@@ -1,4 +1,4 @@
-//! A path that is composed: cameras at times, and the smooth way through them.
+//! A camera path of timed keys, and the smooth motion through them.
 
 use std::path::Path;
 
@@ -10,31 +10,36 @@ use super::path::between;
 use super::{Camera, NamedCamera};
 use crate::files::read_whole;
 
-/// Keys lie between 0 and this.
+/// Largest time of a key.
 const MAX_SECONDS: f64 = 1e6;
 
-/// Times nearer to each other are the same.
+/// Seconds; closer times count as equal.
 const RESOLUTION: f64 = 1e-6;
 
-/// Where the camera is at a time.
+/// The camera at a time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Key {
+    /// From 0 to 1e6.
     pub seconds: f64,
     pub camera: Camera,
 }
 
-/// Keys in the order of time, no two at the same.
+/// Keys in the order of time, no two at the same time.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Timeline {
     keys: Vec<Key>,
 }
 
 impl Timeline {
+    /// The keys in the order of time.
     pub fn keys(&self) -> &[Key] {
         &self.keys
     }
 
-    /// Adds a key, in place of one at the same time; where it is among the keys.
+    /// Adds a key, or replaces the one at the same time. Returns its index.
+    ///
+    /// # Errors
+    /// If `seconds` is not from 0 to 1e6.
     pub fn insert(&mut self, seconds: f64, camera: Camera) -> Result<usize> {
         check(seconds)?;
         let index = self.keys.partition_point(|key| key.seconds <= seconds - RESOLUTION);
@@ -43,12 +48,15 @@ impl Timeline {
         Ok(index)
     }
 
-    /// Takes a key out, if there is one of this number.
+    /// Removes the key of this index, if there is one.
     pub fn remove(&mut self, index: usize) -> Option<Key> {
         (index < self.keys.len()).then(|| self.keys.remove(index))
     }
 
-    /// Moves a key to another time, in place of one that is there; where it is then among the keys.
+    /// Moves a key to another time, where it replaces a key. Returns its new index.
+    ///
+    /// # Errors
+    /// If there is no such key, or `seconds` is not from 0 to 1e6.
     pub fn retime(&mut self, index: usize, seconds: f64) -> Result<usize> {
         ensure!(index < self.keys.len(), "there is no key {index} among {}", self.keys.len());
         check(seconds)?;
@@ -64,12 +72,12 @@ impl Timeline {
         }
     }
 
-    /// The camera at a time, in the size of the first key; before the first key and after the last, theirs. None if there
-    /// is no key.
+    /// The camera at a time, in the size of the first key. Before the first key and after the last, the camera is
+    /// theirs. `None` if there is no key.
     ///
-    /// Positions lie on a Catmull-Rom spline whose velocity at a key is that of the parabola through it and its
-    /// neighbours in time, within limits; rotations go along the shortest arcs, intrinsics in proportion. For keys in
-    /// equal steps this is [`through`](super::path::through).
+    /// Positions lie on a Catmull-Rom spline whose velocity at a key is that of the parabola through the key and its
+    /// neighbours in time, limited in length. Rotations follow the shortest arcs, intrinsics are interpolated linearly.
+    /// For keys at equal intervals this is [`through`](super::path::through).
     pub fn at(&self, seconds: f64) -> Option<Camera> {
         let size_px = self.keys.first()?.camera.size_px;
         let next = self.keys.partition_point(|key| key.seconds <= seconds);
@@ -80,7 +88,7 @@ impl Timeline {
         let [p1, p2] = [from, to].map(|i| self.keys[i].camera.position);
         let start = self.keys[from].seconds;
         let time = self.keys[to].seconds - start;
-        // The neighbours for which the even spline has these velocities.
+        // The neighbours with which a spline of equal intervals has these velocities.
         let outer = [p2 - 2.0 * time * self.velocity(from), p1 + 2.0 * time * self.velocity(to)];
         let ends = [from, to].map(|i| self.keys[i].camera.resized(size_px));
         Some(between(outer, [&ends[0], &ends[1]], (seconds - start) / time))
@@ -92,7 +100,7 @@ impl Timeline {
             let (a, b) = (&self.keys[from], &self.keys[from + 1]);
             (b.camera.position - a.camera.position, b.seconds - a.seconds)
         };
-        // At the ends of the path, as if a key were there twice.
+        // At the ends of the path, as if the key were doubled.
         if index == 0 || index + 1 == self.keys.len() {
             let (way, time) = step(index.min(self.keys.len() - 2));
             return way / (2.0 * time);
@@ -100,17 +108,18 @@ impl Timeline {
         let ((before, time_before), (after, time_after)) = (step(index - 1), step(index));
         let share = time_after / (time_before + time_after);
         let parabola = before / time_before * share + after / time_after * (1.0 - share);
-        // Haste on one side must not swing the other about: three times the mean speed there does not turn back
-        // (Fritsch and Carlson 1980), nor is there more swing than with equal steps.
+        // A fast segment must not make a slow neighbour overshoot. A velocity up to three times the mean speed of a
+        // segment does not turn back in it (Fritsch and Carlson 1980); the other limit is the velocity at equal
+        // intervals.
         let even = ((before + after) / 2.0).length();
         let limit = |way: DVec3, time: f64| even.max(3.0 * way.length()) / time;
         parabola.clamp_length_max(limit(before, time_before).min(limit(after, time_after)))
     }
 
-    /// The cameras of a film: one every `1 / fps` seconds from the first key to the last. No cameras if `fps` is not over
-    /// 0 and finite.
+    /// The cameras of a film, one every `1 / fps` seconds from the first key to the last. None if `fps` is not positive
+    /// and finite.
     pub fn frames(&self, fps: f64) -> impl ExactSizeIterator<Item = Camera> + '_ {
-        // A duration that is a whole number of frames but for rounding has its last one.
+        // A duration that rounding makes slightly shorter than a whole number of frames still gets its last frame.
         let steps = (self.duration() * fps + 1e-6) as usize;
         let is_any = fps > 0.0 && fps.is_finite() && !self.keys.is_empty();
         let count = if is_any { steps + 1 } else { 0 };
@@ -118,16 +127,20 @@ impl Timeline {
         (0..count).map(frame)
     }
 
-    /// Writes the keys as a `cameras.json` in which each has a member `seconds`.
+    /// Writes the keys as a `cameras.json` in which each camera has a member `seconds`.
+    ///
+    /// # Errors
+    /// If there is no key, or the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         let entry = |(i, key): (usize, &Key)| Entry::of(i, &format!("key {i}"), &key.camera, Some(key.seconds));
         write_entries(path, self.keys.iter().enumerate().map(entry))
     }
 
-    /// Reads such a file, or any `cameras.json`: a camera without a time comes a second after the one before it.
+    /// Reads a file written by [`Timeline::write`], or any `cameras.json`. A camera without a time comes a second after
+    /// the one before it.
     ///
     /// # Errors
-    /// One sentence, without the file's name, if it is no such file, or has two cameras at one time.
+    /// One sentence without the file's name if it is not such a file, or two of its cameras are at the same time.
     pub fn read(path: &Path) -> Result<Self> {
         let mut next = 0.0;
         let key = |(i, (named, seconds)): (usize, (NamedCamera, Option<f64>))| {

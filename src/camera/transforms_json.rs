@@ -1,5 +1,5 @@
-//! `transforms.json` of nerfstudio, instant-ngp and Blender's sets: camera-to-world matrices with OpenGL's axes, and
-//! intrinsics for all frames or for each.
+//! `transforms.json` of nerfstudio, instant-ngp and the Blender data sets: camera-to-world matrices in the axes of
+//! OpenGL, with intrinsics for all frames or for each.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use super::dataparser::{self, Dataparser};
 use super::lens::{Bent, Lens};
 use super::{Camera, CameraFile, MAX_SIDE, NamedCamera, Split, centre};
 
-/// What a file may say of which frames are for what.
+/// Splits, their names in file names, and the member that lists their frames.
 const SPLITS: [(Split, &str, &str); 3] = [
     (Split::Train, "train", "train_filenames"),
     (Split::Val, "val", "val_filenames"),
@@ -43,7 +43,7 @@ pub(super) fn parse(text: &[u8], path: &Path) -> Result<CameraFile> {
     Ok(CameraFile { splits, notices, cameras })
 }
 
-/// The splits of each camera: those whose lists name it, or the one in the name of Blender's files.
+/// The splits of each camera: those whose lists name it, or the one in the name of a file of a Blender data set.
 fn splits(file: &Map<String, Value>, path: &Path, cameras: &[NamedCamera]) -> Result<Option<Vec<Vec<Split>>>> {
     if !SPLITS.iter().any(|(_, _, list)| file.contains_key(*list)) {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -65,12 +65,12 @@ fn splits(file: &Map<String, Value>, path: &Path, cameras: &[NamedCamera]) -> Re
     Ok(Some(cameras.iter().map(of).collect()))
 }
 
-/// A frame's file as it is named here.
+/// The name of a photograph without a leading `./`.
 fn plain(name: &str) -> &str {
     name.strip_prefix("./").unwrap_or(name)
 }
 
-/// One frame: what it does not say itself, the file says for all.
+/// One frame. Members that it lacks are taken from the file.
 struct Frame<'f> {
     own: &'f Map<String, Value>,
     file: &'f Map<String, Value>,
@@ -89,24 +89,24 @@ impl Frame<'_> {
         Ok((NamedCamera { name, camera }, self.lens()?))
     }
 
-    /// A number of the frame, or else of the file. Null is as good as nothing.
+    /// A number of the frame, or else of the file. Null counts as missing.
     fn number(&self, name: &str) -> Result<Option<f64>> {
         [self.own, self.file].into_iter().find_map(|of| number(of, name).transpose()).transpose()
     }
 
-    /// Where the camera is, and its rotation from the world to right, down and forward.
+    /// The position of the camera, and its rotation from the world to right, down and forward.
     fn pose(&self) -> Result<(DVec3, DMat3)> {
         let matrix = self.own.get("transform_matrix").context("it has no transform_matrix")?;
         let rows = rows(matrix).context("its transform_matrix is not 3 or 4 rows of 4 numbers")?;
         let is_affine = rows.get(3).is_none_or(|last| *last == [0.0, 0.0, 0.0, 1.0]);
         ensure!(is_affine, "the last row of its transform_matrix is not 0, 0, 0, 1");
         let column = |i: usize| DVec3::new(rows[0][i], rows[1][i], rows[2][i]);
-        // OpenGL's up is our down negated, its back our forward.
+        // The axes of OpenGL are right, up and back.
         let rotation = DMat3::from_cols(column(0), -column(1), -column(2)).transpose();
         Ok((column(3), rotation))
     }
 
-    /// From the file or, as Blender's sets have none, from the photograph.
+    /// The size in the file, or else that of the photograph: Blender data sets do not state it.
     fn size_px(&self, photograph: Option<&Path>) -> Result<[u32; 2]> {
         if let (Some(width), Some(height)) = (self.number("w")?, self.number("h")?) {
             let is_side = |side: f64| side.fract() == 0.0 && (1.0..=f64::from(MAX_SIDE)).contains(&side);
@@ -125,8 +125,8 @@ impl Frame<'_> {
         Ok([width, height])
     }
 
-    /// Of the frame before that of the file; focal lengths before angles of view; the vertical one, if there is none, is
-    /// the horizontal one.
+    /// Focal lengths in pixels. Members of the frame take precedence over those of the file, focal lengths over angles
+    /// of view. A missing vertical focal length equals the horizontal one.
     fn focal_px(&self, size_px: [u32; 2]) -> Result<DVec2> {
         let axis = |side: u32, focal: &str, angle: &str| {
             for of in [self.own, self.file] {
@@ -173,7 +173,7 @@ fn rows(matrix: &Value) -> Option<Vec<[f64; 4]>> {
     [3, 4].contains(&rows.len()).then_some(rows)
 }
 
-/// The file of a photograph that may be named without its ending.
+/// The existing file of a photograph whose name may lack its extension.
 fn with_ending(photograph: &Path) -> Option<PathBuf> {
     let ended = |ending: &str| {
         let mut name = photograph.as_os_str().to_owned();

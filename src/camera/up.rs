@@ -1,10 +1,10 @@
-//! Which way is up in the world.
+//! The up axis of a world.
 
 use std::fmt;
 
 use glam::DVec3;
 
-/// The world axis that points up in the image. COLMAP's scenes have y down.
+/// The world axis that points up in the image. By default -y: scenes of COLMAP have y down.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Up {
     PlusX,
@@ -17,10 +17,10 @@ pub enum Up {
 }
 
 impl Up {
-    /// Each, beside its opposite.
+    /// All axes, each next to its opposite.
     pub const ALL: [Self; 6] = [Self::PlusX, Self::MinusX, Self::PlusY, Self::MinusY, Self::PlusZ, Self::MinusZ];
 
-    /// Unit length.
+    /// The axis as a vector of unit length.
     pub fn vector(self) -> DVec3 {
         match self {
             Self::PlusX => DVec3::X,
@@ -32,6 +32,7 @@ impl Up {
         }
     }
 
+    /// The opposite axis.
     pub fn flipped(self) -> Self {
         match self {
             Self::PlusX => Self::MinusX,
@@ -44,7 +45,7 @@ impl Up {
     }
 }
 
-/// Like "-y".
+/// Writes the axis like "-y".
 impl fmt::Display for Up {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

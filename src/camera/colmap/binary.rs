@@ -1,4 +1,4 @@
-//! `cameras.bin` and `images.bin`: little-endian records after a count of 64 bits.
+//! Reads `cameras.bin` and `images.bin`: a 64-bit count, then little-endian records.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -11,17 +11,17 @@ use super::models::{Intrinsics, LEAST_PARAMETERS, Model};
 use super::photograph::Photograph;
 use crate::files::describe;
 
-/// Longest name of a photograph.
+/// Longest name of a photograph in bytes.
 const MAX_NAME_BYTES: u64 = 4096;
 
-/// Id, model, width and height of a camera.
+/// Bytes of id, model, width and height of a camera.
 const CAMERA_BYTES: u64 = 4 + 4 + 8 + 8;
-/// Id, rotation, translation and camera of a photograph.
+/// Bytes of id, rotation, translation and camera of a photograph.
 const IMAGE_BYTES: u64 = 4 + 7 * 8 + 4;
-/// Place and id of a point in a photograph.
+/// Bytes of position and id of a point in a photograph.
 const POINT_BYTES: u64 = 8 + 8 + 8;
 
-/// Cameras by their ids.
+/// Reads all cameras, by their ids.
 pub(super) fn cameras(path: &Path) -> Result<HashMap<u32, Intrinsics>> {
     let mut source = Source::open(path)?;
     let count = source.count(CAMERA_BYTES + 8 * LEAST_PARAMETERS, "cameras")?;
@@ -42,12 +42,12 @@ fn camera(source: &mut Source) -> Result<Intrinsics> {
     model.intrinsics(size_px, &parameters?)
 }
 
-/// Photographs in the order of the file; how many it says it has is beyond doubt.
+/// Reads the photographs in the order of the file. The count of a text file is `None` here: it is part of the format.
 pub(super) fn images(path: &Path) -> Result<(Vec<Photograph>, Option<usize>)> {
     let mut source = Source::open(path)?;
-    // A name ends with a zero, then comes the number of points.
+    // A name ends with a zero byte; the number of points follows.
     let count = source.count(IMAGE_BYTES + 1 + 8, "images")?;
-    // Grows with what is there, so a lying header costs nothing.
+    // Grows with the content, so a wrong count costs no memory.
     let mut images = Vec::new();
     for i in 0..count {
         images.push(image(&mut source).with_context(|| format!("image {i}"))?);
@@ -71,7 +71,7 @@ fn image(source: &mut Source) -> Result<Photograph> {
     Ok(Photograph { name, rotation: [w, x, y, z], translation, camera })
 }
 
-/// A file read front to back; errors say at which byte.
+/// A file that is read front to back. Errors name the byte.
 struct Source {
     reader: BufReader<File>,
     len: u64,
@@ -110,7 +110,7 @@ impl Source {
         Ok(f64::from_le_bytes(self.bytes(what)?))
     }
 
-    /// How many there are of what takes at least so many bytes each.
+    /// A count of elements of at least `bytes_each`, refused if the rest of the file cannot hold them.
     fn count(&mut self, bytes_each: u64, what: &str) -> Result<u64> {
         let count = self.u64(&format!("the number of {what}"))?;
         let most = self.left() / bytes_each;
@@ -118,7 +118,7 @@ impl Source {
         Ok(count)
     }
 
-    /// A text that ends with a zero.
+    /// A text that ends with a zero byte.
     fn name(&mut self) -> Result<String> {
         let (start, mut name) = (self.position, Vec::new());
         (&mut self.reader).take(MAX_NAME_BYTES).read_until(0, &mut name)?;
@@ -130,7 +130,7 @@ impl Source {
         Ok(String::from_utf8_lossy(&name).into_owned())
     }
 
-    /// Leaves out bytes that are there.
+    /// Skips bytes that are known to exist.
     fn skip(&mut self, bytes: u64) -> Result<()> {
         self.reader.seek_relative(i64::try_from(bytes)?)?;
         self.position += bytes;

@@ -16,7 +16,7 @@ use self::photograph::Photograph;
 use super::lens::Bent;
 use super::{CameraFile, NamedCamera};
 
-/// The files of a model.
+/// The two files of a model.
 struct Files {
     cameras: PathBuf,
     images: PathBuf,
@@ -29,7 +29,7 @@ impl Files {
         Self { cameras, images, is_binary: ending == "bin" }
     }
 
-    /// The files of a folder that is a model.
+    /// The files of a model in this folder, if it has them.
     fn of(folder: &Path) -> Option<Self> {
         let both = ["bin", "txt"].map(|ending| Self::with_ending(folder, ending));
         both.into_iter().find(|files| files.cameras.is_file() && files.images.is_file())
@@ -41,7 +41,7 @@ impl Files {
         let named = |file: &Path| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let cameras = read_cameras(&self.cameras).with_context(|| named(&self.cameras))?;
         let (mut photographs, announced) = read_images(&self.images).with_context(|| named(&self.images))?;
-        // As the original sorts them: by their bytes.
+        // By their bytes, as the original 3DGS sorts them.
         photographs.sort_by(|a, b| a.name.cmp(&b.name));
         let count = photographs.len();
         let mut file = assembled(&cameras, photographs).with_context(|| named(&self.images))?;
@@ -53,12 +53,12 @@ impl Files {
     }
 }
 
-/// Whether the folder is a model, or holds some.
+/// True if the folder is a model or holds models.
 pub(super) fn is_model(folder: &Path) -> bool {
     !models_of(folder).is_empty()
 }
 
-/// Reads the model that the folder is or, of those that it holds, the one with the most photographs. None if there is none.
+/// Reads the model of a folder, or the one with the most photographs of the models in it. `None` if there is none.
 pub(super) fn read_folder(folder: &Path) -> Option<Result<CameraFile>> {
     let models = models_of(folder);
     if models.len() <= 1 {
@@ -67,14 +67,14 @@ pub(super) fn read_folder(folder: &Path) -> Option<Result<CameraFile>> {
     Some(largest(&models))
 }
 
-/// Reads the model that a file is of. None if it is no such file.
+/// Reads the model that a file belongs to. `None` if its name is not that of a file of a model.
 pub(super) fn read_file(path: &Path) -> Option<Result<CameraFile>> {
     let [stem, ending] = [path.file_stem()?.to_str()?, path.extension()?.to_str()?];
     let is_one = ["cameras", "images"].contains(&stem) && ["bin", "txt"].contains(&ending);
     is_one.then(|| Files::with_ending(path.parent().unwrap_or(Path::new("")), ending).read())
 }
 
-/// The models of a folder and their numbers: COLMAP gives each a folder with a number.
+/// The models of a folder with their numbers. COLMAP makes a numbered folder for each.
 fn models_of(folder: &Path) -> Vec<(u64, Files)> {
     if let Some(files) = Files::of(folder) {
         return vec![(0, files)];

@@ -1,4 +1,4 @@
-//! Camera models of COLMAP: how many parameters each has, and what they mean.
+//! Camera models of COLMAP: the number and the meaning of their parameters.
 
 use anyhow::{Context, Result, bail, ensure};
 use glam::DVec2;
@@ -6,7 +6,7 @@ use glam::DVec2;
 use super::super::MAX_SIDE;
 use super::super::lens::Lens;
 
-/// What is the same for all photographs of a camera.
+/// The intrinsics of a camera, shared by its photographs.
 pub(super) struct Intrinsics {
     pub focal_px: DVec2,
     pub centre_px: DVec2,
@@ -14,12 +14,12 @@ pub(super) struct Intrinsics {
     pub lens: Lens,
 }
 
-/// Focal lengths, principal point, then what the lens does.
+/// A camera model. Its parameters are focal lengths, principal point, then those of the lens.
 pub(super) struct Model {
     id: i32,
     name: &'static str,
     focal_lengths: usize,
-    /// Of the lens.
+    /// Number of lens parameters.
     rest: usize,
 }
 
@@ -27,7 +27,7 @@ const fn model(id: i32, name: &'static str, focal_lengths: usize, rest: usize) -
     Model { id, name, focal_lengths, rest }
 }
 
-/// All but EQUIRECTANGULAR (17), which has no focal length.
+/// All models except EQUIRECTANGULAR (17), which has no focal length.
 const MODELS: [Model; 17] = [
     model(0, "SIMPLE_PINHOLE", 1, 0),
     model(1, "PINHOLE", 2, 0),
@@ -48,7 +48,7 @@ const MODELS: [Model; 17] = [
     model(16, "EUCM", 2, 2),
 ];
 
-/// The fewest parameters of a model.
+/// Smallest number of parameters of a model.
 pub(super) const LEAST_PARAMETERS: u64 = 3;
 
 impl Model {
@@ -68,7 +68,7 @@ impl Model {
         self.focal_lengths + 2 + self.rest
     }
 
-    /// A camera of this model.
+    /// The intrinsics of a camera of this model.
     pub fn intrinsics(&self, size_px: [u64; 2], parameters: &[f64]) -> Result<Intrinsics> {
         let (name, wanted, found) = (self.name, self.parameters(), parameters.len());
         ensure!(found == wanted, "{name} has {wanted} parameters, it has {found}");
@@ -97,7 +97,8 @@ impl Model {
             ("SIMPLE_FISHEYE" | "FISHEYE" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE" | "OPENCV_FISHEYE", k) => {
                 Lens::fisheye(name, k)
             }
-            // What is left bends in ways of its own, but for pinholes, and divisions by 1 + 0.
+            // The other models have distortions of their own. With zero parameters they are pinholes, except the
+            // fisheyes.
             (_, k) if !name.ends_with("FISHEYE") && k.iter().all(|k| *k == 0.0) => {
                 Lens::perspective(name, &[], &[], [0.0; 2])
             }

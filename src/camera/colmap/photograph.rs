@@ -9,17 +9,18 @@ use super::models::Intrinsics;
 use crate::camera::Camera;
 use crate::camera::lens::Lens;
 
-/// A photograph: where it was taken from, and with which camera.
+/// A photograph: its pose, and the id of its camera.
 pub(super) struct Photograph {
     pub name: String,
-    /// w x y z, from the world to the camera; of any length over 0.
+    /// Quaternion w x y z from the world to the camera, of any length over 0.
     pub rotation: [f64; 4],
-    /// After the rotation, world units.
+    /// Added after the rotation, world units.
     pub translation: [f64; 3],
     pub camera: u32,
 }
 
 impl Photograph {
+    /// The checked camera of the photograph, and its lens.
     pub fn seen_with<'c>(&self, cameras: &'c HashMap<u32, Intrinsics>) -> Result<(Camera, &'c Lens)> {
         let Intrinsics { focal_px, centre_px, size_px, lens } =
             cameras.get(&self.camera).with_context(|| format!("there is no camera {}", self.camera))?;

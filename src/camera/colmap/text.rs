@@ -1,4 +1,4 @@
-//! `cameras.txt` and `images.txt`: numbers and names between spaces, comments behind `#`.
+//! Reads `cameras.txt` and `images.txt`: numbers and names separated by spaces, comment lines that begin with `#`.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -12,7 +12,7 @@ use super::models::{Intrinsics, Model};
 use super::photograph::Photograph;
 use crate::files::describe;
 
-/// Cameras by their ids.
+/// Reads all cameras, by their ids.
 pub(super) fn cameras(path: &Path) -> Result<HashMap<u32, Intrinsics>> {
     let mut lines = Lines::open(path)?;
     let mut cameras = HashMap::new();
@@ -29,18 +29,18 @@ fn camera(line: &str) -> Result<(u32, Intrinsics)> {
     let id = number(words.next(), "an id")?;
     let model = Model::by_name(words.next().context("it has no camera model")?)?;
     let size_px = [number(words.next(), "a width")?, number(words.next(), "a height")?];
-    // More than any model has is too many, however many it is.
+    // More than any model has; the model rejects the count.
     let parameters: Result<Vec<f64>> = words.take(100).map(|word| number(Some(word), "a parameter")).collect();
     Ok((id, model.intrinsics(size_px, &parameters?)?))
 }
 
-/// Photographs in the order of the file, and how many the file says it has, if it does.
+/// Reads the photographs in the order of the file, and the count that its comments state, if they do.
 pub(super) fn images(path: &Path) -> Result<(Vec<Photograph>, Option<usize>)> {
     let mut lines = Lines::open(path)?;
     let mut images = Vec::new();
     while let Some(line) = lines.content()? {
         images.push(image(line).with_context(|| format!("line {}", lines.number))?);
-        // The line of its points, which may be empty; at the end of a file it may lack.
+        // The line of its points. It may be empty, and missing at the end of the file.
         if let Some(line) = lines.line()? {
             ensure!(are_points(line), "line {}: expected the points of an image (x y id each)", lines.number);
         }
@@ -67,7 +67,7 @@ fn image(line: &str) -> Result<Photograph> {
     Ok(Photograph { name: rest.to_owned(), rotation: [w, x, y, z], translation, camera })
 }
 
-/// Whether the line may be one of points: not one of a photograph, whose list of points was left out.
+/// True if the line may be a list of points. If lists of points were left out, it is the next photograph instead.
 fn are_points(line: &str) -> bool {
     let is_whole = line.split_ascii_whitespace().count().is_multiple_of(3);
     is_whole && line.split_ascii_whitespace().last().is_none_or(|id| id.parse::<i64>().is_ok())
@@ -86,14 +86,14 @@ fn announced(comment: &str) -> Option<usize> {
     count.split(',').next()?.trim().parse().ok()
 }
 
-/// Lines of a file, without the spaces around them.
+/// Lines of a file without the spaces around them.
 struct Lines {
     reader: BufReader<File>,
     bytes: Vec<u8>,
     text: String,
-    /// Of the line that was read last, from 1 on.
+    /// Number of the last line that was read, from 1 on.
     number: u64,
-    /// What a comment like `# Number of images: 12, ...` says.
+    /// The count in a comment like `# Number of images: 12, ...`.
     announced: Option<usize>,
 }
 
