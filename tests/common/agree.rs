@@ -3,9 +3,9 @@
 use glam::{DVec3, dvec2};
 use smalto::camera::Camera;
 use smalto::options::Options;
-use smalto::rules::Background;
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Rendering};
+use smalto::rules::Background;
 use smalto::scene::{Gaussians, Raw};
 
 use super::{Gpu, compare, difference};

@@ -20,6 +20,9 @@ pub const PATIENCE: Duration = Duration::from_secs(90);
 /// The size of the server's screen.
 pub const SCREEN: [u32; 2] = [800, 600];
 
+/// How long a key is held until it repeats itself.
+pub const REPEAT_DELAY: Duration = Duration::from_millis(100);
+
 /// Keys without a letter.
 pub const CONTROL: u32 = 0xffe3;
 pub const SHIFT: u32 = 0xffe1;
@@ -78,6 +81,7 @@ impl Desktop {
         let screen = format!("{width}x{height}x24");
         let mut server = Command::new("Xvfb");
         server.args(["-displayfd", "1", "-screen", "0", &screen, "-nolisten", "tcp", "-noreset"]);
+        server.args(["-ardelay", &REPEAT_DELAY.as_millis().to_string(), "-arinterval", "20"]);
         let mut server = start("Xvfb", server.stdout(Stdio::piped()).stderr(Stdio::null()));
         let mut number = String::new();
         BufReader::new(server.stdout.take().unwrap()).read_line(&mut number).expect("Xvfb says its display");

@@ -2,8 +2,8 @@
 
 use glam::{DVec2, DVec3, dvec2};
 use smalto::camera::Camera;
-use smalto::rules::{Rules, TILE};
 use smalto::reference::{self, Lists, Splat, Tiling};
+use smalto::rules::{Rules, TILE};
 use smalto::scene::Gaussians;
 
 const RULES: &Rules = &Rules::TRAINED;

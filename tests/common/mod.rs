@@ -8,35 +8,44 @@ pub mod desktop;
 pub mod free;
 pub mod listed;
 pub mod program;
+pub mod random;
 pub mod table;
 #[cfg(target_os = "linux")]
 pub mod window;
 
 use std::cell::Cell;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::{Condvar, Mutex};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Condvar, LazyLock, Mutex};
 
 use smalto::camera::{self, Camera};
-use smalto::environment::Environment;
-use smalto::gpu::{Buffer, Commands, Device, Element, Validation};
+use smalto::gpu::{Buffer, Commands, Device, DeviceChoice, Element, Validation};
 use smalto::options::Options;
-use smalto::rules::Background;
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Rendering};
 use smalto::render::{Frame, GpuScene, Renderer};
+use smalto::rules::Background;
 use smalto::scene::{self, Builder, Gaussians, Raw};
 
-/// A device with validation on. A missing device fails the test; so does anything the validation layer or the
-/// missing-barrier check says.
+pub use random::Random;
+
+/// A device with validation on. A missing device fails the test; so does every message of the validation layer and of the
+/// missing-barrier check since the last test ended: with two tests at once, it may be a message of the other.
 pub struct Gpu(pub Device, Turn);
 
 impl Gpu {
+    /// The device that the tests of a program share.
     pub fn new() -> Self {
+        static SHARED: LazyLock<Device> = LazyLock::new(|| {
+            let validation = match std::env::var("SMALTO_VALIDATION").as_deref() {
+                Ok("0") => Validation::Off,
+                _ => Validation::Required,
+            };
+            open(validation)
+        });
         let turn = Turn::take();
-        let environment = Environment::read();
-        let validation = environment.validation.unwrap_or(Validation::Required);
-        Self(Device::open(&environment.device, validation).expect("GPU tests need a Vulkan device"), turn)
+        Self(SHARED.clone(), turn)
     }
 
     pub fn render(&self, gaussians: &Gaussians, camera: &Camera, options: &Options) -> Pixels {
@@ -109,35 +118,23 @@ pub fn gaussians(raws: &[(Raw, [f32; 3])]) -> Gaussians {
     builder.finish().0
 }
 
-/// Small, fast and the same everywhere: SplitMix64.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Below `end`.
-    pub fn below(&mut self, end: u32) -> u32 {
-        (((self.bits() >> 32) * u64::from(end)) >> 32) as u32
-    }
-
-    /// Between `low` and `high`.
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+impl Drop for Gpu {
+    fn drop(&mut self) {
+        static REPORTED: AtomicUsize = AtomicUsize::new(0);
+        let messages = self.0.validation_messages();
+        let reported = REPORTED.swap(messages.len(), Ordering::Relaxed);
+        if !std::thread::panicking() {
+            assert_eq!(messages[reported.min(messages.len())..], [String::new(); 0], "messages of the validation");
+        }
     }
 }
 
-impl Drop for Gpu {
-    fn drop(&mut self) {
-        if !std::thread::panicking() {
-            assert_eq!(self.0.validation_messages(), Vec::<String>::new(), "the device has no complaints");
-        }
-    }
+/// A device of a test's own, as `SMALTO_DEVICE` and `SMALTO_SHADERS` say.
+pub fn open(validation: Validation) -> Device {
+    let variable = |name| std::env::var(name).ok().filter(|value| !value.is_empty());
+    let choice = variable("SMALTO_DEVICE").map_or(DeviceChoice::Best, |name| name.as_str().into());
+    let device = Device::open(&choice, validation).expect("GPU tests need a Vulkan device");
+    device.with_shaders(variable("SMALTO_SHADERS").as_deref().map(Path::new)).expect("the shaders can be watched")
 }
 
 /// Tests that use devices at once: drivers refuse to open many, and a software device uses every core to draw, but one to
@@ -225,9 +222,12 @@ pub fn compare(pixels: &Pixels, reference: &Rendering) -> Comparison {
 }
 
 /// Runs tests of this program again on llvmpipe with vectors of 128 bits, which makes its subgroups four wide: what
-/// processors without wider vectors have. Other devices take no notice.
+/// processors without wider vectors have. Other devices take no notice. `arguments` are those of the test program: parts of
+/// the paths of tests, and what to skip.
 pub fn again_in_subgroups_of_four(arguments: &[&str]) {
     let mut again = Command::new(std::env::current_exe().unwrap());
     let output = again.args(arguments).env("LP_NATIVE_VECTOR_WIDTH", "128").output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{text}");
+    assert!(!text.contains("test result: ok. 0 passed"), "no test has such a name: {arguments:?}");
 }

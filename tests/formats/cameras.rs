@@ -9,8 +9,8 @@ use crate::common::{Gpu, Random, compare};
 use glam::{DMat3, DVec2, DVec3};
 use smalto::camera::{self, Camera, CameraFile, NamedCamera, Split, Timeline};
 use smalto::options::Options;
-use smalto::rules::Background;
 use smalto::reference;
+use smalto::rules::Background;
 use smalto::scene::synthetic;
 
 fn fixture(name: &str) -> PathBuf {

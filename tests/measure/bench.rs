@@ -68,6 +68,13 @@ fn bench_reports_frames_stages_counts_and_memory() {
         ["clear", "cull", "project", "sort depths", "scan", "duplicate", "sort tiles", "ranges", "blend", "gaps"];
     assert_eq!(stages(run), fast);
     assert_eq!(stages(&report["runs"][1]), portable);
+    assert_eq!([&run["drawn_by"], &report["runs"][1]["drawn_by"]], ["fast", "portable"]);
+    assert!(run["notice"].is_null() && run["warm_up"].is_null(), "{run}");
+    for stage in report["runs"].as_array().unwrap().iter().flat_map(|run| run["stages"].as_array().unwrap()) {
+        let has_bytes = stage["least_bytes"].as_u64().unwrap() > 0;
+        // No list of this scene is long enough to be merged.
+        assert!(has_bytes != ["gaps", "merge"].contains(&stage["name"].as_str().unwrap()), "{stage}");
+    }
     let mean = |value: &Value| value["mean"].as_f64().unwrap();
     let inside: f64 = run["stages"].as_array().unwrap().iter().map(|s| mean(&s["ms"])).sum();
     let frame = mean(&run["frame"]["staged_gpu_ms"]);
@@ -77,6 +84,9 @@ fn bench_reports_frames_stages_counts_and_memory() {
     let counts = &run["counts"];
     assert!(median(&counts["visible"]) <= 2000.0 && median(&counts["visible"]) > 500.0);
     assert_eq!(counts["tiles"], 9);
+    assert!(median(&counts["entries"]) > 0.0 && median(&counts["entries"]) < median(&counts["instances"]));
+    assert!(report["runs"][1]["counts"]["entries"].is_null(), "the portable path has no entries");
+    assert_eq!(median(&report["runs"][1]["counts"]["instances"]), median(&counts["instances"]));
     assert!(median(&counts["evaluations_per_pixel"]) <= median(&counts["lanes_per_pixel"]));
     assert!(median(&counts["evaluations_per_pixel"]) > 1.0);
     assert!((0.0..=1.0).contains(&median(&counts["early_exit_rate"])));
@@ -88,10 +98,23 @@ fn bench_reports_frames_stages_counts_and_memory() {
 
     let mut rows = csv::Reader::from_path(&table).unwrap();
     let rows: Vec<Vec<String>> = rows.records().map(|r| r.unwrap().iter().map(str::to_owned).collect()).collect();
-    let blend = rows.iter().find(|row| row[5] == "blend ms").unwrap();
-    assert_eq!(blend[7].parse::<f64>().unwrap(), median(&run["stages"][8]["ms"]), "CSV is a view of the JSON");
+    let blend = rows.iter().find(|row| row[6] == "blend ms").unwrap();
+    assert_eq!(blend[8].parse::<f64>().unwrap(), median(&run["stages"][8]["ms"]), "CSV is a view of the JSON");
     assert!(fs::read_to_string(&plot).unwrap().contains("sort depths"));
     assert!(text.contains("frame, GPU") && text.contains("to the float64 reference"), "{text}");
+    assert!(text.contains("SH degree 3, fast path") && text.contains("SH degree 3, portable path"), "{text}");
+}
+
+#[test]
+fn bench_reports_how_it_warmed_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "a.json");
+    let text = ok(&["bench", "cactus:50", "--size", "16x16", "--warmup", "3", "--frames", "1", "--json", &out]);
+    let warm_up = &json(&out)["runs"][0]["warm_up"];
+    // Three kinds of frames with two windows each, of one second at least.
+    assert!(warm_up["frames"].as_u64() > Some(9) && warm_up["seconds"].as_f64() > Some(6.0), "{warm_up}");
+    let line = if warm_up["is_steady"] == true { "  steady after " } else { "  warning: the frame time is not steady" };
+    assert!(text.contains(line), "{text}");
 }
 
 #[test]
@@ -109,13 +132,13 @@ fn a_slower_frame_than_the_baseline_is_exit_code_6() {
     pretend(1e-3);
     let error = fails(6, &quick("cactus:500", &["--baseline", &changed, "--threshold", "50"]));
     assert!(error.contains("slower than the baseline by more than 50 %: cactus:500 48x40 balanced"), "{error}");
-    assert!(error.contains("the picture is not the baseline's"), "{error}");
+    assert!(error.contains("the picture differs from the baseline's"), "{error}");
     pretend(1e3);
     let text = ok(&quick("cactus:500", &["--baseline", &changed]));
-    assert!(text.contains("against the baseline"), "{text}");
+    assert!(text.contains("compared with the baseline"), "{text}");
     // The same scene twice is two runs; the baseline has one for both.
     let text = ok(&quick("cactus:500", &["cactus:500", "--baseline", &changed]));
-    assert_eq!(text.matches("against the baseline").count(), 2, "{text}");
+    assert_eq!(text.matches("compared with the baseline").count(), 2, "{text}");
 }
 
 #[test]
@@ -131,8 +154,9 @@ fn a_damaged_or_foreign_baseline_is_refused_before_anything_is_measured() {
     let good = fs::read_to_string(&out).unwrap();
     refused("", "is not JSON");
     refused(&good[..good.len() / 2], "is not JSON");
-    refused("[1, 2]", "is not a report of this bench: it is of no known format, expected is smalto bench 2");
-    refused(r#"{"format": "smalto ladder 1"}"#, "it is smalto ladder 1");
+    refused("[1, 2]", "is not a report of this version: its format is unknown, not smalto bench 3");
+    refused(r#"{"format": "smalto ladder 1"}"#, "its format is smalto ladder 1");
+    refused(&good.replace("smalto bench 3", "smalto bench 2"), "its format is smalto bench 2, not smalto bench 3");
     refused(&good.replace("\"frames\"", "\"framed\""), "is a damaged report");
     assert!(fails(4, &quick("cactus:500", &["--baseline", "none.json"])).contains("none.json: cannot be read"));
     let foreign = |arguments: &[&str], sentence: &str| {
@@ -146,13 +170,13 @@ fn a_damaged_or_foreign_baseline_is_refused_before_anything_is_measured() {
     foreign(&quick("cactus:500", &["--near", "0.1", "--baseline", &out]), "it has no run of");
     foreign(
         &quick("cactus:500", &["--path", "orbit", "--baseline", &out]),
-        "another camera path: orbit-zoom, not orbit",
+        "its camera path is orbit-zoom, this run's is orbit",
     );
     let warm = ["bench", "cactus:500", "--size", "48x40", "--warmup", "1", "--frames", "3", "--baseline", &out];
-    foreign(&warm, "another number of frames to warm up: 0, not 1");
+    foreign(&warm, "its number of warm-up frames is 0, this run's is 1");
     let device = good.replace(json(&out)["device"]["name"].as_str().unwrap(), "abacus");
     fs::write(&other, device).unwrap();
-    foreign(&quick("cactus:500", &["--baseline", &other]), "another device: abacus");
+    foreign(&quick("cactus:500", &["--baseline", &other]), "its device is abacus, this run's is ");
 }
 
 #[test]

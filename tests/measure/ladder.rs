@@ -5,10 +5,10 @@ use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::measure::ladder::{RUNGS, Rung, Variant, VariantFrame};
 use smalto::options::Options;
-use smalto::rules::{Background, Rules, TILE};
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Splat, Tiling};
 use smalto::render::{GpuScene, Renderer, Totals};
+use smalto::rules::{Background, Rules, TILE};
 use smalto::scene::{Gaussians, Raw, synthetic};
 
 fn camera(size: [u32; 2]) -> Camera {

@@ -8,15 +8,15 @@ use crate::common::program::{fails, ok, path, smalto};
 use crate::common::{Gpu, ROUNDING, Random, gaussians};
 use glam::DVec3;
 use serde_json::Value;
-use smalto::measure::bench::Protocol;
 use smalto::camera::{Camera, path as paths};
+use smalto::measure::bench::Protocol;
 use smalto::measure::metrics::{Difference, max_error};
+use smalto::measure::trade::{Budget, Choice, Grounds, Point, Study, Unmeetable, choose, knobs, mark_pareto};
 use smalto::options::{Options, Storage};
-use smalto::rules::{ALPHA_MIN, Background, Rules};
 use smalto::pixels::Pixels;
 use smalto::render::{self, Layout};
+use smalto::rules::{ALPHA_MIN, Background, Rules};
 use smalto::scene::{Focus, Gaussians, Procedural, Requirements, synthetic};
-use smalto::measure::trade::{Budget, Choice, Grounds, Point, Study, Unmeetable, choose, knobs, mark_pareto};
 
 /// Little work, the same on every device.
 const QUICK: [&str; 10] =

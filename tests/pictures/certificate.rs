@@ -4,10 +4,10 @@ use crate::common::{Gpu, Random, gaussians};
 use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::options::Options;
-use smalto::rules::{Background, Footprint, Rules};
 use smalto::pixels::Pixels;
 use smalto::reference;
 use smalto::render::{GpuScene, Renderer};
+use smalto::rules::{Background, Footprint, Rules};
 use smalto::scene::{Gaussians, Raw, Requirements, synthetic};
 
 /// What is left out in ways that a certificate is for, beside nothing more than the rules do.

@@ -6,9 +6,9 @@ use crate::common::{Gpu, Random, again_in_subgroups_of_four, gaussians};
 use glam::{DQuat, DVec2, DVec3, dvec2};
 use smalto::camera::Camera;
 use smalto::options::Options;
-use smalto::rules::{Background, Rules};
 use smalto::reference;
-use smalto::render::{GpuScene, Splat, Renderer};
+use smalto::render::{GpuScene, Renderer, Splat};
+use smalto::rules::{Background, Rules};
 use smalto::scene::{Raw, synthetic};
 
 #[test]

@@ -8,8 +8,8 @@ use crate::common::free::{Free, build};
 use crate::common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, gaussians};
 use glam::DQuat;
 use smalto::options::Options;
-use smalto::rules::Background;
 use smalto::render::{GpuScene, Renderer};
+use smalto::rules::Background;
 use smalto::scene::{self, Gaussians, Raw, sh_coefficients};
 
 #[test]

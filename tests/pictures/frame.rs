@@ -3,8 +3,8 @@
 use crate::common::{Gpu, captured_cameras, compare, read_captured};
 use smalto::camera::Camera;
 use smalto::options::Options;
-use smalto::rules::Background;
 use smalto::reference;
+use smalto::rules::Background;
 use smalto::scene::{Gaussians, synthetic};
 
 const SIZE: [u32; 2] = [480, 270];

@@ -11,10 +11,10 @@ use npyz::WriterBuilder;
 use smalto::camera::Camera;
 use smalto::measure::metrics::{max_error, psnr};
 use smalto::options::Options;
-use smalto::rules::{Background, Footprint, Order, Rules};
 use smalto::pixels::{Depths, Pixels};
 use smalto::reference;
 use smalto::render::{GpuScene, Inspection, Look, Renderer, Work, depths};
+use smalto::rules::{Background, Footprint, Order, Rules};
 use smalto::scene::{Builder, Gaussians, Raw};
 
 const GSPLAT: Options = Options { rules: Rules::GSPLAT, ..Options::EXACT };

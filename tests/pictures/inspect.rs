@@ -9,10 +9,10 @@ use glam::{DMat3, DQuat, DVec2, DVec3, dvec2};
 use smalto::camera::Camera;
 use smalto::gpu::Commands;
 use smalto::options::{Options, Storage};
-use smalto::rules::{Background, Rules};
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Tiling};
 use smalto::render::{Attribute, GpuScene, Inspection, Look, Renderer, Work};
+use smalto::rules::{Background, Rules};
 use smalto::scene::{Gaussians, Raw, Requirements, harmonics, synthetic};
 
 const RULES: &Rules = &Rules::TRAINED;
@@ -71,10 +71,7 @@ type Case = (Gaussians, Camera);
 fn cases() -> [Case; 2] {
     let from = DVec3::new(1.5, -2.5, -4.0);
     let beside = Camera::looking_at(from, DVec3::new(0.0, -1.2, 0.0), [100, 70], 0.9);
-    [
-        (build(&cloud(&mut Random(5), 400, 2, 0.3), 2), camera()),
-        (synthetic::cactus(8000).unwrap().gaussians, beside),
-    ]
+    [(build(&cloud(&mut Random(5), 400, 2, 0.3), 2), camera()), (synthetic::cactus(8000).unwrap().gaussians, beside)]
 }
 
 fn captured_case() -> [Case; 1] {

@@ -9,10 +9,10 @@ use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::measure::metrics::{max_error, psnr};
 use smalto::options::Options;
-use smalto::rules::{Background, Rules};
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Lists, Rendering, Tiling};
 use smalto::render::{GpuScene, Renderer, Totals};
+use smalto::rules::{Background, Rules};
 use smalto::scene::{Gaussians, Raw, synthetic};
 
 const WHITE: Background = Background::Colour([1.0; 3]);

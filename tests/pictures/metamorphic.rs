@@ -7,8 +7,8 @@ use glam::{DMat3, DQuat, DVec3, Vec3, dvec2};
 use smalto::camera::Camera;
 use smalto::measure::metrics::{max_error, psnr};
 use smalto::options::Options;
-use smalto::rules::{Order, Rules};
 use smalto::pixels::Pixels;
+use smalto::rules::{Order, Rules};
 use smalto::scene::Raw;
 
 /// PSNR of all pixels but the one in a thousand that differs most. There an alpha may have fallen on the other side of

@@ -13,10 +13,10 @@ use crate::common::{Gpu, Random, captured_cameras, gaussians, read_captured};
 use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::options::Options;
-use smalto::rules::{Background, Rules};
 use smalto::pixels::{Depths, Pixels, Plane};
 use smalto::reference;
 use smalto::render::{GpuScene, Inspection, Look, Renderer, Work, depths};
+use smalto::rules::{Background, Rules};
 use smalto::scene::{Gaussians, synthetic};
 
 /// What f32 arithmetic may change of an expected depth, as a part of it: 3e-6 measured; and of a median, one splat's depth.
@@ -455,9 +455,15 @@ fn outputs_that_make_no_sense_are_exit_code_2() {
     let place = path(&folder, "x");
     for (more, sentence) in [
         (&["--layers", "depth", "-o", "a.png"][..], "--layers depth needs .exr or .npy"),
-        (&["--layers", "counts", "-o", &place, "--camera", "all", "--format", "png"], "--layers counts needs .exr or .npy"),
+        (
+            &["--layers", "counts", "-o", &place, "--camera", "all", "--format", "png"],
+            "--layers counts needs .exr or .npy",
+        ),
         (&["--layers", "depth", "--scale", "0.5", "-o", "a.exr"], "--layers depth needs --scale 1"),
-        (&["--layers", "depth", "--certificate", "b.exr", "-o", "a.exr"], "--certificate cannot be combined with --layers depth"),
+        (
+            &["--layers", "depth", "--certificate", "b.exr", "-o", "a.exr"],
+            "--certificate cannot be combined with --layers depth",
+        ),
         (&["--layers", "depth", "--dump", &place, "-o", "a.exr"], "--dump cannot be combined with --layers depth"),
         (&["--camera", "all", "--dump", &place], "--dump writes the buffers of a single picture"),
         (&["--layers", "heat"], "invalid value 'heat'"),

@@ -6,8 +6,8 @@ use crate::common::{ROUNDING, Random, compare};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use smalto::camera::Camera;
 use smalto::options::Options;
-use smalto::rules::{Background, Rules};
 use smalto::reference::{Rendering, render};
+use smalto::rules::{Background, Rules};
 use smalto::scene::harmonics::basis;
 use smalto::scene::{Gaussians, Transform, synthetic};
 

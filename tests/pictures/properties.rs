@@ -6,9 +6,9 @@ use crate::common::{Gpu, Random, again_in_subgroups_of_four, compare, gaussians}
 use glam::{DMat3, DQuat, DVec3};
 use smalto::camera::Camera;
 use smalto::options::Options;
-use smalto::rules::Background;
 use smalto::reference;
 use smalto::render::{GpuScene, Renderer};
+use smalto::rules::Background;
 use smalto::scene::{Raw, sh_coefficients, synthetic};
 
 #[test]

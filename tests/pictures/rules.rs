@@ -8,10 +8,10 @@ use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::measure::metrics::max_error;
 use smalto::options::Options;
-use smalto::rules::{Background, Footprint, Order, Rules, TILE};
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Rendering};
 use smalto::render::{GpuScene, Renderer};
+use smalto::rules::{Background, Footprint, Order, Rules, TILE};
 use smalto::scene::{Gaussians, Raw, Requirements};
 
 /// dB of a picture in which one splat's row or column of tiles is cut elsewhere: a square ends where a radius is rounded

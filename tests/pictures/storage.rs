@@ -8,10 +8,10 @@ use glam::{DQuat, DVec3};
 use smalto::camera::Camera;
 use smalto::measure::metrics::psnr;
 use smalto::options::{Options, Storage};
-use smalto::rules::{Background, Rules};
 use smalto::pixels::Pixels;
 use smalto::reference;
 use smalto::render::Layout;
+use smalto::rules::{Background, Rules};
 use smalto::scene::{Gaussians, Raw, Requirements, decode_rotation, encode_rotation, synthetic};
 
 /// dB of a scene that lies on 8-bit grids, kept in 8 bits, to the same in 32-bit floats: a grid gives back what arithmetic

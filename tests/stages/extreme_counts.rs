@@ -138,12 +138,12 @@ fn what_does_not_fit_grows_and_is_rendered_again() {
     for (name, room) in [
         ("visible", Capacity { visible: 10, ..enough }),
         ("spans", Capacity { spans: 10, ..enough }),
-        ("instances", Capacity { instances: 10, ..enough }),
-        ("all", Capacity { visible: 1, spans: 1, instances: 1, ..enough }),
+        ("instances", Capacity { listed: 10, ..enough }),
+        ("all", Capacity { visible: 1, spans: 1, listed: 1, ..enough }),
         ("nothing", Capacity::default()),
     ] {
         let still = Renderer::new(&gpu.0, &Options::EXACT, &gpu_scene).unwrap();
-        let mut still = still.with_room(room).unwrap();
+        let mut still = still.with_capacity(room).unwrap();
         let frame = still.render(&camera, Background::BLACK).unwrap();
         assert!(frame.attempts > 1, "{name}: did not fit at first");
         assert!(still.pixels().unwrap() == roomy, "{name}: the picture is complete");
@@ -157,8 +157,8 @@ fn a_frame_that_did_not_fit_stays_incomplete_when_the_room_has_grown_since() {
     let gaussians = synthetic::cactus(2000).unwrap().gaussians;
     let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
     let camera = free::camera();
-    let room = Capacity { gaussians: 2000, visible: 2000, spans: 9000, instances: 10, tiles: 35 };
-    let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap().with_room(room).unwrap();
+    let room = Capacity { gaussians: 2000, visible: 2000, spans: 9000, listed: 10, cells: 35 };
+    let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap().with_capacity(room).unwrap();
     let [first, second] = [(); 2].map(|()| still.start(&camera, Background::BLACK).unwrap());
     assert!(!still.finish(first).unwrap());
     assert!(!still.finish(second).unwrap(), "it was begun in the room of the first");

@@ -3,16 +3,16 @@
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use crate::common::{Gpu, Turn, compare};
+use crate::common::{Gpu, Turn, compare, open};
 use glam::DVec3;
 use smalto::camera::Camera;
-use smalto::environment::Environment;
 use smalto::gpu::{
     Access, Buffer, Commands, Device, DeviceChoice, DispatchSize, Stage, Staging, Timestamps, Unavailable, Validation,
 };
 use smalto::host_memory::OutOfMemory;
 use smalto::options::Options;
 use smalto::reference;
+use smalto::render::shaders::portable::{Ranges, RangesBindings, TileOrder, TileOrderBindings, TileOrderPush};
 use smalto::render::*;
 use smalto::rules::Background;
 use smalto::scene::synthetic;
@@ -20,8 +20,7 @@ use smalto::scene::synthetic;
 /// A device whose complaints do not fail the test.
 fn device_with_complaints() -> (Device, Turn) {
     let turn = Turn::take();
-    let environment = Environment::read();
-    (Device::open(&environment.device, Validation::Required).unwrap(), turn)
+    (open(Validation::Required), turn)
 }
 
 /// The complaints about these commands. Each test has a device of its own.

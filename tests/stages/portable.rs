@@ -2,6 +2,8 @@
 
 use smalto::gpu::{DispatchSize, Stage};
 use smalto::reference;
+use smalto::render::shaders::PortableDispatches;
+use smalto::render::shaders::portable::*;
 use smalto::render::*;
 
 use crate::SIZES;

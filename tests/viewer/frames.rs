@@ -6,8 +6,8 @@ use crate::common::Gpu;
 use smalto::camera::{self, NamedCamera};
 use smalto::measure::metrics::max_error;
 use smalto::options::Options;
-use smalto::rules::Rules;
 use smalto::pixels::Pixels;
+use smalto::rules::Rules;
 use smalto::scene::{Procedural, Reading};
 use smalto::viewer::{Bindings, CompareMode, CompareTarget, CompareWith, Offscreen, Request, Setup};
 
