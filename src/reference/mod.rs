@@ -1,10 +1,12 @@
-//! The pipeline on the CPU in f64, one file per stage: plain, and the oracle that the GPU is held to.
+//! The pipeline on the CPU in f64, one file per stage: the oracle that GPU pictures are compared with.
 //!
-//! It follows the [`Rules`] it is given: EWA splatting (Zwicker et al. 2001) with the original's clamp and dilation, and by
-//! default alpha in [1/255, 0.99], an exclusive stop at T < 1e-4, and one global order by (f32 view depth, index). With
-//! [`Rules::complete`] nothing is left out; with [`Order::PerPixel`] the order is ideal:
-//! errors of arithmetic, of approximation and of the model can be told apart.
+//! It follows the given [`Rules`]: EWA splatting (Zwicker et al. 2001) with the clamp and dilation of the original
+//! 3DGS, and by default alpha in [1/255, 0.99], an exclusive stop at T < 1e-4, and one global order by (f32 view depth,
+//! index). [`Rules::complete`] leaves nothing out, and [`Order::PerPixel`] sorts ideally. Together they separate the
+//! errors of arithmetic, of approximation and of the model. Tests compare the reference itself with stored results of
+//! gsplat.
 
+mod bins;
 mod blend;
 mod cull;
 mod duplicate;
@@ -16,6 +18,9 @@ mod sort;
 
 use rayon::prelude::*;
 
+pub use bins::{
+    BinBlocks, BinOffsets, BinRange, Entry, bin_offsets, bins_of, block_mask, count_bins, fill_bins, merge_pieces, sort_run,
+};
 pub use blend::{Lists, Pixel, blend};
 pub use cull::cull;
 pub use duplicate::{Tiling, duplicate, tiles};
@@ -32,12 +37,13 @@ use crate::scene::Gaussians;
 
 /// A rendered image in full precision.
 pub struct Rendering {
+    /// Width and height.
     pub size_px: [u32; 2],
-    /// Row by row from the top left.
+    /// One per pixel, row by row from the top left.
     pub pixels: Vec<Pixel>,
 }
 
-/// Renders a scene.
+/// Renders a scene in f64.
 pub fn render(gaussians: &Gaussians, camera: &Camera, rules: &Rules, background: Background) -> Rendering {
     let tiling = Tiling::of(camera.size_px);
     let visible = cull(gaussians, camera, rules);
@@ -52,14 +58,14 @@ pub fn render(gaussians: &Gaussians, camera: &Camera, rules: &Rules, background:
     Rendering { size_px: camera.size_px, pixels: blend(&list, tiling, background, rules) }
 }
 
-/// What splats are sorted by: the bits of positive floats order as the floats do.
+/// Sort keys of the splats. The bits of positive floats have the order of the floats.
 fn depth_keys(splats: &[Splat], rules: &Rules) -> Vec<u32> {
     let key = |splat: &Splat| if rules.order == Order::Distance { splat.distance_world } else { splat.depth };
     splats.iter().map(|splat| (key(splat) as f32).to_bits()).collect()
 }
 
 impl Rendering {
-    /// Rounded to f32.
+    /// The picture rounded to f32.
     pub fn to_pixels(&self) -> Pixels {
         let rgba = self.pixels.iter().map(|p| {
             let [r, g, b] = p.colour.map(|v| v as f32);
@@ -68,7 +74,7 @@ impl Rendering {
         Pixels { size: self.size_px, rgba: rgba.collect() }
     }
 
-    /// The same of what lies how deep.
+    /// Depths and splat counts rounded to f32.
     pub fn depths(&self) -> Depths {
         let plane = |value: fn(&Pixel) -> f64| Plane {
             size: self.size_px,

@@ -165,9 +165,8 @@ impl PathChoice {
         needs_tile_lists: bool,
     ) -> Result<Limits> {
         let demand = |cells: u32| Capacity { gaussians, cells: cells as usize, ..Capacity::default() };
-        let is_possible = |fast: &&mut Fast| {
-            !needs_tile_lists && !fast.is_too_long && fast.pipeline.takes(size, gaussians)
-        };
+        let is_possible =
+            |fast: &&mut Fast| !needs_tile_lists && !fast.is_too_long && fast.pipeline.takes(size, gaussians);
         if let Some(Fast { pipeline, work, .. }) = self.fast.as_mut().filter(is_possible) {
             let grid = pipeline.grid(size, gaussians);
             if has_memory(work.grow(device, demand(grid.count()), 0))? {

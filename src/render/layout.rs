@@ -3,8 +3,8 @@
 use half::f16;
 use rayon::prelude::*;
 
-use crate::render::shaders::Grids;
 use crate::options::{Options, Storage};
+use crate::render::shaders::Grids;
 use crate::scene::{Gaussians, Grid, MAX_SH_DEGREE, Requirements, bands, encode_rotation, sh_coefficients};
 
 /// What of a scene is kept on the GPU, and in how many bits: what the scene requires, and the options allow to lose.

@@ -348,7 +348,12 @@ impl Upscaler {
     fn record(&self, cmd: &mut Commands, image: &Image) {
         let push = UpscalePush { drawn_size_px: self.drawn.size(), size_px: image.size() };
         let pixels = image.size().iter().map(|side| u64::from(*side)).product();
-        cmd.dispatch(&self.stage, UpscaleBindings { drawn: &self.drawn, image }, push, DispatchSize::Invocations(pixels));
+        cmd.dispatch(
+            &self.stage,
+            UpscaleBindings { drawn: &self.drawn, image },
+            push,
+            DispatchSize::Invocations(pixels),
+        );
     }
 }
 

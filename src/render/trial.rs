@@ -82,8 +82,8 @@ mod tests {
     use super::*;
     use crate::gpu::{DeviceChoice, Validation};
     use crate::options::Options;
-    use crate::render::Variation;
     use crate::render::FastPipeline;
+    use crate::render::Variation;
     use crate::scene::synthetic;
 
     #[test]

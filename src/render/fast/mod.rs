@@ -12,6 +12,5 @@
 mod pipeline;
 mod workspace;
 
-
 pub use pipeline::{BLOCK_HEIGHTS, BinGrid, FastPipeline};
 pub use workspace::FastWorkspace;

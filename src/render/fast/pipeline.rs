@@ -80,8 +80,7 @@ impl FastPipeline {
     /// `None` where the device or the options call for the portable path.
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Option<Self>> {
         let rules = &options.rules;
-        let is_asked_for =
-            !options.portable && rules.extent == Footprint::Exact && rules.order != Order::PerPixel;
+        let is_asked_for = !options.portable && rules.extent == Footprint::Exact && rules.order != Order::PerPixel;
         let Some(subgroup) = device.capabilities().fast_subgroup().filter(|_| is_asked_for) else { return Ok(None) };
         let constants = shared(options, layout, subgroup);
         let subgroups = Sort::WORKGROUP[0] / subgroup;
@@ -221,7 +220,7 @@ impl FastPipeline {
     }
 
     /// Projects the Gaussians that may touch the image, and finds the bins of each splat, as one span per row of bins.
-    pub(crate) fn project(&self, cmd: &mut Commands, shot: Shot, work: &FastWorkspace, grid: BinGrid) {
+    pub fn project(&self, cmd: &mut Commands, shot: Shot, work: &FastWorkspace, grid: BinGrid) {
         let Shot { scene, camera } = shot;
         let keys = DepthKeys::of(camera, &self.options, &scene.extent);
         let bindings = ProjectBindings {
@@ -250,7 +249,7 @@ impl FastPipeline {
     }
 
     /// Counts the splats of every bin, part by part.
-    pub(crate) fn count(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
+    pub fn count(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         let bindings = CountBindings {
             totals: &work.totals,
             span_ranges: &work.span_ranges,
@@ -263,7 +262,7 @@ impl FastPipeline {
     }
 
     /// Finds where each bin's list begins, and the dispatches over runs, stretches and long lists.
-    pub(crate) fn offsets(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
+    pub fn offsets(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         let bindings = OffsetsBindings {
             totals: &work.totals,
             listed_in_bins: &work.listed_in_bins,
@@ -282,7 +281,7 @@ impl FastPipeline {
     }
 
     /// Writes depth key and splat of every entry into the list of its bin, in any order.
-    pub(crate) fn fill(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
+    pub fn fill(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         let bindings = FillBindings {
             totals: &work.totals,
             span_ranges: &work.span_ranges,
@@ -302,7 +301,7 @@ impl FastPipeline {
     }
 
     /// Sorts every run by depth, then by Gaussian.
-    pub(crate) fn sort(&self, cmd: &mut Commands, work: &FastWorkspace) {
+    pub fn sort(&self, cmd: &mut Commands, work: &FastWorkspace) {
         let bindings = SortBindings {
             run_bins: &work.run_bins,
             bins: &work.bins,
@@ -316,7 +315,7 @@ impl FastPipeline {
     }
 
     /// Merges the runs of every list that has several, level by level.
-    pub(crate) fn merge(&self, cmd: &mut Commands, work: &FastWorkspace) {
+    pub fn merge(&self, cmd: &mut Commands, work: &FastWorkspace) {
         for (level, (piece, [entries, merged])) in work.merge_levels().enumerate() {
             if level > 0 {
                 between_stages(cmd);
@@ -337,7 +336,7 @@ impl FastPipeline {
     }
 
     /// Marks the blocks of its bin that every entry's splat reaches.
-    pub(crate) fn masks(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
+    pub fn masks(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         let bindings = MasksBindings {
             stretch_bins: &work.stretch_bins,
             bins: &work.bins,
@@ -352,7 +351,7 @@ impl FastPipeline {
     }
 
     /// Blends every block front to back: those of long lists by several subgroups each, the others by one.
-    pub(crate) fn blend(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid, target: Target) {
+    pub fn blend(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid, target: Target) {
         let bindings = BlendBindings {
             bins: &work.bins,
             bin_order: &work.bin_order,

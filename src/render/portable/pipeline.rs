@@ -229,7 +229,12 @@ impl PortablePipeline {
         let (chunks, visible_capacity) = (chunks(scene), work.gaussian_from_splat.len() as u32);
         let bindings =
             CullOffsetsBindings { sums: &work.chunk_counts, totals: &work.totals, dispatches: &work.dispatches };
-        cmd.dispatch(&self.cull_offsets, bindings, CullOffsetsPush { chunks, visible_capacity }, DispatchSize::Groups(1));
+        cmd.dispatch(
+            &self.cull_offsets,
+            bindings,
+            CullOffsetsPush { chunks, visible_capacity },
+            DispatchSize::Groups(1),
+        );
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         let bindings = CullCompactBindings {
             visible_masks: &work.visible_masks,
@@ -241,7 +246,14 @@ impl PortablePipeline {
     }
 
     /// Projects the visible Gaussians to splats, depth keys and tiles.
-    pub(crate) fn project(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &PortableWorkspace, keys: DepthKeys) {
+    pub(crate) fn project(
+        &self,
+        cmd: &mut Commands,
+        scene: &GpuScene,
+        view: View,
+        work: &PortableWorkspace,
+        keys: DepthKeys,
+    ) {
         let bindings = ProjectBindings {
             gaussian_from_splat: &work.gaussian_from_splat,
             bounds: &scene.bounds,
@@ -261,7 +273,13 @@ impl PortablePipeline {
             depth_limit: ((1_u64 << keys.bits) - 1) as u32,
             depth_shift: keys.shift,
         };
-        cmd.dispatch_indirect(&self.project, bindings, push, &work.dispatches, offset_of!(PortableDispatches, over_visible));
+        cmd.dispatch_indirect(
+            &self.project,
+            bindings,
+            push,
+            &work.dispatches,
+            offset_of!(PortableDispatches, over_visible),
+        );
     }
 
     /// Sorts the splats by depth; returns which of `work.depths` is sorted.
@@ -301,7 +319,13 @@ impl PortablePipeline {
     }
 
     /// Writes tile and splat of every instance, in the order of the splats.
-    pub(crate) fn duplicate(&self, cmd: &mut Commands, work: &PortableWorkspace, splat_from_rank: &Buffer<u32>, tiles_x: u32) {
+    pub(crate) fn duplicate(
+        &self,
+        cmd: &mut Commands,
+        work: &PortableWorkspace,
+        splat_from_rank: &Buffer<u32>,
+        tiles_x: u32,
+    ) {
         let bindings = DuplicateBindings {
             totals: &work.totals,
             splat_from_rank,

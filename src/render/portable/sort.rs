@@ -2,11 +2,12 @@
 
 use anyhow::Result;
 
+use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Element, Shader, Stage};
 use crate::render::shaders::portable::{
-    SORT_CHUNK, SortHistogram, SortHistogramBindings, SortHistogramConstants, SortHistogramPush, SortOffsets, SortOffsetsBindings,
-    SortOffsetsConstants, SortOffsetsPush, SortScatter, SortScatterBindings, SortScatterConstants, SortScatterPush,
+    SORT_CHUNK, SortHistogram, SortHistogramBindings, SortHistogramConstants, SortHistogramPush, SortOffsets,
+    SortOffsetsBindings, SortOffsetsConstants, SortOffsetsPush, SortScatter, SortScatterBindings, SortScatterConstants,
+    SortScatterPush,
 };
-use crate::gpu::{Access, Buffer, Commands, Device, Element, DispatchSize, Shader, Stage};
 
 /// Keys and values, twice: a pass reads one pair and writes the other.
 pub struct Pairs {
