@@ -19,6 +19,7 @@ use shaderc::Compiler;
 mod glsl;
 #[path = "src/gpu/spirv.rs"]
 mod spirv;
+use glsl::Preprocessed;
 use spirv::{Interface, Kind, Member, Struct, Type, Value};
 
 const SHADER_FOLDER: &str = "glsl";
@@ -47,14 +48,18 @@ fn run() -> Result<()> {
         writeln!(generated.modules, "\n/// The shaders and constants of `{SHADER_FOLDER}/{module}/`.")?;
         writeln!(generated.modules, "#[allow(clippy::wildcard_imports)]\npub mod {module} {{\n    use super::*;\n")?;
         for header in files.iter().filter(|path| has_ending(path, "glsl")) {
-            generated.numbers(&fs::read_to_string(header)?)?;
+            for declaration in glsl::numbers(&fs::read_to_string(header)?) {
+                writeln!(generated.modules, "    {declaration}")?;
+            }
         }
         for source in files.iter().filter(|path| has_ending(path, "comp")) {
             let stem = stem(source)?;
             let place = || source.display().to_string();
-            let (named, optimized) = compiled(&compiler, source, &module, stem, &out)?;
+            let preprocessed = glsl::preprocess(&compiler, Path::new(SHADER_FOLDER), source)?;
+            let (named, optimized) = compiled(&compiler, source, &preprocessed, &format!("{module}.{stem}"), &out)?;
             let interface = spirv::reflect(&named).with_context(place)?;
-            generated.shader(&module, stem, &interface, &optimized).with_context(place)?;
+            let fingerprint = preprocessed.fingerprint(&interface);
+            generated.shader((&module, stem), &interface, &optimized, fingerprint).with_context(place)?;
         }
         writeln!(generated.modules, "}}")?;
         generated.known.clear();
@@ -79,14 +84,19 @@ fn stem(path: &Path) -> Result<&str> {
 
 /// The unoptimized words of a shader and the path of its optimized module, from an earlier build of the same
 /// preprocessed source if there is one.
-fn compiled(compiler: &Compiler, source: &Path, module: &str, stem: &str, out: &Path) -> Result<(Vec<u32>, PathBuf)> {
-    let folder = Path::new(SHADER_FOLDER);
+fn compiled(
+    compiler: &Compiler,
+    source: &Path,
+    preprocessed: &Preprocessed,
+    name: &str,
+    out: &Path,
+) -> Result<(Vec<u32>, PathBuf)> {
     let mut hasher = DefaultHasher::new();
-    (glsl::preprocess(compiler, folder, source)?, include_str!("src/gpu/glsl.rs")).hash(&mut hasher);
-    let path = |kind: &str| out.join(format!("{module}.{stem}.{:016x}.{kind}.spv", hasher.finish()));
+    (&preprocessed.text, include_str!("src/gpu/glsl.rs")).hash(&mut hasher);
+    let path = |kind: &str| out.join(format!("{name}.{:016x}.{kind}.spv", hasher.finish()));
     let (named, optimized) = (path("named"), path("optimized"));
     if !named.exists() || !optimized.exists() {
-        let modules = glsl::compile(compiler, folder, source)?;
+        let modules = glsl::compile(compiler, Path::new(SHADER_FOLDER), source)?;
         for (path, words) in [(&named, &modules.named), (&optimized, &modules.optimized)] {
             let unfinished = path.with_extension("part");
             fs::write(&unfinished, words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<_>>())?;
@@ -122,7 +132,8 @@ impl Generated {
     fn header_constants(&mut self, header: &str) -> Result<()> {
         for line in header.lines().filter(|line| line.starts_with("layout(constant_id")) {
             let declaration = line.split_once("const ").and_then(|(_, rest)| rest.split_once(" = "));
-            let (ty, name) = declaration.and_then(|(d, _)| d.split_once(' ')).context("not a specialization constant")?;
+            let (ty, name) =
+                declaration.and_then(|(d, _)| d.split_once(' ')).context("not a specialization constant")?;
             let known = self.header_constants.insert(name.to_lowercase(), ty.to_owned());
             ensure!(known.is_none_or(|known| known == ty), "{name} has two types");
         }
@@ -148,28 +159,13 @@ impl Generated {
         Ok(writeln!(self.structs_code, "}}")?)
     }
 
-    /// Repeats the constants of a header: those with one number for a value.
-    fn numbers(&mut self, header: &str) -> Result<()> {
-        for line in header.lines() {
-            let code = line.split("//").next().unwrap_or_default().trim();
-            let Some((ty, list)) = code.strip_prefix("const ").and_then(|rest| rest.split_once(' ')) else { continue };
-            for (name, value) in list.trim_end_matches(';').split(',').filter_map(|one| one.split_once('=')) {
-                let (name, value) = (name.trim(), value.trim().trim_end_matches('u'));
-                match ty {
-                    "uint" if value.parse::<u32>().is_ok() => {
-                        writeln!(self.modules, "    pub const {name}: u32 = {value};")?;
-                    }
-                    "float" if value.parse::<f32>().is_ok() => {
-                        writeln!(self.modules, "    pub const {name}: f32 = {value};")?;
-                    }
-                    _ => {}
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn shader(&mut self, module: &str, stem: &str, interface: &Interface, spirv: &Path) -> Result<()> {
+    fn shader(
+        &mut self,
+        (module, stem): (&str, &str),
+        interface: &Interface,
+        spirv: &Path,
+        fingerprint: u64,
+    ) -> Result<()> {
         for structure in &interface.structs {
             self.shared_struct(&format!("{module}/{stem}"), structure)?;
         }
@@ -198,7 +194,6 @@ impl Generated {
         });
         let bindings: String = bindings.collect();
         let [x, y, z] = interface.workgroup;
-        let fingerprint = interface.fingerprint();
         write!(
             self.modules,
             "
@@ -230,7 +225,8 @@ unsafe impl Shader for {name} {{
         let lifetime = if kind == "Bindings" { "<'a>" } else { "" };
         match self.known.iter().find(|(known, text)| text == body && known.ends_with(kind)) {
             Some((twin, _)) => {
-                self.modules += &format!("\n/// The same as [`{twin}`].\npub type {name}{lifetime} = {twin}{lifetime};\n");
+                self.modules +=
+                    &format!("\n/// The same as [`{twin}`].\npub type {name}{lifetime} = {twin}{lifetime};\n");
             }
             None => {
                 self.modules += &format!("\n{}", code(&name));
@@ -384,7 +380,10 @@ unsafe impl Constants for {name} {{
 const PLAIN: &str = "#[repr(C)]\n#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]";
 
 fn plain_struct_body(members: &[Member]) -> Result<String> {
-    members.iter().map(|Member { name, ty }| Ok(format!("    pub {}: {},\n", identifier(name)?, rust_type(ty)))).collect()
+    members
+        .iter()
+        .map(|Member { name, ty }| Ok(format!("    pub {}: {},\n", identifier(name)?, rust_type(ty))))
+        .collect()
 }
 
 fn rust_type(ty: &Type) -> String {

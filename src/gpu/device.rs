@@ -13,6 +13,7 @@ use super::capabilities::{Capabilities, Feature};
 use super::error::{Unavailable, describe};
 use super::executables::{Executable, Executables};
 use super::instance::{Instance, Validation};
+use super::reload::ShaderFolder;
 use super::submission::{Slot, completed};
 use super::survey::{self, DeviceChoice};
 use crate::host_memory::OutOfMemory;
@@ -27,6 +28,8 @@ pub(super) struct Shared {
     pub debug: Option<ext::debug_utils::Device>,
     pub fault: Option<ext::device_fault::Device>,
     pub executables: Option<Executables>,
+    /// Sources that replace the shaders built into the program.
+    pub shaders: Option<ShaderFolder>,
     pub capabilities: Capabilities,
     /// Own checks and markers are on.
     pub checked: bool,
@@ -126,6 +129,7 @@ impl Device {
             executables: capabilities
                 .has(Feature::PipelineStatistics)
                 .then(|| Executables::new(khr::pipeline_executable_properties::Device::new(&instance.raw, &raw))),
+            shaders: None,
             queue: Mutex::new(Queue { raw: queue, submitted: 0 }),
             timeline: vk::Semaphore::null(),
             slots: Mutex::default(),

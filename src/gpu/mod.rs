@@ -24,6 +24,9 @@ mod device;
 mod dispatch_size;
 mod error;
 mod executables;
+#[cfg(feature = "reload")]
+#[allow(dead_code, reason = "build.rs uses the rest")]
+mod glsl;
 mod element;
 mod capabilities;
 mod hazards;
@@ -33,10 +36,14 @@ mod image_commands;
 mod instance;
 mod overlay;
 mod overlay_memory;
+mod reload;
 mod resource;
 mod scopes;
 mod semaphores;
 mod shader;
+#[cfg(feature = "reload")]
+#[allow(dead_code, reason = "build.rs uses the rest")]
+mod spirv;
 mod stage;
 mod staging;
 mod submission;

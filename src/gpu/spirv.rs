@@ -1,6 +1,7 @@
 //! What a compute shader asks of its caller, read from its SPIR-V: bindings, push constants, specialization constants.
 //!
-//! Compiled into `build.rs` (which turns an [`Interface`] into Rust types) and into the tests, never into the library.
+//! `build.rs` includes this file and turns an [`Interface`] into Rust types; the library does only with the feature
+//! `reload`.
 
 use std::collections::HashMap;
 
@@ -21,15 +22,6 @@ pub struct Interface {
     pub constants: Vec<Constant>,
     /// Every struct that a binding or the push block is made of, innermost first.
     pub structs: Vec<Struct>,
-}
-
-impl Interface {
-    /// A number that two interfaces share if they are equal (FNV-1a of the `Debug` text, the same in every build).
-    pub fn fingerprint(&self) -> u64 {
-        format!("{self:?}").bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-        })
-    }
 }
 
 #[derive(Debug, PartialEq)]

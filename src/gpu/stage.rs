@@ -82,7 +82,7 @@ impl Pipeline {
         made.layout = unsafe { device.raw.create_pipeline_layout(&info, None) }
             .map_err(|e| describe("vkCreatePipelineLayout", e))?;
 
-        let words = ash::util::read_spv(&mut std::io::Cursor::new(S::SPIRV))?;
+        let words = words::<S>(device)?;
         let (entries, bits): (Vec<_>, Vec<u32>) = (constants.entries().into_iter().enumerate())
             .map(|(i, (id, bits))| {
                 (vk::SpecializationMapEntry { constant_id: id, offset: 4 * i as u32, size: 4 }, bits)
@@ -119,6 +119,14 @@ impl Pipeline {
         device.name(made.raw, S::NAME);
         device.name(made.layout, S::NAME);
         Ok(made)
+    }
+}
+
+/// The shader's module: compiled from the device's folder of shaders if it has one, else the one that is built in.
+fn words<S: Shader>(device: &Shared) -> Result<Vec<u32>> {
+    match &device.shaders {
+        Some(folder) => folder.compile(S::PATH, S::INTERFACE),
+        None => Ok(ash::util::read_spv(&mut std::io::Cursor::new(S::SPIRV))?),
     }
 }
 
