@@ -21,7 +21,7 @@ impl fmt::Display for OutOfMemory {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { name, bytes, reason } = self;
         match bytes {
-            Some(bytes) => write!(f, "there is no room for the {bytes} bytes of `{name}`: {reason}"),
+            Some(bytes) => write!(f, "cannot allocate the {bytes} bytes of `{name}`: {reason}"),
             None => write!(f, "{name}: {reason}"),
         }
     }
@@ -69,6 +69,6 @@ fn no_host_memory<T>(len: usize, name: &str) -> OutOfMemory {
     OutOfMemory {
         name: name.to_owned(),
         bytes: Some(size_of::<T>() as u64 * len as u64),
-        reason: "this machine has not that much memory left".to_owned(),
+        reason: "the host has too little free memory".to_owned(),
     }
 }

@@ -20,7 +20,7 @@ pub enum Split {
     Test,
 }
 
-/// Every such photograph, sorted by name and from the first on, is for tests (the rule of the original 3DGS).
+/// Of so many photographs, sorted by name, the first is for tests (the rule of the original 3DGS).
 const HOLD_OUT: usize = 8;
 
 /// The cameras of a file.

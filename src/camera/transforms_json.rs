@@ -37,9 +37,8 @@ pub(super) fn parse(text: &[u8], path: &Path) -> Result<CameraFile> {
         cameras.push(named);
     }
     let splits = splits(&file, path, &cameras)?;
-    let told = placed
-        .map(|_| format!("{} beside it says where the scene is, and the cameras are put there", dataparser::FILE));
-    let notices = bent.notice(cameras.len()).into_iter().chain(told).collect();
+    let moved = placed.map(|_| format!("the transform in {} is applied to the cameras", dataparser::FILE));
+    let notices = bent.notice(cameras.len()).into_iter().chain(moved).collect();
     Ok(CameraFile { splits, notices, cameras })
 }
 

@@ -78,7 +78,7 @@ fn colmap_models_are_read_as_colmap_reads_them() {
         let file = read(fixture(path));
         assert_same(&file.cameras, &expected);
         assert_eq!(file.splits, None);
-        let chosen = file.notices.iter().any(|n| n == "of 2 models the largest is taken, 1 with 12 photographs");
+        let chosen = file.notices.iter().any(|n| n == "model 1 with 12 photographs is used, the largest of 2 models");
         assert_eq!(chosen, ["", "sparse"].contains(&path), "{path}: {:?}", file.notices);
     }
     let small = read(fixture("sparse/0"));
@@ -357,7 +357,7 @@ fn a_list_of_colmap_that_is_shorter_than_it_says_is_noticed() {
     fs::write(folder.path().join("images.txt"), cut).unwrap();
     let cut = read(folder.path());
     assert_eq!(cut.cameras.len(), 7);
-    let notice = "images.txt says that it has 12 photographs, and has 7";
+    let notice = "images.txt states 12 photographs but holds 7";
     assert!(cut.notices.iter().any(|n| n == notice), "{:?}", cut.notices);
 }
 

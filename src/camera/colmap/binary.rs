@@ -42,7 +42,7 @@ fn camera(source: &mut Source) -> Result<Intrinsics> {
     model.intrinsics(size_px, &parameters?)
 }
 
-/// Reads the photographs in the order of the file. The count of a text file is `None` here: it is part of the format.
+/// Reads the photographs in the order of the file. The second value, the count in comments, exists in text files only.
 pub(super) fn images(path: &Path) -> Result<(Vec<Photograph>, Option<usize>)> {
     let mut source = Source::open(path)?;
     // A name ends with a zero byte; the number of points follows.

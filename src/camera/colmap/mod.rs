@@ -47,7 +47,7 @@ impl Files {
         let mut file = assembled(&cameras, photographs).with_context(|| named(&self.images))?;
         if let Some(announced) = announced.filter(|announced| *announced != count) {
             let images = named(&self.images);
-            file.notices.push(format!("{images} says that it has {announced} photographs, and has {count}"));
+            file.notices.push(format!("{images} states {announced} photographs but holds {count}"));
         }
         Ok(file)
     }
@@ -96,7 +96,7 @@ fn largest(models: &[(u64, Files)]) -> Result<CameraFile> {
     }
     let (number, mut best) = best.context("there is no model")?;
     let (count, photographs) = (models.len(), best.cameras.len());
-    best.notices.push(format!("of {count} models the largest is taken, {number} with {photographs} photographs"));
+    best.notices.push(format!("model {number} with {photographs} photographs is used, the largest of {count} models"));
     Ok(best)
 }
 
