@@ -23,7 +23,7 @@ fn draw(gpu: &Gpu, rung: &Rung, scene: &Gaussians, cameras: &[Camera]) -> (Varia
 }
 
 #[test]
-fn the_last_rung_is_the_frame_that_render_draws() {
+fn the_last_rung_is_the_frame_of_the_portable_path() {
     let gpu = Gpu::new();
     let (scene, camera) = (synthetic::cactus(4000).unwrap().gaussians, camera([150, 90]));
     let last = draw(&gpu, &RUNGS[RUNGS.len() - 1], &scene, std::slice::from_ref(&camera));
