@@ -1,4 +1,4 @@
-//! A buffer of plain elements in device memory.
+//! Buffers of plain elements in device memory.
 
 use std::marker::PhantomData;
 use std::mem::size_of;
@@ -29,8 +29,11 @@ impl<T> Clone for Buffer<T> {
 }
 
 impl<T: Element> Buffer<T> {
-    /// A buffer that shaders can bind whole. Its content is undefined. A length of 0 is stored as 1: Vulkan has no
-    /// empty buffers, and an empty scene is no special case.
+    /// Allocates a buffer that shaders bind as a whole. Its content is undefined. A length of 0 is stored as 1 because
+    /// Vulkan has no empty buffers.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if the buffer exceeds the device's largest storage range, or device memory is exhausted.
     pub fn new(device: &Device, name: &str, len: usize) -> Result<Self> {
         let bytes = (len.max(1) * size_of::<T>()) as u64;
         let limit = device.capabilities().limits.storage_range;
@@ -48,7 +51,7 @@ impl<T: Element> Buffer<T> {
         Ok(Self { storage: Arc::new(storage), len, _element: PhantomData })
     }
 
-    /// Elements.
+    /// The number of elements.
     pub fn len(&self) -> usize {
         self.len
     }
@@ -65,34 +68,38 @@ impl<T: Element> Buffer<T> {
         self.storage.bytes
     }
 
-    /// Whether it is in the memory of this device.
+    /// True if the buffer is in the memory of this device.
     pub fn is_on(&self, device: &Device) -> bool {
         Arc::ptr_eq(&self.storage.device, &device.0)
     }
 
-    /// Name and bytes.
+    /// The name and the size in bytes.
     pub fn footprint(&self) -> (&str, u64) {
         (self.name(), self.bytes())
     }
 
-    /// The same buffer seen as 32-bit words.
+    /// The same buffer, seen as 32-bit words.
+    ///
+    /// # Panics
+    /// If the size of an element is not a multiple of 4 bytes.
     pub fn words(&self) -> Buffer<u32> {
         assert!(size_of::<T>().is_multiple_of(4), "elements of `{}` are not whole words", self.name());
         Buffer { storage: self.storage.clone(), len: self.len * size_of::<T>() / 4, _element: PhantomData }
     }
 }
 
-/// Rows of 32 words that lie across two lines take twice as long on an H100, whose buffers may begin at any 16 bytes.
-const CACHE_LINES: u64 = 256;
+/// Alignment of buffers in bytes. An H100 allows 16, but reading a row of 32 words that crosses a cache line takes it
+/// twice as long.
+const ALIGNMENT: u64 = 256;
 
 /// The Vulkan buffer and its memory.
 pub struct Storage {
     pub(super) raw: vk::Buffer,
     pub(super) name: String,
     pub(super) bytes: u64,
-    /// Tells resources apart in the missing-barrier check.
+    /// Identifies the resource in the missing-barrier check.
     pub(super) id: u64,
-    /// An element is so many of these; a staging buffer's say nothing.
+    /// An element consists of `columns` numbers of this kind. Staging buffers leave both at their defaults.
     pub(super) scalar: Scalar,
     pub(super) columns: usize,
     allocation: Option<Allocation>,
@@ -127,7 +134,7 @@ impl Storage {
         };
         // SAFETY: clause 1.
         let mut requirements = unsafe { device.raw.get_buffer_memory_requirements(raw) };
-        requirements.alignment = requirements.alignment.max(CACHE_LINES);
+        requirements.alignment = requirements.alignment.max(ALIGNMENT);
         let allocation = storage.allocation.insert(device.allocate(name, requirements, location, true)?);
         // SAFETY: clauses 1 and 4, fresh memory that meets the buffer's requirements.
         unsafe { device.raw.bind_buffer_memory(raw, allocation.memory(), allocation.offset()) }
@@ -136,7 +143,7 @@ impl Storage {
         Ok(storage)
     }
 
-    /// The bytes of a host-visible buffer.
+    /// The bytes of a host-visible buffer. Panics if the buffer is not host-visible, as does [`Storage::mapped_mut`].
     pub(super) fn mapped(&self) -> &[u8] {
         let bytes = self.allocation.as_ref().and_then(|a| a.mapped_slice()).expect("a staging buffer is mapped");
         &bytes[..self.bytes as usize]

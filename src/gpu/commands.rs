@@ -21,22 +21,22 @@ use super::stage::Stage;
 use super::submission::{Capture, InFlight, Readback, Slot, Submission};
 use super::timings::Scope;
 
-/// Which scopes get timestamps. A timestamp costs time itself.
+/// The scopes that get timestamps. Each timestamp costs some GPU time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Timestamps {
     /// Every scope.
     All,
-    /// Only scopes that are in no other.
+    /// Scopes that are not inside another scope.
     Outermost,
 }
 
-/// A command buffer being recorded. What it uses it keeps alive until it is done.
+/// A command buffer being recorded. It keeps every resource that it uses alive until the GPU has finished with it.
 pub struct Commands {
     pub(super) recording: u64,
     pub(super) device: Device,
     pub(super) slot: Option<Slot>,
     kept: Vec<Arc<dyn Any + Send + Sync>>,
-    /// Images that these commands use first.
+    /// Images whose first use is in these commands.
     pub(super) fresh: Vec<Arc<Texture>>,
     hazards: Option<Hazards>,
     barriers: usize,
@@ -48,12 +48,16 @@ pub struct Commands {
     /// Buffers written since the outermost scope began, when captures are wanted.
     pub(super) written: Option<Vec<Arc<Storage>>>,
     pub(super) captures: Vec<Capture>,
-    /// What went wrong where nothing could be returned; `submit` returns it.
+    /// The first failure inside a call that returns no error; `submit` returns it.
     pub(super) failure: Option<anyhow::Error>,
     pub(super) has_readbacks: bool,
 }
 
 impl Commands {
+    /// Begins a recording.
+    ///
+    /// # Errors
+    /// Vulkan cannot allocate a command buffer or its query pool.
     pub fn new(device: &Device) -> Result<Self> {
         let slot = Slot::take(&device.0)?;
         Ok(Self {
@@ -80,25 +84,28 @@ impl Commands {
         self.timestamps = timestamps;
     }
 
-    /// Hides the barrier of this number, from 0, from the missing-barrier check: how the check itself is tested.
+    /// Hides barrier `number` (from 0) from the missing-barrier check, to test the check.
     pub fn overlook_barrier(&mut self, number: usize) {
         self.overlooked_barrier = Some(number);
     }
 
-    /// From here on keeps a copy of every buffer that a scope wrote, taken at the end of that scope.
+    /// From now on copies every buffer that a scope wrote, at the end of that scope.
     pub fn capture_scopes(&mut self) {
         self.written = Some(Vec::new());
     }
 
-    /// Runs `stage` over `extent`.
+    /// Runs `stage` over `size`; an empty size records nothing.
+    ///
+    /// # Panics
+    /// If the stage or a resource belongs to another device.
     pub fn dispatch<S: Shader>(
         &mut self,
         stage: &Stage<S>,
         bindings: S::Bindings<'_>,
         push: S::Push,
-        extent: DispatchSize,
+        size: DispatchSize,
     ) {
-        let [x, y] = extent.groups(S::WORKGROUP[0]);
+        let [x, y] = size.groups(S::WORKGROUP[0]);
         if x > 0 {
             self.bind(stage, &bindings, &push);
             // SAFETY: clauses 2 and 4; the counts are within every device's limits by FOLD.
@@ -106,7 +113,13 @@ impl Commands {
         }
     }
 
-    /// Runs `stage` over the workgroup counts (three words) found at byte `offset` of `counts`.
+    /// Runs `stage` with the workgroup counts (three words) at byte `offset` of `counts`.
+    ///
+    /// The counts must have been written by a shader of this crate, folded like [`DispatchSize::groups`]: the GPU reads
+    /// them, so nothing can check that they are within the device's limits.
+    ///
+    /// # Panics
+    /// If the counts are not whole words inside the buffer, or something belongs to another device.
     pub fn dispatch_indirect<S: Shader, T: Element>(
         &mut self,
         stage: &Stage<S>,
@@ -124,7 +137,7 @@ impl Commands {
         unsafe { self.device.0.raw.cmd_dispatch_indirect(self.raw(), counts.storage.raw, offset as u64) };
     }
 
-    /// Orders what came before: accesses `from` are done, and seen by accesses `to` that come after.
+    /// Orders the commands before and after it: accesses `from` are finished and visible to later accesses `to`.
     pub fn barrier(&mut self, from: Access, to: Access) {
         if let Some(hazards) = &mut self.hazards
             && self.overlooked_barrier != Some(self.barriers)
@@ -140,7 +153,7 @@ impl Commands {
         self.pipeline_barrier(&vk::DependencyInfo::default().memory_barriers(&[barrier]));
     }
 
-    /// Fills a buffer with one word.
+    /// Fills the whole buffer with one word.
     pub fn fill<T: Element>(&mut self, buffer: &Buffer<T>, word: u32) {
         self.writes(buffer.resource(), "fill", Access::COPY_WRITE);
         self.keep(buffer.resource());
@@ -148,7 +161,13 @@ impl Commands {
         unsafe { self.device.0.raw.cmd_fill_buffer(self.raw(), buffer.storage.raw, 0, vk::WHOLE_SIZE, word) };
     }
 
-    /// Writes `len` elements from `offset` on, made by `make` in memory that the device can read.
+    /// Writes `len` elements of `buffer`, beginning with element `offset`. `make` writes them to a staging buffer.
+    ///
+    /// # Errors
+    /// The staging buffer cannot be allocated.
+    ///
+    /// # Panics
+    /// If the elements are not inside the buffer.
     pub fn upload<T: Element>(
         &mut self,
         buffer: &Buffer<T>,
@@ -166,7 +185,7 @@ impl Commands {
         }
         let bytes = (len * size_of::<T>()) as u64;
         let usage = vk::BufferUsageFlags::TRANSFER_SRC;
-        // Cached memory of the host, although it is read by the device: it is written by many threads.
+        // Cached host memory, although the device reads it: many threads write it.
         let mut staging = Storage::new(&self.device.0, "upload", bytes, usage, MemoryLocation::GpuToCpu)?;
         make(bytemuck::cast_slice_mut(staging.mapped_mut()));
         self.writes(buffer.resource(), "upload", Access::COPY_WRITE);
@@ -175,7 +194,10 @@ impl Commands {
         Ok(())
     }
 
-    /// Copies a buffer to the host; the content is there after the wait.
+    /// Copies a buffer to the host. [`Results::view`](super::Results::view) gives its content after the wait.
+    ///
+    /// # Errors
+    /// The memory of the copy cannot be allocated.
     pub fn read<T: Element>(&mut self, buffer: &Buffer<T>) -> Result<Readback<T>> {
         self.reads(buffer.resource(), "read back", Access::COPY_READ);
         let staging = self.readback_storage((buffer.len().max(1) * size_of::<T>()) as u64)?;
@@ -184,12 +206,15 @@ impl Commands {
         Ok(Readback::new(staging, buffer.len(), self.recording))
     }
 
-    /// Ends the recording and hands it to the GPU, behind everything submitted before.
+    /// Ends the recording and submits it. The GPU runs it after everything submitted before.
+    ///
+    /// # Errors
+    /// A capture could not be allocated, or Vulkan refuses the submission.
     pub fn submit(self) -> Result<InFlight> {
         self.submit_between(None, None)
     }
 
-    /// The same, after `wait` is signalled; `signal` is when it is done.
+    /// Like [`Commands::submit`], but begins after `wait` is signalled, and signals `signal` at the end.
     pub(super) fn submit_between(
         mut self,
         wait: Option<vk::Semaphore>,
@@ -209,7 +234,7 @@ impl Commands {
         InFlight::start(Submission { recording, device, slot, kept, scopes, queries, barriers, captures }, wait, signal)
     }
 
-    /// Keeps anything until the commands are done.
+    /// Keeps `thing` alive until the commands are done.
     pub(super) fn keep_alive(&mut self, thing: Arc<dyn Any + Send + Sync>) {
         self.kept.push(thing);
     }
@@ -270,7 +295,7 @@ impl Commands {
         self.kept.push(pipeline.clone());
     }
 
-    /// Keeps a resource until the commands are done.
+    /// Keeps a resource alive until the commands are done.
     pub(super) fn keep(&mut self, resource: Resource) {
         self.owns(resource.device());
         match resource {
@@ -282,7 +307,7 @@ impl Commands {
         }
     }
 
-    /// What is recorded together is of one device: clause 4.
+    /// Panics if `device` is not the device of this recording (clause 4).
     fn owns(&self, device: &Arc<Shared>) {
         assert!(Arc::ptr_eq(device, &self.device.0), "a recording, its stages and its resources are of one device");
     }

@@ -1,19 +1,19 @@
-//! How much a dispatch covers, and how large counts become workgroup counts that every device takes.
+//! The size of a dispatch, and its workgroup counts within the limits of every device.
 
-/// Largest workgroup count of a dispatch along x and y that every device takes; more is folded into y.
+/// The largest workgroup count along x or y that every device accepts. Larger counts along x are folded into y.
 pub const FOLD: u32 = 65_535;
 
-/// How much a dispatch covers.
+/// The size of a dispatch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DispatchSize {
     /// At least this many invocations in a row; the shader tests its index.
     Invocations(u64),
-    /// This many workgroups in a row. Over [`FOLD`] they are folded into y, and there may be more of them.
+    /// At least this many workgroups in a row: above [`FOLD`], folding into y may add some.
     Groups(u64),
 }
 
 impl DispatchSize {
-    /// Workgroups along x and y for workgroups of `size` invocations.
+    /// The workgroup counts along x and y for workgroups of `size` invocations.
     pub fn groups(self, size: u32) -> [u32; 2] {
         let groups = match self {
             Self::Invocations(n) => n.div_ceil(size.into()),

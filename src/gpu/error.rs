@@ -1,20 +1,20 @@
-//! The failures of the GPU layer that a program answers differently from others.
+//! The failures of the GPU layer that a program handles differently from others.
 
 use ash::vk;
 
 use crate::host_memory::OutOfMemory;
 
-/// No device can be used: the sentence says what is missing and what to install.
+/// No device can be used. The message says what is missing and what to install.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Unavailable(pub String);
 
-/// The device has stopped for good: all that was on it is gone, and it can be opened anew.
+/// The device has stopped and its content is lost. It can be opened again.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct DeviceLost(pub String);
 
-/// Says which call failed; running out of memory and a lost device keep their types.
+/// An error that names the failed call. [`OutOfMemory`] and [`DeviceLost`] keep their types.
 pub(super) fn describe(call: &'static str, result: vk::Result) -> anyhow::Error {
     match result {
         vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY => {

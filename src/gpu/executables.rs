@@ -1,4 +1,4 @@
-//! What the driver says of the pipelines it compiled: registers, binary sizes.
+//! The driver's statistics of compiled pipelines, such as registers and binary sizes.
 
 use std::ffi::{CStr, c_char};
 use std::sync::Mutex;
@@ -8,15 +8,15 @@ use ash::{khr, vk};
 
 use super::error::describe;
 
-/// What the driver says of one compiled shader, in its own words.
+/// The driver's statistics of one compiled shader: names and values.
 #[derive(Clone, Debug)]
 pub struct Executable {
-    /// Of the stage.
+    /// The name of the stage.
     pub stage: &'static str,
     pub statistics: Vec<(String, String)>,
 }
 
-/// Asks about pipelines, from when that is wanted: it may keep a driver from using its cache.
+/// Collects statistics of pipelines once that is switched on; asking for them may bypass the driver's cache.
 pub(super) struct Executables {
     functions: khr::pipeline_executable_properties::Device,
     found: Mutex<Option<Vec<Executable>>>,
@@ -35,7 +35,7 @@ impl Executables {
         self.found().take().unwrap_or_default()
     }
 
-    /// With what flags a pipeline is made.
+    /// The flags for creating a pipeline.
     pub fn flags(&self) -> vk::PipelineCreateFlags {
         match *self.found() {
             Some(_) => vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR,
@@ -43,11 +43,11 @@ impl Executables {
         }
     }
 
-    /// Notes what there is to know of a pipeline that was made with these flags.
+    /// Stores the statistics of a pipeline that was created with [`Executables::flags`].
     pub fn note(&self, pipeline: vk::Pipeline, stage: &'static str) -> Result<()> {
         let Some(found) = &mut *self.found() else { return Ok(()) };
         let info = vk::PipelineInfoKHR::default().pipeline(pipeline);
-        // SAFETY: clauses 1 and 4, here and below; the pipeline was made to be asked.
+        // SAFETY: clauses 1 and 4, here and below; the pipeline was created with the flag for statistics.
         let count = unsafe { self.functions.get_pipeline_executable_properties(&info) };
         let count = count.map_err(|e| describe("vkGetPipelineExecutablePropertiesKHR", e))?.len() as u32;
         for index in 0..count {

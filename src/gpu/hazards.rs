@@ -1,14 +1,14 @@
-//! The missing-barrier check: says when a command uses what an earlier one wrote, with no barrier between them.
+//! The missing-barrier check: reports a command that uses what an earlier one wrote without a barrier between them.
 //!
-//! The reflected interface of a shader tells who reads and who writes a resource, so the check needs no annotations.
-//! It knows whole resources, not ranges, and one command buffer: submissions are chained by the timeline semaphore.
+//! Reflection tells which shader reads and writes a resource, so the check needs no annotations. It works on whole
+//! resources, not on ranges, and within one command buffer: the timeline semaphore orders submissions.
 
 use std::collections::HashMap;
 
 use ash::vk;
 use bitflags::bitflags;
 
-/// Triangles are blended with what an image holds.
+/// Drawn triangles are blended with the image, so drawing reads it too.
 const DRAWN: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
     vk::AccessFlags2::COLOR_ATTACHMENT_READ.as_raw() | vk::AccessFlags2::COLOR_ATTACHMENT_WRITE.as_raw(),
 );
@@ -60,7 +60,7 @@ impl Access {
     }
 }
 
-/// What the commands recorded so far did to each resource.
+/// The accesses to each resource by the commands recorded so far.
 #[derive(Default)]
 pub(super) struct Hazards {
     resources: HashMap<u64, History>,
@@ -68,9 +68,9 @@ pub(super) struct Hazards {
 
 #[derive(Default)]
 struct History {
-    /// The newest write: how, by whom, and for which later accesses a barrier made it visible.
+    /// The newest write: the access, the command, and the later accesses that a barrier made it visible to.
     write: Option<(Access, String, Access)>,
-    /// Reads since then: how, by whom, and which later accesses a barrier put behind them.
+    /// The reads since that write: the access, the command, and the later accesses that a barrier put after it.
     reads: Vec<(Access, String, Access)>,
 }
 
@@ -91,7 +91,7 @@ impl Hazards {
         }
     }
 
-    /// Notes that `command` reads `resource`; a message if it may see old content.
+    /// Records that `command` reads `resource`. Returns a message if it may read old content.
     pub fn read(&mut self, resource: u64, name: &str, command: &str, access: Access) -> Option<String> {
         let history = self.resources.entry(resource).or_default();
         history.reads.push((access, command.to_owned(), Access::empty()));
@@ -101,11 +101,11 @@ impl Hazards {
         }
     }
 
-    /// Notes that `command` writes `resource`; a message if an earlier access may still be under way.
+    /// Records that `command` writes `resource`. Returns a message if an earlier access may not be finished.
     pub fn write(&mut self, resource: u64, name: &str, command: &str, access: Access) -> Option<String> {
         let history = self.resources.entry(resource).or_default();
         let unfinished_write = history.write.as_ref().filter(|(_, _, visible)| !visible.contains(access));
-        // Its own read of what it updates is no conflict.
+        // A command may read the resource that it updates.
         let unfinished_read =
             history.reads.iter().find(|(_, who, behind)| who != command && !behind.intersects(access));
         let message =

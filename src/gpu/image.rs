@@ -1,4 +1,4 @@
-//! 2-D images that shaders write: of four floats a pixel, which the host reads, or as a screen shows them.
+//! 2-D images that shaders write: four floats per pixel for the host, or 8 bits per channel for a screen.
 
 use std::any::Any;
 use std::sync::Arc;
@@ -14,14 +14,18 @@ use super::error::describe;
 use super::id::next_id;
 use crate::host_memory::OutOfMemory;
 
-/// `width` x `height` pixels, of format R32G32B32A32_SFLOAT unless they are for a screen, in the layout GENERAL from its first use on. A clone is the same
-/// image.
+/// An image of `width` x `height` pixels in the format R32G32B32A32_SFLOAT, or in 8 bits per channel for a screen. Its
+/// layout is GENERAL from the first use on. A clone is the same image.
 #[derive(Clone)]
 pub struct Image {
     pub(super) texture: Arc<Texture>,
 }
 
 impl Image {
+    /// Allocates an image of four floats per pixel. Its content is undefined.
+    ///
+    /// # Errors
+    /// A side is 0, or [`OutOfMemory`] if the image exceeds the device's limits or memory.
     pub fn new(device: &Device, name: &str, width: u32, height: u32) -> Result<Self> {
         ensure!(width > 0 && height > 0, "an image has at least one pixel");
         let limit = device.capabilities().limits.image;
@@ -36,7 +40,11 @@ impl Image {
         Ok(Self { texture: Arc::new(Texture::new(&device.0, name, (format, usage), [width, height])?) })
     }
 
-    /// Red, green, blue and alpha in 8 bits, as a window would show them: what is drawn into where there is no window.
+    /// Allocates an image with red, green, blue and alpha in 8 bits each. It takes the place of a window's image where
+    /// there is no window.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if device memory is exhausted.
     pub fn screen(device: &Device, name: &str, size: [u32; 2]) -> Result<Self> {
         let usage = vk::ImageUsageFlags::STORAGE
             | vk::ImageUsageFlags::COLOR_ATTACHMENT
@@ -64,12 +72,12 @@ pub struct Texture {
     pub(super) size: [u32; 2],
     pub(super) format: vk::Format,
     pub(super) id: u64,
-    /// Whether the first command that uses it is recorded, and before it the change to its layout.
+    /// True once the change to the layout GENERAL and the first command after it are recorded.
     pub(super) is_general: AtomicBool,
     bytes: u64,
-    /// None for an image of a swapchain, which is part of that.
+    /// None for an image of a swapchain, which owns the memory.
     allocation: Option<Allocation>,
-    /// Lives as long as its image is used.
+    /// The swapchain that owns the image, kept alive as long as this.
     swapchain: Option<Arc<dyn Any + Send + Sync>>,
     pub(super) device: Arc<Shared>,
 }
@@ -120,7 +128,7 @@ impl Texture {
         Ok(texture)
     }
 
-    /// Image `raw` of a swapchain, which is kept as long as this is.
+    /// Wraps image `raw` of a swapchain and keeps the swapchain alive.
     pub(super) fn of_swapchain(
         device: &Arc<Shared>,
         raw: vk::Image,

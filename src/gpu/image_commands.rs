@@ -1,4 +1,4 @@
-//! What commands do with whole images: copies from and to the host, and the layouts that they are in.
+//! Commands on whole images: copies to and from the host, and changes of layout.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -23,7 +23,13 @@ const LAYER: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers {
 };
 
 impl Commands {
-    /// Copies some rows of an image to the host, row by row without gaps.
+    /// Copies the `rows` of an image of floats to the host, row by row without gaps.
+    ///
+    /// # Errors
+    /// The memory of the copy cannot be allocated.
+    ///
+    /// # Panics
+    /// If `rows` is empty or not inside the image.
     pub fn read_rows(&mut self, image: &Image, rows: Range<u32>) -> Result<Readback<[f32; 4]>> {
         let [width, height] = image.size();
         assert!(rows.start < rows.end && rows.end <= height, "the rows lie in the image");
@@ -43,7 +49,13 @@ impl Commands {
         Ok(Readback::new(staging, pixels, self.recording))
     }
 
-    /// Writes every pixel of an image of floats, row by row.
+    /// Writes all pixels of an image of floats, row by row.
+    ///
+    /// # Errors
+    /// The staging buffer cannot be allocated.
+    ///
+    /// # Panics
+    /// If the number of pixels differs from the image's.
     pub fn upload_image(&mut self, image: &Image, pixels: &[[f32; 4]]) -> Result<()> {
         let [width, height] = image.size();
         assert_eq!(pixels.len(), width as usize * height as usize, "there is a value for every pixel");
@@ -56,7 +68,10 @@ impl Commands {
         Ok(())
     }
 
-    /// Copies pixels of 8 bits a channel, row by row, into an image for a screen.
+    /// Copies pixels of 8 bits per channel, one word each and row by row, into an image for a screen.
+    ///
+    /// # Panics
+    /// If the buffer has fewer words than the image has pixels.
     pub fn copy_to_screen(&mut self, from: &Buffer<u32>, to: &Image) {
         let [width, height] = to.size();
         assert!(from.len() >= width as usize * height as usize, "there is a word for every pixel");
@@ -65,7 +80,7 @@ impl Commands {
         self.fill_image(&from.storage, to);
     }
 
-    /// Copies all pixels of an image from a buffer that has as many.
+    /// Copies all pixels of an image from a buffer that holds at least as many.
     fn fill_image(&mut self, from: &Arc<Storage>, to: &Image) {
         self.keep(Resource::Buffer(from));
         self.keep(to.resource());
@@ -80,7 +95,10 @@ impl Commands {
         unsafe { self.device.0.raw.cmd_copy_buffer_to_image(self.raw(), buffer, image, layout, &[region]) };
     }
 
-    /// Copies an image for a screen to the host: red, green, blue, alpha.
+    /// Copies an image for a screen to the host: red, green, blue and alpha of each pixel, row by row.
+    ///
+    /// # Errors
+    /// The memory of the copy cannot be allocated.
     pub fn read_screen(&mut self, image: &Image) -> Result<Readback<[u8; 4]>> {
         let [width, height] = image.size();
         self.reads(image.resource(), "read back", Access::COPY_READ);
@@ -100,13 +118,13 @@ impl Commands {
         Ok(Readback::new(staging, pixels, self.recording))
     }
 
-    /// Brings a fresh image into the layout in which it stays.
+    /// Changes the layout of a new image to GENERAL, in which it stays.
     pub(super) fn make_general(&mut self, texture: &Arc<Texture>) {
         if texture.is_general.swap(true, Ordering::Relaxed) {
             return;
         }
         let barrier = vk::ImageMemoryBarrier2::default()
-            // Behind the wait for an image of a swapchain.
+            // After the wait for an image of a swapchain.
             .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
             .dst_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
             .dst_access_mask(vk::AccessFlags2::MEMORY_WRITE | vk::AccessFlags2::MEMORY_READ)
@@ -118,7 +136,7 @@ impl Commands {
         self.fresh.push(texture.clone());
     }
 
-    /// Brings an image of a window into the layout in which it is shown.
+    /// Changes the layout of a window's image for presentation.
     pub(super) fn make_presentable(&mut self, image: &Image) {
         self.keep(image.resource());
         let barrier = vk::ImageMemoryBarrier2::default()

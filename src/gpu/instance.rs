@@ -1,4 +1,4 @@
-//! The Vulkan loader and instance, and the validation layer's messages.
+//! The Vulkan loader, the instance, and the messages of the validation layer.
 
 use std::ffi::{CStr, c_void};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -11,11 +11,11 @@ use super::error::{Unavailable, describe};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// What the validation layer and our own checks found wrong.
+/// The messages of the validation layer and of the missing-barrier check.
 pub(super) type Messages = Arc<Mutex<Vec<String>>>;
 
-/// The first instance lives as long as the program. With the last instance the loader would unload the drivers, and a
-/// driver's library cannot be loaded any number of times: thread-local storage is not given back.
+/// The first instance lives as long as the program. Without it, the loader would unload the drivers with the last
+/// instance, and a driver's library can be loaded again only a few times because its thread-local storage is not freed.
 static FIRST: OnceLock<Arc<Instance>> = OnceLock::new();
 
 /// The state of the validation layer, the missing-barrier check, robust buffer access and the stage markers.
@@ -31,27 +31,32 @@ pub enum Validation {
 pub(super) struct Instance {
     pub raw: ash::Instance,
     pub messages: Messages,
-    /// Whether the validation layer is on.
+    /// True if the validation layer is on.
     pub validated: bool,
-    /// Named objects and labels, for the validation layer and for capture tools.
+    /// True if objects and commands can be named for the validation layer and for capture tools.
     pub has_debug_utils: bool,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     pub entry: Entry,
 }
 
 impl Instance {
-    /// Loads Vulkan, with the validation layer as wanted, and with what windows of this display need.
+    /// Loads Vulkan with the validation layer as `validation` asks, and with the extensions for windows on `display`.
     pub fn new(validation: Validation, display: Option<RawDisplayHandle>) -> Result<Arc<Self>> {
         // SAFETY: clause 5's counterpart for the host: the system's Vulkan loader is trusted like its C library.
         let entry = unsafe { Entry::load() }.map_err(|e| {
-            Unavailable(format!("the Vulkan loader cannot be loaded ({e}): install libvulkan1 (Debian, Ubuntu), vulkan-loader (Fedora) or vulkan-icd-loader (Arch)"))
+            Unavailable(format!(
+                "the Vulkan loader cannot be loaded ({e}): install libvulkan1 (Debian, Ubuntu), vulkan-loader (Fedora) \
+                 or vulkan-icd-loader (Arch)"
+            ))
         })?;
         // SAFETY: the entry is alive; enumeration has no other precondition.
         let layers = unsafe { entry.enumerate_instance_layer_properties() }.unwrap_or_default();
         let has_layer = layers.iter().any(|l| l.layer_name_as_c_str() == Ok(VALIDATION_LAYER));
         if validation == Validation::Required && !has_layer {
             return Err(Unavailable(
-                "validation was asked for but VK_LAYER_KHRONOS_validation is not installed: install vulkan-validationlayers".into(),
+                "validation was asked for but VK_LAYER_KHRONOS_validation is not installed: \
+                 install vulkan-validationlayers"
+                    .into(),
             )
             .into());
         }
@@ -66,7 +71,7 @@ impl Instance {
         if has_debug_utils {
             extensions.push(ext::debug_utils::NAME.as_ptr());
         }
-        // Without it the loader hides drivers on top of other interfaces, like MoltenVK.
+        // Without this extension the loader hides drivers on top of other interfaces, like MoltenVK.
         let lists_portable = offers(None, khr::portability_enumeration::NAME);
         if lists_portable {
             extensions.push(khr::portability_enumeration::NAME.as_ptr());
@@ -149,12 +154,12 @@ impl Drop for Instance {
     }
 }
 
-/// A swapchain is not as large as its window. It was when it was asked: a hand that resizes the window is between question
-/// and answer on X11, which nothing prevents, and such a swapchain is stale from the start and made anew.
+/// Messages about a swapchain whose size differs from its window's. On X11 the user can resize the window between the
+/// query of its size and the creation of the swapchain. Such a swapchain is stale at once and is replaced.
 const RESIZED_MEANWHILE: [&str; 2] =
     ["VUID-VkSwapchainCreateInfoKHR-imageExtent-01274", "VUID-VkSwapchainCreateInfoKHR-pNext-07781"];
 
-/// The validation layer's callback: keeps the message.
+/// The callback of the validation layer. Stores the message.
 unsafe extern "system" fn collect(
     _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
     _kind: vk::DebugUtilsMessageTypeFlagsEXT,

@@ -1,4 +1,4 @@
-//! Triangles of an immediate-mode user interface over an image.
+//! Draws the triangles of an immediate-mode user interface (egui) over an image.
 
 use anyhow::{Context, Result};
 use ash::vk;
@@ -13,12 +13,12 @@ use super::hazards::Access;
 use super::image::Image;
 use super::overlay_memory::OverlayMemory;
 
-/// Paints what egui laid out.
+/// Draws the output of egui.
 pub struct Overlay {
     painter: Option<Renderer<OverlayMemory>>,
     pool: vk::CommandPool,
     format: vk::Format,
-    /// Textures out of use, and the submission after which nothing reads them.
+    /// Unused textures, and the last submission that may read each.
     unused: Vec<(TextureId, u64)>,
     device: Device,
 }
@@ -27,11 +27,14 @@ pub struct Overlay {
 const IN_FLIGHT: usize = 4;
 
 impl Overlay {
-    /// For images like this one.
+    /// An overlay for images of the same format as `like`.
+    ///
+    /// # Errors
+    /// The pipeline or its memory cannot be created.
     pub fn new(device: &Device, like: &Image) -> Result<Self> {
         let shared = &device.0;
         let info = vk::CommandPoolCreateInfo::default().queue_family_index(shared.capabilities.queue_family);
-        // SAFETY: clause 1, freed on every path by the drop of what is made next.
+        // SAFETY: clause 1, the Overlay below owns the pool and frees it on every path.
         let pool = unsafe { shared.raw.create_command_pool(&info, None) };
         let format = like.texture.format;
         let mut overlay = Self {
@@ -52,23 +55,23 @@ impl Overlay {
             RenderMode::DynamicRendering(target),
             Options { in_flight_frames: IN_FLIGHT, ..Options::default() },
         );
-        overlay.painter = Some(painter.context("cannot make what draws the panels")?);
+        overlay.painter = Some(painter.context("cannot create the pipeline of the panels")?);
         Ok(overlay)
     }
 
-    /// Whether it can draw over this image.
+    /// True if the overlay can draw over this image.
     pub fn fits(&self, image: &Image) -> bool {
         self.format == image.texture.format
     }
 
-    /// Makes or changes a texture. Waits for the GPU; panels do it when they show new letters.
+    /// Creates or changes a texture, for example when the panels show new glyphs. Waits for the GPU.
     pub fn set_texture(&mut self, id: TextureId, change: &ImageDelta) -> Result<()> {
         let queue = self.device.0.queue.lock().expect("no holder of the queue panics");
         let painter = self.painter.as_mut().expect("the painter lives until drop");
-        painter.set_texture(queue.raw, self.pool, id, change).context("cannot store the letters of the panels")
+        painter.set_texture(queue.raw, self.pool, id, change).context("cannot store a texture of the panels")
     }
 
-    /// Gives a texture up, once all that was submitted is done.
+    /// Frees a texture after everything submitted so far is done.
     pub fn free_texture(&mut self, id: TextureId) {
         self.unused.push((id, self.device.submitted()));
     }
@@ -84,7 +87,14 @@ impl Overlay {
 }
 
 impl Commands {
-    /// Draws `triangles` over `image`. At most three such recordings are on the GPU when this one joins them.
+    /// Draws `triangles` over `image`. When the commands are submitted, at most three other recordings with this
+    /// overlay may be on the GPU.
+    ///
+    /// # Errors
+    /// The memory for the triangles cannot be allocated.
+    ///
+    /// # Panics
+    /// If the overlay does not fit the image.
     pub fn overlay(
         &mut self,
         overlay: &mut Overlay,
@@ -110,7 +120,7 @@ impl Commands {
         let raw = self.raw();
         let device = &overlay.device.0.raw;
         let painter = overlay.painter.as_mut().expect("the painter lives until drop");
-        // SAFETY: clauses 2 and 4; the painter keeps as many meshes as recordings can be on the GPU.
+        // SAFETY: clauses 2 and 4; the painter keeps the meshes of `IN_FLIGHT` recordings.
         unsafe {
             device.cmd_begin_rendering(raw, &info);
             let drawn = painter.cmd_draw(raw, extent, pixels_per_point, triangles);

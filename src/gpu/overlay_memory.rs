@@ -1,4 +1,4 @@
-//! Where what draws the panels keeps its triangles and letters: in the device's own memory, which the host writes directly.
+//! Device memory for the vertices, indices and textures of the overlay.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use gpu_allocator::vulkan::Allocation;
 
 use super::device::Shared;
 
-/// Memory of a device, with its other resources'.
+/// Allocates from the device's allocator, like all other resources.
 pub(super) struct OverlayMemory(pub Arc<Shared>);
 
 const NAME: &str = "panels";
@@ -37,7 +37,7 @@ impl Allocator for OverlayMemory {
         usage: vk::BufferUsageFlags,
     ) -> RendererResult<(vk::Buffer, Allocation)> {
         let info = vk::BufferCreateInfo::default().size(size as u64).usage(usage);
-        // SAFETY: clauses 1 and 4, fresh memory that meets the buffer's requirements; whoever draws owns both.
+        // SAFETY: clauses 1 and 4, fresh memory that meets the buffer's requirements; the painter owns both.
         unsafe {
             let buffer = device.create_buffer(&info, None)?;
             let requirements = device.get_buffer_memory_requirements(buffer);
@@ -73,7 +73,7 @@ impl Allocator for OverlayMemory {
     }
 
     fn destroy_buffer(&mut self, device: &ash::Device, buffer: vk::Buffer, memory: Allocation) -> RendererResult<()> {
-        // SAFETY: clause 2, whoever draws waits for its use.
+        // SAFETY: clause 2, the painter waits until the GPU has finished with it.
         unsafe { device.destroy_buffer(buffer, None) };
         self.0.free(memory);
         Ok(())

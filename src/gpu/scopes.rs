@@ -11,7 +11,8 @@ use super::submission::{Capture, MAX_SCOPES, SPARE_QUERY};
 use super::timings::Scope;
 
 impl Commands {
-    /// Runs `record` inside a scope: a debug label, two timestamps and a row in the report.
+    /// Runs `record` inside a scope: a debug label, two timestamps and a row in
+    /// [`Results::timings`](super::Results::timings).
     pub fn scope<R>(&mut self, name: &'static str, record: impl FnOnce(&mut Self) -> R) -> R {
         let raw = self.raw();
         let label = CString::new(name).expect("scope names contain no zero byte");
@@ -36,12 +37,12 @@ impl Commands {
         result
     }
 
-    /// Writes the stage marker, so that a lost device can tell where it was.
+    /// Writes the stage marker, which tells the last stage begun after the device is lost.
     fn mark(&mut self, name: &'static str) {
         let raw = self.raw();
         let slot = self.slot.as_mut().expect("a recording has a slot until it is submitted");
         if let Some((marker, value)) = slot.next_mark(name) {
-            // Execution only: a memory dependency here would hide a missing barrier from the validation layer.
+            // An execution dependency only: a memory dependency would hide a missing barrier from the validation layer.
             let order = vk::MemoryBarrier2::default()
                 .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
                 .dst_stage_mask(vk::PipelineStageFlags2::ALL_TRANSFER);
@@ -74,7 +75,7 @@ impl Commands {
         Some(query)
     }
 
-    /// Copies what the scope wrote, when captures are wanted.
+    /// Copies the buffers that the scope wrote, if captures are on.
     fn capture(&mut self, scope: &'static str) {
         let Some(written) = &mut self.written else { return };
         let written = std::mem::take(written);

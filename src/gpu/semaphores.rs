@@ -1,4 +1,4 @@
-//! Binary semaphores, which windows use beside the timeline of submissions.
+//! Binary semaphores for windows. Submissions are ordered by a timeline semaphore instead.
 
 use std::sync::{Arc, Mutex};
 
@@ -8,7 +8,7 @@ use ash::vk;
 use super::device::Shared;
 use super::error::describe;
 
-/// Semaphores for acquisitions, each used again when the submission that waited for it is done.
+/// A pool of semaphores for acquiring images. Each is reused when the submission that waited for it is done.
 pub(super) struct Semaphores {
     idle: Mutex<Vec<vk::Semaphore>>,
     device: Arc<Shared>,
@@ -37,7 +37,7 @@ impl Drop for Ready {
 }
 
 pub(super) fn semaphore(device: &Shared) -> Result<vk::Semaphore> {
-    // SAFETY: clause 1, whoever asks owns it.
+    // SAFETY: clause 1, the caller owns it.
     unsafe { device.raw.create_semaphore(&vk::SemaphoreCreateInfo::default(), None) }
         .map_err(|e| describe("vkCreateSemaphore", e))
 }

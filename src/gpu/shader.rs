@@ -13,9 +13,9 @@ pub unsafe trait Shader {
     const NAME: &'static str;
     /// The shader's file, relative to the folder of shaders.
     const PATH: &'static str;
-    /// The module, little-endian words.
+    /// The SPIR-V module, little-endian words.
     const SPIRV: &'static [u8];
-    /// The fingerprint of the interface, which a module that is loaded at run time must have too.
+    /// The fingerprint of the interface. A module that is compiled at run time must have the same.
     const INTERFACE: u64;
     /// Invocations in a workgroup.
     const WORKGROUP: [u32; 3];
@@ -30,7 +30,7 @@ pub unsafe trait Shader {
 pub struct Binding {
     pub number: u32,
     pub name: &'static str,
-    /// Descriptors in it.
+    /// The number of descriptors: 1, or the length of an array.
     pub count: u32,
     pub kind: BindingKind,
     pub reads: bool,

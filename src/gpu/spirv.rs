@@ -1,4 +1,4 @@
-//! What a compute shader asks of its caller, read from its SPIR-V: bindings, push constants, specialization constants.
+//! Reads the interface of a compute shader from SPIR-V: bindings, push constants, specialization constants.
 //!
 //! `build.rs` includes this file and turns an [`Interface`] into Rust types; the library does only with the feature
 //! `reload`.
@@ -27,7 +27,7 @@ pub struct Interface {
 #[derive(Debug, PartialEq)]
 pub struct Binding {
     pub number: u32,
-    /// The variable's name, or for a block without one the name of its only member.
+    /// The variable's name, or the name of the only member of a block without an instance name.
     pub name: String,
     /// Descriptors: 1, or the length of a descriptor array.
     pub count: u32,
@@ -219,7 +219,8 @@ impl<'m> Reflector<'m> {
                 .with_context(|| format!("`{name}.{member_name}` has no offset"))?;
             ensure!(
                 offset == end,
-                "padding before `{name}.{member_name}`: it is at byte {offset}, its predecessor ends at {end}; use `scalar` layout and order members by alignment"
+                "padding before `{name}.{member_name}`: it is at byte {offset}, its predecessor ends at {end}; \
+                 use `scalar` layout and order members by alignment"
             );
             end = offset + self.size(&ty);
             members.push(Member { name: member_name, ty });

@@ -1,4 +1,4 @@
-//! Host memory that the device copies to and from, kept from one use to the next.
+//! Host memory that the device copies to and from, kept for several uses.
 
 use std::marker::PhantomData;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use super::device::Device;
 use super::element::Element;
 use super::hazards::Access;
 
-/// `len` elements of type `T` in host memory, for copies that every frame repeats.
+/// `len` elements of type `T` in host memory, for copies that are repeated every frame.
 pub struct Staging<T> {
     storage: Arc<Storage>,
     len: usize,
@@ -21,7 +21,10 @@ pub struct Staging<T> {
 }
 
 impl<T: Element> Staging<T> {
-    /// Its content is undefined. A length of 0 is stored as 1.
+    /// Allocates the memory. Its content is undefined. A length of 0 is stored as 1.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`](crate::host_memory::OutOfMemory) if the memory cannot be allocated.
     pub fn new(device: &Device, name: &str, len: usize) -> Result<Self> {
         let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let bytes = (len.max(1) * size_of::<T>()) as u64;
@@ -29,7 +32,7 @@ impl<T: Element> Staging<T> {
         Ok(Self { storage: Arc::new(storage), len, _element: PhantomData })
     }
 
-    /// Elements.
+    /// The number of elements.
     pub fn len(&self) -> usize {
         self.len
     }
@@ -41,7 +44,7 @@ impl<T: Element> Staging<T> {
     /// The elements.
     ///
     /// # Panics
-    /// While commands that copy to or from here are recorded or on the GPU.
+    /// If commands that copy from or to this memory are being recorded or are on the GPU.
     pub fn map(&mut self) -> &mut [T] {
         let storage = Arc::get_mut(&mut self.storage).expect("staging memory is opened when no commands use it");
         &mut bytemuck::cast_slice_mut(storage.mapped_mut())[..self.len]
@@ -49,7 +52,10 @@ impl<T: Element> Staging<T> {
 }
 
 impl Commands {
-    /// Copies the first `len` elements to the host; they are there after the wait.
+    /// Copies the first `len` elements to the host. They are there after the wait.
+    ///
+    /// # Panics
+    /// If either side has fewer elements.
     pub fn download<T: Element>(&mut self, from: &Buffer<T>, to: &Staging<T>, len: usize) {
         assert!(len <= from.len() && len <= to.len, "the elements of `{}` lie in it and fit", from.name());
         self.reads(from.resource(), "download", Access::COPY_READ);
@@ -58,6 +64,9 @@ impl Commands {
     }
 
     /// Copies the first `len` elements to the device.
+    ///
+    /// # Panics
+    /// If either side has fewer elements.
     pub fn upload_staged<T: Element>(&mut self, from: &Staging<T>, to: &Buffer<T>, len: usize) {
         assert!(len <= from.len && len <= to.len(), "the elements of `{}` lie in it and fit", to.name());
         self.writes(to.resource(), "upload", Access::COPY_WRITE);

@@ -1,4 +1,4 @@
-//! A submitted command buffer: the wait for it and what it brings back.
+//! A submitted command buffer: the wait for it and its results.
 
 use std::any::Any;
 use std::marker::PhantomData;
@@ -15,10 +15,10 @@ use super::element::Scalar;
 use super::error::{DeviceLost, describe};
 use super::timings::{Scope, Timing, timings};
 
-/// Timed scopes in one command buffer; further ones are not timed.
+/// The number of timed scopes in a command buffer. Further scopes are not timed.
 pub(super) const MAX_SCOPES: u32 = 64;
 
-/// Written behind the others where a driver needs it; never read.
+/// A query that is never read. Some drivers need it to be written after each other one.
 pub(super) const SPARE_QUERY: u32 = 2 * MAX_SCOPES;
 
 const QUERIES: u32 = SPARE_QUERY + 1;
@@ -29,14 +29,14 @@ pub(super) struct Slot {
     pool: vk::CommandPool,
     pub buffer: vk::CommandBuffer,
     pub queries: vk::QueryPool,
-    /// One word per scope, set when the scope begins. In checked mode only, and not while the slot is idle: the device
-    /// keeps idle slots, and a buffer keeps the device.
+    /// One word per scope, set when the scope begins. None outside checked mode, and in idle slots: the device keeps
+    /// idle slots, and a buffer keeps the device.
     marker: Option<Storage>,
     marked: Vec<&'static str>,
 }
 
 impl Slot {
-    /// A slot that begins a recording: an idle one, or a new one.
+    /// Takes an idle slot or makes a new one, and begins its command buffer.
     pub fn take(device: &Arc<Shared>) -> Result<Self> {
         let idle = device.slots.lock().expect("no holder of the slots panics").pop();
         let mut slot = idle.unwrap_or_default();
@@ -49,7 +49,7 @@ impl Slot {
         }
     }
 
-    /// Makes what the slot has not yet, and begins its command buffer.
+    /// Creates the objects that the slot lacks, and begins its command buffer.
     fn begin(&mut self, device: &Arc<Shared>) -> Result<()> {
         let raw = &device.raw;
         let pool = vk::CommandPoolCreateInfo::default().queue_family_index(device.capabilities.queue_family);
@@ -82,7 +82,7 @@ impl Slot {
         }
     }
 
-    /// The buffer and word that mark the scope `name` as begun, in checked mode.
+    /// The buffer and the index of the word that mark the scope `name` as begun. None outside checked mode.
     pub fn next_mark(&mut self, name: &'static str) -> Option<(vk::Buffer, u32)> {
         let marker = self.marker.as_ref()?;
         let index = self.marked.len() as u32;
@@ -98,7 +98,7 @@ impl Slot {
         self.marked.iter().zip(words).rfind(|(_, word)| **word != 0).map(|(name, _)| *name)
     }
 
-    /// Leaves the slot to the next recording. No submission uses it.
+    /// Returns the slot to the device's pool. No submission uses it.
     pub fn give_back(mut self, device: &Shared) {
         self.marker = None;
         device.slots.lock().expect("no holder of the slots panics").push(self);
@@ -115,9 +115,9 @@ impl Slot {
     }
 }
 
-/// What a recording leaves behind when it is submitted.
+/// The parts of a recording that are needed until the GPU is done.
 pub(super) struct Submission {
-    /// Tells recordings apart.
+    /// Identifies the recording.
     pub recording: u64,
     pub device: Arc<Shared>,
     pub slot: Slot,
@@ -146,7 +146,7 @@ impl Capture {
         &self.source.name
     }
 
-    /// What the buffer's numbers are, and how many make an element.
+    /// The kind of the buffer's numbers, and how many of them make an element.
     pub fn element(&self) -> (Scalar, usize) {
         (self.source.scalar, self.source.columns)
     }
@@ -163,7 +163,7 @@ pub struct InFlight {
 }
 
 impl InFlight {
-    /// Submits, behind everything submitted before and behind `wait`; `signal` comes with the end.
+    /// Submits. The GPU begins after everything submitted before and after `wait`, and signals `signal` at the end.
     pub(super) fn start(
         submission: Submission,
         wait: Option<vk::Semaphore>,
@@ -202,13 +202,16 @@ impl InFlight {
         Ok(Self { submission: Some(submission), value })
     }
 
-    /// Whether the GPU is done, or lost.
+    /// True if the GPU has finished the commands, or is lost.
     pub fn is_done(&self) -> bool {
         let device = &self.submission.as_ref().expect("commands are waited for once").device;
         completed(device).is_ok_and(|value| value >= self.value)
     }
 
     /// Waits until the GPU is done.
+    ///
+    /// # Errors
+    /// [`DeviceLost`] names the last stage that began, in checked mode.
     pub fn wait(mut self) -> Result<Results> {
         let submission = self.submission.take().expect("commands are waited for once");
         let waited = wait_for(&submission.device, self.value).and_then(|()| submission.ticks());
@@ -239,13 +242,13 @@ impl Submission {
     }
 }
 
-/// The timeline value that is reached.
+/// The timeline value that the GPU has reached.
 pub(super) fn completed(device: &Shared) -> Result<u64, vk::Result> {
     // SAFETY: clause 1.
     unsafe { device.raw.get_semaphore_counter_value(device.timeline) }
 }
 
-/// Waits for a timeline value; whatever it returns, the GPU is done with the commands, or lost.
+/// Waits for a timeline value. After an error too, the GPU has finished the commands or is lost.
 fn wait_for(device: &Shared, value: u64) -> Result<(), vk::Result> {
     let (semaphores, values) = ([device.timeline], [value]);
     let info = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
@@ -258,7 +261,7 @@ fn wait_for(device: &Shared, value: u64) -> Result<(), vk::Result> {
     }
 }
 
-/// The error for a lost device: where it was, and what the driver says of it.
+/// The error for a lost device, with its last stage and the driver's description.
 fn lost(device: &Shared, last_scope: Option<&str>) -> anyhow::Error {
     let place = match last_scope {
         Some(scope) => format!("in stage {scope}"),
@@ -267,7 +270,7 @@ fn lost(device: &Shared, last_scope: Option<&str>) -> anyhow::Error {
     let fault = device.fault.as_ref().and_then(|fault| {
         let mut counts = vk::DeviceFaultCountsEXT::default();
         let mut info = vk::DeviceFaultInfoEXT::default();
-        // SAFETY: clause 1; the device is lost and without buffers only the description is written.
+        // SAFETY: clause 1; the device is lost, and without buffers only the description is written.
         let result = unsafe {
             let get = fault.fp().get_device_fault_info_ext;
             let counted = get(device.raw.handle(), &mut counts, std::ptr::null_mut());
@@ -292,7 +295,7 @@ impl Drop for InFlight {
     }
 }
 
-/// What a finished command buffer brought back.
+/// The results of a finished command buffer.
 pub struct Results {
     recording: u64,
     timings: Vec<Timing>,
@@ -302,34 +305,37 @@ pub struct Results {
 }
 
 impl Results {
-    /// Every timed scope, in the order they ended.
+    /// The timed scopes, in the order in which they ended.
     pub fn timings(&self) -> &[Timing] {
         &self.timings
     }
 
-    /// The last scope that the GPU began; known in checked mode.
+    /// The last scope that the GPU began; none outside checked mode.
     pub fn last_scope(&self) -> Option<&'static str> {
         self.last_scope
     }
 
-    /// Barriers among the commands.
+    /// The number of barriers among the commands.
     pub fn barriers(&self) -> usize {
         self.barriers
     }
 
-    /// Everything captured, in the order of the frame.
+    /// The captures, in the order of the frame.
     pub fn captures(&self) -> &[Capture] {
         &self.captures
     }
 
-    /// What a [`Readback`] of these commands holds.
+    /// The elements that a [`Readback`] of these commands brought.
+    ///
+    /// # Panics
+    /// If the readback belongs to other commands.
     pub fn view<'a, T: Pod>(&self, readback: &'a Readback<T>) -> &'a [T] {
         assert_eq!(self.recording, readback.recording, "a readback is opened with the results of its own commands");
         &bytemuck::cast_slice(readback.storage.mapped())[..readback.len]
     }
 }
 
-/// A copy of `len` elements on its way to the host; [`Results::view`] opens it.
+/// A copy of `len` elements on its way to the host. [`Results::view`] gives access to it.
 pub struct Readback<T> {
     storage: Arc<Storage>,
     len: usize,

@@ -1,6 +1,6 @@
-//! What a window shows: its surface, the swapchain of images that are drawn into, and how they are handed over.
+//! The surface of a window, its swapchain, and the presentation of images.
 //!
-//! Nothing here waits for the device to be idle: what a window of another size replaces is kept until it is out of use.
+//! Resizing does not wait for the device: a replaced swapchain is kept until the window no longer uses it.
 
 use std::any::Any;
 use std::sync::{Arc, atomic::Ordering};
@@ -18,34 +18,34 @@ use super::instance::Instance;
 use super::semaphores::{Ready, Semaphores, semaphore};
 use super::submission::InFlight;
 
-/// How pictures reach the screen.
+/// The presentation mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Vsync {
-    /// One at every refresh, none torn: FIFO.
+    /// One picture at every refresh of the screen, never torn: FIFO.
     On,
-    /// At once, torn where the screen is half way: IMMEDIATE.
+    /// Every picture at once; it may be torn: IMMEDIATE.
     Off,
-    /// The newest at every refresh: MAILBOX.
+    /// The newest picture at every refresh, never torn: MAILBOX.
     Mailbox,
 }
 
-/// The images of a window. The window lives as long as this.
+/// The images of a window. It keeps the window alive.
 pub struct Swapchain {
     device: Device,
     surface: Arc<Surface>,
     loader: khr::swapchain::Device,
     vsync: Vsync,
     chain: Option<Chain>,
-    /// Out of use once as many more pictures have been shown.
+    /// Replaced swapchains, and the number of pictures to show before each can be destroyed.
     retired: Vec<(Arc<RawChain>, u32)>,
     semaphores: Arc<Semaphores>,
 }
 
-/// What asking for an image comes to.
+/// The outcome of asking for an image.
 pub enum Acquisition {
     Image(Acquired),
-    /// The window has changed: [`Swapchain::fit`] it first.
+    /// The window has changed: call [`Swapchain::fit`] first.
     Stale,
     /// The window has no pixels: it is minimized.
     Hidden,
@@ -53,22 +53,22 @@ pub enum Acquisition {
     Lost,
 }
 
-/// An image of a window, to be drawn into and handed to [`Commands::present`].
+/// An image of a window, to draw into and to pass to [`Commands::present`].
 pub struct Acquired {
     image: Image,
     index: u32,
-    /// Signalled when the window has done with it.
+    /// Signalled when the window no longer reads the image.
     ready: Arc<Ready>,
     presentable: vk::Semaphore,
     chain: Arc<RawChain>,
     is_suboptimal: bool,
 }
 
-/// What showing a picture comes to.
+/// The outcome of showing a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Presentation {
     Shown,
-    /// Shown or not, the window has changed: [`Swapchain::fit`] it.
+    /// The window has changed, and the picture may not be shown: call [`Swapchain::fit`].
     Stale,
     /// The surface is gone: open another.
     Lost,
@@ -89,7 +89,7 @@ struct Chain {
     size: [u32; 2],
 }
 
-/// The Vulkan swapchain and a semaphore for each of its images, signalled when that is drawn.
+/// The Vulkan swapchain, and one semaphore for each of its images, signalled when the image is drawn.
 struct RawChain {
     raw: vk::SwapchainKHR,
     presentable: Vec<vk::Semaphore>,
@@ -99,13 +99,17 @@ struct RawChain {
     surface: Arc<Surface>,
 }
 
-/// A few more pictures than may be on their way to the screen.
+/// More pictures than can be on their way to the screen.
 const RETIRED_FOR: u32 = 4;
-/// With more retired ones than this, whoever resizes is waited for.
+/// With more retired swapchains than this, resizing waits for the device.
 const MOST_RETIRED: usize = 8;
 
 impl Swapchain {
-    /// Of a window, for a device that was opened for its display.
+    /// A swapchain for `window`, without images until [`Swapchain::fit`]. The device was opened for the window's
+    /// display.
+    ///
+    /// # Errors
+    /// [`Unavailable`] if the device cannot show pictures in this window.
     pub fn new<W>(device: &Device, window: &Arc<W>, vsync: Vsync) -> Result<Self>
     where
         W: HasDisplayHandle + HasWindowHandle + Send + Sync + 'static,
@@ -145,30 +149,33 @@ impl Swapchain {
         self.vsync
     }
 
-    /// From the next [`Swapchain::fit`] on.
+    /// Takes effect with the next [`Swapchain::fit`].
     pub fn set_vsync(&mut self, vsync: Vsync) {
         self.vsync = vsync;
     }
 
-    /// Width and height of its images in pixels; none while the window has none.
+    /// Width and height of the images in pixels; none while there are no images.
     pub fn size(&self) -> Option<[u32; 2]> {
         self.chain.as_ref().map(|chain| chain.size)
     }
 
-    /// Whether shaders can store into its images; else pictures are copied into them.
+    /// True if shaders can store into the images; else pictures are copied into them.
     pub fn is_stored_directly(&self) -> Result<bool> {
         let capabilities = &self.device.0.capabilities;
         let storable = self.capabilities()?.supported_usage_flags.contains(vk::ImageUsageFlags::STORAGE);
         Ok(storable && capabilities.has(Feature::AnyImageFormat) && self.format_stores()?)
     }
 
-    /// Whether red and blue change places in its images.
+    /// True if the images have blue before red.
     pub fn is_bgra(&self) -> Result<bool> {
         Ok(self.format()?.format == vk::Format::B8G8R8A8_UNORM)
     }
 
-    /// Makes its images anew for the window as it is; `size` where the window leaves that open. Anything but a lost
-    /// surface is an error.
+    /// Replaces the images by new ones for the window's present size, or for `size` if the window leaves it open. A
+    /// window without pixels gets none.
+    ///
+    /// # Errors
+    /// Any failure other than a lost surface, which is an outcome.
     pub fn fit(&mut self, size: [u32; 2]) -> Result<Presentation> {
         let capabilities = match self.capabilities() {
             Err(error) if is_surface_lost(&error) => return Ok(Presentation::Lost),
@@ -224,8 +231,8 @@ impl Swapchain {
             .clipped(true)
             .old_swapchain(old);
         let device = &self.device.0;
-        // SAFETY: clauses 1, 3 and 4: `&self` of an object that only one thread has; what is made belongs to `raw` at
-        // once, which frees it on every path.
+        // SAFETY: clauses 1, 3 and 4: only one thread has this object; `raw` below owns the swapchain and frees it on
+        // every path.
         let raw =
             unsafe { self.loader.create_swapchain(&info, None) }.map_err(|e| describe("vkCreateSwapchainKHR", e))?;
         let mut raw = RawChain {
@@ -249,7 +256,10 @@ impl Swapchain {
         Ok(Chain { images: images.into_iter().map(image).collect::<Result<_>>()?, raw, size })
     }
 
-    /// The next image to draw into. Waits until the window has one to give.
+    /// Takes the next image to draw into. Waits until the window has a free one.
+    ///
+    /// # Errors
+    /// Any failure other than a stale or lost surface, which are outcomes.
     pub fn acquire(&mut self) -> Result<Acquisition> {
         let Some(chain) = &self.chain else {
             return Ok(Acquisition::Hidden);
@@ -264,7 +274,7 @@ impl Swapchain {
             Err(error) => return Err(describe("vkAcquireNextImageKHR", error)),
         };
         let image = chain.images[index as usize].clone();
-        // What it held is of no use; its first command changes its layout again.
+        // The old content is discarded: the first command changes the layout again.
         image.texture.is_general.store(false, Ordering::Relaxed);
         let presentable = chain.raw.presentable[index as usize];
         let chain = chain.raw.clone();
@@ -278,14 +288,15 @@ impl Swapchain {
 
     fn capabilities(&self) -> Result<vk::SurfaceCapabilitiesKHR> {
         let (surface, device) = (&self.surface, self.device.0.capabilities.raw);
-        // SAFETY: clause 1, here and in the queries below.
+        // SAFETY: clause 1.
         unsafe { surface.loader.get_physical_device_surface_capabilities(device, surface.raw) }
             .map_err(|e| describe(CAPABILITIES, e))
     }
 
-    /// Eight bits a channel that are shown as they are.
+    /// A format of 8 bits per channel that is shown without conversion.
     fn format(&self) -> Result<vk::SurfaceFormatKHR> {
         let (surface, device) = (&self.surface, self.device.0.capabilities.raw);
+        // SAFETY: clause 1.
         let formats = unsafe { surface.loader.get_physical_device_surface_formats(device, surface.raw) }
             .map_err(|e| describe("vkGetPhysicalDeviceSurfaceFormatsKHR", e))?;
         let wanted = [vk::Format::R8G8B8A8_UNORM, vk::Format::B8G8R8A8_UNORM];
@@ -293,19 +304,21 @@ impl Swapchain {
         let usable = formats.iter().filter(|f| f.color_space == vk::ColorSpaceKHR::SRGB_NONLINEAR);
         let best = usable.filter_map(|f| Some((place(f)?, *f))).min_by_key(|(place, _)| *place);
         best.map(|(_, format)| format)
-            .ok_or_else(|| Unavailable("this window shows no pictures of 8 bits a channel".to_owned()).into())
+            .ok_or_else(|| Unavailable("this window cannot show pictures of 8 bits per channel".to_owned()).into())
     }
 
     fn format_stores(&self) -> Result<bool> {
         let (instance, device) = (&self.device.0.instance, self.device.0.capabilities.raw);
         let format = self.format()?.format;
+        // SAFETY: clause 1.
         let properties = unsafe { instance.raw.get_physical_device_format_properties(device, format) };
         Ok(properties.optimal_tiling_features.contains(vk::FormatFeatureFlags::STORAGE_IMAGE))
     }
 
-    /// The presentation mode that is wanted, or the nearest that there is; FIFO always is.
+    /// The first supported presentation mode for `vsync`. FIFO is always supported.
     fn mode(&self) -> Result<vk::PresentModeKHR> {
         let (surface, device) = (&self.surface, self.device.0.capabilities.raw);
+        // SAFETY: clause 1.
         let modes = unsafe { surface.loader.get_physical_device_surface_present_modes(device, surface.raw) }
             .map_err(|e| describe("vkGetPhysicalDeviceSurfacePresentModesKHR", e))?;
         let wanted: &[_] = match self.vsync {
@@ -330,8 +343,11 @@ impl Acquired {
 }
 
 impl Commands {
-    /// Ends the recording, hands it to the GPU behind everything submitted before and behind the window's own use of the
-    /// image, and the image back to the window.
+    /// Ends the recording, submits it and shows the image. The GPU runs the commands after everything submitted before
+    /// and after the window no longer reads the image.
+    ///
+    /// # Errors
+    /// As for [`Commands::submit`]; a stale or lost surface is an outcome.
     pub fn present(mut self, swapchain: &mut Swapchain, acquired: Acquired) -> Result<(InFlight, Presentation)> {
         self.make_presentable(&acquired.image);
         self.keep_alive(acquired.ready.clone());
@@ -356,14 +372,14 @@ impl Commands {
 
 impl Drop for Swapchain {
     fn drop(&mut self) {
-        // What was handed over last may still be on its way to the screen.
+        // The last picture may still be on its way to the screen.
         let _ = self.device.wait_idle();
     }
 }
 
 impl Drop for RawChain {
     fn drop(&mut self) {
-        // SAFETY: clause 2: retired long enough or the device was idle, and no image of it is left.
+        // SAFETY: clause 2: it retired long enough ago or the device is idle, and none of its images is left.
         unsafe {
             self.loader.destroy_swapchain(self.raw, None);
             self.presentable.iter().for_each(|semaphore| self.device.raw.destroy_semaphore(*semaphore, None));

@@ -83,7 +83,7 @@ pub(super) fn choose(devices: &[Capabilities], choice: &DeviceChoice) -> Result<
 }
 
 fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
-    // SAFETY: clause 1, for this and the other queries of the physical device below.
+    // SAFETY: clause 1.
     let extensions = unsafe { instance.raw.enumerate_device_extension_properties(raw) }
         .map_err(|e| describe("vkEnumerateDeviceExtensionProperties", e))?;
     let offers = |name: &CStr| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));
@@ -101,6 +101,7 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
         .push_next(&mut subgroup_sizes)
         .push_next(&mut maintenance3)
         .push_next(&mut maintenance4);
+    // SAFETY: clause 1.
     unsafe { instance.raw.get_physical_device_properties2(raw, &mut properties) };
     let properties = properties.properties;
 
@@ -121,9 +122,11 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
     if has_fault_extension {
         queried = queried.push_next(&mut fault);
     }
+    // SAFETY: clause 1.
     unsafe { instance.raw.get_physical_device_features2(raw, &mut queried) };
     let core = queried.features;
 
+    // SAFETY: clause 1.
     let families = unsafe { instance.raw.get_physical_device_queue_family_properties(raw) };
     let family_of = |wanted| families.iter().position(|f| f.queue_flags.contains(wanted));
     let draws_and_computes = family_of(vk::QueueFlags::COMPUTE | vk::QueueFlags::GRAPHICS);

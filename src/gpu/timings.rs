@@ -1,6 +1,6 @@
 //! GPU time per scope, from timestamp queries.
 
-/// How long a scope of commands took on the GPU.
+/// The GPU time of a scope of commands.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Timing {
     pub name: &'static str,
@@ -19,7 +19,8 @@ pub(super) struct Scope {
     pub last_query: u32,
 }
 
-/// Turns the ticks of all queries into times. `valid_bits` of a tick count; `tick_ns` nanoseconds each.
+/// Converts the ticks of all queries to times. The low `valid_bits` of a tick count are valid; a tick takes `tick_ns`
+/// nanoseconds.
 pub(super) fn timings(scopes: &[Scope], ticks: &[u64], valid_bits: u32, tick_ns: f32) -> Vec<Timing> {
     let mask = if valid_bits >= 64 { u64::MAX } else { (1 << valid_bits) - 1 };
     let milliseconds = |from: u32, to: u32| {
