@@ -115,7 +115,7 @@ fn render_frames_a_small_scene() {
 
 /// A scene in which every Gaussian is fully transparent is the background, not an error.
 #[test]
-fn a_transparent_scene_is_the_background() {
+fn a_transparent_scene_shows_the_background() {
     let folder = tempfile::tempdir().unwrap();
     let mut ply = b"ply\nformat binary_little_endian 1.0\nelement vertex 1\n".to_vec();
     let names = "x y z f_dc_0 f_dc_1 f_dc_2 scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 opacity";
@@ -355,7 +355,7 @@ fn limit_memory(command: &mut Command) {
 }
 
 #[test]
-fn a_reader_that_leaves_early_is_no_failure() {
+fn a_closed_pipe_is_no_failure() {
     let script = |text: &str| Command::new("sh").args(["-c", text, env!("CARGO_BIN_EXE_smalto")]).output().unwrap();
     let early = script("exec 3>&1; { \"$0\" info tests/fixtures/plush.ply; echo $? >&3; } | true");
     assert_eq!((early.stdout, early.stderr), (b"0\n".to_vec(), Vec::new()));
@@ -365,7 +365,7 @@ fn a_reader_that_leaves_early_is_no_failure() {
 }
 
 #[test]
-fn a_place_that_cannot_be_written_is_exit_code_1() {
+fn an_unwritable_output_is_exit_code_1() {
     let error = fails(1, &["render", "cactus:100", "--size", "8x8", "-o", "/proc/a.png"]);
     assert!(error.contains("cannot write /proc/a.png"), "{error}");
 }

@@ -14,6 +14,7 @@ pub mod table;
 pub mod window;
 
 use std::cell::Cell;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -32,7 +33,12 @@ pub use random::Random;
 
 /// A device with validation on. A missing device fails the test; so does every message of the validation layer and of the
 /// missing-barrier check since the last test ended: with two tests at once, it may be a message of the other.
-pub struct Gpu(pub Device, Turn);
+pub struct Gpu(pub Device, Sharing, Turn);
+
+enum Sharing {
+    Shared,
+    Own,
+}
 
 impl Gpu {
     /// The device that the tests of a program share.
@@ -45,14 +51,34 @@ impl Gpu {
             open(validation)
         });
         let turn = Turn::take();
-        Self(SHARED.clone(), turn)
+        Self(SHARED.clone(), Sharing::Shared, turn)
+    }
+
+    /// A device that no other test uses.
+    pub fn own() -> Self {
+        let turn = Turn::take();
+        Self(open(Validation::Required), Sharing::Own, turn)
     }
 
     pub fn render(&self, gaussians: &Gaussians, camera: &Camera, options: &Options) -> Pixels {
         let scene = GpuScene::new(&self.0, gaussians, options).expect("the scene fits");
         let mut still = Renderer::new(&self.0, options, &scene).expect("the renderer can be built");
         still.render(camera, Background::BLACK).expect("the frame can be rendered");
-        still.pixels().expect("the picture can be read")
+        let pixels = still.pixels().expect("the picture can be read");
+        keep(still, &scene, options, camera);
+        pixels
+    }
+}
+
+/// Keeps the first small renderer for each set of options and each storage of a scene: as long as it lives, others for the
+/// same use its pipelines, which take a software device far longer to compile than a small picture takes to draw.
+fn keep(renderer: Renderer, scene: &GpuScene, options: &Options, camera: &Camera) {
+    static KEPT: Mutex<BTreeMap<String, Renderer>> = Mutex::new(BTreeMap::new());
+    if scene.len() <= 100_000 && camera.size_px[0] * camera.size_px[1] <= 1 << 20 {
+        let layout = scene.layout();
+        let storage = (layout.sh_degree, layout.sh, layout.shape, layout.has_clamped_alphas);
+        let name = format!("{options:?} {storage:?}");
+        KEPT.lock().unwrap().entry(name).or_insert(renderer);
     }
 }
 
@@ -81,7 +107,9 @@ impl Gpu {
             still.render_with(camera, Background::BLACK, prepare).expect("the frame can be rendered");
         let named = |c: &smalto::gpu::Capture| (c.buffer().to_owned(), c.bytes().to_vec());
         let buffers = results.captures().iter().map(named).collect();
-        Captured { frame, pixels: still.pixels().expect("the picture can be read"), buffers }
+        let pixels = still.pixels().expect("the picture can be read");
+        keep(still, &scene, options, camera);
+        Captured { frame, pixels, buffers }
     }
 
     /// A buffer with this content.
@@ -122,7 +150,10 @@ impl Drop for Gpu {
     fn drop(&mut self) {
         static REPORTED: AtomicUsize = AtomicUsize::new(0);
         let messages = self.0.validation_messages();
-        let reported = REPORTED.swap(messages.len(), Ordering::Relaxed);
+        let reported = match self.1 {
+            Sharing::Shared => REPORTED.swap(messages.len(), Ordering::Relaxed),
+            Sharing::Own => 0,
+        };
         if !std::thread::panicking() {
             assert_eq!(messages[reported.min(messages.len())..], [String::new(); 0], "messages of the validation");
         }

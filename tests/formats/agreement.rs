@@ -157,7 +157,7 @@ fn ply_reads_past_what_it_does_not_need() {
 }
 
 #[test]
-fn ply_says_what_is_missing() {
+fn errors_of_ply_name_the_missing_property() {
     // Without scale_2 they are flat.
     for missing in NAMES.into_iter().filter(|name| *name != "scale_2") {
         let properties: Vec<_> = NAMES.iter().filter(|n| **n != missing).map(|n| ("float", *n)).collect();

@@ -70,7 +70,7 @@ fn assert_same(read: &[NamedCamera], expected: &[Expected]) {
 }
 
 #[test]
-fn colmap_models_are_read_as_colmap_reads_them() {
+fn colmap_models_agree_with_colmap() {
     let expected = expected();
     assert_eq!(expected.len(), 12);
     let paths = ["", "sparse", "sparse/1", "sparse/1/images.bin", "sparse/1/cameras.bin", "text", "text/images.txt"];
@@ -87,7 +87,7 @@ fn colmap_models_are_read_as_colmap_reads_them() {
 }
 
 #[test]
-fn what_a_lens_bends_is_said_with_colmaps_distance() {
+fn lens_distortion_is_reported_with_colmaps_distance() {
     let folder = tempfile::tempdir().unwrap();
     let [images, cameras] = ["images", "cameras"].map(|name| {
         let text = fs::read_to_string(fixture("text").join(name).with_extension("txt")).unwrap();
@@ -146,7 +146,7 @@ fn written(name: &str, content: impl AsRef<[u8]>) -> (tempfile::TempDir, PathBuf
 }
 
 #[test]
-fn transforms_are_the_same_cameras_in_other_axes() {
+fn transforms_json_and_colmap_hold_the_same_cameras() {
     let expected = expected();
     let cameras: Vec<_> = expected.iter().map(|e| &e.named).collect();
     let (_folder, file) = written("transforms.json", transforms(&cameras, ""));
@@ -160,7 +160,7 @@ const FRAME: &str = r#"{"file_path": "./train/r_0",
     "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}"#;
 
 #[test]
-fn blenders_sets_have_angles_and_photographs() {
+fn blender_transforms_have_angles_and_photographs() {
     let text = format!(r#"{{"camera_angle_x": 1.5707963267948966, "frames": [{FRAME}]}}"#);
     let (folder, file) = written("transforms_train.json", text);
     let problem = refused(&file);
@@ -180,7 +180,7 @@ fn blenders_sets_have_angles_and_photographs() {
 }
 
 #[test]
-fn frames_say_what_differs_from_the_file() {
+fn frames_of_transforms_json_override_the_file() {
     let frame = |own: &str| FRAME.replacen('{', &format!("{{{own}"), 1);
     let (plain, own) = (frame(""), frame(r#""fl_x": 50, "cx": 7, "h": 60, "k1": 0, "camera_model": "PINHOLE","#));
     let top = r#""w": 80, "h": 40.0, "fl_x": 100, "fl_y": 101, "cy": null, "k1": 0.1, "camera_model": "OPENCV","#;
@@ -210,7 +210,7 @@ fn frames_say_what_differs_from_the_file() {
 ///
 /// `t = T @ inv(A); c2w = t @ pose; c2w[:3, 3] *= scale / applied_scale`
 #[test]
-fn transforms_are_put_where_nerfstudio_put_the_scene() {
+fn dataparser_transforms_move_the_cameras_to_the_nerfstudio_scene() {
     let pose = "[[0.6, 0, 0.8, 1], [0, 1, 0, 2], [-0.8, 0, 0.6, 3], [0, 0, 0, 1]]";
     let applied = r#""applied_transform": [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]], "applied_scale": 0.5"#;
     let frame = format!(r#"{{"file_path": "a", "w": 64, "h": 48, "fl_x": 50, "transform_matrix": {pose}}}"#);
@@ -245,7 +245,7 @@ fn transforms_are_put_where_nerfstudio_put_the_scene() {
 }
 
 #[test]
-fn transforms_say_what_is_wrong() {
+fn errors_of_transforms_json_name_the_fault() {
     let right = format!(r#"{{"w": 80, "h": 40, "fl_x": 100, "frames": [{FRAME}]}}"#);
     for (from, to, expected) in [
         ("\"frames\"", "\"fames\"", "no transforms.json: it has no array `frames`"),
@@ -277,7 +277,7 @@ fn transforms_say_what_is_wrong() {
 }
 
 #[test]
-fn colmap_files_say_what_is_wrong() {
+fn errors_of_colmap_files_name_the_fault() {
     let [cameras, images] =
         ["cameras", "images"].map(|name| fs::read(fixture("sparse/1").join(name).with_extension("bin")).unwrap());
     let changed = |bytes: &[u8], at: usize, to: &[u8]| [&bytes[..at], to, &bytes[at + to.len()..]].concat();
@@ -348,7 +348,7 @@ fn colmap_files_say_what_is_wrong() {
 }
 
 #[test]
-fn a_list_of_colmap_that_is_shorter_than_it_says_is_noticed() {
+fn colmap_lists_shorter_than_their_count_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     fs::copy(fixture("text/cameras.txt"), folder.path().join("cameras.txt")).unwrap();
     let images = fs::read_to_string(fixture("text/images.txt")).unwrap();
@@ -362,7 +362,7 @@ fn a_list_of_colmap_that_is_shorter_than_it_says_is_noticed() {
 }
 
 #[test]
-fn what_is_no_camera_file_is_refused() {
+fn files_that_are_no_camera_files_are_refused() {
     for (content, expected) in [
         ("", "the file is empty"),
         ("[]", "holds no camera"),
@@ -436,7 +436,7 @@ fn camera_files_with_random_damage_never_panic() {
 }
 
 #[test]
-fn splits_are_those_of_the_file_or_every_eighth_by_name() {
+fn splits_come_from_the_file_or_take_every_eighth_by_name() {
     let names = |file: CameraFile, split: Split| file.of(split).into_iter().map(|c| c.name).collect::<Vec<_>>();
     let model = read(fixture("text"));
     assert_eq!(names(model.clone(), Split::Test), ["left/001.jpg", "right/004.jpg"]);
@@ -503,7 +503,7 @@ fn aside() -> Camera {
 }
 
 #[test]
-fn a_principal_point_beside_the_middle_matches_the_reference_on_both_paths() {
+fn off_centre_principal_points_match_the_reference_on_both_paths() {
     let gaussians = synthetic::cactus(20_000).unwrap().gaussians;
     let gpu = Gpu::new();
     for camera in [aside(), aside().resized([201, 77])] {
@@ -516,7 +516,7 @@ fn a_principal_point_beside_the_middle_matches_the_reference_on_both_paths() {
 }
 
 #[test]
-fn commands_take_models_splits_and_say_what_is_drawn_otherwise() {
+fn commands_read_models_and_splits_and_report_what_they_ignore() {
     let folder = tempfile::tempdir().unwrap();
     let model = fixture("").display().to_string();
     let common = ["render", "cactus:300", "--cameras", &model, "--size", "32x24", "-o"];

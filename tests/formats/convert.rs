@@ -25,7 +25,7 @@ fn largest(report: &Value, attribute: &str) -> f64 {
 }
 
 #[test]
-fn floats_are_written_to_the_last_bit() {
+fn float_formats_are_written_without_loss() {
     let folder = tempfile::tempdir().unwrap();
     let original = read(PLUSH);
     for name in ["a.ply", "a.glb"] {
@@ -70,7 +70,7 @@ fn quantized_formats_lose_half_a_step() {
 
 /// Steps that are in a file stay where they are.
 #[test]
-fn what_was_quantized_is_not_quantized_again() {
+fn quantized_values_are_not_quantized_again() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["plush.v3.spz", "plush.v4.spz"] {
         let input = Path::new(PLUSH).with_file_name(name);
@@ -192,7 +192,7 @@ fn read_cactus() -> usize {
 }
 
 #[test]
-fn the_table_says_what_was_lost() {
+fn the_table_reports_losses() {
     let folder = tempfile::tempdir().unwrap();
     let out = path(&folder, "a.splat");
     let text = ok(&["convert", PLUSH, &out]);
@@ -201,7 +201,7 @@ fn the_table_says_what_was_lost() {
 }
 
 #[test]
-fn nonsense_is_refused_in_a_sentence_and_loses_nothing() {
+fn wrong_arguments_are_refused_and_overwrite_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let out = path(&folder, "a.ply");
     fs::write(&out, "precious").unwrap();

@@ -61,7 +61,7 @@ fn sog_1_agrees_with_splat_transform() {
 }
 
 #[test]
-fn sog_is_one_scene_in_every_container() {
+fn every_sog_container_holds_the_same_scene() {
     let expected = read(&fixture("plush.sog")).gaussians;
     assert_eq!(read(&fixture("plush.deflated.sog")).gaussians, expected);
     let folder = unpacked("plush.sog");
@@ -71,7 +71,7 @@ fn sog_is_one_scene_in_every_container() {
 }
 
 #[test]
-fn sog_has_no_coefficients_or_those_of_a_degree() {
+fn sog_is_read_at_every_sh_degree() {
     for degree in 0..2 {
         let gaussians = read(&fixture(&format!("plush.sh{degree}.sog"))).gaussians;
         assert_eq!((gaussians.sh_degree(), gaussians.len()), (degree, 61));
@@ -91,7 +91,7 @@ fn antialiased_scenes_are_recognized() {
 
 /// As PlayCanvas' engine repairs it: a mean step before the second.
 #[test]
-fn a_lost_first_value_of_a_codebook_is_repaired() {
+fn a_null_first_codebook_value_is_repaired() {
     let folder = unpacked("plush.sog");
     let (mut lost, mut second, mut last) = (0.0, 0.0, 0.0);
     change(&folder.path().join("meta.json"), |meta| {
@@ -155,7 +155,7 @@ fn the_finest_level_of_a_streamed_sog_is_read() {
 }
 
 #[test]
-fn names_in_a_file_break_no_sentence() {
+fn error_messages_escape_names_from_files() {
     let folder = copied("lod");
     for name in ["a\nb/meta.json".to_owned(), "\u{7}".repeat(5000), "a".repeat(100_000)] {
         change(&folder.path().join("lod-meta.json"), |meta| meta["filenames"][0] = json!(name));
@@ -180,7 +180,7 @@ fn a_level_of_a_streamed_sog_can_be_chosen() {
 
 /// What is changed in `meta.json`, and what is said of it.
 #[test]
-fn lying_meta_json_is_refused() {
+fn inconsistent_meta_json_is_refused() {
     type Change = fn(&mut Value);
     let cases: Vec<(&str, Change, &str)> = vec![
         ("version", |m| m["version"] = json!(3), "SOG version 3 is not supported"),
@@ -211,7 +211,7 @@ fn lying_meta_json_is_refused() {
 }
 
 #[test]
-fn lying_lod_meta_json_is_refused() {
+fn inconsistent_lod_meta_json_is_refused() {
     type Change = fn(&mut Value);
     let cases: Vec<(&str, Change, &str)> = vec![
         (
@@ -265,7 +265,7 @@ fn plain(width: u32, height: u32) -> Vec<u8> {
 }
 
 #[test]
-fn bombs_are_refused_before_they_grow() {
+fn compression_bombs_are_refused_before_they_are_inflated() {
     let zeros = vec![0; 20 << 20];
     let bomb = deflated(&[("meta.json", &zeros)]);
     assert!(bomb.len() < 100_000);

@@ -25,7 +25,7 @@ fn splat_transform_reads_what_is_written() {
 
 /// Every Gaussian of a scene with needles, floaters and view-dependent colour, within the steps of the format.
 #[test]
-fn what_is_written_is_near_what_was() {
+fn written_sog_is_near_the_source() {
     let scene = synthetic::cactus(5000).unwrap().gaussians;
     let back = parse(".sog", &written(&scene)).unwrap().gaussians;
     assert_eq!((back.len(), back.sh_degree()), (scene.len(), 3));
@@ -58,7 +58,7 @@ fn what_is_written_is_near_what_was() {
 
 /// Codebooks and palette hold all values that a SOG has.
 #[test]
-fn a_sog_that_is_written_again_is_the_same() {
+fn rewriting_a_sog_changes_nothing() {
     let first = read(&fixture("plush.sog")).gaussians;
     let again = parse(".sog", &written(&first)).unwrap().gaussians;
     assert_eq!(again.scales(), first.scales());
@@ -72,7 +72,7 @@ fn a_sog_that_is_written_again_is_the_same() {
 }
 
 #[test]
-fn the_same_bytes_are_written_on_any_number_of_threads() {
+fn sog_bytes_do_not_depend_on_the_number_of_threads() {
     let scene = synthetic::cactus(4000).unwrap().gaussians;
     let on =
         |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| written(&scene));
@@ -92,7 +92,7 @@ fn a_folder_holds_the_same_files() {
 }
 
 #[test]
-fn flat_far_and_few_gaussians_are_written() {
+fn sog_holds_flat_distant_and_single_gaussians() {
     let raw = |mean: f64, log_scale: f64| Raw {
         mean: [mean, 0.0, -mean],
         log_scale: [log_scale, -3.0, f64::NEG_INFINITY],

@@ -42,7 +42,7 @@ fn ksplat_levels_hold_the_same_gaussians() {
 }
 
 #[test]
-fn splat_is_told_by_its_name_whatever_its_first_bytes_are() {
+fn splat_files_are_recognized_by_their_ending() {
     let mut bytes = fs::read(fixture("plush.splat")).unwrap();
     for magic in [b"{\"", &[0x1f, 0x8b]] {
         bytes[..2].copy_from_slice(magic);
@@ -56,7 +56,7 @@ fn splat_is_told_by_its_name_whatever_its_first_bytes_are() {
 }
 
 #[test]
-fn what_is_not_a_splat_file_is_refused() {
+fn files_that_are_no_splat_files_are_refused() {
     let splat = fs::read(fixture("plush.splat")).unwrap();
     let text = "No scene, but a letter: it says a thing or two. ".repeat(40).into_bytes();
     let mut random = crate::common::Random(3);
@@ -87,7 +87,7 @@ fn damaged_gaussians_of_a_splat_file_are_counted() {
 
 /// A number in a header, and what is said of it.
 #[test]
-fn lying_ksplat_headers_are_refused() {
+fn inconsistent_ksplat_headers_are_refused() {
     let whole = fs::read(fixture("plush.l2.ksplat")).unwrap();
     let zero = fs::read(fixture("plush.l0.ksplat")).unwrap();
     let with = |at: usize, value: u32| {

@@ -39,7 +39,7 @@ fn big_endian_text_and_doubles_hold_the_same_gaussians() {
 }
 
 #[test]
-fn two_scales_are_flat_gaussians_and_said() {
+fn ply_with_two_scales_is_read_as_flat_gaussians_and_reported() {
     let scene = read("variant.2dgs.ply");
     assert_eq!(scene.notices, ["it has two scales, and is drawn as flat Gaussians"]);
     let expected = original(20, 0);
@@ -51,7 +51,7 @@ fn two_scales_are_flat_gaussians_and_said() {
 }
 
 #[test]
-fn a_point_cloud_is_drawn_as_balls_and_said() {
+fn point_clouds_become_balls_and_are_reported() {
     let scene = read("variant.points.ply");
     assert!(scene.notices[0].contains("point cloud"), "{:?}", scene.notices);
     // A grid of 5 x 5 x 5 points one apart: a ball reaches half way to its neighbour, whichever that is on the curve.
@@ -65,7 +65,7 @@ fn a_point_cloud_is_drawn_as_balls_and_said() {
 }
 
 #[test]
-fn comments_are_believed_or_said() {
+fn ply_comments_are_applied_or_reported() {
     let whole = fs::read(fixture("variant.2dgs.ply")).unwrap();
     let with = |comment: &str| {
         let at = whole.windows(8).position(|w| w == b"element ").unwrap();

@@ -94,7 +94,7 @@ fn is_beginning(part: &Gaussians, whole: &Gaussians) -> bool {
 }
 
 #[test]
-fn what_is_shown_is_the_beginning_of_the_scene_and_doubles() {
+fn previews_are_prefixes_of_the_scene_that_double_in_size() {
     let (_folder, paths) = files();
     for path in paths {
         let expected = scene::read(&path, &|_| {}).unwrap().gaussians;
@@ -114,7 +114,7 @@ fn what_is_shown_is_the_beginning_of_the_scene_and_doubles() {
 }
 
 #[test]
-fn a_small_scene_is_shown_only_when_it_is_whole() {
+fn small_scenes_have_no_preview() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/plush.ply");
     let partial = |_: &Builder| panic!("there is too little to show");
     Reading::default()
@@ -144,7 +144,7 @@ fn reading_ends_soon_after_it_is_cancelled() {
 }
 
 #[test]
-fn cancelling_while_something_is_shown_shows_nothing_more() {
+fn no_preview_follows_a_cancellation() {
     let (_folder, paths) = files();
     for path in paths {
         let shown = Cell::new(0);
@@ -156,7 +156,7 @@ fn cancelling_while_something_is_shown_shows_nothing_more() {
 }
 
 #[test]
-fn a_damaged_file_is_unreadable_whoever_watches() {
+fn damaged_files_are_refused_with_and_without_a_watcher() {
     let (_folder, paths) = files();
     for path in paths {
         let whole = fs::read(&path).unwrap();

@@ -118,7 +118,7 @@ fn bench_reports_how_it_warmed_up() {
 }
 
 #[test]
-fn a_slower_frame_than_the_baseline_is_exit_code_6() {
+fn a_frame_slower_than_the_baseline_is_exit_code_6() {
     let folder = tempfile::tempdir().unwrap();
     let (out, changed) = (path(&folder, "a.json"), path(&folder, "b.json"));
     ok(&quick("cactus:500", &["--json", &out]));
@@ -180,7 +180,7 @@ fn a_damaged_or_foreign_baseline_is_refused_before_anything_is_measured() {
 }
 
 #[test]
-fn bench_refuses_what_makes_no_sense() {
+fn bench_refuses_wrong_arguments() {
     for arguments in [
         &["bench", "--path", "circle"][..],
         &["bench", "--path", "keyframes:"],
@@ -211,7 +211,7 @@ fn bench_refuses_what_makes_no_sense() {
 }
 
 #[test]
-fn bench_moves_along_keyframes_and_camera_files() {
+fn bench_follows_keyframes_and_camera_files() {
     let folder = tempfile::tempdir().unwrap();
     let cameras = path(&folder, "cameras.json");
     let camera = |x: f64| {
@@ -235,7 +235,7 @@ fn bench_moves_along_keyframes_and_camera_files() {
 }
 
 #[test]
-fn the_ladder_is_climbed_and_reported() {
+fn the_ladder_measures_every_rung() {
     let folder = tempfile::tempdir().unwrap();
     let (out, table, plot) = (path(&folder, "a.json"), path(&folder, "a.csv"), path(&folder, "a.svg"));
     let files = ["--ladder", "--json", &out, "--csv", &table, "--plot", &plot];

@@ -81,7 +81,7 @@ fn known_differences_are_reported() {
 }
 
 #[test]
-fn folders_are_compared_by_name_and_the_worst_is_last() {
+fn folders_are_compared_by_file_name_with_the_worst_last() {
     let folder = tempfile::tempdir().unwrap();
     for (name, error) in [("1.npy", 0.25), ("2.npy", 0.0), ("3.exr", 0.125)] {
         write(&folder, &format!("a/{name}"), &picture(0.0));
@@ -125,7 +125,7 @@ fn a_heatmap_is_bright_where_the_pictures_differ() {
 }
 
 #[test]
-fn thresholds_decide_on_both_sides() {
+fn thresholds_pass_and_fail_pictures() {
     let folder = tempfile::tempdir().unwrap();
     let (a, b) = (write(&folder, "a.npy", &picture(0.0)), write(&folder, "b.npy", &picture(0.125)));
     let found = json(&ok(&["compare", &a, &b, "--json", "-"]))["worst"].clone();
@@ -157,7 +157,7 @@ fn thresholds_decide_on_both_sides() {
 }
 
 #[test]
-fn what_is_not_finite_passes_no_threshold() {
+fn values_that_are_not_finite_pass_no_threshold() {
     let folder = tempfile::tempdir().unwrap();
     for value in [f32::NAN, f32::INFINITY] {
         let bad = write(&folder, "bad.npy", &picture(value));
@@ -174,7 +174,7 @@ fn what_is_not_finite_passes_no_threshold() {
 }
 
 #[test]
-fn what_cannot_be_paired_is_exit_code_1() {
+fn files_without_a_partner_are_exit_code_1() {
     let folder = tempfile::tempdir().unwrap();
     let small = Pixels { size: [2, 1], rgba: vec![[0.0; 4]; 2] };
     let (a, b) = (write(&folder, "a/1.png", &picture(0.0)), write(&folder, "b/1.png", &small));
@@ -204,7 +204,7 @@ fn an_unreadable_picture_is_exit_code_4() {
 }
 
 #[test]
-fn what_cannot_be_written_is_said_before_comparing() {
+fn unwritable_outputs_are_reported_before_the_comparison() {
     let folder = tempfile::tempdir().unwrap();
     let (a, bad) = (write(&folder, "a.png", &picture(0.0)), path(&folder, "none.png"));
     for option in ["--heatmap", "--json"] {

@@ -31,7 +31,7 @@ fn the_last_rung_is_the_frame_of_the_portable_path() {
 }
 
 #[test]
-fn rungs_with_the_same_tiles_agree_bit_for_bit_also_after_growing() {
+fn rungs_with_equal_tiles_agree_bit_for_bit_even_after_growth() {
     let gpu = Gpu::new();
     let scene = synthetic::cactus(3000).unwrap().gaussians;
     // The second view needs more room than the first.
@@ -49,7 +49,7 @@ fn rungs_with_the_same_tiles_agree_bit_for_bit_also_after_growing() {
 }
 
 #[test]
-fn rungs_blend_lists_that_are_longer_than_a_pass() {
+fn rungs_blend_lists_longer_than_a_pass() {
     let gpu = Gpu::new();
     let mut random = Random(7);
     // Faint specks, so that no pixel is ever opaque: every entry of the list counts.
@@ -71,7 +71,7 @@ fn rungs_blend_lists_that_are_longer_than_a_pass() {
 }
 
 #[test]
-fn rungs_draw_nothing_where_nothing_is() {
+fn rungs_draw_the_background_of_an_empty_scene() {
     let gpu = Gpu::new();
     let scene = synthetic::cactus(300).unwrap().gaussians;
     let away = [Camera::looking_at(DVec3::new(0.0, 0.0, -1e4), DVec3::new(0.0, 0.0, -2e4), [33, 17], 0.9)];
@@ -83,7 +83,7 @@ fn rungs_draw_nothing_where_nothing_is() {
 }
 
 #[test]
-fn squares_of_three_standard_deviations_are_the_originals() {
+fn three_sigma_squares_are_those_of_the_original() {
     let gpu = Gpu::new();
     let mut random = Random(3);
     let mut between = |low, high| random.between(low, high);
@@ -111,7 +111,7 @@ fn squares_of_three_standard_deviations_are_the_originals() {
 }
 
 #[test]
-fn counting_frames_count_what_the_reference_counts_and_draw_the_same() {
+fn counting_frames_agree_with_the_reference_and_draw_the_same_picture() {
     let gpu = Gpu::new();
     let (scene, camera) = (synthetic::cactus(3000).unwrap().gaussians, camera([96, 70]));
     let options = Options { portable: true, ..Options::EXACT };

@@ -96,7 +96,7 @@ fn every_preset_and_every_knob_is_a_row() {
 }
 
 #[test]
-fn a_search_goes_on_from_the_exact_options() {
+fn a_search_starts_from_the_exact_options() {
     let (report, _) = report("few-large:40", "search", &[]);
     assert_eq!(names(list(&report, "points")), ["exact"]);
     let found = list(&report, "search");
@@ -108,7 +108,7 @@ fn a_search_goes_on_from_the_exact_options() {
 }
 
 #[test]
-fn presets_keep_their_promises_and_no_error_passes_its_certificate() {
+fn presets_keep_their_promises_and_errors_stay_below_certificates() {
     let folder = tempfile::tempdir().unwrap();
     // Three cameras, of which two are views.
     let file = path(&folder, "cameras.json");
@@ -136,7 +136,7 @@ fn presets_keep_their_promises_and_no_error_passes_its_certificate() {
 }
 
 #[test]
-fn a_budget_is_chosen_for_and_held_against_other_views() {
+fn budget_options_are_checked_on_other_views() {
     let (report, text) = report("cactus:500", "certificate", &["--min-psnr", "45", "--held-out", "3"]);
     let budget = &report["budget"];
     assert_eq!(budget["budget"], "--min-psnr 45");
@@ -148,7 +148,7 @@ fn a_budget_is_chosen_for_and_held_against_other_views() {
 }
 
 #[test]
-fn a_budget_that_nothing_keeps_is_exit_code_6() {
+fn an_unmeetable_budget_is_exit_code_6() {
     for command in ["render", "trade"] {
         let mut arguments = vec![command, "cactus:100", "--size", "16x16", "--max-error", "1e-9"];
         if command == "trade" {
@@ -161,7 +161,7 @@ fn a_budget_that_nothing_keeps_is_exit_code_6() {
 }
 
 #[test]
-fn what_was_measured_is_written_although_the_budget_cannot_be_kept() {
+fn measurements_are_written_even_if_the_budget_is_unmeetable() {
     let folder = tempfile::tempdir().unwrap();
     let out = path(&folder, "a.json");
     fails(6, &quick("cactus:100", "certificate", &["--json", &out, "--max-error", "1e-9"]));
@@ -172,7 +172,7 @@ fn what_was_measured_is_written_although_the_budget_cannot_be_kept() {
 
 /// A haze of faint black Gaussians: nothing is left of it on black.
 #[test]
-fn a_budget_is_for_the_background_that_is_drawn() {
+fn a_budget_holds_for_the_background_of_the_picture() {
     let mut random = Random(5);
     let mut haze = || {
         let mean = [random.between(-2.0, 2.0), random.between(-2.0, 2.0), random.between(4.0, 6.0)];
@@ -190,7 +190,7 @@ fn a_budget_is_for_the_background_that_is_drawn() {
 }
 
 #[test]
-fn render_says_what_it_chose_for_a_budget() {
+fn render_reports_the_options_chosen_for_a_budget() {
     let folder = tempfile::tempdir().unwrap();
     let out = path(&folder, "a.npy");
     let common = ["render", "many-small:200", "--size", "32x24", "-o"];
@@ -205,7 +205,7 @@ fn render_says_what_it_chose_for_a_budget() {
 }
 
 #[test]
-fn knobs_and_budgets_that_make_no_sense_are_exit_code_2() {
+fn wrong_knobs_and_budgets_are_exit_code_2() {
     for wrong in [
         &["--max-error", "0"][..],
         &["--max-error=-1"],
@@ -262,7 +262,7 @@ fn knobs_and_budgets_that_make_no_sense_are_exit_code_2() {
 }
 
 #[test]
-fn the_reference_draws_in_the_order_of_every_pixel() {
+fn render_sorts_per_pixel_in_the_reference() {
     let folder = tempfile::tempdir().unwrap();
     let draw = |order: &str| {
         let out = path(&folder, &format!("{order}.npy"));
@@ -273,7 +273,7 @@ fn the_reference_draws_in_the_order_of_every_pixel() {
 }
 
 #[test]
-fn places_that_cannot_be_written_are_known_before_anything_is_measured() {
+fn unwritable_outputs_are_reported_before_the_measurement() {
     for file in ["--json", "--plot"] {
         let arguments = quick("cactus:100", "knobs", &[file, "/nowhere/a"]);
         let output = smalto(&arguments);
@@ -303,7 +303,7 @@ fn point(ms: f64, db: Option<f64>) -> Point {
 }
 
 #[test]
-fn pareto_points_are_those_that_none_beats_in_both() {
+fn pareto_points_are_beaten_in_speed_and_accuracy_by_none() {
     let marks = |places: &[(f64, Option<f64>)]| {
         let mut points: Vec<Point> = places.iter().map(|(ms, db)| point(*ms, *db)).collect();
         mark_pareto(&mut points.iter_mut().collect::<Vec<_>>());
@@ -346,7 +346,7 @@ fn chosen(gpu: &Gpu, scene: &Gaussians, budget: Budget, others: &[Camera]) -> an
 }
 
 #[test]
-fn what_is_chosen_for_a_budget_keeps_it_on_other_views() {
+fn options_chosen_for_a_budget_keep_it_on_other_views() {
     let gpu = Gpu::new();
     let scene = scene();
     let others = orbit(&scene, 11);
@@ -361,7 +361,7 @@ fn what_is_chosen_for_a_budget_keeps_it_on_other_views() {
 }
 
 #[test]
-fn a_tight_budget_says_exact_or_is_refused() {
+fn a_tight_budget_chooses_exact_or_is_refused() {
     let gpu = Gpu::new();
     let scene = Procedural::parse("many-small:60").unwrap().unwrap().make().unwrap().gaussians;
     let others = orbit(&scene, 5);
@@ -375,7 +375,7 @@ fn a_tight_budget_says_exact_or_is_refused() {
 /// A search for a view in which options that are chosen by proof are farther from the exact picture than it says: the
 /// stop, the degree and the storage of the harmonics together, over random views of a bright scene.
 #[test]
-fn no_view_passes_what_is_proven_of_stop_degree_and_storage_together() {
+fn proven_bounds_of_stop_degree_and_storage_hold_in_every_view() {
     let gpu = Gpu::new();
     let scene = scene();
     let needs = Requirements::of(&scene);

@@ -60,7 +60,7 @@ fn holds(name: &str, scene: &Gaussians, camera: &Camera, background: Background)
 }
 
 #[test]
-fn no_error_passes_its_certificate_on_the_cactus() {
+fn errors_stay_below_the_certificate_on_the_cactus() {
     let scene = synthetic::cactus(20_000).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 110], 0.9);
     holds("cactus", &scene, &camera, Background::BLACK);
@@ -70,7 +70,7 @@ fn no_error_passes_its_certificate_on_the_cactus() {
 /// A search for a counterexample among scenes made to pass the bound: many faint layers, all of one colour against the
 /// background's, so that what is left out adds up.
 #[test]
-fn no_error_passes_its_certificate_where_errors_add_up() {
+fn errors_stay_below_the_certificate_where_they_add_up() {
     let mut random = Random(17);
     for round in 0..6 {
         let bright = [1.0, 3.0][round % 2];
@@ -106,7 +106,7 @@ fn a_certified_picture_is_the_same_picture() {
 }
 
 #[test]
-fn where_nothing_is_drawn_nothing_is_uncertain() {
+fn the_certificate_of_an_empty_picture_is_zero() {
     let gpu = Gpu::new();
     let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [40, 30], 1.0);
     let [_, certificate] = certified(&gpu, &gaussians(&[]), &camera, &Options::EXACT, Background::BLACK);

@@ -21,7 +21,7 @@ fn images_of_any_shape_agree() {
 }
 
 #[test]
-fn images_as_wide_or_high_as_images_get_agree() {
+fn images_of_the_largest_width_or_height_agree() {
     let mut random = Random(5);
     let raws: Vec<_> = (0..200)
         .map(|_| {
@@ -35,7 +35,7 @@ fn images_as_wide_or_high_as_images_get_agree() {
 }
 
 #[test]
-fn images_that_no_device_makes_are_refused() {
+fn images_larger_than_the_device_allows_are_refused() {
     let gpu = Gpu::new();
     let scene = GpuScene::new(&gpu.0, &gaussians(&[(ball([0.0, 0.0, 5.0], 1.0, 0.9), RED)]), &Options::EXACT).unwrap();
     let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
@@ -251,7 +251,7 @@ fn depths_from_a_thousandth_to_a_million_agree() {
 
 /// As large as their means are far beside the image, up to 3e11 px: layers across all of it.
 #[test]
-fn large_splats_far_aside_agree() {
+fn large_splats_far_outside_the_image_agree() {
     for power in 2..9 {
         let far = 10_f64.powi(power);
         let raws: Vec<_> = (0..8)
@@ -281,6 +281,6 @@ fn views_agree_in_subgroups_of_four() {
         "--skip",
         "more_than_65535_tiles",
         "--skip",
-        "as_wide",
+        "largest_width",
     ]);
 }

@@ -13,7 +13,7 @@ use smalto::rules::Background;
 use smalto::scene::{self, Gaussians, Raw, sh_coefficients};
 
 #[test]
-fn nothing_to_draw_is_the_background() {
+fn an_empty_scene_is_the_background() {
     let gpu = Gpu::new();
     let camera = ahead([40, 30], 30.0);
     let behind = gaussians(&[(ball([0.0, 0.0, -5.0], 1.0, 0.9), RED)]);
@@ -32,7 +32,7 @@ fn nothing_to_draw_is_the_background() {
 
 /// A tilted splat, 1e8 px long and 3000 wide: the tilt is seen a thousand pixels from its mean.
 #[test]
-fn a_splat_longer_than_its_squares_can_be_keeps_its_tilt() {
+fn splats_whose_squared_length_overflows_keep_their_tilt() {
     let rotation = [(PI / 8.0).cos(), 0.0, 0.0, (PI / 8.0).sin()];
     let log_scale = [1e6, 7.5, 1e-3].map(f64::ln);
     let scene = gaussians(&[(Raw { mean: [0.0, 0.0, 5.0], log_scale, rotation, opacity_logit: 2.0 }, RED)]);
@@ -70,7 +70,7 @@ fn opacities_around_the_threshold_agree() {
 }
 
 #[test]
-fn logits_of_any_size_are_opacities() {
+fn opacity_logits_of_any_size_agree() {
     let of = |opacity_logit| {
         let raw = Raw { opacity_logit, ..ball([0.0, 0.0, 5.0], 0.05, 0.5) };
         agrees("logit", &gaussians(&[(raw, RED)]), &ahead([33, 33], 100.0)).at(16, 16)[3]
@@ -84,7 +84,7 @@ fn logits_of_any_size_are_opacities() {
 }
 
 #[test]
-fn two_saturated_splats_leave_out_the_second_as_the_original_does() {
+fn a_second_saturated_splat_is_left_out_as_in_the_original() {
     // (1 - 0.99f)^2 is just below 1e-4f in f32, so the original never adds the second.
     let opaque = |z| Raw { opacity_logit: f64::INFINITY, ..ball([0.0, 0.0, z], 10.0, 0.5) };
     let scene = gaussians(&[(opaque(5.0), RED), (opaque(6.0), GREEN), (opaque(7.0), GREEN)]);
@@ -193,7 +193,7 @@ fn quaternions_of_any_length_agree() {
 
 /// What a flush to zero of values below the normal floats may change is nothing that is seen.
 #[test]
-fn denormal_values_are_as_good_as_zero() {
+fn denormal_values_are_drawn_as_zero() {
     let with = |tiny: f64| {
         let thin = |x: f64, axes: [f64; 3]| Raw {
             mean: [x, tiny, 5.0 + tiny],
@@ -251,7 +251,7 @@ fn read_ply(rows: &[[f32; 14]]) -> scene::Scene {
 }
 
 #[test]
-fn what_a_file_holds_that_is_not_finite_is_dropped_and_counted() {
+fn gaussians_that_are_not_finite_are_dropped_and_counted() {
     let good = |i: usize| [0.1 * i as f32, 0.2, 5.0, 0.5, -0.3, 0.2, 1.0, -1.0, -2.0, -1.5, 0.9, 0.1, 0.2, -0.3];
     let rows: Vec<[f32; 14]> = (0..50).map(good).collect();
     let clean = read_ply(&rows);

@@ -153,7 +153,7 @@ const PICTURES: [(&str, Rules); 2] =
     [("tests/gsplat/small.npy", Rules::GSPLAT), ("tests/gsplat/small-antialiased.npy", ANTIALIASED)];
 
 #[test]
-fn gsplat_draws_the_small_scene_as_smalto_does() {
+fn gsplat_and_smalto_agree_on_the_small_scene() {
     assert_eq!(Options::preset("gsplat"), Some(GSPLAT));
     let gpu = Gpu::new();
     for (path, rules) in PICTURES {
@@ -168,7 +168,7 @@ fn gsplat_draws_the_small_scene_as_smalto_does() {
 const DEPTHS: &str = "tests/gsplat/small-depths.npy";
 
 #[test]
-fn gsplat_finds_the_small_scene_as_deep_as_smalto_does() {
+fn gsplat_and_smalto_agree_on_depths_of_the_small_scene() {
     let gpu = Gpu::new();
     let theirs = Pixels::read(Path::new(DEPTHS)).unwrap();
     let (scene, camera) = (small_scene(), small_camera());
@@ -196,7 +196,7 @@ fn gsplat_finds_the_small_scene_as_deep_as_smalto_does() {
 }
 
 #[test]
-fn gsplat_draws_the_small_scene_unlike_any_other_rules() {
+fn gsplat_and_smalto_differ_if_any_rule_differs() {
     let gaussians = small_scene();
     let picture = Pixels::read(Path::new(PICTURES[0].0)).unwrap();
     let others = [

@@ -80,13 +80,13 @@ fn captured_case() -> [Case; 1] {
 }
 
 #[test]
-fn inspect_counts_what_a_pixel_takes() {
+fn inspect_counts_the_work_of_a_pixel() {
     check_counts_of_pixels(&cases(), [false, true]);
 }
 
 #[test]
 #[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
-fn inspect_counts_what_a_pixel_takes_in_a_captured_scene() {
+fn inspect_counts_the_work_of_a_pixel_in_a_captured_scene() {
     check_counts_of_pixels(&captured_case(), [false]);
 }
 
@@ -148,7 +148,7 @@ fn check_tile_load(cases: &[Case]) {
 
 /// More entries in one tile than llvmpipe lets a loop run.
 #[test]
-fn a_list_longer_than_65535_is_walked_to_its_end() {
+fn a_list_longer_than_65535_is_counted_completely() {
     let entry = |i: u32| {
         let z = 5.0 + 1e-5 * f64::from(i);
         if i % 400 == 399 {
@@ -238,13 +238,13 @@ fn difference(pixels: &Pixels, (exact, scale): &(Vec<reference::Pixel>, f64)) ->
 }
 
 #[test]
-fn recolour_shows_the_attributes_of_the_gaussians() {
+fn attributes_are_shown_in_false_colour() {
     check_attributes(&cases());
 }
 
 #[test]
 #[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
-fn recolour_shows_the_attributes_of_the_gaussians_of_a_captured_scene() {
+fn attributes_are_shown_in_false_colour_in_a_captured_scene() {
     check_attributes(&captured_case());
 }
 
@@ -301,13 +301,13 @@ fn an_isolated_gaussian_is_drawn_as_if_it_were_alone() {
 }
 
 #[test]
-fn what_is_culled_from_elsewhere_is_drawn_from_here() {
+fn culling_can_be_frozen_from_another_view() {
     check_frozen_culling(&cases());
 }
 
 #[test]
 #[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
-fn what_is_culled_from_elsewhere_is_drawn_from_here_in_a_captured_scene() {
+fn culling_can_be_frozen_from_another_view_in_a_captured_scene() {
     check_frozen_culling(&captured_case());
 }
 
@@ -410,7 +410,7 @@ fn check_explanations<const N: usize>(cases: &[Case; N], portable: [bool; N]) {
 }
 
 #[test]
-fn explain_describes_the_frame_recorded_last_complete_or_not() {
+fn explain_describes_the_last_frame_even_if_it_is_incomplete() {
     let gpu = Gpu::new();
     let scene = build(&cloud(&mut Random(5), 400, 2, 0.3), 2);
     let mut still = still_of(&gpu, &scene, &Options::EXACT);
@@ -430,7 +430,7 @@ fn explain_describes_the_frame_recorded_last_complete_or_not() {
 }
 
 #[test]
-fn pictures_that_are_drawn_smaller_are_inspected_as_they_are_drawn() {
+fn scaled_pictures_are_inspected_at_the_size_they_are_drawn() {
     let gpu = Gpu::new();
     let (scene, camera) = (build(&cloud(&mut Random(5), 400, 2, 0.3), 2), camera());
     let [mut small, mut drawn] = [0.5, 1.0].map(|scale| still_of(&gpu, &scene, &Options { scale, ..Options::EXACT }));
@@ -500,7 +500,7 @@ fn outlines_lie_on_the_ellipse_and_centres_at_the_mean() {
 }
 
 #[test]
-fn no_inspection_costs_nothing_and_changes_nothing() {
+fn without_inspection_the_frame_is_unchanged() {
     let gpu = Gpu::new();
     let (scene, camera) = (build(&cloud(&mut Random(5), 400, 2, 0.3), 2), camera());
     let options = Options { portable: true, ..Options::EXACT };

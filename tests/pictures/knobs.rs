@@ -57,7 +57,7 @@ fn layers(random: &mut Random, opacity: [f64; 2], bright: f32) -> Gaussians {
 
 /// A search for a pixel that a stop moves by more than its part of the brightest colour.
 #[test]
-fn a_stop_moves_no_pixel_by_more_than_its_part_of_the_brightest_colour() {
+fn an_early_stop_moves_no_pixel_by_more_than_its_bound() {
     let gpu = Gpu::new();
     let mut random = Random(1);
     let mut closest = 0.0_f64;
@@ -88,7 +88,7 @@ fn a_stop_moves_no_pixel_by_more_than_its_part_of_the_brightest_colour() {
 }
 
 #[test]
-fn a_stop_saves_work() {
+fn an_early_stop_saves_work() {
     let gpu = Gpu::new();
     let scene = cactus();
     let work = |stop: f32| {
@@ -117,7 +117,7 @@ fn sorted_by_upper_bits(scene: &Gaussians, camera: &Camera, shift: u32) -> Rende
 }
 
 #[test]
-fn cut_keys_sort_by_the_bits_that_are_left() {
+fn short_depth_keys_sort_by_their_upper_bits() {
     let gpu = Gpu::new();
     // From depth 0.7 to 12, and one Gaussian whose depth is the far end of the scene.
     let mut free = cloud(&mut Random(2), 500, 0, 0.0);
@@ -139,7 +139,7 @@ fn cut_keys_sort_by_the_bits_that_are_left() {
 }
 
 #[test]
-fn depths_that_differ_below_the_cut_are_drawn_as_in_the_file() {
+fn equal_short_depth_keys_keep_the_order_of_the_file() {
     let gpu = Gpu::new();
     // 2.0005 and 2 differ in the 13th bit after the leading one.
     let balls = [(ball([0.0, 0.0, 2.0005], 0.5, 0.95), RED), (ball([0.0, 0.0, 2.0], 0.5, 0.95), GREEN)];
@@ -187,7 +187,7 @@ fn an_enlarged_picture_is_not_shifted() {
 }
 
 #[test]
-fn the_drawn_size_is_rounded_and_never_nothing() {
+fn the_drawn_size_is_rounded_and_at_least_1() {
     let drawn = |size: [u32; 2], scale: f32| Options { scale, ..Options::EXACT }.drawn_size(size);
     assert_eq!(drawn([1, 1], 0.01), [1, 1]);
     assert_eq!(drawn([1, 1], 1.0), [1, 1]);
@@ -199,7 +199,7 @@ fn the_drawn_size_is_rounded_and_never_nothing() {
 }
 
 #[test]
-fn a_scale_of_1_is_none() {
+fn a_scale_of_1_changes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let picture = |name: &str, more: &[&str]| {
         let out = crate::common::program::path(&folder, name);

@@ -53,7 +53,7 @@ fn scaled(scene: &[Free], factor: f64, order: Order) -> Pixels {
 }
 
 #[test]
-fn the_axes_of_a_gaussian_can_be_exchanged() {
+fn exchanging_the_axes_of_a_gaussian_changes_nothing() {
     let mut exchanged = scene();
     let expected = render(&exchanged);
     // A quarter turn about the local z axis swaps the first two scales.
@@ -68,7 +68,7 @@ fn the_axes_of_a_gaussian_can_be_exchanged() {
 }
 
 #[test]
-fn world_and_camera_can_turn_together() {
+fn turning_world_and_camera_changes_nothing() {
     let matt = matt();
     let expected = render(&matt);
     for (axis, angle) in [(DVec3::Y, 1.0), (DVec3::new(1.0, 2.0, -1.0), 2.5), (DVec3::new(-3.0, 0.2, 1.0), -0.4)] {
@@ -80,7 +80,7 @@ fn world_and_camera_can_turn_together() {
 
 /// By millions, where a float is an eighth: of means that are whole eighths, nothing is lost.
 #[test]
-fn world_and_camera_can_move_far_together() {
+fn moving_world_and_camera_far_changes_nothing() {
     let mut eighths = matt();
     for gaussian in &mut eighths {
         gaussian.raw.mean = gaussian.raw.mean.map(|v| (v * 8.0).round() / 8.0);
@@ -93,7 +93,7 @@ fn world_and_camera_can_move_far_together() {
 
 /// Up to worlds in which squares of lengths are no floats.
 #[test]
-fn a_world_of_any_size_makes_the_same_picture() {
+fn scaling_world_and_camera_changes_nothing() {
     let scene = scene();
     for order in [Order::Depth, Order::Distance] {
         let expected = scaled(&scene, 1.0, order);
@@ -107,7 +107,7 @@ fn a_world_of_any_size_makes_the_same_picture() {
 }
 
 #[test]
-fn a_mirrored_scene_makes_a_mirrored_picture() {
+fn mirroring_the_scene_mirrors_the_picture() {
     let camera = Camera::looking_at(DVec3::new(0.0, -1.2, -5.0), DVec3::new(0.0, -1.2, 0.0), SIZE, 0.9);
     let mut mirrored = matt();
     let expected = render_from(&mirrored, &camera);
@@ -124,7 +124,7 @@ fn a_mirrored_scene_makes_a_mirrored_picture() {
 }
 
 #[test]
-fn a_camera_upside_down_takes_the_picture_upside_down() {
+fn turning_the_camera_upside_down_turns_the_picture() {
     let (scene, camera) = (scene(), camera());
     let rolled = DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0)) * camera.rotation;
     let mut pixels = render_from(&scene, &Camera { rotation: rolled, ..camera });
@@ -135,7 +135,7 @@ fn a_camera_upside_down_takes_the_picture_upside_down() {
 /// Strips that begin anywhere in a tile, each a picture of its own: together they are the whole. The splats are flat
 /// and face the camera: so the clamp of the Jacobian, which depends on the size of the image, has no say.
 #[test]
-fn strips_and_columns_of_the_picture_make_the_picture() {
+fn strips_join_to_the_whole_picture() {
     let mut random = Random(21);
     let raws: Vec<_> = (0..500)
         .map(|i| {
@@ -178,7 +178,7 @@ fn strips_and_columns_of_the_picture_make_the_picture() {
 
 /// Pixels cut out of a picture are those of a camera with a shifted principal point.
 #[test]
-fn a_window_of_the_picture_is_the_picture() {
+fn a_crop_of_the_camera_is_a_crop_of_the_picture() {
     // Without the backdrop: the clamp of the Jacobian follows the window, and moves large splats that lie outside of it.
     let near: Vec<Free> = scene().into_iter().filter(|g| DVec3::from(g.raw.mean).length() < 4.0).collect();
     let whole = render(&near);
@@ -195,6 +195,6 @@ fn a_window_of_the_picture_is_the_picture() {
 }
 
 #[test]
-fn pictures_follow_in_subgroups_of_four() {
+fn pictures_follow_the_world_in_subgroups_of_four() {
     again_in_subgroups_of_four(&["metamorphic::", "--skip", "subgroups_of_four"]);
 }

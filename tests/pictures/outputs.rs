@@ -105,13 +105,13 @@ fn check_depths(cases: Vec<(Gaussians, Camera)>) {
 
 /// The reference itself, against every pixel's list taken apart.
 #[test]
-fn the_reference_takes_depths_from_what_it_blends() {
+fn depths_of_the_reference_come_from_the_blended_splats() {
     check_depths_of_the_reference(cases());
 }
 
 #[test]
 #[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
-fn the_reference_takes_depths_from_what_it_blends_in_a_captured_scene() {
+fn depths_of_the_reference_come_from_the_blended_splats_in_a_captured_scene() {
     check_depths_of_the_reference(captured_case());
 }
 
@@ -141,7 +141,7 @@ fn check_depths_of_the_reference(cases: Vec<(Gaussians, Camera)>) {
 }
 
 #[test]
-fn depths_of_two_balls_are_what_one_works_out() {
+fn depths_of_two_balls_match_a_calculation_by_hand() {
     let gpu = Gpu::new();
     let (scene, camera) = two_balls();
     let of_reference = exact(&scene, &camera, &Rules::TRAINED).depths();
@@ -161,7 +161,7 @@ fn depths_of_two_balls_are_what_one_works_out() {
 
 /// More entries in one tile than llvmpipe lets a loop run, so that it is walked in several passes.
 #[test]
-fn depths_of_a_long_list_are_taken_to_its_end() {
+fn depths_of_a_list_longer_than_65535_are_complete() {
     let entry = |i: u32| {
         let z = 5.0 + 1e-4 * f64::from(i);
         // The second kind alone is seen in most pixels, little by little.
@@ -183,14 +183,14 @@ fn depths_of_a_long_list_are_taken_to_its_end() {
 }
 
 #[test]
-fn depths_are_not_enlarged() {
+fn depths_are_refused_for_scaled_pictures() {
     let gpu = Gpu::new();
     let options = Options { scale: 0.5, ..Options::EXACT };
     let scene = GpuScene::new(&gpu.0, &gaussians(&[(ball([0.0, 0.0, 4.0], 0.2, 0.5), RED)]), &options).unwrap();
     let mut still = Renderer::new(&gpu.0, &options, &scene).unwrap();
     let inspection = Inspection { look: DEPTHS, ..Inspection::default() };
     let error = still.set_inspection(inspection).unwrap_err().to_string();
-    assert_eq!(error, "depths of a picture that is drawn smaller cannot be enlarged");
+    assert_eq!(error, "depths need --scale 1: they cannot be enlarged");
 }
 
 /// One channel of an OpenEXR file.
@@ -247,7 +247,7 @@ fn files(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn layers_lie_beside_a_file_and_in_folders() {
+fn layers_are_written_beside_a_file_or_into_folders() {
     let folder = tempfile::tempdir().unwrap();
     let file = cameras(&folder, ["a", "b", "c"]);
     let layers = "colour,alpha,depth,median-depth,counts";
@@ -288,7 +288,7 @@ fn layers_lie_beside_a_file_and_in_folders() {
 }
 
 #[test]
-fn pictures_in_a_folder_are_of_any_kind() {
+fn pictures_in_a_folder_can_have_any_format() {
     let folder = tempfile::tempdir().unwrap();
     let file = cameras(&folder, ["a", "b", "c"]);
     let render = |kind: &str, background: &str| {
@@ -343,7 +343,7 @@ fn pictures_are_named_after_images_and_stay_in_their_folder() {
 }
 
 #[test]
-fn cameras_are_chosen_by_lists_and_ranges() {
+fn cameras_can_be_chosen_by_lists_and_ranges() {
     let folder = tempfile::tempdir().unwrap();
     let file = cameras(&folder, ["a", "0..2", "c,d"]);
     let common = ["render", "cactus:100", "--size", "8x8", "--cameras", &file];
@@ -371,7 +371,7 @@ fn cameras_are_chosen_by_lists_and_ranges() {
 }
 
 #[test]
-fn a_film_is_frames_without_gaps_and_a_command() {
+fn a_film_is_numbered_frames_and_a_command() {
     let folder = tempfile::tempdir().unwrap();
     let file = cameras(&folder, ["a", "b", "c"]);
     let out = path(&folder, "my film");
@@ -391,7 +391,7 @@ fn a_film_is_frames_without_gaps_and_a_command() {
 }
 
 #[test]
-fn an_interrupted_run_is_resumed_and_no_other() {
+fn only_an_interrupted_run_is_resumed() {
     let folder = tempfile::tempdir().unwrap();
     let file = cameras(&folder, ["a", "b", "c"]);
     let out = folder.path().join("views");
@@ -449,7 +449,7 @@ fn an_interrupted_run_is_resumed_and_no_other() {
 }
 
 #[test]
-fn outputs_that_make_no_sense_are_exit_code_2() {
+fn wrong_output_arguments_are_exit_code_2() {
     let folder = tempfile::tempdir().unwrap();
     let file = cameras(&folder, ["a", "b", "c"]);
     let place = path(&folder, "x");

@@ -32,7 +32,7 @@ fn picture(gaussians: &Gaussians, camera: &Camera, rules: &Rules) -> Rendering {
 }
 
 #[test]
-fn colour_turns_with_the_scene() {
+fn spherical_harmonics_turn_with_the_scene() {
     let mut random = Random(7);
     for degree in 0..=3 {
         for seed in 0..20 {
@@ -56,7 +56,7 @@ fn colour_turns_with_the_scene() {
 }
 
 #[test]
-fn the_identity_changes_no_bit() {
+fn the_identity_transform_changes_no_bit() {
     let scene = synthetic::cactus(5000).unwrap().gaussians;
     let same = scene.transformed(&Transform::IDENTITY).unwrap();
     assert_eq!(same, scene);
@@ -87,7 +87,7 @@ fn a_transformed_scene_looks_the_same_from_a_transformed_camera() {
 }
 
 #[test]
-fn transforms_follow_one_another_and_back() {
+fn transforms_compose_and_invert() {
     let (a, b) = (some_transform(), Transform::new(DQuat::from_rotation_x(2.0), DVec3::Y, 0.1).unwrap());
     let point = DVec3::new(0.3, -7.0, 2.0);
     assert!(a.then(&b).unwrap().point(point).distance(b.point(a.point(point))) < 1e-12);
@@ -105,7 +105,7 @@ fn transforms_follow_one_another_and_back() {
 }
 
 #[test]
-fn only_similarities_can_be_made() {
+fn transforms_that_are_no_similarities_are_refused() {
     let transform = some_transform();
     let matrix =
         DMat4::from_scale_rotation_translation(DVec3::splat(1.75), transform.rotation(), transform.translation());

@@ -38,7 +38,7 @@ fn both_paths_agree_and_draw_the_same_bits_in_every_run() {
 }
 
 #[test]
-fn the_order_of_the_input_does_not_matter() {
+fn the_order_of_the_gaussians_does_not_matter() {
     let mut shuffled = scene();
     let expected = render(&shuffled);
     let mut random = Random(9);
@@ -49,7 +49,7 @@ fn the_order_of_the_input_does_not_matter() {
 }
 
 #[test]
-fn what_cannot_be_seen_does_not_matter() {
+fn invisible_gaussians_do_not_matter() {
     let mut more = scene();
     let expected = render(&more);
     let unseen = [
@@ -99,7 +99,7 @@ fn three_opaque_layers_hide_what_is_behind() {
 }
 
 #[test]
-fn a_background_shows_through_by_the_transmittance() {
+fn the_background_is_weighted_by_the_transmittance() {
     let gpu = Gpu::new();
     let gaussians = build(&scene()[..800], 3);
     let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
@@ -118,7 +118,7 @@ fn a_background_shows_through_by_the_transmittance() {
 }
 
 #[test]
-fn zero_bands_of_harmonics_cost_nothing_of_the_picture() {
+fn zero_harmonics_of_a_higher_degree_change_nothing() {
     for degree in 0..3 {
         let mut low = scene();
         for gaussian in &mut low {
@@ -143,7 +143,7 @@ fn every_degree_matches_the_reference() {
 }
 
 #[test]
-fn random_splats_from_the_whole_range_are_convex_and_agree() {
+fn random_splats_agree_and_are_convex_combinations() {
     let mut random = Random(17);
     let near = Options::EXACT.rules.near;
     for round in 0..20 {
@@ -183,12 +183,12 @@ fn random_splats_from_the_whole_range_are_convex_and_agree() {
 
 #[test]
 fn random_splats_agree_in_subgroups_of_four() {
-    again_in_subgroups_of_four(&["random_splats_from_the_whole_range_are_convex_and_agree"]);
+    again_in_subgroups_of_four(&["random_splats_agree_and_are_convex_combinations"]);
 }
 
 /// Every pixel is a mean of the colours and the background, so what is done to all of them is done to it.
 #[test]
-fn a_brighter_and_paler_scene_makes_such_a_picture() {
+fn brightening_the_colours_brightens_the_picture() {
     const DC: f32 = 0.282_094_8;
     let mut mild = scene();
     for gaussian in &mut mild {

@@ -108,7 +108,7 @@ fn presets_draw_by_their_rules_on_every_path() {
 }
 
 #[test]
-fn the_complete_picture_is_as_far_from_the_trained_one_as_the_certificate_says() {
+fn complete_and_trained_pictures_differ_by_less_than_the_certificate() {
     let gpu = Gpu::new();
     let scene = scene();
     let (trained, complete) = (Rules::TRAINED, Rules::TRAINED.complete());
@@ -141,7 +141,7 @@ fn crossing() -> Gaussians {
 }
 
 #[test]
-fn crossing_discs_are_sorted_anew_in_every_pixel() {
+fn crossing_discs_are_sorted_in_every_pixel() {
     let camera = ahead([64, 48], 60.0);
     let picture = |order: Order| {
         let rules = Rules { order, ..Rules::TRAINED };
@@ -154,7 +154,7 @@ fn crossing_discs_are_sorted_anew_in_every_pixel() {
 }
 
 #[test]
-fn balls_one_behind_the_other_need_no_order_of_their_own_in_every_pixel() {
+fn separate_balls_need_no_sort_per_pixel() {
     let mut random = Random(5);
     let balls: Vec<_> = (0..60)
         .map(|i| {
@@ -170,7 +170,7 @@ fn balls_one_behind_the_other_need_no_order_of_their_own_in_every_pixel() {
 }
 
 #[test]
-fn only_the_reference_sorts_in_every_pixel() {
+fn sorting_per_pixel_is_refused_on_the_gpu() {
     let gpu = Gpu::new();
     let options = Options { rules: Rules { order: Order::PerPixel, ..Rules::TRAINED }, ..Options::EXACT };
     let scene = GpuScene::new(&gpu.0, &crossing(), &options).unwrap();

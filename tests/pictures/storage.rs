@@ -36,7 +36,7 @@ fn keeps_its_bound(name: &str, pixels: &Pixels, scene: &Gaussians, camera: &Came
 }
 
 #[test]
-fn harmonics_in_fewer_bits_and_degrees_move_no_pixel_by_more_than_the_layout_says() {
+fn harmonics_in_fewer_bits_and_degrees_stay_within_their_bound() {
     let gpu = Gpu::new();
     for degree in 0..=3 {
         // Opaque and bright enough that no colour is cut at 0, which would hide an error.
@@ -87,7 +87,7 @@ fn on_grids(random: &mut Random, count: usize, degree: u32) -> Vec<Free> {
 }
 
 #[test]
-fn what_lies_on_grids_is_kept_in_8_bits_and_loses_nothing() {
+fn values_on_a_grid_are_stored_in_8_bits_without_loss() {
     let gpu = Gpu::new();
     for degree in 0..=3 {
         let scene = build(&on_grids(&mut Random(9), 500, degree), degree);
@@ -110,7 +110,7 @@ fn what_lies_on_grids_is_kept_in_8_bits_and_loses_nothing() {
 }
 
 #[test]
-fn what_lies_between_the_steps_is_kept_in_floats() {
+fn values_off_the_grid_are_stored_as_floats() {
     let mut all = on_grids(&mut Random(9), 500, 1);
     all[321].sh[2][1] += 0.003;
     all[123].raw.log_scale[0] += 0.01;
@@ -120,7 +120,7 @@ fn what_lies_between_the_steps_is_kept_in_floats() {
 
 /// Every Gaussian in a tile of its own: where words of several share an element, each gets its own.
 #[test]
-fn every_gaussian_gets_its_own_words_at_every_length() {
+fn attributes_stay_with_their_gaussians_at_every_count() {
     let gpu = Gpu::new();
     let camera = ahead([48, 48], 48.0);
     let mut random = Random(11);
@@ -152,7 +152,7 @@ fn every_gaussian_gets_its_own_words_at_every_length() {
 
 /// Scenes are uploaded in parts of 32768.
 #[test]
-fn every_gaussian_gets_its_own_words_where_one_upload_ends() {
+fn attributes_stay_with_their_gaussians_across_uploads() {
     let gpu = Gpu::new();
     let scene = build(&free(&synthetic::cactus(32_771).unwrap().gaussians), 0);
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [80, 60], 0.9);
@@ -191,7 +191,7 @@ fn shapes_psnr(gpu: &Gpu, scene: &Gaussians, camera: &Camera, storage: Storage, 
 }
 
 #[test]
-fn shapes_in_16_bits_hold_scales_of_36_octaves() {
+fn shapes_in_16_bits_span_36_octaves_of_scale() {
     let gpu = Gpu::new();
     let rules = Rules { near: 1e-7, ..Rules::TRAINED };
     let scene = over_octaves(36);
@@ -217,7 +217,7 @@ fn shapes_in_8_bits_draw_nearly_the_cactus() {
 
 /// Opacities down to a quarter of a step of 8 bits.
 #[test]
-fn nothing_becomes_transparent_in_8_bits() {
+fn opacities_in_8_bits_are_never_zero() {
     let gpu = Gpu::new();
     let camera = ahead([64, 64], 64.0);
     let rules = Rules { alpha_min: 1.0 / 1024.0, ..Rules::TRAINED };
@@ -239,7 +239,7 @@ fn nothing_becomes_transparent_in_8_bits() {
 
 /// A rotation is that of its quaternion and of the opposite one; which component is the largest does not matter.
 #[test]
-fn rotations_in_32_bits_turn_as_they_did() {
+fn rotations_in_32_bits_agree() {
     let gpu = Gpu::new();
     let mut random = Random(15);
     let camera = ahead([64, 48], 60.0);

@@ -73,7 +73,7 @@ fn hundreds_of_opaque_layers_agree() {
 
 /// One pixel stops at the second of a million; the other is reached by the last one alone.
 #[test]
-fn a_million_splats_in_one_tile_are_drawn_to_the_last() {
+fn a_million_splats_in_one_tile_are_all_drawn() {
     const COUNT: usize = 1_000_000;
     let entry = |i: usize| {
         let z = 5.0 + 1e-6 * i as f64;
@@ -94,7 +94,7 @@ fn a_million_splats_in_one_tile_are_drawn_to_the_last() {
 
 /// More entries in one tile than llvmpipe lets a loop run: all must count.
 #[test]
-fn a_tile_list_longer_than_65535_is_drawn_to_its_end() {
+fn a_tile_list_longer_than_65535_is_drawn_completely() {
     // Most cover one corner; a faint one now and then covers the tile, so that each missing stretch is seen.
     let entry = |i: u32| {
         let z = 5.0 + 1e-5 * f64::from(i);
@@ -124,11 +124,11 @@ fn a_tile_list_longer_than_65535_is_drawn_to_its_end() {
 
 #[test]
 fn long_lists_agree_in_subgroups_of_four() {
-    again_in_subgroups_of_four(&["a_tile_list_longer_than_65535_is_drawn_to_its_end"]);
+    again_in_subgroups_of_four(&["a_tile_list_longer_than_65535_is_drawn_completely"]);
 }
 
 #[test]
-fn what_does_not_fit_grows_and_is_rendered_again() {
+fn buffers_that_overflow_grow_and_the_frame_is_repeated() {
     let gpu = Gpu::new();
     let scene = synthetic::cactus(5000).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 120], 0.9);
@@ -152,7 +152,7 @@ fn what_does_not_fit_grows_and_is_rendered_again() {
 }
 
 #[test]
-fn a_frame_that_did_not_fit_stays_incomplete_when_the_room_has_grown_since() {
+fn a_frame_that_overflowed_stays_incomplete_after_growth() {
     let gpu = Gpu::new();
     let gaussians = synthetic::cactus(2000).unwrap().gaussians;
     let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
@@ -169,7 +169,7 @@ fn a_frame_that_did_not_fit_stays_incomplete_when_the_room_has_grown_since() {
 
 /// Where the spare room is over a limit of the device, the room that is needed is enough.
 #[test]
-fn what_fits_exactly_is_not_refused() {
+fn a_demand_of_exactly_the_limit_is_not_refused() {
     let gpu = Gpu::new();
     let most = gpu.0.capabilities().limits.storage_range.min(128 << 20) / 36;
     let mut work = PortableWorkspace::new(&gpu.0, Capacity::default()).unwrap();

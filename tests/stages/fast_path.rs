@@ -21,7 +21,7 @@ fn stages(gpu: &Gpu, options: &Options, size: [u32; 2]) -> Vec<&'static str> {
 }
 
 #[test]
-fn it_is_taken_where_nothing_speaks_against_it() {
+fn the_fast_path_draws_every_preset_that_allows_it() {
     let gpu = Gpu::new();
     let is_fast = |options: Options, size| stages(&gpu, &options, size).contains(&"masks");
     for (name, options) in Options::PRESETS {

@@ -97,7 +97,7 @@ fn padding_is_refused() {
 }
 
 #[test]
-fn blocks_that_no_rust_type_describes_are_refused() {
+fn blocks_without_a_rust_type_are_refused() {
     for (declaration, expected) in [
         ("layout(binding = 0, scalar) buffer A { uint count; uint values[]; };", "has 2 members"),
         ("layout(binding = 0, std140) uniform A { uint count; };", "uniform buffers are not supported"),

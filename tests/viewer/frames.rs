@@ -55,7 +55,7 @@ fn rendered(gpu: &Gpu, offscreen: &mut Offscreen, options: &Options) -> Pixels {
 }
 
 #[test]
-fn the_screen_is_what_render_makes_bit_for_bit() {
+fn the_screen_equals_render_bit_for_bit() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:3000"]));
     for preset in [Options::BALANCED, Options::EXACT, Options::PREVIEW] {
@@ -68,7 +68,7 @@ fn the_screen_is_what_render_makes_bit_for_bit() {
 }
 
 #[test]
-fn a_split_shows_one_picture_on_each_side_and_a_difference_what_is_between() {
+fn split_and_difference_views_compare_two_pictures() {
     let gpu = Gpu::new();
     let preview = Options { scale: 0.5, ..Options::PREVIEW };
     let compares_with = Some(CompareWith::Options(preview));
@@ -96,7 +96,7 @@ fn a_split_shows_one_picture_on_each_side_and_a_difference_what_is_between() {
 }
 
 #[test]
-fn the_reference_stands_beside_the_picture_and_only_for_its_own_view() {
+fn the_reference_is_shown_for_its_own_view_only() {
     let gpu = Gpu::new();
     let compares_with = Some(CompareWith::Reference);
     let mut offscreen = open(&gpu, Setup { compares_with, ..setup(&["cactus:3000"]) });
@@ -116,7 +116,7 @@ fn the_reference_stands_beside_the_picture_and_only_for_its_own_view() {
 }
 
 #[test]
-fn two_scenes_are_one_picture_and_a_scene_that_is_placed_moves() {
+fn several_scenes_are_drawn_together_and_can_be_placed() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:2000", "few-large:50"]));
     let both = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone();
@@ -140,7 +140,7 @@ fn two_scenes_are_one_picture_and_a_scene_that_is_placed_moves() {
 }
 
 #[test]
-fn knobs_are_measured_and_a_budget_chooses_them() {
+fn knobs_are_measured_and_chosen_by_a_budget() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:2000"]));
     offscreen.viewer().options.key_bits = 16;
@@ -162,7 +162,7 @@ fn knobs_are_measured_and_a_budget_chooses_them() {
 }
 
 #[test]
-fn a_film_and_a_picture_are_written_as_render_writes_them() {
+fn films_and_pictures_are_written_as_by_render() {
     let gpu = Gpu::new();
     let folder = tempfile::tempdir().unwrap();
     let mut offscreen = open(&gpu, setup(&["cactus:2000"]));
@@ -190,7 +190,7 @@ fn a_film_and_a_picture_are_written_as_render_writes_them() {
 }
 
 #[test]
-fn a_view_that_is_copied_comes_back_to_the_last_bit() {
+fn a_copied_view_is_restored_bit_for_bit() {
     let gpu = Gpu::new();
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("cameras.json");

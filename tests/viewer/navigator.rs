@@ -61,7 +61,7 @@ fn orbit_keeps_the_distance_the_horizon_and_the_pivot_in_the_picture() {
 }
 
 #[test]
-fn orbit_turns_what_is_near_with_the_hand() {
+fn orbit_turns_near_things_with_the_drag() {
     let drag = |delta| {
         let mut hands = navigator();
         let near = hands.camera(SIZE).position.lerp(CENTRE, 0.5);
@@ -95,7 +95,7 @@ fn orbit_stops_before_the_poles_and_goes_half_around_across_the_shorter_side() {
 }
 
 #[test]
-fn a_tilt_goes_as_the_camera_is_turned_and_never_jumps() {
+fn a_tilt_vanishes_as_the_camera_turns_and_never_jumps() {
     let mut hands = navigator();
     hands.snap(&irregular());
     let tilt = |hands: &Navigator| roll(&hands.camera(SIZE), hands.up()).abs();
@@ -112,7 +112,7 @@ fn a_tilt_goes_as_the_camera_is_turned_and_never_jumps() {
 }
 
 #[test]
-fn pan_takes_the_point_at_the_pivots_depth_exactly_along() {
+fn pan_moves_points_at_the_pivots_depth_with_the_pointer() {
     let mut hands = navigator();
     hands.snap(&irregular());
     for (delta, size) in
@@ -150,7 +150,7 @@ fn dolly_keeps_the_pivot_in_place_and_never_passes_it() {
 }
 
 #[test]
-fn look_turns_in_place_to_where_the_hand_goes() {
+fn look_turns_in_place_with_the_drag() {
     let mut hands = navigator();
     let before = hands.camera(SIZE);
     let focal = before.focal_px.x;
@@ -187,7 +187,7 @@ fn fly_goes_at_the_speed_along_view_axes() {
 }
 
 #[test]
-fn snapped_is_exactly_the_files_camera_at_every_size() {
+fn a_snapped_camera_is_exactly_that_of_the_file() {
     let mut hands = navigator();
     let camera = irregular();
     hands.orbit(dvec2(33.0, 4.0), SIZE);
@@ -202,7 +202,7 @@ fn snapped_is_exactly_the_files_camera_at_every_size() {
 }
 
 #[test]
-fn a_glide_ends_exactly_there_and_goes_smoothly() {
+fn a_glide_is_smooth_and_ends_exactly_at_its_target() {
     let mut hands = navigator();
     let camera = irregular();
     let from = hands.camera(SIZE);
@@ -221,7 +221,7 @@ fn a_glide_ends_exactly_there_and_goes_smoothly() {
 }
 
 #[test]
-fn a_hand_stops_a_glide_where_it_is() {
+fn input_stops_a_glide_where_it_is() {
     let mut hands = navigator();
     hands.glide_to(&irregular(), GLIDE_SECONDS);
     assert!(hands.advance(0.1));
@@ -238,7 +238,7 @@ fn a_hand_stops_a_glide_where_it_is() {
 }
 
 #[test]
-fn glides_of_no_time_are_steps() {
+fn glides_without_duration_are_steps() {
     for seconds in [0.0, -1.0, f64::NAN] {
         let mut hands = navigator();
         hands.glide_to(&irregular(), seconds);
@@ -280,7 +280,7 @@ fn the_field_of_view_is_horizontal_and_within_its_limits() {
 }
 
 #[test]
-fn flipping_twice_is_nothing_at_all() {
+fn flipping_twice_changes_nothing() {
     let mut hands = navigator();
     for camera in [hands.camera(SIZE), irregular()] {
         hands.snap(&camera);
@@ -333,7 +333,7 @@ fn the_nearest_camera_is_near_and_looks_the_same_way() {
 
 /// Whatever hands do, in windows of any size, the camera stays one.
 #[test]
-fn ten_thousand_motions_leave_a_sound_camera() {
+fn ten_thousand_motions_leave_a_valid_camera() {
     let mut random = Random(99);
     let mut hands = navigator();
     let sizes = [SIZE, [0, 0], [1, 1], [65536, 2], [u32::MAX, 7], [0, 500]];

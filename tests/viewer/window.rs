@@ -167,7 +167,7 @@ fn mouse_and_keys_move_the_view() {
 }
 
 #[test]
-fn the_window_may_have_any_size() {
+fn the_window_can_have_any_size() {
     let _turn = Turn::take();
     let desktop = Desktop::open(true);
     let mut viewer = Viewer::open(&desktop, &[&SMALL[..], &["--near", "0.05"]].concat(), |_| {});
@@ -274,7 +274,7 @@ fn dropped_scenes_join_and_a_broken_file_is_a_message() {
 }
 
 #[test]
-fn keys_step_through_cameras() {
+fn keys_step_through_the_cameras() {
     let _turn = Turn::take();
     let desktop = Desktop::open(true);
     let folder = tempfile::tempdir().unwrap();
@@ -305,7 +305,7 @@ fn keys_step_through_cameras() {
 }
 
 #[test]
-fn every_look_is_shown_and_a_pixel_is_explained() {
+fn every_view_mode_is_shown_and_a_pixel_is_explained() {
     let _turn = Turn::take();
     let desktop = Desktop::open(true);
     let mut viewer = Viewer::open(&desktop, &SMALL, |_| {});
@@ -432,7 +432,7 @@ fn limit_memory(command: &mut Command) {
 }
 
 #[test]
-fn what_cannot_be_opened_is_a_message_in_the_window() {
+fn files_that_cannot_be_opened_are_messages_in_the_window() {
     let _turn = Turn::take();
     let desktop = Desktop::open(true);
     let plush = fs::canonicalize("tests/fixtures/plush.ply").unwrap().display().to_string();
@@ -460,7 +460,7 @@ fn fails(code: i32, command: &mut Command) -> String {
 }
 
 #[test]
-fn no_window_and_no_sense_are_sentences() {
+fn a_missing_display_and_wrong_arguments_are_one_sentence() {
     let _turn = Turn::take();
     let folder = tempfile::tempdir().unwrap();
     let error = fails(3, view(&["cactus:100"]).env_remove("DISPLAY"));
