@@ -1,10 +1,10 @@
-//! How large a scene is and where its matter lies.
+//! The size of a scene, and where most of it lies.
 
 use glam::Vec3;
 
 use super::Gaussians;
 
-/// The box of all means, world units per axis. Of an empty scene, the origin.
+/// The bounding box of all means in world units; the origin for an empty scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     pub low: [f32; 3],
@@ -12,6 +12,7 @@ pub struct Bounds {
 }
 
 impl Bounds {
+    /// The bounding box of the means of `gaussians`.
     pub fn of(gaussians: &Gaussians) -> Self {
         let mut means = gaussians.means().iter().map(|m| Vec3::from(*m));
         let first = means.next().unwrap_or_default();
@@ -20,16 +21,17 @@ impl Bounds {
     }
 }
 
-/// The ball that holds most of what can be seen, wherever floaters are. Of an empty scene, the unit ball.
+/// The sphere that contains most of the visible scene, robust against floaters; the unit sphere for an empty scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Focus {
-    /// Median of the means, weighted by opacity.
+    /// Median of the means per axis, weighted by opacity, world units.
     pub centre: [f64; 3],
-    /// Distance from `centre` that holds 90 % of the opacity.
+    /// Distance from `centre` that contains 90 % of the opacity, world units; 1 if that is 0.
     pub radius: f64,
 }
 
 impl Focus {
+    /// The focus of `gaussians`.
     pub fn of(gaussians: &Gaussians) -> Self {
         let (means, opacities) = (gaussians.means(), gaussians.opacities());
         if means.is_empty() {
@@ -46,7 +48,8 @@ impl Focus {
     }
 }
 
-/// The value that `fraction` of the weight lies at or below. `values` are (value, weight), at least one.
+/// The smallest value with at least `fraction` of the weight at or below it. `values` are (value, weight), at least
+/// one.
 fn weighted_quantile(values: &mut [(f64, f64)], fraction: f64) -> f64 {
     values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let wanted = fraction * values.iter().map(|v| v.1).sum::<f64>();
@@ -58,7 +61,7 @@ fn weighted_quantile(values: &mut [(f64, f64)], fraction: f64) -> f64 {
     reached.unwrap_or(&values[values.len() - 1]).0
 }
 
-/// The values below which these fractions of `values` lie (nearest rank); 0 if there are none.
+/// The values at these fractions (0 to 1) of the sorted `values` (nearest rank); 0 if `values` is empty.
 pub fn percentiles<const N: usize>(mut values: Vec<f32>, fractions: [f64; N]) -> [f32; N] {
     values.sort_unstable_by(f32::total_cmp);
     fractions.map(|f| values.get((values.len().saturating_sub(1) as f64 * f).round() as usize).copied().unwrap_or(0.0))

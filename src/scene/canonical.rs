@@ -1,11 +1,11 @@
-//! From what a file stores to what renderers may rely on, in f64: finite values, unit quaternions, sigmoids, exponentials.
+//! Converts stored values to canonical ones in f64: finite values, unit quaternions, sigmoids, exponentials.
 
 use rayon::prelude::*;
 
 use super::{Gaussians, LoadReport, sh_coefficients};
 use crate::host_memory::{OutOfMemory, host_vec, host_zeros};
 
-/// One Gaussian as files store it, after axis conversion to right, down, forward.
+/// One Gaussian as files store it, in the axes right, down, forward.
 #[derive(Clone, Copy, Debug)]
 pub struct Raw {
     /// World units.
@@ -14,30 +14,33 @@ pub struct Raw {
     pub log_scale: [f64; 3],
     /// Quaternion w x y z of any length.
     pub rotation: [f64; 4],
-    /// Before the sigmoid.
+    /// Opacity before the sigmoid.
     pub opacity_logit: f64,
 }
 
-/// What has this opacity behind the sigmoid; of opacities 0 and 1, infinite.
+/// The inverse of the sigmoid; infinite for 0 and 1.
 pub(super) fn logit(opacity: f64) -> f64 {
     (opacity / (1.0 - opacity)).ln()
 }
 
-/// Collects Gaussians, a block at a time.
+/// Builds [`Gaussians`] from stored values, block by block.
 #[derive(Debug)]
 pub struct Builder {
-    /// Its spherical harmonics have room for all from the start, so that threads decode to where they stay.
+    /// Its spherical harmonics are allocated for the whole capacity, so that threads decode in place.
     gaussians: Gaussians,
     report: LoadReport,
-    /// Of a block; kept, since memory that is new for every block costs more than what is done with it.
+    /// The decoded block. It is kept because allocating it per block costs more than filling it.
     decoded: Vec<Result<Canonical, Flaw>>,
 }
 
-/// Gaussians that a reader decodes at once: enough to share among threads, few enough to need little memory.
+/// Gaussians per block of a reader: enough to share among threads, few enough to need little memory.
 pub const BLOCK: usize = 1 << 16;
 
 impl Builder {
-    /// Room for `capacity` Gaussians of this degree.
+    /// A builder with capacity for `capacity` Gaussians of this SH degree.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if the capacity cannot be allocated.
     pub fn new(sh_degree: u32, capacity: usize) -> Result<Self, OutOfMemory> {
         let gaussians = Gaussians {
             means: host_vec(capacity, "means")?,
@@ -50,8 +53,8 @@ impl Builder {
         Ok(Self { gaussians, report: LoadReport::default(), decoded: Vec::new() })
     }
 
-    /// Adds `count` Gaussians, or counts why they cannot be drawn. `decode` makes the one with this index, and fills its
-    /// spherical harmonics; it runs on many threads.
+    /// Adds `count` Gaussians; those that cannot be drawn are dropped and counted. `decode(index, sh)` returns Gaussian
+    /// `index` from 0 to `count - 1` and writes its spherical harmonics; it runs on many threads.
     pub fn extend(&mut self, count: usize, decode: impl Fn(usize, &mut [[f32; 3]]) -> Raw + Sync) {
         for first in (0..count).step_by(BLOCK) {
             self.extend_block(BLOCK.min(count - first), |index, sh| decode(first + index, sh));
@@ -87,21 +90,25 @@ impl Builder {
                 Err(Flaw::Transparent) => self.report.transparent += 1,
             }
         }
-        // Where those were that moved or were dropped, others are decoded, who may leave zeros as they are.
+        // The next block is decoded here, and a decoder may rely on zeros.
         all.sh[all.means.len() * stride..end].fill([0.0; 3]);
     }
 
-    /// How many were added so far.
+    /// Number of Gaussians kept so far.
     pub(super) fn len(&self) -> usize {
         self.gaussians.len()
     }
 
-    /// A copy of those added so far, if there is memory for it.
+    /// A copy of the Gaussians kept so far.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if it cannot be allocated.
     pub fn so_far(&self) -> Result<Gaussians, OutOfMemory> {
         let all: Vec<u32> = (0..self.len() as u32).collect();
         self.gaussians.selected(&all)
     }
 
+    /// The Gaussians, and the report on what was dropped or changed.
     pub fn finish(mut self) -> (Gaussians, LoadReport) {
         let all = &mut self.gaussians;
         all.sh.truncate(all.means.len() * sh_coefficients(all.sh_degree));
@@ -118,7 +125,7 @@ struct Canonical {
     opacity: f32,
 }
 
-/// A sum of sixteen coefficients below this, times their basis functions, does not overflow.
+/// Upper bound on a coefficient: the sum of sixteen of them times their basis functions does not overflow.
 const MAX_SH: f32 = 1e36;
 
 /// Why a Gaussian cannot be drawn.
@@ -130,7 +137,7 @@ enum Flaw {
 }
 
 fn canonical(raw: &Raw, sh: &[[f32; 3]]) -> Result<Canonical, Flaw> {
-    // An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity a flat Gaussian: both are legal.
+    // Legal infinities: an infinite logit is an opacity of 0 or 1, a log scale of minus infinity is a flat Gaussian.
     let mean = raw.mean.map(|v| v as f32);
     let is_finite = mean.iter().all(|v| v.is_finite())
         && raw.rotation.iter().all(|v| v.is_finite())
@@ -150,11 +157,11 @@ fn canonical(raw: &Raw, sh: &[[f32; 3]]) -> Result<Canonical, Flaw> {
     Ok(Canonical { mean, scale: scale.map(|s| s.min(f32::MAX)), has_clamped_scale, rotation, opacity })
 }
 
-/// What rounding to 32-bit floats makes of the squared length of a unit quaternion, at most.
+/// Largest error of the squared length of a unit quaternion after rounding to 32-bit floats.
 const UNIT_TOLERANCE: f64 = 2.4e-7;
 
-/// The quaternion at length one; `None` for length zero. Scaled first, so that no square over- or underflows. One that has
-/// been rounded at length one stays as it is: what is written and read again keeps its bits.
+/// The quaternion normalized; `None` for length zero. It is scaled first so that no square over- or underflows. A
+/// rounded unit quaternion is returned unchanged, so that writing and reading keep its bits.
 fn unit(q: [f64; 4]) -> Option<[f64; 4]> {
     if (q.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < UNIT_TOLERANCE {
         return Some(q);
@@ -193,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn canonical_drops_what_is_not_finite() {
+    fn canonical_drops_non_finite_values() {
         let nan = [f64::NAN, 0.0, 0.0];
         let bad = [
             Raw { mean: nan, ..GOOD },
@@ -216,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn canonical_keeps_the_order_of_what_it_keeps() {
+    fn canonical_keeps_the_order_of_the_rest() {
         let mut builder = Builder::new(0, 10).unwrap();
         builder.extend(10, |i, _| Raw { mean: [if i % 3 == 0 { f64::NAN } else { i as f64 }, 0.0, 0.0], ..GOOD });
         let (gaussians, report) = builder.finish();
@@ -225,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn canonical_leaves_nothing_of_what_it_drops() {
+    fn dropped_gaussians_leave_no_coefficients_behind() {
         let mut builder = Builder::new(1, 4).unwrap();
         builder.extend(2, |i, sh| {
             sh.fill([1.0 + i as f32; 3]);
@@ -263,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn tally_says_what_happened() {
+    fn a_load_report_counts_by_reason() {
         assert_eq!(LoadReport::default().to_string(), "nothing dropped");
         let report = LoadReport { read: 9, not_finite: 2, zero_rotation: 1, ..LoadReport::default() };
         assert_eq!(report.to_string(), "2 dropped as not finite in 32-bit floats, 1 dropped for a zero quaternion");

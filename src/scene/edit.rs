@@ -1,4 +1,4 @@
-//! Scenes made of others: fewer Gaussians, in another order, of a lower degree, in other axes.
+//! Derives scenes from others: a selection, another order, a lower SH degree, other axes.
 
 use rayon::prelude::*;
 
@@ -6,22 +6,29 @@ use super::harmonics::flip_sign;
 use super::{Gaussians, sh_coefficients};
 use crate::host_memory::{OutOfMemory, host_vec};
 
-/// What turns right, down, forward into right, up, back, and back: the axes that change their sign.
+/// The axes that change sign between right, down, forward and right, up, back.
 pub const RIGHT_UP_BACK: [bool; 3] = [false, true, true];
 
-/// What coordinates are multiplied by where these axes point the other way.
+/// Signs of coordinates when these axes are reversed.
 pub(super) fn axis_signs(axes: [bool; 3]) -> [f32; 3] {
     axes.map(|flip| if flip { -1.0 } else { 1.0 })
 }
 
-/// The same for a quaternion w x y z: a reflection of an axis turns rotations about the other two around.
+/// Signs of a quaternion w x y z when these axes are reversed: reversing an axis reverses rotations about the other
+/// two.
 pub(super) fn rotation_signs(axes: [bool; 3]) -> [f32; 4] {
     let [x, y, z] = axis_signs(axes);
     [1.0, y * z, x * z, x * y]
 }
 
 impl Gaussians {
-    /// Those with these indices, in this order.
+    /// The Gaussians with these indices, in this order.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if the copy cannot be allocated.
+    ///
+    /// # Panics
+    /// If an index is not below [`Gaussians::len`].
     pub fn selected(&self, indices: &[u32]) -> Result<Self, OutOfMemory> {
         let stride = sh_coefficients(self.sh_degree);
         let mut selected = Self {
@@ -41,7 +48,7 @@ impl Gaussians {
         Ok(selected)
     }
 
-    /// The same without the spherical harmonics over this degree.
+    /// Removes the spherical harmonics above this degree.
     pub fn of_degree(mut self, degree: u32) -> Self {
         if degree < self.sh_degree {
             let (from, to) = (sh_coefficients(self.sh_degree), sh_coefficients(degree));
@@ -55,7 +62,7 @@ impl Gaussians {
         self
     }
 
-    /// The scene in axes of which these point the other way. An odd number of them mirrors it.
+    /// The scene with these axes reversed. An odd number of them mirrors it.
     pub fn flipped(mut self, axes: [bool; 3]) -> Self {
         let sign = axis_signs(axes);
         self.means.par_iter_mut().for_each(|mean| mean.iter_mut().zip(sign).for_each(|(v, sign)| *v *= sign));

@@ -1,22 +1,22 @@
 //! The Gaussians of a scene on the CPU.
 
-/// Highest degree of spherical harmonics that a scene may have.
+/// Highest supported degree of spherical harmonics.
 pub const MAX_SH_DEGREE: u32 = 3;
 
-/// Coefficients of spherical harmonics up to `degree`, for one colour channel.
+/// Number of coefficients of spherical harmonics up to `degree`, for one colour channel.
 pub const fn sh_coefficients(degree: u32) -> usize {
     ((degree + 1) * (degree + 1)) as usize
 }
 
-/// Numbers that files keep apart from the first coefficient: those of the others, for all three channels.
+/// Number of coefficients of degrees 1 to `degree`, for all three channels. Files store them apart from degree 0.
 pub(super) const fn rest_values(degree: u32) -> usize {
     3 * (sh_coefficients(degree) - 1)
 }
 
-/// A scene on the CPU as a structure of arrays: canonical, finite, ready for every renderer.
+/// The Gaussians of a scene as a structure of arrays: canonical and finite.
 ///
-/// World axes are COLMAP's (right, down, forward). A [`Builder`] is the only way to make one, [`Gaussians::transformed`] and
-/// [`Gaussians::joined`] make others of them.
+/// World axes are those of COLMAP (right, down, forward). Only a [`Builder`](super::Builder) makes them from values;
+/// [`Gaussians::transformed`], [`Gaussians::joined`] and others derive new ones.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gaussians {
     pub(super) means: Vec<[f32; 3]>,
@@ -28,20 +28,22 @@ pub struct Gaussians {
 }
 
 impl Gaussians {
+    /// Number of Gaussians.
     pub fn len(&self) -> usize {
         self.means.len()
     }
 
+    /// True if there is no Gaussian.
     pub fn is_empty(&self) -> bool {
         self.means.is_empty()
     }
 
-    /// World units.
+    /// Means in world units.
     pub fn means(&self) -> &[[f32; 3]] {
         &self.means
     }
 
-    /// Standard deviations along the local axes in world units: finite, zero allowed.
+    /// Standard deviations along the local axes in world units: finite, at least 0.
     pub fn scales(&self) -> &[[f32; 3]] {
         &self.scales
     }
@@ -51,17 +53,21 @@ impl Gaussians {
         &self.rotations
     }
 
-    /// After the sigmoid: over 0, at most 1.
+    /// Opacities after the sigmoid: greater than 0, at most 1.
     pub fn opacities(&self) -> &[f32] {
         &self.opacities
     }
 
-    /// The spherical harmonics of Gaussian `index`: red, green, blue of each of [`sh_coefficients`] basis functions.
+    /// The spherical harmonics of Gaussian `index`: red, green, blue for each of [`sh_coefficients`] basis functions.
+    ///
+    /// # Panics
+    /// If `index` is not below [`Gaussians::len`].
     pub fn sh(&self, index: usize) -> &[[f32; 3]] {
         let stride = sh_coefficients(self.sh_degree);
         &self.sh[index * stride..][..stride]
     }
 
+    /// Degree of the stored spherical harmonics.
     pub fn sh_degree(&self) -> u32 {
         self.sh_degree
     }

@@ -1,4 +1,4 @@
-//! glTF 2.0 with KHR_gaussian_splatting: `.glb`, and `.gltf` with buffers beside it. Axes are right, up, back.
+//! Reads glTF 2.0 with KHR_gaussian_splatting: `.glb`, and `.gltf` with buffers in other files. Axes: right, up, back.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -18,11 +18,11 @@ pub(super) const MAGIC: u32 = 0x4654_6c67; // "glTF"
 pub(super) const JSON: u32 = 0x4e4f_534a;
 pub(super) const BINARY: u32 = 0x004e_4942;
 pub(super) const EXTENSION: &str = "KHR_gaussian_splatting";
-/// The one whose values are drawn as they are.
+/// The only supported colour space: values are drawn as they are.
 pub(super) const DISPLAY: &str = "srgb_rec709_display";
-/// Longest description that is read.
+/// Largest JSON document that is read.
 const MAX_JSON_BYTES: u64 = 1 << 26;
-/// Nodes above one another, at most.
+/// Largest depth of the node tree.
 const MAX_DEPTH: usize = 64;
 
 #[derive(Deserialize)]
@@ -103,7 +103,7 @@ struct Buffer {
     uri: Option<String>,
 }
 
-/// A header, the description and the first buffer in one file.
+/// Reads a `.glb`: a header, the JSON document and the first buffer.
 pub(super) fn read_binary(source: &mut Source, path: &Path) -> Result<Scene> {
     let mut header = [0; 12];
     source.fill(&mut header, "the glTF header")?;
@@ -120,7 +120,7 @@ pub(super) fn read_binary(source: &mut Source, path: &Path) -> Result<Scene> {
     read_document(source, path, &text, embedded)
 }
 
-/// The description alone, with its buffers in other files or in itself.
+/// Reads a `.gltf`: the JSON document, with its buffers in other files or in data URIs.
 pub(super) fn read_text(source: &mut Source, path: &Path) -> Result<Scene> {
     let len = source.len();
     ensure!(len <= MAX_JSON_BYTES, "a glTF description of {len} bytes is not supported, only up to {MAX_JSON_BYTES}");
@@ -129,7 +129,7 @@ pub(super) fn read_text(source: &mut Source, path: &Path) -> Result<Scene> {
     read_document(source, path, &text, None)
 }
 
-/// The next chunk's kind and bytes, if the file goes on.
+/// Kind and bytes of the next chunk, or `None` at the end of the file.
 fn chunk(source: &mut Source) -> Result<Option<(u32, Vec<u8>)>> {
     if source.left() < 8 {
         return Ok(None);
@@ -164,7 +164,7 @@ fn read_document(source: &mut Source, path: &Path, text: &[u8], embedded: Option
 }
 
 impl Document {
-    /// The primitives that are Gaussians, and where the nodes of the scene place them.
+    /// The primitives with Gaussians, with their transforms to the scene.
     fn placed(&self) -> Result<Vec<(&Primitive, Transform)>> {
         let mut placed = Vec::new();
         let roots: Vec<usize> = match self.scenes.get(self.scene) {
@@ -174,7 +174,7 @@ impl Document {
         let mut waiting: Vec<_> = roots.into_iter().map(|root| (root, DMat4::IDENTITY, 0)).collect();
         while let Some((index, above, depth)) = waiting.pop() {
             let node = self.nodes.get(index).with_context(|| format!("node {index} is missing"))?;
-            // In a file without end every node would be met again.
+            // These limits end the walk in a file whose nodes form a cycle.
             ensure!(depth < MAX_DEPTH, "nodes lie over {MAX_DEPTH} deep");
             ensure!(waiting.len() + placed.len() <= self.nodes.len(), "a node has two parents");
             let matrix = above * node.matrix();
@@ -189,7 +189,7 @@ impl Document {
         Ok(placed)
     }
 
-    /// The bytes of every buffer.
+    /// Loads the bytes of all buffers.
     fn load(&self, path: &Path, mut embedded: Option<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
         let load = |(index, buffer): (usize, &Buffer)| match &buffer.uri {
             None => {
@@ -213,7 +213,7 @@ impl Document {
         self.buffers.iter().enumerate().map(load).collect()
     }
 
-    /// The numbers of an accessor with this many components.
+    /// The values of an accessor with this number of components.
     fn values<'b>(&self, buffers: &'b [Vec<u8>], index: usize, components: usize, name: &str) -> Result<Values<'b>> {
         let accessor = self.accessors.get(index).with_context(|| format!("accessor {index} of {name} is missing"))?;
         ensure!(accessor.sparse.is_none(), "{name} is a sparse accessor, which is not supported");
@@ -279,7 +279,7 @@ impl Component {
     }
 }
 
-/// Rows of numbers in a buffer.
+/// The values of an accessor: rows of numbers in a buffer.
 struct Values<'b> {
     bytes: &'b [u8],
     stride: usize,
@@ -307,7 +307,7 @@ impl Values<'_> {
     }
 }
 
-/// One primitive.
+/// The attributes of one primitive.
 struct Part<'b> {
     mean: Values<'b>,
     rotation: Values<'b>,
@@ -315,7 +315,7 @@ struct Part<'b> {
     opacity: Values<'b>,
     sh: Vec<Values<'b>>,
     sh_degree: u32,
-    /// Scales are logarithms, as in the draft of 2025: no scale is negative.
+    /// Some scale is negative, so scales are logarithms, as in the draft of 2025.
     has_logarithms: bool,
 }
 

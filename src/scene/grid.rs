@@ -1,33 +1,34 @@
-//! Numbers that a file held in 8 bits, found again in what was decoded from it.
+//! Detects values that a file held in 8 bits, after decoding.
 
 use rayon::prelude::*;
 
-/// 256 numbers in equal steps.
+/// 256 numbers at equal steps: `offset + step * n`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
+    /// Number 0.
     pub offset: f32,
+    /// Difference of neighbours.
     pub step: f32,
 }
 
-/// Values that are looked at to guess a step.
+/// Number of values from which the step is estimated.
 const SAMPLE: usize = 1 << 14;
 
-/// A prime, far from any count's simple fractions.
+/// Stride between sampled values: a prime, so that no pattern in a file hides a step.
 const SCATTER: u64 = 2_654_435_761;
 
-/// The smallest gap between numbers of a file may be so many steps: .spz rounds coefficients to 8 or 16 steps, and
-/// cuts the last off at 255.
+/// Most steps in the smallest gap between the values of a file: .spz rounds coefficients to 8 or 16 steps, and clamps
+/// the last at 255.
 const MOST_STEPS: u32 = 16;
 
-/// A number on a grid is what arithmetic in f32 makes of it: this close, or this much relative to it.
+/// Largest rounding error of a value on a grid in f32, absolute up to 1 and relative above.
 const ROUNDING: f64 = 1e-6;
 
 impl Grid {
-    /// The grid that all of `values(0..count)` lie on, if there is one.
+    /// The grid on which all of `values(0..count)` lie, if there is one.
     pub fn of(count: usize, values: impl Fn(usize) -> f64 + Sync) -> Option<Self> {
         let mut sample: Vec<f64> = Vec::new();
         for i in 0..SAMPLE.min(count) {
-            // Scattered, so that no pattern of the file hides a step.
             let value = values((i as u64 * SCATTER % count as u64) as usize) + 0.0; // -0 is 0
             if let Err(place) = sample.binary_search_by(|v| v.total_cmp(&value)) {
                 sample.insert(place, value);
@@ -41,7 +42,8 @@ impl Grid {
         let least = (0..count).into_par_iter().with_min_len(1 << 14).map(&values).reduce(|| first, f64::min);
         let off = |grid: Self, value: f64| (f64::from(grid.decode(grid.encode(value))) - value).abs();
         let holds = |grid: Self, value: f64| off(grid, value) <= ROUNDING * value.abs().max(1.0);
-        // The smallest gap may be several steps. It is rounded; the span of all steps is, relative to it, not.
+        // The smallest gap may be several steps, and rounding affects it. The whole span is relatively exact: it is
+        // divided by its whole number of steps.
         let grids = (1..=MOST_STEPS).map(|parts| {
             let steps = ((last - first) / gap * f64::from(parts)).round();
             let step = if gap.is_finite() { (last - first) / steps } else { 1.0 };
@@ -52,7 +54,7 @@ impl Grid {
         likely.find(holds_all)
     }
 
-    /// The grid that spans the finite ones of `values`.
+    /// The grid that spans the finite `values`; any grid if there are none.
     pub fn spanning(values: impl ParallelIterator<Item = f64>) -> Self {
         let empty = (f64::INFINITY, f64::NEG_INFINITY);
         let (low, high) = values
@@ -70,6 +72,7 @@ impl Grid {
         ((value - f64::from(self.offset)) / f64::from(self.step)).round().clamp(0.0, 255.0) as u8
     }
 
+    /// The value of a step.
     pub fn decode(self, number: u8) -> f32 {
         self.step.mul_add(number.into(), self.offset)
     }
@@ -96,7 +99,7 @@ mod tests {
         let grid = Grid::of(5000, coarse).unwrap();
         assert_eq!(grid.step, 1.0 / 128.0);
         assert!((0..17).all(|i| f64::from(grid.decode(grid.encode(coarse(i)))) == coarse(i)));
-        // Of many, one alone.
+        // A single value among many.
         let rare = |i: usize| if i == 54_321 { 255.0 } else { f64::from(i as u32 * 7 % 16 * 16) };
         assert_eq!(Grid::of(1 << 16, rare).unwrap().step, 1.0);
     }

@@ -1,11 +1,11 @@
-//! The spherical harmonics that scenes store their colour in: the real basis of the original 3DGS, signs included
-//! (Kerbl et al. 2023; Sloan 2013 for the polynomials), and how coefficients turn with a scene.
+//! Real spherical harmonics with the basis and signs of the original 3DGS (Kerbl et al. 2023; Sloan 2013 for the
+//! polynomials), and the rotation of their coefficients.
 
 use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
 
-/// Y_0^0.
+/// The basis function of degree 0, a constant.
 pub const C0: f64 = 0.28209479177387814;
 const C1: f64 = 0.4886025119029199;
 const C2: [f64; 5] =
@@ -43,23 +43,23 @@ pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
     ]
 }
 
-/// The axes in which each basis function is odd.
+/// Axes in which each basis function is odd.
 const ODD_AXES: [&[usize]; 16] =
     [&[], &[1], &[2], &[0], &[0, 1], &[1, 2], &[], &[0, 2], &[], &[1], &[0, 1, 2], &[1], &[2], &[0], &[2], &[0]];
 
-/// What the coefficient of a basis function is multiplied by where these axes point the other way.
+/// Sign of the coefficient of basis function `index` when these axes are reversed.
 pub fn flip_sign(index: usize, axes: [bool; 3]) -> f32 {
     let flips = ODD_AXES[index].iter().filter(|axis| axes[**axis]).count();
     if flips % 2 == 1 { -1.0 } else { 1.0 }
 }
 
-/// What a turn of the scene does to coefficients. The degrees do not mix: a block of ones, threes, fives and sevens.
+/// The matrix that rotates coefficients with a scene. Degrees do not mix: it has blocks of size 1, 3, 5 and 7.
 pub struct Turn([[f64; 16]; 16]);
 
 impl Turn {
-    /// The turned basis, each function projected on the basis: row j, column i holds the integral over the sphere of
-    /// Y_j(d) Y_i(R^-1 d). The product is a polynomial of degree 6 at most, for which 4 Gauss-Legendre nodes in z times 8
-    /// equal steps of azimuth are exact (Abramowitz and Stegun 1964, 25.4.30). `rotation` has unit length.
+    /// The rotated basis projected on the basis: row j, column i is the integral of Y_j(d) Y_i(R^-1 d) over the sphere.
+    /// The product is a polynomial of degree 6 or less, for which 4 Gauss-Legendre nodes in z times 8 equal steps of
+    /// azimuth are exact (Abramowitz and Stegun 1964, 25.4.30). `rotation` must have unit length.
     pub fn new(rotation: DQuat) -> Self {
         let (inner, outer) = ((18.0 + 30_f64.sqrt()) / 36.0, (18.0 - 30_f64.sqrt()) / 36.0);
         let node = |sign: f64| (3.0 / 7.0 + sign * 2.0 / 7.0 * 1.2_f64.sqrt()).sqrt();
@@ -80,7 +80,7 @@ impl Turn {
         Self(matrix)
     }
 
-    /// Turns the coefficients of one Gaussian, of any degree, in f64.
+    /// Rotates the coefficients of one Gaussian, of any degree, in f64.
     pub fn apply(&self, sh: &mut [[f32; 3]]) {
         let mut degree = 1;
         while degree * degree < sh.len() {

@@ -1,5 +1,5 @@
-//! `.ksplat` of GaussianSplats3D: sections of Gaussians in one of three levels of compression, the positions of levels 1 and
-//! 2 relative to buckets. Nothing in it says what it is but its name and numbers that fit together.
+//! Reads `.ksplat` of GaussianSplats3D: sections of Gaussians at one of three compression levels. Positions of levels 1
+//! and 2 are relative to buckets. The format has no magic number: the name of the file and consistent numbers tell it.
 
 use anyhow::{Result, bail, ensure};
 use half::f16;
@@ -12,7 +12,7 @@ use crate::host_memory::host_vec;
 
 const HEADER: usize = 4096;
 const SECTION_HEADER: usize = 1024;
-/// Bytes of a bucket: its centre.
+/// Bytes of a bucket, which is its centre.
 const BUCKET: usize = 12;
 
 struct Header {
@@ -21,19 +21,19 @@ struct Header {
     level: Level,
 }
 
-/// How the values of a Gaussian are kept.
+/// Compression level: how the values of a Gaussian are stored.
 #[derive(Clone, Copy)]
 enum Level {
-    /// All as 32-bit floats.
+    /// All values as 32-bit floats.
     Zero,
-    /// Positions in 16 bits inside a bucket, the others as 16-bit floats.
+    /// Positions in 16 bits inside a bucket, other values as 16-bit floats.
     One,
-    /// The same, but coefficients past the first in 8 bits between these two.
+    /// As level 1, but coefficients of degrees 1 and up in 8 bits from `low` to `high`.
     Two { low: f64, high: f64 },
 }
 
 impl Level {
-    /// Bytes of a mean and of three scales; of a quaternion and of a coefficient.
+    /// Bytes of three values (mean or scales), of a quaternion, and of a coefficient.
     fn bytes(self) -> (usize, usize, usize) {
         match self {
             Self::Zero => (12, 16, 4),
@@ -47,7 +47,7 @@ impl Level {
         2 * triple + quaternion + 4 + rest_values(sh_degree) * coefficient
     }
 
-    /// Value `index` of those that begin at byte `at`, scales or components of the quaternion.
+    /// Value `index` of the scales or of the quaternion that begin at byte `at`.
     fn float(self, row: &[u8], at: usize, index: usize) -> f64 {
         match self {
             Self::Zero => f64::from(f32::from_le_bytes(first(&row[at + 4 * index..]))),
@@ -69,7 +69,7 @@ impl Header {
         ensure!(major == 0 && minor >= 1, "not a .ksplat file of version 0.1: its version would be {major}.{minor}");
         let (sections, used, count) = (word(bytes, 4), word(bytes, 8), word(bytes, 16));
         ensure!(used <= sections, "the header claims {used} sections, with room for {sections}");
-        // Zero stands for these.
+        // Zero stands for the default.
         let bound = |at: usize, default: f64| match f64::from(f32::from_le_bytes(first(&bytes[at..]))) {
             bound if bound == 0.0 || bound.is_nan() => default,
             bound => bound,
@@ -84,26 +84,27 @@ impl Header {
     }
 }
 
-/// A section, as its header describes it.
+/// The header of a section.
 struct Section {
     number: usize,
     count: usize,
-    /// Gaussians that there is room for; the rest of it is not used.
+    /// Allocated Gaussians; those past `count` are unused.
     room: usize,
     buckets: Buckets,
     sh_degree: u32,
 }
 
-/// How the Gaussians of a section share centres: full buckets come first.
+/// The buckets of a section. Their Gaussians are relative to a shared centre; full buckets come first.
 struct Buckets {
     count: u32,
     bytes_each: u16,
-    /// Gaussians of a full one.
+    /// Gaussians of a full bucket.
     capacity: u32,
     full: u32,
     partial: u32,
-    /// World units of a step of positions, and the step that is the centre.
+    /// World units per step of a position.
     step: f64,
+    /// The step of the centre.
     middle: f64,
 }
 
@@ -133,12 +134,12 @@ impl Section {
     }
 }
 
-/// Where the buckets of a section are.
+/// The centres of the buckets of a section.
 struct Centres {
     means: Vec<[f32; 3]>,
     capacity: usize,
     full: usize,
-    /// The first Gaussian of each bucket that is not full, ascending.
+    /// Index of the first Gaussian of each partial bucket, ascending.
     starts: Vec<usize>,
     step: f64,
     middle: f64,
@@ -181,7 +182,7 @@ impl Centres {
         Ok(all)
     }
 
-    /// The centre of the bucket of this Gaussian.
+    /// The centre of the bucket of Gaussian `index`.
     fn of(&self, index: usize) -> [f32; 3] {
         if index < self.capacity.saturating_mul(self.full) {
             return self.means[index / self.capacity];
@@ -204,7 +205,7 @@ pub(super) fn read(source: &mut Source) -> Result<Scene> {
     Ok(Scene { gaussians, report, format: "KSPLAT".to_owned(), is_antialiased: false, notices: Vec::new() })
 }
 
-/// The headers of all sections, whose Gaussians the file can hold.
+/// Reads the headers of all sections, and checks that the file can hold their Gaussians.
 fn sections(source: &mut Source, header: &Header) -> Result<Vec<Section>> {
     let room = checked_count(header.sections.into(), SECTION_HEADER as u64, source.left(), "sections")?;
     let mut all = host_vec(room, "sections")?;
@@ -245,7 +246,7 @@ fn read_section(source: &mut Source, section: &Section, level: Level, builder: &
     source.skip((section.room - section.count) as u64 * stride as u64, "unused room")
 }
 
-/// One Gaussian from its bytes; coefficients of higher degrees than the section's stay zero.
+/// One Gaussian from its bytes. Coefficients above the degree of the section stay zero.
 fn gaussian(row: &[u8], index: usize, sh_degree: u32, level: Level, centres: &Centres, sh: &mut [[f32; 3]]) -> Raw {
     let (triple, quaternion, _) = level.bytes();
     let mean = match level {
@@ -261,7 +262,7 @@ fn gaussian(row: &[u8], index: usize, sh_degree: u32, level: Level, centres: &Ce
     let rgba = 2 * triple + quaternion;
     sh[0] = colour(&row[rgba..]);
     for degree in 1..=sh_degree as usize {
-        // Degree after degree, channel after channel in each.
+        // Degree after degree; within a degree, channel after channel.
         let (before, width) = (degree * degree, 2 * degree + 1);
         for (i, coefficient) in sh[before..][..width].iter_mut().enumerate() {
             *coefficient = std::array::from_fn(|channel| {
@@ -278,7 +279,7 @@ fn gaussian(row: &[u8], index: usize, sh_degree: u32, level: Level, centres: &Ce
     }
 }
 
-/// The bytes of `count` elements of `each` bytes, if the file has them.
+/// Reads `count` elements of `each` bytes.
 fn bytes(source: &mut Source, count: u32, each: u64, what: &str) -> Result<Vec<u8>> {
     let count = checked_count(count.into(), each, source.left(), what)?;
     let mut bytes = host_vec(count * each as usize, what)?;
@@ -287,7 +288,7 @@ fn bytes(source: &mut Source, count: u32, each: u64, what: &str) -> Result<Vec<u
     Ok(bytes)
 }
 
-/// The first bytes of a row that is long enough.
+/// The first `N` bytes of a row that has them.
 fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
     std::array::from_fn(|i| bytes[i])
 }

@@ -1,4 +1,4 @@
-//! A scene that was read, its load report, and the error of a file that cannot be read.
+//! A scene that was read, its load report, and the error for a file that cannot be used.
 
 use std::fmt;
 use std::path::Path;
@@ -7,27 +7,29 @@ use serde::Serialize;
 
 use super::Gaussians;
 
-/// How many Gaussians a file had, and what became of those that could not be taken as they were.
+/// Number of Gaussians in a file, and of those that were dropped or changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct LoadReport {
+    /// Gaussians in the file.
     pub read: usize,
-    /// Dropped: a mean, scale, rotation, opacity or colour that is not a number, infinite where that means nothing, or
-    /// too large for 32-bit floats to compute with.
+    /// Dropped: a mean, scale, rotation, opacity or colour is not a number, is infinite where that has no meaning, or
+    /// is too large for arithmetic in 32-bit floats.
     pub not_finite: usize,
-    /// Dropped: a quaternion of length zero has no direction.
+    /// Dropped: the quaternion has length zero.
     pub zero_rotation: usize,
-    /// Dropped: opacity zero.
+    /// Dropped: the opacity is zero.
     pub transparent: usize,
-    /// Kept: a scale beyond the range of 32-bit floats, made the largest of them.
+    /// Kept: a scale was beyond the range of 32-bit floats and became the largest of them.
     pub clamped_scale: usize,
 }
 
 impl LoadReport {
+    /// Number of dropped Gaussians.
     pub fn dropped(&self) -> usize {
         self.not_finite + self.zero_rotation + self.transparent
     }
 
-    /// Of two parts of a scene.
+    /// The sum of the reports of two parts of a scene.
     pub(super) fn and(&self, other: &Self) -> Self {
         Self {
             read: self.read + other.read,
@@ -38,13 +40,13 @@ impl LoadReport {
         }
     }
 
-    /// Whether the scene is as the file has it, but for Gaussians that no one could see.
+    /// True if nothing was changed, and only invisible Gaussians were dropped.
     pub fn is_clean(&self) -> bool {
         self.not_finite + self.zero_rotation + self.clamped_scale == 0
     }
 }
 
-/// What was dropped or repaired, as a clause; "nothing dropped" if nothing was.
+/// Writes the counts as a clause, or "nothing dropped".
 impl fmt::Display for LoadReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts = [
@@ -59,34 +61,38 @@ impl fmt::Display for LoadReport {
     }
 }
 
-/// A scene and what was done to make it canonical.
+/// A scene that was read from a file or generated.
 #[derive(Debug)]
 pub struct Scene {
     pub gaussians: Gaussians,
+    /// What was dropped or changed to make it canonical.
     pub report: LoadReport,
-    /// What it was read from: "SPZ 4", "PLY", ...
+    /// The format of the file: "SPZ 4", "PLY", ...
     pub format: String,
-    /// Trained with the antialiasing of Mip-Splatting, and drawn with it.
+    /// It was trained with the antialiasing of Mip-Splatting and should be drawn with it.
     pub is_antialiased: bool,
-    /// What is drawn otherwise than the file asks for, a clause each.
+    /// Differences between what the file asks for and what is drawn, one clause each.
     pub notices: Vec<String>,
 }
 
-/// A file that cannot be used: which, and why, in one sentence.
+/// The error for a file that cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("{path}: {problem}")]
 pub struct Unreadable {
+    /// The file.
     pub path: String,
+    /// Why, in one sentence on one line.
     pub problem: String,
 }
 
 impl Unreadable {
+    /// `problem` with its causes, escaped and shortened to one line.
     pub fn new(path: &Path, problem: &anyhow::Error) -> Self {
         Self { path: path.display().to_string(), problem: sentence(&format!("{problem:#}")) }
     }
 }
 
-/// On one line, and no longer than one reads, whatever names and numbers of the file are in it.
+/// The text with control characters escaped, and without its middle if it has more than 600 characters.
 fn sentence(text: &str) -> String {
     const BEGIN: usize = 400;
     const END: usize = 200;

@@ -1,4 +1,4 @@
-//! What a file made of a scene: the difference of every attribute.
+//! The loss of writing a scene to a file: the difference of every attribute.
 
 use std::ops::Range;
 
@@ -8,16 +8,20 @@ use serde::Serialize;
 use super::harmonics::C0;
 use super::{Gaussians, sh_coefficients};
 
-/// How far one attribute of a scene is from that of another, over all Gaussians.
+/// The difference of one attribute between two scenes, over all Gaussians.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Loss {
+    /// Name of the attribute.
     pub attribute: &'static str,
+    /// Unit of the differences.
     pub unit: &'static str,
+    /// Largest difference.
     pub largest: f64,
+    /// Root mean square of the differences.
     pub rms: f64,
 }
 
-/// The largest difference of a Gaussian, the sum of their squares and their number.
+/// Largest difference, sum of squares, and number of differences.
 #[derive(Clone, Copy, Default)]
 struct Sum(f64, f64, usize);
 
@@ -31,12 +35,15 @@ impl Sum {
     }
 }
 
-/// Gaussians whose differences are summed together: sums are the same on any number of cores.
+/// Gaussians per partial sum. The size is fixed so that sums are equal on any number of cores.
 const CHUNK: usize = 1 << 14;
 
 impl Loss {
-    /// Of two scenes of as many Gaussians in one order, attribute by attribute. Coefficients past the lower degree of the
-    /// two are compared with 0.
+    /// Compares two scenes with the same Gaussians in the same order, attribute by attribute. Coefficients above the
+    /// lower of the two SH degrees are compared with 0.
+    ///
+    /// # Panics
+    /// If the scenes differ in their number of Gaussians.
     pub fn between(before: &Gaussians, after: &Gaussians) -> Vec<Self> {
         assert_eq!(before.len(), after.len(), "a loss is between two versions of the same Gaussians");
         let over = |difference: &(dyn Fn(usize) -> f64 + Sync)| {
@@ -87,7 +94,8 @@ fn relative(a: f32, b: f32) -> f64 {
     if a == b { 0.0 } else { (a - b).abs() / a.max(b) }
 }
 
-/// Degrees between two rotations. By the sine of half of it: near 0 the cosine has no digits left.
+/// Angle between two rotations in degrees. It is computed from the sine of a quarter of it: near 0 the cosine has no
+/// precision left.
 fn angle(a: [f32; 4], b: [f32; 4]) -> f64 {
     let [a, b] = [a, b].map(|q| q.map(f64::from));
     let chord = |sign: f64| a.iter().zip(b).map(|(a, b)| (a - sign * b).powi(2)).sum::<f64>().sqrt();

@@ -1,4 +1,4 @@
-//! What is drawn: the Gaussians of a scene, validated and made canonical once, when they are read.
+//! Scenes: Gaussians, validated and made canonical once when they are read, and the file formats they come in.
 
 mod bounds;
 mod canonical;

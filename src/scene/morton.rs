@@ -1,11 +1,12 @@
-//! Gaussians in the order of a Z-shaped curve: neighbours in space are neighbours in a file.
+//! Sorts Gaussians along a Z-order (Morton) curve, so that neighbours in space are neighbours in a file.
 
 use rayon::prelude::*;
 
 /// Bits of the curve along each axis.
 const BITS: u32 = 21;
 
-/// Sorts indices of `means` along the curve through the box of all that are indexed; those of one cell keep their order.
+/// Sorts indices of `means` along the curve through the bounding box of the indexed means. Indices in one cell of the
+/// curve are ascending.
 pub(super) fn sort(means: &[[f32; 3]], indices: &mut Vec<u32>) {
     let bounds = indices.iter().map(|i| means[*i as usize]).fold(
         [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]],
@@ -26,7 +27,7 @@ pub(super) fn sort(means: &[[f32; 3]], indices: &mut Vec<u32>) {
     *indices = coded.into_iter().map(|(_, index)| index).collect();
 }
 
-/// Every bit of a number of [`BITS`] three places from the next.
+/// Spreads the [`BITS`] low bits of a number three places apart.
 fn spread(mut value: u64) -> u64 {
     for (shift, mask) in [
         (32, 0x1f_0000_0000_ffff),

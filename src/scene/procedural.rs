@@ -1,4 +1,4 @@
-//! Scenes that need no file: the cactus, and two clouds at the ends of tile density, seeded and the same everywhere.
+//! Procedural scenes: the cactus, and two clouds at the extremes of tile density. They are seeded and equal everywhere.
 
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
@@ -10,10 +10,10 @@ use super::random::Random;
 use super::synthetic;
 use crate::host_memory::OutOfMemory;
 
-/// Most Gaussians of a procedural scene.
+/// Largest number of Gaussians of a procedural scene.
 const MAX_COUNT: usize = 200_000_000;
 
-/// A procedural scene: what, and how many Gaussians.
+/// A procedural scene: its kind and its number of Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Procedural {
     kind: Kind,
@@ -24,13 +24,13 @@ pub struct Procedural {
 enum Kind {
     /// A potted cactus with the statistics of trained scenes.
     Cactus,
-    /// A ball of large Gaussians: each in many tiles.
+    /// A ball of large Gaussians, each in many tiles.
     FewLarge,
-    /// A ball of small ones: most in a single tile.
+    /// A ball of small Gaussians, most of them in a single tile.
     ManySmall,
 }
 
-/// Each kind's name, and its count when it is not told one.
+/// The name and the default count of each kind.
 const KINDS: [(Kind, &str, usize); 3] = [
     (Kind::Cactus, "cactus", synthetic::DEFAULT_COUNT),
     (Kind::FewLarge, "few-large", 20_000),
@@ -38,21 +38,29 @@ const KINDS: [(Kind, &str, usize); 3] = [
 ];
 
 impl Procedural {
-    /// Reads `NAME` or `NAME:COUNT`; `None` for anything else, which is then a file.
+    /// Parses `NAME` or `NAME:COUNT`. `None` if the name is unknown: the text is then the path of a file.
+    ///
+    /// # Errors
+    /// If the count is not a number from 1 to 200,000,000.
     pub fn parse(text: &str) -> Option<Result<Self>> {
         let (name, count) = text.split_once(':').map_or((text, None), |(name, count)| (name, Some(count)));
         let (kind, _, default) = *KINDS.iter().find(|(_, known, _)| *known == name)?;
         Some(count.map_or(Ok(default), parse_count).map(|count| Self { kind, count }))
     }
 
+    /// The name of the kind.
     pub fn name(self) -> &'static str {
         KINDS.iter().find(|(kind, ..)| *kind == self.kind).map_or("", |(_, name, _)| name)
     }
 
+    /// Generates the scene.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if it cannot be allocated.
     pub fn make(self) -> Result<Scene, OutOfMemory> {
         match self.kind {
             Kind::Cactus => synthetic::cactus(self.count),
-            // Seen from an orbit at 720x720, radii of some 100 px and of 1 px.
+            // Radii of about 100 px and 1 px, seen from an orbit at 720x720.
             Kind::FewLarge => self.ball(0.08),
             Kind::ManySmall => self.ball(0.001),
         }
@@ -67,7 +75,7 @@ impl Procedural {
             let axis = random.direction();
             let log_scale = DVec3::from_array([(); 3].map(|()| scale.ln() + 0.4 * random.normal()));
             let opacity = 0.1 + 0.8 * random.unit();
-            // The colour tells the place.
+            // The colour encodes the position.
             sh[0] = (0.45 * mean / C0).to_array().map(|v| v as f32);
             Raw {
                 mean: mean.to_array(),

@@ -1,14 +1,14 @@
-//! A seeded random generator.
+//! Seeded random numbers, equal on every machine.
 
 use std::f64::consts::TAU;
 
 use glam::{DVec3, dvec3};
 
-/// SplitMix64 (Steele et al. 2014): small, and the same everywhere.
+/// The SplitMix64 generator (Steele et al. 2014).
 pub(super) struct Random(u64);
 
 impl Random {
-    /// The stream of one Gaussian, so that they can be made in any order.
+    /// The generator of number `index`. Each Gaussian has its own, so that they can be made in any order.
     pub(super) fn of(index: usize) -> Self {
         let mut seed = Self(0x5eed_cac7 ^ (index as u64) << 20);
         Self(seed.next())
@@ -27,7 +27,7 @@ impl Random {
         (self.next() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Mean 0, standard deviation 1 (Box and Muller).
+    /// Normally distributed with mean 0 and standard deviation 1 (Box and Muller).
     pub(super) fn normal(&mut self) -> f64 {
         (-2.0 * (1.0 - self.unit()).ln()).sqrt() * (TAU * self.unit()).cos()
     }

@@ -1,4 +1,4 @@
-//! Reading a scene file: what it is, by its content, and what it does not say of its levels and axes, by who asks.
+//! Reads scene files. The format is detected from the content; level of detail and axes come from the caller.
 
 use std::path::{Path, PathBuf};
 
@@ -11,20 +11,20 @@ use super::{
 };
 use crate::host_memory::OutOfMemory;
 
-/// What a file does not say of its scene, or says wrongly.
+/// Choices of the caller for reading a file, and corrections of what it states wrongly.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Reading {
-    /// Level of detail, 0 the finest, of files that have several. By default the finest there is.
+    /// Level of detail, 0 the finest, of a file with several. By default the finest.
     pub level: Option<u32>,
-    /// Axes that point the other way than the format says: x, y, z.
+    /// Axes x, y, z that are reversed with respect to the format.
     pub flip: [bool; 3],
-    /// What is done with the scene when its axes are flipped.
+    /// Applied to the scene after its axes are flipped.
     pub transform: Transform,
 }
 
 impl Reading {
-    /// Reads a scene file, whatever its name says, by its content; only where the content does not tell the format, as in
-    /// .splat and .ksplat files, by its name. Also reads the folder of a SOG. `progress` is told the fraction read so far.
+    /// Reads a scene file, or the folder of a SOG. The format is detected from the content; only .splat, .ksplat and
+    /// .gltf are recognized by name. `progress` gets the fraction read so far, 0 to 1.
     ///
     /// # Errors
     /// [`Unreadable`] if the file is not a scene that can be drawn, [`OutOfMemory`] if it does not fit into memory.
@@ -32,7 +32,7 @@ impl Reading {
         self.read_watched(path, &Watch { progress, partial: &|_| {}, is_cancelled: &|| false })
     }
 
-    /// The same, showing what there is on the way.
+    /// Like [`Reading::read`], with partial results and cancelling.
     ///
     /// # Errors
     /// Those of [`Reading::read`], and [`Cancelled`].
@@ -40,7 +40,7 @@ impl Reading {
         let read = read_any(path, self.level, watch)
             .and_then(|scene| Ok(Scene { gaussians: self.placed(scene.gaussians)?, ..scene }));
         read.map_err(|problem| {
-            // Decoders wrap the errors of what they read from, each in its own way.
+            // Decoders may wrap or replace the error of a cancelled source.
             if (watch.is_cancelled)() {
                 return Cancelled.into();
             }
@@ -51,10 +51,10 @@ impl Reading {
         })
     }
 
-    /// Makes a procedural scene.
+    /// Generates a procedural scene.
     ///
     /// # Errors
-    /// [`OutOfMemory`], and [`Unreadable`] if a level of detail is asked for.
+    /// [`OutOfMemory`], and [`Unreadable`] if a level of detail is requested.
     pub fn make(&self, procedural: Procedural) -> Result<Scene> {
         if self.level.is_some() {
             return Err(Unreadable { path: procedural.name().to_owned(), problem: NO_LEVELS.to_owned() }.into());
@@ -63,17 +63,17 @@ impl Reading {
         Ok(Scene { gaussians: self.placed(scene.gaussians)?, ..scene })
     }
 
-    /// The Gaussians of a scene, or a part of them, flipped and transformed.
+    /// Flips and transforms the Gaussians of a scene, or a part of them.
     ///
     /// # Errors
-    /// If that takes them out of the range of 32-bit floats.
+    /// If a mean leaves the range of 32-bit floats, or [`OutOfMemory`].
     pub fn placed(&self, gaussians: Gaussians) -> Result<Gaussians> {
         let flipped = if self.flip == [false; 3] { gaussians } else { gaussians.flipped(self.flip) };
         if self.transform == Transform::IDENTITY { Ok(flipped) } else { flipped.transformed(&self.transform) }
     }
 }
 
-/// Reads a scene file as it is: [`Reading::read`].
+/// Reads a scene file with the defaults of [`Reading`]: the finest level, no flip, no transform.
 ///
 /// # Errors
 /// Those of [`Reading::read`].
@@ -81,7 +81,8 @@ pub fn read(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
     Reading::default().read(path, progress)
 }
 
-/// The scene of a model folder of the original 3DGS: the point cloud of the last iteration. Any other path is as it is.
+/// The path of the scene in a model folder of the original 3DGS: the point cloud of the last iteration. Any other path
+/// is returned unchanged.
 pub fn in_folder(path: &Path) -> PathBuf {
     let iterations = std::fs::read_dir(path.join("point_cloud")).into_iter().flatten().flatten();
     let number = |folder: &Path| folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse::<u64>().ok();

@@ -1,4 +1,4 @@
-//! What a scene requires of a renderer: nothing else need be modelled.
+//! Statistics of a scene that decide how a renderer stores it and which errors it may make.
 
 use std::f64::consts::PI;
 
@@ -7,32 +7,33 @@ use rayon::prelude::*;
 use super::rotation::{decode_rotation, encode_rotation, rotation_error};
 use super::{Gaussians, Grid, MAX_SH_DEGREE, harmonics, sh_coefficients};
 
-/// What there is in a scene to be drawn, and in how few bits it can be kept.
+/// The SH degrees and colour bounds of a scene, and the attributes that fit into few bits without loss.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Requirements {
-    /// The highest degree of spherical harmonics with a coefficient that is not zero.
+    /// Highest SH degree with a coefficient that is not zero.
     pub sh_degree: u32,
-    /// Of each degree.
+    /// Effect of each SH degree on colours.
     pub bands: [Band; MAX_SH_DEGREE as usize + 1],
-    /// Above the brightest channel of any Gaussian from any direction.
+    /// Upper bound on a colour channel of any Gaussian from any direction.
     pub brightest: f64,
-    /// Of each coefficient, if the file held all of them in 8 bits.
+    /// Grid of each coefficient, if the file held all coefficients in 8 bits.
     pub sh_grids: Option<[Grid; sh_coefficients(MAX_SH_DEGREE)]>,
-    /// Of the binary logarithms of the scales, if the file held them and the opacities in 8 bits and the rotations in 32,
-    /// as .spz does.
+    /// Grid of the binary logarithms of the scales, if the file held scales and opacities in 8 bits and rotations in
+    /// 32, as .spz does.
     pub scale_grid: Option<Grid>,
 }
 
-/// What the coefficients of one degree do to colours.
+/// The effect of one SH degree on colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Band {
-    /// Above their part of any channel of any Gaussian from any direction.
+    /// Upper bound on its part of a channel of any Gaussian from any direction.
     pub bound: f64,
-    /// Root mean square of their part of a channel, over Gaussians and directions.
+    /// Root mean square of its part of a channel, over Gaussians and directions.
     pub rms: f64,
 }
 
 impl Requirements {
+    /// Computes the statistics of a scene.
     pub fn of(gaussians: &Gaussians) -> Self {
         let all = (0..gaussians.len()).into_par_iter().with_min_len(4096);
         let none = || ([Band::default(); 4], 0.0_f64);
@@ -62,16 +63,18 @@ impl Requirements {
     }
 }
 
-/// The bound and the square of the part of each degree in one channel of a Gaussian, and the bound of the channel.
+/// For one channel of a Gaussian: per SH degree, the bound and the mean square of its part; and the bound of the
+/// channel.
 fn of_channel(sh: &[[f32; 3]], channel: usize) -> ([Band; 4], f64) {
     let bands = bands(|i| sh.get(i).map_or(0.0, |k| k[channel].into()));
     let brightest = 0.5 + harmonics::C0 * f64::from(sh[0][channel]) + bands[1..].iter().sum::<f64>();
-    // A basis function has mean square 1 / 4 pi over the directions.
+    // The mean square of a basis function over the directions is 1 / 4 pi.
     (std::array::from_fn(|l| Band { bound: bands[l], rms: bands[l].powi(2) / (2 * l + 1) as f64 }), brightest)
 }
 
-/// Above the part of each degree in a channel with these coefficients: by Cauchy-Schwarz their length times that of the
-/// basis functions, whose squares sum to (2 l + 1) / 4 pi in every direction (the addition theorem).
+/// Upper bound on the part of each SH degree in a channel with these coefficients. By Cauchy-Schwarz it is the length
+/// of the coefficients times that of the basis functions, whose squares sum to (2 l + 1) / 4 pi in every direction (the
+/// addition theorem).
 pub fn bands(coefficient: impl Fn(usize) -> f64) -> [f64; MAX_SH_DEGREE as usize + 1] {
     std::array::from_fn(|l| {
         let squares: f64 = (l * l..(l + 1) * (l + 1)).map(|i| coefficient(i).powi(2)).sum();
@@ -114,7 +117,7 @@ mod tests {
         builder.finish().0
     }
 
-    /// Above what spherical harmonics beyond `degree` add to any channel of any Gaussian.
+    /// Upper bound on what spherical harmonics above `degree` add to a channel of any Gaussian.
     fn above(needs: &Requirements, degree: usize) -> f64 {
         needs.bands.iter().skip(degree + 1).map(|band| band.bound).sum()
     }
@@ -130,7 +133,7 @@ mod tests {
         assert!((above(&needs, 0) - 0.5 * 0.4886025119).abs() < 1e-9, "C1 times the coefficient");
     }
 
-    /// A search for a direction in which the colour passes the bound.
+    /// Searches for a direction in which the colour exceeds the bound.
     #[test]
     fn no_direction_passes_the_bounds() {
         let mut state = 1_u64;

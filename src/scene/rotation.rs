@@ -1,6 +1,6 @@
-//! Unit quaternions in few bits: the three smallest components, and which one is left out.
+//! Unit quaternions as their three smallest components and the index of the largest; in 32 bits for SPZ and the GPU.
 
-/// The quaternion of unit length with these components, in their order, around the largest, which is positive.
+/// The unit quaternion whose component `largest` is positive and left out of `others`, which are in order.
 pub(super) fn from_smallest_three(largest: usize, others: [f64; 3]) -> [f64; 4] {
     let mut others = others.into_iter();
     let mut q: [f64; 4] = std::array::from_fn(|i| if i == largest { 0.0 } else { others.next().unwrap_or(0.0) });
@@ -8,16 +8,18 @@ pub(super) fn from_smallest_three(largest: usize, others: [f64; 3]) -> [f64; 4] 
     q
 }
 
-/// A unit quaternion in 32 bits: two for its largest component, made positive, and ten, a sign and nine of magnitude up to
-/// sqrt(1/2), for each of the others (the scheme of SPZ 3).
+/// A unit quaternion in 32 bits (the scheme of SPZ 3): two for the index of its largest component, which becomes
+/// positive, and ten for each of the others, a sign and nine bits of magnitude up to sqrt(1/2).
 pub fn encode_rotation(rotation: [f32; 4]) -> u32 {
-    // Where two components are nearly the largest, a file may have chosen either.
+    // If two components are nearly equal, a file may have left out either. The candidate with the least error keeps its
+    // bits.
     let error = |packed: &u32| rotation_error(decode_rotation(*packed), rotation);
-    let candidates = (0..4).map(|largest| encode_around(rotation, largest));
+    let candidates = (0..4).map(|largest| pack_smallest_three(rotation, largest));
     candidates.min_by(|a, b| error(a).total_cmp(&error(b))).unwrap_or(0)
 }
 
-fn encode_around(rotation: [f32; 4], largest: usize) -> u32 {
+/// Packs a quaternion without component `largest`.
+fn pack_smallest_three(rotation: [f32; 4], largest: usize) -> u32 {
     let flip = rotation[largest] < 0.0;
     let others = rotation.iter().enumerate().filter(|(i, _)| *i != largest);
     let packed = others.fold(0, |packed, (_, component)| {
@@ -27,7 +29,7 @@ fn encode_around(rotation: [f32; 4], largest: usize) -> u32 {
     (largest as u32) << 30 | packed
 }
 
-/// What [`encode_rotation`] kept.
+/// The quaternion that [`encode_rotation`] packed, up to its sign and rounding.
 pub fn decode_rotation(packed: u32) -> [f64; 4] {
     let largest = (packed >> 30) as usize;
     let component = |shift: u32| {
@@ -38,7 +40,7 @@ pub fn decode_rotation(packed: u32) -> [f64; 4] {
     from_smallest_three(largest, [20, 10, 0].map(component))
 }
 
-/// The largest difference of a component, whichever of the two quaternions of a rotation is meant.
+/// Largest difference of a component between two rotations. `q` and `-q` are the same rotation.
 pub(super) fn rotation_error(a: [f64; 4], b: [f32; 4]) -> f64 {
     let with = |sign: f64| a.iter().zip(b).map(|(a, b)| (a - sign * f64::from(b)).abs()).fold(0.0, f64::max);
     with(1.0).min(with(-1.0))
@@ -50,7 +52,7 @@ mod tests {
 
     #[test]
     fn rotations_survive_their_32_bits() {
-        // The second has a component of sqrt(1/2) beside the one left out.
+        // The second has a component of sqrt(1/2), as large as the one left out.
         for packed in [0, 0x1ff, 0x8123_4567, 0xc0ab_cdef_u32, 0x4000_0001] {
             let rotation = decode_rotation(packed).map(|v| v as f32);
             for rotation in [rotation, rotation.map(|v| -v)] {

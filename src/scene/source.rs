@@ -1,4 +1,4 @@
-//! A scene file being read: its length, the place reached, and who watches.
+//! A scene file that is read front to back, with progress and cancelling.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
@@ -12,26 +12,27 @@ use super::{Builder, Cancelled, Watch};
 use crate::files::describe;
 use crate::host_memory::host_vec;
 
-/// Bytes that one thread reads at a time.
+/// Bytes that a thread reads at a time.
 const PART: usize = 1 << 20;
 
 /// The error where a level of detail is asked for and the scene has none.
 pub(super) const NO_LEVELS: &str = "there are no levels of detail to choose from, as a lod-meta.json has";
 
-/// Reads front to back; every error says at which byte.
+/// A file that is read front to back. Errors name the byte.
 pub(super) struct Source<'w> {
     reader: BufReader<File>,
     len: u64,
     position: u64,
     watch: &'w Watch<'w>,
-    /// Position at which progress is told next.
+    /// Position of the next progress report.
     next_report: u64,
     is_cancelled: bool,
-    /// Gaussians at which they are shown next.
+    /// Number of Gaussians of the next partial scene.
     next_partial: usize,
 }
 
 impl<'w> Source<'w> {
+    /// Opens a regular file.
     pub fn open(path: &Path, watch: &'w Watch<'w>) -> Result<Self> {
         let file = File::open(path).map_err(|e| anyhow!("cannot be opened: {}", describe(&e)))?;
         let metadata = file.metadata()?;
@@ -41,14 +42,14 @@ impl<'w> Source<'w> {
         Ok(Self { reader, len, position: 0, watch, next_report: 0, is_cancelled: false, next_partial: BLOCK })
     }
 
-    /// The same file at the same byte, with the rest of it reported to `watch`.
+    /// This source at the same position, with further progress reported to `watch`.
     pub fn watched_by<'v>(self, watch: &'v Watch<'v>) -> Source<'v> {
         let Self { reader, len, position, next_report, is_cancelled, next_partial, .. } = self;
         Source { reader, len, position, watch, next_report, is_cancelled, next_partial }
     }
 
-    /// To be called before each block of Gaussians is decoded: shows what there is so far if that has doubled, so that all
-    /// that is shown together is less than twice the scene; fails if no one waits any more.
+    /// Must be called before each block of Gaussians is decoded. Reports the partial scene whenever it has doubled, so
+    /// that all partial scenes together are smaller than twice the scene. Fails if reading was cancelled.
     pub fn before_block(&mut self, so_far: &Builder) -> Result<()> {
         ensure!(!(self.watch.is_cancelled)(), Cancelled);
         if so_far.len() >= self.next_partial {
@@ -58,23 +59,23 @@ impl<'w> Source<'w> {
         Ok(())
     }
 
-    /// Bytes in the file.
+    /// Length of the file in bytes.
     pub fn len(&self) -> u64 {
         self.len
     }
 
-    /// Bytes not yet read.
+    /// Bytes that are not yet read.
     pub fn left(&self) -> u64 {
         self.len.saturating_sub(self.position)
     }
 
-    /// The next bytes, up to `count`, without reading past them.
+    /// The next bytes, at most `count`, without consuming them.
     pub fn peek(&mut self, count: usize) -> Result<&[u8]> {
         let bytes = self.reader.fill_buf()?;
         Ok(&bytes[..count.min(bytes.len())])
     }
 
-    /// Fills `bytes`; `what` names them in the error if the file ends first.
+    /// Fills `bytes` from the file. `what` names them in the error if the file ends first.
     pub fn fill(&mut self, bytes: &mut [u8], what: &str) -> Result<()> {
         let start = self.position;
         let read = if bytes.len() > PART { self.read_parts(bytes) } else { self.read_exact(bytes) };
@@ -87,7 +88,7 @@ impl<'w> Source<'w> {
         })
     }
 
-    /// The same, but the last line of the file may have no end.
+    /// Like [`Source::line`], but the last line of the file may have no line end.
     pub fn last_line(&mut self, limit: u64, what: &str) -> Result<String> {
         if self.left() > limit {
             return self.line(limit, what);
@@ -98,18 +99,18 @@ impl<'w> Source<'w> {
         Ok(String::from_utf8_lossy(&line).trim_end().to_owned())
     }
 
-    /// All that is left, of at most `limit` bytes; `what` names it in the error if it is more.
+    /// The rest of the file. Fails if it has more than `limit` bytes; `what` names it in errors.
     pub fn rest(&mut self, limit: u64, what: &str) -> Result<Vec<u8>> {
         let bytes = self.left();
         ensure!(bytes <= limit, "{what} has {bytes} bytes, expected at most {limit}");
         let mut all = host_vec(usize::try_from(bytes)?, what)?;
         all.resize(bytes as usize, 0);
-        // In parts, for those who watch.
+        // In parts, so that progress is reported.
         all.chunks_mut(PART).try_for_each(|part| self.fill(part, what))?;
         Ok(all)
     }
 
-    /// Reads past bytes; `what` names them in the error if the file ends first.
+    /// Skips bytes. `what` names them in the error if the file ends first.
     pub fn skip(&mut self, bytes: u64, what: &str) -> Result<()> {
         let start = self.position;
         let skipped = io::copy(&mut (&mut *self).take(bytes), &mut io::sink())?;
@@ -118,7 +119,7 @@ impl<'w> Source<'w> {
         Ok(())
     }
 
-    /// A line without its end, of at most `limit` bytes; `what` names what it is part of.
+    /// The next line without its end, of at most `limit` bytes. `what` names the part of the file in errors.
     pub fn line(&mut self, limit: u64, what: &str) -> Result<String> {
         let mut line = Vec::new();
         (&mut *self).take(limit).read_until(b'\n', &mut line)?;
@@ -133,12 +134,12 @@ impl<'w> Source<'w> {
     }
 }
 
-/// The 32-bit number at this byte.
+/// The little-endian 32-bit number at byte `at`.
 pub(super) fn word(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes(std::array::from_fn(|i| bytes[at + i]))
 }
 
-/// A count from a file header as a length, refused when the file cannot hold so many elements of `bytes` each.
+/// A count from a file header as a length. Fails if `available` bytes cannot hold so many elements of `bytes` each.
 pub(super) fn checked_count(count: u64, bytes: u64, available: u64, what: &str) -> Result<usize> {
     let needed = count.checked_mul(bytes).with_context(|| format!("the header claims {count} {what}"))?;
     ensure!(
@@ -170,7 +171,7 @@ impl BufRead for Source<'_> {
 }
 
 impl Source<'_> {
-    /// Fills `bytes` in parts on many threads, each of which copies from the system's cache.
+    /// Fills `bytes` on many threads, which copy from the page cache of the system in parallel.
     fn read_parts(&mut self, bytes: &mut [u8]) -> io::Result<()> {
         self.check()?;
         let (file, start) = (self.reader.get_ref(), self.position);

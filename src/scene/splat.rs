@@ -1,5 +1,5 @@
-//! `.splat`: 32 bytes a Gaussian and nothing else, so that its name and its values must tell what it is. As PLY, its axes are
-//! right, down, forward; its scales and opacities are final, and its colours of degree 0.
+//! Reads `.splat`: 32 bytes per Gaussian and no header, so the name and plausible values identify the format. Axes are
+//! right, down, forward as in PLY; scales and opacities are activated values, colours have degree 0.
 
 use anyhow::{Result, ensure};
 
@@ -8,9 +8,9 @@ use super::canonical::{BLOCK, Builder, Raw, logit};
 use super::harmonics::C0;
 use super::source::Source;
 
-/// Bytes of a Gaussian: mean and scales as 32-bit floats, colour and opacity, then the quaternion w x y z as bytes.
+/// Bytes of a Gaussian: mean and scales as 32-bit floats; colour, opacity and quaternion w x y z as bytes.
 const ROW: usize = 32;
-/// Farther than any mean, and larger than any scale: what is not numbers makes greater ones.
+/// Upper bound on plausible means and scales. Arbitrary bytes read as floats are often larger.
 const LARGEST: f32 = 1e9;
 
 pub(super) fn read(source: &mut Source) -> Result<Scene> {
@@ -40,7 +40,7 @@ pub(super) fn read(source: &mut Source) -> Result<Scene> {
     Ok(Scene { gaussians, report, format: "SPLAT".to_owned(), is_antialiased: false, notices: Vec::new() })
 }
 
-/// Refuses what has the name of the format but another content. Single Gaussians may be damaged.
+/// Refuses a file that has the name of the format but another content. A tenth of the Gaussians may be damaged.
 fn check_plausible(rows: &[[u8; ROW]]) -> Result<()> {
     let bad = rows.iter().filter(|row| !is_plausible(row)).count();
     ensure!(
@@ -68,12 +68,12 @@ fn gaussian(row: &[u8; ROW]) -> Raw {
     }
 }
 
-/// The coefficient of degree 0 that makes this colour of three bytes.
+/// The coefficients of degree 0 for a colour of three bytes.
 pub(super) fn colour(bytes: &[u8]) -> [f32; 3] {
     std::array::from_fn(|i| ((f64::from(bytes[i]) / 255.0 - 0.5) / C0) as f32)
 }
 
-/// The first three 32-bit floats of bytes that are long enough.
+/// The first three 32-bit floats of at least 12 bytes.
 pub(super) fn floats(bytes: &[u8]) -> [f32; 3] {
     std::array::from_fn(|i| f32::from_le_bytes(std::array::from_fn(|k| bytes[4 * i + k])))
 }

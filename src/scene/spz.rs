@@ -1,4 +1,5 @@
-//! SPZ versions 1, 2, 3 (gzip) and 4 (zstd streams): quantized planes; axes right, up, back, unless an extension says other.
+//! Reads SPZ versions 1, 2, 3 (gzip) and 4 (zstd streams): quantized planes in the axes right, up, back, unless an
+//! extension names others.
 
 use std::io::{BufReader, Read};
 
@@ -13,9 +14,9 @@ use super::source::{Source, word};
 use super::{MAX_SH_DEGREE, RIGHT_UP_BACK, Scene, decode_rotation, rest_values};
 
 pub(super) const MAGIC: u32 = 0x5053_474e; // "NGSP"
-/// Of a coefficient of degree 0, in the range of a byte.
+/// Factor from a coefficient of degree 0 to the range of a byte.
 pub(super) const COLOUR_SCALE: f64 = 0.15;
-/// Most bytes per compressed byte that are believed: the reference implementation's cap on the compression ratio.
+/// Largest accepted compression ratio, as in the reference implementation.
 const MAX_RATIO: u64 = 1024;
 
 struct Header {
@@ -49,7 +50,7 @@ impl Header {
         Ok(header)
     }
 
-    /// The planes in file order, with the bytes that one Gaussian has in each.
+    /// The planes in file order, with their bytes per Gaussian.
     fn planes(&self) -> Vec<(&'static str, usize)> {
         let position = if self.version == 1 { 6 } else { 9 };
         let rotation = if self.version <= 2 { 3 } else { 4 };
@@ -67,7 +68,7 @@ impl Header {
     }
 }
 
-/// A gzip stream with all planes one after another.
+/// Reads versions 1 to 3: a gzip stream with one plane after another.
 pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
     let file_bytes = source.len();
     let mut stream = GzDecoder::new(&mut *source);
@@ -82,7 +83,7 @@ pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
     for (name, bytes) in header.planes() {
         let wanted = header.count * bytes;
         let mut plane = Vec::new();
-        // Grows with what is there, so a lying header costs nothing.
+        // Grows with the content, so a wrong count costs no memory.
         (&mut stream)
             .take(wanted as u64)
             .read_to_end(&mut plane)
@@ -90,14 +91,14 @@ pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
         ensure!(plane.len() == wanted, "the {name} end after {} of {wanted} bytes", plane.len());
         planes.push(std::io::Cursor::new(plane));
     }
-    // Reaches the checksum at the end of the stream, extensions or not.
+    // Reading to the end of the stream verifies its checksum, with or without extensions.
     let mut records = Vec::new();
     stream.take(MAX_EXTENSION_BYTES + 1).read_to_end(&mut records).context("the gzip stream is damaged")?;
     ensure!(records.len() as u64 <= MAX_EXTENSION_BYTES, "over {MAX_EXTENSION_BYTES} bytes follow the Gaussians");
     decode(source, &header, flips(if header.has_extensions { &records } else { &[] })?, planes)
 }
 
-/// A plain header, a table of contents, and a zstd stream per plane.
+/// Reads version 4: a plain header, a table of contents, and a zstd stream per plane.
 pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
     let mut bytes = [0; 32];
     source.fill(&mut bytes, "the SPZ header")?;
@@ -139,7 +140,7 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
     decode(source, &header, flips, readers)
 }
 
-/// Reads block after block from all planes at once.
+/// Decodes the Gaussians block by block from all planes in parallel.
 fn decode<R: Read + Send>(source: &mut Source, header: &Header, flips: [bool; 3], mut planes: Vec<R>) -> Result<Scene> {
     let layout = header.planes();
     let mut builder = Builder::new(header.sh_degree, header.count)?;
@@ -200,19 +201,19 @@ fn gaussian<'b>(
         let sign = flip_sign(i + 1, flips);
         *coefficient = std::array::from_fn(|channel| sign * (f32::from(row(5)[3 * i + channel]) - 128.0) / 128.0);
     }
-    let stored = if version <= 2 { rotation_first_three(row(4)) } else { rotation_smallest_three(row(4)) };
+    let stored = if version <= 2 { rotation_first_three(row(4)) } else { unpack_smallest_three(row(4)) };
     let turned = rotation_signs(flips);
     let rotation = std::array::from_fn(|i| f64::from(turned[i]) * stored[i]);
     let log_scale = std::array::from_fn(|i| f64::from(scale[i]) / 16.0 - 10.0);
     Raw { mean, log_scale, rotation, opacity_logit: logit(alpha) }
 }
 
-/// More than any file's extension records take.
+/// Largest size of the extension records.
 const MAX_EXTENSION_BYTES: u64 = 1 << 20;
-/// The extension that names the axes of the file.
+/// Type of the extension that names the axes of the file.
 const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
 
-/// Which axes must change sign to be right, down, forward, by the extension records (type, length, payload).
+/// The axes that must be reversed to get right, down, forward, from the extension records (type, length, payload).
 fn flips(records: &[u8]) -> Result<[bool; 3]> {
     let mut rest = records;
     while let Some((head, tail)) = rest.split_first_chunk::<8>() {
@@ -225,7 +226,7 @@ fn flips(records: &[u8]) -> Result<[bool; 3]> {
                 payload.first_chunk().map(|b| u32::from_le_bytes(*b)).context("the coordinate system is missing")?;
             return match system {
                 0 => Ok(RIGHT_UP_BACK),
-                // Bits of the number less one: right, up, front.
+                // The number minus 1 has a bit each for right, up and front.
                 1..=8 => Ok([(system - 1) & 1 == 0, (system - 1) & 2 != 0, (system - 1) & 4 == 0]),
                 _ => bail!("coordinate system {system} exchanges axes, which is not supported"),
             };
@@ -235,14 +236,14 @@ fn flips(records: &[u8]) -> Result<[bool; 3]> {
     Ok(RIGHT_UP_BACK)
 }
 
-/// Versions 1 and 2: x, y, z as bytes, w not negative.
+/// The rotation of versions 1 and 2: x, y, z as bytes; w is not negative.
 fn rotation_first_three(bytes: &[u8]) -> [f64; 4] {
     let [x, y, z] = [0, 1, 2].map(|i| f64::from(bytes[i]) / 127.5 - 1.0);
     [(1.0 - (x * x + y * y + z * z)).max(0.0).sqrt(), x, y, z]
 }
 
-/// Versions 3 and 4: x, y, z, w as [`encode_rotation`](super::encode_rotation) keeps four numbers.
-fn rotation_smallest_three(bytes: &[u8]) -> [f64; 4] {
+/// The rotation of versions 3 and 4: x, y, z, w in the packing of [`encode_rotation`](super::encode_rotation).
+fn unpack_smallest_three(bytes: &[u8]) -> [f64; 4] {
     let [x, y, z, w] = decode_rotation(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]));
     [w, x, y, z]
 }

@@ -1,7 +1,8 @@
-//! A seeded procedural scene: a potted cactus of any number of Gaussians, the object of the paper this project starts from.
+//! A seeded procedural scene: a potted cactus of any number of Gaussians, the object of the paper on which this project
+//! is based.
 //!
-//! It has what trained scenes have: flat surface splats, needles (the spines are real ones), a heavy tail of anisotropy,
-//! many faint splats, floaters, view-dependent colour up to SH degree 3. Up is -y.
+//! It has the properties of trained scenes: flat surface splats, needles (the spines), a heavy tail of anisotropy, many
+//! faint splats, floaters, and view-dependent colour up to SH degree 3. Up is -y.
 
 use std::f64::consts::{PI, TAU};
 
@@ -13,10 +14,13 @@ use super::random::Random;
 use super::{MAX_SH_DEGREE, Scene};
 use crate::host_memory::OutOfMemory;
 
-/// The coarsest of the paper's four levels of detail.
+/// Number of Gaussians of the coarsest of the four levels of detail in the paper.
 pub const DEFAULT_COUNT: usize = 139_410;
 
-/// The cactus with `count` Gaussians. The same count gives the same scene everywhere.
+/// The cactus with `count` Gaussians. The same count gives the same scene on every machine.
+///
+/// # Errors
+/// [`OutOfMemory`] if it cannot be allocated.
 pub fn cactus(count: usize) -> Result<Scene, OutOfMemory> {
     let mut builder = Builder::new(MAX_SH_DEGREE, count)?;
     let weight: f64 = PARTS.iter().map(|p| p.share).sum();
@@ -24,7 +28,7 @@ pub fn cactus(count: usize) -> Result<Scene, OutOfMemory> {
     for part in &PARTS {
         share += part.share;
         let until = (count as f64 * share / weight).round() as usize;
-        // The same surface from any count: a splat covers its part of the area.
+        // The surface is covered at any count: each splat gets its share of the area.
         let spacing = (part.area / (until - made).max(1) as f64).sqrt();
         builder.extend(until - made, |i, sh| gaussian(&mut Random::of(made + i), part, spacing, sh));
         made = until;
@@ -33,10 +37,11 @@ pub fn cactus(count: usize) -> Result<Scene, OutOfMemory> {
     Ok(Scene { gaussians, report, format: "procedural cactus".to_owned(), is_antialiased: false, notices: Vec::new() })
 }
 
-/// A kind of matter: how many of the Gaussians it gets, and how they look.
+/// A part of the scene: its share of the Gaussians, and their appearance.
 struct Part {
+    /// Weight of its number of Gaussians.
     share: f64,
-    /// World units squared that its splats cover together.
+    /// Area that its splats cover together, world units squared.
     area: f64,
     /// Fraction of its splats that are faint.
     faint: f64,
@@ -60,16 +65,16 @@ const PARTS: [Part; 8] = [
 struct Patch {
     point: DVec3,
     normal: DVec3,
-    /// Direction in the surface along which splats are drawn out.
+    /// Direction in the surface along which splats are elongated.
     grain: DVec3,
     albedo: DVec3,
-    /// Standard deviations along grain, across it and along the normal, over the spacing.
+    /// Standard deviations along the grain, across it and along the normal, in units of the spacing.
     shape: DVec3,
-    /// Whether the light falls on it; else it glows.
+    /// Lit by the light; otherwise it has its albedo from all sides.
     is_lit: bool,
 }
 
-const LIGHT: DVec3 = dvec3(-0.48, -0.72, -0.5); // towards it, nearly unit
+const LIGHT: DVec3 = dvec3(-0.48, -0.72, -0.5); // towards the light, nearly unit length
 
 fn gaussian(random: &mut Random, part: &Part, spacing: f64, sh: &mut [[f32; 3]]) -> Raw {
     let patch = (part.sample)(random);
@@ -78,7 +83,7 @@ fn gaussian(random: &mut Random, part: &Part, spacing: f64, sh: &mut [[f32; 3]])
     let across = patch.normal.cross(grain);
     let tilt = DQuat::from_axis_angle(random.direction(), 0.08 * random.normal());
     let rotation = tilt * DQuat::from_mat3(&DMat3::from_cols(grain, across, patch.normal));
-    // Log-normal sizes; one splat in thirty lies far out in the tail of anisotropy, as after training.
+    // Log-normal sizes. One splat in thirty is extremely anisotropic, as after training.
     let tail = if random.unit() < 1.0 / 30.0 { dvec3(0.3, -1.2, -2.6) * random.normal().abs() } else { DVec3::ZERO };
     let spread = dvec3(random.normal(), random.normal(), random.normal()) * dvec3(0.3, 0.3, 0.6);
     let log_scale = (patch.shape * spacing).map(f64::ln) + spread + tail;
@@ -91,7 +96,7 @@ fn gaussian(random: &mut Random, part: &Part, spacing: f64, sh: &mut [[f32; 3]])
     let noise = grit * dvec3(random.normal(), random.normal(), random.normal());
     sh[0] = ((patch.albedo * diffuse * shadow + noise - 0.5) / C0).to_array().map(|v| v as f32);
     let mirror = 2.0 * patch.normal.dot(LIGHT) * patch.normal - LIGHT;
-    // A view sees the highlight when it looks against the mirrored light, and SH take the direction of the view.
+    // The highlight is visible when looking against the mirrored light, and SH take the viewing direction.
     let lobe = basis((-mirror.normalize_or(DVec3::Y)).to_array());
     for (i, coefficient) in sh.iter_mut().enumerate().skip(1) {
         let band = (i as f64).sqrt().floor();
@@ -106,7 +111,7 @@ fn gaussian(random: &mut Random, part: &Part, spacing: f64, sh: &mut [[f32; 3]])
     }
 }
 
-/// The plant: a ribbed column with two arms, as spines of circles.
+/// The plant: a ribbed column with two arms, circles along an axis.
 fn flesh(random: &mut Random) -> Patch {
     let (centre, direction, radius, _) = limb(random);
     let angle = TAU * random.unit();
@@ -127,7 +132,7 @@ fn flesh(random: &mut Random) -> Patch {
 
 const RIBS: f64 = 12.0;
 
-/// A point on the axis of the column or of an arm: centre, direction, radius, and how far along it is.
+/// A point on the axis of the column or of an arm: centre, direction, radius, and position along the axis from 0 to 1.
 fn limb(random: &mut Random) -> (DVec3, DVec3, f64, f64) {
     let t = random.unit();
     let pick = random.unit();
@@ -136,7 +141,7 @@ fn limb(random: &mut Random) -> (DVec3, DVec3, f64, f64) {
         let bulge = 0.30 + 0.05 * (PI * t).sin();
         return (dvec3(0.03 * (3.0 * t).sin(), -0.62 - 1.75 * t, 0.0), -DVec3::Y, bulge * dome(t).max(0.02), t);
     }
-    // An arm leaves the column sideways and turns up on a quarter circle.
+    // An arm leaves the column sideways and turns upwards in a quarter circle.
     let (side, height, length, yaw) = if pick < 0.83 { (1.0, -1.02, 0.62, 0.35) } else { (-1.0, -1.3, 0.38, -0.5) };
     let outward = dvec3(side * f64::cos(yaw), 0.0, f64::sin(yaw));
     let turn = 0.34;
@@ -171,7 +176,7 @@ fn spine(random: &mut Random) -> Patch {
     }
 }
 
-/// Terracotta: a cone that widens upwards, and its rim.
+/// The terracotta pot: a cone that widens upwards, with a rim.
 fn pot(random: &mut Random) -> Patch {
     let angle = TAU * random.unit();
     let out = dvec3(angle.cos(), 0.0, angle.sin());
@@ -240,7 +245,7 @@ fn table(random: &mut Random) -> Patch {
     }
 }
 
-/// Large soft splats far behind, warm at the horizon and cool above: what training puts in place of a background.
+/// Large soft splats far away, warm at the horizon and cool above, as training makes them for a background.
 fn backdrop(random: &mut Random) -> Patch {
     let direction = random.direction();
     let height = 0.5 - 0.5 * direction.y;
@@ -270,7 +275,7 @@ fn floater(random: &mut Random) -> Patch {
     }
 }
 
-/// Light that the pot keeps from the table.
+/// The shadow of the pot on the table, as a factor on the light.
 fn contact_shadow(point: DVec3) -> f64 {
     let from_pot = dvec3(point.x - 0.25, 0.0, point.z - 0.25).length();
     1.0 - 0.55 * (-(from_pot / 0.75).powi(4)).exp()

@@ -1,4 +1,4 @@
-//! Scenes placed in a world: turned, moved and scaled, and several joined into one.
+//! Places scenes in a world (rotation, translation, scale) and joins several into one.
 
 use anyhow::{Result, bail, ensure};
 use glam::{DMat3, DMat4, DQuat, DVec3};
@@ -8,8 +8,8 @@ use super::harmonics::Turn;
 use super::{Gaussians, sh_coefficients};
 use crate::host_memory::{OutOfMemory, host_vec};
 
-/// A similarity from local to world axes: `world = scale * rotation * local + translation`. It never mirrors, as no
-/// rotation of a Gaussian could follow that.
+/// A similarity from local to world axes: `world = scale * rotation * local + translation`. It never mirrors, because
+/// the rotation of a Gaussian could not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transform {
     rotation: DQuat,
@@ -23,13 +23,17 @@ impl Default for Transform {
     }
 }
 
-/// How far from a similarity the entries of a matrix may be, over its scale: what 32-bit floats leave of one.
+/// Largest deviation of matrix entries from a similarity, relative to its scale: the rounding of 32-bit floats.
 const MATRIX_TOLERANCE: f64 = 1e-5;
 
 impl Transform {
+    /// The identity.
     pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, translation: DVec3::ZERO, scale: 1.0 };
 
-    /// `rotation` of any length but zero, `translation` in world units, `scale` over 0.
+    /// A similarity from a quaternion of any length over 0, a translation in world units and a positive scale.
+    ///
+    /// # Errors
+    /// If the rotation has length zero, or a value is not finite or not positive where it must be.
     pub fn new(rotation: DQuat, translation: DVec3, scale: f64) -> Result<Self> {
         let length = rotation.length();
         ensure!(length.is_finite() && length > 0.0, "{rotation} is not a rotation");
@@ -38,7 +42,10 @@ impl Transform {
         Ok(Self { rotation: rotation / length, translation, scale })
     }
 
-    /// From a matrix that is a similarity: one that shears, mirrors or scales the axes differently is refused.
+    /// A similarity from its matrix.
+    ///
+    /// # Errors
+    /// If the matrix shears, mirrors, scales the axes differently, is not affine or not finite.
     pub fn from_matrix(matrix: &DMat4) -> Result<Self> {
         ensure!(matrix.is_finite(), "the matrix is not finite");
         ensure!(matrix.row(3).to_array() == [0.0, 0.0, 0.0, 1.0], "the last row of the matrix is not 0 0 0 1");
@@ -53,31 +60,38 @@ impl Transform {
         Self::new(DQuat::from_mat3(&turn), matrix.w_axis.truncate(), scale)
     }
 
-    /// Unit length.
+    /// The rotation, of unit length.
     pub fn rotation(&self) -> DQuat {
         self.rotation
     }
 
-    /// World units.
+    /// The translation in world units.
     pub fn translation(&self) -> DVec3 {
         self.translation
     }
 
+    /// The scale, greater than 0.
     pub fn scale(&self) -> f64 {
         self.scale
     }
 
-    /// Where a local point is in the world.
+    /// The world position of a local point.
     pub fn point(&self, local: DVec3) -> DVec3 {
         self.rotation * (local * self.scale) + self.translation
     }
 
-    /// First `self`, then `next`.
+    /// The composition: first `self`, then `next`.
+    ///
+    /// # Errors
+    /// If the result is out of the range of 64-bit floats.
     pub fn then(&self, next: &Self) -> Result<Self> {
         Self::new(next.rotation * self.rotation, next.point(self.translation), next.scale * self.scale)
     }
 
-    /// World to local.
+    /// The similarity from world to local axes.
+    ///
+    /// # Errors
+    /// If the result is out of the range of 64-bit floats.
     pub fn inverse(&self) -> Result<Self> {
         let (rotation, scale) = (self.rotation.conjugate(), self.scale.recip());
         Self::new(rotation, rotation * (self.translation * -scale), scale)
@@ -85,11 +99,11 @@ impl Transform {
 }
 
 impl Gaussians {
-    /// The scene in the world, computed in f64 and rounded once. View-dependent colour turns with it. The identity changes
-    /// no bit.
+    /// The transformed scene, computed in f64 and rounded once. View-dependent colour rotates with it. The identity
+    /// changes no bit.
     ///
     /// # Errors
-    /// If a mean would be too far for 32-bit floats; [`OutOfMemory`].
+    /// If a mean leaves the range of 32-bit floats, or [`OutOfMemory`].
     pub fn transformed(&self, transform: &Transform) -> Result<Self> {
         let mut moved = Self::joined(std::iter::once(self))?;
         if *transform == Transform::IDENTITY {
@@ -120,8 +134,11 @@ impl Gaussians {
         self.sh.par_chunks_exact_mut(sh_coefficients(self.sh_degree)).for_each(|sh| turn.apply(sh));
     }
 
-    /// The Gaussians of all parts, one part after the other; the degree of spherical harmonics is the largest, lower
-    /// ones are filled up with zeros.
+    /// The Gaussians of all parts, one part after another. The SH degree is the largest of the parts; missing
+    /// coefficients are 0.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if the result cannot be allocated.
     pub fn joined<'a>(parts: impl Iterator<Item = &'a Self>) -> Result<Self, OutOfMemory> {
         let parts: Vec<&Self> = parts.collect();
         let count = parts.iter().map(|part| part.len()).sum();

@@ -2,20 +2,20 @@
 
 use super::Builder;
 
-/// Who waits for a scene to be read. All are called on the thread that reads.
+/// Callbacks while a scene is read. All are called on the reading thread.
 #[derive(Clone, Copy)]
 pub struct Watch<'w> {
-    /// Told the fraction of the file read so far.
+    /// Gets the fraction of the file that was read, 0 to 1.
     pub progress: &'w dyn Fn(f64),
-    /// Shown what was decoded so far, in the order of the scene: first when they are 65,536 or more, then whenever
-    /// they have doubled, and never when they are all.
+    /// Gets the Gaussians decoded so far, in the order of the scene: first when there are 65,536 or more, then whenever
+    /// their number has doubled. It is not called with the complete scene.
     pub partial: &'w dyn Fn(&Builder),
-    /// Asked now and then, some 200 times a file and once every 65,536 Gaussians. When it says so, and goes on saying
-    /// so, reading ends with [`Cancelled`].
+    /// Asked about 200 times per file and once every 65,536 Gaussians. Once it returns true, and keeps doing so,
+    /// reading ends with [`Cancelled`].
     pub is_cancelled: &'w dyn Fn() -> bool,
 }
 
-/// No one waits for the scene any more: reading was cancelled by [`Watch::is_cancelled`].
+/// The error when reading was cancelled by [`Watch::is_cancelled`].
 #[derive(Debug, thiserror::Error)]
 #[error("cancelled")]
 pub struct Cancelled;

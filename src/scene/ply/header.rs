@@ -1,21 +1,21 @@
-//! The header of a PLY: its elements, how they are written, and what comments say of the scene.
+//! The header of a PLY: its elements, their encoding, and the comments of trainers.
 
 use anyhow::{Context, Result, bail, ensure};
 
 use super::super::source::Source;
 
-/// Longest header that is read.
+/// Largest header that is read.
 const MAX_HEADER_BYTES: u64 = 1 << 20;
 
-/// Most properties of an element.
+/// Largest number of properties of an element.
 const MAX_PROPERTIES: usize = 1024;
 
-/// How the elements behind the header are written.
+/// Encoding of the elements after the header.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Encoding {
     LittleEndian,
     BigEndian,
-    /// A line each.
+    /// One line of text per row.
     Ascii,
 }
 
@@ -24,9 +24,9 @@ pub(super) enum Encoding {
 pub(super) struct Element {
     pub name: String,
     pub count: u64,
-    /// In file order, without lists.
+    /// Scalar properties in file order; lists are left out.
     pub properties: Vec<Property>,
-    /// Has a list property: the size of its rows is unknown.
+    /// It has a list property, so the size of its rows is unknown.
     pub has_list: bool,
     pub encoding: Encoding,
 }
@@ -116,7 +116,7 @@ impl Element {
         (0..).take_while(|i| self.has(&format!("{stem}{i}"))).count()
     }
 
-    /// The same with every property a 64-bit float, as lines of text are kept when they have been read.
+    /// This element with 64-bit floats for all properties, the form in which parsed lines of text are kept.
     pub fn widened(&self) -> Self {
         let widen = |(i, p): (usize, &Property)| Property { kind: Scalar::F64, offset: 8 * i, ..p.clone() };
         let properties = self.properties.iter().enumerate().map(widen).collect();
@@ -129,7 +129,7 @@ impl Property {
         self.kind.read(&element[self.offset..], self.is_big_endian)
     }
 
-    /// The same rounded to 32 bits. Most of a file is colours in such floats: they are read as they lie.
+    /// The value rounded to 32 bits. Most of a file is colours in 32-bit floats, which are copied.
     #[inline]
     pub fn read_f32(&self, element: &[u8]) -> f32 {
         match element[self.offset..].first_chunk() {
@@ -139,7 +139,7 @@ impl Property {
     }
 }
 
-/// What a PLY holds, and what its comments say.
+/// The elements of a PLY, and what its comments state.
 pub(super) struct Header {
     pub elements: Vec<Element>,
     pub is_antialiased: bool,
@@ -211,12 +211,12 @@ fn encoding_of(name: &str) -> Result<Encoding> {
     })
 }
 
-/// The beginning of what a file says, as it can be printed.
+/// The first 40 characters of a text from a file, escaped for printing.
 pub(super) fn quoted(text: &str) -> String {
     text.chars().take(40).flat_map(char::escape_debug).collect()
 }
 
-/// What trainers write into comments. The last of a kind counts.
+/// Settings that trainers write into comments. The last comment of a kind counts.
 #[derive(Default)]
 struct Comments {
     is_antialiased: bool,
@@ -246,7 +246,7 @@ impl Comments {
         }
     }
 
-    /// What is drawn otherwise than they ask for.
+    /// Differences between these settings and what is drawn.
     fn notices(&self) -> Vec<String> {
         let size = self.kernel_size.filter(|size| *size != LOW_PASS);
         let size = size.map(|size| format!("it asks for a kernel of {size} px^2, and is drawn with {LOW_PASS}"));
@@ -259,5 +259,5 @@ impl Comments {
     }
 }
 
-/// px^2, what all renderers of the original's kind add to the covariance on the screen.
+/// px^2, the low-pass that renderers of the original kind add to the covariance on the screen.
 const LOW_PASS: f64 = 0.3;

@@ -7,25 +7,25 @@ use crate::scene::canonical::Raw;
 use crate::scene::harmonics::C0;
 use crate::scene::{MAX_SH_DEGREE, rest_values};
 
-/// Where a Gaussian's values are in a vertex.
+/// The properties of a vertex that hold the values of a Gaussian.
 pub(super) struct Layout<'e> {
     mean: [&'e Property; 3],
-    /// Two of a surfel, which is flat along the third axis.
+    /// Three, or two for a surfel, which is flat along the third axis.
     pub scale: Vec<&'e Property>,
     rotation: [&'e Property; 4],
     opacity: &'e Property,
     pub colour: Colour<'e>,
-    /// Channel-major: all red, all green, all blue.
+    /// Coefficients of degrees 1 and up, channel-major: all red, all green, all blue.
     pub rest: Vec<&'e Property>,
     pub sh_degree: u32,
 }
 
-/// Where a vertex has its colour.
+/// The properties of a vertex that hold its colour.
 #[derive(Clone, Copy)]
 pub(super) enum Colour<'e> {
     /// Coefficients of degree 0.
     Coefficients([&'e Property; 3]),
-    /// Red, green and blue up to this.
+    /// Red, green and blue, and their largest value.
     Channels([&'e Property; 3], f64),
 }
 
@@ -75,7 +75,7 @@ impl<'e> Colour<'e> {
         Ok(Self::Coefficients(all(element, ["f_dc_0", "f_dc_1", "f_dc_2"])?))
     }
 
-    /// As coefficients of degree 0.
+    /// The colour as coefficients of degree 0.
     pub fn read(self, row: &[u8]) -> [f32; 3] {
         match self {
             Self::Coefficients(coefficients) => coefficients.map(|p| p.read_f32(row)),
@@ -84,6 +84,7 @@ impl<'e> Colour<'e> {
     }
 }
 
+/// The properties with these names.
 pub(super) fn all<'e, const N: usize>(element: &'e Element, names: [&str; N]) -> Result<[&'e Property; N]> {
     let properties: Vec<_> = names.iter().map(|name| element.property(name)).collect::<Result<_>>()?;
     Ok(std::array::from_fn(|i| properties[i]))

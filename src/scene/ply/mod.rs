@@ -1,5 +1,5 @@
-//! PLY: the scenes of the original 3DGS (`x y z`, `f_dc`, `f_rest`, `opacity`, `scale`, `rot`) in all that others make of
-//! them, and point clouds.
+//! Reads PLY: scenes of the original 3DGS (`x y z`, `f_dc`, `f_rest`, `opacity`, `scale`, `rot`) and their variants,
+//! compressed PLY, and point clouds.
 
 mod header;
 mod layout;

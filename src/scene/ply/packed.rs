@@ -1,4 +1,5 @@
-//! PlayCanvas compressed PLY: chunks of 256 Gaussians, packed into 16 bytes each, with an optional element of SH bytes.
+//! Reads the compressed PLY of PlayCanvas: chunks of 256 Gaussians of 16 bytes each, and an optional element of SH
+//! bytes.
 
 use anyhow::{Context, Result, ensure};
 
@@ -12,7 +13,7 @@ use crate::scene::{MAX_SH_DEGREE, Scene, rest_values};
 
 pub(in crate::scene) const CHUNK: usize = 256; // Gaussians that share their minima and maxima
 
-/// Minima and maxima of one chunk.
+/// Minima and maxima of one chunk, between which its Gaussians are quantized.
 struct Chunk {
     mean: [[f64; 3]; 2],
     log_scale: [[f64; 3]; 2],
@@ -63,7 +64,7 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
         Raw {
             mean: unpack(position, &chunk.mean),
             log_scale: unpack(scale, &chunk.log_scale),
-            rotation: unpack_rotation(rotation),
+            rotation: unpack_smallest_three(rotation),
             opacity_logit: logit(alpha),
         }
     };
@@ -101,7 +102,7 @@ fn read_vertices(source: &mut Source, element: &Element) -> Result<Vec<[u32; 4]>
     binary_rows(source, element, 1, |row, all| all.push(properties.map(|p| p.read(row) as u32)))
 }
 
-/// The degree, and the bytes of all Gaussians one after another.
+/// The SH degree, and the SH bytes of all Gaussians one after another.
 fn read_sh(source: &mut Source, element: &Element) -> Result<(u32, Vec<u8>)> {
     let rest = element.run("f_rest_");
     let degree = (1..=MAX_SH_DEGREE).find(|d| rest_values(*d) == rest);
@@ -112,22 +113,23 @@ fn read_sh(source: &mut Source, element: &Element) -> Result<(u32, Vec<u8>)> {
     Ok((degree, bytes))
 }
 
-/// The property of this name, which the packing wants to be of this type.
+/// The property of this name, which must have this type.
 fn of_kind<'e>(element: &'e Element, name: &str, kind: Scalar) -> Result<&'e Property> {
     let property = element.property(name)?;
     ensure!(property.kind == kind, "property {name} of element {} is not of type {kind:?}", element.name);
     Ok(property)
 }
 
-/// 11, 10 and 11 bits from the top, between the minima and maxima.
+/// Unpacks 11, 10 and 11 bits, from the highest on, to values between the minima and maxima.
 fn unpack(packed: u32, range: &[[f64; 3]; 2]) -> [f64; 3] {
     let fractions =
         [f64::from(packed >> 21) / 2047.0, f64::from(packed >> 11 & 1023) / 1023.0, f64::from(packed & 2047) / 2047.0];
     std::array::from_fn(|i| lerp(range[0][i], range[1][i], fractions[i]))
 }
 
-/// Two bits for the largest component of w x y z, which is positive, then ten for each of the others in order.
-fn unpack_rotation(packed: u32) -> [f64; 4] {
+/// Unpacks a quaternion w x y z: two bits for the index of the largest component, which is positive, then ten for each
+/// of the others in order.
+fn unpack_smallest_three(packed: u32) -> [f64; 4] {
     let largest = (packed >> 30) as usize;
     from_smallest_three(
         largest,
@@ -135,7 +137,7 @@ fn unpack_rotation(packed: u32) -> [f64; 4] {
     )
 }
 
-/// A byte as a coefficient in -4 to 4: bucket centres, but the ends are exact.
+/// The coefficient of a byte, from -4 to 4: the centre of its bucket, or exactly -4 and 4 for the outer bytes.
 fn sh_value(byte: u8) -> f32 {
     let fraction = match byte {
         0 => 0.0,

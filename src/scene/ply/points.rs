@@ -1,4 +1,4 @@
-//! Point clouds, which have no Gaussians: balls as large as what lies between neighbours.
+//! Point clouds without Gaussians: each point becomes a ball whose size fits the distance to its neighbours.
 
 use anyhow::Result;
 
@@ -10,11 +10,11 @@ use crate::scene::canonical::{BLOCK, Builder, Raw, logit};
 use crate::scene::source::Source;
 use crate::scene::{Scene, morton};
 
-/// Points before and after one on a curve through all, among which its neighbour is looked for.
+/// Points before and after a point on the Z-order curve that are searched for its nearest neighbour.
 const NEIGHBOURS: usize = 8;
-/// Of a ball.
+/// Opacity of a ball.
 const OPACITY: f64 = 0.9;
-/// Of a point without a colour: as coefficients, grey.
+/// Coefficients of degree 0 for a point without a colour.
 const GREY: [f32; 3] = [0.0; 3];
 
 pub(super) fn read(source: &mut Source, rows: &mut Rows, kept: &Element) -> Result<Scene> {
@@ -47,8 +47,8 @@ pub(super) fn read(source: &mut Source, rows: &mut Rows, kept: &Element) -> Resu
     Ok(Scene { gaussians, report, format: "PLY, points".to_owned(), is_antialiased: false, notices: vec![notice] })
 }
 
-/// Half the distance of every point to the nearest of its neighbours along a Z-shaped curve, but not over four times the
-/// median: a point far from all others is no large ball.
+/// Half the distance of each point to the nearest of its neighbours on the Z-order curve, limited to four times the
+/// median so that a remote point does not become a large ball.
 fn radii(means: &[[f32; 3]]) -> Vec<f32> {
     let mut order: Vec<u32> = (0..means.len() as u32).collect();
     order.retain(|i| means[*i as usize].iter().all(|v| v.is_finite()));

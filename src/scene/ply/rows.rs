@@ -1,4 +1,4 @@
-//! Reads the rows of an element, or skips them.
+//! Reads or skips the rows of an element.
 
 use anyhow::{Context, Result, ensure};
 
@@ -6,10 +6,10 @@ use super::header::{Element, Encoding, quoted};
 use crate::host_memory::host_vec;
 use crate::scene::source::{Source, checked_count};
 
-/// Longest line of an element that is written as text.
+/// Longest line of an element in text encoding.
 const MAX_LINE_BYTES: u64 = 1 << 16;
 
-/// Reads past an element that nothing is taken from.
+/// Skips an element.
 pub(super) fn skip(source: &mut Source, element: &Element) -> Result<()> {
     ensure!(
         !element.has_list || element.encoding == Encoding::Ascii,
@@ -24,7 +24,7 @@ pub(super) fn skip(source: &mut Source, element: &Element) -> Result<()> {
     source.skip((count * element.stride()) as u64, &element.name)
 }
 
-/// The rows of an element, a block at a time.
+/// Reads the rows of an element block by block.
 pub(super) struct Rows<'e> {
     element: &'e Element,
     pub count: usize,
@@ -35,20 +35,20 @@ impl<'e> Rows<'e> {
     pub fn of(source: &Source, element: &'e Element) -> Result<Self> {
         ensure!(!element.has_list, "element {} has a list property", element.name);
         let is_text = element.encoding == Encoding::Ascii;
-        // A number and a space or an end of line at least.
+        // In text, at least one digit and one separator per number.
         let least = if is_text { 2 * element.properties.len() } else { element.stride() };
-        // The last line may have no end.
+        // The last line may lack its end.
         let available = source.left() + u64::from(is_text);
         let count = checked_count(element.count, least as u64, available, "vertices")?;
         Ok(Self { element, count, bytes: Vec::new() })
     }
 
-    /// How rows are kept: as in the file, or where that is text, as 64-bit floats.
+    /// The layout of the rows that `next` returns: that of the file, or 64-bit floats if the file is text.
     pub fn kept(&self) -> Element {
         if self.element.encoding == Encoding::Ascii { self.element.widened() } else { self.element.clone() }
     }
 
-    /// Reads the next rows. Returns all of them.
+    /// Reads rows `first` to `first + count`, which must be the next ones, and returns their bytes.
     pub fn next(&mut self, source: &mut Source, first: usize, count: usize) -> Result<&[u8]> {
         if self.element.encoding != Encoding::Ascii {
             if self.bytes.capacity() == 0 {
@@ -75,7 +75,7 @@ impl<'e> Rows<'e> {
     }
 }
 
-/// Reads every row of an element: `take` appends `per_row` values of it.
+/// Reads all rows of an element in binary encoding. `take` appends `per_row` values per row.
 pub(super) fn binary_rows<T>(
     source: &mut Source,
     element: &Element,

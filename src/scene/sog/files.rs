@@ -1,4 +1,4 @@
-//! Where the textures of a SOG lie: in a zip archive, or in a folder.
+//! Access to the textures of a SOG in a zip archive or in a folder.
 
 use std::io::{Cursor, Read};
 use std::path::{Component, Path, PathBuf};
@@ -23,7 +23,7 @@ impl Files {
         Ok(Self::Archive(archive, source.len()))
     }
 
-    /// The content of a file of at most `limit` bytes.
+    /// The content of a file. Fails if it has more than `limit` bytes.
     pub fn read(&mut self, name: &str, limit: u64) -> Result<Vec<u8>> {
         match self {
             Self::Folder(folder) => {
@@ -36,7 +36,7 @@ impl Files {
                     Err(ZipError::FileNotFound) => bail!("the zip archive has no {name}"),
                     file => file.with_context(|| format!("{name} cannot be unpacked"))?,
                 };
-                // Grows with what is there: its size may be a lie.
+                // Grows with the content: the stated size may be wrong.
                 let mut bytes = Vec::new();
                 file.take(limit + 1).read_to_end(&mut bytes).with_context(|| format!("{name} cannot be unpacked"))?;
                 ensure!(bytes.len() as u64 <= limit, "{name} has over {limit} bytes");
@@ -45,7 +45,7 @@ impl Files {
         }
     }
 
-    /// Bytes that these files have on disk; of an archive, those of all of it.
+    /// Size of these files on disk in bytes; for an archive, its whole size.
     pub fn bytes(&self, names: &[&str]) -> Result<u64> {
         match self {
             Self::Archive(_, len) => Ok(*len),
@@ -57,7 +57,7 @@ impl Files {
     }
 }
 
-/// The path of a file that a JSON names: below the folder, whatever it says.
+/// The path of a file that a JSON names. Fails if it is not below the folder.
 pub(super) fn inside(folder: &Path, name: &str) -> Result<PathBuf> {
     let is_below = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
     ensure!(is_below && !name.is_empty(), "'{name}' is not the name of a file beside the JSON");

@@ -1,4 +1,4 @@
-//! What `meta.json` says: where the textures are, and what their bytes mean.
+//! Parses `meta.json`: the names of the textures, and the meaning of their bytes.
 
 use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
@@ -6,21 +6,21 @@ use serde::Deserialize;
 use super::texture::Bounds;
 use crate::scene::{MAX_SH_DEGREE, sh_coefficients};
 
-/// Larger than any `meta.json`.
+/// Largest `meta.json` in bytes.
 pub(super) const MAX_BYTES: u64 = 1 << 24;
 /// Palette entries in a row of the texture that holds them.
 const ENTRIES: u32 = 64;
-/// What a texture of palette entries may have: as many as labels of 16 bits can name.
+/// Texels of the palette texture: at most the entries that 16-bit labels can name.
 pub(super) const CENTROIDS: Bounds = Bounds { least: 1, most: 65536 * (sh_coefficients(MAX_SH_DEGREE) as u64 - 1) };
 
-/// What each value of a byte means.
+/// The value of each byte.
 pub(super) type Table = [f32; 256];
 
 pub(super) struct Meta {
     pub version: u32,
     pub count: usize,
     pub is_antialiased: bool,
-    /// Smallest and largest of each axis, as sign(x) ln(1 + |x|).
+    /// Smallest and largest coordinate of each axis, as sign(x) ln(1 + |x|).
     pub means: [[f64; 2]; 3],
     pub log_scales: [Table; 3],
     /// Coefficients of degree 0.
@@ -31,11 +31,11 @@ pub(super) struct Meta {
     files: [String; 5],
 }
 
-/// The coefficients past the first: entries that Gaussians share.
+/// The palette of the coefficients of degrees 1 and up: entries that Gaussians share.
 pub(super) struct Palette {
-    /// Entries, if they are not as many as the texture has room for.
+    /// Number of entries; by default as many as fit into the texture.
     pub count: Option<usize>,
-    /// The highest degree, if the width of the texture need not tell.
+    /// The SH degree that the file states; by default the width of the texture defines it.
     degree: Option<u32>,
     pub values: Table,
     pub centroids: String,
@@ -74,8 +74,8 @@ impl Meta {
         format!("SOG {}", self.version)
     }
 
-    /// The files of all textures and their sizes: low bytes of means, high bytes, scales, rotations, colours, and, if there
-    /// are any, palette and labels.
+    /// The files of all textures with bounds on their size: low bytes of means, high bytes, scales, rotations, colours,
+    /// and, if there is a palette, its entries and labels.
     pub fn textures(&self) -> impl Iterator<Item = (Bounds, &str)> {
         let count = self.count as u64;
         // Encoders round sides up, to 4 or 16.
@@ -86,7 +86,7 @@ impl Meta {
 }
 
 impl Palette {
-    /// The degree of spherical harmonics that a texture of this size is for.
+    /// The SH degree of a palette texture of this size.
     pub fn sh_degree(&self, (width, _): (u32, u32)) -> Result<u32> {
         let wide = |degree: &u32| ENTRIES * (sh_coefficients(*degree) as u32 - 1) == width;
         let name = &self.centroids;
@@ -104,7 +104,7 @@ impl Palette {
 
 #[derive(Deserialize)]
 struct Written {
-    /// Not there in version 1.
+    /// Missing in version 1.
     version: Option<u32>,
     count: Option<u64>,
     #[serde(default)]
@@ -119,7 +119,7 @@ struct Written {
 
 #[derive(Deserialize)]
 struct Means {
-    /// In version 1: Gaussians and axes.
+    /// In version 1: number of Gaussians, then of axes.
     #[serde(default)]
     shape: Vec<u64>,
     mins: [f64; 3],
@@ -132,7 +132,7 @@ struct Rotations {
     files: [String; 1],
 }
 
-/// Bytes by a list of their values, or, in version 1, between a smallest and a largest for each channel.
+/// The values of bytes: a list, or, in version 1, linear between a minimum and a maximum per channel.
 #[derive(Deserialize)]
 struct Values {
     codebook: Option<Vec<Option<f64>>>,
@@ -171,7 +171,7 @@ impl Values {
 }
 
 impl WrittenPalette {
-    /// `None` if it is there, but without a degree.
+    /// `None` if the palette has degree 0.
     fn palette(self) -> Result<Option<Palette>> {
         if self.bands == Some(0) {
             return Ok(None);
@@ -186,13 +186,13 @@ impl WrittenPalette {
     }
 }
 
-/// Bytes past the end of the list have no value, and what has them is dropped.
+/// Bytes past the end of the list become NaN, so Gaussians that use them are dropped.
 fn from_codebook(codebook: &[Option<f64>]) -> Result<Table> {
     let entries = codebook.len();
     ensure!((1..=256).contains(&entries), "the codebook has {entries} values, expected 256");
     let mut table: Table =
         std::array::from_fn(|i| codebook.get(i).copied().flatten().map_or(f32::NAN, |value| value as f32));
-    // Some encoders lost the first value; their readers put it one mean step before the second.
+    // Some encoders write null as the first value. Their readers extrapolate it by one mean step.
     if codebook[0].is_none() {
         table[0] = table[1] + (table[1] - table[255]) / 255.0;
     }

@@ -1,5 +1,5 @@
-//! SOG of PlayCanvas, versions 1 and 2: WebP textures with a texel for each Gaussian and a `meta.json` that says what their
-//! bytes mean, in a zip archive or a folder. As PLY, its axes are right, down, forward.
+//! Reads SOG of PlayCanvas, versions 1 and 2: WebP textures with one texel per Gaussian, and a `meta.json` that defines
+//! their values, in a zip archive or a folder. Axes are right, down, forward, as in PLY.
 
 mod files;
 mod meta;
@@ -18,16 +18,16 @@ use self::unit::{Unit, decode_all};
 use super::source::{NO_LEVELS, Source};
 use super::{Scene, Watch};
 
-/// The fraction of progress when an archive is read, but not yet decoded.
+/// Progress when an archive is read but not yet decoded.
 const READ: f64 = 0.25;
 
-/// The JSON that describes the SOG in this folder. Any other path is as it is.
+/// The JSON file of the SOG in this folder. Any other path is returned unchanged.
 pub(super) fn in_folder(path: &Path) -> PathBuf {
     let jsons = ["lod-meta.json", "meta.json"].map(|name| path.join(name));
     jsons.into_iter().find(|json| json.is_file()).unwrap_or_else(|| path.to_owned())
 }
 
-/// A zip archive.
+/// Reads a zip archive.
 pub(super) fn read_bundle(source: Source, watch: &Watch) -> Result<Scene> {
     let reading = Watch { progress: &|fraction| (watch.progress)(READ * fraction), ..*watch };
     let mut source = source.watched_by(&reading);
@@ -37,7 +37,7 @@ pub(super) fn read_bundle(source: Source, watch: &Watch) -> Result<Scene> {
     decode_all(&mut source, vec![unit], format, &decoding)
 }
 
-/// A `meta.json`, or this level of the `lod-meta.json` of several, beside which the textures lie.
+/// Reads a `meta.json`, or one level of a `lod-meta.json`. The textures lie in the same folder.
 pub(super) fn read_json(source: Source, path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     #[derive(Deserialize)]
     struct Keys {

@@ -1,5 +1,5 @@
-//! The streamed SOG of PlayCanvas: `lod-meta.json` holds a tree whose leaves say which Gaussians of which SOG files are theirs,
-//! at every level of detail. Read is one level as a whole, and what is drawn around the scene at all levels.
+//! Reads the streamed SOG of PlayCanvas. The leaves of the tree in `lod-meta.json` name their Gaussians in SOG files
+//! for every level of detail. One whole level is read, with the environment that belongs to all levels.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -12,7 +12,7 @@ use super::unit::{Unit, decode_all};
 use crate::scene::source::Source;
 use crate::scene::{Cancelled, Scene, Watch};
 
-/// Larger than any `lod-meta.json`.
+/// Largest `lod-meta.json` in bytes.
 pub(super) const MAX_BYTES: u64 = 1 << 28;
 
 #[derive(Deserialize)]
@@ -28,7 +28,7 @@ struct Written {
 struct Node {
     #[serde(default)]
     children: Vec<Node>,
-    /// Of a leaf: its Gaussians by level, 0 the finest.
+    /// The Gaussians of a leaf by level, 0 the finest.
     #[serde(default)]
     lods: BTreeMap<u32, Range>,
 }
@@ -59,7 +59,7 @@ pub(super) fn read(
     let finest = *levels.first().context("the tree in lod-meta.json has no Gaussians")?;
     let level = level.unwrap_or(finest);
     ensure!(levels.contains(&level), "there is no level {level} in lod-meta.json, only {}", listed(&levels));
-    // Gaussians of each file that are of the level.
+    // Number of Gaussians of the level in each file.
     let mut counts = BTreeMap::<usize, u64>::new();
     written.tree.leaves(&mut |lods| {
         if let Some(range) = lods.get(&level) {
@@ -93,7 +93,7 @@ fn listed(levels: &BTreeSet<u32>) -> String {
     levels.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
 }
 
-/// A SOG file that lies below the folder: a `meta.json` or a bundle.
+/// Opens a SOG file below the folder: a `meta.json` or an archive.
 fn open(folder: &Path, name: &str, watch: &Watch) -> Result<Unit> {
     let path = inside(folder, name)?;
     let unit = || {

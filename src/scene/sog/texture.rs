@@ -1,4 +1,4 @@
-//! WebP images as tables of bytes.
+//! Textures of bytes, decoded from lossless WebP images.
 
 use std::io::Cursor;
 
@@ -7,7 +7,7 @@ use image_webp::WebPDecoder;
 
 use crate::host_memory::host_vec;
 
-/// How many texels a texture needs, and how many it may have.
+/// Smallest and largest number of texels of a texture.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bounds {
     pub least: u64,
@@ -15,20 +15,20 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
-    /// More than an image of so many texels takes, however badly it is compressed.
+    /// Upper bound on the size of an image file with so many texels, however badly compressed.
     pub fn most_bytes(self) -> u64 {
         self.most.saturating_mul(5).saturating_add(1 << 16)
     }
 }
 
-/// Row after row, without or with alpha.
+/// A texture: three or four bytes per texel, row after row.
 pub(super) struct Texture {
     bytes: Vec<u8>,
     channels: usize,
 }
 
 impl Texture {
-    /// Decodes the file `name`, if it has the size that it must have.
+    /// Decodes the file `name`. Fails if its number of texels is out of bounds.
     pub fn decode(name: &str, file: &[u8], bounds: Bounds) -> Result<Self> {
         let mut decoder = open(name, file)?;
         let (width, height) = decoder.dimensions();
@@ -50,14 +50,14 @@ impl Texture {
         self.bytes.len() / self.channels
     }
 
-    /// Red, green, blue, alpha.
+    /// Red, green, blue and alpha of a texel; alpha is 255 if the image has none.
     pub fn texel(&self, index: usize) -> [u8; 4] {
         let bytes = &self.bytes[index * self.channels..][..self.channels];
         [bytes[0], bytes[1], bytes[2], bytes.get(3).copied().unwrap_or(255)]
     }
 }
 
-/// Width and height of an image.
+/// Width and height of an image, from its header.
 pub(super) fn size(name: &str, file: &[u8]) -> Result<(u32, u32)> {
     Ok(open(name, file)?.dimensions())
 }

@@ -1,4 +1,4 @@
-//! One `meta.json` with its textures, decoded to Gaussians.
+//! Decodes one `meta.json` with its textures to Gaussians.
 
 use anyhow::{Result, bail, ensure};
 use rayon::prelude::*;
@@ -11,12 +11,13 @@ use crate::scene::rotation::from_smallest_three;
 use crate::scene::source::Source;
 use crate::scene::{Scene, Watch, sh_coefficients};
 
-/// Bytes of all texels of a Gaussian but those of coefficients past the first.
+/// Bytes of all texels of a Gaussian without those of degrees 1 and up.
 const TEXEL_BYTES: u64 = 20;
-/// Most bytes per compressed byte that are believed.
+/// Largest accepted compression ratio of textures.
 const MAX_RATIO: u64 = 1024;
 
-/// All Gaussians of some SOG files as one scene. `source` is the file that was opened.
+/// Decodes several SOG files to one scene. `source` is the file that was opened; it reports partial scenes and
+/// cancelling.
 pub(super) fn decode_all(source: &mut Source, units: Vec<Unit>, format: String, watch: &Watch) -> Result<Scene> {
     let total: usize = units.iter().map(|unit| unit.meta.count).sum();
     let sh_degree = units.iter().map(|unit| unit.sh_degree).max().unwrap_or(0);
@@ -32,7 +33,7 @@ pub(super) fn decode_all(source: &mut Source, units: Vec<Unit>, format: String, 
     Ok(Scene { gaussians, report, format, is_antialiased, notices: Vec::new() })
 }
 
-/// One `meta.json` and its textures.
+/// One `meta.json`, and the files with its textures.
 pub(super) struct Unit {
     pub meta: Meta,
     files: Files,
@@ -65,7 +66,7 @@ impl Unit {
         Ok(Self { meta, files, sh_degree })
     }
 
-    /// Adds the Gaussians, and tells `progress` how many of them there are so far.
+    /// Adds the Gaussians to `builder`. `progress` gets the number decoded so far.
     fn decode(mut self, source: &mut Source, builder: &mut Builder, progress: impl Fn(usize)) -> Result<()> {
         source.before_block(builder)?;
         let textures = self.textures()?;
@@ -80,7 +81,7 @@ impl Unit {
         Ok(())
     }
 
-    /// Decodes all textures at once.
+    /// Decodes all textures in parallel.
     fn textures(&mut self) -> Result<Vec<Texture>> {
         let mut files = Vec::new();
         for (bounds, name) in self.meta.textures() {
@@ -90,7 +91,7 @@ impl Unit {
     }
 }
 
-/// The textures in the order of [`Meta::textures`], and what they mean.
+/// The textures in the order of [`Meta::textures`], and the meaning of their values.
 struct Texels<'t> {
     textures: &'t [Texture],
     meta: &'t Meta,
@@ -103,7 +104,7 @@ impl Texels<'_> {
         usize::from(u16::from_le_bytes([low, high]))
     }
 
-    /// Refuses Gaussians whose coefficients are not in the palette.
+    /// Fails if the label of a Gaussian is outside of the palette.
     fn check_labels(&self) -> Result<()> {
         let Some(palette) = &self.meta.palette else { return Ok(()) };
         let room = self.textures[5].texels() / (sh_coefficients(self.sh_degree) - 1);
@@ -125,7 +126,7 @@ impl Texels<'_> {
         sh[0] = look_up(&meta.colours, colour);
         if let Some(palette) = &meta.palette {
             let coefficients = sh_coefficients(self.sh_degree) - 1;
-            // 64 entries a row, each as wide as it has coefficients: they lie one after another.
+            // A row holds 64 entries, and an entry as many texels as it has coefficients, so entries are contiguous.
             let entry = self.label(index) * coefficients;
             for (i, coefficient) in sh[1..=coefficients].iter_mut().enumerate() {
                 let bytes = self.textures[5].texel(entry + i);
@@ -140,15 +141,15 @@ impl Texels<'_> {
                 t.abs().exp_m1().copysign(t)
             }),
             log_scale: look_up(&meta.log_scales, scale).map(f64::from),
-            rotation: rotation_smallest_three(rotation),
+            rotation: unpack_smallest_three(rotation),
             opacity_logit: meta.opacity_logits[usize::from(colour[3])],
         }
     }
 }
 
-/// Three components of w x y z in a byte each, and in the last byte, from 252 up, which is missing: the largest, positive.
-/// Other last bytes stand for no rotation.
-fn rotation_smallest_three([a, b, c, last]: [u8; 4]) -> [f64; 4] {
+/// Unpacks a quaternion w x y z: three components in a byte each, and in the last byte 252 plus the index of the
+/// largest, which is positive and left out. Other last bytes stand for the identity.
+fn unpack_smallest_three([a, b, c, last]: [u8; 4]) -> [f64; 4] {
     let Some(largest) = last.checked_sub(252).map(usize::from) else { return [1.0, 0.0, 0.0, 0.0] };
     from_smallest_three(largest, [a, b, c].map(|byte| (f64::from(byte) / 127.5 - 1.0) / 2_f64.sqrt()))
 }

@@ -1,4 +1,4 @@
-//! PlayCanvas compressed PLY: chunks of 256 Gaussians, packed between the bounds of their chunk.
+//! Writes the compressed PLY of PlayCanvas: chunks of 256 Gaussians, quantized between the bounds of their chunk.
 
 use std::array::from_fn;
 use std::io::Write;
@@ -9,10 +9,10 @@ use super::rows::{Row, base_colour, to_byte, write_rows};
 use crate::scene::ply::CHUNK;
 use crate::scene::{Gaussians, rest_values};
 
-/// Log scales are kept within it, as in other writers: a flat Gaussian's would be infinite.
+/// Log scales are clamped to this magnitude, as in other writers: that of a flat Gaussian is infinite.
 const LARGEST_LOG_SCALE: f32 = 20.0;
 
-/// Minima and maxima of a chunk.
+/// Minima and maxima of a value in a chunk.
 type Range = [[f32; 3]; 2];
 
 struct Chunk {
@@ -56,7 +56,7 @@ pub(super) fn write(gaussians: &Gaussians, is_antialiased: bool, out: &mut impl 
         let [r, g, b] = fractions(base(gaussians, i), colour).map(to_byte);
         let mut row = Row(row);
         row.put(pack(fractions(gaussians.means()[i], mean)).to_le_bytes());
-        row.put(pack_rotation(gaussians.rotations()[i]).to_le_bytes());
+        row.put(pack_smallest_three(gaussians.rotations()[i]).to_le_bytes());
         row.put(pack(fractions(log_scales(gaussians, i), log_scale)).to_le_bytes());
         row.put(u32::from_be_bytes([r, g, b, to_byte(f64::from(gaussians.opacities()[i]))]).to_le_bytes());
     })?;
@@ -94,7 +94,7 @@ fn chunk(gaussians: &Gaussians, first: usize) -> Chunk {
     }
 }
 
-/// Where the values lie between the bounds, 0 where these are the same.
+/// Positions of the values between the bounds, 0 to 1; 0 where the bounds are equal.
 fn fractions(values: [f32; 3], range: &Range) -> [f64; 3] {
     from_fn(|axis| {
         let [low, high, value] = [range[0][axis], range[1][axis], values[axis]].map(f64::from);
@@ -102,14 +102,15 @@ fn fractions(values: [f32; 3], range: &Range) -> [f64; 3] {
     })
 }
 
-/// 11, 10 and 11 bits from the top.
+/// Packs fractions in 11, 10 and 11 bits, from the highest on.
 fn pack(fractions: [f64; 3]) -> u32 {
     let steps = |axis: usize, most: f64| (fractions[axis] * most).round() as u32;
     steps(0, 2047.0) << 21 | steps(1, 1023.0) << 11 | steps(2, 2047.0)
 }
 
-/// Two bits for the largest component of w x y z, made positive, then ten for each of the others in order.
-fn pack_rotation(rotation: [f32; 4]) -> u32 {
+/// Packs a unit quaternion w x y z: two bits for the index of the largest component, made positive, then ten for each
+/// of the others in order.
+fn pack_smallest_three(rotation: [f32; 4]) -> u32 {
     let largest = (0..4).max_by(|a, b| rotation[*a].abs().total_cmp(&rotation[*b].abs())).unwrap_or(0);
     let sign = f64::from(rotation[largest]).signum();
     let others = (0..4).filter(|i| *i != largest);
@@ -119,8 +120,9 @@ fn pack_rotation(rotation: [f32; 4]) -> u32 {
     })
 }
 
-/// A coefficient in 256 buckets from -4 to 4. One on the border of two, as 0 and all of a .spz are, is as far from the middle of
-/// either: if all took the upper one, the colours of the scene would change.
+/// A coefficient as one of 256 buckets from -4 to 4. A value on the border of two buckets (0, and all values of an
+/// .spz) is equally far from both centres; `takes_lower` alternates, because a fixed choice would shift the colours of
+/// the scene.
 fn sh_byte(value: f32, takes_lower: bool) -> u8 {
     let place = (value / 8.0 + 0.5) * 256.0;
     let bucket = if place.fract() == 0.0 && takes_lower { place - 1.0 } else { place.floor() };

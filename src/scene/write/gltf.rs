@@ -1,4 +1,4 @@
-//! Binary glTF with KHR_gaussian_splatting: 32-bit floats in the axes right, up, back.
+//! Writes binary glTF with KHR_gaussian_splatting: 32-bit floats in the axes right, up, back.
 
 use std::io::Write;
 
@@ -13,11 +13,11 @@ const FLOAT: u32 = 5126;
 const UNSIGNED_BYTE: u32 = 5121;
 const ARRAY_BUFFER: u32 = 34962;
 
-/// What a Gaussian has in one of the accessors.
+/// The attribute of a Gaussian in one accessor.
 #[derive(Clone, Copy)]
 enum Attribute {
     Position,
-    /// For those who draw points alone.
+    /// For viewers that only draw points.
     Colour,
     Rotation,
     Scale,
@@ -28,7 +28,7 @@ enum Attribute {
 }
 
 pub(super) fn write(gaussians: &Gaussians, out: &mut impl Write) -> Result<()> {
-    // Whoever writes other axes turns all of the scene.
+    // Flipping the scene also changes rotations and spherical harmonics.
     let gaussians = &gaussians.clone().flipped(RIGHT_UP_BACK);
     let attributes = attributes(gaussians.sh_degree());
     let (mut views, mut accessors, mut names, mut length) = (Vec::new(), Vec::new(), serde_json::Map::new(), 0);
@@ -71,7 +71,7 @@ pub(super) fn write(gaussians: &Gaussians, out: &mut impl Write) -> Result<()> {
     Ok(())
 }
 
-/// With their names, in the order of the file.
+/// The attributes with their names, in the order of the file.
 fn attributes(sh_degree: u32) -> Vec<(String, Attribute)> {
     let own = |name: &str| format!("{EXTENSION}:{name}");
     let mut attributes = vec![

@@ -1,4 +1,4 @@
-//! Scenes to files, in the axes and the encoding of every format.
+//! Writes scenes to files, in the axes and the encoding of each format.
 
 mod compressed_ply;
 mod gltf;
@@ -18,27 +18,30 @@ use self::rows::to_byte;
 use super::{Gaussians, morton};
 use crate::host_memory::OutOfMemory;
 
-/// The files that a scene can be written to.
+/// The file formats that a scene can be written to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SceneFile {
-    /// Of the original 3DGS: 32-bit floats.
+    /// PLY of the original 3DGS: 32-bit floats.
     Ply,
-    /// Of PlayCanvas: 16 bytes a Gaussian, and one for each coefficient past degree 0.
+    /// Compressed PLY of PlayCanvas: 16 bytes per Gaussian, and one per coefficient of degrees 1 and up.
     CompressedPly,
-    /// 32 bytes a Gaussian, without view-dependent colour.
+    /// `.splat`: 32 bytes per Gaussian, without view-dependent colour.
     Splat,
-    /// Version 3 is one gzip stream, 4 a zstd stream for every attribute.
+    /// SPZ. Version 3 is one gzip stream, 4 has a zstd stream per attribute.
     Spz { version: u32 },
-    /// Textures of PlayCanvas in one archive, with a palette of spherical harmonics.
+    /// SOG of PlayCanvas: textures in one archive, with a palette of spherical harmonics.
     Sog,
-    /// The same in a folder, whose `meta.json` it is called by.
+    /// SOG in a folder, named by its `meta.json`.
     SogFolder,
     /// Binary glTF with KHR_gaussian_splatting: 32-bit floats.
     Glb,
 }
 
 impl SceneFile {
-    /// The one that this file name asks for.
+    /// The format that a file name stands for.
+    ///
+    /// # Errors
+    /// If the name has no known extension and is not `meta.json`.
     pub fn of(path: &Path) -> Result<Self> {
         let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         Ok(match name {
@@ -56,17 +59,20 @@ impl SceneFile {
         })
     }
 
-    /// What its Gaussians become: in the order of the format, without those that would be fully transparent in it, and
-    /// of the degrees of spherical harmonics that it has. What is written of these is read in their order.
+    /// The Gaussians as the format holds them: in its order, without those that it would make fully transparent, and
+    /// with the SH degrees that it has. A reader returns them in this order.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if the copy cannot be allocated.
     pub fn arranged(self, gaussians: &Gaussians) -> Result<Gaussians, OutOfMemory> {
         let mut kept: Vec<u32> = (0..gaussians.len() as u32).collect();
         if self.has_opacities_in_bytes() {
             kept.retain(|i| to_byte(f64::from(gaussians.opacities()[*i as usize])) > 0);
         }
         match self {
-            // Neighbours share the bounds of a chunk, and are alike beside one another in a texture.
+            // Neighbours share the bounds of a chunk, and similar neighbours compress well in a texture.
             Self::CompressedPly | Self::Sog | Self::SogFolder => morton::sort(gaussians.means(), &mut kept),
-            // What is seen most comes first, for those who draw what has arrived.
+            // The most visible Gaussians come first, for viewers that draw while loading.
             Self::Splat => kept.par_sort_by(|a, b| {
                 let [a, b] = [a, b].map(|i| importance(gaussians, *i as usize));
                 b.total_cmp(&a)
@@ -81,8 +87,11 @@ impl SceneFile {
         !matches!(self, Self::Ply | Self::Glb)
     }
 
-    /// Writes a scene that is [`SceneFile::arranged`]: the same bytes for the same Gaussians, on any number of cores. A SOG
-    /// in a folder is written by [`write_sog_folder`], and here as an archive.
+    /// Writes a scene that is [`SceneFile::arranged`]. The same Gaussians give the same bytes on any number of cores.
+    /// Both kinds of SOG are written as an archive; [`write_sog_folder`] writes a folder.
+    ///
+    /// # Errors
+    /// If the format cannot hold the scene, or `out` fails.
     pub fn write(self, gaussians: &Gaussians, is_antialiased: bool, out: &mut (impl Write + Seek)) -> Result<()> {
         match self {
             Self::Ply => ply::write(gaussians, is_antialiased, out),
@@ -94,7 +103,7 @@ impl SceneFile {
         }
     }
 
-    /// Whether the file can say that the scene is drawn with the antialiasing of Mip-Splatting.
+    /// True if the format can state that the scene is drawn with the antialiasing of Mip-Splatting.
     pub fn says_antialiased(self) -> bool {
         !matches!(self, Self::Splat | Self::Glb)
     }
@@ -105,10 +114,11 @@ fn importance(gaussians: &Gaussians, index: usize) -> f32 {
     gaussians.scales()[index].iter().product::<f32>() * gaussians.opacities()[index]
 }
 
-/// Writes a scene that is [`SceneFile::arranged`] as SOG 2 into a folder: its textures, and `meta.json` last.
+/// Writes a scene that is [`SceneFile::arranged`] as SOG 2 into a folder, which is made if needed: the textures, and
+/// `meta.json` last.
 ///
 /// # Errors
-/// If the folder cannot be made, or a file in it not be written.
+/// If the folder cannot be made, or a file in it cannot be written.
 pub fn write_sog_folder(gaussians: &Gaussians, is_antialiased: bool, folder: &Path) -> Result<()> {
     sog::write_folder(gaussians, is_antialiased, folder)
 }

@@ -1,4 +1,4 @@
-//! PLY as the original 3DGS writes it: 32-bit floats, normals of zero included, which its own viewer asks for.
+//! Writes PLY like the original 3DGS: 32-bit floats, with the zero normals that its viewer requires.
 
 use std::io::Write;
 

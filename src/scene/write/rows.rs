@@ -1,4 +1,4 @@
-//! Rows of bytes, and the values in them that several formats share.
+//! Rows of bytes, and the encodings that several formats share.
 
 use std::io::Write;
 
@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::scene::canonical::BLOCK;
 use crate::scene::harmonics::C0;
 
-/// Writes `count` rows of `bytes` each, encoded on all cores, a block at a time.
+/// Writes `count` rows of `bytes` bytes, block by block; `encode(index, row)` runs on all cores.
 pub(super) fn write_rows(
     out: &mut impl Write,
     count: usize,
@@ -39,12 +39,12 @@ impl Row<'_> {
     }
 }
 
-/// A fraction in the nearest of 256 steps.
+/// A fraction from 0 to 1 as the nearest of 256 steps.
 pub(super) fn to_byte(fraction: f64) -> u8 {
     (fraction * 255.0).round().clamp(0.0, 255.0) as u8
 }
 
-/// The colour that a coefficient of degree 0 makes alone.
+/// The colour of a coefficient of degree 0 alone.
 pub(super) fn base_colour(coefficient: f32) -> f64 {
     0.5 + C0 * f64::from(coefficient)
 }

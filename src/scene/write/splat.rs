@@ -1,4 +1,4 @@
-//! `.splat`: 32 bytes a Gaussian, with colours of degree 0 alone.
+//! Writes `.splat`: 32 bytes per Gaussian, with colours of degree 0 only.
 
 use std::io::Write;
 

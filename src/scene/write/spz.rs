@@ -1,4 +1,4 @@
-//! SPZ 3 and 4: quantized planes in the axes right, up, back.
+//! Writes SPZ 3 and 4: quantized planes in the axes right, up, back.
 
 use std::io::Write;
 
@@ -11,11 +11,11 @@ use crate::scene::harmonics::flip_sign;
 use crate::scene::spz::{COLOUR_SCALE, MAGIC};
 use crate::scene::{Gaussians, RIGHT_UP_BACK, encode_rotation, rest_values};
 
-/// Most bits behind the point of a coordinate; fewer where a scene reaches farther than 24 bits then say.
+/// Largest number of fractional bits of a coordinate. A scene too large for 24 bits in total gets fewer.
 const FRACTIONAL_BITS: i32 = 16;
-/// Of coordinates in 24 bits with their sign.
+/// Largest coordinate in 24 bits with sign.
 const LARGEST: f64 = 8_388_607.0;
-/// As the reference implementation compresses.
+/// Compression level of the reference implementation.
 const ZSTD_LEVEL: i32 = 12;
 
 pub(super) fn write(gaussians: &Gaussians, is_antialiased: bool, version: u32, out: &mut impl Write) -> Result<()> {
@@ -61,7 +61,7 @@ fn fractional_bits(gaussians: &Gaussians) -> Result<i32> {
     Ok((0..=FRACTIONAL_BITS).rev().find(|bits| farthest * 2_f64.powi(*bits) <= LARGEST).unwrap_or(0))
 }
 
-/// What a Gaussian has in one of the file's planes.
+/// The attribute of a Gaussian in one plane of the file.
 #[derive(Clone, Copy)]
 enum Plane {
     Positions,
@@ -72,7 +72,7 @@ enum Plane {
     Sh { values: usize },
 }
 
-/// In file order.
+/// The planes in file order.
 fn planes(sh_degree: u32) -> Vec<Plane> {
     let values = rest_values(sh_degree);
     let mut planes = vec![Plane::Positions, Plane::Alphas, Plane::Colours, Plane::Scales, Plane::Rotations];
@@ -125,12 +125,13 @@ impl Plane {
     }
 }
 
-/// Sixteen steps for a factor of e, from exp(-10) on.
+/// A scale in sixteen steps per factor of e, from exp(-10) on.
 fn scale_byte(scale: f32) -> u8 {
     ((f64::from(scale).ln() + 10.0) * 16.0).round().clamp(0.0, 255.0) as u8
 }
 
-/// In buckets as the reference implementation has them, five bits in degree 1, four in others: the file is smaller for it.
+/// A coefficient rounded to a bucket, as in the reference implementation: five bits in degree 1, four in others. Fewer
+/// distinct values compress better.
 fn sh_byte(value: f32, bucket: f32) -> u8 {
     let steps = (value * 128.0).round() + 128.0;
     (((steps + bucket / 2.0) / bucket).floor() * bucket).clamp(0.0, 255.0) as u8

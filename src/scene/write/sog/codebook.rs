@@ -1,17 +1,17 @@
-//! The 256 values that stand for many: k-means in one dimension.
+//! Codebooks: 256 values that approximate many, by k-means in one dimension.
 
 use rayon::prelude::*;
 
 const VALUES: usize = 256;
-/// Rounds of Lloyd's algorithm; each takes a few thousand steps, however many values there are.
+/// Largest number of rounds of Lloyd's algorithm. A round takes a few thousand steps for any number of values.
 const ROUNDS: usize = 1000;
 
-/// Ascending values, the last of them repeated if there are fewer.
+/// 256 ascending values; if there are fewer, the last is repeated.
 pub(super) struct Codebook([f32; VALUES]);
 
 impl Codebook {
-    /// With a small sum of the squares of what rounding to it changes; exact if there are no more different values. No value
-    /// is NaN.
+    /// A codebook with a small sum of squared rounding errors of `values`. It is exact if there are at most 256
+    /// distinct values. No value may be NaN.
     pub fn of(mut values: Vec<f32>) -> Self {
         values.par_sort_unstable_by(f32::total_cmp);
         let mut different = values.clone();
@@ -49,7 +49,7 @@ impl Codebook {
     }
 }
 
-/// Values in order, and the sums of all before each.
+/// Sorted values with their prefix sums.
 struct Sorted {
     values: Vec<f32>,
     sums: Vec<f64>,
@@ -66,8 +66,8 @@ impl Sorted {
         Self { values, sums }
     }
 
-    /// As dense as the cube root of the density of the values (Panter and Dite 1951), which is one over their gaps: equal
-    /// steps along the sum of the gaps to the power of two thirds.
+    /// Initial values whose density is the cube root of that of the data (Panter and Dite 1951). The density of the
+    /// data is one over its gaps, so these are equal steps along the sum of the gaps to the power of two thirds.
     fn spread(&self) -> Codebook {
         let mut sum = 0.0;
         let places = std::iter::once(0.0).chain(self.values.windows(2).map(|pair| {
@@ -82,7 +82,7 @@ impl Sorted {
         }))
     }
 
-    /// The mean of the values nearest to each; where there are none, it stays.
+    /// One round of Lloyd's algorithm: the mean of the values nearest to each entry. An entry without any stays.
     fn means(&self, book: &Codebook) -> Codebook {
         let mut start = 0;
         Codebook(std::array::from_fn(|i| {

@@ -1,5 +1,5 @@
-//! Many points by few: k-means in two steps, since all points against all of 65,536 centroids would take hours. The points are
-//! first parted into cells, then each cell is clustered by itself. What crates there are do the first only.
+//! Two-level k-means: points are first divided into cells, then each cell is clustered by itself. Comparing all points
+//! with all of 65,536 centroids would take hours, and existing crates offer one level only.
 
 use rayon::prelude::*;
 
@@ -7,13 +7,13 @@ use crate::scene::random::Random;
 
 /// Rounds of Lloyd's algorithm.
 const ROUNDS: usize = 8;
-/// Points for each cell that the cells are found with.
+/// Sampled points per cell when the cells are computed.
 const SAMPLE: usize = 256;
-/// As many clusters need no cells.
+/// Up to so many clusters, one level is enough.
 const FEW: usize = 1024;
 
-/// At most `most` centroids, one after another, and which is nearest to each of `count` points. The same on any number of
-/// threads.
+/// At most `most` centroids, one after another, and the index of the nearest for each of `count` points. The result is
+/// equal on any number of threads.
 pub(super) fn cluster<'p>(
     count: usize,
     point: impl Fn(usize) -> &'p [f32] + Sync,
@@ -33,7 +33,7 @@ pub(super) fn cluster<'p>(
     let mut members = vec![Vec::new(); centres.len()];
     all.iter().for_each(|i| members[nearest[*i as usize].0].push(*i));
 
-    // Where points are far apart, they need more centroids.
+    // Cells whose points are far apart get more centroids.
     let need = |members: &Vec<u32>| members.iter().map(|i| f64::from(nearest[*i as usize].1).sqrt()).sum::<f64>();
     let needs: Vec<f64> = members.iter().map(need).collect();
     let shares = shares(&needs, most - centres.len());
@@ -50,7 +50,7 @@ pub(super) fn cluster<'p>(
     (parts.into_iter().flat_map(|part| part.values).collect(), labels)
 }
 
-/// Parts of `total` in proportion.
+/// Divides `total` in proportion to `needs`.
 fn shares(needs: &[f64], total: usize) -> Vec<usize> {
     let sum: f64 = needs.iter().sum();
     let (mut before, mut given) = (0.0, 0);
@@ -64,11 +64,11 @@ fn shares(needs: &[f64], total: usize) -> Vec<usize> {
     share.collect()
 }
 
-/// Points of `width` values, one after another.
+/// Centroids of `width` values, one after another.
 struct Centroids {
     values: Vec<f32>,
     width: usize,
-    /// Half of the square of the length of each.
+    /// Half of the squared length of each.
     halves: Vec<f32>,
 }
 
@@ -82,7 +82,7 @@ impl Centroids {
         self.halves.len()
     }
 
-    /// The nearest, and the square of its distance.
+    /// Index of the nearest centroid, and the square of its distance.
     fn nearest(&self, point: &[f32]) -> (usize, f32) {
         let mut best = (0, f32::INFINITY);
         for (i, (centroid, half)) in self.values.chunks_exact(self.width).zip(&self.halves).enumerate() {
@@ -95,8 +95,8 @@ impl Centroids {
     }
 }
 
-/// Lloyd's algorithm from k-means++ (Arthur and Vassilvitskii 2007): at most `most` centroids of these points, fewer if fewer
-/// of them differ.
+/// Lloyd's algorithm, initialized by k-means++ (Arthur and Vassilvitskii 2007): at most `most` centroids of these
+/// points, and not more than there are distinct points.
 fn lloyd<'p>(points: &[u32], point: &impl Fn(usize) -> &'p [f32], most: usize) -> Centroids {
     let point = |i: &u32| point(*i as usize);
     let Some(width) = points.first().map(|i| point(i).len()) else { return Centroids::new(Vec::new(), 1) };
@@ -112,7 +112,7 @@ fn lloyd<'p>(points: &[u32], point: &impl Fn(usize) -> &'p [f32], most: usize) -
             counts[nearest] += 1;
             sums[nearest * width..][..width].iter_mut().zip(point(i)).for_each(|(sum, v)| *sum += f64::from(*v));
         }
-        // Those that no point is nearest to stay.
+        // Centroids without a nearest point stay.
         let rows = centroids.values.chunks_exact_mut(width).zip(sums.chunks_exact(width)).zip(&counts);
         for ((centroid, sum), count) in rows.filter(|(_, count)| **count > 0) {
             centroid.iter_mut().zip(sum).for_each(|(v, sum)| *v = (sum / f64::from(*count)) as f32);
@@ -122,7 +122,7 @@ fn lloyd<'p>(points: &[u32], point: &impl Fn(usize) -> &'p [f32], most: usize) -
     centroids
 }
 
-/// Points drawn in proportion to the square of their distance from those drawn before.
+/// Draws points with a probability proportional to their squared distance from those drawn before (k-means++).
 fn seeds<'p>(points: &[u32], point: &impl Fn(&u32) -> &'p [f32], most: usize) -> Vec<f32> {
     let mut random = Random::of(points.len());
     let mut values = point(&points[0]).to_vec();
@@ -151,7 +151,7 @@ fn seeds<'p>(points: &[u32], point: &impl Fn(&u32) -> &'p [f32], most: usize) ->
 
 const LANES: usize = 8;
 
-/// Summed in lanes, as processors do it.
+/// The dot product, summed in lanes for SIMD.
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     lanes(a, b, |a, b| a * b)
 }
@@ -176,7 +176,7 @@ fn lanes(a: &[f32], b: &[f32], term: impl Fn(f32, f32) -> f32) -> f32 {
 mod tests {
     use super::*;
 
-    /// `count` points of `width` values around `centres` places.
+    /// `count` points of `width` values around `centres` positions.
     fn points(count: usize, width: usize, centres: usize, spread: f64) -> Vec<f32> {
         let place = |i: usize, k: usize| 10.0 * Random::of(1000 * (i % centres) + k).unit();
         let mut random = Random::of(7);
@@ -184,7 +184,7 @@ mod tests {
         (0..count * width).map(value).collect()
     }
 
-    /// The mean of the squares of the distances from their centroids.
+    /// Mean squared distance of the points from their centroids.
     fn error(points: &[f32], width: usize, (centroids, labels): &(Vec<f32>, Vec<u16>)) -> f64 {
         let centroid = |label: u16| &centroids[usize::from(label) * width..][..width];
         let errors = points.chunks_exact(width).zip(labels).map(|(p, label)| f64::from(square(p, centroid(*label))));

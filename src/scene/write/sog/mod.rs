@@ -1,5 +1,5 @@
-//! SOG 2 of PlayCanvas: lossless WebP textures with a texel for each Gaussian, and a `meta.json` that says what their bytes
-//! mean, in a zip archive or a folder.
+//! Writes SOG 2 of PlayCanvas: lossless WebP textures with one texel per Gaussian, and a `meta.json` that defines their
+//! values, in a zip archive or a folder.
 
 mod codebook;
 mod kmeans;
@@ -18,21 +18,21 @@ use self::codebook::Codebook;
 use crate::files::write_whole;
 use crate::scene::{Gaussians, sh_coefficients};
 
-/// Most entries of the palette of coefficients: what labels of 16 bits can name.
+/// Largest number of palette entries, which 16-bit labels can name.
 const MAX_ENTRIES: usize = 1 << 16;
-/// Entries of the palette in a row of its texture.
+/// Palette entries per row of their texture.
 const ROW_ENTRIES: usize = 64;
-/// In place of the logarithm of scale zero.
+/// Smallest log scale; it replaces that of scale 0.
 const LEAST_LOG_SCALE: f32 = -87.0;
 
-/// A file of a SOG: its name and its bytes.
+/// The name and the bytes of a file of a SOG.
 type File = (&'static str, Vec<u8>);
 
-/// Writes the zip archive. Neighbours should be neighbours in space: they make textures that compress well. The same bytes
-/// for the same Gaussians, on any number of threads.
+/// Writes the zip archive. Gaussians in spatial order make textures that compress well. The same Gaussians give the
+/// same bytes on any number of threads.
 pub(super) fn write(gaussians: &Gaussians, is_antialiased: bool, out: &mut (impl Write + Seek)) -> Result<()> {
     let mut archive = ZipWriter::new(out);
-    // WebP is compressed already.
+    // WebP is already compressed.
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
     for (name, bytes) in files(gaussians, is_antialiased)? {
         archive.start_file(name, options)?;
@@ -42,7 +42,7 @@ pub(super) fn write(gaussians: &Gaussians, is_antialiased: bool, out: &mut (impl
     Ok(())
 }
 
-/// Writes the same files into a folder, which is made if it is not there; `meta.json` last.
+/// Writes the same files into a folder, which is made if needed; `meta.json` comes last.
 pub(super) fn write_folder(gaussians: &Gaussians, is_antialiased: bool, folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     for (name, bytes) in files(gaussians, is_antialiased)? {
@@ -73,7 +73,7 @@ fn files(gaussians: &Gaussians, is_antialiased: bool) -> Result<Vec<File>> {
         Texture::of("means_l.webp", count, |i| steps(i).map(|s| s[0])),
         Texture::of("means_u.webp", count, |i| steps(i).map(|s| s[1])),
         Texture::of("scales.webp", count, scale),
-        Texture::of("quats.webp", count, |i| smallest_three(gaussians.rotations()[i])),
+        Texture::of("quats.webp", count, |i| pack_smallest_three(gaussians.rotations()[i])),
         Texture::of("sh0.webp", count, colour),
     ];
     let mut meta = json!({
@@ -100,11 +100,11 @@ fn files(gaussians: &Gaussians, is_antialiased: bool) -> Result<Vec<File>> {
     Ok(files)
 }
 
-/// Coefficients past the first: entries that Gaussians share, and which is whose.
+/// The palette of the coefficients of degrees 1 and up: shared entries, and the label of each Gaussian.
 struct Palette {
-    /// Of each entry, one after another, red, green and blue of each coefficient.
+    /// Entry after entry: red, green and blue of each coefficient.
     entries: Vec<f32>,
-    /// Values of an entry.
+    /// Number of values of an entry.
     width: usize,
     labels: Vec<u16>,
     codebook: Codebook,
@@ -114,7 +114,7 @@ impl Palette {
     fn of(gaussians: &Gaussians) -> Self {
         let count = gaussians.len();
         let point = |i: usize| gaussians.sh(i)[1..].as_flattened();
-        // As many as splat-transform makes: a power of two, not more than there are Gaussians.
+        // The number that splat-transform uses: a power of two, at most the number of Gaussians.
         let most = (1 << count.ilog2()).min(MAX_ENTRIES);
         let (entries, labels) = kmeans::cluster(count, point, most);
         let codebook = Codebook::of(entries.clone());
@@ -146,7 +146,7 @@ impl Palette {
     }
 }
 
-/// Row after row, with as many bytes for a texel as it has channels.
+/// A texture: one byte per channel and texel, row after row.
 struct Texture {
     name: &'static str,
     size: [usize; 2],
@@ -155,14 +155,15 @@ struct Texture {
 }
 
 impl Texture {
-    /// A texel for each Gaussian, in the size that splat-transform gives it: nearly square, of sides that are multiples of 4.
+    /// One texel per Gaussian, in the size that splat-transform uses: nearly square, with sides that are multiples of
+    /// 4.
     fn of<const N: usize>(name: &'static str, count: usize, texel: impl Fn(usize) -> [u8; N] + Sync) -> Self {
         let width = ((count as f64).sqrt() / 4.0).ceil().max(1.0) as usize * 4;
         let height = count.div_ceil(width * 4).max(1) * 4;
         Self::sized(name, [width, height], count, texel)
     }
 
-    /// The texels past `count` are zero.
+    /// A texture of this size; texels from `count` on are zero.
     fn sized<const N: usize>(
         name: &'static str,
         size: [usize; 2],
@@ -185,27 +186,28 @@ impl Texture {
     }
 }
 
-/// Smallest and largest coordinate, compressed.
+/// Smallest and largest [`compressed`] coordinate of an axis.
 fn range(gaussians: &Gaussians, axis: usize) -> [f64; 2] {
     let values = gaussians.means().iter().map(|mean| compressed(mean[axis]));
     let range = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], v| [min.min(v), max.max(v)]);
     if gaussians.is_empty() { [0.0; 2] } else { range }
 }
 
-/// Sign and logarithm, so that the steps are fine near the origin.
+/// sign(x) ln(1 + |x|), which makes steps fine near the origin.
 fn compressed(value: f32) -> f64 {
     let value = f64::from(value);
     value.abs().ln_1p().copysign(value)
 }
 
-/// A coordinate in the nearest of 65,536 steps.
+/// A coordinate as the nearest of 65,536 steps.
 fn steps(value: f32, [min, max]: [f64; 2]) -> u16 {
     let fraction = if max > min { (compressed(value) - min) / (max - min) } else { 0.0 };
     (65535.0 * fraction).round() as u16
 }
 
-/// A unit quaternion w x y z: three components in a byte each, and which is missing, the largest, made positive.
-fn smallest_three(q: [f32; 4]) -> [u8; 4] {
+/// Packs a unit quaternion w x y z: three components in a byte each, and 252 plus the index of the largest, which is
+/// made positive and left out.
+fn pack_smallest_three(q: [f32; 4]) -> [u8; 4] {
     let largest = (0..4).fold(0, |largest, i| if q[i].abs() > q[largest].abs() { i } else { largest });
     let sign = f64::from(q[largest]).signum();
     let mut others = (0..4).filter(|i| *i != largest).map(|i| sign * f64::from(q[i]) * 2_f64.sqrt());
