@@ -1,4 +1,4 @@
-//! One fuzz target for every reader: `SMALTO_READER` names it, README.md beside this says how to run it.
+//! The fuzz target of all readers. `SMALTO_READER` selects the reader; README.md in this folder shows how to run it.
 
 #![no_main]
 
@@ -13,25 +13,25 @@ use smalto::camera::{self, Timeline};
 use smalto::scene;
 use tempfile::TempDir;
 
-/// What reads a file.
+/// The reader of a fuzzed file.
 #[derive(Clone, Copy)]
 enum Reads {
     Scene,
     Cameras,
-    /// The folder, in which the file is one of several.
+    /// Reads the folder of the file, which holds several files.
     CameraFolder,
     Timeline,
 }
 
-/// A file that is fuzzed.
+/// A reader with the file that is fuzzed.
 struct Subject {
     name: &'static str,
     reads: Reads,
-    /// The file. Of a reader of folders, in it.
+    /// Name of the file. Its extension selects the format where the content does not.
     file: &'static str,
-    /// A fixture whose files lie beside it, whole.
+    /// Folder of fixtures whose undamaged files are copied next to it; none if empty.
     beside: &'static str,
-    /// Whether what is fuzzed is inside the file's gzip, whose checksum would refuse all that is changed.
+    /// The fuzzed bytes are compressed to a valid gzip file. Otherwise its checksum would reject every change.
     is_gzip: bool,
 }
 
@@ -66,7 +66,7 @@ struct Run {
 }
 
 static RUN: LazyLock<Run> = LazyLock::new(|| {
-    // What a panic on another thread leaves is no panic of the target.
+    // One thread only: a panic on another thread would not be a panic of the target.
     rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build_global().expect("there is no pool yet");
     let name = std::env::var("SMALTO_READER").unwrap_or_default();
     let subject = SUBJECTS.iter().find(|subject| subject.name == name).unwrap_or_else(|| {

@@ -20,7 +20,7 @@ pub enum Split {
     Test,
 }
 
-/// Of so many photographs, sorted by name, the first is for tests (the rule of the original 3DGS).
+/// Sorted by name, every so many photographs one is for tests, from the first on (the rule of the original 3DGS).
 const HOLD_OUT: usize = 8;
 
 /// The cameras of a file.

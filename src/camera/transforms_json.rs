@@ -24,7 +24,7 @@ const SPLITS: [(Split, &str, &str); 3] = [
 pub(super) fn parse(text: &[u8], path: &Path) -> Result<CameraFile> {
     let file: Map<String, Value> = serde_json::from_slice(text).context("is not JSON")?;
     let frames = file.get("frames").and_then(Value::as_array);
-    let frames = frames.context("is not a cameras.json, and no transforms.json: it has no array `frames`")?;
+    let frames = frames.context("is neither a cameras.json nor a transforms.json: it has no array `frames`")?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let placed = Dataparser::beside(folder, &file)?;
     let mut bent = Bent::default();

@@ -109,7 +109,7 @@ pub(super) fn read_binary(source: &mut Source, path: &Path) -> Result<Scene> {
     source.fill(&mut header, "the glTF header")?;
     let version = word(&header, 4);
     ensure!(version == 2, "glTF version {version} is not supported, only 2");
-    let (kind, text) = chunk(source)?.context("the file ends behind the glTF header")?;
+    let (kind, text) = chunk(source)?.context("the file ends after the glTF header")?;
     ensure!(kind == JSON, "the first chunk of the file is not JSON");
     let mut embedded = None;
     while let Some((kind, bytes)) = chunk(source)? {
@@ -354,7 +354,7 @@ impl<'b> Part<'b> {
         };
         let others = [&part.rotation, &part.scale, &part.opacity].into_iter().chain(&part.sh);
         if let Some(other) = others.map(|values| values.count).find(|count| *count != part.mean.count) {
-            bail!("{} positions are there, and {other} of another attribute", part.mean.count);
+            bail!("there are {} positions, but {other} values of another attribute", part.mean.count);
         }
         Ok(part)
     }

@@ -16,7 +16,7 @@ use crate::host_memory::host_vec;
 const PART: usize = 1 << 20;
 
 /// The error where a level of detail is asked for and the scene has none.
-pub(super) const NO_LEVELS: &str = "there are no levels of detail to choose from, as a lod-meta.json has";
+pub(super) const NO_LEVELS: &str = "there are no levels of detail; only a lod-meta.json has them";
 
 /// A file that is read front to back. Errors name the byte.
 pub(super) struct Source<'w> {

@@ -248,7 +248,7 @@ fn dataparser_transforms_move_the_cameras_to_the_nerfstudio_scene() {
 fn errors_of_transforms_json_name_the_fault() {
     let right = format!(r#"{{"w": 80, "h": 40, "fl_x": 100, "frames": [{FRAME}]}}"#);
     for (from, to, expected) in [
-        ("\"frames\"", "\"fames\"", "no transforms.json: it has no array `frames`"),
+        ("\"frames\"", "\"fames\"", "nor a transforms.json: it has no array `frames`"),
         ("{\"w\"", "{w", "is not JSON: "),
         ("[[1, 0, 0, 0]", "[[1, 0, 0]", "frame 0: its transform_matrix is not 3 or 4 rows of 4 numbers"),
         ("[[1, 0, 0, 0]", "[[2, 0, 0, 0]", "frame 0: its rotation is not a rotation matrix"),

@@ -249,11 +249,11 @@ impl Comments {
     /// Differences between these settings and what is drawn.
     fn notices(&self) -> Vec<String> {
         let size = self.kernel_size.filter(|size| *size != LOW_PASS);
-        let size = size.map(|size| format!("it asks for a kernel of {size} px^2, and is drawn with {LOW_PASS}"));
+        let size = size.map(|size| format!("it asks for a kernel of {size} px^2, but is drawn with {LOW_PASS}"));
         let is_other = |axis: &&String| !matches!(axis.to_ascii_lowercase().as_str(), "y" | "-y");
         let vertical = self.vertical.as_ref().filter(is_other);
         let vertical = vertical
-            .map(|axis| format!("it says that its vertical axis is {}, and is drawn as if it were y", quoted(axis)));
+            .map(|axis| format!("its vertical axis is {}, but it is drawn with y as vertical axis", quoted(axis)));
         let flat = self.is_flat.then(|| "it was trained as 2D Gaussians, and is drawn as flat ones in 3D".to_owned());
         [size, vertical, flat].into_iter().flatten().collect()
     }

@@ -60,6 +60,6 @@ impl Files {
 /// The path of a file that a JSON names. Fails if it is not below the folder.
 pub(super) fn inside(folder: &Path, name: &str) -> Result<PathBuf> {
     let is_below = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
-    ensure!(is_below && !name.is_empty(), "'{name}' is not the name of a file beside the JSON");
+    ensure!(is_below && !name.is_empty(), "'{name}' is not the name of a file in the folder of the JSON");
     Ok(folder.join(name))
 }

@@ -76,8 +76,8 @@ pub(super) fn read(
         let unit = open(folder, name, watch)?;
         ensure!(
             unit.meta.count as u64 == count,
-            "{name} has {} Gaussians, of which lod-meta.json puts {count} into level {level}; files of several levels are \
-             not supported",
+            "{name} has {} Gaussians, of which lod-meta.json assigns {count} to level {level}; files of several levels \
+             are not supported",
             unit.meta.count
         );
         units.push(unit);
