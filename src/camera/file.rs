@@ -8,15 +8,20 @@ use super::{Camera, MAX_POSITION, MAX_SIDE};
 /// A camera with the name of its photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedCamera {
+    /// Name of the photograph, or the number of the camera.
     pub name: String,
+    /// Its pose and intrinsics.
     pub camera: Camera,
 }
 
 /// The use of a photograph in training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Split {
+    /// Training.
     Train,
+    /// Validation.
     Val,
+    /// Tests.
     Test,
 }
 

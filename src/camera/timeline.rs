@@ -21,6 +21,7 @@ const RESOLUTION: f64 = 1e-6;
 pub struct Key {
     /// From 0 to 1e6.
     pub seconds: f64,
+    /// The view at this time.
     pub camera: Camera,
 }
 

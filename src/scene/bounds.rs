@@ -7,7 +7,9 @@ use super::Gaussians;
 /// The bounding box of all means in world units; the origin for an empty scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
+    /// Smallest coordinates.
     pub low: [f32; 3],
+    /// Largest coordinates.
     pub high: [f32; 3],
 }
 

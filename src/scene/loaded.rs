@@ -64,6 +64,7 @@ impl fmt::Display for LoadReport {
 /// A scene that was read from a file or generated.
 #[derive(Debug)]
 pub struct Scene {
+    /// The Gaussians that can be drawn.
     pub gaussians: Gaussians,
     /// What was dropped or changed to make it canonical.
     pub report: LoadReport,

@@ -32,6 +32,7 @@ pub(super) struct Rows<'e> {
 }
 
 impl<'e> Rows<'e> {
+    /// The rows of `element`, which must be next in `source`. Fails if the file cannot hold them.
     pub fn of(source: &Source, element: &'e Element) -> Result<Self> {
         ensure!(!element.has_list, "element {} has a list property", element.name);
         let is_text = element.encoding == Encoding::Ascii;

@@ -28,12 +28,14 @@ pub(super) fn write_rows(
 pub(super) struct Row<'r>(pub &'r mut [u8]);
 
 impl Row<'_> {
+    /// Writes bytes and moves past them.
     pub fn put<const N: usize>(&mut self, bytes: [u8; N]) {
         let (head, tail) = std::mem::take(&mut self.0).split_at_mut(N);
         head.copy_from_slice(&bytes);
         self.0 = tail;
     }
 
+    /// Writes little-endian 32-bit floats.
     pub fn floats(&mut self, values: impl IntoIterator<Item = f32>) {
         values.into_iter().for_each(|value| self.put(value.to_le_bytes()));
     }
