@@ -94,6 +94,12 @@ fn print(index: usize, device: &Capabilities) -> Result<()> {
     if let Some(limit) = device.loop_limit {
         say!("   loops          at most {limit} iterations; long tile lists are blended in several passes")?;
     }
+    match device.fast_subgroup() {
+        Some(size) => say!("   fast path      yes, with subgroups of {size} invocations")?,
+        None => say!(
+            "   fast path      no; it needs subgroup shuffles, workgroups of 1024 and one subgroup size from 8 to 64"
+        )?,
+    }
     match &device.missing[..] {
         [] => say!("   usable         yes"),
         missing => say!("   usable         no; missing: {}", missing.join(", ")),
@@ -111,12 +117,11 @@ fn self_test(device: &Device) -> Result<()> {
     let exact = reference::render(&gaussians, &camera, &Options::EXACT.rules, Background::BLACK).to_pixels();
     for portable in [false, true] {
         let options = Options { portable, ..Options::EXACT };
-        let mut still = Renderer::new(device, &options, &scene)?;
-        ensure!(still.notice().is_none(), "{}", still.notice().unwrap_or_default());
-        still.render(&camera, Background::BLACK)?;
-        let pixels = still.pixels()?;
+        let mut renderer = Renderer::new(device, &options, &scene)?;
+        ensure!(renderer.notice().is_none(), "{}", renderer.notice().unwrap_or_default());
+        let path = format!("{} path", renderer.render(&camera, Background::BLACK)?.path);
+        let pixels = renderer.pixels()?;
         let (psnr, error) = (psnr(&pixels, &exact), max_error(&pixels, &exact));
-        let path = if portable { "portable path" } else { "default path" };
         say!("   {path:<14} {psnr:.1} dB to the float64 reference, largest difference {error:.5}")?;
         if psnr.is_nan() || psnr < PSNR_MIN {
             bail!(

@@ -100,8 +100,8 @@ pub static KNOBS: [Knob; 12] = [
     Knob {
         name: "order",
         value_name: "KEY",
-        help: "Sort splats by view depth, by distance from the camera, or in every pixel by the depth at which the \
-               Gaussian is densest along the ray (only with --reference) [default: the preset's, mostly depth]",
+        help: "Sort key of splats: depth (view z), distance (from the camera) or per-pixel (the depth at which the \
+               Gaussian is densest along the ray; only with --reference) [default: the preset's, mostly depth]",
         group: Group::Rules,
         kind: Kind::Name(|| names(&Order::NAMES)),
         steps: &[],
@@ -113,8 +113,9 @@ pub static KNOBS: [Knob; 12] = [
     Knob {
         name: "extent",
         value_name: "RULE",
-        help: "Draw a splat until its alpha falls below --alpha-min, at most to three standard deviations, or in all \
-               tiles of the square of three standard deviations [default: the preset's, mostly exact]",
+        help: "Footprint of a splat: exact (until its alpha falls below --alpha-min), three-sigma (the same, at most \
+               three standard deviations) or three-sigma-squares (all tiles of the square of three standard \
+               deviations) [default: the preset's, mostly exact]",
         group: Group::Rules,
         kind: Kind::Name(|| names(&Footprint::NAMES)),
         steps: &[Value::Name("exact"), Value::Name("three-sigma"), Value::Name("three-sigma-squares")],
@@ -175,7 +176,7 @@ pub static KNOBS: [Knob; 12] = [
     Knob {
         name: "key-bits",
         value_name: "8..32",
-        help: "Sort by this many of the most significant bits of the depth, if the scene needs as many",
+        help: "Sort by this many of the most significant bits of the depth; fewer if the scene needs fewer",
         group: Group::Accuracy,
         kind: Kind::Count([8, 32]),
         steps: &[Value::Count(32), Value::Count(24), Value::Count(16)],
@@ -202,7 +203,8 @@ pub static KNOBS: [Knob; 12] = [
     Knob {
         name: "sh-storage",
         value_name: "FORMAT",
-        help: "Number format of spherical harmonics in GPU memory",
+        help: "Number format of spherical harmonics in GPU memory; lossless takes the fewest bits that keep all \
+               values of the file",
         group: Group::Accuracy,
         kind: Kind::Name(|| names(&Storage::NAMES)),
         steps: STORAGES,

@@ -122,7 +122,7 @@ fn draw(
             write(outputs, record, |output| output.write_depths(&depths))?;
         }
     }
-    report(args, shot, outputs, (&frame, renderer.path()))?;
+    report(args, shot, outputs, &frame)?;
     if let (Some(file), Some(certificate)) = (&shot.certificate, renderer.certificate()?) {
         certificate.write(file, false)?;
         say!("  {}", certified(certificate.largest()))?;
@@ -143,7 +143,7 @@ fn names(outputs: &[&Output]) -> String {
 
 /// Prints the counts and times of a frame. A listed splat is an instance (in a tile) on the portable path, and an entry
 /// (in a bin) on the fast path.
-fn report(args: &Args, shot: &Shot, outputs: &[&Output], (frame, path): (&Frame, Path)) -> Result<()> {
+fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Result<()> {
     let totals = &frame.totals;
     let gpu_ms = frame
         .timings
@@ -151,14 +151,18 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], (frame, path): (&Frame,
         .find(|t| t.depth == 0)
         .map_or_else(String::new, |t| format!(", {:.2} ms on the GPU", t.duration_ms));
     let (visible, listed, files) = (totals.visible, totals.listed_kept, names(outputs));
-    let unit = match path {
+    let unit = match frame.path {
         Path::Portable => "instances",
         Path::Fast => "entries",
     };
     if visible == 0 {
         remark(&format!("note: {files}: no Gaussian is in view"));
     }
-    say!("{files}  {}  {visible} visible, {listed} {unit}, {path} path{gpu_ms}", size_text(shot.camera.size_px))?;
+    say!(
+        "{files}  {}  {visible} visible, {listed} {unit}, {} path{gpu_ms}",
+        size_text(shot.camera.size_px),
+        frame.path
+    )?;
     if args.timings {
         let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth > 0).collect();
         stages.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));

@@ -65,8 +65,8 @@ pub(super) struct Args {
     background: Background,
     #[command(flatten)]
     device: DeviceArgs,
-    /// Accuracy for speed: exact, balanced, fast or preview; or the rules of another renderer, in exact accuracy:
-    /// inria, gsplat or khr [default: balanced]
+    /// Accuracy for speed: exact, balanced, fast or preview. The rules of another renderer, exactly: inria, gsplat or
+    /// khr. As balanced, on the portable path: portable [default: balanced]
     #[arg(long, value_name = "NAME", value_parser = knobs::preset_names())]
     #[arg(conflicts_with_all = ["max_error", "min_psnr"])]
     preset: Option<String>,
