@@ -14,6 +14,7 @@ use super::error::{Unavailable, describe};
 use super::executables::{Executable, Executables};
 use super::instance::{Instance, Validation};
 use super::reload::ShaderFolder;
+use super::stage::Pipelines;
 use super::submission::{Slot, completed};
 use super::survey::{self, DeviceChoice};
 use crate::host_memory::OutOfMemory;
@@ -38,6 +39,7 @@ pub(super) struct Shared {
     pub timeline: vk::Semaphore,
     /// Command buffers that wait for their next use.
     pub slots: Mutex<Vec<Slot>>,
+    pub pipelines: Pipelines,
     /// Dropped by hand, before the device.
     allocator: Mutex<Option<Allocator>>,
     pub instance: Arc<Instance>,
@@ -133,6 +135,7 @@ impl Device {
             queue: Mutex::new(Queue { raw: queue, submitted: 0 }),
             timeline: vk::Semaphore::null(),
             slots: Mutex::default(),
+            pipelines: Pipelines::default(),
             allocator: Mutex::new(None),
             checked,
             capabilities,

@@ -1,7 +1,8 @@
 //! A compute pipeline made from one shader and one set of specialization constants.
 
+use std::collections::HashMap;
 use std::marker::PhantomData;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, Weak};
 
 use anyhow::{Context, Result, ensure};
 use ash::vk;
@@ -46,12 +47,42 @@ impl<S: Shader> Stage<S> {
 
     fn build(device: &Device, constants: &S::Constants, subgroup: Option<u32>) -> Result<Self> {
         let pipeline =
-            Pipeline::new::<S>(&device.0, constants, subgroup).with_context(|| format!("stage {}", S::NAME))?;
-        Ok(Self { pipeline: Arc::new(pipeline), _shader: PhantomData })
+            Pipeline::shared::<S>(&device.0, constants, subgroup).with_context(|| format!("stage {}", S::NAME))?;
+        Ok(Self { pipeline, _shader: PhantomData })
     }
 }
 
+/// What tells pipelines of a device apart.
+#[derive(PartialEq, Eq, Hash)]
+pub(super) struct Key {
+    words: Vec<u32>,
+    /// Numbers and bits of the specialization constants.
+    constants: Vec<(u32, u32)>,
+    subgroup: Option<u32>,
+}
+
+/// The pipelines of a device that are in use: equal stages share one, because compiling takes long.
+pub(super) type Pipelines = Mutex<HashMap<Key, Weak<Pipeline>>>;
+
 impl Pipeline {
+    /// An equal pipeline that is in use, or else a new one.
+    fn shared<S: Shader>(device: &Arc<Shared>, constants: &S::Constants, subgroup: Option<u32>) -> Result<Arc<Self>> {
+        // Statistics are collected when a pipeline is created.
+        if device.executables.as_ref().is_some_and(|executables| !executables.flags().is_empty()) {
+            return Ok(Arc::new(Self::new::<S>(device, constants, subgroup)?));
+        }
+        let pipelines = || device.pipelines.lock().expect("no holder of the pipelines panics");
+        let key = Key { words: words::<S>(device)?, constants: constants.entries(), subgroup };
+        if let Some(pipeline) = pipelines().get(&key).and_then(Weak::upgrade) {
+            return Ok(pipeline);
+        }
+        let pipeline = Arc::new(Self::new::<S>(device, constants, subgroup)?);
+        let mut pipelines = pipelines();
+        pipelines.retain(|_, pipeline| pipeline.strong_count() > 0);
+        pipelines.insert(key, Arc::downgrade(&pipeline));
+        Ok(pipeline)
+    }
+
     fn new<S: Shader>(device: &Arc<Shared>, constants: &S::Constants, subgroup: Option<u32>) -> Result<Self> {
         let limits = &device.capabilities.limits;
         let push_bytes = size_of::<S::Push>() as u32;
