@@ -29,7 +29,7 @@ pub enum Kind {
     Flag,
 }
 
-/// What a knob changes.
+/// The part of the options to which a knob belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Group {
     /// The rules of the picture: pictures by different rules differ in exact arithmetic, too.
@@ -56,9 +56,9 @@ pub enum Effect {
 pub struct Held {
     /// Highest degree of spherical harmonics in the scene.
     pub sh_degree: u32,
-    /// The file held bytes, so 8 bits lose nothing.
+    /// The file held spherical harmonics as bytes, so 8 bits lose nothing.
     pub has_sh_bytes: bool,
-    /// The same for scales and opacities.
+    /// The file held scales and opacities as bytes, so 8 bits lose nothing.
     pub has_shape_bytes: bool,
 }
 
