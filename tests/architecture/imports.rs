@@ -1,6 +1,6 @@
 //! Which source file uses which: paths in `use` declarations and in code, followed through re-exports to the file that
-//! holds the item. Calls of methods are not followed, and what a `mod.rs` uses of the files in its own folder is no import:
-//! it is made of them.
+//! holds the item. Calls of methods are not followed, and what a `mod.rs` uses of the files in its own folder is no
+//! import: it is made of them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -157,8 +157,8 @@ impl Module {
     }
 }
 
-/// The names and the `::` between them; other characters separate words and are left out, and so does a `::` that follows
-/// or precedes none.
+/// The names and the `::` between them; other characters separate words and are left out, and so does a `::` that
+/// follows or precedes none.
 fn words(code: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
     let mut rest = code;

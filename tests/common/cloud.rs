@@ -15,8 +15,8 @@ pub fn camera() -> Camera {
     Camera::looking_at(DVec3::ZERO, DVec3::Z, SIZE, 1.6)
 }
 
-/// Of any shape, from well below a pixel to a third of the image, near and far, faint and opaque; of SH degree `degree`,
-/// where the coefficients beyond the first go up to `sh`.
+/// Of any shape, from well below a pixel to a third of the image, near and far, faint and opaque; of SH degree
+/// `degree`, where the coefficients beyond the first go up to `sh`.
 pub fn cloud(random: &mut Random, count: usize, degree: u32, sh: f64) -> Vec<Free> {
     (0..count).map(|_| one(random, degree, sh)).collect()
 }

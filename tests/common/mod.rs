@@ -31,8 +31,8 @@ use smalto::scene::{self, Builder, Gaussians, Raw};
 
 pub use random::Random;
 
-/// A device with validation on. A missing device fails the test; so does every message of the validation layer and of the
-/// missing-barrier check since the last test ended: with two tests at once, it may be a message of the other.
+/// A device with validation on. A missing device fails the test; so does every message of the validation layer and of
+/// the missing-barrier check since the last test ended: with two tests at once, it may be a message of the other.
 pub struct Gpu(pub Device, Sharing, Turn);
 
 enum Sharing {
@@ -70,8 +70,8 @@ impl Gpu {
     }
 }
 
-/// Keeps the first small renderer for each set of options and each storage of a scene: as long as it lives, others for the
-/// same use its pipelines, which take a software device far longer to compile than a small picture takes to draw.
+/// Keeps the first small renderer for each set of options and each storage of a scene: as long as it lives, others for
+/// the same use its pipelines, which take a software device far longer to compile than a small picture takes to draw.
 fn keep(renderer: Renderer, scene: &GpuScene, options: &Options, camera: &Camera) {
     static KEPT: Mutex<BTreeMap<String, Renderer>> = Mutex::new(BTreeMap::new());
     if scene.len() <= 100_000 && camera.size_px[0] * camera.size_px[1] <= 1 << 20 {
@@ -168,8 +168,8 @@ pub fn open(validation: Validation) -> Device {
     device.with_shaders(variable("SMALTO_SHADERS").as_deref().map(Path::new)).expect("the shaders can be watched")
 }
 
-/// Tests that use devices at once: drivers refuse to open many, and a software device uses every core to draw, but one to
-/// compile.
+/// Tests that use devices at once: drivers refuse to open many, and a software device uses every core to draw, but one
+/// to compile.
 const AT_ONCE: usize = 2;
 
 /// A test's turn to use devices.
@@ -253,8 +253,8 @@ pub fn compare(pixels: &Pixels, reference: &Rendering) -> Comparison {
 }
 
 /// Runs tests of this program again on llvmpipe with vectors of 128 bits, which makes its subgroups four wide: what
-/// processors without wider vectors have. Other devices take no notice. `arguments` are those of the test program: parts of
-/// the paths of tests, and what to skip.
+/// processors without wider vectors have. Other devices take no notice. `arguments` are those of the test program:
+/// parts of the paths of tests, and what to skip.
 pub fn again_in_subgroups_of_four(arguments: &[&str]) {
     let mut again = Command::new(std::env::current_exe().unwrap());
     let output = again.args(arguments).env("LP_NATIVE_VECTOR_WIDTH", "128").output().unwrap();

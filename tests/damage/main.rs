@@ -1,6 +1,8 @@
-//! Every reader against damaged files: no panic, no endless loop, no memory that the file cannot account for, and one sentence.
+//! Every reader against damaged files: no panic, no endless loop, no memory that the file cannot account for, and one
+//! sentence.
 //!
-//! `SMALTO_DAMAGE=100000 cargo test --release --test damage` runs so many files of each kind instead of the few of the suite.
+//! `SMALTO_DAMAGE=100000 cargo test --release --test damage` runs so many files of each kind instead of the few of the
+//! suite.
 
 #[path = "../common/mod.rs"]
 mod common;

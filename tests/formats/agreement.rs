@@ -307,8 +307,8 @@ fn spz_axes_follow_the_extension() {
     assert!(parse(&with_system(12)).unwrap_err().contains("coordinate system 12"));
 }
 
-/// SPZ versions 1 and 2, which no tool at hand writes, made here from the published layout: 3-byte rotations, and in version 1
-/// positions as 16-bit floats.
+/// SPZ versions 1 and 2, which no tool at hand writes, made here from the published layout: 3-byte rotations, and in
+/// version 1 positions as 16-bit floats.
 #[test]
 fn spz_1_and_2_have_their_own_layouts() {
     let halves = [0x3e00_u16, 0xc000, 0x3400].map(u16::to_le_bytes);

@@ -4,6 +4,7 @@
 mod common;
 
 mod agreement;
+mod camera_errors;
 mod cameras;
 mod convert;
 mod sog;

@@ -350,8 +350,8 @@ fn progress_goes_from_the_beginning_to_the_end() {
     }
 }
 
-/// A captured scene, and what splat-transform made of it as SPZ: 12 bits behind the point, scales in steps of 1/16 of their
-/// logarithm.
+/// A captured scene, and what splat-transform made of it as SPZ: 12 bits behind the point, scales in steps of 1/16 of
+/// their logarithm.
 #[test]
 #[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
 fn a_captured_sog_is_the_spz_made_of_it() {

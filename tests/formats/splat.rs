@@ -1,4 +1,5 @@
-//! The formats without a magic number, .splat and .ksplat: agreement with independent software, and what is not of them.
+//! The formats without a magic number, .splat and .ksplat: agreement with independent software, and what is not of
+//! them.
 
 use std::fs;
 
@@ -15,8 +16,8 @@ fn splat_agrees_with_splat_transform() {
     agrees_with_splat_transform("plush.splat", &Tolerance { rotation: 4e-5, ..SAME });
 }
 
-/// Of level 0 with three sections and SH degree 2, of level 1 with one section and SH degree 1, of level 2 with two sections,
-/// full and partial buckets, and SH degree 2.
+/// Of level 0 with three sections and SH degree 2, of level 1 with one section and SH degree 1, of level 2 with two
+/// sections, full and partial buckets, and SH degree 2.
 #[test]
 fn ksplat_of_every_level_agrees_with_splat_transform() {
     for level in 0..3 {

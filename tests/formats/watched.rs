@@ -33,7 +33,8 @@ fn compressed_ply() -> Vec<u8> {
     let packed = ["position", "rotation", "scale", "color"].map(|p| format!("property uint packed_{p}\n")).concat();
     let chunks = COUNT.div_ceil(256);
     let header = format!(
-        "ply\nformat binary_little_endian 1.0\nelement chunk {chunks}\n{ends}element vertex {COUNT}\n{packed}end_header\n"
+        "ply\nformat binary_little_endian 1.0\nelement chunk {chunks}\n{ends}\
+         element vertex {COUNT}\n{packed}end_header\n"
     );
     let mut file = header.into_bytes();
     for i in 0..chunks {

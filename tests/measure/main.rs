@@ -4,6 +4,7 @@
 mod common;
 
 mod bench;
+mod budgets;
 mod compare;
 mod ladder;
 mod trade;

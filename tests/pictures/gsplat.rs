@@ -1,4 +1,5 @@
-//! The preset `gsplat` against gsplat itself: its own PyTorch functions in f64, run by `tests/gsplat/render_with_gsplat.py`.
+//! The preset `gsplat` against gsplat itself: its own PyTorch functions in f64, run by
+//! `tests/gsplat/render_with_gsplat.py`.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -27,8 +28,8 @@ const GPU_PSNR: f64 = 80.0;
 /// dB of the reference with any rule changed, at most: 88 measured.
 const OTHER_RULES_PSNR: f64 = 100.0;
 
-/// The Python that has gsplat. Tests that call this are ignored by default and have `by_gsplat` in their names, by which
-/// `.ci/run` selects them.
+/// The Python that has gsplat. Tests that call this are ignored by default and have `by_gsplat` in their names, by
+/// which `.ci/run` selects them.
 fn python() -> PathBuf {
     std::env::var_os("SMALTO_GSPLAT_PYTHON").expect("SMALTO_GSPLAT_PYTHON names a Python with gsplat").into()
 }

@@ -4,8 +4,8 @@ use crate::common::agree::{GREEN, RED, ahead, ball};
 use crate::common::cloud::{camera, cloud};
 use crate::common::free::build;
 use crate::common::listed::Listed;
-use crate::common::{Gpu, ROUNDING, Random, captured_cameras, compare, gaussians, read_captured};
-use glam::{DMat3, DQuat, DVec2, DVec3, dvec2};
+use crate::common::{Gpu, Random, captured_cameras, compare, gaussians, read_captured};
+use glam::{DVec2, DVec3, dvec2};
 use smalto::camera::Camera;
 use smalto::gpu::Commands;
 use smalto::options::{Options, Storage};
@@ -13,28 +13,28 @@ use smalto::pixels::Pixels;
 use smalto::reference::{self, Tiling};
 use smalto::render::{Attribute, GpuScene, Inspection, Look, Renderer, Work};
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Gaussians, Raw, Requirements, harmonics, synthetic};
+use smalto::scene::{Gaussians, Raw, Requirements, synthetic};
 
 const RULES: &Rules = &Rules::TRAINED;
 
-fn still_of(gpu: &Gpu, scene: &Gaussians, options: &Options) -> Renderer {
+pub(super) fn still_of(gpu: &Gpu, scene: &Gaussians, options: &Options) -> Renderer {
     let scene = GpuScene::new(&gpu.0, scene, options).unwrap();
     Renderer::new(&gpu.0, options, &scene).unwrap()
 }
 
-fn look(look: Look) -> Inspection {
+pub(super) fn look(look: Look) -> Inspection {
     Inspection { look, ..Inspection::default() }
 }
 
 /// A picture, and everything that its frame wrote.
-struct Picture {
-    pixels: Pixels,
-    buffers: Vec<(String, Vec<u8>)>,
-    visible: usize,
-    instances: usize,
+pub(super) struct Picture {
+    pub(super) pixels: Pixels,
+    pub(super) buffers: Vec<(String, Vec<u8>)>,
+    pub(super) visible: usize,
+    pub(super) instances: usize,
 }
 
-fn inspect(still: &mut Renderer, camera: &Camera, inspection: Inspection) -> Picture {
+pub(super) fn inspect(still: &mut Renderer, camera: &Camera, inspection: Inspection) -> Picture {
     still.set_inspection(inspection).unwrap();
     let (frame, results) = still.render_with(camera, Background::Colour([0.3; 3]), Commands::capture_scopes).unwrap();
     let buffers = results.captures().iter().map(|c| (c.buffer().to_owned(), c.bytes().to_vec())).collect();
@@ -65,16 +65,16 @@ impl Picture {
     }
 }
 
-type Case = (Gaussians, Camera);
+pub(super) type Case = (Gaussians, Camera);
 
 /// A random scene and a procedural one, each with a view.
-fn cases() -> [Case; 2] {
+pub(super) fn cases() -> [Case; 2] {
     let from = DVec3::new(1.5, -2.5, -4.0);
     let beside = Camera::looking_at(from, DVec3::new(0.0, -1.2, 0.0), [100, 70], 0.9);
     [(build(&cloud(&mut Random(5), 400, 2, 0.3), 2), camera()), (synthetic::cactus(8000).unwrap().gaussians, beside)]
 }
 
-fn captured_case() -> [Case; 1] {
+pub(super) fn captured_case() -> [Case; 1] {
     let mut cameras = captured_cameras("biker.orbit.cameras.json", &[10], [120, 80]);
     [(read_captured("biker.spz"), cameras.remove(0))]
 }
@@ -176,105 +176,6 @@ fn a_list_longer_than_65535_is_counted_completely() {
     assert_eq!(centres.pixels.at(last.x as u32, last.y as u32), [0.0, 1.0, 0.0, 1.0]);
 }
 
-const ATTRIBUTES: [Attribute; 7] = [
-    Attribute::Depth,
-    Attribute::Normal,
-    Attribute::Opacity,
-    Attribute::Size,
-    Attribute::Anisotropy,
-    Attribute::BaseColour,
-    Attribute::Identity,
-];
-
-fn attribute(attribute: Attribute, scene: &Gaussians, id: u32, camera: &Camera) -> DVec3 {
-    let i = id as usize;
-    let scale = scene.scales()[i].map(f64::from);
-    let (longest, shortest) = (scale.into_iter().fold(0.0, f64::max), scale.into_iter().fold(f64::MAX, f64::min));
-    let mean = DVec3::from(scene.means()[i].map(f64::from));
-    match attribute {
-        Attribute::Depth => DVec3::splat(camera.view(mean).z),
-        Attribute::Normal => {
-            let [w, x, y, z] = scene.rotations()[i].map(f64::from);
-            let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
-            let normal = axes.col(scale.iter().position(|s| *s == shortest).unwrap());
-            0.5 - 0.5 * normal * normal.dot(mean - camera.position).signum()
-        }
-        Attribute::Opacity => DVec3::splat(scene.opacities()[i].into()),
-        Attribute::Size => DVec3::splat(longest.log2()),
-        Attribute::Anisotropy => DVec3::splat((longest / shortest).log2()),
-        Attribute::BaseColour => (0.5 + harmonics::C0 * DVec3::from(scene.sh(i)[0].map(f64::from))).max(DVec3::ZERO),
-        Attribute::Identity => {
-            let state = id.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-            let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
-            let bytes = ((word >> 22) ^ word).to_le_bytes();
-            0.2 + 0.8 / 255.0 * DVec3::new(bytes[0].into(), bytes[1].into(), bytes[2].into())
-        }
-    }
-}
-
-/// The reference's pixels, each splat in its Gaussian's attribute, and whether each is free of doubt; and the largest
-/// attribute.
-fn recoloured(mut lists: Listed, shown: Attribute, scene: &Gaussians, camera: &Camera) -> (Vec<reference::Pixel>, f64) {
-    let certain = lists.blend();
-    for (splat, id) in lists.splats.iter_mut().zip(&lists.gaussians) {
-        splat.colour = attribute(shown, scene, *id, camera);
-    }
-    let largest = lists.splats.iter().map(|s| s.colour.abs().max_element()).fold(0.0, f64::max);
-    let of_both =
-        |(pixel, certain): (reference::Pixel, reference::Pixel)| reference::Pixel { doubt: certain.doubt, ..pixel };
-    (lists.blend().into_iter().zip(certain).map(of_both).collect(), largest)
-}
-
-/// Largest and mean difference, alpha included, over the largest attribute; the largest where there is no doubt.
-fn difference(pixels: &Pixels, (exact, scale): &(Vec<reference::Pixel>, f64)) -> [f64; 2] {
-    let (mut largest, mut sum) = (0.0_f64, 0.0);
-    for (pixel, exact) in pixels.rgba.iter().zip(exact) {
-        let alpha = (f64::from(pixel[3]) - (1.0 - exact.transmittance)).abs();
-        let error = (0..3).map(|i| (f64::from(pixel[i]) - exact.colour[i]).abs() / scale).fold(alpha, f64::max);
-        sum += error;
-        largest = largest.max(if exact.doubt > 0.0 { 0.0 } else { error });
-    }
-    [largest, sum / exact.len() as f64]
-}
-
-#[test]
-fn attributes_are_shown_in_false_colour() {
-    check_attributes(&cases());
-}
-
-#[test]
-#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
-fn attributes_are_shown_in_false_colour_in_a_captured_scene() {
-    check_attributes(&captured_case());
-}
-
-fn check_attributes(cases: &[Case]) {
-    let gpu = Gpu::new();
-    let stored = |storage| Options { sh_storage: storage, shape_storage: storage, ..Options::EXACT };
-    let floats = Options { portable: true, ..stored(Storage::F32) };
-    // What is kept in fewer bits has other ellipses too.
-    let settings = [
-        (Options::EXACT, ROUNDING, ROUNDING),
-        (floats, ROUNDING, ROUNDING),
-        (stored(Storage::F16), f64::MAX, 3e-4),
-        (stored(Storage::U8), f64::MAX, 1e-2),
-    ];
-    for (scene, camera) in cases {
-        let expected = ATTRIBUTES.map(|a| recoloured(Listed::of(scene, camera), a, scene, camera));
-        for (options, most, most_in_mean) in settings {
-            let mut still = still_of(&gpu, scene, &options);
-            for (i, shown) in ATTRIBUTES.into_iter().enumerate() {
-                let pixels = inspect(&mut still, camera, look(Look::Attribute(shown))).pixels;
-                let [largest, mean] = difference(&pixels, &expected[i]);
-                println!("{shown:?} in {:?}: {largest:.1e}, {mean:.1e}", options.shape_storage);
-                assert!(largest <= most && mean <= most_in_mean, "{shown:?}: {largest:e}, {mean:e}");
-                let [largest, mean] = difference(&pixels, &expected[(i + 1) % 7]);
-                assert!(largest > 0.1 && mean > 0.03, "{shown:?} is told from another: {largest}, {mean}");
-            }
-        }
-    }
-}
-
 #[test]
 fn an_isolated_gaussian_is_drawn_as_if_it_were_alone() {
     let gpu = Gpu::new();
@@ -341,92 +242,6 @@ fn check_frozen_culling(cases: &[Case]) {
         }
         assert!(was_behind > kept.len(), "the camera leaves Gaussians behind");
     }
-}
-
-#[test]
-fn an_explanation_adds_up_to_the_pixel_in_the_order_of_the_reference() {
-    check_explanations(&cases(), [true, false]);
-}
-
-#[test]
-#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
-fn an_explanation_adds_up_to_the_pixel_in_a_captured_scene() {
-    check_explanations(&captured_case(), [false]);
-}
-
-fn check_explanations<const N: usize>(cases: &[Case; N], portable: [bool; N]) {
-    let gpu = Gpu::new();
-    for ((scene, camera), portable) in cases.iter().zip(portable) {
-        let options = Options { portable, ..Options::EXACT };
-        let mut still = still_of(&gpu, scene, &options);
-        let background = Background::Colour([0.1, 0.2, 0.3]);
-        still.render(camera, background).unwrap();
-        let (pixels, exact) = (still.pixels().unwrap(), Listed::of(scene, camera));
-        let (doubts, [width, height]) = (exact.blend(), camera.size_px);
-        let mut random = Random(2);
-        let mut compared = 0;
-        for _ in 0..60 {
-            let [x, y] = [random.below(width), random.below(height)];
-            let explanation = still.explain([x, y]).unwrap();
-            let [r, g, b, alpha] = pixels.at(x, y);
-            let colour = explanation.colour(background);
-            let error = [colour[0] - r, colour[1] - g, colour[2] - b, 1.0 - explanation.transmittance - alpha];
-            assert!(error.iter().all(|e| e.abs() <= 1e-6), "{x} {y}: {error:?}");
-            let index = (y * width + x) as usize;
-            let walked = exact.walk(index);
-            if doubts[index].doubt > 0.0 {
-                continue;
-            }
-            compared += 1;
-            let ids: Vec<u32> = walked.blended.iter().map(|splat| exact.gaussians[*splat as usize]).collect();
-            assert_eq!(explanation.splats.iter().map(|s| s.gaussian).collect::<Vec<_>>(), ids, "{x} {y}");
-            assert_eq!(explanation.is_stopped, walked.is_stopped, "{x} {y}");
-            let mut rest = 1.0;
-            let mut median = None;
-            for (splat, id) in explanation.splats.iter().zip(&walked.blended) {
-                let splat_in_f64 = &exact.splats[*id as usize];
-                assert_eq!(splat.depth, splat_in_f64.depth as f32);
-                assert_eq!((splat.transmittance, splat.share), (rest, splat.alpha * rest));
-                rest *= 1.0 - splat.alpha;
-                median = median.or((rest < 0.5).then_some(splat.depth));
-            }
-            match (median, explanation.depth()) {
-                (None, None) => assert!(ids.is_empty()),
-                (None, Some(mean)) => {
-                    let depths = explanation.splats.iter().map(|s| s.depth);
-                    let [nearest, farthest] = [depths.clone().reduce(f32::min), depths.reduce(f32::max)];
-                    assert!(Some(mean) >= nearest && Some(mean) <= farthest);
-                }
-                (median, depth) => assert_eq!(depth, median),
-            }
-        }
-        assert!(compared >= 50, "{compared} compared");
-        assert!(still.explain([width, 0]).is_err());
-        let depth = inspect(&mut still, camera, look(Look::Attribute(Attribute::Depth))).pixels;
-        let [x, y] = [width / 2, height / 2];
-        let (explained, shown) = (still.explain([x, y]).unwrap().colour(Background::BLACK), depth.at(x, y)[0]);
-        assert!(shown > 0.1 && (explained[0] - shown).abs() <= 1e-6 * shown, "{explained:?} for {shown}");
-    }
-}
-
-#[test]
-fn explain_describes_the_last_frame_even_if_it_is_incomplete() {
-    let gpu = Gpu::new();
-    let scene = build(&cloud(&mut Random(5), 400, 2, 0.3), 2);
-    let mut still = still_of(&gpu, &scene, &Options::EXACT);
-    assert!(still.explain([0, 0]).is_err(), "nothing is rendered yet");
-    let room = smalto::render::Capacity { gaussians: 400, visible: 1, spans: 1, listed: 1, cells: 1 };
-    let mut short = still_of(&gpu, &scene, &Options::EXACT).with_capacity(room).unwrap();
-    let away = Camera { position: DVec3::new(0.3, 0.1, -1.0), ..camera() };
-    still.render(&away, Background::BLACK).unwrap();
-    let expected = still.explain([40, 30]).unwrap();
-    assert!(expected.splats.len() > 2);
-    let started = short.start(&away, Background::BLACK).unwrap();
-    assert_eq!(short.explain([40, 30]).unwrap(), expected, "it did not fit");
-    short.finish(started).unwrap();
-    assert_eq!(short.explain([40, 30]).unwrap(), expected);
-    short.render(&camera(), Background::BLACK).unwrap();
-    assert_ne!(short.explain([40, 30]).unwrap(), expected);
 }
 
 #[test]

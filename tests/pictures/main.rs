@@ -3,7 +3,10 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod attributes;
 mod certificate;
+mod depths;
+mod explain;
 mod extreme_views;
 mod extremes;
 mod frame;

@@ -179,7 +179,8 @@ fn strips_join_to_the_whole_picture() {
 /// Pixels cut out of a picture are those of a camera with a shifted principal point.
 #[test]
 fn a_crop_of_the_camera_is_a_crop_of_the_picture() {
-    // Without the backdrop: the clamp of the Jacobian follows the window, and moves large splats that lie outside of it.
+    // Without the backdrop: the clamp of the Jacobian follows the window, and moves large splats that lie outside of
+    // it.
     let near: Vec<Free> = scene().into_iter().filter(|g| DVec3::from(g.raw.mean).length() < 4.0).collect();
     let whole = render(&near);
     let (left, top) = (21, 13);

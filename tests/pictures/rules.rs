@@ -14,8 +14,8 @@ use smalto::render::{GpuScene, Renderer};
 use smalto::rules::{Background, Footprint, Order, Rules, TILE};
 use smalto::scene::{Gaussians, Raw, Requirements};
 
-/// dB of a picture in which one splat's row or column of tiles is cut elsewhere: a square ends where a radius is rounded
-/// up and a border down, both of which f32 may decide the other way. None does on lavapipe.
+/// dB of a picture in which one splat's row or column of tiles is cut elsewhere: a square ends where a radius is
+/// rounded up and a border down, both of which f32 may decide the other way. None does on lavapipe.
 const SQUARES_PSNR: f64 = 50.0;
 /// Pixels of two tiles, for the same reason.
 const SQUARES_PIXELS: usize = 2 * (TILE * TILE) as usize;

@@ -1,4 +1,5 @@
-//! How the GPU keeps numbers: what storage changes of a picture is as little as it says, for every degree and every length.
+//! How the GPU keeps numbers: what storage changes of a picture is as little as it says, for every degree and every
+//! length.
 
 use crate::common::agree::{ahead, ball, logit};
 use crate::common::cloud::{SIZE, camera, cloud};
@@ -14,16 +15,16 @@ use smalto::render::Layout;
 use smalto::rules::{Background, Rules};
 use smalto::scene::{Gaussians, Raw, Requirements, decode_rotation, encode_rotation, synthetic};
 
-/// dB of a scene that lies on 8-bit grids, kept in 8 bits, to the same in 32-bit floats: a grid gives back what arithmetic
-/// in f32 makes of it.
+/// dB of a scene that lies on 8-bit grids, kept in 8 bits, to the same in 32-bit floats: a grid gives back what
+/// arithmetic in f32 makes of it.
 const LOSSLESS_PSNR: f64 = 110.0;
 
 fn layout(scene: &Gaussians, options: &Options) -> Layout {
     Layout::of(scene, &Requirements::of(scene), options)
 }
 
-/// Fails where a pixel is farther from the reference than storage may change it, besides rounding and doubt; returns the
-/// largest difference.
+/// Fails where a pixel is farther from the reference than storage may change it, besides rounding and doubt; returns
+/// the largest difference.
 fn keeps_its_bound(name: &str, pixels: &Pixels, scene: &Gaussians, camera: &Camera, bound: f64) -> f64 {
     let exact = reference::render(scene, camera, &Rules::TRAINED, Background::BLACK);
     let mut largest = 0.0_f64;
@@ -100,7 +101,8 @@ fn values_on_a_grid_are_stored_in_8_bits_without_loss() {
                 assert_eq!((packing.storage, packing.is_lossless), (Storage::U8, true), "degree {degree}, {storage:?}");
             }
             assert_eq!(layout.colour_error(&scene), 0.0);
-            // 16 of bounds, 8 of shape, a byte for each number in words, of which three or seven have the room of one more.
+            // 16 of bounds, 8 of shape, a byte for each number in words, of which three or seven have the room of one
+            // more.
             assert_eq!(layout.bytes_each(), 16 + 8 + [4, 16, 32, 48][degree as usize]);
             let db = psnr(&gpu.render(&scene, &camera(), &options), &in_floats);
             println!("degree {degree}, {storage:?}: {db:.1} dB");

@@ -68,8 +68,8 @@ fn pictures_of_every_size_agree_with_the_reference() {
     }
 }
 
-/// Thousands of splats on a few pixels: lists that are merged once, and others that are merged twice and blended by several
-/// subgroups a block.
+/// Thousands of splats on a few pixels: lists that are merged once, and others that are merged twice and blended by
+/// several subgroups a block.
 #[test]
 fn long_lists_agree_with_the_reference() {
     let gpu = Gpu::new();

@@ -10,6 +10,8 @@ mod harness;
 mod portable;
 mod portable_frame;
 mod radix_sort;
+#[cfg(feature = "reload")]
+mod reload;
 mod shader_interface;
 
 /// Around the subgroup (8, 32), the workgroup (256), the chunks (1024, 2048), and 16-bit counts.

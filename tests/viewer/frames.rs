@@ -1,4 +1,5 @@
-//! The viewer without a window: what is compared, measured, chosen, placed and written, in frames that a program asks for.
+//! The viewer without a window: what is compared, measured, chosen, placed and written, in frames that a program asks
+//! for.
 
 use std::path::PathBuf;
 

@@ -6,3 +6,4 @@ mod common;
 mod frames;
 mod navigator;
 mod window;
+mod window_errors;
