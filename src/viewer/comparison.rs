@@ -9,7 +9,7 @@ use crate::pixels::Pixels;
 use crate::render::Compare;
 use crate::rules::{Background, Rules};
 
-/// What the picture is compared with.
+/// The target of the comparison.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum CompareTarget {
     #[default]
@@ -22,7 +22,7 @@ pub enum CompareTarget {
     Picture,
 }
 
-/// How two pictures are shown.
+/// The way two pictures are shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CompareMode {
     /// Side by side, at a line that can be dragged.
@@ -90,7 +90,7 @@ impl Comparison {
         }
     }
 
-    /// What to show of two pictures that are `width` pixels wide, `seconds` after the start.
+    /// The part of each picture to show, for pictures `width` pixels wide, `seconds` after the start.
     pub fn shown(&self, width: u32, seconds: f64) -> Compare {
         let is_second_half = self.flicker_hz > 0.0 && (seconds * f64::from(self.flicker_hz)).fract() >= 0.5;
         match self.mode {

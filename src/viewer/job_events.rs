@@ -83,6 +83,9 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
 
 fn handle_built(viewer: &mut Viewer, pair: &mut Pair, device: &Device, side: Side, drawn: Result<Box<Drawn>>) {
     viewer.building[side as usize] = false;
+    if let Some(text) = viewer.shader_errors[side as usize].take() {
+        viewer.messages.retract(&text);
+    }
     match drawn {
         // Built on a device that was lost meanwhile.
         Ok(drawn) if !drawn.scene.is_on(device) => {}
@@ -110,6 +113,9 @@ fn handle_built(viewer: &mut Viewer, pair: &mut Pair, device: &Device, side: Sid
                 Some(_) => format!("this scene does not fit: {problem:#}"),
                 None => format!("{problem:#}"),
             };
+            if viewer.shaders.is_some() {
+                viewer.shader_errors[side as usize] = Some(text.clone());
+            }
             viewer.messages.error(text);
             viewer.failure.get_or_insert(problem);
         }

@@ -14,7 +14,7 @@ use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::scene::{Gaussians, Scene};
 
-/// What a job reports.
+/// A report of a job.
 pub enum JobEvent {
     /// Layer number, and the fraction read, 0 to 1.
     Reading(u64, f64),

@@ -22,7 +22,7 @@ pub struct Layer {
     pub name: String,
     pub gaussians: Option<Arc<Gaussians>>,
     pub is_antialiased: bool,
-    /// What was read and what was dropped, as text.
+    /// A text about what was read and what was dropped.
     pub summary: String,
     pub place: Place,
     /// By side: the picture includes this scene.

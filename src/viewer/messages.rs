@@ -41,6 +41,11 @@ impl Messages {
         &self.all
     }
 
+    /// Removes a message that no longer holds.
+    pub fn retract(&mut self, text: &str) {
+        self.all.retain(|message| message.text != text);
+    }
+
     pub fn close(&mut self, place: usize) {
         self.all.remove(place);
     }

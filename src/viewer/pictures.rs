@@ -1,6 +1,7 @@
 //! A scene on the GPU with its renderer, built by a job while the window goes on.
 
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use anyhow::Result;
 
@@ -18,11 +19,13 @@ pub enum Side {
     Second,
 }
 
-/// What to draw: scenes with their transforms, and the options.
+/// A picture to draw: scenes with their transforms, the options, and the version of the shaders.
 #[derive(Clone)]
 pub struct Plan {
     pub parts: Vec<(Arc<Gaussians>, Transform)>,
     pub options: Options,
+    /// The newest change of shaders that are compiled at run time.
+    pub shaders: Option<SystemTime>,
 }
 
 /// A scene on the GPU, and its picture.
@@ -44,7 +47,7 @@ pub struct Drawn {
 
 impl Plan {
     pub fn is_same(&self, other: &Self) -> bool {
-        self.options == other.options && self.has_scene_of(other)
+        self.options == other.options && self.shaders == other.shaders && self.has_scene_of(other)
     }
 
     /// True if both plans draw the same Gaussians with the same transforms.

@@ -102,7 +102,7 @@ pub enum Shown {
     Lost,
 }
 
-/// How pictures and panels are combined into a frame.
+/// The combination of pictures and panels into a frame.
 pub struct Arrangement<'a> {
     pub compare: Compare,
     pub quantity: Quantity,

@@ -16,6 +16,9 @@ use crate::render::{Compare, Quantity};
 /// The longest time step of an input, in seconds, so that the view does not jump after a pause.
 const MAX_STEP: f64 = 0.1;
 
+/// The interval at which the shaders that are compiled at run time are checked for changes.
+const SHADER_POLL: Duration = Duration::from_millis(250);
+
 /// A viewer with the device that it draws on.
 pub struct Session {
     pub viewer: Viewer,
@@ -25,6 +28,7 @@ pub struct Session {
     /// When the previous frame was prepared, and whether another one was due right after it.
     previous: Option<(Instant, bool)>,
     has_shown_scene: bool,
+    shaders_polled: Option<Instant>,
     layout: UiLayout,
     /// The view mode of the last event about it.
     reported_mode: usize,
@@ -41,7 +45,7 @@ struct UiLayout {
     repaint_delay: Duration,
 }
 
-/// What a frame leaves to the owner of the window.
+/// The results of a frame for the owner of the window.
 pub struct FrameOutput {
     /// The platform output of egui; `None` if the panels were not laid out.
     pub platform: Option<PlatformOutput>,
@@ -64,6 +68,7 @@ impl Session {
             context,
             previous: None,
             has_shown_scene: false,
+            shaders_polled: None,
             layout: UiLayout { at: None, triangles: Vec::new(), pixels_per_point: 1.0, repaint_delay: Duration::MAX },
         }
     }
@@ -125,6 +130,14 @@ impl Session {
         }
     }
 
+    /// Looks for changed shaders, if they are compiled at run time: the next plans then ask for another build.
+    fn poll_shaders(&mut self, now: Instant) {
+        if self.shaders_polled.is_none_or(|polled| now - polled >= SHADER_POLL) {
+            self.shaders_polled = Some(now);
+            self.viewer.shaders = self.screen.device().newest_shader();
+        }
+    }
+
     /// Waits until another frame may be submitted. Call it before taking the input, so that the input is recent.
     pub fn wait_for_slot(&mut self) -> Result<()> {
         self.screen.wait_for_slot(&mut self.pair)
@@ -137,6 +150,7 @@ impl Session {
         self.viewer.is_stale |= self.viewer.size != size;
         self.viewer.size = size;
         self.poll_jobs();
+        self.poll_shaders(now);
         self.retire_frames(false)?;
         self.report_notices();
         // Two layouts per refresh are enough for panels and input.
@@ -339,7 +353,8 @@ impl Session {
         }
         let flicker = viewer.comparison.until_flicker(viewer.started.elapsed().as_secs_f64());
         let note = viewer.messages.next_change().unwrap_or(Duration::MAX);
-        self.layout.repaint_delay.min(flicker).min(note)
+        let shaders = if viewer.shaders.is_some() { SHADER_POLL } else { Duration::MAX };
+        self.layout.repaint_delay.min(flicker).min(note).min(shaders)
     }
 
     /// The event for the end of the session.
@@ -355,12 +370,12 @@ impl Session {
     }
 }
 
-/// What files may take over from the first picture.
+/// The parts of the first picture that a job which writes files may take over.
 fn reusable(pair: &Pair) -> Option<Reusable> {
     pair.first.as_ref().map(Drawn::reusable)
 }
 
-/// How the pictures and the panels are combined now.
+/// The current combination of pictures and panels.
 fn arrangement<'a>(viewer: &Viewer, layout: &'a UiLayout) -> Arrangement<'a> {
     let compare = match viewer.shows_another_view() {
         true => Compare::First,

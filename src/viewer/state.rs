@@ -1,7 +1,7 @@
 //! The state of a window: scenes, view, options, and the jobs under way. Plain data; `actions` changes it.
 
 use std::path::PathBuf;
-use std::time::Instant;
+use std::time::{Instant, SystemTime};
 
 use glam::DVec3;
 
@@ -24,11 +24,11 @@ use crate::render::Explanation;
 use crate::rules::Background;
 use crate::scene::Reading;
 
-/// What the program was started with.
+/// The settings with which the program was started.
 #[derive(Clone)]
 pub struct Setup {
     pub scenes: Vec<PathBuf>,
-    /// How `scenes` are read. Scenes that are opened later are read with the defaults.
+    /// Applies to `scenes`. Scenes that are opened later are read with the defaults.
     pub reading: Reading,
     pub cameras: Option<PathBuf>,
     pub options: Options,
@@ -49,7 +49,7 @@ pub struct Setup {
     pub remark: fn(&str),
 }
 
-/// What the picture is compared with from the start.
+/// The initial target of the comparison.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CompareWith {
     /// The same scenes, drawn with other options.
@@ -106,12 +106,16 @@ pub struct Viewer {
     pub(super) first_view: Option<Camera>,
     pub options: Options,
     pub background: Background,
+    /// The newest change of the shaders that are compiled at run time; `None` if all shaders are built in.
+    pub shaders: Option<SystemTime>,
     pub comparison: Comparison,
     pub inspection: InspectionSettings,
     /// By side: a build is under way.
     pub building: [bool; 2],
     /// By side: the plan that could not be built, so that it is not tried again every frame.
     pub refused: [Option<Plan>; 2],
+    /// By side: the message about shaders that could not be compiled.
+    pub shader_errors: [Option<String>; 2],
     pub generation: u64,
     pub history: History,
     pub pace: Pace,
@@ -172,10 +176,12 @@ impl Viewer {
             has_view: false,
             first_view: None,
             background: Background::BLACK,
+            shaders: None,
             comparison: Comparison { mode: setup.compare_mode, ..Comparison::default() },
             inspection: InspectionSettings { mode: setup.view_mode, ..InspectionSettings::default() },
             building: [false; 2],
             refused: [None, None],
+            shader_errors: [None, None],
             generation: 0,
             history: History::default(),
             pace: Pace::default(),
@@ -218,7 +224,7 @@ impl Viewer {
         self.layers.iter().any(|layer| layer.progress.is_some())
     }
 
-    /// What a side should show; `None` if it shows nothing that the GPU draws.
+    /// The plan for a side; `None` if the GPU draws nothing for it.
     ///
     /// # Errors
     /// The placement of a scene is not a valid transform.
@@ -232,7 +238,7 @@ impl Viewer {
         };
         let parts = self.layers.iter().filter_map(|layer| layer.part(side as usize).transpose());
         let parts = parts.collect::<anyhow::Result<Vec<_>>>()?;
-        Ok((!parts.is_empty()).then_some(Plan { parts, options }))
+        Ok((!parts.is_empty()).then_some(Plan { parts, options, shaders: self.shaders }))
     }
 
     /// A number that no scene of this window has had.

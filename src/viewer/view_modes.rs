@@ -106,7 +106,7 @@ impl InspectionSettings {
         Inspection { look: self.view_mode().look, culled_from: culled_from.clone(), isolated: *isolated }
     }
 
-    /// What is shown of the pixels of the picture.
+    /// The quantity that is shown of each pixel.
     pub fn quantity(&self) -> Quantity {
         let [low, high] = self.ranges[self.mode];
         match self.view_mode().numbers {

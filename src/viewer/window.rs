@@ -375,8 +375,8 @@ impl OpenWindow {
         Ok(())
     }
 
-    /// Recovers from a lost device by opening it again, and from too little memory by dropping the pictures. Returns
-    /// other failures.
+    /// Recovers from a lost device by opening it again, and from too little memory or a changed shader that does not
+    /// compile by dropping the pictures. Returns other failures.
     fn recover(&mut self, failure: anyhow::Error, setup: &WindowSetup) -> Result<()> {
         let viewer = &mut self.session.viewer;
         if failure.is::<OutOfMemory>() {
@@ -392,6 +392,9 @@ impl OpenWindow {
             let screen = Screen::of_window(&device, &self.window, self.session.viewer.vsync)?;
             self.session.replace_screen(screen);
             self.reset_input();
+        } else if viewer.shaders.is_some() && !failure.is::<DeviceLost>() {
+            viewer.messages.error(format!("{failure:#}"));
+            self.session.drop_pictures();
         } else {
             return Err(failure);
         }

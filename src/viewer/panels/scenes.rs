@@ -45,7 +45,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             Path::Fast => "entries",
         };
         ui.label(format!(
-            "{} Gaussians, {} visible\n{} {listed}, longest list {}\n{} path",
+            "{} Gaussians, {} visible\n{} {listed}, longest list {}\ndrawn on the {} path",
             first.gaussians.len(),
             totals.visible,
             totals.listed_kept,
@@ -79,7 +79,7 @@ fn show_layer(layer: &mut Layer, has_second: bool, ui: &mut Ui) -> bool {
         ui.add(egui::ProgressBar::new(fraction as f32).show_percentage());
         return is_closed;
     }
-    ui.collapsing("place", |ui| {
+    ui.collapsing("placement", |ui| {
         let place = &mut layer.place;
         egui::Grid::new("place").show(ui, |ui| {
             ui.label("moved by");
