@@ -1,4 +1,4 @@
-//! An opened device: everything that lives as long as it does.
+//! An opened device: everything that lives as long as the device.
 
 use std::ffi::CString;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -32,15 +32,15 @@ pub(super) struct Shared {
     /// Sources that replace the shaders built into the program.
     pub shaders: Option<ShaderFolder>,
     pub capabilities: Capabilities,
-    /// Own checks and markers are on.
+    /// The missing-barrier check and the stage markers are on.
     pub checked: bool,
     pub queue: Mutex<Queue>,
-    /// Counts submissions; every submission waits for the one before it.
+    /// Counts submissions. Every submission waits for the one before it.
     pub timeline: vk::Semaphore,
-    /// Command buffers that wait for their next use.
+    /// Idle slots, kept for later recordings.
     pub slots: Mutex<Vec<Slot>>,
     pub pipelines: Pipelines,
-    /// Dropped by hand, before the device.
+    /// Taken out in `drop`, to be dropped before the device.
     allocator: Mutex<Option<Allocator>>,
     pub instance: Arc<Instance>,
 }
@@ -53,11 +53,14 @@ pub(super) struct Queue {
 
 impl Device {
     /// Opens the device that `choice` names.
+    ///
+    /// # Errors
+    /// [`Unavailable`] if no device fits or the validation layer is required but missing.
     pub fn open(choice: &DeviceChoice, validation: Validation) -> Result<Self> {
         Self::open_on(choice, validation, None)
     }
 
-    /// The same for windows of this display too.
+    /// Like [`Device::open`], for a device that can show windows on `display`.
     pub fn open_for(choice: &DeviceChoice, validation: Validation, display: &dyn HasDisplayHandle) -> Result<Self> {
         Self::open_on(choice, validation, Some(display.display_handle().context("the display is gone")?.as_raw()))
     }
@@ -144,6 +147,7 @@ impl Device {
         };
         let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
         let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
+        // SAFETY: as above.
         shared.timeline =
             unsafe { shared.raw.create_semaphore(&info, None) }.map_err(|e| describe("vkCreateSemaphore", e))?;
         shared.name(shared.timeline, "timeline");
@@ -159,27 +163,27 @@ impl Device {
         Ok(Self(Arc::new(shared)))
     }
 
-    /// What the device is and can do.
+    /// The properties, limits and features of the device.
     pub fn capabilities(&self) -> &Capabilities {
         &self.0.capabilities
     }
 
-    /// Whether the validation layer is on.
+    /// True if the validation layer is on.
     pub fn is_validated(&self) -> bool {
         self.0.instance.validated
     }
 
-    /// From here on notes what the driver says of the stages that are made. Returns whether it can say anything.
+    /// From now on collects the driver's statistics of new stages. Returns false if the driver reports none.
     pub fn record_executables(&self) -> bool {
         self.0.executables.as_ref().inspect(|executables| executables.record()).is_some()
     }
 
-    /// What was noted, in the order in which stages were made; notes nothing from here on.
+    /// Returns the collected statistics, in the order in which the stages were built, and stops collecting.
     pub fn take_executables(&self) -> Vec<Executable> {
         self.0.executables.as_ref().map_or_else(Vec::new, Executables::take)
     }
 
-    /// What the validation layer and the missing-barrier check have found wrong so far. Empty in a correct program.
+    /// All messages of the validation layer and the missing-barrier check so far. A correct program has none.
     pub fn validation_messages(&self) -> Vec<String> {
         self.0.messages().clone()
     }
@@ -189,24 +193,24 @@ impl Device {
         self.0.queue.lock().expect("no holder of the queue panics").submitted
     }
 
-    /// The number of the newest submission that is done.
+    /// The number of the newest finished submission.
     pub(super) fn completed(&self) -> Result<u64> {
         completed(&self.0).map_err(|e| describe("vkGetSemaphoreCounterValue", e))
     }
 
-    /// Waits for all that was submitted.
+    /// Waits until every submission is done.
     pub(super) fn wait_idle(&self) -> Result<()> {
         let _queue = self.0.queue.lock().expect("no holder of the queue panics");
         // SAFETY: clause 3.
         unsafe { self.0.raw.device_wait_idle() }.map_err(|e| describe("vkDeviceWaitIdle", e))
     }
 
-    /// What keeps the device open: this handle, its clones, and every resource, stage and recording on it.
+    /// The number of objects that keep the device open: its handles, and every resource, stage and recording on it.
     pub fn users(&self) -> usize {
         Arc::strong_count(&self.0)
     }
 
-    /// Bytes of device memory now allocated by this program.
+    /// The bytes of device memory that this program has allocated.
     pub fn allocated_bytes(&self) -> u64 {
         self.0.allocator().as_ref().expect("the allocator lives until drop").generate_report().total_allocated_bytes
     }
@@ -218,7 +222,7 @@ impl Shared {
         let Some(debug) = &self.debug else { return };
         let name = CString::new(name).expect("names contain no zero byte");
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
-        // SAFETY: clause 1. A name that cannot be set is no reason to fail.
+        // SAFETY: clause 1. An object without a name is no failure.
         let _ = unsafe { debug.set_debug_utils_object_name(&info) };
     }
 
@@ -234,7 +238,7 @@ impl Shared {
         self.allocator.lock().expect("no holder of the allocator panics")
     }
 
-    /// Memory for a resource of its own.
+    /// Allocates memory for one resource. `linear` is true for buffers.
     pub fn allocate(
         &self,
         name: &str,
@@ -248,7 +252,7 @@ impl Shared {
         let allocation = self.allocator().as_mut().expect("the allocator lives until drop").allocate(&desc);
         allocation.map_err(|error| match error {
             AllocationError::OutOfMemory => refuse(format!(
-                "{} has {} bytes in all and not enough free",
+                "{} has {} bytes in total and not enough free",
                 self.capabilities.name, self.capabilities.memory_bytes
             ))
             .into(),

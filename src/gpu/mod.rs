@@ -1,4 +1,10 @@
-//! Vulkan for compute: devices, typed buffers, stages, commands. It knows no Gaussians and is the only place with `unsafe`.
+//! Vulkan for compute: devices, typed buffers, stages, commands. It knows nothing of Gaussians.
+//!
+//! The crate denies `unsafe` outside this module, with two exceptions: the call of `madvise` in `host_memory`, and the
+//! implementations of [`Shader`], [`Bindings`] and [`Constants`] that `build.rs` generates.
+//!
+//! `device`, `submission` and `buffer` import each other: a device pools the slots of its submissions, a slot owns a
+//! buffer for stage markers, and a buffer keeps its device. No other files of this folder form a circle.
 //!
 //! # Safety contract
 //!
@@ -12,29 +18,33 @@
 //!    reached through `&mut`.
 //! 4. *Matching.* Pipelines, layouts and descriptors are built from the same reflected interface that types the
 //!    arguments of a dispatch, and lengths are checked against device limits when a resource or stage is made.
-//! 5. *Trusted shaders.* SPIR-V comes from `build.rs` alone. The shaders bounds-check their own indices; in checked
-//!    mode the device's robust buffer access is on as well.
+//! 5. *Trusted shaders.* SPIR-V comes from `build.rs`, or with the feature `reload` from a developer's folder of
+//!    shaders, compiled by the same code and only with the same interface. The shaders bounds-check their own indices;
+//!    in checked mode the device's robust buffer access is on as well.
 //! 6. *Plain data.* Only `bytemuck::Pod` types cross between host and device.
 //!
-//! Public functions are safe under these clauses.
+//! Public functions are safe under these clauses, with one precondition that types do not express:
+//! [`Commands::dispatch_indirect`] needs workgroup counts that a shader of this crate wrote.
 
 mod buffer;
+mod capabilities;
 mod commands;
 mod device;
 mod dispatch_size;
+mod element;
 mod error;
 mod executables;
 #[cfg(feature = "reload")]
 #[allow(dead_code, reason = "build.rs uses the rest")]
 mod glsl;
-mod element;
-mod capabilities;
 mod hazards;
 mod id;
 mod image;
 mod image_commands;
 mod instance;
+#[cfg(feature = "viewer")]
 mod overlay;
+#[cfg(feature = "viewer")]
 mod overlay_memory;
 mod reload;
 mod resource;
@@ -51,23 +61,38 @@ mod surface;
 mod survey;
 mod timings;
 
+#[doc(hidden)]
 pub use buffer::Buffer;
 pub use capabilities::{Capabilities, DeviceKind, Feature, Limits};
-pub use commands::{Commands, Timestamps};
+pub use commands::Timestamps;
+#[doc(hidden)]
+pub use commands::Commands;
 pub use device::Device;
+#[doc(hidden)]
 pub use dispatch_size::{DispatchSize, FOLD};
+#[doc(hidden)]
 pub use element::{Element, Scalar};
 pub use error::{DeviceLost, Unavailable};
 pub use executables::Executable;
+#[doc(hidden)]
 pub use hazards::Access;
+#[doc(hidden)]
 pub use image::Image;
 pub use instance::Validation;
+#[cfg(feature = "viewer")]
+#[doc(hidden)]
 pub use overlay::Overlay;
+#[doc(hidden)]
 pub use resource::Resource;
+#[doc(hidden)]
 pub use shader::{Binding, BindingKind, Bindings, Constants, Shader};
+#[doc(hidden)]
 pub use stage::Stage;
+#[doc(hidden)]
 pub use staging::Staging;
+#[doc(hidden)]
 pub use submission::{Capture, InFlight, Readback, Results};
+#[doc(hidden)]
 pub use surface::{Acquired, Acquisition, Presentation, Swapchain, Vsync};
 pub use survey::{DeviceChoice, survey};
 pub use timings::Timing;

@@ -1,4 +1,4 @@
-//! A compute pipeline made from one shader and one set of specialization constants.
+//! A compute pipeline, built from one shader and one set of specialization constants.
 
 use std::collections::HashMap;
 use std::marker::PhantomData;
@@ -52,7 +52,7 @@ impl<S: Shader> Stage<S> {
     }
 }
 
-/// What tells pipelines of a device apart.
+/// Two stages with equal keys can share one pipeline of a device.
 #[derive(PartialEq, Eq, Hash)]
 pub(super) struct Key {
     words: Vec<u32>,
@@ -61,29 +61,34 @@ pub(super) struct Key {
     subgroup: Option<u32>,
 }
 
-/// The pipelines of a device that are in use: equal stages share one, because compiling takes long.
+/// The pipelines in use on a device. Equal stages share one, because drivers take long to compile a pipeline.
 pub(super) type Pipelines = Mutex<HashMap<Key, Weak<Pipeline>>>;
 
 impl Pipeline {
-    /// An equal pipeline that is in use, or else a new one.
+    /// Returns an equal pipeline that is in use, or builds one.
     fn shared<S: Shader>(device: &Arc<Shared>, constants: &S::Constants, subgroup: Option<u32>) -> Result<Arc<Self>> {
         // Statistics are collected when a pipeline is created.
         if device.executables.as_ref().is_some_and(|executables| !executables.flags().is_empty()) {
-            return Ok(Arc::new(Self::new::<S>(device, constants, subgroup)?));
+            return Ok(Arc::new(Self::new::<S>(device, constants, subgroup, &words::<S>(device)?)?));
         }
         let pipelines = || device.pipelines.lock().expect("no holder of the pipelines panics");
         let key = Key { words: words::<S>(device)?, constants: constants.entries(), subgroup };
         if let Some(pipeline) = pipelines().get(&key).and_then(Weak::upgrade) {
             return Ok(pipeline);
         }
-        let pipeline = Arc::new(Self::new::<S>(device, constants, subgroup)?);
+        let pipeline = Arc::new(Self::new::<S>(device, constants, subgroup, &key.words)?);
         let mut pipelines = pipelines();
         pipelines.retain(|_, pipeline| pipeline.strong_count() > 0);
         pipelines.insert(key, Arc::downgrade(&pipeline));
         Ok(pipeline)
     }
 
-    fn new<S: Shader>(device: &Arc<Shared>, constants: &S::Constants, subgroup: Option<u32>) -> Result<Self> {
+    fn new<S: Shader>(
+        device: &Arc<Shared>,
+        constants: &S::Constants,
+        subgroup: Option<u32>,
+        words: &[u32],
+    ) -> Result<Self> {
         let limits = &device.capabilities.limits;
         let push_bytes = size_of::<S::Push>() as u32;
         ensure!(
@@ -101,7 +106,7 @@ impl Pipeline {
         let info = vk::DescriptorSetLayoutCreateInfo::default()
             .flags(vk::DescriptorSetLayoutCreateFlags::PUSH_DESCRIPTOR_KHR)
             .bindings(&slots);
-        // SAFETY: clauses 1 and 4 here and below; `made` owns each handle and frees it on every path.
+        // SAFETY: clauses 1 and 4, here and below; `made` owns each handle and frees it on every path.
         made.set_layout = unsafe { device.raw.create_descriptor_set_layout(&info, None) }
             .map_err(|e| describe("vkCreateDescriptorSetLayout", e))?;
         let range = [vk::PushConstantRange { stage_flags: vk::ShaderStageFlags::COMPUTE, offset: 0, size: push_bytes }];
@@ -113,14 +118,13 @@ impl Pipeline {
         made.layout = unsafe { device.raw.create_pipeline_layout(&info, None) }
             .map_err(|e| describe("vkCreatePipelineLayout", e))?;
 
-        let words = words::<S>(device)?;
         let (entries, bits): (Vec<_>, Vec<u32>) = (constants.entries().into_iter().enumerate())
             .map(|(i, (id, bits))| {
                 (vk::SpecializationMapEntry { constant_id: id, offset: 4 * i as u32, size: 4 }, bits)
             })
             .unzip();
         let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&bits));
-        let info = vk::ShaderModuleCreateInfo::default().code(&words);
+        let info = vk::ShaderModuleCreateInfo::default().code(words);
         // SAFETY: clause 5.
         let module =
             unsafe { device.raw.create_shader_module(&info, None) }.map_err(|e| describe("vkCreateShaderModule", e))?;
