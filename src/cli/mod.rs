@@ -7,7 +7,7 @@ mod compare;
 mod convert;
 mod doctor;
 mod dump;
-mod environment;
+pub mod environment;
 mod info;
 mod knobs;
 mod progress;
@@ -15,11 +15,13 @@ mod render;
 mod scenes;
 mod table;
 mod trade;
+#[cfg_attr(not(feature = "viewer"), path = "no_view.rs")]
 mod view;
 
 use std::ffi::OsString;
 use std::fmt;
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -46,7 +48,8 @@ use scenes::{ReadingArgs, SceneArg};
     after_help = "\
 Exit codes: 0 success, 1 failure, 2 wrong usage, 3 no usable Vulkan device,
             4 unreadable scene, camera, image or report file, 5 out of memory, 6 over a threshold.
-Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION=1 turns the validation layer on."
+Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION=1 turns the validation layer on;
+             SMALTO_SHADERS=DIR compiles the shaders in DIR at run time (feature `reload`)."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -163,6 +166,14 @@ fn exit_code(error: &anyhow::Error) -> u8 {
 /// The meaning of the largest bound in a certificate, as a sentence.
 fn certified(bound: f32) -> String {
     format!("certified: leaving nothing out changes no value by more than {bound:.4} (scene as stored, same order)")
+}
+
+/// Fails if a plot is asked for and this build has none.
+fn check_plots(file: Option<&Path>) -> Result<(), Usage> {
+    if file.is_some() && !cfg!(feature = "plots") {
+        return Err(Usage("--plot: this build has no plots: build smalto with the feature `plots`".to_owned()));
+    }
+    Ok(())
 }
 
 fn size_text([width, height]: [u32; 2]) -> String {

@@ -10,8 +10,8 @@ use super::bench::{CameraPath, Cameras};
 use super::budget::BudgetArgs;
 use super::table::{say_table, table};
 use super::{
-    DeviceArgs, Knobs, SceneArg, SplitArg, Usage, complain, named_or_found, parse_size, progress, remark, say,
-    size_text,
+    DeviceArgs, Knobs, SceneArg, SplitArg, Usage, check_plots, complain, named_or_found, parse_size, progress, remark,
+    say, size_text,
 };
 use crate::camera::{Camera, path};
 use crate::files::check_writable;
@@ -167,8 +167,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(file) = &args.json {
         report.write_json(file)?;
     }
-    let presets = Options::PRESETS.map(|(name, _)| name);
-    args.plot.as_ref().map_or(Ok(()), |file| trade::plot(&report, &presets, file))?;
+    #[cfg(feature = "plots")]
+    if let Some(file) = &args.plot {
+        let presets = Options::PRESETS.map(|(name, _)| name);
+        trade::plot(&report, &presets, file)?;
+    }
     held.map(drop)
 }
 
@@ -178,6 +181,7 @@ fn check_parts(args: &Args) -> Result<(), Usage> {
     if args.knobs.trades() {
         return Err(Usage("trade sets the knobs itself; only rules of the picture can be set".to_owned()));
     }
+    check_plots(args.plot.as_deref())?;
     if args.plot.is_some() && !has(Part::Knobs) && !has(Part::Search) {
         return Err(Usage("--plot needs --parts knobs or search".to_owned()));
     }

@@ -56,5 +56,9 @@ pub(super) fn run(args: &Args, bench: &Bench, cameras: &Cameras) -> Result<()> {
     if let Some(file) = &args.csv {
         report.write_csv(file)?;
     }
-    args.plot.as_ref().map_or(Ok(()), |file| ladder::plot(&report, file))
+    #[cfg(feature = "plots")]
+    if let Some(file) = &args.plot {
+        ladder::plot(&report, file)?;
+    }
+    Ok(())
 }

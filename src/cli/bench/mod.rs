@@ -10,8 +10,8 @@ use anyhow::{Context, Result, ensure};
 use clap::builder::RangedU64ValueParser;
 
 use super::{
-    DeviceArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, SplitArg, Usage, complain, knobs, parse_size, progress,
-    remark,
+    DeviceArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, SplitArg, Usage, check_plots, complain, knobs, parse_size,
+    progress, remark,
 };
 use crate::camera::Camera;
 use crate::files::check_writable;
@@ -186,6 +186,7 @@ impl Loaded {
 
 fn check_usage(args: &Args) -> Result<()> {
     args.knobs.check_gpu()?;
+    check_plots(args.plot.as_deref())?;
     if args.ladder && (args.knobs.trades() || args.knobs.rules()) {
         return Err(Usage("--ladder sets the knobs itself; only --near can be combined with it".to_owned()).into());
     }
@@ -234,6 +235,7 @@ fn write(args: &Args, report: &Report) -> Result<()> {
     if let Some(file) = &args.csv {
         report.write_csv(file)?;
     }
+    #[cfg(feature = "plots")]
     if let Some(file) = &args.plot {
         bench::plot::stage_breakdown(report, file)?;
     }

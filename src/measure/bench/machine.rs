@@ -1,7 +1,5 @@
 //! The conditions of a measurement: the program, the device, its clocks.
 
-use nvml_wrapper::Nvml;
-use nvml_wrapper::enum_wrappers::device::Clock;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -58,23 +56,4 @@ fn cpu() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("model name"))?;
     Some(line.trim_start_matches([' ', '\t', ':']).to_owned())
-}
-
-/// Reads the clocks of an NVIDIA device through the driver's management library (NVML). Other devices report none.
-pub struct ClockProbe {
-    nvml: Option<Nvml>,
-    uuid: String,
-}
-
-impl ClockProbe {
-    pub fn new(device: &Device) -> Self {
-        Self { nvml: Nvml::init().ok(), uuid: format!("GPU-{}", device.capabilities().uuid) }
-    }
-
-    /// The present clocks; `None` if the driver does not report them.
-    pub fn now(&self) -> Option<Clocks> {
-        let device = self.nvml.as_ref()?.device_by_uuid(self.uuid.as_str()).ok()?;
-        let mhz = |clock| device.clock_info(clock).ok();
-        Some(Clocks { shader_mhz: mhz(Clock::SM)?, memory_mhz: mhz(Clock::Memory)? })
-    }
 }

@@ -4,17 +4,21 @@
 //! until the frame time is steady.
 
 mod bandwidth;
+#[cfg_attr(not(feature = "clocks"), path = "no_clocks.rs")]
+mod clocks;
 mod compare;
 mod machine;
 mod measure;
+#[cfg(feature = "plots")]
 pub mod plot;
 mod report;
 mod statistics;
 mod warm_up;
 
 pub use bandwidth::copy_gb_s;
+pub use clocks::ClockProbe;
 pub use compare::{Change, Foreign};
-pub use machine::{ClockProbe, Clocks, DeviceReport, VersionReport};
+pub use machine::{Clocks, DeviceReport, VersionReport};
 pub(crate) use measure::notice;
 pub use measure::{Bench, frame_ms, stage_times};
 pub use report::{Allocation, Counts, FrameTimes, Report, Run, SceneReport, StageReport, Subject, image_hash};

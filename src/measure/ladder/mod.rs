@@ -6,13 +6,17 @@
 //! two rungs that must agree count or draw differently.
 
 mod climb;
+#[cfg(feature = "plots")]
+mod plot;
 mod report;
 mod steps;
 mod twins;
 mod variant;
 
 pub use climb::climb;
-pub use report::{Climb, LadderReport, Paper, RungReport, RungStage, plot};
+#[cfg(feature = "plots")]
+pub use plot::plot;
+pub use report::{Climb, LadderReport, Paper, RungReport, RungStage};
 pub use variant::{Variant, VariantFrame};
 
 /// The processor that runs a stage.
