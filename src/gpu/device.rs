@@ -13,8 +13,8 @@ use super::capabilities::{Capabilities, Feature};
 use super::error::{Unavailable, describe};
 use super::executables::{Executable, Executables};
 use super::instance::{Instance, Validation};
+use super::pipelines::Pipelines;
 use super::reload::ShaderFolder;
-use super::stage::Pipelines;
 use super::submission::{Slot, completed};
 use super::survey::{self, DeviceChoice};
 use crate::host_memory::OutOfMemory;
@@ -39,7 +39,7 @@ pub(super) struct Shared {
     pub timeline: vk::Semaphore,
     /// Idle slots, kept for later recordings.
     pub slots: Mutex<Vec<Slot>>,
-    pub pipelines: Pipelines,
+    pub pipelines: Mutex<Pipelines>,
     /// Taken out in `drop`, to be dropped before the device.
     allocator: Mutex<Option<Allocator>>,
     pub instance: Arc<Instance>,
@@ -138,7 +138,7 @@ impl Device {
             queue: Mutex::new(Queue { raw: queue, submitted: 0 }),
             timeline: vk::Semaphore::null(),
             slots: Mutex::default(),
-            pipelines: Pipelines::default(),
+            pipelines: Mutex::default(),
             allocator: Mutex::new(None),
             checked,
             capabilities,

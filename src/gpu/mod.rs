@@ -46,6 +46,7 @@ mod instance;
 mod overlay;
 #[cfg(feature = "viewer")]
 mod overlay_memory;
+mod pipelines;
 mod reload;
 mod resource;
 mod scopes;

@@ -1,8 +1,7 @@
 //! A compute pipeline, built from one shader and one set of specialization constants.
 
-use std::collections::HashMap;
 use std::marker::PhantomData;
-use std::sync::{Arc, Mutex, Weak};
+use std::sync::{Arc, MutexGuard};
 
 use anyhow::{Context, Result, ensure};
 use ash::vk;
@@ -11,6 +10,7 @@ use super::capabilities::MAX_STORAGE_BUFFERS;
 use super::device::{Device, Shared};
 use super::error::describe;
 use super::executables::Executables;
+use super::pipelines::{Key, Pipelines};
 use super::shader::{Binding, BindingKind, Constants, Shader};
 
 /// The pipeline of shader `S`. It holds no resources.
@@ -52,17 +52,19 @@ impl<S: Shader> Stage<S> {
     }
 }
 
-/// Two stages with equal keys can share one pipeline of a device.
-#[derive(PartialEq, Eq, Hash)]
-pub(super) struct Key {
-    words: Vec<u32>,
-    /// Numbers and bits of the specialization constants.
-    constants: Vec<(u32, u32)>,
-    subgroup: Option<u32>,
+impl Device {
+    /// Keeps every pipeline from now on, and with it the device, until the process ends. For tests, which build the same
+    /// stages again and again.
+    pub fn keep_pipelines(&self) {
+        self.0.pipelines().keep();
+    }
 }
 
-/// The pipelines in use on a device. Equal stages share one, because drivers take long to compile a pipeline.
-pub(super) type Pipelines = Mutex<HashMap<Key, Weak<Pipeline>>>;
+impl Shared {
+    fn pipelines(&self) -> MutexGuard<'_, Pipelines> {
+        self.pipelines.lock().expect("no holder of the pipelines panics")
+    }
+}
 
 impl Pipeline {
     /// Returns an equal pipeline that is in use, or builds one.
@@ -71,15 +73,13 @@ impl Pipeline {
         if device.executables.as_ref().is_some_and(|executables| !executables.flags().is_empty()) {
             return Ok(Arc::new(Self::new::<S>(device, constants, subgroup, &words::<S>(device)?)?));
         }
-        let pipelines = || device.pipelines.lock().expect("no holder of the pipelines panics");
         let key = Key { words: words::<S>(device)?, constants: constants.entries(), subgroup };
-        if let Some(pipeline) = pipelines().get(&key).and_then(Weak::upgrade) {
+        let found = device.pipelines().find(&key);
+        if let Some(pipeline) = found {
             return Ok(pipeline);
         }
         let pipeline = Arc::new(Self::new::<S>(device, constants, subgroup, &key.words)?);
-        let mut pipelines = pipelines();
-        pipelines.retain(|_, pipeline| pipeline.strong_count() > 0);
-        pipelines.insert(key, Arc::downgrade(&pipeline));
+        device.pipelines().insert(key, &pipeline);
         Ok(pipeline)
     }
 
