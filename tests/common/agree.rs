@@ -1,4 +1,4 @@
-//! Small scenes and cameras at the edge of the numbers, rendered on both paths and held to the reference.
+//! Small scenes and cameras, rendered on both paths and compared with the f64 reference.
 
 use glam::{DVec3, dvec2};
 use smalto::camera::Camera;
@@ -29,13 +29,13 @@ pub fn logit(opacity: f64) -> f64 {
     (opacity / (1.0 - opacity)).ln()
 }
 
-/// The picture over black.
+/// The picture over black on the fastest path of the device, after both paths are checked.
 pub fn render(scene: &Gaussians, camera: &Camera) -> Pixels {
     let [pixels, _] = render_by(&Options::EXACT, scene, camera);
     pixels
 }
 
-/// As the device's fastest path draws it, and the portable one: every value is finite, and every coverage a fraction.
+/// The pictures of the device's fastest path and of the portable path. All values are finite, all coverages in 0 to 1.
 fn render_by(options: &Options, scene: &Gaussians, camera: &Camera) -> [Pixels; 2] {
     let gpu = Gpu::new();
     [options.portable, true].map(|portable| {
@@ -51,7 +51,7 @@ pub fn reference_of(scene: &Gaussians, camera: &Camera) -> Rendering {
     reference::render(scene, camera, &Options::EXACT.rules, Background::BLACK)
 }
 
-/// Renders on the GPU and holds it to the reference: rounding, and what is in doubt.
+/// Renders on both paths. Pixels differ from the reference by rounding and by the doubt of the reference at most.
 pub fn agrees(name: &str, scene: &Gaussians, camera: &Camera) -> Pixels {
     agrees_by(&Options::EXACT, name, scene, camera)
 }
@@ -66,7 +66,7 @@ pub fn agrees_by(options: &Options, name: &str, scene: &Gaussians, camera: &Came
     pixels
 }
 
-/// Renders on the GPU and holds it to the reference within `rounding` and what is in doubt.
+/// Renders on both paths. Pixels differ from the reference by `rounding` and by its doubt at most.
 pub fn agrees_within(rounding: f64, name: &str, scene: &Gaussians, camera: &Camera) -> Pixels {
     let exact = reference_of(scene, camera);
     let [pixels, portable] = render_by(&Options::EXACT, scene, camera);

@@ -10,7 +10,7 @@ use super::free::Free;
 
 pub const SIZE: [u32; 2] = [96, 64];
 
-/// Wide, so that distances and depths order differently.
+/// A camera with a wide field of view, in which the orders by distance and by depth differ.
 pub fn camera() -> Camera {
     Camera::looking_at(DVec3::ZERO, DVec3::Z, SIZE, 1.6)
 }

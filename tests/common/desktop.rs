@@ -1,4 +1,4 @@
-//! An X server without a screen, of a test's own: real keys, a real mouse, files that are dropped, and what it shows.
+//! A virtual X server for one test: key presses, a mouse, dropped files, and screenshots.
 
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, IoSlice};
@@ -23,19 +23,19 @@ pub const SCREEN: [u32; 2] = [800, 600];
 /// How long a key is held until it repeats itself.
 pub const REPEAT_DELAY: Duration = Duration::from_millis(100);
 
-/// Keys without a letter.
+/// Key symbols that are not letters.
 pub const CONTROL: u32 = 0xffe3;
 pub const SHIFT: u32 = 0xffe1;
 pub const ESCAPE: u32 = 0xff1b;
 
-/// Kinds of events, of the core protocol.
+/// Event codes of the core protocol.
 const KEY_PRESS: u8 = 2;
 const KEY_RELEASE: u8 = 3;
 const BUTTON_PRESS: u8 = 4;
 const BUTTON_RELEASE: u8 = 5;
 const MOTION: u8 = 6;
 
-/// A server, and a window manager unless a test does without.
+/// A server, and a window manager if the test asks for one.
 pub struct Desktop {
     pub name: String,
     server: Child,
@@ -43,11 +43,11 @@ pub struct Desktop {
     connection: RustConnection,
     root: u32,
     keys: HashMap<u32, u8>,
-    /// Of the requests that make input.
+    /// The major opcode of XTEST requests.
     input: u8,
 }
 
-/// What a window shows: rows of red, green and blue.
+/// The pixels of a window, row by row.
 #[derive(Clone, PartialEq)]
 pub struct Shot {
     pub size: [u32; 2],
@@ -59,13 +59,13 @@ impl Shot {
         self.rgb[(y * self.size[0] + x) as usize]
     }
 
-    /// Pixels that are not the same.
+    /// The number of pixels that differ.
     pub fn different(&self, other: &Self) -> usize {
         assert_eq!(self.size, other.size);
         self.rgb.iter().zip(&other.rgb).filter(|(a, b)| a != b).count()
     }
 
-    /// Pixels that are not black.
+    /// The number of pixels that are not black.
     pub fn lit(&self) -> usize {
         self.rgb.iter().filter(|pixel| **pixel != [0; 3]).count()
     }
@@ -110,7 +110,7 @@ impl Desktop {
         desktop
     }
 
-    /// A manager that has only just begun overlooks windows: once it has shown this one, it shows others.
+    /// Waits until the manager shows a window: it overlooks windows that open while it starts.
     fn wait_for_manager(&self) {
         self.until("openbox has begun", || !self.property(self.root, "_NET_SUPPORTING_WM_CHECK").is_empty());
         let (window, values) = (self.connection.generate_id().unwrap(), CreateWindowAux::new());
@@ -124,7 +124,7 @@ impl Desktop {
         self.connection.destroy_window(window).unwrap().check().unwrap();
     }
 
-    /// Waits until it is so.
+    /// Waits until the condition holds, at most [`PATIENCE`].
     pub fn until(&self, what: &str, mut is_so: impl FnMut() -> bool) {
         let begun = Instant::now();
         while !is_so() {

@@ -1,4 +1,4 @@
-//! Scenes that can be changed: raw values and coefficients, and the pictures of them.
+//! Scenes as lists of raw Gaussians that tests change, and their pictures.
 
 use glam::{DQuat, DVec3};
 use smalto::camera::Camera;
@@ -14,7 +14,7 @@ pub fn camera() -> Camera {
     Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), SIZE, 0.9)
 }
 
-/// A Gaussian as it can be changed: raw values and coefficients.
+/// A Gaussian that tests change: raw values and SH coefficients.
 #[derive(Clone)]
 pub struct Free {
     pub raw: Raw,
@@ -48,7 +48,7 @@ pub fn scene() -> Vec<Free> {
     free(&synthetic::cactus(3000).unwrap().gaussians)
 }
 
-/// The Gaussians turned about the origin, and moved.
+/// The Gaussians turned about the origin by `turn`, then moved by `shift`.
 pub fn moved(scene: &[Free], turn: DQuat, shift: DVec3) -> Vec<Free> {
     let moved = |free: &Free| {
         let [w, x, y, z] = free.raw.rotation;

@@ -1,4 +1,4 @@
-//! The lists of the tiles in f64, and what the pixels make of them, entry by entry.
+//! The tile lists of a frame in f64, and a walk over a pixel's list, entry by entry.
 
 use glam::{DVec2, DVec3, dvec2};
 use smalto::camera::Camera;
@@ -8,7 +8,7 @@ use smalto::scene::Gaussians;
 
 const RULES: &Rules = &Rules::TRAINED;
 
-/// Splats and their lists.
+/// Splats in f64 and the lists of the tiles.
 pub struct Listed {
     pub gaussians: Vec<u32>,
     pub splats: Vec<Splat>,
@@ -17,7 +17,7 @@ pub struct Listed {
     pub tiling: Tiling,
 }
 
-/// What a pixel's list comes to in f64.
+/// The result of walking a pixel's list in f64.
 #[derive(Default)]
 pub struct Walked {
     pub evaluations: usize,
@@ -27,7 +27,7 @@ pub struct Walked {
 }
 
 impl Listed {
-    /// The reference's.
+    /// The lists of the f64 reference.
     pub fn of(scene: &Gaussians, camera: &Camera) -> Self {
         let gaussians = reference::cull(scene, camera, RULES);
         let splats: Vec<Splat> = gaussians.iter().map(|id| reference::project(scene, *id, camera, RULES)).collect();
@@ -65,7 +65,7 @@ impl Listed {
         walked
     }
 
-    /// Blended over black, and with which pixels are in doubt.
+    /// The pixels blended over black, with the doubt of each.
     pub fn blend(&self) -> Vec<reference::Pixel> {
         let lists = Lists { splats: &self.splats, ranges: &self.ranges, splat_ids: &self.ids, rays: None };
         reference::blend(&lists, self.tiling, DVec3::ZERO, RULES)

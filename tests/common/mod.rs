@@ -1,4 +1,5 @@
-//! What the tests share: a device whose every complaint fails the test, scenes, and the comparison with the reference.
+//! What the tests share: a device whose validation messages fail the test, scenes, and the comparison with the
+//! reference.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 pub mod agree;
@@ -14,7 +15,6 @@ pub mod table;
 pub mod window;
 
 use std::cell::Cell;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -41,14 +41,17 @@ enum Sharing {
 }
 
 impl Gpu {
-    /// The device that the tests of a program share.
+    /// The device that the tests of a program share. It keeps its pipelines, which take a software device far longer to
+    /// compile than a small picture takes to draw.
     pub fn new() -> Self {
         static SHARED: LazyLock<Device> = LazyLock::new(|| {
             let validation = match std::env::var("SMALTO_VALIDATION").as_deref() {
                 Ok("0") => Validation::Off,
                 _ => Validation::Required,
             };
-            open(validation)
+            let device = open(validation);
+            device.keep_pipelines();
+            device
         });
         let turn = Turn::take();
         Self(SHARED.clone(), Sharing::Shared, turn)
@@ -64,25 +67,11 @@ impl Gpu {
         let scene = GpuScene::new(&self.0, gaussians, options).expect("the scene fits");
         let mut still = Renderer::new(&self.0, options, &scene).expect("the renderer can be built");
         still.render(camera, Background::BLACK).expect("the frame can be rendered");
-        let pixels = still.pixels().expect("the picture can be read");
-        keep(still, &scene, options, camera);
-        pixels
+        still.pixels().expect("the picture can be read")
     }
 }
 
-/// Keeps the first small renderer for each set of options and each storage of a scene: as long as it lives, others for
-/// the same use its pipelines, which take a software device far longer to compile than a small picture takes to draw.
-fn keep(renderer: Renderer, scene: &GpuScene, options: &Options, camera: &Camera) {
-    static KEPT: Mutex<BTreeMap<String, Renderer>> = Mutex::new(BTreeMap::new());
-    if scene.len() <= 100_000 && camera.size_px[0] * camera.size_px[1] <= 1 << 20 {
-        let layout = scene.layout();
-        let storage = (layout.sh_degree, layout.sh, layout.shape, layout.has_clamped_alphas);
-        let name = format!("{options:?} {storage:?}");
-        KEPT.lock().unwrap().entry(name).or_insert(renderer);
-    }
-}
-
-/// Everything that one frame wrote.
+/// A frame with a copy of every buffer that its stages wrote.
 pub struct Captured {
     pub frame: Frame,
     pub pixels: Pixels,
@@ -90,7 +79,7 @@ pub struct Captured {
 }
 
 impl Captured {
-    /// The buffer as it was at the end of the last scope that wrote it.
+    /// The content of a buffer at the end of the last scope that wrote it.
     pub fn buffer<T: bytemuck::Pod>(&self, name: &str) -> Vec<T> {
         let found = self.buffers.iter().rfind(|(n, _)| n == name);
         bytemuck::pod_collect_to_vec(&found.unwrap_or_else(|| panic!("no stage wrote {name}")).1)
@@ -98,7 +87,7 @@ impl Captured {
 }
 
 impl Gpu {
-    /// Renders with a copy of every buffer after every stage.
+    /// Renders, and copies every buffer after every stage.
     pub fn capture(&self, gaussians: &Gaussians, camera: &Camera, options: &Options) -> Captured {
         let scene = GpuScene::new(&self.0, gaussians, options).expect("the scene fits");
         let mut still = Renderer::new(&self.0, options, &scene).expect("the renderer can be built");
@@ -107,9 +96,7 @@ impl Gpu {
             still.render_with(camera, Background::BLACK, prepare).expect("the frame can be rendered");
         let named = |c: &smalto::gpu::Capture| (c.buffer().to_owned(), c.bytes().to_vec());
         let buffers = results.captures().iter().map(named).collect();
-        let pixels = still.pixels().expect("the picture can be read");
-        keep(still, &scene, options, camera);
-        Captured { frame, pixels, buffers }
+        Captured { frame, pixels: still.pixels().expect("the picture can be read"), buffers }
     }
 
     /// A buffer with this content.
@@ -128,7 +115,7 @@ impl Gpu {
         results.view(&readback).to_vec()
     }
 
-    /// Runs what `record` records, to its end.
+    /// Runs the recorded commands and waits for their end.
     pub fn run(&self, record: impl FnOnce(&mut Commands)) {
         let mut cmd = Commands::new(&self.0).expect("commands can be recorded");
         record(&mut cmd);
@@ -221,21 +208,21 @@ pub fn captured_cameras(name: &str, which: &[usize], size: [u32; 2]) -> Vec<Came
     which.iter().map(|i| cameras[*i].camera.resized(size)).collect()
 }
 
-/// How a GPU image compares with the reference.
+/// The difference of a GPU picture from the reference.
 #[derive(Debug)]
 pub struct Comparison {
     pub psnr: f64,
     pub max_error: f32,
     /// Pixels that differ by more than [`ROUNDING`].
     pub different: usize,
-    /// Those of them that differ by more than the doubt of the reference allows.
+    /// Pixels that differ by more than [`ROUNDING`] and the doubt of the reference.
     pub unexplained: usize,
 }
 
 /// Largest difference that f32 arithmetic alone may make to a pixel whose decisions are not in doubt.
 pub const ROUNDING: f64 = 1e-4;
 
-/// The largest of the colour channels; infinite for what is not finite.
+/// The largest difference of a colour channel; infinite if a value is not finite.
 pub fn difference((pixel, exact): (&[f32; 4], &reference::Pixel)) -> f64 {
     let channel = |i: usize| (f64::from(pixel[i]) - exact.colour[i]).abs();
     if pixel.iter().all(|v| v.is_finite()) { channel(0).max(channel(1)).max(channel(2)) } else { f64::INFINITY }

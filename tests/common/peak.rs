@@ -1,10 +1,10 @@
-//! The most memory that a program held at once. Zeros come from the system, as they do without counting: what crates
-//! there are write them, and that takes as long as much of what is measured.
+//! An allocator that counts the most memory held at once. Zeroed memory comes from the system, as it does without
+//! counting; crates for this write the zeros, which takes as long as much of what is measured.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-/// To be made the global allocator.
+/// The counting allocator, for `#[global_allocator]`.
 pub struct Peak {
     now: AtomicUsize,
     most: AtomicUsize,
@@ -15,7 +15,7 @@ impl Peak {
         Self { now: AtomicUsize::new(0), most: AtomicUsize::new(0) }
     }
 
-    /// Bytes held now, from which on the most is counted.
+    /// Starts a new count and returns the bytes held now.
     pub fn reset(&self) -> usize {
         let now = self.now.load(Relaxed);
         self.most.store(now, Relaxed);

@@ -1,4 +1,4 @@
-//! What splat-transform reads from a scene file, as the CSV that it writes of it.
+//! CSV files that splat-transform wrote from scene files, and the comparison with what smalto reads.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ impl Table {
         self.rows[row][self.names.iter().position(|n| n == name).unwrap_or_else(|| panic!("no column {name}"))]
     }
 
-    /// Coefficients past the first, of one channel.
+    /// The number of SH coefficients after the first, for one channel.
     fn rest(&self) -> usize {
         self.names.iter().filter(|name| name.starts_with("f_rest_")).count() / 3
     }
@@ -42,7 +42,7 @@ pub fn close(what: &str, ours: f32, theirs: f64, tolerance: f64) {
     assert!((f64::from(ours) - theirs).abs() <= tolerance, "{what}: {ours} for {theirs}");
 }
 
-/// How far what is read may be from what splat-transform reads: all its values, and a rotation's cosine.
+/// The largest difference from splat-transform: of values, and of a rotation's cosine from 1.
 pub struct Tolerance {
     pub value: f64,
     pub rotation: f64,
@@ -50,7 +50,7 @@ pub struct Tolerance {
 
 pub const SAME: Tolerance = Tolerance { value: 1e-6, rotation: 1e-6 };
 
-/// Every attribute as splat-transform reads it from the same file.
+/// Compares every attribute with what splat-transform reads from the same file.
 pub fn agrees(name: &str, gaussians: &Gaussians, table: &Table, tolerance: &Tolerance) {
     let Tolerance { value, rotation } = *tolerance;
     assert_eq!(gaussians.len(), table.rows.len(), "{name}");
@@ -80,7 +80,8 @@ pub fn agrees(name: &str, gaussians: &Gaussians, table: &Table, tolerance: &Tole
     }
 }
 
-/// Reads a file of this content and ending; what is refused must be so in one sentence about this file.
+/// Reads a file with this ending and content. A refusal is one sentence that begins with the path; the rest is
+/// returned.
 pub fn parse(ending: &str, bytes: &[u8]) -> Result<Scene, String> {
     let file = tempfile::Builder::new().suffix(ending).tempfile().unwrap();
     fs::write(file.path(), bytes).unwrap();

@@ -1,4 +1,4 @@
-//! The viewer in a window of such a desktop, with what it tells and what it costs.
+//! The viewer in a window of a test's desktop: its events, its CPU time, its memory.
 
 use std::collections::HashMap;
 use std::fs;
@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use super::desktop::{CONTROL, Desktop, PATIENCE, Shot};
 
-/// Within this a window that has the keys answers one.
+/// A window with the focus answers a key within this time.
 const ANSWER: Duration = Duration::from_secs(8);
 
 /// The program, and its window.
@@ -22,10 +22,10 @@ pub struct Viewer<'a> {
     child: Child,
     events: Receiver<Value>,
     seen: Vec<Value>,
-    /// Of every kind of event, how far it was read.
+    /// For every kind of event, how many entries of `seen` are searched already.
     read: HashMap<String, usize>,
     errors: Option<JoinHandle<String>>,
-    /// Of the user's settings: none.
+    /// An empty folder for the user's settings.
     _settings: tempfile::TempDir,
 }
 
@@ -120,7 +120,7 @@ impl<'a> Viewer<'a> {
         self.seen.iter().filter(|event| event["event"] == kind).count()
     }
 
-    /// Nanoseconds that its threads have run, and whether one of them runs or wants to.
+    /// Nanoseconds that its threads have run, and true if one of them is running or ready.
     fn effort(&self) -> (u64, bool) {
         let (mut ran, mut is_busy) = (0, false);
         let tasks = fs::read_dir(format!("/proc/{}/task", self.child.id()));
@@ -225,14 +225,14 @@ impl<'a> Viewer<'a> {
         view
     }
 
-    /// Whether an event of a kind has come that was not waited for.
+    /// True if an event of a kind has come that `next` did not return yet.
     fn has_next(&mut self, kind: &str) -> bool {
         self.seen.extend(self.events.try_iter());
         let first = self.read.get(kind).copied().unwrap_or(0);
         self.seen[first..].iter().any(|event| event["event"] == kind)
     }
 
-    /// Leaves by Ctrl and Q; without complaints. What it told at the end.
+    /// Leaves by Ctrl and Q, and returns the event `closed`. Validation messages and panics fail the test.
     pub fn quit(mut self) -> Value {
         self.with_control('q');
         let closed = self.next("closed");

@@ -22,7 +22,7 @@ static MEMORY: Peak = Peak::new();
 
 /// Damaged files of every fixture.
 const ROUNDS: usize = 150;
-/// Bytes that a reader may use whatever the file, and for each byte of it: buffers, threads, and what decompresses.
+/// Bytes that a reader may use for any file, and for each byte of the file: buffers, threads, decompression.
 const MEMORY_AT_LEAST: usize = 192 << 20;
 const MEMORY_EACH: usize = 4096;
 const LONGEST: Duration = Duration::from_secs(5);
@@ -39,7 +39,7 @@ fn fixtures() -> Vec<PathBuf> {
     scenes
 }
 
-/// Bytes that are changed, cut, doubled or made extreme numbers, mostly near the beginning, where headers are.
+/// Changes, cuts, doubles bytes or writes extreme numbers, mostly near the beginning, where headers are.
 fn damaged(whole: &[u8], random: &mut Random) -> Vec<u8> {
     let mut bytes = whole.to_vec();
     for _ in 0..1 + random.below(6) {

@@ -1,4 +1,4 @@
-//! The certificate of a picture: above its error against the sum of all contributions, at every pixel.
+//! The certificate of a picture: an upper bound of the error at every pixel, against the sum of all contributions.
 
 use crate::common::{Gpu, Random, gaussians};
 use glam::DVec3;

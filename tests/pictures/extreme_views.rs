@@ -1,4 +1,4 @@
-//! Cameras, images and depths at the edge of the numbers.
+//! Cameras, image sizes and depths with extreme values.
 
 use crate::common::agree::{GREEN, RED, agrees, agrees_by, ahead, ball, logit, reference_of};
 use crate::common::free::{self, Free, build, moved};

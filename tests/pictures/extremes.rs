@@ -1,4 +1,4 @@
-//! What breaks splat renderers: Gaussians at the edge of the numbers.
+//! Gaussians with extreme values, which break splat renderers.
 
 use std::f64::consts::{FRAC_PI_4, PI};
 use std::io::Write;

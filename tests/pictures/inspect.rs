@@ -329,7 +329,7 @@ fn without_inspection_the_frame_is_unchanged() {
     let ordinary = frame(Inspection::default());
     assert!(ordinary.0 == gpu.render(&scene, &camera, &options));
     let depth = frame(look(Look::Attribute(Attribute::Depth)));
-    assert!(depth.1.contains(&"recolour") && depth.1.contains(&"blend") && depth.0 != ordinary.0);
+    assert!(depth.1.contains(&"shade attribute") && depth.1.contains(&"blend") && depth.0 != ordinary.0);
     let work = frame(look(Look::Work(Work::TileLoad)));
     assert!(work.1.contains(&"inspect") && !work.1.contains(&"blend") && work.0 != ordinary.0);
     assert_eq!([&depth, &work].map(|frame| frame.2), [ordinary.2; 2], "nothing but what is asked for is recorded");

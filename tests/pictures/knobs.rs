@@ -1,4 +1,4 @@
-//! The knobs that trade accuracy for speed: each does what it says, and no more. Those of storage are in storage.rs.
+//! The knobs that trade accuracy for speed, and the bound of what each changes. Knobs of storage are in storage.rs.
 
 use crate::common::agree::{GREEN, RED, ahead, ball, logit};
 use crate::common::cloud::{camera, cloud};
@@ -220,6 +220,6 @@ fn a_bench_counts_the_tiles_that_are_drawn() {
     let run = &report["runs"][0];
     assert_eq!(run["counts"]["tiles"], 3 * 3);
     let stages: Vec<_> = run["stages"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();
-    assert!(stages.ends_with(&["blend", "enlarge", "gaps"]), "{stages:?}");
+    assert!(stages.ends_with(&["blend", "upscale", "gaps"]), "{stages:?}");
     assert!(run["memory"].as_array().unwrap().iter().any(|m| m["buffer"] == "drawn image"));
 }

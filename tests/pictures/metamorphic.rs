@@ -1,4 +1,4 @@
-//! Changes to the world that the camera follows: the picture must follow too.
+//! Changes to the world and the camera whose effect on the picture is known.
 
 use crate::common::agree::{ahead, logit, reference_of};
 use crate::common::free::{Free, SIZE, build, camera, moved, render, render_from, scene};

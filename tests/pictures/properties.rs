@@ -1,4 +1,4 @@
-//! What must hold whatever the scene: changes to the input that change nothing, or change the picture in a known way.
+//! Properties of every scene: changes of the input that leave the picture, or change it in a known way.
 
 use crate::common::agree::{agrees, ahead};
 use crate::common::free::{Free, SIZE, build, camera, render, render_from, scene};

@@ -1,4 +1,4 @@
-//! The rules of the picture: under each, the GPU draws what the reference draws, and not what it draws under others.
+//! The rules of the picture: with each, the GPU agrees with the reference, and not with the reference of other rules.
 
 use crate::common::agree::{GREEN, RED, ahead, ball};
 use crate::common::cloud::{camera, cloud};
@@ -175,7 +175,7 @@ fn sorting_per_pixel_is_refused_on_the_gpu() {
     let options = Options { rules: Rules { order: Order::PerPixel, ..Rules::TRAINED }, ..Options::EXACT };
     let scene = GpuScene::new(&gpu.0, &crossing(), &options).unwrap();
     let error = Renderer::new(&gpu.0, &options, &scene).err().expect("it is refused");
-    assert_eq!(error.to_string(), "only the reference sorts the splats of every pixel anew");
+    assert_eq!(error.to_string(), "only the reference sorts the splats of every pixel on its own");
 }
 
 /// Distances stay as the camera turns; depths do not.

@@ -1,4 +1,4 @@
-//! Very many of something: layers, entries of a tile, instances; and room that is not there.
+//! Large counts of layers, tile entries and instances, and buffers that overflow.
 
 use crate::common::agree::{GREEN, RED, agrees, ahead, ball, reference_of, render};
 use crate::common::free;

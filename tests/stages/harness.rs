@@ -1,4 +1,4 @@
-//! The checks are checked: each says something when something is wrong. And the GPU layer does what it promises.
+//! The checks themselves: each reports the fault that it is for. And promises of the GPU layer.
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -17,13 +17,13 @@ use smalto::render::*;
 use smalto::rules::Background;
 use smalto::scene::synthetic;
 
-/// A device whose complaints do not fail the test.
+/// A device of the test's own, whose validation messages do not fail it.
 fn device_with_complaints() -> (Device, Turn) {
     let turn = Turn::take();
     (open(Validation::Required), turn)
 }
 
-/// The complaints about these commands. Each test has a device of its own.
+/// The messages about these commands. Each call opens a device of its own.
 fn complaints(record: impl FnOnce(&Fixture, &mut Commands)) -> Vec<String> {
     let (device, _turn) = device_with_complaints();
     let fixture = Fixture {
@@ -41,7 +41,7 @@ fn complaints(record: impl FnOnce(&Fixture, &mut Commands)) -> Vec<String> {
     own(&device.validation_messages())
 }
 
-/// What our own check says; a validation layer may see the same.
+/// The messages of our own check; a validation layer may report the same.
 fn own(complaints: &[String]) -> Vec<String> {
     complaints.iter().filter(|c| c.starts_with("no barrier on")).cloned().collect()
 }

@@ -1,4 +1,4 @@
-//! What hands do to a camera, by the properties that they feel.
+//! Camera navigation by mouse and keys: properties of each motion.
 
 use crate::common::Random;
 use glam::{DMat3, DVec2, DVec3, dvec2, dvec3};
