@@ -2,9 +2,10 @@
 #define WORKGROUP_SIZE 128
 layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;  // px
 #include "fast/blend_block.glsl"
-// One subgroup per block of pixels: blends what reaches it front to back, and leaves when all its pixels are opaque.
-// Before: bins, sorted splat_ids and masks. After: image = (colour over the background, 1 - T), but for long bins.
-// No subgroup waits for another.
+// One subgroup per block of pixels: blends the splats that reach it front to back, and ends when all its pixels have
+// stopped.
+// Before: bins, sorted splat_ids and masks. After: image = (colour over the background, 1 - T), except in bins with
+// long lists. No subgroup waits for another.
 
 void main() {
     uint place = workgroup() * gl_NumSubgroups + gl_SubgroupID;

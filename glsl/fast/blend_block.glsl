@@ -4,17 +4,18 @@
 #include "shared/rules.glsl"
 #include "shared/blend_rules.glsl"
 #include "fast/splat.glsl"
-// How a subgroup blends a block of pixels, or a part of its list, front to back. Behind WORKGROUP_SIZE.
-// A lane has several pixels of one column; the exponent of a splat is evaluated around the middle of the block (the idea of
-// Local-GS), by two fused multiply-adds a pixel as a polynomial.
+// The blend of a block of pixels by one subgroup, front to back, over the whole list of the bin or a stretch of it.
+// Requires: WORKGROUP_SIZE, BLOCK_HEIGHT
+// A lane has several pixels of one column. The exponent of a splat is a polynomial around the middle of the block (the
+// idea of Local-GS) and takes two fused multiply-adds per pixel.
 
 #include "fast/subgroup_owner.glsl"
-layout(constant_id = 12) const bool HAS_CLAMPED_ALPHAS = true;  // some opacity is over ALPHA_MAX
+layout(constant_id = 12) const bool HAS_CLAMPED_ALPHAS = true;  // some opacity is above ALPHA_MAX
 
 layout(binding = 0, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
 layout(binding = 1, scalar) readonly buffer BinOrder { uint bin_order[]; };                 // [bins]
 layout(binding = 2, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [entry_capacity]
-layout(binding = 3, scalar) readonly buffer Splats { uvec4 splats[]; };                     // [visible_capacity] of 2 or 3
+layout(binding = 3, scalar) readonly buffer Splats { uvec4 splats[]; };              // [SPLAT_WORDS * visible_capacity]
 layout(binding = 4, scalar) readonly buffer Masks { uint masks[]; };                        // [stretches * BLOCKS * 32]
 layout(binding = 5, rgba32f) writeonly uniform image2D image;
 layout(push_constant, scalar) uniform Push {
@@ -26,31 +27,32 @@ layout(push_constant, scalar) uniform Push {
 
 const uvec2 BLOCK = uvec2(BLOCK_WIDTH, BLOCK_HEIGHT);
 const uint BLOCK_PIXELS = BLOCK_WIDTH * BLOCK_HEIGHT;
-const uint PIXELS = BLOCK_PIXELS / SUBGROUP;  // of a lane, one below the other
-const uint ROWS = SUBGROUP / BLOCK_WIDTH;     // of pixels between them
-// Splats whose alphas are computed before the first is blended: with one pixel a lane, more to have as much at hand.
+const uint PIXELS = BLOCK_PIXELS / SUBGROUP;  // pixels of a lane, in one column
+const uint ROWS = SUBGROUP / BLOCK_WIDTH;     // rows from one of these pixels to the next
+// Splats whose alphas are computed before the first of them is blended. With one pixel per lane there are more, so that
+// a lane has enough independent work.
 const uint AT_ONCE = PIXELS == 1 ? 8 : 4;
 
-// Of the entries that are blended next: with COMPACT, exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y);
-// without, exponent = a.x - (a.y + x a.w + y b.x)^2 - (a.z + y b.y)^2, and from ALPHA_MIN: three operations more and a tenth
-// of the rounding.
+// The entries that are blended next. With COMPACT, exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y).
+// Without, exponent = a.x - (a.y + x a.w + y b.x)^2 - (a.z + y b.y)^2, relative to log2(ALPHA_MIN): three operations
+// more and a tenth of the rounding error.
 shared vec4 staged_a[WORKGROUP];
-shared vec4 staged_b[WORKGROUP];  // and red, green
+shared vec4 staged_b[WORKGROUP];  // zw: red and green
 shared float staged_blue[WORKGROUP];
 
-// The walk through a block's mask, the same in all lanes but `word` and `before`.
+// A walk through a block's mask, one word per lane at a time. Only `word`, `ahead` and `before` differ between lanes.
 struct Walk {
-    uint next;    // word of masks that is loaded next, by this lane
-    uint end;     // words that are walked
-    uint begin;   // entry of the first bit of the words at hand
-    uint word;    // this lane's
-    uint ahead;   // and its next
-    uint before;  // bits set in the words of the lanes before
-    uint total;   // in those of all lanes
-    uint taken;   // of them
+    uint next;    // first word of the mask that is loaded next
+    uint end;     // one past the last word of the walk
+    uint begin;   // entry of the first bit of the current words
+    uint word;    // current word of this lane
+    uint ahead;   // next word of this lane
+    uint before;  // bits set in the current words of the lanes before
+    uint total;   // bits set in the current words of all lanes
+    uint taken;   // bits of these that were taken
 };
 
-// Index of the n-th set bit of `word`, which has more.
+// Index of the n-th set bit of `word`, counted from 0. `word` has more than n.
 uint nth_bit(uint word, uint n) {
     uint place = 0;
     for (uint width = 16; width > 0; width /= 2) {
@@ -63,12 +65,12 @@ uint nth_bit(uint word, uint n) {
     return place;
 }
 
-// An element of a bin's masks lies in stretches of 32 words, one such row per block.
+// Index in `masks` of a word of a block's mask. A stretch has 32 words for each block.
 uint mask_index(Bin bin, uint block, uint word) {
     return ((bin.first_stretch + word / 32) * BLOCKS + block) * 32 + word % 32;
 }
 
-// Entries that are taken next, one a lane: how many, and this lane's.
+// Takes the next entries of the walk, at most one per lane. Returns how many; `entry` is this lane's.
 uint take(inout Walk walk, Bin bin, uint block, out uint entry) {
     while (walk.taken >= walk.total && walk.next < walk.end + SUBGROUP) {
         walk.word = walk.ahead;
@@ -110,8 +112,8 @@ Record load_record(uint splat) {
     return record;
 }
 
-// Leaves the polynomials of splats around `middle` where all lanes find them, in their order, and ones that are never drawn
-// behind them.
+// Stages the polynomial of this lane's splat around `middle` for all lanes. A lane without a splat stages one that is
+// never drawn.
 void stage(Record record, vec2 middle, bool exists) {
     vec2 d = middle - record.a.xy;
     vec3 factor = vec3(record.a.zw, record.b.x);
@@ -131,21 +133,21 @@ void stage(Record record, vec2 middle, bool exists) {
     staged_blue[place] = record.blue;
 }
 
-// What a subgroup has of a block of pixels, several of one column a lane.
-uvec2 pixel;             // the lane's first, px
-vec2 middle;             // of the block, px
-float x, y[PIXELS];      // of the lane's pixels, from there
-// The transmittance of a pixel that goes on, which ends it once it is below `limit`; of one that has stopped, 0, and its
-// transmittance is `last`.
+// The state of this lane's pixels of a block.
+uvec2 pixel;             // px, the first pixel of the lane
+vec2 middle;             // px, the middle of the block
+float x, y[PIXELS];      // px, the centres of the lane's pixels relative to the middle
+// A pixel that goes on has the transmittance `live` and stops when that falls below `limit`. A pixel that has stopped
+// has `live` = 0 and `limit` < 0, and its transmittance is `last`.
 float live[PIXELS], limit[PIXELS], last[PIXELS];
 vec3 colour[PIXELS];
 
-// Below it, a pixel takes no more splats.
+// A pixel whose transmittance is below this takes no more splats.
 float last_transmittance() {
     return max(TRANSMITTANCE_MIN, STOP);
 }
 
-// A pixel that begins with this transmittance, or takes nothing if that is 0.
+// Starts a pixel with this transmittance. With 0 it takes no splat.
 void begin_pixel(uint k, float transmittance) {
     live[k] = transmittance;
     limit[k] = transmittance > 0.0 ? last_transmittance() : -1.0;
@@ -153,7 +155,7 @@ void begin_pixel(uint k, float transmittance) {
     colour[k] = vec3(0.0);
 }
 
-// Blends what the words [begin, end) of the block's mask list, until all pixels have stopped.
+// Blends the entries that the words [begin, end) of the block's mask mark, until all pixels have stopped.
 void blend_words(Bin bin, uint block, uint begin, uint end) {
     Walk walk;
     walk.total = walk.taken = walk.before = walk.word = walk.begin = 0;
@@ -161,7 +163,7 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
     walk.end = end;
     uint word = begin + gl_SubgroupInvocationID;
     walk.ahead = word < end ? masks[mask_index(bin, block, word)] : 0;
-    // Loaded a batch ahead, and its id two: the loads run while the batch before is blended.
+    // Splats are loaded one batch ahead and their ids two, so that the loads run while a batch is blended.
     uint entry;
     uint count = take(walk, bin, block, entry);
     uint splat = gl_SubgroupInvocationID < count ? splat_ids[bin.first + entry] : 0;
@@ -185,7 +187,7 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
                 vec4 a = staged_a[i + j], b = staged_b[i + j];
                 colours[j] = vec3(b.zw, staged_blue[i + j]);
                 float on_axis = COMPACT ? fma(x, fma(a.w, x, a.y), a.x) : fma(a.w, x, a.y);
-                float slope = fma(b.x, x, a.z);  // with COMPACT
+                float slope = fma(b.x, x, a.z);  // used with COMPACT
                 [[unroll]] for (uint k = 0; k < PIXELS; k++) {
                     float exponent;
                     if (COMPACT) {
@@ -194,14 +196,15 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
                         float u = fma(b.x, y[k], on_axis), v = fma(b.y, y[k], a.z);
                         exponent = fma(-u, u, fma(-v, v, a.x));
                     }
-                    // Positive phrasing: what is not a number is not drawn.
+                    // The comparisons are false for NaN, which is not drawn.
                     bool drawn = COMPACT ? exponent >= log2(ALPHA_MIN) : exponent >= 0.0;
                     float weight = COMPACT ? exp2(exponent) : ALPHA_MIN * exp2(exponent);
                     if (HAS_CLAMPED_ALPHAS) weight = min(ALPHA_MAX, weight);
                     alphas[j][k] = drawn ? weight : 0.0;
                 }
             }
-            // Transmittances as if no pixel stopped, which is seldom wrong; then what was added after all.
+            // Transmittances are computed as if no pixel stopped, which is seldom wrong. Where one does stop, the
+            // splats that it does not take are removed.
             float left[PIXELS][AT_ONCE + 1];
             bool ends = false;
             [[unroll]] for (uint k = 0; k < PIXELS; k++) {
@@ -251,7 +254,7 @@ void show(uint k, vec3 colour, float transmittance) {
     if (is_inside(k)) imageStore(image, ivec2(pixel + uvec2(0, k * ROWS)), vec4(shown, 1.0 - transmittance));
 }
 
-// Finds the lane's pixels of a block of a bin. Returns whether any is on the image.
+// Finds this lane's pixels of a block of a bin. Returns true if the block meets the image.
 bool begin_block(uint bin_number, uint block) {
     uvec2 bin_place = uvec2(bin_number % push.bins_x, bin_number / push.bins_x);
     uvec2 corner = BLOCK * (uvec2(BIN_COLUMNS, BIN_ROWS) * bin_place + uvec2(block % BIN_COLUMNS, block / BIN_COLUMNS));

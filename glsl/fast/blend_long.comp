@@ -2,12 +2,14 @@
 #define WORKGROUP_SIZE 128
 layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;  // px
 #include "fast/blend_block.glsl"
-// One workgroup per block of pixels of a long bin.
-// Before: as for blend. After: image, where blend leaves it out.
-// Each subgroup takes a stretch of the list as if nothing lay before it, which is then seen through the stretches before.
-// Where a pixel stops within a stretch, that is walked again. What is computed depends on the list alone.
+// One workgroup per block of pixels of a bin with a long list: blends it front to back, a stretch per subgroup at a
+// time.
+// Before: as for blend. After: image is set in the bins that blend leaves out.
+// Each subgroup blends its stretch as if nothing lay in front of it. The result is then weighted by the transmittance
+// of the stretches in front. Where a pixel stops within a stretch, that stretch is blended once more, from the true
+// transmittance. The result depends on the list alone.
 
-shared float passed[WORKGROUP / SUBGROUP * BLOCK_PIXELS];  // transmittance through a subgroup's part of a list
+shared float passed[WORKGROUP / SUBGROUP * BLOCK_PIXELS];  // transmittance through each subgroup's stretch
 shared vec4 sums[BLOCK_PIXELS];
 
 void main() {
@@ -17,7 +19,8 @@ void main() {
     Bin bin = bins[number];
     if (bin.count < LONG_LIST || !begin_block(number, block)) return;
     uint words = (bin.count + 31) / 32, stretch = BIN_STRETCH / 32;
-    float in_front[PIXELS], ended[PIXELS];  // transmittances: of all stretches so far; and where this subgroup ended the pixel
+    // Transmittance through all stretches so far, and where this subgroup stopped the pixel (-1 if it did not).
+    float in_front[PIXELS], ended[PIXELS];
     vec3 total[PIXELS];
     for (uint k = 0; k < PIXELS; k++) {
         in_front[k] = is_inside(k) ? 1.0 : 0.0;
@@ -57,9 +60,9 @@ void main() {
         bool mine = false;
         for (uint k = 0; k < PIXELS; k++) mine = mine || in_front[k] >= last_transmittance();
         goes_on = subgroupAny(mine);  // the same in all subgroups
-        barrier();  // all have read what was passed
+        barrier();  // all lanes have read `passed`
     }
-    // In the order of the subgroups, so that sums are the same bits in every run.
+    // The sums are taken in the order of the subgroups, so that they have the same bits in every run.
     for (uint s = 0; s < gl_NumSubgroups; s++) {
         for (uint k = 0; s == gl_SubgroupID && k < PIXELS; k++) {
             uint place = k * SUBGROUP + gl_SubgroupInvocationID;

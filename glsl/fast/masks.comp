@@ -6,15 +6,15 @@
 #include "shared/rules.glsl"
 #include "fast/splat.glsl"
 #include "fast/subgroup_owner.glsl"
-// One workgroup per stretch of 1024 entries of a bin: which of its 32 blocks does each entry reach?
-// Before: sorted splat_ids. After: masks, for every stretch and block 32 words with a bit per entry.
-// Rows of blocks meet an ellipse in an interval (the idea of AccuTile, Hanson et al. 2024). A bound: a block with a
-// pixel that the splat is drawn on is never left out.
+// One workgroup per stretch of 1024 entries of a bin: marks which of the bin's 32 blocks each entry reaches.
+// Before: sorted splat_ids. After: masks has 32 words for every stretch and block, with a bit per entry.
+// A row of blocks meets an ellipse in an interval (the idea of AccuTile, Hanson et al. 2024). The test is a bound: a
+// block with a pixel that the splat is drawn on is never left out.
 
 layout(binding = 0, scalar) readonly buffer StretchBins { uint stretch_bins[]; };           // [stretches]
 layout(binding = 1, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
 layout(binding = 2, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [entry_capacity]
-layout(binding = 3, scalar) readonly buffer Splats { uvec4 splats[]; };                     // [visible_capacity] of 2 or 3
+layout(binding = 3, scalar) readonly buffer Splats { uvec4 splats[]; };              // [SPLAT_WORDS * visible_capacity]
 layout(binding = 4, scalar) writeonly buffer Masks { uint masks[]; };                       // [stretches * BLOCKS * 32]
 layout(binding = 5, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
 layout(push_constant, scalar) uniform Push {
@@ -22,13 +22,13 @@ layout(push_constant, scalar) uniform Push {
     uint block_height;  // px
 } push;
 
+shared uint reached[BIN_STRETCH];                   // the blocks that each entry reaches, a bit each
+shared uint rows[BLOCKS * (BIN_STRETCH / 32 + 1)];  // the words of each block, padded against bank conflicts
 
-shared uint reached[BIN_STRETCH];            // blocks, a bit each
-shared uint rows[BLOCKS * (BIN_STRETCH / 32 + 1)];  // of a block's words, padded against bank conflicts
-
-// Blocks of a bin whose pixel centres the ellipse meets, a bit each. `corner`: px, of the bin, from the mean.
+// The blocks of a bin whose pixel centres the ellipse meets, a bit each. `corner`: of the bin, relative to the mean,
+// px.
 uint blocks_reached(vec2 corner, vec3 factor, float limit, vec2 mean) {
-    // Over the true border: blend's f32 weights may pass ALPHA_MIN by their rounding.
+    // Slightly beyond the true border: f32 weights of the blend may reach ALPHA_MIN by rounding.
     float border = sqrt(max(limit, 0.0) + 1e-3);
     float half_height = border / factor.z, per_x = 1.0 / factor.x, slope = factor.y * per_x;
     float rightmost_y = -factor.y * half_height * inversesqrt(factor.y * factor.y + factor.z * factor.z);
@@ -43,10 +43,10 @@ uint blocks_reached(vec2 corner, vec3 factor, float limit, vec2 mean) {
         float right_v = factor.z * right_y, left_v = factor.z * left_y;
         float right = sqrt(max(border * border - right_v * right_v, 0.0)) * per_x - slope * right_y + slack;
         float left = -sqrt(max(border * border - left_v * left_v, 0.0)) * per_x - slope * left_y - slack;
-        // Block c has centres from 8 c + 0.5 to 8 c + 7.5.
+        // The pixel centres of block c lie from 8 c + 0.5 to 8 c + 7.5.
         float first = ceil((left - corner.x - (float(BLOCK_WIDTH) - 0.5)) / float(BLOCK_WIDTH));
         float end = floor((right - corner.x - 0.5) / float(BLOCK_WIDTH)) + 1.0;
-        // Negative phrasing: what is not a number reaches everything.
+        // The comparisons are written so that NaN reaches every block.
         uint from = first > 0.0 ? uint(min(first, 8.0)) : 0;
         uint to = end < 8.0 ? uint(max(end, 0.0)) : 8;
         if (from < to && !(low > high + slack)) mask |= ((1u << to) - (1u << from)) << 8 * row;
@@ -54,7 +54,7 @@ uint blocks_reached(vec2 corner, vec3 factor, float limit, vec2 mean) {
     return mask;
 }
 
-// Turns 32 words with a bit per block, one a lane, into 32 words with a bit per lane: a 32x32 bit transpose.
+// Turns 32 words with a bit per block, one per lane, into 32 words with a bit per lane: a 32x32 bit transpose.
 uint transposed(uint word) {
     [[unroll]] for (uint step = 16; step > 0; step /= 2) {
         uint low = 0xffffffff / ((1u << step) + 1);  // 0x0000ffff, 0x00ff00ff, ..., 0x55555555

@@ -3,11 +3,11 @@
 #include "shared/workgroup.glsl"
 #extension GL_EXT_control_flow_attributes : require
 #include "fast/frame.glsl"
-// One workgroup per run of a bin that has several pieces: where each of its entries goes among those of up to 16 pieces.
-// Before: pieces of `piece` entries are sorted, by sort or by this. After: so are those of 16 times as many, or else, if
-// these are all of a bin, its splat_ids, by depth, then by Gaussian.
-// An entry's place is the sum over the pieces of the entries before it, found by bisection in workgroup memory: no run waits
-// for another, and a list of less than 32,768 entries takes one dispatch.
+// One workgroup per run of a list of several pieces: moves each of its entries to its place among up to 16 pieces.
+// Before: pieces of `piece` entries are sorted, by sort or by an earlier merge. After: pieces of 16 times as many
+// entries are sorted by depth, then by Gaussian; where such a piece is the whole list, its splat_ids are set instead.
+// An entry's place is the number of entries before it, summed over the pieces and found by binary search in workgroup
+// memory. No workgroup waits for another, and a list of less than 32,768 entries takes one dispatch.
 
 layout(binding = 0, scalar) readonly buffer RunBins { uint run_bins[]; };                   // [runs]
 layout(binding = 1, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
@@ -15,18 +15,18 @@ layout(binding = 2, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };
 layout(binding = 3, scalar) readonly buffer Entries { uvec2 entries[]; };                   // [entry_capacity]
 layout(binding = 4, scalar) writeonly buffer SplatIds { uint splat_ids[]; };                // [entry_capacity]
 layout(binding = 5, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
-layout(binding = 6, scalar) writeonly buffer Merged { uvec2 merged[]; };                    // [entry_capacity] if any list is longer
+layout(binding = 6, scalar) writeonly buffer Merged { uvec2 merged[]; };      // [entry_capacity] if any list is longer
 layout(push_constant, scalar) uniform Push {
     uint piece;
 } push;
 
 layout(constant_id = 0) const bool OF_RUNS = true;  // pieces are runs, and each is searched as a whole
 const uint ITEMS = BIN_RUN / WORKGROUP;
-const uint NONE = 0xffffffff;  // behind every depth key
+const uint NONE = 0xffffffff;  // after every depth key
 shared uint other_keys[BIN_RUN];
-shared uvec2 windows[BIN_PIECES];  // of every piece, the entries that this run lies between
+shared uvec2 windows[BIN_PIECES];  // for every piece, the range of its entries that this run may lie among
 
-// Of the other keys at hand: those below `key`.
+// Counts those of `other_keys` that are below `key`.
 uint keys_below(uint key) {
     uint below = 0;
     [[unroll]] for (uint step = BIN_RUN / 2; step > 0; step /= 2) {
@@ -35,7 +35,8 @@ uint keys_below(uint key) {
     return below + uint(other_keys[below] < key);
 }
 
-// Of the entries of this depth that they are of, from `below` on: those of Gaussians before this one, found by bisection.
+// Among the other entries with the depth key of `entry`, which start at `below`, counts those with a smaller Gaussian
+// index, by binary search.
 uint ties_before(uint first, uint below, uint others, uvec2 entry) {
     uint gaussian = gaussian_from_splat[entry.y];
     uint low = below, high = others;
@@ -51,7 +52,7 @@ uint piece() {
     return OF_RUNS ? BIN_RUN : push.piece;
 }
 
-// Of the entries [begin, end), which are sorted: the first whose key is not below `key`, or above it with `after`.
+// The first of the sorted entries [begin, end) whose key is at least `key`; with `after`, the first whose key is above.
 uint bound(uint begin, uint end, uint key, bool after) {
     while (begin < end) {
         uint middle = (begin + end) / 2, other = entries[middle].x;
@@ -60,7 +61,7 @@ uint bound(uint begin, uint end, uint key, bool after) {
     return begin;
 }
 
-// Of the piece from `other` on, the entries whose keys are neither below nor above those of the run from `begin` on.
+// The range of the entries of the piece at `other` whose keys lie between the first and the last of the run at `begin`.
 uvec2 window(Bin bin, uint other, uint group_end, uint begin, uint count) {
     if (other >= group_end) return uvec2(0);
     uint first = bin.first + other, end = bin.first + min(other + piece(), group_end);
@@ -101,7 +102,7 @@ void main() {
         }
         do {
             uint others = min(to - from, BIN_RUN);
-            barrier();  // all are done with the keys before
+            barrier();  // all lanes are done with the previous keys
             [[unroll]] for (uint k = 0; k < ITEMS; k++) {
                 uint i = k * WORKGROUP + lane();
                 other_keys[i] = i < others ? entries[from + i].x : NONE;

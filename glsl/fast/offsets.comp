@@ -2,14 +2,15 @@
 #define WORKGROUP_SIZE 1024
 #include "shared/workgroup.glsl"
 #include "fast/frame.glsl"
-// One workgroup in all: where the entries of each bin go, and what the stages over entries are dispatched over.
-// Before: listed_in_bins from count. After: bins, bin_order, run_bins, stretch_bins and the dispatches are set; totals has
-// the entries, kept and demanded, and the longest list.
+// One workgroup in all: finds where the entries of each bin go, and sets the dispatches over runs, stretches and
+// blocks.
+// Before: listed_in_bins from count. After: bins, bin_order, run_bins, stretch_bins and the dispatches are set; totals
+// has the entries, kept and demanded, and the longest list.
 
 layout(binding = 0, scalar) buffer TotalsBlock { Totals totals; };
 layout(binding = 1, scalar) readonly buffer ListedInBins { uint listed_in_bins[]; };        // [bins]
 layout(binding = 2, scalar) writeonly buffer Bins { Bin bins[]; };                          // [bins]
-layout(binding = 3, scalar) writeonly buffer BinOrder { uint bin_order[]; };                // [bins] longest lists first
+layout(binding = 3, scalar) writeonly buffer BinOrder { uint bin_order[]; };                // [bins] longest first
 layout(binding = 4, scalar) writeonly buffer RunBins { uint run_bins[]; };                  // [runs]
 layout(binding = 5, scalar) writeonly buffer StretchBins { uint stretch_bins[]; };          // [stretches]
 layout(binding = 6, scalar) writeonly buffer DispatchesBlock { FastDispatches dispatches; };
@@ -19,14 +20,14 @@ layout(push_constant, scalar) uniform Push {
     uint entry_capacity;
 } push;
 
-const uint CLASSES = 124;  // of lists, by their length, the longest first
+const uint CLASSES = 124;  // classes of lists by their length, the longest first
 
 shared uint listed[MAX_BINS];
 shared uint class_sizes[CLASSES];
 shared uint listed_high;
 shared uint longest;
 
-// Of a list's length: four for every power of two.
+// The class of a list of this length. There are four classes for every power of two.
 uint class_of(uint length) {
     uint high = findMSB(length | 4);
     return CLASSES - 1 - (length < 4 ? length : 4 * (high - 1) + (length >> high - 2 & 3));
@@ -42,7 +43,7 @@ void main() {
     barrier();
     for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) listed[bin] = listed_in_bins[bin];
     barrier();
-    // Of consecutive bins each, so that entries lie in the order of the bins.
+    // Each lane handles consecutive bins, so that entries lie in the order of the bins.
     uint each = div_up(push.bins, WORKGROUP), begin = min(lane() * each, push.bins), end = min(begin + each, push.bins);
     uint mine = 0, overflows = 0;
     for (uint bin = begin; bin < end; bin++) {
@@ -51,8 +52,8 @@ void main() {
     }
     uint total;
     uint first = workgroup_exclusive_add(mine, total);
-    // 2^32 entries or more: nothing is drawn, and the demand tells the host.
-    if (overflows > 0 || first + mine < first) atomicAdd(listed_high, 1);
+    // With 2^32 entries or more nothing is drawn, and the demand tells the host.
+    if (overflows > 0 || first + mine < first) atomicAdd(listed_high, 1);  // a count: order does not matter
     barrier();
     bool fits = listed_high == 0;
     uint capacity = fits ? push.entry_capacity : 0;
@@ -79,7 +80,7 @@ void main() {
         stretch += own_stretches;
         listed[bin] = count;
         atomicAdd(class_sizes[class_of(count)], 1);  // a count: order does not matter
-        atomicMax(longest, count);
+        atomicMax(longest, count);                   // a maximum: order does not matter
     }
     barrier();
     uint all_bins;
@@ -87,7 +88,7 @@ void main() {
     if (lane() < CLASSES) class_sizes[lane()] = class_begin;
     barrier();
     if (lane() == 0) {
-        // Classes begin at powers of two.
+        // LONG_LIST is a power of two, where a class begins: the classes up to its own have exactly the long lists.
         dispatches.over_long_blocks = folded(class_sizes[class_of(LONG_LIST) + 1] * BLOCKS);
         totals.visible_kept = min(totals.visible, push.visible_capacity);
         totals.listed_high = listed_high;
@@ -99,7 +100,7 @@ void main() {
     }
     barrier();
     for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) {
-        // In any order within a class: that decides when a bin is drawn, not what.
+        // Any order within a class is right: it decides when a bin is drawn, not what it shows.
         bin_order[atomicAdd(class_sizes[class_of(listed[bin])], 1)] = bin;
     }
 }

@@ -6,19 +6,20 @@
 #include "shared/harmonics.glsl"
 #include "shared/grids.glsl"
 #include "shared/rotation.glsl"
-// One workgroup per chunk of 384 Gaussians: those that can touch the image become splats, with the bins they touch as one
-// span per row of bins.
-// Before: totals are 0. After: totals.visible and totals.spans are demands; the outputs of all splats that fit are set, in
-// any order: `gaussian_from_splat` is what orders splats of one depth.
+// One workgroup per chunk of 384 Gaussians: projects those that can touch the image to splats, and finds the bins that
+// each splat touches, as one span per row of bins.
+// Before: totals are 0. After: totals.visible and totals.spans are demands; the outputs of all splats that fit are set,
+// in any order. Later stages order splats of equal depth by `gaussian_from_splat`.
 
 layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 1, scalar) readonly buffer GridsBlock { Grids grids; };
 layout(binding = 2, scalar) readonly buffer Shapes { uvec4 plane[]; } shapes[2];            // [gaussians] at most each
 layout(binding = 3, scalar) readonly buffer Sh { uvec4 plane[]; } sh[SH_PLANES];            // [gaussians] at most each
 layout(binding = 4, scalar) writeonly buffer Ids { uint gaussian_from_splat[]; };           // [visible_capacity]
-layout(binding = 5, scalar) writeonly buffer Splats { uvec4 splats[]; };                    // [visible_capacity] of 2 or 3
+layout(binding = 5, scalar) writeonly buffer Splats { uvec4 splats[]; };             // [SPLAT_WORDS * visible_capacity]
 layout(binding = 6, scalar) writeonly buffer DepthKeys { uint depth_keys[]; };              // [visible_capacity]
-layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity] first or only span, rows
+// span_ranges: (index of the first span, or the span itself if there is only one; first row | rows << 16).
+layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity]
 layout(binding = 8, scalar) writeonly buffer Spans { uint spans[]; };                       // [span_capacity]
 layout(binding = 9, scalar) buffer TotalsBlock { Totals totals; };
 layout(push_constant, scalar) uniform Push {
@@ -27,7 +28,7 @@ layout(push_constant, scalar) uniform Push {
     uint visible_capacity;
     uint span_capacity;
     uint depth_limit;  // the largest depth key
-    uint depth_shift;  // bits that depth keys leave out
+    uint depth_shift;  // lowest bits that depth keys leave out
     uint block_height;  // px
 } push;
 
@@ -43,22 +44,23 @@ const bool SH_EARLY = SH_STORED_PLANES <= 3;
 shared uint survivors[PROJECT_CHUNK];
 shared float depths[PROJECT_CHUNK];  // of the survivors
 shared uint found;
-shared uint splats_here, spans_here;  // of a workgroup at a time
-shared uvec2 first;                   // the first of these
+shared uint splats_here, spans_here;  // new ones of the workgroup's current batch
+shared uvec2 first;                   // indices of the first of these splats and spans
 
 void make_splat(uint gaussian, float z, bool exists) {
     vec3 mean = exists ? uintBitsToFloat(bounds[gaussian].xyz) : vec3(0.0);
     precise vec3 p = (mean - push.view.position_high) - push.view.position_low;
     Splat splat;
     Ellipse ellipse = EMPTY_ELLIPSE;
-    // Few words are loaded before it is certain that they are needed: they arrive while the splat is projected.
+    // If there are few words, they are loaded before it is certain that they are needed: they arrive while the splat is
+    // projected.
     uvec4 stored[SH_PLANES];
     if (SH_EARLY && exists) fetch_sh(gaussian, stored);
     if (exists) project(gaussian, p, z, splat, ellipse);
     uvec2 rows = tile_rows(ellipse, push.view.size_px);  // first, count
 
     uint row_spans = rows.y > 1 ? rows.y : 0;
-    // In any order, here and below: lists are sorted, and spans are found through their range.
+    // Any order is right, here and below: lists are sorted later, and spans are found through their range.
     uvec4 ballot = subgroupBallot(rows.y > 0);
     uint index = subgroupBallotExclusiveBitCount(ballot), offset = subgroupExclusiveAdd(row_spans);
     uint all_spans = subgroupAdd(row_spans);
@@ -73,7 +75,7 @@ void make_splat(uint gaussian, float z, bool exists) {
         first = uvec2(atomicAdd(totals.visible, splats_here), 0);
         if (spans_here > 0) {
             first.y = atomicAdd(totals.spans, spans_here);
-            if (first.y + spans_here < first.y) atomicAdd(totals.listed_high, 1);  // refused
+            if (first.y + spans_here < first.y) atomicAdd(totals.listed_high, 1);  // the frame is refused
         }
         splats_here = spans_here = 0;
     }

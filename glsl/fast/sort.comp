@@ -7,10 +7,12 @@
 layout(constant_id = 0) const uint DIGIT_BITS = 8;  // bits of a key that one pass sorts by
 #include "shared/digits.glsl"
 // One workgroup per run of entries of a bin: sorts them by depth, then by Gaussian.
-// Before: entries from fill. After: the only run of a bin is in splat_ids; others are sorted among the entries.
-// Entries go where the distribution of their depths lets expect them, and those that share a place are sorted by insertion.
-// Where too many share one, a radix sort of the run takes over. No two entries of a bin are equal in depth and Gaussian,
-// so that their order does not depend on how they came.
+// Before: entries from fill. After: if the run is the whole list, its sorted splats are in splat_ids; otherwise the run
+// is sorted in place in `entries`.
+// An entry goes to the place that the distribution of depths predicts; entries that share a place are sorted by
+// insertion.
+// If too many share one, a radix sort of the run takes over. No two entries of a bin are equal in depth and Gaussian,
+// so the result does not depend on the order of the input.
 
 layout(constant_id = 1) const uint SUBGROUPS = 16;  // in a workgroup, at most
 
@@ -24,32 +26,34 @@ layout(binding = 6, scalar) readonly buffer DispatchesBlock { FastDispatches dis
 
 #include "shared/subgroup_rank.glsl"
 
-const uint SHARED_ALONE = 24;  // entries that share a place at most
-const uint PLACE_BITS = 11;    // of BIN_RUN places
-const uint NONE = 0xffffffff;  // behind every key
+const uint SHARED_ALONE = 24;  // most entries that may share a place
+const uint PLACE_BITS = 11;    // log2(BIN_RUN)
+const uint NONE = 0xffffffff;  // after every key
 const uint COUNTS = SUBGROUPS * DIGITS;
 shared uint keys[BIN_RUN];
-shared uint values[2 * BIN_RUN > COUNTS ? 2 * BIN_RUN : COUNTS];  // and counts while keys are sorted
+shared uint values[2 * BIN_RUN > COUNTS ? 2 * BIN_RUN : COUNTS];  // values; counts while keys are sorted
 shared uint lowest, highest, is_crowded;
 
-// Of a run: its keys and values in registers, item k of a lane at place own + k * gl_SubgroupSize. Each subgroup has
-// consecutive ones, so that (subgroup, item, lane) is their order. Literal indices: registers cannot be indexed.
+// The keys and values of the run, in registers: item k of a lane has the place own + k * gl_SubgroupSize. Each subgroup
+// has consecutive items, so that (subgroup, item, lane) is their order. Indices are literals, because registers cannot
+// be indexed.
 #define EACH_ITEM(DO) DO(0) if (items > 1) { DO(1) } if (items > 2) { DO(2) } if (items > 3) { DO(3) }
 uvec4 key, value;
 uint count, items, own;
 
-// The place of this lane's key among those of its subgroup with the same digit, of all items so far.
+// The rank of this lane's key among the keys of its subgroup with the same digit, over all items so far.
 uint count_digit(uint digit) {
     uvec4 same = same_digit(digit);
     uvec2 rank = rank_in(same);
-    // The first lane of a digit counts for all; the others wait for its answer, and so for the items before.
+    // The first lane of a digit adds for all lanes with it, so no two atomics of an item meet. The shuffle makes the
+    // others wait for it, which keeps the items in order.
     uint before = 0;
     if (rank.x == 0) before = atomicAdd(values[gl_SubgroupID * DIGITS + digit], rank.y);
     return subgroupShuffle(before, subgroupBallotFindLSB(same)) + rank.x;
 }
 
-// Makes the counts of digits, of which lane d serves digit d, sums over the subgroups before; over the digits before too
-// in `keys`.
+// Replaces the counts of every digit by their sums over the subgroups before, and sets `keys` to the sums over the
+// digits before. Lane d handles digit d.
 void scan_digits() {
     uint sum = 0, total;
     if (lane() < DIGITS) {
@@ -63,7 +67,7 @@ void scan_digits() {
     if (lane() < DIGITS) keys[lane()] = before;
 }
 
-// Sorts stably by the bits from `shift` on, DIGIT_BITS of them.
+// Sorts stably by DIGIT_BITS bits of the keys, from bit `shift` on.
 void sort_by_digit(uint shift) {
     uint bits = min(DIGIT_BITS, 32 - shift);
     for (uint i = lane(); i < COUNTS; i += WORKGROUP) values[i] = 0;
@@ -94,7 +98,7 @@ bool exists(uint k) {
     return own + k * gl_SubgroupSize < count;
 }
 
-// Makes keys differences from the lowest; returns the bits in which they differ.
+// Subtracts the lowest key from all keys. Returns the number of bits that the largest then has.
 uint lower_keys() {
     if (lane() == 0) {
         lowest = NONE;
@@ -106,18 +110,19 @@ uint lower_keys() {
     EACH_ITEM(REACH)
     low = subgroupMin(low);
     high = subgroupMax(high);
+    // A minimum and a maximum: order does not matter.
     if (subgroupElect()) {
         atomicMin(lowest, low);
         atomicMax(highest, high);
     }
     barrier();
-    // Past the end: the largest digits, behind every key that exists.
+    // Items past the end take the largest digits, which come after every key that exists.
 #define LOWER(k) key[k] = exists(k) ? key[k] - lowest : NONE;
     EACH_ITEM(LOWER)
     return uint(findMSB(highest - lowest) + 1);
 }
 
-// Sorts the run, by keys alone and stably.
+// Sorts the run stably by its keys alone.
 void sort_by_keys() {
     uint bits = lower_keys();
     for (uint shift = 0; shift < bits; shift += DIGIT_BITS) {
@@ -126,7 +131,7 @@ void sort_by_keys() {
     }
 }
 
-// Makes BIN_RUN counts in `values` from `first` on sums of those before.
+// Replaces BIN_RUN counts in `values`, from `first` on, by their exclusive sums.
 void scan_counts(uint first) {
     const uint EACH = BIN_RUN / WORKGROUP;
     uint sum = 0, total;
@@ -140,22 +145,25 @@ void scan_counts(uint first) {
     barrier();
 }
 
+// The number of entries before a place, or before a part of the keys' range, by the sums from `first` on.
 uint count_before(uint first, uint place) {
     return place < BIN_RUN ? values[first + place] : count;
 }
 
-// Puts every entry where as many are expected before it as there are, by a distribution that is even within each of
-// BIN_RUN equal parts of the keys' range. Leaves, from BIN_RUN on, how many entries come before each place.
+// Puts every entry at the place that is expected if keys are spread evenly within each of BIN_RUN equal parts of their
+// range. Leaves the number of entries before each place in `values`, from BIN_RUN on.
 void sort_by_distribution() {
     uint bits = lower_keys(), shift = bits - min(bits, PLACE_BITS);
     for (uint i = lane(); i < 2 * BIN_RUN; i += WORKGROUP) values[i] = 0;
     barrier();
+    // Counts, and ranks among entries that are sorted later: order does not matter.
 #define COUNT_PART(k) if (exists(k)) atomicAdd(values[key[k] >> shift], 1);
     EACH_ITEM(COUNT_PART)
     barrier();
     scan_counts(0);
     uvec4 place, rank;
-    // The product has 32 bits at most: of a key's `shift` <= 21 and of a count's 11, but for a run of one depth.
+    // The product has at most 32 bits: `shift` <= 21 of the key and 11 of the count. A count has 12 bits only if all
+    // keys are equal; the product is then 0.
 #define EXPECT(k) \
     if (exists(k)) { \
         uint part = key[k] >> shift, before = values[part]; \
@@ -176,13 +184,13 @@ void sort_by_distribution() {
     barrier();
 }
 
-// Whether an entry comes before another, by depth and then by Gaussian.
+// True if an entry comes before another, by depth and then by Gaussian.
 bool is_before(uint one_key, uint one_value, uint other_key, uint other_value) {
     if (one_key != other_key) return one_key < other_key;
     return gaussian_from_splat[one_value] < gaussian_from_splat[other_value];
 }
 
-// Sorts a few entries from `first` on.
+// Sorts `few` entries from `first` on by insertion.
 void sort_few(uint first, uint few) {
     for (uint i = first + 1; i < first + few; i++) {
         uint its_key = keys[i], its_value = values[i], place = i;
@@ -223,7 +231,7 @@ void main() {
     }
     barrier();
     if (is_crowded == 1) {
-        // By Gaussian first: equal depths stay in that order.
+        // The sort by Gaussian comes first: the sort by depth is stable and keeps its order at equal depths.
 #define LOAD_GAUSSIAN(k) key[k] = gaussian_from_splat[value[k]];
         EACH_ITEM(LOAD_GAUSSIAN)
         sort_by_keys();

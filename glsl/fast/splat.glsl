@@ -1,11 +1,13 @@
-// A splat as the fast path keeps it, in two or three elements: with COMPACT, its colour is in 16-bit floats.
-// Behind frame.glsl and rules.glsl.
+// A splat as the fast path stores it, in two or three elements of 16 bytes: with COMPACT, its colour is in 16-bit
+// floats.
+// Requires: frame.glsl, rules.glsl
 
 layout(constant_id = 5) const bool COMPACT = false;
 const uint SPLAT_WORDS = COMPACT ? 2 : 3;
 
-// The first two elements: mean and factor, and in `second.y` the falloff past which it is not drawn,
-// log2(opacity / ALPHA_MIN), which keeps its digits where the opacity is hardly more than ALPHA_MIN.
+// The first two elements hold mean, factor and colour. In place of the opacity, `y` of the second is the falloff beyond
+// which the splat is not drawn, log2(opacity / ALPHA_MIN): it keeps its precision where the opacity is hardly above
+// ALPHA_MIN.
 uvec4 first_element(Splat splat) {
     return floatBitsToUint(vec4(splat.mean_px, splat.factor.xy));
 }

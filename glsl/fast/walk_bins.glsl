@@ -1,12 +1,12 @@
-// Goes through the bins of a chunk of splats. Behind the declarations of `totals`, `span_ranges`, `spans` and `push`, and of
-// visit(bin, splat), which is called once for each.
-// Splats touch one bin or thousands. A lane visits the few bins of a small splat alone; a subgroup shares first the rows of
-// its larger splats, then the bins of these rows.
+// Visits the bins of a chunk of splats: calls visit(bin, splat) once for every bin that a splat touches.
+// Requires: totals, span_ranges[], spans[], push.bins_x, push.visible_capacity, visit(bin, splat)
+// Splats touch one bin or thousands. A lane visits the few bins of a small splat alone; a subgroup shares first the
+// rows of its larger splats, then the bins of these rows.
 
 #include "fast/subgroup_owner.glsl"
-const uint ROWS_ALONE = 2, BINS_ALONE = 4;  // most of a small splat
+const uint ROWS_ALONE = 2, BINS_ALONE = 4;  // most rows and bins of a small splat
 
-// The `row`-th span of a splat, whose only one is in place.
+// The `row`-th span of a splat. A splat with one row has its span in the range itself.
 uint span_of(uvec2 range, uint row) {
     return range.y >> 16 == 1 ? range.x : spans[range.x + row];
 }
@@ -15,7 +15,7 @@ uint width_of(uint span) {
     return (span >> 16) - (span & 0xffff);
 }
 
-// Visits a small splat's bins, and returns whether it is small.
+// Visits the bins of a splat if it is small. Returns true if it is.
 bool visit_alone(uvec2 range, uint splat) {
     uint rows = range.y >> 16;
     if (rows > ROWS_ALONE) return false;
@@ -27,7 +27,7 @@ bool visit_alone(uvec2 range, uint splat) {
     return true;
 }
 
-// Visits the bins of the spans that the lanes have, in these rows of bins.
+// Visits the bins of the spans of all lanes. `row`: the row of bins of this lane's span.
 void visit_spans(uint row, uint span, uint splat) {
     uint width = width_of(span), bin = row * push.bins_x + (span & 0xffff);
     uint before = subgroupExclusiveAdd(width), all = subgroupAdd(width);
@@ -39,6 +39,7 @@ void visit_spans(uint row, uint span, uint splat) {
     }
 }
 
+// Visits the bins of the larger splats of all lanes. `rows`: rows of bins of this lane's splat, 0 if it is small.
 void visit_together(uvec2 range, uint rows, uint splat) {
     uint before = subgroupExclusiveAdd(rows), all = subgroupAdd(rows);
     for (uint done = 0; done < all; done += SUBGROUP) {
@@ -53,8 +54,8 @@ void visit_chunk(uint chunk) {
     uint visible = min(totals.visible, push.visible_capacity);
     uint each = div_up(visible, BIN_CHUNKS);
     uint begin = min(visible, chunk * each), end = min(visible, begin + each);
-    // Lanes of a subgroup take splats far from one another: those nearby are often in one bin, where they would wait for
-    // each other.
+    // Lanes of a subgroup take splats far from one another: neighbours are often in one bin, where their atomics would
+    // wait for each other.
     uint part = div_up(end - begin, SUBGROUP);
     uint own_begin = begin + gl_SubgroupInvocationID * part, own_end = min(own_begin + part, end);
     for (uint first = 0; first < part; first += gl_NumSubgroups) {

@@ -1,6 +1,6 @@
-// The numbers by which the host names what is inspected and shown. build.rs repeats them in Rust.
+// The numbers that the host and the shaders of the inspector share. build.rs makes Rust constants of them.
 
-// What shade_attribute gives splats in place of their colours.
+// The attribute that shade_attribute writes in place of the colour of a splat.
 const uint ATTRIBUTE_DEPTH = 0;
 const uint ATTRIBUTE_NORMAL = 1;
 const uint ATTRIBUTE_OPACITY = 2;
@@ -9,7 +9,7 @@ const uint ATTRIBUTE_ANISOTROPY = 4;
 const uint ATTRIBUTE_BASE_COLOUR = 5;
 const uint ATTRIBUTE_IDENTITY = 6;
 
-// What inspect counts or draws.
+// The work that inspect counts or draws.
 const uint WORK_TILE_LOAD = 0;
 const uint WORK_EVALUATIONS = 1;
 const uint WORK_CONTRIBUTIONS = 2;
@@ -17,17 +17,17 @@ const uint WORK_CENTRES = 3;
 const uint WORK_OUTLINES = 4;
 const uint WORK_DEPTHS = 5;
 
-// Which of two pictures show shows.
+// The way in which show compares two pictures.
 const uint MODE_FIRST = 0;
 const uint MODE_SECOND = 1;
 const uint MODE_SPLIT = 2;
 const uint MODE_DIFFERENCE = 3;
 
-// The quantity of a pixel that show shows.
+// The quantity of a pixel that show displays.
 const uint QUANTITY_COLOUR = 0;         // the picture as it is
 const uint QUANTITY_NUMBER = 1;         // the number in all three channels
 const uint QUANTITY_MEAN = 2;           // the same, divided by the coverage
 const uint QUANTITY_COVERAGE = 3;       // 1 - T
 const uint QUANTITY_TRANSMITTANCE = 4;  // T
 
-const uint COLOURS = 256;  // in the scale of false colours
+const uint COLOURS = 256;  // number of colours in the scale of false colours

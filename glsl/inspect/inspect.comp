@@ -3,12 +3,12 @@
 #include "portable/frame.glsl"
 #include "inspect/codes.glsl"
 #include "portable/blend_splat.glsl"
-// One workgroup per 16x16 tile, one invocation per pixel: walks the tile's list as a blend does, and counts or draws what
-// there is to do instead of doing it.
-// Before: ranges and sorted splat_ids; for depths, splats with theirs as colour. After: image = (a count in all three
-// channels, 1), (colour, 1 - T), or (mean depth, median depth, count, 1 - T).
-// A list longer than `pass_limit` takes several passes; between them the image holds the same with T instead, negated once
-// a pixel has stopped.
+// One workgroup per 16x16 tile, one invocation per pixel: walks the tile's list as a blend does, and counts or draws
+// the work instead of blending.
+// Before: ranges and sorted splat_ids; for WORK_DEPTHS, splats with their depth as colour. After: image = (a count in
+// all three channels, 1), (colour, 1 - T), or (mean depth, median depth, count, 1 - T).
+// A list longer than `pass_limit` takes several passes; between them the image holds the same with T in place of alpha,
+// negated for pixels that have stopped.
 
 layout(constant_id = 1) const bool RESUME = false;  // not the first pass
 layout(constant_id = 2) const uint WORK = 0;
@@ -22,26 +22,25 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size_px;
     uint tiles;
     vec3 background;
-    uint pass_begin;   // entries of each list that earlier passes walked
-    uint pass_limit;   // entries of a list that this pass may walk
+    uint pass_begin;   // instances of each list that earlier passes walked
+    uint pass_limit;   // instances of a list that this pass may walk
     uint last_pass;    // 1: finish the pixels
 } push;
 
 #include "portable/blend_pixel.glsl"
 
-// render/inspect.rs has what they mean.
-
+// `Work` in src/render/inspect/inspector.rs documents the pictures that these constants shape.
 const float CENTRE_RADIUS = 1.5;         // px
 const float OUTLINE_ALPHA = 0.5;
 const float OUTLINES_STOP = 1.0 / 512.0;  // half a step of 8 bits
-const float NOTHING = 1e-12;              // behind this transmittance nothing is seen
+const float NOTHING = 1e-12;              // behind this transmittance nothing is visible
 
 shared vec2 staged_mean[WORKGROUP];
 shared vec4 staged_weight[WORKGROUP];  // factor, opacity
 shared vec4 staged_look[WORKGROUP];    // colour and limit
 shared uint stopped_lanes;
 
-// Whether a splat is drawn at offset `d`, but no longer a pixel farther out.
+// True if a splat is drawn at the offset `d` (px) from its mean, but not one pixel farther out.
 bool is_border(vec3 factor, float limit, vec2 d) {
     float u = factor.x * d.x + factor.y * d.y, v = factor.z * d.y;
     vec2 outwards = vec2(factor.x * u, factor.y * u + factor.z * v);  // half the gradient of the falloff
@@ -49,14 +48,15 @@ bool is_border(vec3 factor, float limit, vec2 d) {
     return falloff(factor, d) <= limit && !(falloff(factor, d + outwards) <= limit);
 }
 
-// (mean depth, median depth, count) with one more splat, which has this share of the pixel and leaves `after` of it.
+// Adds a splat to (mean depth, median depth, count). It has this share of the pixel and changes the transmittance from
+// `before` to `after`.
 vec3 add_depth(vec3 sum, float depth, float share, float before, float after) {
-    // The mean goes towards each new depth by its part of all shares so far: it never leaves the depths that it is of.
+    // The mean moves towards each new depth by its part of all shares so far, so it never leaves the range of depths.
     float mean = sum.z == 0.0 ? depth : sum.x + (depth - sum.x) * share / max(1.0 - after, share);
     return vec3(mean, before > 0.5 && after <= 0.5 ? depth : sum.y, sum.z + 1.0);
 }
 
-// What staged splat `i` does to a pixel; true if that ends it.
+// Applies staged splat `i` to a pixel. Returns true if the pixel stops.
 bool walk_splat(uint i, vec2 centre, inout vec3 sum, inout float transmittance) {
     vec2 mean = staged_mean[i];
     vec4 weight = staged_weight[i], look = staged_look[i];
@@ -75,7 +75,8 @@ bool walk_splat(uint i, vec2 centre, inout vec3 sum, inout float transmittance) 
     vec3 share = vec3(0.0);
     float before = transmittance;
     bool ends = blend_splat(mean, weight, vec4(vec3(1.0), look.w), centre, share, transmittance);
-    // The splat that ends a pixel is added if the transmittance fell under STOP, and not if it would fall under its minimum.
+    // The splat that stops a pixel is drawn if the transmittance fell below STOP, but not if it would fall below
+    // TRANSMITTANCE_MIN.
     bool drawn = falloff(weight.xyz, centre - mean) <= look.w && (!ends || transmittance != before);
     if (WORK == WORK_DEPTHS) {
         if (drawn) sum = add_depth(sum, look.r, share.r, before, transmittance);
@@ -109,7 +110,8 @@ void main() {
         end = begin;
     }
     for (uint batch = begin; batch < end; batch += WORKGROUP) {
-        barrier();  // all are done with the batch before; nobody stops until the next barrier, so all agree here
+        // All lanes are done with the last batch. No lane stops before the next barrier, so all take the same branch.
+        barrier();
         if (stopped_lanes == WORKGROUP) break;
         if (batch + lane() < end) {
             Splat splat = splats[splat_ids[batch + lane()]];

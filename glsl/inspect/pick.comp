@@ -3,8 +3,8 @@
 #include "portable/frame.glsl"
 #include "shared/depth.glsl"
 #include "portable/blend_splat.glsl"
-// One invocation per entry of one tile's list: what the blend finds there at one pixel.
-// Before: the lists of a complete frame. After: gaussians and evidence of all `count` entries, front to back.
+// One invocation per instance of one tile's list: computes what the blend finds there at one pixel.
+// Before: the lists of a complete frame. After: gaussians and evidence of all `count` instances, front to back.
 
 struct Evidence {
     float depth;  // view z
@@ -20,8 +20,8 @@ layout(binding = 4, scalar) writeonly buffer GaussianIds { uint gaussians[]; }; 
 layout(binding = 5, scalar) writeonly buffer EvidenceBlock { Evidence evidence[]; };        // [count]
 layout(push_constant, scalar) uniform Push {
     View view;
-    uint first;   // entry of the list
-    uint count;   // entries
+    uint first;   // index of the list's first instance
+    uint count;   // instances in the list
     uvec2 pixel;
 } push;
 

@@ -6,8 +6,8 @@
 #include "shared/harmonics.glsl"
 #include "shared/grids.glsl"
 #include "shared/rotation.glsl"
-// One invocation per visible Gaussian: an attribute of it becomes the colour of its splat.
-// Before: splats from project. After: the colour of each is the attribute, which may be negative, and is finite.
+// One invocation per visible Gaussian: writes one of its attributes as the colour of its splat.
+// Before: splats from project. After: the colour of each splat is the attribute, which may be negative and is finite.
 
 layout(constant_id = 3) const uint ATTRIBUTE = 0;
 
@@ -24,9 +24,9 @@ layout(push_constant, scalar) uniform Push {
 
 #include "shared/storage.glsl"
 
-// render/inspect.rs has what they mean.
+// `Attribute` in src/render/inspect/inspector.rs documents the attributes and their units.
 
-// The shortest axis in world axes, towards the camera; the first of equal ones.
+// The shortest axis in world space, turned to the camera; the first one if several are equally short.
 vec3 normal_of(vec4 rotation, vec3 scale, vec3 from_camera) {
     uint shortest = scale.y < scale.x ? 1 : 0;
     if (scale.z < scale[shortest]) shortest = 2;
@@ -34,12 +34,12 @@ vec3 normal_of(vec4 rotation, vec3 scale, vec3 from_camera) {
     return dot(normal, from_camera) > 0.0 ? -normal : normal;
 }
 
-// What has no length at all is taken for the smallest normal float.
+// log2 of a length; a length of 0 counts as the smallest normal float.
 float log2_length(float length) {
     return log2(max(length, 1.17549435e-38));
 }
 
-// A colour that has nothing to do with its neighbours' (the permutation of PCG, O'Neill 2014), not too dark to be seen.
+// A colour unrelated to those of neighbouring numbers (the permutation of PCG, O'Neill 2014), and not too dark.
 vec3 colour_of_number(uint number) {
     uint state = number * 747796405u + 2891336453u;
     uint word = ((state >> ((state >> 28) + 4)) ^ state) * 277803737u;

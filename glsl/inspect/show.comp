@@ -2,12 +2,13 @@
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
 #include "inspect/codes.glsl"
-// One invocation per pixel of a window: what it shows of one or two pictures, in 8 bits.
-// A frame that did not find room is no picture: where it was to be shown, what was shown before stays.
-// Before: the pictures are drawn and their totals counted. After: `shown` has the pixels, and so has `screen`, if DIRECT.
+// One invocation per pixel of a window: converts what it shows of one or two pictures to 8 bits.
+// A frame that did not fit its buffers is not shown: its pixels keep what they showed before.
+// Before: the pictures are drawn and their totals counted. After: `shown` has the pixels; with DIRECT, `screen` has
+// them too.
 
 layout(constant_id = 0) const bool DIRECT = true;  // the window's image takes stores; else `shown` is copied to it
-layout(constant_id = 1) const bool BGRA = false;   // what is copied has blue first
+layout(constant_id = 1) const bool BGRA = false;   // the window's image has blue first
 
 layout(binding = 0, rgba32f) readonly uniform image2D first;
 layout(binding = 1, rgba32f) readonly uniform image2D second;
@@ -29,11 +30,11 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size_px;
     uint mode;
     float split_px;    // the second picture is to the right of here
-    float gain;        // on differences
+    float gain;        // factor of differences
     uint quantity;
     uint logarithmic;  // 1: `low` and `high` are the ends of a logarithmic scale
     float low;         // the quantity that has the first colour
-    float high;        // and the last
+    float high;        // the quantity that has the last colour
     Room first_room;
     Room second_room;
 } push;
@@ -43,7 +44,7 @@ bool is_complete(Totals totals, Room room) {
         && totals.listed_low <= room.listed && totals.longest_list <= room.longest_list;
 }
 
-// The nearest of 255 steps, halves away from zero, NaN as 0: as files have it.
+// The nearest of 255 steps, with halves rounded away from zero and NaN as 0, as in image files.
 uint step_of(float value) {
     precise float steps = (value > 0.0 ? min(value, 1.0) : 0.0) * 255.0;
     float whole = floor(steps);
@@ -75,7 +76,8 @@ void main() {
     if (pixel.y >= push.size_px.y) return;
     ivec2 place = ivec2(pixel);
     bool shows_second = push.mode == MODE_SECOND || push.mode == MODE_SPLIT && float(pixel.x) + 0.5 > push.split_px;
-    bool complete = shows_second ? is_complete(second_totals, push.second_room) : is_complete(first_totals, push.first_room);
+    bool complete =
+        shows_second ? is_complete(second_totals, push.second_room) : is_complete(first_totals, push.first_room);
     vec3 colour;
     if (push.mode == MODE_DIFFERENCE) {
         complete = complete && is_complete(second_totals, push.second_room);

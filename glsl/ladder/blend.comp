@@ -3,15 +3,18 @@
 #include "shared/ballot.glsl"
 #include "portable/frame.glsl"
 #include "portable/blend_splat.glsl"
-// One workgroup per 16x16 tile, one invocation per pixel: the blends that the ladder of optimizations climbs from.
-// BATCH 0 reads every splat from memory for every pixel; else batches of BATCH splats are staged in workgroup memory.
-// Before: ranges and sorted splat_ids. After: image = (colour over the background, 1 - T), the bits of blend.comp.
-// A list longer than `pass_limit` takes several passes; between them the image holds (colour, T), T negated once a pixel
-// has stopped.
+// One workgroup per 16x16 tile, one invocation per pixel: blends the tile's list front to back, with fewer
+// optimizations than portable/blend.comp, for the ladder that measures each of them.
+// With BATCH = 0 every pixel reads every splat from memory; otherwise BATCH splats at a time are staged in workgroup
+// memory.
+// Before: ranges and sorted splat_ids. After: image = (colour over the background, 1 - T), with the same bits as from
+// portable/blend.comp.
+// A list longer than `pass_limit` takes several passes; between them the image holds (colour, T), with T negated for
+// pixels that have stopped.
 
 layout(constant_id = 0) const uint BATCH = 0;
 layout(constant_id = 1) const bool RESUME = false;       // not the first pass
-layout(constant_id = 2) const bool BALLOT_EXIT = false;  // subgroups tell the workgroup that they stopped, not lanes
+layout(constant_id = 2) const bool BALLOT_EXIT = false;  // subgroups, not lanes, report that they stopped
 
 layout(binding = 0, scalar) readonly buffer Ranges { uvec2 ranges[]; };                     // [tiles]
 layout(binding = 1, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [instance_capacity]
@@ -22,8 +25,8 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size_px;
     uint tiles;
     vec3 background;
-    uint pass_begin;   // entries of each list that earlier passes blended
-    uint pass_limit;   // entries of a list that this pass may blend
+    uint pass_begin;   // instances of each list that earlier passes blended
+    uint pass_limit;   // instances of a list that this pass may blend
     uint last_pass;    // 1: finish the pixels
 } push;
 
@@ -50,7 +53,8 @@ void blend_from_memory(vec2 centre, uint begin, uint end) {
 void blend_in_batches(vec2 centre, uint begin, uint end) {
     bool told = false;
     for (uint batch = begin; batch < end; batch += STAGED) {
-        barrier();  // all are done with the batch before; nobody stops until the next barrier, so all agree here
+        // All lanes are done with the last batch. No lane stops before the next barrier, so all take the same branch.
+        barrier();
         if (stopped_lanes == WORKGROUP) break;
         if (lane() < STAGED && batch + lane() < end) {
             Splat splat = splats[splat_ids[batch + lane()]];

@@ -1,11 +1,12 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-// One invocation per splat: writes its instances, at the place that the scan gave it or, in a single pass, that it takes.
-// Before: span_ranges, spans and tile_counts from project; totals.listed_kept; instance_offsets from scan, or
-// `cursor` is 0. After: tile_keys and splat_ids [0 .. instances_kept] hold every (tile, splat) once. In a single pass
-// workgroups take their places in any order: the sort behind it has to order by depth as well, and what lies at one
-// depth and tile stays in any order.
+// One invocation per splat: writes its instances, from the place that scan found or, with SINGLE_PASS, from the place
+// that its workgroup allocates.
+// Before: span_ranges, spans and tile_counts from project; totals.listed_kept; instance_offsets from scan, or with
+// SINGLE_PASS `cursor` is 0. After: tile_keys and splat_ids [0 .. listed_kept] hold every (tile, splat) once.
+// With SINGLE_PASS workgroups take their places in any order: the sort after it has to order by depth as well, and
+// instances of one tile and depth stay in any order.
 
 layout(constant_id = 0) const bool SINGLE_PASS = false;
 
@@ -28,7 +29,7 @@ shared uint first_instance;
 uint allocate(uint count) {
     uint total;
     uint place = workgroup_exclusive_add(count, total);
-    if (lane() == 0) first_instance = atomicAdd(cursor[0], total);  // any order: see above
+    if (lane() == 0) first_instance = atomicAdd(cursor[0], total);  // any order is right: see above
     barrier();
     return first_instance + place;
 }

@@ -4,11 +4,12 @@
 #include "portable/frame.glsl"
 #include "portable/blend_splat.glsl"
 // One workgroup per 16x16 tile, one invocation per pixel: blends the tile's list front to back.
-// Batches of 256 splats are staged in workgroup memory. Each subgroup holds a small block of pixels, ballots which
-// staged splats reach it, walks only those, and leaves when all its pixels are opaque; the workgroup leaves with the last.
+// Batches of 256 splats are staged in workgroup memory. Each subgroup holds a small block of pixels, finds the staged
+// splats that reach it by ballot, blends only those, and ends when all its pixels have stopped. The workgroup ends with
+// its last subgroup.
 // Before: ranges and sorted splat_ids. After: image = (colour over the background, 1 - T).
-// A list longer than `pass_limit` takes several passes; between them the image holds (colour, T), T negated once a pixel
-// has stopped.
+// A list longer than `pass_limit` takes several passes; between them the image holds (colour, T), with T negated for
+// pixels that have stopped.
 
 layout(constant_id = 0) const bool CULL_PIXEL_BLOCKS = true;
 layout(constant_id = 1) const bool RESUME = false;  // not the first pass
@@ -24,8 +25,8 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size_px;
     uint tiles;
     vec3 background;
-    uint pass_begin;   // entries of each list that earlier passes blended
-    uint pass_limit;   // entries of a list that this pass may blend
+    uint pass_begin;   // instances of each list that earlier passes blended
+    uint pass_limit;   // instances of a list that this pass may blend
     uint last_pass;    // 1: finish the pixels
 } push;
 
@@ -33,16 +34,16 @@ layout(push_constant, scalar) uniform Push {
 
 shared vec2 staged_mean[WORKGROUP];
 shared vec4 staged_weight[WORKGROUP];  // factor, opacity
-shared vec4 staged_colour[WORKGROUP];  // colour, and the falloff past which it is not drawn
+shared vec4 staged_colour[WORKGROUP];  // colour, and the falloff beyond which the splat is not drawn
 shared uint stopped_subgroups;
 
-// Even bits of a byte: half of a Morton index.
+// The even bits of a byte, packed: one coordinate of a Morton index.
 uint even_bits(uint i) {
     return (i & 1) | (i >> 1 & 2) | (i >> 2 & 4) | (i >> 3 & 8);
 }
 
-// Whether staged splat `i` may reach a pixel centre in the box from `low` to `high` px. Exact but for a slack that
-// covers rounding: the least falloff in the box lies at the mean or on one of the two sides that face it.
+// True if staged splat `i` may reach a pixel centre in the box from `low` to `high` (px). The test is exact, apart from
+// a slack for rounding: the least falloff in the box lies at the mean or on one of the two sides that face it.
 bool reaches(uint i, vec2 low, vec2 high) {
     vec3 factor = staged_weight[i].xyz;
     vec2 from = low - staged_mean[i], to = high - staged_mean[i];
@@ -52,9 +53,10 @@ bool reaches(uint i, vec2 low, vec2 high) {
     vec2 on_x = vec2(near.x, clamp(best_y, from.y, to.y));
     vec2 on_y = vec2(clamp(best_x, from.x, to.x), near.y);
     float least = min(falloff(factor, on_x), falloff(factor, on_y));
-    // u is a difference of products: its rounding shifts sqrt(falloff) by this much.
+    // u is a difference of products. Its rounding shifts sqrt(falloff) by at most the second term.
     vec2 far = max(abs(from), abs(to));
-    float limit = sqrt(float(staged_colour[i].w) + 1e-4) + 1e-6 * (factor.x * far.x + (abs(factor.y) + factor.z) * far.y);
+    float limit =
+        sqrt(float(staged_colour[i].w) + 1e-4) + 1e-6 * (factor.x * far.x + (abs(factor.y) + factor.z) * far.y);
     return !(least > limit * limit);
 }
 
@@ -64,7 +66,7 @@ void stage(Splat splat) {
     staged_colour[lane()] = colour_and_limit(splat);
 }
 
-// The `place`-th tile when those with long lists come first.
+// The `place`-th tile in the order of the classes, which begins with the longest lists.
 uint next_tile(uint place) {
     for (uint c = 0; c < TILE_CLASSES; c++) {
         uint count = totals.tiles_in_class[c];
@@ -74,7 +76,7 @@ uint next_tile(uint place) {
     return 0;  // unreachable: every tile is in a class
 }
 
-// Adds a workgroup's share to what a counting blend counts. All are sums of integers: order does not matter.
+// Adds the counts of this subgroup to `totals`. All are sums of integers: order does not matter.
 void count_work(uint evaluations, uint walked, bool opaque, bool has_list) {
     uint sum = subgroupAdd(evaluations), slots = subgroupAdd(walked), pixels = subgroupAdd(uint(opaque));
     if (subgroupElect()) {
@@ -113,13 +115,14 @@ void main() {
     uint end = begin + min(push.pass_limit, list.y - begin);
     bool subgroup_stopped = false;
     uint evaluations = 0, walked = 0;
-    // Loaded a batch ahead, and its id two: the loads run while the batch before is blended.
+    // Splats are loaded one batch ahead and their ids two, so that the loads run while a batch is blended.
     Splat ahead;
     uint id_ahead = 0;
     if (begin + lane() < end) ahead = splats[splat_ids[begin + lane()]];
     if (begin + WORKGROUP + lane() < end) id_ahead = splat_ids[begin + WORKGROUP + lane()];
     for (uint batch = begin; batch < end; batch += WORKGROUP) {
-        barrier();  // all are done with the batch before; nobody stops until the next barrier, so all agree here
+        // All lanes are done with the last batch. No lane stops before the next barrier, so all take the same branch.
+        barrier();
         if (stopped_subgroups == gl_NumSubgroups) break;
         stage(ahead);
         barrier();
@@ -129,7 +132,8 @@ void main() {
         uint count = min(WORKGROUP, end - batch);
         for (uint first = 0; first < count && !subgroup_stopped; first += gl_SubgroupSize) {
             uint mine = first + gl_SubgroupInvocationID;
-            uvec4 reaching = subgroupBallot(mine < count && (!CULL_PIXEL_BLOCKS || reaches(mine, block_low, block_high)));
+            uvec4 reaching =
+                subgroupBallot(mine < count && (!CULL_PIXEL_BLOCKS || reaches(mine, block_low, block_high)));
             for (uint w = 0; w < BALLOT_WORDS; w++) {
                 for (uint word = reaching[w]; word != 0; word &= word - 1) {
                     uint i = first + 32 * w + findLSB(word);

@@ -2,15 +2,15 @@
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
 #include "portable/blend_splat.glsl"
-// One workgroup per 16x16 tile, one invocation per pixel: blends the tile's list front to back as blend.comp does, bit for
-// bit, and certifies how far the picture is from the sum of all contributions in the same order.
+// One workgroup per 16x16 tile, one invocation per pixel: blends the tile's list front to back as blend.comp does, bit
+// for bit, and bounds the distance of the picture from the sum of all contributions in the same order.
 //
-// With T the transmittance of the picture, a contribution alpha that is left out moves a colour by T * alpha * D at most,
-// and all that lies behind the end of a pixel by T * D, D the brightest colour there is (docs/accuracy.md). These are
-// proven; the rounding of f32 is allowed for besides.
+// Let T be the transmittance of the picture and D the brightest colour. A contribution alpha that is left out moves a
+// colour by at most T * alpha * D, and everything behind the point where a pixel stops by at most T * D
+// (docs/accuracy.md). These bounds are proven; an allowance for the rounding of f32 is added.
 // Before: ranges and sorted splat_ids, of splats that are listed wherever their alpha reaches the listing threshold.
 // After: image = (colour over the background, 1 - T), certificate = the bound on every channel. Between the passes of a
-// long list, image is as blend.comp has it and certificate (sum so far, brightest colour so far).
+// long list, image holds what it holds in blend.comp, and certificate (sum so far, brightest colour so far).
 
 layout(constant_id = 1) const bool RESUME = false;  // not the first pass
 
@@ -24,11 +24,11 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size_px;
     uint tiles;
     vec3 background;
-    uint pass_begin;          // entries of each list that earlier passes blended
-    uint pass_limit;          // entries of a list that this pass may blend
+    uint pass_begin;          // instances of each list that earlier passes blended
+    uint pass_limit;          // instances of a list that this pass may blend
     uint last_pass;           // 1: finish the pixels
-    float unlisted;           // what contributions under the listing threshold add up to at most
-    float position_error_px;  // of a mean near the middle of the image
+    float unlisted;           // upper bound on the sum of all contributions below the listing threshold
+    float position_error_px;  // rounding error of a mean near the middle of the image
 } push;
 
 #include "portable/blend_pixel.glsl"
@@ -40,7 +40,8 @@ shared uint brightest_bits;
 
 const float ULP = 1.1920929e-7;  // of 1.0
 
-// How far f32 rounding may move an alpha, relative to it: factors are a few units off, means a few of their size.
+// Upper bound on the relative error of an alpha by f32 rounding: factors and means are off by a few units in the last
+// place.
 float rounding(vec3 factor, vec2 mean, vec2 d, float fall) {
     float shift = push.position_error_px + 8.0 * ULP * max(abs(mean.x), abs(mean.y));
     float reach = (abs(factor.x * d.x) + abs(factor.y * d.y) + abs(factor.z * d.y)) * 16.0 * ULP;
@@ -77,7 +78,7 @@ void main() {
             staged_mean[lane()] = splat.mean_px;
             staged_weight[lane()] = vec4(splat.factor, splat.opacity);
             staged_look[lane()] = colour_and_limit(splat);
-            // What lies behind the end of a pixel has a colour too.
+            // Splats behind the point where a pixel stops count as well.
             brightest = max(brightest, max(splat.colour.r, max(splat.colour.g, splat.colour.b)));
         }
         barrier();
@@ -89,7 +90,7 @@ void main() {
             float part = transmittance * min(ALPHA_MAX, weight.w * exp2(-fall));
             float inexact = rounding(weight.xyz, staged_mean[i], d, fall);
             if (fall <= look.w) {
-                // Besides the weight, the product with T and two sums are rounded.
+                // The product with T and two sums are rounded, in addition to the weight.
                 sum += part * inexact + ULP * (transmittance + 1.0);
                 stopped = blend_splat(staged_mean[i], weight, look, centre, colour, transmittance);
                 if (stopped) sum += transmittance;
@@ -100,15 +101,16 @@ void main() {
     }
     barrier();
     float mine = subgroupMax(brightest);
-    // Floats that are not negative order like their bits; a maximum: order does not matter.
+    // Non-negative floats order like their bits. A maximum: order does not matter.
     if (subgroupElect()) atomicMax(brightest_bits, floatBitsToUint(mine));
     barrier();
     brightest = uintBitsToFloat(brightest_bits);
     if (!inside) return;
     float range = max(brightest, max(push.background.r, max(push.background.g, push.background.b)));
-    // The sum is rounded too, by no more than its terms are many.
+    // The sum itself is rounded, by at most one unit per term.
     float rounded = 1.0 + 1e-3 + float(list.y - list.x) * ULP;
     float bound = rounded * range * sum + push.unlisted;
-    imageStore(certificate, ivec2(pixel), push.last_pass == 1 ? vec4(vec3(bound), 1.0) : vec4(sum, brightest, 0.0, 0.0));
+    imageStore(
+        certificate, ivec2(pixel), push.last_pass == 1 ? vec4(vec3(bound), 1.0) : vec4(sum, brightest, 0.0, 0.0));
     end_pixel(pixel, colour, transmittance, stopped);
 }

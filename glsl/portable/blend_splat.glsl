@@ -1,8 +1,9 @@
-// What a splat does to a pixel: the arithmetic that all blends share, so that they agree bit for bit.
+// The effect of a splat on a pixel: the arithmetic that all blends of this path share, so that they agree bit for bit.
+// Requires: frame.glsl
 #include "shared/rules.glsl"
 #include "shared/blend_rules.glsl"
 
-// -log2 of a weight over its opacity, as a sum of squares.
+// -log2(weight / opacity) at the offset `d` from the mean (px), as a sum of squares.
 float falloff(vec3 factor, vec2 d) {
     precise float u = fma(factor.x, d.x, factor.y * d.y);
     precise float v = factor.z * d.y;
@@ -10,24 +11,24 @@ float falloff(vec3 factor, vec2 d) {
     return sum;
 }
 
-// The falloff past which a splat of this opacity is not drawn.
+// The falloff beyond which a splat of this opacity is not drawn.
 float falloff_limit(float opacity) {
     float limit = log2(opacity / ALPHA_MIN);
     return EXTENT == EXTENT_THREE_SIGMA ? min(limit, 4.5 * LOG2_E) : limit;
 }
 
-// What a splat is blended with: its colour, and its limit.
+// (colour, falloff limit) of a splat.
 vec4 colour_and_limit(Splat splat) {
     return vec4(splat.colour, falloff_limit(splat.opacity));
 }
 
-// Alpha where a splat of this opacity has this falloff, no more than its limit.
+// Alpha of a splat of this opacity at this falloff, which is at most its limit.
 float alpha_at(float opacity, float fall) {
     precise float alpha = min(ALPHA_MAX, opacity * exp2(-fall));
     return alpha;
 }
 
-// Blends a splat into a pixel; true if that ends the pixel. `weight`: factor, opacity; `look`: colour and limit.
+// Blends a splat into a pixel. Returns true if the pixel stops. `weight`: factor, opacity; `look`: colour and limit.
 bool blend_splat(vec2 mean, vec4 weight, vec4 look, vec2 pixel, inout vec3 colour, inout float transmittance) {
     float fall = falloff(weight.xyz, pixel - mean);
     if (!(fall <= look.w)) return false;

@@ -1,7 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-// One workgroup per chunk of 1024 Gaussians: which of them can touch the image?
+// One workgroup per chunk of 1024 Gaussians: marks those that may touch the image.
 // Before: nothing. After: visible_masks has a bit per Gaussian, chunk_counts the number of bits set in each chunk.
 // The test is a bound: a Gaussian that touches a pixel centre is never dropped, some that do not are kept.
 
@@ -33,7 +33,7 @@ void main() {
         }
         uvec4 ballot = subgroupBallot(visible);
         if (subgroupElect()) {
-            // `i` is a multiple of the subgroup size here. Disjoint bits: order does not matter.
+            // `first` is a multiple of the subgroup size. The bits are disjoint: order does not matter.
             uint first = i - gl_SubgroupInvocationID;
             for (uint w = 0; w * 32 < gl_SubgroupSize; w++) {
                 atomicOr(words[first / 32 + w], ballot[w] << (first % 32));

@@ -1,9 +1,9 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-// One workgroup per chunk of 1024 Gaussians: the ids of the visible ones, in ascending order.
+// One workgroup per chunk of 1024 Gaussians: writes the ids of the visible ones, in ascending order.
 // Before: visible_masks from cull, chunk_offsets from cull_offsets.
-// After: gaussian_from_splat[0 .. visible_kept] holds them; what has no room is left out.
+// After: gaussian_from_splat[0 .. visible_kept] holds them; ids beyond the capacity are left out.
 
 layout(binding = 0, scalar) readonly buffer VisibleMasks { uint visible_masks[]; };         // [chunks * 32]
 layout(binding = 1, scalar) readonly buffer ChunkOffsets { uint chunk_offsets[]; };         // [chunks]

@@ -1,8 +1,9 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-// One workgroup in all: where each chunk's visible Gaussians go.
-// Before: `sums` has the counts of cull. After: their exclusive sums; totals.visible and the dispatches over it are set.
+// One workgroup in all: finds where the visible Gaussians of each chunk go.
+// Before: `sums` has the counts of cull. After: `sums` has their exclusive sums; totals.visible and the dispatches over
+// it are set.
 
 layout(binding = 0, scalar) buffer Sums { uint sums[]; };                                   // [chunks]
 layout(binding = 1, scalar) buffer TotalsBlock { Totals totals; };

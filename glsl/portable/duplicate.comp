@@ -1,10 +1,11 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-// One workgroup per chunk of 1024 instances: the tile and the splat of each.
-// An invocation serves an instance, not a splat, so a splat on a thousand tiles holds nobody up and all stores coalesce.
+// One workgroup per chunk of 1024 instances: writes the tile and the splat of each.
+// An invocation handles one instance, not one splat, so a splat on a thousand tiles delays no other, and all stores
+// coalesce.
 // Before: instance_offsets and first_ranks from scan, spans from project. After: tile_keys and splat_ids
-// [0 .. instances_kept] are in depth order.
+// [0 .. listed_kept] are in depth order.
 
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };
 layout(binding = 1, scalar) readonly buffer Order { uint splat_from_rank[]; };              // [visible_capacity]
@@ -18,10 +19,10 @@ layout(push_constant, scalar) uniform Push {
     uint tiles_x;
 } push;
 
-// A splat in the list has an instance at least, so a chunk meets this many splats at most.
+// Every listed splat has at least one instance, so a chunk holds instances of at most this many splats.
 shared uint offsets[DUPLICATE_CHUNK];
 
-// The last of the staged splats that starts at or before `instance`.
+// The last staged splat whose first instance is at or before `instance`.
 uint find(uint instance) {
     uint low = 0;
     for (uint step = DUPLICATE_CHUNK / 2; step > 0; step /= 2) {

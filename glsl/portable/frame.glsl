@@ -1,15 +1,15 @@
-// What the stages of the portable path share: tiles, chunks, indirect dispatches.
+// Constants and types that the stages of the portable path share: tiles, chunks, indirect dispatches.
 #include "shared/frame.glsl"
 
 const uint TILE = 16;  // px, width and height of a tile
 
-// Elements that one workgroup of a stage takes.
+// Elements that one workgroup of a stage handles.
 const uint CULL_CHUNK = 1024;
 const uint SCAN_CHUNK = 2048;
 const uint SORT_CHUNK = 2048;
 const uint DUPLICATE_CHUNK = 1024;
 
-// Workgroup counts of the indirect dispatches.
+// Workgroup counts of the portable path's indirect dispatches.
 struct PortableDispatches {
     uvec3 over_visible;
     uvec3 sort_visible;

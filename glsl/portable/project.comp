@@ -8,10 +8,11 @@ const uvec2 LISTED = uvec2(TILE, TILE);
 #include "shared/ellipse.glsl"
 #include "shared/grids.glsl"
 #include "shared/rotation.glsl"
-// One invocation per visible Gaussian: its splat, its depth key, and the tiles it touches, as one span per tile row.
+// One invocation per visible Gaussian: computes its splat, its depth key, and the tiles it touches, as one span per
+// tile row.
 // Before: gaussian_from_splat from cull_compact; totals.spans and the instance demand are 0.
 // After: all [visible_kept] outputs are set. A splat without a tile has an empty span range and the largest depth key.
-// What a span says is what duplicate emits: no later stage decides a tile hit again.
+// duplicate writes exactly the tiles of these spans: no later stage decides a tile hit again.
 
 layout(binding = 0, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };            // [visible_capacity]
 layout(binding = 1, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
@@ -20,7 +21,8 @@ layout(binding = 3, scalar) readonly buffer Shapes { uvec4 plane[]; } shapes[2];
 layout(binding = 4, scalar) readonly buffer Sh { uvec4 plane[]; } sh[SH_PLANES];            // [gaussians] at most each
 layout(binding = 5, scalar) writeonly buffer Splats { Splat splats[]; };                    // [visible_capacity]
 layout(binding = 6, scalar) writeonly buffer DepthKeys { uint depth_keys[]; };              // [visible_capacity]
-layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity] first, rows
+// span_ranges: (first span, first row | rows << 16).
+layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity]
 layout(binding = 8, scalar) writeonly buffer TileCounts { uint tile_counts[]; };            // [visible_capacity]
 layout(binding = 9, scalar) writeonly buffer Spans { uint spans[]; };                       // [span_capacity]
 layout(binding = 10, scalar) buffer TotalsBlock { Totals totals; };
@@ -28,7 +30,7 @@ layout(push_constant, scalar) uniform Push {
     View view;
     uint span_capacity;
     uint depth_limit;  // the largest depth key, for splats without tiles
-    uint depth_shift;  // bits that depth keys leave out
+    uint depth_shift;  // lowest bits that depth keys leave out
 } push;
 
 #include "shared/storage.glsl"
@@ -53,8 +55,8 @@ void main() {
     uint total;
     uint offset = workgroup_exclusive_add(rows.y, total);
     if (lane() == 0) {
-        first_span = atomicAdd(totals.spans, total);  // any order: spans are found through their range
-        // Over 2^32 spans are at least as many instances: refused like those.
+        first_span = atomicAdd(totals.spans, total);  // any order is right: spans are found through their range
+        // More than 2^32 spans have at least as many instances, so the frame is refused in the same way.
         if (first_span + total < first_span) atomicAdd(totals.listed_high, 1);
     }
     barrier();

@@ -1,9 +1,9 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-// One invocation per instance: does a tile's list begin or end here?
-// Before: tile_keys are sorted, `ranges` is 0. After: ranges[t] = first and one past the last instance of tile t;
-// an empty tile keeps (0, 0).
+// One invocation per instance: writes its index to the range of its tile if the tile's list begins or ends here.
+// Before: tile_keys are sorted, `ranges` is 0. After: ranges[t] = (first, one past the last) instance of tile t; an
+// empty tile keeps (0, 0).
 
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };
 layout(binding = 1, scalar) readonly buffer TileKeys { uint tile_keys[]; };                 // [instance_capacity]

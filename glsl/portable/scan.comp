@@ -1,9 +1,9 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-// One workgroup per chunk of 2048 splats in depth order: the first instance of each splat.
-// Before: `sums` from scan_totals, exclusive. After: instance_offsets[rank] is set, and for every chunk of 1024
-// instances the rank of the splat that its first instance belongs to.
+// One workgroup per chunk of 2048 splats in depth order: finds the first instance of each splat.
+// Before: exclusive `sums` from scan_totals. After: instance_offsets[rank] is set; first_ranks has, for every chunk of
+// 1024 instances, the rank of the splat that its first instance belongs to.
 
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };
 layout(binding = 1, scalar) readonly buffer Order { uint splat_from_rank[]; };              // [visible_capacity]

@@ -1,7 +1,10 @@
-// Exclusive sum of `length` elements of `sums`, a buffer that the including shader declares, from `first` on, in place,
-// by one workgroup. Returns the total.
-const uint SCAN_ITEMS = 8;  // consecutive elements a lane, so that one round covers 2048
+// The exclusive prefix sum of a part of a buffer, in place, by one workgroup.
+// Requires: workgroup.glsl, sums[]
 
+const uint SCAN_ITEMS = 8;  // consecutive elements of a lane; one round covers 2048
+
+// Replaces `length` elements of `sums`, from `first` on, by their exclusive sums. Returns the total. The whole
+// workgroup must call it.
 uint scan_in_place(uint first, uint length) {
     uint carry = 0;
     for (uint base = 0; base < length; base += WORKGROUP * SCAN_ITEMS) {

@@ -1,7 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-// One workgroup per chunk of 2048 splats in depth order: the sum of their tile counts.
+// One workgroup per chunk of 2048 splats in depth order: adds up their tile counts.
 // Before: splat_from_rank is the depth order. After: sums[chunk] is set.
 
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };

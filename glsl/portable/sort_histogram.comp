@@ -3,7 +3,7 @@
 #include "portable/frame.glsl"
 layout(constant_id = 0) const uint DIGIT_BITS = 8;  // bits of a key that one pass sorts by
 #include "shared/digits.glsl"
-// One workgroup per chunk of 2048 keys: how many of them have each digit.
+// One workgroup per chunk of 2048 keys: counts the keys of each digit.
 // Before: keys[0 .. length]. After: sums[digit * chunks + chunk] is set.
 
 layout(binding = 0, scalar) readonly buffer Lengths { uint lengths[]; };

@@ -3,8 +3,8 @@
 #include "portable/frame.glsl"
 layout(constant_id = 0) const uint DIGIT_BITS = 8;  // bits of a key that one pass sorts by
 #include "shared/digits.glsl"
-// One workgroup per digit: where in the digit's run the keys of each chunk go.
-// Before: `sums` from sort_histogram. After: each digit's row is exclusive, and digit_totals has its sum.
+// One workgroup per digit: finds where the keys of each chunk go among all keys of the digit.
+// Before: `sums` from sort_histogram. After: each digit's row has exclusive sums, and digit_totals its total.
 
 layout(binding = 0, scalar) readonly buffer Lengths { uint lengths[]; };
 layout(binding = 1, scalar) buffer Sums { uint sums[]; };                                   // [digits * chunks]

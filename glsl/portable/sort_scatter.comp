@@ -4,9 +4,9 @@
 #include "portable/frame.glsl"
 layout(constant_id = 0) const uint DIGIT_BITS = 8;  // bits of a key that one pass sorts by
 #include "shared/digits.glsl"
-// One workgroup per chunk of 2048 keys: moves them and their values to their place.
+// One workgroup per chunk of 2048 keys: moves them and their values to their places.
 // Before: sums and digit_totals from sort_offsets. After: keys_out and values_out are sorted by this digit, stably.
-// Ranks come from ballots: lanes of a subgroup with the same digit find each other, whatever the subgroup size.
+// Ranks come from ballots: lanes of a subgroup with the same digit find each other, for every subgroup size.
 
 layout(constant_id = 1) const uint SUBGROUPS = 8;  // in a workgroup, at most
 
@@ -21,14 +21,14 @@ layout(push_constant, scalar) uniform Push {
     uint length_index;
     uint shift;
     uint bits;
-    uint values_are_indices;  // 1 in a first pass whose value is the key's index: values_in is not read
+    uint values_are_indices;  // 1 in a first pass: the value of a key is its index, and values_in is not read
 } push;
 
 #include "shared/subgroup_rank.glsl"
 
 const uint ITEMS = SORT_CHUNK / WORKGROUP;
-shared uint counts[SUBGROUPS * DIGITS];  // per subgroup and digit; then where the subgroup's first key of it goes
-shared uint destinations[DIGITS];        // of the chunk's sorted element i with this digit, minus i
+shared uint counts[SUBGROUPS * DIGITS];  // keys per subgroup and digit; later the subgroup's first place for it
+shared uint destinations[DIGITS];        // destination of the chunk's sorted element i of this digit, minus i
 shared uint staged[SORT_CHUNK];
 
 void main() {
@@ -44,7 +44,7 @@ void main() {
     uint keys[ITEMS], ranks[ITEMS];
     for (uint k = 0; k < ITEMS; k++) {
         uint index = first + k * gl_SubgroupSize;
-        // Past the end: the largest digit, behind every key that exists.
+        // Lanes past the end take the largest digit: it comes after every key that exists.
         keys[k] = index < length ? keys_in[index] : 0xffffffff;
         uint digit = digit_of(keys[k], push.shift, push.bits);
         uvec2 rank = rank_in(same_digit(digit));
@@ -58,7 +58,7 @@ void main() {
     }
     barrier();
 
-    // Lane d serves digit d: sums over the subgroups, then over the digits.
+    // Lane d handles digit d: it adds up the counts of the subgroups, then those of the digits before.
     uint in_chunk = 0, total;
     if (lane() < DIGITS) {
         for (uint s = 0; s < gl_NumSubgroups; s++) {
@@ -75,7 +75,7 @@ void main() {
     }
     barrier();
 
-    // Sorted in workgroup memory first, so that neighbours store to neighbouring places.
+    // Keys are sorted in workgroup memory first, so that neighbouring lanes store to neighbouring places.
     for (uint k = 0; k < ITEMS; k++) {
         ranks[k] += counts[mine + digit_of(keys[k], push.shift, push.bits)];
         staged[ranks[k]] = keys[k];

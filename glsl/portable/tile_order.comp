@@ -1,8 +1,8 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-// One invocation per tile: sorts the tiles into classes by the length of their lists, so that the blend can begin with
-// the longest and none is left alone at its end.
+// One invocation per tile: sorts the tiles into classes by the length of their lists, so that the blend begins with the
+// longest and no long list is left alone at the end.
 // Before: ranges; totals.tiles_in_class is 0. After: tiles_by_class[c * tiles ..] holds the tiles_in_class[c] tiles of
 // class c, in any order: it decides when a tile is blended, not what it shows.
 
@@ -13,7 +13,7 @@ layout(push_constant, scalar) uniform Push {
     uint tiles;
 } push;
 
-// 0 for lists from 16 times the mean on, one more for every halving; the last takes all below the mean.
+// 0 for lists of at least 16 times the mean length, one more for every halving; the last class has all below the mean.
 uint class_of(uint length) {
     uint ratio = length / max(totals.listed_kept / push.tiles, 1);
     return TILE_CLASSES - 1 - min(uint(findMSB(ratio) + 1), TILE_CLASSES - 1);
@@ -29,7 +29,7 @@ void main() {
         uint count = subgroupBallotBitCount(members);
         if (count == 0) continue;
         uint first = 0;
-        if (subgroupElect()) first = atomicAdd(totals.tiles_in_class[c], count);
+        if (subgroupElect()) first = atomicAdd(totals.tiles_in_class[c], count);  // any order is right: see above
         first = subgroupBroadcastFirst(first);
         if (mine == c) tiles_by_class[c * push.tiles + first + subgroupBallotExclusiveBitCount(members)] = tile;
     }

@@ -1,6 +1,6 @@
-// Ballots of a subgroup of any size, at the price of as many words as this device's have.
+// Ballots of a subgroup of any size. Loops over a ballot take only the words that this device's subgroups need.
 
-layout(constant_id = 31) const uint BALLOT_WORDS = 4;  // 1 for subgroups of up to 32, which is what makes walks cheap
+layout(constant_id = 31) const uint BALLOT_WORDS = 4;  // 1 for subgroups of up to 32 lanes: loops are then cheap
 
 bool any_in(uvec4 ballot) {
     uint all_words = 0;

@@ -1,11 +1,13 @@
-// Whether a Gaussian can touch the image that `push.view` sees. Behind the declaration of `push`.
+// The cull test: a bound on where a Gaussian can touch the image that `push.view` sees.
+// Requires: frame.glsl, push.view
 #include "shared/depth.glsl"
 
-// `bound`: the mean, and two bfloat16: how many standard deviations from the mean alpha falls to ALPHA_MIN, and above
-// it the same in world units along the longest axis, negative if alpha starts lower.
-// Bound on the half extent of the splat: rows of J W have length f/z * sqrt(1 + t^2), t the clamped slope
-// (project.comp), and the low-pass adds deviations * sqrt(LOW_PASS) at most.
-// `z`: the view depth of its mean.
+// True if the Gaussian may touch a pixel centre; `z` is the view depth of its mean.
+// `bound` holds the mean, and two bfloat16 in its last word. The lower one is the number of standard deviations from
+// the mean at which alpha falls to ALPHA_MIN. The upper one is the same in world units along the longest axis, or
+// negative if alpha is below ALPHA_MIN everywhere.
+// The half extent of the splat is bounded: the rows of J W have length f/z * sqrt(1 + t^2), where t is the clamped
+// slope (projection.glsl), and the low-pass adds at most deviations * sqrt(LOW_PASS).
 bool may_be_visible(uvec4 bound, out float z) {
     vec3 mean = uintBitsToFloat(bound.xyz);
     float reach = uintBitsToFloat(bound.w & 0xffff0000), deviations = uintBitsToFloat(bound.w << 16);
@@ -21,10 +23,10 @@ bool may_be_visible(uvec4 bound, out float z) {
     vec2 extent = push.view.focal_px / z * sqrt(1.0 + clamped * clamped) * reach;
     extent += deviations * sqrt(LOW_PASS);
     vec2 mean_px = push.view.focal_px * slope + push.view.centre_px;
-    // px, over the rounding of all of the above; the first term is that of the view transform.
+    // px, covers the rounding of everything above; the first term covers that of the view transform.
     vec2 slack = 1e-6 * push.view.focal_px * sqrt(1.0 + dot(slope, slope)) + 1e-5 * (extent + abs(mean_px)) + 0.01;
     vec2 from = mean_px - extent - slack, to = mean_px + extent + slack;
-    // On the image, and not between pixel centres, as the many splats are whose opacity is hardly more than ALPHA_MIN.
+    // The box meets the image and holds a pixel centre. Many splats whose opacity is hardly above ALPHA_MIN hold none.
     return all(greaterThanEqual(to, vec2(0.0))) && all(lessThanEqual(from, size))
         && all(lessThanEqual(ceil(from - 0.5), floor(to - 0.5)));
 }

@@ -1,8 +1,9 @@
-// The view depth of a point, rounded once: the order of the splats is then the order of the exact depths, on every device.
-// Plain f32 errs by a few units in the last place, which reorders what lies at nearly one depth (a table seen from
-// above) and costs 30 dB there. Sums and products of two floats each (Dekker 1971, Knuth 1969), 80 operations.
+// The view depth of a point, rounded once: on every device, splats are then in the order of their exact depths.
+// Requires: frame.glsl
+// Plain f32 errs by a few units in the last place. That reorders splats at nearly the same depth (a table seen from
+// above) and costs 30 dB there. Here every number is a sum of two floats (Dekker 1971, Knuth 1969): 80 operations.
 
-// a + b = x + y exactly.
+// (x, y) with a + b = x + y exactly, where x is the rounded sum.
 vec2 two_sum(float a, float b) {
     precise float sum = a + b;
     precise float b_in_sum = sum - a;
@@ -10,14 +11,14 @@ vec2 two_sum(float a, float b) {
     return vec2(sum, error);
 }
 
-// The upper 12 bits of a float.
+// `a` with only the upper 12 bits of its significand.
 float upper_half(float a) {
     precise float scaled = 4097.0 * a;  // 2^12 + 1
     precise float upper = scaled - (scaled - a);
     return upper;
 }
 
-// a * b = x + y exactly. Not by fma: a device may round it twice.
+// (x, y) with a * b = x + y exactly, where x is the rounded product. It avoids fma, which a device may round twice.
 vec2 two_product(float a, float b) {
     precise float product = a * b;
     float ah = upper_half(a), bh = upper_half(b);
@@ -48,7 +49,7 @@ float distance_of(vec3 mean, View view) {
     vec3 far = abs(mean - view.position_high);
     int exponent;
     frexp(max(far.x, max(far.y, far.z)), exponent);
-    // Measured in a power of two near it: no square leaves the floats, and nothing is rounded by it.
+    // Lengths are measured in a power of two near the largest: no square overflows, and the scaling rounds nothing.
     exponent = clamp(exponent, -120, 120);
     float unit = uintBitsToFloat(uint(127 + exponent) << 23), per_unit = uintBitsToFloat(uint(127 - exponent) << 23);
     float sum = 0.0, rest = 0.0;
@@ -61,7 +62,7 @@ float distance_of(vec3 mean, View view) {
         precise float next = rest + (added.y + (square.y + 2.0 * offset.x * low));
         rest = next;
     }
-    // A step of Newton's from the rounded root, in which only the correction is rounded.
+    // One Newton step from the rounded root, in which only the correction is rounded.
     float root = sqrt(sum);
     vec2 square = two_product(root, root);
     precise float left = ((sum - square.x) - square.y) + rest;

@@ -1,19 +1,18 @@
-// The exact ellipse-tile test: where the ellipse alpha = ALPHA_MIN of a splat meets the pixel centres of each tile row.
-// Rows meet a convex set in an interval, whose ends lie at the set's extreme points or at the row's borders
-// (the idea of AccuTile, Hanson et al. 2024). Sums of squares and clamped roots: needles and huge splats need no care.
-
-// Behind the declaration of LISTED, the width and height in px of the tiles that splats are listed in.
+// The exact ellipse-tile test: finds the tiles whose pixel centres a splat's ellipse alpha = ALPHA_MIN meets, by rows.
+// Requires: LISTED, the width and height in px of what splats are listed in
+// That is a tile of the portable path or a bin of the fast path; this file calls both a tile.
+// A row meets a convex set in an interval, whose ends lie at the set's extreme points or at the row's borders (the idea
+// of AccuTile, Hanson et al. 2024). Sums of squares and clamped roots make special cases for needles unnecessary.
 #include "shared/rules.glsl"
-
 
 struct Ellipse {
     vec2 mean_px;
-    vec2 extent;        // px, half width and half height; negative for an ellipse without a point
-    float slope;        // b / c: the ellipse's chords in y are centred on x = slope * y
+    vec2 extent;        // px, half width and half height; negative for an empty ellipse
+    float slope;        // b / c: the horizontal chord at y is centred on x = slope * y
     float width_scale;  // det / c: the half width of the chord at y is sqrt((level - y^2 / c) * width_scale)
     float inverse_c;
-    float level;        // Mahalanobis distance squared of the border: 2 ln(opacity / ALPHA_MIN), if not cut
-    float rightmost_y;  // px, height of the rightmost point above the mean
+    float level;        // squared Mahalanobis distance of the border: 2 ln(opacity / ALPHA_MIN) or less
+    float rightmost_y;  // px, y of the rightmost point relative to the mean
 };
 
 const Ellipse EMPTY_ELLIPSE = Ellipse(vec2(0.0), vec2(-1.0), 0.0, 0.0, 0.0, 0.0, 0.0);
@@ -24,7 +23,7 @@ Ellipse ellipse_of(vec2 mean_px, vec4 covariance, float unit_px, float opacity) 
     float a = covariance.x, b = covariance.y, c = covariance.z;
     Ellipse e;
     e.mean_px = mean_px;
-    // 1e-4 over the true level: blend's f32 weights may pass ALPHA_MIN by their rounding, and no tile may miss that.
+    // 1e-4 above the true level: f32 weights of the blend may reach ALPHA_MIN by rounding, and no tile may miss that.
     e.level = 2.0 * log(opacity / ALPHA_MIN) + 1e-4;
     if (EXTENT == EXTENT_THREE_SIGMA) e.level = min(e.level, 9.0 + 1e-4);
     e.extent = unit_px * sqrt(e.level * vec2(a, c));
@@ -33,7 +32,7 @@ Ellipse ellipse_of(vec2 mean_px, vec4 covariance, float unit_px, float opacity) 
     e.inverse_c = 1.0 / c / unit_px / unit_px;
     e.rightmost_y = unit_px * b * sqrt(e.level / a);
     if (EXTENT == EXTENT_THREE_SIGMA_SQUARES) {
-        // The larger eigenvalue, with the original's floor under the root.
+        // The larger eigenvalue; the floor under the root is that of the original.
         float floor_px4 = 0.1 / (unit_px * unit_px) / (unit_px * unit_px);
         float longest = 0.5 * (a + c) + sqrt(max(0.25 * (a - c) * (a - c) + b * b, floor_px4));
         e.extent = vec2(ceil(3.0 * unit_px * sqrt(longest)));
@@ -48,30 +47,30 @@ Ellipse broadcast_ellipse(Ellipse e, uint from) {
         subgroupBroadcast(e.rightmost_y, from));
 }
 
-// Tiles [first, last + 1) along one axis whose pixel centres the interval [low, high] px meets, as (first, count).
+// The tiles along one axis whose pixel centres the interval [low, high] (px) meets, as (first, count).
 uvec2 tiles_between(float low, float high, uint size_px, uint side_px) {
     uint tiles = (size_px + side_px - 1) / side_px;
     float side = float(side_px);
-    // Tile t has centres from side t + 0.5 to side t + side - 0.5.
+    // The pixel centres of tile t lie from side * t + 0.5 to side * t + side - 0.5.
     float first = ceil((low - (side - 0.5)) / side);
     float end = floor((high - 0.5) / side) + 1.0;
     if (EXTENT == EXTENT_THREE_SIGMA_SQUARES) {
-        // The original's, whose pixel centres are integers: lower on one side, and not the same on both.
+        // The original has pixel centres at integers, and rounds the two ends differently.
         first = floor((low - 0.5) / side);
         end = floor((high - 0.5 + side - 1.0) / side);
     }
-    // Clamped as floats: casts out of range are undefined.
+    // Clamped as floats, because casts out of range are undefined.
     first = clamp(first, 0.0, float(tiles));
     end = clamp(end, 0.0, float(tiles));
-    // Positive phrasing: NaN gives no tile.
+    // The comparisons are false for NaN, which gives no tile.
     return end > first && low <= high ? uvec2(uint(first), uint(end) - uint(first)) : uvec2(0);
 }
 
-// Tile rows that the ellipse may meet, as (first, count); no row if it misses the image sideways, or lies between pixel
-// centres, as the many splats do whose opacity is hardly more than ALPHA_MIN.
+// The tile rows that the ellipse may meet, as (first, count). There is no row if the ellipse misses the image to the
+// left or right, or lies between pixel centres, as many splats do whose opacity is hardly above ALPHA_MIN.
 uvec2 tile_rows(Ellipse e, uvec2 size_px) {
     if (!(e.extent.x >= 0.0)) return uvec2(0);
-    // What is rounded generously elsewhere has the original's tiles here.
+    // EXTENT_THREE_SIGMA_SQUARES has the tiles of the original, without an allowance for rounding.
     vec2 reach = e.extent + (EXTENT == EXTENT_THREE_SIGMA_SQUARES ? vec2(0.0) : 1e-6 * abs(e.mean_px));
     vec2 low = e.mean_px - reach, high = e.mean_px + reach;
     bool between_centres = any(greaterThan(ceil(low - 0.5), floor(high - 0.5)));
@@ -80,7 +79,7 @@ uvec2 tile_rows(Ellipse e, uvec2 size_px) {
     return tiles_between(low.y, high.y, size_px.y, LISTED.y);
 }
 
-// Half width of the chord at y (px, relative to the mean), and its centre.
+// The horizontal chord at y (px, relative to the mean), as (x of its centre, half width).
 vec2 chord(Ellipse e, float y) {
     return vec2(e.slope * y, sqrt(max(0.0, (e.level - y * y * e.inverse_c) * e.width_scale)));
 }
@@ -96,7 +95,7 @@ uint tile_span(Ellipse e, uint row, uvec2 size_px) {
     if (!(low <= high)) return 0;
     vec2 right = chord(e, clamp(e.rightmost_y, low, high));
     vec2 left = chord(e, clamp(-e.rightmost_y, low, high));
-    // Rounding grows with the distances it comes from; blend weighs the same distances in f32.
+    // px: rounding grows with these distances, and the blend computes with them in f32.
     float slack = 1e-6 * (abs(right.x) + abs(left.x) + right.y + left.y + abs(e.mean_px.x)) + 1e-4;
     float first_px = e.mean_px.x + left.x - left.y - slack;
     float last_px = e.mean_px.x + right.x + right.y + slack;

@@ -1,9 +1,9 @@
-// What the stages of both paths share: the view, the counts, the splat.
+// The types that the stages of both paths share: the view, the counts, the splat.
 
 const uint TILE_CLASSES = 6;  // classes of tiles by the length of their list: tile_order.comp
 
-// The camera. Rows of the world-to-view rotation: right, down, forward. What decides a depth comes in two parts, high
-// and low, that keep the digits of f64.
+// The camera. `right`, `down` and `forward` are the rows of the world-to-view rotation. Vectors that decide a depth are
+// sums of two f32, a high and a low part, which together keep 48 bits of the f64 value.
 struct View {
     vec3 right;
     vec3 down;
@@ -17,7 +17,7 @@ struct View {
     float near;
 };
 
-// What a frame counted. A cell is what splats are listed in: a tile of the portable path, a bin of the fast path.
+// The counts of a frame. A cell is what splats are listed in: a tile of the portable path, a bin of the fast path.
 // Demands may exceed the capacity of the frame's buffers; the host then enlarges them and draws the frame again.
 struct Totals {
     uint visible;          // demand: Gaussians that passed the cull
@@ -27,13 +27,13 @@ struct Totals {
     uint listed_high;
     uint listed_kept;
     uint longest_list;     // splats in the fullest cell
-    // The rest is counted by the portable path alone; the first five by a blend that counts its work.
+    // Only the portable path sets the rest: the first six if its blend counts its work, the classes always.
     uint evaluations_low;  // alphas computed for pixels that had not stopped, 64 bits
     uint evaluations_high;
-    uint walked_low;       // the same for all lanes of the subgroups that computed them, 64 bits
+    uint walked_low;       // the same, counted for all lanes of their subgroups, stopped or not, 64 bits
     uint walked_high;
-    uint stopped_pixels;   // pixels that were opaque before their list ended
-    uint listed_tiles;     // tiles with a list
+    uint stopped_pixels;   // pixels that stopped before their list ended
+    uint listed_tiles;     // tiles whose list is not empty
     uint tiles_in_class[TILE_CLASSES];
 };
 

@@ -12,10 +12,13 @@ const uint SH_PLANES = 12;
 
 vec3 coefficient(vec4 planes[SH_PLANES], uint i) {
     uint first = 3 * i;
-    return vec3(planes[first / 4][first % 4], planes[(first + 1) / 4][(first + 1) % 4], planes[(first + 2) / 4][(first + 2) % 4]);
+    return vec3(
+        planes[first / 4][first % 4],
+        planes[(first + 1) / 4][(first + 1) % 4],
+        planes[(first + 2) / 4][(first + 2) % 4]);
 }
 
-// The functions up to `degree` in the unit direction `d`; 0 above it.
+// The values of the basis functions up to `degree` in the unit direction `d`; 0 for higher degrees.
 float[16] harmonics_basis(uint degree, vec3 d) {
     float basis[16];
     for (uint i = 0; i < 16; i++) basis[i] = 0.0;
@@ -45,7 +48,7 @@ float[16] harmonics_basis(uint degree, vec3 d) {
     return basis;
 }
 
-// Colour in the unit direction `d`, not negative.
+// The colour seen in the unit direction `d`; no channel is negative.
 vec3 harmonics_colour(vec4 planes[SH_PLANES], uint degree, vec3 d) {
     float basis[16] = harmonics_basis(degree, d);
     vec3 colour = vec3(0.5);

@@ -1,13 +1,14 @@
-// How a Gaussian becomes a splat. Behind storage.glsl and the declaration of `push`.
+// The projection of a Gaussian to a splat.
+// Requires: frame.glsl, ellipse.glsl, rotation.glsl, storage.glsl, push.view
 
 layout(constant_id = 3) const bool BY_DISTANCE = false;  // depth keys are distances from the camera
-layout(constant_id = 4) const bool ANTIALIASED = false;  // opacities make up for the low-pass
+layout(constant_id = 4) const bool ANTIALIASED = false;  // opacities compensate for the low-pass
 
-const float COMPENSATION_MIN = 0.005;  // the least part of an opacity that is left (gsplat)
+const float COMPENSATION_MIN = 0.005;  // lower limit of the factor of an opacity (gsplat)
 
 // The 2D covariance V V^T + low_pass I as (a, b, c) = (xx, xy, yy), and its determinant, where V (2x3) = J W R S.
 // The determinant is a sum of squares of the minors of V (Cauchy-Binet), so that no needle loses it to cancellation.
-// `sharp_part`: the determinant without the low-pass, over it.
+// `sharp_part` is the determinant without the low-pass, divided by the one with it.
 vec4 covariance_of(vec3 v0, vec3 v1, float low_pass, out float sharp_part) {
     vec3 minors = cross(v0, v1);
     vec3 abc = vec3(dot(v0, v0), dot(v0, v1), dot(v1, v1));
@@ -17,13 +18,14 @@ vec4 covariance_of(vec3 v0, vec3 v1, float low_pass, out float sharp_part) {
     return vec4(abc.x + low_pass, abc.y, abc.z + low_pass, determinant);
 }
 
-// The unit vector along `p`, whose length may have a square beyond the floats.
+// The unit vector along `p`. The square of its length may overflow, so `p` is scaled first.
 vec3 direction(vec3 p) {
     vec3 size = abs(p);
     return normalize(p / max(size.x, max(size.y, size.z)));
 }
 
-// Projects one Gaussian at depth `z`: the splat without its colour, and its ellipse.
+// Projects one Gaussian to a splat without its colour, and to its ellipse. `p` is its mean relative to the camera, in
+// world axes; `z` is its depth.
 void project(uint gaussian, vec3 p, float z, out Splat splat, out Ellipse ellipse) {
     vec4 rotation;
     vec3 scale;
@@ -37,9 +39,9 @@ void project(uint gaussian, vec3 p, float z, out Splat splat, out Ellipse ellips
     vec2 px_per_world = push.view.focal_px / z;
     mat3 to_world = rotation_matrix(rotation);
     float stretch = max(px_per_world.x, px_per_world.y) * sqrt(1.0 + dot(clamped, clamped));
-    // Past 1e16 px a longer axis changes no weight on the image.
+    // Beyond 1e16 px a longer axis changes no weight on the image.
     scale = min(scale, 1e16 / stretch);
-    // The unit in which the axes are measured, so that no fourth power of one overflows.
+    // Axes are measured in this unit, so that no fourth power of one overflows.
     float unit_px = max(1.0, 1e-8 * stretch * max(scale.x, max(scale.y, scale.z)));
     vec2 per_world = px_per_world / unit_px;
     vec3 v0 = per_world.x * ((push.view.right - clamped.x * push.view.forward) * to_world) * scale;
@@ -51,7 +53,7 @@ void project(uint gaussian, vec3 p, float z, out Splat splat, out Ellipse ellips
     float to_exp2 = sqrt(0.5 * LOG2_E) / unit_px;
     splat.mean_px = push.view.focal_px * slope + push.view.centre_px;
     splat.factor.x = to_exp2 * sqrt(c / determinant);
-    splat.factor.y = -to_exp2 * (b / sqrt(c)) / sqrt(determinant);  // c * determinant overflows
+    splat.factor.y = -to_exp2 * (b / sqrt(c)) / sqrt(determinant);  // two roots: c * determinant may overflow
     splat.factor.z = to_exp2 / sqrt(c);
     if (ANTIALIASED) splat.opacity *= sqrt(max(sharp_part, COMPENSATION_MIN * COMPENSATION_MIN));
     ellipse = ellipse_of(splat.mean_px, covariance, unit_px, splat.opacity);

@@ -1,4 +1,5 @@
-// The tiles of a splat, as one span per tile row. Behind ellipse.glsl and the declarations of `push` and `spans`.
+// The tiles of a splat, as one span per tile row.
+// Requires: ballot.glsl, ellipse.glsl, push.view, spans[]
 
 const uint ROWS_ALONE = 4;  // a splat with more rows is shared by its subgroup
 

@@ -1,6 +1,6 @@
 #extension GL_EXT_control_flow_attributes : require
-// A Gaussian's attributes, unpacked from the words that they are kept in (render/layout.rs). Behind the declarations of
-// `shapes`, `sh` and `grids`.
+// A Gaussian's attributes, unpacked from the words that they are stored in (src/render/layout.rs).
+// Requires: harmonics.glsl, shapes[], sh[], grids
 
 layout(constant_id = 0) const uint SH_DEGREE = 3;
 layout(constant_id = 1) const uint SH_STORAGE = 0;
@@ -10,18 +10,18 @@ const uint STORED_F32 = 0;
 const uint STORED_F16 = 1;
 const uint STORED_U8 = 2;
 
-// A number in 8 bits: `grid` is its offset and step.
+// The value of a number that is stored in 8 bits; `grid` is (offset, step).
 float on_grid(vec2 grid, uint number) {
     return fma(grid.y, float(number), grid.x);
 }
 
-// Bits [10 i, 10 i + 10): a sign and nine bits of magnitude up to sqrt(1/2).
+// Component `i` of a packed rotation, in bits [10 i, 10 i + 10): a sign and nine bits of magnitude up to sqrt(1/2).
 float small_component(uint packed, int i) {
     float magnitude = float(bitfieldExtract(packed, 10 * i, 9)) * (0.70710678118654752 / 511.0);
     return bitfieldExtract(packed, 10 * i + 9, 1) == 0 ? magnitude : -magnitude;
 }
 
-// A unit quaternion (w, x, y, z) without its largest component, whose index is in the upper two bits.
+// Unpacks a unit quaternion (w, x, y, z), stored without its largest component, whose index is in the upper two bits.
 vec4 unpack_rotation(uint packed) {
     vec3 others = vec3(small_component(packed, 2), small_component(packed, 1), small_component(packed, 0));
     float largest = sqrt(max(1.0 - dot(others, others), 0.0));
@@ -61,14 +61,14 @@ const uint SH_STORED_PLANES = (SH_WORDS + 3) / 4;
 // Gaussians that share an element of the last plane.
 const uint SH_SHARE = SH_WORDS % 4 == 1 ? 4 : SH_WORDS % 4 == 2 ? 2 : 1;
 
-// This Gaussian's part of an element that several share, first.
+// An element that several Gaussians share, with the words of this Gaussian moved to the front.
 uvec4 own_part(uvec4 element, uint gaussian) {
     if (SH_SHARE == 2) return gaussian % 2 == 0 ? element : element.zwxy;
     if (SH_SHARE == 4) return uvec4(element[gaussian % 4], 0, 0, 0);
     return element;
 }
 
-// The four floats from `first` on, from the word that holds them in 8 bits each.
+// Unpacks a word of four 8-bit numbers; `first` is the index of the first among the floats of the spherical harmonics.
 vec4 unpack_bytes(uint word, uint first) {
     vec4 floats;
     for (uint k = 0; k < 4; k++) {
@@ -77,9 +77,9 @@ vec4 unpack_bytes(uint word, uint first) {
     return floats;
 }
 
-// The words of a Gaussian's spherical harmonics.
+// Loads the words of a Gaussian's spherical harmonics.
 void fetch_sh(uint gaussian, out uvec4 stored[SH_PLANES]) {
-    // Literal indices: everything stays in registers, and a scene that keeps less loads less.
+    // With literal indices everything stays in registers, and a scene with fewer planes loads fewer.
 #define LOAD(i) \
     if (i + 1 < SH_STORED_PLANES) stored[i] = sh[i].plane[gaussian]; \
     if (i + 1 == SH_STORED_PLANES) stored[i] = own_part(sh[i].plane[gaussian / SH_SHARE], gaussian);
@@ -87,7 +87,7 @@ void fetch_sh(uint gaussian, out uvec4 stored[SH_PLANES]) {
 #undef LOAD
 }
 
-// All coefficients without gaps, four floats a plane; those of degrees that are not kept are 0.
+// Unpacks all coefficients without gaps, four floats per plane; those of degrees that are not stored are 0.
 void unpack_sh(uvec4 stored[SH_PLANES], out vec4 planes[SH_PLANES]) {
     for (uint i = 0; i < SH_PLANES; i++) planes[i] = vec4(0.0);
 #define UNPACK(i) \
@@ -98,7 +98,8 @@ void unpack_sh(uvec4 stored[SH_PLANES], out vec4 planes[SH_PLANES]) {
         } \
         if (SH_STORAGE == STORED_U8) planes[i] = unpack_bytes(stored[i / 4][i % 4], 4 * i); \
     }
-    UNPACK(0) UNPACK(1) UNPACK(2) UNPACK(3) UNPACK(4) UNPACK(5) UNPACK(6) UNPACK(7) UNPACK(8) UNPACK(9) UNPACK(10) UNPACK(11)
+    UNPACK(0) UNPACK(1) UNPACK(2) UNPACK(3) UNPACK(4) UNPACK(5)
+    UNPACK(6) UNPACK(7) UNPACK(8) UNPACK(9) UNPACK(10) UNPACK(11)
 #undef UNPACK
 }
 
@@ -108,14 +109,14 @@ void load_sh(uint gaussian, out vec4 planes[SH_PLANES]) {
     unpack_sh(stored, planes);
 }
 
-// Colour in the unit direction `d`, not negative, from the words of `fetch_sh`.
+// The colour seen in the unit direction `d`, from the words of `fetch_sh`; no channel is negative.
 vec3 stored_colour(uvec4 stored[SH_PLANES], vec3 d) {
     if (SH_STORAGE != STORED_U8) {
         vec4 planes[SH_PLANES];
         unpack_sh(stored, planes);
         return harmonics_colour(planes, SH_DEGREE, d);
     }
-    // The steps of a coefficient are the same in all channels: multiplied into its function once.
+    // All channels of a coefficient have one grid, so it is multiplied into the basis function once.
     float basis[16] = harmonics_basis(SH_DEGREE, d);
     vec3 colour = vec3(0.5);
     [[unroll]] for (uint i = 0; i < SH_FLOATS / 3; i++) {

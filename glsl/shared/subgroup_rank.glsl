@@ -1,6 +1,7 @@
-// Ranks among the lanes of a subgroup, whatever its size. Behind ballot.glsl and sort.glsl.
+// Ranks among the lanes of a subgroup of any size.
+// Requires: ballot.glsl, digits.glsl
 
-// Of the lanes in `same`: how many come before this one, and how many there are.
+// (number of the lanes of `same` before this one, number of all lanes of `same`).
 uvec2 rank_in(uvec4 same) {
     uvec2 rank = uvec2(0);
     for (uint w = 0; w < BALLOT_WORDS; w++) {
@@ -9,7 +10,7 @@ uvec2 rank_in(uvec4 same) {
     return rank;
 }
 
-// Lanes of the subgroup whose digit equals this lane's.
+// The lanes of the subgroup whose digit equals this lane's.
 uvec4 same_digit(uint digit) {
     uvec4 same = subgroupBallot(true);
     for (uint bit = 0; bit < DIGIT_BITS; bit++) {

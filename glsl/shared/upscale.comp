@@ -1,8 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
-// One invocation per pixel of `image`: what lies there in the smaller image `drawn` of the same view, between the four
-// nearest pixel centres in proportion.
-// Before: `drawn` is complete. After: so is `image`.
+// One invocation per pixel of `image`: interpolates the smaller image `drawn` of the same view bilinearly.
+// Before: `drawn` is complete. After: `image` is complete.
 
 layout(binding = 0, rgba32f) readonly uniform image2D drawn;
 layout(binding = 1, rgba32f) writeonly uniform image2D image;

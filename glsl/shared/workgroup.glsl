@@ -1,4 +1,5 @@
-// Workgroups of 256, or as a shader says before it includes this, with nothing assumed of the subgroup size but that it is a power of two from 4 to 128.
+// Workgroups of 256 invocations, or of WORKGROUP_SIZE if a shader defines that before it includes this file.
+// The subgroup size is only assumed to be a power of two from 4 to 128.
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_vote : require
@@ -13,16 +14,16 @@ const uint WORKGROUP = 256;
 const uint MAX_SUBGROUPS = WORKGROUP / 4;
 layout(local_size_x = WORKGROUP) in;
 
-// Most workgroups along x; more are folded into y (gpu::FOLD).
+// Largest number of workgroups along x; more are folded into y (gpu::FOLD).
 const uint FOLD = 65535;
 
 // Index of this invocation in its workgroup, in subgroup order: neighbours share a subgroup on every device, which
-// gl_LocalInvocationIndex does not promise. Subgroups are full, so this counts from 0 on.
+// gl_LocalInvocationIndex does not promise. Subgroups are full, so the indices have no gaps.
 uint lane() {
     return gl_SubgroupID * gl_SubgroupSize + gl_SubgroupInvocationID;
 }
 
-// Index of this workgroup in a folded dispatch. There may be more workgroups than were asked for.
+// Index of this workgroup in a folded dispatch, which may have more workgroups than were asked for.
 uint workgroup() {
     return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
 }
@@ -39,10 +40,11 @@ uint div_up(uint a, uint b) {
 
 shared uint subgroup_sums[MAX_SUBGROUPS];
 
-// Sum of `value` over the lanes before this one, and over all lanes. The whole workgroup must call it.
+// Returns the sum of `value` over the lanes before this one; `total` is the sum over all lanes. The whole workgroup
+// must call it.
 uint workgroup_exclusive_add(uint value, out uint total) {
     uint before = subgroupExclusiveAdd(value);
-    barrier();  // an earlier call may still be reading
+    barrier();  // lanes may still read the sums of an earlier call
     if (gl_SubgroupInvocationID == gl_SubgroupSize - 1) {
         subgroup_sums[gl_SubgroupID] = before + value;
     }

@@ -171,7 +171,7 @@ fn count_offsets_and_fill_list_every_splat_in_its_bins() {
         bench.run(|b, cmd| b.pipeline.count(cmd, &b.work, b.grid));
         assert_eq!(bench.gpu.download(&bench.work.listed_in_bins), counts, "{count} splats");
         // The places of a bin's chunks are disjoint and cover its list.
-        let places = bench.gpu.download(&bench.work.part_places);
+        let places = bench.gpu.download(&bench.work.chunk_places);
         assert_eq!(places.len(), BIN_CHUNKS as usize * counts.len());
 
         bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));

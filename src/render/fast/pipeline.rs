@@ -255,7 +255,7 @@ impl FastPipeline {
             span_ranges: &work.span_ranges,
             spans: &work.spans,
             listed_in_bins: &work.listed_in_bins,
-            part_places: &work.part_places,
+            chunk_places: &work.chunk_places,
         };
         let push = CountPush { bins_x: grid.bins[0], bins: grid.count(), visible_capacity: work.visible_capacity() };
         cmd.dispatch(&self.count, bindings, push, DispatchSize::Groups(BIN_CHUNKS.into()));
@@ -286,7 +286,7 @@ impl FastPipeline {
             totals: &work.totals,
             span_ranges: &work.span_ranges,
             spans: &work.spans,
-            part_places: &work.part_places,
+            chunk_places: &work.chunk_places,
             bins: &work.bins,
             depth_keys: &work.depth_keys,
             entries: &work.entries,
