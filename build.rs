@@ -46,7 +46,9 @@ fn run() -> Result<()> {
         let module = stem(&folder)?.to_owned();
         let files = sorted_entries(&folder)?;
         writeln!(generated.modules, "\n/// The shaders and constants of `{SHADER_FOLDER}/{module}/`.")?;
-        writeln!(generated.modules, "#[allow(clippy::wildcard_imports)]\npub mod {module} {{\n    use super::*;\n")?;
+        // Numbers stay as GLSL has them.
+        writeln!(generated.modules, "#[allow(clippy::approx_constant, clippy::excessive_precision)]")?;
+        writeln!(generated.modules, "pub mod {module} {{\n    use super::*;\n")?;
         for header in files.iter().filter(|path| has_ending(path, "glsl")) {
             for declaration in glsl::numbers(&fs::read_to_string(header)?) {
                 writeln!(generated.modules, "    {declaration}")?;

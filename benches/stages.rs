@@ -10,12 +10,19 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use criterion::{BenchmarkId, Criterion, Throughput};
-use smalto::measure::bench::{Protocol, Statistics, copy_gb_s};
-use smalto::environment::Environment;
-use smalto::gpu::{Access, Buffer, Commands, Device, Element, DispatchSize, Image, Stage, Staging, Validation};
+use smalto::cli::environment::Environment;
+use smalto::gpu::{
+    Access, Buffer, Commands, Device, DeviceKind, DispatchSize, Element, Image, Stage, Staging, Validation,
+};
+use smalto::measure::bench::{Protocol, Statistics, WarmUpLimits, copy_gb_s};
 use smalto::options::Options;
-use smalto::rules::TILE;
-use smalto::render::*;
+use smalto::render::shaders::PortableDispatches;
+use smalto::render::shaders::portable::*;
+use smalto::render::{
+    BinGrid, Capacity, FastPipeline, FastWorkspace, GpuScene, Pairs, RadixSort, SortRange, SortScratch, Splat, Target,
+    Totals,
+};
+use smalto::rules::Background;
 
 /// A stage with its input, ready to run again and again.
 struct Bench<'a> {
@@ -30,7 +37,7 @@ fn main() -> Result<()> {
     let environment = Environment::read();
     let device = Device::open(&environment.device, environment.validation.unwrap_or(Validation::Off))?;
     // A software device has a thousandth of the speed.
-    let scale = if device.facts().kind == "CPU" { 64 } else { 1 };
+    let scale = if device.capabilities().kind == DeviceKind::Cpu { 64 } else { 1 };
     let copy_gb_s = copy_gb_s(&device)?;
     let mut criterion = Criterion::default()
         .sample_size(10)
@@ -54,8 +61,13 @@ fn main() -> Result<()> {
     for list in [64, 512, 2048] {
         run(&mut criterion, &device, blend(&device, list / scale.min(16))?, &mut rows)?;
     }
+    if let Some(fast) = Fast::new(&device, (1 << 20) / scale)? {
+        for bench in fast.benches() {
+            run(&mut criterion, &device, bench, &mut rows)?;
+        }
+    }
     criterion.final_summary();
-    println!("\n{}, copies at {copy_gb_s:.0} GB/s", device.facts().name);
+    println!("\n{}, copies at {copy_gb_s:.0} GB/s", device.capabilities().name);
     println!("{:<10} {:<32} {:>10} {:>8} {:>16}", "stage", "input", "us", "GB/s", "of a copy's speed");
     for (stage, input, bytes, ms) in rows {
         let gb_s = bytes as f64 / (ms * 1e6);
@@ -76,7 +88,7 @@ fn run(criterion: &mut Criterion, device: &Device, bench: Bench, rows: &mut Vec<
         Ok(results.timings().first().context("the stage was not timed")?.duration_ms)
     };
     // What cannot run at all fails here, with its reason.
-    Protocol { warmup: 1, frames: 1 }.warm_up(|_| once().map(drop))?;
+    Protocol { warmup: 1, frames: 1 }.warm_up(1, WarmUpLimits::BRIEF, |_| once())?;
     let times = RefCell::new(Vec::new());
     let mut group = criterion.benchmark_group(bench.stage);
     group.throughput(Throughput::Bytes(bench.bytes));
@@ -117,8 +129,7 @@ fn upload<T: Element>(device: &Device, name: &str, content: &[T]) -> Result<Buff
 }
 
 fn totals(device: &Device, splats: u32, instances: u32) -> Result<Buffer<Totals>> {
-    let totals =
-        Totals { visible_kept: splats, listed_low: instances, listed_kept: instances, ..Totals::zeroed() };
+    let totals = Totals { visible_kept: splats, listed_low: instances, listed_kept: instances, ..Totals::zeroed() };
     upload(device, "totals", &[totals])
 }
 
@@ -184,7 +195,7 @@ fn scan(device: &Device, splats: u32) -> Result<Bench<'_>> {
 }
 
 fn sort(device: &Device, bits: u32, keys: u32) -> Result<Bench<'_>> {
-    let facts = device.facts();
+    let facts = device.capabilities();
     let sort = RadixSort::new(device, facts.subgroup_size[0], facts.subgroup_size[1].div_ceil(32))?;
     let pairs = Pairs::new(device, "sort", keys as usize)?;
     let scratch = SortScratch::new(device, keys as usize)?;
@@ -192,14 +203,14 @@ fn sort(device: &Device, bits: u32, keys: u32) -> Result<Bench<'_>> {
     let [x, y] = DispatchSize::Groups(keys.div_ceil(2048).into()).groups(1);
     let groups = upload(device, "groups", &[x, y, 1])?;
     let mut input = Staging::<u32>::new(device, "unsorted keys", keys as usize)?;
-    input.open().iter_mut().zip(0..).for_each(|(key, i)| *key = random(i));
+    input.map().iter_mut().zip(0..).for_each(|(key, i)| *key = random(i));
     Ok(Bench {
         stage: "sort",
         input: format!("{keys} keys of {bits} bits"),
         bytes: 20 * u64::from(keys) * u64::from(sort.passes(bits)),
         record: Box::new(move |cmd| {
             // A sort of sorted keys would be a faster one.
-            cmd.load(&input, &pairs.keys[0], keys as usize);
+            cmd.upload_staged(&input, &pairs.keys[0], keys as usize);
             cmd.fill(&pairs.values[0], 0);
             cmd.barrier(Access::COPY_WRITE, Access::SHADER);
             let range = SortRange { lengths: &lengths, length_index: 0, bits, values_are_indices: false };
@@ -284,7 +295,7 @@ fn blend(device: &Device, list: u32) -> Result<Bench<'_>> {
     let totals = upload(device, "totals", &[in_class])?;
     let tiles_by_class = upload(device, "tiles by class", &(0..6 * tiles).collect::<Vec<_>>())?;
     let image = Image::new(device, "image", SIDE, SIDE)?;
-    let ballot_words = device.facts().subgroup_size[1].div_ceil(32);
+    let ballot_words = device.capabilities().subgroup_size[1].div_ceil(32);
     let constants =
         BlendConstants { cull_pixel_blocks: !Options::default().portable, ballot_words, ..BlendConstants::default() };
     let stage = Stage::<Blend>::new(device, &constants)?;
@@ -306,4 +317,127 @@ fn blend(device: &Device, list: u32) -> Result<Bench<'_>> {
             cmd.scope("blend", |cmd| cmd.dispatch(&stage, bindings, push, DispatchSize::Groups(tiles.into())));
         }),
     })
+}
+
+/// The stages of the fast path at 1920x1080, on made-up splats: two bins each on average, all of one size.
+struct Fast {
+    pipeline: FastPipeline,
+    work: FastWorkspace,
+    grid: BinGrid,
+    image: Image,
+    splats: u32,
+    entries: u32,
+}
+
+impl Fast {
+    /// `None` if the device has no fast path.
+    fn new(device: &Device, splats: u32) -> Result<Option<Self>> {
+        const SIZE: [u32; 2] = [1920, 1080];
+        let options = Options::EXACT;
+        let scene = GpuScene::new(device, &smalto::scene::synthetic::cactus(1)?.gaussians, &options)?;
+        let Some(mut pipeline) = FastPipeline::new(device, &options, scene.layout())? else { return Ok(None) };
+        let grid = BinGrid::new(SIZE, 1);
+        let [columns, rows] = grid.bins;
+        // Row and columns of bins; the splat lies in the middle of its first.
+        let place = |i: u32| (random(3 * i) % rows, random(3 * i + 1) % columns, 1 + random(3 * i + 2) % 3);
+        let span = |i: u32| {
+            let (row, begin, width) = place(i);
+            [begin | (begin + width).min(columns) << 16, row | 1 << 16]
+        };
+        let span_ranges: Vec<_> = (0..splats).map(span).collect();
+        let entries: u32 = span_ranges.iter().map(|[span, _]| (span >> 16) - (span & 0xffff)).sum();
+        let capacity = Capacity {
+            gaussians: splats as usize,
+            visible: splats.into(),
+            spans: 1,
+            listed: entries.into(),
+            cells: grid.count() as usize,
+        };
+        let work = FastWorkspace::new(device, capacity, pipeline.splat_elements())?;
+        pipeline.prepare(device, grid, work.has_long_lists())?;
+        // Round, 4 px to the threshold, faint: no pixel stops before its list ends.
+        let splat = |i: u32| {
+            let (row, begin, _) = place(i);
+            let mean = [(begin * 64 + random(i) % 64) as f32, (row * 32 + random(!i) % 32) as f32];
+            let words = [mean[0], mean[1], 0.3, 0.0, 0.3, 0.1, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0].map(f32::to_bits);
+            [[words[0], words[1], words[2], words[3]], [words[4], words[5], words[6], words[7]], [words[8], 0, 0, 0]]
+        };
+        let records: Vec<[u32; 4]> = (0..splats).flat_map(splat).collect();
+        let keys: Vec<u32> = (0..splats).map(|i| random(i) >> 8).collect();
+        let ids: Vec<u32> = (0..splats).collect();
+        let image = Image::new(device, "image", SIZE[0], SIZE[1])?;
+        let fast = Self { pipeline, work, grid, image, splats, entries };
+        let mut cmd = Commands::new(device)?;
+        cmd.upload(&fast.work.span_ranges, 0, ids.len(), |m| m.copy_from_slice(&span_ranges))?;
+        cmd.upload(&fast.work.splats, 0, records.len(), |m| m.copy_from_slice(&records))?;
+        cmd.upload(&fast.work.depth_keys, 0, keys.len(), |m| m.copy_from_slice(&keys))?;
+        cmd.upload(&fast.work.gaussian_from_splat, 0, ids.len(), |m| m.copy_from_slice(&ids))?;
+        let totals = Totals { visible: splats, ..Totals::zeroed() };
+        cmd.upload(&fast.work.totals, 0, 1, |memory| memory[0] = totals)?;
+        cmd.fill(&fast.work.listed_in_bins, 0);
+        for stage in [Self::count, Self::offsets, Self::fill, Self::sort, Self::merge, Self::masks] {
+            cmd.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::SHADER | Access::INDIRECT);
+            stage(&fast, &mut cmd);
+        }
+        cmd.submit()?.wait()?;
+        Ok(Some(fast))
+    }
+
+    fn count(&self, cmd: &mut Commands) {
+        self.pipeline.count(cmd, &self.work, self.grid);
+    }
+
+    fn offsets(&self, cmd: &mut Commands) {
+        self.pipeline.offsets(cmd, &self.work, self.grid);
+    }
+
+    fn fill(&self, cmd: &mut Commands) {
+        self.pipeline.fill(cmd, &self.work, self.grid);
+    }
+
+    fn sort(&self, cmd: &mut Commands) {
+        self.pipeline.sort(cmd, &self.work);
+    }
+
+    fn merge(&self, cmd: &mut Commands) {
+        self.pipeline.merge(cmd, &self.work);
+    }
+
+    fn masks(&self, cmd: &mut Commands) {
+        self.pipeline.masks(cmd, &self.work, self.grid);
+    }
+
+    fn blend(&self, cmd: &mut Commands) {
+        let target = Target { image: &self.image, certificate: None, background: Background::BLACK };
+        self.pipeline.blend(cmd, &self.work, self.grid, target);
+    }
+
+    /// One row per stage. Each runs on what the stages before it left, and leaves its input as it was, except that sort
+    /// finds the runs of lists that have several sorted by the time before.
+    fn benches(&self) -> Vec<Bench<'_>> {
+        let [splats, entries, bins] = [self.splats, self.entries, self.grid.count()].map(u64::from);
+        let pixels: u64 = self.image.size().iter().map(|side| u64::from(*side)).product();
+        let stages: [(&str, u64, fn(&Self, &mut Commands)); 7] = [
+            ("fast count", 8 * splats + 4 * bins, Self::count),
+            ("fast offsets", 24 * bins, Self::offsets),
+            ("fast fill", 12 * splats + 8 * entries, Self::fill),
+            ("fast sort", 12 * entries, Self::sort),
+            ("fast merge", 12 * entries, Self::merge),
+            ("fast masks", 8 * entries + 32 * splats, Self::masks),
+            ("fast blend", 8 * entries + 48 * splats + 16 * pixels, Self::blend),
+        ];
+        let bench = |(stage, bytes, record): (&'static str, u64, fn(&Self, &mut Commands))| Bench {
+            stage,
+            input: format!("{splats} splats, {entries} entries"),
+            bytes,
+            record: Box::new(move |cmd: &mut Commands| {
+                if stage == "fast count" {
+                    cmd.fill(&self.work.listed_in_bins, 0);
+                    cmd.barrier(Access::COPY_WRITE, Access::SHADER);
+                }
+                cmd.scope(stage, |cmd| record(self, cmd));
+            }),
+        };
+        stages.into_iter().map(bench).collect()
+    }
 }

@@ -14,21 +14,30 @@ mod layout;
 mod portable;
 mod readback;
 mod renderer;
+#[doc(hidden)]
 pub mod shaders;
 mod trial;
 
+#[doc(hidden)]
 pub use capacity::Capacity;
 pub use choice::Path;
+#[doc(hidden)]
 pub use fast::{BLOCK_HEIGHTS, BinGrid, FastPipeline, FastWorkspace};
+#[doc(hidden)]
 pub use frame::{Shot, Target, Variation};
 pub(crate) use frame::{depth_bits, tiles};
 pub use gpu_scene::GpuScene;
-pub use inspect::{
-    Attribute, Compare, Display, Explained, Explanation, Inspection, Inspector, Look, Picture, Quantity, Scale, Work,
-    depths, false_colour, upload_pixels,
-};
+#[doc(hidden)]
+pub use inspect::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
+pub use inspect::{Attribute, Explained, Explanation, Inspection, Look, Work, depths};
+#[doc(hidden)]
 pub use layout::{Layout, Packing};
+#[doc(hidden)]
 pub use portable::{Pairs, PortablePipeline, PortableWorkspace, RadixSort, SortRange, SortScratch};
 pub(crate) use readback::read_pixels;
-pub use renderer::{Frame, Recorded, Renderer, Started};
-pub use shaders::{Splat, Totals};
+pub use renderer::{Frame, Renderer};
+#[doc(hidden)]
+pub use renderer::{Recorded, Started};
+#[doc(hidden)]
+pub use shaders::Splat;
+pub use shaders::Totals;
