@@ -130,12 +130,21 @@ impl Session {
         }
     }
 
-    /// Looks for changed shaders, if they are compiled at run time: the next plans then ask for another build.
-    fn poll_shaders(&mut self, now: Instant) {
-        if self.shaders_polled.is_none_or(|polled| now - polled >= SHADER_POLL) {
-            self.shaders_polled = Some(now);
-            self.viewer.shaders = self.screen.device().newest_shader();
+    /// Looks for changed shaders, if they are compiled at run time and the last look is [`SHADER_POLL`] ago. Returns true
+    /// if they changed: the next frame then starts another build.
+    pub fn poll_shaders(&mut self) -> bool {
+        if self.shaders_polled.is_some_and(|polled| polled.elapsed() < SHADER_POLL) {
+            return false;
         }
+        self.shaders_polled = Some(Instant::now());
+        let newest = self.screen.device().newest_shader();
+        std::mem::replace(&mut self.viewer.shaders, newest) != newest
+    }
+
+    /// The time of the next [`Session::poll_shaders`]; `None` if all shaders are built in.
+    pub fn shader_poll_due(&self) -> Option<Instant> {
+        self.viewer.shaders?;
+        Some(self.shaders_polled? + SHADER_POLL)
     }
 
     /// Waits until another frame may be submitted. Call it before taking the input, so that the input is recent.
@@ -150,7 +159,7 @@ impl Session {
         self.viewer.is_stale |= self.viewer.size != size;
         self.viewer.size = size;
         self.poll_jobs();
-        self.poll_shaders(now);
+        self.poll_shaders();
         self.retire_frames(false)?;
         self.report_notices();
         // Two layouts per refresh are enough for panels and input.
@@ -353,8 +362,7 @@ impl Session {
         }
         let flicker = viewer.comparison.until_flicker(viewer.started.elapsed().as_secs_f64());
         let note = viewer.messages.next_change().unwrap_or(Duration::MAX);
-        let shaders = if viewer.shaders.is_some() { SHADER_POLL } else { Duration::MAX };
-        self.layout.repaint_delay.min(flicker).min(note).min(shaders)
+        self.layout.repaint_delay.min(flicker).min(note)
     }
 
     /// The event for the end of the session.

@@ -234,7 +234,7 @@ impl ApplicationHandler<Wake> for App {
     fn about_to_wait(&mut self, events: &ActiveEventLoop) {
         let Some(open) = &self.window else { return };
         let poll = open.session.screen.is_busy().then(|| Instant::now() + POLL);
-        let next = [open.due, poll].into_iter().flatten().min();
+        let next = [open.due, poll, open.session.shader_poll_due()].into_iter().flatten().min();
         events.set_control_flow(next.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
 
@@ -256,9 +256,10 @@ impl OpenWindow {
         messages
     }
 
-    /// Takes the results of finished frames, and requests a frame that is due.
+    /// Takes the results of finished frames, looks for changed shaders, and requests a frame that is due.
     fn poll(&mut self) -> Result<()> {
-        let has_news = self.session.retire_frames(false)?;
+        let has_results = self.session.retire_frames(false)?;
+        let has_news = has_results | self.session.poll_shaders();
         let is_due = self.due.is_some_and(|due| due <= Instant::now());
         if has_news && !self.is_hidden || is_due {
             self.window.request_redraw();
