@@ -1,4 +1,4 @@
-//! What a frame needs and what its buffers hold: capacity, and how it grows.
+//! The capacity that a frame needs and that its buffers have, and its growth.
 
 use anyhow::Result;
 
@@ -6,8 +6,9 @@ use crate::gpu::Device;
 use crate::host_memory::OutOfMemory;
 use crate::render::shaders::{Splat, Totals};
 
-/// What the buffers of a frame hold, or what a frame would need. A cell is what splats are listed in: a tile of the
-/// portable path, a bin of the fast path.
+/// The numbers of elements that the buffers of a frame hold, or that a frame needs. A cell is what splats are listed
+/// in:
+/// a tile of the portable path, a bin of the fast path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Capacity {
     /// Gaussians in the scene, all of them.
@@ -23,8 +24,8 @@ pub struct Capacity {
 }
 
 impl Capacity {
-    /// A first guess for a scene on the portable path, within what a device binds. A frame that needs more reports it and
-    /// is drawn again.
+    /// A first guess for a scene on the portable path, within what the device can bind. A frame that needs more reports
+    /// it and is drawn again.
     pub fn guess(device: &Device, gaussians: usize, cells: usize) -> Self {
         let most = |bytes: usize| device.capabilities().limits.storage_range / bytes as u64;
         // Captured scenes at 1080p: half of the Gaussians are visible, in 2.3 rows and 6 tiles each.
@@ -33,7 +34,7 @@ impl Capacity {
         Self { gaussians, visible, spans: (2 * visible).min(most(4)), listed: listed.min(most(4)), cells }
     }
 
-    /// What the totals of a frame of so many Gaussians and cells ask for.
+    /// The capacity that a frame with these totals needs.
     pub fn of(totals: &Totals, gaussians: usize, cells: usize) -> Self {
         Self {
             gaussians,
@@ -54,7 +55,7 @@ impl Capacity {
         }
     }
 
-    /// `self` and `current` together: first with an eighth to spare where `current` is not enough, then without.
+    /// The larger of `self` and `current`: first with an eighth to spare where `current` is not enough, then without.
     fn beyond(self, current: Self) -> [Self; 2] {
         let spare = |needed: u64, current: u64| if needed > current { needed + needed / 8 } else { current };
         let exact = self.max(current);
@@ -67,12 +68,12 @@ impl Capacity {
         [roomy, exact]
     }
 
-    /// True if `capacity` holds it.
+    /// True if no part of it is more than that of `capacity`.
     pub(super) fn fits(self, capacity: Self) -> bool {
         self.max(capacity) == capacity
     }
 
-    /// Makes buffers for it and for `current`, with some to spare if there is memory for that.
+    /// Makes buffers that are large enough for `self` and `current`, with some to spare if there is memory for that.
     pub(super) fn grow<T>(self, current: Self, make: impl Fn(Self) -> Result<T>) -> Result<T> {
         let [roomy, exact] = self.beyond(current);
         match make(roomy) {
@@ -82,7 +83,10 @@ impl Capacity {
     }
 }
 
-/// A buffer's length, if 32-bit offsets reach its end.
+/// `elements` as the length of the buffer `name`.
+///
+/// # Errors
+/// If 32-bit offsets do not reach the end of the buffer.
 pub(super) fn length(name: &str, elements: u64) -> Result<usize, OutOfMemory> {
     let refusal = |_| OutOfMemory {
         name: name.to_owned(),

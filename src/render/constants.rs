@@ -6,8 +6,8 @@ use super::shaders::SharedConstants;
 use crate::options::{Options, Storage};
 use crate::rules::Order;
 
-/// The constants for pipelines whose subgroups have at most `subgroup` lanes. Shaders take those that they declare; a stage
-/// sets its own constants beside them.
+/// The constants of pipelines whose subgroups have at most `subgroup` lanes. A shader takes those that it declares, and
+/// its stage adds the constants of its own.
 pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> SharedConstants {
     let rules = &options.rules;
     SharedConstants {
@@ -28,8 +28,8 @@ pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> Share
     }
 }
 
-/// True if the fast path keeps colours of splats in 16-bit floats: where those of Gaussians may be, and pixels may stop
-/// early.
+/// True if the fast path stores the colours of splats as 16-bit floats: if the options allow that for the spherical
+/// harmonics and let pixels stop early.
 pub(super) fn is_compact(options: &Options) -> bool {
     matches!(options.sh_storage, Storage::F16 | Storage::U8) && options.stop > 0.0
 }

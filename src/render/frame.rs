@@ -1,4 +1,4 @@
-//! What both paths share of a frame: the target, the view, the width of depth keys, limits of subgroups.
+//! The parts of a frame that both paths share: target, view, depth keys, limits of subgroups.
 
 use glam::DVec3;
 
@@ -17,7 +17,7 @@ pub struct Shot<'a> {
     pub camera: &'a Camera,
 }
 
-/// What a frame is drawn into.
+/// The images that a frame is drawn into, and the background.
 #[derive(Clone, Copy)]
 pub struct Target<'a> {
     pub image: &'a Image,
@@ -26,15 +26,15 @@ pub struct Target<'a> {
     pub background: Background,
 }
 
-/// How a renderer that measures differs from one that draws.
+/// The variants of a pipeline: those that measure draw the same pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Variation {
-    /// It does not differ.
+    /// It only draws.
     #[default]
     Plain,
-    /// Blend counts its work: [`Totals`](super::Totals) from `evaluations_low` on. It takes longer.
+    /// Its blend counts its work ([`Totals`](super::Totals) from `evaluations_low` on), which takes longer.
     Counting,
-    /// A certificate is made for every picture, which stays the same. It takes much longer.
+    /// It makes a certificate of every picture, which takes much longer.
     Certifying,
 }
 
@@ -104,8 +104,9 @@ pub(crate) fn depth_bits(near: f32, far: f64) -> u32 {
     u32::BITS - (far.to_bits() - near.to_bits() + 2).leading_zeros()
 }
 
-/// How the depth of a splat becomes a key: the number of floats between the near plane and the depth, which is exact and
-/// takes no more bits than the scene is deep, without the lowest `shift` bits.
+/// The format of depth keys. A key is the number of floats between the near plane and the depth of a splat, without its
+/// lowest `shift` bits. With a shift of 0 it is exact, and it takes only the bits that the depth range of the scene
+/// needs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct DepthKeys {
     /// Bits of a key: [`depth_bits`] from the near plane to the far end of the scene, less `shift`.
@@ -114,6 +115,7 @@ pub(crate) struct DepthKeys {
 }
 
 impl DepthKeys {
+    /// The depth keys of a scene within `extent`, seen by `camera`.
     pub fn of(camera: &Camera, options: &Options, extent: &Bounds) -> Self {
         let near = options.rules.near;
         let corner = |i: usize| {

@@ -1,4 +1,4 @@
-//! A scene as the shaders read it.
+//! A scene in device memory, as the shaders read it.
 
 use std::ops::Range;
 
@@ -14,12 +14,12 @@ use crate::render::shaders::Grids;
 use crate::rules::{LISTED_ALPHA, Rules};
 use crate::scene::{Bounds, Gaussians, Requirements};
 
-/// Gaussians in device memory, in planes of four words: one of bounds, and as many of shapes and of spherical harmonics as
-/// the layout needs. Where a Gaussian needs less than what is left of a plane, several share an element. A clone is the
-/// same scene.
+/// Gaussians in device memory, in planes with four words per element: one plane of bounds, and as many of shapes and of
+/// spherical harmonics as the layout needs. In a last plane with one or two words per Gaussian, four or two Gaussians
+/// share an element. A clone shares the buffers.
 #[derive(Clone)]
 pub struct GpuScene {
-    /// The mean as bits, and the [`reach`].
+    /// The bits of the mean, and the [`reach`].
     pub(super) bounds: Buffer<[u32; 4]>,
     /// Rotation, scale, opacity.
     pub(super) shapes: Vec<Buffer<[u32; 4]>>,
@@ -28,29 +28,37 @@ pub struct GpuScene {
     pub(super) layout: Layout,
     len: usize,
     pub(crate) extent: Bounds,
-    /// Of its first Gaussians.
+    /// The camera of the trial, which draws the first Gaussians.
     pub(super) trial_view: Camera,
-    /// Above the brightest channel of any Gaussian.
+    /// An upper bound on every colour channel of every Gaussian.
     pub(super) brightest: f64,
-    /// Where alpha is lower, Gaussians may be culled.
+    /// Gaussians may be culled where their alpha is below this.
     pub(super) alpha_min: f32,
 }
 
-/// Gaussians of a trial, from the scene's first on.
+/// Number of Gaussians that a trial draws: the first ones of the scene.
 pub(super) const TRIAL: usize = 1 << 14;
 /// Size of the trial's picture, px.
 pub(super) const TRIAL_SIZE: [u32; 2] = [256, 144];
-/// Gaussians uploaded at once, a multiple of those that share an element: their spherical harmonics, which every plane
-/// takes a part of, stay in the cache.
+/// Gaussians uploaded at a time. It is a multiple of the Gaussians that share an element, and so few that their
+/// spherical harmonics, which every plane takes a part of, stay in the cache.
 const UPLOAD_CHUNK: usize = 1 << 15;
 
 impl GpuScene {
-    /// Uploads a scene: what it requires of it, as the options let it be stored.
+    /// Uploads `gaussians`, keeping only the SH degree and precision that the scene needs and `options` allow. Waits
+    /// for the device.
+    ///
+    /// # Errors
+    /// If device memory runs out or a plane is longer than the device can bind.
     pub fn new(device: &Device, gaussians: &Gaussians, options: &Options) -> Result<Self> {
         Self::with(device, gaussians, &Requirements::of(gaussians), options)
     }
 
-    /// The same for [`Renderer::certified`](super::Renderer::certified), which has to see what others may cull.
+    /// As [`with`](Self::with), for [`Renderer::certified`](super::Renderer::certified), which has to draw Gaussians
+    /// that other renderers may cull.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
     pub fn certifiable(
         device: &Device,
         gaussians: &Gaussians,
@@ -61,7 +69,10 @@ impl GpuScene {
         Self::with(device, gaussians, needs, &Options { rules, ..*options })
     }
 
-    /// The same for a scene whose requirements are known.
+    /// As [`new`](Self::new), for a scene whose requirements are known.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
     pub fn with(device: &Device, gaussians: &Gaussians, needs: &Requirements, options: &Options) -> Result<Self> {
         let len = gaussians.len();
         let layout = Layout::of(gaussians, needs, options);
@@ -87,19 +98,19 @@ impl GpuScene {
         for first in (0..len).step_by(UPLOAD_CHUNK) {
             let mut commands = Commands::new(device)?;
             scene.upload(&mut commands, gaussians, first..len.min(first + UPLOAD_CHUNK))?;
-            // Dropping the chunk before waits for it: one is copied while the next is prepared.
+            // Dropping the previous chunk waits for it, so one chunk is copied while the next is prepared.
             in_flight = commands.submit()?;
         }
         in_flight.wait()?;
         Ok(scene)
     }
 
-    /// Gaussians.
+    /// Number of Gaussians.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// The same scene, of which no more than `count` Gaussians are drawn.
+    /// The same scene with at most its first `count` Gaussians.
     pub(super) fn first(&self, count: usize) -> Self {
         Self { len: self.len.min(count), ..self.clone() }
     }
@@ -108,7 +119,7 @@ impl GpuScene {
         self.len() == 0
     }
 
-    /// Whether it is in the memory of this device.
+    /// True if the scene is in the memory of this device.
     pub fn is_on(&self, device: &Device) -> bool {
         self.bounds.is_on(device)
     }
@@ -128,11 +139,13 @@ impl GpuScene {
         planes.chain([self.grids.footprint()]).collect()
     }
 
-    /// A smaller layout has fewer planes, and its pipelines read no others.
+    /// The planes of shapes. The last one is repeated where the layout has fewer planes: pipelines do not read it
+    /// again.
     pub(super) fn shape_planes(&self) -> [&Buffer<[u32; 4]>; 2] {
         std::array::from_fn(|i| &self.shapes[i.min(self.shapes.len() - 1)])
     }
 
+    /// The planes of spherical harmonics. The last one is repeated where the layout has fewer planes.
     pub(super) fn sh_planes(&self) -> [&Buffer<[u32; 4]>; 12] {
         std::array::from_fn(|i| &self.sh[i.min(self.sh.len() - 1)])
     }
@@ -142,7 +155,7 @@ impl GpuScene {
         upload_plane(commands, &self.bounds, &range, |i| {
             let [x, y, z] = gaussians.means()[i].map(f32::to_bits);
             let (scale, kept) = layout.kept_shape(gaussians, i);
-            // What is too faint to be drawn stays so.
+            // A Gaussian that is too faint to be drawn stays so.
             let opacity = gaussians.opacities()[i];
             let opacity = if opacity < self.alpha_min { opacity } else { kept };
             [x, y, z, reach(scale, opacity, self.alpha_min.into())]
@@ -154,8 +167,7 @@ impl GpuScene {
     }
 }
 
-/// Gaussians that share an element of plane `plane`, where each takes `words` words in all: those whose last words
-/// fill it.
+/// Number of Gaussians that share an element of plane `plane`, where each takes `words` words in all planes together.
 fn share(words: usize, plane: usize) -> usize {
     match words - 4 * plane {
         1 => 4,
@@ -164,7 +176,7 @@ fn share(words: usize, plane: usize) -> usize {
     }
 }
 
-/// Uploads the planes of Gaussians `range`, of which each has `words` words.
+/// Uploads the Gaussians `range` of `planes`. Each has `words` words; `word` returns one by Gaussian and number.
 fn upload_words(
     commands: &mut Commands,
     planes: &[Buffer<[u32; 4]>],
@@ -186,7 +198,7 @@ fn upload_words(
     Ok(())
 }
 
-/// Uploads part of a plane, made on all cores.
+/// Uploads the elements `range` of a plane. Their values are computed on all cores.
 fn upload_plane<T: Element + Send>(
     commands: &mut Commands,
     plane: &Buffer<T>,
@@ -198,8 +210,8 @@ fn upload_plane<T: Element + Send>(
     })
 }
 
-/// Two bfloat16, rounded up: how many standard deviations from the mean alpha falls to `alpha_min`, and in the upper half
-/// the same in world units along the longest axis, or -1 where alpha starts lower.
+/// Two bfloat16, rounded up. The lower half is the number of standard deviations from the mean at which alpha falls to
+/// `alpha_min`. The upper half is the same in world units along the longest axis, or -1 if alpha is lower everywhere.
 fn reach(scale: [f32; 3], opacity: f32, alpha_min: f64) -> u32 {
     let opacity = f64::from(opacity);
     if opacity < alpha_min {

@@ -1,37 +1,41 @@
-//! How the numbers of a Gaussian are packed into words for the GPU, as `storage.glsl` unpacks them.
+//! The packing of a Gaussian's numbers into words for the GPU. `storage.glsl` unpacks them.
 
 use half::f16;
 use rayon::prelude::*;
 
 use crate::options::{Options, Storage};
 use crate::render::shaders::Grids;
+use crate::render::shaders::shared::{STORED_F16, STORED_F32, STORED_U8};
 use crate::scene::{Gaussians, Grid, MAX_SH_DEGREE, Requirements, bands, encode_rotation, sh_coefficients};
 
-/// What of a scene is kept on the GPU, and in how many bits: what the scene requires, and the options allow to lose.
+/// The SH degree and the number formats of a scene on the GPU: only those that the scene needs and the options allow.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
+    /// Degree of the spherical harmonics that are stored.
     pub sh_degree: u32,
+    /// The format of the spherical harmonics.
     pub sh: Packing,
+    /// The format of rotation, scale and opacity.
     pub shape: Packing,
     sh_grids: [Grid; sh_coefficients(MAX_SH_DEGREE)],
     scale_grid: Grid,
-    /// Scales are multiples of it where they are 16-bit floats.
+    /// Scales are divided by this before they become 16-bit floats.
     scale_unit: f32,
-    /// Some Gaussian is more opaque than alphas may be.
+    /// True if some opacity is so high that alphas are clamped to `Rules::alpha_max`.
     pub has_clamped_alphas: bool,
 }
 
-/// In what numbers a group of attributes is kept.
+/// The number format of a group of attributes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Packing {
     /// Never [`Storage::Lossless`].
     pub storage: Storage,
-    /// What the file held is given back.
+    /// True if unpacking returns the values of the file exactly.
     pub is_lossless: bool,
 }
 
 impl Packing {
-    /// The fewest bits that `allowed` lets be used.
+    /// The format with the fewest bits that `allowed` permits.
     fn of(allowed: Storage, fits_bytes: bool) -> Self {
         match allowed {
             Storage::Lossless | Storage::F16 if fits_bytes => Self { storage: Storage::U8, is_lossless: true },
@@ -41,21 +45,22 @@ impl Packing {
         }
     }
 
-    /// As the shaders call it.
+    /// The number that shaders know the format by.
     pub(super) fn code(self) -> u32 {
         match self.storage {
-            Storage::Lossless | Storage::F32 => 0,
-            Storage::F16 => 1,
-            Storage::U8 => 2,
+            Storage::Lossless | Storage::F32 => STORED_F32,
+            Storage::F16 => STORED_F16,
+            Storage::U8 => STORED_U8,
         }
     }
 }
 
 impl Layout {
+    /// The layout of a scene with the requirements `needs` under these options.
     pub fn of(gaussians: &Gaussians, needs: &Requirements, options: &Options) -> Self {
         let sh_degree = needs.sh_degree.min(options.sh_degree);
         let sh = Packing::of(options.sh_storage, needs.sh_grids.is_some());
-        // 8 bits of a logarithm cannot say zero.
+        // A logarithm in 8 bits cannot represent a scale of 0.
         let is_flat = gaussians.scales().as_flattened().contains(&0.0);
         let allowed = if is_flat { options.shape_storage.min(Storage::F16) } else { options.shape_storage };
         let shape = Packing::of(allowed, needs.scale_grid.is_some());
@@ -69,18 +74,18 @@ impl Layout {
             _ => UNUSED,
         });
         let largest = gaussians.scales().as_flattened().iter().fold(0.0, |m: f32, s| m.max(*s));
-        // The largest becomes 2^15 at most, so that only what is 2^29 times smaller loses precision.
+        // The largest scale becomes at most 2^15, so that only scales 2^29 times smaller lose precision.
         let scale_unit = if largest > 0.0 { (f64::from(largest).log2().ceil() - 15.0).exp2() as f32 } else { 1.0 };
         let scale_unit = scale_unit.max(f32::MIN_POSITIVE);
-        // 1 % for what packing and rounding add.
+        // 1 % lower, because packing and rounding may increase an alpha.
         let clamped = 0.99 * options.rules.alpha_max;
         let has_clamped_alphas = gaussians.opacities().iter().any(|opacity| *opacity > clamped);
         Self { sh_degree, sh, shape, sh_grids, scale_grid, scale_unit, has_clamped_alphas }
     }
 
-    /// Above what this packing changes of any channel of any Gaussian's colour from any direction, the degrees that are
-    /// left out included: |dc| <= sum over l of sqrt((2 l + 1) / 4 pi) |dk_l|. A picture changes by as much at most,
-    /// since a pixel is a convex combination of colours.
+    /// An upper bound on the change of any colour channel of any Gaussian, seen from any direction, by this packing and
+    /// by the degrees that are left out: |dc| <= sum over l of sqrt((2 l + 1) / 4 pi) |dk_l|. A picture changes by at
+    /// most as much, since a pixel is a convex combination of colours.
     pub fn colour_error(&self, gaussians: &Gaussians) -> f64 {
         if self.sh.is_lossless && self.sh_degree == gaussians.sh_degree() {
             return 0.0;
@@ -98,7 +103,7 @@ impl Layout {
         (0..gaussians.len()).into_par_iter().with_min_len(4096).map(of_gaussian).reduce(|| 0.0, f64::max)
     }
 
-    /// What the GPU has for the value of a coefficient.
+    /// The value of a coefficient after packing and unpacking.
     fn kept(&self, coefficient: usize, value: f32) -> f32 {
         match self.sh.storage {
             Storage::Lossless | Storage::F32 => value,
@@ -110,8 +115,8 @@ impl Layout {
         }
     }
 
-    /// Device memory in bytes that a Gaussian takes. Words that would be alone are with those of others, but three have
-    /// the room of four.
+    /// Device memory in bytes that a Gaussian takes. A last plane with one or two words per Gaussian is shared by four
+    /// or two Gaussians; three words are padded to four.
     pub fn bytes_each(&self) -> u64 {
         let padded = |words: usize| words + usize::from(words % 4 == 3);
         4 * (4 + padded(self.shape_words()) + padded(self.sh_words())) as u64
@@ -169,7 +174,7 @@ impl Layout {
         }
     }
 
-    /// Scale and opacity of Gaussian `index`, as the GPU has them.
+    /// Scale and opacity of Gaussian `index` after packing and unpacking.
     pub(super) fn kept_shape(&self, gaussians: &Gaussians, index: usize) -> ([f32; 3], f32) {
         let (scale, opacity) = (gaussians.scales()[index], gaussians.opacities()[index]);
         let on_grid = |s: f32| self.scale_grid.decode(self.scale_grid.encode(f64::from(s).log2())).exp2();
@@ -182,7 +187,7 @@ impl Layout {
         }
     }
 
-    /// What the shaders need to unpack it.
+    /// The grids and the unit that the shaders unpack with.
     pub(super) fn grids(&self) -> Grids {
         let pair = |grid: Grid| [grid.offset, grid.step];
         Grids { sh: self.sh_grids.map(pair), log2_scale: pair(self.scale_grid), scale_unit: self.scale_unit }
@@ -191,6 +196,7 @@ impl Layout {
 
 const UNUSED: Grid = Grid { offset: 0.0, step: 1.0 };
 
+/// The grid of coefficient `i` that spans its values in all Gaussians.
 fn spanning_coefficient(gaussians: &Gaussians, degree: u32, i: usize) -> Grid {
     if i >= sh_coefficients(degree) {
         return UNUSED;
@@ -198,16 +204,17 @@ fn spanning_coefficient(gaussians: &Gaussians, degree: u32, i: usize) -> Grid {
     Grid::spanning((0..gaussians.len()).into_par_iter().flat_map_iter(|index| gaussians.sh(index)[i].map(f64::from)))
 }
 
-/// The nearest 16-bit float, but never an infinity.
+/// The nearest finite 16-bit float.
 fn half(value: f32) -> f16 {
     f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
 }
 
-/// Nothing that is drawn becomes transparent.
+/// An opacity in steps of 1/255, at least one step: nothing that is drawn becomes transparent.
 fn opacity_byte(opacity: f32) -> u8 {
     (opacity * 255.0).round().max(1.0) as u8
 }
 
+/// Two 16-bit floats in one word.
 fn halves([low, high]: [f32; 2]) -> u32 {
     u32::from(half(low).to_bits()) | u32::from(half(high).to_bits()) << 16
 }

@@ -1,4 +1,4 @@
-//! Reading an image back to the host.
+//! Reads an image back to the host.
 
 use anyhow::Result;
 
@@ -6,7 +6,10 @@ use crate::gpu::{Commands, Device, Image};
 use crate::host_memory::host_vec;
 use crate::pixels::Pixels;
 
-/// The pixels of `image` after everything that was submitted so far.
+/// The pixels of `image` after everything that was submitted so far. Waits for the device.
+///
+/// # Errors
+/// If memory runs out or the device is lost.
 pub(crate) fn read_pixels(device: &Device, image: &Image) -> Result<Pixels> {
     const BAND_BYTES: u32 = 256 << 20; // of staging memory at a time
     let [width, height] = image.size();

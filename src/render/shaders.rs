@@ -1,4 +1,5 @@
-//! The typed interfaces of `glsl/*/*.comp`, written by `build.rs`: one module per folder, and the structs that they share.
+//! The typed interfaces of `glsl/*/*.comp`, written by `build.rs`: one module per folder, and the structs that they
+//! share.
 
 use crate::gpu::{Binding, BindingKind, Bindings, Buffer, Constants, Element, Image, Resource, Scalar, Shader};
 

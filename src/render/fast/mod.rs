@@ -6,8 +6,9 @@
 //! | bin | 8x4 blocks: what splats are listed in |
 //! | entry | one splat in the list of one bin |
 //! | run | up to 2048 entries of a list that one workgroup sorts |
+//! | piece | a sorted part of a list that a merge level takes: a run, or 16 pieces of the level before |
 //! | stretch | up to 1024 entries of a sorted list whose block masks lie together |
-//! | chunk | the splats that one workgroup of a stage takes |
+//! | chunk | the Gaussians or splats that one workgroup of a stage handles |
 
 mod pipeline;
 mod workspace;

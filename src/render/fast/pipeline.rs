@@ -18,11 +18,12 @@ use crate::render::shaders::fast::*;
 use crate::render::shaders::{Bin, FastDispatches, SharedConstants, Totals};
 use crate::rules::{Footprint, Order};
 
-/// Heights of blocks, px. Low ones balance small pictures and crowded ones, high ones list fewer splats twice.
+/// Heights of blocks, px. Low blocks balance the work of small and of crowded pictures; with high blocks fewer splats
+/// are listed more than once.
 pub const BLOCK_HEIGHTS: [u32; 3] = [4, 8, 16];
-/// Pixels of a picture below which its blocks are the lowest.
+/// Pictures with fewer pixels have the lowest blocks.
 const SMALL_PICTURE: u64 = 1 << 20;
-/// Pixels of a picture from which on its blocks are the highest.
+/// Pictures with at least this many pixels have the highest blocks.
 const LARGE_PICTURE: u64 = 1 << 22;
 /// Workgroup memory in bytes that the counts of a sort may take.
 const SORT_COUNTS_BYTES: u32 = 16 << 10;
@@ -38,7 +39,7 @@ pub struct FastPipeline {
     sort: Stage<Sort>,
     /// Merges runs.
     merge_runs: Stage<Merge>,
-    /// Merges what was merged before.
+    /// Merges the pieces of the merge level before.
     merge_again: Stage<Merge>,
     masks: Stage<Masks>,
     /// One for each of [`BLOCK_HEIGHTS`], made when the first picture needs it.
@@ -78,6 +79,9 @@ impl BinGrid {
 
 impl FastPipeline {
     /// `None` where the device or the options call for the portable path.
+    ///
+    /// # Errors
+    /// If a pipeline cannot be made.
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Option<Self>> {
         let rules = &options.rules;
         let is_asked_for = !options.portable && rules.extent == Footprint::Exact && rules.order != Order::PerPixel;
@@ -115,6 +119,9 @@ impl FastPipeline {
     }
 
     /// Makes the blend pipelines for pictures of this size, and those for long lists if there may be some.
+    ///
+    /// # Errors
+    /// If a pipeline cannot be made.
     pub fn prepare(&mut self, device: &Device, grid: BinGrid, has_long_lists: bool) -> Result<()> {
         let height = grid.height_index;
         let block_height = grid.block_height.max(self.subgroup / BLOCK_WIDTH);
@@ -158,7 +165,8 @@ impl FastPipeline {
     /// Records one frame: `target` shows `shot` if the capacity of `work` was enough, which `work.totals` tells.
     ///
     /// # Panics
-    /// If the scene has another layout than the pipeline was built for, or the blend was not [`prepare`](Self::prepare)d.
+    /// If the scene has another layout than the pipeline was built for or is culled by a higher threshold, or if
+    /// [`prepare`](Self::prepare) was not called for this size.
     pub fn record(&self, cmd: &mut Commands, shot: Shot, work: &FastWorkspace, target: Target) {
         let Shot { scene, camera } = shot;
         assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
@@ -248,7 +256,7 @@ impl FastPipeline {
         cmd.dispatch(&self.project, bindings, push, DispatchSize::Groups(groups));
     }
 
-    /// Counts the splats of every bin, part by part.
+    /// Counts the splats of every bin, chunk by chunk.
     pub fn count(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         let bindings = CountBindings {
             totals: &work.totals,

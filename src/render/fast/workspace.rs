@@ -19,26 +19,26 @@ pub struct FastWorkspace {
     pub span_ranges: Buffer<[u32; 2]>,
     pub spans: Buffer<u32>,
     pub listed_in_bins: Buffer<u32>,
-    /// Where the entries of every chunk of splats begin in the list of every bin.
+    /// For every chunk of splats and every bin: the place in the list of the bin where the chunk's entries begin.
     pub chunk_places: Buffer<u32>,
     pub bins: Buffer<Bin>,
     pub bin_order: Buffer<u32>,
     pub run_bins: Buffer<u32>,
     pub stretch_bins: Buffer<u32>,
-    /// Depth key and splat.
+    /// Depth key and splat of every entry.
     pub entries: Buffer<[u32; 2]>,
     /// The entries between merge levels, if there are several.
     pub merged: Buffer<[u32; 2]>,
-    /// Times that lists are merged.
+    /// Merge dispatches of a frame.
     merge_levels: u32,
     pub splat_ids: Buffer<u32>,
-    /// A word per entry, a bit per block of its bin; those of 32 entries lie transposed.
+    /// A bit per entry and block of its bin: 32 words for every stretch and block.
     pub masks: Buffer<u32>,
     splat_elements: usize,
 }
 
 impl FastWorkspace {
-    /// A first guess for a scene, from that of the portable path.
+    /// A first guess for a scene, from the guess for the portable path.
     pub fn guess(device: &Device, guess: Capacity) -> Capacity {
         let most = |bytes: u64| device.capabilities().limits.storage_range / bytes;
         // Captured scenes at 1080p: a splat is in 1.2 rows of bins and in 2 bins.
@@ -46,6 +46,10 @@ impl FastWorkspace {
         Capacity { visible, spans: visible / 2, listed: (2 * visible).max(1 << 15).min(most(8)), ..guess }
     }
 
+    /// Makes buffers of this capacity, for short lists.
+    ///
+    /// # Errors
+    /// If device memory runs out.
     pub fn new(device: &Device, capacity: Capacity, splat_elements: usize) -> Result<Self> {
         Self::with(device, capacity, splat_elements, 1)
     }
@@ -80,14 +84,17 @@ impl FastWorkspace {
         })
     }
 
-    /// Makes the buffers large enough for `demand`, and the merge levels enough for a list as long as the longest.
+    /// Makes the buffers large enough for `demand`, and the merge levels enough for a list of length `longest_list`.
+    ///
+    /// # Errors
+    /// If device memory runs out. The buffers are then empty.
     pub fn grow(&mut self, device: &Device, demand: Capacity, longest_list: u32) -> Result<()> {
         let (current, elements) = (self.capacity, self.splat_elements);
         let levels = self.merge_levels.max(merge_levels(longest_list));
         if demand.fits(current) && levels == self.merge_levels {
             return Ok(());
         }
-        *self = Self::new(device, Capacity::default(), elements)?; // frees what is there before the larger are made
+        *self = Self::new(device, Capacity::default(), elements)?; // frees the old buffers before larger ones are made
         *self = demand.grow(current, |capacity| Self::with(device, capacity, elements, levels))?;
         Ok(())
     }

@@ -7,7 +7,7 @@ use crate::pixels::Pixels;
 use crate::render::shaders::inspect::*;
 use crate::render::shaders::{Room, Totals};
 
-/// How two pictures are shown.
+/// The way in which two pictures are shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Compare {
     First,
@@ -39,7 +39,8 @@ pub struct Scale {
     pub is_logarithmic: bool,
 }
 
-/// Converts pictures to 8 bits for a window, with the rounding of files. The shown pixels stay while a frame is incomplete.
+/// Converts pictures to 8 bits for a window, with the rounding of files. The shown pixels stay while a frame is
+/// incomplete.
 pub struct Display {
     device: Device,
     /// True if shaders may store to the window's images.
@@ -52,7 +53,7 @@ pub struct Display {
     no_totals: Buffer<Totals>,
 }
 
-/// A picture to show: an image, and how the shader tells that it is complete.
+/// A picture to show: an image, and the counts that tell the shader whether it is complete.
 pub struct Picture<'a> {
     image: &'a Image,
     /// `None` if it is known to be complete.
@@ -91,6 +92,12 @@ impl Display {
     }
 
     /// Records the conversion of two pictures of the size of `screen` into it.
+    ///
+    /// # Errors
+    /// If device memory runs out.
+    ///
+    /// # Panics
+    /// If a picture has another size than `screen`.
     pub fn record(
         &mut self,
         cmd: &mut Commands,

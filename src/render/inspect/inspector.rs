@@ -1,5 +1,5 @@
-//! The inspector: frames of the portable path that show attributes or work instead of colours, that are culled from another
-//! camera, or that draw one Gaussian alone.
+//! The inspector: frames of the portable path that show attributes or work instead of colours, that are culled from
+//! another camera, or that draw one Gaussian alone.
 
 use std::mem::offset_of;
 
@@ -17,7 +17,7 @@ use crate::render::shaders::inspect::*;
 use crate::render::shaders::{PortableDispatches, View};
 use crate::rules::Background;
 
-/// How a frame is inspected. The default is an ordinary frame and costs no more than that.
+/// The settings of an inspection. The default is an ordinary frame and costs no more than one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Inspection {
     pub look: Look,
@@ -27,7 +27,7 @@ pub struct Inspection {
     pub isolated: Option<u32>,
 }
 
-/// What a picture shows.
+/// The quantity that a picture shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Look {
     /// The scene.
@@ -72,8 +72,8 @@ pub enum Work {
     Centres = WORK_CENTRES as isize,
     /// The outermost pixels that every splat covers, half transparent, front to back.
     Outlines = WORK_OUTLINES as isize,
-    /// Input of [`depths`], not a picture: red is the mean depth, green the median depth or 0, blue the number of blended
-    /// splats, alpha the coverage.
+    /// Input of [`depths`], not a picture: red is the mean depth, green the median depth or 0, blue the number of
+    /// blended splats, alpha the coverage.
     Depths = WORK_DEPTHS as isize,
 }
 
@@ -130,7 +130,7 @@ impl Inspector {
         Ok(Self { inspection, intersect: Stage::new(device, &())?, picture })
     }
 
-    /// Records a frame of the portable path with what is inspected in place of its colours.
+    /// Records a frame of the portable path that shows the inspected quantity in place of colours.
     pub(in crate::render) fn record(
         &self,
         cmd: &mut Commands,
@@ -201,8 +201,8 @@ impl Inspector {
     }
 }
 
-/// Walks every tile's list of `splat_ids`. It takes fewer loop iterations per instance than a blend, so `entries_per_pass`
-/// of a blend suits it.
+/// Walks every tile's list of `splat_ids`. It takes fewer loop iterations per instance than a blend, so the
+/// `entries_per_pass` of a blend suits it.
 fn walk(
     cmd: &mut Commands,
     stages: &[Stage<Inspect>; 2],

@@ -1,4 +1,4 @@
-//! Looking inside the portable path: pictures of attributes and of work, one pixel explained, and pictures on a screen.
+//! Views into the portable path: pictures of attributes and of work, the explanation of a pixel, pictures on a screen.
 
 mod display;
 mod inspector;

@@ -1,4 +1,4 @@
-//! One pixel explained: the splats that it is made of.
+//! The explanation of one pixel: the splats that it is made of.
 
 use anyhow::Result;
 

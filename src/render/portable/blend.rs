@@ -1,4 +1,4 @@
-//! The blend: the list of every tile into the picture, and on demand a certificate of its error.
+//! The blend of every tile's list into the picture, and on demand a certificate of its error.
 
 use anyhow::Result;
 
@@ -12,9 +12,9 @@ use crate::render::shaders::SharedConstants;
 use crate::render::shaders::portable::*;
 use crate::rules::LISTED_ALPHA;
 
-/// The pipelines of the blend. The second of each two resumes what the first began.
+/// The pipelines of the blend. The second of each pair resumes what the first began.
 pub(in crate::render) struct Blending {
-    /// Entries of a tile's list that one dispatch may take.
+    /// Instances of a tile's list that one dispatch may take.
     pub(in crate::render) entries_per_pass: u32,
     stages: Stages,
 }
@@ -40,8 +40,8 @@ impl Blending {
         let certified =
             |resume| Stage::new(device, &BlendCertifiedConstants { resume, ..BlendCertifiedConstants::of(constants) });
         let entries_per_pass = device.capabilities().loop_limit.map_or(u32::MAX, |limit| {
-            // A subgroup takes as many entries as it has lanes at a time: one iteration for each, one for the loop around
-            // them, and the loops over the words of a ballot.
+            // A subgroup takes as many instances at a time as it has lanes: one iteration for each, one for the loop
+            // around them, and those of the loops over the words of a ballot.
             let iterations = subgroups.smallest + 3 * subgroups.ballot_words + 3;
             limit / iterations * subgroups.smallest
         });
@@ -110,14 +110,14 @@ impl Blending {
     }
 }
 
-/// An upper bound on the colour of all unlisted Gaussians, counted twice: once directly, and once in the colour behind a
-/// listed splat.
+/// An upper bound on the colour of all unlisted Gaussians, counted twice: once directly, and once in the colour behind
+/// a listed splat.
 fn unlisted(scene: &GpuScene, background: [f32; 3]) -> f32 {
     let brightest = background.map(f64::from).into_iter().fold(scene.brightest, f64::max);
     (2.0 * scene.len() as f64 * f64::from(LISTED_ALPHA) * brightest) as f32
 }
 
-/// Pixels that rounding moves a mean near the middle of the image: some 2^-23 of the focal length and of the size.
+/// Upper bound in px on the rounding error of a mean near the middle of the image: 8 * 2^-23 of focal length plus size.
 fn position_error_px(camera: &Camera) -> f32 {
     let largest = camera.focal_px.max_element() + f64::from(camera.size_px[0].max(camera.size_px[1]));
     (largest * 8.0 * 0.5_f64.powi(23)) as f32

@@ -1,6 +1,6 @@
 //! The portable path: splats are listed in tiles of 16x16 pixels, sorted by depth and tile, and blended tile by tile.
 //!
-//! It assumes nothing of the subgroup size and runs on every device.
+//! It makes no assumption about the subgroup size and runs on every device.
 
 mod blend;
 mod pipeline;

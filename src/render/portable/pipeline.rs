@@ -20,7 +20,7 @@ use crate::render::shaders::portable::*;
 use crate::render::shaders::{PortableDispatches, Splat, Totals, View};
 use crate::rules::{Footprint, LISTED_ALPHA, Order};
 
-/// The stages of a frame, built for one set of options and one layout of a scene.
+/// The stages of a portable frame, built for one set of options and one layout of a scene.
 pub struct PortablePipeline {
     options: Options,
     layout: Layout,
@@ -41,16 +41,24 @@ pub struct PortablePipeline {
 }
 
 impl PortablePipeline {
+    /// Builds the stages that only draw.
+    ///
+    /// # Errors
+    /// As [`varied`](Self::varied).
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Self> {
         Self::varied(device, options, layout, Variation::default())
     }
 
+    /// Builds the stages of a variation.
+    ///
+    /// # Errors
+    /// If the options ask for what only the reference draws, or a pipeline cannot be made.
     pub fn varied(device: &Device, options: &Options, layout: &Layout, variation: Variation) -> Result<Self> {
         let rules = &options.rules;
         ensure!(rules.order != Order::PerPixel, "only the reference sorts the splats of every pixel on its own");
         let subgroups = SubgroupLimits::of(device, options);
         let constants = shared(options, layout, 32 * subgroups.ballot_words);
-        // A certificate needs everything that is left out in the lists.
+        // A certificate needs lists with everything that the picture leaves out.
         let (listed_alpha, footprint) = match variation {
             Variation::Plain | Variation::Counting => (rules.alpha_min, rules.extent),
             Variation::Certifying => (LISTED_ALPHA, Footprint::Exact),
@@ -89,7 +97,7 @@ impl PortablePipeline {
         self.blending.longest_list(passes)
     }
 
-    /// Passes over its keys that a frame's sort by depth takes, and its sort by tile.
+    /// Passes of a frame's sort by depth, and of its sort by tile.
     pub fn sort_passes(&self, scene: &GpuScene, camera: &Camera) -> [u32; 2] {
         let depth_bits = self.depth_keys(scene, camera).bits;
         [depth_bits, tile_bits(tiles(camera.size_px).iter().product())].map(|bits| self.sort.passes(bits))
@@ -108,11 +116,12 @@ impl PortablePipeline {
         self.view(&camera.sampled(self.options.drawn_size(camera.size_px)))
     }
 
-    /// Records one frame: `target` shows `shot` if the capacity of `work` and the blend dispatches (`passes`) were enough,
-    /// which `work.totals` tells.
+    /// Records one frame: `target` shows `shot` if the capacity of `work` and the blend dispatches (`passes`) were
+    /// enough, which `work.totals` tells.
     ///
     /// # Panics
-    /// If the scene has another layout than the pipeline was built for.
+    /// If the scene has another layout than the pipeline was built for or is culled by a higher threshold, or if a
+    /// certifying pipeline is given no image for the certificate.
     pub fn record(&self, cmd: &mut Commands, shot: Shot, work: &PortableWorkspace, target: Target, passes: u32) {
         let view = self.view(shot.camera);
         self.clear(cmd, work);
@@ -126,8 +135,8 @@ impl PortablePipeline {
         cmd.scope("blend", |cmd| self.blend(cmd, shot, work, splat_ids, target, passes));
     }
 
-    /// The fewest bytes that each stage moves through device memory: each input read once, each output written once, pass
-    /// by pass of a sort.
+    /// The fewest bytes that each stage moves through device memory: each input read once, each output written once, in
+    /// each pass of a sort.
     pub fn least_bytes(&self, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
         let Shot { scene, camera } = shot;
         let gaussians = scene.len() as u64;
@@ -144,7 +153,7 @@ impl PortablePipeline {
             ("cull", 16 * gaussians + gaussians / 4 + 4 * visible),
             // Id and Gaussian in; splat, depth key, span range, tile count and spans out.
             ("project", visible * (4 + scene.bytes_each() + splat + 4 + 8 + 4) + 4 * spans),
-            // The values of the first pass are indices, and not read.
+            // The values of the first pass are indices, which are not read.
             ("sort depths", visible * (pass * depth_passes).saturating_sub(4)),
             // Order and tile count in, twice; offset out.
             ("scan", visible * (2 * 8 + 4)),
@@ -153,12 +162,12 @@ impl PortablePipeline {
             ("sort tiles", instances * pass * tile_passes),
             // Keys in; ranges out and in; order out.
             ("ranges", 4 * instances + 20 * tiles),
-            // Ids in; every splat in once, from wherever it is cached; the image out.
+            // Ids in; every splat in once, because later reads may hit a cache; the image out.
             ("blend", 4 * instances + splat * visible + 16 * pixels),
         ]
     }
 
-    /// Clears what the stages count into.
+    /// Clears the buffers that the stages count into.
     pub(in crate::render) fn clear(&self, cmd: &mut Commands, work: &PortableWorkspace) {
         cmd.scope("clear", |cmd| {
             cmd.fill(&work.totals, 0);
@@ -282,7 +291,7 @@ impl PortablePipeline {
         );
     }
 
-    /// Sorts the splats by depth; returns which of `work.depths` is sorted.
+    /// Sorts the splats by depth; returns the index of the sorted pair of `work.depths`.
     pub(crate) fn sort_depths(&self, cmd: &mut Commands, work: &PortableWorkspace, bits: u32) -> usize {
         let (lengths, length_index) = (&work.totals.words(), offset_of!(Totals, visible_kept) / 4);
         let range = SortRange { lengths, length_index, bits, values_are_indices: true };
@@ -296,7 +305,7 @@ impl PortablePipeline {
         let groups = offset_of!(PortableDispatches, scan_visible);
         let bindings = ScanSumsBindings { totals, splat_from_rank, tile_counts, sums: &work.scan_sums };
         cmd.dispatch_indirect(&self.scan_sums, bindings, (), &work.dispatches, groups);
-        // The totals update the dispatches, which the sums were dispatched by.
+        // scan_totals writes the buffer that scan_sums was dispatched from.
         cmd.barrier(Access::SHADER_WRITE | Access::INDIRECT, Access::SHADER);
         self.scan_totals(cmd, work);
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
@@ -340,7 +349,7 @@ impl PortablePipeline {
         cmd.dispatch_indirect(&self.duplicate, bindings, DuplicatePush { tiles_x }, &work.dispatches, groups);
     }
 
-    /// Sorts the instances by tile, stably; returns which of `work.instances` is sorted.
+    /// Sorts the instances by tile, stably; returns the index of the sorted pair of `work.instances`.
     pub(crate) fn sort_tiles(&self, cmd: &mut Commands, work: &PortableWorkspace, tiles: u32) -> usize {
         let (lengths, length_index) = (&work.totals.words(), offset_of!(Totals, listed_kept) / 4);
         let range = SortRange { lengths, length_index, bits: tile_bits(tiles), values_are_indices: false };

@@ -34,7 +34,7 @@ pub struct SortScratch {
 }
 
 impl SortScratch {
-    /// For sorts of up to `capacity` keys.
+    /// Makes the buffers of sorts of up to `capacity` keys.
     pub fn new(device: &Device, capacity: usize) -> Result<Self> {
         let sums = Buffer::new(device, "sort sums", capacity.div_ceil(SORT_CHUNK as usize) << MAX_DIGIT_BITS)?;
         Ok(Self { sums, digit_totals: Buffer::new(device, "digit totals", 1 << MAX_DIGIT_BITS)? })
@@ -55,19 +55,22 @@ pub struct RadixSort {
     digit_bits: u32,
 }
 
-/// What is sorted: the first `lengths[length_index]` keys by their lowest `bits` bits.
+/// The keys to sort: the first `lengths[length_index]`, by their lowest `bits` bits.
 #[derive(Clone, Copy)]
 pub struct SortRange<'a> {
     pub lengths: &'a Buffer<u32>,
     pub length_index: usize,
     pub bits: u32,
-    /// The value of a key is its index; `values[0]` is not read.
+    /// True if the value of every key is its index. `values[0]` is then not read.
     pub values_are_indices: bool,
 }
 
 impl RadixSort {
-    /// `smallest_subgroup` is the least subgroup size that the pipelines may run with, `ballot_words` the words of a
-    /// ballot of the largest.
+    /// `smallest_subgroup` is the smallest subgroup size that the pipelines may run with, `ballot_words` the number of
+    /// words in a ballot of the largest.
+    ///
+    /// # Errors
+    /// If a pipeline cannot be made.
     pub fn new(device: &Device, smallest_subgroup: u32, ballot_words: u32) -> Result<Self> {
         let digit_bits = digit_bits(SortScatter::WORKGROUP[0] / smallest_subgroup, 16 << 10);
         let subgroups = SortScatter::WORKGROUP[0] / smallest_subgroup;
@@ -84,13 +87,14 @@ impl RadixSort {
         bits.div_ceil(self.digit_bits)
     }
 
-    /// Which of the pairs holds the result of a sort by this many bits.
+    /// The index of the pair that holds the result of a sort by this many bits.
     pub fn sorted(&self, bits: u32) -> usize {
         self.passes(bits) as usize % 2
     }
 
-    /// Sorts, and returns which of the pairs holds the result. `groups` tells where the count of 2048-key chunks is,
-    /// as workgroup counts: buffer and byte. Begins behind a barrier, and ends with one.
+    /// Records a sort. Returns the index of the pair that holds the result. `groups` is a buffer and the byte in it
+    /// where the workgroup counts of a dispatch over chunks of 2048 keys are. A barrier must come before; the sort ends
+    /// with one.
     pub fn record<T: Element>(
         &self,
         cmd: &mut Commands,
@@ -137,7 +141,7 @@ impl RadixSort {
     }
 }
 
-/// The widest digit whose counts per subgroup fit so many bytes of workgroup memory.
+/// Bits of the widest digit whose counts, one per subgroup and digit, fit into `bytes` of workgroup memory.
 pub(in crate::render) fn digit_bits(subgroups: u32, bytes: u32) -> u32 {
     (bytes / 4 / subgroups).ilog2().min(MAX_DIGIT_BITS)
 }

@@ -22,7 +22,7 @@ pub struct PortableWorkspace {
     pub(in crate::render) chunk_counts: Buffer<u32>,
     pub(crate) gaussian_from_splat: Buffer<u32>,
     pub(crate) splats: Buffer<Splat>,
-    /// Depth key and splat.
+    /// Depth key and number of every splat.
     pub(crate) depths: Pairs,
     pub(crate) span_ranges: Buffer<[u32; 2]>,
     pub(crate) spans: Buffer<u32>,
@@ -30,7 +30,7 @@ pub struct PortableWorkspace {
     pub(in crate::render) scan_sums: Buffer<u32>,
     pub(crate) instance_offsets: Buffer<u32>,
     pub(in crate::render) first_ranks: Buffer<u32>,
-    /// Tile key and splat.
+    /// Tile key and splat of every instance.
     pub(crate) instances: Pairs,
     pub(crate) sort: SortScratch,
     pub(crate) ranges: Buffer<[u32; 2]>,
@@ -38,6 +38,10 @@ pub struct PortableWorkspace {
 }
 
 impl PortableWorkspace {
+    /// Makes buffers of this capacity.
+    ///
+    /// # Errors
+    /// If device memory runs out.
     pub fn new(device: &Device, capacity: Capacity) -> Result<Self> {
         let visible = length("visible splats", capacity.visible)?;
         let spans = length("tile rows", capacity.spans)?;
@@ -66,13 +70,16 @@ impl PortableWorkspace {
         })
     }
 
-    /// Makes the buffers large enough for `demand`. True if they were not.
+    /// Makes the buffers large enough for `demand`. Returns true if they were too small.
+    ///
+    /// # Errors
+    /// If device memory runs out. The buffers are then empty.
     pub fn grow(&mut self, device: &Device, demand: Capacity) -> Result<bool> {
         let current = self.capacity;
         if demand.fits(current) {
             return Ok(false);
         }
-        *self = Self::new(device, Capacity::default())?; // frees what is there before the larger buffers are made
+        *self = Self::new(device, Capacity::default())?; // frees the old buffers before larger ones are made
         *self = demand.grow(current, |capacity| Self::new(device, capacity))?;
         Ok(true)
     }
