@@ -69,11 +69,13 @@ impl Knobs {
     }
 
     /// True if `--near` is given.
+    #[cfg(feature = "viewer")]
     pub fn has_near(&self) -> bool {
         self.0.iter().any(|(knob, _)| knob.name == NEAR)
     }
 
     /// True if `--antialiased` is given.
+    #[cfg(feature = "viewer")]
     pub fn has_antialiased(&self) -> bool {
         self.0.iter().any(|(knob, _)| knob.name == "antialiased")
     }

@@ -29,13 +29,13 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 
 use crate::camera::MAX_SIDE;
-use environment::Environment;
 use crate::gpu::{Device, DeviceChoice, Unavailable, Validation};
 use crate::host_memory::OutOfMemory;
-use crate::scene::Unreadable;
 use crate::measure::trade::Unmeetable;
+use crate::scene::Unreadable;
 use budget::BudgetArgs;
 use cameras::{FilmArgs, SplitArg, named_or_found};
+use environment::Environment;
 use knobs::Knobs;
 use scenes::{ReadingArgs, SceneArg};
 

@@ -35,7 +35,8 @@ pub(super) struct Args {
     vsync: Vsync,
     #[command(flatten)]
     device: DeviceArgs,
-    /// Accuracy against speed: exact, balanced, fast or preview; or as inria, gsplat or khr draw [default: balanced]
+    /// Accuracy for speed: exact, balanced, fast or preview. The rules of another renderer, exactly: inria, gsplat or
+    /// khr. As balanced, on the portable path: portable [default: balanced]
     #[arg(long, value_name = "NAME", value_parser = knobs::preset_names())]
     preset: Option<String>,
     /// Compare the picture with another: that of a preset, the float64 `reference`, or a picture file
@@ -137,9 +138,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     let (device, validation) = args.device.choice();
     let environment = Environment::read();
-    let fault = environment
-        .fault
-        .map(|text| text.parse().map_err(|problem| Usage(format!("SMALTO_FAULT: {problem:#}"))));
+    let fault =
+        environment.fault.map(|text| text.parse().map_err(|problem| Usage(format!("SMALTO_FAULT: {problem:#}"))));
     let fault = fault.transpose()?;
     viewer::run(WindowSetup {
         viewer: setup,

@@ -1,7 +1,9 @@
 //! An opened device: everything that lives as long as the device.
 
 use std::ffi::CString;
+use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::SystemTime;
 
 use anyhow::{Context, Result};
 use ash::{ext, khr, vk};
@@ -15,7 +17,7 @@ use super::executables::{Executable, Executables};
 use super::instance::{Instance, Validation};
 use super::pipelines::Pipelines;
 use super::reload::ShaderFolder;
-use super::submission::{Slot, completed};
+use super::submission::{self, Slot};
 use super::survey::{self, DeviceChoice};
 use crate::host_memory::OutOfMemory;
 
@@ -189,13 +191,15 @@ impl Device {
     }
 
     /// The number of the newest submission.
+    #[cfg(feature = "viewer")]
     pub(super) fn submitted(&self) -> u64 {
         self.0.queue.lock().expect("no holder of the queue panics").submitted
     }
 
     /// The number of the newest finished submission.
+    #[cfg(feature = "viewer")]
     pub(super) fn completed(&self) -> Result<u64> {
-        completed(&self.0).map_err(|e| describe("vkGetSemaphoreCounterValue", e))
+        submission::completed(&self.0).map_err(|e| describe("vkGetSemaphoreCounterValue", e))
     }
 
     /// Waits until every submission is done.
@@ -213,6 +217,26 @@ impl Device {
     /// The bytes of device memory that this program has allocated.
     pub fn allocated_bytes(&self) -> u64 {
         self.0.allocator().as_ref().expect("the allocator lives until drop").generate_report().total_allocated_bytes
+    }
+
+    /// Makes later stages compile their shaders from `folder`, which is laid out like `glsl/`. Without a folder, stages
+    /// use the shaders built into the program.
+    ///
+    /// # Errors
+    /// The program was built without the feature `reload`, or there is no such folder.
+    ///
+    /// # Panics
+    /// If a buffer, stage or recording of the device exists already.
+    pub fn with_shaders(mut self, folder: Option<&Path>) -> Result<Self> {
+        let Some(folder) = folder else { return Ok(self) };
+        let shared = Arc::get_mut(&mut self.0).expect("a device gets its folder of shaders before anything uses it");
+        shared.shaders = Some(ShaderFolder::new(folder)?);
+        Ok(self)
+    }
+
+    /// The time of the newest change in the folder of shaders; `None` without [`Device::with_shaders`].
+    pub fn newest_shader(&self) -> Option<SystemTime> {
+        self.0.shaders.as_ref()?.newest()
     }
 }
 

@@ -65,9 +65,9 @@ mod timings;
 #[doc(hidden)]
 pub use buffer::Buffer;
 pub use capabilities::{Capabilities, DeviceKind, Feature, Limits};
-pub use commands::Timestamps;
 #[doc(hidden)]
 pub use commands::Commands;
+pub use commands::Timestamps;
 pub use device::Device;
 #[doc(hidden)]
 pub use dispatch_size::{DispatchSize, FOLD};

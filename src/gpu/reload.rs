@@ -2,39 +2,9 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::SystemTime;
 
 use anyhow::{Result, ensure};
-
-use super::device::Device;
-
-impl Device {
-    /// Makes later stages compile their shaders from `folder`, which is laid out like `glsl/`. Without a folder, stages
-    /// use the shaders built into the program.
-    ///
-    /// # Errors
-    /// The program was built without the feature `reload`, or there is no such folder.
-    ///
-    /// # Panics
-    /// If a buffer, stage or recording of the device exists already.
-    pub fn with_shaders(mut self, folder: Option<&Path>) -> Result<Self> {
-        let Some(folder) = folder else { return Ok(self) };
-        ensure!(
-            cfg!(feature = "reload"),
-            "SMALTO_SHADERS needs a program built with the feature reload: cargo build --release --features reload"
-        );
-        ensure!(folder.is_dir(), "SMALTO_SHADERS: there is no folder {}", folder.display());
-        let shared = Arc::get_mut(&mut self.0).expect("a device gets its folder of shaders before anything uses it");
-        shared.shaders = Some(ShaderFolder(folder.to_owned()));
-        Ok(self)
-    }
-
-    /// The time of the newest change in the folder of shaders; `None` without [`Device::with_shaders`].
-    pub fn newest_shader(&self) -> Option<SystemTime> {
-        newest(&self.0.shaders.as_ref()?.0)
-    }
-}
 
 /// The time of the newest change to a file in `folder` or below it.
 fn newest(folder: &Path) -> Option<SystemTime> {
@@ -49,6 +19,22 @@ fn newest(folder: &Path) -> Option<SystemTime> {
 pub(super) struct ShaderFolder(PathBuf);
 
 impl ShaderFolder {
+    /// # Errors
+    /// The program was built without the feature `reload`, or there is no such folder.
+    pub fn new(folder: &Path) -> Result<Self> {
+        ensure!(
+            cfg!(feature = "reload"),
+            "SMALTO_SHADERS needs a program built with the feature reload: cargo build --release --features reload"
+        );
+        ensure!(folder.is_dir(), "SMALTO_SHADERS: there is no folder {}", folder.display());
+        Ok(Self(folder.to_owned()))
+    }
+
+    /// The time of the newest change in the folder.
+    pub fn newest(&self) -> Option<SystemTime> {
+        newest(&self.0)
+    }
+
     /// Compiles the shader at `path` in the folder to SPIR-V words. `interface` is the fingerprint of the shader that
     /// is built in.
     ///
@@ -85,7 +71,7 @@ impl ShaderFolder {
 #[cfg(feature = "reload")]
 fn first_error(error: anyhow::Error) -> anyhow::Error {
     let text = error.to_string();
-    match text.lines().find(|line| line.contains("error:")) {
+    match text.lines().find(|line| line.contains(": error:")) {
         Some(line) if error.is::<shaderc::Error>() => anyhow::anyhow!("{}", line.trim()),
         _ => error,
     }
@@ -165,8 +151,8 @@ void main() { values[gl_GlobalInvocationID.x] *= FACTOR; }
         let found = changed("scale.comp", "*= FACTOR", "*= NOTHING").unwrap_err();
         let expected = "cannot compile DIR/scale.comp: DIR/scale.comp:8: error: 'NOTHING' : undeclared identifier";
         assert_eq!(found, expected);
-        let found = changed("shared/sizes.glsl", "64;", "64").unwrap_err();
-        assert!(found.contains("DIR/shared/sizes.glsl:"), "{found}");
+        let found = changed("shared/sizes.glsl", "= 64", "= NOTHING").unwrap_err();
+        assert!(found.contains("DIR/shared/sizes.glsl:1: error: "), "{found}");
     }
 
     #[test]

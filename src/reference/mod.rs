@@ -19,7 +19,8 @@ mod sort;
 use rayon::prelude::*;
 
 pub use bins::{
-    BinBlocks, BinOffsets, BinRange, Entry, bin_offsets, bins_of, block_mask, count_bins, fill_bins, merge_pieces, sort_run,
+    BinBlocks, BinOffsets, BinRange, Entry, bin_offsets, bins_of, block_mask, count_bins, fill_bins, merge_pieces,
+    sort_run,
 };
 pub use blend::{Lists, Pixel, blend};
 pub use cull::cull;
@@ -31,8 +32,8 @@ pub use scan::scan;
 pub use sort::sort;
 
 use crate::camera::Camera;
-use crate::rules::{Background, Order, Rules};
 use crate::pixels::{Depths, Pixels, Plane};
+use crate::rules::{Background, Order, Rules};
 use crate::scene::Gaussians;
 
 /// A rendered image in full precision.

@@ -13,12 +13,11 @@ use super::gpu_scene::GpuScene;
 use super::inspect::Inspector;
 use super::portable::{PortablePipeline, PortableWorkspace};
 use super::shaders::Totals;
-use super::trial;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 
-/// The way a frame was drawn.
+/// The path that drew a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Path {
@@ -56,7 +55,7 @@ struct Fast {
     is_too_long: bool,
 }
 
-/// What a frame has to keep to.
+/// The path and the limits that a frame was recorded with.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct Limits {
     pub path: Path,
@@ -65,6 +64,7 @@ pub(super) struct Limits {
 }
 
 impl PathChoice {
+    /// Builds the paths that suit the device, the options and the variation.
     pub fn new(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
         let layout = scene.layout();
         // Counts, certificates and inspections are those of the portable path.
@@ -79,23 +79,23 @@ impl PathChoice {
             anyhow::Ok(Fast { pipeline, work, is_too_long: false })
         });
         let fast = fast.transpose()?;
-        let mut choice = Self {
+        Ok(Self {
             portable: PortablePipeline::varied(device, options, layout, variation)?,
             // Where the fast path draws, the portable one needs no buffers.
             work: PortableWorkspace::new(device, if fast.is_some() { Capacity::default() } else { guess })?,
             passes: 1,
             fast,
             notice: None,
-        };
-        if choice.fast.is_some() && trial::is_due(device) {
-            choice.try_fast(device, scene)?;
-        }
-        Ok(choice)
+        })
     }
 
-    /// Drops the fast path if it does not draw what the portable one does.
-    fn try_fast(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
-        let disagreement = self.disagreement(device, scene)?;
+    /// True if the fast path may draw.
+    pub fn has_fast(&self) -> bool {
+        self.fast.is_some()
+    }
+
+    /// Ends a trial of the fast path, and drops that if its picture differs from the portable path's by `disagreement`.
+    pub fn end_trial(&mut self, device: &Device, gaussians: usize, disagreement: Option<f32>) -> Result<()> {
         self.passes = 1;
         let mut capacity = Capacity::default();
         if let Some(fast) = &mut self.fast {
@@ -103,9 +103,10 @@ impl PathChoice {
         }
         if let Some(difference) = disagreement {
             self.fast = None;
-            capacity = Capacity::guess(device, scene.len(), 1);
+            capacity = Capacity::guess(device, gaussians, 1);
             self.notice = Some(format!(
-                "the fast path is not taken: on this device its picture differs from the portable path's by {difference:.3}"
+                "the fast path is not taken: on this device its picture differs from the portable path's by \
+                 {difference:.3}"
             ));
         }
         self.work = PortableWorkspace::new(device, capacity)?;
@@ -113,19 +114,19 @@ impl PathChoice {
     }
 
     #[cfg(test)]
-    pub fn replace_fast(&mut self, device: &Device, scene: &GpuScene, pipeline: FastPipeline) -> Result<()> {
+    pub fn replace_fast(&mut self, pipeline: FastPipeline) {
         self.fast.as_mut().expect("there is a fast path").pipeline = pipeline;
-        self.try_fast(device, scene)
     }
 
-    /// Makes every picture of the fast path take this index of the heights of blocks, or its own if `None`.
+    /// Sets the index in [`BLOCK_HEIGHTS`](super::BLOCK_HEIGHTS) for all pictures of the fast path. With `None`, each
+    /// picture takes the height that suits it.
     pub fn force_block_height(&mut self, height: Option<usize>) {
         if let Some(fast) = &mut self.fast {
             fast.pipeline.forced_block_height = height;
         }
     }
 
-    /// Starts from buffers of this capacity.
+    /// Replaces the buffers by ones of this capacity.
     pub fn set_capacity(&mut self, device: &Device, capacity: Capacity) -> Result<()> {
         match &mut self.fast {
             Some(fast) => fast.work = FastWorkspace::new(device, capacity, fast.pipeline.splat_elements())?,
@@ -196,8 +197,8 @@ impl PathChoice {
         }
     }
 
-    /// True if a frame that counted `totals` kept to its limits. If it did not, the next frame has larger buffers, or takes
-    /// the portable path where the fast one cannot grow.
+    /// True if a frame that counted `totals` kept to its limits. If it did not, the next frame has larger buffers, or
+    /// takes the portable path where the fast one cannot grow.
     pub fn judge(&mut self, device: &Device, totals: &Totals, limits: Limits) -> Result<bool> {
         let demand = Capacity::of(totals, limits.capacity.gaussians, limits.capacity.cells);
         let is_whole = demand.fits(limits.capacity) && totals.longest_list <= limits.longest_list;

@@ -1,7 +1,7 @@
 //! The pipeline on the GPU: a scene's buffers, two paths that draw it, and the facade that chooses between them.
 //!
-//! [`Renderer`] is the facade. `portable/` runs on every device; `fast/` needs subgroups of one known size and draws the
-//! same picture in less time; `choice.rs` picks one for each frame. `inspect/` looks inside the portable path.
+//! [`Renderer`] is the facade. `portable/` runs on every device; `fast/` needs subgroups of one known size and draws
+//! the same picture in less time; `choice.rs` picks one for each frame. `inspect/` looks inside the portable path.
 
 mod capacity;
 mod choice;
@@ -17,6 +17,7 @@ mod renderer;
 #[doc(hidden)]
 pub mod shaders;
 mod trial;
+mod upscale;
 
 #[doc(hidden)]
 pub use capacity::Capacity;
@@ -27,9 +28,9 @@ pub use fast::{BLOCK_HEIGHTS, BinGrid, FastPipeline, FastWorkspace};
 pub use frame::{Shot, Target, Variation};
 pub(crate) use frame::{depth_bits, tiles};
 pub use gpu_scene::GpuScene;
+pub use inspect::{Attribute, Explained, Explanation, Inspection, Look, Work, depths};
 #[doc(hidden)]
 pub use inspect::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
-pub use inspect::{Attribute, Explained, Explanation, Inspection, Look, Work, depths};
 #[doc(hidden)]
 pub use layout::{Layout, Packing};
 #[doc(hidden)]

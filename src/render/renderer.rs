@@ -8,13 +8,11 @@ use super::frame::{Shot, Target, Variation};
 use super::gpu_scene::GpuScene;
 use super::inspect::{Explanation, Inspection, Inspector, Look, Picker, Picture, Work};
 use super::readback::read_pixels;
-use super::shaders::shared::{Upscale, UpscaleBindings, UpscalePush};
 use super::shaders::{Room, Totals};
-use super::trial::MAX_ATTEMPTS;
+use super::trial::{MAX_ATTEMPTS, try_fast};
+use super::upscale::Upscaler;
 use crate::camera::Camera;
-use crate::gpu::{
-    Access, Commands, Device, DispatchSize, Image, InFlight, Readback, Results, Stage, Timestamps, Timing,
-};
+use crate::gpu::{Access, Commands, Device, Image, InFlight, Readback, Results, Timestamps, Timing};
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::rules::Background;
@@ -26,7 +24,7 @@ pub struct Renderer {
     scene: GpuScene,
     choice: PathChoice,
     image: Image,
-    /// Set if pictures are drawn smaller than they are.
+    /// Set if pictures are drawn smaller and then enlarged: [`Options::scale`] is not 1.
     upscaler: Option<Upscaler>,
     certificate: Option<Image>,
     /// The limits of the frame recorded last.
@@ -40,7 +38,7 @@ pub struct Renderer {
     last: Option<Last>,
 }
 
-/// A frame as it would be recorded again.
+/// The inputs of a frame, kept to record it again.
 #[derive(Clone)]
 struct Last {
     number: u64,
@@ -50,16 +48,12 @@ struct Last {
     has_tile_lists: bool,
 }
 
-/// Enlarges pictures that are drawn smaller.
-struct Upscaler {
-    drawn: Image,
-    stage: Stage<Upscale>,
-}
-
 /// The report of a finished frame.
 #[derive(Clone, Debug)]
 pub struct Frame {
+    /// The counts of the frame.
     pub totals: Totals,
+    /// The measured times: of every stage, or only of the frame ([`Renderer::set_timestamps`]).
     pub timings: Vec<Timing>,
     /// Times that the frame was drawn: more than one if something did not fit at first.
     pub attempts: u32,
@@ -72,7 +66,7 @@ pub struct Started {
     recorded: Recorded,
 }
 
-/// A frame among recorded commands. Whether it is complete is known when they have run.
+/// A recorded frame. [`Renderer::judge`] tells whether it is complete when its commands have run.
 pub struct Recorded {
     number: u64,
     totals: Readback<Totals>,
@@ -99,16 +93,13 @@ impl Renderer {
     }
 
     fn varied(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
-        let upscaler = || {
-            anyhow::Ok(Upscaler { drawn: Image::new(device, "drawn image", 1, 1)?, stage: Stage::new(device, &())? })
-        };
         Ok(Self {
             device: device.clone(),
             options: *options,
             scene: scene.clone(),
-            choice: PathChoice::new(device, options, scene, variation)?,
+            choice: choose(device, options, scene, variation)?,
             image: Image::new(device, "image", 1, 1)?,
-            upscaler: (options.scale != 1.0).then(upscaler).transpose()?,
+            upscaler: (options.scale != 1.0).then(|| Upscaler::new(device)).transpose()?,
             certificate: None,
             drawn: Limits { path: Path::Portable, capacity: Capacity::default(), longest_list: 0 },
             timestamps: Timestamps::All,
@@ -129,8 +120,9 @@ impl Renderer {
         self.choice.notice.as_deref()
     }
 
-    /// The fewest bytes that each stage of a frame moves through device memory, by the name of its scope: each input read
-    /// once, each output written once. The frame was the last recorded, seen by `camera`, and counted `totals`.
+    /// The fewest bytes that each stage of a frame moves through device memory, by the name of its scope: each input
+    /// read once, each output written once. The frame is the one recorded last, seen by `camera`, which counted
+    /// `totals`.
     pub fn least_bytes(&self, totals: &Totals, camera: &Camera) -> Vec<(&'static str, u64)> {
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
         let mut stages = self.choice.least_bytes(self.drawn.path, Shot { scene: &self.scene, camera }, totals);
@@ -146,7 +138,7 @@ impl Renderer {
         self.timestamps = timestamps;
     }
 
-    /// Starts from buffers of this capacity: tests see them grow.
+    /// Starts from buffers of this capacity, so that tests see them grow.
     pub fn with_capacity(mut self, capacity: Capacity) -> Result<Self> {
         self.choice.set_capacity(&self.device, capacity)?;
         self.last = None;
@@ -156,10 +148,10 @@ impl Renderer {
     /// Inspects all frames from now on.
     ///
     /// # Errors
-    /// If pictures have certificates, or depths are asked of pictures that are drawn smaller.
+    /// If pictures have certificates, or depths are inspected in pictures that are drawn smaller.
     pub fn set_inspection(&mut self, inspection: Inspection) -> Result<()> {
         let is_ordinary = inspection == Inspection::default();
-        ensure!(is_ordinary || self.certificate.is_none(), "a picture that is inspected has no certificate");
+        ensure!(is_ordinary || self.certificate.is_none(), "an inspected picture has no certificate");
         let has_depths = inspection.look == Look::Work(Work::Depths);
         ensure!(!has_depths || self.upscaler.is_none(), "depths need --scale 1: they cannot be enlarged");
         match &mut self.inspector {
@@ -179,7 +171,7 @@ impl Renderer {
             (false, Some(_)) => Variation::Certifying,
             (false, None) => Variation::Plain,
         };
-        self.choice = PathChoice::new(&self.device, &self.options, &self.scene, variation)?;
+        self.choice = choose(&self.device, &self.options, &self.scene, variation)?;
         self.last = None;
         Ok(())
     }
@@ -193,12 +185,20 @@ impl Renderer {
         buffers
     }
 
-    /// Renders a complete frame; [`Renderer::pixels`] reads it.
+    /// Renders a complete frame; [`Renderer::pixels`] reads it. If a frame does not fit its buffers, it is drawn again
+    /// with larger ones.
+    ///
+    /// # Errors
+    /// If device memory runs out or the device is lost.
     pub fn render(&mut self, camera: &Camera, background: Background) -> Result<Frame> {
         self.render_with(camera, background, |_| {}).map(|(frame, _)| frame)
     }
 
-    /// As [`Renderer::render`], with commands that `prepare` prepares; also returns the results of the last attempt.
+    /// As [`Renderer::render`], with commands that `prepare` records before the frame. Also returns the results of the
+    /// last attempt.
+    ///
+    /// # Errors
+    /// As [`Renderer::render`].
     pub fn render_with(
         &mut self,
         camera: &Camera,
@@ -216,12 +216,19 @@ impl Renderer {
         bail!("the frame did not fit its buffers in {MAX_ATTEMPTS} attempts, although they grew to what it counted")
     }
 
-    /// Hands a frame to the GPU without waiting for it. Frames run one after the other and draw into the same picture.
+    /// Submits a frame to the GPU without waiting for it. Frames run one after the other and draw into the same
+    /// picture.
+    ///
+    /// # Errors
+    /// If device memory runs out or the device is lost.
     pub fn start(&mut self, camera: &Camera, background: Background) -> Result<Started> {
         self.start_with(camera, background, |_| {})
     }
 
     /// Waits for a frame. True if it is complete; if not, the next one has larger buffers.
+    ///
+    /// # Errors
+    /// If device memory runs out or the device is lost.
     pub fn finish(&mut self, started: Started) -> Result<bool> {
         self.finish_with(started).map(|done| done.is_some())
     }
@@ -245,7 +252,10 @@ impl Renderer {
         Ok(totals.map(|totals| (totals, results)))
     }
 
-    /// Records a frame among other commands; [`Renderer::judge`] tells whether it is complete.
+    /// Records a frame among other commands. [`Renderer::judge`] tells whether it is complete, when they have run.
+    ///
+    /// # Errors
+    /// If device memory runs out.
     pub fn record(&mut self, cmd: &mut Commands, camera: &Camera, background: Background) -> Result<Recorded> {
         fit(&self.device, &mut self.image, "image", camera.size_px)?;
         let number = self.last.as_ref().map_or(0, |last| last.number + 1);
@@ -274,6 +284,9 @@ impl Renderer {
     }
 
     /// The counts of a frame if it is complete. If it did not fit, the next one has larger buffers.
+    ///
+    /// # Errors
+    /// If there is no memory for larger buffers.
     pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
         let totals = results.view(&recorded.totals)[0];
         let limits = recorded.limits;
@@ -284,8 +297,9 @@ impl Renderer {
         Ok(is_whole.then_some(totals))
     }
 
-    /// The splats that a pixel of the frame recorded last is made of; where pictures are drawn smaller, of the nearest drawn
-    /// pixel. Waits for the device, and draws the frame again on the portable path if its lists are not there.
+    /// The splats that a pixel of the frame recorded last is made of; where pictures are drawn smaller, those of the
+    /// nearest drawn pixel. Waits for the device. If the portable path does not hold the lists of the frame, it draws
+    /// the frame again.
     ///
     /// # Errors
     /// If no frame was recorded, or the pixel lies outside the picture.
@@ -322,7 +336,7 @@ impl Renderer {
         self.image.size()
     }
 
-    /// The picture drawn last, for a screen.
+    /// The picture drawn last, to show on a screen.
     pub fn picture(&self) -> Picture<'_> {
         let Limits { path, capacity, longest_list } = self.drawn;
         let word = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
@@ -331,30 +345,30 @@ impl Renderer {
         Picture::of_frame(&self.image, self.choice.totals(path), room)
     }
 
-    /// The picture rendered last.
+    /// The pixels of the picture rendered last. Waits for the device.
+    ///
+    /// # Errors
+    /// If memory runs out or the device is lost.
     pub fn pixels(&self) -> Result<Pixels> {
         read_pixels(&self.device, &self.image)
     }
 
     /// For every channel of every pixel, a bound on the distance of the picture rendered last from the one that
-    /// [`Rules::complete`](crate::rules::Rules::complete) draws in the same order: proven for everything that was left out,
-    /// with an allowance for rounding. `None` without [`Renderer::certified`].
+    /// [`Rules::complete`](crate::rules::Rules::complete) draws in the same order. It is proven for everything that was
+    /// left out, and has an allowance for rounding. `None` without [`Renderer::certified`].
+    ///
+    /// # Errors
+    /// If memory runs out or the device is lost.
     pub fn certificate(&self) -> Result<Option<Pixels>> {
         self.certificate.as_ref().map(|certificate| read_pixels(&self.device, certificate)).transpose()
     }
 }
 
-impl Upscaler {
-    fn record(&self, cmd: &mut Commands, image: &Image) {
-        let push = UpscalePush { drawn_size_px: self.drawn.size(), size_px: image.size() };
-        let pixels = image.size().iter().map(|side| u64::from(*side)).product();
-        cmd.dispatch(
-            &self.stage,
-            UpscaleBindings { drawn: &self.drawn, image },
-            push,
-            DispatchSize::Invocations(pixels),
-        );
-    }
+/// The paths of a renderer, of which the fast one has passed its trial.
+fn choose(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<PathChoice> {
+    let mut choice = PathChoice::new(device, options, scene, variation)?;
+    try_fast(&mut choice, device, scene)?;
+    Ok(choice)
 }
 
 /// Replaces the image if it has another size.

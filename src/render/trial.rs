@@ -11,23 +11,34 @@ use crate::gpu::{Access, Commands, Device, DeviceKind, Image};
 use crate::pixels::Pixels;
 use crate::rules::Background;
 
-/// More attempts than any frame needs. Buffers grow to the demand of the attempt before, and an overflow hides the demand of
-/// the next stage (visible, spans and listed, list length), on either path.
+/// More attempts than any frame needs. Buffers grow to the demand of the attempt before. An overflow hides the demand
+/// of the next stage (visible, spans and listed, list length), so a frame may need one retry per stage, and one more
+/// for the change of path.
 pub(super) const MAX_ATTEMPTS: u32 = 10;
 
-/// The largest difference between the paths, as a part of a channel's value or of 1 if that is more. Rounding at times
-/// moves a threshold, which is a step of 1/255; errors are larger.
+/// The largest difference between the paths that rounding explains, relative to a channel's value or to 1 if that is
+/// larger. Rounding sometimes moves an alpha across a threshold, which is a step of 1/255; errors are larger.
 const TOLERANCE: f32 = 0.03;
 
-/// True if renderers made on this device are tried: shader compilers of GPU drivers make mistakes. On a software device,
-/// which the tests run on, the trial's pipelines would take longer to compile than a frame to draw.
-pub(super) fn is_due(device: &Device) -> bool {
+/// True if the fast path is tried on this device, because shader compilers of GPU drivers make mistakes. On a software
+/// device, which the tests run on, the pipelines of the trial would take longer to compile than a frame to draw.
+fn is_due(device: &Device) -> bool {
     device.capabilities().kind != DeviceKind::Cpu
 }
 
+/// Tries the fast path on a device where that is due, and drops it if it does not draw what the portable path does.
+pub(super) fn try_fast(choice: &mut PathChoice, device: &Device, scene: &GpuScene) -> Result<()> {
+    if choice.has_fast() && is_due(device) { choice.try_fast(device, scene) } else { Ok(()) }
+}
+
 impl PathChoice {
+    fn try_fast(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
+        let disagreement = self.disagreement(device, scene)?;
+        self.end_trial(device, scene.len(), disagreement)
+    }
+
     /// The largest difference between the pictures of the two paths, if it is more than rounding explains.
-    pub(super) fn disagreement(&mut self, device: &Device, scene: &GpuScene) -> Result<Option<f32>> {
+    fn disagreement(&mut self, device: &Device, scene: &GpuScene) -> Result<Option<f32>> {
         let scene = scene.first(TRIAL);
         let expected = self.draw_trial(device, &scene, true)?;
         let mut largest: f32 = 0.0;
@@ -41,6 +52,7 @@ impl PathChoice {
         Ok((largest > TOLERANCE).then_some(largest))
     }
 
+    /// The picture of the trial: by the portable path if `needs_tile_lists`, else by the fast path.
     fn draw_trial(&mut self, device: &Device, scene: &GpuScene, needs_tile_lists: bool) -> Result<Pixels> {
         let image = Image::new(device, "trial", TRIAL_SIZE[0], TRIAL_SIZE[1])?;
         for _ in 0..MAX_ATTEMPTS {
@@ -60,8 +72,8 @@ impl PathChoice {
     }
 }
 
-/// The largest difference of a channel, as a part of the expected value or of 1 if that is more; 0 where both are not
-/// finite.
+/// The largest difference of a channel, relative to the expected value or to 1 if that is larger: 0 where neither value
+/// is finite, infinite where only one is.
 fn difference(drawn: &Pixels, expected: &Pixels) -> f32 {
     let channels = drawn.rgba.iter().flatten().zip(expected.rgba.iter().flatten());
     let difference = |(a, b): (&f32, &f32)| match (a.is_finite(), b.is_finite()) {
@@ -98,7 +110,8 @@ mod tests {
         let mut wrong = options;
         wrong.rules.alpha_max = 0.5;
         let fast = FastPipeline::new(&device, &wrong, scene.layout()).unwrap().expect("the device has a fast path");
-        paths.replace_fast(&device, &scene, fast).unwrap();
+        paths.replace_fast(fast);
+        paths.try_fast(&device, &scene).unwrap();
         assert!(paths.notice.is_some_and(|notice| notice.contains("is not taken")));
     }
 }

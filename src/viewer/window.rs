@@ -1,7 +1,6 @@
 //! The window: passes events to the session, shows its frames, and recovers when the device or the surface is lost.
 
 use std::path::PathBuf;
-use std::str::FromStr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -13,6 +12,7 @@ use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy}
 use winit::window::{Fullscreen, Window, WindowId};
 
 use super::events::Event;
+use super::fault::{Fault, FaultKind};
 use super::jobs::Jobs;
 use super::screen::{Screen, Shown};
 use super::session::{FrameOutput, Session};
@@ -37,35 +37,6 @@ pub struct WindowSetup {
 impl WindowSetup {
     fn open_device(&self, window: &Window) -> Result<Device> {
         Device::open_for(&self.device, self.validation, window)?.with_shaders(self.shaders.as_deref())
-    }
-}
-
-/// A fault to inject, and the frame at which it happens: `device@100`, `surface@100` or `memory@100`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Fault {
-    kind: FaultKind,
-    frame: u64,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum FaultKind {
-    DeviceLost,
-    SurfaceLost,
-    OutOfMemory,
-}
-
-impl FromStr for Fault {
-    type Err = anyhow::Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        let (kind, frame) = text.split_once('@').context("expected device@N, surface@N or memory@N")?;
-        let kind = match kind {
-            "device" => FaultKind::DeviceLost,
-            "surface" => FaultKind::SurfaceLost,
-            "memory" => FaultKind::OutOfMemory,
-            _ => anyhow::bail!("there is no fault {kind}"),
-        };
-        Ok(Self { kind, frame: frame.parse().context("expected the number of a frame")? })
     }
 }
 

@@ -331,7 +331,7 @@ fn an_unreadable_scene_or_camera_file_is_exit_code_4() {
     let cameras = path(&folder, "bad.json");
     assert!(
         fails(4, &["render", "cactus:10", "--cameras", &cameras, "-o", &out])
-            .contains("bad.json: is not a cameras.json")
+            .contains("bad.json: is neither a cameras.json nor a transforms.json")
     );
     assert!(fails(4, &["render", "cactus:10", "--cameras", "none.json"]).contains("none.json: "));
     assert_eq!(fs::read(&out).unwrap(), b"kept", "a failure leaves the old picture");

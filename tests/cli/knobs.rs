@@ -44,7 +44,8 @@ fn every_knob_reads_its_values_and_nothing_else() {
 #[test]
 fn every_knob_is_a_flag_with_its_values() {
     for command in ["render", "view", "bench", "trade"] {
-        let help = ok(&[command, "--help"]);
+        // Help texts are wrapped.
+        let help = ok(&[command, "--help"]).split_whitespace().collect::<Vec<_>>().join(" ");
         for knob in KNOBS.iter().filter(|knob| knob.group != Group::Path) {
             let flag = format!("--{} <{}>", knob.name, knob.value_name);
             let (_, after) = help.split_once(&flag).unwrap_or_else(|| panic!("{command} --help lacks {flag}"));

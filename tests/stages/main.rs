@@ -4,8 +4,10 @@
 mod common;
 
 mod extreme_counts;
+mod fast_blend;
+mod fast_input;
+mod fast_lists;
 mod fast_path;
-mod fast_stages;
 mod harness;
 mod portable;
 mod portable_frame;

@@ -14,8 +14,8 @@ use super::{BudgetArgs, DeviceArgs, FilmArgs, Knobs, SceneArg, SplitArg, Usage, 
 use crate::options::Options;
 use crate::pixels::FileKind;
 use crate::rules::Background;
-use outputs::{Layer, Names};
-use plan::{Plan, Shot, plan};
+use outputs::{Layer, Names, Shot};
+use plan::{Plan, plan};
 
 /// Render a scene to PNG, EXR or .npy
 #[derive(clap::Args)]

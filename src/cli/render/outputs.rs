@@ -6,9 +6,19 @@ use anyhow::{Context, Result};
 use clap::ValueEnum;
 
 use super::Args;
+use crate::camera::Camera;
 use crate::cli::Usage;
 use crate::pixels::{Depths, FileKind, Pixels};
 use crate::rules::Background;
+
+/// One picture.
+pub(super) struct Shot {
+    /// Position of the camera in its file.
+    pub index: usize,
+    pub camera: Camera,
+    pub outputs: Vec<Output>,
+    pub certificate: Option<PathBuf>,
+}
 
 /// A layer of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use glam::DVec3;
 
-use super::outputs::{Names, Output, Outputs, safe_stem};
+use super::outputs::{Names, Outputs, Shot, safe_stem};
 use super::{Args, video};
 use crate::camera::{Camera, NamedCamera};
 use crate::cli::{Usage, named_or_found, size_text};
@@ -25,15 +25,6 @@ pub(super) struct Plan {
     pub nearest: f32,
     /// The command that makes a video of them, with `--video`.
     pub video: Option<String>,
-}
-
-/// One picture.
-pub(super) struct Shot {
-    /// Position of the camera in its file.
-    pub index: usize,
-    pub camera: Camera,
-    pub outputs: Vec<Output>,
-    pub certificate: Option<PathBuf>,
 }
 
 /// A camera on the command line.

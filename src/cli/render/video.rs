@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use super::outputs::{Layer, Outputs};
-use super::{Args, Shot};
+use super::Args;
+use super::outputs::{Layer, Outputs, Shot};
 use crate::cli::cameras::DEFAULT_FPS;
 use crate::cli::{Usage, size_text};
 use crate::rules::Background;

@@ -1,0 +1,185 @@
+//! The stages of the fast path that draw blocks, masks and blend, each against its twin on the CPU.
+
+use super::fast_input::{Bench, Input};
+use crate::common::Random;
+use glam::{DMat2, DVec2, DVec3, dvec2};
+use smalto::gpu::{Access, Commands, Image};
+use smalto::reference::{self, BinBlocks, Lists, Tiling};
+use smalto::render::shaders::fast::{BIN_COLUMNS, BIN_PIECES, BIN_ROWS, BIN_RUN, BIN_STRETCH, BLOCK_WIDTH, BLOCKS};
+use smalto::render::{BLOCK_HEIGHTS, BinGrid, Target};
+use smalto::rules::{ALPHA_MIN, Background, Rules, TILE};
+
+const RULES: &Rules = &Rules::TRAINED;
+
+/// The length from which on a list is long: LONG_LIST in frame.glsl.
+const LONG_LIST: u32 = BIN_RUN * BIN_PIECES;
+
+/// A splat and its record in `work.splats`, three elements: the numbers of the record are exact in f64.
+fn splat_of(mean: [f32; 2], factor: [f32; 3], opacity: f32, colour: [f32; 3]) -> (reference::Splat, [[u32; 4]; 3]) {
+    let limit = (opacity / ALPHA_MIN).log2();
+    let record = [
+        [mean[0], mean[1], factor[0], factor[1]],
+        [factor[2], limit, colour[0], colour[1]],
+        [colour[2], 0.0, 0.0, 0.0],
+    ];
+    let [l0, l1, l2] = factor.map(f64::from);
+    let to_e = 2.0 * std::f64::consts::LN_2;
+    let conic = DMat2::from_cols_array(&[l0 * l0, l0 * l1, l0 * l1, l1 * l1 + l2 * l2].map(|v| v * to_e));
+    let splat = reference::Splat {
+        mean_px: DVec2::from(mean.map(f64::from)),
+        covariance: conic.inverse(),
+        conic,
+        opacity: f64::from(ALPHA_MIN) * f64::from(limit).exp2(),
+        colour: DVec3::from(colour.map(f64::from)),
+        depth: 1.0,
+        distance_world: 1.0,
+    };
+    (splat, record.map(|element| element.map(f32::to_bits)))
+}
+
+/// Splats in and around a picture: round ones, needles, huge ones.
+fn splats(count: usize, size: [u32; 2], opacities: [f64; 2]) -> Vec<(reference::Splat, [[u32; 4]; 3])> {
+    let mut random = Random(count as u64);
+    let splat = |i: usize| {
+        let mut unit = || random.between(0.0, 1.0);
+        let mean = size.map(|side| ((1.4 * unit() - 0.2) * f64::from(side)) as f32);
+        // Reciprocal half widths, px: down to the low-pass of sqrt(0.3) px.
+        let width = |part: f64| (1.2 * (0.001 / 1.2_f64).powf(part)) as f32;
+        let factor = match i % 4 {
+            0 => [width(unit()), 0.0, width(unit())],
+            1 => [width(0.1), 0.9 * width(unit()), width(0.9)],
+            _ => [width(0.5 * unit()), (unit() - 0.5) as f32, width(0.5 * unit())],
+        };
+        let opacity = opacities[0] + (opacities[1] - opacities[0]) * unit();
+        splat_of(mean, factor, opacity as f32, [unit(), unit(), unit()].map(|v| v as f32))
+    };
+    (0..count).map(splat).collect()
+}
+
+/// Uploads splats, in the order of their numbers in every bin: as sort and merge leave them.
+fn upload_lists(bench: &Bench, splats: &[(reference::Splat, [[u32; 4]; 3])]) {
+    let records: Vec<[u32; 4]> = splats.iter().flat_map(|(_, record)| *record).collect();
+    let ids: Vec<u32> = (0..bench.grid.count()).flat_map(|_| 0..splats.len() as u32).collect();
+    bench.run(|b, cmd| {
+        cmd.upload(&b.work.splats, 0, records.len(), |m| m.copy_from_slice(&records)).unwrap();
+        cmd.upload(&b.work.splat_ids, 0, ids.len(), |m| m.copy_from_slice(&ids)).unwrap();
+    });
+}
+
+/// Every splat in every bin of a picture.
+fn listed_everywhere(count: usize, grid: BinGrid) -> Input {
+    let [columns, rows] = grid.bins;
+    let spans: Vec<u32> = (0..count).flat_map(|_| (0..rows).map(|_| columns << 16)).collect();
+    let place = |i: usize| if rows == 1 { columns << 16 } else { i as u32 * rows };
+    Input::with((0..count).map(|i| [place(i), rows << 16]).collect(), spans, |i| i)
+}
+
+#[test]
+fn masks_mark_every_block_that_a_splat_reaches_and_hardly_more() {
+    // Around a word of bits and a stretch.
+    for (count, height) in [(1, 0), (31, 1), (32, 2), (33, 0), (1023, 1), (1024, 2), (1025, 0), (2500, 1)] {
+        let block_height = BLOCK_HEIGHTS[height];
+        let size = [2 * 64, 2 * BIN_ROWS * block_height];
+        let grid = BinGrid::new(size, height);
+        // Projection drops splats under the threshold of 1/255.
+        let splats = splats(count, size, [0.004, 1.0]);
+        let input = listed_everywhere(count, grid);
+        let bench = Bench::new(size, height, &input, count * grid.count() as usize, 0);
+        bench.list();
+        upload_lists(&bench, &splats);
+        bench.run(|b, cmd| b.pipeline.masks(cmd, &b.work, b.grid));
+        let masks = bench.gpu.download(&bench.work.masks);
+        for (number, bin) in bench.bins().iter().enumerate() {
+            let number = number as u32;
+            let corner = [number % grid.bins[0] * 64, number / grid.bins[0] * BIN_ROWS * block_height];
+            let blocks =
+                BinBlocks { corner_px: corner, counts: [BIN_COLUMNS, BIN_ROWS], block_px: [BLOCK_WIDTH, block_height] };
+            for (entry, (splat, _)) in splats.iter().enumerate() {
+                let stretch = bin.first_stretch as usize + entry / BIN_STRETCH as usize;
+                let (word, bit) = (entry % BIN_STRETCH as usize / 32, entry % 32);
+                let mask = (0..BLOCKS as usize)
+                    .map(|block| (masks[(stretch * BLOCKS as usize + block) * 32 + word] >> bit & 1) << block)
+                    .sum::<u32>();
+                let must = reference::block_mask(splat, blocks, RULES, -1e-4, -1e-3);
+                let may = reference::block_mask(splat, blocks, RULES, 2e-3, 1e-2);
+                assert_eq!(must & !mask, 0, "blocks are missing: {splat:?}, bin {number}, {count} splats");
+                assert_eq!(mask & !may, 0, "blocks are too many: {splat:?}, bin {number}, {count} splats");
+            }
+        }
+    }
+}
+
+/// Draws lists of all splats in every bin through masks and blend, and holds the picture to the reference's blend of the
+/// same lists.
+fn blend_agrees(splats: &[(reference::Splat, [[u32; 4]; 3])], height: usize, size: [u32; 2]) {
+    let (count, grid) = (splats.len(), BinGrid::new(size, height));
+    let bench = Bench::new(size, height, &listed_everywhere(count, grid), count * grid.count() as usize, count as u32);
+    bench.list();
+    upload_lists(&bench, splats);
+    bench.run(|b, cmd| b.pipeline.masks(cmd, &b.work, b.grid));
+    let image = Image::new(&bench.gpu.0, "image", size[0], size[1]).unwrap();
+    let background = [0.1, 0.2, 0.3];
+    let target = Target { image: &image, certificate: None, background: Background::Colour(background) };
+    let mut cmd = Commands::new(&bench.gpu.0).unwrap();
+    bench.pipeline.blend(&mut cmd, &bench.work, bench.grid, target);
+    cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+    let rows = cmd.read_rows(&image, 0..size[1]).unwrap();
+    let results = cmd.submit().unwrap().wait().unwrap();
+
+    let tiling = Tiling::of(size);
+    let ids: Vec<u32> = (0..count as u32).collect();
+    let all: Vec<reference::Splat> = splats.iter().map(|(splat, _)| *splat).collect();
+    let ranges = vec![[0, count as u32]; tiling.tiles()];
+    let lists = Lists { splats: &all, ranges: &ranges, splat_ids: &ids, rays: None };
+    let exact = reference::blend(&lists, tiling, DVec3::from(background.map(f64::from)), RULES);
+    let pairs = results.view(&rows).iter().zip(&exact).enumerate();
+    let mut in_doubt = 0;
+    for (index, (pixel, exact)) in pairs {
+        let error = (0..3).map(|i| (f64::from(pixel[i]) - exact.colour[i]).abs()).fold(0.0, f64::max);
+        let place = dvec2((index as u32 % size[0]).into(), (index as u32 / size[0]).into());
+        assert!(error <= 1e-4 + exact.doubt, "{error} at {place}, {count} splats, height {height}");
+        in_doubt += usize::from(exact.doubt > 1e-4);
+    }
+    assert!(in_doubt * 5 < exact.len(), "{in_doubt} of {} pixels are in doubt", exact.len());
+}
+
+#[test]
+fn blend_of_short_lists_agrees_with_its_twin() {
+    // The last sizes leave blocks and bins that the picture cuts.
+    for (count, height, size) in [
+        (0, 0, [64, 16]),
+        (1, 1, [64, 32]),
+        (31, 2, [64, 64]),
+        (33, 0, [100, 33]),
+        (1024, 1, [65, 33]),
+        (1025, 2, [33, 65]),
+        (3000, 0, [64, 16]),
+    ] {
+        blend_agrees(&splats(count, size, [0.01, 0.999]), height, size);
+    }
+}
+
+/// A list of so many splats in which one of `every` covers the picture faintly. The others are outside of it.
+fn faint(count: usize, every: usize) -> Vec<(reference::Splat, [[u32; 4]; 3])> {
+    let mut random = Random(every as u64);
+    let splat = |i: usize| {
+        let mut unit = || random.between(0.0, 1.0);
+        let colour = [unit(), unit(), unit()].map(|v| v as f32);
+        match i % every {
+            // Its alpha is 0.0042 or more in the whole picture: over the threshold, without doubt.
+            0 => splat_of([20.0, 10.0], [0.002, 0.0, 0.002], (0.0045 + 0.0005 * unit()) as f32, colour),
+            _ => splat_of([-1000.0, -1000.0], [1.0, 0.0, 1.0], 0.9, colour),
+        }
+    };
+    (0..count).map(splat).collect()
+}
+
+#[test]
+fn blend_of_long_lists_agrees_with_its_twin() {
+    let count = LONG_LIST as usize + 7;
+    // Pixels that see the end of the list, and pixels that stop within it.
+    for (height, every) in [(0, 40), (1, 5), (2, 40)] {
+        blend_agrees(&faint(count, every), height, [40, 20]);
+    }
+    assert_eq!(TILE, 16, "bins are whole tiles");
+}

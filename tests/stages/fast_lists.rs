@@ -1,0 +1,181 @@
+//! The stages of the fast path that make lists, each against its twin on the CPU, over the sizes where indices go wrong.
+
+use super::fast_input::{Bench, Input, parts};
+use crate::common::Random;
+use smalto::reference;
+use smalto::render::shaders::fast::{BIN_CHUNKS, BIN_PIECES, BIN_RUN, BIN_STRETCH, BLOCKS};
+use smalto::render::{BinGrid, Capacity};
+
+/// The length from which on a list is long: LONG_LIST in frame.glsl.
+const LONG_LIST: u32 = BIN_RUN * BIN_PIECES;
+
+/// A picture of 3 x 2 bins of the middle height.
+const GRID_SIZE: [u32; 2] = [3 * 64, 2 * 32];
+
+/// Splats over 40 x 30 bins: small ones of one row, some of several rows, few that cover the picture.
+fn scattered(count: usize) -> Input {
+    let mut random = Random(count as u64);
+    let (mut span_ranges, mut spans) = (Vec::new(), Vec::new());
+    for i in 0..count {
+        let rows = match i % 50 {
+            0 => 30,
+            n if n < 10 => 1 + random.below(4),
+            _ => 1,
+        };
+        let first_row = random.below(31 - rows);
+        let mut row_span = || {
+            let begin = random.below(40);
+            let width = if i % 50 == 0 { 40 - begin } else { 1 + random.below(5.min(40 - begin)) };
+            begin | (begin + width) << 16
+        };
+        let place = if rows == 1 { row_span() } else { spans.len() as u32 };
+        if rows > 1 {
+            spans.extend((0..rows).map(|_| row_span()));
+        }
+        span_ranges.push([place, first_row | rows << 16]);
+    }
+    Input::with(span_ranges, spans, |i| i.wrapping_mul(0x9e37_79b9) >> 8)
+}
+
+/// Around a lane, a subgroup, a workgroup and the number of chunks.
+const COUNTS: [usize; 13] = [0, 1, 7, 8, 31, 32, 33, 263, 264, 265, 1023, 8448, 20_001];
+
+#[test]
+fn count_offsets_and_fill_list_every_splat_in_its_bins() {
+    for count in COUNTS {
+        let input = scattered(count);
+        let grid = BinGrid::new([40 * 64, 30 * 32], 1);
+        let counts = input.counts(grid);
+        let entries: u32 = counts.iter().sum();
+        let bench = Bench::new([40 * 64, 30 * 32], 1, &input, entries as usize, 0);
+
+        bench.run(|b, cmd| b.pipeline.count(cmd, &b.work, b.grid));
+        assert_eq!(bench.gpu.download(&bench.work.listed_in_bins), counts, "{count} splats");
+        // The places of a bin's chunks are disjoint and cover its list.
+        let places = bench.gpu.download(&bench.work.chunk_places);
+        assert_eq!(places.len(), BIN_CHUNKS as usize * counts.len());
+
+        bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
+        let expected = reference::bin_offsets(&counts, entries, BIN_RUN, BIN_STRETCH);
+        let bins = bench.bins();
+        assert_eq!(bins, expected.bins, "{count} splats");
+        let runs = bench.gpu.download(&bench.work.run_bins);
+        assert_eq!(runs[..expected.run_bins.len()], expected.run_bins);
+        let stretches = bench.gpu.download(&bench.work.stretch_bins);
+        assert_eq!(stretches[..expected.stretch_bins.len()], expected.stretch_bins);
+        let totals = bench.gpu.download(&bench.work.totals)[0];
+        assert_eq!([totals.listed_high, totals.listed_low, totals.listed_kept], [0, entries, entries]);
+        assert_eq!(totals.longest_list, counts.iter().copied().max().unwrap());
+
+        bench.run(|b, cmd| b.pipeline.fill(cmd, &b.work, b.grid));
+        let entries = bench.gpu.download(&bench.work.entries);
+        for (list, expected) in parts(&entries, &bins).zip(input.lists(grid)) {
+            let mut list = list.to_vec();
+            list.sort_unstable_by_key(|[_, splat]| *splat);
+            assert_eq!(list, expected, "{count} splats");
+        }
+    }
+}
+
+#[test]
+fn offsets_order_bins_by_length_and_find_the_long_lists() {
+    let lengths: Vec<u32> = (0..900).map(|i: u32| i.wrapping_mul(0x9e37_79b9) >> (15 + i % 17)).collect();
+    let bench = Bench::new([30 * 64, 30 * 32], 1, &Input::of_lengths(&[], |_| 0), 0, 0);
+    bench.run(|b, cmd| {
+        cmd.upload(&b.work.listed_in_bins, 0, 900, |memory| memory.copy_from_slice(&lengths)).unwrap();
+    });
+    // Lists that do not fit are cut, and the demand is told: here nothing fits.
+    bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
+    assert_eq!(bench.bins(), reference::bin_offsets(&lengths, 0, BIN_RUN, BIN_STRETCH).bins);
+    let totals = bench.gpu.download(&bench.work.totals)[0];
+    assert_eq!(totals.listed_low, lengths.iter().sum::<u32>());
+    assert_eq!([totals.listed_kept, totals.longest_list], [0, 0]);
+
+    // With the capacity for all.
+    let demand: u32 = lengths.iter().sum();
+    let mut bench = bench;
+    let capacity = Capacity { listed: demand.into(), cells: 900, ..Capacity::default() };
+    bench.work.grow(&bench.gpu.0, capacity, 0).unwrap();
+    bench.run(|b, cmd| {
+        cmd.fill(&b.work.totals, 0);
+        cmd.upload(&b.work.listed_in_bins, 0, 900, |memory| memory.copy_from_slice(&lengths)).unwrap();
+    });
+    bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
+    let order = bench.gpu.download(&bench.work.bin_order);
+    let mut bins = order.clone();
+    bins.sort_unstable();
+    assert!(bins.into_iter().eq(0..900), "every bin once");
+    // Four classes for every power of two: within one, lengths differ by a quarter at most.
+    let by_order: Vec<u32> = order.iter().map(|bin| lengths[*bin as usize]).collect();
+    assert!(by_order.windows(2).all(|pair| f64::from(pair[1]) <= 1.25 * f64::from(pair[0].max(1))), "{by_order:?}");
+    let long = lengths.iter().filter(|length| **length >= LONG_LIST).count();
+    assert!(long > 0 && by_order[..long].iter().all(|length| *length >= LONG_LIST));
+    let [x, y, _] = bench.gpu.download(&bench.work.dispatches)[0].over_long_blocks;
+    assert!(x * y >= long as u32 * BLOCKS, "{x} x {y} workgroups for {long} long lists");
+}
+
+#[test]
+fn offsets_refuse_more_entries_than_32_bits_count() {
+    let bench = Bench::new(GRID_SIZE, 1, &Input::of_lengths(&[], |_| 0), 0, 0);
+    let counts = [u32::MAX, 1, 0, 0, 0, 0];
+    bench.run(|b, cmd| cmd.upload(&b.work.listed_in_bins, 0, 6, |memory| memory.copy_from_slice(&counts)).unwrap());
+    bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
+    let totals = bench.gpu.download(&bench.work.totals)[0];
+    assert!(totals.listed_high > 0, "the demand is told");
+    assert_eq!(totals.listed_kept, 0);
+    assert!(bench.bins().iter().all(|bin| bin.count == 0));
+}
+
+/// Around lanes, subgroups, runs, pieces.
+const LENGTHS: [usize; 26] = [
+    0, 1, 2, 7, 8, 9, 31, 32, 33, 511, 512, 513, 1023, 1024, 1025, 2047, 2048, 2049, 4095, 4096, 4097, 10_000, 32_767,
+    32_768, 32_769, 70_000,
+];
+
+#[test]
+fn sort_and_merge_order_lists_of_every_length() {
+    let size = [LENGTHS.len() as u32 * 64, 32];
+    let kinds: [(&str, fn(u32) -> u32); 6] = [
+        ("random", |i| (u64::from(i).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33) as u32),
+        ("close", |i| 0x3f80_0000 + (i.wrapping_mul(0x9e37_79b9) >> 22)),
+        ("few", |i| i.wrapping_mul(0x9e37_79b9) >> 30),
+        ("equal", |_| 0x7fff_ffff),
+        ("ascending", |i| i),
+        ("one far", |i| if i % 2000 == 1 { 0x7f00_0000 } else { i % 16 }),
+    ];
+    for (name, key) in kinds {
+        let input = Input::of_lengths(&LENGTHS, key);
+        let entries: usize = LENGTHS.iter().sum();
+        let bench = Bench::new(size, 1, &input, entries, 70_000);
+        bench.list();
+        let bins = bench.bins();
+        let listed = bench.gpu.download(&bench.work.entries);
+
+        bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work));
+        let sorted = bench.gpu.download(&bench.work.entries);
+        let ids = bench.gpu.download(&bench.work.splat_ids);
+        let mut runs = Vec::new();
+        for ((bin, list), now) in bins.iter().zip(parts(&listed, &bins)).zip(parts(&sorted, &bins)) {
+            let mut expected = list.to_vec();
+            expected.chunks_mut(BIN_RUN as usize).for_each(|run| reference::sort_run(run, &input.gaussian_from_splat));
+            if bin.count <= BIN_RUN {
+                let ids = &ids[bin.first as usize..][..bin.count as usize];
+                assert!(expected.iter().map(|[_, splat]| splat).eq(ids), "{name}: a list of {}", bin.count);
+            } else {
+                assert!(now == expected, "{name}: runs of a list of {}", bin.count);
+            }
+            runs.push(expected);
+        }
+
+        bench.run(|b, cmd| b.pipeline.merge(cmd, &b.work));
+        let ids = bench.gpu.download(&bench.work.splat_ids);
+        for ((ids, runs), bin) in parts(&ids, &bins).zip(runs).zip(&bins) {
+            let mut expected = runs;
+            for level in 0..2 {
+                let piece = (BIN_RUN * BIN_PIECES.pow(level)) as usize;
+                expected = reference::merge_pieces(&expected, piece, BIN_PIECES as usize, &input.gaussian_from_splat);
+            }
+            assert!(expected.iter().map(|[_, splat]| splat).eq(ids), "{name}: merged list of {}", bin.count);
+        }
+    }
+}
