@@ -153,7 +153,7 @@ fn thresholds_pass_and_fail_pictures() {
     let (c, d) = (write(&folder, "c.npy", &c), write(&folder, "d.npy", &d));
     ok(&["compare", &c, &d, "--max-error", "0.1"]);
     let error = fails(6, &["compare", &c, &c, "--min-ssim=-1"]);
-    assert!(error.contains("too small for --min-ssim -1, SSIM takes 11 pixels a side"), "{error}");
+    assert!(error.contains("too small for --min-ssim -1: SSIM needs at least 11x11 pixels"), "{error}");
 }
 
 #[test]
