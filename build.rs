@@ -146,7 +146,8 @@ impl Generated {
     fn shared_constants(&mut self) -> Result<()> {
         writeln!(
             self.structs_code,
-            "\n/// The specialization constants that shaders share: those that a header declares.\n#[derive(Clone, Copy, Debug)]"
+            "\n/// The specialization constants that headers declare, so that shaders share them.\n\
+             #[derive(Clone, Copy, Debug)]"
         )?;
         writeln!(self.structs_code, "pub struct SharedConstants {{")?;
         for (name, ty) in &self.header_constants {
@@ -191,7 +192,8 @@ impl Generated {
                 Kind::Image => "Image",
             };
             format!(
-                "        Binding {{ number: {number}, name: \"{name}\", count: {count}, kind: BindingKind::{kind}, reads: {reads}, writes: {writes} }},\n"
+                "        Binding {{ number: {number}, name: \"{name}\", count: {count}, kind: BindingKind::{kind}, \
+                 reads: {reads}, writes: {writes} }},\n"
             )
         });
         let bindings: String = bindings.collect();
@@ -221,7 +223,7 @@ unsafe impl Shader for {name} {{
         Ok(())
     }
 
-    /// Writes the type `shader` + `kind` into the current module, or an alias where a type of this kind and body exists.
+    /// Writes the type `shader` + `kind` into the current module, or an alias if a type of this kind and body exists.
     fn type_of_module(&mut self, shader: &str, kind: &'static str, body: &str, code: impl Fn(&str) -> String) {
         let name = format!("{shader}{kind}");
         let lifetime = if kind == "Bindings" { "<'a>" } else { "" };

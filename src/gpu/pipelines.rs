@@ -1,4 +1,4 @@
-//! The pipelines of a device, by what tells them apart. Equal stages share one, because drivers take long to compile it.
+//! The pipelines of a device, by what tells them apart. Equal stages share one: drivers take long to compile it.
 
 use std::any::Any;
 use std::collections::HashMap;

@@ -53,8 +53,9 @@ impl<S: Shader> Stage<S> {
 }
 
 impl Device {
-    /// Keeps every pipeline from now on, and with it the device, until the process ends. For tests, which build the same
-    /// stages again and again.
+    /// Keeps every pipeline from now on, and with it the device, until the process ends. For tests, which build the
+    /// same stages again and again.
+    #[doc(hidden)]
     pub fn keep_pipelines(&self) {
         self.0.pipelines().keep();
     }

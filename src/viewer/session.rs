@@ -130,8 +130,8 @@ impl Session {
         }
     }
 
-    /// Looks for changed shaders, if they are compiled at run time and the last look is [`SHADER_POLL`] ago. Returns true
-    /// if they changed: the next frame then starts another build.
+    /// Looks for changed shaders, if they are compiled at run time and the last look is [`SHADER_POLL`] ago. Returns
+    /// true if they changed: the next frame then starts another build.
     pub fn poll_shaders(&mut self) -> bool {
         if self.shaders_polled.is_some_and(|polled| polled.elapsed() < SHADER_POLL) {
             return false;

@@ -219,7 +219,7 @@ fn inconsistent_lod_meta_json_is_refused() {
             |m| [0, 1].map(|i| m["tree"]["children"][i]["lods"]["0"]["file"] = json!(9)).into_iter().collect(),
             "names file 9 of 2",
         ),
-        ("count", |m| m["tree"]["children"][0]["lods"]["0"]["count"] = json!(1), "of which lod-meta.json puts 143"),
+        ("count", |m| m["tree"]["children"][0]["lods"]["0"]["count"] = json!(1), "of which lod-meta.json assigns 143"),
         ("no file", |m| m["filenames"][0] = json!("no/meta.json"), "no/meta.json: "),
         ("outside", |m| m["filenames"][0] = json!("../lod/0_0/meta.json"), "is not the name of a file in the folder"),
         ("environment", |m| m["environment"] = json!("lod-meta.json"), "missing field `means`"),

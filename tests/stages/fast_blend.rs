@@ -109,8 +109,8 @@ fn masks_mark_every_block_that_a_splat_reaches_and_hardly_more() {
     }
 }
 
-/// Draws lists of all splats in every bin through masks and blend, and holds the picture to the reference's blend of the
-/// same lists.
+/// Draws lists of all splats in every bin through masks and blend, and compares the picture with the reference's blend
+/// of the same lists.
 fn blend_agrees(splats: &[(reference::Splat, [[u32; 4]; 3])], height: usize, size: [u32; 2]) {
     let (count, grid) = (splats.len(), BinGrid::new(size, height));
     let bench = Bench::new(size, height, &listed_everywhere(count, grid), count * grid.count() as usize, count as u32);

@@ -1,4 +1,4 @@
-//! The stages of the fast path that make lists, each against its twin on the CPU, over the sizes where indices go wrong.
+//! The stages of the fast path that make lists, each against its twin on the CPU, at the sizes where indices go wrong.
 
 use super::fast_input::{Bench, Input, parts};
 use crate::common::Random;

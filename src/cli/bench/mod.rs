@@ -44,8 +44,9 @@ pub(super) struct Args {
     #[arg(long, value_name = "WxH,...", default_value = "720x720", value_delimiter = ',', value_parser = parse_size)]
     size: Vec<[u32; 2]>,
     /// Least number of warm-up frames; 0: no warm-up. The warm-up goes on until the frame time is steady: the median
-    /// GPU times of two consecutive windows of at least one second agree within 2 %. A window consists of rounds over
-    /// the same views, 25 at most and fewer if frames are slow. After 10 s the measurement begins with a warning
+    /// GPU times of two consecutive windows of at least one second agree within 2 %; a quarter of a second once they
+    /// did so for the pipelines of the run. A window consists of rounds over the same views, 25 at most and fewer if
+    /// frames are slow. After 10 s the measurement begins with a warning
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = count(0))]
     warmup: usize,
     /// Measured frames

@@ -1,5 +1,5 @@
-//! A search over combinations of knobs. It starts at the exact options and repeatedly turns the knob that loses the least
-//! accuracy for the time that it saves.
+//! A search over combinations of knobs. It starts at the exact options and repeatedly turns the knob that loses the
+//! least accuracy for the time that it saves.
 
 use anyhow::Result;
 

@@ -4,6 +4,8 @@
 //! Times are between timestamps on the GPU. A row's limit is the time in which a copy, measured on the same device in
 //! the same run, moves the fewest bytes that the stage can do with.
 
+mod fast;
+
 use std::cell::RefCell;
 use std::time::Duration;
 
@@ -18,11 +20,7 @@ use smalto::measure::bench::{Protocol, Statistics, WarmUpLimits, copy_gb_s};
 use smalto::options::Options;
 use smalto::render::shaders::PortableDispatches;
 use smalto::render::shaders::portable::*;
-use smalto::render::{
-    BinGrid, Capacity, FastPipeline, FastWorkspace, GpuScene, Pairs, RadixSort, SortRange, SortScratch, Splat, Target,
-    Totals,
-};
-use smalto::rules::Background;
+use smalto::render::{Pairs, RadixSort, SortRange, SortScratch, Splat, Totals};
 
 /// A stage with its input, ready to run again and again.
 struct Bench<'a> {
@@ -61,7 +59,7 @@ fn main() -> Result<()> {
     for list in [64, 512, 2048] {
         run(&mut criterion, &device, blend(&device, list / scale.min(16))?, &mut rows)?;
     }
-    if let Some(fast) = Fast::new(&device, (1 << 20) / scale)? {
+    if let Some(fast) = fast::Fast::new(&device, (1 << 20) / scale)? {
         for bench in fast.benches() {
             run(&mut criterion, &device, bench, &mut rows)?;
         }
@@ -317,127 +315,4 @@ fn blend(device: &Device, list: u32) -> Result<Bench<'_>> {
             cmd.scope("blend", |cmd| cmd.dispatch(&stage, bindings, push, DispatchSize::Groups(tiles.into())));
         }),
     })
-}
-
-/// The stages of the fast path at 1920x1080, on made-up splats: two bins each on average, all of one size.
-struct Fast {
-    pipeline: FastPipeline,
-    work: FastWorkspace,
-    grid: BinGrid,
-    image: Image,
-    splats: u32,
-    entries: u32,
-}
-
-impl Fast {
-    /// `None` if the device has no fast path.
-    fn new(device: &Device, splats: u32) -> Result<Option<Self>> {
-        const SIZE: [u32; 2] = [1920, 1080];
-        let options = Options::EXACT;
-        let scene = GpuScene::new(device, &smalto::scene::synthetic::cactus(1)?.gaussians, &options)?;
-        let Some(mut pipeline) = FastPipeline::new(device, &options, scene.layout())? else { return Ok(None) };
-        let grid = BinGrid::new(SIZE, 1);
-        let [columns, rows] = grid.bins;
-        // Row and columns of bins; the splat lies in the middle of its first.
-        let place = |i: u32| (random(3 * i) % rows, random(3 * i + 1) % columns, 1 + random(3 * i + 2) % 3);
-        let span = |i: u32| {
-            let (row, begin, width) = place(i);
-            [begin | (begin + width).min(columns) << 16, row | 1 << 16]
-        };
-        let span_ranges: Vec<_> = (0..splats).map(span).collect();
-        let entries: u32 = span_ranges.iter().map(|[span, _]| (span >> 16) - (span & 0xffff)).sum();
-        let capacity = Capacity {
-            gaussians: splats as usize,
-            visible: splats.into(),
-            spans: 1,
-            listed: entries.into(),
-            cells: grid.count() as usize,
-        };
-        let work = FastWorkspace::new(device, capacity, pipeline.splat_elements())?;
-        pipeline.prepare(device, grid, work.has_long_lists())?;
-        // Round, 4 px to the threshold, faint: no pixel stops before its list ends.
-        let splat = |i: u32| {
-            let (row, begin, _) = place(i);
-            let mean = [(begin * 64 + random(i) % 64) as f32, (row * 32 + random(!i) % 32) as f32];
-            let words = [mean[0], mean[1], 0.3, 0.0, 0.3, 0.1, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0].map(f32::to_bits);
-            [[words[0], words[1], words[2], words[3]], [words[4], words[5], words[6], words[7]], [words[8], 0, 0, 0]]
-        };
-        let records: Vec<[u32; 4]> = (0..splats).flat_map(splat).collect();
-        let keys: Vec<u32> = (0..splats).map(|i| random(i) >> 8).collect();
-        let ids: Vec<u32> = (0..splats).collect();
-        let image = Image::new(device, "image", SIZE[0], SIZE[1])?;
-        let fast = Self { pipeline, work, grid, image, splats, entries };
-        let mut cmd = Commands::new(device)?;
-        cmd.upload(&fast.work.span_ranges, 0, ids.len(), |m| m.copy_from_slice(&span_ranges))?;
-        cmd.upload(&fast.work.splats, 0, records.len(), |m| m.copy_from_slice(&records))?;
-        cmd.upload(&fast.work.depth_keys, 0, keys.len(), |m| m.copy_from_slice(&keys))?;
-        cmd.upload(&fast.work.gaussian_from_splat, 0, ids.len(), |m| m.copy_from_slice(&ids))?;
-        let totals = Totals { visible: splats, ..Totals::zeroed() };
-        cmd.upload(&fast.work.totals, 0, 1, |memory| memory[0] = totals)?;
-        cmd.fill(&fast.work.listed_in_bins, 0);
-        for stage in [Self::count, Self::offsets, Self::fill, Self::sort, Self::merge, Self::masks] {
-            cmd.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::SHADER | Access::INDIRECT);
-            stage(&fast, &mut cmd);
-        }
-        cmd.submit()?.wait()?;
-        Ok(Some(fast))
-    }
-
-    fn count(&self, cmd: &mut Commands) {
-        self.pipeline.count(cmd, &self.work, self.grid);
-    }
-
-    fn offsets(&self, cmd: &mut Commands) {
-        self.pipeline.offsets(cmd, &self.work, self.grid);
-    }
-
-    fn fill(&self, cmd: &mut Commands) {
-        self.pipeline.fill(cmd, &self.work, self.grid);
-    }
-
-    fn sort(&self, cmd: &mut Commands) {
-        self.pipeline.sort(cmd, &self.work);
-    }
-
-    fn merge(&self, cmd: &mut Commands) {
-        self.pipeline.merge(cmd, &self.work);
-    }
-
-    fn masks(&self, cmd: &mut Commands) {
-        self.pipeline.masks(cmd, &self.work, self.grid);
-    }
-
-    fn blend(&self, cmd: &mut Commands) {
-        let target = Target { image: &self.image, certificate: None, background: Background::BLACK };
-        self.pipeline.blend(cmd, &self.work, self.grid, target);
-    }
-
-    /// One row per stage. Each runs on what the stages before it left, and leaves its input as it was, except that sort
-    /// finds the runs of lists that have several sorted by the time before.
-    fn benches(&self) -> Vec<Bench<'_>> {
-        let [splats, entries, bins] = [self.splats, self.entries, self.grid.count()].map(u64::from);
-        let pixels: u64 = self.image.size().iter().map(|side| u64::from(*side)).product();
-        let stages: [(&str, u64, fn(&Self, &mut Commands)); 7] = [
-            ("fast count", 8 * splats + 4 * bins, Self::count),
-            ("fast offsets", 24 * bins, Self::offsets),
-            ("fast fill", 12 * splats + 8 * entries, Self::fill),
-            ("fast sort", 12 * entries, Self::sort),
-            ("fast merge", 12 * entries, Self::merge),
-            ("fast masks", 8 * entries + 32 * splats, Self::masks),
-            ("fast blend", 8 * entries + 48 * splats + 16 * pixels, Self::blend),
-        ];
-        let bench = |(stage, bytes, record): (&'static str, u64, fn(&Self, &mut Commands))| Bench {
-            stage,
-            input: format!("{splats} splats, {entries} entries"),
-            bytes,
-            record: Box::new(move |cmd: &mut Commands| {
-                if stage == "fast count" {
-                    cmd.fill(&self.work.listed_in_bins, 0);
-                    cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-                }
-                cmd.scope(stage, |cmd| record(self, cmd));
-            }),
-        };
-        stages.into_iter().map(bench).collect()
-    }
 }
