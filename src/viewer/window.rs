@@ -111,7 +111,7 @@ impl App {
         let window =
             events.create_window(attributes).map_err(|e| Unavailable(format!("no window can be opened: {e}")))?;
         let window = Arc::new(window);
-        let device = setup.open_device(&*window)?;
+        let device = setup.open_device(&window)?;
         let size = window.inner_size();
         let screen = Screen::of_window(&device, &window, setup.viewer.vsync)?;
         let proxy = self.proxy.clone();
@@ -360,7 +360,7 @@ impl OpenWindow {
             viewer.messages.error(format!("{failure:#}; the device is opened again"));
             self.session.drop_pictures();
             self.session.screen.close();
-            let device = setup.open_device(&*self.window)?;
+            let device = setup.open_device(&self.window)?;
             let screen = Screen::of_window(&device, &self.window, self.session.viewer.vsync)?;
             self.session.replace_screen(screen);
             self.reset_input();

@@ -32,26 +32,30 @@ impl Peak {
     }
 }
 
-// SAFETY: all is done by the system's allocator.
+// SAFETY: every call goes to the system's allocator.
 unsafe impl GlobalAlloc for Peak {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         self.add(layout.size());
+        // SAFETY: the caller keeps to the contract of the same function.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         self.add(layout.size());
+        // SAFETY: the caller keeps to the contract of the same function.
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
         self.now.fetch_sub(layout.size(), Relaxed);
+        // SAFETY: the caller keeps to the contract of the same function.
         unsafe { System.dealloc(pointer, layout) }
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         self.add(size);
         self.now.fetch_sub(layout.size(), Relaxed);
+        // SAFETY: the caller keeps to the contract of the same function.
         unsafe { System.realloc(pointer, layout, size) }
     }
 }

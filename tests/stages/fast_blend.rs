@@ -138,7 +138,8 @@ fn blend_agrees(splats: &[(reference::Splat, [[u32; 4]; 3])], height: usize, siz
         let error = (0..3).map(|i| (f64::from(pixel[i]) - exact.colour[i]).abs()).fold(0.0, f64::max);
         let place = dvec2((index as u32 % size[0]).into(), (index as u32 / size[0]).into());
         assert!(error <= 1e-4 + exact.doubt, "{error} at {place}, {count} splats, height {height}");
-        in_doubt += usize::from(exact.doubt > 1e-4);
+        // A doubtful stop moves a colour by 1e-4; the comparison would be worth little with more doubt than this.
+        in_doubt += usize::from(exact.doubt > 1e-3);
     }
     assert!(in_doubt * 5 < exact.len(), "{in_doubt} of {} pixels are in doubt", exact.len());
 }

@@ -137,7 +137,8 @@ mod tests {
         let (now_ms, count) = (Cell::new(0.0), Cell::new(0));
         let frame = |view: usize| {
             let ms = ms(count.get(), now_ms.get(), view);
-            (now_ms.set(now_ms.get() + ms), count.set(count.get() + 1));
+            now_ms.set(now_ms.get() + ms);
+            count.set(count.get() + 1);
             Ok(ms)
         };
         let clock = || Duration::from_secs_f64(now_ms.get() * 1e-3);
