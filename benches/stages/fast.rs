@@ -19,6 +19,9 @@ pub struct Fast {
     entries: u32,
 }
 
+/// Records one stage.
+type Record = fn(&Fast, &mut Commands);
+
 impl Fast {
     /// `None` if the device has no fast path.
     pub fn new(device: &Device, splats: u32) -> Result<Option<Self>> {
@@ -107,7 +110,7 @@ impl Fast {
     pub fn benches(&self) -> Vec<Bench<'_>> {
         let [splats, entries, bins] = [self.splats, self.entries, self.grid.count()].map(u64::from);
         let pixels: u64 = self.image.size().iter().map(|side| u64::from(*side)).product();
-        let stages: [(&str, u64, fn(&Self, &mut Commands)); 7] = [
+        let stages: [(&'static str, u64, Record); 7] = [
             ("fast count", 8 * splats + 4 * bins, Self::count),
             ("fast offsets", 24 * bins, Self::offsets),
             ("fast fill", 12 * splats + 8 * entries, Self::fill),
@@ -116,7 +119,7 @@ impl Fast {
             ("fast masks", 8 * entries + 32 * splats, Self::masks),
             ("fast blend", 8 * entries + 48 * splats + 16 * pixels, Self::blend),
         ];
-        let bench = |(stage, bytes, record): (&'static str, u64, fn(&Self, &mut Commands))| Bench {
+        let bench = |(stage, bytes, record): (&'static str, u64, Record)| Bench {
             stage,
             input: format!("{splats} splats, {entries} entries"),
             bytes,
