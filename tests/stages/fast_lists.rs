@@ -132,10 +132,13 @@ const LENGTHS: [usize; 26] = [
     32_768, 32_769, 70_000,
 ];
 
+/// The depth key of a splat.
+type Key = fn(u32) -> u32;
+
 #[test]
 fn sort_and_merge_order_lists_of_every_length() {
     let size = [LENGTHS.len() as u32 * 64, 32];
-    let kinds: [(&str, fn(u32) -> u32); 6] = [
+    let kinds: [(&str, Key); 6] = [
         ("random", |i| (u64::from(i).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33) as u32),
         ("close", |i| 0x3f80_0000 + (i.wrapping_mul(0x9e37_79b9) >> 22)),
         ("few", |i| i.wrapping_mul(0x9e37_79b9) >> 30),
