@@ -17,7 +17,7 @@ use super::executables::{Executable, Executables};
 use super::instance::{Instance, Validation};
 use super::pipelines::Pipelines;
 use super::reload::ShaderFolder;
-use super::submission::{self, Slot};
+use super::submission::Slot;
 use super::survey::{self, DeviceChoice};
 use crate::host_memory::OutOfMemory;
 
@@ -199,7 +199,7 @@ impl Device {
     /// The number of the newest finished submission.
     #[cfg(feature = "viewer")]
     pub(super) fn completed(&self) -> Result<u64> {
-        submission::completed(&self.0).map_err(|e| describe("vkGetSemaphoreCounterValue", e))
+        super::submission::completed(&self.0).map_err(|e| describe("vkGetSemaphoreCounterValue", e))
     }
 
     /// Waits until every submission is done.
