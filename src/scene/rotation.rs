@@ -8,23 +8,39 @@ pub(super) fn from_smallest_three(largest: usize, others: [f64; 3]) -> [f64; 4] 
     q
 }
 
+/// One step of a stored component.
+const STEP: f32 = std::f32::consts::FRAC_1_SQRT_2 / 511.0;
+
 /// A unit quaternion in 32 bits (the scheme of SPZ 3): two for the index of its largest component, which becomes
 /// positive, and ten for each of the others, a sign and nine bits of magnitude up to sqrt(1/2).
 pub fn encode_rotation(rotation: [f32; 4]) -> u32 {
-    // If two components are nearly equal, a file may have left out either. The candidate with the least error keeps its
-    // bits.
-    let error = |packed: &u32| rotation_error(decode_rotation(*packed), rotation);
-    let candidates = (0..4).map(|largest| pack_smallest_three(rotation, largest));
-    candidates.min_by(|a, b| error(a).total_cmp(&error(b))).unwrap_or(0)
+    let most = rotation.iter().fold(0.0_f32, |most, component| most.max(component.abs()));
+    // The encoder that made a file rounded each stored component by up to half a step, which moves the left out one by
+    // up to three halves. So the component that it left out is at most two steps below the largest; if several are,
+    // the one with the least error keeps the bits of the file. To leave out a smaller component is an error: the
+    // squares of the others can exceed 1, and other decoders then take the root of a negative number.
+    let mut candidates = (0..4).filter(|i| rotation[*i].abs() >= most - 2.0 * STEP);
+    let first = pack_smallest_three(rotation, candidates.next().unwrap_or(0));
+    let error = |packed: u32| rotation_error(decode_rotation(packed), rotation);
+    let better = |best: (u32, f64), largest| {
+        let packed = pack_smallest_three(rotation, largest);
+        let error = error(packed);
+        if error < best.1 { (packed, error) } else { best }
+    };
+    match candidates.next() {
+        None => first,
+        Some(second) => candidates.fold(better((first, error(first)), second), better).0,
+    }
 }
 
 /// Packs a quaternion without component `largest`.
 fn pack_smallest_three(rotation: [f32; 4], largest: usize) -> u32 {
-    let flip = rotation[largest] < 0.0;
+    // A file may hold a zero with a sign.
+    let flip = rotation[largest].is_sign_negative();
     let others = rotation.iter().enumerate().filter(|(i, _)| *i != largest);
     let packed = others.fold(0, |packed, (_, component)| {
         let steps = (f64::from(component.abs()) * 2_f64.sqrt() * 511.0).round().min(511.0) as u32;
-        packed << 10 | u32::from((*component < 0.0) != flip) << 9 | steps
+        packed << 10 | u32::from(component.is_sign_negative() != flip) << 9 | steps
     });
     (largest as u32) << 30 | packed
 }
@@ -53,14 +69,31 @@ mod tests {
     #[test]
     fn rotations_survive_their_32_bits() {
         // The second has a component of sqrt(1/2), as large as the one left out.
-        for packed in [0, 0x1ff, 0x8123_4567, 0xc0ab_cdef_u32, 0x4000_0001] {
+        for packed in [0, 0x1ff, 0x8123_4567, 0xc0ab_cd23_u32, 0x4000_0001] {
             let rotation = decode_rotation(packed).map(|v| v as f32);
             for rotation in [rotation, rotation.map(|v| -v)] {
                 assert!(rotation_error(decode_rotation(encode_rotation(rotation)), rotation) < 1e-6, "{packed:x}");
             }
         }
-        for rotation in [[0.5, -0.5, 0.5, 0.5], [0.1, -0.7, 0.7, 0.1]] {
+        for rotation in [[0.5, -0.5, 0.5, 0.5], [0.1, -0.7, 0.7, 0.1], [0.600_66, -0.391_92, -0.000_69, 0.696_86]] {
             assert!(rotation_error(decode_rotation(encode_rotation(rotation)), rotation) < 1.5e-3);
+        }
+    }
+
+    /// The encoder of the reference implementation, whatever it leaves out for nearly equal components.
+    #[test]
+    fn the_bits_of_a_file_are_kept() {
+        let mut random = crate::scene::random::Random::of(1);
+        for i in 0..200_000 {
+            // Every other rotation has nearly equal components.
+            let spread = [1.0, 0.005][i % 2];
+            let sign = |v: f64| if v < 0.0 { -1.0 } else { 1.0 };
+            let q = [(); 4].map(|()| random.normal()).map(|v| (1.0 - spread) * sign(v) + spread * v);
+            let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let q = q.map(|v| (v / length) as f32);
+            let largest = (1..4).fold(0, |largest, i| if q[i].abs() > q[largest].abs() { i } else { largest });
+            let packed = pack_smallest_three(q, largest);
+            assert_eq!(encode_rotation(decode_rotation(packed).map(|v| v as f32)), packed, "{q:?}");
         }
     }
 }
