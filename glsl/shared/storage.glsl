@@ -33,6 +33,11 @@ vec4 unpack_rotation(uint packed) {
     }
 }
 
+// Scales of 16 bits without sign: the upper bits of a 32-bit float, less a base; 0 stands for 0.
+vec3 unpack_scale(uvec3 code) {
+    return mix(uintBitsToFloat((code + uint(grids.scale_base)) << 13), vec3(0.0), equal(code, uvec3(0)));
+}
+
 void load_shape(uint gaussian, out vec4 rotation, out vec3 scale, out float opacity) {
     if (SHAPE_STORAGE == STORED_F32) {
         rotation = uintBitsToFloat(shapes[0].plane[gaussian]);
@@ -42,9 +47,8 @@ void load_shape(uint gaussian, out vec4 rotation, out vec3 scale, out float opac
     } else if (SHAPE_STORAGE == STORED_F16) {
         uvec4 words = shapes[0].plane[gaussian];
         rotation = normalize(vec4(unpackHalf2x16(words.x), unpackHalf2x16(words.y)));
-        vec2 rest = unpackHalf2x16(words.w);
-        scale = grids.scale_unit * vec3(unpackHalf2x16(words.z), rest.x);
-        opacity = rest.y;
+        scale = unpack_scale(uvec3(words.z & 0xffff, words.z >> 16, words.w & 0xffff));
+        opacity = unpackHalf2x16(words.w).y;
     } else {
         uvec4 two = shapes[0].plane[gaussian / 2];
         uvec2 words = gaussian % 2 == 0 ? two.xy : two.zw;

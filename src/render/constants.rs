@@ -3,7 +3,7 @@
 use super::frame::footprint_code;
 use super::layout::Layout;
 use super::shaders::SharedConstants;
-use crate::options::{Options, Storage};
+use crate::options::Options;
 use crate::rules::Order;
 
 /// The constants of pipelines whose subgroups have at most `subgroup` lanes. A shader takes those that it declares, and
@@ -21,15 +21,9 @@ pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> Share
         alpha_min: rules.alpha_min,
         alpha_max: rules.alpha_max,
         transmittance_min: rules.transmittance_min,
-        stop: options.stop,
-        compact: is_compact(options),
+        stop: layout.stop(options),
+        compact: layout.is_compact(options),
         subgroup,
         ballot_words: subgroup.div_ceil(32),
     }
-}
-
-/// True if the fast path stores the colours of splats as 16-bit floats: if the options allow that for the spherical
-/// harmonics and let pixels stop early.
-pub(super) fn is_compact(options: &Options) -> bool {
-    matches!(options.sh_storage, Storage::F16 | Storage::U8) && options.stop > 0.0
 }

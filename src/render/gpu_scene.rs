@@ -30,8 +30,6 @@ pub struct GpuScene {
     pub(crate) extent: Bounds,
     /// The camera of the trial, which draws the first Gaussians.
     pub(super) trial_view: Camera,
-    /// An upper bound on every colour channel of every Gaussian.
-    pub(super) brightest: f64,
     /// Gaussians may be culled where their alpha is below this.
     pub(super) alpha_min: f32,
 }
@@ -88,7 +86,6 @@ impl GpuScene {
             len,
             extent: Bounds::of(gaussians),
             trial_view: trial_view(gaussians, options.rules.near),
-            brightest: needs.brightest,
             alpha_min: options.rules.alpha_min,
             layout,
         };

@@ -19,11 +19,23 @@ pub struct Layout {
     pub shape: Packing,
     sh_grids: [Grid; sh_coefficients(MAX_SH_DEGREE)],
     scale_grid: Grid,
-    /// Scales are divided by this before they become 16-bit floats.
-    scale_unit: f32,
+    /// The 16-bit code of a scale plus this is the upper part of its bits as a 32-bit float ([`scale_code`]).
+    scale_base: u32,
     /// True if some opacity is so high that alphas are clamped to `Rules::alpha_max`.
     pub has_clamped_alphas: bool,
+    /// An upper bound on every colour channel of every Gaussian.
+    pub brightest: f64,
 }
+
+/// Largest change of a colour channel by 16-bit floats, in steps of 8 bits: a scene that would change more is kept in
+/// 32-bit floats.
+const MOST_STEPS: f64 = 2.0;
+/// Brightest colour of scenes in which pixels stop as early as the options say. Above it, they stop later in
+/// proportion: what is left out grows with the brightest colour.
+const STOP_BRIGHT: f64 = 4.0;
+/// Brightest colour of scenes that may be kept in 16-bit floats: an error of a shape moves a pixel by as many times its
+/// share as the colour is bright.
+const F16_BRIGHT: f64 = 8.0;
 
 /// The number format of a group of attributes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,6 +75,12 @@ impl Layout {
         // A logarithm in 8 bits cannot represent a scale of 0.
         let is_flat = gaussians.scales().as_flattened().contains(&0.0);
         let allowed = if is_flat { options.shape_storage.min(Storage::F16) } else { options.shape_storage };
+        let [smallest, largest] = scale_range(gaussians);
+        let scale_base = upper_bits(largest).saturating_sub(u32::from(u16::MAX));
+        // Scales over more than 63 octaves do not fit into 16 bits.
+        let is_wide = smallest < largest && upper_bits(smallest) <= scale_base;
+        let is_bright = needs.brightest > F16_BRIGHT;
+        let allowed = if (is_wide || is_bright) && allowed == Storage::F16 { Storage::Lossless } else { allowed };
         let shape = Packing::of(allowed, needs.scale_grid.is_some());
         let sh_grids = needs.sh_grids.unwrap_or_else(|| match sh.storage {
             Storage::U8 => std::array::from_fn(|i| spanning_coefficient(gaussians, sh_degree, i)),
@@ -73,14 +91,35 @@ impl Layout {
             Storage::U8 => Grid::spanning(logarithms()),
             _ => UNUSED,
         });
-        let largest = gaussians.scales().as_flattened().iter().fold(0.0, |m: f32, s| m.max(*s));
-        // The largest scale becomes at most 2^15, so that only scales 2^29 times smaller lose precision.
-        let scale_unit = if largest > 0.0 { (f64::from(largest).log2().ceil() - 15.0).exp2() as f32 } else { 1.0 };
-        let scale_unit = scale_unit.max(f32::MIN_POSITIVE);
         // 1 % lower, because packing and rounding may increase an alpha.
         let clamped = 0.99 * options.rules.alpha_max;
         let has_clamped_alphas = gaussians.opacities().iter().any(|opacity| *opacity > clamped);
-        Self { sh_degree, sh, shape, sh_grids, scale_grid, scale_unit, has_clamped_alphas }
+        let mut layout = Self {
+            sh_degree,
+            sh,
+            shape,
+            sh_grids,
+            scale_grid,
+            scale_base,
+            has_clamped_alphas,
+            brightest: needs.brightest,
+        };
+        if sh.storage == Storage::F16 && layout.packing_error(gaussians) > MOST_STEPS / 255.0 {
+            layout.sh = Packing::of(Storage::F32, false);
+        }
+        layout
+    }
+
+    /// The transmittance at which a pixel is finished: the options' stop, lower in bright scenes.
+    pub(super) fn stop(&self, options: &Options) -> f32 {
+        options.stop * (STOP_BRIGHT / self.brightest).min(1.0) as f32
+    }
+
+    /// True if the fast path stores the colours of splats as 16-bit floats: if the options allow that for the spherical
+    /// harmonics and let pixels stop early, and no colour is so bright that rounding it shows.
+    pub(super) fn is_compact(&self, options: &Options) -> bool {
+        let is_allowed = matches!(options.sh_storage, Storage::F16 | Storage::U8) && options.stop > 0.0;
+        is_allowed && self.brightest <= F16_BRIGHT
     }
 
     /// An upper bound on the change of any colour channel of any Gaussian, seen from any direction, by this packing and
@@ -90,12 +129,23 @@ impl Layout {
         if self.sh.is_lossless && self.sh_degree == gaussians.sh_degree() {
             return 0.0;
         }
+        self.change(gaussians, |value| value.into())
+    }
+
+    /// The part of [`colour_error`](Self::colour_error) that is due to the packing.
+    fn packing_error(&self, gaussians: &Gaussians) -> f64 {
+        self.change(gaussians, |_| 0.0)
+    }
+
+    /// As [`colour_error`](Self::colour_error), where a coefficient of a degree that is left out changes by
+    /// `left_out(value)`.
+    fn change(&self, gaussians: &Gaussians, left_out: impl Fn(f32) -> f64 + Sync) -> f64 {
         let kept = sh_coefficients(self.sh_degree);
         let of_gaussian = |index: usize| {
             let sh = gaussians.sh(index);
             let change = |i: usize, channel: usize| match sh.get(i) {
                 Some(value) if i < kept => f64::from(self.kept(i, value[channel])) - f64::from(value[channel]),
-                Some(value) => value[channel].into(),
+                Some(value) => left_out(value[channel]),
                 None => 0.0,
             };
             (0..3).map(|channel| bands(|i| change(i, channel)).iter().sum()).fold(0.0, f64::max)
@@ -163,8 +213,9 @@ impl Layout {
         match self.shape.storage {
             Storage::Lossless | Storage::F32 => [q, [x, y, z, opacity]].as_flattened()[word].to_bits(),
             Storage::F16 => {
-                let [x, y, z] = scale.map(|s| s / self.scale_unit);
-                [[q[0], q[1]], [q[2], q[3]], [x, y], [z, opacity]].map(halves)[word]
+                let [x, y, z] = scale.map(|s| scale_code(self.scale_base, s));
+                let opacity = u32::from(half(opacity).to_bits());
+                [halves([q[0], q[1]]), halves([q[2], q[3]]), x | y << 16, z | opacity << 16][word]
             }
             Storage::U8 if word == 0 => {
                 let [x, y, z] = scale.map(|s| self.scale_grid.encode(f64::from(s).log2()));
@@ -181,16 +232,16 @@ impl Layout {
         match self.shape.storage {
             Storage::Lossless | Storage::F32 => (scale, opacity),
             Storage::F16 => {
-                (scale.map(|s| half(s / self.scale_unit).to_f32() * self.scale_unit), half(opacity).to_f32())
+                (scale.map(|s| of_scale_code(self.scale_base, scale_code(self.scale_base, s))), half(opacity).to_f32())
             }
             Storage::U8 => (scale.map(on_grid), f32::from(opacity_byte(opacity)) / 255.0),
         }
     }
 
-    /// The grids and the unit that the shaders unpack with.
+    /// The grids and the base that the shaders unpack with.
     pub(super) fn grids(&self) -> Grids {
         let pair = |grid: Grid| [grid.offset, grid.step];
-        Grids { sh: self.sh_grids.map(pair), log2_scale: pair(self.scale_grid), scale_unit: self.scale_unit }
+        Grids { sh: self.sh_grids.map(pair), log2_scale: pair(self.scale_grid), scale_base: self.scale_base as f32 }
     }
 }
 
@@ -202,6 +253,35 @@ fn spanning_coefficient(gaussians: &Gaussians, degree: u32, i: usize) -> Grid {
         return UNUSED;
     }
     Grid::spanning((0..gaussians.len()).into_par_iter().flat_map_iter(|index| gaussians.sh(index)[i].map(f64::from)))
+}
+
+/// The smallest scale over 0 and the largest; both 0 if there is none.
+fn scale_range(gaussians: &Gaussians) -> [f32; 2] {
+    let [low, high] = gaussians
+        .scales()
+        .as_flattened()
+        .iter()
+        .filter(|scale| **scale > 0.0)
+        .fold([f32::INFINITY, 0.0], |[low, high]: [f32; 2], scale| [low.min(*scale), high.max(*scale)]);
+    [low.min(high), high]
+}
+
+/// The exponent and the upper 10 bits of the mantissa of a float that is not negative, rounded to the nearest even
+/// finite value.
+fn upper_bits(value: f32) -> u32 {
+    let bits = value.to_bits();
+    ((bits + 0xfff + (bits >> 13 & 1)) >> 13).min(f32::MAX.to_bits() >> 13)
+}
+
+/// A scale in 16 bits without sign: 6 bits of exponent and 10 of mantissa, as precise as a 16-bit float over twice as
+/// many octaves. 0 stands for 0.
+fn scale_code(base: u32, scale: f32) -> u32 {
+    upper_bits(scale).saturating_sub(base)
+}
+
+/// The scale of a [`scale_code`].
+fn of_scale_code(base: u32, code: u32) -> f32 {
+    if code == 0 { 0.0 } else { f32::from_bits((code + base) << 13) }
 }
 
 /// The nearest finite 16-bit float.

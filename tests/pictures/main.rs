@@ -16,6 +16,7 @@ mod knobs;
 mod metamorphic;
 mod outputs;
 mod placing;
+mod promises;
 mod properties;
 mod rules;
 mod storage;

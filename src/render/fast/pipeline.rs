@@ -10,7 +10,7 @@ use anyhow::Result;
 use super::workspace::FastWorkspace;
 use crate::gpu::{Access, Commands, Device, DispatchSize, Shader, Stage};
 use crate::options::Options;
-use crate::render::constants::{is_compact, shared};
+use crate::render::constants::shared;
 use crate::render::frame::{DepthKeys, Shot, Target, view};
 use crate::render::layout::Layout;
 use crate::render::portable::digit_bits;
@@ -159,7 +159,7 @@ impl FastPipeline {
 
     /// 16-byte elements of a splat's record.
     pub fn splat_elements(&self) -> usize {
-        if is_compact(&self.options) { 2 } else { 3 }
+        if self.layout.is_compact(&self.options) { 2 } else { 3 }
     }
 
     /// Records one frame: `target` shows `shot` if the capacity of `work` was enough, which `work.totals` tells.

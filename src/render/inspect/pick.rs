@@ -60,14 +60,16 @@ impl Explanation {
 
 /// The pipeline that looks into a list.
 pub(in crate::render) struct Picker {
-    options: Options,
+    transmittance_min: f32,
+    stop: f32,
     stage: Stage<Pick>,
 }
 
 impl Picker {
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Self> {
         let constants = PickConstants::of(&shared(options, layout, device.capabilities().subgroup_size[1]));
-        Ok(Self { options: *options, stage: Stage::new(device, &constants)? })
+        let (transmittance_min, stop) = (options.rules.transmittance_min, layout.stop(options));
+        Ok(Self { transmittance_min, stop, stage: Stage::new(device, &constants)? })
     }
 
     /// Explains a pixel of the complete frame of `shot` that `work` holds.
@@ -114,14 +116,14 @@ impl Picker {
             }
             let transmittance = explanation.transmittance;
             let rest = transmittance * (1.0 - alpha);
-            explanation.is_stopped = rest < self.options.rules.transmittance_min;
+            explanation.is_stopped = rest < self.transmittance_min;
             if explanation.is_stopped {
                 break;
             }
             let share = alpha * transmittance;
             explanation.splats.push(Explained { gaussian, depth, alpha, transmittance, colour, share });
             explanation.transmittance = rest;
-            explanation.is_stopped = rest < self.options.stop;
+            explanation.is_stopped = rest < self.stop;
             if explanation.is_stopped {
                 break;
             }

@@ -1,0 +1,120 @@
+//! A search for scenes in which a preset breaks its promise to the reference.
+
+use smalto::measure::metrics::Difference;
+use smalto::options::Options;
+use smalto::reference;
+use smalto::rules::Background;
+use smalto::scene::Requirements;
+
+use crate::common::agree::logit;
+use crate::common::cloud::{camera, cloud};
+use crate::common::free::{Free, build};
+use crate::common::{Gpu, Random};
+
+/// Scenes of every kind; `SMALTO_PROMISES=N` searches longer.
+const ROUNDS: u32 = 2;
+
+/// Changes a cloud of random Gaussians into a scene of this kind.
+type Kind = (&'static str, fn(&mut Random, &mut Vec<Free>));
+
+const KINDS: [Kind; 11] = [
+    ("plain", |_, _| {}),
+    ("a huge faint splat behind the camera", |random, all| {
+        all[0].raw.mean = [0.0, 0.0, -random.between(1.0, 100.0)];
+        huge(random, &mut all[0]);
+    }),
+    ("a huge faint splat in view", |random, all| huge(random, &mut all[0])),
+    ("scales over 60 octaves", |random, all| {
+        for one in all {
+            let octaves = random.between(-50.0, 10.0);
+            one.raw.log_scale = std::array::from_fn(|_| octaves * std::f64::consts::LN_2 + random.between(-1.0, 1.0));
+            one.raw.opacity_logit = logit(random.between(0.01, 0.2));
+        }
+    }),
+    ("needles", |random, all| {
+        for one in all {
+            let thin = random.between(-14.0, 0.0);
+            one.raw.log_scale[random.below(3) as usize] += thin;
+            one.raw.log_scale[random.below(3) as usize] += random.between(0.0, 2.0);
+        }
+    }),
+    ("bright colours", |random, all| {
+        let brightest = random.between(0.0, 6.0).exp();
+        for one in all {
+            one.sh[0] = one.sh[0].map(|v| (f64::from(v) * random.between(0.0, brightest)) as f32);
+        }
+    }),
+    ("large harmonics that cancel", |random, all| {
+        let most = random.between(0.0, 4.0).exp();
+        for one in all {
+            for coefficient in &mut one.sh[1..] {
+                *coefficient = std::array::from_fn(|_| random.between(-most, most) as f32);
+            }
+        }
+    }),
+    ("faint layers", |random, all| {
+        for one in all {
+            one.raw.opacity_logit = logit(random.between(1.0 / 255.0, 0.02));
+            one.raw.log_scale = one.raw.log_scale.map(|s| s + 1.5);
+        }
+    }),
+    ("layers at the threshold", |random, all| {
+        for one in all {
+            one.raw.opacity_logit = logit((1.0 / 255.0) * random.between(0.99, 1.01));
+            one.raw.log_scale = one.raw.log_scale.map(|s| s + 3.0);
+        }
+    }),
+    ("nearly opaque", |random, all| {
+        for one in all {
+            one.raw.opacity_logit = random.between(3.0, 12.0);
+        }
+    }),
+    ("depths over nine orders of magnitude", |random, all| {
+        for one in all {
+            let far = random.between(0.0, 20.0).exp();
+            one.raw.mean = one.raw.mean.map(|v| v * far);
+            one.raw.log_scale = one.raw.log_scale.map(|s| s + far.ln());
+        }
+    }),
+];
+
+fn huge(random: &mut Random, one: &mut Free) {
+    one.raw.log_scale = [random.between(10.0, 80.0); 3];
+    one.raw.opacity_logit = logit(random.between(0.005, 0.02));
+}
+
+#[test]
+fn presets_keep_their_promises_in_hostile_scenes() {
+    let rounds = std::env::var("SMALTO_PROMISES").ok().and_then(|n| n.parse().ok()).unwrap_or(ROUNDS);
+    let gpu = Gpu::new();
+    let promised = [
+        ("exact", 90.0, 3.0),
+        ("balanced", 60.0, 3.0),
+        ("fast", 50.0, f64::INFINITY),
+        ("preview", 40.0, f64::INFINITY),
+    ];
+    let mut broken = Vec::new();
+    for round in 0..rounds {
+        for (name, change) in KINDS {
+            let mut random = Random(u64::from(round) << 32 | name.len() as u64);
+            let degree = random.below(4);
+            let count = 60 + random.below(400) as usize;
+            let mut all = cloud(&mut random, count, degree, 0.3);
+            change(&mut random, &mut all);
+            let scene = build(&all, degree);
+            let rendering = reference::render(&scene, &camera(), &Options::EXACT.rules, Background::BLACK);
+            for (preset, least_db, most_steps) in promised {
+                let pixels = gpu.render(&scene, &camera(), &Options::preset(preset).unwrap());
+                let difference = Difference::between(&pixels, &rendering.to_pixels());
+                let (db, step) = (difference.psnr_db.unwrap_or(f64::INFINITY), difference.largest_step);
+                if db < least_db || f64::from(step) > most_steps {
+                    let brightest = Requirements::of(&scene).brightest;
+                    broken.push(format!(
+                        "{name}, round {round}: {preset} is {db:.1} dB, {step} steps, colours up to {brightest:.1}"
+                    ));
+                }
+            }
+        }
+    }
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
