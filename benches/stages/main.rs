@@ -32,7 +32,7 @@ struct Bench<'a> {
 }
 
 fn main() -> Result<()> {
-    let environment = Environment::read();
+    let environment = Environment::read()?;
     let device = Device::open(&environment.device, environment.validation.unwrap_or(Validation::Off))?;
     // A software device has a thousandth of the speed.
     let scale = if device.capabilities().kind == DeviceKind::Cpu { 64 } else { 1 };

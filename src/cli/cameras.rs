@@ -1,19 +1,22 @@
 //! The cameras of a command: all cameras of a file, a split of them, or frames along a camera path.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use clap::ValueEnum;
+use glam::DVec3;
 
 use super::{SceneArg, Usage, remark};
-use crate::camera::{self, NamedCamera, Split, Timeline};
-use crate::scene::Unreadable;
+use crate::camera::{self, Camera, MAX_POSITION, NamedCamera, Split, Timeline, Up};
+use crate::scene::{Focus, Gaussians, Unreadable};
 
 /// The choice of a split.
 #[derive(clap::Args)]
 pub(super) struct SplitArg {
-    /// Use only the cameras of this split, numbered from 0. If the file names no split, every eighth camera in the
-    /// order of names is in test (beginning with the first), all others are in train
+    /// Use only the cameras of this split. They keep their positions in the file as numbers. If the file names no split,
+    /// every eighth camera in the order of names is in test (beginning with the first), all others are in train
     #[arg(long, value_enum, value_name = "SPLIT", default_value = "all")]
     split: Choice,
 }
@@ -26,26 +29,35 @@ enum Choice {
     Test,
 }
 
+/// The cameras of a file that a split leaves.
+pub(super) struct Numbered {
+    /// Each with its position in the file, in the order of the file. At least one.
+    pub cameras: Vec<(usize, NamedCamera)>,
+    /// Number of all cameras in the file.
+    pub count: usize,
+}
+
 impl SplitArg {
-    /// Reads the cameras of the split, in the order of the file. Prints the notices of the reader to stderr.
-    pub fn read(&self, file: &Path) -> Result<Vec<NamedCamera>> {
-        let read = camera::read(file).map_err(|problem| Unreadable::new(file, &problem))?;
+    /// Reads the cameras of the split. Those whose size is nowhere stated get the size `default_px`. Prints the notices
+    /// of the reader to stderr.
+    pub fn read(&self, file: &Path, default_px: Option<[u32; 2]>) -> Result<Numbered> {
+        let read = camera::read_at(file, default_px).map_err(|problem| Unreadable::new(file, &problem))?;
         for notice in &read.notices {
             remark(&format!("note: {}: {notice}", file.display()));
         }
+        let count = read.cameras.len();
         let split = match self.split {
-            Choice::All => return Ok(read.cameras),
+            Choice::All => return Ok(Numbered { cameras: read.cameras.into_iter().enumerate().collect(), count }),
             Choice::Train => Split::Train,
             Choice::Val => Split::Val,
             Choice::Test => Split::Test,
         };
-        let count = read.cameras.len();
-        let cameras = read.of(split);
+        let cameras = read.numbered(split);
         if cameras.is_empty() {
             let (name, file) = (format!("{split:?}").to_lowercase(), file.display());
             return Err(Usage(format!("--split {name}: {file} has {count} cameras, and none is in this split")).into());
         }
-        Ok(cameras)
+        Ok(Numbered { cameras, count })
     }
 
     /// Fails if a split is given without a camera file.
@@ -57,24 +69,101 @@ impl SplitArg {
     }
 }
 
-/// The camera file on the command line, or the one found next to the scene or in a folder above it.
+/// The camera file on the command line, or the one found next to the scene or in a folder above it, with a note.
 pub(super) fn named_or_found(named: Option<&Path>, scene: &SceneArg) -> Option<PathBuf> {
-    named.map(Path::to_owned).or_else(|| camera::find(&scene.path()?))
+    if let Some(named) = named {
+        return Some(named.to_owned());
+    }
+    let found = camera::find(&scene.path()?)?;
+    remark(&format!("note: cameras of {}", found.display()));
+    Some(found)
+}
+
+const HEADING: &str = "Camera";
+
+/// A camera by its place, instead of one of a camera file.
+#[derive(clap::Args, Clone, Copy)]
+pub(super) struct EyeArgs {
+    /// Draw from this point, in world units, instead of from the cameras of a file. With --up, the point is one of the
+    /// turned scene
+    #[arg(long, help_heading = HEADING, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
+    #[arg(conflicts_with_all = ["cameras", "split"])]
+    eye: Option<DVec3>,
+    /// The point that --eye looks at [default: the middle of the scene]
+    #[arg(long, help_heading = HEADING, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
+    target: Option<DVec3>,
+    /// The direction that --eye sees upwards, for example 0,0,1 [default: 0,-1,0]
+    #[arg(long, help_heading = HEADING, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
+    camera_up: Option<DVec3>,
+    /// Horizontal field of view of --eye, in degrees [default: 50]
+    #[arg(long, help_heading = HEADING, value_name = "DEGREES", value_parser = parse_angle)]
+    fov: Option<f64>,
+}
+
+const DEFAULT_FOV: f64 = 50.0;
+
+impl EyeArgs {
+    /// True if a camera is given. Fails if it has no direction.
+    pub fn is_given(&self) -> Result<bool, Usage> {
+        if self.eye.is_some() && self.eye == self.target {
+            return Err(Usage("--eye and --target are the same point".to_owned()));
+        }
+        if self.camera_up == Some(DVec3::ZERO) {
+            return Err(Usage("--camera-up 0,0,0 is not a direction".to_owned()));
+        }
+        Ok(self.eye.is_some())
+    }
+
+    /// The camera, if one is given, and the largest allowed distance of its near plane.
+    pub fn camera(&self, gaussians: &Gaussians, size_px: [u32; 2]) -> Option<(Camera, f32)> {
+        let eye = self.eye?;
+        let target = self.target.unwrap_or_else(|| DVec3::from(Focus::of(gaussians).centre));
+        let up = self.camera_up.unwrap_or_else(|| Up::default().vector());
+        let fov = self.fov.unwrap_or(DEFAULT_FOV).to_radians();
+        let distance = eye.distance(target).max(f64::from(f32::MIN_POSITIVE));
+        Some((Camera::looking_upright([eye, target], up, size_px, fov), (distance / 100.0) as f32))
+    }
+}
+
+fn parse_point(text: &str) -> Result<DVec3> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    let point: Option<[f64; 3]> = numbers.and_then(|n| n.try_into().ok());
+    match point.filter(|p| p.iter().all(|v| v.abs() <= MAX_POSITION)) {
+        Some(point) => Ok(DVec3::from(point)),
+        None => bail!("expected X,Y,Z: three numbers within {MAX_POSITION:e}, like 1,-2.5,0"),
+    }
+}
+
+fn parse_angle(text: &str) -> Result<f64> {
+    match text.parse() {
+        Ok(degrees) if (0.01..=179.0).contains(&degrees) => Ok(degrees),
+        _ => bail!("expected degrees from 0.01 to 179"),
+    }
 }
 
 /// A camera path and its frame rate.
 #[derive(clap::Args)]
 pub(super) struct FilmArgs {
     /// Draw the frames of a camera path (docs/camera-path.md) into a folder. `smalto view` writes such files
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["cameras", "camera", "split"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["cameras", "camera", "split", "eye"])]
     path: Option<PathBuf>,
-    /// Frames per second of --path and --video [default: 30]
-    #[arg(long, value_name = "FPS", value_parser = parse_fps)]
-    fps: Option<f64>,
+    /// Draw N pictures of one turn around the scene into a folder, with a horizontal field of view of 60 degrees. --up
+    /// says which way is up
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_FRAMES as i64))]
+    #[arg(conflicts_with_all = ["path", "cameras", "camera", "split", "eye", "dump"])]
+    orbit: Option<u32>,
+    /// Frames per second of --path and --video: a number, or a fraction like 30000/1001 [default: 30]
+    #[arg(long, value_name = "FPS")]
+    fps: Option<Fps>,
 }
 
-/// Frames per second.
-pub(super) const DEFAULT_FPS: f64 = 30.0;
+/// Frames per second. The text is kept, because no float is exactly 30000/1001.
+#[derive(Clone, Debug)]
+pub(super) struct Fps {
+    text: String,
+    value: f64,
+}
+
 /// Largest number of frames along a path.
 const MAX_FRAMES: usize = 100_000;
 
@@ -83,19 +172,25 @@ impl FilmArgs {
         self.path.is_some()
     }
 
-    /// Frames per second, if given.
-    pub fn fps(&self) -> Option<f64> {
-        self.fps
+    /// Number of pictures around the scene, if given.
+    pub fn orbit(&self) -> Option<usize> {
+        self.orbit.map(|count| count as usize)
+    }
+
+    /// Frames per second.
+    pub fn fps(&self) -> Fps {
+        self.fps.clone().unwrap_or(Fps { text: "30".to_owned(), value: 30.0 })
     }
 
     /// Reads the path, if one is given, and samples its frames.
     pub fn read(&self) -> Result<Option<Vec<NamedCamera>>> {
         let Some(file) = &self.path else { return Ok(None) };
         let timeline = Timeline::read(file).map_err(|problem| Unreadable::new(file, &problem))?;
-        let frames = timeline.frames(self.fps.unwrap_or(DEFAULT_FPS));
+        let fps = self.fps();
+        let frames = timeline.frames(fps.value);
         let count = frames.len();
         if count > MAX_FRAMES {
-            let (seconds, fps) = (timeline.duration(), self.fps.unwrap_or(DEFAULT_FPS));
+            let seconds = timeline.duration();
             let which = format!("{seconds} s of {} at {fps} frames per second", file.display());
             return Err(Usage(format!("--path: {which} are {count} frames, over {MAX_FRAMES}")).into());
         }
@@ -103,9 +198,25 @@ impl FilmArgs {
     }
 }
 
-fn parse_fps(text: &str) -> Result<f64> {
-    match text.parse() {
-        Ok(fps) if fps > 0.0 && fps <= 1000.0 => Ok(fps),
-        _ => bail!("expected frames per second, above 0 and at most 1000"),
+impl FromStr for Fps {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let numbers = match text.split_once('/') {
+            Some((above, below)) => (above.parse::<f64>(), below.parse()),
+            None => (text.parse(), Ok(1.0)),
+        };
+        match numbers {
+            (Ok(above), Ok(below)) if above > 0.0 && below > 0.0 && above / below <= 1000.0 && below.is_finite() => {
+                Ok(Self { text: text.to_owned(), value: above / below })
+            }
+            _ => bail!("expected frames per second, above 0 and at most 1000, like 30 or 30000/1001"),
+        }
+    }
+}
+
+impl fmt::Display for Fps {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(&self.text)
     }
 }

@@ -2,15 +2,18 @@
 
 use anyhow::{Result, bail, ensure};
 use glam::DVec3;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::table::{say_table, table};
-use super::{DeviceArgs, complain, say};
+use super::{DeviceArgs, Sink, complain, remark, say};
 use crate::camera::Camera;
-use crate::gpu::{Capabilities, Device, Executable, Unavailable, survey};
+use crate::gpu::{Capabilities, Device, DeviceKind, Executable, survey};
+use crate::measure::bench::VersionReport;
 use crate::measure::metrics::{max_error, psnr};
 use crate::options::Options;
 use crate::reference;
-use crate::render::{GpuScene, Renderer};
+use crate::render::{self, GpuScene, Renderer};
 use crate::rules::Background;
 use crate::scene::synthetic;
 
@@ -19,37 +22,95 @@ use crate::scene::synthetic;
 pub(super) struct Args {
     #[command(flatten)]
     device: DeviceArgs,
-    /// Print the devices as JSON, without the self-test
+    /// Write devices and test as JSON (docs/doctor.schema.json); - prints it instead of the text
+    #[arg(long, value_name = "FILE|-")]
+    json: Option<Sink>,
+    /// Also list the driver's statistics of the compiled shaders, such as their registers, if it has any
     #[arg(long)]
-    json: bool,
-    /// Also list the driver's statistics of the compiled shaders, such as their registers
-    #[arg(long, conflicts_with = "json")]
     pipelines: bool,
 }
 
+/// The report of `smalto doctor`.
+#[derive(Serialize, JsonSchema)]
+struct Report {
+    /// "smalto doctor 1".
+    format: String,
+    smalto: VersionReport,
+    devices: Vec<Capabilities>,
+    /// The test of one device; null if none could be opened.
+    self_test: Option<SelfTest>,
+    /// With `--pipelines`: the driver's statistics of every compiled stage; empty if it has none.
+    pipelines: Vec<Pipeline>,
+}
+
+/// The pictures of a small scene, compared with the float64 reference.
+#[derive(Serialize, JsonSchema)]
+struct SelfTest {
+    device: String,
+    is_validated: bool,
+    paths: Vec<PathTest>,
+    passed: bool,
+}
+
+#[derive(Serialize, JsonSchema)]
+struct PathTest {
+    path: render::Path,
+    /// PSNR to the reference; null if the picture is equal or not finite.
+    psnr_db: Option<f64>,
+    /// Largest difference of a colour value from the reference; null if it is not finite.
+    max_error: Option<f32>,
+}
+
+/// The statistics of a compiled stage: names and values.
+#[derive(Serialize, JsonSchema)]
+struct Pipeline {
+    preset: String,
+    stage: String,
+    statistics: Vec<(String, String)>,
+}
+
 pub(super) fn run(args: &Args) -> Result<()> {
-    let devices = survey()?;
-    if args.json {
-        return say!("{}", serde_json::to_string_pretty(&devices)?);
-    }
-    for (index, device) in devices.iter().enumerate() {
+    args.json.as_ref().map_or(Ok(()), Sink::check)?;
+    let mut report = Report {
+        format: "smalto doctor 1".to_owned(),
+        smalto: VersionReport::current(),
+        devices: survey()?,
+        self_test: None,
+        pipelines: Vec::new(),
+    };
+    for (index, device) in report.devices.iter().enumerate() {
         print(index, device)?;
     }
+    // A test that fails is in the report, too.
+    let outcome = test(args, &mut report);
+    args.json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report))?;
+    outcome
+}
+
+fn test(args: &Args, report: &mut Report) -> Result<()> {
     let device = args.device.open()?;
-    say!("self-test on {}{}", device.capabilities().name, if device.is_validated() { ", validated" } else { "" })?;
-    self_test(&device)?;
-    if args.pipelines { pipelines(&device) } else { Ok(()) }
+    let Capabilities { name, kind, .. } = device.capabilities();
+    say!("self-test on {name}{}", if device.is_validated() { ", validated" } else { "" })?;
+    let (device_name, is_validated) = (name.clone(), device.is_validated());
+    let test =
+        report.self_test.insert(SelfTest { device: device_name, is_validated, paths: Vec::new(), passed: false });
+    self_test(&device, &mut test.paths)?;
+    test.passed = true;
+    if *kind == DeviceKind::Cpu {
+        say!("   passed; this device is the processor, which is slow")?;
+    } else {
+        say!("   passed")?;
+    }
+    if args.pipelines { pipelines(&device, &mut report.pipelines) } else { Ok(()) }
 }
 
 /// Prints statistics of the pipelines for a scene with spherical harmonics of degree 3, with the presets that store
 /// most and least.
-fn pipelines(device: &Device) -> Result<()> {
+fn pipelines(device: &Device, report: &mut Vec<Pipeline>) -> Result<()> {
     if !device.record_executables() {
-        return Err(Unavailable(format!(
-            "the driver of {} has no statistics of pipelines",
-            device.capabilities().name
-        ))
-        .into());
+        let name = &device.capabilities().name;
+        remark(&format!("note: --pipelines: the driver of {name} has no statistics of pipelines"));
+        return Ok(());
     }
     let gaussians = synthetic::cactus(5000)?.gaussians;
     for (preset, options) in [("exact", Options::EXACT), ("balanced", Options::BALANCED)] {
@@ -63,6 +124,11 @@ fn pipelines(device: &Device) -> Result<()> {
             lines.add_row([*stage].into_iter().chain(statistics.iter().map(|(_, value)| value.as_str())));
         }
         say_table(&lines)?;
+        report.extend(executables.into_iter().map(|Executable { stage, statistics }| Pipeline {
+            preset: preset.to_owned(),
+            stage: stage.to_owned(),
+            statistics,
+        }));
     }
     Ok(())
 }
@@ -110,7 +176,7 @@ fn print(index: usize, device: &Capabilities) -> Result<()> {
 const PSNR_MIN: f64 = 80.0;
 
 /// Renders a small scene on the default path and on the portable path, and compares both with the reference.
-fn self_test(device: &Device) -> Result<()> {
+fn self_test(device: &Device, report: &mut Vec<PathTest>) -> Result<()> {
     let gaussians = synthetic::cactus(5000)?.gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 120], 0.9);
     let scene = GpuScene::new(device, &gaussians, &Options::EXACT)?;
@@ -119,9 +185,15 @@ fn self_test(device: &Device) -> Result<()> {
         let options = Options { portable, ..Options::EXACT };
         let mut renderer = Renderer::new(device, &options, &scene)?;
         ensure!(renderer.notice().is_none(), "{}", renderer.notice().unwrap_or_default());
-        let path = format!("{} path", renderer.render(&camera, Background::BLACK)?.path);
+        let drawn_by = renderer.render(&camera, Background::BLACK)?.path;
+        let path = format!("{drawn_by} path");
         let pixels = renderer.pixels()?;
         let (psnr, error) = (psnr(&pixels, &exact), max_error(&pixels, &exact));
+        report.push(PathTest {
+            path: drawn_by,
+            psnr_db: Some(psnr).filter(|db| db.is_finite()),
+            max_error: Some(error).filter(|error| error.is_finite()),
+        });
         say!("   {path:<14} {psnr:.1} dB to the float64 reference, largest difference {error:.5}")?;
         if psnr.is_nan() || psnr < PSNR_MIN {
             bail!(
@@ -130,6 +202,13 @@ fn self_test(device: &Device) -> Result<()> {
             );
         }
     }
-    complain(device)?;
-    say!("   passed")
+    complain(device)
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_schema_of_the_report_is_documented() {
+        crate::cli::sink::assert_documented::<super::Report>("doctor");
+    }
 }

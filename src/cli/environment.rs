@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::Usage;
 use crate::gpu::{DeviceChoice, Validation};
 
 /// The values of the `SMALTO_*` variables.
@@ -19,20 +20,34 @@ pub struct Environment {
 }
 
 impl Environment {
-    /// Reads the environment of the process.
-    pub fn read() -> Self {
-        Self::parse(|name| std::env::var(name).ok())
+    /// Reads the environment of the process. An empty variable is as good as none.
+    ///
+    /// # Errors
+    /// If a variable has a value without meaning.
+    pub fn read() -> anyhow::Result<Self> {
+        Ok(Self::parse(|name| std::env::var(name).ok())?)
     }
 
-    fn parse(get: impl Fn(&str) -> Option<String>) -> Self {
+    fn parse(get: impl Fn(&str) -> Option<String>) -> Result<Self, Usage> {
         let set = |name| get(name).filter(|value| !value.is_empty());
-        Self {
-            device: set("SMALTO_DEVICE").map_or(DeviceChoice::Best, |text| text.as_str().into()),
-            validation: set("SMALTO_VALIDATION")
-                .map(|value| if value == "0" { Validation::Off } else { Validation::Required }),
-            shaders: set("SMALTO_SHADERS").map(PathBuf::from),
-            fault: set("SMALTO_FAULT"),
+        let validation = match set("SMALTO_VALIDATION").as_deref() {
+            None => None,
+            Some("0") => Some(Validation::Off),
+            Some("1") => Some(Validation::Required),
+            Some(other) => return Err(Usage(format!("SMALTO_VALIDATION={other}: expected 1 or 0"))),
+        };
+        let fault = set("SMALTO_FAULT");
+        #[cfg(feature = "viewer")]
+        if let Some(text) = &fault {
+            let parsed = text.parse::<crate::viewer::Fault>();
+            parsed.map_err(|problem| Usage(format!("SMALTO_FAULT={text}: {problem:#}")))?;
         }
+        Ok(Self {
+            device: set("SMALTO_DEVICE").map_or(DeviceChoice::Best, |text| text.as_str().into()),
+            validation,
+            shaders: set("SMALTO_SHADERS").map(PathBuf::from),
+            fault,
+        })
     }
 }
 
@@ -41,26 +56,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn environment_reads_device_and_validation() {
-        let parse = |device: &str, validation: &str| {
-            Environment::parse(|name| Some(if name == "SMALTO_DEVICE" { device } else { validation }.to_owned()))
+    fn environment_reads_every_variable() {
+        let parse = |device: &str, validation: &str, fault: &str| {
+            let value = |name: &str| match name {
+                "SMALTO_DEVICE" => device.to_owned(),
+                "SMALTO_VALIDATION" => validation.to_owned(),
+                "SMALTO_FAULT" => fault.to_owned(),
+                _ => String::new(),
+            };
+            Environment::parse(|name| Some(value(name))).map_err(|problem| problem.to_string())
         };
+        let nothing = Environment { device: DeviceChoice::Best, validation: None, shaders: None, fault: None };
         let expected = Environment {
             device: DeviceChoice::Index(1),
             validation: Some(Validation::Required),
-            shaders: Some("1".into()),
-            fault: Some("1".to_owned()),
+            fault: Some("device@7".to_owned()),
+            ..nothing.clone()
         };
-        assert_eq!(parse("1", "1"), expected);
-        let expected = Environment {
-            device: DeviceChoice::Name("llvm".into()),
-            validation: Some(Validation::Off),
-            shaders: Some("0".into()),
-            fault: Some("0".to_owned()),
-        };
-        assert_eq!(parse("llvm", "0"), expected);
-        let nothing = Environment { device: DeviceChoice::Best, validation: None, shaders: None, fault: None };
-        assert_eq!(parse("", ""), nothing);
-        assert_eq!(Environment::parse(|_| None), nothing);
+        assert_eq!(parse("1", "1", "device@7"), Ok(expected));
+        let (device, validation) = (DeviceChoice::Name("llvm".into()), Some(Validation::Off));
+        assert_eq!(parse("llvm", "0", ""), Ok(Environment { device, validation, ..nothing.clone() }));
+        assert_eq!(parse("", "", ""), Ok(nothing.clone()));
+        assert_eq!(Environment::parse(|_| None).ok(), Some(nothing));
+        assert_eq!(parse("", "yes", ""), Err("SMALTO_VALIDATION=yes: expected 1 or 0".to_owned()));
+        #[cfg(feature = "viewer")]
+        assert!(parse("", "", "nonsense").unwrap_err().starts_with("SMALTO_FAULT=nonsense: expected device@N"));
     }
 }

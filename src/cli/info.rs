@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use serde::Serialize;
 
-use super::{SceneArg, knobs, say};
+use super::{SceneArg, Sink, knobs, say};
 use crate::options::{Options, Storage};
 use crate::render::{Layout, Packing, depth_bits};
 use crate::scene::{Bounds, Focus, Gaussians, LoadReport, Requirements, Scene, percentiles};
@@ -16,9 +16,9 @@ pub(super) struct Args {
     /// Preset whose GPU storage is reported
     #[arg(long, value_name = "NAME", default_value = "balanced", value_parser = knobs::preset_names())]
     preset: String,
-    /// Print the report as JSON
-    #[arg(long)]
-    json: bool,
+    /// Write the report as JSON; - prints it instead of the text
+    #[arg(long, value_name = "FILE|-")]
+    json: Option<Sink>,
 }
 
 /// The percentiles in a report, as fractions.
@@ -75,9 +75,11 @@ struct Required {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
+    args.json.as_ref().map_or(Ok(()), Sink::check)?;
     let name = args.scene.scene.display().to_string();
     let report = report(&name, &args.scene.read()?, &args.preset)?;
-    if args.json { say!("{}", serde_json::to_string_pretty(&report)?) } else { print(&report) }
+    print(&report)?;
+    args.json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report))
 }
 
 fn report(name: &str, scene: &Scene, preset: &str) -> Result<Report> {

@@ -85,11 +85,6 @@ impl Knobs {
         self.0.iter().any(|(knob, _)| knob.group == Group::Accuracy)
     }
 
-    /// True if a rule of the picture other than the near plane is given.
-    pub fn rules(&self) -> bool {
-        self.0.iter().any(|(knob, _)| knob.group == Group::Rules && knob.name != NEAR)
-    }
-
     /// Fails if the GPU cannot draw by these rules.
     pub fn check_gpu(&self) -> Result<(), Usage> {
         match self.options(&Options::EXACT, false, f32::INFINITY).undrawable() {

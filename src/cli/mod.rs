@@ -1,5 +1,6 @@
 //! The commands of the program, one file each.
 
+mod arguments;
 mod bench;
 mod budget;
 mod cameras;
@@ -9,10 +10,14 @@ mod doctor;
 mod dump;
 pub mod environment;
 mod info;
+mod interrupt;
 mod knobs;
+#[cfg(test)]
+mod pairs;
 mod progress;
 mod render;
 mod scenes;
+mod sink;
 mod table;
 mod trade;
 #[cfg_attr(not(feature = "viewer"), path = "no_view.rs")]
@@ -23,9 +28,10 @@ use std::fmt;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, bail, ensure};
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::builder::{NonEmptyStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 
 use crate::camera::MAX_SIDE;
@@ -34,10 +40,11 @@ use crate::host_memory::OutOfMemory;
 use crate::measure::trade::Unmeetable;
 use crate::scene::Unreadable;
 use budget::BudgetArgs;
-use cameras::{FilmArgs, SplitArg, named_or_found};
+use cameras::{EyeArgs, FilmArgs, Numbered, SplitArg, named_or_found};
 use environment::Environment;
 use knobs::Knobs;
 use scenes::{ReadingArgs, SceneArg};
+use sink::Sink;
 
 /// Renders 3D Gaussian splatting scenes with Vulkan compute.
 #[derive(Parser)]
@@ -46,9 +53,10 @@ use scenes::{ReadingArgs, SceneArg};
     version,
     arg_required_else_help = true,
     after_help = "\
-Exit codes: 0 success, 1 failure, 2 wrong usage, 3 no usable Vulkan device,
+Exit codes: 0 success, 1 failure, 2 wrong usage, 3 no usable Vulkan device or no display for `view`,
             4 unreadable scene, camera, image or report file, 5 out of memory, 6 over a threshold.
-Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION=1 turns the validation layer on;
+Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION turns the validation layer on (1) or off
+             (0); SMALTO_FAULT simulates a fault in `view`;
              SMALTO_SHADERS=DIR compiles the shaders in DIR at run time (feature `reload`)."
 )]
 struct Cli {
@@ -72,32 +80,39 @@ enum Command {
 #[derive(Args)]
 struct DeviceArgs {
     /// Vulkan device: its number in the list of `smalto doctor`, or a part of its name [default: the fastest kind]
-    #[arg(long, value_name = "INDEX|NAME")]
+    #[arg(long, value_name = "INDEX|NAME", value_parser = NonEmptyStringValueParser::new())]
     device: Option<String>,
 }
 
 impl DeviceArgs {
     fn open(&self) -> Result<Device> {
-        let (choice, validation) = self.choice();
-        Device::open(&choice, validation)?.with_shaders(Environment::read().shaders.as_deref())
+        let (choice, validation) = self.choice()?;
+        Device::open(&choice, validation)?.with_shaders(Environment::read()?.shaders.as_deref())
     }
 
     /// The device and whether it is validated, from these arguments and the environment.
-    fn choice(&self) -> (DeviceChoice, Validation) {
-        let environment = Environment::read();
+    fn choice(&self) -> Result<(DeviceChoice, Validation)> {
+        let environment = Environment::read()?;
         let choice = self.device.as_deref().map_or(environment.device, DeviceChoice::from);
         let default = if cfg!(debug_assertions) { Validation::IfInstalled } else { Validation::Off };
-        (choice, environment.validation.unwrap_or(default))
+        Ok((choice, environment.validation.unwrap_or(default)))
     }
 }
 
-/// Like `println!`, but returns errors. A closed pipe is not an error.
+/// A report is written to standard output, so nothing else is printed there.
+static REPORTS_TO_STDOUT: AtomicBool = AtomicBool::new(false);
+
+/// Like `println!`, but returns errors, and prints nothing if a report is written to standard output. A closed pipe is
+/// not an error.
 macro_rules! say {
     ($($line:tt)*) => { $crate::cli::print_line(format_args!($($line)*)) };
 }
 use say;
 
 fn print_line(line: fmt::Arguments) -> Result<()> {
+    if REPORTS_TO_STDOUT.load(Ordering::Relaxed) {
+        return Ok(());
+    }
     match writeln!(std::io::stdout(), "{line}") {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(error).context("cannot write to standard output")
@@ -123,21 +138,26 @@ struct OverThreshold(String);
 
 /// Runs the command in the arguments of the process. Prints errors to stderr.
 pub fn run() -> ExitCode {
+    interrupt::clean_up_on_signals();
     run_from(std::env::args_os())
 }
 
 /// Like [`run`], with the given arguments. The first is the name of the program.
 pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> ExitCode {
-    let outcome = match Cli::parse_from(arguments).command {
-        Command::Render(args) => render::run(&args),
-        Command::View(args) => view::run(&args),
-        Command::Info(args) => info::run(&args),
-        Command::Convert(args) => convert::run(&args),
-        Command::Bench(args) => bench::run(&args),
-        Command::Compare(args) => compare::run(&args),
-        Command::Trade(args) => trade::run(&args),
-        Command::Doctor(args) => doctor::run(&args),
-    };
+    let outcome = arguments::parse(arguments).map_err(anyhow::Error::from).and_then(|parsed| {
+        Environment::read()?;
+        REPORTS_TO_STDOUT.store(parsed.reports_to_stdout, Ordering::Relaxed);
+        match parsed.cli.command {
+            Command::Render(args) => render::run(&args),
+            Command::View(args) => view::run(&args),
+            Command::Info(args) => info::run(&args),
+            Command::Convert(args) => convert::run(&args),
+            Command::Bench(args) => bench::run(&args),
+            Command::Compare(args) => compare::run(&args),
+            Command::Trade(args) => trade::run(&args),
+            Command::Doctor(args) => doctor::run(&args),
+        }
+    });
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -203,6 +223,6 @@ fn parse_size(text: &str) -> Result<[u32; 2]> {
     let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     match sides {
         Some(size @ [1..=MAX_SIDE, 1..=MAX_SIDE]) => Ok(size),
-        _ => bail!("expected WIDTHxHEIGHT in pixels, like 1280x720"),
+        _ => bail!("expected WIDTHxHEIGHT in pixels, like 1280x720, each from 1 to {MAX_SIDE}"),
     }
 }

@@ -10,8 +10,8 @@ use super::bench::{CameraPath, Cameras};
 use super::budget::BudgetArgs;
 use super::table::{say_table, table};
 use super::{
-    DeviceArgs, Knobs, SceneArg, SplitArg, Usage, check_plots, complain, named_or_found, parse_size, progress, remark,
-    say, size_text,
+    DeviceArgs, Knobs, SceneArg, Sink, SplitArg, Usage, check_plots, complain, named_or_found, parse_size, progress,
+    remark, say, size_text,
 };
 use crate::camera::{Camera, path};
 use crate::files::check_writable;
@@ -58,9 +58,9 @@ pub(super) struct Args {
     frames: u16,
     #[command(flatten)]
     device: DeviceArgs,
-    /// Write the report as JSON (docs/trade.schema.json)
-    #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
+    /// Write the report as JSON (docs/trade.schema.json); - prints it instead of the tables
+    #[arg(long, value_name = "FILE|-")]
+    json: Option<Sink>,
     /// Plot error over time as SVG
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
@@ -96,7 +96,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     args.knobs.check_gpu()?;
     check_parts(args)?;
     let budget = args.budget.budget()?;
-    [&args.json, &args.plot].into_iter().flatten().try_for_each(|file| check_writable(file))?;
+    args.json.as_ref().map_or(Ok(()), Sink::check)?;
+    args.plot.as_deref().map_or(Ok(()), check_writable)?;
     let device = args.device.open()?;
     let scene = args.scene.read()?;
     let gaussians = &scene.gaussians;
@@ -105,7 +106,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     let needs = Requirements::of(gaussians);
     let file = named_or_found(args.cameras.as_deref(), &args.scene);
-    let cameras = Cameras::read(file.as_deref(), &args.split, &CameraPath::Orbit { zooms: true })?;
+    let cameras = Cameras::read(file.as_deref(), &args.split, &CameraPath::Orbit { zooms: true }, args.size)?;
     let count = if file.is_some() { usize::MAX } else { ORBIT_VIEWS };
     let (all, nearest) = cameras.views(gaussians, args.size, count);
     let exact = args.knobs.options(&Options::EXACT, scene.is_antialiased, nearest);
@@ -164,8 +165,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let held = budget.map(|budget| bench.hold(&study, budget, &all)).transpose();
     report.budget = held.as_ref().ok().cloned().flatten();
     complain(&device)?;
-    if let Some(file) = &args.json {
-        report.write_json(file)?;
+    if let Some(sink) = &args.json {
+        sink.write_json(&report)?;
     }
     #[cfg(feature = "plots")]
     if let Some(file) = &args.plot {

@@ -36,15 +36,15 @@ pub(super) struct Args {
     #[command(flatten)]
     device: DeviceArgs,
     /// Accuracy for speed: exact, balanced, fast or preview. The rules of another renderer, exactly: inria, gsplat or
-    /// khr. As balanced, on the portable path: portable [default: balanced]
+    /// khr. As balanced, by the stages that run on every device: portable [default: balanced]
     #[arg(long, value_name = "NAME", value_parser = knobs::preset_names())]
     preset: Option<String>,
     /// Compare the picture with another: that of a preset, the float64 `reference`, or a picture file
     #[arg(long, value_name = "PRESET|reference|FILE")]
     compare: Option<String>,
-    /// How the two pictures are shown
-    #[arg(long, value_name = "MODE", default_value = "split", value_parser = compare_modes())]
-    compare_by: CompareMode,
+    /// How the two pictures of --compare are shown [default: split]
+    #[arg(long, value_name = "MODE", value_parser = compare_modes())]
+    compare_by: Option<CompareMode>,
     /// View mode: what is shown in place of colours
     #[arg(long, value_name = "MODE", default_value = "colour", value_parser = view_modes())]
     look: usize,
@@ -63,7 +63,7 @@ pub(super) struct Args {
     )]
     offscreen: Option<u32>,
     /// With --offscreen: write the last frame, with its panels, as PNG
-    #[arg(long, value_name = "FILE", requires = "offscreen")]
+    #[arg(long, value_name = "FILE")]
     screen: Option<PathBuf>,
     /// Start with the panels hidden
     #[arg(long)]
@@ -128,7 +128,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         vsync: args.vsync,
         hides_panels: args.no_panels,
         compares_with,
-        compare_mode: args.compare_by,
+        compare_mode: args.compare_by.unwrap_or(CompareMode::Split),
         view_mode: args.look,
         prints_events: args.events,
         remark,
@@ -136,8 +136,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(frames) = args.offscreen {
         return offscreen(args, setup, frames);
     }
-    let (device, validation) = args.device.choice();
-    let environment = Environment::read();
+    let (device, validation) = args.device.choice()?;
+    let environment = Environment::read()?;
     let fault =
         environment.fault.map(|text| text.parse().map_err(|problem| Usage(format!("SMALTO_FAULT: {problem:#}"))));
     let fault = fault.transpose()?;

@@ -3,10 +3,11 @@
 use std::fmt;
 
 use ash::vk;
+use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
 /// The properties, limits and features of one physical device.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct Capabilities {
     pub name: String,
     pub kind: DeviceKind,
@@ -22,6 +23,7 @@ pub struct Capabilities {
     pub limits: Limits,
     /// Every optional feature, and whether the device has it.
     #[serde(rename = "optional")]
+    #[schemars(with = "Vec<(String, bool)>")]
     pub features: Vec<(Feature, bool)>,
     /// Requirements of smalto that this device does not meet; empty if it can be used.
     pub missing: Vec<String>,
@@ -40,7 +42,7 @@ pub struct Capabilities {
 }
 
 /// The limits that bound a scene or an image.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 pub struct Limits {
     /// Largest storage buffer range, in bytes.
     pub storage_range: u64,
@@ -61,7 +63,7 @@ pub struct Limits {
 }
 
 /// The kind of a device. [`DeviceChoice::Best`](super::DeviceChoice::Best) takes the first of this order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum DeviceKind {
     Discrete,

@@ -232,7 +232,8 @@ fn info_describes_a_scene() {
     for part in ["61 Gaussians", "SH degree 3", "opacity", "anisotropy", "on the GPU"] {
         assert!(text.contains(part), "{part}: {text}");
     }
-    let json: serde_json::Value = serde_json::from_str(&ok(&["info", "tests/fixtures/plush.ply", "--json"])).unwrap();
+    let json: serde_json::Value =
+        serde_json::from_str(&ok(&["info", "tests/fixtures/plush.ply", "--json", "-"])).unwrap();
     assert_eq!(json["gaussians"], 61);
     // The file's numbers lie on 8-bit grids: 16 bytes of bounds, 8 of shape, 48 of spherical harmonics.
     assert_eq!(json["required"]["gpu_bytes"], 61 * (16 + 8 + 48));
@@ -241,7 +242,7 @@ fn info_describes_a_scene() {
     assert_eq!(json["required"]["colour_error"], 0.0);
     assert_eq!(json["tally"]["read"], 61);
     assert!(json["opacity"][3].as_f64().unwrap() > 0.0);
-    let fast = ["info", "cactus:1000", "--preset", "fast", "--json"];
+    let fast = ["info", "cactus:1000", "--preset", "fast", "--json", "-"];
     let json: serde_json::Value = serde_json::from_str(&ok(&fast)).unwrap();
     assert!(json["required"]["colour_error"].as_f64().unwrap() > 0.0, "16-bit floats lose something");
     assert_eq!(json["required"]["depth_bits_kept"], 24);
@@ -251,19 +252,40 @@ fn info_describes_a_scene() {
 fn doctor_lists_devices_and_tests_one() {
     let text = ok(&["doctor"]);
     assert!(text.starts_with("0  ") && text.contains("usable         yes") && text.contains("passed"), "{text}");
-    let json: serde_json::Value = serde_json::from_str(&ok(&["doctor", "--json"])).unwrap();
-    assert!(json[0]["limits"]["storage_range"].as_u64().unwrap() > 0);
+    let folder = tempfile::tempdir().unwrap();
+    let file = path(&folder, "doctor.json");
+    assert!(ok(&["doctor", "--json", &file]).contains("passed"));
+    for text in [fs::read_to_string(file).unwrap(), ok(&["doctor", "--json", "-"])] {
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let schema = serde_json::from_str(include_str!("../../docs/doctor.schema.json")).unwrap();
+        assert!(jsonschema::is_valid(&schema, &json), "{json:#}");
+        assert!(json["devices"][0]["limits"]["storage_range"].as_u64().unwrap() > 0);
+        assert_eq!(json["self_test"]["passed"], true);
+        assert!(json["self_test"]["paths"][1]["psnr_db"].as_f64().unwrap() >= 80.0);
+    }
+}
+
+#[test]
+fn doctor_reports_the_devices_even_if_none_can_be_opened() {
+    let output = smalto(&["doctor", "--device", "99", "--json", "-"]);
+    assert_eq!(output.status.code(), Some(3));
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(json["devices"][0]["name"].is_string() && json["self_test"].is_null());
 }
 
 #[test]
 fn doctor_lists_registers_where_the_driver_knows_them() {
-    let json: serde_json::Value = serde_json::from_str(&ok(&["doctor", "--json"])).unwrap();
-    let knows = |device: &serde_json::Value| device["optional"].to_string().contains("[\"pipeline statistics\",true]");
-    if json.as_array().unwrap().iter().any(knows) {
-        let text = ok(&["doctor", "--pipelines"]);
-        assert!(text.contains("bin_blend") && text.contains("balanced"), "{text}");
+    let output = smalto(&["doctor", "--pipelines", "--json", "-"]);
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{error}");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let is_tested = |device: &&serde_json::Value| device["name"] == json["self_test"]["device"];
+    let device = json["devices"].as_array().unwrap().iter().find(is_tested).unwrap();
+    if device["optional"].to_string().contains("[\"pipeline statistics\",true]") {
+        assert!(json["pipelines"].to_string().contains("bin_blend"), "{json:#}");
     } else {
-        assert!(fails(3, &["doctor", "--pipelines"]).contains("has no statistics of pipelines"));
+        assert!(error.contains("has no statistics of pipelines"), "{error}");
+        assert!(ok(&["doctor", "--pipelines"]).contains("passed"), "the device can be used all the same");
     }
 }
 

@@ -14,7 +14,7 @@ fn read(path: impl AsRef<Path>) -> Gaussians {
 }
 
 fn convert(arguments: &[&str]) -> Value {
-    serde_json::from_str(&ok(&[&["convert"], arguments, &["--json"]].concat())).unwrap()
+    serde_json::from_str(&ok(&[&["convert"], arguments, &["--json", "-"]].concat())).unwrap()
 }
 
 /// The largest loss of an attribute.
@@ -165,7 +165,7 @@ fn scenes_are_moved_cropped_filtered_and_joined() {
 
     // Whatever reads a scene reads it the same way.
     let described = |args: &[&str]| {
-        let mut report: Value = serde_json::from_str(&ok(&[&["info", "--json"], args].concat())).unwrap();
+        let mut report: Value = serde_json::from_str(&ok(&[&["info", "--json", "-"], args].concat())).unwrap();
         for name in ["scene", "format"] {
             report.as_object_mut().unwrap().remove(name);
         }

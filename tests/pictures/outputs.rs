@@ -206,7 +206,7 @@ fn a_film_is_numbered_frames_and_a_command() {
 }
 
 #[test]
-fn only_an_interrupted_run_is_resumed() {
+fn a_run_is_resumed_where_it_was_interrupted() {
     let folder = tempfile::tempdir().unwrap();
     let file = cameras(&folder, ["a", "b", "c"]);
     let out = folder.path().join("views");
@@ -217,50 +217,71 @@ fn only_an_interrupted_run_is_resumed() {
         let error = String::from_utf8_lossy(&output.stderr);
         assert!(error.contains(text), "{error}");
     };
+    let record = out.join(".smalto-run.jsonl");
+    let [first, second, third] = [0, 1, 2].map(|i| out.join(format!("colour/{i:05}.png")));
     for reference in [&[][..], &["--reference"]] {
         _ = fs::remove_dir_all(&out);
-        // A folder in the place of a picture interrupts the run there.
-        let obstacle = out.join("colour/00001.png");
-        fs::create_dir_all(&obstacle).unwrap();
-        let output = run(reference);
-        assert_eq!(output.status.code(), Some(1));
-        says(&output, "cannot write ");
-        fs::remove_dir(&obstacle).unwrap();
-        let [first, ghost] = [out.join("colour/00000.png"), out.join("colour/00002.png")];
-        fs::write(&first, "kept").unwrap();
-        // Is there, but was never completed by this run.
-        fs::write(&ghost, "old").unwrap();
+        assert!(run(reference).status.success());
+        let all = ["colour", "depth"].map(|layer| (0..3).map(move |i| (layer, i)));
+        let name = |(layer, i)| format!("{layer}/{i:05}.{}", if layer == "depth" { "exr" } else { "png" });
+        let names: Vec<_> = all.into_iter().flatten().map(name).collect();
+        assert_eq!(files(&out), [&[".smalto-run.jsonl".to_owned()], &names[..]].concat());
+        // As if the program had been stopped while it wrote the line about the second picture.
+        let (whole, text) = (fs::read(&first).unwrap(), fs::read_to_string(&record).unwrap());
+        let until = text.find("colour/00001").unwrap();
+        fs::write(&record, &text[..until]).unwrap();
+        let kept = vec![b'k'; whole.len()];
+        fs::write(&first, &kept).unwrap();
+        fs::remove_file(&second).unwrap();
+        fs::write(&third, "of another run").unwrap();
 
         let output = run(&[reference, &["--resume", "--background", "1,1,1"]].concat());
         assert_eq!(output.status.code(), Some(2));
         says(&output, "had other settings (background); run without --resume to start over");
-        let record = out.join(".smalto-run.jsonl");
-        let text = fs::read_to_string(&record).unwrap();
-        // As if the program had been stopped in the middle of a line.
-        fs::write(&record, format!("{text}\"colour/000")).unwrap();
-
         let output = run(&[reference, &["--resume"]].concat());
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let done = if reference.is_empty() { 1 } else { 2 };
         says(&output, &format!("{done} of 6 files are complete and are skipped"));
-        assert_eq!(fs::read(&first).unwrap(), b"kept", "what is complete is not drawn again");
-        assert!(Pixels::read(&ghost).is_ok(), "what is not is");
-        let all = ["colour", "depth"].map(|layer| (0..3).map(move |i| (layer, i)));
-        let name = |(layer, i)| format!("{layer}/{i:05}.{}", if layer == "depth" { "exr" } else { "png" });
-        assert_eq!(files(&out), all.into_iter().flatten().map(name).collect::<Vec<_>>(), "no record is left");
+        assert_eq!(fs::read(&first).unwrap(), kept, "what is complete is not drawn again");
+        assert!(Pixels::read(&second).is_ok() && Pixels::read(&third).is_ok(), "what is not is");
 
-        let output = run(&[reference, &["--resume"]].concat());
-        assert_eq!(output.status.code(), Some(2));
-        says(&output, "exists, but there is no unfinished run");
+        // What was damaged since is drawn again, also after a complete run.
+        for damaged in [&b""[..], &whole[..whole.len() / 2]] {
+            fs::write(&first, damaged).unwrap();
+            let output = run(&[reference, &["--resume"]].concat());
+            says(&output, "5 of 6 files are complete and are skipped");
+            assert_eq!(fs::read(&first).unwrap(), whole);
+        }
+        let before = fs::read(&record).unwrap();
+        for _ in 0..2 {
+            let output = run(&[reference, &["--resume"]].concat());
+            assert!(output.status.success() && output.stdout.is_empty());
+            says(&output, "nothing left to do, all 6 files are complete");
+        }
+        assert_eq!(fs::read(&record).unwrap(), before, "the record does not grow");
     }
-    // A run that is not to be resumed begins anew, and says so.
-    fs::write(out.join(".smalto-run.jsonl"), "damaged").unwrap();
-    let output = run(&["--resume"]);
-    says(&output, "is damaged: run without --resume to start over");
+    // A run that is not to be resumed begins anew, and says so if it forgets one that could be.
     let output = run(&[]);
-    assert!(output.status.success());
-    says(&output, "starting over; --resume would continue the unfinished run");
-    assert_ne!(fs::read(out.join("colour/00000.png")).unwrap(), b"kept");
+    assert!(output.status.success() && output.stderr.is_empty());
+    fs::write(&record, "damaged").unwrap();
+    says(&run(&["--resume"]), "is damaged: run without --resume to start over");
+    says(&run(&[]), "starting over; --resume would continue the unfinished run");
+    fs::remove_file(&record).unwrap();
+    let output = run(&["--resume"]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&output, "exists, but there is no record of a run");
+    assert!(!record.exists());
+}
+
+/// Before anything is drawn, however many pictures come first.
+#[test]
+fn a_run_that_cannot_write_a_picture_does_not_begin() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, place) = (cameras(&folder, ["a", "b", "c"]), path(&folder, "views"));
+    fs::create_dir_all(folder.path().join("views/00002.png")).unwrap();
+    let error = fails(1, &["render", "cactus:200", "--cameras", &file, "--camera", "all", "-o", &place]);
+    assert_eq!(error, format!("smalto: cannot write {place}/00002.png: it is a folder\n"));
+    assert_eq!(fs::read_dir(&place).unwrap().count(), 1);
 }
 
 #[test]
@@ -281,14 +302,14 @@ fn wrong_output_arguments_are_exit_code_2() {
         ),
         (&["--layers", "depth", "--dump", &place, "-o", "a.exr"], "--dump cannot be combined with --layers depth"),
         (&["--camera", "all", "--dump", &place], "--dump writes the buffers of a single picture"),
-        (&["--layers", "heat"], "invalid value 'heat'"),
+        (&["--layers", "heat"], "--layers heat: expected colour, alpha, depth, median-depth, counts"),
         (&["--names", "image", "-o", "a.png"], "--output a.png: several pictures, --names, --video and --resume"),
         (&["--resume", "-o", "a.png"], "need a folder"),
         (&["--video", "-o", "film.mp4"], "need a folder"),
         (&["--camera", "all", "-o", "a.exr"], "need a folder"),
         (&["--fps", "24", "-o", &place], "--fps needs --video or --path"),
         (&["--video", "--fps", "0", "-o", &place], "expected frames per second"),
-        (&["--video", "--names", "image", "-o", &place], "cannot be used with"),
+        (&["--video", "--names", "image", "-o", &place], "--video cannot be combined with --names"),
         (&["--video", "--format", "exr", "-o", &place], "--video needs colours as PNG"),
         (&["--video", "--layers", "alpha", "-o", &place], "--video needs colours as PNG"),
         (&["--video", "--background", "transparent", "-o", &place], "--video cannot be transparent"),

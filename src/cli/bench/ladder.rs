@@ -50,11 +50,11 @@ pub(super) fn run(args: &Args, bench: &Bench, cameras: &Cameras) -> Result<()> {
     };
     table::print_machine(&report.device, &report.smalto, bench.protocol, &report.path)?;
     complain(device)?;
-    if let Some(file) = &args.json {
-        report.write_json(file)?;
+    if let Some(sink) = &args.json {
+        sink.write_json(&report)?;
     }
-    if let Some(file) = &args.csv {
-        report.write_csv(file)?;
+    if let Some(sink) = &args.csv {
+        sink.write(|out| report.write_csv(out))?;
     }
     #[cfg(feature = "plots")]
     if let Some(file) = &args.plot {

@@ -10,7 +10,7 @@ use anyhow::{Context, Result, ensure};
 use clap::builder::RangedU64ValueParser;
 
 use super::{
-    DeviceArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, SplitArg, Usage, check_plots, complain, knobs, parse_size,
+    DeviceArgs, EyeArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, Sink, SplitArg, Usage, check_plots, complain, knobs, parse_size,
     progress, remark,
 };
 use crate::camera::Camera;
@@ -36,9 +36,11 @@ pub(super) struct Args {
     cameras: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
+    #[command(flatten)]
+    eye: EyeArgs,
     /// Camera path: one turn around the scene (orbit), the same with two approaches to it (orbit-zoom), or a smooth
     /// path through the cameras of a file
-    #[arg(long, value_name = "orbit|orbit-zoom|keyframes:FILE", default_value = "orbit-zoom")]
+    #[arg(long, value_name = "orbit|orbit-zoom|keyframes:FILE", default_value = "orbit-zoom", conflicts_with = "eye")]
     path: CameraPath,
     /// Picture sizes in pixels
     #[arg(long, value_name = "WxH,...", default_value = "720x720", value_delimiter = ',', value_parser = parse_size)]
@@ -63,7 +65,7 @@ pub(super) struct Args {
     preset: Vec<String>,
     /// Measure the ladder instead: the paper's baseline and every optimization on top of it, up to the portable path,
     /// at one size
-    #[arg(long, conflicts_with_all = ["baseline", "preset", "check", "certificate"])]
+    #[arg(long, conflicts_with_all = ["baseline", "threshold", "preset", "check", "certificate"])]
     ladder: bool,
     /// Also compare the first view with the float64 reference. Slow
     #[arg(long)]
@@ -74,12 +76,12 @@ pub(super) struct Args {
     certificate: bool,
     #[command(flatten)]
     device: DeviceArgs,
-    /// Write the report as JSON (docs/bench.schema.json)
-    #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
-    /// Write the report's statistics as CSV
-    #[arg(long, value_name = "FILE")]
-    csv: Option<PathBuf>,
+    /// Write the report as JSON (docs/bench.schema.json); - prints it instead of the tables
+    #[arg(long, value_name = "FILE|-")]
+    json: Option<Sink>,
+    /// Write the report's statistics as CSV; - prints them instead of the tables
+    #[arg(long, value_name = "FILE|-")]
+    csv: Option<Sink>,
     /// Plot the time of every stage as SVG
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
@@ -87,7 +89,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE")]
     baseline: Option<PathBuf>,
     /// Largest increase of the frame time over the baseline, in percent
-    #[arg(long, value_name = "PERCENT", default_value_t = 5.0, requires = "baseline")]
+    #[arg(long, value_name = "PERCENT", default_value_t = 5.0)]
     threshold: f64,
     #[command(flatten)]
     knobs: Knobs,
@@ -103,10 +105,14 @@ fn count(least: u64) -> RangedU64ValueParser<usize> {
 pub(super) fn run(args: &Args) -> Result<()> {
     check_usage(args)?;
     // Files that cannot be written are reported before anything is measured.
-    [&args.json, &args.csv, &args.plot].into_iter().flatten().try_for_each(|file| check_writable(file))?;
+    [&args.json, &args.csv].into_iter().flatten().try_for_each(Sink::check)?;
+    args.plot.as_deref().map_or(Ok(()), check_writable)?;
     let device = args.device.open()?;
     let baseline = args.baseline.as_deref().map(read_baseline).transpose()?;
-    let cameras = Cameras::read(args.cameras.as_deref(), &args.split, &args.path)?;
+    let cameras = match args.eye.is_given()? {
+        true => Cameras::at(args.eye, &args.split)?,
+        false => Cameras::read(args.cameras.as_deref(), &args.split, &args.path, args.size[0])?,
+    };
     let bench = Bench::new(&device, Protocol { warmup: args.warmup, frames: args.frames })?;
     if args.ladder {
         return ladder::run(args, &bench, &cameras);
@@ -188,9 +194,6 @@ impl Loaded {
 fn check_usage(args: &Args) -> Result<()> {
     args.knobs.check_gpu()?;
     check_plots(args.plot.as_deref())?;
-    if args.ladder && (args.knobs.trades() || args.knobs.rules()) {
-        return Err(Usage("--ladder sets the knobs itself; only --near can be combined with it".to_owned()).into());
-    }
     if args.ladder && args.size.len() != 1 {
         return Err(Usage("--ladder measures one --size".to_owned()).into());
     }
@@ -230,11 +233,11 @@ fn certified_error(device: &Device, scene: &Loaded, views: &[Camera], options: &
 }
 
 fn write(args: &Args, report: &Report) -> Result<()> {
-    if let Some(file) = &args.json {
-        report.write_json(file)?;
+    if let Some(sink) = &args.json {
+        sink.write_json(report)?;
     }
-    if let Some(file) = &args.csv {
-        report.write_csv(file)?;
+    if let Some(sink) = &args.csv {
+        sink.write(|out| report.write_csv(out))?;
     }
     #[cfg(feature = "plots")]
     if let Some(file) = &args.plot {

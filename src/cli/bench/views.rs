@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use glam::DVec3;
 
 use crate::camera::{Camera, path};
-use crate::cli::SplitArg;
+use crate::cli::{EyeArgs, SplitArg};
 use crate::scene::{Focus, Gaussians};
 
 /// A camera path as an argument names it.
@@ -43,16 +43,21 @@ enum Source {
     Orbit { zooms: bool },
     File(Vec<Camera>),
     Keyframes(Vec<Camera>),
+    Eye(EyeArgs),
 }
 
 impl Cameras {
-    /// Reads the views of `split` from a camera file if there is one, else follows `path`.
+    /// Reads the views of `split` from a camera file if there is one, else follows `path`. Cameras whose size is
+    /// nowhere stated get the size `default_px`.
     ///
     /// # Errors
     /// If a file cannot be read, or if `split` selects cameras and there is no file.
-    pub fn read(file: Option<&Path>, split: &SplitArg, path: &CameraPath) -> Result<Self> {
+    pub fn read(file: Option<&Path>, split: &SplitArg, path: &CameraPath, default_px: [u32; 2]) -> Result<Self> {
         let name = |file: &Path| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let read = |file: &Path| Ok::<_, anyhow::Error>(split.read(file)?.into_iter().map(|c| c.camera).collect());
+        let read = |file: &Path| {
+            let read = split.read(file, Some(default_px))?;
+            Ok::<_, anyhow::Error>(read.cameras.into_iter().map(|(_, named)| named.camera).collect())
+        };
         Ok(match (file, path) {
             (Some(file), _) => Self { name: name(file), source: Source::File(read(file)?) },
             (None, CameraPath::Keyframes(file)) => {
@@ -66,12 +71,25 @@ impl Cameras {
         })
     }
 
+    /// The view of a camera that is given by its place.
+    ///
+    /// # Errors
+    /// If `split` selects cameras, which need a file.
+    pub fn at(eye: EyeArgs, split: &SplitArg) -> Result<Self> {
+        split.check_no_file()?;
+        Ok(Self { name: "eye".to_owned(), source: Source::Eye(eye) })
+    }
+
     /// At most `frames` views at this size, and the largest distance of the near plane that they allow, in world units.
     pub fn views(&self, gaussians: &Gaussians, size: [u32; 2], frames: usize) -> (Vec<Camera>, f32) {
         let resized = |cameras: &[Camera]| cameras.iter().map(|c| c.resized(size)).collect::<Vec<_>>();
         match &self.source {
             Source::File(cameras) => (resized(&cameras[..frames.min(cameras.len())]), f32::INFINITY),
             Source::Keyframes(cameras) => (path::through(&resized(cameras), frames), f32::INFINITY),
+            Source::Eye(eye) => {
+                let (camera, nearest) = eye.camera(gaussians, size).unzip();
+                (camera.into_iter().collect(), nearest.unwrap_or(f32::INFINITY))
+            }
             Source::Orbit { zooms } => {
                 let focus = Focus::of(gaussians);
                 let views = path::orbit(DVec3::from(focus.centre), focus.radius, *zooms, size, frames);

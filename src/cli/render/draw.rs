@@ -5,6 +5,7 @@ use std::time::Instant;
 use anyhow::Result;
 
 use super::outputs::Output;
+use super::report::{FileReport, FrameReport};
 use super::resume::Record;
 use super::{Args, Plan, Shot};
 use crate::cli::{Usage, certified, complain, dump, progress, remark, say, size_text};
@@ -35,7 +36,13 @@ impl Pass {
 }
 
 /// Draws with the reference. All layers of a shot come from one rendering.
-pub(super) fn by_reference(args: &Args, plan: &Plan, gaussians: &Gaussians, exact: &Options) -> Result<()> {
+pub(super) fn by_reference(
+    args: &Args,
+    plan: &Plan,
+    gaussians: &Gaussians,
+    exact: &Options,
+) -> Result<Vec<FrameReport>> {
+    let mut frames = Vec::new();
     let mut record = Record::begin(args, plan, gaussians, exact, None)?;
     for shot in &plan.shots {
         let [pictures, layers] = [Pass::Picture, Pass::Depths].map(|pass| pass.outputs(shot, &record));
@@ -52,21 +59,23 @@ pub(super) fn by_reference(args: &Args, plan: &Plan, gaussians: &Gaussians, exac
             let depths = rendering.depths();
             write(&layers, &mut record, |output| output.write_depths(&depths))?;
         }
-        let files = names(&[pictures, layers].concat());
-        let (size, seconds) = (size_text(shot.camera.size_px), started.elapsed().as_secs_f64());
+        let (outputs, seconds) = ([pictures, layers].concat(), started.elapsed().as_secs_f64());
+        let (files, size) = (names(&outputs), size_text(shot.camera.size_px));
         say!("{files}  {size}  float64 reference, {seconds:.1} s")?;
+        frames.push(FrameReport { reference_seconds: Some(seconds), ..FrameReport::new(shot, &outputs) });
     }
-    record.finish()
+    record.finish()?;
+    Ok(frames)
 }
 
-/// Draws on the GPU. `exact` has the same rules as `options` and no knob turned.
+/// Draws on the GPU. `exact` has the same rules as `options` and no knob turned. Returns the options that were used.
 pub(super) fn by_gpu(
     args: &Args,
     plan: &Plan,
     device: &Device,
     scene: Scene,
     (exact, options): (Options, Options),
-) -> Result<()> {
+) -> Result<(Options, Vec<FrameReport>)> {
     let (gaussians, needs) = (&scene.gaussians, Requirements::of(&scene.gaussians));
     let views: Vec<_> = plan.shots.iter().map(|shot| shot.camera.clone()).collect();
     let options = args.budget.choose(device, (gaussians, &needs), &views, (exact, args.background), options)?;
@@ -74,6 +83,10 @@ pub(super) fn by_gpu(
         return Err(Usage(format!("--layers {} needs --scale 1", layer.name())).into());
     }
     let mut record = Record::begin(args, plan, gaussians, &options, Some(&device.capabilities().name))?;
+    if record.is_complete(plan) && args.certificate.is_none() {
+        record.finish()?;
+        return Ok((options, Vec::new()));
+    }
     let certifies = args.certificate.is_some();
     let upload = if certifies { GpuScene::certifiable } else { GpuScene::with };
     let gpu_scene = upload(device, gaussians, &needs, &options)?;
@@ -88,14 +101,16 @@ pub(super) fn by_gpu(
     let all =
         [Pass::Picture, Pass::Depths].into_iter().flat_map(|pass| plan.shots.iter().map(move |shot| (pass, shot)));
     let left: Vec<_> = all.filter(|(pass, shot)| !pass.outputs(shot, &record).is_empty()).collect();
+    let mut frames = Vec::new();
     for (done, (pass, shot)) in left.iter().enumerate() {
         let outputs = pass.outputs(shot, &record);
         renderer.set_inspection(pass.inspection())?;
-        draw(args, &mut renderer, (*pass, shot), &outputs, &mut record)?;
+        frames.push(draw(args, &mut renderer, (*pass, shot), &outputs, &mut record)?);
         bar.set((done + 1) as f64 / left.len() as f64);
     }
     complain(device)?;
-    record.finish()
+    record.finish()?;
+    Ok((options, frames))
 }
 
 fn draw(
@@ -104,7 +119,7 @@ fn draw(
     (pass, shot): (Pass, &Shot),
     outputs: &[&Output],
     record: &mut Record,
-) -> Result<()> {
+) -> Result<FrameReport> {
     let prepare = |cmd: &mut Commands| {
         if args.dump.is_some() {
             cmd.capture_scopes();
@@ -123,11 +138,14 @@ fn draw(
         }
     }
     report(args, shot, outputs, &frame)?;
+    let mut drawn = FrameReport { gpu: Some((&frame).into()), ..FrameReport::new(shot, outputs) };
     if let (Some(file), Some(certificate)) = (&shot.certificate, renderer.certificate()?) {
         certificate.write(file, false)?;
         say!("  {}", certified(certificate.largest()))?;
+        drawn.files.push(FileReport { layer: "certificate".to_owned(), path: file.display().to_string() });
+        drawn.certified_error = Some(certificate.largest());
     }
-    Ok(())
+    Ok(drawn)
 }
 
 fn write(outputs: &[&Output], record: &mut Record, write: impl Fn(&Output) -> Result<()>) -> Result<()> {

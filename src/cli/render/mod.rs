@@ -1,21 +1,30 @@
 //! `smalto render`: draws pictures of a scene to files.
 
+mod choice;
 mod draw;
 mod outputs;
 mod plan;
+mod report;
 mod resume;
 mod video;
 
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result};
 
-use super::{BudgetArgs, DeviceArgs, FilmArgs, Knobs, SceneArg, SplitArg, Usage, knobs, one_of, parse_size, say};
+use super::{
+    BudgetArgs, DeviceArgs, EyeArgs, FilmArgs, Knobs, REPORTS_TO_STDOUT, SceneArg, Sink, SplitArg, Usage, knobs, one_of, parse_size,
+    say,
+};
+use crate::files::is_stdout;
+use crate::measure::bench::{SceneReport, VersionReport};
 use crate::options::Options;
 use crate::pixels::FileKind;
 use crate::rules::Background;
 use outputs::{Layer, Names, Shot};
 use plan::{Plan, plan};
+use report::Report;
 
 /// Render a scene to PNG, EXR or .npy
 #[derive(clap::Args)]
@@ -23,10 +32,12 @@ pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
     /// Picture file, or folder for several pictures (00000.png and so on) [default: the scene's name with .png, or
-    /// `renders`]. A .png has 8 bits per channel; .exr and .npy hold 32-bit floats, premultiplied by alpha
+    /// `renders`]. A .png has 8 bits per channel; .exr and .npy hold 32-bit floats, premultiplied by alpha. `-` is
+    /// standard output, in the --format
     #[arg(short, long, value_name = "FILE|DIR")]
     output: Option<PathBuf>,
-    /// Kind of the files [default: by the name of the file; png in a folder]
+    /// Kind of the files [default: by the name of the file; png in a folder]. Needed for names without an ending, like
+    /// /dev/stdout
     #[arg(long, value_name = "KIND", value_parser = one_of(FILE_KINDS))]
     format: Option<FileKind>,
     /// Layers to write, separated by commas. A single layer goes to --output itself. Several layers get a folder each
@@ -48,44 +59,56 @@ pub(super) struct Args {
     cameras: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
-    /// Cameras of the file: a position, an image name, a list like 0,5,9, a range like 0..10 (both ends included), or
-    /// `all` [default: 0]
-    #[arg(long, value_name = "N|NAME|LIST|all")]
+    /// Cameras of the file: a position from 0 on, or from -1 for the last backwards; an image name, with or without its
+    /// ending; a range like 0..10 (both ends included), 3.. or ..5; a list of these like 0,5,-1; or `all` [default: the
+    /// first]
+    #[arg(long, value_name = "N|NAME|LIST|all", allow_hyphen_values = true, conflicts_with = "eye")]
     camera: Option<String>,
+    #[command(flatten)]
+    eye: EyeArgs,
     #[command(flatten)]
     film: FilmArgs,
     /// Number the pictures from 0 without gaps, and print the ffmpeg command that makes a video of them
     #[arg(long, conflicts_with = "names")]
     video: bool,
-    /// Continue an interrupted run of the same command into a folder: complete files are skipped
+    /// Continue an interrupted run of the same command into a folder: complete files are skipped. After a complete run,
+    /// nothing is left to do
     #[arg(long, conflicts_with_all = ["certificate", "dump"])]
     resume: bool,
-    /// Background: three numbers from 0 to 1, or `transparent`
-    #[arg(long, value_name = "R,G,B|transparent", default_value = "0,0,0", value_parser = parse_background)]
+    /// Refuse to replace existing files. With --resume, this does not concern what the run itself completed
+    #[arg(long)]
+    no_clobber: bool,
+    /// Background: three numbers from 0 to 1, #rrggbb, black, grey, white, or `transparent`
+    #[arg(long, value_name = "R,G,B|#RRGGBB|NAME", default_value = "0,0,0", value_parser = parse_background)]
+    #[arg(allow_hyphen_values = true)]
     background: Background,
     #[command(flatten)]
     device: DeviceArgs,
     /// Accuracy for speed: exact, balanced, fast or preview. The rules of another renderer, exactly: inria, gsplat or
-    /// khr. As balanced, on the portable path: portable [default: balanced]
+    /// khr. As balanced, by the stages that run on every device, like --portable: portable [default: balanced]
     #[arg(long, value_name = "NAME", value_parser = knobs::preset_names())]
     #[arg(conflicts_with_all = ["max_error", "min_psnr"])]
     preset: Option<String>,
     /// Use only what works on every device: the portable path
     #[arg(long)]
     portable: bool,
-    /// Render on the CPU in float64: the reference with which the GPU is compared. Slow
-    #[arg(long, conflicts_with_all = ["device", "portable", "timings", "dump"])]
+    /// Render on the CPU in float64: the reference with which the GPU is compared. Slow. It draws by the rules of the
+    /// picture and takes --sh-degree; what else trades accuracy for speed cannot be combined with it
+    #[arg(long, conflicts_with_all = ["device", "portable", "timings", "dump", "max_error", "min_psnr"])]
     reference: bool,
     /// Print the GPU time of every stage of the frame
     #[arg(long)]
     timings: bool,
+    /// Write a report as JSON (docs/render.schema.json): files, cameras, counts, times; - prints it instead of the text
+    #[arg(long, value_name = "FILE|-")]
+    json: Option<Sink>,
     /// Also write the certificate: for every pixel, an upper bound on the difference of its channels to the picture
     /// without thresholds, cuts and stops, of the scene as stored on the GPU and in the same order. An .exr or .npy
     /// file, or a folder for several pictures
     #[arg(long, value_name = "FILE|DIR", conflicts_with = "reference")]
     certificate: Option<PathBuf>,
-    /// Write the buffers that each stage changed to this folder, as .npy
-    #[arg(long, value_name = "DIR")]
+    /// Write the buffers that each stage of a single picture changed to this folder, as .npy
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["video", "path"])]
     dump: Option<PathBuf>,
     #[command(flatten)]
     knobs: Knobs,
@@ -101,22 +124,37 @@ const FILE_KINDS: [(&str, &str, FileKind); 4] = [
 ];
 
 fn parse_background(text: &str) -> Result<Background> {
+    let named = [("black", [0; 3]), ("grey", [128; 3]), ("gray", [128; 3]), ("white", [255; 3])];
+    let bytes = named.iter().find(|(name, _)| *name == text).map(|(_, bytes)| *bytes).or_else(|| hexadecimal(text));
     if text == "transparent" {
         return Ok(Background::Transparent);
     }
     let numbers: Option<Vec<f32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     let colour: Option<[f32; 3]> = numbers.and_then(|n| n.try_into().ok());
     let colour = colour.filter(|c| c.iter().all(|v| (0.0..=1.0).contains(v)));
-    Ok(Background::Colour(colour.context("expected R,G,B from 0 to 1, like 1,1,1, or transparent")?))
+    let colour = bytes.map(|bytes| bytes.map(|byte| f32::from(byte) / 255.0)).or(colour);
+    let expected = "expected R,G,B from 0 to 1, like 1,1,1, or #rrggbb, black, grey, white or transparent";
+    Ok(Background::Colour(colour.context(expected)?))
+}
+
+/// The three bytes of #rrggbb.
+fn hexadecimal(text: &str) -> Option<[u8; 3]> {
+    let digits = text.strip_prefix('#').filter(|d| d.len() == 6 && d.bytes().all(|b| b.is_ascii_hexdigit()))?;
+    let number = u32::from_str_radix(digits, 16).ok()?;
+    let [_, red, green, blue] = number.to_be_bytes();
+    Some([red, green, blue])
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    if args.budget.budget()?.is_some() && (args.knobs.trades() || args.reference) {
-        return Err(
-            Usage("--max-error and --min-psnr cannot be combined with knob flags or --reference".to_owned()).into()
-        );
+    let budget = args.budget.budget()?;
+    args.json.as_ref().map_or(Ok(()), Sink::check)?;
+    let mut files = args.output.iter().chain(&args.certificate);
+    if files.any(|file| is_stdout(file)) {
+        REPORTS_TO_STDOUT.store(true, Ordering::Relaxed);
     }
-    if !args.reference {
+    if args.reference {
+        check_reference(args)?;
+    } else {
         args.knobs.check_gpu()?;
     }
     // The device is opened first: it fails at once, and reading a scene may take long.
@@ -130,9 +168,30 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(why) = options.uncertifiable().filter(|_| args.certificate.is_some()) {
         return Err(Usage(format!("--certificate: {why}")).into());
     }
-    match device {
-        None => draw::by_reference(args, &plan, &scene.gaussians, &exact)?,
+    let preset = args.preset.clone().or_else(|| (device.is_some() && budget.is_none()).then(|| "balanced".to_owned()));
+    let device_name = device.as_ref().map(|device| device.capabilities().name.clone());
+    let report = args.json.as_ref().map(|sink| (sink, SceneReport::of(args.scene.title(), &scene.gaussians)));
+    let (options, frames) = match device {
+        None => {
+            let exact = Options { sh_degree: options.sh_degree, ..exact };
+            (exact, draw::by_reference(args, &plan, &scene.gaussians.of_degree(exact.sh_degree), &exact)?)
+        }
         Some(device) => draw::by_gpu(args, &plan, &device, scene, (exact, options))?,
+    };
+    let video = plan.video;
+    video.as_ref().map_or(Ok(()), |command| say!("{command}"))?;
+    let Some((sink, scene)) = report else { return Ok(()) };
+    let (format, smalto) = (Report::FORMAT.to_owned(), VersionReport::current());
+    sink.write_json(&Report { format, smalto, scene, preset, device: device_name, options, frames, video })
+}
+
+/// Fails if the preset is one of accuracy, of which the reference has none.
+fn check_reference(args: &Args) -> Result<(), Usage> {
+    let is_drawn = |preset: &Options| *preset == preset.untraded() && !preset.portable;
+    match args.preset.as_deref().and_then(|name| Some((name, Options::preset(name)?))) {
+        Some((name, preset)) if !is_drawn(&preset) => Err(Usage(format!(
+            "--reference cannot be combined with --preset {name}, which trades accuracy for speed or chooses a GPU path"
+        ))),
+        _ => Ok(()),
     }
-    plan.video.map_or(Ok(()), |command| say!("{command}"))
 }

@@ -15,6 +15,8 @@ use crate::rules::Background;
 pub(super) struct Shot {
     /// Position of the camera in its file.
     pub index: usize,
+    /// Name of the camera in its file; `None` if it is not from a file.
+    pub name: Option<String>,
     pub camera: Camera,
     pub outputs: Vec<Output>,
     pub certificate: Option<PathBuf>,
@@ -120,6 +122,13 @@ impl Outputs {
             Place::File(file) => kind_of_file(file, args.format)?,
             Place::Folder(_) => kind,
         };
+        if let Place::File(file) = &place
+            && layers.len() > 1
+            && file.extension().is_none()
+        {
+            let why = "several layers need a folder, or a file with an ending";
+            return Err(Usage(format!("--output {}: {why}", file.display())).into());
+        }
         if !is_of_picture && !kind.holds_floats() {
             let name = layers[0].name();
             return Err(Usage(format!("--layers {name} needs .exr or .npy: PNG cannot hold floats")).into());
@@ -186,15 +195,20 @@ fn place(args: &Args, several: bool) -> Result<Option<Place>> {
     Ok(Some(if needs_folder { Place::Folder(output.clone()) } else { Place::File(output.clone()) }))
 }
 
-/// True if the name is that of a picture or a video, not of a folder.
+/// True if the name is that of a picture, a video or standard output, not of a folder.
 fn names_file(path: &Path) -> bool {
     let is_video =
         |end: &std::ffi::OsStr| ["mp4", "mkv", "mov", "webm", "avi", "gif"].iter().any(|video| end == *video);
-    FileKind::of(path).is_ok() || path.extension().is_some_and(is_video)
+    path == Path::new("-") || FileKind::of(path).is_ok() || path.extension().is_some_and(is_video)
 }
 
-/// The kind of `file` by `--format` or by its name. Fails if the two disagree.
+/// The kind of `file` by `--format` or by its name. Fails if the two disagree. Names without an ending, such as that of
+/// standard output, say nothing.
 fn kind_of_file(file: &Path, format: Option<FileKind>) -> Result<FileKind> {
+    if file.extension().is_none() {
+        let why = "its name does not say which kind of file it is: add --format";
+        return format.ok_or_else(|| Usage(format!("--output {}: {why}", file.display())).into());
+    }
     let named = FileKind::of(file).map_err(|problem| Usage(format!("--output {problem}")))?;
     match format {
         Some(format) if format.extension() != named.extension() => {
@@ -209,12 +223,16 @@ fn kind_of_file(file: &Path, format: Option<FileKind>) -> Result<FileKind> {
 /// Extensions of pictures. Any other text after the last dot is part of the name.
 const EXTENSIONS: [&str; 10] = ["jpg", "jpeg", "png", "exr", "tif", "tiff", "webp", "bmp", "heic", "npy"];
 
+/// The name of an image without the ending of a picture.
+pub(super) fn without_ending(image: &str) -> &str {
+    let is_extension = |end: &str| EXTENSIONS.iter().any(|known| end.eq_ignore_ascii_case(known));
+    image.rsplit_once('.').filter(|(_, end)| is_extension(end)).map_or(image, |(stem, _)| stem)
+}
+
 /// Turns the name of an image into a relative path without extension that stays below the folder it is joined to.
 pub(super) fn safe_stem(image: &str) -> Result<String> {
-    let is_extension = |end: &str| EXTENSIONS.iter().any(|known| end.eq_ignore_ascii_case(known));
-    let stem = image.rsplit_once('.').filter(|(_, end)| is_extension(end)).map_or(image, |(stem, _)| stem);
     let mut safe = Vec::new();
-    for part in stem.split(['/', '\\']) {
+    for part in without_ending(image).split(['/', '\\']) {
         match part {
             "" | "." => {}
             ".." => _ = safe.pop(),

@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use glam::DVec3;
 
+use super::choice::{Chosen, choose};
 use super::outputs::{Names, Outputs, Shot, safe_stem};
 use super::{Args, video};
-use crate::camera::{Camera, NamedCamera};
+use crate::camera::{Camera, NamedCamera, path};
 use crate::cli::{Usage, named_or_found, size_text};
 use crate::files::check_writable;
 use crate::pixels::FileKind;
@@ -27,36 +28,8 @@ pub(super) struct Plan {
     pub video: Option<String>,
 }
 
-/// A camera on the command line.
-struct Chosen {
-    /// Position in the file.
-    index: usize,
-    /// `None` for the automatic camera.
-    name: Option<String>,
-    camera: Camera,
-}
-
 pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
-    if args.film.fps().is_some() && !args.video && !args.film.has_path() {
-        return Err(Usage("--fps needs --video or --path".to_owned()).into());
-    }
-    let cameras = cameras(args)?;
-    let mut nearest = f32::INFINITY;
-    let (chosen, is_list) = match (&cameras, &args.camera) {
-        (None, None) => {
-            let (camera, distance) = automatic(gaussians, args.size);
-            nearest = distance as f32 / 100.0;
-            (vec![Chosen { index: 0, name: None, camera }], false)
-        }
-        (None, Some(camera)) => {
-            return Err(Usage(format!(
-                "--camera {camera} needs a camera file: no --cameras, and none found next to the scene or above it"
-            ))
-            .into());
-        }
-        (Some(all), None) if args.film.has_path() => choose(all, "all")?,
-        (Some(all), wanted) => choose(all, wanted.as_deref().unwrap_or("0"))?,
-    };
+    let Cameras { chosen, is_list, nearest } = cameras(args, gaussians)?;
     let several = is_list || args.video;
     let outputs = Outputs::of(args, several)?;
     check_together(args, &outputs, several)?;
@@ -68,71 +41,72 @@ pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     Ok(Plan { shots, outputs, nearest, video })
 }
 
-fn cameras(args: &Args) -> Result<Option<Vec<NamedCamera>>> {
+/// The cameras of a run.
+struct Cameras {
+    chosen: Vec<Chosen>,
+    /// A list of cameras was asked for, even if it holds only one.
+    is_list: bool,
+    /// Largest allowed distance of the near plane.
+    nearest: f32,
+}
+
+fn cameras(args: &Args, gaussians: &Gaussians) -> Result<Cameras> {
+    let size = args.size.unwrap_or([1280, 720]);
     if let Some(frames) = args.film.read()? {
-        return Ok(Some(frames));
+        let frame = |(index, named): (usize, NamedCamera)| Chosen::named(index, &named);
+        let chosen = frames.into_iter().enumerate().map(frame).collect();
+        return Ok(Cameras { chosen, is_list: true, nearest: f32::INFINITY });
     }
-    match named_or_found(args.cameras.as_deref(), &args.scene) {
-        Some(file) => Ok(Some(args.split.read(&file)?)),
-        None => Ok(args.split.check_no_file().map(|()| None)?),
+    if let Some(count) = args.film.orbit() {
+        let focus = Focus::of(gaussians);
+        let views = path::orbit(DVec3::from(focus.centre), focus.radius, false, size, count);
+        let view = |(index, camera)| Chosen { index, name: None, camera };
+        let chosen = views.into_iter().enumerate().map(view).collect();
+        return Ok(Cameras { chosen, is_list: true, nearest: focus.radius as f32 / 100.0 });
     }
-}
-
-/// The cameras that `wanted` names. The second value is true if `wanted` is a list, a range or `all`.
-fn choose(cameras: &[NamedCamera], wanted: &str) -> Result<(Vec<Chosen>, bool)> {
-    let chosen =
-        |index: usize| Chosen { index, name: Some(cameras[index].name.clone()), camera: cameras[index].camera.clone() };
-    if wanted == "all" {
-        return Ok(((0..cameras.len()).map(chosen).collect(), true));
+    let alone =
+        |camera, nearest| Cameras { chosen: vec![Chosen { index: 0, name: None, camera }], is_list: false, nearest };
+    if args.eye.is_given()?
+        && let Some((camera, nearest)) = args.eye.camera(gaussians, size)
+    {
+        args.split.check_no_file()?;
+        return Ok(alone(camera, nearest));
     }
-    // An image name may contain commas.
-    if let Some(index) = position(cameras, wanted) {
-        return Ok((vec![chosen(index)], false));
+    if let Some(file) = named_or_found(args.cameras.as_deref(), &args.scene) {
+        let all = args.split.read(&file, args.size)?;
+        let (chosen, is_list) = match &args.camera {
+            Some(wanted) => choose(&all, wanted)?,
+            None => (all.cameras.iter().take(1).map(|(index, named)| Chosen::named(*index, named)).collect(), false),
+        };
+        return Ok(Cameras { chosen, is_list, nearest: f32::INFINITY });
     }
-    let mut found = Vec::new();
-    for item in wanted.split(',') {
-        let ends = item.split_once("..").and_then(|(a, b)| Some([a.parse::<usize>().ok()?, b.parse().ok()?]));
-        let last = cameras.len() - 1;
-        match (position(cameras, item), ends) {
-            (Some(index), _) => found.push(chosen(index)),
-            (None, Some([from, to])) if from <= to && to <= last => found.extend((from..=to).map(chosen)),
-            (None, Some([from, to])) if from > to => {
-                return Err(Usage(format!("--camera {item} is empty: {from} is greater than {to}")).into());
-            }
-            _ => {
-                return Err(Usage(format!(
-                    "there is no camera {item}: they are 0 to {last}, from '{}' to '{}'",
-                    cameras[0].name, cameras[last].name
-                ))
-                .into());
-            }
-        }
+    args.split.check_no_file()?;
+    if let Some(camera) = &args.camera {
+        return Err(Usage(format!(
+            "--camera {camera} needs a camera file: no --cameras, and none found next to the scene or above it"
+        ))
+        .into());
     }
-    Ok((found, true))
-}
-
-fn position(cameras: &[NamedCamera], wanted: &str) -> Option<usize> {
-    // A number with leading zeros, such as 0007, is a name.
-    let by_position = wanted.parse().ok().filter(|index: &usize| *index < cameras.len() && index.to_string() == wanted);
-    by_position.or_else(|| cameras.iter().position(|c| c.name == wanted))
+    let (camera, distance) = automatic(gaussians, size);
+    Ok(alone(camera, distance as f32 / 100.0))
 }
 
 /// A camera that shows the whole scene, and its distance to the centre of the scene.
-fn automatic(gaussians: &Gaussians, size: Option<[u32; 2]>) -> (Camera, f64) {
+fn automatic(gaussians: &Gaussians, size: [u32; 2]) -> (Camera, f64) {
     let focus = Focus::of(gaussians);
     let centre = DVec3::from(focus.centre);
-    let camera = Camera::framing(centre, focus.radius, size.unwrap_or([1280, 720]));
+    let camera = Camera::framing(centre, focus.radius, size);
     let distance = camera.position.distance(centre);
     (camera, distance)
 }
 
 fn shot(args: &Args, outputs: &Outputs, several: bool, number: usize, chosen: Chosen) -> Result<Shot> {
     let Chosen { index, name, camera } = chosen;
-    let stem = match (args.names.unwrap_or(Names::Index), name) {
+    let stem = match (args.names.unwrap_or(Names::Index), &name) {
         // The frames of a video are numbered without gaps.
         (Names::Index, _) => format!("{:05}", if args.video { number } else { index }),
         (Names::Image, Some(name)) => {
-            safe_stem(&name).map_err(|problem| Usage(format!("--names image: camera {index}: {problem}")))?
+            safe_stem(name).map_err(|problem| Usage(format!("--names image: camera {index}: {problem}")))?
         }
         (Names::Image, None) => return Err(Usage("--names image needs a camera file".to_owned()).into()),
     };
@@ -141,7 +115,7 @@ fn shot(args: &Args, outputs: &Outputs, several: bool, number: usize, chosen: Ch
         file => file.clone(),
     };
     let camera = args.size.map_or_else(|| camera.clone(), |size| camera.resized(size));
-    Ok(Shot { index, camera, outputs: outputs.files(&stem), certificate })
+    Ok(Shot { index, name, camera, outputs: outputs.files(&stem), certificate })
 }
 
 /// Fails if arguments exclude each other.

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 
 use super::Args;
 use super::outputs::{Layer, Outputs, Shot};
-use crate::cli::cameras::DEFAULT_FPS;
+use crate::cli::cameras::Fps;
 use crate::cli::{Usage, size_text};
 use crate::rules::Background;
 
@@ -27,7 +27,7 @@ pub(super) fn command(args: &Args, outputs: &Outputs, shots: &[Shot]) -> Result<
         return refuse(format!("needs pictures of one size, not {size} and {other}: set --size"));
     }
     let frames = outputs.layer_folder(Layer::Colour).context("the pictures of a video are not in a folder")?;
-    line(&frames, &video_file(outputs.folder().unwrap_or(&frames)), size, args.film.fps().unwrap_or(DEFAULT_FPS))
+    line(&frames, &video_file(outputs.folder().unwrap_or(&frames)), size, &args.film.fps())
 }
 
 /// The video file, next to the folder of its pictures.
@@ -43,7 +43,7 @@ fn video_file(folder: &Path) -> PathBuf {
 }
 
 /// The command, quoted for a shell.
-fn line(frames: &Path, video: &Path, size_px: [u32; 2], fps: f64) -> Result<String> {
+fn line(frames: &Path, video: &Path, size_px: [u32; 2], fps: &Fps) -> Result<String> {
     // ffmpeg takes % in a path for the start of a number format.
     let folder = plain(frames)?.replace('%', "%%");
     let mut words = vec!["ffmpeg".to_owned(), "-framerate".to_owned(), fps.to_string()];
@@ -68,27 +68,27 @@ fn plain(path: &Path) -> Result<String> {
 mod tests {
     use super::*;
 
-    fn line_for(folder: &str, size_px: [u32; 2], fps: f64) -> String {
+    fn line_for(folder: &str, size_px: [u32; 2], fps: &str) -> String {
         let folder = Path::new(folder);
-        line(folder, &video_file(folder), size_px, fps).unwrap()
+        line(folder, &video_file(folder), size_px, &fps.parse().unwrap()).unwrap()
     }
 
     #[test]
     fn a_video_is_one_command() {
         assert_eq!(
-            line_for("renders", [64, 48], 30.0),
+            line_for("renders", [64, 48], "30"),
             "ffmpeg -framerate 30 -i 'renders/%05d.png' -c:v libx264 -pix_fmt yuv420p renders.mp4"
         );
         assert_eq!(
-            line_for("out/", [63, 48], 29.97),
-            "ffmpeg -framerate 29.97 -i 'out/%05d.png' -vf 'pad=ceil(iw/2)*2:ceil(ih/2)*2' -c:v libx264 \
+            line_for("out/", [63, 48], "30000/1001"),
+            "ffmpeg -framerate 30000/1001 -i 'out/%05d.png' -vf 'pad=ceil(iw/2)*2:ceil(ih/2)*2' -c:v libx264 \
              -pix_fmt yuv420p out.mp4"
         );
     }
 
     #[test]
     fn paths_are_quoted_and_stay_paths() {
-        let words = |folder: &str| shlex::split(&line_for(folder, [2, 2], 30.0)).unwrap();
+        let words = |folder: &str| shlex::split(&line_for(folder, [2, 2], "30")).unwrap();
         let names = |folder: &str| [words(folder)[4].clone(), words(folder)[9].clone()];
         assert_eq!(names("my views/it's"), ["my views/it's/%05d.png", "my views/it's.mp4"]);
         assert_eq!(names("100%"), ["100%%/%05d.png", "100%.mp4"]);

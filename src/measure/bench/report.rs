@@ -1,5 +1,6 @@
 //! The report of a bench, as it is written to JSON and CSV. Times are in milliseconds.
 
+use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
@@ -10,7 +11,6 @@ use super::machine::{Clocks, DeviceReport, VersionReport};
 use super::statistics::Statistics;
 use super::warm_up::WarmUp;
 use crate::camera::Camera;
-use crate::files::write_whole;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::render;
@@ -210,28 +210,22 @@ impl Report {
         serde_json::from_value(value).context("is a damaged report")
     }
 
-    pub fn write_json(&self, path: &Path) -> Result<()> {
-        write_whole(path, |file| Ok(serde_json::to_writer_pretty(file, self)?))
-    }
-
     /// Writes the statistics as CSV: a row for every run and quantity.
-    pub fn write_csv(&self, path: &Path) -> Result<()> {
-        write_whole(path, |file| {
-            let mut csv = csv::Writer::from_writer(file);
-            let about = ["scene", "gaussians", "width", "height", "preset", "drawn by", "quantity"];
-            csv.write_record(about.into_iter().chain(Statistics::COLUMNS))?;
-            for run in &self.runs {
-                let Subject { scene, size, preset, .. } = &run.subject;
-                let numbers = [scene.gaussians.to_string(), size[0].to_string(), size[1].to_string()];
-                let names = [preset.clone(), run.drawn_by.to_string()];
-                let about: Vec<_> = [scene.name.clone()].into_iter().chain(numbers).chain(names).collect();
-                for (quantity, statistics) in run.rows() {
-                    let values = statistics.columns().map(|v| v.to_string());
-                    csv.write_record(about.iter().cloned().chain([quantity]).chain(values))?;
-                }
+    pub fn write_csv(&self, out: impl Write) -> Result<()> {
+        let mut csv = csv::Writer::from_writer(out);
+        let about = ["scene", "gaussians", "width", "height", "preset", "drawn by", "quantity"];
+        csv.write_record(about.into_iter().chain(Statistics::COLUMNS))?;
+        for run in &self.runs {
+            let Subject { scene, size, preset, .. } = &run.subject;
+            let numbers = [scene.gaussians.to_string(), size[0].to_string(), size[1].to_string()];
+            let names = [preset.clone(), run.drawn_by.to_string()];
+            let about: Vec<_> = [scene.name.clone()].into_iter().chain(numbers).chain(names).collect();
+            for (quantity, statistics) in run.rows() {
+                let values = statistics.columns().map(|v| v.to_string());
+                csv.write_record(about.iter().cloned().chain([quantity]).chain(values))?;
             }
-            Ok(csv.flush()?)
-        })
+        }
+        Ok(csv.flush()?)
     }
 }
 

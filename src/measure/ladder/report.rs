@@ -1,12 +1,11 @@
 //! The report of the ladder: JSON, CSV, and the paper's speedups.
 
-use std::path::Path;
+use std::io::Write;
 
 use anyhow::Result;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::files::write_whole;
 use crate::measure::bench::{Clocks, DeviceReport, SceneReport, Statistics, VersionReport, WarmUp};
 
 /// The measurements of `smalto bench --ladder`. Times are in milliseconds.
@@ -126,29 +125,22 @@ impl LadderReport {
     /// Name and version of the format, the first member of every report.
     pub const FORMAT: &str = "smalto ladder 2";
 
-    /// Writes the report as JSON.
-    pub fn write_json(&self, path: &Path) -> Result<()> {
-        write_whole(path, |file| Ok(serde_json::to_writer_pretty(file, self)?))
-    }
-
     /// Writes the times as CSV: a row for every scene, rung and stage.
-    pub fn write_csv(&self, path: &Path) -> Result<()> {
-        write_whole(path, |file| {
-            let mut csv = csv::Writer::from_writer(file);
-            let about = ["scene", "gaussians", "rung", "quantity"];
-            csv.write_record(about.into_iter().chain(Statistics::COLUMNS).chain(["host median"]))?;
-            for climb in &self.climbs {
-                for rung in &climb.rungs {
-                    let stages = rung.stages.iter().map(|s| (format!("{} ms", s.name), s.ms, s.host_ms.to_string()));
-                    let rows = std::iter::once(("frame wall ms".to_owned(), rung.wall_ms, String::new())).chain(stages);
-                    for (quantity, s, host) in rows {
-                        let about = [&climb.scene.name, &climb.scene.gaussians.to_string(), &rung.name, &quantity];
-                        let values = s.columns().map(|v| v.to_string());
-                        csv.write_record(about.into_iter().cloned().chain(values).chain([host]))?;
-                    }
+    pub fn write_csv(&self, out: impl Write) -> Result<()> {
+        let mut csv = csv::Writer::from_writer(out);
+        let about = ["scene", "gaussians", "rung", "quantity"];
+        csv.write_record(about.into_iter().chain(Statistics::COLUMNS).chain(["host median"]))?;
+        for climb in &self.climbs {
+            for rung in &climb.rungs {
+                let stages = rung.stages.iter().map(|s| (format!("{} ms", s.name), s.ms, s.host_ms.to_string()));
+                let rows = std::iter::once(("frame wall ms".to_owned(), rung.wall_ms, String::new())).chain(stages);
+                for (quantity, s, host) in rows {
+                    let about = [&climb.scene.name, &climb.scene.gaussians.to_string(), &rung.name, &quantity];
+                    let values = s.columns().map(|v| v.to_string());
+                    csv.write_record(about.into_iter().cloned().chain(values).chain([host]))?;
                 }
             }
-            Ok(csv.flush()?)
-        })
+        }
+        Ok(csv.flush()?)
     }
 }

@@ -1,12 +1,8 @@
 //! The report of `smalto trade`, as it is written to JSON.
 
-use std::path::Path;
-
-use anyhow::Result;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::files::write_whole;
 use crate::measure::bench::{DeviceReport, SceneReport, VersionReport, WarmUp};
 use crate::measure::metrics::Difference;
 use crate::options::Options;
@@ -145,11 +141,6 @@ pub struct BudgetReport {
 impl Report {
     /// Name and version of the format, the first member of every report.
     pub const FORMAT: &str = "smalto trade 2";
-
-    /// Writes the report as JSON.
-    pub fn write_json(&self, path: &Path) -> Result<()> {
-        write_whole(path, |file| Ok(serde_json::to_writer_pretty(file, self)?))
-    }
 }
 
 /// PSNR in dB; infinite for equal pictures.

@@ -1,0 +1,197 @@
+//! Every pair of options of every command has an effect together or is refused. A new option fails this test until it is
+//! listed here.
+
+use clap::{Arg, Command};
+
+use super::arguments::{command, parse};
+
+/// The options of a command, and pairs that are refused: an option, and those that have no effect together with it.
+/// All other pairs have an effect together.
+struct Pairs {
+    command: &'static str,
+    /// Arguments that the command cannot do without.
+    needed: &'static [&'static str],
+    options: &'static [&'static str],
+    refused: &'static [(&'static str, &'static str)],
+}
+
+const DEVICE: &str = "device";
+const READING: &str = "up flip lod";
+const RULES: &str = "near order extent alpha-min antialiased";
+const ACCURACY: &str = "stop key-bits sh-degree sh-storage shape-storage scale";
+const BUDGET: &str = "max-error min-psnr";
+
+const COMMANDS: [Pairs; 8] = [
+    Pairs {
+        command: "render",
+        needed: &[],
+        options: &[
+            READING,
+            DEVICE,
+            RULES,
+            ACCURACY,
+            BUDGET,
+            "output format layers names size cameras split camera path fps video resume background preset portable",
+            "reference timings certificate dump",
+        ],
+        refused: &[
+            ("reference", "device portable timings dump certificate max-error min-psnr"),
+            ("reference", "stop key-bits sh-storage shape-storage scale"),
+            ("max-error", "min-psnr"),
+            ("max-error", "preset stop key-bits sh-degree sh-storage shape-storage scale"),
+            ("min-psnr", "preset stop key-bits sh-degree sh-storage shape-storage scale"),
+            ("path", "cameras camera split dump"),
+            ("video", "names dump"),
+            ("fps", "names dump"),
+            ("resume", "certificate dump"),
+        ],
+    },
+    Pairs {
+        command: "view",
+        needed: &[],
+        options: &[
+            READING,
+            DEVICE,
+            RULES,
+            ACCURACY,
+            "cameras size fullscreen vsync preset compare compare-by look keys events offscreen screen no-panels",
+        ],
+        refused: &[("offscreen", "fullscreen vsync"), ("screen", "fullscreen vsync")],
+    },
+    Pairs { command: "info", needed: &[], options: &[READING, "preset json"], refused: &[] },
+    Pairs {
+        command: "convert",
+        needed: &["a.ply", "b.spz"],
+        options: &[READING, "sh-degree transform crop min-opacity spz-version json"],
+        refused: &[],
+    },
+    Pairs {
+        command: "bench",
+        needed: &[],
+        options: &[
+            READING,
+            DEVICE,
+            RULES,
+            ACCURACY,
+            "cameras split path size warmup frames preset ladder check certificate json csv plot baseline threshold",
+        ],
+        refused: &[
+            ("cameras", "path"),
+            ("ladder", "preset check certificate baseline threshold order extent alpha-min antialiased"),
+            ("ladder", ACCURACY),
+        ],
+    },
+    Pairs {
+        command: "compare",
+        needed: &["a.png", "b.png"],
+        options: &["heatmap json ppd max-error min-psnr min-ssim max-flip"],
+        refused: &[],
+    },
+    Pairs {
+        command: "trade",
+        needed: &[],
+        options: &[
+            READING,
+            DEVICE,
+            RULES,
+            ACCURACY,
+            BUDGET,
+            "cameras split parts size oracle-size views warmup frames json plot held-out",
+        ],
+        refused: &[("max-error", "min-psnr"), ("max-error", ACCURACY), ("min-psnr", ACCURACY), ("held-out", ACCURACY)],
+    },
+    Pairs { command: "doctor", needed: &[], options: &[DEVICE, "json pipelines"], refused: &[] },
+];
+
+/// A value that the option takes. Files have different names.
+fn sample(arg: &Arg) -> String {
+    let possible = arg.get_possible_values();
+    if let Some(first) = possible.first() {
+        return first.get_name().to_owned();
+    }
+    let placeholder = arg.get_value_names().and_then(|names| names.first()).map_or("", |name| name.as_str());
+    match placeholder {
+        "WxH" | "WxH,..." => "8x8",
+        "R,G,B|transparent" => "0,0,0",
+        "AXIS" => "z",
+        "AXES" => "y",
+        "STEP" => "scale=2",
+        "SHAPE" => "sphere=0,0,0,1",
+        "3|4" => "3",
+        "8..32" | "FRAMES" => "8",
+        "orbit|orbit-zoom|keyframes:FILE" => "orbit",
+        name if name.contains("FILE") || name.contains("DIR") => return format!("{}.json", arg.get_id()),
+        _ => "1",
+    }
+    .to_owned()
+}
+
+fn words(lists: &[&'static str]) -> Vec<&'static str> {
+    lists.iter().flat_map(|list| list.split(' ')).collect()
+}
+
+impl Pairs {
+    fn clap(&self) -> Command {
+        let mut all = command();
+        all.build();
+        all.find_subcommand(self.command).expect("the command exists").clone()
+    }
+
+    /// The sentence that refuses these options, with their sample values.
+    fn refusal(&self, options: &[&str]) -> Option<String> {
+        let clap = self.clap();
+        let mut line =
+            [&["smalto", self.command], self.needed].concat().iter().map(|s| (*s).to_owned()).collect::<Vec<_>>();
+        for option in options {
+            let arg = clap.get_arguments().find(|arg| arg.get_long() == Some(option)).expect("the option exists");
+            line.push(format!("--{option}"));
+            line.extend(arg.get_action().takes_values().then(|| sample(arg)));
+        }
+        parse(line).err().map(|problem| problem.to_string())
+    }
+
+    /// The sentence that refuses these options even with every one that they may need.
+    fn refusal_with_needs(&self, options: &[&str]) -> Option<String> {
+        let refusal = self.refusal(options)?;
+        let Some((_, others)) = refusal.split_once(" needs ") else { return Some(refusal) };
+        let with = |other: &str| self.refusal(&[options, &[other.trim_start_matches("--")]].concat());
+        others.split(" or ").map(with).collect::<Option<Vec<_>>>().and_then(|all| all.into_iter().next())
+    }
+}
+
+#[test]
+fn every_option_is_listed() {
+    let names: Vec<_> = COMMANDS.iter().map(|pairs| pairs.command).collect();
+    let commands = command().get_subcommands().map(|c| c.get_name().to_owned()).collect::<Vec<_>>();
+    assert_eq!(commands, names);
+    for pairs in COMMANDS {
+        let clap = pairs.clap();
+        let mut found: Vec<_> = clap.get_arguments().filter_map(Arg::get_long).filter(|long| *long != "help").collect();
+        let mut listed = words(pairs.options);
+        found.sort_unstable();
+        listed.sort_unstable();
+        assert_eq!(found, listed, "{}", pairs.command);
+    }
+}
+
+#[test]
+fn every_pair_of_options_has_an_effect_or_is_refused_in_a_sentence() {
+    for pairs in COMMANDS {
+        let options = words(pairs.options);
+        let refused = |a: &str, b: &str| {
+            let lists = |one: &str, other: &str| {
+                pairs.refused.iter().any(|(option, others)| *option == one && words(&[others]).contains(&other))
+            };
+            lists(a, b) || lists(b, a)
+        };
+        for (i, a) in options.iter().enumerate() {
+            assert_eq!(pairs.refusal_with_needs(&[a]), None, "{} --{a}", pairs.command);
+            for b in &options[i + 1..] {
+                let refusal = pairs.refusal_with_needs(&[a, b]);
+                assert_eq!(refusal.is_some(), refused(a, b), "{} --{a} --{b}: {refusal:?}", pairs.command);
+                let sentence = refusal.unwrap_or_default();
+                assert!(sentence.lines().count() <= 1 && !sentence.contains("error:"), "{sentence}");
+            }
+        }
+    }
+}
