@@ -1,72 +1,124 @@
-//! Atomic file writes (temporary file, then rename), whole-file reads, and readable I/O error messages.
+//! Atomic file writes (temporary file, then rename), writes to devices and pipes, whole-file reads, and readable I/O
+//! error messages.
 
-use std::fs::File;
-use std::io::{BufWriter, ErrorKind, Write};
+mod part;
+mod place;
+mod set;
+
+use std::fs::{File, TryLockError};
+use std::io::{self, BufWriter, ErrorKind, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, ensure};
-use tempfile::NamedTempFile;
+use anyhow::{Context, Error, Result, anyhow, ensure};
 
-/// Writes a file under a temporary name in the folder of `path` and renames it when it is complete.
+pub use part::remove_unfinished;
+pub use set::write_set;
+
+use place::Place;
+
+/// The writer of a file.
+pub type Writer<'f> = BufWriter<Watched<'f>>;
+
+/// A file that remembers why writing failed. Encoders wrap the reason in texts of their own.
+pub struct Watched<'f> {
+    file: &'f File,
+    failure: Option<String>,
+}
+
+/// Writes a file under a temporary name in its folder and renames it when it is complete.
+///
+/// - A file that is replaced keeps its mode and, where permitted, its owner and group.
+/// - A symbolic link stays: the file it leads to is replaced, or made if there is none.
+/// - A device, a FIFO or an open descriptor such as /dev/stdout is not replaced: the complete content is copied into
+///   it. `-` is standard output. If its reader is gone, that is no error.
+/// - A file that its owner may not write is refused, even to root.
 ///
 /// # Errors
 /// If the temporary file cannot be made, written or renamed, or `write` fails. A file that was at `path` is then
 /// unchanged.
-pub fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> Result<()>) -> Result<()> {
-    write_checked(path, write, |_| Ok(()))
+pub fn write_whole(path: &Path, write: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+    write_checked(path, "", write, |_| Ok(()))
 }
 
-/// Like [`write_whole`], but renames the file only if `check` accepts it. `check` gets the path of the complete
-/// temporary file, which has the extension of `path`, and its result is returned.
+/// Like [`write_whole`], but renames or copies the file only if `check` accepts it. `check` gets the path of the
+/// complete temporary file, whose name ends in `ending`, and its result is returned.
 ///
 /// # Errors
 /// Those of [`write_whole`], and those of `check`.
 pub fn write_checked<T>(
     path: &Path,
-    write: impl FnOnce(&mut BufWriter<&File>) -> Result<()>,
+    ending: &str,
+    write: impl FnOnce(&mut Writer) -> Result<()>,
     check: impl FnOnce(&Path) -> Result<T>,
 ) -> Result<T> {
-    let target = || format!("cannot write {}", path.display());
-    let file = unfinished(path)?;
-    let mut writer = BufWriter::new(file.as_file());
-    write(&mut writer).and_then(|()| Ok(writer.flush()?)).with_context(target)?;
-    drop(writer);
-    let found = check(file.path()).with_context(target)?;
-    file.persist(path).map_err(|e| e.error).with_context(target)?;
-    Ok(found)
+    let attempt = || -> Result<T> {
+        let place = Place::of(path)?;
+        let part = place.part(ending)?;
+        fill(part.file(), write)?;
+        let found = check(part.path())?;
+        place.take(part)?;
+        Ok(found)
+    };
+    attempt().with_context(|| cannot_write(path))
+}
+
+/// Writes into `file`. If the file system fails, the error is its own and not that of an encoder.
+fn fill(file: &File, write: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+    let mut writer = BufWriter::new(Watched { file, failure: None });
+    let written = write(&mut writer).and_then(|()| Ok(writer.flush()?));
+    let (watched, _) = writer.into_parts();
+    written.map_err(|error| watched.failure.map_or(error, Error::msg))
 }
 
 /// Checks before a long computation that its result can be written to `path`.
 ///
 /// # Errors
-/// If `path` is a folder, or [`write_whole`] could not make its temporary file.
+/// If `path` is a folder or read-only, or [`write_whole`] could not make its temporary file.
 pub fn check_writable(path: &Path) -> Result<()> {
-    ensure!(!path.is_dir(), "cannot write {}: it is a folder", path.display());
-    unfinished(path).map(drop)
+    Place::of(path).and_then(|place| place.part("")).map(drop).with_context(|| cannot_write(path))
 }
 
-/// A temporary file in the folder of `path`. It is deleted when dropped.
-fn unfinished(path: &Path) -> Result<NamedTempFile> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let ending = name.rfind('.').map_or("", |dot| &name[dot..]);
-    let suffix = format!(".part{ending}");
-    builder.prefix(".smalto-").suffix(&suffix);
-    #[cfg(unix)]
-    {
-        // Temporary files are private by default; a result has the permissions of any other new file.
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    builder.tempfile_in(folder).map_err(|error| {
-        // The message of the error itself names the temporary file, which the user does not know.
-        let why = match error.kind() {
-            ErrorKind::NotFound if !folder.exists() => "there is no such folder".to_owned(),
-            kind => kind.to_string(),
-        };
-        anyhow!("cannot write {}: {why}", path.display())
-    })
+/// Like [`check_writable`], for content that is not text.
+///
+/// # Errors
+/// Those of [`check_writable`], and if `path` is a terminal.
+pub fn check_binary_writable(path: &Path) -> Result<()> {
+    check_writable(path)?;
+    ensure!(
+        !Place::of(path)?.is_terminal(),
+        "{}: not text, which a terminal cannot show: write to a file or a pipe",
+        cannot_write(path)
+    );
+    Ok(())
+}
+
+/// Checks that nothing would be overwritten at `path`, for `--no-clobber`. Devices and pipes hold nothing to overwrite.
+///
+/// # Errors
+/// If there is a file.
+pub fn check_absent(path: &Path) -> Result<()> {
+    let is_there = matches!(Place::of(path), Ok(Place::File { old: Some(_), .. }) | Err(_)) && path.exists();
+    ensure!(!is_there, "{}: it exists, and --no-clobber keeps what exists", cannot_write(path));
+    Ok(())
+}
+
+/// True if what is written to `path` appears on the standard output of the program: `-`, /dev/stdout and its like.
+pub fn is_stdout(path: &Path) -> bool {
+    matches!(Place::of(path), Ok(Place::Stdout))
+}
+
+/// Locks an open file or folder against other runs of this program, until it is closed or the process ends.
+///
+/// # Errors
+/// If another run has locked it. Where the file system has no locks, nothing is locked.
+pub fn lock(file: &File) -> Result<()> {
+    ensure!(!is_locked(file), "another run of smalto is writing there");
+    Ok(())
+}
+
+/// True if another run holds the lock of a file or folder. Otherwise this one holds it now.
+fn is_locked(file: &File) -> bool {
+    matches!(file.try_lock(), Err(TryLockError::WouldBlock))
 }
 
 /// Reads a whole regular file. Anything else is refused: reading a device may never end.
@@ -79,12 +131,64 @@ pub fn read_whole(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(|e| anyhow!("cannot be read: {}", describe(&e)))
 }
 
+/// Makes a folder and those above it.
+///
+/// # Errors
+/// If one of them cannot be made.
+pub fn make_folder(folder: &Path) -> Result<()> {
+    let made = std::fs::create_dir_all(folder);
+    made.map_err(|e| anyhow!("cannot make the folder {}: {}", folder.display(), describe(&e)))
+}
+
 /// The message of an I/O error without the error number of the operating system.
-pub fn describe(error: &std::io::Error) -> String {
+pub fn describe(error: &io::Error) -> String {
     match error.kind() {
         ErrorKind::NotFound => "there is no such file".to_owned(),
         ErrorKind::PermissionDenied => "permission denied".to_owned(),
-        _ => error.to_string(),
+        _ => {
+            let text = error.to_string();
+            text.split_once(" (os error").map_or(text.as_str(), |(message, _)| message).to_owned()
+        }
+    }
+}
+
+fn described(error: &io::Error) -> Error {
+    Error::msg(describe(error))
+}
+
+fn cannot_write(path: &Path) -> String {
+    format!(
+        "cannot write {}",
+        if path == Path::new(place::STDOUT) { "to standard output".into() } else { path.display().to_string() }
+    )
+}
+
+impl Watched<'_> {
+    fn noted<T>(&mut self, outcome: io::Result<T>) -> io::Result<T> {
+        if let Err(error) = &outcome
+            && error.kind() != ErrorKind::Interrupted
+        {
+            self.failure.get_or_insert_with(|| describe(error));
+        }
+        outcome
+    }
+}
+
+impl Write for Watched<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let outcome = self.file.write(bytes);
+        self.noted(outcome)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Seek for Watched<'_> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let outcome = self.file.seek(to);
+        self.noted(outcome)
     }
 }
 
@@ -112,5 +216,14 @@ mod tests {
         assert!(result.is_err());
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    /// A file that is open for reading only fails as a full disk does, whichever encoder writes to it.
+    #[test]
+    fn a_failure_of_the_file_is_told_without_the_words_of_an_encoder() {
+        let file = File::open(file!()).unwrap();
+        let error =
+            fill(&file, |out| out.write_all(&[0; 1 << 16]).map_err(|e| anyhow!("Format error decoding X: {e:?}: {e}")));
+        assert_eq!(format!("{:#}", error.unwrap_err()), "Bad file descriptor");
     }
 }

@@ -1,6 +1,7 @@
 //! `smalto convert`: writes one or several scenes to another file, optionally changed.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result, ensure};
 use comfy_table::Cell;
@@ -8,8 +9,8 @@ use glam::{DQuat, DVec3, EulerRot};
 use serde::Serialize;
 
 use super::table::{say_table, table};
-use super::{ReadingArgs, SceneArg, Usage, progress, remark, say};
-use crate::files::{check_writable, write_checked};
+use super::{REPORTS_TO_STDOUT, ReadingArgs, SceneArg, Sink, Usage, one_of, progress, remark, say};
+use crate::files::{check_absent, check_binary_writable, is_stdout, write_checked};
 use crate::scene::{self, Gaussians, Loss, MAX_SH_DEGREE, Scene, SceneFile, Transform, write_sog_folder};
 
 /// Convert a scene, or several joined, to another file, and report what the format loses
@@ -23,8 +24,15 @@ The file is read back and compared before it replaces an existing one."
 pub(super) struct Args {
     /// Scene files as for `smalto render`, then the file to write: .ply, .compressed.ply, .splat, .spz, .sog, meta.json
     /// (a SOG in a folder) or .glb
-    #[arg(required = true, num_args = 2.., value_name = "FILE")]
+    #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
+    /// Format of the file to write [default: by its name]. Needed for standard output (-) and for names without an
+    /// ending, like /dev/stdout
+    #[arg(long, value_name = "FORMAT", value_parser = one_of(FORMATS))]
+    format: Option<SceneFile>,
+    /// Refuse to replace an existing file
+    #[arg(long)]
+    no_clobber: bool,
     /// Leave out spherical harmonics above this degree
     #[arg(long, value_name = "DEGREE", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_SH_DEGREE)))]
     sh_degree: Option<u32>,
@@ -38,15 +46,24 @@ pub(super) struct Args {
     /// Leave out Gaussians with a lower opacity, from 0 to 1
     #[arg(long, value_name = "OPACITY")]
     min_opacity: Option<f32>,
-    /// Version of the .spz file
-    #[arg(long, value_name = "3|4", default_value_t = 4, value_parser = clap::value_parser!(u32).range(3..=4))]
-    spz_version: u32,
-    /// Print the report as JSON
-    #[arg(long)]
-    json: bool,
+    /// Version of the .spz file [default: 4]
+    #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u32).range(3..=4))]
+    spz_version: Option<u32>,
+    /// Write the report as JSON; - prints it instead of the table
+    #[arg(long, value_name = "FILE|-")]
+    json: Option<Sink>,
     #[command(flatten)]
     reading: ReadingArgs,
 }
+
+const FORMATS: [(&str, &str, SceneFile); 6] = [
+    ("ply", "32-bit floats", SceneFile::Ply),
+    ("compressed.ply", "The compressed PLY of PlayCanvas", SceneFile::CompressedPly),
+    ("splat", "32 bytes per Gaussian", SceneFile::Splat),
+    ("spz", "SPZ", SceneFile::Spz { version: 4 }),
+    ("sog", "SOG in one file", SceneFile::Sog),
+    ("glb", "Binary glTF, 32-bit floats", SceneFile::Glb),
+];
 
 /// The region in which Gaussians are kept, in world units.
 #[derive(Clone, Copy)]
@@ -70,20 +87,34 @@ struct Report {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    let (output, inputs) = args.files.split_last().context("no file is given")?;
-    let mut kind = SceneFile::of(output).map_err(|problem| Usage(format!("{problem:#}")))?;
-    if let SceneFile::Spz { version } = &mut kind {
-        *version = args.spz_version;
+    let Some((output, inputs)) = args.files.split_last().filter(|(_, inputs)| !inputs.is_empty()) else {
+        return Err(Usage("expected the files to read, then the file to write".to_owned()).into());
+    };
+    let mut kind = kind(output, args.format)?;
+    match (&mut kind, args.spz_version) {
+        (SceneFile::Spz { version }, Some(wanted)) => *version = wanted,
+        (_, Some(_)) => return Err(Usage("--spz-version needs an .spz file to write".to_owned()).into()),
+        (_, None) => {}
     }
     if let Some(opacity) = args.min_opacity.filter(|opacity| !(0.0..=1.0).contains(opacity)) {
         return Err(Usage(format!("--min-opacity {opacity}: expected a number from 0 to 1")).into());
     }
-    let is_input = |input: &&PathBuf| input.canonicalize().is_ok_and(|a| output.canonicalize().is_ok_and(|b| a == b));
-    if let Some(input) = inputs.iter().find(is_input) {
+    if let Some(input) = inputs.iter().find(|input| is_same(input, output)) {
         return Err(Usage(format!("{} is both an input and the output", input.display())).into());
     }
+    if is_stdout(output) {
+        let takes_stdout = args.json.as_ref().is_some_and(|sink| sink.file().is_none_or(is_stdout));
+        if takes_stdout {
+            return Err(Usage("the scene and --json cannot both go to standard output".to_owned()).into());
+        }
+        REPORTS_TO_STDOUT.store(true, Ordering::Relaxed);
+    }
+    args.json.as_ref().map_or(Ok(()), Sink::check)?;
+    if args.no_clobber {
+        check_absent(output)?;
+    }
     if kind != SceneFile::SogFolder {
-        check_writable(output)?;
+        check_binary_writable(output)?;
     }
     let (gaussians, is_antialiased) = read(args, inputs)?;
     let before = gaussians.len();
@@ -107,18 +138,19 @@ pub(super) fn run(args: &Args) -> Result<()> {
             arranged.sh_degree()
         ));
     }
-    let (format, loss) = write(output, kind, &arranged, is_antialiased)?;
+    let (format, bytes, loss) = write(output, kind, &arranged, is_antialiased)?;
     let report = Report {
         file: output.display().to_string(),
         format,
-        bytes: std::fs::metadata(output).map_or(0, |data| data.len()),
+        bytes,
         gaussians: arranged.len(),
         sh_degree: arranged.sh_degree(),
         removed,
         transparent,
         loss,
     };
-    if args.json { say!("{}", serde_json::to_string_pretty(&report)?) } else { print(&report) }
+    print(&report)?;
+    args.json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report))
 }
 
 /// Reads the inputs as one scene. The second value is true if it was trained with antialiasing.
@@ -173,20 +205,57 @@ impl Shape {
     }
 }
 
-/// Writes the file and reads it back. Returns the name of its format and the losses.
-fn write(output: &Path, kind: SceneFile, gaussians: &Gaussians, is_antialiased: bool) -> Result<(String, Vec<Loss>)> {
+/// The format of the output: by `--format` or its name. Fails if the two disagree.
+fn kind(output: &Path, format: Option<SceneFile>) -> Result<SceneFile, Usage> {
+    match (SceneFile::of(output), format) {
+        (Ok(named), None) => Ok(named),
+        (Ok(named), Some(format)) if named != format => {
+            Err(Usage(format!("--format: {} has the name of another format", output.display())))
+        }
+        (_, Some(format)) => Ok(format),
+        (Err(_), None) if output.extension().is_none() => {
+            Err(Usage(format!("{}: its name does not say which format it has: add --format", output.display())))
+        }
+        (Err(problem), None) => Err(Usage(format!("{problem:#}"))),
+    }
+}
+
+/// True if the scene `input`, a file or a folder, is in the file `output`.
+fn is_same(input: &Path, output: &Path) -> bool {
+    let Ok(output) = output.canonicalize() else { return false };
+    let in_folder = scene::in_folder(input);
+    [in_folder.clone(), in_folder.join("meta.json")].iter().any(|file| file.canonicalize().is_ok_and(|f| f == output))
+}
+
+/// Writes the file and reads it back. Returns the name of its format, its size in bytes, for a folder that of all its
+/// files, and the losses.
+fn write(
+    output: &Path,
+    kind: SceneFile,
+    gaussians: &Gaussians,
+    is_antialiased: bool,
+) -> Result<(String, u64, Vec<Loss>)> {
     let bar = progress::Bar::new("reading back");
     let read_again = |written: &Path| {
         let Scene { gaussians: read, format, .. } = scene::read(written, &|fraction| bar.set(fraction))?;
         let (count, expected) = (read.len(), gaussians.len());
         ensure!(count == expected, "{count} of {expected} Gaussians could be read back");
-        Ok((format, Loss::between(gaussians, &read)))
+        let bytes = if kind == SceneFile::SogFolder { all_bytes(written.parent())? } else { written.metadata()?.len() };
+        Ok((format, bytes, Loss::between(gaussians, &read)))
     };
     if kind == SceneFile::SogFolder {
-        write_sog_folder(gaussians, is_antialiased, output.parent().unwrap_or(Path::new("")))?;
-        return read_again(output);
+        let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        return write_sog_folder(gaussians, is_antialiased, folder, read_again);
     }
-    write_checked(output, |file| kind.write(gaussians, is_antialiased, file), read_again)
+    // Only a .splat is recognized by its name.
+    let ending = if kind == SceneFile::Splat { ".splat" } else { "" };
+    write_checked(output, ending, |file| kind.write(gaussians, is_antialiased, file), read_again)
+}
+
+/// The size of all files in a folder.
+fn all_bytes(folder: Option<&Path>) -> Result<u64> {
+    let files = std::fs::read_dir(folder.unwrap_or(Path::new(".")))?;
+    files.map(|file| Ok(file?.metadata()?.len())).sum()
 }
 
 fn print(report: &Report) -> Result<()> {

@@ -1,17 +1,16 @@
 //! `--dump`: writes the buffers of a frame as NumPy files.
 
-use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use npyz::WriterBuilder;
 
-use crate::files::write_whole;
+use crate::files::{make_folder, write_whole};
 use crate::gpu::{Capture, Scalar};
 
 /// Writes each capture as `NN-stage.buffer.npy` with one row per element. NN counts in the order of the frame.
 pub(super) fn write(folder: &Path, captures: &[Capture]) -> Result<()> {
-    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    make_folder(folder)?;
     for (number, capture) in captures.iter().enumerate() {
         let name = format!("{number:02}-{}.{}.npy", capture.scope(), capture.buffer()).replace(' ', "-");
         let bytes = capture.bytes();

@@ -5,3 +5,5 @@ mod common;
 
 mod commands;
 mod knobs;
+#[cfg(unix)]
+mod outputs;

@@ -84,11 +84,29 @@ fn a_folder_holds_the_same_files() {
     let scene = read(&fixture("plush.sh1.ply")).gaussians;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("new/scene");
-    scene::write_sog_folder(&scene, true, &path).unwrap();
+    scene::write_sog_folder(&scene, true, &path, |_| Ok(())).unwrap();
     assert_eq!(fs::read_dir(&path).unwrap().count(), 8);
     let back = read(&path);
     assert!(back.is_antialiased);
     assert_eq!(back.gaussians, parse(".sog", &written(&scene)).unwrap().gaussians);
+}
+
+/// A texture of another SOG that is large enough for this one.
+#[test]
+fn textures_of_several_scenes_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let [few, many] = ["few", "many"].map(|name| folder.path().join(name));
+    scene::write_sog_folder(&read(&fixture("plush.sh1.ply")).gaussians, false, &few, |_| Ok(())).unwrap();
+    let cactus = synthetic::cactus(3000).unwrap().gaussians;
+    scene::write_sog_folder(&cactus, false, &many, |_| Ok(())).unwrap();
+    for name in ["means_l", "means_u", "scales", "quats", "sh0", "shN_labels"].map(|stem| format!("{stem}.webp")) {
+        let own = fs::read(few.join(&name)).unwrap();
+        fs::copy(many.join(&name), few.join(&name)).unwrap();
+        let error = scene::read(&few, &|_| {}).err().expect("it is refused").to_string();
+        assert!(error.contains("they are not of one scene"), "{error}");
+        fs::write(few.join(&name), own).unwrap();
+    }
+    assert_eq!(read(&few).gaussians.len(), 61);
 }
 
 #[test]

@@ -83,7 +83,7 @@ pub(super) fn by_gpu(
         return Err(Usage(format!("--layers {} needs --scale 1", layer.name())).into());
     }
     let mut record = Record::begin(args, plan, gaussians, &options, Some(&device.capabilities().name))?;
-    if record.is_complete(plan) && args.certificate.is_none() {
+    if record.is_complete(plan) {
         record.finish()?;
         return Ok((options, Vec::new()));
     }

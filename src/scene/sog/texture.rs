@@ -23,6 +23,8 @@ impl Bounds {
 
 /// A texture: three or four bytes per texel, row after row.
 pub(super) struct Texture {
+    /// Width and height.
+    pub size: [u32; 2],
     bytes: Vec<u8>,
     channels: usize,
 }
@@ -43,7 +45,7 @@ impl Texture {
         let mut bytes = host_vec(size, name)?;
         bytes.resize(size, 0);
         decoder.read_image(&mut bytes).with_context(|| format!("{name} is damaged"))?;
-        Ok(Self { bytes, channels })
+        Ok(Self { size: [width, height], bytes, channels })
     }
 
     pub fn texels(&self) -> usize {

@@ -13,6 +13,8 @@ use crate::scene::{Scene, Watch, sh_coefficients};
 
 /// Bytes of all texels of a Gaussian without those of degrees 1 and up.
 const TEXEL_BYTES: u64 = 20;
+/// Position of the palette in [`Meta::textures`]. Every other texture has a texel per Gaussian.
+const PALETTE: usize = 5;
 /// Largest accepted compression ratio of textures.
 const MAX_RATIO: u64 = 1024;
 
@@ -87,7 +89,19 @@ impl Unit {
         for (bounds, name) in self.meta.textures() {
             files.push((bounds, name, self.files.read(name, bounds.most_bytes())?));
         }
-        files.par_iter().map(|(bounds, name, bytes)| Texture::decode(name, bytes, *bounds)).collect()
+        let decoded = files.par_iter().map(|(bounds, name, bytes)| Texture::decode(name, bytes, *bounds));
+        let textures = decoded.collect::<Result<Vec<_>>>()?;
+        // Textures of scenes with about as many Gaussians have the same size: they cannot be told apart.
+        let [width, height] = textures[0].size;
+        for (index, (_, name, _)) in files.iter().enumerate().filter(|(index, _)| *index != PALETTE) {
+            let [w, h] = textures[index].size;
+            ensure!(
+                [w, h] == [width, height],
+                "{name} is {w}x{h} texels large and {} {width}x{height}: they are not of one scene",
+                files[0].1
+            );
+        }
+        Ok(textures)
     }
 }
 
@@ -107,7 +121,7 @@ impl Texels<'_> {
     /// Fails if the label of a Gaussian is outside of the palette.
     fn check_labels(&self) -> Result<()> {
         let Some(palette) = &self.meta.palette else { return Ok(()) };
-        let room = self.textures[5].texels() / (sh_coefficients(self.sh_degree) - 1);
+        let room = self.textures[PALETTE].texels() / (sh_coefficients(self.sh_degree) - 1);
         let entries = palette.count.unwrap_or(room);
         ensure!(entries <= room, "meta.json claims {entries} palette entries, {} holds {room}", palette.centroids);
         let outside = (0..self.meta.count).into_par_iter().find_first(|index| self.label(*index) >= entries);
@@ -129,7 +143,7 @@ impl Texels<'_> {
             // A row holds 64 entries, and an entry as many texels as it has coefficients, so entries are contiguous.
             let entry = self.label(index) * coefficients;
             for (i, coefficient) in sh[1..=coefficients].iter_mut().enumerate() {
-                let bytes = self.textures[5].texel(entry + i);
+                let bytes = self.textures[PALETTE].texel(entry + i);
                 *coefficient = std::array::from_fn(|channel| palette.values[usize::from(bytes[channel])]);
             }
         }

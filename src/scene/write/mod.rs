@@ -8,7 +8,7 @@ mod sog;
 mod splat;
 mod spz;
 
-use std::io::{Seek, Write};
+use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Result, bail};
@@ -92,7 +92,7 @@ impl SceneFile {
     ///
     /// # Errors
     /// If the format cannot hold the scene, or `out` fails.
-    pub fn write(self, gaussians: &Gaussians, is_antialiased: bool, out: &mut (impl Write + Seek)) -> Result<()> {
+    pub fn write(self, gaussians: &Gaussians, is_antialiased: bool, out: &mut impl Write) -> Result<()> {
         match self {
             Self::Ply => ply::write(gaussians, is_antialiased, out),
             Self::CompressedPly => compressed_ply::write(gaussians, is_antialiased, out),
@@ -114,11 +114,17 @@ fn importance(gaussians: &Gaussians, index: usize) -> f32 {
     gaussians.scales()[index].iter().product::<f32>() * gaussians.opacities()[index]
 }
 
-/// Writes a scene that is [`SceneFile::arranged`] as SOG 2 into a folder, which is made if needed: the textures, and
-/// `meta.json` last.
+/// Writes a scene that is [`SceneFile::arranged`] as SOG 2 into a folder, which is made if needed: textures and
+/// `meta.json`. A SOG in the folder is replaced as a whole or not at all. `check` gets the path of a `meta.json` of the
+/// complete set before anything is replaced, and its result is returned.
 ///
 /// # Errors
-/// If the folder cannot be made, or a file in it cannot be written.
-pub fn write_sog_folder(gaussians: &Gaussians, is_antialiased: bool, folder: &Path) -> Result<()> {
-    sog::write_folder(gaussians, is_antialiased, folder)
+/// If the folder cannot be made, a file in it cannot be written, another run writes into it, or `check` fails.
+pub fn write_sog_folder<T>(
+    gaussians: &Gaussians,
+    is_antialiased: bool,
+    folder: &Path,
+    check: impl FnOnce(&Path) -> Result<T>,
+) -> Result<T> {
+    sog::write_folder(gaussians, is_antialiased, folder, check)
 }

@@ -2,10 +2,10 @@
 //! values, in a zip archive or a folder.
 
 mod codebook;
+mod folder;
 mod kmeans;
 
-use std::io::{Seek, Write};
-use std::path::Path;
+use std::io::{Cursor, Write};
 
 use anyhow::{Context, Result};
 use image_webp::{ColorType, WebPEncoder};
@@ -15,43 +15,40 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 use self::codebook::Codebook;
-use crate::files::write_whole;
+pub(super) use self::folder::write as write_folder;
 use crate::scene::{Gaussians, sh_coefficients};
 
 /// Largest number of palette entries, which 16-bit labels can name.
 const MAX_ENTRIES: usize = 1 << 16;
+/// The file that names the others and defines their values.
+const META: &str = "meta.json";
+/// The stems of the names of all textures.
+const STEMS: [&str; 7] = ["means_l", "means_u", "scales", "quats", "sh0", "shN_centroids", "shN_labels"];
 /// Palette entries per row of their texture.
 const ROW_ENTRIES: usize = 64;
 /// Smallest log scale; it replaces that of scale 0.
 const LEAST_LOG_SCALE: f32 = -87.0;
 
 /// The name and the bytes of a file of a SOG.
-type File = (&'static str, Vec<u8>);
+type File = (String, Vec<u8>);
 
 /// Writes the zip archive. Gaussians in spatial order make textures that compress well. The same Gaussians give the
 /// same bytes on any number of threads.
-pub(super) fn write(gaussians: &Gaussians, is_antialiased: bool, out: &mut (impl Write + Seek)) -> Result<()> {
-    let mut archive = ZipWriter::new(out);
+pub(super) fn write(gaussians: &Gaussians, is_antialiased: bool, out: &mut impl Write) -> Result<()> {
+    // In memory, because an archive that cannot be finished prints to stderr.
+    let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
     // WebP is already compressed.
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
-    for (name, bytes) in files(gaussians, is_antialiased)? {
+    for (name, bytes) in files(gaussians, is_antialiased, 0)? {
         archive.start_file(name, options)?;
         archive.write_all(&bytes)?;
     }
-    archive.finish()?;
-    Ok(())
+    Ok(out.write_all(archive.finish()?.get_ref())?)
 }
 
-/// Writes the same files into a folder, which is made if needed; `meta.json` comes last.
-pub(super) fn write_folder(gaussians: &Gaussians, is_antialiased: bool, folder: &Path) -> Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    for (name, bytes) in files(gaussians, is_antialiased)? {
-        write_whole(&folder.join(name), |file| Ok(file.write_all(&bytes)?))?;
-    }
-    Ok(())
-}
-
-fn files(gaussians: &Gaussians, is_antialiased: bool) -> Result<Vec<File>> {
+/// The textures, and last `meta.json`, which names them. Names of `generation` 0 are those of the specification;
+/// others let two sets be in one folder.
+fn files(gaussians: &Gaussians, is_antialiased: bool, generation: u32) -> Result<Vec<File>> {
     let ranges = [0, 1, 2].map(|axis| range(gaussians, axis));
     let log_scales = gaussians.scales().as_flattened().par_iter().map(|s| s.ln().max(LEAST_LOG_SCALE));
     let log_scales = Codebook::of(log_scales.collect());
@@ -68,13 +65,14 @@ fn files(gaussians: &Gaussians, is_antialiased: bool) -> Result<Vec<File>> {
         let [red, green, blue] = gaussians.sh(i)[0].map(|coefficient| colours.byte(coefficient));
         [red, green, blue, (gaussians.opacities()[i] * 255.0).round() as u8]
     };
+    let name = |stem: &str| texture_name(stem, generation);
     let count = gaussians.len();
     let mut textures = vec![
-        Texture::of("means_l.webp", count, |i| steps(i).map(|s| s[0])),
-        Texture::of("means_u.webp", count, |i| steps(i).map(|s| s[1])),
-        Texture::of("scales.webp", count, scale),
-        Texture::of("quats.webp", count, |i| pack_smallest_three(gaussians.rotations()[i])),
-        Texture::of("sh0.webp", count, colour),
+        Texture::of("means_l", count, |i| steps(i).map(|s| s[0])),
+        Texture::of("means_u", count, |i| steps(i).map(|s| s[1])),
+        Texture::of("scales", count, scale),
+        Texture::of("quats", count, |i| pack_smallest_three(gaussians.rotations()[i])),
+        Texture::of("sh0", count, colour),
     ];
     let mut meta = json!({
         "version": 2,
@@ -84,20 +82,26 @@ fn files(gaussians: &Gaussians, is_antialiased: bool) -> Result<Vec<File>> {
         "means": {
             "mins": ranges.map(|[min, _]| min),
             "maxs": ranges.map(|[_, max]| max),
-            "files": ["means_l.webp", "means_u.webp"],
+            "files": [name("means_l"), name("means_u")],
         },
-        "scales": { "codebook": log_scales.values(), "files": ["scales.webp"] },
-        "quats": { "files": ["quats.webp"] },
-        "sh0": { "codebook": colours.values(), "files": ["sh0.webp"] },
+        "scales": { "codebook": log_scales.values(), "files": [name("scales")] },
+        "quats": { "files": [name("quats")] },
+        "sh0": { "codebook": colours.values(), "files": [name("sh0")] },
     });
     if let Some(palette) = &palette {
         textures.extend(palette.textures());
         meta["shN"] = palette.meta(gaussians.sh_degree());
+        meta["shN"]["files"] = json!([name("shN_centroids"), name("shN_labels")]);
     }
-    let encoded = textures.par_iter().map(|texture| Ok((texture.name, texture.encode()?)));
+    let encoded = textures.par_iter().map(|texture| Ok((name(texture.stem), texture.encode()?)));
     let mut files = encoded.collect::<Result<Vec<_>>>()?;
-    files.push(("meta.json", serde_json::to_vec(&meta)?));
+    files.push((META.to_owned(), serde_json::to_vec(&meta)?));
     Ok(files)
+}
+
+/// The name of a texture file.
+fn texture_name(stem: &str, generation: u32) -> String {
+    if generation == 0 { format!("{stem}.webp") } else { format!("{stem}.{generation}.webp") }
 }
 
 /// The palette of the coefficients of degrees 1 and up: shared entries, and the label of each Gaussian.
@@ -131,8 +135,8 @@ impl Palette {
             [low, high, 0]
         };
         [
-            Texture::sized("shN_centroids.webp", [width, texels.div_ceil(width)], texels, centroid),
-            Texture::of("shN_labels.webp", self.labels.len(), label),
+            Texture::sized("shN_centroids", [width, texels.div_ceil(width)], texels, centroid),
+            Texture::of("shN_labels", self.labels.len(), label),
         ]
     }
 
@@ -141,14 +145,13 @@ impl Palette {
             "count": self.entries.len() / self.width,
             "bands": sh_degree,
             "codebook": self.codebook.values(),
-            "files": ["shN_centroids.webp", "shN_labels.webp"],
         })
     }
 }
 
 /// A texture: one byte per channel and texel, row after row.
 struct Texture {
-    name: &'static str,
+    stem: &'static str,
     size: [usize; 2],
     colours: ColorType,
     bytes: Vec<u8>,
@@ -157,22 +160,22 @@ struct Texture {
 impl Texture {
     /// One texel per Gaussian, in the size that splat-transform uses: nearly square, with sides that are multiples of
     /// 4.
-    fn of<const N: usize>(name: &'static str, count: usize, texel: impl Fn(usize) -> [u8; N] + Sync) -> Self {
+    fn of<const N: usize>(stem: &'static str, count: usize, texel: impl Fn(usize) -> [u8; N] + Sync) -> Self {
         let width = ((count as f64).sqrt() / 4.0).ceil().max(1.0) as usize * 4;
         let height = count.div_ceil(width * 4).max(1) * 4;
-        Self::sized(name, [width, height], count, texel)
+        Self::sized(stem, [width, height], count, texel)
     }
 
     /// A texture of this size; texels from `count` on are zero.
     fn sized<const N: usize>(
-        name: &'static str,
+        stem: &'static str,
         size: [usize; 2],
         count: usize,
         texel: impl Fn(usize) -> [u8; N] + Sync,
     ) -> Self {
         let mut bytes = vec![0; size[0] * size[1] * N];
         bytes.as_chunks_mut().0[..count].par_iter_mut().enumerate().for_each(|(i, bytes)| *bytes = texel(i));
-        Self { name, size, colours: if N == 4 { ColorType::Rgba8 } else { ColorType::Rgb8 }, bytes }
+        Self { stem, size, colours: if N == 4 { ColorType::Rgba8 } else { ColorType::Rgb8 }, bytes }
     }
 
     fn encode(&self) -> Result<Vec<u8>> {
@@ -181,7 +184,7 @@ impl Texture {
         let (width, height) = (u32::try_from(width)?, u32::try_from(height)?);
         WebPEncoder::new(&mut webp)
             .encode(&self.bytes, width, height, self.colours)
-            .with_context(|| format!("{} cannot be made of {width}x{height} texels", self.name))?;
+            .with_context(|| format!("{}.webp cannot be made of {width}x{height} texels", self.stem))?;
         Ok(webp)
     }
 }
