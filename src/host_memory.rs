@@ -48,6 +48,14 @@ pub fn host_zeros<T: Zeroable>(len: usize, name: &str) -> Result<Vec<T>, OutOfMe
     Ok(vec)
 }
 
+/// Fails if `bytes` of memory cannot be allocated now; keeps none. For code of libraries, whose own allocations abort.
+///
+/// # Errors
+/// [`OutOfMemory`] if the allocation fails.
+pub fn check_free(bytes: u64, name: &str) -> Result<(), OutOfMemory> {
+    host_vec::<u8>(usize::try_from(bytes).unwrap_or(usize::MAX), name).map(drop)
+}
+
 /// Asks the system to back a large vector with pages of 2 MiB. Faulting in pages of 4 KiB took half of the time of
 /// reading a scene.
 #[cfg(target_os = "linux")]

@@ -5,6 +5,7 @@ mod read;
 mod write;
 
 pub use plane::{Depths, Plane};
+pub use read::{Channels, Picture};
 pub use write::{FileKind, write_rgba8};
 
 /// An image of four floats per pixel, row by row from the top left: colour over the background as displayed (no

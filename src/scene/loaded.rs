@@ -6,6 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::Gaussians;
+use crate::host_memory::OutOfMemory;
 
 /// Number of Gaussians in a file, and of those that were dropped or changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -90,6 +91,15 @@ impl Unreadable {
     /// `problem` with its causes, escaped and shortened to one line.
     pub fn new(path: &Path, problem: &anyhow::Error) -> Self {
         Self { path: path.display().to_string(), problem: sentence(&format!("{problem:#}")) }
+    }
+
+    /// The error of a file that cannot be read because of `problem`: an [`OutOfMemory`] with the name of the file, or
+    /// else an [`Unreadable`].
+    pub fn or_too_large(path: &Path, problem: anyhow::Error) -> anyhow::Error {
+        match problem.downcast::<OutOfMemory>() {
+            Ok(too_large) => anyhow::Error::new(too_large).context(path.display().to_string()),
+            Err(problem) => Self::new(path, &problem).into(),
+        }
     }
 }
 

@@ -46,7 +46,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
                 }
                 Err(problem) => {
                     viewer.messages.error(format!("{name}: {problem:#}"));
-                    viewer.failure.get_or_insert(Unreadable::new(Path::new(&name), &problem).into());
+                    viewer.failure.get_or_insert_with(|| Unreadable::or_too_large(Path::new(&name), problem));
                 }
             }
         }

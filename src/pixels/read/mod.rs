@@ -1,29 +1,60 @@
 //! Reads images from files.
 
+mod npy;
+
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Read, Seek};
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use bytemuck::Pod;
 use exr::meta::MetaData;
 use exr::prelude::{ReadChannels, ReadLayers};
-use image::{ImageFormat, ImageReader, Limits};
-use npyz::{NpyFile, Order};
+use image::codecs::jpeg::JpegDecoder;
+use image::codecs::openexr::OpenExrDecoder;
+use image::codecs::png::PngDecoder;
+use image::{ImageDecoder, Limits};
 
 use super::Pixels;
+use crate::host_memory::{OutOfMemory, check_free, host_vec, host_zeros};
 
-/// Largest allocation for decoding in bytes: a picture of 16384x16384 pixels of four floats.
-const MOST_BYTES: u64 = 1 << 32;
+/// Most pixels of a picture: those of 16384x16384.
+const MOST_PIXELS: u64 = 1 << 28;
 
-impl Pixels {
-    /// Reads a PNG (grey or colour, 8 or 16 bits), JPEG, OpenEXR or .npy file. The format is detected from the content.
-    ///
-    /// An array has the shape height, width or height, width, channels with one, three or four channels: floats are
-    /// taken as they are, bytes are divided by 255. An image of one channel (depths, counts) becomes grey; NaN in it
-    /// becomes 0 with coverage 0. The straight alpha of a PNG is multiplied in; without alpha, coverage is 1.
+/// Bytes per pixel that decoders use besides their output: coefficients of a progressive JPEG with four components in
+/// 16 bits, or the floats of an OpenEXR file.
+const DECODER_BYTES: u64 = 16;
+
+/// Most bytes that the parts of a PNG besides its pixels may have when they are unpacked, such as a colour profile.
+const MOST_EXTRA_BYTES: u64 = 1 << 28;
+
+/// An image of a file, and which channels the file has.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// The image. See [`Pixels::read`] for what becomes of grey, alpha and missing depths.
+    pub pixels: Pixels,
+    /// The kind of its channels, apart from alpha.
+    pub channels: Channels,
+    /// The file has an alpha channel.
+    pub has_alpha: bool,
+}
+
+/// The channels of a picture file, apart from alpha.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channels {
+    /// One channel of floats. They may be depths or counts, and need not lie between 0 and 1.
+    Numbers,
+    /// One channel of integers from black to white.
+    Grey,
+    /// Red, green and blue.
+    Colours,
+}
+
+impl Picture {
+    /// Reads a picture file as [`Pixels::read`] does.
     ///
     /// # Errors
-    /// A clause without the file's name if the file cannot be opened, has another format, or is damaged.
+    /// Those of [`Pixels::read`].
     pub fn read(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(|error| match error.kind() {
             ErrorKind::NotFound => anyhow!("cannot be opened: there is no such file"),
@@ -36,70 +67,107 @@ impl Pixels {
         reader.rewind()?;
         match &magic[..] {
             [] => bail!("the file is empty"),
-            [0x89, b'P', b'N', b'G', ..] => Ok(decode(reader, ImageFormat::Png)?.premultiplied()),
-            [0xff, 0xd8, 0xff, ..] => decode(reader, ImageFormat::Jpeg),
+            [0x89, b'P', b'N', b'G', ..] => Ok(png(reader)?.premultiplied()),
+            [0xff, 0xd8, 0xff, ..] => decode(JpegDecoder::new(reader).context(UNDECODABLE)?),
             [0x76, 0x2f, 0x31, 0x01, ..] => open_exr(reader),
-            [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => array(reader),
+            [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => npy::read(reader),
             _ => bail!("not an image that smalto reads: expected PNG, JPEG, OpenEXR or .npy content"),
         }
     }
 
     fn premultiplied(mut self) -> Self {
-        for [r, g, b, a] in &mut self.rgba {
+        for [r, g, b, a] in &mut self.pixels.rgba {
             [*r, *g, *b] = [*r * *a, *g * *a, *b * *a];
         }
         self
     }
 }
 
-fn decode(file: BufReader<File>, format: ImageFormat) -> Result<Pixels> {
-    let mut reader = ImageReader::with_format(file, format);
+impl Pixels {
+    /// Reads a PNG (grey or colour, up to 16 bits), JPEG, OpenEXR or .npy file. The format is detected from the
+    /// content.
+    ///
+    /// An array has the shape height, width or height, width, channels with one, three or four channels: floats are
+    /// taken as they are, bytes are divided by 255. An image of one channel (depths, counts) becomes grey; NaN in it
+    /// becomes 0 with coverage 0. The straight alpha of a PNG is multiplied in; without alpha, coverage is 1.
+    ///
+    /// # Errors
+    /// A clause without the file's name if the file cannot be opened, has another format, or is damaged.
+    /// [`OutOfMemory`] if its header states more than 2^28 pixels, or more than the host has memory for.
+    pub fn read(path: &Path) -> Result<Self> {
+        Picture::read(path).map(|picture| picture.pixels)
+    }
+}
+
+const UNDECODABLE: &str = "cannot be decoded";
+
+/// Fails if an image of this size is too large, before anything is decoded. `sample_bytes` is the size of a decoded
+/// pixel.
+fn check_room([width, height]: [u32; 2], sample_bytes: u64) -> Result<(), OutOfMemory> {
+    let pixels = u64::from(width) * u64::from(height);
+    let (name, bytes) = (format!("{width}x{height} pixels"), pixels.saturating_mul(16 + sample_bytes + DECODER_BYTES));
+    if pixels > MOST_PIXELS {
+        let reason = format!("pictures have up to {MOST_PIXELS} pixels (16384x16384)");
+        return Err(OutOfMemory { name, bytes: Some(bytes), reason });
+    }
+    check_free(bytes, &name)
+}
+
+fn png(file: BufReader<File>) -> Result<Picture> {
     let mut limits = Limits::default();
-    limits.max_alloc = Some(MOST_BYTES);
-    reader.limits(limits);
-    let image = reader.decode().context("cannot be decoded")?;
-    let size = [image.width(), image.height()];
-    let rgba = match image.color().bytes_per_pixel() / image.color().channel_count() {
-        1 => image.into_rgba8().pixels().map(|p| p.0.map(|v| f32::from(v) / 255.0)).collect(),
-        2 => image.into_rgba16().pixels().map(|p| p.0.map(|v| f32::from(v) / 65535.0)).collect(),
-        _ => image.into_rgba32f().pixels().map(|p| p.0).collect(),
-    };
-    Ok(Pixels { size, rgba })
+    limits.max_alloc = Some(MOST_EXTRA_BYTES);
+    decode(PngDecoder::with_limits(file, limits).context(UNDECODABLE)?)
+}
+
+fn decode(decoder: impl ImageDecoder) -> Result<Picture> {
+    let (width, height) = decoder.dimensions();
+    let (size, color) = ([width, height], decoder.color_type());
+    let count = usize::from(color.channel_count());
+    check_room(size, color.bytes_per_pixel().into())?;
+    let rgba = match usize::from(color.bytes_per_pixel()) / count {
+        1 => coloured(&samples::<u8>(decoder)?, count, |v| f32::from(*v) / 255.0),
+        2 => coloured(&samples::<u16>(decoder)?, count, |v| f32::from(*v) / 65535.0),
+        _ => coloured(&samples::<f32>(decoder)?, count, |v| *v),
+    }?;
+    let channels = if color.has_color() { Channels::Colours } else { Channels::Grey };
+    Ok(Picture { pixels: Pixels { size, rgba }, channels, has_alpha: color.has_alpha() })
+}
+
+/// All samples of an image whose samples are of the type `T`, one pixel after another.
+fn samples<T: Pod>(decoder: impl ImageDecoder) -> Result<Vec<T>> {
+    let mut samples = host_zeros(usize::try_from(decoder.total_bytes())? / size_of::<T>(), "a picture")?;
+    decoder.read_image(bytemuck::cast_slice_mut(&mut samples)).context(UNDECODABLE)?;
+    Ok(samples)
+}
+
+/// Pixels of grey, grey and alpha, colour, or colour and alpha, by the number of `channels`.
+fn coloured<T>(samples: &[T], channels: usize, value: impl Fn(&T) -> f32) -> Result<Vec<[f32; 4]>, OutOfMemory> {
+    let mut rgba = host_vec(samples.len() / channels, "a picture")?;
+    rgba.extend(samples.chunks_exact(channels).map(|pixel| match pixel {
+        [grey] => self::grey(value(grey)),
+        [grey, alpha] => [value(grey), value(grey), value(grey), value(alpha)],
+        [r, g, b, rest @ ..] => [value(r), value(g), value(b), rest.first().map_or(1.0, &value)],
+        [] => [0.0; 4],
+    }));
+    Ok(rgba)
 }
 
 /// Decodes an OpenEXR file of colours or of one channel.
-fn open_exr(mut file: BufReader<File>) -> Result<Pixels> {
-    let headers = MetaData::read_from_buffered(&mut file, false).context("cannot be decoded")?.headers;
+fn open_exr(mut file: BufReader<File>) -> Result<Picture> {
+    let headers = MetaData::read_from_buffered(&mut file, false).context(UNDECODABLE)?.headers;
     file.rewind()?;
     if headers.iter().any(|header| header.channels.list.len() != 1) {
-        return decode(file, ImageFormat::OpenExr);
+        return decode(OpenExrDecoder::new(file).context(UNDECODABLE)?);
     }
-    let bytes = headers.iter().map(|header| 4 * header.layer_size.area() as u64).sum::<u64>();
-    ensure!(bytes <= MOST_BYTES, "takes {bytes} bytes, over {MOST_BYTES}");
+    for header in &headers {
+        check_room([header.layer_size.width(), header.layer_size.height()].map(|side| side as u32), 4)?;
+    }
     let layers = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
-    let layer = layers.all_attributes().from_buffered(file).context("cannot be decoded")?.layer_data;
+    let layer = layers.all_attributes().from_buffered(file).context(UNDECODABLE)?.layer_data;
     let size = [layer.size.width(), layer.size.height()].map(|side| side as u32);
-    let values = layer.channel_data.list[0].sample_data.values_as_f32();
-    Ok(Pixels { size, rgba: values.map(grey).collect() })
-}
-
-fn array(file: BufReader<File>) -> Result<Pixels> {
-    let array = NpyFile::new(file).context("is a damaged .npy file")?;
-    let shape = array.shape().to_vec();
-    let (height, width, channels) = match shape[..] {
-        [height, width] => (height, width, 1),
-        [height, width, channels @ (1 | 3 | 4)] => (height, width, channels),
-        _ => bail!("is an array of shape {shape:?}, not of height, width and 1, 3 or 4 channels"),
-    };
-    let sides = u32::try_from(width).ok().zip(u32::try_from(height).ok()).filter(|(w, h)| *w > 0 && *h > 0);
-    let (width, height) = sides.with_context(|| format!("is an array of shape {shape:?}, which is no picture"))?;
-    ensure!(array.order() == Order::C, "is an array in Fortran order");
-    let values = values(array)?;
-    let pixel = |p: &[f32]| match *p {
-        [value] => grey(value),
-        _ => [p[0], p[1], p[2], p.get(3).copied().unwrap_or(1.0)],
-    };
-    Ok(Pixels { size: [width, height], rgba: values.chunks_exact(channels as usize).map(pixel).collect() })
+    let mut rgba = host_vec(layer.size.area(), "a picture")?;
+    rgba.extend(layer.channel_data.list[0].sample_data.values_as_f32().map(grey));
+    Ok(Picture { pixels: Pixels { size, rgba }, channels: Channels::Numbers, has_alpha: false })
 }
 
 /// A pixel of an image with one channel.
@@ -107,26 +175,11 @@ fn grey(value: f32) -> [f32; 4] {
     if value.is_nan() { [0.0; 4] } else { [value, value, value, 1.0] }
 }
 
-/// All elements as f32: floats as they are, bytes divided by 255.
-fn values(array: NpyFile<BufReader<File>>) -> Result<Vec<f32>> {
-    let damaged = "is a damaged .npy file";
-    let array = match array.try_data::<f32>() {
-        Ok(floats) => return floats.collect::<Result<_, _>>().context(damaged),
-        Err(array) => array,
-    };
-    let array = match array.try_data::<f64>() {
-        Ok(doubles) => return doubles.map(|v| Ok(v? as f32)).collect::<std::io::Result<_>>().context(damaged),
-        Err(array) => array,
-    };
-    match array.try_data::<u8>() {
-        Ok(bytes) => bytes.map(|v| Ok(f32::from(v?) / 255.0)).collect::<std::io::Result<_>>().context(damaged),
-        Err(array) => bail!("is an array of {}, not of f4, f8 or u1", array.dtype().descr()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use image::{DynamicImage, GrayAlphaImage, GrayImage, ImageBuffer, Luma, LumaA, Rgba};
+
+    use npyz::Order;
 
     use super::super::{FileKind, Plane};
     use super::*;
@@ -197,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn npy_may_hold_doubles_or_bytes() {
+    fn npy_may_hold_halves_doubles_or_bytes_in_either_order() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.npy");
         save(&path, &[1, 1, 4], Order::C, &[0.1_f64, 2.0, -1.0, 0.5]);
@@ -205,6 +258,19 @@ mod tests {
         save(&path, &[2, 1, 3], Order::C, &[0_u8, 51, 255, 1, 2, 3]);
         let bytes = Pixels::read(&path).unwrap();
         assert_eq!((bytes.size, bytes.at(0, 0)), ([1, 2], [0.0, 0.2, 1.0, 1.0]));
+        save(&path, &[1, 1, 3], Order::C, &[0.5, -2.0, 65504.0].map(half::f16::from_f32));
+        assert_eq!(Pixels::read(&path).unwrap().at(0, 0), [0.5, -2.0, 65504.0, 1.0]);
+        // Two rows of three pixels of four channels; value 100 y + 10 x + channel.
+        let value = |y: u8, x: u8, channel: u8| f32::from(100 * y + 10 * x + channel);
+        let by_pixel: Vec<f32> = (0..24).map(|i| value(i / 12, i / 4 % 3, i % 4)).collect();
+        let by_channel: Vec<f32> = (0..24).map(|i| value(i % 2, i / 2 % 3, i / 6)).collect();
+        save(&path, &[2, 3, 4], Order::C, &by_pixel);
+        let expected = Pixels::read(&path).unwrap();
+        save(&path, &[2, 3, 4], Order::Fortran, &by_channel);
+        assert_eq!((Pixels::read(&path).unwrap(), expected.at(2, 1)[1]), (expected.clone(), 121.0));
+        save(&path, &[2, 3], Order::Fortran, &[0.0_f32, 3.0, 1.0, 4.0, 2.0, 5.0]);
+        let plane: Vec<f32> = Pixels::read(&path).unwrap().rgba.iter().map(|p| p[0]).collect();
+        assert_eq!(plane, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
     }
 
     #[test]
@@ -243,10 +309,8 @@ mod tests {
         assert_eq!(problem(), "is an array of shape [4, 2, 2], not of height, width and 1, 3 or 4 channels");
         save(&path, &[0, 4, 3], Order::C, &[0.0_f32; 0]);
         assert_eq!(problem(), "is an array of shape [0, 4, 3], which is no picture");
-        save(&path, &[1, 1, 3], Order::Fortran, &[0.0_f32; 3]);
-        assert_eq!(problem(), "is an array in Fortran order");
         save(&path, &[1, 1, 3], Order::C, &[0_i32; 3]);
-        assert_eq!(problem(), "is an array of '<i4', not of f4, f8 or u1");
+        assert_eq!(problem(), "is an array of '<i4', not of f2, f4, f8 or u1");
         // Truncated files.
         save(&path, &[4, 4, 3], Order::C, &[0.0_f32; 48]);
         let part = std::fs::read(&path).unwrap();
