@@ -6,9 +6,11 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DVec2, DVec3};
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
+use super::read::without_mark;
 use super::{Camera, NamedCamera, centre};
 use crate::files::write_whole;
 
@@ -21,7 +23,9 @@ pub(super) struct Entry {
     id: Option<i64>,
     #[serde(default)]
     img_name: Option<String>,
+    #[serde(deserialize_with = "whole")]
     width: u32,
+    #[serde(deserialize_with = "whole")]
     height: u32,
     position: [f64; 3],
     /// Camera to world, rows.
@@ -38,10 +42,21 @@ pub(super) struct Entry {
     seconds: Option<f64>,
 }
 
+/// A number of pixels. Some programs write it like 640.0.
+fn whole<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
+    let number = f64::deserialize(deserializer)?;
+    // Numbers beyond 32 bits become too large ones, which are refused later.
+    if number.fract() == 0.0 && number >= 0.0 {
+        Ok(number as u32)
+    } else {
+        Err(D::Error::custom(format!("{number:?} is not a whole number of pixels")))
+    }
+}
+
 /// All cameras of the file, each with its time if it has one.
 pub(super) fn parse(text: &[u8]) -> Result<Vec<(NamedCamera, Option<f64>)>> {
-    let entries: Vec<Entry> =
-        serde_json::from_slice(text).with_context(|| format!("is not a cameras.json (an array of {MEMBERS})"))?;
+    let entries: Vec<Entry> = serde_json::from_slice(without_mark(text))
+        .with_context(|| format!("is not a cameras.json (an array of {MEMBERS})"))?;
     ensure!(!entries.is_empty(), "holds no camera");
     let timed = |(i, entry): (usize, Entry)| {
         let seconds = entry.seconds;
@@ -81,7 +96,7 @@ pub fn to_json(camera: &Camera) -> String {
 /// # Errors
 /// A sentence on what is wrong if `text` is neither, or no picture can be drawn with the camera.
 pub fn from_json(text: &str) -> Result<Camera> {
-    let value: Value = serde_json::from_str(text).context("it is not JSON")?;
+    let value: Value = serde_json::from_slice(without_mark(text.as_bytes())).context("it is not JSON")?;
     let first = match value {
         Value::Array(all) => all.into_iter().next().context("it holds no camera")?,
         one => one,
@@ -155,6 +170,9 @@ mod tests {
         for (from, to, expected) in [
             ("[0, 0, -1]", "[0, 0, 1]", "not a rotation"),
             ("[0, 0, -1]", "[0, 0, -2]", "not a rotation"),
+            ("640", "640.5", "640.5 is not a whole number of pixels"),
+            ("640", "-640", "-640.0 is not a whole number of pixels"),
+            ("640", "1e300", "from 1 to 65536"),
             ("640", "0", "from 1 to 65536"),
             ("640", "65537", "from 1 to 65536"),
             ("500", "1e10", "up to 1e9"),

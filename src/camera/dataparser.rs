@@ -8,6 +8,7 @@ use glam::{DMat3, DMat4, DVec3, DVec4};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
+use super::read::without_mark;
 use crate::files::read_whole;
 
 pub(super) const FILE: &str = "dataparser_transforms.json";
@@ -39,7 +40,8 @@ impl Dataparser {
     /// Reads the file in `folder`, if there is one, for this `transforms.json`.
     pub fn beside(folder: &Path, transforms: &Map<String, Value>) -> Result<Option<Self>> {
         let path = folder.join(FILE);
-        if !path.is_file() {
+        // A file that cannot be read is no reason to draw the cameras elsewhere.
+        if path.symlink_metadata().is_err() {
             return Ok(None);
         }
         let read = read_whole(&path).and_then(|text| Self::parse(&text, transforms));
@@ -47,8 +49,8 @@ impl Dataparser {
     }
 
     fn parse(text: &[u8], transforms: &Map<String, Value>) -> Result<Self> {
-        let Written { transform, scale } =
-            serde_json::from_slice(text).context("is not a transform of three rows of four numbers and a scale")?;
+        let Written { transform, scale } = serde_json::from_slice(without_mark(text))
+            .context("is not a transform of three rows of four numbers and a scale")?;
         let applied: Applied =
             Applied::deserialize(transforms).context("applied_transform or applied_scale of transforms.json")?;
         let (before, applied_scale) =

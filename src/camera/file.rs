@@ -43,8 +43,13 @@ impl CameraFile {
     /// The cameras of a split. If the file names no splits, the usual rule applies: of the cameras sorted by name,
     /// every eighth from the first on is for tests, the others are for training.
     pub fn of(self, split: Split) -> Vec<NamedCamera> {
+        self.numbered(split).into_iter().map(|(_, camera)| camera).collect()
+    }
+
+    /// As [`CameraFile::of`], each camera with its position in `cameras`.
+    pub fn numbered(self, split: Split) -> Vec<(usize, NamedCamera)> {
         let splits = self.splits.unwrap_or_else(|| by_name(&self.cameras));
-        let cameras = self.cameras.into_iter().zip(splits);
+        let cameras = self.cameras.into_iter().enumerate().zip(splits);
         cameras.filter(|(_, splits)| splits.contains(&split)).map(|(camera, _)| camera).collect()
     }
 
@@ -72,9 +77,16 @@ fn by_name(cameras: &[NamedCamera]) -> Vec<Vec<Split>> {
 /// Largest focal length and distance of the principal point from the corner that 32-bit floats can be drawn with.
 const MAX_FOCAL_PX: f64 = 1e9;
 
+/// Largest entry of R R^T - I of a rotation R in a file. Entries that are rounded to three decimals stay below 0.002.
+const LARGEST_SKEW: f64 = 0.005;
+
+/// Up to this skew a rotation is used as it is: entries in 32-bit floats stay below it.
+const EXACT_SKEW: f64 = 1e-6;
+
 impl Camera {
-    /// This camera if a picture can be drawn with it, else an error that says why not.
-    pub(super) fn checked(self) -> Result<Self> {
+    /// This camera if a picture can be drawn with it, else an error that says why not. A rotation that is slightly
+    /// skewed, by rounding in the file, becomes the nearest rotation.
+    pub(super) fn checked(mut self) -> Result<Self> {
         let Self { position, rotation, focal_px, centre_px, size_px } = &self;
         ensure!(
             size_px.iter().all(|side| (1..=MAX_SIDE).contains(side)),
@@ -98,11 +110,30 @@ impl Camera {
             position.to_array().iter().all(|p| p.abs() <= MAX_POSITION),
             "its position is not within {MAX_POSITION:e} of the origin"
         );
-        let error = (*rotation * rotation.transpose() - DMat3::IDENTITY)
-            .to_cols_array()
-            .iter()
-            .fold(0.0, |m: f64, v| if v.is_nan() { f64::INFINITY } else { m.max(v.abs()) });
-        ensure!(error < 1e-3 && rotation.determinant() > 0.0, "its rotation is not a rotation matrix");
+        let skew = skew(rotation);
+        ensure!(
+            skew <= LARGEST_SKEW,
+            "its rotation is not a rotation matrix: R R^T differs from the identity by {skew:.2e}, over {LARGEST_SKEW}"
+        );
+        ensure!(rotation.determinant() > 0.0, "its rotation is not a rotation matrix: it is a reflection");
+        if skew > EXACT_SKEW {
+            self.rotation = nearest_rotation(self.rotation);
+        }
         Ok(self)
     }
+}
+
+/// The largest entry of R R^T - I; infinite for NaN.
+fn skew(r: &DMat3) -> f64 {
+    let entries = (*r * r.transpose() - DMat3::IDENTITY).to_cols_array();
+    entries.iter().fold(0.0, |most: f64, v| if v.is_nan() { f64::INFINITY } else { most.max(v.abs()) })
+}
+
+/// The nearest rotation to a matrix that is nearly one: the orthogonal factor of its polar decomposition, by Newton's
+/// iteration, which squares the error in each step.
+fn nearest_rotation(mut r: DMat3) -> DMat3 {
+    for _ in 0..5 {
+        r = (r + r.inverse().transpose()) * 0.5;
+    }
+    r
 }

@@ -17,7 +17,7 @@ use glam::{DMat3, DVec2, DVec3};
 pub use cameras_json::{from_json, to_json, write};
 pub use control::{FIELDS_OF_VIEW, GLIDE_SECONDS, Navigator};
 pub use file::{CameraFile, NamedCamera, Split};
-pub use read::{find, read};
+pub use read::{find, read, read_at};
 pub use timeline::{Key, Timeline};
 pub use up::Up;
 
@@ -65,9 +65,17 @@ impl Camera {
     /// A camera at `position` that looks at `target`, with the up direction of the world (-y) up in the image.
     /// `horizontal_fov` is in radians.
     pub fn looking_at(position: DVec3, target: DVec3, size_px: [u32; 2], horizontal_fov: f64) -> Self {
+        Self::looking_upright([position, target], DVec3::NEG_Y, size_px, horizontal_fov)
+    }
+
+    /// As [`Camera::looking_at`], with the direction `up`, which is not zero, up in the image.
+    pub fn looking_upright([position, target]: [DVec3; 2], up: DVec3, size_px: [u32; 2], horizontal_fov: f64) -> Self {
         let forward = (target - position).normalize_or(DVec3::Z);
-        // For a view along y, any horizontal direction is valid.
-        let right = DVec3::Y.cross(forward).try_normalize().unwrap_or(DVec3::X);
+        let up = up.normalize_or(DVec3::NEG_Y);
+        // For a view along `up`, any direction across it is valid.
+        let across = [DVec3::X, DVec3::Z].map(|axis| axis.reject_from_normalized(up).try_normalize());
+        let across = across.into_iter().flatten().next().unwrap_or(DVec3::X);
+        let right = forward.cross(up).try_normalize().unwrap_or(across);
         let down = forward.cross(right);
         let focal = f64::from(size_px[0]) / 2.0 / (horizontal_fov / 2.0).tan();
         Self {

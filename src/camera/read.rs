@@ -10,19 +10,29 @@ use crate::files::read_whole;
 /// Number of folders above that of a scene that are searched: a model folder holds its scenes two levels below.
 const PARENTS: usize = 3;
 
-/// Finds the camera file of a scene in its folder, or else in the nearest of three folders above it: a `cameras.json`,
-/// a `transforms.json`, or a folder `sparse` with a model of COLMAP.
+/// The files of a Blender data set, in the order in which their cameras are joined.
+const BLENDER_SETS: [&str; 3] = ["transforms_train.json", "transforms_val.json", "transforms_test.json"];
+
+/// Finds the cameras of a scene in its folder, or else in the nearest of three folders above it: a `cameras.json`, a
+/// `transforms.json`, a folder `sparse` with a model of COLMAP, or the folder itself if it holds `transforms_train.json`
+/// and the like, the files of a Blender data set.
 pub fn find(scene: &Path) -> Option<PathBuf> {
     // The folders of the path as given, then those of its target: it may be a link.
     let places = [std::path::absolute(scene).ok(), scene.canonicalize().ok()];
     let mut folders = places.iter().flatten().flat_map(|place| place.ancestors().skip(1).take(1 + PARENTS));
-    folders.find_map(in_folder)
+    let set = |folder: &Path| Some(folder.to_owned()).filter(|folder| blender_sets(folder).next().is_some());
+    folders.find_map(|folder| in_folder(folder).or_else(|| set(folder)))
 }
 
 fn in_folder(folder: &Path) -> Option<PathBuf> {
     let mut files = ["cameras.json", "transforms.json"].map(|name| folder.join(name)).into_iter();
     let sparse = || Some(folder.join("sparse")).filter(|sparse| colmap::is_model(sparse));
     files.find(|file| file.is_file()).or_else(sparse)
+}
+
+/// The files of a Blender data set that are in this folder.
+fn blender_sets(folder: &Path) -> impl Iterator<Item = PathBuf> + '_ {
+    BLENDER_SETS.iter().map(|name| folder.join(name)).filter(|file| file.is_file())
 }
 
 /// Reads all cameras of a file: a `cameras.json` of the original 3DGS, a `transforms.json` of nerfstudio, instant-ngp
@@ -32,41 +42,56 @@ fn in_folder(folder: &Path) -> Option<PathBuf> {
 /// One sentence without the file's name if it is none of them, is damaged, or holds a camera that no picture can be
 /// drawn with.
 pub fn read(path: &Path) -> Result<CameraFile> {
-    let read = if path.is_dir() { read_folder(path) } else { read_file(path) }?;
+    read_at(path, None)
+}
+
+/// As [`read`]. Cameras of a `transforms.json` with an angle of view get the size `default_px` where neither the file
+/// nor a photograph states one: Blender data sets do not.
+///
+/// # Errors
+/// Those of [`read`].
+pub fn read_at(path: &Path, default_px: Option<[u32; 2]>) -> Result<CameraFile> {
+    let read = if path.is_dir() { read_folder(path, default_px) } else { read_file(path, default_px) }?;
     ensure!(!read.cameras.is_empty(), "holds no camera");
     Ok(read)
 }
 
-fn read_folder(folder: &Path) -> Result<CameraFile> {
+fn read_folder(folder: &Path, default_px: Option<[u32; 2]>) -> Result<CameraFile> {
     if let Some(read) = colmap::read_folder(folder) {
         return read;
     }
     if let Some(path) = in_folder(folder) {
-        return read(&path).with_context(|| path.file_name().unwrap_or_default().to_string_lossy().into_owned());
+        return read_at(&path, default_px)
+            .with_context(|| path.file_name().unwrap_or_default().to_string_lossy().into_owned());
     }
-    let parts = ["transforms_train.json", "transforms_val.json", "transforms_test.json"];
-    let there = parts.iter().filter(|name| folder.join(name).is_file());
-    let read = there.map(|name| read_file(&folder.join(name)).with_context(|| (*name).to_owned()));
-    let all = read.reduce(|all, next| Ok(all?.and(next?)));
+    let named = |file: &Path| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let all = blender_sets(folder).map(|file| read_file(&file, default_px).with_context(|| named(&file)));
+    let all = all.reduce(|all, next| Ok(all?.and(next?)));
     all.context("is a folder with neither cameras.json, transforms.json nor a sparse model of COLMAP")?
 }
 
-fn read_file(path: &Path) -> Result<CameraFile> {
+fn read_file(path: &Path, default_px: Option<[u32; 2]>) -> Result<CameraFile> {
     if let Some(read) = colmap::read_file(path) {
         return read;
     }
     let text = read_whole(path)?;
     ensure!(!text.is_empty(), "the file is empty");
+    let text = without_mark(&text);
     match text.iter().find(|byte| !byte.is_ascii_whitespace()) {
         Some(b'[') => {
-            let timed = cameras_json::parse(&text)?;
+            let timed = cameras_json::parse(text)?;
             Ok(CameraFile { cameras: timed.into_iter().map(|(camera, _)| camera).collect(), ..CameraFile::default() })
         }
-        Some(b'{') => transforms_json::parse(&text, path),
+        Some(b'{') => transforms_json::parse(text, path, default_px),
         _ => bail!(
             "is not a camera file that smalto reads: expected cameras.json, transforms.json, or images.bin or .txt of \
              COLMAP, found bytes {:02x?}",
             &text[..text.len().min(4)]
         ),
     }
+}
+
+/// The text without a byte order mark, which some editors write before UTF-8.
+pub(super) fn without_mark(text: &[u8]) -> &[u8] {
+    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
 }

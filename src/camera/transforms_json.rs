@@ -20,8 +20,9 @@ const SPLITS: [(Split, &str, &str); 3] = [
     (Split::Test, "test", "test_filenames"),
 ];
 
-/// The cameras of the file at `path`, in its order.
-pub(super) fn parse(text: &[u8], path: &Path) -> Result<CameraFile> {
+/// The cameras of the file at `path`, in its order. Those whose size is nowhere stated and whose focal length is an
+/// angle get the size `default_px`.
+pub(super) fn parse(text: &[u8], path: &Path, default_px: Option<[u32; 2]>) -> Result<CameraFile> {
     let file: Map<String, Value> = serde_json::from_slice(text).context("is not JSON")?;
     let frames = file.get("frames").and_then(Value::as_array);
     let frames = frames.context("is neither a cameras.json nor a transforms.json: it has no array `frames`")?;
@@ -31,7 +32,7 @@ pub(super) fn parse(text: &[u8], path: &Path) -> Result<CameraFile> {
     let mut cameras = Vec::new();
     for (i, frame) in frames.iter().enumerate() {
         let own = frame.as_object().with_context(|| format!("frame {i} is not an object"))?;
-        let frame = Frame { own, file: &file };
+        let frame = Frame { own, file: &file, default_px };
         let (named, lens) = frame.camera(i, folder, placed.as_ref()).with_context(|| format!("frame {i}"))?;
         bent.add(&lens, &named.camera);
         cameras.push(named);
@@ -73,6 +74,7 @@ fn plain(name: &str) -> &str {
 struct Frame<'f> {
     own: &'f Map<String, Value>,
     file: &'f Map<String, Value>,
+    default_px: Option<[u32; 2]>,
 }
 
 impl Frame<'_> {
@@ -107,6 +109,14 @@ impl Frame<'_> {
 
     /// The size in the file, or else that of the photograph: Blender data sets do not state it.
     fn size_px(&self, photograph: Option<&Path>) -> Result<[u32; 2]> {
+        let is_by_angle = || Ok::<_, anyhow::Error>(self.number("fl_x")?.or(self.number("fl_y")?).is_none());
+        match (self.stated_size_px(photograph), self.default_px) {
+            (Err(_), Some(size_px)) if is_by_angle()? => Ok(size_px),
+            (stated, _) => stated,
+        }
+    }
+
+    fn stated_size_px(&self, photograph: Option<&Path>) -> Result<[u32; 2]> {
         if let (Some(width), Some(height)) = (self.number("w")?, self.number("h")?) {
             let is_side = |side: f64| side.fract() == 0.0 && (1.0..=f64::from(MAX_SIDE)).contains(&side);
             let is_size = is_side(width) && is_side(height);
