@@ -168,10 +168,6 @@ pub(super) struct Fps {
 const MAX_FRAMES: usize = 100_000;
 
 impl FilmArgs {
-    pub fn has_path(&self) -> bool {
-        self.path.is_some()
-    }
-
     /// Number of pictures around the scene, if given.
     pub fn orbit(&self) -> Option<usize> {
         self.orbit.map(|count| count as usize)
