@@ -66,7 +66,7 @@ fn known_differences_are_reported() {
     let report = json(&ok(&["compare", &a, &b, "--json", "-", "--ppd", "30"]));
     let validator = jsonschema::validator_for(&schema()).unwrap();
     assert!(validator.is_valid(&report), "{:?}", validator.validate(&report).err());
-    assert_eq!(report["format"], "smalto compare 1");
+    assert_eq!(report["format"], "smalto compare 2");
     assert_eq!(report["pixels_per_degree"], 30.0);
     let difference = &report["pairs"][0]["difference"];
     assert_eq!(difference["mse"].as_f64().unwrap(), 0.125 * 0.125 / 576.0);
@@ -153,7 +153,7 @@ fn thresholds_pass_and_fail_pictures() {
     let (c, d) = (write(&folder, "c.npy", &c), write(&folder, "d.npy", &d));
     ok(&["compare", &c, &d, "--max-error", "0.1"]);
     let error = fails(6, &["compare", &c, &c, "--min-ssim=-1"]);
-    assert!(error.contains("too small for --min-ssim -1: SSIM needs at least 11x11 pixels"), "{error}");
+    assert!(error.contains("--min-ssim -1: the pictures are too small: SSIM needs at least 11x11 pixels"), "{error}");
 }
 
 #[test]
@@ -189,7 +189,7 @@ fn files_without_a_partner_are_exit_code_1() {
     }
     let empty = path(&folder, "empty");
     fs::create_dir(&empty).unwrap();
-    assert!(fails(1, &["compare", &empty, &empty]).contains("hold no files"));
+    assert!(fails(1, &["compare", &empty, &empty]).contains("hold no pictures"));
 }
 
 #[test]

@@ -7,4 +7,5 @@ mod bench;
 mod budgets;
 mod compare;
 mod ladder;
+mod pairs;
 mod trade;

@@ -1,9 +1,10 @@
-//! Measures of the difference of two images. Colours are compared, alpha is ignored.
+//! Measures of the difference of two images: of colours, of coverage, and of one number per pixel.
 
 mod difference;
 mod errors;
 mod filter;
 mod flip;
+mod numbers;
 mod report;
 #[cfg(test)]
 mod samples;
@@ -12,6 +13,7 @@ mod ssim;
 pub use difference::{Difference, Over};
 pub use errors::{changed8, fraction_over, largest_step, max_error, mse, non_finite, psnr};
 pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
+pub use numbers::{AlphaDifference, NumberDifference, OverRelative, relative_errors};
 pub use report::{Pair, Report};
 pub use ssim::ssim;
 
@@ -20,6 +22,9 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::pixels::Pixels;
+
+/// Bytes per pixel that the measures of a pair need at once, besides the images: planes of FLIP and SSIM, and a heatmap.
+pub const BYTES_PER_PIXEL: u64 = 64;
 
 fn check_sizes(a: &Pixels, b: &Pixels) {
     assert_eq!(a.size, b.size, "compared images have the same size");

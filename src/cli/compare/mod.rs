@@ -1,0 +1,210 @@
+//! `smalto compare`: the differences of pictures, and whether they are over a threshold.
+
+mod folders;
+mod limits;
+mod tables;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+
+use super::{Sink, Usage, progress, size_text};
+use crate::files::check_writable;
+use crate::host_memory::check_free;
+use crate::measure::metrics::{
+    AlphaDifference, BYTES_PER_PIXEL, Difference, NumberDifference, PIXELS_PER_DEGREE, Pair, Report, flip,
+    relative_errors,
+};
+use crate::pixels::{Channels, FileKind, Picture, Pixels};
+use crate::scene::Unreadable;
+use folders::{Files, pairs};
+
+/// Compare pictures: largest error, PSNR, SSIM, FLIP and changes in 8 bits; errors of depths and of alpha
+#[derive(clap::Args)]
+pub(super) struct Args {
+    /// PNG, JPEG, EXR or .npy file, recognized by its content; or a folder, whose pictures and those in folders below it
+    /// are compared with those of the same names but for the ending, such as renders with photographs. Colours with
+    /// alpha are compared as seen over black, alpha by itself if both files have it. A single channel of floats, such as
+    /// depths, is compared as numbers: absolute and relative errors
+    a: PathBuf,
+    /// The other file or folder. The order of the two does not matter
+    b: PathBuf,
+    /// Compare the pictures of two folders that have a partner, and print how many have none. Without it, a picture
+    /// without a partner is an error
+    #[arg(long)]
+    partial: bool,
+    /// Write the FLIP map as PNG, from black (equal) to bright (different); for folders, into a folder. Of depths, their
+    /// relative error, brightest from 10 % on
+    #[arg(long, value_name = "FILE|DIR")]
+    heatmap: Option<PathBuf>,
+    /// Write the report as JSON (docs/compare.schema.json); - prints it instead of the table
+    #[arg(long, value_name = "FILE|-")]
+    json: Option<Sink>,
+    /// Pixels per degree of the viewer's field of view, for FLIP
+    #[arg(long, value_name = "PIXELS", default_value_t = PIXELS_PER_DEGREE, value_parser = within(1.0, 1000.0))]
+    ppd: f64,
+    /// Exit code 6 if a colour value differs by more; white is 1. No threshold is met by a picture with infinities or
+    /// NaN
+    #[arg(long, value_name = "ERROR", value_parser = within(0.0, 1e6))]
+    max_error: Option<f64>,
+    /// Exit code 6 if the PSNR of a pair is lower, in dB
+    #[arg(long, value_name = "DB", value_parser = within(-1000.0, 1000.0))]
+    min_psnr: Option<f64>,
+    /// Exit code 6 if the SSIM of a pair is lower, from -1 to 1
+    #[arg(long, value_name = "SSIM", value_parser = within(-1.0, 1.0))]
+    min_ssim: Option<f64>,
+    /// Exit code 6 if the mean FLIP of a pair is higher, from 0 to 1
+    #[arg(long, value_name = "FLIP", value_parser = within(0.0, 1.0))]
+    max_flip: Option<f64>,
+    /// Exit code 6 if the alpha of a pixel differs by more, in pictures that both have alpha; full coverage is 1
+    #[arg(long, value_name = "ERROR", value_parser = within(0.0, 1e6))]
+    max_alpha_error: Option<f64>,
+    /// Exit code 6 if a depth or another number of a single channel of floats differs by more, in its own unit, or is in
+    /// only one of two pictures. Such pairs meet no threshold of colours
+    #[arg(long, value_name = "ERROR", value_parser = within(0.0, 1e30))]
+    max_depth_error: Option<f64>,
+    /// Exit code 6 if more than this fraction of the pixels of such a pair, from 0 to 1, differs by over 1 % of the
+    /// number or has a number in only one of two pictures
+    #[arg(long, value_name = "FRACTION", value_parser = within(0.0, 1.0))]
+    max_depth_outliers: Option<f64>,
+}
+
+/// Parses a number from `low` to `high`.
+fn within(low: f64, high: f64) -> impl Fn(&str) -> Result<f64> + Clone {
+    move |text| match text.parse() {
+        Ok(number) if (low..=high).contains(&number) => Ok(number),
+        _ => bail!("expected a number from {low} to {high}"),
+    }
+}
+
+/// A pair that was compared.
+struct Compared {
+    /// What it is called in tables and messages.
+    title: String,
+    pair: Pair,
+}
+
+pub(super) fn run(args: &Args) -> Result<()> {
+    let pairs = pairs(&args.a, &args.b, args.partial)?;
+    let is_folder = args.a.is_dir();
+    if args.partial && !is_folder {
+        return Err(Usage("--partial needs two folders".to_owned()).into());
+    }
+    check_outputs(args, &pairs, is_folder)?;
+    // Threads reserve address space with their first allocation. They do so now, before the free memory is checked.
+    rayon::broadcast(|_| drop(std::hint::black_box(Vec::<u8>::with_capacity(1024))));
+    let bar = progress::Bar::new("comparing");
+    let mut compared = Vec::new();
+    for (done, files) in pairs.iter().enumerate() {
+        bar.set(done as f64 / pairs.len() as f64);
+        let (pair, map) = compare(files, args.ppd)?;
+        if let Some(heatmap) = &args.heatmap {
+            let file = if is_folder { heatmap.join(&files.heatmap) } else { heatmap.clone() };
+            if let Some(folder) = file.parent().filter(|_| is_folder) {
+                make_folder(folder)?;
+            }
+            draw(&map, pair.size).write_png(&file, false)?;
+        }
+        compared.push(Compared { title: files.title.clone(), pair });
+    }
+    drop(bar);
+    let report = report(&compared, args.ppd);
+    tables::print(&compared, &report, is_folder)?;
+    args.json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report))?;
+    limits::judge(args, &compared)
+}
+
+fn report(compared: &[Compared], ppd: f64) -> Report {
+    let pairs: Vec<Pair> = compared.iter().map(|one| one.pair.clone()).collect();
+    Report {
+        format: Report::FORMAT.to_owned(),
+        pixels_per_degree: ppd,
+        worst: Difference::worst(pairs.iter().filter_map(|pair| pair.difference.as_ref())),
+        worst_alpha: AlphaDifference::worst(pairs.iter().filter_map(|pair| pair.alpha)),
+        worst_numbers: NumberDifference::worst(pairs.iter().filter_map(|pair| pair.numbers.as_ref())),
+        pairs,
+    }
+}
+
+/// Fails before anything is compared if an output cannot be written or would overwrite an input.
+fn check_outputs(args: &Args, pairs: &[Files], is_folder: bool) -> Result<()> {
+    let inputs: BTreeSet<_> = pairs
+        .iter()
+        .flat_map(|files| &files.paths)
+        .chain([&args.a, &args.b])
+        .filter_map(|file| file.canonicalize().ok())
+        .collect();
+    for output in args.heatmap.as_deref().into_iter().chain(args.json.as_ref().and_then(Sink::file)) {
+        if output.canonicalize().is_ok_and(|output| inputs.contains(&output)) {
+            return Err(Usage(format!("{} is an input and would be overwritten", output.display())).into());
+        }
+    }
+    match args.heatmap.as_deref() {
+        Some(folder) if is_folder => {
+            let inputs = [&args.a, &args.b].map(|input| input.canonicalize());
+            make_folder(folder)?;
+            let folder = folder.canonicalize()?;
+            if inputs.into_iter().flatten().any(|input| folder.starts_with(input)) {
+                let folder = folder.display();
+                return Err(Usage(format!("--heatmap {folder} is in a folder of pictures to compare")).into());
+            }
+        }
+        Some(file) if FileKind::of(file).ok() != Some(FileKind::Png) => {
+            return Err(Usage(format!("--heatmap {}: expected a name that ends in .png", file.display())).into());
+        }
+        Some(file) => check_writable(file)?,
+        None => {}
+    }
+    args.json.as_ref().map_or(Ok(()), Sink::check)
+}
+
+/// The measures of a pair, and its heatmap from 0 to 1.
+fn compare(files: &Files, ppd: f64) -> Result<(Pair, Vec<f32>)> {
+    let [a, b] = &files.paths;
+    let pictures = [read(a)?, read(b)?];
+    let [size, other] = pictures.each_ref().map(|picture| picture.pixels.size);
+    let [shown_a, shown_b] = [a.display(), b.display()];
+    let [text, other_text] = [size, other].map(size_text);
+    ensure!(
+        size == other,
+        "{shown_a} has {text} pixels and {shown_b} has {other_text}: pictures must have the same size (`smalto render` \
+         draws at the size of a photograph with --size {other_text} or --size {text})"
+    );
+    check_free(BYTES_PER_PIXEL * u64::from(size[0]) * u64::from(size[1]), &format!("a comparison of {text} pixels"))?;
+    let kinds = pictures.each_ref().map(|picture| picture.channels);
+    let are_numbers = kinds.contains(&Channels::Numbers);
+    ensure!(
+        !are_numbers || !kinds.contains(&Channels::Colours),
+        "of {shown_a} and {shown_b} one has a single channel of floats and the other has colours"
+    );
+    let has_alpha = !are_numbers && pictures.iter().all(|picture| picture.has_alpha);
+    let [first, second] = pictures.each_ref().map(|picture| &picture.pixels);
+    let alpha = has_alpha.then(|| AlphaDifference::between(first, second));
+    let (difference, numbers, map) = if are_numbers {
+        let map = relative_errors(first, second).into_iter().map(|error| (error * 10.0).min(1.0)).collect();
+        (None, Some(NumberDifference::between(first, second)), map)
+    } else {
+        let flip = flip(first, second, ppd);
+        (Some(Difference::with_flip(first, second, &flip)), None, flip.map)
+    };
+    Ok((Pair { a: shown_a.to_string(), b: shown_b.to_string(), size, difference, alpha, numbers }, map))
+}
+
+fn read(file: &Path) -> Result<Picture> {
+    Picture::read(file).map_err(|problem| Unreadable::or_too_large(file, problem))
+}
+
+fn make_folder(folder: &Path) -> Result<()> {
+    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))
+}
+
+/// A heatmap in the magma colour map: black, purple, orange, pale yellow.
+fn draw(map: &[f32], size: [u32; 2]) -> Pixels {
+    let colour = |value: &f32| {
+        let (r, g, b) = colorous::MAGMA.eval_rational((value * 255.0).round() as usize, 256).as_tuple();
+        [r, g, b, 255].map(|channel| f32::from(channel) / 255.0)
+    };
+    Pixels { size, rgba: map.iter().map(colour).collect() }
+}
