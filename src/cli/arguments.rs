@@ -53,10 +53,11 @@ pub(super) fn parse(arguments: impl IntoIterator<Item = impl Into<OsString> + Cl
 /// The commands with all options. A number below 0 is a value, not an option.
 pub(super) fn command() -> Command {
     Cli::command().mut_subcommands(|command| {
+        let has_knobs = command.get_arguments().any(|arg| arg.get_id() == KNOBS[0].name);
         command.mut_args(|arg| {
             let is_option = !arg.is_positional() && arg.get_action().takes_values();
             let arg = if is_option { arg.allow_negative_numbers(true) } else { arg };
-            let unused = knobs_without_effect(arg.get_id().as_str());
+            let unused = if has_knobs { knobs_without_effect(arg.get_id().as_str()) } else { Vec::new() };
             arg.conflicts_with_all(unused)
         })
     })

@@ -55,6 +55,8 @@ impl BudgetArgs {
         let Some(budget) = self.budget()? else {
             return Ok(options);
         };
+        // Candidates have most stages in common, which take a software device longer to compile than to run.
+        device.keep_pipelines();
         let bar = progress::Bar::new("choosing");
         let progress = |done| bar.set(done);
         let choice = choose_for(device, scene, (exact, background), views, budget, &progress)?;

@@ -1,32 +1,48 @@
-//! A progress bar on stderr for long work.
+//! The progress of long work on stderr.
 
-use std::cell::OnceCell;
+use std::cell::{Cell, OnceCell};
+use std::io::{IsTerminal, stderr};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// A bar that appears after half a second, on a terminal only, and is removed when dropped.
+use super::remark;
+
+/// On a terminal a bar that appears after half a second and is removed when dropped; elsewhere a line every ten seconds.
 pub(super) struct Bar {
     label: String,
     started: Instant,
+    is_terminal: bool,
     bar: OnceCell<ProgressBar>,
+    lines: Lines,
 }
 
 const PATIENCE: Duration = Duration::from_millis(500);
 
 impl Bar {
     pub fn new(label: impl Into<String>) -> Self {
-        Self { label: label.into(), started: Instant::now(), bar: OnceCell::new() }
+        Self {
+            label: label.into(),
+            started: Instant::now(),
+            is_terminal: stderr().is_terminal(),
+            bar: OnceCell::new(),
+            lines: Lines::default(),
+        }
     }
 
+    /// Shows the completed fraction and an estimate of the time left.
     pub fn set(&self, fraction: f64) {
-        if self.started.elapsed() > PATIENCE {
+        let elapsed = self.started.elapsed();
+        if self.is_terminal && elapsed > PATIENCE {
             let bar = self.bar.get_or_init(|| {
-                let style = ProgressStyle::with_template("{msg} [{bar:40}] {percent:>3} %");
+                let style = ProgressStyle::with_template("{msg} [{bar:40}] {percent:>3} %{prefix}");
                 let style = style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> ");
                 ProgressBar::new(1000).with_style(style).with_message(self.label.clone())
             });
+            bar.set_prefix(left(elapsed, fraction));
             bar.set_position((fraction * 1000.0) as u64);
+        } else if let Some(line) = self.lines.next(&self.label, elapsed, fraction).filter(|_| !self.is_terminal) {
+            remark(&line);
         }
     }
 }
@@ -36,5 +52,51 @@ impl Drop for Bar {
         if let Some(bar) = self.bar.get() {
             bar.finish_and_clear();
         }
+    }
+}
+
+/// The lines of progress where there is no terminal.
+#[derive(Default)]
+struct Lines {
+    last: Cell<Duration>,
+}
+
+impl Lines {
+    const EVERY: Duration = Duration::from_secs(10);
+
+    /// The line that is due after `elapsed`, if any.
+    fn next(&self, label: &str, elapsed: Duration, fraction: f64) -> Option<String> {
+        if elapsed < self.last.get() + Self::EVERY {
+            return None;
+        }
+        self.last.set(elapsed);
+        Some(format!("{label}: {:.0} %{}", fraction * 100.0, left(elapsed, fraction)))
+    }
+}
+
+/// The time left if the rest is as fast as what is done: ", 2 min left".
+fn left(elapsed: Duration, fraction: f64) -> String {
+    let seconds = elapsed.as_secs_f64() * (1.0 - fraction) / fraction;
+    match seconds {
+        s if !s.is_finite() => String::new(),
+        s if s < 99.5 => format!(", {s:.0} s left"),
+        s => format!(", {:.0} min left", s / 60.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_a_terminal_there_is_a_line_every_ten_seconds() {
+        let lines = Lines::default();
+        let at = |seconds: u64, fraction: f64| lines.next("choosing", Duration::from_secs(seconds), fraction);
+        assert_eq!(at(0, 0.0), None);
+        assert_eq!(at(9, 0.3), None);
+        assert_eq!(at(12, 0.4).as_deref(), Some("choosing: 40 %, 18 s left"));
+        assert_eq!(at(21, 0.5), None);
+        assert_eq!(at(300, 0.5).as_deref(), Some("choosing: 50 %, 5 min left"));
+        assert_eq!(at(400, 0.0).as_deref(), Some("choosing: 0 %"));
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use anyhow::Result;
 use clap::ValueEnum;
@@ -53,9 +54,10 @@ pub(super) struct Args {
     /// steady, as in `smalto bench`
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(0..=10_000))]
     warmup: u16,
-    /// Number of measured frames of every point
-    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=10_000))]
-    frames: u16,
+    /// Number of measured frames of every point [default: 64, or fewer so that they take at most about 4 s; then fewer
+    /// views are measured, too]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    frames: Option<u16>,
     #[command(flatten)]
     device: DeviceArgs,
     /// Write the report as JSON (docs/trade.schema.json); - prints it instead of the tables
@@ -66,7 +68,7 @@ pub(super) struct Args {
     plot: Option<PathBuf>,
     #[command(flatten)]
     budget: BudgetArgs,
-    /// Number of views between the cameras on which the choice for a budget is checked
+    /// Number of views between the cameras on which the choice for --max-error or --min-psnr is checked
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=1000))]
     held_out: u16,
     #[command(flatten)]
@@ -89,6 +91,9 @@ const PROMISES: [(&str, Options, f64, Option<u8>); 4] = [
     ("preview", Options::PREVIEW, 40.0, None),
 ];
 
+/// Measured frames of every point, and the time for them on slow devices.
+const FRAMES: usize = 64;
+const PATIENCE: Duration = Duration::from_secs(4);
 /// Cameras of the orbit if there is no camera file.
 const ORBIT_VIEWS: usize = 100;
 
@@ -99,6 +104,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     args.json.as_ref().map_or(Ok(()), Sink::check)?;
     args.plot.as_deref().map_or(Ok(()), check_writable)?;
     let device = args.device.open()?;
+    // The points have most stages in common, which take a software device longer to compile than to run.
+    device.keep_pipelines();
     let scene = args.scene.read()?;
     let gaussians = &scene.gaussians;
     if gaussians.is_empty() {
@@ -122,8 +129,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
         size: args.size,
         oracle_size: args.oracle_size,
         views: study.views.len(),
-        warmup: args.warmup.into(),
-        frames: args.frames.into(),
+        warmup: study.protocol.warmup,
+        frames: study.protocol.frames,
         points: Vec::new(),
         search: Vec::new(),
         promises: Vec::new(),
@@ -131,11 +138,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
         budget: None,
     };
     say!(
-        "{}  {}  {} Gaussians, {} views; reference at {}",
+        "{}  {}  {} Gaussians, {} views, {} frames a point; reference at {}",
         report.scene.name,
         size_text(args.size),
         gaussians.len(),
         report.views,
+        report.frames,
         size_text(args.oracle_size)
     )?;
     if has(Part::Knobs) {
@@ -211,8 +219,10 @@ impl<'a> Bench<'a> {
     fn study_at(&self, name: &str, views: [Vec<Camera>; 2]) -> Result<Study<'a>> {
         let bar = progress::Bar::new(name);
         let (scene, drawn) = ((self.gaussians, self.needs), (self.exact, Background::BLACK));
-        let protocol = Protocol { warmup: self.args.warmup.into(), frames: self.args.frames.into() };
-        Ok(Study::new(self.device, scene, drawn, views, protocol, &|done| bar.set(done))?.thorough())
+        let frames = self.args.frames.map_or(FRAMES, usize::from);
+        let protocol = Protocol { warmup: self.args.warmup.into(), frames };
+        let study = Study::new(self.device, scene, drawn, views, protocol, &|done| bar.set(done))?.thorough();
+        if self.args.frames.is_some() { Ok(study) } else { study.within(PATIENCE) }
     }
 
     /// Measures the presets and every knob alone, with the rules of the scene.
@@ -233,7 +243,9 @@ impl<'a> Bench<'a> {
 
     /// Chooses options for a budget, and checks the choice on views between the cameras.
     fn hold(&self, study: &Study, budget: Budget, cameras: &[Camera]) -> Result<BudgetReport> {
-        let choice = trade::choose(study, budget)?;
+        let bar = progress::Bar::new("choosing");
+        let choice = trade::choose(study, budget, &|done| bar.set(done))?;
+        drop(bar);
         say!("{}", choice.explain())?;
         let count = usize::from(self.args.held_out);
         let between = path::through(cameras, count + 2);

@@ -53,9 +53,8 @@ impl<S: Shader> Stage<S> {
 }
 
 impl Device {
-    /// Keeps every pipeline from now on, and with it the device, until the process ends. For tests, which build the
+    /// Keeps every pipeline from now on, and with it the device, until the process ends: for programs that build the
     /// same stages again and again.
-    #[doc(hidden)]
     pub fn keep_pipelines(&self) {
         self.0.pipelines().keep();
     }

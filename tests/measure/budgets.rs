@@ -68,7 +68,7 @@ fn chosen(gpu: &Gpu, scene: &Gaussians, budget: Budget, others: &[Camera]) -> an
         let views = [views.to_vec(), views.to_vec()];
         Study::new(&gpu.0, (scene, &needs), (Options::EXACT, Background::BLACK), views, protocol, &|_| {})
     };
-    let choice = choose(&study(&views)?, budget)?;
+    let choice = choose(&study(&views)?, budget, &|_| {})?;
     println!("{}", choice.explain());
     assert!(choice.gpu_ms <= choice.exact_gpu_ms);
     let held = choice.hold(&study(others)?)?;

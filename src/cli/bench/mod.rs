@@ -5,13 +5,14 @@ mod table;
 mod views;
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
 use clap::builder::RangedU64ValueParser;
 
 use super::{
-    DeviceArgs, EyeArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, Sink, SplitArg, Usage, check_plots, complain, knobs, parse_size,
-    progress, remark,
+    DeviceArgs, EyeArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, Sink, SplitArg, Usage, check_plots, complain,
+    knobs, parse_size, progress, remark,
 };
 use crate::camera::Camera;
 use crate::files::check_writable;
@@ -51,9 +52,9 @@ pub(super) struct Args {
     /// frames are slow. After 10 s the measurement begins with a warning
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = count(0))]
     warmup: usize,
-    /// Measured frames
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = count(1))]
-    frames: usize,
+    /// Measured frames of each kind [default: 100, or fewer so that they take at most about 10 s]
+    #[arg(long, value_name = "N", value_parser = count(1))]
+    frames: Option<usize>,
     /// Presets of quality and speed to measure
     #[arg(
         long,
@@ -97,6 +98,10 @@ pub(super) struct Args {
     reading: ReadingArgs,
 }
 
+/// Measured frames of each kind, and the time for them on slow devices.
+const FRAMES: usize = 100;
+const PATIENCE: Duration = Duration::from_secs(10);
+
 /// Parses a number of frames, at least `least`.
 fn count(least: u64) -> RangedU64ValueParser<usize> {
     RangedU64ValueParser::new().range(least..=1_000_000)
@@ -113,7 +118,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
         true => Cameras::at(args.eye, &args.split)?,
         false => Cameras::read(args.cameras.as_deref(), &args.split, &args.path, args.size[0])?,
     };
-    let bench = Bench::new(&device, Protocol { warmup: args.warmup, frames: args.frames })?;
+    let bench = Bench::new(&device, Protocol { warmup: args.warmup, frames: args.frames() })?;
+    let bench = if args.frames.is_some() { bench } else { bench.patient(PATIENCE) };
     if args.ladder {
         return ladder::run(args, &bench, &cameras);
     }
@@ -122,7 +128,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         smalto: VersionReport::current(),
         device: DeviceReport::of(&device, bench.copy_gb_s),
         warmup: args.warmup,
-        frames: args.frames,
+        frames: args.frames(),
         path: cameras.name.clone(),
         runs: Vec::new(),
     };
@@ -133,7 +139,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     for scene in args.scenes(&["cactus"]) {
         let scene = Loaded::read(&scene, args.reading)?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
-            let (views, nearest) = cameras.views(&scene.gaussians, size, args.frames);
+            let (views, nearest) = cameras.views(&scene.gaussians, size, args.frames());
             let options = Options::preset(preset).context("the preset is unknown")?;
             let rules = args.knobs.options(&options.untraded(), scene.is_antialiased, nearest).rules;
             let options = args.knobs.options(&options, scene.is_antialiased, nearest);
@@ -167,6 +173,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
 }
 
 impl Args {
+    /// The most frames of each kind.
+    fn frames(&self) -> usize {
+        self.frames.unwrap_or(FRAMES)
+    }
+
     /// The scenes of the arguments, or `default` if there are none.
     fn scenes(&self, default: &[&str]) -> Vec<PathBuf> {
         if self.scenes.is_empty() { default.iter().map(PathBuf::from).collect() } else { self.scenes.clone() }

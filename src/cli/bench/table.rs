@@ -32,8 +32,10 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
     say_table(&times)?;
     let (fps, cost_us) = (1e3 / frame.pipelined_ms, frame.timestamps_cost_ms * 1e3);
     say!(
-        "  pipelined {:.3} ms per frame, {fps:.0} frames per second; stage timestamps cost {cost_us:.0} us",
-        frame.pipelined_ms
+        "  pipelined {:.3} ms per frame, {fps:.0} frames per second; stage timestamps cost {cost_us:.0} us; \
+         {} frames of each kind",
+        frame.pipelined_ms,
+        run.frames
     )?;
     print_warm_up(run.warm_up)?;
     say!(
@@ -94,7 +96,7 @@ pub(super) fn print_machine(
         say!("{cpu}")?;
     }
     let Protocol { warmup, frames } = protocol;
-    say!("smalto {} {commit}; {warmup} warm-up frames or more, {frames} measured, {path}", smalto.version)
+    say!("smalto {} {commit}; {warmup} warm-up frames or more, {frames} measured or fewer, {path}", smalto.version)
 }
 
 /// Prints a row per rung: its times, the speedup of the stage that it changes, and the paper's speedup.

@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 use std::collections::VecDeque;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 
@@ -25,6 +25,8 @@ const IN_FLIGHT: usize = 2;
 pub struct Bench {
     pub device: Device,
     pub protocol: Protocol,
+    /// Time for the frames of each kind; fewer are measured if they take longer. `None`: as much as they take.
+    pub patience: Option<Duration>,
     /// Bandwidth of a plain copy, bytes read plus bytes written, in 1e9 bytes per second.
     pub copy_gb_s: f64,
 }
@@ -45,7 +47,26 @@ impl Bench {
     /// # Errors
     /// If the device has no timestamps.
     pub fn new(device: &Device, protocol: Protocol) -> Result<Self> {
-        Ok(Self { device: device.clone(), protocol, copy_gb_s: copy_gb_s(device)? })
+        Ok(Self { device: device.clone(), protocol, patience: None, copy_gb_s: copy_gb_s(device)? })
+    }
+
+    /// Measures fewer frames of each kind, if they would take longer than `patience`.
+    #[must_use]
+    pub fn patient(self, patience: Duration) -> Self {
+        Self { patience: Some(patience), ..self }
+    }
+
+    /// The bench with the protocol that its patience allows for these frames.
+    fn within_patience(&self, renderer: &mut Renderer, view: &Camera) -> Result<Self> {
+        let mut protocol = self.protocol;
+        if let Some(patience) = self.patience {
+            // The first frame may grow buffers.
+            renderer.render(view, Background::BLACK)?;
+            let second = Instant::now();
+            renderer.render(view, Background::BLACK)?;
+            protocol = protocol.within(patience, second.elapsed());
+        }
+        Ok(Self { device: self.device.clone(), protocol, patience: None, copy_gb_s: self.copy_gb_s })
     }
 
     /// Measures a scene over `views`, which are of one size: frame `i` shows view `i`, from the first again after the
@@ -61,12 +82,30 @@ impl Bench {
         views: &[Camera],
         progress: &dyn Fn(f64),
     ) -> Result<Run> {
+        let mut renderer = Renderer::new(&self.device, options, scene)?;
+        let bench = self.within_patience(&mut renderer, &views[0])?;
+        let count = bench.protocol.frames;
+        let spread = |i: usize| views[i * views.len() / count].clone();
+        let spread: Vec<_> = (0..count.min(views.len())).map(spread).collect();
+        let shown = if count < views.len() { &spread } else { views };
+        bench.run(renderer, subject, scene, options, shown, progress)
+    }
+
+    /// Measures with a new renderer.
+    fn run(
+        &self,
+        mut renderer: Renderer,
+        subject: Subject,
+        scene: &GpuScene,
+        options: &Options,
+        views: &[Camera],
+        progress: &dyn Fn(f64),
+    ) -> Result<Run> {
         let done = Cell::new(0);
         let tick = || {
             done.set(done.get() + 1);
             progress(done.get() as f64 / (4 * self.protocol.frames) as f64);
         };
-        let mut renderer = Renderer::new(&self.device, options, scene)?;
         let mut warm_up = None;
         let whole = self.frames(&mut renderer, views, Timestamps::Outermost, &mut warm_up, &tick)?;
         let staged = self.frames(&mut renderer, views, Timestamps::All, &mut warm_up, &tick)?;
@@ -97,6 +136,7 @@ impl Bench {
             subject,
             drawn_by: paths[0],
             notice,
+            frames: self.protocol.frames,
             warm_up,
             clocks,
             frame,

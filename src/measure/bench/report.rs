@@ -27,7 +27,8 @@ pub struct Report {
     /// Least number of warm-up frames. The frames of each kind are preceded by a warm-up that goes on until the frame
     /// time is steady (see `warm_up` of a run); 0: no warm-up.
     pub warmup: usize,
-    /// Measured frames of each kind: with two timestamps, with two timestamps per stage, and pipelined.
+    /// Most frames of each kind: with two timestamps, with two timestamps per stage, and pipelined. The runs have the
+    /// number of those that were measured.
     pub frames: usize,
     /// Source of the cameras: orbit, orbit-zoom, or a file.
     pub path: String,
@@ -44,6 +45,8 @@ pub struct Run {
     pub drawn_by: render::Path,
     /// Why the fast path did not draw some or all frames, if it should have; else null.
     pub notice: Option<String>,
+    /// Measured frames of each kind: those of the report, or fewer if they take long and no number was asked for.
+    pub frames: usize,
     /// The warm-ups before the measured frames of each kind together; null with a `warmup` of 0.
     pub warm_up: Option<WarmUp>,
     /// Clocks while a frame was on the device; null if the driver does not report them.

@@ -43,6 +43,8 @@ pub struct WarmUp {
     pub is_steady: bool,
 }
 
+/// Least number of frames of a measurement that is kept short.
+const LEAST_FRAMES: usize = 2;
 /// Largest relative difference of the medians of two windows of a steady frame time.
 const TOLERANCE: f64 = 0.02;
 /// Most views of a round, spread over all views.
@@ -78,6 +80,15 @@ impl WarmUp {
 }
 
 impl Protocol {
+    /// The protocol with so few frames that each kind takes at most `patience`, if a frame takes `frame`; at least
+    /// [`LEAST_FRAMES`], if it has as many.
+    #[must_use]
+    pub fn within(self, patience: Duration, frame: Duration) -> Self {
+        let most = (patience.as_secs_f64() / frame.as_secs_f64().max(1e-9)) as usize;
+        let most = most.max(LEAST_FRAMES);
+        Self { warmup: self.warmup.min(most), frames: self.frames.min(most) }
+    }
+
     /// Draws frames until their time is steady or `limits` end the warm-up. `frame` draws the view with the given index
     /// (less than `views`) and returns its GPU time in milliseconds. Returns `None` if `warmup` is 0.
     ///
@@ -203,6 +214,18 @@ mod tests {
         assert_eq!(warm_up(8, 1, |_, _, _| 3000.0).frames, 8, "longer than the limit");
         let none = Protocol { warmup: 0, frames: 1 };
         assert_eq!(none.warm_up(1, WarmUpLimits::BRIEF, |_| panic!("no frame is drawn")).unwrap(), None);
+    }
+
+    #[test]
+    fn slow_frames_are_measured_less_often() {
+        let protocol = Protocol { warmup: 30, frames: 100 };
+        let within = |ms: u64| protocol.within(Duration::from_secs(10), Duration::from_millis(ms));
+        assert_eq!(within(1), protocol);
+        assert_eq!(within(200), Protocol { warmup: 30, frames: 50 });
+        assert_eq!(within(500), Protocol { warmup: 20, frames: 20 });
+        assert_eq!(within(60_000), Protocol { warmup: 2, frames: 2 });
+        let none = Protocol { warmup: 0, frames: 1 };
+        assert_eq!(none.within(Duration::from_secs(1), Duration::from_secs(60)), none);
     }
 
     #[test]

@@ -36,6 +36,8 @@ pub struct Climb {
     pub size: [u32; 2],
     /// Distance of the near plane in world units.
     pub near: f32,
+    /// Measured frames of every rung: those of the report, or fewer if they take long and no number was asked for.
+    pub frames: usize,
     pub rungs: Vec<RungReport>,
 }
 

@@ -2,6 +2,7 @@
 //! views.
 
 use std::fmt;
+use std::time::Duration;
 
 use anyhow::Result;
 
@@ -43,6 +44,8 @@ pub struct Choice {
     pub gpu_ms: f64,
     /// GPU time of a frame with the exact options, in milliseconds.
     pub exact_gpu_ms: f64,
+    /// Number of frames that were measured for each of these times.
+    pub frames: usize,
     pub grounds: Grounds,
     /// Faster options and their errors, which exceed the budget.
     pub refused: Vec<(String, f64)>,
@@ -94,16 +97,20 @@ impl fmt::Display for Budget {
     }
 }
 
-/// Number of views that are measured.
+/// Most views that are measured.
 const VIEWS: usize = 8;
 /// Number of views that the reference draws.
 const ORACLE_VIEWS: usize = 3;
 /// Longest side of the reference's pictures, in pixels.
 const ORACLE_SIDE: u32 = 320;
 const PROTOCOL: Protocol = Protocol { warmup: VIEWS, frames: 24 };
+/// Time for the frames of a candidate.
+const PATIENCE: Duration = Duration::from_millis(500);
+/// Part of the work that the pictures of the reference are.
+const ORACLE_PART: f64 = 0.2;
 
 /// Chooses options to draw `views` with. `exact` has the rules of the picture and every knob at its most exact step.
-/// `progress` receives the completed fraction of the reference's pictures.
+/// `progress` receives the completed fraction. Where frames are slow, fewer of them and of the views are measured.
 ///
 /// # Errors
 /// [`Unmeetable`] if not even the exact options stay within the budget.
@@ -117,7 +124,9 @@ pub fn choose_for(
 ) -> Result<Choice> {
     let views = spread(views, VIEWS);
     let small = spread(&views, ORACLE_VIEWS).iter().map(small).collect();
-    choose(&Study::new(device, scene, (exact, background), [views, small], PROTOCOL, progress)?, budget)
+    let drawn = |done| progress(ORACLE_PART * done);
+    let study = Study::new(device, scene, (exact, background), [views, small], PROTOCOL, &drawn)?.within(PATIENCE)?;
+    choose(&study, budget, &|done| progress(ORACLE_PART + (1.0 - ORACLE_PART) * done))
 }
 
 /// At most `count` elements, evenly spread.
@@ -133,11 +142,11 @@ fn small(camera: &Camera) -> Camera {
     camera.sampled([width, height].map(|side| ((f64::from(side) / least).round() as u32).max(1)))
 }
 
-/// Chooses options for the scene and the views of a study.
+/// Chooses options for the scene and the views of a study. `progress` receives the completed fraction.
 ///
 /// # Errors
 /// [`Unmeetable`] if not even the exact options stay within the budget.
-pub fn choose(study: &Study, budget: Budget) -> Result<Choice> {
+pub fn choose(study: &Study, budget: Budget, progress: &dyn Fn(f64)) -> Result<Choice> {
     let floor = budget.amplitude(&study.from_oracle(&study.exact)?).max(match budget {
         Budget::MaxError(_) => ROUNDING,
         Budget::MinPsnr(_) => 0.0,
@@ -155,7 +164,10 @@ pub fn choose(study: &Study, budget: Budget) -> Result<Choice> {
     }
     let exact_gpu_ms = study.gpu_ms(&study.exact)?;
     let mut candidates = Vec::new();
-    for (name, options, proven) in proven(study, left).into_iter().chain(measured(study, budget)) {
+    let all: Vec<_> = proven(study, left).into_iter().chain(measured(study, budget)).collect();
+    let count = all.len() as f64;
+    for (done, (name, options, proven)) in all.into_iter().enumerate() {
+        progress(done as f64 / count);
         candidates.push((study.gpu_ms(&options)?, name, options, proven));
     }
     candidates.retain(|(ms, ..)| *ms < exact_gpu_ms);
@@ -172,7 +184,8 @@ pub fn choose(study: &Study, budget: Budget) -> Result<Choice> {
         };
         if error <= left {
             let grounds = proven.map_or(Grounds::Measured(error + MARGIN * floor), Grounds::Proven);
-            return Ok(Choice { name, options, gpu_ms, exact_gpu_ms, grounds, refused, budget });
+            let frames = study.protocol.frames;
+            return Ok(Choice { name, options, gpu_ms, exact_gpu_ms, frames, grounds, refused, budget });
         }
         refused.push((name, error + MARGIN * floor));
     }
@@ -181,6 +194,7 @@ pub fn choose(study: &Study, budget: Budget) -> Result<Choice> {
         options: study.exact,
         gpu_ms: exact_gpu_ms,
         exact_gpu_ms,
+        frames: study.protocol.frames,
         grounds: Grounds::Measured(MARGIN * floor),
         refused,
         budget,
@@ -212,7 +226,7 @@ fn proven(study: &Study, left: f64) -> Vec<(String, Options, Option<f64>)> {
         if stop > 0.0 {
             let stop = stop.next_down();
             let error = colours + f64::from(stop) * brightest;
-            let name = format!("stop {stop:.5}, SH degree {sh_degree} {sh_storage:?}");
+            let name = format!("stop {stop:.5}, sh-degree {sh_degree}, sh-storage {sh_storage}");
             found.push((name, Options { stop, ..options }, Some(error)));
         }
     }
@@ -259,8 +273,8 @@ impl Choice {
             format!("; {count} faster options exceed the budget, the slowest of them is {name} with {error}")
         });
         format!(
-            "{}: {}, {why}; {:.2} ms per frame, {:.2} when exact{next}",
-            self.budget, self.name, self.gpu_ms, self.exact_gpu_ms
+            "{}: {}, {why}; {:.2} ms per frame, {:.2} when exact (medians of {} frames){next}",
+            self.budget, self.name, self.gpu_ms, self.exact_gpu_ms, self.frames
         )
     }
 

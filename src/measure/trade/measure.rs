@@ -2,6 +2,7 @@
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
 
@@ -85,6 +86,26 @@ impl<'a> Study<'a> {
     #[must_use]
     pub fn thorough(self) -> Self {
         Self { limits: WarmUpLimits::THOROUGH, ..self }
+    }
+
+    /// The study with so few frames and views that those of a measurement take at most about `patience`.
+    ///
+    /// # Errors
+    /// If rendering fails.
+    pub fn within(mut self, patience: Duration) -> Result<Self> {
+        let Some(view) = self.views.first() else { return Ok(self) };
+        let scene = self.scene(&self.exact)?;
+        let mut renderer = Renderer::new(self.device, &self.exact, &scene)?;
+        renderer.render(view, self.background)?;
+        let second = Instant::now();
+        renderer.render(view, self.background)?;
+        self.protocol = self.protocol.within(patience, second.elapsed());
+        // Pictures of all views are drawn for candidates, too: as many as frames are affordable.
+        let (all, count) = (self.views.len(), self.protocol.frames.min(self.views.len()));
+        let kept = (0..count).map(|i| i * all / count);
+        self.exact_pictures = kept.clone().map(|i| self.exact_pictures[i].clone()).collect();
+        self.views = kept.map(|i| self.views[i].clone()).collect();
+        Ok(self)
     }
 
     /// The scene on the GPU, stored as these options require.
