@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use rayon::prelude::*;
 
-use super::rotation::{decode_rotation, encode_rotation, rotation_error};
+use super::rotation::{SAME, decode_rotation, encode_rotation, rotation_error};
 use super::{Gaussians, Grid, MAX_SH_DEGREE, harmonics, sh_coefficients};
 
 /// The SH degrees and colour bounds of a scene, and the attributes that fit into few bits without loss.
@@ -95,7 +95,7 @@ fn scale_grid(gaussians: &Gaussians) -> Option<Grid> {
         let steps = f64::from(*opacity) * 255.0;
         steps.round() >= 1.0 && (steps - steps.round()).abs() < 1e-4
     };
-    let few = |rotation: &[f32; 4]| rotation_error(decode_rotation(encode_rotation(*rotation)), *rotation) < 1e-6;
+    let few = |rotation: &[f32; 4]| rotation_error(decode_rotation(encode_rotation(*rotation)), *rotation) < SAME;
     let grid = Grid::of(3 * gaussians.len(), |i| f64::from(gaussians.scales()[i / 3][i % 3]).log2())?;
     let held = gaussians.opacities().par_iter().with_min_len(4096).all(on_bytes)
         && gaussians.rotations().par_iter().with_min_len(4096).all(few);

@@ -11,26 +11,23 @@ pub(super) fn from_smallest_three(largest: usize, others: [f64; 3]) -> [f64; 4] 
 /// One step of a stored component.
 const STEP: f32 = std::f32::consts::FRAC_1_SQRT_2 / 511.0;
 
+/// Largest difference of a component of a rotation that was packed before: rounding in 32-bit floats.
+pub(super) const SAME: f64 = 1e-6;
+
 /// A unit quaternion in 32 bits (the scheme of SPZ 3): two for the index of its largest component, which becomes
 /// positive, and ten for each of the others, a sign and nine bits of magnitude up to sqrt(1/2).
 pub fn encode_rotation(rotation: [f32; 4]) -> u32 {
-    let most = rotation.iter().fold(0.0_f32, |most, component| most.max(component.abs()));
+    let magnitude = |i: usize| rotation[i].abs();
+    let largest = (1..4).fold(0, |largest, i| if magnitude(i) > magnitude(largest) { i } else { largest });
     // The encoder that made a file rounded each stored component by up to half a step, which moves the left out one by
-    // up to three halves. So the component that it left out is at most two steps below the largest; if several are,
-    // the one with the least error keeps the bits of the file. To leave out a smaller component is an error: the
+    // up to some three halves. So the component that it left out is less than three steps below the largest; the one
+    // that gives the rotation back keeps the bits of the file. To leave out a smaller component is an error: the
     // squares of the others can exceed 1, and other decoders then take the root of a negative number.
-    let mut candidates = (0..4).filter(|i| rotation[*i].abs() >= most - 2.0 * STEP);
-    let first = pack_smallest_three(rotation, candidates.next().unwrap_or(0));
-    let error = |packed: u32| rotation_error(decode_rotation(packed), rotation);
-    let better = |best: (u32, f64), largest| {
-        let packed = pack_smallest_three(rotation, largest);
-        let error = error(packed);
-        if error < best.1 { (packed, error) } else { best }
-    };
-    match candidates.next() {
-        None => first,
-        Some(second) => candidates.fold(better((first, error(first)), second), better).0,
-    }
+    let is_near = |i: &usize| *i != largest && magnitude(*i) >= magnitude(largest) - 3.0 * STEP;
+    let gives_back = |packed: &u32| rotation_error(decode_rotation(*packed), rotation) < SAME;
+    let first = pack_smallest_three(rotation, largest);
+    let mut others = (0..4).filter(is_near).map(|i| pack_smallest_three(rotation, i)).peekable();
+    if others.peek().is_none() || gives_back(&first) { first } else { others.find(gives_back).unwrap_or(first) }
 }
 
 /// Packs a quaternion without component `largest`.
