@@ -128,6 +128,9 @@ struct Canonical {
 /// Upper bound on a coefficient: the sum of sixteen of them times their basis functions does not overflow.
 const MAX_SH: f32 = 1e36;
 
+/// Upper bound on a coordinate: the camera that frames such a scene is within 32-bit floats, too.
+const MAX_MEAN: f32 = 1e34;
+
 /// Why a Gaussian cannot be drawn.
 #[derive(Debug)]
 enum Flaw {
@@ -139,7 +142,7 @@ enum Flaw {
 fn canonical(raw: &Raw, sh: &[[f32; 3]]) -> Result<Canonical, Flaw> {
     // Legal infinities: an infinite logit is an opacity of 0 or 1, a log scale of minus infinity is a flat Gaussian.
     let mean = raw.mean.map(|v| v as f32);
-    let is_finite = mean.iter().all(|v| v.is_finite())
+    let is_finite = mean.iter().all(|v| v.abs() <= MAX_MEAN)
         && raw.rotation.iter().all(|v| v.is_finite())
         && raw.log_scale.iter().all(|v| *v < f64::INFINITY)
         && !raw.opacity_logit.is_nan()
@@ -206,6 +209,7 @@ mod tests {
             Raw { mean: nan, ..GOOD },
             Raw { mean: [f64::INFINITY, 0.0, 0.0], ..GOOD },
             Raw { mean: [1e39, 0.0, 0.0], ..GOOD },
+            Raw { mean: [0.0, -2e34, 0.0], ..GOOD },
             Raw { log_scale: nan, ..GOOD },
             Raw { log_scale: [f64::INFINITY, 0.0, 0.0], ..GOOD },
             Raw { rotation: [f64::NAN, 0.0, 0.0, 1.0], ..GOOD },
@@ -273,6 +277,6 @@ mod tests {
     fn a_load_report_counts_by_reason() {
         assert_eq!(LoadReport::default().to_string(), "nothing dropped");
         let report = LoadReport { read: 9, not_finite: 2, zero_rotation: 1, ..LoadReport::default() };
-        assert_eq!(report.to_string(), "2 dropped as not finite in 32-bit floats, 1 dropped for a zero quaternion");
+        assert_eq!(report.to_string(), "2 dropped as not finite or too large for 32-bit floats, 1 dropped for a zero quaternion");
     }
 }

@@ -51,7 +51,7 @@ impl LoadReport {
 impl fmt::Display for LoadReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts = [
-            (self.not_finite, "dropped as not finite in 32-bit floats"),
+            (self.not_finite, "dropped as not finite or too large for 32-bit floats"),
             (self.zero_rotation, "dropped for a zero quaternion"),
             (self.transparent, "dropped as fully transparent"),
             (self.clamped_scale, "with a scale clamped to the largest float"),

@@ -9,7 +9,7 @@ use smalto::options::Options;
 use smalto::reference;
 use smalto::render::{GpuScene, Renderer, Splat};
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Raw, synthetic};
+use smalto::scene::{Focus, Raw, synthetic};
 
 #[test]
 fn images_of_any_shape_agree() {
@@ -283,4 +283,22 @@ fn views_agree_in_subgroups_of_four() {
         "--skip",
         "largest_width",
     ]);
+}
+
+/// The whole range of coordinates that are drawn, seen by the camera that frames the scene.
+#[test]
+fn scenes_of_any_size_agree() {
+    for size in [1e3, 1e9, 1e18, 1e19, 1e25, 1e30, 9e33] {
+        let mut random = Random(5);
+        let mut one = || {
+            let mean = std::array::from_fn(|_| random.between(-size, size));
+            (ball(mean, size * random.between(0.02, 0.2), random.between(0.2, 0.9)), RED)
+        };
+        let scene = gaussians(&(0..60).map(|_| one()).collect::<Vec<_>>());
+        assert_eq!(scene.len(), 60);
+        let focus = Focus::of(&scene);
+        let camera = Camera::framing(DVec3::from(focus.centre), focus.radius, [64, 48]);
+        let picture = agrees(&format!("size {size:e}"), &scene, &camera);
+        assert!(picture.rgba.iter().any(|pixel| pixel[3] > 0.5), "size {size:e}: the scene is in view");
+    }
 }
