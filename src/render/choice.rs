@@ -85,7 +85,10 @@ impl PathChoice {
             work: PortableWorkspace::new(device, if fast.is_some() { Capacity::default() } else { guess })?,
             passes: 1,
             fast,
-            notice: None,
+            notice: (variation == Variation::Certifying && FastPipeline::subgroup(device, options).is_some()).then(|| {
+                "the portable path draws, since only it makes certificates; without --certificate the fast path draws"
+                    .to_owned()
+            }),
         })
     }
 

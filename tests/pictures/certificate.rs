@@ -6,7 +6,7 @@ use smalto::camera::Camera;
 use smalto::options::Options;
 use smalto::pixels::Pixels;
 use smalto::reference;
-use smalto::render::{GpuScene, Renderer};
+use smalto::render::{GpuScene, Path, Renderer};
 use smalto::rules::{Background, Footprint, Rules};
 use smalto::scene::{Gaussians, Raw, Requirements, synthetic};
 
@@ -94,7 +94,7 @@ fn errors_stay_below_the_certificate_where_they_add_up() {
 }
 
 #[test]
-fn a_certified_picture_is_the_same_picture() {
+fn a_certified_picture_is_that_of_the_portable_path() {
     let gpu = Gpu::new();
     let scene = synthetic::cactus(5000).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [100, 70], 0.9);
@@ -102,6 +102,12 @@ fn a_certified_picture_is_the_same_picture() {
         let [picture, _] = certified(&gpu, &scene, &camera, &options, Background::BLACK);
         let portable = Options { portable: true, ..options };
         assert!(picture == gpu.render(&scene, &camera, &portable), "{name}");
+        // Where the fast path would draw, another picture than without a certificate is announced.
+        let gpu_scene = GpuScene::new(&gpu.0, &scene, &options).unwrap();
+        let mut plain = Renderer::new(&gpu.0, &options, &gpu_scene).unwrap();
+        let is_another = plain.render(&camera, Background::BLACK).unwrap().path == Path::Fast;
+        let certifying = Renderer::certified(&gpu.0, &options, &gpu_scene).unwrap();
+        assert_eq!(certifying.notice().is_some_and(|notice| notice.contains("certificates")), is_another, "{name}");
     }
 }
 

@@ -78,14 +78,19 @@ impl BinGrid {
 }
 
 impl FastPipeline {
+    /// The size of the subgroups with which it draws; `None` where the device or the options call for the portable path.
+    pub fn subgroup(device: &Device, options: &Options) -> Option<u32> {
+        let rules = &options.rules;
+        let is_asked_for = !options.portable && rules.extent == Footprint::Exact && rules.order != Order::PerPixel;
+        device.capabilities().fast_subgroup().filter(|_| is_asked_for)
+    }
+
     /// `None` where the device or the options call for the portable path.
     ///
     /// # Errors
     /// If a pipeline cannot be made.
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Option<Self>> {
-        let rules = &options.rules;
-        let is_asked_for = !options.portable && rules.extent == Footprint::Exact && rules.order != Order::PerPixel;
-        let Some(subgroup) = device.capabilities().fast_subgroup().filter(|_| is_asked_for) else { return Ok(None) };
+        let Some(subgroup) = Self::subgroup(device, options) else { return Ok(None) };
         let constants = shared(options, layout, subgroup);
         let subgroups = Sort::WORKGROUP[0] / subgroup;
         let digit_bits = digit_bits(subgroups, SORT_COUNTS_BYTES);
