@@ -1,9 +1,11 @@
-//! What the sources promise of themselves: who may know whom, no circles, files that are short and wrapped.
+//! What the sources promise of themselves: who may know whom, who writes files, no circles, files that are short and
+//! wrapped.
 
 mod circles;
 mod imports;
 mod layers;
 mod text;
+mod writers;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -43,7 +43,7 @@ pub(super) fn cameras(folder: &tempfile::TempDir, names: [&str; 3]) -> String {
     file
 }
 
-/// Every file in a folder and below, by its path there.
+/// Every file in a folder and below, by its path there, without the hidden record of a run.
 fn files(folder: &Path) -> Vec<String> {
     let mut found = Vec::new();
     let mut folders = vec![folder.to_owned()];
@@ -51,7 +51,7 @@ fn files(folder: &Path) -> Vec<String> {
         for entry in fs::read_dir(next).unwrap().map(|entry| entry.unwrap().path()) {
             if entry.is_dir() {
                 folders.push(entry);
-            } else {
+            } else if !entry.ends_with(".smalto-run.jsonl") {
                 found.push(entry.strip_prefix(folder).unwrap().display().to_string());
             }
         }
@@ -225,7 +225,7 @@ fn a_run_is_resumed_where_it_was_interrupted() {
         let all = ["colour", "depth"].map(|layer| (0..3).map(move |i| (layer, i)));
         let name = |(layer, i)| format!("{layer}/{i:05}.{}", if layer == "depth" { "exr" } else { "png" });
         let names: Vec<_> = all.into_iter().flatten().map(name).collect();
-        assert_eq!(files(&out), [&[".smalto-run.jsonl".to_owned()], &names[..]].concat());
+        assert_eq!(files(&out), names);
         // As if the program had been stopped while it wrote the line about the second picture.
         let (whole, text) = (fs::read(&first).unwrap(), fs::read_to_string(&record).unwrap());
         let until = text.find("colour/00001").unwrap();
@@ -262,7 +262,7 @@ fn a_run_is_resumed_where_it_was_interrupted() {
     }
     // A run that is not to be resumed begins anew, and says so if it forgets one that could be.
     let output = run(&[]);
-    assert!(output.status.success() && output.stderr.is_empty());
+    assert!(output.status.success() && !String::from_utf8_lossy(&output.stderr).contains("starting over"));
     fs::write(&record, "damaged").unwrap();
     says(&run(&["--resume"]), "is damaged: run without --resume to start over");
     says(&run(&[]), "starting over; --resume would continue the unfinished run");
