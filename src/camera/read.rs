@@ -14,8 +14,8 @@ const PARENTS: usize = 3;
 const BLENDER_SETS: [&str; 3] = ["transforms_train.json", "transforms_val.json", "transforms_test.json"];
 
 /// Finds the cameras of a scene in its folder, or else in the nearest of three folders above it: a `cameras.json`, a
-/// `transforms.json`, a folder `sparse` with a model of COLMAP, or the folder itself if it holds `transforms_train.json`
-/// and the like, the files of a Blender data set.
+/// `transforms.json`, a folder `sparse` with a model of COLMAP, or the folder itself if it holds
+/// `transforms_train.json` and the like, the files of a Blender data set.
 pub fn find(scene: &Path) -> Option<PathBuf> {
     // The folders of the path as given, then those of its target: it may be a link.
     let places = [std::path::absolute(scene).ok(), scene.canonicalize().ok()];

@@ -15,8 +15,8 @@ use crate::scene::{Focus, Gaussians, Unreadable};
 /// The choice of a split.
 #[derive(clap::Args)]
 pub(super) struct SplitArg {
-    /// Use only the cameras of this split. They keep their positions in the file as numbers. If the file names no split,
-    /// every eighth camera in the order of names is in test (beginning with the first), all others are in train
+    /// Use only the cameras of this split. They keep their positions in the file as numbers. If the file names no
+    /// split, every eighth camera in the order of names is in test (beginning with the first), all others are in train
     #[arg(long, value_enum, value_name = "SPLIT", default_value = "all")]
     split: Choice,
 }

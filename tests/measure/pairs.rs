@@ -235,8 +235,8 @@ fn pictures_that_are_too_large_are_exit_code_5_before_they_are_decoded() {
     let folder = tempfile::tempdir().unwrap();
     let big = path(&folder, "big.png");
     bomb(&big, [30_000, 30_000], false);
-    let expected = "big.png: cannot allocate the 31500000000 bytes of `30000x30000 pixels`: pictures have up to 268435456 \
-                    pixels (16384x16384)\n";
+    let expected = "big.png: cannot allocate the 31500000000 bytes of `30000x30000 pixels`: pictures have up to \
+                    268435456 pixels (16384x16384)\n";
     let error = fails(5, &["compare", &big, &big]);
     assert!(error.ends_with(expected), "{error}");
     let error = fails(5, &["view", "cactus:100", "--compare", &big, "--offscreen", "4"]);

@@ -24,10 +24,10 @@ use folders::{Files, pairs};
 /// Compare pictures: largest error, PSNR, SSIM, FLIP and changes in 8 bits; errors of depths and of alpha
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// PNG, JPEG, EXR or .npy file, recognized by its content; or a folder, whose pictures and those in folders below it
-    /// are compared with those of the same names but for the ending, such as renders with photographs. Colours with
-    /// alpha are compared as seen over black, alpha by itself if both files have it. A single channel of floats, such as
-    /// depths, is compared as numbers: absolute and relative errors
+    /// PNG, JPEG, EXR or .npy file, recognized by its content; or a folder, whose pictures and those in folders below
+    /// it are compared with those of the same names but for the ending, such as renders with photographs. Colours with
+    /// alpha are compared as seen over black, alpha by itself if both files have it. A single channel of floats, such
+    /// as depths, is compared as numbers: absolute and relative errors
     a: PathBuf,
     /// The other file or folder. The order of the two does not matter
     b: PathBuf,
@@ -35,8 +35,8 @@ pub(super) struct Args {
     /// without a partner is an error
     #[arg(long)]
     partial: bool,
-    /// Write the FLIP map as PNG, from black (equal) to bright (different); for folders, into a folder. Of depths, their
-    /// relative error, brightest from 10 % on
+    /// Write the FLIP map as PNG, from black (equal) to bright (different); for folders, into a folder. Of depths,
+    /// their relative error, brightest from 10 % on
     #[arg(long, value_name = "FILE|DIR")]
     heatmap: Option<PathBuf>,
     /// Write the report as JSON (docs/compare.schema.json); - prints it instead of the table
@@ -61,8 +61,8 @@ pub(super) struct Args {
     /// Exit code 6 if the alpha of a pixel differs by more, in pictures that both have alpha; full coverage is 1
     #[arg(long, value_name = "ERROR", value_parser = within(0.0, 1e6))]
     max_alpha_error: Option<f64>,
-    /// Exit code 6 if a depth or another number of a single channel of floats differs by more, in its own unit, or is in
-    /// only one of two pictures. Such pairs meet no threshold of colours
+    /// Exit code 6 if a depth or another number of a single channel of floats differs by more, in its own unit, or is
+    /// in only one of two pictures. Such pairs meet no threshold of colours
     #[arg(long, value_name = "ERROR", value_parser = within(0.0, 1e30))]
     max_depth_error: Option<f64>,
     /// Exit code 6 if more than this fraction of the pixels of such a pair, from 0 to 1, differs by over 1 % of the

@@ -23,7 +23,7 @@ use rayon::prelude::*;
 
 use crate::pixels::Pixels;
 
-/// Bytes per pixel that the measures of a pair need at once, besides the images: planes of FLIP and SSIM, and a heatmap.
+/// Bytes per pixel that the measures of a pair need at once, besides the images: planes of FLIP and SSIM, a heatmap.
 pub const BYTES_PER_PIXEL: u64 = 64;
 
 fn check_sizes(a: &Pixels, b: &Pixels) {
