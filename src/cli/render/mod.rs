@@ -14,8 +14,8 @@ use std::sync::atomic::Ordering;
 use anyhow::{Context, Result};
 
 use super::{
-    BudgetArgs, DeviceArgs, EyeArgs, FilmArgs, Knobs, REPORTS_TO_STDOUT, SceneArg, Sink, SplitArg, Usage, knobs, one_of, parse_size,
-    say,
+    BudgetArgs, DeviceArgs, EyeArgs, FilmArgs, Knobs, REPORTS_TO_STDOUT, SceneArg, Sink, SplitArg, Usage, knobs,
+    one_of, parse_size, say,
 };
 use crate::files::is_stdout;
 use crate::measure::bench::{SceneReport, VersionReport};
