@@ -39,6 +39,7 @@ impl Viewer {
         if let (Source::File(file), true, None) = (&source, self.layers.is_empty(), &self.setup.cameras)
             && let Some(cameras) = crate::camera::find(file)
         {
+            (self.setup.remark)(&format!("note: cameras of {}", cameras.display()));
             self.open_cameras(&cameras);
         }
         let number = self.next_layer_number();
