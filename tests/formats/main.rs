@@ -5,6 +5,7 @@ mod common;
 
 mod agreement;
 mod camera_errors;
+mod camera_choice;
 mod cameras;
 mod convert;
 mod sog;
