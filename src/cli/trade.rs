@@ -54,8 +54,8 @@ pub(super) struct Args {
     /// steady, as in `smalto bench`
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(0..=10_000))]
     warmup: u16,
-    /// Number of measured frames of every point [default: 64, or fewer so that they take at most about 4 s; then fewer
-    /// views are measured, too]
+    /// Number of measured frames of every point [default: 64, or fewer so that they take at most about 1 s; then
+    /// the warm-up is short and fewer views are measured, too]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10_000))]
     frames: Option<u16>,
     #[command(flatten)]
@@ -93,7 +93,7 @@ const PROMISES: [(&str, Options, f64, Option<u8>); 4] = [
 
 /// Measured frames of every point, and the time for them on slow devices.
 const FRAMES: usize = 64;
-const PATIENCE: Duration = Duration::from_secs(4);
+const PATIENCE: Duration = Duration::from_secs(1);
 /// Cameras of the orbit if there is no camera file.
 const ORBIT_VIEWS: usize = 100;
 

@@ -88,7 +88,8 @@ impl<'a> Study<'a> {
         Self { limits: WarmUpLimits::THOROUGH, ..self }
     }
 
-    /// The study with so few frames and views that those of a measurement take at most about `patience`.
+    /// The study with so few frames and views that those of a measurement take at most about `patience`, and brief
+    /// warm-ups if they are fewer than asked for.
     ///
     /// # Errors
     /// If rendering fails.
@@ -99,7 +100,11 @@ impl<'a> Study<'a> {
         renderer.render(view, self.background)?;
         let second = Instant::now();
         renderer.render(view, self.background)?;
-        self.protocol = self.protocol.within(patience, second.elapsed());
+        let protocol = self.protocol.within(patience, second.elapsed());
+        if protocol != self.protocol {
+            // The times of slow devices vary too much to become steady.
+            (self.protocol, self.limits) = (protocol, WarmUpLimits::BRIEF);
+        }
         // Pictures of all views are drawn for candidates, too: as many as frames are affordable.
         let (all, count) = (self.views.len(), self.protocol.frames.min(self.views.len()));
         let kept = (0..count).map(|i| i * all / count);
