@@ -7,3 +7,4 @@ mod commands;
 mod knobs;
 #[cfg(unix)]
 mod outputs;
+mod usage;
