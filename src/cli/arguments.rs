@@ -92,8 +92,8 @@ fn check_needs(matches: &ArgMatches) -> Result<(), Usage> {
     })
 }
 
-/// Fails if two options name the same file, or a report would replace a scene or picture. A folder may hold both pictures
-/// and certificates.
+/// Fails if two options name the same file, or a report would replace a scene or picture. A folder may hold both
+/// pictures and certificates.
 fn check_written(matches: &ArgMatches) -> Result<(), Usage> {
     for (i, one) in WRITTEN.iter().enumerate() {
         let Some(file) = value(matches, one) else { continue };

@@ -8,7 +8,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::remark;
 
-/// On a terminal a bar that appears after half a second and is removed when dropped; elsewhere a line every ten seconds.
+/// On a terminal a bar that appears after half a second and is removed when dropped; elsewhere a line every ten
+/// seconds.
 pub(super) struct Bar {
     label: String,
     started: Instant,
