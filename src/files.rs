@@ -3,6 +3,7 @@
 
 mod part;
 mod place;
+mod regular;
 mod set;
 
 use std::fs::{File, TryLockError};
@@ -12,6 +13,7 @@ use std::path::Path;
 use anyhow::{Context, Error, Result, anyhow, ensure};
 
 pub use part::remove_unfinished;
+pub use regular::open_regular;
 pub use set::write_set;
 
 use place::Place;

@@ -6,6 +6,7 @@ use std::sync::atomic::Ordering;
 use anyhow::{Context, Result, ensure};
 use comfy_table::Cell;
 use glam::{DQuat, DVec3, EulerRot};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::table::{say_table, table};
@@ -72,8 +73,11 @@ enum Shape {
     Sphere(DVec3, f64),
 }
 
-#[derive(Serialize)]
+/// The report of `smalto convert --json`.
+#[derive(Serialize, JsonSchema)]
+#[schemars(title = "Report of `smalto convert`")]
 struct Report {
+    /// The file that was written.
     file: String,
     format: String,
     bytes: u64,
@@ -83,6 +87,8 @@ struct Report {
     removed: usize,
     /// Gaussians left out because the format rounds their opacity to 0.
     transparent: usize,
+    /// Differences between the file, read back, and the scene as it would be drawn: of opacities after the sigmoid, of
+    /// unit rotations.
     loss: Vec<Loss>,
 }
 
@@ -312,5 +318,15 @@ fn parse_shape(text: &str) -> Result<Shape> {
             Ok(Shape::Sphere(DVec3::new(x, y, z), radius))
         }
         _ => anyhow::bail!("expected box=X,Y,Z,X,Y,Z or sphere=X,Y,Z,RADIUS"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_schema_of_the_report_is_documented() {
+        crate::cli::sink::assert_documented::<Report>("convert");
     }
 }

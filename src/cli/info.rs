@@ -1,12 +1,13 @@
 //! `smalto info`: describes a scene.
 
 use anyhow::{Context, Result};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::{SceneArg, Sink, knobs, say};
 use crate::options::{Options, Storage};
 use crate::render::{Layout, Packing, depth_bits};
-use crate::scene::{Bounds, Focus, Gaussians, LoadReport, Requirements, Scene, percentiles};
+use crate::scene::{Bounds, Focus, Gaussians, Level, LoadReport, Requirements, Scene, percentiles};
 
 /// Describe a scene: counts, bounds, distributions and the GPU storage that it needs
 #[derive(clap::Args)]
@@ -24,29 +25,62 @@ pub(super) struct Args {
 /// The percentiles in a report, as fractions.
 const FRACTIONS: [f64; 7] = [0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99];
 
-#[derive(Serialize)]
+/// The report of `smalto info --json`.
+#[derive(Serialize, JsonSchema)]
+#[schemars(title = "Report of `smalto info`")]
 struct Report {
     scene: String,
+    /// The format of the file.
     format: String,
+    /// Gaussians that can be drawn.
     gaussians: usize,
     sh_degree: u32,
+    /// It was trained with the antialiasing of Mip-Splatting, and is drawn with it.
+    is_antialiased: bool,
+    /// The levels of detail of the file, the finest first; empty if its format has none.
+    levels: Vec<Level>,
+    /// Differences between what the file asks for and what is drawn.
+    notices: Vec<String>,
     tally: LoadReport,
     /// The corners of the bounding box of the means, and the sphere around 90 % of the opacity, in world units.
     low: [f32; 3],
     high: [f32; 3],
     centre: [f64; 3],
     radius: f64,
-    /// The 1st, 5th, 25th, 50th, 75th, 95th and 99th percentiles, also of the next two.
-    opacity: [f32; 7],
+    opacity: Percentiles,
     /// Geometric mean of the three standard deviations, in world units.
-    scale: [f32; 7],
-    /// The largest standard deviation divided by the smallest.
-    anisotropy: [f32; 7],
+    scale: Percentiles,
+    /// The largest standard deviation divided by the smallest; `null` is infinity.
+    anisotropy: Percentiles,
     required: Required,
 }
 
+/// Percentiles of a value over all Gaussians, by their percentage.
+#[derive(Clone, Copy, Serialize, JsonSchema)]
+struct Percentiles {
+    p1: f32,
+    p5: f32,
+    p25: f32,
+    p50: f32,
+    p75: f32,
+    p95: f32,
+    p99: f32,
+}
+
+impl Percentiles {
+    fn of(values: Vec<f32>) -> Self {
+        let [p1, p5, p25, p50, p75, p95, p99] = percentiles(values, FRACTIONS);
+        Self { p1, p5, p25, p50, p75, p95, p99 }
+    }
+
+    fn values(self) -> [f32; 7] {
+        let Self { p1, p5, p25, p50, p75, p95, p99 } = self;
+        [p1, p5, p25, p50, p75, p95, p99]
+    }
+}
+
 /// The needs of the scene, and its storage on the GPU with a preset.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Required {
     preset: String,
     /// The highest degree of spherical harmonics with a nonzero coefficient, and the highest that the preset keeps.
@@ -90,12 +124,15 @@ fn report(name: &str, scene: &Scene, preset: &str) -> Result<Report> {
         format: scene.format.clone(),
         gaussians: gaussians.len(),
         sh_degree: gaussians.sh_degree(),
+        is_antialiased: scene.is_antialiased,
+        levels: scene.levels.clone(),
+        notices: scene.notices.clone(),
         tally: scene.report,
         low: bounds.low,
         high: bounds.high,
         centre: focus.centre,
         radius: focus.radius,
-        opacity: percentiles(gaussians.opacities().to_vec(), FRACTIONS),
+        opacity: Percentiles::of(gaussians.opacities().to_vec()),
         scale: of_scales(gaussians, |[x, y, z]| (x * y * z).cbrt()),
         anisotropy: of_scales(gaussians, |[x, y, z]| x.max(y).max(z) / x.min(y).min(z)),
         required: required(gaussians, preset)?,
@@ -146,20 +183,25 @@ fn packing(packing: Packing) -> String {
 }
 
 /// Percentiles of a value of the three standard deviations.
-fn of_scales(gaussians: &Gaussians, value: fn([f64; 3]) -> f64) -> [f32; 7] {
-    let values = gaussians.scales().iter().map(|s| value(s.map(f64::from)) as f32);
-    percentiles(values.collect(), FRACTIONS)
+fn of_scales(gaussians: &Gaussians, value: fn([f64; 3]) -> f64) -> Percentiles {
+    Percentiles::of(gaussians.scales().iter().map(|s| value(s.map(f64::from)) as f32).collect())
 }
 
 fn print(report: &Report) -> Result<()> {
     let Report { scene, format, gaussians, sh_degree, tally, low, high, centre, radius, .. } = report;
     say!("{scene}: {format}, {gaussians} Gaussians, SH degree {sh_degree}")?;
     say!("read        {} ({tally})", tally.read)?;
+    if report.is_antialiased {
+        say!("trained     with the antialiasing of Mip-Splatting, and drawn with it")?;
+    }
+    for Level { level, gaussians } in &report.levels {
+        say!("level {level:<5} {gaussians} Gaussians in the file")?;
+    }
     say!("box         {} to {}", point(low), point(high))?;
     say!("opacity     90 % lies within {radius:.4} of {}", point(&centre.map(|v| v as f32)))?;
     say!("percentile  {}", FRACTIONS.map(|f| format!("{:>9}", format!("{:.0} %", f * 100.0))).concat())?;
     for (name, values) in [("opacity", report.opacity), ("scale", report.scale), ("anisotropy", report.anisotropy)] {
-        say!("{name:<11} {}", values.map(|v| format!("{:>9}", number(v))).concat())?;
+        say!("{name:<11} {}", values.values().map(|v| format!("{:>9}", number(v))).concat())?;
     }
     print_required(&report.required, *sh_degree)
 }
@@ -194,5 +236,15 @@ fn number(value: f32) -> String {
     match value.abs() {
         v if v == 0.0 || (1e-3..1e5).contains(&v) => format!("{value:.4}")[..].chars().take(7).collect(),
         _ => format!("{value:.2e}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_schema_of_the_report_is_documented() {
+        crate::cli::sink::assert_documented::<Report>("info");
     }
 }

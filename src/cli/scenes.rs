@@ -1,6 +1,8 @@
 //! The scene argument of commands, and how scene files are read.
 
-use std::path::PathBuf;
+mod piped;
+
+use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
@@ -8,13 +10,14 @@ use glam::{DMat3, DQuat, DVec3};
 
 use super::{Usage, progress, remark};
 use crate::camera::Up;
-use crate::scene::{self, Procedural, Reading, Scene, Transform};
+use crate::scene::{self, NoLevel, Procedural, Reading, Scene, Transform};
 
 /// The scene that a command draws, describes or measures.
 #[derive(Args)]
 pub(super) struct SceneArg {
     /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb or .gltf), folder of a SOG, model folder of
-    /// the original 3DGS, or procedural scene: cactus, few-large or many-small, optionally with :COUNT Gaussians
+    /// the original 3DGS, - for a file on standard input, or procedural scene: cactus, few-large or many-small,
+    /// optionally with :COUNT Gaussians
     #[arg(default_value = "cactus")]
     pub scene: PathBuf,
     #[command(flatten)]
@@ -27,12 +30,11 @@ impl SceneArg {
         Procedural::parse(self.scene.to_str()?)
     }
 
-    /// The file of the scene, if it is not procedural. In a model folder, the point cloud of the last iteration.
+    /// The file of the scene, if it is neither procedural nor comes from a pipe. In a model folder, the point cloud of
+    /// the last iteration.
     pub fn path(&self) -> Option<PathBuf> {
-        if self.procedural().is_some() {
-            return None;
-        }
-        Some(scene::in_folder(&self.scene))
+        let is_file = self.procedural().is_none() && !piped::is_piped(&self.scene);
+        is_file.then(|| scene::in_folder(&self.scene))
     }
 
     /// The name of the scene in reports: its file name without the folder.
@@ -40,14 +42,21 @@ impl SceneArg {
         self.scene.file_name().unwrap_or(self.scene.as_os_str()).to_string_lossy().into_owned()
     }
 
-    /// The stem of output files that are named after the scene.
+    /// The stem of output files that are named after the scene. All models of the original and all SOGs in folders have
+    /// files of the same names, so they are named by their folders.
     pub fn stem(&self) -> String {
+        const OTHERWISE: &str = "scene";
         if let Some(Ok(procedural)) = self.procedural() {
             return procedural.name().to_owned();
         }
-        let path = self.path().unwrap_or_else(|| self.scene.clone());
-        let name = path.file_name().map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned());
-        name.split('.').find(|part| !part.is_empty()).unwrap_or("scene").to_owned()
+        let Some(path) = self.path() else { return OTHERWISE.to_owned() };
+        let is_meta = path.file_name().is_some_and(|name| name == "meta.json" || name == "lod-meta.json");
+        if is_meta || self.scene.is_dir() {
+            let folder = if is_meta { path.parent().unwrap_or(Path::new("")) } else { &self.scene };
+            return folder_name(folder).unwrap_or_else(|| OTHERWISE.to_owned());
+        }
+        let name = path.file_name().map_or_else(|| OTHERWISE.into(), |n| n.to_string_lossy().into_owned());
+        name.split('.').find(|part| !part.is_empty()).unwrap_or(OTHERWISE).to_owned()
     }
 
     /// Reads the file or makes the procedural scene. Prints to stderr what was dropped or clamped.
@@ -57,11 +66,17 @@ impl SceneArg {
         let scene = match self.procedural() {
             Some(procedural) => {
                 let procedural = procedural.map_err(|e| Usage(format!("{name}: {e:#}")))?;
-                reading.make(procedural)?
+                reading.make(procedural).map_err(no_level)?
             }
             None => {
                 let bar = progress::Bar::new("reading");
-                reading.read(&path, &|fraction| bar.set(fraction))?
+                let progress = |fraction| bar.set(fraction);
+                let read = if piped::is_piped(&self.scene) {
+                    piped::read(&self.scene, &reading, &progress)
+                } else {
+                    reading.read(&path, &progress)
+                };
+                read.map_err(no_level)?
             }
         };
         for notice in &scene.notices {
@@ -74,6 +89,25 @@ impl SceneArg {
         }
         Ok(scene)
     }
+}
+
+/// A level of detail that the scene lacks is an error of usage.
+fn no_level(error: anyhow::Error) -> anyhow::Error {
+    match error.downcast::<NoLevel>() {
+        Ok(none) => Usage(format!("--lod: {none}")).into(),
+        Err(error) => error,
+    }
+}
+
+/// The name of the folder of a model or a SOG. The folders inside of a model have the same names in all models.
+fn folder_name(folder: &Path) -> Option<String> {
+    let folder = folder.canonicalize().ok()?;
+    let names = folder.components().rev().filter_map(|part| match part {
+        Component::Normal(name) => Some(name.to_string_lossy().into_owned()),
+        _ => None,
+    });
+    let mut names = names.skip_while(|name| name.starts_with("iteration_") || name == "point_cloud");
+    names.next()
 }
 
 const HEADING: &str = "Scene";

@@ -202,7 +202,14 @@ pub(super) fn read(source: &mut Source) -> Result<Scene> {
         read_section(source, section, header.level, &mut builder)?;
     }
     let (gaussians, report) = builder.finish();
-    Ok(Scene { gaussians, report, format: "KSPLAT".to_owned(), is_antialiased: false, notices: Vec::new() })
+    Ok(Scene {
+        gaussians,
+        report,
+        format: "KSPLAT".to_owned(),
+        is_antialiased: false,
+        notices: Vec::new(),
+        levels: Vec::new(),
+    })
 }
 
 /// Reads the headers of all sections, and checks that the file can hold their Gaussians.

@@ -3,13 +3,14 @@
 use std::fmt;
 use std::path::Path;
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::Gaussians;
 use crate::host_memory::OutOfMemory;
 
 /// Number of Gaussians in a file, and of those that were dropped or changed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct LoadReport {
     /// Gaussians in the file.
     pub read: usize,
@@ -75,6 +76,38 @@ pub struct Scene {
     pub is_antialiased: bool,
     /// Differences between what the file asks for and what is drawn, one clause each.
     pub notices: Vec<String>,
+    /// The levels of detail of the file, the finest first; empty if its format has none.
+    pub levels: Vec<Level>,
+}
+
+/// A level of detail of a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Level {
+    /// Its number, 0 the finest.
+    pub level: u32,
+    /// Its number of Gaussians in the file, with those of the environment, which belong to all levels.
+    pub gaussians: u64,
+}
+
+/// The error where a level of detail is asked for that the scene does not have.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: {problem}")]
+pub struct NoLevel {
+    /// The scene.
+    pub path: String,
+    /// The levels that it has, as a clause.
+    pub problem: String,
+}
+
+impl NoLevel {
+    /// The error for a scene without levels. The reader of the file adds its path.
+    pub(super) fn none() -> Self {
+        Self::of("there are no levels of detail; only a lod-meta.json has them".to_owned())
+    }
+
+    pub(super) fn of(problem: String) -> Self {
+        Self { path: String::new(), problem }
+    }
 }
 
 /// The error for a file that cannot be used.

@@ -3,13 +3,14 @@
 use std::ops::Range;
 
 use rayon::prelude::*;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::harmonics::C0;
 use super::{Gaussians, sh_coefficients};
 
 /// The difference of one attribute between two scenes, over all Gaussians.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Loss {
     /// Name of the attribute.
     pub attribute: &'static str,

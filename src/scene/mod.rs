@@ -1,5 +1,6 @@
 //! Scenes: Gaussians, validated and made canonical once when they are read, and the file formats they come in.
 
+mod beside;
 mod bounds;
 mod canonical;
 mod edit;
@@ -31,7 +32,7 @@ pub use canonical::{Builder, Raw};
 pub use edit::RIGHT_UP_BACK;
 pub use gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 pub use grid::Grid;
-pub use loaded::{LoadReport, Scene, Unreadable};
+pub use loaded::{Level, LoadReport, NoLevel, Scene, Unreadable};
 pub use loss::Loss;
 pub use procedural::Procedural;
 pub use reading::{Reading, in_folder, read};

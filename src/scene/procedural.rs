@@ -91,6 +91,7 @@ impl Procedural {
             format: format!("procedural {}", self.name()),
             is_antialiased: false,
             notices: Vec::new(),
+            levels: Vec::new(),
         })
     }
 }

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 
-use super::source::{NO_LEVELS, Source};
+use super::source::Source;
 use super::{
-    Cancelled, Gaussians, LoadReport, Procedural, Scene, Transform, Unreadable, Watch, gltf, ksplat, ply, sog, splat,
-    spz,
+    Cancelled, Gaussians, LoadReport, NoLevel, Procedural, Scene, Transform, Unreadable, Watch, gltf, ksplat, ply, sog,
+    splat, spz,
 };
 use crate::host_memory::OutOfMemory;
 
@@ -27,7 +27,8 @@ impl Reading {
     /// .gltf are recognized by name. `progress` gets the fraction read so far, 0 to 1.
     ///
     /// # Errors
-    /// [`Unreadable`] if the file is not a scene that can be drawn, [`OutOfMemory`] if it does not fit into memory.
+    /// [`Unreadable`] if the file is not a scene that can be drawn, [`OutOfMemory`] if it does not fit into memory,
+    /// [`NoLevel`] if it lacks the level of detail.
     pub fn read(&self, path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
         self.read_watched(path, &Watch { progress, partial: &|_| {}, is_cancelled: &|| false })
     }
@@ -44,8 +45,17 @@ impl Reading {
             if (watch.is_cancelled)() {
                 return Cancelled.into();
             }
+            let path_of = || path.display().to_string();
+            if let Some(NoLevel { problem, .. }) = problem.downcast_ref() {
+                return NoLevel { path: path_of(), problem: problem.clone() }.into();
+            }
             match problem.downcast::<OutOfMemory>() {
                 Ok(too_large) => too_large.into(),
+                // Decompressors allocate as they go.
+                Err(problem) if lacks_memory(&problem) => {
+                    let reason = "the host has too little free memory to read it".to_owned();
+                    OutOfMemory { name: path_of(), bytes: None, reason }.into()
+                }
                 Err(problem) => Unreadable::new(path, &problem).into(),
             }
         })
@@ -54,10 +64,10 @@ impl Reading {
     /// Generates a procedural scene.
     ///
     /// # Errors
-    /// [`OutOfMemory`], and [`Unreadable`] if a level of detail is requested.
+    /// [`OutOfMemory`], and [`NoLevel`] if a level of detail is requested.
     pub fn make(&self, procedural: Procedural) -> Result<Scene> {
         if self.level.is_some() {
-            return Err(Unreadable { path: procedural.name().to_owned(), problem: NO_LEVELS.to_owned() }.into());
+            return Err(NoLevel { path: procedural.name().to_owned(), ..NoLevel::none() }.into());
         }
         let scene = procedural.make()?;
         Ok(Scene { gaussians: self.placed(scene.gaussians)?, ..scene })
@@ -81,13 +91,26 @@ pub fn read(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
     Reading::default().read(path, progress)
 }
 
-/// The path of the scene in a model folder of the original 3DGS: the point cloud of the last iteration. Any other path
-/// is returned unchanged.
+/// The path of the scene in a model folder of the original 3DGS: the point cloud of the last iteration. `path` may also
+/// be its folder `point_cloud` or the folder of an iteration. Any other path is returned unchanged.
 pub fn in_folder(path: &Path) -> PathBuf {
-    let iterations = std::fs::read_dir(path.join("point_cloud")).into_iter().flatten().flatten();
-    let number = |folder: &Path| folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse::<u64>().ok();
-    let last = iterations.map(|entry| entry.path()).filter_map(|f| Some((number(&f)?, f))).max();
-    last.map_or_else(|| path.to_owned(), |(_, folder)| folder.join("point_cloud.ply"))
+    const FILE: &str = "point_cloud.ply";
+    if path.join(FILE).exists() {
+        return path.join(FILE);
+    }
+    let last = |folder: &Path| {
+        let iterations = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        let number = |folder: &Path| folder.file_name()?.to_str()?.strip_prefix("iteration_")?.parse::<u64>().ok();
+        iterations.map(|entry| entry.path()).filter_map(|f| Some((number(&f)?, f))).max()
+    };
+    let found = last(&path.join("point_cloud")).or_else(|| last(path));
+    found.map_or_else(|| path.to_owned(), |(_, folder)| folder.join(FILE))
+}
+
+/// True if an allocation failed inside of a decompressor.
+fn lacks_memory(problem: &anyhow::Error) -> bool {
+    let kinds = problem.chain().filter_map(|cause| cause.downcast_ref::<std::io::Error>()).map(std::io::Error::kind);
+    kinds.into_iter().any(|kind| kind == std::io::ErrorKind::OutOfMemory)
 }
 
 fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
@@ -99,7 +122,7 @@ fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     let is_json = magic.starts_with(b"{") && !["gltf", "splat", "ksplat"].into_iter().any(is_named);
     let scene = match magic {
         _ if is_json => sog::read_json(source, path, level, watch)?,
-        _ if level.is_some() => bail!(NO_LEVELS),
+        _ if level.is_some() => bail!(NoLevel::none()),
         _ if magic.starts_with(b"ply") => ply::read(&mut source)?,
         _ if magic.starts_with(b"glTF") => gltf::read_binary(&mut source, path)?,
         _ if is_named("gltf") => gltf::read_text(&mut source, path)?,

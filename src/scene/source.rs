@@ -9,14 +9,11 @@ use rayon::prelude::*;
 
 use super::canonical::BLOCK;
 use super::{Builder, Cancelled, Watch};
-use crate::files::describe;
+use crate::files::{describe, open_regular};
 use crate::host_memory::host_vec;
 
 /// Bytes that a thread reads at a time.
 const PART: usize = 1 << 20;
-
-/// The error where a level of detail is asked for and the scene has none.
-pub(super) const NO_LEVELS: &str = "there are no levels of detail; only a lod-meta.json has them";
 
 /// A file that is read front to back. Errors name the byte.
 pub(super) struct Source<'w> {
@@ -34,11 +31,9 @@ pub(super) struct Source<'w> {
 impl<'w> Source<'w> {
     /// Opens a regular file.
     pub fn open(path: &Path, watch: &'w Watch<'w>) -> Result<Self> {
-        let file = File::open(path).map_err(|e| anyhow!("cannot be opened: {}", describe(&e)))?;
-        let metadata = file.metadata()?;
-        ensure!(metadata.is_file(), "is not a file");
+        let file = open_regular(path)?;
+        let len = file.metadata()?.len();
         let reader = BufReader::with_capacity(PART, file);
-        let len = metadata.len();
         Ok(Self { reader, len, position: 0, watch, next_report: 0, is_cancelled: false, next_partial: BLOCK })
     }
 
@@ -84,8 +79,18 @@ impl<'w> Source<'w> {
                 let end = start + bytes.len() as u64;
                 anyhow!("the file ends at byte {}, inside {what} at bytes {start} to {end}", self.len)
             }
-            _ => anyhow!("cannot be read: {error}"),
+            _ => anyhow!("cannot be read: {}", describe(&error)),
         })
+    }
+
+    /// The next `count` bytes. `what` names them in the error if the file has fewer.
+    pub fn bytes(&mut self, count: u64, what: &str) -> Result<Vec<u8>> {
+        ensure!(count <= self.left(), "{what} takes {count} bytes, the file has {} left", self.left());
+        let mut bytes = host_vec(usize::try_from(count)?, what)?;
+        bytes.resize(count as usize, 0);
+        // In parts, so that progress is reported.
+        bytes.chunks_mut(PART).try_for_each(|part| self.fill(part, what))?;
+        Ok(bytes)
     }
 
     /// Like [`Source::line`], but the last line of the file may have no line end.
@@ -103,11 +108,7 @@ impl<'w> Source<'w> {
     pub fn rest(&mut self, limit: u64, what: &str) -> Result<Vec<u8>> {
         let bytes = self.left();
         ensure!(bytes <= limit, "{what} has {bytes} bytes, expected at most {limit}");
-        let mut all = host_vec(usize::try_from(bytes)?, what)?;
-        all.resize(bytes as usize, 0);
-        // In parts, so that progress is reported.
-        all.chunks_mut(PART).try_for_each(|part| self.fill(part, what))?;
-        Ok(all)
+        self.bytes(bytes, what)
     }
 
     /// Skips bytes. `what` names them in the error if the file ends first.
@@ -125,7 +126,7 @@ impl<'w> Source<'w> {
         (&mut *self).take(limit).read_until(b'\n', &mut line)?;
         if line.pop() != Some(b'\n') {
             ensure!(self.left() > 0, "the file ends at byte {}, inside {what}", self.len);
-            bail!("{what} has no end within {} bytes", self.position);
+            bail!("a line of {what} has no end within {limit} bytes");
         }
         if line.last() == Some(&b'\r') {
             line.pop();

@@ -37,7 +37,14 @@ pub(super) fn read(source: &mut Source) -> Result<Scene> {
         });
     }
     let (gaussians, report) = builder.finish();
-    Ok(Scene { gaussians, report, format: "SPLAT".to_owned(), is_antialiased: false, notices: Vec::new() })
+    Ok(Scene {
+        gaussians,
+        report,
+        format: "SPLAT".to_owned(),
+        is_antialiased: false,
+        notices: Vec::new(),
+        levels: Vec::new(),
+    })
 }
 
 /// Refuses a file that has the name of the format but another content. A tenth of the Gaussians may be damaged.

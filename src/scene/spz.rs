@@ -79,6 +79,8 @@ pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
         1..=3 => {}
         other => bail!("SPZ version {other} is not supported in a gzip stream, only 1 to 3"),
     }
+    // Without room for the Gaussians nothing is decompressed.
+    let builder = Builder::new(header.sh_degree, header.count)?;
     let mut planes = Vec::new();
     for (name, bytes) in header.planes() {
         let wanted = header.count * bytes;
@@ -95,7 +97,7 @@ pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
     let mut records = Vec::new();
     stream.take(MAX_EXTENSION_BYTES + 1).read_to_end(&mut records).context("the gzip stream is damaged")?;
     ensure!(records.len() as u64 <= MAX_EXTENSION_BYTES, "over {MAX_EXTENSION_BYTES} bytes follow the Gaussians");
-    decode(source, &header, flips(if header.has_extensions { &records } else { &[] })?, planes)
+    decode(source, &header, flips(if header.has_extensions { &records } else { &[] })?, planes, builder)
 }
 
 /// Reads version 4: a plain header, a table of contents, and a zstd stream per plane.
@@ -116,8 +118,7 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
     let gap = u64::from(toc).checked_sub(32).context("the table of contents begins inside the header")?;
     ensure!(gap <= source.left(), "the table of contents begins at byte {toc}, past the end of the file");
     ensure!(gap <= MAX_EXTENSION_BYTES, "{gap} bytes of extensions lie before the table of contents");
-    let mut records = vec![0; gap as usize];
-    source.fill(&mut records, "the extensions")?;
+    let records = source.bytes(gap, "the extensions")?;
     let flips = flips(if header.has_extensions { &records } else { &[] })?;
     let mut sizes = Vec::new();
     for (name, bytes) in &planes {
@@ -128,22 +129,26 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
         ensure!(plain == wanted, "{} Gaussians have {wanted} bytes of {name}, the file says {plain}", header.count);
         sizes.push(compressed);
     }
+    let builder = Builder::new(header.sh_degree, header.count)?;
     let mut readers = Vec::new();
     for ((name, _), size) in planes.iter().zip(sizes) {
-        ensure!(size <= source.left(), "the {name} take {size} bytes, the file has {} left", source.left());
-        let mut compressed = vec![0; usize::try_from(size)?];
-        source.fill(&mut compressed, name)?;
+        let compressed = source.bytes(size, &format!("the stream of the {name}"))?;
         let decoder =
             zstd::Decoder::new(std::io::Cursor::new(compressed)).with_context(|| format!("the {name} are not zstd"))?;
         readers.push(BufReader::with_capacity(1 << 16, decoder));
     }
-    decode(source, &header, flips, readers)
+    decode(source, &header, flips, readers, builder)
 }
 
 /// Decodes the Gaussians block by block from all planes in parallel.
-fn decode<R: Read + Send>(source: &mut Source, header: &Header, flips: [bool; 3], mut planes: Vec<R>) -> Result<Scene> {
+fn decode<R: Read + Send>(
+    source: &mut Source,
+    header: &Header,
+    flips: [bool; 3],
+    mut planes: Vec<R>,
+    mut builder: Builder,
+) -> Result<Scene> {
     let layout = header.planes();
-    let mut builder = Builder::new(header.sh_degree, header.count)?;
     let mut blocks: Vec<Vec<u8>> = vec![Vec::new(); layout.len()];
     let step = 0.5_f64.powi(header.fractional_bits as i32);
     for first in (0..header.count).step_by(BLOCK) {
@@ -175,6 +180,7 @@ fn decode<R: Read + Send>(source: &mut Source, header: &Header, flips: [bool; 3]
         format: format!("SPZ {}", header.version),
         is_antialiased: header.is_antialiased,
         notices: Vec::new(),
+        levels: Vec::new(),
     })
 }
 

@@ -34,7 +34,14 @@ pub fn cactus(count: usize) -> Result<Scene, OutOfMemory> {
         made = until;
     }
     let (gaussians, report) = builder.finish();
-    Ok(Scene { gaussians, report, format: "procedural cactus".to_owned(), is_antialiased: false, notices: Vec::new() })
+    Ok(Scene {
+        gaussians,
+        report,
+        format: "procedural cactus".to_owned(),
+        is_antialiased: false,
+        notices: Vec::new(),
+        levels: Vec::new(),
+    })
 }
 
 /// A part of the scene: its share of the Gaussians, and their appearance.

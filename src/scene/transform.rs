@@ -37,8 +37,8 @@ impl Transform {
     pub fn new(rotation: DQuat, translation: DVec3, scale: f64) -> Result<Self> {
         let length = rotation.length();
         ensure!(length.is_finite() && length > 0.0, "{rotation} is not a rotation");
-        ensure!(translation.is_finite(), "the translation {translation} is not finite");
-        ensure!(scale.is_finite() && scale > 0.0, "the scale {scale} is not over 0 and finite");
+        ensure!(translation.is_finite(), "the translation {:?} is not finite", translation.to_array());
+        ensure!(scale.is_finite() && scale > 0.0, "the scale {scale:?} is not over 0 and finite");
         Ok(Self { rotation: rotation / length, translation, scale })
     }
 
@@ -114,7 +114,7 @@ impl Gaussians {
         });
         if let Some(far) = moved.means.par_iter().position_first(|mean| !mean.iter().all(|v| v.is_finite())) {
             let mean = transform.point(DVec3::from(self.means[far].map(f64::from)));
-            bail!("Gaussian {far} would lie at {mean}, which is beyond 32-bit floats");
+            bail!("Gaussian {far} would lie at {:?}, which is beyond 32-bit floats", mean.to_array());
         }
         let scaled = |s: f32| ((f64::from(s) * transform.scale) as f32).min(f32::MAX);
         moved.scales.par_iter_mut().for_each(|scale| *scale = scale.map(scaled));

@@ -117,7 +117,7 @@ impl Layer {
 
     /// Takes in the scene that was read, and returns its Gaussians.
     pub fn fill(&mut self, scene: Scene) -> Arc<Gaussians> {
-        let Scene { gaussians, report, format, is_antialiased, notices } = scene;
+        let Scene { gaussians, report, format, is_antialiased, notices, .. } = scene;
         let degree = gaussians.sh_degree();
         self.summary = format!("{format}, {} Gaussians, SH degree {degree}; {report}", gaussians.len());
         notices.iter().for_each(|notice| self.summary += &format!("; {notice}"));

@@ -4,12 +4,15 @@
 mod common;
 
 mod agreement;
-mod camera_errors;
 mod camera_choice;
+mod camera_errors;
 mod cameras;
 mod convert;
+mod independent;
+mod named_files;
 mod sog;
 mod sog_write;
 mod splat;
 mod variants;
 mod watched;
+mod written;

@@ -191,7 +191,7 @@ fn inconsistent_meta_json_is_refused() {
         ("text", |m| m["count"] = json!("many"), "meta.json is not that of a SOG scene: invalid type"),
         ("no means", |m| drop(m.as_object_mut().unwrap().remove("means")), "neither means"),
         ("no scales", |m| drop(m.as_object_mut().unwrap().remove("scales")), "missing field `scales`"),
-        ("file", |m| m["quats"]["files"] = json!(["no.webp"]), "no.webp cannot be opened"),
+        ("file", |m| m["quats"]["files"] = json!(["no.webp"]), "no.webp: cannot be opened: there is no such file"),
         ("outside", |m| m["quats"]["files"] = json!(["../meta.json"]), "'../meta.json' is not the name"),
         ("absolute", |m| m["quats"]["files"] = json!(["/etc/hostname"]), "is not the name"),
         ("not an image", |m| m["quats"]["files"] = json!(["meta.json"]), "meta.json is not a WebP image"),

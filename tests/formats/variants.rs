@@ -134,8 +134,8 @@ fn gltf_follows_nodes_and_buffers() {
         ("/accessors/0/count", serde_json::json!(1_000_000_000_000_000_u64), "bytes"),
         ("/accessors/2/count", serde_json::json!(7), "of another attribute"),
         ("/bufferViews/2/byteLength", serde_json::json!(u64::MAX), "outside of its buffer"),
-        ("/buffers/0/uri", serde_json::json!("../a.bin"), "not beside the file"),
-        ("/buffers/0/uri", serde_json::json!("none.bin"), "cannot be read"),
+        ("/buffers/0/uri", serde_json::json!("../a.bin"), "not the name of a file in the folder"),
+        ("/buffers/0/uri", serde_json::json!("none.bin"), "there is no such file"),
         (
             "/meshes/0/primitives/0/extensions/KHR_gaussian_splatting/colorSpace",
             serde_json::json!("lin_rec709_display"),

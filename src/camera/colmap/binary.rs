@@ -9,7 +9,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use super::models::{Intrinsics, LEAST_PARAMETERS, Model};
 use super::photograph::Photograph;
-use crate::files::describe;
+use crate::files::{describe, open_regular};
 
 /// Longest name of a photograph in bytes.
 const MAX_NAME_BYTES: u64 = 4096;
@@ -80,10 +80,9 @@ struct Source {
 
 impl Source {
     fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(|e| anyhow!("cannot be opened: {}", describe(&e)))?;
-        let metadata = file.metadata()?;
-        ensure!(metadata.is_file(), "is not a file");
-        Ok(Self { reader: BufReader::with_capacity(1 << 16, file), len: metadata.len(), position: 0 })
+        let file = open_regular(path)?;
+        let len = file.metadata()?.len();
+        Ok(Self { reader: BufReader::with_capacity(1 << 16, file), len, position: 0 })
     }
 
     fn left(&self) -> u64 {

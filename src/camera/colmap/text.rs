@@ -10,7 +10,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 
 use super::models::{Intrinsics, Model};
 use super::photograph::Photograph;
-use crate::files::describe;
+use crate::files::{describe, open_regular};
 
 /// Reads all cameras, by their ids.
 pub(super) fn cameras(path: &Path) -> Result<HashMap<u32, Intrinsics>> {
@@ -99,9 +99,7 @@ struct Lines {
 
 impl Lines {
     fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(|e| anyhow!("cannot be opened: {}", describe(&e)))?;
-        ensure!(file.metadata()?.is_file(), "is not a file");
-        let reader = BufReader::with_capacity(1 << 16, file);
+        let reader = BufReader::with_capacity(1 << 16, open_regular(path)?);
         Ok(Self { reader, bytes: Vec::new(), text: String::new(), number: 0, announced: None })
     }
 

@@ -59,5 +59,5 @@ fn vertices(source: &mut Source, element: &Element) -> Result<Scene> {
     let (gaussians, report) = builder.finish();
     let flat = (layout.scale.len() == 2).then(|| "it has two scales, and is drawn as flat Gaussians".to_owned());
     let notices = flat.into_iter().collect();
-    Ok(Scene { gaussians, report, format: "PLY".to_owned(), is_antialiased: false, notices })
+    Ok(Scene { gaussians, report, format: "PLY".to_owned(), is_antialiased: false, notices, levels: Vec::new() })
 }

@@ -73,7 +73,14 @@ pub(super) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
         builder.extend(BLOCK.min(count - first), |index, coefficients| decode(first + index, coefficients));
     }
     let (gaussians, report) = builder.finish();
-    Ok(Scene { gaussians, report, format: "compressed PLY".to_owned(), is_antialiased: false, notices: Vec::new() })
+    Ok(Scene {
+        gaussians,
+        report,
+        format: "compressed PLY".to_owned(),
+        is_antialiased: false,
+        notices: Vec::new(),
+        levels: Vec::new(),
+    })
 }
 
 fn read_chunks(source: &mut Source, element: &Element) -> Result<Vec<Chunk>> {

@@ -44,7 +44,14 @@ pub(super) fn read(source: &mut Source, rows: &mut Rows, kept: &Element) -> Resu
     });
     let (gaussians, report) = builder.finish();
     let notice = "it is a point cloud without Gaussians, and is drawn as balls between its neighbours".to_owned();
-    Ok(Scene { gaussians, report, format: "PLY, points".to_owned(), is_antialiased: false, notices: vec![notice] })
+    Ok(Scene {
+        gaussians,
+        report,
+        format: "PLY, points".to_owned(),
+        is_antialiased: false,
+        notices: vec![notice],
+        levels: Vec::new(),
+    })
 }
 
 /// Half the distance of each point to the nearest of its neighbours on the Z-order curve, limited to four times the

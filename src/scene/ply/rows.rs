@@ -16,12 +16,18 @@ pub(super) fn skip(source: &mut Source, element: &Element) -> Result<()> {
         "element {} has a list property; lists before the Gaussians are not supported",
         element.name
     );
+    let what = &rows_of(element);
     if element.encoding == Encoding::Ascii {
-        let count = checked_count(element.count, 1, source.left(), &element.name)?;
-        return (0..count).try_for_each(|_| source.line(MAX_LINE_BYTES, &element.name).map(drop));
+        let count = checked_count(element.count, 1, source.left(), what)?;
+        return (0..count).try_for_each(|_| source.line(MAX_LINE_BYTES, what).map(drop));
     }
-    let count = checked_count(element.count, element.stride() as u64, source.left(), &element.name)?;
-    source.skip((count * element.stride()) as u64, &element.name)
+    let count = checked_count(element.count, element.stride() as u64, source.left(), what)?;
+    source.skip((count * element.stride()) as u64, what)
+}
+
+/// The rows of an element, as errors name them.
+fn rows_of(element: &Element) -> String {
+    format!("rows of element {}", element.name)
 }
 
 /// Reads the rows of an element block by block.
@@ -85,11 +91,12 @@ pub(super) fn binary_rows<T>(
 ) -> Result<Vec<T>> {
     ensure!(!element.has_list, "element {} has a list property", element.name);
     ensure!(element.encoding != Encoding::Ascii, "packed Gaussians written as text are not supported");
-    let count = checked_count(element.count, element.stride() as u64, source.left(), &element.name)?;
+    let what = &rows_of(element);
+    let count = checked_count(element.count, element.stride() as u64, source.left(), what)?;
     let mut row = vec![0; element.stride()];
-    let mut all = host_vec(count * per_row, &element.name)?;
+    let mut all = host_vec(count * per_row, what)?;
     for _ in 0..count {
-        source.fill(&mut row, &element.name)?;
+        source.fill(&mut row, what)?;
         take(&row, &mut all);
     }
     Ok(all)

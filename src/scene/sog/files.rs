@@ -1,13 +1,15 @@
 //! Access to the textures of a SOG in a zip archive or in a folder.
 
 use std::io::{Cursor, Read};
-use std::path::{Component, Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use zip::ZipArchive;
 use zip::result::ZipError;
 
+use crate::files::describe;
 use crate::scene::Watch;
+use crate::scene::beside::inside;
 use crate::scene::source::Source;
 
 pub(super) enum Files {
@@ -51,15 +53,9 @@ impl Files {
             Self::Archive(_, len) => Ok(*len),
             Self::Folder(folder) => names.iter().try_fold(0_u64, |sum, name| {
                 let metadata = std::fs::metadata(inside(folder, name)?);
-                Ok(sum.saturating_add(metadata.with_context(|| format!("{name} cannot be opened"))?.len()))
+                let metadata = metadata.map_err(|e| anyhow!("{name}: cannot be opened: {}", describe(&e)))?;
+                Ok(sum.saturating_add(metadata.len()))
             }),
         }
     }
-}
-
-/// The path of a file that a JSON names. Fails if it is not below the folder.
-pub(super) fn inside(folder: &Path, name: &str) -> Result<PathBuf> {
-    let is_below = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
-    ensure!(is_below && !name.is_empty(), "'{name}' is not the name of a file in the folder of the JSON");
-    Ok(folder.join(name))
 }

@@ -15,8 +15,8 @@ use serde::de::IgnoredAny;
 
 use self::files::Files;
 use self::unit::{Unit, decode_all};
-use super::source::{NO_LEVELS, Source};
-use super::{Scene, Watch};
+use super::source::Source;
+use super::{NoLevel, Scene, Watch};
 
 /// Progress when an archive is read but not yet decoded.
 const READ: f64 = 0.25;
@@ -51,7 +51,7 @@ pub(super) fn read_json(source: Source, path: &Path, level: Option<u32>, watch: 
     match serde_json::from_slice(&json).context("not the JSON of a scene")? {
         Keys { tree: Some(_), .. } => streamed::read(&mut source, &json, folder, level, watch),
         Keys { means: Some(_), .. } => {
-            ensure!(level.is_none(), NO_LEVELS);
+            ensure!(level.is_none(), NoLevel::none());
             let unit = Unit::parse(&json, Files::Folder(folder.to_owned()))?;
             let format = unit.meta.format();
             decode_all(&mut source, vec![unit], format, watch)

@@ -7,10 +7,11 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
-use super::files::{Files, inside};
+use super::files::Files;
 use super::unit::{Unit, decode_all};
+use crate::scene::beside::inside;
 use crate::scene::source::Source;
-use crate::scene::{Cancelled, Scene, Watch};
+use crate::scene::{Cancelled, Level, NoLevel, Scene, Watch};
 
 /// Largest `lod-meta.json` in bytes.
 pub(super) const MAX_BYTES: u64 = 1 << 28;
@@ -54,11 +55,18 @@ pub(super) fn read(
     watch: &Watch,
 ) -> Result<Scene> {
     let written: Written = serde_json::from_slice(json).context("lod-meta.json is not that of a streamed SOG")?;
-    let mut levels = BTreeSet::new();
-    written.tree.leaves(&mut |lods| levels.extend(lods.keys().copied()));
-    let finest = *levels.first().context("the tree in lod-meta.json has no Gaussians")?;
+    let mut levels = BTreeMap::<u32, u64>::new();
+    written.tree.leaves(&mut |lods| {
+        for (level, range) in lods {
+            let count = levels.entry(*level).or_default();
+            *count = count.saturating_add(range.count);
+        }
+    });
+    let finest = *levels.keys().next().context("the tree in lod-meta.json has no Gaussians")?;
     let level = level.unwrap_or(finest);
-    ensure!(levels.contains(&level), "there is no level {level} in lod-meta.json, only {}", listed(&levels));
+    let numbers = || levels.keys().map(u32::to_string).collect::<Vec<_>>().join(", ");
+    let is_there = levels.contains_key(&level);
+    ensure!(is_there, NoLevel::of(format!("there is no level {level} in lod-meta.json, only {}", numbers())));
     // Number of Gaussians of the level in each file.
     let mut counts = BTreeMap::<usize, u64>::new();
     written.tree.leaves(&mut |lods| {
@@ -82,15 +90,17 @@ pub(super) fn read(
         );
         units.push(unit);
     }
+    let mut environment = 0;
     if let Some(name) = &written.environment {
-        units.push(open(folder, name, watch)?);
+        let unit = open(folder, name, watch)?;
+        environment = unit.meta.count as u64;
+        units.push(unit);
     }
+    let levels =
+        levels.iter().map(|(level, count)| Level { level: *level, gaussians: count.saturating_add(environment) });
     let of = written.levels.map_or_else(String::new, |levels| format!(" of {levels}"));
-    decode_all(source, units, format!("streamed SOG, level {level}{of}"), watch)
-}
-
-fn listed(levels: &BTreeSet<u32>) -> String {
-    levels.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
+    let scene = decode_all(source, units, format!("streamed SOG, level {level}{of}"), watch)?;
+    Ok(Scene { levels: levels.collect(), ..scene })
 }
 
 /// Opens a SOG file below the folder: a `meta.json` or an archive.

@@ -32,7 +32,7 @@ pub(super) fn decode_all(source: &mut Source, units: Vec<Unit>, format: String, 
         before += count;
     }
     let (gaussians, report) = builder.finish();
-    Ok(Scene { gaussians, report, format, is_antialiased, notices: Vec::new() })
+    Ok(Scene { gaussians, report, format, is_antialiased, notices: Vec::new(), levels: Vec::new() })
 }
 
 /// One `meta.json`, and the files with its textures.

@@ -1,15 +1,16 @@
 //! Reads glTF 2.0 with KHR_gaussian_splatting: `.glb`, and `.gltf` with buffers in other files. Axes: right, up, back.
 
+mod buffers;
+
 use std::collections::HashMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
 use glam::{DMat4, DQuat, DVec3};
 use rayon::prelude::*;
 use serde::Deserialize;
 
+use self::buffers::Buffer;
 use super::canonical::{BLOCK, Builder, Raw, logit};
 use super::source::{Source, checked_count, word};
 use super::{Gaussians, LoadReport, MAX_SH_DEGREE, RIGHT_UP_BACK, Scene, Transform, sh_coefficients};
@@ -22,14 +23,19 @@ pub(super) const EXTENSION: &str = "KHR_gaussian_splatting";
 pub(super) const DISPLAY: &str = "srgb_rec709_display";
 /// Largest JSON document that is read.
 const MAX_JSON_BYTES: u64 = 1 << 26;
+/// Extensions that a file may require: the second allows attributes in few bits, which are read anyway.
+const KNOWN: [&str; 2] = [EXTENSION, "KHR_mesh_quantization"];
+/// The mode of primitives that are points.
+const POINTS: u32 = 0;
 /// Largest depth of the node tree.
 const MAX_DEPTH: usize = 64;
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct Document {
+    scene: Option<usize>,
     #[serde(default)]
-    scene: usize,
+    extensions_required: Vec<String>,
     #[serde(default)]
     scenes: Vec<Nodes>,
     #[serde(default)]
@@ -68,6 +74,8 @@ struct Mesh {
 
 #[derive(Deserialize)]
 struct Primitive {
+    /// The splat-transform of 2026 leaves it out, which should mean triangles.
+    mode: Option<u32>,
     attributes: HashMap<String, usize>,
     #[serde(default)]
     extensions: HashMap<String, serde_json::Value>,
@@ -98,11 +106,6 @@ struct View {
     byte_stride: Option<u64>,
 }
 
-#[derive(Deserialize)]
-struct Buffer {
-    uri: Option<String>,
-}
-
 /// Reads a `.glb`: a header, the JSON document and the first buffer.
 pub(super) fn read_binary(source: &mut Source, path: &Path) -> Result<Scene> {
     let mut header = [0; 12];
@@ -124,8 +127,7 @@ pub(super) fn read_binary(source: &mut Source, path: &Path) -> Result<Scene> {
 pub(super) fn read_text(source: &mut Source, path: &Path) -> Result<Scene> {
     let len = source.len();
     ensure!(len <= MAX_JSON_BYTES, "a glTF description of {len} bytes is not supported, only up to {MAX_JSON_BYTES}");
-    let mut text = vec![0; len as usize];
-    source.fill(&mut text, "the glTF description")?;
+    let text = source.bytes(len, "the glTF description")?;
     read_document(source, path, &text, None)
 }
 
@@ -137,17 +139,17 @@ fn chunk(source: &mut Source) -> Result<Option<(u32, Vec<u8>)>> {
     let mut header = [0; 8];
     source.fill(&mut header, "the header of a chunk")?;
     let (bytes, kind) = (word(&header, 0), word(&header, 4));
-    ensure!(u64::from(bytes) <= source.left(), "a chunk claims {bytes} bytes, the file has {} left", source.left());
-    let mut chunk = vec![0; bytes as usize];
-    source.fill(&mut chunk, "a chunk")?;
-    Ok(Some((kind, chunk)))
+    Ok(Some((kind, source.bytes(bytes.into(), "a chunk")?)))
 }
 
 fn read_document(source: &mut Source, path: &Path, text: &[u8], embedded: Option<Vec<u8>>) -> Result<Scene> {
     let document: Document = serde_json::from_slice(text).context("the glTF description cannot be understood")?;
+    if let Some(other) = document.extensions_required.iter().find(|name| !KNOWN.contains(&name.as_str())) {
+        bail!("the file requires the glTF extension {other}, which is not supported");
+    }
     let placed = document.placed()?;
     ensure!(!placed.is_empty(), "the glTF scene shows no mesh with {EXTENSION}");
-    let buffers = document.load(path, embedded)?;
+    let buffers = buffers::load(&document.buffers, path, embedded)?;
     let (mut parts, mut report, mut has_logarithms) = (Vec::new(), LoadReport::default(), false);
     for (primitive, transform) in placed {
         let part = Part::of(&document, &buffers, primitive)?;
@@ -160,14 +162,25 @@ fn read_document(source: &mut Source, path: &Path, text: &[u8], embedded: Option
     let gaussians = if parts.len() == 1 { parts.remove(0) } else { Gaussians::joined(parts.iter())? };
     let format = if has_logarithms { "glTF, scales as logarithms" } else { "glTF" };
     let gaussians = gaussians.flipped(RIGHT_UP_BACK);
-    Ok(Scene { gaussians, report, format: format.to_owned(), is_antialiased: false, notices: Vec::new() })
+    Ok(Scene {
+        gaussians,
+        report,
+        format: format.to_owned(),
+        is_antialiased: false,
+        notices: Vec::new(),
+        levels: Vec::new(),
+    })
 }
 
 impl Document {
     /// The primitives with Gaussians, with their transforms to the scene.
     fn placed(&self) -> Result<Vec<(&Primitive, Transform)>> {
         let mut placed = Vec::new();
-        let roots: Vec<usize> = match self.scenes.get(self.scene) {
+        let shown = self.scenes.get(self.scene.unwrap_or(0));
+        if let Some(scene) = self.scene.filter(|_| shown.is_none()) {
+            bail!("the file shows glTF scene {scene}, but has {}", self.scenes.len());
+        }
+        let roots: Vec<usize> = match shown {
             Some(scene) => scene.nodes.clone(),
             None => (0..self.nodes.len()).filter(|i| !self.nodes.iter().any(|n| n.children.contains(i))).collect(),
         };
@@ -182,35 +195,13 @@ impl Document {
             let Some(mesh) = node.mesh else { continue };
             let mesh = self.meshes.get(mesh).with_context(|| format!("mesh {mesh} is missing"))?;
             for primitive in mesh.primitives.iter().filter(|p| p.extensions.contains_key(EXTENSION)) {
+                let mode = primitive.mode.unwrap_or(POINTS);
+                ensure!(mode == POINTS, "a primitive with {EXTENSION} has mode {mode}, not {POINTS} (points)");
                 let transform = Transform::from_matrix(&matrix).with_context(|| format!("node {index}"))?;
                 placed.push((primitive, transform));
             }
         }
         Ok(placed)
-    }
-
-    /// Loads the bytes of all buffers.
-    fn load(&self, path: &Path, mut embedded: Option<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
-        let load = |(index, buffer): (usize, &Buffer)| match &buffer.uri {
-            None => {
-                embedded.take().filter(|_| index == 0).with_context(|| format!("buffer {index} is not in the file"))
-            }
-            Some(uri) => match uri.strip_prefix("data:") {
-                Some(data) => {
-                    let (_, text) =
-                        data.split_once(";base64,").with_context(|| format!("buffer {index} is not base64"))?;
-                    STANDARD.decode(text).with_context(|| format!("buffer {index} is not base64"))
-                }
-                None => {
-                    let is_beside = !uri.contains([':', '\\'])
-                        && Path::new(uri).components().all(|c| matches!(c, std::path::Component::Normal(_)));
-                    ensure!(is_beside, "buffer {index} lies at '{uri}', which is not beside the file");
-                    let file = path.parent().unwrap_or(Path::new("")).join(uri.replace("%20", " "));
-                    std::fs::read(&file).with_context(|| format!("buffer {index}, {}, cannot be read", file.display()))
-                }
-            },
-        };
-        self.buffers.iter().enumerate().map(load).collect()
     }
 
     /// The values of an accessor with this number of components.
@@ -231,7 +222,7 @@ impl Document {
         let end = end.with_context(|| format!("{name} lies outside of its buffer of {} bytes", buffer.len()))?;
         let start = view.byte_offset.saturating_add(accessor.byte_offset);
         let available = (end + stride - row).saturating_sub(start);
-        let count = checked_count(accessor.count, stride, available, name)?;
+        let count = checked_count(accessor.count, stride, available, &format!("values of {name}"))?;
         let bytes = if count == 0 { &[] } else { &buffer[start as usize..end as usize] };
         Ok(Values { bytes, stride: stride as usize, component, is_normalized: accessor.normalized, count })
     }
