@@ -277,6 +277,9 @@ mod tests {
     fn a_load_report_counts_by_reason() {
         assert_eq!(LoadReport::default().to_string(), "nothing dropped");
         let report = LoadReport { read: 9, not_finite: 2, zero_rotation: 1, ..LoadReport::default() };
-        assert_eq!(report.to_string(), "2 dropped as not finite or too large for 32-bit floats, 1 dropped for a zero quaternion");
+        assert_eq!(
+            report.to_string(),
+            "2 dropped as not finite or too large for 32-bit floats, 1 dropped for a zero quaternion"
+        );
     }
 }
