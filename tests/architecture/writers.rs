@@ -14,8 +14,9 @@ const WORDS: [&str; 8] = [
     "tempfile::",
 ];
 
-/// Files that may: the record of a run, which is appended to, and the textures that a new `meta.json` no longer names.
-const EXCEPTIONS: [&str; 2] = ["cli/render/resume.rs", "scene/write/sog/folder.rs"];
+/// Files that may: the record of a run, which is appended to, the textures that a new `meta.json` no longer names, and
+/// the temporary copy of a scene from a pipe.
+const EXCEPTIONS: [&str; 3] = ["cli/render/resume.rs", "scene/write/sog/folder.rs", "cli/scenes/piped.rs"];
 
 /// What begins the tests of a file, or what only they use. It comes last.
 const TESTS: [&str; 3] = ["#[cfg(test)]\nmod tests {", "#[cfg(test)]\npub(super) fn", "#[cfg(all(test"];

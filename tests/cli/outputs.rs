@@ -306,7 +306,9 @@ fn no_clobber_keeps_what_exists() {
 
 /// Begins a command, sends it a signal once it has begun a file, and returns how it ended.
 fn interrupted(signal: &str, arguments: &[&str], folder: &Path) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_smalto"));
+    // A test that runs in the background has SIGINT ignored, and so would the program.
+    let mut command = Command::new("env");
+    command.args(["--default-signal=INT,TERM,HUP", env!("CARGO_BIN_EXE_smalto")]);
     command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped());
     let child = command.spawn().unwrap();
     wait("it begins a file", || {

@@ -111,7 +111,7 @@ fn bench_reports_how_it_warmed_up() {
     let out = path(&folder, "a.json");
     let text = ok(&["bench", "cactus:50", "--size", "16x16", "--warmup", "3", "--frames", "1", "--json", &out]);
     let warm_up = &json(&out)["runs"][0]["warm_up"];
-    // Three kinds of frames with two windows each: of one second for the first, of a quarter for those after a steady one.
+    // Three kinds of frames with two windows each: of one second for the first, of a quarter after a steady one.
     assert!(warm_up["frames"].as_u64() > Some(9) && warm_up["seconds"].as_f64() > Some(2.9), "{warm_up}");
     let line = if warm_up["is_steady"] == true { "  steady after " } else { "  warning: the frame time is not steady" };
     assert!(text.contains(line), "{text}");

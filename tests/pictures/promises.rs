@@ -88,13 +88,13 @@ fn huge(random: &mut Random, one: &mut Free) {
 const PROMISES: [(&str, f64, u8); 4] =
     [("exact", 90.0, 3), ("balanced", 60.0, 3), ("fast", 50.0, u8::MAX), ("preview", 40.0, u8::MAX)];
 
-/// A fog of splats near the threshold of `fast` and `preview`, or colours far above white, are what these two presets
-/// give up.
+/// Kinds in which `fast` and `preview` keep no promise: a fog of splats near their thresholds, and colours far above
+/// white.
 const OF_EXACT_AND_BALANCED: [&str; 4] =
     ["bright colours", "large harmonics that cancel", "faint layers", "layers at the threshold"];
 
-/// What a promise does not cover, in dB: in f32, a splat at the threshold may fall on its other side, and rounding grows
-/// with the brightest colour.
+/// What a promise does not cover, in dB: in f32, a splat at the threshold may fall on its other side, and rounding
+/// grows with the brightest colour.
 fn allowance(kind: &str, brightest: f64) -> f64 {
     let at_threshold = if kind == "layers at the threshold" { 5.0 } else { 0.0 };
     at_threshold + 20.0 * (brightest / 4.0).max(1.0).log10()

@@ -78,7 +78,8 @@ impl BinGrid {
 }
 
 impl FastPipeline {
-    /// The size of the subgroups with which it draws; `None` where the device or the options call for the portable path.
+    /// The size of the subgroups with which it draws; `None` where the device or the options call for the portable
+    /// path.
     pub fn subgroup(device: &Device, options: &Options) -> Option<u32> {
         let rules = &options.rules;
         let is_asked_for = !options.portable && rules.extent == Footprint::Exact && rules.order != Order::PerPixel;
