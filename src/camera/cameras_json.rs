@@ -10,7 +10,7 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
-use super::read::without_mark;
+use super::mark::without_mark;
 use super::{Camera, NamedCamera, centre};
 use crate::files::write_whole;
 

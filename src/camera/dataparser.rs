@@ -8,7 +8,7 @@ use glam::{DMat3, DMat4, DVec3, DVec4};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::read::without_mark;
+use super::mark::without_mark;
 use crate::files::read_whole;
 
 pub(super) const FILE: &str = "dataparser_transforms.json";

@@ -6,6 +6,7 @@ pub mod control;
 mod dataparser;
 mod file;
 mod lens;
+mod mark;
 pub mod path;
 mod read;
 mod timeline;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 
+use super::mark::without_mark;
 use super::{CameraFile, cameras_json, colmap, transforms_json};
 use crate::files::read_whole;
 
@@ -89,9 +90,4 @@ fn read_file(path: &Path, default_px: Option<[u32; 2]>) -> Result<CameraFile> {
             &text[..text.len().min(4)]
         ),
     }
-}
-
-/// The text without a byte order mark, which some editors write before UTF-8.
-pub(super) fn without_mark(text: &[u8]) -> &[u8] {
-    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
 }

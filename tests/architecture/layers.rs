@@ -11,7 +11,7 @@ const EDGES: [(&str, &str); 15] = [
     ("options", "rules"),
     ("scene", "host_memory files"),
     ("camera", "files"),
-    ("pixels", "files"),
+    ("pixels", "host_memory files"),
     ("gpu", "host_memory"),
     ("reference", "scene camera rules pixels"),
     ("render", "host_memory gpu scene camera rules options pixels"),

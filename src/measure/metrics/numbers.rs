@@ -8,7 +8,8 @@ use super::{by_row, check_sizes};
 use crate::pixels::Pixels;
 
 /// The difference of two images of one number per pixel, such as depths in world units. Nothing is clamped. The
-/// relative error of x and y is |x - y| / max(|x|, |y|). Errors are those of pixels with a finite number in both images.
+/// relative error of x and y is |x - y| / max(|x|, |y|). Errors are those of pixels with a finite number in both
+/// images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NumberDifference {
