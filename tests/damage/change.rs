@@ -41,6 +41,16 @@ impl Change {
     }
 }
 
+/// Replaces up to 20 bytes in the second half of a file, where most formats hold numbers of Gaussians: a file that can
+/// often still be read.
+pub fn numbers(whole: &[u8], random: &mut Random) -> Vec<u8> {
+    let (mut bytes, half) = (whole.to_vec(), whole.len() / 2);
+    for _ in 0..1 + random.below(20) {
+        bytes[half + random.below((whole.len() - half) as u32) as usize] = random.below(256) as u8;
+    }
+    bytes
+}
+
 /// Changes, cuts, doubles bytes or writes extreme numbers, mostly near the beginning, where headers are.
 fn bytes(whole: &[u8], random: &mut Random) -> Vec<u8> {
     let mut bytes = whole.to_vec();
