@@ -74,3 +74,17 @@ fn every_file_says_first_what_it_is() {
         assert!(is_complete, "{}", path.display());
     }
 }
+
+/// A test that docs/robustness.md names as `file::test`, or `::test` after another of the same file.
+#[test]
+fn tests_that_the_docs_name_are_there() {
+    let text = fs::read_to_string(root().join("docs/robustness.md")).unwrap();
+    let is_name = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+    let named: Vec<&str> =
+        text.split("::").skip(2).map(|rest| &rest[..rest.find(|c| !is_name(c)).unwrap_or(rest.len())]).collect();
+    assert!(named.len() > 40, "{named:?}");
+    let code: String = all(&["src", "tests"], &["rs"]).iter().map(|path| fs::read_to_string(path).unwrap()).collect();
+    for name in named {
+        assert!(code.contains(&format!("fn {name}(")), "{name}");
+    }
+}
