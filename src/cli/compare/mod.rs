@@ -79,6 +79,9 @@ fn within(low: f64, high: f64) -> impl Fn(&str) -> Result<f64> + Clone {
     }
 }
 
+/// Memory that a comparison of any size needs besides: rows of every thread, the encoder of a heatmap.
+const OTHER_BYTES: u64 = 32 << 20;
+
 /// A pair that was compared.
 struct Compared {
     /// What it is called in tables and messages.
@@ -172,7 +175,8 @@ fn compare(files: &Files, ppd: f64) -> Result<(Pair, Vec<f32>)> {
         "{shown_a} has {text} pixels and {shown_b} has {other_text}: pictures must have the same size (`smalto render` \
          draws at the size of a photograph with --size {other_text} or --size {text})"
     );
-    check_free(BYTES_PER_PIXEL * u64::from(size[0]) * u64::from(size[1]), &format!("a comparison of {text} pixels"))?;
+    let needed = BYTES_PER_PIXEL * u64::from(size[0]) * u64::from(size[1]) + OTHER_BYTES;
+    check_free(needed, &format!("a comparison of {text} pixels"))?;
     let kinds = pictures.each_ref().map(|picture| picture.channels);
     let are_numbers = kinds.contains(&Channels::Numbers);
     ensure!(
