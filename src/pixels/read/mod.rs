@@ -8,6 +8,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use bytemuck::Pod;
+use exr::math::Vec2;
 use exr::meta::MetaData;
 use exr::prelude::{ReadChannels, ReadLayers};
 use image::codecs::jpeg::JpegDecoder;
@@ -24,6 +25,12 @@ const MOST_PIXELS: u64 = 1 << 28;
 /// Bytes per pixel that decoders use besides their output: coefficients of a progressive JPEG with four components in
 /// 16 bits, or the floats of an OpenEXR file.
 const DECODER_BYTES: u64 = 16;
+
+/// Most bytes of samples that a byte of an OpenEXR file can hold, rounded up: its compressions reach about a thousand.
+const MOST_EXPANSION: u64 = 4096;
+
+/// Pixels of an OpenEXR image that need not be in proportion to its file: most of them may lie outside of its data.
+const SMALL: u64 = 1 << 22;
 
 /// Most bytes that the parts of a PNG besides its pixels may have when they are unpacked, such as a colour profile.
 const MOST_EXTRA_BYTES: u64 = 1 << 28;
@@ -156,6 +163,16 @@ fn coloured<T>(samples: &[T], channels: usize, value: impl Fn(&T) -> f32) -> Res
 fn open_exr(mut file: BufReader<File>) -> Result<Picture> {
     let headers = MetaData::read_from_buffered(&mut file, false).context(UNDECODABLE)?.headers;
     file.rewind()?;
+    let length = file.get_ref().metadata()?.len();
+    for header in &headers {
+        // The image that is made has the size of the display window, which may be larger than that of the data.
+        for Vec2(width, height) in [header.layer_size, header.shared_attributes.display_window.size] {
+            let pixels = (width as u64).saturating_mul(height as u64);
+            let bytes = pixels.saturating_mul(2 * header.channels.list.len() as u64);
+            let is_possible = pixels <= SMALL || bytes <= length.saturating_mul(MOST_EXPANSION);
+            ensure!(is_possible, "its {length} bytes cannot hold {width}x{height} pixels");
+        }
+    }
     if headers.iter().any(|header| header.channels.list.len() != 1) {
         return decode(OpenExrDecoder::new(file).context(UNDECODABLE)?);
     }
