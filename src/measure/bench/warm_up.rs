@@ -81,7 +81,7 @@ impl WarmUp {
 
 impl Protocol {
     /// The protocol with so few frames that each kind takes at most `patience`, if a frame takes `frame`; at least
-    /// [`LEAST_FRAMES`], if it has as many.
+    /// two, if it has as many.
     #[must_use]
     pub fn within(self, patience: Duration, frame: Duration) -> Self {
         let most = (patience.as_secs_f64() / frame.as_secs_f64().max(1e-9)) as usize;
