@@ -1,9 +1,10 @@
 //! Jobs on threads of their own: the window never waits for them, they report events.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 
 use anyhow::{Result, anyhow};
 
@@ -41,6 +42,7 @@ pub struct Jobs {
     sender: Sender<JobEvent>,
     receiver: Receiver<JobEvent>,
     wake: Arc<dyn Fn() + Send + Sync>,
+    running: Mutex<Vec<JoinHandle<()>>>,
 }
 
 /// A flag that asks a job to stop because nobody needs its result.
@@ -76,7 +78,7 @@ impl Jobs {
     /// `wake` is called, from any thread, after every event.
     pub fn new(wake: Arc<dyn Fn() + Send + Sync>) -> Self {
         let (sender, receiver) = channel();
-        Self { sender, receiver, wake }
+        Self { sender, receiver, wake, running: Mutex::default() }
     }
 
     /// The events since the last call.
@@ -92,10 +94,21 @@ impl Jobs {
         to_event: impl FnOnce(Result<T>) -> JobEvent + Send + 'static,
     ) {
         let reporter = Reporter { sender: self.sender.clone(), wake: self.wake.clone() };
-        std::thread::spawn(move || {
+        let thread = std::thread::spawn(move || {
             let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| work(&reporter)));
             let outcome = outcome.unwrap_or_else(|_| Err(anyhow!("a defect of smalto ended this; see the terminal")));
             reporter.send(to_event(outcome));
         });
+        let mut running = self.running.lock().expect("no holder of the threads panics");
+        running.retain(|thread| !thread.is_finished());
+        running.push(thread);
+    }
+
+    /// Waits until no job runs. A driver may crash if the program ends while a job uses the device.
+    pub fn wait(&self) {
+        for thread in self.running.lock().expect("no holder of the threads panics").drain(..) {
+            // A job does not panic, and its result is no longer needed.
+            _ = thread.join();
+        }
     }
 }

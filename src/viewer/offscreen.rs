@@ -100,6 +100,12 @@ impl Offscreen {
 /// view.
 pub fn run(setup: Setup, device: &Device, size: [u32; 2], frames: u32) -> Result<Summary> {
     let mut offscreen = Offscreen::new(setup, device, size)?;
+    let summary = draw(&mut offscreen, frames);
+    offscreen.viewer().jobs.wait();
+    summary
+}
+
+fn draw(offscreen: &mut Offscreen, frames: u32) -> Result<Summary> {
     offscreen.settle()?;
     let first_frame_ms = offscreen.started.elapsed().as_secs_f64() * 1e3;
     let mut intervals = Vec::new();
