@@ -24,7 +24,7 @@ const FORMATS: [(SceneFile, Decoder, f64); 7] = [
 
 /// Largest difference of the logarithm of a scale: half a step of SPZ is 1/32; a codebook of 256 has wider steps where
 /// few scales are.
-const SCALE_STEP: f32 = 0.1;
+const SCALE_STEP: f32 = 0.25;
 
 /// Half the angle between two rotations is that between their quaternions. Not a number if one of them is.
 fn angle(a: [f32; 4], b: [f32; 4]) -> f64 {
