@@ -10,6 +10,8 @@ use glam::{DMat3, DQuat, DVec3};
 
 use super::{Usage, progress, remark};
 use crate::camera::Up;
+use crate::gpu::Device;
+use crate::render::GpuScene;
 use crate::scene::{self, NoLevel, Procedural, Reading, Scene, Transform};
 
 /// The scene that a command draws, describes or measures.
@@ -57,6 +59,15 @@ impl SceneArg {
         }
         let name = path.file_name().map_or_else(|| OTHERWISE.into(), |n| n.to_string_lossy().into_owned());
         name.split('.').find(|part| !part.is_empty()).unwrap_or(OTHERWISE).to_owned()
+    }
+
+    /// Reads the scene to draw it on this device, if any. A procedural scene that is too large for it is refused before
+    /// it is made.
+    pub fn read_for(&self, device: Option<&Device>) -> Result<Scene> {
+        if let (Some(device), Some(Ok(procedural))) = (device, self.procedural()) {
+            GpuScene::check_count(device, procedural.count())?;
+        }
+        self.read()
     }
 
     /// Reads the file or makes the procedural scene. Prints to stderr what was dropped or clamped.

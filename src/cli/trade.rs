@@ -106,7 +106,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let device = args.device.open()?;
     // The points have most stages in common, which take a software device longer to compile than to run.
     device.keep_pipelines();
-    let scene = args.scene.read()?;
+    let scene = args.scene.read_for(Some(&device))?;
     let gaussians = &scene.gaussians;
     if gaussians.is_empty() {
         return Err(Usage(format!("{}: the scene has no Gaussians", args.scene.title())).into());

@@ -35,13 +35,8 @@ impl<T: Element> Buffer<T> {
     /// # Errors
     /// [`OutOfMemory`] if the buffer exceeds the device's largest storage range, or device memory is exhausted.
     pub fn new(device: &Device, name: &str, len: usize) -> Result<Self> {
+        Self::check_len(device, name, len)?;
         let bytes = (len.max(1) * size_of::<T>()) as u64;
-        let limit = device.capabilities().limits.storage_range;
-        if bytes > limit {
-            let reason =
-                format!("a shader on {} reaches at most {limit} bytes of a buffer", device.capabilities().name);
-            return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
-        }
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
             | vk::BufferUsageFlags::INDIRECT_BUFFER
             | vk::BufferUsageFlags::TRANSFER_SRC
@@ -49,6 +44,19 @@ impl<T: Element> Buffer<T> {
         let mut storage = Storage::new(&device.0, name, bytes, usage, MemoryLocation::GpuOnly)?;
         (storage.scalar, storage.columns) = (T::SCALAR, size_of::<T>() / T::SCALAR.bytes());
         Ok(Self { storage: Arc::new(storage), len, _element: PhantomData })
+    }
+
+    /// Fails if a buffer of `len` elements exceeds the device's largest storage range.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`].
+    pub fn check_len(device: &Device, name: &str, len: usize) -> Result<(), OutOfMemory> {
+        let (limit, bytes) = (device.capabilities().limits.storage_range, (len * size_of::<T>()) as u64);
+        if bytes <= limit {
+            return Ok(());
+        }
+        let reason = format!("a shader on {} reaches at most {limit} bytes of a buffer", device.capabilities().name);
+        Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason })
     }
 
     /// The number of elements.

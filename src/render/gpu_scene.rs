@@ -42,6 +42,9 @@ pub(super) const TRIAL_SIZE: [u32; 2] = [256, 144];
 /// spherical harmonics, which every plane takes a part of, stay in the cache.
 const UPLOAD_CHUNK: usize = 1 << 15;
 
+/// The plane that every scene has, with an element per Gaussian.
+const BOUNDS: &str = "bounds";
+
 impl GpuScene {
     /// Uploads `gaussians`, keeping only the SH degree and precision that the scene needs and `options` allow. Waits
     /// for the device.
@@ -50,6 +53,14 @@ impl GpuScene {
     /// If device memory runs out or a plane is longer than the device can bind.
     pub fn new(device: &Device, gaussians: &Gaussians, options: &Options) -> Result<Self> {
         Self::with(device, gaussians, &Requirements::of(gaussians), options)
+    }
+
+    /// Fails if the device cannot draw a scene of `count` Gaussians, however they are stored.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`](crate::host_memory::OutOfMemory).
+    pub fn check_count(device: &Device, count: usize) -> Result<()> {
+        Ok(Buffer::<[u32; 4]>::check_len(device, BOUNDS, count)?)
     }
 
     /// As [`with`](Self::with), for [`Renderer::certified`](super::Renderer::certified), which has to draw Gaussians
@@ -79,7 +90,7 @@ impl GpuScene {
             (0..words.div_ceil(4)).map(plane).collect::<Result<_>>()
         };
         let scene = Self {
-            bounds: Buffer::new(device, "bounds", len)?,
+            bounds: Buffer::new(device, BOUNDS, len)?,
             shapes: planes("shapes", layout.shape_words())?,
             sh: planes("sh", layout.sh_words())?,
             grids: Buffer::new(device, "grids", 1)?,

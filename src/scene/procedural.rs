@@ -53,6 +53,11 @@ impl Procedural {
         KINDS.iter().find(|(kind, ..)| *kind == self.kind).map_or("", |(_, name, _)| name)
     }
 
+    /// Number of Gaussians.
+    pub fn count(self) -> usize {
+        self.count
+    }
+
     /// Generates the scene.
     ///
     /// # Errors

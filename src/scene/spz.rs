@@ -16,6 +16,8 @@ use super::{MAX_SH_DEGREE, RIGHT_UP_BACK, Scene, decode_rotation, rest_values};
 pub(super) const MAGIC: u32 = 0x5053_474e; // "NGSP"
 /// Factor from a coefficient of degree 0 to the range of a byte.
 pub(super) const COLOUR_SCALE: f64 = 0.15;
+/// Bytes that a zstd stream may take beyond twice its content: its headers, of content that cannot be compressed.
+const MAX_OVERHEAD: u64 = 1 << 16;
 /// Largest accepted compression ratio, as in the reference implementation.
 const MAX_RATIO: u64 = 1024;
 
@@ -131,7 +133,10 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
     }
     let builder = Builder::new(header.sh_degree, header.count)?;
     let mut readers = Vec::new();
-    for ((name, _), size) in planes.iter().zip(sizes) {
+    for ((name, bytes), size) in planes.iter().zip(sizes) {
+        let plain = (header.count * bytes) as u64;
+        let most = 2 * plain + MAX_OVERHEAD;
+        ensure!(size <= most, "the stream of the {name} takes {size} bytes for {plain}, more than any encoder needs");
         let compressed = source.bytes(size, &format!("the stream of the {name}"))?;
         let decoder =
             zstd::Decoder::new(std::io::Cursor::new(compressed)).with_context(|| format!("the {name} are not zstd"))?;

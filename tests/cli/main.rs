@@ -7,4 +7,5 @@ mod commands;
 mod knobs;
 #[cfg(unix)]
 mod outputs;
+mod scenes;
 mod usage;

@@ -137,7 +137,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         baseline.same_conditions(&report).map_err(foreign)?;
     }
     for scene in args.scenes(&["cactus"]) {
-        let scene = Loaded::read(&scene, args.reading)?;
+        let scene = Loaded::read(&scene, args.reading, &device)?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
             let (views, nearest) = cameras.views(&scene.gaussians, size, args.frames());
             let options = Options::preset(preset).context("the preset is unknown")?;
@@ -193,9 +193,9 @@ struct Loaded {
 }
 
 impl Loaded {
-    fn read(path: &Path, reading: ReadingArgs) -> Result<Self> {
+    fn read(path: &Path, reading: ReadingArgs, device: &Device) -> Result<Self> {
         let scene = SceneArg { scene: path.to_owned(), reading };
-        let Scene { gaussians, is_antialiased, .. } = scene.read()?;
+        let Scene { gaussians, is_antialiased, .. } = scene.read_for(Some(device))?;
         ensure!(!gaussians.is_empty(), "{}: the scene has no Gaussians", scene.title());
         let (report, requirements) = (SceneReport::of(scene.title(), &gaussians), Requirements::of(&gaussians));
         Ok(Self { report, gaussians, is_antialiased, requirements })

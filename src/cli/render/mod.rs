@@ -159,7 +159,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     // The device is opened first: it fails at once, and reading a scene may take long.
     let device = if args.reference { None } else { Some(args.device.open()?) };
-    let scene = args.scene.read()?;
+    let scene = args.scene.read_for(device.as_ref())?;
     let plan = plan(args, &scene.gaussians)?;
     let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
     let preset = Options { portable: args.portable || preset.portable, ..preset };
