@@ -7,7 +7,7 @@ mod regular;
 mod set;
 
 use std::fs::{File, TryLockError};
-use std::io::{self, BufWriter, ErrorKind, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use anyhow::{Context, Error, Result, anyhow, ensure};
@@ -128,9 +128,10 @@ fn is_locked(file: &File) -> bool {
 /// # Errors
 /// A message without the file's name if `path` is not a regular file or cannot be read.
 pub fn read_whole(path: &Path) -> Result<Vec<u8>> {
-    let metadata = std::fs::metadata(path).map_err(|e| anyhow!("cannot be opened: {}", describe(&e)))?;
-    ensure!(metadata.is_file(), "is not a file");
-    std::fs::read(path).map_err(|e| anyhow!("cannot be read: {}", describe(&e)))
+    let mut content = Vec::new();
+    let read = open_regular(path)?.read_to_end(&mut content);
+    read.map_err(|e| anyhow!("cannot be read: {}", describe(&e)))?;
+    Ok(content)
 }
 
 /// Makes a folder and those above it.

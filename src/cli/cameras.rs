@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 use glam::DVec3;
 
-use super::{SceneArg, Usage, remark};
+use super::{SceneArg, Usage, numbers, remark};
 use crate::camera::{self, Camera, MAX_POSITION, NamedCamera, Split, Timeline, Up};
 use crate::scene::{Focus, Gaussians, Unreadable};
 
@@ -126,11 +126,9 @@ impl EyeArgs {
 }
 
 fn parse_point(text: &str) -> Result<DVec3> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
-    let point: Option<[f64; 3]> = numbers.and_then(|n| n.try_into().ok());
-    match point.filter(|p| p.iter().all(|v| v.abs() <= MAX_POSITION)) {
-        Some(point) => Ok(DVec3::from(point)),
-        None => bail!("expected X,Y,Z: three numbers within {MAX_POSITION:e}, like 1,-2.5,0"),
+    match numbers::<3>(text) {
+        Ok(point) if point.iter().all(|v| v.abs() <= MAX_POSITION) => Ok(DVec3::from(point)),
+        _ => bail!("expected X,Y,Z: three numbers within {MAX_POSITION:e}, like 1,-2.5,0"),
     }
 }
 

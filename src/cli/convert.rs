@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use comfy_table::Cell;
 use glam::{DQuat, DVec3, EulerRot};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::table::{say_table, table};
-use super::{REPORTS_TO_STDOUT, ReadingArgs, SceneArg, Sink, Usage, one_of, progress, remark, say};
+use super::{REPORTS_TO_STDOUT, ReadingArgs, SceneArg, Sink, Usage, numbers, one_of, progress, remark, say};
 use crate::files::{check_absent, check_binary_writable, is_stdout, write_checked};
 use crate::scene::{self, Gaussians, Loss, MAX_SH_DEGREE, Scene, SceneFile, Transform, write_sog_folder};
 
@@ -282,14 +282,6 @@ fn print(report: &Report) -> Result<()> {
         );
     }
     say_table(&rows)
-}
-
-/// Parses N finite numbers with commas between them.
-fn numbers<const N: usize>(text: &str) -> Result<[f64; N]> {
-    let numbers: Option<Vec<f64>> =
-        text.split(',').map(|n| n.trim().parse().ok().filter(|n: &f64| n.is_finite())).collect();
-    let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
-    numbers.with_context(|| format!("'{text}' is not {N} number{}", if N == 1 { "" } else { "s with commas between" }))
 }
 
 fn parse_step(text: &str) -> Result<Transform> {

@@ -113,7 +113,12 @@ fn print_line(line: fmt::Arguments) -> Result<()> {
     if REPORTS_TO_STDOUT.load(Ordering::Relaxed) {
         return Ok(());
     }
-    match writeln!(std::io::stdout(), "{line}") {
+    printed(writeln!(std::io::stdout(), "{line}"))
+}
+
+/// The outcome of a write to standard output. A closed pipe is not an error.
+fn printed(outcome: std::io::Result<()>) -> Result<()> {
+    match outcome {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(error).context("cannot write to standard output")
         }
@@ -216,6 +221,14 @@ fn one_of<T: Clone + Send + Sync + 'static, const N: usize>(
         let found = values.iter().find(|(known, _, _)| *known == name);
         found.map(|(_, _, value)| value.clone()).with_context(|| format!("{name} is not one of the values"))
     })
+}
+
+/// Parses N finite numbers with commas between them.
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N]> {
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|n| n.trim().parse().ok().filter(|n: &f64| n.is_finite())).collect();
+    let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
+    numbers.with_context(|| format!("'{text}' is not {N} number{}", if N == 1 { "" } else { "s with commas between" }))
 }
 
 /// Parses `WIDTHxHEIGHT` in pixels.

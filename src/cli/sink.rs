@@ -1,12 +1,13 @@
 //! The destination of a report: a file, or standard output in place of the tables.
 
 use std::ffi::OsString;
-use std::io::{ErrorKind, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use serde::Serialize;
 
+use super::printed;
 use crate::files::{check_writable, write_whole};
 
 /// The value `FILE|-` of an option.
@@ -52,12 +53,7 @@ impl Sink {
         }
         let mut text = Vec::new();
         write(&mut text)?;
-        match std::io::stdout().write_all(&text).and_then(|()| std::io::stdout().flush()) {
-            Err(error) if error.kind() != ErrorKind::BrokenPipe => {
-                Err(error).context("cannot write to standard output")
-            }
-            _ => Ok(()),
-        }
+        printed(std::io::stdout().write_all(&text).and_then(|()| std::io::stdout().flush()))
     }
 }
 

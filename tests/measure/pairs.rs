@@ -261,6 +261,16 @@ fn pictures_that_are_too_large_are_exit_code_5_before_they_are_decoded() {
     assert!(fails(4, &["compare", &npy, &npy]).contains("is a damaged .npy file"), "the file has not so much data");
 }
 
+/// Opening a FIFO waits for its writer.
+#[test]
+#[cfg(unix)]
+fn a_fifo_is_not_a_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let fifo = path(&folder, "a.png");
+    assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    assert!(fails(4, &["compare", &fifo, &fifo]).ends_with("a.png: is not a file\n"));
+}
+
 /// Whatever memory there is: the program succeeds or says in one sentence that there is too little.
 #[test]
 #[cfg(target_os = "linux")]

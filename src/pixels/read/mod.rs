@@ -3,10 +3,10 @@
 mod npy;
 
 use std::fs::File;
-use std::io::{BufReader, ErrorKind, Read, Seek};
+use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use bytemuck::Pod;
 use exr::math::Vec2;
 use exr::meta::MetaData;
@@ -17,6 +17,7 @@ use image::codecs::png::PngDecoder;
 use image::{ImageDecoder, Limits};
 
 use super::Pixels;
+use crate::files::open_regular;
 use crate::host_memory::{OutOfMemory, check_free, host_vec, host_zeros};
 
 /// Most pixels of a picture: those of 16384x16384.
@@ -63,12 +64,7 @@ impl Picture {
     /// # Errors
     /// Those of [`Pixels::read`].
     pub fn read(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(|error| match error.kind() {
-            ErrorKind::NotFound => anyhow!("cannot be opened: there is no such file"),
-            _ => anyhow!("cannot be opened: {error}"),
-        })?;
-        ensure!(file.metadata()?.is_file(), "is not a file");
-        let mut reader = BufReader::new(file);
+        let mut reader = BufReader::new(open_regular(path)?);
         let mut magic = Vec::new();
         reader.by_ref().take(8).read_to_end(&mut magic).context("cannot be read")?;
         reader.rewind()?;

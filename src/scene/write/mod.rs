@@ -15,6 +15,7 @@ use anyhow::{Result, bail};
 use rayon::prelude::*;
 
 use self::rows::to_byte;
+pub use self::sog::write_sog_folder;
 use super::{Gaussians, morton};
 use crate::host_memory::OutOfMemory;
 
@@ -112,19 +113,4 @@ impl SceneFile {
 /// Volume times opacity.
 fn importance(gaussians: &Gaussians, index: usize) -> f32 {
     gaussians.scales()[index].iter().product::<f32>() * gaussians.opacities()[index]
-}
-
-/// Writes a scene that is [`SceneFile::arranged`] as SOG 2 into a folder, which is made if needed: textures and
-/// `meta.json`. A SOG in the folder is replaced as a whole or not at all. `check` gets the path of a `meta.json` of the
-/// complete set before anything is replaced, and its result is returned.
-///
-/// # Errors
-/// If the folder cannot be made, a file in it cannot be written, another run writes into it, or `check` fails.
-pub fn write_sog_folder<T>(
-    gaussians: &Gaussians,
-    is_antialiased: bool,
-    folder: &Path,
-    check: impl FnOnce(&Path) -> Result<T>,
-) -> Result<T> {
-    sog::write_folder(gaussians, is_antialiased, folder, check)
 }

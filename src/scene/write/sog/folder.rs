@@ -11,13 +11,17 @@ use super::{META, STEMS, files, texture_name};
 use crate::files::{check_writable, lock, make_folder, read_whole, write_set};
 use crate::scene::Gaussians;
 
-/// Writes textures and `meta.json` into a folder, which is made if needed. `check` gets the path of a `meta.json` of
-/// the complete set before any file of the folder is replaced, and its result is returned.
+/// Writes a scene that is arranged as SOG 2 into a folder, which is made if needed: textures and `meta.json`. `check`
+/// gets the path of a `meta.json` of the complete set before any file of the folder is replaced, and its result is
+/// returned.
 ///
 /// A SOG that is in the folder stays readable until the new one takes its place: the new textures have other names,
 /// which `meta.json` says, and the old ones are removed when it has been replaced. So the set is the old one or the new
 /// one, whatever happens, and never a mixture.
-pub fn write<T>(
+///
+/// # Errors
+/// If the folder cannot be made, a file in it cannot be written, another run writes into it, or `check` fails.
+pub fn write_sog_folder<T>(
     gaussians: &Gaussians,
     is_antialiased: bool,
     folder: &Path,

@@ -15,7 +15,7 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 use self::codebook::Codebook;
-pub(super) use self::folder::write as write_folder;
+pub use self::folder::write_sog_folder;
 use crate::scene::{Gaussians, sh_coefficients};
 
 /// Largest number of palette entries, which 16-bit labels can name.
