@@ -16,7 +16,19 @@ fn newest(folder: &Path) -> Option<SystemTime> {
 }
 
 /// A folder with the layout of `glsl/`.
-pub(super) struct ShaderFolder(PathBuf);
+pub(super) struct ShaderFolder {
+    path: PathBuf,
+    /// The modules that were compiled since the newest change.
+    #[cfg(feature = "reload")]
+    compiled: std::sync::Mutex<Compiled>,
+}
+
+#[cfg(feature = "reload")]
+#[derive(Default)]
+struct Compiled {
+    newest: Option<SystemTime>,
+    modules: std::collections::HashMap<String, Vec<u32>>,
+}
 
 impl ShaderFolder {
     /// # Errors
@@ -27,30 +39,49 @@ impl ShaderFolder {
             "SMALTO_SHADERS needs a program built with the feature reload: cargo build --release --features reload"
         );
         ensure!(folder.is_dir(), "SMALTO_SHADERS: there is no folder {}", folder.display());
-        Ok(Self(folder.to_owned()))
+        Ok(Self {
+            path: folder.to_owned(),
+            #[cfg(feature = "reload")]
+            compiled: Default::default(),
+        })
     }
 
     /// The time of the newest change in the folder.
     pub fn newest(&self) -> Option<SystemTime> {
-        newest(&self.0)
+        newest(&self.path)
     }
 
-    /// Compiles the shader at `path` in the folder to SPIR-V words. `interface` is the fingerprint of the shader that
-    /// is built in.
+    /// Compiles the shader at `path` in the folder to SPIR-V words, unless it did so since the newest change.
+    /// `interface` is the fingerprint of the shader that is built in.
     ///
     /// # Errors
     /// The shader does not compile, or its interface or a header's constants differ from what Rust was built with.
     #[cfg(feature = "reload")]
     pub fn compile(&self, path: &str, interface: u64) -> Result<Vec<u32>> {
+        let newest = self.newest();
+        let mut compiled = self.compiled.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if compiled.newest != newest {
+            *compiled = Compiled { newest, ..Compiled::default() };
+        }
+        if let Some(words) = compiled.modules.get(path) {
+            return Ok(words.clone());
+        }
+        let words = self.compile_anew(path, interface)?;
+        compiled.modules.insert(path.to_owned(), words.clone());
+        Ok(words)
+    }
+
+    #[cfg(feature = "reload")]
+    fn compile_anew(&self, path: &str, interface: u64) -> Result<Vec<u32>> {
         use anyhow::Context;
 
         use super::{glsl, spirv};
 
-        let source = self.0.join(path);
+        let source = self.path.join(path);
         let failed = || format!("cannot compile {}", source.display());
         let compiler = shaderc::Compiler::new()?;
-        let preprocessed = glsl::preprocess(&compiler, &self.0, &source).map_err(first_error).with_context(failed)?;
-        let modules = glsl::compile(&compiler, &self.0, &source).map_err(first_error).with_context(failed)?;
+        let preprocessed = glsl::preprocess(&compiler, &self.path, &source).map_err(first_error).with_context(failed)?;
+        let modules = glsl::compile(&compiler, &self.path, &source).map_err(first_error).with_context(failed)?;
         let reflected = spirv::reflect(&modules.named).with_context(failed)?;
         ensure!(
             preprocessed.fingerprint(&reflected) == interface,
@@ -104,7 +135,7 @@ void main() { values[gl_GlobalInvocationID.x] *= FACTOR; }
         let source = place.path().join("scale.comp");
         let interface = spirv::reflect(&glsl::compile(&compiler, place.path(), &source).unwrap().named).unwrap();
         let fingerprint = glsl::preprocess(&compiler, place.path(), &source).unwrap().fingerprint(&interface);
-        let folder = ShaderFolder(place.path().to_owned());
+        let folder = ShaderFolder::new(place.path()).unwrap();
         (place, folder, fingerprint)
     }
 
@@ -158,10 +189,10 @@ void main() { values[gl_GlobalInvocationID.x] *= FACTOR; }
     #[test]
     fn the_newest_change_is_found_in_any_folder() {
         let (place, folder, _) = folder();
-        let before = newest(&folder.0).unwrap();
+        let before = newest(&folder.path).unwrap();
         let file = fs::File::options().write(true).open(place.path().join("shared/sizes.glsl")).unwrap();
         let later = before + std::time::Duration::from_secs(10);
         file.set_modified(later).unwrap();
-        assert_eq!(newest(&folder.0), Some(later));
+        assert_eq!(newest(&folder.path), Some(later));
     }
 }
