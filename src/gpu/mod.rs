@@ -29,6 +29,7 @@
 mod buffer;
 mod capabilities;
 mod commands;
+mod denormals;
 mod device;
 mod dispatch_size;
 mod element;
