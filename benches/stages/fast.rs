@@ -4,8 +4,9 @@ use anyhow::Result;
 use bytemuck::Zeroable;
 use smalto::gpu::{Access, Commands, Device, Image};
 use smalto::options::Options;
+use smalto::render::shaders::FastCounters;
 use smalto::render::shaders::fast::BIN_CHUNKS;
-use smalto::render::{BinGrid, Capacity, FastPipeline, FastWorkspace, GpuScene, Target, Totals};
+use smalto::render::{BinGrid, Capacity, FastPipeline, FastWorkspace, GpuScene, Target};
 use smalto::rules::Background;
 
 use crate::{Bench, random};
@@ -76,8 +77,8 @@ impl Fast {
 
     /// Sets the counters to what list finds.
     fn reset(&self, cmd: &mut Commands) {
-        let totals = Totals { visible: self.splats, ..Totals::zeroed() };
-        cmd.upload(&self.work.totals, 0, 1, |memory| memory[0] = totals).expect("there is memory for a counter");
+        let counters = FastCounters { visible: self.splats, ..FastCounters::zeroed() };
+        cmd.upload(&self.work.counters, 0, 1, |memory| memory[0] = counters).expect("there is memory for a counter");
         cmd.fill(&self.work.listed_in_bins, 0);
     }
 
@@ -114,7 +115,7 @@ impl Fast {
         let shares = 4 * u64::from(BIN_CHUNKS) * (bins + 1);
         let stages: [(&'static str, u64, &'static [Record], Record); 6] = [
             ("fast list", 12 * splats + 4 * bins + shares + 8 * entries, &[Self::reset], Self::list),
-            ("fast offsets", 24 * bins, &[Self::reset, Self::list], Self::offsets),
+            ("fast offsets", 28 * bins, &[Self::reset, Self::list], Self::offsets),
             ("fast sort", shares + 12 * entries, &[Self::reset, Self::list], Self::sort),
             ("fast merge", 12 * entries, &[], Self::merge),
             ("fast masks", 8 * entries + 32 * splats, &[], Self::masks),

@@ -24,6 +24,15 @@ struct Bin {
     uint first_stretch;
 };
 
+// The demands of a frame while project and list count them. They are 0 between frames: offsets moves them to the
+// totals.
+struct FastCounters {
+    uint visible;
+    uint spans;
+    uint listed_low;
+    uint listed_high;
+};
+
 // Workgroup counts of the fast path's indirect dispatches.
 struct FastDispatches {
     uvec3 over_runs;

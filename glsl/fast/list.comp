@@ -5,12 +5,12 @@
 // One workgroup per chunk of the splats, BIN_CHUNKS in all: counts the splats of the chunk that each bin lists, then
 // writes an entry for each, bin by bin, into a segment of `unsorted` that is the chunk's own. What a chunk lists in one
 // bin is a share of the bin's list.
-// Before: totals.visible, span_ranges, spans and depth_keys from project; totals.listed_* and listed_in_bins are 0.
-// After: totals.listed_* is the demand; listed_in_bins has the sums over all chunks. If the demand fits, unsorted has
+// Before: counters.visible, span_ranges, spans and depth_keys from project; listed_in_bins is 0.
+// After: counters.listed_* is the demand; listed_in_bins has the sums over all chunks. If the demand fits, unsorted has
 // (depth key, splat) of every entry, in any order within a share, and share_starts has where each share begins; it ends
 // where the next one begins.
 
-layout(binding = 0, scalar) buffer TotalsBlock { Totals totals; };
+layout(binding = 0, scalar) buffer CountersBlock { FastCounters counters; };
 layout(binding = 1, scalar) readonly buffer SpanRanges { uvec2 span_ranges[]; };            // [visible_capacity]
 layout(binding = 2, scalar) readonly buffer Spans { uint spans[]; };                        // [span_capacity]
 layout(binding = 3, scalar) readonly buffer DepthKeys { uint depth_keys[]; };               // [visible_capacity]
@@ -47,10 +47,10 @@ void main() {
     for (uint bin = begin; bin < end; bin++) mine += next[bin];
     uint start = workgroup_exclusive_add(mine, all);
     // Counts, here and below: order does not matter, and neither does the order of the segments.
-    if (start + mine < start) atomicAdd(totals.listed_high, 1);
+    if (start + mine < start) atomicAdd(counters.listed_high, 1);
     if (lane() == 0) {
-        segment = atomicAdd(totals.listed_low, all);
-        if (segment + all < segment) atomicAdd(totals.listed_high, 1);
+        segment = atomicAdd(counters.listed_low, all);
+        if (segment + all < segment) atomicAdd(counters.listed_high, 1);
     }
     barrier();
     uint row = chunk * (push.bins + 1);

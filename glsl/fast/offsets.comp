@@ -8,17 +8,18 @@
 #include "shared/workgroup_add.glsl"
 // One workgroup in all: finds where the sorted entries of each bin go, and sets the dispatches over runs, stretches
 // and blocks.
-// Before: totals.listed_* and listed_in_bins from list. After: bins, bin_order, run_bins, stretch_bins and the
-// dispatches are set; totals has the entries that are kept and the longest list. If the demand exceeds the capacity,
-// all lists are empty.
+// Before: counters and listed_in_bins from project and list. After: these are 0 again, for the next frame; bins,
+// bin_order, run_bins, stretch_bins, the dispatches and totals are set. If the demand exceeds the capacity, all lists
+// are empty.
 
-layout(binding = 0, scalar) buffer TotalsBlock { Totals totals; };
-layout(binding = 1, scalar) readonly buffer ListedInBins { uint listed_in_bins[]; };        // [bins]
+layout(binding = 0, scalar) writeonly buffer TotalsBlock { Totals totals; };
+layout(binding = 1, scalar) buffer ListedInBins { uint listed_in_bins[]; };                 // [bins]
 layout(binding = 2, scalar) writeonly buffer Bins { Bin bins[]; };                          // [bins]
 layout(binding = 3, scalar) writeonly buffer BinOrder { uint bin_order[]; };                // [bins] longest first
 layout(binding = 4, scalar) writeonly buffer RunBins { uint run_bins[]; };                  // [runs]
 layout(binding = 5, scalar) writeonly buffer StretchBins { uint stretch_bins[]; };          // [stretches]
 layout(binding = 6, scalar) writeonly buffer DispatchesBlock { FastDispatches dispatches; };
+layout(binding = 7, scalar) buffer CountersBlock { FastCounters counters; };
 layout(push_constant, scalar) uniform Push {
     uint bins;
     uint visible_capacity;
@@ -42,12 +43,14 @@ void main() {
     if (workgroup() > 0) return;
     if (lane() == 0) longest = 0;
     if (lane() < CLASSES) class_sizes[lane()] = 0;
-    bool fits = totals.listed_high == 0 && totals.listed_low <= push.entry_capacity;
+    FastCounters demand = counters;
+    bool fits = demand.listed_high == 0 && demand.listed_low <= push.entry_capacity;
     // Each lane handles consecutive bins, so that entries lie in the order of the bins.
     uint each = div_up(push.bins, WORKGROUP), begin = min(lane() * each, push.bins), own = min(each, push.bins - begin);
     uint counts[MAX_EACH], ranks[MAX_EACH];
     [[unroll]] for (uint k = 0; k < MAX_EACH; k++) counts[k] = k < own ? listed_in_bins[begin + k] : 0;
-    barrier();
+    [[unroll]] for (uint k = 0; k < MAX_EACH; k++) if (k < own) listed_in_bins[begin + k] = 0;
+    barrier();  // also: all lanes have the counters
     uvec3 mine = uvec3(0);  // entries, runs, stretches
     uint most = 0;
     [[unroll]] for (uint k = 0; k < MAX_EACH; k++) {
@@ -68,9 +71,14 @@ void main() {
         dispatches.over_long_blocks = folded(class_begins[class_of(LONG_LIST) + 1] * BLOCKS);
         dispatches.over_runs = folded(all.y);
         dispatches.over_stretches = folded(all.z);
-        totals.visible_kept = min(totals.visible, push.visible_capacity);
+        totals.visible = demand.visible;
+        totals.visible_kept = min(demand.visible, push.visible_capacity);
+        totals.spans = demand.spans;
+        totals.listed_low = demand.listed_low;
+        totals.listed_high = demand.listed_high;
         totals.listed_kept = all.x;
         totals.longest_list = longest;
+        counters = FastCounters(0, 0, 0, 0);
     }
     [[unroll]] for (uint k = 0; k < MAX_EACH; k++) {
         if (k >= own) continue;

@@ -1,6 +1,6 @@
 // Visits the bins of a chunk of splats: calls visit(bin, splat, key, writes) once for every bin that a splat touches.
 // `writes` is known when the shader is compiled; only with it are depth keys loaded.
-// Requires: totals, span_ranges[], spans[], depth_keys[], push.bins_x, push.visible_capacity,
+// Requires: counters, span_ranges[], spans[], depth_keys[], push.bins_x, push.visible_capacity,
 // visit(bin, splat, key, writes)
 // Splats touch one bin or thousands. A lane visits the few bins of a small splat alone; a subgroup shares first the
 // rows of its larger splats, then the bins of these rows.
@@ -58,7 +58,7 @@ void visit_together(uvec2 range, uint rows, uint splat, bool writes) {
 }
 
 void visit_chunk(uint chunk, bool writes) {
-    uint visible = min(totals.visible, push.visible_capacity);
+    uint visible = min(counters.visible, push.visible_capacity);
     uint each = div_up(visible, BIN_CHUNKS);
     uint begin = min(visible, chunk * each), end = min(visible, begin + each);
     // Lanes of a subgroup take splats far from one another: neighbours are often in one bin, where their atomics would

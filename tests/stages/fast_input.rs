@@ -5,7 +5,7 @@ use smalto::gpu::{Access, Commands};
 use smalto::options::Options;
 use smalto::reference;
 use smalto::render::shaders::fast::BIN_CHUNKS;
-use smalto::render::shaders::{Bin, Totals};
+use smalto::render::shaders::{Bin, FastCounters};
 use smalto::render::{BinGrid, Capacity, FastPipeline, FastWorkspace, GpuScene};
 use smalto::scene::synthetic;
 
@@ -86,9 +86,8 @@ impl Bench {
         pipeline.prepare(&gpu.0, grid, work.has_long_lists()).unwrap();
         let bench = Self { gpu, pipeline, work, grid };
         bench.run(|bench, cmd| {
-            let totals = Totals { visible: count as u32, ..bytemuck::Zeroable::zeroed() };
-            cmd.upload(&bench.work.totals, 0, 1, |memory| memory[0] = totals).unwrap();
-            cmd.fill(&bench.work.listed_in_bins, 0);
+            let counters = FastCounters { visible: count as u32, ..bytemuck::Zeroable::zeroed() };
+            cmd.upload(&bench.work.counters, 0, 1, |memory| memory[0] = counters).unwrap();
             let work = &bench.work;
             cmd.upload(&work.span_ranges, 0, count, |m| m.copy_from_slice(&input.span_ranges)).unwrap();
             cmd.upload(&work.spans, 0, input.spans.len(), |m| m.copy_from_slice(&input.spans)).unwrap();

@@ -3,7 +3,7 @@
 use super::fast_input::{Bench, Input, parts};
 use crate::common::Random;
 use smalto::reference;
-use smalto::render::shaders::Totals;
+use smalto::render::shaders::FastCounters;
 use smalto::render::shaders::fast::{BIN_PIECES, BIN_RUN, BIN_STRETCH, BLOCKS};
 use smalto::render::{BinGrid, Capacity};
 
@@ -38,6 +38,12 @@ fn scattered(count: usize) -> Input {
 /// Around a lane, a subgroup and the number of chunks; with several splats a chunk.
 const COUNTS: [usize; 13] = [0, 1, 7, 8, 31, 32, 33, 263, 264, 265, 1023, 8448, 20_001];
 
+fn counters_are_zero(bench: &Bench) {
+    let FastCounters { visible, spans, listed_low, listed_high } = bench.gpu.download(&bench.work.counters)[0];
+    assert_eq!([visible, spans, listed_low, listed_high], [0; 4]);
+    assert!(bench.gpu.download(&bench.work.listed_in_bins).iter().all(|count| *count == 0));
+}
+
 #[test]
 fn list_and_offsets_list_every_splat_in_its_bins() {
     for count in COUNTS {
@@ -49,8 +55,8 @@ fn list_and_offsets_list_every_splat_in_its_bins() {
 
         bench.run(|b, cmd| b.pipeline.list(cmd, &b.work, b.grid));
         assert_eq!(bench.gpu.download(&bench.work.listed_in_bins), counts, "{count} splats");
-        let totals = bench.gpu.download(&bench.work.totals)[0];
-        assert_eq!([totals.listed_high, totals.listed_low], [0, entries]);
+        let counters = bench.gpu.download(&bench.work.counters)[0];
+        assert_eq!([counters.visible, counters.listed_high, counters.listed_low], [count as u32, 0, entries]);
         // The segments of the chunks are disjoint and cover all entries.
         let mut segments: Vec<_> = bench.share_starts().iter().map(|row| (row[0], row[row.len() - 1])).collect();
         segments.sort_unstable();
@@ -72,8 +78,10 @@ fn list_and_offsets_list_every_splat_in_its_bins() {
         let stretches = bench.gpu.download(&bench.work.stretch_bins);
         assert_eq!(stretches[..expected.stretch_bins.len()], expected.stretch_bins);
         let totals = bench.gpu.download(&bench.work.totals)[0];
+        assert_eq!([totals.visible, totals.visible_kept], [count as u32; 2]);
         assert_eq!([totals.listed_high, totals.listed_low, totals.listed_kept], [0, entries, entries]);
         assert_eq!(totals.longest_list, counts.iter().copied().max().unwrap());
+        counters_are_zero(&bench);
     }
 }
 
@@ -91,6 +99,7 @@ fn entries_that_do_not_fit_are_counted_and_none_is_listed() {
         assert_eq!(Some(totals.longest_list), counts.iter().copied().max());
         assert!(bench.bins().iter().all(|bin| bin.count == 0));
         assert_eq!(bench.gpu.download(&bench.work.dispatches)[0].over_runs[0], 0);
+        counters_are_zero(&bench);
     }
 }
 
@@ -99,14 +108,15 @@ fn entries_that_do_not_fit_are_counted_and_none_is_listed() {
 fn a_demand_of_more_than_32_bits_is_counted() {
     let input = scattered(2000);
     let bench = Bench::new([40 * 64, 30 * 32], 1, &input, 5000, 0);
-    let taken = Totals { visible: 2000, listed_low: u32::MAX - 100, ..bytemuck::Zeroable::zeroed() };
-    bench.run(|b, cmd| cmd.upload(&b.work.totals, 0, 1, |memory| memory[0] = taken).unwrap());
+    let taken = FastCounters { visible: 2000, listed_low: u32::MAX - 100, ..bytemuck::Zeroable::zeroed() };
+    bench.run(|b, cmd| cmd.upload(&b.work.counters, 0, 1, |memory| memory[0] = taken).unwrap());
     bench.list();
     let totals = bench.gpu.download(&bench.work.totals)[0];
     let entries: u32 = input.counts(bench.grid).iter().sum();
     assert_eq!([totals.listed_high, totals.listed_low], [1, entries - 101]);
     assert_eq!(totals.listed_kept, 0);
     assert!(bench.bins().iter().all(|bin| bin.count == 0));
+    counters_are_zero(&bench);
 }
 
 #[test]
@@ -114,14 +124,14 @@ fn offsets_order_bins_by_length_and_find_the_long_lists() {
     let lengths: Vec<u32> = (0..900).map(|i: u32| i.wrapping_mul(0x9e37_79b9) >> (15 + i % 17)).collect();
     let bench = Bench::new([30 * 64, 30 * 32], 1, &Input::of_lengths(&[], |_| 0), 0, 0);
     let demand: u32 = lengths.iter().sum();
-    let counted = Totals { listed_low: demand, ..bytemuck::Zeroable::zeroed() };
+    let counted = FastCounters { listed_low: demand, ..bytemuck::Zeroable::zeroed() };
     let mut bench = bench;
     // First there is no room for any.
     for capacity in [0, demand] {
         let room = Capacity { listed: capacity.into(), cells: 900, ..Capacity::default() };
         bench.work.grow(&bench.gpu.0, room, 0).unwrap();
         bench.run(|b, cmd| {
-            cmd.upload(&b.work.totals, 0, 1, |memory| memory[0] = counted).unwrap();
+            cmd.upload(&b.work.counters, 0, 1, |memory| memory[0] = counted).unwrap();
             cmd.upload(&b.work.listed_in_bins, 0, 900, |memory| memory.copy_from_slice(&lengths)).unwrap();
         });
         bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));

@@ -179,11 +179,6 @@ impl FastPipeline {
         let drawn_alpha = self.options.rules.alpha_min;
         assert!(scene.alpha_min <= drawn_alpha, "a scene is culled by no higher threshold than it is drawn by");
         let grid = self.grid(camera.size_px, scene.len());
-        cmd.scope("clear", |cmd| {
-            cmd.fill(&work.totals, 0);
-            cmd.fill(&work.listed_in_bins, 0);
-        });
-        cmd.barrier(Access::COPY_WRITE, Access::SHADER);
         cmd.scope("project", |cmd| self.project(cmd, shot, work, grid));
         between_stages(cmd);
         cmd.scope("list", |cmd| self.list(cmd, work, grid));
@@ -213,13 +208,12 @@ impl FastPipeline {
         // Only lists of several runs are merged. The totals know the longest: it counts, others are left out.
         let merged = if totals.longest_list > BIN_RUN { u64::from(totals.longest_list) } else { 0 };
         vec![
-            ("clear", size_of::<Totals>() as u64 + 4 * bins),
             // Bounds of all Gaussians in, the rest of those that are visible; splat, id, key and spans out.
             ("project", bounds * gaussians + visible * (scene.bytes_each() - bounds + splat + id + key) + walk),
             // Depth keys in; counts of all bins, the starts of shares, depth key and splat of every entry out.
             ("list", walk + key * visible + 4 * bins + shares + 8 * entries),
-            // Counts in; bins, their order, the dispatches out.
-            ("offsets", bins * (4 + size_of::<Bin>() as u64 + 4) + size_of::<FastDispatches>() as u64),
+            // Counts in; zeros in their place, bins, their order, the dispatches out.
+            ("offsets", bins * (4 + 4 + size_of::<Bin>() as u64 + 4) + size_of::<FastDispatches>() as u64),
             // The starts of shares, depth key and splat in; splat out.
             ("sort", shares + (8 + 4) * entries),
             ("merge", (8 + 4) * merged),
@@ -244,7 +238,7 @@ impl FastPipeline {
             depth_keys: &work.depth_keys,
             span_ranges: &work.span_ranges,
             spans: &work.spans,
-            totals: &work.totals,
+            counters: &work.counters,
         };
         let push = ProjectPush {
             view: view(camera, self.options.rules.near),
@@ -262,7 +256,7 @@ impl FastPipeline {
     /// Writes depth key and splat of every entry, chunk by chunk, and counts the splats of every bin.
     pub fn list(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         let bindings = ListBindings {
-            totals: &work.totals,
+            counters: &work.counters,
             span_ranges: &work.span_ranges,
             spans: &work.spans,
             depth_keys: &work.depth_keys,
@@ -289,6 +283,7 @@ impl FastPipeline {
             run_bins: &work.run_bins,
             stretch_bins: &work.stretch_bins,
             dispatches: &work.dispatches,
+            counters: &work.counters,
         };
         let push = OffsetsPush {
             bins: grid.count(),

@@ -2,15 +2,17 @@
 
 use anyhow::Result;
 
-use crate::gpu::{Buffer, Device};
+use crate::gpu::{Buffer, Commands, Device};
 use crate::render::capacity::{Capacity, length};
 use crate::render::shaders::fast::{BIN_CHUNKS, BIN_PIECES, BIN_RUN, BIN_STRETCH};
-use crate::render::shaders::{Bin, FastDispatches, Totals};
+use crate::render::shaders::{Bin, FastCounters, FastDispatches, Totals};
 
 /// The buffers of one frame of the fast path, whose cells are bins.
 pub struct FastWorkspace {
     pub capacity: Capacity,
     pub totals: Buffer<Totals>,
+    /// 0 between frames, as `listed_in_bins` is: each frame leaves them as it found them.
+    pub counters: Buffer<FastCounters>,
     pub dispatches: Buffer<FastDispatches>,
     pub gaussian_from_splat: Buffer<u32>,
     /// [`FastPipeline::splat_elements`](super::FastPipeline::splat_elements) elements each.
@@ -64,9 +66,10 @@ impl FastWorkspace {
         let mask_words = stretches * BIN_STRETCH as usize;
         let unsorted = Buffer::new(device, "unsorted entries", entries.max(mask_words.div_ceil(2)))?;
         let words = |name: &str, len: usize| Buffer::<u32>::new(device, name, len);
-        Ok(Self {
+        let work = Self {
             capacity,
             totals: Buffer::new(device, "totals", 1)?,
+            counters: Buffer::new(device, "counters", 1)?,
             dispatches: Buffer::new(device, "dispatches", 1)?,
             gaussian_from_splat: words("gaussian from splat", visible)?,
             splats: Buffer::new(device, "splats", visible * splat_elements)?,
@@ -85,7 +88,13 @@ impl FastWorkspace {
             merge_levels,
             splat_ids: words("splat ids", entries)?,
             splat_elements,
-        })
+        };
+        let mut cmd = Commands::new(device)?;
+        cmd.fill(&work.totals, 0);
+        cmd.fill(&work.counters, 0);
+        cmd.fill(&work.listed_in_bins, 0);
+        drop(cmd.submit()?);
+        Ok(work)
     }
 
     /// Makes the buffers large enough for `demand`, and the merge levels enough for a list of length `longest_list`.
@@ -145,6 +154,7 @@ impl FastWorkspace {
         let mut all: Vec<_> = words.into_iter().map(Buffer::footprint).collect();
         all.extend([
             self.totals.footprint(),
+            self.counters.footprint(),
             self.dispatches.footprint(),
             self.splats.footprint(),
             self.span_ranges.footprint(),
