@@ -103,19 +103,19 @@ bool exists(uint k) {
     return own + k * gl_SubgroupSize < count;
 }
 
-// Loads the items of the run, which begins with entry `begin` of the list of bin `number`. Lane c handles chunk c.
-void load(uint number, uint begin) {
-    uint start = 0, length = 0, total;
-    if (lane() < BIN_CHUNKS) {
-        uint place = lane() * (push.bins + 1) + number;
-        start = share_starts[place];
-        length = share_starts[place + 1] - start;
-    }
+// Where the share of this lane's chunk in the list of a bin begins and ends.
+uvec2 share_of_lane(uint bin) {
+    uint place = lane() * (push.bins + 1) + bin;
+    return lane() < BIN_CHUNKS ? uvec2(share_starts[place], share_starts[place + 1]) : uvec2(0);
+}
+
+// Loads the items of the run, which begins with entry `begin` of a list, from the shares of all lanes.
+void load(uint begin, uvec2 share_range) {
     // For every share: the entries of the list before it, and the difference of an entry's index in `unsorted` to that
     // in the list.
-    uint before = workgroup_exclusive_add(length, total);
+    uint total, before = workgroup_exclusive_add(share_range.y - share_range.x, total);
     values[lane()] = before;
-    keys[lane()] = start - before;
+    keys[lane()] = share_range.x - before;
     barrier();
     // The last share that begins at the entry or before it is not empty: the next one begins after it.
     uint first = begin + own;
@@ -242,9 +242,11 @@ void sort_few(uint first, uint few) {
 
 void main() {
     uint run = workgroup();
-    // A folded dispatch may have more workgroups than there are runs.
+    // A folded dispatch may have more workgroups than there are runs. For these, run_bins may hold anything.
     if (run >= dispatches.over_runs.x * dispatches.over_runs.y) return;
     uint number = run_bins[run];
+    if (number >= push.bins) return;
+    uvec2 share_range = share_of_lane(number);  // loaded before the bin is waited for
     Bin bin = bins[number];
     uint begin = (run - bin.first_run) * BIN_RUN;
     if (run < bin.first_run || begin >= bin.count) return;
@@ -252,7 +254,7 @@ void main() {
     items = div_up(count, WORKGROUP);
     own = gl_SubgroupID * gl_SubgroupSize * items + gl_SubgroupInvocationID;
     key = value = uvec4(0);
-    load(number, begin);
+    load(begin, share_range);
     if (lane() == 0) is_crowded = 0;
     sort_by_distribution();
     for (uint i = lane(); i < count; i += WORKGROUP) {

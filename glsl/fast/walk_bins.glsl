@@ -67,7 +67,7 @@ void visit_chunk(uint chunk, bool writes) {
     uint own_begin = begin + gl_SubgroupInvocationID * part, own_end = min(own_begin + part, end);
     for (uint first = 0; first < part; first += gl_NumSubgroups) {
         uint splat = own_begin + first + gl_SubgroupID;
-        bool exists = first + gl_SubgroupID < part && splat < own_end;
+        bool exists = splat < own_end;
         uvec2 range = exists ? span_ranges[splat] : uvec2(0);
         uint key = exists ? key_of(splat, writes) : 0;  // both loads at once
         uint rows = visit_alone(range, splat, key, writes) ? 0 : range.y >> 16;
