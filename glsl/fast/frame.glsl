@@ -7,7 +7,7 @@ const uint BLOCKS = 32;          // blocks in a bin, numbered row by row
 const uint BLOCK_WIDTH = 8;      // px; blocks are 4, 8 or 16 px high
 const uint MAX_BINS = 7200;      // bins in a picture at most: their counts fit into 32 KiB of workgroup memory
 const uint PROJECT_CHUNK = 384;  // Gaussians that one workgroup of project takes
-const uint BIN_CHUNKS = 264;     // chunks of the splats, each listed by one workgroup of count and of fill
+const uint BIN_CHUNKS = 264;     // chunks of the splats, each listed by one workgroup of list; sort has a lane for each
 const uint BIN_RUN = 2048;       // entries that one workgroup of sort sorts
 const uint BIN_PIECES = 16;      // sorted pieces of a list that are merged at once
 const uint BIN_STRETCH = 1024;   // entries of a list whose masks lie together
@@ -22,6 +22,15 @@ struct Bin {
     uint count;
     uint first_run;
     uint first_stretch;
+};
+
+// The demands of a frame while project and list count them. They are 0 between frames: offsets moves them to the
+// totals.
+struct FastCounters {
+    uint visible;
+    uint spans;
+    uint listed_low;
+    uint listed_high;
 };
 
 // Workgroup counts of the fast path's indirect dispatches.

@@ -8,8 +8,8 @@
 #include "shared/rotation.glsl"
 // One workgroup per chunk of 384 Gaussians: projects those that can touch the image to splats, and finds the bins that
 // each splat touches, as one span per row of bins.
-// Before: totals are 0. After: totals.visible and totals.spans are demands; the outputs of all splats that fit are set,
-// in any order. Later stages order splats of equal depth by `gaussian_from_splat`.
+// Before: counters are 0. After: counters.visible and counters.spans are demands; the outputs of all splats that fit
+// are set, in any order. Later stages order splats of equal depth by `gaussian_from_splat`.
 
 layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 1, scalar) readonly buffer GridsBlock { Grids grids; };
@@ -21,7 +21,7 @@ layout(binding = 6, scalar) writeonly buffer DepthKeys { uint depth_keys[]; };  
 // span_ranges: (index of the first span, or the span itself if there is only one; first row | rows << 16).
 layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity]
 layout(binding = 8, scalar) writeonly buffer Spans { uint spans[]; };                       // [span_capacity]
-layout(binding = 9, scalar) buffer TotalsBlock { Totals totals; };
+layout(binding = 9, scalar) buffer CountersBlock { FastCounters counters; };
 layout(push_constant, scalar) uniform Push {
     View view;
     uint gaussians;
@@ -72,10 +72,10 @@ void make_splat(uint gaussian, float z, bool exists) {
     mine = subgroupBroadcastFirst(mine);
     barrier();
     if (lane() == 0) {
-        first = uvec2(atomicAdd(totals.visible, splats_here), 0);
+        first = uvec2(atomicAdd(counters.visible, splats_here), 0);
         if (spans_here > 0) {
-            first.y = atomicAdd(totals.spans, spans_here);
-            if (first.y + spans_here < first.y) atomicAdd(totals.listed_high, 1);  // the frame is refused
+            first.y = atomicAdd(counters.spans, spans_here);
+            if (first.y + spans_here < first.y) atomicAdd(counters.listed_high, 1);  // the frame is refused
         }
         splats_here = spans_here = 0;
     }

@@ -7,8 +7,8 @@
 layout(constant_id = 0) const uint DIGIT_BITS = 8;  // bits of a key that one pass sorts by
 #include "shared/digits.glsl"
 // One workgroup per run of entries of a bin: sorts them by depth, then by Gaussian.
-// Before: entries from fill. After: if the run is the whole list, its sorted splats are in splat_ids; otherwise the run
-// is sorted in place in `entries`.
+// Before: unsorted and share_starts from list: a list is its shares, chunk after chunk. After: if the run is the whole
+// list, its sorted splats are in splat_ids; otherwise the sorted run is in `entries`.
 // An entry goes to the place that the distribution of depths predicts; entries that share a place are sorted by
 // insertion.
 // If too many share one, a radix sort of the run takes over. No two entries of a bin are equal in depth and Gaussian,
@@ -20,9 +20,14 @@ layout(binding = 0, scalar) readonly buffer RunBins { uint run_bins[]; };       
 layout(binding = 1, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
 layout(binding = 2, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };            // [visible_capacity]
 layout(binding = 3, scalar) readonly buffer DepthKeys { uint depth_keys[]; };               // [visible_capacity]
-layout(binding = 4, scalar) buffer Entries { uvec2 entries[]; };                            // [entry_capacity]
+layout(binding = 4, scalar) writeonly buffer Entries { uvec2 entries[]; };                  // [entry_capacity]
 layout(binding = 5, scalar) writeonly buffer SplatIds { uint splat_ids[]; };                // [entry_capacity]
 layout(binding = 6, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
+layout(binding = 7, scalar) readonly buffer ShareStarts { uint share_starts[]; };           // [BIN_CHUNKS * (bins + 1)]
+layout(binding = 8, scalar) readonly buffer Unsorted { uvec2 unsorted[]; };                 // [entry_capacity]
+layout(push_constant, scalar) uniform Push {
+    uint bins;
+} push;
 
 #include "shared/subgroup_rank.glsl"
 
@@ -96,6 +101,37 @@ void sort_by_digit(uint shift) {
 
 bool exists(uint k) {
     return own + k * gl_SubgroupSize < count;
+}
+
+// Where the share of this lane's chunk in the list of a bin begins and ends.
+uvec2 share_of_lane(uint bin) {
+    uint place = lane() * (push.bins + 1) + bin;
+    return lane() < BIN_CHUNKS ? uvec2(share_starts[place], share_starts[place + 1]) : uvec2(0);
+}
+
+// Loads the items of the run, which begins with entry `begin` of a list, from the shares of all lanes.
+void load(uint begin, uvec2 share_range) {
+    // For every share: the entries of the list before it, and the difference of an entry's index in `unsorted` to that
+    // in the list.
+    uint total, before = workgroup_exclusive_add(share_range.y - share_range.x, total);
+    values[lane()] = before;
+    keys[lane()] = share_range.x - before;
+    barrier();
+    // The last share that begins at the entry or before it is not empty: the next one begins after it.
+    uint first = begin + own;
+    uvec4 share = uvec4(0);
+    for (uint step = WORKGROUP / 2; step > 0; step /= 2) {
+#define HALVE(k) if (values[share[k] + step] <= first + k * gl_SubgroupSize) share[k] += step;
+        EACH_ITEM(HALVE)
+    }
+#define LOAD(k) \
+    if (exists(k)) { \
+        uint index = first + k * gl_SubgroupSize; \
+        uvec2 entry = unsorted[keys[share[k]] + index]; \
+        key[k] = entry.x; \
+        value[k] = entry.y; \
+    }
+    EACH_ITEM(LOAD)
 }
 
 // Subtracts the lowest key from all keys. Returns the number of bits that the largest then has.
@@ -206,22 +242,19 @@ void sort_few(uint first, uint few) {
 
 void main() {
     uint run = workgroup();
-    // A folded dispatch may have more workgroups than there are runs.
+    // A folded dispatch may have more workgroups than there are runs. For these, run_bins may hold anything.
     if (run >= dispatches.over_runs.x * dispatches.over_runs.y) return;
-    Bin bin = bins[run_bins[run]];
+    uint number = run_bins[run];
+    if (number >= push.bins) return;
+    uvec2 share_range = share_of_lane(number);  // loaded before the bin is waited for
+    Bin bin = bins[number];
     uint begin = (run - bin.first_run) * BIN_RUN;
     if (run < bin.first_run || begin >= bin.count) return;
     count = min(bin.count - begin, BIN_RUN);
     items = div_up(count, WORKGROUP);
     own = gl_SubgroupID * gl_SubgroupSize * items + gl_SubgroupInvocationID;
     key = value = uvec4(0);
-#define LOAD(k) \
-    if (exists(k)) { \
-        uvec2 entry = entries[bin.first + begin + own + k * gl_SubgroupSize]; \
-        key[k] = entry.x; \
-        value[k] = entry.y; \
-    }
-    EACH_ITEM(LOAD)
+    load(begin, share_range);
     if (lane() == 0) is_crowded = 0;
     sort_by_distribution();
     for (uint i = lane(); i < count; i += WORKGROUP) {

@@ -1,5 +1,7 @@
-// Visits the bins of a chunk of splats: calls visit(bin, splat) once for every bin that a splat touches.
-// Requires: totals, span_ranges[], spans[], push.bins_x, push.visible_capacity, visit(bin, splat)
+// Visits the bins of a chunk of splats: calls visit(bin, splat, key, writes) once for every bin that a splat touches.
+// `writes` is known when the shader is compiled; only with it are depth keys loaded.
+// Requires: counters, span_ranges[], spans[], depth_keys[], push.bins_x, push.visible_capacity,
+// visit(bin, splat, key, writes)
 // Splats touch one bin or thousands. A lane visits the few bins of a small splat alone; a subgroup shares first the
 // rows of its larger splats, then the bins of these rows.
 
@@ -11,47 +13,52 @@ uint span_of(uvec2 range, uint row) {
     return range.y >> 16 == 1 ? range.x : spans[range.x + row];
 }
 
+uint key_of(uint splat, bool writes) {
+    return writes ? depth_keys[splat] : 0;
+}
+
 uint width_of(uint span) {
     return (span >> 16) - (span & 0xffff);
 }
 
 // Visits the bins of a splat if it is small. Returns true if it is.
-bool visit_alone(uvec2 range, uint splat) {
+bool visit_alone(uvec2 range, uint splat, uint key, bool writes) {
     uint rows = range.y >> 16;
     if (rows > ROWS_ALONE) return false;
     uvec2 row_spans = uvec2(rows > 0 ? span_of(range, 0) : 0, rows > 1 ? span_of(range, 1) : 0);
     if (width_of(row_spans.x) + width_of(row_spans.y) > BINS_ALONE) return false;
     uint bins = (range.y & 0xffff) * push.bins_x;
-    for (uint x = row_spans.x & 0xffff; x < row_spans.x >> 16; x++) visit(bins + x, splat);
-    for (uint x = row_spans.y & 0xffff; x < row_spans.y >> 16; x++) visit(bins + push.bins_x + x, splat);
+    for (uint x = row_spans.x & 0xffff; x < row_spans.x >> 16; x++) visit(bins + x, splat, key, writes);
+    bins += push.bins_x;
+    for (uint x = row_spans.y & 0xffff; x < row_spans.y >> 16; x++) visit(bins + x, splat, key, writes);
     return true;
 }
 
 // Visits the bins of the spans of all lanes. `row`: the row of bins of this lane's span.
-void visit_spans(uint row, uint span, uint splat) {
+void visit_spans(uint row, uint span, uint splat, bool writes) {
     uint width = width_of(span), bin = row * push.bins_x + (span & 0xffff);
     uint before = subgroupExclusiveAdd(width), all = subgroupAdd(width);
     for (uint done = 0; done < all; done += SUBGROUP) {
         uint i = done + gl_SubgroupInvocationID, owner = owner_of(before, i);
         uint column = i - subgroupShuffle(before, owner);
         uint their_bin = subgroupShuffle(bin, owner), their_splat = subgroupShuffle(splat, owner);
-        if (i < all) visit(their_bin + column, their_splat);
+        if (i < all) visit(their_bin + column, their_splat, key_of(their_splat, writes), writes);
     }
 }
 
 // Visits the bins of the larger splats of all lanes. `rows`: rows of bins of this lane's splat, 0 if it is small.
-void visit_together(uvec2 range, uint rows, uint splat) {
+void visit_together(uvec2 range, uint rows, uint splat, bool writes) {
     uint before = subgroupExclusiveAdd(rows), all = subgroupAdd(rows);
     for (uint done = 0; done < all; done += SUBGROUP) {
         uint i = done + gl_SubgroupInvocationID, owner = owner_of(before, i);
         uint row = i - subgroupShuffle(before, owner), their_splat = subgroupShuffle(splat, owner);
         uvec2 theirs = subgroupShuffle(range, owner);
-        visit_spans((theirs.y & 0xffff) + row, i < all ? span_of(theirs, row) : 0, their_splat);
+        visit_spans((theirs.y & 0xffff) + row, i < all ? span_of(theirs, row) : 0, their_splat, writes);
     }
 }
 
-void visit_chunk(uint chunk) {
-    uint visible = min(totals.visible, push.visible_capacity);
+void visit_chunk(uint chunk, bool writes) {
+    uint visible = min(counters.visible, push.visible_capacity);
     uint each = div_up(visible, BIN_CHUNKS);
     uint begin = min(visible, chunk * each), end = min(visible, begin + each);
     // Lanes of a subgroup take splats far from one another: neighbours are often in one bin, where their atomics would
@@ -60,8 +67,10 @@ void visit_chunk(uint chunk) {
     uint own_begin = begin + gl_SubgroupInvocationID * part, own_end = min(own_begin + part, end);
     for (uint first = 0; first < part; first += gl_NumSubgroups) {
         uint splat = own_begin + first + gl_SubgroupID;
-        uvec2 range = first + gl_SubgroupID < part && splat < own_end ? span_ranges[splat] : uvec2(0);
-        uint rows = visit_alone(range, splat) ? 0 : range.y >> 16;
-        if (subgroupAny(rows > 0)) visit_together(range, rows, splat);
+        bool exists = splat < own_end;
+        uvec2 range = exists ? span_ranges[splat] : uvec2(0);
+        uint key = exists ? key_of(splat, writes) : 0;  // both loads at once
+        uint rows = visit_alone(range, splat, key, writes) ? 0 : range.y >> 16;
+        if (subgroupAny(rows > 0)) visit_together(range, rows, splat, writes);
     }
 }

@@ -38,21 +38,8 @@ uint div_up(uint a, uint b) {
     return a / b + uint(a % b != 0);
 }
 
-shared uint subgroup_sums[MAX_SUBGROUPS];
-
-// Returns the sum of `value` over the lanes before this one; `total` is the sum over all lanes. The whole workgroup
-// must call it.
-uint workgroup_exclusive_add(uint value, out uint total) {
-    uint before = subgroupExclusiveAdd(value);
-    barrier();  // lanes may still read the sums of an earlier call
-    if (gl_SubgroupInvocationID == gl_SubgroupSize - 1) {
-        subgroup_sums[gl_SubgroupID] = before + value;
-    }
-    barrier();
-    total = 0;
-    for (uint i = 0; i < gl_NumSubgroups; i++) {
-        before += i < gl_SubgroupID ? subgroup_sums[i] : 0;
-        total += subgroup_sums[i];
-    }
-    return before;
-}
+#define NUMBER uint
+#define SUMS subgroup_sums
+#include "shared/workgroup_add.glsl"
+#undef NUMBER
+#undef SUMS

@@ -51,19 +51,19 @@ pub fn count_bins(span_ranges: &[[u32; 2]], spans: &[u32], bins_x: u32, bins: us
     counts
 }
 
-/// The place of every bin's list among `capacity` entries, in runs of `run` and stretches of `stretch` entries. Lists
-/// that the capacity cuts are shortened; nothing is listed if there are 2^32 entries or more.
+/// The place of every bin's list among `capacity` entries, in runs of `run` and stretches of `stretch` entries. Nothing
+/// is listed if the capacity is not enough.
 pub fn bin_offsets(counts: &[u32], capacity: u32, run: u32, stretch: u32) -> BinOffsets {
     let demand = counts.iter().map(|count| u64::from(*count)).sum();
-    let capacity = if demand > u64::from(u32::MAX) { 0 } else { capacity };
+    let fits = demand <= u64::from(capacity);
     let (mut run_bins, mut stretch_bins, mut first) = (Vec::new(), Vec::new(), 0_u32);
     let place = |(bin, listed): (usize, &u32)| {
-        let count = (*listed).min(capacity.saturating_sub(first));
+        let count = if fits { *listed } else { 0 };
         let range =
             BinRange { first, count, first_run: run_bins.len() as u32, first_stretch: stretch_bins.len() as u32 };
         run_bins.extend(std::iter::repeat_n(bin as u32, count.div_ceil(run) as usize));
         stretch_bins.extend(std::iter::repeat_n(bin as u32, count.div_ceil(stretch) as usize));
-        first = first.wrapping_add(*listed);
+        first += count;
         range
     };
     let bins = counts.iter().enumerate().map(place).collect();
@@ -71,7 +71,7 @@ pub fn bin_offsets(counts: &[u32], capacity: u32, run: u32, stretch: u32) -> Bin
 }
 
 /// The entries of every bin, in the order of the splats.
-pub fn fill_bins(
+pub fn list_bins(
     span_ranges: &[[u32; 2]],
     spans: &[u32],
     depth_keys: &[u32],

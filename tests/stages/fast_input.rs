@@ -4,7 +4,8 @@ use crate::common::{Gpu, Random};
 use smalto::gpu::{Access, Commands};
 use smalto::options::Options;
 use smalto::reference;
-use smalto::render::shaders::{Bin, Totals};
+use smalto::render::shaders::fast::BIN_CHUNKS;
+use smalto::render::shaders::{Bin, FastCounters};
 use smalto::render::{BinGrid, Capacity, FastPipeline, FastWorkspace, GpuScene};
 use smalto::scene::synthetic;
 
@@ -40,10 +41,17 @@ impl Input {
         Self { span_ranges, spans, depth_keys: (0..count).map(key).collect(), gaussian_from_splat }
     }
 
-    /// Splats of one bin each: so many in every bin of a row.
+    /// Splats of one bin each: so many in every bin of a row, bin after bin.
     pub fn of_lengths(lengths: &[usize], key: impl Fn(u32) -> u32) -> Self {
         let bins = lengths.iter().enumerate().flat_map(|(bin, length)| std::iter::repeat_n(bin as u32, *length));
         Self::of_spans(bins.map(|bin| (0, bin, bin + 1)), key)
+    }
+
+    /// The same splats in another order.
+    pub fn shuffled(mut self) -> Self {
+        let mut random = Random(7);
+        (1..self.span_ranges.len()).for_each(|i| self.span_ranges.swap(i, random.below(i as u32 + 1) as usize));
+        self
     }
 
     pub fn counts(&self, grid: BinGrid) -> Vec<u32> {
@@ -52,7 +60,7 @@ impl Input {
 
     pub fn lists(&self, grid: BinGrid) -> Vec<Vec<reference::Entry>> {
         let bins = grid.count() as usize;
-        reference::fill_bins(&self.span_ranges, &self.spans, &self.depth_keys, grid.bins[0], bins)
+        reference::list_bins(&self.span_ranges, &self.spans, &self.depth_keys, grid.bins[0], bins)
     }
 }
 
@@ -78,9 +86,8 @@ impl Bench {
         pipeline.prepare(&gpu.0, grid, work.has_long_lists()).unwrap();
         let bench = Self { gpu, pipeline, work, grid };
         bench.run(|bench, cmd| {
-            let totals = Totals { visible: count as u32, ..bytemuck::Zeroable::zeroed() };
-            cmd.upload(&bench.work.totals, 0, 1, |memory| memory[0] = totals).unwrap();
-            cmd.fill(&bench.work.listed_in_bins, 0);
+            let counters = FastCounters { visible: count as u32, ..bytemuck::Zeroable::zeroed() };
+            cmd.upload(&bench.work.counters, 0, 1, |memory| memory[0] = counters).unwrap();
             let work = &bench.work;
             cmd.upload(&work.span_ranges, 0, count, |m| m.copy_from_slice(&input.span_ranges)).unwrap();
             cmd.upload(&work.spans, 0, input.spans.len(), |m| m.copy_from_slice(&input.spans)).unwrap();
@@ -98,11 +105,25 @@ impl Bench {
         });
     }
 
-    /// count, offsets and fill.
+    /// list and offsets.
     pub fn list(&self) {
-        self.run(|b, cmd| b.pipeline.count(cmd, &b.work, b.grid));
+        self.run(|b, cmd| b.pipeline.list(cmd, &b.work, b.grid));
         self.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
-        self.run(|b, cmd| b.pipeline.fill(cmd, &b.work, b.grid));
+    }
+
+    /// For every chunk, where its share of each bin's list begins; then where its last share ends.
+    pub fn share_starts(&self) -> Vec<Vec<usize>> {
+        let starts = self.gpu.download(&self.work.share_starts).into_iter().map(|start| start as usize);
+        let starts: Vec<usize> = starts.collect();
+        let row = self.grid.count() as usize + 1;
+        starts.chunks(row).take(BIN_CHUNKS as usize).map(<[usize]>::to_vec).collect()
+    }
+
+    /// The lists of all bins before they are sorted: their shares, chunk after chunk.
+    pub fn lists(&self) -> Vec<Vec<reference::Entry>> {
+        let (unsorted, starts) = (self.gpu.download(&self.work.unsorted), self.share_starts());
+        let share = |row: &Vec<usize>, bin: usize| unsorted[row[bin]..row[bin + 1]].to_vec();
+        (0..self.grid.count() as usize).map(|bin| starts.iter().flat_map(|row| share(row, bin)).collect()).collect()
     }
 
     pub fn bins(&self) -> Vec<reference::BinRange> {

@@ -3,14 +3,12 @@
 use super::fast_input::{Bench, Input, parts};
 use crate::common::Random;
 use smalto::reference;
-use smalto::render::shaders::fast::{BIN_CHUNKS, BIN_PIECES, BIN_RUN, BIN_STRETCH, BLOCKS};
+use smalto::render::shaders::FastCounters;
+use smalto::render::shaders::fast::{BIN_PIECES, BIN_RUN, BIN_STRETCH, BLOCKS};
 use smalto::render::{BinGrid, Capacity};
 
 /// The length from which on a list is long: LONG_LIST in frame.glsl.
 const LONG_LIST: u32 = BIN_RUN * BIN_PIECES;
-
-/// A picture of 3 x 2 bins of the middle height.
-const GRID_SIZE: [u32; 2] = [3 * 64, 2 * 32];
 
 /// Splats over 40 x 30 bins: small ones of one row, some of several rows, few that cover the picture.
 fn scattered(count: usize) -> Input {
@@ -37,11 +35,17 @@ fn scattered(count: usize) -> Input {
     Input::with(span_ranges, spans, |i| i.wrapping_mul(0x9e37_79b9) >> 8)
 }
 
-/// Around a lane, a subgroup, a workgroup and the number of chunks.
+/// Around a lane, a subgroup and the number of chunks; with several splats a chunk.
 const COUNTS: [usize; 13] = [0, 1, 7, 8, 31, 32, 33, 263, 264, 265, 1023, 8448, 20_001];
 
+fn counters_are_zero(bench: &Bench) {
+    let FastCounters { visible, spans, listed_low, listed_high } = bench.gpu.download(&bench.work.counters)[0];
+    assert_eq!([visible, spans, listed_low, listed_high], [0; 4]);
+    assert!(bench.gpu.download(&bench.work.listed_in_bins).iter().all(|count| *count == 0));
+}
+
 #[test]
-fn count_offsets_and_fill_list_every_splat_in_its_bins() {
+fn list_and_offsets_list_every_splat_in_its_bins() {
     for count in COUNTS {
         let input = scattered(count);
         let grid = BinGrid::new([40 * 64, 30 * 32], 1);
@@ -49,11 +53,21 @@ fn count_offsets_and_fill_list_every_splat_in_its_bins() {
         let entries: u32 = counts.iter().sum();
         let bench = Bench::new([40 * 64, 30 * 32], 1, &input, entries as usize, 0);
 
-        bench.run(|b, cmd| b.pipeline.count(cmd, &b.work, b.grid));
+        bench.run(|b, cmd| b.pipeline.list(cmd, &b.work, b.grid));
         assert_eq!(bench.gpu.download(&bench.work.listed_in_bins), counts, "{count} splats");
-        // The places of a bin's chunks are disjoint and cover its list.
-        let places = bench.gpu.download(&bench.work.chunk_places);
-        assert_eq!(places.len(), BIN_CHUNKS as usize * counts.len());
+        let counters = bench.gpu.download(&bench.work.counters)[0];
+        assert_eq!([counters.visible, counters.listed_high, counters.listed_low], [count as u32, 0, entries]);
+        // The segments of the chunks are disjoint and cover all entries.
+        let mut segments: Vec<_> = bench.share_starts().iter().map(|row| (row[0], row[row.len() - 1])).collect();
+        segments.sort_unstable();
+        let end = segments.into_iter().fold(0, |end, (begin, next)| {
+            assert_eq!(begin, end, "{count} splats");
+            next
+        });
+        assert_eq!(end, entries as usize, "{count} splats");
+        let mut lists = bench.lists();
+        lists.iter_mut().for_each(|list| list.sort_unstable_by_key(|[_, splat]| *splat));
+        assert_eq!(lists, input.lists(grid), "{count} splats");
 
         bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
         let expected = reference::bin_offsets(&counts, entries, BIN_RUN, BIN_STRETCH);
@@ -64,43 +78,68 @@ fn count_offsets_and_fill_list_every_splat_in_its_bins() {
         let stretches = bench.gpu.download(&bench.work.stretch_bins);
         assert_eq!(stretches[..expected.stretch_bins.len()], expected.stretch_bins);
         let totals = bench.gpu.download(&bench.work.totals)[0];
+        assert_eq!([totals.visible, totals.visible_kept], [count as u32; 2]);
         assert_eq!([totals.listed_high, totals.listed_low, totals.listed_kept], [0, entries, entries]);
         assert_eq!(totals.longest_list, counts.iter().copied().max().unwrap());
-
-        bench.run(|b, cmd| b.pipeline.fill(cmd, &b.work, b.grid));
-        let entries = bench.gpu.download(&bench.work.entries);
-        for (list, expected) in parts(&entries, &bins).zip(input.lists(grid)) {
-            let mut list = list.to_vec();
-            list.sort_unstable_by_key(|[_, splat]| *splat);
-            assert_eq!(list, expected, "{count} splats");
-        }
+        counters_are_zero(&bench);
     }
+}
+
+#[test]
+fn entries_that_do_not_fit_are_counted_and_none_is_listed() {
+    let input = scattered(2000);
+    let size = [40 * 64, 30 * 32];
+    let counts = input.counts(BinGrid::new(size, 1));
+    let entries: u32 = counts.iter().sum();
+    for capacity in [0, 1, entries / 2, entries - 1] {
+        let bench = Bench::new(size, 1, &input, capacity as usize, 0);
+        bench.list();
+        let totals = bench.gpu.download(&bench.work.totals)[0];
+        assert_eq!([totals.listed_high, totals.listed_low, totals.listed_kept], [0, entries, 0]);
+        assert_eq!(Some(totals.longest_list), counts.iter().copied().max());
+        assert!(bench.bins().iter().all(|bin| bin.count == 0));
+        assert_eq!(bench.gpu.download(&bench.work.dispatches)[0].over_runs[0], 0);
+        counters_are_zero(&bench);
+    }
+}
+
+/// The chunks before have taken almost all of 2^32 entries.
+#[test]
+fn a_demand_of_more_than_32_bits_is_counted() {
+    let input = scattered(2000);
+    let bench = Bench::new([40 * 64, 30 * 32], 1, &input, 5000, 0);
+    let taken = FastCounters { visible: 2000, listed_low: u32::MAX - 100, ..bytemuck::Zeroable::zeroed() };
+    bench.run(|b, cmd| cmd.upload(&b.work.counters, 0, 1, |memory| memory[0] = taken).unwrap());
+    bench.list();
+    let totals = bench.gpu.download(&bench.work.totals)[0];
+    let entries: u32 = input.counts(bench.grid).iter().sum();
+    assert_eq!([totals.listed_high, totals.listed_low], [1, entries - 101]);
+    assert_eq!(totals.listed_kept, 0);
+    assert!(bench.bins().iter().all(|bin| bin.count == 0));
+    counters_are_zero(&bench);
 }
 
 #[test]
 fn offsets_order_bins_by_length_and_find_the_long_lists() {
     let lengths: Vec<u32> = (0..900).map(|i: u32| i.wrapping_mul(0x9e37_79b9) >> (15 + i % 17)).collect();
     let bench = Bench::new([30 * 64, 30 * 32], 1, &Input::of_lengths(&[], |_| 0), 0, 0);
-    bench.run(|b, cmd| {
-        cmd.upload(&b.work.listed_in_bins, 0, 900, |memory| memory.copy_from_slice(&lengths)).unwrap();
-    });
-    // Lists that do not fit are cut, and the demand is told: here nothing fits.
-    bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
-    assert_eq!(bench.bins(), reference::bin_offsets(&lengths, 0, BIN_RUN, BIN_STRETCH).bins);
-    let totals = bench.gpu.download(&bench.work.totals)[0];
-    assert_eq!(totals.listed_low, lengths.iter().sum::<u32>());
-    assert_eq!([totals.listed_kept, totals.longest_list], [0, 0]);
-
-    // With the capacity for all.
     let demand: u32 = lengths.iter().sum();
+    let counted = FastCounters { listed_low: demand, ..bytemuck::Zeroable::zeroed() };
     let mut bench = bench;
-    let capacity = Capacity { listed: demand.into(), cells: 900, ..Capacity::default() };
-    bench.work.grow(&bench.gpu.0, capacity, 0).unwrap();
-    bench.run(|b, cmd| {
-        cmd.fill(&b.work.totals, 0);
-        cmd.upload(&b.work.listed_in_bins, 0, 900, |memory| memory.copy_from_slice(&lengths)).unwrap();
-    });
-    bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
+    // First there is no room for any.
+    for capacity in [0, demand] {
+        let room = Capacity { listed: capacity.into(), cells: 900, ..Capacity::default() };
+        bench.work.grow(&bench.gpu.0, room, 0).unwrap();
+        bench.run(|b, cmd| {
+            cmd.upload(&b.work.counters, 0, 1, |memory| memory[0] = counted).unwrap();
+            cmd.upload(&b.work.listed_in_bins, 0, 900, |memory| memory.copy_from_slice(&lengths)).unwrap();
+        });
+        bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
+        assert_eq!(bench.bins(), reference::bin_offsets(&lengths, capacity, BIN_RUN, BIN_STRETCH).bins);
+        let totals = bench.gpu.download(&bench.work.totals)[0];
+        assert_eq!([totals.listed_low, totals.listed_kept], [demand, capacity]);
+        assert_eq!(Some(totals.longest_list), lengths.iter().copied().max());
+    }
     let order = bench.gpu.download(&bench.work.bin_order);
     let mut bins = order.clone();
     bins.sort_unstable();
@@ -112,18 +151,6 @@ fn offsets_order_bins_by_length_and_find_the_long_lists() {
     assert!(long > 0 && by_order[..long].iter().all(|length| *length >= LONG_LIST));
     let [x, y, _] = bench.gpu.download(&bench.work.dispatches)[0].over_long_blocks;
     assert!(x * y >= long as u32 * BLOCKS, "{x} x {y} workgroups for {long} long lists");
-}
-
-#[test]
-fn offsets_refuse_more_entries_than_32_bits_count() {
-    let bench = Bench::new(GRID_SIZE, 1, &Input::of_lengths(&[], |_| 0), 0, 0);
-    let counts = [u32::MAX, 1, 0, 0, 0, 0];
-    bench.run(|b, cmd| cmd.upload(&b.work.listed_in_bins, 0, 6, |memory| memory.copy_from_slice(&counts)).unwrap());
-    bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
-    let totals = bench.gpu.download(&bench.work.totals)[0];
-    assert!(totals.listed_high > 0, "the demand is told");
-    assert_eq!(totals.listed_kept, 0);
-    assert!(bench.bins().iter().all(|bin| bin.count == 0));
 }
 
 /// Around lanes, subgroups, runs, pieces.
@@ -146,20 +173,21 @@ fn sort_and_merge_order_lists_of_every_length() {
         ("ascending", |i| i),
         ("one far", |i| if i % 2000 == 1 { 0x7f00_0000 } else { i % 16 }),
     ];
-    for (name, key) in kinds {
+    for ((name, key), is_shuffled) in kinds.into_iter().flat_map(|kind| [(kind, false), (kind, true)]) {
+        // In the order of the splats a list has shares from few chunks, shuffled it has them from all.
         let input = Input::of_lengths(&LENGTHS, key);
+        let input = if is_shuffled { input.shuffled() } else { input };
         let entries: usize = LENGTHS.iter().sum();
         let bench = Bench::new(size, 1, &input, entries, 70_000);
         bench.list();
         let bins = bench.bins();
-        let listed = bench.gpu.download(&bench.work.entries);
+        let listed = bench.lists();
 
-        bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work));
+        bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work, b.grid));
         let sorted = bench.gpu.download(&bench.work.entries);
         let ids = bench.gpu.download(&bench.work.splat_ids);
         let mut runs = Vec::new();
-        for ((bin, list), now) in bins.iter().zip(parts(&listed, &bins)).zip(parts(&sorted, &bins)) {
-            let mut expected = list.to_vec();
+        for ((bin, mut expected), now) in bins.iter().zip(listed).zip(parts(&sorted, &bins)) {
             expected.chunks_mut(BIN_RUN as usize).for_each(|run| reference::sort_run(run, &input.gaussian_from_splat));
             if bin.count <= BIN_RUN {
                 let ids = &ids[bin.first as usize..][..bin.count as usize];

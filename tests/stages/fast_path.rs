@@ -5,7 +5,7 @@ use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::options::Options;
 use smalto::reference;
-use smalto::render::{GpuScene, Renderer};
+use smalto::render::{Capacity, GpuScene, Renderer};
 use smalto::rules::Background;
 use smalto::scene::synthetic;
 
@@ -54,6 +54,24 @@ fn every_run_draws_the_same_bits() {
             assert_eq!(compare(&first, &exact).unexplained, 0);
         }
     }
+}
+
+/// Every frame leaves the counters at 0: whatever was drawn before, also in too little room, the next picture is right.
+#[test]
+fn pictures_do_not_depend_on_those_before_them() {
+    let gpu = Gpu::new();
+    let gaussians = synthetic::cactus(3000).unwrap().gaussians;
+    let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
+    let room = Capacity { gaussians: 3000, visible: 3000, spans: 100, listed: 100, cells: 4 };
+    let still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
+    let mut still = still.with_capacity(room).unwrap();
+    let mut attempts = 0;
+    for size in [[64, 48], [300, 200], [96, 64], [1100, 1000], [64, 48], [300, 200]] {
+        attempts += still.render(&camera(size), Background::BLACK).unwrap().attempts;
+        let alone = gpu.render(&gaussians, &camera(size), &Options::EXACT);
+        assert!(still.pixels().unwrap() == alone, "{size:?}");
+    }
+    assert!(attempts > 6, "some did not fit at first");
 }
 
 /// Blocks are 4, 8 or 16 pixels high.

@@ -5,6 +5,7 @@
 //! | block | 8 pixels wide and 4, 8 or 16 high: what one subgroup blends |
 //! | bin | 8x4 blocks: what splats are listed in |
 //! | entry | one splat in the list of one bin |
+//! | share | the entries that one chunk of splats has in the list of one bin; an unsorted list is its shares |
 //! | run | up to 2048 entries of a list that one workgroup sorts |
 //! | piece | a sorted part of a list that a merge level takes: a run, or 16 pieces of the level before |
 //! | stretch | up to 1024 entries of a sorted list whose block masks lie together |

@@ -25,6 +25,8 @@ pub const BLOCK_HEIGHTS: [u32; 3] = [4, 8, 16];
 const SMALL_PICTURE: u64 = 1 << 20;
 /// Pictures with at least this many pixels have the highest blocks.
 const LARGE_PICTURE: u64 = 1 << 22;
+// Each chunk has a lane of sort.
+const _: () = assert!(BIN_CHUNKS <= Sort::WORKGROUP[0]);
 /// Workgroup memory in bytes that the counts of a sort may take.
 const SORT_COUNTS_BYTES: u32 = 16 << 10;
 
@@ -33,9 +35,8 @@ pub struct FastPipeline {
     options: Options,
     layout: Layout,
     project: Stage<Project>,
-    count: Stage<Count>,
+    list: Stage<List>,
     offsets: Stage<Offsets>,
-    fill: Stage<Fill>,
     sort: Stage<Sort>,
     /// Merges runs.
     merge_runs: Stage<Merge>,
@@ -101,9 +102,8 @@ impl FastPipeline {
             options: *options,
             layout: layout.clone(),
             project: Stage::of_subgroups(device, &ProjectConstants::of(&constants), subgroup)?,
-            count: Stage::of_subgroups(device, &CountConstants::of(&constants), subgroup)?,
+            list: Stage::of_subgroups(device, &ListConstants::of(&constants), subgroup)?,
             offsets: Stage::new(device, &())?,
-            fill: Stage::of_subgroups(device, &FillConstants::of(&constants), subgroup)?,
             sort: Stage::of_subgroups(device, &sort, subgroup)?,
             merge_runs: merge(true)?,
             merge_again: merge(false)?,
@@ -179,20 +179,13 @@ impl FastPipeline {
         let drawn_alpha = self.options.rules.alpha_min;
         assert!(scene.alpha_min <= drawn_alpha, "a scene is culled by no higher threshold than it is drawn by");
         let grid = self.grid(camera.size_px, scene.len());
-        cmd.scope("clear", |cmd| {
-            cmd.fill(&work.totals, 0);
-            cmd.fill(&work.listed_in_bins, 0);
-        });
-        cmd.barrier(Access::COPY_WRITE, Access::SHADER);
         cmd.scope("project", |cmd| self.project(cmd, shot, work, grid));
         between_stages(cmd);
-        cmd.scope("count", |cmd| self.count(cmd, work, grid));
+        cmd.scope("list", |cmd| self.list(cmd, work, grid));
         between_stages(cmd);
         cmd.scope("offsets", |cmd| self.offsets(cmd, work, grid));
         between_stages(cmd);
-        cmd.scope("fill", |cmd| self.fill(cmd, work, grid));
-        between_stages(cmd);
-        cmd.scope("sort", |cmd| self.sort(cmd, work));
+        cmd.scope("sort", |cmd| self.sort(cmd, work, grid));
         between_stages(cmd);
         cmd.scope("merge", |cmd| self.merge(cmd, work));
         between_stages(cmd);
@@ -211,20 +204,18 @@ impl FastPipeline {
         let splat = 16 * self.splat_elements() as u64;
         let (bounds, key, id) = (16, 4, 4);
         let walk = 8 * visible + 4 * spans; // span ranges and spans
+        let shares = u64::from(BIN_CHUNKS) * 4 * (bins + 1);
         // Only lists of several runs are merged. The totals know the longest: it counts, others are left out.
         let merged = if totals.longest_list > BIN_RUN { u64::from(totals.longest_list) } else { 0 };
         vec![
-            ("clear", size_of::<Totals>() as u64 + 4 * bins),
             // Bounds of all Gaussians in, the rest of those that are visible; splat, id, key and spans out.
             ("project", bounds * gaussians + visible * (scene.bytes_each() - bounds + splat + id + key) + walk),
-            // Counts of all bins out.
-            ("count", walk + 4 * bins),
-            // Counts in; bins, their order, the dispatches out.
-            ("offsets", bins * (4 + size_of::<Bin>() as u64 + 4) + size_of::<FastDispatches>() as u64),
-            // Depth keys and bins in; depth key and splat of every entry out.
-            ("fill", walk + key * visible + size_of::<Bin>() as u64 * bins + 8 * entries),
-            // Depth key and splat in, splat out.
-            ("sort", (8 + 4) * entries),
+            // Depth keys in; counts of all bins, the starts of shares, depth key and splat of every entry out.
+            ("list", walk + key * visible + 4 * bins + shares + 8 * entries),
+            // Counts in; zeros in their place, bins, their order, the dispatches out.
+            ("offsets", bins * (4 + 4 + size_of::<Bin>() as u64 + 4) + size_of::<FastDispatches>() as u64),
+            // The starts of shares, depth key and splat in; splat out.
+            ("sort", shares + (8 + 4) * entries),
             ("merge", (8 + 4) * merged),
             // Splat ids and the shapes of splats in; a word of block masks per entry out.
             ("masks", (id + 4) * entries + 32 * visible),
@@ -247,7 +238,7 @@ impl FastPipeline {
             depth_keys: &work.depth_keys,
             span_ranges: &work.span_ranges,
             spans: &work.spans,
-            totals: &work.totals,
+            counters: &work.counters,
         };
         let push = ProjectPush {
             view: view(camera, self.options.rules.near),
@@ -262,17 +253,24 @@ impl FastPipeline {
         cmd.dispatch(&self.project, bindings, push, DispatchSize::Groups(groups));
     }
 
-    /// Counts the splats of every bin, chunk by chunk.
-    pub fn count(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
-        let bindings = CountBindings {
-            totals: &work.totals,
+    /// Writes depth key and splat of every entry, chunk by chunk, and counts the splats of every bin.
+    pub fn list(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
+        let bindings = ListBindings {
+            counters: &work.counters,
             span_ranges: &work.span_ranges,
             spans: &work.spans,
+            depth_keys: &work.depth_keys,
             listed_in_bins: &work.listed_in_bins,
-            chunk_places: &work.chunk_places,
+            share_starts: &work.share_starts,
+            unsorted: &work.unsorted,
         };
-        let push = CountPush { bins_x: grid.bins[0], bins: grid.count(), visible_capacity: work.visible_capacity() };
-        cmd.dispatch(&self.count, bindings, push, DispatchSize::Groups(BIN_CHUNKS.into()));
+        let push = ListPush {
+            bins_x: grid.bins[0],
+            bins: grid.count(),
+            visible_capacity: work.visible_capacity(),
+            entry_capacity: work.entry_capacity(),
+        };
+        cmd.dispatch(&self.list, bindings, push, DispatchSize::Groups(BIN_CHUNKS.into()));
     }
 
     /// Finds where each bin's list begins, and the dispatches over runs, stretches and long lists.
@@ -285,6 +283,7 @@ impl FastPipeline {
             run_bins: &work.run_bins,
             stretch_bins: &work.stretch_bins,
             dispatches: &work.dispatches,
+            counters: &work.counters,
         };
         let push = OffsetsPush {
             bins: grid.count(),
@@ -294,28 +293,8 @@ impl FastPipeline {
         cmd.dispatch(&self.offsets, bindings, push, DispatchSize::Groups(1));
     }
 
-    /// Writes depth key and splat of every entry into the list of its bin, in any order.
-    pub fn fill(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
-        let bindings = FillBindings {
-            totals: &work.totals,
-            span_ranges: &work.span_ranges,
-            spans: &work.spans,
-            chunk_places: &work.chunk_places,
-            bins: &work.bins,
-            depth_keys: &work.depth_keys,
-            entries: &work.entries,
-        };
-        let push = FillPush {
-            bins_x: grid.bins[0],
-            bins: grid.count(),
-            visible_capacity: work.visible_capacity(),
-            entry_capacity: work.entry_capacity(),
-        };
-        cmd.dispatch(&self.fill, bindings, push, DispatchSize::Groups(BIN_CHUNKS.into()));
-    }
-
     /// Sorts every run by depth, then by Gaussian.
-    pub fn sort(&self, cmd: &mut Commands, work: &FastWorkspace) {
+    pub fn sort(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         let bindings = SortBindings {
             run_bins: &work.run_bins,
             bins: &work.bins,
@@ -324,8 +303,11 @@ impl FastPipeline {
             entries: &work.entries,
             splat_ids: &work.splat_ids,
             dispatches: &work.dispatches,
+            share_starts: &work.share_starts,
+            unsorted: &work.unsorted,
         };
-        cmd.dispatch_indirect(&self.sort, bindings, (), &work.dispatches, offset_of!(FastDispatches, over_runs));
+        let (push, groups) = (SortPush { bins: grid.count() }, offset_of!(FastDispatches, over_runs));
+        cmd.dispatch_indirect(&self.sort, bindings, push, &work.dispatches, groups);
     }
 
     /// Merges the runs of every list that has several, level by level.

@@ -2,15 +2,17 @@
 
 use anyhow::Result;
 
-use crate::gpu::{Buffer, Device};
+use crate::gpu::{Buffer, Commands, Device};
 use crate::render::capacity::{Capacity, length};
 use crate::render::shaders::fast::{BIN_CHUNKS, BIN_PIECES, BIN_RUN, BIN_STRETCH};
-use crate::render::shaders::{Bin, FastDispatches, Totals};
+use crate::render::shaders::{Bin, FastCounters, FastDispatches, Totals};
 
 /// The buffers of one frame of the fast path, whose cells are bins.
 pub struct FastWorkspace {
     pub capacity: Capacity,
     pub totals: Buffer<Totals>,
+    /// 0 between frames, as `listed_in_bins` is: each frame leaves them as it found them.
+    pub counters: Buffer<FastCounters>,
     pub dispatches: Buffer<FastDispatches>,
     pub gaussian_from_splat: Buffer<u32>,
     /// [`FastPipeline::splat_elements`](super::FastPipeline::splat_elements) elements each.
@@ -19,20 +21,22 @@ pub struct FastWorkspace {
     pub span_ranges: Buffer<[u32; 2]>,
     pub spans: Buffer<u32>,
     pub listed_in_bins: Buffer<u32>,
-    /// For every chunk of splats and every bin: the place in the list of the bin where the chunk's entries begin.
-    pub chunk_places: Buffer<u32>,
+    /// For every chunk of splats and every bin: where the chunk's share of the bin's list begins in `unsorted`. The
+    /// end of the chunk's last share follows.
+    pub share_starts: Buffer<u32>,
     pub bins: Buffer<Bin>,
     pub bin_order: Buffer<u32>,
     pub run_bins: Buffer<u32>,
     pub stretch_bins: Buffer<u32>,
-    /// Depth key and splat of every entry.
+    /// Depth key and splat of every entry, as chunks list them. Its memory is used again: between merge levels if there
+    /// are several, and for `masks`.
+    pub unsorted: Buffer<[u32; 2]>,
+    /// Depth key and splat of every entry of the lists that are merged, list by list.
     pub entries: Buffer<[u32; 2]>,
-    /// The entries between merge levels, if there are several.
-    pub merged: Buffer<[u32; 2]>,
     /// Merge dispatches of a frame.
     merge_levels: u32,
     pub splat_ids: Buffer<u32>,
-    /// A bit per entry and block of its bin: 32 words for every stretch and block.
+    /// A bit per entry and block of its bin: 32 words for every stretch and block. It is the memory of `unsorted`.
     pub masks: Buffer<u32>,
     splat_elements: usize,
 }
@@ -59,10 +63,13 @@ impl FastWorkspace {
         let spans = length("rows of bins", capacity.spans)?;
         let entries = length("entries of bins", capacity.listed)?;
         let stretches = entries / BIN_STRETCH as usize + capacity.cells;
+        let mask_words = stretches * BIN_STRETCH as usize;
+        let unsorted = Buffer::new(device, "unsorted entries", entries.max(mask_words.div_ceil(2)))?;
         let words = |name: &str, len: usize| Buffer::<u32>::new(device, name, len);
-        Ok(Self {
+        let work = Self {
             capacity,
             totals: Buffer::new(device, "totals", 1)?,
+            counters: Buffer::new(device, "counters", 1)?,
             dispatches: Buffer::new(device, "dispatches", 1)?,
             gaussian_from_splat: words("gaussian from splat", visible)?,
             splats: Buffer::new(device, "splats", visible * splat_elements)?,
@@ -70,18 +77,24 @@ impl FastWorkspace {
             span_ranges: Buffer::new(device, "span ranges", visible)?,
             spans: words("spans", spans)?,
             listed_in_bins: words("listed in bins", capacity.cells)?,
-            chunk_places: words("chunk places", BIN_CHUNKS as usize * capacity.cells)?,
+            share_starts: words("share starts", BIN_CHUNKS as usize * (capacity.cells + 1))?,
             bins: Buffer::new(device, "bins", capacity.cells)?,
             bin_order: words("bin order", capacity.cells)?,
             run_bins: words("run bins", entries / BIN_RUN as usize + capacity.cells)?,
             stretch_bins: words("stretch bins", stretches)?,
+            masks: unsorted.words(),
+            unsorted,
             entries: Buffer::new(device, "entries", entries)?,
-            merged: Buffer::new(device, "merged entries", if merge_levels > 1 { entries } else { 1 })?,
             merge_levels,
             splat_ids: words("splat ids", entries)?,
-            masks: words("masks", stretches * BIN_STRETCH as usize)?,
             splat_elements,
-        })
+        };
+        let mut cmd = Commands::new(device)?;
+        cmd.fill(&work.totals, 0);
+        cmd.fill(&work.counters, 0);
+        cmd.fill(&work.listed_in_bins, 0);
+        drop(cmd.submit()?);
+        Ok(work)
     }
 
     /// Makes the buffers large enough for `demand`, and the merge levels enough for a list of length `longest_list`.
@@ -111,7 +124,7 @@ impl FastWorkspace {
 
     /// One item per merge level: length of its sorted pieces, input buffer, output buffer.
     pub fn merge_levels(&self) -> impl Iterator<Item = (u32, [&Buffer<[u32; 2]>; 2])> {
-        let buffers = [[&self.entries, &self.merged], [&self.merged, &self.entries]];
+        let buffers = [[&self.entries, &self.unsorted], [&self.unsorted, &self.entries]];
         (0..self.merge_levels).map(move |level| (BIN_RUN * BIN_PIECES.pow(level), buffers[level as usize % 2]))
     }
 
@@ -132,22 +145,22 @@ impl FastWorkspace {
             &self.depth_keys,
             &self.spans,
             &self.listed_in_bins,
-            &self.chunk_places,
+            &self.share_starts,
             &self.bin_order,
             &self.run_bins,
             &self.stretch_bins,
             &self.splat_ids,
-            &self.masks,
         ];
         let mut all: Vec<_> = words.into_iter().map(Buffer::footprint).collect();
         all.extend([
             self.totals.footprint(),
+            self.counters.footprint(),
             self.dispatches.footprint(),
             self.splats.footprint(),
             self.span_ranges.footprint(),
             self.bins.footprint(),
+            self.unsorted.footprint(),
             self.entries.footprint(),
-            self.merged.footprint(),
         ]);
         all
     }
