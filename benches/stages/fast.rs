@@ -114,9 +114,9 @@ impl Fast {
         let pixels: u64 = self.image.size().iter().map(|side| u64::from(*side)).product();
         let shares = 4 * u64::from(BIN_CHUNKS) * (bins + 1);
         let stages: [(&'static str, u64, &'static [Record], Record); 6] = [
-            ("fast list", 12 * splats + 4 * bins + shares + 8 * entries, &[Self::reset], Self::list),
+            ("fast list", 8 * splats + 4 * bins + shares + 4 * entries, &[Self::reset], Self::list),
             ("fast offsets", 28 * bins, &[Self::reset, Self::list], Self::offsets),
-            ("fast sort", shares + 12 * entries, &[Self::reset, Self::list], Self::sort),
+            ("fast sort", shares + 8 * entries + 4 * splats, &[Self::reset, Self::list], Self::sort),
             ("fast merge", 12 * entries, &[], Self::merge),
             ("fast masks", 8 * entries + 32 * splats, &[], Self::masks),
             ("fast blend", 8 * entries + 48 * splats + 16 * pixels, &[Self::masks], Self::blend),

@@ -33,9 +33,12 @@ struct FastCounters {
     uint listed_high;
 };
 
-// Workgroup counts of the fast path's indirect dispatches.
+// Workgroup counts of the fast path's indirect dispatches, and what they are made of: folded dispatches have more
+// workgroups than there are runs or stretches.
 struct FastDispatches {
     uvec3 over_runs;
     uvec3 over_stretches;
     uvec3 over_long_blocks;  // blocks of the bins with long lists, which are first in bin_order
+    uint runs;
+    uint stretches;
 };

@@ -3,20 +3,19 @@
 #include "shared/workgroup.glsl"
 #include "fast/frame.glsl"
 // One workgroup per chunk of the splats, BIN_CHUNKS in all: counts the splats of the chunk that each bin lists, then
-// writes an entry for each, bin by bin, into a segment of `unsorted` that is the chunk's own. What a chunk lists in one
-// bin is a share of the bin's list.
-// Before: counters.visible, span_ranges, spans and depth_keys from project; listed_in_bins is 0.
+// writes each of them, bin by bin, into a segment of `unsorted` that is the chunk's own. What a chunk lists in one bin
+// is a share of the bin's list.
+// Before: counters.visible, span_ranges and spans from project; listed_in_bins is 0.
 // After: counters.listed_* is the demand; listed_in_bins has the sums over all chunks. If the demand fits, unsorted has
-// (depth key, splat) of every entry, in any order within a share, and share_starts has where each share begins; it ends
-// where the next one begins.
+// the splat of every entry, in any order within a share, and share_starts has where each share begins; it ends where
+// the next one begins.
 
 layout(binding = 0, scalar) buffer CountersBlock { FastCounters counters; };
 layout(binding = 1, scalar) readonly buffer SpanRanges { uvec2 span_ranges[]; };            // [visible_capacity]
 layout(binding = 2, scalar) readonly buffer Spans { uint spans[]; };                        // [span_capacity]
-layout(binding = 3, scalar) readonly buffer DepthKeys { uint depth_keys[]; };               // [visible_capacity]
-layout(binding = 4, scalar) buffer ListedInBins { uint listed_in_bins[]; };                 // [bins]
-layout(binding = 5, scalar) writeonly buffer ShareStarts { uint share_starts[]; };          // [BIN_CHUNKS * (bins + 1)]
-layout(binding = 6, scalar) writeonly buffer Unsorted { uvec2 unsorted[]; };                // [entry_capacity]
+layout(binding = 3, scalar) buffer ListedInBins { uint listed_in_bins[]; };                 // [bins]
+layout(binding = 4, scalar) writeonly buffer ShareStarts { uint share_starts[]; };          // [BIN_CHUNKS * (bins + 1)]
+layout(binding = 5, scalar) writeonly buffer Unsorted { uint unsorted[]; };                 // [entry_capacity]
 layout(push_constant, scalar) uniform Push {
     uint bins_x;
     uint bins;
@@ -27,9 +26,9 @@ layout(push_constant, scalar) uniform Push {
 shared uint next[MAX_BINS];  // the entries counted in each bin; then the next one to write
 shared uint segment;         // the first entry of the chunk
 
-void visit(uint bin, uint splat, uint key, bool writes) {
+void visit(uint bin, uint splat, bool writes) {
     uint entry = atomicAdd(next[bin], 1);  // any order is right: sort orders the entries
-    if (writes) unsorted[entry] = uvec2(key, splat);
+    if (writes) unsorted[entry] = splat;
 }
 
 #include "fast/walk_bins.glsl"

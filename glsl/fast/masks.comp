@@ -67,11 +67,10 @@ uint transposed(uint word) {
 
 void main() {
     uint stretch = workgroup();
-    if (stretch >= dispatches.over_stretches.x * dispatches.over_stretches.y) return;
+    if (IS_SURPLUS(dispatches.stretches)) return;
     uint number = stretch_bins[stretch];
     Bin bin = bins[number];
     uint begin = (stretch - bin.first_stretch) * BIN_STRETCH;
-    if (stretch < bin.first_stretch || begin >= bin.count) return;
     uvec2 bin_px = uvec2(BIN_COLUMNS, BIN_ROWS) * uvec2(BLOCK_WIDTH, push.block_height);
     vec2 corner = vec2(uvec2(number % push.bins_x, number / push.bins_x) * bin_px);
     for (uint i = lane(); i < BIN_STRETCH; i += WORKGROUP) {

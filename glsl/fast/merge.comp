@@ -71,11 +71,10 @@ uvec2 window(Bin bin, uint other, uint group_end, uint begin, uint count) {
 
 void main() {
     uint run = workgroup();
-    // A folded dispatch may have more workgroups than there are runs.
-    if (run >= dispatches.over_runs.x * dispatches.over_runs.y) return;
+    if (IS_SURPLUS(dispatches.runs)) return;
     Bin bin = bins[run_bins[run]];
+    if (bin.count <= piece()) return;
     uint begin = (run - bin.first_run) * BIN_RUN;
-    if (run < bin.first_run || begin >= bin.count || bin.count <= piece()) return;
     uint count = min(bin.count - begin, BIN_RUN);
     uint own = begin / piece() * piece();
     uint group = begin / BIN_PIECES / piece() * BIN_PIECES * piece();

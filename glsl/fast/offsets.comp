@@ -71,6 +71,8 @@ void main() {
         dispatches.over_long_blocks = folded(class_begins[class_of(LONG_LIST) + 1] * BLOCKS);
         dispatches.over_runs = folded(all.y);
         dispatches.over_stretches = folded(all.z);
+        dispatches.runs = all.y;
+        dispatches.stretches = all.z;
         totals.visible = demand.visible;
         totals.visible_kept = min(demand.visible, push.visible_capacity);
         totals.spans = demand.spans;

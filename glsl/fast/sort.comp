@@ -7,8 +7,8 @@
 layout(constant_id = 0) const uint DIGIT_BITS = 8;  // bits of a key that one pass sorts by
 #include "shared/digits.glsl"
 // One workgroup per run of entries of a bin: sorts them by depth, then by Gaussian.
-// Before: unsorted and share_starts from list: a list is its shares, chunk after chunk. After: if the run is the whole
-// list, its sorted splats are in splat_ids; otherwise the sorted run is in `entries`.
+// Before: unsorted and share_starts from list: a list is its shares, chunk after chunk; depth_keys from project.
+// After: if the run is the whole list, its sorted splats are in splat_ids; otherwise the sorted run is in `entries`.
 // An entry goes to the place that the distribution of depths predicts; entries that share a place are sorted by
 // insertion.
 // If too many share one, a radix sort of the run takes over. No two entries of a bin are equal in depth and Gaussian,
@@ -24,7 +24,7 @@ layout(binding = 4, scalar) writeonly buffer Entries { uvec2 entries[]; };      
 layout(binding = 5, scalar) writeonly buffer SplatIds { uint splat_ids[]; };                // [entry_capacity]
 layout(binding = 6, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
 layout(binding = 7, scalar) readonly buffer ShareStarts { uint share_starts[]; };           // [BIN_CHUNKS * (bins + 1)]
-layout(binding = 8, scalar) readonly buffer Unsorted { uvec2 unsorted[]; };                 // [entry_capacity]
+layout(binding = 8, scalar) readonly buffer Unsorted { uint unsorted[]; };                  // [entry_capacity]
 layout(push_constant, scalar) uniform Push {
     uint bins;
 } push;
@@ -109,6 +109,12 @@ uvec2 share_of_lane(uint bin) {
     return lane() < BIN_CHUNKS ? uvec2(share_starts[place], share_starts[place + 1]) : uvec2(0);
 }
 
+// Loads the depth key of every item. Items past the end load some key, which is not used.
+void load_depths() {
+#define LOAD_DEPTH(k) key[k] = depth_keys[value[k]];
+    EACH_ITEM(LOAD_DEPTH)
+}
+
 // Loads the items of the run, which begins with entry `begin` of a list, from the shares of all lanes.
 void load(uint begin, uvec2 share_range) {
     // For every share: the entries of the list before it, and the difference of an entry's index in `unsorted` to that
@@ -124,14 +130,10 @@ void load(uint begin, uvec2 share_range) {
 #define HALVE(k) if (values[share[k] + step] <= first + k * gl_SubgroupSize) share[k] += step;
         EACH_ITEM(HALVE)
     }
-#define LOAD(k) \
-    if (exists(k)) { \
-        uint index = first + k * gl_SubgroupSize; \
-        uvec2 entry = unsorted[keys[share[k]] + index]; \
-        key[k] = entry.x; \
-        value[k] = entry.y; \
-    }
-    EACH_ITEM(LOAD)
+    // The splats of all items before the first depth, so that the loads of each kind are under way at once.
+#define LOAD_SPLAT(k) if (exists(k)) value[k] = unsorted[keys[share[k]] + first + k * gl_SubgroupSize];
+    EACH_ITEM(LOAD_SPLAT)
+    load_depths();
 }
 
 // Subtracts the lowest key from all keys. Returns the number of bits that the largest then has.
@@ -242,18 +244,15 @@ void sort_few(uint first, uint few) {
 
 void main() {
     uint run = workgroup();
-    // A folded dispatch may have more workgroups than there are runs. For these, run_bins may hold anything.
-    if (run >= dispatches.over_runs.x * dispatches.over_runs.y) return;
+    if (IS_SURPLUS(dispatches.runs)) return;
     uint number = run_bins[run];
-    if (number >= push.bins) return;
     uvec2 share_range = share_of_lane(number);  // loaded before the bin is waited for
     Bin bin = bins[number];
     uint begin = (run - bin.first_run) * BIN_RUN;
-    if (run < bin.first_run || begin >= bin.count) return;
     count = min(bin.count - begin, BIN_RUN);
     items = div_up(count, WORKGROUP);
     own = gl_SubgroupID * gl_SubgroupSize * items + gl_SubgroupInvocationID;
-    key = value = uvec4(0);
+    value = uvec4(0);
     load(begin, share_range);
     if (lane() == 0) is_crowded = 0;
     sort_by_distribution();
@@ -268,8 +267,7 @@ void main() {
 #define LOAD_GAUSSIAN(k) key[k] = gaussian_from_splat[value[k]];
         EACH_ITEM(LOAD_GAUSSIAN)
         sort_by_keys();
-#define LOAD_DEPTH(k) key[k] = depth_keys[value[k]];
-        EACH_ITEM(LOAD_DEPTH)
+        load_depths();
         sort_by_keys();
 #define KEEP(k) keys[own + k * gl_SubgroupSize] = key[k]; values[own + k * gl_SubgroupSize] = value[k];
         EACH_ITEM(KEEP)

@@ -1,7 +1,5 @@
-// Visits the bins of a chunk of splats: calls visit(bin, splat, key, writes) once for every bin that a splat touches.
-// `writes` is known when the shader is compiled; only with it are depth keys loaded.
-// Requires: counters, span_ranges[], spans[], depth_keys[], push.bins_x, push.visible_capacity,
-// visit(bin, splat, key, writes)
+// Visits the bins of a chunk of splats: calls visit(bin, splat, writes) once for every bin that a splat touches.
+// Requires: counters, span_ranges[], spans[], push.bins_x, push.visible_capacity, visit(bin, splat, writes)
 // Splats touch one bin or thousands. A lane visits the few bins of a small splat alone; a subgroup shares first the
 // rows of its larger splats, then the bins of these rows.
 
@@ -13,24 +11,20 @@ uint span_of(uvec2 range, uint row) {
     return range.y >> 16 == 1 ? range.x : spans[range.x + row];
 }
 
-uint key_of(uint splat, bool writes) {
-    return writes ? depth_keys[splat] : 0;
-}
-
 uint width_of(uint span) {
     return (span >> 16) - (span & 0xffff);
 }
 
 // Visits the bins of a splat if it is small. Returns true if it is.
-bool visit_alone(uvec2 range, uint splat, uint key, bool writes) {
+bool visit_alone(uvec2 range, uint splat, bool writes) {
     uint rows = range.y >> 16;
     if (rows > ROWS_ALONE) return false;
     uvec2 row_spans = uvec2(rows > 0 ? span_of(range, 0) : 0, rows > 1 ? span_of(range, 1) : 0);
     if (width_of(row_spans.x) + width_of(row_spans.y) > BINS_ALONE) return false;
     uint bins = (range.y & 0xffff) * push.bins_x;
-    for (uint x = row_spans.x & 0xffff; x < row_spans.x >> 16; x++) visit(bins + x, splat, key, writes);
+    for (uint x = row_spans.x & 0xffff; x < row_spans.x >> 16; x++) visit(bins + x, splat, writes);
     bins += push.bins_x;
-    for (uint x = row_spans.y & 0xffff; x < row_spans.y >> 16; x++) visit(bins + x, splat, key, writes);
+    for (uint x = row_spans.y & 0xffff; x < row_spans.y >> 16; x++) visit(bins + x, splat, writes);
     return true;
 }
 
@@ -42,7 +36,7 @@ void visit_spans(uint row, uint span, uint splat, bool writes) {
         uint i = done + gl_SubgroupInvocationID, owner = owner_of(before, i);
         uint column = i - subgroupShuffle(before, owner);
         uint their_bin = subgroupShuffle(bin, owner), their_splat = subgroupShuffle(splat, owner);
-        if (i < all) visit(their_bin + column, their_splat, key_of(their_splat, writes), writes);
+        if (i < all) visit(their_bin + column, their_splat, writes);
     }
 }
 
@@ -67,10 +61,8 @@ void visit_chunk(uint chunk, bool writes) {
     uint own_begin = begin + gl_SubgroupInvocationID * part, own_end = min(own_begin + part, end);
     for (uint first = 0; first < part; first += gl_NumSubgroups) {
         uint splat = own_begin + first + gl_SubgroupID;
-        bool exists = splat < own_end;
-        uvec2 range = exists ? span_ranges[splat] : uvec2(0);
-        uint key = exists ? key_of(splat, writes) : 0;  // both loads at once
-        uint rows = visit_alone(range, splat, key, writes) ? 0 : range.y >> 16;
+        uvec2 range = splat < own_end ? span_ranges[splat] : uvec2(0);
+        uint rows = visit_alone(range, splat, writes) ? 0 : range.y >> 16;
         if (subgroupAny(rows > 0)) visit_together(range, rows, splat, writes);
     }
 }

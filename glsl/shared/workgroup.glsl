@@ -28,6 +28,10 @@ uint workgroup() {
     return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
 }
 
+// True if this workgroup is beyond the `groups` that were asked for, which only happens in a folded dispatch. A macro,
+// so that others do not wait until the number of groups is loaded.
+#define IS_SURPLUS(groups) (gl_NumWorkGroups.y > 1 && workgroup() >= (groups))
+
 // Workgroup counts of an indirect dispatch of `groups` workgroups, folded.
 uvec3 folded(uint groups) {
     uint x = min(groups, FOLD);

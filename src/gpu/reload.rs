@@ -80,7 +80,8 @@ impl ShaderFolder {
         let source = self.path.join(path);
         let failed = || format!("cannot compile {}", source.display());
         let compiler = shaderc::Compiler::new()?;
-        let preprocessed = glsl::preprocess(&compiler, &self.path, &source).map_err(first_error).with_context(failed)?;
+        let preprocessed =
+            glsl::preprocess(&compiler, &self.path, &source).map_err(first_error).with_context(failed)?;
         let modules = glsl::compile(&compiler, &self.path, &source).map_err(first_error).with_context(failed)?;
         let reflected = spirv::reflect(&modules.named).with_context(failed)?;
         ensure!(

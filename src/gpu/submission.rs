@@ -164,6 +164,10 @@ pub struct InFlight {
 
 impl InFlight {
     /// Submits. The GPU begins after everything submitted before and after `wait`, and signals `signal` at the end.
+    ///
+    /// The wait for the timeline is the barrier between submissions: it makes all writes of earlier ones visible to all
+    /// commands of this one. So the first frame sees how a workspace was filled, and a frame may use the buffers of the
+    /// frame before again, without barriers of their own.
     pub(super) fn start(
         submission: Submission,
         wait: Option<vk::Semaphore>,

@@ -1,7 +1,7 @@
 //! The lists of the fast path: the bins that splats touch, the order of their lists, the blocks that splats reach.
 //!
 //! Numbers lie as the shaders of `glsl/fast/` have them. An entry is one splat in the list of one bin: depth key,
-//! splat.
+//! splat. The shader of `list` leaves the key to `sort`, which finds it by the splat.
 
 use glam::DVec2;
 

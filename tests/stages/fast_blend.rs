@@ -5,6 +5,7 @@ use crate::common::Random;
 use glam::{DMat2, DVec2, DVec3, dvec2};
 use smalto::gpu::{Access, Commands, Image};
 use smalto::reference::{self, BinBlocks, Lists, Tiling};
+use smalto::render::shaders::FastDispatches;
 use smalto::render::shaders::fast::{BIN_COLUMNS, BIN_PIECES, BIN_ROWS, BIN_RUN, BIN_STRETCH, BLOCK_WIDTH, BLOCKS};
 use smalto::render::{BLOCK_HEIGHTS, BinGrid, Target};
 use smalto::rules::{ALPHA_MIN, Background, Rules, TILE};
@@ -107,6 +108,31 @@ fn masks_mark_every_block_that_a_splat_reaches_and_hardly_more() {
             }
         }
     }
+}
+
+/// A folded dispatch may have more workgroups than there are stretches. Here it has twice as many, and there is memory
+/// that those beyond could write.
+#[test]
+fn workgroups_without_a_stretch_do_nothing() {
+    const UNTOUCHED: u32 = 0xabcd_1234;
+    let (size, count) = ([2 * 64, 32], 1500);
+    let grid = BinGrid::new(size, 1);
+    let bench = Bench::new(size, 1, &listed_everywhere(count, grid), 10_000, 0);
+    bench.list();
+    upload_lists(&bench, &splats(count, size, [0.004, 1.0]));
+    let dispatches = bench.gpu.download(&bench.work.dispatches)[0];
+    assert_eq!([dispatches.over_stretches[0], dispatches.over_stretches[1], dispatches.stretches], [4, 1, 4]);
+    bench.run(|b, cmd| {
+        let folded = FastDispatches { over_stretches: [4, 2, 1], ..dispatches };
+        cmd.upload(&b.work.dispatches, 0, 1, |memory| memory[0] = folded).unwrap();
+        cmd.upload(&b.work.stretch_bins, 4, 4, |memory| memory.fill(1)).unwrap();
+        cmd.fill(&b.work.masks, UNTOUCHED);
+    });
+    bench.run(|b, cmd| b.pipeline.masks(cmd, &b.work, b.grid));
+    let masks = bench.gpu.download(&bench.work.masks);
+    let (used, beyond) = masks.split_at(4 * BIN_STRETCH as usize);
+    assert!(beyond.len() >= used.len() && beyond.iter().all(|word| *word == UNTOUCHED));
+    assert!(!used.contains(&UNTOUCHED));
 }
 
 /// Draws lists of all splats in every bin through masks and blend, and compares the picture with the reference's blend

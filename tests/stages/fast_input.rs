@@ -122,8 +122,10 @@ impl Bench {
     /// The lists of all bins before they are sorted: their shares, chunk after chunk.
     pub fn lists(&self) -> Vec<Vec<reference::Entry>> {
         let (unsorted, starts) = (self.gpu.download(&self.work.unsorted), self.share_starts());
+        let keys = self.gpu.download(&self.work.depth_keys);
         let share = |row: &Vec<usize>, bin: usize| unsorted[row[bin]..row[bin + 1]].to_vec();
-        (0..self.grid.count() as usize).map(|bin| starts.iter().flat_map(|row| share(row, bin)).collect()).collect()
+        let list = |bin| starts.iter().flat_map(move |row| share(row, bin)).map(|splat| [keys[splat as usize], splat]);
+        (0..self.grid.count() as usize).map(|bin| list(bin).collect()).collect()
     }
 
     pub fn bins(&self) -> Vec<reference::BinRange> {

@@ -3,8 +3,8 @@
 use super::fast_input::{Bench, Input, parts};
 use crate::common::Random;
 use smalto::reference;
-use smalto::render::shaders::FastCounters;
 use smalto::render::shaders::fast::{BIN_PIECES, BIN_RUN, BIN_STRETCH, BLOCKS};
+use smalto::render::shaders::{FastCounters, FastDispatches};
 use smalto::render::{BinGrid, Capacity};
 
 /// The length from which on a list is long: LONG_LIST in frame.glsl.
@@ -77,6 +77,9 @@ fn list_and_offsets_list_every_splat_in_its_bins() {
         assert_eq!(runs[..expected.run_bins.len()], expected.run_bins);
         let stretches = bench.gpu.download(&bench.work.stretch_bins);
         assert_eq!(stretches[..expected.stretch_bins.len()], expected.stretch_bins);
+        let dispatches = bench.gpu.download(&bench.work.dispatches)[0];
+        let parts = [expected.run_bins.len(), expected.stretch_bins.len()];
+        assert_eq!([dispatches.runs, dispatches.stretches].map(|count| count as usize), parts, "{count} splats");
         let totals = bench.gpu.download(&bench.work.totals)[0];
         assert_eq!([totals.visible, totals.visible_kept], [count as u32; 2]);
         assert_eq!([totals.listed_high, totals.listed_low, totals.listed_kept], [0, entries, entries]);
@@ -208,5 +211,39 @@ fn sort_and_merge_order_lists_of_every_length() {
             }
             assert!(expected.iter().map(|[_, splat]| splat).eq(ids), "{name}: merged list of {}", bin.count);
         }
+    }
+}
+
+/// A folded dispatch may have more workgroups than there are runs. Here it has twice as many, those beyond find the
+/// longest list, and there is memory that they could write. The lists take no merge, one level and three levels.
+#[test]
+fn workgroups_without_a_run_do_nothing() {
+    const UNTOUCHED: u32 = 0xabcd_1234;
+    let lengths = [1, 5000, 2048, 530_000];
+    let input = Input::of_lengths(&lengths, |i| i.wrapping_mul(0x9e37_79b9));
+    let entries = lengths.iter().sum::<usize>();
+    let bench = Bench::new([4 * 64, 32], 1, &input, entries + 20_000, 530_000);
+    bench.list();
+    let dispatches = bench.gpu.download(&bench.work.dispatches)[0];
+    let runs = lengths.iter().map(|length| length.div_ceil(BIN_RUN as usize)).sum::<usize>();
+    assert_eq!([dispatches.over_runs[0], dispatches.over_runs[1], dispatches.runs], [runs as u32, 1, runs as u32]);
+    bench.run(|b, cmd| {
+        let folded = FastDispatches { over_runs: [runs as u32, 2, 1], ..dispatches };
+        cmd.upload(&b.work.dispatches, 0, 1, |memory| memory[0] = folded).unwrap();
+        cmd.upload(&b.work.run_bins, runs, b.work.run_bins.len() - runs, |memory| memory.fill(3)).unwrap();
+        cmd.fill(&b.work.splat_ids, !UNTOUCHED); // another word, which a merge of untouched entries would not write
+        cmd.fill(&b.work.entries, UNTOUCHED);
+        cmd.fill(&b.work.merged, UNTOUCHED);
+    });
+    bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work, b.grid));
+    bench.run(|b, cmd| b.pipeline.merge(cmd, &b.work));
+    let ids = bench.gpu.download(&bench.work.splat_ids);
+    for (ids, mut expected) in parts(&ids, &bench.bins()).zip(input.lists(bench.grid)) {
+        reference::sort_run(&mut expected, &input.gaussian_from_splat);
+        assert!(expected.iter().map(|[_, splat]| splat).eq(ids), "a list of {}", ids.len());
+    }
+    assert!(ids[entries..].iter().all(|id| *id == !UNTOUCHED));
+    for buffer in [&bench.work.entries, &bench.work.merged] {
+        assert!(bench.gpu.download(buffer)[entries..].iter().flatten().all(|word| *word == UNTOUCHED));
     }
 }

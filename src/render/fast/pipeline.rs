@@ -210,12 +210,12 @@ impl FastPipeline {
         vec![
             // Bounds of all Gaussians in, the rest of those that are visible; splat, id, key and spans out.
             ("project", bounds * gaussians + visible * (scene.bytes_each() - bounds + splat + id + key) + walk),
-            // Depth keys in; counts of all bins, the starts of shares, depth key and splat of every entry out.
-            ("list", walk + key * visible + 4 * bins + shares + 8 * entries),
+            // Counts of all bins, the starts of shares, the splat of every entry out.
+            ("list", walk + 4 * bins + shares + id * entries),
             // Counts in; zeros in their place, bins, their order, the dispatches out.
             ("offsets", bins * (4 + 4 + size_of::<Bin>() as u64 + 4) + size_of::<FastDispatches>() as u64),
-            // The starts of shares, depth key and splat in; splat out.
-            ("sort", shares + (8 + 4) * entries),
+            // The starts of shares, the splats of entries and depth keys in, each key once; the splats out again.
+            ("sort", shares + (id + id) * entries + key * visible),
             ("merge", (8 + 4) * merged),
             // Splat ids and the shapes of splats in; a word of block masks per entry out.
             ("masks", (id + 4) * entries + 32 * visible),
@@ -253,13 +253,12 @@ impl FastPipeline {
         cmd.dispatch(&self.project, bindings, push, DispatchSize::Groups(groups));
     }
 
-    /// Writes depth key and splat of every entry, chunk by chunk, and counts the splats of every bin.
+    /// Writes the splat of every entry, chunk by chunk, and counts the splats of every bin.
     pub fn list(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         let bindings = ListBindings {
             counters: &work.counters,
             span_ranges: &work.span_ranges,
             spans: &work.spans,
-            depth_keys: &work.depth_keys,
             listed_in_bins: &work.listed_in_bins,
             share_starts: &work.share_starts,
             unsorted: &work.unsorted,

@@ -28,15 +28,17 @@ pub struct FastWorkspace {
     pub bin_order: Buffer<u32>,
     pub run_bins: Buffer<u32>,
     pub stretch_bins: Buffer<u32>,
-    /// Depth key and splat of every entry, as chunks list them. Its memory is used again: between merge levels if there
-    /// are several, and for `masks`.
-    pub unsorted: Buffer<[u32; 2]>,
+    /// The splat of every entry, as chunks list them.
+    pub unsorted: Buffer<u32>,
     /// Depth key and splat of every entry of the lists that are merged, list by list.
     pub entries: Buffer<[u32; 2]>,
+    /// The entries between merge levels, if there are several.
+    pub merged: Buffer<[u32; 2]>,
     /// Merge dispatches of a frame.
     merge_levels: u32,
     pub splat_ids: Buffer<u32>,
-    /// A bit per entry and block of its bin: 32 words for every stretch and block. It is the memory of `unsorted`.
+    /// A bit per entry and block of its bin: 32 words for every stretch and block. It is the memory of `unsorted`, which
+    /// sort is the last to read.
     pub masks: Buffer<u32>,
     splat_elements: usize,
 }
@@ -63,9 +65,9 @@ impl FastWorkspace {
         let spans = length("rows of bins", capacity.spans)?;
         let entries = length("entries of bins", capacity.listed)?;
         let stretches = entries / BIN_STRETCH as usize + capacity.cells;
-        let mask_words = stretches * BIN_STRETCH as usize;
-        let unsorted = Buffer::new(device, "unsorted entries", entries.max(mask_words.div_ceil(2)))?;
         let words = |name: &str, len: usize| Buffer::<u32>::new(device, name, len);
+        // Masks take whole stretches, so that there are at least as many words as entries.
+        let unsorted = words("unsorted splats or masks", stretches * BIN_STRETCH as usize)?;
         let work = Self {
             capacity,
             totals: Buffer::new(device, "totals", 1)?,
@@ -85,6 +87,7 @@ impl FastWorkspace {
             masks: unsorted.words(),
             unsorted,
             entries: Buffer::new(device, "entries", entries)?,
+            merged: Buffer::new(device, "merged entries", if merge_levels > 1 { entries } else { 1 })?,
             merge_levels,
             splat_ids: words("splat ids", entries)?,
             splat_elements,
@@ -124,7 +127,7 @@ impl FastWorkspace {
 
     /// One item per merge level: length of its sorted pieces, input buffer, output buffer.
     pub fn merge_levels(&self) -> impl Iterator<Item = (u32, [&Buffer<[u32; 2]>; 2])> {
-        let buffers = [[&self.entries, &self.unsorted], [&self.unsorted, &self.entries]];
+        let buffers = [[&self.entries, &self.merged], [&self.merged, &self.entries]];
         (0..self.merge_levels).map(move |level| (BIN_RUN * BIN_PIECES.pow(level), buffers[level as usize % 2]))
     }
 
@@ -150,6 +153,7 @@ impl FastWorkspace {
             &self.run_bins,
             &self.stretch_bins,
             &self.splat_ids,
+            &self.unsorted,
         ];
         let mut all: Vec<_> = words.into_iter().map(Buffer::footprint).collect();
         all.extend([
@@ -159,8 +163,8 @@ impl FastWorkspace {
             self.splats.footprint(),
             self.span_ranges.footprint(),
             self.bins.footprint(),
-            self.unsorted.footprint(),
             self.entries.footprint(),
+            self.merged.footprint(),
         ]);
         all
     }
