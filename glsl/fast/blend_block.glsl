@@ -134,12 +134,10 @@ void stage(Record record, vec2 middle, bool exists) {
         precise float constant = record.b.y + LEAST_EXPONENT - fma(u, u, v * v);
         vec2 linear = vec2(-2.0 * factor.x * u, -2.0 * (factor.y * u + factor.z * v));
         vec3 square = -vec3(factor.x * factor.x, 2.0 * factor.x * factor.y, factor.y * factor.y + factor.z * factor.z);
-        float size = abs(constant) + abs(linear.x) + abs(linear.y) + dot(abs(square), vec3(1.0));
-        if (!(exists && size < -NEVER)) {
-            constant = NEVER;
-            linear = vec2(0.0);
-            square = vec3(0.0);
-        }
+        bool drawn = exists && constant > NEVER;
+        constant = drawn ? constant : NEVER;
+        linear = drawn ? linear : vec2(0.0);
+        square = drawn ? square : vec3(0.0);
         staged_a[place] = vec4(constant, linear, square.x);
         staged_b[place] = vec4(square.yz, record.b.zw);
     } else {
@@ -219,7 +217,8 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
                 }
             }
             // Transmittances are computed as if no pixel stopped, which is seldom wrong. Where one does stop, the
-            // splats that it does not take are removed.
+            // splats that it does not take are removed, one by one: the picture does not depend on how many there are
+            // at once.
             float before[PIXELS];
             bool ends = false;
             [[unroll]] for (uint k = 0; k < PIXELS; k++) {
@@ -235,10 +234,11 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
                     if (live[k] < limit[k]) {
                         float left = last[k] = before[k];
                         [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
-                            left = fma(-PER_UNIT, weights[j][k], left);
-                            bool added = left >= PER_UNIT * TRANSMITTANCE_MIN;
+                            float after = fma(-PER_UNIT, weights[j][k], left);
+                            bool added = left >= limit[k] && after >= PER_UNIT * TRANSMITTANCE_MIN;
                             weights[j][k] = added ? weights[j][k] : 0.0;
-                            last[k] = added ? left : last[k];
+                            last[k] = added ? after : last[k];
+                            left = after;
                         }
                         live[k] = 0.0;
                         limit[k] = -1.0;
