@@ -1,6 +1,5 @@
 #include "shared/workgroup.glsl"
 #extension GL_EXT_control_flow_attributes : require
-#include "shared/flush_denormals.glsl"
 #include "fast/frame.glsl"
 #include "shared/rules.glsl"
 #include "shared/blend_rules.glsl"
@@ -11,7 +10,6 @@
 // idea of Local-GS) and takes two fused multiply-adds per pixel.
 
 #include "fast/subgroup_owner.glsl"
-layout(constant_id = 11) const bool FLUSHES = false;  // arithmetic makes 0 of denormals
 layout(constant_id = 12) const bool HAS_CLAMPED_ALPHAS = true;  // some opacity is above ALPHA_MAX
 
 layout(binding = 0, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
@@ -27,14 +25,6 @@ layout(push_constant, scalar) uniform Push {
     vec3 background;
 } push;
 
-// A lane computes exp2 of exponents that are LEAST_EXPONENT where alpha is ALPHA_MIN. With COMPACT that is the exponent
-// of the least float that is not a denormal: where FLUSHES, exp2 itself makes 0 of what is not drawn. A bias of 126
-// costs rounding (1e-5 of an alpha), which `exact` does not take.
-#define LEAST_EXPONENT (COMPACT ? -126.0 : 0.0)
-// A weight alpha T is exp2(exponent) * live, where live = PER_UNIT * T.
-#define PER_UNIT (COMPACT ? 8.507059173023462e37 * ALPHA_MIN : ALPHA_MIN)
-#define NEVER -1e30  // an exponent that is never drawn
-
 const uvec2 BLOCK = uvec2(BLOCK_WIDTH, BLOCK_HEIGHT);
 const uint BLOCK_PIXELS = BLOCK_WIDTH * BLOCK_HEIGHT;
 const uint PIXELS = BLOCK_PIXELS / SUBGROUP;  // pixels of a lane, in one column
@@ -43,9 +33,10 @@ const uint ROWS = SUBGROUP / BLOCK_WIDTH;     // rows from one of these pixels t
 // a lane has enough independent work.
 const uint AT_ONCE = PIXELS == 1 ? 8 : 4;
 
-// The entries that are blended next. With COMPACT, exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y).
-// Without, exponent = a.x - (a.y + x a.w + y b.x)^2 - (a.z + y b.y)^2: three operations more and a tenth of the rounding
-// error.
+// The entries that are blended next. Exponents are relative to log2(ALPHA_MIN).
+// With COMPACT, exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y).
+// Without, exponent = a.x - (a.y + x a.w + y b.x)^2 - (a.z + y b.y)^2: three operations more and a tenth of the
+// rounding error.
 shared vec4 staged_a[WORKGROUP];
 shared vec4 staged_b[WORKGROUP];  // zw: red and green
 shared float staged_blue[WORKGROUP];
@@ -123,7 +114,7 @@ Record load_record(uint splat) {
 }
 
 // Stages the polynomial of this lane's splat around `middle` for all lanes. A lane without a splat stages one that is
-// never drawn, and so does one whose polynomial is not finite: a NaN would spoil all later transmittances.
+// never drawn.
 void stage(Record record, vec2 middle, bool exists) {
     vec2 d = middle - record.a.xy;
     vec3 factor = vec3(record.a.zw, record.b.x);
@@ -131,17 +122,13 @@ void stage(Record record, vec2 middle, bool exists) {
     precise float u = fma(factor.x, d.x, factor.y * d.y);
     precise float v = factor.z * d.y;
     if (COMPACT) {
-        precise float constant = record.b.y + LEAST_EXPONENT - fma(u, u, v * v);
-        vec2 linear = vec2(-2.0 * factor.x * u, -2.0 * (factor.y * u + factor.z * v));
-        vec3 square = -vec3(factor.x * factor.x, 2.0 * factor.x * factor.y, factor.y * factor.y + factor.z * factor.z);
-        bool drawn = exists && constant > NEVER;
-        constant = drawn ? constant : NEVER;
-        linear = drawn ? linear : vec2(0.0);
-        square = drawn ? square : vec3(0.0);
-        staged_a[place] = vec4(constant, linear, square.x);
-        staged_b[place] = vec4(square.yz, record.b.zw);
+        precise float at_middle = record.b.y - fma(u, u, v * v);
+        staged_a[place] = vec4(exists ? at_middle : -1e30, -2.0 * factor.x * u, -2.0 * (factor.y * u + factor.z * v),
+            -factor.x * factor.x);
+        staged_b[place] =
+            vec4(-2.0 * factor.x * factor.y, -(factor.y * factor.y + factor.z * factor.z), record.b.zw);
     } else {
-        staged_a[place] = vec4(exists ? record.b.y : NEVER, u, v, factor.x);
+        staged_a[place] = vec4(exists ? record.b.y : -1e30, u, v, factor.x);
         staged_b[place] = vec4(factor.yz, record.b.zw);
     }
     staged_blue[place] = record.blue;
@@ -152,7 +139,8 @@ uvec2 pixel;             // px, the first pixel of the lane
 vec2 middle;             // px, the middle of the block
 float x, y[PIXELS];      // px, the centres of the lane's pixels relative to the middle
 // A pixel that goes on has the transmittance `live` and stops when that falls below `limit`. A pixel that has stopped
-// has `live` = 0 and `limit` < 0, and its transmittance is `last`. All three are in units of 1 / PER_UNIT.
+// has `live` = 0 and `limit` < 0, and its transmittance is `last`. All three are multiplied by ALPHA_MIN, so that alpha
+// times T is exp2(exponent) times `live`.
 float live[PIXELS], limit[PIXELS], last[PIXELS];
 vec3 colour[PIXELS];
 
@@ -163,8 +151,8 @@ float last_transmittance() {
 
 // Starts a pixel with this transmittance. With 0 it takes no splat.
 void begin_pixel(uint k, float transmittance) {
-    live[k] = last[k] = PER_UNIT * transmittance;
-    limit[k] = transmittance > 0.0 ? PER_UNIT * last_transmittance() : -1.0;
+    live[k] = last[k] = ALPHA_MIN * transmittance;
+    limit[k] = transmittance > 0.0 ? ALPHA_MIN * last_transmittance() : -1.0;
     colour[k] = vec3(0.0);
 }
 
@@ -194,7 +182,7 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
         count_ahead = take(walk, bin, block, entry);
         if (gl_SubgroupInvocationID < count_ahead) splat = splat_ids[bin.first + entry];
         for (uint i = first; i < behind; i += AT_ONCE) {
-            float weights[AT_ONCE][PIXELS];  // alpha / PER_UNIT, then alpha T
+            float weights[AT_ONCE][PIXELS];  // alpha / ALPHA_MIN, then alpha T
             vec3 colours[AT_ONCE];
             [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
                 vec4 a = staged_a[i + j], b = staged_b[i + j];
@@ -209,10 +197,9 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
                         float u = fma(b.x, y[k], on_axis), v = fma(b.y, y[k], a.z);
                         exponent = fma(-u, u, fma(-v, v, a.x));
                     }
-                    float weight = exp2(exponent);
                     // The comparison is false for NaN, which is not drawn.
-                    if (!(COMPACT && FLUSHES)) weight = exponent >= LEAST_EXPONENT ? weight : 0.0;
-                    if (HAS_CLAMPED_ALPHAS) weight = min(ALPHA_MAX / PER_UNIT, weight);
+                    float weight = exponent >= 0.0 ? exp2(exponent) : 0.0;
+                    if (HAS_CLAMPED_ALPHAS) weight = min(ALPHA_MAX / ALPHA_MIN, weight);
                     weights[j][k] = weight;
                 }
             }
@@ -225,7 +212,7 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
                 before[k] = live[k];
                 [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
                     weights[j][k] *= live[k];
-                    live[k] = fma(-PER_UNIT, weights[j][k], live[k]);
+                    live[k] = fma(-ALPHA_MIN, weights[j][k], live[k]);
                 }
                 ends = ends || live[k] < limit[k];
             }
@@ -234,8 +221,8 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
                     if (live[k] < limit[k]) {
                         float left = last[k] = before[k];
                         [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
-                            float after = fma(-PER_UNIT, weights[j][k], left);
-                            bool added = left >= limit[k] && after >= PER_UNIT * TRANSMITTANCE_MIN;
+                            float after = fma(-ALPHA_MIN, weights[j][k], left);
+                            bool added = left >= limit[k] && after >= ALPHA_MIN * TRANSMITTANCE_MIN;
                             weights[j][k] = added ? weights[j][k] : 0.0;
                             last[k] = added ? after : last[k];
                             left = after;
@@ -257,8 +244,14 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
     }
 }
 
+// The transmittance of a pixel that goes on with `live`: 1 exactly where no splat was drawn.
+float transmittance_of(float live) {
+    precise float opacity = (ALPHA_MIN - live) / ALPHA_MIN;
+    return 1.0 - opacity;
+}
+
 float final_transmittance(uint k) {
-    return (limit[k] < 0.0 ? last[k] : live[k]) / PER_UNIT;
+    return transmittance_of(limit[k] < 0.0 ? last[k] : live[k]);
 }
 
 bool is_inside(uint k) {

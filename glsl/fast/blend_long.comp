@@ -33,7 +33,7 @@ void main() {
         for (uint k = 0; k < PIXELS; k++) begin_pixel(k, in_front[k] >= last_transmittance() ? 1.0 : 0.0);
         blend_words(bin, block, begin, end);
         for (uint k = 0; k < PIXELS; k++) {
-            passed[gl_SubgroupID * BLOCK_PIXELS + k * SUBGROUP + gl_SubgroupInvocationID] = live[k] / PER_UNIT;
+            passed[gl_SubgroupID * BLOCK_PIXELS + k * SUBGROUP + gl_SubgroupInvocationID] = transmittance_of(live[k]);
         }
         barrier();
         float start[PIXELS];
@@ -45,7 +45,7 @@ void main() {
                 in_front[k] *= passed[s * BLOCK_PIXELS + k * SUBGROUP + gl_SubgroupInvocationID];
             }
             bool begins = start[k] >= last_transmittance();
-            bool ends_here = start[k] * (live[k] / PER_UNIT) < last_transmittance();
+            bool ends_here = start[k] * transmittance_of(live[k]) < last_transmittance();
             if (begins && !ends_here) total[k] = fma(vec3(start[k]), colour[k], total[k]);
             if (!(begins && ends_here)) start[k] = 0.0;
             ends = ends || start[k] > 0.0;

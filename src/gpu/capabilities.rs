@@ -103,8 +103,6 @@ pub enum Feature {
     /// The driver reports registers and binary sizes of compiled shaders.
     PipelineStatistics,
     SubgroupShuffles,
-    /// Shaders can ask for 32-bit denormals to become 0.
-    FlushedDenormals,
     /// Swapchains, and drawing into their images.
     Windows,
     /// Image stores without a format in the shader.
@@ -124,7 +122,6 @@ impl fmt::Display for Feature {
             Self::DeviceFault => "device fault",
             Self::PipelineStatistics => "pipeline statistics",
             Self::SubgroupShuffles => "subgroup shuffles",
-            Self::FlushedDenormals => "flushed denormals",
             Self::Windows => "windows",
             Self::AnyImageFormat => "image stores of any format",
         })

@@ -29,7 +29,6 @@
 mod buffer;
 mod capabilities;
 mod commands;
-mod denormals;
 mod device;
 mod dispatch_size;
 mod element;

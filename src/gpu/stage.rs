@@ -7,7 +7,6 @@ use anyhow::{Context, Result, ensure};
 use ash::vk;
 
 use super::capabilities::MAX_STORAGE_BUFFERS;
-use super::denormals;
 use super::device::{Device, Shared};
 use super::error::describe;
 use super::executables::Executables;
@@ -160,11 +159,10 @@ impl Pipeline {
 
 /// The shader's module: compiled from the device's folder of shaders if it has one, else the one that is built in.
 fn words<S: Shader>(device: &Shared) -> Result<Vec<u32>> {
-    let module = match &device.shaders {
-        Some(folder) => folder.compile(S::PATH, S::INTERFACE)?,
-        None => ash::util::read_spv(&mut std::io::Cursor::new(S::SPIRV))?,
-    };
-    Ok(denormals::fitted(device, module))
+    match &device.shaders {
+        Some(folder) => folder.compile(S::PATH, S::INTERFACE),
+        None => Ok(ash::util::read_spv(&mut std::io::Cursor::new(S::SPIRV))?),
+    }
 }
 
 /// The subgroup size that the pipeline must be asked for: none if the device has only the one that the stage wants.

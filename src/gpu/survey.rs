@@ -92,7 +92,6 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
     let mut id = vk::PhysicalDeviceIDProperties::default();
     let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
     let mut subgroup_sizes = vk::PhysicalDeviceSubgroupSizeControlProperties::default();
-    let mut float_controls = vk::PhysicalDeviceFloatControlsProperties::default();
     let mut maintenance3 = vk::PhysicalDeviceMaintenance3Properties::default();
     let mut maintenance4 = vk::PhysicalDeviceMaintenance4Properties::default();
     let mut properties = vk::PhysicalDeviceProperties2::default()
@@ -100,7 +99,6 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
         .push_next(&mut id)
         .push_next(&mut subgroup)
         .push_next(&mut subgroup_sizes)
-        .push_next(&mut float_controls)
         .push_next(&mut maintenance3)
         .push_next(&mut maintenance4);
     // SAFETY: clause 1.
@@ -179,11 +177,6 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
         (Feature::DeviceFault, has_fault_extension && fault.device_fault == vk::TRUE),
         (Feature::PipelineStatistics, has_executables && executables.pipeline_executable_info == vk::TRUE),
         (Feature::SubgroupShuffles, subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)),
-        (
-            Feature::FlushedDenormals,
-            float_controls.shader_denorm_flush_to_zero_float32 == vk::TRUE
-                && float_controls.denorm_behavior_independence != vk::ShaderFloatControlsIndependence::NONE,
-        ),
         (Feature::Windows, offers(khr::swapchain::NAME) && draws),
         (Feature::AnyImageFormat, core.shader_storage_image_write_without_format == vk::TRUE),
     ];

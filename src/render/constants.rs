@@ -3,19 +3,17 @@
 use super::frame::footprint_code;
 use super::layout::Layout;
 use super::shaders::SharedConstants;
-use crate::gpu::{Device, Feature};
 use crate::options::Options;
 use crate::rules::Order;
 
 /// The constants of pipelines whose subgroups have at most `subgroup` lanes. A shader takes those that it declares, and
 /// its stage adds the constants of its own.
-pub(super) fn shared(device: &Device, options: &Options, layout: &Layout, subgroup: u32) -> SharedConstants {
+pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> SharedConstants {
     let rules = &options.rules;
     SharedConstants {
         sh_degree: layout.sh_degree,
         sh_storage: layout.sh.code(),
         shape_storage: layout.shape.code(),
-        flushes: device.capabilities().has(Feature::FlushedDenormals),
         has_clamped_alphas: layout.has_clamped_alphas,
         by_distance: rules.order == Order::Distance,
         antialiased: rules.antialiased,

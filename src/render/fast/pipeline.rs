@@ -93,7 +93,7 @@ impl FastPipeline {
     /// If a pipeline cannot be made.
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Option<Self>> {
         let Some(subgroup) = Self::subgroup(device, options) else { return Ok(None) };
-        let constants = shared(device, options, layout, subgroup);
+        let constants = shared(options, layout, subgroup);
         let subgroups = Sort::WORKGROUP[0] / subgroup;
         let digit_bits = digit_bits(subgroups, SORT_COUNTS_BYTES);
         let sort = SortConstants { digit_bits, subgroups, ..SortConstants::of(&constants) };

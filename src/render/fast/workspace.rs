@@ -37,8 +37,8 @@ pub struct FastWorkspace {
     /// Merge dispatches of a frame.
     merge_levels: u32,
     pub splat_ids: Buffer<u32>,
-    /// A bit per entry and block of its bin: 32 words for every stretch and block. It is the memory of `unsorted`, which
-    /// sort is the last to read.
+    /// A bit per entry and block of its bin: 32 words for every stretch and block. It is the memory of `unsorted`,
+    /// which sort is the last to read.
     pub masks: Buffer<u32>,
     splat_elements: usize,
 }

@@ -108,7 +108,7 @@ enum Picture {
 
 impl Inspector {
     pub fn new(device: &Device, options: &Options, layout: &Layout, inspection: Inspection) -> Result<Self> {
-        let constants = shared(device, options, layout, device.capabilities().subgroup_size[1]);
+        let constants = shared(options, layout, device.capabilities().subgroup_size[1]);
         let shade = |attribute: Attribute| {
             let attribute = attribute as u32;
             Stage::new(device, &ShadeAttributeConstants { attribute, ..ShadeAttributeConstants::of(&constants) })

@@ -67,7 +67,7 @@ pub(in crate::render) struct Picker {
 
 impl Picker {
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Self> {
-        let constants = PickConstants::of(&shared(device, options, layout, device.capabilities().subgroup_size[1]));
+        let constants = PickConstants::of(&shared(options, layout, device.capabilities().subgroup_size[1]));
         let (transmittance_min, stop) = (options.rules.transmittance_min, layout.stop(options));
         Ok(Self { transmittance_min, stop, stage: Stage::new(device, &constants)? })
     }

@@ -57,7 +57,7 @@ impl PortablePipeline {
         let rules = &options.rules;
         ensure!(rules.order != Order::PerPixel, "only the reference sorts the splats of every pixel on its own");
         let subgroups = SubgroupLimits::of(device, options);
-        let constants = shared(device, options, layout, 32 * subgroups.ballot_words);
+        let constants = shared(options, layout, 32 * subgroups.ballot_words);
         // A certificate needs lists with everything that the picture leaves out.
         let (listed_alpha, footprint) = match variation {
             Variation::Plain | Variation::Counting => (rules.alpha_min, rules.extent),
