@@ -4,6 +4,7 @@ use super::fast_input::{Bench, Input};
 use crate::common::Random;
 use glam::{DMat2, DVec2, DVec3, dvec2};
 use smalto::gpu::{Access, Commands, Image};
+use smalto::options::Options;
 use smalto::reference::{self, BinBlocks, Lists, Tiling};
 use smalto::render::shaders::FastDispatches;
 use smalto::render::shaders::fast::{BIN_COLUMNS, BIN_PIECES, BIN_ROWS, BIN_RUN, BIN_STRETCH, BLOCK_WIDTH, BLOCKS};
@@ -135,30 +136,42 @@ fn workgroups_without_a_stretch_do_nothing() {
     assert!(!used.contains(&UNTOUCHED));
 }
 
-/// Draws lists of all splats in every bin through masks and blend, and compares the picture with the reference's blend
-/// of the same lists.
-fn blend_agrees(splats: &[(reference::Splat, [[u32; 4]; 3])], height: usize, size: [u32; 2]) {
+const BACKGROUND: [f32; 3] = [0.1, 0.2, 0.3];
+
+/// Draws lists of all splats in every bin through masks and blend.
+fn blended(
+    options: &Options,
+    splats: &[(reference::Splat, [[u32; 4]; 3])],
+    height: usize,
+    size: [u32; 2],
+) -> Vec<[f32; 4]> {
     let (count, grid) = (splats.len(), BinGrid::new(size, height));
-    let bench = Bench::new(size, height, &listed_everywhere(count, grid), count * grid.count() as usize, count as u32);
+    let (input, entries) = (listed_everywhere(count, grid), count * grid.count() as usize);
+    let bench = Bench::with(options, size, height, &input, entries, count as u32);
     bench.list();
     upload_lists(&bench, splats);
     bench.run(|b, cmd| b.pipeline.masks(cmd, &b.work, b.grid));
     let image = Image::new(&bench.gpu.0, "image", size[0], size[1]).unwrap();
-    let background = [0.1, 0.2, 0.3];
-    let target = Target { image: &image, certificate: None, background: Background::Colour(background) };
+    let target = Target { image: &image, certificate: None, background: Background::Colour(BACKGROUND) };
     let mut cmd = Commands::new(&bench.gpu.0).unwrap();
     bench.pipeline.blend(&mut cmd, &bench.work, bench.grid, target);
     cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
     let rows = cmd.read_rows(&image, 0..size[1]).unwrap();
     let results = cmd.submit().unwrap().wait().unwrap();
+    results.view(&rows).to_vec()
+}
 
+/// Compares a picture of lists of all splats in every bin with the reference's blend of the same lists.
+fn blend_agrees(splats: &[(reference::Splat, [[u32; 4]; 3])], height: usize, size: [u32; 2]) {
+    let drawn = blended(&Options::EXACT, splats, height, size);
+    let count = splats.len();
     let tiling = Tiling::of(size);
     let ids: Vec<u32> = (0..count as u32).collect();
     let all: Vec<reference::Splat> = splats.iter().map(|(splat, _)| *splat).collect();
     let ranges = vec![[0, count as u32]; tiling.tiles()];
     let lists = Lists { splats: &all, ranges: &ranges, splat_ids: &ids, rays: None };
-    let exact = reference::blend(&lists, tiling, DVec3::from(background.map(f64::from)), RULES);
-    let pairs = results.view(&rows).iter().zip(&exact).enumerate();
+    let exact = reference::blend(&lists, tiling, DVec3::from(BACKGROUND.map(f64::from)), RULES);
+    let pairs = drawn.iter().zip(&exact).enumerate();
     let mut in_doubt = 0;
     for (index, (pixel, exact)) in pairs {
         let error = (0..3).map(|i| (f64::from(pixel[i]) - exact.colour[i]).abs()).fold(0.0, f64::max);
@@ -209,4 +222,25 @@ fn blend_of_long_lists_agrees_with_its_twin() {
         blend_agrees(&faint(count, every), height, [40, 20]);
     }
     assert_eq!(TILE, 16, "bins are whole tiles");
+}
+
+/// Splats are blended four or eight at once. Here up to nine that reach only the first pixel of a block come before the
+/// others and so move the groups.
+#[test]
+fn where_a_pixel_stops_does_not_depend_on_the_splats_that_are_blended_at_once() {
+    let options = Options { stop: 0.05, ..Options::EXACT };
+    let others = splats(60, [8, 8], [0.2, 0.6]);
+    for (height, size) in [(0, [8, 4]), (1, [8, 8]), (2, [8, 16])] {
+        let picture = |before: usize| {
+            let first_pixel = splat_of([0.5, 0.5], [6.0, 0.0, 6.0], 0.1, [1.0; 3]);
+            let all: Vec<_> = std::iter::repeat_n(first_pixel, before).chain(others.iter().copied()).collect();
+            blended(&options, &all, height, size)[1..].to_vec()
+        };
+        let alone = picture(0);
+        assert!(alone.iter().any(|pixel| pixel[3] > 0.95), "some pixels stop");
+        assert!(alone.iter().all(|pixel| pixel[3] < 0.999), "no pixel takes all splats");
+        for before in 1..10 {
+            assert_eq!(picture(before), alone, "{before} before, height {height}");
+        }
+    }
 }

@@ -67,9 +67,21 @@ impl Input {
 impl Bench {
     /// With the capacity for `input` and so many entries.
     pub fn new(size_px: [u32; 2], height: usize, input: &Input, entries: usize, longest_list: u32) -> Self {
+        Self::with(&Options::EXACT, size_px, height, input, entries, longest_list)
+    }
+
+    /// The same for other options.
+    pub fn with(
+        options: &Options,
+        size_px: [u32; 2],
+        height: usize,
+        input: &Input,
+        entries: usize,
+        longest_list: u32,
+    ) -> Self {
         let gpu = Gpu::new();
-        let scene = GpuScene::new(&gpu.0, &synthetic::cactus(1).unwrap().gaussians, &Options::EXACT).unwrap();
-        let pipeline = FastPipeline::new(&gpu.0, &Options::EXACT, scene.layout()).unwrap();
+        let scene = GpuScene::new(&gpu.0, &synthetic::cactus(1).unwrap().gaussians, options).unwrap();
+        let pipeline = FastPipeline::new(&gpu.0, options, scene.layout()).unwrap();
         let mut pipeline = pipeline.expect("the device has a fast path");
         let grid = BinGrid::new(size_px, height);
         let count = input.span_ranges.len();
