@@ -1,4 +1,4 @@
-//! Scripted camera paths: an orbit, with or without zoom, and a smooth path through keyframes.
+//! Scripted camera paths: an orbit, with or without zoom, a turn on the spot, and a smooth path through keyframes.
 
 use std::f64::consts::TAU;
 
@@ -17,6 +17,18 @@ pub fn orbit(centre: DVec3, radius: f64, zooms: bool, size_px: [u32; 2], views: 
         let zoom = if zooms { 0.8 * (2.0 * turn).sin() } else { 0.0 };
         let offset = DVec3::new(turn.cos(), -0.35, turn.sin()) * radius * (2.2 + zoom);
         Camera::looking_at(centre + offset, centre, size_px, FIELD_OF_VIEW)
+    };
+    (0..views).map(view).collect()
+}
+
+/// `views` cameras in equal steps of one turn on the spot, level, a tenth of `radius` above `centre`: for scenes that
+/// surround the camera.
+pub fn turn(centre: DVec3, radius: f64, size_px: [u32; 2], views: usize) -> Vec<Camera> {
+    let position = centre - DVec3::Y * 0.1 * radius;
+    let view = |i: usize| {
+        let turn = i as f64 / views as f64 * TAU;
+        let ahead = DVec3::new(turn.cos(), 0.0, turn.sin()) * radius;
+        Camera::looking_at(position, position + ahead, size_px, FIELD_OF_VIEW)
     };
     (0..views).map(view).collect()
 }
@@ -62,6 +74,18 @@ pub(super) fn mixed(from: &Camera, to: &Camera, t: f64) -> Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn turn_looks_level_in_every_direction_from_one_place() {
+        let centre = DVec3::new(1.0, 2.0, 3.0);
+        let path = turn(centre, 5.0, [64, 64], 8);
+        let sum: DVec3 = path.iter().map(|camera| camera.rotation.row(2)).sum();
+        assert!(sum.length() < 1e-12, "{sum}");
+        for camera in &path {
+            assert_eq!(camera.position, centre - DVec3::Y * 0.5);
+            assert!(camera.rotation.row(2).y.abs() < 1e-12);
+        }
+    }
 
     #[test]
     fn orbit_looks_at_the_centre_from_all_around_and_zooms() {

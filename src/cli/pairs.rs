@@ -129,7 +129,7 @@ fn sample(arg: &Arg) -> String {
         "SHAPE" => "sphere=0,0,0,1",
         "3|4" => "3",
         "8..32" | "FRAMES" => "8",
-        "orbit|orbit-zoom|keyframes:FILE" => "orbit",
+        "orbit|orbit-zoom|turn|keyframes:FILE" => "orbit",
         name if name.contains("FILE") || name.contains("DIR") => return format!("{}.json", arg.get_id()),
         _ => "1",
     }

@@ -18,8 +18,8 @@ use crate::scene::{self, NoLevel, Procedural, Reading, Scene, Transform};
 #[derive(Args)]
 pub(super) struct SceneArg {
     /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb or .gltf), folder of a SOG, model folder of
-    /// the original 3DGS, - for a file on standard input, or procedural scene: cactus, few-large or many-small,
-    /// optionally with :COUNT Gaussians
+    /// the original 3DGS, - for a file on standard input, or procedural scene: cactus, room, plain, few-large or
+    /// many-small, optionally with :COUNT Gaussians
     #[arg(default_value = "cactus")]
     pub scene: PathBuf,
     #[command(flatten)]

@@ -18,8 +18,9 @@ use crate::viewer::{self, Bindings, CompareMode, CompareWith, Digest, Setup, Sum
 /// Open scenes in a window: fly through them, see the GPU time of every stage, look inside the pipeline
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// Scene files that `smalto render` reads, model folders of the original 3DGS, or procedural scenes: cactus,
-    /// few-large or many-small, with :COUNT for another number of Gaussians. More files can be dropped on the window
+    /// Scene files that `smalto render` reads, model folders of the original 3DGS, or procedural scenes: cactus, room,
+    /// plain, few-large or many-small, with :COUNT for another number of Gaussians. More files can be dropped on the
+    /// window
     scenes: Vec<PathBuf>,
     /// Camera file or folder that `smalto render` reads [default: searched next to the first scene and above it]
     #[arg(long, value_name = "FILE|DIR")]

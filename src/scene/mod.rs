@@ -12,6 +12,7 @@ mod ksplat;
 mod loaded;
 mod loss;
 mod morton;
+mod places;
 mod ply;
 mod procedural;
 mod random;

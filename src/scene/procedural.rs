@@ -1,4 +1,5 @@
-//! Procedural scenes: the cactus, and two clouds at the extremes of tile density. They are seeded and equal everywhere.
+//! Procedural scenes: the cactus, places around the camera, and two clouds at the extremes of tile density. They are
+//! seeded and equal everywhere.
 
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
@@ -7,7 +8,7 @@ use super::Scene;
 use super::canonical::{Builder, Raw};
 use super::harmonics::C0;
 use super::random::Random;
-use super::synthetic;
+use super::{places, synthetic};
 use crate::host_memory::OutOfMemory;
 
 /// Largest number of Gaussians of a procedural scene.
@@ -24,6 +25,10 @@ pub struct Procedural {
 enum Kind {
     /// A potted cactus with the statistics of trained scenes.
     Cactus,
+    /// The inside of a furnished room.
+    Room,
+    /// A plain with a horizon.
+    Plain,
     /// A ball of large Gaussians, each in many tiles.
     FewLarge,
     /// A ball of small Gaussians, most of them in a single tile.
@@ -31,8 +36,10 @@ enum Kind {
 }
 
 /// The name and the default count of each kind.
-const KINDS: [(Kind, &str, usize); 3] = [
+const KINDS: [(Kind, &str, usize); 5] = [
     (Kind::Cactus, "cactus", synthetic::DEFAULT_COUNT),
+    (Kind::Room, "room", 2_000_000),
+    (Kind::Plain, "plain", 2_000_000),
     (Kind::FewLarge, "few-large", 20_000),
     (Kind::ManySmall, "many-small", 2_000_000),
 ];
@@ -65,6 +72,8 @@ impl Procedural {
     pub fn make(self) -> Result<Scene, OutOfMemory> {
         match self.kind {
             Kind::Cactus => synthetic::cactus(self.count),
+            Kind::Room => places::room(self.count),
+            Kind::Plain => places::plain(self.count),
             // Radii of about 100 px and 1 px, seen from an orbit at 720x720.
             Kind::FewLarge => self.ball(0.08),
             Kind::ManySmall => self.ball(0.001),
@@ -123,12 +132,21 @@ mod tests {
     }
 
     #[test]
-    fn procedural_clouds_are_the_same_every_time_and_of_their_size() {
+    fn every_kind_is_the_same_every_time_and_has_its_count() {
+        for (kind, name, _) in KINDS {
+            let scene = || Procedural { kind, count: 700 }.make().unwrap();
+            let (one, other) = (scene(), scene());
+            assert_eq!(one.gaussians, other.gaussians, "{name}");
+            assert_eq!((one.gaussians.len(), one.format), (700, format!("procedural {name}")));
+        }
+    }
+
+    #[test]
+    fn procedural_clouds_are_of_their_size() {
         for (kind, scale) in [(Kind::FewLarge, 0.08_f32), (Kind::ManySmall, 0.001)] {
             let cloud = Procedural { kind, count: 500 };
-            let (a, b) = (cloud.make().unwrap().gaussians, cloud.make().unwrap().gaussians);
-            assert_eq!(a, b);
-            let mut widths: Vec<f32> = a.scales().iter().map(|s| s[0]).collect();
+            let gaussians = cloud.make().unwrap().gaussians;
+            let mut widths: Vec<f32> = gaussians.scales().iter().map(|s| s[0]).collect();
             widths.sort_unstable_by(f32::total_cmp);
             assert!((0.9..1.1).contains(&(widths[250] / scale)), "median {}", widths[250]);
         }

@@ -22,22 +22,32 @@ pub const DEFAULT_COUNT: usize = 139_410;
 /// # Errors
 /// [`OutOfMemory`] if it cannot be allocated.
 pub fn cactus(count: usize) -> Result<Scene, OutOfMemory> {
+    scene_of("cactus", &PARTS, count, |point| if point.y > -0.02 { contact_shadow(point) } else { 1.0 })
+}
+
+/// A scene of these parts with `count` Gaussians. `shadow`: a factor on the light at a point.
+pub(super) fn scene_of(
+    name: &str,
+    parts: &[Part],
+    count: usize,
+    shadow: fn(DVec3) -> f64,
+) -> Result<Scene, OutOfMemory> {
     let mut builder = Builder::new(MAX_SH_DEGREE, count)?;
-    let weight: f64 = PARTS.iter().map(|p| p.share).sum();
+    let weight: f64 = parts.iter().map(|p| p.share).sum();
     let (mut made, mut share) = (0, 0.0);
-    for part in &PARTS {
+    for part in parts {
         share += part.share;
         let until = (count as f64 * share / weight).round() as usize;
         // The surface is covered at any count: each splat gets its share of the area.
         let spacing = (part.area / (until - made).max(1) as f64).sqrt();
-        builder.extend(until - made, |i, sh| gaussian(&mut Random::of(made + i), part, spacing, sh));
+        builder.extend(until - made, |i, sh| gaussian(&mut Random::of(made + i), part, spacing, shadow, sh));
         made = until;
     }
     let (gaussians, report) = builder.finish();
     Ok(Scene {
         gaussians,
         report,
-        format: "procedural cactus".to_owned(),
+        format: format!("procedural {name}"),
         is_antialiased: false,
         notices: Vec::new(),
         levels: Vec::new(),
@@ -45,16 +55,16 @@ pub fn cactus(count: usize) -> Result<Scene, OutOfMemory> {
 }
 
 /// A part of the scene: its share of the Gaussians, and their appearance.
-struct Part {
+pub(super) struct Part {
     /// Weight of its number of Gaussians.
-    share: f64,
+    pub share: f64,
     /// Area that its splats cover together, world units squared.
-    area: f64,
+    pub area: f64,
     /// Fraction of its splats that are faint.
-    faint: f64,
+    pub faint: f64,
     /// Strength of the highlight.
-    gloss: f64,
-    sample: fn(&mut Random) -> Patch,
+    pub gloss: f64,
+    pub sample: fn(&mut Random) -> Patch,
 }
 
 const PARTS: [Part; 8] = [
@@ -69,21 +79,21 @@ const PARTS: [Part; 8] = [
 ];
 
 /// A piece of surface.
-struct Patch {
-    point: DVec3,
-    normal: DVec3,
+pub(super) struct Patch {
+    pub point: DVec3,
+    pub normal: DVec3,
     /// Direction in the surface along which splats are elongated.
-    grain: DVec3,
-    albedo: DVec3,
+    pub grain: DVec3,
+    pub albedo: DVec3,
     /// Standard deviations along the grain, across it and along the normal, in units of the spacing.
-    shape: DVec3,
+    pub shape: DVec3,
     /// Lit by the light; otherwise it has its albedo from all sides.
-    is_lit: bool,
+    pub is_lit: bool,
 }
 
 const LIGHT: DVec3 = dvec3(-0.48, -0.72, -0.5); // towards the light, nearly unit length
 
-fn gaussian(random: &mut Random, part: &Part, spacing: f64, sh: &mut [[f32; 3]]) -> Raw {
+fn gaussian(random: &mut Random, part: &Part, spacing: f64, shadow: fn(DVec3) -> f64, sh: &mut [[f32; 3]]) -> Raw {
     let patch = (part.sample)(random);
     let any = patch.normal.any_orthonormal_vector();
     let grain = (patch.grain - patch.normal * patch.grain.dot(patch.normal)).normalize_or(any);
@@ -98,7 +108,7 @@ fn gaussian(random: &mut Random, part: &Part, spacing: f64, sh: &mut [[f32; 3]])
     let opacity = if is_faint { 0.003 + 0.25 * random.unit().powi(3) } else { 1.0 - 0.6 * random.unit().powi(2) };
 
     let diffuse = if patch.is_lit { 0.42 + 0.62 * patch.normal.dot(LIGHT).max(0.0) } else { 1.0 };
-    let shadow = if patch.is_lit && patch.point.y > -0.02 { contact_shadow(patch.point) } else { 1.0 };
+    let shadow = if patch.is_lit { shadow(patch.point) } else { 1.0 };
     let grit = if patch.is_lit { 0.02 } else { 0.004 };
     let noise = grit * dvec3(random.normal(), random.normal(), random.normal());
     sh[0] = ((patch.albedo * diffuse * shadow + noise - 0.5) / C0).to_array().map(|v| v as f32);

@@ -20,3 +20,4 @@ mod promises;
 mod properties;
 mod rules;
 mod storage;
+mod surroundings;

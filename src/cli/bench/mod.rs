@@ -24,6 +24,7 @@ use crate::reference;
 use crate::render::{GpuScene, Renderer};
 use crate::rules::{Background, Rules};
 use crate::scene::{Gaussians, Requirements, Scene, Unreadable};
+use views::PATHS;
 pub(super) use views::{CameraPath, Cameras};
 
 /// Measure the speed of rendering: whole frames, every stage, counts, memory
@@ -39,9 +40,9 @@ pub(super) struct Args {
     split: SplitArg,
     #[command(flatten)]
     eye: EyeArgs,
-    /// Camera path: one turn around the scene (orbit), the same with two approaches to it (orbit-zoom), or a smooth
-    /// path through the cameras of a file
-    #[arg(long, value_name = "orbit|orbit-zoom|keyframes:FILE", default_value = "orbit-zoom", conflicts_with = "eye")]
+    /// Camera path: one turn around the scene (orbit), the same with two approaches to it (orbit-zoom), one turn on the
+    /// spot in the middle of the scene (turn), or a smooth path through the cameras of a file
+    #[arg(long, value_name = PATHS, default_value = "orbit-zoom", conflicts_with = "eye")]
     path: CameraPath,
     /// Picture sizes in pixels
     #[arg(long, value_name = "WxH,...", default_value = "720x720", value_delimiter = ',', value_parser = parse_size)]

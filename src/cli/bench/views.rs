@@ -10,10 +10,14 @@ use crate::camera::{Camera, path};
 use crate::cli::{EyeArgs, SplitArg};
 use crate::scene::{Focus, Gaussians};
 
+/// The camera paths, as the help text names them.
+pub(super) const PATHS: &str = "orbit|orbit-zoom|turn|keyframes:FILE";
+
 /// A camera path as an argument names it.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::cli) enum CameraPath {
     Orbit { zooms: bool },
+    Turn,
     Keyframes(PathBuf),
 }
 
@@ -24,9 +28,10 @@ impl FromStr for CameraPath {
         match text {
             "orbit" => Ok(Self::Orbit { zooms: false }),
             "orbit-zoom" => Ok(Self::Orbit { zooms: true }),
+            "turn" => Ok(Self::Turn),
             _ => match text.strip_prefix("keyframes:") {
                 Some(file) if !file.is_empty() => Ok(Self::Keyframes(file.into())),
-                _ => bail!("expected orbit, orbit-zoom or keyframes:FILE"),
+                _ => bail!("expected orbit, orbit-zoom, turn or keyframes:FILE"),
             },
         }
     }
@@ -41,6 +46,7 @@ pub(in crate::cli) struct Cameras {
 
 enum Source {
     Orbit { zooms: bool },
+    Turn,
     File(Vec<Camera>),
     Keyframes(Vec<Camera>),
     Eye(EyeArgs),
@@ -62,6 +68,10 @@ impl Cameras {
             (Some(file), _) => Self { name: name(file), source: Source::File(read(file)?) },
             (None, CameraPath::Keyframes(file)) => {
                 Self { name: format!("keyframes:{}", name(file)), source: Source::Keyframes(read(file)?) }
+            }
+            (None, CameraPath::Turn) => {
+                split.check_no_file()?;
+                Self { name: "turn".to_owned(), source: Source::Turn }
             }
             (None, CameraPath::Orbit { zooms }) => {
                 split.check_no_file()?;
@@ -93,6 +103,11 @@ impl Cameras {
             Source::Orbit { zooms } => {
                 let focus = Focus::of(gaussians);
                 let views = path::orbit(DVec3::from(focus.centre), focus.radius, *zooms, size, frames);
+                (views, focus.radius as f32 / 100.0)
+            }
+            Source::Turn => {
+                let focus = Focus::of(gaussians);
+                let views = path::turn(DVec3::from(focus.centre), focus.radius, size, frames);
                 (views, focus.radius as f32 / 100.0)
             }
         }

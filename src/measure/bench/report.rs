@@ -30,7 +30,7 @@ pub struct Report {
     /// Most frames of each kind: with two timestamps, with two timestamps per stage, and pipelined. The runs have the
     /// number of those that were measured.
     pub frames: usize,
-    /// Source of the cameras: orbit, orbit-zoom, or a file.
+    /// Source of the cameras: orbit, orbit-zoom, turn, or a file.
     pub path: String,
     /// One run for every scene, size and preset.
     pub runs: Vec<Run>,
