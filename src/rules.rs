@@ -35,7 +35,7 @@ pub struct Rules {
     pub order: Order,
     /// How far from its mean a splat is drawn.
     pub extent: Footprint,
-    /// Contributions below this alpha are skipped.
+    /// Contributions below this alpha are skipped. At least [`LISTED_ALPHA`].
     pub alpha_min: f32,
     /// Largest alpha of a splat at a pixel.
     pub alpha_max: f32,

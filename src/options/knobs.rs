@@ -1,7 +1,7 @@
 //! The table of knobs, which command line, `trade`, panels and documents read.
 
 use super::{Options, Storage};
-use crate::rules::{ALPHA_MIN, Footprint, Order};
+use crate::rules::{ALPHA_MIN, Footprint, LISTED_ALPHA, Order};
 
 /// A value of a knob.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -127,9 +127,9 @@ pub static KNOBS: [Knob; 12] = [
     Knob {
         name: "alpha-min",
         value_name: "ALPHA",
-        help: "Skip contributions below this alpha [default: the preset's, 1/255 in exact]",
+        help: "Skip contributions below this alpha, at least 1e-12 [default: the preset's, 1/255 in exact]",
         group: Group::Rules,
-        kind: Kind::Number { range: [POSITIVE, 1.0], usual: [1e-6, 1.0], is_fraction: true },
+        kind: Kind::Number { range: [LISTED_ALPHA, 1.0], usual: [1e-6, 1.0], is_fraction: true },
         steps: &[
             Value::Number(ALPHA_MIN),
             Value::Number(1.0 / 192.0),
@@ -279,7 +279,7 @@ impl Knob {
         match self.kind {
             Kind::Number { range: [low, high], .. } => match text.parse::<f32>() {
                 Ok(number) if (low..=high).contains(&number) => Ok(Value::Number(number)),
-                _ => Err(match (low > 0.0, high < f32::MAX) {
+                _ => Err(match (low == POSITIVE, high < f32::MAX) {
                     (true, false) => "expected a number above 0".to_owned(),
                     (true, true) => format!("expected a number above 0, at most {high}"),
                     (false, _) => format!("expected a number from {low} to {high}"),

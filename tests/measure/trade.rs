@@ -213,6 +213,7 @@ fn wrong_knobs_and_budgets_are_exit_code_2() {
         &["--min-psnr", "nan"],
         &["--order", "per-pixel"],
         &["--alpha-min", "0"],
+        &["--alpha-min", "1e-13"],
         &["--alpha-min", "1.1"],
         &["--alpha-min", "nan"],
         &["--stop=-0.1"],
