@@ -14,7 +14,7 @@ pub const ALPHA_MIN: f32 = 1.0 / 255.0;
 pub const ALPHA_MAX: f32 = 0.99;
 /// A pixel ends before the splat that would take its transmittance below this.
 pub const TRANSMITTANCE_MIN: f32 = 1e-4;
-/// The alpha down to which splats are listed when a certificate is computed.
+/// The alpha down to which splats are listed when a certificate is computed, and the least of [`Rules::alpha_min`].
 pub const LISTED_ALPHA: f32 = 1e-12;
 /// px^2, added to both diagonal entries of a projected covariance (the low-pass of the original 3DGS).
 pub const LOW_PASS: f64 = 0.3_f32 as f64;
@@ -35,7 +35,7 @@ pub struct Rules {
     pub order: Order,
     /// How far from its mean a splat is drawn.
     pub extent: Footprint,
-    /// Contributions below this alpha are skipped. At least [`LISTED_ALPHA`].
+    /// Contributions below this alpha are skipped.
     pub alpha_min: f32,
     /// Largest alpha of a splat at a pixel.
     pub alpha_max: f32,

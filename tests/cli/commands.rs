@@ -211,7 +211,7 @@ fn render_prints_stages_and_dumps_buffers() {
     let out = path(&folder, "a.png");
     let common = ["render", "cactus:500", "--size", "64x64", "-o", &out, "--timings"];
     let text = ok(&common);
-    for stage in ["project", "count", "offsets", "fill", "sort", "merge", "masks", "blend"] {
+    for stage in ["project", "list", "offsets", "sort", "merge", "masks", "blend"] {
         assert!(text.contains(&format!("\n  {stage} ")), "{text}");
     }
     let text = ok(&[&common[..], &["--portable", "--dump", &dump]].concat());

@@ -71,9 +71,9 @@ fn every_preset_and_every_knob_is_a_row() {
         assert!(text.contains(name), "{name}: {text}");
     }
     let stages = |point: &Value| list(point, "stages").len();
-    assert_eq!(stages(&points[0]), 9);
+    assert_eq!(stages(&points[0]), 7);
     let scaled = points.iter().find(|p| p["name"] == "scale 0.5").unwrap();
-    assert_eq!(stages(scaled), 10, "and an enlargement");
+    assert_eq!(stages(scaled), 8, "and an enlargement");
     assert!(points[0]["from_exact"]["psnr_db"].is_null(), "the exact options draw the exact picture");
     assert!(place(&points[0]).1 > 90.0);
     let is_beaten = |point: &Value| {
