@@ -14,7 +14,7 @@ pub const ALPHA_MIN: f32 = 1.0 / 255.0;
 pub const ALPHA_MAX: f32 = 0.99;
 /// A pixel ends before the splat that would take its transmittance below this.
 pub const TRANSMITTANCE_MIN: f32 = 1e-4;
-/// The alpha down to which splats are listed when a certificate is computed, and the least of [`Rules::alpha_min`].
+/// The alpha down to which splats are listed when a certificate is computed, and the least that `--alpha-min` takes.
 pub const LISTED_ALPHA: f32 = 1e-12;
 /// px^2, added to both diagonal entries of a projected covariance (the low-pass of the original 3DGS).
 pub const LOW_PASS: f64 = 0.3_f32 as f64;

@@ -25,6 +25,10 @@ layout(push_constant, scalar) uniform Push {
     vec3 background;
 } push;
 
+// The largest alpha, divided by ALPHA_MIN. An alpha of 1 is lowered by less than it is rounded: it must not make a
+// transmittance negative.
+#define LARGEST_WEIGHT (min(ALPHA_MAX, 1.0 - 5e-7) / ALPHA_MIN)
+
 const uvec2 BLOCK = uvec2(BLOCK_WIDTH, BLOCK_HEIGHT);
 const uint BLOCK_PIXELS = BLOCK_WIDTH * BLOCK_HEIGHT;
 const uint PIXELS = BLOCK_PIXELS / SUBGROUP;  // pixels of a lane, in one column
@@ -199,7 +203,7 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
                     }
                     // The comparison is false for NaN, which is not drawn.
                     float weight = exponent >= 0.0 ? exp2(exponent) : 0.0;
-                    if (HAS_CLAMPED_ALPHAS) weight = min(ALPHA_MAX / ALPHA_MIN, weight);
+                    if (HAS_CLAMPED_ALPHAS) weight = min(LARGEST_WEIGHT, weight);
                     weights[j][k] = weight;
                 }
             }
@@ -246,8 +250,7 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
 
 // The transmittance of a pixel that goes on with `live`: 1 exactly where no splat was drawn.
 float transmittance_of(float live) {
-    precise float opacity = (ALPHA_MIN - live) / ALPHA_MIN;
-    return 1.0 - opacity;
+    return live == ALPHA_MIN ? 1.0 : live / ALPHA_MIN;
 }
 
 float final_transmittance(uint k) {

@@ -32,8 +32,10 @@ void main() {
         uint begin = min(round + stretch * gl_SubgroupID, words), end = min(begin + stretch, words);
         for (uint k = 0; k < PIXELS; k++) begin_pixel(k, in_front[k] >= last_transmittance() ? 1.0 : 0.0);
         blend_words(bin, block, begin, end);
+        float through[PIXELS];
         for (uint k = 0; k < PIXELS; k++) {
-            passed[gl_SubgroupID * BLOCK_PIXELS + k * SUBGROUP + gl_SubgroupInvocationID] = transmittance_of(live[k]);
+            through[k] = transmittance_of(live[k]);
+            passed[gl_SubgroupID * BLOCK_PIXELS + k * SUBGROUP + gl_SubgroupInvocationID] = through[k];
         }
         barrier();
         float start[PIXELS];
@@ -44,8 +46,7 @@ void main() {
                 if (s == gl_SubgroupID) start[k] = in_front[k];
                 in_front[k] *= passed[s * BLOCK_PIXELS + k * SUBGROUP + gl_SubgroupInvocationID];
             }
-            bool begins = start[k] >= last_transmittance();
-            bool ends_here = start[k] * transmittance_of(live[k]) < last_transmittance();
+            bool begins = start[k] >= last_transmittance(), ends_here = start[k] * through[k] < last_transmittance();
             if (begins && !ends_here) total[k] = fma(vec3(start[k]), colour[k], total[k]);
             if (!(begins && ends_here)) start[k] = 0.0;
             ends = ends || start[k] > 0.0;

@@ -9,8 +9,8 @@
 // One workgroup in all: finds where the sorted entries of each bin go, and sets the dispatches over runs, stretches
 // and blocks.
 // Before: counters and listed_in_bins from project and list. After: these are 0 again, for the next frame; bins,
-// bin_order, run_bins, stretch_bins, the dispatches and totals are set. If the demand exceeds the capacity, all lists
-// are empty.
+// bin_order, run_bins, stretch_bins, the dispatches and totals are set. If the demand exceeds the capacity, or a list is
+// longer than the recorded merges sort, all lists are empty.
 
 layout(binding = 0, scalar) writeonly buffer TotalsBlock { Totals totals; };
 layout(binding = 1, scalar) buffer ListedInBins { uint listed_in_bins[]; };                 // [bins]
@@ -24,6 +24,7 @@ layout(push_constant, scalar) uniform Push {
     uint bins;
     uint visible_capacity;
     uint entry_capacity;
+    uint longest_list;  // that the merges of this frame sort
 } push;
 
 const uint CLASSES = 124;  // classes of lists by their length, the longest first
@@ -44,24 +45,26 @@ void main() {
     if (lane() == 0) longest = 0;
     if (lane() < CLASSES) class_sizes[lane()] = 0;
     FastCounters demand = counters;
-    bool fits = demand.listed_high == 0 && demand.listed_low <= push.entry_capacity;
     // Each lane handles consecutive bins, so that entries lie in the order of the bins.
     uint each = div_up(push.bins, WORKGROUP), begin = min(lane() * each, push.bins), own = min(each, push.bins - begin);
     uint counts[MAX_EACH], ranks[MAX_EACH];
     [[unroll]] for (uint k = 0; k < MAX_EACH; k++) counts[k] = k < own ? listed_in_bins[begin + k] : 0;
     [[unroll]] for (uint k = 0; k < MAX_EACH; k++) if (k < own) listed_in_bins[begin + k] = 0;
-    barrier();  // also: all lanes have the counters
-    uvec3 mine = uvec3(0);  // entries, runs, stretches
+    memoryBarrierBuffer();  // all lanes have the counters before they are set to 0
+    barrier();
     uint most = 0;
+    [[unroll]] for (uint k = 0; k < MAX_EACH; k++) most = max(most, counts[k]);
+    most = subgroupMax(most);
+    if (subgroupElect()) atomicMax(longest, most);  // a maximum: order does not matter
+    barrier();
+    bool fits = demand.listed_high == 0 && demand.listed_low <= push.entry_capacity && longest <= push.longest_list;
+    uvec3 mine = uvec3(0);  // entries, runs, stretches
     [[unroll]] for (uint k = 0; k < MAX_EACH; k++) {
-        most = max(most, counts[k]);
         if (!fits) counts[k] = 0;
         mine += uvec3(counts[k], div_up(counts[k], BIN_RUN), div_up(counts[k], BIN_STRETCH));
         // Any order within a class is right: it decides when a bin is drawn, not what it shows.
         if (k < own) ranks[k] = atomicAdd(class_sizes[class_of(counts[k])], 1);
     }
-    most = subgroupMax(most);
-    if (subgroupElect()) atomicMax(longest, most);  // a maximum: order does not matter
     barrier();
     uvec4 all, before = workgroup_exclusive_add(uvec4(mine, lane() < CLASSES ? class_sizes[lane()] : 0), all);
     if (lane() < CLASSES) class_begins[lane()] = before.w;

@@ -52,10 +52,10 @@ pub fn count_bins(span_ranges: &[[u32; 2]], spans: &[u32], bins_x: u32, bins: us
 }
 
 /// The place of every bin's list among `capacity` entries, in runs of `run` and stretches of `stretch` entries. Nothing
-/// is listed if the capacity is not enough.
-pub fn bin_offsets(counts: &[u32], capacity: u32, run: u32, stretch: u32) -> BinOffsets {
+/// is listed if the capacity is not enough or a list is longer than `longest`.
+pub fn bin_offsets(counts: &[u32], capacity: u32, longest: u32, run: u32, stretch: u32) -> BinOffsets {
     let demand = counts.iter().map(|count| u64::from(*count)).sum();
-    let fits = demand <= u64::from(capacity);
+    let fits = demand <= u64::from(capacity) && counts.iter().all(|count| *count <= longest);
     let (mut run_bins, mut stretch_bins, mut first) = (Vec::new(), Vec::new(), 0_u32);
     let place = |(bin, listed): (usize, &u32)| {
         let count = if fits { *listed } else { 0 };

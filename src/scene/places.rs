@@ -96,7 +96,7 @@ fn is_window(point: DVec3) -> bool {
 fn furniture(random: &mut Random) -> Patch {
     const PIECES: usize = 34;
     let number = (random.unit() * PIECES as f64) as usize;
-    let mut piece = Random::of(usize::MAX - number);
+    let mut piece = Random::of((1 << 31) + number); // beyond the Gaussians
     let half = dvec3(0.2 + 0.5 * piece.unit(), 0.15 + 0.6 * piece.unit().powi(2), 0.2 + 0.4 * piece.unit());
     let angle = TAU * number as f64 / PIECES as f64;
     // Nothing stands in the middle, where the camera is.

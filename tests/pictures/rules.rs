@@ -1,6 +1,6 @@
 //! The rules of the picture: with each, the GPU agrees with the reference, and not with the reference of other rules.
 
-use crate::common::agree::{GREEN, RED, ahead, ball};
+use crate::common::agree::{GREEN, RED, agrees_by, ahead, ball};
 use crate::common::cloud::{camera, cloud};
 use crate::common::free::{Free, build};
 use crate::common::{Comparison, Gpu, ROUNDING, Random, compare, gaussians};
@@ -194,4 +194,21 @@ fn the_order_by_distance_stays_as_the_camera_turns() {
     };
     assert_eq!([-0.4, 0.4].map(|turn| red_is_in_front(turn, Order::Distance)), [true, true]);
     assert_eq!([-0.4, 0.4].map(|turn| red_is_in_front(turn, Order::Depth)), [false, true]);
+}
+
+/// Without a clamp an alpha may be 1: the splat that makes a pixel opaque is drawn, whatever lies in front of it.
+#[test]
+fn a_splat_of_alpha_one_is_drawn_and_hides_all_behind_it() {
+    let rules = Rules { alpha_max: 1.0, transmittance_min: 0.0, ..Rules::TRAINED };
+    let options = Options { rules, ..Options::EXACT };
+    for layers in 0..16 {
+        let faint = (0..layers).map(|i| (ball([0.0, 0.0, 2.0 + 0.01 * f64::from(i)], 3.0, 0.07), GREEN));
+        // Its opacity is 1 in f32, its mean on the centre of the middle pixel.
+        let opaque = (ball([0.0, 0.0, 4.0], 1.0, 1.0 - 1e-9), RED);
+        let behind = (ball([0.0, 0.0, 5.0], 3.0, 0.9), [0.0, 0.0, 1.0]);
+        let scene = gaussians(&faint.chain([opaque, behind]).collect::<Vec<_>>());
+        let picture = agrees_by(&options, "alpha 1", &scene, &ahead([9, 9], 20.0));
+        let [red, _, blue, alpha] = picture.rgba[4 * 9 + 4];
+        assert!(red > 0.2 && blue < 1e-6 && alpha > 1.0 - 1e-6, "{layers} layers: {red} {blue} {alpha}");
+    }
 }

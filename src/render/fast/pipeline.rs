@@ -210,12 +210,12 @@ impl FastPipeline {
         vec![
             // Bounds of all Gaussians in, the rest of those that are visible; splat, id, key and spans out.
             ("project", bounds * gaussians + visible * (scene.bytes_each() - bounds + splat + id + key) + walk),
-            // Counts of all bins, the starts of shares, the splat of every entry out.
-            ("list", walk + 4 * bins + shares + id * entries),
+            // The starts of shares, the splat of every entry out.
+            ("list", walk + shares + id * entries),
             // Counts in; zeros in their place, bins, their order, the dispatches out.
             ("offsets", bins * (4 + 4 + size_of::<Bin>() as u64 + 4) + size_of::<FastDispatches>() as u64),
-            // The starts of shares, the splats of entries and depth keys in, each key once; the splats out again.
-            ("sort", shares + (id + id) * entries + key * visible),
+            // The splats of entries and depth keys in, each key once; the splats out again.
+            ("sort", (id + id) * entries + key * visible),
             ("merge", (8 + 4) * merged),
             // Splat ids and the shapes of splats in; a word of block masks per entry out.
             ("masks", (id + 4) * entries + 32 * visible),
@@ -288,6 +288,7 @@ impl FastPipeline {
             bins: grid.count(),
             visible_capacity: work.visible_capacity(),
             entry_capacity: work.entry_capacity(),
+            longest_list: work.longest_list(),
         };
         cmd.dispatch(&self.offsets, bindings, push, DispatchSize::Groups(1));
     }

@@ -92,11 +92,13 @@ impl FastWorkspace {
             splat_ids: words("splat ids", entries)?,
             splat_elements,
         };
-        let mut cmd = Commands::new(device)?;
-        cmd.fill(&work.totals, 0);
-        cmd.fill(&work.counters, 0);
-        cmd.fill(&work.listed_in_bins, 0);
-        drop(cmd.submit()?);
+        if capacity.cells > 0 {
+            let mut cmd = Commands::new(device)?;
+            cmd.fill(&work.totals, 0);
+            cmd.fill(&work.counters, 0);
+            cmd.fill(&work.listed_in_bins, 0);
+            drop(cmd.submit()?);
+        }
         Ok(work)
     }
 
