@@ -9,8 +9,8 @@
 // One workgroup in all: finds where the sorted entries of each bin go, and sets the dispatches over runs, stretches
 // and blocks.
 // Before: counters and listed_in_bins from project and list. After: these are 0 again, for the next frame; bins,
-// bin_order, run_bins, stretch_bins, the dispatches and totals are set. If the demand exceeds the capacity, or a list is
-// longer than the recorded merges sort, all lists are empty.
+// bin_order, run_bins, stretch_bins, the dispatches and totals are set. If the demand exceeds the capacity, or a list
+// is longer than the recorded merges sort, all lists are empty.
 
 layout(binding = 0, scalar) writeonly buffer TotalsBlock { Totals totals; };
 layout(binding = 1, scalar) buffer ListedInBins { uint listed_in_bins[]; };                 // [bins]

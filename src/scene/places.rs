@@ -48,6 +48,10 @@ pub fn plain(count: usize) -> Result<Scene, OutOfMemory> {
     scene_of("plain", &PLAIN_PARTS, count, |_| 1.0)
 }
 
+/// How rough surfaces are, world units. On an exact plane that a camera faces, depths would be equal but for rounding,
+/// and with them the order of splats undefined.
+const ROUGHNESS: f64 = 0.004;
+
 /// A point on the inside or outside of a box around the origin, and the normal there. `inward`: 1 or -1.
 fn on_box(random: &mut Random, half: DVec3, inward: f64) -> (DVec3, DVec3) {
     let areas = [half.y * half.z, half.x * half.z, half.x * half.y];
@@ -84,6 +88,7 @@ fn shell(random: &mut Random) -> Patch {
         dvec3(0.74, 0.70, 0.58).lerp(dvec3(0.60, 0.66, 0.58), 0.5 + 0.5 * stripe.signum() * stripe.abs().sqrt())
     };
     let grain = if normal.y.abs() > 0.5 { DVec3::X } else { DVec3::Y };
+    let point = point + ROUGHNESS * random.normal() * normal;
     Patch { point, normal, grain, albedo, shape: dvec3(1.4, 0.7, 0.08), is_lit: true }
 }
 
@@ -106,7 +111,7 @@ fn furniture(random: &mut Random) -> Patch {
     let (on, normal) = on_box(random, half, -1.0);
     let shelf = if normal.y == 0.0 && (on.y / 0.16).rem_euclid(1.0) < 0.12 { 0.5 } else { 1.0 };
     Patch {
-        point: place + on + DVec3::Y * (ROOM.y - half.y),
+        point: place + on + DVec3::Y * (ROOM.y - half.y) + ROUGHNESS * random.normal() * normal,
         normal,
         grain: if normal.y == 0.0 { DVec3::Y } else { DVec3::X },
         albedo: colour * shelf * (1.0 + 0.05 * random.normal()),
