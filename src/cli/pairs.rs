@@ -4,6 +4,7 @@
 use clap::{Arg, Command};
 
 use super::arguments::{command, parse};
+use super::bench::PATHS;
 
 /// The options of a command, and pairs that are refused: options, and those that have no effect together with them. All
 /// other pairs have an effect together.
@@ -129,7 +130,7 @@ fn sample(arg: &Arg) -> String {
         "SHAPE" => "sphere=0,0,0,1",
         "3|4" => "3",
         "8..32" | "FRAMES" => "8",
-        "orbit|orbit-zoom|turn|keyframes:FILE" => "orbit",
+        PATHS => "orbit",
         name if name.contains("FILE") || name.contains("DIR") => return format!("{}.json", arg.get_id()),
         _ => "1",
     }

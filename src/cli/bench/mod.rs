@@ -24,8 +24,7 @@ use crate::reference;
 use crate::render::{GpuScene, Renderer};
 use crate::rules::{Background, Rules};
 use crate::scene::{Gaussians, Requirements, Scene, Unreadable};
-use views::PATHS;
-pub(super) use views::{CameraPath, Cameras};
+pub(super) use views::{CameraPath, Cameras, PATHS};
 
 /// Measure the speed of rendering: whole frames, every stage, counts, memory
 #[derive(clap::Args)]

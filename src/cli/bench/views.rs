@@ -11,7 +11,7 @@ use crate::cli::{EyeArgs, SplitArg};
 use crate::scene::{Focus, Gaussians};
 
 /// The camera paths, as the help text names them.
-pub(super) const PATHS: &str = "orbit|orbit-zoom|turn|keyframes:FILE";
+pub(in crate::cli) const PATHS: &str = "orbit|orbit-zoom|turn|keyframes:FILE";
 
 /// A camera path as an argument names it.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,12 +45,14 @@ pub(in crate::cli) struct Cameras {
 }
 
 enum Source {
-    Orbit { zooms: bool },
-    Turn,
+    Scripted(Script),
     File(Vec<Camera>),
     Keyframes(Vec<Camera>),
     Eye(EyeArgs),
 }
+
+/// Makes a path from the centre and the radius of a scene, the picture size and the number of views.
+type Script = fn(DVec3, f64, [u32; 2], usize) -> Vec<Camera>;
 
 impl Cameras {
     /// Reads the views of `split` from a camera file if there is one, else follows `path`. Cameras whose size is
@@ -69,14 +71,14 @@ impl Cameras {
             (None, CameraPath::Keyframes(file)) => {
                 Self { name: format!("keyframes:{}", name(file)), source: Source::Keyframes(read(file)?) }
             }
-            (None, CameraPath::Turn) => {
+            (None, CameraPath::Orbit { .. } | CameraPath::Turn) => {
                 split.check_no_file()?;
-                Self { name: "turn".to_owned(), source: Source::Turn }
-            }
-            (None, CameraPath::Orbit { zooms }) => {
-                split.check_no_file()?;
-                let name = if *zooms { "orbit-zoom" } else { "orbit" };
-                Self { name: name.to_owned(), source: Source::Orbit { zooms: *zooms } }
+                let (name, script): (_, Script) = match path {
+                    CameraPath::Turn => ("turn", path::turn),
+                    CameraPath::Orbit { zooms: true } => ("orbit-zoom", |c, r, s, n| path::orbit(c, r, true, s, n)),
+                    _ => ("orbit", |c, r, s, n| path::orbit(c, r, false, s, n)),
+                };
+                Self { name: name.to_owned(), source: Source::Scripted(script) }
             }
         })
     }
@@ -100,14 +102,9 @@ impl Cameras {
                 let (camera, nearest) = eye.camera(gaussians, size).unzip();
                 (camera.into_iter().collect(), nearest.unwrap_or(f32::INFINITY))
             }
-            Source::Orbit { zooms } => {
+            Source::Scripted(script) => {
                 let focus = Focus::of(gaussians);
-                let views = path::orbit(DVec3::from(focus.centre), focus.radius, *zooms, size, frames);
-                (views, focus.radius as f32 / 100.0)
-            }
-            Source::Turn => {
-                let focus = Focus::of(gaussians);
-                let views = path::turn(DVec3::from(focus.centre), focus.radius, size, frames);
+                let views = script(DVec3::from(focus.centre), focus.radius, size, frames);
                 (views, focus.radius as f32 / 100.0)
             }
         }
