@@ -106,6 +106,14 @@ fn bench_reports_frames_stages_counts_and_memory() {
     assert!(text.contains("SH degree 3, fast path") && text.contains("SH degree 3, portable path"), "{text}");
 }
 
+/// A device whose loops end after some rounds draws such views on the portable path, after an attempt on the fast one.
+#[test]
+fn views_that_always_need_a_second_attempt_are_measured() {
+    let args = ["bench", "many-small:100000", "--path", "orbit", "--size", "16x16", "--warmup", "0", "--frames", "2"];
+    let text = ok(&args);
+    assert!(text.contains("longest list 100000"), "{text}");
+}
+
 #[test]
 fn bench_reports_how_it_warmed_up() {
     let folder = tempfile::tempdir().unwrap();

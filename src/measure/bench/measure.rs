@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 
 use super::bandwidth::copy_gb_s;
 use super::clocks::ClockProbe;
@@ -174,17 +174,23 @@ impl Bench {
     ) -> Result<Vec<Measured>> {
         renderer.set_timestamps(timestamps);
         self.warm_up(renderer, views, warm_up)?;
-        let frame = |i: usize| loop {
+        let frame = |i: usize| {
             let view = &views[i % views.len()];
-            let started = Instant::now();
-            let frame = renderer.render(view, Background::BLACK)?;
-            // A frame that had to grow its buffers is drawn again: it differs from those after it.
-            if frame.attempts == 1 {
-                let wall_ms = started.elapsed().as_secs_f64() * 1e3;
-                tick();
-                let least_bytes = renderer.least_bytes(&frame.totals, view);
-                return Ok(Measured { frame, wall_ms, path: renderer.path(), least_bytes });
+            let timed = |renderer: &mut Renderer| -> Result<(Frame, f64)> {
+                let started = Instant::now();
+                let frame = renderer.render(view, Background::BLACK)?;
+                Ok((frame, started.elapsed().as_secs_f64() * 1e3))
+            };
+            let mut measured = timed(renderer)?;
+            // A frame that had to grow its buffers is drawn again: it differs from those after it. If it needs a second
+            // attempt even then, because its lists are too long for the fast path, that is its cost.
+            if measured.0.attempts > 1 {
+                measured = timed(renderer)?;
             }
+            let (frame, wall_ms) = measured;
+            tick();
+            let least_bytes = renderer.least_bytes(&frame.totals, view);
+            Ok(Measured { frame, wall_ms, path: renderer.path(), least_bytes })
         };
         (0..self.protocol.frames).map(frame).collect()
     }
@@ -213,12 +219,16 @@ impl Bench {
         let mut queue = VecDeque::new();
         for i in 0..count + IN_FLIGHT {
             if i < count {
-                queue.push_back(renderer.start(&views[i % views.len()], Background::BLACK)?);
+                let view = &views[i % views.len()];
+                queue.push_back((view, renderer.start(view, Background::BLACK)?));
             }
             if i >= IN_FLIGHT - 1
-                && let Some(oldest) = queue.pop_front()
+                && let Some((view, oldest)) = queue.pop_front()
             {
-                ensure!(renderer.finish(oldest)?, "a frame needs more memory than the same frame before");
+                // Lists that are too long for the fast path take a second attempt.
+                if !renderer.finish(oldest)? {
+                    renderer.render(view, Background::BLACK)?;
+                }
                 tick();
             }
         }
