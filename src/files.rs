@@ -6,9 +6,11 @@ mod place;
 mod regular;
 mod set;
 
+use std::cell::Cell;
 use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Error, Result, anyhow, ensure};
 
@@ -20,6 +22,23 @@ use place::Place;
 
 /// The writer of a file.
 pub type Writer<'f> = BufWriter<Watched<'f>>;
+
+thread_local! {
+    static IN_WRITES: Cell<Duration> = const { Cell::new(Duration::ZERO) };
+}
+
+/// The time that this thread has spent in writing files, as opposed to making their content.
+pub fn time_in_writes() -> Duration {
+    IN_WRITES.get()
+}
+
+/// Adds the time of `write` to [`time_in_writes`].
+fn timed<T>(write: impl FnOnce() -> T) -> T {
+    let started = Instant::now();
+    let outcome = write();
+    IN_WRITES.set(IN_WRITES.get() + started.elapsed());
+    outcome
+}
 
 /// A file that remembers why writing failed. Encoders wrap the reason in texts of their own.
 pub struct Watched<'f> {
@@ -55,10 +74,10 @@ pub fn write_checked<T>(
 ) -> Result<T> {
     let attempt = || -> Result<T> {
         let place = Place::of(path)?;
-        let part = place.part(ending)?;
+        let part = timed(|| place.part(ending))?;
         fill(part.file(), write)?;
         let found = check(part.path())?;
-        place.take(part)?;
+        timed(|| place.take(part))?;
         Ok(found)
     };
     attempt().with_context(|| cannot_write(path))
@@ -179,7 +198,7 @@ impl Watched<'_> {
 
 impl Write for Watched<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let outcome = self.file.write(bytes);
+        let outcome = timed(|| self.file.write(bytes));
         self.noted(outcome)
     }
 

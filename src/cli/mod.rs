@@ -6,6 +6,7 @@ mod budget;
 mod cameras;
 mod compare;
 mod convert;
+mod devices;
 mod doctor;
 mod dump;
 pub mod environment;
@@ -31,16 +32,17 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, bail, ensure};
-use clap::builder::{NonEmptyStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
-use clap::{Args, Parser, Subcommand};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Parser, Subcommand};
 
 use crate::camera::MAX_SIDE;
-use crate::gpu::{Device, DeviceChoice, Unavailable, Validation};
+use crate::gpu::{Device, Unavailable};
 use crate::host_memory::OutOfMemory;
 use crate::measure::trade::Unmeetable;
 use crate::scene::Unreadable;
 use budget::BudgetArgs;
 use cameras::{EyeArgs, FilmArgs, Numbered, SplitArg, named_or_found};
+use devices::{DeviceArgs, DevicesArgs};
 use environment::Environment;
 use knobs::Knobs;
 use scenes::{ReadingArgs, SceneArg};
@@ -74,29 +76,6 @@ enum Command {
     Compare(compare::Args),
     Trade(trade::Args),
     Doctor(doctor::Args),
-}
-
-/// The choice of a device.
-#[derive(Args)]
-struct DeviceArgs {
-    /// Vulkan device: its number in the list of `smalto doctor`, or a part of its name [default: the fastest kind]
-    #[arg(long, value_name = "INDEX|NAME", value_parser = NonEmptyStringValueParser::new())]
-    device: Option<String>,
-}
-
-impl DeviceArgs {
-    fn open(&self) -> Result<Device> {
-        let (choice, validation) = self.choice()?;
-        Device::open(&choice, validation)?.with_shaders(Environment::read()?.shaders.as_deref())
-    }
-
-    /// The device and whether it is validated, from these arguments and the environment.
-    fn choice(&self) -> Result<(DeviceChoice, Validation)> {
-        let environment = Environment::read()?;
-        let choice = self.device.as_deref().map_or(environment.device, DeviceChoice::from);
-        let default = if cfg!(debug_assertions) { Validation::IfInstalled } else { Validation::Off };
-        Ok((choice, environment.validation.unwrap_or(default)))
-    }
 }
 
 /// A report is written to standard output, so nothing else is printed there.

@@ -31,8 +31,19 @@ impl Bar {
         }
     }
 
+    /// Shows the completed fraction, how many of the `things` are completed in a second, and an estimate of the time
+    /// left.
+    pub fn set_counted(&self, done: usize, all: usize, things: &str) {
+        let rate = done as f64 / self.started.elapsed().as_secs_f64();
+        self.show(done as f64 / all as f64, &format!(", {rate:.1} {things}/s"));
+    }
+
     /// Shows the completed fraction and an estimate of the time left.
     pub fn set(&self, fraction: f64) {
+        self.show(fraction, "");
+    }
+
+    fn show(&self, fraction: f64, rate: &str) {
         let elapsed = self.started.elapsed();
         if self.is_terminal && elapsed > PATIENCE {
             let bar = self.bar.get_or_init(|| {
@@ -40,9 +51,9 @@ impl Bar {
                 let style = style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> ");
                 ProgressBar::new(1000).with_style(style).with_message(self.label.clone())
             });
-            bar.set_prefix(left(elapsed, fraction));
+            bar.set_prefix(rate.to_owned() + &left(elapsed, fraction));
             bar.set_position((fraction * 1000.0) as u64);
-        } else if let Some(line) = self.lines.next(&self.label, elapsed, fraction).filter(|_| !self.is_terminal) {
+        } else if let Some(line) = self.lines.next(&self.label, elapsed, fraction, rate).filter(|_| !self.is_terminal) {
             remark(&line);
         }
     }
@@ -66,12 +77,12 @@ impl Lines {
     const EVERY: Duration = Duration::from_secs(10);
 
     /// The line that is due after `elapsed`, if any.
-    fn next(&self, label: &str, elapsed: Duration, fraction: f64) -> Option<String> {
+    fn next(&self, label: &str, elapsed: Duration, fraction: f64, rate: &str) -> Option<String> {
         if elapsed < self.last.get() + Self::EVERY {
             return None;
         }
         self.last.set(elapsed);
-        Some(format!("{label}: {:.0} %{}", fraction * 100.0, left(elapsed, fraction)))
+        Some(format!("{label}: {:.0} %{rate}{}", fraction * 100.0, left(elapsed, fraction)))
     }
 }
 
@@ -92,7 +103,7 @@ mod tests {
     #[test]
     fn without_a_terminal_there_is_a_line_every_ten_seconds() {
         let lines = Lines::default();
-        let at = |seconds: u64, fraction: f64| lines.next("choosing", Duration::from_secs(seconds), fraction);
+        let at = |seconds: u64, fraction: f64| lines.next("choosing", Duration::from_secs(seconds), fraction, "");
         assert_eq!(at(0, 0.0), None);
         assert_eq!(at(9, 0.3), None);
         assert_eq!(at(12, 0.4).as_deref(), Some("choosing: 40 %, 18 s left"));

@@ -13,6 +13,7 @@ use super::commands::Commands;
 use super::hazards::Access;
 use super::image::{Image, Texture, WHOLE};
 use super::resource::Resource;
+use super::staging::Staging;
 use super::submission::Readback;
 
 const LAYER: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers {
@@ -36,17 +37,34 @@ impl Commands {
         self.reads(image.resource(), "read back", Access::COPY_READ);
         let pixels = width as usize * rows.len();
         let staging = self.readback_storage(pixels as u64 * 16)?;
+        self.copy_rows(image, &staging, rows);
+        Ok(Readback::new(staging, pixels, self.recording))
+    }
+
+    /// Copies all pixels of an image of floats to the host, row by row without gaps: four words each. They are there
+    /// after the wait.
+    ///
+    /// # Panics
+    /// If there are fewer words.
+    pub fn download_pixels(&mut self, image: &Image, to: &Staging<u32>) {
+        let [width, height] = image.size();
+        assert!(to.len() >= width as usize * height as usize * 4, "the pixels of `{}` fit", image.texture.name);
+        self.reads(image.resource(), "download", Access::COPY_READ);
+        self.has_readbacks = true;
+        self.copy_rows(image, to.storage(), 0..height);
+    }
+
+    /// Copies rows of an image to a buffer that holds at least as many pixels.
+    fn copy_rows(&mut self, image: &Image, to: &Arc<Storage>, rows: Range<u32>) {
         let region = vk::BufferImageCopy::default()
             .image_subresource(LAYER)
             .image_offset(vk::Offset3D { x: 0, y: rows.start as i32, z: 0 })
-            .image_extent(vk::Extent3D { width, height: rows.len() as u32, depth: 1 });
+            .image_extent(vk::Extent3D { width: image.size()[0], height: rows.len() as u32, depth: 1 });
         self.keep(image.resource());
-        // SAFETY: clauses 2 and 4; the image is in GENERAL and the staging buffer holds exactly these rows.
-        unsafe {
-            let (from, to) = (image.texture.raw, staging.raw);
-            self.device.0.raw.cmd_copy_image_to_buffer(self.raw(), from, vk::ImageLayout::GENERAL, to, &[region]);
-        }
-        Ok(Readback::new(staging, pixels, self.recording))
+        self.keep(Resource::Buffer(to));
+        let (from, layout) = (image.texture.raw, vk::ImageLayout::GENERAL);
+        // SAFETY: clauses 2 and 4; the image is in GENERAL, and callers checked that the buffer holds the rows.
+        unsafe { self.device.0.raw.cmd_copy_image_to_buffer(self.raw(), from, layout, to.raw, &[region]) };
     }
 
     /// Writes all pixels of an image of floats, row by row.
@@ -104,17 +122,7 @@ impl Commands {
         self.reads(image.resource(), "read back", Access::COPY_READ);
         let pixels = width as usize * height as usize;
         let staging = self.readback_storage(pixels as u64 * 4)?;
-        let region = vk::BufferImageCopy::default().image_subresource(LAYER).image_extent(vk::Extent3D {
-            width,
-            height,
-            depth: 1,
-        });
-        self.keep(image.resource());
-        // SAFETY: clauses 2 and 4; the image is in GENERAL and the staging buffer holds exactly its pixels.
-        unsafe {
-            let (from, to) = (image.texture.raw, staging.raw);
-            self.device.0.raw.cmd_copy_image_to_buffer(self.raw(), from, vk::ImageLayout::GENERAL, to, &[region]);
-        }
+        self.copy_rows(image, &staging, 0..height);
         Ok(Readback::new(staging, pixels, self.recording))
     }
 

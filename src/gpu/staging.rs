@@ -41,6 +41,10 @@ impl<T: Element> Staging<T> {
         self.len == 0
     }
 
+    pub(super) fn storage(&self) -> &Arc<Storage> {
+        &self.storage
+    }
+
     /// The elements.
     ///
     /// # Panics

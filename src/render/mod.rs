@@ -11,11 +11,13 @@ mod frame;
 mod gpu_scene;
 mod inspect;
 mod layout;
+mod pack;
 mod portable;
 mod readback;
 mod renderer;
 #[doc(hidden)]
 pub mod shaders;
+mod stream;
 mod trial;
 mod upscale;
 
@@ -34,6 +36,8 @@ pub use inspect::{Compare, Display, Picture, Quantity, Scale, false_colour, uplo
 #[doc(hidden)]
 pub use layout::{Layout, Packing};
 #[doc(hidden)]
+pub use pack::Packer;
+#[doc(hidden)]
 pub use portable::{Pairs, PortablePipeline, PortableWorkspace, RadixSort, SortRange, SortScratch};
 pub(crate) use readback::read_pixels;
 pub use renderer::{Frame, Renderer};
@@ -42,3 +46,5 @@ pub use renderer::{Recorded, Started};
 #[doc(hidden)]
 pub use shaders::Splat;
 pub use shaders::Totals;
+#[doc(hidden)]
+pub use stream::{Finished, Form, HostFrame, Stream, Streamed, Wanted};

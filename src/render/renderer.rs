@@ -157,11 +157,19 @@ impl Renderer {
         match &mut self.inspector {
             inspector if is_ordinary => *inspector = None,
             Some(inspector) if inspector.inspection.look == inspection.look => inspector.inspection = inspection,
-            inspector => {
-                *inspector = Some(Inspector::new(&self.device, &self.options, self.scene.layout(), inspection)?);
-            }
+            _ => self.inspector = Some(self.inspector(inspection)?),
         }
         Ok(())
+    }
+
+    /// The pipelines of an inspection of this scene.
+    pub(super) fn inspector(&self, inspection: Inspection) -> Result<Inspector> {
+        Inspector::new(&self.device, &self.options, self.scene.layout(), inspection)
+    }
+
+    /// The image that frames are drawn into.
+    pub(super) fn image(&self) -> &Image {
+        &self.image
     }
 
     /// Makes all frames from now on count their work, which takes longer, or not. Counting takes the portable path.
@@ -257,6 +265,17 @@ impl Renderer {
     /// # Errors
     /// If device memory runs out.
     pub fn record(&mut self, cmd: &mut Commands, camera: &Camera, background: Background) -> Result<Recorded> {
+        self.record_inspected(cmd, camera, background, None)
+    }
+
+    /// As [`Renderer::record`], with another inspector than the renderer's own, if any.
+    pub(super) fn record_inspected(
+        &mut self,
+        cmd: &mut Commands,
+        camera: &Camera,
+        background: Background,
+        inspector: Option<&Inspector>,
+    ) -> Result<Recorded> {
         fit(&self.device, &mut self.image, "image", camera.size_px)?;
         let number = self.last.as_ref().map_or(0, |last| last.number + 1);
         self.last = Some(Last { number, camera: camera.clone(), background, has_tile_lists: false });
@@ -267,7 +286,7 @@ impl Renderer {
         if let Some(upscaler) = &mut self.upscaler {
             fit(&self.device, &mut upscaler.drawn, "drawn image", camera.size_px)?;
         }
-        let inspector = self.inspector.as_ref();
+        let inspector = inspector.or(self.inspector.as_ref());
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some();
         self.drawn = self.choice.prepare(&self.device, self.scene.len(), camera.size_px, needs_tile_lists)?;
         cmd.scope("frame", |cmd| {

@@ -4,6 +4,7 @@
 mod common;
 
 mod commands;
+mod films;
 mod knobs;
 #[cfg(unix)]
 mod outputs;

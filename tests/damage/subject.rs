@@ -8,7 +8,7 @@ use crate::common::program::ok;
 use crate::common::table::fixture;
 use smalto::camera::{self, NamedCamera, Timeline};
 use smalto::measure::bench;
-use smalto::pixels::{FileKind, Pixels};
+use smalto::pixels::{Compression, FileKind, Pixels};
 use smalto::scene::{self, Unreadable};
 
 /// Reads a file; the error is what the commands print.
@@ -152,7 +152,7 @@ fn others(subjects: &mut Subjects) {
     let picture = Pixels { size: [5, 4], rgba: vec![[0.25, 0.5, 0.75, 1.0]; 20] };
     for (name, kind) in [("a.png", FileKind::Png), ("a.exr", FileKind::Exr), ("a.npy", FileKind::Npy)] {
         let path = subjects.folder.join(name);
-        picture.write_as(kind, &path, false).unwrap();
+        picture.write_as(kind, Compression::Fast, &path, false).unwrap();
         subjects.file(name, fs::read(path).unwrap(), Change::Bytes, image);
     }
     let path = subjects.folder.join("report.json");

@@ -9,7 +9,7 @@ use crate::common::program::{fails, ok, path, smalto};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use serde_json::Value;
-use smalto::pixels::{FileKind, Pixels, Plane};
+use smalto::pixels::{self, FileKind, Pixels, Plane};
 
 const SIZE: [u32; 2] = [16, 12];
 
@@ -42,7 +42,7 @@ fn plane(folder: &tempfile::TempDir, name: &str, value: f32, first: f32) -> Stri
     let mut values = vec![value; 16 * 12];
     values[0] = first;
     let kind = FileKind::of(Path::new(&file)).unwrap();
-    Plane { size: SIZE, values }.write_as(kind, Path::new(&file)).unwrap();
+    Plane { size: SIZE, values }.write_as(kind, pixels::Compression::Fast, Path::new(&file)).unwrap();
     file
 }
 

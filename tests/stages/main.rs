@@ -9,6 +9,7 @@ mod fast_input;
 mod fast_lists;
 mod fast_path;
 mod harness;
+mod pack;
 mod portable;
 mod portable_frame;
 mod radix_sort;

@@ -17,7 +17,7 @@ use crate::measure::metrics::{
     AlphaDifference, BYTES_PER_PIXEL, Difference, NumberDifference, PIXELS_PER_DEGREE, Pair, Report, flip,
     relative_errors,
 };
-use crate::pixels::{Channels, FileKind, Picture, Pixels};
+use crate::pixels::{Channels, Compression, FileKind, Picture, Pixels};
 use crate::scene::Unreadable;
 use folders::{Files, pairs};
 
@@ -108,7 +108,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
             if let Some(folder) = file.parent().filter(|_| is_folder) {
                 make_folder(folder)?;
             }
-            draw(&map, pair.size).write_png(&file, false)?;
+            draw(&map, pair.size).write_as(FileKind::Png, Compression::Fast, &file, false)?;
         }
         compared.push(Compared { title: files.title.clone(), pair });
     }

@@ -1,38 +1,34 @@
 //! Draws and writes the pictures of a plan, on the GPU or with the reference.
 
-use std::time::Instant;
+use std::num::NonZero;
+use std::panic::resume_unwind;
+use std::sync::Arc;
+use std::thread::available_parallelism;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
+use crossbeam_channel::{bounded, unbounded};
 
+use super::device::{Run, Upload};
+use super::encode::{Job, Task, Times, Written};
 use super::outputs::Output;
 use super::report::{FileReport, FrameReport};
 use super::resume::Record;
+use super::video::Encoder;
 use super::{Args, Plan, Shot};
-use crate::cli::{Usage, certified, complain, dump, progress, remark, say, size_text};
-use crate::gpu::{Commands, Device};
+use crate::cli::progress::Bar;
+use crate::cli::{Usage, certified, complain, devices::names_of, remark, say, size_text};
+use crate::gpu::Device;
 use crate::options::Options;
 use crate::reference;
-use crate::render::{Frame, GpuScene, Inspection, Look, Path, Renderer, Work, depths};
+use crate::render::{Frame, Path};
 use crate::scene::{Gaussians, Requirements, Scene};
 
-/// The content of one frame: the picture, or its depths and counts.
-#[derive(Clone, Copy, PartialEq)]
-enum Pass {
-    Picture,
-    Depths,
-}
-
-impl Pass {
-    /// The files of a shot that this pass fills and that are not complete yet.
-    fn outputs<'s>(self, shot: &'s Shot, record: &Record) -> Vec<&'s Output> {
-        let is_picture = self == Self::Picture;
-        shot.outputs.iter().filter(|output| output.layer.is_of_picture() == is_picture && !record.has(output)).collect()
-    }
-
-    fn inspection(self) -> Inspection {
-        let look = if self == Self::Picture { Look::Colour } else { Look::Work(Work::Depths) };
-        Inspection { look, ..Inspection::default() }
-    }
+/// The files of a view that are not complete yet: those of the picture, and those of depths and counts.
+fn outputs_left<'p>(shot: &'p Shot, record: &Record) -> [Vec<&'p Output>; 2] {
+    let left = shot.outputs.iter().filter(|output| !record.has(output));
+    let (picture, depths) = left.partition(|output| output.layer.is_of_picture());
+    [picture, depths]
 }
 
 /// Draws with the reference. All layers of a shot come from one rendering.
@@ -45,7 +41,7 @@ pub(super) fn by_reference(
     let mut frames = Vec::new();
     let mut record = Record::begin(args, plan, gaussians, exact, None)?;
     for shot in &plan.shots {
-        let [pictures, layers] = [Pass::Picture, Pass::Depths].map(|pass| pass.outputs(shot, &record));
+        let [pictures, layers] = outputs_left(shot, &record);
         if pictures.is_empty() && layers.is_empty() {
             continue;
         }
@@ -53,11 +49,11 @@ pub(super) fn by_reference(
         let rendering = reference::render(gaussians, &shot.camera, &exact.rules, args.background);
         if !pictures.is_empty() {
             let pixels = rendering.to_pixels();
-            write(&pictures, &mut record, |output| output.write_picture(&pixels, args.background))?;
+            write(&pictures, &mut record, |output| output.write_picture(&pixels, args))?;
         }
         if !layers.is_empty() {
             let depths = rendering.depths();
-            write(&layers, &mut record, |output| output.write_depths(&depths))?;
+            write(&layers, &mut record, |output| output.write_depths(&depths, args))?;
         }
         let (outputs, seconds) = ([pictures, layers].concat(), started.elapsed().as_secs_f64());
         let (files, size) = (names(&outputs), size_text(shot.camera.size_px));
@@ -72,80 +68,161 @@ pub(super) fn by_reference(
 pub(super) fn by_gpu(
     args: &Args,
     plan: &Plan,
-    device: &Device,
+    devices: &[Device],
     scene: Scene,
     (exact, options): (Options, Options),
 ) -> Result<(Options, Vec<FrameReport>)> {
     let (gaussians, needs) = (&scene.gaussians, Requirements::of(&scene.gaussians));
     let views: Vec<_> = plan.shots.iter().map(|shot| shot.camera.clone()).collect();
-    let options = args.budget.choose(device, (gaussians, &needs), &views, (exact, args.background), options)?;
+    let options = args.budget.choose(&devices[0], (gaussians, &needs), &views, (exact, args.background), options)?;
     if let Some(layer) = plan.outputs.depths().next().filter(|_| options.scale != 1.0) {
         return Err(Usage(format!("--layers {} needs --scale 1", layer.name())).into());
     }
-    let mut record = Record::begin(args, plan, gaussians, &options, Some(&device.capabilities().name))?;
-    if record.is_complete(plan) {
+    let record = Record::begin(args, plan, gaussians, &options, Some(&names_of(devices)))?;
+    let tasks = plan.shots.iter().enumerate().map(|(number, shot)| {
+        let [picture, depths] = outputs_left(shot, &record);
+        Task { number, shot, picture, depths, is_of_video: plan.video.is_some() }
+    });
+    let tasks: Vec<_> = tasks.filter(|task| !task.is_done()).collect();
+    if tasks.is_empty() {
         record.finish()?;
         return Ok((options, Vec::new()));
     }
-    let certifies = args.certificate.is_some();
-    let upload = if certifies { GpuScene::certifiable } else { GpuScene::with };
-    let gpu_scene = upload(device, gaussians, &needs, &options)?;
-    drop(scene);
-    let create = if certifies { Renderer::certified } else { Renderer::new };
-    let mut renderer = create(device, &options, &gpu_scene)?;
-    if let Some(notice) = renderer.notice() {
-        remark(&format!("note: {notice}"));
-    }
-    let bar = progress::Bar::new("rendering");
-    // All shots of one pass come before the next pass, so that the pipelines are created once per pass.
-    let all =
-        [Pass::Picture, Pass::Depths].into_iter().flat_map(|pass| plan.shots.iter().map(move |shot| (pass, shot)));
-    let left: Vec<_> = all.filter(|(pass, shot)| !pass.outputs(shot, &record).is_empty()).collect();
-    let mut frames = Vec::new();
-    for (done, (pass, shot)) in left.iter().enumerate() {
-        let outputs = pass.outputs(shot, &record);
-        renderer.set_inspection(pass.inspection())?;
-        frames.push(draw(args, &mut renderer, (*pass, shot), &outputs, &mut record)?);
-        bar.set((done + 1) as f64 / left.len() as f64);
-    }
-    complain(device)?;
-    record.finish()?;
+    let encoders = available_parallelism().map_or(1, NonZero::get);
+    let (total, bar) = (tasks.len(), Bar::new("rendering"));
+    let mut log = Log { args, record, video: None, frames: Vec::new(), total, bar, times: Spent::default() };
+    let run = Run::new(args, options, tasks, [devices.len(), encoders]);
+    let upload = (Arc::new(scene.gaussians), Arc::new(needs));
+    let frames = match &plan.video {
+        None => draw(&run, devices, upload, encoders, log)?,
+        Some(video) => video.write(|encoder| {
+            log.video = Some(encoder);
+            draw(&run, devices, upload, encoders, log)
+        })?,
+    };
+    devices.iter().try_for_each(complain)?;
     Ok((options, frames))
 }
 
-fn draw(
-    args: &Args,
-    renderer: &mut Renderer,
-    (pass, shot): (Pass, &Shot),
-    outputs: &[&Output],
-    record: &mut Record,
-) -> Result<FrameReport> {
-    let prepare = |cmd: &mut Commands| {
-        if args.dump.is_some() {
-            cmd.capture_scopes();
+/// Draws on all devices, encodes on all cores, and notes on this thread what is complete.
+fn draw(run: &Run, devices: &[Device], scene: Upload, encoders: usize, mut log: Log) -> Result<Vec<FrameReport>> {
+    let (jobs, to_encode) = unbounded::<Job>();
+    // Where the frames of a video wait until ffmpeg takes them, the threads that encode wait, too.
+    let (written, to_note) = bounded(encoders);
+    let (failure, lost) = std::thread::scope(|threads| {
+        let drawers: Vec<_> = devices
+            .iter()
+            .map(|device| {
+                let (scene, jobs) = (scene.clone(), jobs.clone());
+                threads.spawn(move || {
+                    run.draw_on(device, scene, jobs).inspect_err(|error| go_on(run, device, devices, error))
+                })
+            })
+            .collect();
+        drop((scene, jobs));
+        for _ in 0..encoders {
+            let (to_encode, written) = (to_encode.clone(), written.clone());
+            threads.spawn(move || to_encode.iter().try_for_each(|job| written.send(job.run(run.args))));
         }
-    };
-    let (frame, results) = renderer.render_with(&shot.camera, args.background, prepare)?;
-    if let Some(folder) = &args.dump {
-        dump::write(folder, results.captures())?;
-    }
-    let pixels = renderer.pixels()?;
-    match pass {
-        Pass::Picture => write(outputs, record, |output| output.write_picture(&pixels, args.background))?,
-        Pass::Depths => {
-            let depths = depths(&pixels);
-            write(outputs, record, |output| output.write_depths(&depths))?;
+        drop((to_encode, written));
+        let mut failure = None;
+        for outcome in to_note {
+            if let Err(error) = outcome.and_then(|view| log.note(view)) {
+                run.queue.stop();
+                failure.get_or_insert(error);
+            }
         }
+        let joined = drawers.into_iter().map(|drawer| drawer.join().unwrap_or_else(|panic| resume_unwind(panic)));
+        (failure, joined.filter_map(Result::err).next())
+    });
+    let failure = failure.or(lost.filter(|_| run.queue.is_abandoned()));
+    failure.map_or(Ok(()), Err)?;
+    log.finish(run, encoders)
+}
+
+/// Says that a device is lost, if there are others.
+fn go_on(run: &Run, device: &Device, devices: &[Device], error: &anyhow::Error) {
+    if devices.len() > 1 && run.queue.is_open() {
+        let name = &device.capabilities().name;
+        remark(&format!("note: {name} draws no more: {error:#}; the other devices draw its pictures"));
     }
-    report(args, shot, outputs, &frame)?;
-    let mut drawn = FrameReport { gpu: Some((&frame).into()), ..FrameReport::new(shot, outputs) };
-    if let (Some(file), Some(certificate)) = (&shot.certificate, renderer.certificate()?) {
-        certificate.write(file, false)?;
-        say!("  {}", certified(certificate.largest()))?;
-        drawn.files.push(FileReport { layer: "certificate".to_owned(), path: file.display().to_string() });
-        drawn.certified_error = Some(certificate.largest());
+}
+
+/// What is complete.
+struct Log<'p> {
+    args: &'p Args,
+    record: Record,
+    video: Option<Encoder>,
+    /// With the places of their views in the plan.
+    frames: Vec<(usize, FrameReport)>,
+    total: usize,
+    bar: Bar,
+    times: Spent,
+}
+
+/// The time of all devices and threads together.
+#[derive(Default)]
+struct Spent {
+    views: usize,
+    gpu: Duration,
+    host: Times,
+}
+
+impl Log<'_> {
+    /// Records and reports a view whose files are written.
+    fn note(&mut self, view: Written) -> Result<()> {
+        let Written { task, frames, certified: bound, rgb8, times } = view;
+        task.picture.iter().chain(&task.depths).try_for_each(|output| self.record.add(output))?;
+        if let (Some(video), Some(frame)) = (&mut self.video, rgb8) {
+            video.add(task.number, frame)?;
+        }
+        let has_frame = |outputs: &&Vec<_>| !outputs.is_empty() || task.is_of_video;
+        for (outputs, frame) in [&task.picture, &task.depths].into_iter().filter(has_frame).zip(&frames) {
+            if !task.is_of_video {
+                report(self.args, task.shot, outputs, frame)?;
+            }
+            let gpu = Some(frame.into());
+            self.frames.push((task.number, FrameReport { gpu, ..FrameReport::new(task.shot, outputs) }));
+            let ms: f64 =
+                frame.timings.iter().filter(|timing| timing.depth == 0).map(|timing| timing.duration_ms).sum();
+            self.times.gpu += Duration::from_secs_f64(ms / 1e3);
+        }
+        if let (Some(bound), Some(file), Some((_, drawn))) = (bound, &task.shot.certificate, self.frames.last_mut()) {
+            say!("  {}", certified(bound))?;
+            drawn.files.push(FileReport { layer: "certificate".to_owned(), path: file.display().to_string() });
+            drawn.certified_error = Some(bound);
+        }
+        self.times.host += times;
+        self.times.views += 1;
+        self.bar.set_counted(self.times.views, self.total, "pictures");
+        Ok(())
     }
-    Ok(drawn)
+
+    /// The reports of all frames, in the order of the plan.
+    fn finish(mut self, run: &Run, encoders: usize) -> Result<Vec<FrameReport>> {
+        self.record.finish()?;
+        self.video.map_or(Ok(()), Encoder::finish)?;
+        if let (2.., Some(started)) = (self.total, run.started.get()) {
+            self.times.say(started.elapsed(), run.args.timings.then_some(encoders))?;
+        }
+        self.frames.sort_by_key(|(number, _)| *number);
+        Ok(self.frames.into_iter().map(|(_, frame)| frame).collect())
+    }
+}
+
+impl Spent {
+    /// Prints the speed of a run that took `wall`; with `encoders`, how busy the GPU and these threads were.
+    fn say(&self, wall: Duration, encoders: Option<usize>) -> Result<()> {
+        let (views, seconds) = (self.views, wall.as_secs_f64());
+        say!("{views} pictures in {seconds:.2} s, {:.1} a second", views as f64 / seconds)?;
+        let Some(encoders) = encoders else { return Ok(()) };
+        let part = |time: Duration, threads: usize| 100.0 * time.as_secs_f64() / seconds / threads as f64;
+        say!("  {:<12} {:8.3} s, {:.0} %", "GPU", self.gpu.as_secs_f64(), part(self.gpu, 1))?;
+        for (name, time) in [("encoding", self.host.encoding), ("writing", self.host.writing)] {
+            say!("  {name:<12} {:8.3} s, {:.0} % of {encoders} threads", time.as_secs_f64(), part(time, encoders))?;
+        }
+        Ok(())
+    }
 }
 
 fn write(outputs: &[&Output], record: &mut Record, write: impl Fn(&Output) -> Result<()>) -> Result<()> {

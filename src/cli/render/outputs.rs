@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 
-use super::Args;
+use super::{Args, video};
 use crate::camera::Camera;
 use crate::cli::Usage;
-use crate::pixels::{Depths, FileKind, Pixels};
+use crate::pixels::{Depths, FileKind, Integers, Pixels};
 use crate::rules::Background;
 
 /// One picture.
@@ -84,22 +84,35 @@ impl Layer {
 }
 
 impl Output {
+    /// The integers that the file holds, if the GPU rounds to them just as the host does. Straight alpha takes a
+    /// division, which GPUs round in their own ways.
+    pub fn integers(&self, background: Background) -> Option<Integers> {
+        match (self.layer, self.kind) {
+            (Layer::Alpha, FileKind::Png) => Some(Integers::Grey8),
+            (Layer::Alpha, FileKind::Png16) => Some(Integers::Grey16),
+            (Layer::Colour, FileKind::Png) if background != Background::Transparent => Some(Integers::Rgb8),
+            (Layer::Colour, FileKind::Png16) if background != Background::Transparent => Some(Integers::Rgb16),
+            _ => None,
+        }
+    }
+
     /// Writes a layer of the picture.
-    pub fn write_picture(&self, pixels: &Pixels, background: Background) -> Result<()> {
+    pub fn write_picture(&self, pixels: &Pixels, args: &Args) -> Result<()> {
+        let is_transparent = args.background == Background::Transparent;
         match self.layer {
-            Layer::Alpha => pixels.alpha().write_as(self.kind, &self.path),
-            _ => pixels.write_as(self.kind, &self.path, background == Background::Transparent),
+            Layer::Alpha => pixels.alpha().write_as(self.kind, args.compression, &self.path),
+            _ => pixels.write_as(self.kind, args.compression, &self.path, is_transparent),
         }
     }
 
     /// Writes a layer of depths or counts.
-    pub fn write_depths(&self, depths: &Depths) -> Result<()> {
+    pub fn write_depths(&self, depths: &Depths, args: &Args) -> Result<()> {
         let plane = match self.layer {
             Layer::MedianDepth => &depths.median,
             Layer::Counts => &depths.counts,
             _ => &depths.expected,
         };
-        plane.write_as(self.kind, &self.path)
+        plane.write_as(self.kind, args.compression, &self.path)
     }
 }
 
@@ -134,6 +147,11 @@ impl Outputs {
             return Err(Usage(format!("--layers {name} needs .exr or .npy: PNG cannot hold floats")).into());
         }
         Ok(Self { layers, kind, place })
+    }
+
+    /// No pictures: the frames of a video are not written to files.
+    pub fn none() -> Self {
+        Self { layers: Vec::new(), kind: FileKind::Png, place: Place::File(PathBuf::new()) }
     }
 
     pub fn folder(&self) -> Option<&Path> {
@@ -183,7 +201,11 @@ impl Outputs {
 fn place(args: &Args, several: bool) -> Result<Option<Place>> {
     let needs_folder = several || args.names.is_some() || args.resume;
     let Some(output) = &args.output else {
-        return Ok(needs_folder.then(|| Place::Folder(PathBuf::from("renders"))));
+        let folder = match &args.video {
+            Some(Some(file)) => video::frames_of(file),
+            _ => PathBuf::from("renders"),
+        };
+        return Ok(needs_folder.then_some(Place::Folder(folder)));
     };
     if output.is_dir() || output.as_os_str().to_string_lossy().ends_with('/') {
         return Ok(Some(Place::Folder(output.clone())));

@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use glam::DVec3;
 
+use super::Args;
 use super::choice::{Chosen, choose};
 use super::outputs::{Names, Outputs, Shot, safe_stem};
-use super::{Args, video};
+use super::video::{self, Video};
 use crate::camera::{Camera, NamedCamera, path};
 use crate::cli::{Usage, named_or_found, size_text};
 use crate::files::check_writable;
@@ -25,20 +26,25 @@ pub(super) struct Plan {
     pub outputs: Outputs,
     pub nearest: f32,
     /// The command that makes a video of them, with `--video`.
-    pub video: Option<String>,
+    pub command: Option<String>,
+    /// The video that is written instead of pictures.
+    pub video: Option<Video>,
 }
 
 pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     let Cameras { chosen, is_list, nearest } = cameras(args, gaussians)?;
-    let several = is_list || args.video;
-    let outputs = Outputs::of(args, several)?;
+    let file = video::file(args)?;
+    let several = is_list || args.video.is_some();
+    let outputs = if file.is_some() { Outputs::none() } else { Outputs::of(args, several)? };
     check_together(args, &outputs, several)?;
     let shots = chosen.into_iter().enumerate().map(|(number, chosen)| shot(args, &outputs, several, number, chosen));
     let shots = shots.collect::<Result<Vec<_>>>()?;
     check_shots(args, &shots)?;
-    let video = args.video.then(|| video::command(args, &outputs, &shots)).transpose()?;
+    let video = file.map(|file| Video::new(args, file, &shots)).transpose()?;
+    let is_printed = args.video.is_some() && video.is_none();
+    let command = is_printed.then(|| video::command(args, &outputs, &shots)).transpose()?;
     make_folders(&outputs, &shots, several)?;
-    Ok(Plan { shots, outputs, nearest, video })
+    Ok(Plan { shots, outputs, nearest, command, video })
 }
 
 /// The cameras of a run.
@@ -104,7 +110,7 @@ fn shot(args: &Args, outputs: &Outputs, several: bool, number: usize, chosen: Ch
     let Chosen { index, name, camera } = chosen;
     let stem = match (args.names.unwrap_or(Names::Index), &name) {
         // The frames of a video are numbered without gaps.
-        (Names::Index, _) => format!("{:05}", if args.video { number } else { index }),
+        (Names::Index, _) => format!("{:05}", if args.video.is_some() { number } else { index }),
         (Names::Image, Some(name)) => {
             safe_stem(name).map_err(|problem| Usage(format!("--names image: camera {index}: {problem}")))?
         }

@@ -24,7 +24,7 @@ pub(super) struct Report {
     pub options: Options,
     /// What was drawn. Depths and counts have frames of their own on the GPU. Files that `--resume` skips are not here.
     pub frames: Vec<FrameReport>,
-    /// The ffmpeg command that makes a video of the pictures, with `--video`.
+    /// With `--video`, the file of the video, or the ffmpeg command that makes it of the pictures.
     pub video: Option<String>,
 }
 

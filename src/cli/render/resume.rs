@@ -126,11 +126,6 @@ impl Record {
         self.done.get(name).is_some_and(|bytes| data.is_ok_and(|data| data.is_file() && data.len() == *bytes))
     }
 
-    /// True if all files of the plan are complete.
-    pub fn is_complete(&self, plan: &Plan) -> bool {
-        plan.shots.iter().flat_map(|shot| &shot.outputs).all(|output| self.has(output))
-    }
-
     /// Records that a file is complete.
     pub fn add(&mut self, output: &Output) -> Result<()> {
         if self.file.is_none() {

@@ -1,33 +1,179 @@
-//! `--video`: the ffmpeg command that makes a video of numbered pictures. It is printed, not run.
+//! `--video`: a video of the pictures, made by ffmpeg, or the ffmpeg command that makes it of numbered pictures.
 
+use std::collections::BTreeMap;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 
 use super::Args;
 use super::outputs::{Layer, Outputs, Shot};
 use crate::cli::cameras::Fps;
-use crate::cli::{Usage, size_text};
+use crate::cli::{Usage, remark, size_text};
+use crate::files::{check_absent, check_writable, write_checked};
 use crate::rules::Background;
 
-/// The command that makes a video of `shots`. Fails if their files cannot be frames of a video.
-pub(super) fn command(args: &Args, outputs: &Outputs, shots: &[Shot]) -> Result<String> {
-    let refuse = |why: String| Err(Usage(format!("--video {why}")).into());
-    if !outputs.has(Layer::Colour) || outputs.kind().holds_floats() {
-        return refuse(
-            "needs colours as PNG: --layers must include colour, and --format must be png or png16".to_owned(),
-        );
+/// The kinds of video files, by their endings.
+const KINDS: [&str; 4] = ["mp4", "mkv", "mov", "webm"];
+
+const FFMPEG: &str = "ffmpeg";
+
+/// A video file to write.
+pub(super) struct Video {
+    pub file: PathBuf,
+    /// Width and height of all frames.
+    size: [u32; 2],
+    fps: Fps,
+}
+
+/// A video on its way through ffmpeg, which takes the frames in their order.
+pub(super) struct Encoder {
+    ffmpeg: Child,
+    /// The number of the next frame.
+    next: usize,
+    /// Frames that are complete before those ahead of them.
+    waiting: BTreeMap<usize, Vec<u8>>,
+}
+
+/// Parses the FILE of `--video`.
+pub(super) fn parse_file(text: &str) -> Result<PathBuf> {
+    let file = PathBuf::from(text);
+    let is_video = file.extension().is_some_and(|ending| KINDS.iter().any(|kind| ending.eq_ignore_ascii_case(kind)));
+    anyhow::ensure!(is_video, "expected a name that ends in .{}", KINDS.join(", ."));
+    Ok(file)
+}
+
+/// The file of `--video FILE` if ffmpeg can make it. Otherwise says that pictures are written instead.
+pub(super) fn file(args: &Args) -> Result<Option<&Path>> {
+    let Some(Some(file)) = &args.video else { return Ok(None) };
+    let others = [
+        ("output", args.output.is_some()),
+        ("layers", args.layers != [Layer::Colour]),
+        ("format", args.format.is_some()),
+        ("certificate", args.certificate.is_some()),
+        ("resume", args.resume),
+        ("reference", args.reference),
+    ];
+    if let Some((other, _)) = others.iter().find(|(_, is_given)| *is_given) {
+        return Err(Usage(format!("--video FILE cannot be combined with --{other}")).into());
     }
+    if args.no_clobber {
+        check_absent(file)?;
+    }
+    check_writable(file)?;
+    let found = Command::new(FFMPEG).arg("-version").stdin(Stdio::null()).stdout(Stdio::null()).status();
+    if found.is_ok_and(|status| status.success()) {
+        return Ok(Some(file));
+    }
+    remark(&format!("note: there is no ffmpeg: pictures are written to {}", frames_of(file).display()));
+    Ok(None)
+}
+
+/// The folder of pictures in place of a video.
+pub(super) fn frames_of(file: &Path) -> PathBuf {
+    file.with_extension("")
+}
+
+impl Video {
+    /// The video of `shots`, which must be of one size.
+    pub fn new(args: &Args, file: &Path, shots: &[Shot]) -> Result<Self> {
+        let size = check_frames(args, shots)?;
+        Ok(Self { file: file.to_owned(), size, fps: args.film.fps() })
+    }
+
+    /// Writes the file, from the frames that `draw` hands to ffmpeg.
+    pub fn write<T>(&self, draw: impl FnOnce(Encoder) -> Result<T>) -> Result<T> {
+        let ending = self.file.extension().unwrap_or_default().to_string_lossy();
+        // ffmpeg itself writes the temporary file.
+        write_checked(&self.file, &format!(".{ending}"), |_| Ok(()), |part| draw(self.start(part)?))
+    }
+
+    /// Starts ffmpeg. It writes to `part`.
+    fn start(&self, part: &Path) -> Result<Encoder> {
+        let mut ffmpeg = Command::new(FFMPEG);
+        ffmpeg.args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pixel_format", "rgb24"]);
+        ffmpeg.args(["-video_size", &size_text(self.size), "-framerate", &self.fps.to_string(), "-i", "-"]);
+        ffmpeg.args(padding(self.size));
+        // The codec that the kind of file takes.
+        ffmpeg.args(["-pix_fmt", "yuv420p"]).arg(plain(part)?);
+        let started = ffmpeg.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
+        Ok(Encoder { ffmpeg: started.context("cannot start ffmpeg")?, next: 0, waiting: BTreeMap::new() })
+    }
+}
+
+impl Encoder {
+    /// Takes frame `number`, of 8-bit red, green and blue.
+    pub fn add(&mut self, number: usize, frame: Vec<u8>) -> Result<()> {
+        self.waiting.insert(number, frame);
+        while let Some(frame) = self.waiting.remove(&self.next) {
+            let pipe = self.ffmpeg.stdin.as_mut().context("ffmpeg has no input")?;
+            if pipe.write_all(&frame).is_err() {
+                bail!(self.failure());
+            }
+            self.next += 1;
+        }
+        Ok(())
+    }
+
+    /// Waits until ffmpeg has written the file.
+    pub fn finish(mut self) -> Result<()> {
+        drop(self.ffmpeg.stdin.take());
+        let status = self.ffmpeg.wait().context("ffmpeg cannot be waited for")?;
+        if status.success() { Ok(()) } else { bail!(self.failure()) }
+    }
+
+    /// What ffmpeg says of its failure.
+    fn failure(&mut self) -> String {
+        let mut said = String::new();
+        _ = self.ffmpeg.stderr.take().map(|mut errors| errors.read_to_string(&mut said));
+        let reason = said.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it ended early");
+        format!("ffmpeg failed: {reason}")
+    }
+}
+
+impl Drop for Encoder {
+    fn drop(&mut self) {
+        // It has ended, unless the run failed.
+        _ = self.ffmpeg.kill();
+        _ = self.ffmpeg.wait();
+    }
+}
+
+/// The size of all frames. Fails if they are not of one size, or transparent.
+fn check_frames(args: &Args, shots: &[Shot]) -> Result<[u32; 2]> {
+    let refuse = |why: String| Err(Usage(format!("--video {why}")).into());
     if args.background == Background::Transparent {
         return refuse("cannot be transparent: --background must be a colour".to_owned());
     }
     let size = shots[0].camera.size_px;
-    if let Some(other) = shots.iter().find(|shot| shot.camera.size_px != size) {
-        let (size, other) = (size_text(size), size_text(other.camera.size_px));
-        return refuse(format!("needs pictures of one size, not {size} and {other}: set --size"));
+    match shots.iter().find(|shot| shot.camera.size_px != size) {
+        Some(other) => {
+            let (size, other) = (size_text(size), size_text(other.camera.size_px));
+            refuse(format!("needs pictures of one size, not {size} and {other}: set --size"))
+        }
+        None => Ok(size),
     }
+}
+
+/// Arguments of ffmpeg that make both sides even: yuv420p stores colour for blocks of 2x2 pixels.
+fn padding(size: [u32; 2]) -> &'static [&'static str] {
+    if size.iter().any(|side| side % 2 == 1) { &["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"] } else { &[] }
+}
+
+/// The command that makes a video of `shots`. Fails if their files cannot be frames of a video.
+pub(super) fn command(args: &Args, outputs: &Outputs, shots: &[Shot]) -> Result<String> {
+    if !outputs.has(Layer::Colour) || outputs.kind().holds_floats() {
+        let why = "needs colours as PNG: --layers must include colour, and --format must be png or png16";
+        return Err(Usage(format!("--video {why}")).into());
+    }
+    let size = check_frames(args, shots)?;
     let frames = outputs.layer_folder(Layer::Colour).context("the pictures of a video are not in a folder")?;
-    line(&frames, &video_file(outputs.folder().unwrap_or(&frames)), size, &args.film.fps())
+    let file = match &args.video {
+        Some(Some(file)) => file.clone(),
+        _ => video_file(outputs.folder().unwrap_or(&frames)),
+    };
+    line(&frames, &file, size, &args.film.fps())
 }
 
 /// The video file, next to the folder of its pictures.
@@ -48,10 +194,7 @@ fn line(frames: &Path, video: &Path, size_px: [u32; 2], fps: &Fps) -> Result<Str
     let folder = plain(frames)?.replace('%', "%%");
     let mut words = vec!["ffmpeg".to_owned(), "-framerate".to_owned(), fps.to_string()];
     words.extend(["-i".to_owned(), format!("{}/%05d.png", folder.trim_end_matches('/'))]);
-    if size_px.iter().any(|side| side % 2 == 1) {
-        // yuv420p stores colour for blocks of 2x2 pixels.
-        words.extend(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"].map(str::to_owned));
-    }
+    words.extend(padding(size_px).iter().map(|word| (*word).to_owned()));
     words.extend(["-c:v", "libx264", "-pix_fmt", "yuv420p"].map(str::to_owned));
     words.push(plain(video)?);
     shlex::try_join(words.iter().map(String::as_str)).context("the name of the folder cannot be quoted for a shell")

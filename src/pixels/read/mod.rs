@@ -194,7 +194,7 @@ mod tests {
 
     use npyz::Order;
 
-    use super::super::{FileKind, Plane};
+    use super::super::{Compression, FileKind, Plane};
     use super::*;
 
     /// Values that 8 bits cannot hold, among them NaN, infinity and -0.
@@ -294,7 +294,7 @@ mod tests {
         grey[3] = [0.0; 4];
         for kind in [FileKind::Exr, FileKind::Npy] {
             let path = folder.path().join("a");
-            plane.write_as(kind, &path).unwrap();
+            plane.write_as(kind, Compression::Fast, &path).unwrap();
             assert_eq!(Pixels::read(&path).unwrap(), Pixels { size: [3, 2], rgba: grey.clone() });
         }
         let path = folder.path().join("a.npy");

@@ -1,0 +1,97 @@
+//! The choice of one or several devices.
+
+use std::collections::BTreeSet;
+
+use anyhow::Result;
+use clap::Args;
+use clap::builder::NonEmptyStringValueParser;
+
+use super::environment::Environment;
+use super::remark;
+use crate::gpu::{Capabilities, Device, DeviceChoice, DeviceKind, Validation, survey};
+
+/// The choice of a device.
+#[derive(Args)]
+pub(super) struct DeviceArgs {
+    /// Vulkan device: its number in the list of `smalto doctor`, or a part of its name [default: the fastest kind]
+    #[arg(long, value_name = "INDEX|NAME", value_parser = NonEmptyStringValueParser::new())]
+    device: Option<String>,
+}
+
+/// The choice of several devices.
+#[derive(Args)]
+pub(super) struct DevicesArgs {
+    /// Vulkan devices, separated by commas: their numbers in the list of `smalto doctor`, or parts of their names; or
+    /// all: every GPU, or every software device where there is no GPU [default: one of the fastest kind]. Several devices share
+    /// the pictures. A device that is named twice does so, too
+    #[arg(long, value_name = "INDEX|NAME,...|all", value_parser = NonEmptyStringValueParser::new())]
+    device: Option<String>,
+}
+
+impl DeviceArgs {
+    pub fn open(&self) -> Result<Device> {
+        let (choice, validation) = self.choice()?;
+        open(&choice, validation)
+    }
+
+    /// The device and whether it is validated, from these arguments and the environment.
+    pub fn choice(&self) -> Result<(DeviceChoice, Validation)> {
+        let environment = Environment::read()?;
+        let choice = self.device.as_deref().map_or(environment.device.clone(), DeviceChoice::from);
+        Ok((choice, validation(&environment)))
+    }
+}
+
+impl DevicesArgs {
+    /// Opens the devices. Says so if they are of different kinds.
+    pub fn open(&self) -> Result<Vec<Device>> {
+        let environment = Environment::read()?;
+        let validation = validation(&environment);
+        let choices = match self.device.as_deref() {
+            None => vec![environment.device],
+            Some("all") => all(&survey()?),
+            Some(named) if named.contains(',') => several(named, &survey()?),
+            Some(named) => vec![DeviceChoice::from(named)],
+        };
+        let devices: Vec<Device> = choices.iter().map(|choice| open(choice, validation)).collect::<Result<_>>()?;
+        let kinds = names_of(&devices);
+        if devices.iter().any(|device| device.capabilities().name != kinds) {
+            remark(&format!(
+                "note: the devices are of different kinds ({kinds}): their pictures may differ by rounding"
+            ));
+        }
+        Ok(devices)
+    }
+}
+
+fn validation(environment: &Environment) -> Validation {
+    let default = if cfg!(debug_assertions) { Validation::IfInstalled } else { Validation::Off };
+    environment.validation.unwrap_or(default)
+}
+
+fn open(choice: &DeviceChoice, validation: Validation) -> Result<Device> {
+    Device::open(choice, validation)?.with_shaders(Environment::read()?.shaders.as_deref())
+}
+
+/// The devices of a list. A list that is a part of a device's name, which may hold commas, means that device.
+fn several(list: &str, devices: &[Capabilities]) -> Vec<DeviceChoice> {
+    let is_name = devices.iter().any(|device| device.name.to_lowercase().contains(&list.to_lowercase()));
+    let names = if is_name { vec![list] } else { list.split(',').collect() };
+    names.into_iter().map(|name| DeviceChoice::from(name.trim())).collect()
+}
+
+/// Every device of a machine that can be used: GPUs, or software devices where there are no GPUs.
+fn all(devices: &[Capabilities]) -> Vec<DeviceChoice> {
+    let usable = || devices.iter().enumerate().filter(|(_, device)| device.missing.is_empty());
+    let has_gpu = usable().any(|(_, device)| device.kind != DeviceKind::Cpu);
+    let wanted = usable().filter(|(_, device)| !has_gpu || device.kind != DeviceKind::Cpu);
+    let found: Vec<_> = wanted.map(|(index, _)| DeviceChoice::Index(index)).collect();
+    // Without any, opening the best one says why.
+    if found.is_empty() { vec![DeviceChoice::Best] } else { found }
+}
+
+/// The names of the devices, each once.
+pub(super) fn names_of(devices: &[Device]) -> String {
+    let names: BTreeSet<&str> = devices.iter().map(|device| device.capabilities().name.as_str()).collect();
+    Vec::from_iter(names).join(", ")
+}

@@ -1,0 +1,209 @@
+//! What one device does in a run: it takes views, keeps some of them in flight, and hands their pixels on.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, OnceLock};
+use std::time::Instant;
+
+use anyhow::Result;
+use crossbeam_channel::{Receiver, Sender, unbounded};
+
+use super::Args;
+use super::encode::{Job, Source, Task};
+use super::queue::Queue;
+use crate::cli::{dump, remark};
+use crate::gpu::{Commands, Device};
+use crate::options::Options;
+use crate::pixels::Integers;
+use crate::render::{Finished, Form, GpuScene, HostFrame, Inspection, Look, Renderer, Stream, Streamed, Wanted, Work};
+use crate::scene::{Gaussians, Requirements};
+
+/// Views that are submitted to a device and not waited for: one is drawn while the pixels of the one before are copied.
+const IN_FLIGHT: usize = 3;
+
+/// Host memory for the pixels of views on the way to their files, of one device. A larger view takes its own size
+/// twice.
+const HOST_BYTES: u64 = 1 << 30;
+
+/// A view with more bytes of pixels is read in parts after a wait, and not kept in flight.
+const LARGEST_STREAMED: u64 = 1 << 28;
+
+/// The part of a run that all devices share.
+pub(super) struct Run<'p> {
+    pub args: &'p Args,
+    pub options: Options,
+    pub queue: Queue<Task<'p>>,
+    /// When the first view was submitted.
+    pub started: OnceLock<Instant>,
+    /// Most views of one device between its memory and their files.
+    host_frames: usize,
+}
+
+/// The scene on its way to the devices. The last of them frees it.
+pub(super) type Upload = (Arc<Gaussians>, Arc<Requirements>);
+
+/// One device at work.
+struct Worker<'r, 'p> {
+    run: &'r Run<'p>,
+    stream: Stream,
+    in_flight: VecDeque<(Task<'p>, Streamed)>,
+    host: HostFrames,
+    jobs: Sender<Job<'p>>,
+}
+
+/// Host memory for views, which comes back when their files are written.
+struct HostFrames {
+    made: usize,
+    most: usize,
+    idle: Vec<HostFrame>,
+    back: Receiver<HostFrame>,
+    way_back: Sender<HostFrame>,
+}
+
+impl<'p> Run<'p> {
+    /// `encoders` is the number of threads that encode, of all `devices` together.
+    pub fn new(args: &'p Args, options: Options, tasks: Vec<Task<'p>>, [devices, encoders]: [usize; 2]) -> Self {
+        let bytes = tasks.iter().map(|task| task.bytes(args)).filter(|bytes| *bytes <= LARGEST_STREAMED).max();
+        let fit = (HOST_BYTES / devices as u64 / bytes.unwrap_or(0).max(1)) as usize;
+        let host_frames = fit.clamp(2, IN_FLIGHT + encoders.div_ceil(devices));
+        Self { args, options, queue: Queue::new(tasks), started: OnceLock::new(), host_frames }
+    }
+
+    /// Draws views on a device until none is left. If the device fails, it gives back what it had taken.
+    pub fn draw_on(&self, device: &Device, scene: Upload, jobs: Sender<Job<'p>>) -> Result<()> {
+        let mut worker = Worker::new(self, device, scene, jobs)?;
+        let drawn = worker.draw();
+        while let Some((task, _)) = worker.in_flight.pop_back() {
+            self.queue.give_back(task);
+        }
+        drawn
+    }
+}
+
+impl Task<'_> {
+    fn wanted(&self, args: &Args) -> Wanted {
+        let mut picture = Vec::from_iter(self.is_of_video.then_some(Form::Integers(Integers::Rgb8)));
+        for output in &self.picture {
+            let form = output.integers(args.background).map_or(Form::Floats, Form::Integers);
+            if !picture.contains(&form) {
+                picture.push(form);
+            }
+        }
+        Wanted { picture, depths: !self.depths.is_empty() }
+    }
+
+    /// Bytes of its pixels on their way to the files.
+    fn bytes(&self, args: &Args) -> u64 {
+        self.wanted(args).bytes(self.shot.camera.size_px)
+    }
+}
+
+impl<'r, 'p> Worker<'r, 'p> {
+    fn new(run: &'r Run<'p>, device: &Device, (gaussians, needs): Upload, jobs: Sender<Job<'p>>) -> Result<Self> {
+        let certifies = run.args.certificate.is_some();
+        let upload = if certifies { GpuScene::certifiable } else { GpuScene::with };
+        let gpu_scene = upload(device, &gaussians, &needs, &run.options)?;
+        drop(gaussians);
+        let create = if certifies { Renderer::certified } else { Renderer::new };
+        let renderer = create(device, &run.options, &gpu_scene)?;
+        if let Some(notice) = renderer.notice() {
+            remark(&format!("note: {notice}"));
+        }
+        let (way_back, back) = unbounded();
+        let host = HostFrames { made: 0, most: run.host_frames, idle: Vec::new(), back, way_back };
+        Ok(Self { run, stream: Stream::new(device, renderer), in_flight: VecDeque::new(), host, jobs })
+    }
+
+    fn draw(&mut self) -> Result<()> {
+        while self.begin()? || self.end()? {}
+        Ok(())
+    }
+
+    /// Takes a view and submits it. False if there is no room for another now, or no view is left.
+    fn begin(&mut self) -> Result<bool> {
+        let (queue, waits) = (&self.run.queue, self.in_flight.is_empty());
+        if self.in_flight.len() == IN_FLIGHT {
+            return Ok(false);
+        }
+        let Some(host) = self.host.take(waits) else { return Ok(false) };
+        let Some(task) = (if waits { queue.take() } else { queue.try_take() }) else {
+            self.host.idle.push(host);
+            return Ok(false);
+        };
+        self.run.started.get_or_init(Instant::now);
+        let args = self.run.args;
+        let is_alone = args.certificate.is_some() || args.dump.is_some() || task.bytes(args) > LARGEST_STREAMED;
+        let begun = if is_alone {
+            self.host.idle.push(host);
+            self.draw_alone(&task).map(|job| self.hand_on(job))
+        } else {
+            let begun = self.stream.start(&task.shot.camera, args.background, &task.wanted(args), host);
+            begun.map(|view| self.in_flight.push_back((task.clone(), view)))
+        };
+        begun.map(|()| true).inspect_err(|_| queue.give_back(task))
+    }
+
+    /// Waits for the view that was submitted first, and hands it on. False if none is in flight.
+    fn end(&mut self) -> Result<bool> {
+        let Some((task, view)) = self.in_flight.pop_front() else { return Ok(false) };
+        let finished = self.stream.finish(view);
+        let Finished { frames, host } = match finished {
+            Ok(finished) => finished,
+            Err(error) => {
+                self.run.queue.give_back(task);
+                return Err(error);
+            }
+        };
+        let source = Source::Host(host, self.host.way_back.clone());
+        self.hand_on(Job { task, frames, source });
+        Ok(true)
+    }
+
+    fn hand_on(&self, job: Job<'p>) {
+        // Nobody takes jobs any more if the run was stopped.
+        _ = self.jobs.send(job);
+        self.run.queue.finish();
+    }
+
+    /// Draws a view and waits for it: one with a certificate or a dump, or too large to be kept in flight.
+    fn draw_alone(&mut self, task: &Task<'p>) -> Result<Job<'p>> {
+        while self.end()? {}
+        let (args, shot, renderer) = (self.run.args, task.shot, self.stream.renderer());
+        let prepare = |cmd: &mut Commands| {
+            if args.dump.is_some() {
+                cmd.capture_scopes();
+            }
+        };
+        let mut frames = Vec::new();
+        let [mut picture, mut certificate, mut depths] = [const { None }; 3];
+        if !task.picture.is_empty() || task.is_of_video {
+            let (frame, results) = renderer.render_with(&shot.camera, args.background, prepare)?;
+            if let Some(folder) = &args.dump {
+                dump::write(folder, results.captures())?;
+            }
+            frames.push(frame);
+            (picture, certificate) = (Some(renderer.pixels()?), renderer.certificate()?);
+        }
+        if !task.depths.is_empty() {
+            renderer.set_inspection(Inspection { look: Look::Work(Work::Depths), ..Inspection::default() })?;
+            frames.push(renderer.render(&shot.camera, args.background)?);
+            depths = Some(renderer.pixels()?);
+            renderer.set_inspection(Inspection::default())?;
+        }
+        Ok(Job { task: task.clone(), frames, source: Source::Read { picture, depths, certificate } })
+    }
+}
+
+impl HostFrames {
+    /// Memory for a view, if some is idle or more may be made. Otherwise waits for some to come back, or returns
+    /// `None`.
+    fn take(&mut self, waits: bool) -> Option<HostFrame> {
+        if let Some(idle) = self.idle.pop().or_else(|| self.back.try_recv().ok()) {
+            return Some(idle);
+        }
+        if self.made < self.most {
+            self.made += 1;
+            return Some(HostFrame::default());
+        }
+        if waits { self.back.recv().ok() } else { None }
+    }
+}

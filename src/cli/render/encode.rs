@@ -1,0 +1,134 @@
+//! Encodes pictures and writes them to files, on all cores.
+
+use std::ops::AddAssign;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use crossbeam_channel::Sender;
+
+use super::outputs::Output;
+use super::{Args, Shot};
+use crate::files;
+use crate::pixels::{Integers, Pixels};
+use crate::render::{Frame, HostFrame, depths};
+
+/// A view of the plan and those of its files that are not complete yet.
+#[derive(Clone)]
+pub(super) struct Task<'p> {
+    /// Its place in the plan.
+    pub number: usize,
+    pub shot: &'p Shot,
+    pub picture: Vec<&'p Output>,
+    pub depths: Vec<&'p Output>,
+    /// It is a frame of a video.
+    pub is_of_video: bool,
+}
+
+/// The pixels of a view.
+pub(super) enum Source {
+    /// Memory that is used again, and the way back to its owner.
+    Host(HostFrame, Sender<HostFrame>),
+    /// What was read after a wait.
+    Read { picture: Option<Pixels>, depths: Option<Pixels>, certificate: Option<Pixels> },
+}
+
+/// A view that is drawn, to be written.
+pub(super) struct Job<'p> {
+    pub task: Task<'p>,
+    /// The frame of the picture, then that of the depths, as far as they were drawn.
+    pub frames: Vec<Frame>,
+    pub source: Source,
+}
+
+/// A view whose files are written.
+pub(super) struct Written<'p> {
+    pub task: Task<'p>,
+    pub frames: Vec<Frame>,
+    /// Largest bound of the certificate.
+    pub certified: Option<f32>,
+    /// The frame of a video, in 8 bits.
+    pub rgb8: Option<Vec<u8>>,
+    pub times: Times,
+}
+
+/// The time of a thread.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Times {
+    /// Encoding and the conversions before it.
+    pub encoding: Duration,
+    pub writing: Duration,
+}
+
+impl AddAssign for Times {
+    fn add_assign(&mut self, other: Self) {
+        self.encoding += other.encoding;
+        self.writing += other.writing;
+    }
+}
+
+impl<'p> Job<'p> {
+    /// Writes all files of the view.
+    pub fn run(self, args: &Args) -> Result<Written<'p>> {
+        let Self { task, frames, source } = self;
+        let (started, writing_before) = (Instant::now(), files::time_in_writes());
+        let mut certified = None;
+        let rgb8;
+        match source {
+            Source::Host(mut host, back) => {
+                rgb8 = host.integers(Integers::Rgb8).filter(|_| task.is_of_video).map(<[u8]>::to_vec);
+                let written = task.write_host(args, &mut host);
+                // The owner is gone if its device was lost.
+                _ = back.send(host);
+                written?;
+            }
+            Source::Read { picture, depths, certificate } => {
+                rgb8 = picture.as_ref().filter(|_| task.is_of_video).map(Pixels::to_rgb8);
+                task.write_read(args, picture.as_ref(), depths.as_ref())?;
+                if let (Some(file), Some(certificate)) = (&task.shot.certificate, certificate) {
+                    certificate.write(file, false)?;
+                    certified = Some(certificate.largest());
+                }
+            }
+        }
+        let writing = files::time_in_writes() - writing_before;
+        let times = Times { encoding: started.elapsed().saturating_sub(writing), writing };
+        Ok(Written { task, frames, certified, rgb8, times })
+    }
+}
+
+impl Task<'_> {
+    /// True if nothing is left to draw or write.
+    pub fn is_done(&self) -> bool {
+        self.picture.is_empty() && self.depths.is_empty() && !self.is_of_video
+    }
+
+    fn write_host(&self, args: &Args, host: &mut HostFrame) -> Result<()> {
+        const MISSING: &str = "the pixels were not brought in this form";
+        let mut floats = None;
+        for output in &self.picture {
+            if let Some(integers) = output.integers(args.background) {
+                let bytes = host.integers(integers).context(MISSING)?;
+                integers.write(&output.path, self.shot.camera.size_px, bytes, args.compression)?;
+            } else {
+                if floats.is_none() {
+                    floats = host.picture();
+                }
+                output.write_picture(floats.as_ref().context(MISSING)?, args)?;
+            }
+        }
+        self.write_depths(args, host.depths().as_ref())
+    }
+
+    fn write_read(&self, args: &Args, picture: Option<&Pixels>, inspected: Option<&Pixels>) -> Result<()> {
+        if let Some(pixels) = picture {
+            self.picture.iter().try_for_each(|output| output.write_picture(pixels, args))?;
+        }
+        self.write_depths(args, inspected)
+    }
+
+    fn write_depths(&self, args: &Args, inspected: Option<&Pixels>) -> Result<()> {
+        let Some(pixels) = inspected else { return Ok(()) };
+        let depths = depths(pixels);
+        self.depths.iter().try_for_each(|output| output.write_depths(&depths, args))
+    }
+}

@@ -1,0 +1,151 @@
+//! Many pictures at once: the same files as drawn one by one, on one device or several.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+
+use crate::common::program::{fails, ok, path, run};
+
+const SCENE: [&str; 4] = ["render", "cactus:2000", "--orbit", "7"];
+
+/// The pictures below a folder, by their paths in it.
+fn pictures(folder: &str) -> Vec<(String, Vec<u8>)> {
+    let mut found = Vec::new();
+    let mut folders = vec![Path::new(folder).to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in fs::read_dir(next).unwrap().map(|entry| entry.unwrap().path()) {
+            if entry.is_dir() {
+                folders.push(entry);
+            } else if !entry.file_name().unwrap().to_string_lossy().starts_with('.') {
+                let name = entry.strip_prefix(folder).unwrap().display().to_string();
+                found.push((name, fs::read(entry).unwrap()));
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn files_of_a_film_are_those_of_single_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let film = path(&folder, "film.json");
+    // A film of a standing camera, a turned one and one of another size.
+    let frame = |x: f64, w: u32| {
+        format!(
+            r#"{{"id": 0, "img_name": "a", "width": {w}, "height": 30, "position": [{x}, -1, -4],
+                "rotation": [[1,0,0],[0,1,0],[0,0,1]], "fx": 40, "fy": 40}}"#
+        )
+    };
+    let frames = [frame(0.0, 41), frame(0.5, 41), frame(1.0, 64), frame(-2.0, 17)].join(",");
+    fs::write(&film, format!("[{frames}]")).unwrap();
+    for (i, options) in [
+        "--layers colour,alpha,depth,median-depth,counts",
+        "--layers colour,alpha --format png16",
+        "--layers colour,alpha --format exr --compression small",
+        "--layers alpha,counts --format npy",
+        "--layers depth",
+        "--background transparent",
+        "--background transparent --format exr",
+        "--compression small --background white",
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let options: Vec<&str> = options.split(' ').collect();
+        let [together, alone] = ["together", "alone"].map(|name| path(&folder, &format!("{name}{i}")));
+        let scene = ["render", "cactus:2000", "--cameras", &film, "-o"];
+        ok(&[&scene[..], &[&together, "--camera", "all"], &options].concat());
+        for camera in 0..4 {
+            let camera = camera.to_string();
+            let range = format!("{camera}..{camera}");
+            ok(&[&scene[..], &[&alone, "--camera", &range], &options].concat());
+        }
+        let [together, alone] = [pictures(&together), pictures(&alone)];
+        assert!(together.len() >= 4 && together == alone, "{options:?}");
+    }
+}
+
+#[test]
+fn several_devices_draw_the_same_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let [one, two, report] = ["one", "two", "two.json"].map(|name| path(&folder, name));
+    let text = ok(&[&SCENE[..], &["--size", "64x48", "-o", &one]].concat());
+    assert!(text.contains("7 pictures in "), "{text}");
+    let device = std::env::var("SMALTO_DEVICE").unwrap_or_else(|_| "0".to_owned());
+    let devices = format!("{device},{device}");
+    let rest = ["--size", "64x48", "--timings", "--json", &report, "--device", &devices, "-o", &two];
+    let text = ok(&[&SCENE[..], &rest].concat());
+    assert!(text.contains("encoding") && text.contains("threads"), "{text}");
+    assert!(pictures(&one).len() == 7 && pictures(&one) == pictures(&two));
+    // Reports are in the order of the cameras, whichever picture was complete first.
+    let report: serde_json::Value = serde_json::from_str(&fs::read_to_string(report).unwrap()).unwrap();
+    let order = report["frames"].as_array().unwrap().iter().map(|frame| frame["camera"]["index"].as_u64().unwrap());
+    assert_eq!(order.collect::<Vec<_>>(), Vec::from_iter(0..7));
+    ok(&[&SCENE[..], &["--size", "64x48", "--device", "all", "-o", &one]].concat());
+    let error = fails(3, &[&SCENE[..], &["--device", &format!("{device},none"), "-o", &one]].concat());
+    assert!(error.contains("none"), "{error}");
+}
+
+#[test]
+fn a_file_that_cannot_be_written_ends_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "out");
+    ok(&[&SCENE[..], &["--size", "64x48", "-o", &out]].concat());
+    fs::remove_file(format!("{out}/00003.png")).unwrap();
+    fs::create_dir(format!("{out}/00003.png")).unwrap();
+    let error = fails(1, &[&SCENE[..], &["--size", "64x48", "-o", &out]].concat());
+    assert!(error.contains("cannot write") && error.contains("00003.png"), "{error}");
+}
+
+/// An ffmpeg that keeps what it gets, or fails.
+fn false_ffmpeg(folder: &Path, script: &str) -> String {
+    let bin = folder.join("bin");
+    fs::create_dir_all(&bin).unwrap();
+    fs::write(bin.join("ffmpeg"), format!("#!/bin/bash\n[ \"$1\" = -version ] && exit 0\n{script}\n")).unwrap();
+    fs::set_permissions(bin.join("ffmpeg"), fs::Permissions::from_mode(0o755)).unwrap();
+    format!("{}:{}", bin.display(), std::env::var("PATH").unwrap())
+}
+
+#[test]
+fn a_video_gets_all_frames_in_their_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let [video, out] = ["a.mkv", "out"].map(|name| path(&folder, name));
+    let search = false_ffmpeg(folder.path(), "cat > \"${@: -1}\"; echo \"$@\" > \"$0.words\"");
+    let arguments = [&SCENE[..], &["--size", "33x24", "--fps", "24", "--video", &video]].concat();
+    let output = run(&arguments, |command| _ = command.env("PATH", &search));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    ok(&[&SCENE[..], &["--size", "33x24", "-o", &out]].concat());
+    let rgb = |name: &String| image::open(Path::new(&out).join(name)).unwrap().into_rgb8().into_raw();
+    let expected: Vec<u8> = pictures(&out).iter().flat_map(|(name, _)| rgb(name)).collect();
+    assert!(fs::read(&video).unwrap() == expected);
+    let words = fs::read_to_string(folder.path().join("bin/ffmpeg.words")).unwrap();
+    assert!(words.contains("-pixel_format rgb24 -video_size 33x24 -framerate 24 -i - -vf pad="), "{words}");
+
+    // A failure leaves the old file.
+    let search = false_ffmpeg(folder.path(), "head -c 100 > /dev/null; echo 'no such codec' >&2; exit 1");
+    let output = run(&arguments, |command| _ = command.env("PATH", &search));
+    assert_eq!(output.status.code(), Some(1));
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(error.contains("cannot write") && error.contains("ffmpeg failed: no such codec"), "{error}");
+    assert!(fs::read(&video).unwrap() == expected);
+
+    // Without ffmpeg there are pictures and the command.
+    let output = run(&arguments, |command| _ = command.env("PATH", folder.path()));
+    assert!(output.status.success());
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(error.contains("there is no ffmpeg"), "{error}");
+    assert_eq!(pictures(&path(&folder, "a")).len(), 7);
+    assert!(String::from_utf8_lossy(&output.stdout).contains("ffmpeg -framerate 24"));
+
+    for (options, sentence) in [
+        (&["--video", "scene.ply"][..], "expected a name that ends in .mp4"),
+        (&["--video", &video, "-o", &out], "--video FILE cannot be combined with --output"),
+        (&["--video", &video, "--layers", "depth"], "--video FILE cannot be combined with --layers"),
+        (&["--video", &video, "--background", "transparent"], "cannot be transparent"),
+    ] {
+        let output = run(&[&SCENE[..], options].concat(), |command| _ = command.env("PATH", &search));
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && error.contains(sentence), "{error}");
+    }
+}
