@@ -15,7 +15,7 @@ pub struct Environment {
     /// `SMALTO_SHADERS`: a folder like `glsl/` whose shaders are compiled at run time; needs the feature `reload`.
     pub shaders: Option<PathBuf>,
     /// `SMALTO_FAULT`: a fault that the viewer simulates after a number of frames, for tests: `device@100`,
-    /// `surface@100` or `memory@100`.
+    /// `surface@100` or `memory@100`. `render` simulates the first of these.
     pub fault: Option<String>,
 }
 

@@ -58,7 +58,8 @@ use sink::Sink;
 Exit codes: 0 success, 1 failure, 2 wrong usage, 3 no usable Vulkan device or no display for `view`,
             4 unreadable scene, camera, image or report file, 5 out of memory, 6 over a threshold.
 Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION turns the validation layer on (1) or off
-             (0); SMALTO_FAULT simulates a fault in `view`;
+             (0); SMALTO_FAULT simulates a fault in `view`, or with device@N in
+             `render` the loss of the first device after N views;
              SMALTO_SHADERS=DIR compiles the shaders in DIR at run time (feature `reload`)."
 )]
 struct Cli {

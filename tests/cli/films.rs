@@ -3,6 +3,8 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
 
 use crate::common::program::{fails, ok, path, run};
 
@@ -85,6 +87,59 @@ fn several_devices_draw_the_same_files() {
     ok(&[&SCENE[..], &["--size", "64x48", "--device", "all", "-o", &one]].concat());
     let error = fails(3, &[&SCENE[..], &["--device", &format!("{device},none"), "-o", &one]].concat());
     assert!(error.contains("none"), "{error}");
+}
+
+#[test]
+fn pictures_of_a_lost_device_are_drawn_by_the_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let [whole, other] = ["whole", "other"].map(|name| path(&folder, name));
+    ok(&[&SCENE[..], &["--size", "64x48", "-o", &whole]].concat());
+    let device = std::env::var("SMALTO_DEVICE").unwrap_or_else(|_| "0".to_owned());
+    let devices = format!("{device},{device}");
+    for lost_after in ["device@0", "device@1"] {
+        let arguments = [&SCENE[..], &["--size", "64x48", "--device", &devices, "-o", &other]].concat();
+        let output = run(&arguments, |command| _ = command.env("SMALTO_FAULT", lost_after));
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success() && error.contains("draws no more: the GPU was lost"), "{error}");
+        assert!(pictures(&whole) == pictures(&other));
+        fs::remove_dir_all(&other).unwrap();
+    }
+    // Alone, its loss ends the run, which can be resumed.
+    let arguments = [&SCENE[..], &["--size", "64x48", "--resume", "-o", &other]].concat();
+    let output = run(&arguments, |command| _ = command.env("SMALTO_FAULT", "device@3"));
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(pictures(&other).len(), 3);
+    let text = ok(&arguments);
+    assert!(text.contains("4 pictures in ") && pictures(&whole) == pictures(&other), "{text}");
+}
+
+/// Runs that are killed at any moment leave whole files, and the last one completes them.
+#[test]
+fn killed_runs_are_resumed() {
+    let folder = tempfile::tempdir().unwrap();
+    let [whole, killed] = ["whole", "killed"].map(|name| path(&folder, name));
+    let run = ["render", "cactus:2000", "--orbit", "60", "--size", "96x64", "--layers", "colour,depth", "-o"];
+    ok(&[&run[..], &[&whole]].concat());
+    let expected = pictures(&whole);
+    let again = [&run[..], &[&killed, "--resume"]].concat();
+    let mut done = 0;
+    for attempt in 0..20 {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_smalto"))
+            .args(&again)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(150 + 97 * attempt % 400));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let so_far = if Path::new(&killed).exists() { pictures(&killed) } else { Vec::new() };
+        assert!(so_far.iter().all(|file| expected.contains(file)), "a file is not whole after attempt {attempt}");
+        assert!(so_far.len() >= done, "a file is lost after attempt {attempt}");
+        done = so_far.len();
+    }
+    let text = ok(&again);
+    assert!(pictures(&killed) == expected, "{text}");
 }
 
 #[test]

@@ -9,6 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
+use rayon::prelude::*;
 
 use super::{Sink, Usage, progress, size_text};
 use crate::files::check_writable;
@@ -82,6 +83,9 @@ fn within(low: f64, high: f64) -> impl Fn(&str) -> Result<f64> + Clone {
 /// Memory that a comparison of any size needs besides: rows of every thread, the encoder of a heatmap.
 const OTHER_BYTES: u64 = 32 << 20;
 
+/// Memory for pairs that are compared at the same time.
+const AT_ONCE_BYTES: u64 = 4 << 30;
+
 /// A pair that was compared.
 struct Compared {
     /// What it is called in tables and messages.
@@ -98,25 +102,50 @@ pub(super) fn run(args: &Args) -> Result<()> {
     check_outputs(args, &pairs, is_folder)?;
     // Threads reserve address space with their first allocation. They do so now, before the free memory is checked.
     rayon::broadcast(|_| drop(std::hint::black_box(Vec::<u8>::with_capacity(1024))));
-    let bar = progress::Bar::new("comparing");
-    let mut compared = Vec::new();
-    for (done, files) in pairs.iter().enumerate() {
-        bar.set(done as f64 / pairs.len() as f64);
-        let (pair, map) = compare(files, args.ppd)?;
-        if let Some(heatmap) = &args.heatmap {
-            let file = if is_folder { heatmap.join(&files.heatmap) } else { heatmap.clone() };
-            if let Some(folder) = file.parent().filter(|_| is_folder) {
-                make_folder(folder)?;
-            }
-            draw(&map, pair.size).write_as(FileKind::Png, Compression::Fast, &file, false)?;
-        }
-        compared.push(Compared { title: files.title.clone(), pair });
-    }
-    drop(bar);
+    let compared = compare_all(args, &pairs, is_folder)?;
     let report = report(&compared, args.ppd);
     tables::print(&compared, &report, is_folder)?;
     args.json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report))?;
     limits::judge(args, &compared)
+}
+
+/// Compares all pairs: the first alone, then as many at once as there are cores and memory for pairs of its size.
+fn compare_all(args: &Args, pairs: &[Files], is_folder: bool) -> Result<Vec<Compared>> {
+    let bar = progress::Bar::new("comparing");
+    let mut compared: Vec<Compared> = Vec::new();
+    let mut at_once = 1;
+    while compared.len() < pairs.len() {
+        let next = &pairs[compared.len()..pairs.len().min(compared.len() + at_once)];
+        let outcomes: Vec<_> = next.par_iter().map(|files| compare_one(args, files, is_folder)).collect();
+        for outcome in outcomes {
+            compared.push(outcome?);
+        }
+        let bytes = compared.last().map_or(0, |one| needed_bytes(one.pair.size));
+        at_once = (AT_ONCE_BYTES / bytes.max(1)).clamp(1, rayon::current_num_threads() as u64) as usize;
+        if check_free(bytes * at_once as u64, "comparisons").is_err() {
+            at_once = 1;
+        }
+        bar.set_counted(compared.len(), pairs.len(), "pairs");
+    }
+    Ok(compared)
+}
+
+/// Compares a pair, and writes its heatmap if there is to be one.
+fn compare_one(args: &Args, files: &Files, is_folder: bool) -> Result<Compared> {
+    let (pair, map) = compare(files, args.ppd)?;
+    if let Some(heatmap) = &args.heatmap {
+        let file = if is_folder { heatmap.join(&files.heatmap) } else { heatmap.clone() };
+        if let Some(folder) = file.parent().filter(|_| is_folder) {
+            make_folder(folder)?;
+        }
+        draw(&map, pair.size).write_as(FileKind::Png, Compression::Fast, &file, false)?;
+    }
+    Ok(Compared { title: files.title.clone(), pair })
+}
+
+/// Bytes of memory for a pair of this size.
+fn needed_bytes(size: [u32; 2]) -> u64 {
+    BYTES_PER_PIXEL * u64::from(size[0]) * u64::from(size[1]) + OTHER_BYTES
 }
 
 fn report(compared: &[Compared], ppd: f64) -> Report {
@@ -175,8 +204,7 @@ fn compare(files: &Files, ppd: f64) -> Result<(Pair, Vec<f32>)> {
         "{shown_a} has {text} pixels and {shown_b} has {other_text}: pictures must have the same size (`smalto render` \
          draws at the size of a photograph with --size {other_text} or --size {text})"
     );
-    let needed = BYTES_PER_PIXEL * u64::from(size[0]) * u64::from(size[1]) + OTHER_BYTES;
-    check_free(needed, &format!("a comparison of {text} pixels"))?;
+    check_free(needed_bytes(size), &format!("a comparison of {text} pixels"))?;
     let kinds = pictures.each_ref().map(|picture| picture.channels);
     let are_numbers = kinds.contains(&Channels::Numbers);
     ensure!(

@@ -10,8 +10,9 @@ use crossbeam_channel::{Receiver, Sender, unbounded};
 use super::Args;
 use super::encode::{Job, Source, Task};
 use super::queue::Queue;
+use crate::cli::environment::Environment;
 use crate::cli::{dump, remark};
-use crate::gpu::{Commands, Device};
+use crate::gpu::{Commands, Device, DeviceLost};
 use crate::options::Options;
 use crate::pixels::Integers;
 use crate::render::{Finished, Form, GpuScene, HostFrame, Inspection, Look, Renderer, Stream, Streamed, Wanted, Work};
@@ -36,6 +37,8 @@ pub(super) struct Run<'p> {
     pub started: OnceLock<Instant>,
     /// Most views of one device between its memory and their files.
     host_frames: usize,
+    /// After so many views the first device is lost, for tests.
+    fault: Option<usize>,
 }
 
 /// The scene on its way to the devices. The last of them frees it.
@@ -48,6 +51,8 @@ struct Worker<'r, 'p> {
     in_flight: VecDeque<(Task<'p>, Streamed)>,
     host: HostFrames,
     jobs: Sender<Job<'p>>,
+    /// Views until the device is lost, for tests.
+    fault: Option<usize>,
 }
 
 /// Host memory for views, which comes back when their files are written.
@@ -65,12 +70,15 @@ impl<'p> Run<'p> {
         let bytes = tasks.iter().map(|task| task.bytes(args)).filter(|bytes| *bytes <= LARGEST_STREAMED).max();
         let fit = (HOST_BYTES / devices as u64 / bytes.unwrap_or(0).max(1)) as usize;
         let host_frames = fit.clamp(2, IN_FLIGHT + encoders.div_ceil(devices));
-        Self { args, options, queue: Queue::new(tasks), started: OnceLock::new(), host_frames }
+        let fault = Environment::read().ok().and_then(|environment| environment.fault);
+        let fault = fault.and_then(|fault| fault.strip_prefix("device@")?.parse().ok());
+        Self { args, options, queue: Queue::new(tasks), started: OnceLock::new(), host_frames, fault }
     }
 
-    /// Draws views on a device until none is left. If the device fails, it gives back what it had taken.
-    pub fn draw_on(&self, device: &Device, scene: Upload, jobs: Sender<Job<'p>>) -> Result<()> {
+    /// Draws views on device `number` until none is left. If the device fails, it gives back what it had taken.
+    pub fn draw_on(&self, (number, device): (usize, &Device), scene: Upload, jobs: Sender<Job<'p>>) -> Result<()> {
         let mut worker = Worker::new(self, device, scene, jobs)?;
+        worker.fault = self.fault.filter(|_| number == 0);
         let drawn = worker.draw();
         while let Some((task, _)) = worker.in_flight.pop_back() {
             self.queue.give_back(task);
@@ -110,7 +118,7 @@ impl<'r, 'p> Worker<'r, 'p> {
         }
         let (way_back, back) = unbounded();
         let host = HostFrames { made: 0, most: run.host_frames, idle: Vec::new(), back, way_back };
-        Ok(Self { run, stream: Stream::new(device, renderer), in_flight: VecDeque::new(), host, jobs })
+        Ok(Self { run, stream: Stream::new(device, renderer), in_flight: VecDeque::new(), host, jobs, fault: None })
     }
 
     fn draw(&mut self) -> Result<()> {
@@ -145,7 +153,7 @@ impl<'r, 'p> Worker<'r, 'p> {
     /// Waits for the view that was submitted first, and hands it on. False if none is in flight.
     fn end(&mut self) -> Result<bool> {
         let Some((task, view)) = self.in_flight.pop_front() else { return Ok(false) };
-        let finished = self.stream.finish(view);
+        let finished = self.check_fault().and_then(|()| self.stream.finish(view));
         let Finished { frames, host } = match finished {
             Ok(finished) => finished,
             Err(error) => {
@@ -156,6 +164,14 @@ impl<'r, 'p> Worker<'r, 'p> {
         let source = Source::Host(host, self.host.way_back.clone());
         self.hand_on(Job { task, frames, source });
         Ok(true)
+    }
+
+    fn check_fault(&mut self) -> Result<()> {
+        self.fault = match self.fault {
+            Some(0) => return Err(DeviceLost("the GPU was lost: SMALTO_FAULT simulates it".to_owned()).into()),
+            views => views.map(|views| views - 1),
+        };
+        Ok(())
     }
 
     fn hand_on(&self, job: Job<'p>) {

@@ -112,10 +112,11 @@ fn draw(run: &Run, devices: &[Device], scene: Upload, encoders: usize, mut log: 
     let (failure, lost) = std::thread::scope(|threads| {
         let drawers: Vec<_> = devices
             .iter()
-            .map(|device| {
+            .enumerate()
+            .map(|(number, device)| {
                 let (scene, jobs) = (scene.clone(), jobs.clone());
                 threads.spawn(move || {
-                    run.draw_on(device, scene, jobs).inspect_err(|error| go_on(run, device, devices, error))
+                    run.draw_on((number, device), scene, jobs).inspect_err(|error| go_on(run, device, devices, error))
                 })
             })
             .collect();

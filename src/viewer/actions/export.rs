@@ -3,9 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::gpu::Device;
+use crate::pixels::Pixels;
 use crate::rules::Background;
 use crate::viewer::jobs::JobEvent;
 use crate::viewer::pictures::{Plan, Reusable, Side};
@@ -21,10 +23,16 @@ fn write_all(
 ) -> Result<()> {
     let (first, _) = shots.first().context("there is nothing to write")?;
     let mut drawn = plan.build(device, reusable, first, background, 0)?;
-    for (done, (camera, file)) in shots.iter().enumerate() {
-        drawn.renderer.render(camera, background)?;
-        drawn.renderer.pixels()?.write(file, false)?;
-        progress((done + 1) as f64 / shots.len() as f64);
+    let mut done = 0;
+    for shots_at_once in shots.chunks(rayon::current_num_threads()) {
+        let draw = |(camera, file): &'_ (Camera, PathBuf)| {
+            drawn.renderer.render(camera, background)?;
+            Ok((drawn.renderer.pixels()?, file.clone()))
+        };
+        let pictures: Vec<(Pixels, PathBuf)> = shots_at_once.iter().map(draw).collect::<Result<_>>()?;
+        pictures.par_iter().try_for_each(|(pixels, file)| pixels.write(file, false))?;
+        done += shots_at_once.len();
+        progress(done as f64 / shots.len() as f64);
     }
     Ok(())
 }
