@@ -22,8 +22,8 @@ pub(super) struct DeviceArgs {
 #[derive(Args)]
 pub(super) struct DevicesArgs {
     /// Vulkan devices, separated by commas: their numbers in the list of `smalto doctor`, or parts of their names; or
-    /// all: every GPU, or every software device where there is no GPU [default: one of the fastest kind]. Several devices share
-    /// the pictures. A device that is named twice does so, too
+    /// all: every GPU, or every software device where there is no GPU [default: one of the fastest kind].
+    /// `render` shares the pictures among them; `bench` measures the first, then the speed of all together
     #[arg(long, value_name = "INDEX|NAME,...|all", value_parser = NonEmptyStringValueParser::new())]
     device: Option<String>,
 }
@@ -43,6 +43,11 @@ impl DeviceArgs {
 }
 
 impl DevicesArgs {
+    /// True if several devices are asked for.
+    pub fn are_several(&self) -> bool {
+        self.device.as_deref().is_some_and(|list| list == "all" || list.contains(','))
+    }
+
     /// Opens the devices. Says so if they are of different kinds.
     pub fn open(&self) -> Result<Vec<Device>> {
         let environment = Environment::read()?;

@@ -106,6 +106,22 @@ fn bench_reports_frames_stages_counts_and_memory() {
     assert!(text.contains("SH degree 3, fast path") && text.contains("SH degree 3, portable path"), "{text}");
 }
 
+#[test]
+fn several_devices_are_measured_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "a.json");
+    let device = std::env::var("SMALTO_DEVICE").unwrap_or_else(|_| "0".to_owned());
+    let devices = format!("{device},{device}");
+    let text = ok(&quick("cactus:2000", &["--device", &devices, "--json", &out]));
+    assert!(text.contains(" frames per second on 2 devices: "), "{text}");
+    let report = json(&out);
+    assert!(jsonschema::validator_for(&schema("bench")).unwrap().is_valid(&report));
+    let together = report["runs"][0]["together"].as_array().unwrap();
+    assert_eq!(together.len(), 2);
+    assert!(together.iter().all(|device| device["frames_per_second"].as_f64().unwrap() > 0.0));
+    assert!(fails(2, &["bench", "--ladder", "--device", &devices]).contains("--ladder measures one --device"));
+}
+
 /// A device whose loops end after some rounds draws such views on the portable path, after an attempt on the fast one.
 #[test]
 fn views_that_always_need_a_second_attempt_are_measured() {

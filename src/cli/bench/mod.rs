@@ -11,7 +11,7 @@ use anyhow::{Context, Result, ensure};
 use clap::builder::RangedU64ValueParser;
 
 use super::{
-    DeviceArgs, EyeArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, Sink, SplitArg, Usage, check_plots, complain,
+    DevicesArgs, EyeArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, Sink, SplitArg, Usage, check_plots, complain,
     knobs, parse_size, progress, remark,
 };
 use crate::camera::Camera;
@@ -76,7 +76,7 @@ pub(super) struct Args {
     #[arg(long)]
     certificate: bool,
     #[command(flatten)]
-    device: DeviceArgs,
+    device: DevicesArgs,
     /// Write the report as JSON (docs/bench.schema.json); - prints it instead of the tables
     #[arg(long, value_name = "FILE|-")]
     json: Option<Sink>,
@@ -112,7 +112,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     // Files that cannot be written are reported before anything is measured.
     [&args.json, &args.csv].into_iter().flatten().try_for_each(Sink::check)?;
     args.plot.as_deref().map_or(Ok(()), check_writable)?;
-    let device = args.device.open()?;
+    let devices = args.device.open()?;
+    let device = devices[0].clone();
     let baseline = args.baseline.as_deref().map(read_baseline).transpose()?;
     let cameras = match args.eye.is_given()? {
         true => Cameras::at(args.eye, &args.split)?,
@@ -161,13 +162,17 @@ pub(super) fn run(args: &Args) -> Result<()> {
             if args.certificate {
                 run.certified_error = Some(certified_error(&device, &scene, &views, &options)?);
             }
+            if devices.len() > 1 {
+                let scene = (&scene.gaussians, &scene.requirements);
+                run.together = Some(bench::together(&devices, scene, &options, &views)?);
+            }
             table::print_run(&run, args.check)?;
             changes.extend(before.map(|before| Change::between(before, &run)));
             report.runs.push(run);
         }
     }
     table::print_machine(&report.device, &report.smalto, bench.protocol, &report.path)?;
-    complain(&device)?;
+    devices.iter().try_for_each(complain)?;
     write(args, &report)?;
     baseline.map_or(Ok(()), |baseline| judge(&changes, baseline.runs.len(), args.threshold))
 }
@@ -207,6 +212,9 @@ fn check_usage(args: &Args) -> Result<()> {
     check_plots(args.plot.as_deref())?;
     if args.ladder && args.size.len() != 1 {
         return Err(Usage("--ladder measures one --size".to_owned()).into());
+    }
+    if args.ladder && args.device.are_several() {
+        return Err(Usage("--ladder measures one --device".to_owned()).into());
     }
     if !(args.threshold >= 0.0 && args.threshold.is_finite()) {
         return Err(Usage(format!("--threshold {} is not a percentage of at least 0", args.threshold)).into());

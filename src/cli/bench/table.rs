@@ -37,6 +37,12 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
         frame.pipelined_ms,
         run.frames
     )?;
+    if let Some(together) = &run.together {
+        let speeds = together.iter().map(|device| device.frames_per_second);
+        let each: Vec<_> = speeds.clone().map(|speed| format!("{speed:.0}")).collect();
+        let all: f64 = speeds.sum();
+        say!("  together {all:.0} frames per second on {} devices: {}", each.len(), each.join(", "))?;
+    }
     print_warm_up(run.warm_up)?;
     say!(
         "  {:.0} visible, {:.0} instances in {:.0} of {} tiles, longest list {:.0} (medians)",

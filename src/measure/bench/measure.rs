@@ -19,7 +19,7 @@ use crate::render::{self, Frame, GpuScene, Renderer, Totals, tiles};
 use crate::rules::Background;
 
 /// Frames in flight when throughput is measured: one runs while the next is recorded.
-const IN_FLIGHT: usize = 2;
+pub(super) const IN_FLIGHT: usize = 2;
 
 /// The device to measure on, and the protocol.
 pub struct Bench {
@@ -146,6 +146,7 @@ impl Bench {
             image_hash,
             certified_error: None,
             psnr_db: None,
+            together: None,
         })
     }
 

@@ -13,6 +13,7 @@ mod measure;
 pub mod plot;
 mod report;
 mod statistics;
+mod together;
 mod warm_up;
 
 pub use bandwidth::copy_gb_s;
@@ -23,4 +24,5 @@ pub(crate) use measure::notice;
 pub use measure::{Bench, frame_ms, stage_times};
 pub use report::{Allocation, Counts, FrameTimes, Report, Run, SceneReport, StageReport, Subject, image_hash};
 pub use statistics::Statistics;
+pub use together::{DeviceSpeed, together};
 pub use warm_up::{Protocol, WarmUp, WarmUpLimits};

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::machine::{Clocks, DeviceReport, VersionReport};
 use super::statistics::Statistics;
+use super::together::DeviceSpeed;
 use super::warm_up::WarmUp;
 use crate::camera::Camera;
 use crate::options::Options;
@@ -65,6 +66,9 @@ pub struct Run {
     pub certified_error: Option<f32>,
     /// PSNR of the first view against the float64 reference, in dB; null if not requested or if both are equal.
     pub psnr_db: Option<f64>,
+    /// With several devices, the speed of each while all draw; else null.
+    #[serde(default)]
+    pub together: Option<Vec<DeviceSpeed>>,
 }
 
 /// The subject of a run, which identifies it within a report.

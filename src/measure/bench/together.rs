@@ -1,0 +1,88 @@
+//! Frames a second of several devices that draw at the same time.
+
+use std::collections::VecDeque;
+use std::panic::resume_unwind;
+use std::sync::Barrier;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::measure::IN_FLIGHT;
+use crate::camera::Camera;
+use crate::gpu::{Device, Timestamps};
+use crate::options::Options;
+use crate::render::{GpuScene, Renderer};
+use crate::rules::Background;
+use crate::scene::{Gaussians, Requirements};
+
+/// Time in which devices draw before they are measured, and time in which they are.
+const WARM_UP: Duration = Duration::from_secs(1);
+const MEASURED: Duration = Duration::from_secs(2);
+
+/// The speed of a device while all draw.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DeviceSpeed {
+    pub device: String,
+    /// Frames a second, if the host does not wait for each.
+    pub frames_per_second: f64,
+}
+
+/// Measures devices that draw the views of a scene at the same time, each in its own order of time.
+///
+/// # Errors
+/// If a device fails.
+pub fn together(
+    devices: &[Device],
+    (gaussians, needs): (&Gaussians, &Requirements),
+    options: &Options,
+    views: &[Camera],
+) -> Result<Vec<DeviceSpeed>> {
+    let ready = Barrier::new(devices.len());
+    let measure = &|device: &Device| -> Result<DeviceSpeed> {
+        let prepared = prepare(device, (gaussians, needs), options, views);
+        // All devices come here, those that failed, too: nobody waits for ever.
+        ready.wait();
+        let frames_per_second = frames_per_second(&mut prepared?, views, MEASURED)?;
+        Ok(DeviceSpeed { device: device.capabilities().name.clone(), frames_per_second })
+    };
+    std::thread::scope(|threads| {
+        let started: Vec<_> = devices.iter().map(|device| threads.spawn(move || measure(device))).collect();
+        started.into_iter().map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
+    })
+}
+
+fn prepare(
+    device: &Device,
+    (gaussians, needs): (&Gaussians, &Requirements),
+    options: &Options,
+    views: &[Camera],
+) -> Result<Renderer> {
+    let scene = GpuScene::with(device, gaussians, needs, options)?;
+    let mut renderer = Renderer::new(device, options, &scene)?;
+    renderer.set_timestamps(Timestamps::Outermost);
+    frames_per_second(&mut renderer, views, WARM_UP)?;
+    Ok(renderer)
+}
+
+/// Draws for this time, at least one frame.
+fn frames_per_second(renderer: &mut Renderer, views: &[Camera], time: Duration) -> Result<f64> {
+    let (started, mut done, mut in_flight) = (Instant::now(), 0, VecDeque::new());
+    for view in views.iter().cycle() {
+        in_flight.push_back((view, renderer.start(view, Background::BLACK)?));
+        if in_flight.len() == IN_FLIGHT
+            && let Some((view, oldest)) = in_flight.pop_front()
+        {
+            if !renderer.finish(oldest)? {
+                renderer.render(view, Background::BLACK)?;
+            }
+            done += 1;
+        }
+        if done > 0 && started.elapsed() >= time {
+            break;
+        }
+    }
+    Ok(f64::from(done) / started.elapsed().as_secs_f64())
+}
