@@ -25,8 +25,9 @@ const IN_FLIGHT: usize = 3;
 /// twice.
 const HOST_BYTES: u64 = 1 << 30;
 
-/// A view with more bytes of pixels is read in parts after a wait, and not kept in flight.
-const LARGEST_STREAMED: u64 = 1 << 28;
+/// A view with more bytes of pixels, or more than a buffer of the device holds, is read in parts after a wait, and not
+/// kept in flight.
+const LARGEST_STREAMED: u64 = 1 << 30;
 
 /// The part of a run that all devices share.
 pub(super) struct Run<'p> {
@@ -51,6 +52,8 @@ struct Worker<'r, 'p> {
     in_flight: VecDeque<(Task<'p>, Streamed)>,
     host: HostFrames,
     jobs: Sender<Job<'p>>,
+    /// The most bytes of a view that is kept in flight.
+    largest: u64,
     /// Views until the device is lost, for tests.
     fault: Option<usize>,
 }
@@ -118,7 +121,9 @@ impl<'r, 'p> Worker<'r, 'p> {
         }
         let (way_back, back) = unbounded();
         let host = HostFrames { made: 0, most: run.host_frames, idle: Vec::new(), back, way_back };
-        Ok(Self { run, stream: Stream::new(device, renderer), in_flight: VecDeque::new(), host, jobs, fault: None })
+        let largest = LARGEST_STREAMED.min(device.capabilities().limits.storage_range);
+        let (stream, in_flight) = (Stream::new(device, renderer), VecDeque::new());
+        Ok(Self { run, stream, in_flight, host, jobs, largest, fault: None })
     }
 
     fn draw(&mut self) -> Result<()> {
@@ -139,7 +144,7 @@ impl<'r, 'p> Worker<'r, 'p> {
         };
         self.run.started.get_or_init(Instant::now);
         let args = self.run.args;
-        let is_alone = args.certificate.is_some() || args.dump.is_some() || task.bytes(args) > LARGEST_STREAMED;
+        let is_alone = args.certificate.is_some() || args.dump.is_some() || task.bytes(args) > self.largest;
         let begun = if is_alone {
             self.host.idle.push(host);
             self.draw_alone(&task).map(|job| self.hand_on(job))
