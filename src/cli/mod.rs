@@ -12,6 +12,7 @@ pub mod environment;
 mod info;
 mod interrupt;
 mod knobs;
+mod memory;
 #[cfg(test)]
 mod pairs;
 mod progress;
@@ -87,7 +88,8 @@ struct DeviceArgs {
 impl DeviceArgs {
     fn open(&self) -> Result<Device> {
         let (choice, validation) = self.choice()?;
-        Device::open(&choice, validation)?.with_shaders(Environment::read()?.shaders.as_deref())
+        let device = Device::open(&choice, validation)?.with_shaders(Environment::read()?.shaders.as_deref())?;
+        Ok(memory::with_memory(device))
     }
 
     /// The device and whether it is validated, from these arguments and the environment.

@@ -15,6 +15,7 @@ use super::capabilities::{Capabilities, Feature};
 use super::error::{Unavailable, describe};
 use super::executables::{Executable, Executables};
 use super::instance::{Instance, Validation};
+use super::memory::Memory;
 use super::pipelines::Pipelines;
 use super::reload::ShaderFolder;
 use super::submission::Slot;
@@ -42,6 +43,8 @@ pub(super) struct Shared {
     /// Idle slots, kept for later recordings.
     pub slots: Mutex<Vec<Slot>>,
     pub pipelines: Mutex<Pipelines>,
+    /// What earlier runs left, and what this one leaves.
+    pub memory: Option<Memory>,
     /// Taken out in `drop`, to be dropped before the device.
     allocator: Mutex<Option<Allocator>>,
     pub instance: Arc<Instance>,
@@ -141,6 +144,7 @@ impl Device {
             timeline: vk::Semaphore::null(),
             slots: Mutex::default(),
             pipelines: Mutex::default(),
+            memory: None,
             allocator: Mutex::new(None),
             checked,
             capabilities,
@@ -292,6 +296,9 @@ impl Shared {
 
 impl Drop for Shared {
     fn drop(&mut self) {
+        if let Some(memory) = self.memory.take() {
+            memory.close(&self.raw);
+        }
         // SAFETY: clauses 1 and 2, no resource and no submission is left; the allocator frees its blocks first.
         unsafe {
             let _ = self.raw.device_wait_idle();

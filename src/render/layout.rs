@@ -75,7 +75,7 @@ impl Layout {
         let sh_degree = needs.sh_degree.min(options.sh_degree);
         let sh = Packing::of(options.sh_storage, needs.sh_grids.is_some());
         // A logarithm in 8 bits cannot represent a scale of 0.
-        let is_flat = gaussians.scales().as_flattened().contains(&0.0);
+        let is_flat = gaussians.scales().par_iter().with_min_len(1 << 14).any(|scale| scale.contains(&0.0));
         let allowed = if is_flat { options.shape_storage.min(Storage::F16) } else { options.shape_storage };
         let [smallest, largest] = scale_range(gaussians);
         let scale_base = upper_bits(largest).saturating_sub(u32::from(u16::MAX));
@@ -96,7 +96,8 @@ impl Layout {
         });
         // 1 % lower, because packing and rounding may increase an alpha.
         let clamped = 0.99 * options.rules.alpha_max;
-        let has_clamped_alphas = gaussians.opacities().iter().any(|opacity| *opacity > clamped);
+        let has_clamped_alphas =
+            gaussians.opacities().par_iter().with_min_len(1 << 14).any(|opacity| *opacity > clamped);
         let mut layout = Self {
             sh_degree,
             sh,
@@ -264,12 +265,10 @@ fn spanning_coefficient(gaussians: &Gaussians, degree: u32, i: usize) -> Grid {
 
 /// The smallest scale over 0 and the largest; both 0 if there is none.
 fn scale_range(gaussians: &Gaussians) -> [f32; 2] {
-    let [low, high] = gaussians
-        .scales()
-        .as_flattened()
-        .iter()
-        .filter(|scale| **scale > 0.0)
-        .fold([f32::INFINITY, 0.0], |[low, high]: [f32; 2], scale| [low.min(*scale), high.max(*scale)]);
+    let none = || [f32::INFINITY, 0.0];
+    let wider = |[low, high]: [f32; 2], [l, h]: [f32; 2]| [low.min(l), high.max(h)];
+    let positive = gaussians.scales().as_flattened().par_iter().with_min_len(1 << 14).filter(|scale| **scale > 0.0);
+    let [low, high] = positive.map(|scale| [*scale; 2]).fold(none, wider).reduce(none, wider);
     [low.min(high), high]
 }
 

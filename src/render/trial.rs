@@ -1,5 +1,7 @@
 //! The trial of the fast path at the start: its picture of a part of the scene is compared with the portable path's.
 
+use std::time::Instant;
+
 use anyhow::{Result, bail, ensure};
 
 use super::choice::{Path, PathChoice};
@@ -26,14 +28,26 @@ fn is_due(device: &Device) -> bool {
     device.capabilities().kind != DeviceKind::Cpu
 }
 
-/// Tries the fast path on a device where that is due, and drops it if it does not draw what the portable path does.
+/// Tries the fast path on a device where that is due, and drops it if it does not draw what the portable path does. A
+/// device with a memory is not tried again with the same pipelines, unless they failed.
 pub(super) fn try_fast(choice: &mut PathChoice, device: &Device, scene: &GpuScene) -> Result<()> {
-    if choice.has_fast() && is_due(device) { choice.try_fast(device, scene) } else { Ok(()) }
+    let Some(fast) = choice.fast().filter(|_| is_due(device)) else { return Ok(()) };
+    let pipelines = fast.fingerprint(device)?;
+    if device.has_passed(pipelines.as_bytes()) {
+        return Ok(());
+    }
+    choice.try_fast(device, scene)?;
+    if choice.fast().is_some() {
+        device.remember_passed(*pipelines.as_bytes());
+    }
+    Ok(())
 }
 
 impl PathChoice {
     fn try_fast(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
+        let begun = Instant::now();
         let disagreement = self.disagreement(device, scene)?;
+        self.trial_time = Some(begun.elapsed());
         self.end_trial(device, scene.len(), disagreement)
     }
 

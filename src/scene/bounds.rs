@@ -1,6 +1,7 @@
 //! The size of a scene, and where most of it lies.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::Gaussians;
 
@@ -16,9 +17,11 @@ pub struct Bounds {
 impl Bounds {
     /// The bounding box of the means of `gaussians`.
     pub fn of(gaussians: &Gaussians) -> Self {
-        let mut means = gaussians.means().iter().map(|m| Vec3::from(*m));
-        let first = means.next().unwrap_or_default();
-        let (low, high) = means.fold((first, first), |(low, high), mean| (low.min(mean), high.max(mean)));
+        let means = gaussians.means().par_iter().with_min_len(1 << 14).map(|m| Vec3::from(*m));
+        let first = gaussians.means().first().copied().map_or(Vec3::ZERO, Vec3::from);
+        let (low, high) = means
+            .fold(|| (first, first), |(low, high), mean| (low.min(mean), high.max(mean)))
+            .reduce(|| (first, first), |a, b| (a.0.min(b.0), a.1.max(b.1)));
         Self { low: low.to_array(), high: high.to_array() }
     }
 }
@@ -39,8 +42,8 @@ impl Focus {
         if means.is_empty() {
             return Self { centre: [0.0; 3], radius: 1.0 };
         }
-        let weighted = |value: &dyn Fn(&[f32; 3]) -> f64, fraction| {
-            let mut values: Vec<_> = means.iter().zip(opacities).map(|(m, o)| (value(m), f64::from(*o))).collect();
+        let weighted = |value: &(dyn Fn(&[f32; 3]) -> f64 + Sync), fraction| {
+            let mut values: Vec<_> = means.par_iter().zip(opacities).map(|(m, o)| (value(m), f64::from(*o))).collect();
             weighted_quantile(&mut values, fraction)
         };
         let centre = std::array::from_fn(|axis| weighted(&|m| f64::from(m[axis]), 0.5));
@@ -53,7 +56,8 @@ impl Focus {
 /// The smallest value with at least `fraction` of the weight at or below it. `values` are (value, weight), at least
 /// one.
 fn weighted_quantile(values: &mut [(f64, f64)], fraction: f64) -> f64 {
-    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    // By weight, too: the sums below are then the same with any number of threads.
+    values.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let wanted = fraction * values.iter().map(|v| v.1).sum::<f64>();
     let mut sum = 0.0;
     let reached = values.iter().find(|(_, weight)| {

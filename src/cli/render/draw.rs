@@ -87,12 +87,15 @@ pub(super) fn by_gpu(
         record.finish()?;
         return Ok((options, Vec::new()));
     }
+    args.start.end("layout");
     let certifies = args.certificate.is_some();
     let upload = if certifies { GpuScene::certifiable } else { GpuScene::with };
     let gpu_scene = upload(device, gaussians, &needs, &options)?;
     drop(scene);
+    args.start.end("upload");
     let create = if certifies { Renderer::certified } else { Renderer::new };
     let mut renderer = create(device, &options, &gpu_scene)?;
+    args.start.end_with("pipelines", renderer.trial_time().map(|time| ("trial", time)));
     if let Some(notice) = renderer.notice() {
         remark(&format!("note: {notice}"));
     }
@@ -106,6 +109,7 @@ pub(super) fn by_gpu(
         let outputs = pass.outputs(shot, &record);
         renderer.set_inspection(pass.inspection())?;
         frames.push(draw(args, &mut renderer, (*pass, shot), &outputs, &mut record)?);
+        args.start.end("first picture");
         bar.set((done + 1) as f64 / left.len() as f64);
     }
     complain(device)?;

@@ -1,0 +1,113 @@
+//! What a device keeps from one run of the program to the next: compiled pipelines, and checks that it passed.
+
+use std::collections::BTreeSet;
+use std::sync::{Mutex, MutexGuard};
+
+use ash::vk;
+
+use super::device::Device;
+
+/// The fingerprint of a check.
+pub type Check = [u8; 32];
+
+/// Compiled pipelines in the format of the driver, and the checks that the device passed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Remembered {
+    pub pipelines: Vec<u8>,
+    pub passed: BTreeSet<Check>,
+}
+
+impl Remembered {
+    /// The bytes of a file: a hash of the rest, the number of checks, the checks, the pipelines.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let count = (self.passed.len() as u32).to_le_bytes();
+        let checks = self.passed.iter().flatten().copied();
+        let content: Vec<u8> = count.into_iter().chain(checks).chain(self.pipelines.iter().copied()).collect();
+        [blake3::hash(&content).as_bytes().as_slice(), &content].concat()
+    }
+
+    /// The content of a file; `None` if it is damaged.
+    pub fn of_bytes(bytes: &[u8]) -> Option<Self> {
+        let (hash, content) = bytes.split_first_chunk::<32>()?;
+        let (count, rest) = content.split_first_chunk::<4>().filter(|_| blake3::hash(content) == *hash)?;
+        let (checks, pipelines) = rest.split_at_checked(32 * u32::from_le_bytes(*count) as usize)?;
+        Some(Self { pipelines: pipelines.to_owned(), passed: checks.as_chunks().0.iter().copied().collect() })
+    }
+}
+
+/// The memory of an open device.
+pub(super) struct Memory {
+    pub cache: vk::PipelineCache,
+    earlier: Remembered,
+    passed: Mutex<BTreeSet<Check>>,
+    keep: Box<dyn Fn(&Remembered) + Send + Sync>,
+}
+
+impl Memory {
+    fn passed(&self) -> MutexGuard<'_, BTreeSet<Check>> {
+        self.passed.lock().expect("no holder of the passed checks panics")
+    }
+
+    /// Hands over what is new, and frees the cache.
+    pub fn close(self, raw: &ash::Device) {
+        // SAFETY: clauses 1 and 3, the device is being dropped: nothing else uses the cache.
+        let pipelines = unsafe { raw.get_pipeline_cache_data(self.cache) };
+        let now = pipelines.map(|pipelines| Remembered { pipelines, passed: self.passed().clone() });
+        // SAFETY: as above.
+        unsafe { raw.destroy_pipeline_cache(self.cache, None) };
+        if let Some(now) = now.ok().filter(|now| *now != self.earlier) {
+            (self.keep)(&now);
+        }
+    }
+}
+
+impl Device {
+    /// Makes later stages from the pipelines that an earlier run compiled, if the driver accepts them. When the device
+    /// is closed, `keep` gets what there is to remember, unless it is what `earlier` was. A driver without memory for
+    /// this is no failure.
+    ///
+    /// # Panics
+    /// If a buffer, stage or recording of the device exists already.
+    pub fn with_memory(mut self, earlier: Remembered, keep: impl Fn(&Remembered) + Send + Sync + 'static) -> Self {
+        let shared = std::sync::Arc::get_mut(&mut self.0).expect("a device gets its memory before anything uses it");
+        let info = vk::PipelineCacheCreateInfo::default().initial_data(&earlier.pipelines);
+        // SAFETY: clauses 1 and 5: `shared` owns the cache, whose data is a driver's own and has an intact hash. The
+        // driver refuses data of other drivers and devices.
+        if let Ok(cache) = unsafe { shared.raw.create_pipeline_cache(&info, None) } {
+            let passed = Mutex::new(earlier.passed.clone());
+            shared.memory = Some(Memory { cache, earlier, passed, keep: Box::new(keep) });
+        }
+        self
+    }
+
+    /// True if the device passed this check, in this run or an earlier one.
+    pub fn has_passed(&self, check: &Check) -> bool {
+        self.0.memory.as_ref().is_some_and(|memory| memory.passed().contains(check))
+    }
+
+    /// Remembers that the device passed this check, if it has a memory.
+    pub fn remember_passed(&self, check: Check) {
+        if let Some(memory) = &self.0.memory {
+            memory.passed().insert(check);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_remembered_is_read_again_and_damage_is_found() {
+        let remembered = Remembered { pipelines: vec![1, 2, 3], passed: [[7; 32], [9; 32]].into() };
+        let bytes = remembered.to_bytes();
+        assert_eq!(Remembered::of_bytes(&bytes), Some(remembered));
+        assert_eq!(Remembered::of_bytes(&Remembered::default().to_bytes()), Some(Remembered::default()));
+        for at in 0..bytes.len() {
+            let mut damaged = bytes.clone();
+            damaged[at] ^= 1;
+            assert_eq!(Remembered::of_bytes(&damaged), None, "byte {at} is changed");
+            assert_eq!(Remembered::of_bytes(&bytes[..at]), None, "the file ends at byte {at}");
+        }
+    }
+}
