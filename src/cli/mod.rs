@@ -58,7 +58,9 @@ Exit codes: 0 success, 1 failure, 2 wrong usage, 3 no usable Vulkan device or no
             4 unreadable scene, camera, image or report file, 5 out of memory, 6 over a threshold.
 Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION turns the validation layer on (1) or off
              (0); SMALTO_FAULT simulates a fault in `view`;
-             SMALTO_SHADERS=DIR compiles the shaders in DIR at run time (feature `reload`)."
+             SMALTO_SHADERS=DIR compiles the shaders in DIR at run time (feature `reload`).
+Cache:       `smalto` in the user's folder of caches (on Linux ~/.cache or XDG_CACHE_HOME) holds compiled pipelines;
+             it may be deleted at any time."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -86,10 +88,15 @@ struct DeviceArgs {
 }
 
 impl DeviceArgs {
+    /// Opens the device with what earlier runs left for it.
     fn open(&self) -> Result<Device> {
+        Ok(memory::with_memory(self.open_anew()?))
+    }
+
+    /// Opens the device as if it were for the first time.
+    fn open_anew(&self) -> Result<Device> {
         let (choice, validation) = self.choice()?;
-        let device = Device::open(&choice, validation)?.with_shaders(Environment::read()?.shaders.as_deref())?;
-        Ok(memory::with_memory(device))
+        Device::open(&choice, validation)?.with_shaders(Environment::read()?.shaders.as_deref())
     }
 
     /// The device and whether it is validated, from these arguments and the environment.

@@ -184,7 +184,7 @@ impl Device {
         self.0.executables.as_ref().inspect(|executables| executables.record()).is_some()
     }
 
-    /// Returns the collected statistics, in the order in which the stages were built, and stops collecting.
+    /// Returns the collected statistics, by the names of the stages, and stops collecting.
     pub fn take_executables(&self) -> Vec<Executable> {
         self.0.executables.as_ref().map_or_else(Vec::new, Executables::take)
     }

@@ -95,7 +95,28 @@ impl Device {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
+    use crate::gpu::{DeviceChoice, Validation};
+
+    #[test]
+    fn what_is_new_is_kept_when_the_device_is_closed() {
+        let kept = Arc::new(Mutex::new(Vec::new()));
+        let open = |earlier: Remembered| {
+            let kept = kept.clone();
+            let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
+            device.with_memory(earlier, move |now| kept.lock().unwrap().push(now.clone()))
+        };
+        let device = open(Remembered { pipelines: b"of another driver".to_vec(), passed: [[1; 32]].into() });
+        device.remember_passed([2; 32]);
+        assert!(device.has_passed(&[1; 32]) && device.has_passed(&[2; 32]) && !device.has_passed(&[3; 32]));
+        drop(device);
+        let first = kept.lock().unwrap().pop().expect("there is news");
+        assert_eq!(first.passed, [[1; 32], [2; 32]].into());
+        drop(open(first));
+        assert!(kept.lock().unwrap().is_empty(), "there is nothing new");
+    }
 
     #[test]
     fn what_is_remembered_is_read_again_and_damage_is_found() {

@@ -91,7 +91,8 @@ pub(super) fn by_gpu(
     let certifies = args.certificate.is_some();
     let upload = if certifies { GpuScene::certifiable } else { GpuScene::with };
     let gpu_scene = upload(device, gaussians, &needs, &options)?;
-    drop(scene);
+    // Returning the memory of a large scene takes the system long.
+    rayon::spawn(|| drop(scene));
     args.start.end("upload");
     let create = if certifies { Renderer::certified } else { Renderer::new };
     let mut renderer = create(device, &options, &gpu_scene)?;

@@ -12,6 +12,7 @@
 //! | chunk | the Gaussians or splats that one workgroup of a stage handles |
 
 mod pipeline;
+mod stages;
 mod workspace;
 
 pub use pipeline::{BLOCK_HEIGHTS, BinGrid, FastPipeline};

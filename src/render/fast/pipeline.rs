@@ -8,13 +8,13 @@ use std::thread::ScopedJoinHandle;
 
 use anyhow::Result;
 
+use super::stages::sort_constants;
 use super::workspace::FastWorkspace;
 use crate::gpu::{Access, Commands, Device, DispatchSize, Shader, Stage};
 use crate::options::Options;
 use crate::render::constants::shared;
 use crate::render::frame::{DepthKeys, Shot, Target, view};
 use crate::render::layout::Layout;
-use crate::render::portable::digit_bits;
 use crate::render::shaders::fast::*;
 use crate::render::shaders::{Bin, FastDispatches, SharedConstants, Totals};
 use crate::rules::{Footprint, Order};
@@ -28,8 +28,6 @@ const SMALL_PICTURE: u64 = 1 << 20;
 const LARGE_PICTURE: u64 = 1 << 22;
 // Each chunk has a lane of sort.
 const _: () = assert!(BIN_CHUNKS <= Sort::WORKGROUP[0]);
-/// Workgroup memory in bytes that the counts of a sort may take.
-const SORT_COUNTS_BYTES: u32 = 16 << 10;
 
 /// The stages of a fast frame, built for one set of options and one layout of a scene.
 pub struct FastPipeline {
@@ -47,8 +45,8 @@ pub struct FastPipeline {
     /// One for each of [`BLOCK_HEIGHTS`], made when the first picture needs it.
     blend: [Option<Stage<Blend>>; BLOCK_HEIGHTS.len()],
     blend_long: [Option<Stage<BlendLong>>; BLOCK_HEIGHTS.len()],
-    constants: SharedConstants,
-    subgroup: u32,
+    pub(super) constants: SharedConstants,
+    pub(super) subgroup: u32,
     longest_list: u32,
     /// The index in [`BLOCK_HEIGHTS`] that every picture takes, if set; else each takes the one that suits its size.
     pub(in crate::render) forced_block_height: Option<usize>,
@@ -63,12 +61,6 @@ pub struct BinGrid {
     pub block_height: u32,
     /// The index of `block_height` in [`BLOCK_HEIGHTS`].
     height_index: usize,
-}
-
-fn sort_constants(constants: &SharedConstants, subgroup: u32) -> SortConstants {
-    let subgroups = Sort::WORKGROUP[0] / subgroup;
-    let digit_bits = digit_bits(subgroups, SORT_COUNTS_BYTES);
-    SortConstants { digit_bits, subgroups, ..SortConstants::of(constants) }
 }
 
 /// The stage that a thread made.
@@ -137,37 +129,6 @@ impl FastPipeline {
                 longest_list: device.capabilities().loop_limit.unwrap_or(u32::MAX),
             }))
         })
-    }
-
-    /// A fingerprint of all stages, those included that a picture makes.
-    ///
-    /// # Errors
-    /// If a shader cannot be compiled at run time.
-    pub fn fingerprint(&self, device: &Device) -> Result<blake3::Hash> {
-        let (constants, subgroup) = (&self.constants, self.subgroup);
-        let mut stages = vec![
-            Stage::<Project>::fingerprint(device, &ProjectConstants::of(constants), subgroup)?,
-            Stage::<List>::fingerprint(device, &ListConstants::of(constants), subgroup)?,
-            Stage::<Offsets>::fingerprint(device, &(), subgroup)?,
-            Stage::<Sort>::fingerprint(device, &sort_constants(constants, subgroup), subgroup)?,
-            Stage::<Masks>::fingerprint(device, &MasksConstants::of(constants), subgroup)?,
-        ];
-        for of_runs in [true, false] {
-            stages.push(Stage::<Merge>::fingerprint(device, &MergeConstants { of_runs }, subgroup)?);
-        }
-        for height in BLOCK_HEIGHTS {
-            let constants = &self.blend_constants(height);
-            stages.push(Stage::<Blend>::fingerprint(device, constants, subgroup)?);
-            stages.push(Stage::<BlendLong>::fingerprint(device, constants, subgroup)?);
-        }
-        let mut hasher = blake3::Hasher::new();
-        stages.iter().for_each(|stage| _ = hasher.update(stage.as_bytes()));
-        Ok(hasher.finalize())
-    }
-
-    fn blend_constants(&self, block_height: u32) -> BlendConstants {
-        let block_height = block_height.max(self.subgroup / BLOCK_WIDTH);
-        BlendConstants { block_height, ..BlendConstants::of(&self.constants) }
     }
 
     /// True if it can draw pictures of this size.
