@@ -15,7 +15,7 @@ use super::capabilities::{Capabilities, Feature};
 use super::error::{Unavailable, describe};
 use super::executables::{Executable, Executables};
 use super::instance::{Instance, Validation};
-use super::memory::Memory;
+use super::memory::{Check, Memory, Remembered};
 use super::pipelines::Pipelines;
 use super::reload::ShaderFolder;
 use super::submission::Slot;
@@ -236,6 +236,29 @@ impl Device {
         let shared = Arc::get_mut(&mut self.0).expect("a device gets its folder of shaders before anything uses it");
         shared.shaders = Some(ShaderFolder::new(folder)?);
         Ok(self)
+    }
+
+    /// Makes later stages from the pipelines that an earlier run compiled, if the driver accepts them. When the device
+    /// is closed, `keep` gets what there is to remember, unless it is what `earlier` was.
+    ///
+    /// # Panics
+    /// If a buffer, stage or recording of the device exists already.
+    pub fn with_memory(mut self, earlier: Remembered, keep: impl Fn(&Remembered) + Send + Sync + 'static) -> Self {
+        let shared = Arc::get_mut(&mut self.0).expect("a device gets its memory before anything uses it");
+        shared.memory = Memory::new(&shared.raw, earlier, keep);
+        self
+    }
+
+    /// True if the device passed this check, in this run or an earlier one.
+    pub fn has_passed(&self, check: &Check) -> bool {
+        self.0.memory.as_ref().is_some_and(|memory| memory.passed().contains(check))
+    }
+
+    /// Remembers that the device passed this check, if it has a memory.
+    pub fn remember_passed(&self, check: Check) {
+        if let Some(memory) = &self.0.memory {
+            memory.passed().insert(check);
+        }
     }
 
     /// The time of the newest change in the folder of shaders; `None` without [`Device::with_shaders`].

@@ -5,8 +5,6 @@ use std::sync::{Mutex, MutexGuard};
 
 use ash::vk;
 
-use super::device::Device;
-
 /// The fingerprint of a check.
 pub type Check = [u8; 32];
 
@@ -44,7 +42,21 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    fn passed(&self) -> MutexGuard<'_, BTreeSet<Check>> {
+    /// The memory of a device, with what an earlier run left. `None` if the driver has no room for it.
+    pub fn new(
+        raw: &ash::Device,
+        earlier: Remembered,
+        keep: impl Fn(&Remembered) + Send + Sync + 'static,
+    ) -> Option<Self> {
+        let info = vk::PipelineCacheCreateInfo::default().initial_data(&earlier.pipelines);
+        // SAFETY: clauses 1 and 5, the device owns this memory. The driver refuses data of other drivers and devices.
+        let cache = unsafe { raw.create_pipeline_cache(&info, None) }.ok()?;
+        let passed = Mutex::new(earlier.passed.clone());
+        Some(Self { cache, earlier, passed, keep: Box::new(keep) })
+    }
+
+    /// The checks that the device passed.
+    pub fn passed(&self) -> MutexGuard<'_, BTreeSet<Check>> {
         self.passed.lock().expect("no holder of the passed checks panics")
     }
 
@@ -61,44 +73,12 @@ impl Memory {
     }
 }
 
-impl Device {
-    /// Makes later stages from the pipelines that an earlier run compiled, if the driver accepts them. When the device
-    /// is closed, `keep` gets what there is to remember, unless it is what `earlier` was. A driver without memory for
-    /// this is no failure.
-    ///
-    /// # Panics
-    /// If a buffer, stage or recording of the device exists already.
-    pub fn with_memory(mut self, earlier: Remembered, keep: impl Fn(&Remembered) + Send + Sync + 'static) -> Self {
-        let shared = std::sync::Arc::get_mut(&mut self.0).expect("a device gets its memory before anything uses it");
-        let info = vk::PipelineCacheCreateInfo::default().initial_data(&earlier.pipelines);
-        // SAFETY: clauses 1 and 5: `shared` owns the cache, whose data is a driver's own and has an intact hash. The
-        // driver refuses data of other drivers and devices.
-        if let Ok(cache) = unsafe { shared.raw.create_pipeline_cache(&info, None) } {
-            let passed = Mutex::new(earlier.passed.clone());
-            shared.memory = Some(Memory { cache, earlier, passed, keep: Box::new(keep) });
-        }
-        self
-    }
-
-    /// True if the device passed this check, in this run or an earlier one.
-    pub fn has_passed(&self, check: &Check) -> bool {
-        self.0.memory.as_ref().is_some_and(|memory| memory.passed().contains(check))
-    }
-
-    /// Remembers that the device passed this check, if it has a memory.
-    pub fn remember_passed(&self, check: Check) {
-        if let Some(memory) = &self.0.memory {
-            memory.passed().insert(check);
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::gpu::{DeviceChoice, Validation};
+    use crate::gpu::{Device, DeviceChoice, Validation};
 
     #[test]
     fn what_is_new_is_kept_when_the_device_is_closed() {

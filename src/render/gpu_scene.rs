@@ -195,7 +195,8 @@ impl GpuScene {
             let opacity = if opacity < self.alpha_min { opacity } else { kept };
             *element = [x, y, z, reach(scale, opacity, self.alpha_min.into())];
             put(shapes, k, layout.shape_words(), |word| layout.shape_word(gaussians, index, word));
-            put(sh, k, layout.sh_words(), |word| layout.sh_word(gaussians.sh(index), word));
+            let packed = layout.packed_sh(gaussians.sh(index));
+            put(sh, k, layout.sh_words(), |word| packed[word]);
         }
     }
 }

@@ -15,5 +15,6 @@ mod pipeline;
 mod stages;
 mod workspace;
 
-pub use pipeline::{BLOCK_HEIGHTS, BinGrid, FastPipeline};
+pub use pipeline::{BinGrid, FastPipeline};
+pub use stages::BLOCK_HEIGHTS;
 pub use workspace::FastWorkspace;

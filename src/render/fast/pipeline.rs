@@ -8,7 +8,7 @@ use std::thread::ScopedJoinHandle;
 
 use anyhow::Result;
 
-use super::stages::sort_constants;
+use super::stages::{self, BLOCK_HEIGHTS, blend_constants, sort_constants};
 use super::workspace::FastWorkspace;
 use crate::gpu::{Access, Commands, Device, DispatchSize, Shader, Stage};
 use crate::options::Options;
@@ -19,9 +19,6 @@ use crate::render::shaders::fast::*;
 use crate::render::shaders::{Bin, FastDispatches, SharedConstants, Totals};
 use crate::rules::{Footprint, Order};
 
-/// Heights of blocks, px. Low blocks balance the work of small and of crowded pictures; with high blocks fewer splats
-/// are listed more than once.
-pub const BLOCK_HEIGHTS: [u32; 3] = [4, 8, 16];
 /// Pictures with fewer pixels have the lowest blocks.
 const SMALL_PICTURE: u64 = 1 << 20;
 /// Pictures with at least this many pixels have the highest blocks.
@@ -45,8 +42,8 @@ pub struct FastPipeline {
     /// One for each of [`BLOCK_HEIGHTS`], made when the first picture needs it.
     blend: [Option<Stage<Blend>>; BLOCK_HEIGHTS.len()],
     blend_long: [Option<Stage<BlendLong>>; BLOCK_HEIGHTS.len()],
-    pub(super) constants: SharedConstants,
-    pub(super) subgroup: u32,
+    constants: SharedConstants,
+    subgroup: u32,
     longest_list: u32,
     /// The index in [`BLOCK_HEIGHTS`] that every picture takes, if set; else each takes the one that suits its size.
     pub(in crate::render) forced_block_height: Option<usize>,
@@ -131,6 +128,14 @@ impl FastPipeline {
         })
     }
 
+    /// A fingerprint of all stages, those included that a picture makes.
+    ///
+    /// # Errors
+    /// If a shader cannot be compiled at run time.
+    pub fn fingerprint(&self, device: &Device) -> Result<blake3::Hash> {
+        stages::fingerprint(device, &self.constants, self.subgroup)
+    }
+
     /// True if it can draw pictures of this size.
     pub fn takes(&self, size_px: [u32; 2], gaussians: usize) -> bool {
         self.grid(size_px, gaussians).count() <= MAX_BINS
@@ -142,7 +147,7 @@ impl FastPipeline {
     /// If a pipeline cannot be made.
     pub fn prepare(&mut self, device: &Device, grid: BinGrid, has_long_lists: bool) -> Result<()> {
         let height = grid.height_index;
-        let constants = self.blend_constants(grid.block_height);
+        let constants = blend_constants(&self.constants, self.subgroup, grid.block_height);
         if self.blend[height].is_none() {
             self.blend[height] = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
         }

@@ -2,12 +2,14 @@
 
 use anyhow::Result;
 
-use super::pipeline::{BLOCK_HEIGHTS, FastPipeline};
 use crate::gpu::{Device, Shader, Stage};
 use crate::render::portable::digit_bits;
 use crate::render::shaders::SharedConstants;
 use crate::render::shaders::fast::*;
 
+/// Heights of blocks, px. Low blocks balance the work of small and of crowded pictures; with high blocks fewer splats
+/// are listed more than once.
+pub const BLOCK_HEIGHTS: [u32; 3] = [4, 8, 16];
 /// Workgroup memory in bytes that the counts of a sort may take.
 const SORT_COUNTS_BYTES: u32 = 16 << 10;
 
@@ -17,35 +19,28 @@ pub(super) fn sort_constants(constants: &SharedConstants, subgroup: u32) -> Sort
     SortConstants { digit_bits, subgroups, ..SortConstants::of(constants) }
 }
 
-impl FastPipeline {
-    pub(super) fn blend_constants(&self, block_height: u32) -> BlendConstants {
-        let block_height = block_height.max(self.subgroup / BLOCK_WIDTH);
-        BlendConstants { block_height, ..BlendConstants::of(&self.constants) }
-    }
+pub(super) fn blend_constants(constants: &SharedConstants, subgroup: u32, block_height: u32) -> BlendConstants {
+    BlendConstants { block_height: block_height.max(subgroup / BLOCK_WIDTH), ..BlendConstants::of(constants) }
+}
 
-    /// A fingerprint of all stages, those included that a picture makes.
-    ///
-    /// # Errors
-    /// If a shader cannot be compiled at run time.
-    pub fn fingerprint(&self, device: &Device) -> Result<blake3::Hash> {
-        let (constants, subgroup) = (&self.constants, self.subgroup);
-        let mut stages = vec![
-            Stage::<Project>::fingerprint(device, &ProjectConstants::of(constants), subgroup)?,
-            Stage::<List>::fingerprint(device, &ListConstants::of(constants), subgroup)?,
-            Stage::<Offsets>::fingerprint(device, &(), subgroup)?,
-            Stage::<Sort>::fingerprint(device, &sort_constants(constants, subgroup), subgroup)?,
-            Stage::<Masks>::fingerprint(device, &MasksConstants::of(constants), subgroup)?,
-        ];
-        for of_runs in [true, false] {
-            stages.push(Stage::<Merge>::fingerprint(device, &MergeConstants { of_runs }, subgroup)?);
-        }
-        for height in BLOCK_HEIGHTS {
-            let constants = &self.blend_constants(height);
-            stages.push(Stage::<Blend>::fingerprint(device, constants, subgroup)?);
-            stages.push(Stage::<BlendLong>::fingerprint(device, constants, subgroup)?);
-        }
-        let mut hasher = blake3::Hasher::new();
-        stages.iter().for_each(|stage| _ = hasher.update(stage.as_bytes()));
-        Ok(hasher.finalize())
+/// A fingerprint of all stages.
+pub(super) fn fingerprint(device: &Device, constants: &SharedConstants, subgroup: u32) -> Result<blake3::Hash> {
+    let mut stages = vec![
+        Stage::<Project>::fingerprint(device, &ProjectConstants::of(constants), subgroup)?,
+        Stage::<List>::fingerprint(device, &ListConstants::of(constants), subgroup)?,
+        Stage::<Offsets>::fingerprint(device, &(), subgroup)?,
+        Stage::<Sort>::fingerprint(device, &sort_constants(constants, subgroup), subgroup)?,
+        Stage::<Masks>::fingerprint(device, &MasksConstants::of(constants), subgroup)?,
+    ];
+    for of_runs in [true, false] {
+        stages.push(Stage::<Merge>::fingerprint(device, &MergeConstants { of_runs }, subgroup)?);
     }
+    for height in BLOCK_HEIGHTS {
+        let constants = &blend_constants(constants, subgroup, height);
+        stages.push(Stage::<Blend>::fingerprint(device, constants, subgroup)?);
+        stages.push(Stage::<BlendLong>::fingerprint(device, constants, subgroup)?);
+    }
+    let mut hasher = blake3::Hasher::new();
+    stages.iter().for_each(|stage| _ = hasher.update(stage.as_bytes()));
+    Ok(hasher.finalize())
 }
