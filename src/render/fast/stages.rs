@@ -10,6 +10,7 @@ use crate::render::shaders::fast::*;
 /// Heights of blocks, px. Low blocks balance the work of small and of crowded pictures; with high blocks fewer splats
 /// are listed more than once.
 pub const BLOCK_HEIGHTS: [u32; 3] = [4, 8, 16];
+
 /// Workgroup memory in bytes that the counts of a sort may take.
 const SORT_COUNTS_BYTES: u32 = 16 << 10;
 
