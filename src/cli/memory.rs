@@ -9,7 +9,7 @@ use crate::files::{make_folder, read_whole, write_whole};
 use crate::gpu::{Device, Remembered};
 use crate::measure::bench::VersionReport;
 
-/// Largest file. The pipelines of a few presets take less than a tenth of it.
+/// Largest file that is read or written.
 const MOST_BYTES: u64 = 64 << 20;
 
 /// Gives a device what an earlier run left in the user's folder of caches. Without a file that can be used, the device
