@@ -7,6 +7,7 @@ use clap::Args;
 use clap::builder::NonEmptyStringValueParser;
 
 use super::environment::Environment;
+use super::memory::with_memory;
 use super::remark;
 use crate::gpu::{Capabilities, Device, DeviceChoice, DeviceKind, Validation, survey};
 
@@ -29,7 +30,13 @@ pub(super) struct DevicesArgs {
 }
 
 impl DeviceArgs {
+    /// Opens the device with what earlier runs left for it.
     pub fn open(&self) -> Result<Device> {
+        Ok(with_memory(self.open_anew()?))
+    }
+
+    /// Opens the device as if it were for the first time.
+    pub fn open_anew(&self) -> Result<Device> {
         let (choice, validation) = self.choice()?;
         open(&choice, validation)
     }
@@ -58,7 +65,8 @@ impl DevicesArgs {
             Some(named) if named.contains(',') => several(named, &survey()?),
             Some(named) => vec![DeviceChoice::from(named)],
         };
-        let devices: Vec<Device> = choices.iter().map(|choice| open(choice, validation)).collect::<Result<_>>()?;
+        let opened = choices.iter().map(|choice| Ok(with_memory(open(choice, validation)?)));
+        let devices: Vec<Device> = opened.collect::<Result<_>>()?;
         let kinds = names_of(&devices);
         if devices.iter().any(|device| device.capabilities().name != kinds) {
             remark(&format!(

@@ -88,7 +88,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
 }
 
 fn test(args: &Args, report: &mut Report) -> Result<()> {
-    let device = args.device.open()?;
+    let device = args.device.open_anew()?;
     let Capabilities { name, kind, .. } = device.capabilities();
     say!("self-test on {name}{}", if device.is_validated() { ", validated" } else { "" })?;
     let (device_name, is_validated) = (name.clone(), device.is_validated());

@@ -12,7 +12,7 @@ use super::{Usage, progress, remark};
 use crate::camera::Up;
 use crate::gpu::Device;
 use crate::render::GpuScene;
-use crate::scene::{self, NoLevel, Procedural, Reading, Scene, Transform};
+use crate::scene::{self, NoLevel, Procedural, Reading, Scene, Transform, Watch};
 
 /// The scene that a command draws, describes or measures.
 #[derive(Args)]
@@ -72,24 +72,34 @@ impl SceneArg {
 
     /// Reads the file or makes the procedural scene. Prints to stderr what was dropped or clamped.
     pub fn read(&self) -> Result<Scene> {
+        let scene = self.read_unless(&|| false)?;
+        self.remark(&scene);
+        Ok(scene)
+    }
+
+    /// Reads a scene, and prints only the progress. Reading a file, not a pipe, fails soon after it is cancelled.
+    pub fn read_unless(&self, is_cancelled: &dyn Fn() -> bool) -> Result<Scene> {
         let path = self.path().unwrap_or_else(|| self.scene.clone());
         let (name, reading) = (path.display(), self.reading.reading()?);
-        let scene = match self.procedural() {
-            Some(procedural) => {
-                let procedural = procedural.map_err(|e| Usage(format!("{name}: {e:#}")))?;
-                reading.make(procedural).map_err(no_level)?
-            }
+        let read = match self.procedural() {
+            Some(procedural) => reading.make(procedural.map_err(|e| Usage(format!("{name}: {e:#}")))?),
             None => {
                 let bar = progress::Bar::new("reading");
                 let progress = |fraction| bar.set(fraction);
-                let read = if piped::is_piped(&self.scene) {
+                if piped::is_piped(&self.scene) {
                     piped::read(&self.scene, &reading, &progress)
                 } else {
-                    reading.read(&path, &progress)
-                };
-                read.map_err(no_level)?
+                    reading.read_watched(&path, &Watch { progress: &progress, partial: &|_| {}, is_cancelled })
+                }
             }
         };
+        read.map_err(no_level)
+    }
+
+    /// Prints to stderr what the reader had to say about a scene.
+    pub fn remark(&self, scene: &Scene) {
+        let path = self.path().unwrap_or_else(|| self.scene.clone());
+        let name = path.display();
         for notice in &scene.notices {
             remark(&format!("note: {name}: {notice}"));
         }
@@ -98,7 +108,6 @@ impl SceneArg {
             let level = if report.is_clean() { "note" } else { "warning" };
             remark(&format!("{level}: {name}: of {} Gaussians {report}", report.read));
         }
-        Ok(scene)
     }
 }
 

@@ -149,6 +149,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         device,
         validation,
         shaders: environment.shaders,
+        with_memory: crate::cli::memory::with_memory,
         fault,
     })
 }

@@ -35,6 +35,9 @@ pub struct Capabilities {
     /// Once triangles have been drawn, the driver takes a timestamp only when the next one is written.
     #[serde(skip)]
     pub(super) has_late_timestamps: bool,
+    /// Changes with every version of the driver that compiles pipelines otherwise.
+    #[serde(skip)]
+    pub pipeline_uuid: [u8; 16],
     #[serde(skip)]
     pub(super) raw: vk::PhysicalDevice,
     #[serde(skip)]
@@ -218,6 +221,7 @@ mod tests {
             loop_limit: None,
             required_subgroups: RequiredSubgroups { in_compute: true, per_workgroup: 64, default_size },
             has_late_timestamps: false,
+            pipeline_uuid: [0; 16],
             raw: vk::PhysicalDevice::null(),
             queue_family: 0,
         }

@@ -1,6 +1,7 @@
 //! Recording a command buffer: dispatches, copies, barriers, timed scopes.
 
 use std::any::Any;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -175,22 +176,37 @@ impl Commands {
         len: usize,
         make: impl FnOnce(&mut [T]),
     ) -> Result<()> {
-        assert!(
-            offset <= buffer.len() && len <= buffer.len() - offset,
-            "an upload to `{}` ends inside it",
-            buffer.name()
-        );
-        if len == 0 {
-            return Ok(());
-        }
-        let bytes = (len * size_of::<T>()) as u64;
+        self.upload_together(&[(buffer, offset..offset + len)], |mut memory| make(memory.remove(0)))
+    }
+
+    /// Copies what `make` writes to the elements of a range of each of several buffers. `make` gets memory for each.
+    ///
+    /// # Errors
+    /// The host memory for the copies cannot be allocated.
+    ///
+    /// # Panics
+    /// If a range ends outside of its buffer.
+    pub fn upload_together<T: Element>(
+        &mut self,
+        places: &[(&Buffer<T>, Range<usize>)],
+        make: impl FnOnce(Vec<&mut [T]>),
+    ) -> Result<()> {
         let usage = vk::BufferUsageFlags::TRANSFER_SRC;
-        // Cached host memory, although the device reads it: many threads write it.
-        let mut staging = Storage::new(&self.device.0, "upload", bytes, usage, MemoryLocation::GpuToCpu)?;
-        make(bytemuck::cast_slice_mut(staging.mapped_mut()));
-        self.writes(buffer.resource(), "upload", Access::COPY_WRITE);
-        let region = vk::BufferCopy { src_offset: 0, dst_offset: (offset * size_of::<T>()) as u64, size: bytes };
-        self.copy_buffer(&Arc::new(staging), &buffer.storage, region);
+        let mut staging = Vec::new();
+        for (buffer, range) in places {
+            let is_inside = range.start <= range.end && range.end <= buffer.len();
+            assert!(is_inside, "an upload to `{}` ends inside it", buffer.name());
+            let bytes = (range.len().max(1) * size_of::<T>()) as u64;
+            // Cached host memory, although the device reads it: many threads write it.
+            staging.push(Storage::new(&self.device.0, "upload", bytes, usage, MemoryLocation::GpuToCpu)?);
+        }
+        let memory = staging.iter_mut().zip(places);
+        make(memory.map(|(s, (_, range))| &mut bytemuck::cast_slice_mut(s.mapped_mut())[..range.len()]).collect());
+        for (staging, (buffer, range)) in staging.into_iter().zip(places).filter(|(_, (_, range))| !range.is_empty()) {
+            self.writes(buffer.resource(), "upload", Access::COPY_WRITE);
+            let [dst_offset, size] = [range.start, range.len()].map(|len| (len * size_of::<T>()) as u64);
+            self.copy_buffer(&Arc::new(staging), &buffer.storage, vk::BufferCopy { src_offset: 0, dst_offset, size });
+        }
         Ok(())
     }
 

@@ -15,6 +15,7 @@ use super::capabilities::{Capabilities, Feature};
 use super::error::{Unavailable, describe};
 use super::executables::{Executable, Executables};
 use super::instance::{Instance, Validation};
+use super::memory::{Check, Memory, Remembered};
 use super::pipelines::Pipelines;
 use super::reload::ShaderFolder;
 use super::submission::Slot;
@@ -42,6 +43,8 @@ pub(super) struct Shared {
     /// Idle slots, kept for later recordings.
     pub slots: Mutex<Vec<Slot>>,
     pub pipelines: Mutex<Pipelines>,
+    /// What earlier runs left, and what this one leaves.
+    pub memory: Option<Memory>,
     /// Taken out in `drop`, to be dropped before the device.
     allocator: Mutex<Option<Allocator>>,
     pub instance: Arc<Instance>,
@@ -141,6 +144,7 @@ impl Device {
             timeline: vk::Semaphore::null(),
             slots: Mutex::default(),
             pipelines: Mutex::default(),
+            memory: None,
             allocator: Mutex::new(None),
             checked,
             capabilities,
@@ -180,7 +184,7 @@ impl Device {
         self.0.executables.as_ref().inspect(|executables| executables.record()).is_some()
     }
 
-    /// Returns the collected statistics, in the order in which the stages were built, and stops collecting.
+    /// Returns the collected statistics, by the names of the stages, and stops collecting.
     pub fn take_executables(&self) -> Vec<Executable> {
         self.0.executables.as_ref().map_or_else(Vec::new, Executables::take)
     }
@@ -232,6 +236,29 @@ impl Device {
         let shared = Arc::get_mut(&mut self.0).expect("a device gets its folder of shaders before anything uses it");
         shared.shaders = Some(ShaderFolder::new(folder)?);
         Ok(self)
+    }
+
+    /// Makes later stages from the pipelines that an earlier run compiled, if the driver accepts them. When the device
+    /// is closed, `keep` gets what there is to remember, unless it is what `earlier` was.
+    ///
+    /// # Panics
+    /// If a buffer, stage or recording of the device exists already.
+    pub fn with_memory(mut self, earlier: Remembered, keep: impl Fn(&Remembered) + Send + Sync + 'static) -> Self {
+        let shared = Arc::get_mut(&mut self.0).expect("a device gets its memory before anything uses it");
+        shared.memory = Memory::new(&shared.raw, earlier, keep);
+        self
+    }
+
+    /// True if the device passed this check, in this run or an earlier one.
+    pub fn has_passed(&self, check: &Check) -> bool {
+        self.0.memory.as_ref().is_some_and(|memory| memory.passed().contains(check))
+    }
+
+    /// Remembers that the device passed this check, if it has a memory.
+    pub fn remember_passed(&self, check: Check) {
+        if let Some(memory) = &self.0.memory {
+            memory.passed().insert(check);
+        }
     }
 
     /// The time of the newest change in the folder of shaders; `None` without [`Device::with_shaders`].
@@ -292,6 +319,9 @@ impl Shared {
 
 impl Drop for Shared {
     fn drop(&mut self) {
+        if let Some(memory) = self.memory.take() {
+            memory.close(&self.raw);
+        }
         // SAFETY: clauses 1 and 2, no resource and no submission is left; the allocator frees its blocks first.
         unsafe {
             let _ = self.raw.device_wait_idle();

@@ -32,7 +32,10 @@ impl Executables {
     }
 
     pub fn take(&self) -> Vec<Executable> {
-        self.found().take().unwrap_or_default()
+        let mut found = self.found().take().unwrap_or_default();
+        // Several threads build stages.
+        found.sort_by(|a, b| (a.stage, &a.statistics).cmp(&(b.stage, &b.statistics)));
+        found
     }
 
     /// The flags for creating a pipeline.

@@ -21,6 +21,7 @@
 //! 5. *Trusted shaders.* SPIR-V comes from `build.rs`, or with the feature `reload` from a developer's folder of
 //!    shaders, compiled by the same code and only with the same interface. The shaders bounds-check their own indices;
 //!    in checked mode the device's robust buffer access is on as well.
+//!    Compiled pipelines that are given back to a driver are what it made in an earlier run, with an intact hash.
 //! 6. *Plain data.* Only `bytemuck::Pod` types cross between host and device.
 //!
 //! Public functions are safe under these clauses, with one precondition that types do not express:
@@ -42,6 +43,7 @@ mod id;
 mod image;
 mod image_commands;
 mod instance;
+mod memory;
 #[cfg(feature = "viewer")]
 mod overlay;
 #[cfg(feature = "viewer")]
@@ -80,6 +82,8 @@ pub use hazards::Access;
 #[doc(hidden)]
 pub use image::Image;
 pub use instance::Validation;
+#[doc(hidden)]
+pub use memory::{Check, Remembered};
 #[cfg(feature = "viewer")]
 #[doc(hidden)]
 pub use overlay::Overlay;

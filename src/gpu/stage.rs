@@ -45,6 +45,17 @@ impl<S: Shader> Stage<S> {
         Self::build(device, constants, Some(size))
     }
 
+    /// A fingerprint of the stage that [`Stage::of_subgroups`] would build, without building it.
+    ///
+    /// # Errors
+    /// The shader cannot be compiled at run time.
+    pub fn fingerprint(device: &Device, constants: &S::Constants, size: u32) -> Result<blake3::Hash> {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(bytemuck::cast_slice(&words::<S>(&device.0)?));
+        constants.entries().iter().for_each(|(id, bits)| _ = hasher.update(bytemuck::cast_slice(&[*id, *bits])));
+        Ok(hasher.update(&size.to_le_bytes()).finalize())
+    }
+
     fn build(device: &Device, constants: &S::Constants, subgroup: Option<u32>) -> Result<Self> {
         let pipeline =
             Pipeline::shared::<S>(&device.0, constants, subgroup).with_context(|| format!("stage {}", S::NAME))?;
@@ -141,9 +152,10 @@ impl Pipeline {
         }
         let flags = device.executables.as_ref().map_or(vk::PipelineCreateFlags::empty(), Executables::flags);
         let info = vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(made.layout);
+        let cache = device.memory.as_ref().map_or(vk::PipelineCache::null(), |memory| memory.cache);
         // SAFETY: clauses 4 and 5; the module is not needed after the pipeline is made.
         let pipelines = unsafe {
-            let pipelines = device.raw.create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
+            let pipelines = device.raw.create_compute_pipelines(cache, &[info], None);
             device.raw.destroy_shader_module(module, None);
             pipelines
         };

@@ -231,6 +231,7 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
         // llvmpipe's loop limiter, LP_MAX_TGSI_LOOP_ITERATIONS; summed over all loops of an invocation.
         loop_limit: is_llvmpipe.then_some(65_535),
         has_late_timestamps: is_llvmpipe,
+        pipeline_uuid: properties.pipeline_cache_uuid,
         raw,
         queue_family: family.unwrap_or(0) as u32,
     })

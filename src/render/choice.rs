@@ -1,6 +1,7 @@
 //! The choice of a path for each frame, and the buffers of both paths.
 
 use std::fmt;
+use std::time::Duration;
 
 use anyhow::Result;
 use schemars::JsonSchema;
@@ -11,6 +12,7 @@ use super::fast::{FastPipeline, FastWorkspace};
 use super::frame::{Shot, Target, Variation, tiles};
 use super::gpu_scene::GpuScene;
 use super::inspect::Inspector;
+use super::layout::Layout;
 use super::portable::{PortablePipeline, PortableWorkspace};
 use super::shaders::Totals;
 use crate::gpu::{Buffer, Commands, Device};
@@ -38,13 +40,19 @@ impl fmt::Display for Path {
 
 /// The portable path, which draws everything, and the fast path where the device and the options allow it.
 pub(super) struct PathChoice {
-    pub portable: PortablePipeline,
+    /// Made when it draws for the first time: where the fast path draws, it is seldom needed.
+    portable: Option<PortablePipeline>,
+    variation: Variation,
+    options: Options,
+    layout: Layout,
     pub work: PortableWorkspace,
     /// Blend dispatches of a frame on the portable path.
     passes: u32,
     fast: Option<Fast>,
     /// Why the fast path is not taken although the device has it.
     pub notice: Option<String>,
+    /// The time that the trial of the fast path took, if there was one.
+    pub trial_time: Option<Duration>,
 }
 
 /// The fast path and its buffers.
@@ -79,8 +87,12 @@ impl PathChoice {
             anyhow::Ok(Fast { pipeline, work, is_too_long: false })
         });
         let fast = fast.transpose()?;
+        let portable = || PortablePipeline::varied(device, options, layout, variation);
         Ok(Self {
-            portable: PortablePipeline::varied(device, options, layout, variation)?,
+            portable: if fast.is_some() { None } else { Some(portable()?) },
+            variation,
+            options: *options,
+            layout: layout.clone(),
             // Where the fast path draws, the portable one needs no buffers.
             work: PortableWorkspace::new(device, if fast.is_some() { Capacity::default() } else { guess })?,
             passes: 1,
@@ -89,12 +101,21 @@ impl PathChoice {
                 "the portable path draws, since only it makes certificates; without --certificate the fast path draws"
                     .to_owned()
             }),
+            trial_time: None,
         })
     }
 
-    /// True if the fast path may draw.
-    pub fn has_fast(&self) -> bool {
-        self.fast.is_some()
+    /// The fast path, if it may draw.
+    pub fn fast(&self) -> Option<&FastPipeline> {
+        self.fast.as_ref().map(|fast| &fast.pipeline)
+    }
+
+    /// The portable path.
+    ///
+    /// # Panics
+    /// If no frame on it was prepared yet.
+    pub fn portable(&self) -> &PortablePipeline {
+        self.portable.as_ref().expect("a frame on the portable path was prepared")
     }
 
     /// Ends a trial of the fast path, and drops that if its picture differs from the portable path's by `disagreement`.
@@ -155,7 +176,7 @@ impl PathChoice {
     pub fn least_bytes(&self, path: Path, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
         match &self.fast {
             Some(fast) if path == Path::Fast => fast.pipeline.least_bytes(shot, totals),
-            _ => self.portable.least_bytes(shot, totals),
+            _ => self.portable().least_bytes(shot, totals),
         }
     }
 
@@ -180,7 +201,10 @@ impl PathChoice {
             }
         }
         self.work.grow(device, demand(tiles(size).iter().product()))?;
-        let longest_list = self.portable.longest_list(self.passes);
+        if self.portable.is_none() {
+            self.portable = Some(PortablePipeline::varied(device, &self.options, &self.layout, self.variation)?);
+        }
+        let longest_list = self.portable().longest_list(self.passes);
         Ok(Limits { path: Path::Portable, capacity: self.work.capacity, longest_list })
     }
 
@@ -195,8 +219,8 @@ impl PathChoice {
     ) {
         match (&self.fast, inspector) {
             (Some(fast), None) if limits.path == Path::Fast => fast.pipeline.record(cmd, shot, &fast.work, target),
-            (_, None) => self.portable.record(cmd, shot, &self.work, target, self.passes),
-            (_, Some(inspector)) => inspector.record(cmd, &self.portable, shot, &self.work, target, self.passes),
+            (_, None) => self.portable().record(cmd, shot, &self.work, target, self.passes),
+            (_, Some(inspector)) => inspector.record(cmd, self.portable(), shot, &self.work, target, self.passes),
         }
     }
 
@@ -217,7 +241,8 @@ impl PathChoice {
             (None, Path::Fast) => {}
             (fast, Path::Portable) => {
                 self.work.grow(device, demand)?;
-                self.passes = self.passes.max(self.portable.passes(totals.longest_list));
+                let passes = self.portable.as_ref().map_or(1, |portable| portable.passes(totals.longest_list));
+                self.passes = self.passes.max(passes);
                 if let Some(fast) = fast
                     && is_whole
                 {

@@ -7,7 +7,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::camera::Camera;
-use crate::gpu::{Buffer, Commands, Device, Element};
+use crate::gpu::{Buffer, Commands, Device};
 use crate::options::Options;
 use crate::render::layout::Layout;
 use crate::render::shaders::Grids;
@@ -38,9 +38,10 @@ pub struct GpuScene {
 pub(super) const TRIAL: usize = 1 << 14;
 /// Size of the trial's picture, px.
 pub(super) const TRIAL_SIZE: [u32; 2] = [256, 144];
-/// Gaussians uploaded at a time. It is a multiple of the Gaussians that share an element, and so few that their
-/// spherical harmonics, which every plane takes a part of, stay in the cache.
-const UPLOAD_CHUNK: usize = 1 << 15;
+/// Gaussians uploaded at a time: enough to share among threads, few enough to need little memory.
+const UPLOAD_CHUNK: usize = 1 << 17;
+/// Gaussians that a thread packs at a time, a multiple of those that share an element.
+const PART: usize = 1 << 11;
 
 /// The plane that every scene has, with an element per Gaussian.
 const BOUNDS: &str = "bounds";
@@ -160,18 +161,43 @@ impl GpuScene {
 
     fn upload(&self, commands: &mut Commands, gaussians: &Gaussians, range: Range<usize>) -> Result<()> {
         let layout = &self.layout;
-        upload_plane(commands, &self.bounds, &range, |i| {
-            let [x, y, z] = gaussians.means()[i].map(f32::to_bits);
-            let (scale, kept) = layout.kept_shape(gaussians, i);
+        let shares = |words: usize| (0..words.div_ceil(4)).map(move |plane| share(words, plane));
+        let shares: Vec<_> =
+            [1].into_iter().chain(shares(layout.shape_words())).chain(shares(layout.sh_words())).collect();
+        let planes = std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh);
+        let places: Vec<_> = planes
+            .zip(&shares)
+            .map(|(plane, share)| (plane, range.start / share..range.end.div_ceil(*share)))
+            .collect();
+        commands.upload_together(&places, |memory| {
+            let mut parts: Vec<Vec<_>> = range.clone().step_by(PART).map(|_| Vec::new()).collect();
+            for (plane, share) in memory.into_iter().zip(&shares) {
+                parts.iter_mut().zip(plane.chunks_mut(PART / share)).for_each(|(part, plane)| part.push(plane));
+            }
+            let parts = parts.into_par_iter().enumerate();
+            parts.for_each(|(i, mut planes)| self.pack(gaussians, range.start + i * PART, &mut planes));
+        })
+    }
+
+    /// Writes the Gaussians from `first` on to parts of all planes, as many as there are elements of bounds.
+    fn pack(&self, gaussians: &Gaussians, first: usize, planes: &mut [&mut [[u32; 4]]]) {
+        let layout = &self.layout;
+        let (bounds, planes) = planes.split_first_mut().expect("every scene has a plane of bounds");
+        let (shapes, sh) = planes.split_at_mut(self.shapes.len());
+        // The last element may have room for more Gaussians.
+        shapes.iter_mut().chain(&mut *sh).filter_map(|plane| plane.last_mut()).for_each(|last| *last = [0; 4]);
+        for (k, element) in bounds.iter_mut().enumerate() {
+            let index = first + k;
+            let [x, y, z] = gaussians.means()[index].map(f32::to_bits);
+            let (scale, kept) = layout.kept_shape(gaussians, index);
             // A Gaussian that is too faint to be drawn stays so.
-            let opacity = gaussians.opacities()[i];
+            let opacity = gaussians.opacities()[index];
             let opacity = if opacity < self.alpha_min { opacity } else { kept };
-            [x, y, z, reach(scale, opacity, self.alpha_min.into())]
-        })?;
-        let shape_word = |index: usize, word: usize| layout.shape_word(gaussians, index, word);
-        upload_words(commands, &self.shapes, layout.shape_words(), &range, shape_word)?;
-        let sh_word = |index: usize, word: usize| layout.sh_word(gaussians.sh(index), word);
-        upload_words(commands, &self.sh, layout.sh_words(), &range, sh_word)
+            *element = [x, y, z, reach(scale, opacity, self.alpha_min.into())];
+            put(shapes, k, layout.shape_words(), |word| layout.shape_word(gaussians, index, word));
+            let packed = layout.packed_sh(gaussians.sh(index));
+            put(sh, k, layout.sh_words(), |word| packed[word]);
+        }
     }
 }
 
@@ -184,38 +210,16 @@ fn share(words: usize, plane: usize) -> usize {
     }
 }
 
-/// Uploads the Gaussians `range` of `planes`. Each has `words` words; `word` returns one by Gaussian and number.
-fn upload_words(
-    commands: &mut Commands,
-    planes: &[Buffer<[u32; 4]>],
-    words: usize,
-    range: &Range<usize>,
-    word: impl Fn(usize, usize) -> u32 + Sync,
-) -> Result<()> {
-    for (number, plane) in planes.iter().enumerate() {
+/// Writes the words of Gaussian `k`, which has `words` in all planes together.
+fn put(planes: &mut [&mut [[u32; 4]]], k: usize, words: usize, word: impl Fn(usize) -> u32) {
+    for (number, plane) in planes.iter_mut().enumerate() {
         let share = share(words, number);
-        let elements = range.start / share..range.end.div_ceil(share);
         let each = 4 / share;
-        upload_plane(commands, plane, &elements, |element| {
-            std::array::from_fn(|k| {
-                let (index, place) = (element * share + k / each, 4 * number + k % each);
-                if index < range.end && place < words { word(index, place) } else { 0 }
-            })
-        })?;
+        for (i, place) in plane[k / share][k % share * each..][..each].iter_mut().enumerate() {
+            let wanted = 4 * number + i;
+            *place = if wanted < words { word(wanted) } else { 0 };
+        }
     }
-    Ok(())
-}
-
-/// Uploads the elements `range` of a plane. Their values are computed on all cores.
-fn upload_plane<T: Element + Send>(
-    commands: &mut Commands,
-    plane: &Buffer<T>,
-    range: &Range<usize>,
-    value: impl Fn(usize) -> T + Sync,
-) -> Result<()> {
-    commands.upload(plane, range.start, range.len(), |memory| {
-        memory.par_iter_mut().with_min_len(4096).enumerate().for_each(|(k, slot)| *slot = value(range.start + k));
-    })
 }
 
 /// Two bfloat16, rounded up. The lower half is the number of standard deviations from the mean at which alpha falls to

@@ -1,6 +1,7 @@
 //! The packing of a Gaussian's numbers into words for the GPU. `storage.glsl` unpacks them.
 
 use half::f16;
+use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
 use crate::options::{Options, Storage};
@@ -75,7 +76,7 @@ impl Layout {
         let sh_degree = needs.sh_degree.min(options.sh_degree);
         let sh = Packing::of(options.sh_storage, needs.sh_grids.is_some());
         // A logarithm in 8 bits cannot represent a scale of 0.
-        let is_flat = gaussians.scales().as_flattened().contains(&0.0);
+        let is_flat = gaussians.scales().par_iter().with_min_len(1 << 14).any(|scale| scale.contains(&0.0));
         let allowed = if is_flat { options.shape_storage.min(Storage::F16) } else { options.shape_storage };
         let [smallest, largest] = scale_range(gaussians);
         let scale_base = upper_bits(largest).saturating_sub(u32::from(u16::MAX));
@@ -96,7 +97,8 @@ impl Layout {
         });
         // 1 % lower, because packing and rounding may increase an alpha.
         let clamped = 0.99 * options.rules.alpha_max;
-        let has_clamped_alphas = gaussians.opacities().iter().any(|opacity| *opacity > clamped);
+        let has_clamped_alphas =
+            gaussians.opacities().par_iter().with_min_len(1 << 14).any(|opacity| *opacity > clamped);
         let mut layout = Self {
             sh_degree,
             sh,
@@ -198,18 +200,30 @@ impl Layout {
         }
     }
 
-    /// Word `word` of the spherical harmonics `sh`.
-    pub(super) fn sh_word(&self, sh: &[[f32; 3]], word: usize) -> u32 {
-        let floats = &sh[..sh_coefficients(self.sh_degree)].as_flattened();
-        let float = |i: usize| floats.get(i).copied().unwrap_or(0.0);
+    /// The words of the spherical harmonics `sh`, of which [`sh_words`](Self::sh_words) are stored.
+    pub(super) fn packed_sh(&self, sh: &[[f32; 3]]) -> [u32; MAX_FLOATS] {
+        let floats = sh[..sh_coefficients(self.sh_degree)].as_flattened();
+        let mut words = [0; MAX_FLOATS];
         match self.sh.storage {
-            Storage::Lossless | Storage::F32 => float(word).to_bits(),
-            Storage::F16 => halves([float(2 * word), float(2 * word + 1)]),
-            Storage::U8 => u32::from_le_bytes(std::array::from_fn(|k| {
-                let i = 4 * word + k;
-                self.sh_grids[(i / 3).min(15)].encode(float(i).into())
-            })),
+            Storage::Lossless | Storage::F32 => {
+                words.iter_mut().zip(floats).for_each(|(w, float)| *w = float.to_bits())
+            }
+            Storage::F16 => {
+                // All at once: the processor converts several in one instruction.
+                let mut finite = [0.0; MAX_FLOATS];
+                finite.iter_mut().zip(floats).for_each(|(to, float)| *to = finite_half(*float));
+                let mut halves = [f16::ZERO; MAX_FLOATS];
+                halves.convert_from_f32_slice(&finite);
+                let pairs = halves.as_chunks::<2>().0.iter();
+                words.iter_mut().zip(pairs).for_each(|(word, pair)| *word = joined(*pair));
+            }
+            Storage::U8 => {
+                for (i, float) in floats.iter().enumerate() {
+                    words[i / 4] |= u32::from(self.sh_grids[i / 3].encode((*float).into())) << (8 * (i % 4));
+                }
+            }
         }
+        words
     }
 
     /// Word `word` of Gaussian `index`'s rotation, scale and opacity.
@@ -252,6 +266,9 @@ impl Layout {
     }
 }
 
+/// Most spherical harmonics of a Gaussian, of all channels.
+const MAX_FLOATS: usize = 3 * sh_coefficients(MAX_SH_DEGREE);
+
 const UNUSED: Grid = Grid { offset: 0.0, step: 1.0 };
 
 /// The grid of coefficient `i` that spans its values in all Gaussians.
@@ -264,12 +281,10 @@ fn spanning_coefficient(gaussians: &Gaussians, degree: u32, i: usize) -> Grid {
 
 /// The smallest scale over 0 and the largest; both 0 if there is none.
 fn scale_range(gaussians: &Gaussians) -> [f32; 2] {
-    let [low, high] = gaussians
-        .scales()
-        .as_flattened()
-        .iter()
-        .filter(|scale| **scale > 0.0)
-        .fold([f32::INFINITY, 0.0], |[low, high]: [f32; 2], scale| [low.min(*scale), high.max(*scale)]);
+    let none = || [f32::INFINITY, 0.0];
+    let wider = |[low, high]: [f32; 2], [l, h]: [f32; 2]| [low.min(l), high.max(h)];
+    let positive = gaussians.scales().as_flattened().par_iter().with_min_len(1 << 14).filter(|scale| **scale > 0.0);
+    let [low, high] = positive.map(|scale| [*scale; 2]).fold(none, wider).reduce(none, wider);
     [low.min(high), high]
 }
 
@@ -291,9 +306,15 @@ fn of_scale_code(base: u32, code: u32) -> f32 {
     if code == 0 { 0.0 } else { f32::from_bits((code + base) << 13) }
 }
 
+/// The nearest value in the range of finite 16-bit floats.
+fn finite_half(value: f32) -> f32 {
+    const MOST: f32 = f16::MAX.to_f32_const();
+    value.clamp(-MOST, MOST)
+}
+
 /// The nearest finite 16-bit float.
 fn half(value: f32) -> f16 {
-    f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
+    f16::from_f32(finite_half(value))
 }
 
 /// An opacity in steps of 1/255, at least one step: nothing that is drawn becomes transparent.
@@ -302,6 +323,10 @@ fn opacity_byte(opacity: f32) -> u8 {
 }
 
 /// Two 16-bit floats in one word.
-fn halves([low, high]: [f32; 2]) -> u32 {
-    u32::from(half(low).to_bits()) | u32::from(half(high).to_bits()) << 16
+fn halves(values: [f32; 2]) -> u32 {
+    joined(values.map(half))
+}
+
+fn joined([low, high]: [f16; 2]) -> u32 {
+    u32::from(low.to_bits()) | u32::from(high.to_bits()) << 16
 }

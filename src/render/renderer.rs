@@ -1,5 +1,7 @@
 //! The facade: renders pictures of one scene on the path that suits each, and repeats a frame that did not fit.
 
+use std::time::Duration;
+
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use super::capacity::Capacity;
@@ -118,6 +120,11 @@ impl Renderer {
     /// Why the fast path is not taken although device and options allow it.
     pub fn notice(&self) -> Option<&str> {
         self.choice.notice.as_deref()
+    }
+
+    /// The time that the trial of the fast path took; `None` if there was none.
+    pub fn trial_time(&self) -> Option<Duration> {
+        self.choice.trial_time
     }
 
     /// The fewest bytes that each stage of a frame moves through device memory, by the name of its scope: each input
@@ -342,7 +349,7 @@ impl Renderer {
             (place as u32).min(drawn[i] - 1)
         });
         let shot = Shot { scene: &self.scene, camera: &camera.sampled(drawn) };
-        let explained = picker.explain(&self.device, &self.choice.portable, shot, &self.choice.work, pixel)?;
+        let explained = picker.explain(&self.device, self.choice.portable(), shot, &self.choice.work, pixel)?;
         if !has_tile_lists {
             // The picture stays what it was, to the last bit.
             self.render(&camera, background)?;

@@ -1,5 +1,7 @@
 //! The trial of the fast path at the start: its picture of a part of the scene is compared with the portable path's.
 
+use std::time::Instant;
+
 use anyhow::{Result, bail, ensure};
 
 use super::choice::{Path, PathChoice};
@@ -26,15 +28,27 @@ fn is_due(device: &Device) -> bool {
     device.capabilities().kind != DeviceKind::Cpu
 }
 
-/// Tries the fast path on a device where that is due, and drops it if it does not draw what the portable path does.
+/// Tries the fast path on a device where that is due, and drops it if it does not draw what the portable path does. A
+/// device with a memory is not tried again with the same pipelines, unless they failed.
 pub(super) fn try_fast(choice: &mut PathChoice, device: &Device, scene: &GpuScene) -> Result<()> {
-    if choice.has_fast() && is_due(device) { choice.try_fast(device, scene) } else { Ok(()) }
+    if is_due(device) { choice.try_fast(device, scene) } else { Ok(()) }
 }
 
 impl PathChoice {
     fn try_fast(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
+        let Some(fast) = self.fast() else { return Ok(()) };
+        let pipelines = fast.fingerprint(device)?;
+        if device.has_passed(pipelines.as_bytes()) {
+            return Ok(());
+        }
+        let begun = Instant::now();
         let disagreement = self.disagreement(device, scene)?;
-        self.end_trial(device, scene.len(), disagreement)
+        self.trial_time = Some(begun.elapsed());
+        self.end_trial(device, scene.len(), disagreement)?;
+        if disagreement.is_none() {
+            device.remember_passed(*pipelines.as_bytes());
+        }
+        Ok(())
     }
 
     /// The largest difference between the pictures of the two paths, if it is more than rounding explains.
@@ -92,7 +106,7 @@ fn difference(drawn: &Pixels, expected: &Pixels) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::{DeviceChoice, Validation};
+    use crate::gpu::{DeviceChoice, Remembered, Validation};
     use crate::options::Options;
     use crate::render::FastPipeline;
     use crate::render::Variation;
@@ -102,16 +116,23 @@ mod tests {
     fn a_fast_path_that_draws_another_picture_is_dropped() {
         let device =
             Device::open(&DeviceChoice::Best, Validation::IfInstalled).expect("GPU tests need a Vulkan device");
+        let device = device.with_memory(Remembered::default(), |_| {});
         let (options, gaussians) = (Options::EXACT, synthetic::cactus(3000).unwrap().gaussians);
         let scene = GpuScene::new(&device, &gaussians, &options).unwrap();
         let mut paths = PathChoice::new(&device, &options, &scene, Variation::Plain).unwrap();
+        paths.try_fast(&device, &scene).unwrap();
         assert_eq!(paths.notice, None);
+        assert!(paths.trial_time.take().is_some());
+        paths.try_fast(&device, &scene).unwrap();
+        assert!(paths.trial_time.is_none(), "the device remembers the first trial");
 
         let mut wrong = options;
         wrong.rules.alpha_max = 0.5;
-        let fast = FastPipeline::new(&device, &wrong, scene.layout()).unwrap().expect("the device has a fast path");
-        paths.replace_fast(fast);
-        paths.try_fast(&device, &scene).unwrap();
-        assert!(paths.notice.is_some_and(|notice| notice.contains("is not taken")));
+        for trial in ["first", "second"] {
+            let mut paths = PathChoice::new(&device, &options, &scene, Variation::Plain).unwrap();
+            paths.replace_fast(FastPipeline::new(&device, &wrong, scene.layout()).unwrap().unwrap());
+            paths.try_fast(&device, &scene).unwrap();
+            assert!(paths.notice.is_some_and(|notice| notice.contains("is not taken")), "{trial} trial");
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! The size of a scene, and where most of it lies.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::Gaussians;
 
@@ -16,9 +17,11 @@ pub struct Bounds {
 impl Bounds {
     /// The bounding box of the means of `gaussians`.
     pub fn of(gaussians: &Gaussians) -> Self {
-        let mut means = gaussians.means().iter().map(|m| Vec3::from(*m));
-        let first = means.next().unwrap_or_default();
-        let (low, high) = means.fold((first, first), |(low, high), mean| (low.min(mean), high.max(mean)));
+        let means = gaussians.means().par_iter().with_min_len(1 << 14).map(|m| Vec3::from(*m));
+        let first = gaussians.means().first().copied().map_or(Vec3::ZERO, Vec3::from);
+        let (low, high) = means
+            .fold(|| (first, first), |(low, high), mean| (low.min(mean), high.max(mean)))
+            .reduce(|| (first, first), |a, b| (a.0.min(b.0), a.1.max(b.1)));
         Self { low: low.to_array(), high: high.to_array() }
     }
 }
@@ -35,36 +38,113 @@ pub struct Focus {
 impl Focus {
     /// The focus of `gaussians`.
     pub fn of(gaussians: &Gaussians) -> Self {
-        let (means, opacities) = (gaussians.means(), gaussians.opacities());
-        if means.is_empty() {
+        if gaussians.is_empty() {
             return Self { centre: [0.0; 3], radius: 1.0 };
         }
-        let weighted = |value: &dyn Fn(&[f32; 3]) -> f64, fraction| {
-            let mut values: Vec<_> = means.iter().zip(opacities).map(|(m, o)| (value(m), f64::from(*o))).collect();
-            weighted_quantile(&mut values, fraction)
-        };
-        let centre = std::array::from_fn(|axis| weighted(&|m| f64::from(m[axis]), 0.5));
+        let centre = std::array::from_fn(|axis| weighted_quantile(gaussians, |m| f64::from(m[axis]), 0.5));
         let distance = |m: &[f32; 3]| (0..3).map(|i| (f64::from(m[i]) - centre[i]).powi(2)).sum::<f64>().sqrt();
-        let radius = weighted(&distance, 0.9);
+        let radius = weighted_quantile(gaussians, distance, 0.9);
         Self { centre, radius: if radius > 0.0 { radius } else { 1.0 } }
     }
 }
 
-/// The smallest value with at least `fraction` of the weight at or below it. `values` are (value, weight), at least
-/// one.
-fn weighted_quantile(values: &mut [(f64, f64)], fraction: f64) -> f64 {
-    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let wanted = fraction * values.iter().map(|v| v.1).sum::<f64>();
-    let mut sum = 0.0;
-    let reached = values.iter().find(|(_, weight)| {
-        sum += weight;
-        sum >= wanted
+/// Bits of a value that one pass of [`weighted_quantile`] selects by.
+const DIGIT_BITS: u32 = 16;
+
+/// Gaussians whose weights a thread adds up at a time.
+const WEIGHED: usize = 1 << 18;
+
+/// The smallest value of a mean with at least `fraction` of the opacity at or below it, by radix selection. `gaussians`
+/// are not empty.
+fn weighted_quantile(gaussians: &Gaussians, value: impl Fn(&[f32; 3]) -> f64 + Sync, fraction: f64) -> f64 {
+    let (mut prefix, mut below, mut wanted) = (0_u64, 0_u64, None);
+    for shift in (0..u64::BITS).step_by(DIGIT_BITS as usize).rev() {
+        let is_selected = |key: u64| key.checked_shr(shift + DIGIT_BITS).unwrap_or(0) == prefix;
+        let digit =
+            |mean: &[f32; 3]| Some(ordered(value(mean))).filter(|key| is_selected(*key)).map(|key| key >> shift);
+        let weights = weights(gaussians, |mean| digit(mean).map(|key| key as usize % (1 << DIGIT_BITS)));
+        let wanted = *wanted.get_or_insert_with(|| fraction * weights.iter().sum::<u64>() as f64);
+        let reaches = |(_, weight): &(usize, &u64)| {
+            let is_reached = (below + **weight) as f64 >= wanted;
+            below += if is_reached { 0 } else { **weight };
+            is_reached
+        };
+        let (digit, _) =
+            weights.iter().enumerate().find(reaches).expect("all weights together reach a fraction of them");
+        prefix = prefix << DIGIT_BITS | digit as u64;
+    }
+    f64::from_bits(if prefix >> 63 == 1 { prefix ^ 1 << 63 } else { !prefix })
+}
+
+/// The sum of the opacities by digit, in steps of 2^-32: sums of whole numbers do not depend on the order.
+fn weights(gaussians: &Gaussians, digit: impl Fn(&[f32; 3]) -> Option<usize> + Sync) -> Vec<u64> {
+    let none = || vec![0; 1 << DIGIT_BITS];
+    let parts = gaussians.means().par_chunks(WEIGHED).zip(gaussians.opacities().par_chunks(WEIGHED));
+    let sums = parts.map(|(means, opacities)| {
+        let mut sums: Vec<u64> = none();
+        for (mean, opacity) in means.iter().zip(opacities) {
+            if let Some(digit) = digit(mean) {
+                sums[digit] += ((f64::from(*opacity) * 2.0_f64.powi(32)) as u64).max(1);
+            }
+        }
+        sums
     });
-    reached.unwrap_or(&values[values.len() - 1]).0
+    sums.reduce(none, |a, b| a.iter().zip(b).map(|(a, b)| a + b).collect())
+}
+
+/// Bits that are in the order of the values.
+fn ordered(value: f64) -> u64 {
+    let bits = value.to_bits();
+    if value.is_sign_negative() { !bits } else { bits | 1 << 63 }
 }
 
 /// The values at these fractions (0 to 1) of the sorted `values` (nearest rank); 0 if `values` is empty.
 pub fn percentiles<const N: usize>(mut values: Vec<f32>, fractions: [f64; N]) -> [f32; N] {
     values.sort_unstable_by(f32::total_cmp);
     fractions.map(|f| values.get((values.len().saturating_sub(1) as f64 * f).round() as usize).copied().unwrap_or(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Builder, Raw};
+
+    fn line(count: usize, x: impl Fn(usize) -> f64 + Sync, opacity_logit: impl Fn(usize) -> f64 + Sync) -> Gaussians {
+        let mut builder = Builder::new(0, count).unwrap();
+        builder.extend(count, |i, _| Raw {
+            mean: [x(i), 0.0, 0.0],
+            log_scale: [0.0; 3],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: opacity_logit(i),
+        });
+        builder.finish().0
+    }
+
+    #[test]
+    fn a_quantile_is_the_value_at_which_the_sorted_weights_reach_it() {
+        let scene = line(1001, |i| ((i * 611 % 1001) as f64 - 300.0) / 7.0, |i| (i % 9) as f64 - 4.0);
+        let mut sorted: Vec<_> = scene.means().iter().zip(scene.opacities()).map(|(m, o)| (m[0], *o)).collect();
+        sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let total: f64 = sorted.iter().map(|(_, o)| f64::from(*o)).sum();
+        for fraction in [0.01, 0.25, 0.5, 0.9, 1.0 - 1e-9] {
+            let mut sum = 0.0;
+            let reached = sorted.iter().find(|(_, o)| {
+                sum += f64::from(*o);
+                sum >= fraction * total
+            });
+            assert_eq!(
+                weighted_quantile(&scene, |m| m[0].into(), fraction),
+                f64::from(reached.unwrap().0),
+                "{fraction}"
+            );
+        }
+    }
+
+    #[test]
+    fn equal_weights_reach_a_half_in_the_middle() {
+        for (count, middle) in [(1, 0.0), (2, 0.0), (3, 1.0), (4, 1.0), (10, 4.0)] {
+            assert_eq!(Focus::of(&line(count, |i| i as f64, |_| 1.0)).centre[0], middle, "{count} Gaussians");
+        }
+        assert_eq!(Focus::of(&line(5, |i| -(i as f64), |_| -40.0)).centre[0], -2.0, "faint and negative");
+    }
 }

@@ -1,9 +1,11 @@
 //! Converts stored values to canonical ones in f64: finite values, unit quaternions, sigmoids, exponentials.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::{Gaussians, LoadReport, sh_coefficients};
-use crate::host_memory::{OutOfMemory, host_vec, host_zeros};
+use crate::host_memory::{OutOfMemory, host_zeros};
 
 /// One Gaussian as files store it, in the axes right, down, forward.
 #[derive(Clone, Copy, Debug)]
@@ -26,15 +28,18 @@ pub(super) fn logit(opacity: f64) -> f64 {
 /// Builds [`Gaussians`] from stored values, block by block.
 #[derive(Debug)]
 pub struct Builder {
-    /// Its spherical harmonics are allocated for the whole capacity, so that threads decode in place.
+    /// Allocated for the whole capacity, so that threads decode in place. The first `kept` are complete, and the
+    /// spherical harmonics of the others are 0.
     gaussians: Gaussians,
+    kept: usize,
     report: LoadReport,
-    /// The decoded block. It is kept because allocating it per block costs more than filling it.
-    decoded: Vec<Result<Canonical, Flaw>>,
 }
 
 /// Gaussians per block of a reader: enough to share among threads, few enough to need little memory.
 pub const BLOCK: usize = 1 << 16;
+
+/// Gaussians that a thread decodes at a time.
+const PART: usize = 1 << 10;
 
 impl Builder {
     /// A builder with capacity for `capacity` Gaussians of this SH degree.
@@ -43,60 +48,41 @@ impl Builder {
     /// [`OutOfMemory`] if the capacity cannot be allocated.
     pub fn new(sh_degree: u32, capacity: usize) -> Result<Self, OutOfMemory> {
         let gaussians = Gaussians {
-            means: host_vec(capacity, "means")?,
-            scales: host_vec(capacity, "scales")?,
-            rotations: host_vec(capacity, "rotations")?,
-            opacities: host_vec(capacity, "opacities")?,
+            means: host_zeros(capacity, "means")?,
+            scales: host_zeros(capacity, "scales")?,
+            rotations: host_zeros(capacity, "rotations")?,
+            opacities: host_zeros(capacity, "opacities")?,
             sh: host_zeros(capacity * sh_coefficients(sh_degree), "spherical harmonics")?,
             sh_degree,
         };
-        Ok(Self { gaussians, report: LoadReport::default(), decoded: Vec::new() })
+        Ok(Self { gaussians, kept: 0, report: LoadReport::default() })
     }
 
     /// Adds `count` Gaussians; those that cannot be drawn are dropped and counted. `decode(index, sh)` returns Gaussian
-    /// `index` from 0 to `count - 1` and writes its spherical harmonics; it runs on many threads.
+    /// `index` from 0 to `count - 1` and writes its spherical harmonics, which are 0 before; it runs on many threads.
     pub fn extend(&mut self, count: usize, decode: impl Fn(usize, &mut [[f32; 3]]) -> Raw + Sync) {
-        for first in (0..count).step_by(BLOCK) {
-            self.extend_block(BLOCK.min(count - first), |index, sh| decode(first + index, sh));
-        }
-    }
-
-    fn extend_block(&mut self, count: usize, decode: impl Fn(usize, &mut [[f32; 3]]) -> Raw + Sync) {
+        let range = self.kept..self.kept + count;
         let all = &mut self.gaussians;
-        let stride = sh_coefficients(all.sh_degree);
-        let (start, end) = (all.means.len() * stride, (all.means.len() + count) * stride);
-        if all.sh.len() < end {
-            all.sh.resize(end, [0.0; 3]);
+        if all.len() < range.end {
+            resize(all, range.end);
         }
-        let sh = all.sh[start..end].par_chunks_exact_mut(stride);
-        let decoded = sh.enumerate().map(|(i, sh)| canonical(&decode(i, sh), sh));
-        decoded.collect_into_vec(&mut self.decoded);
-        self.report.read += count;
-        for (i, result) in self.decoded.drain(..).enumerate() {
-            match result {
-                Ok(gaussian) => {
-                    let (from, to) = (start + i * stride, all.means.len() * stride);
-                    if from != to {
-                        all.sh.copy_within(from..from + stride, to);
-                    }
-                    all.means.push(gaussian.mean);
-                    all.scales.push(gaussian.scale);
-                    all.rotations.push(gaussian.rotation);
-                    all.opacities.push(gaussian.opacity);
-                    self.report.clamped_scale += usize::from(gaussian.has_clamped_scale);
-                }
-                Err(Flaw::NotFinite) => self.report.not_finite += 1,
-                Err(Flaw::ZeroRotation) => self.report.zero_rotation += 1,
-                Err(Flaw::Transparent) => self.report.transparent += 1,
+        let parts = parts(all, range.clone()).enumerate();
+        let reports: Vec<_> = parts.map(|(i, part)| part.fill(|k, sh| decode(i * PART + k, sh))).collect();
+        for (i, report) in reports.iter().enumerate() {
+            let (from, len) = (range.start + i * PART, report.read - report.dropped());
+            if from != self.kept {
+                move_down(all, from..from + len, self.kept);
             }
+            self.kept += len;
+            self.report = self.report.and(report);
         }
-        // The next block is decoded here, and a decoder may rely on zeros.
-        all.sh[all.means.len() * stride..end].fill([0.0; 3]);
+        let stride = sh_coefficients(all.sh_degree);
+        all.sh[self.kept * stride..range.end * stride].fill([0.0; 3]);
     }
 
     /// Number of Gaussians kept so far.
     pub(super) fn len(&self) -> usize {
-        self.gaussians.len()
+        self.kept
     }
 
     /// A copy of the Gaussians kept so far.
@@ -110,9 +96,76 @@ impl Builder {
 
     /// The Gaussians, and the report on what was dropped or changed.
     pub fn finish(mut self) -> (Gaussians, LoadReport) {
-        let all = &mut self.gaussians;
-        all.sh.truncate(all.means.len() * sh_coefficients(all.sh_degree));
+        resize(&mut self.gaussians, self.kept);
         (self.gaussians, self.report)
+    }
+}
+
+/// Drops the last Gaussians, or adds zeros that are to be overwritten.
+fn resize(all: &mut Gaussians, len: usize) {
+    all.means.resize(len, [0.0; 3]);
+    all.scales.resize(len, [0.0; 3]);
+    all.rotations.resize(len, [0.0; 4]);
+    all.opacities.resize(len, 0.0);
+    all.sh.resize(len * sh_coefficients(all.sh_degree), [0.0; 3]);
+}
+
+fn move_down(all: &mut Gaussians, from: Range<usize>, to: usize) {
+    let stride = sh_coefficients(all.sh_degree);
+    all.sh.copy_within(from.start * stride..from.end * stride, to * stride);
+    all.means.copy_within(from.clone(), to);
+    all.scales.copy_within(from.clone(), to);
+    all.rotations.copy_within(from.clone(), to);
+    all.opacities.copy_within(from, to);
+}
+
+/// Some Gaussians in a row that one thread decodes.
+struct Part<'g> {
+    means: &'g mut [[f32; 3]],
+    scales: &'g mut [[f32; 3]],
+    rotations: &'g mut [[f32; 4]],
+    opacities: &'g mut [f32],
+    sh: &'g mut [[f32; 3]],
+}
+
+/// The Gaussians in `range`, [`PART`] at a time.
+fn parts(all: &mut Gaussians, range: Range<usize>) -> impl IndexedParallelIterator<Item = Part<'_>> {
+    let stride = sh_coefficients(all.sh_degree);
+    let sh = all.sh[range.start * stride..range.end * stride].par_chunks_mut(PART * stride);
+    let shapes = (all.scales[range.clone()].par_chunks_mut(PART))
+        .zip(all.rotations[range.clone()].par_chunks_mut(PART))
+        .zip(all.opacities[range.clone()].par_chunks_mut(PART));
+    let parts = all.means[range].par_chunks_mut(PART).zip(shapes).zip(sh);
+    parts.map(|((means, ((scales, rotations), opacities)), sh)| Part { means, scales, rotations, opacities, sh })
+}
+
+impl Part<'_> {
+    /// Decodes as many Gaussians as there is room for, and keeps those that can be drawn at the front.
+    fn fill(self, decode: impl Fn(usize, &mut [[f32; 3]]) -> Raw) -> LoadReport {
+        let mut report = LoadReport::default();
+        let stride = self.sh.len() / self.means.len();
+        let mut kept = 0;
+        for index in 0..self.means.len() {
+            let sh = &mut self.sh[kept * stride..][..stride];
+            report.read += 1;
+            match canonical(&decode(index, sh), sh) {
+                Ok(gaussian) => {
+                    self.means[kept] = gaussian.mean;
+                    self.scales[kept] = gaussian.scale;
+                    self.rotations[kept] = gaussian.rotation;
+                    self.opacities[kept] = gaussian.opacity;
+                    report.clamped_scale += usize::from(gaussian.has_clamped_scale);
+                    kept += 1;
+                    continue;
+                }
+                Err(Flaw::NotFinite) => report.not_finite += 1,
+                Err(Flaw::ZeroRotation) => report.zero_rotation += 1,
+                Err(Flaw::Transparent) => report.transparent += 1,
+            }
+            // The next one is decoded here.
+            sh.fill([0.0; 3]);
+        }
+        report
     }
 }
 

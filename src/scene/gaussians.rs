@@ -67,6 +67,11 @@ impl Gaussians {
         &self.sh[index * stride..][..stride]
     }
 
+    /// The spherical harmonics of all Gaussians, one after another.
+    pub fn all_sh(&self) -> &[[f32; 3]] {
+        &self.sh
+    }
+
     /// Degree of the stored spherical harmonics.
     pub fn sh_degree(&self) -> u32 {
         self.sh_degree

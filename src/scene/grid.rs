@@ -25,33 +25,44 @@ const MOST_STEPS: u32 = 16;
 const ROUNDING: f64 = 1e-6;
 
 impl Grid {
-    /// The grid on which all of `values(0..count)` lie, if there is one.
-    pub fn of(count: usize, values: impl Fn(usize) -> f64 + Sync) -> Option<Self> {
-        let mut sample: Vec<f64> = Vec::new();
-        for i in 0..SAMPLE.min(count) {
-            let value = values((i as u64 * SCATTER % count as u64) as usize) + 0.0; // -0 is 0
-            if let Err(place) = sample.binary_search_by(|v| v.total_cmp(&value)) {
-                sample.insert(place, value);
+    /// The grid of every column on which all of its values lie, if each column has one. `values(row, column)` returns
+    /// the values of a row in a column. All columns, at most 32, are searched together: reading the rows takes longer
+    /// than to compare them.
+    pub fn of_columns<const N: usize>(
+        rows: usize,
+        columns: usize,
+        values: impl Fn(usize, usize) -> [f64; N] + Sync,
+    ) -> Option<Vec<Self>> {
+        if rows == 0 {
+            return None;
+        }
+        let sampled = |column| sample(rows * N, |i| values(i / N, column)[i % N]);
+        let samples: Vec<Vec<f64>> = (0..columns).into_par_iter().map(sampled).collect::<Option<_>>()?;
+        let all = || (0..rows).into_par_iter().with_min_len(1 << 12);
+        let lower = |mut least: Vec<f64>, row: usize| {
+            least
+                .iter_mut()
+                .enumerate()
+                .for_each(|(c, least)| *least = values(row, c).into_iter().fold(*least, f64::min));
+            least
+        };
+        let infinite = || vec![f64::INFINITY; columns];
+        let lower_each = |a: Vec<f64>, b: Vec<f64>| a.into_iter().zip(b).map(|(a, b)| a.min(b)).collect();
+        let least = all().fold(infinite, lower).reduce(infinite, lower_each);
+        let mut candidates: Vec<_> = samples.iter().zip(least).map(|(sample, least)| likely(sample, least)).collect();
+        let mut grids: Vec<Self> = candidates.iter_mut().map(Iterator::next).collect::<Option<_>>()?;
+        loop {
+            let steps: Vec<Steps> = grids.iter().map(|grid| Steps::of(*grid)).collect();
+            let is_off = |row: usize, c: usize| !values(row, c).into_iter().fold(true, |all, v| all & steps[c].hold(v));
+            let off_in = |row: usize| (0..columns).fold(0_u32, |off, c| off | u32::from(is_off(row, c)) << c);
+            let off = all().map(off_in).reduce(|| 0, |a, b| a | b);
+            if off == 0 {
+                return Some(grids);
             }
-            if sample.len() > 256 {
-                return None;
+            for column in (0..columns).filter(|column| off >> column & 1 == 1) {
+                grids[column] = candidates[column].next()?;
             }
         }
-        let (first, last) = (*sample.first()?, *sample.last()?);
-        let gap = sample.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
-        let least = (0..count).into_par_iter().with_min_len(1 << 14).map(&values).reduce(|| first, f64::min);
-        let off = |grid: Self, value: f64| (f64::from(grid.decode(grid.encode(value))) - value).abs();
-        let holds = |grid: Self, value: f64| off(grid, value) <= ROUNDING * value.abs().max(1.0);
-        // The smallest gap may be several steps, and rounding affects it. The whole span is relatively exact: it is
-        // divided by its whole number of steps.
-        let grids = (1..=MOST_STEPS).map(|parts| {
-            let steps = ((last - first) / gap * f64::from(parts)).round();
-            let step = if gap.is_finite() { (last - first) / steps } else { 1.0 };
-            Self { offset: least as f32, step: step as f32 }
-        });
-        let holds_all = |grid: &Self| (0..count).into_par_iter().with_min_len(1 << 14).all(|i| holds(*grid, values(i)));
-        let mut likely = grids.filter(|grid| grid.step > 0.0 && sample.iter().all(|v| holds(*grid, *v)));
-        likely.find(holds_all)
     }
 
     /// The grid that spans the finite `values`; any grid if there are none.
@@ -69,7 +80,10 @@ impl Grid {
 
     /// The number of the nearest step.
     pub fn encode(self, value: f64) -> u8 {
-        ((value - f64::from(self.offset)) / f64::from(self.step)).round().clamp(0.0, 255.0) as u8
+        // As `round` and then `clamp`, without the call of a library.
+        let steps = ((value - f64::from(self.offset)) / f64::from(self.step)).clamp(0.0, 255.0);
+        let below = steps as u8;
+        below + u8::from(steps - f64::from(below) >= 0.5)
     }
 
     /// The value of a step.
@@ -78,15 +92,71 @@ impl Grid {
     }
 }
 
+/// The different ones of at most [`SAMPLE`] of `values(0..count)`, ascending; `None` if there are more than 256.
+fn sample(count: usize, values: impl Fn(usize) -> f64) -> Option<Vec<f64>> {
+    let mut sample: Vec<f64> = Vec::new();
+    for i in 0..SAMPLE.min(count) {
+        let value = values((i as u64 * SCATTER % count as u64) as usize) + 0.0; // -0 is 0
+        if let Err(place) = sample.binary_search_by(|v| v.total_cmp(&value)) {
+            sample.insert(place, value);
+        }
+        if sample.len() > 256 {
+            return None;
+        }
+    }
+    Some(sample)
+}
+
+/// The grids from `least` on that hold a whole sample, the coarsest first.
+fn likely(sample: &[f64], least: f64) -> impl Iterator<Item = Grid> {
+    let (first, last) = (sample[0], sample[sample.len() - 1]);
+    let gap = sample.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+    // The smallest gap may be several steps, and rounding affects it. The whole span is relatively exact: it is divided
+    // by its whole number of steps.
+    let grids = (1..=MOST_STEPS).map(move |parts| {
+        let steps = ((last - first) / gap * f64::from(parts)).round();
+        let step = if gap.is_finite() { (last - first) / steps } else { 1.0 };
+        Grid { offset: least as f32, step: step as f32 }
+    });
+    grids.filter(|grid| {
+        let steps = Steps::of(*grid);
+        grid.step > 0.0 && sample.iter().all(|v| steps.hold(*v))
+    })
+}
+
+/// A grid in f64, to compare many values with it.
+struct Steps {
+    offset: f64,
+    step: f64,
+    steps_per_unit: f64,
+}
+
+impl Steps {
+    fn of(Grid { offset, step }: Grid) -> Self {
+        Self { offset: offset.into(), step: step.into(), steps_per_unit: 1.0 / f64::from(step) }
+    }
+
+    /// True if a value lies on the grid. Which of two steps is nearest to a value in their middle does not matter.
+    fn hold(&self, value: f64) -> bool {
+        let number = ((value - self.offset) * self.steps_per_unit + 0.5).clamp(0.0, 255.0) as i32;
+        let off = (self.offset + self.step * f64::from(number) - value).abs();
+        off <= ROUNDING * value.abs().max(1.0)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn grid_of(count: usize, value: impl Fn(usize) -> f64 + Sync) -> Option<Grid> {
+        Some(Grid::of_columns(count, 1, |row, _| [value(row)])?[0])
+    }
 
     #[test]
     fn a_grid_is_found_and_gives_back_its_numbers() {
         for (offset, step) in [(-1.0, 1.0 / 128.0), (-10.0, 1.0 / 16.0), (-0.5 / 0.15, 1.0 / (255.0 * 0.15))] {
             let value = |i: usize| f64::from((offset + step * (i * 37 % 256) as f64) as f32);
-            let grid = Grid::of(5000, value).unwrap();
+            let grid = grid_of(5000, value).unwrap();
             for i in 0..256 {
                 assert!((f64::from(grid.decode(grid.encode(value(i)))) - value(i)).abs() < 2e-6, "{offset} {i}");
             }
@@ -96,28 +166,28 @@ mod tests {
     #[test]
     fn a_grid_is_found_where_no_two_numbers_are_a_step_apart() {
         let coarse = |i: usize| f64::from((i as u32 * 7 % 17 * 16).min(255)) / 128.0 - 1.0;
-        let grid = Grid::of(5000, coarse).unwrap();
+        let grid = grid_of(5000, coarse).unwrap();
         assert_eq!(grid.step, 1.0 / 128.0);
         assert!((0..17).all(|i| f64::from(grid.decode(grid.encode(coarse(i)))) == coarse(i)));
         // A single value among many.
         let rare = |i: usize| if i == 54_321 { 255.0 } else { f64::from(i as u32 * 7 % 16 * 16) };
-        assert_eq!(Grid::of(1 << 16, rare).unwrap().step, 1.0);
+        assert_eq!(grid_of(1 << 16, rare).unwrap().step, 1.0);
     }
 
     #[test]
     fn the_two_zeros_are_one_step() {
         let value = |i: usize| if i == 500 { -0.0 } else { (i % 200) as f64 / 128.0 - 0.5 };
-        assert!(Grid::of(1000, value).is_some());
+        assert!(grid_of(1000, value).is_some());
     }
 
     #[test]
     fn numbers_between_the_steps_have_no_grid() {
         let on = |i: usize| (i % 200) as f64 / 128.0;
-        assert!(Grid::of(1 << 16, on).is_some());
-        assert!(Grid::of(1 << 16, |i| if i == 12_345 { 0.3 } else { on(i) }).is_none(), "one of many is off");
-        assert!(Grid::of(1 << 16, |i| if i == 12_345 { 2.5 } else { on(i) }).is_none(), "257 steps are needed");
-        assert!(Grid::of(1000, |i| (i as f64).sin()).is_none());
-        assert!(Grid::of(10, |_| f64::NEG_INFINITY).is_none());
+        assert!(grid_of(1 << 16, on).is_some());
+        assert!(grid_of(1 << 16, |i| if i == 12_345 { 0.3 } else { on(i) }).is_none(), "one of many is off");
+        assert!(grid_of(1 << 16, |i| if i == 12_345 { 2.5 } else { on(i) }).is_none(), "257 steps are needed");
+        assert!(grid_of(1000, |i| (i as f64).sin()).is_none());
+        assert!(grid_of(10, |_| f64::NEG_INFINITY).is_none());
     }
 
     #[test]
@@ -129,5 +199,25 @@ mod tests {
             assert!(error <= 0.5 * f64::from(grid.step) + 1e-6, "{value}: {error}");
         }
         assert_eq!(grid.encode(f64::NEG_INFINITY), 0);
+    }
+
+    #[test]
+    fn columns_are_searched_together_and_all_need_a_grid() {
+        let of_column = |column: usize, i: usize| (i * 37 % 256) as f64 * [1.0, 0.5, 0.125][column];
+        let pair = |row: usize, column: usize| [of_column(column, 2 * row), of_column(column, 2 * row + 1)];
+        let grids = Grid::of_columns(40_000, 3, pair).unwrap();
+        assert_eq!(grids.iter().map(|grid| grid.step).collect::<Vec<_>>(), [1.0, 0.5, 0.125]);
+        let is_odd =
+            |row: usize, column: usize| if (row, column) == (31_234, 2) { [0.3; 2] } else { pair(row, column) };
+        assert!(Grid::of_columns(40_000, 3, is_odd).is_none());
+    }
+
+    #[test]
+    fn numbers_are_rounded_to_the_nearest_half_away_from_zero() {
+        let grid = Grid { offset: 0.0, step: 1.0 };
+        let half = 0.49999999999999994;
+        for (value, number) in [(0.5, 1), (half, 0), (1.5, 2), (254.5, 255), (300.0, 255), (-0.5, 0), (f64::NAN, 0)] {
+            assert_eq!(grid.encode(value), number, "{value}");
+        }
     }
 }

@@ -84,9 +84,9 @@ pub fn bands(coefficient: impl Fn(usize) -> f64) -> [f64; MAX_SH_DEGREE as usize
 
 fn sh_grids(gaussians: &Gaussians, degree: u32) -> Option<[Grid; sh_coefficients(MAX_SH_DEGREE)]> {
     let mut grids = [Grid { offset: 0.0, step: 1.0 }; sh_coefficients(MAX_SH_DEGREE)];
-    for (i, grid) in grids.iter_mut().enumerate().take(sh_coefficients(degree)) {
-        *grid = Grid::of(3 * gaussians.len(), |k| gaussians.sh(k / 3)[i][k % 3].into())?;
-    }
+    let coefficients = sh_coefficients(degree);
+    let found = Grid::of_columns(gaussians.len(), coefficients, |row, i| gaussians.sh(row)[i].map(f64::from))?;
+    grids[..coefficients].copy_from_slice(&found);
     Some(grids)
 }
 
@@ -96,7 +96,7 @@ fn scale_grid(gaussians: &Gaussians) -> Option<Grid> {
         steps.round() >= 1.0 && (steps - steps.round()).abs() < 1e-4
     };
     let few = |rotation: &[f32; 4]| rotation_error(decode_rotation(encode_rotation(*rotation)), *rotation) < SAME;
-    let grid = Grid::of(3 * gaussians.len(), |i| f64::from(gaussians.scales()[i / 3][i % 3]).log2())?;
+    let grid = Grid::of_columns(gaussians.len(), 1, |row, _| gaussians.scales()[row].map(|s| f64::from(s).log2()))?[0];
     let held = gaussians.opacities().par_iter().with_min_len(4096).all(on_bytes)
         && gaussians.rotations().par_iter().with_min_len(4096).all(few);
     held.then_some(grid)

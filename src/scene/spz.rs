@@ -145,7 +145,7 @@ pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
     decode(source, &header, flips, readers, builder)
 }
 
-/// Decodes the Gaussians block by block from all planes in parallel.
+/// Decodes the Gaussians block by block. While one is decoded, the next one is decompressed, all planes in parallel.
 fn decode<R: Read + Send>(
     source: &mut Source,
     header: &Header,
@@ -154,25 +154,24 @@ fn decode<R: Read + Send>(
     mut builder: Builder,
 ) -> Result<Scene> {
     let layout = header.planes();
-    let mut blocks: Vec<Vec<u8>> = vec![Vec::new(); layout.len()];
     let step = 0.5_f64.powi(header.fractional_bits as i32);
+    let [mut blocks, mut next] = [(); 2].map(|()| vec![Vec::new(); layout.len()]);
+    read_blocks(&mut planes, &mut blocks, header, 0)?;
     for first in (0..header.count).step_by(BLOCK) {
         source.before_block(&builder)?;
-        let count = BLOCK.min(header.count - first);
-        let parts = planes.par_iter_mut().zip(&mut blocks).zip(&layout);
-        parts.try_for_each(|((plane, block), (name, bytes))| {
-            block.resize(count * bytes, 0);
-            let place =
-                || format!("the {name} of Gaussians {first} to {} of {} are damaged", first + count, header.count);
-            plane.read_exact(block).with_context(place)
-        })?;
-        builder.extend(count, |index, sh| {
-            let row = |plane: usize| {
-                let bytes = layout[plane].1;
-                &blocks[plane][index * bytes..][..bytes]
-            };
-            gaussian(header.version, row, step, flips, sh)
-        });
+        let row = |plane: usize, index: usize| {
+            let bytes = layout[plane].1;
+            &blocks[plane][index * bytes..][..bytes]
+        };
+        let (read, ()) = rayon::join(
+            || read_blocks(&mut planes, &mut next, header, first + BLOCK),
+            || {
+                let decode = |index, sh: &mut [_]| gaussian(header.version, |plane| row(plane, index), step, flips, sh);
+                builder.extend(BLOCK.min(header.count - first), decode);
+            },
+        );
+        read?;
+        std::mem::swap(&mut blocks, &mut next);
     }
     for (plane, (name, _)) in planes.iter_mut().zip(&layout) {
         let rest = plane.read(&mut [0]).with_context(|| format!("the {name} are damaged"))?;
@@ -186,6 +185,17 @@ fn decode<R: Read + Send>(
         is_antialiased: header.is_antialiased,
         notices: Vec::new(),
         levels: Vec::new(),
+    })
+}
+
+/// Decompresses the block of Gaussians from `first` on, if there are any, of every plane.
+fn read_blocks<R: Read + Send>(planes: &mut [R], blocks: &mut [Vec<u8>], header: &Header, first: usize) -> Result<()> {
+    let count = BLOCK.min(header.count.saturating_sub(first));
+    let parts = planes.par_iter_mut().zip(blocks).zip(header.planes());
+    parts.try_for_each(|((plane, block), (name, bytes))| {
+        block.resize(count * bytes, 0);
+        let place = || format!("the {name} of Gaussians {first} to {} of {} are damaged", first + count, header.count);
+        plane.read_exact(block).with_context(place)
     })
 }
 

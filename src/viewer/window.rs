@@ -30,13 +30,16 @@ pub struct WindowSetup {
     pub validation: Validation,
     /// Folder of shaders to compile at run time.
     pub shaders: Option<PathBuf>,
+    /// Gives an opened device what earlier runs left.
+    pub with_memory: fn(Device) -> Device,
     /// A fault to inject, for tests.
     pub fault: Option<Fault>,
 }
 
 impl WindowSetup {
     fn open_device(&self, window: &Window) -> Result<Device> {
-        Device::open_for(&self.device, self.validation, window)?.with_shaders(self.shaders.as_deref())
+        let device = Device::open_for(&self.device, self.validation, window)?;
+        Ok((self.with_memory)(device.with_shaders(self.shaders.as_deref())?))
     }
 }
 

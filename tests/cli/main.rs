@@ -9,4 +9,5 @@ mod knobs;
 #[cfg(unix)]
 mod outputs;
 mod scenes;
+mod start;
 mod usage;

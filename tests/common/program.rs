@@ -8,7 +8,7 @@ pub fn smalto(arguments: &[&str]) -> Output {
 
 pub fn run(arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_smalto"));
-    command.args(arguments).env("SMALTO_VALIDATION", "1");
+    command.args(arguments).env("SMALTO_VALIDATION", "1").env("XDG_CACHE_HOME", env!("CARGO_TARGET_TMPDIR"));
     prepare(&mut command);
     command.output().expect("the program starts")
 }

@@ -33,6 +33,7 @@ pub struct Viewer<'a> {
 pub fn view(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_smalto"));
     command.arg("view").args(arguments).env("SMALTO_VALIDATION", "1").env_remove("WAYLAND_DISPLAY");
+    command.env("XDG_CACHE_HOME", env!("CARGO_TARGET_TMPDIR"));
     if std::env::var_os("SMALTO_DEVICE").is_none() {
         command.env("SMALTO_DEVICE", "llvmpipe");
     }

@@ -80,8 +80,7 @@ impl<'p> Run<'p> {
 
     /// Draws views on device `number` until none is left. If the device fails, it gives back what it had taken.
     pub fn draw_on(&self, (number, device): (usize, &Device), scene: Upload, jobs: Sender<Job<'p>>) -> Result<()> {
-        let mut worker = Worker::new(self, device, scene, jobs)?;
-        worker.fault = self.fault.filter(|_| number == 0);
+        let mut worker = Worker::new(self, (number, device), scene, jobs)?;
         let drawn = worker.draw();
         while let Some((task, _)) = worker.in_flight.pop_back() {
             self.queue.give_back(task);
@@ -109,13 +108,23 @@ impl Task<'_> {
 }
 
 impl<'r, 'p> Worker<'r, 'p> {
-    fn new(run: &'r Run<'p>, device: &Device, (gaussians, needs): Upload, jobs: Sender<Job<'p>>) -> Result<Self> {
+    fn new(
+        run: &'r Run<'p>,
+        (number, device): (usize, &Device),
+        (gaussians, needs): Upload,
+        jobs: Sender<Job<'p>>,
+    ) -> Result<Self> {
+        // The phases of the start are those of the first device.
+        let start = (number == 0).then_some(&run.args.start);
         let certifies = run.args.certificate.is_some();
         let upload = if certifies { GpuScene::certifiable } else { GpuScene::with };
         let gpu_scene = upload(device, &gaussians, &needs, &run.options)?;
-        drop(gaussians);
+        // Returning the memory of a large scene takes the system long.
+        rayon::spawn(move || drop(gaussians));
+        start.inspect(|start| start.end("upload"));
         let create = if certifies { Renderer::certified } else { Renderer::new };
         let renderer = create(device, &run.options, &gpu_scene)?;
+        start.inspect(|start| start.end_with("pipelines", renderer.trial_time().map(|time| ("trial", time))));
         if let Some(notice) = renderer.notice() {
             remark(&format!("note: {notice}"));
         }
@@ -123,7 +132,7 @@ impl<'r, 'p> Worker<'r, 'p> {
         let host = HostFrames { made: 0, most: run.host_frames, idle: Vec::new(), back, way_back };
         let largest = LARGEST_STREAMED.min(device.capabilities().limits.storage_range);
         let (stream, in_flight) = (Stream::new(device, renderer), VecDeque::new());
-        Ok(Self { run, stream, in_flight, host, jobs, largest, fault: None })
+        Ok(Self { run, stream, in_flight, host, jobs, largest, fault: run.fault.filter(|_| number == 0) })
     }
 
     fn draw(&mut self) -> Result<()> {

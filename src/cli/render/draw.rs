@@ -88,6 +88,7 @@ pub(super) fn by_gpu(
         record.finish()?;
         return Ok((options, Vec::new()));
     }
+    args.start.end("layout");
     let encoders = available_parallelism().map_or(1, NonZero::get);
     let (total, bar) = (tasks.len(), Bar::new("rendering"));
     let mut log = Log { args, record, video: None, frames: Vec::new(), total, bar, times: Spent::default() };
@@ -172,6 +173,7 @@ struct Spent {
 impl Log<'_> {
     /// Records and reports a view whose files are written.
     fn note(&mut self, view: Written) -> Result<()> {
+        self.args.start.end("first picture");
         let Written { task, frames, certified: bound, rgb8, times } = view;
         task.picture.iter().chain(&task.depths).try_for_each(|output| self.record.add(output))?;
         if let (Some(video), Some(frame)) = (&mut self.video, rgb8) {

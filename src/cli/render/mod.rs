@@ -9,6 +9,7 @@ mod plan;
 mod queue;
 mod report;
 mod resume;
+mod start;
 mod video;
 
 use std::path::PathBuf;
@@ -29,6 +30,7 @@ use crate::rules::Background;
 use outputs::{Layer, Names, Shot};
 use plan::{Plan, plan};
 use report::Report;
+use start::Start;
 
 /// Render a scene to PNG, EXR or .npy
 #[derive(clap::Args)]
@@ -104,7 +106,7 @@ pub(super) struct Args {
     /// picture and takes --sh-degree; what else trades accuracy for speed cannot be combined with it
     #[arg(long, conflicts_with_all = ["device", "portable", "timings", "dump", "max_error", "min_psnr"])]
     reference: bool,
-    /// Print the GPU time of every stage of the frame
+    /// Print the GPU time of every stage of the frame, and the phases from the command to the first picture
     #[arg(long)]
     timings: bool,
     /// Write a report as JSON (docs/render.schema.json): files, cameras, counts, times; - prints it instead of the text
@@ -122,6 +124,8 @@ pub(super) struct Args {
     knobs: Knobs,
     #[command(flatten)]
     budget: BudgetArgs,
+    #[arg(skip)]
+    start: Start,
 }
 
 const FILE_KINDS: [(&str, &str, FileKind); 4] = [
@@ -170,9 +174,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     } else {
         args.knobs.check_gpu()?;
     }
-    // The device is opened first: it fails at once, and reading a scene may take long.
-    let devices = if args.reference { Vec::new() } else { args.device.open()? };
-    let scene = args.scene.read_for(devices.first())?;
+    let (devices, scene) = start::devices_and_scene(args)?;
     let plan = plan(args, &scene.gaussians)?;
     let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
     let preset = Options { portable: args.portable || preset.portable, ..preset };
@@ -192,9 +194,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
     };
     plan.command.as_ref().map_or(Ok(()), |command| say!("{command}"))?;
     let video = plan.video.map(|video| video.file.display().to_string()).or(plan.command);
+    if args.timings {
+        args.start.say()?;
+    }
     let Some((sink, scene)) = report else { return Ok(()) };
-    let (format, smalto) = (Report::FORMAT.to_owned(), VersionReport::current());
-    sink.write_json(&Report { format, smalto, scene, preset, device, options, frames, video })
+    let (format, smalto, start) = (Report::FORMAT.to_owned(), VersionReport::current(), args.start.phases());
+    sink.write_json(&Report { format, smalto, scene, preset, device, options, start, frames, video })
 }
 
 /// Fails if the preset is one of accuracy, of which the reference has none.

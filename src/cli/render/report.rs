@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use super::Shot;
 use super::outputs::Output;
+use super::start::PhaseReport;
 use crate::camera::Camera;
 use crate::measure::bench::{SceneReport, VersionReport};
 use crate::options::Options;
@@ -22,6 +23,8 @@ pub(super) struct Report {
     /// The device that drew; null for the float64 reference.
     pub device: Option<String>,
     pub options: Options,
+    /// The phases from the command to the first picture, in the order of their ends.
+    pub start: Vec<PhaseReport>,
     /// What was drawn. Depths and counts have frames of their own on the GPU. Files that `--resume` skips are not here.
     pub frames: Vec<FrameReport>,
     /// With `--video`, the file of the video, or the ffmpeg command that makes it of the pictures.

@@ -170,11 +170,11 @@ impl SceneReport {
     /// Describes a scene and hashes its Gaussians.
     pub fn of(name: String, gaussians: &Gaussians) -> Self {
         let mut hasher = blake3::Hasher::new();
-        hasher.update(bytemuck::cast_slice(gaussians.means()));
-        hasher.update(bytemuck::cast_slice(gaussians.scales()));
-        hasher.update(bytemuck::cast_slice(gaussians.rotations()));
-        hasher.update(bytemuck::cast_slice(gaussians.opacities()));
-        (0..gaussians.len()).for_each(|i| _ = hasher.update(bytemuck::cast_slice(gaussians.sh(i))));
+        hasher.update_rayon(bytemuck::cast_slice(gaussians.means()));
+        hasher.update_rayon(bytemuck::cast_slice(gaussians.scales()));
+        hasher.update_rayon(bytemuck::cast_slice(gaussians.rotations()));
+        hasher.update_rayon(bytemuck::cast_slice(gaussians.opacities()));
+        hasher.update_rayon(bytemuck::cast_slice(gaussians.all_sh()));
         let hash = hasher.finalize().to_hex().to_string();
         Self { name, gaussians: gaussians.len(), sh_degree: gaussians.sh_degree(), hash }
     }

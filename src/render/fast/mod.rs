@@ -12,7 +12,9 @@
 //! | chunk | the Gaussians or splats that one workgroup of a stage handles |
 
 mod pipeline;
+mod stages;
 mod workspace;
 
-pub use pipeline::{BLOCK_HEIGHTS, BinGrid, FastPipeline};
+pub use pipeline::{BinGrid, FastPipeline};
+pub use stages::BLOCK_HEIGHTS;
 pub use workspace::FastWorkspace;

@@ -4,31 +4,27 @@
 //! blocks of long lists are shared by several subgroups.
 
 use std::mem::offset_of;
+use std::thread::ScopedJoinHandle;
 
 use anyhow::Result;
 
+use super::stages::{self, BLOCK_HEIGHTS, blend_constants, sort_constants};
 use super::workspace::FastWorkspace;
 use crate::gpu::{Access, Commands, Device, DispatchSize, Shader, Stage};
 use crate::options::Options;
 use crate::render::constants::shared;
 use crate::render::frame::{DepthKeys, Shot, Target, view};
 use crate::render::layout::Layout;
-use crate::render::portable::digit_bits;
 use crate::render::shaders::fast::*;
 use crate::render::shaders::{Bin, FastDispatches, SharedConstants, Totals};
 use crate::rules::{Footprint, Order};
 
-/// Heights of blocks, px. Low blocks balance the work of small and of crowded pictures; with high blocks fewer splats
-/// are listed more than once.
-pub const BLOCK_HEIGHTS: [u32; 3] = [4, 8, 16];
 /// Pictures with fewer pixels have the lowest blocks.
 const SMALL_PICTURE: u64 = 1 << 20;
 /// Pictures with at least this many pixels have the highest blocks.
 const LARGE_PICTURE: u64 = 1 << 22;
 // Each chunk has a lane of sort.
 const _: () = assert!(BIN_CHUNKS <= Sort::WORKGROUP[0]);
-/// Workgroup memory in bytes that the counts of a sort may take.
-const SORT_COUNTS_BYTES: u32 = 16 << 10;
 
 /// The stages of a fast frame, built for one set of options and one layout of a scene.
 pub struct FastPipeline {
@@ -64,6 +60,11 @@ pub struct BinGrid {
     height_index: usize,
 }
 
+/// The stage that a thread made.
+fn made<S>(thread: ScopedJoinHandle<Result<Stage<S>>>) -> Result<Stage<S>> {
+    thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
 impl BinGrid {
     pub fn new(size_px: [u32; 2], height_index: usize) -> Self {
         let block_height = BLOCK_HEIGHTS[height_index];
@@ -94,29 +95,45 @@ impl FastPipeline {
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Option<Self>> {
         let Some(subgroup) = Self::subgroup(device, options) else { return Ok(None) };
         let constants = shared(options, layout, subgroup);
-        let subgroups = Sort::WORKGROUP[0] / subgroup;
-        let digit_bits = digit_bits(subgroups, SORT_COUNTS_BYTES);
-        let sort = SortConstants { digit_bits, subgroups, ..SortConstants::of(&constants) };
+        let sort = sort_constants(&constants, subgroup);
         let merge = |of_runs| Stage::new(device, &MergeConstants { of_runs });
-        Ok(Some(Self {
-            options: *options,
-            layout: layout.clone(),
-            project: Stage::of_subgroups(device, &ProjectConstants::of(&constants), subgroup)?,
-            list: Stage::of_subgroups(device, &ListConstants::of(&constants), subgroup)?,
-            offsets: Stage::new(device, &())?,
-            sort: Stage::of_subgroups(device, &sort, subgroup)?,
-            merge_runs: merge(true)?,
-            merge_again: merge(false)?,
-            masks: Stage::of_subgroups(device, &MasksConstants::of(&constants), subgroup)?,
-            blend: Default::default(),
-            blend_long: Default::default(),
-            constants,
-            subgroup,
-            forced_block_height: None,
-            // The loops of one invocation together take at most two iterations per entry of a short list, and less than
-            // one per entry of a long list.
-            longest_list: device.capabilities().loop_limit.unwrap_or(u32::MAX),
-        }))
+        // A driver compiles on the thread that asks for a pipeline.
+        std::thread::scope(|threads| {
+            let project = threads.spawn(|| Stage::of_subgroups(device, &ProjectConstants::of(&constants), subgroup));
+            let list = threads.spawn(|| Stage::of_subgroups(device, &ListConstants::of(&constants), subgroup));
+            let offsets = threads.spawn(|| Stage::new(device, &()));
+            let sort = threads.spawn(|| Stage::of_subgroups(device, &sort, subgroup));
+            let merges = [true, false].map(|of_runs| threads.spawn(move || merge(of_runs)));
+            let masks = threads.spawn(|| Stage::of_subgroups(device, &MasksConstants::of(&constants), subgroup));
+            let [merge_runs, merge_again] = merges;
+            Ok(Some(Self {
+                options: *options,
+                layout: layout.clone(),
+                project: made(project)?,
+                list: made(list)?,
+                offsets: made(offsets)?,
+                sort: made(sort)?,
+                merge_runs: made(merge_runs)?,
+                merge_again: made(merge_again)?,
+                masks: made(masks)?,
+                blend: Default::default(),
+                blend_long: Default::default(),
+                constants,
+                subgroup,
+                forced_block_height: None,
+                // The loops of one invocation together take at most two iterations per entry of a short list, and less
+                // than one per entry of a long list.
+                longest_list: device.capabilities().loop_limit.unwrap_or(u32::MAX),
+            }))
+        })
+    }
+
+    /// A fingerprint of all stages, those included that a picture makes.
+    ///
+    /// # Errors
+    /// If a shader cannot be compiled at run time.
+    pub fn fingerprint(&self, device: &Device) -> Result<blake3::Hash> {
+        stages::fingerprint(device, &self.constants, self.subgroup)
     }
 
     /// True if it can draw pictures of this size.
@@ -130,8 +147,7 @@ impl FastPipeline {
     /// If a pipeline cannot be made.
     pub fn prepare(&mut self, device: &Device, grid: BinGrid, has_long_lists: bool) -> Result<()> {
         let height = grid.height_index;
-        let block_height = grid.block_height.max(self.subgroup / BLOCK_WIDTH);
-        let constants = BlendConstants { block_height, ..BlendConstants::of(&self.constants) };
+        let constants = blend_constants(&self.constants, self.subgroup, grid.block_height);
         if self.blend[height].is_none() {
             self.blend[height] = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
         }
