@@ -84,6 +84,11 @@ impl Layer {
 }
 
 impl Output {
+    /// The path relative to the folder of the run.
+    pub fn within(&self, folder: &Path) -> &Path {
+        self.path.strip_prefix(folder).unwrap_or(&self.path)
+    }
+
     /// Writes a layer of the picture.
     pub fn write_picture(&self, pixels: &Pixels, background: Background) -> Result<()> {
         match self.layer {
@@ -147,9 +152,13 @@ impl Outputs {
         self.layers.contains(&layer)
     }
 
+    pub fn layers(&self) -> impl Iterator<Item = Layer> {
+        self.layers.iter().copied()
+    }
+
     /// The layers of depths and counts.
     pub fn depths(&self) -> impl Iterator<Item = Layer> {
-        self.layers.iter().copied().filter(|layer| !layer.is_of_picture())
+        self.layers().filter(|layer| !layer.is_of_picture())
     }
 
     pub fn kind(&self) -> FileKind {
@@ -181,7 +190,7 @@ impl Outputs {
 
 /// The place of the output; `None` for a single file that is named after the scene.
 fn place(args: &Args, several: bool) -> Result<Option<Place>> {
-    let needs_folder = several || args.names.is_some() || args.resume;
+    let needs_folder = several || args.names.is_some() || args.resume || args.shard.is_some() || args.verify;
     let Some(output) = &args.output else {
         return Ok(needs_folder.then(|| Place::Folder(PathBuf::from("renders"))));
     };
@@ -189,7 +198,7 @@ fn place(args: &Args, several: bool) -> Result<Option<Place>> {
         return Ok(Some(Place::Folder(output.clone())));
     }
     if needs_folder && names_file(output) {
-        let why = "several pictures, --names, --video and --resume need a folder";
+        let why = "several pictures, --names, --video, --resume, --shard and --verify need a folder";
         return Err(Usage(format!("--output {}: {why}", output.display())).into());
     }
     Ok(Some(if needs_folder { Place::Folder(output.clone()) } else { Place::File(output.clone()) }))

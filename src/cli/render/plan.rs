@@ -9,10 +9,12 @@ use glam::DVec3;
 
 use super::choice::{Chosen, choose};
 use super::outputs::{Names, Outputs, Shot, safe_stem};
+use super::settings::Source;
 use super::{Args, video};
 use crate::camera::{Camera, NamedCamera, path};
-use crate::cli::{Usage, named_or_found, size_text};
+use crate::cli::{Usage, named_or_found, remark, size_text};
 use crate::files::check_writable;
+use crate::measure::bench::views_hash;
 use crate::pixels::FileKind;
 use crate::scene::{Focus, Gaussians};
 
@@ -24,11 +26,17 @@ pub(super) struct Plan {
     pub shots: Vec<Shot>,
     pub outputs: Outputs,
     pub nearest: f32,
-    /// The command that makes a video of them, with `--video`.
+    /// The command that makes a video of them, with `--video`. A shard is no video.
     pub video: Option<String>,
+    /// BLAKE3 of the cameras of the whole run, and of the names of its files.
+    pub cameras_hash: String,
+    pub files_hash: String,
+    /// The file that the scene was read from, if it was read and is a single file.
+    pub source: Option<Source>,
 }
 
-pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
+/// The plan of a run, or of its shard. The scene is asked for only if cameras are made from it.
+pub(super) fn plan<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians>) -> Result<Plan> {
     let Cameras { chosen, is_list, nearest } = cameras(args, gaussians)?;
     let several = is_list || args.video;
     let outputs = Outputs::of(args, several)?;
@@ -37,8 +45,42 @@ pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     let shots = shots.collect::<Result<Vec<_>>>()?;
     check_shots(args, &shots)?;
     let video = args.video.then(|| video::command(args, &outputs, &shots)).transpose()?;
-    make_folders(&outputs, &shots, several)?;
-    Ok(Plan { shots, outputs, nearest, video })
+    let views: Vec<Camera> = shots.iter().map(|shot| shot.camera.clone()).collect();
+    let (cameras_hash, files_hash) = (views_hash(&views), files_hash(&outputs, &shots));
+    let (all, video) = (shots.len(), video.filter(|_| args.shard.is_none()));
+    let shots = match args.shard {
+        Some(shard) => shard.part(shots),
+        None => shots,
+    };
+    if let Some(shard) = args.shard.filter(|_| shots.is_empty()) {
+        remark(&format!("note: --shard {shard} has nothing to do: only {all} cameras are chosen"));
+    }
+    Ok(Plan { shots, outputs, nearest, video, cameras_hash, files_hash, source: None })
+}
+
+/// BLAKE3 of the names of all files.
+fn files_hash(outputs: &Outputs, shots: &[Shot]) -> String {
+    let mut files = blake3::Hasher::new();
+    for output in shots.iter().flat_map(|shot| &shot.outputs) {
+        let name = output.within(outputs.folder().unwrap_or(Path::new("")));
+        files.update(name.as_os_str().as_encoded_bytes()).update(&[0]);
+    }
+    files.finalize().to_hex().to_string()
+}
+
+impl Plan {
+    /// Creates the folders of files. The folder of a single file that the user names must exist.
+    pub fn make_folders(&self) -> Result<()> {
+        let Some(folder) = self.outputs.folder() else { return Ok(()) };
+        let certificates = self.shots.iter().filter_map(|shot| shot.certificate.as_deref());
+        let outputs = self.shots.iter().flat_map(|shot| &shot.outputs);
+        let files = outputs.map(|output| output.path.as_path()).chain(certificates);
+        let folders: BTreeSet<&Path> = files.filter_map(Path::parent).chain([folder]).collect();
+        for folder in folders {
+            fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        }
+        Ok(())
+    }
 }
 
 /// The cameras of a run.
@@ -50,7 +92,7 @@ struct Cameras {
     nearest: f32,
 }
 
-fn cameras(args: &Args, gaussians: &Gaussians) -> Result<Cameras> {
+fn cameras<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians>) -> Result<Cameras> {
     let size = args.size.unwrap_or([1280, 720]);
     if let Some(frames) = args.film.read()? {
         let frame = |(index, named): (usize, NamedCamera)| Chosen::named(index, &named);
@@ -58,7 +100,7 @@ fn cameras(args: &Args, gaussians: &Gaussians) -> Result<Cameras> {
         return Ok(Cameras { chosen, is_list: true, nearest: f32::INFINITY });
     }
     if let Some(count) = args.film.orbit() {
-        let focus = Focus::of(gaussians);
+        let focus = Focus::of(gaussians()?);
         let views = path::orbit(DVec3::from(focus.centre), focus.radius, false, size, count);
         let view = |(index, camera)| Chosen { index, name: None, camera };
         let chosen = views.into_iter().enumerate().map(view).collect();
@@ -67,7 +109,7 @@ fn cameras(args: &Args, gaussians: &Gaussians) -> Result<Cameras> {
     let alone =
         |camera, nearest| Cameras { chosen: vec![Chosen { index: 0, name: None, camera }], is_list: false, nearest };
     if args.eye.is_given()?
-        && let Some((camera, nearest)) = args.eye.camera(gaussians, size)
+        && let Some((camera, nearest)) = args.eye.camera(gaussians()?, size)
     {
         args.split.check_no_file()?;
         return Ok(alone(camera, nearest));
@@ -87,7 +129,7 @@ fn cameras(args: &Args, gaussians: &Gaussians) -> Result<Cameras> {
         ))
         .into());
     }
-    let (camera, distance) = automatic(gaussians, size);
+    let (camera, distance) = automatic(gaussians()?, size);
     Ok(alone(camera, distance as f32 / 100.0))
 }
 
@@ -166,18 +208,6 @@ fn check_shots(args: &Args, shots: &[Shot]) -> Result<()> {
     let written_twice = |certificate: &&PathBuf| pictures.contains_key(certificate);
     if let Some(file) = shots.iter().filter_map(|shot| shot.certificate.as_ref()).find(written_twice) {
         return Err(Usage(format!("picture and certificate would both be written to {}", file.display())).into());
-    }
-    Ok(())
-}
-
-/// Creates the folders of outputs. The folder of a single file that the user names must exist.
-fn make_folders(outputs: &Outputs, shots: &[Shot], several: bool) -> Result<()> {
-    let in_folder = shots.iter().filter(|_| outputs.folder().is_some()).flat_map(|shot| &shot.outputs);
-    let certificates = shots.iter().filter(|_| several).filter_map(|shot| shot.certificate.as_deref());
-    let files = in_folder.map(|output| output.path.as_path()).chain(certificates);
-    let folders: BTreeSet<&Path> = files.filter_map(Path::parent).collect();
-    for folder in folders {
-        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     }
     Ok(())
 }
