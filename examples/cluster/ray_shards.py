@@ -9,7 +9,7 @@ scene, cameras, folder, shards = *sys.argv[1:4], int(sys.argv[4])
 gpus = float(sys.argv[5]) if len(sys.argv) > 5 else 1  # of each task; 0 for a software device
 
 
-@ray.remote(num_gpus=gpus, max_retries=3)
+@ray.remote(num_gpus=gpus, max_retries=3, retry_exceptions=True)
 def draw(shard: int) -> None:
     line = ["smalto", "render", scene, "--cameras", cameras, "--camera", "all", "-o", folder + "/"]
     subprocess.run([*line, "--shard", f"{shard}/{shards}", "--resume"], check=True)

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 #SBATCH --job-name=smalto
 #SBATCH --array=1-8
-#SBATCH --gpus-per-task=1
+#SBATCH --gpus=1
 #SBATCH --requeue
 
 # One shard per task of the array: sbatch slurm.sh SCENE CAMERAS FOLDER. A task that failed: sbatch --array=3 slurm.sh ...

@@ -218,7 +218,7 @@ fn wrong_shards_are_exit_code_2() {
         ("--shard 1/2 -o a.png", "--output a.png: several pictures, --names, --video, --resume, --shard and --verify"),
         ("--verify -o a.png", "need a folder"),
         ("--shard 1/2 -o views --dump buffers", "--shard cannot be combined with --dump"),
-        ("--shard 1/2 -o views --max-error 0.1", "--max-error cannot be combined with --shard"),
+        ("--shard 1/2 -o views --max-error 0.1", "--shard cannot be combined with --max-error"),
         ("--verify -o views --resume", "--verify cannot be combined with --resume"),
     ] {
         let error = fails(2, &[&["render", "cactus:10"], &line.split(' ').collect::<Vec<_>>()[..]].concat());

@@ -121,8 +121,9 @@ fn summary(wrong: &[WrongFile], all: usize) -> Result<String, Incomplete> {
     let mut counts: BTreeMap<Problem, usize> = BTreeMap::new();
     wrong.iter().for_each(|wrong| *counts.entry(wrong.problem).or_default() += 1);
     let counts: Vec<String> = counts.iter().map(|(problem, count)| format!("{count} {}", problem.title())).collect();
-    let (of_all, counts) = (format!("{} of {all} files", wrong.len()), counts.join(", "));
-    Err(Incomplete(format!("{of_all} are wrong: {counts}; remove them, and --resume draws them again")))
+    let is_all_missing = wrong.iter().all(|wrong| wrong.problem == Problem::Missing);
+    let advice = if is_all_missing { "--resume draws them" } else { "remove them, and --resume draws them again" };
+    Err(Incomplete(format!("{} of {all} files are wrong: {}; {advice}", wrong.len(), counts.join(", "))))
 }
 
 /// The files that are wrong. All threads read files at once.
@@ -178,28 +179,26 @@ impl<'r> Claims<'r> {
             Err(why) => return found(Problem::Damaged, format!("damaged: {why:#}")),
         };
         let ours: Vec<&Content> = self.same.iter().filter_map(|record| record.files.get(name)).collect();
-        let is_ours = ours.iter().any(|claim| **claim == content);
-        let others = || self.other.iter().filter_map(|(record, why)| Some((record.files.get(name)?, why)));
-        if let Some((_, why)) = others().find(|(claim, _)| **claim == content).filter(|_| !is_ours) {
+        let is_ours = ours.contains(&&content);
+        let theirs = self.other.iter().find(|(record, _)| record.files.get(name) == Some(&content));
+        if let Some((_, why)) = theirs.filter(|_| !is_ours) {
             return found(Problem::Settings, format!("of other settings ({why})"));
         }
-        if let Some(claim) = ours.iter().find(|claim| content.bytes < claim.bytes).filter(|_| !is_ours) {
-            return found(Problem::Truncated, format!("truncated: {} of {} bytes", content.bytes, claim.bytes));
-        }
-        match Pixels::read(path) {
-            Err(why) if why.is::<OutOfMemory>() => return Err(why.context(path.display().to_string())),
-            Err(why) => return found(Problem::Damaged, format!("damaged: {why:#}")),
-            Ok(pixels) if pixels.size != size_px => {
+        let longer = ours.iter().find(|claim| content.bytes < claim.bytes);
+        match (Pixels::read(path), longer) {
+            (Err(why), _) if why.is::<OutOfMemory>() => Err(why.context(path.display().to_string())),
+            (Ok(pixels), _) if pixels.size != size_px => {
                 let [size, expected] = [pixels.size, size_px].map(size_text);
-                return found(Problem::Size, format!("of {size} pixels, not {expected}"));
+                found(Problem::Size, format!("of {size} pixels, not {expected}"))
             }
-            Ok(_) if is_ours => {}
-            Ok(_) if !ours.is_empty() => {
-                return found(Problem::Damaged, "damaged: its bytes are not those that were written".to_owned());
+            (Ok(_), _) if is_ours => Ok(None),
+            (_, Some(claim)) => {
+                found(Problem::Truncated, format!("truncated: {} of {} bytes", content.bytes, claim.bytes))
             }
-            Ok(_) => return found(Problem::Unrecorded, "in no record of these settings".to_owned()),
+            (Err(why), None) => found(Problem::Damaged, format!("damaged: {why:#}")),
+            (Ok(_), None) if ours.is_empty() => found(Problem::Unrecorded, "in no record of these settings".to_owned()),
+            (Ok(_), None) => found(Problem::Damaged, "damaged: its bytes are not those that were written".to_owned()),
         }
-        Ok(None)
     }
 
     /// Says so if several devices drew the files. Their pictures may differ in the last bits.
