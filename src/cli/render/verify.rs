@@ -192,12 +192,12 @@ impl<'r> Claims<'r> {
                 found(Problem::Size, format!("of {size} pixels, not {expected}"))
             }
             (Ok(_), _) if is_ours => Ok(None),
-            (_, Some(claim)) => {
+            (Err(_), Some(claim)) => {
                 found(Problem::Truncated, format!("truncated: {} of {} bytes", content.bytes, claim.bytes))
             }
             (Err(why), None) => found(Problem::Damaged, format!("damaged: {why:#}")),
-            (Ok(_), None) if ours.is_empty() => found(Problem::Unrecorded, "in no record of these settings".to_owned()),
-            (Ok(_), None) => found(Problem::Damaged, "damaged: its bytes are not those that were written".to_owned()),
+            (Ok(_), _) if ours.is_empty() => found(Problem::Unrecorded, "in no record of these settings".to_owned()),
+            (Ok(_), _) => found(Problem::Damaged, "damaged: its bytes are not those that were written".to_owned()),
         }
     }
 
