@@ -200,7 +200,7 @@ fn a_shard_without_cameras_succeeds() {
     let render = ["render", "cactus:100", "--cameras", &file, "--camera", "all", "-o", &out, "--shard", "5/8"];
     for more in [&[][..], &["--resume"], &["--reference"]] {
         let said = remarks(&[&render[..], more].concat());
-        assert_eq!(said, "smalto: note: --shard 5/8 has nothing to do: only 3 cameras are chosen\n");
+        assert_eq!(said, "smalto: note: --shard 5/8 has nothing to do: the number of cameras is 3\n");
     }
     assert!(pictures(&out).is_empty());
 }

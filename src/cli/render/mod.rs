@@ -27,9 +27,8 @@ use crate::options::Options;
 use crate::pixels::FileKind;
 use crate::rules::Background;
 use outputs::{Layer, Names, Shot};
-use plan::{Plan, plan};
+use plan::{Plan, Source, plan};
 use report::Report;
-use settings::Source;
 use shard::Shard;
 pub(super) use verify::Incomplete;
 
@@ -116,8 +115,8 @@ pub(super) struct Args {
     /// Print the GPU time of every stage of the frame
     #[arg(long)]
     timings: bool,
-    /// Write a report as JSON (docs/render.schema.json): files, cameras, counts, times; - prints it instead of the text.
-    /// With --verify, the files that are wrong (docs/verify.schema.json)
+    /// Write a report as JSON (docs/render.schema.json): files, cameras, counts, times; - prints it instead of the
+    /// text. With --verify, the files that are wrong (docs/verify.schema.json)
     #[arg(long, value_name = "FILE|-")]
     json: Option<Sink>,
     /// Also write the certificate: for every pixel, an upper bound on the difference of its channels to the picture

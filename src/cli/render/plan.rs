@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::choice::{Chosen, choose};
 use super::outputs::{Names, Outputs, Shot, safe_stem};
-use super::settings::Source;
 use super::{Args, video};
 use crate::camera::{Camera, NamedCamera, path};
+use crate::cli::scenes::SceneFile;
 use crate::cli::{Usage, named_or_found, remark, size_text};
 use crate::files::check_writable;
 use crate::measure::bench::views_hash;
@@ -35,6 +36,13 @@ pub(super) struct Plan {
     pub source: Option<Source>,
 }
 
+/// The file that a scene was read from, and what it said besides its Gaussians.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Source {
+    pub file: SceneFile,
+    pub is_antialiased: bool,
+}
+
 /// The plan of a run, or of its shard. The scene is asked for only if cameras are made from it.
 pub(super) fn plan<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians>) -> Result<Plan> {
     let Cameras { chosen, is_list, nearest } = cameras(args, gaussians)?;
@@ -53,7 +61,7 @@ pub(super) fn plan<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians
         None => shots,
     };
     if let Some(shard) = args.shard.filter(|_| shots.is_empty()) {
-        remark(&format!("note: --shard {shard} has nothing to do: only {all} cameras are chosen"));
+        remark(&format!("note: --shard {shard} has nothing to do: the number of cameras is {all}"));
     }
     Ok(Plan { shots, outputs, nearest, video, cameras_hash, files_hash, source: None })
 }

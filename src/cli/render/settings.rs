@@ -5,6 +5,7 @@ use anyhow::{Result, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::plan::Source;
 use super::{Args, Plan};
 use crate::cli::scenes::SceneFile;
 use crate::measure::bench::VersionReport;
@@ -43,13 +44,6 @@ const DEVICE: &str = "device";
 pub(super) struct SceneKey {
     /// BLAKE3 of the Gaussians.
     pub hash: String,
-    pub is_antialiased: bool,
-}
-
-/// The file that a scene was read from, and what it said besides its Gaussians.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Source {
-    pub file: SceneFile,
     pub is_antialiased: bool,
 }
 
