@@ -57,7 +57,8 @@ use sink::Sink;
     arg_required_else_help = true,
     after_help = "\
 Exit codes: 0 success, 1 failure, 2 wrong usage, 3 no usable Vulkan device or no display for `view`,
-            4 unreadable scene, camera, image or report file, 5 out of memory, 6 over a threshold.
+            4 unreadable scene, camera, image or report file, 5 out of memory, 6 over a threshold, or files that
+            `render --verify` finds wrong.
 Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION turns the validation layer on (1) or off
              (0); SMALTO_FAULT simulates a fault in `view`, or with device@N in `render` the loss of the first device
              after N views; SMALTO_SHADERS=DIR compiles the shaders in DIR at run time (feature `reload`).
@@ -163,7 +164,7 @@ fn exit_code(error: &anyhow::Error) -> u8 {
         4
     } else if error.is::<OutOfMemory>() {
         5
-    } else if error.is::<OverThreshold>() || error.is::<Unmeetable>() {
+    } else if error.is::<OverThreshold>() || error.is::<Unmeetable>() || error.is::<render::Incomplete>() {
         6
     } else {
         1

@@ -34,7 +34,7 @@ const COMMANDS: [Pairs; 8] = [
             ACCURACY,
             BUDGET,
             "output format layers names size cameras split camera path fps video resume background preset portable",
-            "reference timings certificate dump json no-clobber orbit",
+            "reference timings certificate dump json no-clobber orbit shard verify",
             PLACE,
         ],
         refused: &[
@@ -49,6 +49,8 @@ const COMMANDS: [Pairs; 8] = [
             (PLACE, "cameras camera split path orbit"),
             ("orbit", "path cameras camera split dump"),
             ("resume", "certificate dump"),
+            ("shard", "dump max-error min-psnr"),
+            ("verify", "device resume no-clobber certificate dump timings max-error min-psnr"),
         ],
     },
     Pairs {
@@ -129,6 +131,7 @@ fn sample(arg: &Arg) -> String {
         "STEP" => "scale=2",
         "SHAPE" => "sphere=0,0,0,1",
         "3|4" => "3",
+        "K/N" => "1/2",
         "8..32" | "FRAMES" => "8",
         PATHS => "orbit",
         name if name.contains("FILE") || name.contains("DIR") => return format!("{}.json", arg.get_id()),

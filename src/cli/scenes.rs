@@ -3,10 +3,12 @@
 mod piped;
 
 use std::path::{Component, Path, PathBuf};
+use std::time::UNIX_EPOCH;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use glam::{DMat3, DQuat, DVec3};
+use serde::{Deserialize, Serialize};
 
 use super::{Usage, progress, remark};
 use crate::camera::Up;
@@ -26,7 +28,31 @@ pub(super) struct SceneArg {
     pub reading: ReadingArgs,
 }
 
+/// A scene in a single file, as the file system describes it. While this is the same, so is the scene.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct SceneFile {
+    name: String,
+    bytes: u64,
+    /// Time of the last change, since 1970.
+    modified_ns: u64,
+}
+
 impl SceneArg {
+    /// The file of the scene as it is now. `None` if the scene is not what one file holds: if it is procedural, comes
+    /// from a pipe, lies in several files, or is read otherwise than the file says.
+    pub fn file(&self) -> Option<SceneFile> {
+        let path = self.path()?;
+        let names_others = path.extension().is_some_and(|end| end == "json" || end == "gltf");
+        let ReadingArgs { up, flip, lod } = &self.reading;
+        if names_others || up.is_some() || flip.is_some() || lod.is_some() {
+            return None;
+        }
+        let data = path.metadata().ok().filter(|data| data.is_file())?;
+        let since_1970 = data.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
+        let name = path.file_name()?.to_str()?.to_owned();
+        Some(SceneFile { name, bytes: data.len(), modified_ns: u64::try_from(since_1970.as_nanos()).ok()? })
+    }
+
     /// The procedural scene, if the argument names one.
     pub fn procedural(&self) -> Option<Result<Procedural>> {
         Procedural::parse(self.scene.to_str()?)

@@ -3,11 +3,15 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+#[cfg(unix)]
+mod cluster;
 mod commands;
 mod films;
 mod knobs;
 #[cfg(unix)]
 mod outputs;
 mod scenes;
+mod shards;
 mod start;
 mod usage;
+mod verify;

@@ -303,7 +303,7 @@ fn wrong_output_arguments_are_exit_code_2() {
         (&["--layers", "depth", "--dump", &place, "-o", "a.exr"], "--dump cannot be combined with --layers depth"),
         (&["--camera", "all", "--dump", &place], "--dump writes the buffers of a single picture"),
         (&["--layers", "heat"], "--layers heat: expected colour, alpha, depth, median-depth, counts"),
-        (&["--names", "image", "-o", "a.png"], "--output a.png: several pictures, --names, --video and --resume"),
+        (&["--names", "image", "-o", "a.png"], "--output a.png: several pictures, --names, --video, --resume, "),
         (&["--resume", "-o", "a.png"], "need a folder"),
         (&["--video", "-o", "film.mp4"], "need a folder"),
         (&["--camera", "all", "-o", "a.exr"], "need a folder"),

@@ -6,12 +6,13 @@ use std::sync::Arc;
 use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use crossbeam_channel::{bounded, unbounded};
 
 use super::device::{Run, Upload};
 use super::encode::{Job, Task, Times, Written};
 use super::outputs::Output;
+use super::records::Content;
 use super::report::{FileReport, FrameReport};
 use super::resume::Record;
 use super::video::Encoder;
@@ -110,6 +111,7 @@ fn draw(run: &Run, devices: &[Device], scene: Upload, encoders: usize, mut log: 
     let (jobs, to_encode) = unbounded::<Job>();
     // Where the frames of a video wait until ffmpeg takes them, the threads that encode wait, too.
     let (written, to_note) = bounded(encoders);
+    let is_recorded = log.record.is_kept();
     let (failure, lost) = std::thread::scope(|threads| {
         let drawers: Vec<_> = devices
             .iter()
@@ -124,7 +126,7 @@ fn draw(run: &Run, devices: &[Device], scene: Upload, encoders: usize, mut log: 
         drop((scene, jobs));
         for _ in 0..encoders {
             let (to_encode, written) = (to_encode.clone(), written.clone());
-            threads.spawn(move || to_encode.iter().try_for_each(|job| written.send(job.run(run.args))));
+            threads.spawn(move || to_encode.iter().try_for_each(|job| written.send(job.run(run.args, is_recorded))));
         }
         drop((to_encode, written));
         let mut failure = None;
@@ -174,8 +176,9 @@ impl Log<'_> {
     /// Records and reports a view whose files are written.
     fn note(&mut self, view: Written) -> Result<()> {
         self.args.start.end("first picture");
-        let Written { task, frames, certified: bound, rgb8, times } = view;
-        task.picture.iter().chain(&task.depths).try_for_each(|output| self.record.add(output))?;
+        let Written { task, frames, contents, certified: bound, rgb8, times } = view;
+        let files = task.picture.iter().chain(&task.depths).zip(contents);
+        files.into_iter().try_for_each(|(output, content)| self.record.add(output, content))?;
         if let (Some(video), Some(frame)) = (&mut self.video, rgb8) {
             video.add(task.number, frame)?;
         }
@@ -231,7 +234,10 @@ impl Spent {
 fn write(outputs: &[&Output], record: &mut Record, write: impl Fn(&Output) -> Result<()>) -> Result<()> {
     outputs.iter().try_for_each(|output| {
         write(output)?;
-        record.add(output)
+        if !record.is_kept() {
+            return Ok(());
+        }
+        record.add(output, Content::of(&output.path).with_context(|| output.path.display().to_string())?)
     })
 }
 

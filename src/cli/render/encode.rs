@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use crossbeam_channel::Sender;
 
 use super::outputs::Output;
+use super::records::Content;
 use super::{Args, Shot};
 use crate::files;
 use crate::pixels::{Integers, Pixels};
@@ -44,6 +45,8 @@ pub(super) struct Job<'p> {
 pub(super) struct Written<'p> {
     pub task: Task<'p>,
     pub frames: Vec<Frame>,
+    /// What the files hold, those of the picture first; none if it is not recorded.
+    pub contents: Vec<Content>,
     /// Largest bound of the certificate.
     pub certified: Option<f32>,
     /// The frame of a video, in 8 bits.
@@ -67,8 +70,8 @@ impl AddAssign for Times {
 }
 
 impl<'p> Job<'p> {
-    /// Writes all files of the view.
-    pub fn run(self, args: &Args) -> Result<Written<'p>> {
+    /// Writes all files of the view, and looks at them for the record of the run if that `is_recorded`.
+    pub fn run(self, args: &Args, is_recorded: bool) -> Result<Written<'p>> {
         let Self { task, frames, source } = self;
         let (started, writing_before) = (Instant::now(), files::time_in_writes());
         let mut certified = None;
@@ -90,9 +93,12 @@ impl<'p> Job<'p> {
                 }
             }
         }
+        let written = task.picture.iter().chain(&task.depths).filter(|_| is_recorded);
+        let content = |output: &&Output| Content::of(&output.path).with_context(|| output.path.display().to_string());
+        let contents = written.map(content).collect::<Result<_>>()?;
         let writing = files::time_in_writes() - writing_before;
         let times = Times { encoding: started.elapsed().saturating_sub(writing), writing };
-        Ok(Written { task, frames, certified, rgb8, times })
+        Ok(Written { task, frames, contents, certified, rgb8, times })
     }
 }
 

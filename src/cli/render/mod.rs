@@ -7,9 +7,13 @@ mod encode;
 mod outputs;
 mod plan;
 mod queue;
+mod records;
 mod report;
 mod resume;
+mod settings;
+mod shard;
 mod start;
+mod verify;
 mod video;
 
 use std::path::PathBuf;
@@ -28,9 +32,11 @@ use crate::options::Options;
 use crate::pixels::{Compression, FileKind};
 use crate::rules::Background;
 use outputs::{Layer, Names, Shot};
-use plan::{Plan, plan};
+use plan::{Plan, Source, plan};
 use report::Report;
+use shard::Shard;
 use start::Start;
+pub(super) use verify::Incomplete;
 
 /// Render a scene to PNG, EXR or .npy
 #[derive(clap::Args)]
@@ -85,6 +91,16 @@ pub(super) struct Args {
     /// nothing is left to do
     #[arg(long, conflicts_with_all = ["certificate", "dump"])]
     resume: bool,
+    /// Draw only the part K of N of the cameras, with K from 1 to N: one run on each of N machines draws all of them,
+    /// into one folder or several (docs/cluster.md). The files have the names that they have in one run. Each shard has
+    /// a record of its own, so that --resume continues it by itself
+    #[arg(long, value_name = "K/N", conflicts_with_all = ["dump", "max_error", "min_psnr"])]
+    shard: Option<Shard>,
+    /// Draw nothing, and say which files of this command, of all shards and layers, are missing, truncated, damaged or
+    /// of other settings. Exit code 6 if there are any. It needs no device
+    #[arg(long, conflicts_with_all = ["resume", "no_clobber", "certificate", "dump", "timings", "device"])]
+    #[arg(conflicts_with_all = ["max_error", "min_psnr"])]
+    verify: bool,
     /// Refuse to replace existing files. With --resume, this does not concern what the run itself completed
     #[arg(long)]
     no_clobber: bool,
@@ -109,7 +125,8 @@ pub(super) struct Args {
     /// Print the GPU time of every stage of the frame, and the phases from the command to the first picture
     #[arg(long)]
     timings: bool,
-    /// Write a report as JSON (docs/render.schema.json): files, cameras, counts, times; - prints it instead of the text
+    /// Write a report as JSON (docs/render.schema.json): files, cameras, counts, times; - prints it instead of the
+    /// text. With --verify, the files that are wrong (docs/verify.schema.json)
     #[arg(long, value_name = "FILE|-")]
     json: Option<Sink>,
     /// Also write the certificate: for every pixel, an upper bound on the difference of its channels to the picture
@@ -174,12 +191,15 @@ pub(super) fn run(args: &Args) -> Result<()> {
     } else {
         args.knobs.check_gpu()?;
     }
+    if args.verify {
+        return verify::verify(args);
+    }
+    let file = args.scene.file();
     let (devices, scene) = start::devices_and_scene(args)?;
-    let plan = plan(args, &scene.gaussians)?;
-    let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
-    let preset = Options { portable: args.portable || preset.portable, ..preset };
-    let options = args.knobs.options(&preset, scene.is_antialiased, plan.nearest);
-    let exact = args.knobs.options(&preset.untraded(), scene.is_antialiased, plan.nearest);
+    let source = file.map(|file| Source { file, is_antialiased: scene.is_antialiased });
+    let plan = Plan { source, ..plan(args, &|| Ok(&scene.gaussians))? };
+    plan.make_folders()?;
+    let (exact, options) = options(args, scene.is_antialiased, plan.nearest);
     if let Some(why) = options.uncertifiable().filter(|_| args.certificate.is_some()) {
         return Err(Usage(format!("--certificate: {why}")).into());
     }
@@ -187,8 +207,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let device = (!args.reference).then(|| names_of(&devices));
     let report = args.json.as_ref().map(|sink| (sink, SceneReport::of(args.scene.title(), &scene.gaussians)));
     let (options, frames) = if args.reference {
-        let exact = Options { sh_degree: options.sh_degree, ..exact };
-        (exact, draw::by_reference(args, &plan, &scene.gaussians.of_degree(exact.sh_degree), &exact)?)
+        (options, draw::by_reference(args, &plan, &scene.gaussians.of_degree(options.sh_degree), &options)?)
     } else {
         draw::by_gpu(args, &plan, &devices, scene, (exact, options))?
     };
@@ -200,6 +219,17 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let Some((sink, scene)) = report else { return Ok(()) };
     let (format, smalto, start) = (Report::FORMAT.to_owned(), VersionReport::current(), args.start.phases());
     sink.write_json(&Report { format, smalto, scene, preset, device, options, start, frames, video })
+}
+
+/// The options of a run without a budget, and those with the same rules and no knob turned. The reference has no knob
+/// but the degree.
+fn options(args: &Args, is_antialiased: bool, nearest: f32) -> (Options, Options) {
+    let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
+    let preset = Options { portable: args.portable || preset.portable, ..preset };
+    let options = args.knobs.options(&preset, is_antialiased, nearest);
+    let exact = args.knobs.options(&preset.untraded(), is_antialiased, nearest);
+    let degree = options.sh_degree;
+    (exact, if args.reference { Options { sh_degree: degree, ..exact } } else { options })
 }
 
 /// Fails if the preset is one of accuracy, of which the reference has none.

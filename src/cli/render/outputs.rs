@@ -96,6 +96,11 @@ impl Output {
         }
     }
 
+    /// The path relative to the folder of the run.
+    pub fn within(&self, folder: &Path) -> &Path {
+        self.path.strip_prefix(folder).unwrap_or(&self.path)
+    }
+
     /// Writes a layer of the picture.
     pub fn write_picture(&self, pixels: &Pixels, args: &Args) -> Result<()> {
         let is_transparent = args.background == Background::Transparent;
@@ -165,9 +170,13 @@ impl Outputs {
         self.layers.contains(&layer)
     }
 
+    pub fn layers(&self) -> impl Iterator<Item = Layer> {
+        self.layers.iter().copied()
+    }
+
     /// The layers of depths and counts.
     pub fn depths(&self) -> impl Iterator<Item = Layer> {
-        self.layers.iter().copied().filter(|layer| !layer.is_of_picture())
+        self.layers().filter(|layer| !layer.is_of_picture())
     }
 
     pub fn kind(&self) -> FileKind {
@@ -199,7 +208,7 @@ impl Outputs {
 
 /// The place of the output; `None` for a single file that is named after the scene.
 fn place(args: &Args, several: bool) -> Result<Option<Place>> {
-    let needs_folder = several || args.names.is_some() || args.resume;
+    let needs_folder = several || args.names.is_some() || args.resume || args.shard.is_some() || args.verify;
     let Some(output) = &args.output else {
         let folder = match &args.video {
             Some(Some(file)) => video::frames_of(file),
@@ -211,7 +220,7 @@ fn place(args: &Args, several: bool) -> Result<Option<Place>> {
         return Ok(Some(Place::Folder(output.clone())));
     }
     if needs_folder && names_file(output) {
-        let why = "several pictures, --names, --video and --resume need a folder";
+        let why = "several pictures, --names, --video, --resume, --shard and --verify need a folder";
         return Err(Usage(format!("--output {}: {why}", output.display())).into());
     }
     Ok(Some(if needs_folder { Place::Folder(output.clone()) } else { Place::File(output.clone()) }))

@@ -6,14 +6,17 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::Args;
 use super::choice::{Chosen, choose};
 use super::outputs::{Names, Outputs, Shot, safe_stem};
 use super::video::{self, Video};
 use crate::camera::{Camera, NamedCamera, path};
-use crate::cli::{Usage, named_or_found, size_text};
+use crate::cli::scenes::SceneFile;
+use crate::cli::{Usage, named_or_found, remark, size_text};
 use crate::files::check_writable;
+use crate::measure::bench::views_hash;
 use crate::pixels::FileKind;
 use crate::scene::{Focus, Gaussians};
 
@@ -25,13 +28,26 @@ pub(super) struct Plan {
     pub shots: Vec<Shot>,
     pub outputs: Outputs,
     pub nearest: f32,
-    /// The command that makes a video of them, with `--video`.
+    /// The command that makes a video of them, with `--video`. A shard is no video.
     pub command: Option<String>,
     /// The video that is written instead of pictures.
     pub video: Option<Video>,
+    /// BLAKE3 of the cameras of the whole run, and of the names of its files.
+    pub cameras_hash: String,
+    pub files_hash: String,
+    /// The file that the scene was read from, if it was read and is a single file.
+    pub source: Option<Source>,
 }
 
-pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
+/// The file that a scene was read from, and what it said besides its Gaussians.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Source {
+    pub file: SceneFile,
+    pub is_antialiased: bool,
+}
+
+/// The plan of a run, or of its shard. The scene is asked for only if cameras are made from it.
+pub(super) fn plan<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians>) -> Result<Plan> {
     let Cameras { chosen, is_list, nearest } = cameras(args, gaussians)?;
     let file = video::file(args)?;
     let several = is_list || args.video.is_some();
@@ -43,8 +59,42 @@ pub(super) fn plan(args: &Args, gaussians: &Gaussians) -> Result<Plan> {
     let video = file.map(|file| Video::new(args, file, &shots)).transpose()?;
     let is_printed = args.video.is_some() && video.is_none();
     let command = is_printed.then(|| video::command(args, &outputs, &shots)).transpose()?;
-    make_folders(&outputs, &shots, several)?;
-    Ok(Plan { shots, outputs, nearest, command, video })
+    let views: Vec<Camera> = shots.iter().map(|shot| shot.camera.clone()).collect();
+    let (cameras_hash, files_hash) = (views_hash(&views), files_hash(&outputs, &shots));
+    let (all, command) = (shots.len(), command.filter(|_| args.shard.is_none()));
+    let shots = match args.shard {
+        Some(shard) => shard.part(shots),
+        None => shots,
+    };
+    if let Some(shard) = args.shard.filter(|_| shots.is_empty()) {
+        remark(&format!("note: --shard {shard} has nothing to do: the number of cameras is {all}"));
+    }
+    Ok(Plan { shots, outputs, nearest, command, video, cameras_hash, files_hash, source: None })
+}
+
+/// BLAKE3 of the names of all files.
+fn files_hash(outputs: &Outputs, shots: &[Shot]) -> String {
+    let mut files = blake3::Hasher::new();
+    for output in shots.iter().flat_map(|shot| &shot.outputs) {
+        let name = output.within(outputs.folder().unwrap_or(Path::new("")));
+        files.update(name.as_os_str().as_encoded_bytes()).update(&[0]);
+    }
+    files.finalize().to_hex().to_string()
+}
+
+impl Plan {
+    /// Creates the folders of files. The folder of a single file that the user names must exist.
+    pub fn make_folders(&self) -> Result<()> {
+        let Some(folder) = self.outputs.folder() else { return Ok(()) };
+        let certificates = self.shots.iter().filter_map(|shot| shot.certificate.as_deref());
+        let outputs = self.shots.iter().flat_map(|shot| &shot.outputs);
+        let files = outputs.map(|output| output.path.as_path()).chain(certificates);
+        let folders: BTreeSet<&Path> = files.filter_map(Path::parent).chain([folder]).collect();
+        for folder in folders {
+            fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        }
+        Ok(())
+    }
 }
 
 /// The cameras of a run.
@@ -56,7 +106,7 @@ struct Cameras {
     nearest: f32,
 }
 
-fn cameras(args: &Args, gaussians: &Gaussians) -> Result<Cameras> {
+fn cameras<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians>) -> Result<Cameras> {
     let size = args.size.unwrap_or([1280, 720]);
     if let Some(frames) = args.film.read()? {
         let frame = |(index, named): (usize, NamedCamera)| Chosen::named(index, &named);
@@ -64,7 +114,7 @@ fn cameras(args: &Args, gaussians: &Gaussians) -> Result<Cameras> {
         return Ok(Cameras { chosen, is_list: true, nearest: f32::INFINITY });
     }
     if let Some(count) = args.film.orbit() {
-        let focus = Focus::of(gaussians);
+        let focus = Focus::of(gaussians()?);
         let views = path::orbit(DVec3::from(focus.centre), focus.radius, false, size, count);
         let view = |(index, camera)| Chosen { index, name: None, camera };
         let chosen = views.into_iter().enumerate().map(view).collect();
@@ -73,7 +123,7 @@ fn cameras(args: &Args, gaussians: &Gaussians) -> Result<Cameras> {
     let alone =
         |camera, nearest| Cameras { chosen: vec![Chosen { index: 0, name: None, camera }], is_list: false, nearest };
     if args.eye.is_given()?
-        && let Some((camera, nearest)) = args.eye.camera(gaussians, size)
+        && let Some((camera, nearest)) = args.eye.camera(gaussians()?, size)
     {
         args.split.check_no_file()?;
         return Ok(alone(camera, nearest));
@@ -93,7 +143,7 @@ fn cameras(args: &Args, gaussians: &Gaussians) -> Result<Cameras> {
         ))
         .into());
     }
-    let (camera, distance) = automatic(gaussians, size);
+    let (camera, distance) = automatic(gaussians()?, size);
     Ok(alone(camera, distance as f32 / 100.0))
 }
 
@@ -172,18 +222,6 @@ fn check_shots(args: &Args, shots: &[Shot]) -> Result<()> {
     let written_twice = |certificate: &&PathBuf| pictures.contains_key(certificate);
     if let Some(file) = shots.iter().filter_map(|shot| shot.certificate.as_ref()).find(written_twice) {
         return Err(Usage(format!("picture and certificate would both be written to {}", file.display())).into());
-    }
-    Ok(())
-}
-
-/// Creates the folders of outputs. The folder of a single file that the user names must exist.
-fn make_folders(outputs: &Outputs, shots: &[Shot], several: bool) -> Result<()> {
-    let in_folder = shots.iter().filter(|_| outputs.folder().is_some()).flat_map(|shot| &shot.outputs);
-    let certificates = shots.iter().filter(|_| several).filter_map(|shot| shot.certificate.as_deref());
-    let files = in_folder.map(|output| output.path.as_path()).chain(certificates);
-    let folders: BTreeSet<&Path> = files.filter_map(Path::parent).collect();
-    for folder in folders {
-        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     }
     Ok(())
 }

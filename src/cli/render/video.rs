@@ -53,6 +53,8 @@ pub(super) fn file(args: &Args) -> Result<Option<&Path>> {
         ("format", args.format.is_some()),
         ("certificate", args.certificate.is_some()),
         ("resume", args.resume),
+        ("shard", args.shard.is_some()),
+        ("verify", args.verify),
         ("reference", args.reference),
     ];
     if let Some((other, _)) = others.iter().find(|(_, is_given)| *is_given) {

@@ -166,6 +166,17 @@ pub fn image_hash(pixels: &Pixels) -> String {
     blake3::hash(bytemuck::cast_slice(&pixels.rgba)).to_hex().to_string()
 }
 
+/// BLAKE3 of cameras.
+pub fn views_hash(views: &[Camera]) -> String {
+    let mut hasher = blake3::Hasher::new();
+    for Camera { position, rotation, focal_px, centre_px, size_px } in views {
+        hasher.update(bytemuck::bytes_of(position)).update(bytemuck::bytes_of(rotation));
+        hasher.update(bytemuck::bytes_of(focal_px)).update(bytemuck::bytes_of(centre_px));
+        hasher.update(bytemuck::bytes_of(size_px));
+    }
+    hasher.finalize().to_hex().to_string()
+}
+
 impl SceneReport {
     /// Describes a scene and hashes its Gaussians.
     pub fn of(name: String, gaussians: &Gaussians) -> Self {
@@ -183,14 +194,13 @@ impl SceneReport {
 impl Subject {
     /// Describes a run over `views`, which are not empty and of one size.
     pub fn new(scene: &SceneReport, preset: &str, options: &Options, views: &[Camera]) -> Self {
-        let mut hasher = blake3::Hasher::new();
-        for Camera { position, rotation, focal_px, centre_px, size_px } in views {
-            hasher.update(bytemuck::bytes_of(position)).update(bytemuck::bytes_of(rotation));
-            hasher.update(bytemuck::bytes_of(focal_px)).update(bytemuck::bytes_of(centre_px));
-            hasher.update(bytemuck::bytes_of(size_px));
+        Self {
+            scene: scene.clone(),
+            size: views[0].size_px,
+            preset: preset.to_owned(),
+            options: *options,
+            views_hash: views_hash(views),
         }
-        let views_hash = hasher.finalize().to_hex().to_string();
-        Self { scene: scene.clone(), size: views[0].size_px, preset: preset.to_owned(), options: *options, views_hash }
     }
 
     /// Scene, size and preset in a line.

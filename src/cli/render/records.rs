@@ -1,0 +1,123 @@
+//! The records in a folder of pictures. Each run has its own, and so has each shard, so that they can run at the same
+//! time. Of what is drawn, all records with the same settings speak together.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow, ensure};
+use serde::{Deserialize, Serialize};
+
+use super::settings::Settings;
+use super::shard::Shard;
+use crate::files::{describe, open_regular};
+
+/// How the names of records begin and end. They are hidden from programs that read all pictures of a folder.
+const NAME: [&str; 2] = [".smalto-run", ".jsonl"];
+
+/// The last line of the record of a complete run.
+pub(super) const COMPLETE: &str = "\"complete\"";
+
+/// Longest record that is read: enough for a million files.
+const MOST_BYTES: u64 = 1 << 28;
+
+/// A line about a complete file.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Line {
+    /// Relative to the folder of the run.
+    pub file: PathBuf,
+    #[serde(flatten)]
+    pub content: Content,
+}
+
+/// The content of a file when it was complete.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Content {
+    pub bytes: u64,
+    /// BLAKE3
+    pub hash: String,
+}
+
+/// A record. The first line has the settings, each further line names a complete file, and the last line of a complete
+/// run is [`COMPLETE`].
+pub(super) struct Recorded {
+    pub settings: Settings,
+    pub files: BTreeMap<PathBuf, Content>,
+}
+
+/// The name of the record of a whole run or of a shard.
+pub(super) fn name(shard: Option<Shard>) -> String {
+    let [start, end] = NAME;
+    let shard = shard.map_or_else(String::new, |shard| format!(".{}", shard.to_string().replace('/', "-of-")));
+    format!("{start}{shard}{end}")
+}
+
+/// The text of a record.
+pub(super) fn read(file: &mut File) -> Result<String> {
+    let mut text = String::new();
+    file.take(MOST_BYTES + 1).read_to_string(&mut text)?;
+    ensure!(text.len() as u64 <= MOST_BYTES, "the file is longer than {MOST_BYTES} bytes");
+    Ok(text)
+}
+
+/// All readable records in a folder; none if there is no such folder.
+///
+/// # Errors
+/// If the folder or a record cannot be read.
+pub(super) fn read_all(folder: &Path) -> Result<Vec<Recorded>> {
+    let mut found = Vec::new();
+    let entries = match folder.read_dir() {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(found),
+        entries => entries.map_err(|error| anyhow!("{}: {}", folder.display(), describe(&error)))?,
+    };
+    for entry in entries {
+        let name = entry?.file_name();
+        let is_record = |name: &str| name.starts_with(NAME[0]) && name.ends_with(NAME[1]);
+        if name.to_str().is_some_and(is_record) {
+            let path = folder.join(name);
+            let text = open_regular(&path).and_then(|mut file| read(&mut file));
+            found.extend(Recorded::parse(&text.with_context(|| format!("{} cannot be read", path.display()))?));
+        }
+    }
+    Ok(found)
+}
+
+impl Recorded {
+    /// Parses a record; `None` if its first line is damaged.
+    pub fn parse(text: &str) -> Option<Self> {
+        let mut lines = text.lines();
+        let settings = serde_json::from_str(lines.next()?).ok()?;
+        // A line may be incomplete; its file is drawn again. Of two lines about a file, the later one holds.
+        let files = lines.filter_map(|line| serde_json::from_str::<Line>(line).ok());
+        Some(Self { settings, files: files.map(|line| (line.file, line.content)).collect() })
+    }
+}
+
+impl Content {
+    /// The content of a file now.
+    ///
+    /// # Errors
+    /// A clause without the file's name if it cannot be read.
+    pub fn of(path: &Path) -> Result<Self> {
+        let (mut file, mut hasher) = (open_regular(path)?, blake3::Hasher::new());
+        hasher.update_reader(&mut file).map_err(|error| anyhow!("cannot be read: {}", describe(&error)))?;
+        Ok(Self { bytes: hasher.count(), hash: hasher.finalize().to_hex().to_string() })
+    }
+}
+
+/// Sizes in bytes of the files that runs with these settings completed. Where a run with other settings names the same
+/// file, too, its content decides which of them drew it last.
+pub(super) fn complete(records: &[Recorded], settings: &Settings, folder: &Path) -> BTreeMap<PathBuf, u64> {
+    let (same, other): (Vec<_>, Vec<_>) =
+        records.iter().partition(|record| settings.differences(&record.settings).is_empty());
+    let is_ours = |file: &PathBuf, content: &Content| {
+        let is_contested = other.iter().any(|record| record.files.contains_key(file));
+        !is_contested || Content::of(&folder.join(file)).is_ok_and(|now| now == *content)
+    };
+    let files = same.into_iter().flat_map(|record| &record.files);
+    files
+        .filter(|(file, content)| is_ours(file, content))
+        .map(|(file, content)| (file.clone(), content.bytes))
+        .collect()
+}
