@@ -195,8 +195,8 @@ fn a_video_gets_all_frames_in_their_order() {
 
     for (options, sentence) in [
         (&["--video", "scene.ply"][..], "expected a name that ends in .mp4"),
-        (&["--video", &video, "-o", &out], "--video FILE cannot be combined with --output"),
-        (&["--video", &video, "--layers", "depth"], "--video FILE cannot be combined with --layers"),
+        (&["--video", &video, "-o", &out], "--video VIDEO cannot be combined with --output"),
+        (&["--video", &video, "--layers", "depth"], "--video VIDEO cannot be combined with --layers"),
         (&["--video", &video, "--background", "transparent"], "cannot be transparent"),
     ] {
         let output = run(&[&SCENE[..], options].concat(), |command| _ = command.env("PATH", &search));

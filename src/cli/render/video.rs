@@ -36,7 +36,7 @@ pub(super) struct Encoder {
     waiting: BTreeMap<usize, Vec<u8>>,
 }
 
-/// Parses the FILE of `--video`.
+/// Parses the file of `--video`.
 pub(super) fn parse_file(text: &str) -> Result<PathBuf> {
     let file = PathBuf::from(text);
     let is_video = file.extension().is_some_and(|ending| KINDS.iter().any(|kind| ending.eq_ignore_ascii_case(kind)));
@@ -44,7 +44,7 @@ pub(super) fn parse_file(text: &str) -> Result<PathBuf> {
     Ok(file)
 }
 
-/// The file of `--video FILE` if ffmpeg can make it. Otherwise says that pictures are written instead.
+/// The file of `--video VIDEO` if ffmpeg can make it. Otherwise says that pictures are written instead.
 pub(super) fn file(args: &Args) -> Result<Option<&Path>> {
     let Some(Some(file)) = &args.video else { return Ok(None) };
     let others = [
@@ -58,7 +58,7 @@ pub(super) fn file(args: &Args) -> Result<Option<&Path>> {
         ("reference", args.reference),
     ];
     if let Some((other, _)) = others.iter().find(|(_, is_given)| *is_given) {
-        return Err(Usage(format!("--video FILE cannot be combined with --{other}")).into());
+        return Err(Usage(format!("--video VIDEO cannot be combined with --{other}")).into());
     }
     if args.no_clobber {
         check_absent(file)?;
