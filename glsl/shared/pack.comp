@@ -1,8 +1,8 @@
 #version 460
 #include "shared/workgroup.glsl"
 // One invocation per group of pixels that fills whole words: rounds floats to the integers of a picture file.
-// Before: `image` is complete. After: `packed` holds the colours (red, green, blue) or the coverage of all pixels, row by
-// row without gaps, in 8 or 16 bits; the last word is filled up with 0.
+// Before: `image` is complete. After: `packed` holds the colours (red, green, blue) or the coverage of all pixels, row
+// by row without gaps, in 8 or 16 bits; the last word is filled up with 0.
 
 layout(constant_id = 0) const bool COLOURS = true;  // three channels; else only coverage
 layout(constant_id = 1) const bool WIDE = false;    // 16 bits; else 8 bits

@@ -11,7 +11,7 @@ use super::gpu_scene::GpuScene;
 use super::inspect::{Explanation, Inspection, Inspector, Look, Picker, Picture, Work};
 use super::readback::read_pixels;
 use super::shaders::{Room, Totals};
-use super::trial::{MAX_ATTEMPTS, try_fast};
+use super::trial::{MAX_ATTEMPTS, choose};
 use super::upscale::Upscaler;
 use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, Image, InFlight, Readback, Results, Timestamps, Timing};
@@ -388,13 +388,6 @@ impl Renderer {
     pub fn certificate(&self) -> Result<Option<Pixels>> {
         self.certificate.as_ref().map(|certificate| read_pixels(&self.device, certificate)).transpose()
     }
-}
-
-/// The paths of a renderer, of which the fast one has passed its trial.
-fn choose(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<PathChoice> {
-    let mut choice = PathChoice::new(device, options, scene, variation)?;
-    try_fast(&mut choice, device, scene)?;
-    Ok(choice)
 }
 
 /// Replaces the image if it has another size.

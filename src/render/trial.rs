@@ -6,10 +6,11 @@ use anyhow::{Result, bail, ensure};
 
 use super::choice::{Path, PathChoice};
 use super::fast::BLOCK_HEIGHTS;
-use super::frame::{Shot, Target};
+use super::frame::{Shot, Target, Variation};
 use super::gpu_scene::{GpuScene, TRIAL, TRIAL_SIZE};
 use super::readback::read_pixels;
 use crate::gpu::{Access, Commands, Device, DeviceKind, Image};
+use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::rules::Background;
 
@@ -28,9 +29,16 @@ fn is_due(device: &Device) -> bool {
     device.capabilities().kind != DeviceKind::Cpu
 }
 
+/// The paths of a renderer, of which the fast one has passed its trial.
+pub(super) fn choose(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<PathChoice> {
+    let mut choice = PathChoice::new(device, options, scene, variation)?;
+    try_fast(&mut choice, device, scene)?;
+    Ok(choice)
+}
+
 /// Tries the fast path on a device where that is due, and drops it if it does not draw what the portable path does. A
 /// device with a memory is not tried again with the same pipelines, unless they failed.
-pub(super) fn try_fast(choice: &mut PathChoice, device: &Device, scene: &GpuScene) -> Result<()> {
+fn try_fast(choice: &mut PathChoice, device: &Device, scene: &GpuScene) -> Result<()> {
     if is_due(device) { choice.try_fast(device, scene) } else { Ok(()) }
 }
 
@@ -107,9 +115,7 @@ fn difference(drawn: &Pixels, expected: &Pixels) -> f32 {
 mod tests {
     use super::*;
     use crate::gpu::{DeviceChoice, Remembered, Validation};
-    use crate::options::Options;
     use crate::render::FastPipeline;
-    use crate::render::Variation;
     use crate::scene::synthetic;
 
     #[test]

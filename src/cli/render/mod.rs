@@ -83,8 +83,8 @@ pub(super) struct Args {
     eye: EyeArgs,
     #[command(flatten)]
     film: FilmArgs,
-    /// Make a video of the pictures with the ffmpeg that is installed: an .mp4, .mkv, .mov or .webm. Without the name of
-    /// one, or without ffmpeg: number the pictures from 0 without gaps, and print the ffmpeg command that makes it
+    /// Make a video of the pictures with the ffmpeg that is installed: an .mp4, .mkv, .mov or .webm. Without its name,
+    /// or without ffmpeg: number the pictures from 0 without gaps, and print the ffmpeg command that makes it
     #[arg(long, value_name = "VIDEO", num_args = 0..=1, conflicts_with = "names", value_parser = video::parse_file)]
     video: Option<Option<PathBuf>>,
     /// Continue an interrupted run of the same command into a folder: complete files are skipped. After a complete run,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 
-use super::{Args, video};
+use super::Args;
 use crate::camera::Camera;
 use crate::cli::Usage;
 use crate::pixels::{Depths, FileKind, Integers, Pixels};
@@ -206,12 +206,17 @@ impl Outputs {
     }
 }
 
+/// The folder of pictures in place of a video.
+pub(super) fn frames_of(video: &Path) -> PathBuf {
+    video.with_extension("")
+}
+
 /// The place of the output; `None` for a single file that is named after the scene.
 fn place(args: &Args, several: bool) -> Result<Option<Place>> {
     let needs_folder = several || args.names.is_some() || args.resume || args.shard.is_some() || args.verify;
     let Some(output) = &args.output else {
         let folder = match &args.video {
-            Some(Some(file)) => video::frames_of(file),
+            Some(Some(file)) => frames_of(file),
             _ => PathBuf::from("renders"),
         };
         return Ok(needs_folder.then_some(Place::Folder(folder)));

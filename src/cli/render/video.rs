@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use anyhow::{Context, Result, bail};
 
 use super::Args;
-use super::outputs::{Layer, Outputs, Shot};
+use super::outputs::{Layer, Outputs, Shot, frames_of};
 use crate::cli::cameras::Fps;
 use crate::cli::{Usage, remark, size_text};
 use crate::files::{check_absent, check_writable, write_checked};
@@ -70,11 +70,6 @@ pub(super) fn file(args: &Args) -> Result<Option<&Path>> {
     }
     remark(&format!("note: there is no ffmpeg: pictures are written to {}", frames_of(file).display()));
     Ok(None)
-}
-
-/// The folder of pictures in place of a video.
-pub(super) fn frames_of(file: &Path) -> PathBuf {
-    file.with_extension("")
 }
 
 impl Video {

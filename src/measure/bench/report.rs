@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 
 use super::machine::{Clocks, DeviceReport, VersionReport};
 use super::statistics::Statistics;
-use super::together::DeviceSpeed;
 use super::warm_up::WarmUp;
 use crate::camera::Camera;
 use crate::options::Options;
@@ -69,6 +68,15 @@ pub struct Run {
     /// With several devices, the speed of each while all draw; else null.
     #[serde(default)]
     pub together: Option<Vec<DeviceSpeed>>,
+}
+
+/// The speed of a device while all draw.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DeviceSpeed {
+    pub device: String,
+    /// Frames a second, if the host does not wait for each.
+    pub frames_per_second: f64,
 }
 
 /// The subject of a run, which identifies it within a report.

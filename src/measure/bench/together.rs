@@ -6,10 +6,9 @@ use std::sync::Barrier;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::measure::IN_FLIGHT;
+use super::report::DeviceSpeed;
 use crate::camera::Camera;
 use crate::gpu::{Device, Timestamps};
 use crate::options::Options;
@@ -20,15 +19,6 @@ use crate::scene::{Gaussians, Requirements};
 /// Time in which devices draw before they are measured, and time in which they are.
 const WARM_UP: Duration = Duration::from_secs(1);
 const MEASURED: Duration = Duration::from_secs(2);
-
-/// The speed of a device while all draw.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct DeviceSpeed {
-    pub device: String,
-    /// Frames a second, if the host does not wait for each.
-    pub frames_per_second: f64,
-}
 
 /// Measures devices that draw the views of a scene at the same time, each in its own order of time.
 ///
