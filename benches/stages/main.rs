@@ -18,9 +18,10 @@ use smalto::gpu::{
 };
 use smalto::measure::bench::{Protocol, Statistics, WarmUpLimits, copy_gb_s};
 use smalto::options::Options;
+use smalto::pixels::Integers;
 use smalto::render::shaders::PortableDispatches;
 use smalto::render::shaders::portable::*;
-use smalto::render::{Pairs, RadixSort, SortRange, SortScratch, Splat, Totals};
+use smalto::render::{Packer, Pairs, RadixSort, SortRange, SortScratch, Splat, Totals};
 
 /// A stage with its input, ready to run again and again.
 struct Bench<'a> {
@@ -58,6 +59,9 @@ fn main() -> Result<()> {
     }
     for list in [64, 512, 2048] {
         run(&mut criterion, &device, blend(&device, list / scale.min(16))?, &mut rows)?;
+    }
+    for integers in [Integers::Rgb8, Integers::Rgb16, Integers::Grey8] {
+        run(&mut criterion, &device, pack(&device, integers, [1920, 1080 / scale])?, &mut rows)?;
     }
     if let Some(fast) = fast::Fast::new(&device, (1 << 20) / scale)? {
         for bench in fast.benches() {
@@ -108,6 +112,15 @@ fn run(criterion: &mut Criterion, device: &Device, bench: Bench, rows: &mut Vec<
         rows.push((bench.stage, bench.input, bench.bytes, Statistics::of(times).median));
     }
     Ok(())
+}
+
+fn pack(device: &Device, integers: Integers, size: [u32; 2]) -> Result<Bench<'_>> {
+    let image = Image::new(device, "image", size[0], size[1])?;
+    let mut packer = Packer::new(device, integers)?;
+    packer.fit(device, size)?;
+    let bytes = u64::from(size[0]) * u64::from(size[1]) * 16 + integers.bytes(size);
+    let pack = move |cmd: &mut Commands| cmd.scope("pack", |cmd| _ = packer.record(cmd, &image));
+    Ok(Bench { stage: "pack", input: format!("{}x{} {integers:?}", size[0], size[1]), bytes, record: Box::new(pack) })
 }
 
 /// SplitMix64, as everywhere.

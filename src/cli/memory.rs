@@ -15,7 +15,10 @@ const MOST_BYTES: u64 = 64 << 20;
 /// Gives a device what an earlier run left in the user's folder of caches. Without a file that can be used, the device
 /// begins anew; what cannot be written is forgotten.
 pub(super) fn with_memory(device: Device) -> Device {
-    let Some(file) = dirs::cache_dir().map(|folder| folder.join("smalto").join(name(&device))) else { return device };
+    let folder = dirs::cache_dir().map(|folder| folder.join("smalto"));
+    // Without a place for pipelines, those that the driver keeps itself are better: it does not use them beside ours.
+    let Some(folder) = folder.filter(|folder| make_folder(folder).is_ok()) else { return device };
+    let file = folder.join(name(&device));
     let earlier = read(&file).unwrap_or_default();
     device.with_memory(earlier, move |now| _ = write(&file, now))
 }
@@ -41,7 +44,6 @@ fn read(file: &Path) -> Option<Remembered> {
 fn write(file: &Path, now: &Remembered) -> Result<()> {
     let content = now.to_bytes();
     ensure!(content.len() as u64 <= MOST_BYTES, "too much to remember");
-    make_folder(file.parent().unwrap_or(Path::new("")))?;
     // Whole or not at all: of several runs that end at once, one is remembered.
     write_whole(file, |out| Ok(out.write_all(&content)?))
 }

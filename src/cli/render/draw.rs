@@ -126,7 +126,12 @@ fn draw(run: &Run, devices: &[Device], scene: Upload, encoders: usize, mut log: 
         drop((scene, jobs));
         for _ in 0..encoders {
             let (to_encode, written) = (to_encode.clone(), written.clone());
-            threads.spawn(move || to_encode.iter().try_for_each(|job| written.send(job.run(run.args, is_recorded))));
+            threads.spawn(move || {
+                for job in to_encode {
+                    // The other end is there until all threads have ended.
+                    _ = written.send(job.run(run.args, is_recorded));
+                }
+            });
         }
         drop((to_encode, written));
         let mut failure = None;
