@@ -39,6 +39,6 @@ void main() {
             words[bit / 32] |= quantized(COLOURS ? value[channel] : value.a) << bit % 32;
         }
     }
-    uint count = min(WORDS, ((pixels - first) * CHANNELS * BITS + 31) / 32);
+    uint count = (min(PIXELS, pixels - first) * CHANNELS * BITS + 31) / 32;
     for (uint word = 0; word < count; word++) packed[group * WORDS + word] = words[word];
 }

@@ -54,6 +54,17 @@ impl Image {
         Ok(Self { texture: Arc::new(Texture::new(&device.0, name, kind, size)?) })
     }
 
+    /// Replaces the image by a new one of floats if it has another size.
+    ///
+    /// # Errors
+    /// As [`Image::new`].
+    pub fn fit(&mut self, device: &Device, name: &str, size: [u32; 2]) -> Result<()> {
+        if self.size() != size {
+            *self = Self::new(device, name, size[0], size[1])?;
+        }
+        Ok(())
+    }
+
     /// Width and height in pixels.
     pub fn size(&self) -> [u32; 2] {
         self.texture.size

@@ -1,6 +1,7 @@
 //! The choice of a path for each frame, and the buffers of both paths.
 
 use std::fmt;
+use std::panic::resume_unwind;
 use std::time::Duration;
 
 use anyhow::Result;
@@ -110,6 +111,30 @@ impl PathChoice {
         self.fast.as_ref().map(|fast| &fast.pipeline)
     }
 
+    /// Makes the pipelines of both paths and of all block heights at the same time: a driver compiles on the thread
+    /// that asks for a pipeline.
+    pub fn make_all_pipelines(&mut self, device: &Device) -> Result<()> {
+        let Self { portable, fast, options, layout, variation, .. } = self;
+        std::thread::scope(|threads| {
+            let making = portable
+                .is_none()
+                .then(|| threads.spawn(|| PortablePipeline::varied(device, options, layout, *variation)));
+            let heights = fast.as_mut().map_or(Ok(()), |fast| fast.pipeline.make_all_heights(device));
+            if let Some(making) = making {
+                *portable = Some(making.join().unwrap_or_else(|panic| resume_unwind(panic))?);
+            }
+            heights
+        })
+    }
+
+    /// Makes the pipelines of the portable path, if there are none yet.
+    pub fn make_portable(&mut self, device: &Device) -> Result<()> {
+        if self.portable.is_none() {
+            self.portable = Some(PortablePipeline::varied(device, &self.options, &self.layout, self.variation)?);
+        }
+        Ok(())
+    }
+
     /// The portable path.
     ///
     /// # Panics
@@ -201,9 +226,7 @@ impl PathChoice {
             }
         }
         self.work.grow(device, demand(tiles(size).iter().product()))?;
-        if self.portable.is_none() {
-            self.portable = Some(PortablePipeline::varied(device, &self.options, &self.layout, self.variation)?);
-        }
+        self.make_portable(device)?;
         let longest_list = self.portable().longest_list(self.passes);
         Ok(Limits { path: Path::Portable, capacity: self.work.capacity, longest_list })
     }

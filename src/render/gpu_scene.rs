@@ -30,6 +30,8 @@ pub struct GpuScene {
     pub(crate) extent: Bounds,
     /// The camera of the trial, which draws the first Gaussians.
     pub(super) trial_view: Camera,
+    /// What the trial draws.
+    pub(super) trial_hash: blake3::Hash,
     /// Gaussians may be culled where their alpha is below this.
     pub(super) alpha_min: f32,
 }
@@ -98,6 +100,7 @@ impl GpuScene {
             len,
             extent: Bounds::of(gaussians),
             trial_view: trial_view(gaussians, options.rules.near),
+            trial_hash: trial_hash(gaussians, options.rules.near),
             alpha_min: options.rules.alpha_min,
             layout,
         };
@@ -251,6 +254,21 @@ fn trial_view(gaussians: &Gaussians, near: f32) -> Camera {
     let radius = median(means.iter().map(|mean| mean.distance(centre)).collect());
     let position = centre - DVec3::new(0.3, -0.2, 1.0) * (2.0 * radius).max(4.0 * f64::from(near));
     Camera::looking_at(position, centre, TRIAL_SIZE, 0.9)
+}
+
+/// BLAKE3 of the Gaussians of the trial and of the near plane, on which its camera depends.
+fn trial_hash(gaussians: &Gaussians, near: f32) -> blake3::Hash {
+    let count = gaussians.len().min(TRIAL);
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&near.to_le_bytes()).update(&(count as u64).to_le_bytes());
+    hasher.update(bytemuck::cast_slice(&gaussians.means()[..count]));
+    hasher.update(bytemuck::cast_slice(&gaussians.scales()[..count]));
+    hasher.update(bytemuck::cast_slice(&gaussians.rotations()[..count]));
+    hasher.update(bytemuck::cast_slice(&gaussians.opacities()[..count]));
+    for index in 0..count {
+        hasher.update(bytemuck::cast_slice(gaussians.sh(index)));
+    }
+    hasher.finalize()
 }
 
 #[cfg(test)]

@@ -140,6 +140,11 @@ impl Renderer {
         stages
     }
 
+    /// Makes what only some frames need, so that these do not wait for it.
+    pub fn prepare_portable(&mut self) -> Result<()> {
+        self.choice.make_portable(&self.device)
+    }
+
     /// Times every stage, or only the whole frame.
     pub fn set_timestamps(&mut self, timestamps: Timestamps) {
         self.timestamps = timestamps;
@@ -283,15 +288,15 @@ impl Renderer {
         background: Background,
         inspector: Option<&Inspector>,
     ) -> Result<Recorded> {
-        fit(&self.device, &mut self.image, "image", camera.size_px)?;
+        self.image.fit(&self.device, "image", camera.size_px)?;
         let number = self.last.as_ref().map_or(0, |last| last.number + 1);
         self.last = Some(Last { number, camera: camera.clone(), background, has_tile_lists: false });
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
         if let Some(certificate) = &mut self.certificate {
-            fit(&self.device, certificate, "certificate", camera.size_px)?;
+            certificate.fit(&self.device, "certificate", camera.size_px)?;
         }
         if let Some(upscaler) = &mut self.upscaler {
-            fit(&self.device, &mut upscaler.drawn, "drawn image", camera.size_px)?;
+            upscaler.drawn.fit(&self.device, "drawn image", camera.size_px)?;
         }
         let inspector = inspector.or(self.inspector.as_ref());
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some();
@@ -388,12 +393,4 @@ impl Renderer {
     pub fn certificate(&self) -> Result<Option<Pixels>> {
         self.certificate.as_ref().map(|certificate| read_pixels(&self.device, certificate)).transpose()
     }
-}
-
-/// Replaces the image if it has another size.
-fn fit(device: &Device, image: &mut Image, name: &str, size: [u32; 2]) -> Result<()> {
-    if image.size() != size {
-        *image = Image::new(device, name, size[0], size[1])?;
-    }
-    Ok(())
 }

@@ -63,6 +63,8 @@ impl HostFrame {
     /// Makes room for a view, if the memory is that of another.
     fn fit(&mut self, device: &Device, wanted: &Wanted, size: [u32; 2]) -> Result<()> {
         if self.size != size || self.wanted != *wanted {
+            // The old memory is free before the new is taken.
+            self.planes.clear();
             let plane = |form: Form| Staging::new(device, "host frame", form.words(size));
             *self = Self { size, wanted: wanted.clone(), planes: wanted.planes().map(plane).collect::<Result<_>>()? };
         }
@@ -147,8 +149,8 @@ impl Stream {
             self.bring(&mut cmd, &host);
         }
         if wanted.depths {
-            // The copies of the picture are done before the image is drawn again.
-            cmd.barrier(Access::COPY_READ | Access::SHADER_READ, Access::SHADER_WRITE);
+            // The picture is done and copied before its image and buffers are used again.
+            cmd.barrier(Access::COPY_READ | Access::SHADER | Access::INDIRECT, Access::SHADER | Access::COPY_WRITE);
             let frame = self.renderer.record_inspected(&mut cmd, camera, background, self.depths.as_ref())?;
             recorded.push((self.renderer.path(), frame));
             cmd.download_pixels(self.renderer.image(), host.planes.last().expect("depths have a plane"));
@@ -212,14 +214,17 @@ impl Stream {
 
     /// The reports of the frames, if all are complete.
     fn judge(&mut self, results: &Results, recorded: &[(Path, Recorded)], attempts: u32) -> Result<Option<Vec<Frame>>> {
-        let mut frames = Vec::new();
+        // The picture is judged last: what it says of the fast path holds for the next attempt.
+        let judged = recorded.iter().rev().map(|(_, frame)| self.renderer.judge(results, frame));
+        let totals: Option<Vec<_>> = judged.collect::<Result<Vec<_>>>()?.into_iter().rev().collect();
         let mut timings = results.timings();
-        for (path, recorded) in recorded {
-            let totals = self.renderer.judge(results, recorded)?;
-            let own = take_frame(&mut timings);
-            frames.push(totals.map(|totals| Frame { totals, timings: own, attempts, path: *path }));
-        }
-        Ok(frames.into_iter().collect())
+        let frame = |(totals, (path, _)): (_, &(Path, _))| Frame {
+            totals,
+            timings: take_frame(&mut timings),
+            attempts,
+            path: *path,
+        };
+        Ok(totals.map(|totals| totals.into_iter().zip(recorded).map(frame).collect()))
     }
 }
 

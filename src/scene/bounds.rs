@@ -22,7 +22,8 @@ impl Bounds {
         let (low, high) = means
             .fold(|| (first, first), |(low, high), mean| (low.min(mean), high.max(mean)))
             .reduce(|| (first, first), |a, b| (a.0.min(b.0), a.1.max(b.1)));
-        Self { low: low.to_array(), high: high.to_array() }
+        // Threads meet zeros of both signs in any order: 0 is +0.
+        Self { low: (low + Vec3::ZERO).to_array(), high: (high + Vec3::ZERO).to_array() }
     }
 }
 

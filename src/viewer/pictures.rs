@@ -83,6 +83,8 @@ impl Plan {
         let mut renderer = Renderer::new(device, &self.options, &scene)?;
         let frame = renderer.render(view, background)?;
         let path = renderer.path();
+        // Where the window looks into the picture, it does not wait for pipelines.
+        renderer.prepare_portable()?;
         let inspection = Inspection::default();
         Ok(Drawn { plan: self, gaussians, needs, scene, renderer, generation, frame, path, inspection })
     }

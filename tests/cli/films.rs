@@ -6,27 +6,10 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use super::shards::pictures;
 use crate::common::program::{fails, ok, path, run};
 
 const SCENE: [&str; 4] = ["render", "cactus:2000", "--orbit", "7"];
-
-/// The pictures below a folder, by their paths in it.
-fn pictures(folder: &str) -> Vec<(String, Vec<u8>)> {
-    let mut found = Vec::new();
-    let mut folders = vec![Path::new(folder).to_owned()];
-    while let Some(next) = folders.pop() {
-        for entry in fs::read_dir(next).unwrap().map(|entry| entry.unwrap().path()) {
-            if entry.is_dir() {
-                folders.push(entry);
-            } else if !entry.file_name().unwrap().to_string_lossy().starts_with('.') {
-                let name = entry.strip_prefix(folder).unwrap().display().to_string();
-                found.push((name, fs::read(entry).unwrap()));
-            }
-        }
-    }
-    found.sort();
-    found
-}
 
 #[test]
 fn files_of_a_film_are_those_of_single_pictures() {
@@ -44,6 +27,7 @@ fn files_of_a_film_are_those_of_single_pictures() {
     for (i, options) in [
         "--layers colour,alpha,depth,median-depth,counts",
         "--layers colour,alpha --format png16",
+        "--layers colour,depth --portable",
         "--layers colour,alpha --format exr --compression small",
         "--layers alpha,counts --format npy",
         "--layers depth",

@@ -177,6 +177,41 @@ fn what_is_complete_counts_for_other_numbers_of_shards_of_the_same_settings() {
 }
 
 /// Shards of different machines may be written to their own folders, and merged with their records.
+/// A run with other settings was stopped before it recorded what it wrote: the sizes of arrays do not tell.
+#[test]
+fn pictures_that_another_run_wrote_are_drawn_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, out) = (cameras(&folder, 4), path(&folder, "views"));
+    let render = ["render", "cactus:200", "--cameras", &file, "--camera", "all", "--format", "npy", "-o", &out];
+    ok(&render);
+    let whole = pictures(&out);
+    ok(&[&render[..], &["--shard", "1/2", "--background", "white"]].concat());
+    assert!(pictures(&out) != whole);
+    let [own, other] = ["", ".1-of-2"].map(|shard| Path::new(&out).join(format!(".smalto-run{shard}.jsonl")));
+    let settings = |record: &Path| fs::read_to_string(record).unwrap().lines().next().unwrap().to_owned() + "\n";
+    for settings in [settings(&other), settings(&own)] {
+        fs::write(&other, settings).unwrap();
+        ok(&[&render[..], &["--resume"]].concat());
+        assert!(pictures(&out) == whole);
+        ok(&[&render[..], &["--shard", "1/2", "--background", "white"]].concat());
+    }
+}
+
+/// A picture was written and its run killed before the record named it.
+#[test]
+fn a_picture_that_is_in_no_record_is_drawn_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, out) = (cameras(&folder, 4), path(&folder, "views"));
+    let render = ["render", "cactus:200", "--cameras", &file, "--camera", "all", "-o", &out];
+    ok(&[&render[..], &["--shard", "1/2"]].concat());
+    let whole = pictures(&out);
+    let record = Path::new(&out).join(".smalto-run.1-of-2.jsonl");
+    let text = fs::read_to_string(&record).unwrap();
+    fs::write(&record, text.lines().next().unwrap().to_owned() + "\n").unwrap();
+    ok(&[&render[..], &["--shard", "1/4", "--resume"]].concat());
+    assert!(pictures(&out) == whole);
+}
+
 #[test]
 fn folders_of_shards_can_be_merged() {
     let folder = tempfile::tempdir().unwrap();

@@ -133,3 +133,12 @@ fn the_scene_is_read_only_if_its_file_changed() {
     let (_, lines, _) = without_device(&[&turn[..6], &["--verify", "-o", &out]].concat());
     assert!(lines.contains("00000.png: of other settings (") && lines.contains("reference"), "{lines}");
 }
+
+#[test]
+fn the_reference_of_a_lower_degree_is_of_the_same_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, out) = (cameras(&folder, 2), path(&folder, "views"));
+    let render = ["render", "cactus:200", "--cameras", &file, "--camera", "all", "--reference", "--sh-degree", "0"];
+    ok(&[&render[..], &["-o", &out]].concat());
+    assert_eq!(ok(&[&render[..], &["-o", &out, "--verify"]].concat()), "all 2 files are complete\n");
+}

@@ -228,8 +228,11 @@ fn a_run_is_resumed_where_it_was_interrupted() {
         assert_eq!(files(&out), names);
         // As if the program had been stopped while it wrote the line about the second picture.
         let (whole, text) = (fs::read(&first).unwrap(), fs::read_to_string(&record).unwrap());
-        let until = text.find("colour/00001").unwrap();
-        fs::write(&record, &text[..until]).unwrap();
+        // Views are complete in any order.
+        let is_kept = |(number, line): &(usize, &str)| *number == 0 || line.contains("00000.");
+        let mut part: String = text.lines().enumerate().filter(is_kept).map(|(_, line)| format!("{line}\n")).collect();
+        part += "{\"file\":\"colour/00001";
+        fs::write(&record, part).unwrap();
         let kept = vec![b'k'; whole.len()];
         fs::write(&first, &kept).unwrap();
         fs::remove_file(&second).unwrap();
@@ -240,8 +243,7 @@ fn a_run_is_resumed_where_it_was_interrupted() {
         says(&output, "had other settings (background); run without --resume to start over");
         let output = run(&[reference, &["--resume"]].concat());
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let done = if reference.is_empty() { 1 } else { 2 };
-        says(&output, &format!("{done} of 6 files are complete and are skipped"));
+        says(&output, "2 of 6 files are complete and are skipped");
         assert_eq!(fs::read(&first).unwrap(), kept, "what is complete is not drawn again");
         assert!(Pixels::read(&second).is_ok() && Pixels::read(&third).is_ok(), "what is not is");
 

@@ -8,7 +8,7 @@ use smalto::options::Options;
 use smalto::pixels::{Integers, Pixels};
 use smalto::render::{Capacity, Form, GpuScene, HostFrame, Inspection, Look, Packer, Renderer, Stream, Wanted, Work};
 use smalto::rules::Background;
-use smalto::scene::synthetic;
+use smalto::scene::{Procedural, synthetic};
 
 const ALL: [Integers; 4] = [Integers::Rgb8, Integers::Rgb16, Integers::Grey8, Integers::Grey16];
 
@@ -65,15 +65,20 @@ fn pack_rounds_like_the_host() {
 /// Several views are in flight, and the first do not fit: the pixels are those of views that are drawn alone.
 #[test]
 fn frames_in_flight_have_the_pixels_of_frames_drawn_alone() {
+    for portable in [false, true] {
+        compare_in_flight(&Options { portable, ..Options::default() });
+    }
+}
+
+fn compare_in_flight(options: &Options) {
     let gpu = Gpu::new();
-    let options = Options::default();
     let gaussians = synthetic::cactus(3000).unwrap().gaussians;
-    let scene = GpuScene::new(&gpu.0, &gaussians, &options).unwrap();
+    let scene = GpuScene::new(&gpu.0, &gaussians, options).unwrap();
     let mut views = path::orbit(DVec3::new(0.0, -1.0, 0.0), 2.0, true, [97, 53], 5);
     views.extend(views.clone().into_iter().take(2).map(|view: Camera| view.resized([40, 64])));
     let tiny = Capacity { gaussians: 3000, visible: 100, spans: 100, listed: 100, cells: 1 };
-    let renderer = Renderer::new(&gpu.0, &options, &scene).unwrap().with_capacity(tiny).unwrap();
-    let mut alone = Renderer::new(&gpu.0, &options, &scene).unwrap();
+    let renderer = Renderer::new(&gpu.0, options, &scene).unwrap().with_capacity(tiny).unwrap();
+    let mut alone = Renderer::new(&gpu.0, options, &scene).unwrap();
     let mut stream = Stream::new(&gpu.0, renderer);
     let forms = vec![Form::Integers(Integers::Rgb8), Form::Floats, Form::Integers(Integers::Grey16)];
     let wanted = |i: usize| match i % 3 {
@@ -108,4 +113,23 @@ fn frames_in_flight_have_the_pixels_of_frames_drawn_alone() {
 
 fn stream_start(stream: &mut Stream, view: &Camera, wanted: &Wanted) -> smalto::render::Streamed {
     stream.start(view, Background::BLACK, wanted, HostFrame::default()).unwrap()
+}
+
+/// The first frame of a view may be too much for the fast path while that of its depths is not.
+#[test]
+fn lists_that_are_too_long_for_the_fast_path_are_drawn_with_their_depths() {
+    let gpu = Gpu::new();
+    let options = Options::default();
+    let gaussians = Procedural::parse("many-small:70000").unwrap().unwrap().make().unwrap().gaussians;
+    let scene = GpuScene::new(&gpu.0, &gaussians, &options).unwrap();
+    let views = path::orbit(DVec3::ZERO, 2.0, false, [16, 16], 6);
+    let mut stream = Stream::new(&gpu.0, Renderer::new(&gpu.0, &options, &scene).unwrap());
+    let wanted = Wanted { picture: vec![Form::Floats], depths: true };
+    for view in &views {
+        let started = stream_start(&mut stream, view, &wanted);
+        let mut finished = stream.finish(started).unwrap();
+        let mut alone = Renderer::new(&gpu.0, &options, &scene).unwrap();
+        alone.render(view, Background::BLACK).unwrap();
+        assert!(finished.host.picture().unwrap() == alone.pixels().unwrap());
+    }
 }

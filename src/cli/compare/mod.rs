@@ -109,7 +109,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     limits::judge(args, &compared)
 }
 
-/// Compares all pairs: the first alone, then as many at once as there are cores and memory for pairs of its size.
+/// Compares all pairs: the first alone, then as many at once as there are cores and memory for pairs of the largest size
+/// so far.
 fn compare_all(args: &Args, pairs: &[Files], is_folder: bool) -> Result<Vec<Compared>> {
     let bar = progress::Bar::new("comparing");
     let mut compared: Vec<Compared> = Vec::new();
@@ -120,7 +121,7 @@ fn compare_all(args: &Args, pairs: &[Files], is_folder: bool) -> Result<Vec<Comp
         for outcome in outcomes {
             compared.push(outcome?);
         }
-        let bytes = compared.last().map_or(0, |one| needed_bytes(one.pair.size));
+        let bytes = compared.iter().map(|one| needed_bytes(one.pair.size)).max().unwrap_or(0);
         at_once = (AT_ONCE_BYTES / bytes.max(1)).clamp(1, rayon::current_num_threads() as u64) as usize;
         if check_free(bytes * at_once as u64, "comparisons").is_err() {
             at_once = 1;

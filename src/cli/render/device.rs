@@ -2,13 +2,13 @@
 
 use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use crossbeam_channel::{Receiver, Sender, unbounded};
 
 use super::Args;
-use super::encode::{Job, Source, Task};
+use super::encode::{Job, Lent, Source, Task};
 use super::queue::Queue;
 use crate::cli::environment::Environment;
 use crate::cli::{dump, remark};
@@ -29,11 +29,15 @@ const HOST_BYTES: u64 = 1 << 30;
 /// kept in flight.
 const LARGEST_STREAMED: u64 = 1 << 30;
 
+/// Time in which host memory comes back if anything is written at all. After it, more is made.
+const PATIENCE: Duration = Duration::from_secs(2);
+
 /// The part of a run that all devices share.
 pub(super) struct Run<'p> {
     pub args: &'p Args,
     pub options: Options,
     pub queue: Queue<Task<'p>>,
+    is_of_video: bool,
     /// When the first view was submitted.
     pub started: OnceLock<Instant>,
     /// Most views of one device between its memory and their files.
@@ -63,19 +67,22 @@ struct HostFrames {
     made: usize,
     most: usize,
     idle: Vec<HostFrame>,
+    is_of_video: bool,
     back: Receiver<HostFrame>,
     way_back: Sender<HostFrame>,
 }
 
 impl<'p> Run<'p> {
     /// `encoders` is the number of threads that encode, of all `devices` together.
-    pub fn new(args: &'p Args, options: Options, tasks: Vec<Task<'p>>, [devices, encoders]: [usize; 2]) -> Self {
-        let bytes = tasks.iter().map(|task| task.bytes(args)).filter(|bytes| *bytes <= LARGEST_STREAMED).max();
-        let fit = (HOST_BYTES / devices as u64 / bytes.unwrap_or(0).max(1)) as usize;
+    pub fn new(args: &'p Args, options: Options, tasks: Vec<Task<'p>>, devices: &[Device], encoders: usize) -> Self {
+        let largest = devices.iter().map(largest_streamed).min().unwrap_or(0);
+        let bytes = tasks.iter().map(|task| task.host_bytes(args, largest)).max().unwrap_or(0);
+        let (devices, is_of_video) = (devices.len(), tasks.iter().any(|task| task.is_of_video));
+        let fit = (HOST_BYTES / devices as u64 / bytes.max(1)) as usize;
         let host_frames = fit.clamp(2, IN_FLIGHT + encoders.div_ceil(devices));
         let fault = Environment::read().ok().and_then(|environment| environment.fault);
         let fault = fault.and_then(|fault| fault.strip_prefix("device@")?.parse().ok());
-        Self { args, options, queue: Queue::new(tasks), started: OnceLock::new(), host_frames, fault }
+        Self { args, options, queue: Queue::new(tasks), is_of_video, started: OnceLock::new(), host_frames, fault }
     }
 
     /// Draws views on device `number` until none is left. If the device fails, it gives back what it had taken.
@@ -101,10 +108,28 @@ impl Task<'_> {
         Wanted { picture, depths: !self.depths.is_empty() }
     }
 
-    /// Bytes of its pixels on their way to the files.
-    fn bytes(&self, args: &Args) -> u64 {
-        self.wanted(args).bytes(self.shot.camera.size_px)
+    /// True if it is drawn and waited for: if it has a certificate or a dump, or more bytes than `largest`.
+    fn is_alone(&self, args: &Args, largest: u64) -> bool {
+        let bytes = self.wanted(args).bytes(self.shot.camera.size_px);
+        args.certificate.is_some() || args.dump.is_some() || bytes > largest
     }
+
+    /// Bytes of its pixels on their way to the files.
+    fn host_bytes(&self, args: &Args, largest: u64) -> u64 {
+        let size = self.shot.camera.size_px;
+        if !self.is_alone(args, largest) {
+            return self.wanted(args).bytes(size);
+        }
+        let is_drawn =
+            [!self.picture.is_empty() || self.is_of_video, !self.depths.is_empty(), args.certificate.is_some()];
+        let floats = Wanted { picture: vec![Form::Floats], depths: false }.bytes(size);
+        is_drawn.into_iter().filter(|is_drawn| *is_drawn).count() as u64 * floats
+    }
+}
+
+/// The most bytes of a view that a device keeps in flight.
+fn largest_streamed(device: &Device) -> u64 {
+    LARGEST_STREAMED.min(device.capabilities().limits.storage_range)
 }
 
 impl<'r, 'p> Worker<'r, 'p> {
@@ -129,8 +154,15 @@ impl<'r, 'p> Worker<'r, 'p> {
             remark(&format!("note: {notice}"));
         }
         let (way_back, back) = unbounded();
-        let host = HostFrames { made: 0, most: run.host_frames, idle: Vec::new(), back, way_back };
-        let largest = LARGEST_STREAMED.min(device.capabilities().limits.storage_range);
+        let host = HostFrames {
+            made: 0,
+            most: run.host_frames,
+            idle: Vec::new(),
+            is_of_video: run.is_of_video,
+            back,
+            way_back,
+        };
+        let largest = largest_streamed(device);
         let (stream, in_flight) = (Stream::new(device, renderer), VecDeque::new());
         Ok(Self { run, stream, in_flight, host, jobs, largest, fault: run.fault.filter(|_| number == 0) })
     }
@@ -146,17 +178,16 @@ impl<'r, 'p> Worker<'r, 'p> {
         if self.in_flight.len() == IN_FLIGHT {
             return Ok(false);
         }
-        let Some(host) = self.host.take(waits) else { return Ok(false) };
+        let Some(host) = self.host.take(waits, queue) else { return Ok(false) };
         let Some(task) = (if waits { queue.take() } else { queue.try_take() }) else {
             self.host.idle.push(host);
             return Ok(false);
         };
         self.run.started.get_or_init(Instant::now);
         let args = self.run.args;
-        let is_alone = args.certificate.is_some() || args.dump.is_some() || task.bytes(args) > self.largest;
-        let begun = if is_alone {
-            self.host.idle.push(host);
-            self.draw_alone(&task).map(|job| self.hand_on(job))
+        let begun = if task.is_alone(args, self.largest) {
+            let unused = self.host.lend(host);
+            self.draw_alone(&task, unused).map(|job| self.hand_on(job))
         } else {
             let begun = self.stream.start(&task.shot.camera, args.background, &task.wanted(args), host);
             begun.map(|view| self.in_flight.push_back((task.clone(), view)))
@@ -175,7 +206,7 @@ impl<'r, 'p> Worker<'r, 'p> {
                 return Err(error);
             }
         };
-        let source = Source::Host(host, self.host.way_back.clone());
+        let source = Source::Host(self.host.lend(host));
         self.hand_on(Job { task, frames, source });
         Ok(true)
     }
@@ -195,7 +226,7 @@ impl<'r, 'p> Worker<'r, 'p> {
     }
 
     /// Draws a view and waits for it: one with a certificate or a dump, or too large to be kept in flight.
-    fn draw_alone(&mut self, task: &Task<'p>) -> Result<Job<'p>> {
+    fn draw_alone(&mut self, task: &Task<'p>, unused: Lent) -> Result<Job<'p>> {
         while self.end()? {}
         let (args, shot, renderer) = (self.run.args, task.shot, self.stream.renderer());
         let prepare = |cmd: &mut Commands| {
@@ -219,21 +250,35 @@ impl<'r, 'p> Worker<'r, 'p> {
             depths = Some(renderer.pixels()?);
             renderer.set_inspection(Inspection::default())?;
         }
-        Ok(Job { task: task.clone(), frames, source: Source::Read { picture, depths, certificate } })
+        Ok(Job { task: task.clone(), frames, source: Source::Read { picture, depths, certificate, unused } })
     }
 }
 
 impl HostFrames {
     /// Memory for a view, if some is idle or more may be made. Otherwise waits for some to come back, or returns
     /// `None`.
-    fn take(&mut self, waits: bool) -> Option<HostFrame> {
+    fn take<T>(&mut self, waits: bool, queue: &Queue<T>) -> Option<HostFrame> {
         if let Some(idle) = self.idle.pop().or_else(|| self.back.try_recv().ok()) {
             return Some(idle);
         }
-        if self.made < self.most {
-            self.made += 1;
-            return Some(HostFrame::default());
+        while waits && self.made >= self.most {
+            match self.back.recv_timeout(PATIENCE) {
+                Ok(idle) => return Some(idle),
+                // The frames of a video may wait for one that only this device can draw now: the other is lost.
+                Err(_) if self.is_of_video && queue.has_left() => break,
+                Err(_) if !queue.is_open() => return None,
+                Err(_) => {}
+            }
         }
-        if waits { self.back.recv().ok() } else { None }
+        if !waits && self.made >= self.most {
+            return None;
+        }
+        self.made += 1;
+        Some(HostFrame::default())
+    }
+
+    /// Memory on its way through a job.
+    fn lend(&self, host: HostFrame) -> Lent {
+        Lent { host, back: self.way_back.clone() }
     }
 }

@@ -36,18 +36,19 @@ fn outputs_left<'p>(shot: &'p Shot, record: &Record) -> [Vec<&'p Output>; 2] {
 pub(super) fn by_reference(
     args: &Args,
     plan: &Plan,
-    gaussians: &Gaussians,
+    gaussians: Gaussians,
     exact: &Options,
 ) -> Result<Vec<FrameReport>> {
     let mut frames = Vec::new();
-    let mut record = Record::begin(args, plan, gaussians, exact, None)?;
+    let mut record = Record::begin(args, plan, &gaussians, exact, None)?;
+    let gaussians = gaussians.of_degree(exact.sh_degree);
     for shot in &plan.shots {
         let [pictures, layers] = outputs_left(shot, &record);
         if pictures.is_empty() && layers.is_empty() {
             continue;
         }
         let started = Instant::now();
-        let rendering = reference::render(gaussians, &shot.camera, &exact.rules, args.background);
+        let rendering = reference::render(&gaussians, &shot.camera, &exact.rules, args.background);
         if !pictures.is_empty() {
             let pixels = rendering.to_pixels();
             write(&pictures, &mut record, |output| output.write_picture(&pixels, args))?;
@@ -93,7 +94,7 @@ pub(super) fn by_gpu(
     let encoders = available_parallelism().map_or(1, NonZero::get);
     let (total, bar) = (tasks.len(), Bar::new("rendering"));
     let mut log = Log { args, record, video: None, frames: Vec::new(), total, bar, times: Spent::default() };
-    let run = Run::new(args, options, tasks, [devices.len(), encoders]);
+    let run = Run::new(args, options, tasks, devices, encoders);
     let upload = (Arc::new(scene.gaussians), Arc::new(needs));
     let frames = match &plan.video {
         None => draw(&run, devices, upload, encoders, log)?,
@@ -119,6 +120,7 @@ fn draw(run: &Run, devices: &[Device], scene: Upload, encoders: usize, mut log: 
             .map(|(number, device)| {
                 let (scene, jobs) = (scene.clone(), jobs.clone());
                 threads.spawn(move || {
+                    let _guard = run.queue.stopped_by_panics();
                     run.draw_on((number, device), scene, jobs).inspect_err(|error| go_on(run, device, devices, error))
                 })
             })
@@ -127,6 +129,7 @@ fn draw(run: &Run, devices: &[Device], scene: Upload, encoders: usize, mut log: 
         for _ in 0..encoders {
             let (to_encode, written) = (to_encode.clone(), written.clone());
             threads.spawn(move || {
+                let _guard = run.queue.stopped_by_panics();
                 for job in to_encode {
                     // The other end is there until all threads have ended.
                     _ = written.send(job.run(run.args, is_recorded));
@@ -183,7 +186,8 @@ impl Log<'_> {
         self.args.start.end("first picture");
         let Written { task, frames, contents, certified: bound, rgb8, times } = view;
         let files = task.picture.iter().chain(&task.depths).zip(contents);
-        files.into_iter().try_for_each(|(output, content)| self.record.add(output, content))?;
+        let mut known = files.filter_map(|(output, content)| Some((output, content?)));
+        known.try_for_each(|(output, content)| self.record.add(output, content))?;
         if let (Some(video), Some(frame)) = (&mut self.video, rgb8) {
             video.add(task.number, frame)?;
         }

@@ -25,12 +25,29 @@ pub(super) struct Task<'p> {
     pub is_of_video: bool,
 }
 
+/// Host memory for a view. It goes back to its owner when it is dropped.
+pub(super) struct Lent {
+    pub host: HostFrame,
+    pub back: Sender<HostFrame>,
+}
+
+impl Drop for Lent {
+    fn drop(&mut self) {
+        // The owner is gone if its device was lost.
+        _ = self.back.send(std::mem::take(&mut self.host));
+    }
+}
+
 /// The pixels of a view.
 pub(super) enum Source {
-    /// Memory that is used again, and the way back to its owner.
-    Host(HostFrame, Sender<HostFrame>),
-    /// What was read after a wait.
-    Read { picture: Option<Pixels>, depths: Option<Pixels>, certificate: Option<Pixels> },
+    Host(Lent),
+    /// What was read after a wait. The memory is not used, but its owner waits for it.
+    Read {
+        picture: Option<Pixels>,
+        depths: Option<Pixels>,
+        certificate: Option<Pixels>,
+        unused: Lent,
+    },
 }
 
 /// A view that is drawn, to be written.
@@ -45,13 +62,29 @@ pub(super) struct Job<'p> {
 pub(super) struct Written<'p> {
     pub task: Task<'p>,
     pub frames: Vec<Frame>,
-    /// What the files hold, those of the picture first; none if it is not recorded.
-    pub contents: Vec<Content>,
+    /// What the files hold, those of the picture first; none if it is not recorded. A file that somebody has taken away
+    /// since is not known.
+    pub contents: Vec<Option<Content>>,
     /// Largest bound of the certificate.
     pub certified: Option<f32>,
     /// The frame of a video, in 8 bits.
-    pub rgb8: Option<Vec<u8>>,
+    pub rgb8: Option<Rgb8>,
     pub times: Times,
+}
+
+/// Red, green and blue of a frame, in 8 bits each.
+pub(super) enum Rgb8 {
+    Lent(Lent),
+    Owned(Vec<u8>),
+}
+
+impl Rgb8 {
+    pub fn bytes(&mut self) -> &[u8] {
+        match self {
+            Self::Lent(lent) => lent.host.integers(Integers::Rgb8).unwrap_or_default(),
+            Self::Owned(bytes) => bytes,
+        }
+    }
 }
 
 /// The time of a thread.
@@ -77,15 +110,12 @@ impl<'p> Job<'p> {
         let mut certified = None;
         let rgb8;
         match source {
-            Source::Host(mut host, back) => {
-                rgb8 = host.integers(Integers::Rgb8).filter(|_| task.is_of_video).map(<[u8]>::to_vec);
-                let written = task.write_host(args, &mut host);
-                // The owner is gone if its device was lost.
-                _ = back.send(host);
-                written?;
+            Source::Host(mut lent) => {
+                task.write_host(args, &mut lent.host)?;
+                rgb8 = task.is_of_video.then_some(Rgb8::Lent(lent));
             }
-            Source::Read { picture, depths, certificate } => {
-                rgb8 = picture.as_ref().filter(|_| task.is_of_video).map(Pixels::to_rgb8);
+            Source::Read { picture, depths, certificate, unused: _unused } => {
+                rgb8 = picture.as_ref().filter(|_| task.is_of_video).map(|pixels| Rgb8::Owned(pixels.to_rgb8()));
                 task.write_read(args, picture.as_ref(), depths.as_ref())?;
                 if let (Some(file), Some(certificate)) = (&task.shot.certificate, certificate) {
                     certificate.write(file, false)?;
@@ -94,8 +124,7 @@ impl<'p> Job<'p> {
             }
         }
         let written = task.picture.iter().chain(&task.depths).filter(|_| is_recorded);
-        let content = |output: &&Output| Content::of(&output.path).with_context(|| output.path.display().to_string());
-        let contents = written.map(content).collect::<Result<_>>()?;
+        let contents = written.map(|output| Content::of(&output.path).ok()).collect();
         let writing = files::time_in_writes() - writing_before;
         let times = Times { encoding: started.elapsed().saturating_sub(writing), writing };
         Ok(Written { task, frames, contents, certified, rgb8, times })

@@ -207,7 +207,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let device = (!args.reference).then(|| names_of(&devices));
     let report = args.json.as_ref().map(|sink| (sink, SceneReport::of(args.scene.title(), &scene.gaussians)));
     let (options, frames) = if args.reference {
-        (options, draw::by_reference(args, &plan, &scene.gaussians.of_degree(options.sh_degree), &options)?)
+        (options, draw::by_reference(args, &plan, scene.gaussians, &options)?)
     } else {
         draw::by_gpu(args, &plan, &devices, scene, (exact, options))?
     };

@@ -58,6 +58,16 @@ impl<T> Queue<T> {
         !self.state().is_stopped
     }
 
+    /// True if tasks are left that nobody has taken.
+    pub fn has_left(&self) -> bool {
+        !self.state().left.is_empty()
+    }
+
+    /// Stops when dropped while its thread panics, so that nobody waits for what it had taken.
+    pub fn stopped_by_panics(&self) -> impl Drop {
+        StopOnPanic(self)
+    }
+
     /// True if tasks are left that nobody has taken, although the queue was not stopped.
     pub fn is_abandoned(&self) -> bool {
         let state = self.state();
@@ -66,6 +76,16 @@ impl<T> Queue<T> {
 
     fn state(&self) -> MutexGuard<'_, State<T>> {
         self.state.lock().expect("no holder of the queue panics")
+    }
+}
+
+struct StopOnPanic<'q, T>(&'q Queue<T>);
+
+impl<T> Drop for StopOnPanic<'_, T> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.stop();
+        }
     }
 }
 

@@ -7,8 +7,10 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, ensure};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::outputs::Output;
 use super::settings::Settings;
 use super::shard::Shard;
 use crate::files::{describe, open_regular};
@@ -106,18 +108,25 @@ impl Content {
     }
 }
 
-/// Sizes in bytes of the files that runs with these settings completed. Where a run with other settings names the same
-/// file, too, its content decides which of them drew it last.
-pub(super) fn complete(records: &[Recorded], settings: &Settings, folder: &Path) -> BTreeMap<PathBuf, u64> {
-    let (same, other): (Vec<_>, Vec<_>) =
-        records.iter().partition(|record| settings.differences(&record.settings).is_empty());
-    let is_ours = |file: &PathBuf, content: &Content| {
-        let is_contested = other.iter().any(|record| record.files.contains_key(file));
-        !is_contested || Content::of(&folder.join(file)).is_ok_and(|now| now == *content)
+/// Those of the outputs that runs with these settings completed, with their sizes in bytes. Where several runs have
+/// written into the folder, the content of a file decides whether it is still theirs: another run may have been stopped
+/// before it recorded what it wrote.
+pub(super) fn complete(
+    records: &[Recorded],
+    settings: &Settings,
+    folder: &Path,
+    outputs: &[&Output],
+) -> BTreeMap<PathBuf, u64> {
+    let same: Vec<_> = records.iter().filter(|record| settings.differences(&record.settings).is_empty()).collect();
+    let is_whole = |output: &Output, content: &Content| {
+        let is_long = output.path.metadata().is_ok_and(|data| data.len() == content.bytes);
+        is_long && (records.len() == 1 || Content::of(&output.path).is_ok_and(|now| now == *content))
     };
-    let files = same.into_iter().flat_map(|record| &record.files);
-    files
-        .filter(|(file, content)| is_ours(file, content))
-        .map(|(file, content)| (file.clone(), content.bytes))
-        .collect()
+    let find = |output: &&Output| {
+        let name = output.within(folder);
+        let content =
+            same.iter().filter_map(|record| record.files.get(name)).find(|content| is_whole(output, content))?;
+        Some((name.to_owned(), content.bytes))
+    };
+    outputs.par_iter().filter_map(find).collect()
 }

@@ -102,7 +102,8 @@ impl Record {
         if earlier.is_empty() {
             check_fresh(plan, &records, settings, &self.folder)?;
         }
-        self.done = complete(&records, settings, &self.folder);
+        let outputs: Vec<&Output> = plan.shots.iter().flat_map(|shot| &shot.outputs).collect();
+        self.done = complete(&records, settings, &self.folder, &outputs);
         Ok(())
     }
 
@@ -199,6 +200,8 @@ fn check_fresh(plan: &Plan, records: &[Recorded], settings: &Settings, folder: &
         let of_runs = || records.iter().filter(|record| record.files.contains_key(output.within(folder)));
         match of_runs().find(|record| settings.differences(&record.settings).is_empty()).or_else(|| of_runs().next()) {
             Some(run) => check_same(settings, run, folder)?,
+            // It was stopped before it recorded this file, which is drawn again.
+            None if records.iter().any(|run| settings.differences(&run.settings).is_empty()) => {}
             None => {
                 let file = output.path.display();
                 let why = "exists, but there is no record of a run; run without --resume to start over";

@@ -184,14 +184,18 @@ impl<'r> Claims<'r> {
         if let Some((_, why)) = theirs.filter(|_| !is_ours) {
             return found(Problem::Settings, format!("of other settings ({why})"));
         }
+        if is_ours {
+            return Ok(None);
+        }
         let longer = ours.iter().find(|claim| content.bytes < claim.bytes);
         match (Pixels::read(path), longer) {
-            (Err(why), _) if why.is::<OutOfMemory>() => Err(why.context(path.display().to_string())),
+            (Err(why), None) if why.is::<OutOfMemory>() && ours.is_empty() => {
+                Err(why.context(path.display().to_string()))
+            }
             (Ok(pixels), _) if pixels.size != size_px => {
                 let [size, expected] = [pixels.size, size_px].map(size_text);
                 found(Problem::Size, format!("of {size} pixels, not {expected}"))
             }
-            (Ok(_), _) if is_ours => Ok(None),
             (Err(_), Some(claim)) => {
                 found(Problem::Truncated, format!("truncated: {} of {} bytes", content.bytes, claim.bytes))
             }
@@ -233,7 +237,8 @@ impl LazyScene<'_> {
         let file = self.arg.file();
         let recorded = |record: &Recorded| record.settings.scene(file.as_ref()?);
         let keys: Option<Vec<SceneKey>> = records.iter().map(recorded).collect();
-        if let Some(key) = keys.and_then(|keys| keys.into_iter().next()) {
+        let agree = |keys: &Vec<SceneKey>| keys.iter().all(|key| key.hash == keys[0].hash);
+        if let Some(key) = keys.filter(agree).and_then(|keys| keys.into_iter().next()) {
             return Ok(key);
         }
         let scene = self.get()?;

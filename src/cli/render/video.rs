@@ -4,10 +4,12 @@ use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::thread::JoinHandle;
 
 use anyhow::{Context, Result, bail};
 
 use super::Args;
+use super::encode::Rgb8;
 use super::outputs::{Layer, Outputs, Shot, frames_of};
 use crate::cli::cameras::Fps;
 use crate::cli::{Usage, remark, size_text};
@@ -33,7 +35,9 @@ pub(super) struct Encoder {
     /// The number of the next frame.
     next: usize,
     /// Frames that are complete before those ahead of them.
-    waiting: BTreeMap<usize, Vec<u8>>,
+    waiting: BTreeMap<usize, Rgb8>,
+    /// Reads what it says, so that it never waits for a reader.
+    errors: Option<JoinHandle<String>>,
 }
 
 /// Parses the file of `--video`.
@@ -95,17 +99,25 @@ impl Video {
         // The codec that the kind of file takes.
         ffmpeg.args(["-pix_fmt", "yuv420p"]).arg(plain(part)?);
         let started = ffmpeg.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
-        Ok(Encoder { ffmpeg: started.context("cannot start ffmpeg")?, next: 0, waiting: BTreeMap::new() })
+        let mut ffmpeg = started.context("cannot start ffmpeg")?;
+        let errors = ffmpeg.stderr.take().map(|mut errors| {
+            std::thread::spawn(move || {
+                let mut said = Vec::new();
+                _ = errors.read_to_end(&mut said);
+                String::from_utf8_lossy(&said).into_owned()
+            })
+        });
+        Ok(Encoder { ffmpeg, next: 0, waiting: BTreeMap::new(), errors })
     }
 }
 
 impl Encoder {
     /// Takes frame `number`, of 8-bit red, green and blue.
-    pub fn add(&mut self, number: usize, frame: Vec<u8>) -> Result<()> {
+    pub fn add(&mut self, number: usize, frame: Rgb8) -> Result<()> {
         self.waiting.insert(number, frame);
-        while let Some(frame) = self.waiting.remove(&self.next) {
+        while let Some(mut frame) = self.waiting.remove(&self.next) {
             let pipe = self.ffmpeg.stdin.as_mut().context("ffmpeg has no input")?;
-            if pipe.write_all(&frame).is_err() {
+            if pipe.write_all(frame.bytes()).is_err() {
                 bail!(self.failure());
             }
             self.next += 1;
@@ -122,8 +134,8 @@ impl Encoder {
 
     /// What ffmpeg says of its failure.
     fn failure(&mut self) -> String {
-        let mut said = String::new();
-        _ = self.ffmpeg.stderr.take().map(|mut errors| errors.read_to_string(&mut said));
+        _ = self.ffmpeg.wait();
+        let said = self.errors.take().and_then(|errors| errors.join().ok()).unwrap_or_default();
         let reason = said.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it ended early");
         format!("ffmpeg failed: {reason}")
     }

@@ -11,10 +11,12 @@
 //! | stretch | up to 1024 entries of a sorted list whose block masks lie together |
 //! | chunk | the Gaussians or splats that one workgroup of a stage handles |
 
+mod grid;
 mod pipeline;
 mod stages;
 mod workspace;
 
-pub use pipeline::{BinGrid, FastPipeline};
+pub use grid::BinGrid;
+pub use pipeline::FastPipeline;
 pub use stages::BLOCK_HEIGHTS;
 pub use workspace::FastWorkspace;

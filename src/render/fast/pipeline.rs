@@ -8,6 +8,7 @@ use std::thread::ScopedJoinHandle;
 
 use anyhow::Result;
 
+use super::grid::BinGrid;
 use super::stages::{self, BLOCK_HEIGHTS, blend_constants, sort_constants};
 use super::workspace::FastWorkspace;
 use crate::gpu::{Access, Commands, Device, DispatchSize, Shader, Stage};
@@ -49,34 +50,9 @@ pub struct FastPipeline {
     pub(in crate::render) forced_block_height: Option<usize>,
 }
 
-/// The sizes of one picture in bins and blocks.
-#[derive(Clone, Copy)]
-pub struct BinGrid {
-    /// Columns and rows of bins.
-    pub bins: [u32; 2],
-    /// px
-    pub block_height: u32,
-    /// The index of `block_height` in [`BLOCK_HEIGHTS`].
-    height_index: usize,
-}
-
 /// The stage that a thread made.
 fn made<S>(thread: ScopedJoinHandle<Result<Stage<S>>>) -> Result<Stage<S>> {
     thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-}
-
-impl BinGrid {
-    pub fn new(size_px: [u32; 2], height_index: usize) -> Self {
-        let block_height = BLOCK_HEIGHTS[height_index];
-        let bin_px = [BIN_COLUMNS * BLOCK_WIDTH, BIN_ROWS * block_height];
-        let bins = std::array::from_fn(|axis| size_px[axis].div_ceil(bin_px[axis]));
-        Self { bins, block_height, height_index }
-    }
-
-    /// Bins of the picture.
-    pub fn count(&self) -> u32 {
-        self.bins.iter().product()
-    }
 }
 
 impl FastPipeline {
@@ -155,6 +131,24 @@ impl FastPipeline {
             self.blend_long[height] = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
         }
         Ok(())
+    }
+
+    /// Makes the blend pipelines for all block heights, but those for long lists, at the same time.
+    ///
+    /// # Errors
+    /// If a pipeline cannot be made.
+    pub fn make_all_heights(&mut self, device: &Device) -> Result<()> {
+        let (constants, subgroup) = (&self.constants, self.subgroup);
+        std::thread::scope(|threads| {
+            let making = BLOCK_HEIGHTS.map(|height| {
+                threads
+                    .spawn(move || Stage::of_subgroups(device, &blend_constants(constants, subgroup, height), subgroup))
+            });
+            for (blend, making) in self.blend.iter_mut().zip(making) {
+                *blend = Some(made(making)?);
+            }
+            Ok(())
+        })
     }
 
     /// The bins and blocks of a picture of a scene of so many Gaussians.

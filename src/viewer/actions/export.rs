@@ -13,6 +13,9 @@ use crate::viewer::jobs::JobEvent;
 use crate::viewer::pictures::{Plan, Reusable, Side};
 use crate::viewer::state::Viewer;
 
+/// Memory for pictures that are encoded at the same time.
+const AT_ONCE_BYTES: u64 = 1 << 30;
+
 /// Draws each camera into its file. `reusable` is what the build may take over from the picture in the window.
 fn write_all(
     device: &Device,
@@ -23,8 +26,10 @@ fn write_all(
 ) -> Result<()> {
     let (first, _) = shots.first().context("there is nothing to write")?;
     let mut drawn = plan.build(device, reusable, first, background, 0)?;
+    let bytes = shots.iter().map(|(camera, _)| 16 * camera.size_px.map(u64::from).iter().product::<u64>()).max();
+    let fit = (AT_ONCE_BYTES / bytes.unwrap_or(0).max(1)).clamp(1, rayon::current_num_threads() as u64) as usize;
     let mut done = 0;
-    for shots_at_once in shots.chunks(rayon::current_num_threads()) {
+    for shots_at_once in shots.chunks(fit) {
         let draw = |(camera, file): &'_ (Camera, PathBuf)| {
             drawn.renderer.render(camera, background)?;
             Ok((drawn.renderer.pixels()?, file.clone()))

@@ -1,0 +1,29 @@
+//! A picture in bins and blocks.
+
+use super::stages::BLOCK_HEIGHTS;
+use crate::render::shaders::fast::{BIN_COLUMNS, BIN_ROWS, BLOCK_WIDTH};
+
+/// The sizes of one picture in bins and blocks.
+#[derive(Clone, Copy)]
+pub struct BinGrid {
+    /// Columns and rows of bins.
+    pub bins: [u32; 2],
+    /// px
+    pub block_height: u32,
+    /// The index of `block_height` in [`BLOCK_HEIGHTS`].
+    pub(super) height_index: usize,
+}
+
+impl BinGrid {
+    pub fn new(size_px: [u32; 2], height_index: usize) -> Self {
+        let block_height = BLOCK_HEIGHTS[height_index];
+        let bin_px = [BIN_COLUMNS * BLOCK_WIDTH, BIN_ROWS * block_height];
+        let bins = std::array::from_fn(|axis| size_px[axis].div_ceil(bin_px[axis]));
+        Self { bins, block_height, height_index }
+    }
+
+    /// Bins of the picture.
+    pub fn count(&self) -> u32 {
+        self.bins.iter().product()
+    }
+}
