@@ -176,7 +176,6 @@ fn what_is_complete_counts_for_other_numbers_of_shards_of_the_same_settings() {
     assert_eq!(fs::read(folder.path().join("views/00001.png")).unwrap(), b"precious");
 }
 
-/// Shards of different machines may be written to their own folders, and merged with their records.
 /// A run with other settings was stopped before it recorded what it wrote: the sizes of arrays do not tell.
 #[test]
 fn pictures_that_another_run_wrote_are_drawn_again() {
@@ -212,6 +211,7 @@ fn a_picture_that_is_in_no_record_is_drawn_again() {
     assert!(pictures(&out) == whole);
 }
 
+/// Shards of different machines may be written to their own folders, and merged with their records.
 #[test]
 fn folders_of_shards_can_be_merged() {
     let folder = tempfile::tempdir().unwrap();

@@ -109,8 +109,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     limits::judge(args, &compared)
 }
 
-/// Compares all pairs: the first alone, then as many at once as there are cores and memory for pairs of the largest size
-/// so far.
+/// Compares all pairs: the first alone, then as many at once as there are cores and memory for pairs of the largest
+/// size so far.
 fn compare_all(args: &Args, pairs: &[Files], is_folder: bool) -> Result<Vec<Compared>> {
     let bar = progress::Bar::new("comparing");
     let mut compared: Vec<Compared> = Vec::new();

@@ -8,7 +8,8 @@ use anyhow::Result;
 use crossbeam_channel::{Receiver, Sender, unbounded};
 
 use super::Args;
-use super::encode::{Job, Lent, Source, Task};
+use super::encode::{Job, Source, Task};
+use super::lent::Lent;
 use super::queue::Queue;
 use crate::cli::environment::Environment;
 use crate::cli::{dump, remark};

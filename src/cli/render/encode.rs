@@ -4,13 +4,13 @@ use std::ops::AddAssign;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use crossbeam_channel::Sender;
 
+use super::lent::{Lent, Rgb8};
 use super::outputs::Output;
 use super::records::Content;
 use super::{Args, Shot};
 use crate::files;
-use crate::pixels::{Integers, Pixels};
+use crate::pixels::Pixels;
 use crate::render::{Frame, HostFrame, depths};
 
 /// A view of the plan and those of its files that are not complete yet.
@@ -23,19 +23,6 @@ pub(super) struct Task<'p> {
     pub depths: Vec<&'p Output>,
     /// It is a frame of a video.
     pub is_of_video: bool,
-}
-
-/// Host memory for a view. It goes back to its owner when it is dropped.
-pub(super) struct Lent {
-    pub host: HostFrame,
-    pub back: Sender<HostFrame>,
-}
-
-impl Drop for Lent {
-    fn drop(&mut self) {
-        // The owner is gone if its device was lost.
-        _ = self.back.send(std::mem::take(&mut self.host));
-    }
 }
 
 /// The pixels of a view.
@@ -70,21 +57,6 @@ pub(super) struct Written<'p> {
     /// The frame of a video, in 8 bits.
     pub rgb8: Option<Rgb8>,
     pub times: Times,
-}
-
-/// Red, green and blue of a frame, in 8 bits each.
-pub(super) enum Rgb8 {
-    Lent(Lent),
-    Owned(Vec<u8>),
-}
-
-impl Rgb8 {
-    pub fn bytes(&mut self) -> &[u8] {
-        match self {
-            Self::Lent(lent) => lent.host.integers(Integers::Rgb8).unwrap_or_default(),
-            Self::Owned(bytes) => bytes,
-        }
-    }
 }
 
 /// The time of a thread.

@@ -4,6 +4,7 @@ mod choice;
 mod device;
 mod draw;
 mod encode;
+mod lent;
 mod outputs;
 mod plan;
 mod queue;

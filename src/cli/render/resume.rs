@@ -16,6 +16,7 @@ use crate::cli::{Usage, remark};
 use crate::files::{check_absent, check_binary_writable, describe, lock};
 use crate::measure::bench::SceneReport;
 use crate::options::Options;
+use crate::pixels::Pixels;
 use crate::scene::Gaussians;
 
 /// The files of a run that are complete.
@@ -194,14 +195,16 @@ fn check_same(settings: &Settings, run: &Recorded, folder: &Path) -> Result<(), 
     )))
 }
 
-/// Fails if an output exists that no run with these settings completed.
+/// Fails if an output exists that no run with these settings completed or may have drawn.
 fn check_fresh(plan: &Plan, records: &[Recorded], settings: &Settings, folder: &Path) -> Result<(), Usage> {
-    for output in plan.shots.iter().flat_map(|shot| &shot.outputs).filter(|output| output.path.exists()) {
+    let has_run = records.iter().any(|run| settings.differences(&run.settings).is_empty());
+    let all = plan.shots.iter().flat_map(|shot| shot.outputs.iter().map(move |output| (shot, output)));
+    for (shot, output) in all.filter(|(_, output)| output.path.exists()) {
         let of_runs = || records.iter().filter(|record| record.files.contains_key(output.within(folder)));
         match of_runs().find(|record| settings.differences(&record.settings).is_empty()).or_else(|| of_runs().next()) {
             Some(run) => check_same(settings, run, folder)?,
-            // It was stopped before it recorded this file, which is drawn again.
-            None if records.iter().any(|run| settings.differences(&run.settings).is_empty()) => {}
+            // A run was stopped before it recorded this picture, which is drawn again.
+            None if has_run && Pixels::read(&output.path).is_ok_and(|old| old.size == shot.camera.size_px) => {}
             None => {
                 let file = output.path.display();
                 let why = "exists, but there is no record of a run; run without --resume to start over";

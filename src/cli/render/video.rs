@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use anyhow::{Context, Result, bail};
 
 use super::Args;
-use super::encode::Rgb8;
+use super::lent::Rgb8;
 use super::outputs::{Layer, Outputs, Shot, frames_of};
 use crate::cli::cameras::Fps;
 use crate::cli::{Usage, remark, size_text};
