@@ -16,7 +16,7 @@ const MOST_BYTES: u64 = 64 << 20;
 /// begins anew; what cannot be written is forgotten.
 pub(super) fn with_memory(device: Device) -> Device {
     let folder = dirs::cache_dir().map(|folder| folder.join("smalto"));
-    // Without a place for pipelines, those that the driver keeps itself are better: it does not use them beside ours.
+    // Without a place for it, nothing is collected.
     let Some(folder) = folder.filter(|folder| make_folder(folder).is_ok()) else { return device };
     let file = folder.join(name(&device));
     let earlier = read(&file).unwrap_or_default();

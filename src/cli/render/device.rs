@@ -262,17 +262,19 @@ impl HostFrames {
         if let Some(idle) = self.idle.pop().or_else(|| self.back.try_recv().ok()) {
             return Some(idle);
         }
-        while waits && self.made >= self.most {
-            match self.back.recv_timeout(PATIENCE) {
-                Ok(idle) => return Some(idle),
-                // The frames of a video may wait for one that only this device can draw now: the other is lost.
-                Err(_) if self.is_of_video && queue.has_left() => break,
-                Err(_) if !queue.is_open() => return None,
-                Err(_) => {}
+        if self.made >= self.most {
+            if !waits {
+                return None;
             }
-        }
-        if !waits && self.made >= self.most {
-            return None;
+            loop {
+                match self.back.recv_timeout(PATIENCE) {
+                    Ok(idle) => return Some(idle),
+                    // The frames of a video may wait for one that only this device can draw now: the other is lost.
+                    Err(_) if self.is_of_video && queue.has_left() => break,
+                    Err(_) if !queue.is_open() => return None,
+                    Err(_) => {}
+                }
+            }
         }
         self.made += 1;
         Some(HostFrame::default())
