@@ -174,7 +174,7 @@ fn a_video_gets_all_frames_in_their_order() {
     assert!(output.status.success());
     let error = String::from_utf8_lossy(&output.stderr);
     assert!(error.contains("there is no ffmpeg"), "{error}");
-    assert_eq!(pictures(&path(&folder, "a")).len(), 7);
+    assert_eq!(pictures(path(&folder, "a")).len(), 7);
     assert!(String::from_utf8_lossy(&output.stdout).contains("ffmpeg -framerate 24"));
 
     for (options, sentence) in [
