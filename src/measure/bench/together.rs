@@ -1,7 +1,7 @@
 //! Frames a second of several devices that draw at the same time.
 
 use std::collections::VecDeque;
-use std::panic::resume_unwind;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Barrier;
 use std::time::{Duration, Instant};
 
@@ -32,10 +32,11 @@ pub fn together(
 ) -> Result<Vec<DeviceSpeed>> {
     let ready = Barrier::new(devices.len());
     let measure = &|device: &Device| -> Result<DeviceSpeed> {
-        let prepared = prepare(device, (gaussians, needs), options, views);
+        let prepared = catch_unwind(AssertUnwindSafe(|| prepare(device, (gaussians, needs), options, views)));
         // All devices come here, those that failed, too: nobody waits for ever.
         ready.wait();
-        let frames_per_second = frames_per_second(&mut prepared?, views, MEASURED)?;
+        let mut renderer = prepared.unwrap_or_else(|panic| resume_unwind(panic))?;
+        let frames_per_second = frames_per_second(&mut renderer, views, MEASURED)?;
         Ok(DeviceSpeed { device: device.capabilities().name.clone(), frames_per_second })
     };
     std::thread::scope(|threads| {
