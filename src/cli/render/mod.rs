@@ -123,7 +123,8 @@ pub(super) struct Args {
     /// picture and takes --sh-degree; what else trades accuracy for speed cannot be combined with it
     #[arg(long, conflicts_with_all = ["device", "portable", "timings", "dump", "max_error", "min_psnr"])]
     reference: bool,
-    /// Print the GPU time of every stage of the frame, and the phases from the command to the first picture
+    /// Print the GPU time of every stage of the frame, the phases from the command to the first picture and, with
+    /// several pictures, how busy the GPU and the threads were
     #[arg(long)]
     timings: bool,
     /// Write a report as JSON (docs/render.schema.json): files, cameras, counts, times; - prints it instead of the
