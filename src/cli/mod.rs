@@ -56,7 +56,7 @@ use sink::Sink;
     version,
     arg_required_else_help = true,
     after_help = "\
-Exit codes:  0 success, 1 failure, 2 wrong usage, 3 no usable Vulkan device or no display for
+Exit codes: 0 success, 1 failure, 2 wrong usage, 3 no usable Vulkan device or no display for
              `view`, 4 unreadable scene, camera, image or report file, 5 out of memory,
              6 over a threshold, or files that `render --verify` finds wrong.
 Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION turns the
