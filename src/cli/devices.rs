@@ -37,15 +37,18 @@ impl DeviceArgs {
 
     /// Opens the device as if it were for the first time.
     pub fn open_anew(&self) -> Result<Device> {
-        let (choice, validation) = self.choice()?;
-        open(&choice, validation)
+        let environment = Environment::read()?;
+        open(&self.choice_in(&environment), &environment)
     }
 
     /// The device and whether it is validated, from these arguments and the environment.
     pub fn choice(&self) -> Result<(DeviceChoice, Validation)> {
         let environment = Environment::read()?;
-        let choice = self.device.as_deref().map_or(environment.device.clone(), DeviceChoice::from);
-        Ok((choice, validation(&environment)))
+        Ok((self.choice_in(&environment), validation(&environment)))
+    }
+
+    fn choice_in(&self, environment: &Environment) -> DeviceChoice {
+        self.device.as_deref().map_or_else(|| environment.device.clone(), DeviceChoice::from)
     }
 }
 
@@ -58,14 +61,13 @@ impl DevicesArgs {
     /// Opens the devices. Says so if they are of different kinds.
     pub fn open(&self) -> Result<Vec<Device>> {
         let environment = Environment::read()?;
-        let validation = validation(&environment);
         let choices = match self.device.as_deref() {
-            None => vec![environment.device],
+            None => vec![environment.device.clone()],
             Some("all") => all(&survey()?),
             Some(named) if named.contains(',') => several(named, &survey()?),
             Some(named) => vec![DeviceChoice::from(named)],
         };
-        let opened = choices.iter().map(|choice| Ok(with_memory(open(choice, validation)?)));
+        let opened = choices.iter().map(|choice| Ok(with_memory(open(choice, &environment)?)));
         let devices: Vec<Device> = opened.collect::<Result<_>>()?;
         let kinds = names_of(&devices);
         if devices.iter().any(|device| device.capabilities().name != kinds) {
@@ -82,8 +84,8 @@ fn validation(environment: &Environment) -> Validation {
     environment.validation.unwrap_or(default)
 }
 
-fn open(choice: &DeviceChoice, validation: Validation) -> Result<Device> {
-    Device::open(choice, validation)?.with_shaders(Environment::read()?.shaders.as_deref())
+fn open(choice: &DeviceChoice, environment: &Environment) -> Result<Device> {
+    Device::open(choice, validation(environment))?.with_shaders(environment.shaders.as_deref())
 }
 
 /// The devices of a list. A list that is a part of a device's name, which may hold commas, means that device.

@@ -116,6 +116,11 @@ impl Integers {
         u64::from(self.colour_type().bits_per_pixel()) / 8 * u64::from(size[0]) * u64::from(size[1])
     }
 
+    /// The words of a picture of this size, the last one filled up.
+    pub fn words(self, size: [u32; 2]) -> usize {
+        self.bytes(size).div_ceil(4) as usize
+    }
+
     /// Writes a PNG of such pixels. Integers of 16 bits have the byte order of this machine.
     ///
     /// # Errors

@@ -26,20 +26,16 @@ impl Packer {
         self.integers
     }
 
-    /// The words of a packed picture, the last one filled up with 0.
-    pub fn words(&self, size: [u32; 2]) -> usize {
-        self.integers.bytes(size).div_ceil(4) as usize
-    }
-
     /// Makes room for pictures of this size.
     pub fn fit(&mut self, device: &Device, size: [u32; 2]) -> Result<()> {
-        if self.packed.len() < self.words(size) {
-            self.packed = Buffer::new(device, "packed", self.words(size))?;
+        let words = self.integers.words(size);
+        if self.packed.len() < words {
+            self.packed = Buffer::new(device, "packed", words)?;
         }
         Ok(())
     }
 
-    /// Records the packing of `image`. Returns the buffer that holds the picture then.
+    /// Records the packing of `image`. Returns the buffer that holds the picture then, its last word filled up with 0.
     pub fn record(&self, cmd: &mut Commands, image: &Image) -> &Buffer<u32> {
         let size_px = image.size();
         let pixels: u64 = size_px.iter().map(|side| u64::from(*side)).product();

@@ -4,7 +4,7 @@
 use anyhow::{Result, bail};
 
 use super::choice::Path;
-use super::inspect::{Inspection, Inspector, Look, Work};
+use super::inspect::{Inspection, Inspector};
 use super::pack::Packer;
 use super::renderer::{Frame, Recorded, Renderer};
 use super::trial::MAX_ATTEMPTS;
@@ -25,7 +25,7 @@ impl Form {
     fn words(self, size: [u32; 2]) -> usize {
         match self {
             Self::Floats => size[0] as usize * size[1] as usize * 4,
-            Self::Integers(integers) => integers.bytes(size).div_ceil(4) as usize,
+            Self::Integers(integers) => integers.words(size),
         }
     }
 }
@@ -171,8 +171,7 @@ impl Stream {
             self.packers[packer].fit(&self.device, size)?;
         }
         if wanted.depths && self.depths.is_none() {
-            let inspection = Inspection { look: Look::Work(Work::Depths), ..Inspection::default() };
-            self.depths = Some(self.renderer.inspector(inspection)?);
+            self.depths = Some(self.renderer.inspector(Inspection::of_depths())?);
         }
         Ok(())
     }
@@ -189,7 +188,7 @@ impl Stream {
                     cmd.barrier(Access::SHADER_WRITE, Access::SHADER_READ);
                     let packed = cmd.scope("pack", |cmd| packer.record(cmd, image));
                     cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-                    cmd.download(packed, plane, packer.words(image.size()));
+                    cmd.download(packed, plane, integers.words(image.size()));
                 }
             }
         }

@@ -46,7 +46,7 @@ fn pack_rounds_like_the_host() {
         for integers in ALL {
             let mut packer = Packer::new(&gpu.0, integers).unwrap();
             packer.fit(&gpu.0, pixels.size).unwrap();
-            let words = packer.words(pixels.size);
+            let words = integers.words(pixels.size);
             let mut host: Staging<u32> = Staging::new(&gpu.0, "host", words).unwrap();
             let mut cmd = Commands::new(&gpu.0).unwrap();
             cmd.upload_image(&image, &pixels.rgba).unwrap();

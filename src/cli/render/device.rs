@@ -16,21 +16,21 @@ use crate::cli::{dump, remark};
 use crate::gpu::{Commands, Device, DeviceLost};
 use crate::options::Options;
 use crate::pixels::Integers;
-use crate::render::{Finished, Form, GpuScene, HostFrame, Inspection, Look, Renderer, Stream, Streamed, Wanted, Work};
+use crate::render::{Finished, Form, GpuScene, HostFrame, Inspection, Renderer, Stream, Streamed, Wanted};
 use crate::scene::{Gaussians, Requirements};
 
 /// Views that are submitted to a device and not waited for: one is drawn while the pixels of the one before are copied.
 const IN_FLIGHT: usize = 3;
 
-/// Host memory for the pixels of views on the way to their files, of one device. A larger view takes its own size
-/// twice.
+/// Host memory for the pixels of views on the way to their files, of all devices together. Each device has memory for
+/// two views even if that is more.
 const HOST_BYTES: u64 = 1 << 30;
 
 /// A view with more bytes of pixels, or more than a buffer of the device holds, is read in parts after a wait, and not
 /// kept in flight.
 const LARGEST_STREAMED: u64 = 1 << 30;
 
-/// Time in which host memory comes back if anything is written at all. After it, more is made.
+/// The longest wait for host memory before the state of the run is looked at again.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The part of a run that all devices share.
@@ -246,7 +246,7 @@ impl<'r, 'p> Worker<'r, 'p> {
             (picture, certificate) = (Some(renderer.pixels()?), renderer.certificate()?);
         }
         if !task.depths.is_empty() {
-            renderer.set_inspection(Inspection { look: Look::Work(Work::Depths), ..Inspection::default() })?;
+            renderer.set_inspection(Inspection::of_depths())?;
             frames.push(renderer.render(&shot.camera, args.background)?);
             depths = Some(renderer.pixels()?);
             renderer.set_inspection(Inspection::default())?;

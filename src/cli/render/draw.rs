@@ -20,6 +20,7 @@ use super::{Args, Plan, Shot};
 use crate::cli::progress::Bar;
 use crate::cli::{Usage, certified, complain, devices::names_of, remark, say, size_text};
 use crate::gpu::Device;
+use crate::measure::bench::frame_ms;
 use crate::options::Options;
 use crate::reference;
 use crate::render::{Frame, Path};
@@ -198,9 +199,7 @@ impl Log<'_> {
             }
             let gpu = Some(frame.into());
             self.frames.push((task.number, FrameReport { gpu, ..FrameReport::new(task.shot, outputs) }));
-            let ms: f64 =
-                frame.timings.iter().filter(|timing| timing.depth == 0).map(|timing| timing.duration_ms).sum();
-            self.times.gpu += Duration::from_secs_f64(ms / 1e3);
+            self.times.gpu += Duration::from_secs_f64(frame_ms(frame) / 1e3);
         }
         if let (Some(bound), Some(file), Some((_, drawn))) = (bound, &task.shot.certificate, self.frames.last_mut()) {
             say!("  {}", certified(bound))?;

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Args;
 use super::choice::{Chosen, choose};
-use super::outputs::{Names, Outputs, Shot, safe_stem};
+use super::outputs::{Names, Output, Outputs, Shot, safe_stem};
 use super::video::{self, Video};
 use crate::camera::{Camera, NamedCamera, path};
 use crate::cli::scenes::SceneFile;
@@ -83,12 +83,16 @@ fn files_hash(outputs: &Outputs, shots: &[Shot]) -> String {
 }
 
 impl Plan {
+    /// The files of all pictures.
+    pub fn files(&self) -> impl Iterator<Item = &Output> + Clone {
+        self.shots.iter().flat_map(|shot| &shot.outputs)
+    }
+
     /// Creates the folders of files. The folder of a single file that the user names must exist.
     pub fn make_folders(&self) -> Result<()> {
         let Some(folder) = self.outputs.folder() else { return Ok(()) };
         let certificates = self.shots.iter().filter_map(|shot| shot.certificate.as_deref());
-        let outputs = self.shots.iter().flat_map(|shot| &shot.outputs);
-        let files = outputs.map(|output| output.path.as_path()).chain(certificates);
+        let files = self.files().map(|output| output.path.as_path()).chain(certificates);
         let folders: BTreeSet<&Path> = files.filter_map(Path::parent).chain([folder]).collect();
         for folder in folders {
             fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;

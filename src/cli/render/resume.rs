@@ -103,14 +103,14 @@ impl Record {
         if earlier.is_empty() {
             check_fresh(plan, &records, settings, &self.folder)?;
         }
-        let outputs: Vec<&Output> = plan.shots.iter().flat_map(|shot| &shot.outputs).collect();
+        let outputs: Vec<&Output> = plan.files().collect();
         self.done = complete(&records, settings, &self.folder, &outputs);
         Ok(())
     }
 
     /// Says how many files are complete.
     fn announce(&self, plan: &Plan) {
-        let files = plan.shots.iter().flat_map(|shot| &shot.outputs);
+        let files = plan.files();
         let (all, folder) = (files.clone().count(), self.folder.display());
         match files.filter(|output| self.has(output)).count() {
             _ if all == 0 => {}
@@ -167,7 +167,7 @@ impl Record {
 
     /// Fails before anything is drawn if a file cannot be written, or exists and `--no-clobber` keeps it.
     fn check_outputs(&self, args: &Args, plan: &Plan) -> Result<()> {
-        let left = || plan.shots.iter().flat_map(|shot| &shot.outputs).filter(|output| !self.has(output));
+        let left = || plan.files().filter(|output| !self.has(output));
         if args.no_clobber {
             let certificates = plan.shots.iter().filter_map(|shot| shot.certificate.as_deref());
             left().map(|output| output.path.as_path()).chain(certificates).try_for_each(check_absent)?;

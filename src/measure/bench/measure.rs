@@ -19,7 +19,7 @@ use crate::render::{self, Frame, GpuScene, Renderer, Totals, tiles};
 use crate::rules::Background;
 
 /// Frames in flight when throughput is measured: one runs while the next is recorded.
-pub(super) const IN_FLIGHT: usize = 2;
+const IN_FLIGHT: usize = 2;
 
 /// The device to measure on, and the protocol.
 pub struct Bench {
@@ -215,24 +215,8 @@ impl Bench {
     ) -> Result<f64> {
         renderer.set_timestamps(Timestamps::Outermost);
         self.warm_up(renderer, views, warm_up)?;
-        let count = self.protocol.frames;
-        let started = Instant::now();
-        let mut queue = VecDeque::new();
-        for i in 0..count + IN_FLIGHT {
-            if i < count {
-                let view = &views[i % views.len()];
-                queue.push_back((view, renderer.start(view, Background::BLACK)?));
-            }
-            if i >= IN_FLIGHT - 1
-                && let Some((view, oldest)) = queue.pop_front()
-            {
-                // Lists that are too long for the fast path take a second attempt.
-                if !renderer.finish(oldest)? {
-                    renderer.render(view, Background::BLACK)?;
-                }
-                tick();
-            }
-        }
+        let (count, started) = (self.protocol.frames, Instant::now());
+        draw_in_flight(renderer, views.iter().cycle().take(count), &mut || tick())?;
         Ok(started.elapsed().as_secs_f64() * 1e3 / count as f64)
     }
 
@@ -264,6 +248,29 @@ impl Bench {
         let gaps = Statistics::of(gaps);
         stages.push(StageReport { name: "gaps".to_owned(), ms: gaps, least_bytes: 0, bandwidth_fraction: 0.0 });
         Ok(stages)
+    }
+}
+
+/// Draws the views without waiting for each. `done` is called after every one.
+pub(super) fn draw_in_flight<'v>(
+    renderer: &mut Renderer,
+    mut views: impl Iterator<Item = &'v Camera>,
+    done: &mut dyn FnMut(),
+) -> Result<()> {
+    let mut in_flight = VecDeque::new();
+    loop {
+        if in_flight.len() < IN_FLIGHT
+            && let Some(view) = views.next()
+        {
+            in_flight.push_back((view, renderer.start(view, Background::BLACK)?));
+            continue;
+        }
+        let Some((view, oldest)) = in_flight.pop_front() else { return Ok(()) };
+        // Lists that are too long for the fast path take a second attempt.
+        if !renderer.finish(oldest)? {
+            renderer.render(view, Background::BLACK)?;
+        }
+        done();
     }
 }
 

@@ -1,19 +1,17 @@
 //! Frames a second of several devices that draw at the same time.
 
-use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Barrier;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
 
-use super::measure::IN_FLIGHT;
+use super::measure::draw_in_flight;
 use super::report::DeviceSpeed;
 use crate::camera::Camera;
 use crate::gpu::{Device, Timestamps};
 use crate::options::Options;
 use crate::render::{GpuScene, Renderer};
-use crate::rules::Background;
 use crate::scene::{Gaussians, Requirements};
 
 /// Time in which devices draw before they are measured, and time in which they are.
@@ -60,20 +58,8 @@ fn prepare(
 
 /// Draws for this time, at least one frame.
 fn frames_per_second(renderer: &mut Renderer, views: &[Camera], time: Duration) -> Result<f64> {
-    let (started, mut done, mut in_flight) = (Instant::now(), 0, VecDeque::new());
-    for view in views.iter().cycle() {
-        in_flight.push_back((view, renderer.start(view, Background::BLACK)?));
-        if in_flight.len() == IN_FLIGHT
-            && let Some((view, oldest)) = in_flight.pop_front()
-        {
-            if !renderer.finish(oldest)? {
-                renderer.render(view, Background::BLACK)?;
-            }
-            done += 1;
-        }
-        if done > 0 && started.elapsed() >= time {
-            break;
-        }
-    }
+    let (started, mut done) = (Instant::now(), 0);
+    let views = views.iter().cycle().take_while(|_| started.elapsed() < time);
+    draw_in_flight(renderer, views, &mut || done += 1)?;
     Ok(f64::from(done) / started.elapsed().as_secs_f64())
 }

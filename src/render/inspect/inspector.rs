@@ -27,6 +27,13 @@ pub struct Inspection {
     pub isolated: Option<u32>,
 }
 
+impl Inspection {
+    /// Draws the input of [`depths`].
+    pub fn of_depths() -> Self {
+        Self { look: Look::Work(Work::Depths), ..Self::default() }
+    }
+}
+
 /// The quantity that a picture shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Look {
