@@ -5,14 +5,13 @@ mod limits;
 mod tables;
 
 use std::collections::BTreeSet;
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use rayon::prelude::*;
 
 use super::{Sink, Usage, progress, size_text};
-use crate::files::check_writable;
+use crate::files::{check_writable, make_folder};
 use crate::host_memory::check_free;
 use crate::measure::metrics::{
     AlphaDifference, BYTES_PER_PIXEL, Difference, NumberDifference, PIXELS_PER_DEGREE, Pair, Report, flip,
@@ -227,10 +226,6 @@ fn compare(files: &Files, ppd: f64) -> Result<(Pair, Vec<f32>)> {
 
 fn read(file: &Path) -> Result<Picture> {
     Picture::read(file).map_err(|problem| Unreadable::or_too_large(file, problem))
-}
-
-fn make_folder(folder: &Path) -> Result<()> {
-    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))
 }
 
 /// A heatmap in the magma colour map: black, purple, orange, pale yellow.

@@ -1,10 +1,9 @@
 //! The plan of a run: its cameras and files, checked before anything is drawn.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +14,7 @@ use super::video::{self, Video};
 use crate::camera::{Camera, NamedCamera, path};
 use crate::cli::scenes::SceneFile;
 use crate::cli::{Usage, named_or_found, remark, size_text};
-use crate::files::check_writable;
+use crate::files::{check_writable, make_folder};
 use crate::measure::bench::views_hash;
 use crate::pixels::FileKind;
 use crate::scene::{Focus, Gaussians};
@@ -94,10 +93,7 @@ impl Plan {
         let certificates = self.shots.iter().filter_map(|shot| shot.certificate.as_deref());
         let files = self.files().map(|output| output.path.as_path()).chain(certificates);
         let folders: BTreeSet<&Path> = files.filter_map(Path::parent).chain([folder]).collect();
-        for folder in folders {
-            fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-        }
-        Ok(())
+        folders.into_iter().try_for_each(make_folder)
     }
 }
 
