@@ -49,7 +49,7 @@ impl Fast {
             cells: grid.count() as usize,
         };
         let work = FastWorkspace::new(device, capacity, pipeline.splat_elements())?;
-        pipeline.prepare(device, grid, work.has_long_lists())?;
+        pipeline.prepare(device, grid)?;
         // Round, 4 px to the threshold, faint: no pixel stops before its list ends.
         let splat = |i: u32| {
             let (row, begin, _) = place(i);

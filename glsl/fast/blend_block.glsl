@@ -17,7 +17,10 @@ layout(binding = 1, scalar) readonly buffer BinOrder { uint bin_order[]; };     
 layout(binding = 2, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [entry_capacity]
 layout(binding = 3, scalar) readonly buffer Splats { uvec4 splats[]; };              // [SPLAT_WORDS * visible_capacity]
 layout(binding = 4, scalar) readonly buffer Masks { uint masks[]; };                        // [stretches * BLOCKS * 32]
-layout(binding = 5, rgba32f) writeonly uniform image2D image;
+#ifndef IMAGE_ACCESS
+#define IMAGE_ACCESS writeonly
+#endif
+layout(binding = 5, rgba32f) IMAGE_ACCESS uniform image2D image;
 layout(push_constant, scalar) uniform Push {
     uvec2 size_px;
     uint bins_x;

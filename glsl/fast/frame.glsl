@@ -11,9 +11,6 @@ const uint BIN_CHUNKS = 264;     // chunks of the splats, each listed by one wor
 const uint BIN_RUN = 2048;       // entries that one workgroup of sort sorts
 const uint BIN_PIECES = 16;      // sorted pieces of a list that are merged at once
 const uint BIN_STRETCH = 1024;   // entries of a list whose masks lie together
-// A list is long from this many entries on: it takes several merge levels, and several subgroups blend each block of
-// its bin.
-const uint LONG_LIST = BIN_RUN * BIN_PIECES;
 
 // The list of a bin: entries [first, first + count). Its runs and stretches are numbered from first_run and
 // first_stretch.
@@ -38,7 +35,6 @@ struct FastCounters {
 struct FastDispatches {
     uvec3 over_runs;
     uvec3 over_stretches;
-    uvec3 over_long_blocks;  // blocks of the bins with long lists, which are first in bin_order
     uint runs;
     uint stretches;
 };

@@ -23,46 +23,5 @@ layout(push_constant, scalar) uniform Push {
     uint entry_capacity;
 } push;
 
-shared uint next[MAX_BINS];  // the entries counted in each bin; then the next one to write
-shared uint segment;         // the first entry of the chunk
-
-void visit(uint bin, uint splat, bool writes) {
-    uint entry = atomicAdd(next[bin], 1);  // any order is right: sort orders the entries
-    if (writes) unsorted[entry] = splat;
-}
-
-#include "fast/walk_bins.glsl"
-
-void main() {
-    uint chunk = workgroup();
-    if (chunk >= BIN_CHUNKS) return;
-    for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) next[bin] = 0;
-    barrier();
-    visit_chunk(chunk, false);
-    barrier();
-    // Each lane handles consecutive bins, so that shares lie in the order of the bins.
-    uint each = div_up(push.bins, WORKGROUP), begin = min(lane() * each, push.bins), end = min(begin + each, push.bins);
-    uint mine = 0, all;
-    for (uint bin = begin; bin < end; bin++) mine += next[bin];
-    uint start = workgroup_exclusive_add(mine, all);
-    // Counts, here and below: order does not matter, and neither does the order of the segments.
-    if (start + mine < start) atomicAdd(counters.listed_high, 1);
-    if (lane() == 0) {
-        segment = atomicAdd(counters.listed_low, all);
-        if (segment + all < segment) atomicAdd(counters.listed_high, 1);
-    }
-    barrier();
-    uint row = chunk * (push.bins + 1);
-    start += segment;
-    for (uint bin = begin; bin < end; bin++) {
-        uint listed = next[bin];
-        if (listed > 0) atomicAdd(listed_in_bins[bin], listed);
-        share_starts[row + bin] = next[bin] = start;
-        start += listed;
-    }
-    if (lane() == 0) share_starts[row + push.bins] = segment + all;
-    // A frame that needs more entries is drawn again.
-    if (segment > push.entry_capacity || all > push.entry_capacity - segment) return;
-    barrier();
-    visit_chunk(chunk, true);
-}
+#define IS_LISTED(bin) true
+#include "fast/list_chunk.glsl"

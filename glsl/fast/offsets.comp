@@ -6,8 +6,7 @@
 #define NUMBER uvec4
 #define SUMS subgroup_sums_of_four
 #include "shared/workgroup_add.glsl"
-// One workgroup in all: finds where the sorted entries of each bin go, and sets the dispatches over runs, stretches
-// and blocks.
+// One workgroup in all: finds where the sorted entries of each bin go, and sets the dispatches over runs and stretches.
 // Before: counters and listed_in_bins from project and list. After: these are 0 again, for the next frame; bins,
 // bin_order, run_bins, stretch_bins, the dispatches and totals are set. If the demand exceeds the capacity, or a list
 // is longer than the recorded merges sort, all lists are empty.
@@ -23,6 +22,7 @@ layout(binding = 7, scalar) buffer CountersBlock { FastCounters counters; };
 layout(push_constant, scalar) uniform Push {
     uint bins;
     uint visible_capacity;
+    uint span_capacity;
     uint entry_capacity;
     uint longest_list;  // that the merges of this frame sort
 } push;
@@ -57,7 +57,8 @@ void main() {
     most = subgroupMax(most);
     if (subgroupElect()) atomicMax(longest, most);  // a maximum: order does not matter
     barrier();
-    bool fits = demand.listed_high == 0 && demand.listed_low <= push.entry_capacity && longest <= push.longest_list;
+    bool fits = demand.visible <= push.visible_capacity && demand.spans <= push.span_capacity
+        && demand.listed_high == 0 && demand.listed_low <= push.entry_capacity && longest <= push.longest_list;
     uvec3 mine = uvec3(0);  // entries, runs, stretches
     [[unroll]] for (uint k = 0; k < MAX_EACH; k++) {
         if (!fits) counts[k] = 0;
@@ -70,8 +71,6 @@ void main() {
     if (lane() < CLASSES) class_begins[lane()] = before.w;
     barrier();
     if (lane() == 0) {
-        // LONG_LIST is a power of two, where a class begins: the classes up to its own have exactly the long lists.
-        dispatches.over_long_blocks = folded(class_begins[class_of(LONG_LIST) + 1] * BLOCKS);
         dispatches.over_runs = folded(all.y);
         dispatches.over_stretches = folded(all.z);
         dispatches.runs = all.y;

@@ -1,5 +1,5 @@
-// The cull test: a bound on where a Gaussian can touch the image that `push.view` sees.
-// Requires: frame.glsl, push.view
+// The cull test: a bound on where a Gaussian can touch the image that `VIEW` sees.
+// Requires: frame.glsl, VIEW
 #include "shared/depth.glsl"
 
 // True if the Gaussian may touch a pixel centre; `z` is the view depth of its mean.
@@ -11,20 +11,20 @@
 bool may_be_visible(uvec4 bound, out float z) {
     vec3 mean = uintBitsToFloat(bound.xyz);
     float reach = uintBitsToFloat(bound.w & 0xffff0000), deviations = uintBitsToFloat(bound.w << 16);
-    precise vec3 p = (mean - push.view.position_high) - push.view.position_low;
-    z = depth_of(mean, push.view);
-    if (!(reach >= 0.0 && z > push.view.near)) return false;
-    vec2 slope = vec2(dot(push.view.right, p), dot(push.view.down, p)) / z;
-    vec2 size = vec2(push.view.size_px);
+    precise vec3 p = (mean - VIEW.position_high) - VIEW.position_low;
+    z = depth_of(mean, VIEW);
+    if (!(reach >= 0.0 && z > VIEW.near)) return false;
+    vec2 slope = vec2(dot(VIEW.right, p), dot(VIEW.down, p)) / z;
+    vec2 size = vec2(VIEW.size_px);
     vec2 margin = 0.15 * size;
-    vec2 low = (-push.view.centre_px - margin) / push.view.focal_px;
-    vec2 high = (size - push.view.centre_px + margin) / push.view.focal_px;
+    vec2 low = (-VIEW.centre_px - margin) / VIEW.focal_px;
+    vec2 high = (size - VIEW.centre_px + margin) / VIEW.focal_px;
     vec2 clamped = clamp(slope, low, high);
-    vec2 extent = push.view.focal_px / z * sqrt(1.0 + clamped * clamped) * reach;
+    vec2 extent = VIEW.focal_px / z * sqrt(1.0 + clamped * clamped) * reach;
     extent += deviations * sqrt(LOW_PASS);
-    vec2 mean_px = push.view.focal_px * slope + push.view.centre_px;
+    vec2 mean_px = VIEW.focal_px * slope + VIEW.centre_px;
     // px, covers the rounding of everything above; the first term covers that of the view transform.
-    vec2 slack = 1e-6 * push.view.focal_px * sqrt(1.0 + dot(slope, slope)) + 1e-5 * (extent + abs(mean_px)) + 0.01;
+    vec2 slack = 1e-6 * VIEW.focal_px * sqrt(1.0 + dot(slope, slope)) + 1e-5 * (extent + abs(mean_px)) + 0.01;
     vec2 from = mean_px - extent - slack, to = mean_px + extent + slack;
     // The box meets the image and holds a pixel centre. Many splats whose opacity is hardly above ALPHA_MIN hold none.
     return all(greaterThanEqual(to, vec2(0.0))) && all(lessThanEqual(from, size))

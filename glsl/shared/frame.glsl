@@ -48,3 +48,8 @@ struct Splat {
 };
 
 const float LOW_PASS = 0.3;  // px^2, the original's dilation of the 2D covariance
+
+// The view that the shared code draws: that of the push constants, where a shader has not defined another.
+#ifndef VIEW
+#define VIEW push.view
+#endif

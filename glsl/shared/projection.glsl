@@ -1,5 +1,5 @@
 // The projection of a Gaussian to a splat.
-// Requires: frame.glsl, ellipse.glsl, rotation.glsl, storage.glsl, push.view
+// Requires: frame.glsl, ellipse.glsl, rotation.glsl, storage.glsl, VIEW
 
 layout(constant_id = 3) const bool BY_DISTANCE = false;  // depth keys are distances from the camera
 layout(constant_id = 4) const bool ANTIALIASED = false;  // opacities compensate for the low-pass
@@ -30,13 +30,13 @@ void project(uint gaussian, vec3 p, float z, out Splat splat, out Ellipse ellips
     vec4 rotation;
     vec3 scale;
     load_shape(gaussian, rotation, scale, splat.opacity);
-    vec2 slope = vec2(dot(push.view.right, p), dot(push.view.down, p)) / z;
-    vec2 size = vec2(push.view.size_px);
+    vec2 slope = vec2(dot(VIEW.right, p), dot(VIEW.down, p)) / z;
+    vec2 size = vec2(VIEW.size_px);
     // The Jacobian's slope is clamped 15 % of the image beyond each edge (the original's 1.3 tan(fov/2)).
-    vec2 low = (-push.view.centre_px - 0.15 * size) / push.view.focal_px;
-    vec2 high = (size - push.view.centre_px + 0.15 * size) / push.view.focal_px;
+    vec2 low = (-VIEW.centre_px - 0.15 * size) / VIEW.focal_px;
+    vec2 high = (size - VIEW.centre_px + 0.15 * size) / VIEW.focal_px;
     vec2 clamped = clamp(slope, low, high);
-    vec2 px_per_world = push.view.focal_px / z;
+    vec2 px_per_world = VIEW.focal_px / z;
     mat3 to_world = rotation_matrix(rotation);
     float stretch = max(px_per_world.x, px_per_world.y) * sqrt(1.0 + dot(clamped, clamped));
     // Beyond 1e16 px a longer axis changes no weight on the image.
@@ -44,14 +44,14 @@ void project(uint gaussian, vec3 p, float z, out Splat splat, out Ellipse ellips
     // Axes are measured in this unit, so that no fourth power of one overflows.
     float unit_px = max(1.0, 1e-8 * stretch * max(scale.x, max(scale.y, scale.z)));
     vec2 per_world = px_per_world / unit_px;
-    vec3 v0 = per_world.x * ((push.view.right - clamped.x * push.view.forward) * to_world) * scale;
-    vec3 v1 = per_world.y * ((push.view.down - clamped.y * push.view.forward) * to_world) * scale;
+    vec3 v0 = per_world.x * ((VIEW.right - clamped.x * VIEW.forward) * to_world) * scale;
+    vec3 v1 = per_world.y * ((VIEW.down - clamped.y * VIEW.forward) * to_world) * scale;
     float sharp_part;
     vec4 covariance = covariance_of(v0, v1, LOW_PASS / unit_px / unit_px, sharp_part);
     float a = covariance.x, b = covariance.y, c = covariance.z, determinant = covariance.w;
 
     float to_exp2 = sqrt(0.5 * LOG2_E) / unit_px;
-    splat.mean_px = push.view.focal_px * slope + push.view.centre_px;
+    splat.mean_px = VIEW.focal_px * slope + VIEW.centre_px;
     splat.factor.x = to_exp2 * sqrt(c / determinant);
     splat.factor.y = -to_exp2 * (b / sqrt(c)) / sqrt(determinant);  // two roots: c * determinant may overflow
     splat.factor.z = to_exp2 / sqrt(c);

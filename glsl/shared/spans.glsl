@@ -1,5 +1,5 @@
 // The tiles of a splat, as one span per tile row.
-// Requires: ballot.glsl, ellipse.glsl, push.view, spans[]
+// Requires: ballot.glsl, ellipse.glsl, VIEW, spans[]
 
 const uint ROWS_ALONE = 4;  // a splat with more rows is shared by its subgroup
 
@@ -10,7 +10,7 @@ uint write_spans(Ellipse ellipse, uvec2 rows, uint offset) {
     bool shared_work = rows.y > ROWS_ALONE;
     if (!shared_work) {
         for (uint row = 0; row < rows.y; row++) {
-            uint span = tile_span(ellipse, rows.x + row, push.view.size_px);
+            uint span = tile_span(ellipse, rows.x + row, VIEW.size_px);
             spans[offset + row] = span;
             tiles += span_length(span);
         }
@@ -24,7 +24,7 @@ uint write_spans(Ellipse ellipse, uvec2 rows, uint offset) {
             uint their_offset = subgroupBroadcast(offset, owner);
             uint sum = 0;
             for (uint row = gl_SubgroupInvocationID; row < their_rows.y; row += gl_SubgroupSize) {
-                uint span = tile_span(theirs, their_rows.x + row, push.view.size_px);
+                uint span = tile_span(theirs, their_rows.x + row, VIEW.size_px);
                 spans[their_offset + row] = span;
                 sum += span_length(span);
             }

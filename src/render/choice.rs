@@ -220,7 +220,7 @@ impl PathChoice {
         if let Some(Fast { pipeline, work, .. }) = self.fast.as_mut().filter(is_possible) {
             let grid = pipeline.grid(size, gaussians);
             if has_memory(work.grow(device, demand(grid.count()), 0))? {
-                pipeline.prepare(device, grid, work.has_long_lists())?;
+                pipeline.prepare(device, grid)?;
                 let longest_list = pipeline.longest_list().min(work.longest_list());
                 return Ok(Limits { path: Path::Fast, capacity: work.capacity, longest_list });
             }

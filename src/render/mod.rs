@@ -17,6 +17,7 @@ mod readback;
 mod renderer;
 #[doc(hidden)]
 pub mod shaders;
+mod slabs;
 mod stream;
 mod trial;
 mod upscale;

@@ -95,7 +95,7 @@ impl Bench {
         let elements = pipeline.splat_elements();
         let mut work = FastWorkspace::new(&gpu.0, capacity, elements).unwrap();
         work.grow(&gpu.0, capacity, longest_list).unwrap();
-        pipeline.prepare(&gpu.0, grid, work.has_long_lists()).unwrap();
+        pipeline.prepare(&gpu.0, grid).unwrap();
         let bench = Self { gpu, pipeline, work, grid };
         bench.run(|bench, cmd| {
             let counters = FastCounters { visible: count as u32, ..bytemuck::Zeroable::zeroed() };

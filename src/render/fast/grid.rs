@@ -11,7 +11,7 @@ pub struct BinGrid {
     /// px
     pub block_height: u32,
     /// The index of `block_height` in [`BLOCK_HEIGHTS`].
-    pub(super) height_index: usize,
+    pub(in crate::render) height_index: usize,
 }
 
 impl BinGrid {

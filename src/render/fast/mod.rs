@@ -19,4 +19,5 @@ mod workspace;
 pub use grid::BinGrid;
 pub use pipeline::FastPipeline;
 pub use stages::BLOCK_HEIGHTS;
+pub(super) use stages::blend_constants;
 pub use workspace::FastWorkspace;

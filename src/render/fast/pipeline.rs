@@ -1,7 +1,6 @@
 //! The pipelines of the fast path and the frame that they draw, one method per stage.
 //!
-//! The structure is that of HiGS (two scales of tiles). It differs in how lists keep one order in every run, and in how
-//! blocks of long lists are shared by several subgroups.
+//! The structure is that of HiGS (two scales of tiles). It differs in how lists keep one order in every run.
 
 use std::mem::offset_of;
 use std::thread::ScopedJoinHandle;
@@ -42,7 +41,6 @@ pub struct FastPipeline {
     masks: Stage<Masks>,
     /// One for each of [`BLOCK_HEIGHTS`], made when the first picture needs it.
     blend: [Option<Stage<Blend>>; BLOCK_HEIGHTS.len()],
-    blend_long: [Option<Stage<BlendLong>>; BLOCK_HEIGHTS.len()],
     constants: SharedConstants,
     subgroup: u32,
     longest_list: u32,
@@ -93,13 +91,11 @@ impl FastPipeline {
                 merge_again: made(merge_again)?,
                 masks: made(masks)?,
                 blend: Default::default(),
-                blend_long: Default::default(),
                 constants,
                 subgroup,
                 forced_block_height: None,
-                // The loops of one invocation together take at most two iterations per entry of a short list, and less
-                // than one per entry of a long list.
-                longest_list: device.capabilities().loop_limit.unwrap_or(u32::MAX),
+                // The loops of one invocation together take at most two iterations per entry of a list.
+                longest_list: device.capabilities().loop_limit.map_or(u32::MAX, |limit| limit / 2),
             }))
         })
     }
@@ -117,23 +113,20 @@ impl FastPipeline {
         self.grid(size_px, gaussians).count() <= MAX_BINS
     }
 
-    /// Makes the blend pipelines for pictures of this size, and those for long lists if there may be some.
+    /// Makes the blend pipeline for pictures of this size.
     ///
     /// # Errors
-    /// If a pipeline cannot be made.
-    pub fn prepare(&mut self, device: &Device, grid: BinGrid, has_long_lists: bool) -> Result<()> {
+    /// If the pipeline cannot be made.
+    pub fn prepare(&mut self, device: &Device, grid: BinGrid) -> Result<()> {
         let height = grid.height_index;
         let constants = blend_constants(&self.constants, self.subgroup, grid.block_height);
         if self.blend[height].is_none() {
             self.blend[height] = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
         }
-        if has_long_lists && self.blend_long[height].is_none() {
-            self.blend_long[height] = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
-        }
         Ok(())
     }
 
-    /// Makes the blend pipelines for all block heights, but those for long lists, at the same time.
+    /// Makes the blend pipelines for all block heights at the same time.
     ///
     /// # Errors
     /// If a pipeline cannot be made.
@@ -173,6 +166,11 @@ impl FastPipeline {
         self.longest_list
     }
 
+    /// The constants and the subgroup size of its stages.
+    pub(in crate::render) fn constants(&self) -> (&SharedConstants, u32) {
+        (&self.constants, self.subgroup)
+    }
+
     /// 16-byte elements of a splat's record.
     pub fn splat_elements(&self) -> usize {
         if self.layout.is_compact(&self.options) { 2 } else { 3 }
@@ -193,6 +191,13 @@ impl FastPipeline {
         between_stages(cmd);
         cmd.scope("list", |cmd| self.list(cmd, work, grid));
         between_stages(cmd);
+        self.sort_lists(cmd, work, grid);
+        between_stages(cmd);
+        cmd.scope("blend", |cmd| self.blend(cmd, work, grid, target));
+    }
+
+    /// Records the stages from lists to sorted lists with masks.
+    pub(in crate::render) fn sort_lists(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         cmd.scope("offsets", |cmd| self.offsets(cmd, work, grid));
         between_stages(cmd);
         cmd.scope("sort", |cmd| self.sort(cmd, work, grid));
@@ -200,8 +205,6 @@ impl FastPipeline {
         cmd.scope("merge", |cmd| self.merge(cmd, work));
         between_stages(cmd);
         cmd.scope("masks", |cmd| self.masks(cmd, work, grid));
-        between_stages(cmd);
-        cmd.scope("blend", |cmd| self.blend(cmd, work, grid, target));
     }
 
     /// The fewest bytes that each stage moves through device memory: each input read once, each output written once.
@@ -282,7 +285,7 @@ impl FastPipeline {
         cmd.dispatch(&self.list, bindings, push, DispatchSize::Groups(BIN_CHUNKS.into()));
     }
 
-    /// Finds where each bin's list begins, and the dispatches over runs, stretches and long lists.
+    /// Finds where each bin's list begins, and the dispatches over runs and stretches.
     pub fn offsets(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         let bindings = OffsetsBindings {
             totals: &work.totals,
@@ -297,6 +300,7 @@ impl FastPipeline {
         let push = OffsetsPush {
             bins: grid.count(),
             visible_capacity: work.visible_capacity(),
+            span_capacity: work.spans.len() as u32,
             entry_capacity: work.entry_capacity(),
             longest_list: work.longest_list(),
         };
@@ -356,7 +360,7 @@ impl FastPipeline {
         cmd.dispatch_indirect(&self.masks, bindings, push, &work.dispatches, groups);
     }
 
-    /// Blends every block front to back: those of long lists by several subgroups each, the others by one.
+    /// Blends every block front to back.
     pub fn blend(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid, target: Target) {
         let bindings = BlendBindings {
             bins: &work.bins,
@@ -372,12 +376,6 @@ impl FastPipeline {
             bins: grid.count(),
             background: target.background.colour(),
         };
-        if work.has_long_lists() {
-            let long = self.blend_long[grid.height_index].as_ref().expect("`prepare` made it");
-            let groups = offset_of!(FastDispatches, over_long_blocks);
-            cmd.dispatch_indirect(long, bindings, push, &work.dispatches, groups);
-            between_stages(cmd);
-        }
         let blend = self.blend[grid.height_index].as_ref().expect("`prepare` made it");
         let lanes = u64::from(grid.count()) * u64::from(BLOCKS * self.subgroup);
         cmd.dispatch(blend, bindings, push, DispatchSize::Invocations(lanes));

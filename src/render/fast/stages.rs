@@ -20,7 +20,7 @@ pub(super) fn sort_constants(constants: &SharedConstants, subgroup: u32) -> Sort
     SortConstants { digit_bits, subgroups, ..SortConstants::of(constants) }
 }
 
-pub(super) fn blend_constants(constants: &SharedConstants, subgroup: u32, block_height: u32) -> BlendConstants {
+pub(in crate::render) fn blend_constants(constants: &SharedConstants, subgroup: u32, block_height: u32) -> BlendConstants {
     BlendConstants { block_height: block_height.max(subgroup / BLOCK_WIDTH), ..BlendConstants::of(constants) }
 }
 
@@ -39,7 +39,6 @@ pub(super) fn fingerprint(device: &Device, constants: &SharedConstants, subgroup
     for height in BLOCK_HEIGHTS {
         let constants = &blend_constants(constants, subgroup, height);
         stages.push(Stage::<Blend>::fingerprint(device, constants, subgroup)?);
-        stages.push(Stage::<BlendLong>::fingerprint(device, constants, subgroup)?);
     }
     let mut hasher = blake3::Hasher::new();
     stages.iter().for_each(|stage| _ = hasher.update(stage.as_bytes()));

@@ -133,11 +133,6 @@ impl FastWorkspace {
         (0..self.merge_levels).map(move |level| (BIN_RUN * BIN_PIECES.pow(level), buffers[level as usize % 2]))
     }
 
-    /// True if there may be long lists, whose blocks are blended by several subgroups each.
-    pub fn has_long_lists(&self) -> bool {
-        self.merge_levels > 1
-    }
-
     /// The longest list of a bin that these merge levels sort.
     pub fn longest_list(&self) -> u32 {
         u32::try_from(longest_merged(self.merge_levels)).unwrap_or(u32::MAX)

@@ -1,0 +1,16 @@
+#version 460
+#include "shared/workgroup.glsl"
+#include "shared/rules.glsl"
+// One invocation per pixel: the state of a pixel before the first slab.
+// After: image has colour 0 and the transmittance 1, as slabs/blend.comp keeps it.
+
+layout(binding = 0, rgba32f) writeonly uniform image2D image;
+layout(push_constant, scalar) uniform Push {
+    uvec2 size_px;
+} push;
+
+void main() {
+    uint index = workgroup() * WORKGROUP + lane();
+    if (index >= push.size_px.x * push.size_px.y) return;
+    imageStore(image, ivec2(index % push.size_px.x, index / push.size_px.x), vec4(0.0, 0.0, 0.0, ALPHA_MIN));
+}

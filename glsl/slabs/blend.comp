@@ -1,0 +1,50 @@
+#version 460
+#define WORKGROUP_SIZE 128
+#define IMAGE_ACCESS
+layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;  // px
+#include "fast/blend_block.glsl"
+// As blend of the fast path, for one slab: a pixel goes on where the slab before left it.
+// Before: bins, sorted splat_ids and masks of the slab; open_bins is 0. After: image has the state of every pixel,
+// open_bins a bit for every bin with a pixel that has not stopped.
+// The state of a pixel is its colour so far and its transmittance times ALPHA_MIN, negated once it has stopped: the
+// numbers of blend_block.glsl themselves, so that the picture has the bits of one that is drawn whole.
+
+layout(binding = 6, scalar) buffer OpenBins { uint open_bins[]; };                          // [bins / 32] a bit per bin
+
+bool is_negative(float number) {
+    return floatBitsToUint(number) >> 31 == 1;  // also for -0
+}
+
+void go_on(uint k) {
+    begin_pixel(k, 0.0);
+    if (!is_inside(k)) return;
+    vec4 state = imageLoad(image, ivec2(pixel + uvec2(0, k * ROWS)));
+    colour[k] = state.rgb;
+    last[k] = abs(state.a);
+    if (is_negative(state.a)) return;
+    live[k] = state.a;
+    limit[k] = ALPHA_MIN * last_transmittance();
+}
+
+void keep(uint k) {
+    vec4 state = vec4(colour[k], limit[k] < 0.0 ? -last[k] : live[k]);
+    if (is_inside(k)) imageStore(image, ivec2(pixel + uvec2(0, k * ROWS)), state);
+}
+
+void main() {
+    uint place = workgroup() * gl_NumSubgroups + gl_SubgroupID;
+    if (place >= push.bins * BLOCKS) return;
+    uint number = bin_order[place / BLOCKS], block = place % BLOCKS;
+    if (!begin_block(number, block)) return;
+    Bin bin = bins[number];
+    for (uint k = 0; k < PIXELS; k++) go_on(k);
+    if (bin.count > 0) {
+        blend_words(bin, block, 0, (bin.count + 31) / 32);
+        for (uint k = 0; k < PIXELS; k++) keep(k);
+    }
+    bool is_open = false;
+    for (uint k = 0; k < PIXELS; k++) is_open = is_open || is_inside(k) && limit[k] >= 0.0;
+    if (subgroupAny(is_open) && subgroupElect()) {
+        atomicOr(open_bins[number / 32], 1u << number % 32);  // a set of bits: order does not matter
+    }
+}

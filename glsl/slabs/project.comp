@@ -1,0 +1,94 @@
+#version 460
+#define WORKGROUP_SIZE 128
+#define VIEW seen
+#include "shared/workgroup.glsl"
+#include "shared/ballot.glsl"
+#include "fast/frame.glsl"
+#include "slabs/slab.glsl"
+#include "shared/harmonics.glsl"
+#include "shared/grids.glsl"
+#include "shared/rotation.glsl"
+// One workgroup per quarter of a listed page: projects those of its Gaussians that can touch the image and are in the
+// slab, as project of the fast path does.
+// Before: counters are what the pages before left, 0 at first. After: as project of the fast path.
+
+layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
+layout(binding = 1, scalar) readonly buffer GridsBlock { Grids grids; };
+layout(binding = 2, scalar) readonly buffer Shapes { uvec4 plane[]; } shapes[2];            // [gaussians] at most each
+layout(binding = 3, scalar) readonly buffer Sh { uvec4 plane[]; } sh[SH_PLANES];            // [gaussians] at most each
+layout(binding = 4, scalar) writeonly buffer Ids { uint gaussian_from_splat[]; };           // [visible_capacity]
+layout(binding = 5, scalar) writeonly buffer Splats { uvec4 splats[]; };             // [SPLAT_WORDS * visible_capacity]
+layout(binding = 6, scalar) writeonly buffer DepthKeys { uint depth_keys[]; };              // [visible_capacity]
+layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity]
+layout(binding = 8, scalar) writeonly buffer Spans { uint spans[]; };                       // [span_capacity]
+layout(binding = 9, scalar) buffer CountersBlock { FastCounters counters; };
+// The placed views, then the listed pages.
+layout(binding = 10, scalar) readonly buffer Listed { uvec4 listed[]; };                    // [elements]
+layout(binding = 11, scalar) readonly buffer Indices { uint indices[]; };                   // [gaussians] at most
+layout(push_constant, scalar) uniform Push {
+    Slab slab;
+    vec2 focal_px;
+    vec2 centre_px;
+    uvec2 size_px;
+    float near;        // world units
+    uint first_page;   // the element of `listed` with the first page of this dispatch
+    uint pages;
+    uint visible_capacity;
+    uint span_capacity;
+    uint depth_limit;  // the largest depth key
+    uint depth_shift;  // lowest bits that depth keys leave out
+    uint block_height;  // px
+} push;
+
+View seen;
+float scale;
+ListedPage page;
+
+// The index of a Gaussian in its scene, among all placed scenes: it orders splats of equal depth.
+uint index_of(uint gaussian) {
+    bool has_indices = (page.filled & HAS_INDICES) != 0;
+    return page.first + (has_indices ? indices[gaussian] : gaussian - page.slot * PAGE);
+}
+
+#define INDEX_OF(gaussian) index_of(gaussian)
+#define IN_WORLD(depth) (scale * (depth))
+#define NEAR push.near
+#include "fast/make_splat.glsl"
+
+const uint QUARTER = PAGE / 4;
+
+void main() {
+    if (workgroup() >= 4 * push.pages) return;
+    page = page_of(listed[push.first_page + workgroup() / 4]);
+    uint view = page.view * VIEW_ELEMENTS;
+    PlacedView placed = placed_view_of(uintBitsToFloat(listed[view]), uintBitsToFloat(listed[view + 1]),
+        uintBitsToFloat(listed[view + 2]), uintBitsToFloat(listed[view + 3]), uintBitsToFloat(listed[view + 4]));
+    seen = view_of(placed, push.focal_px, push.centre_px, push.size_px);
+    scale = placed.scale;
+    uint begin = workgroup() % 4 * QUARTER, end = min(begin + QUARTER, page.filled & ~HAS_INDICES);
+    if (begin >= end) return;
+    if (lane() == 0) found = splats_here = spans_here = 0;
+    barrier();
+    for (uint i = begin + lane(); i < begin + QUARTER; i += WORKGROUP) {
+        uint gaussian = page.slot * PAGE + i;
+        float z = 0.0;
+        bool visible = i < end && may_be_visible(bounds[gaussian], z);
+        if (visible) {
+            vec3 mean = uintBitsToFloat(bounds[gaussian].xyz);
+            visible = is_in(push.slab, uvec2(depth_key(mean, z), index_of(gaussian)));
+        }
+        uvec4 ballot = subgroupBallot(visible);
+        uint place = 0;
+        if (subgroupElect()) place = atomicAdd(found, subgroupBallotBitCount(ballot));
+        place = subgroupBroadcastFirst(place) + subgroupBallotExclusiveBitCount(ballot);
+        if (visible) {
+            survivors[place] = gaussian;
+            depths[place] = z;
+        }
+    }
+    barrier();
+    for (uint i = 0; i < found; i += WORKGROUP) {
+        bool exists = i + lane() < found;
+        make_splat(exists ? survivors[i + lane()] : 0, exists ? depths[i + lane()] : VIEW.near, exists);
+    }
+}

@@ -1,0 +1,54 @@
+// What the stages of frames in slabs share: pages of Gaussians, the placed views that they are seen from, slabs.
+// src/render/slabs/mod.rs explains the words.
+
+const uint PAGE = 1024;  // Gaussians in a page, the last of which may be missing
+
+// A page that a dispatch draws, in one element of the buffer `listed`.
+struct ListedPage {
+    uint slot;    // its place in the planes of Gaussians: it begins at Gaussian slot * PAGE
+    uint first;   // added to the indices of its Gaussians; with HAS_INDICES the indices are in a plane, else they count
+    uint view;    // its placed view
+    uint filled;  // number of Gaussians, and HAS_INDICES
+};
+const uint HAS_INDICES = 2147483648;  // the highest bit
+
+ListedPage page_of(uvec4 element) {
+    return ListedPage(element.x, element.y, element.z, element.w);
+}
+
+// A camera in the axes and units of a placed scene; the rest of the camera is that of the frame. It takes VIEW_ELEMENTS
+// elements of `listed`, which begins with the views.
+struct PlacedView {
+    vec3 right;
+    vec3 down;
+    vec3 forward;
+    vec3 forward_low;
+    vec3 position_high;
+    vec3 position_low;
+    float near;
+    float scale;  // world units per unit of the scene
+};
+const uint VIEW_ELEMENTS = 5;
+
+PlacedView placed_view_of(vec4 a, vec4 b, vec4 c, vec4 d, vec4 e) {
+    return PlacedView(a.xyz, vec3(a.w, b.xy), vec3(b.zw, c.x), c.yzw, d.xyz, vec3(d.w, e.xy), e.z, e.w);
+}
+
+// A part of the total order of splats: from (key, index) = begin up to, but without, end.
+struct Slab {
+    uvec2 begin;
+    uvec2 end;
+};
+
+bool is_before(uvec2 one, uvec2 other) {
+    return one.x < other.x || one.x == other.x && one.y < other.y;
+}
+
+bool is_in(Slab slab, uvec2 place) {
+    return !is_before(place, slab.begin) && is_before(place, slab.end);
+}
+
+View view_of(PlacedView placed, vec2 focal_px, vec2 centre_px, uvec2 size_px) {
+    return View(placed.right, placed.down, placed.forward, placed.forward_low, placed.position_high,
+        placed.position_low, focal_px, centre_px, size_px, placed.near);
+}

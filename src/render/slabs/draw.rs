@@ -1,0 +1,181 @@
+//! The loop that draws a frame slab by slab.
+
+use anyhow::Result;
+
+use super::cut::{Cut, Place, place_of, slab};
+use super::fast::{FastStages, OpenBins};
+use super::listed::{Element, Listed, ListedPage, placed};
+use crate::camera::Camera;
+use crate::gpu::{Access, Buffer, Commands, Device, Image, Results, Timing};
+use crate::host_memory::OutOfMemory;
+use crate::options::Options;
+use crate::render::capacity::Capacity;
+use crate::render::fast::{BinGrid, FastPipeline, FastWorkspace};
+use crate::render::frame::{DepthKeys, Shot, Target, view};
+use crate::render::gpu_scene::GpuScene;
+use crate::render::shaders::slabs::{PAGE, VIEW_ELEMENTS};
+use crate::render::shaders::Totals;
+
+/// What drawing in slabs keeps from one frame to the next.
+pub struct Slabs {
+    stages: FastStages,
+    open_bins: OpenBins,
+    /// The views, then the pages.
+    listed: Buffer<Element>,
+    indices: Buffer<u32>,
+    /// Places of the first slab of the next frame: a guess.
+    length: u64,
+}
+
+/// The report of a frame that was drawn in slabs.
+#[derive(Clone, Debug)]
+pub struct Drawn {
+    /// The sums over all slabs; the longest list of any.
+    pub totals: Totals,
+    /// The sums over all slabs, by stage, and last those of the whole frame.
+    pub timings: Vec<Timing>,
+    pub slabs: u32,
+}
+
+impl Slabs {
+    pub fn new(device: &Device, fast: &FastPipeline, scene: &GpuScene) -> Result<Self> {
+        let page = |slot: u32| {
+            let (first, rest) = (slot * PAGE, scene.len() as u32 - slot * PAGE);
+            ListedPage { slot, first, view: 0, filled: rest.min(PAGE), has_indices: false }.element()
+        };
+        let pages: Vec<Element> = (0..scene.len().div_ceil(PAGE as usize) as u32).map(page).collect();
+        let made = Self {
+            stages: FastStages::new(device, fast)?,
+            open_bins: OpenBins::new(device)?,
+            listed: Buffer::new(device, "listed pages", VIEW_ELEMENTS as usize + pages.len())?,
+            indices: Buffer::new(device, "indices", 1)?,
+            length: u64::MAX,
+        };
+        let mut cmd = Commands::new(device)?;
+        cmd.upload(&made.listed, VIEW_ELEMENTS as usize, pages.len(), |memory| memory.copy_from_slice(&pages))?;
+        cmd.submit()?.wait()?;
+        Ok(made)
+    }
+
+    /// Draws a frame with the capacity of `work`, in as many slabs as that takes.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if the capacity is too small for a single splat.
+    pub fn draw(
+        &mut self,
+        device: &Device,
+        (fast, work, options): (&FastPipeline, &FastWorkspace, &Options),
+        Shot { scene, camera }: Shot,
+        target: Target,
+    ) -> Result<Drawn> {
+        let grid = fast.grid(camera.size_px, scene.len());
+        self.stages.prepare(device, grid)?;
+        let keys = DepthKeys::of(camera, options, &scene.extent);
+        let mut cut = Cut::new(place_of(((1_u64 << keys.bits) - 1) as u32) + place_of(1), self.length);
+        let mut first_length = None;
+        let mut drawn = Drawn { totals: bytemuck::Zeroable::zeroed(), timings: Vec::new(), slabs: 0 };
+        let mut cmd = Commands::new(device)?;
+        let placed = placed(&view(camera, options.rules.near), 1.0);
+        cmd.upload(&self.listed, 0, placed.len(), |memory| memory.copy_from_slice(&placed))?;
+        cmd.fill(&self.open_bins.0[0], u32::MAX);
+        cmd.scope("begin", |cmd| self.stages.begin(cmd, target.image));
+        cmd.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::SHADER);
+        let mut before = 0;
+        while let Some(next) = cut.next() {
+            let frame = Frame { fast, work, options, scene, camera, grid, image: target.image };
+            let (totals, results) = self.draw_slab(cmd, &frame, next, before)?;
+            add_timings(&mut drawn.timings, results.timings());
+            cmd = Commands::new(device)?;
+            let filled = filled(&totals, work, fast);
+            if filled > 1.0 {
+                if !cut.shorten(next, filled) {
+                    return Err(no_room(work).into());
+                }
+                continue;
+            }
+            first_length.get_or_insert(next.1 - next.0);
+            cut.drawn(next, filled);
+            add(&mut drawn.totals, &totals);
+            drawn.slabs += 1;
+            before = 1 - before;
+        }
+        cmd.scope("finish", |cmd| self.stages.finish(cmd, target.image, target.background));
+        let results = cmd.submit()?.wait()?;
+        add_timings(&mut drawn.timings, results.timings());
+        let whole: f64 = drawn.timings.iter().map(|timing| timing.duration_ms).sum();
+        drawn.timings.push(Timing { name: "frame", depth: 0, start_ms: 0.0, duration_ms: whole });
+        // The next frame begins with a slab that is likely to fit.
+        self.length = if drawn.slabs == 1 { u64::MAX } else { first_length.unwrap_or(u64::MAX) };
+        Ok(drawn)
+    }
+
+    /// Draws one slab on top of the states, if its demand fits. Returns its counts.
+    fn draw_slab(
+        &self,
+        mut cmd: Commands,
+        frame: &Frame,
+        (begin, end): (Place, Place),
+        before: usize,
+    ) -> Result<(Totals, Results)> {
+        let Frame { fast, work, options, scene, camera, grid, image } = *frame;
+        let pages = VIEW_ELEMENTS..self.listed.len() as u32;
+        let listed = Listed { scene, elements: &self.listed, pages, indices: &self.indices };
+        let open = [&self.open_bins.0[before], &self.open_bins.0[1 - before]];
+        let slab = slab(begin, end);
+        cmd.scope("project", |cmd| self.stages.project(cmd, &listed, (camera, options), slab, work, grid));
+        self.stages.list_and_blend(&mut cmd, fast, work, grid, image, open);
+        cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        let totals = cmd.read(&work.totals)?;
+        let results = cmd.submit()?.wait()?;
+        Ok((results.view(&totals)[0], results))
+    }
+}
+
+/// What all slabs of a frame share.
+struct Frame<'a> {
+    fast: &'a FastPipeline,
+    work: &'a FastWorkspace,
+    options: &'a Options,
+    scene: &'a GpuScene,
+    camera: &'a Camera,
+    grid: BinGrid,
+    image: &'a Image,
+}
+
+/// The part of the capacity that a slab demanded; above 1, it was not drawn.
+fn filled(totals: &Totals, work: &FastWorkspace, fast: &FastPipeline) -> f64 {
+    let demand = Capacity::of(totals, 0, 0);
+    let parts = [
+        (demand.visible, u64::from(work.visible_capacity())),
+        (demand.spans, work.spans.len() as u64),
+        (demand.listed, u64::from(work.entry_capacity())),
+        (u64::from(totals.longest_list), u64::from(work.longest_list().min(fast.longest_list()))),
+    ];
+    parts.map(|(demand, room)| demand as f64 / room.max(1) as f64).into_iter().fold(0.0, f64::max)
+}
+
+fn no_room(work: &FastWorkspace) -> OutOfMemory {
+    let reason = format!("one splat touches more than {} bins", work.entry_capacity());
+    OutOfMemory { name: "entries of bins".to_owned(), bytes: None, reason }
+}
+
+fn add(sum: &mut Totals, totals: &Totals) {
+    sum.visible = sum.visible.saturating_add(totals.visible);
+    sum.visible_kept = sum.visible_kept.saturating_add(totals.visible_kept);
+    sum.spans = sum.spans.saturating_add(totals.spans);
+    let listed = |totals: &Totals| u64::from(totals.listed_high) << 32 | u64::from(totals.listed_low);
+    let all = listed(sum) + listed(totals);
+    (sum.listed_high, sum.listed_low) = ((all >> 32) as u32, all as u32);
+    sum.listed_kept = sum.listed_kept.saturating_add(totals.listed_kept);
+    sum.longest_list = sum.longest_list.max(totals.longest_list);
+}
+
+/// Adds the times of the stages of a slab, which become the inner scopes of a frame.
+fn add_timings(sum: &mut Vec<Timing>, slab: &[Timing]) {
+    for timing in slab {
+        match sum.iter_mut().find(|known| known.name == timing.name) {
+            Some(known) => known.duration_ms += timing.duration_ms,
+            None => sum.push(Timing { depth: 1, ..timing.clone() }),
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! The stages of the fast path that differ where a frame is drawn in slabs.
+
+use anyhow::Result;
+
+use super::listed::Listed;
+use crate::camera::Camera;
+use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage};
+use crate::options::Options;
+use crate::render::fast::{BLOCK_HEIGHTS, BinGrid, FastPipeline, FastWorkspace, blend_constants};
+use crate::render::frame::DepthKeys;
+use crate::render::shaders::{SharedConstants, Slab};
+use crate::render::shaders::fast::{BLOCKS, MAX_BINS};
+use crate::render::shaders::slabs::*;
+use crate::rules::Background;
+
+/// Workgroups of `project` for a page.
+const GROUPS_PER_PAGE: u64 = 4;
+
+/// The stages, built for one set of options and one layout of a scene.
+pub struct FastStages {
+    project: Stage<Project>,
+    list: Stage<List>,
+    /// One for each of [`BLOCK_HEIGHTS`], made when the first picture needs it.
+    blend: [Option<Stage<Blend>>; BLOCK_HEIGHTS.len()],
+    begin: Stage<Begin>,
+    finish: Stage<Finish>,
+    constants: SharedConstants,
+    subgroup: u32,
+}
+
+/// The open bins before and after a slab, a bit each.
+pub struct OpenBins(pub [Buffer<u32>; 2]);
+
+impl OpenBins {
+    pub fn new(device: &Device) -> Result<Self> {
+        let bits = |name: &str| Buffer::new(device, name, MAX_BINS.div_ceil(32) as usize);
+        Ok(Self([bits("open bins")?, bits("open bins 2")?]))
+    }
+}
+
+impl FastStages {
+    pub fn new(device: &Device, fast: &FastPipeline) -> Result<Self> {
+        let (constants, subgroup) = fast.constants();
+        Ok(Self {
+            project: Stage::of_subgroups(device, &ProjectConstants::of(constants), subgroup)?,
+            list: Stage::of_subgroups(device, &ListConstants::of(constants), subgroup)?,
+            blend: Default::default(),
+            begin: Stage::new(device, &BeginConstants::of(constants))?,
+            finish: Stage::new(device, &FinishConstants::of(constants))?,
+            constants: constants.clone(),
+            subgroup,
+        })
+    }
+
+    /// Makes the blend for pictures of this grid.
+    pub fn prepare(&mut self, device: &Device, grid: BinGrid) -> Result<()> {
+        let blend = &mut self.blend[grid.height_index];
+        if blend.is_none() {
+            let block_height = blend_constants(&self.constants, self.subgroup, grid.block_height).block_height;
+            let constants = BlendConstants { block_height, ..BlendConstants::of(&self.constants) };
+            *blend = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
+        }
+        Ok(())
+    }
+
+    /// Sets the state of every pixel to what it is before the first slab.
+    pub fn begin(&self, cmd: &mut Commands, image: &Image) {
+        cmd.dispatch(&self.begin, BeginBindings { image }, BeginPush { size_px: image.size() }, over(image));
+    }
+
+    /// Turns the states into the picture.
+    pub fn finish(&self, cmd: &mut Commands, image: &Image, background: Background) {
+        let push = FinishPush { size_px: image.size(), background: background.colour() };
+        cmd.dispatch(&self.finish, FinishBindings { image }, push, over(image));
+    }
+
+    /// Projects what the listed pages have in the slab, after what was projected before.
+    pub fn project(
+        &self,
+        cmd: &mut Commands,
+        listed: &Listed,
+        (camera, options): (&Camera, &Options),
+        slab: Slab,
+        work: &FastWorkspace,
+        grid: BinGrid,
+    ) {
+        let scene = listed.scene;
+        let keys = DepthKeys::of(camera, options, &scene.extent);
+        let bindings = ProjectBindings {
+            bounds: &scene.bounds,
+            grids: &scene.grids,
+            shapes: scene.shape_planes(),
+            sh: scene.sh_planes(),
+            gaussian_from_splat: &work.gaussian_from_splat,
+            splats: &work.splats,
+            depth_keys: &work.depth_keys,
+            span_ranges: &work.span_ranges,
+            spans: &work.spans,
+            counters: &work.counters,
+            listed: listed.elements,
+            indices: listed.indices,
+        };
+        let push = ProjectPush {
+            slab,
+            focal_px: camera.focal_px.as_vec2().to_array(),
+            centre_px: camera.centre_px.as_vec2().to_array(),
+            size_px: camera.size_px,
+            near: options.rules.near,
+            first_page: listed.pages.start,
+            pages: listed.pages.len() as u32,
+            visible_capacity: work.visible_capacity(),
+            span_capacity: work.spans.len() as u32,
+            depth_limit: ((1_u64 << keys.bits) - 1) as u32,
+            depth_shift: keys.shift,
+            block_height: grid.block_height,
+        };
+        let groups = DispatchSize::Groups(GROUPS_PER_PAGE * listed.pages.len() as u64);
+        cmd.dispatch(&self.project, bindings, push, groups);
+    }
+
+    /// Records everything after the projection: the lists of the open bins, and their blend on top of the states.
+    pub fn list_and_blend(
+        &self,
+        cmd: &mut Commands,
+        fast: &FastPipeline,
+        work: &FastWorkspace,
+        grid: BinGrid,
+        image: &Image,
+        [open, still_open]: [&Buffer<u32>; 2],
+    ) {
+        between_stages(cmd);
+        cmd.scope("list", |cmd| self.list(cmd, work, grid, open));
+        between_stages(cmd);
+        fast.sort_lists(cmd, work, grid);
+        cmd.fill(still_open, 0);
+        cmd.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::SHADER);
+        cmd.scope("blend", |cmd| self.blend(cmd, work, grid, image, still_open));
+    }
+
+    fn list(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid, open_bins: &Buffer<u32>) {
+        let bindings = ListBindings {
+            counters: &work.counters,
+            span_ranges: &work.span_ranges,
+            spans: &work.spans,
+            listed_in_bins: &work.listed_in_bins,
+            share_starts: &work.share_starts,
+            unsorted: &work.unsorted,
+            open_bins,
+        };
+        let push = ListPush {
+            bins_x: grid.bins[0],
+            bins: grid.count(),
+            visible_capacity: work.visible_capacity(),
+            entry_capacity: work.entry_capacity(),
+        };
+        let groups = DispatchSize::Groups(crate::render::shaders::fast::BIN_CHUNKS.into());
+        cmd.dispatch(&self.list, bindings, push, groups);
+    }
+
+    fn blend(
+        &self,
+        cmd: &mut Commands,
+        work: &FastWorkspace,
+        grid: BinGrid,
+        image: &Image,
+        open_bins: &Buffer<u32>,
+    ) {
+        let bindings = BlendBindings {
+            bins: &work.bins,
+            bin_order: &work.bin_order,
+            splat_ids: &work.splat_ids,
+            splats: &work.splats,
+            masks: &work.masks,
+            image,
+            open_bins,
+        };
+        // The background is added at the end.
+        let background = Background::Transparent.colour();
+        let push = BlendPush { size_px: image.size(), bins_x: grid.bins[0], bins: grid.count(), background };
+        let blend = self.blend[grid.height_index].as_ref().expect("`prepare` made it");
+        let lanes = u64::from(grid.count()) * u64::from(BLOCKS * self.subgroup);
+        cmd.dispatch(blend, bindings, push, DispatchSize::Invocations(lanes));
+    }
+}
+
+fn over(image: &Image) -> DispatchSize {
+    DispatchSize::Invocations(image.size().iter().map(|side| u64::from(*side)).product())
+}
+
+fn between_stages(cmd: &mut Commands) {
+    cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+}

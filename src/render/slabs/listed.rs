@@ -1,0 +1,52 @@
+//! The pages that a slab draws and the views that they are seen from, as slab.glsl reads them.
+
+use crate::gpu::Buffer;
+use crate::render::gpu_scene::GpuScene;
+use crate::render::shaders::View;
+use crate::render::shaders::slabs::{HAS_INDICES, VIEW_ELEMENTS};
+use std::ops::Range;
+
+/// An element of the buffer of listed pages.
+pub type Element = [u32; 4];
+
+/// What a slab draws.
+pub struct Listed<'a> {
+    /// Planes of Gaussians.
+    pub scene: &'a GpuScene,
+    /// The views, then the pages.
+    pub elements: &'a Buffer<Element>,
+    /// The elements with the pages.
+    pub pages: Range<u32>,
+    /// The indices of Gaussians, where pages have them.
+    pub indices: &'a Buffer<u32>,
+}
+
+/// A page that a dispatch draws: ListedPage in slab.glsl.
+#[derive(Clone, Copy, Debug)]
+pub struct ListedPage {
+    pub slot: u32,
+    /// Added to the indices of its Gaussians.
+    pub first: u32,
+    /// The number of its view.
+    pub view: u32,
+    /// Number of Gaussians.
+    pub filled: u32,
+    /// The indices of its Gaussians are in a plane; else they count from 0.
+    pub has_indices: bool,
+}
+
+impl ListedPage {
+    pub fn element(self) -> Element {
+        [self.slot, self.first, self.view, self.filled | if self.has_indices { HAS_INDICES } else { 0 }]
+    }
+}
+
+/// A view of a scene that is placed with this scale: PlacedView in slab.glsl.
+pub fn placed(view: &View, scale: f32) -> [Element; VIEW_ELEMENTS as usize] {
+    let vectors =
+        [view.right, view.down, view.forward, view.forward_low, view.position_high, view.position_low].into_iter();
+    let floats = vectors.flatten().chain([view.near, scale]);
+    let mut words = [[0; 4]; VIEW_ELEMENTS as usize];
+    words.as_flattened_mut().iter_mut().zip(floats).for_each(|(word, float)| *word = float.to_bits());
+    words
+}
