@@ -57,6 +57,8 @@ pub mod reference;
 pub mod render;
 pub mod rules;
 pub mod scene;
+#[doc(hidden)]
+pub mod storage;
 #[cfg(feature = "viewer")]
 #[doc(hidden)]
 pub mod viewer;

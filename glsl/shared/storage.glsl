@@ -1,5 +1,5 @@
 #extension GL_EXT_control_flow_attributes : require
-// A Gaussian's attributes, unpacked from the words that they are stored in (src/render/layout.rs).
+// A Gaussian's attributes, unpacked from the words that they are stored in (src/storage/layout.rs).
 // Requires: harmonics.glsl, shapes[], sh[], grids
 
 layout(constant_id = 0) const uint SH_DEGREE = 3;

@@ -8,7 +8,8 @@ use crate::gpu::Device;
 use crate::measure::trade::{Budget, choose_for};
 use crate::options::Options;
 use crate::rules::Background;
-use crate::scene::{Gaussians, Requirements};
+use crate::scene::Gaussians;
+use crate::storage::Statistics;
 
 /// Largest error of the pictures against the reference.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -47,7 +48,7 @@ impl BudgetArgs {
     pub fn choose(
         &self,
         device: &Device,
-        scene: (&Gaussians, &Requirements),
+        scene: (&Gaussians, &Statistics),
         views: &[Camera],
         (exact, background): (Options, Background),
         options: Options,

@@ -6,8 +6,9 @@ use serde::Serialize;
 
 use super::{SceneArg, Sink, knobs, say};
 use crate::options::{Options, Storage};
-use crate::render::{Layout, Packing, depth_bits};
+use crate::render::depth_bits;
 use crate::scene::{Bounds, Focus, Gaussians, Level, LoadReport, Requirements, Scene, percentiles};
+use crate::storage::{Layout, Packing, Statistics};
 
 /// Describe a scene: counts, bounds, distributions and the GPU storage that it needs
 #[derive(clap::Args)]
@@ -141,11 +142,13 @@ fn report(name: &str, scene: &Scene, preset: &str) -> Result<Report> {
 
 fn required(gaussians: &Gaussians, preset: &str) -> Result<Required> {
     let options = Options::preset(preset).with_context(|| format!("there is no preset {preset}"))?;
-    let (bounds, needs) = (Bounds::of(gaussians), Requirements::of(gaussians));
-    let layout = Layout::of(gaussians, &needs, &options);
+    let statistics = Statistics::of(gaussians);
+    let (bounds, needs) = (statistics.extent, &statistics.requirements);
+    let layout = Layout::of(&statistics, &options);
     let plain = Options { sh_storage: Storage::F32, shape_storage: Storage::F32, ..Options::EXACT };
-    let all = Requirements { sh_degree: gaussians.sh_degree(), ..needs };
-    let f32_bytes = Layout::of(gaussians, &all, &plain).bytes_each() * gaussians.len() as u64;
+    let requirements = Requirements { sh_degree: gaussians.sh_degree(), ..needs.clone() };
+    let f32_bytes =
+        Layout::of(&Statistics { requirements, ..statistics.clone() }, &plain).bytes_each() * gaussians.len() as u64;
     let outermost = bounds.low.iter().chain(&bounds.high).fold(0.0_f32, |m, v| m.max(v.abs()));
     let diagonal = (0..3).map(|i| f64::from(bounds.high[i] - bounds.low[i]).powi(2)).sum::<f64>().sqrt();
     let depth_bits = depth_bits(options.rules.near, diagonal);

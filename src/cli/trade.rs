@@ -24,7 +24,8 @@ use crate::measure::trade::{
 };
 use crate::options::Options;
 use crate::rules::Background;
-use crate::scene::{Gaussians, Requirements};
+use crate::scene::Gaussians;
+use crate::storage::Statistics;
 
 /// Measure the cost of accuracy: time, memory and error of every knob alone and of combinations that a search finds
 #[derive(clap::Args)]
@@ -111,13 +112,13 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if gaussians.is_empty() {
         return Err(Usage(format!("{}: the scene has no Gaussians", args.scene.title())).into());
     }
-    let needs = Requirements::of(gaussians);
+    let statistics = Statistics::of(gaussians);
     let file = named_or_found(args.cameras.as_deref(), &args.scene);
     let cameras = Cameras::read(file.as_deref(), &args.split, &CameraPath::Orbit { zooms: true }, args.size)?;
     let count = if file.is_some() { usize::MAX } else { ORBIT_VIEWS };
     let (all, nearest) = cameras.views(gaussians, args.size, count);
     let exact = args.knobs.options(&Options::EXACT, scene.is_antialiased, nearest);
-    let bench = Bench { args, device: &device, gaussians, needs: &needs, exact };
+    let bench = Bench { args, device: &device, gaussians, statistics: &statistics, exact };
     let has = |part| args.parts.contains(&part);
 
     let study = bench.study("reference", &spread(&all, args.views.into()))?;
@@ -192,7 +193,7 @@ fn check_parts(args: &Args) -> Result<(), Usage> {
     }
     check_plots(args.plot.as_deref())?;
     if args.plot.is_some() && !has(Part::Knobs) && !has(Part::Search) {
-        return Err(Usage("--plot needs --parts knobs or search".to_owned()));
+        return Err(Usage("--plot statistics --parts knobs or search".to_owned()));
     }
     let rules = args.knobs.options(&Options::EXACT, false, f32::INFINITY);
     match rules.uncertifiable().filter(|_| has(Part::Certificate)) {
@@ -206,7 +207,7 @@ struct Bench<'a> {
     args: &'a Args,
     device: &'a Device,
     gaussians: &'a Gaussians,
-    needs: &'a Requirements,
+    statistics: &'a Statistics,
     exact: Options,
 }
 
@@ -218,7 +219,7 @@ impl<'a> Bench<'a> {
 
     fn study_at(&self, name: &str, views: [Vec<Camera>; 2]) -> Result<Study<'a>> {
         let bar = progress::Bar::new(name);
-        let (scene, drawn) = ((self.gaussians, self.needs), (self.exact, Background::BLACK));
+        let (scene, drawn) = ((self.gaussians, self.statistics), (self.exact, Background::BLACK));
         let frames = self.args.frames.map_or(FRAMES, usize::from);
         let protocol = Protocol { warmup: self.args.warmup.into(), frames };
         let study = Study::new(self.device, scene, drawn, views, protocol, &|done| bar.set(done))?.thorough();
@@ -231,7 +232,7 @@ impl<'a> Bench<'a> {
         for (name, preset) in Options::PRESETS.iter().filter(|(name, _)| !["exact", "portable"].contains(name)) {
             all.push(((*name).to_owned(), self.by_rules(preset)));
         }
-        all.extend(trade::knobs(&self.exact, self.needs));
+        all.extend(trade::knobs(&self.exact, &self.statistics.requirements));
         let bar = progress::Bar::new("knobs");
         let count = all.len() as f64;
         let point = |(i, (name, options)): (usize, (String, Options))| {

@@ -13,12 +13,12 @@ use super::fast::{FastPipeline, FastWorkspace};
 use super::frame::{Shot, Target, Variation, tiles};
 use super::gpu_scene::GpuScene;
 use super::inspect::Inspector;
-use super::layout::Layout;
 use super::portable::{PortablePipeline, PortableWorkspace};
 use super::shaders::Totals;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
+use crate::storage::Layout;
 
 /// The path that drew a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

@@ -1,10 +1,11 @@
 //! The one map from options, scene layout and device to the specialization constants of all shaders.
 
 use super::frame::footprint_code;
-use super::layout::Layout;
 use super::shaders::SharedConstants;
-use crate::options::Options;
+use super::shaders::shared::{STORED_F16, STORED_F32, STORED_U8};
+use crate::options::{Options, Storage};
 use crate::rules::Order;
+use crate::storage::{Layout, Packing};
 
 /// The constants of pipelines whose subgroups have at most `subgroup` lanes. A shader takes those that it declares, and
 /// its stage adds the constants of its own.
@@ -12,8 +13,8 @@ pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> Share
     let rules = &options.rules;
     SharedConstants {
         sh_degree: layout.sh_degree,
-        sh_storage: layout.sh.code(),
-        shape_storage: layout.shape.code(),
+        sh_storage: stored(layout.sh),
+        shape_storage: stored(layout.shape),
         has_clamped_alphas: layout.has_clamped_alphas,
         by_distance: rules.order == Order::Distance,
         antialiased: rules.antialiased,
@@ -25,5 +26,14 @@ pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> Share
         compact: layout.is_compact(options),
         subgroup,
         ballot_words: subgroup.div_ceil(32),
+    }
+}
+
+/// The number that shaders know a number format by.
+fn stored(packing: Packing) -> u32 {
+    match packing.storage {
+        Storage::Lossless | Storage::F32 => STORED_F32,
+        Storage::F16 => STORED_F16,
+        Storage::U8 => STORED_U8,
     }
 }

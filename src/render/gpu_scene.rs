@@ -9,17 +9,17 @@ use rayon::prelude::*;
 use crate::camera::Camera;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::options::Options;
-use crate::render::layout::Layout;
 use crate::render::shaders::Grids;
 use crate::rules::{LISTED_ALPHA, Rules};
-use crate::scene::{Bounds, Gaussians, Requirements};
+use crate::scene::{Bounds, Gaussians, Grid};
+use crate::storage::{Layout, Planes, Statistics, pack, share};
 
 /// Gaussians in device memory, in planes with four words per element: one plane of bounds, and as many of shapes and of
 /// spherical harmonics as the layout needs. In a last plane with one or two words per Gaussian, four or two Gaussians
 /// share an element. A clone shares the buffers.
 #[derive(Clone)]
 pub struct GpuScene {
-    /// The bits of the mean, and the [`reach`].
+    /// The bits of the mean, and the [`reach`](crate::storage::reach).
     pub(super) bounds: Buffer<[u32; 4]>,
     /// Rotation, scale, opacity.
     pub(super) shapes: Vec<Buffer<[u32; 4]>>,
@@ -55,7 +55,7 @@ impl GpuScene {
     /// # Errors
     /// If device memory runs out or a plane is longer than the device can bind.
     pub fn new(device: &Device, gaussians: &Gaussians, options: &Options) -> Result<Self> {
-        Self::with(device, gaussians, &Requirements::of(gaussians), options)
+        Self::with(device, gaussians, &Statistics::of(gaussians), options)
     }
 
     /// Fails if the device cannot draw a scene of `count` Gaussians, however they are stored.
@@ -74,20 +74,20 @@ impl GpuScene {
     pub fn certifiable(
         device: &Device,
         gaussians: &Gaussians,
-        needs: &Requirements,
+        statistics: &Statistics,
         options: &Options,
     ) -> Result<Self> {
         let rules = Rules { alpha_min: LISTED_ALPHA, ..options.rules };
-        Self::with(device, gaussians, needs, &Options { rules, ..*options })
+        Self::with(device, gaussians, statistics, &Options { rules, ..*options })
     }
 
-    /// As [`new`](Self::new), for a scene whose requirements are known.
+    /// As [`new`](Self::new), for a scene whose statistics are known.
     ///
     /// # Errors
     /// As [`new`](Self::new).
-    pub fn with(device: &Device, gaussians: &Gaussians, needs: &Requirements, options: &Options) -> Result<Self> {
+    pub fn with(device: &Device, gaussians: &Gaussians, statistics: &Statistics, options: &Options) -> Result<Self> {
         let len = gaussians.len();
-        let layout = Layout::of(gaussians, needs, options);
+        let layout = Layout::of(statistics, options);
         let planes = |name: &str, words: usize| {
             let plane = |i: usize| Buffer::new(device, &format!("{name} {i}"), len.div_ceil(share(words, i)));
             (0..words.div_ceil(4)).map(plane).collect::<Result<_>>()
@@ -98,14 +98,14 @@ impl GpuScene {
             sh: planes("sh", layout.sh_words())?,
             grids: Buffer::new(device, "grids", 1)?,
             len,
-            extent: Bounds::of(gaussians),
+            extent: statistics.extent,
             trial_view: trial_view(gaussians, options.rules.near),
             trial_hash: trial_hash(gaussians, options.rules.near),
             alpha_min: options.rules.alpha_min,
             layout,
         };
         let mut commands = Commands::new(device)?;
-        commands.upload(&scene.grids, 0, 1, |memory| memory[0] = scene.layout.grids())?;
+        commands.upload(&scene.grids, 0, 1, |memory| memory[0] = grids(&scene.layout))?;
         let mut in_flight = commands.submit()?;
         for first in (0..len).step_by(UPLOAD_CHUNK) {
             let mut commands = Commands::new(device)?;
@@ -178,69 +178,23 @@ impl GpuScene {
                 parts.iter_mut().zip(plane.chunks_mut(PART / share)).for_each(|(part, plane)| part.push(plane));
             }
             let parts = parts.into_par_iter().enumerate();
-            parts.for_each(|(i, mut planes)| self.pack(gaussians, range.start + i * PART, &mut planes));
+            parts.for_each(|(i, planes)| {
+                let mut planes = planes.into_iter();
+                let bounds = planes.next().expect("every scene has a plane of bounds");
+                let shapes = planes.by_ref().take(self.shapes.len()).collect();
+                let first = range.start + i * PART;
+                let mut planes = Planes { bounds, shapes, sh: planes.collect() };
+                pack(layout, self.alpha_min, gaussians, |k| first + k, &mut planes);
+            });
         })
     }
-
-    /// Writes the Gaussians from `first` on to parts of all planes, as many as there are elements of bounds.
-    fn pack(&self, gaussians: &Gaussians, first: usize, planes: &mut [&mut [[u32; 4]]]) {
-        let layout = &self.layout;
-        let (bounds, planes) = planes.split_first_mut().expect("every scene has a plane of bounds");
-        let (shapes, sh) = planes.split_at_mut(self.shapes.len());
-        // The last element may have room for more Gaussians.
-        shapes.iter_mut().chain(&mut *sh).filter_map(|plane| plane.last_mut()).for_each(|last| *last = [0; 4]);
-        for (k, element) in bounds.iter_mut().enumerate() {
-            let index = first + k;
-            let [x, y, z] = gaussians.means()[index].map(f32::to_bits);
-            let (scale, kept) = layout.kept_shape(gaussians, index);
-            // A Gaussian that is too faint to be drawn stays so.
-            let opacity = gaussians.opacities()[index];
-            let opacity = if opacity < self.alpha_min { opacity } else { kept };
-            *element = [x, y, z, reach(scale, opacity, self.alpha_min.into())];
-            put(shapes, k, layout.shape_words(), |word| layout.shape_word(gaussians, index, word));
-            let packed = layout.packed_sh(gaussians.sh(index));
-            put(sh, k, layout.sh_words(), |word| packed[word]);
-        }
-    }
 }
 
-/// Number of Gaussians that share an element of plane `plane`, where each takes `words` words in all planes together.
-fn share(words: usize, plane: usize) -> usize {
-    match words - 4 * plane {
-        1 => 4,
-        2 => 2,
-        _ => 1,
-    }
-}
-
-/// Writes the words of Gaussian `k`, which has `words` in all planes together.
-fn put(planes: &mut [&mut [[u32; 4]]], k: usize, words: usize, word: impl Fn(usize) -> u32) {
-    for (number, plane) in planes.iter_mut().enumerate() {
-        let share = share(words, number);
-        let each = 4 / share;
-        for (i, place) in plane[k / share][k % share * each..][..each].iter_mut().enumerate() {
-            let wanted = 4 * number + i;
-            *place = if wanted < words { word(wanted) } else { 0 };
-        }
-    }
-}
-
-/// Two bfloat16, rounded up. The lower half is the number of standard deviations from the mean at which alpha falls to
-/// `alpha_min`. The upper half is the same in world units along the longest axis, or -1 if alpha is lower everywhere.
-fn reach(scale: [f32; 3], opacity: f32, alpha_min: f64) -> u32 {
-    let opacity = f64::from(opacity);
-    if opacity < alpha_min {
-        return (-1.0_f32).to_bits();
-    }
-    let longest = f64::from(scale[0].max(scale[1]).max(scale[2]));
-    let deviations = (2.0 * (opacity / alpha_min).ln()).sqrt();
-    upper_half(deviations * longest) << 16 | upper_half(deviations)
-}
-
-/// The bits of the least bfloat16 that is not less than `value`, which is not negative.
-fn upper_half(value: f64) -> u32 {
-    let single = (value * (1.0 + 1e-6)) as f32;
-    single.to_bits().div_ceil(1 << 16)
+/// The grids and the base that the shaders unpack with.
+fn grids(layout: &Layout) -> Grids {
+    let pair = |grid: Grid| [grid.offset, grid.step];
+    let (sh, log2_scale) = layout.grids();
+    Grids { sh: sh.map(pair), log2_scale: pair(log2_scale), scale_base: layout.scale_base() as f32 }
 }
 
 /// A camera that sees most of the trial's Gaussians.
@@ -269,27 +223,4 @@ fn trial_hash(gaussians: &Gaussians, near: f32) -> blake3::Hash {
         hasher.update(bytemuck::cast_slice(gaussians.sh(index)));
     }
     hasher.finalize()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::rules::ALPHA_MIN;
-
-    #[test]
-    fn reach_is_rounded_up_and_hardly_more() {
-        for (scale, opacity) in [(1.0_f32, 1.0_f32), (1e-8, 0.5), (3.7e5, 0.004), (f32::MAX, 1.0)] {
-            let bits = reach([scale, 0.0, scale / 2.0], opacity, ALPHA_MIN.into());
-            let [world, deviations] = [bits & 0xffff_0000, bits << 16].map(|b| f64::from(f32::from_bits(b)));
-            let exact = (2.0 * (f64::from(opacity) / f64::from(ALPHA_MIN)).ln()).sqrt();
-            assert!(deviations >= exact && deviations <= exact * 1.01, "{opacity}: {deviations} for {exact}");
-            let exact = (exact * f64::from(scale)).min(f64::INFINITY);
-            assert!(
-                world >= exact && (world <= exact * 1.01 || world == f64::INFINITY),
-                "{scale}: {world} for {exact}"
-            );
-        }
-        assert!(f32::from_bits(reach([1.0; 3], 0.003, ALPHA_MIN.into()) & 0xffff_0000) < 0.0);
-        assert_eq!(reach([1.0; 3], ALPHA_MIN, ALPHA_MIN.into()) << 16, 0, "alpha 1/255 is at the mean alone");
-    }
 }

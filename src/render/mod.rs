@@ -10,7 +10,6 @@ mod fast;
 mod frame;
 mod gpu_scene;
 mod inspect;
-mod layout;
 mod pack;
 mod portable;
 mod readback;
@@ -34,8 +33,6 @@ pub use gpu_scene::GpuScene;
 pub use inspect::{Attribute, Explained, Explanation, Inspection, Look, Work, depths};
 #[doc(hidden)]
 pub use inspect::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
-#[doc(hidden)]
-pub use layout::{Layout, Packing};
 #[doc(hidden)]
 pub use pack::Packer;
 #[doc(hidden)]

@@ -39,14 +39,29 @@ pub struct Focus {
 impl Focus {
     /// The focus of `gaussians`.
     pub fn of(gaussians: &Gaussians) -> Self {
-        if gaussians.is_empty() {
+        Self::of_weighted(gaussians.means(), gaussians.opacities())
+    }
+
+    /// The focus of Gaussians with these means and opacities.
+    ///
+    /// # Panics
+    /// If there are fewer opacities than means.
+    pub fn of_weighted(means: &[[f32; 3]], opacities: &[f32]) -> Self {
+        if means.is_empty() {
             return Self { centre: [0.0; 3], radius: 1.0 };
         }
-        let centre = std::array::from_fn(|axis| weighted_quantile(gaussians, |m| f64::from(m[axis]), 0.5));
+        let all = Weighted { means, opacities: &opacities[..means.len()] };
+        let centre = std::array::from_fn(|axis| weighted_quantile(&all, |m| f64::from(m[axis]), 0.5));
         let distance = |m: &[f32; 3]| (0..3).map(|i| (f64::from(m[i]) - centre[i]).powi(2)).sum::<f64>().sqrt();
-        let radius = weighted_quantile(gaussians, distance, 0.9);
+        let radius = weighted_quantile(&all, distance, 0.9);
         Self { centre, radius: if radius > 0.0 { radius } else { 1.0 } }
     }
+}
+
+/// Means, and opacities as their weights.
+struct Weighted<'g> {
+    means: &'g [[f32; 3]],
+    opacities: &'g [f32],
 }
 
 /// Bits of a value that one pass of [`weighted_quantile`] selects by.
@@ -55,15 +70,15 @@ const DIGIT_BITS: u32 = 16;
 /// Gaussians whose weights a thread adds up at a time.
 const WEIGHED: usize = 1 << 18;
 
-/// The smallest value of a mean with at least `fraction` of the opacity at or below it, by radix selection. `gaussians`
-/// are not empty.
-fn weighted_quantile(gaussians: &Gaussians, value: impl Fn(&[f32; 3]) -> f64 + Sync, fraction: f64) -> f64 {
+/// The smallest value of a mean with at least `fraction` of the opacity at or below it, by radix selection. There
+/// is a mean.
+fn weighted_quantile(all: &Weighted, value: impl Fn(&[f32; 3]) -> f64 + Sync, fraction: f64) -> f64 {
     let (mut prefix, mut below, mut wanted) = (0_u64, 0_u64, None);
     for shift in (0..u64::BITS).step_by(DIGIT_BITS as usize).rev() {
         let is_selected = |key: u64| key.checked_shr(shift + DIGIT_BITS).unwrap_or(0) == prefix;
         let digit =
             |mean: &[f32; 3]| Some(ordered(value(mean))).filter(|key| is_selected(*key)).map(|key| key >> shift);
-        let weights = weights(gaussians, |mean| digit(mean).map(|key| key as usize % (1 << DIGIT_BITS)));
+        let weights = weights(all, |mean| digit(mean).map(|key| key as usize % (1 << DIGIT_BITS)));
         let wanted = *wanted.get_or_insert_with(|| fraction * weights.iter().sum::<u64>() as f64);
         let reaches = |(_, weight): &(usize, &u64)| {
             let is_reached = (below + **weight) as f64 >= wanted;
@@ -78,9 +93,9 @@ fn weighted_quantile(gaussians: &Gaussians, value: impl Fn(&[f32; 3]) -> f64 + S
 }
 
 /// The sum of the opacities by digit, in steps of 2^-32: sums of whole numbers do not depend on the order.
-fn weights(gaussians: &Gaussians, digit: impl Fn(&[f32; 3]) -> Option<usize> + Sync) -> Vec<u64> {
+fn weights(all: &Weighted, digit: impl Fn(&[f32; 3]) -> Option<usize> + Sync) -> Vec<u64> {
     let none = || vec![0; 1 << DIGIT_BITS];
-    let parts = gaussians.means().par_chunks(WEIGHED).zip(gaussians.opacities().par_chunks(WEIGHED));
+    let parts = all.means.par_chunks(WEIGHED).zip(all.opacities.par_chunks(WEIGHED));
     let sums = parts.map(|(means, opacities)| {
         let mut sums: Vec<u64> = none();
         for (mean, opacity) in means.iter().zip(opacities) {
@@ -126,6 +141,7 @@ mod tests {
         let scene = line(1001, |i| ((i * 611 % 1001) as f64 - 300.0) / 7.0, |i| (i % 9) as f64 - 4.0);
         let mut sorted: Vec<_> = scene.means().iter().zip(scene.opacities()).map(|(m, o)| (m[0], *o)).collect();
         sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let all = Weighted { means: scene.means(), opacities: scene.opacities() };
         let total: f64 = sorted.iter().map(|(_, o)| f64::from(*o)).sum();
         for fraction in [0.01, 0.25, 0.5, 0.9, 1.0 - 1e-9] {
             let mut sum = 0.0;
@@ -133,11 +149,7 @@ mod tests {
                 sum += f64::from(*o);
                 sum >= fraction * total
             });
-            assert_eq!(
-                weighted_quantile(&scene, |m| m[0].into(), fraction),
-                f64::from(reached.unwrap().0),
-                "{fraction}"
-            );
+            assert_eq!(weighted_quantile(&all, |m| m[0].into(), fraction), f64::from(reached.unwrap().0), "{fraction}");
         }
     }
 

@@ -1,7 +1,5 @@
 //! Detects values that a file held in 8 bits, after decoding.
 
-use rayon::prelude::*;
-
 /// 256 numbers at equal steps: `offset + step * n`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
@@ -12,10 +10,10 @@ pub struct Grid {
 }
 
 /// Number of values from which the step is estimated.
-const SAMPLE: usize = 1 << 14;
+pub(super) const SAMPLE: usize = 1 << 14;
 
 /// Stride between sampled values: a prime, so that no pattern in a file hides a step.
-const SCATTER: u64 = 2_654_435_761;
+pub(super) const SCATTER: u64 = 2_654_435_761;
 
 /// Most steps in the smallest gap between the values of a file: .spz rounds coefficients to 8 or 16 steps, and clamps
 /// the last at 255.
@@ -25,55 +23,13 @@ const MOST_STEPS: u32 = 16;
 const ROUNDING: f64 = 1e-6;
 
 impl Grid {
-    /// The grid of every column on which all of its values lie, if each column has one. `values(row, column)` returns
-    /// the values of a row in a column. All columns, at most 32, are searched together: reading the rows takes longer
-    /// than to compare them.
-    pub fn of_columns<const N: usize>(
-        rows: usize,
-        columns: usize,
-        values: impl Fn(usize, usize) -> [f64; N] + Sync,
-    ) -> Option<Vec<Self>> {
-        if rows == 0 {
-            return None;
-        }
-        let sampled = |column| sample(rows * N, |i| values(i / N, column)[i % N]);
-        let samples: Vec<Vec<f64>> = (0..columns).into_par_iter().map(sampled).collect::<Option<_>>()?;
-        let all = || (0..rows).into_par_iter().with_min_len(1 << 12);
-        let lower = |mut least: Vec<f64>, row: usize| {
-            least
-                .iter_mut()
-                .enumerate()
-                .for_each(|(c, least)| *least = values(row, c).into_iter().fold(*least, f64::min));
-            least
-        };
-        let infinite = || vec![f64::INFINITY; columns];
-        let lower_each = |a: Vec<f64>, b: Vec<f64>| a.into_iter().zip(b).map(|(a, b)| a.min(b)).collect();
-        let least = all().fold(infinite, lower).reduce(infinite, lower_each);
-        let mut candidates: Vec<_> = samples.iter().zip(least).map(|(sample, least)| likely(sample, least)).collect();
-        let mut grids: Vec<Self> = candidates.iter_mut().map(Iterator::next).collect::<Option<_>>()?;
-        loop {
-            let steps: Vec<Steps> = grids.iter().map(|grid| Steps::of(*grid)).collect();
-            let is_off = |row: usize, c: usize| !values(row, c).into_iter().fold(true, |all, v| all & steps[c].hold(v));
-            let off_in = |row: usize| (0..columns).fold(0_u32, |off, c| off | u32::from(is_off(row, c)) << c);
-            let off = all().map(off_in).reduce(|| 0, |a, b| a | b);
-            if off == 0 {
-                return Some(grids);
-            }
-            for column in (0..columns).filter(|column| off >> column & 1 == 1) {
-                grids[column] = candidates[column].next()?;
-            }
-        }
-    }
+    /// The grid of values that are not stored on one.
+    pub const UNUSED: Self = Self { offset: 0.0, step: 1.0 };
 
-    /// The grid that spans the finite `values`; any grid if there are none.
-    pub fn spanning(values: impl ParallelIterator<Item = f64>) -> Self {
-        let empty = (f64::INFINITY, f64::NEG_INFINITY);
-        let (low, high) = values
-            .filter(|v| v.is_finite())
-            .fold(|| empty, |(low, high), v| (low.min(v), high.max(v)))
-            .reduce(|| empty, |a, b| (a.0.min(b.0), a.1.max(b.1)));
+    /// The grid that spans the values from `low` to `high`; any grid if there are none, which `low > high` says.
+    pub fn spanning([low, high]: [f64; 2]) -> Self {
         if low > high {
-            return Self { offset: 0.0, step: 1.0 };
+            return Self::UNUSED;
         }
         Self { offset: low as f32, step: (((high - low) / 255.0) as f32).max(f32::MIN_POSITIVE) }
     }
@@ -92,23 +48,8 @@ impl Grid {
     }
 }
 
-/// The different ones of at most [`SAMPLE`] of `values(0..count)`, ascending; `None` if there are more than 256.
-fn sample(count: usize, values: impl Fn(usize) -> f64) -> Option<Vec<f64>> {
-    let mut sample: Vec<f64> = Vec::new();
-    for i in 0..SAMPLE.min(count) {
-        let value = values((i as u64 * SCATTER % count as u64) as usize) + 0.0; // -0 is 0
-        if let Err(place) = sample.binary_search_by(|v| v.total_cmp(&value)) {
-            sample.insert(place, value);
-        }
-        if sample.len() > 256 {
-            return None;
-        }
-    }
-    Some(sample)
-}
-
 /// The grids from `least` on that hold a whole sample, the coarsest first.
-fn likely(sample: &[f64], least: f64) -> impl Iterator<Item = Grid> {
+pub(super) fn likely(sample: &[f64], least: f64) -> impl Iterator<Item = Grid> {
     let (first, last) = (sample[0], sample[sample.len() - 1]);
     let gap = sample.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
     // The smallest gap may be several steps, and rounding affects it. The whole span is relatively exact: it is divided
@@ -125,19 +66,19 @@ fn likely(sample: &[f64], least: f64) -> impl Iterator<Item = Grid> {
 }
 
 /// A grid in f64, to compare many values with it.
-struct Steps {
+pub(super) struct Steps {
     offset: f64,
     step: f64,
     steps_per_unit: f64,
 }
 
 impl Steps {
-    fn of(Grid { offset, step }: Grid) -> Self {
+    pub fn of(Grid { offset, step }: Grid) -> Self {
         Self { offset: offset.into(), step: step.into(), steps_per_unit: 1.0 / f64::from(step) }
     }
 
     /// True if a value lies on the grid. Which of two steps is nearest to a value in their middle does not matter.
-    fn hold(&self, value: f64) -> bool {
+    pub fn hold(&self, value: f64) -> bool {
         let number = ((value - self.offset) * self.steps_per_unit + 0.5).clamp(0.0, 255.0) as i32;
         let off = (self.offset + self.step * f64::from(number) - value).abs();
         off <= ROUNDING * value.abs().max(1.0)
@@ -192,9 +133,9 @@ mod tests {
 
     #[test]
     fn a_spanning_grid_is_half_a_step_off_at_most() {
-        let values = [-3.0, 0.1, 0.2, 7.5, f64::NEG_INFINITY];
-        let grid = Grid::spanning(values.into_par_iter());
-        for value in &values[..4] {
+        let values = [-3.0, 0.1, 0.2, 7.5];
+        let grid = Grid::spanning([-3.0, 7.5]);
+        for value in &values {
             let error = (f64::from(grid.decode(grid.encode(*value))) - value).abs();
             assert!(error <= 0.5 * f64::from(grid.step) + 1e-6, "{value}: {error}");
         }

@@ -3,6 +3,7 @@
 mod beside;
 mod bounds;
 mod canonical;
+mod columns;
 mod edit;
 mod gaussians;
 mod gltf;
@@ -37,7 +38,7 @@ pub use loaded::{Level, LoadReport, NoLevel, Scene, Unreadable};
 pub use loss::Loss;
 pub use procedural::Procedural;
 pub use reading::{Reading, in_folder, read};
-pub use requirements::{Band, Requirements, bands};
+pub use requirements::{Band, Colours, Requirements, SUMMED, StoredValues, bands};
 pub use rotation::{decode_rotation, encode_rotation};
 pub use transform::Transform;
 pub use watch::{Cancelled, Watch};

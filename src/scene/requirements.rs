@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use rayon::prelude::*;
 
+use super::columns::Columns;
 use super::rotation::{SAME, decode_rotation, encode_rotation, rotation_error};
 use super::{Gaussians, Grid, MAX_SH_DEGREE, harmonics, sh_coefficients};
 
@@ -32,35 +33,120 @@ pub struct Band {
     pub rms: f64,
 }
 
+/// Gaussians whose colours are added up one after another: the sum does not depend on threads or blocks.
+pub const SUMMED: usize = 1 << 12;
+
+/// What the colours of some Gaussians demand.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Colours {
+    /// The largest bounds, and the sums of the mean squares.
+    bands: [Band; MAX_SH_DEGREE as usize + 1],
+    brightest: f64,
+}
+
+impl Colours {
+    /// Adds a Gaussian. Returns the bounds of the degrees of each channel.
+    pub fn add(&mut self, sh: &[[f32; 3]]) -> [[f64; MAX_SH_DEGREE as usize + 1]; 3] {
+        [0, 1, 2].map(|channel| {
+            let (bands, brightest) = of_channel(sh, channel);
+            *self = self.and(&Self { bands, brightest });
+            bands.map(|band| band.bound)
+        })
+    }
+
+    /// Both together. The sums are added in this order.
+    #[must_use]
+    pub fn and(&self, other: &Self) -> Self {
+        let both = |l: usize| {
+            let (a, b) = (self.bands[l], other.bands[l]);
+            Band { bound: a.bound.max(b.bound), rms: a.rms + b.rms }
+        };
+        Self { bands: std::array::from_fn(both), brightest: self.brightest.max(other.brightest) }
+    }
+
+    /// The highest SH degree with a coefficient that is not zero.
+    fn sh_degree(&self) -> u32 {
+        (0..=MAX_SH_DEGREE).rev().find(|l| self.bands[*l as usize].bound > 0.0).unwrap_or(0)
+    }
+}
+
 impl Requirements {
     /// Computes the statistics of a scene.
     pub fn of(gaussians: &Gaussians) -> Self {
-        let all = (0..gaussians.len()).into_par_iter().with_min_len(4096);
-        let none = || ([Band::default(); 4], 0.0_f64);
-        let larger = |(mut a, brightest): ([Band; 4], f64), (b, other): ([Band; 4], f64)| {
-            for (sum, band) in a.iter_mut().zip(b) {
-                *sum = Band { bound: sum.bound.max(band.bound), rms: sum.rms + band.rms };
-            }
-            (a, brightest.max(other))
-        };
-        let (mut bands, brightest) = all
-            .fold(none, |sum, index| {
-                let channels = (0..3).map(|channel| of_channel(gaussians.sh(index), channel));
-                channels.fold(sum, larger)
+        let mut values = StoredValues::new(gaussians.len(), gaussians.sh_degree());
+        values.add(gaussians);
+        let sums: Vec<Colours> = (0..gaussians.len().div_ceil(SUMMED))
+            .into_par_iter()
+            .map(|part| {
+                let mut colours = Colours::default();
+                let range = part * SUMMED..gaussians.len().min((part + 1) * SUMMED);
+                range.for_each(|index| _ = colours.add(gaussians.sh(index)));
+                colours
             })
-            .reduce(none, larger);
-        for band in &mut bands {
-            band.rms = (band.rms / (3 * gaussians.len().max(1)) as f64).sqrt();
-        }
-        let sh_degree = (0..=gaussians.sh_degree()).rev().find(|l| bands[*l as usize].bound > 0.0).unwrap_or(0);
+            .collect();
+        let colours = sums.iter().fold(Colours::default(), |sum, part| sum.and(part));
+        Self::from_parts(&colours, gaussians.len(), &values)
+    }
+
+    /// The requirements of `count` Gaussians with these colours and values.
+    pub fn from_parts(colours: &Colours, count: usize, values: &StoredValues) -> Self {
+        let sh_degree = colours.sh_degree();
+        let rms = |sum: f64| (sum / (3 * count.max(1)) as f64).sqrt();
         Self {
             sh_degree,
-            bands,
-            brightest,
-            sh_grids: sh_grids(gaussians, sh_degree),
-            scale_grid: scale_grid(gaussians),
+            bands: colours.bands.map(|band| Band { rms: rms(band.rms), ..band }),
+            brightest: colours.brightest,
+            sh_grids: values.sh_grids(sh_degree),
+            scale_grid: values.scale_grid(),
         }
     }
+}
+
+/// The values of Gaussians that come in blocks, as far as they may be on grids.
+#[derive(Clone, Debug)]
+pub struct StoredValues {
+    sh: Columns<3>,
+    scales: Columns<3>,
+    /// All opacities and rotations so far may have been in few bits.
+    are_few: bool,
+}
+
+impl StoredValues {
+    /// The values of a scene with `count` Gaussians.
+    pub fn new(count: usize, sh_degree: u32) -> Self {
+        let sh = Columns::new(count, sh_coefficients(sh_degree));
+        Self { sh, scales: Columns::new(count, 1), are_few: true }
+    }
+
+    /// Adds the next Gaussians.
+    pub fn add(&mut self, gaussians: &Gaussians) {
+        self.sh.add(gaussians.len(), |row, i| gaussians.sh(row)[i].map(f64::from));
+        self.scales.add(gaussians.len(), |row, _| gaussians.scales()[row].map(|s| f64::from(s).log2()));
+        if self.are_few && self.scales.may_have_grids() {
+            self.are_few = gaussians.opacities().par_iter().with_min_len(4096).all(is_on_bytes)
+                && gaussians.rotations().par_iter().with_min_len(4096).all(is_in_few_bits);
+        }
+    }
+
+    fn sh_grids(&self, degree: u32) -> Option<[Grid; sh_coefficients(MAX_SH_DEGREE)]> {
+        let mut grids = [Grid::UNUSED; sh_coefficients(MAX_SH_DEGREE)];
+        let coefficients = sh_coefficients(degree);
+        grids[..coefficients].copy_from_slice(&self.sh.grids(coefficients)?);
+        Some(grids)
+    }
+
+    fn scale_grid(&self) -> Option<Grid> {
+        self.scales.grids(1).filter(|_| self.are_few).map(|grids| grids[0])
+    }
+}
+
+fn is_on_bytes(opacity: &f32) -> bool {
+    let steps = f64::from(*opacity) * 255.0;
+    steps.round() >= 1.0 && (steps - steps.round()).abs() < 1e-4
+}
+
+fn is_in_few_bits(rotation: &[f32; 4]) -> bool {
+    rotation_error(decode_rotation(encode_rotation(*rotation)), *rotation) < SAME
 }
 
 /// For one channel of a Gaussian: per SH degree, the bound and the mean square of its part; and the bound of the
@@ -80,26 +166,6 @@ pub fn bands(coefficient: impl Fn(usize) -> f64) -> [f64; MAX_SH_DEGREE as usize
         let squares: f64 = (l * l..(l + 1) * (l + 1)).map(|i| coefficient(i).powi(2)).sum();
         (squares * (2 * l + 1) as f64 / (4.0 * PI)).sqrt()
     })
-}
-
-fn sh_grids(gaussians: &Gaussians, degree: u32) -> Option<[Grid; sh_coefficients(MAX_SH_DEGREE)]> {
-    let mut grids = [Grid { offset: 0.0, step: 1.0 }; sh_coefficients(MAX_SH_DEGREE)];
-    let coefficients = sh_coefficients(degree);
-    let found = Grid::of_columns(gaussians.len(), coefficients, |row, i| gaussians.sh(row)[i].map(f64::from))?;
-    grids[..coefficients].copy_from_slice(&found);
-    Some(grids)
-}
-
-fn scale_grid(gaussians: &Gaussians) -> Option<Grid> {
-    let on_bytes = |opacity: &f32| {
-        let steps = f64::from(*opacity) * 255.0;
-        steps.round() >= 1.0 && (steps - steps.round()).abs() < 1e-4
-    };
-    let few = |rotation: &[f32; 4]| rotation_error(decode_rotation(encode_rotation(*rotation)), *rotation) < SAME;
-    let grid = Grid::of_columns(gaussians.len(), 1, |row, _| gaussians.scales()[row].map(|s| f64::from(s).log2()))?[0];
-    let held = gaussians.opacities().par_iter().with_min_len(4096).all(on_bytes)
-        && gaussians.rotations().par_iter().with_min_len(4096).all(few);
-    held.then_some(grid)
 }
 
 #[cfg(test)]

@@ -8,7 +8,8 @@ use crate::measure::bench::Protocol;
 use crate::measure::trade::Study;
 use crate::options::{KNOBS, Options};
 use crate::rules::Background;
-use crate::scene::{Gaussians, Requirements};
+use crate::scene::Gaussians;
+use crate::storage::Statistics;
 
 /// The costs of knobs in one view.
 #[derive(Clone, Debug)]
@@ -43,7 +44,7 @@ fn turned(exact: &Options, options: &Options) -> Vec<(&'static str, Options)> {
 /// Measures every knob that `options` turn from the exact options with the same rules.
 pub fn costs(
     device: &Device,
-    scene: (&Gaussians, &Requirements),
+    scene: (&Gaussians, &Statistics),
     options: &Options,
     view: &Camera,
     background: Background,

@@ -8,9 +8,10 @@ use anyhow::Result;
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
-use crate::render::{Frame, GpuScene, Inspection, Layout, Path, Renderer};
+use crate::render::{Frame, GpuScene, Inspection, Path, Renderer};
 use crate::rules::Background;
-use crate::scene::{Gaussians, Requirements, Transform};
+use crate::scene::{Gaussians, Transform};
+use crate::storage::{Layout, Statistics};
 
 /// One of the two pictures that a window can show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,7 +34,7 @@ pub struct Drawn {
     pub plan: Plan,
     /// The parts joined, in world space.
     pub gaussians: Arc<Gaussians>,
-    pub needs: Arc<Requirements>,
+    pub statistics: Arc<Statistics>,
     pub scene: GpuScene,
     pub renderer: Renderer,
     /// Number of the build; tells this picture from one that it replaced.
@@ -66,19 +67,19 @@ impl Plan {
         generation: u64,
     ) -> Result<Drawn> {
         let reusable = reusable.filter(|old| old.plan.has_scene_of(&self));
-        let (gaussians, needs) = match &reusable {
-            Some(old) => (old.gaussians.clone(), old.needs.clone()),
+        let (gaussians, statistics) = match &reusable {
+            Some(old) => (old.gaussians.clone(), old.statistics.clone()),
             None => {
                 let gaussians = self.joined()?;
-                let needs = Arc::new(Requirements::of(&gaussians));
-                (gaussians, needs)
+                let statistics = Arc::new(Statistics::of(&gaussians));
+                (gaussians, statistics)
             }
         };
-        let layout = Layout::of(&gaussians, &needs, &self.options);
+        let layout = Layout::of(&statistics, &self.options);
         let same_threshold = |old: &Reusable| old.plan.options.rules.alpha_min == self.options.rules.alpha_min;
         let scene = match reusable.filter(|old| *old.scene.layout() == layout && same_threshold(old)) {
             Some(old) => old.scene,
-            None => GpuScene::with(device, &gaussians, &needs, &self.options)?,
+            None => GpuScene::with(device, &gaussians, &statistics, &self.options)?,
         };
         let mut renderer = Renderer::new(device, &self.options, &scene)?;
         let frame = renderer.render(view, background)?;
@@ -86,7 +87,7 @@ impl Plan {
         // Where the window looks into the picture, it does not wait for pipelines.
         renderer.prepare_portable()?;
         let inspection = Inspection::default();
-        Ok(Drawn { plan: self, gaussians, needs, scene, renderer, generation, frame, path, inspection })
+        Ok(Drawn { plan: self, gaussians, statistics, scene, renderer, generation, frame, path, inspection })
     }
 
     /// The parts, transformed, as one scene.
@@ -106,7 +107,7 @@ impl Plan {
 pub struct Reusable {
     plan: Plan,
     gaussians: Arc<Gaussians>,
-    needs: Arc<Requirements>,
+    statistics: Arc<Statistics>,
     scene: GpuScene,
 }
 
@@ -115,7 +116,7 @@ impl Drawn {
         Reusable {
             plan: self.plan.clone(),
             gaussians: self.gaussians.clone(),
-            needs: self.needs.clone(),
+            statistics: self.statistics.clone(),
             scene: self.scene.clone(),
         }
     }

@@ -318,7 +318,7 @@ impl Session {
                 Request::Measure | Request::Choose => {
                     let Some(first) = &self.pair.first else { continue };
                     let (device, scene) =
-                        (self.screen.device().clone(), (first.gaussians.clone(), first.needs.clone()));
+                        (self.screen.device().clone(), (first.gaussians.clone(), first.statistics.clone()));
                     match request {
                         Request::Measure => self.viewer.start_measuring(device, scene),
                         _ => self.viewer.start_choosing(device, scene),

@@ -4,7 +4,7 @@ use crate::{code, sources};
 
 /// Every module of the crate, from the ground up, and the modules that it may use. `measure` is listed by its inner
 /// modules, which are modules of their own here.
-const EDGES: [(&str, &str); 15] = [
+const EDGES: [(&str, &str); 16] = [
     ("host_memory", ""),
     ("files", ""),
     ("rules", ""),
@@ -14,12 +14,19 @@ const EDGES: [(&str, &str); 15] = [
     ("pixels", "host_memory files"),
     ("gpu", "host_memory"),
     ("reference", "scene camera rules pixels"),
-    ("render", "host_memory gpu scene camera rules options pixels"),
+    ("storage", "host_memory files scene options rules"),
+    ("render", "host_memory gpu scene storage camera rules options pixels"),
     ("measure::metrics", "pixels"),
-    ("measure::bench", "files gpu render scene camera rules options pixels"),
+    ("measure::bench", "files gpu render scene storage camera rules options pixels"),
     ("measure::ladder", "files gpu render reference camera rules options pixels measure::bench measure::metrics"),
-    ("measure::trade", "files gpu render reference scene camera rules options pixels measure::bench measure::metrics"),
-    ("viewer", "host_memory gpu render reference scene camera rules options pixels measure::bench measure::trade"),
+    (
+        "measure::trade",
+        "files gpu render reference scene storage camera rules options pixels measure::bench measure::metrics",
+    ),
+    (
+        "viewer",
+        "host_memory gpu render reference scene storage camera rules options pixels measure::bench measure::trade",
+    ),
 ];
 
 /// Modules that may use every other.

@@ -8,9 +8,10 @@ use smalto::measure::metrics::{Difference, max_error};
 use smalto::measure::trade::{Budget, Choice, Grounds, Point, Study, Unmeetable, choose, mark_pareto};
 use smalto::options::{Options, Storage};
 use smalto::pixels::Pixels;
-use smalto::render::{self, Layout};
+use smalto::render::{self};
 use smalto::rules::{ALPHA_MIN, Background, Rules};
-use smalto::scene::{Focus, Gaussians, Procedural, Requirements};
+use smalto::scene::{Focus, Gaussians, Procedural};
+use smalto::storage::{Layout, Statistics};
 
 use super::trade::scene;
 
@@ -61,12 +62,12 @@ fn orbit(scene: &Gaussians, count: usize) -> Vec<Camera> {
 
 /// What is chosen for this budget from some views of the scene; and whether it holds on `others`.
 fn chosen(gpu: &Gpu, scene: &Gaussians, budget: Budget, others: &[Camera]) -> anyhow::Result<Choice> {
-    let needs = Requirements::of(scene);
+    let statistics = Statistics::of(scene);
     let views = orbit(scene, 4);
     let study = |views: &[Camera]| {
         let protocol = Protocol { warmup: 0, frames: 2 };
         let views = [views.to_vec(), views.to_vec()];
-        Study::new(&gpu.0, (scene, &needs), (Options::EXACT, Background::BLACK), views, protocol, &|_| {})
+        Study::new(&gpu.0, (scene, &statistics), (Options::EXACT, Background::BLACK), views, protocol, &|_| {})
     };
     let choice = choose(&study(&views)?, budget, &|_| {})?;
     println!("{}", choice.explain());
@@ -109,7 +110,7 @@ fn a_tight_budget_chooses_exact_or_is_refused() {
 fn proven_bounds_of_stop_degree_and_storage_hold_in_every_view() {
     let gpu = Gpu::new();
     let scene = scene();
-    let needs = Requirements::of(&scene);
+    let statistics = Statistics::of(&scene);
     let mut random = Random(7);
     let focus = Focus::of(&scene);
     let mut closest = 0.0_f64;
@@ -120,8 +121,8 @@ fn proven_bounds_of_stop_degree_and_storage_hold_in_every_view() {
         (0, Storage::U8, 0.03),
     ] {
         let options = Options { sh_degree, sh_storage, stop, ..Options::EXACT };
-        let colours = Layout::of(&scene, &needs, &options).colour_error(&scene);
-        let bound = colours + f64::from(stop) * needs.brightest.max(1.0);
+        let colours = Layout::of(&statistics, &options).colour_error(&scene);
+        let bound = colours + f64::from(stop) * statistics.requirements.brightest.max(1.0);
         for _ in 0..6 {
             let from = DVec3::from_array(std::array::from_fn(|_| random.between(-1.0, 1.0))).normalize();
             let from = DVec3::from(focus.centre) + from * focus.radius * random.between(0.5, 3.0);

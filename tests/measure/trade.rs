@@ -14,6 +14,7 @@ use smalto::options::Options;
 use smalto::pixels::Pixels;
 use smalto::rules::{Background, Rules};
 use smalto::scene::{Gaussians, Requirements, synthetic};
+use smalto::storage::Statistics;
 
 /// Little work, the same on every device.
 const QUICK: [&str; 10] =
@@ -176,11 +177,11 @@ fn a_budget_holds_for_the_background_of_the_picture() {
         (ball(mean, 0.5, 0.006), [0.0; 3])
     };
     let scene = gaussians(&(0..800).map(|_| haze()).collect::<Vec<_>>());
-    let (gpu, needs) = (Gpu::new(), Requirements::of(&scene));
+    let (gpu, statistics) = (Gpu::new(), Statistics::of(&scene));
     let white = Background::Colour([1.0; 3]);
     let views = [[ahead([32, 24], 30.0)].to_vec(), [ahead([32, 24], 30.0)].to_vec()];
     let protocol = Protocol { warmup: 0, frames: 1 };
-    let study = Study::new(&gpu.0, (&scene, &needs), (Options::EXACT, white), views, protocol, &|_| {}).unwrap();
+    let study = Study::new(&gpu.0, (&scene, &statistics), (Options::EXACT, white), views, protocol, &|_| {}).unwrap();
     let faint = Rules { alpha_min: 1.0 / 64.0, ..Rules::TRAINED };
     let error = study.from_exact(&Options { rules: faint, ..Options::EXACT }).unwrap().max_error;
     assert!(error > 0.2, "what a threshold takes from the haze is white: {error}");

@@ -8,7 +8,8 @@ use smalto::pixels::Pixels;
 use smalto::reference;
 use smalto::render::{GpuScene, Path, Renderer};
 use smalto::rules::{Background, Footprint, Rules};
-use smalto::scene::{Gaussians, Raw, Requirements, synthetic};
+use smalto::scene::{Gaussians, Raw, synthetic};
+use smalto::storage::Statistics;
 
 /// What is left out in ways that a certificate is for, beside nothing more than the rules do.
 fn settings() -> Vec<(&'static str, Options)> {
@@ -25,8 +26,8 @@ fn settings() -> Vec<(&'static str, Options)> {
 }
 
 fn certified(gpu: &Gpu, scene: &Gaussians, camera: &Camera, options: &Options, background: Background) -> [Pixels; 2] {
-    let needs = Requirements::of(scene);
-    let gpu_scene = GpuScene::certifiable(&gpu.0, scene, &needs, options).unwrap();
+    let statistics = Statistics::of(scene);
+    let gpu_scene = GpuScene::certifiable(&gpu.0, scene, &statistics, options).unwrap();
     let mut still = Renderer::certified(&gpu.0, options, &gpu_scene).unwrap();
     still.render(camera, background).unwrap();
     [still.pixels().unwrap(), still.certificate().unwrap().unwrap()]

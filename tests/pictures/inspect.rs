@@ -13,7 +13,8 @@ use smalto::pixels::Pixels;
 use smalto::reference::{self, Tiling};
 use smalto::render::{Attribute, GpuScene, Inspection, Look, Renderer, Work};
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Gaussians, Raw, Requirements, synthetic};
+use smalto::scene::{Gaussians, Raw, synthetic};
+use smalto::storage::Statistics;
 
 const RULES: &Rules = &Rules::TRAINED;
 
@@ -85,7 +86,7 @@ fn inspect_counts_the_work_of_a_pixel() {
 }
 
 #[test]
-#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+#[ignore = "statistics the captured scenes (SMALTO_TEST_SCENES)"]
 fn inspect_counts_the_work_of_a_pixel_in_a_captured_scene() {
     check_counts_of_pixels(&captured_case(), [false]);
 }
@@ -128,7 +129,7 @@ fn tile_load_is_the_length_of_the_reference_list() {
 }
 
 #[test]
-#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+#[ignore = "statistics the captured scenes (SMALTO_TEST_SCENES)"]
 fn tile_load_is_the_length_of_the_reference_list_in_a_captured_scene() {
     check_tile_load(&captured_case());
 }
@@ -207,7 +208,7 @@ fn culling_can_be_frozen_from_another_view() {
 }
 
 #[test]
-#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
+#[ignore = "statistics the captured scenes (SMALTO_TEST_SCENES)"]
 fn culling_can_be_frozen_from_another_view_in_a_captured_scene() {
     check_frozen_culling(&captured_case());
 }
@@ -343,7 +344,7 @@ fn without_inspection_the_frame_is_unchanged() {
 fn a_certified_picture_is_not_inspected() {
     let gpu = Gpu::new();
     let scene = gaussians(&[(ball([0.0, 0.0, 5.0], 0.2, 0.5), RED)]);
-    let certifiable = GpuScene::certifiable(&gpu.0, &scene, &Requirements::of(&scene), &Options::EXACT).unwrap();
+    let certifiable = GpuScene::certifiable(&gpu.0, &scene, &Statistics::of(&scene), &Options::EXACT).unwrap();
     let mut still = Renderer::certified(&gpu.0, &Options::EXACT, &certifiable).unwrap();
     still.set_inspection(Inspection::default()).unwrap();
     assert!(still.set_inspection(look(Look::Work(Work::Centres))).is_err());

@@ -3,9 +3,9 @@
 use smalto::measure::metrics::Difference;
 use smalto::options::{Options, Storage};
 use smalto::reference;
-use smalto::render::Layout;
 use smalto::rules::{Background, Rules};
 use smalto::scene::Requirements;
+use smalto::storage::{Layout, Statistics};
 
 use crate::common::agree::{ball, logit};
 use crate::common::cloud::{camera, cloud};
@@ -134,7 +134,7 @@ fn sixteen_bits_hold_scales_over_63_octaves() {
     for (octaves, storage) in [(28, Storage::F16), (36, Storage::F16), (63, Storage::F16), (65, Storage::F32)] {
         let ball = |log2: f64| Free { raw: ball([0.0, 0.0, 5.0], log2.exp2(), 0.123), sh: vec![[0.3; 3]] };
         let scene = build(&[ball(20.0), ball(20.0 - f64::from(octaves))], 0);
-        let layout = Layout::of(&scene, &Requirements::of(&scene), &Options::BALANCED);
+        let layout = Layout::of(&Statistics::of(&scene), &Options::BALANCED);
         assert_eq!(layout.shape.storage, storage, "{octaves} octaves");
     }
 }

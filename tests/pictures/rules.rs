@@ -12,7 +12,8 @@ use smalto::pixels::Pixels;
 use smalto::reference::{self, Rendering};
 use smalto::render::{GpuScene, Renderer};
 use smalto::rules::{Background, Footprint, Order, Rules, TILE};
-use smalto::scene::{Gaussians, Raw, Requirements};
+use smalto::scene::{Gaussians, Raw};
+use smalto::storage::Statistics;
 
 /// dB of a picture in which one splat's row or column of tiles is cut elsewhere: a square ends where a radius is
 /// rounded up and a border down, both of which f32 may decide the other way. None does on lavapipe.
@@ -113,7 +114,7 @@ fn complete_and_trained_pictures_differ_by_less_than_the_certificate() {
     let scene = scene();
     let (trained, complete) = (Rules::TRAINED, Rules::TRAINED.complete());
     let [trained, complete] = [trained, complete].map(|rules| reference_by(&rules, &scene));
-    let gpu_scene = GpuScene::certifiable(&gpu.0, &scene, &Requirements::of(&scene), &Options::EXACT).unwrap();
+    let gpu_scene = GpuScene::certifiable(&gpu.0, &scene, &Statistics::of(&scene), &Options::EXACT).unwrap();
     let mut still = Renderer::certified(&gpu.0, &Options::EXACT, &gpu_scene).unwrap();
     still.render(&camera(), Background::BLACK).unwrap();
     let certificate = still.certificate().unwrap().unwrap();

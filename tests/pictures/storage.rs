@@ -11,16 +11,16 @@ use smalto::measure::metrics::psnr;
 use smalto::options::{Options, Storage};
 use smalto::pixels::Pixels;
 use smalto::reference;
-use smalto::render::Layout;
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Gaussians, Raw, Requirements, decode_rotation, encode_rotation, synthetic};
+use smalto::scene::{Gaussians, Raw, decode_rotation, encode_rotation, synthetic};
+use smalto::storage::{Layout, Statistics};
 
 /// dB of a scene that lies on 8-bit grids, kept in 8 bits, to the same in 32-bit floats: a grid gives back what
 /// arithmetic in f32 makes of it.
 const LOSSLESS_PSNR: f64 = 110.0;
 
 fn layout(scene: &Gaussians, options: &Options) -> Layout {
-    Layout::of(scene, &Requirements::of(scene), options)
+    Layout::of(&Statistics::of(scene), options)
 }
 
 /// Fails where a pixel is farther from the reference than storage may change it, besides rounding and doubt; returns

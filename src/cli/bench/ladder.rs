@@ -32,7 +32,7 @@ pub(super) fn run(args: &Args, bench: &Bench, cameras: &Cameras) -> Result<()> {
         let scene = Loaded::read(&scene, args.reading, device)?;
         let (views, nearest) = cameras.views(&scene.gaussians, size, args.frames());
         let options = args.knobs.options(&Options::EXACT, scene.is_antialiased, nearest);
-        let gpu = GpuScene::with(device, &scene.gaussians, &scene.requirements, &options)?;
+        let gpu = GpuScene::with(device, &scene.gaussians, &scene.statistics, &options)?;
         let bar = progress::Bar::new(format!("{} ladder", scene.report.name));
         let climb = ladder::climb(bench, &scene.report, &gpu, &options, &views, &|done| bar.set(done))?;
         drop(bar);

@@ -23,7 +23,8 @@ use crate::options::Options;
 use crate::reference;
 use crate::render::{GpuScene, Renderer};
 use crate::rules::{Background, Rules};
-use crate::scene::{Gaussians, Requirements, Scene, Unreadable};
+use crate::scene::{Gaussians, Scene, Unreadable};
+use crate::storage::Statistics;
 pub(super) use views::{CameraPath, Cameras, PATHS};
 
 /// Measure the speed of rendering: whole frames, every stage, counts, memory
@@ -147,7 +148,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
             if let Some(why) = options.uncertifiable().filter(|_| args.certificate) {
                 return Err(Usage(format!("--certificate: {why}")).into());
             }
-            let gpu = GpuScene::with(&device, &scene.gaussians, &scene.requirements, &options)?;
+            let gpu = GpuScene::with(&device, &scene.gaussians, &scene.statistics, &options)?;
             let subject = Subject::new(&scene.report, preset, &options, &views);
             let before = baseline.as_ref().map(|b| b.run_of(&subject)).transpose().map_err(foreign)?;
             let bar = progress::Bar::new(subject.title());
@@ -163,7 +164,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 run.certified_error = Some(certified_error(&device, &scene, &views, &options)?);
             }
             if devices.len() > 1 {
-                let scene = (&scene.gaussians, &scene.requirements);
+                let scene = (&scene.gaussians, &scene.statistics);
                 run.together = Some(bench::together(&devices, scene, &options, &views)?);
             }
             table::print_run(&run, args.check)?;
@@ -194,7 +195,7 @@ struct Loaded {
     report: SceneReport,
     gaussians: Gaussians,
     is_antialiased: bool,
-    requirements: Requirements,
+    statistics: Statistics,
 }
 
 impl Loaded {
@@ -202,8 +203,8 @@ impl Loaded {
         let scene = SceneArg { scene: path.to_owned(), reading };
         let Scene { gaussians, is_antialiased, .. } = scene.read_for(Some(device))?;
         ensure!(!gaussians.is_empty(), "{}: the scene has no Gaussians", scene.title());
-        let (report, requirements) = (SceneReport::of(scene.title(), &gaussians), Requirements::of(&gaussians));
-        Ok(Self { report, gaussians, is_antialiased, requirements })
+        let (report, statistics) = (SceneReport::of(scene.title(), &gaussians), Statistics::of(&gaussians));
+        Ok(Self { report, gaussians, is_antialiased, statistics })
     }
 }
 
@@ -241,7 +242,7 @@ fn accuracy(
 
 /// The largest certified bound of any pixel of any view.
 fn certified_error(device: &Device, scene: &Loaded, views: &[Camera], options: &Options) -> Result<f32> {
-    let gpu = GpuScene::certifiable(device, &scene.gaussians, &scene.requirements, options)?;
+    let gpu = GpuScene::certifiable(device, &scene.gaussians, &scene.statistics, options)?;
     let mut renderer = Renderer::certified(device, options, &gpu)?;
     let mut largest = 0.0_f32;
     for view in views {

@@ -17,7 +17,8 @@ use crate::gpu::{Commands, Device, DeviceLost};
 use crate::options::Options;
 use crate::pixels::Integers;
 use crate::render::{Finished, Form, GpuScene, HostFrame, Inspection, Renderer, Stream, Streamed, Wanted};
-use crate::scene::{Gaussians, Requirements};
+use crate::scene::Gaussians;
+use crate::storage::Statistics;
 
 /// Views that are submitted to a device and not waited for: one is drawn while the pixels of the one before are copied.
 const IN_FLIGHT: usize = 3;
@@ -48,7 +49,7 @@ pub(super) struct Run<'p> {
 }
 
 /// The scene on its way to the devices. The last of them frees it.
-pub(super) type Upload = (Arc<Gaussians>, Arc<Requirements>);
+pub(super) type Upload = (Arc<Gaussians>, Arc<Statistics>);
 
 /// One device at work.
 struct Worker<'r, 'p> {
@@ -137,14 +138,14 @@ impl<'r, 'p> Worker<'r, 'p> {
     fn new(
         run: &'r Run<'p>,
         (number, device): (usize, &Device),
-        (gaussians, needs): Upload,
+        (gaussians, statistics): Upload,
         jobs: Sender<Job<'p>>,
     ) -> Result<Self> {
         // The phases of the start are those of the first device.
         let start = (number == 0).then_some(&run.args.start);
         let certifies = run.args.certificate.is_some();
         let upload = if certifies { GpuScene::certifiable } else { GpuScene::with };
-        let gpu_scene = upload(device, &gaussians, &needs, &run.options)?;
+        let gpu_scene = upload(device, &gaussians, &statistics, &run.options)?;
         // Returning the memory of a large scene takes the system long.
         rayon::spawn(move || drop(gaussians));
         start.inspect(|start| start.end("upload"));

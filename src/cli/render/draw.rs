@@ -24,7 +24,8 @@ use crate::measure::bench::frame_ms;
 use crate::options::Options;
 use crate::reference;
 use crate::render::{Frame, Path};
-use crate::scene::{Gaussians, Requirements, Scene};
+use crate::scene::{Gaussians, Scene};
+use crate::storage::Statistics;
 
 /// The files of a view that are not complete yet: those of the picture, and those of depths and counts.
 fn outputs_left<'p>(shot: &'p Shot, record: &Record) -> [Vec<&'p Output>; 2] {
@@ -75,11 +76,12 @@ pub(super) fn by_gpu(
     scene: Scene,
     (exact, options): (Options, Options),
 ) -> Result<(Options, Vec<FrameReport>)> {
-    let (gaussians, needs) = (&scene.gaussians, Requirements::of(&scene.gaussians));
+    let (gaussians, statistics) = (&scene.gaussians, Statistics::of(&scene.gaussians));
     let views: Vec<_> = plan.shots.iter().map(|shot| shot.camera.clone()).collect();
-    let options = args.budget.choose(&devices[0], (gaussians, &needs), &views, (exact, args.background), options)?;
+    let options =
+        args.budget.choose(&devices[0], (gaussians, &statistics), &views, (exact, args.background), options)?;
     if let Some(layer) = plan.outputs.depths().next().filter(|_| options.scale != 1.0) {
-        return Err(Usage(format!("--layers {} needs --scale 1", layer.name())).into());
+        return Err(Usage(format!("--layers {} statistics --scale 1", layer.name())).into());
     }
     let record = Record::begin(args, plan, gaussians, &options, Some(&names_of(devices)))?;
     let tasks = plan.shots.iter().enumerate().map(|(number, shot)| {
@@ -96,7 +98,7 @@ pub(super) fn by_gpu(
     let (total, bar) = (tasks.len(), Bar::new("rendering"));
     let mut log = Log { args, record, video: None, frames: Vec::new(), total, bar, times: Spent::default() };
     let run = Run::new(args, options, tasks, devices, encoders);
-    let upload = (Arc::new(scene.gaussians), Arc::new(needs));
+    let upload = (Arc::new(scene.gaussians), Arc::new(statistics));
     let frames = match &plan.video {
         None => draw(&run, devices, upload, encoders, log)?,
         Some(video) => video.write(|encoder| {

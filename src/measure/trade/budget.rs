@@ -13,9 +13,9 @@ use crate::gpu::Device;
 use crate::measure::bench::Protocol;
 use crate::measure::metrics::Difference;
 use crate::options::{Options, Storage};
-use crate::render::Layout;
 use crate::rules::{Background, Rules};
-use crate::scene::{Gaussians, Requirements};
+use crate::scene::Gaussians;
+use crate::storage::{Layout, Statistics};
 
 /// Largest error of the pictures against the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -116,7 +116,7 @@ const ORACLE_PART: f64 = 0.2;
 /// [`Unmeetable`] if not even the exact options stay within the budget.
 pub fn choose_for(
     device: &Device,
-    scene: (&Gaussians, &Requirements),
+    scene: (&Gaussians, &Statistics),
     (exact, background): (Options, Background),
     views: &[Camera],
     budget: Budget,
@@ -203,7 +203,7 @@ pub fn choose(study: &Study, budget: Budget, progress: &dyn Fn(f64)) -> Result<C
 
 /// Upper bound of the colours behind a splat: the brightest colour of the scene, or a background up to 1.
 fn brightest(study: &Study) -> f64 {
-    study.needs.brightest.max(1.0)
+    study.statistics.requirements.brightest.max(1.0)
 }
 
 /// Options that differ from the exact ones only in stop, SH degree and SH storage, with the error bounds that
@@ -211,17 +211,17 @@ fn brightest(study: &Study) -> f64 {
 /// colours by at most itself.
 fn proven(study: &Study, left: f64) -> Vec<(String, Options, Option<f64>)> {
     let brightest = brightest(study);
-    let storages = if study.needs.sh_grids.is_some() {
+    let storages = if study.statistics.requirements.sh_grids.is_some() {
         vec![Storage::Lossless]
     } else {
         vec![Storage::Lossless, Storage::F16, Storage::U8]
     };
-    let degrees = 0..=study.needs.sh_degree;
+    let degrees = 0..=study.statistics.requirements.sh_degree;
     let kept = degrees.flat_map(|degree| storages.iter().map(move |storage| (degree, *storage)));
     let mut found = Vec::new();
     for (sh_degree, sh_storage) in kept {
         let options = Options { sh_degree, sh_storage, ..study.exact };
-        let colours = Layout::of(study.gaussians, study.needs, &options).colour_error(study.gaussians);
+        let colours = Layout::of(study.statistics, &options).colour_error(study.gaussians);
         let stop = ((left - colours) / brightest).min(1.0 / 32.0) as f32;
         if stop > 0.0 {
             let stop = stop.next_down();

@@ -31,7 +31,7 @@ fn settings(exact: &Options) -> Vec<(String, Options)> {
 pub fn certify(study: &Study, progress: &dyn Fn(f64)) -> Result<CertificateReport> {
     let mut settings: Vec<(Options, SettingReport)> =
         settings(&study.exact).into_iter().map(|(name, options)| (options, empty(&name))).collect();
-    let scene = GpuScene::certifiable(study.device, study.gaussians, study.needs, &study.exact)?;
+    let scene = GpuScene::certifiable(study.device, study.gaussians, study.statistics, &study.exact)?;
     for (done, view) in study.small_views.iter().enumerate() {
         progress(done as f64 / study.small_views.len() as f64);
         let complete = reference::render(study.gaussians, view, &study.rules().complete(), study.background);

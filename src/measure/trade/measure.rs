@@ -16,13 +16,14 @@ use crate::pixels::Pixels;
 use crate::reference;
 use crate::render::{Frame, GpuScene, Renderer};
 use crate::rules::{Background, Rules};
-use crate::scene::{Gaussians, Requirements};
+use crate::scene::Gaussians;
+use crate::storage;
 
 /// A scene, its views, and the pictures that others are compared with.
 pub struct Study<'a> {
     pub device: &'a Device,
     pub gaussians: &'a Gaussians,
-    pub needs: &'a Requirements,
+    pub statistics: &'a storage::Statistics,
     /// The exact options: the rules of the pictures, and every knob at its most exact step.
     pub exact: Options,
     /// The views at full size, at which time is measured.
@@ -52,7 +53,7 @@ impl<'a> Study<'a> {
     /// [`WarmUpLimits::BRIEF`].
     pub fn new(
         device: &'a Device,
-        (gaussians, needs): (&'a Gaussians, &'a Requirements),
+        (gaussians, statistics): (&'a Gaussians, &'a storage::Statistics),
         (exact, background): (Options, Background),
         [views, small_views]: [Vec<Camera>; 2],
         protocol: Protocol,
@@ -66,7 +67,7 @@ impl<'a> Study<'a> {
         let mut study = Self {
             device,
             gaussians,
-            needs,
+            statistics,
             exact,
             views,
             small_views,
@@ -123,7 +124,7 @@ impl<'a> Study<'a> {
         if scenes.len() == SCENES_KEPT {
             scenes.remove(0);
         }
-        let scene = Rc::new(GpuScene::with(self.device, self.gaussians, self.needs, options)?);
+        let scene = Rc::new(GpuScene::with(self.device, self.gaussians, self.statistics, options)?);
         scenes.push((key, scene.clone()));
         Ok(scene)
     }

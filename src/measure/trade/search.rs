@@ -45,7 +45,7 @@ fn decibels(mse: f64) -> f64 {
 
 /// `now` with each knob in turn moved to its next step that changes the picture.
 fn turns(now: &Options, study: &Study) -> Vec<(String, Options)> {
-    let held = held(study.needs);
+    let held = held(&study.statistics.requirements);
     let searched = KNOBS.iter().filter(|knob| knob.is_searched);
     let turn = |knob: &Knob| {
         let current = (knob.get)(now);

@@ -11,11 +11,11 @@ use crate::options::Options;
 use crate::pixels::{Depths, Pixels, Plane};
 use crate::render::constants::shared;
 use crate::render::frame::{Shot, Target, tiles};
-use crate::render::layout::Layout;
 use crate::render::portable::{PortablePipeline, PortableWorkspace, chunks};
 use crate::render::shaders::inspect::*;
 use crate::render::shaders::{PortableDispatches, View};
 use crate::rules::Background;
+use crate::storage::Layout;
 
 /// The settings of an inspection. The default is an ordinary frame and costs no more than one.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -15,10 +15,10 @@ use crate::render::frame::{
     DepthKeys, Shot, SubgroupLimits, Target, Variation, footprint_code, tile_bits, tiles, view,
 };
 use crate::render::gpu_scene::GpuScene;
-use crate::render::layout::Layout;
 use crate::render::shaders::portable::*;
 use crate::render::shaders::{PortableDispatches, Splat, Totals, View};
 use crate::rules::{Footprint, LISTED_ALPHA, Order};
+use crate::storage::Layout;
 
 /// The stages of a portable frame, built for one set of options and one layout of a scene.
 pub struct PortablePipeline {

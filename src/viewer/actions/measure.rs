@@ -5,7 +5,8 @@ use std::sync::Arc;
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::measure::trade::{Budget, choose_for, spread};
-use crate::scene::{Gaussians, Requirements};
+use crate::scene::Gaussians;
+use crate::storage::Statistics;
 use crate::viewer::jobs::JobEvent;
 use crate::viewer::measuring::costs;
 use crate::viewer::state::Viewer;
@@ -15,7 +16,7 @@ const BUDGET_CAMERAS: usize = 7;
 
 impl Viewer {
     /// Measures what the knobs cost in the current view, on another thread.
-    pub fn start_measuring(&mut self, device: Device, scene: (Arc<Gaussians>, Arc<Requirements>)) {
+    pub fn start_measuring(&mut self, device: Device, scene: (Arc<Gaussians>, Arc<Statistics>)) {
         let (options, view, background) = (self.options, self.view(), self.background);
         self.is_measuring = true;
         let work = move |_: &_| costs(&device, (&scene.0, &scene.1), &options, &view, background);
@@ -23,7 +24,7 @@ impl Viewer {
     }
 
     /// Chooses the fastest options within the budget, on another thread.
-    pub fn start_choosing(&mut self, device: Device, scene: (Arc<Gaussians>, Arc<Requirements>)) {
+    pub fn start_choosing(&mut self, device: Device, scene: (Arc<Gaussians>, Arc<Statistics>)) {
         let budget = match self.budget.is_psnr {
             true => Budget::MinPsnr(self.budget.min_psnr),
             false => Budget::MaxError(self.budget.max_error),

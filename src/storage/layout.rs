@@ -1,13 +1,13 @@
-//! The packing of a Gaussian's numbers into words for the GPU. `storage.glsl` unpacks them.
+//! The packing of a Gaussian's numbers into words, and their unpacking. `storage.glsl` unpacks them on the GPU.
 
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
+use super::halves::{finite_half, half, halves, joined, of_scale_code, scale_code, separated, upper_bits};
+use super::statistics::Statistics;
 use crate::options::{Options, Storage};
-use crate::render::shaders::Grids;
-use crate::render::shaders::shared::{STORED_F16, STORED_F32, STORED_U8};
-use crate::scene::{Gaussians, Grid, MAX_SH_DEGREE, Requirements, bands, encode_rotation, sh_coefficients};
+use crate::scene::{Gaussians, Grid, MAX_SH_DEGREE, bands, decode_rotation, encode_rotation, sh_coefficients};
 
 /// The SH degree and the number formats of a scene on the GPU: only those that the scene needs and the options allow.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,26 +59,20 @@ impl Packing {
             Storage::U8 => Self { storage: Storage::U8, is_lossless: fits_bytes },
         }
     }
-
-    /// The number that shaders know the format by.
-    pub(super) fn code(self) -> u32 {
-        match self.storage {
-            Storage::Lossless | Storage::F32 => STORED_F32,
-            Storage::F16 => STORED_F16,
-            Storage::U8 => STORED_U8,
-        }
-    }
 }
 
 impl Layout {
-    /// The layout of a scene with the requirements `needs` under these options.
-    pub fn of(gaussians: &Gaussians, needs: &Requirements, options: &Options) -> Self {
+    /// The layout of a scene with these statistics under these options.
+    pub fn of(statistics: &Statistics, options: &Options) -> Self {
+        let needs = &statistics.requirements;
         let sh_degree = needs.sh_degree.min(options.sh_degree);
-        let sh = Packing::of(options.sh_storage, needs.sh_grids.is_some());
+        let mut sh = Packing::of(options.sh_storage, needs.sh_grids.is_some());
+        if sh.storage == Storage::F16 && statistics.half_errors[sh_degree as usize] > MOST_STEPS / 255.0 {
+            sh = Packing::of(Storage::F32, false);
+        }
         // A logarithm in 8 bits cannot represent a scale of 0.
-        let is_flat = gaussians.scales().par_iter().with_min_len(1 << 14).any(|scale| scale.contains(&0.0));
-        let allowed = if is_flat { options.shape_storage.min(Storage::F16) } else { options.shape_storage };
-        let [smallest, largest] = scale_range(gaussians);
+        let allowed = if statistics.is_flat { options.shape_storage.min(Storage::F16) } else { options.shape_storage };
+        let [smallest, largest] = statistics.scales;
         let scale_base = upper_bits(largest).saturating_sub(u32::from(u16::MAX));
         // Scales over more than 63 octaves do not fit into 16 bits.
         let is_wide = smallest < largest && upper_bits(smallest) <= scale_base;
@@ -86,47 +80,29 @@ impl Layout {
         let is_bright = needs.brightest > F16_BRIGHT[0] || rms > F16_BRIGHT[1];
         let allowed = if (is_wide || is_bright) && allowed == Storage::F16 { Storage::Lossless } else { allowed };
         let shape = Packing::of(allowed, needs.scale_grid.is_some());
-        let sh_grids = needs.sh_grids.unwrap_or_else(|| match sh.storage {
-            Storage::U8 => std::array::from_fn(|i| spanning_coefficient(gaussians, sh_degree, i)),
-            _ => [UNUSED; sh_coefficients(MAX_SH_DEGREE)],
-        });
-        let logarithms = || gaussians.scales().par_iter().flat_map_iter(|s| s.map(|s| f64::from(s).log2()));
+        let spanning = |i: usize| {
+            let is_kept = sh.storage == Storage::U8 && i < sh_coefficients(sh_degree);
+            if is_kept { Grid::spanning(statistics.sh[i].map(f64::from)) } else { Grid::UNUSED }
+        };
+        let sh_grids = needs.sh_grids.unwrap_or_else(|| std::array::from_fn(spanning));
         let scale_grid = needs.scale_grid.unwrap_or_else(|| match shape.storage {
-            Storage::U8 => Grid::spanning(logarithms()),
-            _ => UNUSED,
+            Storage::U8 if largest > 0.0 => Grid::spanning([smallest, largest].map(|scale| f64::from(scale).log2())),
+            _ => Grid::UNUSED,
         });
         // 1 % lower, because packing and rounding may increase an alpha.
-        let clamped = 0.99 * options.rules.alpha_max;
-        let has_clamped_alphas =
-            gaussians.opacities().par_iter().with_min_len(1 << 14).any(|opacity| *opacity > clamped);
-        let mut layout = Self {
-            sh_degree,
-            sh,
-            shape,
-            sh_grids,
-            scale_grid,
-            scale_base,
-            has_clamped_alphas,
-            brightest: needs.brightest,
-            is_bright,
-        };
-        // Rounding changes a value by at most 2^-11 of it, so few scenes need their coefficients examined.
-        let most = MOST_STEPS / 255.0;
-        let rounding = needs.bands.iter().map(|band| band.bound).sum::<f64>() / 2048.0;
-        if sh.storage == Storage::F16 && rounding > 0.99 * most && layout.packing_error(gaussians) > most {
-            layout.sh = Packing::of(Storage::F32, false);
-        }
-        layout
+        let has_clamped_alphas = statistics.highest_opacity > 0.99 * options.rules.alpha_max;
+        let brightest = needs.brightest;
+        Self { sh_degree, sh, shape, sh_grids, scale_grid, scale_base, has_clamped_alphas, brightest, is_bright }
     }
 
     /// The transmittance at which a pixel is finished: the options' stop, lower in bright scenes.
-    pub(super) fn stop(&self, options: &Options) -> f32 {
+    pub fn stop(&self, options: &Options) -> f32 {
         options.stop * (STOP_BRIGHT / self.brightest).min(1.0) as f32
     }
 
     /// True if the fast path stores the colours of splats as 16-bit floats: if the options allow that for the spherical
     /// harmonics and let pixels stop early, and no colour is so bright that rounding it shows.
-    pub(super) fn is_compact(&self, options: &Options) -> bool {
+    pub fn is_compact(&self, options: &Options) -> bool {
         let is_allowed = matches!(options.sh_storage, Storage::F16 | Storage::U8) && options.stop > 0.0;
         is_allowed && !self.is_bright
     }
@@ -138,23 +114,12 @@ impl Layout {
         if self.sh.is_lossless && self.sh_degree == gaussians.sh_degree() {
             return 0.0;
         }
-        self.change(gaussians, |value| value.into())
-    }
-
-    /// The part of [`colour_error`](Self::colour_error) that is due to the packing.
-    fn packing_error(&self, gaussians: &Gaussians) -> f64 {
-        self.change(gaussians, |_| 0.0)
-    }
-
-    /// As [`colour_error`](Self::colour_error), where a coefficient of a degree that is left out changes by
-    /// `left_out(value)`.
-    fn change(&self, gaussians: &Gaussians, left_out: impl Fn(f32) -> f64 + Sync) -> f64 {
         let kept = sh_coefficients(self.sh_degree);
         let of_gaussian = |index: usize| {
             let sh = gaussians.sh(index);
             let change = |i: usize, channel: usize| match sh.get(i) {
                 Some(value) if i < kept => f64::from(self.kept(i, value[channel])) - f64::from(value[channel]),
-                Some(value) => left_out(value[channel]),
+                Some(value) => value[channel].into(),
                 None => 0.0,
             };
             (0..3).map(|channel| bands(|i| change(i, channel)).iter().sum()).fold(0.0, f64::max)
@@ -182,7 +147,7 @@ impl Layout {
     }
 
     /// Words of spherical harmonics that a Gaussian takes.
-    pub(super) fn sh_words(&self) -> usize {
+    pub fn sh_words(&self) -> usize {
         let floats = 3 * sh_coefficients(self.sh_degree);
         match self.sh.storage {
             Storage::Lossless | Storage::F32 => floats,
@@ -192,7 +157,7 @@ impl Layout {
     }
 
     /// Words of rotation, scale and opacity that a Gaussian takes.
-    pub(super) fn shape_words(&self) -> usize {
+    pub fn shape_words(&self) -> usize {
         match self.shape.storage {
             Storage::Lossless | Storage::F32 => 8,
             Storage::F16 => 4,
@@ -201,7 +166,7 @@ impl Layout {
     }
 
     /// The words of the spherical harmonics `sh`, of which [`sh_words`](Self::sh_words) are stored.
-    pub(super) fn packed_sh(&self, sh: &[[f32; 3]]) -> [u32; MAX_FLOATS] {
+    pub fn packed_sh(&self, sh: &[[f32; 3]]) -> [u32; MAX_FLOATS] {
         let floats = sh[..sh_coefficients(self.sh_degree)].as_flattened();
         let mut words = [0; MAX_FLOATS];
         match self.sh.storage {
@@ -227,7 +192,7 @@ impl Layout {
     }
 
     /// Word `word` of Gaussian `index`'s rotation, scale and opacity.
-    pub(super) fn shape_word(&self, gaussians: &Gaussians, index: usize, word: usize) -> u32 {
+    pub fn shape_word(&self, gaussians: &Gaussians, index: usize, word: usize) -> u32 {
         let (q, scale, opacity) =
             (gaussians.rotations()[index], gaussians.scales()[index], gaussians.opacities()[index]);
         let [x, y, z] = scale;
@@ -247,7 +212,7 @@ impl Layout {
     }
 
     /// Scale and opacity of Gaussian `index` after packing and unpacking.
-    pub(super) fn kept_shape(&self, gaussians: &Gaussians, index: usize) -> ([f32; 3], f32) {
+    pub fn kept_shape(&self, gaussians: &Gaussians, index: usize) -> ([f32; 3], f32) {
         let (scale, opacity) = (gaussians.scales()[index], gaussians.opacities()[index]);
         let on_grid = |s: f32| self.scale_grid.decode(self.scale_grid.encode(f64::from(s).log2())).exp2();
         match self.shape.storage {
@@ -259,74 +224,103 @@ impl Layout {
         }
     }
 
-    /// The grids and the base that the shaders unpack with.
-    pub(super) fn grids(&self) -> Grids {
-        let pair = |grid: Grid| [grid.offset, grid.step];
-        Grids { sh: self.sh_grids.map(pair), log2_scale: pair(self.scale_grid), scale_base: self.scale_base as f32 }
+    /// The grids that 8-bit numbers are unpacked with: of each coefficient, and of the binary logarithms of scales.
+    pub fn grids(&self) -> ([Grid; sh_coefficients(MAX_SH_DEGREE)], Grid) {
+        (self.sh_grids, self.scale_grid)
     }
+
+    /// What is added to a 16-bit code of a scale.
+    pub fn scale_base(&self) -> u32 {
+        self.scale_base
+    }
+
+    /// The values of a Gaussian with these words of its shape and of its spherical harmonics, as the shaders unpack
+    /// them.
+    ///
+    /// # Panics
+    /// If there are fewer words than the layout has.
+    pub fn unpacked(&self, shape: &[u32], sh: &[u32]) -> Unpacked {
+        let (rotation, scale, opacity) = self.unpacked_shape(shape);
+        let mut all = [[0.0; 3]; sh_coefficients(MAX_SH_DEGREE)];
+        for (i, float) in all.as_flattened_mut()[..3 * sh_coefficients(self.sh_degree)].iter_mut().enumerate() {
+            *float = match self.sh.storage {
+                Storage::Lossless | Storage::F32 => f32::from_bits(sh[i]),
+                Storage::F16 => separated(sh[i / 2])[i % 2],
+                Storage::U8 => self.sh_grids[i / 3].decode(sh[i / 4].to_le_bytes()[i % 4]),
+            };
+        }
+        Unpacked { rotation, scale, opacity, sh: all }
+    }
+
+    /// The rotation, scale and opacity in the words of a shape.
+    ///
+    /// # Panics
+    /// If there are fewer words than the layout has.
+    pub fn unpacked_shape(&self, shape: &[u32]) -> ([f32; 4], [f32; 3], f32) {
+        match self.shape.storage {
+            Storage::Lossless | Storage::F32 => {
+                let float = |i: usize| f32::from_bits(shape[i]);
+                (std::array::from_fn(float), std::array::from_fn(|i| float(4 + i)), float(7))
+            }
+            Storage::F16 => {
+                let [[w, x], [y, z]] = [separated(shape[0]), separated(shape[1])];
+                let length = [w, x, y, z].iter().map(|v| v * v).sum::<f32>().sqrt();
+                let codes = [shape[2] & 0xffff, shape[2] >> 16, shape[3] & 0xffff];
+                let scale = codes.map(|code| of_scale_code(self.scale_base, code));
+                ([w, x, y, z].map(|v| v / length), scale, separated(shape[3])[1])
+            }
+            Storage::U8 => {
+                let [x, y, z, opacity] = shape[0].to_le_bytes();
+                let scale = [x, y, z].map(|number| self.scale_grid.decode(number).exp2());
+                (decode_rotation(shape[1]).map(|v| v as f32), scale, f32::from(opacity) / 255.0)
+            }
+        }
+    }
+}
+
+/// The values of a Gaussian that were packed into words. Spherical harmonics above the stored degree are 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Unpacked {
+    pub rotation: [f32; 4],
+    pub scale: [f32; 3],
+    pub opacity: f32,
+    pub sh: [[f32; 3]; sh_coefficients(MAX_SH_DEGREE)],
 }
 
 /// Most spherical harmonics of a Gaussian, of all channels.
-const MAX_FLOATS: usize = 3 * sh_coefficients(MAX_SH_DEGREE);
-
-const UNUSED: Grid = Grid { offset: 0.0, step: 1.0 };
-
-/// The grid of coefficient `i` that spans its values in all Gaussians.
-fn spanning_coefficient(gaussians: &Gaussians, degree: u32, i: usize) -> Grid {
-    if i >= sh_coefficients(degree) {
-        return UNUSED;
-    }
-    Grid::spanning((0..gaussians.len()).into_par_iter().flat_map_iter(|index| gaussians.sh(index)[i].map(f64::from)))
-}
-
-/// The smallest scale over 0 and the largest; both 0 if there is none.
-fn scale_range(gaussians: &Gaussians) -> [f32; 2] {
-    let none = || [f32::INFINITY, 0.0];
-    let wider = |[low, high]: [f32; 2], [l, h]: [f32; 2]| [low.min(l), high.max(h)];
-    let positive = gaussians.scales().as_flattened().par_iter().with_min_len(1 << 14).filter(|scale| **scale > 0.0);
-    let [low, high] = positive.map(|scale| [*scale; 2]).fold(none, wider).reduce(none, wider);
-    [low.min(high), high]
-}
-
-/// The exponent and the upper 10 bits of the mantissa of a float that is not negative, rounded to the nearest even
-/// finite value.
-fn upper_bits(value: f32) -> u32 {
-    let bits = value.to_bits();
-    ((bits + 0xfff + (bits >> 13 & 1)) >> 13).min(f32::MAX.to_bits() >> 13)
-}
-
-/// A scale in 16 bits without sign: 6 bits of exponent and 10 of mantissa, as precise as a 16-bit float over twice as
-/// many octaves. 0 stands for 0.
-fn scale_code(base: u32, scale: f32) -> u32 {
-    upper_bits(scale).saturating_sub(base)
-}
-
-/// The scale of a [`scale_code`].
-fn of_scale_code(base: u32, code: u32) -> f32 {
-    if code == 0 { 0.0 } else { f32::from_bits((code + base) << 13) }
-}
-
-/// The nearest value in the range of finite 16-bit floats.
-fn finite_half(value: f32) -> f32 {
-    const MOST: f32 = f16::MAX.to_f32_const();
-    value.clamp(-MOST, MOST)
-}
-
-/// The nearest finite 16-bit float.
-fn half(value: f32) -> f16 {
-    f16::from_f32(finite_half(value))
-}
+pub const MAX_FLOATS: usize = 3 * sh_coefficients(MAX_SH_DEGREE);
 
 /// An opacity in steps of 1/255, at least one step: nothing that is drawn becomes transparent.
 fn opacity_byte(opacity: f32) -> u8 {
     (opacity * 255.0).round().max(1.0) as u8
 }
 
-/// Two 16-bit floats in one word.
-fn halves(values: [f32; 2]) -> u32 {
-    joined(values.map(half))
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::synthetic;
 
-fn joined([low, high]: [f16; 2]) -> u32 {
-    u32::from(low.to_bits()) | u32::from(high.to_bits()) << 16
+    #[test]
+    fn what_is_packed_is_unpacked() {
+        let scene = synthetic::cactus(500).unwrap().gaussians;
+        let statistics = Statistics::of(&scene);
+        for storage in [Storage::Lossless, Storage::F16, Storage::U8] {
+            let options = Options { sh_storage: storage, shape_storage: storage, ..Options::EXACT };
+            let layout = Layout::of(&statistics, &options);
+            for index in 0..scene.len() {
+                let shape: Vec<u32> =
+                    (0..layout.shape_words()).map(|word| layout.shape_word(&scene, index, word)).collect();
+                let unpacked = layout.unpacked(&shape, &layout.packed_sh(scene.sh(index)));
+                assert_eq!((unpacked.scale, unpacked.opacity), layout.kept_shape(&scene, index), "{storage}");
+                for (i, value) in scene.sh(index).iter().enumerate() {
+                    assert_eq!(unpacked.sh[i], value.map(|v| layout.kept(i, v)), "{storage}");
+                }
+                let cosine: f32 = unpacked.rotation.iter().zip(scene.rotations()[index]).map(|(a, b)| a * b).sum();
+                assert!(cosine.abs() > 0.99999, "{storage}: {unpacked:?}");
+                if storage == Storage::Lossless {
+                    assert_eq!(unpacked.rotation, scene.rotations()[index]);
+                }
+            }
+        }
+    }
 }

@@ -1,0 +1,112 @@
+//! Planes of words: where the words of each Gaussian lie.
+
+use super::Layout;
+use crate::scene::Gaussians;
+
+/// Parts of all planes that hold the same Gaussians, with four words per element: one plane of bounds, and as many of
+/// shapes and of spherical harmonics as the layout needs. In a last plane with one or two words per Gaussian, four or
+/// two Gaussians share an element.
+pub struct Planes<'w> {
+    /// The bits of the mean, and the [`reach`].
+    pub bounds: &'w mut [[u32; 4]],
+    /// Rotation, scale, opacity.
+    pub shapes: Vec<&'w mut [[u32; 4]]>,
+    pub sh: Vec<&'w mut [[u32; 4]]>,
+}
+
+/// Number of Gaussians that share an element of plane `plane`, where each takes `words` words in all planes together.
+pub fn share(words: usize, plane: usize) -> usize {
+    match words - 4 * plane {
+        1 => 4,
+        2 => 2,
+        _ => 1,
+    }
+}
+
+/// Fills the planes: element `k` of the bounds is of Gaussian `index(k)`. Gaussians with alphas below `alpha_min` may
+/// be culled there.
+pub fn pack(
+    layout: &Layout,
+    alpha_min: f32,
+    gaussians: &Gaussians,
+    index: impl Fn(usize) -> usize,
+    planes: &mut Planes,
+) {
+    let Planes { bounds, shapes, sh } = planes;
+    // The last element may have room for more Gaussians.
+    shapes.iter_mut().chain(&mut *sh).filter_map(|plane| plane.last_mut()).for_each(|last| *last = [0; 4]);
+    for (k, element) in bounds.iter_mut().enumerate() {
+        let index = index(k);
+        let [x, y, z] = gaussians.means()[index].map(f32::to_bits);
+        let (scale, kept) = layout.kept_shape(gaussians, index);
+        // A Gaussian that is too faint to be drawn stays so.
+        let opacity = gaussians.opacities()[index];
+        let opacity = if opacity < alpha_min { opacity } else { kept };
+        *element = [x, y, z, reach(scale, opacity, alpha_min.into())];
+        put(shapes, k, layout.shape_words(), |word| layout.shape_word(gaussians, index, word));
+        let packed = layout.packed_sh(gaussians.sh(index));
+        put(sh, k, layout.sh_words(), |word| packed[word]);
+    }
+}
+
+/// Writes the words of Gaussian `k`, which has `words` in all planes together.
+fn put(planes: &mut [&mut [[u32; 4]]], k: usize, words: usize, word: impl Fn(usize) -> u32) {
+    for (number, plane) in planes.iter_mut().enumerate() {
+        let share = share(words, number);
+        let each = 4 / share;
+        for (i, place) in plane[k / share][k % share * each..][..each].iter_mut().enumerate() {
+            let wanted = 4 * number + i;
+            *place = if wanted < words { word(wanted) } else { 0 };
+        }
+    }
+}
+
+/// Reads the words of Gaussian `k` from planes of words, one after another, into `words`.
+pub fn take<'w>(planes: impl Iterator<Item = &'w [u32]>, k: usize, words: &mut [u32]) {
+    let count = words.len();
+    for (number, (plane, part)) in planes.zip(words.chunks_mut(4)).enumerate() {
+        let each = 4 / share(count, number);
+        part.iter_mut().zip(&plane[k * each..][..each]).for_each(|(to, from)| *to = *from);
+    }
+}
+
+/// Two bfloat16, rounded up. The lower half is the number of standard deviations from the mean at which alpha falls to
+/// `alpha_min`. The upper half is the same in world units along the longest axis, or -1 if alpha is lower everywhere.
+pub fn reach(scale: [f32; 3], opacity: f32, alpha_min: f64) -> u32 {
+    let opacity = f64::from(opacity);
+    if opacity < alpha_min {
+        return (-1.0_f32).to_bits();
+    }
+    let longest = f64::from(scale[0].max(scale[1]).max(scale[2]));
+    let deviations = (2.0 * (opacity / alpha_min).ln()).sqrt();
+    upper_half(deviations * longest) << 16 | upper_half(deviations)
+}
+
+/// The bits of the least bfloat16 that is not less than `value`, which is not negative.
+fn upper_half(value: f64) -> u32 {
+    let single = (value * (1.0 + 1e-6)) as f32;
+    single.to_bits().div_ceil(1 << 16)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rules::ALPHA_MIN;
+
+    #[test]
+    fn reach_is_rounded_up_and_hardly_more() {
+        for (scale, opacity) in [(1.0_f32, 1.0_f32), (1e-8, 0.5), (3.7e5, 0.004), (f32::MAX, 1.0)] {
+            let bits = reach([scale, 0.0, scale / 2.0], opacity, ALPHA_MIN.into());
+            let [world, deviations] = [bits & 0xffff_0000, bits << 16].map(|b| f64::from(f32::from_bits(b)));
+            let exact = (2.0 * (f64::from(opacity) / f64::from(ALPHA_MIN)).ln()).sqrt();
+            assert!(deviations >= exact && deviations <= exact * 1.01, "{opacity}: {deviations} for {exact}");
+            let exact = (exact * f64::from(scale)).min(f64::INFINITY);
+            assert!(
+                world >= exact && (world <= exact * 1.01 || world == f64::INFINITY),
+                "{scale}: {world} for {exact}"
+            );
+        }
+        assert!(f32::from_bits(reach([1.0; 3], 0.003, ALPHA_MIN.into()) & 0xffff_0000) < 0.0);
+        assert_eq!(reach([1.0; 3], ALPHA_MIN, ALPHA_MIN.into()) << 16, 0, "alpha 1/255 is at the mean alone");
+    }
+}
