@@ -80,6 +80,20 @@ pub struct Scene {
     pub levels: Vec<Level>,
 }
 
+impl Scene {
+    /// A procedural scene of this name.
+    pub(super) fn made(name: &str, gaussians: Gaussians, report: LoadReport) -> Self {
+        Self {
+            gaussians,
+            report,
+            format: format!("procedural {name}"),
+            is_antialiased: false,
+            notices: Vec::new(),
+            levels: Vec::new(),
+        }
+    }
+}
+
 /// A level of detail of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Level {

@@ -4,12 +4,13 @@
 //! are in view, and most of them are a few pixels large. Up is -y.
 
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use glam::{DVec3, dvec3};
 
-use super::Scene;
 use super::random::Random;
-use super::synthetic::{Part, Patch, scene_of};
+use super::synthetic::{Part, Patch, fill_parts};
+use super::{Gaussians, LoadReport};
 use crate::host_memory::OutOfMemory;
 
 /// Half the extent of the room in world units (metres): 9 by 2.8 by 7.
@@ -32,20 +33,20 @@ const PLAIN_PARTS: [Part; 3] = [
     Part { share: 0.10, area: 7.0e6, faint: 0.40, gloss: 0.0, sample: sky },
 ];
 
-/// The room with `count` Gaussians. The same count gives the same scene on every machine.
+/// The Gaussians of a range of the room with `count` Gaussians. The same count gives the same scene on every machine.
 ///
 /// # Errors
-/// [`OutOfMemory`] if it cannot be allocated.
-pub fn room(count: usize) -> Result<Scene, OutOfMemory> {
-    scene_of("room", &ROOM_PARTS, count, |_| 1.0)
+/// [`OutOfMemory`] if they cannot be allocated.
+pub fn room(count: usize, range: Range<usize>) -> Result<(Gaussians, LoadReport), OutOfMemory> {
+    fill_parts(&ROOM_PARTS, count, range, |_| 1.0)
 }
 
-/// The plain with `count` Gaussians. The same count gives the same scene on every machine.
+/// The Gaussians of a range of the plain with `count` Gaussians. The same count gives the same scene on every machine.
 ///
 /// # Errors
-/// [`OutOfMemory`] if it cannot be allocated.
-pub fn plain(count: usize) -> Result<Scene, OutOfMemory> {
-    scene_of("plain", &PLAIN_PARTS, count, |_| 1.0)
+/// [`OutOfMemory`] if they cannot be allocated.
+pub fn plain(count: usize, range: Range<usize>) -> Result<(Gaussians, LoadReport), OutOfMemory> {
+    fill_parts(&PLAIN_PARTS, count, range, |_| 1.0)
 }
 
 /// How rough surfaces are, world units. On an exact plane that a camera faces, depths would be equal but for rounding,

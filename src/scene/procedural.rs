@@ -1,14 +1,15 @@
 //! Procedural scenes: the cactus, places around the camera, and two clouds at the extremes of tile density. They are
 //! seeded and equal everywhere.
 
+use std::ops::Range;
+
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
 
-use super::Scene;
 use super::canonical::{Builder, Raw};
 use super::harmonics::C0;
 use super::random::Random;
-use super::{places, synthetic};
+use super::{Gaussians, LoadReport, Scene, places, synthetic};
 use crate::host_memory::OutOfMemory;
 
 /// Largest number of Gaussians of a procedural scene.
@@ -70,44 +71,49 @@ impl Procedural {
     /// # Errors
     /// [`OutOfMemory`] if it cannot be allocated.
     pub fn make(self) -> Result<Scene, OutOfMemory> {
-        match self.kind {
-            Kind::Cactus => synthetic::cactus(self.count),
-            Kind::Room => places::room(self.count),
-            Kind::Plain => places::plain(self.count),
-            // Radii of about 100 px and 1 px, seen from an orbit at 720x720.
-            Kind::FewLarge => self.ball(0.08),
-            Kind::ManySmall => self.ball(0.001),
-        }
+        self.fill(0..self.count).map(|(gaussians, report)| Scene::made(self.name(), gaussians, report))
     }
 
-    /// Gaussians of about this standard deviation, uniform in the unit ball.
-    fn ball(self, scale: f64) -> Result<Scene, OutOfMemory> {
-        let mut builder = Builder::new(0, self.count)?;
-        builder.extend(self.count, |i, sh| {
-            let mut random = Random::of(i);
-            let mean = random.direction() * random.unit().cbrt();
-            let axis = random.direction();
-            let log_scale = DVec3::from_array([(); 3].map(|()| scale.ln() + 0.4 * random.normal()));
-            let opacity = 0.1 + 0.8 * random.unit();
-            // The colour encodes the position.
-            sh[0] = (0.45 * mean / C0).to_array().map(|v| v as f32);
-            Raw {
-                mean: mean.to_array(),
-                log_scale: log_scale.to_array(),
-                rotation: [random.normal(), axis.x, axis.y, axis.z],
-                opacity_logit: (opacity / (1.0 - opacity)).ln(),
-            }
-        });
-        let (gaussians, report) = builder.finish();
-        Ok(Scene {
-            gaussians,
-            report,
-            format: format!("procedural {}", self.name()),
-            is_antialiased: false,
-            notices: Vec::new(),
-            levels: Vec::new(),
-        })
+    /// Generates the Gaussians of a range of indices: that part of the whole scene, bit for bit. None is dropped, so
+    /// that indices are positions in the scene.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if they cannot be allocated.
+    ///
+    /// # Panics
+    /// If the range is not within the scene.
+    pub fn fill(&self, range: Range<usize>) -> Result<(Gaussians, LoadReport), OutOfMemory> {
+        assert!(range.start <= range.end && range.end <= self.count, "{range:?} is not within 0..{}", self.count);
+        match self.kind {
+            Kind::Cactus => synthetic::fill(self.count, range),
+            Kind::Room => places::room(self.count, range),
+            Kind::Plain => places::plain(self.count, range),
+            // Radii of about 100 px and 1 px, seen from an orbit at 720x720.
+            Kind::FewLarge => ball(0.08, range),
+            Kind::ManySmall => ball(0.001, range),
+        }
     }
+}
+
+/// Gaussians of a range of a ball: of about this standard deviation, uniform in the unit ball.
+fn ball(scale: f64, range: Range<usize>) -> Result<(Gaussians, LoadReport), OutOfMemory> {
+    let mut builder = Builder::new(0, range.len())?;
+    builder.extend(range.len(), |i, sh| {
+        let mut random = Random::of(range.start + i);
+        let mean = random.direction() * random.unit().cbrt();
+        let axis = random.direction();
+        let log_scale = DVec3::from_array([(); 3].map(|()| scale.ln() + 0.4 * random.normal()));
+        let opacity = 0.1 + 0.8 * random.unit();
+        // The colour encodes the position.
+        sh[0] = (0.45 * mean / C0).to_array().map(|v| v as f32);
+        Raw {
+            mean: mean.to_array(),
+            log_scale: log_scale.to_array(),
+            rotation: [random.normal(), axis.x, axis.y, axis.z],
+            opacity_logit: (opacity / (1.0 - opacity)).ln(),
+        }
+    });
+    Ok(builder.finish())
 }
 
 fn parse_count(text: &str) -> Result<usize> {
@@ -138,6 +144,20 @@ mod tests {
             let (one, other) = (scene(), scene());
             assert_eq!(one.gaussians, other.gaussians, "{name}");
             assert_eq!((one.gaussians.len(), one.format), (700, format!("procedural {name}")));
+        }
+    }
+
+    #[test]
+    fn a_range_of_every_kind_is_that_part_of_the_whole() {
+        for (kind, name, _) in KINDS {
+            let scene = Procedural { kind, count: 3000 };
+            let whole = scene.make().unwrap().gaussians;
+            for range in [0..3000, 0..1, 7..7, 1023..1025, 100..2900, 2999..3000, 3000..3000] {
+                let (part, report) = scene.fill(range.clone()).unwrap();
+                let indices: Vec<u32> = range.clone().map(|i| i as u32).collect();
+                assert_eq!(part, whole.selected(&indices).unwrap(), "{name} {range:?}");
+                assert_eq!((report.read, report.dropped()), (range.len(), 0), "{name} {range:?}");
+            }
         }
     }
 

@@ -5,13 +5,14 @@
 //! faint splats, floaters, and view-dependent colour up to SH degree 3. Up is -y.
 
 use std::f64::consts::{PI, TAU};
+use std::ops::Range;
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
 
 use super::canonical::{Builder, Raw, logit};
 use super::harmonics::{C0, basis};
 use super::random::Random;
-use super::{MAX_SH_DEGREE, Scene};
+use super::{Gaussians, LoadReport, MAX_SH_DEGREE, Scene};
 use crate::host_memory::OutOfMemory;
 
 /// Number of Gaussians of the coarsest of the four levels of detail in the paper.
@@ -22,36 +23,35 @@ pub const DEFAULT_COUNT: usize = 139_410;
 /// # Errors
 /// [`OutOfMemory`] if it cannot be allocated.
 pub fn cactus(count: usize) -> Result<Scene, OutOfMemory> {
-    scene_of("cactus", &PARTS, count, |point| if point.y > -0.02 { contact_shadow(point) } else { 1.0 })
+    fill(count, 0..count).map(|(gaussians, report)| Scene::made("cactus", gaussians, report))
 }
 
-/// A scene of these parts with `count` Gaussians. `shadow`: a factor on the light at a point.
-pub(super) fn scene_of(
-    name: &str,
+/// The Gaussians of a range of the cactus.
+pub(super) fn fill(count: usize, range: Range<usize>) -> Result<(Gaussians, LoadReport), OutOfMemory> {
+    fill_parts(&PARTS, count, range, |point| if point.y > -0.02 { contact_shadow(point) } else { 1.0 })
+}
+
+/// The Gaussians of a range of a scene of these parts with `count` Gaussians. `shadow`: a factor on the light at a
+/// point.
+pub(super) fn fill_parts(
     parts: &[Part],
     count: usize,
+    range: Range<usize>,
     shadow: fn(DVec3) -> f64,
-) -> Result<Scene, OutOfMemory> {
-    let mut builder = Builder::new(MAX_SH_DEGREE, count)?;
+) -> Result<(Gaussians, LoadReport), OutOfMemory> {
+    let mut builder = Builder::new(MAX_SH_DEGREE, range.len())?;
     let weight: f64 = parts.iter().map(|p| p.share).sum();
-    let (mut made, mut share) = (0, 0.0);
+    let (mut begin, mut share) = (0, 0.0);
     for part in parts {
         share += part.share;
-        let until = (count as f64 * share / weight).round() as usize;
+        let end = (count as f64 * share / weight).round() as usize;
         // The surface is covered at any count: each splat gets its share of the area.
-        let spacing = (part.area / (until - made).max(1) as f64).sqrt();
-        builder.extend(until - made, |i, sh| gaussian(&mut Random::of(made + i), part, spacing, shadow, sh));
-        made = until;
+        let spacing = (part.area / (end - begin).max(1) as f64).sqrt();
+        let wanted = range.start.max(begin)..range.end.min(end);
+        builder.extend(wanted.len(), |i, sh| gaussian(&mut Random::of(wanted.start + i), part, spacing, shadow, sh));
+        begin = end;
     }
-    let (gaussians, report) = builder.finish();
-    Ok(Scene {
-        gaussians,
-        report,
-        format: format!("procedural {name}"),
-        is_antialiased: false,
-        notices: Vec::new(),
-        levels: Vec::new(),
-    })
+    Ok(builder.finish())
 }
 
 /// A part of the scene: its share of the Gaussians, and their appearance.
