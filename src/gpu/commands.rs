@@ -357,10 +357,14 @@ impl Commands {
     }
 
     pub(super) fn copy_buffer(&mut self, from: &Arc<Storage>, to: &Arc<Storage>, region: vk::BufferCopy) {
+        self.copy_regions(from, to, &[region]);
+    }
+
+    pub(super) fn copy_regions(&mut self, from: &Arc<Storage>, to: &Arc<Storage>, regions: &[vk::BufferCopy]) {
         self.keep(Resource::Buffer(from));
         self.keep(Resource::Buffer(to));
-        // SAFETY: clause 2; callers checked that the region lies in both.
-        unsafe { self.device.0.raw.cmd_copy_buffer(self.raw(), from.raw, to.raw, &[region]) };
+        // SAFETY: clause 2; callers checked that the regions lie in both.
+        unsafe { self.device.0.raw.cmd_copy_buffer(self.raw(), from.raw, to.raw, regions) };
     }
 
     pub(super) fn raw(&self) -> vk::CommandBuffer {

@@ -7,7 +7,7 @@ use std::time::SystemTime;
 
 use anyhow::{Context, Result};
 use ash::{ext, khr, vk};
-use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator};
 use gpu_allocator::{AllocationError, MemoryLocation};
 use raw_window_handle::{HasDisplayHandle, RawDisplayHandle};
 
@@ -15,6 +15,7 @@ use super::capabilities::{Capabilities, Feature};
 use super::error::{Unavailable, describe};
 use super::executables::{Executable, Executables};
 use super::instance::{Instance, Validation};
+use super::ledger::Ledger;
 use super::memory::{Check, Memory, Remembered};
 use super::pipelines::Pipelines;
 use super::reload::ShaderFolder;
@@ -45,8 +46,9 @@ pub(super) struct Shared {
     pub pipelines: Mutex<Pipelines>,
     /// What earlier runs left, and what this one leaves.
     pub memory: Option<Memory>,
+    pub ledger: Ledger,
     /// Taken out in `drop`, to be dropped before the device.
-    allocator: Mutex<Option<Allocator>>,
+    pub allocator: Mutex<Option<Allocator>>,
     pub instance: Arc<Instance>,
 }
 
@@ -145,6 +147,7 @@ impl Device {
             slots: Mutex::default(),
             pipelines: Mutex::default(),
             memory: None,
+            ledger: Ledger::new(None, None),
             allocator: Mutex::new(None),
             checked,
             capabilities,
@@ -157,14 +160,7 @@ impl Device {
         shared.timeline =
             unsafe { shared.raw.create_semaphore(&info, None) }.map_err(|e| describe("vkCreateSemaphore", e))?;
         shared.name(shared.timeline, "timeline");
-        let allocator = Allocator::new(&AllocatorCreateDesc {
-            instance: shared.instance.raw.clone(),
-            device: shared.raw.clone(),
-            physical_device: shared.capabilities.raw,
-            debug_settings: gpu_allocator::AllocatorDebugSettings::default(),
-            buffer_device_address: false,
-            allocation_sizes: gpu_allocator::AllocationSizes::new(64 << 20, 64 << 20),
-        })?;
+        let allocator = shared.make_allocator()?;
         shared.allocator = Mutex::new(Some(allocator));
         Ok(Self(Arc::new(shared)))
     }
@@ -285,7 +281,7 @@ impl Shared {
         self.instance.messages.lock().expect("no holder of the messages panics")
     }
 
-    fn allocator(&self) -> MutexGuard<'_, Option<Allocator>> {
+    pub(super) fn allocator(&self) -> MutexGuard<'_, Option<Allocator>> {
         self.allocator.lock().expect("no holder of the allocator panics")
     }
 
@@ -300,7 +296,14 @@ impl Shared {
         let refuse = |reason: String| OutOfMemory { name: name.to_owned(), bytes: Some(requirements.size), reason };
         let scheme = AllocationScheme::GpuAllocatorManaged;
         let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme: scheme };
-        let allocation = self.allocator().as_mut().expect("the allocator lives until drop").allocate(&desc);
+        let mut allocator = self.allocator();
+        let allocator = allocator.as_mut().expect("the allocator lives until drop");
+        let excess = self.ledger.excess(|| allocator.generate_report(), requirements.size);
+        if excess > 0 {
+            return Err(refuse(format!("the limit of memory (--memory) would be passed by {excess} bytes")).into());
+        }
+        let allocation = allocator.allocate(&desc);
+        self.ledger.note(allocator.generate_report().total_capacity_bytes);
         allocation.map_err(|error| match error {
             AllocationError::OutOfMemory => refuse(format!(
                 "{} has {} bytes in total and not enough free",

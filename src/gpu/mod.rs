@@ -43,7 +43,9 @@ mod id;
 mod image;
 mod image_commands;
 mod instance;
+mod ledger;
 mod memory;
+mod memory_limit;
 #[cfg(feature = "viewer")]
 mod overlay;
 #[cfg(feature = "viewer")]
@@ -82,6 +84,7 @@ pub use hazards::Access;
 #[doc(hidden)]
 pub use image::Image;
 pub use instance::Validation;
+pub use ledger::MemoryUse;
 #[doc(hidden)]
 pub use memory::{Check, Remembered};
 #[cfg(feature = "viewer")]

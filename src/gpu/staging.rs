@@ -77,6 +77,26 @@ impl Commands {
         self.copy_elements::<T>(&from.storage, &to.storage, len);
     }
 
+    /// Copies parts of the words to parts of a buffer: first word here, first word there, number of words.
+    ///
+    /// # Panics
+    /// If a part ends outside of either side.
+    pub fn upload_parts(&mut self, from: &Staging<u32>, to: &Buffer<u32>, parts: &[(usize, usize, usize)]) {
+        let are_inside = parts.iter().all(|(here, there, len)| here + len <= from.len && there + len <= to.len());
+        assert!(are_inside, "the parts of `{}` lie in it and fit", to.name());
+        if parts.is_empty() {
+            return;
+        }
+        self.writes(to.resource(), "upload", Access::COPY_WRITE);
+        let bytes = |words: usize| 4 * words as u64;
+        let region = |(here, there, len): &(usize, usize, usize)| vk::BufferCopy {
+            src_offset: bytes(*here),
+            dst_offset: bytes(*there),
+            size: bytes(*len),
+        };
+        self.copy_regions(&from.storage, &to.storage, &parts.iter().map(region).collect::<Vec<_>>());
+    }
+
     fn copy_elements<T>(&mut self, from: &Arc<Storage>, to: &Arc<Storage>, len: usize) {
         if len > 0 {
             let size = (len * size_of::<T>()) as u64;

@@ -15,6 +15,7 @@ use super::gpu_scene::GpuScene;
 use super::inspect::Inspector;
 use super::portable::{PortablePipeline, PortableWorkspace};
 use super::shaders::Totals;
+use super::slabs::{Drawn, Slabs};
 use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
@@ -60,14 +61,17 @@ pub(super) struct PathChoice {
 struct Fast {
     pipeline: FastPipeline,
     work: FastWorkspace,
-    /// The last frame had a list that is too long for it.
-    is_too_long: bool,
+    /// The last frame did not fit at once.
+    needs_slabs: bool,
+    slabs: Option<Slabs>,
 }
 
 /// The path and the limits that a frame was recorded with.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct Limits {
     pub path: Path,
+    /// The frame is drawn in slabs, which always fit.
+    pub in_slabs: bool,
     pub capacity: Capacity,
     pub longest_list: u32,
 }
@@ -85,7 +89,7 @@ impl PathChoice {
         let fast = fast.map(|pipeline| {
             let guess = FastWorkspace::guess(device, guess);
             let work = FastWorkspace::new(device, guess, pipeline.splat_elements())?;
-            anyhow::Ok(Fast { pipeline, work, is_too_long: false })
+            anyhow::Ok(Fast { pipeline, work, needs_slabs: false, slabs: None })
         });
         let fast = fast.transpose()?;
         let portable = || PortablePipeline::varied(device, options, layout, variation);
@@ -148,7 +152,7 @@ impl PathChoice {
         self.passes = 1;
         let mut capacity = Capacity::default();
         if let Some(fast) = &mut self.fast {
-            fast.is_too_long = false;
+            fast.needs_slabs = false;
         }
         if let Some(difference) = disagreement {
             self.fast = None;
@@ -215,20 +219,37 @@ impl PathChoice {
         needs_tile_lists: bool,
     ) -> Result<Limits> {
         let demand = |cells: u32| Capacity { gaussians, cells: cells as usize, ..Capacity::default() };
-        let is_possible =
-            |fast: &&mut Fast| !needs_tile_lists && !fast.is_too_long && fast.pipeline.takes(size, gaussians);
-        if let Some(Fast { pipeline, work, .. }) = self.fast.as_mut().filter(is_possible) {
-            let grid = pipeline.grid(size, gaussians);
-            if has_memory(work.grow(device, demand(grid.count()), 0))? {
-                pipeline.prepare(device, grid)?;
-                let longest_list = pipeline.longest_list().min(work.longest_list());
-                return Ok(Limits { path: Path::Fast, capacity: work.capacity, longest_list });
+        let is_possible = |fast: &&mut Fast| !needs_tile_lists && fast.pipeline.takes(size, gaussians);
+        if let Some(fast) = self.fast.as_mut().filter(is_possible) {
+            let grid = fast.pipeline.grid(size, gaussians);
+            fast.needs_slabs = fast.needs_slabs || !has_memory(fast.work.grow(device, demand(grid.count()), 0))?;
+            if !fast.needs_slabs {
+                fast.pipeline.prepare(device, grid)?;
             }
+            let longest_list = fast.pipeline.longest_list().min(fast.work.longest_list());
+            let (in_slabs, capacity) = (fast.needs_slabs, fast.work.capacity);
+            return Ok(Limits { path: Path::Fast, in_slabs, capacity, longest_list });
         }
         self.work.grow(device, demand(tiles(size).iter().product()))?;
         self.make_portable(device)?;
         let longest_list = self.portable().longest_list(self.passes);
-        Ok(Limits { path: Path::Portable, capacity: self.work.capacity, longest_list })
+        Ok(Limits { path: Path::Portable, in_slabs: false, capacity: self.work.capacity, longest_list })
+    }
+
+    /// Draws a frame in slabs, and waits for it.
+    pub fn draw_in_slabs(&mut self, device: &Device, shot: Shot, target: Target) -> Result<Drawn> {
+        let Self { fast, options, .. } = self;
+        let fast = fast.as_mut().expect("a frame in slabs was prepared");
+        let grid = fast.pipeline.grid(shot.camera.size_px, shot.scene.len());
+        let slabs = match &mut fast.slabs {
+            Some(slabs) => slabs,
+            none => none.insert(Slabs::new(device, &fast.pipeline, shot.scene)?),
+        };
+        slabs.fit(device, &mut fast.work, &fast.pipeline, grid, shot.scene.len())?;
+        let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), shot, target)?;
+        // What fits into one slab fits at once.
+        fast.needs_slabs = drawn.slabs > 1;
+        Ok(drawn)
     }
 
     /// Records a frame that [`prepare`](Self::prepare) made buffers for.
@@ -254,24 +275,16 @@ impl PathChoice {
         let is_whole = demand.fits(limits.capacity) && totals.longest_list <= limits.longest_list;
         match (&mut self.fast, limits.path) {
             (Some(fast), Path::Fast) => {
-                fast.is_too_long = totals.longest_list > fast.pipeline.longest_list();
-                if !has_memory(fast.work.grow(device, demand, totals.longest_list))? {
-                    self.fast = None;
-                    self.work = PortableWorkspace::new(device, Capacity::guess(device, limits.capacity.gaussians, 1))?;
-                }
+                let is_too_long = totals.longest_list > fast.pipeline.longest_list();
+                fast.needs_slabs =
+                    is_too_long || !has_memory(fast.work.grow(device, demand, totals.longest_list))?;
             }
             // The fast path was dropped after this frame was recorded.
             (None, Path::Fast) => {}
-            (fast, Path::Portable) => {
+            (_, Path::Portable) => {
                 self.work.grow(device, demand)?;
                 let passes = self.portable.as_ref().map_or(1, |portable| portable.passes(totals.longest_list));
                 self.passes = self.passes.max(passes);
-                if let Some(fast) = fast
-                    && is_whole
-                {
-                    // Each frame is judged by its own lists: no picture depends on those before it.
-                    fast.is_too_long = false;
-                }
             }
         }
         Ok(is_whole)

@@ -11,6 +11,7 @@ use super::gpu_scene::GpuScene;
 use super::inspect::{Explanation, Inspection, Inspector, Look, Picker, Picture, Work};
 use super::readback::read_pixels;
 use super::shaders::{Room, Totals};
+use super::slabs::Drawn;
 use super::trial::{MAX_ATTEMPTS, choose};
 use super::upscale::Upscaler;
 use crate::camera::Camera;
@@ -71,8 +72,27 @@ pub struct Started {
 /// A recorded frame. [`Renderer::judge`] tells whether it is complete when its commands have run.
 pub struct Recorded {
     number: u64,
-    totals: Readback<Totals>,
+    counted: Counted,
     limits: Limits,
+}
+
+/// The counts of a recorded frame.
+enum Counted {
+    /// They are there when its commands have run.
+    OnDevice(Readback<Totals>),
+    /// The frame is drawn already, in slabs.
+    Here(Box<Drawn>),
+}
+
+impl Recorded {
+    /// The timings of the frame, from those of its commands.
+    pub(super) fn timings(&self, own: &[Timing]) -> Vec<Timing> {
+        let Counted::Here(drawn) = &self.counted else { return own.to_vec() };
+        let whole: f64 = drawn.timings.iter().map(|stage| stage.duration_ms).sum();
+        let longer = |timing: &Timing| Timing { duration_ms: timing.duration_ms + whole, ..timing.clone() };
+        let own = own.iter().map(|timing| if timing.depth == 0 { longer(timing) } else { timing.clone() });
+        drawn.timings.iter().cloned().chain(own).collect()
+    }
 }
 
 impl Renderer {
@@ -103,7 +123,7 @@ impl Renderer {
             image: Image::new(device, "image", 1, 1)?,
             upscaler: (options.scale != 1.0).then(|| Upscaler::new(device)).transpose()?,
             certificate: None,
-            drawn: Limits { path: Path::Portable, capacity: Capacity::default(), longest_list: 0 },
+            drawn: Limits { path: Path::Portable, in_slabs: false, capacity: Capacity::default(), longest_list: 0 },
             timestamps: Timestamps::All,
             inspector: None,
             picker: None,
@@ -226,9 +246,10 @@ impl Renderer {
         prepare: impl Fn(&mut Commands),
     ) -> Result<(Frame, Results)> {
         for attempts in 1..=MAX_ATTEMPTS {
-            let started = self.start_with(camera, background, &prepare)?;
-            if let Some((totals, results)) = self.finish_with(started)? {
-                let timings = results.timings().to_vec();
+            let Started { commands, recorded } = self.start_with(camera, background, &prepare)?;
+            let results = commands.wait()?;
+            if let Some(totals) = self.judge(&results, &recorded)? {
+                let timings = recorded.timings(results.timings());
                 let path = self.drawn.path;
                 return Ok((Frame { totals, timings, attempts, path }, results));
             }
@@ -250,7 +271,8 @@ impl Renderer {
     /// # Errors
     /// If device memory runs out or the device is lost.
     pub fn finish(&mut self, started: Started) -> Result<bool> {
-        self.finish_with(started).map(|done| done.is_some())
+        let results = started.commands.wait()?;
+        self.judge(&results, &started.recorded).map(|totals| totals.is_some())
     }
 
     fn start_with(
@@ -264,12 +286,6 @@ impl Renderer {
         prepare(&mut cmd);
         let recorded = self.record(&mut cmd, camera, background)?;
         Ok(Started { commands: cmd.submit()?, recorded })
-    }
-
-    fn finish_with(&mut self, started: Started) -> Result<Option<(Totals, Results)>> {
-        let results = started.commands.wait()?;
-        let totals = self.judge(&results, &started.recorded)?;
-        Ok(totals.map(|totals| (totals, results)))
     }
 
     /// Records a frame among other commands. [`Renderer::judge`] tells whether it is complete, when they have run.
@@ -301,17 +317,25 @@ impl Renderer {
         let inspector = inspector.or(self.inspector.as_ref());
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some();
         self.drawn = self.choice.prepare(&self.device, self.scene.len(), camera.size_px, needs_tile_lists)?;
+        let image = self.upscaler.as_ref().map_or(&self.image, |upscaler| &upscaler.drawn);
+        let target = Target { image, certificate: self.certificate.as_ref(), background };
+        let shot = Shot { scene: &self.scene, camera };
+        let drawn = self.drawn.in_slabs.then(|| self.choice.draw_in_slabs(&self.device, shot, target)).transpose()?;
         cmd.scope("frame", |cmd| {
-            let image = self.upscaler.as_ref().map_or(&self.image, |upscaler| &upscaler.drawn);
-            let target = Target { image, certificate: self.certificate.as_ref(), background };
-            self.choice.record(cmd, Shot { scene: &self.scene, camera }, target, self.drawn, inspector);
+            if drawn.is_none() {
+                self.choice.record(cmd, shot, target, self.drawn, inspector);
+            }
             if let Some(upscaler) = &self.upscaler {
                 cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
                 cmd.scope("upscale", |cmd| upscaler.record(cmd, &self.image));
             }
         });
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-        Ok(Recorded { number, totals: cmd.read(self.choice.totals(self.drawn.path))?, limits: self.drawn })
+        let counted = match drawn {
+            Some(drawn) => Counted::Here(Box::new(drawn)),
+            None => Counted::OnDevice(cmd.read(self.choice.totals(self.drawn.path))?),
+        };
+        Ok(Recorded { number, counted, limits: self.drawn })
     }
 
     /// The counts of a frame if it is complete. If it did not fit, the next one has larger buffers.
@@ -319,7 +343,10 @@ impl Renderer {
     /// # Errors
     /// If there is no memory for larger buffers.
     pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
-        let totals = results.view(&recorded.totals)[0];
+        let totals = match &recorded.counted {
+            Counted::Here(drawn) => return Ok(Some(drawn.totals)),
+            Counted::OnDevice(totals) => results.view(totals)[0],
+        };
         let limits = recorded.limits;
         let is_whole = self.choice.judge(&self.device, &totals, limits)?;
         if let Some(last) = &mut self.last {
@@ -369,7 +396,7 @@ impl Renderer {
 
     /// The picture drawn last, to show on a screen.
     pub fn picture(&self) -> Picture<'_> {
-        let Limits { path, capacity, longest_list } = self.drawn;
+        let Limits { path, capacity, longest_list, .. } = self.drawn;
         let word = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
         let Capacity { visible, spans, listed, .. } = capacity;
         let room = Room { visible: word(visible), spans: word(spans), listed: word(listed), longest_list };

@@ -217,9 +217,9 @@ impl Stream {
         let judged = recorded.iter().rev().map(|(_, frame)| self.renderer.judge(results, frame));
         let totals: Option<Vec<_>> = judged.collect::<Result<Vec<_>>>()?.into_iter().rev().collect();
         let mut timings = results.timings();
-        let frame = |(totals, (path, _)): (_, &(Path, _))| Frame {
+        let frame = |(totals, (path, recorded)): (_, &(Path, Recorded))| Frame {
             totals,
-            timings: take_frame(&mut timings),
+            timings: recorded.timings(&take_frame(&mut timings)),
             attempts,
             path: *path,
         };

@@ -1,8 +1,10 @@
 //! The loop that draws a frame slab by slab.
 
+use std::ops::Range;
+
 use anyhow::Result;
 
-use super::cut::{Cut, Place, place_of, slab};
+use super::cut::{Cut, Estimate, Place, place_of, slab};
 use super::fast::{FastStages, OpenBins};
 use super::listed::{Element, Listed, ListedPage, placed};
 use crate::camera::Camera;
@@ -13,8 +15,8 @@ use crate::render::capacity::Capacity;
 use crate::render::fast::{BinGrid, FastPipeline, FastWorkspace};
 use crate::render::frame::{DepthKeys, Shot, Target, view};
 use crate::render::gpu_scene::GpuScene;
-use crate::render::shaders::slabs::{PAGE, VIEW_ELEMENTS};
 use crate::render::shaders::Totals;
+use crate::render::shaders::slabs::{PAGE, VIEW_ELEMENTS};
 
 /// What drawing in slabs keeps from one frame to the next.
 pub struct Slabs {
@@ -23,8 +25,10 @@ pub struct Slabs {
     /// The views, then the pages.
     listed: Buffer<Element>,
     indices: Buffer<u32>,
-    /// Places of the first slab of the next frame: a guess.
-    length: u64,
+    /// The splats that the first slab of the next frame is meant to have.
+    target: f64,
+    /// The grid that the buffers of the slabs were made for.
+    cells: u32,
 }
 
 /// The report of a frame that was drawn in slabs.
@@ -32,10 +36,15 @@ pub struct Slabs {
 pub struct Drawn {
     /// The sums over all slabs; the longest list of any.
     pub totals: Totals,
-    /// The sums over all slabs, by stage, and last those of the whole frame.
+    /// The sums over all slabs, by stage.
     pub timings: Vec<Timing>,
     pub slabs: u32,
 }
+
+/// The most splats of a slab: more would take memory for no time saved.
+const MOST_SPLATS: u64 = 4 << 20;
+/// The part of the free memory that the buffers of slabs may take.
+const PART: f64 = 0.85;
 
 impl Slabs {
     pub fn new(device: &Device, fast: &FastPipeline, scene: &GpuScene) -> Result<Self> {
@@ -49,12 +58,38 @@ impl Slabs {
             open_bins: OpenBins::new(device)?,
             listed: Buffer::new(device, "listed pages", VIEW_ELEMENTS as usize + pages.len())?,
             indices: Buffer::new(device, "indices", 1)?,
-            length: u64::MAX,
+            target: f64::INFINITY,
+            cells: 0,
         };
         let mut cmd = Commands::new(device)?;
         cmd.upload(&made.listed, VIEW_ELEMENTS as usize, pages.len(), |memory| memory.copy_from_slice(&pages))?;
         cmd.submit()?.wait()?;
         Ok(made)
+    }
+
+    /// Makes the buffers of slabs of a grid as large as the free memory allows, unless they are there.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if there is too little for the least slab.
+    pub fn fit(
+        &mut self,
+        device: &Device,
+        work: &mut FastWorkspace,
+        fast: &FastPipeline,
+        grid: BinGrid,
+        gaussians: usize,
+    ) -> Result<()> {
+        if self.cells >= grid.count() && work.capacity.cells >= grid.count() as usize {
+            return Ok(());
+        }
+        *work = FastWorkspace::new(device, Capacity::default(), fast.splat_elements())?;
+        *work = FastWorkspace::new(
+            device,
+            slab_capacity(device.free_bytes(), fast.splat_elements(), grid, gaussians),
+            fast.splat_elements(),
+        )?;
+        self.cells = grid.count();
+        Ok(())
     }
 
     /// Draws a frame with the capacity of `work`, in as many slabs as that takes.
@@ -71,8 +106,9 @@ impl Slabs {
         let grid = fast.grid(camera.size_px, scene.len());
         self.stages.prepare(device, grid)?;
         let keys = DepthKeys::of(camera, options, &scene.extent);
-        let mut cut = Cut::new(place_of(((1_u64 << keys.bits) - 1) as u32) + place_of(1), self.length);
-        let mut first_length = None;
+        let end = place_of(((1_u64 << keys.bits) - 1) as u32) + place_of(1);
+        let mut cut = Cut::new(Estimate::uniform(end, scene.len() as f64), self.target, f64::INFINITY);
+        let mut first_target = None;
         let mut drawn = Drawn { totals: bytemuck::Zeroable::zeroed(), timings: Vec::new(), slabs: 0 };
         let mut cmd = Commands::new(device)?;
         let placed = placed(&view(camera, options.rules.near), 1.0);
@@ -83,18 +119,18 @@ impl Slabs {
         let mut before = 0;
         while let Some(next) = cut.next() {
             let frame = Frame { fast, work, options, scene, camera, grid, image: target.image };
-            let (totals, results) = self.draw_slab(cmd, &frame, next, before)?;
+            let (totals, results) = self.draw_slab(cmd, &frame, &next, before)?;
             add_timings(&mut drawn.timings, results.timings());
             cmd = Commands::new(device)?;
             let filled = filled(&totals, work, fast);
             if filled > 1.0 {
-                if !cut.shorten(next, filled) {
+                if !cut.shorten(&next, filled) {
                     return Err(no_room(work).into());
                 }
                 continue;
             }
-            first_length.get_or_insert(next.1 - next.0);
-            cut.drawn(next, filled);
+            first_target.get_or_insert(cut.target());
+            cut.drawn(&next, filled);
             add(&mut drawn.totals, &totals);
             drawn.slabs += 1;
             before = 1 - before;
@@ -102,10 +138,8 @@ impl Slabs {
         cmd.scope("finish", |cmd| self.stages.finish(cmd, target.image, target.background));
         let results = cmd.submit()?.wait()?;
         add_timings(&mut drawn.timings, results.timings());
-        let whole: f64 = drawn.timings.iter().map(|timing| timing.duration_ms).sum();
-        drawn.timings.push(Timing { name: "frame", depth: 0, start_ms: 0.0, duration_ms: whole });
         // The next frame begins with a slab that is likely to fit.
-        self.length = if drawn.slabs == 1 { u64::MAX } else { first_length.unwrap_or(u64::MAX) };
+        self.target = if drawn.slabs == 1 { f64::INFINITY } else { first_target.unwrap_or(f64::INFINITY) };
         Ok(drawn)
     }
 
@@ -114,15 +148,14 @@ impl Slabs {
         &self,
         mut cmd: Commands,
         frame: &Frame,
-        (begin, end): (Place, Place),
+        range: &Range<Place>,
         before: usize,
     ) -> Result<(Totals, Results)> {
         let Frame { fast, work, options, scene, camera, grid, image } = *frame;
         let pages = VIEW_ELEMENTS..self.listed.len() as u32;
         let listed = Listed { scene, elements: &self.listed, pages, indices: &self.indices };
         let open = [&self.open_bins.0[before], &self.open_bins.0[1 - before]];
-        let slab = slab(begin, end);
-        cmd.scope("project", |cmd| self.stages.project(cmd, &listed, (camera, options), slab, work, grid));
+        cmd.scope("project", |cmd| self.stages.project(cmd, &listed, (camera, options), slab(range), work, grid));
         self.stages.list_and_blend(&mut cmd, fast, work, grid, image, open);
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let totals = cmd.read(&work.totals)?;
@@ -140,6 +173,19 @@ struct Frame<'a> {
     camera: &'a Camera,
     grid: BinGrid,
     image: &'a Image,
+}
+
+/// The capacity of slabs whose buffers take about a part of `free` bytes.
+fn slab_capacity(free: u64, splat_elements: usize, grid: BinGrid, gaussians: usize) -> Capacity {
+    let cells = u64::from(grid.count());
+    // Per bin: its place in every chunk's row of shares, itself, a run, a stretch of masks.
+    let fixed = cells * (4 * 264 + 64 + 4096) + (1 << 20);
+    // Per splat: ids, keys, ranges, one span, the splat, and two and a half entries of 16 bytes.
+    let each = 4 + 4 + 8 + 4 + 16 * splat_elements as u64 + 40;
+    let bytes = (PART * free as f64) as u64;
+    let visible = (bytes.saturating_sub(fixed) / each).clamp(1024, MOST_SPLATS).min(gaussians.max(1024) as u64);
+    let listed = (visible * 5 / 2).max(2 * cells);
+    Capacity { gaussians, visible, spans: visible.max(1024), listed, cells: cells as usize }
 }
 
 /// The part of the capacity that a slab demanded; above 1, it was not drawn.
