@@ -80,6 +80,20 @@ pub struct Scene {
     pub levels: Vec<Level>,
 }
 
+impl Scene {
+    /// A scene of this format without Gaussians, notices and levels, not antialiased.
+    pub(super) fn empty(format: &str) -> Self {
+        Self {
+            gaussians: Gaussians::default(),
+            report: LoadReport::default(),
+            format: format.to_owned(),
+            is_antialiased: false,
+            notices: Vec::new(),
+            levels: Vec::new(),
+        }
+    }
+}
+
 /// A level of detail of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Level {
@@ -101,8 +115,14 @@ pub struct NoLevel {
 
 impl NoLevel {
     /// The error for a scene without levels. The reader of the file adds its path.
-    pub(super) fn none() -> Self {
+    pub fn none() -> Self {
         Self::of("there are no levels of detail; only a lod-meta.json has them".to_owned())
+    }
+
+    /// The error with the path of the file.
+    #[must_use]
+    pub fn of_file(self, path: &Path) -> Self {
+        Self { path: path.display().to_string(), ..self }
     }
 
     pub(super) fn of(problem: String) -> Self {
