@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Error, Result, anyhow, ensure};
 
 pub use part::remove_unfinished;
-pub use regular::open_regular;
+pub use regular::{open_regular, read_exact_at};
 pub use set::write_set;
 
 use place::Place;

@@ -1,6 +1,7 @@
 //! Regular files, opened without ever waiting for the other end of a FIFO.
 
 use std::fs::File;
+use std::io;
 use std::path::Path;
 
 use anyhow::{Result, anyhow, ensure};
@@ -16,4 +17,33 @@ pub fn open_regular(path: &Path) -> Result<File> {
     let cannot = |error| anyhow!("cannot be opened: {}", describe(&error));
     ensure!(std::fs::metadata(path).map_err(cannot)?.is_file(), "is not a file");
     File::open(path).map_err(cannot)
+}
+
+/// Reads bytes at a position. Any number of threads may read from a file at the same time.
+///
+/// # Errors
+/// If the file ends first, or cannot be read.
+#[cfg(unix)]
+pub fn read_exact_at(file: &File, bytes: &mut [u8], position: u64) -> io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, bytes, position)
+}
+
+/// Reads bytes at a position. Any number of threads may read from a file at the same time.
+///
+/// # Errors
+/// If the file ends first, or cannot be read.
+#[cfg(windows)]
+pub fn read_exact_at(file: &File, mut bytes: &mut [u8], mut position: u64) -> io::Result<()> {
+    while !bytes.is_empty() {
+        match std::os::windows::fs::FileExt::seek_read(file, bytes, position) {
+            Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(count) => {
+                bytes = &mut std::mem::take(&mut bytes)[count..];
+                position += count as u64;
+            }
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
 }

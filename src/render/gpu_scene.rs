@@ -12,7 +12,7 @@ use crate::options::Options;
 use crate::render::shaders::Grids;
 use crate::rules::{LISTED_ALPHA, Rules};
 use crate::scene::{Bounds, Gaussians, Grid};
-use crate::storage::{Layout, Planes, Statistics, pack, share};
+use crate::storage::{Layout, Shape, Statistics, pack_sh, pack_shapes, share};
 
 /// Gaussians in device memory, in planes with four words per element: one plane of bounds, and as many of shapes and of
 /// spherical harmonics as the layout needs. In a last plane with one or two words per Gaussian, four or two Gaussians
@@ -181,10 +181,10 @@ impl GpuScene {
             parts.for_each(|(i, planes)| {
                 let mut planes = planes.into_iter();
                 let bounds = planes.next().expect("every scene has a plane of bounds");
-                let shapes = planes.by_ref().take(self.shapes.len()).collect();
-                let first = range.start + i * PART;
-                let mut planes = Planes { bounds, shapes, sh: planes.collect() };
-                pack(layout, self.alpha_min, gaussians, |k| first + k, &mut planes);
+                let mut shapes: Vec<_> = planes.by_ref().take(self.shapes.len()).collect();
+                let (first, count) = (range.start + i * PART, bounds.len());
+                pack_shapes(layout, self.alpha_min, |k| Shape::of(gaussians, first + k), bounds, &mut shapes);
+                pack_sh(layout, count, |k| gaussians.sh(first + k), &mut planes.collect::<Vec<_>>());
             });
         })
     }

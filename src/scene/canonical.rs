@@ -231,6 +231,18 @@ fn unit(q: [f64; 4]) -> Option<[f64; 4]> {
     Some(q.map(|v| v / length))
 }
 
+/// True if the values of a Gaussian are as [`canonical`] makes them. Rotations may be rounded to 16 bits.
+pub(super) fn is_canonical(gaussians: &Gaussians, index: usize) -> bool {
+    let length: f32 = gaussians.rotations[index].iter().map(|v| v * v).sum();
+    let opacity = gaussians.opacities[index];
+    gaussians.means[index].iter().all(|v| v.abs() <= MAX_MEAN)
+        && gaussians.scales[index].iter().all(|v| (0.0..=f32::MAX).contains(v))
+        && (length - 1.0).abs() < 1e-2
+        && opacity > 0.0
+        && opacity <= 1.0
+        && gaussians.sh(index).as_flattened().iter().all(|v| v.abs() < MAX_SH)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -83,10 +83,15 @@ pub struct Scene {
 impl Scene {
     /// A procedural scene of this name.
     pub(super) fn made(name: &str, gaussians: Gaussians, report: LoadReport) -> Self {
+        Self { gaussians, report, ..Self::empty(&format!("procedural {name}")) }
+    }
+
+    /// A scene of this format without Gaussians, notices and levels, not antialiased.
+    pub(super) fn empty(format: &str) -> Self {
         Self {
-            gaussians,
-            report,
-            format: format!("procedural {name}"),
+            gaussians: Gaussians::default(),
+            report: LoadReport::default(),
+            format: format.to_owned(),
             is_antialiased: false,
             notices: Vec::new(),
             levels: Vec::new(),
@@ -115,8 +120,14 @@ pub struct NoLevel {
 
 impl NoLevel {
     /// The error for a scene without levels. The reader of the file adds its path.
-    pub(super) fn none() -> Self {
+    pub fn none() -> Self {
         Self::of("there are no levels of detail; only a lod-meta.json has them".to_owned())
+    }
+
+    /// The error with the path of the file.
+    #[must_use]
+    pub fn of_file(self, path: &Path) -> Self {
+        Self { path: path.display().to_string(), ..self }
     }
 
     pub(super) fn of(problem: String) -> Self {

@@ -5,26 +5,50 @@ use rayon::prelude::*;
 /// Bits of the curve along each axis.
 const BITS: u32 = 21;
 
+/// A Z-order curve through a box. Two means in one cell of the curve have one key.
+#[derive(Clone, Copy, Debug)]
+pub struct Curve {
+    low: [f32; 3],
+    high: [f32; 3],
+}
+
+impl Curve {
+    /// The curve through the box with these corners.
+    pub fn through(low: [f32; 3], high: [f32; 3]) -> Self {
+        Self { low, high }
+    }
+
+    /// The place of a mean on the curve: a number of 63 bits.
+    pub fn key(&self, mean: [f32; 3]) -> u64 {
+        (0..3).fold(0, |code, axis| {
+            let [low, high, value] = [self.low[axis], self.high[axis], mean[axis]].map(f64::from);
+            let fraction = if high > low { (value - low) / (high - low) } else { 0.0 };
+            code | spread((fraction * f64::from((1 << BITS) - 1)) as u64) << axis
+        })
+    }
+}
+
+/// The indices of `means` along the curve through their bounding box. Those in one cell are ascending.
+pub fn along_curve(means: &[[f32; 3]]) -> Vec<u32> {
+    let mut indices = (0..means.len() as u32).collect();
+    sort(means, &mut indices);
+    indices
+}
+
 /// Sorts indices of `means` along the curve through the bounding box of the indexed means. Indices in one cell of the
 /// curve are ascending.
 pub(super) fn sort(means: &[[f32; 3]], indices: &mut Vec<u32>) {
-    let bounds = indices.iter().map(|i| means[*i as usize]).fold(
+    let [low, high] = indices.iter().map(|i| means[*i as usize]).fold(
         [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]],
         |[low, high], mean| {
             [std::array::from_fn(|k| low[k].min(mean[k])), std::array::from_fn(|k| high[k].max(mean[k]))]
         },
     );
-    let code = |index: &u32| {
-        let mean = means[*index as usize];
-        (0..3).fold(0, |code, axis| {
-            let [low, high, value] = [bounds[0][axis], bounds[1][axis], mean[axis]].map(f64::from);
-            let fraction = if high > low { (value - low) / (high - low) } else { 0.0 };
-            code | spread((fraction * f64::from((1 << BITS) - 1)) as u64) << axis
-        })
-    };
-    let mut coded: Vec<(u64, u32)> = indices.par_iter().map(|index| (code(index), *index)).collect();
-    coded.par_sort_unstable();
-    *indices = coded.into_iter().map(|(_, index)| index).collect();
+    let curve = Curve::through(low, high);
+    let keyed = |index: &u32| (curve.key(means[*index as usize]), *index);
+    let mut keyed: Vec<(u64, u32)> = indices.par_iter().map(keyed).collect();
+    keyed.par_sort_unstable();
+    *indices = keyed.into_iter().map(|(_, index)| index).collect();
 }
 
 /// Spreads the [`BITS`] low bits of a number three places apart.

@@ -40,25 +40,35 @@ impl Reading {
     pub fn read_watched(&self, path: &Path, watch: &Watch) -> Result<Scene> {
         let read = read_any(path, self.level, watch)
             .and_then(|scene| Ok(Scene { gaussians: self.placed(scene.gaussians)?, ..scene }));
-        read.map_err(|problem| {
-            // Decoders may wrap or replace the error of a cancelled source.
-            if (watch.is_cancelled)() {
-                return Cancelled.into();
-            }
-            let path_of = || path.display().to_string();
-            if let Some(NoLevel { problem, .. }) = problem.downcast_ref() {
-                return NoLevel { path: path_of(), problem: problem.clone() }.into();
-            }
-            match problem.downcast::<OutOfMemory>() {
-                Ok(too_large) => too_large.into(),
-                // Decompressors allocate as they go.
-                Err(problem) if lacks_memory(&problem) => {
-                    let reason = "the host has too little free memory to read it".to_owned();
-                    OutOfMemory { name: path_of(), bytes: None, reason }.into()
-                }
-                Err(problem) => Unreadable::new(path, &problem).into(),
-            }
-        })
+        read.map_err(|problem| failure(path, problem, watch))
+    }
+
+    /// Reads a scene file of a format that needs no more memory than a block at a time: `.ply` with Gaussians, and
+    /// `.splat`. `take` gets the blocks in the order of the file, flipped and transformed, and the number of Gaussians
+    /// that the file claims. Returns everything but the Gaussians, or `None` if the format is read as a whole.
+    ///
+    /// # Errors
+    /// Those of [`Reading::read_watched`], and those of `take`.
+    pub fn read_blocks(
+        &self,
+        path: &Path,
+        watch: &Watch,
+        take: &mut dyn FnMut(Gaussians, usize) -> Result<()>,
+    ) -> Result<Option<Scene>> {
+        // What `take` refuses is no fault of the file.
+        let mut refused = None;
+        let mut take = |block: Gaussians, of: usize| {
+            let taken = take(self.placed(block)?, of);
+            taken.map_err(|problem| {
+                refused = Some(problem);
+                Cancelled.into()
+            })
+        };
+        let read = read_any_blocks(path, watch, &mut take);
+        match refused {
+            Some(problem) => Err(problem),
+            None => read.map_err(|problem| failure(path, problem, watch)),
+        }
     }
 
     /// Generates a procedural scene.
@@ -107,6 +117,27 @@ pub fn in_folder(path: &Path) -> PathBuf {
     found.map_or_else(|| path.to_owned(), |(_, folder)| folder.join(FILE))
 }
 
+/// The error of a file that could not be read because of `problem`.
+fn failure(path: &Path, problem: anyhow::Error, watch: &Watch) -> anyhow::Error {
+    // Decoders may wrap or replace the error of a cancelled source.
+    if (watch.is_cancelled)() {
+        return Cancelled.into();
+    }
+    let path_of = || path.display().to_string();
+    if let Some(NoLevel { problem, .. }) = problem.downcast_ref() {
+        return NoLevel { path: path_of(), problem: problem.clone() }.into();
+    }
+    match problem.downcast::<OutOfMemory>() {
+        Ok(too_large) => too_large.into(),
+        // Decompressors allocate as they go.
+        Err(problem) if lacks_memory(&problem) => {
+            let reason = "the host has too little free memory to read it".to_owned();
+            OutOfMemory { name: path_of(), bytes: None, reason }.into()
+        }
+        Err(problem) => Unreadable::new(path, &problem).into(),
+    }
+}
+
 /// True if an allocation failed inside of a decompressor.
 fn lacks_memory(problem: &anyhow::Error) -> bool {
     let kinds = problem.chain().filter_map(|cause| cause.downcast_ref::<std::io::Error>()).map(std::io::Error::kind);
@@ -141,4 +172,20 @@ fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     let is_drawable = !scene.gaussians.is_empty() || scene.report.is_clean();
     ensure!(is_drawable, "none of its {read} Gaussians can be drawn: {}", scene.report);
     Ok(scene)
+}
+
+fn read_any_blocks(
+    path: &Path,
+    watch: &Watch,
+    take: &mut dyn FnMut(Gaussians, usize) -> Result<()>,
+) -> Result<Option<Scene>> {
+    let path = &sog::in_folder(path);
+    let mut source = Source::open(path, watch)?;
+    ensure!(source.len() > 0, "the file is empty");
+    let is_splat = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("splat"));
+    match source.peek(4)? {
+        magic if magic.starts_with(b"ply") => ply::read_blocks(&mut source, take),
+        _ if is_splat => splat::read_blocks(&mut source, take).map(Some),
+        _ => Ok(None),
+    }
 }

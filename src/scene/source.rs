@@ -8,12 +8,15 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use rayon::prelude::*;
 
 use super::canonical::BLOCK;
-use super::{Builder, Cancelled, Watch};
-use crate::files::{describe, open_regular};
+use super::{Builder, Cancelled, Gaussians, Watch};
+use crate::files::{describe, open_regular, read_exact_at};
 use crate::host_memory::host_vec;
 
 /// Bytes that a thread reads at a time.
 const PART: usize = 1 << 20;
+
+/// Takes the next block of Gaussians, and how many the file claims to hold in all.
+pub(super) type TakeBlock<'t> = &'t mut dyn FnMut(Gaussians, usize) -> Result<()>;
 
 /// A file that is read front to back. Errors name the byte.
 pub(super) struct Source<'w> {
@@ -195,25 +198,4 @@ impl Source<'_> {
             self.next_report = self.position + self.len / 200;
         }
     }
-}
-
-#[cfg(unix)]
-fn read_exact_at(file: &File, bytes: &mut [u8], position: u64) -> io::Result<()> {
-    std::os::unix::fs::FileExt::read_exact_at(file, bytes, position)
-}
-
-#[cfg(windows)]
-fn read_exact_at(file: &File, mut bytes: &mut [u8], mut position: u64) -> io::Result<()> {
-    while !bytes.is_empty() {
-        match std::os::windows::fs::FileExt::seek_read(file, bytes, position) {
-            Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
-            Ok(count) => {
-                bytes = &mut std::mem::take(&mut bytes)[count..];
-                position += count as u64;
-            }
-            Err(error) if error.kind() == ErrorKind::Interrupted => {}
-            Err(error) => return Err(error),
-        }
-    }
-    Ok(())
 }

@@ -3,10 +3,10 @@
 
 use anyhow::{Result, ensure};
 
-use super::Scene;
 use super::canonical::{BLOCK, Builder, Raw, logit};
 use super::harmonics::C0;
-use super::source::Source;
+use super::source::{Source, TakeBlock};
+use super::{LoadReport, Scene};
 
 /// Bytes of a Gaussian: mean and scales as 32-bit floats; colour, opacity and quaternion w x y z as bytes.
 const ROW: usize = 32;
@@ -14,16 +14,42 @@ const ROW: usize = 32;
 const LARGEST: f32 = 1e9;
 
 pub(super) fn read(source: &mut Source) -> Result<Scene> {
+    let mut builder = Builder::new(0, count(source)?)?;
+    blocks(source, |source, rows| {
+        source.before_block(&builder)?;
+        builder.extend(rows.len(), |index, sh| decode(&rows[index], sh));
+        Ok(())
+    })?;
+    let (gaussians, report) = builder.finish();
+    Ok(Scene { gaussians, report, ..Scene::empty("SPLAT") })
+}
+
+/// Reads the Gaussians of a file block by block.
+pub(super) fn read_blocks(source: &mut Source, take: TakeBlock) -> Result<Scene> {
+    let (of, mut report) = (count(source)?, LoadReport::default());
+    blocks(source, |_, rows| {
+        let mut builder = Builder::new(0, rows.len())?;
+        builder.extend(rows.len(), |index, sh| decode(&rows[index], sh));
+        let (gaussians, part) = builder.finish();
+        report = report.and(&part);
+        take(gaussians, of)
+    })?;
+    Ok(Scene { report, ..Scene::empty("SPLAT") })
+}
+
+fn count(source: &Source) -> Result<usize> {
     let bytes = source.len();
     ensure!(
         bytes.is_multiple_of(ROW as u64),
         "a .splat file has {ROW} bytes for each Gaussian, these {bytes} are not a multiple of that"
     );
-    let count = usize::try_from(bytes / ROW as u64)?;
-    let mut builder = Builder::new(0, count)?;
+    Ok(usize::try_from(bytes / ROW as u64)?)
+}
+
+fn blocks(source: &mut Source, mut take: impl FnMut(&mut Source, &[[u8; ROW]]) -> Result<()>) -> Result<()> {
+    let count = count(source)?;
     let mut rows = Vec::new();
     for first in (0..count).step_by(BLOCK) {
-        source.before_block(&builder)?;
         let block = BLOCK.min(count - first);
         rows.resize(block * ROW, 0);
         source.fill(&mut rows, "the Gaussians")?;
@@ -31,20 +57,14 @@ pub(super) fn read(source: &mut Source) -> Result<Scene> {
         if first == 0 {
             check_plausible(rows)?;
         }
-        builder.extend(block, |index, sh| {
-            sh[0] = colour(&rows[index][24..]);
-            gaussian(&rows[index])
-        });
+        take(source, rows)?;
     }
-    let (gaussians, report) = builder.finish();
-    Ok(Scene {
-        gaussians,
-        report,
-        format: "SPLAT".to_owned(),
-        is_antialiased: false,
-        notices: Vec::new(),
-        levels: Vec::new(),
-    })
+    Ok(())
+}
+
+fn decode(row: &[u8; ROW], sh: &mut [[f32; 3]]) -> Raw {
+    sh[0] = colour(&row[24..]);
+    gaussian(row)
 }
 
 /// Refuses a file that has the name of the format but another content. A tenth of the Gaussians may be damaged.

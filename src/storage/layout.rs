@@ -191,10 +191,8 @@ impl Layout {
         words
     }
 
-    /// Word `word` of Gaussian `index`'s rotation, scale and opacity.
-    pub fn shape_word(&self, gaussians: &Gaussians, index: usize, word: usize) -> u32 {
-        let (q, scale, opacity) =
-            (gaussians.rotations()[index], gaussians.scales()[index], gaussians.opacities()[index]);
+    /// Word `word` of a rotation, scale and opacity.
+    pub fn shape_word(&self, q: [f32; 4], scale: [f32; 3], opacity: f32, word: usize) -> u32 {
         let [x, y, z] = scale;
         match self.shape.storage {
             Storage::Lossless | Storage::F32 => [q, [x, y, z, opacity]].as_flattened()[word].to_bits(),
@@ -211,9 +209,8 @@ impl Layout {
         }
     }
 
-    /// Scale and opacity of Gaussian `index` after packing and unpacking.
-    pub fn kept_shape(&self, gaussians: &Gaussians, index: usize) -> ([f32; 3], f32) {
-        let (scale, opacity) = (gaussians.scales()[index], gaussians.opacities()[index]);
+    /// Scale and opacity after packing and unpacking.
+    pub fn kept_shape(&self, scale: [f32; 3], opacity: f32) -> ([f32; 3], f32) {
         let on_grid = |s: f32| self.scale_grid.decode(self.scale_grid.encode(f64::from(s).log2())).exp2();
         match self.shape.storage {
             Storage::Lossless | Storage::F32 => (scale, opacity),
@@ -229,18 +226,43 @@ impl Layout {
         (self.sh_grids, self.scale_grid)
     }
 
+    /// A layout with these SH degree, number formats and grids, as [`grids`](Self::grids) returns them.
+    pub fn from_parts(
+        (sh_degree, sh, shape): (u32, Packing, Packing),
+        (sh_grids, scale_grid): ([Grid; sh_coefficients(MAX_SH_DEGREE)], Grid),
+        scale_base: u32,
+        (has_clamped_alphas, brightest, is_bright): (bool, f64, bool),
+    ) -> Self {
+        Self { sh_degree, sh, shape, sh_grids, scale_grid, scale_base, has_clamped_alphas, brightest, is_bright }
+    }
+
+    /// True if the colours are too bright for 16-bit floats.
+    pub fn is_bright(&self) -> bool {
+        self.is_bright
+    }
+
+    /// True if a Gaussian has the same words in both layouts.
+    pub fn has_words_of(&self, other: &Self) -> bool {
+        let formats = |layout: &Self| (layout.sh_degree, layout.sh.storage, layout.shape.storage);
+        let has_scales = match self.shape.storage {
+            Storage::Lossless | Storage::F32 => true,
+            Storage::F16 => self.scale_base == other.scale_base,
+            Storage::U8 => self.scale_grid == other.scale_grid,
+        };
+        let has_sh = self.sh.storage != Storage::U8 || self.sh_grids == other.sh_grids;
+        formats(self) == formats(other) && has_scales && has_sh
+    }
+
     /// What is added to a 16-bit code of a scale.
     pub fn scale_base(&self) -> u32 {
         self.scale_base
     }
 
-    /// The values of a Gaussian with these words of its shape and of its spherical harmonics, as the shaders unpack
-    /// them.
+    /// The spherical harmonics in these words, as the shaders unpack them; those above the stored degree are 0.
     ///
     /// # Panics
     /// If there are fewer words than the layout has.
-    pub fn unpacked(&self, shape: &[u32], sh: &[u32]) -> Unpacked {
-        let (rotation, scale, opacity) = self.unpacked_shape(shape);
+    pub fn unpacked_sh(&self, sh: &[u32]) -> [[f32; 3]; sh_coefficients(MAX_SH_DEGREE)] {
         let mut all = [[0.0; 3]; sh_coefficients(MAX_SH_DEGREE)];
         for (i, float) in all.as_flattened_mut()[..3 * sh_coefficients(self.sh_degree)].iter_mut().enumerate() {
             *float = match self.sh.storage {
@@ -249,10 +271,10 @@ impl Layout {
                 Storage::U8 => self.sh_grids[i / 3].decode(sh[i / 4].to_le_bytes()[i % 4]),
             };
         }
-        Unpacked { rotation, scale, opacity, sh: all }
+        all
     }
 
-    /// The rotation, scale and opacity in the words of a shape.
+    /// The rotation, scale and opacity in the words of a shape, as the shaders unpack them.
     ///
     /// # Panics
     /// If there are fewer words than the layout has.
@@ -278,15 +300,6 @@ impl Layout {
     }
 }
 
-/// The values of a Gaussian that were packed into words. Spherical harmonics above the stored degree are 0.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Unpacked {
-    pub rotation: [f32; 4],
-    pub scale: [f32; 3],
-    pub opacity: f32,
-    pub sh: [[f32; 3]; sh_coefficients(MAX_SH_DEGREE)],
-}
-
 /// Most spherical harmonics of a Gaussian, of all channels.
 pub const MAX_FLOATS: usize = 3 * sh_coefficients(MAX_SH_DEGREE);
 
@@ -308,17 +321,19 @@ mod tests {
             let options = Options { sh_storage: storage, shape_storage: storage, ..Options::EXACT };
             let layout = Layout::of(&statistics, &options);
             for index in 0..scene.len() {
-                let shape: Vec<u32> =
-                    (0..layout.shape_words()).map(|word| layout.shape_word(&scene, index, word)).collect();
-                let unpacked = layout.unpacked(&shape, &layout.packed_sh(scene.sh(index)));
-                assert_eq!((unpacked.scale, unpacked.opacity), layout.kept_shape(&scene, index), "{storage}");
+                let (q, scale, opacity) = (scene.rotations()[index], scene.scales()[index], scene.opacities()[index]);
+                let word = |word| layout.shape_word(q, scale, opacity, word);
+                let shape: Vec<u32> = (0..layout.shape_words()).map(word).collect();
+                let (rotation, kept_scale, kept_opacity) = layout.unpacked_shape(&shape);
+                assert_eq!((kept_scale, kept_opacity), layout.kept_shape(scale, opacity), "{storage}");
+                let sh = layout.unpacked_sh(&layout.packed_sh(scene.sh(index)));
                 for (i, value) in scene.sh(index).iter().enumerate() {
-                    assert_eq!(unpacked.sh[i], value.map(|v| layout.kept(i, v)), "{storage}");
+                    assert_eq!(sh[i], value.map(|v| layout.kept(i, v)), "{storage}");
                 }
-                let cosine: f32 = unpacked.rotation.iter().zip(scene.rotations()[index]).map(|(a, b)| a * b).sum();
-                assert!(cosine.abs() > 0.99999, "{storage}: {unpacked:?}");
+                let cosine: f32 = rotation.iter().zip(q).map(|(a, b)| a * b).sum();
+                assert!(cosine.abs() > 0.99999, "{storage}: {rotation:?}");
                 if storage == Storage::Lossless {
-                    assert_eq!(unpacked.rotation, scene.rotations()[index]);
+                    assert_eq!(rotation, q);
                 }
             }
         }

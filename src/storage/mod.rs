@@ -5,9 +5,13 @@
 
 mod halves;
 mod layout;
+mod pages;
 mod planes;
 mod statistics;
 
-pub use layout::{Layout, Packing, Unpacked};
-pub use planes::{Planes, pack, reach, share, take};
+pub use layout::{Layout, Packing};
+pub use pages::{
+    Entry, HEADER, Header, PADDING, PAGE, Page, PageFile, PageWords, Pages, ReadFault, is_page_file, read, simulate,
+};
+pub use planes::{Shape, pack_sh, pack_shapes, reach, share, take};
 pub use statistics::{Accumulator, FOCUSED, Statistics};

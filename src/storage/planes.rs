@@ -3,15 +3,25 @@
 use super::Layout;
 use crate::scene::Gaussians;
 
-/// Parts of all planes that hold the same Gaussians, with four words per element: one plane of bounds, and as many of
-/// shapes and of spherical harmonics as the layout needs. In a last plane with one or two words per Gaussian, four or
-/// two Gaussians share an element.
-pub struct Planes<'w> {
-    /// The bits of the mean, and the [`reach`].
-    pub bounds: &'w mut [[u32; 4]],
-    /// Rotation, scale, opacity.
-    pub shapes: Vec<&'w mut [[u32; 4]]>,
-    pub sh: Vec<&'w mut [[u32; 4]]>,
+/// A Gaussian without its colour.
+#[derive(Clone, Copy, Debug)]
+pub struct Shape {
+    pub mean: [f32; 3],
+    pub rotation: [f32; 4],
+    pub scale: [f32; 3],
+    pub opacity: f32,
+}
+
+impl Shape {
+    /// The shape of Gaussian `index`.
+    pub fn of(gaussians: &Gaussians, index: usize) -> Self {
+        Self {
+            mean: gaussians.means()[index],
+            rotation: gaussians.rotations()[index],
+            scale: gaussians.scales()[index],
+            opacity: gaussians.opacities()[index],
+        }
+    }
 }
 
 /// Number of Gaussians that share an element of plane `plane`, where each takes `words` words in all planes together.
@@ -23,30 +33,46 @@ pub fn share(words: usize, plane: usize) -> usize {
     }
 }
 
-/// Fills the planes: element `k` of the bounds is of Gaussian `index(k)`. Gaussians with alphas below `alpha_min` may
-/// be culled there.
-pub fn pack(
+/// Fills parts of the planes of bounds and of shapes, with four words per element: element `k` of the bounds, which is
+/// the mean and the [`reach`], is of `shape(k)`. In a last plane of shapes with two words per Gaussian, two of them
+/// share an element. Gaussians with alphas below `alpha_min` may be culled there.
+pub fn pack_shapes(
     layout: &Layout,
     alpha_min: f32,
-    gaussians: &Gaussians,
-    index: impl Fn(usize) -> usize,
-    planes: &mut Planes,
+    shape: impl Fn(usize) -> Shape,
+    bounds: &mut [[u32; 4]],
+    planes: &mut [&mut [[u32; 4]]],
 ) {
-    let Planes { bounds, shapes, sh } = planes;
-    // The last element may have room for more Gaussians.
-    shapes.iter_mut().chain(&mut *sh).filter_map(|plane| plane.last_mut()).for_each(|last| *last = [0; 4]);
+    clear_last(planes);
     for (k, element) in bounds.iter_mut().enumerate() {
-        let index = index(k);
-        let [x, y, z] = gaussians.means()[index].map(f32::to_bits);
-        let (scale, kept) = layout.kept_shape(gaussians, index);
+        let Shape { mean, rotation, scale, opacity } = shape(k);
+        let [x, y, z] = mean.map(f32::to_bits);
+        let (kept_scale, kept) = layout.kept_shape(scale, opacity);
         // A Gaussian that is too faint to be drawn stays so.
-        let opacity = gaussians.opacities()[index];
-        let opacity = if opacity < alpha_min { opacity } else { kept };
-        *element = [x, y, z, reach(scale, opacity, alpha_min.into())];
-        put(shapes, k, layout.shape_words(), |word| layout.shape_word(gaussians, index, word));
-        let packed = layout.packed_sh(gaussians.sh(index));
-        put(sh, k, layout.sh_words(), |word| packed[word]);
+        let drawn = if opacity < alpha_min { opacity } else { kept };
+        *element = [x, y, z, reach(kept_scale, drawn, alpha_min.into())];
+        put(planes, k, layout.shape_words(), |word| layout.shape_word(rotation, scale, opacity, word));
     }
+}
+
+/// Fills parts of the planes of spherical harmonics for `count` Gaussians. In a last plane with one or two words per
+/// Gaussian, four or two of them share an element.
+pub fn pack_sh<'s>(
+    layout: &Layout,
+    count: usize,
+    sh: impl Fn(usize) -> &'s [[f32; 3]],
+    planes: &mut [&mut [[u32; 4]]],
+) {
+    clear_last(planes);
+    for k in 0..count {
+        let packed = layout.packed_sh(sh(k));
+        put(planes, k, layout.sh_words(), |word| packed[word]);
+    }
+}
+
+/// The last element may have room for more Gaussians.
+fn clear_last(planes: &mut [&mut [[u32; 4]]]) {
+    planes.iter_mut().filter_map(|plane| plane.last_mut()).for_each(|last| *last = [0; 4]);
 }
 
 /// Writes the words of Gaussian `k`, which has `words` in all planes together.

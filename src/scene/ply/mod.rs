@@ -12,9 +12,9 @@ use anyhow::{Result, bail};
 use self::header::Element;
 use self::layout::Layout;
 use self::rows::{Rows, skip};
-use super::Scene;
-use super::canonical::{BLOCK, Builder};
-use super::source::Source;
+use super::canonical::{BLOCK, Builder, Raw};
+use super::source::{Source, TakeBlock};
+use super::{LoadReport, Scene};
 
 pub(super) use packed::CHUNK;
 
@@ -34,30 +34,79 @@ pub(super) fn read(source: &mut Source) -> Result<Scene> {
     bail!("the header has no element vertex")
 }
 
+/// Reads the Gaussians of a file block by block. `None` if its format is read as a whole.
+pub(super) fn read_blocks(source: &mut Source, take: TakeBlock) -> Result<Option<Scene>> {
+    let header::Header { elements, is_antialiased, mut notices } = header::read(source)?;
+    if elements.iter().any(|e| e.name == "chunk") {
+        return Ok(None);
+    }
+    for element in &elements {
+        if element.name == "vertex" {
+            let mut rows = Rows::of(source, element)?;
+            if is_point_cloud(element) {
+                return Ok(None);
+            }
+            let mut report = LoadReport::default();
+            let of = rows.count;
+            let flat = blocks(source, &mut rows, |_, sh_degree, count, decode| {
+                let mut builder = Builder::new(sh_degree, count)?;
+                builder.extend(count, decode);
+                let (gaussians, part) = builder.finish();
+                report = report.and(&part);
+                take(gaussians, of)
+            })?;
+            notices.extend(flat);
+            return Ok(Some(Scene { report, is_antialiased, notices, ..Scene::empty("PLY") }));
+        }
+        skip(source, element)?;
+    }
+    bail!("the header has no element vertex")
+}
+
+fn is_point_cloud(element: &Element) -> bool {
+    !["scale_0", "rot_0", "opacity", "f_dc_0"].iter().any(|name| element.has(name))
+}
+
 fn vertices(source: &mut Source, element: &Element) -> Result<Scene> {
     let mut rows = Rows::of(source, element)?;
-    let kept = rows.kept();
-    if !["scale_0", "rot_0", "opacity", "f_dc_0"].iter().any(|name| element.has(name)) {
+    if is_point_cloud(element) {
+        let kept = rows.kept();
         return points::read(source, &mut rows, &kept);
     }
+    let mut builder = Builder::new(Layout::of(element)?.sh_degree, rows.count)?;
+    let flat = blocks(source, &mut rows, |source, _, count, decode| {
+        source.before_block(&builder)?;
+        builder.extend(count, decode);
+        Ok(())
+    })?;
+    let (gaussians, report) = builder.finish();
+    Ok(Scene { gaussians, report, notices: flat.into_iter().collect(), ..Scene::empty("PLY") })
+}
+
+/// Decodes a Gaussian of a block, and writes its spherical harmonics.
+type Decode<'d> = &'d (dyn Fn(usize, &mut [[f32; 3]]) -> Raw + Sync);
+
+/// Reads all rows in blocks. `take` gets the SH degree, the number of Gaussians of a block and what decodes them.
+/// Returns what there is to say about the file.
+fn blocks(
+    source: &mut Source,
+    rows: &mut Rows,
+    mut take: impl FnMut(&mut Source, u32, usize, Decode) -> Result<()>,
+) -> Result<Option<String>> {
+    let kept = rows.kept();
     let layout = Layout::of(&kept)?;
-    let mut builder = Builder::new(layout.sh_degree, rows.count)?;
     let (stride, bands) = (kept.stride(), layout.rest.len() / 3);
     for first in (0..rows.count).step_by(BLOCK) {
-        source.before_block(&builder)?;
         let block = BLOCK.min(rows.count - first);
         let bytes = rows.next(source, first, block)?;
-        builder.extend(block, |index, sh| {
+        take(source, layout.sh_degree, block, &|index, sh| {
             let row = &bytes[index * stride..][..stride];
             sh[0] = layout.colour.read(row);
             for (i, coefficient) in sh[1..].iter_mut().enumerate() {
                 *coefficient = std::array::from_fn(|channel| layout.rest[channel * bands + i].read_f32(row));
             }
             layout.raw(row)
-        });
+        })?;
     }
-    let (gaussians, report) = builder.finish();
-    let flat = (layout.scale.len() == 2).then(|| "it has two scales, and is drawn as flat Gaussians".to_owned());
-    let notices = flat.into_iter().collect();
-    Ok(Scene { gaussians, report, format: "PLY".to_owned(), is_antialiased: false, notices, levels: Vec::new() })
+    Ok((layout.scale.len() == 2).then(|| "it has two scales, and is drawn as flat Gaussians".to_owned()))
 }

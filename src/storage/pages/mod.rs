@@ -1,0 +1,16 @@
+//! Page files, in which a scene is read a page at a time, and the pages that a renderer sees.
+
+mod bytes;
+mod fault;
+mod header;
+mod page;
+mod page_file;
+mod read_back;
+mod source;
+
+pub use fault::{ReadFault, simulate};
+pub use header::{HEADER, Header};
+pub use page::{Entry, PADDING, PAGE, Page, PageWords};
+pub use page_file::{PageFile, is_page_file};
+pub use read_back::read;
+pub use source::Pages;
