@@ -2,7 +2,7 @@
 
 use glam::{DVec3, dvec3};
 
-use super::layout::{FLOOR, GROUND_FLOOR, House, dice};
+use super::layout::{FLOOR, GROUND_FLOOR, House, Manner, Roof, dice};
 
 /// The appearance of a house.
 #[derive(Clone, Copy)]
@@ -26,6 +26,8 @@ enum Material {
     Brick,
     Plaster,
     Glass,
+    /// The walls of a church.
+    Stone,
 }
 
 /// A point of a texture.
@@ -57,11 +59,11 @@ const PLASTERS: [DVec3; 8] = [
 const BRICKS: [DVec3; 4] =
     [dvec3(0.55, 0.27, 0.20), dvec3(0.62, 0.36, 0.26), dvec3(0.50, 0.33, 0.27), dvec3(0.70, 0.55, 0.40)];
 const ROOFS: [DVec3; 5] = [
-    dvec3(0.60, 0.28, 0.19),
-    dvec3(0.52, 0.25, 0.19),
-    dvec3(0.30, 0.31, 0.34),
-    dvec3(0.64, 0.36, 0.24),
-    dvec3(0.40, 0.26, 0.21),
+    dvec3(0.58, 0.33, 0.25),
+    dvec3(0.50, 0.29, 0.23),
+    dvec3(0.34, 0.35, 0.38),
+    dvec3(0.60, 0.40, 0.30),
+    dvec3(0.42, 0.32, 0.28),
 ];
 const SIGNS: [DVec3; 6] = [
     dvec3(0.10, 0.32, 0.22),
@@ -79,7 +81,8 @@ impl Style {
         let (plaster, brick, roof, sign, shutter) =
             (pick(&PLASTERS), pick(&BRICKS), pick(&ROOFS), pick(&SIGNS), pick(&SIGNS));
         let material = match dice.unit() {
-            _ if house.is_modern => Material::Glass,
+            _ if house.manner == Manner::Modern => Material::Glass,
+            _ if house.manner == Manner::Church => Material::Stone,
             d if d < 0.4 => Material::Brick,
             _ => Material::Plaster,
         };
@@ -87,6 +90,7 @@ impl Style {
             Material::Brick => brick,
             Material::Plaster => plaster,
             Material::Glass => dvec3(0.62, 0.64, 0.66),
+            Material::Stone => dvec3(0.74, 0.69, 0.60),
         };
         let is_light = dice.unit() < 0.7;
         Self {
@@ -94,12 +98,12 @@ impl Style {
             trim: if is_light { dvec3(0.90, 0.88, 0.83) } else { dvec3(0.55, 0.50, 0.44) },
             shutter,
             sign,
-            roof: if house.roof == super::layout::Roof::Flat { dvec3(0.50, 0.48, 0.46) } else { roof },
+            roof: if house.roof == Roof::Flat { dvec3(0.50, 0.48, 0.46) } else { roof },
             material,
             bay: 2.1 + 0.9 * dice.unit(),
             window: [0.95 + 0.3 * dice.unit(), 1.55 + 0.3 * dice.unit()],
             has_shutters: material == Material::Plaster && dice.unit() < 0.5,
-            has_shop: dice.unit() < 0.62 || house.is_modern,
+            has_shop: dice.unit() < 0.62 || house.manner == Manner::Modern,
             seed: house.seed,
         }
     }
@@ -122,6 +126,9 @@ impl Style {
         let is_margin = u < margin || u > length - margin;
         let number = (at / self.bay).floor();
         let x = if is_margin { 0.5 * self.bay } else { at - (number + 0.5) * self.bay };
+        if self.material == Material::Stone {
+            return self.tall([x, v], [u, eaves], spacing);
+        }
         if v < GROUND_FLOOR {
             let door = (count / 2.0).floor() == number;
             return self.ground_floor([x, v], [u, length], door, spacing);
@@ -198,7 +205,7 @@ impl Style {
         if self.has_shutters && p < FRAME + leaf && q < 0.04 {
             let slat = if (y / 0.09).fract() < 0.3 { 0.82 } else { 1.0 };
             let edges = [(p - FRAME).min(FRAME + leaf - p), 0.04 - q];
-            return Some(Texel { relief: 0.07, ..Texel::new(1.3 * slat * self.shutter, edges) });
+            return Some(Texel { relief: 0.07, ..Texel::new(1.1 * slat * self.shutter, edges) });
         }
         None
     }
@@ -232,6 +239,17 @@ impl Style {
         let mut pane = self.pane([(post - 0.07).min(halves), (slab - 0.55).min(FLOOR - y)], place, y / FLOOR);
         pane.albedo = pane.albedo.lerp(dvec3(0.30, 0.44, 0.56), 0.65);
         pane
+    }
+
+    /// A wall with tall round-headed windows.
+    fn tall(&self, [x, v]: [f64; 2], [u, eaves]: [f64; 2], spacing: f64) -> Texel {
+        let (half, foot, head) = (0.55, (eaves - 6.8).max(2.6), eaves - 2.4);
+        let outside = if v > head { x.hypot(v - head) - half } else { (x.abs() - half).max(foot - v) };
+        match outside {
+            d if d < 0.0 => self.pane([-d; 2], [x.signum(), 1.0], 0.3),
+            d if d < 0.16 => Texel { relief: 0.05, ..Texel::new(0.88 * self.wall, [d.min(0.16 - d); 2]) },
+            d => self.plain([u, v], [(d - 0.16).max(0.05), f64::INFINITY], spacing),
+        }
     }
 
     fn ground_floor(&self, [x, v]: [f64; 2], [u, length]: [f64; 2], is_door: bool, spacing: f64) -> Texel {

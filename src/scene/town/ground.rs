@@ -46,7 +46,7 @@ pub fn street(block: &Block, at: DVec2) -> Floor {
     if !on_x && !on_z {
         return pavement(at, [across_x - road_x, across_z - road_z]);
     }
-    let worn = dvec3(0.29, 0.29, 0.30) * (1.0 + 0.10 * blotch(at) + 0.05 * blotch(3.1 * at));
+    let worn = dvec3(0.37, 0.37, 0.38) * (1.0 + 0.10 * blotch(at) + 0.05 * blotch(3.1 * at));
     if on_x && on_z {
         return floor(worn, 0.0, [f64::INFINITY; 2]);
     }

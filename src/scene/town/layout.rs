@@ -76,6 +76,14 @@ pub enum Roof {
     Spire,
 }
 
+/// The manner in which a house is built.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Manner {
+    Town,
+    Modern,
+    Church,
+}
+
 /// What a wall of a house borders on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Side {
@@ -97,7 +105,7 @@ pub struct House {
     pub sides: [Side; 4],
     /// Seed of its appearance.
     pub seed: usize,
-    pub is_modern: bool,
+    pub manner: Manner,
 }
 
 impl House {
@@ -284,7 +292,16 @@ fn houses_around(rect: &Rect, seed: usize) -> Vec<House> {
             let top = eaves + if is_flat { 0.0 } else { 2.6 + 1.6 * dice.unit() };
             let roof = if is_flat { Roof::Flat } else { Roof::Gable(axis) };
             let seed = seed + 64 * row + k;
-            houses.push(House { rect: Rect { low, high }, base: 0.0, eaves, top, roof, sides, seed, is_modern: false });
+            houses.push(House {
+                rect: Rect { low, high },
+                base: 0.0,
+                eaves,
+                top,
+                roof,
+                sides,
+                seed,
+                manner: Manner::Town,
+            });
             begin = end;
         }
         for k in first + 1..houses.len() {
@@ -311,7 +328,7 @@ fn tower(rect: &Rect, seed: usize) -> Vec<House> {
         roof: Roof::Flat,
         sides,
         seed,
-        is_modern: true,
+        manner: Manner::Modern,
     };
     vec![house(*rect, 0.0, base, seed), house(shaft, base - 0.5, base + floors * FLOOR + 1.0, seed + 1)]
 }
@@ -324,8 +341,26 @@ fn church(rect: &Rect, seed: usize) -> Vec<House> {
     let belfry = around(middle + dvec2(-10.2, 2.0), dvec2(3.4, 3.4));
     let sides = [Side::Street; 4];
     vec![
-        House { rect: nave, base: 0.0, eaves: 10.0, top: 16.5, roof: Roof::Gable(0), sides, seed, is_modern: false },
-        House { rect: belfry, base: 0.0, eaves: 25.0, top: 38.0, roof: Roof::Spire, sides, seed, is_modern: false },
+        House {
+            rect: nave,
+            base: 0.0,
+            eaves: 10.0,
+            top: 16.5,
+            roof: Roof::Gable(0),
+            sides,
+            seed,
+            manner: Manner::Church,
+        },
+        House {
+            rect: belfry,
+            base: 0.0,
+            eaves: 25.0,
+            top: 38.0,
+            roof: Roof::Spire,
+            sides,
+            seed,
+            manner: Manner::Church,
+        },
     ]
 }
 

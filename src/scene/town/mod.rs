@@ -15,6 +15,8 @@ mod parts;
 mod path;
 mod roof;
 mod splat;
+#[cfg(test)]
+mod tests;
 
 use std::ops::Range;
 
@@ -35,7 +37,7 @@ pub use path::TownPath;
 pub const MAX_COUNT: usize = 1_000_000_000;
 
 /// Number of Gaussians of a block at the density that `parts` states, mean of all kinds.
-const BLOCK_COUNT: f64 = 6.0e6;
+const BLOCK_COUNT: f64 = 6.3e6;
 
 /// Fewest blocks along a side of the town. Towns with fewer Gaussians than those blocks need have larger ones.
 const FEWEST: usize = 4;

@@ -48,6 +48,7 @@ impl Cuboid {
         let colour = if face == 0 { self.top } else { self.colour };
         let mut spot = Spot::matte(self.foot + offset, normal, grain, colour);
         let edge = |t: f64, size: f64| 0.6 * (t.min(1.0 - t) * size).max(0.02);
+        spot.depth = 0.3 * x.min(z).min(h);
         spot.limits = [edge(0.5 + 0.5 * along, size[0]), edge(v, size[1])];
         spot
     }
@@ -138,6 +139,7 @@ impl Car {
         let foot = dvec3(self.at.x, 0.0, self.at.y);
         let mut spot = Spot::matte(foot + turned(local), turned(normal), turned(DVec3::X), albedo);
         spot.limits = [0.25, 0.12];
+        spot.depth = 0.25;
         spot.gloss = gloss;
         spot
     }

@@ -41,7 +41,7 @@ impl Surroundings {
         let edge = self.town / out.x.abs().max(out.z.abs());
         let distance = edge * (self.horizon / edge).powf(v);
         let far = ((distance - edge) / self.horizon).powi(2);
-        let hill = 130.0 * far * (0.6 + (3.0 * angle).sin() * 0.5 + 0.4 * (7.0 * angle + 1.0).sin()).max(0.0);
+        let hill = 70.0 * far * (0.6 + (3.0 * angle).sin() * 0.5 + 0.4 * (7.0 * angle + 1.0).sin()).max(0.0);
         (out * distance - DVec3::Y * hill, distance)
     }
 
@@ -62,10 +62,10 @@ impl Surroundings {
         let angle = u + 0.013 * (TAU * 17.0 * u).sin() + 0.02 * (TAU * 5.0 * u + 9.0 * v).sin();
         let (point, distance) = self.place([angle, 0.15 + 0.85 * v]);
         let leaf = dvec3(0.20, 0.32, 0.13) * (1.0 + 0.25 * random.normal());
-        let height = (6.0 + 0.010 * distance) * random.unit();
-        let albedo = self.in_haze(leaf * (0.7 + 0.3 * height / (6.0 + 0.010 * distance)), distance);
+        let height = (5.0 + 0.006 * distance) * random.unit();
+        let albedo = self.in_haze(leaf * (0.7 + 0.3 * height / (5.0 + 0.006 * distance)), distance);
         let mut spot = Spot::matte(point - DVec3::Y * height, random.direction(), random.direction(), albedo);
-        spot.shape = dvec3(0.8, 0.6, 0.3) * distance;
+        spot.shape = dvec3(0.5, 0.4, 0.2) * distance;
         spot.lit = Lit::Own;
         spot
     }
@@ -94,8 +94,8 @@ impl Surroundings {
         spot
     }
 
-    /// A colour at this distance: half of it is haze at 1200 metres beyond the town.
+    /// A colour at this distance: half of it is haze at 800 metres beyond the town.
     fn in_haze(self, albedo: DVec3, distance: f64) -> DVec3 {
-        dvec3(0.76, 0.82, 0.88).lerp(albedo, 0.5_f64.powf((distance - self.town).max(0.0) / 1200.0))
+        dvec3(0.76, 0.82, 0.88).lerp(albedo, 0.5_f64.powf((distance - self.town).max(0.0) / 800.0))
     }
 }

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, dvec2, dvec3};
 
 use super::facade::Style;
-use super::layout::{Block, GROUND_FLOOR, House, Layout, Rect, Roof, Side, Use, dice};
+use super::layout::{Block, GROUND_FLOOR, House, Layout, Manner, Rect, Roof, Side, Use, dice};
 use super::objects::{CAR_AREA, Car, Cuboid, LAMP_AREA, lamp, tree, tree_area};
 use super::splat::{Layer, Spot};
 use super::{ground, roof};
@@ -13,17 +13,17 @@ use crate::scene::random::Random;
 /// the same ratios.
 mod density {
     pub const GROUND_FLOOR: f64 = 2000.0;
-    pub const FACADE: f64 = 1000.0;
-    pub const YARD_WALL: f64 = 400.0;
-    pub const ROOF: f64 = 350.0;
-    pub const STREET: f64 = 800.0;
-    pub const YARD: f64 = 400.0;
-    pub const TREE: f64 = 700.0;
-    pub const THING: f64 = 1500.0;
+    pub const FACADE: f64 = 700.0;
+    pub const YARD_WALL: f64 = 300.0;
+    pub const ROOF: f64 = 250.0;
+    pub const STREET: f64 = 550.0;
+    pub const YARD: f64 = 250.0;
+    pub const TREE: f64 = 500.0;
+    pub const THING: f64 = 2200.0;
 }
 
 /// Fraction of stray splats in the air of a block.
-const STRAY: f64 = 0.015;
+const STRAY: f64 = 0.01;
 
 /// A part of a block.
 pub struct Part {
@@ -55,7 +55,7 @@ pub struct Place {
 
 impl Part {
     fn new(piece: Piece, area: f64, density: f64) -> Self {
-        let has_backing = !matches!(piece, Piece::Tree(_) | Piece::Strays);
+        let has_backing = !matches!(piece, Piece::Tree(_) | Piece::Lamp(_) | Piece::Strays);
         Self { piece, area, weight: area * density, has_backing }
     }
 
@@ -137,7 +137,9 @@ fn wall(house: &House, style: &Style, side: usize, [from, to]: [f64; 2], [u, v]:
     let point = dvec3(at.x, -height, at.y) + texel.relief * normal;
     let sideways = if axis == 0 { DVec3::Z } else { DVec3::X };
     // Splats end at the edges of the wall, too.
-    let outer = [(u.min(1.0 - u) * length).max(0.02), (to - height).max(0.02)];
+    let above = to - height;
+    let beside = if height > house.eaves { above * 0.5 * length / (house.top - house.eaves) } else { f64::INFINITY };
+    let outer = [(u.min(1.0 - u) * length).min(beside).max(0.02), above.max(0.02)];
     let [x, y] = [0, 1].map(|k| 0.55 * texel.edges[k].min(outer[k]));
     let mut spot = Spot::matte(point, normal, if x > y { sideways } else { DVec3::Y }, texel.albedo);
     spot.limits = if x > y { [x, y] } else { [y, x] };
@@ -149,9 +151,9 @@ fn wall(house: &House, style: &Style, side: usize, [from, to]: [f64; 2], [u, v]:
 fn stray(layout: &Layout, block: &Block, random: &mut Random) -> Spot {
     let at = block.cell.low + block.cell.size() * dvec2(random.unit(), random.unit());
     let height = layout.height(at) + 0.2 + 12.0 * random.unit().powi(2);
-    let tone = dvec3(0.55, 0.54, 0.52) + 0.15 * random.direction();
+    let tone = dvec3(0.66, 0.66, 0.66) + 0.1 * random.direction();
     let mut spot = Spot::matte(dvec3(at.x, -height, at.y), random.direction(), random.direction(), tone);
-    spot.shape = dvec3(0.5, 0.25, 0.06);
+    spot.shape = dvec3(0.4, 0.2, 0.05);
     spot.lit = super::splat::Lit::Own;
     spot.gloss = 0.0;
     spot
@@ -224,7 +226,7 @@ fn house_parts(house: &House, parts: &mut Vec<Part>) {
     for _ in 0..count {
         let at = house.rect.low + house.rect.size() * dvec2(0.15 + 0.7 * dice.unit(), 0.4 + 0.2 * dice.unit());
         let foot = dvec3(at.x, 0.3 - house.height(at), at.y);
-        let is_modern = house.is_modern || house.roof == Roof::Flat;
+        let is_modern = house.manner == Manner::Modern || house.roof == Roof::Flat;
         let (half, colour) = if is_modern {
             (dvec2(1.0 + dice.unit(), 0.8 + dice.unit()), dvec3(0.62, 0.63, 0.64))
         } else {

@@ -108,8 +108,8 @@ fn on_roof(layout: &Layout) -> DVec3 {
     let is_near = |at: DVec2| at.abs().max_element() < 0.62 * layout.half();
     let blocks = layout.blocks.iter().filter(|block| block.kind == Use::Houses);
     let houses = blocks.flat_map(|block| &block.houses).filter(|house| is_near(house.rect.centre()));
-    let rank = |house: &&House| house.top + if house.roof == Roof::Flat { 3.0 } else { 0.0 };
+    let rank = |house: &&House| house.top + if house.roof == Roof::Flat { 100.0 } else { 0.0 };
     let best = houses.max_by(|a, b| rank(a).total_cmp(&rank(b)));
     let (at, top) = best.map_or((DVec2::ZERO, 70.0), |house| (house.rect.centre(), house.top));
-    dvec3(at.x, -(top + EYES), at.y)
+    dvec3(at.x, -(top + 1.5 * EYES), at.y)
 }

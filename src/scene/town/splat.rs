@@ -10,8 +10,8 @@ use crate::scene::random::Random;
 /// Degree of the spherical harmonics: view-dependent gloss only.
 pub const SH_DEGREE: u32 = 1;
 
-/// Towards the sun, unit length: 42 degrees high.
-pub const SUN: DVec3 = dvec3(0.5624, -0.6691, 0.4858);
+/// Towards the sun, unit length: 49 degrees high.
+pub const SUN: DVec3 = dvec3(0.52, -0.76, 0.39);
 
 /// How rough surfaces are, metres. On an exact plane that a camera faces, depths would be equal but for rounding, and
 /// with them the order of splats undefined.
@@ -37,6 +37,8 @@ pub struct Spot {
     pub limits: [f64; 2],
     pub gloss: f64,
     pub lit: Lit,
+    /// How far behind the surface splats of the backing may lie, metres.
+    pub depth: f64,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -59,8 +61,8 @@ pub enum Layer {
 impl Spot {
     /// A spot of a matte surface without edges.
     pub fn matte(point: DVec3, normal: DVec3, grain: DVec3, albedo: DVec3) -> Self {
-        let shape = dvec3(1.15, 0.75, 0.05);
-        Self { point, normal, grain, albedo, shape, limits: [f64::INFINITY; 2], gloss: 0.04, lit: Lit::Sun }
+        let shape = dvec3(1.05, 0.66, 0.05);
+        Self { point, normal, grain, albedo, shape, limits: [f64::INFINITY; 2], gloss: 0.04, lit: Lit::Sun, depth: 1.2 }
     }
 }
 
@@ -96,7 +98,7 @@ pub fn gaussian(
         Layer::Backing => 0.93 + 0.06 * random.unit(),
         _ => 0.99 - 0.4 * random.unit().powi(2),
     };
-    let behind = if layer == Layer::Backing { (0.9 * spacing).clamp(0.05, 1.2) } else { 0.0 };
+    let behind = if layer == Layer::Backing { (0.9 * spacing).clamp(0.05, spot.depth.max(0.05)) } else { 0.0 };
     let mean = spot.point - (behind + ROUGHNESS * random.normal()) * normal;
     shade(random, layout, spot, sh);
     Raw {
@@ -114,8 +116,8 @@ fn shade(random: &mut Random, layout: &Layout, spot: &Spot, sh: &mut [[f32; 3]])
         let facing = normal.dot(SUN).max(0.0);
         let outside = spot.point + 0.25 * normal;
         sun = if facing > 0.0 { facing * layout.sunlight(outside, SUN) } else { 0.0 };
-        let open = (0.62 - 0.38 * normal.y) * (0.72 + 0.28 * (-spot.point.y / 9.0).clamp(0.0, 1.0));
-        light = open * dvec3(0.46, 0.51, 0.60) + sun * dvec3(0.98, 0.90, 0.76);
+        let open = (0.74 - 0.26 * normal.y) * (0.80 + 0.20 * (-spot.point.y / 9.0).clamp(0.0, 1.0));
+        light = open * dvec3(0.56, 0.60, 0.67) + sun * dvec3(0.74, 0.68, 0.56);
     }
     let grit = if is_lit { 0.012 } else { 0.004 };
     let noise = grit * dvec3(random.normal(), random.normal(), random.normal());
