@@ -33,6 +33,11 @@ pub fn turn(centre: DVec3, radius: f64, size_px: [u32; 2], views: usize) -> Vec<
     (0..views).map(view).collect()
 }
 
+/// A camera for each eye and its target, with the field of view of the orbits.
+pub fn looking(views: &[[DVec3; 2]], size_px: [u32; 2]) -> Vec<Camera> {
+    views.iter().map(|[eye, target]| Camera::looking_at(*eye, *target, size_px, FIELD_OF_VIEW)).collect()
+}
+
 /// `views` cameras in equal steps from the first keyframe to the last: positions on a Catmull-Rom spline, rotations
 /// along the shortest arcs, intrinsics interpolated linearly. The keyframes must have the same size.
 ///

@@ -10,7 +10,7 @@ use glam::DVec3;
 
 use super::{SceneArg, Usage, numbers, remark};
 use crate::camera::{self, Camera, MAX_POSITION, NamedCamera, Split, Timeline, Up};
-use crate::scene::{Focus, Gaussians, Unreadable};
+use crate::scene::{Focus, Gaussians, Procedural, TownPath, Unreadable};
 
 /// The choice of a split.
 #[derive(clap::Args)]
@@ -142,8 +142,9 @@ fn parse_angle(text: &str) -> Result<f64> {
 /// A camera path and its frame rate.
 #[derive(clap::Args)]
 pub(super) struct FilmArgs {
-    /// Draw the frames of a camera path (docs/camera-path.md) into a folder. `smalto view` writes such files
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["cameras", "camera", "split", "eye"])]
+    /// Draw the frames of a camera path (docs/camera-path.md) into a folder. `smalto view` writes such files. In the
+    /// town, street, roof or air: 20 seconds along streets, around on a roof, or over the houses
+    #[arg(long, value_name = "FILE|street|roof|air", conflicts_with_all = ["cameras", "camera", "split", "eye"])]
     path: Option<PathBuf>,
     /// Draw N pictures of one turn around the scene into a folder, with a horizontal field of view of 60 degrees. --up
     /// says which way is up
@@ -176,9 +177,14 @@ impl FilmArgs {
         self.fps.clone().unwrap_or(Fps { text: "30".to_owned(), value: 30.0 })
     }
 
-    /// Reads the path, if one is given, and samples its frames.
-    pub fn read(&self) -> Result<Option<Vec<NamedCamera>>> {
+    /// Reads the path, if one is given, and samples its frames. Those of a path of the town have this size.
+    pub fn read(&self, scene: &SceneArg, size_px: [u32; 2]) -> Result<Option<Vec<NamedCamera>>> {
         let Some(file) = &self.path else { return Ok(None) };
+        if let Some(path) = file.to_str().and_then(TownPath::named) {
+            let count = (TOWN_SECONDS * self.fps().value).ceil() as usize;
+            let town = scene.procedural().transpose()?;
+            return Ok(Some(town_cameras(town, path, size_px, count)?));
+        }
         let timeline = Timeline::read(file).map_err(|problem| Unreadable::new(file, &problem))?;
         let fps = self.fps();
         let frames = timeline.frames(fps.value);
@@ -191,6 +197,26 @@ impl FilmArgs {
         Ok(Some(frames.enumerate().map(|(i, camera)| NamedCamera { name: format!("frame {i}"), camera }).collect()))
     }
 }
+
+/// Seconds of the camera paths of the town.
+const TOWN_SECONDS: f64 = 20.0;
+
+/// Cameras along a path of the town. Fails if the scene is another.
+pub(super) fn town_cameras(
+    scene: Option<Procedural>,
+    path: TownPath,
+    size_px: [u32; 2],
+    count: usize,
+) -> Result<Vec<NamedCamera>, Usage> {
+    let views = scene.and_then(|scene| scene.views(path, count));
+    let name = path.name();
+    let views = views.ok_or_else(|| Usage(format!("--path {name} is a path of the town, and the scene is another")))?;
+    let cameras = camera::path::looking(&views, size_px).into_iter().enumerate();
+    Ok(cameras.map(|(i, camera)| NamedCamera { name: format!("{name} {i}"), camera }).collect())
+}
+
+/// The largest distance of the near plane in the town, metres.
+pub(super) const TOWN_NEAR: f32 = 0.1;
 
 impl FromStr for Fps {
     type Err = anyhow::Error;

@@ -20,8 +20,8 @@ use crate::scene::{self, NoLevel, Procedural, Reading, Scene, Transform, Watch};
 #[derive(Args)]
 pub(super) struct SceneArg {
     /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb or .gltf), folder of a SOG, model folder of
-    /// the original 3DGS, - for a file on standard input, or procedural scene: cactus, room, plain, few-large or
-    /// many-small, optionally with :COUNT Gaussians
+    /// the original 3DGS, - for a file on standard input, or procedural scene: cactus, room, plain, town,
+    /// few-large or many-small, optionally with :COUNT Gaussians
     #[arg(default_value = "cactus")]
     pub scene: PathBuf,
     #[command(flatten)]
@@ -63,6 +63,13 @@ impl SceneArg {
     pub fn path(&self) -> Option<PathBuf> {
         let is_file = self.procedural().is_none() && !piped::is_piped(&self.scene);
         is_file.then(|| scene::in_folder(&self.scene))
+    }
+
+    /// The scene if it is a town. Its cameras are paths of its own.
+    pub fn town(&self) -> Result<Option<Procedural>> {
+        let town = self.procedural().transpose()?.filter(Procedural::is_town);
+        let is_turned = self.reading.up.is_some() || self.reading.flip.is_some();
+        Ok(town.filter(|_| !is_turned))
     }
 
     /// The name of the scene in reports: its file name without the folder.

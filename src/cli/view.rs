@@ -19,8 +19,8 @@ use crate::viewer::{self, Bindings, CompareMode, CompareWith, Digest, Setup, Sum
 #[derive(clap::Args)]
 pub(super) struct Args {
     /// Scene files that `smalto render` reads, model folders of the original 3DGS, or procedural scenes: cactus, room,
-    /// plain, few-large or many-small, with :COUNT for another number of Gaussians. More files can be dropped on the
-    /// window
+    /// plain, town, few-large or many-small, with :COUNT for another number of Gaussians. More files can be dropped on
+    /// the window
     scenes: Vec<PathBuf>,
     /// Camera file or folder that `smalto render` reads [default: searched next to the first scene and above it]
     #[arg(long, value_name = "FILE|DIR")]

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::capacity::Capacity;
 use super::fast::{FastPipeline, FastWorkspace};
 use super::frame::{Shot, Target, Variation, tiles};
-use super::gpu_scene::GpuScene;
+use super::gpu_scene::{GpuScene, TRIAL};
 use super::inspect::Inspector;
 use super::portable::{PortablePipeline, PortableWorkspace};
 use super::shaders::Totals;
@@ -85,10 +85,16 @@ impl PathChoice {
             Variation::Plain => FastPipeline::new(device, options, layout)?,
             Variation::Counting | Variation::Certifying => None,
         };
-        let guess = Capacity::guess(device, scene.len(), 1);
+        // A scene in pages is drawn in slabs, whose buffers are made for the first picture.
+        let gaussians = if scene.is_paged() { scene.len().min(TRIAL) } else { scene.len() };
+        let guess = Capacity::guess(device, gaussians, 1);
         let fast = fast.map(|pipeline| {
             let guess = FastWorkspace::guess(device, guess);
-            let work = FastWorkspace::new(device, guess, pipeline.splat_elements())?;
+            let elements = pipeline.splat_elements();
+            let work = match FastWorkspace::new(device, guess, elements) {
+                Err(error) if error.is::<OutOfMemory>() => FastWorkspace::new(device, Capacity::default(), elements)?,
+                other => other?,
+            };
             anyhow::Ok(Fast { pipeline, work, needs_slabs: false, slabs: None })
         });
         let fast = fast.transpose()?;
@@ -214,7 +220,7 @@ impl PathChoice {
     pub fn prepare(
         &mut self,
         device: &Device,
-        gaussians: usize,
+        (gaussians, is_paged): (usize, bool),
         size: [u32; 2],
         needs_tile_lists: bool,
     ) -> Result<Limits> {
@@ -222,7 +228,7 @@ impl PathChoice {
         let is_possible = |fast: &&mut Fast| !needs_tile_lists && fast.pipeline.takes(size, gaussians);
         if let Some(fast) = self.fast.as_mut().filter(is_possible) {
             let grid = fast.pipeline.grid(size, gaussians);
-            fast.needs_slabs = fast.needs_slabs || !has_memory(fast.work.grow(device, demand(grid.count()), 0))?;
+            fast.needs_slabs = fast.needs_slabs || is_paged || !has_memory(fast.work.grow(device, demand(grid.count()), 0))?;
             if !fast.needs_slabs {
                 fast.pipeline.prepare(device, grid)?;
             }

@@ -1,6 +1,7 @@
 //! A scene in device memory, as the shaders read it.
 
 use std::ops::Range;
+use std::sync::{Arc, Mutex};
 
 use anyhow::Result;
 use glam::DVec3;
@@ -10,9 +11,10 @@ use crate::camera::Camera;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::options::Options;
 use crate::render::shaders::Grids;
+use crate::render::slabs::{PagesRead, Pool, slots_in};
 use crate::rules::{LISTED_ALPHA, Rules};
 use crate::scene::{Bounds, Gaussians, Grid};
-use crate::storage::{Layout, Shape, Statistics, pack_sh, pack_shapes, share};
+use crate::storage::{Layout, PAGE, Pages, Shape, Statistics, pack_sh, pack_shapes, share};
 
 /// Gaussians in device memory, in planes with four words per element: one plane of bounds, and as many of shapes and of
 /// spherical harmonics as the layout needs. In a last plane with one or two words per Gaussian, four or two Gaussians
@@ -34,6 +36,8 @@ pub struct GpuScene {
     pub(super) trial_hash: blake3::Hash,
     /// Gaussians may be culled where their alpha is below this.
     pub(super) alpha_min: f32,
+    /// Set if the planes hold some pages of the scene at a time.
+    pub(super) pool: Option<Arc<Mutex<Pool>>>,
 }
 
 /// Number of Gaussians that a trial draws: the first ones of the scene.
@@ -44,6 +48,11 @@ pub(super) const TRIAL_SIZE: [u32; 2] = [256, 144];
 const UPLOAD_CHUNK: usize = 1 << 17;
 /// Gaussians that a thread packs at a time, a multiple of those that share an element.
 const PART: usize = 1 << 11;
+
+/// The part of the free memory that pages may take; the rest is for pictures, lists and what is read.
+const POOL_PART: f64 = 0.65;
+/// The least pages that there is room for.
+const LEAST_PAGES: usize = 64;
 
 /// The plane that every scene has, with an element per Gaussian.
 const BOUNDS: &str = "bounds";
@@ -88,21 +97,18 @@ impl GpuScene {
     pub fn with(device: &Device, gaussians: &Gaussians, statistics: &Statistics, options: &Options) -> Result<Self> {
         let len = gaussians.len();
         let layout = Layout::of(statistics, options);
-        let planes = |name: &str, words: usize| {
-            let plane = |i: usize| Buffer::new(device, &format!("{name} {i}"), len.div_ceil(share(words, i)));
-            (0..words.div_ceil(4)).map(plane).collect::<Result<_>>()
-        };
         let scene = Self {
             bounds: Buffer::new(device, BOUNDS, len)?,
-            shapes: planes("shapes", layout.shape_words())?,
-            sh: planes("sh", layout.sh_words())?,
+            shapes: planes(device, "shapes", layout.shape_words(), len)?,
+            sh: planes(device, "sh", layout.sh_words(), len)?,
             grids: Buffer::new(device, "grids", 1)?,
             len,
             extent: statistics.extent,
-            trial_view: trial_view(gaussians, options.rules.near),
+            trial_view: trial_view(gaussians.means(), options.rules.near),
             trial_hash: trial_hash(gaussians, options.rules.near),
             alpha_min: options.rules.alpha_min,
             layout,
+            pool: None,
         };
         let mut commands = Commands::new(device)?;
         commands.upload(&scene.grids, 0, 1, |memory| memory[0] = grids(&scene.layout))?;
@@ -117,6 +123,60 @@ impl GpuScene {
         Ok(scene)
     }
 
+    /// Makes room for some pages of a scene, in a part of the device memory that is free but for `reserve` bytes. All
+    /// pages are there if they fit.
+    ///
+    /// # Errors
+    /// If there is no room for the least number of pages, or a page cannot be read.
+    pub fn of_pages(device: &Device, pages: &Pages, options: &Options, reserve: u64) -> Result<Self> {
+        let room = (POOL_PART * device.free_bytes().saturating_sub(reserve) as f64) as u64;
+        let longest = device.capabilities().limits.storage_range / 16 / PAGE as u64;
+        let slots = slots_in(pages, room, LEAST_PAGES)?.min(longest as usize);
+        let (layout, len) = (pages.layout().clone(), slots * PAGE);
+        let bounds = Buffer::new(device, BOUNDS, len)?;
+        let shapes = planes(device, "shapes", layout.shape_words(), len)?;
+        let sh = planes(device, "sh", layout.sh_words(), len)?;
+        let indices = Buffer::new(device, "indices of Gaussians", len)?;
+        let all = std::iter::once(&bounds).chain(&shapes).map(Buffer::words);
+        let all = all.chain([indices.words()]).chain(sh.iter().map(Buffer::words)).collect();
+        let mut pool = Pool::new(device, pages.clone(), all, slots)?;
+        let first: Vec<u32> = (0..slots.min(TRIAL / PAGE) as u32).collect();
+        pool.bring(device, &first)?;
+        let mut geometry = vec![0; first.len() * pages.geometry_words()];
+        pages.read_geometry(0..first.len(), &mut geometry)?;
+        let elements = geometry.chunks(pages.geometry_words()).flat_map(|page| page.as_chunks::<4>().0[..PAGE].iter());
+        let count = pages.statistics().count;
+        let means: Vec<_> = elements.take(count).map(|[x, y, z, _]| [*x, *y, *z].map(f32::from_bits)).collect();
+        let near = options.rules.near;
+        let scene = Self {
+            bounds,
+            shapes,
+            sh,
+            grids: Buffer::new(device, "grids", 1)?,
+            len: count,
+            extent: pages.statistics().extent,
+            trial_view: trial_view(&means, near),
+            trial_hash: blake3::hash(bytemuck::cast_slice(&geometry)),
+            alpha_min: pages.alpha_min(),
+            layout,
+            pool: Some(Arc::new(Mutex::new(pool))),
+        };
+        let mut commands = Commands::new(device)?;
+        commands.upload(&scene.grids, 0, 1, |memory| memory[0] = grids(&scene.layout))?;
+        commands.submit()?.wait()?;
+        Ok(scene)
+    }
+
+    /// True if the planes hold some pages of the scene at a time.
+    pub fn is_paged(&self) -> bool {
+        self.pool.is_some()
+    }
+
+    /// The pages that were read so far; none if the scene is in memory as a whole.
+    pub fn pages_read(&self) -> Option<PagesRead> {
+        self.pool.as_ref().map(|pool| pool.lock().expect("no holder of the pool panics").read)
+    }
+
     /// Number of Gaussians.
     pub fn len(&self) -> usize {
         self.len
@@ -124,7 +184,7 @@ impl GpuScene {
 
     /// The same scene with at most its first `count` Gaussians.
     pub(super) fn first(&self, count: usize) -> Self {
-        Self { len: self.len.min(count), ..self.clone() }
+        Self { len: self.len.min(count), pool: None, ..self.clone() }
     }
 
     pub fn is_empty(&self) -> bool {
@@ -190,6 +250,12 @@ impl GpuScene {
     }
 }
 
+/// The planes of attributes with so many words per Gaussian.
+fn planes(device: &Device, name: &str, words: usize, len: usize) -> Result<Vec<Buffer<[u32; 4]>>> {
+    let plane = |i: usize| Buffer::new(device, &format!("{name} {i}"), len.div_ceil(share(words, i)));
+    (0..words.div_ceil(4)).map(plane).collect()
+}
+
 /// The grids and the base that the shaders unpack with.
 fn grids(layout: &Layout) -> Grids {
     let pair = |grid: Grid| [grid.offset, grid.step];
@@ -198,8 +264,8 @@ fn grids(layout: &Layout) -> Grids {
 }
 
 /// A camera that sees most of the trial's Gaussians.
-fn trial_view(gaussians: &Gaussians, near: f32) -> Camera {
-    let means: Vec<_> = gaussians.means().iter().take(TRIAL).map(|mean| DVec3::from(mean.map(f64::from))).collect();
+fn trial_view(means: &[[f32; 3]], near: f32) -> Camera {
+    let means: Vec<_> = means.iter().take(TRIAL).map(|mean| DVec3::from(mean.map(f64::from))).collect();
     let median = |mut values: Vec<f64>| {
         let middle = values.len() / 2;
         if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }

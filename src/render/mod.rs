@@ -44,5 +44,6 @@ pub use renderer::{Recorded, Started};
 #[doc(hidden)]
 pub use shaders::Splat;
 pub use shaders::Totals;
+pub use slabs::PagesRead;
 #[doc(hidden)]
 pub use stream::{Finished, Form, HostFrame, Stream, Streamed, Wanted};

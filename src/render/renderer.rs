@@ -316,7 +316,8 @@ impl Renderer {
         }
         let inspector = inspector.or(self.inspector.as_ref());
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some();
-        self.drawn = self.choice.prepare(&self.device, self.scene.len(), camera.size_px, needs_tile_lists)?;
+        let subject = (self.scene.len(), self.scene.is_paged());
+        self.drawn = self.choice.prepare(&self.device, subject, camera.size_px, needs_tile_lists)?;
         let image = self.upscaler.as_ref().map_or(&self.image, |upscaler| &upscaler.drawn);
         let target = Target { image, certificate: self.certificate.as_ref(), background };
         let shot = Shot { scene: &self.scene, camera };

@@ -81,7 +81,7 @@ impl PathChoice {
     fn draw_trial(&mut self, device: &Device, scene: &GpuScene, needs_tile_lists: bool) -> Result<Pixels> {
         let image = Image::new(device, "trial", TRIAL_SIZE[0], TRIAL_SIZE[1])?;
         for _ in 0..MAX_ATTEMPTS {
-            let limits = self.prepare(device, scene.len(), TRIAL_SIZE, needs_tile_lists)?;
+            let limits = self.prepare(device, (scene.len(), false), TRIAL_SIZE, needs_tile_lists)?;
             let mut cmd = Commands::new(device)?;
             let target = Target { image: &image, certificate: None, background: Background::BLACK };
             self.record(&mut cmd, Shot { scene, camera: &scene.trial_view }, target, limits, None);

@@ -1,4 +1,4 @@
-//! Procedural scenes: the cactus, places around the camera, and two clouds at the extremes of tile density. They are
+//! Procedural scenes: the cactus, places around the camera, a town, and two clouds at the extremes of tile density. They are
 //! seeded and equal everywhere.
 
 use std::ops::Range;
@@ -9,10 +9,10 @@ use glam::DVec3;
 use super::canonical::{Builder, Raw};
 use super::harmonics::C0;
 use super::random::Random;
-use super::{Gaussians, LoadReport, Scene, places, synthetic};
+use super::{Gaussians, LoadReport, Scene, TownPath, places, synthetic, town};
 use crate::host_memory::OutOfMemory;
 
-/// Largest number of Gaussians of a procedural scene.
+/// Largest number of Gaussians of a procedural scene other than the town.
 const MAX_COUNT: usize = 200_000_000;
 
 /// A procedural scene: its kind and its number of Gaussians.
@@ -30,6 +30,8 @@ enum Kind {
     Room,
     /// A plain with a horizon.
     Plain,
+    /// A town of a size that depends on the count.
+    Town,
     /// A ball of large Gaussians, each in many tiles.
     FewLarge,
     /// A ball of small Gaussians, most of them in a single tile.
@@ -37,10 +39,11 @@ enum Kind {
 }
 
 /// The name and the default count of each kind.
-const KINDS: [(Kind, &str, usize); 5] = [
+const KINDS: [(Kind, &str, usize); 6] = [
     (Kind::Cactus, "cactus", synthetic::DEFAULT_COUNT),
     (Kind::Room, "room", 2_000_000),
     (Kind::Plain, "plain", 2_000_000),
+    (Kind::Town, "town", 2_000_000),
     (Kind::FewLarge, "few-large", 20_000),
     (Kind::ManySmall, "many-small", 2_000_000),
 ];
@@ -49,11 +52,11 @@ impl Procedural {
     /// Parses `NAME` or `NAME:COUNT`. `None` if the name is unknown: the text is then the path of a file.
     ///
     /// # Errors
-    /// If the count is not a number from 1 to 200,000,000.
+    /// If the count is not a number from 1 to 200,000,000, or to 1,000,000,000 for the town.
     pub fn parse(text: &str) -> Option<Result<Self>> {
         let (name, count) = text.split_once(':').map_or((text, None), |(name, count)| (name, Some(count)));
         let (kind, _, default) = *KINDS.iter().find(|(_, known, _)| *known == name)?;
-        Some(count.map_or(Ok(default), parse_count).map(|count| Self { kind, count }))
+        Some(count.map_or(Ok(default), |text| parse_count(text, kind)).map(|count| Self { kind, count }))
     }
 
     /// The name of the kind.
@@ -61,9 +64,20 @@ impl Procedural {
         KINDS.iter().find(|(kind, ..)| *kind == self.kind).map_or("", |(_, name, _)| name)
     }
 
+    /// True for the town, which has camera paths of its own.
+    pub fn is_town(&self) -> bool {
+        self.kind == Kind::Town
+    }
+
     /// Number of Gaussians.
     pub fn count(self) -> usize {
         self.count
+    }
+
+    /// Where `views` cameras along a path are, and what they look at: the eyes and the targets. `None` if the scene is
+    /// no town. The cameras are outside of houses.
+    pub fn views(&self, path: TownPath, views: usize) -> Option<Vec<[DVec3; 2]>> {
+        self.is_town().then(|| town::views(self.count, path, views))
     }
 
     /// Generates the scene.
@@ -88,6 +102,7 @@ impl Procedural {
             Kind::Cactus => synthetic::fill(self.count, range),
             Kind::Room => places::room(self.count, range),
             Kind::Plain => places::plain(self.count, range),
+            Kind::Town => town::fill(self.count, range),
             // Radii of about 100 px and 1 px, seen from an orbit at 720x720.
             Kind::FewLarge => ball(0.08, range),
             Kind::ManySmall => ball(0.001, range),
@@ -116,9 +131,11 @@ fn ball(scale: f64, range: Range<usize>) -> Result<(Gaussians, LoadReport), OutO
     Ok(builder.finish())
 }
 
-fn parse_count(text: &str) -> Result<usize> {
+fn parse_count(text: &str, kind: Kind) -> Result<usize> {
+    let (scene, most) =
+        if kind == Kind::Town { ("the town", town::MAX_COUNT) } else { ("a procedural scene", MAX_COUNT) };
     let count = text.replace('_', "").parse().with_context(|| format!("'{text}' is not a number of Gaussians"))?;
-    ensure!((1..=MAX_COUNT).contains(&count), "a procedural scene has 1 to {MAX_COUNT} Gaussians, not {count}");
+    ensure!((1..=most).contains(&count), "{scene} has 1 to {most} Gaussians, not {count}");
     Ok(count)
 }
 

@@ -21,3 +21,4 @@ mod properties;
 mod rules;
 mod storage;
 mod surroundings;
+mod town;

@@ -30,7 +30,7 @@ pub(super) fn run(args: &Args, bench: &Bench, cameras: &Cameras) -> Result<()> {
     let mut climbs = Vec::new();
     for scene in args.scenes(&SCENES) {
         let scene = Loaded::read(&scene, args.reading, device)?;
-        let (views, nearest) = cameras.views(&scene.gaussians, size, args.frames());
+        let (views, nearest) = cameras.views((&scene.gaussians, scene.town), size, args.frames())?;
         let options = args.knobs.options(&Options::EXACT, scene.is_antialiased, nearest);
         let gpu = GpuScene::with(device, &scene.gaussians, &scene.statistics, &options)?;
         let bar = progress::Bar::new(format!("{} ladder", scene.report.name));

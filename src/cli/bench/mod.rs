@@ -23,7 +23,7 @@ use crate::options::Options;
 use crate::reference;
 use crate::render::{GpuScene, Renderer};
 use crate::rules::{Background, Rules};
-use crate::scene::{Gaussians, Scene, Unreadable};
+use crate::scene::{Gaussians, Procedural, Scene, Unreadable};
 use crate::storage::Statistics;
 pub(super) use views::{CameraPath, Cameras, PATHS};
 
@@ -41,7 +41,8 @@ pub(super) struct Args {
     #[command(flatten)]
     eye: EyeArgs,
     /// Camera path: one turn around the scene (orbit), the same with two approaches to it (orbit-zoom), one turn on the
-    /// spot in the middle of the scene (turn), or a smooth path through the cameras of a file
+    /// spot in the middle of the scene (turn), or a smooth path through the cameras of a file. In the town: along
+    /// streets (street), one turn on a roof (roof), over the houses (air)
     #[arg(long, value_name = PATHS, default_value = "orbit-zoom", conflicts_with = "eye")]
     path: CameraPath,
     /// Picture sizes in pixels
@@ -141,7 +142,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     for scene in args.scenes(&["cactus"]) {
         let scene = Loaded::read(&scene, args.reading, &device)?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
-            let (views, nearest) = cameras.views(&scene.gaussians, size, args.frames());
+            let (views, nearest) = cameras.views((&scene.gaussians, scene.town), size, args.frames())?;
             let options = Options::preset(preset).context("the preset is unknown")?;
             let rules = args.knobs.options(&options.untraded(), scene.is_antialiased, nearest).rules;
             let options = args.knobs.options(&options, scene.is_antialiased, nearest);
@@ -194,6 +195,8 @@ impl Args {
 struct Loaded {
     report: SceneReport,
     gaussians: Gaussians,
+    /// The scene, if it is a town.
+    town: Option<Procedural>,
     is_antialiased: bool,
     statistics: Statistics,
 }
@@ -204,7 +207,7 @@ impl Loaded {
         let Scene { gaussians, is_antialiased, .. } = scene.read_for(Some(device))?;
         ensure!(!gaussians.is_empty(), "{}: the scene has no Gaussians", scene.title());
         let (report, statistics) = (SceneReport::of(scene.title(), &gaussians), Statistics::of(&gaussians));
-        Ok(Self { report, gaussians, is_antialiased, statistics })
+        Ok(Self { report, gaussians, town: scene.town()?, is_antialiased, statistics })
     }
 }
 

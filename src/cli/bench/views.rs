@@ -7,17 +7,19 @@ use anyhow::{Result, bail};
 use glam::DVec3;
 
 use crate::camera::{Camera, path};
+use crate::cli::cameras::{TOWN_NEAR, town_cameras};
 use crate::cli::{EyeArgs, SplitArg};
-use crate::scene::{Focus, Gaussians};
+use crate::scene::{Focus, Gaussians, Procedural, TownPath};
 
 /// The camera paths, as the help text names them.
-pub(in crate::cli) const PATHS: &str = "orbit|orbit-zoom|turn|keyframes:FILE";
+pub(in crate::cli) const PATHS: &str = "orbit|orbit-zoom|turn|street|roof|air|keyframes:FILE";
 
 /// A camera path as an argument names it.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::cli) enum CameraPath {
     Orbit { zooms: bool },
     Turn,
+    Town(TownPath),
     Keyframes(PathBuf),
 }
 
@@ -29,9 +31,10 @@ impl FromStr for CameraPath {
             "orbit" => Ok(Self::Orbit { zooms: false }),
             "orbit-zoom" => Ok(Self::Orbit { zooms: true }),
             "turn" => Ok(Self::Turn),
-            _ => match text.strip_prefix("keyframes:") {
-                Some(file) if !file.is_empty() => Ok(Self::Keyframes(file.into())),
-                _ => bail!("expected orbit, orbit-zoom, turn or keyframes:FILE"),
+            _ => match (TownPath::named(text), text.strip_prefix("keyframes:")) {
+                (Some(path), _) => Ok(Self::Town(path)),
+                (_, Some(file)) if !file.is_empty() => Ok(Self::Keyframes(file.into())),
+                _ => bail!("expected orbit, orbit-zoom, turn, street, roof, air or keyframes:FILE"),
             },
         }
     }
@@ -46,6 +49,7 @@ pub(in crate::cli) struct Cameras {
 
 enum Source {
     Scripted(Script),
+    Town(TownPath),
     File(Vec<Camera>),
     Keyframes(Vec<Camera>),
     Eye(EyeArgs),
@@ -71,6 +75,10 @@ impl Cameras {
             (None, CameraPath::Keyframes(file)) => {
                 Self { name: format!("keyframes:{}", name(file)), source: Source::Keyframes(read(file)?) }
             }
+            (None, CameraPath::Town(path)) => {
+                split.check_no_file()?;
+                Self { name: path.name().to_owned(), source: Source::Town(*path) }
+            }
             (None, CameraPath::Orbit { .. } | CameraPath::Turn) => {
                 split.check_no_file()?;
                 let (name, script): (_, Script) = match path {
@@ -92,10 +100,23 @@ impl Cameras {
         Ok(Self { name: "eye".to_owned(), source: Source::Eye(eye) })
     }
 
-    /// At most `frames` views at this size, and the largest distance of the near plane that they allow, in world units.
-    pub fn views(&self, gaussians: &Gaussians, size: [u32; 2], frames: usize) -> (Vec<Camera>, f32) {
+    /// At most `frames` views of a scene at this size, and the largest distance of the near plane that they allow, in
+    /// world units.
+    ///
+    /// # Errors
+    /// If the path is one of the town, and the scene is not `town`.
+    pub fn views(
+        &self,
+        (gaussians, town): (&Gaussians, Option<Procedural>),
+        size: [u32; 2],
+        frames: usize,
+    ) -> Result<(Vec<Camera>, f32)> {
         let resized = |cameras: &[Camera]| cameras.iter().map(|c| c.resized(size)).collect::<Vec<_>>();
-        match &self.source {
+        Ok(match &self.source {
+            Source::Town(path) => {
+                let views = town_cameras(town, *path, size, frames)?;
+                (views.into_iter().map(|named| named.camera).collect(), TOWN_NEAR)
+            }
             Source::File(cameras) => (resized(&cameras[..frames.min(cameras.len())]), f32::INFINITY),
             Source::Keyframes(cameras) => (path::through(&resized(cameras), frames), f32::INFINITY),
             Source::Eye(eye) => {
@@ -107,6 +128,6 @@ impl Cameras {
                 let views = script(DVec3::from(focus.centre), focus.radius, size, frames);
                 (views, focus.radius as f32 / 100.0)
             }
-        }
+        })
     }
 }

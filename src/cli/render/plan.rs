@@ -12,12 +12,13 @@ use super::choice::{Chosen, choose};
 use super::outputs::{Names, Output, Outputs, Shot, safe_stem};
 use super::video::{self, Video};
 use crate::camera::{Camera, NamedCamera, path};
+use crate::cli::cameras::{TOWN_NEAR, town_cameras};
 use crate::cli::scenes::SceneFile;
 use crate::cli::{Usage, named_or_found, remark, size_text};
 use crate::files::{check_writable, make_folder};
 use crate::measure::bench::views_hash;
 use crate::pixels::FileKind;
-use crate::scene::{Focus, Gaussians};
+use crate::scene::{Focus, Gaussians, TownPath};
 
 /// Largest width and height for the reference, in pixels. It needs 64 bytes per pixel.
 const REFERENCE_SIDE: u32 = 16384;
@@ -108,10 +109,11 @@ struct Cameras {
 
 fn cameras<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians>) -> Result<Cameras> {
     let size = args.size.unwrap_or([1280, 720]);
-    if let Some(frames) = args.film.read()? {
+    if let Some(frames) = args.film.read(&args.scene, size)? {
         let frame = |(index, named): (usize, NamedCamera)| Chosen::named(index, &named);
         let chosen = frames.into_iter().enumerate().map(frame).collect();
-        return Ok(Cameras { chosen, is_list: true, nearest: f32::INFINITY });
+        let nearest = args.scene.town()?.map_or(f32::INFINITY, |_| TOWN_NEAR);
+        return Ok(Cameras { chosen, is_list: true, nearest });
     }
     if let Some(count) = args.film.orbit() {
         let focus = Focus::of(gaussians()?);
@@ -142,6 +144,11 @@ fn cameras<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians>) -> Re
             "--camera {camera} needs a camera file: no --cameras, and none found next to the scene or above it"
         ))
         .into());
+    }
+    if let Some(town) = args.scene.town()?
+        && let Some(first) = town_cameras(Some(town), TownPath::Street, size, 1)?.pop()
+    {
+        return Ok(alone(first.camera, TOWN_NEAR));
     }
     let (camera, distance) = automatic(gaussians()?, size);
     Ok(alone(camera, distance as f32 / 100.0))

@@ -18,8 +18,12 @@ mod cut;
 mod draw;
 mod fast;
 mod listed;
+mod pool;
+mod visible;
 
 #[cfg(test)]
 mod tests;
 
 pub(super) use draw::{Drawn, Slabs};
+pub use pool::PagesRead;
+pub(super) use pool::{Pool, slots_in};

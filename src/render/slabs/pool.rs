@@ -1,0 +1,251 @@
+//! Pages in device memory: as many as there is room for, those that were used last.
+
+use std::num::NonZeroUsize;
+
+use anyhow::{Context, Result};
+use lru::LruCache;
+use rayon::prelude::*;
+
+use crate::gpu::{Access, Buffer, Commands, Device, InFlight, Staging};
+use crate::host_memory::OutOfMemory;
+use crate::storage::{Layout, PAGE, Pages, share};
+
+/// Bytes of host memory that pages are read into at a time. There are two of these, so that one is read while the other
+/// is copied to the device.
+const STAGED: usize = 24 << 20;
+
+/// Pages that are read in one call at most, if they are neighbours.
+const RUN: usize = 32;
+
+/// The pages of a scene that are in device memory.
+pub struct Pool {
+    pages: Pages,
+    /// The planes of the slots: of bounds, shapes, indices and spherical harmonics.
+    planes: Vec<Buffer<u32>>,
+    /// The words of a page in each plane.
+    plane_words: Vec<usize>,
+    /// The slot of each page that is there; the page used last comes first.
+    slots: LruCache<u32, u32>,
+    staged: [Staged; 2],
+    /// The one of `staged` that is filled next.
+    next: usize,
+    /// What was read so far.
+    pub read: PagesRead,
+    /// Evicts pages at random, for tests.
+    pub churn: Option<u64>,
+}
+
+/// Pages and bytes that were read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PagesRead {
+    pub pages: u64,
+    pub bytes: u64,
+}
+
+/// Host memory for some pages, and their copy to the device.
+struct Staged {
+    memory: Staging<u32>,
+    copy: Option<InFlight>,
+}
+
+impl Pool {
+    /// Device and host memory that a page takes.
+    pub fn bytes_each(pages: &Pages) -> u64 {
+        4 * (pages.geometry_words() + pages.colour_words()) as u64
+    }
+
+    /// Makes the pool of a scene around planes with room for `slots` pages.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if there is no memory to read pages into.
+    pub fn new(device: &Device, pages: Pages, planes: Vec<Buffer<u32>>, slots: usize) -> Result<Self> {
+        let words = pages.geometry_words() + pages.colour_words();
+        let room = (STAGED / 4 / words).clamp(1, slots.max(1));
+        let staged = || anyhow::Ok(Staged { memory: Staging::new(device, "pages", room * words)?, copy: None });
+        let capacity = NonZeroUsize::new(slots).context("a pool has a slot")?;
+        Ok(Self {
+            plane_words: plane_words(pages.layout()),
+            pages,
+            planes,
+            slots: LruCache::new(capacity),
+            staged: [staged()?, staged()?],
+            next: 0,
+            read: PagesRead::default(),
+            churn: None,
+        })
+    }
+
+    /// The indices of the Gaussians in all slots.
+    pub fn indices(&self) -> &Buffer<u32> {
+        let place = 1 + self.pages.layout().shape_words().div_ceil(4);
+        &self.planes[place]
+    }
+
+    /// The scene.
+    pub fn pages(&self) -> &Pages {
+        &self.pages
+    }
+
+    /// Number of pages that fit.
+    pub fn capacity(&self) -> usize {
+        self.slots.cap().get()
+    }
+
+    /// Brings pages to the device that are not there yet, and returns the slots of all of them. Commands that are
+    /// submitted from now on find them there, until the next call.
+    ///
+    /// # Errors
+    /// If a page cannot be read.
+    ///
+    /// # Panics
+    /// If there are more pages than fit.
+    pub fn bring(&mut self, device: &Device, wanted: &[u32]) -> Result<Vec<u32>> {
+        assert!(wanted.len() <= self.capacity(), "the pages fit");
+        self.evict_at_random();
+        // Those that are there already become the last to leave.
+        let mut missing: Vec<u32> = wanted.iter().copied().filter(|page| self.slots.get(page).is_none()).collect();
+        missing.sort_unstable();
+        missing.dedup();
+        let each = self.pages.geometry_words() + self.pages.colour_words();
+        for part in missing.chunks(self.staged[0].memory.len() / each) {
+            self.copy(device, part)?;
+        }
+        let slot = |page: &u32| *self.slots.peek(page).expect("the page was brought");
+        Ok(wanted.iter().map(slot).collect())
+    }
+
+    /// Reads some pages, which are in ascending order, and submits their copy to slots.
+    fn copy(&mut self, device: &Device, part: &[u32]) -> Result<()> {
+        let (geometry, colours) = (self.pages.geometry_words(), self.pages.colour_words());
+        let staged = &mut self.staged[self.next];
+        self.next = 1 - self.next;
+        if let Some(copy) = staged.copy.take() {
+            copy.wait()?;
+        }
+        // The geometries of all pages come first, then their colours.
+        let memory = &mut staged.memory.map()[..part.len() * (geometry + colours)];
+        let (geometries, sh) = memory.split_at_mut(part.len() * geometry);
+        let (mut runs, mut rest) = (Vec::new(), (geometries, sh));
+        for run in runs_of(part) {
+            let (own, others) = rest.0.split_at_mut(run.len() * geometry);
+            let (own_sh, other_sh) = rest.1.split_at_mut(run.len() * colours);
+            runs.push((run, own, own_sh));
+            rest = (others, other_sh);
+        }
+        let pages = &self.pages;
+        runs.into_par_iter().try_for_each(|(run, geometry, sh)| {
+            pages.read_geometry(run.clone(), geometry)?;
+            pages.read_colours(run, sh)
+        })?;
+        self.read.pages += part.len() as u64;
+        self.read.bytes += 4 * (part.len() * (geometry + colours)) as u64;
+        let mut cmd = Commands::new(device)?;
+        let slots: Vec<usize> = part.iter().map(|page| take_slot(&mut self.slots, *page) as usize).collect();
+        let mut start = 0;
+        for (plane, words) in self.planes.iter().zip(&self.plane_words) {
+            let (stride, base) = if start < geometry {
+                (geometry, start)
+            } else {
+                (colours, part.len() * geometry + start - geometry)
+            };
+            let regions: Vec<_> =
+                slots.iter().enumerate().map(|(k, slot)| (base + k * stride, slot * words, *words)).collect();
+            cmd.upload_parts(&self.staged[1 - self.next].memory, plane, &regions);
+            start += words;
+        }
+        cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
+        self.staged[1 - self.next].copy = Some(cmd.submit()?);
+        Ok(())
+    }
+
+    /// Waits for all copies.
+    pub fn wait(&mut self) -> Result<()> {
+        for staged in &mut self.staged {
+            if let Some(copy) = staged.copy.take() {
+                copy.wait()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Forgets about a third of the pages, if tests ask for that.
+    fn evict_at_random(&mut self) {
+        let Some(seed) = &mut self.churn else { return };
+        let pages: Vec<u32> = self.slots.iter().map(|(page, _)| *page).collect();
+        for page in pages {
+            *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            if *seed >> 33 & 3 == 0 {
+                // The slot stays taken, by a page that no scene has.
+                let slot = self.slots.pop(&page).expect("the page is there");
+                self.slots.push(u32::MAX - slot, slot);
+                self.slots.demote(&(u32::MAX - slot));
+            }
+        }
+    }
+}
+
+/// A slot for a page that has none: a free one, or that of the page that was used longest ago.
+fn take_slot(slots: &mut LruCache<u32, u32>, page: u32) -> u32 {
+    let slot = if slots.len() < slots.cap().get() {
+        slots.len() as u32
+    } else {
+        slots.pop_lru().expect("a pool has a slot").1
+    };
+    slots.push(page, slot);
+    slot
+}
+
+/// Ascending page numbers as runs of neighbours.
+fn runs_of(pages: &[u32]) -> Vec<std::ops::Range<usize>> {
+    let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
+    for page in pages.iter().map(|page| *page as usize) {
+        match runs.last_mut() {
+            Some(run) if run.end == page && run.len() < RUN => run.end += 1,
+            _ => runs.push(page..page + 1),
+        }
+    }
+    runs
+}
+
+/// The words of a page in each plane, in the order in which pages have them.
+fn plane_words(layout: &Layout) -> Vec<usize> {
+    let planes = |words: usize| (0..words.div_ceil(4)).map(move |plane| 4 * PAGE / share(words, plane));
+    std::iter::once(4 * PAGE).chain(planes(layout.shape_words())).chain([PAGE]).chain(planes(layout.sh_words())).collect()
+}
+
+/// The slots that fit into `bytes`, at most all pages of the scene.
+///
+/// # Errors
+/// [`OutOfMemory`] if there is room for fewer than `least` pages.
+pub fn slots_in(pages: &Pages, bytes: u64, least: usize) -> Result<usize, OutOfMemory> {
+    let (all, each) = (pages.pages().len(), Pool::bytes_each(pages));
+    let least = least.min(all);
+    let slots = usize::try_from(bytes / each).unwrap_or(usize::MAX).min(all);
+    if slots < least {
+        let reason = format!("pages of {PAGE} Gaussians need at least {} bytes, {bytes} are left", each * least as u64);
+        return Err(OutOfMemory { name: "pages".to_owned(), bytes: Some(each * least as u64), reason });
+    }
+    Ok(slots)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbours_are_read_together() {
+        let many: Vec<u32> = (7..7 + RUN as u32 + 3).collect();
+        assert_eq!(runs_of(&[1, 2, 3, 5, 9, 10]), [1..4, 5..6, 9..11]);
+        assert_eq!(runs_of(&many), [7..7 + RUN, 7 + RUN..10 + RUN]);
+        assert_eq!(runs_of(&[]), []);
+    }
+
+    #[test]
+    fn a_full_pool_gives_the_slot_of_the_page_used_longest_ago() {
+        let mut slots = LruCache::new(NonZeroUsize::new(3).unwrap());
+        assert_eq!([5, 6, 7].map(|page| take_slot(&mut slots, page)), [0, 1, 2]);
+        assert_eq!(slots.get(&5), Some(&0));
+        assert_eq!(take_slot(&mut slots, 8), 1, "6 was used longest ago");
+        assert!(slots.peek(&6).is_none() && slots.len() == 3);
+    }
+}
