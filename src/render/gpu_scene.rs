@@ -1,7 +1,7 @@
 //! A scene in device memory, as the shaders read it.
 
 use std::ops::Range;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use anyhow::Result;
 use glam::DVec3;
@@ -37,7 +37,7 @@ pub struct GpuScene {
     /// Gaussians may be culled where their alpha is below this.
     pub(super) alpha_min: f32,
     /// Set if the planes hold some pages of the scene at a time.
-    pub(super) pool: Option<Arc<Mutex<Pool>>>,
+    pool: Option<Arc<Mutex<Pool>>>,
 }
 
 /// Number of Gaussians that a trial draws: the first ones of the scene.
@@ -136,7 +136,7 @@ impl GpuScene {
         let bounds = Buffer::new(device, BOUNDS, len)?;
         let shapes = planes(device, "shapes", layout.shape_words(), len)?;
         let sh = planes(device, "sh", layout.sh_words(), len)?;
-        let indices = Buffer::new(device, "indices of Gaussians", len)?;
+        let indices = Buffer::<u32>::new(device, "indices of Gaussians", len)?;
         let all = std::iter::once(&bounds).chain(&shapes).map(Buffer::words);
         let all = all.chain([indices.words()]).chain(sh.iter().map(Buffer::words)).collect();
         let mut pool = Pool::new(device, pages.clone(), all, slots)?;
@@ -172,9 +172,14 @@ impl GpuScene {
         self.pool.is_some()
     }
 
+    /// The pool of a scene in pages, until it is given back.
+    pub(super) fn pool(&self) -> Option<MutexGuard<'_, Pool>> {
+        self.pool.as_ref().map(|pool| pool.lock().expect("no holder of the pool panics"))
+    }
+
     /// The pages that were read so far; none if the scene is in memory as a whole.
     pub fn pages_read(&self) -> Option<PagesRead> {
-        self.pool.as_ref().map(|pool| pool.lock().expect("no holder of the pool panics").read)
+        self.pool().map(|pool| pool.read)
     }
 
     /// Number of Gaussians.

@@ -22,6 +22,11 @@ impl BinGrid {
         Self { bins, block_height, height_index }
     }
 
+    /// Width and height of a bin, px.
+    pub(in crate::render) fn bin_px(&self) -> [u32; 2] {
+        [BIN_COLUMNS * BLOCK_WIDTH, BIN_ROWS * self.block_height]
+    }
+
     /// Bins of the picture.
     pub fn count(&self) -> u32 {
         self.bins.iter().product()

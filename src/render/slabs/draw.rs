@@ -4,11 +4,12 @@ use std::ops::Range;
 
 use anyhow::Result;
 
-use super::cut::{Cut, Estimate, Place, place_of, slab};
+use super::cut::{Cut, Place, place_of, slab};
 use super::fast::{FastStages, OpenBins};
 use super::listed::{Element, Listed, ListedPage, placed};
+use super::supply::Supply;
 use crate::camera::Camera;
-use crate::gpu::{Access, Buffer, Commands, Device, Image, Results, Timing};
+use crate::gpu::{Access, Buffer, Commands, Device, Image, InFlight, Readback, Timing};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::render::capacity::Capacity;
@@ -24,7 +25,8 @@ pub struct Slabs {
     open_bins: OpenBins,
     /// The views, then the pages.
     listed: Buffer<Element>,
-    indices: Buffer<u32>,
+    /// The indices of Gaussians, where no page has them.
+    no_indices: Buffer<u32>,
     /// The splats that the first slab of the next frame is meant to have.
     target: f64,
     /// The grid that the buffers of the slabs were made for.
@@ -43,6 +45,9 @@ pub struct Drawn {
 
 /// The most splats of a slab: more would take memory for no time saved.
 const MOST_SPLATS: u64 = 4 << 20;
+/// The most splats that a slab of a scene in pages is meant to have. After each slab, what is hidden by then is not
+/// read any more.
+const PAGED_SPLATS: f64 = 1.0e6;
 /// The part of the free memory that the buffers of slabs may take.
 const PART: f64 = 0.85;
 
@@ -52,12 +57,15 @@ impl Slabs {
             let (first, rest) = (slot * PAGE, scene.len() as u32 - slot * PAGE);
             ListedPage { slot, first, view: 0, filled: rest.min(PAGE), has_indices: false }.element()
         };
-        let pages: Vec<Element> = (0..scene.len().div_ceil(PAGE as usize) as u32).map(page).collect();
+        // A scene that is there as a whole is listed once.
+        let all = if scene.is_paged() { 0 } else { scene.len().div_ceil(PAGE as usize) as u32 };
+        let pages: Vec<Element> = (0..all).map(page).collect();
+        let room = scene.pool().map_or(pages.len(), |pool| pool.capacity());
         let made = Self {
             stages: FastStages::new(device, fast)?,
             open_bins: OpenBins::new(device)?,
-            listed: Buffer::new(device, "listed pages", VIEW_ELEMENTS as usize + pages.len())?,
-            indices: Buffer::new(device, "indices", 1)?,
+            listed: Buffer::new(device, "listed pages", VIEW_ELEMENTS as usize + room)?,
+            no_indices: Buffer::new(device, "no indices", 1)?,
             target: f64::INFINITY,
             cells: 0,
         };
@@ -82,12 +90,9 @@ impl Slabs {
         if self.cells >= grid.count() && work.capacity.cells >= grid.count() as usize {
             return Ok(());
         }
-        *work = FastWorkspace::new(device, Capacity::default(), fast.splat_elements())?;
-        *work = FastWorkspace::new(
-            device,
-            slab_capacity(device.free_bytes(), fast.splat_elements(), grid, gaussians),
-            fast.splat_elements(),
-        )?;
+        let elements = fast.splat_elements();
+        *work = FastWorkspace::new(device, Capacity::default(), elements)?; // frees the old buffers first
+        *work = FastWorkspace::new(device, slab_capacity(device.free_bytes(), elements, grid, gaussians), elements)?;
         self.cells = grid.count();
         Ok(())
     }
@@ -95,7 +100,7 @@ impl Slabs {
     /// Draws a frame with the capacity of `work`, in as many slabs as that takes.
     ///
     /// # Errors
-    /// [`OutOfMemory`] if the capacity is too small for a single splat.
+    /// [`OutOfMemory`] if the capacity is too small for a single splat, or a page cannot be read.
     pub fn draw(
         &mut self,
         device: &Device,
@@ -107,7 +112,10 @@ impl Slabs {
         self.stages.prepare(device, grid)?;
         let keys = DepthKeys::of(camera, options, &scene.extent);
         let end = place_of(((1_u64 << keys.bits) - 1) as u32) + place_of(1);
-        let mut cut = Cut::new(Estimate::uniform(end, scene.len() as f64), self.target, f64::INFINITY);
+        let mut supply = Supply::of(scene, camera, options, keys, grid);
+        let estimate = supply.estimate(end);
+        let most = if scene.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
+        let mut cut = Cut::new(estimate, self.target, most);
         let mut first_target = None;
         let mut drawn = Drawn { totals: bytemuck::Zeroable::zeroed(), timings: Vec::new(), slabs: 0 };
         let mut cmd = Commands::new(device)?;
@@ -115,13 +123,22 @@ impl Slabs {
         cmd.upload(&self.listed, 0, placed.len(), |memory| memory.copy_from_slice(&placed))?;
         cmd.fill(&self.open_bins.0[0], u32::MAX);
         cmd.scope("begin", |cmd| self.stages.begin(cmd, target.image));
-        cmd.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::SHADER);
+        cmd.submit()?;
+        let frame = Frame { device, fast, work, options, scene, camera, grid, image: target.image };
         let mut before = 0;
         while let Some(next) = cut.next() {
-            let frame = Frame { fast, work, options, scene, camera, grid, image: target.image };
-            let (totals, results) = self.draw_slab(cmd, &frame, &next, before)?;
+            let Some(slab) = self.start_slab(&frame, &mut supply, &next, before)? else {
+                // No page has anything to add here.
+                cut.drawn(&next, 0.0);
+                continue;
+            };
+            if let Some(following) = cut.after(next.end) {
+                // While the device draws, the pages of the slab that probably follows are read.
+                supply.read_ahead(device, &following)?;
+            }
+            let results = slab.commands.wait()?;
             add_timings(&mut drawn.timings, results.timings());
-            cmd = Commands::new(device)?;
+            let totals = results.view(&slab.totals)[0];
             let filled = filled(&totals, work, fast);
             if filled > 1.0 {
                 if !cut.shorten(&next, filled) {
@@ -134,7 +151,11 @@ impl Slabs {
             add(&mut drawn.totals, &totals);
             drawn.slabs += 1;
             before = 1 - before;
+            if supply.close(results.view(&slab.open_bins)) {
+                break;
+            }
         }
+        let mut cmd = Commands::new(device)?;
         cmd.scope("finish", |cmd| self.stages.finish(cmd, target.image, target.background));
         let results = cmd.submit()?.wait()?;
         add_timings(&mut drawn.timings, results.timings());
@@ -143,29 +164,69 @@ impl Slabs {
         Ok(drawn)
     }
 
-    /// Draws one slab on top of the states, if its demand fits. Returns its counts.
-    fn draw_slab(
+    /// Submits one slab, which is blended on top of the states if its demand fits. `None` if it has no page.
+    fn start_slab(
         &self,
-        mut cmd: Commands,
         frame: &Frame,
+        supply: &mut Supply,
         range: &Range<Place>,
         before: usize,
-    ) -> Result<(Totals, Results)> {
-        let Frame { fast, work, options, scene, camera, grid, image } = *frame;
-        let pages = VIEW_ELEMENTS..self.listed.len() as u32;
-        let listed = Listed { scene, elements: &self.listed, pages, indices: &self.indices };
+    ) -> Result<Option<StartedSlab>> {
+        let Frame { device, fast, work, options, scene, camera, grid, image } = *frame;
+        let indices = supply.indices().unwrap_or_else(|| self.no_indices.clone());
+        let listed = |pages: u32| Listed {
+            scene,
+            elements: &self.listed,
+            pages: VIEW_ELEMENTS..VIEW_ELEMENTS + pages,
+            indices: &indices,
+        };
+        let project = |cmd: &mut Commands, pages: u32| {
+            let (listed, slab) = (listed(pages), slab(range));
+            cmd.scope("project", |cmd| self.stages.project(cmd, &listed, (camera, options), slab, work, grid));
+        };
+        let mut cmd = Commands::new(device)?;
+        match supply {
+            Supply::Whole(_) => project(&mut cmd, self.listed.len() as u32 - VIEW_ELEMENTS),
+            Supply::Paged(paged) => {
+                let wanted = paged.wanted(range);
+                if wanted.is_empty() {
+                    return Ok(None);
+                }
+                let batches = wanted.chunks(paged.pool.capacity());
+                let last = batches.len() - 1;
+                for (number, batch) in batches.enumerate() {
+                    let pages = paged.bring(device, batch)?;
+                    cmd.upload(&self.listed, VIEW_ELEMENTS as usize, pages.len(), |memory| {
+                        memory.copy_from_slice(&pages);
+                    })?;
+                    cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
+                    project(&mut cmd, pages.len() as u32);
+                    if number < last {
+                        // The pages of the next batch take the slots of these.
+                        cmd.submit()?;
+                        cmd = Commands::new(device)?;
+                    }
+                }
+            }
+        }
         let open = [&self.open_bins.0[before], &self.open_bins.0[1 - before]];
-        cmd.scope("project", |cmd| self.stages.project(cmd, &listed, (camera, options), slab(range), work, grid));
         self.stages.list_and_blend(&mut cmd, fast, work, grid, image, open);
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-        let totals = cmd.read(&work.totals)?;
-        let results = cmd.submit()?.wait()?;
-        Ok((results.view(&totals)[0], results))
+        let (totals, open_bins) = (cmd.read(&work.totals)?, cmd.read(open[1])?);
+        Ok(Some(StartedSlab { commands: cmd.submit()?, totals, open_bins }))
     }
+}
+
+/// A slab on the GPU.
+struct StartedSlab {
+    commands: InFlight,
+    totals: Readback<Totals>,
+    open_bins: Readback<u32>,
 }
 
 /// What all slabs of a frame share.
 struct Frame<'a> {
+    device: &'a Device,
     fast: &'a FastPipeline,
     work: &'a FastWorkspace,
     options: &'a Options,

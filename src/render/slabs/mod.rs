@@ -19,6 +19,7 @@ mod draw;
 mod fast;
 mod listed;
 mod pool;
+mod supply;
 mod visible;
 
 #[cfg(test)]

@@ -9,6 +9,8 @@ use crate::render::frame::{Shot, Target};
 use crate::render::{GpuScene, Renderer, read_pixels};
 use crate::rules::Background;
 use crate::scene::{Focus, Gaussians, synthetic};
+use crate::storage::{Pages, Statistics};
+use std::sync::Arc;
 
 use super::Slabs;
 
@@ -53,5 +55,39 @@ fn a_frame_in_slabs_has_the_bits_of_a_whole_frame() {
             assert!(slabs > 1 || room > 10_000, "{room}: {slabs} slabs");
             eprintln!("{room}: {slabs}");
         }
+    }
+}
+
+#[test]
+fn a_scene_in_pages_has_the_bits_of_a_whole_scene() {
+    let gaussians = Arc::new(synthetic::cactus(30_000).unwrap().gaussians);
+    let statistics = Statistics::of(&gaussians);
+    let focus = Focus::of(&gaussians);
+    let background = Background::Colour([0.1, 0.2, 0.3]);
+    let whole_device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
+    for (name, options) in Options::PRESETS {
+        if options.portable || FastPipeline::subgroup(&whole_device, &options).is_none() {
+            continue;
+        }
+        let scene = GpuScene::new(&whole_device, &gaussians, &options).unwrap();
+        let mut whole = Renderer::new(&whole_device, &options, &scene).unwrap();
+        let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
+        let device = device.with_memory_limit(Some(72 << 20)).unwrap();
+        let pages = Pages::of_gaussians(gaussians.clone(), statistics.clone(), &options);
+        let scene = GpuScene::of_pages(&device, &pages, &options, 1 << 20).unwrap();
+        let mut paged = Renderer::new(&device, &options, &scene).unwrap();
+        for zoom in [0.2, 0.6, 1.5] {
+            let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [200, 130]);
+            whole.render(&camera, background).unwrap();
+            let frame = paged.render(&camera, background).unwrap();
+            let (expected, drawn) = (whole.pixels().unwrap(), paged.pixels().unwrap());
+            let pairs = drawn.rgba.iter().zip(&expected.rgba);
+            let differ = pairs.filter(|(a, b)| a.map(f32::to_bits) != b.map(f32::to_bits)).count();
+            assert_eq!(differ, 0, "{name}, {zoom}: pixels that differ");
+            eprintln!("{name} {zoom} {:?} {:?}", scene.pages_read(), frame.totals.visible);
+        }
+        assert_eq!(device.validation_messages(), Vec::<String>::new());
+        let memory = device.memory();
+        assert!(memory.peak <= memory.limit.unwrap(), "{memory:?}");
     }
 }

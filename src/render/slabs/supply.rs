@@ -1,0 +1,106 @@
+//! Where the Gaussians of a slab come from: planes that hold the whole scene, or pages that are brought when they are
+//! needed.
+
+use std::ops::Range;
+use std::sync::MutexGuard;
+
+use anyhow::Result;
+
+use super::cut::{Estimate, Place};
+use super::listed::{Element, ListedPage};
+use super::pool::Pool;
+use super::visible::{Open, PlacedCamera, Sight, VisiblePage};
+use crate::camera::Camera;
+use crate::gpu::{Buffer, Device};
+use crate::options::Options;
+use crate::render::fast::BinGrid;
+use crate::render::frame::DepthKeys;
+use crate::render::gpu_scene::GpuScene;
+
+/// The Gaussians of one frame.
+pub enum Supply<'a> {
+    /// All are in device memory: this many.
+    Whole(usize),
+    Paged(Box<Paged<'a>>),
+}
+
+/// The pages of one frame.
+pub struct Paged<'a> {
+    pub pool: MutexGuard<'a, Pool>,
+    /// In the order of their nearest depth.
+    visible: Vec<VisiblePage>,
+    open: Open,
+    bins: [u32; 2],
+}
+
+impl<'a> Supply<'a> {
+    pub fn of(
+        scene: &'a GpuScene,
+        camera: &Camera,
+        options: &Options,
+        keys: DepthKeys,
+        grid: BinGrid,
+    ) -> Self {
+        let Some(pool) = scene.pool() else { return Self::Whole(scene.len()) };
+        let alpha_min = pool.pages().alpha_min();
+        let sight = Sight { rules: &options.rules, alpha_min, keys, bin_px: grid.bin_px(), bins: grid.bins };
+        let placed = PlacedCamera { camera: camera.clone(), scale: 1.0 };
+        let mut visible = sight.visible(pool.pages().pages(), 0, &placed);
+        visible.sort_unstable_by_key(|page| (page.keys[0], page.page));
+        let all = vec![u32::MAX; grid.count().div_ceil(32) as usize];
+        Self::Paged(Box::new(Paged { pool, visible, open: Open::of(&all, grid.bins), bins: grid.bins }))
+    }
+
+    /// Where the splats are expected; `end`: the place behind the last.
+    pub fn estimate(&self, end: Place) -> Estimate {
+        match self {
+            Self::Whole(gaussians) => Estimate::uniform(end, *gaussians as f64),
+            Self::Paged(paged) => Estimate::of(end, paged.visible.iter().map(|page| (page.keys, page.count))),
+        }
+    }
+
+    /// The indices of Gaussians, if pages have them.
+    pub fn indices(&self) -> Option<Buffer<u32>> {
+        match self {
+            Self::Whole(_) => None,
+            Self::Paged(paged) => Some(paged.pool.indices().clone()),
+        }
+    }
+
+    /// Notes which bins are still open after a slab. True if nothing behind it can be seen any more.
+    pub fn close(&mut self, open_bins: &[u32]) -> bool {
+        match self {
+            Self::Whole(_) => open_bins.iter().all(|word| *word == 0),
+            Self::Paged(paged) => {
+                paged.open = Open::of(open_bins, paged.bins);
+                paged.open.is_none()
+            }
+        }
+    }
+
+    /// Reads pages that a slab will probably need.
+    pub fn read_ahead(&mut self, device: &Device, slab: &Range<Place>) -> Result<()> {
+        let Self::Paged(paged) = self else { return Ok(()) };
+        let wanted = paged.wanted(slab);
+        let most = paged.pool.capacity() / 2;
+        let numbers: Vec<u32> = wanted.iter().take(most).map(|page| page.page).collect();
+        paged.pool.bring(device, &numbers).map(drop)
+    }
+}
+
+impl Paged<'_> {
+    /// The pages that may have splats in a slab which touch an open bin.
+    pub fn wanted(&self, slab: &Range<Place>) -> Vec<VisiblePage> {
+        self.visible.iter().filter(|page| page.is_in(slab) && self.open.meets(page)).copied().collect()
+    }
+
+    /// Brings pages to the device, at most as many as the pool holds, and lists them.
+    pub fn bring(&mut self, device: &Device, batch: &[VisiblePage]) -> Result<Vec<Element>> {
+        let numbers: Vec<u32> = batch.iter().map(|page| page.page).collect();
+        let slots = self.pool.bring(device, &numbers)?;
+        let listed = |(page, slot): (&VisiblePage, &u32)| {
+            ListedPage { slot: *slot, first: 0, view: page.view, filled: page.count, has_indices: true }.element()
+        };
+        Ok(batch.iter().zip(&slots).map(listed).collect())
+    }
+}
