@@ -7,9 +7,8 @@ use std::sync::Arc;
 use anyhow::Result;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
-use gpu_allocator::vulkan::Allocation;
 
-use super::device::{Device, Shared};
+use super::device::{Device, Held, Shared};
 use super::element::{Element, Scalar};
 use super::error::describe;
 use super::id::next_id;
@@ -110,7 +109,7 @@ pub struct Storage {
     /// An element consists of `columns` numbers of this kind. Staging buffers leave both at their defaults.
     pub(super) scalar: Scalar,
     pub(super) columns: usize,
-    allocation: Option<Allocation>,
+    allocation: Option<Held>,
     pub(super) device: Arc<Shared>,
 }
 

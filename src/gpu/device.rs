@@ -1,6 +1,7 @@
 //! An opened device: everything that lives as long as the device.
 
 use std::ffi::CString;
+use std::ops::{Deref, DerefMut};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::SystemTime;
@@ -48,8 +49,34 @@ pub(super) struct Shared {
     pub memory: Option<Memory>,
     pub ledger: Ledger,
     /// Taken out in `drop`, to be dropped before the device.
-    pub allocator: Mutex<Option<Allocator>>,
+    pub allocator: Mutex<Option<Allocators>>,
     pub instance: Arc<Instance>,
+}
+
+/// The allocators of a device: of its memory, and of the memory of the host if that is another.
+pub(super) struct Allocators {
+    pub device: Allocator,
+    pub host: Option<Allocator>,
+}
+
+/// The memory of a resource.
+pub(super) struct Held {
+    allocation: Allocation,
+    is_of_host: bool,
+}
+
+impl Deref for Held {
+    type Target = Allocation;
+
+    fn deref(&self) -> &Allocation {
+        &self.allocation
+    }
+}
+
+impl DerefMut for Held {
+    fn deref_mut(&mut self) -> &mut Allocation {
+        &mut self.allocation
+    }
 }
 
 pub(super) struct Queue {
@@ -160,8 +187,8 @@ impl Device {
         shared.timeline =
             unsafe { shared.raw.create_semaphore(&info, None) }.map_err(|e| describe("vkCreateSemaphore", e))?;
         shared.name(shared.timeline, "timeline");
-        let allocator = shared.make_allocator()?;
-        shared.allocator = Mutex::new(Some(allocator));
+        let allocators = shared.make_allocators()?;
+        shared.allocator = Mutex::new(Some(allocators));
         Ok(Self(Arc::new(shared)))
     }
 
@@ -216,7 +243,10 @@ impl Device {
 
     /// The bytes of device memory that this program has allocated.
     pub fn allocated_bytes(&self) -> u64 {
-        self.0.allocator().as_ref().expect("the allocator lives until drop").generate_report().total_allocated_bytes
+        let allocators = self.0.allocator();
+        let allocators = allocators.as_ref().expect("the allocator lives until drop");
+        let all = std::iter::once(&allocators.device).chain(&allocators.host);
+        all.map(|allocator| allocator.generate_report().total_allocated_bytes).sum()
     }
 
     /// Makes later stages compile their shaders from `folder`, which is laid out like `glsl/`. Without a folder, stages
@@ -281,7 +311,7 @@ impl Shared {
         self.instance.messages.lock().expect("no holder of the messages panics")
     }
 
-    pub(super) fn allocator(&self) -> MutexGuard<'_, Option<Allocator>> {
+    pub(super) fn allocator(&self) -> MutexGuard<'_, Option<Allocators>> {
         self.allocator.lock().expect("no holder of the allocator panics")
     }
 
@@ -292,18 +322,27 @@ impl Shared {
         requirements: vk::MemoryRequirements,
         location: MemoryLocation,
         linear: bool,
-    ) -> Result<Allocation> {
+    ) -> Result<Held> {
         let refuse = |reason: String| OutOfMemory { name: name.to_owned(), bytes: Some(requirements.size), reason };
         let scheme = AllocationScheme::GpuAllocatorManaged;
         let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme: scheme };
-        let mut allocator = self.allocator();
-        let allocator = allocator.as_mut().expect("the allocator lives until drop");
-        let excess = self.ledger.excess(|| allocator.generate_report(), requirements.size);
-        if excess > 0 {
-            return Err(refuse(format!("the limit of memory (--memory) would be passed by {excess} bytes")).into());
-        }
-        let allocation = allocator.allocate(&desc);
-        self.ledger.note(allocator.generate_report().total_capacity_bytes);
+        let mut allocators = self.allocator();
+        let allocators = allocators.as_mut().expect("the allocator lives until drop");
+        let allocation = match &mut allocators.host {
+            Some(host) if location != MemoryLocation::GpuOnly => {
+                host.allocate(&desc).map(|allocation| Held { allocation, is_of_host: true })
+            }
+            _ => {
+                let device = &mut allocators.device;
+                let excess = self.ledger.excess(|| device.generate_report(), requirements.size);
+                if excess > 0 {
+                    return Err(refuse(format!("it would pass the limit of memory by {excess} bytes")).into());
+                }
+                let allocation = device.allocate(&desc);
+                self.ledger.note(device.generate_report().total_capacity_bytes);
+                allocation.map(|allocation| Held { allocation, is_of_host: false })
+            }
+        };
         allocation.map_err(|error| match error {
             AllocationError::OutOfMemory => refuse(format!(
                 "{} has {} bytes in total and not enough free",
@@ -314,9 +353,11 @@ impl Shared {
         })
     }
 
-    pub fn free(&self, allocation: Allocation) {
-        let freed = self.allocator().as_mut().expect("the allocator lives until drop").free(allocation);
-        freed.expect("an allocation is freed once, by its owner");
+    pub fn free(&self, held: Held) {
+        let mut allocators = self.allocator();
+        let allocators = allocators.as_mut().expect("the allocator lives until drop");
+        let owner = if held.is_of_host { allocators.host.as_mut() } else { None }.unwrap_or(&mut allocators.device);
+        owner.free(held.allocation).expect("an allocation is freed once, by its owner");
     }
 }
 

@@ -7,9 +7,8 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Result, ensure};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
-use gpu_allocator::vulkan::Allocation;
 
-use super::device::{Device, Shared};
+use super::device::{Device, Held, Shared};
 use super::error::describe;
 use super::id::next_id;
 use crate::host_memory::OutOfMemory;
@@ -87,7 +86,7 @@ pub struct Texture {
     pub(super) is_general: AtomicBool,
     bytes: u64,
     /// None for an image of a swapchain, which owns the memory.
-    allocation: Option<Allocation>,
+    allocation: Option<Held>,
     /// The swapchain that owns the image, kept alive as long as this.
     swapchain: Option<Arc<dyn Any + Send + Sync>>,
     pub(super) device: Arc<Shared>,

@@ -34,8 +34,8 @@ pub struct MemoryUse {
     /// What the resources of this program may take on the device together: the limit, less what the driver took when it
     /// was opened and what it may take later.
     pub limit: Option<u64>,
-    /// What they take now, with the gaps in shared blocks. Memory of the host that the device copies from and to
-    /// counts, too.
+    /// What they take now, with the gaps in shared blocks. Where the device has no memory of its own, memory that it
+    /// shares with the host counts, too.
     pub used: u64,
     /// The most that they took at any time.
     pub peak: u64,
@@ -44,10 +44,6 @@ pub struct MemoryUse {
 }
 
 impl Ledger {
-    pub fn unlimited() -> Self {
-        Self { block: BLOCK, ..Self::default() }
-    }
-
     pub fn new(limit: Option<u64>, asked: Option<u64>) -> Self {
         let block = if asked.is_some() { SMALL_BLOCK } else { BLOCK };
         Self { limit, asked, block, peak: AtomicU64::default() }

@@ -7,21 +7,25 @@ use ash::vk;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
 
-use super::capabilities::Feature;
-use super::device::{Device, Shared};
+use super::capabilities::{DeviceKind, Feature};
+use super::device::{Allocators, Device, Shared};
 use super::ledger::{DRIVER, Ledger, MemoryUse, SPARE};
 
 impl Shared {
-    /// An allocator with the blocks of the ledger.
-    pub(super) fn make_allocator(&self) -> Result<Allocator> {
-        Ok(Allocator::new(&AllocatorCreateDesc {
-            instance: self.instance.raw.clone(),
-            device: self.raw.clone(),
-            physical_device: self.capabilities.raw,
-            debug_settings: AllocatorDebugSettings::default(),
-            buffer_device_address: false,
-            allocation_sizes: AllocationSizes::new(self.ledger.block, self.ledger.block),
-        })?)
+    /// Allocators with the blocks of the ledger. Where all memory is the device's, the host has none of its own.
+    pub(super) fn make_allocators(&self) -> Result<Allocators> {
+        let make = || {
+            Allocator::new(&AllocatorCreateDesc {
+                instance: self.instance.raw.clone(),
+                device: self.raw.clone(),
+                physical_device: self.capabilities.raw,
+                debug_settings: AllocatorDebugSettings::default(),
+                buffer_device_address: false,
+                allocation_sizes: AllocationSizes::new(self.ledger.block, self.ledger.block),
+            })
+        };
+        let is_discrete = self.capabilities.kind == DeviceKind::Discrete;
+        Ok(Allocators { device: make()?, host: is_discrete.then(make).transpose()? })
     }
 
     /// What the driver says of the largest heap of the device: the bytes that this process may take, and takes.
@@ -65,7 +69,7 @@ impl Device {
             (None, None) => None,
         };
         shared.ledger = Ledger::new(limit, asked);
-        let made = shared.make_allocator()?;
+        let made = shared.make_allocators()?;
         *shared.allocator.get_mut().expect("no holder of the allocator panics") = Some(made);
         Ok(self)
     }
@@ -73,7 +77,7 @@ impl Device {
     /// The state of the ledger.
     pub fn memory(&self) -> MemoryUse {
         let ledger = &self.0.ledger;
-        let report = self.0.allocator().as_ref().expect("the allocator lives until drop").generate_report();
+        let report = self.0.allocator().as_ref().expect("the allocator lives until drop").device.generate_report();
         MemoryUse {
             asked: ledger.asked,
             limit: ledger.limit,

@@ -6,9 +6,8 @@ use ash::vk;
 use egui_ash_renderer::allocator::Allocator;
 use egui_ash_renderer::{RendererError, RendererResult};
 use gpu_allocator::MemoryLocation;
-use gpu_allocator::vulkan::Allocation;
 
-use super::device::Shared;
+use super::device::{Held, Shared};
 
 /// Allocates from the device's allocator, like all other resources.
 pub(super) struct OverlayMemory(pub Arc<Shared>);
@@ -21,21 +20,21 @@ impl OverlayMemory {
         requirements: vk::MemoryRequirements,
         location: MemoryLocation,
         linear: bool,
-    ) -> RendererResult<Allocation> {
+    ) -> RendererResult<Held> {
         let allocation = self.0.allocate(NAME, requirements, location, linear);
         allocation.map_err(|problem| RendererError::Allocator(format!("{problem:#}")))
     }
 }
 
 impl Allocator for OverlayMemory {
-    type Allocation = Allocation;
+    type Allocation = Held;
 
     fn create_buffer(
         &mut self,
         device: &ash::Device,
         size: usize,
         usage: vk::BufferUsageFlags,
-    ) -> RendererResult<(vk::Buffer, Allocation)> {
+    ) -> RendererResult<(vk::Buffer, Held)> {
         let info = vk::BufferCreateInfo::default().size(size as u64).usage(usage);
         // SAFETY: clauses 1 and 4, fresh memory that meets the buffer's requirements; the painter owns both.
         unsafe {
@@ -52,7 +51,7 @@ impl Allocator for OverlayMemory {
         device: &ash::Device,
         width: u32,
         height: u32,
-    ) -> RendererResult<(vk::Image, Allocation)> {
+    ) -> RendererResult<(vk::Image, Held)> {
         let info = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
             .format(vk::Format::R8G8B8A8_SRGB)
@@ -72,21 +71,21 @@ impl Allocator for OverlayMemory {
         }
     }
 
-    fn destroy_buffer(&mut self, device: &ash::Device, buffer: vk::Buffer, memory: Allocation) -> RendererResult<()> {
+    fn destroy_buffer(&mut self, device: &ash::Device, buffer: vk::Buffer, memory: Held) -> RendererResult<()> {
         // SAFETY: clause 2, the painter waits until the GPU has finished with it.
         unsafe { device.destroy_buffer(buffer, None) };
         self.0.free(memory);
         Ok(())
     }
 
-    fn destroy_image(&mut self, device: &ash::Device, image: vk::Image, memory: Allocation) -> RendererResult<()> {
+    fn destroy_image(&mut self, device: &ash::Device, image: vk::Image, memory: Held) -> RendererResult<()> {
         // SAFETY: as above.
         unsafe { device.destroy_image(image, None) };
         self.0.free(memory);
         Ok(())
     }
 
-    fn update_buffer<T: Copy>(&mut self, _: &ash::Device, memory: &mut Allocation, data: &[T]) -> RendererResult<()> {
+    fn update_buffer<T: Copy>(&mut self, _: &ash::Device, memory: &mut Held, data: &[T]) -> RendererResult<()> {
         let mapped =
             memory.mapped_slice_mut().ok_or_else(|| RendererError::Allocator("it is not mapped".to_owned()))?;
         // SAFETY: clause 6, vertices and indices; any bytes of theirs may be read.

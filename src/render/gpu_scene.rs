@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::gpu::{Buffer, Commands, Device};
+use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::render::shaders::Grids;
 use crate::render::slabs::{PagesRead, Pool, slots_in};
@@ -51,6 +52,8 @@ const PART: usize = 1 << 11;
 
 /// The part of the free memory that pages may take; the rest is for pictures, lists and what is read.
 const POOL_PART: f64 = 0.65;
+/// Bytes that lists and what else a frame needs take at least.
+const LEAST_LISTS: u64 = 16 << 20;
 /// The least pages that there is room for.
 const LEAST_PAGES: usize = 64;
 
@@ -121,6 +124,26 @@ impl GpuScene {
         }
         in_flight.wait()?;
         Ok(scene)
+    }
+
+    /// As [`with`](Self::with), if so many bytes are left then, and room for some lists.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_reserve(
+        device: &Device,
+        gaussians: &Gaussians,
+        statistics: &Statistics,
+        options: &Options,
+        reserve: u64,
+    ) -> Result<Self> {
+        let bytes = Layout::of(statistics, options).bytes_each() * gaussians.len() as u64;
+        let room = device.free_bytes().saturating_sub(reserve + LEAST_LISTS);
+        if bytes > room {
+            let reason = format!("{room} bytes of device memory are left for it");
+            return Err(OutOfMemory { name: "scene".to_owned(), bytes: Some(bytes), reason }.into());
+        }
+        Self::with(device, gaussians, statistics, options)
     }
 
     /// Makes room for some pages of a scene, in a part of the device memory that is free but for `reserve` bytes. All

@@ -17,6 +17,7 @@ mod renderer;
 #[doc(hidden)]
 pub mod shaders;
 mod slabs;
+mod source;
 mod stream;
 mod trial;
 mod upscale;
@@ -45,5 +46,6 @@ pub use renderer::{Recorded, Started};
 pub use shaders::Splat;
 pub use shaders::Totals;
 pub use slabs::PagesRead;
+pub use source::SceneSource;
 #[doc(hidden)]
 pub use stream::{Finished, Form, HostFrame, Stream, Streamed, Wanted};
