@@ -15,12 +15,13 @@ use crate::camera::Up;
 use crate::gpu::Device;
 use crate::render::GpuScene;
 use crate::scene::{self, NoLevel, Procedural, Reading, Scene, Transform, Watch};
+use crate::storage;
 
 /// The scene that a command draws, describes or measures.
 #[derive(Args)]
 pub(super) struct SceneArg {
-    /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb or .gltf), folder of a SOG, model folder of
-    /// the original 3DGS, - for a file on standard input, or procedural scene: cactus, room, plain, few-large or
+    /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb, .gltf or .smalto), folder of a SOG, model
+    /// folder of the original 3DGS, - for a file on standard input, or procedural scene: cactus, room, plain, few-large or
     /// many-small, optionally with :COUNT Gaussians
     #[arg(default_value = "cactus")]
     pub scene: PathBuf,
@@ -115,7 +116,7 @@ impl SceneArg {
                 if piped::is_piped(&self.scene) {
                     piped::read(&self.scene, &reading, &progress)
                 } else {
-                    reading.read_watched(&path, &Watch { progress: &progress, partial: &|_| {}, is_cancelled })
+                    storage::read(&reading, &path, &Watch { progress: &progress, partial: &|_| {}, is_cancelled })
                 }
             }
         };

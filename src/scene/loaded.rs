@@ -82,7 +82,7 @@ pub struct Scene {
 
 impl Scene {
     /// A scene of this format without Gaussians, notices and levels, not antialiased.
-    pub(super) fn empty(format: &str) -> Self {
+    pub fn empty(format: &str) -> Self {
         Self {
             gaussians: Gaussians::default(),
             report: LoadReport::default(),

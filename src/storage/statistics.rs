@@ -124,6 +124,31 @@ impl Accumulator {
         }
     }
 
+    /// Number of Gaussians that were added.
+    pub fn added(&self) -> usize {
+        self.added
+    }
+
+    /// The SH degree of the Gaussians.
+    pub fn sh_degree(&self) -> u32 {
+        self.sh_degree
+    }
+
+    /// True if as many Gaussians were added as were announced.
+    pub fn is_complete(&self) -> bool {
+        self.added == self.count
+    }
+
+    /// The bounding box of the means so far.
+    pub fn extent(&self) -> Bounds {
+        self.extremes.extent()
+    }
+
+    /// Some means, evenly spread over the scene.
+    pub fn sample(&self) -> &[[f32; 3]] {
+        &self.focused.0
+    }
+
     /// The statistics of all that was added.
     ///
     /// # Panics
@@ -131,13 +156,11 @@ impl Accumulator {
     pub fn finish(self) -> Statistics {
         assert_eq!(self.added, self.count, "all Gaussians of the scene are added");
         let colours = self.colours.and(&self.begun);
-        let Extremes { low, high, scales: [smallest, largest], is_flat, highest_opacity, sh, half_errors } =
-            self.extremes;
-        let extent = if self.count == 0 { [[0.0; 3]; 2] } else { [low, high].map(|v| (v + Vec3::ZERO).to_array()) };
+        let Extremes { scales: [smallest, largest], is_flat, highest_opacity, sh, half_errors, .. } = self.extremes;
         Statistics {
             count: self.count,
             sh_degree: self.sh_degree,
-            extent: Bounds { low: extent[0], high: extent[1] },
+            extent: self.extremes.extent(),
             focus: Focus::of_weighted(&self.focused.0, &self.focused.1),
             requirements: Requirements::from_parts(&colours, self.count, &self.values),
             scales: [smallest.min(largest), largest],
@@ -178,6 +201,14 @@ impl Extremes {
         sh: [NOTHING; sh_coefficients(MAX_SH_DEGREE)],
         half_errors: [0.0; MAX_SH_DEGREE as usize + 1],
     };
+
+    fn extent(&self) -> Bounds {
+        if self.low.x > self.high.x {
+            return Bounds { low: [0.0; 3], high: [0.0; 3] };
+        }
+        let [low, high] = [self.low, self.high].map(|v| (v + Vec3::ZERO).to_array()); // 0 is +0
+        Bounds { low, high }
+    }
 
     fn and(&self, other: &Self) -> Self {
         Self {
