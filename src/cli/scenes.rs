@@ -15,7 +15,7 @@ use crate::camera::Up;
 use crate::gpu::Device;
 use crate::render::GpuScene;
 use crate::scene::{self, NoLevel, Procedural, Reading, Scene, Transform, Watch};
-use crate::storage;
+use crate::storage::{self, PageFile};
 
 /// The scene that a command draws, describes or measures.
 #[derive(Args)]
@@ -95,6 +95,16 @@ impl SceneArg {
             GpuScene::check_count(device, procedural.count())?;
         }
         self.read()
+    }
+
+    /// The page file of the scene, if it is one and is read as it is.
+    pub fn page_file(&self) -> Result<Option<PageFile>> {
+        let ReadingArgs { up, flip, lod } = &self.reading;
+        let path = self.path().filter(|path| storage::is_page_file(path));
+        match path.filter(|_| up.is_none() && flip.is_none() && lod.is_none()) {
+            Some(path) => Ok(Some(PageFile::open(&path)?)),
+            None => Ok(None),
+        }
     }
 
     /// Reads the file or makes the procedural scene. Prints to stderr what was dropped or clamped.

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::halves::half;
 use crate::scene::{
-    Bounds, Colours, Focus, Gaussians, MAX_SH_DEGREE, Requirements, SUMMED, StoredValues, bands, sh_coefficients,
+    Bounds, Colours, Curve, Focus, Gaussians, MAX_SH_DEGREE, Requirements, SUMMED, StoredValues, bands, sh_coefficients,
 };
 
 /// What a [`Layout`](super::Layout) follows from, and where a scene lies. The same Gaussians in the same order have the
@@ -50,7 +50,20 @@ impl Statistics {
         all.add(gaussians);
         all.finish()
     }
+
+    /// The curve along which pages hold the Gaussians: through the part of the scene that lies near its focus, since a
+    /// stray Gaussian far away would leave all others in one cell.
+    pub fn curve(&self) -> Curve {
+        let Focus { centre, radius } = self.focus;
+        let side = |axis: usize, sign: f64| (centre[axis] + sign * NEAR * radius) as f32;
+        let low = std::array::from_fn(|axis| self.extent.low[axis].max(side(axis, -1.0)));
+        let high = std::array::from_fn(|axis| self.extent.high[axis].min(side(axis, 1.0)));
+        Curve::through(low, high)
+    }
 }
+
+/// Radii of the focus that are near it.
+const NEAR: f64 = 32.0;
 
 /// Adds up the statistics of a scene that comes in blocks.
 pub struct Accumulator {
@@ -129,19 +142,9 @@ impl Accumulator {
         self.added
     }
 
-    /// The SH degree of the Gaussians.
-    pub fn sh_degree(&self) -> u32 {
-        self.sh_degree
-    }
-
     /// True if as many Gaussians were added as were announced.
     pub fn is_complete(&self) -> bool {
         self.added == self.count
-    }
-
-    /// The bounding box of the means so far.
-    pub fn extent(&self) -> Bounds {
-        self.extremes.extent()
     }
 
     /// Some means, evenly spread over the scene.

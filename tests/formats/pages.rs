@@ -4,8 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use glam::{DQuat, DVec3};
 use smalto::options::{Options, Storage};
-use smalto::scene::{self, Cancelled, Gaussians, Reading, Scene, Unreadable, Watch, synthetic};
+use smalto::scene::{self, Cancelled, Gaussians, Reading, Scene, Transform, Unreadable, Watch, synthetic};
 use smalto::storage::convert::{Blocks, Finished, Job, Settings, Take, write_blocks, write_in_order, write_whole};
 use smalto::storage::{self, PADDING, PAGE, PageFile, Pages, Statistics};
 
@@ -27,11 +28,12 @@ fn read(path: impl AsRef<Path>) -> Gaussians {
     storage::read(&Reading::default(), path.as_ref(), &watch()).unwrap().gaussians
 }
 
-/// The bits of all values: zeros of both signs differ.
+/// The bits of all values. Zeros of both signs are one for spherical harmonics, whose higher degrees are not stored
+/// where they are 0.
 fn bits(gaussians: &Gaussians) -> Vec<u32> {
     let floats = gaussians.means().as_flattened().iter().chain(gaussians.scales().as_flattened());
-    let floats = floats.chain(gaussians.rotations().as_flattened()).chain(gaussians.opacities());
-    floats.chain(gaussians.all_sh().as_flattened()).map(|value| value.to_bits()).collect()
+    let floats = floats.chain(gaussians.rotations().as_flattened()).chain(gaussians.opacities()).copied();
+    floats.chain(gaussians.all_sh().as_flattened().iter().map(|value| value + 0.0)).map(f32::to_bits).collect()
 }
 
 fn scene_of(gaussians: Gaussians) -> Scene {
@@ -309,4 +311,85 @@ fn the_commands_read_page_files() {
     assert!(error.contains("--storage needs a .smalto file"), "{error}");
     let error = fails(1, &["convert", PLUSH, &out, "--no-clobber"]);
     assert!(error.contains("--no-clobber keeps what exists"), "{error}");
+}
+
+/// A stray Gaussian does not keep the others from being sorted.
+#[test]
+fn a_stray_gaussian_leaves_pages_small() {
+    let gaussians = synthetic::cactus(20 * PAGE).unwrap().gaussians;
+    let far = gaussians.selected(&[0]).unwrap();
+    let far = far.transformed(&Transform::new(DQuat::IDENTITY, DVec3::splat(1e9), 1.0).unwrap()).unwrap();
+    let both = Gaussians::joined([&gaussians, &far].into_iter()).unwrap();
+    let volume = |gaussians: &Gaussians| {
+        let pages = of_memory(gaussians, &Options::EXACT);
+        let mut all: Vec<f32> =
+            pages.pages().iter().map(|page| (0..3).map(|i| page.high[i] - page.low[i]).product()).collect();
+        all.sort_by(f32::total_cmp);
+        all[all.len() / 2]
+    };
+    let (near, with_far) = (volume(&gaussians), volume(&both));
+    assert!(with_far < 2.0 * near, "{with_far} for {near}");
+}
+
+#[test]
+fn a_killed_conversion_goes_on_where_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let [source, whole, out] = ["a.ply", "whole.smalto", "out.smalto"].map(|name| path(&folder, name));
+    ok(&["convert", "cactus:60000", &source]);
+    ok(&["convert", &source, &whole]);
+    let convert = || {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_smalto"));
+        command.args(["convert", &source, &out, "--memory", "1"]).stderr(std::process::Stdio::piped());
+        command.stdout(std::process::Stdio::null()).spawn().unwrap()
+    };
+    let mut killed = convert();
+    let state = folder.path().join(".out.smalto.unfinished/state.json");
+    let done = |text: String| serde_json::from_str::<serde_json::Value>(&text).ok()?["done"].as_u64();
+    while !fs::read_to_string(&state).ok().and_then(done).is_some_and(|done| done >= 2) {
+        assert!(killed.try_wait().unwrap().is_none(), "it ended before it was killed");
+        std::thread::sleep(std::time::Duration::from_micros(200));
+    }
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    assert!(!Path::new(&out).exists());
+    let output = convert().wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && said.contains("buckets were sorted by an earlier run"), "{said}");
+    assert!(fs::read(&whole).unwrap() == fs::read(&out).unwrap());
+}
+
+#[test]
+fn a_page_that_cannot_be_read_is_exit_code_4() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "a.smalto");
+    ok(&["convert", "cactus:3000", &out]);
+    let smalto = |fault: &str| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_smalto"));
+        let output = command.args(["convert", &out, &path(&folder, "b.ply")]).env("SMALTO_FAULT", fault).output();
+        let output = output.unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (code, error) = smalto("page@2");
+    assert_eq!(code, Some(4), "{error}");
+    assert!(error.contains("the geometry of page 2, bytes") && error.contains("simulated fault"), "{error}");
+    assert_eq!(smalto("page@3"), (Some(0), String::new()));
+    assert_eq!(smalto("slow@1"), (Some(0), String::new()));
+    assert_eq!(smalto("page@x").0, Some(2));
+}
+
+#[test]
+fn info_describes_a_page_file_without_its_pages() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "a.smalto");
+    ok(&["convert", PLUSH, &out]);
+    let of = |file: &str| -> serde_json::Value { serde_json::from_str(&ok(&["info", file, "--json", "-"])).unwrap() };
+    let (pages, whole) = (of(&out), of(PLUSH));
+    for field in ["gaussians", "sh_degree", "tally", "low", "high", "centre", "radius", "is_antialiased"] {
+        assert_eq!(pages[field], whole[field], "{field}");
+    }
+    for field in ["sh_bounds", "sh_storage", "shape_storage", "brightest", "gpu_bytes", "depth_bits"] {
+        assert_eq!(pages["required"][field], whole["required"][field], "{field}");
+    }
+    assert_eq!(pages["pages"]["bytes"], fs::metadata(&out).unwrap().len());
+    assert!(ok(&["info", &out]).contains("pages       1 of 1024 Gaussians"));
 }

@@ -50,7 +50,7 @@ pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path) -> Result<Report>
     let statistics = &finished.header.statistics;
     Ok(Report {
         file: output.display().to_string(),
-        format: format!("pages of {}", finished.header.format),
+        format: finished.header.format_of_pages(),
         bytes: finished.header.file_bytes(),
         gaussians: statistics.count,
         sh_degree: finished.header.layout.sh_degree,

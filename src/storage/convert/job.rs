@@ -12,7 +12,7 @@ use super::records::{gaussians_of, mean_of, record_words};
 use super::state::{State, Work};
 use crate::files::Kept;
 use crate::options::{Options, Storage};
-use crate::scene::{Bounds, Cancelled, Curve, Gaussians, Scene, along_curve};
+use crate::scene::{Cancelled, Curve, Gaussians, Scene, along_curve};
 use crate::storage::layout::Layout;
 use crate::storage::pages::{HEADER, Header, PADDING, PAGE};
 use crate::storage::statistics::{Accumulator, Statistics};
@@ -117,7 +117,7 @@ pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
     let header = job.header(scene, statistics, layout);
     let file = kept.file(PAGES)?;
     let output = Output::new(&file, (&header.layout, header.alpha_min), header.pages());
-    let order = along_curve(gaussians.means());
+    let order = header.statistics.curve().order(gaussians.means());
     for (i, part) in order.chunks(PAGE << 10).enumerate() {
         job.check()?;
         let written = output.write(i << 10, gaussians, part, |index| index);
@@ -134,19 +134,32 @@ fn finish(kept: Kept, file: &File, output: &Output, header: Header) -> Result<()
     kept.finish(PAGES)
 }
 
-/// The first pass over blocks: statistics, the box, a sample of the means.
-fn first_pass(job: &Job, blocks: &Blocks, is_cut: bool) -> Result<(Scene, Accumulator)> {
-    let mut all: Option<Accumulator> = None;
-    let scene = blocks(&mut |block, of| {
-        job.check()?;
-        let all = all.get_or_insert_with(|| Accumulator::new(of, block.sh_degree()));
-        all.add(&block);
-        (job.progress)(all.added() as f64 / of.max(1) as f64 / if is_cut { 3.0 } else { 2.0 });
-        Ok(())
-    })?;
-    let all = all.filter(|all| all.added() > 0).context("there are no Gaussians")?;
-    check_count(all.added())?;
-    Ok((scene, all))
+const CHANGED: &str = "the source was changed while it was read";
+
+/// A pass over blocks for the statistics, or two of them if the source has other numbers than it says. Returns some
+/// means, too. `parts` is the number of passes of the whole job.
+fn first_passes(job: &Job, blocks: &Blocks, parts: f64) -> Result<(Scene, Statistics, Vec<[f32; 3]>)> {
+    let pass = |known: Option<usize>| {
+        let mut all: Option<Accumulator> = None;
+        let scene = blocks(&mut |block, of| {
+            job.check()?;
+            let count = known.unwrap_or(of);
+            let all = all.get_or_insert_with(|| Accumulator::new(count, block.sh_degree()));
+            all.add(&block);
+            (job.progress)(all.added() as f64 / count.max(1) as f64 / parts);
+            Ok(())
+        })?;
+        let all = all.filter(|all| all.added() > 0).context("there are no Gaussians")?;
+        check_count(all.added())?;
+        anyhow::Ok((scene, all))
+    };
+    let (mut scene, mut all) = pass(None)?;
+    if !all.is_complete() {
+        (scene, all) = pass(Some(all.added()))?;
+        ensure!(all.is_complete(), CHANGED);
+    }
+    let sample = all.sample().to_vec();
+    Ok((scene, all.finish(), sample))
 }
 
 /// Writes a scene that comes in blocks, in bounded memory: in buckets along the curve, which are sorted one by one.
@@ -164,8 +177,7 @@ pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) ->
     };
     let resumed = state.done;
     let degree = header.statistics.sh_degree;
-    let Bounds { low, high } = header.statistics.extent;
-    let curve = Curve::through(low, high);
+    let curve = header.statistics.curve();
     let file = kept.file(PAGES)?;
     let output = Output::new(&file, (&header.layout, header.alpha_min), header.pages());
     while state.done < state.buckets.len() {
@@ -205,30 +217,20 @@ fn resumed(kept: &Kept, work: &Work) -> Option<(State, Header)> {
 
 fn fill_buckets(job: &Job, kept: &Kept, blocks: &Blocks, work: Option<Work>) -> Result<(State, Header)> {
     kept.clear()?;
-    let (scene, first) = first_pass(job, blocks, true)?;
-    let (count, Bounds { low, high }) = (first.added(), first.extent());
-    let degree = first.sh_degree();
-    let cuts = Cuts::new(Curve::through(low, high), first.sample(), count, degree, job.settings.memory);
+    let (scene, statistics, sample) = first_passes(job, blocks, 3.0)?;
+    let (count, degree) = (statistics.count, statistics.sh_degree);
+    let cuts = Cuts::new(statistics.curve(), &sample, count, degree, job.settings.memory);
     let mut filling = Filling::new(kept, &cuts)?;
-    // The file may claim other numbers than it holds. Then the statistics begin anew.
-    let mut again = if first.is_complete() { None } else { Some(Accumulator::new(count, degree)) };
     let mut added = 0;
     blocks(&mut |block, _| {
         job.check()?;
-        ensure!(
-            added + block.len() <= count && block.sh_degree() == degree,
-            "the source was changed while it was read"
-        );
+        ensure!(added + block.len() <= count && block.sh_degree() == degree, CHANGED);
         filling.add(&block, added)?;
         added += block.len();
-        if let Some(again) = &mut again {
-            again.add(&block);
-        }
         (job.progress)((1.0 + added as f64 / count as f64) / 3.0);
         Ok(())
     })?;
-    ensure!(added == count, "the source was changed while it was read");
-    let statistics = again.unwrap_or(first).finish();
+    ensure!(added == count, CHANGED);
     let layout = Layout::of(&statistics, &job.settings.options);
     let mut header = job.header(&scene, statistics, layout);
     let words = crate::storage::pages::PageWords::of(&header.layout);
@@ -273,12 +275,7 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
     let is_plain = |storage: Storage| storage == Storage::F32;
     let options = &job.settings.options;
     let is_free = is_plain(options.sh_storage) && is_plain(options.shape_storage);
-    let known = if is_free { None } else { Some(first_pass(job, blocks, false)?.1) };
-    let known = known.map(|first| {
-        ensure!(first.is_complete(), "the source holds another number of Gaussians than it said");
-        Ok(first.finish())
-    });
-    let known = known.transpose()?;
+    let known = if is_free { None } else { Some(first_passes(job, blocks, 2.0)?.1) };
     let mut going: Option<Going> = None;
     let scene = blocks(&mut |block, of| {
         job.check()?;
