@@ -10,7 +10,8 @@ use std::sync::LazyLock;
 use flate2::{Compression, write::GzEncoder};
 use libfuzzer_sys::fuzz_target;
 use smalto::camera::{self, Timeline};
-use smalto::scene;
+use smalto::scene::{Reading, Watch};
+use smalto::storage;
 use tempfile::TempDir;
 
 /// The reader of a fuzzed file.
@@ -39,7 +40,7 @@ const fn subject(name: &'static str, reads: Reads, file: &'static str, beside: &
     Subject { name, reads, file, beside, is_gzip: false }
 }
 
-const SUBJECTS: [Subject; 17] = [
+const SUBJECTS: [Subject; 18] = [
     subject("ply", Reads::Scene, "a.ply", ""),
     subject("spz", Reads::Scene, "a.spz", ""),
     Subject { is_gzip: true, ..subject("spz-gzip", Reads::Scene, "a.spz", "") },
@@ -50,6 +51,7 @@ const SUBJECTS: [Subject; 17] = [
     subject("sog-levels", Reads::Scene, "lod-meta.json", "lod"),
     subject("glb", Reads::Scene, "a.glb", ""),
     subject("gltf", Reads::Scene, "a.gltf", ""),
+    subject("pages", Reads::Scene, "a.smalto", ""),
     subject("cameras-json", Reads::Cameras, "cameras.json", ""),
     subject("transforms-json", Reads::Cameras, "transforms.json", ""),
     subject("timeline", Reads::Timeline, "path.json", ""),
@@ -110,7 +112,10 @@ impl Run {
 fuzz_target!(|bytes: &[u8]| {
     let path = RUN.write(bytes);
     let problem = match RUN.subject.reads {
-        Reads::Scene => scene::read(&path, &|_| {}).err(),
+        Reads::Scene => {
+            let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
+            storage::read(&Reading::default(), &path, &watch).err()
+        }
         Reads::Cameras => camera::read(&path).err(),
         Reads::CameraFolder => camera::read(RUN.folder.path()).err(),
         Reads::Timeline => Timeline::read(&path).err(),

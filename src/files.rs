@@ -1,6 +1,7 @@
 //! Atomic file writes (temporary file, then rename), writes to devices and pipes, whole-file reads, and readable I/O
 //! error messages.
 
+mod kept;
 mod part;
 mod place;
 mod regular;
@@ -14,8 +15,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Error, Result, anyhow, ensure};
 
+pub use kept::Kept;
 pub use part::remove_unfinished;
-pub use regular::{open_regular, read_exact_at};
+pub use regular::{open_regular, read_exact_at, write_all_at};
 pub use set::write_set;
 
 use place::Place;

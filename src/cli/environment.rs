@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use super::Usage;
 use crate::gpu::{DeviceChoice, Validation};
+use crate::storage::ReadFault;
 
 /// The values of the `SMALTO_*` variables.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,6 +18,9 @@ pub struct Environment {
     /// `SMALTO_FAULT`: a fault that the viewer simulates after a number of frames, for tests: `device@100`,
     /// `surface@100` or `memory@100`. `render` simulates the first of these.
     pub fault: Option<String>,
+    /// `SMALTO_FAULT`: a fault of reading page files: `page@3` for a page that cannot be read, `slow@5` for reads that
+    /// take 5 ms longer.
+    pub read_fault: Option<ReadFault>,
 }
 
 impl Environment {
@@ -37,6 +41,15 @@ impl Environment {
             Some(other) => return Err(Usage(format!("SMALTO_VALIDATION={other}: expected 1 or 0"))),
         };
         let fault = set("SMALTO_FAULT");
+        let is_of_reading = |text: &str| text.starts_with("page@") || text.starts_with("slow@");
+        let (read_fault, fault) = match fault {
+            Some(text) if is_of_reading(&text) => (Some(text), None),
+            other => (None, other),
+        };
+        let parse = |text: String| {
+            text.parse::<ReadFault>().map_err(|problem| Usage(format!("SMALTO_FAULT={text}: {problem:#}")))
+        };
+        let read_fault = read_fault.map(parse).transpose()?;
         #[cfg(feature = "viewer")]
         if let Some(text) = &fault {
             let parsed = text.parse::<crate::viewer::Fault>();
@@ -47,6 +60,7 @@ impl Environment {
             validation,
             shaders: set("SMALTO_SHADERS").map(PathBuf::from),
             fault,
+            read_fault,
         })
     }
 }
@@ -66,7 +80,8 @@ mod tests {
             };
             Environment::parse(|name| Some(value(name))).map_err(|problem| problem.to_string())
         };
-        let nothing = Environment { device: DeviceChoice::Best, validation: None, shaders: None, fault: None };
+        let nothing =
+            Environment { device: DeviceChoice::Best, validation: None, shaders: None, fault: None, read_fault: None };
         let expected = Environment {
             device: DeviceChoice::Index(1),
             validation: Some(Validation::Required),
@@ -77,8 +92,11 @@ mod tests {
         let (device, validation) = (DeviceChoice::Name("llvm".into()), Some(Validation::Off));
         assert_eq!(parse("llvm", "0", ""), Ok(Environment { device, validation, ..nothing.clone() }));
         assert_eq!(parse("", "", ""), Ok(nothing.clone()));
-        assert_eq!(Environment::parse(|_| None).ok(), Some(nothing));
+        assert_eq!(Environment::parse(|_| None).ok(), Some(nothing.clone()));
         assert_eq!(parse("", "yes", ""), Err("SMALTO_VALIDATION=yes: expected 1 or 0".to_owned()));
+        let read_fault = Some(ReadFault::Page(3));
+        assert_eq!(parse("", "", "page@3"), Ok(Environment { read_fault, ..nothing.clone() }));
+        assert!(parse("", "", "slow@x").unwrap_err().starts_with("SMALTO_FAULT=slow@x: expected a time"));
         #[cfg(feature = "viewer")]
         assert!(parse("", "", "nonsense").unwrap_err().starts_with("SMALTO_FAULT=nonsense: expected device@N"));
     }

@@ -8,7 +8,7 @@ use super::{SceneArg, Sink, knobs, say};
 use crate::options::{Options, Storage};
 use crate::render::depth_bits;
 use crate::scene::{Bounds, Focus, Gaussians, Level, LoadReport, Requirements, Scene, percentiles};
-use crate::storage::{Layout, Packing, Statistics};
+use crate::storage::{Layout, PAGE, Packing, PageFile, Statistics};
 
 /// Describe a scene: counts, bounds, distributions and the GPU storage that it needs
 #[derive(clap::Args)]
@@ -48,12 +48,33 @@ struct Report {
     high: [f32; 3],
     centre: [f64; 3],
     radius: f64,
-    opacity: Percentiles,
-    /// Geometric mean of the three standard deviations, in world units.
-    scale: Percentiles,
-    /// The largest standard deviation divided by the smallest; `null` is infinity.
-    anisotropy: Percentiles,
+    /// `null` for a page file, which is not read as a whole.
+    opacity: Option<Percentiles>,
+    /// Geometric mean of the three standard deviations, in world units. `null` for a page file.
+    scale: Option<Percentiles>,
+    /// The largest standard deviation divided by the smallest; a percentile that is `null` is infinity. `null` for a
+    /// page file.
+    anisotropy: Option<Percentiles>,
     required: Required,
+    /// The pages of a page file.
+    pages: Option<PagesReport>,
+}
+
+/// The pages of a page file.
+#[derive(Serialize, JsonSchema)]
+struct PagesReport {
+    /// Number of pages, and Gaussians in all but the last.
+    pages: usize,
+    gaussians_each: usize,
+    /// Bytes of the file.
+    bytes: u64,
+    /// Bytes of the geometry and of the colours of a page.
+    geometry_bytes: usize,
+    colour_bytes: usize,
+    sh_storage: String,
+    shape_storage: String,
+    /// The alpha threshold that the file was made for.
+    alpha_min: f32,
 }
 
 /// Percentiles of a value over all Gaussians, by their percentage.
@@ -93,8 +114,8 @@ struct Required {
     sh_storage: String,
     shape_storage: String,
     /// An upper bound on the change of any colour channel of any picture by the storage and the degree of the spherical
-    /// harmonics. The storage of shapes has no bound.
-    colour_error: f64,
+    /// harmonics. The storage of shapes has no bound. `null` for a page file whose colours change.
+    colour_error: Option<f64>,
     /// An upper bound on the colour channels of all Gaussians.
     brightest: f64,
     /// Bits of a depth key that distinguish all depths from the near plane to the far end of the scene, and the bits
@@ -112,7 +133,10 @@ struct Required {
 pub(super) fn run(args: &Args) -> Result<()> {
     args.json.as_ref().map_or(Ok(()), Sink::check)?;
     let name = args.scene.scene.display().to_string();
-    let report = report(&name, &args.scene.read()?, &args.preset)?;
+    let report = match args.scene.page_file()? {
+        Some(file) => report_of_pages(&name, &file, &args.preset)?,
+        None => report(&name, &args.scene.read()?, &args.preset)?,
+    };
     print(&report)?;
     args.json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report))
 }
@@ -133,22 +157,58 @@ fn report(name: &str, scene: &Scene, preset: &str) -> Result<Report> {
         high: bounds.high,
         centre: focus.centre,
         radius: focus.radius,
-        opacity: Percentiles::of(gaussians.opacities().to_vec()),
-        scale: of_scales(gaussians, |[x, y, z]| (x * y * z).cbrt()),
-        anisotropy: of_scales(gaussians, |[x, y, z]| x.max(y).max(z) / x.min(y).min(z)),
-        required: required(gaussians, preset)?,
+        opacity: Some(Percentiles::of(gaussians.opacities().to_vec())),
+        scale: Some(of_scales(gaussians, |[x, y, z]| (x * y * z).cbrt())),
+        anisotropy: Some(of_scales(gaussians, |[x, y, z]| x.max(y).max(z) / x.min(y).min(z))),
+        required: required(&Statistics::of(gaussians), preset, |layout| Some(layout.colour_error(gaussians)))?,
+        pages: None,
     })
 }
 
-fn required(gaussians: &Gaussians, preset: &str) -> Result<Required> {
+/// The report on a page file, from its header alone.
+fn report_of_pages(name: &str, file: &PageFile, preset: &str) -> Result<Report> {
+    let header = file.header();
+    let (statistics, stored) = (&header.statistics, &header.layout);
+    let degree = statistics.requirements.sh_degree;
+    let keeps = |layout: &Layout| (layout.sh.is_lossless && layout.sh_degree >= degree).then_some(0.0);
+    Ok(Report {
+        scene: name.to_owned(),
+        format: header.format_of_pages(),
+        gaussians: statistics.count,
+        sh_degree: statistics.sh_degree,
+        is_antialiased: header.is_antialiased,
+        levels: Vec::new(),
+        notices: Vec::new(),
+        tally: header.report,
+        low: statistics.extent.low,
+        high: statistics.extent.high,
+        centre: statistics.focus.centre,
+        radius: statistics.focus.radius,
+        opacity: None,
+        scale: None,
+        anisotropy: None,
+        required: required(statistics, preset, keeps)?,
+        pages: Some(PagesReport {
+            pages: header.pages(),
+            gaussians_each: PAGE,
+            bytes: header.file_bytes(),
+            geometry_bytes: 4 * file.geometry_words(),
+            colour_bytes: 4 * file.colour_words(),
+            sh_storage: bits(stored.sh).to_owned(),
+            shape_storage: bits(stored.shape).to_owned(),
+            alpha_min: header.alpha_min,
+        }),
+    })
+}
+
+fn required(statistics: &Statistics, preset: &str, colour_error: impl Fn(&Layout) -> Option<f64>) -> Result<Required> {
     let options = Options::preset(preset).with_context(|| format!("there is no preset {preset}"))?;
-    let statistics = Statistics::of(gaussians);
     let (bounds, needs) = (statistics.extent, &statistics.requirements);
-    let layout = Layout::of(&statistics, &options);
+    let layout = Layout::of(statistics, &options);
     let plain = Options { sh_storage: Storage::F32, shape_storage: Storage::F32, ..Options::EXACT };
-    let requirements = Requirements { sh_degree: gaussians.sh_degree(), ..needs.clone() };
+    let requirements = Requirements { sh_degree: statistics.sh_degree, ..needs.clone() };
     let f32_bytes =
-        Layout::of(&Statistics { requirements, ..statistics.clone() }, &plain).bytes_each() * gaussians.len() as u64;
+        Layout::of(&Statistics { requirements, ..statistics.clone() }, &plain).bytes_each() * statistics.count as u64;
     let outermost = bounds.low.iter().chain(&bounds.high).fold(0.0_f32, |m, v| m.max(v.abs()));
     let diagonal = (0..3).map(|i| f64::from(bounds.high[i] - bounds.low[i]).powi(2)).sum::<f64>().sqrt();
     let depth_bits = depth_bits(options.rules.near, diagonal);
@@ -160,23 +220,27 @@ fn required(gaussians: &Gaussians, preset: &str) -> Result<Required> {
         sh_rms: needs.bands.map(|band| band.rms),
         sh_storage: packing(layout.sh),
         shape_storage: packing(layout.shape),
-        colour_error: layout.colour_error(gaussians),
+        colour_error: colour_error(&layout),
         brightest: needs.brightest,
         depth_bits,
         depth_bits_kept: depth_bits.min(options.key_bits),
         coordinate_step: outermost.next_up() - outermost,
         bytes_each: layout.bytes_each(),
-        gpu_bytes: layout.bytes_each() * gaussians.len() as u64,
+        gpu_bytes: layout.bytes_each() * statistics.count as u64,
         f32_bytes,
     })
 }
 
-fn packing(packing: Packing) -> String {
-    let bits = match packing.storage {
+fn bits(packing: Packing) -> &'static str {
+    match packing.storage {
         Storage::Lossless | Storage::F32 => "32-bit floats",
         Storage::F16 => "16-bit floats",
         Storage::U8 => "8 bits",
-    };
+    }
+}
+
+fn packing(packing: Packing) -> String {
+    let bits = bits(packing);
     let why = match (packing.storage, packing.is_lossless) {
         (Storage::U8, true) => "lossless: the file holds 8 bits",
         (_, true) => "lossless: the file holds more than 8 bits",
@@ -202,8 +266,17 @@ fn print(report: &Report) -> Result<()> {
     }
     say!("box         {} to {}", point(low), point(high))?;
     say!("opacity     90 % lies within {radius:.4} of {}", point(&centre.map(|v| v as f32)))?;
-    say!("percentile  {}", FRACTIONS.map(|f| format!("{:>9}", format!("{:.0} %", f * 100.0))).concat())?;
-    for (name, values) in [("opacity", report.opacity), ("scale", report.scale), ("anisotropy", report.anisotropy)] {
+    if let Some(PagesReport { pages, gaussians_each, bytes, sh_storage, shape_storage, .. }) = &report.pages {
+        let megabytes = *bytes as f64 / 1e6;
+        say!(
+            "pages       {pages} of {gaussians_each} Gaussians, {megabytes:.1} MB: SH in {sh_storage}, shapes in {shape_storage}"
+        )?;
+    }
+    let rows = [("opacity", report.opacity), ("scale", report.scale), ("anisotropy", report.anisotropy)];
+    if report.opacity.is_some() {
+        say!("percentile  {}", FRACTIONS.map(|f| format!("{:>9}", format!("{:.0} %", f * 100.0))).concat())?;
+    }
+    for (name, values) in rows.into_iter().filter_map(|(name, values)| Some((name, values?))) {
         say!("{name:<11} {}", values.values().map(|v| format!("{:>9}", number(v))).concat())?;
     }
     print_required(&report.required, *sh_degree)
@@ -222,7 +295,9 @@ fn print_required(required: &Required, sh_degree: u32) -> Result<()> {
     let kept = required.depth_bits_kept;
     say!("depth keys  {} bits distinguish all depths, {kept} are sorted", required.depth_bits)?;
     say!("{preset} stores SH in {sh_storage}, shapes in {shape_storage}")?;
-    say!("            the storage of SH changes no colour channel of a picture by more than {colour_error:.2e}")?;
+    if let Some(error) = colour_error {
+        say!("            the storage of SH changes no colour channel of a picture by more than {error:.2e}")?;
+    }
     say!(
         "on the GPU  {:.1} MB, {bytes_each} bytes per Gaussian; {:.1} MB if all were 32-bit floats",
         required.gpu_bytes as f64 / 1e6,

@@ -61,8 +61,9 @@ Exit codes: 0 success, 1 failure, 2 wrong usage, 3 no usable Vulkan device or no
              6 over a threshold, or files that `render --verify` finds wrong.
 Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION turns the
              validation layer on (1) or off (0); SMALTO_FAULT simulates a fault in `view`, or with
-             device@N in `render` the loss of the first device after N views; SMALTO_SHADERS=DIR
-             compiles the shaders in DIR at run time (feature `reload`).
+             device@N in `render` the loss of the first device after N views, or with page@N or
+             slow@MS unreadable pages and slow reads; SMALTO_SHADERS=DIR compiles the shaders
+             in DIR at run time (feature `reload`).
 Cache:       `smalto` in the user's folder of caches (on Linux ~/.cache or XDG_CACHE_HOME) holds
              compiled pipelines; it may be deleted at any time."
 )]
@@ -134,7 +135,9 @@ pub fn run() -> ExitCode {
 /// Like [`run`], with the given arguments. The first is the name of the program.
 pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> ExitCode {
     let outcome = arguments::parse(arguments).map_err(anyhow::Error::from).and_then(|parsed| {
-        Environment::read()?;
+        if let Some(fault) = Environment::read()?.read_fault {
+            crate::storage::simulate(fault);
+        }
         REPORTS_TO_STDOUT.store(parsed.reports_to_stdout, Ordering::Relaxed);
         match parsed.cli.command {
             Command::Render(args) => render::run(&args),

@@ -70,7 +70,7 @@ const COMMANDS: [Pairs; 8] = [
     Pairs {
         command: "convert",
         needed: &["a.ply", "b.spz"],
-        options: &[READING, "sh-degree transform crop min-opacity spz-version json format no-clobber"],
+        options: &[READING, "sh-degree transform crop min-opacity spz-version storage memory json format no-clobber"],
         refused: &[],
     },
     Pairs {
@@ -132,6 +132,7 @@ fn sample(arg: &Arg) -> String {
         "STEP" => "scale=2",
         "SHAPE" => "sphere=0,0,0,1",
         "3|4" => "3",
+        "MB" => "64",
         "VIDEO" => "a.mp4",
         "K/N" => "1/2",
         "8..32" | "FRAMES" => "8",

@@ -15,12 +15,13 @@ use crate::camera::Up;
 use crate::gpu::Device;
 use crate::render::GpuScene;
 use crate::scene::{self, NoLevel, Procedural, Reading, Scene, Transform, Watch};
+use crate::storage::{self, PageFile};
 
 /// The scene that a command draws, describes or measures.
 #[derive(Args)]
 pub(super) struct SceneArg {
-    /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb or .gltf), folder of a SOG, model folder of
-    /// the original 3DGS, - for a file on standard input, or procedural scene: cactus, room, plain, town,
+    /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb, .gltf or .smalto), folder of a SOG, model
+    /// folder of the original 3DGS, - for a file on standard input, or procedural scene: cactus, room, plain, town,
     /// few-large or many-small, optionally with :COUNT Gaussians
     #[arg(default_value = "cactus")]
     pub scene: PathBuf,
@@ -103,6 +104,16 @@ impl SceneArg {
         self.read()
     }
 
+    /// The page file of the scene, if it is one and is read as it is.
+    pub fn page_file(&self) -> Result<Option<PageFile>> {
+        let ReadingArgs { up, flip, lod } = &self.reading;
+        let path = self.path().filter(|path| storage::is_page_file(path));
+        match path.filter(|_| up.is_none() && flip.is_none() && lod.is_none()) {
+            Some(path) => Ok(Some(PageFile::open(&path)?)),
+            None => Ok(None),
+        }
+    }
+
     /// Reads the file or makes the procedural scene. Prints to stderr what was dropped or clamped.
     pub fn read(&self) -> Result<Scene> {
         let scene = self.read_unless(&|| false)?;
@@ -122,7 +133,7 @@ impl SceneArg {
                 if piped::is_piped(&self.scene) {
                     piped::read(&self.scene, &reading, &progress)
                 } else {
-                    reading.read_watched(&path, &Watch { progress: &progress, partial: &|_| {}, is_cancelled })
+                    storage::read(&reading, &path, &Watch { progress: &progress, partial: &|_| {}, is_cancelled })
                 }
             }
         };

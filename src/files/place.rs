@@ -152,7 +152,7 @@ fn check_permitted(path: &Path, data: &Metadata) -> Result<()> {
 }
 
 /// Gives a new file the mode and, as far as permitted, the owner and the group of the old one.
-fn keep_attributes(file: &File, old: &Metadata) -> io::Result<()> {
+pub(super) fn keep_attributes(file: &File, old: &Metadata) -> io::Result<()> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::{MetadataExt, fchown};

@@ -47,3 +47,32 @@ pub fn read_exact_at(file: &File, mut bytes: &mut [u8], mut position: u64) -> io
     }
     Ok(())
 }
+
+/// Writes bytes at a position. Any number of threads may write to a file at the same time.
+///
+/// # Errors
+/// If the file cannot be written.
+#[cfg(unix)]
+pub fn write_all_at(file: &File, bytes: &[u8], position: u64) -> io::Result<()> {
+    std::os::unix::fs::FileExt::write_all_at(file, bytes, position)
+}
+
+/// Writes bytes at a position. Any number of threads may write to a file at the same time.
+///
+/// # Errors
+/// If the file cannot be written.
+#[cfg(windows)]
+pub fn write_all_at(file: &File, mut bytes: &[u8], mut position: u64) -> io::Result<()> {
+    while !bytes.is_empty() {
+        match std::os::windows::fs::FileExt::seek_write(file, bytes, position) {
+            Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+            Ok(count) => {
+                bytes = &bytes[count..];
+                position += count as u64;
+            }
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
+}

@@ -87,7 +87,7 @@ impl Scene {
     }
 
     /// A scene of this format without Gaussians, notices and levels, not antialiased.
-    pub(super) fn empty(format: &str) -> Self {
+    pub fn empty(format: &str) -> Self {
         Self {
             gaussians: Gaussians::default(),
             report: LoadReport::default(),

@@ -5,7 +5,8 @@ use rayon::prelude::*;
 /// Bits of the curve along each axis.
 const BITS: u32 = 21;
 
-/// A Z-order curve through a box. Two means in one cell of the curve have one key.
+/// A Z-order curve through a box. Two means in one cell of the curve have one key; means outside of the box have the
+/// keys of its sides.
 #[derive(Clone, Copy, Debug)]
 pub struct Curve {
     low: [f32; 3],
@@ -22,9 +23,21 @@ impl Curve {
     pub fn key(&self, mean: [f32; 3]) -> u64 {
         (0..3).fold(0, |code, axis| {
             let [low, high, value] = [self.low[axis], self.high[axis], mean[axis]].map(f64::from);
-            let fraction = if high > low { (value - low) / (high - low) } else { 0.0 };
+            let fraction = if high > low { ((value - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 };
             code | spread((fraction * f64::from((1 << BITS) - 1)) as u64) << axis
         })
+    }
+
+    /// The indices of `means` along the curve. Those in one cell are ascending.
+    pub fn order(&self, means: &[[f32; 3]]) -> Vec<u32> {
+        self.sorted(means, &(0..means.len() as u32).collect::<Vec<_>>())
+    }
+
+    fn sorted(&self, means: &[[f32; 3]], indices: &[u32]) -> Vec<u32> {
+        let keyed = |index: &u32| (self.key(means[*index as usize]), *index);
+        let mut keyed: Vec<(u64, u32)> = indices.par_iter().map(keyed).collect();
+        keyed.par_sort_unstable();
+        keyed.into_iter().map(|(_, index)| index).collect()
     }
 }
 
@@ -44,11 +57,7 @@ pub(super) fn sort(means: &[[f32; 3]], indices: &mut Vec<u32>) {
             [std::array::from_fn(|k| low[k].min(mean[k])), std::array::from_fn(|k| high[k].max(mean[k]))]
         },
     );
-    let curve = Curve::through(low, high);
-    let keyed = |index: &u32| (curve.key(means[*index as usize]), *index);
-    let mut keyed: Vec<(u64, u32)> = indices.par_iter().map(keyed).collect();
-    keyed.par_sort_unstable();
-    *indices = keyed.into_iter().map(|(_, index)| index).collect();
+    *indices = Curve::through(low, high).sorted(means, indices);
 }
 
 /// Spreads the [`BITS`] low bits of a number three places apart.

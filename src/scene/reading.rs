@@ -43,6 +43,16 @@ impl Reading {
         read.map_err(|problem| failure(path, problem, watch))
     }
 
+    /// True if [`Reading::read_blocks`] reads a file. False, too, if nothing reads it.
+    pub fn comes_in_blocks(&self, path: &Path) -> bool {
+        let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
+        let Ok(mut source) = Source::open(path, &watch) else { return false };
+        match source.peek(4) {
+            Ok(magic) if magic.starts_with(b"ply") => ply::comes_in_blocks(&mut source),
+            _ => is_splat(path),
+        }
+    }
+
     /// Reads a scene file of a format that needs no more memory than a block at a time: `.ply` with Gaussians, and
     /// `.splat`. `take` gets the blocks in the order of the file, flipped and transformed, and the number of Gaussians
     /// that the file claims. Returns everything but the Gaussians, or `None` if the format is read as a whole.
@@ -138,6 +148,10 @@ fn failure(path: &Path, problem: anyhow::Error, watch: &Watch) -> anyhow::Error 
     }
 }
 
+fn is_splat(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("splat"))
+}
+
 /// True if an allocation failed inside of a decompressor.
 fn lacks_memory(problem: &anyhow::Error) -> bool {
     let kinds = problem.chain().filter_map(|cause| cause.downcast_ref::<std::io::Error>()).map(std::io::Error::kind);
@@ -182,10 +196,9 @@ fn read_any_blocks(
     let path = &sog::in_folder(path);
     let mut source = Source::open(path, watch)?;
     ensure!(source.len() > 0, "the file is empty");
-    let is_splat = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("splat"));
     match source.peek(4)? {
         magic if magic.starts_with(b"ply") => ply::read_blocks(&mut source, take),
-        _ if is_splat => splat::read_blocks(&mut source, take).map(Some),
+        _ if is_splat(path) => splat::read_blocks(&mut source, take).map(Some),
         _ => Ok(None),
     }
 }

@@ -226,6 +226,13 @@ impl Layout {
         (self.sh_grids, self.scale_grid)
     }
 
+    /// 32-bit floats up to this SH degree. What does not change the words is not that of any scene.
+    pub fn plain(sh_degree: u32) -> Self {
+        let plain = Packing { storage: Storage::F32, is_lossless: true };
+        let grids = ([Grid::UNUSED; sh_coefficients(MAX_SH_DEGREE)], Grid::UNUSED);
+        Self::from_parts((sh_degree, plain, plain), grids, 0, (false, 0.0, false))
+    }
+
     /// A layout with these SH degree, number formats and grids, as [`grids`](Self::grids) returns them.
     pub fn from_parts(
         (sh_degree, sh, shape): (u32, Packing, Packing),

@@ -3,6 +3,7 @@
 //! [`Statistics`] are all that has to be known of a whole scene, [`Layout`] is the number formats that follow from
 //! them, and the planes of `planes.rs` are the words themselves.
 
+pub mod convert;
 mod halves;
 mod layout;
 mod pages;

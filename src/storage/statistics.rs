@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::halves::half;
 use crate::scene::{
-    Bounds, Colours, Focus, Gaussians, MAX_SH_DEGREE, Requirements, SUMMED, StoredValues, bands, sh_coefficients,
+    Bounds, Colours, Curve, Focus, Gaussians, MAX_SH_DEGREE, Requirements, SUMMED, StoredValues, bands, sh_coefficients,
 };
 
 /// What a [`Layout`](super::Layout) follows from, and where a scene lies. The same Gaussians in the same order have the
@@ -50,7 +50,20 @@ impl Statistics {
         all.add(gaussians);
         all.finish()
     }
+
+    /// The curve along which pages hold the Gaussians: through the part of the scene that lies near its focus, since a
+    /// stray Gaussian far away would leave all others in one cell.
+    pub fn curve(&self) -> Curve {
+        let Focus { centre, radius } = self.focus;
+        let side = |axis: usize, sign: f64| (centre[axis] + sign * NEAR * radius) as f32;
+        let low = std::array::from_fn(|axis| self.extent.low[axis].max(side(axis, -1.0)));
+        let high = std::array::from_fn(|axis| self.extent.high[axis].min(side(axis, 1.0)));
+        Curve::through(low, high)
+    }
 }
+
+/// Radii of the focus that are near it.
+const NEAR: f64 = 32.0;
 
 /// Adds up the statistics of a scene that comes in blocks.
 pub struct Accumulator {
@@ -124,6 +137,21 @@ impl Accumulator {
         }
     }
 
+    /// Number of Gaussians that were added.
+    pub fn added(&self) -> usize {
+        self.added
+    }
+
+    /// True if as many Gaussians were added as were announced.
+    pub fn is_complete(&self) -> bool {
+        self.added == self.count
+    }
+
+    /// Some means, evenly spread over the scene.
+    pub fn sample(&self) -> &[[f32; 3]] {
+        &self.focused.0
+    }
+
     /// The statistics of all that was added.
     ///
     /// # Panics
@@ -131,13 +159,11 @@ impl Accumulator {
     pub fn finish(self) -> Statistics {
         assert_eq!(self.added, self.count, "all Gaussians of the scene are added");
         let colours = self.colours.and(&self.begun);
-        let Extremes { low, high, scales: [smallest, largest], is_flat, highest_opacity, sh, half_errors } =
-            self.extremes;
-        let extent = if self.count == 0 { [[0.0; 3]; 2] } else { [low, high].map(|v| (v + Vec3::ZERO).to_array()) };
+        let Extremes { scales: [smallest, largest], is_flat, highest_opacity, sh, half_errors, .. } = self.extremes;
         Statistics {
             count: self.count,
             sh_degree: self.sh_degree,
-            extent: Bounds { low: extent[0], high: extent[1] },
+            extent: self.extremes.extent(),
             focus: Focus::of_weighted(&self.focused.0, &self.focused.1),
             requirements: Requirements::from_parts(&colours, self.count, &self.values),
             scales: [smallest.min(largest), largest],
@@ -178,6 +204,14 @@ impl Extremes {
         sh: [NOTHING; sh_coefficients(MAX_SH_DEGREE)],
         half_errors: [0.0; MAX_SH_DEGREE as usize + 1],
     };
+
+    fn extent(&self) -> Bounds {
+        if self.low.x > self.high.x {
+            return Bounds { low: [0.0; 3], high: [0.0; 3] };
+        }
+        let [low, high] = [self.low, self.high].map(|v| (v + Vec3::ZERO).to_array()); // 0 is +0
+        Bounds { low, high }
+    }
 
     fn and(&self, other: &Self) -> Self {
         Self {

@@ -8,6 +8,7 @@ use glam::{DQuat, DVec3, EulerRot};
 
 use super::jobs::{Cancel, JobEvent, Jobs};
 use crate::scene::{self, Gaussians, Procedural, Reading, Scene, Transform, Watch};
+use crate::storage;
 
 /// The source of a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,7 +86,8 @@ impl Layer {
         jobs.start(
             move |reporter| match origin {
                 Source::Procedural(procedural) => reading.make(procedural),
-                Source::File(path) => reading.read_watched(
+                Source::File(path) => storage::read(
+                    &reading,
                     &path,
                     &Watch {
                         progress: &|fraction| reporter.send(JobEvent::Reading(number, fraction)),

@@ -6,6 +6,8 @@ use flate2::Compression;
 use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 use serde_json::{Value, json};
+use smalto::storage::PAGE;
+use twox_hash::XxHash3_64;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
@@ -19,6 +21,8 @@ pub enum Change {
     InsideGzip,
     /// Bytes, or values of JSON, of a file in a zip archive, which gets a valid checksum.
     InsideZip,
+    /// Bytes of a page file of 32-bit floats, which gets valid checksums.
+    InsidePages,
     /// Values of a JSON document; in a `.glb` those of its JSON chunk.
     Json,
 }
@@ -35,6 +39,7 @@ impl Change {
                 gzip.finish().unwrap()
             }
             Self::InsideZip => inside_zip(whole, random),
+            Self::InsidePages => inside_pages(whole, random),
             Self::Json if whole.starts_with(b"glTF") => inside_glb(whole, random),
             Self::Json => json_values(whole, random),
         }
@@ -81,6 +86,39 @@ fn bytes(whole: &[u8], random: &mut Random) -> Vec<u8> {
             _ => bytes[at] = random.below(256) as u8,
         }
     }
+    bytes
+}
+
+/// Changes the header, the table or the pages, and mends the checksums.
+fn inside_pages(whole: &[u8], random: &mut Random) -> Vec<u8> {
+    const HEADER: usize = 4096;
+    const ENTRY: usize = 48;
+    let mut bytes = whole.to_vec();
+    let long = |bytes: &[u8], at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
+    let streams = [24, 32].map(|at| long(whole, at));
+    let sizes = [13, 48].map(|words| 4 * words * PAGE);
+    let pages = (whole.len() - streams[1]) / sizes[1];
+    let table = HEADER..HEADER + pages * ENTRY;
+    for _ in 0..1 + random.below(4) {
+        let place = match random.below(4) {
+            0 => 8 + random.below(1500) as usize,
+            1 => table.start + random.below(table.len() as u32) as usize,
+            _ => streams[0] + random.below((whole.len() - streams[0]) as u32) as usize,
+        };
+        let values = [0, 0x7f, 0x80, 0xff, random.below(256) as u8];
+        bytes[place] = values[random.below(values.len() as u32) as usize];
+    }
+    for page in 0..pages {
+        for stream in 0..2 {
+            let start = streams[stream] + page * sizes[stream];
+            let checksum = XxHash3_64::oneshot(&bytes[start..start + sizes[stream]]);
+            bytes[table.start + page * ENTRY + 32 + 8 * stream..][..8].copy_from_slice(&checksum.to_le_bytes());
+        }
+    }
+    let checksum = XxHash3_64::oneshot(&bytes[table]);
+    bytes[40..48].copy_from_slice(&checksum.to_le_bytes());
+    let checksum = XxHash3_64::oneshot(&bytes[..HEADER - 8]);
+    bytes[HEADER - 8..HEADER].copy_from_slice(&checksum.to_le_bytes());
     bytes
 }
 

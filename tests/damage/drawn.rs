@@ -4,7 +4,7 @@ use std::fs;
 
 use smalto::options::Options;
 use smalto::rules::Background;
-use smalto::scene::{self, Bounds, Focus, Gaussians};
+use smalto::scene::{Bounds, Focus, Gaussians};
 use smalto::{camera, reference};
 
 use crate::change::{self, Change};
@@ -40,7 +40,7 @@ fn damaged_scenes_are_drawn_as_the_reference_draws_them() {
                 change => change.of(&subject.whole, &mut random),
             };
             fs::write(&subject.damaged, &bytes).unwrap();
-            match scene::read(&subject.opened, &|_| {}) {
+            match subject::read_scene(&subject.opened) {
                 Ok(scene) if is_drawable(&scene.gaussians) => {
                     agrees(&scene.gaussians, &subject, round, &bytes);
                     drawn += 1;

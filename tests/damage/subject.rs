@@ -9,7 +9,8 @@ use crate::common::table::fixture;
 use smalto::camera::{self, NamedCamera, Timeline};
 use smalto::measure::bench;
 use smalto::pixels::{Compression, FileKind, Pixels};
-use smalto::scene::{self, Unreadable};
+use smalto::scene::{Reading, Scene, Unreadable, Watch};
+use smalto::storage;
 
 /// Reads a file; the error is what the commands print.
 pub type Reader = fn(&Path) -> Result<(), String>;
@@ -27,7 +28,13 @@ pub struct Subject {
 }
 
 pub fn scene(path: &Path) -> Result<(), String> {
-    scene::read(path, &|_| {}).map(drop).map_err(|error| error.to_string())
+    read_scene(path).map(drop).map_err(|error| error.to_string())
+}
+
+/// Reads a scene file of any format.
+pub fn read_scene(path: &Path) -> anyhow::Result<Scene> {
+    let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
+    storage::read(&Reading::default(), path, &watch)
 }
 
 fn cameras(path: &Path) -> Result<(), String> {
@@ -109,6 +116,21 @@ fn scenes(subjects: &mut Subjects) {
                 ("glb", _) => subjects.file(&name, whole, Change::Json, scene),
                 _ => {}
             }
+        }
+    }
+    for storage in ["lossless", "u8"] {
+        let path = subjects.folder.join("pages.smalto");
+        ok(&[
+            "convert",
+            &fixture("plush.ply").display().to_string(),
+            &path.display().to_string(),
+            "--storage",
+            storage,
+        ]);
+        let whole = fs::read(path).unwrap();
+        subjects.file("a.smalto", whole.clone(), Change::Bytes, scene);
+        if storage == "lossless" {
+            subjects.file("b.smalto", whole, Change::InsidePages, scene);
         }
     }
     for texture in ["means_l.webp", "quats.webp", "shN_centroids.webp", "shN_labels.webp"] {

@@ -10,6 +10,7 @@ mod cameras;
 mod convert;
 mod independent;
 mod named_files;
+mod pages;
 mod sog;
 mod sog_write;
 mod splat;

@@ -34,6 +34,13 @@ pub(super) fn read(source: &mut Source) -> Result<Scene> {
     bail!("the header has no element vertex")
 }
 
+/// True if a file can be read block by block.
+pub(super) fn comes_in_blocks(source: &mut Source) -> bool {
+    let Ok(header) = header::read(source) else { return false };
+    let is_packed = header.elements.iter().any(|e| e.name == "chunk");
+    !is_packed && header.elements.iter().any(|e| e.name == "vertex" && !is_point_cloud(e))
+}
+
 /// Reads the Gaussians of a file block by block. `None` if its format is read as a whole.
 pub(super) fn read_blocks(source: &mut Source, take: TakeBlock) -> Result<Option<Scene>> {
     let header::Header { elements, is_antialiased, mut notices } = header::read(source)?;

@@ -53,6 +53,11 @@ impl Header {
         [geometry, (geometry + (pages * words.geometry() * 4) as u64).next_multiple_of(ALIGNED)]
     }
 
+    /// The format of the file in reports.
+    pub fn format_of_pages(&self) -> String {
+        format!("pages of {}", self.format)
+    }
+
     /// Number of pages.
     pub fn pages(&self) -> usize {
         self.statistics.count.div_ceil(PAGE)

@@ -70,7 +70,7 @@ fn whole(file: &PageFile, watch: &Watch) -> Result<Scene> {
     Ok(Scene {
         gaussians,
         report: header.report,
-        format: format!("pages of {}", header.format),
+        format: header.format_of_pages(),
         is_antialiased: header.is_antialiased,
         notices: Vec::new(),
         levels: Vec::new(),

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::page::{PADDING, PAGE, Page, PageWords};
 use super::page_file::PageFile;
 use crate::options::{Options, Storage};
-use crate::scene::{Gaussians, along_curve};
+use crate::scene::Gaussians;
 use crate::storage::layout::{Layout, Packing};
 use crate::storage::planes::{Shape, reach};
 use crate::storage::statistics::Statistics;
@@ -74,7 +74,7 @@ impl Pages {
     pub fn of_gaussians(gaussians: Arc<Gaussians>, statistics: Statistics, options: &Options) -> Self {
         let layout = Layout::of(&statistics, options);
         let (words, alpha_min) = (PageWords::of(&layout), options.rules.alpha_min);
-        let order = along_curve(gaussians.means());
+        let order = statistics.curve().order(gaussians.means());
         let page = |indices: &[u32]| {
             let mut geometry = vec![0; words.geometry()];
             let shape = |k: usize| Shape::of(&gaussians, indices[k] as usize);

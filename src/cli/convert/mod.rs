@@ -1,5 +1,7 @@
 //! `smalto convert`: writes one or several scenes to another file, optionally changed.
 
+mod pages;
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
@@ -12,6 +14,7 @@ use serde::Serialize;
 use super::table::{say_table, table};
 use super::{REPORTS_TO_STDOUT, ReadingArgs, SceneArg, Sink, Usage, numbers, one_of, progress, remark, say};
 use crate::files::{check_absent, check_binary_writable, is_stdout, write_checked};
+use crate::options::Options;
 use crate::scene::{self, Gaussians, Loss, MAX_SH_DEGREE, Scene, SceneFile, Transform, write_sog_folder};
 
 /// Convert a scene, or several joined, to another file, and report what the format loses
@@ -24,13 +27,13 @@ The file is read back and compared before it replaces an existing one."
 )]
 pub(super) struct Args {
     /// Scene files as for `smalto render`, then the file to write: .ply, .compressed.ply, .splat, .spz, .sog, meta.json
-    /// (a SOG in a folder) or .glb
+    /// (a SOG in a folder), .glb or .smalto (pages)
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Format of the file to write [default: by its name]. Needed for standard output (-) and for names without an
     /// ending, like /dev/stdout
     #[arg(long, value_name = "FORMAT", value_parser = one_of(FORMATS))]
-    format: Option<SceneFile>,
+    format: Option<Target>,
     /// Refuse to replace an existing file
     #[arg(long)]
     no_clobber: bool,
@@ -50,6 +53,12 @@ pub(super) struct Args {
     /// Version of the .spz file [default: 4]
     #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u32).range(3..=4))]
     spz_version: Option<u32>,
+    /// Number formats of a .smalto file [default: lossless]
+    #[arg(long, value_name = "NAME", value_parser = one_of(pages::STORAGES))]
+    storage: Option<Options>,
+    /// Megabytes of memory in which the Gaussians of a .smalto file are sorted [default: 2048]
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    memory: Option<u32>,
     /// Write the report as JSON; - prints it instead of the table
     #[arg(long, value_name = "FILE|-")]
     json: Option<Sink>,
@@ -57,17 +66,26 @@ pub(super) struct Args {
     reading: ReadingArgs,
 }
 
-const FORMATS: [(&str, &str, SceneFile); 6] = [
-    ("ply", "32-bit floats", SceneFile::Ply),
-    ("compressed.ply", "The compressed PLY of PlayCanvas", SceneFile::CompressedPly),
-    ("splat", "32 bytes per Gaussian", SceneFile::Splat),
-    ("spz", "SPZ", SceneFile::Spz { version: 4 }),
-    ("sog", "SOG in one file", SceneFile::Sog),
-    ("glb", "Binary glTF, 32-bit floats", SceneFile::Glb),
+/// What is written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Target {
+    Scene(SceneFile),
+    /// A page file.
+    Pages,
+}
+
+const FORMATS: [(&str, &str, Target); 7] = [
+    ("ply", "32-bit floats", Target::Scene(SceneFile::Ply)),
+    ("compressed.ply", "The compressed PLY of PlayCanvas", Target::Scene(SceneFile::CompressedPly)),
+    ("splat", "32 bytes per Gaussian", Target::Scene(SceneFile::Splat)),
+    ("spz", "SPZ", Target::Scene(SceneFile::Spz { version: 4 })),
+    ("sog", "SOG in one file", Target::Scene(SceneFile::Sog)),
+    ("glb", "Binary glTF, 32-bit floats", Target::Scene(SceneFile::Glb)),
+    ("smalto", "Pages, for scenes larger than memory", Target::Pages),
 ];
 
 /// The region in which Gaussians are kept, in world units.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 enum Shape {
     Box([f64; 3], [f64; 3]),
     Sphere(DVec3, f64),
@@ -88,7 +106,7 @@ struct Report {
     /// Gaussians left out because the format rounds their opacity to 0.
     transparent: usize,
     /// Differences between the file, read back, and the scene as it would be drawn: of opacities after the sigmoid, of
-    /// unit rotations.
+    /// unit rotations. Empty for pages.
     loss: Vec<Loss>,
 }
 
@@ -98,9 +116,14 @@ pub(super) fn run(args: &Args) -> Result<()> {
     };
     let mut kind = kind(output, args.format)?;
     match (&mut kind, args.spz_version) {
-        (SceneFile::Spz { version }, Some(wanted)) => *version = wanted,
+        (Target::Scene(SceneFile::Spz { version }), Some(wanted)) => *version = wanted,
         (_, Some(_)) => return Err(Usage("--spz-version needs an .spz file to write".to_owned()).into()),
         (_, None) => {}
+    }
+    for (option, is_given) in [("--storage", args.storage.is_some()), ("--memory", args.memory.is_some())] {
+        if is_given && kind != Target::Pages {
+            return Err(Usage(format!("{option} needs a .smalto file to write")).into());
+        }
     }
     if let Some(opacity) = args.min_opacity.filter(|opacity| !(0.0..=1.0).contains(opacity)) {
         return Err(Usage(format!("--min-opacity {opacity}: expected a number from 0 to 1")).into());
@@ -119,9 +142,14 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if args.no_clobber {
         check_absent(output)?;
     }
-    if kind != SceneFile::SogFolder {
+    if kind != Target::Scene(SceneFile::SogFolder) {
         check_binary_writable(output)?;
     }
+    let Target::Scene(kind) = kind else {
+        let report = pages::convert(args, inputs, output)?;
+        print(&report)?;
+        return args.json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report));
+    };
     let (gaussians, is_antialiased) = read(args, inputs)?;
     let before = gaussians.len();
     let gaussians = changed(args, gaussians)?;
@@ -212,8 +240,10 @@ impl Shape {
 }
 
 /// The format of the output: by `--format` or its name. Fails if the two disagree.
-fn kind(output: &Path, format: Option<SceneFile>) -> Result<SceneFile, Usage> {
-    match (SceneFile::of(output), format) {
+fn kind(output: &Path, format: Option<Target>) -> Result<Target, Usage> {
+    let is_pages = output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("smalto"));
+    let named = if is_pages { Ok(Target::Pages) } else { SceneFile::of(output).map(Target::Scene) };
+    match (named, format) {
         (Ok(named), None) => Ok(named),
         (Ok(named), Some(format)) if named != format => {
             Err(Usage(format!("--format: {} has the name of another format", output.display())))
@@ -273,6 +303,9 @@ fn print(report: &Report) -> Result<()> {
     }
     if *transparent > 0 {
         say!("  {transparent} left out: the format rounds their opacity to 0")?;
+    }
+    if loss.is_empty() {
+        return Ok(());
     }
     let mut rows = table(&["lost", "largest", "rms", "unit"]);
     for loss in loss {

@@ -1,0 +1,100 @@
+//! `smalto convert` to a page file, of scenes that need not fit into memory.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+
+use super::{Args, Report, changed, read};
+use crate::cli::{SceneArg, Usage, progress, remark};
+use crate::files::is_stdout;
+use crate::options::{Options, Storage};
+use crate::scene::{Gaussians, LoadReport, Scene, Watch};
+use crate::storage::convert::{Finished, Job, Settings, Take, write_blocks, write_whole};
+
+/// The number formats of a page file.
+pub const STORAGES: [(&str, &str, Options); 5] = [
+    ("lossless", "32-bit floats: everything that the source holds", Settings::LOSSLESS),
+    ("balanced", "16-bit floats, as the preset stores a scene on the GPU", Options::BALANCED),
+    ("fast", "As balanced, with the alpha threshold of the preset", Options::FAST),
+    ("preview", "As balanced, with the alpha threshold of the preset", Options::PREVIEW),
+    (
+        "u8",
+        "8 bits for spherical harmonics, scales and opacities",
+        Options { sh_storage: Storage::U8, shape_storage: Storage::U8, ..Options::BALANCED },
+    ),
+];
+
+pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path) -> Result<Report> {
+    if is_stdout(output) {
+        return Err(Usage("a page file cannot go to standard output: it is not written in one piece".to_owned()).into());
+    }
+    let bar = progress::Bar::new("converting");
+    let options = args.storage.unwrap_or(Settings::LOSSLESS);
+    let memory = args.memory.map_or(Settings::default().memory, |megabytes| (megabytes as usize) << 20);
+    let input = SceneArg { scene: inputs[0].clone(), reading: args.reading };
+    let job = Job {
+        output,
+        settings: Settings { options, memory },
+        title: input.title(),
+        progress: &|fraction| bar.set(fraction),
+        is_cancelled: &|| false,
+    };
+    let streamed = if inputs.len() == 1 { streamed(args, &input, &job)? } else { None };
+    let (finished, removed) = match streamed {
+        Some(finished) => finished,
+        None => whole(args, inputs, &job)?,
+    };
+    if finished.resumed > 0 {
+        remark(&format!("{} of {} buckets were sorted by an earlier run", finished.resumed, finished.buckets));
+    }
+    let statistics = &finished.header.statistics;
+    Ok(Report {
+        file: output.display().to_string(),
+        format: finished.header.format_of_pages(),
+        bytes: finished.header.file_bytes(),
+        gaussians: statistics.count,
+        sh_degree: finished.header.layout.sh_degree,
+        removed,
+        transparent: 0,
+        loss: Vec::new(),
+    })
+}
+
+/// Writes the pages of a scene that is read block by block. `None` if its format is read as a whole.
+fn streamed(args: &Args, input: &SceneArg, job: &Job) -> Result<Option<(Finished, usize)>> {
+    let Some(path) = input.path() else { return Ok(None) };
+    let reading = args.reading.reading()?;
+    if reading.level.is_some() || !reading.comes_in_blocks(&path) {
+        return Ok(None);
+    }
+    let blocks = |take: &mut Take| {
+        let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
+        let mut take = |block: Gaussians, of: usize| take(changed(args, block)?, of);
+        reading.read_blocks(&path, &watch, &mut take)?.context("the file was changed while it was read")
+    };
+    let changes =
+        format!("{reading:?} {:?} {:?} {:?} {:?}", args.transform, args.crop, args.min_opacity, args.sh_degree);
+    let finished = write_blocks(job, &path, &blocks, &changes)?;
+    let header = &finished.header;
+    let report = header.report;
+    input.remark(&Scene { report, notices: finished.notices.clone(), ..Scene::empty(&header.format) });
+    let removed = report.read.saturating_sub(report.dropped() + header.statistics.count);
+    Ok(Some((finished, removed)))
+}
+
+/// Writes the pages of a scene that is read as a whole.
+fn whole(args: &Args, inputs: &[PathBuf], job: &Job) -> Result<(Finished, usize)> {
+    let scene = match inputs {
+        [input] => SceneArg { scene: input.clone(), reading: args.reading }.read()?,
+        _ => {
+            let (gaussians, is_antialiased) = read(args, inputs)?;
+            let report = LoadReport { read: gaussians.len(), ..LoadReport::default() };
+            Scene { gaussians, report, is_antialiased, ..Scene::empty("several files") }
+        }
+    };
+    let before = scene.gaussians.len();
+    let gaussians = changed(args, scene.gaussians)?;
+    ensure!(!gaussians.is_empty(), "none of {before} Gaussians is left");
+    let removed = before - gaussians.len();
+    Ok((write_whole(job, &Scene { gaussians, ..scene })?, removed))
+}

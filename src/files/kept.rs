@@ -1,0 +1,127 @@
+//! The folder beside an output in which long work keeps what it has done, so that another run can go on with it.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Error, Result, anyhow};
+
+use super::place::{Place, keep_attributes};
+use super::{cannot_write, described, lock, read_whole};
+
+/// A folder of unfinished work, locked against other runs. It stays when the program ends before the work is done.
+pub struct Kept {
+    folder: PathBuf,
+    /// The output, and its metadata if there is one already.
+    output: PathBuf,
+    old: Option<fs::Metadata>,
+    _lock: File,
+}
+
+impl Kept {
+    /// The folder of the work on `output`, which is made if there is none.
+    ///
+    /// # Errors
+    /// If `output` is not a regular file, may not be replaced, or another run works on it.
+    pub fn beside(output: &Path) -> Result<Self> {
+        let kept = || -> Result<Self> {
+            let Place::File { path, old } = Place::of(output)? else {
+                return Err(anyhow!("it is no regular file, and this format is not written in one piece"));
+            };
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let folder = path.with_file_name(format!(".{name}.unfinished"));
+            fs::create_dir(&folder).or_else(|error| match error.kind() {
+                ErrorKind::AlreadyExists => Ok(()),
+                ErrorKind::NotFound => Err(Error::msg("there is no such folder")),
+                _ => Err(described(&error)),
+            })?;
+            let lock_of = File::open(&folder).map_err(|error| described(&error))?;
+            lock(&lock_of)?;
+            Ok(Self { folder, output: path, old, _lock: lock_of })
+        };
+        kept().map_err(|problem| problem.context(cannot_write(output)))
+    }
+
+    /// The content of a file that an earlier run kept, if there is one.
+    pub fn content(&self, name: &str) -> Option<Vec<u8>> {
+        read_whole(&self.folder.join(name)).ok()
+    }
+
+    /// Keeps a small file, whole or not at all.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn keep(&self, name: &str, content: &[u8]) -> Result<()> {
+        let part = self.folder.join(format!("{name}.new"));
+        let written = File::create(&part).and_then(|mut file| {
+            file.write_all(content)?;
+            file.sync_data()?;
+            fs::rename(&part, self.folder.join(name))
+        });
+        written.map_err(|error| self.failed(&error))
+    }
+
+    /// A file for reading and writing, as it was kept, or empty.
+    ///
+    /// # Errors
+    /// If it cannot be opened or made.
+    pub fn file(&self, name: &str) -> Result<File> {
+        let mut options = OpenOptions::new();
+        let file = options.read(true).write(true).create(true).truncate(false).open(self.folder.join(name));
+        file.map_err(|error| self.failed(&error))
+    }
+
+    /// Removes a file, if there is one.
+    pub fn drop_file(&self, name: &str) {
+        // What stays is removed with the folder.
+        _ = fs::remove_file(self.folder.join(name));
+    }
+
+    /// Removes all files.
+    ///
+    /// # Errors
+    /// If one of them stays.
+    pub fn clear(&self) -> Result<()> {
+        let entries = fs::read_dir(&self.folder).map_err(|error| self.failed(&error))?;
+        for entry in entries {
+            let removed = entry.and_then(|entry| fs::remove_file(entry.path()));
+            removed.map_err(|error| self.failed(&error))?;
+        }
+        Ok(())
+    }
+
+    /// Replaces the output by the complete file `name`, and removes the folder. A file that is replaced keeps its mode
+    /// and, where permitted, its owner.
+    ///
+    /// # Errors
+    /// If the output cannot be written.
+    pub fn finish(self, name: &str) -> Result<()> {
+        let finished = || -> io::Result<()> {
+            let part = self.folder.join(name);
+            let file = File::open(&part)?;
+            if let Some(old) = &self.old {
+                keep_attributes(&file, old)?;
+            }
+            file.sync_all()?;
+            fs::rename(part, &self.output)
+        };
+        finished().map_err(|error| self.failed(&error))?;
+        _ = fs::remove_dir_all(&self.folder);
+        Ok(())
+    }
+
+    /// The path of the output.
+    pub fn output(&self) -> &Path {
+        &self.output
+    }
+
+    /// The path of a kept file.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// The error of writing.
+    pub fn failed(&self, error: &io::Error) -> Error {
+        described(error).context(cannot_write(&self.output))
+    }
+}

@@ -1,0 +1,116 @@
+//! Buckets: pieces of the curve through a scene, each small enough to be sorted in memory.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+
+use anyhow::{Result, ensure};
+use rayon::prelude::*;
+
+use super::records::{put_record, record_words};
+use crate::files::{Kept, read_exact_at};
+use crate::host_memory::host_zeros;
+use crate::scene::{Curve, Gaussians};
+
+/// Most buckets: each is an open file.
+const MOST: usize = 500;
+
+/// Bytes of memory per byte of a record while a bucket is sorted and packed.
+const SORTED: usize = 3;
+
+/// Where the curve is cut into buckets.
+pub struct Cuts {
+    curve: Curve,
+    /// The first key of each bucket but the first, ascending.
+    first_keys: Vec<u64>,
+}
+
+impl Cuts {
+    /// Cuts the curve so that buckets of `count` Gaussians are sorted within `memory` bytes, judged by a sample.
+    pub fn new(curve: Curve, sample: &[[f32; 3]], count: usize, sh_degree: u32, memory: usize) -> Self {
+        let largest = (memory / (SORTED * 4 * record_words(sh_degree))).max(1);
+        let buckets = (count.div_ceil(largest) * 5 / 4).clamp(1, MOST);
+        let mut keys: Vec<u64> = sample.par_iter().map(|mean| curve.key(*mean)).collect();
+        keys.par_sort_unstable();
+        let mut first_keys: Vec<u64> =
+            (1..buckets).filter_map(|i| keys.get(i * keys.len() / buckets).copied()).collect();
+        first_keys.dedup();
+        Self { curve, first_keys }
+    }
+
+    fn bucket(&self, mean: [f32; 3]) -> usize {
+        let key = self.curve.key(mean);
+        self.first_keys.partition_point(|first| *first <= key)
+    }
+
+    pub fn buckets(&self) -> usize {
+        self.first_keys.len() + 1
+    }
+}
+
+/// The name of a bucket.
+pub fn name(bucket: usize) -> String {
+    format!("bucket.{bucket}")
+}
+
+/// The files of all buckets while they are filled.
+pub struct Filling<'k> {
+    kept: &'k Kept,
+    cuts: &'k Cuts,
+    files: Vec<BufWriter<File>>,
+    counts: Vec<usize>,
+    words: Vec<Vec<u32>>,
+}
+
+impl<'k> Filling<'k> {
+    /// Empty buckets.
+    ///
+    /// # Errors
+    /// If a file cannot be made.
+    pub fn new(kept: &'k Kept, cuts: &'k Cuts) -> Result<Self> {
+        let file = |bucket| Ok(BufWriter::with_capacity(1 << 16, kept.file(&name(bucket))?));
+        let files = (0..cuts.buckets()).map(file).collect::<Result<Vec<_>>>()?;
+        Ok(Self { kept, cuts, counts: vec![0; files.len()], words: vec![Vec::new(); files.len()], files })
+    }
+
+    /// Adds Gaussians, the first of which is number `first` of the scene.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn add(&mut self, gaussians: &Gaussians, first: usize) -> Result<()> {
+        let buckets: Vec<usize> = gaussians.means().par_iter().map(|mean| self.cuts.bucket(*mean)).collect();
+        for (index, bucket) in buckets.into_iter().enumerate() {
+            put_record(gaussians, index, (first + index) as u32, &mut self.words[bucket]);
+            self.counts[bucket] += 1;
+        }
+        for (file, words) in self.files.iter_mut().zip(&mut self.words) {
+            file.write_all(bytemuck::cast_slice(words)).map_err(|error| self.kept.failed(&error))?;
+            words.clear();
+        }
+        Ok(())
+    }
+
+    /// The number of Gaussians in each bucket.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn finish(mut self) -> Result<Vec<usize>> {
+        for file in &mut self.files {
+            file.flush().and_then(|()| file.get_ref().sync_data()).map_err(|error| self.kept.failed(&error))?;
+        }
+        Ok(self.counts)
+    }
+}
+
+/// The records of a bucket of `count` Gaussians, after those in `before`.
+///
+/// # Errors
+/// If the bucket cannot be read, or is not as long as it was.
+pub fn records(kept: &Kept, bucket: usize, count: usize, before: &[u32], sh_degree: u32) -> Result<Vec<u32>> {
+    let file = kept.file(&name(bucket))?;
+    let words = count * record_words(sh_degree);
+    ensure!(file.metadata()?.len() == 4 * words as u64, "{} has lost bytes", kept.path(&name(bucket)).display());
+    let mut records = host_zeros(before.len() + words, "bucket")?;
+    records[..before.len()].copy_from_slice(before);
+    read_exact_at(&file, bytemuck::cast_slice_mut(&mut records[before.len()..]), 0)?;
+    Ok(records)
+}

@@ -1,0 +1,364 @@
+//! The ways to a page file: of a scene in memory, of one that comes in blocks, and of one whose blocks lie apart.
+
+use std::fs::File;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use rayon::prelude::*;
+
+use super::buckets::{Cuts, Filling, name, records};
+use super::output::Output;
+use super::records::{gaussians_of, mean_of, record_words};
+use super::state::{State, Work};
+use crate::files::Kept;
+use crate::options::{Options, Storage};
+use crate::scene::{Cancelled, Curve, Gaussians, Scene, along_curve};
+use crate::storage::layout::Layout;
+use crate::storage::pages::{HEADER, Header, PADDING, PAGE};
+use crate::storage::statistics::{Accumulator, Statistics};
+
+/// What is written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// The options whose layout and alpha threshold the file gets; by default, 32-bit floats.
+    pub options: Options,
+    /// Bytes of memory that buckets may take while they are sorted.
+    pub memory: usize,
+}
+
+impl Settings {
+    /// Everything that the source holds.
+    pub const LOSSLESS: Options = Options { sh_storage: Storage::F32, shape_storage: Storage::F32, ..Options::EXACT };
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { options: Self::LOSSLESS, memory: 2 << 30 }
+    }
+}
+
+/// The least memory in which pages are sorted.
+pub const LEAST_MEMORY: usize = 1 << 20;
+
+/// Takes the next Gaussians of a scene, and how many it is expected to have in all.
+pub type Take<'t> = dyn FnMut(Gaussians, usize) -> Result<()> + 't;
+
+/// Gives all Gaussians of a scene in the order of their indices, block by block, each time the same ones. Returns the
+/// scene without its Gaussians.
+pub type Blocks<'b> = dyn Fn(&mut Take) -> Result<Scene> + Sync + 'b;
+
+/// What a job is told, and whom it tells.
+pub struct Job<'j> {
+    pub output: &'j Path,
+    pub settings: Settings,
+    /// The name of the source.
+    pub title: String,
+    /// Gets the fraction that is done, 0 to 1.
+    pub progress: &'j dyn Fn(f64),
+    /// Asked between blocks and between buckets. Once it returns true, the job ends with [`Cancelled`].
+    pub is_cancelled: &'j dyn Fn() -> bool,
+}
+
+/// A file that was written.
+pub struct Finished {
+    pub header: Header,
+    /// Buckets that an earlier run had finished.
+    pub resumed: usize,
+    pub buckets: usize,
+    pub notices: Vec<String>,
+}
+
+/// The names of the kept files.
+const PAGES: &str = "pages";
+const STATE: &str = "state.json";
+const HEADER_FILE: &str = "header";
+const REST: &str = "rest";
+
+impl Job<'_> {
+    fn check(&self) -> Result<()> {
+        ensure!(!(self.is_cancelled)(), Cancelled);
+        Ok(())
+    }
+
+    /// The header of a file of this scene, whose places are not known yet.
+    fn header(&self, scene: &Scene, statistics: Statistics, layout: Layout) -> Header {
+        Header {
+            statistics,
+            layout,
+            alpha_min: self.settings.options.rules.alpha_min,
+            is_antialiased: scene.is_antialiased,
+            report: scene.report,
+            title: self.title.clone(),
+            format: scene.format.clone(),
+            table_checksum: 0,
+            geometry_at: 0,
+            colours_at: 0,
+        }
+    }
+}
+
+fn check_count(count: usize) -> Result<()> {
+    ensure!(count > 0, "there are no Gaussians");
+    ensure!(count < PADDING as usize, "a page file holds fewer than {PADDING} Gaussians, not {count}");
+    Ok(())
+}
+
+/// Writes a scene in memory.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
+    let gaussians = &scene.gaussians;
+    check_count(gaussians.len())?;
+    let kept = Kept::beside(job.output)?;
+    kept.clear()?;
+    let statistics = Statistics::of(gaussians);
+    let layout = Layout::of(&statistics, &job.settings.options);
+    let header = job.header(scene, statistics, layout);
+    let file = kept.file(PAGES)?;
+    let output = Output::new(&file, (&header.layout, header.alpha_min), header.pages());
+    let order = header.statistics.curve().order(gaussians.means());
+    for (i, part) in order.chunks(PAGE << 10).enumerate() {
+        job.check()?;
+        let written = output.write(i << 10, gaussians, part, |index| index);
+        written.map_err(|error| kept.failed(&error))?;
+        (job.progress)(((i << 20) + part.len()) as f64 / order.len() as f64);
+    }
+    finish(kept, &file, &output, header.clone())?;
+    Ok(Finished { header, resumed: 0, buckets: 1, notices: scene.notices.clone() })
+}
+
+fn finish(kept: Kept, file: &File, output: &Output, header: Header) -> Result<()> {
+    let written = output.finish(header).and_then(|()| Ok(file.sync_all()?));
+    written.with_context(|| format!("cannot write {}", kept.output().display()))?;
+    kept.finish(PAGES)
+}
+
+const CHANGED: &str = "the source was changed while it was read";
+
+/// A pass over blocks for the statistics, or two of them if the source has other numbers than it says. Returns some
+/// means, too. `parts` is the number of passes of the whole job.
+fn first_passes(job: &Job, blocks: &Blocks, parts: f64) -> Result<(Scene, Statistics, Vec<[f32; 3]>)> {
+    let pass = |known: Option<usize>| {
+        let mut all: Option<Accumulator> = None;
+        let scene = blocks(&mut |block, of| {
+            job.check()?;
+            let count = known.unwrap_or(of);
+            let all = all.get_or_insert_with(|| Accumulator::new(count, block.sh_degree()));
+            all.add(&block);
+            (job.progress)(all.added() as f64 / count.max(1) as f64 / parts);
+            Ok(())
+        })?;
+        let all = all.filter(|all| all.added() > 0).context("there are no Gaussians")?;
+        check_count(all.added())?;
+        anyhow::Ok((scene, all))
+    };
+    let (mut scene, mut all) = pass(None)?;
+    if !all.is_complete() {
+        (scene, all) = pass(Some(all.added()))?;
+        ensure!(all.is_complete(), CHANGED);
+    }
+    let sample = all.sample().to_vec();
+    Ok((scene, all.finish(), sample))
+}
+
+/// Writes a scene that comes in blocks, in bounded memory: in buckets along the curve, which are sorted one by one.
+/// What is done is kept beside the output, and a later run on the same source with the same settings goes on there.
+///
+/// # Errors
+/// Those of the source; if the file cannot be written; [`Cancelled`].
+pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) -> Result<Finished> {
+    ensure!(job.settings.memory >= LEAST_MEMORY, "pages cannot be sorted in {} bytes", job.settings.memory);
+    let kept = Kept::beside(job.output)?;
+    let work = Work::on(source, &(&job.settings, &job.title, changes));
+    let (mut state, header) = match work.as_ref().and_then(|work| resumed(&kept, work)) {
+        Some(found) => found,
+        None => fill_buckets(job, &kept, blocks, work)?,
+    };
+    let resumed = state.done;
+    let degree = header.statistics.sh_degree;
+    let curve = header.statistics.curve();
+    let file = kept.file(PAGES)?;
+    let output = Output::new(&file, (&header.layout, header.alpha_min), header.pages());
+    while state.done < state.buckets.len() {
+        job.check()?;
+        let rest = if state.done == 0 { Vec::new() } else { kept.content(&rest(state.done)).unwrap_or_default() };
+        let rest: Vec<u32> = rest.as_chunks().0.iter().map(|bytes| u32::from_ne_bytes(*bytes)).collect();
+        let records = records(&kept, state.done, state.buckets[state.done], &rest, degree)?;
+        let is_last = state.done + 1 == state.buckets.len();
+        let rest = write_bucket(&output, state.written / PAGE, &records, (curve, degree), is_last)
+            .map_err(|problem| problem.context(format!("cannot write {}", job.output.display())))?;
+        file.sync_data().map_err(|error| kept.failed(&error))?;
+        state.written += (records.len() - rest.len()) / record_words(degree);
+        state.done += 1;
+        kept.keep(&self::rest(state.done), bytemuck::cast_slice(&rest))?;
+        kept.keep(STATE, &serde_json::to_vec(&state)?)?;
+        kept.drop_file(&name(state.done - 1));
+        kept.drop_file(&self::rest(state.done - 1));
+        (job.progress)((2.0 + state.done as f64 / state.buckets.len() as f64) / 3.0);
+    }
+    let (count, written) = (header.statistics.count, state.written);
+    ensure!(written == count, "{written} of {count} Gaussians were written");
+    finish(kept, &file, &output, header.clone())?;
+    Ok(Finished { header, resumed, buckets: state.buckets.len(), notices: state.notices })
+}
+
+/// The name of the records that are left for a bucket by those before it.
+fn rest(bucket: usize) -> String {
+    format!("{REST}.{bucket}")
+}
+
+/// What an earlier run on the same work has done.
+fn resumed(kept: &Kept, work: &Work) -> Option<(State, Header)> {
+    let state: State = serde_json::from_slice(&kept.content(STATE)?).ok()?;
+    let header = Header::decoded(kept.content(HEADER_FILE)?.first_chunk::<HEADER>()?).ok()?;
+    (state.work == *work).then_some((state, header))
+}
+
+fn fill_buckets(job: &Job, kept: &Kept, blocks: &Blocks, work: Option<Work>) -> Result<(State, Header)> {
+    kept.clear()?;
+    let (scene, statistics, sample) = first_passes(job, blocks, 3.0)?;
+    let (count, degree) = (statistics.count, statistics.sh_degree);
+    let cuts = Cuts::new(statistics.curve(), &sample, count, degree, job.settings.memory);
+    let mut filling = Filling::new(kept, &cuts)?;
+    let mut added = 0;
+    blocks(&mut |block, _| {
+        job.check()?;
+        ensure!(added + block.len() <= count && block.sh_degree() == degree, CHANGED);
+        filling.add(&block, added)?;
+        added += block.len();
+        (job.progress)((1.0 + added as f64 / count as f64) / 3.0);
+        Ok(())
+    })?;
+    ensure!(added == count, CHANGED);
+    let layout = Layout::of(&statistics, &job.settings.options);
+    let mut header = job.header(&scene, statistics, layout);
+    let words = crate::storage::pages::PageWords::of(&header.layout);
+    [header.geometry_at, header.colours_at] = Header::places(header.pages(), &words);
+    let buckets = filling.finish()?;
+    let Some(work) = work else { bail!("the source is no regular file") };
+    let state = State { work, buckets, done: 0, written: 0, notices: scene.notices.clone() };
+    kept.keep(HEADER_FILE, &header.encoded())?;
+    kept.keep(STATE, &serde_json::to_vec(&state)?)?;
+    Ok((state, header))
+}
+
+/// Sorts the records of a bucket and writes its pages. Returns the records after its last whole page, in their order.
+fn write_bucket(
+    output: &Output,
+    first: usize,
+    records: &[u32],
+    (curve, degree): (Curve, u32),
+    is_last: bool,
+) -> Result<Vec<u32>> {
+    let each = record_words(degree);
+    let gaussians = gaussians_of(records, degree)?;
+    let record = |index: u32| &records[index as usize * each..][..each];
+    let keyed = |index: u32| (curve.key(mean_of(record(index))), record(index)[0], index);
+    let mut keys: Vec<_> = (0..gaussians.len() as u32).into_par_iter().map(keyed).collect();
+    keys.par_sort_unstable();
+    let order: Vec<u32> = keys.into_iter().map(|(_, _, index)| index).collect();
+    let whole = if is_last { order.len() } else { order.len() / PAGE * PAGE };
+    output.write(first, &gaussians, &order[..whole], |index| record(index)[0])?;
+    Ok(order[whole..].iter().flat_map(|index| record(*index)).copied().collect())
+}
+
+/// Writes a scene whose blocks come in the order of places already, each some pages large: they are sorted in
+/// themselves and written as they come. Where the layout depends on the whole scene, a pass over it comes first.
+///
+/// # Errors
+/// Those of the source; if the file cannot be written; [`Cancelled`].
+pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
+    let kept = Kept::beside(job.output)?;
+    kept.clear()?;
+    let file = kept.file(PAGES)?;
+    let is_plain = |storage: Storage| storage == Storage::F32;
+    let options = &job.settings.options;
+    let is_free = is_plain(options.sh_storage) && is_plain(options.shape_storage);
+    let known = if is_free { None } else { Some(first_passes(job, blocks, 2.0)?.1) };
+    let mut going: Option<Going> = None;
+    let scene = blocks(&mut |block, of| {
+        job.check()?;
+        check_count(of)?;
+        let going = going.get_or_insert_with(|| Going::new(options, known.as_ref(), of, block.sh_degree()));
+        going.add(&file, block).map_err(|error| error.context(format!("cannot write {}", job.output.display())))?;
+        let done = going.statistics.added() as f64 / of as f64;
+        (job.progress)(if known.is_some() { 0.5 + 0.5 * done } else { done });
+        Ok(())
+    })?;
+    let Some(mut going) = going else { bail!("there are no Gaussians") };
+    let statistics = going.end(&file)?;
+    let mut layout = Layout::of(&statistics, options);
+    // Coefficients of degrees that turned out to be 0 are stored, too.
+    layout.sh_degree = going.layout.sh_degree;
+    let header = job.header(&scene, statistics, layout);
+    let output = Output::new(&file, (&header.layout, header.alpha_min), going.pages);
+    finish(kept, &file, &output, header.clone())?;
+    Ok(Finished { header, resumed: 0, buckets: 1, notices: scene.notices })
+}
+
+/// Blocks that are written as they come.
+struct Going {
+    layout: Layout,
+    alpha_min: f32,
+    /// Most pages.
+    pages: usize,
+    statistics: Accumulator,
+    written: usize,
+    /// The Gaussians after the last whole page, and their indices in the scene.
+    rest: Option<(Gaussians, Vec<u32>)>,
+}
+
+impl Going {
+    fn new(options: &Options, known: Option<&Statistics>, of: usize, sh_degree: u32) -> Self {
+        let statistics = Accumulator::new(of, sh_degree);
+        let layout = match known {
+            Some(known) => Layout::of(known, options),
+            None => Layout::plain(sh_degree.min(options.sh_degree)),
+        };
+        let (alpha_min, pages) = (options.rules.alpha_min, of.div_ceil(PAGE));
+        Self { layout, alpha_min, pages, statistics, written: 0, rest: None }
+    }
+
+    fn add(&mut self, file: &File, block: Gaussians) -> Result<()> {
+        let first = self.statistics.added();
+        self.statistics.add(&block);
+        let own = first as u32..(first + block.len()) as u32;
+        let (gaussians, ids) = match self.rest.take() {
+            Some((rest, mut ids)) => {
+                ids.extend(own);
+                (Gaussians::joined([&rest, &block].into_iter())?, ids)
+            }
+            None => (block, own.collect()),
+        };
+        let order = along_curve(gaussians.means());
+        let whole = order.len() / PAGE * PAGE;
+        self.write(file, &gaussians, &order[..whole], &ids)?;
+        if whole < order.len() {
+            // In the order of the scene, as if they came with the next block.
+            let mut rest = order[whole..].to_vec();
+            rest.sort_unstable();
+            let ids = rest.iter().map(|index| ids[*index as usize]).collect();
+            self.rest = Some((gaussians.selected(&rest)?, ids));
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, file: &File, gaussians: &Gaussians, order: &[u32], ids: &[u32]) -> Result<()> {
+        let output = Output::new(file, (&self.layout, self.alpha_min), self.pages);
+        output.write(self.written / PAGE, gaussians, order, |index| ids[index as usize])?;
+        self.written += order.len();
+        Ok(())
+    }
+
+    /// Writes what is left.
+    fn end(&mut self, file: &File) -> Result<Statistics> {
+        if let Some((gaussians, ids)) = self.rest.take() {
+            let order = along_curve(gaussians.means());
+            self.write(file, &gaussians, &order, &ids)?;
+        }
+        ensure!(self.statistics.is_complete(), "the source holds another number of Gaussians than it said");
+        let empty = Accumulator::new(0, 0);
+        Ok(std::mem::replace(&mut self.statistics, empty).finish())
+    }
+}

@@ -1,0 +1,96 @@
+//! The pages of a file that is being written.
+
+use std::fs::File;
+use std::io;
+
+use anyhow::Result;
+use rayon::prelude::*;
+use twox_hash::XxHash3_64;
+
+use crate::files::{read_exact_at, write_all_at};
+use crate::host_memory::host_zeros;
+use crate::scene::Gaussians;
+use crate::storage::layout::Layout;
+use crate::storage::pages::{Entry, HEADER, Header, PAGE, Page, PageWords};
+use crate::storage::planes::Shape;
+
+/// The words of a page file in the making. Pages are written in any order, on many threads.
+pub struct Output<'f> {
+    file: &'f File,
+    layout: &'f Layout,
+    alpha_min: f32,
+    words: PageWords,
+    /// Where the streams begin.
+    places: [u64; 2],
+}
+
+/// Pages that a thread makes at a time.
+const TOGETHER: usize = 16;
+
+impl<'f> Output<'f> {
+    /// A file with at most `pages` pages.
+    pub fn new(file: &'f File, (layout, alpha_min): (&'f Layout, f32), pages: usize) -> Self {
+        let words = PageWords::of(layout);
+        Self { file, layout, alpha_min, places: Header::places(pages, &words), words }
+    }
+
+    /// Writes the Gaussians `order` from page `first` on. `id` is the index of a Gaussian in the whole scene.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write(
+        &self,
+        first: usize,
+        gaussians: &Gaussians,
+        order: &[u32],
+        id: impl Fn(u32) -> u32 + Sync,
+    ) -> io::Result<()> {
+        let parts = order.par_chunks(TOGETHER * PAGE).enumerate();
+        parts.try_for_each(|(i, order)| self.write_part(first + i * TOGETHER, gaussians, order, &id))
+    }
+
+    fn write_part(
+        &self,
+        first: usize,
+        gaussians: &Gaussians,
+        order: &[u32],
+        id: impl Fn(u32) -> u32,
+    ) -> io::Result<()> {
+        let pages = order.len().div_ceil(PAGE);
+        let each = [self.words.geometry(), self.words.colours()];
+        let mut streams = each.map(|words| vec![0_u32; pages * words]);
+        let mut entries = Vec::with_capacity(pages * Entry::BYTES);
+        let [geometry, colours] = &mut streams;
+        let both = geometry.chunks_exact_mut(each[0]).zip(colours.chunks_exact_mut(each[1]));
+        for ((geometry, colours), order) in both.zip(order.chunks(PAGE)) {
+            let index = |k: usize| order[k] as usize;
+            let shape = |k: usize| Shape::of(gaussians, index(k));
+            self.words.fill_geometry((self.layout, self.alpha_min), order.len(), shape, |k| id(order[k]), geometry);
+            self.words.fill_colours(self.layout, order.len(), colours, |k| gaussians.sh(index(k)));
+            let page = Page::of(&self.words, self.layout, geometry);
+            let checksums = [geometry, colours].map(|words| {
+                words.iter_mut().for_each(|word| *word = word.to_le());
+                XxHash3_64::oneshot(bytemuck::cast_slice(words))
+            });
+            entries.extend(Entry { page, checksums }.encoded());
+        }
+        for ((words, each), place) in streams.iter().zip(each).zip(self.places) {
+            write_all_at(self.file, bytemuck::cast_slice(words), place + (first * each * 4) as u64)?;
+        }
+        write_all_at(self.file, &entries, (HEADER + first * Entry::BYTES) as u64)
+    }
+
+    /// Writes the header of a file that has all of its pages.
+    ///
+    /// # Errors
+    /// If the file cannot be read or written.
+    pub fn finish(&self, mut header: Header) -> Result<()> {
+        [header.geometry_at, header.colours_at] = self.places;
+        let mut table: Vec<u8> = host_zeros(header.pages() * Entry::BYTES, "table of pages")?;
+        read_exact_at(self.file, &mut table, HEADER as u64)?;
+        header.table_checksum = XxHash3_64::oneshot(&table);
+        self.file.set_len(header.file_bytes())?;
+        write_all_at(self.file, &header.encoded(), 0)?;
+        Ok(())
+    }
+}

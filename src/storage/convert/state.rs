@@ -1,0 +1,48 @@
+//! What an interrupted conversion has done, as it is kept beside the output.
+
+use std::path::Path;
+use std::time::UNIX_EPOCH;
+
+use serde::{Deserialize, Serialize};
+
+/// The work that a conversion does: the same source read in the same way, the same settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Work {
+    /// The version of this record.
+    pub version: u32,
+    /// The name of the source, its length, and the time of its last change since 1970.
+    pub source: String,
+    pub bytes: u64,
+    pub modified_ns: u64,
+    /// Everything that changes what is written.
+    pub settings: String,
+}
+
+/// How far the work is. It is kept once all Gaussians are in buckets.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    pub work: Work,
+    /// Gaussians in each bucket.
+    pub buckets: Vec<usize>,
+    /// Buckets whose pages are written.
+    pub done: usize,
+    /// Gaussians that are written.
+    pub written: usize,
+    /// What there is to say about the source.
+    pub notices: Vec<String>,
+}
+
+impl Work {
+    /// The work on a source as it is now. `None` if the system does not tell when it was changed.
+    pub fn on(source: &Path, settings: &impl std::fmt::Debug) -> Option<Self> {
+        let data = source.metadata().ok()?;
+        let modified = data.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
+        Some(Self {
+            version: 1,
+            source: source.canonicalize().ok()?.display().to_string(),
+            bytes: data.len(),
+            modified_ns: u64::try_from(modified.as_nanos()).ok()?,
+            settings: format!("{settings:?}"),
+        })
+    }
+}
