@@ -3,8 +3,9 @@
 use glam::{DVec2, DVec3, dvec2, dvec3};
 
 use super::facade::Style;
-use super::layout::{Block, GROUND_FLOOR, House, Layout, Manner, Rect, Roof, Side, Use, dice};
+use super::layout::{Block, GROUND_FLOOR, House, Manner, Rect, Roof, Side, Use, dice};
 use super::objects::{CAR_AREA, Car, Cuboid, LAMP_AREA, lamp, tree, tree_area};
+use super::plan::{DEPTH, Layout};
 use super::splat::{Layer, Spot};
 use super::{ground, roof};
 use crate::scene::random::Random;
@@ -187,7 +188,7 @@ fn grounds(block: &Block, parts: &mut Vec<Part>) {
     };
     strips.into_iter().for_each(|(low, high)| add(Rect { low, high }, true, density::STREET));
     match block.kind {
-        Use::Houses => add(Rect { low: rect.low + 11.0, high: rect.high - 11.0 }, false, density::YARD),
+        Use::Houses => add(Rect { low: rect.low + DEPTH, high: rect.high - DEPTH }, false, density::YARD),
         Use::Park | Use::Square => add(*rect, false, density::STREET),
         Use::Tower => {}
     }
