@@ -1,6 +1,6 @@
 //! The elements of the plan of the town: streets, blocks, houses, trees.
 
-use glam::{DVec2, dvec2};
+use glam::DVec2;
 
 use crate::scene::random::Random;
 
