@@ -83,7 +83,11 @@ impl Part {
             Piece::Wall { house, style, side, from, to } => {
                 let mut spot = wall(house, style, *side, [*from, *to], at, spacing);
                 if place.layer == Layer::Backing {
+                    // It has the edges of the whole wall, not those of windows.
+                    let up =
+                        (house.height(DVec2::new(spot.point.x, spot.point.z)).max(house.eaves) + spot.point.y).max(0.0);
                     spot.albedo = style.ground();
+                    (spot.grain, spot.limits) = (DVec3::Y, [up, f64::INFINITY]);
                     spot.gloss = 0.0;
                 }
                 spot
@@ -95,7 +99,9 @@ impl Part {
             Piece::Cuboid(cuboid) => cuboid.spot(at[0], at[1]),
             Piece::Strays => return (stray(layout, block, random), 0.12),
         };
-        (spot, spacing)
+        let is_open = matches!(self.piece, Piece::Ground { .. });
+        let limits = if is_open && place.layer == Layer::Backing { [f64::INFINITY; 2] } else { spot.limits };
+        (Spot { limits, ..spot }, spacing)
     }
 }
 

@@ -81,7 +81,8 @@ pub fn gaussian(
     let tilt = DQuat::from_axis_angle(random.direction(), 0.05 * random.normal());
     let rotation = tilt * DQuat::from_mat3(&DMat3::from_cols(grain, across, normal));
     let spread = dvec3(random.normal(), random.normal(), random.normal());
-    let least = 0.16 * spacing;
+    // What lies behind closes the surface up to its ends.
+    let least = if layer == Layer::Backing { 0.6 * spacing } else { 0.16 * spacing };
     let (shape, spread) = match layer {
         Layer::Backing => (dvec3(1.55, 1.35, 0.05), spread * dvec3(0.12, 0.12, 0.6)),
         _ => (spot.shape, spread * dvec3(0.3, 0.3, 0.7)),
