@@ -144,7 +144,7 @@ impl Style {
         if floor == 0.0 && y < 0.2 {
             return Texel { relief: 0.10, ..Texel::new(self.trim, [f64::INFINITY, y.min(0.2 - y)]) };
         }
-        self.window([x, y], [number, floor]).unwrap_or_else(|| self.plain([u, v], self.to_window([x, y]), spacing))
+        self.window([x, y], [number, floor]).unwrap_or_else(|| self.plain([u, v], self.beside_window([x, y]), spacing))
     }
 
     /// A wall without windows.
@@ -166,7 +166,7 @@ impl Style {
     }
 
     /// The distances of a place in a wall to the frame of the window, where it is beside or above it.
-    fn to_window(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+    fn beside_window(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let [p, q] = self.outside([x, y]);
         match (p < FRAME, q < FRAME) {
             (false, true) => [p - FRAME, f64::INFINITY],
@@ -270,7 +270,7 @@ impl Style {
         }
         let window = if is_door { None } else { self.window([x, v - 0.35], [u / self.bay, 99.0]) };
         window.unwrap_or_else(|| {
-            let edges = if is_door { [f64::INFINITY; 2] } else { self.to_window([x, v - 0.35]) };
+            let edges = if is_door { [f64::INFINITY; 2] } else { self.beside_window([x, v - 0.35]) };
             self.plain([u, v], edges, spacing)
         })
     }

@@ -3,7 +3,7 @@
 //!
 //! Each Gaussian is a function of the count and its index. The order is spatial: sky and surroundings first, then the
 //! blocks along a Hilbert curve, and in a block one part after another. Units are metres, up is -y. It has the
-//! properties of trained scenes that `docs/formats.md` lists.
+//! properties of trained scenes that `docs/town.md` lists.
 
 mod facade;
 mod ground;
@@ -13,6 +13,7 @@ mod objects;
 mod outside;
 mod parts;
 mod path;
+mod plan;
 mod roof;
 mod splat;
 #[cfg(test)]
@@ -26,9 +27,9 @@ use super::canonical::{Builder, Raw};
 use super::random::Random;
 use super::{Gaussians, LoadReport};
 use crate::host_memory::OutOfMemory;
-use layout::Layout;
 use outside::Surroundings;
 use parts::Part;
+use plan::Layout;
 use splat::{Layer, SH_DEGREE};
 
 pub use path::TownPath;

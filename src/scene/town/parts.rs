@@ -3,8 +3,9 @@
 use glam::{DVec2, DVec3, dvec2, dvec3};
 
 use super::facade::Style;
-use super::layout::{Block, GROUND_FLOOR, House, Layout, Manner, Rect, Roof, Side, Use, dice};
+use super::layout::{Block, GROUND_FLOOR, House, Manner, Rect, Roof, Side, Use, dice};
 use super::objects::{CAR_AREA, Car, Cuboid, LAMP_AREA, lamp, tree, tree_area};
+use super::plan::{DEPTH, Layout};
 use super::splat::{Layer, Spot};
 use super::{ground, roof};
 use crate::scene::random::Random;
@@ -82,7 +83,11 @@ impl Part {
             Piece::Wall { house, style, side, from, to } => {
                 let mut spot = wall(house, style, *side, [*from, *to], at, spacing);
                 if place.layer == Layer::Backing {
+                    // It has the edges of the whole wall, not those of windows.
+                    let up =
+                        (house.height(DVec2::new(spot.point.x, spot.point.z)).max(house.eaves) + spot.point.y).max(0.0);
                     spot.albedo = style.ground();
+                    (spot.grain, spot.limits) = (DVec3::Y, [up, f64::INFINITY]);
                     spot.gloss = 0.0;
                 }
                 spot
@@ -94,7 +99,9 @@ impl Part {
             Piece::Cuboid(cuboid) => cuboid.spot(at[0], at[1]),
             Piece::Strays => return (stray(layout, block, random), 0.12),
         };
-        (spot, spacing)
+        let is_open = matches!(self.piece, Piece::Ground { .. });
+        let limits = if is_open && place.layer == Layer::Backing { [f64::INFINITY; 2] } else { spot.limits };
+        (Spot { limits, ..spot }, spacing)
     }
 }
 
@@ -187,7 +194,7 @@ fn grounds(block: &Block, parts: &mut Vec<Part>) {
     };
     strips.into_iter().for_each(|(low, high)| add(Rect { low, high }, true, density::STREET));
     match block.kind {
-        Use::Houses => add(Rect { low: rect.low + 11.0, high: rect.high - 11.0 }, false, density::YARD),
+        Use::Houses => add(Rect { low: rect.low + DEPTH, high: rect.high - DEPTH }, false, density::YARD),
         Use::Park | Use::Square => add(*rect, false, density::STREET),
         Use::Tower => {}
     }

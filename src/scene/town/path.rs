@@ -4,7 +4,8 @@ use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3, dvec2, dvec3};
 
-use super::layout::{House, Layout, Roof, Use};
+use super::layout::{House, Roof, Use};
+use super::plan::Layout;
 
 /// A camera path of a town.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -80,7 +80,7 @@ fn spire(house: &House, slope: usize, [u, v]: [f64; 2]) -> Spot {
     // Even on the triangle.
     let up = 1.0 - (1.0 - v).sqrt();
     let (side, out) = ((2.0 * u - 1.0) * (1.0 - up), 1.0 - up);
-    let sign = if slope % 2 == 0 { -1.0 } else { 1.0 };
+    let sign = if slope.is_multiple_of(2) { -1.0 } else { 1.0 };
     let (offset, normal) = if slope < 2 {
         (dvec2(sign * out, side), dvec3(sign * rise, -half.x, 0.0))
     } else {

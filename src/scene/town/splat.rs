@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
 
-use super::layout::Layout;
+use super::plan::Layout;
 use crate::scene::canonical::{Raw, logit};
 use crate::scene::harmonics::{C0, basis};
 use crate::scene::random::Random;
@@ -18,7 +18,7 @@ pub const SUN: DVec3 = dvec3(0.52, -0.76, 0.39);
 const ROUGHNESS: f64 = 0.004;
 
 /// Fraction of the splats of a surface that are faint.
-const FAINT: f64 = 0.30;
+const FAINT: f64 = 0.40;
 
 /// Fraction of the splats of a surface that lie behind it, large and opaque, so that nothing shines through.
 pub const BACKING: f64 = 0.25;
@@ -81,7 +81,8 @@ pub fn gaussian(
     let tilt = DQuat::from_axis_angle(random.direction(), 0.05 * random.normal());
     let rotation = tilt * DQuat::from_mat3(&DMat3::from_cols(grain, across, normal));
     let spread = dvec3(random.normal(), random.normal(), random.normal());
-    let least = 0.16 * spacing;
+    // What lies behind closes the surface up to its ends.
+    let least = if layer == Layer::Backing { 0.6 * spacing } else { 0.16 * spacing };
     let (shape, spread) = match layer {
         Layer::Backing => (dvec3(1.55, 1.35, 0.05), spread * dvec3(0.12, 0.12, 0.6)),
         _ => (spot.shape, spread * dvec3(0.3, 0.3, 0.7)),
@@ -96,7 +97,7 @@ pub fn gaussian(
     let opacity = match layer {
         _ if is_faint => 0.01 + 0.3 * random.unit().powi(2),
         Layer::Backing => 0.93 + 0.06 * random.unit(),
-        _ => 0.99 - 0.4 * random.unit().powi(2),
+        _ => 0.99 - 0.5 * random.unit(),
     };
     let behind = if layer == Layer::Backing { (0.9 * spacing).clamp(0.05, spot.depth.max(0.05)) } else { 0.0 };
     let mean = spot.point - (behind + ROUGHNESS * random.normal()) * normal;
