@@ -2,14 +2,13 @@
 
 use anyhow::Result;
 
+use super::drawable::Drawable;
 use super::{Usage, progress, remark};
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::measure::trade::{Budget, choose_for};
 use crate::options::Options;
 use crate::rules::Background;
-use crate::scene::Gaussians;
-use crate::storage::Statistics;
 
 /// Largest error of the pictures against the reference.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -48,7 +47,7 @@ impl BudgetArgs {
     pub fn choose(
         &self,
         device: &Device,
-        scene: (&Gaussians, &Statistics),
+        scene: &Drawable,
         views: &[Camera],
         (exact, background): (Options, Background),
         options: Options,
@@ -56,6 +55,7 @@ impl BudgetArgs {
         let Some(budget) = self.budget()? else {
             return Ok(options);
         };
+        let scene = scene.in_memory("an error budget")?;
         // Candidates have most stages in common, which take a software device longer to compile than to run.
         device.keep_pipelines();
         let bar = progress::Bar::new("choosing");

@@ -10,7 +10,7 @@ use glam::DVec3;
 
 use super::{SceneArg, Usage, numbers, remark};
 use crate::camera::{self, Camera, MAX_POSITION, NamedCamera, Split, Timeline, Up};
-use crate::scene::{Focus, Gaussians, Procedural, TownPath, Unreadable};
+use crate::scene::{Focus, Procedural, TownPath, Unreadable};
 
 /// The choice of a split.
 #[derive(clap::Args)]
@@ -115,9 +115,9 @@ impl EyeArgs {
     }
 
     /// The camera, if one is given, and the largest allowed distance of its near plane.
-    pub fn camera(&self, gaussians: &Gaussians, size_px: [u32; 2]) -> Option<(Camera, f32)> {
+    pub fn camera(&self, focus: impl FnOnce() -> Focus, size_px: [u32; 2]) -> Option<(Camera, f32)> {
         let eye = self.eye?;
-        let target = self.target.unwrap_or_else(|| DVec3::from(Focus::of(gaussians).centre));
+        let target = self.target.unwrap_or_else(|| DVec3::from(focus().centre));
         let up = self.camera_up.unwrap_or_else(|| Up::default().vector());
         let fov = self.fov.unwrap_or(DEFAULT_FOV).to_radians();
         let distance = eye.distance(target).max(f64::from(f32::MIN_POSITIVE));

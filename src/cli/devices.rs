@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use anyhow::Result;
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use clap::builder::NonEmptyStringValueParser;
 
@@ -17,6 +17,17 @@ pub(super) struct DeviceArgs {
     /// Vulkan device: its number in the list of `smalto doctor`, or a part of its name [default: the fastest kind]
     #[arg(long, value_name = "INDEX|NAME", value_parser = NonEmptyStringValueParser::new())]
     device: Option<String>,
+    #[command(flatten)]
+    memory: MemoryArg,
+}
+
+/// The limit of device memory.
+#[derive(Args, Clone, Copy)]
+pub(super) struct MemoryArg {
+    /// The most device memory to take, in bytes or with a unit, like 4GB or 700MiB, for each device: what does not fit
+    /// is drawn in parts, and the picture is the same [default: what the driver says is free, less a part for others]
+    #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
+    memory: Option<u64>,
 }
 
 /// The choice of several devices.
@@ -27,6 +38,8 @@ pub(super) struct DevicesArgs {
     /// `render` shares the pictures among them; `bench` measures the first, then the speed of all together
     #[arg(long, value_name = "INDEX|NAME,...|all", value_parser = NonEmptyStringValueParser::new())]
     device: Option<String>,
+    #[command(flatten)]
+    memory: MemoryArg,
 }
 
 impl DeviceArgs {
@@ -38,7 +51,7 @@ impl DeviceArgs {
     /// Opens the device as if it were for the first time.
     pub fn open_anew(&self) -> Result<Device> {
         let environment = Environment::read()?;
-        open(&self.choice_in(&environment), &environment)
+        open(&self.choice_in(&environment), &environment, self.memory)
     }
 
     /// The device and whether it is validated, from these arguments and the environment.
@@ -67,7 +80,7 @@ impl DevicesArgs {
             Some(named) if named.contains(',') => several(named, &survey()?),
             Some(named) => vec![DeviceChoice::from(named)],
         };
-        let opened = choices.iter().map(|choice| Ok(with_memory(open(choice, &environment)?)));
+        let opened = choices.iter().map(|choice| Ok(with_memory(open(choice, &environment, self.memory)?)));
         let devices: Vec<Device> = opened.collect::<Result<_>>()?;
         let kinds = names_of(&devices);
         if devices.iter().any(|device| device.capabilities().name != kinds) {
@@ -84,8 +97,30 @@ fn validation(environment: &Environment) -> Validation {
     environment.validation.unwrap_or(default)
 }
 
-fn open(choice: &DeviceChoice, environment: &Environment) -> Result<Device> {
-    Device::open(choice, validation(environment))?.with_shaders(environment.shaders.as_deref())
+fn open(choice: &DeviceChoice, environment: &Environment, memory: MemoryArg) -> Result<Device> {
+    let device = Device::open(choice, validation(environment))?.with_shaders(environment.shaders.as_deref())?;
+    device.with_memory_limit(memory.memory)
+}
+
+/// Parses a number of bytes with a unit: powers of 1000 like MB, or of 1024 like MiB.
+fn parse_bytes(text: &str) -> Result<u64> {
+    let expected = "expected a number of bytes, or one with a unit, like 4GB, 1.5GB or 700MiB";
+    let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.' || c == '_')).unwrap_or(text.len());
+    let (number, unit) = (text[..digits].replace('_', ""), text[digits..].trim().to_lowercase());
+    let factor = match unit.as_str() {
+        "" | "b" => 1.0,
+        "kb" | "k" => 1e3,
+        "mb" | "m" => 1e6,
+        "gb" | "g" => 1e9,
+        "tb" => 1e12,
+        "kib" => 1024.0,
+        "mib" => 1024.0 * 1024.0,
+        "gib" => 1024.0 * 1024.0 * 1024.0,
+        _ => bail!(expected),
+    };
+    let bytes = number.parse::<f64>().context(expected)? * factor;
+    ensure!((1.0..1e18).contains(&bytes), expected);
+    Ok(bytes as u64)
 }
 
 /// The devices of a list. A list that is a part of a device's name, which may hold commas, means that device.

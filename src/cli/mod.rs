@@ -8,6 +8,7 @@ mod compare;
 mod convert;
 mod devices;
 mod doctor;
+mod drawable;
 mod dump;
 pub mod environment;
 mod info;

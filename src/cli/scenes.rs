@@ -68,9 +68,17 @@ impl SceneArg {
 
     /// The scene if it is a town. Its cameras are paths of its own.
     pub fn town(&self) -> Result<Option<Procedural>> {
-        let town = self.procedural().transpose()?.filter(Procedural::is_town);
+        let made = match self.procedural().transpose()? {
+            Some(made) => Some(made),
+            // A page file says what it was made of.
+            None => self.page_file()?.and_then(|file| {
+                let header = file.header();
+                let name = header.format.strip_prefix("procedural ")?;
+                Procedural::parse(&format!("{name}:{}", header.statistics.count))?.ok()
+            }),
+        };
         let is_turned = self.reading.up.is_some() || self.reading.flip.is_some();
-        Ok(town.filter(|_| !is_turned))
+        Ok(made.filter(|made| made.is_town() && !is_turned))
     }
 
     /// The name of the scene in reports: its file name without the folder.

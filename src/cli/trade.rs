@@ -24,6 +24,7 @@ use crate::measure::trade::{
 };
 use crate::options::Options;
 use crate::rules::Background;
+use crate::scene::Focus;
 use crate::scene::Gaussians;
 use crate::storage::Statistics;
 
@@ -116,7 +117,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let file = named_or_found(args.cameras.as_deref(), &args.scene);
     let cameras = Cameras::read(file.as_deref(), &args.split, &CameraPath::Orbit { zooms: true }, args.size)?;
     let count = if file.is_some() { usize::MAX } else { ORBIT_VIEWS };
-    let (all, nearest) = cameras.views((gaussians, None), args.size, count)?;
+    let (all, nearest) = cameras.views((&|| Focus::of(gaussians), None), args.size, count)?;
     let exact = args.knobs.options(&Options::EXACT, scene.is_antialiased, nearest);
     let bench = Bench { args, device: &device, gaussians, statistics: &statistics, exact };
     let has = |part| args.parts.contains(&part);

@@ -30,9 +30,11 @@ pub(super) fn run(args: &Args, bench: &Bench, cameras: &Cameras) -> Result<()> {
     let mut climbs = Vec::new();
     for scene in args.scenes(&SCENES) {
         let scene = Loaded::read(&scene, args.reading, device)?;
-        let (views, nearest) = cameras.views((&scene.gaussians, scene.town), size, args.frames())?;
-        let options = args.knobs.options(&Options::EXACT, scene.is_antialiased, nearest);
-        let gpu = GpuScene::with(device, &scene.gaussians, &scene.statistics, &options)?;
+        let drawable = &scene.drawable;
+        let (views, nearest) = cameras.views((&|| drawable.source.focus(), scene.town), size, args.frames())?;
+        let options = args.knobs.options(&Options::EXACT, drawable.is_antialiased, nearest);
+        let (gaussians, statistics) = drawable.in_memory("--ladder")?;
+        let gpu = GpuScene::with(device, gaussians, statistics, &options)?;
         let bar = progress::Bar::new(format!("{} ladder", scene.report.name));
         let climb = ladder::climb(bench, &scene.report, &gpu, &options, &views, &|done| bar.set(done))?;
         drop(bar);

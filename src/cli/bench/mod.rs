@@ -10,6 +10,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 use clap::builder::RangedU64ValueParser;
 
+use super::drawable::Drawable;
 use super::{
     DevicesArgs, EyeArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, Sink, SplitArg, Usage, check_plots, complain,
     knobs, parse_size, progress, remark,
@@ -23,8 +24,7 @@ use crate::options::Options;
 use crate::reference;
 use crate::render::{GpuScene, Renderer};
 use crate::rules::{Background, Rules};
-use crate::scene::{Gaussians, Procedural, Scene, Unreadable};
-use crate::storage::Statistics;
+use crate::scene::{Gaussians, Procedural, Unreadable};
 pub(super) use views::{CameraPath, Cameras, PATHS};
 
 /// Measure the speed of rendering: whole frames, every stage, counts, memory
@@ -142,14 +142,14 @@ pub(super) fn run(args: &Args) -> Result<()> {
     for scene in args.scenes(&["cactus"]) {
         let scene = Loaded::read(&scene, args.reading, &device)?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
-            let (views, nearest) = cameras.views((&scene.gaussians, scene.town), size, args.frames())?;
+            let (views, nearest) = cameras.views((&|| scene.drawable.source.focus(), scene.town), size, args.frames())?;
             let options = Options::preset(preset).context("the preset is unknown")?;
-            let rules = args.knobs.options(&options.untraded(), scene.is_antialiased, nearest).rules;
-            let options = args.knobs.options(&options, scene.is_antialiased, nearest);
+            let rules = args.knobs.options(&options.untraded(), scene.drawable.is_antialiased, nearest).rules;
+            let options = args.knobs.options(&options, scene.drawable.is_antialiased, nearest);
             if let Some(why) = options.uncertifiable().filter(|_| args.certificate) {
                 return Err(Usage(format!("--certificate: {why}")).into());
             }
-            let gpu = GpuScene::with(&device, &scene.gaussians, &scene.statistics, &options)?;
+            let gpu = scene.drawable.source.bring(&device, &options, false, reserve(size))?;
             let subject = Subject::new(&scene.report, preset, &options, &views);
             let before = baseline.as_ref().map(|b| b.run_of(&subject)).transpose().map_err(foreign)?;
             let bar = progress::Bar::new(subject.title());
@@ -159,14 +159,15 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 remark(&format!("note: {}: {notice}", run.subject.title()));
             }
             if args.check {
-                run.psnr_db = accuracy(&device, (&scene.gaussians, &gpu), &views[0], (&options, &rules))?;
+                let (gaussians, _) = scene.drawable.in_memory("--check")?;
+                run.psnr_db = accuracy(&device, (gaussians, &gpu), &views[0], (&options, &rules))?;
             }
             if args.certificate {
                 run.certified_error = Some(certified_error(&device, &scene, &views, &options)?);
             }
             if devices.len() > 1 {
-                let scene = (&scene.gaussians, &scene.statistics);
-                run.together = Some(bench::together(&devices, scene, &options, &views)?);
+                let bring = |device: &Device| scene.drawable.source.bring(device, &options, false, reserve(size));
+                run.together = Some(bench::together(&devices, &bring, &options, &views)?);
             }
             table::print_run(&run, args.check)?;
             changes.extend(before.map(|before| Change::between(before, &run)));
@@ -194,20 +195,18 @@ impl Args {
 /// A scene and its entry in the report.
 struct Loaded {
     report: SceneReport,
-    gaussians: Gaussians,
+    drawable: Drawable,
     /// The scene, if it is a town.
     town: Option<Procedural>,
-    is_antialiased: bool,
-    statistics: Statistics,
 }
 
 impl Loaded {
     fn read(path: &Path, reading: ReadingArgs, device: &Device) -> Result<Self> {
         let scene = SceneArg { scene: path.to_owned(), reading };
-        let Scene { gaussians, is_antialiased, .. } = scene.read_for(Some(device))?;
-        ensure!(!gaussians.is_empty(), "{}: the scene has no Gaussians", scene.title());
-        let (report, statistics) = (SceneReport::of(scene.title(), &gaussians), Statistics::of(&gaussians));
-        Ok(Self { report, gaussians, town: scene.town()?, is_antialiased, statistics })
+        let drawable = Drawable::read(&scene, Some(device))?;
+        let report = drawable.report();
+        ensure!(report.gaussians > 0, "{}: the scene has no Gaussians", scene.title());
+        Ok(Self { report, drawable, town: scene.town()? })
     }
 }
 
@@ -245,7 +244,7 @@ fn accuracy(
 
 /// The largest certified bound of any pixel of any view.
 fn certified_error(device: &Device, scene: &Loaded, views: &[Camera], options: &Options) -> Result<f32> {
-    let gpu = GpuScene::certifiable(device, &scene.gaussians, &scene.statistics, options)?;
+    let gpu = scene.drawable.source.bring(device, options, true, reserve(views[0].size_px))?;
     let mut renderer = Renderer::certified(device, options, &gpu)?;
     let mut largest = 0.0_f32;
     for view in views {
@@ -253,6 +252,11 @@ fn certified_error(device: &Device, scene: &Loaded, views: &[Camera], options: &
         largest = renderer.certificate()?.map_or(largest, |certificate| largest.max(certificate.largest()));
     }
     Ok(largest)
+}
+
+/// Bytes of device memory for the pictures of a measurement.
+fn reserve(size: [u32; 2]) -> u64 {
+    4 * 16 * size.iter().map(|side| u64::from(*side)).product::<u64>()
 }
 
 fn write(args: &Args, report: &Report) -> Result<()> {

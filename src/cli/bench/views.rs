@@ -9,7 +9,7 @@ use glam::DVec3;
 use crate::camera::{Camera, path};
 use crate::cli::cameras::{TOWN_NEAR, town_cameras};
 use crate::cli::{EyeArgs, SplitArg};
-use crate::scene::{Focus, Gaussians, Procedural, TownPath};
+use crate::scene::{Focus, Procedural, TownPath};
 
 /// The camera paths, as the help text names them.
 pub(in crate::cli) const PATHS: &str = "orbit|orbit-zoom|turn|street|roof|air|keyframes:FILE";
@@ -107,7 +107,7 @@ impl Cameras {
     /// If the path is one of the town, and the scene is not `town`.
     pub fn views(
         &self,
-        (gaussians, town): (&Gaussians, Option<Procedural>),
+        (focus, town): (&dyn Fn() -> Focus, Option<Procedural>),
         size: [u32; 2],
         frames: usize,
     ) -> Result<(Vec<Camera>, f32)> {
@@ -120,11 +120,11 @@ impl Cameras {
             Source::File(cameras) => (resized(&cameras[..frames.min(cameras.len())]), f32::INFINITY),
             Source::Keyframes(cameras) => (path::through(&resized(cameras), frames), f32::INFINITY),
             Source::Eye(eye) => {
-                let (camera, nearest) = eye.camera(gaussians, size).unzip();
+                let (camera, nearest) = eye.camera(focus, size).unzip();
                 (camera.into_iter().collect(), nearest.unwrap_or(f32::INFINITY))
             }
             Source::Scripted(script) => {
-                let focus = Focus::of(gaussians);
+                let focus = focus();
                 let views = script(DVec3::from(focus.centre), focus.radius, size, frames);
                 (views, focus.radius as f32 / 100.0)
             }

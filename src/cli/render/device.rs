@@ -1,7 +1,7 @@
 //! What one device does in a run: it takes views, keeps some of them in flight, and hands their pixels on.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
@@ -13,12 +13,10 @@ use super::lent::Lent;
 use super::queue::Queue;
 use crate::cli::environment::Environment;
 use crate::cli::{dump, remark};
-use crate::gpu::{Commands, Device, DeviceLost};
+use crate::gpu::{Commands, Device, DeviceKind, DeviceLost};
 use crate::options::Options;
 use crate::pixels::Integers;
-use crate::render::{Finished, Form, GpuScene, HostFrame, Inspection, Renderer, Stream, Streamed, Wanted};
-use crate::scene::Gaussians;
-use crate::storage::Statistics;
+use crate::render::{Finished, Form, HostFrame, Inspection, Renderer, SceneSource, Stream, Streamed, Wanted};
 
 /// Views that are submitted to a device and not waited for: one is drawn while the pixels of the one before are copied.
 const IN_FLIGHT: usize = 3;
@@ -44,12 +42,13 @@ pub(super) struct Run<'p> {
     pub started: OnceLock<Instant>,
     /// Most views of one device between its memory and their files.
     host_frames: usize,
+    /// Bytes of the pixels of the largest view on their way to files, and of its image.
+    host_bytes: u64,
+    image_bytes: u64,
     /// After so many views the first device is lost, for tests.
     fault: Option<usize>,
 }
 
-/// The scene on its way to the devices. The last of them frees it.
-pub(super) type Upload = (Arc<Gaussians>, Arc<Statistics>);
 
 /// One device at work.
 struct Worker<'r, 'p> {
@@ -79,16 +78,26 @@ impl<'p> Run<'p> {
     pub fn new(args: &'p Args, options: Options, tasks: Vec<Task<'p>>, devices: &[Device], encoders: usize) -> Self {
         let largest = devices.iter().map(largest_streamed).min().unwrap_or(0);
         let bytes = tasks.iter().map(|task| task.host_bytes(args, largest)).max().unwrap_or(0);
+        let pixels = |task: &Task| task.shot.camera.size_px.iter().map(|side| u64::from(*side)).product::<u64>();
+        let image_bytes = 16 * tasks.iter().map(pixels).max().unwrap_or(0);
         let (devices, is_of_video) = (devices.len(), tasks.iter().any(|task| task.is_of_video));
         let fit = (HOST_BYTES / devices as u64 / bytes.max(1)) as usize;
         let host_frames = fit.clamp(2, IN_FLIGHT + encoders.div_ceil(devices));
         let fault = Environment::read().ok().and_then(|environment| environment.fault);
         let fault = fault.and_then(|fault| fault.strip_prefix("device@")?.parse().ok());
-        Self { args, options, queue: Queue::new(tasks), is_of_video, started: OnceLock::new(), host_frames, fault }
+        Self { args, options, queue: Queue::new(tasks), is_of_video, started: OnceLock::new(), host_frames, host_bytes: bytes, image_bytes, fault }
+    }
+
+    /// Bytes of device memory for pictures: the image, a certificate, what is enlarged, and where the host has no
+    /// memory of its own, the pictures on their way to files.
+    fn reserve(&self, device: &Device) -> u64 {
+        let is_discrete = device.capabilities().kind == DeviceKind::Discrete;
+        let on_their_way = if is_discrete { 0 } else { self.host_frames as u64 * self.host_bytes };
+        4 * self.image_bytes + on_their_way
     }
 
     /// Draws views on device `number` until none is left. If the device fails, it gives back what it had taken.
-    pub fn draw_on(&self, (number, device): (usize, &Device), scene: Upload, jobs: Sender<Job<'p>>) -> Result<()> {
+    pub fn draw_on(&self, (number, device): (usize, &Device), scene: SceneSource, jobs: Sender<Job<'p>>) -> Result<()> {
         let mut worker = Worker::new(self, (number, device), scene, jobs)?;
         let drawn = worker.draw();
         while let Some((task, _)) = worker.in_flight.pop_back() {
@@ -138,16 +147,15 @@ impl<'r, 'p> Worker<'r, 'p> {
     fn new(
         run: &'r Run<'p>,
         (number, device): (usize, &Device),
-        (gaussians, statistics): Upload,
+        scene: SceneSource,
         jobs: Sender<Job<'p>>,
     ) -> Result<Self> {
         // The phases of the start are those of the first device.
         let start = (number == 0).then_some(&run.args.start);
         let certifies = run.args.certificate.is_some();
-        let upload = if certifies { GpuScene::certifiable } else { GpuScene::with };
-        let gpu_scene = upload(device, &gaussians, &statistics, &run.options)?;
+        let gpu_scene = scene.bring(device, &run.options, certifies, run.reserve(device))?;
         // Returning the memory of a large scene takes the system long.
-        rayon::spawn(move || drop(gaussians));
+        rayon::spawn(move || drop(scene));
         start.inspect(|start| start.end("upload"));
         let create = if certifies { Renderer::certified } else { Renderer::new };
         let renderer = create(device, &run.options, &gpu_scene)?;

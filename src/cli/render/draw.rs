@@ -2,14 +2,13 @@
 
 use std::num::NonZero;
 use std::panic::resume_unwind;
-use std::sync::Arc;
 use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use crossbeam_channel::{bounded, unbounded};
 
-use super::device::{Run, Upload};
+use super::device::Run;
 use super::encode::{Job, Task, Times, Written};
 use super::outputs::Output;
 use super::records::Content;
@@ -17,15 +16,14 @@ use super::report::{FileReport, FrameReport};
 use super::resume::Record;
 use super::video::Encoder;
 use super::{Args, Plan, Shot};
+use crate::cli::drawable::Drawable;
 use crate::cli::progress::Bar;
 use crate::cli::{Usage, certified, complain, devices::names_of, remark, say, size_text};
 use crate::gpu::Device;
 use crate::measure::bench::frame_ms;
 use crate::options::Options;
 use crate::reference;
-use crate::render::{Frame, Path};
-use crate::scene::{Gaussians, Scene};
-use crate::storage::Statistics;
+use crate::render::{Frame, Path, SceneSource};
 
 /// The files of a view that are not complete yet: those of the picture, and those of depths and counts.
 fn outputs_left<'p>(shot: &'p Shot, record: &Record) -> [Vec<&'p Output>; 2] {
@@ -38,12 +36,13 @@ fn outputs_left<'p>(shot: &'p Shot, record: &Record) -> [Vec<&'p Output>; 2] {
 pub(super) fn by_reference(
     args: &Args,
     plan: &Plan,
-    gaussians: Gaussians,
+    scene: &Drawable,
     exact: &Options,
 ) -> Result<Vec<FrameReport>> {
     let mut frames = Vec::new();
-    let mut record = Record::begin(args, plan, &gaussians, exact, None)?;
-    let gaussians = gaussians.of_degree(exact.sh_degree);
+    let mut record = Record::begin(args, plan, &scene.report().hash, exact, None)?;
+    let (gaussians, _) = scene.in_memory("--reference")?;
+    let gaussians = gaussians.clone().of_degree(exact.sh_degree);
     for shot in &plan.shots {
         let [pictures, layers] = outputs_left(shot, &record);
         if pictures.is_empty() && layers.is_empty() {
@@ -73,17 +72,15 @@ pub(super) fn by_gpu(
     args: &Args,
     plan: &Plan,
     devices: &[Device],
-    scene: Scene,
+    scene: Drawable,
     (exact, options): (Options, Options),
 ) -> Result<(Options, Vec<FrameReport>)> {
-    let (gaussians, statistics) = (&scene.gaussians, Statistics::of(&scene.gaussians));
     let views: Vec<_> = plan.shots.iter().map(|shot| shot.camera.clone()).collect();
-    let options =
-        args.budget.choose(&devices[0], (gaussians, &statistics), &views, (exact, args.background), options)?;
+    let options = args.budget.choose(&devices[0], &scene, &views, (exact, args.background), options)?;
     if let Some(layer) = plan.outputs.depths().next().filter(|_| options.scale != 1.0) {
-        return Err(Usage(format!("--layers {} statistics --scale 1", layer.name())).into());
+        return Err(Usage(format!("--layers {} needs --scale 1", layer.name())).into());
     }
-    let record = Record::begin(args, plan, gaussians, &options, Some(&names_of(devices)))?;
+    let record = Record::begin(args, plan, &scene.report().hash, &options, Some(&names_of(devices)))?;
     let tasks = plan.shots.iter().enumerate().map(|(number, shot)| {
         let [picture, depths] = outputs_left(shot, &record);
         Task { number, shot, picture, depths, is_of_video: plan.video.is_some() }
@@ -98,12 +95,11 @@ pub(super) fn by_gpu(
     let (total, bar) = (tasks.len(), Bar::new("rendering"));
     let mut log = Log { args, record, video: None, frames: Vec::new(), total, bar, times: Spent::default() };
     let run = Run::new(args, options, tasks, devices, encoders);
-    let upload = (Arc::new(scene.gaussians), Arc::new(statistics));
     let frames = match &plan.video {
-        None => draw(&run, devices, upload, encoders, log)?,
+        None => draw(&run, devices, scene.source, encoders, log)?,
         Some(video) => video.write(|encoder| {
             log.video = Some(encoder);
-            draw(&run, devices, upload, encoders, log)
+            draw(&run, devices, scene.source, encoders, log)
         })?,
     };
     devices.iter().try_for_each(complain)?;
@@ -111,7 +107,7 @@ pub(super) fn by_gpu(
 }
 
 /// Draws on all devices, encodes on all cores, and notes on this thread what is complete.
-fn draw(run: &Run, devices: &[Device], scene: Upload, encoders: usize, mut log: Log) -> Result<Vec<FrameReport>> {
+fn draw(run: &Run, devices: &[Device], scene: SceneSource, encoders: usize, mut log: Log) -> Result<Vec<FrameReport>> {
     let (jobs, to_encode) = unbounded::<Job>();
     // Where the frames of a video wait until ffmpeg takes them, the threads that encode wait, too.
     let (written, to_note) = bounded(encoders);

@@ -28,7 +28,7 @@ use super::{
     one_of, parse_size, say,
 };
 use crate::files::is_stdout;
-use crate::measure::bench::{SceneReport, VersionReport};
+use crate::measure::bench::VersionReport;
 use crate::options::Options;
 use crate::pixels::{Compression, FileKind};
 use crate::rules::Background;
@@ -199,7 +199,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let file = args.scene.file();
     let (devices, scene) = start::devices_and_scene(args)?;
     let source = file.map(|file| Source { file, is_antialiased: scene.is_antialiased });
-    let plan = Plan { source, ..plan(args, &|| Ok(&scene.gaussians))? };
+    let plan = Plan { source, ..plan(args, &|| Ok(scene.source.focus()))? };
     plan.make_folders()?;
     let (exact, options) = options(args, scene.is_antialiased, plan.nearest);
     if let Some(why) = options.uncertifiable().filter(|_| args.certificate.is_some()) {
@@ -207,9 +207,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     let preset = args.preset.clone().or_else(|| (!args.reference && budget.is_none()).then(|| "balanced".to_owned()));
     let device = (!args.reference).then(|| names_of(&devices));
-    let report = args.json.as_ref().map(|sink| (sink, SceneReport::of(args.scene.title(), &scene.gaussians)));
+    let report = args.json.as_ref().map(|sink| (sink, scene.report()));
     let (options, frames) = if args.reference {
-        (options, draw::by_reference(args, &plan, scene.gaussians, &options)?)
+        (options, draw::by_reference(args, &plan, &scene, &options)?)
     } else {
         draw::by_gpu(args, &plan, &devices, scene, (exact, options))?
     };

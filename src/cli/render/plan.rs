@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +18,7 @@ use crate::cli::{Usage, named_or_found, remark, size_text};
 use crate::files::{check_writable, make_folder};
 use crate::measure::bench::views_hash;
 use crate::pixels::FileKind;
-use crate::scene::{Focus, Gaussians, TownPath};
+use crate::scene::{Focus, TownPath};
 
 /// Largest width and height for the reference, in pixels. It needs 64 bytes per pixel.
 const REFERENCE_SIDE: u32 = 16384;
@@ -47,8 +47,8 @@ pub(super) struct Source {
 }
 
 /// The plan of a run, or of its shard. The scene is asked for only if cameras are made from it.
-pub(super) fn plan<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians>) -> Result<Plan> {
-    let Cameras { chosen, is_list, nearest } = cameras(args, gaussians)?;
+pub(super) fn plan(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Plan> {
+    let Cameras { chosen, is_list, nearest } = cameras(args, focus)?;
     let file = video::file(args)?;
     let several = is_list || args.video.is_some();
     let outputs = if file.is_some() { Outputs::none() } else { Outputs::of(args, several)? };
@@ -107,7 +107,7 @@ struct Cameras {
     nearest: f32,
 }
 
-fn cameras<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians>) -> Result<Cameras> {
+fn cameras(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Cameras> {
     let size = args.size.unwrap_or([1280, 720]);
     if let Some(frames) = args.film.read(&args.scene, size)? {
         let frame = |(index, named): (usize, NamedCamera)| Chosen::named(index, &named);
@@ -116,7 +116,7 @@ fn cameras<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians>) -> Re
         return Ok(Cameras { chosen, is_list: true, nearest });
     }
     if let Some(count) = args.film.orbit() {
-        let focus = Focus::of(gaussians()?);
+        let focus = focus()?;
         let views = path::orbit(DVec3::from(focus.centre), focus.radius, false, size, count);
         let view = |(index, camera)| Chosen { index, name: None, camera };
         let chosen = views.into_iter().enumerate().map(view).collect();
@@ -124,9 +124,9 @@ fn cameras<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians>) -> Re
     }
     let alone =
         |camera, nearest| Cameras { chosen: vec![Chosen { index: 0, name: None, camera }], is_list: false, nearest };
-    if args.eye.is_given()?
-        && let Some((camera, nearest)) = args.eye.camera(gaussians()?, size)
-    {
+    if args.eye.is_given()? {
+        let focus = focus()?;
+        let (camera, nearest) = args.eye.camera(|| focus, size).context("a camera is given")?;
         args.split.check_no_file()?;
         return Ok(alone(camera, nearest));
     }
@@ -150,13 +150,12 @@ fn cameras<'s>(args: &Args, gaussians: &dyn Fn() -> Result<&'s Gaussians>) -> Re
     {
         return Ok(alone(first.camera, TOWN_NEAR));
     }
-    let (camera, distance) = automatic(gaussians()?, size);
+    let (camera, distance) = automatic(focus()?, size);
     Ok(alone(camera, distance as f32 / 100.0))
 }
 
 /// A camera that shows the whole scene, and its distance to the centre of the scene.
-fn automatic(gaussians: &Gaussians, size: [u32; 2]) -> (Camera, f64) {
-    let focus = Focus::of(gaussians);
+fn automatic(focus: Focus, size: [u32; 2]) -> (Camera, f64) {
     let centre = DVec3::from(focus.centre);
     let camera = Camera::framing(centre, focus.radius, size);
     let distance = camera.position.distance(centre);

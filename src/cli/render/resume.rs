@@ -14,10 +14,8 @@ use super::settings::Settings;
 use super::{Args, Plan};
 use crate::cli::{Usage, remark};
 use crate::files::{check_absent, check_binary_writable, describe, lock};
-use crate::measure::bench::SceneReport;
 use crate::options::Options;
 use crate::pixels::Pixels;
-use crate::scene::Gaussians;
 
 /// The files of a run that are complete.
 pub(super) struct Record {
@@ -33,13 +31,13 @@ pub(super) struct Record {
 }
 
 impl Record {
-    /// Begins the record of `plan`, or continues it with `--resume`. `device` is `None` for the reference.
+    /// Begins the record of `plan`, or continues it with `--resume`. `scene` is the hash of the scene, `device` is `None` for the reference.
     ///
     /// Fails if another run writes into the folder, or a file of the plan cannot be written.
     pub fn begin(
         args: &Args,
         plan: &Plan,
-        gaussians: &Gaussians,
+        scene: &str,
         options: &Options,
         device: Option<&str>,
     ) -> Result<Self> {
@@ -49,8 +47,7 @@ impl Record {
             record.check_outputs(args, plan)?;
             return Ok(record);
         };
-        let scene = SceneReport::of(args.scene.title(), gaussians).hash;
-        let settings = Settings::of(args, plan, &scene, options, device)?;
+        let settings = Settings::of(args, plan, scene, options, device)?;
         let path = folder.join(name(args.shard));
         let file = OpenOptions::new().read(true).append(true).create(true).open(&path);
         let mut file = file.map_err(|error| anyhow!("cannot write {}: {}", path.display(), describe(&error)))?;

@@ -9,9 +9,9 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::Args;
+use crate::cli::drawable::Drawable;
 use crate::cli::say;
 use crate::gpu::Device;
-use crate::scene::Scene;
 
 /// The times of the phases from the command to the first picture.
 pub(super) struct Start {
@@ -82,13 +82,17 @@ impl Start {
 
 /// Opens the devices and reads the scene, at the same time if that is a file. Without a device it fails at once. The
 /// reference has no devices.
-pub(super) fn devices_and_scene(args: &Args) -> Result<(Vec<Device>, Scene)> {
+pub(super) fn devices_and_scene(args: &Args) -> Result<(Vec<Device>, Drawable)> {
+    if let Some(scene) = Drawable::in_pages(&args.scene)?.filter(|_| !args.reference) {
+        args.start.end("reading");
+        return Ok((open(args)?, scene));
+    }
     // A scene from a pipe cannot be cancelled. The device may refuse a procedural one.
     if args.reference || args.scene.path().is_none() {
         let devices = if args.reference { Vec::new() } else { open(args)? };
         let scene = args.scene.read_for(devices.first())?;
         args.start.end("reading");
-        return Ok((devices, scene));
+        return Ok((devices, Drawable::of(&args.scene, scene)));
     }
     let is_cancelled = AtomicBool::new(false);
     let (devices, scene) = std::thread::scope(|scope| {
@@ -103,7 +107,7 @@ pub(super) fn devices_and_scene(args: &Args) -> Result<(Vec<Device>, Scene)> {
     });
     let (devices, scene) = (devices?, scene?);
     args.scene.remark(&scene);
-    Ok((devices, scene))
+    Ok((devices, Drawable::of(&args.scene, scene)))
 }
 
 fn open(args: &Args) -> Result<Vec<Device>> {

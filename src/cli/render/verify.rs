@@ -14,11 +14,11 @@ use super::plan::plan;
 use super::records::{Content, Recorded, read_all};
 use super::settings::{SceneKey, Settings};
 use super::{Args, options};
+use crate::cli::drawable::Drawable;
 use crate::cli::{SceneArg, Usage, progress, remark, say, size_text};
 use crate::host_memory::OutOfMemory;
-use crate::measure::bench::{SceneReport, VersionReport};
+use crate::measure::bench::VersionReport;
 use crate::pixels::Pixels;
-use crate::scene::Scene;
 
 /// Files of a command are missing or wrong.
 #[derive(Debug, thiserror::Error)]
@@ -90,7 +90,7 @@ impl Problem {
 /// Checks the files of the command. Fails if any is wrong.
 pub(super) fn verify(args: &Args) -> Result<()> {
     let scene = LazyScene { arg: &args.scene, read: OnceCell::new() };
-    let plan = plan(args, &|| Ok(&scene.get()?.gaussians))?;
+    let plan = plan(args, &|| Ok(scene.get()?.source.focus()))?;
     let Some(folder) = plan.outputs.folder() else {
         return Err(Usage("--verify needs a folder as --output".to_owned()).into());
     };
@@ -218,13 +218,13 @@ impl<'r> Claims<'r> {
 /// A scene that is read when it is needed.
 struct LazyScene<'a> {
     arg: &'a SceneArg,
-    read: OnceCell<Scene>,
+    read: OnceCell<Drawable>,
 }
 
 impl LazyScene<'_> {
-    fn get(&self) -> Result<&Scene> {
+    fn get(&self) -> Result<&Drawable> {
         if self.read.get().is_none() {
-            _ = self.read.set(self.arg.read()?);
+            _ = self.read.set(Drawable::read(self.arg, None)?);
         }
         self.read.get().ok_or_else(|| anyhow!("the scene was not kept"))
     }
@@ -242,7 +242,7 @@ impl LazyScene<'_> {
             return Ok(key);
         }
         let scene = self.get()?;
-        let hash = SceneReport::of(self.arg.title(), &scene.gaussians).hash;
+        let hash = scene.report().hash;
         Ok(SceneKey { hash, is_antialiased: scene.is_antialiased })
     }
 }

@@ -12,26 +12,25 @@ use crate::camera::Camera;
 use crate::gpu::{Device, Timestamps};
 use crate::options::Options;
 use crate::render::{GpuScene, Renderer};
-use crate::scene::Gaussians;
-use crate::storage::Statistics;
 
 /// Time in which devices draw before they are measured, and time in which they are.
 const WARM_UP: Duration = Duration::from_secs(1);
 const MEASURED: Duration = Duration::from_secs(2);
 
-/// Measures devices that draw the views of a scene at the same time, each in its own order of time.
+/// Measures devices that draw the views of a scene at the same time, each in its own order of time. `bring` brings the
+/// scene to a device.
 ///
 /// # Errors
 /// If a device fails.
 pub fn together(
     devices: &[Device],
-    (gaussians, statistics): (&Gaussians, &Statistics),
+    bring: &(dyn Fn(&Device) -> Result<GpuScene> + Sync),
     options: &Options,
     views: &[Camera],
 ) -> Result<Vec<DeviceSpeed>> {
     let ready = Barrier::new(devices.len());
     let measure = &|device: &Device| -> Result<DeviceSpeed> {
-        let prepared = catch_unwind(AssertUnwindSafe(|| prepare(device, (gaussians, statistics), options, views)));
+        let prepared = catch_unwind(AssertUnwindSafe(|| prepare(device, bring, options, views)));
         // All devices come here, those that failed, too: nobody waits for ever.
         ready.wait();
         let mut renderer = prepared.unwrap_or_else(|panic| resume_unwind(panic))?;
@@ -46,11 +45,11 @@ pub fn together(
 
 fn prepare(
     device: &Device,
-    (gaussians, statistics): (&Gaussians, &Statistics),
+    bring: &(dyn Fn(&Device) -> Result<GpuScene> + Sync),
     options: &Options,
     views: &[Camera],
 ) -> Result<Renderer> {
-    let scene = GpuScene::with(device, gaussians, statistics, options)?;
+    let scene = bring(device)?;
     let mut renderer = Renderer::new(device, options, &scene)?;
     renderer.set_timestamps(Timestamps::Outermost);
     frames_per_second(&mut renderer, views, WARM_UP)?;
