@@ -46,12 +46,7 @@ impl Allocator for OverlayMemory {
         }
     }
 
-    fn create_image(
-        &mut self,
-        device: &ash::Device,
-        width: u32,
-        height: u32,
-    ) -> RendererResult<(vk::Image, Held)> {
+    fn create_image(&mut self, device: &ash::Device, width: u32, height: u32) -> RendererResult<(vk::Image, Held)> {
         let info = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
             .format(vk::Format::R8G8B8A8_SRGB)

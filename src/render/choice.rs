@@ -228,7 +228,8 @@ impl PathChoice {
         let is_possible = |fast: &&mut Fast| !needs_tile_lists && fast.pipeline.takes(size, gaussians);
         if let Some(fast) = self.fast.as_mut().filter(is_possible) {
             let grid = fast.pipeline.grid(size, gaussians);
-            fast.needs_slabs = fast.needs_slabs || is_paged || !has_memory(fast.work.grow(device, demand(grid.count()), 0))?;
+            fast.needs_slabs =
+                fast.needs_slabs || is_paged || !has_memory(fast.work.grow(device, demand(grid.count()), 0))?;
             if !fast.needs_slabs {
                 fast.pipeline.prepare(device, grid)?;
             }
@@ -254,7 +255,7 @@ impl PathChoice {
         slabs.fit(device, &mut fast.work, &fast.pipeline, grid, shot.scene.len())?;
         let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), shot, target)?;
         // What fits into one slab fits at once.
-        fast.needs_slabs = drawn.slabs > 1;
+        fast.needs_slabs = drawn.parts.slabs > 1;
         Ok(drawn)
     }
 
@@ -282,8 +283,7 @@ impl PathChoice {
         match (&mut self.fast, limits.path) {
             (Some(fast), Path::Fast) => {
                 let is_too_long = totals.longest_list > fast.pipeline.longest_list();
-                fast.needs_slabs =
-                    is_too_long || !has_memory(fast.work.grow(device, demand, totals.longest_list))?;
+                fast.needs_slabs = is_too_long || !has_memory(fast.work.grow(device, demand, totals.longest_list))?;
             }
             // The fast path was dropped after this frame was recorded.
             (None, Path::Fast) => {}

@@ -45,7 +45,7 @@ pub use renderer::{Recorded, Started};
 #[doc(hidden)]
 pub use shaders::Splat;
 pub use shaders::Totals;
-pub use slabs::PagesRead;
+pub use slabs::{PagesRead, Parts};
 pub use source::SceneSource;
 #[doc(hidden)]
 pub use stream::{Finished, Form, HostFrame, Stream, Streamed, Wanted};

@@ -11,7 +11,7 @@ use super::gpu_scene::GpuScene;
 use super::inspect::{Explanation, Inspection, Inspector, Look, Picker, Picture, Work};
 use super::readback::read_pixels;
 use super::shaders::{Room, Totals};
-use super::slabs::Drawn;
+use super::slabs::{Drawn, Parts};
 use super::trial::{MAX_ATTEMPTS, choose};
 use super::upscale::Upscaler;
 use crate::camera::Camera;
@@ -61,6 +61,8 @@ pub struct Frame {
     /// Times that the frame was drawn: more than one if something did not fit at first.
     pub attempts: u32,
     pub path: Path,
+    /// Set if it was drawn in parts.
+    pub parts: Option<Parts>,
 }
 
 /// A frame on the GPU.
@@ -85,6 +87,13 @@ enum Counted {
 }
 
 impl Recorded {
+    pub(super) fn parts(&self) -> Option<Parts> {
+        match &self.counted {
+            Counted::Here(drawn) => Some(drawn.parts),
+            Counted::OnDevice(_) => None,
+        }
+    }
+
     /// The timings of the frame, from those of its commands.
     pub(super) fn timings(&self, own: &[Timing]) -> Vec<Timing> {
         let Counted::Here(drawn) = &self.counted else { return own.to_vec() };
@@ -251,7 +260,7 @@ impl Renderer {
             if let Some(totals) = self.judge(&results, &recorded)? {
                 let timings = recorded.timings(results.timings());
                 let path = self.drawn.path;
-                return Ok((Frame { totals, timings, attempts, path }, results));
+                return Ok((Frame { totals, timings, attempts, path, parts: recorded.parts() }, results));
             }
         }
         bail!("the frame did not fit its buffers in {MAX_ATTEMPTS} attempts, although they grew to what it counted")

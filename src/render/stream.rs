@@ -222,6 +222,7 @@ impl Stream {
             timings: recorded.timings(&take_frame(&mut timings)),
             attempts,
             path: *path,
+            parts: recorded.parts(),
         };
         Ok(totals.map(|totals| totals.into_iter().zip(recorded).map(frame).collect()))
     }

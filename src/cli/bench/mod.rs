@@ -142,7 +142,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     for scene in args.scenes(&["cactus"]) {
         let scene = Loaded::read(&scene, args.reading, &device)?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
-            let (views, nearest) = cameras.views((&|| scene.drawable.source.focus(), scene.town), size, args.frames())?;
+            let (views, nearest) =
+                cameras.views((&|| scene.drawable.source.focus(), scene.town), size, args.frames())?;
             let options = Options::preset(preset).context("the preset is unknown")?;
             let rules = args.knobs.options(&options.untraded(), scene.drawable.is_antialiased, nearest).rules;
             let options = args.knobs.options(&options, scene.drawable.is_antialiased, nearest);

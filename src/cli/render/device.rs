@@ -49,7 +49,6 @@ pub(super) struct Run<'p> {
     fault: Option<usize>,
 }
 
-
 /// One device at work.
 struct Worker<'r, 'p> {
     run: &'r Run<'p>,
@@ -85,7 +84,17 @@ impl<'p> Run<'p> {
         let host_frames = fit.clamp(2, IN_FLIGHT + encoders.div_ceil(devices));
         let fault = Environment::read().ok().and_then(|environment| environment.fault);
         let fault = fault.and_then(|fault| fault.strip_prefix("device@")?.parse().ok());
-        Self { args, options, queue: Queue::new(tasks), is_of_video, started: OnceLock::new(), host_frames, host_bytes: bytes, image_bytes, fault }
+        Self {
+            args,
+            options,
+            queue: Queue::new(tasks),
+            is_of_video,
+            started: OnceLock::new(),
+            host_frames,
+            host_bytes: bytes,
+            image_bytes,
+            fault,
+        }
     }
 
     /// Bytes of device memory for pictures: the image, a certificate, what is enlarged, and where the host has no

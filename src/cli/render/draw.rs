@@ -23,7 +23,7 @@ use crate::gpu::Device;
 use crate::measure::bench::frame_ms;
 use crate::options::Options;
 use crate::reference;
-use crate::render::{Frame, Path, SceneSource};
+use crate::render::{Frame, Parts, Path, SceneSource};
 
 /// The files of a view that are not complete yet: those of the picture, and those of depths and counts.
 fn outputs_left<'p>(shot: &'p Shot, record: &Record) -> [Vec<&'p Output>; 2] {
@@ -33,12 +33,7 @@ fn outputs_left<'p>(shot: &'p Shot, record: &Record) -> [Vec<&'p Output>; 2] {
 }
 
 /// Draws with the reference. All layers of a shot come from one rendering.
-pub(super) fn by_reference(
-    args: &Args,
-    plan: &Plan,
-    scene: &Drawable,
-    exact: &Options,
-) -> Result<Vec<FrameReport>> {
+pub(super) fn by_reference(args: &Args, plan: &Plan, scene: &Drawable, exact: &Options) -> Result<Vec<FrameReport>> {
     let mut frames = Vec::new();
     let mut record = Record::begin(args, plan, &scene.report().hash, exact, None)?;
     let (gaussians, _) = scene.in_memory("--reference")?;
@@ -273,6 +268,15 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         size_text(shot.camera.size_px),
         frame.path
     )?;
+    if let Some(Parts { slabs, wall_ms, pages_in_view, pages_read, bytes_read }) =
+        frame.parts.filter(|p| p.slabs > 1 || p.pages_in_view > 0)
+    {
+        let pages = match pages_in_view {
+            0 => String::new(),
+            seen => format!(", {pages_read} of {seen} pages in view read ({:.1} MB)", bytes_read as f64 / 1e6),
+        };
+        say!("  in {slabs} slabs, {wall_ms:.1} ms in all{pages}")?;
+    }
     if args.timings {
         let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth > 0).collect();
         stages.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));

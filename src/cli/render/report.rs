@@ -9,7 +9,7 @@ use super::start::PhaseReport;
 use crate::camera::Camera;
 use crate::measure::bench::{SceneReport, VersionReport};
 use crate::options::Options;
-use crate::render::{Frame, Path};
+use crate::render::{Frame, Parts, Path};
 
 /// The report of `smalto render`.
 #[derive(Serialize, JsonSchema)]
@@ -81,6 +81,8 @@ pub(super) struct GpuReport {
     listed: u32,
     /// Time of the frame; null if the device has no timestamps.
     ms: Option<f64>,
+    /// How it was drawn in parts; null if it was drawn at once.
+    parts: Option<Parts>,
     /// Stages in the order of the frame.
     stages: Vec<StageReport>,
 }
@@ -128,6 +130,7 @@ impl From<&Frame> for GpuReport {
             visible: frame.totals.visible,
             listed: frame.totals.listed_kept,
             ms: frame.timings.iter().find(|timing| timing.depth == 0).map(|timing| timing.duration_ms),
+            parts: frame.parts,
             stages: stages.into_iter().map(stage).collect(),
         }
     }

@@ -34,13 +34,7 @@ impl Record {
     /// Begins the record of `plan`, or continues it with `--resume`. `scene` is the hash of the scene, `device` is `None` for the reference.
     ///
     /// Fails if another run writes into the folder, or a file of the plan cannot be written.
-    pub fn begin(
-        args: &Args,
-        plan: &Plan,
-        scene: &str,
-        options: &Options,
-        device: Option<&str>,
-    ) -> Result<Self> {
+    pub fn begin(args: &Args, plan: &Plan, scene: &str, options: &Options, device: Option<&str>) -> Result<Self> {
         let Some(folder) = plan.outputs.folder() else {
             let (folder, path) = (PathBuf::new(), PathBuf::new());
             let record = Self { folder, path, done: BTreeMap::new(), file: None, is_ended: false };

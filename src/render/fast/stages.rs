@@ -20,7 +20,11 @@ pub(super) fn sort_constants(constants: &SharedConstants, subgroup: u32) -> Sort
     SortConstants { digit_bits, subgroups, ..SortConstants::of(constants) }
 }
 
-pub(in crate::render) fn blend_constants(constants: &SharedConstants, subgroup: u32, block_height: u32) -> BlendConstants {
+pub(in crate::render) fn blend_constants(
+    constants: &SharedConstants,
+    subgroup: u32,
+    block_height: u32,
+) -> BlendConstants {
     BlendConstants { block_height: block_height.max(subgroup / BLOCK_WIDTH), ..BlendConstants::of(constants) }
 }
 

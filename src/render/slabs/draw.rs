@@ -1,12 +1,14 @@
 //! The loop that draws a frame slab by slab.
 
 use std::ops::Range;
+use std::time::Instant;
 
 use anyhow::Result;
 
 use super::cut::{Cut, Place, place_of, slab};
 use super::fast::{FastStages, OpenBins};
 use super::listed::{Element, Listed, ListedPage, placed};
+use super::parts::Parts;
 use super::supply::Supply;
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, Image, InFlight, Readback, Timing};
@@ -40,7 +42,7 @@ pub struct Drawn {
     pub totals: Totals,
     /// The sums over all slabs, by stage.
     pub timings: Vec<Timing>,
-    pub slabs: u32,
+    pub parts: Parts,
 }
 
 /// The most splats of a slab: more would take memory for no time saved.
@@ -117,7 +119,8 @@ impl Slabs {
         let most = if scene.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
         let mut cut = Cut::new(estimate, self.target, most);
         let mut first_target = None;
-        let mut drawn = Drawn { totals: bytemuck::Zeroable::zeroed(), timings: Vec::new(), slabs: 0 };
+        let mut drawn = Drawn { totals: bytemuck::Zeroable::zeroed(), timings: Vec::new(), parts: supply.parts() };
+        let begun = Instant::now();
         let mut cmd = Commands::new(device)?;
         let placed = placed(&view(camera, options.rules.near), 1.0);
         cmd.upload(&self.listed, 0, placed.len(), |memory| memory.copy_from_slice(&placed))?;
@@ -149,7 +152,7 @@ impl Slabs {
             first_target.get_or_insert(cut.target());
             cut.drawn(&next, filled);
             add(&mut drawn.totals, &totals);
-            drawn.slabs += 1;
+            drawn.parts.slabs += 1;
             before = 1 - before;
             if supply.close(results.view(&slab.open_bins)) {
                 break;
@@ -160,7 +163,8 @@ impl Slabs {
         let results = cmd.submit()?.wait()?;
         add_timings(&mut drawn.timings, results.timings());
         // The next frame begins with a slab that is likely to fit.
-        self.target = if drawn.slabs == 1 { f64::INFINITY } else { first_target.unwrap_or(f64::INFINITY) };
+        drawn.parts = Parts { wall_ms: 1e3 * begun.elapsed().as_secs_f64(), ..supply.since(drawn.parts) };
+        self.target = if drawn.parts.slabs == 1 { f64::INFINITY } else { first_target.unwrap_or(f64::INFINITY) };
         Ok(drawn)
     }
 

@@ -8,9 +8,9 @@ use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage};
 use crate::options::Options;
 use crate::render::fast::{BLOCK_HEIGHTS, BinGrid, FastPipeline, FastWorkspace, blend_constants};
 use crate::render::frame::DepthKeys;
-use crate::render::shaders::{SharedConstants, Slab};
 use crate::render::shaders::fast::{BLOCKS, MAX_BINS};
 use crate::render::shaders::slabs::*;
+use crate::render::shaders::{SharedConstants, Slab};
 use crate::rules::Background;
 
 /// Workgroups of `project` for a page.
@@ -157,14 +157,7 @@ impl FastStages {
         cmd.dispatch(&self.list, bindings, push, groups);
     }
 
-    fn blend(
-        &self,
-        cmd: &mut Commands,
-        work: &FastWorkspace,
-        grid: BinGrid,
-        image: &Image,
-        open_bins: &Buffer<u32>,
-    ) {
+    fn blend(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid, image: &Image, open_bins: &Buffer<u32>) {
         let bindings = BlendBindings {
             bins: &work.bins,
             bin_order: &work.bin_order,

@@ -18,6 +18,7 @@ mod cut;
 mod draw;
 mod fast;
 mod listed;
+mod parts;
 mod pool;
 mod supply;
 mod visible;
@@ -26,5 +27,6 @@ mod visible;
 mod tests;
 
 pub(super) use draw::{Drawn, Slabs};
+pub use parts::Parts;
 pub use pool::PagesRead;
 pub(super) use pool::{Pool, slots_in};

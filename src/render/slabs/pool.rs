@@ -60,7 +60,9 @@ impl Pool {
     /// [`OutOfMemory`] if there is no memory to read pages into.
     pub fn new(device: &Device, pages: Pages, planes: Vec<Buffer<u32>>, slots: usize) -> Result<Self> {
         let words = pages.geometry_words() + pages.colour_words();
-        let room = (STAGED / 4 / words).clamp(1, slots.max(1));
+        // Under a small limit, what is read at a time takes a small part of it.
+        let bytes = STAGED.min(device.free_bytes() as usize / 8);
+        let room = (bytes / 4 / words).clamp(1, slots.max(1));
         let staged = || anyhow::Ok(Staged { memory: Staging::new(device, "pages", room * words)?, copy: None });
         let capacity = NonZeroUsize::new(slots).context("a pool has a slot")?;
         Ok(Self {
@@ -143,11 +145,8 @@ impl Pool {
         let slots: Vec<usize> = part.iter().map(|page| take_slot(&mut self.slots, *page) as usize).collect();
         let mut start = 0;
         for (plane, words) in self.planes.iter().zip(&self.plane_words) {
-            let (stride, base) = if start < geometry {
-                (geometry, start)
-            } else {
-                (colours, part.len() * geometry + start - geometry)
-            };
+            let (stride, base) =
+                if start < geometry { (geometry, start) } else { (colours, part.len() * geometry + start - geometry) };
             let regions: Vec<_> =
                 slots.iter().enumerate().map(|(k, slot)| (base + k * stride, slot * words, *words)).collect();
             cmd.upload_parts(&self.staged[1 - self.next].memory, plane, &regions);
@@ -210,7 +209,11 @@ fn runs_of(pages: &[u32]) -> Vec<std::ops::Range<usize>> {
 /// The words of a page in each plane, in the order in which pages have them.
 fn plane_words(layout: &Layout) -> Vec<usize> {
     let planes = |words: usize| (0..words.div_ceil(4)).map(move |plane| 4 * PAGE / share(words, plane));
-    std::iter::once(4 * PAGE).chain(planes(layout.shape_words())).chain([PAGE]).chain(planes(layout.sh_words())).collect()
+    std::iter::once(4 * PAGE)
+        .chain(planes(layout.shape_words()))
+        .chain([PAGE])
+        .chain(planes(layout.sh_words()))
+        .collect()
 }
 
 /// The slots that fit into `bytes`, at most all pages of the scene.

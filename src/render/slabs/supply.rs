@@ -8,7 +8,8 @@ use anyhow::Result;
 
 use super::cut::{Estimate, Place};
 use super::listed::{Element, ListedPage};
-use super::pool::Pool;
+use super::parts::Parts;
+use super::pool::{PagesRead, Pool};
 use super::visible::{Open, PlacedCamera, Sight, VisiblePage};
 use crate::camera::Camera;
 use crate::gpu::{Buffer, Device};
@@ -34,13 +35,7 @@ pub struct Paged<'a> {
 }
 
 impl<'a> Supply<'a> {
-    pub fn of(
-        scene: &'a GpuScene,
-        camera: &Camera,
-        options: &Options,
-        keys: DepthKeys,
-        grid: BinGrid,
-    ) -> Self {
+    pub fn of(scene: &'a GpuScene, camera: &Camera, options: &Options, keys: DepthKeys, grid: BinGrid) -> Self {
         let Some(pool) = scene.pool() else { return Self::Whole(scene.len()) };
         let alpha_min = pool.pages().alpha_min();
         let sight = Sight { rules: &options.rules, alpha_min, keys, bin_px: grid.bin_px(), bins: grid.bins };
@@ -57,6 +52,20 @@ impl<'a> Supply<'a> {
             Self::Whole(gaussians) => Estimate::uniform(end, *gaussians as f64),
             Self::Paged(paged) => Estimate::of(end, paged.visible.iter().map(|page| (page.keys, page.count))),
         }
+    }
+
+    /// The report of a frame that begins: `since` ends it.
+    pub fn parts(&self) -> Parts {
+        let Self::Paged(paged) = self else { return Parts::default() };
+        let PagesRead { pages, bytes } = paged.pool.read;
+        Parts { pages_in_view: paged.visible.len() as u64, pages_read: pages, bytes_read: bytes, ..Parts::default() }
+    }
+
+    /// What was read since the frame began.
+    pub fn since(&self, begin: Parts) -> Parts {
+        let Self::Paged(paged) = self else { return begin };
+        let PagesRead { pages, bytes } = paged.pool.read;
+        Parts { pages_read: pages - begin.pages_read, bytes_read: bytes - begin.bytes_read, ..begin }
     }
 
     /// The indices of Gaussians, if pages have them.

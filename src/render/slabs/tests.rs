@@ -26,13 +26,8 @@ fn compare(options: &Options, gaussians: &Gaussians, room: u64) -> u32 {
     let mut fast = FastPipeline::new(&device, options, scene.layout()).unwrap().unwrap();
     let grid = fast.grid(camera.size_px, scene.len());
     fast.prepare(&device, grid).unwrap();
-    let capacity = Capacity {
-        gaussians: scene.len(),
-        visible: room,
-        spans: room,
-        listed: 2 * room,
-        cells: grid.count() as usize,
-    };
+    let capacity =
+        Capacity { gaussians: scene.len(), visible: room, spans: room, listed: 2 * room, cells: grid.count() as usize };
     let work = FastWorkspace::new(&device, capacity, fast.splat_elements()).unwrap();
     let image = Image::new(&device, "image", 200, 130).unwrap();
     let mut slabs = Slabs::new(&device, &fast, &scene).unwrap();
@@ -41,15 +36,17 @@ fn compare(options: &Options, gaussians: &Gaussians, room: u64) -> u32 {
     let drawn = slabs.draw(&device, (&fast, &work, options), shot, target).unwrap();
     let parts = read_pixels(&device, &image).unwrap();
     let differ = parts.rgba.iter().zip(&whole.rgba).filter(|(a, b)| a.map(f32::to_bits) != b.map(f32::to_bits)).count();
-    assert_eq!(differ, 0, "pixels that differ in {} slabs", drawn.slabs);
+    assert_eq!(differ, 0, "pixels that differ in {} slabs", drawn.parts.slabs);
     assert_eq!(device.validation_messages(), Vec::<String>::new());
-    drawn.slabs
+    drawn.parts.slabs
 }
 
 #[test]
 fn a_frame_in_slabs_has_the_bits_of_a_whole_frame() {
     let gaussians = synthetic::cactus(20_000).unwrap().gaussians;
-    for options in [Options::EXACT, Options::BALANCED, Options::FAST, Options::PREVIEW, Options {stop: 0.0, ..Options::BALANCED}] {
+    for options in
+        [Options::EXACT, Options::BALANCED, Options::FAST, Options::PREVIEW, Options { stop: 0.0, ..Options::BALANCED }]
+    {
         for room in [20_000, 5_000, 300] {
             let slabs = compare(&options, &gaussians, room);
             assert!(slabs > 1 || room > 10_000, "{room}: {slabs} slabs");

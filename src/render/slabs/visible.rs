@@ -93,13 +93,7 @@ impl Sight<'_> {
 
     /// The columns and rows of bins that splats with means in this box may touch; `None` if they miss the picture.
     /// `across`: the box along the right and down axes of the camera; `depth`: along the viewing direction.
-    fn bins_of(
-        &self,
-        camera: &Camera,
-        across: [[f64; 2]; 2],
-        depth: [f64; 2],
-        page: &Page,
-    ) -> Option<[[u16; 2]; 2]> {
+    fn bins_of(&self, camera: &Camera, across: [[f64; 2]; 2], depth: [f64; 2], page: &Page) -> Option<[[u16; 2]; 2]> {
         let opacity = f64::from(page.highest_opacity).min(1.0);
         let deviations = (2.0 * (opacity / f64::from(self.alpha_min)).max(1.0).ln()).sqrt() * 1.02;
         let mut found = [[0; 2]; 2];
@@ -192,9 +186,8 @@ mod tests {
             for right in left..=7 {
                 for top in 0..5 {
                     for bottom in top..=5 {
-                        let inside = |bin: u16| {
-                            (left..right).contains(&(bin % 7)) && (top..bottom).contains(&(bin / 7))
-                        };
+                        let inside =
+                            |bin: u16| (left..right).contains(&(bin % 7)) && (top..bottom).contains(&(bin / 7));
                         let page = VisiblePage {
                             page: 0,
                             view: 0,
