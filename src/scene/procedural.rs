@@ -1,5 +1,5 @@
-//! Procedural scenes: the cactus, places around the camera, a town, and two clouds at the extremes of tile density. They
-//! are seeded and equal everywhere.
+//! Procedural scenes: the cactus, places around the camera, a town, and two clouds at the extremes of tile density.
+//! They are seeded and equal everywhere.
 
 use std::ops::Range;
 
