@@ -182,7 +182,7 @@ impl FilmArgs {
         let Some(file) = &self.path else { return Ok(None) };
         if let Some(path) = file.to_str().and_then(TownPath::named) {
             let count = (TOWN_SECONDS * self.fps().value).ceil() as usize;
-            let town = scene.procedural().transpose()?;
+            let town = scene.town()?;
             return Ok(Some(town_cameras(town, path, size_px, count)?));
         }
         let timeline = Timeline::read(file).map_err(|problem| Unreadable::new(file, &problem))?;
