@@ -3,22 +3,15 @@
 // Requires: the bindings and push constants of fast/project.comp, and as macros
 //   VIEW             the camera, in the axes and units of the Gaussians
 //   INDEX_OF(g)      the index by which Gaussian g is ordered among those of equal depth
-//   IN_WORLD(depth)  a depth in world units
-//   NEAR             the near plane in world units
+//   IN_WORLD(depth) and NEAR, as depth_key.glsl says
 #define LISTED (uvec2(BIN_COLUMNS, BIN_ROWS) * uvec2(BLOCK_WIDTH, push.block_height))
 #include "shared/ellipse.glsl"
 #include "fast/splat.glsl"
 #include "shared/storage.glsl"
 #include "shared/cull_test.glsl"
 #include "shared/projection.glsl"
+#include "shared/depth_key.glsl"
 #include "shared/spans.glsl"
-
-// The depth key of a mean at the view depth `z`.
-uint depth_key(vec3 mean, float z) {
-    float far = IN_WORLD(BY_DISTANCE ? distance_of(mean, VIEW) : z);
-    uint depth = floatBitsToUint(far) - floatBitsToUint(NEAR);  // positive floats order like their bits
-    return min(depth >> push.depth_shift, push.depth_limit);
-}
 
 const bool SH_EARLY = SH_STORED_PLANES <= 3;
 shared uint survivors[PROJECT_CHUNK];

@@ -10,7 +10,7 @@
 // (docs/accuracy.md). These bounds are proven; an allowance for the rounding of f32 is added.
 // Before: ranges and sorted splat_ids, of splats that are listed wherever their alpha reaches the listing threshold.
 // After: image = (colour over the background, 1 - T), certificate = the bound on every channel. Between the passes of a
-// long list, image holds what it holds in blend.comp, and certificate (sum so far, brightest colour so far).
+// long list, image holds what it holds in blend.comp, and certificate (sum, brightest colour, number of terms so far).
 
 layout(constant_id = 1) const bool RESUME = false;  // not the first pass
 
@@ -61,10 +61,12 @@ void main() {
     vec3 colour = state.rgb;
     float transmittance = abs(state.a);
     bool stopped = !inside || state.a < 0.0;
-    vec2 so_far = RESUME && inside ? imageLoad(certificate, ivec2(pixel)).rg : vec2(0.0);
+    vec3 so_far = RESUME && inside ? imageLoad(certificate, ivec2(pixel)).rgb : vec3(0.0);
     float sum = so_far.x, brightest = so_far.y;
 
     uvec2 list = ranges[tile];
+    // The passes of one list count it once, those of several slabs each their own.
+    float terms = so_far.z + (push.pass_begin == 0 ? float(list.y - list.x) : 0.0);
     if (lane() == 0) {
         brightest_bits = 0;
         atomicMax(totals.longest_list, list.y - list.x);  // a maximum: order does not matter
@@ -108,9 +110,9 @@ void main() {
     if (!inside) return;
     float range = max(brightest, max(push.background.r, max(push.background.g, push.background.b)));
     // The sum itself is rounded, by at most one unit per term.
-    float rounded = 1.0 + 1e-3 + float(list.y - list.x) * ULP;
+    float rounded = 1.0 + 1e-3 + terms * ULP;
     float bound = rounded * range * sum + push.unlisted;
     imageStore(
-        certificate, ivec2(pixel), push.last_pass == 1 ? vec4(vec3(bound), 1.0) : vec4(sum, brightest, 0.0, 0.0));
+        certificate, ivec2(pixel), push.last_pass == 1 ? vec4(vec3(bound), 1.0) : vec4(sum, brightest, terms, 0.0));
     end_pixel(pixel, colour, transmittance, stopped);
 }

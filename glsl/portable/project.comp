@@ -33,53 +33,7 @@ layout(push_constant, scalar) uniform Push {
     uint depth_shift;  // lowest bits that depth keys leave out
 } push;
 
-#include "shared/storage.glsl"
-#include "shared/projection.glsl"
-#include "shared/spans.glsl"
-
-shared uint first_span;
-
-void main() {
-    uint index = workgroup() * WORKGROUP + lane();
-    bool exists = index < totals.visible_kept;
-    uint gaussian = exists ? gaussian_from_splat[index] : 0;
-    vec3 mean = exists ? uintBitsToFloat(bounds[gaussian].xyz) : vec3(0.0);
-    precise vec3 p = (mean - push.view.position_high) - push.view.position_low;
-
-    Splat splat;
-    Ellipse ellipse = EMPTY_ELLIPSE;
-    float z = max(depth_of(mean, push.view), push.view.near);
-    if (exists) project(gaussian, p, z, splat, ellipse);
-    uvec2 rows = tile_rows(ellipse, push.view.size_px);  // first, count
-
-    uint total;
-    uint offset = workgroup_exclusive_add(rows.y, total);
-    if (lane() == 0) {
-        first_span = atomicAdd(totals.spans, total);  // any order is right: spans are found through their range
-        // More than 2^32 spans have at least as many instances, so the frame is refused in the same way.
-        if (first_span + total < first_span) atomicAdd(totals.listed_high, 1);
-    }
-    barrier();
-    offset += first_span;
-    bool fits = offset <= push.span_capacity && rows.y <= push.span_capacity - offset;
-    if (!fits) rows.y = 0;
-
-    uint tiles = write_spans(ellipse, rows, offset);
-    workgroup_exclusive_add(tiles, total);
-    if (lane() == 0) {
-        uint before = atomicAdd(totals.listed_low, total);  // a sum of integers: order does not matter
-        if (before + total < before) atomicAdd(totals.listed_high, 1);
-    }
-    if (!exists) return;
-    span_ranges[index] = tiles == 0 ? uvec2(0) : uvec2(offset, rows.x | rows.y << 16);
-    tile_counts[index] = tiles;
-    float far = BY_DISTANCE && tiles > 0 ? distance_of(mean, push.view) : z;
-    uint depth = floatBitsToUint(far) - floatBitsToUint(push.view.near);  // positive floats order like their bits
-    depth_keys[index] = tiles == 0 ? push.depth_limit : min(depth >> push.depth_shift, push.depth_limit - 1);
-    if (tiles > 0) {
-        uvec4 stored[SH_PLANES];
-        fetch_sh(gaussian, stored);
-        splat.colour = stored_colour(stored, direction(p));
-        splats[index] = splat;
-    }
-}
+#define FIND(visible) (visible)
+#define IN_WORLD(depth) (depth)
+#define NEAR push.view.near
+#include "portable/make_splat.glsl"

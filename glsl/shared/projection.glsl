@@ -1,7 +1,6 @@
 // The projection of a Gaussian to a splat.
 // Requires: frame.glsl, ellipse.glsl, rotation.glsl, storage.glsl, VIEW
 
-layout(constant_id = 3) const bool BY_DISTANCE = false;  // depth keys are distances from the camera
 layout(constant_id = 4) const bool ANTIALIASED = false;  // opacities compensate for the low-pass
 
 const float COMPENSATION_MIN = 0.005;  // lower limit of the factor of an opacity (gsplat)

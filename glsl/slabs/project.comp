@@ -40,31 +40,16 @@ layout(push_constant, scalar) uniform Push {
     uint block_height;  // px
 } push;
 
-View seen;
-float scale;
-ListedPage page;
-
-// The index of a Gaussian in its scene, among all placed scenes: it orders splats of equal depth.
-uint index_of(uint gaussian) {
-    bool has_indices = (page.filled & HAS_INDICES) != 0;
-    return page.first + (has_indices ? indices[gaussian] : gaussian - page.slot * PAGE);
-}
-
+#include "slabs/found.glsl"
+#include "slabs/index.glsl"
 #define INDEX_OF(gaussian) index_of(gaussian)
-#define IN_WORLD(depth) (scale * (depth))
-#define NEAR push.near
 #include "fast/make_splat.glsl"
 
 const uint QUARTER = PAGE / 4;
 
 void main() {
     if (workgroup() >= 4 * push.pages) return;
-    page = page_of(listed[push.first_page + workgroup() / 4]);
-    uint view = page.view * VIEW_ELEMENTS;
-    PlacedView placed = placed_view_of(uintBitsToFloat(listed[view]), uintBitsToFloat(listed[view + 1]),
-        uintBitsToFloat(listed[view + 2]), uintBitsToFloat(listed[view + 3]), uintBitsToFloat(listed[view + 4]));
-    seen = view_of(placed, push.focal_px, push.centre_px, push.size_px);
-    scale = placed.scale;
+    turn_to(workgroup() / 4);
     uint begin = workgroup() % 4 * QUARTER, end = min(begin + QUARTER, page.filled & ~HAS_INDICES);
     if (begin >= end) return;
     if (lane() == 0) found = splats_here = spans_here = 0;

@@ -1,0 +1,65 @@
+#version 460
+#define VIEW seen
+#include "shared/workgroup.glsl"
+#include "portable/frame.glsl"
+#include "slabs/slab.glsl"
+// One workgroup per listed page: marks those of its Gaussians that may touch the image and are in the slab, as cull of
+// the portable path does for a chunk of 1024 Gaussians.
+
+layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
+layout(binding = 1, scalar) writeonly buffer VisibleMasks { uint visible_masks[]; };        // [pages * 32]
+layout(binding = 2, scalar) writeonly buffer ChunkCounts { uint chunk_counts[]; };          // [pages]
+layout(binding = 3, scalar) readonly buffer Listed { uvec4 listed[]; };                     // [elements]
+layout(binding = 4, scalar) readonly buffer Indices { uint indices[]; };                    // [gaussians] at most
+layout(push_constant, scalar) uniform Push {
+    Slab slab;
+    vec2 focal_px;
+    vec2 centre_px;
+    uvec2 size_px;
+    float near;        // world units
+    uint first_page;   // the element of `listed` with the first page
+    uint pages;
+    uint depth_limit;  // the largest depth key of a splat with tiles
+    uint depth_shift;  // lowest bits that depth keys leave out
+} push;
+
+#include "slabs/found.glsl"
+#include "slabs/index.glsl"
+#include "shared/cull_test.glsl"
+#include "shared/depth_key.glsl"
+
+const uint WORDS = PAGE / 32;
+shared uint words[WORDS];
+shared uint count;
+
+void main() {
+    if (workgroup() >= push.pages) return;
+    turn_to(workgroup());
+    if (lane() < WORDS) words[lane()] = 0;
+    if (lane() == 0) count = 0;
+    barrier();
+    for (uint i = lane(); i < PAGE; i += WORKGROUP) {
+        uint gaussian = page.slot * PAGE + i;
+        float z = 0.0;
+        bool visible = i < (page.filled & ~HAS_INDICES) && may_be_visible(bounds[gaussian], z);
+        if (visible) {
+            vec3 mean = uintBitsToFloat(bounds[gaussian].xyz);
+            visible = is_in(push.slab, uvec2(depth_key(mean, z), index_of(gaussian)));
+        }
+        uvec4 ballot = subgroupBallot(visible);
+        if (subgroupElect()) {
+            // `first` is a multiple of the subgroup size. The bits are disjoint: order does not matter.
+            uint first = i - gl_SubgroupInvocationID;
+            for (uint w = 0; w * 32 < gl_SubgroupSize; w++) {
+                atomicOr(words[first / 32 + w], ballot[w] << (first % 32));
+            }
+        }
+    }
+    barrier();
+    if (lane() < WORDS) {
+        visible_masks[workgroup() * WORDS + lane()] = words[lane()];
+        atomicAdd(count, bitCount(words[lane()]));  // a sum of integers: order does not matter
+    }
+    barrier();
+    if (lane() == 0) chunk_counts[workgroup()] = count;
+}

@@ -1,0 +1,26 @@
+#version 460
+#include "shared/workgroup.glsl"
+#include "portable/frame.glsl"
+#include "slabs/slab.glsl"
+// One invocation per visible Gaussian of the listed pages: writes its index, by which splats of equal depth are ordered.
+// Before: gaussian_from_splat from cull_compact. After: index_keys has the indices.
+
+layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };
+layout(binding = 1, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };   // [visible_capacity] of listed pages
+layout(binding = 2, scalar) readonly buffer Listed { uvec4 listed[]; };                     // [elements]
+layout(binding = 3, scalar) readonly buffer Indices { uint indices[]; };                    // [gaussians] at most
+layout(binding = 4, scalar) writeonly buffer IndexKeys { uint index_keys[]; };              // [visible_capacity]
+layout(push_constant, scalar) uniform Push {
+    uint first_page;  // the element of `listed` with the first page
+} push;
+
+ListedPage page;
+#include "slabs/index.glsl"
+
+void main() {
+    uint splat = workgroup() * WORKGROUP + lane();
+    if (splat >= totals.visible_kept) return;
+    uint element = gaussian_from_splat[splat];
+    page = page_of(listed[push.first_page + element / PAGE]);
+    index_keys[splat] = index_of(page.slot * PAGE + element % PAGE);
+}

@@ -1,0 +1,41 @@
+#version 460
+#define VIEW seen
+#include "shared/workgroup.glsl"
+#include "shared/ballot.glsl"
+#include "portable/frame.glsl"
+#include "slabs/slab.glsl"
+#include "shared/depth.glsl"
+#include "shared/harmonics.glsl"
+const uvec2 LISTED = uvec2(TILE, TILE);
+#include "shared/ellipse.glsl"
+#include "shared/grids.glsl"
+#include "shared/rotation.glsl"
+// As project of the portable path, for Gaussians of listed pages.
+
+layout(binding = 0, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };   // [visible_capacity] of listed pages
+layout(binding = 1, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
+layout(binding = 2, scalar) readonly buffer GridsBlock { Grids grids; };
+layout(binding = 3, scalar) readonly buffer Shapes { uvec4 plane[]; } shapes[2];            // [gaussians] at most each
+layout(binding = 4, scalar) readonly buffer Sh { uvec4 plane[]; } sh[SH_PLANES];            // [gaussians] at most each
+layout(binding = 5, scalar) writeonly buffer Splats { Splat splats[]; };                    // [visible_capacity]
+layout(binding = 6, scalar) writeonly buffer DepthKeys { uint depth_keys[]; };              // [visible_capacity]
+// span_ranges: (first span, first row | rows << 16).
+layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity]
+layout(binding = 8, scalar) writeonly buffer TileCounts { uint tile_counts[]; };            // [visible_capacity]
+layout(binding = 9, scalar) writeonly buffer Spans { uint spans[]; };                       // [span_capacity]
+layout(binding = 10, scalar) buffer TotalsBlock { Totals totals; };
+layout(binding = 11, scalar) readonly buffer Listed { uvec4 listed[]; };                    // [elements]
+layout(push_constant, scalar) uniform Push {
+    vec2 focal_px;
+    vec2 centre_px;
+    uvec2 size_px;
+    float near;        // world units
+    uint first_page;   // the element of `listed` with the first page
+    uint span_capacity;
+    uint depth_limit;  // the largest depth key, for splats without tiles
+    uint depth_shift;  // lowest bits that depth keys leave out
+} push;
+
+#include "slabs/found.glsl"
+#define FIND(visible) found_gaussian(visible)
+#include "portable/make_splat.glsl"

@@ -1,0 +1,30 @@
+#version 460
+#define VIEW seen
+#include "shared/workgroup.glsl"
+#include "portable/frame.glsl"
+#include "slabs/slab.glsl"
+#include "shared/depth.glsl"
+// One invocation per visible Gaussian of the listed pages: writes its view depth as the colour of its splat, as
+// shade_attribute does.
+// Before: splats from project_tiles. After: the colour of each splat is its depth in world units.
+
+layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };
+layout(binding = 1, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };   // [visible_capacity] of listed pages
+layout(binding = 2, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
+layout(binding = 3, scalar) readonly buffer Listed { uvec4 listed[]; };                     // [elements]
+layout(binding = 4, scalar) writeonly buffer Splats { Splat splats[]; };                    // [visible_capacity]
+layout(push_constant, scalar) uniform Push {
+    vec2 focal_px;
+    vec2 centre_px;
+    uvec2 size_px;
+    uint first_page;  // the element of `listed` with the first page
+} push;
+
+#include "slabs/found.glsl"
+
+void main() {
+    uint splat = workgroup() * WORKGROUP + lane();
+    if (splat >= totals.visible_kept) return;
+    uint gaussian = found_gaussian(gaussian_from_splat[splat]);
+    splats[splat].colour = vec3(IN_WORLD(depth_of(uintBitsToFloat(bounds[gaussian].xyz), seen)));
+}
