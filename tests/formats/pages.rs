@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
 use smalto::options::{Options, Storage};
-use smalto::scene::{self, Cancelled, Gaussians, Reading, Scene, Transform, Unreadable, Watch, synthetic};
+use smalto::scene::{self, Cancelled, Gaussians, Procedural, Reading, Scene, Transform, Unreadable, Watch, synthetic};
 use smalto::storage::convert::{Blocks, Finished, Job, Settings, Take, write_blocks, write_in_order, write_whole};
 use smalto::storage::{self, PADDING, PAGE, PageFile, Pages, Statistics};
 
@@ -316,7 +316,8 @@ fn the_commands_read_page_files() {
 /// A stray Gaussian does not keep the others from being sorted.
 #[test]
 fn a_stray_gaussian_leaves_pages_small() {
-    let gaussians = synthetic::cactus(20 * PAGE).unwrap().gaussians;
+    let ball = Procedural::parse("many-small:20480").unwrap().unwrap();
+    let gaussians = ball.make().unwrap().gaussians;
     let far = gaussians.selected(&[0]).unwrap();
     let far = far.transformed(&Transform::new(DQuat::IDENTITY, DVec3::splat(1e9), 1.0).unwrap()).unwrap();
     let both = Gaussians::joined([&gaussians, &far].into_iter()).unwrap();
@@ -345,7 +346,7 @@ fn a_killed_conversion_goes_on_where_it_was() {
     let mut killed = convert();
     let state = folder.path().join(".out.smalto.unfinished/state.json");
     let done = |text: String| serde_json::from_str::<serde_json::Value>(&text).ok()?["done"].as_u64();
-    while !fs::read_to_string(&state).ok().and_then(done).is_some_and(|done| done >= 2) {
+    while fs::read_to_string(&state).ok().and_then(done).is_none_or(|done| done < 2) {
         assert!(killed.try_wait().unwrap().is_none(), "it ended before it was killed");
         std::thread::sleep(std::time::Duration::from_micros(200));
     }
