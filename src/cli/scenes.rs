@@ -21,8 +21,8 @@ use crate::storage::{self, PageFile};
 #[derive(Args)]
 pub(super) struct SceneArg {
     /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb, .gltf or .smalto), folder of a SOG, model
-    /// folder of the original 3DGS, - for a file on standard input, or procedural scene: cactus, room, plain, few-large or
-    /// many-small, optionally with :COUNT Gaussians
+    /// folder of the original 3DGS, - for a file on standard input, or procedural scene: cactus, room, plain, few-large
+    /// or many-small, optionally with :COUNT Gaussians
     #[arg(default_value = "cactus")]
     pub scene: PathBuf,
     #[command(flatten)]
