@@ -5,6 +5,7 @@ mod writing;
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
@@ -115,6 +116,31 @@ fn words_are_the_same_from_a_file_and_from_memory() {
 }
 
 #[test]
+fn threads_read_pages_at_the_same_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let gaussians = synthetic::cactus(10 * PAGE).unwrap().gaussians;
+    let out = folder.path().join("a.smalto");
+    write_whole(&job(&out, EXACT), &scene_of(gaussians)).unwrap();
+    let pages = of_file(&out, &Options::BALANCED);
+    let (geometry, colours) = words(&pages);
+    std::thread::scope(|threads| {
+        for thread in 0..4 {
+            let (pages, geometry, colours) = (pages.clone(), &geometry, &colours);
+            threads.spawn(move || {
+                let each = [pages.geometry_words(), pages.colour_words()];
+                for page in (0..40).map(|i| (i * 7 + thread) % 10) {
+                    let [mut shapes, mut sh] = each.map(|words| vec![0; words]);
+                    pages.read_geometry(page..page + 1, &mut shapes).unwrap();
+                    pages.read_colours(page..page + 1, &mut sh).unwrap();
+                    assert!(shapes == geometry[page * each[0]..][..each[0]]);
+                    assert!(sh == colours[page * each[1]..][..each[1]]);
+                }
+            });
+        }
+    });
+}
+
+#[test]
 fn pages_hold_each_gaussian_once_near_its_neighbours() {
     let gaussians = synthetic::cactus(4 * PAGE + 100).unwrap().gaussians;
     let pages = of_memory(&gaussians, &Options::EXACT);
@@ -148,6 +174,9 @@ fn the_commands_read_page_files() {
     assert!(said.contains("pages of PLY"), "{said}");
     ok(&["convert", &out, &again]);
     assert!(read(&again) == read(PLUSH));
+    let piped =
+        Command::new(env!("CARGO_BIN_EXE_smalto")).args(["info", "-"]).stdin(fs::File::open(&out).unwrap()).output();
+    assert!(String::from_utf8(piped.unwrap().stdout).unwrap().starts_with("-: pages of PLY"));
     ok(&["convert", PLUSH, &out, "--storage", "balanced", "--min-opacity", "0.5", "--up", "y"]);
     let kept = read(&out);
     assert!(kept.len() < read(PLUSH).len() && kept.opacities().iter().all(|opacity| *opacity > 0.499));
