@@ -4,7 +4,7 @@ use std::fs::File;
 
 use anyhow::{Result, bail, ensure};
 
-use super::job::{Blocks, Finished, Job, PAGES, check_count, finish, first_passes};
+use super::job::{Blocks, Finished, Job, PAGES, STATE, check_count, finish, first_passes};
 use super::output::Output;
 use crate::files::Kept;
 use crate::options::{Options, Storage};
@@ -19,7 +19,7 @@ use crate::storage::statistics::{Accumulator, Statistics};
 /// # Errors
 /// Those of the source; if the file cannot be written; [`Cancelled`].
 pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
-    let kept = Kept::beside(job.output)?;
+    let kept = Kept::beside(job.output, STATE)?;
     kept.clear()?;
     let file = kept.file(PAGES)?;
     let is_plain = |storage: Storage| storage == Storage::F32;

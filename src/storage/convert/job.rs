@@ -70,7 +70,7 @@ pub struct Finished {
 
 /// The names of the kept files.
 pub(super) const PAGES: &str = "pages";
-const STATE: &str = "state.json";
+pub(super) const STATE: &str = "state.json";
 const HEADER_FILE: &str = "header";
 const REST: &str = "rest";
 
@@ -110,7 +110,7 @@ pub(super) fn check_count(count: usize) -> Result<()> {
 pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
     let gaussians = &scene.gaussians;
     check_count(gaussians.len())?;
-    let kept = Kept::beside(job.output)?;
+    let kept = Kept::beside(job.output, STATE)?;
     kept.clear()?;
     let statistics = Statistics::of(gaussians);
     let layout = Layout::of(&statistics, &job.settings.options);
@@ -169,7 +169,7 @@ pub(super) fn first_passes(job: &Job, blocks: &Blocks, parts: f64) -> Result<(Sc
 /// Those of the source; if the file cannot be written; [`Cancelled`].
 pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) -> Result<Finished> {
     ensure!(job.settings.memory >= LEAST_MEMORY, "pages cannot be sorted in {} bytes", job.settings.memory);
-    let kept = Kept::beside(job.output)?;
+    let kept = Kept::beside(job.output, STATE)?;
     let work = Work::on(source, &(&job.settings, &job.title, changes));
     let (mut state, header) = match work.as_ref().and_then(|work| resumed(&kept, work)) {
         Some(found) => found,

@@ -8,7 +8,7 @@ use smalto::storage::convert::write_whole;
 use smalto::storage::{self, PAGE, PageFile};
 
 use super::{EXACT, job, of_file, scene_of, watch};
-use crate::common::program::{ok, path};
+use crate::common::program::{fails, ok, path};
 
 #[test]
 fn every_flipped_byte_is_found_or_harmless() {
@@ -45,6 +45,18 @@ fn every_flipped_byte_is_found_or_harmless() {
     }
     fs::write(&out, [&whole[..], &[0]].concat()).unwrap();
     assert!(PageFile::open(&out).is_err(), "one byte more");
+}
+
+#[test]
+fn a_source_that_cannot_be_read_leaves_nothing_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let [source, out] = ["a.ply", "a.smalto"].map(|name| path(&folder, name));
+    ok(&["convert", "cactus:100000", &source]);
+    let bytes = fs::read(&source).unwrap();
+    fs::write(&source, &bytes[..bytes.len() / 2]).unwrap();
+    fails(4, &["convert", &source, &out]);
+    fails(1, &["convert", "cactus:100", &path(&folder, "none/a.smalto")]);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
 #[test]
