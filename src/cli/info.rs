@@ -267,10 +267,8 @@ fn print(report: &Report) -> Result<()> {
     say!("box         {} to {}", point(low), point(high))?;
     say!("opacity     90 % lies within {radius:.4} of {}", point(&centre.map(|v| v as f32)))?;
     if let Some(PagesReport { pages, gaussians_each, bytes, sh_storage, shape_storage, .. }) = &report.pages {
-        let megabytes = *bytes as f64 / 1e6;
-        say!(
-            "pages       {pages} of {gaussians_each} Gaussians, {megabytes:.1} MB: SH in {sh_storage}, shapes in {shape_storage}"
-        )?;
+        let (megabytes, stored) = (*bytes as f64 / 1e6, format!("SH in {sh_storage}, shapes in {shape_storage}"));
+        say!("pages       {pages} of {gaussians_each} Gaussians, {megabytes:.1} MB: {stored}")?;
     }
     let rows = [("opacity", report.opacity), ("scale", report.scale), ("anisotropy", report.anisotropy)];
     if report.opacity.is_some() {

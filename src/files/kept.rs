@@ -9,9 +9,12 @@ use anyhow::{Error, Result, anyhow};
 use super::place::{Place, keep_attributes};
 use super::{cannot_write, described, lock, read_whole};
 
-/// A folder of unfinished work, locked against other runs. It stays when the program ends before the work is done.
+/// A folder of unfinished work, locked against other runs. It stays when the program ends before the work is done, or
+/// fails after the state of the work was kept.
 pub struct Kept {
     folder: PathBuf,
+    /// The name of the file without which the others are of no use.
+    state: &'static str,
     /// The output, and its metadata if there is one already.
     output: PathBuf,
     old: Option<fs::Metadata>,
@@ -19,11 +22,12 @@ pub struct Kept {
 }
 
 impl Kept {
-    /// The folder of the work on `output`, which is made if there is none.
+    /// The folder of the work on `output`, which is made if there is none. It is removed when dropped without a file
+    /// `state`.
     ///
     /// # Errors
     /// If `output` is not a regular file, may not be replaced, or another run works on it.
-    pub fn beside(output: &Path) -> Result<Self> {
+    pub fn beside(output: &Path, state: &'static str) -> Result<Self> {
         let kept = || -> Result<Self> {
             let Place::File { path, old } = Place::of(output)? else {
                 return Err(anyhow!("it is no regular file, and this format is not written in one piece"));
@@ -37,7 +41,7 @@ impl Kept {
             })?;
             let lock_of = File::open(&folder).map_err(|error| described(&error))?;
             lock(&lock_of)?;
-            Ok(Self { folder, output: path, old, _lock: lock_of })
+            Ok(Self { folder, state, output: path, old, _lock: lock_of })
         };
         kept().map_err(|problem| problem.context(cannot_write(output)))
     }
@@ -106,7 +110,7 @@ impl Kept {
             fs::rename(part, &self.output)
         };
         finished().map_err(|error| self.failed(&error))?;
-        _ = fs::remove_dir_all(&self.folder);
+        self.drop_file(self.state);
         Ok(())
     }
 
@@ -123,5 +127,14 @@ impl Kept {
     /// The error of writing.
     pub fn failed(&self, error: &io::Error) -> Error {
         described(error).context(cannot_write(&self.output))
+    }
+}
+
+impl Drop for Kept {
+    fn drop(&mut self) {
+        if !self.folder.join(self.state).exists() {
+            // What stays is removed by the next run.
+            _ = fs::remove_dir_all(&self.folder);
+        }
     }
 }

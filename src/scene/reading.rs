@@ -103,7 +103,8 @@ impl Reading {
     }
 }
 
-/// Reads a scene file with the defaults of [`Reading`]: the finest level, no flip, no transform.
+/// Reads a scene file with the defaults of [`Reading`]: the finest level, no flip, no transform. Page files are read by
+/// the module `storage`.
 ///
 /// # Errors
 /// Those of [`Reading::read`].

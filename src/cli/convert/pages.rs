@@ -8,8 +8,8 @@ use super::{Args, Report, changed, read};
 use crate::cli::{SceneArg, Usage, progress, remark};
 use crate::files::is_stdout;
 use crate::options::{Options, Storage};
-use crate::scene::{Gaussians, LoadReport, Scene, Watch};
-use crate::storage::convert::{Finished, Job, Settings, Take, write_blocks, write_whole};
+use crate::scene::{Gaussians, LoadReport, Procedural, Scene, Watch};
+use crate::storage::convert::{Finished, Job, Settings, Take, write_blocks, write_in_order, write_whole};
 
 /// The number formats of a page file.
 pub const STORAGES: [(&str, &str, Options); 5] = [
@@ -62,6 +62,9 @@ pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path) -> Result<Report>
 
 /// Writes the pages of a scene that is read block by block. `None` if its format is read as a whole.
 fn streamed(args: &Args, input: &SceneArg, job: &Job) -> Result<Option<(Finished, usize)>> {
+    if let Some(town) = input.town()? {
+        return town_in_order(args, town, job).map(Some);
+    }
     let Some(path) = input.path() else { return Ok(None) };
     let reading = args.reading.reading()?;
     if reading.level.is_some() || !reading.comes_in_blocks(&path) {
@@ -80,6 +83,25 @@ fn streamed(args: &Args, input: &SceneArg, job: &Job) -> Result<Option<(Finished
     input.remark(&Scene { report, notices: finished.notices.clone(), ..Scene::empty(&header.format) });
     let removed = report.read.saturating_sub(report.dropped() + header.statistics.count);
     Ok(Some((finished, removed)))
+}
+
+/// Gaussians of a town that are made at a time: whole pages, enough for all cores.
+const MADE: usize = 1 << 20;
+
+/// Writes the pages of a town, whose Gaussians come in the order of their places, without holding it.
+fn town_in_order(args: &Args, town: Procedural, job: &Job) -> Result<(Finished, usize)> {
+    let blocks = |take: &mut Take| {
+        let mut report = LoadReport::default();
+        for first in (0..town.count()).step_by(MADE) {
+            let (block, made) = town.fill(first..town.count().min(first + MADE))?;
+            report = report.and(&made);
+            take(changed(args, block)?, town.count())?;
+        }
+        Ok(Scene { report, ..Scene::empty(&format!("procedural {}", town.name())) })
+    };
+    let finished = write_in_order(job, &blocks)?;
+    let removed = town.count() - finished.header.statistics.count;
+    Ok((finished, removed))
 }
 
 /// Writes the pages of a scene that is read as a whole.

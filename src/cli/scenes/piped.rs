@@ -8,7 +8,8 @@ use anyhow::{Context, Result};
 use tempfile::NamedTempFile;
 
 use crate::files::describe;
-use crate::scene::{NoLevel, Reading, Scene, Unreadable};
+use crate::scene::{NoLevel, Reading, Scene, Unreadable, Watch};
+use crate::storage;
 
 /// True for `-` and for a FIFO, like that of `<(...)`.
 pub fn is_piped(path: &Path) -> bool {
@@ -35,7 +36,8 @@ pub fn read(path: &Path, reading: &Reading, progress: &dyn Fn(f64)) -> Result<Sc
     let from: &mut dyn io::Read =
         if path == Path::new("-") { &mut io::stdin().lock() } else { &mut File::open(path).map_err(unreadable)? };
     io::copy(from, &mut file).with_context(|| format!("{}: cannot be copied to a temporary file", name()))?;
-    reading.read(&kept(&file), progress).map_err(|error| {
+    let watch = Watch { progress, partial: &|_| {}, is_cancelled: &|| false };
+    storage::read(reading, &kept(&file), &watch).map_err(|error| {
         let error = match error.downcast::<NoLevel>() {
             Ok(NoLevel { problem, .. }) => return NoLevel { path: name(), problem }.into(),
             Err(error) => error,

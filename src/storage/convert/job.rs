@@ -1,4 +1,4 @@
-//! The ways to a page file: of a scene in memory, of one that comes in blocks, and of one whose blocks lie apart.
+//! The ways to a page file: of a scene in memory, and of one that comes in blocks.
 
 use std::fs::File;
 use std::path::Path;
@@ -12,7 +12,7 @@ use super::records::{gaussians_of, mean_of, record_words};
 use super::state::{State, Work};
 use crate::files::Kept;
 use crate::options::{Options, Storage};
-use crate::scene::{Cancelled, Curve, Gaussians, Scene, along_curve};
+use crate::scene::{Cancelled, Curve, Gaussians, Scene};
 use crate::storage::layout::Layout;
 use crate::storage::pages::{HEADER, Header, PADDING, PAGE};
 use crate::storage::statistics::{Accumulator, Statistics};
@@ -69,19 +69,19 @@ pub struct Finished {
 }
 
 /// The names of the kept files.
-const PAGES: &str = "pages";
-const STATE: &str = "state.json";
+pub(super) const PAGES: &str = "pages";
+pub(super) const STATE: &str = "state.json";
 const HEADER_FILE: &str = "header";
 const REST: &str = "rest";
 
 impl Job<'_> {
-    fn check(&self) -> Result<()> {
+    pub(super) fn check(&self) -> Result<()> {
         ensure!(!(self.is_cancelled)(), Cancelled);
         Ok(())
     }
 
     /// The header of a file of this scene, whose places are not known yet.
-    fn header(&self, scene: &Scene, statistics: Statistics, layout: Layout) -> Header {
+    pub(super) fn header(&self, scene: &Scene, statistics: Statistics, layout: Layout) -> Header {
         Header {
             statistics,
             layout,
@@ -97,7 +97,7 @@ impl Job<'_> {
     }
 }
 
-fn check_count(count: usize) -> Result<()> {
+pub(super) fn check_count(count: usize) -> Result<()> {
     ensure!(count > 0, "there are no Gaussians");
     ensure!(count < PADDING as usize, "a page file holds fewer than {PADDING} Gaussians, not {count}");
     Ok(())
@@ -110,7 +110,7 @@ fn check_count(count: usize) -> Result<()> {
 pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
     let gaussians = &scene.gaussians;
     check_count(gaussians.len())?;
-    let kept = Kept::beside(job.output)?;
+    let kept = Kept::beside(job.output, STATE)?;
     kept.clear()?;
     let statistics = Statistics::of(gaussians);
     let layout = Layout::of(&statistics, &job.settings.options);
@@ -128,7 +128,7 @@ pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
     Ok(Finished { header, resumed: 0, buckets: 1, notices: scene.notices.clone() })
 }
 
-fn finish(kept: Kept, file: &File, output: &Output, header: Header) -> Result<()> {
+pub(super) fn finish(kept: Kept, file: &File, output: &Output, header: Header) -> Result<()> {
     let written = output.finish(header).and_then(|()| Ok(file.sync_all()?));
     written.with_context(|| format!("cannot write {}", kept.output().display()))?;
     kept.finish(PAGES)
@@ -138,7 +138,7 @@ const CHANGED: &str = "the source was changed while it was read";
 
 /// A pass over blocks for the statistics, or two of them if the source has other numbers than it says. Returns some
 /// means, too. `parts` is the number of passes of the whole job.
-fn first_passes(job: &Job, blocks: &Blocks, parts: f64) -> Result<(Scene, Statistics, Vec<[f32; 3]>)> {
+pub(super) fn first_passes(job: &Job, blocks: &Blocks, parts: f64) -> Result<(Scene, Statistics, Vec<[f32; 3]>)> {
     let pass = |known: Option<usize>| {
         let mut all: Option<Accumulator> = None;
         let scene = blocks(&mut |block, of| {
@@ -169,7 +169,7 @@ fn first_passes(job: &Job, blocks: &Blocks, parts: f64) -> Result<(Scene, Statis
 /// Those of the source; if the file cannot be written; [`Cancelled`].
 pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) -> Result<Finished> {
     ensure!(job.settings.memory >= LEAST_MEMORY, "pages cannot be sorted in {} bytes", job.settings.memory);
-    let kept = Kept::beside(job.output)?;
+    let kept = Kept::beside(job.output, STATE)?;
     let work = Work::on(source, &(&job.settings, &job.title, changes));
     let (mut state, header) = match work.as_ref().and_then(|work| resumed(&kept, work)) {
         Some(found) => found,
@@ -261,104 +261,4 @@ fn write_bucket(
     let whole = if is_last { order.len() } else { order.len() / PAGE * PAGE };
     output.write(first, &gaussians, &order[..whole], |index| record(index)[0])?;
     Ok(order[whole..].iter().flat_map(|index| record(*index)).copied().collect())
-}
-
-/// Writes a scene whose blocks come in the order of places already, each some pages large: they are sorted in
-/// themselves and written as they come. Where the layout depends on the whole scene, a pass over it comes first.
-///
-/// # Errors
-/// Those of the source; if the file cannot be written; [`Cancelled`].
-pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
-    let kept = Kept::beside(job.output)?;
-    kept.clear()?;
-    let file = kept.file(PAGES)?;
-    let is_plain = |storage: Storage| storage == Storage::F32;
-    let options = &job.settings.options;
-    let is_free = is_plain(options.sh_storage) && is_plain(options.shape_storage);
-    let known = if is_free { None } else { Some(first_passes(job, blocks, 2.0)?.1) };
-    let mut going: Option<Going> = None;
-    let scene = blocks(&mut |block, of| {
-        job.check()?;
-        check_count(of)?;
-        let going = going.get_or_insert_with(|| Going::new(options, known.as_ref(), of, block.sh_degree()));
-        going.add(&file, block).map_err(|error| error.context(format!("cannot write {}", job.output.display())))?;
-        let done = going.statistics.added() as f64 / of as f64;
-        (job.progress)(if known.is_some() { 0.5 + 0.5 * done } else { done });
-        Ok(())
-    })?;
-    let Some(mut going) = going else { bail!("there are no Gaussians") };
-    let statistics = going.end(&file)?;
-    let mut layout = Layout::of(&statistics, options);
-    // Coefficients of degrees that turned out to be 0 are stored, too.
-    layout.sh_degree = going.layout.sh_degree;
-    let header = job.header(&scene, statistics, layout);
-    let output = Output::new(&file, (&header.layout, header.alpha_min), going.pages);
-    finish(kept, &file, &output, header.clone())?;
-    Ok(Finished { header, resumed: 0, buckets: 1, notices: scene.notices })
-}
-
-/// Blocks that are written as they come.
-struct Going {
-    layout: Layout,
-    alpha_min: f32,
-    /// Most pages.
-    pages: usize,
-    statistics: Accumulator,
-    written: usize,
-    /// The Gaussians after the last whole page, and their indices in the scene.
-    rest: Option<(Gaussians, Vec<u32>)>,
-}
-
-impl Going {
-    fn new(options: &Options, known: Option<&Statistics>, of: usize, sh_degree: u32) -> Self {
-        let statistics = Accumulator::new(of, sh_degree);
-        let layout = match known {
-            Some(known) => Layout::of(known, options),
-            None => Layout::plain(sh_degree.min(options.sh_degree)),
-        };
-        let (alpha_min, pages) = (options.rules.alpha_min, of.div_ceil(PAGE));
-        Self { layout, alpha_min, pages, statistics, written: 0, rest: None }
-    }
-
-    fn add(&mut self, file: &File, block: Gaussians) -> Result<()> {
-        let first = self.statistics.added();
-        self.statistics.add(&block);
-        let own = first as u32..(first + block.len()) as u32;
-        let (gaussians, ids) = match self.rest.take() {
-            Some((rest, mut ids)) => {
-                ids.extend(own);
-                (Gaussians::joined([&rest, &block].into_iter())?, ids)
-            }
-            None => (block, own.collect()),
-        };
-        let order = along_curve(gaussians.means());
-        let whole = order.len() / PAGE * PAGE;
-        self.write(file, &gaussians, &order[..whole], &ids)?;
-        if whole < order.len() {
-            // In the order of the scene, as if they came with the next block.
-            let mut rest = order[whole..].to_vec();
-            rest.sort_unstable();
-            let ids = rest.iter().map(|index| ids[*index as usize]).collect();
-            self.rest = Some((gaussians.selected(&rest)?, ids));
-        }
-        Ok(())
-    }
-
-    fn write(&mut self, file: &File, gaussians: &Gaussians, order: &[u32], ids: &[u32]) -> Result<()> {
-        let output = Output::new(file, (&self.layout, self.alpha_min), self.pages);
-        output.write(self.written / PAGE, gaussians, order, |index| ids[index as usize])?;
-        self.written += order.len();
-        Ok(())
-    }
-
-    /// Writes what is left.
-    fn end(&mut self, file: &File) -> Result<Statistics> {
-        if let Some((gaussians, ids)) = self.rest.take() {
-            let order = along_curve(gaussians.means());
-            self.write(file, &gaussians, &order, &ids)?;
-        }
-        ensure!(self.statistics.is_complete(), "the source holds another number of Gaussians than it said");
-        let empty = Accumulator::new(0, 0);
-        Ok(std::mem::replace(&mut self.statistics, empty).finish())
-    }
 }

@@ -1,9 +1,11 @@
 //! Writes page files, of scenes of any size in bounded memory.
 
 mod buckets;
+mod in_order;
 mod job;
 mod output;
 mod records;
 mod state;
 
-pub use job::{Blocks, Finished, Job, LEAST_MEMORY, Settings, Take, write_blocks, write_in_order, write_whole};
+pub use in_order::write_in_order;
+pub use job::{Blocks, Finished, Job, LEAST_MEMORY, Settings, Take, write_blocks, write_whole};

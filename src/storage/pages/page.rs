@@ -56,10 +56,9 @@ impl Page {
         let ids = &geometry[words.ids.clone()];
         for k in (0..PAGE).filter(|k| ids[*k] != PADDING) {
             let bounds = &geometry[4 * k..][..4];
-            for axis in 0..3 {
-                let value = f32::from_bits(bounds[axis]);
-                page.low[axis] = page.low[axis].min(value);
-                page.high[axis] = page.high[axis].max(value);
+            for ((low, high), bits) in page.low.iter_mut().zip(&mut page.high).zip(bounds) {
+                let value = f32::from_bits(*bits);
+                (*low, *high) = (low.min(value), high.max(value));
             }
             let (_, scale, opacity) = layout.unpacked_shape(&words.shape_of(geometry, k));
             page.reach = page.reach.max(f32::from_bits(bounds[3] & 0xffff_0000));

@@ -16,6 +16,8 @@ use super::page::{Entry, Page, PageWords};
 use crate::files::{describe, open_regular, read_exact_at};
 use crate::host_memory::host_zeros;
 use crate::scene::Unreadable;
+use crate::storage::layout::Layout;
+use crate::storage::statistics::Statistics;
 
 /// An open page file. Any number of threads may read pages at the same time. Every read is checked against the
 /// checksums of the file, and fails if the file was changed since it was opened.
@@ -90,6 +92,15 @@ impl PageFile {
 
     pub fn header(&self) -> &Header {
         &self.header
+    }
+
+    pub fn statistics(&self) -> &Statistics {
+        &self.header.statistics
+    }
+
+    /// The layout of the words.
+    pub fn layout(&self) -> &Layout {
+        &self.header.layout
     }
 
     /// The table of the file.

@@ -1,0 +1,145 @@
+//! The ways to write page files, also interrupted ones.
+
+use std::fs;
+use std::path::Path;
+
+use smalto::options::Options;
+use smalto::scene::{Cancelled, Gaussians, Procedural, Scene, synthetic};
+use smalto::storage::convert::{Blocks, Finished, Job, Settings, Take, write_blocks, write_in_order, write_whole};
+use smalto::storage::{PageFile, Statistics};
+
+use super::{EXACT, bits, job, read, scene_of};
+use crate::common::program::{ok, path};
+
+/// A scene that comes in blocks of this size.
+fn in_blocks(gaussians: &Gaussians, block: usize) -> impl Fn(&mut Take) -> anyhow::Result<Scene> + Sync {
+    move |take: &mut Take| {
+        for first in (0..gaussians.len()).step_by(block) {
+            let indices: Vec<u32> = (first..gaussians.len().min(first + block)).map(|i| i as u32).collect();
+            take(gaussians.selected(&indices)?, gaussians.len())?;
+        }
+        Ok(Scene::empty("test"))
+    }
+}
+
+#[test]
+fn every_way_of_writing_gives_the_same_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let gaussians = synthetic::cactus(30_000).unwrap().gaussians;
+    let source = folder.path().join("source");
+    fs::write(&source, "as if").unwrap();
+    let [whole, small] = ["whole.smalto", "small.smalto"].map(|name| folder.path().join(name));
+    for options in [Settings::LOSSLESS, Options::BALANCED] {
+        let settings = Settings { options, ..EXACT };
+        write_whole(&job(&whole, settings), &scene_of(gaussians.clone())).unwrap();
+        for (block, memory) in [(1 << 16, 1 << 30), (777, 4 << 20), (4096, 1 << 20)] {
+            let blocks = in_blocks(&gaussians, block);
+            let job = job(&small, Settings { memory, ..settings });
+            let finished = write_blocks(&job, &source, &blocks, "").unwrap();
+            assert_eq!(finished.buckets > 5, memory < 1 << 30, "{} buckets", finished.buckets);
+            assert!(fs::read(&whole).unwrap() == fs::read(&small).unwrap(), "blocks of {block}, {memory} bytes");
+        }
+    }
+}
+
+#[test]
+fn blocks_that_lie_apart_are_written_as_they_come() {
+    let folder = tempfile::tempdir().unwrap();
+    let gaussians = synthetic::cactus(20_000).unwrap().gaussians;
+    let out = folder.path().join("a.smalto");
+    for (block, options) in [(3000, Settings::LOSSLESS), (4096, Options::BALANCED), (500, Options::BALANCED)] {
+        let blocks = in_blocks(&gaussians, block);
+        write_in_order(&job(&out, Settings { options, ..EXACT }), &blocks).unwrap();
+        let file = PageFile::open(&out).unwrap();
+        assert_eq!(file.pages().len(), 20);
+        assert_eq!(file.header().statistics, Statistics::of(&gaussians));
+        let found = read(&out);
+        if options == Settings::LOSSLESS {
+            assert!(bits(&found) == bits(&gaussians));
+        }
+        assert_eq!(found.means(), gaussians.means());
+    }
+}
+
+/// A job that is cancelled after some questions.
+fn interrupted(output: &Path, source: &Path, blocks: &Blocks, questions: usize) -> anyhow::Result<Finished> {
+    let asked = std::cell::Cell::new(0);
+    let is_cancelled = || {
+        asked.set(asked.get() + 1);
+        asked.get() > questions
+    };
+    let settings = Settings { memory: 2 << 20, ..EXACT };
+    let job = Job { is_cancelled: &is_cancelled, ..job(output, settings) };
+    write_blocks(&job, source, blocks, "")
+}
+
+#[test]
+fn an_interrupted_conversion_goes_on_where_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let gaussians = synthetic::cactus(20_000).unwrap().gaussians;
+    let [source, whole, out] = ["source", "whole.smalto", "out.smalto"].map(|name| folder.path().join(name));
+    fs::write(&source, "as if").unwrap();
+    write_whole(&job(&whole, EXACT), &scene_of(gaussians.clone())).unwrap();
+    let blocks = in_blocks(&gaussians, 5000);
+    // Four blocks in each of two passes, then three buckets.
+    let error = interrupted(&out, &source, &blocks, 8 + 3).err().unwrap();
+    assert!(error.is::<Cancelled>() && !out.exists());
+    let finished = interrupted(&out, &source, &blocks, usize::MAX).unwrap();
+    assert_eq!(finished.resumed, 3, "of {}", finished.buckets);
+    assert!(fs::read(&whole).unwrap() == fs::read(&out).unwrap());
+    // Another source begins anew, and so does one that was interrupted before all were in buckets.
+    for (questions, source_text) in [(8 + 3, "as of another time"), (6, "as of another time")] {
+        interrupted(&out, &source, &blocks, questions).err().unwrap();
+        fs::write(&source, source_text).unwrap();
+        assert_eq!(interrupted(&out, &source, &blocks, usize::MAX).unwrap().resumed, 0);
+        assert!(fs::read(&whole).unwrap() == fs::read(&out).unwrap());
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3, "nothing is left");
+}
+
+#[test]
+fn a_killed_conversion_goes_on_where_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let [source, whole, out] = ["a.ply", "whole.smalto", "out.smalto"].map(|name| path(&folder, name));
+    ok(&["convert", "cactus:60000", &source]);
+    ok(&["convert", &source, &whole]);
+    let convert = || {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_smalto"));
+        command.args(["convert", &source, &out, "--memory", "1"]).stderr(std::process::Stdio::piped());
+        command.stdout(std::process::Stdio::null()).spawn().unwrap()
+    };
+    let mut killed = convert();
+    let state = folder.path().join(".out.smalto.unfinished/state.json");
+    let done = |text: String| serde_json::from_str::<serde_json::Value>(&text).ok()?["done"].as_u64();
+    while fs::read_to_string(&state).ok().and_then(done).is_none_or(|done| done < 2) {
+        assert!(killed.try_wait().unwrap().is_none(), "it ended before it was killed");
+        std::thread::sleep(std::time::Duration::from_micros(200));
+    }
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    assert!(!Path::new(&out).exists());
+    let output = convert().wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && said.contains("buckets were sorted by an earlier run"), "{said}");
+    assert!(fs::read(&whole).unwrap() == fs::read(&out).unwrap());
+}
+
+/// Prints how many Gaussians are written in a second.
+#[test]
+#[ignore = "needs minutes and a free machine"]
+fn speed_of_writing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.smalto");
+    let count = 1 << 20;
+    let scene = Procedural::parse(&format!("many-small:{count}")).unwrap().unwrap().make().unwrap().gaussians;
+    let blocks = |take: &mut Take| {
+        (0..4).try_for_each(|_| take(scene.clone(), 4 * count))?;
+        Ok(Scene::empty("test"))
+    };
+    for options in [Settings::LOSSLESS, Options::BALANCED] {
+        let started = std::time::Instant::now();
+        write_in_order(&job(&out, Settings { options, ..EXACT }), &blocks).unwrap();
+        let each = started.elapsed().as_secs_f64() / (4 * count) as f64 * 1e9;
+        println!("{each:.0} ns a Gaussian on {} threads", rayon::current_num_threads());
+    }
+}
