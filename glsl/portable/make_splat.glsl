@@ -12,7 +12,8 @@ shared uint first_span;
 void main() {
     uint index = workgroup() * WORKGROUP + lane();
     bool exists = index < totals.visible_kept;
-    uint gaussian = exists ? FIND(gaussian_from_splat[index]) : 0;
+    // Lanes without a splat of their own have a view, too: they share the work of large splats.
+    uint gaussian = FIND(exists ? gaussian_from_splat[index] : 0);
     vec3 mean = exists ? uintBitsToFloat(bounds[gaussian].xyz) : vec3(0.0);
     precise vec3 p = (mean - VIEW.position_high) - VIEW.position_low;
 

@@ -4,7 +4,7 @@ use std::fmt;
 use std::panic::resume_unwind;
 use std::time::Duration;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +15,7 @@ use super::gpu_scene::{GpuScene, TRIAL};
 use super::inspect::Inspector;
 use super::portable::{PortablePipeline, PortableWorkspace};
 use super::shaders::Totals;
-use super::slabs::{Drawn, Slabs};
+use super::slabs::{Drawn, PortableSlabs, Slabs};
 use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
@@ -50,6 +50,9 @@ pub(super) struct PathChoice {
     pub work: PortableWorkspace,
     /// Blend dispatches of a frame on the portable path.
     passes: u32,
+    /// The last frame on the portable path did not fit at once.
+    needs_slabs: bool,
+    slabs: Option<PortableSlabs>,
     fast: Option<Fast>,
     /// Why the fast path is not taken although the device has it.
     pub notice: Option<String>,
@@ -105,8 +108,13 @@ impl PathChoice {
             options: *options,
             layout: layout.clone(),
             // Where the fast path draws, the portable one needs no buffers.
-            work: PortableWorkspace::new(device, if fast.is_some() { Capacity::default() } else { guess })?,
+            work: match PortableWorkspace::new(device, if fast.is_some() { Capacity::default() } else { guess }) {
+                Err(error) if error.is::<OutOfMemory>() => PortableWorkspace::new(device, Capacity::default())?,
+                other => other?,
+            },
             passes: 1,
+            needs_slabs: false,
+            slabs: None,
             fast,
             notice: (variation == Variation::Certifying && FastPipeline::subgroup(device, options).is_some()).then(|| {
                 "the portable path draws, since only it makes certificates; without --certificate the fast path draws"
@@ -237,14 +245,29 @@ impl PathChoice {
             let (in_slabs, capacity) = (fast.needs_slabs, fast.work.capacity);
             return Ok(Limits { path: Path::Fast, in_slabs, capacity, longest_list });
         }
-        self.work.grow(device, demand(tiles(size).iter().product()))?;
+        let in_slabs = self.needs_slabs
+            || is_paged
+            || !has_memory(self.work.grow(device, demand(tiles(size).iter().product())).map(drop))?;
         self.make_portable(device)?;
         let longest_list = self.portable().longest_list(self.passes);
-        Ok(Limits { path: Path::Portable, in_slabs: false, capacity: self.work.capacity, longest_list })
+        Ok(Limits { path: Path::Portable, in_slabs, capacity: self.work.capacity, longest_list })
     }
 
-    /// Draws a frame in slabs, and waits for it.
-    pub fn draw_in_slabs(&mut self, device: &Device, shot: Shot, target: Target) -> Result<Drawn> {
+    /// Draws a frame in slabs on a path, and waits for it.
+    ///
+    /// # Errors
+    /// If memory runs out, a page cannot be read, or what is inspected needs the whole scene on the device.
+    pub fn draw_in_slabs(
+        &mut self,
+        device: &Device,
+        path: Path,
+        shot: Shot,
+        target: Target,
+        inspector: Option<&Inspector>,
+    ) -> Result<Drawn> {
+        if path == Path::Portable {
+            return self.draw_portable_slabs(device, shot, target, inspector);
+        }
         let Self { fast, options, .. } = self;
         let fast = fast.as_mut().expect("a frame in slabs was prepared");
         let grid = fast.pipeline.grid(shot.camera.size_px, shot.scene.len());
@@ -256,6 +279,27 @@ impl PathChoice {
         let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), shot, target)?;
         // What fits into one slab fits at once.
         fast.needs_slabs = drawn.parts.slabs > 1;
+        Ok(drawn)
+    }
+
+    fn draw_portable_slabs(
+        &mut self,
+        device: &Device,
+        shot: Shot,
+        target: Target,
+        inspector: Option<&Inspector>,
+    ) -> Result<Drawn> {
+        let can_show = inspector.is_none_or(Inspector::is_of_depths);
+        ensure!(can_show, "this needs the whole scene and its lists on the device, and the memory is too small for them");
+        let Self { portable, options, work, slabs, .. } = self;
+        let pipeline = portable.as_ref().expect("a frame on the portable path was prepared");
+        let slabs = match slabs {
+            Some(slabs) => slabs,
+            none => none.insert(PortableSlabs::new(device, pipeline, shot.scene)?),
+        };
+        slabs.fit(device, work, shot.camera.size_px, shot.scene)?;
+        let drawn = slabs.draw(device, (pipeline, work, options), shot, target, inspector)?;
+        self.needs_slabs = drawn.parts.slabs > 1;
         Ok(drawn)
     }
 
@@ -288,7 +332,7 @@ impl PathChoice {
             // The fast path was dropped after this frame was recorded.
             (None, Path::Fast) => {}
             (_, Path::Portable) => {
-                self.work.grow(device, demand)?;
+                self.needs_slabs = !has_memory(self.work.grow(device, demand).map(drop))?;
                 let passes = self.portable.as_ref().map_or(1, |portable| portable.passes(totals.longest_list));
                 self.passes = self.passes.max(passes);
             }

@@ -330,7 +330,11 @@ impl Renderer {
         let image = self.upscaler.as_ref().map_or(&self.image, |upscaler| &upscaler.drawn);
         let target = Target { image, certificate: self.certificate.as_ref(), background };
         let shot = Shot { scene: &self.scene, camera };
-        let drawn = self.drawn.in_slabs.then(|| self.choice.draw_in_slabs(&self.device, shot, target)).transpose()?;
+        let path = self.drawn.path;
+        let drawn = match self.drawn.in_slabs {
+            true => Some(self.choice.draw_in_slabs(&self.device, path, shot, target, inspector)?),
+            false => None,
+        };
         cmd.scope("frame", |cmd| {
             if drawn.is_none() {
                 self.choice.record(cmd, shot, target, self.drawn, inspector);

@@ -107,9 +107,10 @@ pub struct Streamed {
     camera: Camera,
     background: Background,
     host: HostFrame,
-    commands: InFlight,
-    /// Of the picture and of the depths, as far as they are wanted.
-    recorded: Vec<(Path, Recorded)>,
+    /// One or two submissions.
+    commands: Vec<InFlight>,
+    /// Of the picture and of the depths, as far as they are wanted, with the number of their submission.
+    recorded: Vec<(Path, Recorded, usize)>,
 }
 
 /// A finished view.
@@ -142,21 +143,25 @@ impl Stream {
         host.fit(&self.device, wanted, camera.size_px)?;
         self.prepare(wanted, camera.size_px)?;
         let mut cmd = Commands::new(&self.device)?;
-        let mut recorded = Vec::new();
+        let (mut recorded, mut commands) = (Vec::new(), Vec::new());
         if !wanted.picture.is_empty() {
             let frame = self.renderer.record(&mut cmd, camera, background)?;
-            recorded.push((self.renderer.path(), frame));
+            recorded.push((self.renderer.path(), frame, 0));
             self.bring(&mut cmd, &host);
         }
         if wanted.depths {
-            // The picture is done and copied before its image and buffers are used again.
-            cmd.barrier(Access::COPY_READ | Access::SHADER | Access::INDIRECT, Access::SHADER | Access::COPY_WRITE);
+            if !recorded.is_empty() {
+                // Where depths do not fit at once, they are drawn while they are recorded. The copy of the picture must
+                // come first.
+                commands.push(std::mem::replace(&mut cmd, Commands::new(&self.device)?).submit()?);
+            }
             let frame = self.renderer.record_inspected(&mut cmd, camera, background, self.depths.as_ref())?;
-            recorded.push((self.renderer.path(), frame));
+            recorded.push((self.renderer.path(), frame, commands.len()));
             cmd.download_pixels(self.renderer.image(), host.planes.last().expect("depths have a plane"));
         }
         let camera = camera.clone();
-        Ok(Streamed { camera, background, host, commands: cmd.submit()?, recorded })
+        commands.push(cmd.submit()?);
+        Ok(Streamed { camera, background, host, commands, recorded })
     }
 
     /// Makes the stages and buffers that the view needs.
@@ -201,7 +206,7 @@ impl Stream {
     pub fn finish(&mut self, mut view: Streamed) -> Result<Finished> {
         for attempts in 1..=MAX_ATTEMPTS {
             let Streamed { camera, background, host, commands, recorded } = view;
-            let results = commands.wait()?;
+            let results: Vec<Results> = commands.into_iter().map(InFlight::wait).collect::<Result<_>>()?;
             if let Some(frames) = self.judge(&results, &recorded, attempts)? {
                 return Ok(Finished { frames, host });
             }
@@ -212,12 +217,13 @@ impl Stream {
     }
 
     /// The reports of the frames, if all are complete.
-    fn judge(&mut self, results: &Results, recorded: &[(Path, Recorded)], attempts: u32) -> Result<Option<Vec<Frame>>> {
+    fn judge(&mut self, results: &[Results], recorded: &[(Path, Recorded, usize)], attempts: u32) -> Result<Option<Vec<Frame>>> {
         // The picture is judged last: what it says of the fast path holds for the next attempt.
-        let judged = recorded.iter().rev().map(|(_, frame)| self.renderer.judge(results, frame));
+        let judged = recorded.iter().rev().map(|(_, frame, of)| self.renderer.judge(&results[*of], frame));
         let totals: Option<Vec<_>> = judged.collect::<Result<Vec<_>>>()?.into_iter().rev().collect();
-        let mut timings = results.timings();
-        let frame = |(totals, (path, recorded)): (_, &(Path, Recorded))| Frame {
+        let all: Vec<Timing> = results.iter().flat_map(Results::timings).cloned().collect();
+        let mut timings = all.as_slice();
+        let frame = |(totals, (path, recorded, _)): (_, &(Path, Recorded, usize))| Frame {
             totals,
             timings: recorded.timings(&take_frame(&mut timings)),
             attempts,

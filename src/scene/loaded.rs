@@ -32,7 +32,7 @@ impl LoadReport {
     }
 
     /// The sum of the reports of two parts of a scene.
-    pub(super) fn and(&self, other: &Self) -> Self {
+    pub(crate) fn and(&self, other: &Self) -> Self {
         Self {
             read: self.read + other.read,
             not_finite: self.not_finite + other.not_finite,

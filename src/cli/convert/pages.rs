@@ -62,7 +62,9 @@ pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path) -> Result<Report>
 
 /// Writes the pages of a scene that is read block by block. `None` if its format is read as a whole.
 fn streamed(args: &Args, input: &SceneArg, job: &Job) -> Result<Option<(Finished, usize)>> {
-    if let Some(town) = input.town()? {
+    // Pages that are not full come last only, so a town of which a part is left out is made as a whole.
+    let is_whole = args.crop.is_none() && args.min_opacity.is_none();
+    if let Some(town) = input.procedural().transpose()?.filter(|made| made.is_town() && is_whole) {
         return town_in_order(args, town, job).map(Some);
     }
     let Some(path) = input.path() else { return Ok(None) };

@@ -11,7 +11,7 @@ use crate::options::Options;
 use crate::pixels::{Depths, Pixels, Plane};
 use crate::render::constants::shared;
 use crate::render::frame::{Shot, Target, tiles};
-use crate::render::portable::{PortablePipeline, PortableWorkspace, chunks};
+use crate::render::portable::{PortablePipeline, PortableWorkspace, Walk, chunks};
 use crate::render::shaders::inspect::*;
 use crate::render::shaders::{PortableDispatches, View};
 use crate::rules::Background;
@@ -166,9 +166,28 @@ impl Inspector {
                 cmd.scope("blend", |cmd| pipeline.blend(cmd, shot, work, splat_ids, target, passes));
             }
             Picture::Work { stages, .. } => cmd.scope("inspect", |cmd| {
-                walk(cmd, stages, pipeline.blending.entries_per_pass, work, splat_ids, target, passes);
+                walk(cmd, stages, pipeline.blending.entries_per_pass, work, splat_ids, target, Walk::whole(passes));
             }),
         }
+    }
+
+    /// True if it draws depths, which slabs can be drawn of.
+    pub(in crate::render) fn is_of_depths(&self) -> bool {
+        self.inspection == Inspection::of_depths()
+    }
+
+    /// Walks the lists of one slab.
+    pub(in crate::render) fn walk_slab(
+        &self,
+        cmd: &mut Commands,
+        pipeline: &PortablePipeline,
+        work: &PortableWorkspace,
+        splat_ids: &Buffer<u32>,
+        target: Target,
+        how: Walk,
+    ) {
+        let Picture::Work { stages, .. } = &self.picture else { unreachable!("slabs are drawn of depths only") };
+        walk(cmd, stages, pipeline.blending.entries_per_pass, work, splat_ids, target, how);
     }
 
     /// Intersects the visible set, which was culled from another camera, with what `view` may see; if a Gaussian is
@@ -217,7 +236,7 @@ fn walk(
     work: &PortableWorkspace,
     splat_ids: &Buffer<u32>,
     target: Target,
-    passes: u32,
+    Walk { passes, goes_on, is_last }: Walk,
 ) {
     let image = target.image;
     let tiles: u32 = tiles(image.size()).iter().product();
@@ -233,8 +252,8 @@ fn walk(
             background: Background::Transparent.colour(),
             pass_begin: pass * entries_per_pass,
             pass_limit: entries_per_pass,
-            last_pass: u32::from(pass + 1 == passes),
+            last_pass: u32::from(is_last && pass + 1 == passes),
         };
-        cmd.dispatch(&stages[usize::from(pass > 0)], bindings, push, DispatchSize::Groups(tiles.into()));
+        cmd.dispatch(&stages[usize::from(goes_on || pass > 0)], bindings, push, DispatchSize::Groups(tiles.into()));
     }
 }

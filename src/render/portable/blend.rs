@@ -12,6 +12,24 @@ use crate::render::shaders::SharedConstants;
 use crate::render::shaders::portable::*;
 use crate::rules::LISTED_ALPHA;
 
+/// How the lists of a frame, or of one slab of it, are walked.
+#[derive(Clone, Copy)]
+pub(in crate::render) struct Walk {
+    /// Dispatches.
+    pub passes: u32,
+    /// Pixels go on from the state that the target holds.
+    pub goes_on: bool,
+    /// Pixels are finished at the end.
+    pub is_last: bool,
+}
+
+impl Walk {
+    /// The walk of a frame that is drawn at once.
+    pub fn whole(passes: u32) -> Self {
+        Self { passes, goes_on: false, is_last: true }
+    }
+}
+
 /// The pipelines of the blend. The second of each pair resumes what the first began.
 pub(in crate::render) struct Blending {
     /// Instances of a tile's list that one dispatch may take.
@@ -70,7 +88,7 @@ impl Blending {
         work: &PortableWorkspace,
         splat_ids: &Buffer<u32>,
         target: Target,
-        passes: u32,
+        Walk { passes, goes_on, is_last }: Walk,
     ) {
         let image = target.image;
         let tiles: u32 = tiles(image.size()).iter().product();
@@ -80,7 +98,7 @@ impl Blending {
             }
             let (size_px, background) = (image.size(), target.background.colour());
             let (pass_begin, pass_limit) = (pass * self.entries_per_pass, self.entries_per_pass);
-            let last_pass = u32::from(pass + 1 == passes);
+            let last_pass = u32::from(is_last && pass + 1 == passes);
             let (ranges, splats, totals) = (&work.ranges, &work.splats, &work.totals);
             let groups = DispatchSize::Groups(tiles.into());
             match &self.stages {
@@ -88,7 +106,7 @@ impl Blending {
                     let tiles_by_class = &work.tiles_by_class;
                     let bindings = BlendBindings { ranges, splat_ids, splats, totals, tiles_by_class, image };
                     let push = BlendPush { size_px, tiles, background, pass_begin, pass_limit, last_pass };
-                    cmd.dispatch(&stages[usize::from(pass > 0)], bindings, push, groups);
+                    cmd.dispatch(&stages[usize::from(goes_on || pass > 0)], bindings, push, groups);
                 }
                 Stages::Certified(stages) => {
                     let certificate = target.certificate.expect("a certifying renderer is given an image for it");
@@ -103,7 +121,7 @@ impl Blending {
                         unlisted: unlisted(scene, background),
                         position_error_px: position_error_px(camera),
                     };
-                    cmd.dispatch(&stages[usize::from(pass > 0)], bindings, push, groups);
+                    cmd.dispatch(&stages[usize::from(goes_on || pass > 0)], bindings, push, groups);
                 }
             }
         }

@@ -7,6 +7,7 @@ mod pipeline;
 mod sort;
 mod workspace;
 
+pub(super) use blend::Walk;
 pub use pipeline::PortablePipeline;
 pub(super) use pipeline::chunks;
 pub(super) use sort::digit_bits;

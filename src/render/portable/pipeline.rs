@@ -4,7 +4,7 @@ use std::mem::offset_of;
 
 use anyhow::{Result, ensure};
 
-use super::blend::Blending;
+use super::blend::{Blending, Walk};
 use super::sort::{RadixSort, SortRange};
 use super::workspace::PortableWorkspace;
 use crate::camera::Camera;
@@ -16,7 +16,7 @@ use crate::render::frame::{
 };
 use crate::render::gpu_scene::GpuScene;
 use crate::render::shaders::portable::*;
-use crate::render::shaders::{PortableDispatches, Splat, Totals, View};
+use crate::render::shaders::{PortableDispatches, SharedConstants, Splat, Totals, View};
 use crate::rules::{Footprint, LISTED_ALPHA, Order};
 use crate::storage::Layout;
 
@@ -30,6 +30,8 @@ pub struct PortablePipeline {
     cull_offsets: Stage<CullOffsets>,
     cull_compact: Stage<CullCompact>,
     project: Stage<Project>,
+    /// The constants that splats are made with.
+    projecting: SharedConstants,
     pub(crate) sort: RadixSort,
     scan_sums: Stage<ScanSums>,
     scan_totals: Stage<ScanTotals>,
@@ -63,11 +65,8 @@ impl PortablePipeline {
             Variation::Plain | Variation::Counting => (rules.alpha_min, rules.extent),
             Variation::Certifying => (LISTED_ALPHA, Footprint::Exact),
         };
-        let project = ProjectConstants {
-            alpha_min: listed_alpha,
-            extent: footprint_code(footprint),
-            ..ProjectConstants::of(&constants)
-        };
+        let projecting =
+            SharedConstants { alpha_min: listed_alpha, extent: footprint_code(footprint), ..constants.clone() };
         Ok(Self {
             options: *options,
             layout: layout.clone(),
@@ -75,7 +74,8 @@ impl PortablePipeline {
             cull: Stage::new(device, &())?,
             cull_offsets: Stage::new(device, &())?,
             cull_compact: Stage::new(device, &())?,
-            project: Stage::new(device, &project)?,
+            project: Stage::new(device, &ProjectConstants::of(&projecting))?,
+            projecting,
             sort: RadixSort::new(device, subgroups.smallest, subgroups.ballot_words)?,
             scan_sums: Stage::new(device, &())?,
             scan_totals: Stage::new(device, &())?,
@@ -85,6 +85,11 @@ impl PortablePipeline {
             tile_order: Stage::new(device, &())?,
             blending: Blending::new(device, options, variation, &constants, subgroups)?,
         })
+    }
+
+    /// The constants that splats are made with.
+    pub(in crate::render) fn projecting(&self) -> &SharedConstants {
+        &self.projecting
     }
 
     /// Blend dispatches that a longest tile list of this length takes.
@@ -198,10 +203,21 @@ impl PortablePipeline {
         Shot { scene, camera }: Shot,
         work: &'w PortableWorkspace,
     ) -> &'w Buffer<u32> {
-        let [tiles_x, tiles_y] = tiles(camera.size_px);
-        let tiles = tiles_x * tiles_y;
         let bits = self.depth_keys(scene, camera).bits;
         let by_depth = cmd.scope("sort depths", |cmd| self.sort_depths(cmd, work, bits));
+        self.list(cmd, camera, work, by_depth)
+    }
+
+    /// As [`bin`](Self::bin), for splats that are sorted by depth: `by_depth` is the index of the sorted pair.
+    pub(in crate::render) fn list<'w>(
+        &self,
+        cmd: &mut Commands,
+        camera: &Camera,
+        work: &'w PortableWorkspace,
+        by_depth: usize,
+    ) -> &'w Buffer<u32> {
+        let [tiles_x, tiles_y] = tiles(camera.size_px);
+        let tiles = tiles_x * tiles_y;
         let splat_from_rank = &work.depths.values[by_depth];
         cmd.scope("scan", |cmd| self.scan(cmd, work, splat_from_rank));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
@@ -235,7 +251,12 @@ impl PortablePipeline {
 
     /// Writes the ids of the marked Gaussians, in order.
     pub(crate) fn compact(&self, cmd: &mut Commands, scene: &GpuScene, work: &PortableWorkspace) {
-        let (chunks, visible_capacity) = (chunks(scene), work.gaussian_from_splat.len() as u32);
+        self.compact_chunks(cmd, chunks(scene), work);
+    }
+
+    /// Writes the ids of the marked Gaussians of so many chunks, in order.
+    pub(in crate::render) fn compact_chunks(&self, cmd: &mut Commands, chunks: u32, work: &PortableWorkspace) {
+        let visible_capacity = work.gaussian_from_splat.len() as u32;
         let bindings =
             CullOffsetsBindings { sums: &work.chunk_counts, totals: &work.totals, dispatches: &work.dispatches };
         cmd.dispatch(
@@ -381,7 +402,7 @@ impl PortablePipeline {
         target: Target,
         passes: u32,
     ) {
-        self.blending.record(cmd, shot, work, splat_ids, target, passes);
+        self.blending.record(cmd, shot, work, splat_ids, target, Walk::whole(passes));
     }
 }
 

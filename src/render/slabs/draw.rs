@@ -7,9 +7,9 @@ use anyhow::Result;
 
 use super::cut::{Cut, Place, place_of, slab};
 use super::fast::{FastStages, OpenBins};
-use super::listed::{Element, Listed, ListedPage, placed};
+use super::listed::{Element, Listed, placed};
 use super::parts::Parts;
-use super::supply::Supply;
+use super::supply::{Cells, Supply, listed_at_first};
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, Image, InFlight, Readback, Timing};
 use crate::host_memory::OutOfMemory;
@@ -19,7 +19,7 @@ use crate::render::fast::{BinGrid, FastPipeline, FastWorkspace};
 use crate::render::frame::{DepthKeys, Shot, Target, view};
 use crate::render::gpu_scene::GpuScene;
 use crate::render::shaders::Totals;
-use crate::render::shaders::slabs::{PAGE, VIEW_ELEMENTS};
+use crate::render::shaders::slabs::VIEW_ELEMENTS;
 
 /// What drawing in slabs keeps from one frame to the next.
 pub struct Slabs {
@@ -45,36 +45,24 @@ pub struct Drawn {
     pub parts: Parts,
 }
 
-/// The most splats of a slab: more would take memory for no time saved.
-const MOST_SPLATS: u64 = 4 << 20;
+/// The most splats of a slab that there is room for: more would take memory for no time saved.
+pub(super) const MOST_SPLATS: u64 = 4 << 20;
 /// The most splats that a slab of a scene in pages is meant to have. After each slab, what is hidden by then is not
 /// read any more.
-const PAGED_SPLATS: f64 = 1.0e6;
+pub(super) const PAGED_SPLATS: f64 = 1.0e6;
 /// The part of the free memory that the buffers of slabs may take.
-const PART: f64 = 0.85;
+pub(super) const PART: f64 = 0.5;
 
 impl Slabs {
     pub fn new(device: &Device, fast: &FastPipeline, scene: &GpuScene) -> Result<Self> {
-        let page = |slot: u32| {
-            let (first, rest) = (slot * PAGE, scene.len() as u32 - slot * PAGE);
-            ListedPage { slot, first, view: 0, filled: rest.min(PAGE), has_indices: false }.element()
-        };
-        // A scene that is there as a whole is listed once.
-        let all = if scene.is_paged() { 0 } else { scene.len().div_ceil(PAGE as usize) as u32 };
-        let pages: Vec<Element> = (0..all).map(page).collect();
-        let room = scene.pool().map_or(pages.len(), |pool| pool.capacity());
-        let made = Self {
+        Ok(Self {
             stages: FastStages::new(device, fast)?,
             open_bins: OpenBins::new(device)?,
-            listed: Buffer::new(device, "listed pages", VIEW_ELEMENTS as usize + room)?,
+            listed: listed_at_first(device, scene)?,
             no_indices: Buffer::new(device, "no indices", 1)?,
             target: f64::INFINITY,
             cells: 0,
-        };
-        let mut cmd = Commands::new(device)?;
-        cmd.upload(&made.listed, VIEW_ELEMENTS as usize, pages.len(), |memory| memory.copy_from_slice(&pages))?;
-        cmd.submit()?.wait()?;
-        Ok(made)
+        })
     }
 
     /// Makes the buffers of slabs of a grid as large as the free memory allows, unless they are there.
@@ -114,7 +102,7 @@ impl Slabs {
         self.stages.prepare(device, grid)?;
         let keys = DepthKeys::of(camera, options, &scene.extent);
         let end = place_of(((1_u64 << keys.bits) - 1) as u32) + place_of(1);
-        let mut supply = Supply::of(scene, camera, options, keys, grid);
+        let mut supply = Supply::of(scene, camera, options, keys, Cells { side_px: grid.bin_px(), count: grid.bins });
         let estimate = supply.estimate(end);
         let most = if scene.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
         let mut cut = Cut::new(estimate, self.target, most);
@@ -126,7 +114,7 @@ impl Slabs {
         cmd.upload(&self.listed, 0, placed.len(), |memory| memory.copy_from_slice(&placed))?;
         cmd.fill(&self.open_bins.0[0], u32::MAX);
         cmd.scope("begin", |cmd| self.stages.begin(cmd, target.image));
-        cmd.submit()?;
+        let _begun = cmd.submit()?;
         let frame = Frame { device, fast, work, options, scene, camera, grid, image: target.image };
         let mut before = 0;
         while let Some(next) = cut.next() {
@@ -270,7 +258,7 @@ fn no_room(work: &FastWorkspace) -> OutOfMemory {
     OutOfMemory { name: "entries of bins".to_owned(), bytes: None, reason }
 }
 
-fn add(sum: &mut Totals, totals: &Totals) {
+pub(super) fn add(sum: &mut Totals, totals: &Totals) {
     sum.visible = sum.visible.saturating_add(totals.visible);
     sum.visible_kept = sum.visible_kept.saturating_add(totals.visible_kept);
     sum.spans = sum.spans.saturating_add(totals.spans);
@@ -282,7 +270,7 @@ fn add(sum: &mut Totals, totals: &Totals) {
 }
 
 /// Adds the times of the stages of a slab, which become the inner scopes of a frame.
-fn add_timings(sum: &mut Vec<Timing>, slab: &[Timing]) {
+pub(super) fn add_timings(sum: &mut Vec<Timing>, slab: &[Timing]) {
     for timing in slab {
         match sum.iter_mut().find(|known| known.name == timing.name) {
             Some(known) => known.duration_ms += timing.duration_ms,

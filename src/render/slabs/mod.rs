@@ -20,6 +20,7 @@ mod fast;
 mod listed;
 mod parts;
 mod pool;
+mod portable;
 mod supply;
 mod visible;
 
@@ -27,6 +28,7 @@ mod visible;
 mod tests;
 
 pub(super) use draw::{Drawn, Slabs};
+pub(super) use portable::PortableSlabs;
 pub use parts::Parts;
 pub use pool::PagesRead;
 pub(super) use pool::{Pool, slots_in};

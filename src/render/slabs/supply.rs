@@ -12,11 +12,36 @@ use super::parts::Parts;
 use super::pool::{PagesRead, Pool};
 use super::visible::{Open, PlacedCamera, Sight, VisiblePage};
 use crate::camera::Camera;
-use crate::gpu::{Buffer, Device};
+use crate::gpu::{Buffer, Commands, Device};
 use crate::options::Options;
-use crate::render::fast::BinGrid;
 use crate::render::frame::DepthKeys;
 use crate::render::gpu_scene::GpuScene;
+use crate::render::shaders::slabs::{PAGE, VIEW_ELEMENTS};
+
+/// What splats are listed in: bins, or tiles.
+#[derive(Clone, Copy)]
+pub struct Cells {
+    /// Width and height, px.
+    pub side_px: [u32; 2],
+    /// Columns and rows.
+    pub count: [u32; 2],
+}
+
+/// A buffer for the views and the pages that slabs list. A scene that is there as a whole is listed once.
+pub fn listed_at_first(device: &Device, scene: &GpuScene) -> Result<Buffer<Element>> {
+    let page = |slot: u32| {
+        let (first, rest) = (slot * PAGE, scene.len() as u32 - slot * PAGE);
+        ListedPage { slot, first, view: 0, filled: rest.min(PAGE), has_indices: false }.element()
+    };
+    let all = if scene.is_paged() { 0 } else { scene.len().div_ceil(PAGE as usize) as u32 };
+    let pages: Vec<Element> = (0..all).map(page).collect();
+    let room = scene.pool().map_or(pages.len(), |pool| pool.capacity());
+    let listed = Buffer::new(device, "listed pages", VIEW_ELEMENTS as usize + room)?;
+    let mut cmd = Commands::new(device)?;
+    cmd.upload(&listed, VIEW_ELEMENTS as usize, pages.len(), |memory| memory.copy_from_slice(&pages))?;
+    cmd.submit()?.wait()?;
+    Ok(listed)
+}
 
 /// The Gaussians of one frame.
 pub enum Supply<'a> {
@@ -35,15 +60,15 @@ pub struct Paged<'a> {
 }
 
 impl<'a> Supply<'a> {
-    pub fn of(scene: &'a GpuScene, camera: &Camera, options: &Options, keys: DepthKeys, grid: BinGrid) -> Self {
+    pub fn of(scene: &'a GpuScene, camera: &Camera, options: &Options, keys: DepthKeys, cells: Cells) -> Self {
         let Some(pool) = scene.pool() else { return Self::Whole(scene.len()) };
         let alpha_min = pool.pages().alpha_min();
-        let sight = Sight { rules: &options.rules, alpha_min, keys, bin_px: grid.bin_px(), bins: grid.bins };
+        let sight = Sight { rules: &options.rules, alpha_min, keys, bin_px: cells.side_px, bins: cells.count };
         let placed = PlacedCamera { camera: camera.clone(), scale: 1.0 };
         let mut visible = sight.visible(pool.pages().pages(), 0, &placed);
         visible.sort_unstable_by_key(|page| (page.keys[0], page.page));
-        let all = vec![u32::MAX; grid.count().div_ceil(32) as usize];
-        Self::Paged(Box::new(Paged { pool, visible, open: Open::of(&all, grid.bins), bins: grid.bins }))
+        let all = vec![u32::MAX; cells.count.iter().product::<u32>().div_ceil(32) as usize];
+        Self::Paged(Box::new(Paged { pool, visible, open: Open::of(&all, cells.count), bins: cells.count }))
     }
 
     /// Where the splats are expected; `end`: the place behind the last.

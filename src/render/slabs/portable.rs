@@ -1,0 +1,364 @@
+//! Frames in slabs on the portable path: pictures, certificates and depths.
+//!
+//! The portable path orders splats of equal depth by the order in which they are projected. Here they come page by page,
+//! so they are sorted by their indices first. All pages of a slab must be on the device at once.
+
+use std::mem::offset_of;
+use std::ops::Range;
+use std::time::Instant;
+
+use anyhow::Result;
+
+use super::cut::{Cut, Place, place_of, slab};
+use super::draw::{Drawn, MOST_SPLATS, PAGED_SPLATS, PART, add, add_timings};
+use super::listed::{Element, placed};
+use super::parts::Parts;
+use super::supply::{Cells, Supply, listed_at_first};
+use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Readback, Results, Stage};
+use crate::host_memory::OutOfMemory;
+use crate::options::Options;
+use crate::render::capacity::Capacity;
+use crate::render::frame::{DepthKeys, Shot, Target, tiles, view};
+use crate::render::gpu_scene::GpuScene;
+use crate::render::inspect::Inspector;
+use crate::render::portable::{PortablePipeline, PortableWorkspace, SortRange, Walk};
+use crate::render::shaders::slabs::*;
+use crate::render::shaders::{PortableDispatches, Totals};
+use crate::rules::TILE;
+
+/// The stages of the portable path that differ where a frame is drawn in slabs, and their buffers.
+pub struct PortableSlabs {
+    cull: Stage<CullTiles>,
+    project: Stage<ProjectTiles>,
+    index: Stage<IndexSplats>,
+    rank: Stage<RankDepths>,
+    shade_depths: Stage<ShadeDepths>,
+    /// The views, then the pages.
+    listed: Buffer<Element>,
+    no_indices: Buffer<u32>,
+    /// The splats that the first slab of the next frame is meant to have.
+    target: f64,
+    /// The number of tiles that the buffers of the slabs were made for.
+    cells: u32,
+}
+
+/// What all slabs of a frame share.
+#[derive(Clone, Copy)]
+struct Frame<'a> {
+    device: &'a Device,
+    pipeline: &'a PortablePipeline,
+    work: &'a PortableWorkspace,
+    options: &'a Options,
+    shot: Shot<'a>,
+    target: Target<'a>,
+    keys: DepthKeys,
+    inspector: Option<&'a Inspector>,
+}
+
+impl PortableSlabs {
+    pub fn new(device: &Device, pipeline: &PortablePipeline, scene: &GpuScene) -> Result<Self> {
+        let constants = pipeline.projecting();
+        Ok(Self {
+            cull: Stage::new(device, &CullTilesConstants::of(constants))?,
+            project: Stage::new(device, &ProjectTilesConstants::of(constants))?,
+            index: Stage::new(device, &())?,
+            rank: Stage::new(device, &())?,
+            shade_depths: Stage::new(device, &())?,
+            listed: listed_at_first(device, scene)?,
+            no_indices: Buffer::new(device, "no indices", 1)?,
+            target: f64::INFINITY,
+            cells: 0,
+        })
+    }
+
+    /// Makes the buffers of slabs of a picture of this size as large as the free memory allows, unless they are there.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if there is too little for the least slab.
+    pub fn fit(&mut self, device: &Device, work: &mut PortableWorkspace, size: [u32; 2], scene: &GpuScene) -> Result<()> {
+        let cells: u32 = tiles(size).iter().product();
+        if self.cells >= cells && work.capacity.cells >= cells as usize {
+            return Ok(());
+        }
+        *work = PortableWorkspace::new(device, Capacity::default())?; // frees the old buffers first
+        let pages = self.listed.len() - VIEW_ELEMENTS as usize;
+        *work = PortableWorkspace::new(device, slab_capacity(device, pages * PAGE as usize, cells, scene.len()))?;
+        self.cells = cells;
+        Ok(())
+    }
+
+    /// Draws a frame with the capacity of `work`, in as many slabs as that takes.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if the capacity is too small for a single splat or its pages, or a page cannot be read.
+    pub fn draw(
+        &mut self,
+        device: &Device,
+        (pipeline, work, options): (&PortablePipeline, &PortableWorkspace, &Options),
+        shot: Shot,
+        target: Target,
+        inspector: Option<&Inspector>,
+    ) -> Result<Drawn> {
+        let Shot { scene, camera } = shot;
+        let keys = pipeline.depth_keys(scene, camera);
+        let end = place_of(limit(keys));
+        let cells = Cells { side_px: [TILE, TILE], count: tiles(camera.size_px) };
+        let mut supply = Supply::of(scene, camera, options, keys, cells);
+        let estimate = supply.estimate(end);
+        let most = if scene.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
+        let mut cut = Cut::new(estimate, self.target, most);
+        let mut first_target = None;
+        let mut drawn = Drawn { totals: bytemuck::Zeroable::zeroed(), timings: Vec::new(), parts: supply.parts() };
+        let begun = Instant::now();
+        let frame = Frame { device, pipeline, work, options, shot, target, keys, inspector };
+        let mut goes_on = false;
+        while let Some(next) = cut.next() {
+            let filled = match self.list_slab(&frame, &mut supply, &next)? {
+                Listed::Nothing => {
+                    cut.drawn(&next, 0.0);
+                    continue;
+                }
+                Listed::TooManyPages(filled) => filled,
+                Listed::Counted(totals, results, pages) => {
+                    add_timings(&mut drawn.timings, results.timings());
+                    let filled = filled(&totals, work);
+                    if filled <= 1.0 {
+                        // A list has at most all splats of the slab.
+                        let passes = pipeline.passes(totals.listed_kept.min(totals.visible_kept));
+                        let how = Walk { passes, goes_on, is_last: false };
+                        let (longest, results) = self.blend_slab(&frame, how, pages)?;
+                        add_timings(&mut drawn.timings, results.timings());
+                        first_target.get_or_insert(cut.target());
+                        cut.drawn(&next, filled);
+                        add(&mut drawn.totals, &Totals { longest_list: longest, ..totals });
+                        drawn.parts.slabs += 1;
+                        goes_on = true;
+                        continue;
+                    }
+                    filled
+                }
+            };
+            if !cut.shorten(&next, filled) {
+                let reason = "the Gaussians at one depth do not fit: raise the limit of memory".to_owned();
+                return Err(OutOfMemory { name: "slab".to_owned(), bytes: None, reason }.into());
+            }
+        }
+        let results = self.finish(&frame, goes_on)?;
+        add_timings(&mut drawn.timings, results.timings());
+        drawn.parts = Parts { wall_ms: 1e3 * begun.elapsed().as_secs_f64(), ..supply.since(drawn.parts) };
+        self.target = if drawn.parts.slabs == 1 { f64::INFINITY } else { first_target.unwrap_or(f64::INFINITY) };
+        Ok(drawn)
+    }
+
+    /// Projects the Gaussians of a slab and makes the lists of its tiles, which hold if its demand fits.
+    fn list_slab(&self, frame: &Frame, supply: &mut Supply, range: &Range<Place>) -> Result<Listed> {
+        let Frame { device, pipeline, work, options, shot: Shot { scene, camera }, keys, .. } = *frame;
+        let mut cmd = Commands::new(device)?;
+        let mut elements = placed(&view(camera, options.rules.near), 1.0).to_vec();
+        let pages = match supply {
+            Supply::Whole(_) => self.listed.len() as u32 - VIEW_ELEMENTS,
+            Supply::Paged(paged) => {
+                let wanted = paged.wanted(range);
+                let room = paged.pool.capacity();
+                match wanted.len() {
+                    0 => return Ok(Listed::Nothing),
+                    pages if pages > room => return Ok(Listed::TooManyPages(pages as f64 / room as f64)),
+                    _ => {}
+                }
+                elements.extend(paged.bring(device, &wanted)?);
+                wanted.len() as u32
+            }
+        };
+        cmd.upload(&self.listed, 0, elements.len(), |memory| memory.copy_from_slice(&elements))?;
+        cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
+        let indices = supply.indices().unwrap_or_else(|| self.no_indices.clone());
+        pipeline.clear(&mut cmd, work);
+        cmd.scope("cull", |cmd| {
+            let bindings = CullTilesBindings {
+                bounds: &scene.bounds,
+                visible_masks: &work.visible_masks,
+                chunk_counts: &work.chunk_counts,
+                listed: &self.listed,
+                indices: &indices,
+            };
+            let push = CullTilesPush {
+                slab: slab(range),
+                focal_px: camera.focal_px.as_vec2().to_array(),
+                centre_px: camera.centre_px.as_vec2().to_array(),
+                size_px: camera.size_px,
+                near: options.rules.near,
+                first_page: VIEW_ELEMENTS,
+                pages,
+                depth_limit: limit(keys) - 1,
+                depth_shift: keys.shift,
+            };
+            cmd.dispatch(&self.cull, bindings, push, DispatchSize::Groups(pages.into()));
+            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            pipeline.compact_chunks(cmd, pages, work);
+        });
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+        cmd.scope("project", |cmd| self.project(cmd, frame));
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let by_depth = cmd.scope("sort depths", |cmd| self.sort(cmd, frame, &indices));
+        pipeline.list(&mut cmd, camera, work, by_depth);
+        if frame.inspector.is_some() {
+            let bindings = ShadeDepthsBindings {
+                totals: &work.totals,
+                gaussian_from_splat: &work.gaussian_from_splat,
+                bounds: &scene.bounds,
+                listed: &self.listed,
+                splats: &work.splats,
+            };
+            let push = ShadeDepthsPush {
+                focal_px: camera.focal_px.as_vec2().to_array(),
+                centre_px: camera.centre_px.as_vec2().to_array(),
+                size_px: camera.size_px,
+                first_page: VIEW_ELEMENTS,
+            };
+            cmd.dispatch_indirect(&self.shade_depths, bindings, push, &work.dispatches, over_visible());
+        }
+        cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        let totals = cmd.read(&work.totals)?;
+        let results = cmd.submit()?.wait()?;
+        Ok(Listed::Counted(results.view(&totals)[0], results, by_depth))
+    }
+
+    fn project(&self, cmd: &mut Commands, frame: &Frame) {
+        let Frame { work, options, shot: Shot { scene, camera }, keys, .. } = *frame;
+        let bindings = ProjectTilesBindings {
+            gaussian_from_splat: &work.gaussian_from_splat,
+            bounds: &scene.bounds,
+            grids: &scene.grids,
+            shapes: scene.shape_planes(),
+            sh: scene.sh_planes(),
+            splats: &work.splats,
+            // The order of the indices takes the first pair.
+            depth_keys: &work.depths.keys[1],
+            span_ranges: &work.span_ranges,
+            tile_counts: &work.tile_counts,
+            spans: &work.spans,
+            totals: &work.totals,
+            listed: &self.listed,
+        };
+        let push = ProjectTilesPush {
+            focal_px: camera.focal_px.as_vec2().to_array(),
+            centre_px: camera.centre_px.as_vec2().to_array(),
+            size_px: camera.size_px,
+            near: options.rules.near,
+            first_page: VIEW_ELEMENTS,
+            span_capacity: work.spans.len() as u32,
+            depth_limit: limit(keys),
+            depth_shift: keys.shift,
+        };
+        cmd.dispatch_indirect(&self.project, bindings, push, &work.dispatches, over_visible());
+    }
+
+    /// Sorts the splats by depth, those of equal depth by index; returns the index of the sorted pair of `work.depths`.
+    fn sort(&self, cmd: &mut Commands, frame: &Frame, indices: &Buffer<u32>) -> usize {
+        let Frame { pipeline, work, keys, .. } = *frame;
+        let (totals, dispatches) = (&work.totals, &work.dispatches);
+        // The buffers of instances are free until splats are listed.
+        let pairs = &work.instances;
+        let bindings = IndexSplatsBindings {
+            totals,
+            gaussian_from_splat: &work.gaussian_from_splat,
+            listed: &self.listed,
+            indices,
+            index_keys: &pairs.keys[0],
+        };
+        cmd.dispatch_indirect(
+            &self.index,
+            bindings,
+            IndexSplatsPush { first_page: VIEW_ELEMENTS },
+            dispatches,
+            over_visible(),
+        );
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let (lengths, length_index) = (&totals.words(), offset_of!(Totals, visible_kept) / 4);
+        let range = SortRange { lengths, length_index, bits: 32, values_are_indices: true };
+        let groups = (dispatches, offset_of!(PortableDispatches, sort_visible));
+        let sorted = pipeline.sort.record(cmd, pairs, &work.sort, range, groups);
+        let bindings = RankDepthsBindings {
+            totals,
+            splat_from_index: &pairs.values[sorted],
+            unordered: &work.depths.keys[1],
+            depth_keys: &work.depths.keys[0],
+            splats: &work.depths.values[0],
+        };
+        cmd.dispatch_indirect(&self.rank, bindings, (), dispatches, over_visible());
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let range = SortRange { bits: keys.bits, values_are_indices: false, ..range };
+        pipeline.sort.record(cmd, &work.depths, &work.sort, range, groups)
+    }
+
+    /// Blends the lists of a slab on top of the states. Returns the length of the longest list.
+    fn blend_slab(&self, frame: &Frame, how: Walk, _by_depth: usize) -> Result<(u32, Results)> {
+        let mut cmd = Commands::new(frame.device)?;
+        walk(&mut cmd, frame, how);
+        cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        let totals: Readback<Totals> = cmd.read(&frame.work.totals)?;
+        let results = cmd.submit()?.wait()?;
+        Ok((results.view(&totals)[0].longest_list, results))
+    }
+
+    /// Turns the states into the picture, by a walk along empty lists.
+    fn finish(&self, frame: &Frame, goes_on: bool) -> Result<Results> {
+        let Frame { device, pipeline, work, shot: Shot { camera, .. }, .. } = *frame;
+        let mut cmd = Commands::new(device)?;
+        pipeline.clear(&mut cmd, work);
+        pipeline.order_tiles(&mut cmd, work, tiles(camera.size_px).iter().product());
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        walk(&mut cmd, frame, Walk { passes: 1, goes_on, is_last: true });
+        cmd.submit()?.wait()
+    }
+}
+
+/// The lists of a slab.
+enum Listed {
+    /// No page has anything in the slab.
+    Nothing,
+    /// Its pages take so many times the room that there is.
+    TooManyPages(f64),
+    /// Its counts, and the index of the pair that is sorted by depth.
+    Counted(Totals, Results, usize),
+}
+
+fn walk(cmd: &mut Commands, frame: &Frame, how: Walk) {
+    let Frame { pipeline, work, shot, target, inspector, .. } = *frame;
+    let splat_ids = pipeline.splat_ids(work, shot.camera);
+    match inspector {
+        None => cmd.scope("blend", |cmd| pipeline.blending.record(cmd, shot, work, splat_ids, target, how)),
+        Some(inspector) => {
+            cmd.scope("inspect", |cmd| inspector.walk_slab(cmd, pipeline, work, splat_ids, target, how));
+        }
+    }
+}
+
+/// The largest depth key, which splats without tiles have; the others have smaller ones.
+fn limit(keys: DepthKeys) -> u32 {
+    ((1_u64 << keys.bits) - 1) as u32
+}
+
+fn over_visible() -> usize {
+    offset_of!(PortableDispatches, over_visible)
+}
+
+/// The capacity of slabs whose buffers take about a part of the free memory. `listed`: Gaussians of all listed pages.
+fn slab_capacity(device: &Device, listed: usize, cells: u32, gaussians: usize) -> Capacity {
+    // Per splat: its id, itself, two pairs, ranges, counts, offsets, two spans, and six instances of two pairs; per
+    // Gaussian of a page a bit, per tile its range and its classes.
+    let (each, fixed) = (4 + 36 + 16 + 8 + 8 + 8 + 6 * 18, listed as u64 / 4 + 40 * u64::from(cells) + (2 << 20));
+    let bytes = (PART * device.free_bytes() as f64) as u64;
+    let most = device.capabilities().limits.storage_range / 48;
+    let visible = (bytes.saturating_sub(fixed) / each).clamp(1024, MOST_SPLATS).min(most);
+    let visible = visible.min(gaussians.max(1024) as u64);
+    let instances = (6 * visible).max(2 * u64::from(cells));
+    Capacity { gaussians: listed, visible, spans: 2 * visible.max(1024), listed: instances, cells: cells as usize }
+}
+
+/// The part of the capacity that a slab demanded; above 1, it is not blended.
+fn filled(totals: &Totals, work: &PortableWorkspace) -> f64 {
+    let (demand, room) = (Capacity::of(totals, 0, 0), work.capacity);
+    let parts = [(demand.visible, room.visible), (demand.spans, room.spans), (demand.listed, room.listed)];
+    parts.map(|(demand, room)| demand as f64 / room.max(1) as f64).into_iter().fold(0.0, f64::max)
+}
