@@ -8,8 +8,8 @@ use clap::builder::NonEmptyStringValueParser;
 
 use super::environment::Environment;
 use super::memory::with_memory;
-use super::remark;
-use crate::gpu::{Capabilities, Device, DeviceChoice, DeviceKind, Validation, survey};
+use super::{remark, say};
+use crate::gpu::{Capabilities, Device, DeviceChoice, DeviceKind, MemoryUse, Validation, survey};
 
 /// The choice of a device.
 #[derive(Args)]
@@ -58,6 +58,12 @@ impl DeviceArgs {
     pub fn choice(&self) -> Result<(DeviceChoice, Validation)> {
         let environment = Environment::read()?;
         Ok((self.choice_in(&environment), validation(&environment)))
+    }
+
+    /// The limit of device memory in bytes, if one is set.
+    #[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only a window asks"))]
+    pub fn memory_limit(&self) -> Option<u64> {
+        self.memory.memory
     }
 
     fn choice_in(&self, environment: &Environment) -> DeviceChoice {
@@ -138,6 +144,19 @@ fn all(devices: &[Capabilities]) -> Vec<DeviceChoice> {
     let found: Vec<_> = wanted.map(|(index, _)| DeviceChoice::Index(index)).collect();
     // Without any, opening the best one says why.
     if found.is_empty() { vec![DeviceChoice::Best] } else { found }
+}
+
+/// Prints what a device's ledger says.
+pub(super) fn say_memory(device: &Device) -> Result<()> {
+    let MemoryUse { asked, limit, peak, told, .. } = device.memory();
+    let megabytes = |bytes: u64| format!("{:.1} MB", bytes as f64 / 1e6);
+    let limit = match (asked, limit) {
+        (Some(asked), _) => format!("limit {}", megabytes(asked)),
+        (None, Some(limit)) => format!("limit {} (what is free, less a part for others)", megabytes(limit)),
+        (None, None) => "no limit".to_owned(),
+    };
+    let told = told.map_or_else(String::new, |told| format!(", {} in use by the driver's count", megabytes(told)));
+    say!("device memory: {limit}, at most {} allocated{told}", megabytes(peak))
 }
 
 /// The names of the devices, each once.

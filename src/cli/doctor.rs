@@ -5,6 +5,7 @@ use glam::DVec3;
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use super::devices::say_memory;
 use super::table::{say_table, table};
 use super::{DeviceArgs, Sink, complain, remark, say};
 use crate::camera::Camera;
@@ -96,6 +97,7 @@ fn test(args: &Args, report: &mut Report) -> Result<()> {
         report.self_test.insert(SelfTest { device: device_name, is_validated, paths: Vec::new(), passed: false });
     self_test(&device, &mut test.paths)?;
     test.passed = true;
+    say_memory(&device)?;
     if *kind == DeviceKind::Cpu {
         say!("   passed; this device is the processor, which is slow")?;
     } else {

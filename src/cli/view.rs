@@ -148,6 +148,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         is_full_screen: args.fullscreen,
         device,
         validation,
+        memory: args.device.memory_limit(),
         shaders: environment.shaders,
         with_memory: crate::cli::memory::with_memory,
         fault,

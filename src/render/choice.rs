@@ -4,7 +4,7 @@ use std::fmt;
 use std::panic::resume_unwind;
 use std::time::Duration;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -202,6 +202,15 @@ impl PathChoice {
         Ok(())
     }
 
+    /// Frees the buffers of both paths.
+    pub fn release(&mut self, device: &Device) -> Result<()> {
+        self.work = PortableWorkspace::new(device, Capacity::default())?;
+        if let Some(fast) = &mut self.fast {
+            fast.work = FastWorkspace::new(device, Capacity::default(), fast.pipeline.splat_elements())?;
+        }
+        Ok(())
+    }
+
     /// Every buffer's name and bytes.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         self.work.buffers().into_iter().chain(self.fast.iter().flat_map(|fast| fast.work.buffers())).collect()
@@ -290,7 +299,10 @@ impl PathChoice {
         inspector: Option<&Inspector>,
     ) -> Result<Drawn> {
         let can_show = inspector.is_none_or(Inspector::is_of_depths);
-        ensure!(can_show, "this needs the whole scene and its lists on the device, and the memory is too small for them");
+        if !can_show {
+            let reason = "this view needs the whole scene and its lists on the device, which has too little memory";
+            return Err(OutOfMemory { name: "view".to_owned(), bytes: None, reason: reason.to_owned() }.into());
+        }
         let Self { portable, options, work, slabs, .. } = self;
         let pipeline = portable.as_ref().expect("a frame on the portable path was prepared");
         let slabs = match slabs {

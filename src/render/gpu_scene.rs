@@ -12,7 +12,7 @@ use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::render::shaders::Grids;
-use crate::render::slabs::{PagesRead, Pool, slots_in};
+use crate::render::slabs::{PagesRead, Pool};
 use crate::rules::{LISTED_ALPHA, Rules};
 use crate::scene::{Bounds, Gaussians, Grid};
 use crate::storage::{Layout, PAGE, Pages, Shape, Statistics, pack_sh, pack_shapes, share};
@@ -152,9 +152,18 @@ impl GpuScene {
     /// # Errors
     /// If there is no room for the least number of pages, or a page cannot be read.
     pub fn of_pages(device: &Device, pages: &Pages, options: &Options, reserve: u64) -> Result<Self> {
-        let room = (POOL_PART * device.free_bytes().saturating_sub(reserve) as f64) as u64;
+        let (all, each, free) = (pages.pages().len(), Pool::bytes_each(pages), device.free_bytes());
+        let least = LEAST_PAGES.min(all) as u64 * each;
+        let needed = reserve + ((least as f64 / POOL_PART) as u64).max(least + LEAST_LISTS);
+        if free < needed {
+            let limit = device.memory().asked.unwrap_or(free);
+            let reason = format!("the limit of device memory is {limit}");
+            let bytes = Some(limit + needed - free);
+            return Err(OutOfMemory { name: "pages, lists and pictures at least".to_owned(), bytes, reason }.into());
+        }
         let longest = device.capabilities().limits.storage_range / 16 / PAGE as u64;
-        let slots = slots_in(pages, room, LEAST_PAGES)?.min(longest as usize);
+        let room = (POOL_PART * (free - reserve) as f64) as u64 / each;
+        let slots = (room.min(longest) as usize).min(all);
         let (layout, len) = (pages.layout().clone(), slots * PAGE);
         let bounds = Buffer::new(device, BOUNDS, len)?;
         let shapes = planes(device, "shapes", layout.shape_words(), len)?;

@@ -15,7 +15,8 @@ use super::slabs::{Drawn, Parts};
 use super::trial::{MAX_ATTEMPTS, choose};
 use super::upscale::Upscaler;
 use crate::camera::Camera;
-use crate::gpu::{Access, Commands, Device, Image, InFlight, Readback, Results, Timestamps, Timing};
+use crate::gpu::{Access, Commands, Device, Image, InFlight, MemoryUse, Readback, Results, Timestamps, Timing};
+use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::rules::Background;
@@ -85,6 +86,9 @@ enum Counted {
     /// The frame is drawn already, in slabs.
     Here(Box<Drawn>),
 }
+
+/// Why there are no lists of a picture that is drawn in parts.
+const WHOLE: &str = "a pixel can be explained only where the whole scene and its lists fit into device memory";
 
 impl Recorded {
     pub(super) fn parts(&self) -> Option<Parts> {
@@ -313,16 +317,17 @@ impl Renderer {
         background: Background,
         inspector: Option<&Inspector>,
     ) -> Result<Recorded> {
-        self.image.fit(&self.device, "image", camera.size_px)?;
+        match self.fit_images(camera.size_px) {
+            Err(error) if error.is::<OutOfMemory>() => {
+                // Pictures come first: lists can be drawn in parts.
+                self.choice.release(&self.device)?;
+                self.fit_images(camera.size_px)?;
+            }
+            other => other?,
+        }
         let number = self.last.as_ref().map_or(0, |last| last.number + 1);
         self.last = Some(Last { number, camera: camera.clone(), background, has_tile_lists: false });
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
-        if let Some(certificate) = &mut self.certificate {
-            certificate.fit(&self.device, "certificate", camera.size_px)?;
-        }
-        if let Some(upscaler) = &mut self.upscaler {
-            upscaler.drawn.fit(&self.device, "drawn image", camera.size_px)?;
-        }
         let inspector = inspector.or(self.inspector.as_ref());
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some();
         let subject = (self.scene.len(), self.scene.is_paged());
@@ -350,6 +355,24 @@ impl Renderer {
             None => Counted::OnDevice(cmd.read(self.choice.totals(self.drawn.path))?),
         };
         Ok(Recorded { number, counted, limits: self.drawn })
+    }
+
+    /// Makes the images of a frame of this size.
+    fn fit_images(&mut self, size: [u32; 2]) -> Result<()> {
+        self.image.fit(&self.device, "image", size)?;
+        let drawn = self.options.drawn_size(size);
+        if let Some(certificate) = &mut self.certificate {
+            certificate.fit(&self.device, "certificate", drawn)?;
+        }
+        if let Some(upscaler) = &mut self.upscaler {
+            upscaler.drawn.fit(&self.device, "drawn image", drawn)?;
+        }
+        Ok(())
+    }
+
+    /// The state of the ledger of its device.
+    pub fn memory(&self) -> MemoryUse {
+        self.device.memory()
     }
 
     /// The counts of a frame if it is complete. If it did not fit, the next one has larger buffers.
@@ -380,10 +403,12 @@ impl Renderer {
         let size = camera.size_px;
         ensure!(pixel[0] < size[0] && pixel[1] < size[1], "pixel {pixel:?} lies outside of a picture of {size:?}");
         if !has_tile_lists {
+            ensure!(!self.scene.is_paged(), "{WHOLE}");
             self.needs_tile_lists = true;
             let rendered = self.render(&camera, background);
             self.needs_tile_lists = false;
             rendered?;
+            ensure!(!self.drawn.in_slabs, "{WHOLE}");
         }
         let picker = match &mut self.picker {
             Some(picker) => picker,

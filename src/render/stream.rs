@@ -217,7 +217,12 @@ impl Stream {
     }
 
     /// The reports of the frames, if all are complete.
-    fn judge(&mut self, results: &[Results], recorded: &[(Path, Recorded, usize)], attempts: u32) -> Result<Option<Vec<Frame>>> {
+    fn judge(
+        &mut self,
+        results: &[Results],
+        recorded: &[(Path, Recorded, usize)],
+        attempts: u32,
+    ) -> Result<Option<Vec<Frame>>> {
         // The picture is judged last: what it says of the fast path holds for the next attempt.
         let judged = recorded.iter().rev().map(|(_, frame, of)| self.renderer.judge(&results[*of], frame));
         let totals: Option<Vec<_>> = judged.collect::<Result<Vec<_>>>()?.into_iter().rev().collect();

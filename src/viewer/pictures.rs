@@ -8,7 +8,7 @@ use anyhow::Result;
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
-use crate::render::{Frame, GpuScene, Inspection, Path, Renderer};
+use crate::render::{Frame, GpuScene, Inspection, Path, Renderer, SceneSource};
 use crate::rules::Background;
 use crate::scene::{Gaussians, Transform};
 use crate::storage::{Layout, Statistics};
@@ -79,7 +79,11 @@ impl Plan {
         let same_threshold = |old: &Reusable| old.plan.options.rules.alpha_min == self.options.rules.alpha_min;
         let scene = match reusable.filter(|old| *old.scene.layout() == layout && same_threshold(old)) {
             Some(old) => old.scene,
-            None => GpuScene::with(device, &gaussians, &statistics, &self.options)?,
+            None => {
+                let source = SceneSource::Memory { gaussians: gaussians.clone(), statistics: statistics.clone() };
+                let pixels: u64 = view.size_px.iter().map(|side| u64::from(*side)).product();
+                source.bring(device, &self.options, false, BYTES_PER_PIXEL * pixels)?
+            }
         };
         let mut renderer = Renderer::new(device, &self.options, &scene)?;
         let frame = renderer.render(view, background)?;
@@ -110,6 +114,9 @@ pub struct Reusable {
     statistics: Arc<Statistics>,
     scene: GpuScene,
 }
+
+/// Device memory for pictures and panels, per pixel of the window.
+const BYTES_PER_PIXEL: u64 = 64;
 
 impl Drawn {
     pub fn reusable(&self) -> Reusable {

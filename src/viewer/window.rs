@@ -28,6 +28,8 @@ pub struct WindowSetup {
     pub is_full_screen: bool,
     pub device: DeviceChoice,
     pub validation: Validation,
+    /// The most device memory to take, in bytes.
+    pub memory: Option<u64>,
     /// Folder of shaders to compile at run time.
     pub shaders: Option<PathBuf>,
     /// Gives an opened device what earlier runs left.
@@ -39,7 +41,8 @@ pub struct WindowSetup {
 impl WindowSetup {
     fn open_device(&self, window: &Window) -> Result<Device> {
         let device = Device::open_for(&self.device, self.validation, window)?;
-        Ok((self.with_memory)(device.with_shaders(self.shaders.as_deref())?))
+        let device = device.with_shaders(self.shaders.as_deref())?.with_memory_limit(self.memory)?;
+        Ok((self.with_memory)(device))
     }
 }
 

@@ -10,6 +10,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 use clap::builder::RangedU64ValueParser;
 
+use super::devices::say_memory;
 use super::drawable::Drawable;
 use super::{
     DevicesArgs, EyeArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, Sink, SplitArg, Usage, check_plots, complain,
@@ -176,6 +177,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         }
     }
     table::print_machine(&report.device, &report.smalto, bench.protocol, &report.path)?;
+    devices.iter().try_for_each(say_memory)?;
     devices.iter().try_for_each(complain)?;
     write(args, &report)?;
     baseline.map_or(Ok(()), |baseline| judge(&changes, baseline.runs.len(), args.threshold))

@@ -12,7 +12,7 @@ use super::encode::{Job, Source, Task};
 use super::lent::Lent;
 use super::queue::Queue;
 use crate::cli::environment::Environment;
-use crate::cli::{dump, remark};
+use crate::cli::{Usage, dump, remark};
 use crate::gpu::{Commands, Device, DeviceKind, DeviceLost};
 use crate::options::Options;
 use crate::pixels::Integers;
@@ -163,6 +163,11 @@ impl<'r, 'p> Worker<'r, 'p> {
         let start = (number == 0).then_some(&run.args.start);
         let certifies = run.args.certificate.is_some();
         let gpu_scene = scene.bring(device, &run.options, certifies, run.reserve(device))?;
+        if run.args.dump.is_some() && gpu_scene.is_paged() {
+            let why =
+                "--dump writes the buffers of a frame that is drawn at once, and this scene is drawn page by page";
+            return Err(Usage(why.to_owned()).into());
+        }
         // Returning the memory of a large scene takes the system long.
         rayon::spawn(move || drop(scene));
         start.inspect(|start| start.end("upload"));

@@ -22,7 +22,7 @@ use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result};
 
-use super::devices::names_of;
+use super::devices::{names_of, say_memory};
 use super::{
     BudgetArgs, DevicesArgs, EyeArgs, FilmArgs, Knobs, REPORTS_TO_STDOUT, SceneArg, Sink, SplitArg, Usage, knobs,
     one_of, parse_size, say,
@@ -217,6 +217,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let video = plan.video.map(|video| video.file.display().to_string()).or(plan.command);
     if args.timings {
         args.start.say()?;
+        devices.iter().try_for_each(say_memory)?;
     }
     let Some((sink, scene)) = report else { return Ok(()) };
     let (format, smalto, start) = (Report::FORMAT.to_owned(), VersionReport::current(), args.start.phases());

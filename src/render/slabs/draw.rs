@@ -267,6 +267,14 @@ pub(super) fn add(sum: &mut Totals, totals: &Totals) {
     (sum.listed_high, sum.listed_low) = ((all >> 32) as u32, all as u32);
     sum.listed_kept = sum.listed_kept.saturating_add(totals.listed_kept);
     sum.longest_list = sum.longest_list.max(totals.longest_list);
+    let long = |low: u32, high: u32| u64::from(high) << 32 | u64::from(low);
+    let evaluations =
+        long(sum.evaluations_low, sum.evaluations_high) + long(totals.evaluations_low, totals.evaluations_high);
+    (sum.evaluations_high, sum.evaluations_low) = ((evaluations >> 32) as u32, evaluations as u32);
+    let walked = long(sum.walked_low, sum.walked_high) + long(totals.walked_low, totals.walked_high);
+    (sum.walked_high, sum.walked_low) = ((walked >> 32) as u32, walked as u32);
+    sum.stopped_pixels += totals.stopped_pixels;
+    sum.listed_tiles = sum.listed_tiles.max(totals.listed_tiles);
 }
 
 /// Adds the times of the stages of a slab, which become the inner scopes of a frame.

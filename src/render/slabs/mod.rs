@@ -28,7 +28,7 @@ mod visible;
 mod tests;
 
 pub(super) use draw::{Drawn, Slabs};
-pub(super) use portable::PortableSlabs;
 pub use parts::Parts;
 pub use pool::PagesRead;
-pub(super) use pool::{Pool, slots_in};
+pub(super) use pool::Pool;
+pub(super) use portable::PortableSlabs;

@@ -7,7 +7,6 @@ use lru::LruCache;
 use rayon::prelude::*;
 
 use crate::gpu::{Access, Buffer, Commands, Device, InFlight, Staging};
-use crate::host_memory::OutOfMemory;
 use crate::storage::{Layout, PAGE, Pages, share};
 
 /// Bytes of host memory that pages are read into at a time. There are two of these, so that one is read while the other
@@ -57,7 +56,7 @@ impl Pool {
     /// Makes the pool of a scene around planes with room for `slots` pages.
     ///
     /// # Errors
-    /// [`OutOfMemory`] if there is no memory to read pages into.
+    /// If there is no memory to read pages into.
     pub fn new(device: &Device, pages: Pages, planes: Vec<Buffer<u32>>, slots: usize) -> Result<Self> {
         let words = pages.geometry_words() + pages.colour_words();
         // Under a small limit, what is read at a time takes a small part of it.
@@ -157,16 +156,6 @@ impl Pool {
         Ok(())
     }
 
-    /// Waits for all copies.
-    pub fn wait(&mut self) -> Result<()> {
-        for staged in &mut self.staged {
-            if let Some(copy) = staged.copy.take() {
-                copy.wait()?;
-            }
-        }
-        Ok(())
-    }
-
     /// Forgets about a third of the pages, if tests ask for that.
     fn evict_at_random(&mut self) {
         let Some(seed) = &mut self.churn else { return };
@@ -214,21 +203,6 @@ fn plane_words(layout: &Layout) -> Vec<usize> {
         .chain([PAGE])
         .chain(planes(layout.sh_words()))
         .collect()
-}
-
-/// The slots that fit into `bytes`, at most all pages of the scene.
-///
-/// # Errors
-/// [`OutOfMemory`] if there is room for fewer than `least` pages.
-pub fn slots_in(pages: &Pages, bytes: u64, least: usize) -> Result<usize, OutOfMemory> {
-    let (all, each) = (pages.pages().len(), Pool::bytes_each(pages));
-    let least = least.min(all);
-    let slots = usize::try_from(bytes / each).unwrap_or(usize::MAX).min(all);
-    if slots < least {
-        let reason = format!("pages of {PAGE} Gaussians need at least {} bytes, {bytes} are left", each * least as u64);
-        return Err(OutOfMemory { name: "pages".to_owned(), bytes: Some(each * least as u64), reason });
-    }
-    Ok(slots)
 }
 
 #[cfg(test)]

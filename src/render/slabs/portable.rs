@@ -14,7 +14,7 @@ use super::draw::{Drawn, MOST_SPLATS, PAGED_SPLATS, PART, add, add_timings};
 use super::listed::{Element, placed};
 use super::parts::Parts;
 use super::supply::{Cells, Supply, listed_at_first};
-use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Readback, Results, Stage};
+use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Results, Stage};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::render::capacity::Capacity;
@@ -75,7 +75,13 @@ impl PortableSlabs {
     ///
     /// # Errors
     /// [`OutOfMemory`] if there is too little for the least slab.
-    pub fn fit(&mut self, device: &Device, work: &mut PortableWorkspace, size: [u32; 2], scene: &GpuScene) -> Result<()> {
+    pub fn fit(
+        &mut self,
+        device: &Device,
+        work: &mut PortableWorkspace,
+        size: [u32; 2],
+        scene: &GpuScene,
+    ) -> Result<()> {
         let cells: u32 = tiles(size).iter().product();
         if self.cells >= cells && work.capacity.cells >= cells as usize {
             return Ok(());
@@ -119,18 +125,18 @@ impl PortableSlabs {
                     continue;
                 }
                 Listed::TooManyPages(filled) => filled,
-                Listed::Counted(totals, results, pages) => {
+                Listed::Counted(totals, results) => {
                     add_timings(&mut drawn.timings, results.timings());
                     let filled = filled(&totals, work);
                     if filled <= 1.0 {
                         // A list has at most all splats of the slab.
                         let passes = pipeline.passes(totals.listed_kept.min(totals.visible_kept));
                         let how = Walk { passes, goes_on, is_last: false };
-                        let (longest, results) = self.blend_slab(&frame, how, pages)?;
+                        let (totals, results) = self.walk_lists(&frame, how)?;
                         add_timings(&mut drawn.timings, results.timings());
                         first_target.get_or_insert(cut.target());
                         cut.drawn(&next, filled);
-                        add(&mut drawn.totals, &Totals { longest_list: longest, ..totals });
+                        add(&mut drawn.totals, &totals);
                         drawn.parts.slabs += 1;
                         goes_on = true;
                         continue;
@@ -143,8 +149,9 @@ impl PortableSlabs {
                 return Err(OutOfMemory { name: "slab".to_owned(), bytes: None, reason }.into());
             }
         }
-        let results = self.finish(&frame, goes_on)?;
+        let (totals, results) = self.finish(&frame, goes_on)?;
         add_timings(&mut drawn.timings, results.timings());
+        add(&mut drawn.totals, &totals);
         drawn.parts = Parts { wall_ms: 1e3 * begun.elapsed().as_secs_f64(), ..supply.since(drawn.parts) };
         self.target = if drawn.parts.slabs == 1 { f64::INFINITY } else { first_target.unwrap_or(f64::INFINITY) };
         Ok(drawn)
@@ -220,7 +227,7 @@ impl PortableSlabs {
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let totals = cmd.read(&work.totals)?;
         let results = cmd.submit()?.wait()?;
-        Ok(Listed::Counted(results.view(&totals)[0], results, by_depth))
+        Ok(Listed::Counted(results.view(&totals)[0], results))
     }
 
     fn project(&self, cmd: &mut Commands, frame: &Frame) {
@@ -291,25 +298,24 @@ impl PortableSlabs {
         pipeline.sort.record(cmd, &work.depths, &work.sort, range, groups)
     }
 
-    /// Blends the lists of a slab on top of the states. Returns the length of the longest list.
-    fn blend_slab(&self, frame: &Frame, how: Walk, _by_depth: usize) -> Result<(u32, Results)> {
+    /// Walks the lists that `work` holds, on top of the states. Returns the counts after that.
+    fn walk_lists(&self, frame: &Frame, how: Walk) -> Result<(Totals, Results)> {
         let mut cmd = Commands::new(frame.device)?;
         walk(&mut cmd, frame, how);
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-        let totals: Readback<Totals> = cmd.read(&frame.work.totals)?;
+        let totals = cmd.read(&frame.work.totals)?;
         let results = cmd.submit()?.wait()?;
-        Ok((results.view(&totals)[0].longest_list, results))
+        Ok((results.view(&totals)[0], results))
     }
 
     /// Turns the states into the picture, by a walk along empty lists.
-    fn finish(&self, frame: &Frame, goes_on: bool) -> Result<Results> {
+    fn finish(&self, frame: &Frame, goes_on: bool) -> Result<(Totals, Results)> {
         let Frame { device, pipeline, work, shot: Shot { camera, .. }, .. } = *frame;
         let mut cmd = Commands::new(device)?;
         pipeline.clear(&mut cmd, work);
         pipeline.order_tiles(&mut cmd, work, tiles(camera.size_px).iter().product());
-        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        walk(&mut cmd, frame, Walk { passes: 1, goes_on, is_last: true });
-        cmd.submit()?.wait()
+        let _cleared = cmd.submit()?;
+        self.walk_lists(frame, Walk { passes: 1, goes_on, is_last: true })
     }
 }
 
@@ -319,8 +325,7 @@ enum Listed {
     Nothing,
     /// Its pages take so many times the room that there is.
     TooManyPages(f64),
-    /// Its counts, and the index of the pair that is sorted by depth.
-    Counted(Totals, Results, usize),
+    Counted(Totals, Results),
 }
 
 fn walk(cmd: &mut Commands, frame: &Frame, how: Walk) {

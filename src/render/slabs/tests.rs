@@ -1,90 +1,192 @@
-//! Frames in slabs show the bits of frames that are drawn at once.
+//! Frames in slabs and in pages show the bits of frames that are drawn at once.
 
-use crate::camera::Camera;
-use crate::gpu::{Device, DeviceChoice, Image, Validation};
-use crate::options::Options;
-use crate::render::capacity::Capacity;
-use crate::render::fast::{FastPipeline, FastWorkspace};
-use crate::render::frame::{Shot, Target};
-use crate::render::{GpuScene, Renderer, read_pixels};
-use crate::rules::Background;
-use crate::scene::{Focus, Gaussians, synthetic};
-use crate::storage::{Pages, Statistics};
 use std::sync::Arc;
 
 use super::Slabs;
+use crate::camera::Camera;
+use crate::gpu::{Device, DeviceChoice, Image, Validation};
+use crate::options::Options;
+use crate::pixels::Pixels;
+use crate::render::capacity::Capacity;
+use crate::render::fast::{FastPipeline, FastWorkspace};
+use crate::render::frame::{Shot, Target};
+use crate::render::{Frame, GpuScene, Renderer, SceneSource, read_pixels};
+use crate::rules::Background;
+use crate::scene::{Focus, Gaussians, Procedural, synthetic};
 
-fn compare(options: &Options, gaussians: &Gaussians, room: u64) -> u32 {
-    let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
-    let scene = GpuScene::new(&device, gaussians, options).unwrap();
+const SIZE: [u32; 2] = [200, 130];
+const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
+
+fn open() -> Device {
+    Device::open(&DeviceChoice::Best, Validation::IfInstalled).expect("GPU tests need a Vulkan device")
+}
+
+/// Views from inside of a scene to one from far away.
+fn views(gaussians: &Gaussians) -> [Camera; 3] {
     let focus = Focus::of(gaussians);
-    let camera = Camera::framing(focus.centre.into(), focus.radius * 0.6, [200, 130]);
-    let background = Background::Colour([0.1, 0.2, 0.3]);
-    let mut renderer = Renderer::new(&device, options, &scene).unwrap();
-    renderer.render(&camera, background).unwrap();
-    let whole = renderer.pixels().unwrap();
-    let mut fast = FastPipeline::new(&device, options, scene.layout()).unwrap().unwrap();
-    let grid = fast.grid(camera.size_px, scene.len());
-    fast.prepare(&device, grid).unwrap();
-    let capacity =
-        Capacity { gaussians: scene.len(), visible: room, spans: room, listed: 2 * room, cells: grid.count() as usize };
-    let work = FastWorkspace::new(&device, capacity, fast.splat_elements()).unwrap();
-    let image = Image::new(&device, "image", 200, 130).unwrap();
-    let mut slabs = Slabs::new(&device, &fast, &scene).unwrap();
-    let target = Target { image: &image, certificate: None, background };
-    let shot = Shot { scene: &scene, camera: &camera };
-    let drawn = slabs.draw(&device, (&fast, &work, options), shot, target).unwrap();
-    let parts = read_pixels(&device, &image).unwrap();
-    let differ = parts.rgba.iter().zip(&whole.rgba).filter(|(a, b)| a.map(f32::to_bits) != b.map(f32::to_bits)).count();
-    assert_eq!(differ, 0, "pixels that differ in {} slabs", drawn.parts.slabs);
+    [0.2, 0.6, 1.5].map(|zoom| Camera::framing(focus.centre.into(), focus.radius * zoom, SIZE))
+}
+
+fn differing(one: &Pixels, other: &Pixels) -> usize {
+    let bits = |pixels: &[f32; 4]| pixels.map(f32::to_bits);
+    one.rgba.iter().zip(&other.rgba).filter(|(a, b)| bits(a) != bits(b)).count()
+}
+
+fn assert_valid(device: &Device) {
     assert_eq!(device.validation_messages(), Vec::<String>::new());
+    let memory = device.memory();
+    assert!(memory.limit.is_none_or(|limit| memory.peak <= limit), "{memory:?}");
+    // The driver counts what the ledger does not: it is asked where it tells.
+    let is_kept = memory.told.zip(memory.asked).is_none_or(|(told, asked)| told <= asked);
+    assert!(is_kept, "{memory:?}");
+}
+
+/// The number of slabs in which a scene that is on the device as a whole is drawn with room for so many splats.
+fn slabs_of_whole(device: &Device, options: &Options, gaussians: &Gaussians, room: u64) -> u32 {
+    let scene = GpuScene::new(device, gaussians, options).unwrap();
+    let camera = &views(gaussians)[1];
+    let mut renderer = Renderer::new(device, options, &scene).unwrap();
+    renderer.render(camera, BACKGROUND).unwrap();
+    let whole = renderer.pixels().unwrap();
+    let mut fast = FastPipeline::new(device, options, scene.layout()).unwrap().unwrap();
+    let grid = fast.grid(SIZE, scene.len());
+    fast.prepare(device, grid).unwrap();
+    let cells = grid.count() as usize;
+    let capacity = Capacity { gaussians: scene.len(), visible: room, spans: room, listed: 2 * room, cells };
+    let work = FastWorkspace::new(device, capacity, fast.splat_elements()).unwrap();
+    let image = Image::new(device, "image", SIZE[0], SIZE[1]).unwrap();
+    let mut slabs = Slabs::new(device, &fast, &scene).unwrap();
+    let target = Target { image: &image, certificate: None, background: BACKGROUND };
+    let shot = Shot { scene: &scene, camera };
+    let drawn = slabs.draw(device, (&fast, &work, options), shot, target).unwrap();
+    let parts = read_pixels(device, &image).unwrap();
+    assert_eq!(differing(&parts, &whole), 0, "pixels that differ in {} slabs", drawn.parts.slabs);
     drawn.parts.slabs
 }
 
 #[test]
 fn a_frame_in_slabs_has_the_bits_of_a_whole_frame() {
-    let gaussians = synthetic::cactus(20_000).unwrap().gaussians;
-    for options in
-        [Options::EXACT, Options::BALANCED, Options::FAST, Options::PREVIEW, Options { stop: 0.0, ..Options::BALANCED }]
-    {
-        for room in [20_000, 5_000, 300] {
-            let slabs = compare(&options, &gaussians, room);
-            assert!(slabs > 1 || room > 10_000, "{room}: {slabs} slabs");
-            eprintln!("{room}: {slabs}");
+    let (device, gaussians) = (open(), synthetic::cactus(8000).unwrap().gaussians);
+    for options in [Options::EXACT, Options::BALANCED, Options::PREVIEW] {
+        assert_eq!(slabs_of_whole(&device, &options, &gaussians, 16_000), 1);
+        assert!(slabs_of_whole(&device, &options, &gaussians, 1000) > 8);
+    }
+    assert_valid(&device);
+}
+
+#[test]
+fn splats_of_one_depth_are_cut_by_their_indices() {
+    let (device, gaussians) = (open(), synthetic::cactus(3000).unwrap().gaussians);
+    // With 8 bits, few depth keys are left, each of many splats.
+    let options = Options { key_bits: 8, ..Options::BALANCED };
+    assert!(slabs_of_whole(&device, &options, &gaussians, 200) > 10);
+    assert_valid(&device);
+}
+
+/// Draws views of a scene as a whole and under a limit of memory, and compares every bit. `churns`: pages are evicted
+/// at random. Returns the frames that were drawn under the limit.
+fn compare_under_limit(options: &Options, gaussians: Gaussians, limit: u64, churns: bool) -> Vec<Frame> {
+    let cameras = views(&gaussians);
+    let source = SceneSource::of(gaussians);
+    let (whole_device, device) = (open(), open().with_memory_limit(Some(limit)).unwrap());
+    let mut draw = |device: &Device, cameras: Vec<&Camera>| {
+        let scene = source.bring(device, options, false, 1 << 20).unwrap();
+        if let Some(mut pool) = scene.pool() {
+            pool.churn = churns.then_some(7);
         }
+        let mut renderer = Renderer::new(device, options, &scene).unwrap();
+        let mut draw = |camera: &&Camera| {
+            let frame = renderer.render(camera, BACKGROUND).unwrap();
+            (frame, renderer.pixels().unwrap())
+        };
+        let drawn: Vec<_> = cameras.iter().map(&mut draw).collect();
+        assert_valid(device);
+        drawn
+    };
+    let whole = draw(&whole_device, cameras.iter().collect());
+    // In another order: what was loaded before does not matter.
+    let mut parts = draw(&device, cameras.iter().rev().collect());
+    parts.reverse();
+    for ((_, expected), (frame, drawn)) in whole.iter().zip(&parts) {
+        assert_eq!(differing(drawn, expected), 0, "pixels that differ, {:?}", frame.parts);
+    }
+    parts.into_iter().map(|(frame, _)| frame).collect()
+}
+
+#[test]
+fn every_preset_draws_the_same_bits_at_any_limit_of_memory() {
+    for (name, options) in Options::PRESETS {
+        let gaussians = synthetic::cactus(60_000).unwrap().gaussians;
+        let frames = compare_under_limit(&options, gaussians, 58 << 20, name == "balanced");
+        let parts: Vec<_> =
+            frames.iter().map(|frame| frame.parts.expect("the scene is larger than the limit")).collect();
+        assert!(parts.iter().any(|parts| parts.slabs > 1 && parts.pages_read > 0), "{name}: {parts:?}");
     }
 }
 
 #[test]
-fn a_scene_in_pages_has_the_bits_of_a_whole_scene() {
-    let gaussians = Arc::new(synthetic::cactus(30_000).unwrap().gaussians);
-    let statistics = Statistics::of(&gaussians);
-    let focus = Focus::of(&gaussians);
-    let background = Background::Colour([0.1, 0.2, 0.3]);
-    let whole_device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
-    for (name, options) in Options::PRESETS {
-        if options.portable || FastPipeline::subgroup(&whole_device, &options).is_none() {
-            continue;
-        }
-        let scene = GpuScene::new(&whole_device, &gaussians, &options).unwrap();
-        let mut whole = Renderer::new(&whole_device, &options, &scene).unwrap();
-        let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
-        let device = device.with_memory_limit(Some(72 << 20)).unwrap();
-        let pages = Pages::of_gaussians(gaussians.clone(), statistics.clone(), &options);
-        let scene = GpuScene::of_pages(&device, &pages, &options, 1 << 20).unwrap();
-        let mut paged = Renderer::new(&device, &options, &scene).unwrap();
-        for zoom in [0.2, 0.6, 1.5] {
-            let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [200, 130]);
-            whole.render(&camera, background).unwrap();
-            let frame = paged.render(&camera, background).unwrap();
-            let (expected, drawn) = (whole.pixels().unwrap(), paged.pixels().unwrap());
-            let pairs = drawn.rgba.iter().zip(&expected.rgba);
-            let differ = pairs.filter(|(a, b)| a.map(f32::to_bits) != b.map(f32::to_bits)).count();
-            assert_eq!(differ, 0, "{name}, {zoom}: pixels that differ");
-            eprintln!("{name} {zoom} {:?} {:?}", scene.pages_read(), frame.totals.visible);
-        }
-        assert_eq!(device.validation_messages(), Vec::<String>::new());
-        let memory = device.memory();
-        assert!(memory.peak <= memory.limit.unwrap(), "{memory:?}");
+fn hidden_pages_are_not_read() {
+    let town = Procedural::parse("town:120000").unwrap().unwrap();
+    let gaussians = town.make().unwrap().gaussians;
+    let view = town.views(crate::scene::TownPath::Street, 1).unwrap();
+    let camera = crate::camera::path::looking(&view, SIZE).remove(0);
+    let device = open().with_memory_limit(Some(64 << 20)).unwrap();
+    let source = SceneSource::of(gaussians);
+    let scene = source.bring(&device, &Options::BALANCED, false, 1 << 20).unwrap();
+    assert!(scene.is_paged() || scene.len() < 1 << 20);
+    let frame = Renderer::new(&device, &Options::BALANCED, &scene).unwrap().render(&camera, BACKGROUND).unwrap();
+    if let Some(parts) = frame.parts {
+        assert!(parts.pages_in_view < scene.len() as u64 / 1024, "{parts:?}");
     }
+}
+
+#[test]
+fn certificates_and_depths_have_the_same_bits_in_slabs() {
+    use crate::render::{Form, HostFrame, Stream, Wanted};
+    let gaussians = synthetic::cactus(40_000).unwrap().gaussians;
+    let [_, camera, _] = views(&gaussians);
+    let source = SceneSource::of(gaussians);
+    let draw = |device: Device| {
+        let options = Options::BALANCED;
+        let scene = source.bring(&device, &options, true, 2 << 20).unwrap();
+        let mut certified = Renderer::certified(&device, &options, &scene).unwrap();
+        let frame = certified.render(&camera, BACKGROUND).unwrap();
+        let certificate = certified.certificate().unwrap().unwrap();
+        let picture = certified.pixels().unwrap();
+        drop((certified, scene));
+        let scene = source.bring(&device, &options, false, 2 << 20).unwrap();
+        let mut stream = Stream::new(&device, Renderer::new(&device, &options, &scene).unwrap());
+        let wanted = Wanted { picture: vec![Form::Floats], depths: true };
+        let view = stream.start(&camera, BACKGROUND, &wanted, HostFrame::default()).unwrap();
+        let mut host = stream.finish(view).unwrap().host;
+        let layers = [host.picture().unwrap(), host.depths().unwrap()];
+        assert_valid(&device);
+        (frame.parts.map_or(0, |parts| parts.slabs), certificate, picture, layers)
+    };
+    let (slabs, certificate, picture, layers) = draw(open());
+    assert_eq!(slabs, 0);
+    let limited = draw(open().with_memory_limit(Some(56 << 20)).unwrap());
+    assert!(limited.0 > 1, "{} slabs", limited.0);
+    assert_eq!(differing(&certificate, &limited.1), 0, "certificates");
+    assert_eq!(differing(&picture, &limited.2), 0, "pictures with certificates");
+    assert_eq!(layers.iter().zip(&limited.3).map(|(a, b)| differing(a, b)).sum::<usize>(), 0, "layers");
+}
+
+#[test]
+fn a_limit_under_the_least_is_refused_with_the_bytes_that_are_needed() {
+    let source = SceneSource::of(synthetic::cactus(300_000).unwrap().gaussians);
+    let bring = |limit: u64| {
+        let device = open().with_memory_limit(Some(limit)).unwrap();
+        source.bring(&device, &Options::EXACT, false, 1 << 20).map(|scene| (device, scene))
+    };
+    let limit = 34 << 20;
+    let error = bring(limit).err().expect("so little memory is refused");
+    let needed = error.downcast_ref::<crate::host_memory::OutOfMemory>().and_then(|error| error.bytes);
+    let needed = needed.expect("the bytes are told");
+    assert!(needed > limit && needed < 128 << 20, "{needed}");
+    assert!(bring(needed - 1).is_err());
+    let (device, scene) = bring(needed).expect("what was asked for is enough");
+    let camera = Camera::looking_at(glam::DVec3::new(0.0, -1.0, -4.0), glam::DVec3::ZERO, SIZE, 1.0);
+    Renderer::new(&device, &Options::EXACT, &scene).unwrap().render(&camera, BACKGROUND).unwrap();
+    assert_valid(&device);
 }

@@ -5,7 +5,9 @@ use egui::{Color32, Grid, Mesh, Rect, Sense, Ui, pos2, vec2};
 use super::super::history::Digest;
 use super::super::screen::Pair;
 use super::super::state::Viewer;
+use crate::gpu::MemoryUse;
 use crate::measure::bench::Statistics;
+use crate::render::Parts;
 
 /// Frames in the plot.
 const PLOTTED: usize = 120;
@@ -90,6 +92,24 @@ pub(super) fn memory(pair: &Pair, ui: &mut Ui) {
     let Some(first) = &pair.first else { return };
     let mut buffers = first.buffers();
     buffers.sort_by_key(|(_, bytes)| std::cmp::Reverse(*bytes));
+    let MemoryUse { asked, limit, used, peak, told } = first.renderer.memory();
+    let megabytes = |bytes: u64| format!("{:.1} MB", bytes as f64 / 1e6);
+    let row = |ui: &mut Ui, name: &str, bytes: Option<u64>| {
+        ui.label(name);
+        ui.monospace(bytes.map_or_else(|| "-".to_owned(), megabytes));
+        ui.end_row();
+    };
+    Grid::new("ledger").num_columns(2).show(ui, |ui| {
+        row(ui, "limit (--memory)", asked.or(limit));
+        row(ui, "allocated", Some(used));
+        row(ui, "the most so far", Some(peak));
+        row(ui, "in use, by the driver", told);
+    });
+    if let Some(Parts { slabs, pages_read, pages_in_view, .. }) = first.frame.parts.filter(|parts| parts.slabs > 1) {
+        let pages =
+            if pages_in_view > 0 { format!(", {pages_read} of {pages_in_view} pages read") } else { String::new() };
+        ui.label(format!("drawn in {slabs} parts{pages}"));
+    }
     let all: u64 = buffers.iter().map(|(_, bytes)| bytes).sum();
     ui.label(format!("first picture: {:.1} MB in {} buffers", all as f64 / 1e6, buffers.len()));
     Grid::new("memory").num_columns(2).striped(true).show(ui, |ui| {
