@@ -13,6 +13,7 @@ mod inspect;
 mod pack;
 mod portable;
 mod readback;
+mod recorded;
 mod renderer;
 #[doc(hidden)]
 pub mod shaders;
@@ -39,9 +40,10 @@ pub use pack::Packer;
 #[doc(hidden)]
 pub use portable::{Pairs, PortablePipeline, PortableWorkspace, RadixSort, SortRange, SortScratch};
 pub(crate) use readback::read_pixels;
-pub use renderer::{Frame, Renderer};
+pub use recorded::Frame;
 #[doc(hidden)]
-pub use renderer::{Recorded, Started};
+pub use recorded::{Recorded, Started};
+pub use renderer::Renderer;
 #[doc(hidden)]
 pub use shaders::Splat;
 pub use shaders::Totals;

@@ -1,21 +1,23 @@
 //! The facade: renders pictures of one scene on the path that suits each, and repeats a frame that did not fit.
 
+mod explain;
+
 use std::time::Duration;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 
 use super::capacity::Capacity;
 use super::choice::{Limits, Path, PathChoice};
 use super::frame::{Shot, Target, Variation};
 use super::gpu_scene::GpuScene;
-use super::inspect::{Explanation, Inspection, Inspector, Look, Picker, Picture, Work};
+use super::inspect::{Inspection, Inspector, Look, Picker, Picture, Work};
 use super::readback::read_pixels;
+use super::recorded::{Counted, Frame, Recorded, Started};
 use super::shaders::{Room, Totals};
-use super::slabs::{Drawn, Parts};
 use super::trial::{MAX_ATTEMPTS, choose};
 use super::upscale::Upscaler;
 use crate::camera::Camera;
-use crate::gpu::{Access, Commands, Device, Image, InFlight, MemoryUse, Readback, Results, Timestamps, Timing};
+use crate::gpu::{Access, Commands, Device, Image, MemoryUse, Results, Timestamps};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::pixels::Pixels;
@@ -50,62 +52,6 @@ struct Last {
     background: Background,
     /// True if the frame is finished and the lists of the portable path hold all of it.
     has_tile_lists: bool,
-}
-
-/// The report of a finished frame.
-#[derive(Clone, Debug)]
-pub struct Frame {
-    /// The counts of the frame.
-    pub totals: Totals,
-    /// The measured times: of every stage, or only of the frame ([`Renderer::set_timestamps`]).
-    pub timings: Vec<Timing>,
-    /// Times that the frame was drawn: more than one if something did not fit at first.
-    pub attempts: u32,
-    pub path: Path,
-    /// Set if it was drawn in parts.
-    pub parts: Option<Parts>,
-}
-
-/// A frame on the GPU.
-pub struct Started {
-    commands: InFlight,
-    recorded: Recorded,
-}
-
-/// A recorded frame. [`Renderer::judge`] tells whether it is complete when its commands have run.
-pub struct Recorded {
-    number: u64,
-    counted: Counted,
-    limits: Limits,
-}
-
-/// The counts of a recorded frame.
-enum Counted {
-    /// They are there when its commands have run.
-    OnDevice(Readback<Totals>),
-    /// The frame is drawn already, in slabs.
-    Here(Box<Drawn>),
-}
-
-/// Why there are no lists of a picture that is drawn in parts.
-const WHOLE: &str = "a pixel can be explained only where the whole scene and its lists fit into device memory";
-
-impl Recorded {
-    pub(super) fn parts(&self) -> Option<Parts> {
-        match &self.counted {
-            Counted::Here(drawn) => Some(drawn.parts),
-            Counted::OnDevice(_) => None,
-        }
-    }
-
-    /// The timings of the frame, from those of its commands.
-    pub(super) fn timings(&self, own: &[Timing]) -> Vec<Timing> {
-        let Counted::Here(drawn) = &self.counted else { return own.to_vec() };
-        let whole: f64 = drawn.timings.iter().map(|stage| stage.duration_ms).sum();
-        let longer = |timing: &Timing| Timing { duration_ms: timing.duration_ms + whole, ..timing.clone() };
-        let own = own.iter().map(|timing| if timing.depth == 0 { longer(timing) } else { timing.clone() });
-        drawn.timings.iter().cloned().chain(own).collect()
-    }
 }
 
 impl Renderer {
@@ -390,42 +336,6 @@ impl Renderer {
             last.has_tile_lists = is_whole && last.number == recorded.number && self.choice.holds(limits);
         }
         Ok(is_whole.then_some(totals))
-    }
-
-    /// The splats that a pixel of the frame recorded last is made of; where pictures are drawn smaller, those of the
-    /// nearest drawn pixel. Waits for the device. If the portable path does not hold the lists of the frame, it draws
-    /// the frame again.
-    ///
-    /// # Errors
-    /// If no frame was recorded, or the pixel lies outside the picture.
-    pub fn explain(&mut self, pixel: [u32; 2]) -> Result<Explanation> {
-        let Last { camera, background, has_tile_lists, .. } = self.last.clone().context("nothing is rendered yet")?;
-        let size = camera.size_px;
-        ensure!(pixel[0] < size[0] && pixel[1] < size[1], "pixel {pixel:?} lies outside of a picture of {size:?}");
-        if !has_tile_lists {
-            ensure!(!self.scene.is_paged(), "{WHOLE}");
-            self.needs_tile_lists = true;
-            let rendered = self.render(&camera, background);
-            self.needs_tile_lists = false;
-            rendered?;
-            ensure!(!self.drawn.in_slabs, "{WHOLE}");
-        }
-        let picker = match &mut self.picker {
-            Some(picker) => picker,
-            none => none.insert(Picker::new(&self.device, &self.options, self.scene.layout())?),
-        };
-        let drawn = self.options.drawn_size(size);
-        let pixel = std::array::from_fn(|i| {
-            let place = (f64::from(pixel[i]) + 0.5) / f64::from(size[i]) * f64::from(drawn[i]);
-            (place as u32).min(drawn[i] - 1)
-        });
-        let shot = Shot { scene: &self.scene, camera: &camera.sampled(drawn) };
-        let explained = picker.explain(&self.device, self.choice.portable(), shot, &self.choice.work, pixel)?;
-        if !has_tile_lists {
-            // The picture stays what it was, to the last bit.
-            self.render(&camera, background)?;
-        }
-        Ok(explained)
     }
 
     /// Width and height of the picture drawn last.

@@ -51,7 +51,7 @@ pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path) -> Result<Report>
     Ok(Report {
         file: output.display().to_string(),
         format: finished.header.format_of_pages(),
-        bytes: finished.header.file_bytes(),
+        bytes: output.metadata()?.len(),
         gaussians: statistics.count,
         sh_degree: finished.header.layout.sh_degree,
         removed,

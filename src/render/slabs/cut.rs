@@ -102,6 +102,11 @@ impl Cut {
         Self { estimate, begin: 0, target: target.min(most).max(1.0), most, longest: u64::MAX }
     }
 
+    /// Goes on by a new estimate.
+    pub fn renew(&mut self, estimate: Estimate) {
+        self.estimate = estimate;
+    }
+
     /// The next slab; `None` if there is none left.
     pub fn next(&self) -> Option<Range<Place>> {
         self.after(self.begin)

@@ -145,6 +145,9 @@ impl Slabs {
             if supply.close(results.view(&slab.open_bins)) {
                 break;
             }
+            if supply.has_closed_many() {
+                cut.renew(supply.estimate(end));
+            }
         }
         let mut cmd = Commands::new(device)?;
         cmd.scope("finish", |cmd| self.stages.finish(cmd, target.image, target.background));

@@ -56,8 +56,13 @@ pub struct Paged<'a> {
     /// In the order of their nearest depth.
     visible: Vec<VisiblePage>,
     open: Open,
+    /// Open bins at the last estimate.
+    open_then: u32,
     bins: [u32; 2],
 }
+
+/// An estimate is renewed when this part of its open bins is left.
+const RENEWED: f64 = 0.9;
 
 impl<'a> Supply<'a> {
     pub fn of(scene: &'a GpuScene, camera: &Camera, options: &Options, keys: DepthKeys, cells: Cells) -> Self {
@@ -68,14 +73,26 @@ impl<'a> Supply<'a> {
         let mut visible = sight.visible(pool.pages().pages(), 0, &placed);
         visible.sort_unstable_by_key(|page| (page.keys[0], page.page));
         let all = vec![u32::MAX; cells.count.iter().product::<u32>().div_ceil(32) as usize];
-        Self::Paged(Box::new(Paged { pool, visible, open: Open::of(&all, cells.count), bins: cells.count }))
+        Self::Paged(Box::new(Paged { pool, visible, open: Open::of(&all, cells.count), open_then: 0, bins: cells.count }))
     }
 
-    /// Where the splats are expected; `end`: the place behind the last.
-    pub fn estimate(&self, end: Place) -> Estimate {
+    /// Where the splats are expected that may still be seen; `end`: the place behind the last.
+    pub fn estimate(&mut self, end: Place) -> Estimate {
         match self {
             Self::Whole(gaussians) => Estimate::uniform(end, *gaussians as f64),
-            Self::Paged(paged) => Estimate::of(end, paged.visible.iter().map(|page| (page.keys, page.count))),
+            Self::Paged(paged) => {
+                paged.open_then = paged.open.count();
+                let seen = paged.visible.iter().filter(|page| paged.open.meets(page));
+                Estimate::of(end, seen.map(|page| (page.keys, page.count)))
+            }
+        }
+    }
+
+    /// True if many bins were closed since the last estimate.
+    pub fn has_closed_many(&self) -> bool {
+        match self {
+            Self::Whole(_) => false,
+            Self::Paged(paged) => f64::from(paged.open.count()) < RENEWED * f64::from(paged.open_then),
         }
     }
 
@@ -107,7 +124,7 @@ impl<'a> Supply<'a> {
             Self::Whole(_) => open_bins.iter().all(|word| *word == 0),
             Self::Paged(paged) => {
                 paged.open = Open::of(open_bins, paged.bins);
-                paged.open.is_none()
+                paged.open.count() == 0
             }
         }
     }

@@ -163,9 +163,9 @@ impl Open {
         sum(bottom, right) + sum(top, left) > sum(bottom, left) + sum(top, right)
     }
 
-    /// True if there is no open bin.
-    pub fn is_none(&self) -> bool {
-        self.sums.last() == Some(&0)
+    /// Number of open bins.
+    pub fn count(&self) -> u32 {
+        self.sums.last().copied().unwrap_or(0)
     }
 }
 
@@ -181,7 +181,7 @@ mod tests {
             bits[bin / 32] |= 1 << (bin % 32);
         }
         let open = Open::of(&bits, bins);
-        assert!(!open.is_none() && Open::of(&[0, 0], bins).is_none());
+        assert_eq!([open.count(), Open::of(&[0, 0], bins).count()], [3, 0]);
         for left in 0..7 {
             for right in left..=7 {
                 for top in 0..5 {

@@ -1,0 +1,59 @@
+//! Frames that are recorded, on the GPU, or finished.
+
+use super::choice::{Limits, Path};
+use super::shaders::Totals;
+use super::slabs::{Drawn, Parts};
+use crate::gpu::{InFlight, Readback, Timing};
+
+/// The report of a finished frame.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// The counts of the frame.
+    pub totals: Totals,
+    /// The measured times: of every stage, or only of the frame ([`Renderer::set_timestamps`](super::Renderer::set_timestamps)).
+    pub timings: Vec<Timing>,
+    /// Times that the frame was drawn: more than one if something did not fit at first.
+    pub attempts: u32,
+    pub path: Path,
+    /// Set if it was drawn in parts.
+    pub parts: Option<Parts>,
+}
+
+/// A frame on the GPU.
+pub struct Started {
+    pub(super) commands: InFlight,
+    pub(super) recorded: Recorded,
+}
+
+/// A recorded frame. [`Renderer::judge`](super::Renderer::judge) tells whether it is complete when its commands have run.
+pub struct Recorded {
+    pub(super) number: u64,
+    pub(super) counted: Counted,
+    pub(super) limits: Limits,
+}
+
+/// The counts of a recorded frame.
+pub(super) enum Counted {
+    /// They are there when its commands have run.
+    OnDevice(Readback<Totals>),
+    /// The frame is drawn already, in slabs.
+    Here(Box<Drawn>),
+}
+
+impl Recorded {
+    pub(super) fn parts(&self) -> Option<Parts> {
+        match &self.counted {
+            Counted::Here(drawn) => Some(drawn.parts),
+            Counted::OnDevice(_) => None,
+        }
+    }
+
+    /// The timings of the frame, from those of its commands.
+    pub(super) fn timings(&self, own: &[Timing]) -> Vec<Timing> {
+        let Counted::Here(drawn) = &self.counted else { return own.to_vec() };
+        let whole: f64 = drawn.timings.iter().map(|stage| stage.duration_ms).sum();
+        let longer = |timing: &Timing| Timing { duration_ms: timing.duration_ms + whole, ..timing.clone() };
+        let own = own.iter().map(|timing| if timing.depth == 0 { longer(timing) } else { timing.clone() });
+        drawn.timings.iter().cloned().chain(own).collect()
+    }
+}
