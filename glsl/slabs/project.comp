@@ -51,7 +51,8 @@ uint index_of(uint gaussian) {
 }
 
 #define INDEX_OF(gaussian) index_of(gaussian)
-#define IN_WORLD(depth) (scale * (depth))
+// Rounding must not bring a depth before the near plane: such a key would be the largest.
+#define IN_WORLD(depth) max(scale * (depth), push.near)
 #define NEAR push.near
 #include "fast/make_splat.glsl"
 

@@ -247,12 +247,13 @@ impl PathChoice {
     pub fn draw_in_slabs(&mut self, device: &Device, shot: Shot, target: Target) -> Result<Drawn> {
         let Self { fast, options, .. } = self;
         let fast = fast.as_mut().expect("a frame in slabs was prepared");
-        let grid = fast.pipeline.grid(shot.camera.size_px, shot.scene.len());
+        let gaussians = shot.scene.placed_len();
+        let grid = fast.pipeline.grid(shot.camera.size_px, gaussians);
         let slabs = match &mut fast.slabs {
             Some(slabs) => slabs,
             none => none.insert(Slabs::new(device, &fast.pipeline, shot.scene)?),
         };
-        slabs.fit(device, &mut fast.work, &fast.pipeline, grid, shot.scene.len())?;
+        slabs.fit(device, &mut fast.work, &fast.pipeline, grid, gaussians)?;
         let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), shot, target)?;
         // What fits into one slab fits at once.
         fast.needs_slabs = drawn.parts.slabs > 1;

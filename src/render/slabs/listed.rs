@@ -1,9 +1,12 @@
 //! The pages that a slab draws and the views that they are seen from, as slab.glsl reads them.
 
+use super::visible::PlacedCamera;
 use crate::gpu::Buffer;
+use crate::render::frame::view;
 use crate::render::gpu_scene::GpuScene;
 use crate::render::shaders::View;
 use crate::render::shaders::slabs::{HAS_INDICES, VIEW_ELEMENTS};
+use crate::rules::Rules;
 use std::ops::Range;
 
 /// An element of the buffer of listed pages.
@@ -41,8 +44,14 @@ impl ListedPage {
     }
 }
 
+/// The views of a scene, one for each of its placements.
+pub fn views_of(cameras: &[PlacedCamera], rules: &Rules) -> Vec<Element> {
+    let one = |placed: &PlacedCamera| element(&view(&placed.camera, placed.near(rules) as f32), placed.scale as f32);
+    cameras.iter().flat_map(one).collect()
+}
+
 /// A view of a scene that is placed with this scale: PlacedView in slab.glsl.
-pub fn placed(view: &View, scale: f32) -> [Element; VIEW_ELEMENTS as usize] {
+fn element(view: &View, scale: f32) -> [Element; VIEW_ELEMENTS as usize] {
     let vectors =
         [view.right, view.down, view.forward, view.forward_low, view.position_high, view.position_low].into_iter();
     let floats = vectors.flatten().chain([view.near, scale]);
