@@ -51,8 +51,7 @@ uint index_of(uint gaussian) {
 }
 
 #define INDEX_OF(gaussian) index_of(gaussian)
-// Rounding must not bring a depth before the near plane: such a key would be the largest.
-#define IN_WORLD(depth) max(scale * (depth), push.near)
+#define IN_WORLD(depth) (scale * (depth))
 #define NEAR push.near
 #include "fast/make_splat.glsl"
 

@@ -16,7 +16,7 @@ struct Pairs {
     refused: &'static [(&'static str, &'static str)],
 }
 
-const DEVICE: &str = "device";
+const DEVICE: &str = "device memory";
 const READING: &str = "up flip lod";
 const RULES: &str = "near order extent alpha-min antialiased";
 const ACCURACY: &str = "stop key-bits sh-degree sh-storage shape-storage scale";

@@ -202,10 +202,8 @@ mod tests {
 
     #[test]
     fn box_and_sphere_are_around_all_places() {
-        let (bounds, focus) = (
-            Bounds { low: [-1.0, -2.0, -3.0], high: [1.0, 2.0, 3.0] },
-            Focus { centre: [0.5, 0.0, 0.0], radius: 2.0 },
-        );
+        let (bounds, focus) =
+            (Bounds { low: [-1.0, -2.0, -3.0], high: [1.0, 2.0, 3.0] }, Focus { centre: [0.5, 0.0, 0.0], radius: 2.0 });
         let one = Placements::new(vec![Transform::IDENTITY]).unwrap();
         assert_eq!((one.extent(&bounds), one.focus(focus)), (bounds, focus));
         let turn = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);

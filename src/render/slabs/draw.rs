@@ -7,10 +7,9 @@ use anyhow::Result;
 
 use super::cut::{Cut, Place, place_of, slab};
 use super::fast::{FastStages, OpenBins};
-use super::listed::{Element, Listed, ListedPage, views_of};
+use super::listed::{Element, Listed, ListedPage, first_page, room_for_pages, views_of};
 use super::parts::Parts;
 use super::supply::Supply;
-use super::visible::PlacedCamera;
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, Image, InFlight, Readback, Timing};
 use crate::host_memory::OutOfMemory;
@@ -20,7 +19,7 @@ use crate::render::fast::{BinGrid, FastPipeline, FastWorkspace};
 use crate::render::frame::{DepthKeys, Shot, Target};
 use crate::render::gpu_scene::GpuScene;
 use crate::render::shaders::Totals;
-use crate::render::shaders::slabs::{PAGE, VIEW_ELEMENTS};
+use crate::render::shaders::slabs::PAGE;
 
 /// What drawing in slabs keeps from one frame to the next.
 pub struct Slabs {
@@ -28,8 +27,6 @@ pub struct Slabs {
     open_bins: OpenBins,
     /// The views, then the pages.
     listed: Buffer<Element>,
-    /// The element with the first page.
-    first_page: u32,
     /// The indices of Gaussians, where no page has them.
     no_indices: Buffer<u32>,
     /// The splats that the first slab of the next frame is meant to have.
@@ -53,8 +50,6 @@ const MOST_SPLATS: u64 = 4 << 20;
 /// The most splats that a slab of a scene in pages is meant to have. After each slab, what is hidden by then is not
 /// read any more.
 const PAGED_SPLATS: f64 = 1.0e6;
-/// The most pages that a dispatch draws, if there are fewer at a time in the pool.
-const MOST_LISTED: usize = 1 << 16;
 /// The part of the free memory that the buffers of slabs may take.
 const PART: f64 = 0.85;
 
@@ -67,17 +62,11 @@ impl Slabs {
         // A scene that is there as a whole is listed once.
         let all = if scene.is_paged() { 0 } else { scene.len().div_ceil(PAGE as usize) as u32 };
         let pages: Vec<Element> = (0..all).map(page).collect();
-        let placements = scene.transforms().len();
-        let room = scene.pool().map_or(pages.len(), |pool| {
-            let most = pool.pages().pages().len().saturating_mul(placements).min(MOST_LISTED);
-            most.max(pool.capacity())
-        });
-        let first_page = VIEW_ELEMENTS as usize * placements;
+        let first_page = first_page(scene) as usize;
         let made = Self {
             stages: FastStages::new(device, fast)?,
             open_bins: OpenBins::new(device)?,
-            listed: Buffer::new(device, "listed pages", first_page + room)?,
-            first_page: first_page as u32,
+            listed: Buffer::new(device, "listed pages", first_page + room_for_pages(scene))?,
             no_indices: Buffer::new(device, "no indices", 1)?,
             target: f64::INFINITY,
             cells: 0,
@@ -125,8 +114,7 @@ impl Slabs {
         self.stages.prepare(device, grid)?;
         let keys = DepthKeys::of(camera, options, &scene.extent);
         let end = place_of(((1_u64 << keys.bits) - 1) as u32) + place_of(1);
-        let cameras: Vec<_> = scene.transforms().iter().map(|place| PlacedCamera::of(camera, place)).collect();
-        let mut supply = Supply::of(scene, &cameras, options, keys, grid);
+        let mut supply = Supply::of(scene, camera, options, keys, grid);
         let estimate = supply.estimate(end);
         let most = if scene.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
         let mut cut = Cut::new(estimate, self.target, most);
@@ -134,7 +122,7 @@ impl Slabs {
         let mut drawn = Drawn { totals: bytemuck::Zeroable::zeroed(), timings: Vec::new(), parts: supply.parts() };
         let begun = Instant::now();
         let mut cmd = Commands::new(device)?;
-        let views = views_of(&cameras, &options.rules);
+        let views = views_of(scene, camera, &options.rules);
         cmd.upload(&self.listed, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
         cmd.fill(&self.open_bins.0[0], u32::MAX);
         cmd.scope("begin", |cmd| self.stages.begin(cmd, target.image));
@@ -190,29 +178,26 @@ impl Slabs {
     ) -> Result<Option<StartedSlab>> {
         let Frame { device, fast, work, options, scene, camera, grid, image } = *frame;
         let indices = supply.indices().unwrap_or_else(|| self.no_indices.clone());
-        let listed = |pages: u32| Listed {
-            scene,
-            elements: &self.listed,
-            pages: self.first_page..self.first_page + pages,
-            indices: &indices,
-        };
+        let first = first_page(scene);
+        let listed =
+            |pages: u32| Listed { scene, elements: &self.listed, pages: first..first + pages, indices: &indices };
         let project = |cmd: &mut Commands, pages: u32| {
             let (listed, slab) = (listed(pages), slab(range));
             cmd.scope("project", |cmd| self.stages.project(cmd, &listed, (camera, options), slab, work, grid));
         };
         let mut cmd = Commands::new(device)?;
         match supply {
-            Supply::Whole(_) => project(&mut cmd, self.listed.len() as u32 - self.first_page),
+            Supply::Whole(_) => project(&mut cmd, self.listed.len() as u32 - first),
             Supply::Paged(paged) => {
                 let mut wanted = paged.wanted(range);
                 if wanted.is_empty() {
                     return Ok(None);
                 }
-                let batches = paged.batches(&mut wanted, self.listed.len() - self.first_page as usize);
+                let batches = paged.batches(&mut wanted, self.listed.len() - first as usize);
                 let last = batches.len() - 1;
                 for (number, batch) in batches.into_iter().enumerate() {
                     let pages = paged.bring(device, &wanted[batch])?;
-                    cmd.upload(&self.listed, self.first_page as usize, pages.len(), |memory| {
+                    cmd.upload(&self.listed, first as usize, pages.len(), |memory| {
                         memory.copy_from_slice(&pages);
                     })?;
                     cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);

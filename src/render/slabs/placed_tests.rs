@@ -191,6 +191,6 @@ fn more_gaussians_than_can_be_ordered_are_refused() {
     let count = u32::MAX as usize / scene.len();
     let places = |count: usize| Placements::new(vec![Transform::IDENTITY; count]).unwrap();
     assert!(scene.clone().placed(&places(count)).is_ok());
-    let error = scene.placed(&places(count + 1)).unwrap_err().to_string();
+    let error = scene.placed(&places(count + 1)).err().unwrap().to_string();
     assert!(error.contains("which is the most that can be ordered"), "{error}");
 }

@@ -12,6 +12,7 @@ use super::listed::{Element, ListedPage};
 use super::parts::Parts;
 use super::pool::{PagesRead, Pool};
 use super::visible::{Open, PlacedCamera, Sight, VisiblePage};
+use crate::camera::Camera;
 use crate::gpu::{Buffer, Device};
 use crate::options::Options;
 use crate::render::fast::BinGrid;
@@ -45,19 +46,13 @@ const NONE: u32 = u32::MAX;
 const LOOKED_AT: usize = 4096;
 
 impl<'a> Supply<'a> {
-    /// The Gaussians of a scene with a camera for each of its placements.
-    pub fn of(
-        scene: &'a GpuScene,
-        cameras: &[PlacedCamera],
-        options: &Options,
-        keys: DepthKeys,
-        grid: BinGrid,
-    ) -> Self {
+    pub fn of(scene: &'a GpuScene, camera: &Camera, options: &Options, keys: DepthKeys, grid: BinGrid) -> Self {
         let Some(pool) = scene.pool() else { return Self::Whole(scene.len()) };
         let alpha_min = pool.pages().alpha_min();
         let sight = Sight { rules: &options.rules, alpha_min, keys, bin_px: grid.bin_px(), bins: grid.bins };
         let pages = pool.pages().pages();
-        let mut visible = sight.visible_of_all(pages, cameras);
+        let cameras: Vec<_> = scene.transforms().iter().map(|place| PlacedCamera::of(camera, place)).collect();
+        let mut visible = sight.visible_of_all(pages, &cameras);
         visible.par_sort_unstable_by_key(|page| (page.keys[0], page.view, page.page));
         let all = vec![u32::MAX; grid.count().div_ceil(32) as usize];
         let (open, count, noted) = (Open::of(&all, grid.bins), scene.len() as u32, vec![NONE; pages.len()]);
@@ -174,7 +169,12 @@ impl Paged<'_> {
 
 /// Cuts a list of pages into stretches with at most `different` different pages and `room` pages. `noted` has an entry
 /// for each page of the scene: [`NONE`] before and after.
-fn batches(pages: &[VisiblePage], different: usize, room: usize, noted: &mut [u32]) -> std::vec::IntoIter<Range<usize>> {
+fn batches(
+    pages: &[VisiblePage],
+    different: usize,
+    room: usize,
+    noted: &mut [u32],
+) -> std::vec::IntoIter<Range<usize>> {
     let mut found: Vec<Range<usize>> = Vec::new();
     let (mut begin, mut those) = (0, 0);
     for (place, page) in pages.iter().enumerate() {
@@ -201,14 +201,8 @@ mod tests {
     use super::*;
 
     fn cut(pages: &[u32], different: usize, room: usize) -> Vec<Range<usize>> {
-        let page = |page: &u32| VisiblePage {
-            page: *page,
-            view: 0,
-            keys: [0, 0],
-            columns: [0, 1],
-            rows: [0, 1],
-            count: 1,
-        };
+        let page =
+            |page: &u32| VisiblePage { page: *page, view: 0, keys: [0, 0], columns: [0, 1], rows: [0, 1], count: 1 };
         let pages: Vec<_> = pages.iter().map(page).collect();
         let mut noted = vec![NONE; 10];
         let found = batches(&pages, different, room, &mut noted).collect();
