@@ -53,7 +53,7 @@ const UPLOAD_CHUNK: usize = 1 << 17;
 const PART: usize = 1 << 11;
 
 /// The part of the free memory that pages may take; the rest is for pictures, lists and what is read.
-const POOL_PART: f64 = 0.65;
+pub(super) const POOL_PART: f64 = 0.65;
 /// Bytes that lists and what else a frame needs take at least.
 const LEAST_LISTS: u64 = 16 << 20;
 /// The least pages that there is room for.

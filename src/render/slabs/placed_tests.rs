@@ -8,10 +8,13 @@ use crate::camera::Camera;
 use crate::gpu::{Device, DeviceChoice, Validation};
 use crate::options::Options;
 use crate::pixels::Pixels;
+use crate::render::gpu_scene::POOL_PART;
 use crate::render::{Content, GpuScene, Renderer, SceneSource};
 use crate::rules::{Background, Order, Rules};
 use crate::scene::{Focus, Gaussians, Placements, Transform, synthetic};
-use crate::storage::Pages;
+use crate::storage::{Pages, Statistics};
+
+use super::Pool;
 
 const SIZE: [u32; 2] = [200, 130];
 const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
@@ -136,6 +139,25 @@ fn bits_depend_neither_on_memory_nor_on_evicted_pages() {
         let memory = device.memory();
         assert!(memory.peak <= memory.limit.unwrap(), "{memory:?}");
     }
+}
+
+#[test]
+fn bits_do_not_depend_on_the_number_of_pages_in_memory() {
+    let gaussians = synthetic::cactus(80_000).unwrap().gaussians;
+    let options = Options::PREVIEW;
+    let (places, camera) = two(&gaussians);
+    let device = open(None);
+    let expected = placed(&device, &options, &gaussians, &places, &camera);
+    let gaussians = Arc::new(gaussians);
+    let pages = Pages::of_gaussians(gaussians.clone(), Statistics::of(&gaussians), &options);
+    // Room for 70 of 79 pages, so that every slab with all of them takes several batches.
+    let reserve = device.free_bytes() - (70.5 * Pool::bytes_each(&pages) as f64 / POOL_PART) as u64;
+    let scene = GpuScene::of_pages(&device, &pages, &options, reserve).unwrap();
+    assert_eq!(scene.pool().unwrap().capacity(), 70);
+    let scene = scene.placed(&Placements::new(places.to_vec()).unwrap()).unwrap();
+    let (drawn, seen) = draw(&device, &options, &scene, &camera);
+    assert!(seen > 140, "{seen} pages of two places in view");
+    assert_eq!(differing(&drawn, &expected), 0);
 }
 
 #[test]
