@@ -209,10 +209,14 @@ impl PathChoice {
 
     /// The fewest bytes that every stage of a frame on `path` moves.
     pub fn least_bytes(&self, path: Path, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
-        match &self.fast {
+        let mut stages = match &self.fast {
             Some(fast) if path == Path::Fast => fast.pipeline.least_bytes(shot, totals),
             _ => self.portable().least_bytes(shot, totals),
-        }
+        };
+        // Of frames in slabs: the states of pixels out; in, and out as the picture.
+        let pixels: u64 = shot.camera.size_px.iter().map(|side| u64::from(*side)).product();
+        stages.extend([("begin", 16 * pixels), ("finish", 32 * pixels)]);
+        stages
     }
 
     /// Chooses the path of a frame of this size and makes its buffers large enough for it. `needs_tile_lists` rules the

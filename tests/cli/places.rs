@@ -37,6 +37,7 @@ fn a_list_of_places_is_drawn_and_reported() {
     let bench = ["bench", "cactus:300", "--size", "32x24", "--warmup", "0", "--frames", "1", "--json", "-"];
     let bench: Value = serde_json::from_str(&ok(&[&bench[..], &["--place", &file]].concat())).unwrap();
     assert_eq!(bench["runs"][0]["subject"]["scene"]["gaussians"], 900);
+    assert!(bench["runs"][0]["counts"]["visible"]["median"].as_f64().unwrap() > 300.0, "{}", bench["runs"][0]);
 }
 
 #[test]
@@ -71,7 +72,7 @@ fn resume_and_verify_compare_the_list() {
     run(&lists[0], "--resume", 0);
     assert!(run(&lists[0], "--verify", 0).contains("all 2 files are complete"));
     for other in [lists[1].as_str(), ""] {
-        assert!(run(other, "--resume", 2).contains("had other settings (scene, places)"));
+        assert!(run(other, "--resume", 2).contains("had other settings (places, scene)"));
         assert!(run(other, "--verify", 6).contains("2 of 2 files are wrong: 2 of other settings"));
     }
 }
