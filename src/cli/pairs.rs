@@ -16,7 +16,7 @@ struct Pairs {
     refused: &'static [(&'static str, &'static str)],
 }
 
-const DEVICE: &str = "device";
+const DEVICE: &str = "device memory";
 const READING: &str = "up flip lod";
 const RULES: &str = "near order extent alpha-min antialiased";
 const ACCURACY: &str = "stop key-bits sh-degree sh-storage shape-storage scale";
@@ -35,12 +35,13 @@ const COMMANDS: [Pairs; 8] = [
             BUDGET,
             "output format compression layers names size cameras split camera path fps video resume background preset",
             "portable",
-            "reference timings certificate dump json no-clobber orbit shard verify",
+            "reference timings certificate dump json no-clobber orbit shard verify place",
             PLACE,
         ],
         refused: &[
             ("reference", "device portable timings dump certificate max-error min-psnr"),
             ("reference", "stop key-bits sh-storage shape-storage scale"),
+            ("place", "reference portable certificate max-error min-psnr"),
             ("max-error", "min-psnr"),
             (BUDGET, "preset"),
             (BUDGET, ACCURACY),
@@ -83,11 +84,12 @@ const COMMANDS: [Pairs; 8] = [
             ACCURACY,
             PLACE,
             "cameras split path size warmup frames preset ladder check certificate",
-            "json csv plot baseline threshold",
+            "json csv plot baseline threshold place",
         ],
         refused: &[
             ("cameras", "path"),
             (PLACE, "cameras split path"),
+            ("place", "ladder check certificate"),
             ("ladder", "preset check certificate baseline threshold order extent alpha-min antialiased"),
             ("ladder", ACCURACY),
         ],

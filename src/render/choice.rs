@@ -226,10 +226,14 @@ impl PathChoice {
 
     /// The fewest bytes that every stage of a frame on `path` moves.
     pub fn least_bytes(&self, path: Path, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
-        match &self.fast {
+        let mut stages = match &self.fast {
             Some(fast) if path == Path::Fast => fast.pipeline.least_bytes(shot, totals),
             _ => self.portable().least_bytes(shot, totals),
-        }
+        };
+        // Of frames in slabs: the states of pixels out; in, and out as the picture.
+        let pixels: u64 = shot.camera.size_px.iter().map(|side| u64::from(*side)).product();
+        stages.extend([("begin", 16 * pixels), ("finish", 32 * pixels)]);
+        stages
     }
 
     /// Chooses the path of a frame of this size and makes its buffers large enough for it. `needs_tile_lists` rules the
@@ -279,12 +283,13 @@ impl PathChoice {
         }
         let Self { fast, options, .. } = self;
         let fast = fast.as_mut().expect("a frame in slabs was prepared");
-        let grid = fast.pipeline.grid(shot.camera.size_px, shot.scene.len());
+        let gaussians = shot.scene.placed_len();
+        let grid = fast.pipeline.grid(shot.camera.size_px, gaussians);
         let slabs = match &mut fast.slabs {
             Some(slabs) => slabs,
             none => none.insert(Slabs::new(device, &fast.pipeline, shot.scene)?),
         };
-        slabs.fit(device, &mut fast.work, &fast.pipeline, grid, shot.scene.len())?;
+        slabs.fit(device, &mut fast.work, &fast.pipeline, grid, gaussians)?;
         let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), shot, target)?;
         // What fits into one slab fits at once.
         fast.needs_slabs = drawn.parts.slabs > 1;

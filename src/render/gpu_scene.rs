@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -14,7 +14,7 @@ use crate::options::Options;
 use crate::render::shaders::Grids;
 use crate::render::slabs::{PagesRead, Pool};
 use crate::rules::{LISTED_ALPHA, Rules};
-use crate::scene::{Bounds, Gaussians, Grid};
+use crate::scene::{Bounds, Gaussians, Grid, Placements, Transform};
 use crate::storage::{Layout, PAGE, Pages, Shape, Statistics, pack_sh, pack_shapes, share};
 
 /// Gaussians in device memory, in planes with four words per element: one plane of bounds, and as many of shapes and of
@@ -39,6 +39,8 @@ pub struct GpuScene {
     pub(super) alpha_min: f32,
     /// Set if the planes hold some pages of the scene at a time.
     pool: Option<Arc<Mutex<Pool>>>,
+    /// Set if it is drawn at places.
+    placements: Option<Placements>,
 }
 
 /// Number of Gaussians that a trial draws: the first ones of the scene.
@@ -51,11 +53,14 @@ const UPLOAD_CHUNK: usize = 1 << 17;
 const PART: usize = 1 << 11;
 
 /// The part of the free memory that pages may take; the rest is for pictures, lists and what is read.
-const POOL_PART: f64 = 0.65;
+pub(super) const POOL_PART: f64 = 0.65;
 /// Bytes that lists and what else a frame needs take at least.
 const LEAST_LISTS: u64 = 16 << 20;
 /// The least pages that there is room for.
 const LEAST_PAGES: usize = 64;
+
+/// The most Gaussians that can be ordered, at all places together.
+const MOST_NUMBERED: u64 = u32::MAX as u64;
 
 /// The plane that every scene has, with an element per Gaussian.
 const BOUNDS: &str = "bounds";
@@ -112,6 +117,7 @@ impl GpuScene {
             alpha_min: options.rules.alpha_min,
             layout,
             pool: None,
+            placements: None,
         };
         let mut commands = Commands::new(device)?;
         commands.upload(&scene.grids, 0, 1, |memory| memory[0] = grids(&scene.layout))?;
@@ -192,11 +198,45 @@ impl GpuScene {
             alpha_min: pages.alpha_min(),
             layout,
             pool: Some(Arc::new(Mutex::new(pool))),
+            placements: None,
         };
         let mut commands = Commands::new(device)?;
         commands.upload(&scene.grids, 0, 1, |memory| memory[0] = grids(&scene.layout))?;
         commands.submit()?.wait()?;
         Ok(scene)
+    }
+
+    /// The scene at these places, which share its pages.
+    ///
+    /// # Errors
+    /// If the places have more Gaussians than can be numbered.
+    ///
+    /// # Panics
+    /// If the scene is not in pages.
+    pub fn placed(self, placements: &Placements) -> Result<Self> {
+        assert!(self.is_paged(), "a scene that is placed is in pages");
+        let (places, count) = (placements.all().len(), self.len);
+        ensure!(
+            (places as u64).saturating_mul(count as u64) <= MOST_NUMBERED,
+            "{places} places of {count} Gaussians are more than {MOST_NUMBERED} Gaussians, which is the most that can \
+             be ordered"
+        );
+        Ok(Self { extent: placements.extent(&self.extent), placements: Some(placements.clone()), ..self })
+    }
+
+    /// True if the scene is drawn at places.
+    pub fn is_placed(&self) -> bool {
+        self.placements.is_some()
+    }
+
+    /// Where the scene is drawn.
+    pub(super) fn transforms(&self) -> &[Transform] {
+        self.placements.as_ref().map_or(&[Transform::IDENTITY], Placements::all)
+    }
+
+    /// Number of Gaussians at all places.
+    pub(super) fn placed_len(&self) -> usize {
+        self.len * self.transforms().len()
     }
 
     /// True if the planes hold some pages of the scene at a time.
@@ -221,7 +261,7 @@ impl GpuScene {
 
     /// The same scene with at most its first `count` Gaussians.
     pub(super) fn first(&self, count: usize) -> Self {
-        Self { len: self.len.min(count), pool: None, ..self.clone() }
+        Self { len: self.len.min(count), pool: None, placements: None, ..self.clone() }
     }
 
     pub fn is_empty(&self) -> bool {

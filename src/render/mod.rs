@@ -48,6 +48,6 @@ pub use renderer::Renderer;
 pub use shaders::Splat;
 pub use shaders::Totals;
 pub use slabs::{PagesRead, Parts};
-pub use source::SceneSource;
+pub use source::{Content, SceneSource};
 #[doc(hidden)]
 pub use stream::{Finished, Form, HostFrame, Stream, Streamed, Wanted};

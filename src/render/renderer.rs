@@ -276,8 +276,12 @@ impl Renderer {
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
         let inspector = inspector.or(self.inspector.as_ref());
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some();
-        let subject = (self.scene.len(), self.scene.is_paged());
+        let subject = (self.scene.placed_len(), self.scene.is_paged());
         self.drawn = self.choice.prepare(&self.device, subject, camera.size_px, needs_tile_lists)?;
+        ensure!(
+            self.drawn.in_slabs || !self.scene.is_placed(),
+            "only the fast path draws scenes at places, and this device or these options do not take it"
+        );
         let image = self.upscaler.as_ref().map_or(&self.image, |upscaler| &upscaler.drawn);
         let target = Target { image, certificate: self.certificate.as_ref(), background };
         let shot = Shot { scene: &self.scene, camera };

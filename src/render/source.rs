@@ -1,20 +1,28 @@
-//! A scene before it is on a device: Gaussians in memory, or a page file.
+//! A scene before it is on a device: Gaussians in memory, or a page file, perhaps at many places.
 
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 
 use super::gpu_scene::GpuScene;
 use crate::gpu::Device;
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::rules::{LISTED_ALPHA, Rules};
-use crate::scene::{Focus, Gaussians};
+use crate::scene::{Focus, Gaussians, Placements};
 use crate::storage::{PageFile, Pages, Statistics};
 
 /// A scene that can be brought to any number of devices. A clone shares it.
 #[derive(Clone)]
-pub enum SceneSource {
+pub struct SceneSource {
+    pub content: Content,
+    /// Set if the scene is drawn at places.
+    pub placements: Option<Placements>,
+}
+
+/// Where the Gaussians of a scene are.
+#[derive(Clone)]
+pub enum Content {
     Memory { gaussians: Arc<Gaussians>, statistics: Arc<Statistics> },
     File(Arc<PageFile>),
 }
@@ -22,50 +30,68 @@ pub enum SceneSource {
 impl SceneSource {
     pub fn of(gaussians: Gaussians) -> Self {
         let statistics = Arc::new(Statistics::of(&gaussians));
-        Self::Memory { gaussians: Arc::new(gaussians), statistics }
+        Self::shared(Arc::new(gaussians), statistics)
     }
 
+    /// Gaussians whose statistics are known.
+    pub fn shared(gaussians: Arc<Gaussians>, statistics: Arc<Statistics>) -> Self {
+        Self { content: Content::Memory { gaussians, statistics }, placements: None }
+    }
+
+    pub fn of_file(file: PageFile) -> Self {
+        Self { content: Content::File(Arc::new(file)), placements: None }
+    }
+
+    /// The statistics of the scene at one place.
     pub fn statistics(&self) -> &Statistics {
-        match self {
-            Self::Memory { statistics, .. } => statistics,
-            Self::File(file) => &file.header().statistics,
+        match &self.content {
+            Content::Memory { statistics, .. } => statistics,
+            Content::File(file) => &file.header().statistics,
         }
     }
 
-    /// Where most of the scene lies.
+    /// Where most of the scene lies, at all places together.
     pub fn focus(&self) -> Focus {
-        match self {
-            Self::Memory { gaussians, .. } => Focus::of(gaussians),
-            Self::File(file) => file.header().statistics.focus,
-        }
+        let focus = match &self.content {
+            Content::Memory { gaussians, .. } => Focus::of(gaussians),
+            Content::File(file) => file.header().statistics.focus,
+        };
+        self.placements.as_ref().map_or(focus, |placements| placements.focus(focus))
     }
 
-    /// The Gaussians, if they are in memory.
+    /// The Gaussians of one place, if they are in memory.
     pub fn gaussians(&self) -> Option<&Gaussians> {
-        match self {
-            Self::Memory { gaussians, .. } => Some(gaussians),
-            Self::File(_) => None,
+        match &self.content {
+            Content::Memory { gaussians, .. } => Some(gaussians),
+            Content::File(_) => None,
         }
     }
 
-    /// Brings the scene to a device, for a renderer that makes certificates or one that does not. A page file, or a
-    /// scene that is too large for the device, is drawn in pages; `reserve` bytes of memory are then left for pictures.
+    /// Brings the scene to a device, for a renderer that makes certificates or one that does not. A page file, a scene
+    /// that is too large for the device, or one at places is drawn in pages; `reserve` bytes of memory are then left
+    /// for pictures.
     ///
     /// # Errors
-    /// If there is too little memory for some pages, or a page cannot be read.
+    /// If there is too little memory for some pages, a page cannot be read, or the places have too many Gaussians.
     pub fn bring(&self, device: &Device, options: &Options, certifies: bool, reserve: u64) -> Result<GpuScene> {
+        // A scene without Gaussians is empty everywhere.
+        let placements = self.placements.as_ref().filter(|_| self.statistics().count > 0);
+        ensure!(!certifies || placements.is_none(), "pictures of scenes at places have no certificates");
         let alpha_min = if certifies { LISTED_ALPHA } else { options.rules.alpha_min };
         let options = &Options { rules: Rules { alpha_min, ..options.rules }, ..*options };
-        let pages = match self {
-            Self::Memory { gaussians, statistics } => {
-                match GpuScene::with_reserve(device, gaussians, statistics, options, reserve) {
-                    Err(error) if error.is::<OutOfMemory>() => {}
-                    other => return other,
+        let pages = match &self.content {
+            Content::Memory { gaussians, statistics } => {
+                let whole = || GpuScene::with_reserve(device, gaussians, statistics, options, reserve);
+                match placements.is_none().then(whole) {
+                    None => {}
+                    Some(Err(error)) if error.is::<OutOfMemory>() => {}
+                    Some(other) => return other,
                 }
                 Pages::of_gaussians(gaussians.clone(), Statistics::clone(statistics), options)
             }
-            Self::File(file) => Pages::of_file(file.clone(), options),
+            Content::File(file) => Pages::of_file(file.clone(), options),
         };
-        GpuScene::of_pages(device, &pages, options, reserve)
+        let scene = GpuScene::of_pages(device, &pages, options, reserve)?;
+        placements.map_or(Ok(scene.clone()), |placements| scene.placed(placements))
     }
 }

@@ -80,7 +80,7 @@ impl Plan {
         let scene = match reusable.filter(|old| *old.scene.layout() == layout && same_threshold(old)) {
             Some(old) => old.scene,
             None => {
-                let source = SceneSource::Memory { gaussians: gaussians.clone(), statistics: statistics.clone() };
+                let source = SceneSource::shared(gaussians.clone(), statistics.clone());
                 let pixels: u64 = view.size_px.iter().map(|side| u64::from(*side)).product();
                 source.bring(device, &self.options, false, BYTES_PER_PIXEL * pixels)?
             }

@@ -10,6 +10,7 @@ mod films;
 mod knobs;
 #[cfg(unix)]
 mod outputs;
+mod places;
 mod scenes;
 mod shards;
 mod start;

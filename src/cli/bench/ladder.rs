@@ -29,7 +29,7 @@ pub(super) fn run(args: &Args, bench: &Bench, cameras: &Cameras) -> Result<()> {
     }
     let mut climbs = Vec::new();
     for scene in args.scenes(&SCENES) {
-        let scene = Loaded::read(&scene, args.reading, device)?;
+        let scene = Loaded::read(&scene, args.reading, None, device)?;
         let drawable = &scene.drawable;
         let (views, nearest) = cameras.views((&|| drawable.source.focus(), scene.town), size, args.frames())?;
         let options = args.knobs.options(&Options::EXACT, drawable.is_antialiased, nearest);

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, ensure};
 use clap::builder::RangedU64ValueParser;
 
 use super::devices::say_memory;
-use super::drawable::Drawable;
+use super::drawable::{Drawable, read_places};
 use super::{
     DevicesArgs, EyeArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, Sink, SplitArg, Usage, check_plots, complain,
     knobs, parse_size, progress, remark,
@@ -25,7 +25,7 @@ use crate::options::Options;
 use crate::reference;
 use crate::render::{GpuScene, Renderer};
 use crate::rules::{Background, Rules};
-use crate::scene::{Gaussians, Procedural, Unreadable};
+use crate::scene::{Gaussians, Placements, Procedural, Unreadable};
 pub(super) use views::{CameraPath, Cameras, PATHS};
 
 /// Measure the speed of rendering: whole frames, every stage, counts, memory
@@ -37,6 +37,10 @@ pub(super) struct Args {
     /// Camera file or folder, as `smalto render` takes it: each frame is drawn from the next of its cameras
     #[arg(long, value_name = "FILE|DIR", conflicts_with = "path")]
     cameras: Option<PathBuf>,
+    /// Draw the scene at every place of a list (docs/places.md): JSON like {"places": [{"position": [0, 0, 5],
+    /// "rotation": [1, 0, 0, 0], "scale": 2}]}. All places share the memory of one. Needs the fast path
+    #[arg(long, value_name = "FILE")]
+    place: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
     #[command(flatten)]
@@ -70,13 +74,14 @@ pub(super) struct Args {
     /// Measure the ladder instead: the paper's baseline and every optimization on top of it, up to the portable path,
     /// at one size
     #[arg(long, conflicts_with_all = ["baseline", "threshold", "preset", "check", "certificate"])]
+    #[arg(conflicts_with = "place")]
     ladder: bool,
     /// Also compare the first view with the float64 reference. Slow
-    #[arg(long)]
+    #[arg(long, conflicts_with = "place")]
     check: bool,
     /// Also certify every view: an upper bound of the difference of any value from a picture that leaves nothing out,
     /// for the scene as it is stored and the order in which it is sorted
-    #[arg(long)]
+    #[arg(long, conflicts_with = "place")]
     certificate: bool,
     #[command(flatten)]
     device: DevicesArgs,
@@ -136,12 +141,13 @@ pub(super) fn run(args: &Args) -> Result<()> {
         path: cameras.name.clone(),
         runs: Vec::new(),
     };
+    let placements = read_places(args.place.as_deref())?;
     let mut changes = Vec::new();
     if let Some(baseline) = &baseline {
         baseline.same_conditions(&report).map_err(foreign)?;
     }
     for scene in args.scenes(&["cactus"]) {
-        let scene = Loaded::read(&scene, args.reading, &device)?;
+        let scene = Loaded::read(&scene, args.reading, placements.clone(), &device)?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
             let (views, nearest) =
                 cameras.views((&|| scene.drawable.source.focus(), scene.town), size, args.frames())?;
@@ -204,9 +210,9 @@ struct Loaded {
 }
 
 impl Loaded {
-    fn read(path: &Path, reading: ReadingArgs, device: &Device) -> Result<Self> {
+    fn read(path: &Path, reading: ReadingArgs, placements: Option<Placements>, device: &Device) -> Result<Self> {
         let scene = SceneArg { scene: path.to_owned(), reading };
-        let drawable = Drawable::read(&scene, Some(device))?;
+        let drawable = Drawable::read(&scene, Some(device))?.placed(placements);
         let report = drawable.report();
         ensure!(report.gaussians > 0, "{}: the scene has no Gaussians", scene.title());
         Ok(Self { report, drawable, town: scene.town()? })

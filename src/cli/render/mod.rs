@@ -23,6 +23,7 @@ use std::sync::atomic::Ordering;
 use anyhow::{Context, Result};
 
 use super::devices::{names_of, say_memory};
+use super::drawable::read_places;
 use super::{
     BudgetArgs, DevicesArgs, EyeArgs, FilmArgs, Knobs, REPORTS_TO_STDOUT, SceneArg, Sink, SplitArg, Usage, knobs,
     one_of, parse_size, say,
@@ -73,6 +74,10 @@ pub(super) struct Args {
     /// next to the scene or in a folder above it]
     #[arg(long, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
+    /// Draw the scene at every place of a list (docs/places.md): JSON like {"places": [{"position": [0, 0, 5],
+    /// "rotation": [1, 0, 0, 0], "scale": 2}]}. All places share the memory of one. Needs the fast path
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["max_error", "min_psnr"])]
+    place: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
     /// Cameras of the file: a position from 0 on, or from -1 for the last backwards; an image name, with or without its
@@ -117,11 +122,12 @@ pub(super) struct Args {
     #[arg(conflicts_with_all = ["max_error", "min_psnr"])]
     preset: Option<String>,
     /// Use only what works on every device: the portable path
-    #[arg(long)]
+    #[arg(long, conflicts_with = "place")]
     portable: bool,
     /// Render on the CPU in float64: the reference with which the GPU is compared. Slow. It draws by the rules of the
     /// picture and takes --sh-degree; what else trades accuracy for speed cannot be combined with it
     #[arg(long, conflicts_with_all = ["device", "portable", "timings", "dump", "max_error", "min_psnr"])]
+    #[arg(conflicts_with = "place")]
     reference: bool,
     /// Print the GPU time of every stage of the frame, the phases from the command to the first picture and, with
     /// several pictures, how busy the GPU and the threads were
@@ -134,7 +140,7 @@ pub(super) struct Args {
     /// Also write the certificate: for every pixel, an upper bound on the difference of its channels to the picture
     /// without thresholds, cuts and stops, of the scene as stored on the GPU and in the same order. An .exr or .npy
     /// file, or a folder for several pictures
-    #[arg(long, value_name = "FILE|DIR", conflicts_with = "reference")]
+    #[arg(long, value_name = "FILE|DIR", conflicts_with_all = ["reference", "place"])]
     certificate: Option<PathBuf>,
     /// Write the buffers that each stage of a single picture changed to this folder, as .npy
     #[arg(long, value_name = "DIR", conflicts_with_all = ["video", "path"])]
@@ -197,7 +203,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return verify::verify(args);
     }
     let file = args.scene.file();
+    let placements = read_places(args.place.as_deref())?;
     let (devices, scene) = start::devices_and_scene(args)?;
+    let scene = scene.placed(placements);
     let source = file.map(|file| Source { file, is_antialiased: scene.is_antialiased });
     let plan = Plan { source, ..plan(args, &|| Ok(scene.source.focus()))? };
     plan.make_folders()?;

@@ -145,7 +145,7 @@ fn cameras(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Cameras> {
         ))
         .into());
     }
-    if let Some(town) = args.scene.town()?
+    if let Some(town) = args.scene.town()?.filter(|_| args.place.is_none())
         && let Some(first) = town_cameras(Some(town), TownPath::Street, size, 1)?.pop()
     {
         return Ok(alone(first.camera, TOWN_NEAR));
@@ -188,6 +188,9 @@ fn check_together(args: &Args, outputs: &Outputs, several: bool) -> Result<()> {
     }
     if let Some(layer) = outputs.depths().next() {
         let name = layer.name();
+        if args.place.is_some() {
+            return refuse(format!("--place cannot be combined with --layers {name}"));
+        }
         if args.dump.is_some() {
             return refuse(format!("--dump cannot be combined with --layers {name}"));
         }

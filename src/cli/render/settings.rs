@@ -7,6 +7,7 @@ use serde_json::{Map, Value};
 
 use super::plan::Source;
 use super::{Args, Plan};
+use crate::cli::drawable::read_places;
 use crate::cli::scenes::SceneFile;
 use crate::measure::bench::VersionReport;
 use crate::options::Options;
@@ -22,6 +23,8 @@ pub(super) struct Settings(Map<String, Value>);
 struct Members {
     program: VersionReport,
     scene: String,
+    /// BLAKE3 of the places of the scene, if it is drawn at places.
+    places: Option<String>,
     cameras: String,
     files: String,
     layers: Vec<String>,
@@ -51,9 +54,11 @@ pub(super) struct SceneKey {
 impl Settings {
     /// The settings of the whole run of `plan`. `device` is `None` for the reference.
     pub fn of(args: &Args, plan: &Plan, scene: &str, options: &Options, device: Option<&str>) -> Result<Self> {
+        let placements = read_places(args.place.as_deref())?;
         let members = Members {
             program: VersionReport::current(),
             scene: scene.to_owned(),
+            places: placements.map(|placements| placements.hash().to_hex().to_string()),
             cameras: plan.cameras_hash.clone(),
             files: plan.files_hash.clone(),
             layers: plan.outputs.layers().map(|layer| layer.name()).collect(),

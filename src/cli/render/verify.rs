@@ -14,7 +14,7 @@ use super::plan::plan;
 use super::records::{Content, Recorded, read_all};
 use super::settings::{SceneKey, Settings};
 use super::{Args, options};
-use crate::cli::drawable::Drawable;
+use crate::cli::drawable::{Drawable, read_places};
 use crate::cli::{SceneArg, Usage, progress, remark, say, size_text};
 use crate::host_memory::OutOfMemory;
 use crate::measure::bench::VersionReport;
@@ -89,7 +89,8 @@ impl Problem {
 
 /// Checks the files of the command. Fails if any is wrong.
 pub(super) fn verify(args: &Args) -> Result<()> {
-    let scene = LazyScene { arg: &args.scene, read: OnceCell::new() };
+    let places = args.place.as_deref();
+    let scene = LazyScene { arg: &args.scene, places, read: OnceCell::new() };
     let plan = plan(args, &|| Ok(scene.get()?.source.focus()))?;
     let Some(folder) = plan.outputs.folder() else {
         return Err(Usage("--verify needs a folder as --output".to_owned()).into());
@@ -218,13 +219,14 @@ impl<'r> Claims<'r> {
 /// A scene that is read when it is needed.
 struct LazyScene<'a> {
     arg: &'a SceneArg,
+    places: Option<&'a Path>,
     read: OnceCell<Drawable>,
 }
 
 impl LazyScene<'_> {
     fn get(&self) -> Result<&Drawable> {
         if self.read.get().is_none() {
-            _ = self.read.set(Drawable::read(self.arg, None)?);
+            _ = self.read.set(Drawable::read(self.arg, None)?.placed(read_places(self.places)?));
         }
         self.read.get().ok_or_else(|| anyhow!("the scene was not kept"))
     }

@@ -7,7 +7,7 @@ use anyhow::Result;
 
 use super::cut::{Cut, Place, place_of, slab};
 use super::fast::{FastStages, OpenBins};
-use super::listed::{Element, Listed, placed};
+use super::listed::{Element, Listed, first_page, views_of};
 use super::parts::Parts;
 use super::supply::{Cells, Supply, listed_at_first};
 use crate::camera::Camera;
@@ -16,10 +16,9 @@ use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::render::capacity::Capacity;
 use crate::render::fast::{BinGrid, FastPipeline, FastWorkspace};
-use crate::render::frame::{DepthKeys, Shot, Target, view};
+use crate::render::frame::{DepthKeys, Shot, Target};
 use crate::render::gpu_scene::GpuScene;
 use crate::render::shaders::Totals;
-use crate::render::shaders::slabs::VIEW_ELEMENTS;
 
 /// What drawing in slabs keeps from one frame to the next.
 pub struct Slabs {
@@ -98,7 +97,7 @@ impl Slabs {
         Shot { scene, camera }: Shot,
         target: Target,
     ) -> Result<Drawn> {
-        let grid = fast.grid(camera.size_px, scene.len());
+        let grid = fast.grid(camera.size_px, scene.placed_len());
         self.stages.prepare(device, grid)?;
         let keys = DepthKeys::of(camera, options, &scene.extent);
         let end = place_of(((1_u64 << keys.bits) - 1) as u32) + place_of(1);
@@ -110,8 +109,8 @@ impl Slabs {
         let mut drawn = Drawn { totals: bytemuck::Zeroable::zeroed(), timings: Vec::new(), parts: supply.parts() };
         let begun = Instant::now();
         let mut cmd = Commands::new(device)?;
-        let placed = placed(&view(camera, options.rules.near), 1.0);
-        cmd.upload(&self.listed, 0, placed.len(), |memory| memory.copy_from_slice(&placed))?;
+        let views = views_of(scene, camera, &options.rules);
+        cmd.upload(&self.listed, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
         cmd.fill(&self.open_bins.0[0], u32::MAX);
         cmd.scope("begin", |cmd| self.stages.begin(cmd, target.image));
         let _begun = cmd.submit()?;
@@ -169,29 +168,26 @@ impl Slabs {
     ) -> Result<Option<StartedSlab>> {
         let Frame { device, fast, work, options, scene, camera, grid, image } = *frame;
         let indices = supply.indices().unwrap_or_else(|| self.no_indices.clone());
-        let listed = |pages: u32| Listed {
-            scene,
-            elements: &self.listed,
-            pages: VIEW_ELEMENTS..VIEW_ELEMENTS + pages,
-            indices: &indices,
-        };
+        let first = first_page(scene);
+        let listed =
+            |pages: u32| Listed { scene, elements: &self.listed, pages: first..first + pages, indices: &indices };
         let project = |cmd: &mut Commands, pages: u32| {
             let (listed, slab) = (listed(pages), slab(range));
             cmd.scope("project", |cmd| self.stages.project(cmd, &listed, (camera, options), slab, work, grid));
         };
         let mut cmd = Commands::new(device)?;
         match supply {
-            Supply::Whole(_) => project(&mut cmd, self.listed.len() as u32 - VIEW_ELEMENTS),
+            Supply::Whole(_) => project(&mut cmd, self.listed.len() as u32 - first),
             Supply::Paged(paged) => {
-                let wanted = paged.wanted(range);
+                let mut wanted = paged.wanted(range);
                 if wanted.is_empty() {
                     return Ok(None);
                 }
-                let batches = wanted.chunks(paged.pool.capacity());
+                let batches = paged.batches(&mut wanted, self.listed.len() - first as usize);
                 let last = batches.len() - 1;
-                for (number, batch) in batches.enumerate() {
-                    let pages = paged.bring(device, batch)?;
-                    cmd.upload(&self.listed, VIEW_ELEMENTS as usize, pages.len(), |memory| {
+                for (number, batch) in batches.into_iter().enumerate() {
+                    let pages = paged.bring(device, &wanted[batch])?;
+                    cmd.upload(&self.listed, first as usize, pages.len(), |memory| {
                         memory.copy_from_slice(&pages);
                     })?;
                     cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);

@@ -1,9 +1,14 @@
 //! The pages that a slab draws and the views that they are seen from, as slab.glsl reads them.
 
+use super::visible::PlacedCamera;
+use crate::camera::Camera;
 use crate::gpu::Buffer;
+use crate::render::frame::view;
 use crate::render::gpu_scene::GpuScene;
 use crate::render::shaders::View;
-use crate::render::shaders::slabs::{HAS_INDICES, VIEW_ELEMENTS};
+use crate::render::shaders::slabs::{HAS_INDICES, PAGE, VIEW_ELEMENTS};
+use crate::rules::Rules;
+use crate::scene::Transform;
 use std::ops::Range;
 
 /// An element of the buffer of listed pages.
@@ -41,8 +46,37 @@ impl ListedPage {
     }
 }
 
+/// The most pages that a dispatch lists, if more are not in the pool at a time.
+const MOST_LISTED: usize = 1 << 16;
+
+/// The element with the first page, behind the views of all placements.
+pub fn first_page(scene: &GpuScene) -> u32 {
+    VIEW_ELEMENTS * scene.transforms().len() as u32
+}
+
+/// Elements for the pages that a dispatch lists.
+pub fn room_for_pages(scene: &GpuScene) -> usize {
+    let Some(pool) = scene.pool() else { return scene.len().div_ceil(PAGE as usize) };
+    let placed = pool.pages().pages().len().saturating_mul(scene.transforms().len());
+    placed.min(MOST_LISTED).max(pool.capacity())
+}
+
+/// The views of a scene, one for each of its placements.
+pub fn views_of(scene: &GpuScene, camera: &Camera, rules: &Rules) -> Vec<Element> {
+    let one = |place: &Transform| {
+        let placed = PlacedCamera::of(camera, place);
+        let (mut near, scale) = (placed.near(rules) as f32, placed.scale as f32);
+        // Rounding must not bring a depth before the near plane of the world: such a key would be the largest.
+        while scale * near < rules.near {
+            near = near.next_up();
+        }
+        element(&view(&placed.camera, near), scale)
+    };
+    scene.transforms().iter().flat_map(one).collect()
+}
+
 /// A view of a scene that is placed with this scale: PlacedView in slab.glsl.
-pub fn placed(view: &View, scale: f32) -> [Element; VIEW_ELEMENTS as usize] {
+fn element(view: &View, scale: f32) -> [Element; VIEW_ELEMENTS as usize] {
     let vectors =
         [view.right, view.down, view.forward, view.forward_low, view.position_high, view.position_low].into_iter();
     let floats = vectors.flatten().chain([view.near, scale]);

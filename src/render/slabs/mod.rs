@@ -25,6 +25,8 @@ mod supply;
 mod visible;
 
 #[cfg(test)]
+mod placed_tests;
+#[cfg(test)]
 mod tests;
 
 pub(super) use draw::{Drawn, Slabs};

@@ -92,6 +92,11 @@ impl Pool {
         self.slots.cap().get()
     }
 
+    /// True if all pages are on the device, and stay there.
+    pub fn has_all(&self) -> bool {
+        self.churn.is_none() && self.slots.len() == self.pages.pages().len()
+    }
+
     /// Brings pages to the device that are not there yet, and returns the slots of all of them. Commands that are
     /// submitted from now on find them there, until the next call.
     ///

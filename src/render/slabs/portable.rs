@@ -11,14 +11,14 @@ use anyhow::Result;
 
 use super::cut::{Cut, Place, place_of, slab};
 use super::draw::{Drawn, MOST_SPLATS, PAGED_SPLATS, PART, add, add_timings};
-use super::listed::{Element, placed};
+use super::listed::{Element, first_page, views_of};
 use super::parts::Parts;
 use super::supply::{Cells, Supply, listed_at_first};
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Results, Stage};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::render::capacity::Capacity;
-use crate::render::frame::{DepthKeys, Shot, Target, tiles, view};
+use crate::render::frame::{DepthKeys, Shot, Target, tiles};
 use crate::render::gpu_scene::GpuScene;
 use crate::render::inspect::Inspector;
 use crate::render::portable::{PortablePipeline, PortableWorkspace, SortRange, Walk};
@@ -87,7 +87,7 @@ impl PortableSlabs {
             return Ok(());
         }
         *work = PortableWorkspace::new(device, Capacity::default())?; // frees the old buffers first
-        let pages = self.listed.len() - VIEW_ELEMENTS as usize;
+        let pages = self.listed.len() - first_page(scene) as usize;
         *work = PortableWorkspace::new(device, slab_capacity(device, pages * PAGE as usize, cells, scene.len()))?;
         self.cells = cells;
         Ok(())
@@ -161,16 +161,21 @@ impl PortableSlabs {
     fn list_slab(&self, frame: &Frame, supply: &mut Supply, range: &Range<Place>) -> Result<Listed> {
         let Frame { device, pipeline, work, options, shot: Shot { scene, camera }, keys, .. } = *frame;
         let mut cmd = Commands::new(device)?;
-        let mut elements = placed(&view(camera, options.rules.near), 1.0).to_vec();
+        let mut elements = views_of(scene, camera, &options.rules);
+        let first_page = elements.len() as u32;
         let pages = match supply {
-            Supply::Whole(_) => self.listed.len() as u32 - VIEW_ELEMENTS,
+            Supply::Whole(_) => self.listed.len() as u32 - first_page,
             Supply::Paged(paged) => {
                 let wanted = paged.wanted(range);
-                let room = paged.pool.capacity();
-                match wanted.len() {
-                    0 => return Ok(Listed::Nothing),
-                    pages if pages > room => return Ok(Listed::TooManyPages(pages as f64 / room as f64)),
-                    _ => {}
+                if wanted.is_empty() {
+                    return Ok(Listed::Nothing);
+                }
+                let rooms = [self.listed.len() - first_page as usize, paged.pool.capacity()];
+                let pages = [wanted.len(), paged.different(&wanted).len()];
+                let parts = pages.iter().zip(&rooms).map(|(pages, room)| *pages as f64 / *room as f64);
+                let filled = parts.fold(0.0, f64::max);
+                if filled > 1.0 {
+                    return Ok(Listed::TooManyPages(filled));
                 }
                 elements.extend(paged.bring(device, &wanted)?);
                 wanted.len() as u32
@@ -194,7 +199,7 @@ impl PortableSlabs {
                 centre_px: camera.centre_px.as_vec2().to_array(),
                 size_px: camera.size_px,
                 near: options.rules.near,
-                first_page: VIEW_ELEMENTS,
+                first_page,
                 pages,
                 depth_limit: limit(keys) - 1,
                 depth_shift: keys.shift,
@@ -220,7 +225,7 @@ impl PortableSlabs {
                 focal_px: camera.focal_px.as_vec2().to_array(),
                 centre_px: camera.centre_px.as_vec2().to_array(),
                 size_px: camera.size_px,
-                first_page: VIEW_ELEMENTS,
+                first_page,
             };
             cmd.dispatch_indirect(&self.shade_depths, bindings, push, &work.dispatches, over_visible());
         }
@@ -252,7 +257,7 @@ impl PortableSlabs {
             centre_px: camera.centre_px.as_vec2().to_array(),
             size_px: camera.size_px,
             near: options.rules.near,
-            first_page: VIEW_ELEMENTS,
+            first_page: first_page(scene),
             span_capacity: work.spans.len() as u32,
             depth_limit: limit(keys),
             depth_shift: keys.shift,
@@ -276,7 +281,7 @@ impl PortableSlabs {
         cmd.dispatch_indirect(
             &self.index,
             bindings,
-            IndexSplatsPush { first_page: VIEW_ELEMENTS },
+            IndexSplatsPush { first_page: first_page(frame.shot.scene) },
             dispatches,
             over_visible(),
         );

@@ -5,9 +5,10 @@ use std::ops::Range;
 use std::sync::MutexGuard;
 
 use anyhow::Result;
+use rayon::prelude::*;
 
-use super::cut::{Estimate, Place};
-use super::listed::{Element, ListedPage};
+use super::cut::{Estimate, Place, place_of};
+use super::listed::{Element, ListedPage, first_page, room_for_pages};
 use super::parts::Parts;
 use super::pool::{PagesRead, Pool};
 use super::visible::{Open, PlacedCamera, Sight, VisiblePage};
@@ -16,7 +17,7 @@ use crate::gpu::{Buffer, Commands, Device};
 use crate::options::Options;
 use crate::render::frame::DepthKeys;
 use crate::render::gpu_scene::GpuScene;
-use crate::render::shaders::slabs::{PAGE, VIEW_ELEMENTS};
+use crate::render::shaders::slabs::PAGE;
 
 /// What splats are listed in: bins, or tiles.
 #[derive(Clone, Copy)]
@@ -35,10 +36,10 @@ pub fn listed_at_first(device: &Device, scene: &GpuScene) -> Result<Buffer<Eleme
     };
     let all = if scene.is_paged() { 0 } else { scene.len().div_ceil(PAGE as usize) as u32 };
     let pages: Vec<Element> = (0..all).map(page).collect();
-    let room = scene.pool().map_or(pages.len(), |pool| pool.capacity());
-    let listed = Buffer::new(device, "listed pages", VIEW_ELEMENTS as usize + room)?;
+    let first = first_page(scene) as usize;
+    let listed = Buffer::new(device, "listed pages", first + room_for_pages(scene))?;
     let mut cmd = Commands::new(device)?;
-    cmd.upload(&listed, VIEW_ELEMENTS as usize, pages.len(), |memory| memory.copy_from_slice(&pages))?;
+    cmd.upload(&listed, first, pages.len(), |memory| memory.copy_from_slice(&pages))?;
     cmd.submit()?.wait()?;
     Ok(listed)
 }
@@ -59,21 +60,33 @@ pub struct Paged<'a> {
     /// Open bins at the last estimate.
     open_then: u32,
     bins: [u32; 2],
+    /// Gaussians of the scene, which every placement counts anew.
+    count: u32,
+    /// For each page of the scene, a number that is [`NONE`] between two calls.
+    noted: Vec<u32>,
 }
 
 /// An estimate is renewed when this part of its open bins is left.
 const RENEWED: f64 = 0.9;
+
+/// No slot and no batch.
+const NONE: u32 = u32::MAX;
+
+/// Pages that a thread looks at at a time.
+const LOOKED_AT: usize = 4096;
 
 impl<'a> Supply<'a> {
     pub fn of(scene: &'a GpuScene, camera: &Camera, options: &Options, keys: DepthKeys, cells: Cells) -> Self {
         let Some(pool) = scene.pool() else { return Self::Whole(scene.len()) };
         let alpha_min = pool.pages().alpha_min();
         let sight = Sight { rules: &options.rules, alpha_min, keys, bin_px: cells.side_px, bins: cells.count };
-        let placed = PlacedCamera { camera: camera.clone(), scale: 1.0 };
-        let mut visible = sight.visible(pool.pages().pages(), 0, &placed);
-        visible.sort_unstable_by_key(|page| (page.keys[0], page.page));
+        let pages = pool.pages().pages();
+        let cameras: Vec<_> = scene.transforms().iter().map(|place| PlacedCamera::of(camera, place)).collect();
+        let mut visible = sight.visible_of_all(pages, &cameras);
+        visible.par_sort_unstable_by_key(|page| (page.keys[0], page.view, page.page));
         let all = vec![u32::MAX; cells.count.iter().product::<u32>().div_ceil(32) as usize];
-        Self::Paged(Box::new(Paged { pool, visible, open: Open::of(&all, cells.count), open_then: 0, bins: cells.count }))
+        let (open, count, noted) = (Open::of(&all, cells.count), scene.len() as u32, vec![NONE; pages.len()]);
+        Self::Paged(Box::new(Paged { pool, visible, open, open_then: 0, bins: cells.count, count, noted }))
     }
 
     /// Where the splats are expected that may still be seen; `end`: the place behind the last.
@@ -124,6 +137,10 @@ impl<'a> Supply<'a> {
             Self::Whole(_) => open_bins.iter().all(|word| *word == 0),
             Self::Paged(paged) => {
                 paged.open = Open::of(open_bins, paged.bins);
+                // What is hidden now stays hidden.
+                let open = &paged.open;
+                let visible = std::mem::take(&mut paged.visible).into_par_iter().with_min_len(LOOKED_AT);
+                paged.visible = visible.filter(|page| open.meets(page)).collect();
                 paged.open.count() == 0
             }
         }
@@ -132,9 +149,13 @@ impl<'a> Supply<'a> {
     /// Reads pages that a slab will probably need.
     pub fn read_ahead(&mut self, device: &Device, slab: &Range<Place>) -> Result<()> {
         let Self::Paged(paged) = self else { return Ok(()) };
+        if paged.pool.has_all() {
+            return Ok(());
+        }
         let wanted = paged.wanted(slab);
         let most = paged.pool.capacity() / 2;
-        let numbers: Vec<u32> = wanted.iter().take(most).map(|page| page.page).collect();
+        let first = batches(&wanted, most.max(1), usize::MAX, &mut paged.noted).next();
+        let numbers = paged.different(&wanted[first.unwrap_or(0..0)]);
         paged.pool.bring(device, &numbers).map(drop)
     }
 }
@@ -142,16 +163,102 @@ impl<'a> Supply<'a> {
 impl Paged<'_> {
     /// The pages that may have splats in a slab which touch an open bin.
     pub fn wanted(&self, slab: &Range<Place>) -> Vec<VisiblePage> {
-        self.visible.iter().filter(|page| page.is_in(slab) && self.open.meets(page)).copied().collect()
+        let nearer = self.visible.partition_point(|page| place_of(page.keys[0]) < slab.end);
+        let pages = self.visible[..nearer].par_iter().with_min_len(LOOKED_AT);
+        pages.filter(|page| page.is_in(slab) && self.open.meets(page)).copied().collect()
     }
 
-    /// Brings pages to the device, at most as many as the pool holds, and lists them.
+    /// Parts of the wanted pages that are drawn by one dispatch each, which lists at most `room` pages. A page may be
+    /// wanted at many placements, and needs one slot for all of them.
+    pub fn batches(&mut self, wanted: &mut [VisiblePage], room: usize) -> Vec<Range<usize>> {
+        if !self.pool.has_all() {
+            // Each page is brought once for all of its placements. With one placement, the order stays that of depths.
+            if wanted.iter().any(|page| page.view != wanted[0].view) {
+                wanted.par_sort_unstable_by_key(|page| (page.page, page.view));
+            }
+        }
+        batches(wanted, self.pool.capacity(), room, &mut self.noted).collect()
+    }
+
+    /// Brings the pages of a batch to the device, and lists them.
     pub fn bring(&mut self, device: &Device, batch: &[VisiblePage]) -> Result<Vec<Element>> {
-        let numbers: Vec<u32> = batch.iter().map(|page| page.page).collect();
+        let numbers = self.different(batch);
         let slots = self.pool.bring(device, &numbers)?;
-        let listed = |(page, slot): (&VisiblePage, &u32)| {
-            ListedPage { slot: *slot, first: 0, view: page.view, filled: page.count, has_indices: true }.element()
+        numbers.iter().zip(&slots).for_each(|(number, slot)| self.noted[*number as usize] = *slot);
+        let listed = |page: &VisiblePage| {
+            let (slot, first) = (self.noted[page.page as usize], page.view * self.count);
+            ListedPage { slot, first, view: page.view, filled: page.count, has_indices: true }.element()
         };
-        Ok(batch.iter().zip(&slots).map(listed).collect())
+        let listed = batch.iter().map(listed).collect();
+        numbers.iter().for_each(|number| self.noted[*number as usize] = NONE);
+        Ok(listed)
+    }
+
+    /// The numbers of these pages, each once.
+    pub fn different(&mut self, pages: &[VisiblePage]) -> Vec<u32> {
+        let mut numbers = Vec::new();
+        for page in pages {
+            let noted = &mut self.noted[page.page as usize];
+            if *noted == NONE {
+                *noted = 0;
+                numbers.push(page.page);
+            }
+        }
+        numbers.iter().for_each(|number| self.noted[*number as usize] = NONE);
+        numbers
+    }
+}
+
+/// Cuts a list of pages into stretches with at most `different` different pages and `room` pages. `noted` has an entry
+/// for each page of the scene: [`NONE`] before and after.
+fn batches(
+    pages: &[VisiblePage],
+    different: usize,
+    room: usize,
+    noted: &mut [u32],
+) -> std::vec::IntoIter<Range<usize>> {
+    let mut found: Vec<Range<usize>> = Vec::new();
+    let (mut begin, mut those) = (0, 0);
+    for (place, page) in pages.iter().enumerate() {
+        let is_new = noted[page.page as usize] != found.len() as u32;
+        if place - begin == room || (is_new && those == different) {
+            found.push(begin..place);
+            (begin, those) = (place, 0);
+        }
+        let noted = &mut noted[page.page as usize];
+        if *noted != found.len() as u32 {
+            *noted = found.len() as u32;
+            those += 1;
+        }
+    }
+    if begin < pages.len() {
+        found.push(begin..pages.len());
+    }
+    pages.iter().for_each(|page| noted[page.page as usize] = NONE);
+    found.into_iter()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cut(pages: &[u32], different: usize, room: usize) -> Vec<Range<usize>> {
+        let page =
+            |page: &u32| VisiblePage { page: *page, view: 0, keys: [0, 0], columns: [0, 1], rows: [0, 1], count: 1 };
+        let pages: Vec<_> = pages.iter().map(page).collect();
+        let mut noted = vec![NONE; 10];
+        let found = batches(&pages, different, room, &mut noted).collect();
+        assert_eq!(noted, [NONE; 10]);
+        found
+    }
+
+    #[test]
+    fn a_batch_has_as_many_pages_as_slots_and_as_many_entries_as_room() {
+        assert_eq!(cut(&[], 2, 3), []);
+        assert_eq!(cut(&[0, 1, 2, 3, 4], 2, 9), [0..2, 2..4, 4..5]);
+        assert_eq!(cut(&[7, 7, 7, 7, 7], 1, 2), [0..2, 2..4, 4..5]);
+        assert_eq!(cut(&[0, 1, 0, 1, 2, 1, 0], 2, 9), [0..4, 4..6, 6..7]);
+        assert_eq!(cut(&[0, 0, 1, 1, 2, 2], 2, 3), [0..3, 3..6]);
+        assert_eq!(cut(&[3, 4, 5], 9, 9), [0..3]);
     }
 }

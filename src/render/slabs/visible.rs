@@ -2,13 +2,14 @@
 
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::cut::{Place, place_of};
 use crate::camera::Camera;
 use crate::render::frame::DepthKeys;
 use crate::rules::{LOW_PASS, Order, Rules};
+use crate::scene::Transform;
 use crate::storage::Page;
 
 /// A page that may have a splat in the picture.
@@ -41,6 +42,24 @@ pub struct PlacedCamera {
     pub scale: f64,
 }
 
+impl PlacedCamera {
+    /// The camera as a scene sees it that is placed so. The identity changes no bit.
+    pub fn of(camera: &Camera, place: &Transform) -> Self {
+        if *place == Transform::IDENTITY {
+            return Self { camera: camera.clone(), scale: 1.0 };
+        }
+        let (turn, scale) = (place.rotation(), place.scale());
+        let position = turn.inverse() * (camera.position - place.translation()) / scale;
+        let rotation = camera.rotation * DMat3::from_quat(turn);
+        Self { camera: Camera { position, rotation, ..camera.clone() }, scale }
+    }
+
+    /// The near plane, in units of the scene.
+    pub fn near(&self, rules: &Rules) -> f64 {
+        f64::from(rules.near) / self.scale
+    }
+}
+
 /// How a page is seen: what all pages of a picture share.
 pub struct Sight<'a> {
     pub rules: &'a Rules,
@@ -53,6 +72,19 @@ pub struct Sight<'a> {
 }
 
 impl Sight<'_> {
+    /// The pages that may have splats in the picture, of a scene with a camera for each of its placements.
+    pub fn visible_of_all(&self, pages: &[Page], cameras: &[PlacedCamera]) -> Vec<VisiblePage> {
+        if let [only] = cameras {
+            return self.visible(pages, 0, only);
+        }
+        let whole = around(pages);
+        let seen = |(view, camera): (usize, &PlacedCamera)| {
+            let is_seen = self.page(0, &whole, view as u32, camera).is_some();
+            is_seen.then(|| self.visible(pages, view as u32, camera)).into_iter().flatten()
+        };
+        cameras.par_iter().enumerate().flat_map_iter(seen).collect()
+    }
+
     /// The pages that may have splats in the picture of `camera`, in the order of the file.
     pub fn visible(&self, pages: &[Page], view: u32, camera: &PlacedCamera) -> Vec<VisiblePage> {
         let found = |(number, page): (usize, &Page)| self.page(number as u32, page, view, camera);
@@ -73,7 +105,7 @@ impl Sight<'_> {
             let (middle, reach) = (axis.dot(offset), axis.abs().dot(half) + slack);
             [middle - reach, middle + reach]
         };
-        let near = f64::from(self.rules.near) / placed.scale;
+        let near = placed.near(self.rules);
         let depth = along(camera.forward());
         if depth[1] < near {
             return None;
@@ -131,6 +163,26 @@ impl Sight<'_> {
         let limit = ((1_u64 << self.keys.bits) - 1) as u32;
         ((depth.to_bits() - near.to_bits()) >> self.keys.shift).min(limit)
     }
+}
+
+/// A page that bounds all of these, to see at once that none of them is visible.
+fn around(pages: &[Page]) -> Page {
+    let none = Page {
+        low: [f32::INFINITY; 3],
+        high: [f32::NEG_INFINITY; 3],
+        reach: -1.0,
+        largest_scale: 0.0,
+        highest_opacity: 0.0,
+        count: 0,
+    };
+    pages.iter().filter(|page| page.reach >= 0.0).fold(none, |all, page| Page {
+        low: std::array::from_fn(|axis| all.low[axis].min(page.low[axis])),
+        high: std::array::from_fn(|axis| all.high[axis].max(page.high[axis])),
+        reach: all.reach.max(page.reach),
+        largest_scale: all.largest_scale.max(page.largest_scale),
+        highest_opacity: all.highest_opacity.max(page.highest_opacity),
+        count: all.count.saturating_add(page.count),
+    })
 }
 
 /// The bins with a pixel that has not stopped, to ask whether a rectangle has one.
