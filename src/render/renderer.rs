@@ -279,7 +279,7 @@ impl Renderer {
         let subject = (self.scene.placed_len(), self.scene.is_paged());
         self.drawn = self.choice.prepare(&self.device, subject, camera.size_px, needs_tile_lists)?;
         ensure!(
-            self.drawn.in_slabs || !self.scene.is_placed(),
+            self.drawn.path == Path::Fast || !self.scene.is_placed(),
             "only the fast path draws scenes at places, and this device or these options do not take it"
         );
         let image = self.upscaler.as_ref().map_or(&self.image, |upscaler| &upscaler.drawn);

@@ -13,7 +13,7 @@ use smalto::rules::{ALPHA_MIN, Background, Rules, TILE};
 
 const RULES: &Rules = &Rules::TRAINED;
 
-/// The length from which on a list is long: LONG_LIST in frame.glsl.
+/// The length from which on a list takes several merge levels.
 const LONG_LIST: u32 = BIN_RUN * BIN_PIECES;
 
 /// A splat and its record in `work.splats`, three elements: the numbers of the record are exact in f64.

@@ -88,7 +88,7 @@ impl PortableSlabs {
         }
         *work = PortableWorkspace::new(device, Capacity::default())?; // frees the old buffers first
         let pages = self.listed.len() - first_page(scene) as usize;
-        *work = PortableWorkspace::new(device, slab_capacity(device, pages * PAGE as usize, cells, scene.len()))?;
+        *work = PortableWorkspace::new(device, slab_capacity(device, pages * PAGE as usize, cells, scene.placed_len()))?;
         self.cells = cells;
         Ok(())
     }
