@@ -2,7 +2,7 @@
 #include "shared/workgroup.glsl"
 #include "shared/rules.glsl"
 // One invocation per pixel: the state of a pixel before the first slab.
-// After: image has colour 0 and the transmittance 1, as slabs/blend.comp keeps it.
+// Before: nothing. After: image has colour 0 and the transmittance 1, as slabs/blend.comp keeps it.
 
 layout(binding = 0, rgba32f) writeonly uniform image2D image;
 layout(push_constant, scalar) uniform Push {

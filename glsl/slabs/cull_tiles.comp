@@ -5,6 +5,7 @@
 #include "slabs/slab.glsl"
 // One workgroup per listed page: marks those of its Gaussians that may touch the image and are in the slab, as cull of
 // the portable path does for a chunk of 1024 Gaussians.
+// Before: the pages and their views are listed. After: visible_masks and chunk_counts as after cull.
 
 layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 1, scalar) writeonly buffer VisibleMasks { uint visible_masks[]; };        // [pages * 32]

@@ -2,7 +2,8 @@
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
 #include "slabs/slab.glsl"
-// One invocation per visible Gaussian of the listed pages: writes its index, by which splats of equal depth are ordered.
+// One invocation per visible Gaussian of the listed pages: writes its index, by which splats of equal depth are
+// ordered.
 // Before: gaussian_from_splat from cull_compact. After: index_keys has the indices.
 
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };

@@ -2,7 +2,9 @@
 #define WORKGROUP_SIZE 1024
 #include "shared/workgroup.glsl"
 #include "fast/frame.glsl"
-// As list of the fast path, but bins in which all pixels have stopped list nothing.
+// One workgroup per chunk of the splats, as list of the fast path, but bins in which all pixels have stopped list
+// nothing.
+// Before: as for list; open_bins has a bit for every bin with a pixel that has not stopped. After: as for list.
 
 layout(binding = 0, scalar) buffer CountersBlock { FastCounters counters; };
 layout(binding = 1, scalar) readonly buffer SpanRanges { uvec2 span_ranges[]; };            // [visible_capacity]

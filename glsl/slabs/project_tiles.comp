@@ -10,7 +10,8 @@ const uvec2 LISTED = uvec2(TILE, TILE);
 #include "shared/ellipse.glsl"
 #include "shared/grids.glsl"
 #include "shared/rotation.glsl"
-// As project of the portable path, for Gaussians of listed pages.
+// One invocation per visible Gaussian of the listed pages: as project of the portable path.
+// Before: gaussian_from_splat counts the Gaussians of listed pages. After: as after project.
 
 layout(binding = 0, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };   // [visible_capacity] of listed pages
 layout(binding = 1, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach

@@ -340,6 +340,9 @@ impl Shared {
                 }
                 let allocation = device.allocate(&desc);
                 self.ledger.note(device.generate_report().total_capacity_bytes);
+                if self.ledger.asked.is_some() {
+                    self.told().inspect(|(_, used)| _ = self.ledger.note_told(*used));
+                }
                 allocation.map(|allocation| Held { allocation, is_of_host: false })
             }
         };

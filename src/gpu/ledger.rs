@@ -24,6 +24,8 @@ pub(super) struct Ledger {
     /// The bytes of a block that small resources share.
     pub block: u64,
     peak: AtomicU64,
+    /// The most that the driver said after an allocation.
+    told: AtomicU64,
 }
 
 /// The state of the ledger, in bytes.
@@ -39,14 +41,15 @@ pub struct MemoryUse {
     pub used: u64,
     /// The most that they took at any time.
     pub peak: u64,
-    /// What the driver says that this process takes on the device.
+    /// What the driver says that this process takes on the device: the most at any time under a limit that was set,
+    /// else now.
     pub told: Option<u64>,
 }
 
 impl Ledger {
     pub fn new(limit: Option<u64>, asked: Option<u64>) -> Self {
         let block = if asked.is_some() { SMALL_BLOCK } else { BLOCK };
-        Self { limit, asked, block, peak: AtomicU64::default() }
+        Self { limit, asked, block, peak: AtomicU64::default(), told: AtomicU64::default() }
     }
 
     /// The bytes by which an allocation of `size` bytes would pass the limit; 0 if it fits.
@@ -66,6 +69,11 @@ impl Ledger {
     /// Notes the sum of all blocks after an allocation.
     pub fn note(&self, bytes: u64) {
         self.peak.fetch_max(bytes, Ordering::Relaxed);
+    }
+
+    /// Notes what the driver says; returns the most that it said so far.
+    pub fn note_told(&self, bytes: u64) -> u64 {
+        self.told.fetch_max(bytes, Ordering::Relaxed).max(bytes)
     }
 
     pub fn peak(&self) -> u64 {

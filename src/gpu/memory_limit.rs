@@ -29,7 +29,7 @@ impl Shared {
     }
 
     /// What the driver says of the largest heap of the device: the bytes that this process may take, and takes.
-    fn told(&self) -> Option<(u64, u64)> {
+    pub(super) fn told(&self) -> Option<(u64, u64)> {
         self.capabilities.has(Feature::MemoryBudget).then(|| {
             let mut budget = vk::PhysicalDeviceMemoryBudgetPropertiesEXT::default();
             let mut properties = vk::PhysicalDeviceMemoryProperties2::default().push_next(&mut budget);
@@ -83,7 +83,7 @@ impl Device {
             limit: ledger.limit,
             used: report.total_capacity_bytes,
             peak: ledger.peak(),
-            told: self.0.told().map(|(_, used)| used),
+            told: self.0.told().map(|(_, used)| ledger.note_told(used)),
         }
     }
 

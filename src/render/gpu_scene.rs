@@ -55,7 +55,7 @@ const PART: usize = 1 << 11;
 /// The part of the free memory that pages may take; the rest is for pictures, lists and what is read.
 pub(super) const POOL_PART: f64 = 0.65;
 /// Bytes that lists and what else a frame needs take at least.
-const LEAST_LISTS: u64 = 16 << 20;
+const LEAST_LISTS: u64 = 8 << 20;
 /// The least pages that there is room for.
 const LEAST_PAGES: usize = 64;
 

@@ -10,7 +10,8 @@ use crate::gpu::{InFlight, Readback, Timing};
 pub struct Frame {
     /// The counts of the frame.
     pub totals: Totals,
-    /// The measured times: of every stage, or only of the frame ([`Renderer::set_timestamps`](super::Renderer::set_timestamps)).
+    /// The measured times: of every stage, or only of the frame, as
+    /// [`Renderer::set_timestamps`](super::Renderer::set_timestamps) says.
     pub timings: Vec<Timing>,
     /// Times that the frame was drawn: more than one if something did not fit at first.
     pub attempts: u32,
@@ -25,7 +26,8 @@ pub struct Started {
     pub(super) recorded: Recorded,
 }
 
-/// A recorded frame. [`Renderer::judge`](super::Renderer::judge) tells whether it is complete when its commands have run.
+/// A recorded frame. When its commands have run, [`Renderer::judge`](super::Renderer::judge) tells whether it is
+/// complete.
 pub struct Recorded {
     pub(super) number: u64,
     pub(super) counted: Counted,

@@ -3,7 +3,7 @@
 use super::fast_input::{Bench, Input, parts};
 use crate::common::Random;
 use smalto::reference;
-use smalto::render::shaders::fast::{BIN_PIECES, BIN_RUN, BIN_STRETCH, BLOCKS};
+use smalto::render::shaders::fast::{BIN_PIECES, BIN_RUN, BIN_STRETCH};
 use smalto::render::shaders::{FastCounters, FastDispatches};
 use smalto::render::{BinGrid, Capacity};
 

@@ -31,7 +31,8 @@ pub(super) struct Record {
 }
 
 impl Record {
-    /// Begins the record of `plan`, or continues it with `--resume`. `scene` is the hash of the scene, `device` is `None` for the reference.
+    /// Begins the record of `plan`, or continues it with `--resume`. `scene` is the hash of the scene; `device` is
+    /// `None` for the reference.
     ///
     /// Fails if another run writes into the folder, or a file of the plan cannot be written.
     pub fn begin(args: &Args, plan: &Plan, scene: &str, options: &Options, device: Option<&str>) -> Result<Self> {

@@ -3,6 +3,7 @@
 //! It makes no assumption about the subgroup size and runs on every device.
 
 mod blend;
+mod least_bytes;
 mod pipeline;
 mod sort;
 mod workspace;

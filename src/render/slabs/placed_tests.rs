@@ -144,7 +144,7 @@ fn bits_depend_neither_on_memory_nor_on_evicted_pages() {
 #[test]
 fn bits_do_not_depend_on_the_number_of_pages_in_memory() {
     let gaussians = synthetic::cactus(80_000).unwrap().gaussians;
-    let options = Options::PREVIEW;
+    let options = Options::EXACT;
     let (places, camera) = two(&gaussians);
     let device = open(None);
     let expected = placed(&device, &options, &gaussians, &places, &camera);

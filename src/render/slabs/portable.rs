@@ -1,7 +1,7 @@
 //! Frames in slabs on the portable path: pictures, certificates and depths.
 //!
-//! The portable path orders splats of equal depth by the order in which they are projected. Here they come page by page,
-//! so they are sorted by their indices first. All pages of a slab must be on the device at once.
+//! The portable path orders splats of equal depth by the order in which they are projected. Here they come page by
+//! page, so they are sorted by their indices first. All pages of a slab must be on the device at once.
 
 use std::mem::offset_of;
 use std::ops::Range;
@@ -88,7 +88,8 @@ impl PortableSlabs {
         }
         *work = PortableWorkspace::new(device, Capacity::default())?; // frees the old buffers first
         let pages = self.listed.len() - first_page(scene) as usize;
-        *work = PortableWorkspace::new(device, slab_capacity(device, pages * PAGE as usize, cells, scene.placed_len()))?;
+        let capacity = slab_capacity(device, pages * PAGE as usize, cells, scene.placed_len());
+        *work = PortableWorkspace::new(device, capacity)?;
         self.cells = cells;
         Ok(())
     }
