@@ -144,8 +144,10 @@ impl GpuScene {
         reserve: u64,
     ) -> Result<Self> {
         let bytes = Layout::of(statistics, options).bytes_each() * gaussians.len() as u64;
-        let room = device.free_bytes().saturating_sub(reserve + LEAST_LISTS);
-        if bytes > room {
+        let free = device.free_bytes();
+        let room = free.saturating_sub(reserve + LEAST_LISTS);
+        // Where there is no room for the pictures, pages do not help, and the picture is refused by its own name.
+        if bytes > room && (room > 0 || bytes > free) {
             let reason = format!("{room} bytes of device memory are left for it");
             return Err(OutOfMemory { name: "scene".to_owned(), bytes: Some(bytes), reason }.into());
         }

@@ -85,7 +85,8 @@ fn a_million_splats_in_one_tile_are_all_drawn() {
     let gpu_scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
     let mut still = Renderer::new(&gpu.0, &Options::EXACT, &gpu_scene).unwrap();
     let frame = still.render(&camera, Background::BLACK).unwrap();
-    assert_eq!(frame.totals.longest_list as usize, COUNT);
+    // Where loops end early, the list is cut into slabs.
+    assert!(frame.totals.longest_list as usize == COUNT || frame.parts.is_some_and(|parts| parts.slabs > 1));
     let pixels = still.pixels().unwrap();
     let comparison = compare(&pixels, &reference_of(&scene, &camera));
     assert_eq!(comparison.unexplained, 0, "{comparison:?}");
@@ -114,7 +115,8 @@ fn a_tile_list_longer_than_65535_is_drawn_completely() {
         let gpu_scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
         let mut still = Renderer::new(&gpu.0, &options, &gpu_scene).unwrap();
         let frame = still.render(&camera, Background::BLACK).unwrap();
-        assert!(frame.totals.longest_list > 65_535, "the list is long: {}", frame.totals.longest_list);
+        let is_cut = frame.parts.is_some_and(|parts| parts.slabs > 1);
+        assert!(is_cut || frame.totals.longest_list > 65_535, "the list is long: {}", frame.totals.longest_list);
         let rendering = reference::render(&scene, &camera, &options.rules, Background::BLACK);
         let pixels = still.pixels().unwrap();
         assert_eq!(compare(&pixels, &rendering).unexplained, 0);
