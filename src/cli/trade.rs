@@ -194,7 +194,7 @@ fn check_parts(args: &Args) -> Result<(), Usage> {
     }
     check_plots(args.plot.as_deref())?;
     if args.plot.is_some() && !has(Part::Knobs) && !has(Part::Search) {
-        return Err(Usage("--plot statistics --parts knobs or search".to_owned()));
+        return Err(Usage("--plot needs --parts knobs or search".to_owned()));
     }
     let rules = args.knobs.options(&Options::EXACT, false, f32::INFINITY);
     match rules.uncertifiable().filter(|_| has(Part::Certificate)) {

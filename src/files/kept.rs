@@ -21,6 +21,16 @@ pub struct Kept {
     _lock: File,
 }
 
+/// The file by which a folder of unfinished work is known.
+const MARK: &str = "unfinished";
+
+/// True if a folder was made for unfinished work: no other is ever cleared.
+fn is_own(folder: &Path) -> bool {
+    let is_folder = folder.symlink_metadata().is_ok_and(|data| data.is_dir());
+    let is_empty = || fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+    is_folder && (folder.join(MARK).is_file() || is_empty())
+}
+
 impl Kept {
     /// The folder of the work on `output`, which is made if there is none. It is removed when dropped without a file
     /// `state`.
@@ -34,11 +44,17 @@ impl Kept {
             };
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             let folder = path.with_file_name(format!(".{name}.unfinished"));
-            fs::create_dir(&folder).or_else(|error| match error.kind() {
-                ErrorKind::AlreadyExists => Ok(()),
-                ErrorKind::NotFound => Err(Error::msg("there is no such folder")),
-                _ => Err(described(&error)),
-            })?;
+            match fs::create_dir(&folder) {
+                Ok(()) => _ = File::create(folder.join(MARK)).map_err(|error| described(&error))?,
+                Err(error) => match error.kind() {
+                    ErrorKind::AlreadyExists if is_own(&folder) => {}
+                    ErrorKind::AlreadyExists => {
+                        return Err(anyhow!("{} is in the way: remove or rename it", folder.display()));
+                    }
+                    ErrorKind::NotFound => return Err(Error::msg("there is no such folder")),
+                    _ => return Err(described(&error)),
+                },
+            }
             let lock_of = File::open(&folder).map_err(|error| described(&error))?;
             lock(&lock_of)?;
             Ok(Self { folder, state, output: path, old, _lock: lock_of })
@@ -88,7 +104,10 @@ impl Kept {
     pub fn clear(&self) -> Result<()> {
         let entries = fs::read_dir(&self.folder).map_err(|error| self.failed(&error))?;
         for entry in entries {
-            let removed = entry.and_then(|entry| fs::remove_file(entry.path()));
+            let removed = entry.and_then(|entry| match entry.file_name() == MARK {
+                true => Ok(()),
+                false => fs::remove_file(entry.path()),
+            });
             removed.map_err(|error| self.failed(&error))?;
         }
         Ok(())

@@ -338,7 +338,13 @@ impl Shared {
                 if excess > 0 {
                     return Err(refuse(format!("it would pass the limit of memory by {excess} bytes")).into());
                 }
-                let allocation = device.allocate(&desc);
+                let mut allocation = device.allocate(&desc);
+                let bytes = device.generate_report().total_capacity_bytes;
+                if self.ledger.limit.is_some_and(|limit| bytes > limit) && allocation.is_ok() {
+                    // It did not fit into the shared block that had seemed to have room.
+                    let freed = allocation.and_then(|allocation| device.free(allocation));
+                    allocation = Err(freed.err().unwrap_or(AllocationError::OutOfMemory));
+                }
                 self.ledger.note(device.generate_report().total_capacity_bytes);
                 if self.ledger.asked.is_some() {
                     self.told().inspect(|(_, used)| _ = self.ledger.note_told(*used));

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use ash::vk;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
@@ -10,6 +10,7 @@ use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
 use super::capabilities::{DeviceKind, Feature};
 use super::device::{Allocators, Device, Shared};
 use super::ledger::{DRIVER, Ledger, MemoryUse, SPARE};
+use crate::host_memory::OutOfMemory;
 
 impl Shared {
     /// Allocators with the blocks of the ledger. Where all memory is the device's, the host has none of its own.
@@ -62,8 +63,13 @@ impl Device {
         let limit = match (asked, told) {
             (Some(asked), _) => {
                 let least = own + DRIVER;
-                ensure!(asked > least, "{asked} bytes of memory are too few: the driver alone takes {least} bytes");
-                Some(asked - least)
+                if asked <= least {
+                    let reason = format!("the limit of device memory is {asked}");
+                    let name = "driver and what it may take later".to_owned();
+                    return Err(OutOfMemory { name, bytes: Some(least), reason }.into());
+                }
+                let free = told.map_or(shared.capabilities.memory_bytes, |(budget, used)| budget.saturating_sub(used));
+                Some((asked - least).min(free))
             }
             (None, Some((budget, used))) => Some(budget.saturating_sub(used) / SPARE * (SPARE - 1)),
             (None, None) => None,

@@ -73,7 +73,7 @@ struct Fast {
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct Limits {
     pub path: Path,
-    /// The frame is drawn in slabs, which always fit.
+    /// The frame is drawn in slabs.
     pub in_slabs: bool,
     pub capacity: Capacity,
     pub longest_list: u32,
@@ -163,7 +163,7 @@ impl PathChoice {
 
     /// Ends a trial of the fast path, and drops that if its picture differs from the portable path's by `disagreement`.
     pub fn end_trial(&mut self, device: &Device, gaussians: usize, disagreement: Option<f32>) -> Result<()> {
-        self.passes = 1;
+        (self.passes, self.needs_slabs) = (1, false);
         let mut capacity = Capacity::default();
         if let Some(fast) = &mut self.fast {
             fast.needs_slabs = false;

@@ -115,6 +115,11 @@ pub(crate) struct DepthKeys {
 }
 
 impl DepthKeys {
+    /// The largest key that fits into the bits.
+    pub fn limit(self) -> u32 {
+        ((1_u64 << self.bits) - 1) as u32
+    }
+
     /// The depth keys of a scene within `extent`, seen by `camera`.
     pub fn of(camera: &Camera, options: &Options, extent: &Bounds) -> Self {
         let near = options.rules.near;

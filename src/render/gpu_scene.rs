@@ -39,6 +39,7 @@ pub struct GpuScene {
     pub(super) alpha_min: f32,
     /// Set if the planes hold some pages of the scene at a time.
     pool: Option<Arc<Mutex<Pool>>>,
+    notice: Option<Arc<str>>,
     /// Set if it is drawn at places.
     placements: Option<Placements>,
 }
@@ -117,6 +118,7 @@ impl GpuScene {
             alpha_min: options.rules.alpha_min,
             layout,
             pool: None,
+            notice: None,
             placements: None,
         };
         let mut commands = Commands::new(device)?;
@@ -169,7 +171,8 @@ impl GpuScene {
             let bytes = Some(limit + needed - free);
             return Err(OutOfMemory { name: "pages, lists and pictures at least".to_owned(), bytes, reason }.into());
         }
-        let longest = device.capabilities().limits.storage_range / 16 / PAGE as u64;
+        let limits = &device.capabilities().limits;
+        let longest = limits.storage_range.min(limits.allocation) / 16 / PAGE as u64;
         let room = (POOL_PART * (free - reserve) as f64) as u64 / each;
         let slots = (room.min(longest) as usize).min(all);
         let (layout, len) = (pages.layout().clone(), slots * PAGE);
@@ -200,6 +203,7 @@ impl GpuScene {
             alpha_min: pages.alpha_min(),
             layout,
             pool: Some(Arc::new(Mutex::new(pool))),
+            notice: pages.notice().map(Arc::from),
             placements: None,
         };
         let mut commands = Commands::new(device)?;
@@ -244,6 +248,11 @@ impl GpuScene {
     /// True if the planes hold some pages of the scene at a time.
     pub fn is_paged(&self) -> bool {
         self.pool.is_some()
+    }
+
+    /// Why a scene in pages is stored otherwise than the options ask for.
+    pub(super) fn notice(&self) -> Option<&str> {
+        self.notice.as_deref()
     }
 
     /// The pool of a scene in pages, until it is given back.

@@ -96,9 +96,10 @@ impl Renderer {
         self.drawn.path
     }
 
-    /// Why the fast path is not taken although device and options allow it.
+    /// Why the fast path is not taken although device and options allow it, or why the scene is stored otherwise than the
+    /// options ask for.
     pub fn notice(&self) -> Option<&str> {
-        self.choice.notice.as_deref()
+        self.choice.notice.as_deref().or(self.scene.notice())
     }
 
     /// The time that the trial of the fast path took; `None` if there was none.
@@ -349,7 +350,11 @@ impl Renderer {
 
     /// The picture drawn last, to show on a screen.
     pub fn picture(&self) -> Picture<'_> {
-        let Limits { path, capacity, longest_list, .. } = self.drawn;
+        let Limits { path, in_slabs, capacity, longest_list } = self.drawn;
+        // A frame in slabs is complete.
+        let all = u64::MAX;
+        let capacity = if in_slabs { Capacity { visible: all, spans: all, listed: all, ..capacity } } else { capacity };
+        let longest_list = if in_slabs { u32::MAX } else { longest_list };
         let word = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
         let Capacity { visible, spans, listed, .. } = capacity;
         let room = Room { visible: word(visible), spans: word(spans), listed: word(listed), longest_list };

@@ -10,6 +10,7 @@ use super::frame::{Shot, Target, Variation};
 use super::gpu_scene::{GpuScene, TRIAL, TRIAL_SIZE};
 use super::readback::read_pixels;
 use crate::gpu::{Access, Commands, Device, DeviceKind, Image};
+use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::rules::Background;
@@ -53,7 +54,21 @@ impl PathChoice {
         }
         let begun = Instant::now();
         self.make_all_pipelines(device)?;
-        let disagreement = self.disagreement(device, scene)?;
+        let disagreement = match self.disagreement(device, scene) {
+            Err(error) if error.is::<OutOfMemory>() => {
+                // The first guess may have left no room.
+                self.release(device)?;
+                match self.disagreement(device, scene) {
+                    // Without room for the small pictures of a trial there is none, and the next start tries again.
+                    Err(error) if error.is::<OutOfMemory>() => {
+                        self.force_block_height(None);
+                        return self.end_trial(device, scene.len(), None);
+                    }
+                    other => other?,
+                }
+            }
+            other => other?,
+        };
         self.trial_time = Some(begun.elapsed());
         self.end_trial(device, scene.len(), disagreement)?;
         if disagreement.is_none() {
@@ -82,6 +97,10 @@ impl PathChoice {
         let image = Image::new(device, "trial", TRIAL_SIZE[0], TRIAL_SIZE[1])?;
         for _ in 0..MAX_ATTEMPTS {
             let limits = self.prepare(device, (scene.len(), false), TRIAL_SIZE, needs_tile_lists)?;
+            if limits.in_slabs {
+                let reason = "there is too little device memory".to_owned();
+                return Err(OutOfMemory { name: "trial of the fast path".to_owned(), bytes: None, reason }.into());
+            }
             let mut cmd = Commands::new(device)?;
             let target = Target { image: &image, certificate: None, background: Background::BLACK };
             self.record(&mut cmd, Shot { scene, camera: &scene.trial_view }, target, limits, None);

@@ -73,8 +73,8 @@ fn hundreds_of_opaque_layers_agree() {
 
 /// One pixel stops at the second of a million; the other is reached by the last one alone.
 #[test]
-fn a_million_splats_in_one_tile_are_all_drawn() {
-    const COUNT: usize = 1_000_000;
+fn many_splats_in_one_tile_are_all_drawn() {
+    const COUNT: usize = 200_000;
     let entry = |i: usize| {
         let z = 5.0 + 1e-6 * i as f64;
         if i + 1 == COUNT { (ball([0.1, 0.0, z], 0.01, 0.9), GREEN) } else { (ball([-0.1, 0.0, z], 0.002, 0.99), RED) }

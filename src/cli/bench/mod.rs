@@ -148,6 +148,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     for scene in args.scenes(&["cactus"]) {
         let scene = Loaded::read(&scene, args.reading, placements.clone(), &device)?;
+        let checked = args.check.then(|| scene.drawable.in_memory("--check")).transpose()?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
             let (views, nearest) =
                 cameras.views((&|| scene.drawable.source.focus(), scene.town), size, args.frames())?;
@@ -166,8 +167,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
             if let Some(notice) = &run.notice {
                 remark(&format!("note: {}: {notice}", run.subject.title()));
             }
-            if args.check {
-                let (gaussians, _) = scene.drawable.in_memory("--check")?;
+            if let Some((gaussians, _)) = checked {
                 run.psnr_db = accuracy(&device, (gaussians, &gpu), &views[0], (&options, &rules))?;
             }
             if args.certificate {

@@ -8,7 +8,7 @@ use super::{Args, Report, changed, read};
 use crate::cli::{SceneArg, Usage, progress, remark};
 use crate::files::is_stdout;
 use crate::options::{Options, Storage};
-use crate::scene::{Gaussians, LoadReport, Procedural, Scene, Watch};
+use crate::scene::{Gaussians, LoadReport, Procedural, Scene, Transform, Watch};
 use crate::storage::convert::{Finished, Job, Settings, Take, write_blocks, write_in_order, write_whole};
 
 /// The number formats of a page file.
@@ -62,8 +62,8 @@ pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path) -> Result<Report>
 
 /// Writes the pages of a scene that is read block by block. `None` if its format is read as a whole.
 fn streamed(args: &Args, input: &SceneArg, job: &Job) -> Result<Option<(Finished, usize)>> {
-    // Pages that are not full come last only, so a town of which a part is left out is made as a whole.
-    let is_whole = args.crop.is_none() && args.min_opacity.is_none();
+    // The number of Gaussians must be known, so a town of which a part is left out is made as a whole.
+    let is_whole = args.crop.is_none() && args.min_opacity.is_none() && args.reading.reading()?.level.is_none();
     if let Some(town) = input.procedural().transpose()?.filter(|made| made.is_town() && is_whole) {
         return town_in_order(args, town, job).map(Some);
     }
@@ -92,14 +92,15 @@ const MADE: usize = 1 << 20;
 
 /// Writes the pages of a town, whose Gaussians come in the order of their places, without holding it.
 fn town_in_order(args: &Args, town: Procedural, job: &Job) -> Result<(Finished, usize)> {
+    let reading = args.reading.reading()?;
     let blocks = |take: &mut Take| {
         let mut report = LoadReport::default();
         for first in (0..town.count()).step_by(MADE) {
             let (block, made) = town.fill(first..town.count().min(first + MADE))?;
             report = report.and(&made);
-            take(changed(args, block)?, town.count())?;
+            take(changed(args, reading.placed(block)?)?, town.count())?;
         }
-        Ok(Scene { report, ..Scene::empty(&format!("procedural {}", town.name())) })
+        Ok(Scene { report, ..Scene::empty(&format_of(args, &format!("procedural {}", town.name()))?) })
     };
     let finished = write_in_order(job, &blocks)?;
     let removed = town.count() - finished.header.statistics.count;
@@ -120,5 +121,14 @@ fn whole(args: &Args, inputs: &[PathBuf], job: &Job) -> Result<(Finished, usize)
     let gaussians = changed(args, scene.gaussians)?;
     ensure!(!gaussians.is_empty(), "none of {before} Gaussians is left");
     let removed = before - gaussians.len();
-    Ok((write_whole(job, &Scene { gaussians, ..scene })?, removed))
+    let format = format_of(args, &scene.format)?;
+    Ok((write_whole(job, &Scene { gaussians, format, ..scene })?, removed))
+}
+
+/// The format that a page file notes of its source. A procedural scene that was changed has no cameras of its own.
+fn format_of(args: &Args, format: &str) -> Result<String> {
+    let reading = args.reading.reading()?;
+    let is_placed = reading.flip != [false; 3] || reading.transform != Transform::IDENTITY;
+    let is_changed = is_placed || !args.transform.is_empty() || args.crop.is_some() || args.min_opacity.is_some();
+    Ok(if is_changed { format!("{format}, changed") } else { format.to_owned() })
 }

@@ -273,9 +273,10 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
     {
         let pages = match pages_in_view {
             0 => String::new(),
-            seen => format!(", {pages_read} of {seen} pages in view read ({:.1} MB)", bytes_read as f64 / 1e6),
+            seen => format!("; {seen} pages in view, {pages_read} read for it ({:.1} MB)", bytes_read as f64 / 1e6),
         };
-        say!("  in {slabs} slabs, {wall_ms:.1} ms in all{pages}")?;
+        let slabs = if slabs == 1 { "1 slab".to_owned() } else { format!("{slabs} slabs") };
+        say!("  in {slabs}, {wall_ms:.1} ms in all{pages}")?;
     }
     if args.timings {
         let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth > 0).collect();

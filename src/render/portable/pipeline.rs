@@ -268,7 +268,7 @@ impl PortablePipeline {
         let push = ProjectPush {
             view,
             span_capacity: work.spans.len() as u32,
-            depth_limit: ((1_u64 << keys.bits) - 1) as u32,
+            depth_limit: keys.limit(),
             depth_shift: keys.shift,
         };
         cmd.dispatch_indirect(

@@ -1,6 +1,6 @@
 //! The splats of a pixel.
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 
 use super::{Last, Renderer};
 use crate::render::frame::Shot;
@@ -26,7 +26,11 @@ impl Renderer {
             let rendered = self.render(&camera, background);
             self.needs_tile_lists = false;
             rendered?;
-            ensure!(!self.drawn.in_slabs, "{WHOLE}");
+            if self.drawn.in_slabs {
+                // The picture stays what it was.
+                self.render(&camera, background)?;
+                bail!(WHOLE);
+            }
         }
         let picker = match &mut self.picker {
             Some(picker) => picker,

@@ -99,7 +99,8 @@ pub struct Cut {
 impl Cut {
     /// Begins a frame whose slabs are meant to have `target` splats at first, and never more than `most`.
     pub fn new(estimate: Estimate, target: f64, most: f64) -> Self {
-        Self { estimate, begin: 0, target: target.min(most).max(1.0), most, longest: u64::MAX }
+        let target = target.min(most).min(estimate.splats()).max(1.0);
+        Self { estimate, begin: 0, target, most, longest: u64::MAX }
     }
 
     /// Goes on by a new estimate.

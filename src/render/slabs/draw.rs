@@ -100,8 +100,14 @@ impl Slabs {
         let grid = fast.grid(camera.size_px, scene.placed_len());
         self.stages.prepare(device, grid)?;
         let keys = DepthKeys::of(camera, options, &scene.extent);
-        let end = place_of(((1_u64 << keys.bits) - 1) as u32) + place_of(1);
-        let mut supply = Supply::of(scene, camera, options, keys, Cells { side_px: grid.bin_px(), count: grid.bins });
+        let end = place_of(keys.limit()) + place_of(1);
+        let mut supply = Supply::of(
+            scene,
+            camera,
+            options,
+            keys,
+            Cells { side_px: grid.bin_px(), count: grid.bins, largest_key: keys.limit() },
+        );
         let estimate = supply.estimate(end);
         let most = if scene.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
         let mut cut = Cut::new(estimate, self.target, most);
@@ -112,6 +118,9 @@ impl Slabs {
         let views = views_of(scene, camera, &options.rules);
         cmd.upload(&self.listed, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
         cmd.fill(&self.open_bins.0[0], u32::MAX);
+        // A frame that failed may have left counts behind.
+        cmd.fill(&work.counters, 0);
+        cmd.fill(&work.listed_in_bins, 0);
         cmd.scope("begin", |cmd| self.stages.begin(cmd, target.image));
         let _begun = cmd.submit()?;
         let frame = Frame { device, fast, work, options, scene, camera, grid, image: target.image };
@@ -124,7 +133,8 @@ impl Slabs {
             };
             if let Some(following) = cut.after(next.end) {
                 // While the device draws, the pages of the slab that probably follows are read.
-                supply.read_ahead(device, &following)?;
+                // A page that cannot be read is reported when it is needed.
+                _ = supply.read_ahead(device, &following);
             }
             let results = slab.commands.wait()?;
             add_timings(&mut drawn.timings, results.timings());
@@ -175,7 +185,7 @@ impl Slabs {
             let (listed, slab) = (listed(pages), slab(range));
             cmd.scope("project", |cmd| self.stages.project(cmd, &listed, (camera, options), slab, work, grid));
         };
-        let mut cmd = Commands::new(device)?;
+        let (mut cmd, mut earlier) = (Commands::new(device)?, Vec::new());
         match supply {
             Supply::Whole(_) => project(&mut cmd, self.listed.len() as u32 - first),
             Supply::Paged(paged) => {
@@ -194,7 +204,7 @@ impl Slabs {
                     project(&mut cmd, pages.len() as u32);
                     if number < last {
                         // The pages of the next batch take the slots of these.
-                        cmd.submit()?;
+                        earlier.push(cmd.submit()?);
                         cmd = Commands::new(device)?;
                     }
                 }
@@ -204,13 +214,15 @@ impl Slabs {
         self.stages.list_and_blend(&mut cmd, fast, work, grid, image, open);
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let (totals, open_bins) = (cmd.read(&work.totals)?, cmd.read(open[1])?);
-        Ok(Some(StartedSlab { commands: cmd.submit()?, totals, open_bins }))
+        Ok(Some(StartedSlab { commands: cmd.submit()?, _earlier: earlier, totals, open_bins }))
     }
 }
 
 /// A slab on the GPU.
 struct StartedSlab {
     commands: InFlight,
+    /// The batches of pages before the last. Dropped, they would be waited for.
+    _earlier: Vec<InFlight>,
     totals: Readback<Totals>,
     open_bins: Readback<u32>,
 }

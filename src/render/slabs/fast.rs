@@ -110,7 +110,7 @@ impl FastStages {
             pages: listed.pages.len() as u32,
             visible_capacity: work.visible_capacity(),
             span_capacity: work.spans.len() as u32,
-            depth_limit: ((1_u64 << keys.bits) - 1) as u32,
+            depth_limit: keys.limit(),
             depth_shift: keys.shift,
             block_height: grid.block_height,
         };

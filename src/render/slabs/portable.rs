@@ -108,8 +108,8 @@ impl PortableSlabs {
     ) -> Result<Drawn> {
         let Shot { scene, camera } = shot;
         let keys = pipeline.depth_keys(scene, camera);
-        let end = place_of(limit(keys));
-        let cells = Cells { side_px: [TILE, TILE], count: tiles(camera.size_px) };
+        let end = place_of(keys.limit());
+        let cells = Cells { side_px: [TILE, TILE], count: tiles(camera.size_px), largest_key: keys.limit() - 1 };
         let mut supply = Supply::of(scene, camera, options, keys, cells);
         let estimate = supply.estimate(end);
         let most = if scene.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
@@ -202,7 +202,7 @@ impl PortableSlabs {
                 near: options.rules.near,
                 first_page,
                 pages,
-                depth_limit: limit(keys) - 1,
+                depth_limit: keys.limit() - 1,
                 depth_shift: keys.shift,
             };
             cmd.dispatch(&self.cull, bindings, push, DispatchSize::Groups(pages.into()));
@@ -260,7 +260,7 @@ impl PortableSlabs {
             near: options.rules.near,
             first_page: first_page(scene),
             span_capacity: work.spans.len() as u32,
-            depth_limit: limit(keys),
+            depth_limit: keys.limit(),
             depth_shift: keys.shift,
         };
         cmd.dispatch_indirect(&self.project, bindings, push, &work.dispatches, over_visible());
@@ -343,11 +343,6 @@ fn walk(cmd: &mut Commands, frame: &Frame, how: Walk) {
             cmd.scope("inspect", |cmd| inspector.walk_slab(cmd, pipeline, work, splat_ids, target, how));
         }
     }
-}
-
-/// The largest depth key, which splats without tiles have; the others have smaller ones.
-fn limit(keys: DepthKeys) -> u32 {
-    ((1_u64 << keys.bits) - 1) as u32
 }
 
 fn over_visible() -> usize {

@@ -26,6 +26,8 @@ pub struct Cells {
     pub side_px: [u32; 2],
     /// Columns and rows.
     pub count: [u32; 2],
+    /// The largest depth key of a splat in one.
+    pub largest_key: u32,
 }
 
 /// A buffer for the views and the pages that slabs list. A scene that is there as a whole is listed once.
@@ -79,7 +81,14 @@ impl<'a> Supply<'a> {
     pub fn of(scene: &'a GpuScene, camera: &Camera, options: &Options, keys: DepthKeys, cells: Cells) -> Self {
         let Some(pool) = scene.pool() else { return Self::Whole(scene.len()) };
         let alpha_min = pool.pages().alpha_min();
-        let sight = Sight { rules: &options.rules, alpha_min, keys, bin_px: cells.side_px, bins: cells.count };
+        let sight = Sight {
+            rules: &options.rules,
+            alpha_min,
+            keys,
+            bin_px: cells.side_px,
+            bins: cells.count,
+            largest_key: cells.largest_key,
+        };
         let pages = pool.pages().pages();
         let cameras: Vec<_> = scene.transforms().iter().map(|place| PlacedCamera::of(camera, place)).collect();
         let mut visible = sight.visible_of_all(pages, &cameras);

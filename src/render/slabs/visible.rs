@@ -66,6 +66,8 @@ pub struct Sight<'a> {
     /// Of the scene's shapes: Gaussians were culled where their alpha is below this.
     pub alpha_min: f32,
     pub keys: DepthKeys,
+    /// The largest key of a splat.
+    pub largest_key: u32,
     /// Width and height of a bin in pixels, columns and rows of bins.
     pub bin_px: [u32; 2],
     pub bins: [u32; 2],
@@ -160,8 +162,7 @@ impl Sight<'_> {
     fn key(&self, depth: f64) -> u32 {
         let near = self.rules.near;
         let depth = (depth as f32).clamp(near, f32::MAX);
-        let limit = ((1_u64 << self.keys.bits) - 1) as u32;
-        ((depth.to_bits() - near.to_bits()) >> self.keys.shift).min(limit)
+        ((depth.to_bits() - near.to_bits()) >> self.keys.shift).min(self.largest_key)
     }
 }
 

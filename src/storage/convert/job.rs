@@ -129,7 +129,7 @@ pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
 }
 
 pub(super) fn finish(kept: Kept, file: &File, output: &Output, header: Header) -> Result<()> {
-    let written = output.finish(header).and_then(|()| Ok(file.sync_all()?));
+    let written = output.finish(header).and_then(|()| Ok(file.sync_all()?)).inspect_err(|_| kept.drop_file(STATE));
     written.with_context(|| format!("cannot write {}", kept.output().display()))?;
     kept.finish(PAGES)
 }
@@ -184,7 +184,9 @@ pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) ->
         job.check()?;
         let rest = if state.done == 0 { Vec::new() } else { kept.content(&rest(state.done)).unwrap_or_default() };
         let rest: Vec<u32> = rest.as_chunks().0.iter().map(|bytes| u32::from_ne_bytes(*bytes)).collect();
-        let records = records(&kept, state.done, state.buckets[state.done], &rest, degree)?;
+        // With damaged buckets the next run begins anew.
+        let records = records(&kept, state.done, state.buckets[state.done], &rest, degree);
+        let records = records.inspect_err(|_| kept.drop_file(STATE))?;
         let is_last = state.done + 1 == state.buckets.len();
         let rest = write_bucket(&output, state.written / PAGE, &records, (curve, degree), is_last)
             .map_err(|problem| problem.context(format!("cannot write {}", job.output.display())))?;
@@ -198,7 +200,10 @@ pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) ->
         (job.progress)((2.0 + state.done as f64 / state.buckets.len() as f64) / 3.0);
     }
     let (count, written) = (header.statistics.count, state.written);
-    ensure!(written == count, "{written} of {count} Gaussians were written");
+    if written != count {
+        kept.drop_file(STATE);
+        bail!("{written} of {count} Gaussians were written: what was kept of an earlier run is damaged; run it again");
+    }
     finish(kept, &file, &output, header.clone())?;
     Ok(Finished { header, resumed, buckets: state.buckets.len(), notices: state.notices })
 }
@@ -212,7 +217,9 @@ fn rest(bucket: usize) -> String {
 fn resumed(kept: &Kept, work: &Work) -> Option<(State, Header)> {
     let state: State = serde_json::from_slice(&kept.content(STATE)?).ok()?;
     let header = Header::decoded(kept.content(HEADER_FILE)?.first_chunk::<HEADER>()?).ok()?;
-    (state.work == *work).then_some((state, header))
+    let has = |name: &str| kept.path(name).is_file();
+    let is_whole = has(PAGES) && (state.done == 0 || has(&rest(state.done)));
+    (state.work == *work && is_whole).then_some((state, header))
 }
 
 fn fill_buckets(job: &Job, kept: &Kept, blocks: &Blocks, work: Option<Work>) -> Result<(State, Header)> {

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use rayon::prelude::*;
 use twox_hash::XxHash3_64;
 
@@ -88,6 +88,10 @@ impl<'f> Output<'f> {
         [header.geometry_at, header.colours_at] = self.places;
         let mut table: Vec<u8> = host_zeros(header.pages() * Entry::BYTES, "table of pages")?;
         read_exact_at(self.file, &mut table, HEADER as u64)?;
+        let entries: Vec<Entry> = table.as_chunks().0.iter().map(Entry::decoded).collect();
+        let count: usize = entries.iter().map(|entry| entry.page.count as usize).sum();
+        let is_sound = entries.iter().all(Entry::is_plausible) && count == header.statistics.count;
+        ensure!(is_sound, "what was kept of an earlier run is damaged: run it again");
         header.table_checksum = XxHash3_64::oneshot(&table);
         self.file.set_len(header.file_bytes())?;
         write_all_at(self.file, &header.encoded(), 0)?;
