@@ -3,7 +3,8 @@
 #define IMAGE_ACCESS
 layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;  // px
 #include "fast/blend_block.glsl"
-// As blend of the fast path, for one slab: a pixel goes on where the slab before left it.
+// One subgroup per block of pixels, as blend of the fast path, for one slab: a pixel goes on where the slab before left
+// it.
 // Before: bins, sorted splat_ids and masks of the slab; open_bins is 0. After: image has the state of every pixel,
 // open_bins a bit for every bin with a pixel that has not stopped.
 // The state of a pixel is its colour so far and its transmittance times ALPHA_MIN, negated once it has stopped: the

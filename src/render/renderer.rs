@@ -96,8 +96,8 @@ impl Renderer {
         self.drawn.path
     }
 
-    /// Why the fast path is not taken although device and options allow it, or why the scene is stored otherwise than the
-    /// options ask for.
+    /// Why the fast path is not taken although device and options allow it, or why the scene is stored otherwise than
+    /// the options ask for.
     pub fn notice(&self) -> Option<&str> {
         self.choice.notice.as_deref().or(self.scene.notice())
     }

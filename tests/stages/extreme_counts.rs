@@ -5,7 +5,6 @@ use crate::common::free;
 use crate::common::{Gpu, Random, again_in_subgroups_of_four, compare, gaussians};
 use glam::DVec3;
 use smalto::camera::Camera;
-use smalto::host_memory::OutOfMemory;
 use smalto::options::Options;
 use smalto::reference;
 use smalto::render::{Capacity, GpuScene, PortableWorkspace, Renderer};
@@ -178,20 +177,4 @@ fn a_demand_of_exactly_the_limit_is_not_refused() {
     let demand = Capacity { gaussians: 1 << 23, visible: most, ..Capacity::default() };
     assert!(work.grow(&gpu.0, demand).unwrap());
     assert!(!work.grow(&gpu.0, demand).unwrap());
-}
-
-/// 2^32 instances and more: counted in 64 bits, and refused with the bytes it would take.
-#[test]
-fn more_instances_than_32_bits_count_are_refused() {
-    let gpu = Gpu::new();
-    // Each covers 128 x 128 tiles.
-    let count = (1_u64 << 32) / (128 * 128) + 1;
-    let raws: Vec<_> = (0..count).map(|i| (ball([0.0, 0.0, 5.0 + 1e-4 * i as f64], 1e3, 0.5), RED)).collect();
-    let scene = GpuScene::new(&gpu.0, &gaussians(&raws), &Options::EXACT).unwrap();
-    // The fast path's bins are larger: to a GPU with the memory, these are 2^28 entries, which it draws.
-    let options = Options { portable: true, ..Options::EXACT };
-    let mut still = Renderer::new(&gpu.0, &options, &scene).unwrap();
-    let error = still.render(&ahead([2048, 2048], 1000.0), Background::BLACK).unwrap_err();
-    assert!(error.is::<OutOfMemory>(), "{error:#}");
-    assert!(error.to_string().contains("instance"), "{error:#}");
 }

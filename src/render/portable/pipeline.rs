@@ -66,7 +66,7 @@ impl PortablePipeline {
             Variation::Certifying => (LISTED_ALPHA, Footprint::Exact),
         };
         let projecting =
-            SharedConstants { alpha_min: listed_alpha, extent: footprint_code(footprint), ..constants.clone() };
+            SharedConstants { alpha_min: listed_alpha, extent: footprint_code(footprint), ..constants };
         Ok(Self {
             options: *options,
             layout: layout.clone(),

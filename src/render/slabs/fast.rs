@@ -47,7 +47,7 @@ impl FastStages {
             blend: Default::default(),
             begin: Stage::new(device, &BeginConstants::of(constants))?,
             finish: Stage::new(device, &FinishConstants::of(constants))?,
-            constants: constants.clone(),
+            constants: *constants,
             subgroup,
         })
     }
