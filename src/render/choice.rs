@@ -281,7 +281,7 @@ impl PathChoice {
         if path == Path::Portable {
             return self.draw_portable_slabs(device, shot, target, inspector);
         }
-        let Self { fast, options, .. } = self;
+        let Self { fast, options, work, .. } = self;
         let fast = fast.as_mut().expect("a frame in slabs was prepared");
         let gaussians = shot.scene.placed_len();
         let grid = fast.pipeline.grid(shot.camera.size_px, gaussians);
@@ -289,7 +289,11 @@ impl PathChoice {
             Some(slabs) => slabs,
             none => none.insert(Slabs::new(device, &fast.pipeline, shot.scene)?),
         };
-        slabs.fit(device, &mut fast.work, &fast.pipeline, grid, gaussians)?;
+        if !has_memory(slabs.fit(device, &mut fast.work, &fast.pipeline, grid, gaussians))? {
+            // The buffers of the other path leave too little.
+            *work = PortableWorkspace::new(device, Capacity::default())?;
+            slabs.fit(device, &mut fast.work, &fast.pipeline, grid, gaussians)?;
+        }
         let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), shot, target)?;
         // What fits into one slab fits at once.
         fast.needs_slabs = drawn.parts.slabs > 1;
@@ -308,13 +312,19 @@ impl PathChoice {
             let reason = "this view needs the whole scene and its lists on the device, which has too little memory";
             return Err(OutOfMemory { name: "view".to_owned(), bytes: None, reason: reason.to_owned() }.into());
         }
-        let Self { portable, options, work, slabs, .. } = self;
+        let Self { portable, options, work, slabs, fast, .. } = self;
         let pipeline = portable.as_ref().expect("a frame on the portable path was prepared");
         let slabs = match slabs {
             Some(slabs) => slabs,
             none => none.insert(PortableSlabs::new(device, pipeline, shot.scene)?),
         };
-        slabs.fit(device, work, shot.camera.size_px, shot.scene)?;
+        if !has_memory(slabs.fit(device, work, shot.camera.size_px, shot.scene))? {
+            // The buffers of the other path leave too little.
+            if let Some(fast) = fast {
+                fast.work = FastWorkspace::new(device, Capacity::default(), fast.pipeline.splat_elements())?;
+            }
+            slabs.fit(device, work, shot.camera.size_px, shot.scene)?;
+        }
         let drawn = slabs.draw(device, (pipeline, work, options), shot, target, inspector)?;
         self.needs_slabs = drawn.parts.slabs > 1;
         Ok(drawn)

@@ -171,6 +171,8 @@ impl Renderer {
             (false, Some(_)) => Variation::Certifying,
             (false, None) => Variation::Plain,
         };
+        // Both at once may take more memory than there is.
+        self.choice.release(&self.device)?;
         self.choice = choose(&self.device, &self.options, &self.scene, variation)?;
         self.last = None;
         Ok(())

@@ -65,8 +65,7 @@ impl PortablePipeline {
             Variation::Plain | Variation::Counting => (rules.alpha_min, rules.extent),
             Variation::Certifying => (LISTED_ALPHA, Footprint::Exact),
         };
-        let projecting =
-            SharedConstants { alpha_min: listed_alpha, extent: footprint_code(footprint), ..constants };
+        let projecting = SharedConstants { alpha_min: listed_alpha, extent: footprint_code(footprint), ..constants };
         Ok(Self {
             options: *options,
             layout: layout.clone(),
