@@ -113,7 +113,7 @@ impl PortableSlabs {
         let mut supply = Supply::of(scene, camera, options, keys, cells);
         let estimate = supply.estimate(end);
         let most = if scene.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
-        let mut cut = Cut::new(estimate, self.target, most);
+        let mut cut = Cut::new(estimate, scene.placed_len(), self.target, most);
         let mut first_target = None;
         let mut drawn = Drawn { totals: bytemuck::Zeroable::zeroed(), timings: Vec::new(), parts: supply.parts() };
         let begun = Instant::now();
