@@ -86,8 +86,7 @@ fn pictures_of_every_size_agree_with_the_reference() {
     }
 }
 
-/// Thousands of splats on a few pixels: lists that are merged once, and others that are merged twice and blended by
-/// several subgroups a block.
+/// Thousands of splats on a few pixels: lists that are merged once, and others that are merged twice.
 #[test]
 fn long_lists_agree_with_the_reference() {
     let gpu = Gpu::new();
@@ -103,7 +102,10 @@ fn long_lists_agree_with_the_reference() {
         let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
         let frame = still.render(&camera, Background::BLACK).unwrap();
         assert!(frame.timings.iter().any(|timing| timing.name == "masks"), "{size:?} is not on the fast path");
-        assert!(entries.contains(&frame.totals.longest_list), "{size:?}: {} entries", frame.totals.longest_list);
+        // Where loops end early, the longest lists are cut into slabs.
+        let is_cut = frame.parts.is_some_and(|parts| parts.slabs > 1);
+        let longest = frame.totals.longest_list;
+        assert!(is_cut || entries.contains(&longest), "{size:?}: {longest} entries");
         let exact = reference::render(&gaussians, &camera, &Options::EXACT.rules, Background::BLACK);
         let comparison = compare(&still.pixels().unwrap(), &exact);
         // Means far away are known to 1e-4 px, which is more doubt about thresholds than is made allowance for.
