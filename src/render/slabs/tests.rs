@@ -5,11 +5,14 @@ use glam::DVec3;
 use super::Slabs;
 use crate::camera::Camera;
 use crate::gpu::{Device, DeviceChoice, Image, Validation};
+use crate::host_memory::OutOfMemory;
 use crate::options::{Options, Storage};
 use crate::pixels::Pixels;
 use crate::render::capacity::Capacity;
 use crate::render::fast::{FastPipeline, FastWorkspace};
 use crate::render::frame::{Shot, Target};
+use crate::render::portable::PortableWorkspace;
+use crate::render::recorded::Counted;
 use crate::render::{Frame, GpuScene, Renderer, SceneSource, read_pixels};
 use crate::rules::{Background, Rules};
 use crate::scene::{Builder, Focus, Gaussians, Procedural, Raw, synthetic};
@@ -221,5 +224,39 @@ fn a_limit_under_the_least_is_refused_with_the_bytes_that_are_needed() {
     let (device, scene) = bring(needed).expect("what was asked for is enough");
     let camera = Camera::looking_at(DVec3::new(0.0, -1.0, -4.0), DVec3::ZERO, SIZE, 1.0);
     Renderer::new(&device, &Options::EXACT, &scene).unwrap().render(&camera, BACKGROUND).unwrap();
+    assert_valid(&device);
+}
+
+/// 2^32 instances and more are counted in 64 bits: nothing is blended, and no buffer holds them, so slabs draw.
+#[test]
+fn more_instances_than_32_bits_count_are_no_frame() {
+    let device = open();
+    // Each covers 256 x 64 tiles.
+    let count = (1_usize << 32) / (256 * 64) + 1;
+    let ball = |i: usize| Raw {
+        mean: [0.0, 0.0, 5.0 + 1e-4 * i as f64],
+        log_scale: [1e3_f64.ln(); 3],
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity_logit: 0.0,
+    };
+    let mut builder = Builder::new(0, count).unwrap();
+    builder.extend(count, |i, _| ball(i));
+    let scene = GpuScene::new(&device, &builder.finish().0, &Options::EXACT).unwrap();
+    // The fast path's bins are larger: these are 2^28 entries.
+    let options = Options { portable: true, ..Options::EXACT };
+    // Rows of tiles that did not fit would be counted, but not their instances.
+    let room =
+        Capacity { gaussians: count, visible: count as u64, spans: 64 * count as u64, listed: 1, cells: 256 * 64 };
+    let mut renderer = Renderer::new(&device, &options, &scene).unwrap().with_capacity(room).unwrap();
+    let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [4096, 1024], 0.9);
+    let started = renderer.start(&camera, BACKGROUND).unwrap();
+    let results = started.commands.wait().unwrap();
+    let Counted::OnDevice(counted) = &started.recorded.counted else { panic!("the first frame is not cut") };
+    let totals = results.view(counted)[0];
+    assert_eq!(Capacity::of(&totals, 0, 0).listed, 256 * 64 * count as u64);
+    assert_eq!((totals.listed_high, totals.listed_kept), (1, 0));
+    assert!(renderer.judge(&results, &started.recorded).unwrap().is_none(), "the frame is not complete");
+    let error = PortableWorkspace::new(&device, Capacity::of(&totals, 0, 0)).err().unwrap();
+    assert!(error.is::<OutOfMemory>() && error.to_string().contains("instance"), "{error:#}");
     assert_valid(&device);
 }
