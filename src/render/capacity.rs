@@ -7,8 +7,7 @@ use crate::host_memory::OutOfMemory;
 use crate::render::shaders::{Splat, Totals};
 
 /// The numbers of elements that the buffers of a frame hold, or that a frame needs. A cell is what splats are listed
-/// in:
-/// a tile of the portable path, a bin of the fast path.
+/// in: a tile of the portable path, a bin of the fast path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Capacity {
     /// Gaussians in the scene, all of them.
@@ -36,13 +35,7 @@ impl Capacity {
 
     /// The capacity that a frame with these totals needs.
     pub fn of(totals: &Totals, gaussians: usize, cells: usize) -> Self {
-        Self {
-            gaussians,
-            visible: totals.visible.into(),
-            spans: totals.spans.into(),
-            listed: u64::from(totals.listed_high) << 32 | u64::from(totals.listed_low),
-            cells,
-        }
+        Self { gaussians, visible: totals.visible.into(), spans: totals.spans.into(), listed: totals.listed(), cells }
     }
 
     fn max(self, other: Self) -> Self {

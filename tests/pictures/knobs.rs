@@ -38,10 +38,6 @@ fn counted(gpu: &Gpu, scene: &Gaussians, camera: &Camera, options: &Options, beh
     (still.pixels().unwrap(), totals)
 }
 
-fn evaluations(totals: &Totals) -> u64 {
-    u64::from(totals.evaluations_high) << 32 | u64::from(totals.evaluations_low)
-}
-
 /// Layers across the whole image, each darker or brighter than what lies behind it, so that a pixel that stops early
 /// misses as much as can be.
 fn layers(random: &mut Random, opacity: [f64; 2], bright: f32) -> Gaussians {
@@ -79,7 +75,7 @@ fn an_early_stop_moves_no_pixel_by_more_than_its_bound() {
             let error = f64::from(max_error(&stopped, &exact));
             let bound = f64::from(stop) * brightest;
             assert!(error <= bound + ROUNDING, "round {round}, stop {stop}: {error:e} passes {bound:e}");
-            assert!(evaluations(&totals) <= evaluations(&all), "round {round}, stop {stop}");
+            assert!(totals.evaluations() <= all.evaluations(), "round {round}, stop {stop}");
             closest = closest.max(error / bound);
         }
     }
@@ -94,7 +90,7 @@ fn an_early_stop_saves_work() {
     let work = |stop: f32| {
         let options = Options { stop, ..Options::EXACT };
         let (_, totals) = counted(&gpu, &scene, &front([100, 70]), &options, Background::BLACK);
-        evaluations(&totals)
+        totals.evaluations()
     };
     let all = [0.0, 1e-3, 1e-2, 0.1].map(work);
     println!("evaluations by stop: {all:?}");

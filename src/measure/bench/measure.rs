@@ -329,7 +329,6 @@ pub fn frame_ms(frame: &Frame) -> f64 {
 fn counts(frames: &[Totals], staged: &[Measured], size_px: [u32; 2], drawn_px: [u32; 2]) -> Counts {
     let pixels = f64::from(size_px[0]) * f64::from(size_px[1]);
     let of = |value: &dyn Fn(&Totals) -> f64| Statistics::of(frames.iter().map(value));
-    let wide = |high: u32, low: u32| (u64::from(high) << 32 | u64::from(low)) as f64;
     let tiles: u32 = tiles(drawn_px).iter().product();
     let fast = staged.iter().filter(|measured| measured.path == render::Path::Fast);
     let entries: Vec<f64> = fast.map(|measured| measured.frame.totals.listed_kept.into()).collect();
@@ -341,8 +340,8 @@ fn counts(frames: &[Totals], staged: &[Measured], size_px: [u32; 2], drawn_px: [
         listed_tiles: of(&|t| t.listed_tiles.into()),
         longest_list: of(&|t| t.longest_list.into()),
         listed_per_pixel: of(&|t| f64::from(t.listed_kept) / f64::from(tiles)),
-        evaluations_per_pixel: of(&|t| wide(t.evaluations_high, t.evaluations_low) / pixels),
-        lanes_per_pixel: of(&|t| wide(t.walked_high, t.walked_low) / pixels),
+        evaluations_per_pixel: of(&|t| t.evaluations() as f64 / pixels),
+        lanes_per_pixel: of(&|t| t.walked() as f64 / pixels),
         early_exit_rate: of(&|t| f64::from(t.stopped_pixels) / pixels),
     }
 }

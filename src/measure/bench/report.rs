@@ -134,7 +134,8 @@ pub struct StageReport {
 }
 
 /// Amount of work of the measured frames. All counts except `entries` are those of the portable path, which draws the
-/// same views again with counters.
+/// same views again with counters. Of frames in slabs, `listed_tiles` and `longest_list` are the most of any slab, the
+/// others sums over the slabs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Counts {

@@ -5,7 +5,7 @@ use std::mem::offset_of;
 use anyhow::{Result, ensure};
 
 use super::blend::{Blending, Walk};
-use super::sort::{RadixSort, SortRange};
+use super::sort::{Pairs, RadixSort, SortRange};
 use super::workspace::PortableWorkspace;
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
@@ -281,10 +281,21 @@ impl PortablePipeline {
 
     /// Sorts the splats by depth; returns the index of the sorted pair of `work.depths`.
     pub(crate) fn sort_depths(&self, cmd: &mut Commands, work: &PortableWorkspace, bits: u32) -> usize {
+        self.sort_visible(cmd, &work.depths, work, (bits, true))
+    }
+
+    /// Sorts pairs, one for each splat, by so many bits of their keys; returns the index of the sorted pair.
+    pub(in crate::render) fn sort_visible(
+        &self,
+        cmd: &mut Commands,
+        pairs: &Pairs,
+        work: &PortableWorkspace,
+        (bits, values_are_indices): (u32, bool),
+    ) -> usize {
         let (lengths, length_index) = (&work.totals.words(), offset_of!(Totals, visible_kept) / 4);
-        let range = SortRange { lengths, length_index, bits, values_are_indices: true };
+        let range = SortRange { lengths, length_index, bits, values_are_indices };
         let groups = (&work.dispatches, offset_of!(PortableDispatches, sort_visible));
-        self.sort.record(cmd, &work.depths, &work.sort, range, groups)
+        self.sort.record(cmd, pairs, &work.sort, range, groups)
     }
 
     /// Finds where the instances of each splat begin, splats in the order of `splat_from_rank`.

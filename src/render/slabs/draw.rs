@@ -1,17 +1,16 @@
 //! The loop that draws a frame slab by slab.
 
 use std::ops::Range;
-use std::time::Instant;
 
 use anyhow::Result;
 
-use super::cut::{Cut, Place, place_of, slab};
+use super::course::{Course, Drawn};
+use super::cut::{Place, place_of, slab};
 use super::fast::{FastStages, OpenBins};
 use super::listed::{Element, Listed, first_page, views_of};
-use super::parts::Parts;
 use super::supply::{Cells, Supply, listed_at_first};
 use crate::camera::Camera;
-use crate::gpu::{Access, Buffer, Commands, Device, Image, InFlight, Readback, Timing};
+use crate::gpu::{Access, Buffer, Commands, Device, Image, InFlight, Readback};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::render::capacity::Capacity;
@@ -34,21 +33,8 @@ pub struct Slabs {
     cells: u32,
 }
 
-/// The report of a frame that was drawn in slabs.
-#[derive(Clone, Debug)]
-pub struct Drawn {
-    /// The sums over all slabs; the longest list of any.
-    pub totals: Totals,
-    /// The sums over all slabs, by stage.
-    pub timings: Vec<Timing>,
-    pub parts: Parts,
-}
-
 /// The most splats of a slab that there is room for: more would take memory for no time saved.
 pub(super) const MOST_SPLATS: u64 = 4 << 20;
-/// The most splats that a slab of a scene in pages is meant to have. After each slab, what is hidden by then is not
-/// read any more.
-pub(super) const PAGED_SPLATS: f64 = 1.0e6;
 /// The part of the free memory that the buffers of slabs may take.
 pub(super) const PART: f64 = 0.5;
 
@@ -108,12 +94,7 @@ impl Slabs {
             keys,
             Cells { side_px: grid.bin_px(), count: grid.bins, largest_key: keys.limit() },
         );
-        let estimate = supply.estimate(end);
-        let most = if scene.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
-        let mut cut = Cut::new(estimate, scene.placed_len(), self.target, most);
-        let mut first_target = None;
-        let mut drawn = Drawn { totals: bytemuck::Zeroable::zeroed(), timings: Vec::new(), parts: supply.parts() };
-        let begun = Instant::now();
+        let mut course = Course::begin(&mut supply, end, scene.placed_len(), self.target);
         let mut cmd = Commands::new(device)?;
         let views = views_of(scene, camera, &options.rules);
         cmd.upload(&self.listed, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
@@ -125,46 +106,42 @@ impl Slabs {
         let _begun = cmd.submit()?;
         let frame = Frame { device, fast, work, options, scene, camera, grid, image: target.image };
         let mut before = 0;
-        while let Some(next) = cut.next() {
+        while let Some(next) = course.cut.next() {
             let Some(slab) = self.start_slab(&frame, &mut supply, &next, before)? else {
                 // No page has anything to add here.
-                cut.drawn(&next, 0.0);
+                course.cut.drawn(&next, 0.0);
                 continue;
             };
-            if let Some(following) = cut.after(next.end) {
+            if let Some(following) = course.cut.after(next.end) {
                 // While the device draws, the pages of the slab that probably follows are read.
                 // A page that cannot be read is reported when it is needed.
                 _ = supply.read_ahead(device, &following);
             }
             let results = slab.commands.wait()?;
-            add_timings(&mut drawn.timings, results.timings());
+            course.took(results.timings());
             let totals = results.view(&slab.totals)[0];
             let filled = filled(&totals, work, fast);
             if filled > 1.0 {
-                if !cut.shorten(&next, filled) {
+                if !course.cut.shorten(&next, filled) {
                     return Err(no_room(work).into());
                 }
                 continue;
             }
-            first_target.get_or_insert(cut.target());
-            cut.drawn(&next, filled);
-            add(&mut drawn.totals, &totals);
-            drawn.parts.slabs += 1;
+            course.blended(&next, filled, &totals);
             before = 1 - before;
             if supply.close(results.view(&slab.open_bins)) {
                 break;
             }
             if supply.has_closed_many() {
-                cut.renew(supply.estimate(end));
+                course.cut.renew(supply.estimate(end));
             }
         }
         let mut cmd = Commands::new(device)?;
         cmd.scope("finish", |cmd| self.stages.finish(cmd, target.image, target.background));
         let results = cmd.submit()?.wait()?;
-        add_timings(&mut drawn.timings, results.timings());
-        // The next frame begins with a slab that is likely to fit.
-        drawn.parts = Parts { wall_ms: 1e3 * begun.elapsed().as_secs_f64(), ..supply.since(drawn.parts) };
-        self.target = if drawn.parts.slabs == 1 { f64::INFINITY } else { first_target.unwrap_or(f64::INFINITY) };
+        course.took(results.timings());
+        let (drawn, target) = course.end(&supply);
+        self.target = target;
         Ok(drawn)
     }
 
@@ -267,33 +244,4 @@ fn filled(totals: &Totals, work: &FastWorkspace, fast: &FastPipeline) -> f64 {
 fn no_room(work: &FastWorkspace) -> OutOfMemory {
     let reason = format!("one splat touches more than {} bins", work.entry_capacity());
     OutOfMemory { name: "entries of bins".to_owned(), bytes: None, reason }
-}
-
-pub(super) fn add(sum: &mut Totals, totals: &Totals) {
-    sum.visible = sum.visible.saturating_add(totals.visible);
-    sum.visible_kept = sum.visible_kept.saturating_add(totals.visible_kept);
-    sum.spans = sum.spans.saturating_add(totals.spans);
-    let listed = |totals: &Totals| u64::from(totals.listed_high) << 32 | u64::from(totals.listed_low);
-    let all = listed(sum) + listed(totals);
-    (sum.listed_high, sum.listed_low) = ((all >> 32) as u32, all as u32);
-    sum.listed_kept = sum.listed_kept.saturating_add(totals.listed_kept);
-    sum.longest_list = sum.longest_list.max(totals.longest_list);
-    let long = |low: u32, high: u32| u64::from(high) << 32 | u64::from(low);
-    let evaluations =
-        long(sum.evaluations_low, sum.evaluations_high) + long(totals.evaluations_low, totals.evaluations_high);
-    (sum.evaluations_high, sum.evaluations_low) = ((evaluations >> 32) as u32, evaluations as u32);
-    let walked = long(sum.walked_low, sum.walked_high) + long(totals.walked_low, totals.walked_high);
-    (sum.walked_high, sum.walked_low) = ((walked >> 32) as u32, walked as u32);
-    sum.stopped_pixels += totals.stopped_pixels;
-    sum.listed_tiles = sum.listed_tiles.max(totals.listed_tiles);
-}
-
-/// Adds the times of the stages of a slab, which become the inner scopes of a frame.
-pub(super) fn add_timings(sum: &mut Vec<Timing>, slab: &[Timing]) {
-    for timing in slab {
-        match sum.iter_mut().find(|known| known.name == timing.name) {
-            Some(known) => known.duration_ms += timing.duration_ms,
-            None => sum.push(Timing { depth: 1, ..timing.clone() }),
-        }
-    }
 }

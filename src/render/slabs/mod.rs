@@ -14,6 +14,7 @@
 //! the same order as in a frame that is drawn at once. A slab whose demand exceeds the capacity blends nothing; it is
 //! drawn again, shorter.
 
+mod course;
 mod cut;
 mod draw;
 mod fast;
@@ -29,7 +30,8 @@ mod placed_tests;
 #[cfg(test)]
 mod tests;
 
-pub(super) use draw::{Drawn, Slabs};
+pub(super) use course::Drawn;
+pub(super) use draw::Slabs;
 pub use parts::Parts;
 pub use pool::PagesRead;
 pub(super) use pool::Pool;

@@ -5,14 +5,13 @@
 
 use std::mem::offset_of;
 use std::ops::Range;
-use std::time::Instant;
 
 use anyhow::Result;
 
-use super::cut::{Cut, Place, place_of, slab};
-use super::draw::{Drawn, MOST_SPLATS, PAGED_SPLATS, PART, add, add_timings};
+use super::course::{Course, Drawn};
+use super::cut::{Place, place_of, slab};
+use super::draw::{MOST_SPLATS, PART};
 use super::listed::{Element, first_page, views_of};
-use super::parts::Parts;
 use super::supply::{Cells, Supply, listed_at_first};
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Results, Stage};
 use crate::host_memory::OutOfMemory;
@@ -21,7 +20,7 @@ use crate::render::capacity::Capacity;
 use crate::render::frame::{DepthKeys, Shot, Target, tiles};
 use crate::render::gpu_scene::GpuScene;
 use crate::render::inspect::Inspector;
-use crate::render::portable::{PortablePipeline, PortableWorkspace, SortRange, Walk};
+use crate::render::portable::{PortablePipeline, PortableWorkspace, Walk};
 use crate::render::shaders::slabs::*;
 use crate::render::shaders::{PortableDispatches, Totals};
 use crate::rules::TILE;
@@ -111,50 +110,42 @@ impl PortableSlabs {
         let end = place_of(keys.limit());
         let cells = Cells { side_px: [TILE, TILE], count: tiles(camera.size_px), largest_key: keys.limit() - 1 };
         let mut supply = Supply::of(scene, camera, options, keys, cells);
-        let estimate = supply.estimate(end);
-        let most = if scene.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
-        let mut cut = Cut::new(estimate, scene.placed_len(), self.target, most);
-        let mut first_target = None;
-        let mut drawn = Drawn { totals: bytemuck::Zeroable::zeroed(), timings: Vec::new(), parts: supply.parts() };
-        let begun = Instant::now();
+        let mut course = Course::begin(&mut supply, end, scene.placed_len(), self.target);
         let frame = Frame { device, pipeline, work, options, shot, target, keys, inspector };
         let mut goes_on = false;
-        while let Some(next) = cut.next() {
+        while let Some(next) = course.cut.next() {
             let filled = match self.list_slab(&frame, &mut supply, &next)? {
                 Listed::Nothing => {
-                    cut.drawn(&next, 0.0);
+                    course.cut.drawn(&next, 0.0);
                     continue;
                 }
                 Listed::TooManyPages(filled) => filled,
                 Listed::Counted(totals, results) => {
-                    add_timings(&mut drawn.timings, results.timings());
+                    course.took(results.timings());
                     let filled = filled(&totals, work);
                     if filled <= 1.0 {
                         // A list has at most all splats of the slab.
                         let passes = pipeline.passes(totals.listed_kept.min(totals.visible_kept));
                         let how = Walk { passes, goes_on, is_last: false };
                         let (totals, results) = self.walk_lists(&frame, how)?;
-                        add_timings(&mut drawn.timings, results.timings());
-                        first_target.get_or_insert(cut.target());
-                        cut.drawn(&next, filled);
-                        add(&mut drawn.totals, &totals);
-                        drawn.parts.slabs += 1;
+                        course.took(results.timings());
+                        course.blended(&next, filled, &totals);
                         goes_on = true;
                         continue;
                     }
                     filled
                 }
             };
-            if !cut.shorten(&next, filled) {
+            if !course.cut.shorten(&next, filled) {
                 let reason = "the Gaussians at one depth do not fit: raise the limit of memory".to_owned();
                 return Err(OutOfMemory { name: "slab".to_owned(), bytes: None, reason }.into());
             }
         }
         let (totals, results) = self.finish(&frame, goes_on)?;
-        add_timings(&mut drawn.timings, results.timings());
-        add(&mut drawn.totals, &totals);
-        drawn.parts = Parts { wall_ms: 1e3 * begun.elapsed().as_secs_f64(), ..supply.since(drawn.parts) };
-        self.target = if drawn.parts.slabs == 1 { f64::INFINITY } else { first_target.unwrap_or(f64::INFINITY) };
+        course.took(results.timings());
+        course.count(&totals);
+        let (drawn, target) = course.end(&supply);
+        self.target = target;
         Ok(drawn)
     }
 
@@ -287,10 +278,7 @@ impl PortableSlabs {
             over_visible(),
         );
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let (lengths, length_index) = (&totals.words(), offset_of!(Totals, visible_kept) / 4);
-        let range = SortRange { lengths, length_index, bits: 32, values_are_indices: true };
-        let groups = (dispatches, offset_of!(PortableDispatches, sort_visible));
-        let sorted = pipeline.sort.record(cmd, pairs, &work.sort, range, groups);
+        let sorted = pipeline.sort_visible(cmd, pairs, work, (32, true));
         let bindings = RankDepthsBindings {
             totals,
             splat_from_index: &pairs.values[sorted],
@@ -300,8 +288,7 @@ impl PortableSlabs {
         };
         cmd.dispatch_indirect(&self.rank, bindings, (), dispatches, over_visible());
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let range = SortRange { bits: keys.bits, values_are_indices: false, ..range };
-        pipeline.sort.record(cmd, &work.depths, &work.sort, range, groups)
+        pipeline.sort_visible(cmd, &work.depths, work, (keys.bits, false))
     }
 
     /// Walks the lists that `work` holds, on top of the states. Returns the counts after that.

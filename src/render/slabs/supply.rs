@@ -98,6 +98,11 @@ impl<'a> Supply<'a> {
         Self::Paged(Box::new(Paged { pool, visible, open, open_then: 0, bins: cells.count, count, noted }))
     }
 
+    /// True if the scene is in pages.
+    pub fn is_paged(&self) -> bool {
+        matches!(self, Self::Paged(_))
+    }
+
     /// Where the splats are expected that may still be seen; `end`: the place behind the last.
     pub fn estimate(&mut self, end: Place) -> Estimate {
         match self {
