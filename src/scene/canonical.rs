@@ -5,7 +5,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::{Gaussians, LoadReport, sh_coefficients};
-use crate::host_memory::{OutOfMemory, host_zeros};
+use crate::host_memory::OutOfMemory;
 
 /// One Gaussian as files store it, in the axes right, down, forward.
 #[derive(Clone, Copy, Debug)]
@@ -47,15 +47,7 @@ impl Builder {
     /// # Errors
     /// [`OutOfMemory`] if the capacity cannot be allocated.
     pub fn new(sh_degree: u32, capacity: usize) -> Result<Self, OutOfMemory> {
-        let gaussians = Gaussians {
-            means: host_zeros(capacity, "means")?,
-            scales: host_zeros(capacity, "scales")?,
-            rotations: host_zeros(capacity, "rotations")?,
-            opacities: host_zeros(capacity, "opacities")?,
-            sh: host_zeros(capacity * sh_coefficients(sh_degree), "spherical harmonics")?,
-            sh_degree,
-        };
-        Ok(Self { gaussians, kept: 0, report: LoadReport::default() })
+        Ok(Self { gaussians: Gaussians::zeros(sh_degree, capacity)?, kept: 0, report: LoadReport::default() })
     }
 
     /// Adds `count` Gaussians; those that cannot be drawn are dropped and counted. `decode(index, sh)` returns Gaussian

@@ -1,5 +1,7 @@
 //! The Gaussians of a scene on the CPU.
 
+use crate::host_memory::{OutOfMemory, host_zeros};
+
 /// Highest supported degree of spherical harmonics.
 pub const MAX_SH_DEGREE: u32 = 3;
 
@@ -28,6 +30,21 @@ pub struct Gaussians {
 }
 
 impl Gaussians {
+    /// Gaussians whose values are all 0, to be filled.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if they cannot be allocated.
+    pub(super) fn zeros(sh_degree: u32, count: usize) -> Result<Self, OutOfMemory> {
+        Ok(Self {
+            means: host_zeros(count, "means")?,
+            scales: host_zeros(count, "scales")?,
+            rotations: host_zeros(count, "rotations")?,
+            opacities: host_zeros(count, "opacities")?,
+            sh: host_zeros(count * sh_coefficients(sh_degree), "spherical harmonics")?,
+            sh_degree,
+        })
+    }
+
     /// Number of Gaussians.
     pub fn len(&self) -> usize {
         self.means.len()

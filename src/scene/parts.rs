@@ -3,9 +3,9 @@
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
+use super::Gaussians;
 use super::canonical::is_canonical;
-use super::{Gaussians, sh_coefficients};
-use crate::host_memory::{OutOfMemory, host_zeros};
+use crate::host_memory::OutOfMemory;
 
 /// Room for Gaussians that are filled in any order.
 pub struct Parts {
@@ -13,7 +13,7 @@ pub struct Parts {
     pub scales: Vec<[f32; 3]>,
     pub rotations: Vec<[f32; 4]>,
     pub opacities: Vec<f32>,
-    /// [`sh_coefficients`] of each Gaussian, one after another.
+    /// [`sh_coefficients`](super::sh_coefficients) of each Gaussian, one after another.
     pub sh: Vec<[f32; 3]>,
     sh_degree: u32,
 }
@@ -24,14 +24,8 @@ impl Parts {
     /// # Errors
     /// [`OutOfMemory`] if it cannot be allocated.
     pub fn new(sh_degree: u32, count: usize) -> Result<Self, OutOfMemory> {
-        Ok(Self {
-            means: host_zeros(count, "means")?,
-            scales: host_zeros(count, "scales")?,
-            rotations: host_zeros(count, "rotations")?,
-            opacities: host_zeros(count, "opacities")?,
-            sh: host_zeros(count * sh_coefficients(sh_degree), "spherical harmonics")?,
-            sh_degree,
-        })
+        let Gaussians { means, scales, rotations, opacities, sh, sh_degree } = Gaussians::zeros(sh_degree, count)?;
+        Ok(Self { means, scales, rotations, opacities, sh, sh_degree })
     }
 
     /// The Gaussians.

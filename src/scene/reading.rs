@@ -178,8 +178,8 @@ fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
         _ if is_named("splat") => splat::read(&mut source)?,
         _ if is_named("ksplat") => ksplat::read(&mut source)?,
         _ => bail!(
-            "not a scene that smalto reads: expected .ply, .compressed.ply, .spz, .sog or .glb content, a meta.json or \
-             lod-meta.json of SOG, or a file named .splat, .ksplat or .gltf, found bytes {magic:02x?}"
+            "not a scene that smalto reads: expected .ply, .compressed.ply, .spz, .sog, .glb or .smalto content, a \
+             meta.json or lod-meta.json of SOG, or a file named .splat, .ksplat or .gltf, found bytes {magic:02x?}"
         ),
     };
     let LoadReport { read, .. } = scene.report;

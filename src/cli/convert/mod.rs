@@ -23,7 +23,8 @@ use crate::scene::{self, Gaussians, Loss, MAX_SH_DEGREE, Scene, SceneFile, Trans
     override_usage = "smalto convert [OPTIONS] <IN>... <OUT>",
     after_help = "\
 Order of the steps: --flip and --up for each input, join, --transform, --crop, --min-opacity, --sh-degree.
-The file is read back and compared before it replaces an existing one."
+The file is read back and compared before it replaces an existing one, but for a .smalto file, whose pages have
+checksums."
 )]
 pub(super) struct Args {
     /// Scene files as for `smalto render`, then the file to write: .ply, .compressed.ply, .splat, .spz, .sog, meta.json

@@ -1,5 +1,7 @@
 //! The pages that a slab draws and the views that they are seen from, as slab.glsl reads them.
 
+use std::ops::Range;
+
 use super::visible::PlacedCamera;
 use crate::camera::Camera;
 use crate::gpu::Buffer;
@@ -9,7 +11,6 @@ use crate::render::shaders::View;
 use crate::render::shaders::slabs::{HAS_INDICES, PAGE, VIEW_ELEMENTS};
 use crate::rules::Rules;
 use crate::scene::Transform;
-use std::ops::Range;
 
 /// An element of the buffer of listed pages.
 pub type Element = [u32; 4];

@@ -161,7 +161,7 @@ impl Pool {
         Ok(())
     }
 
-    /// Forgets about a third of the pages, if tests ask for that.
+    /// Forgets about a quarter of the pages, if tests ask for that.
     fn evict_at_random(&mut self) {
         let Some(seed) = &mut self.churn else { return };
         let pages: Vec<u32> = self.slots.iter().map(|(page, _)| *page).collect();
