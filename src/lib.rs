@@ -50,6 +50,8 @@ pub mod gpu;
 #[allow(unsafe_code)]
 #[doc(hidden)]
 pub mod host_memory;
+#[doc(hidden)]
+pub mod levels;
 pub mod measure;
 pub mod options;
 pub mod pixels;

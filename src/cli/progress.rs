@@ -1,7 +1,7 @@
 //! The progress of long work on stderr.
 
-use std::cell::{Cell, OnceCell};
 use std::io::{IsTerminal, stderr};
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -14,7 +14,7 @@ pub(super) struct Bar {
     label: String,
     started: Instant,
     is_terminal: bool,
-    bar: OnceCell<ProgressBar>,
+    bar: OnceLock<ProgressBar>,
     lines: Lines,
 }
 
@@ -26,7 +26,7 @@ impl Bar {
             label: label.into(),
             started: Instant::now(),
             is_terminal: stderr().is_terminal(),
-            bar: OnceCell::new(),
+            bar: OnceLock::new(),
             lines: Lines::default(),
         }
     }
@@ -70,7 +70,7 @@ impl Drop for Bar {
 /// The lines of progress where there is no terminal.
 #[derive(Default)]
 struct Lines {
-    last: Cell<Duration>,
+    last: Mutex<Duration>,
 }
 
 impl Lines {
@@ -78,10 +78,11 @@ impl Lines {
 
     /// The line that is due after `elapsed`, if any.
     fn next(&self, label: &str, elapsed: Duration, fraction: f64, rate: &str) -> Option<String> {
-        if elapsed < self.last.get() + Self::EVERY {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        if elapsed < *last + Self::EVERY {
             return None;
         }
-        self.last.set(elapsed);
+        *last = elapsed;
         Some(format!("{label}: {:.0} %{rate}{}", fraction * 100.0, left(elapsed, fraction)))
     }
 }

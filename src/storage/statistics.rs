@@ -51,6 +51,18 @@ impl Statistics {
         all.finish()
     }
 
+    /// The statistics of the same scene with levels of detail, whose nodes may be as large as the scene.
+    #[must_use]
+    pub fn with_room_for_levels(mut self) -> Self {
+        let Bounds { low, high } = self.extent;
+        let diagonal = (0..3).map(|axis| (high[axis] - low[axis]).powi(2)).sum::<f32>().sqrt();
+        if self.scales[1] > 0.0 && diagonal.is_finite() {
+            self.scales[1] = self.scales[1].max(diagonal);
+        }
+        self.highest_opacity = self.highest_opacity.max(1.0);
+        self
+    }
+
     /// The curve along which pages hold the Gaussians: through the part of the scene that lies near its focus, since a
     /// stray Gaussian far away would leave all others in one cell.
     pub fn curve(&self) -> Curve {

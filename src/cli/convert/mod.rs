@@ -1,5 +1,6 @@
 //! `smalto convert`: writes one or several scenes to another file, optionally changed.
 
+pub(super) mod lod;
 mod pages;
 
 use std::path::{Path, PathBuf};
@@ -147,7 +148,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         check_binary_writable(output)?;
     }
     let Target::Scene(kind) = kind else {
-        let report = pages::convert(args, inputs, output)?;
+        let report = pages::convert(args, inputs, output, false)?;
         print(&report)?;
         return args.json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report));
     };

@@ -24,7 +24,8 @@ pub const STORAGES: [(&str, &str, Options); 5] = [
     ),
 ];
 
-pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path) -> Result<Report> {
+/// Writes a page file, with levels of detail if `has_levels`.
+pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path, has_levels: bool) -> Result<Report> {
     if is_stdout(output) {
         return Err(Usage("a page file cannot go to standard output: it is not written in one piece".to_owned()).into());
     }
@@ -34,7 +35,7 @@ pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path) -> Result<Report>
     let input = SceneArg { scene: inputs[0].clone(), reading: args.reading };
     let job = Job {
         output,
-        settings: Settings { options, memory },
+        settings: Settings { options, memory, has_levels },
         title: input.title(),
         progress: &|fraction| bar.set(fraction),
         is_cancelled: &|| false,

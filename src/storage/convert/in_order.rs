@@ -4,10 +4,11 @@ use std::fs::File;
 
 use anyhow::{Result, bail, ensure};
 
-use super::job::{Blocks, Finished, Job, PAGES, STATE, check_count, finish, first_passes};
+use super::hierarchy::pages_of_levels;
+use super::job::{Blocks, Finished, Job, PAGES, STATE, Settings, check_count, finish, first_passes};
 use super::output::Output;
 use crate::files::Kept;
-use crate::options::{Options, Storage};
+use crate::options::Storage;
 use crate::scene::{Cancelled, Gaussians, along_curve};
 use crate::storage::layout::Layout;
 use crate::storage::pages::PAGE;
@@ -30,10 +31,10 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
     let mut add = |block: Gaussians, of: usize| {
         job.check()?;
         check_count(of)?;
-        let going = going.get_or_insert_with(|| Going::new(options, known.as_ref(), of, block.sh_degree()));
+        let going = going.get_or_insert_with(|| Going::new(job, known.as_ref(), of, block.sh_degree()));
         going.add(&file, block).map_err(|error| error.context(format!("cannot write {}", job.output.display())))?;
         let done = going.statistics.added() as f64 / of as f64;
-        (job.progress)(if known.is_some() { 0.5 + 0.5 * done } else { done });
+        job.report(if known.is_some() { 0.5 + 0.5 * done } else { done });
         anyhow::Ok(())
     };
     // The next block is made while one is written.
@@ -47,13 +48,13 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
         added.and(made)
     })?;
     let Some(mut going) = going else { bail!("there are no Gaussians") };
-    let statistics = going.end(&file)?;
+    let statistics = job.statistics(going.end(&file)?);
     let mut layout = Layout::of(&statistics, options);
     // Coefficients of degrees that turned out to be 0 are stored, too.
     layout.sh_degree = going.layout.sh_degree;
     let header = job.header(&scene, statistics, layout);
     let output = Output::new(&file, (&header.layout, header.alpha_min), going.pages);
-    finish(kept, &file, &output, header.clone())?;
+    finish(job, kept, &output, header.clone())?;
     Ok(Finished { header, resumed: 0, buckets: 1, notices: scene.notices })
 }
 
@@ -70,13 +71,15 @@ struct Going {
 }
 
 impl Going {
-    fn new(options: &Options, known: Option<&Statistics>, of: usize, sh_degree: u32) -> Self {
+    fn new(job: &Job, known: Option<&Statistics>, of: usize, sh_degree: u32) -> Self {
+        let Settings { options, has_levels, .. } = &job.settings;
         let statistics = Accumulator::new(of, sh_degree);
         let layout = match known {
             Some(known) => Layout::of(known, options),
             None => Layout::plain(sh_degree.min(options.sh_degree)),
         };
-        let (alpha_min, pages) = (options.rules.alpha_min, of.div_ceil(PAGE));
+        let (alpha_min, scene_pages) = (options.rules.alpha_min, of.div_ceil(PAGE));
+        let pages = scene_pages + if *has_levels { pages_of_levels(scene_pages) } else { 0 };
         Self { layout, alpha_min, pages, statistics, written: 0, rest: None }
     }
 

@@ -1,12 +1,12 @@
 //! The ways to a page file: of a scene in memory, and of one that comes in blocks.
 
-use std::fs::File;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
 
 use super::buckets::{Cuts, Filling, name, records};
+use super::hierarchy::{build, pages_of_levels};
 use super::output::Output;
 use super::records::{gaussians_of, mean_of, record_words};
 use super::state::{State, Work};
@@ -14,7 +14,7 @@ use crate::files::Kept;
 use crate::options::{Options, Storage};
 use crate::scene::{Cancelled, Curve, Gaussians, Scene};
 use crate::storage::layout::Layout;
-use crate::storage::pages::{HEADER, Header, PADDING, PAGE};
+use crate::storage::pages::{HEADER, Header, LevelParts, PADDING, PAGE};
 use crate::storage::statistics::{Accumulator, Statistics};
 
 /// What is written.
@@ -24,6 +24,8 @@ pub struct Settings {
     pub options: Options,
     /// Bytes of memory that buckets may take while they are sorted.
     pub memory: usize,
+    /// Builds levels of detail, too.
+    pub has_levels: bool,
 }
 
 impl Settings {
@@ -33,7 +35,7 @@ impl Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { options: Self::LOSSLESS, memory: 2 << 30 }
+        Self { options: Self::LOSSLESS, memory: 2 << 30, has_levels: false }
     }
 }
 
@@ -54,9 +56,9 @@ pub struct Job<'j> {
     /// The name of the source.
     pub title: String,
     /// Gets the fraction that is done, 0 to 1.
-    pub progress: &'j dyn Fn(f64),
+    pub progress: &'j (dyn Fn(f64) + Sync),
     /// Asked between blocks and between buckets. Once it returns true, the job ends with [`Cancelled`].
-    pub is_cancelled: &'j dyn Fn() -> bool,
+    pub is_cancelled: &'j (dyn Fn() -> bool + Sync),
 }
 
 /// A file that was written.
@@ -82,6 +84,12 @@ impl Job<'_> {
 
     /// The header of a file of this scene, whose places are not known yet.
     pub(super) fn header(&self, scene: &Scene, statistics: Statistics, layout: Layout) -> Header {
+        let levels = self.settings.has_levels.then(|| LevelParts {
+            pages: pages_of_levels(statistics.count.div_ceil(PAGE)),
+            words_at: 0,
+            table_at: 0,
+            checksum: 0,
+        });
         Header {
             statistics,
             layout,
@@ -93,7 +101,18 @@ impl Job<'_> {
             table_checksum: 0,
             geometry_at: 0,
             colours_at: 0,
+            levels,
         }
+    }
+
+    /// The statistics that the layout of the file follows from: nodes that stand for others are larger.
+    pub(super) fn statistics(&self, statistics: Statistics) -> Statistics {
+        if self.settings.has_levels { statistics.with_room_for_levels() } else { statistics }
+    }
+
+    /// Reports this part of the work that comes before the levels.
+    pub(super) fn report(&self, done: f64) {
+        (self.progress)(if self.settings.has_levels { 0.3 * done } else { done });
     }
 }
 
@@ -112,7 +131,7 @@ pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
     check_count(gaussians.len())?;
     let kept = Kept::beside(job.output, STATE)?;
     kept.clear()?;
-    let statistics = Statistics::of(gaussians);
+    let statistics = job.statistics(Statistics::of(gaussians));
     let layout = Layout::of(&statistics, &job.settings.options);
     let header = job.header(scene, statistics, layout);
     let file = kept.file(PAGES)?;
@@ -122,14 +141,21 @@ pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
         job.check()?;
         let written = output.write(i << 10, gaussians, part, |index| index);
         written.map_err(|error| kept.failed(&error))?;
-        (job.progress)(((i << 20) + part.len()) as f64 / order.len() as f64);
+        job.report(((i << 20) + part.len()) as f64 / order.len() as f64);
     }
-    finish(kept, &file, &output, header.clone())?;
+    finish(job, kept, &output, header.clone())?;
     Ok(Finished { header, resumed: 0, buckets: 1, notices: scene.notices.clone() })
 }
 
-pub(super) fn finish(kept: Kept, file: &File, output: &Output, header: Header) -> Result<()> {
-    let written = output.finish(header).and_then(|()| Ok(file.sync_all()?)).inspect_err(|_| kept.drop_file(STATE));
+pub(super) fn finish(job: &Job, kept: Kept, output: &Output, header: Header) -> Result<()> {
+    if job.settings.has_levels {
+        let scene = (header.statistics.count, header.layout.sh_degree);
+        let progress = |done: f64| (job.progress)(0.3 + 0.7 * done);
+        let built = build(output, scene, &progress, job.is_cancelled);
+        built.with_context(|| format!("cannot write the levels of {}", job.output.display()))?;
+    }
+    let finished = output.finish(header).and_then(|()| Ok(output.file.sync_all()?));
+    let written = finished.inspect_err(|_| kept.drop_file(STATE));
     written.with_context(|| format!("cannot write {}", kept.output().display()))?;
     kept.finish(PAGES)
 }
@@ -146,7 +172,7 @@ pub(super) fn first_passes(job: &Job, blocks: &Blocks, parts: f64) -> Result<(Sc
             let count = known.unwrap_or(of);
             let all = all.get_or_insert_with(|| Accumulator::new(count, block.sh_degree()));
             all.add(&block);
-            (job.progress)(all.added() as f64 / count.max(1) as f64 / parts);
+            job.report(all.added() as f64 / count.max(1) as f64 / parts);
             Ok(())
         })?;
         let all = all.filter(|all| all.added() > 0).context("there are no Gaussians")?;
@@ -159,7 +185,7 @@ pub(super) fn first_passes(job: &Job, blocks: &Blocks, parts: f64) -> Result<(Sc
         ensure!(all.is_complete(), CHANGED);
     }
     let sample = all.sample().to_vec();
-    Ok((scene, all.finish(), sample))
+    Ok((scene, job.statistics(all.finish()), sample))
 }
 
 /// Writes a scene that comes in blocks, in bounded memory: in buckets along the curve, which are sorted one by one.
@@ -197,14 +223,14 @@ pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) ->
         kept.keep(STATE, &serde_json::to_vec(&state)?)?;
         kept.drop_file(&name(state.done - 1));
         kept.drop_file(&self::rest(state.done - 1));
-        (job.progress)((2.0 + state.done as f64 / state.buckets.len() as f64) / 3.0);
+        job.report((2.0 + state.done as f64 / state.buckets.len() as f64) / 3.0);
     }
     let (count, written) = (header.statistics.count, state.written);
     if written != count {
         kept.drop_file(STATE);
         bail!("{written} of {count} Gaussians were written: what was kept of an earlier run is damaged; run it again");
     }
-    finish(kept, &file, &output, header.clone())?;
+    finish(job, kept, &output, header.clone())?;
     Ok(Finished { header, resumed, buckets: state.buckets.len(), notices: state.notices })
 }
 
@@ -234,14 +260,14 @@ fn fill_buckets(job: &Job, kept: &Kept, blocks: &Blocks, work: Option<Work>) -> 
         ensure!(added + block.len() <= count && block.sh_degree() == degree, CHANGED);
         filling.add(&block, added)?;
         added += block.len();
-        (job.progress)((1.0 + added as f64 / count as f64) / 3.0);
+        job.report((1.0 + added as f64 / count as f64) / 3.0);
         Ok(())
     })?;
     ensure!(added == count, CHANGED);
     let layout = Layout::of(&statistics, &job.settings.options);
-    let mut header = job.header(&scene, statistics, layout);
-    let words = crate::storage::pages::PageWords::of(&header.layout);
-    [header.geometry_at, header.colours_at] = Header::places(header.pages(), &words);
+    let header = job.header(&scene, statistics, layout);
+    let file = kept.file(PAGES)?;
+    let header = Output::new(&file, (&header.layout, header.alpha_min), header.pages()).placed(header.clone());
     let buckets = filling.finish()?;
     let Some(work) = work else { bail!("the source is no regular file") };
     let state = State { work, buckets, done: 0, written: 0, notices: scene.notices.clone() };

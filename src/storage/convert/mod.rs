@@ -1,6 +1,7 @@
 //! Writes page files, of scenes of any size in bounded memory.
 
 mod buckets;
+mod hierarchy;
 mod in_order;
 mod job;
 mod output;

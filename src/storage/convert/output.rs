@@ -11,17 +11,17 @@ use crate::files::{read_exact_at, write_all_at};
 use crate::host_memory::host_zeros;
 use crate::scene::Gaussians;
 use crate::storage::layout::Layout;
-use crate::storage::pages::{Entry, HEADER, Header, PAGE, Page, PageWords};
+use crate::storage::pages::{Entry, HEADER, Header, Level, LevelParts, PAGE, Page, PageWords};
 use crate::storage::planes::Shape;
 
 /// The words of a page file in the making. Pages are written in any order, on many threads.
 pub struct Output<'f> {
-    file: &'f File,
-    layout: &'f Layout,
-    alpha_min: f32,
-    words: PageWords,
-    /// Where the streams begin.
-    places: [u64; 2],
+    pub(super) file: &'f File,
+    pub(super) layout: &'f Layout,
+    pub(super) alpha_min: f32,
+    pub(super) words: PageWords,
+    /// Where the streams and the table of levels begin.
+    pub(super) places: [u64; 4],
 }
 
 /// Pages that a thread makes at a time.
@@ -80,19 +80,32 @@ impl<'f> Output<'f> {
         write_all_at(self.file, &entries, (HEADER + first * Entry::BYTES) as u64)
     }
 
+    /// The header with the places of the parts of this file.
+    pub fn placed(&self, mut header: Header) -> Header {
+        let [geometry_at, colours_at, words_at, table_at] = self.places;
+        (header.geometry_at, header.colours_at) = (geometry_at, colours_at);
+        header.levels = header.levels.map(|levels| LevelParts { words_at, table_at, ..levels });
+        header
+    }
+
     /// Writes the header of a file that has all of its pages.
     ///
     /// # Errors
     /// If the file cannot be read or written.
-    pub fn finish(&self, mut header: Header) -> Result<()> {
-        [header.geometry_at, header.colours_at] = self.places;
+    pub fn finish(&self, header: Header) -> Result<()> {
+        let mut header = self.placed(header);
         let mut table: Vec<u8> = host_zeros(header.pages() * Entry::BYTES, "table of pages")?;
         read_exact_at(self.file, &mut table, HEADER as u64)?;
         let entries: Vec<Entry> = table.as_chunks().0.iter().map(Entry::decoded).collect();
-        let count: usize = entries.iter().map(|entry| entry.page.count as usize).sum();
+        let count: usize = entries[..header.scene_pages()].iter().map(|entry| entry.page.count as usize).sum();
         let is_sound = entries.iter().all(Entry::is_plausible) && count == header.statistics.count;
         ensure!(is_sound, "what was kept of an earlier run is damaged: run it again");
         header.table_checksum = XxHash3_64::oneshot(&table);
+        if let Some(levels) = &mut header.levels {
+            let mut table: Vec<u8> = host_zeros((header.statistics.count.div_ceil(PAGE) + levels.pages) * Level::BYTES, "table of levels")?;
+            read_exact_at(self.file, &mut table, levels.table_at)?;
+            levels.checksum = XxHash3_64::oneshot(&table);
+        }
         self.file.set_len(header.file_bytes())?;
         write_all_at(self.file, &header.encoded(), 0)?;
         Ok(())

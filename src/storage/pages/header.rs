@@ -4,6 +4,7 @@ use anyhow::{Result, bail, ensure};
 use twox_hash::XxHash3_64;
 
 use super::bytes::{Reader, Writer};
+use super::level::{LEVEL_WORDS, Level};
 use super::page::{Entry, PAGE, PageWords};
 use crate::options::Storage;
 use crate::scene::{Band, Bounds, Focus, Grid, LoadReport, MAX_SH_DEGREE, Requirements};
@@ -14,8 +15,8 @@ use crate::storage::statistics::Statistics;
 pub const HEADER: usize = 4096;
 /// The first bytes of a page file.
 pub const MAGIC: [u8; 8] = *b"smalto\x1a\n";
-/// The version of the format.
-const VERSION: u32 = 1;
+/// The version of a file without levels of detail, and of one with them.
+const VERSIONS: [u32; 2] = [1, 2];
 /// Longest texts that are kept, in bytes.
 const MOST_TEXT: usize = 512;
 
@@ -40,17 +41,38 @@ pub struct Header {
     pub geometry_at: u64,
     /// Where the colours of the first page begin, bytes.
     pub colours_at: u64,
+    /// Set if there are levels of detail.
+    pub levels: Option<LevelParts>,
 }
+
+/// The parts of a file that only levels of detail need.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LevelParts {
+    /// Pages of nodes that stand for others, behind those of the scene.
+    pub pages: usize,
+    /// Where the words of levels begin, bytes.
+    pub words_at: u64,
+    /// Where the table of levels begins, bytes: it ends the file.
+    pub table_at: u64,
+    /// XXH3 of the table of levels.
+    pub checksum: u64,
+}
+
+/// Bytes of the words of levels of a page.
+const LEVEL_BYTES: u64 = 4 * (LEVEL_WORDS * PAGE) as u64;
 
 /// Streams begin at multiples of this many bytes.
 const ALIGNED: u64 = 4096;
 
 impl Header {
-    /// Where the streams begin in a file of at most `pages` pages: geometry, then colours.
-    pub fn places(pages: usize, words: &PageWords) -> [u64; 2] {
+    /// Where the streams begin in a file of at most `pages` pages: geometry, colours, words of levels; and where the
+    /// table of levels begins.
+    pub fn places(pages: usize, words: &PageWords) -> [u64; 4] {
         let table_end = HEADER as u64 + (pages * Entry::BYTES) as u64;
         let geometry = table_end.next_multiple_of(ALIGNED);
-        [geometry, (geometry + (pages * words.geometry() * 4) as u64).next_multiple_of(ALIGNED)]
+        let colours = (geometry + (pages * words.geometry() * 4) as u64).next_multiple_of(ALIGNED);
+        let levels = (colours + (pages * words.colours() * 4) as u64).next_multiple_of(ALIGNED);
+        [geometry, colours, levels, levels + pages as u64 * LEVEL_BYTES]
     }
 
     /// The format of the file in reports.
@@ -58,20 +80,28 @@ impl Header {
         format!("pages of {}", self.format)
     }
 
-    /// Number of pages.
-    pub fn pages(&self) -> usize {
+    /// Number of pages of Gaussians of the scene.
+    pub fn scene_pages(&self) -> usize {
         self.statistics.count.div_ceil(PAGE)
+    }
+
+    /// Number of all pages.
+    pub fn pages(&self) -> usize {
+        self.scene_pages() + self.levels.map_or(0, |levels| levels.pages)
     }
 
     /// The length of the file in bytes.
     pub fn file_bytes(&self) -> u64 {
-        self.colours_at + self.pages() as u64 * 4 * PageWords::of(&self.layout).colours() as u64
+        match self.levels {
+            None => self.colours_at + self.pages() as u64 * 4 * PageWords::of(&self.layout).colours() as u64,
+            Some(levels) => levels.table_at + (self.pages() * Level::BYTES) as u64,
+        }
     }
 
     /// The bytes of the header, the last eight of which are the checksum of the others.
     pub fn encoded(&self) -> Vec<u8> {
         let mut out = Writer(MAGIC.to_vec());
-        out.u32(VERSION);
+        out.u32(VERSIONS[usize::from(self.levels.is_some())]);
         out.u32(PAGE as u32);
         let places = [self.file_bytes(), self.geometry_at, self.colours_at, self.table_checksum];
         places.into_iter().for_each(|value| out.u64(value));
@@ -83,6 +113,9 @@ impl Header {
         put_layout(&self.layout, &mut out);
         out.text(&self.title, MOST_TEXT);
         out.text(&self.format, MOST_TEXT);
+        if let Some(LevelParts { pages, words_at, table_at, checksum }) = self.levels {
+            [pages as u64, words_at, table_at, checksum].into_iter().for_each(|value| out.u64(value));
+        }
         let mut bytes = out.0;
         bytes.resize(HEADER - 8, 0);
         bytes.extend(XxHash3_64::oneshot(&bytes).to_le_bytes());
@@ -98,7 +131,8 @@ impl Header {
         ensure!(content.starts_with(&MAGIC), "it does not begin as a page file does");
         let mut from = Reader(&content[MAGIC.len()..]);
         let version = from.u32()?;
-        ensure!(version == VERSION, "its version is {version}, and smalto reads version {VERSION}");
+        let [plain, with_levels] = VERSIONS;
+        ensure!(VERSIONS.contains(&version), "its version is {version}, and smalto reads {plain} and {with_levels}");
         ensure!(checksum == XxHash3_64::oneshot(content).to_le_bytes(), "bytes 0 to {HEADER}, the header, are damaged");
         let page = from.u32()?;
         ensure!(page == PAGE as u32, "its pages hold {page} Gaussians, and smalto reads pages of {PAGE}");
@@ -117,6 +151,15 @@ impl Header {
         let statistics = take_statistics(&mut from)?;
         let layout = take_layout(&mut from)?;
         let (title, format) = (from.text()?, from.text()?);
+        let levels = match version == with_levels {
+            false => None,
+            true => Some(LevelParts {
+                pages: usize::try_from(from.u64()?)?,
+                words_at: from.u64()?,
+                table_at: from.u64()?,
+                checksum: from.u64()?,
+            }),
+        };
         let header = Self {
             statistics,
             layout,
@@ -128,6 +171,7 @@ impl Header {
             table_checksum,
             geometry_at,
             colours_at,
+            levels,
         };
         header.check(file_bytes)?;
         Ok(header)
@@ -136,12 +180,24 @@ impl Header {
     fn check(&self, file_bytes: u64) -> Result<()> {
         let count = self.statistics.count;
         ensure!((1..u32::MAX as usize).contains(&count), "it claims {count} Gaussians");
+        let all = self.levels.map_or(0, |levels| levels.pages);
+        ensure!(all <= self.scene_pages(), "it claims {all} pages of levels");
         let words = PageWords::of(&self.layout);
         let table_end = HEADER as u64 + (self.pages() * Entry::BYTES) as u64;
         let geometry_end = self.geometry_at.checked_add((self.pages() * words.geometry() * 4) as u64);
         let are_apart = self.geometry_at >= table_end && geometry_end.is_some_and(|end| self.colours_at >= end);
         let are_aligned = self.geometry_at.is_multiple_of(ALIGNED) && self.colours_at.is_multiple_of(ALIGNED);
         let end = self.colours_at.checked_add((self.pages() * words.colours() * 4) as u64);
+        let end = match self.levels {
+            None => end,
+            Some(levels) => {
+                let is_behind = end.is_some_and(|end| levels.words_at >= end && levels.words_at.is_multiple_of(ALIGNED));
+                let table = levels.words_at.checked_add(self.pages() as u64 * LEVEL_BYTES);
+                let is_table = is_behind && table.is_some_and(|end| levels.table_at >= end);
+                let end = levels.table_at.checked_add((self.pages() * Level::BYTES) as u64);
+                end.filter(|_| is_table)
+            }
+        };
         ensure!(are_apart && are_aligned && end == Some(file_bytes), "the places of its parts contradict each other");
         ensure!(
             self.layout.sh_degree <= self.statistics.sh_degree && self.statistics.sh_degree <= MAX_SH_DEGREE,

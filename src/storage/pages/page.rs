@@ -25,7 +25,7 @@ pub struct Page {
     pub reach: f32,
     /// An upper bound on the scales, world units.
     pub largest_scale: f32,
-    /// An upper bound on the opacities.
+    /// An upper bound on the opacities. Those of nodes that stand for several Gaussians may exceed 1.
     pub highest_opacity: f32,
     /// Gaussians in the page: [`PAGE`] of them, or fewer in the last.
     pub count: u32,
@@ -76,7 +76,7 @@ impl Page {
     #[must_use]
     pub fn at(&self, alpha_min: f32, wider: f32, denser: f32) -> Self {
         let largest_scale = rounded_up((self.largest_scale * wider).min(f32::MAX));
-        let highest_opacity = (self.highest_opacity + denser).min(1.0);
+        let highest_opacity = (self.highest_opacity + denser).min(self.highest_opacity.max(1.0));
         let bits = reach([largest_scale; 3], highest_opacity, alpha_min.into());
         Self { reach: f32::from_bits(bits & 0xffff_0000), largest_scale, highest_opacity, ..*self }
     }

@@ -12,7 +12,8 @@ use twox_hash::XxHash3_64;
 
 use super::fault::{ReadFault, simulated};
 use super::header::{HEADER, Header, MAGIC};
-use super::page::{Entry, Page, PageWords};
+use super::level::{LEVEL_WORDS, Level};
+use super::page::{Entry, PAGE, Page, PageWords};
 use crate::files::{describe, open_regular, read_exact_at};
 use crate::host_memory::host_zeros;
 use crate::scene::Unreadable;
@@ -30,13 +31,16 @@ pub struct PageFile {
     pages: Vec<Page>,
     /// The checksums of the geometry and of the colours of each page.
     checksums: Vec<[u64; 2]>,
+    /// What levels of detail say of each page; empty if there are none.
+    levels: Vec<Level>,
 }
 
-/// The two streams of a page file.
+/// The streams of a page file.
 #[derive(Clone, Copy)]
 enum Stream {
     Geometry,
     Colours,
+    Levels,
 }
 
 /// True if the file begins as a page file does.
@@ -72,17 +76,21 @@ impl PageFile {
             "bytes {HEADER} to {end}, the table of pages, are damaged"
         );
         let entries: Vec<Entry> = table.as_chunks().0.iter().map(Entry::decoded).collect();
-        let count: usize = entries.iter().map(|entry| entry.page.count as usize).sum();
+        let count: usize = entries[..header.scene_pages()].iter().map(|entry| entry.page.count as usize).sum();
         let wrong = entries.iter().position(|entry| !entry.is_plausible());
         ensure!(wrong.is_none() && count == header.statistics.count, "the table of pages contradicts the header");
+        let levels = levels(&file, &header)?;
+        let mut pages: Vec<Page> = entries.iter().map(|entry| entry.page).collect();
+        pages.iter_mut().zip(&levels).for_each(|(page, level)| page.highest_opacity = level.most_opacity);
         Ok(Self {
             path: path.to_owned(),
             modified: data.modified().ok(),
             file,
             words: PageWords::of(&header.layout),
             header,
-            pages: entries.iter().map(|entry| entry.page).collect(),
+            pages,
             checksums: entries.iter().map(|entry| entry.checksums).collect(),
+            levels,
         })
     }
 
@@ -106,6 +114,11 @@ impl PageFile {
     /// The table of the file.
     pub fn pages(&self) -> &[Page] {
         &self.pages
+    }
+
+    /// What levels of detail say of each page; none if the file has no levels.
+    pub fn levels(&self) -> Option<&[Level]> {
+        self.header.levels.map(|_| &*self.levels)
     }
 
     /// Where the words of a page lie.
@@ -145,10 +158,22 @@ impl PageFile {
         self.read(Stream::Colours, pages, words)
     }
 
+    /// As [`read_geometry`](Self::read_geometry), for the words of levels.
+    ///
+    /// # Errors
+    /// Those of [`read_geometry`](Self::read_geometry).
+    ///
+    /// # Panics
+    /// Where [`read_geometry`](Self::read_geometry) does, and if the file has no levels.
+    pub fn read_levels(&self, pages: Range<usize>, words: &mut [u32]) -> Result<()> {
+        self.read(Stream::Levels, pages, words)
+    }
+
     fn read(&self, stream: Stream, pages: Range<usize>, words: &mut [u32]) -> Result<()> {
         let (start, each) = match stream {
             Stream::Geometry => (self.header.geometry_at, self.geometry_words()),
             Stream::Colours => (self.header.colours_at, self.colour_words()),
+            Stream::Levels => (self.header.levels.expect("the file has levels").words_at, LEVEL_WORDS * PAGE),
         };
         assert_eq!(words.len(), each * pages.len(), "the pages have so many words");
         assert!(pages.end <= self.pages.len(), "the file has so many pages");
@@ -159,6 +184,7 @@ impl PageFile {
         let of = match stream {
             Stream::Geometry => "geometry",
             Stream::Colours => "colours",
+            Stream::Levels => "levels",
         };
         let unreadable = |page: usize, why: &str| {
             let (from, to) = (place(page), place(page + 1));
@@ -177,7 +203,11 @@ impl PageFile {
         read.map_err(|error| unreadable(pages.start, &format!("cannot be read: {}", describe(&error))))?;
         let check = |(i, words): (usize, &mut [u32])| {
             let page = pages.start + i;
-            let is_whole = XxHash3_64::oneshot(bytemuck::cast_slice(words)) == self.checksums[page][stream as usize];
+            let checksum = match stream {
+                Stream::Geometry | Stream::Colours => self.checksums[page][stream as usize],
+                Stream::Levels => self.levels[page].checksum,
+            };
+            let is_whole = XxHash3_64::oneshot(bytemuck::cast_slice(words)) == checksum;
             if cfg!(target_endian = "big") {
                 words.iter_mut().for_each(|word| *word = u32::from_le(*word));
             }
@@ -196,6 +226,19 @@ impl PageFile {
         let problem = anyhow!("the file was changed while it was read");
         Err(Unreadable::new(&self.path, &problem).into())
     }
+}
+
+/// The table of levels, if there is one.
+fn levels(file: &File, header: &Header) -> Result<Vec<Level>> {
+    let Some(parts) = header.levels else { return Ok(Vec::new()) };
+    let mut table = host_zeros(header.pages() * Level::BYTES, "table of levels")?;
+    read(file, &mut table, parts.table_at)?;
+    let (from, to) = (parts.table_at, header.file_bytes());
+    ensure!(XxHash3_64::oneshot(&table) == parts.checksum, "bytes {from} to {to}, the table of levels, are damaged");
+    let levels: Vec<Level> = table.as_chunks().0.iter().map(Level::decoded).collect();
+    let is_sound = levels.iter().enumerate().all(|(own, level)| level.is_plausible(own, levels.len()));
+    ensure!(is_sound, "the table of levels contradicts itself");
+    Ok(levels)
 }
 
 fn read(file: &File, bytes: &mut [u8], at: u64) -> Result<()> {

@@ -38,7 +38,7 @@ fn whole(file: &PageFile, watch: &Watch) -> Result<Scene> {
     let mut colours = vec![0; TOGETHER * words.colours()];
     let (kept, stride) = (sh_coefficients(layout.sh_degree), sh_coefficients(degree));
     let (mut is_filled, mut filled) = (vec![false; count], 0);
-    let pages = file.pages().len();
+    let pages = header.scene_pages();
     for first in (0..pages).step_by(TOGETHER) {
         ensure!(!(watch.is_cancelled)(), Cancelled);
         let range = first..pages.min(first + TOGETHER);

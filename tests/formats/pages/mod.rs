@@ -18,7 +18,7 @@ use crate::common::program::{fails, ok, path};
 
 const PLUSH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/plush.ply");
 
-const EXACT: Settings = Settings { options: Settings::LOSSLESS, memory: 64 << 20 };
+const EXACT: Settings = Settings { options: Settings::LOSSLESS, memory: 64 << 20, has_levels: false };
 
 fn watch() -> Watch<'static> {
     Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false }

@@ -1,0 +1,127 @@
+//! The nodes of a hierarchy, in the numbers that merging needs.
+
+use glam::{DMat3, DQuat, DVec3};
+
+use crate::scene::sh_coefficients;
+
+/// A Gaussian of the scene, or one that stands for several.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Node {
+    pub mean: [f32; 3],
+    /// Unit quaternion w x y z, local to world.
+    pub rotation: [f32; 4],
+    /// Standard deviations, world units.
+    pub scale: [f32; 3],
+    /// The factor of the density in the picture. Of a node that stands for several it may exceed 1: alpha is clamped.
+    pub opacity: f32,
+    /// The sum of the opacities of the Gaussians that it stands for. Where all of them are smaller than a pixel, the
+    /// classic rules widen each of them to a pixel and keep its opacity, so this is what they show together.
+    pub summed: f32,
+    /// The own error; 0 for a Gaussian of the scene.
+    pub error: f32,
+    /// The squared error against the Gaussians of the scene, summed over all merges below.
+    pub energy: f32,
+}
+
+impl Node {
+    /// A Gaussian of the scene.
+    pub fn leaf(mean: [f32; 3], rotation: [f32; 4], scale: [f32; 3], opacity: f32) -> Self {
+        Self { mean, rotation, scale, opacity, summed: opacity, error: 0.0, energy: 0.0 }
+    }
+
+    pub fn centre(&self) -> DVec3 {
+        DVec3::from(self.mean.map(f64::from))
+    }
+
+    /// The rotation times the scales: the columns are the half axes.
+    pub fn axes(&self) -> DMat3 {
+        let [w, x, y, z] = self.rotation.map(f64::from);
+        let turn = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let [a, b, c] = self.scale.map(f64::from);
+        DMat3::from_cols(turn.x_axis * a, turn.y_axis * b, turn.z_axis * c)
+    }
+
+    pub fn covariance(&self) -> DMat3 {
+        let axes = self.axes();
+        axes * axes.transpose()
+    }
+
+    /// A measure of the area of its projection, the mean over all directions: of an ellipsoid with these half axes, up
+    /// to a constant, by the three faces of the box around it.
+    pub fn area(&self) -> f64 {
+        area(self.scale.map(f64::from))
+    }
+}
+
+/// See [`Node::area`].
+pub fn area([a, b, c]: [f64; 3]) -> f64 {
+    a * b + b * c + c * a
+}
+
+/// Nodes and their spherical harmonics.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Nodes {
+    pub nodes: Vec<Node>,
+    /// Red, green, blue of each basis function, node by node.
+    pub sh: Vec<[f32; 3]>,
+    pub sh_degree: u32,
+}
+
+impl Nodes {
+    pub fn new(sh_degree: u32) -> Self {
+        Self { sh_degree, ..Self::default() }
+    }
+
+    pub fn len(&self) -> usize {
+        self.nodes.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
+    pub fn sh(&self, index: usize) -> &[[f32; 3]] {
+        let stride = sh_coefficients(self.sh_degree);
+        &self.sh[index * stride..][..stride]
+    }
+
+    pub fn sh_mut(&mut self, index: usize) -> &mut [[f32; 3]] {
+        let stride = sh_coefficients(self.sh_degree);
+        &mut self.sh[index * stride..][..stride]
+    }
+
+    /// Adds a node.
+    ///
+    /// # Panics
+    /// If it has fewer spherical harmonics than the others.
+    pub fn push(&mut self, node: Node, sh: &[[f32; 3]]) {
+        self.nodes.push(node);
+        self.sh.extend_from_slice(&sh[..sh_coefficients(self.sh_degree)]);
+    }
+
+    /// Adds all nodes of another set of the same degree.
+    pub fn append(&mut self, other: &Self) {
+        assert_eq!(self.sh_degree, other.sh_degree, "nodes of one hierarchy have one degree");
+        self.nodes.extend_from_slice(&other.nodes);
+        self.sh.extend_from_slice(&other.sh);
+    }
+
+    /// The corners of the box around all means.
+    pub fn bounds(&self) -> ([f32; 3], [f32; 3]) {
+        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for node in &self.nodes {
+            for i in 0..3 {
+                (low[i], high[i]) = (low[i].min(node.mean[i]), high[i].max(node.mean[i]));
+            }
+        }
+        (low, high)
+    }
+
+    /// The nodes with these indices.
+    #[must_use]
+    pub fn selected(&self, indices: &[u32]) -> Self {
+        let mut selected = Self::new(self.sh_degree);
+        indices.iter().for_each(|i| selected.push(self.nodes[*i as usize], self.sh(*i as usize)));
+        selected
+    }
+}

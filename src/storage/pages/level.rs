@@ -1,0 +1,142 @@
+//! What a page file with levels of detail says of a page: where its nodes are allowed to be drawn, and their errors.
+
+use crate::levels::{FINEST, NEVER, Nodes, code};
+
+/// Parts of a page, in the order of their errors, whose largest error is known.
+pub const PARTS: usize = 8;
+
+/// The number of no page: of the parent of the coarsest one.
+pub const NO_PAGE: u32 = u32::MAX;
+
+/// Words of levels that a Gaussian takes: its own error and its parent's, its opacity and the sum of opacities.
+pub const LEVEL_WORDS: usize = 2;
+
+/// A page in a hierarchy. All of its nodes are judged from one distance: that of the camera to its sphere, which holds
+/// the spheres of all pages whose parents are in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Level {
+    pub centre: [f32; 3],
+    pub radius: f32,
+    /// Errors show whole in pixels up to this width, world units; not less than that of its children.
+    pub detail: f32,
+    /// The page with the parents of its nodes, or [`NO_PAGE`].
+    pub parent: u32,
+    /// The largest opacity or sum of opacities.
+    pub most_opacity: f32,
+    /// The least code of an own error.
+    pub least: u16,
+    /// The own errors as codes, ascending: the largest of each eighth of the nodes.
+    pub errors: [u16; PARTS],
+    /// The same of the errors of parents.
+    pub parents: [u16; PARTS],
+    /// For each eighth of the nodes by own errors: the mean squared error against the scene, as a code.
+    pub energies: [u16; PARTS],
+    /// XXH3 of the words of levels.
+    pub checksum: u64,
+}
+
+impl Level {
+    pub const BYTES: usize = 88;
+
+    /// The page of these nodes; `parents` are the codes of their parents' errors, in the same order. The sphere is set
+    /// by the caller.
+    pub fn of(nodes: &Nodes, parents: &[u16], parent: u32) -> Self {
+        let mut own: Vec<(u16, f32)> = nodes.nodes.iter().map(|node| (code(node.error.into()), node.energy)).collect();
+        own.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        let mut parents = parents.to_vec();
+        parents.sort_unstable();
+        let end = |part: usize| ((part + 1) * nodes.len()).div_ceil(PARTS);
+        let energy = |part: usize| {
+            let nodes = &own[(part * nodes.len()).div_ceil(PARTS)..end(part)];
+            let sum: f64 = nodes.iter().map(|(_, energy)| f64::from(*energy)).sum();
+            code(sum / nodes.len().max(1) as f64)
+        };
+        Self {
+            centre: [0.0; 3],
+            radius: 0.0,
+            detail: 0.0,
+            parent,
+            most_opacity: nodes.nodes.iter().map(|node| node.opacity.max(node.summed)).fold(0.0, f32::max),
+            least: own.first().map_or(FINEST, |first| first.0),
+            errors: std::array::from_fn(|part| own[end(part) - 1].0),
+            parents: std::array::from_fn(|part| parents[end(part) - 1]),
+            energies: std::array::from_fn(energy),
+            checksum: 0,
+        }
+    }
+
+    pub fn encoded(&self) -> [u8; Self::BYTES] {
+        let mut bytes = [0; Self::BYTES];
+        let floats = self.centre.into_iter().chain([self.radius, self.detail]).flat_map(f32::to_le_bytes);
+        let codes = [self.least, 0].into_iter().chain(self.errors).chain(self.parents).chain(self.energies);
+        let all = floats
+            .chain(self.parent.to_le_bytes())
+            .chain(self.most_opacity.to_le_bytes())
+            .chain(codes.flat_map(u16::to_le_bytes))
+            .chain(self.checksum.to_le_bytes());
+        bytes.iter_mut().zip(all).for_each(|(to, from)| *to = from);
+        bytes
+    }
+
+    pub fn decoded(bytes: &[u8; Self::BYTES]) -> Self {
+        let word = |i: usize| u32::from_le_bytes(std::array::from_fn(|k| bytes[4 * i + k]));
+        let float = |i: usize| f32::from_bits(word(i));
+        let codes = |first: usize| -> [u16; PARTS] {
+            std::array::from_fn(|i| u16::from_le_bytes([bytes[first + 2 * i], bytes[first + 2 * i + 1]]))
+        };
+        Self {
+            centre: [float(0), float(1), float(2)],
+            radius: float(3),
+            detail: float(4),
+            parent: word(5),
+            most_opacity: float(6),
+            least: word(7) as u16,
+            errors: codes(32),
+            parents: codes(48),
+            energies: codes(64),
+            checksum: u64::from_le_bytes(std::array::from_fn(|k| bytes[80 + k])),
+        }
+    }
+
+    /// True if no value is out of its range, for page `own` of `pages`.
+    pub fn is_plausible(&self, own: usize, pages: usize) -> bool {
+        let is_sphere = self.centre.iter().all(|v| v.is_finite()) && self.radius >= 0.0 && self.detail >= 0.0;
+        let is_last = own + 1 == pages;
+        let has_parent = (own + 1..pages).contains(&(self.parent as usize));
+        let is_parent = if is_last { self.parent == NO_PAGE } else { has_parent };
+        is_sphere && is_parent && self.most_opacity >= 0.0 && self.errors.is_sorted() && self.parents.is_sorted()
+    }
+}
+
+/// The words of levels of a node.
+pub fn level_words(error: u16, parent: u16, opacities: Option<[f32; 2]>) -> [u32; LEVEL_WORDS] {
+    let [opacity, summed] = opacities.map_or([0; 2], |both| both.map(|value| code(value.into())));
+    [u32::from(error) | u32::from(parent) << 16, u32::from(opacity) | u32::from(summed) << 16]
+}
+
+/// The words of a place in the last page that holds no node: it is never drawn.
+pub const NO_NODE: [u32; LEVEL_WORDS] = [NEVER as u32, 0];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_are_read_as_they_were_written() {
+        let level = Level {
+            centre: [1.0, -2.0, 3.0],
+            radius: 4.0,
+            detail: 0.5,
+            parent: 77,
+            most_opacity: 12.0,
+            least: 3,
+            errors: [3, 4, 5, 6, 7, 8, 9, 60000],
+            parents: [10, 11, 12, 13, 14, 15, 16, 17],
+            energies: [9, 8, 7, 6, 5, 4, 3, 2],
+            checksum: 0x1234_5678_9abc_def0,
+        };
+        assert_eq!(Level::decoded(&level.encoded()), level);
+        assert!(level.is_plausible(5, 78) && !level.is_plausible(77, 78) && !level.is_plausible(80, 90));
+        assert!(Level { parent: NO_PAGE, ..level }.is_plausible(77, 78));
+    }
+}
