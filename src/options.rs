@@ -69,6 +69,15 @@ pub struct Options {
     pub shape_storage: Storage,
     /// Pictures are drawn at this fraction of their width and height, above 0 and at most 1, and enlarged.
     pub scale: f32,
+    /// Gaussians are drawn as nodes that stand for several, where that changes a picture by no more than this per node
+    /// that is saved: the root of the squared difference of its colours, summed over pixels and channels, in steps of
+    /// 1/255. 0: nothing is simplified.
+    pub lod_error: f32,
+    /// In the place of `lod_error`, the PSNR that the measured errors of the nodes predict for the whole picture, dB.
+    /// 0: none.
+    pub lod_psnr: f32,
+    /// Most nodes of a picture, by a larger error if need be. 0: any number.
+    pub splats: u32,
     /// Uses only what works on every device.
     pub portable: bool,
 }
@@ -83,6 +92,9 @@ impl Options {
         sh_storage: Storage::Lossless,
         shape_storage: Storage::Lossless,
         scale: 1.0,
+        lod_error: 0.0,
+        lod_psnr: 0.0,
+        splats: 0,
         portable: false,
     };
     /// Visually equal: a PSNR to the reference of at least 60 dB, no 8-bit value more than 3 steps away.
@@ -126,10 +138,17 @@ impl Options {
         Self { rules, portable: self.portable, ..Self::EXACT }
     }
 
+    /// True if scenes with levels of detail may be drawn simplified.
+    pub fn wants_levels(&self) -> bool {
+        self.lod_error > 0.0 || self.lod_psnr > 0.0 || self.splats > 0
+    }
+
     /// The reason why pictures drawn with these options have no certificate; `None` if they have one.
     pub fn uncertifiable(&self) -> Option<&'static str> {
         if self.scale != 1.0 {
             Some("a picture that is drawn smaller and enlarged has no certificate")
+        } else if self.wants_levels() {
+            Some("a picture with levels of detail has no certificate: their errors are predictions")
         } else if self.rules.extent == Footprint::ThreeSigmaSquares {
             Some("a picture in which splats end at the borders of tiles has no certificate")
         } else {

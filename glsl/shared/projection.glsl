@@ -1,5 +1,6 @@
 // The projection of a Gaussian to a splat.
 // Requires: frame.glsl, ellipse.glsl, rotation.glsl, storage.glsl, VIEW
+// OPACITIES_OF(gaussian), if it is defined, gives the two opacities of a node that stands for several Gaussians.
 
 layout(constant_id = 4) const bool ANTIALIASED = false;  // opacities compensate for the low-pass
 
@@ -54,6 +55,12 @@ void project(uint gaussian, vec3 p, float z, out Splat splat, out Ellipse ellips
     splat.factor.x = to_exp2 * sqrt(c / determinant);
     splat.factor.y = -to_exp2 * (b / sqrt(c)) / sqrt(determinant);  // two roots: c * determinant may overflow
     splat.factor.z = to_exp2 / sqrt(c);
+#ifdef OPACITIES_OF
+    // The classic rules widen each of the Gaussians that a node stands for by the low-pass, so what they cover together
+    // goes from the node's own opacity times its area to the sum of theirs times that of a pixel.
+    vec2 of_node = OPACITIES_OF(gaussian);
+    if (of_node.x >= 0.0) splat.opacity = ANTIALIASED ? of_node.x : mix(of_node.y, of_node.x, sqrt(sharp_part));
+#endif
     if (ANTIALIASED) splat.opacity *= sqrt(max(sharp_part, COMPENSATION_MIN * COMPENSATION_MIN));
     ellipse = ellipse_of(splat.mean_px, covariance, unit_px, splat.opacity);
 }

@@ -12,6 +12,7 @@ layout(binding = 1, scalar) writeonly buffer VisibleMasks { uint visible_masks[]
 layout(binding = 2, scalar) writeonly buffer ChunkCounts { uint chunk_counts[]; };          // [pages]
 layout(binding = 3, scalar) readonly buffer Listed { uvec4 listed[]; };                     // [elements]
 layout(binding = 4, scalar) readonly buffer Indices { uint indices[]; };                    // [gaussians] at most
+layout(binding = 5, scalar) readonly buffer Levels { uint levels[]; };                      // [2 * gaussians] at most
 layout(push_constant, scalar) uniform Push {
     Slab slab;
     vec2 focal_px;
@@ -22,10 +23,12 @@ layout(push_constant, scalar) uniform Push {
     uint pages;
     uint depth_limit;  // the largest depth key of a splat with tiles
     uint depth_shift;  // lowest bits that depth keys leave out
+    uint gaussians;    // of the scene at one place, nodes included
 } push;
 
 #include "slabs/found.glsl"
 #include "slabs/index.glsl"
+#include "slabs/levels.glsl"
 #include "shared/cull_test.glsl"
 #include "shared/depth_key.glsl"
 
@@ -42,7 +45,7 @@ void main() {
     for (uint i = lane(); i < PAGE; i += WORKGROUP) {
         uint gaussian = page.slot * PAGE + i;
         float z = 0.0;
-        bool visible = i < (page.filled & ~HAS_INDICES) && may_be_visible(bounds[gaussian], z);
+        bool visible = i < (page.filled & ~HAS_INDICES) && is_in_cut(gaussian) && may_be_visible(bounds[gaussian], z);
         if (visible) {
             vec3 mean = uintBitsToFloat(bounds[gaussian].xyz);
             visible = is_in(push.slab, uvec2(depth_key(mean, z), index_of(gaussian)));

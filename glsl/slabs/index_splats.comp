@@ -13,6 +13,7 @@ layout(binding = 3, scalar) readonly buffer Indices { uint indices[]; };        
 layout(binding = 4, scalar) writeonly buffer IndexKeys { uint index_keys[]; };              // [visible_capacity]
 layout(push_constant, scalar) uniform Push {
     uint first_page;  // the element of `listed` with the first page
+    uint gaussians;   // of the scene at one place, nodes included
 } push;
 
 ListedPage page;

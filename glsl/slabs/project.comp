@@ -25,6 +25,7 @@ layout(binding = 9, scalar) buffer CountersBlock { FastCounters counters; };
 // The placed views, then the listed pages.
 layout(binding = 10, scalar) readonly buffer Listed { uvec4 listed[]; };                    // [elements]
 layout(binding = 11, scalar) readonly buffer Indices { uint indices[]; };                   // [gaussians] at most
+layout(binding = 12, scalar) readonly buffer Levels { uint levels[]; };                     // [2 * gaussians] at most
 layout(push_constant, scalar) uniform Push {
     Slab slab;
     vec2 focal_px;
@@ -38,11 +39,14 @@ layout(push_constant, scalar) uniform Push {
     uint depth_limit;  // the largest depth key
     uint depth_shift;  // lowest bits that depth keys leave out
     uint block_height;  // px
+    uint gaussians;    // of the scene at one place, nodes included
 } push;
 
 #include "slabs/found.glsl"
 #include "slabs/index.glsl"
 #define INDEX_OF(gaussian) index_of(gaussian)
+#include "slabs/levels.glsl"
+#define OPACITIES_OF(gaussian) opacities_of_node(gaussian)
 #include "fast/make_splat.glsl"
 
 const uint QUARTER = PAGE / 4;
@@ -57,7 +61,7 @@ void main() {
     for (uint i = begin + lane(); i < begin + QUARTER; i += WORKGROUP) {
         uint gaussian = page.slot * PAGE + i;
         float z = 0.0;
-        bool visible = i < end && may_be_visible(bounds[gaussian], z);
+        bool visible = i < end && is_in_cut(gaussian) && may_be_visible(bounds[gaussian], z);
         if (visible) {
             vec3 mean = uintBitsToFloat(bounds[gaussian].xyz);
             visible = is_in(push.slab, uvec2(depth_key(mean, z), index_of(gaussian)));

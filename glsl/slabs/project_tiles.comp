@@ -26,6 +26,7 @@ layout(binding = 8, scalar) writeonly buffer TileCounts { uint tile_counts[]; };
 layout(binding = 9, scalar) writeonly buffer Spans { uint spans[]; };                       // [span_capacity]
 layout(binding = 10, scalar) buffer TotalsBlock { Totals totals; };
 layout(binding = 11, scalar) readonly buffer Listed { uvec4 listed[]; };                    // [elements]
+layout(binding = 12, scalar) readonly buffer Levels { uint levels[]; };                     // [2 * gaussians] at most
 layout(push_constant, scalar) uniform Push {
     vec2 focal_px;
     vec2 centre_px;
@@ -38,5 +39,7 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 #include "slabs/found.glsl"
+#include "slabs/levels.glsl"
+#define OPACITIES_OF(gaussian) opacities_of_node(gaussian)
 #define FIND(visible) found_gaussian(visible)
 #include "portable/make_splat.glsl"

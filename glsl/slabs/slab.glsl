@@ -6,9 +6,9 @@ const uint PAGE = 1024;  // Gaussians in a page, the last of which may be missin
 // A page that a dispatch draws, in one element of the buffer `listed`.
 struct ListedPage {
     uint slot;    // its place in the planes of Gaussians: it begins at Gaussian slot * PAGE
-    uint first;   // added to the indices of its Gaussians; with HAS_INDICES the indices are in a plane, else they count
+    uint limits;  // of errors, as codes: of its nodes in the lower half, of their parents in the upper half
     uint view;    // its placed view
-    uint filled;  // number of Gaussians, and HAS_INDICES
+    uint filled;  // number of Gaussians, and HAS_INDICES: their indices are in a plane, else they are their places
 };
 const uint HAS_INDICES = 2147483648;  // the highest bit
 

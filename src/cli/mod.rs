@@ -41,6 +41,7 @@ use crate::camera::MAX_SIDE;
 use crate::gpu::{Device, Unavailable};
 use crate::host_memory::OutOfMemory;
 use crate::measure::trade::Unmeetable;
+use crate::render::NoLevels;
 use crate::scene::Unreadable;
 use budget::BudgetArgs;
 use cameras::{EyeArgs, FilmArgs, Numbered, SplitArg, named_or_found};
@@ -163,7 +164,7 @@ pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>
 }
 
 fn exit_code(error: &anyhow::Error) -> u8 {
-    if error.is::<Usage>() {
+    if error.is::<Usage>() || error.is::<NoLevels>() {
         2
     } else if error.is::<Unavailable>() {
         3

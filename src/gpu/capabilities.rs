@@ -149,7 +149,7 @@ pub(super) struct RequiredSubgroups {
 }
 
 /// Storage buffers that a stage may bind. Every device must allow this many.
-pub(super) const MAX_STORAGE_BUFFERS: u32 = 24;
+pub(super) const MAX_STORAGE_BUFFERS: u32 = 25;
 
 /// Subgroup sizes for which the stages of the fast path are written, and their largest workgroup.
 const FAST_SUBGROUPS: std::ops::RangeInclusive<u32> = 8..=64;

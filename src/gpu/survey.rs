@@ -162,7 +162,7 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
             subgroup_sizes.min_subgroup_size >= 4 && subgroup_sizes.max_subgroup_size <= 128,
         ),
         ("workgroups of 256 invocations", workgroup >= 256),
-        ("24 storage buffers in a stage", storage_buffers >= MAX_STORAGE_BUFFERS),
+        ("25 storage buffers in a stage", storage_buffers >= MAX_STORAGE_BUFFERS),
         ("32 KiB of workgroup memory", properties.limits.max_compute_shared_memory_size >= 32 << 10),
     ];
     let missing = requirements.iter().filter(|(_, met)| !met).map(|(what, _)| (*what).to_owned()).collect();

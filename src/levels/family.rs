@@ -20,7 +20,7 @@ pub struct Parents {
 }
 
 /// The part of the distance to a neighbour under which differences do not count when pairs are chosen.
-const BLURRED: f32 = 0.5;
+const BLURRED: f32 = 0.05;
 
 /// Finds at most `wanted` parents of these children, in the order of their places; more if too few are neighbours.
 pub fn parents(children: &Nodes, wanted: usize) -> Parents {

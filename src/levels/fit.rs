@@ -6,6 +6,8 @@ use crate::scene::harmonics;
 
 /// Rounds of the fit. Each moves opacities and colours towards the pictures of the children.
 const ROUNDS: usize = 3;
+/// Pixels with lower alphas say little about colours.
+const LEAST_ALPHA: f32 = 0.05;
 /// Most pixels of a side of a picture.
 const MOST_PX: f64 = 160.0;
 
@@ -72,7 +74,6 @@ impl Change {
             let factor = (self.wanted / self.drawn).clamp(0.5, 2.0) as f32;
             let node = &mut parents.nodes[index];
             node.opacity *= factor;
-            node.summed *= factor;
         }
         if self.weight > 0.0 {
             let first = &mut parents.sh_mut(index)[0];
@@ -91,8 +92,12 @@ impl View {
         let alpha = |picture: &Picture| -> Vec<f32> { picture.transmittance.iter().map(|t| 1.0 - t).collect() };
         let (wanted, drawn) = (alpha(&self.children), alpha(&picture));
         let missing = [0, 1, 2].map(|channel| -> Vec<f32> {
-            let both = self.children.colour[channel].iter().zip(&picture.colour[channel]);
-            both.map(|(wanted, drawn)| wanted - drawn).collect()
+            let colours = self.children.colour[channel].iter().zip(&picture.colour[channel]);
+            let missing = |((colour, own), (wanted, drawn)): ((&f32, &f32), (&f32, &f32))| {
+                // Of the same alpha: what alpha lacks is not made up by a brighter colour.
+                if *wanted > LEAST_ALPHA { colour * (drawn / wanted) - own } else { 0.0 }
+            };
+            colours.zip(wanted.iter().zip(&drawn)).map(missing).collect()
         });
         let dot = |values: &[f32], weights: &[f32]| -> f32 { values.iter().zip(weights).map(|(v, w)| v * w).sum() };
         let mut passing = Vec::new();

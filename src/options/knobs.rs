@@ -83,7 +83,7 @@ pub struct Knob {
 }
 
 /// Every knob. A new one costs a field of [`Options`] and an entry here.
-pub static KNOBS: [Knob; 12] = [
+pub static KNOBS: [Knob; 15] = [
     Knob {
         name: "near",
         value_name: "DISTANCE",
@@ -236,6 +236,44 @@ pub static KNOBS: [Knob; 12] = [
         effect: |value, _| if value == Value::Number(1.0) { Effect::None } else { Effect::Changed },
         get: |options| options.scale.value(),
         set: |options, value| options.scale = Setting::of(value),
+    },
+    Knob {
+        name: "lod-error",
+        value_name: "LEVELS",
+        help: "Draw fewer Gaussians, of a file with levels of detail (smalto lod): the change of the picture per \
+               Gaussian that is saved, in pixels times steps of 1/255 [default: 0, nothing is simplified]",
+        group: Group::Accuracy,
+        kind: Kind::Number { range: [0.0, 1e6], usual: [0.0, 64.0], is_fraction: false },
+        steps: &[Value::Number(0.0)],
+        is_searched: false,
+        effect: |value, _| if value == Value::Number(0.0) { Effect::None } else { Effect::Changed },
+        get: |options| options.lod_error.value(),
+        set: |options, value| options.lod_error = Setting::of(value),
+    },
+    Knob {
+        name: "lod-psnr",
+        value_name: "DB",
+        help: "In the place of --lod-error, the PSNR that is predicted for the picture [default: 0, none]",
+        group: Group::Accuracy,
+        kind: Kind::Number { range: [0.0, 100.0], usual: [0.0, 60.0], is_fraction: false },
+        steps: &[Value::Number(0.0)],
+        is_searched: false,
+        effect: |value, _| if value == Value::Number(0.0) { Effect::None } else { Effect::Changed },
+        get: |options| options.lod_psnr.value(),
+        set: |options, value| options.lod_psnr = Setting::of(value),
+    },
+    Knob {
+        name: "splats",
+        value_name: "COUNT",
+        help: "Draw at most about this many Gaussians, of a file with levels of detail, those that change the picture \
+               least merged first [default: 0, all]",
+        group: Group::Accuracy,
+        kind: Kind::Count([0, u32::MAX]),
+        steps: &[Value::Count(0)],
+        is_searched: false,
+        effect: |value, _| if value == Value::Count(0) { Effect::None } else { Effect::Changed },
+        get: |options| options.splats.value(),
+        set: |options, value| options.splats = Setting::of(value),
     },
     Knob {
         name: "portable",

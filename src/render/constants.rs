@@ -24,6 +24,7 @@ pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> Share
         transmittance_min: rules.transmittance_min,
         stop: layout.stop(options),
         compact: layout.is_compact(options),
+        has_levels: options.wants_levels(),
         subgroup,
         ballot_words: subgroup.div_ceil(32),
     }

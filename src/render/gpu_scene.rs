@@ -15,7 +15,7 @@ use crate::render::shaders::Grids;
 use crate::render::slabs::{PagesRead, Pool};
 use crate::rules::{LISTED_ALPHA, Rules};
 use crate::scene::{Bounds, Gaussians, Grid, Placements, Transform};
-use crate::storage::{Layout, PAGE, Pages, Shape, Statistics, pack_sh, pack_shapes, share};
+use crate::storage::{LEVEL_WORDS, Layout, PAGE, Pages, Shape, Statistics, pack_sh, pack_shapes, share};
 
 /// Gaussians in device memory, in planes with four words per element: one plane of bounds, and as many of shapes and of
 /// spherical harmonics as the layout needs. In a last plane with one or two words per Gaussian, four or two Gaussians
@@ -30,6 +30,8 @@ pub struct GpuScene {
     pub(super) grids: Buffer<Grids>,
     pub(super) layout: Layout,
     len: usize,
+    /// Number of Gaussians at one place, with the nodes that stand for several.
+    pub(super) nodes: usize,
     pub(crate) extent: Bounds,
     /// The camera of the trial, which draws the first Gaussians.
     pub(super) trial_view: Camera,
@@ -37,6 +39,8 @@ pub struct GpuScene {
     pub(super) trial_hash: blake3::Hash,
     /// Gaussians may be culled where their alpha is below this.
     pub(super) alpha_min: f32,
+    /// The words of levels, if the scene is drawn by levels of detail.
+    pub(super) levels: Option<Buffer<u32>>,
     /// Set if the planes hold some pages of the scene at a time.
     pool: Option<Arc<Mutex<Pool>>>,
     notice: Option<Arc<str>>,
@@ -117,6 +121,8 @@ impl GpuScene {
             trial_hash: trial_hash(gaussians, options.rules.near),
             alpha_min: options.rules.alpha_min,
             layout,
+            levels: None,
+            nodes: len,
             pool: None,
             notice: None,
             placements: None,
@@ -181,7 +187,10 @@ impl GpuScene {
         let sh = planes(device, "sh", layout.sh_words(), len)?;
         let indices = Buffer::<u32>::new(device, "indices of Gaussians", len)?;
         let all = std::iter::once(&bounds).chain(&shapes).map(Buffer::words);
-        let all = all.chain([indices.words()]).chain(sh.iter().map(Buffer::words)).collect();
+        let has_levels = pages.levels().is_some();
+        let levels = has_levels.then(|| Buffer::<u32>::new(device, "levels", LEVEL_WORDS * len)).transpose()?;
+        let all = all.chain([indices.words()]).chain(sh.iter().map(Buffer::words));
+        let all = all.chain(levels.iter().map(Buffer::words)).collect();
         let mut pool = Pool::new(device, pages.clone(), all, slots)?;
         let first: Vec<u32> = (0..slots.min(TRIAL / PAGE) as u32).collect();
         pool.bring(device, &first)?;
@@ -202,6 +211,8 @@ impl GpuScene {
             trial_hash: blake3::hash(bytemuck::cast_slice(&geometry)),
             alpha_min: pages.alpha_min(),
             layout,
+            levels,
+            nodes: pages.nodes(),
             pool: Some(Arc::new(Mutex::new(pool))),
             notice: pages.notice().map(Arc::from),
             placements: None,
@@ -221,7 +232,7 @@ impl GpuScene {
     /// If the scene is not in pages.
     pub fn placed(self, placements: &Placements) -> Result<Self> {
         assert!(self.is_paged(), "a scene that is placed is in pages");
-        let (places, count) = (placements.all().len(), self.len);
+        let (places, count) = (placements.all().len(), self.nodes);
         ensure!(
             (places as u64).saturating_mul(count as u64) <= MOST_NUMBERED,
             "{places} places of {count} Gaussians are more than {MOST_NUMBERED} Gaussians, which is the most that can \
@@ -240,9 +251,9 @@ impl GpuScene {
         self.placements.as_ref().map_or(&[Transform::IDENTITY], Placements::all)
     }
 
-    /// Number of Gaussians at all places.
+    /// Number of Gaussians at all places, with the nodes that stand for several.
     pub(super) fn placed_len(&self) -> usize {
-        self.len * self.transforms().len()
+        self.nodes * self.transforms().len()
     }
 
     /// True if the planes hold some pages of the scene at a time.
@@ -272,7 +283,8 @@ impl GpuScene {
 
     /// The same scene with at most its first `count` Gaussians.
     pub(super) fn first(&self, count: usize) -> Self {
-        Self { len: self.len.min(count), pool: None, placements: None, ..self.clone() }
+        let len = self.len.min(count);
+        Self { len, nodes: len, levels: None, pool: None, placements: None, ..self.clone() }
     }
 
     pub fn is_empty(&self) -> bool {

@@ -20,6 +20,11 @@ pub struct SceneSource {
     pub placements: Option<Placements>,
 }
 
+/// The scene has no levels of detail, and the options ask for them.
+#[derive(Debug, thiserror::Error)]
+#[error("the scene has no levels of detail, which --lod-error, --lod-psnr and --splats need: `smalto lod` makes a file with them")]
+pub struct NoLevels;
+
 /// Where the Gaussians of a scene are.
 #[derive(Clone)]
 pub enum Content {
@@ -72,11 +77,14 @@ impl SceneSource {
     /// for pictures.
     ///
     /// # Errors
-    /// If there is too little memory for some pages, a page cannot be read, or the places have too many Gaussians.
+    /// If there is too little memory for some pages, a page cannot be read, or the places have too many Gaussians;
+    /// [`NoLevels`].
     pub fn bring(&self, device: &Device, options: &Options, certifies: bool, reserve: u64) -> Result<GpuScene> {
         // A scene without Gaussians is empty everywhere.
         let placements = self.placements.as_ref().filter(|_| self.statistics().count > 0);
         ensure!(!certifies || placements.is_none(), "pictures of scenes at places have no certificates");
+        let has_levels = matches!(&self.content, Content::File(file) if file.levels().is_some());
+        ensure!(!options.wants_levels() || has_levels || self.statistics().count == 0, NoLevels);
         let alpha_min = if certifies { LISTED_ALPHA } else { options.rules.alpha_min };
         let options = &Options { rules: Rules { alpha_min, ..options.rules }, ..*options };
         let pages = match &self.content {

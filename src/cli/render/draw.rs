@@ -23,7 +23,7 @@ use crate::gpu::Device;
 use crate::measure::bench::frame_ms;
 use crate::options::Options;
 use crate::reference;
-use crate::render::{Frame, Parts, Path, SceneSource};
+use crate::render::{Detailed, Frame, Parts, Path, SceneSource};
 
 /// The files of a view that are not complete yet: those of the picture, and those of depths and counts.
 fn outputs_left<'p>(shot: &'p Shot, record: &Record) -> [Vec<&'p Output>; 2] {
@@ -268,7 +268,7 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         size_text(shot.camera.size_px),
         frame.path
     )?;
-    if let Some(Parts { slabs, wall_ms, pages_in_view, pages_read, bytes_read }) =
+    if let Some(Parts { slabs, wall_ms, pages_in_view, pages_read, bytes_read, detail }) =
         frame.parts.filter(|p| p.slabs > 1 || p.pages_in_view > 0)
     {
         let pages = match pages_in_view {
@@ -277,6 +277,13 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         };
         let slabs = if slabs == 1 { "1 slab".to_owned() } else { format!("{slabs} slabs") };
         say!("  in {slabs}, {wall_ms:.1} ms in all{pages}")?;
+        if let Some(Detailed { lod_error, nodes, predicted_psnr }) = detail {
+            let predicted = match predicted_psnr.is_finite() {
+                true => format!("{predicted_psnr:.1} dB predicted"),
+                false => "nothing simplified".to_owned(),
+            };
+            say!("  about {nodes:.0} nodes of the levels in view, error {lod_error:.3} per node, {predicted}")?;
+        }
     }
     if args.timings {
         let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth > 0).collect();

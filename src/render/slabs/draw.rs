@@ -25,7 +25,7 @@ pub struct Slabs {
     open_bins: OpenBins,
     /// The views, then the pages.
     listed: Buffer<Element>,
-    /// The indices of Gaussians, where no page has them.
+    /// The indices of Gaussians and the words of levels, where no page has them.
     no_indices: Buffer<u32>,
     /// The splats that the first slab of the next frame is meant to have.
     target: f64,
@@ -156,8 +156,9 @@ impl Slabs {
         let Frame { device, fast, work, options, scene, camera, grid, image } = *frame;
         let indices = supply.indices().unwrap_or_else(|| self.no_indices.clone());
         let first = first_page(scene);
+        let levels = scene.levels.as_ref().unwrap_or(&self.no_indices);
         let listed =
-            |pages: u32| Listed { scene, elements: &self.listed, pages: first..first + pages, indices: &indices };
+            |pages: u32| Listed { scene, elements: &self.listed, pages: first..first + pages, indices: &indices, levels };
         let project = |cmd: &mut Commands, pages: u32| {
             let (listed, slab) = (listed(pages), slab(range));
             cmd.scope("project", |cmd| self.stages.project(cmd, &listed, (camera, options), slab, work, grid));

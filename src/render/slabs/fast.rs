@@ -99,6 +99,7 @@ impl FastStages {
             counters: &work.counters,
             listed: listed.elements,
             indices: listed.indices,
+            levels: listed.levels,
         };
         let push = ProjectPush {
             slab,
@@ -113,6 +114,7 @@ impl FastStages {
             depth_limit: keys.limit(),
             depth_shift: keys.shift,
             block_height: grid.block_height,
+            gaussians: scene.nodes as u32,
         };
         let groups = DispatchSize::Groups(GROUPS_PER_PAGE * listed.pages.len() as u64);
         cmd.dispatch(&self.project, bindings, push, groups);

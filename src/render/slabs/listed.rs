@@ -25,25 +25,27 @@ pub struct Listed<'a> {
     pub pages: Range<u32>,
     /// The indices of Gaussians, where pages have them.
     pub indices: &'a Buffer<u32>,
+    /// The words of levels, where pages have them.
+    pub levels: &'a Buffer<u32>,
 }
 
 /// A page that a dispatch draws: ListedPage in slab.glsl.
 #[derive(Clone, Copy, Debug)]
 pub struct ListedPage {
     pub slot: u32,
-    /// Added to the indices of its Gaussians.
-    pub first: u32,
+    /// Of errors, as codes: of its nodes in the lower half, of their parents in the upper half.
+    pub limits: u32,
     /// The number of its view.
     pub view: u32,
     /// Number of Gaussians.
     pub filled: u32,
-    /// The indices of its Gaussians are in a plane; else they count from 0.
+    /// The indices of its Gaussians are in a plane; else they are their places.
     pub has_indices: bool,
 }
 
 impl ListedPage {
     pub fn element(self) -> Element {
-        [self.slot, self.first, self.view, self.filled | if self.has_indices { HAS_INDICES } else { 0 }]
+        [self.slot, self.limits, self.view, self.filled | if self.has_indices { HAS_INDICES } else { 0 }]
     }
 }
 

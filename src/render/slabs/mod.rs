@@ -16,6 +16,7 @@
 
 mod course;
 mod cut;
+mod detail;
 mod draw;
 mod fast;
 mod listed;
@@ -31,6 +32,7 @@ mod placed_tests;
 mod tests;
 
 pub(super) use course::Drawn;
+pub use detail::Detailed;
 pub(super) use draw::Slabs;
 pub use parts::Parts;
 pub use pool::PagesRead;

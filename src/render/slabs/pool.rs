@@ -7,7 +7,7 @@ use lru::LruCache;
 use rayon::prelude::*;
 
 use crate::gpu::{Access, Buffer, Commands, Device, InFlight, Staging};
-use crate::storage::{Layout, PAGE, Pages, share};
+use crate::storage::{PAGE, Pages, share};
 
 /// Bytes of host memory that pages are read into at a time. There are two of these, so that one is read while the other
 /// is copied to the device.
@@ -19,7 +19,7 @@ const RUN: usize = 32;
 /// The pages of a scene that are in device memory.
 pub struct Pool {
     pages: Pages,
-    /// The planes of the slots: of bounds, shapes, indices and spherical harmonics.
+    /// The planes of the slots: of bounds, shapes, indices, spherical harmonics, and of levels if there are any.
     planes: Vec<Buffer<u32>>,
     /// The words of a page in each plane.
     plane_words: Vec<usize>,
@@ -50,7 +50,7 @@ struct Staged {
 impl Pool {
     /// Device and host memory that a page takes.
     pub fn bytes_each(pages: &Pages) -> u64 {
-        4 * (pages.geometry_words() + pages.colour_words()) as u64
+        4 * words_of(pages).iter().sum::<usize>() as u64
     }
 
     /// Makes the pool of a scene around planes with room for `slots` pages.
@@ -58,14 +58,14 @@ impl Pool {
     /// # Errors
     /// If there is no memory to read pages into.
     pub fn new(device: &Device, pages: Pages, planes: Vec<Buffer<u32>>, slots: usize) -> Result<Self> {
-        let words = pages.geometry_words() + pages.colour_words();
+        let words: usize = words_of(&pages).iter().sum();
         // Under a small limit, what is read at a time takes a small part of it.
         let bytes = STAGED.min(device.free_bytes() as usize / 8);
         let room = (bytes / 4 / words).clamp(1, slots.max(1));
         let staged = || anyhow::Ok(Staged { memory: Staging::new(device, "pages", room * words)?, copy: None });
         let capacity = NonZeroUsize::new(slots).context("a pool has a slot")?;
         Ok(Self {
-            plane_words: plane_words(pages.layout()),
+            plane_words: plane_words(&pages),
             pages,
             planes,
             slots: LruCache::new(capacity),
@@ -112,7 +112,7 @@ impl Pool {
         let mut missing: Vec<u32> = wanted.iter().copied().filter(|page| self.slots.get(page).is_none()).collect();
         missing.sort_unstable();
         missing.dedup();
-        let each = self.pages.geometry_words() + self.pages.colour_words();
+        let each: usize = words_of(&self.pages).iter().sum();
         for part in missing.chunks(self.staged[0].memory.len() / each) {
             self.copy(device, part)?;
         }
@@ -122,37 +122,44 @@ impl Pool {
 
     /// Reads some pages, which are in ascending order, and submits their copy to slots.
     fn copy(&mut self, device: &Device, part: &[u32]) -> Result<()> {
-        let (geometry, colours) = (self.pages.geometry_words(), self.pages.colour_words());
+        let streams = words_of(&self.pages);
+        let each: usize = streams.iter().sum();
         let staged = &mut self.staged[self.next];
         self.next = 1 - self.next;
         if let Some(copy) = staged.copy.take() {
             copy.wait()?;
         }
-        // The geometries of all pages come first, then their colours.
-        let memory = &mut staged.memory.map()[..part.len() * (geometry + colours)];
-        let (geometries, sh) = memory.split_at_mut(part.len() * geometry);
-        let (mut runs, mut rest) = (Vec::new(), (geometries, sh));
-        for run in runs_of(part) {
-            let (own, others) = rest.0.split_at_mut(run.len() * geometry);
-            let (own_sh, other_sh) = rest.1.split_at_mut(run.len() * colours);
-            runs.push((run, own, own_sh));
-            rest = (others, other_sh);
+        // The geometries of all pages come first, then their colours, then their levels.
+        let mut rest = &mut staged.memory.map()[..part.len() * each];
+        let runs = runs_of(part);
+        let mut parts: Vec<Vec<&mut [u32]>> = runs.iter().map(|_| Vec::new()).collect();
+        for words in streams {
+            for (run, parts) in runs.iter().zip(&mut parts) {
+                let (own, others) = rest.split_at_mut(run.len() * words);
+                parts.push(own);
+                rest = others;
+            }
         }
         let pages = &self.pages;
-        runs.into_par_iter().try_for_each(|(run, geometry, sh)| {
+        runs.into_par_iter().zip(parts).try_for_each(|(run, mut parts)| {
+            let [geometry, sh, levels] = &mut parts[..] else { unreachable!("a page has three streams") };
             pages.read_geometry(run.clone(), geometry)?;
-            pages.read_colours(run, sh)
+            pages.read_colours(run.clone(), sh)?;
+            pages.read_levels(run, levels)
         })?;
         self.read.pages += part.len() as u64;
-        self.read.bytes += 4 * (part.len() * (geometry + colours)) as u64;
+        self.read.bytes += 4 * (part.len() * each) as u64;
         let mut cmd = Commands::new(device)?;
         let slots: Vec<usize> = part.iter().map(|page| take_slot(&mut self.slots, *page) as usize).collect();
-        let mut start = 0;
+        // The stream of a plane, where it begins in a page of the stream, and where the stream begins.
+        let (mut stream, mut start, mut first) = (0, 0, 0);
         for (plane, words) in self.planes.iter().zip(&self.plane_words) {
-            let (stride, base) =
-                if start < geometry { (geometry, start) } else { (colours, part.len() * geometry + start - geometry) };
-            let regions: Vec<_> =
-                slots.iter().enumerate().map(|(k, slot)| (base + k * stride, slot * words, *words)).collect();
+            if start == streams[stream] {
+                first += part.len() * streams[stream];
+                (stream, start) = (stream + 1, 0);
+            }
+            let place = |k: usize| first + k * streams[stream] + start;
+            let regions: Vec<_> = slots.iter().enumerate().map(|(k, slot)| (place(k), slot * words, *words)).collect();
             cmd.upload_parts(&self.staged[1 - self.next].memory, plane, &regions);
             start += words;
         }
@@ -200,13 +207,20 @@ fn runs_of(pages: &[u32]) -> Vec<std::ops::Range<usize>> {
     runs
 }
 
+/// The words of a page in each stream: geometry, colours, levels.
+fn words_of(pages: &Pages) -> [usize; 3] {
+    [pages.geometry_words(), pages.colour_words(), pages.level_words()]
+}
+
 /// The words of a page in each plane, in the order in which pages have them.
-fn plane_words(layout: &Layout) -> Vec<usize> {
+fn plane_words(pages: &Pages) -> Vec<usize> {
+    let layout = pages.layout();
     let planes = |words: usize| (0..words.div_ceil(4)).map(move |plane| 4 * PAGE / share(words, plane));
     std::iter::once(4 * PAGE)
         .chain(planes(layout.shape_words()))
         .chain([PAGE])
         .chain(planes(layout.sh_words()))
+        .chain(pages.levels().map(|_| pages.level_words()))
         .collect()
 }
 

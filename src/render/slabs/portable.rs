@@ -34,6 +34,7 @@ pub struct PortableSlabs {
     shade_depths: Stage<ShadeDepths>,
     /// The views, then the pages.
     listed: Buffer<Element>,
+    /// The indices of Gaussians and the words of levels, where no page has them.
     no_indices: Buffer<u32>,
     /// The splats that the first slab of the next frame is meant to have.
     target: f64,
@@ -184,6 +185,7 @@ impl PortableSlabs {
                 chunk_counts: &work.chunk_counts,
                 listed: &self.listed,
                 indices: &indices,
+                levels: scene.levels.as_ref().unwrap_or(&self.no_indices),
             };
             let push = CullTilesPush {
                 slab: slab(range),
@@ -195,6 +197,7 @@ impl PortableSlabs {
                 pages,
                 depth_limit: keys.limit() - 1,
                 depth_shift: keys.shift,
+                gaussians: scene.nodes as u32,
             };
             cmd.dispatch(&self.cull, bindings, push, DispatchSize::Groups(pages.into()));
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
@@ -243,6 +246,7 @@ impl PortableSlabs {
             spans: &work.spans,
             totals: &work.totals,
             listed: &self.listed,
+            levels: scene.levels.as_ref().unwrap_or(&self.no_indices),
         };
         let push = ProjectTilesPush {
             focal_px: camera.focal_px.as_vec2().to_array(),
@@ -273,7 +277,7 @@ impl PortableSlabs {
         cmd.dispatch_indirect(
             &self.index,
             bindings,
-            IndexSplatsPush { first_page: first_page(frame.shot.scene) },
+            IndexSplatsPush { first_page: first_page(frame.shot.scene), gaussians: frame.shot.scene.nodes as u32 },
             dispatches,
             over_visible(),
         );

@@ -8,6 +8,7 @@ use anyhow::Result;
 use rayon::prelude::*;
 
 use super::cut::{Estimate, Place, place_of};
+use super::detail::{Detailed, cut};
 use super::listed::{Element, ListedPage, first_page, room_for_pages};
 use super::parts::Parts;
 use super::pool::{PagesRead, Pool};
@@ -33,8 +34,8 @@ pub struct Cells {
 /// A buffer for the views and the pages that slabs list. A scene that is there as a whole is listed once.
 pub fn listed_at_first(device: &Device, scene: &GpuScene) -> Result<Buffer<Element>> {
     let page = |slot: u32| {
-        let (first, rest) = (slot * PAGE, scene.len() as u32 - slot * PAGE);
-        ListedPage { slot, first, view: 0, filled: rest.min(PAGE), has_indices: false }.element()
+        let rest = scene.len() as u32 - slot * PAGE;
+        ListedPage { slot, limits: 0, view: 0, filled: rest.min(PAGE), has_indices: false }.element()
     };
     let all = if scene.is_paged() { 0 } else { scene.len().div_ceil(PAGE as usize) as u32 };
     let pages: Vec<Element> = (0..all).map(page).collect();
@@ -62,8 +63,8 @@ pub struct Paged<'a> {
     /// Open bins at the last estimate.
     open_then: u32,
     bins: [u32; 2],
-    /// Gaussians of the scene, which every placement counts anew.
-    count: u32,
+    /// The cut through the levels of detail.
+    detail: Option<Detailed>,
     /// For each page of the scene, a number that is [`NONE`] between two calls.
     noted: Vec<u32>,
 }
@@ -91,11 +92,17 @@ impl<'a> Supply<'a> {
         };
         let pages = pool.pages().pages();
         let cameras: Vec<_> = scene.transforms().iter().map(|place| PlacedCamera::of(camera, place)).collect();
-        let mut visible = sight.visible_of_all(pages, &cameras);
+        let (mut visible, detail) = match pool.pages().levels() {
+            None => (sight.visible_of_all(pages, &cameras), None),
+            Some(levels) => {
+                let (visible, detail) = cut(&sight, (pages, levels), &cameras, options);
+                (visible, Some(detail))
+            }
+        };
         visible.par_sort_unstable_by_key(|page| (page.keys[0], page.view, page.page));
         let all = vec![u32::MAX; cells.count.iter().product::<u32>().div_ceil(32) as usize];
-        let (open, count, noted) = (Open::of(&all, cells.count), scene.len() as u32, vec![NONE; pages.len()]);
-        Self::Paged(Box::new(Paged { pool, visible, open, open_then: 0, bins: cells.count, count, noted }))
+        let (open, noted) = (Open::of(&all, cells.count), vec![NONE; pages.len()]);
+        Self::Paged(Box::new(Paged { pool, visible, open, open_then: 0, bins: cells.count, detail, noted }))
     }
 
     /// True if the scene is in pages.
@@ -110,7 +117,7 @@ impl<'a> Supply<'a> {
             Self::Paged(paged) => {
                 paged.open_then = paged.open.count();
                 let seen = paged.visible.iter().filter(|page| paged.open.meets(page));
-                Estimate::of(end, seen.map(|page| (page.keys, page.count)))
+                Estimate::of(end, seen.map(|page| (page.keys, page.drawn)))
             }
         }
     }
@@ -127,7 +134,9 @@ impl<'a> Supply<'a> {
     pub fn parts(&self) -> Parts {
         let Self::Paged(paged) = self else { return Parts::default() };
         let PagesRead { pages, bytes } = paged.pool.read;
-        Parts { pages_in_view: paged.visible.len() as u64, pages_read: pages, bytes_read: bytes, ..Parts::default() }
+        let detail = paged.detail;
+        let pages_in_view = paged.visible.len() as u64;
+        Parts { pages_in_view, pages_read: pages, bytes_read: bytes, detail, ..Parts::default() }
     }
 
     /// What was read since the frame began.
@@ -200,8 +209,9 @@ impl Paged<'_> {
         let slots = self.pool.bring(device, &numbers)?;
         numbers.iter().zip(&slots).for_each(|(number, slot)| self.noted[*number as usize] = *slot);
         let listed = |page: &VisiblePage| {
-            let (slot, first) = (self.noted[page.page as usize], page.view * self.count);
-            ListedPage { slot, first, view: page.view, filled: page.count, has_indices: true }.element()
+            let VisiblePage { page, view, limits, count, .. } = *page;
+            let slot = self.noted[page as usize];
+            ListedPage { slot, limits, view, filled: count, has_indices: true }.element()
         };
         let listed = batch.iter().map(listed).collect();
         numbers.iter().for_each(|number| self.noted[*number as usize] = NONE);
@@ -258,7 +268,7 @@ mod tests {
 
     fn cut(pages: &[u32], different: usize, room: usize) -> Vec<Range<usize>> {
         let page =
-            |page: &u32| VisiblePage { page: *page, view: 0, keys: [0, 0], columns: [0, 1], rows: [0, 1], count: 1 };
+            |page: &u32| VisiblePage { page: *page, view: 0, keys: [0, 0], columns: [0, 1], rows: [0, 1], count: 1, drawn: 1, limits: 0 };
         let pages: Vec<_> = pages.iter().map(page).collect();
         let mut noted = vec![NONE; 10];
         let found = batches(&pages, different, room, &mut noted).collect();

@@ -25,6 +25,10 @@ pub struct VisiblePage {
     pub rows: [u16; 2],
     /// Gaussians.
     pub count: u32,
+    /// About how many of them are drawn: all, without levels of detail.
+    pub drawn: u32,
+    /// Limits of errors, as codes: of its nodes in the lower half, of their parents in the upper half.
+    pub limits: u32,
 }
 
 impl VisiblePage {
@@ -93,7 +97,8 @@ impl Sight<'_> {
         pages.par_iter().enumerate().with_min_len(1024).filter_map(found).collect()
     }
 
-    fn page(&self, number: u32, page: &Page, view: u32, placed: &PlacedCamera) -> Option<VisiblePage> {
+    /// The page as the camera sees it; `None` if it does not.
+    pub fn page(&self, number: u32, page: &Page, view: u32, placed: &PlacedCamera) -> Option<VisiblePage> {
         if page.reach < 0.0 {
             return None;
         }
@@ -122,13 +127,13 @@ impl Sight<'_> {
             _ => depth,
         };
         let keys = [self.key(far[0] * placed.scale * (1.0 - 1e-6)), self.key(far[1] * placed.scale * (1.0 + 1e-6))];
-        Some(VisiblePage { page: number, view, keys, columns, rows, count: page.count })
+        Some(VisiblePage { page: number, view, keys, columns, rows, count: page.count, drawn: page.count, limits: 0 })
     }
 
     /// The columns and rows of bins that splats with means in this box may touch; `None` if they miss the picture.
     /// `across`: the box along the right and down axes of the camera; `depth`: along the viewing direction.
     fn bins_of(&self, camera: &Camera, across: [[f64; 2]; 2], depth: [f64; 2], page: &Page) -> Option<[[u16; 2]; 2]> {
-        let opacity = f64::from(page.highest_opacity).min(1.0);
+        let opacity = f64::from(page.highest_opacity);
         let deviations = (2.0 * (opacity / f64::from(self.alpha_min)).max(1.0).ln()).sqrt() * 1.02;
         let mut found = [[0; 2]; 2];
         for axis in 0..2 {
@@ -248,6 +253,8 @@ mod tests {
                             columns: [left, right],
                             rows: [top, bottom],
                             count: 1,
+                            drawn: 1,
+                            limits: 0,
                         };
                         assert_eq!(open.meets(&page), [0, 9, 33].into_iter().any(inside), "{page:?}");
                     }

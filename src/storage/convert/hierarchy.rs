@@ -4,7 +4,6 @@
 //! bottom up, each as soon as its children are, so that few are in memory at a time.
 
 use anyhow::{Result, ensure};
-use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use twox_hash::XxHash3_64;
@@ -19,7 +18,7 @@ use crate::storage::pages::{
 use crate::storage::planes::Shape;
 
 /// Pages of a family.
-pub const FAMILY: usize = 4;
+pub const FAMILY: usize = 2;
 
 /// The largest opacity that fits into 16-bit floats, with room for rounding.
 const MOST_OPACITY: f32 = 60_000.0;
@@ -42,8 +41,9 @@ pub fn pages_of_levels(scene_pages: usize) -> usize {
 struct Built {
     nodes: Nodes,
     page: usize,
-    centre: DVec3,
-    radius: f64,
+    /// The corners of the box around all Gaussians of the scene below it.
+    low: [f32; 3],
+    high: [f32; 3],
     detail: f32,
 }
 
@@ -87,10 +87,7 @@ impl Hierarchy<'_> {
             ensure!(!(self.is_cancelled)(), Cancelled);
             let nodes = self.scene_page(page)?;
             let (low, high) = nodes.bounds();
-            let corner = |corner: [f32; 3]| DVec3::from(corner.map(f64::from));
-            let centre = (corner(low) + corner(high)) / 2.0;
-            let radius = nodes.nodes.iter().map(|node| node.centre().distance(centre)).fold(0.0, f64::max);
-            return Ok(Built { nodes, page, centre, radius, detail: 0.0 });
+            return Ok(Built { nodes, page, low, high, detail: 0.0 });
         }
         let below = FAMILY * index..self.counts[level - 1].min(FAMILY * (index + 1));
         let children = below.into_par_iter().map(|child| self.built(level - 1, child)).collect::<Result<Vec<_>>>()?;
@@ -107,14 +104,15 @@ impl Hierarchy<'_> {
             place += child.nodes.len();
         }
         self.write_page(page, &found.nodes)?;
-        let centre = children.iter().map(|child| child.centre).sum::<DVec3>() / children.len() as f64;
-        let around = |child: &Built| child.centre.distance(centre) + child.radius;
-        // Rounding to 32-bit floats must not let a child leave the sphere.
-        let radius = children.iter().map(around).fold(0.0, f64::max) * (1.0 + 1e-5);
+        let side = |corner: fn(&Built) -> [f32; 3], choose: fn(f32, f32) -> f32| -> [f32; 3] {
+            let corners = children.iter().map(corner);
+            corners.reduce(|a, b| [0, 1, 2].map(|i| choose(a[i], b[i]))).expect("a family has a page")
+        };
+        let (low, high) = (side(|child| child.low, f32::min), side(|child| child.high, f32::max));
         let detail = children.iter().map(|child| child.detail).fold(found.detail, f32::max);
         let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
         (self.progress)(done as f64 / self.counts[1..].iter().sum::<usize>() as f64);
-        Ok(Built { nodes: found.nodes, page, centre, radius, detail })
+        Ok(Built { nodes: found.nodes, page, low, high, detail })
     }
 
     /// The Gaussians of a page of the scene, as they are drawn.
@@ -182,8 +180,8 @@ impl Hierarchy<'_> {
         let [.., words_at, table_at] = self.output.places;
         write_all_at(self.output.file, bytes, words_at + (built.page * bytes.len()) as u64)?;
         let level = Level {
-            centre: built.centre.as_vec3().to_array(),
-            radius: (built.radius as f32).next_up(),
+            low: built.low,
+            high: built.high,
             detail: built.detail,
             checksum: XxHash3_64::oneshot(bytes),
             ..Level::of(&built.nodes, parents, parent)
@@ -200,7 +198,7 @@ mod tests {
 
     #[test]
     fn levels_end_with_one_page() {
-        assert_eq!([1, 2, 4, 5, 16, 17].map(pages_of_levels), [0, 1, 1, 3, 5, 8]);
-        assert_eq!(counts(17), [17, 5, 2, 1]);
+        assert_eq!([1, 2, 4, 5, 16, 17].map(pages_of_levels), [0, 1, 3, 6, 15, 20]);
+        assert_eq!(counts(17), [17, 9, 5, 3, 2, 1]);
     }
 }

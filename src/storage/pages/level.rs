@@ -11,12 +11,12 @@ pub const NO_PAGE: u32 = u32::MAX;
 /// Words of levels that a Gaussian takes: its own error and its parent's, its opacity and the sum of opacities.
 pub const LEVEL_WORDS: usize = 2;
 
-/// A page in a hierarchy. All of its nodes are judged from one distance: that of the camera to its sphere, which holds
-/// the spheres of all pages whose parents are in it.
+/// A page in a hierarchy. All of its nodes are judged from one distance: that of the camera to a box, which holds the
+/// boxes of all pages whose parents are in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Level {
-    pub centre: [f32; 3],
-    pub radius: f32,
+    pub low: [f32; 3],
+    pub high: [f32; 3],
     /// Errors show whole in pixels up to this width, world units; not less than that of its children.
     pub detail: f32,
     /// The page with the parents of its nodes, or [`NO_PAGE`].
@@ -36,10 +36,10 @@ pub struct Level {
 }
 
 impl Level {
-    pub const BYTES: usize = 88;
+    pub const BYTES: usize = 96;
 
-    /// The page of these nodes; `parents` are the codes of their parents' errors, in the same order. The sphere is set
-    /// by the caller.
+    /// The page of these nodes; `parents` are the codes of their parents' errors, in the same order. The box and
+    /// the detail are set by the caller.
     pub fn of(nodes: &Nodes, parents: &[u16], parent: u32) -> Self {
         let mut own: Vec<(u16, f32)> = nodes.nodes.iter().map(|node| (code(node.error.into()), node.energy)).collect();
         own.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
@@ -52,8 +52,8 @@ impl Level {
             code(sum / nodes.len().max(1) as f64)
         };
         Self {
-            centre: [0.0; 3],
-            radius: 0.0,
+            low: [0.0; 3],
+            high: [0.0; 3],
             detail: 0.0,
             parent,
             most_opacity: nodes.nodes.iter().map(|node| node.opacity.max(node.summed)).fold(0.0, f32::max),
@@ -67,7 +67,7 @@ impl Level {
 
     pub fn encoded(&self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
-        let floats = self.centre.into_iter().chain([self.radius, self.detail]).flat_map(f32::to_le_bytes);
+        let floats = self.low.into_iter().chain(self.high).chain([self.detail]).flat_map(f32::to_le_bytes);
         let codes = [self.least, 0].into_iter().chain(self.errors).chain(self.parents).chain(self.energies);
         let all = floats
             .chain(self.parent.to_le_bytes())
@@ -85,26 +85,26 @@ impl Level {
             std::array::from_fn(|i| u16::from_le_bytes([bytes[first + 2 * i], bytes[first + 2 * i + 1]]))
         };
         Self {
-            centre: [float(0), float(1), float(2)],
-            radius: float(3),
-            detail: float(4),
-            parent: word(5),
-            most_opacity: float(6),
-            least: word(7) as u16,
-            errors: codes(32),
-            parents: codes(48),
-            energies: codes(64),
-            checksum: u64::from_le_bytes(std::array::from_fn(|k| bytes[80 + k])),
+            low: [0, 1, 2].map(float),
+            high: [3, 4, 5].map(float),
+            detail: float(6),
+            parent: word(7),
+            most_opacity: float(8),
+            least: word(9) as u16,
+            errors: codes(40),
+            parents: codes(56),
+            energies: codes(72),
+            checksum: u64::from_le_bytes(std::array::from_fn(|k| bytes[88 + k])),
         }
     }
 
     /// True if no value is out of its range, for page `own` of `pages`.
     pub fn is_plausible(&self, own: usize, pages: usize) -> bool {
-        let is_sphere = self.centre.iter().all(|v| v.is_finite()) && self.radius >= 0.0 && self.detail >= 0.0;
+        let is_box = self.low.iter().zip(self.high).all(|(low, high)| low.is_finite() && *low <= high && high.is_finite());
         let is_last = own + 1 == pages;
         let has_parent = (own + 1..pages).contains(&(self.parent as usize));
         let is_parent = if is_last { self.parent == NO_PAGE } else { has_parent };
-        is_sphere && is_parent && self.most_opacity >= 0.0 && self.errors.is_sorted() && self.parents.is_sorted()
+        is_box && self.detail >= 0.0 && is_parent && self.most_opacity >= 0.0 && self.errors.is_sorted() && self.parents.is_sorted()
     }
 }
 
@@ -124,8 +124,8 @@ mod tests {
     #[test]
     fn levels_are_read_as_they_were_written() {
         let level = Level {
-            centre: [1.0, -2.0, 3.0],
-            radius: 4.0,
+            low: [1.0, -2.0, 3.0],
+            high: [1.5, 2.0, 3.0],
             detail: 0.5,
             parent: 77,
             most_opacity: 12.0,

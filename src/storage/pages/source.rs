@@ -6,6 +6,7 @@ use std::sync::Arc;
 use anyhow::Result;
 use rayon::prelude::*;
 
+use super::level::{LEVEL_WORDS, Level};
 use super::page::{PADDING, PAGE, Page, PageWords};
 use super::page_file::PageFile;
 use crate::options::{Options, Storage};
@@ -25,6 +26,8 @@ struct Inner {
     alpha_min: f32,
     words: PageWords,
     pages: Vec<Page>,
+    /// The pages are those of a file with levels of detail, and not only those of the scene.
+    has_levels: bool,
     notice: Option<String>,
 }
 
@@ -38,12 +41,15 @@ enum Source {
 }
 
 impl Pages {
-    /// The pages of a file in the layout that `options` ask for. A file that was stored with loss keeps its layout.
+    /// The pages of a file in the layout that `options` ask for. A file that was stored with loss keeps its layout. The
+    /// pages of its levels of detail are among them if the options want levels.
     pub fn of_file(file: Arc<PageFile>, options: &Options) -> Self {
         let header = file.header();
         let (statistics, alpha_min) = (header.statistics.clone(), options.rules.alpha_min);
         let wanted = Layout::of(&statistics, options);
         let (stored, has_reaches) = (&header.layout, header.alpha_min == alpha_min);
+        let has_levels = options.wants_levels() && header.levels.is_some();
+        let all = if has_levels { file.pages() } else { &file.pages()[..header.scene_pages()] };
         let plain = |pages: &[Page]| match has_reaches {
             true => pages.to_vec(),
             false => pages.iter().map(|page| page.at(alpha_min, 1.0, 0.0)).collect(),
@@ -53,21 +59,21 @@ impl Pages {
             is_whole(stored.sh) && is_whole(stored.shape) && stored.sh_degree >= statistics.requirements.sh_degree;
         let is_same = stored.has_words_of(&wanted);
         let (layout, pages, notice) = if is_same {
-            (wanted, plain(file.pages()), None)
+            (wanted, plain(all), None)
         } else if is_lossless {
             let (wider, denser) = largest_growth(&wanted);
-            let pages = file.pages().iter().map(|page| page.at(alpha_min, wider, denser)).collect();
+            let pages = all.iter().map(|page| page.at(alpha_min, wider, denser)).collect();
             (wanted, pages, None)
         } else {
             let notice = format!(
                 "the file stores spherical harmonics of degree {} as {} and shapes as {}, and is drawn so",
                 stored.sh_degree, stored.sh.storage, stored.shape.storage
             );
-            (stored.clone(), plain(file.pages()), Some(notice))
+            (stored.clone(), plain(all), Some(notice))
         };
         let words = PageWords::of(&layout);
         let source = if is_lossless && !is_same { Source::Repacked(file) } else { Source::File { file, has_reaches } };
-        Self(Arc::new(Inner { source, statistics, layout, alpha_min, words, pages, notice }))
+        Self(Arc::new(Inner { source, statistics, layout, alpha_min, words, pages, has_levels, notice }))
     }
 
     /// The pages of Gaussians in memory, in the layout that `options` ask for. They are packed when they are read.
@@ -83,7 +89,8 @@ impl Pages {
         };
         let pages = order.par_chunks(PAGE).map(page).collect();
         let source = Source::Memory { gaussians, order };
-        Self(Arc::new(Inner { source, statistics, layout, alpha_min, words, pages, notice: None }))
+        let (has_levels, notice) = (false, None);
+        Self(Arc::new(Inner { source, statistics, layout, alpha_min, words, pages, has_levels, notice }))
     }
 
     pub fn pages(&self) -> &[Page] {
@@ -107,6 +114,38 @@ impl Pages {
     /// Why the layout is not the wanted one, as a clause.
     pub fn notice(&self) -> Option<&str> {
         self.0.notice.as_deref()
+    }
+
+    /// What levels of detail say of each page; none if the pages are those of the scene alone.
+    pub fn levels(&self) -> Option<&[Level]> {
+        match &self.0.source {
+            Source::File { file, .. } | Source::Repacked(file) if self.0.has_levels => file.levels(),
+            _ => None,
+        }
+    }
+
+    /// Number of Gaussians in all pages, nodes included.
+    pub fn nodes(&self) -> usize {
+        self.0.pages.iter().map(|page| page.count as usize).sum()
+    }
+
+    /// Words of levels of a page: none if the pages are those of the scene alone.
+    pub fn level_words(&self) -> usize {
+        if self.0.has_levels { LEVEL_WORDS * PAGE } else { 0 }
+    }
+
+    /// As [`read_geometry`](Self::read_geometry), for the words of levels.
+    ///
+    /// # Errors
+    /// Those of [`read_geometry`](Self::read_geometry).
+    ///
+    /// # Panics
+    /// Where [`read_geometry`](Self::read_geometry) does.
+    pub fn read_levels(&self, pages: Range<usize>, words: &mut [u32]) -> Result<()> {
+        match &self.0.source {
+            Source::File { file, .. } | Source::Repacked(file) if self.0.has_levels => file.read_levels(pages, words),
+            _ => Ok(()),
+        }
     }
 
     /// Words of the geometry of a page.
