@@ -8,8 +8,8 @@ use crate::scene::harmonics;
 const ROUNDS: usize = 3;
 /// Pixels with lower alphas say little about colours.
 const LEAST_ALPHA: f32 = 0.05;
-/// Most pixels of a side of a picture.
-const MOST_PX: f64 = 160.0;
+/// Most pixels of the diagonal of a picture.
+const MOST_PX: f64 = 256.0;
 
 /// What is left of the difference between parents and children.
 pub struct Left {

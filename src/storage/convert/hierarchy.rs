@@ -1,11 +1,15 @@
 //! Writes the levels of detail of a page file, whose pages of the scene are written.
 //!
-//! The nodes of [`FAMILY`] neighbouring pages are a family, and its parents fill one page. Families are built from the
-//! bottom up, each as soon as its children are, so that few are in memory at a time.
+//! The nodes of [`FLOOR`] neighbouring pages are the floor of a block. They are halved three times: floor, first level,
+//! second level, top. The top fills one page, and is a part of the floor of the block above. A block is judged from one
+//! distance, so its nodes are put into pages by the errors of their parents: the nodes of a page leave the picture at
+//! about the same distance. Blocks are built from the bottom up, each as soon as those below are, so that few are in
+//! memory at a time.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use twox_hash::XxHash3_64;
 
 use super::output::Output;
@@ -17,34 +21,88 @@ use crate::storage::pages::{
 };
 use crate::storage::planes::Shape;
 
-/// Pages of a family.
-pub const FAMILY: usize = 2;
+/// Pages whose nodes are the floor of a block.
+const FLOOR: usize = 8;
+/// The same in nodes.
+const FLOOR_NODES: usize = FLOOR * PAGE;
 
 /// The largest opacity that fits into 16-bit floats, with room for rounding.
 const MOST_OPACITY: f32 = 60_000.0;
 
-/// Number of pages of each level, from the scene up.
-fn counts(scene_pages: usize) -> Vec<usize> {
-    let mut counts = vec![scene_pages];
-    while let Some(last) = counts.last().copied().filter(|last| *last > 1) {
-        counts.push(last.div_ceil(FAMILY));
+/// The blocks of one storey.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Storey {
+    /// Nodes of all floors: the Gaussians of the scene, or the tops of the blocks below.
+    nodes: usize,
+    /// The first page of the storey, without floors that are pages of the scene.
+    first: usize,
+    is_ground: bool,
+}
+
+impl Storey {
+    fn blocks(&self) -> usize {
+        self.nodes.div_ceil(FLOOR_NODES)
     }
-    counts
+
+    /// Nodes of the floor, the first and the second level, and the top of a block.
+    fn levels_of(&self, block: usize) -> [usize; 4] {
+        let floor = FLOOR_NODES.min(self.nodes - block * FLOOR_NODES);
+        let first = floor.div_ceil(2);
+        let second = first.div_ceil(2);
+        [floor, first, second, second.div_ceil(2)]
+    }
+
+    /// The first pages of the floor, the first and the second level of a block, and the page behind them.
+    fn pages_of(&self, block: usize) -> [usize; 4] {
+        let [floor, first, second] = [0, 1, 2].map(|level| self.levels_of(block)[level].div_ceil(PAGE));
+        let whole = (FLOOR_NODES / 2 + FLOOR_NODES / 4) / PAGE;
+        if self.is_ground {
+            let begin = self.first + block * whole;
+            return [block * FLOOR, begin, begin + first, begin + first + second];
+        }
+        let begin = self.first + block * (FLOOR + whole);
+        [begin, begin + floor, begin + floor + first, begin + floor + first + second]
+    }
+
+    /// The storey above.
+    fn above(&self) -> Self {
+        let last = self.blocks() - 1;
+        let nodes = last * PAGE + self.levels_of(last)[3];
+        Self { nodes, first: self.pages_of(last)[3], is_ground: false }
+    }
+}
+
+/// The storeys of a scene of `count` Gaussians. None if it fits into one page.
+fn storeys(count: usize) -> Vec<Storey> {
+    let mut storeys = Vec::new();
+    let mut next = Storey { nodes: count, first: count.div_ceil(PAGE), is_ground: true };
+    while next.nodes > PAGE {
+        storeys.push(next);
+        next = next.above();
+    }
+    storeys
 }
 
 /// Number of pages of nodes that stand for others.
-pub fn pages_of_levels(scene_pages: usize) -> usize {
-    counts(scene_pages)[1..].iter().sum()
+pub fn pages_of_levels(count: usize) -> usize {
+    // The top of the last block has a page of its own.
+    let end = |storey: &Storey| storey.above().first + 1;
+    storeys(count).last().map_or(0, |storey| end(storey) - count.div_ceil(PAGE))
 }
 
-/// A page whose parents are not known yet.
-struct Built {
+/// The top of a block, whose parents are not known yet.
+struct Top {
     nodes: Nodes,
-    page: usize,
-    /// The corners of the box around all Gaussians of the scene below it.
+    /// The second level, whose pages are written once the block above is known.
+    second: Second,
     low: [f32; 3],
     high: [f32; 3],
     detail: f32,
+}
+
+/// The second level of a block: its pages and what their table says but for the block above.
+struct Second {
+    pages: Vec<(usize, Level)>,
 }
 
 struct Hierarchy<'h> {
@@ -52,10 +110,18 @@ struct Hierarchy<'h> {
     sh_degree: u32,
     /// Gaussians of the scene.
     count: usize,
-    counts: Vec<usize>,
+    storeys: Vec<Storey>,
     done: AtomicUsize,
     progress: &'h (dyn Fn(f64) + Sync),
     is_cancelled: &'h (dyn Fn() -> bool + Sync),
+}
+
+/// The box and the detail that all pages of a block share.
+#[derive(Clone, Copy)]
+struct Place {
+    low: [f32; 3],
+    high: [f32; 3],
+    detail: f32,
 }
 
 /// Builds and writes all levels above the scene.
@@ -68,87 +134,186 @@ pub fn build(
     progress: &(dyn Fn(f64) + Sync),
     is_cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<()> {
-    let counts = counts(count.div_ceil(PAGE));
-    let hierarchy = Hierarchy { output, sh_degree, count, done: AtomicUsize::new(0), progress, is_cancelled, counts };
-    let top = hierarchy.built(hierarchy.counts.len() - 1, 0)?;
-    let never = vec![NEVER; top.nodes.len()];
-    hierarchy.write_levels(&top, &never, NO_PAGE)
+    let (storeys, done) = (storeys(count), AtomicUsize::new(0));
+    let hierarchy = Hierarchy { output, sh_degree, count, done, progress, is_cancelled, storeys };
+    let (page, top) = match hierarchy.storeys.last() {
+        None => {
+            let (nodes, _) = hierarchy.scene_pages(0..1)?;
+            let (low, high) = nodes.bounds();
+            let level = hierarchy.write_words(0, &nodes, &vec![NEVER; nodes.len()], Place { low, high, detail: 0.0 })?;
+            return hierarchy.write_level(0, Level { parent: NO_PAGE, ..level });
+        }
+        Some(storey) => (storey.above().first, hierarchy.block(hierarchy.storeys.len() - 1, 0)?),
+    };
+    let place = Place { low: top.low, high: top.high, detail: top.detail };
+    let order: Vec<u32> = (0..top.nodes.len() as u32).collect();
+    let [(page, level)] = hierarchy.write_nodes(page, &top.nodes, &order, &vec![NEVER; order.len()], place)?[..] else {
+        unreachable!("a top fills one page")
+    };
+    hierarchy.write_level(page, Level { parent: NO_PAGE, ..level })?;
+    hierarchy.finish(&top.second, page)
 }
 
 impl Hierarchy<'_> {
-    /// The number of the first page of a level.
-    fn start(&self, level: usize) -> usize {
-        self.counts[..level].iter().sum()
-    }
-
-    fn built(&self, level: usize, index: usize) -> Result<Built> {
-        let page = self.start(level) + index;
-        if level == 0 {
-            ensure!(!(self.is_cancelled)(), Cancelled);
-            let nodes = self.scene_page(page)?;
-            let (low, high) = nodes.bounds();
-            return Ok(Built { nodes, page, low, high, detail: 0.0 });
-        }
-        let below = FAMILY * index..self.counts[level - 1].min(FAMILY * (index + 1));
-        let children = below.into_par_iter().map(|child| self.built(level - 1, child)).collect::<Result<Vec<_>>>()?;
-        let mut family = Nodes::new(self.sh_degree);
-        children.iter().for_each(|child| family.append(&child.nodes));
-        let found = parents(&family, family.len().div_ceil(FAMILY));
-        ensure!(found.nodes.len() <= PAGE, "a family of {} has {} parents", family.len(), found.nodes.len());
-        let mut place = 0;
-        for child in &children {
-            let of = &found.of_children[place..place + child.nodes.len()];
-            let errors: Vec<u16> =
-                of.iter().map(|parent| code(found.nodes.nodes[*parent as usize].error.into())).collect();
-            self.write_levels(child, &errors, page as u32)?;
-            place += child.nodes.len();
-        }
-        self.write_page(page, &found.nodes)?;
-        let side = |corner: fn(&Built) -> [f32; 3], choose: fn(f32, f32) -> f32| -> [f32; 3] {
-            let corners = children.iter().map(corner);
-            corners.reduce(|a, b| [0, 1, 2].map(|i| choose(a[i], b[i]))).expect("a family has a page")
+    /// Builds a block and all below it, and writes all of it but its top and the table of its second level.
+    fn block(&self, storey: usize, block: usize) -> Result<Top> {
+        ensure!(!(self.is_cancelled)(), Cancelled);
+        let own = self.storeys[storey];
+        let pages = own.pages_of(block);
+        let (floor, ids, below) = if own.is_ground {
+            let begin = block * FLOOR;
+            let (nodes, ids) = self.scene_pages(begin..(begin + FLOOR).min(self.count.div_ceil(PAGE)))?;
+            (nodes, ids, Vec::new())
+        } else {
+            let under = &self.storeys[storey - 1];
+            let below = block * FLOOR..under.blocks().min((block + 1) * FLOOR);
+            let tops = below.into_par_iter().map(|below| self.block(storey - 1, below)).collect::<Result<Vec<_>>>()?;
+            let mut nodes = Nodes::new(self.sh_degree);
+            tops.iter().for_each(|top| nodes.append(&top.nodes));
+            (nodes, Vec::new(), tops)
         };
-        let (low, high) = (side(|child| child.low, f32::min), side(|child| child.high, f32::max));
-        let detail = children.iter().map(|child| child.detail).fold(found.detail, f32::max);
-        let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
-        (self.progress)(done as f64 / self.counts[1..].iter().sum::<usize>() as f64);
-        Ok(Built { nodes: found.nodes, page, low, high, detail })
+        let first = parents(&floor, floor.len().div_ceil(2));
+        let second = parents(&first.nodes, first.nodes.len().div_ceil(2));
+        let top = parents(&second.nodes, second.nodes.len().div_ceil(2));
+        let place = match &below[..] {
+            [] => {
+                let (low, high) = floor.bounds();
+                Place { low, high, detail: 0.0 }
+            }
+            tops => {
+                let side = |corner: fn(&Top) -> [f32; 3], choose: fn(f32, f32) -> f32| -> [f32; 3] {
+                    let corners = tops.iter().map(corner);
+                    corners.reduce(|a, b| [0, 1, 2].map(|i| choose(a[i], b[i]))).expect("there are blocks below")
+                };
+                let detail = tops.iter().map(|top| top.detail).fold(0.0, f32::max);
+                Place { low: side(|top| top.low, f32::min), high: side(|top| top.high, f32::max), detail }
+            }
+        };
+        let detail = [first.detail, second.detail, top.detail].into_iter().fold(place.detail, f32::max);
+        let place = Place { detail, ..place };
+        // Who is the parent of a node is known by its error alone from here on.
+        let errors = |children: &[u32], parents: &Nodes| -> Vec<u16> {
+            children.iter().map(|parent| code(parents.nodes[*parent as usize].error.into())).collect()
+        };
+        let of_floor = errors(&first.of_children, &first.nodes);
+        if own.is_ground {
+            let order = by_error(&of_floor);
+            self.rewrite_scene(pages[0], (&floor, &ids), &order, &of_floor, place)?;
+        } else {
+            for (page, level) in self.write_nodes(pages[0], &floor, &by_error(&of_floor), &of_floor, place)? {
+                self.write_level(page, Level { parent: page as u32, ..level })?;
+            }
+            below.iter().try_for_each(|top| self.finish(&top.second, pages[0]))?;
+        }
+        let of_first = errors(&second.of_children, &second.nodes);
+        for (page, level) in self.write_nodes(pages[1], &first.nodes, &by_error(&of_first), &of_first, place)? {
+            self.write_level(page, Level { parent: page as u32, ..level })?;
+        }
+        let of_second = errors(&top.of_children, &top.nodes);
+        let written = self.write_nodes(pages[2], &second.nodes, &by_error(&of_second), &of_second, place)?;
+        let done = floor.len() + self.done.fetch_add(floor.len(), Ordering::Relaxed);
+        (self.progress)(done as f64 / self.storeys.iter().map(|storey| storey.nodes).sum::<usize>() as f64);
+        let Place { low, high, detail } = place;
+        Ok(Top { nodes: top.nodes, second: Second { pages: written }, low, high, detail })
     }
 
-    /// The Gaussians of a page of the scene, as they are drawn.
-    fn scene_page(&self, page: usize) -> Result<Nodes> {
+    /// Writes the table of a second level: its parents are on `page`.
+    fn finish(&self, second: &Second, page: usize) -> Result<()> {
+        let write = |(own, level): &(usize, Level)| self.write_level(*own, Level { parent: page as u32, ..*level });
+        second.pages.iter().try_for_each(write)
+    }
+
+    /// The Gaussians of some pages of the scene as they are drawn, and their indices.
+    fn scene_pages(&self, pages: std::ops::Range<usize>) -> Result<(Nodes, Vec<u32>)> {
         let Output { words, layout, .. } = self.output;
-        let mut geometry = vec![0; words.geometry()];
-        let mut colours = vec![0; words.colours()];
-        for (stream, part) in [&mut geometry, &mut colours].into_iter().enumerate() {
-            let bytes = 4 * part.len() as u64;
-            let place = self.output.places[stream] + page as u64 * bytes;
-            read_exact_at(self.output.file, bytemuck::cast_slice_mut(part), place)?;
-            part.iter_mut().for_each(|word| *word = u32::from_le(*word));
+        let (mut nodes, mut indices) = (Nodes::new(self.sh_degree), Vec::new());
+        for page in pages {
+            let [geometry, colours] = self.read_page(page)?;
+            for k in (0..PAGE).filter(|k| geometry[words.ids.start + k] != PADDING) {
+                let mean = std::array::from_fn(|axis| f32::from_bits(geometry[4 * k + axis]));
+                let (rotation, scale, opacity) = layout.unpacked_shape(&words.shape_of(&geometry, k));
+                nodes.push(Node::leaf(mean, rotation, scale, opacity), &layout.unpacked_sh(&words.sh_of(&colours, k)));
+                indices.push(geometry[words.ids.start + k]);
+            }
         }
-        let mut nodes = Nodes::new(self.sh_degree);
-        for k in (0..PAGE).filter(|k| geometry[words.ids.start + k] != PADDING) {
-            let mean = std::array::from_fn(|axis| f32::from_bits(geometry[4 * k + axis]));
-            let (rotation, scale, opacity) = layout.unpacked_shape(&words.shape_of(&geometry, k));
-            nodes.push(Node::leaf(mean, rotation, scale, opacity), &layout.unpacked_sh(&words.sh_of(&colours, k)));
-        }
-        Ok(nodes)
+        Ok((nodes, indices))
     }
 
-    /// Writes the geometry, the colours and the entry of a page of parents.
-    fn write_page(&self, page: usize, nodes: &Nodes) -> Result<()> {
+    /// The words of the geometry and of the colours of a page.
+    fn read_page(&self, page: usize) -> Result<[Vec<u32>; 2]> {
+        let words = &self.output.words;
+        let mut streams = [words.geometry(), words.colours()].map(|words| vec![0_u32; words]);
+        for (stream, place) in streams.iter_mut().zip(self.output.places) {
+            let bytes = 4 * stream.len() as u64;
+            read_exact_at(self.output.file, bytemuck::cast_slice_mut(stream), place + page as u64 * bytes)?;
+            stream.iter_mut().for_each(|word| *word = u32::from_le(*word));
+        }
+        Ok(streams)
+    }
+
+    /// Writes the Gaussians of a block on the ground again, in another order, from page `first` on.
+    fn rewrite_scene(
+        &self,
+        first: usize,
+        (nodes, ids): (&Nodes, &[u32]),
+        order: &[u32],
+        parents: &[u16],
+        place: Place,
+    ) -> Result<()> {
+        // The same words as before: unpacked values are packed to the words that they came from.
+        for (number, part) in order.chunks(PAGE).enumerate() {
+            let page = first + number;
+            let shape = |k: usize| {
+                let Node { mean, rotation, scale, opacity, .. } = nodes.nodes[part[k] as usize];
+                Shape { mean, rotation, scale, opacity }
+            };
+            self.write_page(page, nodes, part, shape, |k| ids[part[k] as usize])?;
+            let chosen: Vec<u16> = part.iter().map(|i| parents[*i as usize]).collect();
+            let level = self.write_words(page, &nodes.selected(part), &chosen, place)?;
+            self.write_level(page, Level { parent: page as u32, ..level })?;
+        }
+        Ok(())
+    }
+
+    /// Writes nodes that stand for others in this order, from page `first` on; `parents` are the codes of the errors of
+    /// their parents. Returns the pages and their entries in the table of levels, without the page of the parents.
+    fn write_nodes(
+        &self,
+        first: usize,
+        nodes: &Nodes,
+        order: &[u32],
+        parents: &[u16],
+        place: Place,
+    ) -> Result<Vec<(usize, Level)>> {
+        let write = |(number, part): (usize, &[u32])| {
+            let page = first + number;
+            let shape = |k: usize| {
+                let Node { mean, rotation, scale, opacity, summed, .. } = nodes.nodes[part[k] as usize];
+                // The larger of the two decides how far the node reaches.
+                Shape { mean, rotation, scale, opacity: opacity.max(summed).min(MOST_OPACITY) }
+            };
+            let id = self.count + (page - self.count.div_ceil(PAGE)) * PAGE;
+            self.write_page(page, nodes, part, shape, |k| (id + k) as u32)?;
+            let chosen: Vec<u16> = part.iter().map(|i| parents[*i as usize]).collect();
+            Ok((page, self.write_words(page, &nodes.selected(part), &chosen, place)?))
+        };
+        order.chunks(PAGE).enumerate().map(write).collect()
+    }
+
+    /// Writes the geometry, the colours and the entry of a page with the nodes `part`.
+    fn write_page(
+        &self,
+        page: usize,
+        nodes: &Nodes,
+        part: &[u32],
+        shape: impl Fn(usize) -> Shape,
+        id: impl Fn(usize) -> u32,
+    ) -> Result<()> {
         let Output { words, layout, alpha_min, .. } = self.output;
         let mut geometry = vec![0; words.geometry()];
         let mut colours = vec![0; words.colours()];
-        let shape = |k: usize| {
-            let Node { mean, rotation, scale, opacity, summed, .. } = nodes.nodes[k];
-            // The larger of the two decides how far the node reaches.
-            Shape { mean, rotation, scale, opacity: opacity.max(summed).min(MOST_OPACITY) }
-        };
-        let first = self.count + (page - self.counts[0]) * PAGE;
-        let id = |k: usize| (first + k) as u32;
-        words.fill_geometry((layout, *alpha_min), nodes.len(), shape, id, &mut geometry);
-        words.fill_colours(layout, nodes.len(), &mut colours, |k| nodes.sh(k));
+        words.fill_geometry((layout, *alpha_min), part.len(), shape, id, &mut geometry);
+        words.fill_colours(layout, part.len(), &mut colours, |k| nodes.sh(part[k] as usize));
         let summary = Page::of(words, layout, &geometry);
         let mut checksums = [0; 2];
         for (stream, part) in [&mut geometry, &mut colours].into_iter().enumerate() {
@@ -162,12 +327,13 @@ impl Hierarchy<'_> {
         Ok(())
     }
 
-    /// Writes what levels say of a page, whose nodes have parents with these errors on that page.
-    fn write_levels(&self, built: &Built, parents: &[u16], parent: u32) -> Result<()> {
+    /// Writes the words of levels of a page, and returns its entry in the table of levels, without the page of the
+    /// parents.
+    fn write_words(&self, page: usize, nodes: &Nodes, parents: &[u16], place: Place) -> Result<Level> {
         let mut words = vec![0; LEVEL_WORDS * PAGE];
-        let is_scene = built.page < self.counts[0];
+        let is_scene = page < self.count.div_ceil(PAGE);
         for (k, words) in words.as_chunks_mut::<LEVEL_WORDS>().0.iter_mut().enumerate() {
-            *words = match built.nodes.nodes.get(k) {
+            *words = match nodes.nodes.get(k) {
                 None => NO_NODE,
                 Some(node) => {
                     let opacities = [node.opacity, node.summed].map(|value| value.min(MOST_OPACITY));
@@ -177,19 +343,26 @@ impl Hierarchy<'_> {
         }
         words.iter_mut().for_each(|word| *word = word.to_le());
         let bytes: &[u8] = bytemuck::cast_slice(&words);
-        let [.., words_at, table_at] = self.output.places;
-        write_all_at(self.output.file, bytes, words_at + (built.page * bytes.len()) as u64)?;
-        let level = Level {
-            low: built.low,
-            high: built.high,
-            detail: built.detail,
-            checksum: XxHash3_64::oneshot(bytes),
-            ..Level::of(&built.nodes, parents, parent)
-        };
-        let level = Level { most_opacity: level.most_opacity.min(MOST_OPACITY), ..level };
-        write_all_at(self.output.file, &level.encoded(), table_at + (built.page * Level::BYTES) as u64)?;
+        let [.., words_at, _] = self.output.places;
+        write_all_at(self.output.file, bytes, words_at + (page * bytes.len()) as u64)?;
+        let Place { low, high, detail } = place;
+        let level = Level::of(nodes, parents, NO_PAGE);
+        let most_opacity = level.most_opacity.min(MOST_OPACITY);
+        Ok(Level { low, high, detail, most_opacity, checksum: XxHash3_64::oneshot(bytes), ..level })
+    }
+
+    fn write_level(&self, page: usize, level: Level) -> Result<()> {
+        let [.., table_at] = self.output.places;
+        write_all_at(self.output.file, &level.encoded(), table_at + (page * Level::BYTES) as u64)?;
         Ok(())
     }
+}
+
+/// The indices in the order of these errors.
+fn by_error(errors: &[u16]) -> Vec<u32> {
+    let mut order: Vec<u32> = (0..errors.len() as u32).collect();
+    order.sort_by_key(|index| errors[*index as usize]);
+    order
 }
 
 #[cfg(test)]
@@ -197,8 +370,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn levels_end_with_one_page() {
-        assert_eq!([1, 2, 4, 5, 16, 17].map(pages_of_levels), [0, 1, 3, 6, 15, 20]);
-        assert_eq!(counts(17), [17, 9, 5, 3, 2, 1]);
+    fn pages_of_storeys_follow_each_other() {
+        assert_eq!([1, 1024, 1025].map(pages_of_levels), [0, 0, 1 + 1 + 1]);
+        for count in [1025, 5000, 8192, 8193, 70_000, 1_000_000] {
+            let storeys = storeys(count);
+            let mut end = count.div_ceil(PAGE);
+            for storey in &storeys {
+                assert_eq!(storey.first, end, "{count}");
+                for block in 0..storey.blocks() {
+                    let (pages, nodes) = (storey.pages_of(block), storey.levels_of(block));
+                    let begin = if storey.is_ground { 1 } else { 0 };
+                    assert_eq!(pages[begin], end, "{count}");
+                    for level in begin..3 {
+                        assert_eq!(pages[level + 1] - pages[level], nodes[level].div_ceil(PAGE), "{count}");
+                    }
+                    end = pages[3];
+                }
+            }
+            assert_eq!(end + 1, count.div_ceil(PAGE) + pages_of_levels(count), "{count}");
+            assert!(storeys.last().unwrap().above().nodes <= PAGE);
+        }
     }
 }

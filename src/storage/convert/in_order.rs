@@ -79,7 +79,7 @@ impl Going {
             None => Layout::plain(sh_degree.min(options.sh_degree)),
         };
         let (alpha_min, scene_pages) = (options.rules.alpha_min, of.div_ceil(PAGE));
-        let pages = scene_pages + if *has_levels { pages_of_levels(scene_pages) } else { 0 };
+        let pages = scene_pages + if *has_levels { pages_of_levels(of) } else { 0 };
         Self { layout, alpha_min, pages, statistics, written: 0, rest: None }
     }
 

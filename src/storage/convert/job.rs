@@ -85,7 +85,7 @@ impl Job<'_> {
     /// The header of a file of this scene, whose places are not known yet.
     pub(super) fn header(&self, scene: &Scene, statistics: Statistics, layout: Layout) -> Header {
         let levels = self.settings.has_levels.then(|| LevelParts {
-            pages: pages_of_levels(statistics.count.div_ceil(PAGE)),
+            pages: pages_of_levels(statistics.count),
             words_at: 0,
             table_at: 0,
             checksum: 0,

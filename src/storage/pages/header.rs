@@ -181,7 +181,7 @@ impl Header {
         let count = self.statistics.count;
         ensure!((1..u32::MAX as usize).contains(&count), "it claims {count} Gaussians");
         let all = self.levels.map_or(0, |levels| levels.pages);
-        ensure!(all <= self.scene_pages() + 32, "it claims {all} pages of levels");
+        ensure!(all <= 2 * self.scene_pages() + 32, "it claims {all} pages of levels");
         let words = PageWords::of(&self.layout);
         let table_end = HEADER as u64 + (self.pages() * Entry::BYTES) as u64;
         let geometry_end = self.geometry_at.checked_add((self.pages() * words.geometry() * 4) as u64);

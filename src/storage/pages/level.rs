@@ -19,7 +19,7 @@ pub struct Level {
     pub high: [f32; 3],
     /// Errors show whole in pixels up to this width, world units; not less than that of its children.
     pub detail: f32,
-    /// The page with the parents of its nodes, or [`NO_PAGE`].
+    /// A page with the box and the detail by which the parents of its nodes are judged, or [`NO_PAGE`].
     pub parent: u32,
     /// The largest opacity or sum of opacities.
     pub most_opacity: f32,
@@ -102,7 +102,7 @@ impl Level {
     pub fn is_plausible(&self, own: usize, pages: usize) -> bool {
         let is_box = self.low.iter().zip(self.high).all(|(low, high)| low.is_finite() && *low <= high && high.is_finite());
         let is_last = own + 1 == pages;
-        let has_parent = (own + 1..pages).contains(&(self.parent as usize));
+        let has_parent = (own..pages).contains(&(self.parent as usize));
         let is_parent = if is_last { self.parent == NO_PAGE } else { has_parent };
         is_box && self.detail >= 0.0 && is_parent && self.most_opacity >= 0.0 && self.errors.is_sorted() && self.parents.is_sorted()
     }
