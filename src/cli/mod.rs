@@ -18,6 +18,7 @@ mod memory;
 #[cfg(test)]
 mod pairs;
 mod progress;
+mod prune;
 mod render;
 mod scenes;
 mod sink;
@@ -79,6 +80,7 @@ enum Command {
     View(view::Args),
     Info(info::Args),
     Convert(convert::Args),
+    Prune(prune::Args),
     Bench(bench::Args),
     Compare(compare::Args),
     Trade(trade::Args),
@@ -145,6 +147,7 @@ pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>
             Command::View(args) => view::run(&args),
             Command::Info(args) => info::run(&args),
             Command::Convert(args) => convert::run(&args),
+            Command::Prune(args) => prune::run(&args),
             Command::Bench(args) => bench::run(&args),
             Command::Compare(args) => compare::run(&args),
             Command::Trade(args) => trade::run(&args),
