@@ -17,6 +17,7 @@ mod metamorphic;
 mod outputs;
 mod placing;
 mod promises;
+mod prune;
 mod properties;
 mod rules;
 mod storage;
