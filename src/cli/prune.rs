@@ -29,7 +29,7 @@ use crate::storage::Statistics;
 A Gaussian contributes alpha * transmittance to a pixel. Those whose largest contribution is the least are dropped first,
 as many as the limit allows. The limit is kept by measurement: every given view is drawn with all Gaussians and with
 those that are left. It covers these views, at their sizes, and no others: Gaussians that no given view sees are dropped
-whatever the limit. Cameras of the file that are not given (--camera, --split) are measured and reported.
+whatever the limit, unless --keep-unseen is given. Cameras of the file that are not given (--camera, --split) are measured and reported.
 `bound` is what no pixel of the given views can exceed, by proof (docs/prune.md). The loss of the written format comes on
 top and is reported.")]
 pub(super) struct Args {
@@ -68,6 +68,9 @@ pub(super) struct Args {
     /// pictures show more
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<[u32; 2]>,
+    /// Keep the Gaussians that no given view sees, for other views. Without this option they are dropped
+    #[arg(long)]
+    keep_unseen: bool,
     #[command(flatten)]
     device: DeviceArgs,
     /// Write the report as JSON (docs/prune.schema.json); - prints it instead of the text
@@ -100,7 +103,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return Err(Usage(format!("{}: the scene has no Gaussians", args.scene.title())).into());
     }
     let options = args.knobs.options(&Options::EXACT, scene.is_antialiased, f32::INFINITY);
-    let pruned = prune(&device, &scene, &views, limit, options)?;
+    let pruned = prune(&device, &scene, &views, (limit, args.keep_unseen), options)?;
     complain(&device)?;
     let title = args.scene.title();
     let subject = Subject {
@@ -164,7 +167,13 @@ struct Pruned {
     others: Option<Others>,
 }
 
-fn prune(device: &Device, scene: &Scene, views: &Views, limit: Limit, options: Options) -> Result<Pruned> {
+fn prune(
+    device: &Device,
+    scene: &Scene,
+    views: &Views,
+    (limit, keeps_unseen): (Limit, bool),
+    options: Options,
+) -> Result<Pruned> {
     let statistics = Statistics::of(&scene.gaussians);
     let mut pruner = Pruner::new(device, &scene.gaussians, &statistics, &options)?;
     let given: Vec<Camera> = views.given.iter().map(|chosen| chosen.camera.clone()).collect();
@@ -175,15 +184,15 @@ fn prune(device: &Device, scene: &Scene, views: &Views, limit: Limit, options: O
     }
     drop(bar);
     let shares = pruner.shares()?;
-    let order = Order::of(&shares);
-    ensure!(order.unseen() < order.len(), "no given view sees a Gaussian of the scene");
+    ensure!(shares.iter().any(|share| share.largest > 0.0), "no given view sees a Gaussian of the scene");
+    let order = Order::of(&shares, keeps_unseen);
     let cut = search(&mut pruner, &given, &order, limit, &Steps::default().shown())?;
     let bar = progress::Bar::new("other views");
     let others = Others::of(&compare(&mut pruner, &views.others, &order, cut.dropped, &|done| bar.set(done))?);
     let last = order.dropped(cut.dropped).last();
     let gaussians = Kept {
-        before: order.len(),
-        kept: order.len() - cut.dropped,
+        before: order.all(),
+        kept: order.all() - cut.dropped,
         dropped: cut.dropped,
         unseen: order.unseen().min(cut.dropped),
         largest_dropped_share: last.map_or(0.0, |index| shares[*index as usize].largest),

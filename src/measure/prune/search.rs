@@ -31,7 +31,8 @@ pub enum Step {
 }
 
 /// The largest cut that was found of which every view keeps to the limit. That is measured: all views are drawn with
-/// the whole scene and with what is left. The Gaussians without a share are always dropped, and one is always kept.
+/// the whole scene and with what is left. The Gaussians without a share that may be dropped always are, and one Gaussian
+/// is always kept.
 /// `progress` receives the step and the completed fraction of it.
 ///
 /// A larger cut does not always change a view by more. So the search may miss one, but what it returns was measured.
@@ -45,7 +46,7 @@ pub fn search(
     limit: Limit,
     progress: &dyn Fn(Step, f64),
 ) -> Result<Cut> {
-    let mut dropped = order.len().saturating_sub(1);
+    let mut dropped = order.most();
     // Neighbours among the views are much alike. In this order the first few are spread over all of them.
     let mut spread: Vec<usize> = (0..views.len()).collect();
     spread.sort_by_key(|view| view.reverse_bits());
