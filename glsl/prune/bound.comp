@@ -3,8 +3,8 @@
 #include "portable/frame.glsl"
 #include "portable/blend_splat.glsl"
 #include "prune/share.glsl"
-// One workgroup per 16x16 tile, one invocation per pixel: walks the list of the whole scene, and bounds what the picture
-// changes by if Gaussians are dropped.
+// One workgroup per 16x16 tile, one invocation per pixel: walks the list of the whole scene, and bounds what the
+// picture changes by if Gaussians are dropped.
 //
 // The dropped splats have together the share w of a pixel, and D is the brightest colour. Then the pixel changes by at
 // most D * w. If without the dropped ones the pixel does not stop where it did, what lies behind that shows, too, and w

@@ -26,12 +26,13 @@ use crate::storage::Statistics;
 /// Drop the Gaussians that contribute least to given views, within a limit of what that changes, and write the rest
 #[derive(clap::Args)]
 #[command(after_help = "\
-A Gaussian contributes alpha * transmittance to a pixel. Those whose largest contribution is the least are dropped first,
-as many as the limit allows. The limit is kept by measurement: every given view is drawn with all Gaussians and with
-those that are left. It covers these views, at their sizes, and no others: Gaussians that no given view sees are dropped
-whatever the limit, unless --keep-unseen is given. Cameras of the file that are not given (--camera, --split) are measured and reported.
-`bound` is what no pixel of the given views can exceed, by proof (docs/prune.md). The loss of the written format comes on
-top and is reported.")]
+A Gaussian contributes alpha * transmittance to a pixel. Those whose largest contribution is the
+least are dropped first, as many as the limit allows. The limit is kept by measurement: every given
+view is drawn with all Gaussians and with those that are left. It covers these views, at their
+sizes, and no others: Gaussians that no given view sees are dropped whatever the limit, unless
+--keep-unseen is given. Cameras of the file that are not given (--camera, --split) are measured and
+reported. `bound` is what no pixel of the given views can exceed, by proof (docs/prune.md). The loss
+of the written format comes on top and is reported.")]
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
@@ -266,9 +267,7 @@ fn print(subject: &Subject, limit: Limit, views: &Views, pruned: &Pruned) -> Res
     let mut rows = table(&["", "views", "largest change", "worst dB"]);
     let mut row = |name: &str, views: usize, worst: Worst| {
         let decibels = worst.psnr_db.map_or_else(|| "equal".to_owned(), |db| format!("{db:.2}"));
-        rows.add_row(
-            [name.to_owned(), views.to_string(), format!("{:.5}", worst.max_error), decibels].map(Cell::new),
-        );
+        rows.add_row([name.to_owned(), views.to_string(), format!("{:.5}", worst.max_error), decibels].map(Cell::new));
     };
     row("bound", views.given.len(), Worst::of(&pruned.cut.bounds));
     row("measured", views.given.len(), Worst::of(&pruned.cut.measured));

@@ -105,8 +105,8 @@ pub fn bound(
     (0..width as usize * height as usize).into_par_iter().with_min_len(256).map(pixel).collect()
 }
 
-/// The share of a pixel that dropped splats have. If the pixel no longer stops where it did, what lies behind that shows,
-/// too, and the transmittance there is added.
+/// The share of a pixel that dropped splats have. If the pixel no longer stops where it did, what lies behind that
+/// shows, too, and the transmittance there is added.
 fn dropped_share(lists: &Lists, ids: &[u32], centre: DVec2, rules: &Rules, is_kept: impl Fn(u32) -> bool) -> f64 {
     let (mut whole, mut without, mut dropped) = (1.0, 1.0, 0.0);
     for id in ids {
@@ -127,8 +127,8 @@ fn dropped_share(lists: &Lists, ids: &[u32], centre: DVec2, rules: &Rules, is_ke
 }
 
 /// Takes a splat's share off the transmittance. Returns the share: 0 where the splat is not drawn. A splat that would
-/// take the transmittance below the least is not drawn either, but it ends the pixel (the second value is true) and hides
-/// all that is behind it, so its share is all that is left.
+/// take the transmittance below the least is not drawn either, but it ends the pixel (the second value is true) and
+/// hides all that is behind it, so its share is all that is left.
 fn take_share(lists: &Lists, id: u32, centre: DVec2, rules: &Rules, transmittance: &mut f64) -> (f64, bool) {
     let splat = &lists.splats[id as usize];
     let distance = splat.distance(centre);

@@ -161,10 +161,10 @@ fn the_same_command_writes_the_same_bytes() {
     let pages: Value = serde_json::from_str(&pages).unwrap();
     assert_eq!(pages["gaussians"], gaussians["kept"]);
     // Standard output takes the scene alone.
-    let piped = run(
-        &["prune", "cactus:2000", "--cameras", &file, "--psnr", "45", "-o", "-", "--format", "spz"],
-        |command| _ = command.current_dir(folder.path()),
-    );
+    let piped =
+        run(&["prune", "cactus:2000", "--cameras", &file, "--psnr", "45", "-o", "-", "--format", "spz"], |command| {
+            _ = command.current_dir(folder.path())
+        });
     assert!(piped.status.success() && piped.stdout == first.0);
 }
 

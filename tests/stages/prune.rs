@@ -245,7 +245,10 @@ fn no_pixel_passes_its_bound() {
         let walls: Vec<_> = (0..40)
             .map(|i| {
                 let place = [random.between(-1.0, 1.0), random.between(-1.0, 1.0), 2.0 + 0.1 * f64::from(i)];
-                (ball(place, random.between(0.1, 2.0), random.between(0.9, 0.9999)), if i % 2 == 0 { RED } else { GREEN })
+                (
+                    ball(place, random.between(0.1, 2.0), random.between(0.9, 0.9999)),
+                    if i % 2 == 0 { RED } else { GREEN },
+                )
             })
             .collect();
         let dropped: Vec<u32> = (0..40).filter(|_| random.below(3) == 0).collect();

@@ -31,9 +31,8 @@ pub enum Step {
 }
 
 /// The largest cut that was found of which every view keeps to the limit. That is measured: all views are drawn with
-/// the whole scene and with what is left. The Gaussians without a share that may be dropped always are, and one Gaussian
-/// is always kept.
-/// `progress` receives the step and the completed fraction of it.
+/// the whole scene and with what is left. The Gaussians without a share are dropped in any case, unless they are
+/// spared, and one Gaussian is always kept. `progress` receives the step and the completed fraction of it.
 ///
 /// A larger cut does not always change a view by more. So the search may miss one, but what it returns was measured.
 ///
@@ -99,13 +98,7 @@ pub fn compare(
 
 /// A cut of at most `dropped` Gaussians that keeps one view to the limit, and the change of the view by it. Dropping
 /// only those without a share changes nothing, so that is always within the limit.
-fn within(
-    pruner: &mut Pruner,
-    view: &Camera,
-    order: &Order,
-    limit: Limit,
-    dropped: usize,
-) -> Result<(usize, Change)> {
+fn within(pruner: &mut Pruner, view: &Camera, order: &Order, limit: Limit, dropped: usize) -> Result<(usize, Change)> {
     let whole = pruner.whole(view)?;
     let mut change = |dropped: usize, whole: &Pixels| {
         pruner.set_dropped(order.dropped(dropped))?;

@@ -13,8 +13,8 @@ use crate::render::frame::{Shot, Target, tiles};
 use crate::render::gpu_scene::GpuScene;
 use crate::render::portable::{PortablePipeline, PortableWorkspace, chunks};
 use crate::render::readback::read_pixels;
-use crate::render::shaders::portable::CULL_CHUNK;
 use crate::render::shaders::Contribution;
+use crate::render::shaders::portable::CULL_CHUNK;
 use crate::render::shaders::prune::*;
 use crate::render::trial::MAX_ATTEMPTS;
 use crate::rules::Background;
@@ -33,8 +33,8 @@ pub struct Share {
 /// What a picture changes by at most without the dropped Gaussians.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bounds {
-    /// For every pixel (bound, w, D, number of blended splats): w is what the dropped splats have of the pixel, D is the
-    /// brightest colour near it, and the bound is D * w with an allowance for the rounding of f32.
+    /// For every pixel (bound, w, D, number of blended splats): w is what the dropped splats have of the pixel, D is
+    /// the brightest colour near it, and the bound is D * w with an allowance for the rounding of f32.
     pub pixels: Pixels,
 }
 
@@ -258,8 +258,7 @@ impl Pruner {
         let (ranges, splats, gaussian_from_splat) = (&work.ranges, &work.splats, &work.gaussian_from_splat);
         let splat_ids = self.pipeline.splat_ids(work, camera);
         self.walk(cmd, camera, |cmd, size_px, tiles, Part { pass, pass_begin, pass_limit, last_pass }| {
-            let bindings =
-                ContributeBindings { ranges, splat_ids, splats, gaussian_from_splat, contributions, image };
+            let bindings = ContributeBindings { ranges, splat_ids, splats, gaussian_from_splat, contributions, image };
             let background = BACKGROUND.colour();
             let push = ContributePush { size_px, tiles, background, pass_begin, pass_limit, last_pass };
             cmd.dispatch(&self.contribute[pass.min(1)], bindings, push, DispatchSize::Groups(tiles.into()));
@@ -279,8 +278,8 @@ impl Pruner {
         });
     }
 
-    /// Dispatches a walk of all lists, which may take several passes. It takes no more loop iterations per instance than
-    /// a blend, so the passes of a blend suit it.
+    /// Dispatches a walk of all lists, which may take several passes. It takes no more loop iterations per instance
+    /// than a blend, so the passes of a blend suit it.
     fn walk(&self, cmd: &mut Commands, camera: &Camera, dispatch: impl Fn(&mut Commands, [u32; 2], u32, Part)) {
         let tiles = tiles(camera.size_px).iter().product();
         let pass_limit = self.pipeline.blending.entries_per_pass;
