@@ -102,7 +102,8 @@ impl Pruner {
         let pruner = Self {
             device: device.clone(),
             pipeline: PortablePipeline::new(device, options, scene.layout())?,
-            work: PortableWorkspace::new(device, Capacity::guess(device, scene.len(), 1))?,
+            // It grows to what the views need.
+            work: PortableWorkspace::new(device, Capacity::default())?,
             image: Image::new(device, "image", 1, 1)?,
             found: Image::new(device, "found", 1, 1)?,
             passes: 1,
