@@ -72,8 +72,8 @@ fn knobs_without_effect(option: &str) -> Vec<&'static str> {
     match option {
         // The reference draws by rules and degree; it has no storage, no sorting by bits, no stop.
         "reference" => named(|knob| knob.group == Group::Accuracy && knob.name != "sh-degree"),
-        // A budget sets them itself.
-        "max_error" | "min_psnr" => named(|knob| knob.group == Group::Accuracy),
+        // A budget sets them itself; `prune` measures exact pictures.
+        "max_error" | "min_psnr" | "psnr" => named(|knob| knob.group == Group::Accuracy),
         // So does the ladder, whose rungs have rules of their own.
         "ladder" => named(|knob| knob.name != "near"),
         _ => Vec::new(),

@@ -18,6 +18,7 @@ mod memory;
 #[cfg(test)]
 mod pairs;
 mod progress;
+mod prune;
 mod render;
 mod scenes;
 mod sink;
@@ -81,6 +82,7 @@ enum Command {
     Info(info::Args),
     Convert(convert::Args),
     Lod(convert::lod::Args),
+    Prune(prune::Args),
     Bench(bench::Args),
     Compare(compare::Args),
     Trade(trade::Args),
@@ -148,6 +150,7 @@ pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>
             Command::Info(args) => info::run(&args),
             Command::Convert(args) => convert::run(&args),
             Command::Lod(args) => convert::lod::run(&args),
+            Command::Prune(args) => prune::run(&args),
             Command::Bench(args) => bench::run(&args),
             Command::Compare(args) => compare::run(&args),
             Command::Trade(args) => trade::run(&args),

@@ -1,6 +1,8 @@
-//! Measurements of the renderer: time (`bench`, `ladder`), accuracy (`metrics`), and the trade between them (`trade`).
+//! Measurements of the renderer: time (`bench`, `ladder`), accuracy (`metrics`), the trade between them (`trade`),
+//! and what a scene can do without (`prune`).
 
 pub mod bench;
 pub mod ladder;
 pub mod metrics;
+pub mod prune;
 pub mod trade;

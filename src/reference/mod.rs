@@ -11,6 +11,7 @@ mod blend;
 mod cull;
 mod duplicate;
 mod project;
+mod prune;
 mod ranges;
 mod ray;
 mod scan;
@@ -26,6 +27,7 @@ pub use blend::{Lists, Pixel, blend};
 pub use cull::cull;
 pub use duplicate::{Tiling, duplicate, tiles};
 pub use project::{Splat, project};
+pub use prune::{Change, Contribution, bound, changes, contribute, contributions};
 pub use ranges::ranges;
 pub use ray::Rays;
 pub use scan::scan;
@@ -46,17 +48,37 @@ pub struct Rendering {
 
 /// Renders a scene in f64.
 pub fn render(gaussians: &Gaussians, camera: &Camera, rules: &Rules, background: Background) -> Rendering {
-    let tiling = Tiling::of(camera.size_px);
-    let visible = cull(gaussians, camera, rules);
-    let splats: Vec<Splat> = visible.par_iter().map(|id| project(gaussians, *id, camera, rules)).collect();
-    let (_, order) = sort(&depth_keys(&splats, rules), &(0..splats.len() as u32).collect::<Vec<_>>(), 0..32);
-    let (tile_keys, splat_ids) = duplicate(&splats, &order, tiling, rules);
-    let (tile_keys, splat_ids) = sort(&tile_keys, &splat_ids, 0..tiling.key_bits());
-    let ranges = ranges(&tile_keys, tiling.tiles());
-    let rays = (rules.order == Order::PerPixel).then(|| Rays::new(gaussians, &visible, camera));
+    let listed = Listed::of(gaussians, camera, rules);
+    let rays = (rules.order == Order::PerPixel).then(|| Rays::new(gaussians, &listed.visible, camera));
     let background = background.colour().map(f64::from).into();
-    let list = Lists { splats: &splats, ranges: &ranges, splat_ids: &splat_ids, rays: rays.as_ref() };
-    Rendering { size_px: camera.size_px, pixels: blend(&list, tiling, background, rules) }
+    let tiling = Tiling::of(camera.size_px);
+    Rendering { size_px: camera.size_px, pixels: blend(&listed.lists(rays.as_ref()), tiling, background, rules) }
+}
+
+/// The splats of a view and the list of every tile.
+struct Listed {
+    /// The Gaussian of each splat.
+    visible: Vec<u32>,
+    splats: Vec<Splat>,
+    ranges: Vec<[u32; 2]>,
+    splat_ids: Vec<u32>,
+}
+
+impl Listed {
+    fn of(gaussians: &Gaussians, camera: &Camera, rules: &Rules) -> Self {
+        let tiling = Tiling::of(camera.size_px);
+        let visible = cull(gaussians, camera, rules);
+        let splats: Vec<Splat> = visible.par_iter().map(|id| project(gaussians, *id, camera, rules)).collect();
+        let (_, order) = sort(&depth_keys(&splats, rules), &(0..splats.len() as u32).collect::<Vec<_>>(), 0..32);
+        let (tile_keys, splat_ids) = duplicate(&splats, &order, tiling, rules);
+        let (tile_keys, splat_ids) = sort(&tile_keys, &splat_ids, 0..tiling.key_bits());
+        let ranges = ranges(&tile_keys, tiling.tiles());
+        Self { visible, splats, ranges, splat_ids }
+    }
+
+    fn lists<'l>(&'l self, rays: Option<&'l Rays>) -> Lists<'l> {
+        Lists { splats: &self.splats, ranges: &self.ranges, splat_ids: &self.splat_ids, rays }
+    }
 }
 
 /// Sort keys of the splats. The bits of positive floats have the order of the floats.

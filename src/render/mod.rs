@@ -12,6 +12,7 @@ mod gpu_scene;
 mod inspect;
 mod pack;
 mod portable;
+mod prune;
 mod readback;
 mod recorded;
 mod renderer;
@@ -39,6 +40,8 @@ pub use inspect::{Compare, Display, Picture, Quantity, Scale, false_colour, uplo
 pub use pack::Packer;
 #[doc(hidden)]
 pub use portable::{Pairs, PortablePipeline, PortableWorkspace, RadixSort, SortRange, SortScratch};
+#[doc(hidden)]
+pub use prune::{Bounds as PruneBounds, Pruner, Share};
 pub(crate) use readback::read_pixels;
 pub use recorded::Frame;
 #[doc(hidden)]

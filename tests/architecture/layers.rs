@@ -4,7 +4,7 @@ use crate::{code, sources};
 
 /// Every module of the crate, from the ground up, and the modules that it may use. `measure` is listed by its inner
 /// modules, which are modules of their own here.
-const EDGES: [(&str, &str); 16] = [
+const EDGES: [(&str, &str); 17] = [
     ("host_memory", ""),
     ("files", ""),
     ("rules", ""),
@@ -23,6 +23,7 @@ const EDGES: [(&str, &str); 16] = [
         "measure::trade",
         "files gpu render reference scene storage camera rules options pixels measure::bench measure::metrics",
     ),
+    ("measure::prune", "render scene camera options pixels measure::bench measure::metrics"),
     (
         "viewer",
         "host_memory gpu render reference scene storage camera rules options pixels measure::bench measure::trade",

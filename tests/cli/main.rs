@@ -11,6 +11,7 @@ mod knobs;
 #[cfg(unix)]
 mod outputs;
 mod places;
+mod prune;
 mod scenes;
 mod shards;
 mod start;

@@ -18,6 +18,7 @@ mod outputs;
 mod placing;
 mod promises;
 mod properties;
+mod prune;
 mod rules;
 mod storage;
 mod surroundings;

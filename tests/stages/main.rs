@@ -12,6 +12,7 @@ mod harness;
 mod pack;
 mod portable;
 mod portable_frame;
+mod prune;
 mod radix_sort;
 #[cfg(feature = "reload")]
 mod reload;

@@ -5,9 +5,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 
 use super::pages::{self, STORAGES};
-use super::{Report, is_same, print};
+use super::{Report, Target, Written, print};
 use crate::cli::{ReadingArgs, Sink, Usage, one_of};
-use crate::files::check_binary_writable;
 use crate::options::Options;
 
 /// Build levels of detail of a scene: a page file that is drawn within an error or a number of Gaussians
@@ -47,12 +46,8 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
     if output.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("smalto")) {
         return Err(Usage(format!("{}: levels of detail are written to .smalto files", output.display())).into());
     }
-    if is_same(scene, output) {
-        return Err(Usage(format!("{} is both the input and the output", scene.display())).into());
-    }
-    json.as_ref().map_or(Ok(()), Sink::check)?;
-    check_binary_writable(output)?;
     let inputs = [scene.clone()];
+    Target::Pages.check(output, inputs.iter().map(PathBuf::as_path), false, json.as_ref())?;
     let convert = super::Args {
         files: Vec::new(),
         format: None,
@@ -67,7 +62,9 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
         json: None,
         reading: *reading,
     };
-    let report: Report = pages::convert(&convert, &inputs, output, true)?;
+    let (written, removed) = pages::convert(&convert, &inputs, output, true)?;
+    let Written { file, format, bytes, gaussians, sh_degree, transparent, loss } = written;
+    let report = Report { file, format, bytes, gaussians, sh_degree, removed, transparent, loss };
     print(&report)?;
     json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report))
 }

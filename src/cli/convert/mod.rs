@@ -2,9 +2,9 @@
 
 pub(super) mod lod;
 mod pages;
+mod target;
 
-use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use comfy_table::Cell;
@@ -13,10 +13,12 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::table::{say_table, table};
-use super::{REPORTS_TO_STDOUT, ReadingArgs, SceneArg, Sink, Usage, numbers, one_of, progress, remark, say};
-use crate::files::{check_absent, check_binary_writable, is_stdout, write_checked};
+use super::{ReadingArgs, SceneArg, Sink, Usage, numbers, one_of, say};
 use crate::options::Options;
-use crate::scene::{self, Gaussians, Loss, MAX_SH_DEGREE, Scene, SceneFile, Transform, write_sog_folder};
+use crate::scene::{Gaussians, Loss, MAX_SH_DEGREE, Transform};
+
+pub(super) use pages::write_pages;
+pub(super) use target::{FORMATS, Target, Written, write_scene};
 
 /// Convert a scene, or several joined, to another file, and report what the format loses
 #[derive(clap::Args)]
@@ -68,24 +70,6 @@ pub(super) struct Args {
     reading: ReadingArgs,
 }
 
-/// What is written.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Target {
-    Scene(SceneFile),
-    /// A page file.
-    Pages,
-}
-
-const FORMATS: [(&str, &str, Target); 7] = [
-    ("ply", "32-bit floats", Target::Scene(SceneFile::Ply)),
-    ("compressed.ply", "The compressed PLY of PlayCanvas", Target::Scene(SceneFile::CompressedPly)),
-    ("splat", "32 bytes per Gaussian", Target::Scene(SceneFile::Splat)),
-    ("spz", "SPZ", Target::Scene(SceneFile::Spz { version: 4 })),
-    ("sog", "SOG in one file", Target::Scene(SceneFile::Sog)),
-    ("glb", "Binary glTF, 32-bit floats", Target::Scene(SceneFile::Glb)),
-    ("smalto", "Pages, for scenes larger than memory", Target::Pages),
-];
-
 /// The region in which Gaussians are kept, in world units.
 #[derive(Clone, Copy, Debug)]
 enum Shape {
@@ -116,75 +100,29 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let Some((output, inputs)) = args.files.split_last().filter(|(_, inputs)| !inputs.is_empty()) else {
         return Err(Usage("expected the files to read, then the file to write".to_owned()).into());
     };
-    let mut kind = kind(output, args.format)?;
-    match (&mut kind, args.spz_version) {
-        (Target::Scene(SceneFile::Spz { version }), Some(wanted)) => *version = wanted,
-        (_, Some(_)) => return Err(Usage("--spz-version needs an .spz file to write".to_owned()).into()),
-        (_, None) => {}
-    }
+    let target = Target::of(output, args.format, args.spz_version)?;
     for (option, is_given) in [("--storage", args.storage.is_some()), ("--memory", args.memory.is_some())] {
-        if is_given && kind != Target::Pages {
+        if is_given && target != Target::Pages {
             return Err(Usage(format!("{option} needs a .smalto file to write")).into());
         }
     }
     if let Some(opacity) = args.min_opacity.filter(|opacity| !(0.0..=1.0).contains(opacity)) {
         return Err(Usage(format!("--min-opacity {opacity}: expected a number from 0 to 1")).into());
     }
-    if let Some(input) = inputs.iter().find(|input| is_same(input, output)) {
-        return Err(Usage(format!("{} is both an input and the output", input.display())).into());
-    }
-    if is_stdout(output) {
-        let takes_stdout = args.json.as_ref().is_some_and(|sink| sink.file().is_none_or(is_stdout));
-        if takes_stdout {
-            return Err(Usage("the scene and --json cannot both go to standard output".to_owned()).into());
+    target.check(output, inputs.iter().map(PathBuf::as_path), args.no_clobber, args.json.as_ref())?;
+    let (written, removed) = match target {
+        Target::Pages => pages::convert(args, inputs, output, false)?,
+        Target::Scene(kind) => {
+            let (gaussians, is_antialiased) = read(args, inputs)?;
+            let before = gaussians.len();
+            let gaussians = changed(args, gaussians)?;
+            ensure!(!gaussians.is_empty(), "none of {before} Gaussians is left");
+            let removed = before - gaussians.len();
+            (write_scene(output, kind, gaussians, is_antialiased)?, removed)
         }
-        REPORTS_TO_STDOUT.store(true, Ordering::Relaxed);
-    }
-    args.json.as_ref().map_or(Ok(()), Sink::check)?;
-    if args.no_clobber {
-        check_absent(output)?;
-    }
-    if kind != Target::Scene(SceneFile::SogFolder) {
-        check_binary_writable(output)?;
-    }
-    let Target::Scene(kind) = kind else {
-        let report = pages::convert(args, inputs, output, false)?;
-        print(&report)?;
-        return args.json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report));
     };
-    let (gaussians, is_antialiased) = read(args, inputs)?;
-    let before = gaussians.len();
-    let gaussians = changed(args, gaussians)?;
-    ensure!(!gaussians.is_empty(), "none of {before} Gaussians is left");
-    if is_antialiased && !kind.says_antialiased() {
-        remark(&format!(
-            "warning: {}: the format cannot record that the scene was trained with antialiasing",
-            output.display()
-        ));
-    }
-    let arranged = kind.arranged(&gaussians)?;
-    let (removed, transparent) = (before - gaussians.len(), gaussians.len() - arranged.len());
-    let lost_degrees = arranged.sh_degree() < gaussians.sh_degree();
-    ensure!(!arranged.is_empty(), "the format rounds the opacity of all {} Gaussians to 0", gaussians.len());
-    drop(gaussians);
-    if lost_degrees {
-        remark(&format!(
-            "warning: {}: the format holds spherical harmonics up to degree {} only",
-            output.display(),
-            arranged.sh_degree()
-        ));
-    }
-    let (format, bytes, loss) = write(output, kind, &arranged, is_antialiased)?;
-    let report = Report {
-        file: output.display().to_string(),
-        format,
-        bytes,
-        gaussians: arranged.len(),
-        sh_degree: arranged.sh_degree(),
-        removed,
-        transparent,
-        loss,
-    };
+    let Written { file, format, bytes, gaussians, sh_degree, transparent, loss } = written;
+    let report = Report { file, format, bytes, gaussians, sh_degree, removed, transparent, loss };
     print(&report)?;
     args.json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report))
 }
@@ -241,69 +179,24 @@ impl Shape {
     }
 }
 
-/// The format of the output: by `--format` or its name. Fails if the two disagree.
-fn kind(output: &Path, format: Option<Target>) -> Result<Target, Usage> {
-    let is_pages = output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("smalto"));
-    let named = if is_pages { Ok(Target::Pages) } else { SceneFile::of(output).map(Target::Scene) };
-    match (named, format) {
-        (Ok(named), None) => Ok(named),
-        (Ok(named), Some(format)) if named != format => {
-            Err(Usage(format!("--format: {} has the name of another format", output.display())))
-        }
-        (_, Some(format)) => Ok(format),
-        (Err(_), None) if output.extension().is_none() => {
-            Err(Usage(format!("{}: its name does not say which format it has: add --format", output.display())))
-        }
-        (Err(problem), None) => Err(Usage(format!("{problem:#}"))),
-    }
-}
-
-/// True if the scene `input`, a file or a folder, is in the file `output`.
-fn is_same(input: &Path, output: &Path) -> bool {
-    let Ok(output) = output.canonicalize() else { return false };
-    let in_folder = scene::in_folder(input);
-    [in_folder.clone(), in_folder.join("meta.json")].iter().any(|file| file.canonicalize().is_ok_and(|f| f == output))
-}
-
-/// Writes the file and reads it back. Returns the name of its format, its size in bytes, for a folder that of all its
-/// files, and the losses.
-fn write(
-    output: &Path,
-    kind: SceneFile,
-    gaussians: &Gaussians,
-    is_antialiased: bool,
-) -> Result<(String, u64, Vec<Loss>)> {
-    let bar = progress::Bar::new("reading back");
-    let read_again = |written: &Path| {
-        let Scene { gaussians: read, format, .. } = scene::read(written, &|fraction| bar.set(fraction))?;
-        let (count, expected) = (read.len(), gaussians.len());
-        ensure!(count == expected, "{count} of {expected} Gaussians could be read back");
-        let bytes = if kind == SceneFile::SogFolder { all_bytes(written.parent())? } else { written.metadata()?.len() };
-        Ok((format, bytes, Loss::between(gaussians, &read)))
-    };
-    if kind == SceneFile::SogFolder {
-        let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        return write_sog_folder(gaussians, is_antialiased, folder, read_again);
-    }
-    // Only a .splat is recognized by its name.
-    let ending = if kind == SceneFile::Splat { ".splat" } else { "" };
-    write_checked(output, ending, |file| kind.write(gaussians, is_antialiased, file), read_again)
-}
-
-/// The size of all files in a folder.
-fn all_bytes(folder: Option<&Path>) -> Result<u64> {
-    let files = std::fs::read_dir(folder.unwrap_or(Path::new(".")))?;
-    files.map(|file| Ok(file?.metadata()?.len())).sum()
-}
-
 fn print(report: &Report) -> Result<()> {
     let Report { file, format, bytes, gaussians, sh_degree, removed, transparent, loss } = report;
-    let (megabytes, each) = (*bytes as f64 / 1e6, *bytes as f64 / *gaussians as f64);
-    say!("{file}  {format}, {gaussians} Gaussians, SH degree {sh_degree}, {megabytes:.1} MB, {each:.1} bytes each")?;
+    say_file((file, format, *bytes), *gaussians, *sh_degree)?;
     if *removed > 0 {
         say!("  {removed} left out by --crop or --min-opacity")?;
     }
-    if *transparent > 0 {
+    say_loss(*transparent, loss)
+}
+
+/// Prints what a file that was written holds.
+pub(super) fn say_file((file, format, bytes): (&str, &str, u64), gaussians: usize, sh_degree: u32) -> Result<()> {
+    let (megabytes, each) = (bytes as f64 / 1e6, bytes as f64 / gaussians as f64);
+    say!("{file}  {format}, {gaussians} Gaussians, SH degree {sh_degree}, {megabytes:.1} MB, {each:.1} bytes each")
+}
+
+/// Prints what a format lost.
+pub(super) fn say_loss(transparent: usize, loss: &[Loss]) -> Result<()> {
+    if transparent > 0 {
         say!("  {transparent} left out: the format rounds their opacity to 0")?;
     }
     if loss.is_empty() {

@@ -4,9 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
-use super::{Args, Report, changed, read};
-use crate::cli::{SceneArg, Usage, progress, remark};
-use crate::files::is_stdout;
+use super::{Args, Written, changed, read};
+use crate::cli::{SceneArg, progress, remark};
 use crate::options::{Options, Storage};
 use crate::scene::{Gaussians, LoadReport, Procedural, Scene, Transform, Watch};
 use crate::storage::convert::{Finished, Job, Settings, Take, write_blocks, write_in_order, write_whole};
@@ -24,11 +23,8 @@ pub const STORAGES: [(&str, &str, Options); 5] = [
     ),
 ];
 
-/// Writes a page file, with levels of detail if `has_levels`.
-pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path, has_levels: bool) -> Result<Report> {
-    if is_stdout(output) {
-        return Err(Usage("a page file cannot go to standard output: it is not written in one piece".to_owned()).into());
-    }
+/// Writes a page file, with levels of detail if `has_levels`. Returns how many Gaussians were left out, too.
+pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path, has_levels: bool) -> Result<(Written, usize)> {
     let bar = progress::Bar::new("converting");
     let options = args.storage.unwrap_or(Settings::LOSSLESS);
     let memory = args.memory.map_or(Settings::default().memory, |megabytes| (megabytes as usize) << 20);
@@ -48,17 +44,27 @@ pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path, has_levels: bool)
     if finished.resumed > 0 {
         remark(&format!("{} of {} buckets were sorted by an earlier run", finished.resumed, finished.buckets));
     }
-    let statistics = &finished.header.statistics;
-    Ok(Report {
+    Ok((written(output, &finished)?, removed))
+}
+
+fn written(output: &Path, finished: &Finished) -> Result<Written> {
+    Ok(Written {
         file: output.display().to_string(),
         format: finished.header.format_of_pages(),
         bytes: output.metadata()?.len(),
-        gaussians: statistics.count,
+        gaussians: finished.header.statistics.count,
         sh_degree: finished.header.layout.sh_degree,
-        removed,
         transparent: 0,
         loss: Vec::new(),
     })
+}
+
+/// Writes the pages of a scene in memory, without loss. `title` is the name of its source.
+pub(in crate::cli) fn write_pages(output: &Path, title: String, scene: &Scene) -> Result<Written> {
+    let bar = progress::Bar::new("writing pages");
+    let progress = |fraction| bar.set(fraction);
+    let job = Job { output, settings: Settings::default(), title, progress: &progress, is_cancelled: &|| false };
+    written(output, &write_whole(&job, scene)?)
 }
 
 /// Writes the pages of a scene that is read block by block. `None` if its format is read as a whole.

@@ -5,7 +5,7 @@ use crate::camera::{Camera, NamedCamera};
 use crate::cli::{Numbered, Usage};
 
 /// A camera to draw from.
-pub(super) struct Chosen {
+pub(in crate::cli) struct Chosen {
     /// Position in the file, or number of the frame of a path.
     pub index: usize,
     /// `None` for a camera that is of no file.
@@ -20,7 +20,7 @@ impl Chosen {
 }
 
 /// The cameras that `wanted` names. The second value is true if `wanted` is a list, a range or `all`.
-pub(super) fn choose(all: &Numbered, wanted: &str) -> Result<(Vec<Chosen>, bool), Usage> {
+pub(in crate::cli) fn choose(all: &Numbered, wanted: &str) -> Result<(Vec<Chosen>, bool), Usage> {
     let chosen = |place: usize| Chosen::named(all.cameras[place].0, &all.cameras[place].1);
     if wanted == "all" {
         return Ok(((0..all.cameras.len()).map(chosen).collect(), true));

@@ -33,6 +33,7 @@ use crate::measure::bench::VersionReport;
 use crate::options::Options;
 use crate::pixels::{Compression, FileKind};
 use crate::rules::Background;
+pub(super) use choice::{Chosen, choose};
 use outputs::{Layer, Names, Shot};
 use plan::{Plan, Source, plan};
 use report::Report;

@@ -1,0 +1,171 @@
+//! The file that a scene is written to: its format, checks before the work, and the write itself.
+
+use std::path::Path;
+use std::sync::atomic::Ordering;
+
+use anyhow::{Result, ensure};
+
+use crate::cli::{REPORTS_TO_STDOUT, Sink, Usage, progress, remark};
+use crate::files::{check_absent, check_binary_writable, is_stdout, write_checked};
+use crate::scene::{self, Gaussians, Loss, Scene, SceneFile, write_sog_folder};
+
+/// What is written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::cli) enum Target {
+    Scene(SceneFile),
+    /// A page file.
+    Pages,
+}
+
+pub(in crate::cli) const FORMATS: [(&str, &str, Target); 7] = [
+    ("ply", "32-bit floats", Target::Scene(SceneFile::Ply)),
+    ("compressed.ply", "The compressed PLY of PlayCanvas", Target::Scene(SceneFile::CompressedPly)),
+    ("splat", "32 bytes per Gaussian", Target::Scene(SceneFile::Splat)),
+    ("spz", "SPZ", Target::Scene(SceneFile::Spz { version: 4 })),
+    ("sog", "SOG in one file", Target::Scene(SceneFile::Sog)),
+    ("glb", "Binary glTF, 32-bit floats", Target::Scene(SceneFile::Glb)),
+    ("smalto", "Pages, for scenes larger than memory", Target::Pages),
+];
+
+/// A file that was written.
+pub(in crate::cli) struct Written {
+    pub file: String,
+    pub format: String,
+    pub bytes: u64,
+    pub gaussians: usize,
+    pub sh_degree: u32,
+    /// Gaussians left out because the format rounds their opacity to 0.
+    pub transparent: usize,
+    /// Differences between the file, read back, and the scene. Empty for pages.
+    pub loss: Vec<Loss>,
+}
+
+impl Target {
+    /// The format of the output: by `--format` or its name, and `--spz-version`. Fails if these disagree.
+    pub fn of(output: &Path, format: Option<Self>, spz_version: Option<u32>) -> Result<Self, Usage> {
+        let mut target = Self::named(output, format)?;
+        match (&mut target, spz_version) {
+            (Self::Scene(SceneFile::Spz { version }), Some(wanted)) => *version = wanted,
+            (_, Some(_)) => return Err(Usage("--spz-version needs an .spz file to write".to_owned())),
+            (_, None) => {}
+        }
+        Ok(target)
+    }
+
+    fn named(output: &Path, format: Option<Self>) -> Result<Self, Usage> {
+        let is_pages = output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("smalto"));
+        let named = if is_pages { Ok(Self::Pages) } else { SceneFile::of(output).map(Self::Scene) };
+        match (named, format) {
+            (Ok(named), None) => Ok(named),
+            (Ok(named), Some(format)) if named != format => {
+                Err(Usage(format!("--format: {} has the name of another format", output.display())))
+            }
+            (_, Some(format)) => Ok(format),
+            (Err(_), None) if output.extension().is_none() => {
+                Err(Usage(format!("{}: its name does not say which format it has: add --format", output.display())))
+            }
+            (Err(problem), None) => Err(Usage(format!("{problem:#}"))),
+        }
+    }
+
+    /// Fails before anything is read if the output is one of the inputs or cannot be written. If it is standard output,
+    /// nothing else is printed there.
+    pub fn check<'i>(
+        self,
+        output: &Path,
+        inputs: impl IntoIterator<Item = &'i Path>,
+        no_clobber: bool,
+        json: Option<&Sink>,
+    ) -> Result<()> {
+        if let Some(input) = inputs.into_iter().find(|input| is_same(input, output)) {
+            return Err(Usage(format!("{} is both an input and the output", input.display())).into());
+        }
+        if is_stdout(output) {
+            if self == Self::Pages {
+                let why = "a page file cannot go to standard output: it is not written in one piece";
+                return Err(Usage(why.to_owned()).into());
+            }
+            let takes_stdout = json.is_some_and(|sink| sink.file().is_none_or(is_stdout));
+            if takes_stdout {
+                return Err(Usage("the scene and --json cannot both go to standard output".to_owned()).into());
+            }
+            REPORTS_TO_STDOUT.store(true, Ordering::Relaxed);
+        }
+        json.map_or(Ok(()), Sink::check)?;
+        if no_clobber {
+            check_absent(output)?;
+        }
+        match self {
+            Self::Scene(SceneFile::SogFolder) => Ok(()),
+            Self::Scene(_) | Self::Pages => Ok(check_binary_writable(output)?),
+        }
+    }
+}
+
+/// Writes Gaussians in a format, and says what it cannot hold.
+pub(in crate::cli) fn write_scene(
+    output: &Path,
+    kind: SceneFile,
+    gaussians: Gaussians,
+    is_antialiased: bool,
+) -> Result<Written> {
+    if is_antialiased && !kind.says_antialiased() {
+        remark(&format!(
+            "warning: {}: the format cannot record that the scene was trained with antialiasing",
+            output.display()
+        ));
+    }
+    let arranged = kind.arranged(&gaussians)?;
+    let transparent = gaussians.len() - arranged.len();
+    let lost_degrees = arranged.sh_degree() < gaussians.sh_degree();
+    ensure!(!arranged.is_empty(), "the format rounds the opacity of all {} Gaussians to 0", gaussians.len());
+    drop(gaussians);
+    if lost_degrees {
+        remark(&format!(
+            "warning: {}: the format holds spherical harmonics up to degree {} only",
+            output.display(),
+            arranged.sh_degree()
+        ));
+    }
+    let (format, bytes, loss) = write(output, kind, &arranged, is_antialiased)?;
+    let (file, sh_degree) = (output.display().to_string(), arranged.sh_degree());
+    Ok(Written { file, format, bytes, gaussians: arranged.len(), sh_degree, transparent, loss })
+}
+
+/// True if the scene `input`, a file or a folder, is in the file `output`.
+fn is_same(input: &Path, output: &Path) -> bool {
+    let Ok(output) = output.canonicalize() else { return false };
+    let in_folder = scene::in_folder(input);
+    [in_folder.clone(), in_folder.join("meta.json")].iter().any(|file| file.canonicalize().is_ok_and(|f| f == output))
+}
+
+/// Writes the file and reads it back. Returns the name of its format, its size in bytes, for a folder that of all its
+/// files, and the losses.
+fn write(
+    output: &Path,
+    kind: SceneFile,
+    gaussians: &Gaussians,
+    is_antialiased: bool,
+) -> Result<(String, u64, Vec<Loss>)> {
+    let bar = progress::Bar::new("reading back");
+    let read_again = |written: &Path| {
+        let Scene { gaussians: read, format, .. } = scene::read(written, &|fraction| bar.set(fraction))?;
+        let (count, expected) = (read.len(), gaussians.len());
+        ensure!(count == expected, "{count} of {expected} Gaussians could be read back");
+        let bytes = if kind == SceneFile::SogFolder { all_bytes(written.parent())? } else { written.metadata()?.len() };
+        Ok((format, bytes, Loss::between(gaussians, &read)))
+    };
+    if kind == SceneFile::SogFolder {
+        let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        return write_sog_folder(gaussians, is_antialiased, folder, read_again);
+    }
+    // Only a .splat is recognized by its name.
+    let ending = if kind == SceneFile::Splat { ".splat" } else { "" };
+    write_checked(output, ending, |file| kind.write(gaussians, is_antialiased, file), read_again)
+}
+
+/// The size of all files in a folder.
+fn all_bytes(folder: Option<&Path>) -> Result<u64> {
+    let files = std::fs::read_dir(folder.unwrap_or(Path::new(".")))?;
+    files.map(|file| Ok(file?.metadata()?.len())).sum()
+}

@@ -1,0 +1,314 @@
+//! `smalto prune`: writes a scene without the Gaussians that contribute least to given views.
+
+use std::cell::RefCell;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail, ensure};
+use comfy_table::Cell;
+
+use super::convert::{FORMATS, Target, say_file, say_loss, write_pages, write_scene};
+use super::render::{Chosen, choose};
+use super::table::{say_table, table};
+use super::{
+    DeviceArgs, Knobs, SceneArg, Sink, SplitArg, Usage, complain, named_or_found, one_of, parse_size, progress, say,
+};
+use crate::camera::{self, Camera};
+use crate::gpu::Device;
+use crate::measure::bench::{SceneReport, VersionReport};
+use crate::measure::prune::{
+    Change, Cut, Kept, Limit, Order, Others, Report, Step, Subject, ViewReport, Worst, Written, compare, search,
+};
+use crate::options::Options;
+use crate::render::Pruner;
+use crate::scene::{Scene, Unreadable};
+use crate::storage::Statistics;
+
+/// Drop the Gaussians that contribute least to given views, within a limit of what that changes, and write the rest
+#[derive(clap::Args)]
+#[command(after_help = "\
+A Gaussian contributes alpha * transmittance to a pixel. Those whose largest contribution is the
+least are dropped first, as many as the limit allows. The limit is kept by measurement: every given
+view is drawn with all Gaussians and with those that are left. It covers these views, at their
+sizes, and no others: Gaussians that no given view sees are dropped whatever the limit, unless
+--keep-unseen is given. Cameras of the file that are not given (--camera, --split) are measured and
+reported. `bound` is what no pixel of the given views can exceed, by proof (docs/prune.md). The loss
+of the written format comes on top and is reported.")]
+pub(super) struct Args {
+    #[command(flatten)]
+    scene: SceneArg,
+    /// The file to write: .ply, .compressed.ply, .splat, .spz, .sog, meta.json (a SOG in a folder), .glb or .smalto
+    /// (pages); - for standard output
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Format of the file to write [default: by its name]. Needed for standard output and for names without an ending
+    #[arg(long, value_name = "FORMAT", value_parser = one_of(FORMATS))]
+    format: Option<Target>,
+    /// Version of the .spz file [default: 4]
+    #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u32).range(3..=4))]
+    spz_version: Option<u32>,
+    /// Refuse to replace an existing file
+    #[arg(long)]
+    no_clobber: bool,
+    /// Let no colour value of a pixel of a given view change by more than ERROR, from 0 to 1 (white is 1) or as steps
+    /// of 8 bits like 2/255
+    #[arg(long, value_name = "ERROR|N/255", conflicts_with = "psnr", value_parser = parse_error)]
+    max_error: Option<f64>,
+    /// Keep every given view at a PSNR of at least DB to what it was
+    #[arg(long, value_name = "DB", alias = "min-psnr", value_parser = parse_psnr)]
+    psnr: Option<f64>,
+    /// Camera file or folder, as `smalto render` takes it [default: the one found in the scene's folder or above it]
+    #[arg(long, value_name = "FILE|DIR")]
+    cameras: Option<PathBuf>,
+    #[command(flatten)]
+    split: SplitArg,
+    /// The given views, as `smalto render` takes them: a position, an image name, a range like 0..10, a list of these
+    /// like 0,5,-1, or `all`
+    #[arg(long, value_name = "N|NAME|LIST|all", allow_hyphen_values = true, default_value = "all")]
+    camera: String,
+    /// Picture size in pixels at which views are drawn [default: the cameras']. A limit holds at this size: larger
+    /// pictures show more
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    size: Option<[u32; 2]>,
+    /// Keep the Gaussians that no given view sees, for other views. Without this option they are dropped
+    #[arg(long)]
+    keep_unseen: bool,
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Write the report as JSON (docs/prune.schema.json); - prints it instead of the text
+    #[arg(long, value_name = "FILE|-")]
+    json: Option<Sink>,
+    #[command(flatten)]
+    knobs: Knobs,
+}
+
+/// The views of a camera file.
+struct Views {
+    given: Vec<Chosen>,
+    others: Vec<Camera>,
+}
+
+pub(super) fn run(args: &Args) -> Result<()> {
+    let limit = limit(args)?;
+    if args.knobs.trades() {
+        return Err(Usage("prune measures exact pictures; only rules of the picture can be set".to_owned()).into());
+    }
+    args.knobs.check_gpu()?;
+    let target = Target::of(&args.output, args.format, args.spz_version)?;
+    let input = args.scene.path();
+    target.check(&args.output, input.as_deref(), args.no_clobber, args.json.as_ref())?;
+    let views = views(args)?;
+    let device = args.device.open()?;
+    device.keep_pipelines();
+    let scene = args.scene.read_for(Some(&device))?;
+    if scene.gaussians.is_empty() {
+        return Err(Usage(format!("{}: the scene has no Gaussians", args.scene.title())).into());
+    }
+    let options = args.knobs.options(&Options::EXACT, scene.is_antialiased, f32::INFINITY);
+    let pruned = prune(&device, &scene, &views, (limit, args.keep_unseen), options)?;
+    complain(&device)?;
+    let title = args.scene.title();
+    let subject = Subject {
+        device: device.capabilities().name.clone(),
+        scene: SceneReport::of(title, &scene.gaussians),
+        options,
+    };
+    print(&subject, limit, &views, &pruned)?;
+    let output = write(args, target, scene, &pruned)?;
+    let report = Report {
+        format: Report::FORMAT.to_owned(),
+        smalto: VersionReport::current(),
+        subject,
+        limit,
+        gaussians: pruned.gaussians,
+        bound: Worst::of(&pruned.cut.bounds),
+        measured: Worst::of(&pruned.cut.measured),
+        others: pruned.others,
+        views: pruned.views(&views),
+        output,
+    };
+    say_file((&report.output.file, &report.output.format, report.output.bytes), report.output.gaussians, {
+        report.output.sh_degree
+    })?;
+    say_loss(report.output.transparent, &report.output.loss)?;
+    args.json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report))
+}
+
+fn limit(args: &Args) -> Result<Limit, Usage> {
+    match (args.max_error, args.psnr) {
+        (Some(error), _) => Ok(Limit::MaxError(error)),
+        (None, Some(db)) => Ok(Limit::Psnr(db)),
+        (None, None) => Err(Usage("prune needs a limit of what it may change: --max-error or --psnr".to_owned())),
+    }
+}
+
+/// The given views and the other cameras of the file, at the size that is drawn.
+fn views(args: &Args) -> Result<Views> {
+    let file = named_or_found(args.cameras.as_deref(), &args.scene);
+    let file = file.ok_or_else(|| {
+        Usage("prune needs views: no --cameras, and none found next to the scene or above it".to_owned())
+    })?;
+    let numbered = args.split.read(&file, args.size)?;
+    let (mut given, _) = choose(&numbered, &args.camera)?;
+    given.sort_by_key(|chosen| chosen.index);
+    given.dedup_by_key(|chosen| chosen.index);
+    let all = camera::read_at(&file, args.size).map_err(|problem| Unreadable::new(&file, &problem))?.cameras;
+    let resized = |camera: &Camera| args.size.map_or_else(|| camera.clone(), |size| camera.resized(size));
+    given.iter_mut().for_each(|chosen| chosen.camera = resized(&chosen.camera));
+    let is_given = |index: &usize| given.binary_search_by_key(index, |chosen| chosen.index).is_ok();
+    let others = all.iter().enumerate().filter(|(index, _)| !is_given(index));
+    let others = others.map(|(_, named)| resized(&named.camera)).collect();
+    Ok(Views { given, others })
+}
+
+/// What is dropped, and what that changes.
+struct Pruned {
+    order: Order,
+    cut: Cut,
+    gaussians: Kept,
+    others: Option<Others>,
+}
+
+fn prune(
+    device: &Device,
+    scene: &Scene,
+    views: &Views,
+    (limit, keeps_unseen): (Limit, bool),
+    options: Options,
+) -> Result<Pruned> {
+    let statistics = Statistics::of(&scene.gaussians);
+    let mut pruner = Pruner::new(device, &scene.gaussians, &statistics, &options)?;
+    let given: Vec<Camera> = views.given.iter().map(|chosen| chosen.camera.clone()).collect();
+    let bar = progress::Bar::new("contributions");
+    for (done, view) in given.iter().enumerate() {
+        pruner.note(view)?;
+        bar.set_counted(done + 1, given.len(), "views");
+    }
+    drop(bar);
+    let shares = pruner.shares()?;
+    ensure!(shares.iter().any(|share| share.largest > 0.0), "no given view sees a Gaussian of the scene");
+    let order = Order::of(&shares, keeps_unseen);
+    let cut = search(&mut pruner, &given, &order, limit, &Steps::default().shown())?;
+    let bar = progress::Bar::new("other views");
+    let others = Others::of(&compare(&mut pruner, &views.others, &order, cut.dropped, &|done| bar.set(done))?);
+    let last = order.dropped(cut.dropped).last();
+    let gaussians = Kept {
+        before: order.all(),
+        kept: order.all() - cut.dropped,
+        dropped: cut.dropped,
+        unseen: order.unseen().min(cut.dropped),
+        largest_dropped_share: last.map_or(0.0, |index| shares[*index as usize].largest),
+    };
+    Ok(Pruned { order, cut, gaussians, others })
+}
+
+/// The progress of the steps of a search, each with a bar of its own.
+#[derive(Default)]
+struct Steps(RefCell<Option<(Step, progress::Bar)>>);
+
+impl Steps {
+    fn shown(self) -> impl Fn(Step, f64) {
+        move |step, fraction| {
+            let mut current = self.0.borrow_mut();
+            if current.as_ref().is_none_or(|(of, _)| *of != step) {
+                let name = match step {
+                    Step::Search => "search",
+                    Step::Check => "check",
+                    Step::Bound => "bound",
+                };
+                *current = Some((step, progress::Bar::new(name)));
+            }
+            current.as_ref().inspect(|(_, bar)| bar.set(fraction));
+        }
+    }
+}
+
+impl Pruned {
+    fn views(&self, views: &Views) -> Vec<ViewReport> {
+        let changes = self.cut.measured.iter().zip(&self.cut.bounds);
+        let view = |(chosen, (measured, bound)): (&Chosen, (&Change, &Change))| ViewReport {
+            camera: chosen.index,
+            name: chosen.name.clone().unwrap_or_default(),
+            size: chosen.camera.size_px,
+            bound: Worst::from(*bound),
+            measured: Worst::from(*measured),
+        };
+        views.given.iter().zip(changes).map(view).collect()
+    }
+}
+
+/// Writes what is left.
+fn write(args: &Args, target: Target, scene: Scene, pruned: &Pruned) -> Result<Written> {
+    let gaussians = scene.gaussians.selected(&pruned.order.kept(pruned.cut.dropped))?;
+    let written = match target {
+        Target::Scene(kind) => {
+            let is_antialiased = scene.is_antialiased;
+            drop(scene);
+            write_scene(&args.output, kind, gaussians, is_antialiased)?
+        }
+        Target::Pages => {
+            let format = format!("{}, pruned", scene.format);
+            write_pages(&args.output, args.scene.title(), &Scene { gaussians, format, ..scene })?
+        }
+    };
+    let super::convert::Written { file, format, bytes, gaussians, sh_degree, transparent, loss } = written;
+    Ok(Written { file, format, bytes, gaussians, sh_degree, transparent, loss })
+}
+
+fn print(subject: &Subject, limit: Limit, views: &Views, pruned: &Pruned) -> Result<()> {
+    let Kept { before, kept, dropped, unseen, largest_dropped_share } = pruned.gaussians;
+    let wanted = match limit {
+        Limit::MaxError(error) => format!("no value changes by more than {error:.4}"),
+        Limit::Psnr(db) => format!("at least {db} dB"),
+    };
+    say!("{}  {before} Gaussians, {} views: {wanted}", subject.scene.name, views.given.len())?;
+    let part = |count: usize| format!("{:.1} %", 100.0 * count as f64 / before as f64);
+    say!("  {dropped} dropped ({}), {kept} kept ({})", part(dropped), part(kept))?;
+    say!("  {unseen} of the dropped have no share in any view, the others at most {largest_dropped_share:.2e}")?;
+    let mut rows = table(&["", "views", "largest change", "worst dB"]);
+    let mut row = |name: &str, views: usize, worst: Worst| {
+        let decibels = worst.psnr_db.map_or_else(|| "equal".to_owned(), |db| format!("{db:.2}"));
+        rows.add_row([name.to_owned(), views.to_string(), format!("{:.5}", worst.max_error), decibels].map(Cell::new));
+    };
+    row("bound", views.given.len(), Worst::of(&pruned.cut.bounds));
+    row("measured", views.given.len(), Worst::of(&pruned.cut.measured));
+    if let Some(others) = pruned.others {
+        row("not covered", others.views, others.measured);
+    }
+    say_table(&rows)
+}
+
+fn parse_error(text: &str) -> Result<f64> {
+    let expected = "expected a number from 0 to 1, or steps of 8 bits like 2/255";
+    let number = |text: &str| text.trim().parse::<f64>().context(expected);
+    let error = match text.split_once('/') {
+        Some((above, below)) => number(above)? / number(below)?,
+        None => number(text)?,
+    };
+    if (0.0..=1.0).contains(&error) { Ok(error) } else { bail!(expected) }
+}
+
+fn parse_psnr(text: &str) -> Result<f64> {
+    match text.parse() {
+        Ok(db) if db > 0.0 && db < 1000.0 => Ok(db),
+        _ => bail!("expected a PSNR in dB, above 0 and below 1000"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_schema_of_the_report_is_documented() {
+        crate::cli::sink::assert_documented::<Report>("prune");
+    }
+
+    #[test]
+    fn an_error_is_a_number_or_steps() {
+        assert_eq!(parse_error("0.02").unwrap(), 0.02);
+        assert_eq!(parse_error("2/255").unwrap(), 2.0 / 255.0);
+        for text in ["", "-0.1", "1.5", "nan", "300/255", "1/0", "2/", "x"] {
+            assert!(parse_error(text).is_err(), "{text}");
+        }
+    }
+}

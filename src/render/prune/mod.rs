@@ -1,0 +1,5 @@
+//! What Gaussians contribute to pictures, and pictures of a scene without some of them.
+
+mod pruner;
+
+pub use pruner::{Bounds, Pruner, Share};
