@@ -1,6 +1,7 @@
 //! Everything that a renderer is built for: the knobs that trade accuracy for speed or memory, and the presets.
 
 mod knobs;
+mod setting;
 
 use std::fmt;
 use std::str::FromStr;
@@ -11,7 +12,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::rules::{ALPHA_MIN, Footprint, Order, Rules};
 
-pub use knobs::{Effect, Group, Held, KNOBS, Kind, Knob, Value};
+pub use knobs::{Effect, Group, Held, KNOBS, Kind, Knob};
+pub use setting::Value;
 
 /// Number format in which the GPU keeps the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
@@ -72,11 +74,14 @@ pub struct Options {
     /// Gaussians are drawn as nodes that stand for several, where that changes a picture by no more than this per node
     /// that is saved: the root of the squared difference of its colours, summed over pixels and channels, in steps of
     /// 1/255. 0: nothing is simplified.
+    #[serde(default)]
     pub lod_error: f32,
     /// In the place of `lod_error`, the PSNR that the measured errors of the nodes predict for the whole picture, dB.
     /// 0: none.
+    #[serde(default)]
     pub lod_psnr: f32,
     /// Most nodes of a picture, by a larger error if need be. 0: any number.
+    #[serde(default)]
     pub splats: u32,
     /// Uses only what works on every device.
     pub portable: bool,

@@ -63,8 +63,10 @@ struct Report {
 /// The pages of a page file.
 #[derive(Serialize, JsonSchema)]
 struct PagesReport {
-    /// Number of pages, and Gaussians in all but the last.
+    /// Number of pages of the scene, and Gaussians in all but the last.
     pages: usize,
+    /// Pages of levels of detail: of nodes that stand for several Gaussians.
+    level_pages: usize,
     gaussians_each: usize,
     /// Bytes of the file.
     bytes: u64,
@@ -189,7 +191,8 @@ fn report_of_pages(name: &str, file: &PageFile, preset: &str) -> Result<Report> 
         anisotropy: None,
         required: required(statistics, preset, keeps)?,
         pages: Some(PagesReport {
-            pages: header.pages(),
+            pages: header.scene_pages(),
+            level_pages: header.pages() - header.scene_pages(),
             gaussians_each: PAGE,
             bytes: header.file_bytes(),
             geometry_bytes: 4 * file.geometry_words(),
@@ -266,9 +269,14 @@ fn print(report: &Report) -> Result<()> {
     }
     say!("box         {} to {}", point(low), point(high))?;
     say!("opacity     90 % lies within {radius:.4} of {}", point(&centre.map(|v| v as f32)))?;
-    if let Some(PagesReport { pages, gaussians_each, bytes, sh_storage, shape_storage, .. }) = &report.pages {
+    if let Some(PagesReport { pages, level_pages, gaussians_each, bytes, sh_storage, shape_storage, .. }) =
+        &report.pages
+    {
         let (megabytes, stored) = (*bytes as f64 / 1e6, format!("SH in {sh_storage}, shapes in {shape_storage}"));
         say!("pages       {pages} of {gaussians_each} Gaussians, {megabytes:.1} MB: {stored}")?;
+        if *level_pages > 0 {
+            say!("levels      {level_pages} pages of nodes that stand for several Gaussians")?;
+        }
     }
     let rows = [("opacity", report.opacity), ("scale", report.scale), ("anisotropy", report.anisotropy)];
     if report.opacity.is_some() {

@@ -1,5 +1,7 @@
 //! Numbers over many orders of magnitude in 16 bits: their binary logarithms in steps of 1/512.
 
+use std::sync::LazyLock;
+
 /// Steps of a power of two.
 const STEPS: f64 = 512.0;
 /// The power of two of code 0, which itself stands for 0.
@@ -21,7 +23,11 @@ pub fn code_below(value: f64) -> u16 {
 
 /// The number that a code stands for.
 pub fn value(code: u16) -> f64 {
-    if code == FINEST { 0.0 } else { (f64::from(code) / STEPS + LOWEST).exp2() }
+    static VALUES: LazyLock<Vec<f64>> = LazyLock::new(|| {
+        let value = |code: u16| if code == FINEST { 0.0 } else { (f64::from(code) / STEPS + LOWEST).exp2() };
+        (0..=u16::MAX).map(value).collect()
+    });
+    VALUES[usize::from(code)]
 }
 
 fn steps(value: f64) -> f64 {

@@ -142,7 +142,9 @@ impl Difference {
                 for x in (0..width).step_by(factor) {
                     let mean = [0, 1, 2, 3].map(|k| {
                         let rows = y..height.min(y + factor);
-                        let of_row = |row: usize| planes[k][row * width + x..row * width + width.min(x + factor)].iter().sum::<f32>();
+                        let of_row = |row: usize| {
+                            planes[k][row * width + x..row * width + width.min(x + factor)].iter().sum::<f32>()
+                        };
                         rows.map(of_row).sum::<f32>() / (factor * factor) as f32
                     });
                     sum += f64::from(energy(mean)) * (factor * factor) as f64;

@@ -51,7 +51,8 @@ fn half_axes(covariance: DMat3) -> ([f64; 3], DQuat) {
                 continue;
             }
             // The smaller of the two angles that make this entry 0.
-            let t = 2.0 * off / (apart.abs() + (apart * apart + 4.0 * off * off).sqrt()) * if apart < 0.0 { -1.0 } else { 1.0 };
+            let t = 2.0 * off / (apart.abs() + (apart * apart + 4.0 * off * off).sqrt())
+                * if apart < 0.0 { -1.0 } else { 1.0 };
             let c = 1.0 / (1.0 + t * t).sqrt();
             let s = t * c;
             let mut turn = DMat3::IDENTITY;
@@ -105,7 +106,8 @@ mod tests {
             let apart = node.centre() - mean;
             node.covariance() + DMat3::from_cols(apart * apart.x, apart * apart.y, apart * apart.z)
         };
-        let expected = all.iter().zip(&weights).fold(DMat3::ZERO, |sum, (node, w)| sum + second(node, mean) * (*w / total));
+        let expected =
+            all.iter().zip(&weights).fold(DMat3::ZERO, |sum, (node, w)| sum + second(node, mean) * (*w / total));
         assert!(close(node.covariance(), expected), "{} {expected}", node.covariance());
         assert!((f64::from(node.opacity) * node.area() / total - 1.0).abs() < 1e-4, "opacity times area is kept");
         assert!((node.summed - 2.4).abs() < 1e-6);

@@ -5,7 +5,7 @@
 //! | node | a Gaussian of the scene, or one that stands for others |
 //! | parent, children | a node and the nodes that it stands for |
 //! | family | neighbouring nodes whose parents are found, fitted and measured together |
-//! | own error of a node | what drawing it instead of its children changes: the root of the summed squared change of a picture per node that is saved, in world units (one colour channel from 0 to 1, times a length) |
+//! | own error of a node | what drawing it instead of its children changes: [`Node::error`] |
 //!
 //! Errors never fall from children to parents. So a limit decides for each node alone whether it is drawn: if its own
 //! error is within the limit, and its parent's is not.

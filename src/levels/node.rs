@@ -17,9 +17,12 @@ pub struct Node {
     /// The sum of the opacities of the Gaussians that it stands for. Where all of them are smaller than a pixel, the
     /// classic rules widen each of them to a pixel and keep its opacity, so this is what they show together.
     pub summed: f32,
-    /// The own error; 0 for a Gaussian of the scene.
+    /// The own error: the root of the squared change of a picture by drawing the node instead of its children, summed
+    /// over the area and the colour channels (0 to 1), per node that is saved, world units. 0 for a Gaussian of the
+    /// scene; not less than that of any node below.
     pub error: f32,
-    /// The squared error against the Gaussians of the scene, summed over all merges below.
+    /// The squared error against the Gaussians of the scene, in pixels as wide as the detail: summed over all merges
+    /// below, in world units squared.
     pub energy: f32,
 }
 

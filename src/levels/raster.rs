@@ -18,14 +18,8 @@ pub struct Direction {
 /// way and three the other, since splats cover one another differently from the two sides.
 pub fn directions() -> [Direction; 6] {
     let long = (1.0 + 5.0_f64.sqrt()) / 2.0;
-    let corners = [
-        [0.0, 1.0, long],
-        [0.0, 1.0, -long],
-        [1.0, long, 0.0],
-        [-1.0, long, 0.0],
-        [long, 0.0, 1.0],
-        [-long, 0.0, 1.0],
-    ];
+    let corners =
+        [[0.0, 1.0, long], [0.0, 1.0, -long], [1.0, long, 0.0], [-1.0, long, 0.0], [long, 0.0, 1.0], [-long, 0.0, 1.0]];
     let mut sign = 1.0;
     corners.map(|corner| {
         let forward = DVec3::from(corner).normalize() * sign;
@@ -55,7 +49,8 @@ impl Window {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for node in &nodes.nodes {
             let centre = node.centre();
-            let seen = DVec3::new(direction.right.dot(centre), direction.down.dot(centre), direction.forward.dot(centre));
+            let seen =
+                DVec3::new(direction.right.dot(centre), direction.down.dot(centre), direction.forward.dot(centre));
             (low, high) = (low.min(seen), high.max(seen));
         }
         let origin = low - DVec3::new(MARGIN * px, MARGIN * px, 0.0);
@@ -105,8 +100,8 @@ pub fn exp2(x: f32) -> f32 {
     // Taylor's series of 2^rest, |rest| <= 1/2.
     let series = 1.0
         + rest
-            * (0.693_147_2
-                + rest * (0.240_226_51 + rest * (0.055_504_11 + rest * (0.009_618_13 + rest * 0.001_333_36))));
+            * (std::f32::consts::LN_2
+                + rest * (0.240_226_5 + rest * (0.055_504_11 + rest * (0.009_618_13 + rest * 0.001_333_36))));
     whole * series
 }
 
@@ -128,8 +123,11 @@ impl Splats {
             let is_drawn = opacity > ALPHA_MIN;
             let edge = if is_drawn { 2.0 * f64::from(opacity / ALPHA_MIN).ln() } else { 0.0 };
             splats.push(Splat {
-                mean: [(right.dot(centre) - window.origin.x) / window.px, (down.dot(centre) - window.origin.y) / window.px]
-                    .map(|v| v as f32),
+                mean: [
+                    (right.dot(centre) - window.origin.x) / window.px,
+                    (down.dot(centre) - window.origin.y) / window.px,
+                ]
+                .map(|v| v as f32),
                 conic: [c, -b, a].map(|v| (v / determinant) as f32),
                 reach: if is_drawn { (edge * c).sqrt() as f32 } else { -1.0 },
                 edge: edge as f32,

@@ -76,7 +76,7 @@ fn clear_last(planes: &mut [&mut [[u32; 4]]]) {
 }
 
 /// Writes the words of Gaussian `k`, which has `words` in all planes together.
-fn put(planes: &mut [&mut [[u32; 4]]], k: usize, words: usize, word: impl Fn(usize) -> u32) {
+pub fn put(planes: &mut [&mut [[u32; 4]]], k: usize, words: usize, word: impl Fn(usize) -> u32) {
     for (number, plane) in planes.iter_mut().enumerate() {
         let share = share(words, number);
         let each = 4 / share;

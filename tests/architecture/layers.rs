@@ -4,7 +4,7 @@ use crate::{code, sources};
 
 /// Every module of the crate, from the ground up, and the modules that it may use. `measure` is listed by its inner
 /// modules, which are modules of their own here.
-const EDGES: [(&str, &str); 17] = [
+const EDGES: [(&str, &str); 18] = [
     ("host_memory", ""),
     ("files", ""),
     ("rules", ""),
@@ -14,8 +14,9 @@ const EDGES: [(&str, &str); 17] = [
     ("pixels", "host_memory files"),
     ("gpu", "host_memory"),
     ("reference", "scene camera rules pixels"),
-    ("storage", "host_memory files scene options rules"),
-    ("render", "host_memory gpu scene storage camera rules options pixels"),
+    ("levels", "scene rules"),
+    ("storage", "host_memory files levels scene options rules"),
+    ("render", "host_memory gpu levels scene storage camera rules options pixels"),
     ("measure::metrics", "pixels"),
     ("measure::bench", "files gpu render scene storage camera rules options pixels"),
     ("measure::ladder", "files gpu render reference camera rules options pixels measure::bench measure::metrics"),

@@ -25,7 +25,7 @@ pub struct Detailed {
 }
 
 /// Steps of the search for a limit.
-const STEPS: usize = 40;
+const STEPS: usize = 24;
 /// The limits that are searched, as powers of two, in colours from 0 to 1.
 const RANGE: [f64; 2] = [-30.0, 20.0];
 
@@ -49,8 +49,11 @@ pub fn cut(
     let is_searched = options.lod_psnr > 0.0 || options.splats > 0;
     let seen: Vec<Seen> = (cameras.iter().enumerate())
         .flat_map(|(view, camera)| {
-            let widths: Vec<f64> =
-                levels.par_iter().with_min_len(4096).map(|level| width(level, camera, camera.near(sight.rules))).collect();
+            let widths: Vec<f64> = levels
+                .par_iter()
+                .with_min_len(4096)
+                .map(|level| width(level, camera, camera.near(sight.rules)))
+                .collect();
             // Without a search, pages that are not in the cut need not be looked for in the picture.
             let in_view = |number: usize| {
                 let (page, level) = (&pages[number], &levels[number]);
@@ -124,6 +127,14 @@ fn part(level: &Level, [own, parent]: [u16; 2]) -> f64 {
     (below(&level.errors, level.least, own) - below(&level.parents, FINEST, parent)).max(0.0)
 }
 
+/// The number of nodes that are drawn.
+fn counted(seen: &[Seen], limit: f64) -> f64 {
+    let of_page = |seen: &Seen| seen.count * part(seen.level, limits(seen.widths, limit));
+    // In a fixed order, so that every run finds the same limit.
+    let parts: Vec<f64> = seen.par_chunks(1024).map(|pages| pages.iter().map(of_page).sum()).collect();
+    parts.into_iter().sum()
+}
+
 fn add(parts: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
     parts.fold((0.0, 0.0), |sum, part| (sum.0 + part.0, sum.1 + part.1))
 }
@@ -148,18 +159,17 @@ fn psnr(energy: f64, values: f64) -> f64 {
 fn searched(seen: &[Seen], options: &Options, values: f64) -> f64 {
     let mut limit = f64::from(options.lod_error) / 255.0;
     if options.lod_psnr > 0.0 {
-        limit = largest(|limit| psnr(summed(seen, limit).1, values) >= f64::from(options.lod_psnr));
+        limit = between(|limit| psnr(summed(seen, limit).1, values) >= f64::from(options.lod_psnr))[0];
     }
     let most = f64::from(options.splats);
-    if options.splats > 0 && summed(seen, limit).0 > most {
-        // The least limit that leaves few enough is just above the largest that leaves too many.
-        limit = largest(|limit| summed(seen, limit).0 > most) * (1.0 + 1e-9);
+    if options.splats > 0 && counted(seen, limit) > most {
+        limit = between(|limit| counted(seen, limit) > most)[1];
     }
     limit
 }
 
-/// About the largest limit of which this is true, if it is true of all below.
-fn largest(is_true: impl Fn(f64) -> bool) -> f64 {
+/// Two limits next to each other: this is true of the first and of all below, and not of the second.
+fn between(is_true: impl Fn(f64) -> bool) -> [f64; 2] {
     let [mut low, mut high] = RANGE;
     for _ in 0..STEPS {
         let middle = (low + high) / 2.0;
@@ -169,5 +179,71 @@ fn largest(is_true: impl Fn(f64) -> bool) -> f64 {
             high = middle;
         }
     }
-    low.exp2()
+    [low, high].map(f64::exp2)
+}
+
+/// A page file with levels of detail of a scene.
+#[cfg(test)]
+pub(super) fn with_levels(scene: crate::scene::Scene, options: Options) -> std::sync::Arc<crate::storage::PageFile> {
+    use crate::storage::PageFile;
+    use crate::storage::convert::{Job, Settings, write_whole};
+
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("levels.smalto");
+    let settings = Settings { options, has_levels: true, ..Settings::default() };
+    let job = Job { output: &output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false };
+    write_whole(&job, &scene).unwrap();
+    // The open file outlives the folder.
+    std::sync::Arc::new(PageFile::open(&output).unwrap())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Camera;
+    use crate::scene::{Focus, synthetic};
+    use crate::storage::convert::Settings;
+    use crate::storage::{LEVEL_WORDS, PAGE};
+
+    /// Each Gaussian adds its opacity to one node on each way to the root, so every cut has the same sum.
+    #[test]
+    fn every_cut_stands_for_every_gaussian_once() {
+        let scene = synthetic::cactus(30_000).unwrap();
+        let (focus, sum) = (Focus::of(&scene.gaussians), scene.gaussians.opacities().iter().sum::<f32>());
+        let file = with_levels(scene, Settings::LOSSLESS);
+        let (levels, pages) = (file.levels().unwrap(), file.pages());
+        let mut words = vec![0; pages.len() * LEVEL_WORDS * PAGE];
+        file.read_levels(0..pages.len(), &mut words).unwrap();
+        let mut geometry = vec![0; pages.len() * file.geometry_words()];
+        file.read_geometry(0..pages.len(), &mut geometry).unwrap();
+        let mut sizes = Vec::new();
+        for (number, zoom) in [0.1, 0.3, 1.0, 5.0, 30.0].into_iter().enumerate() {
+            let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [640, 480]);
+            let placed = PlacedCamera { camera, scale: 1.0 };
+            let widths: Vec<f64> = levels.iter().map(|level| width(level, &placed, 0.01)).collect();
+            for exponent in -4..8 {
+                let limit = f64::from(exponent).exp2() / 255.0;
+                let (mut nodes, mut opacity) = (0, 0.0);
+                for (page, level) in levels.iter().enumerate() {
+                    let parent = if level.parent == NO_PAGE { 0.0 } else { widths[level.parent as usize] };
+                    let [own, of_parent] = limits([widths[page], parent], limit);
+                    let mut drawn = 0;
+                    for k in 0..pages[page].count as usize {
+                        let [errors, opacities] = words[(page * PAGE + k) * LEVEL_WORDS..][..2] else { panic!() };
+                        if errors & 0xffff <= own.into() && errors >> 16 > of_parent.into() {
+                            let shape = file.words().shape_of(&geometry[page * file.geometry_words()..], k);
+                            let of_scene = f64::from(file.layout().unpacked_shape(&shape).2);
+                            opacity += if opacities == 0 { of_scene } else { value((opacities >> 16) as u16) };
+                            drawn += 1;
+                        }
+                    }
+                    assert!(drawn == 0 || is_in(level, [own, of_parent]), "page {page} is in the cut");
+                    nodes += drawn;
+                }
+                assert!((opacity / f64::from(sum) - 1.0).abs() < 1e-3, "{number}, {limit}: {opacity} of {sum}");
+                sizes.push(nodes);
+            }
+        }
+        assert!(sizes.contains(&30_000) && sizes.iter().any(|nodes| *nodes < 1000), "{sizes:?}");
+    }
 }

@@ -157,8 +157,13 @@ impl Slabs {
         let indices = supply.indices().unwrap_or_else(|| self.no_indices.clone());
         let first = first_page(scene);
         let levels = scene.levels.as_ref().unwrap_or(&self.no_indices);
-        let listed =
-            |pages: u32| Listed { scene, elements: &self.listed, pages: first..first + pages, indices: &indices, levels };
+        let listed = |pages: u32| Listed {
+            scene,
+            elements: &self.listed,
+            pages: first..first + pages,
+            indices: &indices,
+            levels,
+        };
         let project = |cmd: &mut Commands, pages: u32| {
             let (listed, slab) = (listed(pages), slab(range));
             cmd.scope("project", |cmd| self.stages.project(cmd, &listed, (camera, options), slab, work, grid));

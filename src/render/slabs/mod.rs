@@ -27,6 +27,8 @@ mod supply;
 mod visible;
 
 #[cfg(test)]
+mod levels_tests;
+#[cfg(test)]
 mod placed_tests;
 #[cfg(test)]
 mod tests;

@@ -267,8 +267,16 @@ mod tests {
     use super::*;
 
     fn cut(pages: &[u32], different: usize, room: usize) -> Vec<Range<usize>> {
-        let page =
-            |page: &u32| VisiblePage { page: *page, view: 0, keys: [0, 0], columns: [0, 1], rows: [0, 1], count: 1, drawn: 1, limits: 0 };
+        let page = |page: &u32| VisiblePage {
+            page: *page,
+            view: 0,
+            keys: [0, 0],
+            columns: [0, 1],
+            rows: [0, 1],
+            count: 1,
+            drawn: 1,
+            limits: 0,
+        };
         let pages: Vec<_> = pages.iter().map(page).collect();
         let mut noted = vec![NONE; 10];
         let found = batches(&pages, different, room, &mut noted).collect();

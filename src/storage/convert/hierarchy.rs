@@ -6,6 +6,7 @@
 //! about the same distance. Blocks are built from the bottom up, each as soon as those below are, so that few are in
 //! memory at a time.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Result, ensure};
@@ -13,82 +14,17 @@ use rayon::prelude::*;
 use twox_hash::XxHash3_64;
 
 use super::output::Output;
+use super::storeys::{FLOOR, Storey, storeys};
 use crate::files::{read_exact_at, write_all_at};
 use crate::levels::{NEVER, Node, Nodes, code, parents};
 use crate::scene::Cancelled;
 use crate::storage::pages::{
-    Entry, HEADER, LEVEL_WORDS, Level, NO_NODE, NO_PAGE, PADDING, PAGE, Page, level_words,
+    Entry, HEADER, LEVEL_WORDS, Level, NO_NODE, NO_PAGE, PADDING, PAGE, Page, PageRecord, level_words,
 };
 use crate::storage::planes::Shape;
 
-/// Pages whose nodes are the floor of a block.
-const FLOOR: usize = 8;
-/// The same in nodes.
-const FLOOR_NODES: usize = FLOOR * PAGE;
-
 /// The largest opacity that fits into 16-bit floats, with room for rounding.
 const MOST_OPACITY: f32 = 60_000.0;
-
-/// The blocks of one storey.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Storey {
-    /// Nodes of all floors: the Gaussians of the scene, or the tops of the blocks below.
-    nodes: usize,
-    /// The first page of the storey, without floors that are pages of the scene.
-    first: usize,
-    is_ground: bool,
-}
-
-impl Storey {
-    fn blocks(&self) -> usize {
-        self.nodes.div_ceil(FLOOR_NODES)
-    }
-
-    /// Nodes of the floor, the first and the second level, and the top of a block.
-    fn levels_of(&self, block: usize) -> [usize; 4] {
-        let floor = FLOOR_NODES.min(self.nodes - block * FLOOR_NODES);
-        let first = floor.div_ceil(2);
-        let second = first.div_ceil(2);
-        [floor, first, second, second.div_ceil(2)]
-    }
-
-    /// The first pages of the floor, the first and the second level of a block, and the page behind them.
-    fn pages_of(&self, block: usize) -> [usize; 4] {
-        let [floor, first, second] = [0, 1, 2].map(|level| self.levels_of(block)[level].div_ceil(PAGE));
-        let whole = (FLOOR_NODES / 2 + FLOOR_NODES / 4) / PAGE;
-        if self.is_ground {
-            let begin = self.first + block * whole;
-            return [block * FLOOR, begin, begin + first, begin + first + second];
-        }
-        let begin = self.first + block * (FLOOR + whole);
-        [begin, begin + floor, begin + floor + first, begin + floor + first + second]
-    }
-
-    /// The storey above.
-    fn above(&self) -> Self {
-        let last = self.blocks() - 1;
-        let nodes = last * PAGE + self.levels_of(last)[3];
-        Self { nodes, first: self.pages_of(last)[3], is_ground: false }
-    }
-}
-
-/// The storeys of a scene of `count` Gaussians. None if it fits into one page.
-fn storeys(count: usize) -> Vec<Storey> {
-    let mut storeys = Vec::new();
-    let mut next = Storey { nodes: count, first: count.div_ceil(PAGE), is_ground: true };
-    while next.nodes > PAGE {
-        storeys.push(next);
-        next = next.above();
-    }
-    storeys
-}
-
-/// Number of pages of nodes that stand for others.
-pub fn pages_of_levels(count: usize) -> usize {
-    // The top of the last block has a page of its own.
-    let end = |storey: &Storey| storey.above().first + 1;
-    storeys(count).last().map_or(0, |storey| end(storey) - count.div_ceil(PAGE))
-}
 
 /// The top of a block, whose parents are not known yet.
 struct Top {
@@ -97,7 +33,10 @@ struct Top {
     second: Second,
     low: [f32; 3],
     high: [f32; 3],
+    /// Of the block.
     detail: f32,
+    /// Of the top itself.
+    own_detail: f32,
 }
 
 /// The second level of a block: its pages and what their table says but for the block above.
@@ -122,6 +61,8 @@ struct Place {
     low: [f32; 3],
     high: [f32; 3],
     detail: f32,
+    /// The detail of the level that is written, which is finer.
+    own_detail: f32,
 }
 
 /// Builds and writes all levels above the scene.
@@ -140,12 +81,17 @@ pub fn build(
         None => {
             let (nodes, _) = hierarchy.scene_pages(0..1)?;
             let (low, high) = nodes.bounds();
-            let level = hierarchy.write_words(0, &nodes, &vec![NEVER; nodes.len()], Place { low, high, detail: 0.0 })?;
+            let level = hierarchy.write_words(
+                0,
+                &nodes,
+                &vec![NEVER; nodes.len()],
+                Place { low, high, detail: 0.0, own_detail: 0.0 },
+            )?;
             return hierarchy.write_level(0, Level { parent: NO_PAGE, ..level });
         }
         Some(storey) => (storey.above().first, hierarchy.block(hierarchy.storeys.len() - 1, 0)?),
     };
-    let place = Place { low: top.low, high: top.high, detail: top.detail };
+    let place = Place { low: top.low, high: top.high, detail: top.detail, own_detail: top.own_detail };
     let order: Vec<u32> = (0..top.nodes.len() as u32).collect();
     let [(page, level)] = hierarchy.write_nodes(page, &top.nodes, &order, &vec![NEVER; order.len()], place)?[..] else {
         unreachable!("a top fills one page")
@@ -160,10 +106,10 @@ impl Hierarchy<'_> {
         ensure!(!(self.is_cancelled)(), Cancelled);
         let own = self.storeys[storey];
         let pages = own.pages_of(block);
-        let (floor, ids, below) = if own.is_ground {
+        let (floor, records, below) = if own.is_ground {
             let begin = block * FLOOR;
-            let (nodes, ids) = self.scene_pages(begin..(begin + FLOOR).min(self.count.div_ceil(PAGE)))?;
-            (nodes, ids, Vec::new())
+            let (nodes, records) = self.scene_pages(begin..(begin + FLOOR).min(self.count.div_ceil(PAGE)))?;
+            (nodes, records, Vec::new())
         } else {
             let under = &self.storeys[storey - 1];
             let below = block * FLOOR..under.blocks().min((block + 1) * FLOOR);
@@ -172,13 +118,14 @@ impl Hierarchy<'_> {
             tops.iter().for_each(|top| nodes.append(&top.nodes));
             (nodes, Vec::new(), tops)
         };
-        let first = parents(&floor, floor.len().div_ceil(2));
-        let second = parents(&first.nodes, first.nodes.len().div_ceil(2));
-        let top = parents(&second.nodes, second.nodes.len().div_ceil(2));
+        let of_floors = below.iter().map(|top| top.own_detail).fold(0.0, f32::max);
+        let first = parents(&floor, floor.len().div_ceil(2), of_floors);
+        let second = parents(&first.nodes, first.nodes.len().div_ceil(2), first.detail);
+        let top = parents(&second.nodes, second.nodes.len().div_ceil(2), second.detail);
         let place = match &below[..] {
             [] => {
                 let (low, high) = floor.bounds();
-                Place { low, high, detail: 0.0 }
+                Place { low, high, detail: 0.0, own_detail: 0.0 }
             }
             tops => {
                 let side = |corner: fn(&Top) -> [f32; 3], choose: fn(f32, f32) -> f32| -> [f32; 3] {
@@ -186,7 +133,12 @@ impl Hierarchy<'_> {
                     corners.reduce(|a, b| [0, 1, 2].map(|i| choose(a[i], b[i]))).expect("there are blocks below")
                 };
                 let detail = tops.iter().map(|top| top.detail).fold(0.0, f32::max);
-                Place { low: side(|top| top.low, f32::min), high: side(|top| top.high, f32::max), detail }
+                Place {
+                    low: side(|top| top.low, f32::min),
+                    high: side(|top| top.high, f32::max),
+                    detail,
+                    own_detail: of_floors,
+                }
             }
         };
         let detail = [first.detail, second.detail, top.detail].into_iter().fold(place.detail, f32::max);
@@ -198,7 +150,7 @@ impl Hierarchy<'_> {
         let of_floor = errors(&first.of_children, &first.nodes);
         if own.is_ground {
             let order = by_error(&of_floor);
-            self.rewrite_scene(pages[0], (&floor, &ids), &order, &of_floor, place)?;
+            self.rewrite_scene(pages[0], (&floor, &records), &order, &of_floor, place)?;
         } else {
             for (page, level) in self.write_nodes(pages[0], &floor, &by_error(&of_floor), &of_floor, place)? {
                 self.write_level(page, Level { parent: page as u32, ..level })?;
@@ -206,15 +158,28 @@ impl Hierarchy<'_> {
             below.iter().try_for_each(|top| self.finish(&top.second, pages[0]))?;
         }
         let of_first = errors(&second.of_children, &second.nodes);
-        for (page, level) in self.write_nodes(pages[1], &first.nodes, &by_error(&of_first), &of_first, place)? {
+        for (page, level) in self.write_nodes(
+            pages[1],
+            &first.nodes,
+            &by_error(&of_first),
+            &of_first,
+            Place { own_detail: first.detail, ..place },
+        )? {
             self.write_level(page, Level { parent: page as u32, ..level })?;
         }
         let of_second = errors(&top.of_children, &top.nodes);
-        let written = self.write_nodes(pages[2], &second.nodes, &by_error(&of_second), &of_second, place)?;
+        let written = self.write_nodes(
+            pages[2],
+            &second.nodes,
+            &by_error(&of_second),
+            &of_second,
+            Place { own_detail: second.detail, ..place },
+        )?;
         let done = floor.len() + self.done.fetch_add(floor.len(), Ordering::Relaxed);
         (self.progress)(done as f64 / self.storeys.iter().map(|storey| storey.nodes).sum::<usize>() as f64);
-        let Place { low, high, detail } = place;
-        Ok(Top { nodes: top.nodes, second: Second { pages: written }, low, high, detail })
+        let Place { low, high, detail, .. } = place;
+        let own_detail = top.detail;
+        Ok(Top { nodes: top.nodes, second: Second { pages: written }, low, high, detail, own_detail })
     }
 
     /// Writes the table of a second level: its parents are on `page`.
@@ -223,20 +188,20 @@ impl Hierarchy<'_> {
         second.pages.iter().try_for_each(write)
     }
 
-    /// The Gaussians of some pages of the scene as they are drawn, and their indices.
-    fn scene_pages(&self, pages: std::ops::Range<usize>) -> Result<(Nodes, Vec<u32>)> {
+    /// The Gaussians of some pages of the scene as they are drawn, and their words.
+    fn scene_pages(&self, pages: Range<usize>) -> Result<(Nodes, Vec<PageRecord>)> {
         let Output { words, layout, .. } = self.output;
-        let (mut nodes, mut indices) = (Nodes::new(self.sh_degree), Vec::new());
+        let (mut nodes, mut records) = (Nodes::new(self.sh_degree), Vec::new());
         for page in pages {
             let [geometry, colours] = self.read_page(page)?;
             for k in (0..PAGE).filter(|k| geometry[words.ids.start + k] != PADDING) {
                 let mean = std::array::from_fn(|axis| f32::from_bits(geometry[4 * k + axis]));
                 let (rotation, scale, opacity) = layout.unpacked_shape(&words.shape_of(&geometry, k));
                 nodes.push(Node::leaf(mean, rotation, scale, opacity), &layout.unpacked_sh(&words.sh_of(&colours, k)));
-                indices.push(geometry[words.ids.start + k]);
+                records.push(words.record(&geometry, &colours, k));
             }
         }
-        Ok((nodes, indices))
+        Ok((nodes, records))
     }
 
     /// The words of the geometry and of the colours of a page.
@@ -255,19 +220,15 @@ impl Hierarchy<'_> {
     fn rewrite_scene(
         &self,
         first: usize,
-        (nodes, ids): (&Nodes, &[u32]),
+        (nodes, records): (&Nodes, &[PageRecord]),
         order: &[u32],
         parents: &[u16],
         place: Place,
     ) -> Result<()> {
-        // The same words as before: unpacked values are packed to the words that they came from.
         for (number, part) in order.chunks(PAGE).enumerate() {
             let page = first + number;
-            let shape = |k: usize| {
-                let Node { mean, rotation, scale, opacity, .. } = nodes.nodes[part[k] as usize];
-                Shape { mean, rotation, scale, opacity }
-            };
-            self.write_page(page, nodes, part, shape, |k| ids[part[k] as usize])?;
+            let records: Vec<&PageRecord> = part.iter().map(|index| &records[*index as usize]).collect();
+            self.write_page(page, |geometry, colours| self.output.words.fill_records(&records, geometry, colours))?;
             let chosen: Vec<u16> = part.iter().map(|i| parents[*i as usize]).collect();
             let level = self.write_words(page, &nodes.selected(part), &chosen, place)?;
             self.write_level(page, Level { parent: page as u32, ..level })?;
@@ -293,27 +254,23 @@ impl Hierarchy<'_> {
                 Shape { mean, rotation, scale, opacity: opacity.max(summed).min(MOST_OPACITY) }
             };
             let id = self.count + (page - self.count.div_ceil(PAGE)) * PAGE;
-            self.write_page(page, nodes, part, shape, |k| (id + k) as u32)?;
+            let Output { words, layout, alpha_min, .. } = self.output;
+            self.write_page(page, |geometry, colours| {
+                words.fill_geometry((layout, *alpha_min), part.len(), shape, |k| (id + k) as u32, geometry);
+                words.fill_colours(layout, part.len(), colours, |k| nodes.sh(part[k] as usize));
+            })?;
             let chosen: Vec<u16> = part.iter().map(|i| parents[*i as usize]).collect();
             Ok((page, self.write_words(page, &nodes.selected(part), &chosen, place)?))
         };
         order.chunks(PAGE).enumerate().map(write).collect()
     }
 
-    /// Writes the geometry, the colours and the entry of a page with the nodes `part`.
-    fn write_page(
-        &self,
-        page: usize,
-        nodes: &Nodes,
-        part: &[u32],
-        shape: impl Fn(usize) -> Shape,
-        id: impl Fn(usize) -> u32,
-    ) -> Result<()> {
-        let Output { words, layout, alpha_min, .. } = self.output;
+    /// Writes the geometry and the colours of a page, which `fill` makes, and its entry.
+    fn write_page(&self, page: usize, fill: impl FnOnce(&mut [u32], &mut [u32])) -> Result<()> {
+        let Output { words, layout, .. } = self.output;
         let mut geometry = vec![0; words.geometry()];
         let mut colours = vec![0; words.colours()];
-        words.fill_geometry((layout, *alpha_min), part.len(), shape, id, &mut geometry);
-        words.fill_colours(layout, part.len(), &mut colours, |k| nodes.sh(part[k] as usize));
+        fill(&mut geometry, &mut colours);
         let summary = Page::of(words, layout, &geometry);
         let mut checksums = [0; 2];
         for (stream, part) in [&mut geometry, &mut colours].into_iter().enumerate() {
@@ -345,8 +302,8 @@ impl Hierarchy<'_> {
         let bytes: &[u8] = bytemuck::cast_slice(&words);
         let [.., words_at, _] = self.output.places;
         write_all_at(self.output.file, bytes, words_at + (page * bytes.len()) as u64)?;
-        let Place { low, high, detail } = place;
-        let level = Level::of(nodes, parents, NO_PAGE);
+        let Place { low, high, detail, own_detail } = place;
+        let level = Level::of(nodes, parents, (own_detail / detail).min(1.0).powi(2));
         let most_opacity = level.most_opacity.min(MOST_OPACITY);
         Ok(Level { low, high, detail, most_opacity, checksum: XxHash3_64::oneshot(bytes), ..level })
     }
@@ -363,32 +320,4 @@ fn by_error(errors: &[u16]) -> Vec<u32> {
     let mut order: Vec<u32> = (0..errors.len() as u32).collect();
     order.sort_by_key(|index| errors[*index as usize]);
     order
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pages_of_storeys_follow_each_other() {
-        assert_eq!([1, 1024, 1025].map(pages_of_levels), [0, 0, 1 + 1 + 1]);
-        for count in [1025, 5000, 8192, 8193, 70_000, 1_000_000] {
-            let storeys = storeys(count);
-            let mut end = count.div_ceil(PAGE);
-            for storey in &storeys {
-                assert_eq!(storey.first, end, "{count}");
-                for block in 0..storey.blocks() {
-                    let (pages, nodes) = (storey.pages_of(block), storey.levels_of(block));
-                    let begin = if storey.is_ground { 1 } else { 0 };
-                    assert_eq!(pages[begin], end, "{count}");
-                    for level in begin..3 {
-                        assert_eq!(pages[level + 1] - pages[level], nodes[level].div_ceil(PAGE), "{count}");
-                    }
-                    end = pages[3];
-                }
-            }
-            assert_eq!(end + 1, count.div_ceil(PAGE) + pages_of_levels(count), "{count}");
-            assert!(storeys.last().unwrap().above().nodes <= PAGE);
-        }
-    }
 }

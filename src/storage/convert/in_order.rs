@@ -4,9 +4,9 @@ use std::fs::File;
 
 use anyhow::{Result, bail, ensure};
 
-use super::hierarchy::pages_of_levels;
 use super::job::{Blocks, Finished, Job, PAGES, STATE, Settings, check_count, finish, first_passes};
 use super::output::Output;
+use super::storeys::pages_of_levels;
 use crate::files::Kept;
 use crate::options::Storage;
 use crate::scene::{Cancelled, Gaussians, along_curve};

@@ -6,10 +6,11 @@ use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
 
 use super::buckets::{Cuts, Filling, name, records};
-use super::hierarchy::{build, pages_of_levels};
+use super::hierarchy::build;
 use super::output::Output;
 use super::records::{gaussians_of, mean_of, record_words};
 use super::state::{State, Work};
+use super::storeys::pages_of_levels;
 use crate::files::Kept;
 use crate::options::{Options, Storage};
 use crate::scene::{Cancelled, Curve, Gaussians, Scene};

@@ -7,6 +7,7 @@ mod job;
 mod output;
 mod records;
 mod state;
+mod storeys;
 
 pub use in_order::write_in_order;
 pub use job::{Blocks, Finished, Job, LEAST_MEMORY, Settings, Take, write_blocks, write_whole};

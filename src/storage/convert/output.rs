@@ -102,7 +102,8 @@ impl<'f> Output<'f> {
         ensure!(is_sound, "what was kept of an earlier run is damaged: run it again");
         header.table_checksum = XxHash3_64::oneshot(&table);
         if let Some(levels) = &mut header.levels {
-            let mut table: Vec<u8> = host_zeros((header.statistics.count.div_ceil(PAGE) + levels.pages) * Level::BYTES, "table of levels")?;
+            let mut table: Vec<u8> =
+                host_zeros((header.statistics.count.div_ceil(PAGE) + levels.pages) * Level::BYTES, "table of levels")?;
             read_exact_at(self.file, &mut table, levels.table_at)?;
             levels.checksum = XxHash3_64::oneshot(&table);
         }

@@ -191,7 +191,8 @@ impl Header {
         let end = match self.levels {
             None => end,
             Some(levels) => {
-                let is_behind = end.is_some_and(|end| levels.words_at >= end && levels.words_at.is_multiple_of(ALIGNED));
+                let is_behind =
+                    end.is_some_and(|end| levels.words_at >= end && levels.words_at.is_multiple_of(ALIGNED));
                 let table = levels.words_at.checked_add(self.pages() as u64 * LEVEL_BYTES);
                 let is_table = is_behind && table.is_some_and(|end| levels.table_at >= end);
                 let end = levels.table_at.checked_add((self.pages() * Level::BYTES) as u64);

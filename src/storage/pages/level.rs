@@ -38,9 +38,10 @@ pub struct Level {
 impl Level {
     pub const BYTES: usize = 96;
 
-    /// The page of these nodes; `parents` are the codes of their parents' errors, in the same order. The box and
-    /// the detail are set by the caller.
-    pub fn of(nodes: &Nodes, parents: &[u16], parent: u32) -> Self {
+    /// The page of these nodes; `parents` are the codes of their parents' errors, in the same order. The box, the
+    /// detail and the page of the parents are set by the caller. `fallen`: the part of the squared errors of the nodes
+    /// that is left in pixels as wide as that detail.
+    pub fn of(nodes: &Nodes, parents: &[u16], fallen: f32) -> Self {
         let mut own: Vec<(u16, f32)> = nodes.nodes.iter().map(|node| (code(node.error.into()), node.energy)).collect();
         own.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
         let mut parents = parents.to_vec();
@@ -49,13 +50,13 @@ impl Level {
         let energy = |part: usize| {
             let nodes = &own[(part * nodes.len()).div_ceil(PARTS)..end(part)];
             let sum: f64 = nodes.iter().map(|(_, energy)| f64::from(*energy)).sum();
-            code(sum / nodes.len().max(1) as f64)
+            code(f64::from(fallen) * sum / nodes.len().max(1) as f64)
         };
         Self {
             low: [0.0; 3],
             high: [0.0; 3],
             detail: 0.0,
-            parent,
+            parent: NO_PAGE,
             most_opacity: nodes.nodes.iter().map(|node| node.opacity.max(node.summed)).fold(0.0, f32::max),
             least: own.first().map_or(FINEST, |first| first.0),
             errors: std::array::from_fn(|part| own[end(part) - 1].0),
@@ -100,11 +101,17 @@ impl Level {
 
     /// True if no value is out of its range, for page `own` of `pages`.
     pub fn is_plausible(&self, own: usize, pages: usize) -> bool {
-        let is_box = self.low.iter().zip(self.high).all(|(low, high)| low.is_finite() && *low <= high && high.is_finite());
+        let is_box =
+            self.low.iter().zip(self.high).all(|(low, high)| low.is_finite() && *low <= high && high.is_finite());
         let is_last = own + 1 == pages;
         let has_parent = (own..pages).contains(&(self.parent as usize));
         let is_parent = if is_last { self.parent == NO_PAGE } else { has_parent };
-        is_box && self.detail >= 0.0 && is_parent && self.most_opacity >= 0.0 && self.errors.is_sorted() && self.parents.is_sorted()
+        is_box
+            && self.detail >= 0.0
+            && is_parent
+            && self.most_opacity >= 0.0
+            && self.errors.is_sorted()
+            && self.parents.is_sorted()
     }
 }
 

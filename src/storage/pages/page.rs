@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::storage::layout::Layout;
-use crate::storage::planes::{Shape, pack_sh, pack_shapes, reach, share, take};
+use crate::storage::planes::{Shape, pack_sh, pack_shapes, put, reach, share, take};
 
 /// Gaussians of a page.
 pub const PAGE: usize = 1024;
@@ -128,6 +128,15 @@ impl Entry {
     }
 }
 
+/// The words of a Gaussian in a page.
+#[derive(Clone, Debug)]
+pub struct PageRecord {
+    bounds: [u32; 4],
+    shape: [u32; 8],
+    id: u32,
+    sh: [u32; 48],
+}
+
 /// Where the words of a page lie. Its geometry is a plane of bounds, the planes of shapes and a plane of indices; its
 /// colours are the planes of spherical harmonics.
 #[derive(Clone, Debug)]
@@ -202,6 +211,33 @@ impl PageWords {
         let (bounds, padding) = bounds.as_chunks_mut().0.split_at_mut(count);
         padding.iter_mut().for_each(|bounds: &mut [u32; 4]| bounds[3] = NEVER.to_bits());
         pack_shapes(layout, alpha_min, shape, bounds, &mut split(&self.shapes, shapes));
+    }
+
+    /// The words of Gaussian `k` of a page.
+    pub fn record(&self, geometry: &[u32], colours: &[u32], k: usize) -> PageRecord {
+        PageRecord {
+            bounds: std::array::from_fn(|i| geometry[4 * k + i]),
+            shape: self.shape_of(geometry, k),
+            id: geometry[self.ids.start + k],
+            sh: self.sh_of(colours, k),
+        }
+    }
+
+    /// Fills the geometry and the colours of a page with these words. The other places are padded.
+    pub fn fill_records(&self, records: &[&PageRecord], geometry: &mut [u32], colours: &mut [u32]) {
+        geometry.fill(0);
+        colours.fill(0);
+        let (bounds, rest) = geometry.split_at_mut(4 * PAGE);
+        let (shapes, ids) = rest.split_at_mut(self.ids.start - 4 * PAGE);
+        ids.fill(PADDING);
+        bounds.as_chunks_mut().0.iter_mut().for_each(|bounds: &mut [u32; 4]| bounds[3] = NEVER.to_bits());
+        let (mut shapes, mut sh) = (split(&self.shapes, shapes), split(&self.sh, colours));
+        for (k, record) in records.iter().enumerate() {
+            bounds[4 * k..][..4].copy_from_slice(&record.bounds);
+            ids[k] = record.id;
+            put(&mut shapes, k, self.shape_words, |word| record.shape[word]);
+            put(&mut sh, k, self.sh_words, |word| record.sh[word]);
+        }
     }
 
     /// Fills the colours of a page with `count` Gaussians: place `k` with the spherical harmonics `sh(k)`.

@@ -1,6 +1,7 @@
 //! Page files: what is written is what was read, whatever the way, and damage is found.
 
 mod damage;
+mod levels;
 mod writing;
 
 use std::fs;

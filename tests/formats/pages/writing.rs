@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use smalto::options::Options;
 use smalto::scene::{Cancelled, Gaussians, Procedural, Scene, synthetic};
@@ -12,7 +13,7 @@ use super::{EXACT, bits, job, read, scene_of};
 use crate::common::program::{ok, path};
 
 /// A scene that comes in blocks of this size.
-fn in_blocks(gaussians: &Gaussians, block: usize) -> impl Fn(&mut Take) -> anyhow::Result<Scene> + Sync {
+pub fn in_blocks(gaussians: &Gaussians, block: usize) -> impl Fn(&mut Take) -> anyhow::Result<Scene> + Sync {
     move |take: &mut Take| {
         for first in (0..gaussians.len()).step_by(block) {
             let indices: Vec<u32> = (first..gaussians.len().min(first + block)).map(|i| i as u32).collect();
@@ -63,11 +64,8 @@ fn blocks_that_lie_apart_are_written_as_they_come() {
 
 /// A job that is cancelled after some questions.
 fn interrupted(output: &Path, source: &Path, blocks: &Blocks, questions: usize) -> anyhow::Result<Finished> {
-    let asked = std::cell::Cell::new(0);
-    let is_cancelled = || {
-        asked.set(asked.get() + 1);
-        asked.get() > questions
-    };
+    let asked = AtomicUsize::new(0);
+    let is_cancelled = || asked.fetch_add(1, Ordering::Relaxed) >= questions;
     let settings = Settings { memory: 2 << 20, ..EXACT };
     let job = Job { is_cancelled: &is_cancelled, ..job(output, settings) };
     write_blocks(&job, source, blocks, "")

@@ -1,0 +1,127 @@
+//! Pictures by levels of detail: the finest cut is the scene, limits are kept, and caps of memory change no bit.
+
+use std::sync::Arc;
+
+use super::detail::with_levels;
+use crate::camera::Camera;
+use crate::gpu::{Device, DeviceChoice, Validation};
+use crate::options::Options;
+use crate::pixels::Pixels;
+use crate::render::{Content, Detailed, Renderer, SceneSource};
+use crate::rules::{Background, Rules};
+use crate::scene::{Focus, Gaussians, synthetic};
+use crate::storage::PageFile;
+use crate::storage::convert::Settings;
+
+const SIZE: [u32; 2] = [200, 130];
+const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
+
+fn scene() -> (Gaussians, Arc<PageFile>) {
+    let scene = synthetic::cactus(40_000).unwrap();
+    (scene.gaussians.clone(), with_levels(scene, Settings::LOSSLESS))
+}
+
+fn open(limit: Option<u64>) -> Device {
+    let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
+    if limit.is_some() { device.with_memory_limit(limit).unwrap() } else { device }
+}
+
+fn view(gaussians: &Gaussians, zoom: f64) -> Camera {
+    let focus = Focus::of(gaussians);
+    Camera::framing(focus.centre.into(), focus.radius * zoom, SIZE)
+}
+
+fn draw(device: &Device, source: &SceneSource, options: &Options, camera: &Camera) -> (Pixels, Option<Detailed>) {
+    let scene = source.bring(device, options, false, 1 << 20).unwrap();
+    let mut renderer = Renderer::new(device, options, &scene).unwrap();
+    let frame = renderer.render(camera, BACKGROUND).unwrap();
+    let pixels = renderer.pixels().unwrap();
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+    (pixels, frame.parts.and_then(|parts| parts.detail))
+}
+
+fn source(file: &Arc<PageFile>) -> SceneSource {
+    SceneSource { content: Content::File(file.clone()), placements: None }
+}
+
+fn differing(a: &Pixels, b: &Pixels) -> usize {
+    a.rgba.iter().zip(&b.rgba).filter(|(a, b)| a.map(f32::to_bits) != b.map(f32::to_bits)).count()
+}
+
+fn psnr(a: &Pixels, b: &Pixels) -> f64 {
+    let colours = |pixels: &Pixels| -> Vec<f32> { pixels.rgba.iter().flat_map(|p| [p[0], p[1], p[2]]).collect() };
+    let (a, b) = (colours(a), colours(b));
+    let squares: f64 = a.iter().zip(&b).map(|(a, b)| f64::from(a - b).powi(2)).sum();
+    -10.0 * (squares / a.len() as f64).log10()
+}
+
+#[test]
+fn the_finest_cut_shows_the_bits_of_the_scene() {
+    let ((gaussians, file), device) = (scene(), open(None));
+    let camera = view(&gaussians, 0.7);
+    let whole = SceneSource::of(gaussians);
+    for options in [Options::EXACT, Options::BALANCED, Options { portable: true, ..Options::EXACT }] {
+        let expected = draw(&device, &whole, &options, &camera).0;
+        let finest = Options { lod_error: 1e-12, ..options };
+        assert_eq!(differing(&draw(&device, &source(&file), &finest, &camera).0, &expected), 0);
+        assert_eq!(differing(&draw(&device, &source(&file), &options, &camera).0, &expected), 0, "without levels");
+    }
+}
+
+#[test]
+fn a_cut_is_the_same_under_every_limit_of_memory_and_on_both_paths() {
+    let (gaussians, file) = scene();
+    let camera = view(&gaussians, 1.0);
+    let options = Options { splats: 8000, ..Options::EXACT };
+    let (expected, detail) = draw(&open(None), &source(&file), &options, &camera);
+    for limit in [80 << 20, 60 << 20] {
+        let (pixels, same) = draw(&open(Some(limit)), &source(&file), &options, &camera);
+        assert_eq!((differing(&pixels, &expected), same), (0, detail), "{limit}");
+    }
+    let portable = draw(&open(None), &source(&file), &Options { portable: true, ..options }, &camera).0;
+    assert!(psnr(&portable, &expected) > 80.0, "{}", psnr(&portable, &expected));
+}
+
+#[test]
+fn errors_are_about_those_that_are_predicted() {
+    let ((gaussians, file), device) = (scene(), open(None));
+    let rules = Rules { antialiased: true, ..Rules::TRAINED };
+    let options = Options { rules, ..Options::EXACT };
+    let mut shown = Vec::new();
+    for zoom in [1.0, 3.0] {
+        let camera = view(&gaussians, zoom);
+        let whole = draw(&device, &source(&file), &options, &camera).0;
+        for db in [30.0, 36.0, 42.0] {
+            let (pixels, detail) = draw(&device, &source(&file), &Options { lod_psnr: db, ..options }, &camera);
+            let (measured, Detailed { predicted_psnr, nodes, .. }) = (psnr(&pixels, &whole), detail.unwrap());
+            shown.push(format!("{zoom}: {nodes:.0} nodes, {predicted_psnr:.1} dB predicted, {measured:.1} shown"));
+            assert!((predicted_psnr - f64::from(db)).abs() < 0.5, "{shown:?}");
+            // Hidden nodes count in the prediction, and far away differences fall faster than it supposes. Errors in
+            // one direction may be larger than in several.
+            assert!((-6.0..25.0).contains(&(measured - predicted_psnr)), "{shown:?}");
+        }
+    }
+}
+
+#[test]
+fn a_number_of_nodes_is_kept() {
+    let ((gaussians, file), device) = (scene(), open(None));
+    let camera = view(&gaussians, 1.5);
+    let mut before = f64::INFINITY;
+    for splats in [20_000, 5000, 1000] {
+        let options = Options { splats, ..Options::BALANCED };
+        let (_, detail) = draw(&device, &source(&file), &options, &camera);
+        let Detailed { nodes, predicted_psnr, .. } = detail.unwrap();
+        assert!(nodes <= f64::from(splats) && nodes > 0.9 * f64::from(splats), "{nodes} of {splats}");
+        assert!(predicted_psnr < before, "fewer nodes show less");
+        before = predicted_psnr;
+    }
+}
+
+#[test]
+fn a_scene_without_levels_is_refused() {
+    let device = open(None);
+    let source = SceneSource::of(synthetic::cactus(100).unwrap().gaussians);
+    let problem = source.bring(&device, &Options { splats: 10, ..Options::EXACT }, false, 0).err().unwrap();
+    assert!(problem.to_string().contains("smalto lod"), "{problem}");
+}
