@@ -53,7 +53,7 @@ pub(super) fn parse(arguments: impl IntoIterator<Item = impl Into<OsString> + Cl
 /// The commands with all options. A number below 0 is a value, not an option.
 pub(super) fn command() -> Command {
     Cli::command().mut_subcommands(|command| {
-        let has_knobs = command.get_arguments().any(|arg| arg.get_id() == KNOBS[0].name);
+        let has_knobs = command.get_arguments().any(|arg| arg.get_id() == "stop");
         command.mut_args(|arg| {
             let is_option = !arg.is_positional() && arg.get_action().takes_values();
             let arg = if is_option { arg.allow_negative_numbers(true) } else { arg };
@@ -72,10 +72,12 @@ fn knobs_without_effect(option: &str) -> Vec<&'static str> {
     match option {
         // The reference draws by rules and degree; it has no storage, no sorting by bits, no stop.
         "reference" => named(|knob| knob.group == Group::Accuracy && knob.name != "sh-degree"),
-        // A budget sets them itself; `prune` measures exact pictures.
-        "max_error" | "min_psnr" | "psnr" => named(|knob| knob.group == Group::Accuracy),
+        // A budget sets them itself.
+        "max_error" | "min_psnr" => named(|knob| knob.group == Group::Accuracy),
         // So does the ladder, whose rungs have rules of their own.
         "ladder" => named(|knob| knob.name != "near"),
+        // It sets the error itself.
+        "lod-psnr" => vec!["lod-error"],
         _ => Vec::new(),
     }
 }

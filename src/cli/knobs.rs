@@ -27,7 +27,36 @@ impl clap::Args for Knobs {
 
 impl clap::FromArgMatches for Knobs {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        Ok(Self(flags().filter_map(|knob| Some((knob, *matches.get_one(knob.name)?))).collect()))
+        Ok(Self::given(flags(), matches))
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+/// The knobs that are rules of the picture, for commands that draw exactly.
+#[derive(Clone, Debug, Default)]
+pub(super) struct RuleKnobs(pub Knobs);
+
+fn rules() -> impl Iterator<Item = &'static Knob> {
+    flags().filter(|knob| knob.group == Group::Rules)
+}
+
+impl clap::Args for RuleKnobs {
+    fn augment_args(command: Command) -> Command {
+        command.args(rules().map(flag))
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl clap::FromArgMatches for RuleKnobs {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        Ok(Self(Knobs::given(rules(), matches)))
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
@@ -56,6 +85,10 @@ fn flag(knob: &'static Knob) -> Arg {
 }
 
 impl Knobs {
+    fn given(knobs: impl Iterator<Item = &'static Knob>, matches: &ArgMatches) -> Self {
+        Self(knobs.filter_map(|knob| Some((knob, *matches.get_one(knob.name)?))).collect())
+    }
+
     /// `preset` with what these arguments change, for a scene that was trained with or without antialiasing and needs a
     /// near plane at most `nearest` away.
     pub fn options(&self, preset: &Options, antialiased: bool, nearest: f32) -> Options {

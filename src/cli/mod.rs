@@ -48,7 +48,7 @@ use budget::BudgetArgs;
 use cameras::{EyeArgs, FilmArgs, Numbered, SplitArg, named_or_found};
 use devices::{DeviceArgs, DevicesArgs};
 use environment::Environment;
-use knobs::Knobs;
+use knobs::{Knobs, RuleKnobs};
 use scenes::{ReadingArgs, SceneArg};
 use sink::Sink;
 

@@ -20,10 +20,11 @@ const DEVICE: &str = "device memory";
 const READING: &str = "up flip lod";
 const RULES: &str = "near order extent alpha-min antialiased";
 const ACCURACY: &str = "stop key-bits sh-degree sh-storage shape-storage scale";
+const LEVELS: &str = "lod-error lod-psnr splats";
 const BUDGET: &str = "max-error min-psnr";
 const PLACE: &str = "eye target camera-up fov";
 
-const COMMANDS: [Pairs; 8] = [
+const COMMANDS: [Pairs; 10] = [
     Pairs {
         command: "render",
         needed: &[],
@@ -32,6 +33,7 @@ const COMMANDS: [Pairs; 8] = [
             DEVICE,
             RULES,
             ACCURACY,
+            LEVELS,
             BUDGET,
             "output format compression layers names size cameras split camera path fps video resume background preset",
             "portable",
@@ -41,6 +43,9 @@ const COMMANDS: [Pairs; 8] = [
         refused: &[
             ("reference", "device portable timings dump certificate max-error min-psnr"),
             ("reference", "stop key-bits sh-storage shape-storage scale"),
+            ("reference", LEVELS),
+            ("lod-psnr", "lod-error"),
+            (BUDGET, LEVELS),
             ("place", "reference portable certificate max-error min-psnr"),
             ("max-error", "min-psnr"),
             (BUDGET, "preset"),
@@ -63,9 +68,10 @@ const COMMANDS: [Pairs; 8] = [
             DEVICE,
             RULES,
             ACCURACY,
+            LEVELS,
             "cameras size fullscreen vsync preset compare compare-by look keys events offscreen screen no-panels",
         ],
-        refused: &[("offscreen", "fullscreen vsync"), ("screen", "fullscreen vsync")],
+        refused: &[("offscreen", "fullscreen vsync"), ("screen", "fullscreen vsync"), ("lod-psnr", "lod-error")],
     },
     Pairs { command: "info", needed: &[], options: &[READING, "preset json"], refused: &[] },
     Pairs {
@@ -73,6 +79,18 @@ const COMMANDS: [Pairs; 8] = [
         needed: &["a.ply", "b.spz"],
         options: &[READING, "sh-degree transform crop min-opacity spz-version storage memory json format no-clobber"],
         refused: &[],
+    },
+    Pairs { command: "lod", needed: &["a.ply"], options: &[READING, "output storage memory json"], refused: &[] },
+    Pairs {
+        command: "prune",
+        needed: &["a.ply"],
+        options: &[
+            READING,
+            DEVICE,
+            RULES,
+            "output format spz-version no-clobber max-error psnr cameras split camera size keep-unseen json",
+        ],
+        refused: &[("max-error", "psnr")],
     },
     Pairs {
         command: "bench",
@@ -82,6 +100,7 @@ const COMMANDS: [Pairs; 8] = [
             DEVICE,
             RULES,
             ACCURACY,
+            LEVELS,
             PLACE,
             "cameras split path size warmup frames preset ladder check certificate",
             "json csv plot baseline threshold place",
@@ -92,6 +111,8 @@ const COMMANDS: [Pairs; 8] = [
             ("place", "ladder check certificate"),
             ("ladder", "preset check certificate baseline threshold order extent alpha-min antialiased"),
             ("ladder", ACCURACY),
+            ("ladder", LEVELS),
+            ("lod-psnr", "lod-error"),
         ],
     },
     Pairs {
@@ -111,10 +132,17 @@ const COMMANDS: [Pairs; 8] = [
             DEVICE,
             RULES,
             ACCURACY,
+            LEVELS,
             BUDGET,
             "cameras split parts size oracle-size views warmup frames json plot held-out",
         ],
-        refused: &[("max-error", "min-psnr"), (BUDGET, ACCURACY), ("held-out", ACCURACY)],
+        refused: &[
+            ("max-error", "min-psnr"),
+            (BUDGET, ACCURACY),
+            ("held-out", ACCURACY),
+            (BUDGET, LEVELS),
+            ("lod-psnr", "lod-error"),
+        ],
     },
     Pairs { command: "doctor", needed: &[], options: &[DEVICE, "json pipelines"], refused: &[] },
 ];
@@ -172,6 +200,9 @@ impl Pairs {
     /// The sentence that refuses these options even with every one that they may need.
     fn refusal_with_needs(&self, options: &[&str]) -> Option<String> {
         let refusal = self.refusal(options)?;
+        if let Some((missing, _)) = refusal.strip_prefix("missing: --").and_then(|rest| rest.split_once(' ')) {
+            return self.refusal_with_needs(&[options, &[missing]].concat());
+        }
         let Some((_, others)) = refusal.split_once(" needs ") else { return Some(refusal) };
         let with = |other: &str| self.refusal_with_needs(&[options, &[other.trim_start_matches("--")]].concat());
         others.split(" or ").map(with).collect::<Option<Vec<_>>>().and_then(|all| all.into_iter().next())

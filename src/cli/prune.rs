@@ -10,7 +10,7 @@ use super::convert::{FORMATS, Target, say_file, say_loss, write_pages, write_sce
 use super::render::{Chosen, choose};
 use super::table::{say_table, table};
 use super::{
-    DeviceArgs, Knobs, SceneArg, Sink, SplitArg, Usage, complain, named_or_found, one_of, parse_size, progress, say,
+    DeviceArgs, RuleKnobs, SceneArg, Sink, SplitArg, Usage, complain, named_or_found, one_of, parse_size, progress, say,
 };
 use crate::camera::{self, Camera};
 use crate::gpu::Device;
@@ -78,7 +78,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE|-")]
     json: Option<Sink>,
     #[command(flatten)]
-    knobs: Knobs,
+    knobs: RuleKnobs,
 }
 
 /// The views of a camera file.
@@ -89,10 +89,7 @@ struct Views {
 
 pub(super) fn run(args: &Args) -> Result<()> {
     let limit = limit(args)?;
-    if args.knobs.trades() {
-        return Err(Usage("prune measures exact pictures; only rules of the picture can be set".to_owned()).into());
-    }
-    args.knobs.check_gpu()?;
+    args.knobs.0.check_gpu()?;
     let target = Target::of(&args.output, args.format, args.spz_version)?;
     let input = args.scene.path();
     target.check(&args.output, input.as_deref(), args.no_clobber, args.json.as_ref())?;
@@ -103,7 +100,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if scene.gaussians.is_empty() {
         return Err(Usage(format!("{}: the scene has no Gaussians", args.scene.title())).into());
     }
-    let options = args.knobs.options(&Options::EXACT, scene.is_antialiased, f32::INFINITY);
+    let options = args.knobs.0.options(&Options::EXACT, scene.is_antialiased, f32::INFINITY);
     let pruned = prune(&device, &scene, &views, (limit, args.keep_unseen), options)?;
     complain(&device)?;
     let title = args.scene.title();

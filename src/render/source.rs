@@ -22,7 +22,7 @@ pub struct SceneSource {
 
 /// The scene has no levels of detail, and the options ask for them.
 #[derive(Debug, thiserror::Error)]
-#[error("the scene has no levels of detail (--lod-error, --lod-psnr, --splats): `smalto lod` makes a file with them")]
+#[error("there are no levels of detail here: `smalto lod` makes a file with them, `render` and `bench` draw it")]
 pub struct NoLevels;
 
 /// Where the Gaussians of a scene are.

@@ -212,7 +212,7 @@ fn what_cannot_be_done_is_refused_in_a_sentence() {
             [&["cactus:10", "--psnr", "40", "-o", &out, "--spz-version", "3"], &with[..]].concat(),
             "--spz-version needs an .spz file",
         ),
-        (2, [&["cactus:10", "--psnr", "40", "-o", &out, "--stop", "0.1"], &with[..]].concat(), "cannot be combined"),
+        (2, [&["cactus:10", "--psnr", "40", "-o", &out, "--stop", "0.1"], &with[..]].concat(), "--stop"),
         (2, [&["cactus:10", "--psnr", "40", "-o", &out, "--order", "per-pixel"], &with[..]].concat(), "--reference"),
         (2, [&["cactus:10", "--psnr", "40", "-o", &out, "--camera", "7"], &with[..]].concat(), "there is no camera 7"),
         (

@@ -221,7 +221,7 @@ mod tests {
             let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [640, 480]);
             let placed = PlacedCamera { camera, scale: 1.0 };
             let widths: Vec<f64> = levels.iter().map(|level| width(level, &placed, 0.01)).collect();
-            for exponent in -4..8 {
+            for exponent in (-40..-4).step_by(9).chain(-4..16) {
                 let limit = f64::from(exponent).exp2() / 255.0;
                 let (mut nodes, mut opacity) = (0, 0.0);
                 for (page, level) in levels.iter().enumerate() {
