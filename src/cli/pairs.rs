@@ -140,6 +140,7 @@ const COMMANDS: [Pairs; 10] = [
             ("max-error", "min-psnr"),
             (BUDGET, ACCURACY),
             ("held-out", ACCURACY),
+            ("held-out", LEVELS),
             (BUDGET, LEVELS),
             ("lod-psnr", "lod-error"),
         ],
