@@ -150,6 +150,8 @@ pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
 
 pub(super) fn finish(job: &Job, kept: Kept, output: &Output, header: Header) -> Result<()> {
     if job.settings.has_levels {
+        // Levels put the Gaussians of the scene into another order: what is half done cannot be gone on with.
+        kept.drop_file(STATE);
         let scene = (header.statistics.count, header.layout.sh_degree);
         let progress = |done: f64| (job.progress)(0.3 + 0.7 * done);
         let built = build(output, scene, &progress, job.is_cancelled);

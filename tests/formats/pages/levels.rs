@@ -1,10 +1,11 @@
 //! Page files with levels of detail: they hold the scene, are the same whatever the way, and damage is found.
 
 use std::fs;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use smalto::options::Options;
-use smalto::scene::{Unreadable, synthetic};
-use smalto::storage::convert::{Settings, Take, write_blocks, write_in_order, write_whole};
+use smalto::scene::{Cancelled, Unreadable, synthetic};
+use smalto::storage::convert::{Job, Settings, Take, write_blocks, write_in_order, write_whole};
 use smalto::storage::{LEVEL_WORDS, PAGE, PageFile};
 
 use super::{EXACT, bits, job, of_file, read, scene_of};
@@ -56,6 +57,35 @@ fn all_ways_write_the_same_levels() {
     };
     write_in_order(&job(&ordered, LEVELS), &all).unwrap();
     assert!(bits(&read(&ordered)) == bits(&gaussians));
+}
+
+#[test]
+fn an_interrupted_build_ends_with_the_same_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let gaussians = synthetic::cactus(20_000).unwrap().gaussians;
+    let [source, whole, out] = ["source", "whole.smalto", "out.smalto"].map(|name| folder.path().join(name));
+    fs::write(&source, "source").unwrap();
+    let settings = Settings { memory: 2 << 20, ..LEVELS };
+    write_whole(&job(&whole, LEVELS), &scene_of(gaussians.clone())).unwrap();
+    let blocks = super::writing::in_blocks(&gaussians, 7777);
+    let mut interrupted = 0;
+    for questions in 0.. {
+        // The blocks of levels ask, too: the last interruptions are among them.
+        let asked = AtomicUsize::new(0);
+        let is_cancelled = || asked.fetch_add(1, Ordering::Relaxed) >= questions;
+        let cancelled = Job { is_cancelled: &is_cancelled, ..job(&out, settings) };
+        match write_blocks(&cancelled, &source, &blocks, "") {
+            Err(problem) => assert!(problem.is::<Cancelled>(), "{problem:#}"),
+            Ok(_) => break,
+        }
+        interrupted += 1;
+        if interrupted % 3 == 0 {
+            write_blocks(&job(&out, settings), &source, &blocks, "").unwrap();
+            assert!(fs::read(&out).unwrap() == fs::read(&whole).unwrap(), "after {questions} questions");
+            fs::remove_file(&out).unwrap();
+        }
+    }
+    assert!(interrupted > 5, "{interrupted}");
 }
 
 #[test]
