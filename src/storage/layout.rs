@@ -7,7 +7,9 @@ use rayon::prelude::*;
 use super::halves::{finite_half, half, halves, joined, of_scale_code, scale_code, separated, upper_bits};
 use super::statistics::Statistics;
 use crate::options::{Options, Storage};
-use crate::scene::{Gaussians, Grid, MAX_SH_DEGREE, bands, decode_rotation, encode_rotation, sh_coefficients};
+use crate::scene::{
+    Gaussians, Grid, MAX_SH_DEGREE, Requirements, bands, decode_rotation, encode_rotation, sh_coefficients,
+};
 
 /// The SH degree and the number formats of a scene on the GPU: only those that the scene needs and the options allow.
 #[derive(Clone, Debug, PartialEq)]
@@ -93,6 +95,12 @@ impl Layout {
         let has_clamped_alphas = statistics.highest_opacity > 0.99 * options.rules.alpha_max;
         let brightest = needs.brightest;
         Self { sh_degree, sh, shape, sh_grids, scale_grid, scale_base, has_clamped_alphas, brightest, is_bright }
+    }
+
+    /// The layout of a scene whose nodes stand for several Gaussians. They lie on no grid that the file's values lie on.
+    pub fn of_nodes(statistics: &Statistics, options: &Options) -> Self {
+        let requirements = Requirements { sh_grids: None, scale_grid: None, ..statistics.requirements.clone() };
+        Self::of(&Statistics { requirements, ..statistics.clone() }, options)
     }
 
     /// The transmittance at which a pixel is finished: the options' stop, lower in bright scenes.

@@ -48,8 +48,8 @@ pub fn pack_shapes(
         let Shape { mean, rotation, scale, opacity } = shape(k);
         let [x, y, z] = mean.map(f32::to_bits);
         let (kept_scale, kept) = layout.kept_shape(scale, opacity);
-        // A Gaussian that is too faint to be drawn stays so.
-        let drawn = if opacity < alpha_min { opacity } else { kept };
+        // A Gaussian that is too faint to be drawn stays so. What exceeds 1 is drawn by the words of levels.
+        let drawn = if opacity < alpha_min || opacity > 1.0 { opacity } else { kept };
         *element = [x, y, z, reach(kept_scale, drawn, alpha_min.into())];
         put(planes, k, layout.shape_words(), |word| layout.shape_word(rotation, scale, opacity, word));
     }

@@ -49,7 +49,7 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
     })?;
     let Some(mut going) = going else { bail!("there are no Gaussians") };
     let statistics = job.statistics(going.end(&file)?);
-    let mut layout = Layout::of(&statistics, options);
+    let mut layout = job.layout(&statistics);
     // Coefficients of degrees that turned out to be 0 are stored, too.
     layout.sh_degree = going.layout.sh_degree;
     let header = job.header(&scene, statistics, layout);
@@ -75,7 +75,7 @@ impl Going {
         let Settings { options, has_levels, .. } = &job.settings;
         let statistics = Accumulator::new(of, sh_degree);
         let layout = match known {
-            Some(known) => Layout::of(known, options),
+            Some(known) => job.layout(known),
             None => Layout::plain(sh_degree.min(options.sh_degree)),
         };
         let (alpha_min, scene_pages) = (options.rules.alpha_min, of.div_ceil(PAGE));

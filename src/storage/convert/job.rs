@@ -111,6 +111,12 @@ impl Job<'_> {
         if self.settings.has_levels { statistics.with_room_for_levels() } else { statistics }
     }
 
+    /// The layout of the file of a scene with these statistics.
+    pub(super) fn layout(&self, statistics: &Statistics) -> Layout {
+        let Settings { options, has_levels, .. } = &self.settings;
+        if *has_levels { Layout::of_nodes(statistics, options) } else { Layout::of(statistics, options) }
+    }
+
     /// Reports this part of the work that comes before the levels.
     pub(super) fn report(&self, done: f64) {
         (self.progress)(if self.settings.has_levels { 0.3 * done } else { done });
@@ -133,7 +139,7 @@ pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
     let kept = Kept::beside(job.output, STATE)?;
     kept.clear()?;
     let statistics = job.statistics(Statistics::of(gaussians));
-    let layout = Layout::of(&statistics, &job.settings.options);
+    let layout = job.layout(&statistics);
     let header = job.header(scene, statistics, layout);
     let file = kept.file(PAGES)?;
     let output = Output::new(&file, (&header.layout, header.alpha_min), header.pages());
@@ -267,7 +273,7 @@ fn fill_buckets(job: &Job, kept: &Kept, blocks: &Blocks, work: Option<Work>) -> 
         Ok(())
     })?;
     ensure!(added == count, CHANGED);
-    let layout = Layout::of(&statistics, &job.settings.options);
+    let layout = job.layout(&statistics);
     let header = job.header(&scene, statistics, layout);
     let file = kept.file(PAGES)?;
     let header = Output::new(&file, (&header.layout, header.alpha_min), header.pages()).placed(header.clone());

@@ -46,10 +46,12 @@ impl Pages {
     pub fn of_file(file: Arc<PageFile>, options: &Options) -> Self {
         let header = file.header();
         let (statistics, alpha_min) = (header.statistics.clone(), options.rules.alpha_min);
-        let wanted = Layout::of(&statistics, options);
         let (stored, has_reaches) = (&header.layout, header.alpha_min == alpha_min);
         let has_levels = options.wants_levels() && header.levels.is_some();
-        let all = if has_levels { file.pages() } else { &file.pages()[..header.scene_pages()] };
+        let (wanted, all) = match has_levels {
+            true => (Layout::of_nodes(&statistics, options), file.pages()),
+            false => (Layout::of(&statistics, options), &file.pages()[..header.scene_pages()]),
+        };
         let plain = |pages: &[Page]| match has_reaches {
             true => pages.to_vec(),
             false => pages.iter().map(|page| page.at(alpha_min, 1.0, 0.0)).collect(),
