@@ -24,7 +24,7 @@ pub struct Blob {
     cov: [f32; 3],
     /// Opacity times area in each plane.
     mass: [f32; 3],
-    pub colour: [f32; CHANNELS],
+    colour: [f32; CHANNELS],
     /// The squared norm.
     norm: f32,
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::blob::Blob;
 use super::fit::fit;
+use super::median::median;
 use super::merge::parent;
 use super::node::Nodes;
 use super::pairs::merged;
@@ -51,11 +52,10 @@ pub fn parents(children: &Nodes, wanted: usize, detail: f32) -> Parents {
         }
     }
     // A node that has no brother is the same on both pages. It changes pages as most of the family does.
-    let mut errors: Vec<f32> = nodes.nodes.iter().zip(&is_new).filter(|(_, new)| **new).map(|(n, _)| n.error).collect();
-    let middle = errors.len() / 2;
-    let median = if errors.is_empty() { 0.0 } else { *errors.select_nth_unstable_by(middle, f32::total_cmp).1 };
+    let new = nodes.nodes.iter().zip(&is_new).filter(|(_, is_new)| **is_new);
+    let typical = median(new.map(|(node, _)| node.error.into()).collect()) as f32;
     let copies = nodes.nodes.iter_mut().zip(&is_new).filter(|(_, is_new)| !**is_new);
-    copies.for_each(|(node, _)| node.error = node.error.max(median));
+    copies.for_each(|(node, _)| node.error = node.error.max(typical));
     let order = along_a_curve(&nodes);
     let mut place = vec![0; order.len()];
     order.iter().enumerate().for_each(|(new, old)| place[*old as usize] = new as u32);
@@ -69,13 +69,8 @@ pub fn parents(children: &Nodes, wanted: usize, detail: f32) -> Parents {
 /// The children as the choice of pairs sees them.
 fn blobs(children: &Nodes) -> Vec<Blob> {
     let origin = children.nodes[0].mean;
-    let mut distances: Vec<f64> =
-        children.nodes.windows(2).map(|pair| (pair[0].centre() - pair[1].centre()).length()).collect();
-    let middle = distances.len() / 2;
-    let typical = match distances.is_empty() {
-        true => 0.0,
-        false => *distances.select_nth_unstable_by(middle, f64::total_cmp).1,
-    };
+    let pairs = children.nodes.windows(2);
+    let typical = median(pairs.map(|pair| (pair[0].centre() - pair[1].centre()).length()).collect());
     let blur = (BLURRED * typical as f32).powi(2).max(1e-20);
     let colour = |i: usize| children.sh(i)[0].map(|value| (0.5 + harmonics::C0 as f32 * value).max(0.0));
     (0..children.len()).map(|i| Blob::of(&children.nodes[i], colour(i), origin, blur)).collect()

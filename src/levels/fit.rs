@@ -1,5 +1,6 @@
 //! Fits parents to the pictures of their children, and measures what is left of the difference.
 
+use super::median::median;
 use super::node::Nodes;
 use super::raster::{Picture, Splats, Window, directions};
 use crate::scene::harmonics;
@@ -29,9 +30,7 @@ struct View {
 
 /// The width of pixels in which parents are fitted: that of the median parent.
 fn pixel(parents: &Nodes, children: &Nodes) -> f64 {
-    let mut sizes: Vec<f64> = parents.nodes.iter().map(|node| node.area().sqrt()).collect();
-    let middle = sizes.len() / 2;
-    let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let median = median(parents.nodes.iter().map(|node| node.area().sqrt()).collect());
     let (low, high) = children.bounds();
     let diagonal = (0..3).map(|i| f64::from(high[i] - low[i]).powi(2)).sum::<f64>().sqrt();
     median.max(diagonal / MOST_PX).max(1e-18)
@@ -60,26 +59,22 @@ pub fn fit(children: &Nodes, parents: &mut Nodes, is_free: &[bool]) -> Left {
 /// What the pictures ask one parent to change.
 #[derive(Clone, Copy, Default)]
 struct Change {
-    /// Sums over pixels, weighted with the parent's part in them: of the alphas of children and of parents, of the
-    /// missing colour, of the weights times what all weights sum up to.
+    /// Sums over pixels, weighted with the parent's part in them: of the alphas of the children and of the parents, and
+    /// of the missing colour.
     wanted: f64,
     drawn: f64,
     missing: [f64; 3],
-    weight: f64,
 }
 
 impl Change {
     fn apply(&self, parents: &mut Nodes, index: usize) {
-        if self.drawn > 0.0 {
-            let factor = (self.wanted / self.drawn).clamp(0.5, 2.0) as f32;
-            let node = &mut parents.nodes[index];
-            node.opacity *= factor;
+        if self.drawn <= 0.0 {
+            return;
         }
-        if self.weight > 0.0 {
-            let first = &mut parents.sh_mut(index)[0];
-            for (value, missing) in first.iter_mut().zip(self.missing) {
-                *value += (missing / self.weight) as f32 / harmonics::C0 as f32;
-            }
+        parents.nodes[index].opacity *= (self.wanted / self.drawn).clamp(0.5, 2.0) as f32;
+        let first = &mut parents.sh_mut(index)[0];
+        for (value, missing) in first.iter_mut().zip(self.missing) {
+            *value += (missing / self.drawn) as f32 / harmonics::C0 as f32;
         }
     }
 }
@@ -100,14 +95,11 @@ impl View {
             colours.zip(wanted.iter().zip(&drawn)).map(missing).collect()
         });
         let dot = |values: &[f32], weights: &[f32]| -> f32 { values.iter().zip(weights).map(|(v, w)| v * w).sum() };
-        let mut passing = Vec::new();
-        splats.walk(&mut passing, |splat, first, weights| {
+        splats.walk(|splat, first, weights| {
             let change = &mut changes[splat];
             let part = first..first + weights.len();
             change.wanted += f64::from(dot(&wanted[part.clone()], weights));
-            let drawn = f64::from(dot(&drawn[part.clone()], weights));
-            change.drawn += drawn;
-            change.weight += drawn;
+            change.drawn += f64::from(dot(&drawn[part.clone()], weights));
             for (sum, missing) in change.missing.iter_mut().zip(&missing) {
                 *sum += f64::from(dot(&missing[part.clone()], weights));
             }
@@ -163,16 +155,14 @@ fn measure(views: &[View], parents: &Nodes, px: f64) -> Left {
     let each = px * px / views.len() as f64;
     for view in views {
         let splats = Splats::of(parents, view.window);
-        let difference = Difference::of(&view.children, &splats.draw());
+        let picture = splats.draw();
+        let difference = Difference::of(&view.children, &picture);
         sums.iter_mut().zip(difference.sums).for_each(|(sum, own)| *sum += own);
-        // The sum of all weights in each pixel, which is alpha, is known after a walk; then each parent gets its part.
-        let mut passing = Vec::new();
-        splats.walk(&mut passing, |_, _, _| {});
-        let share: Vec<f32> =
-            difference.squared.iter().zip(&passing).map(|(squared, t)| squared / (1.0 - t).max(1e-3)).collect();
-        let mut again = Vec::new();
+        // Each parent gets the part of a pixel that it has of the sum of all weights there, which is alpha.
+        let squares = difference.squared.iter().zip(&picture.transmittance);
+        let share: Vec<f32> = squares.map(|(squared, t)| squared / (1.0 - t).max(1e-3)).collect();
         let mut given = 0.0;
-        splats.walk(&mut again, |splat, first, weights| {
+        splats.walk(|splat, first, weights| {
             let part: f32 = share[first..].iter().zip(weights).map(|(share, weight)| share * weight).sum();
             energies[splat] += f64::from(part) * each;
             given += f64::from(part);

@@ -14,6 +14,7 @@ mod blob;
 mod codes;
 mod family;
 mod fit;
+mod median;
 mod merge;
 mod nearest;
 mod node;

@@ -1,5 +1,6 @@
 //! Neighbours of points, found by their order along curves: nearly the nearest ones.
 
+use super::node::corners;
 use crate::scene::Curve;
 
 /// Places along a curve, before and behind, that are looked at.
@@ -10,12 +11,7 @@ const SHIFTS: [f32; 3] = [0.0, 0.31, 0.17];
 
 /// For each point, the indices of points near it, ascending.
 pub fn neighbours(points: &[[f32; 3]]) -> Vec<Vec<u32>> {
-    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for point in points {
-        for i in 0..3 {
-            (low[i], high[i]) = (low[i].min(point[i]), high[i].max(point[i]));
-        }
-    }
+    let (low, high) = corners(points.iter().copied());
     // Equal sides, so that cells of the curve are cubes.
     let side = (0..3).map(|i| high[i] - low[i]).fold(f32::MIN_POSITIVE, f32::max);
     let mut found = vec![Vec::with_capacity(2 * WINDOW * SHIFTS.len()); points.len()];

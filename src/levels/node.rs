@@ -61,6 +61,13 @@ pub fn area([a, b, c]: [f64; 3]) -> f64 {
     a * b + b * c + c * a
 }
 
+/// The corners of the box around points.
+pub fn corners(points: impl Iterator<Item = [f32; 3]>) -> ([f32; 3], [f32; 3]) {
+    points.fold(([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]), |(low, high), point| {
+        ([0, 1, 2].map(|i| low[i].min(point[i])), [0, 1, 2].map(|i| high[i].max(point[i])))
+    })
+}
+
 /// Nodes and their spherical harmonics.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Nodes {
@@ -111,13 +118,7 @@ impl Nodes {
 
     /// The corners of the box around all means.
     pub fn bounds(&self) -> ([f32; 3], [f32; 3]) {
-        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        for node in &self.nodes {
-            for i in 0..3 {
-                (low[i], high[i]) = (low[i].min(node.mean[i]), high[i].max(node.mean[i]));
-            }
-        }
-        (low, high)
+        corners(self.nodes.iter().map(|node| node.mean))
     }
 
     /// The nodes with these indices.

@@ -28,8 +28,8 @@ struct Merging {
     pairs: BinaryHeap<Reverse<Pair>>,
 }
 
-/// Merges nodes until `wanted` are left. Returns for each node the one that it was merged
-/// into, which is itself for those that are left.
+/// Merges nodes until `wanted` are left. Returns for each node the one that it was merged into, which is itself for
+/// those that are left.
 pub fn merged(blobs: Vec<Blob>, wanted: usize) -> Vec<u32> {
     let count = blobs.len();
     let mut merging = Merging {
@@ -86,6 +86,16 @@ impl Merging {
         root
     }
 
+    /// Takes the neighbours of a node, as the nodes that they were merged into, each once.
+    fn left_near(&mut self, own: u32) -> Vec<u32> {
+        let mut near = std::mem::take(&mut self.near[own as usize]);
+        near.iter_mut().for_each(|other| *other = self.root(*other));
+        near.sort_unstable();
+        near.dedup();
+        near.retain(|other| *other != own);
+        near
+    }
+
     fn keep_nearest(&mut self, node: u32) {
         let mut near = std::mem::take(&mut self.near[node as usize]);
         if near.len() > PARTNERS {
@@ -101,11 +111,7 @@ impl Merging {
 
     /// Notes the cheapest partner of a node.
     fn pair(&mut self, own: u32) {
-        let mut near = std::mem::take(&mut self.near[own as usize]);
-        near.iter_mut().for_each(|other| *other = self.root(*other));
-        near.sort_unstable();
-        near.dedup();
-        near.retain(|other| *other != own);
+        let near = self.left_near(own);
         let blob = self.blobs[own as usize];
         let best = near.iter().map(|other| (blob.cost(&self.blobs[*other as usize]).to_bits(), *other)).min();
         if let Some((cost, other)) = best {
@@ -120,13 +126,8 @@ impl Merging {
         self.into[other as usize] = own;
         self.versions[own as usize] += 1;
         let theirs = std::mem::take(&mut self.near[other as usize]);
-        let mut near = std::mem::take(&mut self.near[own as usize]);
-        near.extend(theirs);
-        near.iter_mut().for_each(|other| *other = self.root(*other));
-        near.sort_unstable();
-        near.dedup();
-        near.retain(|other| *other != own);
-        self.near[own as usize] = near;
+        self.near[own as usize].extend(theirs);
+        self.near[own as usize] = self.left_near(own);
         self.keep_nearest(own);
         self.pair(own);
     }

@@ -76,7 +76,7 @@ struct Splat {
 pub struct Splats {
     window: Window,
     splats: Vec<Splat>,
-    pub colours: Vec<[f32; 3]>,
+    colours: Vec<[f32; 3]>,
     /// The places of the splats, front to back.
     order: Vec<u32>,
 }
@@ -145,27 +145,25 @@ impl Splats {
         Self { window, splats, colours, order: depths.into_iter().map(|(_, i)| i).collect() }
     }
 
-    /// Goes through all splats, front to back, row by row. Calls `visit` with the splat, the first pixel, the weights
-    /// of its colour in the pixels from there on (alpha times transmittance), and the alphas.
-    pub fn walk(&self, transmittance: &mut Vec<f32>, mut visit: impl FnMut(usize, usize, &[f32])) {
+    /// Goes through all splats, front to back, row by row. Calls `visit` with the splat, the first pixel, and the
+    /// weights of its colour in the pixels from there on: alpha times transmittance. Returns what passes.
+    pub fn walk(&self, mut visit: impl FnMut(usize, usize, &[f32])) -> Vec<f32> {
         let Window { width, height, .. } = self.window;
-        transmittance.clear();
-        transmittance.resize(width * height, 1.0);
+        let mut transmittance = vec![1.0; width * height];
         let mut weights = vec![0.0; width];
         for index in self.order.iter().map(|i| *i as usize) {
             let Splat { mean, conic: [a, b, c], reach, edge, opacity } = self.splats[index];
             if reach < 0.0 {
                 continue;
             }
-            let rows = rows(mean[1], reach, height);
-            for row in rows {
+            for row in centres_within(mean[1], reach, height) {
                 let y = row as f32 + 0.5 - mean[1];
                 let root = (b * y).powi(2) - a * (c * y * y - edge);
                 if root <= 0.0 {
                     continue;
                 }
                 let (middle, half) = (mean[0] - b * y / a, root.sqrt() / a);
-                let columns = self::rows(middle, half, width);
+                let columns = centres_within(middle, half, width);
                 if columns.is_empty() {
                     continue;
                 }
@@ -184,13 +182,13 @@ impl Splats {
                 visit(index, first, weights);
             }
         }
+        transmittance
     }
 
     pub fn draw(&self) -> Picture {
         let Window { width, height, .. } = self.window;
         let mut colour = [(); 3].map(|()| vec![0.0; width * height]);
-        let mut transmittance = Vec::new();
-        self.walk(&mut transmittance, |splat, first, weights| {
+        let transmittance = self.walk(|splat, first, weights| {
             for (channel, value) in colour.iter_mut().zip(self.colours[splat]) {
                 let part = &mut channel[first..first + weights.len()];
                 part.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
@@ -201,7 +199,7 @@ impl Splats {
 }
 
 /// The pixels whose centres lie within `reach` of `middle`, of `count`.
-fn rows(middle: f32, reach: f32, count: usize) -> std::ops::Range<usize> {
+fn centres_within(middle: f32, reach: f32, count: usize) -> std::ops::Range<usize> {
     let first = (middle - reach - 0.5).ceil().max(0.0) as usize;
     let end = ((middle + reach - 0.5).floor() + 1.0).clamp(0.0, count as f32) as usize;
     first.min(end)..end

@@ -67,17 +67,36 @@ impl<'f> Output<'f> {
             let shape = |k: usize| Shape::of(gaussians, index(k));
             self.words.fill_geometry((self.layout, self.alpha_min), order.len(), shape, |k| id(order[k]), geometry);
             self.words.fill_colours(self.layout, order.len(), colours, |k| gaussians.sh(index(k)));
-            let page = Page::of(&self.words, self.layout, geometry);
-            let checksums = [geometry, colours].map(|words| {
-                words.iter_mut().for_each(|word| *word = word.to_le());
-                XxHash3_64::oneshot(bytemuck::cast_slice(words))
-            });
-            entries.extend(Entry { page, checksums }.encoded());
+            entries.extend(self.entry(geometry, colours).encoded());
         }
+        self.put(first, &streams, &entries)
+    }
+
+    /// Writes page `page`, which `fill` makes in its geometry and colours.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write_page(&self, page: usize, fill: impl FnOnce(&mut [u32], &mut [u32])) -> io::Result<()> {
+        let mut streams = [self.words.geometry(), self.words.colours()].map(|words| vec![0; words]);
+        let [geometry, colours] = &mut streams;
+        fill(geometry, colours);
+        let entry = self.entry(geometry, colours);
+        self.put(page, &streams, &entry.encoded())
+    }
+
+    /// The entry of a page, whose words become those of the file.
+    fn entry(&self, geometry: &mut [u32], colours: &mut [u32]) -> Entry {
+        let page = Page::of(&self.words, self.layout, geometry);
+        Entry { page, checksums: [geometry, colours].map(sealed) }
+    }
+
+    /// Writes the streams and the entries of pages from page `first` on.
+    fn put(&self, first: usize, streams: &[Vec<u32>; 2], entries: &[u8]) -> io::Result<()> {
+        let each = [self.words.geometry(), self.words.colours()];
         for ((words, each), place) in streams.iter().zip(each).zip(self.places) {
             write_all_at(self.file, bytemuck::cast_slice(words), place + (first * each * 4) as u64)?;
         }
-        write_all_at(self.file, &entries, (HEADER + first * Entry::BYTES) as u64)
+        write_all_at(self.file, entries, (HEADER + first * Entry::BYTES) as u64)
     }
 
     /// The header with the places of the parts of this file.
@@ -102,8 +121,7 @@ impl<'f> Output<'f> {
         ensure!(is_sound, "what was kept of an earlier run is damaged: run it again");
         header.table_checksum = XxHash3_64::oneshot(&table);
         if let Some(levels) = &mut header.levels {
-            let mut table: Vec<u8> =
-                host_zeros((header.statistics.count.div_ceil(PAGE) + levels.pages) * Level::BYTES, "table of levels")?;
+            let mut table: Vec<u8> = host_zeros(entries.len() * Level::BYTES, "table of levels")?;
             read_exact_at(self.file, &mut table, levels.table_at)?;
             levels.checksum = XxHash3_64::oneshot(&table);
         }
@@ -111,4 +129,10 @@ impl<'f> Output<'f> {
         write_all_at(self.file, &header.encoded(), 0)?;
         Ok(())
     }
+}
+
+/// Makes words those of a file, and returns their checksum.
+pub fn sealed(words: &mut [u32]) -> u64 {
+    words.iter_mut().for_each(|word| *word = word.to_le());
+    XxHash3_64::oneshot(bytemuck::cast_slice(words))
 }

@@ -1,6 +1,6 @@
 //! What a page file with levels of detail says of a page: where its nodes are allowed to be drawn, and their errors.
 
-use crate::levels::{FINEST, NEVER, Nodes, code};
+use crate::levels::{FINEST, NEVER, Node, code};
 
 /// Parts of a page, in the order of their errors, whose largest error is known.
 pub const PARTS: usize = 8;
@@ -41,8 +41,8 @@ impl Level {
     /// The page of these nodes; `parents` are the codes of their parents' errors, in the same order. The box, the
     /// detail and the page of the parents are set by the caller. `fallen`: the part of the squared errors of the nodes
     /// that is left in pixels as wide as that detail.
-    pub fn of(nodes: &Nodes, parents: &[u16], fallen: f32) -> Self {
-        let mut own: Vec<(u16, f32)> = nodes.nodes.iter().map(|node| (code(node.error.into()), node.energy)).collect();
+    pub fn of(nodes: &[Node], parents: &[u16], fallen: f32) -> Self {
+        let mut own: Vec<(u16, f32)> = nodes.iter().map(|node| (code(node.error.into()), node.energy)).collect();
         own.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
         let mut parents = parents.to_vec();
         parents.sort_unstable();
@@ -57,7 +57,7 @@ impl Level {
             high: [0.0; 3],
             detail: 0.0,
             parent: NO_PAGE,
-            most_opacity: nodes.nodes.iter().map(|node| node.opacity.max(node.summed)).fold(0.0, f32::max),
+            most_opacity: nodes.iter().map(|node| node.opacity.max(node.summed)).fold(0.0, f32::max),
             least: own.first().map_or(FINEST, |first| first.0),
             errors: std::array::from_fn(|part| own[end(part) - 1].0),
             parents: std::array::from_fn(|part| parents[end(part) - 1]),

@@ -185,6 +185,13 @@ impl PageWords {
         words
     }
 
+    /// Gaussian `k` of a page, unpacked from words of this layout.
+    pub fn unpacked(&self, layout: &Layout, geometry: &[u32], k: usize) -> Shape {
+        let mean = std::array::from_fn(|axis| f32::from_bits(geometry[4 * k + axis]));
+        let (rotation, scale, opacity) = layout.unpacked_shape(&self.shape_of(geometry, k));
+        Shape { mean, rotation, scale, opacity }
+    }
+
     /// The words of the spherical harmonics of Gaussian `k` of a page.
     pub fn sh_of(&self, colours: &[u32], k: usize) -> [u32; 48] {
         let mut words = [0; 48];

@@ -8,6 +8,7 @@ use super::page::{PADDING, PAGE};
 use super::page_file::{PageFile, is_page_file};
 use crate::host_memory::OutOfMemory;
 use crate::scene::{Cancelled, NoLevel, Parts, Reading, Scene, Unreadable, Watch, sh_coefficients};
+use crate::storage::planes::Shape;
 
 /// Pages that are read at a time.
 const TOGETHER: usize = 64;
@@ -52,8 +53,8 @@ fn whole(file: &PageFile, watch: &Watch) -> Result<Scene> {
                 let place = geometry[words.ids.start + k] as usize;
                 let is_new = is_filled.get_mut(place).is_some_and(|filled| !std::mem::replace(filled, true));
                 ensure!(is_new, Unreadable::new(file.path(), &anyhow::anyhow!("two Gaussians have the index {place}")));
-                parts.means[place] = std::array::from_fn(|axis| f32::from_bits(geometry[4 * k + axis]));
-                let (rotation, scale, opacity) = layout.unpacked_shape(&words.shape_of(geometry, k));
+                let Shape { mean, rotation, scale, opacity } = words.unpacked(layout, geometry, k);
+                parts.means[place] = mean;
                 (parts.rotations[place], parts.scales[place]) = (rotation, scale);
                 // An opacity of 16 bits may be rounded to 0, which no other scene has.
                 parts.opacities[place] = opacity.max(f32::from_bits(1));

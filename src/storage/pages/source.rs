@@ -263,11 +263,7 @@ impl Inner {
         let (layout, places) = (&file.header().layout, file.words());
         let ids = &stored[places.ids.clone()];
         let count = ids.iter().take_while(|id| **id != PADDING).count();
-        let shape = |k: usize| {
-            let mean = std::array::from_fn(|axis| f32::from_bits(stored[4 * k + axis]));
-            let (rotation, scale, opacity) = layout.unpacked_shape(&places.shape_of(stored, k));
-            Shape { mean, rotation, scale, opacity }
-        };
+        let shape = |k: usize| places.unpacked(layout, stored, k);
         self.words.fill_geometry(self.packing(), count, shape, |k| ids[k], words);
     }
 
