@@ -236,19 +236,17 @@ impl Pruned {
 /// Writes what is left.
 fn write(args: &Args, target: Target, scene: Scene, pruned: &Pruned) -> Result<Written> {
     let gaussians = scene.gaussians.selected(&pruned.order.kept(pruned.cut.dropped))?;
-    let written = match target {
+    match target {
         Target::Scene(kind) => {
             let is_antialiased = scene.is_antialiased;
             drop(scene);
-            write_scene(&args.output, kind, gaussians, is_antialiased)?
+            write_scene(&args.output, kind, gaussians, is_antialiased)
         }
         Target::Pages => {
             let format = format!("{}, pruned", scene.format);
-            write_pages(&args.output, args.scene.title(), &Scene { gaussians, format, ..scene })?
+            write_pages(&args.output, args.scene.title(), &Scene { gaussians, format, ..scene })
         }
-    };
-    let super::convert::Written { file, format, bytes, gaussians, sh_degree, transparent, loss } = written;
-    Ok(Written { file, format, bytes, gaussians, sh_degree, transparent, loss })
+    }
 }
 
 fn print(subject: &Subject, limit: Limit, views: &Views, pruned: &Pruned) -> Result<()> {

@@ -97,7 +97,8 @@ impl Layout {
         Self { sh_degree, sh, shape, sh_grids, scale_grid, scale_base, has_clamped_alphas, brightest, is_bright }
     }
 
-    /// The layout of a scene whose nodes stand for several Gaussians. They lie on no grid that the file's values lie on.
+    /// The layout of a scene and of nodes that stand for several of its Gaussians. Nodes lie on no grid that the values
+    /// of a scene lie on.
     pub fn of_nodes(statistics: &Statistics, options: &Options) -> Self {
         let requirements = Requirements { sh_grids: None, scale_grid: None, ..statistics.requirements.clone() };
         Self::of(&Statistics { requirements, ..statistics.clone() }, options)

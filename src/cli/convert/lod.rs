@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 
 use super::pages::{self, STORAGES};
-use super::{Report, Target, Written, print};
+use super::{Edits, Inputs, Target, say_written};
 use crate::cli::{ReadingArgs, Sink, Usage, one_of};
 use crate::options::Options;
 
@@ -46,25 +46,9 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
     if output.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("smalto")) {
         return Err(Usage(format!("{}: levels of detail are written to .smalto files", output.display())).into());
     }
-    let inputs = [scene.clone()];
-    Target::Pages.check(output, inputs.iter().map(PathBuf::as_path), false, json.as_ref())?;
-    let convert = super::Args {
-        files: Vec::new(),
-        format: None,
-        no_clobber: false,
-        sh_degree: None,
-        transform: Vec::new(),
-        crop: None,
-        min_opacity: None,
-        spz_version: None,
-        storage: *storage,
-        memory: *memory,
-        json: None,
-        reading: *reading,
-    };
-    let (written, removed) = pages::convert(&convert, &inputs, output, true)?;
-    let Written { file, format, bytes, gaussians, sh_degree, transparent, loss } = written;
-    let report = Report { file, format, bytes, gaussians, sh_degree, removed, transparent, loss };
-    print(&report)?;
-    json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report))
+    let files = [scene.clone()];
+    Target::Pages.check(output, files.iter().map(PathBuf::as_path), false, json.as_ref())?;
+    let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
+    let (written, removed) = pages::convert(inputs, output, pages::settings(*storage, *memory, true))?;
+    say_written(written, removed, json.as_ref())
 }

@@ -14,11 +14,12 @@ use serde::Serialize;
 
 use super::table::{say_table, table};
 use super::{ReadingArgs, SceneArg, Sink, Usage, numbers, one_of, say};
+use crate::measure::prune::Written;
 use crate::options::Options;
 use crate::scene::{Gaussians, Loss, MAX_SH_DEGREE, Transform};
 
 pub(super) use pages::write_pages;
-pub(super) use target::{FORMATS, Target, Written, write_scene};
+pub(super) use target::{FORMATS, Target, write_scene};
 
 /// Convert a scene, or several joined, to another file, and report what the format loses
 #[derive(clap::Args)]
@@ -41,19 +42,8 @@ pub(super) struct Args {
     /// Refuse to replace an existing file
     #[arg(long)]
     no_clobber: bool,
-    /// Leave out spherical harmonics above this degree
-    #[arg(long, value_name = "DEGREE", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_SH_DEGREE)))]
-    sh_degree: Option<u32>,
-    /// translate=X,Y,Z, rotate=X,Y,Z (degrees about x, then y, then z) or scale=FACTOR. May be given several times; the
-    /// steps are applied in order
-    #[arg(long, value_name = "STEP", allow_hyphen_values = true, value_parser = parse_step)]
-    transform: Vec<Transform>,
-    /// Keep the Gaussians whose means lie in box=X,Y,Z,X,Y,Z (two corners) or sphere=X,Y,Z,RADIUS
-    #[arg(long, value_name = "SHAPE", value_parser = parse_shape)]
-    crop: Option<Shape>,
-    /// Leave out Gaussians with a lower opacity, from 0 to 1
-    #[arg(long, value_name = "OPACITY")]
-    min_opacity: Option<f32>,
+    #[command(flatten)]
+    edits: Edits,
     /// Version of the .spz file [default: 4]
     #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u32).range(3..=4))]
     spz_version: Option<u32>,
@@ -68,6 +58,32 @@ pub(super) struct Args {
     json: Option<Sink>,
     #[command(flatten)]
     reading: ReadingArgs,
+}
+
+/// Changes of a scene before it is written.
+#[derive(clap::Args, Default)]
+struct Edits {
+    /// Leave out spherical harmonics above this degree
+    #[arg(long, value_name = "DEGREE", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_SH_DEGREE)))]
+    sh_degree: Option<u32>,
+    /// translate=X,Y,Z, rotate=X,Y,Z (degrees about x, then y, then z) or scale=FACTOR. May be given several times; the
+    /// steps are applied in order
+    #[arg(long, value_name = "STEP", allow_hyphen_values = true, value_parser = parse_step)]
+    transform: Vec<Transform>,
+    /// Keep the Gaussians whose means lie in box=X,Y,Z,X,Y,Z (two corners) or sphere=X,Y,Z,RADIUS
+    #[arg(long, value_name = "SHAPE", value_parser = parse_shape)]
+    crop: Option<Shape>,
+    /// Leave out Gaussians with a lower opacity, from 0 to 1
+    #[arg(long, value_name = "OPACITY")]
+    min_opacity: Option<f32>,
+}
+
+/// The scene files that are joined, and what changes them.
+#[derive(Clone, Copy)]
+struct Inputs<'a> {
+    files: &'a [PathBuf],
+    reading: ReadingArgs,
+    edits: &'a Edits,
 }
 
 /// The region in which Gaussians are kept, in world units.
@@ -97,7 +113,7 @@ struct Report {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    let Some((output, inputs)) = args.files.split_last().filter(|(_, inputs)| !inputs.is_empty()) else {
+    let Some((output, files)) = args.files.split_last().filter(|(_, files)| !files.is_empty()) else {
         return Err(Usage("expected the files to read, then the file to write".to_owned()).into());
     };
     let target = Target::of(output, args.format, args.spz_version)?;
@@ -106,32 +122,38 @@ pub(super) fn run(args: &Args) -> Result<()> {
             return Err(Usage(format!("{option} needs a .smalto file to write")).into());
         }
     }
-    if let Some(opacity) = args.min_opacity.filter(|opacity| !(0.0..=1.0).contains(opacity)) {
+    if let Some(opacity) = args.edits.min_opacity.filter(|opacity| !(0.0..=1.0).contains(opacity)) {
         return Err(Usage(format!("--min-opacity {opacity}: expected a number from 0 to 1")).into());
     }
-    target.check(output, inputs.iter().map(PathBuf::as_path), args.no_clobber, args.json.as_ref())?;
+    target.check(output, files.iter().map(PathBuf::as_path), args.no_clobber, args.json.as_ref())?;
+    let inputs = Inputs { files, reading: args.reading, edits: &args.edits };
     let (written, removed) = match target {
-        Target::Pages => pages::convert(args, inputs, output, false)?,
+        Target::Pages => pages::convert(inputs, output, pages::settings(args.storage, args.memory, false))?,
         Target::Scene(kind) => {
-            let (gaussians, is_antialiased) = read(args, inputs)?;
+            let (gaussians, is_antialiased) = read(inputs)?;
             let before = gaussians.len();
-            let gaussians = changed(args, gaussians)?;
+            let gaussians = args.edits.applied(gaussians)?;
             ensure!(!gaussians.is_empty(), "none of {before} Gaussians is left");
             let removed = before - gaussians.len();
             (write_scene(output, kind, gaussians, is_antialiased)?, removed)
         }
     };
+    say_written(written, removed, args.json.as_ref())
+}
+
+/// Prints what was written, and writes the report.
+fn say_written(written: Written, removed: usize, json: Option<&Sink>) -> Result<()> {
     let Written { file, format, bytes, gaussians, sh_degree, transparent, loss } = written;
     let report = Report { file, format, bytes, gaussians, sh_degree, removed, transparent, loss };
     print(&report)?;
-    args.json.as_ref().map_or(Ok(()), |sink| sink.write_json(&report))
+    json.map_or(Ok(()), |sink| sink.write_json(&report))
 }
 
 /// Reads the inputs as one scene. The second value is true if it was trained with antialiasing.
-fn read(args: &Args, inputs: &[PathBuf]) -> Result<(Gaussians, bool)> {
+fn read(Inputs { files, reading, .. }: Inputs) -> Result<(Gaussians, bool)> {
     let (mut parts, mut is_antialiased) = (Vec::new(), None);
-    for input in inputs {
-        let scene = SceneArg { scene: input.clone(), reading: args.reading }.read()?;
+    for input in files {
+        let scene = SceneArg { scene: input.clone(), reading }.read()?;
         if is_antialiased.is_some_and(|others| others != scene.is_antialiased) {
             return Err(Usage(format!(
                 "{} was trained {} antialiasing, unlike the files before it: one file cannot record both",
@@ -147,27 +169,30 @@ fn read(args: &Args, inputs: &[PathBuf]) -> Result<(Gaussians, bool)> {
     Ok((joined, is_antialiased.unwrap_or(false)))
 }
 
-fn changed(args: &Args, mut gaussians: Gaussians) -> Result<Gaussians> {
-    let mut transform = Transform::IDENTITY;
-    for step in &args.transform {
-        transform = transform.then(step)?;
+impl Edits {
+    /// The Gaussians after all changes.
+    fn applied(&self, mut gaussians: Gaussians) -> Result<Gaussians> {
+        let mut transform = Transform::IDENTITY;
+        for step in &self.transform {
+            transform = transform.then(step)?;
+        }
+        if transform != Transform::IDENTITY {
+            gaussians = gaussians.transformed(&transform)?;
+        }
+        if self.crop.is_some() || self.min_opacity.is_some() {
+            let least = self.min_opacity.unwrap_or(0.0);
+            let is_kept = |i: &u32| {
+                let mean = gaussians.means()[*i as usize].map(f64::from);
+                gaussians.opacities()[*i as usize] >= least && self.crop.is_none_or(|shape| shape.contains(mean))
+            };
+            let kept: Vec<u32> = (0..gaussians.len() as u32).filter(is_kept).collect();
+            gaussians = gaussians.selected(&kept)?;
+        }
+        Ok(match self.sh_degree {
+            Some(degree) => gaussians.of_degree(degree),
+            None => gaussians,
+        })
     }
-    if transform != Transform::IDENTITY {
-        gaussians = gaussians.transformed(&transform)?;
-    }
-    if args.crop.is_some() || args.min_opacity.is_some() {
-        let least = args.min_opacity.unwrap_or(0.0);
-        let is_kept = |i: &u32| {
-            let mean = gaussians.means()[*i as usize].map(f64::from);
-            gaussians.opacities()[*i as usize] >= least && args.crop.is_none_or(|shape| shape.contains(mean))
-        };
-        let kept: Vec<u32> = (0..gaussians.len() as u32).filter(is_kept).collect();
-        gaussians = gaussians.selected(&kept)?;
-    }
-    Ok(match args.sh_degree {
-        Some(degree) => gaussians.of_degree(degree),
-        None => gaussians,
-    })
 }
 
 impl Shape {

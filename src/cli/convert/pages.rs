@@ -1,10 +1,10 @@
 //! `smalto convert` to a page file, of scenes that need not fit into memory.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 
-use super::{Args, Written, changed, read};
+use super::{Edits, Inputs, Written, read};
 use crate::cli::{SceneArg, progress, remark};
 use crate::options::{Options, Storage};
 use crate::scene::{Gaussians, LoadReport, Procedural, Scene, Transform, Watch};
@@ -23,23 +23,28 @@ pub const STORAGES: [(&str, &str, Options); 5] = [
     ),
 ];
 
-/// Writes a page file, with levels of detail if `has_levels`. Returns how many Gaussians were left out, too.
-pub fn convert(args: &Args, inputs: &[PathBuf], output: &Path, has_levels: bool) -> Result<(Written, usize)> {
+/// What is written with these number formats within so many megabytes, with levels of detail if `has_levels`.
+pub fn settings(storage: Option<Options>, megabytes: Option<u32>, has_levels: bool) -> Settings {
+    let usual = Settings::default();
+    let memory = megabytes.map_or(usual.memory, |megabytes| (megabytes as usize) << 20);
+    Settings { options: storage.unwrap_or(usual.options), memory, has_levels }
+}
+
+/// Writes a page file. Returns how many Gaussians were left out, too.
+pub fn convert(inputs: Inputs, output: &Path, settings: Settings) -> Result<(Written, usize)> {
     let bar = progress::Bar::new("converting");
-    let options = args.storage.unwrap_or(Settings::LOSSLESS);
-    let memory = args.memory.map_or(Settings::default().memory, |megabytes| (megabytes as usize) << 20);
-    let input = SceneArg { scene: inputs[0].clone(), reading: args.reading };
+    let input = SceneArg { scene: inputs.files[0].clone(), reading: inputs.reading };
     let job = Job {
         output,
-        settings: Settings { options, memory, has_levels },
+        settings,
         title: input.title(),
         progress: &|fraction| bar.set(fraction),
         is_cancelled: &|| false,
     };
-    let streamed = if inputs.len() == 1 { streamed(args, &input, &job)? } else { None };
+    let streamed = if inputs.files.len() == 1 { streamed(inputs, &input, &job)? } else { None };
     let (finished, removed) = match streamed {
         Some(finished) => finished,
-        None => whole(args, inputs, &job)?,
+        None => whole(inputs, &job)?,
     };
     if finished.resumed > 0 {
         remark(&format!("{} of {} buckets were sorted by an earlier run", finished.resumed, finished.buckets));
@@ -68,24 +73,25 @@ pub(in crate::cli) fn write_pages(output: &Path, title: String, scene: &Scene) -
 }
 
 /// Writes the pages of a scene that is read block by block. `None` if its format is read as a whole.
-fn streamed(args: &Args, input: &SceneArg, job: &Job) -> Result<Option<(Finished, usize)>> {
+fn streamed(inputs: Inputs, input: &SceneArg, job: &Job) -> Result<Option<(Finished, usize)>> {
     // The number of Gaussians must be known, so a town of which a part is left out is made as a whole.
-    let is_whole = args.crop.is_none() && args.min_opacity.is_none() && args.reading.reading()?.level.is_none();
+    let Inputs { reading, edits, .. } = inputs;
+    let is_whole = edits.crop.is_none() && edits.min_opacity.is_none() && reading.reading()?.level.is_none();
     if let Some(town) = input.procedural().transpose()?.filter(|made| made.is_town() && is_whole) {
-        return town_in_order(args, town, job).map(Some);
+        return town_in_order(inputs, town, job).map(Some);
     }
     let Some(path) = input.path() else { return Ok(None) };
-    let reading = args.reading.reading()?;
+    let reading = reading.reading()?;
     if reading.level.is_some() || !reading.comes_in_blocks(&path) {
         return Ok(None);
     }
     let blocks = |take: &mut Take| {
         let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
-        let mut take = |block: Gaussians, of: usize| take(changed(args, block)?, of);
+        let mut take = |block: Gaussians, of: usize| take(edits.applied(block)?, of);
         reading.read_blocks(&path, &watch, &mut take)?.context("the file was changed while it was read")
     };
-    let changes =
-        format!("{reading:?} {:?} {:?} {:?} {:?}", args.transform, args.crop, args.min_opacity, args.sh_degree);
+    let Edits { transform, crop, min_opacity, sh_degree } = edits;
+    let changes = format!("{reading:?} {transform:?} {crop:?} {min_opacity:?} {sh_degree:?}");
     let finished = write_blocks(job, &path, &blocks, &changes)?;
     let header = &finished.header;
     let report = header.report;
@@ -98,16 +104,16 @@ fn streamed(args: &Args, input: &SceneArg, job: &Job) -> Result<Option<(Finished
 const MADE: usize = 1 << 20;
 
 /// Writes the pages of a town, whose Gaussians come in the order of their places, without holding it.
-fn town_in_order(args: &Args, town: Procedural, job: &Job) -> Result<(Finished, usize)> {
-    let reading = args.reading.reading()?;
+fn town_in_order(inputs: Inputs, town: Procedural, job: &Job) -> Result<(Finished, usize)> {
+    let reading = inputs.reading.reading()?;
     let blocks = |take: &mut Take| {
         let mut report = LoadReport::default();
         for first in (0..town.count()).step_by(MADE) {
             let (block, made) = town.fill(first..town.count().min(first + MADE))?;
             report = report.and(&made);
-            take(changed(args, reading.placed(block)?)?, town.count())?;
+            take(inputs.edits.applied(reading.placed(block)?)?, town.count())?;
         }
-        Ok(Scene { report, ..Scene::empty(&format_of(args, &format!("procedural {}", town.name()))?) })
+        Ok(Scene { report, ..Scene::empty(&format_of(inputs, &format!("procedural {}", town.name()))?) })
     };
     let finished = write_in_order(job, &blocks)?;
     let removed = town.count() - finished.header.statistics.count;
@@ -115,27 +121,27 @@ fn town_in_order(args: &Args, town: Procedural, job: &Job) -> Result<(Finished, 
 }
 
 /// Writes the pages of a scene that is read as a whole.
-fn whole(args: &Args, inputs: &[PathBuf], job: &Job) -> Result<(Finished, usize)> {
-    let scene = match inputs {
-        [input] => SceneArg { scene: input.clone(), reading: args.reading }.read()?,
+fn whole(inputs: Inputs, job: &Job) -> Result<(Finished, usize)> {
+    let scene = match inputs.files {
+        [input] => SceneArg { scene: input.clone(), reading: inputs.reading }.read()?,
         _ => {
-            let (gaussians, is_antialiased) = read(args, inputs)?;
+            let (gaussians, is_antialiased) = read(inputs)?;
             let report = LoadReport { read: gaussians.len(), ..LoadReport::default() };
             Scene { gaussians, report, is_antialiased, ..Scene::empty("several files") }
         }
     };
     let before = scene.gaussians.len();
-    let gaussians = changed(args, scene.gaussians)?;
+    let gaussians = inputs.edits.applied(scene.gaussians)?;
     ensure!(!gaussians.is_empty(), "none of {before} Gaussians is left");
     let removed = before - gaussians.len();
-    let format = format_of(args, &scene.format)?;
+    let format = format_of(inputs, &scene.format)?;
     Ok((write_whole(job, &Scene { gaussians, format, ..scene })?, removed))
 }
 
 /// The format that a page file notes of its source. A procedural scene that was changed has no cameras of its own.
-fn format_of(args: &Args, format: &str) -> Result<String> {
-    let reading = args.reading.reading()?;
+fn format_of(Inputs { reading, edits, .. }: Inputs, format: &str) -> Result<String> {
+    let reading = reading.reading()?;
     let is_placed = reading.flip != [false; 3] || reading.transform != Transform::IDENTITY;
-    let is_changed = is_placed || !args.transform.is_empty() || args.crop.is_some() || args.min_opacity.is_some();
+    let is_changed = is_placed || !edits.transform.is_empty() || edits.crop.is_some() || edits.min_opacity.is_some();
     Ok(if is_changed { format!("{format}, changed") } else { format.to_owned() })
 }

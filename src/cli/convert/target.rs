@@ -7,6 +7,7 @@ use anyhow::{Result, ensure};
 
 use crate::cli::{REPORTS_TO_STDOUT, Sink, Usage, progress, remark};
 use crate::files::{check_absent, check_binary_writable, is_stdout, write_checked};
+use crate::measure::prune::Written;
 use crate::scene::{self, Gaussians, Loss, Scene, SceneFile, write_sog_folder};
 
 /// What is written.
@@ -26,19 +27,6 @@ pub(in crate::cli) const FORMATS: [(&str, &str, Target); 7] = [
     ("glb", "Binary glTF, 32-bit floats", Target::Scene(SceneFile::Glb)),
     ("smalto", "Pages, for scenes larger than memory", Target::Pages),
 ];
-
-/// A file that was written.
-pub(in crate::cli) struct Written {
-    pub file: String,
-    pub format: String,
-    pub bytes: u64,
-    pub gaussians: usize,
-    pub sh_degree: u32,
-    /// Gaussians left out because the format rounds their opacity to 0.
-    pub transparent: usize,
-    /// Differences between the file, read back, and the scene. Empty for pages.
-    pub loss: Vec<Loss>,
-}
 
 impl Target {
     /// The format of the output: by `--format` or its name, and `--spz-version`. Fails if these disagree.

@@ -9,7 +9,7 @@ use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::render::{Content, Detailed, Renderer, SceneSource};
 use crate::rules::{Background, Rules};
-use crate::scene::{Focus, Gaussians, synthetic};
+use crate::scene::{Focus, Gaussians, Placements, Transform, synthetic};
 use crate::storage::PageFile;
 use crate::storage::convert::Settings;
 
@@ -80,6 +80,18 @@ fn a_cut_is_the_same_under_every_limit_of_memory_and_on_both_paths() {
     }
     let portable = draw(&open(None), &source(&file), &Options { portable: true, ..options }, &camera).0;
     assert!(psnr(&portable, &expected) > 80.0, "{}", psnr(&portable, &expected));
+}
+
+#[test]
+fn a_scene_by_levels_at_one_place_is_the_scene() {
+    let ((gaussians, file), device) = (scene(), open(None));
+    let camera = view(&gaussians, 1.0);
+    let options = Options { splats: 8000, ..Options::BALANCED };
+    let placements = Placements::new(vec![Transform::IDENTITY; 1]).unwrap();
+    let placed = SceneSource { placements: Some(placements), ..source(&file) };
+    let (expected, detail) = draw(&device, &source(&file), &options, &camera);
+    let (pixels, same) = draw(&device, &placed, &options, &camera);
+    assert_eq!((differing(&pixels, &expected), same), (0, detail));
 }
 
 #[test]

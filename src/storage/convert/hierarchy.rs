@@ -226,8 +226,8 @@ impl Hierarchy<'_> {
         })
     }
 
-    /// Writes the pages of a level from page `first` on; `fill` makes a page of some of its nodes. Returns the pages and
-    /// their entries in the table of levels, without the page of the parents.
+    /// Writes the pages of a level from page `first` on; `fill` makes a page of some of its nodes. Returns the pages
+    /// and their entries in the table of levels, without the page of the parents.
     fn write(
         &self,
         first: usize,

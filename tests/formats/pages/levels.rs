@@ -1,12 +1,13 @@
 //! Page files with levels of detail: they hold the scene, are the same whatever the way, and damage is found.
 
 use std::fs;
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use smalto::options::Options;
+use smalto::options::{Options, Storage};
 use smalto::scene::{Cancelled, Unreadable, synthetic};
 use smalto::storage::convert::{Job, Settings, Take, write_blocks, write_in_order, write_whole};
-use smalto::storage::{LEVEL_WORDS, PAGE, PageFile};
+use smalto::storage::{LEVEL_WORDS, PAGE, Page, PageFile};
 
 use super::{EXACT, bits, job, of_file, read, scene_of};
 use crate::common::program::{fails, ok, path};
@@ -34,6 +35,26 @@ fn a_file_with_levels_holds_the_scene() {
             let wanted = of_file(&out, &Options { splats: 1, ..options });
             assert_eq!((wanted.nodes(), wanted.level_words()), (nodes, LEVEL_WORDS * PAGE));
         }
+    }
+}
+
+/// Scales that lie on a grid of 256 steps may have no step for a node, which is larger than all Gaussians.
+#[test]
+fn nodes_of_a_scene_of_bytes_are_as_large_as_they_must_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let [source, out] = ["a.spz", "a.smalto"].map(|name| path(&folder, name));
+    ok(&["convert", "many-small:9000", &source]);
+    for storage in ["lossless", "balanced"] {
+        ok(&["lod", &source, "-o", &out, "--storage", storage]);
+        let file = PageFile::open(Path::new(&out)).unwrap();
+        assert!(file.statistics().requirements.scale_grid.is_some(), "the scales of an .spz lie on a grid");
+        assert_ne!(file.layout().shape.storage, Storage::U8, "{storage}");
+        let (scene, nodes) = file.pages().split_at(file.header().scene_pages());
+        let largest = |pages: &[Page]| pages.iter().map(|page| page.largest_scale).fold(0.0, f32::max);
+        assert!(largest(nodes) > 3.0 * largest(scene), "{storage}: {} {}", largest(nodes), largest(scene));
+        // So it is in the layout of every preset that draws levels.
+        let exact = of_file(Path::new(&out), &Options { splats: 1, ..Options::EXACT });
+        assert_ne!(exact.layout().shape.storage, Storage::U8, "{storage}");
     }
 }
 
