@@ -39,6 +39,8 @@ pub struct GpuScene {
     pub(super) trial_hash: blake3::Hash,
     /// Gaussians may be culled where their alpha is below this.
     pub(super) alpha_min: f32,
+    /// The indices of the Gaussians, if the planes hold some pages of the scene at a time.
+    pub(super) indices: Option<Buffer<u32>>,
     /// The words of levels, if the scene is drawn by levels of detail.
     pub(super) levels: Option<Buffer<u32>>,
     /// Set if the planes hold some pages of the scene at a time.
@@ -121,6 +123,7 @@ impl GpuScene {
             trial_hash: trial_hash(gaussians, options.rules.near),
             alpha_min: options.rules.alpha_min,
             layout,
+            indices: None,
             levels: None,
             nodes: len,
             pool: None,
@@ -211,6 +214,7 @@ impl GpuScene {
             trial_hash: blake3::hash(bytemuck::cast_slice(&geometry)),
             alpha_min: pages.alpha_min(),
             layout,
+            indices: Some(indices),
             levels,
             nodes: pages.nodes(),
             pool: Some(Arc::new(Mutex::new(pool))),
@@ -284,7 +288,7 @@ impl GpuScene {
     /// The same scene with at most its first `count` Gaussians.
     pub(super) fn first(&self, count: usize) -> Self {
         let len = self.len.min(count);
-        Self { len, nodes: len, levels: None, pool: None, placements: None, ..self.clone() }
+        Self { len, nodes: len, indices: None, levels: None, pool: None, placements: None, ..self.clone() }
     }
 
     pub fn is_empty(&self) -> bool {
@@ -308,7 +312,8 @@ impl GpuScene {
     /// Every buffer's name and bytes.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let planes = std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh).map(Buffer::footprint);
-        planes.chain([self.grids.footprint()]).collect()
+        let words = self.indices.iter().chain(&self.levels).map(Buffer::footprint);
+        planes.chain(words).chain([self.grids.footprint()]).collect()
     }
 
     /// The planes of shapes. The last one is repeated where the layout has fewer planes: pipelines do not read it

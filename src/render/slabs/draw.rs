@@ -154,16 +154,11 @@ impl Slabs {
         before: usize,
     ) -> Result<Option<StartedSlab>> {
         let Frame { device, fast, work, options, scene, camera, grid, image } = *frame;
-        let indices = supply.indices().unwrap_or_else(|| self.no_indices.clone());
+        let indices = scene.indices.as_ref().unwrap_or(&self.no_indices);
         let first = first_page(scene);
         let levels = scene.levels.as_ref().unwrap_or(&self.no_indices);
-        let listed = |pages: u32| Listed {
-            scene,
-            elements: &self.listed,
-            pages: first..first + pages,
-            indices: &indices,
-            levels,
-        };
+        let listed =
+            |pages: u32| Listed { scene, elements: &self.listed, pages: first..first + pages, indices, levels };
         let project = |cmd: &mut Commands, pages: u32| {
             let (listed, slab) = (listed(pages), slab(range));
             cmd.scope("project", |cmd| self.stages.project(cmd, &listed, (camera, options), slab, work, grid));

@@ -76,12 +76,6 @@ impl Pool {
         })
     }
 
-    /// The indices of the Gaussians in all slots.
-    pub fn indices(&self) -> &Buffer<u32> {
-        let place = 1 + self.pages.layout().shape_words().div_ceil(4);
-        &self.planes[place]
-    }
-
     /// The scene.
     pub fn pages(&self) -> &Pages {
         &self.pages

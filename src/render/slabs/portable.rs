@@ -176,7 +176,7 @@ impl PortableSlabs {
         };
         cmd.upload(&self.listed, 0, elements.len(), |memory| memory.copy_from_slice(&elements))?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
-        let indices = supply.indices().unwrap_or_else(|| self.no_indices.clone());
+        let indices = scene.indices.as_ref().unwrap_or(&self.no_indices);
         pipeline.clear(&mut cmd, work);
         cmd.scope("cull", |cmd| {
             let bindings = CullTilesBindings {
@@ -184,7 +184,7 @@ impl PortableSlabs {
                 visible_masks: &work.visible_masks,
                 chunk_counts: &work.chunk_counts,
                 listed: &self.listed,
-                indices: &indices,
+                indices,
                 levels: scene.levels.as_ref().unwrap_or(&self.no_indices),
             };
             let push = CullTilesPush {
@@ -206,7 +206,7 @@ impl PortableSlabs {
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         cmd.scope("project", |cmd| self.project(cmd, frame));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let by_depth = cmd.scope("sort depths", |cmd| self.sort(cmd, frame, &indices));
+        let by_depth = cmd.scope("sort depths", |cmd| self.sort(cmd, frame, indices));
         pipeline.list(&mut cmd, camera, work, by_depth);
         if frame.inspector.is_some() {
             let bindings = ShadeDepthsBindings {

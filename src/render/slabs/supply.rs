@@ -146,14 +146,6 @@ impl<'a> Supply<'a> {
         Parts { pages_read: pages - begin.pages_read, bytes_read: bytes - begin.bytes_read, ..begin }
     }
 
-    /// The indices of Gaussians, if pages have them.
-    pub fn indices(&self) -> Option<Buffer<u32>> {
-        match self {
-            Self::Whole(_) => None,
-            Self::Paged(paged) => Some(paged.pool.indices().clone()),
-        }
-    }
-
     /// Notes which bins are still open after a slab. True if nothing behind it can be seen any more.
     pub fn close(&mut self, open_bins: &[u32]) -> bool {
         match self {
