@@ -22,7 +22,7 @@ layout(binding = 6, scalar) writeonly buffer DepthKeys { uint depth_keys[]; };  
 layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity]
 layout(binding = 8, scalar) writeonly buffer Spans { uint spans[]; };                       // [span_capacity]
 layout(binding = 9, scalar) buffer CountersBlock { FastCounters counters; };
-// The placed views, then the listed pages.
+// The placed views, the number of listed pages, and these.
 layout(binding = 10, scalar) readonly buffer Listed { uvec4 listed[]; };                    // [elements]
 layout(binding = 11, scalar) readonly buffer Indices { uint indices[]; };                   // [gaussians] at most
 layout(binding = 12, scalar) readonly buffer Levels { uint levels[]; };                     // [2 * gaussians] at most
@@ -32,8 +32,7 @@ layout(push_constant, scalar) uniform Push {
     vec2 centre_px;
     uvec2 size_px;
     float near;        // world units
-    uint first_page;   // the element of `listed` with the first page of this dispatch
-    uint pages;
+    uint first_page;   // the element of `listed` with the first page; that before it has the number of pages
     uint visible_capacity;
     uint span_capacity;
     uint depth_limit;  // the largest depth key
@@ -49,12 +48,12 @@ layout(push_constant, scalar) uniform Push {
 #define OPACITIES_OF(gaussian) opacities_of_node(gaussian)
 #include "fast/make_splat.glsl"
 
-const uint QUARTER = PAGE / 4;
+const uint QUARTER = PAGE / QUARTERS;
 
 void main() {
-    if (workgroup() >= 4 * push.pages) return;
-    turn_to(workgroup() / 4);
-    uint begin = workgroup() % 4 * QUARTER, end = min(begin + QUARTER, page.filled & ~HAS_INDICES);
+    if (workgroup() >= QUARTERS * listed[push.first_page - 1].x) return;
+    turn_to(workgroup() / QUARTERS);
+    uint begin = workgroup() % QUARTERS * QUARTER, end = min(begin + QUARTER, page.filled & ~HAS_INDICES);
     if (begin >= end) return;
     if (lane() == 0) found = splats_here = spans_here = 0;
     barrier();

@@ -1,7 +1,8 @@
 // What the stages of frames in slabs share: pages of Gaussians, the placed views that they are seen from, slabs.
 // src/render/slabs/mod.rs explains the words.
 
-const uint PAGE = 1024;  // Gaussians in a page, the last of which may be missing
+const uint PAGE = 1024;   // Gaussians in a page, the last of which may be missing
+const uint QUARTERS = 4;  // workgroups of project for a page
 
 // A page that a dispatch draws, in one element of the buffer `listed`.
 struct ListedPage {
@@ -17,7 +18,7 @@ ListedPage page_of(uvec4 element) {
 }
 
 // A camera in the axes and units of a placed scene; the rest of the camera is that of the frame. It takes VIEW_ELEMENTS
-// elements of `listed`, which begins with the views.
+// elements of `listed`, which begins with the views. Behind them comes an element with the number of pages.
 struct PlacedView {
     vec3 right;
     vec3 down;

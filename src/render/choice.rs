@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::panic::resume_unwind;
+use std::sync::MutexGuard;
 use std::time::Duration;
 
 use anyhow::Result;
@@ -14,9 +15,10 @@ use super::frame::{Shot, Target, Variation, tiles};
 use super::gpu_scene::{GpuScene, TRIAL};
 use super::inspect::Inspector;
 use super::portable::{PortablePipeline, PortableWorkspace};
+use super::shaders::CutState;
 use super::shaders::Totals;
-use super::slabs::{Drawn, PortableSlabs, Slabs};
-use crate::gpu::{Buffer, Commands, Device};
+use super::slabs::{AtOnce, Chooser, Drawn, Pool, PortableSlabs, Slabs, bring_missing};
+use crate::gpu::{Buffer, Commands, Device, Readback};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::storage::Layout;
@@ -53,6 +55,8 @@ pub(super) struct PathChoice {
     /// The last frame on the portable path did not fit at once.
     needs_slabs: bool,
     slabs: Option<PortableSlabs>,
+    /// Chooses the pages of a scene in pages.
+    chooser: Option<Chooser>,
     fast: Option<Fast>,
     /// Why the fast path is not taken although the device has it.
     pub notice: Option<String>,
@@ -67,6 +71,8 @@ struct Fast {
     /// The last frame did not fit at once.
     needs_slabs: bool,
     slabs: Option<Slabs>,
+    /// Draws scenes in pages at once.
+    at_once: Option<AtOnce>,
 }
 
 /// The path and the limits that a frame was recorded with.
@@ -98,7 +104,7 @@ impl PathChoice {
                 Err(error) if error.is::<OutOfMemory>() => FastWorkspace::new(device, Capacity::default(), elements)?,
                 other => other?,
             };
-            anyhow::Ok(Fast { pipeline, work, needs_slabs: false, slabs: None })
+            anyhow::Ok(Fast { pipeline, work, needs_slabs: false, slabs: None, at_once: None })
         });
         let fast = fast.transpose()?;
         let portable = || PortablePipeline::varied(device, options, layout, variation);
@@ -115,6 +121,7 @@ impl PathChoice {
             passes: 1,
             needs_slabs: false,
             slabs: None,
+            chooser: scene.is_paged().then(|| Chooser::new(device, scene)).transpose()?,
             fast,
             notice: (variation == Variation::Certifying && FastPipeline::subgroup(device, options).is_some()).then(|| {
                 "the portable path draws, since only it makes certificates; without --certificate the fast path draws"
@@ -213,7 +220,9 @@ impl PathChoice {
 
     /// Every buffer's name and bytes.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
-        self.work.buffers().into_iter().chain(self.fast.iter().flat_map(|fast| fast.work.buffers())).collect()
+        let fast = self.fast.iter().flat_map(|fast| fast.work.buffers());
+        let chooser = self.chooser.iter().flat_map(Chooser::buffers);
+        self.work.buffers().into_iter().chain(fast).chain(chooser).collect()
     }
 
     /// The counts of a frame on `path`.
@@ -241,21 +250,30 @@ impl PathChoice {
     pub fn prepare(
         &mut self,
         device: &Device,
-        (gaussians, is_paged): (usize, bool),
+        scene: &GpuScene,
         size: [u32; 2],
         needs_tile_lists: bool,
     ) -> Result<Limits> {
+        let (gaussians, is_paged) = (scene.placed_len(), scene.is_paged());
+        let wants_levels = self.options.wants_levels();
         let demand = |cells: u32| Capacity { gaussians, cells: cells as usize, ..Capacity::default() };
         let is_possible = |fast: &&mut Fast| !needs_tile_lists && fast.pipeline.takes(size, gaussians);
         if let Some(fast) = self.fast.as_mut().filter(is_possible) {
             let grid = fast.pipeline.grid(size, gaussians);
-            fast.needs_slabs =
-                fast.needs_slabs || is_paged || !has_memory(fast.work.grow(device, demand(grid.count()), 0))?;
-            if !fast.needs_slabs {
+            // The first picture of a scene without levels reads only the pages that are not hidden.
+            let is_first = fast.slabs.is_none();
+            let reads_pages = scene.pool().is_some_and(|pool| !wants_levels && (is_first || !pool.fits_all()));
+            let in_slabs =
+                fast.needs_slabs || reads_pages || !has_memory(fast.work.grow(device, demand(grid.count()), 0))?;
+            if !in_slabs {
                 fast.pipeline.prepare(device, grid)?;
+                if is_paged && fast.at_once.is_none() {
+                    fast.at_once = Some(AtOnce::new(device, &fast.pipeline)?);
+                }
             }
+            fast.needs_slabs = in_slabs;
             let longest_list = fast.pipeline.longest_list().min(fast.work.longest_list());
-            let (in_slabs, capacity) = (fast.needs_slabs, fast.work.capacity);
+            let capacity = fast.work.capacity;
             return Ok(Limits { path: Path::Fast, in_slabs, capacity, longest_list });
         }
         let in_slabs = self.needs_slabs
@@ -281,7 +299,7 @@ impl PathChoice {
         if path == Path::Portable {
             return self.draw_portable_slabs(device, shot, target, inspector);
         }
-        let Self { fast, options, work, .. } = self;
+        let Self { fast, options, work, chooser, .. } = self;
         let fast = fast.as_mut().expect("a frame in slabs was prepared");
         let gaussians = shot.scene.placed_len();
         let grid = fast.pipeline.grid(shot.camera.size_px, gaussians);
@@ -294,9 +312,13 @@ impl PathChoice {
             *work = PortableWorkspace::new(device, Capacity::default())?;
             slabs.fit(device, &mut fast.work, &fast.pipeline, grid, gaussians)?;
         }
-        let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), shot, target)?;
-        // What fits into one slab fits at once.
-        fast.needs_slabs = drawn.parts.slabs > 1;
+        let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), chooser.as_ref(), shot, target)?;
+        // What fits into one slab fits at once, unless its pages do not.
+        let fits = |pool: MutexGuard<Pool>| drawn.parts.pages_in_view <= pool.capacity() as u64;
+        fast.needs_slabs = match shot.scene.pool() {
+            Some(pool) => !fits(pool),
+            None => drawn.parts.slabs > 1,
+        };
         Ok(drawn)
     }
 
@@ -312,7 +334,7 @@ impl PathChoice {
             let reason = "this view needs the whole scene and its lists on the device, which has too little memory";
             return Err(OutOfMemory { name: "view".to_owned(), bytes: None, reason: reason.to_owned() }.into());
         }
-        let Self { portable, options, work, slabs, fast, .. } = self;
+        let Self { portable, options, work, slabs, fast, chooser, .. } = self;
         let pipeline = portable.as_ref().expect("a frame on the portable path was prepared");
         let slabs = match slabs {
             Some(slabs) => slabs,
@@ -325,12 +347,16 @@ impl PathChoice {
             }
             slabs.fit(device, work, shot.camera.size_px, shot.scene)?;
         }
-        let drawn = slabs.draw(device, (pipeline, work, options), shot, target, inspector)?;
+        let drawn = slabs.draw(device, (pipeline, work, options), chooser.as_ref(), shot, target, inspector)?;
         self.needs_slabs = drawn.parts.slabs > 1;
         Ok(drawn)
     }
 
-    /// Records a frame that [`prepare`](Self::prepare) made buffers for.
+    /// Records a frame that [`prepare`](Self::prepare) made buffers for. Of a scene in pages, returns how its pages were
+    /// chosen.
+    ///
+    /// # Errors
+    /// If memory runs out.
     pub fn record(
         &self,
         cmd: &mut Commands,
@@ -338,12 +364,30 @@ impl PathChoice {
         target: Target,
         limits: Limits,
         inspector: Option<&Inspector>,
-    ) {
+    ) -> Result<Option<Readback<CutState>>> {
         match (&self.fast, inspector) {
-            (Some(fast), None) if limits.path == Path::Fast => fast.pipeline.record(cmd, shot, &fast.work, target),
+            (Some(fast), None) if limits.path == Path::Fast => {
+                let of_pages = self.chooser.as_ref().zip(fast.at_once.as_ref()).filter(|_| shot.scene.is_paged());
+                if let Some((chooser, at_once)) = of_pages {
+                    let fast = (&fast.pipeline, &fast.work, &self.options);
+                    return at_once.record(cmd, fast, chooser, shot, target).map(Some);
+                }
+                fast.pipeline.record(cmd, shot, &fast.work, target);
+            }
             (_, None) => self.portable().record(cmd, shot, &self.work, target, self.passes),
             (_, Some(inspector)) => inspector.record(cmd, self.portable(), shot, &self.work, target, self.passes),
         }
+        Ok(None)
+    }
+
+    /// Brings the pages that a frame lacked, or has the next one drawn in slabs where they do not fit.
+    ///
+    /// # Errors
+    /// If a page cannot be read.
+    pub fn bring_missing(&mut self, device: &Device, scene: &GpuScene, state: &CutState) -> Result<()> {
+        let (Some(chooser), Some(fast)) = (&self.chooser, &mut self.fast) else { return Ok(()) };
+        fast.needs_slabs = !bring_missing(device, chooser, scene, state)?;
+        Ok(())
     }
 
     /// True if a frame that counted `totals` kept to its limits. If it did not, the next frame has larger buffers, or

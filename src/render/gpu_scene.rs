@@ -41,6 +41,8 @@ pub struct GpuScene {
     pub(super) alpha_min: f32,
     /// The indices of the Gaussians, if the planes hold some pages of the scene at a time.
     pub(super) indices: Option<Buffer<u32>>,
+    /// The slot of each page, if the planes hold some pages of the scene at a time.
+    pub(super) slots: Option<Buffer<u32>>,
     /// The words of levels, if the scene is drawn by levels of detail.
     pub(super) levels: Option<Buffer<u32>>,
     /// Set if the planes hold some pages of the scene at a time.
@@ -124,6 +126,7 @@ impl GpuScene {
             alpha_min: options.rules.alpha_min,
             layout,
             indices: None,
+            slots: None,
             levels: None,
             nodes: len,
             pool: None,
@@ -215,6 +218,7 @@ impl GpuScene {
             alpha_min: pages.alpha_min(),
             layout,
             indices: Some(indices),
+            slots: Some(pool.slots().clone()),
             levels,
             nodes: pages.nodes(),
             pool: Some(Arc::new(Mutex::new(pool))),
@@ -288,7 +292,7 @@ impl GpuScene {
     /// The same scene with at most its first `count` Gaussians.
     pub(super) fn first(&self, count: usize) -> Self {
         let len = self.len.min(count);
-        Self { len, nodes: len, indices: None, levels: None, pool: None, placements: None, ..self.clone() }
+        Self { len, nodes: len, indices: None, slots: None, levels: None, pool: None, placements: None, ..self.clone() }
     }
 
     pub fn is_empty(&self) -> bool {
@@ -312,7 +316,7 @@ impl GpuScene {
     /// Every buffer's name and bytes.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let planes = std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh).map(Buffer::footprint);
-        let words = self.indices.iter().chain(&self.levels).map(Buffer::footprint);
+        let words = self.indices.iter().chain(&self.slots).chain(&self.levels).map(Buffer::footprint);
         planes.chain(words).chain([self.grids.footprint()]).collect()
     }
 

@@ -1,9 +1,11 @@
 //! Frames that are recorded, on the GPU, or finished.
 
 use super::choice::{Limits, Path};
+use super::shaders::CutState;
 use super::shaders::Totals;
-use super::slabs::{Drawn, Parts};
-use crate::gpu::{InFlight, Readback, Timing};
+use super::slabs::{Chooser, Detailed, Drawn, Parts};
+use crate::gpu::{InFlight, Readback, Results, Timing};
+use crate::options::Options;
 
 /// The report of a finished frame.
 #[derive(Clone, Debug)]
@@ -18,6 +20,8 @@ pub struct Frame {
     pub path: Path,
     /// Set if it was drawn in parts.
     pub parts: Option<Parts>,
+    /// Set if it was drawn by levels of detail.
+    pub detail: Option<Detailed>,
 }
 
 /// A frame on the GPU.
@@ -38,6 +42,8 @@ pub struct Recorded {
 pub(super) enum Counted {
     /// They are there when its commands have run.
     OnDevice(Readback<Totals>),
+    /// The same, of a scene in pages.
+    OfPages(Readback<Totals>, Readback<CutState>),
     /// The frame is drawn already, in slabs.
     Here(Box<Drawn>),
 }
@@ -46,7 +52,16 @@ impl Recorded {
     pub(super) fn parts(&self) -> Option<Parts> {
         match &self.counted {
             Counted::Here(drawn) => Some(drawn.parts),
+            Counted::OnDevice(_) | Counted::OfPages(..) => None,
+        }
+    }
+
+    /// What the levels of detail were cut to, if they were.
+    pub(super) fn detail(&self, results: &Results, options: &Options) -> Option<Detailed> {
+        match &self.counted {
+            Counted::Here(drawn) => drawn.detail,
             Counted::OnDevice(_) => None,
+            Counted::OfPages(_, state) => Chooser::detail(&results.view(state)[0], options),
         }
     }
 

@@ -14,6 +14,7 @@ use super::inspect::{Inspection, Inspector, Look, Picker, Picture, Work};
 use super::readback::read_pixels;
 use super::recorded::{Counted, Frame, Recorded, Started};
 use super::shaders::{Room, Totals};
+use super::slabs::Detailed;
 use super::trial::{MAX_ATTEMPTS, choose};
 use super::upscale::Upscaler;
 use crate::camera::Camera;
@@ -213,7 +214,8 @@ impl Renderer {
             if let Some(totals) = self.judge(&results, &recorded)? {
                 let timings = recorded.timings(results.timings());
                 let path = self.drawn.path;
-                return Ok((Frame { totals, timings, attempts, path, parts: recorded.parts() }, results));
+                let (parts, detail) = (recorded.parts(), self.detail(&results, &recorded));
+                return Ok((Frame { totals, timings, attempts, path, parts, detail }, results));
             }
         }
         bail!("the frame did not fit its buffers in {MAX_ATTEMPTS} attempts, although they grew to what it counted")
@@ -279,8 +281,7 @@ impl Renderer {
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
         let inspector = inspector.or(self.inspector.as_ref());
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some();
-        let subject = (self.scene.placed_len(), self.scene.is_paged());
-        self.drawn = self.choice.prepare(&self.device, subject, camera.size_px, needs_tile_lists)?;
+        self.drawn = self.choice.prepare(&self.device, &self.scene, camera.size_px, needs_tile_lists)?;
         ensure!(
             self.drawn.path == Path::Fast || !self.scene.is_placed(),
             "only the fast path draws scenes at places, and this device or these options do not take it"
@@ -293,19 +294,27 @@ impl Renderer {
             true => Some(self.choice.draw_in_slabs(&self.device, path, shot, target, inspector)?),
             false => None,
         };
-        cmd.scope("frame", |cmd| {
-            if drawn.is_none() {
-                self.choice.record(cmd, shot, target, self.drawn, inspector);
-            }
+        let chosen = cmd.scope("frame", |cmd| {
+            let chosen = match drawn {
+                None => self.choice.record(cmd, shot, target, self.drawn, inspector)?,
+                Some(_) => None,
+            };
             if let Some(upscaler) = &self.upscaler {
                 cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
                 cmd.scope("upscale", |cmd| upscaler.record(cmd, &self.image));
             }
-        });
+            anyhow::Ok(chosen)
+        })?;
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let counted = match drawn {
             Some(drawn) => Counted::Here(Box::new(drawn)),
-            None => Counted::OnDevice(cmd.read(self.choice.totals(self.drawn.path))?),
+            None => {
+                let totals = cmd.read(self.choice.totals(self.drawn.path))?;
+                match chosen {
+                    None => Counted::OnDevice(totals),
+                    Some(state) => Counted::OfPages(totals, state),
+                }
+            }
         };
         Ok(Recorded { number, counted, limits: self.drawn })
     }
@@ -333,16 +342,26 @@ impl Renderer {
     /// # Errors
     /// If there is no memory for larger buffers.
     pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
-        let totals = match &recorded.counted {
+        let (totals, state) = match &recorded.counted {
             Counted::Here(drawn) => return Ok(Some(drawn.totals)),
-            Counted::OnDevice(totals) => results.view(totals)[0],
+            Counted::OnDevice(totals) => (results.view(totals)[0], None),
+            Counted::OfPages(totals, state) => (results.view(totals)[0], Some(results.view(state)[0])),
         };
         let limits = recorded.limits;
-        let is_whole = self.choice.judge(&self.device, &totals, limits)?;
+        let mut is_whole = self.choice.judge(&self.device, &totals, limits)?;
+        if let Some(state) = state.filter(|state| state.missing > 0) {
+            self.choice.bring_missing(&self.device, &self.scene, &state)?;
+            is_whole = false;
+        }
         if let Some(last) = &mut self.last {
             last.has_tile_lists = is_whole && last.number == recorded.number && self.choice.holds(limits);
         }
         Ok(is_whole.then_some(totals))
+    }
+
+    /// What the levels of detail of a frame were cut to, if it was drawn by them.
+    pub fn detail(&self, results: &Results, recorded: &Recorded) -> Option<Detailed> {
+        recorded.detail(results, &self.options)
     }
 
     /// Width and height of the picture drawn last.

@@ -229,12 +229,13 @@ impl Stream {
         let totals: Option<Vec<_>> = judged.collect::<Result<Vec<_>>>()?.into_iter().rev().collect();
         let all: Vec<Timing> = results.iter().flat_map(Results::timings).cloned().collect();
         let mut timings = all.as_slice();
-        let frame = |(totals, (path, recorded, _)): (_, &(Path, Recorded, usize))| Frame {
+        let frame = |(totals, (path, recorded, of)): (_, &(Path, Recorded, usize))| Frame {
             totals,
             timings: recorded.timings(&take_frame(&mut timings)),
             attempts,
             path: *path,
             parts: recorded.parts(),
+            detail: self.renderer.detail(&results[*of], recorded),
         };
         Ok(totals.map(|totals| totals.into_iter().zip(recorded).map(frame).collect()))
     }

@@ -96,14 +96,14 @@ impl PathChoice {
     fn draw_trial(&mut self, device: &Device, scene: &GpuScene, needs_tile_lists: bool) -> Result<Pixels> {
         let image = Image::new(device, "trial", TRIAL_SIZE[0], TRIAL_SIZE[1])?;
         for _ in 0..MAX_ATTEMPTS {
-            let limits = self.prepare(device, (scene.len(), false), TRIAL_SIZE, needs_tile_lists)?;
+            let limits = self.prepare(device, scene, TRIAL_SIZE, needs_tile_lists)?;
             if limits.in_slabs {
                 let reason = "there is too little device memory".to_owned();
                 return Err(OutOfMemory { name: "trial of the fast path".to_owned(), bytes: None, reason }.into());
             }
             let mut cmd = Commands::new(device)?;
             let target = Target { image: &image, certificate: None, background: Background::BLACK };
-            self.record(&mut cmd, Shot { scene, camera: &scene.trial_view }, target, limits, None);
+            self.record(&mut cmd, Shot { scene, camera: &scene.trial_view }, target, limits, None)?;
             cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
             let totals = cmd.read(self.totals(limits.path))?;
             let results = cmd.submit()?.wait()?;

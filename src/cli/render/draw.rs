@@ -268,7 +268,7 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         size_text(shot.camera.size_px),
         frame.path
     )?;
-    if let Some(Parts { slabs, wall_ms, pages_in_view, pages_read, bytes_read, detail }) =
+    if let Some(Parts { slabs, wall_ms, pages_in_view, pages_read, bytes_read }) =
         frame.parts.filter(|p| p.slabs > 1 || p.pages_in_view > 0)
     {
         let pages = match pages_in_view {
@@ -277,13 +277,13 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         };
         let slabs = if slabs == 1 { "1 slab".to_owned() } else { format!("{slabs} slabs") };
         say!("  in {slabs}, {wall_ms:.1} ms in all{pages}")?;
-        if let Some(Detailed { lod_error, nodes, predicted_psnr }) = detail {
-            let predicted = match predicted_psnr.is_finite() {
-                true => format!("{predicted_psnr:.1} dB predicted"),
-                false => "nothing simplified".to_owned(),
-            };
-            say!("  about {nodes:.0} nodes of the levels in view, error {lod_error:.3} per node, {predicted}")?;
-        }
+    }
+    if let Some(Detailed { lod_error, nodes, predicted_psnr, pages }) = frame.detail {
+        let predicted = match predicted_psnr.is_finite() {
+            true => format!("{predicted_psnr:.1} dB predicted"),
+            false => "nothing simplified".to_owned(),
+        };
+        say!("  about {nodes:.0} nodes in {pages} pages of the levels, error {lod_error:.3} per node, {predicted}")?;
     }
     if args.timings {
         let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth > 0).collect();

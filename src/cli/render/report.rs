@@ -9,7 +9,7 @@ use super::start::PhaseReport;
 use crate::camera::Camera;
 use crate::measure::bench::{SceneReport, VersionReport};
 use crate::options::Options;
-use crate::render::{Frame, Parts, Path};
+use crate::render::{Detailed, Frame, Parts, Path};
 
 /// The report of `smalto render`.
 #[derive(Serialize, JsonSchema)]
@@ -83,6 +83,8 @@ pub(super) struct GpuReport {
     ms: Option<f64>,
     /// How it was drawn in parts; null if it was drawn at once.
     parts: Option<Parts>,
+    /// The cut through the levels of detail; null if it was not drawn by levels.
+    detail: Option<Detailed>,
     /// Stages in the order of the frame.
     stages: Vec<StageReport>,
 }
@@ -131,6 +133,7 @@ impl From<&Frame> for GpuReport {
             listed: frame.totals.listed_kept,
             ms: frame.timings.iter().find(|timing| timing.depth == 0).map(|timing| timing.duration_ms),
             parts: frame.parts,
+            detail: frame.detail,
             stages: stages.into_iter().map(stage).collect(),
         }
     }

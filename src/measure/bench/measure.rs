@@ -355,7 +355,14 @@ mod tests {
         let timing =
             |(i, name): (usize, &&'static str)| Timing { name, depth: 1, start_ms: i as f64, duration_ms: 1.0 };
         let timings = stages.iter().enumerate().map(timing).collect();
-        Frame { totals: bytemuck::Zeroable::zeroed(), timings, attempts: 1, path: render::Path::Fast, parts: None }
+        Frame {
+            totals: bytemuck::Zeroable::zeroed(),
+            timings,
+            attempts: 1,
+            path: render::Path::Fast,
+            parts: None,
+            detail: None,
+        }
     }
 
     #[test]

@@ -188,6 +188,17 @@ impl FastPipeline {
         assert!(scene.alpha_min <= drawn_alpha, "a scene is culled by no higher threshold than it is drawn by");
         let grid = self.grid(camera.size_px, scene.len());
         cmd.scope("project", |cmd| self.project(cmd, shot, work, grid));
+        self.record_projected(cmd, work, grid, target);
+    }
+
+    /// Records the stages after the projection.
+    pub(in crate::render) fn record_projected(
+        &self,
+        cmd: &mut Commands,
+        work: &FastWorkspace,
+        grid: BinGrid,
+        target: Target,
+    ) {
         between_stages(cmd);
         cmd.scope("list", |cmd| self.list(cmd, work, grid));
         between_stages(cmd);
@@ -210,11 +221,12 @@ impl FastPipeline {
     /// The fewest bytes that each stage moves through device memory: each input read once, each output written once.
     pub fn least_bytes(&self, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
         let Shot { scene, camera } = shot;
-        let gaussians = scene.len() as u64;
         let [visible, spans, entries] = [totals.visible_kept, totals.spans, totals.listed_kept].map(u64::from);
         let bins = u64::from(self.grid(camera.size_px, scene.len()).count());
         let pixels: u64 = camera.size_px.iter().map(|side| u64::from(*side)).product();
         let splat = 16 * self.splat_elements() as u64;
+        // Of a scene in pages, at least those are looked at that are visible.
+        let gaussians = if scene.is_paged() { visible } else { scene.len() as u64 };
         let (bounds, key, id) = (16, 4, 4);
         let walk = 8 * visible + 4 * spans; // span ranges and spans
         let shares = u64::from(BIN_CHUNKS) * 4 * (bins + 1);

@@ -3,7 +3,9 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use super::cut::{Cut, Place};
+use super::chooser::Chosen;
+use super::detail::Detailed;
+use super::ends::{Ends, Place};
 use super::parts::Parts;
 use super::supply::Supply;
 use crate::gpu::Timing;
@@ -17,11 +19,13 @@ pub struct Drawn {
     /// The sums over all slabs, by stage.
     pub timings: Vec<Timing>,
     pub parts: Parts,
+    /// Set if it was drawn by levels of detail.
+    pub detail: Option<Detailed>,
 }
 
 /// A frame that is being drawn.
 pub struct Course {
-    pub cut: Cut,
+    pub ends: Ends,
     drawn: Drawn,
     begun: Instant,
     /// The splats that the first slab was meant to have when it fitted.
@@ -38,8 +42,17 @@ impl Course {
     pub fn begin(supply: &mut Supply, end: Place, indices: usize, target: f64) -> Self {
         let estimate = supply.estimate(end);
         let most = if supply.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
-        let drawn = Drawn { totals: bytemuck::Zeroable::zeroed(), timings: Vec::new(), parts: supply.parts() };
-        Self { cut: Cut::new(estimate, indices, target, most), drawn, begun: Instant::now(), first_target: None }
+        let totals = bytemuck::Zeroable::zeroed();
+        let drawn = Drawn { totals, timings: Vec::new(), parts: supply.parts(), detail: None };
+        Self { ends: Ends::new(estimate, indices, target, most), drawn, begun: Instant::now(), first_target: None }
+    }
+
+    /// Notes how the pages were chosen.
+    pub fn chose(&mut self, chosen: Option<&Chosen>) {
+        if let Some(chosen) = chosen {
+            self.took(chosen.results.timings());
+            self.drawn.detail = chosen.detail;
+        }
     }
 
     /// Adds the times of some stages, which become the inner scopes of the frame.
@@ -60,8 +73,8 @@ impl Course {
 
     /// Goes on behind a slab that was blended, and that filled this part of the capacity.
     pub fn blended(&mut self, slab: &Range<Place>, filled: f64, totals: &Totals) {
-        self.first_target.get_or_insert(self.cut.target());
-        self.cut.drawn(slab, filled);
+        self.first_target.get_or_insert(self.ends.target());
+        self.ends.drawn(slab, filled);
         self.count(totals);
         self.drawn.parts.slabs += 1;
     }

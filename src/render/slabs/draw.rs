@@ -4,10 +4,12 @@ use std::ops::Range;
 
 use anyhow::Result;
 
+use super::chooser::Chooser;
 use super::course::{Course, Drawn};
-use super::cut::{Place, place_of, slab};
+use super::ends::{Place, place_of, slab};
 use super::fast::{FastStages, OpenBins};
-use super::listed::{Element, Listed, first_page, views_of};
+use super::listed::{Element, Listed, first_page, number_of_pages, views_of};
+use super::page_projection::{Count, PageProjection};
 use super::supply::{Cells, Supply, listed_at_first};
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, Image, InFlight, Readback};
@@ -21,6 +23,7 @@ use crate::render::shaders::Totals;
 
 /// What drawing in slabs keeps from one frame to the next.
 pub struct Slabs {
+    project: PageProjection,
     stages: FastStages,
     open_bins: OpenBins,
     /// The views, then the pages.
@@ -41,6 +44,7 @@ pub(super) const PART: f64 = 0.5;
 impl Slabs {
     pub fn new(device: &Device, fast: &FastPipeline, scene: &GpuScene) -> Result<Self> {
         Ok(Self {
+            project: PageProjection::new(device, fast)?,
             stages: FastStages::new(device, fast)?,
             open_bins: OpenBins::new(device)?,
             listed: listed_at_first(device, scene)?,
@@ -80,6 +84,7 @@ impl Slabs {
         &mut self,
         device: &Device,
         (fast, work, options): (&FastPipeline, &FastWorkspace, &Options),
+        chooser: Option<&Chooser>,
         Shot { scene, camera }: Shot,
         target: Target,
     ) -> Result<Drawn> {
@@ -87,14 +92,11 @@ impl Slabs {
         self.stages.prepare(device, grid)?;
         let keys = DepthKeys::of(camera, options, &scene.extent);
         let end = place_of(keys.limit()) + place_of(1);
-        let mut supply = Supply::of(
-            scene,
-            camera,
-            options,
-            keys,
-            Cells { side_px: grid.bin_px(), count: grid.bins, largest_key: keys.limit() },
-        );
+        let cells = Cells { side_px: grid.bin_px(), count: grid.bins, largest_key: keys.limit() };
+        let chosen = chooser.map(|chooser| chooser.chosen(device, scene, camera, options)).transpose()?;
+        let mut supply = Supply::of(scene, camera, options, (keys, cells), chosen.as_ref());
         let mut course = Course::begin(&mut supply, end, scene.placed_len(), self.target);
+        course.chose(chosen.as_ref());
         let mut cmd = Commands::new(device)?;
         let views = views_of(scene, camera, &options.rules);
         cmd.upload(&self.listed, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
@@ -106,13 +108,13 @@ impl Slabs {
         let _begun = cmd.submit()?;
         let frame = Frame { device, fast, work, options, scene, camera, grid, image: target.image };
         let mut before = 0;
-        while let Some(next) = course.cut.next() {
+        while let Some(next) = course.ends.next() {
             let Some(slab) = self.start_slab(&frame, &mut supply, &next, before)? else {
                 // No page has anything to add here.
-                course.cut.drawn(&next, 0.0);
+                course.ends.drawn(&next, 0.0);
                 continue;
             };
-            if let Some(following) = course.cut.after(next.end) {
+            if let Some(following) = course.ends.after(next.end) {
                 // While the device draws, the pages of the slab that probably follows are read.
                 // A page that cannot be read is reported when it is needed.
                 _ = supply.read_ahead(device, &following);
@@ -122,7 +124,7 @@ impl Slabs {
             let totals = results.view(&slab.totals)[0];
             let filled = filled(&totals, work, fast);
             if filled > 1.0 {
-                if !course.cut.shorten(&next, filled) {
+                if !course.ends.shorten(&next, filled) {
                     return Err(no_room(work).into());
                 }
                 continue;
@@ -133,7 +135,7 @@ impl Slabs {
                 break;
             }
             if supply.has_closed_many() {
-                course.cut.renew(supply.estimate(end));
+                course.ends.renew(supply.estimate(end));
             }
         }
         let mut cmd = Commands::new(device)?;
@@ -157,15 +159,16 @@ impl Slabs {
         let indices = scene.indices.as_ref().unwrap_or(&self.no_indices);
         let first = first_page(scene);
         let levels = scene.levels.as_ref().unwrap_or(&self.no_indices);
-        let listed =
-            |pages: u32| Listed { scene, elements: &self.listed, pages: first..first + pages, indices, levels };
-        let project = |cmd: &mut Commands, pages: u32| {
-            let (listed, slab) = (listed(pages), slab(range));
-            cmd.scope("project", |cmd| self.stages.project(cmd, &listed, (camera, options), slab, work, grid));
+        let listed = Listed { scene, elements: &self.listed, first_page: first, indices, levels };
+        let project = |cmd: &mut Commands, pages: usize| {
+            let listed = (&listed, Count::Known(pages));
+            cmd.scope("project", |cmd| {
+                self.project.record(cmd, listed, (camera, options), slab(range), work, grid);
+            });
         };
         let (mut cmd, mut earlier) = (Commands::new(device)?, Vec::new());
         match supply {
-            Supply::Whole(_) => project(&mut cmd, self.listed.len() as u32 - first),
+            Supply::Whole(_) => project(&mut cmd, self.listed.len() - first as usize),
             Supply::Paged(paged) => {
                 let mut wanted = paged.wanted(range);
                 if wanted.is_empty() {
@@ -175,11 +178,12 @@ impl Slabs {
                 let last = batches.len() - 1;
                 for (number, batch) in batches.into_iter().enumerate() {
                     let pages = paged.bring(device, &wanted[batch])?;
-                    cmd.upload(&self.listed, first as usize, pages.len(), |memory| {
-                        memory.copy_from_slice(&pages);
+                    cmd.upload(&self.listed, first as usize - 1, 1 + pages.len(), |memory| {
+                        memory[0] = number_of_pages(pages.len());
+                        memory[1..].copy_from_slice(&pages);
                     })?;
                     cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
-                    project(&mut cmd, pages.len() as u32);
+                    project(&mut cmd, pages.len());
                     if number < last {
                         // The pages of the next batch take the slots of these.
                         earlier.push(cmd.submit()?);

@@ -2,23 +2,15 @@
 
 use anyhow::Result;
 
-use super::listed::Listed;
-use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage};
-use crate::options::Options;
 use crate::render::fast::{BLOCK_HEIGHTS, BinGrid, FastPipeline, FastWorkspace, blend_constants};
-use crate::render::frame::DepthKeys;
+use crate::render::shaders::SharedConstants;
 use crate::render::shaders::fast::{BLOCKS, MAX_BINS};
 use crate::render::shaders::slabs::*;
-use crate::render::shaders::{SharedConstants, Slab};
 use crate::rules::Background;
-
-/// Workgroups of `project` for a page.
-const GROUPS_PER_PAGE: u64 = 4;
 
 /// The stages, built for one set of options and one layout of a scene.
 pub struct FastStages {
-    project: Stage<Project>,
     list: Stage<List>,
     /// One for each of [`BLOCK_HEIGHTS`], made when the first picture needs it.
     blend: [Option<Stage<Blend>>; BLOCK_HEIGHTS.len()],
@@ -42,7 +34,6 @@ impl FastStages {
     pub fn new(device: &Device, fast: &FastPipeline) -> Result<Self> {
         let (constants, subgroup) = fast.constants();
         Ok(Self {
-            project: Stage::of_subgroups(device, &ProjectConstants::of(constants), subgroup)?,
             list: Stage::of_subgroups(device, &ListConstants::of(constants), subgroup)?,
             blend: Default::default(),
             begin: Stage::new(device, &BeginConstants::of(constants))?,
@@ -72,52 +63,6 @@ impl FastStages {
     pub fn finish(&self, cmd: &mut Commands, image: &Image, background: Background) {
         let push = FinishPush { size_px: image.size(), background: background.colour() };
         cmd.dispatch(&self.finish, FinishBindings { image }, push, over(image));
-    }
-
-    /// Projects what the listed pages have in the slab, after what was projected before.
-    pub fn project(
-        &self,
-        cmd: &mut Commands,
-        listed: &Listed,
-        (camera, options): (&Camera, &Options),
-        slab: Slab,
-        work: &FastWorkspace,
-        grid: BinGrid,
-    ) {
-        let scene = listed.scene;
-        let keys = DepthKeys::of(camera, options, &scene.extent);
-        let bindings = ProjectBindings {
-            bounds: &scene.bounds,
-            grids: &scene.grids,
-            shapes: scene.shape_planes(),
-            sh: scene.sh_planes(),
-            gaussian_from_splat: &work.gaussian_from_splat,
-            splats: &work.splats,
-            depth_keys: &work.depth_keys,
-            span_ranges: &work.span_ranges,
-            spans: &work.spans,
-            counters: &work.counters,
-            listed: listed.elements,
-            indices: listed.indices,
-            levels: listed.levels,
-        };
-        let push = ProjectPush {
-            slab,
-            focal_px: camera.focal_px.as_vec2().to_array(),
-            centre_px: camera.centre_px.as_vec2().to_array(),
-            size_px: camera.size_px,
-            near: options.rules.near,
-            first_page: listed.pages.start,
-            pages: listed.pages.len() as u32,
-            visible_capacity: work.visible_capacity(),
-            span_capacity: work.spans.len() as u32,
-            depth_limit: keys.limit(),
-            depth_shift: keys.shift,
-            block_height: grid.block_height,
-            gaussians: scene.nodes as u32,
-        };
-        let groups = DispatchSize::Groups(GROUPS_PER_PAGE * listed.pages.len() as u64);
-        cmd.dispatch(&self.project, bindings, push, groups);
     }
 
     /// Records everything after the projection: the lists of the open bins, and their blend on top of the states.

@@ -37,7 +37,7 @@ fn draw(device: &Device, source: &SceneSource, options: &Options, camera: &Camer
     let frame = renderer.render(camera, BACKGROUND).unwrap();
     let pixels = renderer.pixels().unwrap();
     assert_eq!(device.validation_messages(), Vec::<String>::new());
-    (pixels, frame.parts.and_then(|parts| parts.detail))
+    (pixels, frame.detail)
 }
 
 fn source(file: &Arc<PageFile>) -> SceneSource {

@@ -1,7 +1,5 @@
 //! The pages that a slab draws and the views that they are seen from, as slab.glsl reads them.
 
-use std::ops::Range;
-
 use super::visible::PlacedCamera;
 use crate::camera::Camera;
 use crate::gpu::Buffer;
@@ -19,10 +17,10 @@ pub type Element = [u32; 4];
 pub struct Listed<'a> {
     /// Planes of Gaussians.
     pub scene: &'a GpuScene,
-    /// The views, then the pages.
+    /// The views, the number of pages, the pages.
     pub elements: &'a Buffer<Element>,
-    /// The elements with the pages.
-    pub pages: Range<u32>,
+    /// The element with the first page.
+    pub first_page: u32,
     /// The indices of Gaussians, where pages have them.
     pub indices: &'a Buffer<u32>,
     /// The words of levels, where pages have them.
@@ -52,9 +50,14 @@ impl ListedPage {
 /// The most pages that a dispatch lists, if more are not in the pool at a time.
 const MOST_LISTED: usize = 1 << 16;
 
-/// The element with the first page, behind the views of all placements.
+/// The element with the first page, behind the views of all placements and the number of pages.
 pub fn first_page(scene: &GpuScene) -> u32 {
-    VIEW_ELEMENTS * scene.transforms().len() as u32
+    VIEW_ELEMENTS * scene.transforms().len() as u32 + 1
+}
+
+/// The element before the first of so many pages.
+pub fn number_of_pages(pages: usize) -> Element {
+    [pages as u32, 0, 0, 0]
 }
 
 /// Elements for the pages that a dispatch lists.

@@ -14,12 +14,15 @@
 //! the same order as in a frame that is drawn at once. A slab whose demand exceeds the capacity blends nothing; it is
 //! drawn again, shorter.
 
+mod at_once;
+mod chooser;
 mod course;
-mod cut;
 mod detail;
 mod draw;
+mod ends;
 mod fast;
 mod listed;
+mod page_projection;
 mod parts;
 mod pool;
 mod portable;
@@ -27,12 +30,16 @@ mod supply;
 mod visible;
 
 #[cfg(test)]
+mod chooser_tests;
+#[cfg(test)]
 mod levels_tests;
 #[cfg(test)]
 mod placed_tests;
 #[cfg(test)]
 mod tests;
 
+pub(super) use at_once::{AtOnce, bring_missing};
+pub(super) use chooser::Chooser;
 pub(super) use course::Drawn;
 pub use detail::Detailed;
 pub(super) use draw::Slabs;

@@ -1,6 +1,5 @@
 //! The report of a frame that was drawn in parts.
 
-use super::detail::Detailed;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -17,7 +16,4 @@ pub struct Parts {
     pub pages_read: u64,
     /// Bytes of these pages.
     pub bytes_read: u64,
-    /// The cut through the levels of detail, if the picture is drawn by levels.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub detail: Option<Detailed>,
 }

@@ -7,6 +7,7 @@ use lru::LruCache;
 use rayon::prelude::*;
 
 use crate::gpu::{Access, Buffer, Commands, Device, InFlight, Staging};
+use crate::render::shaders::cut::NO_SLOT;
 use crate::storage::{PAGE, Pages, share};
 
 /// Bytes of host memory that pages are read into at a time. There are two of these, so that one is read while the other
@@ -25,13 +26,19 @@ pub struct Pool {
     plane_words: Vec<usize>,
     /// The slot of each page that is there; the page used last comes first.
     slots: LruCache<u32, u32>,
+    /// The same for shaders: the slot of every page, or [`NO_SLOT`].
+    on_device: Buffer<u32>,
     staged: [Staged; 2],
+    /// Pages that are read at a time.
+    room: usize,
     /// The one of `staged` that is filled next.
     next: usize,
     /// What was read so far.
     pub read: PagesRead,
     /// Evicts pages at random, for tests.
     pub churn: Option<u64>,
+    /// Pages that were evicted so, of which shaders do not know it yet.
+    forgotten: Vec<u32>,
 }
 
 /// Pages and bytes that were read.
@@ -62,23 +69,42 @@ impl Pool {
         // Under a small limit, what is read at a time takes a small part of it.
         let bytes = STAGED.min(device.free_bytes() as usize / 8);
         let room = (bytes / 4 / words).clamp(1, slots.max(1));
-        let staged = || anyhow::Ok(Staged { memory: Staging::new(device, "pages", room * words)?, copy: None });
+        // Behind the pages come their slots, and that of a page that has none.
+        let staged =
+            || anyhow::Ok(Staged { memory: Staging::new(device, "pages", room * (words + 1) + 1)?, copy: None });
         let capacity = NonZeroUsize::new(slots).context("a pool has a slot")?;
+        let on_device = Buffer::new(device, "slots of pages", pages.pages().len())?;
+        let mut cmd = Commands::new(device)?;
+        cmd.fill(&on_device, NO_SLOT);
+        cmd.submit()?.wait()?;
         Ok(Self {
             plane_words: plane_words(&pages),
             pages,
             planes,
             slots: LruCache::new(capacity),
+            on_device,
             staged: [staged()?, staged()?],
+            room,
             next: 0,
             read: PagesRead::default(),
             churn: None,
+            forgotten: Vec::new(),
         })
+    }
+
+    /// The slot of every page, as shaders know it.
+    pub fn slots(&self) -> &Buffer<u32> {
+        &self.on_device
     }
 
     /// The scene.
     pub fn pages(&self) -> &Pages {
         &self.pages
+    }
+
+    /// True if all pages of the scene fit.
+    pub fn fits_all(&self) -> bool {
+        self.capacity() == self.pages.pages().len()
     }
 
     /// Number of pages that fit.
@@ -106,8 +132,7 @@ impl Pool {
         let mut missing: Vec<u32> = wanted.iter().copied().filter(|page| self.slots.get(page).is_none()).collect();
         missing.sort_unstable();
         missing.dedup();
-        let each: usize = words_of(&self.pages).iter().sum();
-        for part in missing.chunks(self.staged[0].memory.len() / each) {
+        for part in missing.chunks(self.room) {
             self.copy(device, part)?;
         }
         let slot = |page: &u32| *self.slots.peek(page).expect("the page was brought");
@@ -124,7 +149,7 @@ impl Pool {
             copy.wait()?;
         }
         // The geometries of all pages come first, then their colours, then their levels.
-        let mut rest = &mut staged.memory.map()[..part.len() * each];
+        let (mut rest, slots_on_device) = staged.memory.map().split_at_mut(part.len() * each);
         let runs = runs_of(part);
         let mut parts: Vec<Vec<&mut [u32]>> = runs.iter().map(|_| Vec::new()).collect();
         for words in streams {
@@ -144,7 +169,20 @@ impl Pool {
         self.read.pages += part.len() as u64;
         self.read.bytes += 4 * (part.len() * each) as u64;
         let mut cmd = Commands::new(device)?;
-        let slots: Vec<usize> = part.iter().map(|page| take_slot(&mut self.slots, *page) as usize).collect();
+        let mut slots = Vec::new();
+        for page in part {
+            let (slot, evicted) = take_slot(&mut self.slots, *page);
+            slots.push(slot as usize);
+            self.forgotten.extend(evicted.filter(|page| (*page as usize) < pages.pages().len()));
+        }
+        slots_on_device[part.len()] = NO_SLOT;
+        slots_on_device.iter_mut().zip(&slots).for_each(|(to, slot)| *to = *slot as u32);
+        let forgotten = std::mem::take(&mut self.forgotten).into_iter().filter(|page| self.slots.peek(page).is_none());
+        let numbers: Vec<_> = (part.iter().enumerate().map(|(k, page)| (k, *page)))
+            .chain(forgotten.map(|page| (part.len(), page)))
+            .map(|(k, page)| (part.len() * each + k, page as usize, 1))
+            .collect();
+        cmd.upload_parts(&self.staged[1 - self.next].memory, &self.on_device, &numbers);
         // The stream of a plane, where it begins in a page of the stream, and where the stream begins.
         let (mut stream, mut start, mut first) = (0, 0, 0);
         for (plane, words) in self.planes.iter().zip(&self.plane_words) {
@@ -173,20 +211,22 @@ impl Pool {
                 let slot = self.slots.pop(&page).expect("the page is there");
                 self.slots.push(u32::MAX - slot, slot);
                 self.slots.demote(&(u32::MAX - slot));
+                self.forgotten.push(page);
             }
         }
     }
 }
 
-/// A slot for a page that has none: a free one, or that of the page that was used longest ago.
-fn take_slot(slots: &mut LruCache<u32, u32>, page: u32) -> u32 {
-    let slot = if slots.len() < slots.cap().get() {
-        slots.len() as u32
+/// A slot for a page that has none: a free one, or that of the page that was used longest ago, which is returned, too.
+fn take_slot(slots: &mut LruCache<u32, u32>, page: u32) -> (u32, Option<u32>) {
+    let (evicted, slot) = if slots.len() < slots.cap().get() {
+        (None, slots.len() as u32)
     } else {
-        slots.pop_lru().expect("a pool has a slot").1
+        let (evicted, slot) = slots.pop_lru().expect("a pool has a slot");
+        (Some(evicted), slot)
     };
     slots.push(page, slot);
-    slot
+    (slot, evicted)
 }
 
 /// Ascending page numbers as runs of neighbours.
@@ -233,9 +273,9 @@ mod tests {
     #[test]
     fn a_full_pool_gives_the_slot_of_the_page_used_longest_ago() {
         let mut slots = LruCache::new(NonZeroUsize::new(3).unwrap());
-        assert_eq!([5, 6, 7].map(|page| take_slot(&mut slots, page)), [0, 1, 2]);
+        assert_eq!([5, 6, 7].map(|page| take_slot(&mut slots, page)), [0, 1, 2].map(|slot| (slot, None)));
         assert_eq!(slots.get(&5), Some(&0));
-        assert_eq!(take_slot(&mut slots, 8), 1, "6 was used longest ago");
+        assert_eq!(take_slot(&mut slots, 8), (1, Some(6)), "6 was used longest ago");
         assert!(slots.peek(&6).is_none() && slots.len() == 3);
     }
 }

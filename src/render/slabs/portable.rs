@@ -8,10 +8,11 @@ use std::ops::Range;
 
 use anyhow::Result;
 
+use super::chooser::Chooser;
 use super::course::{Course, Drawn};
-use super::cut::{Place, place_of, slab};
 use super::draw::{MOST_SPLATS, PART};
-use super::listed::{Element, first_page, views_of};
+use super::ends::{Place, place_of, slab};
+use super::listed::{Element, first_page, number_of_pages, views_of};
 use super::supply::{Cells, Supply, listed_at_first};
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Results, Stage};
 use crate::host_memory::OutOfMemory;
@@ -102,6 +103,7 @@ impl PortableSlabs {
         &mut self,
         device: &Device,
         (pipeline, work, options): (&PortablePipeline, &PortableWorkspace, &Options),
+        chooser: Option<&Chooser>,
         shot: Shot,
         target: Target,
         inspector: Option<&Inspector>,
@@ -110,14 +112,16 @@ impl PortableSlabs {
         let keys = pipeline.depth_keys(scene, camera);
         let end = place_of(keys.limit());
         let cells = Cells { side_px: [TILE, TILE], count: tiles(camera.size_px), largest_key: keys.limit() - 1 };
-        let mut supply = Supply::of(scene, camera, options, keys, cells);
+        let chosen = chooser.map(|chooser| chooser.chosen(device, scene, camera, options)).transpose()?;
+        let mut supply = Supply::of(scene, camera, options, (keys, cells), chosen.as_ref());
         let mut course = Course::begin(&mut supply, end, scene.placed_len(), self.target);
+        course.chose(chosen.as_ref());
         let frame = Frame { device, pipeline, work, options, shot, target, keys, inspector };
         let mut goes_on = false;
-        while let Some(next) = course.cut.next() {
+        while let Some(next) = course.ends.next() {
             let filled = match self.list_slab(&frame, &mut supply, &next)? {
                 Listed::Nothing => {
-                    course.cut.drawn(&next, 0.0);
+                    course.ends.drawn(&next, 0.0);
                     continue;
                 }
                 Listed::TooManyPages(filled) => filled,
@@ -137,7 +141,7 @@ impl PortableSlabs {
                     filled
                 }
             };
-            if !course.cut.shorten(&next, filled) {
+            if !course.ends.shorten(&next, filled) {
                 let reason = "the Gaussians at one depth do not fit: raise the limit of memory".to_owned();
                 return Err(OutOfMemory { name: "slab".to_owned(), bytes: None, reason }.into());
             }
@@ -155,9 +159,13 @@ impl PortableSlabs {
         let Frame { device, pipeline, work, options, shot: Shot { scene, camera }, keys, .. } = *frame;
         let mut cmd = Commands::new(device)?;
         let mut elements = views_of(scene, camera, &options.rules);
-        let first_page = elements.len() as u32;
+        let first_page = first_page(scene);
         let pages = match supply {
-            Supply::Whole(_) => self.listed.len() as u32 - first_page,
+            Supply::Whole(_) => {
+                let all = self.listed.len() - first_page as usize;
+                elements.push(number_of_pages(all));
+                all
+            }
             Supply::Paged(paged) => {
                 let wanted = paged.wanted(range);
                 if wanted.is_empty() {
@@ -170,8 +178,9 @@ impl PortableSlabs {
                 if filled > 1.0 {
                     return Ok(Listed::TooManyPages(filled));
                 }
+                elements.push(number_of_pages(wanted.len()));
                 elements.extend(paged.bring(device, &wanted)?);
-                wanted.len() as u32
+                wanted.len()
             }
         };
         cmd.upload(&self.listed, 0, elements.len(), |memory| memory.copy_from_slice(&elements))?;
@@ -194,14 +203,14 @@ impl PortableSlabs {
                 size_px: camera.size_px,
                 near: options.rules.near,
                 first_page,
-                pages,
+                pages: pages as u32,
                 depth_limit: keys.limit() - 1,
                 depth_shift: keys.shift,
                 gaussians: scene.nodes as u32,
             };
-            cmd.dispatch(&self.cull, bindings, push, DispatchSize::Groups(pages.into()));
+            cmd.dispatch(&self.cull, bindings, push, DispatchSize::Groups(pages as u64));
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-            pipeline.compact_chunks(cmd, pages, work);
+            pipeline.compact_chunks(cmd, pages as u32, work);
         });
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         cmd.scope("project", |cmd| self.project(cmd, frame));

@@ -7,9 +7,10 @@ use std::sync::MutexGuard;
 use anyhow::Result;
 use rayon::prelude::*;
 
-use super::cut::{Estimate, Place, place_of};
-use super::detail::{Detailed, cut};
-use super::listed::{Element, ListedPage, first_page, room_for_pages};
+use super::chooser::{Chosen, ChosenPage};
+use super::detail::part;
+use super::ends::{Estimate, Place, place_of};
+use super::listed::{Element, ListedPage, first_page, number_of_pages, room_for_pages};
 use super::parts::Parts;
 use super::pool::{PagesRead, Pool};
 use super::visible::{Open, PlacedCamera, Sight, VisiblePage};
@@ -42,7 +43,10 @@ pub fn listed_at_first(device: &Device, scene: &GpuScene) -> Result<Buffer<Eleme
     let first = first_page(scene) as usize;
     let listed = Buffer::new(device, "listed pages", first + room_for_pages(scene))?;
     let mut cmd = Commands::new(device)?;
-    cmd.upload(&listed, first, pages.len(), |memory| memory.copy_from_slice(&pages))?;
+    cmd.upload(&listed, first - 1, 1 + pages.len(), |memory| {
+        memory[0] = number_of_pages(pages.len());
+        memory[1..].copy_from_slice(&pages);
+    })?;
     cmd.submit()?.wait()?;
     Ok(listed)
 }
@@ -63,8 +67,6 @@ pub struct Paged<'a> {
     /// Open bins at the last estimate.
     open_then: u32,
     bins: [u32; 2],
-    /// The cut through the levels of detail.
-    detail: Option<Detailed>,
     /// For each page of the scene, a number that is [`NONE`] between two calls.
     noted: Vec<u32>,
 }
@@ -79,8 +81,15 @@ const NONE: u32 = u32::MAX;
 const LOOKED_AT: usize = 4096;
 
 impl<'a> Supply<'a> {
-    pub fn of(scene: &'a GpuScene, camera: &Camera, options: &Options, keys: DepthKeys, cells: Cells) -> Self {
-        let Some(pool) = scene.pool() else { return Self::Whole(scene.len()) };
+    /// `chosen`: the pages of a scene in pages.
+    pub fn of(
+        scene: &'a GpuScene,
+        camera: &Camera,
+        options: &Options,
+        (keys, cells): (DepthKeys, Cells),
+        chosen: Option<&Chosen>,
+    ) -> Self {
+        let (Some(pool), Some(chosen)) = (scene.pool(), chosen) else { return Self::Whole(scene.len()) };
         let alpha_min = pool.pages().alpha_min();
         let sight = Sight {
             rules: &options.rules,
@@ -92,17 +101,20 @@ impl<'a> Supply<'a> {
         };
         let pages = pool.pages().pages();
         let cameras: Vec<_> = scene.transforms().iter().map(|place| PlacedCamera::of(camera, place)).collect();
-        let (mut visible, detail) = match pool.pages().levels() {
-            None => (sight.visible_of_all(pages, &cameras), None),
-            Some(levels) => {
-                let (visible, detail) = cut(&sight, (pages, levels), &cameras, options);
-                (visible, Some(detail))
-            }
+        let levels = pool.pages().levels();
+        let seen = |chosen: &ChosenPage| {
+            let ChosenPage { page, view, limits } = *chosen;
+            let (number, page) = (page, &pages[page as usize]);
+            let place = sight.page(number, page, view, &cameras[view as usize])?;
+            let drawn = levels.map_or(1.0, |levels| part(&levels[number as usize], limits)) * f64::from(page.count);
+            let limits = u32::from(limits[0]) | u32::from(limits[1]) << 16;
+            Some(VisiblePage { limits, drawn: drawn.ceil() as u32, ..place })
         };
+        let mut visible: Vec<_> = chosen.pages.par_iter().with_min_len(1024).filter_map(seen).collect();
         visible.par_sort_unstable_by_key(|page| (page.keys[0], page.view, page.page));
         let all = vec![u32::MAX; cells.count.iter().product::<u32>().div_ceil(32) as usize];
         let (open, noted) = (Open::of(&all, cells.count), vec![NONE; pages.len()]);
-        Self::Paged(Box::new(Paged { pool, visible, open, open_then: 0, bins: cells.count, detail, noted }))
+        Self::Paged(Box::new(Paged { pool, visible, open, open_then: 0, bins: cells.count, noted }))
     }
 
     /// True if the scene is in pages.
@@ -134,9 +146,8 @@ impl<'a> Supply<'a> {
     pub fn parts(&self) -> Parts {
         let Self::Paged(paged) = self else { return Parts::default() };
         let PagesRead { pages, bytes } = paged.pool.read;
-        let detail = paged.detail;
         let pages_in_view = paged.visible.len() as u64;
-        Parts { pages_in_view, pages_read: pages, bytes_read: bytes, detail, ..Parts::default() }
+        Parts { pages_in_view, pages_read: pages, bytes_read: bytes, ..Parts::default() }
     }
 
     /// What was read since the frame began.

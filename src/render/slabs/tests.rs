@@ -61,7 +61,7 @@ fn slabs_of_whole(device: &Device, options: &Options, gaussians: &Gaussians, roo
     let mut slabs = Slabs::new(device, &fast, &scene).unwrap();
     let target = Target { image: &image, certificate: None, background: BACKGROUND };
     let shot = Shot { scene: &scene, camera };
-    let drawn = slabs.draw(device, (&fast, &work, options), shot, target).unwrap();
+    let drawn = slabs.draw(device, (&fast, &work, options), None, shot, target).unwrap();
     let parts = read_pixels(device, &image).unwrap();
     assert_eq!(differing(&parts, &whole), 0, "pixels that differ in {} slabs", drawn.parts.slabs);
     drawn.parts.slabs

@@ -3,9 +3,8 @@
 use std::ops::Range;
 
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 
-use super::cut::{Place, place_of};
+use super::ends::{Place, place_of};
 use crate::camera::Camera;
 use crate::render::frame::DepthKeys;
 use crate::rules::{LOW_PASS, Order, Rules};
@@ -78,25 +77,6 @@ pub struct Sight<'a> {
 }
 
 impl Sight<'_> {
-    /// The pages that may have splats in the picture, of a scene with a camera for each of its placements.
-    pub fn visible_of_all(&self, pages: &[Page], cameras: &[PlacedCamera]) -> Vec<VisiblePage> {
-        if let [only] = cameras {
-            return self.visible(pages, 0, only);
-        }
-        let whole = around(pages);
-        let seen = |(view, camera): (usize, &PlacedCamera)| {
-            let is_seen = self.page(0, &whole, view as u32, camera).is_some();
-            is_seen.then(|| self.visible(pages, view as u32, camera)).into_iter().flatten()
-        };
-        cameras.par_iter().enumerate().flat_map_iter(seen).collect()
-    }
-
-    /// The pages that may have splats in the picture of `camera`, in the order of the file.
-    pub fn visible(&self, pages: &[Page], view: u32, camera: &PlacedCamera) -> Vec<VisiblePage> {
-        let found = |(number, page): (usize, &Page)| self.page(number as u32, page, view, camera);
-        pages.par_iter().enumerate().with_min_len(1024).filter_map(found).collect()
-    }
-
     /// The page as the camera sees it; `None` if it does not.
     pub fn page(&self, number: u32, page: &Page, view: u32, placed: &PlacedCamera) -> Option<VisiblePage> {
         if page.reach < 0.0 {
@@ -169,26 +149,6 @@ impl Sight<'_> {
         let depth = (depth as f32).clamp(near, f32::MAX);
         ((depth.to_bits() - near.to_bits()) >> self.keys.shift).min(self.largest_key)
     }
-}
-
-/// A page that bounds all of these, to see at once that none of them is visible.
-fn around(pages: &[Page]) -> Page {
-    let none = Page {
-        low: [f32::INFINITY; 3],
-        high: [f32::NEG_INFINITY; 3],
-        reach: -1.0,
-        largest_scale: 0.0,
-        highest_opacity: 0.0,
-        count: 0,
-    };
-    pages.iter().filter(|page| page.reach >= 0.0).fold(none, |all, page| Page {
-        low: std::array::from_fn(|axis| all.low[axis].min(page.low[axis])),
-        high: std::array::from_fn(|axis| all.high[axis].max(page.high[axis])),
-        reach: all.reach.max(page.reach),
-        largest_scale: all.largest_scale.max(page.largest_scale),
-        highest_opacity: all.highest_opacity.max(page.highest_opacity),
-        count: all.count.saturating_add(page.count),
-    })
 }
 
 /// The bins with a pixel that has not stopped, to ask whether a rectangle has one.

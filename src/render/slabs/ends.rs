@@ -85,7 +85,7 @@ impl Estimate {
 
 /// Cuts a frame into slabs that fit, by an estimate and by what the slabs before demanded.
 #[derive(Debug)]
-pub struct Cut {
+pub struct Ends {
     estimate: Estimate,
     /// Number of indices: a depth key has places for these, and for no more.
     indices: u64,
@@ -98,7 +98,7 @@ pub struct Cut {
     longest: u64,
 }
 
-impl Cut {
+impl Ends {
     /// Begins a frame whose slabs are meant to have `target` splats at first, and never more than `most`.
     pub fn new(estimate: Estimate, indices: usize, target: f64, most: f64) -> Self {
         let target = target.min(most).min(estimate.splats()).max(1.0);
@@ -163,18 +163,18 @@ mod tests {
 
     /// Cuts places where so many splats lie at each of some depth keys, with room for `room` of them.
     fn cut(weights: &[(u32, u32)], room: u32, estimate: Estimate) -> Vec<Range<Place>> {
-        let mut cut = Cut::new(estimate, 1000, f64::from(room), f64::from(room));
+        let mut ends = Ends::new(estimate, 1000, f64::from(room), f64::from(room));
         let mut slabs = Vec::new();
         let count = |slab: &Range<Place>| -> u64 {
             let within = |key: u32, index: u32| slab.contains(&(place_of(key) + u64::from(index)));
             weights.iter().map(|(key, n)| (0..*n).filter(|index| within(*key, *index)).count() as u64).sum()
         };
-        while let Some(slab) = cut.next() {
+        while let Some(slab) = ends.next() {
             let filled = count(&slab) as f64 / f64::from(room);
             if filled > 1.0 {
-                assert!(cut.shorten(&slab, filled));
+                assert!(ends.shorten(&slab, filled));
             } else {
-                cut.drawn(&slab, filled);
+                ends.drawn(&slab, filled);
                 slabs.push(slab);
             }
         }
@@ -214,7 +214,7 @@ mod tests {
 
     #[test]
     fn one_splat_without_room_is_told() {
-        let mut cut = Cut::new(Estimate::uniform(place_of(4), 1.0), 1000, 1.0, 1.0);
-        assert!(!cut.shorten(&(5..6), 2.0));
+        let mut ends = Ends::new(Estimate::uniform(place_of(4), 1.0), 1000, 1.0, 1.0);
+        assert!(!ends.shorten(&(5..6), 2.0));
     }
 }

@@ -1,0 +1,102 @@
+#version 460
+#include "shared/workgroup.glsl"
+#include "shared/frame.glsl"
+#include "slabs/slab.glsl"
+#include "cut/cut.glsl"
+// One invocation per page and placed view: finds whether the page may have splats in the picture, how much of it lies
+// there, and how wide a pixel is from where its nodes are judged.
+// Before: the views are listed, the state is 0. After: `seen` has the pages in view, in any order: sums are of whole
+// numbers, and splats are sorted.
+
+layout(binding = 0, scalar) readonly buffer Boxes { PageBox boxes[]; };                     // [pages]
+layout(binding = 1, scalar) readonly buffer Errors { PageErrors errors[]; };                // [pages]
+layout(binding = 2, scalar) readonly buffer Views { uvec4 listed[]; };                      // [VIEW_ELEMENTS * views]
+layout(binding = 3, scalar) writeonly buffer Seen { uvec4 seen[]; };                        // [pages * views]
+layout(binding = 4, scalar) buffer State { CutState state; };
+layout(push_constant, scalar) uniform Push {
+    vec2 focal_px;
+    vec2 centre_px;
+    uvec2 size_px;
+    float per_focal_squared;  // 1 / the larger focal length^2
+    uint pages;
+    uint views;
+} push;
+
+PlacedView view;
+
+// A point in the axes of the view. Every device rounds it in the same way, as all that decides about the limit.
+vec3 in_view(vec3 point) {
+    precise vec3 p = (point - view.position_high) - view.position_low;
+    precise vec3 seen;
+    seen.x = (view.right.x * p.x + view.right.y * p.y) + view.right.z * p.z;
+    seen.y = (view.down.x * p.x + view.down.y * p.y) + view.down.z * p.z;
+    seen.z = (view.forward.x * p.x + view.forward.y * p.y) + view.forward.z * p.z;
+    return seen;
+}
+
+// The square of what a limit is multiplied with on a page: of the width of a pixel at the nearest point of its box,
+// wider where pixels are wider than the detail, since errors then fall.
+float width_squared(uint page) {
+    PageBox box = boxes[page];
+    precise vec3 below = (box.judged_low - view.position_high) - view.position_low;
+    precise vec3 above = (view.position_high - box.judged_high) + view.position_low;
+    precise vec3 d = max(max(below, above), 0.0);
+    precise float distance = max((d.x * d.x + d.y * d.y) + d.z * d.z, view.near * view.near);
+    precise float px = distance * push.per_focal_squared;
+    precise float width = px * max(px * box.per_detail_squared, 1.0);
+    return width;
+}
+
+// The number of points of a grid in the box that lie in the picture.
+uint samples_in_picture(PageBox box) {
+    precise vec3 cell = (box.high - box.low) * (1.0 / float(SAMPLES));
+    uint found = 0;
+    for (uint i = 0; i < SAMPLES * SAMPLES * SAMPLES; i++) {
+        vec3 place = vec3(i % SAMPLES, i / SAMPLES % SAMPLES, i / (SAMPLES * SAMPLES)) + 0.5;
+        precise vec3 point = box.low + place * cell;
+        vec3 p = in_view(point);
+        precise vec2 from = push.focal_px * p.xy + push.centre_px * p.z;
+        precise vec2 to = vec2(push.size_px) * p.z;
+        found += uint(p.z > view.near && all(greaterThanEqual(from, vec2(0.0))) && all(lessThanEqual(from, to)));
+    }
+    return found;
+}
+
+// True if a splat of the page may touch the picture. A bound: the cull test (cull_test.glsl) with the extremes of the
+// box, as Sight::page has it for whole bins, with slack for the rounding of f32.
+bool may_be_seen(PageBox box) {
+    if (box.reach < 0.0) return false;
+    vec3 half_size = 0.5 * (box.high - box.low);
+    vec3 centre = in_view(box.low + half_size);
+    vec3 magnitude = abs(view.position_high) + abs(box.low) + abs(box.high);
+    float slack = 1e-6 * (magnitude.x + magnitude.y + magnitude.z);
+    vec3 reach = vec3(dot(abs(view.right), half_size), dot(abs(view.down), half_size),
+        dot(abs(view.forward), half_size)) + slack;
+    vec3 low = centre - reach, high = centre + reach;
+    if (high.z < view.near) return false;
+    float nearest = max(low.z, view.near), farthest = max(high.z, view.near);
+    vec2 least = min(low.xy / nearest, low.xy / farthest), most = max(high.xy / nearest, high.xy / farthest);
+    vec2 size = vec2(push.size_px);
+    vec2 first = (-push.centre_px - 0.15 * size) / push.focal_px;
+    vec2 last = (size - push.centre_px + 0.15 * size) / push.focal_px;
+    vec2 steepest = max(abs(clamp(least, first, last)), abs(clamp(most, first, last)));
+    vec2 extent = push.focal_px / nearest * sqrt(1.0 + steepest * steepest) * box.reach * 1.01 + box.margin_px;
+    vec2 from = push.focal_px * least + push.centre_px, to = push.focal_px * most + push.centre_px;
+    vec2 more = extent + 1e-5 * (extent + max(abs(from), abs(to)) + push.focal_px) + 1.0;
+    // Also false for NaN: such a page is kept.
+    return !(any(lessThan(to + more, vec2(0.0))) || any(greaterThan(from - more, size)));
+}
+
+void main() {
+    uint number = workgroup() * WORKGROUP + lane();
+    uint page = number % push.pages, place = number / push.pages;
+    if (place >= push.views) return;
+    uint first = place * VIEW_ELEMENTS;
+    view = placed_view_of(uintBitsToFloat(listed[first]), uintBitsToFloat(listed[first + 1]),
+        uintBitsToFloat(listed[first + 2]), uintBitsToFloat(listed[first + 3]), uintBitsToFloat(listed[first + 4]));
+    PageBox box = boxes[page];
+    if (!may_be_seen(box)) return;
+    uint parent = errors[page].parent;
+    vec2 widths = vec2(width_squared(page), parent == NO_PAGE ? 0.0 : width_squared(parent));
+    seen[atomicAdd(state.seen, 1)] = packed(SeenPage(page, place, samples_in_picture(box), widths));
+}

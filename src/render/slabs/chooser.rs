@@ -1,0 +1,292 @@
+//! The pages that a picture draws, chosen on the GPU: those in view, and of levels of detail those of the cut.
+//!
+//! Every page decides for itself. Where the options ask for a number of nodes or a predicted error, the limit is
+//! searched before, in rounds: each adds up what seven limits would leave of all pages in view, in whole numbers, so
+//! that every run and every amount of memory finds the same limit.
+
+use std::mem::offset_of;
+
+use anyhow::Result;
+
+use super::detail::{Detailed, Wanted};
+use super::listed::{Element, first_page, views_of};
+use crate::camera::Camera;
+use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Readback, Results, Stage, Staging};
+use crate::levels::NEVER;
+use crate::options::Options;
+use crate::render::gpu_scene::GpuScene;
+use crate::render::shaders::cut::*;
+use crate::render::shaders::{CutState, PageBox, PageErrors};
+use crate::rules::LOW_PASS;
+use crate::storage::{Level, PARTS, Page, Pages};
+
+/// The stages, and the table of the pages of a scene.
+pub struct Chooser {
+    look: Stage<Look>,
+    count: Stage<Count>,
+    choose: Stage<Choose>,
+    end: Stage<End>,
+    boxes: Buffer<PageBox>,
+    errors: Buffer<PageErrors>,
+    steps: Buffer<u32>,
+    seen: Buffer<Element>,
+    /// The views, the number of pages, the pages, as slab.glsl has them.
+    pub listed: Buffer<Element>,
+    /// The number of each listed page.
+    pages: Buffer<u32>,
+    pub state: Buffer<CutState>,
+    has_levels: bool,
+}
+
+/// The pages of a picture, on the host.
+pub struct Chosen {
+    pub results: Results,
+    pub pages: Vec<ChosenPage>,
+    /// Set if it is drawn by levels of detail.
+    pub detail: Option<Detailed>,
+}
+
+/// A page that a picture draws.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChosenPage {
+    pub page: u32,
+    /// The number of the placed view that sees it.
+    pub view: u32,
+    /// Limits of errors, as codes: of its nodes, of their parents.
+    pub limits: [u16; 2],
+}
+
+impl Chooser {
+    /// # Errors
+    /// If memory runs out.
+    ///
+    /// # Panics
+    /// If the scene is not in pages.
+    pub fn new(device: &Device, scene: &GpuScene) -> Result<Self> {
+        let pool = scene.pool().expect("the scene is in pages");
+        let (pages, levels) = (pool.pages(), pool.pages().levels());
+        let count = pages.pages().len();
+        let pairs = count * scene.transforms().len();
+        let chooser = Self {
+            look: Stage::new(device, &())?,
+            count: Stage::new(device, &())?,
+            choose: Stage::new(device, &())?,
+            end: Stage::new(device, &())?,
+            boxes: Buffer::new(device, "boxes of pages", count)?,
+            errors: Buffer::new(device, "errors of pages", count)?,
+            steps: Buffer::new(device, "steps of codes", STEPS)?,
+            seen: Buffer::new(device, "pages in view", pairs)?,
+            listed: Buffer::new(device, "pages of the cut", first_page(scene) as usize + pairs)?,
+            pages: Buffer::new(device, "numbers of pages", pairs)?,
+            state: Buffer::new(device, "state of the cut", 1)?,
+            has_levels: levels.is_some(),
+        };
+        let mut cmd = Commands::new(device)?;
+        cmd.upload(&chooser.boxes, 0, count, |memory| {
+            let boxes = (0..count).map(|number| page_box(pages, number));
+            memory.iter_mut().zip(boxes).for_each(|(to, from)| *to = from);
+        })?;
+        cmd.upload(&chooser.errors, 0, count, |memory| {
+            let level = |number: usize| levels.map(|levels| &levels[number]);
+            let errors = pages.pages().iter().enumerate().map(|(number, page)| page_errors(page, level(number)));
+            memory.iter_mut().zip(errors).for_each(|(to, from)| *to = from);
+        })?;
+        cmd.upload(&chooser.steps, 0, STEPS, |memory| memory.copy_from_slice(&steps()))?;
+        cmd.submit()?.wait()?;
+        Ok(chooser)
+    }
+
+    /// Every buffer's name and bytes.
+    pub fn buffers(&self) -> [(&str, u64); 7] {
+        let Self { boxes, errors, steps, seen, listed, pages, state, .. } = self;
+        let words = [steps.footprint(), pages.footprint(), state.footprint()];
+        let [steps, pages, state] = words;
+        [boxes.footprint(), errors.footprint(), steps, seen.footprint(), listed.footprint(), pages, state]
+    }
+
+    /// Lists the pages of a picture. Those that are not in device memory are listed without a Gaussian, and counted.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn record(&self, cmd: &mut Commands, scene: &GpuScene, camera: &Camera, options: &Options) -> Result<()> {
+        let views = views_of(scene, camera, &options.rules);
+        // Frames before this one read and write these buffers.
+        cmd.barrier(Access::SHADER | Access::INDIRECT | Access::COPY_READ, Access::COPY_WRITE);
+        cmd.fill(&self.state, 0);
+        cmd.upload(&self.listed, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
+        cmd.barrier(Access::COPY_WRITE, Access::SHADER);
+        cmd.scope("look", |cmd| self.look(cmd, scene, camera));
+        let wanted = if self.has_levels { Wanted::of(options) } else { Wanted::default() };
+        let pixels = camera.size_px.iter().product();
+        if wanted.searches != 0 {
+            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            cmd.scope("count", |cmd| {
+                for round in 0..ROUNDS {
+                    if round > 0 {
+                        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+                    }
+                    self.count(cmd, wanted, pixels, round);
+                }
+            });
+        }
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        cmd.scope("choose", |cmd| self.choose(cmd, scene, wanted, pixels));
+        Ok(())
+    }
+
+    /// Finds the pages in view.
+    fn look(&self, cmd: &mut Commands, scene: &GpuScene, camera: &Camera) {
+        let bindings = LookBindings {
+            boxes: &self.boxes,
+            errors: &self.errors,
+            listed: &self.listed,
+            seen: &self.seen,
+            state: &self.state,
+        };
+        let focal = camera.focal_px.max_element();
+        let push = LookPush {
+            focal_px: camera.focal_px.as_vec2().to_array(),
+            centre_px: camera.centre_px.as_vec2().to_array(),
+            size_px: camera.size_px,
+            per_focal_squared: (1.0 / (focal * focal)) as f32,
+            pages: self.boxes.len() as u32,
+            views: scene.transforms().len() as u32,
+        };
+        cmd.dispatch(&self.look, bindings, push, self.over_pairs());
+    }
+
+    /// Adds up what the limits of a round leave of all pages in view.
+    fn count(&self, cmd: &mut Commands, wanted: Wanted, pixels: u32, round: u32) {
+        let bindings = CountBindings { errors: &self.errors, steps: &self.steps, seen: &self.seen, state: &self.state };
+        let Wanted { given_squared, searches, most_nodes, most_energy } = wanted;
+        let push = CountPush { given_squared, searches, most_nodes, most_energy, pixels, round };
+        cmd.dispatch(&self.count, bindings, push, self.over_pairs());
+    }
+
+    /// Lists the pages that the limit leaves.
+    fn choose(&self, cmd: &mut Commands, scene: &GpuScene, wanted: Wanted, pixels: u32) {
+        let first_page = first_page(scene);
+        let bindings = ChooseBindings {
+            errors: &self.errors,
+            steps: &self.steps,
+            seen: &self.seen,
+            state: &self.state,
+            slots: scene.slots.as_ref().expect("a scene in pages has slots"),
+            listed: &self.listed,
+            pages: &self.pages,
+        };
+        let Wanted { given_squared, searches, most_nodes, most_energy } = wanted;
+        let push = ChoosePush { given_squared, searches, most_nodes, most_energy, pixels, first_page };
+        cmd.dispatch(&self.choose, bindings, push, self.over_pairs());
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let bindings = EndBindings { state: &self.state, listed: &self.listed };
+        cmd.dispatch(&self.end, bindings, EndPush { first_page }, DispatchSize::Groups(1));
+    }
+
+    fn over_pairs(&self) -> DispatchSize {
+        DispatchSize::Invocations(self.pages.len() as u64)
+    }
+
+    /// Where the dispatch over quarters of the listed pages lies in the state.
+    pub fn over_pages() -> usize {
+        offset_of!(CutState, over_pages)
+    }
+
+    /// Brings the state of the picture to the host.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn read(&self, cmd: &mut Commands) -> Result<Readback<CutState>> {
+        cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        cmd.read(&self.state)
+    }
+
+    /// What a picture was drawn with, if it was drawn by levels of detail.
+    pub fn detail(state: &CutState, options: &Options) -> Option<Detailed> {
+        options.wants_levels().then(|| Detailed::of(state))
+    }
+
+    /// Lists the pages of a picture and waits for them. They are in no particular order.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn chosen(&self, device: &Device, scene: &GpuScene, camera: &Camera, options: &Options) -> Result<Chosen> {
+        let mut cmd = Commands::new(device)?;
+        self.record(&mut cmd, scene, camera, options)?;
+        let state = self.read(&mut cmd)?;
+        let results = cmd.submit()?.wait()?;
+        let state = results.view(&state)[0];
+        let pages = self.listed_pages(device, scene, &state)?;
+        Ok(Chosen { results, pages, detail: Self::detail(&state, options) })
+    }
+
+    /// The pages of the picture that was recorded last, if it had this state.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn listed_pages(&self, device: &Device, scene: &GpuScene, state: &CutState) -> Result<Vec<ChosenPage>> {
+        let (first, count) = (first_page(scene) as usize, state.listed as usize);
+        let mut listed = Staging::new(device, "pages of the cut", first + count)?;
+        let mut pages = Staging::new(device, "numbers of pages", count)?;
+        let mut cmd = Commands::new(device)?;
+        cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        cmd.download(&self.listed, &listed, first + count);
+        cmd.download(&self.pages, &pages, count);
+        cmd.submit()?.wait()?;
+        let chosen = |(page, element): (&u32, &Element)| {
+            let [_, limits, view, _] = *element;
+            ChosenPage { page: *page, view, limits: [limits as u16, (limits >> 16) as u16] }
+        };
+        Ok(pages.map().iter().take(count).zip(&listed.map()[first..]).map(chosen).collect())
+    }
+}
+
+/// Steps of an octave of squares of codes.
+const STEPS: usize = 256;
+
+/// For each step of an octave the least significand of a float that reaches it.
+pub(super) fn steps() -> [u32; STEPS] {
+    std::array::from_fn(|step| (((step as f64 / STEPS as f64).exp2() - 1.0) * 23f64.exp2()).ceil() as u32)
+}
+
+/// Where a page lies.
+pub(super) fn page_box(pages: &Pages, number: usize) -> PageBox {
+    let Page { low, high, reach, highest_opacity, .. } = pages.pages()[number];
+    let level = pages.levels().map(|levels| levels[number]);
+    // How many deviations from its mean a splat reaches, with a margin for rounding.
+    let deviations = (2.0 * (f64::from(highest_opacity / pages.alpha_min())).max(1.0).ln()).sqrt() * 1.02;
+    PageBox {
+        low,
+        high,
+        reach,
+        margin_px: (deviations * LOW_PASS.sqrt()) as f32,
+        judged_low: level.map_or(low, |level| level.low),
+        judged_high: level.map_or(high, |level| level.high),
+        // Squares of pixels times this stay finite.
+        per_detail_squared: level.map_or(0.0, |level| (f64::from(level.detail).powi(-2) as f32).min(1e15)),
+    }
+}
+
+/// The errors of a page; without levels it is in every cut.
+pub(super) fn page_errors(page: &Page, level: Option<&Level>) -> PageErrors {
+    let pairs =
+        |codes: [u16; PARTS]| std::array::from_fn(|i| u32::from(codes[2 * i]) | u32::from(codes[2 * i + 1]) << 16);
+    match level {
+        None => PageErrors {
+            parent: NO_PAGE,
+            count: page.count,
+            least: 0,
+            errors: pairs([0; PARTS]),
+            parents: pairs([NEVER; PARTS]),
+            energies: pairs([0; PARTS]),
+        },
+        Some(level) => PageErrors {
+            parent: level.parent,
+            count: page.count,
+            least: level.least.into(),
+            errors: pairs(level.errors),
+            parents: pairs(level.parents),
+            energies: pairs(level.energies),
+        },
+    }
+}

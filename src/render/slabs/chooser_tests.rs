@@ -1,0 +1,352 @@
+//! The choice of pages against the same in plain Rust, and the cuts that it makes.
+
+use std::sync::Arc;
+
+use super::chooser::{Chooser, page_box, page_errors, steps};
+use super::detail::{Detailed, NODE_UNITS, Wanted, with_levels};
+use super::listed::{Element, views_of};
+use super::visible::{PlacedCamera, Sight};
+use crate::camera::Camera;
+use crate::gpu::{Device, DeviceChoice, Validation};
+use crate::levels::value;
+use crate::options::Options;
+use crate::render::frame::DepthKeys;
+use crate::render::gpu_scene::GpuScene;
+use crate::render::shaders::cut::*;
+use crate::render::shaders::slabs::VIEW_ELEMENTS;
+use crate::render::shaders::{PageBox, PageErrors};
+use crate::render::{Content, SceneSource};
+use crate::rules::Rules;
+use crate::scene::{Focus, Placements, Transform, synthetic};
+use crate::storage::convert::Settings;
+use crate::storage::{LEVEL_WORDS, PAGE, PARTS, PageFile, Pages};
+
+/// The stages of a cut in plain Rust, with the roundings of the shaders.
+struct Twin {
+    boxes: Vec<PageBox>,
+    errors: Vec<PageErrors>,
+    steps: [u32; 256],
+    view: [f32; 20],
+    focal_px: [f32; 2],
+    centre_px: [f32; 2],
+    size_px: [u32; 2],
+    per_focal_squared: f32,
+}
+
+/// A page as it is seen.
+struct Seen {
+    page: usize,
+    weight: u32,
+    widths: [f32; 2],
+}
+
+impl Twin {
+    fn new(pages: &Pages, view: &[Element], camera: &Camera) -> Self {
+        let levels = pages.levels();
+        let errors = pages.pages().iter().enumerate();
+        let focal = camera.focal_px.max_element();
+        let words: Vec<f32> = view.as_flattened().iter().map(|word| f32::from_bits(*word)).collect();
+        Self {
+            boxes: (0..pages.pages().len()).map(|number| page_box(pages, number)).collect(),
+            errors: errors.map(|(number, page)| page_errors(page, levels.map(|levels| &levels[number]))).collect(),
+            steps: steps(),
+            view: words.try_into().unwrap(),
+            focal_px: camera.focal_px.as_vec2().to_array(),
+            centre_px: camera.centre_px.as_vec2().to_array(),
+            size_px: camera.size_px,
+            per_focal_squared: (1.0 / (focal * focal)) as f32,
+        }
+    }
+
+    fn vector(&self, number: usize) -> [f32; 3] {
+        std::array::from_fn(|axis| self.view[3 * number + axis])
+    }
+
+    fn near(&self) -> f32 {
+        self.view[18]
+    }
+
+    fn in_view(&self, point: [f32; 3]) -> [f32; 3] {
+        let [right, down, forward, _, high, low] = [0, 1, 2, 3, 4, 5].map(|number| self.vector(number));
+        let p: [f32; 3] = std::array::from_fn(|axis| (point[axis] - high[axis]) - low[axis]);
+        [right, down, forward].map(|axis| (axis[0] * p[0] + axis[1] * p[1]) + axis[2] * p[2])
+    }
+
+    fn width_squared(&self, page: u32) -> f32 {
+        let (own, [high, low]) = (&self.boxes[page as usize], [4, 5].map(|number| self.vector(number)));
+        let d: [f32; 3] = std::array::from_fn(|axis| {
+            let below = (own.judged_low[axis] - high[axis]) - low[axis];
+            let above = (high[axis] - own.judged_high[axis]) + low[axis];
+            below.max(above).max(0.0)
+        });
+        let distance = ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]).max(self.near() * self.near());
+        let px = distance * self.per_focal_squared;
+        px * (px * own.per_detail_squared).max(1.0)
+    }
+
+    fn samples_in_picture(&self, page: usize) -> u32 {
+        let PageBox { low, high, .. } = &self.boxes[page];
+        let is_inside = |i: &u32| {
+            let place = [i % SAMPLES, i / SAMPLES % SAMPLES, i / (SAMPLES * SAMPLES)].map(|k| k as f32 + 0.5);
+            let point = std::array::from_fn(|axis| {
+                low[axis] + place[axis] * ((high[axis] - low[axis]) * (1.0 / SAMPLES as f32))
+            });
+            let p = self.in_view(point);
+            let is_within = |axis: usize| {
+                let from = self.focal_px[axis] * p[axis] + self.centre_px[axis] * p[2];
+                from >= 0.0 && from <= self.size_px[axis] as f32 * p[2]
+            };
+            p[2] > self.near() && is_within(0) && is_within(1)
+        };
+        (0..SAMPLES.pow(3)).filter(is_inside).count() as u32
+    }
+
+    fn seen(&self) -> Vec<Seen> {
+        let seen = |page: usize| {
+            let parent = self.errors[page].parent;
+            let of_parent = if parent == NO_PAGE { 0.0 } else { self.width_squared(parent) };
+            Seen { page, weight: self.samples_in_picture(page), widths: [self.width_squared(page as u32), of_parent] }
+        };
+        (0..self.boxes.len()).map(seen).collect()
+    }
+
+    fn code_below(&self, squared: f32) -> u32 {
+        let (bits, significand) = (squared.to_bits(), squared.to_bits() & 0x7f_ffff);
+        if bits < 1 << 23 {
+            return 0;
+        }
+        let step = self.steps.partition_point(|least| *least <= significand) as u32 - 1;
+        (((bits >> 23) + 1) * 256 + step).min(65534)
+    }
+
+    fn limits(&self, seen: &Seen, limit_squared: f32) -> [u32; 2] {
+        seen.widths.map(|width| self.code_below(limit_squared * width))
+    }
+
+    fn is_in(&self, seen: &Seen, [own, parent]: [u32; 2]) -> bool {
+        let errors = &self.errors[seen.page];
+        errors.least <= own && errors.parents[PARTS / 2 - 1] >> 16 > parent
+    }
+
+    /// The nodes in sight in units, and their squared error.
+    fn left(&self, seen: &Seen, limit_squared: f32) -> (u32, f64) {
+        let (errors, [own, parent]) = (&self.errors[seen.page], self.limits(seen, limit_squared));
+        if !self.is_in(seen, [own, parent]) {
+            return (0, 0.0);
+        }
+        let codes = |words: [u32; PARTS / 2]| words.map(|word| [word & 0xffff, word >> 16]).into_iter().flatten();
+        let below = |words: [u32; PARTS / 2], least: u32, limit: u32| {
+            let codes: Vec<u32> = codes(words).collect();
+            let whole = codes.iter().take_while(|code| **code <= limit).count();
+            let from = if whole == 0 { least } else { codes[whole - 1] };
+            let inside = codes.get(whole).map_or(0, |to| limit.saturating_sub(from) * 256 / (to - from).max(1));
+            256 * whole as u32 + inside.min(256)
+        };
+        let within = below(errors.errors, errors.least, own);
+        let drawn = errors.count * within.saturating_sub(below(errors.parents, 0, parent)) * seen.weight;
+        let whole = f64::from(within) / 256.0;
+        let energies = codes(errors.energies).enumerate();
+        let sum: f64 = energies.map(|(i, code)| value(code as u16) * (whole - i as f64).clamp(0.0, 1.0)).sum();
+        let squared = if whole > 0.0 { sum / whole / f64::from(seen.widths[0]) } else { 0.0 };
+        (drawn / 2048, f64::from(drawn) / 131_072.0 * squared)
+    }
+
+    /// The nodes in units, and the squared error of a picture as a part of that which is wrong by 1 everywhere.
+    fn sums(&self, seen: &[Seen], limit_squared: f32) -> (u64, f64) {
+        let values = 3.0 * f64::from(self.size_px[0]) * f64::from(self.size_px[1]);
+        let left = seen.iter().map(|seen| self.left(seen, limit_squared));
+        left.fold((0, 0.0), |sum, left| (sum.0 + u64::from(left.0), sum.1 + left.1 / values))
+    }
+
+    /// The square of the limit that the options ask for.
+    fn limit_squared(&self, seen: &[Seen], options: &Options) -> f32 {
+        let number = |is_below: &dyn Fn(f32) -> bool| {
+            (0..ROUNDS).fold(0, |number, round| {
+                let step = 1 << (3 * (ROUNDS - 1 - round));
+                let digits = (1..=CANDIDATES).map(|digit| limit_squared_of(number + digit * step));
+                number + step * digits.filter(|limit| is_below(*limit)).count() as u32
+            })
+        };
+        let mut limit = Wanted::of(options).given_squared;
+        if options.lod_psnr > 0.0 {
+            let most = 10_f64.powf(-f64::from(options.lod_psnr) / 10.0);
+            let number = number(&|limit| self.sums(seen, limit).1 <= most);
+            limit = if number == 0 { 0.0 } else { limit_squared_of(number) };
+        }
+        if options.splats > 0 {
+            let number = number(&|limit| self.sums(seen, limit).0 > u64::from(options.splats) * NODE_UNITS as u64);
+            limit = if number == 0 { limit } else { limit.max(limit_squared_of(number + 1)) };
+        }
+        limit
+    }
+}
+
+fn limit_squared_of(number: u32) -> f32 {
+    f32::from_bits(FIRST_BITS + (number << SEARCH_SHIFT))
+}
+
+fn open() -> Device {
+    Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap()
+}
+
+fn brought(device: &Device, file: &Arc<PageFile>, places: &[Transform], options: &Options) -> GpuScene {
+    let placements = (!places.is_empty()).then(|| Placements::new(places.to_vec()).unwrap());
+    let source = SceneSource { content: Content::File(file.clone()), placements };
+    source.bring(device, options, false, 1 << 20).unwrap()
+}
+
+#[test]
+fn pages_are_chosen_as_in_plain_rust() {
+    let scene = synthetic::cactus(40_000).unwrap();
+    let focus = Focus::of(&scene.gaussians);
+    let (file, device) = (with_levels(scene, Settings::LOSSLESS), open());
+    let beside = Transform::new(glam::DQuat::from_rotation_y(0.7), [3.0, 0.0, 1.0].into(), 1.5).unwrap();
+    let two = [Transform::IDENTITY, beside];
+    let plain = Options::EXACT;
+    let wanted = [
+        plain,
+        Options { lod_error: 1e-12, ..plain },
+        Options { lod_error: 4.0, ..plain },
+        Options { splats: 5000, ..plain },
+        Options { splats: 500_000, ..plain },
+        Options { lod_psnr: 38.0, ..plain },
+        Options { lod_psnr: 45.0, splats: 3000, ..plain },
+    ];
+    for (options, places) in
+        wanted.iter().flat_map(|options| [&[][..], &two[..]].map(|places| (options, places)))
+    {
+        let scene = brought(&device, &file, places, options);
+        let chooser = Chooser::new(&device, &scene).unwrap();
+        let pages = scene.pool().unwrap().pages().clone();
+        for zoom in [0.05, 0.4, 1.0, 6.0] {
+            let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [300, 200]);
+            let case =
+                format!("{} {} {} at {places:?}, zoom {zoom}", options.lod_error, options.lod_psnr, options.splats);
+            let chosen = chooser.chosen(&device, &scene, &camera, options).unwrap();
+            let views = views_of(&scene, &camera, &options.rules);
+            let twins: Vec<_> = views.chunks(VIEW_ELEMENTS as usize).map(|view| Twin::new(&pages, view, &camera)).collect();
+            let seen: Vec<_> = twins.iter().flat_map(Twin::seen).collect();
+            let limit = twins[0].limit_squared(&seen, options);
+            let (nodes, energy) = twins[0].sums(&seen, limit);
+            if let Some(Detailed { lod_error, nodes: counted, predicted_psnr, pages }) = chosen.detail {
+                let expected = 255.0 * f64::from(limit).sqrt();
+                // Logarithms and roots of the sums of squared errors are not rounded alike on all devices.
+                let slack = if options.lod_psnr > 0.0 { 0.005 } else { 0.0 };
+                assert!((lod_error - expected).abs() <= slack * expected, "{case}: {lod_error}, not {expected}");
+                let expected = nodes as f64 / NODE_UNITS;
+                assert!((counted - expected).abs() <= 2.0 * slack * expected, "{case}: {counted}, not {expected}");
+                let expected = -10.0 * energy.log10();
+                assert!(
+                    (predicted_psnr - expected).abs() < 0.05 || energy < 1e-11,
+                    "{case}: {predicted_psnr}, {expected}"
+                );
+                assert_eq!(pages, chosen.pages.len() as u64);
+            }
+            let limit = chosen.detail.map_or(0.0, |detail| (detail.lod_error / 255.0).powi(2) as f32);
+            check_pages(
+                &case,
+                &chosen.pages,
+                (&twins, limit, chosen.detail.is_some()),
+                &pages,
+                (&scene, &camera, options),
+            );
+        }
+    }
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
+/// Fails unless these are the pages of the cut, among them all that may be seen.
+fn check_pages(
+    case: &str,
+    chosen: &[super::chooser::ChosenPage],
+    (twins, limit, is_by_levels): (&[Twin], f32, bool),
+    pages: &Pages,
+    (scene, camera, options): (&GpuScene, &Camera, &Options),
+) {
+    let mut listed: Vec<_> = chosen.iter().map(|page| (page.view, page.page)).collect();
+    listed.sort_unstable();
+    assert!(listed.windows(2).all(|pair| pair[0] != pair[1]), "{case}: no page twice");
+    let keys = DepthKeys::of(camera, options, &scene.extent);
+    let sight = Sight {
+        rules: &options.rules,
+        alpha_min: pages.alpha_min(),
+        keys,
+        bin_px: [64, 32],
+        bins: [5, 7],
+        largest_key: keys.limit(),
+    };
+    let cameras: Vec<_> = scene.transforms().iter().map(|place| PlacedCamera::of(camera, place)).collect();
+    for (view, twin) in twins.iter().enumerate() {
+        for seen in twin.seen() {
+            let limits = twin.limits(&seen, limit);
+            // The limit was rounded on its way.
+            let is_near_edge = is_by_levels
+                && [0.9999, 1.0001].map(|part| twin.is_in(&seen, twin.limits(&seen, part * limit)))
+                    != [twin.is_in(&seen, limits); 2];
+            let is_listed = listed.binary_search(&(view as u32, seen.page as u32)).is_ok();
+            let may_be_seen =
+                sight.page(seen.page as u32, &pages.pages()[seen.page], view as u32, &cameras[view]).is_some();
+            if is_near_edge {
+                continue;
+            }
+            assert!(!is_listed || twin.is_in(&seen, limits), "{case}: {} is not in the cut", seen.page);
+            let is_missed = !is_listed && may_be_seen && twin.is_in(&seen, limits);
+            assert!(!is_missed, "{case}: {} is missing", seen.page);
+        }
+    }
+    for page in chosen {
+        let twin = &twins[page.view as usize];
+        let seen = Seen {
+            page: page.page as usize,
+            weight: 0,
+            widths: [page.page, twin.errors[page.page as usize].parent]
+                .map(|page| if page == NO_PAGE { 0.0 } else { twin.width_squared(page) }),
+        };
+        for (own, expected) in page.limits.iter().zip(twin.limits(&seen, limit)) {
+            assert!((i64::from(*own) - i64::from(expected)).abs() <= 1, "{case}: limit {own}, not {expected}");
+        }
+    }
+}
+
+/// Each Gaussian adds its opacity to one node on each way to the root, so every cut has the same sum.
+#[test]
+fn every_cut_stands_for_every_gaussian_once() {
+    let scene = synthetic::cactus(30_000).unwrap();
+    let (focus, sum) = (Focus::of(&scene.gaussians), scene.gaussians.opacities().iter().sum::<f32>());
+    let file = with_levels(scene, Settings::LOSSLESS);
+    let (pages, device) = (file.pages(), open());
+    let mut words = vec![0; pages.len() * LEVEL_WORDS * PAGE];
+    file.read_levels(0..pages.len(), &mut words).unwrap();
+    let mut geometry = vec![0; pages.len() * file.geometry_words()];
+    file.read_geometry(0..pages.len(), &mut geometry).unwrap();
+    let options = Options { splats: 1, rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::EXACT };
+    let scene = brought(&device, &file, &[], &options);
+    let all = scene.pool().unwrap().pages().clone();
+    let mut sizes = Vec::new();
+    for (number, zoom) in [0.1, 0.3, 1.0, 5.0, 30.0].into_iter().enumerate() {
+        let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [640, 480]);
+        let twin = Twin::new(&all, &views_of(&scene, &camera, &options.rules), &camera);
+        for exponent in (-40..-4).step_by(9).chain(-4..16) {
+            let limit = (f64::from(exponent).exp2() / 255.0).powi(2) as f32;
+            let (mut nodes, mut opacity) = (0, 0.0);
+            for seen in twin.seen() {
+                let (page, [own, of_parent]) = (seen.page, twin.limits(&seen, limit));
+                let mut drawn = 0;
+                for k in 0..pages[page].count as usize {
+                    let [errors, opacities] = words[(page * PAGE + k) * LEVEL_WORDS..][..2] else { panic!() };
+                    if errors & 0xffff <= own && errors >> 16 > of_parent {
+                        let shape = file.words().shape_of(&geometry[page * file.geometry_words()..], k);
+                        let of_scene = f64::from(file.layout().unpacked_shape(&shape).2);
+                        opacity += if opacities == 0 { of_scene } else { value((opacities >> 16) as u16) };
+                        drawn += 1;
+                    }
+                }
+                assert!(drawn == 0 || twin.is_in(&seen, [own, of_parent]), "page {page} is in the cut");
+                nodes += drawn;
+            }
+            assert!((opacity / f64::from(sum) - 1.0).abs() < 1e-3, "{number}, {limit}: {opacity} of {sum}");
+            sizes.push(nodes);
+        }
+    }
+    assert!(sizes.contains(&30_000) && sizes.iter().any(|nodes| *nodes < 1000), "{sizes:?}");
+}
