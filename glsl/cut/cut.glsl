@@ -5,7 +5,7 @@ const uint PARTS = 8;        // parts of a page, in the order of their errors
 const uint ROUNDS = 5;       // of the search
 const uint CANDIDATES = 7;   // limits that a round tries
 const uint SEARCHES = 2;     // by predicted error, and by the number of nodes
-const uint SAMPLES = 4;      // along each side of a page: points that are looked for in the picture
+const uint SAMPLES = 8;      // nodes of a page that are looked for in the picture
 const uint NO_PAGE = 4294967295;
 const uint NO_SLOT = 4294967295;
 
@@ -28,10 +28,11 @@ struct PageErrors {
     uint errors[PARTS / 2];    // the largest own error of each eighth of the nodes
     uint parents[PARTS / 2];   // the same of the errors of parents
     uint energies[PARTS / 2];  // for each eighth by own errors: the mean squared error against the scene
+    uint samples[SAMPLES];     // places of nodes in the box of their means, ten bits for each axis
 };
 
 // A cut while it is searched, and afterwards. Numbers of 64 bits come as a low and a high word. Nodes are counted in
-// 1/64; squared errors in 2^-48 of a picture that is wrong by 1 everywhere.
+// parts of 1/SAMPLES; squared errors in 2^-48 of a picture that is wrong by 1 everywhere.
 struct CutState {
     uint seen;     // pages in view
     uint listed;   // pages of the cut
@@ -47,7 +48,7 @@ struct CutState {
 struct SeenPage {
     uint page;
     uint view;      // its placed view
-    uint weight;    // of SAMPLES^3 points of its box, those in the picture
+    uint weight;    // of its samples, those in the picture; at least 1
     vec2 widths;    // squares of what a limit is multiplied with: of this page, of that with its parents
 };
 const uint WEIGHT_SHIFT = 25;

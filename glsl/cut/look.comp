@@ -47,13 +47,13 @@ float width_squared(uint page) {
     return width;
 }
 
-// The number of points of a grid in the box that lie in the picture.
-uint samples_in_picture(PageBox box) {
-    precise vec3 cell = (box.high - box.low) * (1.0 / float(SAMPLES));
+// The number of samples of a page that lie in the picture.
+uint samples_in_picture(uint page, PageBox box) {
+    precise vec3 cell = (box.high - box.low) * (1.0 / 1024.0);
     uint found = 0;
-    for (uint i = 0; i < SAMPLES * SAMPLES * SAMPLES; i++) {
-        vec3 place = vec3(i % SAMPLES, i / SAMPLES % SAMPLES, i / (SAMPLES * SAMPLES)) + 0.5;
-        precise vec3 point = box.low + place * cell;
+    for (uint i = 0; i < SAMPLES; i++) {
+        uint place = errors[page].samples[i];
+        precise vec3 point = box.low + (vec3(place & 1023, place >> 10 & 1023, place >> 20) + 0.5) * cell;
         vec3 p = in_view(point);
         precise vec2 from = push.focal_px * p.xy + push.centre_px * p.z;
         precise vec2 to = vec2(push.size_px) * p.z;
@@ -98,5 +98,7 @@ void main() {
     if (!may_be_seen(box)) return;
     uint parent = errors[page].parent;
     vec2 widths = vec2(width_squared(page), parent == NO_PAGE ? 0.0 : width_squared(parent));
-    seen[atomicAdd(state.seen, 1)] = packed(SeenPage(page, place, samples_in_picture(box), widths));
+    // Samples miss what is small in the picture, and a cut that costs nothing would be the coarsest.
+    uint weight = max(samples_in_picture(page, box), 1);
+    seen[atomicAdd(state.seen, 1)] = packed(SeenPage(page, place, weight, widths));
 }

@@ -49,7 +49,7 @@ uint part_below(uint words[PARTS / 2], uint least, uint limit) {
 // What a limit leaves of a page.
 struct Left {
     uvec2 limits;  // codes: of its nodes, of their parents
-    uint nodes;    // in sight, in 1/64
+    uint nodes;    // in sight, in parts of 1/SAMPLES
     float energy;  // their squared error
 };
 
@@ -64,14 +64,14 @@ Left left_of(SeenPage seen, float limit_squared) {
     if (!is_in_cut(page, left.limits)) return left;
     uint within = part_below(page.errors, page.least, left.limits.x);
     uint coarser = part_below(page.parents, 0, left.limits.y);
-    uint drawn = page.count * (within - min(coarser, within)) * seen.weight;  // in 1/2048/64
+    uint drawn = page.count * (within - min(coarser, within)) * seen.weight;  // in parts of 1/2048/SAMPLES
     left.nodes = drawn / 2048;
     float whole = float(within) / 256.0, sum = 0.0;
     for (uint i = 0; i < PARTS; i++) {
         uint code = half_of(page.energies, i);
         if (code > 0) sum += exp2(float(code) / 512.0 - 64.0) * clamp(whole - float(i), 0.0, 1.0);
     }
-    if (whole > 0.0 && seen.widths.x > 0.0) left.energy = float(drawn) / 131072.0 * (sum / whole) / seen.widths.x;
+    if (whole > 0.0 && seen.widths.x > 0.0) left.energy = float(drawn) / (2048.0 * float(SAMPLES)) * (sum / whole) / seen.widths.x;
     return left;
 }
 

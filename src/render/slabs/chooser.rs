@@ -15,10 +15,13 @@ use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Readback, Resul
 use crate::levels::NEVER;
 use crate::options::Options;
 use crate::render::gpu_scene::GpuScene;
-use crate::render::shaders::cut::*;
+use crate::render::shaders::cut::{self, *};
 use crate::render::shaders::{CutState, PageBox, PageErrors};
 use crate::rules::LOW_PASS;
-use crate::storage::{Level, PARTS, Page, Pages};
+use crate::storage::{Level, PARTS, Page, Pages, SAMPLES};
+
+// The shaders read the table of a file.
+const _: () = assert!(PARTS == cut::PARTS as usize && SAMPLES == cut::SAMPLES as usize);
 
 /// The stages, and the table of the pages of a scene.
 pub struct Chooser {
@@ -279,6 +282,7 @@ pub(super) fn page_errors(page: &Page, level: Option<&Level>) -> PageErrors {
             errors: pairs([0; PARTS]),
             parents: pairs([NEVER; PARTS]),
             energies: pairs([0; PARTS]),
+            samples: [0; SAMPLES],
         },
         Some(level) => PageErrors {
             parent: level.parent,
@@ -287,6 +291,7 @@ pub(super) fn page_errors(page: &Page, level: Option<&Level>) -> PageErrors {
             errors: pairs(level.errors),
             parents: pairs(level.parents),
             energies: pairs(level.energies),
+            samples: level.samples,
         },
     }
 }

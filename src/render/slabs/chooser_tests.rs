@@ -86,11 +86,10 @@ impl Twin {
 
     fn samples_in_picture(&self, page: usize) -> u32 {
         let PageBox { low, high, .. } = &self.boxes[page];
-        let is_inside = |i: &u32| {
-            let place = [i % SAMPLES, i / SAMPLES % SAMPLES, i / (SAMPLES * SAMPLES)].map(|k| k as f32 + 0.5);
-            let point = std::array::from_fn(|axis| {
-                low[axis] + place[axis] * ((high[axis] - low[axis]) * (1.0 / SAMPLES as f32))
-            });
+        let is_inside = |place: &&u32| {
+            let place = [0, 10, 20].map(|shift| (*place >> shift & 1023) as f32 + 0.5);
+            let point =
+                std::array::from_fn(|axis| low[axis] + place[axis] * ((high[axis] - low[axis]) * (1.0 / 1024.0)));
             let p = self.in_view(point);
             let is_within = |axis: usize| {
                 let from = self.focal_px[axis] * p[axis] + self.centre_px[axis] * p[2];
@@ -98,14 +97,41 @@ impl Twin {
             };
             p[2] > self.near() && is_within(0) && is_within(1)
         };
-        (0..SAMPLES.pow(3)).filter(is_inside).count() as u32
+        self.errors[page].samples.iter().filter(is_inside).count() as u32
+    }
+
+    fn may_be_seen(&self, page: usize) -> bool {
+        let [right, down, forward, _, high] = [0, 1, 2, 3, 4].map(|number| self.vector(number));
+        let own = &self.boxes[page];
+        let half: [f32; 3] = std::array::from_fn(|axis| 0.5 * (own.high[axis] - own.low[axis]));
+        let centre = self.in_view(std::array::from_fn(|axis| own.low[axis] + half[axis]));
+        let sum = |corner: [f32; 3]| corner.map(f32::abs).iter().sum::<f32>();
+        let slack = 1e-6 * (sum(high) + sum(own.low) + sum(own.high));
+        let reach = [right, down, forward].map(|axis| (0..3).map(|k| axis[k].abs() * half[k]).sum::<f32>() + slack);
+        if own.reach < 0.0 || centre[2] + reach[2] < self.near() {
+            return false;
+        }
+        let depth = [centre[2] - reach[2], centre[2] + reach[2]].map(|z| z.max(self.near()));
+        (0..2).all(|axis| {
+            let (focal, middle, size) = (self.focal_px[axis], self.centre_px[axis], self.size_px[axis] as f32);
+            let ends = [centre[axis] - reach[axis], centre[axis] + reach[axis]];
+            let least = (ends[0] / depth[0]).min(ends[0] / depth[1]);
+            let most = (ends[1] / depth[0]).max(ends[1] / depth[1]);
+            let (first, last) = ((-middle - 0.15 * size) / focal, (size - middle + 0.15 * size) / focal);
+            let steepest = least.clamp(first, last).abs().max(most.clamp(first, last).abs());
+            let extent = focal / depth[0] * (1.0 + steepest * steepest).sqrt() * own.reach * 1.01 + own.margin_px;
+            let (from, to) = (focal * least + middle, focal * most + middle);
+            let more = extent + 1e-5 * (extent + from.abs().max(to.abs()) + focal) + 1.0;
+            !(to + more < 0.0 || from - more > size)
+        })
     }
 
     fn seen(&self) -> Vec<Seen> {
         let seen = |page: usize| {
             let parent = self.errors[page].parent;
             let of_parent = if parent == NO_PAGE { 0.0 } else { self.width_squared(parent) };
-            Seen { page, weight: self.samples_in_picture(page), widths: [self.width_squared(page as u32), of_parent] }
+            let weight = if self.may_be_seen(page) { self.samples_in_picture(page).max(1) } else { 0 };
+            Seen { page, weight, widths: [self.width_squared(page as u32), of_parent] }
         };
         (0..self.boxes.len()).map(seen).collect()
     }
@@ -148,7 +174,7 @@ impl Twin {
         let energies = codes(errors.energies).enumerate();
         let sum: f64 = energies.map(|(i, code)| value(code as u16) * (whole - i as f64).clamp(0.0, 1.0)).sum();
         let squared = if whole > 0.0 { sum / whole / f64::from(seen.widths[0]) } else { 0.0 };
-        (drawn / 2048, f64::from(drawn) / 131_072.0 * squared)
+        (drawn / 2048, f64::from(drawn) / (2048.0 * NODE_UNITS) * squared)
     }
 
     /// The nodes in units, and the squared error of a picture as a part of that which is wrong by 1 everywhere.
@@ -212,9 +238,7 @@ fn pages_are_chosen_as_in_plain_rust() {
         Options { lod_psnr: 38.0, ..plain },
         Options { lod_psnr: 45.0, splats: 3000, ..plain },
     ];
-    for (options, places) in
-        wanted.iter().flat_map(|options| [&[][..], &two[..]].map(|places| (options, places)))
-    {
+    for (options, places) in wanted.iter().flat_map(|options| [&[][..], &two[..]].map(|places| (options, places))) {
         let scene = brought(&device, &file, places, options);
         let chooser = Chooser::new(&device, &scene).unwrap();
         let pages = scene.pool().unwrap().pages().clone();
@@ -224,7 +248,8 @@ fn pages_are_chosen_as_in_plain_rust() {
                 format!("{} {} {} at {places:?}, zoom {zoom}", options.lod_error, options.lod_psnr, options.splats);
             let chosen = chooser.chosen(&device, &scene, &camera, options).unwrap();
             let views = views_of(&scene, &camera, &options.rules);
-            let twins: Vec<_> = views.chunks(VIEW_ELEMENTS as usize).map(|view| Twin::new(&pages, view, &camera)).collect();
+            let twins: Vec<_> =
+                views.chunks(VIEW_ELEMENTS as usize).map(|view| Twin::new(&pages, view, &camera)).collect();
             let seen: Vec<_> = twins.iter().flat_map(Twin::seen).collect();
             let limit = twins[0].limit_squared(&seen, options);
             let (nodes, energy) = twins[0].sums(&seen, limit);

@@ -11,7 +11,7 @@ use crate::levels::FINEST;
 use crate::options::Options;
 use crate::render::shaders::CutState;
 use crate::render::shaders::cut::{BY_ENERGY, BY_NODES, ENERGY_UNITS};
-use crate::storage::{Level, PARTS};
+use crate::storage::{Level, PARTS, SAMPLES};
 
 /// A cut through levels of detail.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -39,8 +39,8 @@ impl Detailed {
     }
 }
 
-/// Units of a node where nodes are counted: points of a page that are looked for in the picture.
-pub const NODE_UNITS: f64 = 64.0;
+/// Units of a node where nodes are counted: nodes of a page that are looked for in the picture.
+pub const NODE_UNITS: f64 = SAMPLES as f64;
 
 /// What the options ask for, as search.glsl reads it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -107,7 +107,8 @@ fn errors_are_about_those_that_are_predicted() {
             let (pixels, detail) = draw(&device, &source(&file), &Options { lod_psnr: db, ..options }, &camera);
             let (measured, Detailed { predicted_psnr, nodes, .. }) = (psnr(&pixels, &whole), detail.unwrap());
             shown.push(format!("{zoom}: {nodes:.0} nodes, {predicted_psnr:.1} dB predicted, {measured:.1} shown"));
-            assert!((predicted_psnr - f64::from(db)).abs() < 0.5, "{shown:?}");
+            // A page more or less in the cut is a step of half a dB here.
+            assert!((-0.05..1.5).contains(&(predicted_psnr - f64::from(db))), "{shown:?}");
             // Hidden nodes count in the prediction, and far away differences fall faster than it supposes. Errors in
             // one direction may be larger than in several.
             assert!((-6.0..25.0).contains(&(measured - predicted_psnr)), "{shown:?}");

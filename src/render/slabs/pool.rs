@@ -173,11 +173,12 @@ impl Pool {
         for page in part {
             let (slot, evicted) = take_slot(&mut self.slots, *page);
             slots.push(slot as usize);
-            self.forgotten.extend(evicted.filter(|page| (*page as usize) < pages.pages().len()));
+            self.forgotten.extend(evicted);
         }
         slots_on_device[part.len()] = NO_SLOT;
         slots_on_device.iter_mut().zip(&slots).for_each(|(to, slot)| *to = *slot as u32);
-        let forgotten = std::mem::take(&mut self.forgotten).into_iter().filter(|page| self.slots.peek(page).is_none());
+        let is_gone = |page: &u32| (*page as usize) < pages.pages().len() && self.slots.peek(page).is_none();
+        let forgotten = std::mem::take(&mut self.forgotten).into_iter().filter(is_gone);
         let numbers: Vec<_> = (part.iter().enumerate().map(|(k, page)| (k, *page)))
             .chain(forgotten.map(|page| (part.len(), page)))
             .map(|(k, page)| (part.len() * each + k, page as usize, 1))

@@ -1,9 +1,13 @@
 //! What a page file with levels of detail says of a page: where its nodes are allowed to be drawn, and their errors.
 
 use crate::levels::{FINEST, NEVER, Node, code};
+use crate::scene::along_curve;
 
 /// Parts of a page, in the order of their errors, whose largest error is known.
 pub const PARTS: usize = 8;
+
+/// Nodes of a page whose places are known without reading it.
+pub const SAMPLES: usize = 8;
 
 /// The number of no page: of the parent of the coarsest one.
 pub const NO_PAGE: u32 = u32::MAX;
@@ -31,12 +35,14 @@ pub struct Level {
     pub parents: [u16; PARTS],
     /// For each eighth of the nodes by own errors: the mean squared error against the scene, as a code.
     pub energies: [u16; PARTS],
+    /// The means of some nodes, as [`sample`] has them.
+    pub samples: [u32; SAMPLES],
     /// XXH3 of the words of levels.
     pub checksum: u64,
 }
 
 impl Level {
-    pub const BYTES: usize = 96;
+    pub const BYTES: usize = 128;
 
     /// The page of these nodes; `parents` are the codes of their parents' errors, in the same order. The box, the
     /// detail and the page of the parents are set by the caller. `fallen`: the part of the squared errors of the nodes
@@ -62,6 +68,7 @@ impl Level {
             errors: std::array::from_fn(|part| own[end(part) - 1].0),
             parents: std::array::from_fn(|part| parents[end(part) - 1]),
             energies: std::array::from_fn(energy),
+            samples: samples(nodes),
             checksum: 0,
         }
     }
@@ -74,6 +81,7 @@ impl Level {
             .chain(self.parent.to_le_bytes())
             .chain(self.most_opacity.to_le_bytes())
             .chain(codes.flat_map(u16::to_le_bytes))
+            .chain(self.samples.into_iter().flat_map(u32::to_le_bytes))
             .chain(self.checksum.to_le_bytes());
         bytes.iter_mut().zip(all).for_each(|(to, from)| *to = from);
         bytes
@@ -95,7 +103,8 @@ impl Level {
             errors: codes(40),
             parents: codes(56),
             energies: codes(72),
-            checksum: u64::from_le_bytes(std::array::from_fn(|k| bytes[88 + k])),
+            samples: std::array::from_fn(|i| word(22 + i)),
+            checksum: u64::from_le_bytes(std::array::from_fn(|k| bytes[120 + k])),
         }
     }
 
@@ -113,6 +122,29 @@ impl Level {
             && self.errors.is_sorted()
             && self.parents.is_sorted()
     }
+}
+
+/// The means of some nodes of a page: that in the middle of every eighth of them along a curve through space.
+fn samples(nodes: &[Node]) -> [u32; SAMPLES] {
+    let means: Vec<[f32; 3]> = nodes.iter().map(|node| node.mean).collect();
+    let corner = |start: f32, pick: fn(f32, f32) -> f32| {
+        means.iter().fold([start; 3], |corner, mean| std::array::from_fn(|axis| pick(corner[axis], mean[axis])))
+    };
+    let (low, high) = (corner(f32::INFINITY, f32::min), corner(f32::NEG_INFINITY, f32::max));
+    let order = along_curve(&means);
+    std::array::from_fn(|i| {
+        let place = order.get((2 * i + 1) * means.len() / (2 * SAMPLES));
+        place.map_or(0, |place| sample(means[*place as usize], low, high))
+    })
+}
+
+/// A point in the box from `low` to `high`: for each axis ten bits with a place among 1024 equal parts, x lowest.
+fn sample(point: [f32; 3], low: [f32; 3], high: [f32; 3]) -> u32 {
+    let part = |axis: usize| {
+        let [point, low, high] = [point, low, high].map(|corner| f64::from(corner[axis]));
+        if high > low { ((point - low) / (high - low) * 1024.0).clamp(0.0, 1023.0) as u32 } else { 0 }
+    };
+    part(0) | part(1) << 10 | part(2) << 20
 }
 
 /// The words of levels of a node.
@@ -140,10 +172,22 @@ mod tests {
             errors: [3, 4, 5, 6, 7, 8, 9, 60000],
             parents: [10, 11, 12, 13, 14, 15, 16, 17],
             energies: [9, 8, 7, 6, 5, 4, 3, 2],
+            samples: [1, 2, 3, 4, 5, 6, 7, u32::MAX],
             checksum: 0x1234_5678_9abc_def0,
         };
         assert_eq!(Level::decoded(&level.encoded()), level);
         assert!(level.is_plausible(5, 78) && !level.is_plausible(77, 78) && !level.is_plausible(80, 90));
         assert!(Level { parent: NO_PAGE, ..level }.is_plausible(77, 78));
+    }
+
+    #[test]
+    fn samples_lie_near_their_nodes() {
+        let nodes: Vec<Node> =
+            (0..100).map(|i| Node::leaf([i as f32, -1.0, 5.0], [1.0, 0.0, 0.0, 0.0], [1.0; 3], 1.0)).collect();
+        let found = samples(&nodes).map(|sample| f64::from(sample & 1023) / 1024.0 * 99.0);
+        for (found, expected) in found.into_iter().zip([6.0, 18.0, 31.0, 43.0, 56.0, 68.0, 81.0, 93.0]) {
+            assert!((found - expected).abs() < 0.1, "{found}, not {expected}");
+        }
+        assert_eq!(sample([1.0, 2.0, 3.0], [0.0; 3], [1.0, 4.0, 3.0]), 1023 | 512 << 10 | 1023 << 20);
     }
 }

@@ -11,7 +11,7 @@ mod source;
 
 pub use fault::{ReadFault, simulate};
 pub use header::{HEADER, Header, LevelParts};
-pub use level::{LEVEL_WORDS, Level, NO_NODE, NO_PAGE, PARTS, level_words};
+pub use level::{LEVEL_WORDS, Level, NO_NODE, NO_PAGE, PARTS, SAMPLES, level_words};
 pub use page::{Entry, PADDING, PAGE, Page, PageRecord, PageWords};
 pub use page_file::{PageFile, is_page_file};
 pub use read_back::read;
