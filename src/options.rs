@@ -148,6 +148,11 @@ impl Options {
         self.lod_error > 0.0 || self.lod_psnr > 0.0 || self.splats > 0
     }
 
+    /// The same options with every limit of levels at its finest: what they draw shows the bits of the scene.
+    pub fn finest(&self) -> Self {
+        Self { lod_error: f32::MIN_POSITIVE, lod_psnr: 0.0, splats: 0, ..*self }
+    }
+
     /// The reason why pictures drawn with these options have no certificate; `None` if they have one.
     pub fn uncertifiable(&self) -> Option<&'static str> {
         if self.scale != 1.0 {

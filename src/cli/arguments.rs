@@ -12,7 +12,7 @@ use super::{Cli, Usage};
 use crate::options::{Group, KNOBS, Knob};
 
 /// Options that have no effect without one of some others.
-const NEEDS: [(&str, &[&str]); 8] = [
+const NEEDS: [(&str, &[&str]); 9] = [
     ("fps", &["video", "path"]),
     ("target", &["eye"]),
     ("camera_up", &["eye"]),
@@ -21,6 +21,7 @@ const NEEDS: [(&str, &[&str]); 8] = [
     ("held_out", &["max_error", "min_psnr"]),
     ("compare_by", &["compare"]),
     ("screen", &["offscreen"]),
+    ("measure_levels", &["splats", "lod-error", "lod-psnr"]),
 ];
 
 /// Arguments that name files or folders to read. (The last of `convert` is written.)

@@ -38,11 +38,14 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Parser, Subcommand};
 
-use crate::camera::MAX_SIDE;
+use crate::camera::{Camera, MAX_SIDE};
 use crate::gpu::{Device, Unavailable};
 use crate::host_memory::OutOfMemory;
+use crate::measure::metrics::psnr;
 use crate::measure::trade::Unmeetable;
-use crate::render::NoLevels;
+use crate::pixels::Pixels;
+use crate::render::{NoLevels, Renderer};
+use crate::rules::Background;
 use crate::scene::Unreadable;
 use budget::BudgetArgs;
 use cameras::{EyeArgs, FilmArgs, Numbered, SplitArg, named_or_found};
@@ -180,6 +183,18 @@ fn exit_code(error: &anyhow::Error) -> u8 {
     } else {
         1
     }
+}
+
+/// The PSNR of a picture by levels of detail against that of all Gaussians, dB; `None` if both are equal.
+fn measured_psnr(
+    renderer: &mut Renderer,
+    (camera, background): (&Camera, Background),
+    pixels: &Pixels,
+) -> Result<Option<f64>> {
+    renderer.set_finest(true);
+    let whole = renderer.render(camera, background).and_then(|_| renderer.pixels());
+    renderer.set_finest(false);
+    Ok(Some(psnr(pixels, &whole?)).filter(|db| db.is_finite()))
 }
 
 /// The meaning of the largest bound in a certificate, as a sentence.

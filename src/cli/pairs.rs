@@ -37,7 +37,7 @@ const COMMANDS: [Pairs; 10] = [
             BUDGET,
             "output format compression layers names size cameras split camera path fps video resume background preset",
             "portable",
-            "reference timings certificate dump json no-clobber orbit shard verify place",
+            "reference timings certificate dump json no-clobber orbit shard verify place measure-levels",
             PLACE,
         ],
         refused: &[
@@ -46,6 +46,7 @@ const COMMANDS: [Pairs; 10] = [
             ("reference", LEVELS),
             ("lod-psnr", "lod-error"),
             (BUDGET, LEVELS),
+            ("measure-levels", "reference certificate dump verify max-error min-psnr"),
             ("place", "reference portable certificate max-error min-psnr"),
             ("max-error", "min-psnr"),
             (BUDGET, "preset"),
@@ -103,7 +104,7 @@ const COMMANDS: [Pairs; 10] = [
             LEVELS,
             PLACE,
             "cameras split path size warmup frames preset ladder check certificate",
-            "json csv plot baseline threshold place",
+            "json csv plot baseline threshold place measure-levels",
         ],
         refused: &[
             ("cameras", "path"),
@@ -112,6 +113,7 @@ const COMMANDS: [Pairs; 10] = [
             ("ladder", "preset check certificate baseline threshold order extent alpha-min antialiased"),
             ("ladder", ACCURACY),
             ("ladder", LEVELS),
+            ("ladder", "measure-levels"),
             ("lod-psnr", "lod-error"),
         ],
     },

@@ -47,7 +47,8 @@ pub(super) struct PathChoice {
     /// Made when it draws for the first time: where the fast path draws, it is seldom needed.
     portable: Option<PortablePipeline>,
     variation: Variation,
-    options: Options,
+    /// Those that the stages were made for, with limits of levels of their own.
+    pub options: Options,
     layout: Layout,
     pub work: PortableWorkspace,
     /// Blend dispatches of a frame on the portable path.
@@ -242,6 +243,7 @@ impl PathChoice {
         // Of frames in slabs: the states of pixels out; in, and out as the picture.
         let pixels: u64 = shot.camera.size_px.iter().map(|side| u64::from(*side)).product();
         stages.extend([("begin", 16 * pixels), ("finish", 32 * pixels)]);
+        stages.extend(self.chooser.iter().flat_map(Chooser::least_bytes));
         stages
     }
 

@@ -126,6 +126,12 @@ impl Renderer {
         self.choice.make_portable(&self.device)
     }
 
+    /// Draws the finest cut through the levels of detail from now on, which shows the bits of the scene, or that which
+    /// the options ask for.
+    pub fn set_finest(&mut self, is_finest: bool) {
+        self.choice.options = if is_finest { self.options.finest() } else { self.options };
+    }
+
     /// Times every stage, or only the whole frame.
     pub fn set_timestamps(&mut self, timestamps: Timestamps) {
         self.timestamps = timestamps;

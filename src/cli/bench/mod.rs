@@ -14,12 +14,14 @@ use super::devices::say_memory;
 use super::drawable::{Drawable, read_places};
 use super::{
     DevicesArgs, EyeArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, Sink, SplitArg, Usage, check_plots, complain,
-    knobs, parse_size, progress, remark,
+    knobs, measured_psnr, parse_size, progress, remark,
 };
 use crate::camera::Camera;
 use crate::files::check_writable;
 use crate::gpu::Device;
-use crate::measure::bench::{self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Subject, VersionReport};
+use crate::measure::bench::{
+    self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Statistics, Subject, VersionReport,
+};
 use crate::measure::metrics::psnr;
 use crate::options::Options;
 use crate::reference;
@@ -74,7 +76,7 @@ pub(super) struct Args {
     /// Measure the ladder instead: the paper's baseline and every optimization on top of it, up to the portable path,
     /// at one size
     #[arg(long, conflicts_with_all = ["baseline", "threshold", "preset", "check", "certificate"])]
-    #[arg(conflicts_with = "place")]
+    #[arg(conflicts_with_all = ["place", "measure_levels"])]
     ladder: bool,
     /// Also compare the first view with the float64 reference. Slow
     #[arg(long, conflicts_with = "place")]
@@ -83,6 +85,9 @@ pub(super) struct Args {
     /// for the scene as it is stored and the order in which it is sorted
     #[arg(long, conflicts_with = "place")]
     certificate: bool,
+    /// Draw every view by levels of detail by all Gaussians, too, and report the PSNR between the two
+    #[arg(long)]
+    measure_levels: bool,
     #[command(flatten)]
     device: DevicesArgs,
     /// Write the report as JSON (docs/bench.schema.json); - prints it instead of the tables
@@ -173,6 +178,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
             if args.certificate {
                 run.certified_error = Some(certified_error(&device, &scene, &views, &options)?);
             }
+            if let Some(detail) = run.detail.as_mut().filter(|_| args.measure_levels) {
+                detail.measured_psnr = measured_levels(&device, &gpu, &views, &options)?;
+            }
             if devices.len() > 1 {
                 let bring = |device: &Device| scene.drawable.source.bring(device, &options, false, reserve(size));
                 run.together = Some(bench::together(&devices, &bring, &options, &views)?);
@@ -249,6 +257,23 @@ fn accuracy(
     renderer.render(view, Background::BLACK)?;
     let exact = reference::render(gaussians, view, rules, Background::BLACK).to_pixels();
     Ok(Some(psnr(&renderer.pixels()?, &exact)).filter(|db| db.is_finite()))
+}
+
+/// The PSNR of the pictures of views by levels of detail against those of all Gaussians; `None` if all are equal.
+fn measured_levels(
+    device: &Device,
+    scene: &GpuScene,
+    views: &[Camera],
+    options: &Options,
+) -> Result<Option<Statistics>> {
+    let mut renderer = Renderer::new(device, options, scene)?;
+    let mut measured = Vec::new();
+    for view in views {
+        renderer.render(view, Background::BLACK)?;
+        let pixels = renderer.pixels()?;
+        measured.extend(measured_psnr(&mut renderer, (view, Background::BLACK), &pixels)?);
+    }
+    Ok((!measured.is_empty()).then(|| Statistics::of(measured)))
 }
 
 /// The largest certified bound of any pixel of any view.

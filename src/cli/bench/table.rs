@@ -4,7 +4,9 @@ use anyhow::Result;
 
 use crate::cli::table::{say_table, table};
 use crate::cli::{certified, say, size_text};
-use crate::measure::bench::{Change, Clocks, DeviceReport, Protocol, Run, Statistics, VersionReport, WarmUp};
+use crate::measure::bench::{
+    Change, Clocks, DetailReport, DeviceReport, Protocol, Run, Statistics, VersionReport, WarmUp,
+};
 use crate::measure::ladder::{Climb, Paper};
 
 /// Prints a run. `checked` tells if the picture was compared with the reference.
@@ -62,6 +64,16 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
         counts.lanes_per_pixel.median,
         counts.early_exit_rate.median * 100.0
     )?;
+    if let Some(DetailReport { nodes, pages, predicted_psnr, measured_psnr }) = &run.detail {
+        let predicted = predicted_psnr.map_or("no error".to_owned(), |db| format!("{:.1} dB", db.median));
+        let measured = |db: Statistics| format!(", {:.1} dB measured in the worst view, {:.1}", db.min, db.median);
+        say!(
+            "  about {:.0} nodes in {:.0} pages of the levels, {predicted} predicted{} (medians)",
+            nodes.median,
+            pages.median,
+            measured_psnr.map_or_else(String::new, measured)
+        )?;
+    }
     let bytes: u64 = run.memory.iter().map(|a| a.bytes).sum();
     let clocks = |c: Clocks| format!("; {} MHz, memory {} MHz", c.shader_mhz, c.memory_mhz);
     let clocks = run.clocks.map_or_else(String::new, clocks);

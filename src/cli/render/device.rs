@@ -12,7 +12,7 @@ use super::encode::{Job, Source, Task};
 use super::lent::Lent;
 use super::queue::Queue;
 use crate::cli::environment::Environment;
-use crate::cli::{Usage, dump, remark};
+use crate::cli::{Usage, dump, measured_psnr, remark};
 use crate::gpu::{Commands, Device, DeviceKind, DeviceLost};
 use crate::options::Options;
 use crate::pixels::Integers;
@@ -128,10 +128,11 @@ impl Task<'_> {
         Wanted { picture, depths: !self.depths.is_empty() }
     }
 
-    /// True if it is drawn and waited for: if it has a certificate or a dump, or more bytes than `largest`.
+    /// True if it is drawn and waited for: if it has a certificate or a dump, its levels are measured, or it has more
+    /// bytes than `largest`.
     fn is_alone(&self, args: &Args, largest: u64) -> bool {
         let bytes = self.wanted(args).bytes(self.shot.camera.size_px);
-        args.certificate.is_some() || args.dump.is_some() || bytes > largest
+        args.certificate.is_some() || args.dump.is_some() || args.measure_levels || bytes > largest
     }
 
     /// Bytes of its pixels on their way to the files.
@@ -249,7 +250,7 @@ impl<'r, 'p> Worker<'r, 'p> {
         self.run.queue.finish();
     }
 
-    /// Draws a view and waits for it: one with a certificate or a dump, or too large to be kept in flight.
+    /// Draws a view and waits for it.
     fn draw_alone(&mut self, task: &Task<'p>, unused: Lent) -> Result<Job<'p>> {
         while self.end()? {}
         let (args, shot, renderer) = (self.run.args, task.shot, self.stream.renderer());
@@ -265,8 +266,12 @@ impl<'r, 'p> Worker<'r, 'p> {
             if let Some(folder) = &args.dump {
                 dump::write(folder, results.captures())?;
             }
+            let (mut frame, pixels) = (frame, renderer.pixels()?);
+            if let Some(detail) = frame.detail.as_mut().filter(|_| args.measure_levels) {
+                detail.measured_psnr = measured_psnr(renderer, (&shot.camera, args.background), &pixels)?;
+            }
             frames.push(frame);
-            (picture, certificate) = (Some(renderer.pixels()?), renderer.certificate()?);
+            (picture, certificate) = (Some(pixels), renderer.certificate()?);
         }
         if !task.depths.is_empty() {
             renderer.set_inspection(Inspection::of_depths())?;

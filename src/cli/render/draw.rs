@@ -278,12 +278,17 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         let slabs = if slabs == 1 { "1 slab".to_owned() } else { format!("{slabs} slabs") };
         say!("  in {slabs}, {wall_ms:.1} ms in all{pages}")?;
     }
-    if let Some(Detailed { lod_error, nodes, predicted_psnr, pages }) = frame.detail {
-        let predicted = match predicted_psnr.is_finite() {
-            true => format!("{predicted_psnr:.1} dB predicted"),
-            false => "nothing simplified".to_owned(),
+    if let Some(Detailed { lod_error, nodes, pages, predicted_psnr, measured_psnr }) = frame.detail {
+        let predicted = predicted_psnr.map_or("no error".to_owned(), |db| format!("{db:.1} dB"));
+        let measured = match measured_psnr {
+            Some(db) => format!(", {db:.1} dB measured"),
+            None if args.measure_levels => ", equal as measured".to_owned(),
+            None => String::new(),
         };
-        say!("  about {nodes:.0} nodes in {pages} pages of the levels, error {lod_error:.3} per node, {predicted}")?;
+        say!(
+            "  about {nodes:.0} nodes in {pages} pages of the levels, error {lod_error:.3} per node, \
+             {predicted} predicted{measured}"
+        )?;
     }
     if args.timings {
         let mut stages: Vec<_> = frame.timings.iter().filter(|t| t.depth > 0).collect();

@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use super::bandwidth::copy_gb_s;
 use super::clocks::ClockProbe;
 use super::machine::Clocks;
-use super::report::{Allocation, Counts, FrameTimes, Run, StageReport, Subject, image_hash};
+use super::report::{Allocation, Counts, DetailReport, FrameTimes, Run, StageReport, Subject, image_hash};
 use super::statistics::Statistics;
 use super::warm_up::{Protocol, WarmUp, WarmUpLimits};
 use crate::camera::Camera;
@@ -147,6 +147,7 @@ impl Bench {
             clocks,
             frame,
             stages: self.stages(&staged)?,
+            detail: detail(&whole),
             memory,
             allocated_bytes,
             image_hash,
@@ -255,6 +256,20 @@ impl Bench {
         stages.push(StageReport { name: "gaps".to_owned(), ms: gaps, least_bytes: 0, bandwidth_fraction: 0.0 });
         Ok(stages)
     }
+}
+
+/// The cuts of frames that were drawn by levels of detail.
+fn detail(frames: &[Measured]) -> Option<DetailReport> {
+    let cuts: Option<Vec<_>> = frames.iter().map(|measured| measured.frame.detail).collect();
+    cuts.filter(|cuts| !cuts.is_empty()).map(|cuts| {
+        let predicted: Vec<f64> = cuts.iter().filter_map(|cut| cut.predicted_psnr).collect();
+        DetailReport {
+            nodes: Statistics::of(cuts.iter().map(|cut| cut.nodes)),
+            pages: Statistics::of(cuts.iter().map(|cut| cut.pages as f64)),
+            predicted_psnr: (!predicted.is_empty()).then(|| Statistics::of(predicted)),
+            measured_psnr: None,
+        }
+    })
 }
 
 /// Draws the views without waiting for each. `done` is called after every one.

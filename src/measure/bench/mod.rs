@@ -23,7 +23,8 @@ pub use machine::{Clocks, DeviceReport, VersionReport};
 pub(crate) use measure::notice;
 pub use measure::{Bench, frame_ms, stage_times};
 pub use report::{
-    Allocation, Counts, DeviceSpeed, FrameTimes, Report, Run, SceneReport, StageReport, Subject, image_hash, views_hash,
+    Allocation, Counts, DetailReport, DeviceSpeed, FrameTimes, Report, Run, SceneReport, StageReport, Subject,
+    image_hash, views_hash,
 };
 pub use statistics::Statistics;
 pub use together::together;

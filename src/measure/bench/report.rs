@@ -55,6 +55,9 @@ pub struct Run {
     /// Stages in the order of the frame. The last entry, "gaps", is the time between the stages.
     pub stages: Vec<StageReport>,
     pub counts: Counts,
+    /// The cuts through the levels of detail, if the pictures were drawn by them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub detail: Option<DetailReport>,
     /// Device memory by buffer, at its peak.
     pub memory: Vec<Allocation>,
     /// All device memory that the program held at the end, unused memory of the allocator included.
@@ -118,6 +121,21 @@ pub struct FrameTimes {
     pub staged_gpu_ms: Statistics,
     /// Cost of these timestamps: `staged_gpu_ms` minus `gpu_ms`, medians.
     pub timestamps_cost_ms: f64,
+}
+
+/// Cuts through levels of detail, over the measured frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DetailReport {
+    /// Nodes of the cut that lie in the picture, hidden or not, as the table of levels tells.
+    pub nodes: Statistics,
+    /// Pages that hold the cut.
+    pub pages: Statistics,
+    /// The PSNR that the errors of the nodes predict, dB; null if none is predicted.
+    pub predicted_psnr: Option<Statistics>,
+    /// The PSNR of the pictures of all views against those of all Gaussians, dB; null if it was not measured, or all
+    /// are equal.
+    pub measured_psnr: Option<Statistics>,
 }
 
 /// One stage of the frame on the GPU.

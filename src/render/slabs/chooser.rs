@@ -107,6 +107,11 @@ impl Chooser {
         [boxes.footprint(), errors.footprint(), steps, seen.footprint(), listed.footprint(), pages, state]
     }
 
+    /// The fewest bytes that each stage moves: only the first has to look at all pages.
+    pub fn least_bytes(&self) -> [(&'static str, u64); 3] {
+        [("look", (self.pages.len() * size_of::<PageBox>()) as u64), ("count", 0), ("choose", 0)]
+    }
+
     /// Lists the pages of a picture. Those that are not in device memory are listed without a Gaussian, and counted.
     ///
     /// # Errors

@@ -21,10 +21,12 @@ pub struct Detailed {
     /// Nodes of the cut that lie in the picture, hidden or not, as the table of levels and samples of pages tell: about
     /// those that are drawn.
     pub nodes: f64,
-    /// The PSNR that the measured errors of these nodes predict, dB.
-    pub predicted_psnr: f64,
     /// Pages that hold the cut.
     pub pages: u64,
+    /// The PSNR that the measured errors of these nodes predict, dB; null if no error is predicted.
+    pub predicted_psnr: Option<f64>,
+    /// The PSNR of the picture against that of all Gaussians, dB; null if it was not measured, or both are equal.
+    pub measured_psnr: Option<f64>,
 }
 
 impl Detailed {
@@ -33,8 +35,10 @@ impl Detailed {
         Self {
             lod_error: 255.0 * f64::from(f32::from_bits(state.limit_squared)).sqrt(),
             nodes: wide(state.nodes) / NODE_UNITS,
-            predicted_psnr: -10.0 * (wide(state.energy) / f64::from(ENERGY_UNITS).exp2()).log10(),
             pages: state.listed.into(),
+            predicted_psnr: Some(-10.0 * (wide(state.energy) / f64::from(ENERGY_UNITS).exp2()).log10())
+                .filter(|db| db.is_finite()),
+            measured_psnr: None,
         }
     }
 }

@@ -106,6 +106,7 @@ fn errors_are_about_those_that_are_predicted() {
         for db in [30.0, 36.0, 42.0] {
             let (pixels, detail) = draw(&device, &source(&file), &Options { lod_psnr: db, ..options }, &camera);
             let (measured, Detailed { predicted_psnr, nodes, .. }) = (psnr(&pixels, &whole), detail.unwrap());
+            let predicted_psnr = predicted_psnr.unwrap();
             shown.push(format!("{zoom}: {nodes:.0} nodes, {predicted_psnr:.1} dB predicted, {measured:.1} shown"));
             // A page more or less in the cut is a step of half a dB here.
             assert!((-0.05..1.5).contains(&(predicted_psnr - f64::from(db))), "{shown:?}");
@@ -114,6 +115,23 @@ fn errors_are_about_those_that_are_predicted() {
             assert!((-6.0..25.0).contains(&(measured - predicted_psnr)), "{shown:?}");
         }
     }
+}
+
+#[test]
+fn the_finest_cut_may_be_drawn_between_others() {
+    let ((gaussians, file), device) = (scene(), open(None));
+    let (camera, options) = (view(&gaussians, 1.0), Options { splats: 3000, ..Options::BALANCED });
+    let whole = draw(&device, &SceneSource::of(gaussians), &options.finest(), &camera);
+    let scene = source(&file).bring(&device, &options, false, 1 << 20).unwrap();
+    let mut renderer = Renderer::new(&device, &options, &scene).unwrap();
+    let mut drawn = |is_finest| {
+        renderer.set_finest(is_finest);
+        renderer.render(&camera, BACKGROUND).unwrap();
+        renderer.pixels().unwrap()
+    };
+    let (before, finest, after) = (drawn(false), drawn(true), drawn(false));
+    assert_eq!([differing(&before, &after), differing(&finest, &whole.0)], [0, 0]);
+    assert!(differing(&before, &finest) > 1000);
 }
 
 #[test]
@@ -126,8 +144,8 @@ fn a_number_of_nodes_is_kept() {
         let (_, detail) = draw(&device, &source(&file), &options, &camera);
         let Detailed { nodes, predicted_psnr, .. } = detail.unwrap();
         assert!(nodes <= f64::from(splats) && nodes > 0.9 * f64::from(splats), "{nodes} of {splats}");
-        assert!(predicted_psnr < before, "fewer nodes show less");
-        before = predicted_psnr;
+        assert!(predicted_psnr.unwrap() < before, "fewer nodes show less");
+        before = predicted_psnr.unwrap();
     }
 }
 
