@@ -24,8 +24,6 @@ layout(push_constant, scalar) uniform Push {
 
 #include "cut/search.glsl"
 
-shared float limit_squared;
-
 // Adds a number to two words. Sums are of whole numbers: order does not matter.
 #define ADD(words, number) { \
     uint before = atomicAdd(words[0], number.x); \
@@ -36,21 +34,19 @@ shared float limit_squared;
 void main() {
     uint first = workgroup() * WORKGROUP;
     if (first >= state.seen) return;
-    if (lane() == 0) {
-        limit_squared = limit_found();
-        if (first == 0) state.limit_squared = floatBitsToUint(limit_squared);
-    }
-    barrier();
+    read_rounds(ROUNDS);
+    float limit_squared = limit_found();
+    if (first + lane() == 0) state.limit_squared = floatBitsToUint(limit_squared);
     if (first + lane() >= state.seen) return;
-    SeenPage page = seen_page_of(seen[first + lane()]);
-    Left left = left_of(page, limit_squared);
-    if (!is_in_cut(errors[page.page], left.limits)) return;
-    uint slot = slots[page.page], place = atomicAdd(state.listed, 1);
+    SeenPage place = seen_page_of(seen[first + lane()]);
+    PageErrors page = errors[place.page];
+    Left left = left_of(place, page, limit_squared);
+    if (!is_in_cut(page, left.limits)) return;
+    uint slot = slots[place.page], listed_before = atomicAdd(state.listed, 1);
     if (slot == NO_SLOT) atomicAdd(state.missing, 1);
-    uint filled = slot == NO_SLOT ? 0 : errors[page.page].count;
-    uvec2 limits = left.limits;
-    listed[push.first_page + place] = uvec4(slot, limits.x | limits.y << 16, page.view, filled | HAS_INDICES);
-    pages[place] = page.page;
-    ADD(state.nodes, uvec2(left.nodes, 0));
-    ADD(state.energy, in_units(left.energy));
+    uint filled = slot == NO_SLOT ? 0 : page.count, limits = left.limits.x | left.limits.y << 16;
+    listed[push.first_page + listed_before] = uvec4(slot, limits, place.view, filled | HAS_INDICES);
+    pages[listed_before] = place.page;
+    ADD(state.nodes, uvec2(nodes_of(left), 0));
+    ADD(state.energy, in_units(energy_of(left, place, page)));
 }

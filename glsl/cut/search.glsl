@@ -25,54 +25,58 @@ uint code_below(float squared) {
     return min(octave * 256 + step, 65534);
 }
 
-uint half_of(uint words[PARTS / 2], uint i) {
-    return words[i / 2] >> 16 * (i % 2) & 65535;
-}
+// Codes of a page, two in each word: loops over them are unrolled, so that they stay in registers.
+#define CODE(words, i) (words[(i) / 2] >> 16 * ((i) % 2) & 65535)
 
 // The part of the nodes whose error is at most `limit`, in 1/2048.
 uint part_below(uint words[PARTS / 2], uint least, uint limit) {
-    uint whole = 0, from = least, to = 0;
-    for (uint i = 0; i < PARTS; i++) {
-        uint largest = half_of(words, i);
-        if (largest > limit) {
-            to = largest;
-            break;
-        }
-        from = largest;
-        whole++;
+    uint whole = 0, from = least, to = 65535;
+    [[unroll]] for (uint i = 0; i < PARTS; i++) {
+        uint largest = CODE(words, i);
+        bool is_below = largest <= limit;
+        whole += uint(is_below);
+        from = is_below ? largest : from;
+        to = is_below ? to : min(to, largest);
     }
-    if (whole == PARTS) return 2048;
-    uint inside = limit > from ? (limit - from) * 256 / max(to - from, 1) : 0;
-    return 256 * whole + min(inside, 256);
+    uint inside = limit > from ? min((limit - from) * 256 / max(to - from, 1), 256) : 0;
+    return whole == PARTS ? 2048 : 256 * whole + inside;
 }
 
 // What a limit leaves of a page.
 struct Left {
     uvec2 limits;  // codes: of its nodes, of their parents
-    uint nodes;    // in sight, in parts of 1/SAMPLES
-    float energy;  // their squared error
+    uint within;   // the nodes within their limit, in 1/2048
+    uint drawn;    // of these, those whose parents are not: nodes in sight, in parts of 1/2048/SAMPLES
 };
 
 bool is_in_cut(PageErrors page, uvec2 limits) {
-    return page.least <= limits.x && half_of(page.parents, PARTS - 1) > limits.y;
+    return page.least <= limits.x && CODE(page.parents, PARTS - 1) > limits.y;
 }
 
-Left left_of(SeenPage seen, float limit_squared) {
-    PageErrors page = errors[seen.page];
+Left left_of(SeenPage seen, PageErrors page, float limit_squared) {
     precise vec2 squares = limit_squared * seen.widths;
-    Left left = Left(uvec2(code_below(squares.x), code_below(squares.y)), 0, 0.0);
+    Left left = Left(uvec2(code_below(squares.x), code_below(squares.y)), 0, 0);
     if (!is_in_cut(page, left.limits)) return left;
-    uint within = part_below(page.errors, page.least, left.limits.x);
+    left.within = part_below(page.errors, page.least, left.limits.x);
     uint coarser = part_below(page.parents, 0, left.limits.y);
-    uint drawn = page.count * (within - min(coarser, within)) * seen.weight;  // in parts of 1/2048/SAMPLES
-    left.nodes = drawn / 2048;
-    float whole = float(within) / 256.0, sum = 0.0;
-    for (uint i = 0; i < PARTS; i++) {
-        uint code = half_of(page.energies, i);
-        if (code > 0) sum += exp2(float(code) / 512.0 - 64.0) * clamp(whole - float(i), 0.0, 1.0);
-    }
-    if (whole > 0.0 && seen.widths.x > 0.0) left.energy = float(drawn) / (2048.0 * float(SAMPLES)) * (sum / whole) / seen.widths.x;
+    left.drawn = page.count * (left.within - min(coarser, left.within)) * seen.weight;
     return left;
+}
+
+// Nodes that are left, in parts of 1/SAMPLES.
+uint nodes_of(Left left) {
+    return left.drawn / 2048;
+}
+
+// The squared error of these nodes in the picture: the mean over those within their limit.
+float energy_of(Left left, SeenPage seen, PageErrors page) {
+    float whole = float(left.within) / 256.0, sum = 0.0;
+    [[unroll]] for (uint i = 0; i < PARTS; i++) {
+        uint code = CODE(page.energies, i);
+        sum += code > 0 ? exp2(float(code) / 512.0 - 64.0) * clamp(whole - float(i), 0.0, 1.0) : 0.0;
+    }
+    bool has_error = left.drawn > 0 && seen.widths.x > 0.0;
+    return has_error ? float(left.drawn) / (2048.0 * float(SAMPLES)) * (sum / whole) / seen.widths.x : 0.0;
 }
 
 // A squared error in units of the state.
@@ -96,30 +100,36 @@ bool is_below(uint search, uint round, uint candidate) {
     return sum.y > push.most_nodes.y || sum.y == push.most_nodes.y && sum.x > push.most_nodes.x;
 }
 
-// The number that a search found in the rounds before `end`: three bits each, from the highest.
-uint found_before(uint search, uint end) {
-    uint number = 0;
-    // Without branches between them, all loads are on their way at the same time.
-    [[unroll]] for (uint round = 0; round < ROUNDS; round++) {
-        uint digit = 0;
-        [[unroll]] for (uint candidate = 0; candidate < CANDIDATES; candidate++) {
-            digit += uint(is_below(search, round, candidate));
-        }
-        if (round < end) number |= digit << 3 * (ROUNDS - 1 - round);
+shared uint digits[SEARCHES * ROUNDS];
+
+// Reads what the rounds before `end` found. All invocations of a workgroup call it: each looks at one candidate.
+void read_rounds(uint end) {
+    if (lane() < SEARCHES * ROUNDS) digits[lane()] = 0;
+    barrier();
+    uint round = lane() / CANDIDATES % ROUNDS, search = lane() / (CANDIDATES * ROUNDS);
+    if (search < SEARCHES && round < end && is_below(search, round, lane() % CANDIDATES)) {
+        atomicAdd(digits[search * ROUNDS + round], 1);
     }
+    barrier();
+}
+
+// The number that a search found in these rounds: three bits each, from the highest.
+uint found_by(uint search) {
+    uint number = 0;
+    for (uint round = 0; round < ROUNDS; round++) number = 8 * number + digits[search * ROUNDS + round];
     return number;
 }
 
 // The square of the limit that the options ask for: the largest whose predicted error is not too large, or a larger one
-// that leaves no more nodes than they allow.
+// that leaves no more nodes than they allow. All rounds were read.
 float limit_found() {
     float limit = push.given_squared;
     if ((push.searches & 1 << BY_ENERGY) != 0) {
-        uint number = found_before(BY_ENERGY, ROUNDS);
+        uint number = found_by(BY_ENERGY);
         limit = number == 0 ? 0.0 : limit_squared_of(number);
     }
     if ((push.searches & 1 << BY_NODES) != 0) {
-        uint number = found_before(BY_NODES, ROUNDS);
+        uint number = found_by(BY_NODES);
         if (number > 0) limit = max(limit, limit_squared_of(number + 1));
     }
     return limit;

@@ -259,9 +259,10 @@ impl PathChoice {
         let (gaussians, is_paged) = (scene.placed_len(), scene.is_paged());
         let wants_levels = self.options.wants_levels();
         let demand = |cells: u32| Capacity { gaussians, cells: cells as usize, ..Capacity::default() };
-        let is_possible = |fast: &&mut Fast| !needs_tile_lists && fast.pipeline.takes(size, gaussians);
+        let crowd = scene.drawn_len(&self.options);
+        let is_possible = |fast: &&mut Fast| !needs_tile_lists && fast.pipeline.takes(size, crowd);
         if let Some(fast) = self.fast.as_mut().filter(is_possible) {
-            let grid = fast.pipeline.grid(size, gaussians);
+            let grid = fast.pipeline.grid(size, crowd);
             // The first picture of a scene without levels reads only the pages that are not hidden.
             let is_first = fast.slabs.is_none();
             let reads_pages = scene.pool().is_some_and(|pool| !wants_levels && (is_first || !pool.fits_all()));
@@ -304,7 +305,7 @@ impl PathChoice {
         let Self { fast, options, work, chooser, .. } = self;
         let fast = fast.as_mut().expect("a frame in slabs was prepared");
         let gaussians = shot.scene.placed_len();
-        let grid = fast.pipeline.grid(shot.camera.size_px, gaussians);
+        let grid = fast.pipeline.grid(shot.camera.size_px, shot.scene.drawn_len(options));
         let slabs = match &mut fast.slabs {
             Some(slabs) => slabs,
             none => none.insert(Slabs::new(device, &fast.pipeline, shot.scene)?),

@@ -264,6 +264,11 @@ impl GpuScene {
         self.nodes * self.transforms().len()
     }
 
+    /// About how many Gaussians a picture draws at most.
+    pub(super) fn drawn_len(&self, options: &Options) -> usize {
+        if options.splats > 0 { self.placed_len().min(options.splats as usize) } else { self.placed_len() }
+    }
+
     /// True if the planes hold some pages of the scene at a time.
     pub fn is_paged(&self) -> bool {
         self.pool.is_some()

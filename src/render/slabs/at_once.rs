@@ -39,7 +39,7 @@ impl AtOnce {
         Shot { scene, camera }: Shot,
         target: Target,
     ) -> Result<Readback<CutState>> {
-        let grid = fast.grid(camera.size_px, scene.placed_len());
+        let grid = fast.grid(camera.size_px, scene.drawn_len(options));
         chooser.record(cmd, scene, camera, options)?;
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         let whole = slab(&(0..place_of(DepthKeys::of(camera, options, &scene.extent).limit()) + place_of(1)));

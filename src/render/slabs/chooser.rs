@@ -168,7 +168,8 @@ impl Chooser {
         let bindings = CountBindings { errors: &self.errors, steps: &self.steps, seen: &self.seen, state: &self.state };
         let Wanted { given_squared, searches, most_nodes, most_energy } = wanted;
         let push = CountPush { given_squared, searches, most_nodes, most_energy, pixels, round };
-        cmd.dispatch(&self.count, bindings, push, self.over_pairs());
+        let lanes = u64::from(CANDIDATES + 1) * self.pages.len() as u64;
+        cmd.dispatch(&self.count, bindings, push, DispatchSize::Invocations(lanes));
     }
 
     /// Lists the pages that the limit leaves.

@@ -88,7 +88,7 @@ impl Slabs {
         Shot { scene, camera }: Shot,
         target: Target,
     ) -> Result<Drawn> {
-        let grid = fast.grid(camera.size_px, scene.placed_len());
+        let grid = fast.grid(camera.size_px, scene.drawn_len(options));
         self.stages.prepare(device, grid)?;
         let keys = DepthKeys::of(camera, options, &scene.extent);
         let end = place_of(keys.limit()) + place_of(1);
