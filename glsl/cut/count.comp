@@ -1,7 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "cut/cut.glsl"
-// Eight invocations per page in view, one for each candidate of a round: what it leaves of the page.
+// One invocation per page in view and candidate of a round: what the candidate leaves of the page.
 // Before: `seen` from look, the sums of the rounds before. After: the sums of this round.
 
 layout(binding = 0, scalar) readonly buffer Errors { PageErrors errors[]; };                // [pages]

@@ -1,46 +1,26 @@
 //! The choice of a path for each frame, and the buffers of both paths.
 
-use std::fmt;
 use std::panic::resume_unwind;
 use std::sync::MutexGuard;
 use std::time::Duration;
 
 use anyhow::Result;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::capacity::Capacity;
 use super::fast::{FastPipeline, FastWorkspace};
 use super::frame::{Shot, Target, Variation, tiles};
-use super::gpu_scene::{GpuScene, TRIAL};
+use super::gpu_scene::GpuScene;
 use super::inspect::Inspector;
+use super::path::{Limits, Path};
 use super::portable::{PortablePipeline, PortableWorkspace};
 use super::shaders::CutState;
 use super::shaders::Totals;
 use super::slabs::{AtOnce, Chooser, Drawn, Pool, PortableSlabs, Slabs, bring_missing};
+use super::trial_part::TRIAL;
 use crate::gpu::{Buffer, Commands, Device, Readback};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::storage::Layout;
-
-/// The path that drew a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Path {
-    /// Runs on every device. Splats are listed in tiles.
-    Portable,
-    /// Needs subgroups of one known size. Splats are listed in bins.
-    Fast,
-}
-
-impl fmt::Display for Path {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(match self {
-            Self::Portable => "portable",
-            Self::Fast => "fast",
-        })
-    }
-}
 
 /// The portable path, which draws everything, and the fast path where the device and the options allow it.
 pub(super) struct PathChoice {
@@ -74,16 +54,6 @@ struct Fast {
     slabs: Option<Slabs>,
     /// Draws scenes in pages at once.
     at_once: Option<AtOnce>,
-}
-
-/// The path and the limits that a frame was recorded with.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) struct Limits {
-    pub path: Path,
-    /// The frame is drawn in slabs.
-    pub in_slabs: bool,
-    pub capacity: Capacity,
-    pub longest_list: u32,
 }
 
 impl PathChoice {
@@ -355,8 +325,8 @@ impl PathChoice {
         Ok(drawn)
     }
 
-    /// Records a frame that [`prepare`](Self::prepare) made buffers for. Of a scene in pages, returns how its pages were
-    /// chosen.
+    /// Records a frame that [`prepare`](Self::prepare) made buffers for. Of a scene in pages, returns how its pages
+    /// were chosen.
     ///
     /// # Errors
     /// If memory runs out.

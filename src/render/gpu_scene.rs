@@ -4,7 +4,6 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use anyhow::{Result, ensure};
-use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::camera::Camera;
@@ -13,6 +12,7 @@ use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::render::shaders::Grids;
 use crate::render::slabs::{PagesRead, Pool};
+use crate::render::trial_part::{TRIAL, trial_hash, trial_view};
 use crate::rules::{LISTED_ALPHA, Rules};
 use crate::scene::{Bounds, Gaussians, Grid, Placements, Transform};
 use crate::storage::{LEVEL_WORDS, Layout, PAGE, Pages, Shape, Statistics, pack_sh, pack_shapes, share};
@@ -52,10 +52,6 @@ pub struct GpuScene {
     placements: Option<Placements>,
 }
 
-/// Number of Gaussians that a trial draws: the first ones of the scene.
-pub(super) const TRIAL: usize = 1 << 14;
-/// Size of the trial's picture, px.
-pub(super) const TRIAL_SIZE: [u32; 2] = [256, 144];
 /// Gaussians uploaded at a time: enough to share among threads, few enough to need little memory.
 const UPLOAD_CHUNK: usize = 1 << 17;
 /// Gaussians that a thread packs at a time, a multiple of those that share an element.
@@ -375,32 +371,4 @@ fn grids(layout: &Layout) -> Grids {
     let pair = |grid: Grid| [grid.offset, grid.step];
     let (sh, log2_scale) = layout.grids();
     Grids { sh: sh.map(pair), log2_scale: pair(log2_scale), scale_base: layout.scale_base() as f32 }
-}
-
-/// A camera that sees most of the trial's Gaussians.
-fn trial_view(means: &[[f32; 3]], near: f32) -> Camera {
-    let means: Vec<_> = means.iter().take(TRIAL).map(|mean| DVec3::from(mean.map(f64::from))).collect();
-    let median = |mut values: Vec<f64>| {
-        let middle = values.len() / 2;
-        if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
-    };
-    let centre = DVec3::from([0, 1, 2].map(|axis| median(means.iter().map(|mean| mean[axis]).collect())));
-    let radius = median(means.iter().map(|mean| mean.distance(centre)).collect());
-    let position = centre - DVec3::new(0.3, -0.2, 1.0) * (2.0 * radius).max(4.0 * f64::from(near));
-    Camera::looking_at(position, centre, TRIAL_SIZE, 0.9)
-}
-
-/// BLAKE3 of the Gaussians of the trial and of the near plane, on which its camera depends.
-fn trial_hash(gaussians: &Gaussians, near: f32) -> blake3::Hash {
-    let count = gaussians.len().min(TRIAL);
-    let mut hasher = blake3::Hasher::new();
-    hasher.update(&near.to_le_bytes()).update(&(count as u64).to_le_bytes());
-    hasher.update(bytemuck::cast_slice(&gaussians.means()[..count]));
-    hasher.update(bytemuck::cast_slice(&gaussians.scales()[..count]));
-    hasher.update(bytemuck::cast_slice(&gaussians.rotations()[..count]));
-    hasher.update(bytemuck::cast_slice(&gaussians.opacities()[..count]));
-    for index in 0..count {
-        hasher.update(bytemuck::cast_slice(gaussians.sh(index)));
-    }
-    hasher.finalize()
 }

@@ -11,6 +11,7 @@ mod frame;
 mod gpu_scene;
 mod inspect;
 mod pack;
+mod path;
 mod portable;
 mod prune;
 mod readback;
@@ -22,11 +23,11 @@ mod slabs;
 mod source;
 mod stream;
 mod trial;
+mod trial_part;
 mod upscale;
 
 #[doc(hidden)]
 pub use capacity::Capacity;
-pub use choice::Path;
 #[doc(hidden)]
 pub use fast::{BLOCK_HEIGHTS, BinGrid, FastPipeline, FastWorkspace};
 #[doc(hidden)]
@@ -38,6 +39,7 @@ pub use inspect::{Attribute, Explained, Explanation, Inspection, Look, Work, dep
 pub use inspect::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
 #[doc(hidden)]
 pub use pack::Packer;
+pub use path::Path;
 #[doc(hidden)]
 pub use portable::{Pairs, PortablePipeline, PortableWorkspace, RadixSort, SortRange, SortScratch};
 #[doc(hidden)]

@@ -1,6 +1,6 @@
 //! Frames that are recorded, on the GPU, or finished.
 
-use super::choice::{Limits, Path};
+use super::path::{Limits, Path};
 use super::shaders::CutState;
 use super::shaders::Totals;
 use super::slabs::{Chooser, Detailed, Drawn, Parts};

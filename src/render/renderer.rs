@@ -1,24 +1,25 @@
 //! The facade: renders pictures of one scene on the path that suits each, and repeats a frame that did not fit.
 
 mod explain;
+mod reports;
 
 use std::time::Duration;
 
 use anyhow::{Result, anyhow, bail, ensure};
 
 use super::capacity::Capacity;
-use super::choice::{Limits, Path, PathChoice};
+use super::choice::PathChoice;
 use super::frame::{Shot, Target, Variation};
 use super::gpu_scene::GpuScene;
 use super::inspect::{Inspection, Inspector, Look, Picker, Picture, Work};
+use super::path::{Limits, Path};
 use super::readback::read_pixels;
 use super::recorded::{Counted, Frame, Recorded, Started};
 use super::shaders::{Room, Totals};
-use super::slabs::Detailed;
 use super::trial::{MAX_ATTEMPTS, choose};
 use super::upscale::Upscaler;
 use crate::camera::Camera;
-use crate::gpu::{Access, Commands, Device, Image, MemoryUse, Results, Timestamps};
+use crate::gpu::{Access, Commands, Device, Image, Results, Timestamps};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::pixels::Pixels;
@@ -108,19 +109,6 @@ impl Renderer {
         self.choice.trial_time
     }
 
-    /// The fewest bytes that each stage of a frame moves through device memory, by the name of its scope: each input
-    /// read once, each output written once. The frame is the one recorded last, seen by `camera`, which counted
-    /// `totals`.
-    pub fn least_bytes(&self, totals: &Totals, camera: &Camera) -> Vec<(&'static str, u64)> {
-        let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
-        let mut stages = self.choice.least_bytes(self.drawn.path, Shot { scene: &self.scene, camera }, totals);
-        if self.upscaler.is_some() {
-            let pixels = |size: [u32; 2]| size.iter().map(|side| u64::from(*side)).product::<u64>();
-            stages.push(("upscale", 16 * (pixels(camera.size_px) + pixels(self.image.size()))));
-        }
-        stages
-    }
-
     /// Makes what only some frames need, so that these do not wait for it.
     pub fn prepare_portable(&mut self) -> Result<()> {
         self.choice.make_portable(&self.device)
@@ -183,15 +171,6 @@ impl Renderer {
         self.choice = choose(&self.device, &self.options, &self.scene, variation)?;
         self.last = None;
         Ok(())
-    }
-
-    /// Device memory of everything except the scene: every buffer's name and bytes.
-    pub fn buffers(&self) -> Vec<(&str, u64)> {
-        let mut buffers = self.choice.buffers();
-        buffers.push(("image", self.image.bytes()));
-        buffers.extend(self.certificate.iter().map(|certificate| ("certificate", certificate.bytes())));
-        buffers.extend(self.upscaler.iter().map(|upscaler| ("drawn image", upscaler.drawn.bytes())));
-        buffers
     }
 
     /// Renders a complete frame; [`Renderer::pixels`] reads it. If a frame does not fit its buffers, it is drawn again
@@ -338,11 +317,6 @@ impl Renderer {
         Ok(())
     }
 
-    /// The state of the ledger of its device.
-    pub fn memory(&self) -> MemoryUse {
-        self.device.memory()
-    }
-
     /// The counts of a frame if it is complete. If it did not fit, the next one has larger buffers.
     ///
     /// # Errors
@@ -363,11 +337,6 @@ impl Renderer {
             last.has_tile_lists = is_whole && last.number == recorded.number && self.choice.holds(limits);
         }
         Ok(is_whole.then_some(totals))
-    }
-
-    /// What the levels of detail of a frame were cut to, if it was drawn by them.
-    pub fn detail(&self, results: &Results, recorded: &Recorded) -> Option<Detailed> {
-        recorded.detail(results, &self.options)
     }
 
     /// Width and height of the picture drawn last.

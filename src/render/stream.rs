@@ -3,9 +3,9 @@
 
 use anyhow::{Result, bail};
 
-use super::choice::Path;
 use super::inspect::{Inspection, Inspector};
 use super::pack::Packer;
+use super::path::Path;
 use super::recorded::{Frame, Recorded};
 use super::renderer::Renderer;
 use super::trial::MAX_ATTEMPTS;

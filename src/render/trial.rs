@@ -4,11 +4,13 @@ use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
 
-use super::choice::{Path, PathChoice};
+use super::choice::PathChoice;
 use super::fast::BLOCK_HEIGHTS;
 use super::frame::{Shot, Target, Variation};
-use super::gpu_scene::{GpuScene, TRIAL, TRIAL_SIZE};
+use super::gpu_scene::GpuScene;
+use super::path::Path;
 use super::readback::read_pixels;
+use super::trial_part::{TRIAL, TRIAL_SIZE};
 use crate::gpu::{Access, Commands, Device, DeviceKind, Image};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;

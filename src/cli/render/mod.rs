@@ -108,8 +108,8 @@ pub(super) struct Args {
     #[arg(long, conflicts_with_all = ["resume", "no_clobber", "certificate", "dump", "timings", "device"])]
     #[arg(conflicts_with_all = ["max_error", "min_psnr"])]
     verify: bool,
-    /// Draw every picture by levels of detail a second time, by all Gaussians, and report the PSNR between the two. Each
-    /// view is waited for
+    /// Draw every picture by levels of detail a second time, by all Gaussians, and report the PSNR between the two.
+    /// Each view is waited for
     #[arg(long, conflicts_with_all = ["reference", "certificate", "dump", "verify", "max_error", "min_psnr"])]
     measure_levels: bool,
     /// Refuse to replace existing files. With --resume, this does not concern what the run itself completed

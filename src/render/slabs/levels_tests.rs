@@ -121,7 +121,7 @@ fn errors_are_about_those_that_are_predicted() {
 fn the_finest_cut_may_be_drawn_between_others() {
     let ((gaussians, file), device) = (scene(), open(None));
     let (camera, options) = (view(&gaussians, 1.0), Options { splats: 3000, ..Options::BALANCED });
-    let whole = draw(&device, &SceneSource::of(gaussians), &options.finest(), &camera);
+    let whole = draw(&device, &SceneSource::of(gaussians), &Options::BALANCED, &camera);
     let scene = source(&file).bring(&device, &options, false, 1 << 20).unwrap();
     let mut renderer = Renderer::new(&device, &options, &scene).unwrap();
     let mut drawn = |is_finest| {

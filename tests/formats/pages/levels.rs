@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use serde_json::Value;
 use smalto::options::{Options, Storage};
 use smalto::scene::{Cancelled, Unreadable, synthetic};
 use smalto::storage::convert::{Job, Settings, Take, write_blocks, write_in_order, write_whole};
@@ -140,7 +141,16 @@ fn the_command_says_what_is_wrong() {
     ok(&["convert", "cactus:3000", &plain]);
     let png = path(&folder, "a.png");
     let said = ok(&["render", &out, "--splats", "500", "--size", "64x48", "-o", &png]);
-    assert!(said.contains("nodes of the levels"), "{said}");
+    assert!(said.contains("pages of the levels"), "{said}");
+    let said = ok(&["render", &out, "--splats", "500", "--measure-levels", "--size", "64x48", "-o", &png]);
+    assert!(said.contains("dB measured"), "{said}");
+    let said = fails(2, &["render", &out, "--measure-levels", "--size", "64x48", "-o", &png]);
+    assert!(said.contains("--measure-levels needs --splats"), "{said}");
+    let bench = ["bench", &out, "--size", "32x24", "--warmup", "0", "--frames", "2", "--json", "-", "--splats", "500"];
+    let report: Value = serde_json::from_str(&ok(&[&bench[..], &["--measure-levels"]].concat())).unwrap();
+    let detail = &report["runs"][0]["detail"];
+    assert!(detail["nodes"]["median"].as_f64().unwrap() <= 500.0, "{detail}");
+    assert!(detail["measured_psnr"]["min"].as_f64().unwrap() > 15.0, "{detail}");
     let said = fails(2, &["render", &plain, "--splats", "500", "--size", "64x48", "-o", &png]);
     assert!(said.contains("smalto lod"), "{said}");
     assert!(fails(2, &["lod", "cactus:3000", "-o", &path(&folder, "a.ply")]).contains(".smalto"));

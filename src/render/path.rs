@@ -1,0 +1,37 @@
+//! The path that drew a frame, and the limits that it was recorded with.
+
+use std::fmt;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::capacity::Capacity;
+
+/// The path that drew a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Path {
+    /// Runs on every device. Splats are listed in tiles.
+    Portable,
+    /// Needs subgroups of one known size. Splats are listed in bins.
+    Fast,
+}
+
+impl fmt::Display for Path {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Self::Portable => "portable",
+            Self::Fast => "fast",
+        })
+    }
+}
+
+/// The path and the limits that a frame was recorded with.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) struct Limits {
+    pub path: Path,
+    /// The frame is drawn in slabs.
+    pub in_slabs: bool,
+    pub capacity: Capacity,
+    pub longest_list: u32,
+}
