@@ -13,7 +13,7 @@ use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
 use super::output::{Output, sealed};
-use super::storeys::{FLOOR, Storey, storeys};
+use super::storeys::{FLOOR, HALVINGS, Storey, TOPS, storeys};
 use crate::files::{read_exact_at, write_all_at};
 use crate::levels::{NEVER, Node, Nodes, Parents, code, parents};
 use crate::scene::Cancelled;
@@ -26,8 +26,8 @@ const MOST_OPACITY: f32 = 60_000.0;
 /// The top of a block, whose parents are not known yet.
 struct Top {
     nodes: Nodes,
-    /// The second level: its pages and what their table says but for the page of the parents.
-    second: Vec<(usize, Level)>,
+    /// The level below it: its pages and what their table says but for the page of the parents.
+    last: Vec<(usize, Level)>,
     place: Place,
 }
 
@@ -117,21 +117,21 @@ pub fn build(
     let (page, top) = (last.above().first, hierarchy.block(hierarchy.storeys.len() - 1, 0)?);
     let written = hierarchy.write_nodes(page, &Children::of_none(&top.nodes, top.place))?;
     hierarchy.finish(&written, NO_PAGE)?;
-    hierarchy.finish(&top.second, page as u32)
+    hierarchy.finish(&top.last, page as u32)
 }
 
 impl Hierarchy<'_> {
-    /// Builds a block and all below it, and writes all of it but its top and the table of its second level.
+    /// Builds a block and all below it, and writes all of it but its top and the table of the level below that.
     fn block(&self, storey: usize, block: usize) -> Result<Top> {
         ensure!(!(self.is_cancelled)(), Cancelled);
         let own = self.storeys[storey];
-        let [of_floor, of_first, of_second, _] = own.pages_of(block);
+        let pages = own.pages_of(block);
         let (floor, below) = if own.is_ground {
             let begin = block * FLOOR;
             (self.scene_pages(begin..(begin + FLOOR).min(self.count.div_ceil(PAGE)))?, Vec::new())
         } else {
             let under = &self.storeys[storey - 1];
-            let below = block * FLOOR..under.blocks().min((block + 1) * FLOOR);
+            let below = block * TOPS..under.blocks().min((block + 1) * TOPS);
             let tops = below.into_par_iter().map(|below| self.block(storey - 1, below)).collect::<Result<Vec<_>>>()?;
             let mut nodes = Nodes::new(self.sh_degree);
             tops.iter().for_each(|top| nodes.append(&top.nodes));
@@ -140,27 +140,35 @@ impl Hierarchy<'_> {
         let (floor, records) = floor;
         let of_tops = below.iter().map(|top| top.place).reduce(Place::and);
         let place = of_tops.unwrap_or_else(|| Place::around(&floor));
-        let half = |nodes: &Nodes, detail: f32| parents(nodes, nodes.len().div_ceil(2), detail);
-        let first = half(&floor, place.own_detail);
-        let second = half(&first.nodes, first.detail);
-        let top = half(&second.nodes, second.detail);
-        let detail = [first.detail, second.detail, top.detail].into_iter().fold(place.detail, f32::max);
+        let mut found: Vec<Parents> = Vec::new();
+        for _ in 0..HALVINGS {
+            let (nodes, detail) = found.last().map_or((&floor, place.own_detail), |last| (&last.nodes, last.detail));
+            found.push(parents(nodes, nodes.len().div_ceil(2), detail));
+        }
+        let detail = found.iter().map(|parents| parents.detail).fold(place.detail, f32::max);
         let place = Place { detail, ..place };
         let at = |own_detail: f32| Place { own_detail, ..place };
-        let children = Children::of(&floor, &first, place);
-        let written = match own.is_ground {
-            true => self.rewrite_scene(of_floor, &children, &records)?,
-            false => self.write_nodes(of_floor, &children)?,
-        };
-        // Their parents are in the same block, and judged from the same place.
-        self.finish(&written, of_floor as u32)?;
-        below.iter().try_for_each(|top| self.finish(&top.second, of_floor as u32))?;
-        let written = self.write_nodes(of_first, &Children::of(&first.nodes, &second, at(first.detail)))?;
-        self.finish(&written, of_first as u32)?;
-        let second = self.write_nodes(of_second, &Children::of(&second.nodes, &top, at(second.detail)))?;
+        // Parents in the same block are judged from the same place.
+        below.iter().try_for_each(|top| self.finish(&top.last, pages[0] as u32))?;
+        let mut last = Vec::new();
+        for level in 0..HALVINGS {
+            let (nodes, own_detail) = match level {
+                0 => (&floor, place.own_detail),
+                _ => (&found[level - 1].nodes, found[level - 1].detail),
+            };
+            let children = Children::of(nodes, &found[level], at(own_detail));
+            last = match level == 0 && own.is_ground {
+                true => self.rewrite_scene(pages[0], &children, &records)?,
+                false => self.write_nodes(pages[level], &children)?,
+            };
+            if level + 1 < HALVINGS {
+                self.finish(&last, pages[level] as u32)?;
+            }
+        }
         let done = floor.len() + self.done.fetch_add(floor.len(), Ordering::Relaxed);
         (self.progress)(done as f64 / self.storeys.iter().map(|storey| storey.nodes).sum::<usize>() as f64);
-        Ok(Top { place: at(top.detail), nodes: top.nodes, second })
+        let top = found.pop().expect("a floor is halved");
+        Ok(Top { place: at(top.detail), nodes: top.nodes, last })
     }
 
     /// Writes the table of some pages. `parent` is a page that is judged from the place of their parents.

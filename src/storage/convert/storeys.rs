@@ -3,9 +3,15 @@
 use crate::storage::pages::PAGE;
 
 /// Pages whose nodes are the floor of a block.
-pub const FLOOR: usize = 8;
+pub const FLOOR: usize = 4;
 /// The same in nodes.
 const FLOOR_NODES: usize = FLOOR * PAGE;
+/// Times that a floor is halved; what is left then is the top of a block.
+pub const HALVINGS: usize = 3;
+/// Tops of blocks that are the floor of the block above.
+pub const TOPS: usize = 1 << HALVINGS;
+// Whole blocks have whole pages.
+const _: () = assert!(FLOOR_NODES >> (HALVINGS - 1) >= PAGE);
 
 /// The blocks of one storey.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,39 +28,49 @@ impl Storey {
         self.nodes.div_ceil(FLOOR_NODES)
     }
 
-    /// Nodes of the floor, the first and the second level, and the top of a block.
-    pub fn levels_of(&self, block: usize) -> [usize; 4] {
-        let floor = FLOOR_NODES.min(self.nodes - block * FLOOR_NODES);
-        let first = floor.div_ceil(2);
-        let second = first.div_ceil(2);
-        [floor, first, second, second.div_ceil(2)]
+    /// Nodes of the floor, of the levels above it, and of the top of a block.
+    pub fn levels_of(&self, block: usize) -> [usize; HALVINGS + 1] {
+        let mut nodes = FLOOR_NODES.min(self.nodes - block * FLOOR_NODES);
+        std::array::from_fn(|level| {
+            nodes = if level == 0 { nodes } else { nodes.div_ceil(2) };
+            nodes
+        })
     }
 
-    /// The first pages of the floor, the first and the second level of a block, and the page behind them.
-    pub fn pages_of(&self, block: usize) -> [usize; 4] {
-        let [floor, first, second] = [0, 1, 2].map(|level| self.levels_of(block)[level].div_ceil(PAGE));
-        let whole = (FLOOR_NODES / 2 + FLOOR_NODES / 4) / PAGE;
-        if self.is_ground {
-            let begin = self.first + block * whole;
-            return [block * FLOOR, begin, begin + first, begin + first + second];
-        }
-        let begin = self.first + block * (FLOOR + whole);
-        [begin, begin + floor, begin + floor + first, begin + floor + first + second]
+    /// The first pages of the floor and of the levels above it, and the page behind them.
+    pub fn pages_of(&self, block: usize) -> [usize; HALVINGS + 1] {
+        let above_floor = FLOOR - 2 * FLOOR / TOPS;
+        let begin = match self.is_ground {
+            true => self.first + block * above_floor,
+            false => self.first + block * (FLOOR + above_floor),
+        };
+        let pages = self.levels_of(block).map(|nodes| nodes.div_ceil(PAGE));
+        // Floors on the ground are pages of the scene.
+        let mut next = if self.is_ground { begin } else { begin + pages[0] };
+        std::array::from_fn(|level| match level {
+            0 if self.is_ground => block * FLOOR,
+            0 => begin,
+            _ => {
+                let first = next;
+                next += pages[level];
+                first
+            }
+        })
     }
 
     /// The storey above.
     pub fn above(&self) -> Self {
         let last = self.blocks() - 1;
-        let nodes = last * PAGE + self.levels_of(last)[3];
-        Self { nodes, first: self.pages_of(last)[3], is_ground: false }
+        let nodes = last * (FLOOR_NODES / TOPS) + self.levels_of(last)[HALVINGS];
+        Self { nodes, first: self.pages_of(last)[HALVINGS], is_ground: false }
     }
 }
 
 /// The storeys of a scene of `count` Gaussians. None if it fits into one page.
 pub fn storeys(count: usize) -> Vec<Storey> {
-    let mut storeys = Vec::new();
+    let mut storeys: Vec<Storey> = Vec::new();
     let mut next = Storey { nodes: count, first: count.div_ceil(PAGE), is_ground: true };
-    while next.nodes > PAGE {
+    while next.nodes > PAGE || storeys.last().is_some_and(|below| below.blocks() > 1) {
         storeys.push(next);
         next = next.above();
     }
@@ -84,14 +100,15 @@ mod tests {
                     let (pages, nodes) = (storey.pages_of(block), storey.levels_of(block));
                     let begin = if storey.is_ground { 1 } else { 0 };
                     assert_eq!(pages[begin], end, "{count}");
-                    for level in begin..3 {
+                    for level in begin..HALVINGS {
                         assert_eq!(pages[level + 1] - pages[level], nodes[level].div_ceil(PAGE), "{count}");
                     }
-                    end = pages[3];
+                    end = pages[HALVINGS];
                 }
             }
             assert_eq!(end + 1, count.div_ceil(PAGE) + pages_of_levels(count), "{count}");
-            assert!(storeys.last().unwrap().above().nodes <= PAGE);
+            let last = storeys.last().unwrap();
+            assert!(last.blocks() == 1 && last.above().nodes <= PAGE);
         }
     }
 }
