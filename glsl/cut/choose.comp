@@ -8,17 +8,18 @@
 
 layout(binding = 0, scalar) readonly buffer Errors { PageErrors errors[]; };                // [pages]
 layout(binding = 1, scalar) readonly buffer Steps { uint steps[]; };                        // [256]
-layout(binding = 2, scalar) readonly buffer Seen { uvec4 seen[]; };                         // [pages * views]
+layout(binding = 2, scalar) readonly buffer Seen { uvec4 seen[]; };                         // [room]
 layout(binding = 3, scalar) buffer State { CutState state; };
 layout(binding = 4, scalar) readonly buffer Slots { uint slots[]; };                        // [pages]
 layout(binding = 5, scalar) writeonly buffer Listed { uvec4 listed[]; };       // [elements] behind the views, the pages
-layout(binding = 6, scalar) writeonly buffer Pages { uint pages[]; };                       // [pages * views]
+layout(binding = 6, scalar) writeonly buffer Pages { uint pages[]; };                       // [room]
 layout(push_constant, scalar) uniform Push {
     float given_squared;
     uint searches;
     uvec2 most_nodes;
     uvec2 most_energy;
     uint pixels;
+    uint room;        // in `seen`
     uint first_page;  // the element of `listed` with the first page
 } push;
 
@@ -33,11 +34,12 @@ layout(push_constant, scalar) uniform Push {
 
 void main() {
     uint first = workgroup() * WORKGROUP;
-    if (first >= state.seen) return;
+    uint pages_seen = min(state.seen, push.room);
+    if (first >= pages_seen) return;
     read_rounds(ROUNDS);
     float limit_squared = limit_found();
     if (first + lane() == 0) state.limit_squared = floatBitsToUint(limit_squared);
-    if (first + lane() >= state.seen) return;
+    if (first + lane() >= pages_seen) return;
     SeenPage place = seen_page_of(seen[first + lane()]);
     PageErrors page = errors[place.page];
     Left left = left_of(place, page, limit_squared);

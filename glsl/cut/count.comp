@@ -6,7 +6,7 @@
 
 layout(binding = 0, scalar) readonly buffer Errors { PageErrors errors[]; };                // [pages]
 layout(binding = 1, scalar) readonly buffer Steps { uint steps[]; };                        // [256]
-layout(binding = 2, scalar) readonly buffer Seen { uvec4 seen[]; };                         // [pages * views]
+layout(binding = 2, scalar) readonly buffer Seen { uvec4 seen[]; };                         // [room]
 layout(binding = 3, scalar) buffer State { CutState state; };
 layout(push_constant, scalar) uniform Push {
     float given_squared;
@@ -14,6 +14,7 @@ layout(push_constant, scalar) uniform Push {
     uvec2 most_nodes;
     uvec2 most_energy;
     uint pixels;
+    uint room;  // in `seen`
     uint round;
 } push;
 
@@ -24,11 +25,12 @@ shared uint sums[SEARCHES * CANDIDATES * 2];
 
 void main() {
     uint first = workgroup() * (WORKGROUP / LANES);
-    if (first >= state.seen) return;
+    uint pages = min(state.seen, push.room);
+    if (first >= pages) return;
     if (lane() < SEARCHES * CANDIDATES * 2) sums[lane()] = 0;
     read_rounds(push.round);
     uint number = first + lane() / LANES, candidate = lane() % LANES;
-    if (number < state.seen && candidate < CANDIDATES) {
+    if (number < pages && candidate < CANDIDATES) {
         SeenPage place = seen_page_of(seen[number]);
         PageErrors page = errors[place.page];
         for (uint search = 0; search < SEARCHES; search++) {

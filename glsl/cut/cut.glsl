@@ -1,5 +1,5 @@
 // What the stages of a cut share: the table of pages, codes of errors, and the state of the search for a limit.
-// src/render/cut/mod.rs explains the words.
+// src/render/slabs/chooser.rs explains the search, src/levels/mod.rs the words.
 
 const uint PARTS = 8;        // parts of a page, in the order of their errors
 const uint ROUNDS = 5;       // of the search
@@ -34,7 +34,7 @@ struct PageErrors {
 // A cut while it is searched, and afterwards. Numbers of 64 bits come as a low and a high word. Nodes are counted in
 // parts of 1/SAMPLES; squared errors in 2^-48 of a picture that is wrong by 1 everywhere.
 struct CutState {
-    uint seen;     // pages in view
+    uint seen;     // demand: pages in view; more than there is room for are not listed
     uint listed;   // pages of the cut
     uint missing;  // of these, those that are not in device memory
     uint limit_squared;  // bits of a float: of the change per saved node, in pixels times colours

@@ -11,7 +11,7 @@
 layout(binding = 0, scalar) readonly buffer Boxes { PageBox boxes[]; };                     // [pages]
 layout(binding = 1, scalar) readonly buffer Errors { PageErrors errors[]; };                // [pages]
 layout(binding = 2, scalar) readonly buffer Views { uvec4 listed[]; };                      // [VIEW_ELEMENTS * views]
-layout(binding = 3, scalar) writeonly buffer Seen { uvec4 seen[]; };                        // [pages * views]
+layout(binding = 3, scalar) writeonly buffer Seen { uvec4 seen[]; };                        // [room]
 layout(binding = 4, scalar) buffer State { CutState state; };
 layout(push_constant, scalar) uniform Push {
     vec2 focal_px;
@@ -20,6 +20,7 @@ layout(push_constant, scalar) uniform Push {
     float per_focal_squared;  // 1 / the larger focal length^2
     uint pages;
     uint views;
+    uint room;  // in `seen`
 } push;
 
 PlacedView view;
@@ -100,5 +101,6 @@ void main() {
     vec2 widths = vec2(width_squared(page), parent == NO_PAGE ? 0.0 : width_squared(parent));
     // Samples miss what is small in the picture, and a cut that costs nothing would be the coarsest.
     uint weight = max(samples_in_picture(page, box), 1);
-    seen[atomicAdd(state.seen, 1)] = packed(SeenPage(page, place, weight, widths));
+    uint before = atomicAdd(state.seen, 1);
+    if (before < push.room) seen[before] = packed(SeenPage(page, place, weight, widths));
 }

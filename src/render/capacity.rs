@@ -76,6 +76,14 @@ impl Capacity {
     }
 }
 
+/// False if the result is that memory ran out.
+pub(super) fn has_memory(result: Result<()>) -> Result<bool> {
+    match result {
+        Err(error) if error.is::<OutOfMemory>() => Ok(false),
+        other => other.map(|()| true),
+    }
+}
+
 /// `elements` as the length of the buffer `name`.
 ///
 /// # Errors

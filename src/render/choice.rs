@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 
-use super::capacity::Capacity;
+use super::capacity::{Capacity, has_memory};
 use super::fast::{FastPipeline, FastWorkspace};
 use super::frame::{Shot, Target, Variation, tiles};
 use super::gpu_scene::GpuScene;
@@ -285,7 +285,7 @@ impl PathChoice {
             *work = PortableWorkspace::new(device, Capacity::default())?;
             slabs.fit(device, &mut fast.work, &fast.pipeline, grid, gaussians)?;
         }
-        let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), chooser.as_ref(), shot, target)?;
+        let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), chooser.as_mut(), shot, target)?;
         // What fits into one slab fits at once, unless its pages do not.
         let fits = |pool: MutexGuard<Pool>| drawn.parts.pages_in_view <= pool.capacity() as u64;
         fast.needs_slabs = match shot.scene.pool() {
@@ -320,7 +320,7 @@ impl PathChoice {
             }
             slabs.fit(device, work, shot.camera.size_px, shot.scene)?;
         }
-        let drawn = slabs.draw(device, (pipeline, work, options), chooser.as_ref(), shot, target, inspector)?;
+        let drawn = slabs.draw(device, (pipeline, work, options), chooser.as_mut(), shot, target, inspector)?;
         self.needs_slabs = drawn.parts.slabs > 1;
         Ok(drawn)
     }
@@ -353,14 +353,19 @@ impl PathChoice {
         Ok(None)
     }
 
-    /// Brings the pages that a frame lacked, or has the next one drawn in slabs where they do not fit.
+    /// True if a frame of a scene in pages lacked no page. If it did, the next one has it, or is drawn in slabs.
     ///
     /// # Errors
-    /// If a page cannot be read.
-    pub fn bring_missing(&mut self, device: &Device, scene: &GpuScene, state: &CutState) -> Result<()> {
-        let (Some(chooser), Some(fast)) = (&self.chooser, &mut self.fast) else { return Ok(()) };
-        fast.needs_slabs = !bring_missing(device, chooser, scene, state)?;
-        Ok(())
+    /// If a page cannot be read, or memory runs out.
+    pub fn judge_pages(&mut self, device: &Device, scene: &GpuScene, state: &CutState) -> Result<bool> {
+        let (Some(chooser), Some(fast)) = (&mut self.chooser, &mut self.fast) else { return Ok(true) };
+        if !chooser.has_room(device, scene, state)? {
+            return Ok(false);
+        }
+        if state.missing > 0 {
+            fast.needs_slabs = !bring_missing(device, chooser, scene, state)?;
+        }
+        Ok(state.missing == 0)
     }
 
     /// True if a frame that counted `totals` kept to its limits. If it did not, the next frame has larger buffers, or
@@ -387,13 +392,5 @@ impl PathChoice {
     /// True if the portable path still holds the lists of a frame of these limits.
     pub fn holds(&self, limits: Limits) -> bool {
         limits.path == Path::Portable && self.work.capacity == limits.capacity
-    }
-}
-
-/// False if the result is that memory ran out.
-fn has_memory(result: Result<()>) -> Result<bool> {
-    match result {
-        Err(error) if error.is::<OutOfMemory>() => Ok(false),
-        other => other.map(|()| true),
     }
 }

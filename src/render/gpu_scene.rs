@@ -11,6 +11,7 @@ use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::render::shaders::Grids;
+use crate::render::shaders::cut::WEIGHT_SHIFT;
 use crate::render::slabs::{PagesRead, Pool};
 use crate::render::trial_part::{TRIAL, trial_hash, trial_view};
 use crate::rules::{LISTED_ALPHA, Rules};
@@ -52,6 +53,8 @@ pub struct GpuScene {
     placements: Option<Placements>,
 }
 
+/// Places that the pages in view can tell apart.
+const MOST_PLACES: usize = 1 << WEIGHT_SHIFT;
 /// Gaussians uploaded at a time: enough to share among threads, few enough to need little memory.
 const UPLOAD_CHUNK: usize = 1 << 17;
 /// Gaussians that a thread packs at a time, a multiple of those that share an element.
@@ -242,6 +245,7 @@ impl GpuScene {
             "{places} places of {count} Gaussians are more than {MOST_NUMBERED} Gaussians, which is the most that can \
              be ordered"
         );
+        ensure!(places <= MOST_PLACES, "{places} places are more than {MOST_PLACES}, which is the most that are drawn");
         Ok(Self { extent: placements.extent(&self.extent), placements: Some(placements.clone()), ..self })
     }
 

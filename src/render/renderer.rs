@@ -329,9 +329,8 @@ impl Renderer {
         };
         let limits = recorded.limits;
         let mut is_whole = self.choice.judge(&self.device, &totals, limits)?;
-        if let Some(state) = state.filter(|state| state.missing > 0) {
-            self.choice.bring_missing(&self.device, &self.scene, &state)?;
-            is_whole = false;
+        if let Some(state) = state {
+            is_whole = self.choice.judge_pages(&self.device, &self.scene, &state)? && is_whole;
         }
         if let Some(last) = &mut self.last {
             last.has_tile_lists = is_whole && last.number == recorded.number && self.choice.holds(limits);

@@ -41,6 +41,9 @@ pub struct Chooser {
     has_levels: bool,
 }
 
+/// Pages in view that there is room for at first.
+const ROOM: usize = 1 << 18;
+
 /// The pages of a picture, on the host.
 pub struct Chosen {
     pub results: Results,
@@ -69,7 +72,7 @@ impl Chooser {
         let pool = scene.pool().expect("the scene is in pages");
         let (pages, levels) = (pool.pages(), pool.pages().levels());
         let count = pages.pages().len();
-        let pairs = count * scene.transforms().len();
+        let room = ROOM.min(count * scene.transforms().len());
         let chooser = Self {
             look: Stage::new(device, &())?,
             count: Stage::new(device, &())?,
@@ -78,9 +81,9 @@ impl Chooser {
             boxes: Buffer::new(device, "boxes of pages", count)?,
             errors: Buffer::new(device, "errors of pages", count)?,
             steps: Buffer::new(device, "steps of codes", STEPS)?,
-            seen: Buffer::new(device, "pages in view", pairs)?,
-            listed: Buffer::new(device, "pages of the cut", first_page(scene) as usize + pairs)?,
-            pages: Buffer::new(device, "numbers of pages", pairs)?,
+            seen: Buffer::new(device, "pages in view", room)?,
+            listed: Buffer::new(device, "pages of the cut", first_page(scene) as usize + room)?,
+            pages: Buffer::new(device, "numbers of pages", room)?,
             state: Buffer::new(device, "state of the cut", 1)?,
             has_levels: levels.is_some(),
         };
@@ -107,9 +110,33 @@ impl Chooser {
         [boxes.footprint(), errors.footprint(), steps, seen.footprint(), listed.footprint(), pages, state]
     }
 
+    /// True if there was room for all pages in view of a picture. If not, there is for the next.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn has_room(&mut self, device: &Device, scene: &GpuScene, state: &CutState) -> Result<bool> {
+        let seen = state.seen as usize;
+        if seen <= self.seen.len() {
+            return Ok(true);
+        }
+        self.make_room(device, scene, seen + seen / 8)?;
+        Ok(false)
+    }
+
+    /// Makes room for so many pages in view.
+    pub fn make_room(&mut self, device: &Device, scene: &GpuScene, room: usize) -> Result<()> {
+        self.seen = Buffer::new(device, "pages in view", room)?;
+        self.listed = Buffer::new(device, "pages of the cut", first_page(scene) as usize + room)?;
+        self.pages = Buffer::new(device, "numbers of pages", room)?;
+        // A frame in flight, which has the old buffers, may be judged by the new ones: they name pages that exist.
+        let mut cmd = Commands::new(device)?;
+        cmd.fill(&self.pages, 0);
+        cmd.submit()?.wait().map(drop)
+    }
+
     /// The fewest bytes that each stage moves: only the first has to look at all pages.
     pub fn least_bytes(&self) -> [(&'static str, u64); 3] {
-        [("look", (self.pages.len() * size_of::<PageBox>()) as u64), ("count", 0), ("choose", 0)]
+        [("look", (self.boxes.len() * size_of::<PageBox>()) as u64), ("count", 0), ("choose", 0)]
     }
 
     /// Lists the pages of a picture. Those that are not in device memory are listed without a Gaussian, and counted.
@@ -159,16 +186,19 @@ impl Chooser {
             per_focal_squared: (1.0 / (focal * focal)) as f32,
             pages: self.boxes.len() as u32,
             views: scene.transforms().len() as u32,
+            room: self.seen.len() as u32,
         };
-        cmd.dispatch(&self.look, bindings, push, self.over_pairs());
+        let pairs = self.boxes.len() as u64 * scene.transforms().len() as u64;
+        cmd.dispatch(&self.look, bindings, push, DispatchSize::Invocations(pairs));
     }
 
     /// Adds up what the limits of a round leave of all pages in view.
     fn count(&self, cmd: &mut Commands, wanted: Wanted, pixels: u32, round: u32) {
         let bindings = CountBindings { errors: &self.errors, steps: &self.steps, seen: &self.seen, state: &self.state };
         let Wanted { given_squared, searches, most_nodes, most_energy } = wanted;
-        let push = CountPush { given_squared, searches, most_nodes, most_energy, pixels, round };
-        let lanes = u64::from(CANDIDATES + 1) * self.pages.len() as u64;
+        let room = self.seen.len() as u32;
+        let push = CountPush { given_squared, searches, most_nodes, most_energy, pixels, room, round };
+        let lanes = u64::from(CANDIDATES + 1) * u64::from(room);
         cmd.dispatch(&self.count, bindings, push, DispatchSize::Invocations(lanes));
     }
 
@@ -185,15 +215,12 @@ impl Chooser {
             pages: &self.pages,
         };
         let Wanted { given_squared, searches, most_nodes, most_energy } = wanted;
-        let push = ChoosePush { given_squared, searches, most_nodes, most_energy, pixels, first_page };
-        cmd.dispatch(&self.choose, bindings, push, self.over_pairs());
+        let room = self.seen.len() as u32;
+        let push = ChoosePush { given_squared, searches, most_nodes, most_energy, pixels, room, first_page };
+        cmd.dispatch(&self.choose, bindings, push, DispatchSize::Invocations(room.into()));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         let bindings = EndBindings { state: &self.state, listed: &self.listed };
         cmd.dispatch(&self.end, bindings, EndPush { first_page }, DispatchSize::Groups(1));
-    }
-
-    fn over_pairs(&self) -> DispatchSize {
-        DispatchSize::Invocations(self.pages.len() as u64)
     }
 
     /// Where the dispatch over quarters of the listed pages lies in the state.
@@ -219,12 +246,15 @@ impl Chooser {
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn chosen(&self, device: &Device, scene: &GpuScene, camera: &Camera, options: &Options) -> Result<Chosen> {
+    pub fn chosen(&mut self, device: &Device, scene: &GpuScene, camera: &Camera, options: &Options) -> Result<Chosen> {
         let mut cmd = Commands::new(device)?;
         self.record(&mut cmd, scene, camera, options)?;
         let state = self.read(&mut cmd)?;
         let results = cmd.submit()?.wait()?;
         let state = results.view(&state)[0];
+        if !self.has_room(device, scene, &state)? {
+            return self.chosen(device, scene, camera, options);
+        }
         let pages = self.listed_pages(device, scene, &state)?;
         Ok(Chosen { results, pages, detail: Self::detail(&state, options) })
     }

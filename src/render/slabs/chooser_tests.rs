@@ -240,7 +240,8 @@ fn pages_are_chosen_as_in_plain_rust() {
     ];
     for (options, places) in wanted.iter().flat_map(|options| [&[][..], &two[..]].map(|places| (options, places))) {
         let scene = brought(&device, &file, places, options);
-        let chooser = Chooser::new(&device, &scene).unwrap();
+        let mut chooser = Chooser::new(&device, &scene).unwrap();
+        chooser.make_room(&device, &scene, 5).unwrap();
         let pages = scene.pool().unwrap().pages().clone();
         for zoom in [0.05, 0.4, 1.0, 6.0] {
             let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [300, 200]);

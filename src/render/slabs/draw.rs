@@ -84,7 +84,7 @@ impl Slabs {
         &mut self,
         device: &Device,
         (fast, work, options): (&FastPipeline, &FastWorkspace, &Options),
-        chooser: Option<&Chooser>,
+        chooser: Option<&mut Chooser>,
         Shot { scene, camera }: Shot,
         target: Target,
     ) -> Result<Drawn> {

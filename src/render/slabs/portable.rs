@@ -103,7 +103,7 @@ impl PortableSlabs {
         &mut self,
         device: &Device,
         (pipeline, work, options): (&PortablePipeline, &PortableWorkspace, &Options),
-        chooser: Option<&Chooser>,
+        chooser: Option<&mut Chooser>,
         shot: Shot,
         target: Target,
         inspector: Option<&Inspector>,
