@@ -35,7 +35,7 @@ pub struct Level {
     pub parents: [u16; PARTS],
     /// For each eighth of the nodes by own errors: the mean squared error against the scene, as a code.
     pub energies: [u16; PARTS],
-    /// The means of some nodes, as [`sample`] has them.
+    /// The means of some nodes: for each axis ten bits with a place among 1024 equal parts of the box of all means.
     pub samples: [u32; SAMPLES],
     /// XXH3 of the words of levels.
     pub checksum: u64,
