@@ -72,7 +72,7 @@ impl Chooser {
         let pool = scene.pool().expect("the scene is in pages");
         let (pages, levels) = (pool.pages(), pool.pages().levels());
         let count = pages.pages().len();
-        let room = ROOM.min(count * scene.transforms().len());
+        let (seen, listed, numbers) = lists(device, scene, ROOM.min(count * scene.transforms().len()))?;
         let chooser = Self {
             look: Stage::new(device, &())?,
             count: Stage::new(device, &())?,
@@ -81,9 +81,9 @@ impl Chooser {
             boxes: Buffer::new(device, "boxes of pages", count)?,
             errors: Buffer::new(device, "errors of pages", count)?,
             steps: Buffer::new(device, "steps of codes", STEPS)?,
-            seen: Buffer::new(device, "pages in view", room)?,
-            listed: Buffer::new(device, "pages of the cut", first_page(scene) as usize + room)?,
-            pages: Buffer::new(device, "numbers of pages", room)?,
+            seen,
+            listed,
+            pages: numbers,
             state: Buffer::new(device, "state of the cut", 1)?,
             has_levels: levels.is_some(),
         };
@@ -105,9 +105,15 @@ impl Chooser {
     /// Every buffer's name and bytes.
     pub fn buffers(&self) -> [(&str, u64); 7] {
         let Self { boxes, errors, steps, seen, listed, pages, state, .. } = self;
-        let words = [steps.footprint(), pages.footprint(), state.footprint()];
-        let [steps, pages, state] = words;
-        [boxes.footprint(), errors.footprint(), steps, seen.footprint(), listed.footprint(), pages, state]
+        [
+            boxes.footprint(),
+            errors.footprint(),
+            steps.footprint(),
+            seen.footprint(),
+            listed.footprint(),
+            pages.footprint(),
+            state.footprint(),
+        ]
     }
 
     /// True if there was room for all pages in view of a picture. If not, there is for the next.
@@ -125,13 +131,8 @@ impl Chooser {
 
     /// Makes room for so many pages in view.
     pub fn make_room(&mut self, device: &Device, scene: &GpuScene, room: usize) -> Result<()> {
-        self.seen = Buffer::new(device, "pages in view", room)?;
-        self.listed = Buffer::new(device, "pages of the cut", first_page(scene) as usize + room)?;
-        self.pages = Buffer::new(device, "numbers of pages", room)?;
-        // A frame in flight, which has the old buffers, may be judged by the new ones: they name pages that exist.
-        let mut cmd = Commands::new(device)?;
-        cmd.fill(&self.pages, 0);
-        cmd.submit()?.wait().map(drop)
+        (self.seen, self.listed, self.pages) = lists(device, scene, room)?;
+        Ok(())
     }
 
     /// The fewest bytes that each stage moves: only the first has to look at all pages.
@@ -278,6 +279,18 @@ impl Chooser {
         };
         Ok(pages.map().iter().take(count).zip(&listed.map()[first..]).map(chosen).collect())
     }
+}
+
+/// The lists of so many pages: those in view, those of the cut, their numbers.
+fn lists(device: &Device, scene: &GpuScene, room: usize) -> Result<(Buffer<Element>, Buffer<Element>, Buffer<u32>)> {
+    let seen = Buffer::new(device, "pages in view", room)?;
+    let listed = Buffer::new(device, "pages of the cut", first_page(scene) as usize + room)?;
+    let numbers = Buffer::new(device, "numbers of pages", room)?;
+    // A frame in flight that has other lists may be judged by these: they name pages that exist.
+    let mut cmd = Commands::new(device)?;
+    cmd.fill(&numbers, 0);
+    cmd.submit()?.wait()?;
+    Ok((seen, listed, numbers))
 }
 
 /// Steps of an octave of squares of codes.
