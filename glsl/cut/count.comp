@@ -36,7 +36,7 @@ void main() {
         for (uint search = 0; search < SEARCHES; search++) {
             if ((push.searches & 1 << search) == 0) continue;
             uint tried = found_by(search) + (candidate + 1 << 3 * (ROUNDS - 1 - push.round));
-            Left left = left_of(place, page, limit_squared_of(tried));
+            Left left = left_of(place, page, limits_of(place, limit_squared_of(tried)));
             uvec2 added = search == BY_NODES ? uvec2(nodes_of(left), 0) : in_units(energy_of(left, place, page));
             // Sums are of whole numbers: order does not matter.
             uint word = (search * CANDIDATES + candidate) * 2, before = atomicAdd(sums[word], added.x);

@@ -42,9 +42,8 @@ uint part_below(uint words[PARTS / 2], uint least, uint limit) {
     return whole == PARTS ? 2048 : 256 * whole + inside;
 }
 
-// What a limit leaves of a page.
+// What limits leave of a page.
 struct Left {
-    uvec2 limits;  // codes: of its nodes, of their parents
     uint within;   // the nodes within their limit, in 1/2048
     uint drawn;    // of these, those whose parents are not: nodes in sight, in parts of 1/2048/SAMPLES
 };
@@ -53,12 +52,17 @@ bool is_in_cut(PageErrors page, uvec2 limits) {
     return page.least <= limits.x && CODE(page.parents, PARTS - 1) > limits.y;
 }
 
-Left left_of(SeenPage seen, PageErrors page, float limit_squared) {
+// The codes of a limit on a page: of its nodes, of their parents.
+uvec2 limits_of(SeenPage seen, float limit_squared) {
     precise vec2 squares = limit_squared * seen.widths;
-    Left left = Left(uvec2(code_below(squares.x), code_below(squares.y)), 0, 0);
-    if (!is_in_cut(page, left.limits)) return left;
-    left.within = part_below(page.errors, page.least, left.limits.x);
-    uint coarser = part_below(page.parents, 0, left.limits.y);
+    return uvec2(code_below(squares.x), code_below(squares.y));
+}
+
+Left left_of(SeenPage seen, PageErrors page, uvec2 limits) {
+    Left left = Left(0, 0);
+    if (!is_in_cut(page, limits)) return left;
+    left.within = part_below(page.errors, page.least, limits.x);
+    uint coarser = part_below(page.parents, 0, limits.y);
     left.drawn = page.count * (left.within - min(coarser, left.within)) * seen.weight;
     return left;
 }

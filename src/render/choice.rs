@@ -13,11 +13,11 @@ use super::gpu_scene::GpuScene;
 use super::inspect::Inspector;
 use super::path::{Limits, Path};
 use super::portable::{PortablePipeline, PortableWorkspace};
-use super::shaders::CutState;
+use super::recorded::OfPages;
 use super::shaders::Totals;
-use super::slabs::{AtOnce, Chooser, Drawn, Pool, PortableSlabs, Slabs, bring_missing};
+use super::slabs::{AtOnce, Chooser, Drawn, Feed, Pool, PortableSlabs, Slabs, bring_missing};
 use super::trial_part::TRIAL;
-use crate::gpu::{Buffer, Commands, Device, Readback};
+use crate::gpu::{Buffer, Commands, Device, Results};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::storage::Layout;
@@ -38,6 +38,8 @@ pub(super) struct PathChoice {
     slabs: Option<PortableSlabs>,
     /// Chooses the pages of a scene in pages.
     chooser: Option<Chooser>,
+    /// Brings the pages of pictures that do not wait for them.
+    pub feed: Option<Feed>,
     fast: Option<Fast>,
     /// Why the fast path is not taken although the device has it.
     pub notice: Option<String>,
@@ -93,6 +95,7 @@ impl PathChoice {
             needs_slabs: false,
             slabs: None,
             chooser: scene.is_paged().then(|| Chooser::new(device, scene)).transpose()?,
+            feed: None,
             fast,
             notice: (variation == Variation::Certifying && FastPipeline::subgroup(device, options).is_some()).then(|| {
                 "the portable path draws, since only it makes certificates; without --certificate the fast path draws"
@@ -105,6 +108,18 @@ impl PathChoice {
     /// The fast path, if it may draw.
     pub fn fast(&self) -> Option<&FastPipeline> {
         self.fast.as_ref().map(|fast| &fast.pipeline)
+    }
+
+    /// Draws what is in device memory from now on, and reads pages meanwhile. Does nothing where pictures are drawn in
+    /// another way: of scenes without levels, and on the portable path.
+    ///
+    /// # Errors
+    /// If the coarsest pages cannot be read.
+    pub fn stream(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
+        if let Some(chooser) = self.chooser.as_mut().filter(|chooser| chooser.has_levels() && self.fast.is_some()) {
+            self.feed = Some(Feed::new(device, scene, chooser)?);
+        }
+        Ok(())
     }
 
     /// Makes the pipelines of both paths and of all block heights at the same time: a driver compiles on the thread
@@ -243,6 +258,9 @@ impl PathChoice {
                 if is_paged && fast.at_once.is_none() {
                     fast.at_once = Some(AtOnce::new(device, &fast.pipeline)?);
                 }
+                if let (Some(feed), Some(chooser)) = (&mut self.feed, &mut self.chooser) {
+                    feed.advance(device, scene, chooser)?;
+                }
             }
             fast.needs_slabs = in_slabs;
             let longest_list = fast.pipeline.longest_list().min(fast.work.longest_list());
@@ -337,13 +355,15 @@ impl PathChoice {
         target: Target,
         limits: Limits,
         inspector: Option<&Inspector>,
-    ) -> Result<Option<Readback<CutState>>> {
+    ) -> Result<Option<OfPages>> {
         match (&self.fast, inspector) {
             (Some(fast), None) if limits.path == Path::Fast => {
                 let of_pages = self.chooser.as_ref().zip(fast.at_once.as_ref()).filter(|_| shot.scene.is_paged());
                 if let Some((chooser, at_once)) = of_pages {
                     let fast = (&fast.pipeline, &fast.work, &self.options);
-                    return at_once.record(cmd, fast, chooser, shot, target).map(Some);
+                    let state = at_once.record(cmd, fast, chooser, shot, target)?;
+                    let demand = self.feed.as_ref().map(|feed| feed.read(cmd, chooser, shot.scene)).transpose()?;
+                    return Ok(Some(OfPages { state, demand }));
                 }
                 fast.pipeline.record(cmd, shot, &fast.work, target);
             }
@@ -353,14 +373,28 @@ impl PathChoice {
         Ok(None)
     }
 
-    /// True if a frame of a scene in pages lacked no page. If it did, the next one has it, or is drawn in slabs.
+    /// True if a frame of a scene in pages lacked no page. If it did, the next one has it, or is drawn in slabs. A frame
+    /// that does not wait for pages lacks none.
     ///
     /// # Errors
     /// If a page cannot be read, or memory runs out.
-    pub fn judge_pages(&mut self, device: &Device, scene: &GpuScene, state: &CutState) -> Result<bool> {
+    pub fn judge_pages(
+        &mut self,
+        device: &Device,
+        scene: &GpuScene,
+        results: &Results,
+        of_pages: &OfPages,
+    ) -> Result<bool> {
         let (Some(chooser), Some(fast)) = (&mut self.chooser, &mut self.fast) else { return Ok(true) };
+        let state = &results.view(&of_pages.state)[0];
         if !chooser.has_room(device, scene, state)? {
             return Ok(false);
+        }
+        if let Some(demand) = &of_pages.demand {
+            if let Some(feed) = &mut self.feed {
+                feed.take(scene, state, results, demand);
+            }
+            return Ok(true);
         }
         if state.missing > 0 {
             fast.needs_slabs = !bring_missing(device, chooser, scene, state)?;

@@ -44,6 +44,8 @@ pub struct GpuScene {
     pub(super) indices: Option<Buffer<u32>>,
     /// The slot of each page, if the planes hold some pages of the scene at a time.
     pub(super) slots: Option<Buffer<u32>>,
+    /// When, and how much, each page was wanted last, if the planes hold some pages of the scene at a time.
+    pub(super) wanted: Option<Buffer<u32>>,
     /// The words of levels, if the scene is drawn by levels of detail.
     pub(super) levels: Option<Buffer<u32>>,
     /// Set if the planes hold some pages of the scene at a time.
@@ -126,6 +128,7 @@ impl GpuScene {
             layout,
             indices: None,
             slots: None,
+            wanted: None,
             levels: None,
             nodes: len,
             pool: None,
@@ -218,6 +221,7 @@ impl GpuScene {
             layout,
             indices: Some(indices),
             slots: Some(pool.slots().clone()),
+            wanted: Some(pool.wanted().clone()),
             levels,
             nodes: pages.nodes(),
             pool: Some(Arc::new(Mutex::new(pool))),
@@ -297,7 +301,8 @@ impl GpuScene {
     /// The same scene with at most its first `count` Gaussians.
     pub(super) fn first(&self, count: usize) -> Self {
         let len = self.len.min(count);
-        Self { len, nodes: len, indices: None, slots: None, levels: None, pool: None, placements: None, ..self.clone() }
+        let (indices, slots, wanted, levels, pool, placements) = (None, None, None, None, None, None);
+        Self { len, nodes: len, indices, slots, wanted, levels, pool, placements, ..self.clone() }
     }
 
     pub fn is_empty(&self) -> bool {
@@ -321,7 +326,8 @@ impl GpuScene {
     /// Every buffer's name and bytes.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let planes = std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh).map(Buffer::footprint);
-        let words = self.indices.iter().chain(&self.slots).chain(&self.levels).map(Buffer::footprint);
+        let words =
+            self.indices.iter().chain(&self.slots).chain(&self.wanted).chain(&self.levels).map(Buffer::footprint);
         planes.chain(words).chain([self.grids.footprint()]).collect()
     }
 

@@ -52,7 +52,7 @@ pub use renderer::Renderer;
 #[doc(hidden)]
 pub use shaders::Splat;
 pub use shaders::Totals;
-pub use slabs::{Detailed, PagesRead, Parts};
+pub use slabs::{Detailed, PagesRead, Parts, Residency};
 pub use source::{Content, NoLevels, SceneSource};
 #[doc(hidden)]
 pub use stream::{Finished, Form, HostFrame, Stream, Streamed, Wanted};

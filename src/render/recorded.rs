@@ -3,7 +3,7 @@
 use super::path::{Limits, Path};
 use super::shaders::CutState;
 use super::shaders::Totals;
-use super::slabs::{Chooser, Detailed, Drawn, Parts};
+use super::slabs::{Chooser, Demand, Detailed, Drawn, Parts};
 use crate::gpu::{InFlight, Readback, Results, Timing};
 use crate::options::Options;
 
@@ -43,9 +43,16 @@ pub(super) enum Counted {
     /// They are there when its commands have run.
     OnDevice(Readback<Totals>),
     /// The same, of a scene in pages.
-    OfPages(Readback<Totals>, Readback<CutState>),
+    OfPages(Readback<Totals>, OfPages),
     /// The frame is drawn already, in slabs.
     Here(Box<Drawn>),
+}
+
+/// What a frame of a scene in pages that was drawn at once tells of these.
+pub(super) struct OfPages {
+    pub state: Readback<CutState>,
+    /// Set if it does not wait for pages.
+    pub demand: Option<Demand>,
 }
 
 impl Recorded {
@@ -61,7 +68,7 @@ impl Recorded {
         match &self.counted {
             Counted::Here(drawn) => drawn.detail,
             Counted::OnDevice(_) => None,
-            Counted::OfPages(_, state) => Chooser::detail(&results.view(state)[0], options),
+            Counted::OfPages(_, pages) => Chooser::detail(&results.view(&pages.state)[0], options),
         }
     }
 

@@ -120,6 +120,16 @@ impl Renderer {
         self.choice.options = if is_finest { self.options.finest() } else { self.options };
     }
 
+    /// Draws pictures without waiting for pages from now on: of levels of detail, what is in device memory, while more
+    /// are read. [`Renderer::residency`] tells how far the pages of the last picture are there. Does nothing where the
+    /// scene has no levels, or the portable path draws: that waits.
+    ///
+    /// # Errors
+    /// If the coarsest pages cannot be read.
+    pub fn stream(&mut self) -> Result<()> {
+        self.choice.stream(&self.device, &self.scene)
+    }
+
     /// Times every stage, or only the whole frame.
     pub fn set_timestamps(&mut self, timestamps: Timestamps) {
         self.timestamps = timestamps;
@@ -297,7 +307,7 @@ impl Renderer {
                 let totals = cmd.read(self.choice.totals(self.drawn.path))?;
                 match chosen {
                     None => Counted::OnDevice(totals),
-                    Some(state) => Counted::OfPages(totals, state),
+                    Some(of_pages) => Counted::OfPages(totals, of_pages),
                 }
             }
         };
@@ -322,15 +332,15 @@ impl Renderer {
     /// # Errors
     /// If there is no memory for larger buffers.
     pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
-        let (totals, state) = match &recorded.counted {
+        let (totals, of_pages) = match &recorded.counted {
             Counted::Here(drawn) => return Ok(Some(drawn.totals)),
             Counted::OnDevice(totals) => (results.view(totals)[0], None),
-            Counted::OfPages(totals, state) => (results.view(totals)[0], Some(results.view(state)[0])),
+            Counted::OfPages(totals, of_pages) => (results.view(totals)[0], Some(of_pages)),
         };
         let limits = recorded.limits;
         let mut is_whole = self.choice.judge(&self.device, &totals, limits)?;
-        if let Some(state) = state {
-            is_whole = self.choice.judge_pages(&self.device, &self.scene, &state)? && is_whole;
+        if let Some(of_pages) = of_pages {
+            is_whole = self.choice.judge_pages(&self.device, &self.scene, results, of_pages)? && is_whole;
         }
         if let Some(last) = &mut self.last {
             last.has_tile_lists = is_whole && last.number == recorded.number && self.choice.holds(limits);

@@ -6,7 +6,7 @@ use crate::gpu::{MemoryUse, Results};
 use crate::render::frame::Shot;
 use crate::render::recorded::Recorded;
 use crate::render::shaders::Totals;
-use crate::render::slabs::Detailed;
+use crate::render::slabs::{Detailed, Feed, Residency};
 
 impl Renderer {
     /// The fewest bytes that each stage of a frame moves through device memory, by the name of its scope: each input
@@ -25,6 +25,21 @@ impl Renderer {
     /// What the levels of detail of a frame were cut to, if it was drawn by them.
     pub fn detail(&self, results: &Results, recorded: &Recorded) -> Option<Detailed> {
         recorded.detail(results, &self.options)
+    }
+
+    /// How far the pages of the last picture are there, if pictures do not wait for them.
+    pub fn residency(&self) -> Option<Residency> {
+        self.choice.feed.as_ref().map(|feed| feed.residency(&self.scene))
+    }
+
+    /// True if pages were read that the last picture did not have, or another picture is needed to ask for some.
+    pub fn has_news(&mut self) -> bool {
+        self.choice.feed.as_mut().is_some_and(Feed::has_news)
+    }
+
+    /// Why a page could not be read while pictures went on, once. They show coarser levels in its place.
+    pub fn take_problem(&mut self) -> Option<anyhow::Error> {
+        self.choice.feed.as_mut().and_then(Feed::take_problem)
     }
 
     /// Device memory of everything except the scene: every buffer's name and bytes.

@@ -11,7 +11,7 @@ use anyhow::Result;
 use super::detail::{Detailed, Wanted};
 use super::listed::{Element, first_page, views_of};
 use crate::camera::Camera;
-use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Readback, Results, Stage, Staging};
+use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, InFlight, Readback, Results, Stage, Staging};
 use crate::levels::NEVER;
 use crate::options::Options;
 use crate::render::gpu_scene::GpuScene;
@@ -38,7 +38,22 @@ pub struct Chooser {
     /// The number of each listed page.
     pages: Buffer<u32>,
     pub state: Buffer<CutState>,
+    /// By page, the least limits: [`Family`](super::family::Family).
+    floors: Buffer<u32>,
+    /// Pages that a picture wanted and that are missing, and their priorities.
+    demand: Buffer<[u32; 2]>,
+    /// What the next picture is asked about pages.
+    pub asked: Asked,
     has_levels: bool,
+}
+
+/// What a picture is asked about pages.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Asked {
+    /// Its number among others, from 1 on; 0: nothing is asked.
+    pub stamp: u16,
+    /// Of the missing pages that it lists.
+    pub least_priority: u32,
 }
 
 /// Pages in view that there is room for at first.
@@ -85,6 +100,9 @@ impl Chooser {
             listed,
             pages: numbers,
             state: Buffer::new(device, "state of the cut", 1)?,
+            floors: Buffer::new(device, "floors of pages", count)?,
+            demand: Buffer::new(device, "missing pages", 1)?,
+            asked: Asked::default(),
             has_levels: levels.is_some(),
         };
         let mut cmd = Commands::new(device)?;
@@ -97,14 +115,20 @@ impl Chooser {
             let errors = pages.pages().iter().enumerate().map(|(number, page)| page_errors(page, level(number)));
             memory.iter_mut().zip(errors).for_each(|(to, from)| *to = from);
         })?;
+        cmd.fill(&chooser.floors, 0);
         cmd.upload(&chooser.steps, 0, STEPS, |memory| memory.copy_from_slice(&steps()))?;
         cmd.submit()?.wait()?;
         Ok(chooser)
     }
 
+    /// True if the scene is drawn by levels of detail.
+    pub fn has_levels(&self) -> bool {
+        self.has_levels
+    }
+
     /// Every buffer's name and bytes.
-    pub fn buffers(&self) -> [(&str, u64); 7] {
-        let Self { boxes, errors, steps, seen, listed, pages, state, .. } = self;
+    pub fn buffers(&self) -> [(&str, u64); 9] {
+        let Self { boxes, errors, steps, seen, listed, pages, state, floors, demand, .. } = self;
         [
             boxes.footprint(),
             errors.footprint(),
@@ -113,6 +137,8 @@ impl Chooser {
             listed.footprint(),
             pages.footprint(),
             state.footprint(),
+            floors.footprint(),
+            demand.footprint(),
         ]
     }
 
@@ -133,6 +159,31 @@ impl Chooser {
     pub fn make_room(&mut self, device: &Device, scene: &GpuScene, room: usize) -> Result<()> {
         (self.seen, self.listed, self.pages) = lists(device, scene, room)?;
         Ok(())
+    }
+
+    /// Makes room for so many missing pages.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn make_demand(&mut self, device: &Device, room: usize) -> Result<()> {
+        self.demand = Buffer::new(device, "missing pages", room)?;
+        Ok(())
+    }
+
+    /// The missing pages of the picture recorded last, and their priorities, in any order.
+    pub fn demand(&self) -> &Buffer<[u32; 2]> {
+        &self.demand
+    }
+
+    /// Sets the least limits of all pages.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn set_floors(&self, device: &Device, floors: &[u32]) -> Result<InFlight> {
+        let mut cmd = Commands::new(device)?;
+        cmd.upload(&self.floors, 0, floors.len(), |memory| memory.copy_from_slice(floors))?;
+        cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
+        cmd.submit()
     }
 
     /// The fewest bytes that each stage moves: only the first has to look at all pages.
@@ -214,10 +265,24 @@ impl Chooser {
             slots: scene.slots.as_ref().expect("a scene in pages has slots"),
             listed: &self.listed,
             pages: &self.pages,
+            floors: &self.floors,
+            wanted: scene.wanted.as_ref().expect("a scene in pages knows what was wanted"),
+            demand: &self.demand,
         };
         let Wanted { given_squared, searches, most_nodes, most_energy } = wanted;
         let room = self.seen.len() as u32;
-        let push = ChoosePush { given_squared, searches, most_nodes, most_energy, pixels, room, first_page };
+        let push = ChoosePush {
+            given_squared,
+            searches,
+            most_nodes,
+            most_energy,
+            pixels,
+            room,
+            first_page,
+            stamp: self.asked.stamp.into(),
+            demand_room: self.demand.len() as u32,
+            least_priority: self.asked.least_priority,
+        };
         cmd.dispatch(&self.choose, bindings, push, DispatchSize::Invocations(room.into()));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         let bindings = EndBindings { state: &self.state, listed: &self.listed };

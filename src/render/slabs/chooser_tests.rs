@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::chooser::{Chooser, page_box, page_errors, steps};
 use super::detail::{Detailed, NODE_UNITS, Wanted, with_levels};
+use super::family::Family;
 use super::listed::{Element, views_of};
 use super::visible::{PlacedCamera, Sight};
 use crate::camera::Camera;
@@ -331,7 +332,8 @@ fn check_pages(
     }
 }
 
-/// Each Gaussian adds its opacity to one node on each way to the root, so every cut has the same sum.
+/// Each Gaussian adds its opacity to one node on each way to the root, so every cut has the same sum: also where pages
+/// are missing, whose floors then keep coarser nodes.
 #[test]
 fn every_cut_stands_for_every_gaussian_once() {
     let scene = synthetic::cactus(30_000).unwrap();
@@ -345,15 +347,27 @@ fn every_cut_stands_for_every_gaussian_once() {
     let options = Options { splats: 1, rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::EXACT };
     let scene = brought(&device, &file, &[], &options);
     let all = scene.pool().unwrap().pages().clone();
+    let levels = file.levels().unwrap();
+    let (family, mut state) = (Family::of(levels), 7_u64);
+    let mut below = |count: u64| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) % count
+    };
     let mut sizes = Vec::new();
     for (number, zoom) in [0.1, 0.3, 1.0, 5.0, 30.0].into_iter().enumerate() {
         let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [640, 480]);
         let twin = Twin::new(&all, &views_of(&scene, &camera, &options.rules), &camera);
         for exponent in (-40..-4).step_by(9).chain(-4..16) {
             let limit = (f64::from(exponent).exp2() / 255.0).powi(2) as f32;
+            let kept = [0, 2, 20, 200][(exponent & 3) as usize];
+            let is_missing: Vec<bool> =
+                (0..pages.len()).map(|page| page + 1 < pages.len() && kept > 0 && below(kept) == 0).collect();
+            let floors = family.floors(|page| !is_missing[page as usize]);
             let (mut nodes, mut opacity) = (0, 0.0);
             for seen in twin.seen() {
-                let (page, [own, of_parent]) = (seen.page, twin.limits(&seen, limit));
+                let (page, floors) = (seen.page, floors[seen.page]);
+                let [own, of_parent] = twin.limits(&seen, limit);
+                let [own, of_parent] = [own.max(floors & 0xffff), of_parent.max(floors >> 16)];
                 let mut drawn = 0;
                 for k in 0..pages[page].count as usize {
                     let [errors, opacities] = words[(page * PAGE + k) * LEVEL_WORDS..][..2] else { panic!() };
@@ -364,6 +378,7 @@ fn every_cut_stands_for_every_gaussian_once() {
                         drawn += 1;
                     }
                 }
+                assert!(drawn == 0 || !is_missing[page], "page {page} is missing");
                 assert!(drawn == 0 || twin.is_in(&seen, [own, of_parent]), "page {page} is in the cut");
                 nodes += drawn;
             }

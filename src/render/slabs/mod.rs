@@ -20,7 +20,9 @@ mod course;
 mod detail;
 mod draw;
 mod ends;
+mod family;
 mod fast;
+mod feed;
 mod listed;
 mod page_projection;
 mod parts;
@@ -31,6 +33,8 @@ mod visible;
 
 #[cfg(test)]
 mod chooser_tests;
+#[cfg(test)]
+mod feed_tests;
 #[cfg(test)]
 mod levels_tests;
 #[cfg(test)]
@@ -43,6 +47,8 @@ pub(super) use chooser::Chooser;
 pub(super) use course::Drawn;
 pub use detail::Detailed;
 pub(super) use draw::Slabs;
+pub use feed::Residency;
+pub(super) use feed::{Demand, Feed};
 pub use parts::Parts;
 pub use pool::PagesRead;
 pub(super) use pool::Pool;

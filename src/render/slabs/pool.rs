@@ -1,6 +1,7 @@
 //! Pages in device memory: as many as there is room for, those that were used last.
 
 use std::num::NonZeroUsize;
+use std::ops::Range;
 
 use anyhow::{Context, Result};
 use lru::LruCache;
@@ -28,6 +29,10 @@ pub struct Pool {
     slots: LruCache<u32, u32>,
     /// The same for shaders: the slot of every page, or [`NO_SLOT`].
     on_device: Buffer<u32>,
+    /// For every page, when it was wanted last, and how much: shaders note it where pages are demanded.
+    wanted: Buffer<u32>,
+    /// Number of changes of what is there.
+    changes: u64,
     staged: [Staged; 2],
     /// Pages that are read at a time.
     room: usize,
@@ -46,6 +51,24 @@ pub struct Pool {
 pub struct PagesRead {
     pub pages: u64,
     pub bytes: u64,
+}
+
+/// The words of a page in host memory: geometry, colours, levels.
+pub struct PageWords([Vec<u32>; 3]);
+
+impl PageWords {
+    /// Reads a page.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn read(pages: &Pages, page: u32) -> Result<Self> {
+        let (run, mut words) = (page as usize..page as usize + 1, words_of(pages).map(|words| vec![0; words]));
+        let [geometry, sh, levels] = &mut words;
+        pages.read_geometry(run.clone(), geometry)?;
+        pages.read_colours(run.clone(), sh)?;
+        pages.read_levels(run, levels)?;
+        Ok(Self(words))
+    }
 }
 
 /// Host memory for some pages, and their copy to the device.
@@ -74,8 +97,10 @@ impl Pool {
             || anyhow::Ok(Staged { memory: Staging::new(device, "pages", room * (words + 1) + 1)?, copy: None });
         let capacity = NonZeroUsize::new(slots).context("a pool has a slot")?;
         let on_device = Buffer::new(device, "slots of pages", pages.pages().len())?;
+        let wanted = Buffer::new(device, "wanted pages", pages.pages().len())?;
         let mut cmd = Commands::new(device)?;
         cmd.fill(&on_device, NO_SLOT);
+        cmd.fill(&wanted, 0);
         cmd.submit()?.wait()?;
         Ok(Self {
             plane_words: plane_words(&pages),
@@ -83,6 +108,8 @@ impl Pool {
             planes,
             slots: LruCache::new(capacity),
             on_device,
+            wanted,
+            changes: 0,
             staged: [staged()?, staged()?],
             room,
             next: 0,
@@ -95,6 +122,37 @@ impl Pool {
     /// The slot of every page, as shaders know it.
     pub fn slots(&self) -> &Buffer<u32> {
         &self.on_device
+    }
+
+    /// For every page, when it was wanted last, and how much, as choose.comp notes it.
+    pub fn wanted(&self) -> &Buffer<u32> {
+        &self.wanted
+    }
+
+    /// A number that is another whenever other pages are there.
+    pub fn changes(&self) -> u64 {
+        self.changes
+    }
+
+    /// True if the page is there.
+    pub fn has(&self, page: u32) -> bool {
+        self.slots.contains(&page)
+    }
+
+    /// The pages that are there, the one used last first.
+    pub fn there(&self) -> impl Iterator<Item = u32> {
+        let all = self.pages.pages().len();
+        self.slots.iter().map(|(page, _)| *page).filter(move |page| (*page as usize) < all)
+    }
+
+    /// Pages that fit beside those that are there.
+    pub fn free(&self) -> usize {
+        self.capacity() - self.slots.len()
+    }
+
+    /// The most pages that [`put`](Self::put) takes.
+    pub fn room(&self) -> usize {
+        self.room
     }
 
     /// The scene.
@@ -133,14 +191,48 @@ impl Pool {
         missing.sort_unstable();
         missing.dedup();
         for part in missing.chunks(self.room) {
-            self.copy(device, part)?;
+            self.copy(device, part, |pages, run, parts| {
+                let [geometry, sh, levels] = parts;
+                pages.read_geometry(run.clone(), geometry)?;
+                pages.read_colours(run.clone(), sh)?;
+                pages.read_levels(run, levels)
+            })?;
         }
         let slot = |page: &u32| *self.slots.peek(page).expect("the page was brought");
         Ok(wanted.iter().map(slot).collect())
     }
 
-    /// Reads some pages, which are in ascending order, and submits their copy to slots.
-    fn copy(&mut self, device: &Device, part: &[u32]) -> Result<()> {
+    /// Brings pages that were read already, in the place of those of `leaving` as far as there are no free slots.
+    ///
+    /// # Errors
+    /// If the copy cannot be submitted.
+    ///
+    /// # Panics
+    /// If the pages are not in ascending order, are there already, or are more than [`room`](Self::room).
+    pub fn put(&mut self, device: &Device, read: &[(u32, PageWords)], leaving: &[u32]) -> Result<()> {
+        for page in leaving.iter().rev() {
+            self.slots.demote(page);
+        }
+        let part: Vec<u32> = read.iter().map(|(page, _)| *page).collect();
+        assert!(part.len() <= self.room && part.is_sorted() && !part.iter().any(|page| self.has(*page)), "new pages");
+        self.copy(device, &part, |_, run, parts| {
+            let first = part.binary_search(&(run.start as u32)).expect("the run is of these pages");
+            for (words, stream) in parts.into_iter().zip(0..) {
+                let each = words.chunks_mut((words.len() / run.len()).max(1));
+                each.zip(&read[first..]).for_each(|(to, (_, from))| to.copy_from_slice(&from.0[stream]));
+            }
+            Ok(())
+        })
+    }
+
+    /// Fills host memory with some pages, which are in ascending order, and submits their copy to slots. `fill` gets
+    /// neighbours, and memory for their geometry, colours and levels.
+    fn copy(
+        &mut self,
+        device: &Device,
+        part: &[u32],
+        fill: impl Fn(&Pages, Range<usize>, [&mut [u32]; 3]) -> Result<()> + Sync,
+    ) -> Result<()> {
         let streams = words_of(&self.pages);
         let each: usize = streams.iter().sum();
         let staged = &mut self.staged[self.next];
@@ -160,12 +252,10 @@ impl Pool {
             }
         }
         let pages = &self.pages;
-        runs.into_par_iter().zip(parts).try_for_each(|(run, mut parts)| {
-            let [geometry, sh, levels] = &mut parts[..] else { unreachable!("a page has three streams") };
-            pages.read_geometry(run.clone(), geometry)?;
-            pages.read_colours(run.clone(), sh)?;
-            pages.read_levels(run, levels)
-        })?;
+        runs.into_par_iter()
+            .zip(parts)
+            .try_for_each(|(run, parts)| fill(pages, run, parts.try_into().expect("a page has three streams")))?;
+        self.changes += 1;
         self.read.pages += part.len() as u64;
         self.read.bytes += 4 * (part.len() * each) as u64;
         let mut cmd = Commands::new(device)?;
@@ -231,8 +321,8 @@ fn take_slot(slots: &mut LruCache<u32, u32>, page: u32) -> (u32, Option<u32>) {
 }
 
 /// Ascending page numbers as runs of neighbours.
-fn runs_of(pages: &[u32]) -> Vec<std::ops::Range<usize>> {
-    let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
+fn runs_of(pages: &[u32]) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
     for page in pages.iter().map(|page| *page as usize) {
         match runs.last_mut() {
             Some(run) if run.end == page && run.len() < RUN => run.end += 1,

@@ -1,0 +1,307 @@
+//! Pictures that never wait for pages: they show the levels that are in device memory, while threads read the pages
+//! that the cut wants, the most visible first.
+//!
+//! The GPU notes the pages that a picture wanted, and lists those that are missing (choose.comp). The host reads them
+//! and brings some before each picture. Where no slot is free, they take those of pages that were not wanted lately, or
+//! that matter less.
+
+use std::collections::{HashMap, HashSet};
+
+use anyhow::Result;
+use crossbeam_channel::{Receiver, Sender, unbounded};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use super::chooser::{Asked, Chooser};
+use super::family::Family;
+use super::pool::{PageWords, Pool};
+use crate::gpu::{Access, Commands, Device, InFlight, Readback, Results};
+use crate::render::gpu_scene::GpuScene;
+use crate::render::shaders::CutState;
+use crate::storage::{Level, Pages};
+
+/// Brings pages while pictures go on.
+pub struct Feed {
+    pages: Pages,
+    family: Family,
+    /// The changes of the pool that the floors on the device know of.
+    known: Option<u64>,
+    /// The copy of these to the device.
+    telling: Option<InFlight>,
+    readers: ThreadPool,
+    sender: Sender<Read>,
+    receiver: Receiver<Read>,
+    /// Pages that are being read.
+    reading: HashSet<u32>,
+    /// Pages that were read and are not on the device yet, the most visible first.
+    arrived: Vec<(u32, PageWords)>,
+    /// Pages that could not be read.
+    unreadable: HashSet<u32>,
+    /// Why, until somebody asks.
+    problem: Option<anyhow::Error>,
+    /// Pages that leave for those that are being read.
+    leaving: Vec<u32>,
+    asked: Asked,
+    /// No slot is free: the next picture tells which pages were wanted.
+    is_full: bool,
+    /// The last picture asked for pages that matter no more than those that are there.
+    is_sated: bool,
+    missing: u32,
+}
+
+type Read = (u32, Result<PageWords>);
+
+/// What a picture told about pages.
+pub struct Demand {
+    missing: Readback<[u32; 2]>,
+    /// When, and how much, every page was wanted last.
+    wanted: Option<Readback<u32>>,
+}
+
+/// How far the pages of a picture that never waits are there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Residency {
+    /// Pages of the cut that the last picture drew coarser, because they or others are missing.
+    pub missing: u32,
+    /// Pages that are being read or brought.
+    pub coming: usize,
+    /// Pages that are there.
+    pub there: usize,
+    /// Pages that fit.
+    pub fitting: usize,
+}
+
+impl Residency {
+    /// True if nothing more comes for this picture.
+    pub fn is_settled(&self) -> bool {
+        self.coming == 0
+    }
+}
+
+/// Missing pages that a picture lists at most.
+const DEMANDED: usize = 8192;
+/// The coarsest pages, which are always there. The last pages of a file are the coarsest.
+const COARSEST: usize = 64;
+/// Pages that are read at a time, or wait to be brought.
+const COMING: usize = 512;
+/// Threads that read.
+const READERS: usize = 8;
+/// Pictures after which a page that no picture wanted may leave.
+const LATELY: u16 = 4;
+/// Steps of codes by which a page must matter more than one that leaves for it: the eighth of a power of two.
+const MARGIN: i64 = 64;
+
+impl Feed {
+    /// Brings the coarsest pages.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    ///
+    /// # Panics
+    /// If the scene has no levels of detail.
+    pub fn new(device: &Device, scene: &GpuScene, chooser: &mut Chooser) -> Result<Self> {
+        let mut pool = scene.pool().expect("the scene is in pages");
+        let pages = pool.pages().clone();
+        let always: Vec<u32> = coarsest(&pool).collect();
+        pool.bring(device, &always)?;
+        chooser.make_demand(device, DEMANDED)?;
+        let (sender, receiver) = unbounded();
+        let threads = std::thread::available_parallelism().map_or(1, usize::from).min(READERS);
+        Ok(Self {
+            family: Family::of(levels(&pages)),
+            pages,
+            known: None,
+            telling: None,
+            readers: ThreadPoolBuilder::new().num_threads(threads).build()?,
+            sender,
+            receiver,
+            reading: HashSet::new(),
+            arrived: Vec::new(),
+            unreadable: HashSet::new(),
+            problem: None,
+            leaving: Vec::new(),
+            asked: Asked { stamp: 1, least_priority: 0 },
+            is_full: false,
+            is_sated: false,
+            missing: 0,
+        })
+    }
+
+    /// Brings pages that were read, and tells the chooser which levels are there. Call it before each picture.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn advance(&mut self, device: &Device, scene: &GpuScene, chooser: &mut Chooser) -> Result<()> {
+        self.receive();
+        let mut pool = scene.pool().expect("the scene is in pages");
+        let coming = self.arrived.len().min(pool.room());
+        let mut read: Vec<_> = self.arrived.drain(..coming).filter(|(page, _)| !pool.has(*page)).collect();
+        if !read.is_empty() {
+            read.sort_unstable_by_key(|(page, _)| *page);
+            let leave = self.leaving.len().min(read.len().saturating_sub(pool.free()));
+            let leaving: Vec<u32> = self.leaving.drain(..leave).collect();
+            pool.put(device, &read, &leaving)?;
+        }
+        if self.known != Some(pool.changes()) {
+            self.known = Some(pool.changes());
+            let floors = self.family.floors(|page| pool.has(page));
+            // What was told before was submitted before the last picture, so this hardly waits.
+            self.telling = Some(chooser.set_floors(device, &floors)?);
+        }
+        // A stamp that comes again is the lowest.
+        self.asked.stamp = self.asked.stamp.checked_add(1).unwrap_or(1);
+        if self.asked.stamp == 1 {
+            let mut cmd = Commands::new(device)?;
+            cmd.fill(pool.wanted(), 0);
+            cmd.submit()?.wait()?;
+        }
+        chooser.asked = self.asked;
+        Ok(())
+    }
+
+    /// Brings what a recorded picture tells to the host.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn read(&self, cmd: &mut Commands, chooser: &Chooser, scene: &GpuScene) -> Result<Demand> {
+        cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        let wanted =
+            self.is_full.then(|| cmd.read(scene.pool().expect("the scene is in pages").wanted())).transpose()?;
+        Ok(Demand { missing: cmd.read(chooser.demand())?, wanted })
+    }
+
+    /// Begins to read the pages that a finished picture was lacking.
+    pub fn take(&mut self, scene: &GpuScene, state: &CutState, results: &Results, demand: &Demand) {
+        self.receive();
+        self.missing = state.missing;
+        let listed = (state.demanded as usize).min(DEMANDED);
+        let mut demanded: Vec<[u32; 2]> = results.view(&demand.missing)[..listed].to_vec();
+        demanded.sort_unstable_by_key(|[_, word]| std::cmp::Reverse(word & 0xffff));
+        // Of a list that is too long the next picture lists those that matter most.
+        let place = DEMANDED * DEMANDED / (2 * (state.demanded as usize).max(1));
+        let least = demanded.get(place).filter(|_| state.demanded as usize > DEMANDED);
+        self.asked.least_priority = least.map_or(0, |[_, word]| word & 0xffff);
+        let pool = scene.pool().expect("the scene is in pages");
+        let mut missing = self.missing_of(&pool, &demanded);
+        let coming = self.reading.len() + self.arrived.len();
+        let is_idle = missing.is_empty() && coming == 0;
+        missing.truncate(COMING.saturating_sub(coming));
+        let free = pool.free().saturating_sub(coming.saturating_sub(self.leaving.len()));
+        self.is_sated = is_idle;
+        if missing.len() > free {
+            let wanted = demand.wanted.as_ref().map(|wanted| results.view(wanted));
+            let more = wanted.map_or(0, |wanted| self.replace(&pool, wanted, &missing[free..]));
+            // The next picture tells what may leave, if this one did not.
+            self.is_sated |= wanted.is_some() && more == 0 && free == 0;
+            missing.truncate(free + more);
+        }
+        self.is_full = pool.free() == 0;
+        drop(pool);
+        for (page, _) in missing {
+            self.reading.insert(page);
+            let (pages, sender) = (self.pages.clone(), self.sender.clone());
+            // The receiver may be gone: then nobody wants the page.
+            self.readers.spawn_fifo(move || drop(sender.send((page, PageWords::read(&pages, page)))));
+        }
+    }
+
+    /// The pages that are missing so that these are drawn, with their priorities, the highest first. A page may be drawn
+    /// once all that have their parents in the same block are there, also those out of view.
+    fn missing_of(&self, pool: &Pool, demanded: &[[u32; 2]]) -> Vec<(u32, u32)> {
+        let mut found = HashMap::new();
+        for [page, word] in demanded {
+            let Some((block, coarsest)) = self.family.parents(*page) else { continue };
+            let (priority, limit) = (word & 0xffff, (word >> 16) as u16);
+            self.family.needed(block, limit, |needed, own| {
+                let priority = (priority + u32::from(own)).saturating_sub(coarsest.into());
+                let known = found.entry(needed).or_insert(priority);
+                *known = priority.max(*known);
+            });
+        }
+        let is_new = |page: &u32| !self.is_coming(*page) && !self.unreadable.contains(page) && !pool.has(*page);
+        let mut missing: Vec<_> = found.into_iter().filter(|(page, _)| is_new(page)).collect();
+        missing.sort_unstable_by_key(|(page, priority)| (std::cmp::Reverse(*priority), *page));
+        missing
+    }
+
+    /// Chooses pages that leave for missing ones, and returns for how many of these.
+    fn replace(&mut self, pool: &Pool, wanted: &[u32], missing: &[(u32, u32)]) -> usize {
+        let age = |word: u32| self.asked.stamp.wrapping_sub((word >> 16) as u16);
+        // Pages of a block are wanted together: what the widths of pixels were where some of them are in view.
+        let mut blocks = HashMap::new();
+        for page in pool.there() {
+            let word = wanted[page as usize];
+            if word != 0
+                && age(word) < LATELY
+                && let Some((block, coarsest)) = self.family.parents(page)
+            {
+                let more = i64::from(word & 0xffff) - i64::from(coarsest);
+                let known = blocks.entry(block).or_insert(more);
+                *known = more.max(*known);
+            }
+        }
+        let worth = |page: u32| {
+            let place = self.family.parents(page);
+            let priority = place.and_then(|(block, coarsest)| Some(i64::from(coarsest) + blocks.get(&block)?));
+            (priority, std::cmp::Reverse(age(wanted[page as usize])))
+        };
+        let kept: HashSet<u32> = coarsest(pool).chain(self.leaving.iter().copied()).collect();
+        let mut there: Vec<_> = pool.there().filter(|page| !kept.contains(page)).map(|p| (worth(p), p)).collect();
+        there.sort_unstable();
+        let is_worse = |(((own, _), _), (_, priority)): &(&((Option<i64>, _), u32), &(u32, u32))| {
+            own.is_none_or(|own| own + MARGIN < i64::from(*priority))
+        };
+        let found = there.iter().zip(missing).take_while(is_worse).count();
+        self.leaving.extend(there[..found].iter().map(|(_, page)| page));
+        found
+    }
+
+    fn is_coming(&self, page: u32) -> bool {
+        self.reading.contains(&page) || self.arrived.iter().any(|(arrived, _)| *arrived == page)
+    }
+
+    /// Takes in what was read.
+    fn receive(&mut self) {
+        for (page, words) in self.receiver.try_iter() {
+            self.reading.remove(&page);
+            match words {
+                Ok(words) => self.arrived.push((page, words)),
+                Err(problem) => {
+                    self.unreadable.insert(page);
+                    self.problem.get_or_insert(problem);
+                }
+            }
+        }
+    }
+
+    /// True if another picture would show more, or tell more.
+    pub fn has_news(&mut self) -> bool {
+        self.receive();
+        let asks = self.missing > 0 && self.reading.is_empty() && !self.is_sated;
+        !self.arrived.is_empty() || asks
+    }
+
+    /// Why a page could not be read, once.
+    pub fn take_problem(&mut self) -> Option<anyhow::Error> {
+        self.problem.take()
+    }
+
+    pub fn residency(&self, scene: &GpuScene) -> Residency {
+        let pool = scene.pool().expect("the scene is in pages");
+        Residency {
+            missing: self.missing,
+            coming: self.reading.len() + self.arrived.len(),
+            there: pool.capacity() - pool.free(),
+            fitting: pool.capacity(),
+        }
+    }
+}
+
+/// The pages that are always there.
+fn coarsest(pool: &Pool) -> impl Iterator<Item = u32> + use<> {
+    let (pages, most) = (pool.pages().pages().len(), COARSEST.min(pool.capacity().div_ceil(4)));
+    (pages.saturating_sub(most)..pages).map(|page| page as u32)
+}
+
+fn levels(pages: &Pages) -> &[Level] {
+    pages.levels().expect("the scene has levels of detail")
+}

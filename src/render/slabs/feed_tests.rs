@@ -1,0 +1,114 @@
+//! Pictures that do not wait for pages: they become those that do, under every limit of memory, and lack nothing before.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::detail::with_levels;
+use crate::camera::Camera;
+use crate::gpu::{Device, DeviceChoice, Validation};
+use crate::options::Options;
+use crate::pixels::Pixels;
+use crate::render::{Content, GpuScene, Renderer, Residency, SceneSource};
+use crate::rules::{Background, Rules};
+use crate::scene::{Focus, Placements, Transform, synthetic};
+use crate::storage::PageFile;
+use crate::storage::convert::Settings;
+
+const SIZE: [u32; 2] = [200, 130];
+const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
+
+fn open(limit: Option<u64>) -> Device {
+    let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
+    if limit.is_some() { device.with_memory_limit(limit).unwrap() } else { device }
+}
+
+fn brought(device: &Device, file: &Arc<PageFile>, places: &[Transform], options: &Options) -> GpuScene {
+    let placements = (!places.is_empty()).then(|| Placements::new(places.to_vec()).unwrap());
+    let source = SceneSource { content: Content::File(file.clone()), placements };
+    source.bring(device, options, false, 1 << 20).unwrap()
+}
+
+fn streaming(device: &Device, scene: &GpuScene, options: &Options) -> Renderer {
+    let mut renderer = Renderer::new(device, options, scene).unwrap();
+    renderer.stream().unwrap();
+    renderer
+}
+
+/// Draws until nothing more comes.
+fn settle(renderer: &mut Renderer, camera: &Camera) -> (Pixels, Residency) {
+    let begun = Instant::now();
+    loop {
+        renderer.render(camera, BACKGROUND).unwrap();
+        while !renderer.has_news() && !renderer.residency().unwrap().is_settled() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let residency = renderer.residency().unwrap();
+        assert!(renderer.take_problem().is_none());
+        assert!(begun.elapsed() < Duration::from_secs(100), "it settles: {residency:?}");
+        if !renderer.has_news() {
+            return (renderer.pixels().unwrap(), residency);
+        }
+    }
+}
+
+fn differing(a: &Pixels, b: &Pixels) -> usize {
+    a.rgba.iter().zip(&b.rgba).filter(|(a, b)| a.map(f32::to_bits) != b.map(f32::to_bits)).count()
+}
+
+fn waited_for(device: &Device, scene: &GpuScene, options: &Options, camera: &Camera) -> Pixels {
+    let mut renderer = Renderer::new(device, options, scene).unwrap();
+    renderer.render(camera, BACKGROUND).unwrap();
+    renderer.pixels().unwrap()
+}
+
+#[test]
+fn pictures_that_do_not_wait_become_those_that_do() {
+    let scene = synthetic::cactus(120_000).unwrap();
+    let focus = Focus::of(&scene.gaussians);
+    let (file, device) = (with_levels(scene, Settings::LOSSLESS), open(None));
+    let beside = Transform::new(glam::DQuat::from_rotation_y(0.7), [3.0, 0.0, 1.0].into(), 1.5).unwrap();
+    let plain = Options { rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::EXACT };
+    for places in [&[][..], &[Transform::IDENTITY, beside]] {
+        for options in [plain.finest(), Options { splats: 20_000, ..plain }] {
+            let scene = brought(&device, &file, places, &options);
+            let mut renderer = streaming(&device, &scene, &options);
+            let first = renderer.residency().unwrap();
+            assert!(first.there < first.fitting, "{first:?}");
+            for zoom in [0.1, 1.0, 3.0] {
+                let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, SIZE);
+                let (pixels, residency) = settle(&mut renderer, &camera);
+                assert_eq!(residency.missing, 0, "zoom {zoom}: {residency:?}");
+                let expected = waited_for(&device, &scene, &options, &camera);
+                assert_eq!(differing(&pixels, &expected), 0, "zoom {zoom} at {places:?}");
+            }
+        }
+    }
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
+/// The pages that do not fit are those that matter least, so the picture is near that of all, and nothing flickers.
+#[test]
+fn what_does_not_fit_is_drawn_coarser() {
+    let scene = synthetic::cactus(120_000).unwrap();
+    let focus = Focus::of(&scene.gaussians);
+    let options = Options { rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::BALANCED }.finest();
+    let file = with_levels(scene, Options::BALANCED);
+    let (device, small) = (open(None), open(Some(60 << 20)));
+    let (all, some) = (brought(&device, &file, &[], &options), brought(&small, &file, &[], &options));
+    let mut renderer = streaming(&small, &some, &options);
+    for zoom in [0.3, 1.0, 0.2] {
+        let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, SIZE);
+        let (pixels, residency) = settle(&mut renderer, &camera);
+        assert!(residency.fitting < 2 * file.pages().len() / 3, "{residency:?}");
+        assert!(residency.missing > 0 || zoom < 1.0, "{residency:?}");
+        let again = settle(&mut renderer, &camera).0;
+        assert_eq!(differing(&pixels, &again), 0, "zoom {zoom}");
+        let expected = waited_for(&device, &all, &options, &camera);
+        let squares = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|i| f64::from(a[i] - b[i]).powi(2)).sum::<f64>();
+        let sum: f64 = pixels.rgba.iter().zip(&expected.rgba).map(squares).sum();
+        let psnr = -10.0 * (sum / (3 * pixels.rgba.len()) as f64).log10();
+        // Half of the pages, chosen for this view.
+        assert!(psnr > 28.0, "zoom {zoom}: {psnr} dB, {residency:?}");
+    }
+    assert_eq!(small.validation_messages(), Vec::<String>::new());
+}
