@@ -12,8 +12,9 @@ use crate::gpu::Vsync;
 use crate::measure::bench::Statistics;
 use crate::options::Options;
 use crate::pixels::write_rgba8;
+use crate::render::Residency;
 use crate::scene::Procedural;
-use crate::viewer::{self, Bindings, CompareMode, CompareWith, Digest, Setup, Summary, WindowSetup};
+use crate::viewer::{self, Bindings, CompareMode, CompareWith, Digest, PageCounts, Setup, Summary, WindowSetup};
 
 /// Open scenes in a window: fly through them, see the GPU time of every stage, look inside the pipeline
 #[derive(clap::Args)]
@@ -167,7 +168,7 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     }
     let device = args.device.open()?;
     let size = args.size;
-    let Summary { interval_ms, path, gpu, first_frame_ms, latency_ms, screen } =
+    let Summary { interval_ms, path, gpu, pages, first_frame_ms, latency_ms, screen } =
         viewer::run_offscreen(setup, &device, size, frames)?;
     if let Some(file) = &args.screen {
         write_rgba8(file, size, &screen)?;
@@ -178,6 +179,14 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     say!("  input to submission   mean {latency_ms:.3} ms")?;
     if let Some(path) = path {
         say!("  path                  {path}")?;
+    }
+    if let Some(PageCounts { missing: [mean, most], whole, residency }) = pages {
+        let Residency { there, fitting, .. } = residency;
+        say!("  pages of levels       {there} in memory at the end, {fitting} fit")?;
+        say!(
+            "  pages drawn coarser   mean {mean:.0}, at most {most:.0}; {:.1} % of the frames lacked none",
+            1e2 * whole
+        )?;
     }
     match gpu {
         Some(Digest { stages, whole }) => {

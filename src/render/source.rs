@@ -22,7 +22,9 @@ pub struct SceneSource {
 
 /// The scene has no levels of detail, and the options ask for them.
 #[derive(Debug, thiserror::Error)]
-#[error("there are no levels of detail here: `smalto lod` makes a file with them, `render` and `bench` draw it")]
+#[error(
+    "there are no levels of detail here: `smalto lod` makes a file with them, `render`, `bench` and `view` draw it"
+)]
 pub struct NoLevels;
 
 /// Where the Gaussians of a scene are.

@@ -12,7 +12,7 @@ use super::{
 use crate::host_memory::OutOfMemory;
 
 /// Choices of the caller for reading a file, and corrections of what it states wrongly.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reading {
     /// Level of detail, 0 the finest, of a file with several. By default the finest.
     pub level: Option<u32>,

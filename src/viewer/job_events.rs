@@ -8,6 +8,7 @@ use anyhow::Result;
 use super::comparison::{CompareTarget, fitted};
 use super::events::Event;
 use super::jobs::JobEvent;
+use super::layers::Held;
 use super::pictures::{Drawn, Side};
 use super::screen::{Pair, Second};
 use super::state::Viewer;
@@ -26,9 +27,9 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
         }
         JobEvent::Partial(number, gaussians) => {
             let Some(layer) = viewer.layers.iter_mut().find(|layer| layer.number == number) else { return };
-            layer.gaussians = Some(gaussians.clone());
+            let held = layer.held.insert(Held::Whole(gaussians)).clone();
             if !viewer.has_view {
-                viewer.set_first_view(&gaussians);
+                viewer.set_first_view(held.focus());
             }
         }
         JobEvent::Read(number, scene) => viewer.handle_scene(number, scene),
@@ -95,7 +96,7 @@ fn handle_built(viewer: &mut Viewer, pair: &mut Pair, device: &Device, side: Sid
                 Side::First => {
                     let is_new = pair.first.as_ref().is_none_or(|old| !old.plan.has_scene_of(&drawn.plan));
                     if is_new && !viewer.is_reading() {
-                        let (gaussians, scenes) = (drawn.gaussians.len(), drawn.plan.parts.len());
+                        let (gaussians, scenes) = (drawn.statistics.count, drawn.plan.parts.len());
                         viewer.events.emit(&Event::Scene { gaussians, scenes });
                     }
                     if is_new {
@@ -158,7 +159,7 @@ pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
         viewer.building[i] = true;
         viewer.refused[i] = None;
         let (device, view, background) = (device.clone(), viewer.view(), viewer.background);
-        let generation = viewer.next_generation();
+        let generation = Some(viewer.next_generation());
         viewer.jobs.start(
             move |_| planned.build(&device, reusable, &view, background, generation).map(Box::new),
             move |drawn| JobEvent::Built(side, drawn),

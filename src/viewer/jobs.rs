@@ -8,12 +8,13 @@ use std::thread::JoinHandle;
 
 use anyhow::{Result, anyhow};
 
+use super::layers::Opened;
 use super::measuring::Costs;
 use super::pictures::{Drawn, Side};
 use crate::camera::CameraFile;
 use crate::options::Options;
 use crate::pixels::Pixels;
-use crate::scene::{Gaussians, Scene};
+use crate::scene::Gaussians;
 
 /// A report of a job.
 pub enum JobEvent {
@@ -22,7 +23,7 @@ pub enum JobEvent {
     /// Layer number, and the Gaussians read so far.
     Partial(u64, Arc<Gaussians>),
     /// Layer number, and the scene.
-    Read(u64, Result<Scene>),
+    Read(u64, Result<Opened>),
     Cameras(PathBuf, Result<CameraFile>),
     /// A scene is on the GPU and can be drawn from any view.
     Built(Side, Result<Box<Drawn>>),

@@ -7,8 +7,8 @@ use anyhow::{Context, Result};
 use glam::{DQuat, DVec3, EulerRot};
 
 use super::jobs::{Cancel, JobEvent, Jobs};
-use crate::scene::{self, Gaussians, Procedural, Reading, Scene, Transform, Watch};
-use crate::storage;
+use crate::scene::{self, Focus, Gaussians, Procedural, Reading, Scene, Transform, Watch};
+use crate::storage::{self, PageFile};
 
 /// The source of a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,11 +17,44 @@ pub enum Source {
     Procedural(Procedural),
 }
 
+/// What was opened.
+pub enum Opened {
+    Whole(Scene),
+    /// A page file with levels of detail, whose pages are read while pictures go on.
+    Pages(PageFile),
+}
+
+/// The Gaussians of an open scene. A clone shares them.
+#[derive(Clone)]
+pub enum Held {
+    Whole(Arc<Gaussians>),
+    Pages(Arc<PageFile>),
+}
+
+impl Held {
+    /// True if both are the same scene.
+    pub fn is_same(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Whole(one), Self::Whole(other)) => Arc::ptr_eq(one, other),
+            (Self::Pages(one), Self::Pages(other)) => Arc::ptr_eq(one, other),
+            _ => false,
+        }
+    }
+
+    /// Where most of the scene lies.
+    pub fn focus(&self) -> Focus {
+        match self {
+            Self::Whole(gaussians) => Focus::of(gaussians),
+            Self::Pages(file) => file.header().statistics.focus,
+        }
+    }
+}
+
 /// A scene that is open or being read.
 pub struct Layer {
     pub number: u64,
     pub name: String,
-    pub gaussians: Option<Arc<Gaussians>>,
+    pub held: Option<Held>,
     pub is_antialiased: bool,
     /// A text about what was read and what was dropped.
     pub summary: String,
@@ -85,7 +118,10 @@ impl Layer {
         let (origin, stop) = (source.clone(), cancel.clone());
         jobs.start(
             move |reporter| match origin {
-                Source::Procedural(procedural) => reading.make(procedural),
+                Source::Procedural(procedural) => reading.make(procedural).map(Opened::Whole),
+                Source::File(path) if reading == Reading::default() && has_levels(&path) => {
+                    PageFile::open(&path).map(Opened::Pages)
+                }
                 Source::File(path) => storage::read(
                     &reading,
                     &path,
@@ -100,14 +136,15 @@ impl Layer {
                         },
                         is_cancelled: &|| stop.is_cancelled(),
                     },
-                ),
+                )
+                .map(Opened::Whole),
             },
-            move |scene| JobEvent::Read(number, scene),
+            move |opened| JobEvent::Read(number, opened),
         );
         Self {
             number,
             name: source.name(),
-            gaussians: None,
+            held: None,
             is_antialiased: false,
             summary: String::new(),
             place: Place::default(),
@@ -117,26 +154,43 @@ impl Layer {
         }
     }
 
-    /// Takes in the scene that was read, and returns its Gaussians.
-    pub fn fill(&mut self, scene: Scene) -> Arc<Gaussians> {
-        let Scene { gaussians, report, format, is_antialiased, notices, .. } = scene;
-        let degree = gaussians.sh_degree();
-        self.summary = format!("{format}, {} Gaussians, SH degree {degree}; {report}", gaussians.len());
+    /// Takes in the scene that was opened, and returns its Gaussians.
+    pub fn fill(&mut self, opened: Opened) -> Held {
+        let (format, count, degree, report, notices, is_antialiased, held) = match opened {
+            Opened::Whole(Scene { gaussians, report, format, is_antialiased, notices, .. }) => {
+                let (count, degree) = (gaussians.len(), gaussians.sh_degree());
+                (format, count, degree, report, notices, is_antialiased, Held::Whole(Arc::new(gaussians)))
+            }
+            Opened::Pages(file) => {
+                let header = file.header();
+                let (format, report, is_antialiased) = (header.format_of_pages(), header.report, header.is_antialiased);
+                let (count, degree) = (header.statistics.count, header.statistics.sh_degree);
+                let notice = "levels of detail, read page by page".to_owned();
+                (format, count, degree, report, vec![notice], is_antialiased, Held::Pages(Arc::new(file)))
+            }
+        };
+        self.summary = format!("{format}, {count} Gaussians, SH degree {degree}; {report}");
         notices.iter().for_each(|notice| self.summary += &format!("; {notice}"));
         self.is_antialiased = is_antialiased;
         self.progress = None;
-        self.gaussians.insert(Arc::new(gaussians)).clone()
+        self.held.insert(held).clone()
     }
 
     /// The Gaussians and the transform that the picture of this side draws; `None` if it does not show the scene.
     ///
     /// # Errors
     /// The placement is not a valid transform.
-    pub fn part(&self, side: usize) -> Result<Option<(Arc<Gaussians>, Transform)>> {
-        let Some(gaussians) = self.gaussians.as_ref().filter(|_| self.is_shown[side]) else { return Ok(None) };
+    pub fn part(&self, side: usize) -> Result<Option<(Held, Transform)>> {
+        let Some(held) = self.held.as_ref().filter(|_| self.is_shown[side]) else { return Ok(None) };
         let transform = self.place.transform().with_context(|| format!("{} cannot be placed there", self.name))?;
-        Ok(Some((gaussians.clone(), transform)))
+        Ok(Some((held.clone(), transform)))
     }
+}
+
+/// True for a page file that has levels of detail.
+fn has_levels(path: &Path) -> bool {
+    // What is wrong with the file is reported where it is read.
+    storage::is_page_file(path) && PageFile::open(path).is_ok_and(|file| file.levels().is_some())
 }
 
 impl Drop for Layer {

@@ -31,7 +31,7 @@ pub use comparison::{CompareMode, CompareTarget};
 pub use fault::Fault;
 pub use history::Digest;
 pub use keys::Bindings;
-pub use offscreen::{Offscreen, Summary, run as run_offscreen};
+pub use offscreen::{Offscreen, PageCounts, Summary, run as run_offscreen};
 pub use session::{FrameOutput, Session};
 pub use state::{CompareWith, Request, Setup, Viewer, WindowRequest};
 pub use view_modes::{view_mode, view_mode_names};

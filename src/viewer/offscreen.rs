@@ -14,7 +14,7 @@ use super::session::{FrameOutput, Session};
 use super::state::{Setup, Viewer};
 use crate::gpu::Device;
 use crate::measure::bench::Statistics;
-use crate::render::Path;
+use crate::render::{Path, Residency};
 
 /// A viewer that a program drives, without a window.
 pub struct Offscreen {
@@ -33,11 +33,23 @@ pub struct Summary {
     pub path: Option<Path>,
     /// GPU time of the last frames and of their stages; `None` if nothing was drawn.
     pub gpu: Option<Digest>,
+    /// Set if the scene is read page by page.
+    pub pages: Option<PageCounts>,
     pub first_frame_ms: f64,
     /// Mean milliseconds from an input to the submission of the picture that answers it.
     pub latency_ms: f64,
     /// The pixels of the last frame, row by row: red, green, blue and alpha.
     pub screen: Vec<[u8; 4]>,
+}
+
+/// What frames lacked that did not wait for pages.
+pub struct PageCounts {
+    /// Pages that a frame drew coarser than asked for: in the mean, and the most.
+    pub missing: [f64; 2],
+    /// The part of the frames that lacked none.
+    pub whole: f64,
+    /// At the end.
+    pub residency: Residency,
 }
 
 impl Offscreen {
@@ -108,7 +120,7 @@ pub fn run(setup: Setup, device: &Device, size: [u32; 2], frames: u32) -> Result
 fn draw(offscreen: &mut Offscreen, frames: u32) -> Result<Summary> {
     offscreen.settle()?;
     let first_frame_ms = offscreen.started.elapsed().as_secs_f64() * 1e3;
-    let mut intervals = Vec::new();
+    let (mut intervals, mut missing) = (Vec::new(), Vec::new());
     for frame in 0..frames {
         let begun = Instant::now();
         let viewer = offscreen.viewer();
@@ -119,10 +131,16 @@ fn draw(offscreen: &mut Offscreen, frames: u32) -> Result<Summary> {
         viewer.is_stale = true;
         offscreen.frame(vec![egui::Event::PointerMoved(egui::pos2(frame as f32 % 100.0, 50.0))])?;
         intervals.push(begun.elapsed().as_secs_f64() * 1e3);
+        missing.extend(offscreen.session.residency().map(|residency| f64::from(residency.missing)));
     }
     offscreen.session.retire_frames(true)?;
     let screen = offscreen.screen()?;
     let path = offscreen.session.pair.first.as_ref().map(|drawn| drawn.path);
+    let pages = offscreen.session.residency().map(|residency| PageCounts {
+        missing: [missing.iter().sum::<f64>() / f64::from(frames), missing.iter().copied().fold(0.0, f64::max)],
+        whole: missing.iter().filter(|missing| **missing == 0.0).count() as f64 / f64::from(frames),
+        residency,
+    });
     let viewer = offscreen.viewer();
     // The first frames fill the pipeline and warm the device up; they do not count.
     let measured = intervals.split_off(intervals.len() / 4);
@@ -130,6 +148,7 @@ fn draw(offscreen: &mut Offscreen, frames: u32) -> Result<Summary> {
         interval_ms: Statistics::of(measured),
         path,
         gpu: viewer.history.digest_now(),
+        pages,
         first_frame_ms,
         latency_ms: viewer.pace.mean_latency_ms,
         screen,

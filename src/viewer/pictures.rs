@@ -3,14 +3,15 @@
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 
+use super::layers::Held;
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
-use crate::render::{Frame, GpuScene, Inspection, Path, Renderer, SceneSource};
+use crate::render::{Content, Frame, GpuScene, Inspection, Path, Renderer, Residency, SceneSource};
 use crate::rules::Background;
-use crate::scene::{Gaussians, Transform};
+use crate::scene::{Gaussians, Placements, Transform};
 use crate::storage::{Layout, Statistics};
 
 /// One of the two pictures that a window can show.
@@ -23,7 +24,7 @@ pub enum Side {
 /// A picture to draw: scenes with their transforms, the options, and the version of the shaders.
 #[derive(Clone)]
 pub struct Plan {
-    pub parts: Vec<(Arc<Gaussians>, Transform)>,
+    pub parts: Vec<(Held, Transform)>,
     pub options: Options,
     /// The newest change of shaders that are compiled at run time.
     pub shaders: Option<SystemTime>,
@@ -32,9 +33,12 @@ pub struct Plan {
 /// A scene on the GPU, and its picture.
 pub struct Drawn {
     pub plan: Plan,
-    /// The parts joined, in world space.
-    pub gaussians: Arc<Gaussians>,
+    /// The parts joined, in world space; `None` for a scene that is read page by page.
+    pub gaussians: Option<Arc<Gaussians>>,
     pub statistics: Arc<Statistics>,
+    source: SceneSource,
+    /// The layout that the options ask for.
+    layout: Layout,
     pub scene: GpuScene,
     pub renderer: Renderer,
     /// Number of the build; tells this picture from one that it replaced.
@@ -54,54 +58,98 @@ impl Plan {
     /// True if both plans draw the same Gaussians with the same transforms.
     pub fn has_scene_of(&self, other: &Self) -> bool {
         self.parts.len() == other.parts.len()
-            && self.parts.iter().zip(&other.parts).all(|(a, b)| Arc::ptr_eq(&a.0, &b.0) && a.1 == b.1)
+            && self.parts.iter().zip(&other.parts).all(|(a, b)| a.0.is_same(&b.0) && a.1 == b.1)
     }
 
-    /// Uploads the scene and draws it once. Takes over from `reusable` what is the same.
+    /// True if a scene is read page by page.
+    pub fn is_in_pages(&self) -> bool {
+        self.parts.iter().any(|(held, _)| matches!(held, Held::Pages(_)))
+    }
+
+    /// Uploads the scene and draws it once. Takes over from `reusable` what is the same. With a generation, later
+    /// pictures do not wait for pages; without one, all show every page.
     pub fn build(
         self,
         device: &Device,
         reusable: Option<Reusable>,
         view: &Camera,
         background: Background,
-        generation: u64,
+        generation: Option<u64>,
     ) -> Result<Drawn> {
         let reusable = reusable.filter(|old| old.plan.has_scene_of(&self));
-        let (gaussians, statistics) = match &reusable {
-            Some(old) => (old.gaussians.clone(), old.statistics.clone()),
+        let (source, statistics) = match &reusable {
+            Some(old) => (old.source.clone(), old.statistics.clone()),
             None => {
-                let gaussians = self.joined()?;
-                let statistics = Arc::new(Statistics::of(&gaussians));
-                (gaussians, statistics)
+                let source = self.source()?;
+                let statistics = match &source.content {
+                    Content::Memory { statistics, .. } => statistics.clone(),
+                    Content::File(file) => Arc::new(file.header().statistics.clone()),
+                };
+                (source, statistics)
             }
         };
-        let layout = Layout::of(&statistics, &self.options);
-        let same_threshold = |old: &Reusable| old.plan.options.rules.alpha_min == self.options.rules.alpha_min;
-        let scene = match reusable.filter(|old| *old.scene.layout() == layout && same_threshold(old)) {
+        let options = match self.is_in_pages() && !self.options.wants_levels() {
+            true => self.options.finest(),
+            false => self.options,
+        };
+        let layout = match self.is_in_pages() {
+            true => Layout::of_nodes(&statistics, &options),
+            false => Layout::of(&statistics, &options),
+        };
+        let same_threshold = |old: &Reusable| old.plan.options.rules.alpha_min == options.rules.alpha_min;
+        let scene = match reusable.filter(|old| old.layout == layout && same_threshold(old)) {
             Some(old) => old.scene,
             None => {
-                let source = SceneSource::shared(gaussians.clone(), statistics.clone());
                 let pixels: u64 = view.size_px.iter().map(|side| u64::from(*side)).product();
-                source.bring(device, &self.options, false, BYTES_PER_PIXEL * pixels)?
+                source.bring(device, &options, false, BYTES_PER_PIXEL * pixels)?
             }
         };
-        let mut renderer = Renderer::new(device, &self.options, &scene)?;
+        let mut renderer = Renderer::new(device, &options, &scene)?;
+        if generation.is_some() {
+            renderer.stream()?;
+        }
         let frame = renderer.render(view, background)?;
         let path = renderer.path();
         // Where the window looks into the picture, it does not wait for pipelines.
-        renderer.prepare_portable()?;
-        let inspection = Inspection::default();
-        Ok(Drawn { plan: self, gaussians, statistics, scene, renderer, generation, frame, path, inspection })
+        if !self.is_in_pages() {
+            renderer.prepare_portable()?;
+        }
+        let (inspection, generation) = (Inspection::default(), generation.unwrap_or_default());
+        let gaussians = match &source.content {
+            Content::Memory { gaussians, .. } => Some(gaussians.clone()),
+            Content::File(_) => None,
+        };
+        let plan = self;
+        Ok(Drawn { plan, gaussians, statistics, source, layout, scene, renderer, generation, frame, path, inspection })
+    }
+
+    /// The scene to bring to the device.
+    fn source(&self) -> Result<SceneSource> {
+        match &self.parts[..] {
+            [(Held::Pages(file), transform)] => {
+                let placed = (*transform != Transform::IDENTITY).then(|| Placements::new(vec![*transform]));
+                Ok(SceneSource { content: Content::File(file.clone()), placements: placed.transpose()? })
+            }
+            _ => {
+                let gaussians = self.joined()?;
+                let statistics = Arc::new(Statistics::of(&gaussians));
+                Ok(SceneSource::shared(gaussians, statistics))
+            }
+        }
     }
 
     /// The parts, transformed, as one scene.
     pub fn joined(&self) -> Result<Arc<Gaussians>> {
-        if let [(gaussians, transform)] = &self.parts[..]
+        let whole = |held: &Held| match held {
+            Held::Whole(gaussians) => Ok(gaussians.clone()),
+            Held::Pages(_) => bail!("a scene with levels of detail is drawn alone: hide or close the others"),
+        };
+        if let [(Held::Whole(gaussians), transform)] = &self.parts[..]
             && *transform == Transform::IDENTITY
         {
             return Ok(gaussians.clone());
         }
-        let placed = self.parts.iter().map(|(gaussians, transform)| gaussians.transformed(transform));
+        let placed = self.parts.iter().map(|(held, transform)| whole(held)?.transformed(transform));
         let placed = placed.collect::<Result<Vec<_>>>()?;
         Ok(Arc::new(Gaussians::joined(placed.iter())?))
     }
@@ -110,9 +158,18 @@ impl Plan {
 /// The parts of a picture that the build of another picture may take over.
 pub struct Reusable {
     plan: Plan,
-    gaussians: Arc<Gaussians>,
+    source: SceneSource,
     statistics: Arc<Statistics>,
+    layout: Layout,
     scene: GpuScene,
+}
+
+/// The message that something needs the Gaussians of a scene which is read page by page.
+pub fn needs_whole(what: &str) -> String {
+    format!(
+        "{what} needs the whole scene in memory, but scenes with levels of detail are read page by page: open the file \
+         that they were made from"
+    )
 }
 
 /// Device memory for pictures and panels, per pixel of the window.
@@ -122,10 +179,16 @@ impl Drawn {
     pub fn reusable(&self) -> Reusable {
         Reusable {
             plan: self.plan.clone(),
-            gaussians: self.gaussians.clone(),
+            source: self.source.clone(),
             statistics: self.statistics.clone(),
+            layout: self.layout.clone(),
             scene: self.scene.clone(),
         }
+    }
+
+    /// How far the pages of its levels are there, if it does not wait for them.
+    pub fn residency(&self) -> Option<Residency> {
+        self.renderer.residency()
     }
 
     /// Device memory: name and bytes of every buffer.

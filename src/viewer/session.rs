@@ -7,17 +7,21 @@ use egui::{ClippedPrimitive, FullOutput, PlatformOutput, RawInput};
 
 use super::comparison::CompareTarget;
 use super::events::Event;
-use super::pictures::{Drawn, Reusable, Side};
-use super::screen::{Arrangement, Pair, RetiredPicture, Screen, Shown};
+use super::pictures::{Drawn, Reusable, Side, needs_whole};
+use super::screen::{Arrangement, Pair, RetiredPicture, Screen, Second, Shown};
 use super::state::{Request, Viewer, WindowRequest};
+use super::view_modes::InspectionSettings;
 use super::{input, job_events, panels};
-use crate::render::{Compare, Quantity};
+use crate::render::{Compare, Inspection, Quantity, Residency};
 
 /// The longest time step of an input, in seconds, so that the view does not jump after a pause.
 const MAX_STEP: f64 = 0.1;
 
 /// The interval at which the shaders that are compiled at run time are checked for changes.
 const SHADER_POLL: Duration = Duration::from_millis(250);
+
+/// The interval at which pages that are being read are looked for.
+const PAGES_POLL: Duration = Duration::from_millis(4);
 
 /// A viewer with the device that it draws on.
 pub struct Session {
@@ -119,8 +123,40 @@ impl Session {
             && is_read
             && is_built
             && !viewer.comparison.is_drawing
+            && self.residency().is_none_or(|residency| residency.is_settled())
             && !viewer.building.contains(&true)
             && !viewer.is_stale
+    }
+
+    /// How far the pages of the pictures are there: of the one that lacks more.
+    pub fn residency(&self) -> Option<Residency> {
+        let second = self.pair.second.as_ref().and_then(Second::drawn);
+        let both = self.pair.first.iter().chain(second).filter_map(Drawn::residency);
+        both.max_by_key(|residency| (!residency.is_settled(), residency.missing))
+    }
+
+    /// The title of the window: the names of the scenes, and what their picture lacks.
+    pub fn title(&self) -> String {
+        let names: Vec<&str> = self.viewer.layers.iter().map(|layer| layer.name.as_str()).collect();
+        let lacks = match self.residency() {
+            Some(Residency { missing, coming: 0, .. }) if missing > 0 => {
+                format!(" ({missing} pages of levels do not fit into memory)")
+            }
+            Some(Residency { missing, .. }) if missing > 0 => format!(" ({missing} pages of levels are missing yet)"),
+            _ => String::new(),
+        };
+        if names.is_empty() { "smalto".to_owned() } else { format!("{}{lacks} - smalto", names.join(", ")) }
+    }
+
+    /// Looks for pages that were read since the last picture, or could not be read.
+    fn poll_pages(&mut self) {
+        for (_, drawn) in self.pair.drawn() {
+            self.viewer.is_stale |= drawn.renderer.has_news();
+            if let Some(problem) = drawn.renderer.take_problem() {
+                self.viewer.messages.error(format!("{problem:#}; coarser levels are shown there"));
+                self.viewer.failure.get_or_insert(problem);
+            }
+        }
     }
 
     /// Handles the events of jobs, without showing anything.
@@ -161,6 +197,7 @@ impl Session {
         self.poll_jobs();
         self.poll_shaders();
         self.retire_frames(false)?;
+        self.poll_pages();
         self.report_notices();
         // Two layouts per refresh are enough for panels and input.
         let layout_lifetime = Duration::from_secs_f64(self.viewer.refresh_ms / 2000.0);
@@ -267,6 +304,12 @@ impl Session {
     /// Sets the inspection of the pictures, and reports a change.
     fn apply_inspection(&mut self) -> Result<()> {
         let mut has_changed = false;
+        let is_plain = self.viewer.inspection.inspection() == Inspection::default();
+        if !is_plain && self.pair.drawn().any(|(_, drawn)| drawn.gaussians.is_none()) {
+            self.viewer.messages.error(needs_whole("this look"));
+            let InspectionSettings { mode, culled_from, isolated, .. } = &mut self.viewer.inspection;
+            (*mode, *culled_from, *isolated) = (0, None, None);
+        }
         for (side, drawn) in self.pair.drawn() {
             has_changed |= self.viewer.inspection.apply(side, drawn)?;
         }
@@ -308,7 +351,7 @@ impl Session {
                 Request::Window(request) => for_window.push(request),
                 Request::Pick(pixel) => self.pick(pixel)?,
                 Request::Focus(pixel) => {
-                    if let Some(first) = &mut self.pair.first {
+                    if let Some(first) = self.whole_first() {
                         let depth = first.renderer.explain(pixel)?.depth();
                         self.viewer.focus(pixel, depth);
                     }
@@ -317,8 +360,11 @@ impl Session {
                 Request::WriteFilm => self.viewer.write_film(self.screen.device(), reusable(&self.pair)),
                 Request::Measure | Request::Choose => {
                     let Some(first) = &self.pair.first else { continue };
-                    let (device, scene) =
-                        (self.screen.device().clone(), (first.gaussians.clone(), first.statistics.clone()));
+                    let Some(gaussians) = first.gaussians.clone() else {
+                        self.viewer.messages.error(needs_whole("this measurement"));
+                        continue;
+                    };
+                    let (device, scene) = (self.screen.device().clone(), (gaussians, first.statistics.clone()));
                     match request {
                         Request::Measure => self.viewer.start_measuring(device, scene),
                         _ => self.viewer.start_choosing(device, scene),
@@ -329,9 +375,19 @@ impl Session {
         Ok(for_window)
     }
 
+    /// The first picture, if its scene is in memory as a whole; else notes that it is not.
+    fn whole_first(&mut self) -> Option<&mut Drawn> {
+        let first = self.pair.first.as_mut()?;
+        if first.gaussians.is_none() {
+            self.viewer.messages.error(needs_whole("a pixel's explanation"));
+            return None;
+        }
+        Some(first)
+    }
+
     /// Explains a pixel of the first picture.
     fn pick(&mut self, pixel: [u32; 2]) -> Result<()> {
-        let Some(first) = &mut self.pair.first else { return Ok(()) };
+        let Some(first) = self.whole_first() else { return Ok(()) };
         let explanation = first.renderer.explain(pixel)?;
         let colour = explanation.colour(self.viewer.background);
         let splats = explanation.splats.len();
@@ -362,7 +418,8 @@ impl Session {
         }
         let flicker = viewer.comparison.until_flicker(viewer.started.elapsed().as_secs_f64());
         let note = viewer.messages.next_change().unwrap_or(Duration::MAX);
-        self.layout.repaint_delay.min(flicker).min(note)
+        let pages = if self.residency().is_none_or(|pages| pages.is_settled()) { Duration::MAX } else { PAGES_POLL };
+        self.layout.repaint_delay.min(flicker).min(note).min(pages)
     }
 
     /// The event for the end of the session.

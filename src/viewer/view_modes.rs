@@ -122,7 +122,7 @@ impl InspectionSettings {
     /// so it does not apply to the second.
     pub fn apply(&self, side: Side, drawn: &mut Drawn) -> anyhow::Result<bool> {
         let mut inspection = self.inspection();
-        let exists = |index: u32| side == Side::First && (index as usize) < drawn.gaussians.len();
+        let exists = |index: u32| side == Side::First && (index as usize) < drawn.statistics.count;
         inspection.isolated = inspection.isolated.filter(|index| exists(*index));
         if drawn.inspection == inspection {
             return Ok(false);

@@ -93,6 +93,7 @@ struct OpenWindow {
     due: Option<Instant>,
     is_hidden: bool,
     frames: u64,
+    title: String,
     /// Devices lost in a row, with no frame shown between them.
     losses: u32,
     fault: Option<Fault>,
@@ -140,6 +141,7 @@ impl App {
             due: None,
             is_hidden: false,
             frames: 0,
+            title: String::new(),
             losses: 0,
             fault,
             validation: Vec::new(),
@@ -296,6 +298,11 @@ impl OpenWindow {
         self.hide(shown == Shown::Hidden);
         if shown == Shown::Yes {
             self.losses = 0;
+        }
+        let title = self.session.title();
+        if title != self.title {
+            self.window.set_title(&title);
+            self.title = title;
         }
         if shown != Shown::Yes && shown != Shown::Hidden {
             let size = self.window.inner_size();

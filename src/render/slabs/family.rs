@@ -60,17 +60,22 @@ impl Family {
 
     /// The pages that have to be there so that the floor of a block is at most `limit`.
     pub fn needed(&self, block: usize, limit: u16, mut each: impl FnMut(u32, u16)) {
-        let mut next = Some(block as u32);
+        let mut next = Some(block);
         while let Some(block) = next {
-            for page in &self.children[block as usize] {
+            for page in &self.children[block] {
                 let coarsest = self.coarsest[*page as usize];
                 if coarsest > limit {
                     each(*page, coarsest);
                 }
             }
-            let place = self.edges.partition_point(|(own, _)| *own < block);
-            next = self.edges.get(place).filter(|(own, _)| *own == block).map(|(_, above)| *above);
+            next = self.above(block);
         }
+    }
+
+    /// The block with the parents of the coarsest nodes of a block.
+    pub fn above(&self, block: usize) -> Option<usize> {
+        let place = self.edges.partition_point(|(own, _)| (*own as usize) < block);
+        self.edges.get(place).filter(|(own, _)| *own as usize == block).map(|(_, above)| *above as usize)
     }
 
     /// For every page the floors of its block and of that of its parents, codes in the lower and in the upper half.

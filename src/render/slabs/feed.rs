@@ -68,12 +68,14 @@ pub struct Residency {
     pub there: usize,
     /// Pages that fit.
     pub fitting: usize,
+    /// The next picture asks for more.
+    pub is_asking: bool,
 }
 
 impl Residency {
     /// True if nothing more comes for this picture.
     pub fn is_settled(&self) -> bool {
-        self.coming == 0
+        self.coming == 0 && !self.is_asking
     }
 }
 
@@ -226,17 +228,16 @@ impl Feed {
     /// Chooses pages that leave for missing ones, and returns for how many of these.
     fn replace(&mut self, pool: &Pool, wanted: &[u32], missing: &[(u32, u32)]) -> usize {
         let age = |word: u32| self.asked.stamp.wrapping_sub((word >> 16) as u16);
-        // Pages of a block are wanted together: what the widths of pixels were where some of them are in view.
+        // What a wanted page adds to the errors of others that it needs, as for missing pages. A page that is brought
+        // then matters at least as much as it did before, so that none comes and goes.
         let mut blocks = HashMap::new();
-        for page in pool.there() {
-            let word = wanted[page as usize];
-            if word != 0
-                && age(word) < LATELY
-                && let Some((block, coarsest)) = self.family.parents(page)
-            {
-                let more = i64::from(word & 0xffff) - i64::from(coarsest);
-                let known = blocks.entry(block).or_insert(more);
-                *known = more.max(*known);
+        for (page, word) in wanted.iter().enumerate().filter(|(_, word)| **word != 0 && age(**word) < LATELY) {
+            let Some((block, coarsest)) = self.family.parents(page as u32) else { continue };
+            let more = i64::from(word & 0xffff) - i64::from(coarsest);
+            let mut next = Some(block);
+            while let Some(block) = next.filter(|block| blocks.get(block).is_none_or(|known| *known < more)) {
+                blocks.insert(block, more);
+                next = self.family.above(block);
             }
         }
         let worth = |page: u32| {
@@ -276,8 +277,12 @@ impl Feed {
     /// True if another picture would show more, or tell more.
     pub fn has_news(&mut self) -> bool {
         self.receive();
-        let asks = self.missing > 0 && self.reading.is_empty() && !self.is_sated;
-        !self.arrived.is_empty() || asks
+        !self.arrived.is_empty() || self.is_asking()
+    }
+
+    /// True if the next picture asks for pages.
+    fn is_asking(&self) -> bool {
+        self.missing > 0 && self.reading.is_empty() && !self.is_sated
     }
 
     /// Why a page could not be read, once.
@@ -292,6 +297,7 @@ impl Feed {
             coming: self.reading.len() + self.arrived.len(),
             there: pool.capacity() - pool.free(),
             fitting: pool.capacity(),
+            is_asking: self.is_asking(),
         }
     }
 }

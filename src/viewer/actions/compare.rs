@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::pixels::Pixels;
 use crate::viewer::jobs::JobEvent;
-use crate::viewer::pictures::Side;
+use crate::viewer::pictures::{Side, needs_whole};
 use crate::viewer::state::Viewer;
 
 impl Viewer {
@@ -21,6 +21,9 @@ impl Viewer {
     pub fn compare_with_reference(&mut self) {
         let (view, rules) = (self.view(), self.options.untraded().rules);
         let Ok(Some(plan)) = self.plan(Side::First) else { return };
+        if plan.is_in_pages() {
+            return self.messages.error(needs_whole("the reference"));
+        }
         let background = self.background;
         self.comparison.is_drawing = true;
         self.comparison.drawn_for = Some(view.clone());

@@ -25,7 +25,7 @@ fn write_all(
     progress: &dyn Fn(f64),
 ) -> Result<()> {
     let (first, _) = shots.first().context("there is nothing to write")?;
-    let mut drawn = plan.build(device, reusable, first, background, 0)?;
+    let mut drawn = plan.build(device, reusable, first, background, None)?;
     let bytes = shots.iter().map(|(camera, _)| 16 * camera.size_px.map(u64::from).iter().product::<u64>()).max();
     let fit = (AT_ONCE_BYTES / bytes.unwrap_or(0).max(1)).clamp(1, rayon::current_num_threads() as u64) as usize;
     let mut done = 0;

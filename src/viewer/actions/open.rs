@@ -5,11 +5,11 @@ use std::path::Path;
 use anyhow::Result;
 
 use crate::camera::CameraFile;
-use crate::scene::{Cancelled, Reading, Scene, Unreadable};
+use crate::scene::{Cancelled, Reading, Unreadable};
 use crate::viewer::comparison::CompareTarget;
 use crate::viewer::events::Event;
 use crate::viewer::jobs::JobEvent;
-use crate::viewer::layers::{Layer, Source};
+use crate::viewer::layers::{Layer, Opened, Source};
 use crate::viewer::state::{CompareWith, Viewer};
 
 impl Viewer {
@@ -72,17 +72,17 @@ impl Viewer {
     }
 
     /// Takes in a scene that was read, or reports why it could not be read.
-    pub fn handle_scene(&mut self, number: u64, scene: Result<Scene>) {
+    pub fn handle_scene(&mut self, number: u64, scene: Result<Opened>) {
         let Some(place) = self.layers.iter().position(|layer| layer.number == number) else { return };
         match scene {
             Ok(scene) => {
-                let gaussians = self.layers[place].fill(scene);
+                let held = self.layers[place].fill(scene);
                 if !self.setup.antialiased_is_explicit {
                     self.options.rules.antialiased = self.layers.iter().any(|layer| layer.is_antialiased);
                 }
                 // A view set while reading knew only a part of the scene.
                 if !self.has_view || self.layers.len() == 1 && !self.has_moved() {
-                    self.set_first_view(&gaussians);
+                    self.set_first_view(held.focus());
                 }
                 if self.setup.compares_with.take_if(|with| *with == CompareWith::Reference).is_some() {
                     self.compare_with_reference();

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::scene::{Focus, Gaussians};
+use crate::scene::Focus;
 use crate::viewer::events::Event;
 use crate::viewer::state::{Request, Viewer, WindowRequest};
 
@@ -10,8 +10,7 @@ const NO_CAMERAS: &str = "there is no camera file: drop one on the window, such 
 
 impl Viewer {
     /// Goes to the first view of a scene: the first camera of the file, or a view of the whole scene.
-    pub fn set_first_view(&mut self, gaussians: &Gaussians) {
-        let focus = Focus::of(gaussians);
+    pub fn set_first_view(&mut self, focus: Focus) {
         let (centre, radius) = (DVec3::from(focus.centre), focus.radius);
         self.navigator.frame(centre, radius, self.size);
         self.inspection.set_scene_radius(radius);
@@ -64,8 +63,8 @@ impl Viewer {
 
     /// Goes back to the first view.
     pub fn reset_view(&mut self) {
-        if let Some(gaussians) = self.layers.iter().find_map(|layer| layer.gaussians.clone()) {
-            self.set_first_view(&gaussians);
+        if let Some(held) = self.layers.iter().find_map(|layer| layer.held.clone()) {
+            self.set_first_view(held.focus());
         }
     }
 

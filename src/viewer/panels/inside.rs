@@ -42,8 +42,8 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let key = viewer.setup.bindings.text(Action::Pick);
     ui.label(format!("{key} explains the pixel under the cursor."));
     if let (Some(first), Some(index)) = (&pair.first, viewer.inspection.isolated) {
-        let (i, gaussians) = (index as usize, &first.gaussians);
-        if i < gaussians.len() {
+        let i = index as usize;
+        if let Some(gaussians) = first.gaussians.as_ref().filter(|gaussians| i < gaussians.len()) {
             ui.label(format!(
                 "mean {:?}\nscales {:?}\nrotation {:?}\nopacity {}",
                 gaussians.means()[i],

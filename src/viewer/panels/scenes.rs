@@ -8,7 +8,7 @@ use super::super::comparison::CompareTarget;
 use super::super::layers::Layer;
 use super::super::screen::Pair;
 use super::super::state::Viewer;
-use crate::render::Path;
+use crate::render::{Path, Residency};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     if viewer.layers.is_empty() {
@@ -46,12 +46,13 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         };
         ui.label(format!(
             "{} Gaussians, {} visible\n{} {listed}, longest list {}\ndrawn on the {} path",
-            first.gaussians.len(),
-            totals.visible,
-            totals.listed_kept,
-            totals.longest_list,
-            first.path
+            first.statistics.count, totals.visible, totals.listed_kept, totals.longest_list, first.path
         ));
+        if let Some(Residency { missing, coming, there, fitting, .. }) = first.residency() {
+            ui.label(format!(
+                "{there} of {fitting} pages in memory, {coming} coming\n{missing} pages drawn coarser than asked for"
+            ));
+        }
         if let Some(notice) = first.renderer.notice() {
             ui.label(notice);
         }
