@@ -83,6 +83,10 @@ pub struct Options {
     /// Most nodes of a picture, by a larger error if need be. 0: any number.
     #[serde(default)]
     pub splats: u32,
+    /// Nodes whose error is above their limit by less than this many powers of two are drawn in part, and their children
+    /// in part, so that neither appears at once. 0: each is drawn as a whole.
+    #[serde(default)]
+    pub lod_fade: f32,
     /// Uses only what works on every device.
     pub portable: bool,
 }
@@ -100,6 +104,7 @@ impl Options {
         lod_error: 0.0,
         lod_psnr: 0.0,
         splats: 0,
+        lod_fade: 0.0,
         portable: false,
     };
     /// Visually equal: a PSNR to the reference of at least 60 dB, no 8-bit value more than 3 steps away.
@@ -150,7 +155,7 @@ impl Options {
 
     /// The same options with every limit of levels at its finest: what they draw shows the bits of the scene.
     pub fn finest(&self) -> Self {
-        Self { lod_error: f32::MIN_POSITIVE, lod_psnr: 0.0, splats: 0, ..*self }
+        Self { lod_error: f32::MIN_POSITIVE, lod_psnr: 0.0, splats: 0, lod_fade: 0.0, ..*self }
     }
 
     /// The reason why pictures drawn with these options have no certificate; `None` if they have one.

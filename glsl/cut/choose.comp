@@ -29,6 +29,7 @@ layout(push_constant, scalar) uniform Push {
     uint stamp;  // of the picture, 1 to 65535, or 0 where no pages are demanded
     uint demand_room;
     uint least_priority;  // of the pages in `demand`
+    uint fade;  // codes above a limit over which nodes fade
 } push;
 
 #include "cut/search.glsl"

@@ -16,6 +16,7 @@ layout(push_constant, scalar) uniform Push {
     uint pixels;
     uint room;  // in `seen`
     uint round;
+    uint fade;  // codes above a limit over which nodes fade
 } push;
 
 #include "cut/search.glsl"

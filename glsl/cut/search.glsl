@@ -1,6 +1,7 @@
 // The search for a limit, and what a limit leaves of a page.
 #extension GL_EXT_control_flow_attributes : require
-// Requires: cut.glsl, state, errors[], steps[], push.given_squared, push.most_nodes, push.most_energy, push.searches
+// Requires: cut.glsl, state, errors[], steps[], push.given_squared, push.most_nodes, push.most_energy, push.searches,
+// push.fade
 
 // The squares of the limits that are searched are floats with these bits and SEARCH_SHIFT zeros behind.
 const uint FIRST_BITS = 562036736;  // of 2^-60
@@ -49,7 +50,7 @@ struct Left {
 };
 
 bool is_in_cut(PageErrors page, uvec2 limits) {
-    return page.least <= limits.x && CODE(page.parents, PARTS - 1) > limits.y;
+    return page.least <= limits.x + push.fade && CODE(page.parents, PARTS - 1) > limits.y;
 }
 
 // The codes of a limit on a page: of its nodes, of their parents.
@@ -61,7 +62,7 @@ uvec2 limits_of(SeenPage seen, float limit_squared) {
 Left left_of(SeenPage seen, PageErrors page, uvec2 limits) {
     Left left = Left(0, 0);
     if (!is_in_cut(page, limits)) return left;
-    left.within = part_below(page.errors, page.least, limits.x);
+    left.within = part_below(page.errors, page.least, limits.x + push.fade);
     uint coarser = part_below(page.parents, 0, limits.y);
     left.drawn = page.count * (left.within - min(coarser, left.within)) * seen.weight;
     return left;

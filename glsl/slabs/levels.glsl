@@ -4,11 +4,35 @@
 
 layout(constant_id = 7) const bool HAS_LEVELS = false;
 
-// True if the node is drawn: its own error is within the limit of its page, its parent's is not within that of its own.
-bool is_in_cut(uint gaussian) {
-    if (!HAS_LEVELS) return true;
+layout(constant_id = 8) const uint FADE = 0;  // codes above a limit over which a node fades in its children's place
+const uint NO_LIMIT = 65535;                  // the code of an error that is within no limit
+
+// The part of a node's children that it replaces: 1 if its error is within the limit.
+float closed(uint error, uint limit) {
+    if (FADE == 0 || error == NO_LIMIT) return float(error <= limit);
+    return clamp((float(limit) + float(FADE) - float(error)) / float(FADE), 0.0, 1.0);
+}
+
+// The part of a node that is drawn: what it replaces, less what its parent replaces. Errors do not fall towards the
+// root, so it is not negative, and the parts on the way from any Gaussian to the root sum to 1.
+float drawn_part(uint gaussian) {
+    if (!HAS_LEVELS) return 1.0;
     uint errors = levels[2 * gaussian];
-    return (errors & 0xffff) <= (page.limits & 0xffff) && (errors >> 16) > (page.limits >> 16);
+    return closed(errors & 0xffff, page.limits & 0xffff) - closed(errors >> 16, page.limits >> 16);
+}
+
+bool is_in_cut(uint gaussian) {
+    return drawn_part(gaussian) > 0.0;
+}
+
+// The opacity of a part of a node: what lies behind is dimmed by that power of what the whole node dims it by. Of alphas
+// above the largest that is drawn, the part is that of this.
+float faded(uint gaussian, float opacity) {
+    if (FADE == 0) return opacity;
+    float part = drawn_part(gaussian);
+    if (part == 1.0) return opacity;
+    const float MOST = 0.99;
+    return opacity < MOST ? 1.0 - pow(1.0 - opacity, part) : opacity * (1.0 - pow(1.0 - MOST, part)) / MOST;
 }
 
 // The number over 0 that a code stands for.

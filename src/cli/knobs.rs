@@ -113,6 +113,11 @@ impl Knobs {
         self.0.iter().any(|(knob, _)| knob.name == "antialiased")
     }
 
+    /// True if the fading of levels of detail is given.
+    pub fn has_fade(&self) -> bool {
+        self.0.iter().any(|(knob, _)| knob.name == "lod-fade")
+    }
+
     /// True if a knob that trades accuracy for speed is given.
     pub fn trades(&self) -> bool {
         self.0.iter().any(|(knob, _)| knob.group == Group::Accuracy)

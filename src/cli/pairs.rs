@@ -20,7 +20,7 @@ const DEVICE: &str = "device memory";
 const READING: &str = "up flip lod";
 const RULES: &str = "near order extent alpha-min antialiased";
 const ACCURACY: &str = "stop key-bits sh-degree sh-storage shape-storage scale";
-const LEVELS: &str = "lod-error lod-psnr splats";
+const LEVELS: &str = "lod-error lod-psnr lod-fade splats";
 const BUDGET: &str = "max-error min-psnr";
 const PLACE: &str = "eye target camera-up fov";
 

@@ -76,6 +76,9 @@ pub(super) struct Args {
     reading: ReadingArgs,
 }
 
+/// The fading of levels of detail where it is not given, powers of two of an error.
+const FADE: f32 = 0.5;
+
 fn compare_modes() -> impl TypedValueParser<Value = CompareMode> {
     let values = [
         ("split", "Side by side, at a line that can be dragged"),
@@ -119,11 +122,15 @@ pub(super) fn run(args: &Args) -> Result<()> {
         None if with == "reference" => CompareWith::Reference,
         None => CompareWith::File(with.into()),
     });
+    let mut options = args.knobs.options(&preset, false, f32::INFINITY);
+    if !args.knobs.has_fade() {
+        options.lod_fade = FADE;
+    }
     let setup = Setup {
         scenes: args.scenes.clone(),
         reading: args.reading.reading()?,
         cameras: args.cameras.clone(),
-        options: args.knobs.options(&preset, false, f32::INFINITY),
+        options,
         antialiased_is_explicit: args.knobs.has_antialiased(),
         near_is_explicit: args.knobs.has_near(),
         bindings: bindings(args)?,

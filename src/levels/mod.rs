@@ -21,6 +21,6 @@ mod node;
 mod pairs;
 mod raster;
 
-pub use codes::{FINEST, NEVER, code, code_below, value};
+pub use codes::{CODES_PER_OCTAVE, FINEST, NEVER, code, code_below, value};
 pub use family::{Parents, parents};
 pub use node::{Node, Nodes};

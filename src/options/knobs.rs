@@ -75,7 +75,7 @@ pub struct Knob {
 }
 
 /// Every knob. A new one costs a field of [`Options`] and an entry here.
-pub static KNOBS: [Knob; 15] = [
+pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "near",
         value_name: "DISTANCE",
@@ -266,6 +266,19 @@ pub static KNOBS: [Knob; 15] = [
         effect: |value, _| if value == Value::Count(0) { Effect::None } else { Effect::Changed },
         get: |options| options.splats.value(),
         set: |options, value| options.splats = Setting::of(value),
+    },
+    Knob {
+        name: "lod-fade",
+        value_name: "OCTAVES",
+        help: "With levels of detail: nodes whose error is above the limit by less than this many powers of two are \
+               drawn in part, so that none appears or vanishes at once [default: 0, none; of view: 0.5]",
+        group: Group::Accuracy,
+        kind: Kind::Number { range: [0.0, 4.0], usual: [0.0, 1.0], is_fraction: false },
+        steps: &[Value::Number(0.0)],
+        is_searched: false,
+        effect: |value, _| if value == Value::Number(0.0) { Effect::None } else { Effect::Changed },
+        get: |options| options.lod_fade.value(),
+        set: |options, value| options.lod_fade = Setting::of(value),
     },
     Knob {
         name: "portable",

@@ -117,7 +117,7 @@ impl PathChoice {
     /// If the coarsest pages cannot be read.
     pub fn stream(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
         if let Some(chooser) = self.chooser.as_mut().filter(|chooser| chooser.has_levels() && self.fast.is_some()) {
-            self.feed = Some(Feed::new(device, scene, chooser)?);
+            self.feed = Some(Feed::new(device, scene, chooser, self.options.lod_fade > 0.0)?);
         }
         Ok(())
     }

@@ -3,6 +3,7 @@
 use super::frame::footprint_code;
 use super::shaders::SharedConstants;
 use super::shaders::shared::{STORED_F16, STORED_F32, STORED_U8};
+use crate::levels::CODES_PER_OCTAVE;
 use crate::options::{Options, Storage};
 use crate::rules::Order;
 use crate::storage::{Layout, Packing};
@@ -25,9 +26,15 @@ pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> Share
         stop: layout.stop(options),
         compact: layout.is_compact(options),
         has_levels: options.wants_levels(),
+        fade: fade_codes(options),
         subgroup,
         ballot_words: subgroup.div_ceil(32),
     }
+}
+
+/// The width of the band in which nodes fade, as codes of errors.
+pub(super) fn fade_codes(options: &Options) -> u32 {
+    (f64::from(options.lod_fade) * CODES_PER_OCTAVE).round() as u32
 }
 
 /// The number that shaders know a number format by.

@@ -89,7 +89,7 @@ impl Plan {
             }
         };
         let options = match self.is_in_pages() && !self.options.wants_levels() {
-            true => self.options.finest(),
+            true => Options { lod_fade: self.options.lod_fade, ..self.options.finest() },
             false => self.options,
         };
         let layout = match self.is_in_pages() {

@@ -247,9 +247,9 @@ impl Chooser {
     /// Adds up what the limits of a round leave of all pages in view.
     fn count(&self, cmd: &mut Commands, wanted: Wanted, pixels: u32, round: u32) {
         let bindings = CountBindings { errors: &self.errors, steps: &self.steps, seen: &self.seen, state: &self.state };
-        let Wanted { given_squared, searches, most_nodes, most_energy } = wanted;
+        let Wanted { given_squared, searches, most_nodes, most_energy, fade } = wanted;
         let room = self.seen.len() as u32;
-        let push = CountPush { given_squared, searches, most_nodes, most_energy, pixels, room, round };
+        let push = CountPush { given_squared, searches, most_nodes, most_energy, pixels, room, round, fade };
         let lanes = u64::from(CANDIDATES + 1) * u64::from(room);
         cmd.dispatch(&self.count, bindings, push, DispatchSize::Invocations(lanes));
     }
@@ -269,7 +269,7 @@ impl Chooser {
             wanted: scene.wanted.as_ref().expect("a scene in pages knows what was wanted"),
             demand: &self.demand,
         };
-        let Wanted { given_squared, searches, most_nodes, most_energy } = wanted;
+        let Wanted { given_squared, searches, most_nodes, most_energy, fade } = wanted;
         let room = self.seen.len() as u32;
         let push = ChoosePush {
             given_squared,
@@ -282,6 +282,7 @@ impl Chooser {
             stamp: self.asked.stamp.into(),
             demand_room: self.demand.len() as u32,
             least_priority: self.asked.least_priority,
+            fade,
         };
         cmd.dispatch(&self.choose, bindings, push, DispatchSize::Invocations(room.into()));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);

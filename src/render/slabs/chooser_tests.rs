@@ -9,7 +9,7 @@ use super::listed::{Element, views_of};
 use super::visible::{PlacedCamera, Sight};
 use crate::camera::Camera;
 use crate::gpu::{Device, DeviceChoice, Validation};
-use crate::levels::value;
+use crate::levels::{NEVER, value};
 use crate::options::Options;
 use crate::render::frame::DepthKeys;
 use crate::render::gpu_scene::GpuScene;
@@ -32,6 +32,8 @@ struct Twin {
     centre_px: [f32; 2],
     size_px: [u32; 2],
     per_focal_squared: f32,
+    /// Codes above a limit over which nodes fade.
+    fade: u32,
 }
 
 /// A page as it is seen.
@@ -42,7 +44,7 @@ struct Seen {
 }
 
 impl Twin {
-    fn new(pages: &Pages, view: &[Element], camera: &Camera) -> Self {
+    fn new(pages: &Pages, view: &[Element], camera: &Camera, options: &Options) -> Self {
         let levels = pages.levels();
         let errors = pages.pages().iter().enumerate();
         let focal = camera.focal_px.max_element();
@@ -56,6 +58,7 @@ impl Twin {
             centre_px: camera.centre_px.as_vec2().to_array(),
             size_px: camera.size_px,
             per_focal_squared: (1.0 / (focal * focal)) as f32,
+            fade: Wanted::of(options).fade,
         }
     }
 
@@ -152,7 +155,7 @@ impl Twin {
 
     fn is_in(&self, seen: &Seen, [own, parent]: [u32; 2]) -> bool {
         let errors = &self.errors[seen.page];
-        errors.least <= own && errors.parents[PARTS / 2 - 1] >> 16 > parent
+        errors.least <= own + self.fade && errors.parents[PARTS / 2 - 1] >> 16 > parent
     }
 
     /// The nodes in sight in units, and their squared error.
@@ -169,7 +172,7 @@ impl Twin {
             let inside = codes.get(whole).map_or(0, |to| limit.saturating_sub(from) * 256 / (to - from).max(1));
             256 * whole as u32 + inside.min(256)
         };
-        let within = below(errors.errors, errors.least, own);
+        let within = below(errors.errors, errors.least, own + self.fade);
         let drawn = errors.count * within.saturating_sub(below(errors.parents, 0, parent)) * seen.weight;
         let whole = f64::from(within) / 256.0;
         let energies = codes(errors.energies).enumerate();
@@ -237,6 +240,7 @@ fn pages_are_chosen_as_in_plain_rust() {
         Options { splats: 5000, ..plain },
         Options { splats: 500_000, ..plain },
         Options { lod_psnr: 38.0, ..plain },
+        Options { splats: 5000, lod_fade: 0.5, ..plain },
         Options { lod_psnr: 45.0, splats: 3000, ..plain },
     ];
     for (options, places) in wanted.iter().flat_map(|options| [&[][..], &two[..]].map(|places| (options, places))) {
@@ -251,7 +255,7 @@ fn pages_are_chosen_as_in_plain_rust() {
             let chosen = chooser.chosen(&device, &scene, &camera, options).unwrap();
             let views = views_of(&scene, &camera, &options.rules);
             let twins: Vec<_> =
-                views.chunks(VIEW_ELEMENTS as usize).map(|view| Twin::new(&pages, view, &camera)).collect();
+                views.chunks(VIEW_ELEMENTS as usize).map(|view| Twin::new(&pages, view, &camera, options)).collect();
             let seen: Vec<_> = twins.iter().flat_map(Twin::seen).collect();
             let limit = twins[0].limit_squared(&seen, options);
             let (nodes, energy) = twins[0].sums(&seen, limit);
@@ -344,7 +348,7 @@ fn every_cut_stands_for_every_gaussian_once() {
     file.read_levels(0..pages.len(), &mut words).unwrap();
     let mut geometry = vec![0; pages.len() * file.geometry_words()];
     file.read_geometry(0..pages.len(), &mut geometry).unwrap();
-    let options = Options { splats: 1, rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::EXACT };
+    let options = Options { splats: 1, lod_fade: 0.5, rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::EXACT };
     let scene = brought(&device, &file, &[], &options);
     let all = scene.pool().unwrap().pages().clone();
     let levels = file.levels().unwrap();
@@ -356,13 +360,20 @@ fn every_cut_stands_for_every_gaussian_once() {
     let mut sizes = Vec::new();
     for (number, zoom) in [0.1, 0.3, 1.0, 5.0, 30.0].into_iter().enumerate() {
         let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [640, 480]);
-        let twin = Twin::new(&all, &views_of(&scene, &camera, &options.rules), &camera);
+        let twin = Twin::new(&all, &views_of(&scene, &camera, &options.rules), &camera, &options);
         for exponent in (-40..-4).step_by(9).chain(-4..16) {
             let limit = (f64::from(exponent).exp2() / 255.0).powi(2) as f32;
             let kept = [0, 2, 20, 200][(exponent & 3) as usize];
             let is_missing: Vec<bool> =
                 (0..pages.len()).map(|page| page + 1 < pages.len() && kept > 0 && below(kept) == 0).collect();
-            let floors = family.floors(|page| !is_missing[page as usize]);
+            let floors = family.words(&family.floors(|page| !is_missing[page as usize]));
+            // As levels.glsl has it, and with no fading for every other limit.
+            let fade = if exponent % 2 == 0 { twin.fade } else { 0 };
+            let closed = |error: u32, limit: u32| match fade {
+                _ if error == u32::from(NEVER) => 0.0,
+                0 => f64::from(u8::from(error <= limit)),
+                _ => ((f64::from(limit) + f64::from(fade) - f64::from(error)) / f64::from(fade)).clamp(0.0, 1.0),
+            };
             let (mut nodes, mut opacity) = (0, 0.0);
             for seen in twin.seen() {
                 let (page, floors) = (seen.page, floors[seen.page]);
@@ -371,10 +382,12 @@ fn every_cut_stands_for_every_gaussian_once() {
                 let mut drawn = 0;
                 for k in 0..pages[page].count as usize {
                     let [errors, opacities] = words[(page * PAGE + k) * LEVEL_WORDS..][..2] else { panic!() };
-                    if errors & 0xffff <= own && errors >> 16 > of_parent {
+                    let part = closed(errors & 0xffff, own) - closed(errors >> 16, of_parent);
+                    assert!(part >= 0.0, "errors do not fall towards the root");
+                    if part > 0.0 {
                         let shape = file.words().shape_of(&geometry[page * file.geometry_words()..], k);
                         let of_scene = f64::from(file.layout().unpacked_shape(&shape).2);
-                        opacity += if opacities == 0 { of_scene } else { value((opacities >> 16) as u16) };
+                        opacity += part * if opacities == 0 { of_scene } else { value((opacities >> 16) as u16) };
                         drawn += 1;
                     }
                 }

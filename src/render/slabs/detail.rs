@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::levels::FINEST;
 use crate::options::Options;
+use crate::render::constants::fade_codes;
 use crate::render::shaders::CutState;
 use crate::render::shaders::cut::{BY_ENERGY, BY_NODES, ENERGY_UNITS};
 use crate::storage::{Level, PARTS, SAMPLES};
@@ -54,6 +55,8 @@ pub struct Wanted {
     pub searches: u32,
     pub most_nodes: [u32; 2],
     pub most_energy: [u32; 2],
+    /// Codes above a limit over which nodes fade.
+    pub fade: u32,
 }
 
 impl Wanted {
@@ -68,6 +71,7 @@ impl Wanted {
             searches: u32::from(lod_psnr > 0.0) << BY_ENERGY | u32::from(splats > 0) << BY_NODES,
             most_nodes: words(u64::from(splats) * NODE_UNITS as u64),
             most_energy: words(energy as u64),
+            fade: fade_codes(options),
         }
     }
 }

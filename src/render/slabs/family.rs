@@ -78,8 +78,8 @@ impl Family {
         self.edges.get(place).filter(|(own, _)| *own as usize == block).map(|(_, above)| *above as usize)
     }
 
-    /// For every page the floors of its block and of that of its parents, codes in the lower and in the upper half.
-    pub fn floors(&self, is_here: impl Fn(u32) -> bool) -> Vec<u32> {
+    /// The floor of every block.
+    pub fn floors(&self, is_here: impl Fn(u32) -> bool) -> Vec<u16> {
         let floor = |children: &Vec<u32>| {
             let missing = children.iter().filter(|page| !is_here(**page));
             missing.map(|page| self.coarsest[*page as usize]).max().unwrap_or(FINEST)
@@ -95,6 +95,11 @@ impl Family {
                 floors[*own as usize] = floors[*own as usize].max(floor);
             }
         }
+        floors
+    }
+
+    /// For every page the floors of its block and of that of its parents, codes in the lower and in the upper half.
+    pub fn words(&self, floors: &[u16]) -> Vec<u32> {
         let floor = |block: u32| floors.get(block as usize).copied().unwrap_or(FINEST);
         let words = self.own.iter().zip(&self.above);
         words.map(|(own, above)| u32::from(floor(*own)) | u32::from(floor(*above)) << 16).collect()

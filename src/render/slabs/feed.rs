@@ -6,6 +6,7 @@
 //! that matter less.
 
 use std::collections::{HashMap, HashSet};
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use crossbeam_channel::{Receiver, Sender, unbounded};
@@ -15,6 +16,7 @@ use super::chooser::{Asked, Chooser};
 use super::family::Family;
 use super::pool::{PageWords, Pool};
 use crate::gpu::{Access, Commands, Device, InFlight, Readback, Results};
+use crate::levels::CODES_PER_OCTAVE;
 use crate::render::gpu_scene::GpuScene;
 use crate::render::shaders::CutState;
 use crate::storage::{Level, Pages};
@@ -27,6 +29,11 @@ pub struct Feed {
     known: Option<u64>,
     /// The copy of these to the device.
     telling: Option<InFlight>,
+    /// The floors of blocks that are shown. Where nodes fade, they fall to those of the pages that are there.
+    floors: Vec<u16>,
+    /// Set while they fall: the time of the last step, and of the end.
+    falling: Option<[Instant; 2]>,
+    fades: bool,
     readers: ThreadPool,
     sender: Sender<Read>,
     receiver: Receiver<Read>,
@@ -68,7 +75,7 @@ pub struct Residency {
     pub there: usize,
     /// Pages that fit.
     pub fitting: usize,
-    /// The next picture asks for more.
+    /// The next picture asks for more, or shows more of what is there.
     pub is_asking: bool,
 }
 
@@ -89,18 +96,22 @@ const COMING: usize = 512;
 const READERS: usize = 8;
 /// Pictures after which a page that no picture wanted may leave.
 const LATELY: u16 = 4;
+/// The time in which a floor falls by a power of two.
+const OCTAVE: Duration = Duration::from_millis(60);
+/// The time after which floors are where they fall to: what is above the limits of nodes cannot be seen.
+const FALL: Duration = Duration::from_millis(400);
 /// Steps of codes by which a page must matter more than one that leaves for it: the eighth of a power of two.
 const MARGIN: i64 = 64;
 
 impl Feed {
-    /// Brings the coarsest pages.
+    /// Brings the coarsest pages. With `fades`, pages that are brought later fade in.
     ///
     /// # Errors
     /// If they cannot be read.
     ///
     /// # Panics
     /// If the scene has no levels of detail.
-    pub fn new(device: &Device, scene: &GpuScene, chooser: &mut Chooser) -> Result<Self> {
+    pub fn new(device: &Device, scene: &GpuScene, chooser: &mut Chooser, fades: bool) -> Result<Self> {
         let mut pool = scene.pool().expect("the scene is in pages");
         let pages = pool.pages().clone();
         let always: Vec<u32> = coarsest(&pool).collect();
@@ -113,6 +124,9 @@ impl Feed {
             pages,
             known: None,
             telling: None,
+            floors: Vec::new(),
+            falling: None,
+            fades,
             readers: ThreadPoolBuilder::new().num_threads(threads).build()?,
             sender,
             receiver,
@@ -143,11 +157,13 @@ impl Feed {
             let leaving: Vec<u32> = self.leaving.drain(..leave).collect();
             pool.put(device, &read, &leaving)?;
         }
-        if self.known != Some(pool.changes()) {
+        if self.known != Some(pool.changes()) || self.falling.is_some() {
+            let has_changed = self.known != Some(pool.changes());
             self.known = Some(pool.changes());
             let floors = self.family.floors(|page| pool.has(page));
+            self.fall(floors, has_changed);
             // What was told before was submitted before the last picture, so this hardly waits.
-            self.telling = Some(chooser.set_floors(device, &floors)?);
+            self.telling = Some(chooser.set_floors(device, &self.family.words(&self.floors))?);
         }
         // A stamp that comes again is the lowest.
         self.asked.stamp = self.asked.stamp.checked_add(1).unwrap_or(1);
@@ -158,6 +174,25 @@ impl Feed {
         }
         chooser.asked = self.asked;
         Ok(())
+    }
+
+    /// Brings the floors that are shown nearer to those of the pages that are there.
+    fn fall(&mut self, floors: Vec<u16>, has_changed: bool) {
+        let now = Instant::now();
+        let is_first = self.floors.len() != floors.len();
+        let [before, end] = match self.falling {
+            Some([before, end]) => [before, if has_changed { now + FALL } else { end }],
+            None => [now, now + FALL],
+        };
+        if is_first || !self.fades || now >= end {
+            (self.floors, self.falling) = (floors, None);
+            return;
+        }
+        let step = (CODES_PER_OCTAVE * (now - before).div_duration_f64(OCTAVE)) as u16;
+        for (shown, floor) in self.floors.iter_mut().zip(floors) {
+            *shown = shown.saturating_sub(step).max(floor);
+        }
+        self.falling = Some([now, end]);
     }
 
     /// Brings what a recorded picture tells to the host.
@@ -277,7 +312,7 @@ impl Feed {
     /// True if another picture would show more, or tell more.
     pub fn has_news(&mut self) -> bool {
         self.receive();
-        !self.arrived.is_empty() || self.is_asking()
+        !self.arrived.is_empty() || self.falling.is_some() || self.is_asking()
     }
 
     /// True if the next picture asks for pages.
@@ -297,7 +332,7 @@ impl Feed {
             coming: self.reading.len() + self.arrived.len(),
             there: pool.capacity() - pool.free(),
             fitting: pool.capacity(),
-            is_asking: self.is_asking(),
+            is_asking: self.is_asking() || self.falling.is_some(),
         }
     }
 }
