@@ -180,22 +180,30 @@ impl FilmArgs {
     /// Reads the path, if one is given, and samples its frames. Those of a path of the town have this size.
     pub fn read(&self, scene: &SceneArg, size_px: [u32; 2]) -> Result<Option<Vec<NamedCamera>>> {
         let Some(file) = &self.path else { return Ok(None) };
-        if let Some(path) = file.to_str().and_then(TownPath::named) {
-            let count = (TOWN_SECONDS * self.fps().value).ceil() as usize;
-            let town = scene.town()?;
-            return Ok(Some(town_cameras(town, path, size_px, count)?));
-        }
-        let timeline = Timeline::read(file).map_err(|problem| Unreadable::new(file, &problem))?;
-        let fps = self.fps();
-        let frames = timeline.frames(fps.value);
-        let count = frames.len();
-        if count > MAX_FRAMES {
-            let seconds = timeline.duration();
-            let which = format!("{seconds} s of {} at {fps} frames per second", file.display());
-            return Err(Usage(format!("--path: {which} are {count} frames, over {MAX_FRAMES}")).into());
-        }
-        Ok(Some(frames.enumerate().map(|(i, camera)| NamedCamera { name: format!("frame {i}"), camera }).collect()))
+        along_path(file, self.fps().value, || scene.town(), size_px).map(Some)
     }
+}
+
+/// The frames of a camera path, or of one of the `town`. The latter have this size.
+pub(super) fn along_path(
+    file: &Path,
+    fps: f64,
+    town: impl FnOnce() -> Result<Option<Procedural>>,
+    size_px: [u32; 2],
+) -> Result<Vec<NamedCamera>> {
+    if let Some(path) = file.to_str().and_then(TownPath::named) {
+        let count = (TOWN_SECONDS * fps).ceil() as usize;
+        return Ok(town_cameras(town()?, path, size_px, count)?);
+    }
+    let timeline = Timeline::read(file).map_err(|problem| Unreadable::new(file, &problem))?;
+    let frames = timeline.frames(fps);
+    let count = frames.len();
+    if count > MAX_FRAMES {
+        let seconds = timeline.duration();
+        let which = format!("{seconds} s of {} at {fps} frames per second", file.display());
+        return Err(Usage(format!("--path: {which} are {count} frames, over {MAX_FRAMES}")).into());
+    }
+    Ok(frames.enumerate().map(|(i, camera)| NamedCamera { name: format!("frame {i}"), camera }).collect())
 }
 
 /// Seconds of the camera paths of the town.

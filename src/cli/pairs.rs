@@ -70,9 +70,15 @@ const COMMANDS: [Pairs; 10] = [
             RULES,
             ACCURACY,
             LEVELS,
-            "cameras size fullscreen vsync preset compare compare-by look keys events offscreen screen no-panels",
+            "cameras size fullscreen vsync preset compare compare-by look keys events offscreen screen path fps \
+             no-panels",
         ],
-        refused: &[("offscreen", "fullscreen vsync"), ("screen", "fullscreen vsync"), ("lod-psnr", "lod-error")],
+        refused: &[
+            ("offscreen", "fullscreen vsync"),
+            ("screen", "fullscreen vsync"),
+            ("lod-psnr", "lod-error"),
+            ("path", "cameras fullscreen vsync"),
+        ],
     },
     Pairs { command: "info", needed: &[], options: &[READING, "preset json"], refused: &[] },
     Pairs {

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-use super::{DeviceArgs, Knobs, ReadingArgs, Usage, complain, knobs, parse_size, remark, say, size_text};
+use super::cameras::along_path;
+use super::{DeviceArgs, Knobs, ReadingArgs, SceneArg, Usage, complain, knobs, parse_size, remark, say, size_text};
 use crate::cli::environment::Environment;
 use crate::files::check_writable;
 use crate::gpu::Vsync;
@@ -14,7 +15,7 @@ use crate::options::Options;
 use crate::pixels::write_rgba8;
 use crate::render::Residency;
 use crate::scene::Procedural;
-use crate::viewer::{self, Bindings, CompareMode, CompareWith, Digest, PageCounts, Setup, Summary, WindowSetup};
+use crate::viewer::{self, Bindings, CompareMode, CompareWith, Digest, PACE, PageCounts, Setup, Summary, WindowSetup};
 
 /// Open scenes in a window: fly through them, see the GPU time of every stage, look inside the pipeline
 #[derive(clap::Args)]
@@ -64,6 +65,14 @@ pub(super) struct Args {
         conflicts_with_all = ["fullscreen", "vsync"]
     )]
     offscreen: Option<u32>,
+    /// With --offscreen: the frames go along this camera path (docs/camera-path.md), one every 60th of a second as on a
+    /// screen; in the town, street, roof or air
+    #[arg(long, value_name = "FILE|street|roof|air", requires = "offscreen", conflicts_with = "cameras")]
+    path: Option<PathBuf>,
+    /// Of scenes with levels of detail, draw as many nodes as leave this many frames a second, by their GPU times. What
+    /// is written has those that the other options ask for
+    #[arg(long, value_name = "RATE", value_parser = parse_fps)]
+    fps: Option<f64>,
     /// With --offscreen: write the last frame, with its panels, as PNG
     #[arg(long, value_name = "FILE")]
     screen: Option<PathBuf>,
@@ -74,6 +83,13 @@ pub(super) struct Args {
     knobs: Knobs,
     #[command(flatten)]
     reading: ReadingArgs,
+}
+
+fn parse_fps(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(fps) if (1.0..=10_000.0).contains(&fps) => Ok(fps),
+        _ => Err("frames a second are a number from 1 to 10000".to_owned()),
+    }
 }
 
 /// The fading of levels of detail where it is not given, powers of two of an error.
@@ -139,6 +155,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         compares_with,
         compare_mode: args.compare_by.unwrap_or(CompareMode::Split),
         view_mode: args.look,
+        fps: args.fps,
         prints_events: args.events,
         remark,
     };
@@ -173,16 +190,27 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     if let Some(file) = &args.screen {
         check_writable(file)?;
     }
+    let path = match (&args.path, args.scenes.first()) {
+        (Some(path), Some(scene)) => {
+            let scene = SceneArg { scene: scene.clone(), reading: args.reading };
+            along_path(path, PACE, || scene.town(), args.size)?
+        }
+        (Some(_), None) => return Err(Usage("--path needs a scene".to_owned()).into()),
+        (None, _) => Vec::new(),
+    };
     let device = args.device.open()?;
     let size = args.size;
-    let Summary { interval_ms, path, gpu, pages, first_frame_ms, latency_ms, screen } =
-        viewer::run_offscreen(setup, &device, size, frames)?;
+    let Summary { interval_ms, late, path, gpu, pages, first_frame_ms, latency_ms, screen } =
+        viewer::run_offscreen(setup, &device, size, frames, path)?;
     if let Some(file) = &args.screen {
         write_rgba8(file, size, &screen)?;
     }
     say!("{}  {frames} frames, first after {first_frame_ms:.0} ms", size_text(size))?;
     let Statistics { mean, median, p95, .. } = interval_ms;
     say!("  from frame to frame   mean {mean:.3} ms, median {median:.3} ms, p95 {p95:.3} ms")?;
+    if let Some(late) = late {
+        say!("  late                  {late} frames were not ready after 1/{PACE:.0} s")?;
+    }
     say!("  input to submission   mean {latency_ms:.3} ms")?;
     if let Some(path) = path {
         say!("  path                  {path}")?;

@@ -1,7 +1,8 @@
 //! The choice of a path for each frame, and the buffers of both paths.
 
+mod in_parts;
+
 use std::panic::resume_unwind;
-use std::sync::MutexGuard;
 use std::time::Duration;
 
 use anyhow::Result;
@@ -15,9 +16,9 @@ use super::path::{Limits, Path};
 use super::portable::{PortablePipeline, PortableWorkspace};
 use super::recorded::OfPages;
 use super::shaders::Totals;
-use super::slabs::{AtOnce, Chooser, Drawn, Feed, Pool, PortableSlabs, Slabs, bring_missing};
+use super::slabs::{AtOnce, Chooser, Feed, PortableSlabs, Slabs};
 use super::trial_part::TRIAL;
-use crate::gpu::{Buffer, Commands, Device, Results};
+use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::storage::Layout;
@@ -108,18 +109,6 @@ impl PathChoice {
     /// The fast path, if it may draw.
     pub fn fast(&self) -> Option<&FastPipeline> {
         self.fast.as_ref().map(|fast| &fast.pipeline)
-    }
-
-    /// Draws what is in device memory from now on, and reads pages meanwhile. Does nothing where pictures are drawn in
-    /// another way: of scenes without levels, and on the portable path.
-    ///
-    /// # Errors
-    /// If the coarsest pages cannot be read.
-    pub fn stream(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
-        if let Some(chooser) = self.chooser.as_mut().filter(|chooser| chooser.has_levels() && self.fast.is_some()) {
-            self.feed = Some(Feed::new(device, scene, chooser, self.options.lod_fade > 0.0)?);
-        }
-        Ok(())
     }
 
     /// Makes the pipelines of both paths and of all block heights at the same time: a driver compiles on the thread
@@ -275,74 +264,6 @@ impl PathChoice {
         Ok(Limits { path: Path::Portable, in_slabs, capacity: self.work.capacity, longest_list })
     }
 
-    /// Draws a frame in slabs on a path, and waits for it.
-    ///
-    /// # Errors
-    /// If memory runs out, a page cannot be read, or what is inspected needs the whole scene on the device.
-    pub fn draw_in_slabs(
-        &mut self,
-        device: &Device,
-        path: Path,
-        shot: Shot,
-        target: Target,
-        inspector: Option<&Inspector>,
-    ) -> Result<Drawn> {
-        if path == Path::Portable {
-            return self.draw_portable_slabs(device, shot, target, inspector);
-        }
-        let Self { fast, options, work, chooser, .. } = self;
-        let fast = fast.as_mut().expect("a frame in slabs was prepared");
-        let gaussians = shot.scene.placed_len();
-        let grid = fast.pipeline.grid(shot.camera.size_px, shot.scene.drawn_len(options));
-        let slabs = match &mut fast.slabs {
-            Some(slabs) => slabs,
-            none => none.insert(Slabs::new(device, &fast.pipeline, shot.scene)?),
-        };
-        if !has_memory(slabs.fit(device, &mut fast.work, &fast.pipeline, grid, gaussians))? {
-            // The buffers of the other path leave too little.
-            *work = PortableWorkspace::new(device, Capacity::default())?;
-            slabs.fit(device, &mut fast.work, &fast.pipeline, grid, gaussians)?;
-        }
-        let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), chooser.as_mut(), shot, target)?;
-        // What fits into one slab fits at once, unless its pages do not.
-        let fits = |pool: MutexGuard<Pool>| drawn.parts.pages_in_view <= pool.capacity() as u64;
-        fast.needs_slabs = match shot.scene.pool() {
-            Some(pool) => !fits(pool),
-            None => drawn.parts.slabs > 1,
-        };
-        Ok(drawn)
-    }
-
-    fn draw_portable_slabs(
-        &mut self,
-        device: &Device,
-        shot: Shot,
-        target: Target,
-        inspector: Option<&Inspector>,
-    ) -> Result<Drawn> {
-        let can_show = inspector.is_none_or(Inspector::is_of_depths);
-        if !can_show {
-            let reason = "this view needs the whole scene and its lists on the device, which has too little memory";
-            return Err(OutOfMemory { name: "view".to_owned(), bytes: None, reason: reason.to_owned() }.into());
-        }
-        let Self { portable, options, work, slabs, fast, chooser, .. } = self;
-        let pipeline = portable.as_ref().expect("a frame on the portable path was prepared");
-        let slabs = match slabs {
-            Some(slabs) => slabs,
-            none => none.insert(PortableSlabs::new(device, pipeline, shot.scene)?),
-        };
-        if !has_memory(slabs.fit(device, work, shot.camera.size_px, shot.scene))? {
-            // The buffers of the other path leave too little.
-            if let Some(fast) = fast {
-                fast.work = FastWorkspace::new(device, Capacity::default(), fast.pipeline.splat_elements())?;
-            }
-            slabs.fit(device, work, shot.camera.size_px, shot.scene)?;
-        }
-        let drawn = slabs.draw(device, (pipeline, work, options), chooser.as_mut(), shot, target, inspector)?;
-        self.needs_slabs = drawn.parts.slabs > 1;
-        Ok(drawn)
-    }
-
     /// Records a frame that [`prepare`](Self::prepare) made buffers for. Of a scene in pages, returns how its pages
     /// were chosen.
     ///
@@ -371,35 +292,6 @@ impl PathChoice {
             (_, Some(inspector)) => inspector.record(cmd, self.portable(), shot, &self.work, target, self.passes),
         }
         Ok(None)
-    }
-
-    /// True if a frame of a scene in pages lacked no page. If it did, the next one has it, or is drawn in slabs. A frame
-    /// that does not wait for pages lacks none.
-    ///
-    /// # Errors
-    /// If a page cannot be read, or memory runs out.
-    pub fn judge_pages(
-        &mut self,
-        device: &Device,
-        scene: &GpuScene,
-        results: &Results,
-        of_pages: &OfPages,
-    ) -> Result<bool> {
-        let (Some(chooser), Some(fast)) = (&mut self.chooser, &mut self.fast) else { return Ok(true) };
-        let state = &results.view(&of_pages.state)[0];
-        if !chooser.has_room(device, scene, state)? {
-            return Ok(false);
-        }
-        if let Some(demand) = &of_pages.demand {
-            if let Some(feed) = &mut self.feed {
-                feed.take(scene, state, results, demand);
-            }
-            return Ok(true);
-        }
-        if state.missing > 0 {
-            fast.needs_slabs = !bring_missing(device, chooser, scene, state)?;
-        }
-        Ok(state.missing == 0)
     }
 
     /// True if a frame that counted `totals` kept to its limits. If it did not, the next frame has larger buffers, or

@@ -120,6 +120,13 @@ impl Renderer {
         self.choice.options = if is_finest { self.options.finest() } else { self.options };
     }
 
+    /// Draws at most about so many nodes from now on, of a scene with levels of detail, or fewer if the options ask for
+    /// fewer.
+    pub fn limit_splats(&mut self, splats: u32) {
+        let own = self.options.splats;
+        self.choice.options.splats = if own > 0 { own.min(splats) } else { splats };
+    }
+
     /// Draws pictures without waiting for pages from now on: of levels of detail, what is in device memory, while more
     /// are read. [`Renderer::residency`] tells how far the pages of the last picture are there. Does nothing where the
     /// scene has no levels, or the portable path draws: that waits.

@@ -19,9 +19,9 @@ pub enum Source {
 
 /// What was opened.
 pub enum Opened {
-    Whole(Scene),
+    Whole(Box<Scene>),
     /// A page file with levels of detail, whose pages are read while pictures go on.
-    Pages(PageFile),
+    Pages(Arc<PageFile>),
 }
 
 /// The Gaussians of an open scene. A clone shares them.
@@ -118,9 +118,9 @@ impl Layer {
         let (origin, stop) = (source.clone(), cancel.clone());
         jobs.start(
             move |reporter| match origin {
-                Source::Procedural(procedural) => reading.make(procedural).map(Opened::Whole),
+                Source::Procedural(procedural) => reading.make(procedural).map(Box::new).map(Opened::Whole),
                 Source::File(path) if reading == Reading::default() && has_levels(&path) => {
-                    PageFile::open(&path).map(Opened::Pages)
+                    PageFile::open(&path).map(Arc::new).map(Opened::Pages)
                 }
                 Source::File(path) => storage::read(
                     &reading,
@@ -137,6 +137,7 @@ impl Layer {
                         is_cancelled: &|| stop.is_cancelled(),
                     },
                 )
+                .map(Box::new)
                 .map(Opened::Whole),
             },
             move |opened| JobEvent::Read(number, opened),
@@ -157,7 +158,8 @@ impl Layer {
     /// Takes in the scene that was opened, and returns its Gaussians.
     pub fn fill(&mut self, opened: Opened) -> Held {
         let (format, count, degree, report, notices, is_antialiased, held) = match opened {
-            Opened::Whole(Scene { gaussians, report, format, is_antialiased, notices, .. }) => {
+            Opened::Whole(scene) => {
+                let Scene { gaussians, report, format, is_antialiased, notices, .. } = *scene;
                 let (count, degree) = (gaussians.len(), gaussians.sh_degree());
                 (format, count, degree, report, notices, is_antialiased, Held::Whole(Arc::new(gaussians)))
             }
@@ -166,7 +168,7 @@ impl Layer {
                 let (format, report, is_antialiased) = (header.format_of_pages(), header.report, header.is_antialiased);
                 let (count, degree) = (header.statistics.count, header.statistics.sh_degree);
                 let notice = "levels of detail, read page by page".to_owned();
-                (format, count, degree, report, vec![notice], is_antialiased, Held::Pages(Arc::new(file)))
+                (format, count, degree, report, vec![notice], is_antialiased, Held::Pages(file.clone()))
             }
         };
         self.summary = format!("{format}, {count} Gaussians, SH degree {degree}; {report}");

@@ -12,6 +12,7 @@ use super::jobs::Jobs;
 use super::screen::Screen;
 use super::session::{FrameOutput, Session};
 use super::state::{Setup, Viewer};
+use crate::camera::NamedCamera;
 use crate::gpu::Device;
 use crate::measure::bench::Statistics;
 use crate::render::{Path, Residency};
@@ -29,6 +30,8 @@ pub struct Offscreen {
 pub struct Summary {
     /// Milliseconds from one frame to the next.
     pub interval_ms: Statistics,
+    /// Along a path: frames that were not ready in time.
+    pub late: Option<u32>,
     /// The path that drew the last frame; `None` if nothing was drawn.
     pub path: Option<Path>,
     /// GPU time of the last frames and of their stages; `None` if nothing was drawn.
@@ -109,18 +112,28 @@ impl Offscreen {
 }
 
 /// Opens scenes and draws `frames` frames, each from the next camera of the file or, without a file, from the first
-/// view.
-pub fn run(setup: Setup, device: &Device, size: [u32; 2], frames: u32) -> Result<Summary> {
+/// view. With a path, each from the next camera of it, and not before a screen with [`PACE`] shows it.
+pub fn run(setup: Setup, device: &Device, size: [u32; 2], frames: u32, path: Vec<NamedCamera>) -> Result<Summary> {
     let mut offscreen = Offscreen::new(setup, device, size)?;
-    let summary = draw(&mut offscreen, frames);
+    let summary = draw(&mut offscreen, frames, path);
     offscreen.viewer().jobs.wait();
     summary
 }
 
-fn draw(offscreen: &mut Offscreen, frames: u32) -> Result<Summary> {
+/// Frames a second along a path.
+pub const PACE: f64 = 60.0;
+
+fn draw(offscreen: &mut Offscreen, frames: u32, path: Vec<NamedCamera>) -> Result<Summary> {
     offscreen.settle()?;
     let first_frame_ms = offscreen.started.elapsed().as_secs_f64() * 1e3;
-    let (mut intervals, mut missing) = (Vec::new(), Vec::new());
+    let is_paced = !path.is_empty();
+    if is_paced {
+        offscreen.viewer().cameras = path;
+        offscreen.viewer().go_to_camera(0, true);
+        offscreen.settle()?;
+    }
+    let (mut intervals, mut missing, mut late) = (Vec::new(), Vec::new(), 0);
+    let mut due = Instant::now();
     for frame in 0..frames {
         let begun = Instant::now();
         let viewer = offscreen.viewer();
@@ -130,6 +143,12 @@ fn draw(offscreen: &mut Offscreen, frames: u32) -> Result<Summary> {
         }
         viewer.is_stale = true;
         offscreen.frame(vec![egui::Event::PointerMoved(egui::pos2(frame as f32 % 100.0, 50.0))])?;
+        if is_paced {
+            due += Duration::from_secs_f64(1.0 / PACE);
+            late += u32::from(due < Instant::now());
+            due = due.max(Instant::now());
+            std::thread::sleep(due - Instant::now());
+        }
         intervals.push(begun.elapsed().as_secs_f64() * 1e3);
         missing.extend(offscreen.session.residency().map(|residency| f64::from(residency.missing)));
     }
@@ -146,6 +165,7 @@ fn draw(offscreen: &mut Offscreen, frames: u32) -> Result<Summary> {
     let measured = intervals.split_off(intervals.len() / 4);
     Ok(Summary {
         interval_ms: Statistics::of(measured),
+        late: is_paced.then_some(late),
         path,
         gpu: viewer.history.digest_now(),
         pages,

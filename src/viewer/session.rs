@@ -7,21 +7,18 @@ use egui::{ClippedPrimitive, FullOutput, PlatformOutput, RawInput};
 
 use super::comparison::CompareTarget;
 use super::events::Event;
-use super::pictures::{Drawn, Reusable, Side, needs_whole};
-use super::screen::{Arrangement, Pair, RetiredPicture, Screen, Second, Shown};
-use super::state::{Request, Viewer, WindowRequest};
+use super::pictures::{Side, needs_whole};
+use super::screen::{Arrangement, Pair, RetiredPicture, Screen, Shown};
+use super::state::{Viewer, WindowRequest};
 use super::view_modes::InspectionSettings;
-use super::{input, job_events, panels};
-use crate::render::{Compare, Inspection, Quantity, Residency};
+use super::{input, job_events, paging, panels};
+use crate::render::{Compare, Inspection, Quantity};
 
 /// The longest time step of an input, in seconds, so that the view does not jump after a pause.
 const MAX_STEP: f64 = 0.1;
 
 /// The interval at which the shaders that are compiled at run time are checked for changes.
 const SHADER_POLL: Duration = Duration::from_millis(250);
-
-/// The interval at which pages that are being read are looked for.
-const PAGES_POLL: Duration = Duration::from_millis(4);
 
 /// A viewer with the device that it draws on.
 pub struct Session {
@@ -126,37 +123,6 @@ impl Session {
             && self.residency().is_none_or(|residency| residency.is_settled())
             && !viewer.building.contains(&true)
             && !viewer.is_stale
-    }
-
-    /// How far the pages of the pictures are there: of the one that lacks more.
-    pub fn residency(&self) -> Option<Residency> {
-        let second = self.pair.second.as_ref().and_then(Second::drawn);
-        let both = self.pair.first.iter().chain(second).filter_map(Drawn::residency);
-        both.max_by_key(|residency| (!residency.is_settled(), residency.missing))
-    }
-
-    /// The title of the window: the names of the scenes, and what their picture lacks.
-    pub fn title(&self) -> String {
-        let names: Vec<&str> = self.viewer.layers.iter().map(|layer| layer.name.as_str()).collect();
-        let lacks = match self.residency() {
-            Some(Residency { missing, coming: 0, .. }) if missing > 0 => {
-                format!(" ({missing} pages of levels do not fit into memory)")
-            }
-            Some(Residency { missing, .. }) if missing > 0 => format!(" ({missing} pages of levels are missing yet)"),
-            _ => String::new(),
-        };
-        if names.is_empty() { "smalto".to_owned() } else { format!("{}{lacks} - smalto", names.join(", ")) }
-    }
-
-    /// Looks for pages that were read since the last picture, or could not be read.
-    fn poll_pages(&mut self) {
-        for (_, drawn) in self.pair.drawn() {
-            self.viewer.is_stale |= drawn.renderer.has_news();
-            if let Some(problem) = drawn.renderer.take_problem() {
-                self.viewer.messages.error(format!("{problem:#}; coarser levels are shown there"));
-                self.viewer.failure.get_or_insert(problem);
-            }
-        }
     }
 
     /// Handles the events of jobs, without showing anything.
@@ -331,6 +297,7 @@ impl Session {
         let has_news = !retired.is_empty();
         for frame in retired {
             self.viewer.history.add(&frame.timings);
+            self.keep_rate(&frame.timings);
             for RetiredPicture { side, path, totals } in frame.pictures {
                 // An incomplete frame is drawn again, in larger buffers.
                 self.viewer.is_stale |= totals.is_none();
@@ -341,59 +308,6 @@ impl Session {
             }
         }
         Ok(has_news)
-    }
-
-    /// Executes the requests that need the device; returns those for the owner of the window.
-    fn execute_requests(&mut self) -> Result<Vec<WindowRequest>> {
-        let mut for_window = Vec::new();
-        for request in std::mem::take(&mut self.viewer.requests) {
-            match request {
-                Request::Window(request) => for_window.push(request),
-                Request::Pick(pixel) => self.pick(pixel)?,
-                Request::Focus(pixel) => {
-                    if let Some(first) = self.whole_first() {
-                        let depth = first.renderer.explain(pixel)?.depth();
-                        self.viewer.focus(pixel, depth);
-                    }
-                }
-                Request::WritePicture => self.viewer.write_picture(self.screen.device(), reusable(&self.pair)),
-                Request::WriteFilm => self.viewer.write_film(self.screen.device(), reusable(&self.pair)),
-                Request::Measure | Request::Choose => {
-                    let Some(first) = &self.pair.first else { continue };
-                    let Some(gaussians) = first.gaussians.clone() else {
-                        self.viewer.messages.error(needs_whole("this measurement"));
-                        continue;
-                    };
-                    let (device, scene) = (self.screen.device().clone(), (gaussians, first.statistics.clone()));
-                    match request {
-                        Request::Measure => self.viewer.start_measuring(device, scene),
-                        _ => self.viewer.start_choosing(device, scene),
-                    }
-                }
-            }
-        }
-        Ok(for_window)
-    }
-
-    /// The first picture, if its scene is in memory as a whole; else notes that it is not.
-    fn whole_first(&mut self) -> Option<&mut Drawn> {
-        let first = self.pair.first.as_mut()?;
-        if first.gaussians.is_none() {
-            self.viewer.messages.error(needs_whole("a pixel's explanation"));
-            return None;
-        }
-        Some(first)
-    }
-
-    /// Explains a pixel of the first picture.
-    fn pick(&mut self, pixel: [u32; 2]) -> Result<()> {
-        let Some(first) = self.whole_first() else { return Ok(()) };
-        let explanation = first.renderer.explain(pixel)?;
-        let colour = explanation.colour(self.viewer.background);
-        let splats = explanation.splats.len();
-        self.viewer.events.emit(&Event::Explained { pixel, splats, colour });
-        self.viewer.explanation = Some((pixel, explanation));
-        Ok(())
     }
 
     /// Counts a frame that was shown.
@@ -418,7 +332,7 @@ impl Session {
         }
         let flicker = viewer.comparison.until_flicker(viewer.started.elapsed().as_secs_f64());
         let note = viewer.messages.next_change().unwrap_or(Duration::MAX);
-        let pages = if self.residency().is_none_or(|pages| pages.is_settled()) { Duration::MAX } else { PAGES_POLL };
+        let pages = if self.residency().is_none_or(|pages| pages.is_settled()) { Duration::MAX } else { paging::POLL };
         self.layout.repaint_delay.min(flicker).min(note).min(pages)
     }
 
@@ -433,11 +347,6 @@ impl Session {
             gpu_bytes: self.screen.device().allocated_bytes(),
         }
     }
-}
-
-/// The parts of the first picture that a job which writes files may take over.
-fn reusable(pair: &Pair) -> Option<Reusable> {
-    pair.first.as_ref().map(Drawn::reusable)
 }
 
 /// The current combination of pictures and panels.

@@ -15,6 +15,7 @@ use super::keys::Bindings;
 use super::layers::Layer;
 use super::measuring::Costs;
 use super::messages::Messages;
+use super::paging::Rate;
 use super::pictures::{Plan, Side};
 use super::view_modes::InspectionSettings;
 use crate::camera::{Camera, NamedCamera, Navigator};
@@ -43,6 +44,8 @@ pub struct Setup {
     pub compare_mode: CompareMode,
     /// Index of a view mode among [`view_mode_names`](super::view_mode_names).
     pub view_mode: usize,
+    /// Frames a second that scenes with levels of detail keep, by the number of nodes.
+    pub fps: Option<f64>,
     /// Write events to standard output, one line of JSON each.
     pub prints_events: bool,
     /// Receives remarks that belong on the terminal too, such as why the fast path is not taken.
@@ -118,6 +121,8 @@ pub struct Viewer {
     pub shader_errors: [Option<String>; 2],
     pub generation: u64,
     pub history: History,
+    /// Set if scenes with levels of detail keep a rate of frames.
+    pub rate: Option<Rate>,
     pub pace: Pace,
     pub costs: Option<Costs>,
     pub is_measuring: bool,
@@ -184,6 +189,7 @@ impl Viewer {
             shader_errors: [None, None],
             generation: 0,
             history: History::default(),
+            rate: setup.fps.map(Rate::of),
             pace: Pace::default(),
             costs: None,
             is_measuring: false,

@@ -9,7 +9,8 @@ use smalto::measure::metrics::max_error;
 use smalto::options::Options;
 use smalto::pixels::Pixels;
 use smalto::rules::Rules;
-use smalto::scene::{Procedural, Reading};
+use smalto::scene::{Procedural, Reading, synthetic};
+use smalto::storage::convert::{Job, Settings, write_whole};
 use smalto::viewer::{Bindings, CompareMode, CompareTarget, CompareWith, Offscreen, Request, Setup};
 
 const SIZE: [u32; 2] = [160, 96];
@@ -28,6 +29,7 @@ fn setup(scenes: &[&str]) -> Setup {
         compares_with: None,
         compare_mode: CompareMode::Split,
         view_mode: 0,
+        fps: None,
         prints_events: false,
         remark: |_| {},
     }
@@ -48,7 +50,7 @@ fn shown(offscreen: &mut Offscreen) -> Pixels {
 
 /// What `render` makes of the same, in 8 bits.
 fn rendered(gpu: &Gpu, offscreen: &mut Offscreen, options: &Options) -> Pixels {
-    let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone();
+    let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
     let pixels = gpu.render(&gaussians, &offscreen.viewer().view(), options);
     let byte = |v: u8| f32::from(v) / 255.0;
     let rgba = pixels.to_rgb8().chunks(3).map(|p| [byte(p[0]), byte(p[1]), byte(p[2]), 1.0]).collect();
@@ -120,20 +122,20 @@ fn the_reference_is_shown_for_its_own_view_only() {
 fn several_scenes_are_drawn_together_and_can_be_placed() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:2000", "few-large:50"]));
-    let both = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone();
+    let both = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
     let [cactus, balls] =
         ["cactus:2000", "few-large:50"].map(|name| Procedural::parse(name).unwrap().unwrap().make().unwrap().gaussians);
     assert_eq!(both.len(), cactus.len() + balls.len());
     offscreen.viewer().layers[1].place.translation = [1.0, 0.0, 0.0];
     offscreen.settle().unwrap();
-    let moved = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone();
+    let moved = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
     assert_eq!(moved.means()[..cactus.len()], *cactus.means());
     for (moved, mean) in moved.means()[cactus.len()..].iter().zip(balls.means()) {
         assert!((moved[0] - mean[0] - 1.0).abs() < 1e-5 && moved[1] == mean[1], "{moved:?} from {mean:?}");
     }
     offscreen.viewer().layers[0].is_shown[0] = false;
     offscreen.settle().unwrap();
-    assert_eq!(offscreen.session.pair.first.as_ref().unwrap().gaussians.len(), balls.len());
+    assert_eq!(offscreen.session.pair.first.as_ref().unwrap().statistics.count, balls.len());
     let numbers: Vec<u64> = offscreen.viewer().layers.iter().map(|layer| layer.number).collect();
     numbers.iter().for_each(|number| offscreen.viewer().close(*number));
     offscreen.settle().unwrap();
@@ -186,7 +188,7 @@ fn films_and_pictures_are_written_as_by_render() {
     assert_eq!((last.size, &last), ([64, 48], &one));
     let options = offscreen.viewer().options;
     let view = offscreen.viewer().view().resized([64, 48]);
-    let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone();
+    let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
     assert_eq!(gpu.render(&gaussians, &view, &options).to_rgb8(), one.to_rgb8());
 }
 
@@ -206,4 +208,59 @@ fn a_copied_view_is_restored_bit_for_bit() {
     offscreen.viewer().drop_file(&file);
     offscreen.settle().unwrap();
     assert_eq!(offscreen.viewer().view(), view);
+}
+
+/// A page file with levels of detail of a small scene.
+fn levels(folder: &std::path::Path) -> PathBuf {
+    let output = folder.join("levels.smalto");
+    let settings = Settings { has_levels: true, ..Settings::default() };
+    let job = Job { output: &output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false };
+    write_whole(&job, &synthetic::cactus(60_000).unwrap()).unwrap();
+    output
+}
+
+#[test]
+fn a_scene_with_levels_is_read_page_by_page() {
+    let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
+    let file = levels(folder.path());
+    let options = Options { splats: 20_000, ..Options::default() };
+    let mut offscreen = open(&gpu, Setup { options, ..setup(&[file.to_str().unwrap()]) });
+    let residency = offscreen.session.residency().unwrap();
+    assert!(residency.missing == 0 && residency.there > 20 && residency.is_settled(), "{residency:?}");
+    assert!(offscreen.session.title().starts_with("levels.smalto - "), "{}", offscreen.session.title());
+    // The picture that is written waits for all pages, and the one on the screen shows the same.
+    let (screen, picture) = (shown(&mut offscreen), folder.path().join("view.png"));
+    offscreen.viewer().export.picture = picture.to_str().unwrap().to_owned();
+    offscreen.viewer().requests.push(Request::WritePicture);
+    offscreen.settle().unwrap();
+    let written = Pixels::read(&picture).unwrap();
+    assert_eq!(max_error(&screen, &written), 0.0);
+    // What needs all Gaussians says so, and the window goes on.
+    offscreen.viewer().requests.push(Request::Pick([80, 48]));
+    let refusal = offscreen.settle().unwrap_err().to_string();
+    assert!(refusal.contains("needs the whole scene in memory"), "{refusal}");
+    offscreen.viewer().messages = Default::default();
+    offscreen.viewer().inspection.mode = smalto::viewer::view_mode("depth").unwrap();
+    let refusal = offscreen.settle().unwrap_err().to_string();
+    assert!(refusal.contains("this look needs"), "{refusal}");
+    offscreen.viewer().messages = Default::default();
+    offscreen.settle().unwrap();
+    assert_eq!(offscreen.viewer().inspection.mode, 0);
+    assert_eq!(gpu.0.validation_messages(), Vec::<String>::new());
+}
+
+#[test]
+fn a_rate_of_frames_is_kept_by_the_number_of_nodes() {
+    let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
+    let file = levels(folder.path());
+    let options = Options { lod_fade: 0.5, ..Options::default() };
+    let mut offscreen = open(&gpu, Setup { fps: Some(10_000.0), options, ..setup(&[file.to_str().unwrap()]) });
+    let whole = offscreen.session.pair.first.as_ref().unwrap().frame.totals.visible;
+    for _ in 0..40 {
+        offscreen.viewer().is_stale = true;
+        offscreen.frame(Vec::new()).unwrap();
+    }
+    offscreen.session.retire_frames(true).unwrap();
+    let visible = offscreen.session.pair.first.as_ref().unwrap().frame.totals.visible;
+    assert!(visible < whole / 2 && visible > 1_000, "{visible} of {whole}");
 }

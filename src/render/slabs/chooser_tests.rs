@@ -1,14 +1,12 @@
 //! The choice of pages against the same in plain Rust, and the cuts that it makes.
 
-use std::sync::Arc;
-
-use super::chooser::{Chooser, page_box, page_errors, steps};
-use super::detail::{Detailed, NODE_UNITS, Wanted, with_levels};
+use super::chooser::Chooser;
+use super::detail::{Detailed, NODE_UNITS, Wanted, brought, open, with_levels};
 use super::family::Family;
 use super::listed::{Element, views_of};
+use super::table::{page_box, page_errors, steps};
 use super::visible::{PlacedCamera, Sight};
 use crate::camera::Camera;
-use crate::gpu::{Device, DeviceChoice, Validation};
 use crate::levels::{NEVER, value};
 use crate::options::Options;
 use crate::render::frame::DepthKeys;
@@ -16,11 +14,10 @@ use crate::render::gpu_scene::GpuScene;
 use crate::render::shaders::cut::*;
 use crate::render::shaders::slabs::VIEW_ELEMENTS;
 use crate::render::shaders::{PageBox, PageErrors};
-use crate::render::{Content, SceneSource};
 use crate::rules::Rules;
-use crate::scene::{Focus, Placements, Transform, synthetic};
+use crate::scene::{Focus, Transform, synthetic};
 use crate::storage::convert::Settings;
-use crate::storage::{LEVEL_WORDS, PAGE, PARTS, PageFile, Pages};
+use crate::storage::{LEVEL_WORDS, PAGE, PARTS, Pages};
 
 /// The stages of a cut in plain Rust, with the roundings of the shaders.
 struct Twin {
@@ -215,21 +212,11 @@ fn limit_squared_of(number: u32) -> f32 {
     f32::from_bits(FIRST_BITS + (number << SEARCH_SHIFT))
 }
 
-fn open() -> Device {
-    Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap()
-}
-
-fn brought(device: &Device, file: &Arc<PageFile>, places: &[Transform], options: &Options) -> GpuScene {
-    let placements = (!places.is_empty()).then(|| Placements::new(places.to_vec()).unwrap());
-    let source = SceneSource { content: Content::File(file.clone()), placements };
-    source.bring(device, options, false, 1 << 20).unwrap()
-}
-
 #[test]
 fn pages_are_chosen_as_in_plain_rust() {
     let scene = synthetic::cactus(40_000).unwrap();
     let focus = Focus::of(&scene.gaussians);
-    let (file, device) = (with_levels(scene, Settings::LOSSLESS), open());
+    let (file, device) = (with_levels(scene, Settings::LOSSLESS), open(None));
     let beside = Transform::new(glam::DQuat::from_rotation_y(0.7), [3.0, 0.0, 1.0].into(), 1.5).unwrap();
     let two = [Transform::IDENTITY, beside];
     let plain = Options::EXACT;
@@ -343,7 +330,7 @@ fn every_cut_stands_for_every_gaussian_once() {
     let scene = synthetic::cactus(30_000).unwrap();
     let (focus, sum) = (Focus::of(&scene.gaussians), scene.gaussians.opacities().iter().sum::<f32>());
     let file = with_levels(scene, Settings::LOSSLESS);
-    let (pages, device) = (file.pages(), open());
+    let (pages, device) = (file.pages(), open(None));
     let mut words = vec![0; pages.len() * LEVEL_WORDS * PAGE];
     file.read_levels(0..pages.len(), &mut words).unwrap();
     let mut geometry = vec![0; pages.len() * file.geometry_words()];

@@ -106,3 +106,28 @@ pub(super) fn with_levels(scene: crate::scene::Scene, options: Options) -> std::
     // The open file outlives the folder.
     std::sync::Arc::new(PageFile::open(&output).unwrap())
 }
+
+/// The device of tests, with a limit of its memory.
+#[cfg(test)]
+pub(super) fn open(limit: Option<u64>) -> crate::gpu::Device {
+    use crate::gpu::{Device, DeviceChoice, Validation};
+
+    let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
+    if limit.is_some() { device.with_memory_limit(limit).unwrap() } else { device }
+}
+
+/// A page file at places, on a device.
+#[cfg(test)]
+pub(super) fn brought(
+    device: &crate::gpu::Device,
+    file: &std::sync::Arc<crate::storage::PageFile>,
+    places: &[crate::scene::Transform],
+    options: &Options,
+) -> crate::render::gpu_scene::GpuScene {
+    use crate::render::{Content, SceneSource};
+    use crate::scene::Placements;
+
+    let placements = (!places.is_empty()).then(|| Placements::new(places.to_vec()).unwrap());
+    let source = SceneSource { content: Content::File(file.clone()), placements };
+    source.bring(device, options, false, 1 << 20).unwrap()
+}

@@ -283,10 +283,9 @@ impl Feed {
         let kept: HashSet<u32> = coarsest(pool).chain(self.leaving.iter().copied()).collect();
         let mut there: Vec<_> = pool.there().filter(|page| !kept.contains(page)).map(|p| (worth(p), p)).collect();
         there.sort_unstable();
-        let is_worse = |(((own, _), _), (_, priority)): &(&((Option<i64>, _), u32), &(u32, u32))| {
-            own.is_none_or(|own| own + MARGIN < i64::from(*priority))
-        };
-        let found = there.iter().zip(missing).take_while(is_worse).count();
+        let pairs = there.iter().zip(missing);
+        let is_worse = |own: Option<i64>, priority: u32| own.is_none_or(|own| own + MARGIN < i64::from(priority));
+        let found = pairs.take_while(|(((own, _), _), (_, priority))| is_worse(*own, *priority)).count();
         self.leaving.extend(there[..found].iter().map(|(_, page)| page));
         found
     }

@@ -1,32 +1,19 @@
 //! Pictures that do not wait for pages: they become those that do, under every limit of memory, and lack nothing before.
 
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::detail::with_levels;
+use super::detail::{brought, open, with_levels};
 use crate::camera::Camera;
-use crate::gpu::{Device, DeviceChoice, Validation};
+use crate::gpu::Device;
 use crate::options::Options;
 use crate::pixels::Pixels;
-use crate::render::{Content, GpuScene, Renderer, Residency, SceneSource};
+use crate::render::{GpuScene, Renderer, Residency};
 use crate::rules::{Background, Rules};
-use crate::scene::{Focus, Placements, Transform, synthetic};
-use crate::storage::PageFile;
+use crate::scene::{Focus, Transform, synthetic};
 use crate::storage::convert::Settings;
 
 const SIZE: [u32; 2] = [200, 130];
 const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
-
-fn open(limit: Option<u64>) -> Device {
-    let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
-    if limit.is_some() { device.with_memory_limit(limit).unwrap() } else { device }
-}
-
-fn brought(device: &Device, file: &Arc<PageFile>, places: &[Transform], options: &Options) -> GpuScene {
-    let placements = (!places.is_empty()).then(|| Placements::new(places.to_vec()).unwrap());
-    let source = SceneSource { content: Content::File(file.clone()), placements };
-    source.bring(device, options, false, 1 << 20).unwrap()
-}
 
 fn streaming(device: &Device, scene: &GpuScene, options: &Options) -> Renderer {
     let mut renderer = Renderer::new(device, options, scene).unwrap();

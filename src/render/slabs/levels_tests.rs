@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use super::detail::with_levels;
+use super::detail::{open, with_levels};
 use crate::camera::Camera;
-use crate::gpu::{Device, DeviceChoice, Validation};
+use crate::gpu::Device;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::render::{Content, Detailed, Renderer, SceneSource};
@@ -19,11 +19,6 @@ const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
 fn scene() -> (Gaussians, Arc<PageFile>) {
     let scene = synthetic::cactus(40_000).unwrap();
     (scene.gaussians.clone(), with_levels(scene, Settings::LOSSLESS))
-}
-
-fn open(limit: Option<u64>) -> Device {
-    let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
-    if limit.is_some() { device.with_memory_limit(limit).unwrap() } else { device }
 }
 
 fn view(gaussians: &Gaussians, zoom: f64) -> Camera {

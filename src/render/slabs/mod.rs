@@ -29,6 +29,7 @@ mod parts;
 mod pool;
 mod portable;
 mod supply;
+mod table;
 mod visible;
 
 #[cfg(test)]

@@ -1,0 +1,69 @@
+//! Requests of panels and keys that need the device.
+
+use anyhow::Result;
+
+use super::events::Event;
+use super::pictures::{Drawn, Reusable, needs_whole};
+use super::screen::Pair;
+use super::session::Session;
+use super::state::{Request, WindowRequest};
+
+impl Session {
+    /// Executes the requests that need the device; returns those for the owner of the window.
+    pub(super) fn execute_requests(&mut self) -> Result<Vec<WindowRequest>> {
+        let mut for_window = Vec::new();
+        for request in std::mem::take(&mut self.viewer.requests) {
+            match request {
+                Request::Window(request) => for_window.push(request),
+                Request::Pick(pixel) => self.pick(pixel)?,
+                Request::Focus(pixel) => {
+                    if let Some(first) = self.whole_first() {
+                        let depth = first.renderer.explain(pixel)?.depth();
+                        self.viewer.focus(pixel, depth);
+                    }
+                }
+                Request::WritePicture => self.viewer.write_picture(self.screen.device(), reusable(&self.pair)),
+                Request::WriteFilm => self.viewer.write_film(self.screen.device(), reusable(&self.pair)),
+                Request::Measure | Request::Choose => {
+                    let Some(first) = &self.pair.first else { continue };
+                    let Some(gaussians) = first.gaussians.clone() else {
+                        self.viewer.messages.error(needs_whole("this measurement"));
+                        continue;
+                    };
+                    let (device, scene) = (self.screen.device().clone(), (gaussians, first.statistics.clone()));
+                    match request {
+                        Request::Measure => self.viewer.start_measuring(device, scene),
+                        _ => self.viewer.start_choosing(device, scene),
+                    }
+                }
+            }
+        }
+        Ok(for_window)
+    }
+
+    /// The first picture, if its scene is in memory as a whole; else notes that it is not.
+    fn whole_first(&mut self) -> Option<&mut Drawn> {
+        let first = self.pair.first.as_mut()?;
+        if first.gaussians.is_none() {
+            self.viewer.messages.error(needs_whole("a pixel's explanation"));
+            return None;
+        }
+        Some(first)
+    }
+
+    /// Explains a pixel of the first picture.
+    fn pick(&mut self, pixel: [u32; 2]) -> Result<()> {
+        let Some(first) = self.whole_first() else { return Ok(()) };
+        let explanation = first.renderer.explain(pixel)?;
+        let colour = explanation.colour(self.viewer.background);
+        let splats = explanation.splats.len();
+        self.viewer.events.emit(&Event::Explained { pixel, splats, colour });
+        self.viewer.explanation = Some((pixel, explanation));
+        Ok(())
+    }
+}
+
+/// The parts of the first picture that a job which writes files may take over.
+fn reusable(pair: &Pair) -> Option<Reusable> {
+    pair.first.as_ref().map(Drawn::reusable)
+}
