@@ -21,9 +21,24 @@ pub struct Family {
     edges: Vec<(u32, u32)>,
     /// By block: the pages whose nodes have their parents in it.
     children: Vec<Vec<u32>>,
+    /// By block: one that holds the parents of its coarsest nodes; [`NONE`] for the last.
+    up: Vec<u32>,
     /// By page: the largest error of a parent, as a code.
     coarsest: Vec<u16>,
 }
+
+/// What is wanted of the blocks of a hierarchy.
+pub struct Wishes {
+    /// By block: what its children's errors are worth, added to their codes; [`NOTHING`] if none is wanted.
+    more: Vec<i32>,
+    /// By block: the lowest limit for which its children are wanted.
+    limits: Vec<u16>,
+    /// The blocks that are wanted.
+    blocks: Vec<u32>,
+}
+
+/// Less than any wish.
+const NOTHING: i32 = i32::MIN;
 
 /// No block.
 const NONE: u32 = u32::MAX;
@@ -49,33 +64,50 @@ impl Family {
             children[*block as usize].push(page as u32);
         }
         let coarsest = levels.iter().map(|level| level.parents[level.parents.len() - 1]).collect();
-        Self { own, above, edges, children, coarsest }
+        let mut up = vec![NONE; children.len()];
+        edges.iter().for_each(|(own, above)| up[*own as usize] = *above);
+        Self { own, above, edges, children, up, coarsest }
     }
 
-    /// The block with the parents of a page, and the largest error of these, as a code; none for the last page.
-    pub fn parents(&self, page: u32) -> Option<(usize, u16)> {
-        let block = self.above[page as usize] as usize;
-        (block < self.children.len()).then_some((block, self.coarsest[page as usize]))
+    /// No wishes.
+    pub fn wishes(&self) -> Wishes {
+        let blocks = self.children.len();
+        Wishes { more: vec![NOTHING; blocks], limits: vec![u16::MAX; blocks], blocks: Vec::new() }
     }
 
-    /// The pages that have to be there so that the floor of a block is at most `limit`.
-    pub fn needed(&self, block: usize, limit: u16, mut each: impl FnMut(u32, u16)) {
-        let mut next = Some(block);
-        while let Some(block) = next {
-            for page in &self.children[block] {
-                let coarsest = self.coarsest[*page as usize];
-                if coarsest > limit {
-                    each(*page, coarsest);
-                }
+    /// Wants the nodes of a page whose parents are above a limit, and all pages that have to be there for them: those
+    /// with parents above it in the same block, in view or not, and in the blocks above. `priority` is what the errors
+    /// of the coarsest parents of the page are worth.
+    pub fn wish(&self, wishes: &mut Wishes, page: u32, priority: u32, limit: u16) {
+        let more = priority as i32 - i32::from(self.coarsest[page as usize]);
+        let mut block = self.above[page as usize];
+        while block != NONE {
+            let (known, lowest) = (&mut wishes.more[block as usize], &mut wishes.limits[block as usize]);
+            if *known >= more && *lowest <= limit {
+                return;
             }
-            next = self.above(block);
+            if *known == NOTHING {
+                wishes.blocks.push(block);
+            }
+            (*known, *lowest) = (more.max(*known), limit.min(*lowest));
+            block = self.up[block as usize];
         }
     }
 
-    /// The block with the parents of the coarsest nodes of a block.
-    pub fn above(&self, block: usize) -> Option<usize> {
-        let place = self.edges.partition_point(|(own, _)| (*own as usize) < block);
-        self.edges.get(place).filter(|(own, _)| *own as usize == block).map(|(_, above)| *above as usize)
+    /// The wanted pages and what they are worth.
+    pub fn wanted(&self, wishes: &Wishes) -> impl Iterator<Item = (u32, i32)> {
+        wishes.blocks.iter().flat_map(move |block| {
+            let limit = wishes.limits[*block as usize];
+            let wanted =
+                self.children[*block as usize].iter().filter(move |page| self.coarsest[**page as usize] > limit);
+            wanted.filter_map(move |page| Some((*page, self.worth(wishes, *page)?)))
+        })
+    }
+
+    /// What a page is worth, if its block is wanted.
+    pub fn worth(&self, wishes: &Wishes, page: u32) -> Option<i32> {
+        let more = *wishes.more.get(self.above[page as usize] as usize)?;
+        (more != NOTHING).then(|| i32::from(self.coarsest[page as usize]) + more)
     }
 
     /// The floor of every block.

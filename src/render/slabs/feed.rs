@@ -5,7 +5,8 @@
 //! and brings some before each picture. Where no slot is free, they take those of pages that were not wanted lately, or
 //! that matter less.
 
-use std::collections::{HashMap, HashSet};
+use std::cmp::Reverse;
+use std::collections::HashSet;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
@@ -29,7 +30,9 @@ pub struct Feed {
     known: Option<u64>,
     /// The copy of these to the device.
     telling: Option<InFlight>,
-    /// The floors of blocks that are shown. Where nodes fade, they fall to those of the pages that are there.
+    /// The floors of blocks for the pages that are there.
+    target: Vec<u16>,
+    /// Those that are shown. Where nodes fade, they fall to those of the pages that are there.
     floors: Vec<u16>,
     /// Set while they fall: the time of the last step, and of the end.
     falling: Option<[Instant; 2]>,
@@ -101,7 +104,7 @@ const OCTAVE: Duration = Duration::from_millis(60);
 /// The time after which floors are where they fall to: what is above the limits of nodes cannot be seen.
 const FALL: Duration = Duration::from_millis(400);
 /// Steps of codes by which a page must matter more than one that leaves for it: the eighth of a power of two.
-const MARGIN: i64 = 64;
+const MARGIN: i32 = 64;
 
 impl Feed {
     /// Brings the coarsest pages. With `fades`, pages that are brought later fade in.
@@ -124,6 +127,7 @@ impl Feed {
             pages,
             known: None,
             telling: None,
+            target: Vec::new(),
             floors: Vec::new(),
             falling: None,
             fades,
@@ -157,11 +161,13 @@ impl Feed {
             let leaving: Vec<u32> = self.leaving.drain(..leave).collect();
             pool.put(device, &read, &leaving)?;
         }
-        if self.known != Some(pool.changes()) || self.falling.is_some() {
-            let has_changed = self.known != Some(pool.changes());
+        let has_changed = self.known != Some(pool.changes());
+        if has_changed {
             self.known = Some(pool.changes());
-            let floors = self.family.floors(|page| pool.has(page));
-            self.fall(floors, has_changed);
+            self.target = self.family.floors(|page| pool.has(page));
+        }
+        if has_changed || self.falling.is_some() {
+            self.fall(has_changed);
             // What was told before was submitted before the last picture, so this hardly waits.
             self.telling = Some(chooser.set_floors(device, &self.family.words(&self.floors))?);
         }
@@ -177,20 +183,21 @@ impl Feed {
     }
 
     /// Brings the floors that are shown nearer to those of the pages that are there.
-    fn fall(&mut self, floors: Vec<u16>, has_changed: bool) {
+    fn fall(&mut self, has_changed: bool) {
         let now = Instant::now();
-        let is_first = self.floors.len() != floors.len();
+        let is_first = self.floors.is_empty();
         let [before, end] = match self.falling {
             Some([before, end]) => [before, if has_changed { now + FALL } else { end }],
             None => [now, now + FALL],
         };
         if is_first || !self.fades || now >= end {
-            (self.floors, self.falling) = (floors, None);
+            self.floors.clone_from(&self.target);
+            self.falling = None;
             return;
         }
         let step = (CODES_PER_OCTAVE * (now - before).div_duration_f64(OCTAVE)) as u16;
-        for (shown, floor) in self.floors.iter_mut().zip(floors) {
-            *shown = shown.saturating_sub(step).max(floor);
+        for (shown, floor) in self.floors.iter_mut().zip(&self.target) {
+            *shown = shown.saturating_sub(step).max(*floor);
         }
         self.falling = Some([now, end]);
     }
@@ -212,7 +219,7 @@ impl Feed {
         self.missing = state.missing;
         let listed = (state.demanded as usize).min(DEMANDED);
         let mut demanded: Vec<[u32; 2]> = results.view(&demand.missing)[..listed].to_vec();
-        demanded.sort_unstable_by_key(|[_, word]| std::cmp::Reverse(word & 0xffff));
+        demanded.sort_unstable_by_key(|[_, word]| Reverse(word & 0xffff));
         // Of a list that is too long the next picture lists those that matter most.
         let place = DEMANDED * DEMANDED / (2 * (state.demanded as usize).max(1));
         let least = demanded.get(place).filter(|_| state.demanded as usize > DEMANDED);
@@ -241,57 +248,40 @@ impl Feed {
         }
     }
 
-    /// The pages that are missing so that these are drawn, with their priorities, the highest first. A page may be drawn
-    /// once all that have their parents in the same block are there, also those out of view.
-    fn missing_of(&self, pool: &Pool, demanded: &[[u32; 2]]) -> Vec<(u32, u32)> {
-        let mut found = HashMap::new();
+    /// The pages that are missing so that these are drawn, with what they are worth, the most first.
+    fn missing_of(&self, pool: &Pool, demanded: &[[u32; 2]]) -> Vec<(u32, i32)> {
+        let mut wishes = self.family.wishes();
         for [page, word] in demanded {
-            let Some((block, coarsest)) = self.family.parents(*page) else { continue };
-            let (priority, limit) = (word & 0xffff, (word >> 16) as u16);
-            self.family.needed(block, limit, |needed, own| {
-                let priority = (priority + u32::from(own)).saturating_sub(coarsest.into());
-                let known = found.entry(needed).or_insert(priority);
-                *known = priority.max(*known);
-            });
+            self.family.wish(&mut wishes, *page, word & 0xffff, (word >> 16) as u16);
         }
-        let is_new = |page: &u32| !self.is_coming(*page) && !self.unreadable.contains(page) && !pool.has(*page);
-        let mut missing: Vec<_> = found.into_iter().filter(|(page, _)| is_new(page)).collect();
-        missing.sort_unstable_by_key(|(page, priority)| (std::cmp::Reverse(*priority), *page));
+        let coming: HashSet<u32> =
+            self.arrived.iter().map(|(page, _)| *page).chain(self.reading.iter().copied()).collect();
+        let is_new = |page: &u32| !pool.has(*page) && !coming.contains(page) && !self.unreadable.contains(page);
+        let mut missing: Vec<_> = self.family.wanted(&wishes).filter(|(page, _)| is_new(page)).collect();
+        missing.sort_unstable_by_key(|(page, worth)| (Reverse(*worth), *page));
         missing
     }
 
-    /// Chooses pages that leave for missing ones, and returns for how many of these.
-    fn replace(&mut self, pool: &Pool, wanted: &[u32], missing: &[(u32, u32)]) -> usize {
+    /// Chooses pages that leave for missing ones, and returns for how many of these. What is there is worth what it
+    /// would be if it were missing, so that no page comes and goes.
+    fn replace(&mut self, pool: &Pool, wanted: &[u32], missing: &[(u32, i32)]) -> usize {
         let age = |word: u32| self.asked.stamp.wrapping_sub((word >> 16) as u16);
-        // What a wanted page adds to the errors of others that it needs, as for missing pages. A page that is brought
-        // then matters at least as much as it did before, so that none comes and goes.
-        let mut blocks = HashMap::new();
-        for (page, word) in wanted.iter().enumerate().filter(|(_, word)| **word != 0 && age(**word) < LATELY) {
-            let Some((block, coarsest)) = self.family.parents(page as u32) else { continue };
-            let more = i64::from(word & 0xffff) - i64::from(coarsest);
-            let mut next = Some(block);
-            while let Some(block) = next.filter(|block| blocks.get(block).is_none_or(|known| *known < more)) {
-                blocks.insert(block, more);
-                next = self.family.above(block);
-            }
+        let mut wishes = self.family.wishes();
+        for (word, page) in wanted.iter().zip(0..).filter(|(word, _)| **word != 0 && age(**word) < LATELY) {
+            self.family.wish(&mut wishes, page, word & 0xffff, 0);
         }
-        let worth = |page: u32| {
-            let place = self.family.parents(page);
-            let priority = place.and_then(|(block, coarsest)| Some(i64::from(coarsest) + blocks.get(&block)?));
-            (priority, std::cmp::Reverse(age(wanted[page as usize])))
-        };
         let kept: HashSet<u32> = coarsest(pool).chain(self.leaving.iter().copied()).collect();
-        let mut there: Vec<_> = pool.there().filter(|page| !kept.contains(page)).map(|p| (worth(p), p)).collect();
+        let worth = |page: u32| (self.family.worth(&wishes, page), Reverse(age(wanted[page as usize])), page);
+        let mut there: Vec<_> = pool.there().filter(|page| !kept.contains(page)).map(worth).collect();
+        if missing.len() < there.len() {
+            there.select_nth_unstable(missing.len());
+            there.truncate(missing.len());
+        }
         there.sort_unstable();
-        let pairs = there.iter().zip(missing);
-        let is_worse = |own: Option<i64>, priority: u32| own.is_none_or(|own| own + MARGIN < i64::from(priority));
-        let found = pairs.take_while(|(((own, _), _), (_, priority))| is_worse(*own, *priority)).count();
-        self.leaving.extend(there[..found].iter().map(|(_, page)| page));
+        let is_worse = |own: Option<i32>, other: i32| own.is_none_or(|own| own + MARGIN < other);
+        let found = there.iter().zip(missing).take_while(|((own, ..), (_, other))| is_worse(*own, *other)).count();
+        self.leaving.extend(there[..found].iter().map(|(.., page)| page));
         found
-    }
-
-    fn is_coming(&self, page: u32) -> bool {
-        self.reading.contains(&page) || self.arrived.iter().any(|(arrived, _)| *arrived == page)
     }
 
     /// Takes in what was read.

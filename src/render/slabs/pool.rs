@@ -31,6 +31,8 @@ pub struct Pool {
     on_device: Buffer<u32>,
     /// For every page, when it was wanted last, and how much: shaders note it where pages are demanded.
     wanted: Buffer<u32>,
+    /// By page: it is there.
+    is_there: Vec<bool>,
     /// Number of changes of what is there.
     changes: u64,
     staged: [Staged; 2],
@@ -104,6 +106,7 @@ impl Pool {
         cmd.submit()?.wait()?;
         Ok(Self {
             plane_words: plane_words(&pages),
+            is_there: vec![false; pages.pages().len()],
             pages,
             planes,
             slots: LruCache::new(capacity),
@@ -136,13 +139,12 @@ impl Pool {
 
     /// True if the page is there.
     pub fn has(&self, page: u32) -> bool {
-        self.slots.contains(&page)
+        self.is_there[page as usize]
     }
 
-    /// The pages that are there, the one used last first.
+    /// The pages that are there, in ascending order.
     pub fn there(&self) -> impl Iterator<Item = u32> {
-        let all = self.pages.pages().len();
-        self.slots.iter().map(|(page, _)| *page).filter(move |page| (*page as usize) < all)
+        self.is_there.iter().zip(0..).filter(|(is_there, _)| **is_there).map(|(_, page)| page)
     }
 
     /// Pages that fit beside those that are there.
@@ -263,11 +265,13 @@ impl Pool {
         for page in part {
             let (slot, evicted) = take_slot(&mut self.slots, *page);
             slots.push(slot as usize);
+            self.is_there[*page as usize] = true;
+            evicted.into_iter().for_each(|page| leave(&mut self.is_there, page));
             self.forgotten.extend(evicted);
         }
         slots_on_device[part.len()] = NO_SLOT;
         slots_on_device.iter_mut().zip(&slots).for_each(|(to, slot)| *to = *slot as u32);
-        let is_gone = |page: &u32| (*page as usize) < pages.pages().len() && self.slots.peek(page).is_none();
+        let is_gone = |page: &u32| self.is_there.get(*page as usize) == Some(&false);
         let forgotten = std::mem::take(&mut self.forgotten).into_iter().filter(is_gone);
         let numbers: Vec<_> = (part.iter().enumerate().map(|(k, page)| (k, *page)))
             .chain(forgotten.map(|page| (part.len(), page)))
@@ -302,9 +306,17 @@ impl Pool {
                 let slot = self.slots.pop(&page).expect("the page is there");
                 self.slots.push(u32::MAX - slot, slot);
                 self.slots.demote(&(u32::MAX - slot));
+                leave(&mut self.is_there, page);
                 self.forgotten.push(page);
             }
         }
+    }
+}
+
+/// Notes that a page is no longer there. Tests have slots of pages that no scene has.
+fn leave(is_there: &mut [bool], page: u32) {
+    if let Some(is_there) = is_there.get_mut(page as usize) {
+        *is_there = false;
     }
 }
 
