@@ -83,8 +83,8 @@ pub struct Options {
     /// Most nodes of a picture, by a larger error if need be. 0: any number.
     #[serde(default)]
     pub splats: u32,
-    /// Nodes whose error is above their limit by less than this many powers of two are drawn in part, and their children
-    /// in part, so that neither appears at once. 0: each is drawn as a whole.
+    /// Nodes whose error is above their limit by less than this many powers of two are drawn in part, and their
+    /// children in part, so that neither appears at once. 0: each is drawn as a whole.
     #[serde(default)]
     pub lod_fade: f32,
     /// Uses only what works on every device.

@@ -7,8 +7,8 @@ use anyhow::Result;
 
 use super::comparison::{CompareTarget, fitted};
 use super::events::Event;
+use super::held::Held;
 use super::jobs::JobEvent;
-use super::layers::Held;
 use super::pictures::{Drawn, Side};
 use super::screen::{Pair, Second};
 use super::state::Viewer;

@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 
 use anyhow::{Result, anyhow};
 
-use super::layers::Opened;
+use super::held::Opened;
 use super::measuring::Costs;
 use super::pictures::{Drawn, Side};
 use crate::camera::CameraFile;

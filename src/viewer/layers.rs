@@ -6,8 +6,9 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use glam::{DQuat, DVec3, EulerRot};
 
+use super::held::{Held, Opened};
 use super::jobs::{Cancel, JobEvent, Jobs};
-use crate::scene::{self, Focus, Gaussians, Procedural, Reading, Scene, Transform, Watch};
+use crate::scene::{self, Procedural, Reading, Scene, Transform, Watch};
 use crate::storage::{self, PageFile};
 
 /// The source of a scene.
@@ -15,39 +16,6 @@ use crate::storage::{self, PageFile};
 pub enum Source {
     File(PathBuf),
     Procedural(Procedural),
-}
-
-/// What was opened.
-pub enum Opened {
-    Whole(Box<Scene>),
-    /// A page file with levels of detail, whose pages are read while pictures go on.
-    Pages(Arc<PageFile>),
-}
-
-/// The Gaussians of an open scene. A clone shares them.
-#[derive(Clone)]
-pub enum Held {
-    Whole(Arc<Gaussians>),
-    Pages(Arc<PageFile>),
-}
-
-impl Held {
-    /// True if both are the same scene.
-    pub fn is_same(&self, other: &Self) -> bool {
-        match (self, other) {
-            (Self::Whole(one), Self::Whole(other)) => Arc::ptr_eq(one, other),
-            (Self::Pages(one), Self::Pages(other)) => Arc::ptr_eq(one, other),
-            _ => false,
-        }
-    }
-
-    /// Where most of the scene lies.
-    pub fn focus(&self) -> Focus {
-        match self {
-            Self::Whole(gaussians) => Focus::of(gaussians),
-            Self::Pages(file) => file.header().statistics.focus,
-        }
-    }
 }
 
 /// A scene that is open or being read.

@@ -1,8 +1,9 @@
 //! The window: opens scenes, flies through them, shows what every stage costs, and looks inside the pipeline.
 //!
-//! Files depend on each other in one direction: plain data (`comparison`, `export`, `film`, `layers`, `view_modes`) <-
-//! `state` <- `actions` <- `input` and `panels` <- `session` <- `window` and `offscreen`. `jobs` runs threads,
-//! `job_events` handles what they report, `screen` owns the frames on the GPU.
+//! Files depend on each other in one direction: plain data (`comparison`, `export`, `film`, `held`, `layers`, `rate`,
+//! `view_modes`) <- `state` <- `actions` <- `input` and `panels` <- `session`, with its parts `paging` and `requests`
+//! <- `window` and `offscreen`. `jobs` runs threads, `job_events` handles what they report, `screen` owns the frames
+//! on the GPU.
 
 mod actions;
 mod comparison;
@@ -10,6 +11,7 @@ mod events;
 mod export;
 mod fault;
 mod film;
+mod held;
 mod history;
 mod input;
 mod job_events;
@@ -22,6 +24,7 @@ mod offscreen;
 mod paging;
 mod panels;
 mod pictures;
+mod rate;
 mod requests;
 mod screen;
 mod session;

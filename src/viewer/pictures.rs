@@ -5,7 +5,7 @@ use std::time::SystemTime;
 
 use anyhow::{Result, bail};
 
-use super::layers::Held;
+use super::held::Held;
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;

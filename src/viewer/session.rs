@@ -11,7 +11,7 @@ use super::pictures::{Side, needs_whole};
 use super::screen::{Arrangement, Pair, RetiredPicture, Screen, Shown};
 use super::state::{Viewer, WindowRequest};
 use super::view_modes::InspectionSettings;
-use super::{input, job_events, paging, panels};
+use super::{input, job_events, panels};
 use crate::render::{Compare, Inspection, Quantity};
 
 /// The longest time step of an input, in seconds, so that the view does not jump after a pause.
@@ -19,6 +19,9 @@ const MAX_STEP: f64 = 0.1;
 
 /// The interval at which the shaders that are compiled at run time are checked for changes.
 const SHADER_POLL: Duration = Duration::from_millis(250);
+
+/// The interval at which pages that are being read are looked for.
+const PAGES_POLL: Duration = Duration::from_millis(4);
 
 /// A viewer with the device that it draws on.
 pub struct Session {
@@ -332,7 +335,7 @@ impl Session {
         }
         let flicker = viewer.comparison.until_flicker(viewer.started.elapsed().as_secs_f64());
         let note = viewer.messages.next_change().unwrap_or(Duration::MAX);
-        let pages = if self.residency().is_none_or(|pages| pages.is_settled()) { Duration::MAX } else { paging::POLL };
+        let pages = if self.residency().is_none_or(|pages| pages.is_settled()) { Duration::MAX } else { PAGES_POLL };
         self.layout.repaint_delay.min(flicker).min(note).min(pages)
     }
 

@@ -98,8 +98,8 @@ impl PathChoice {
         Ok(drawn)
     }
 
-    /// True if a frame of a scene in pages lacked no page. If it did, the next one has it, or is drawn in slabs. A frame
-    /// that does not wait for pages lacks none.
+    /// True if a frame of a scene in pages lacked no page. If it did, the next one has it, or is drawn in slabs. A
+    /// frame that does not wait for pages lacks none.
     ///
     /// # Errors
     /// If a page cannot be read, or memory runs out.

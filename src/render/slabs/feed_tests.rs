@@ -1,4 +1,4 @@
-//! Pictures that do not wait for pages: they become those that do, under every limit of memory, and lack nothing before.
+//! Pictures that do not wait for pages: they become those that do, and are near them where memory is short.
 
 use std::time::{Duration, Instant};
 

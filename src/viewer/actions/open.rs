@@ -8,8 +8,9 @@ use crate::camera::CameraFile;
 use crate::scene::{Cancelled, Reading, Unreadable};
 use crate::viewer::comparison::CompareTarget;
 use crate::viewer::events::Event;
+use crate::viewer::held::Opened;
 use crate::viewer::jobs::JobEvent;
-use crate::viewer::layers::{Layer, Opened, Source};
+use crate::viewer::layers::{Layer, Source};
 use crate::viewer::state::{CompareWith, Viewer};
 
 impl Viewer {

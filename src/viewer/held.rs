@@ -1,0 +1,39 @@
+//! The Gaussians of open scenes, in memory or in a page file.
+
+use std::sync::Arc;
+
+use crate::scene::{Focus, Gaussians, Scene};
+use crate::storage::PageFile;
+
+/// What was opened.
+pub enum Opened {
+    Whole(Box<Scene>),
+    /// A page file with levels of detail, whose pages are read while pictures go on.
+    Pages(Arc<PageFile>),
+}
+
+/// The Gaussians of an open scene. A clone shares them.
+#[derive(Clone)]
+pub enum Held {
+    Whole(Arc<Gaussians>),
+    Pages(Arc<PageFile>),
+}
+
+impl Held {
+    /// True if both are the same scene.
+    pub fn is_same(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Whole(one), Self::Whole(other)) => Arc::ptr_eq(one, other),
+            (Self::Pages(one), Self::Pages(other)) => Arc::ptr_eq(one, other),
+            _ => false,
+        }
+    }
+
+    /// Where most of the scene lies.
+    pub fn focus(&self) -> Focus {
+        match self {
+            Self::Whole(gaussians) => Focus::of(gaussians),
+            Self::Pages(file) => file.header().statistics.focus,
+        }
+    }
+}
