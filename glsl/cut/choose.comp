@@ -3,8 +3,8 @@
 #include "shared/frame.glsl"
 #include "slabs/slab.glsl"
 #include "cut/cut.glsl"
-// One invocation per page in view: lists it if some of its nodes are drawn. Where pages are demanded, it also notes that
-// the page is wanted, and how much.
+// One invocation per page in view: lists it if some of its nodes are drawn. Where pages are demanded, it also notes
+// that the page is wanted, and how much.
 // Before: `seen` from look, the sums of all rounds. After: the pages of the cut are listed in any order, and counted;
 // `demand` has those that are wanted and drawn coarser, in any order.
 

@@ -36,7 +36,7 @@ struct PageErrors {
 struct CutState {
     uint seen;     // demand: pages in view; more than there is room for are not listed
     uint listed;   // pages of the cut
-    uint missing;  // of these, those that are not in device memory; where pages are demanded, wanted pages that are drawn coarser
+    uint missing;  // of these, those that are not in device memory; where pages are demanded, those drawn coarser
     uint demanded;  // demand: of these, pages of at least the priority that is asked for
     uint limit_squared;  // bits of a float: of the change per saved node, in pixels times colours
     uint nodes[2];

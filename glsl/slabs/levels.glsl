@@ -25,8 +25,8 @@ bool is_in_cut(uint gaussian) {
     return drawn_part(gaussian) > 0.0;
 }
 
-// The opacity of a part of a node: what lies behind is dimmed by that power of what the whole node dims it by. Of alphas
-// above the largest that is drawn, the part is that of this.
+// The opacity of a part of a node: what lies behind is dimmed by that power of what the whole node dims it by. Of
+// alphas above the largest that is drawn, the part is that of this.
 float faded(uint gaussian, float opacity) {
     if (FADE == 0) return opacity;
     float part = drawn_part(gaussian);
