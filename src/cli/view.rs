@@ -71,7 +71,7 @@ pub(super) struct Args {
     path: Option<PathBuf>,
     /// Of scenes with levels of detail, draw as many nodes as leave this many frames a second, by their GPU times. What
     /// is written has those that the other options ask for
-    #[arg(long, value_name = "RATE", value_parser = parse_fps)]
+    #[arg(id = "rate", long = "fps", value_name = "RATE", value_parser = parse_fps)]
     fps: Option<f64>,
     /// With --offscreen: write the last frame, with its panels, as PNG
     #[arg(long, value_name = "FILE")]
