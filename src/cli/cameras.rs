@@ -174,29 +174,29 @@ impl FilmArgs {
 
     /// Frames per second.
     pub fn fps(&self) -> Fps {
-        self.fps.clone().unwrap_or(Fps { text: "30".to_owned(), value: 30.0 })
+        self.fps.clone().unwrap_or(30.0.into())
     }
 
     /// Reads the path, if one is given, and samples its frames. Those of a path of the town have this size.
     pub fn read(&self, scene: &SceneArg, size_px: [u32; 2]) -> Result<Option<Vec<NamedCamera>>> {
         let Some(file) = &self.path else { return Ok(None) };
-        along_path(file, self.fps().value, || scene.town(), size_px).map(Some)
+        along_path(file, &self.fps(), || scene.town(), size_px).map(Some)
     }
 }
 
 /// The frames of a camera path, or of one of the `town`. The latter have this size.
 pub(super) fn along_path(
     file: &Path,
-    fps: f64,
+    fps: &Fps,
     town: impl FnOnce() -> Result<Option<Procedural>>,
     size_px: [u32; 2],
 ) -> Result<Vec<NamedCamera>> {
     if let Some(path) = file.to_str().and_then(TownPath::named) {
-        let count = (TOWN_SECONDS * fps).ceil() as usize;
+        let count = (TOWN_SECONDS * fps.value).ceil() as usize;
         return Ok(town_cameras(town()?, path, size_px, count)?);
     }
     let timeline = Timeline::read(file).map_err(|problem| Unreadable::new(file, &problem))?;
-    let frames = timeline.frames(fps);
+    let frames = timeline.frames(fps.value);
     let count = frames.len();
     if count > MAX_FRAMES {
         let seconds = timeline.duration();
@@ -225,6 +225,12 @@ pub(super) fn town_cameras(
 
 /// The largest distance of the near plane in the town, metres.
 pub(super) const TOWN_NEAR: f32 = 0.1;
+
+impl From<f64> for Fps {
+    fn from(value: f64) -> Self {
+        Self { text: value.to_string(), value }
+    }
+}
 
 impl FromStr for Fps {
     type Err = anyhow::Error;

@@ -101,21 +101,10 @@ impl Knobs {
         options
     }
 
-    /// True if `--near` is given.
+    /// True if the knob of this name is given.
     #[cfg(feature = "viewer")]
-    pub fn has_near(&self) -> bool {
-        self.0.iter().any(|(knob, _)| knob.name == NEAR)
-    }
-
-    /// True if `--antialiased` is given.
-    #[cfg(feature = "viewer")]
-    pub fn has_antialiased(&self) -> bool {
-        self.0.iter().any(|(knob, _)| knob.name == "antialiased")
-    }
-
-    /// True if the fading of levels of detail is given.
-    pub fn has_fade(&self) -> bool {
-        self.0.iter().any(|(knob, _)| knob.name == "lod-fade")
+    pub fn has(&self, name: &str) -> bool {
+        self.0.iter().any(|(knob, _)| knob.name == name)
     }
 
     /// True if a knob that trades accuracy for speed is given.
@@ -131,8 +120,6 @@ impl Knobs {
         }
     }
 }
-
-const NEAR: &str = "near";
 
 /// The names of the presets.
 pub(super) fn preset_names() -> PossibleValuesParser {

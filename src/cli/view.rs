@@ -67,7 +67,8 @@ pub(super) struct Args {
     offscreen: Option<u32>,
     /// With --offscreen: the frames go along this camera path (docs/camera-path.md), one every 60th of a second as on a
     /// screen; in the town, street, roof or air
-    #[arg(long, value_name = "FILE|street|roof|air", requires = "offscreen", conflicts_with = "cameras")]
+    #[arg(long, value_name = "FILE|street|roof|air", requires = "offscreen")]
+    #[arg(conflicts_with_all = ["cameras", "fullscreen", "vsync"])]
     path: Option<PathBuf>,
     /// Of scenes with levels of detail, draw as many nodes as leave this many frames a second, by their GPU times. What
     /// is written has those that the other options ask for
@@ -139,7 +140,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         None => CompareWith::File(with.into()),
     });
     let mut options = args.knobs.options(&preset, false, f32::INFINITY);
-    if !args.knobs.has_fade() {
+    if !args.knobs.has("lod-fade") {
         options.lod_fade = FADE;
     }
     let setup = Setup {
@@ -147,8 +148,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
         reading: args.reading.reading()?,
         cameras: args.cameras.clone(),
         options,
-        antialiased_is_explicit: args.knobs.has_antialiased(),
-        near_is_explicit: args.knobs.has_near(),
+        antialiased_is_explicit: args.knobs.has("antialiased"),
+        near_is_explicit: args.knobs.has("near"),
         bindings: bindings(args)?,
         vsync: args.vsync,
         hides_panels: args.no_panels,
@@ -193,7 +194,7 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     let path = match (&args.path, args.scenes.first()) {
         (Some(path), Some(scene)) => {
             let scene = SceneArg { scene: scene.clone(), reading: args.reading };
-            along_path(path, PACE, || scene.town(), args.size)?
+            along_path(path, &PACE.into(), || scene.town(), args.size)?
         }
         (Some(_), None) => return Err(Usage("--path needs a scene".to_owned()).into()),
         (None, _) => Vec::new(),

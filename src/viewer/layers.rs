@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use glam::{DQuat, DVec3, EulerRot};
 
 use super::held::{Held, Opened};
-use super::jobs::{Cancel, JobEvent, Jobs};
+use super::jobs::{Cancel, JobEvent, Jobs, Reporter};
 use crate::scene::{self, Procedural, Reading, Scene, Transform, Watch};
 use crate::storage::{self, PageFile};
 
@@ -85,29 +85,7 @@ impl Layer {
         let cancel = Cancel::default();
         let (origin, stop) = (source.clone(), cancel.clone());
         jobs.start(
-            move |reporter| match origin {
-                Source::Procedural(procedural) => reading.make(procedural).map(Box::new).map(Opened::Whole),
-                Source::File(path) if reading == Reading::default() && has_levels(&path) => {
-                    PageFile::open(&path).map(Arc::new).map(Opened::Pages)
-                }
-                Source::File(path) => storage::read(
-                    &reading,
-                    &path,
-                    &Watch {
-                        progress: &|fraction| reporter.send(JobEvent::Reading(number, fraction)),
-                        partial: &|so_far| {
-                            // A failure to place the scene is reported when all is read.
-                            let part = so_far.so_far().map_err(anyhow::Error::from);
-                            if let Ok(placed) = part.and_then(|part| reading.placed(part)) {
-                                reporter.send(JobEvent::Partial(number, Arc::new(placed)));
-                            }
-                        },
-                        is_cancelled: &|| stop.is_cancelled(),
-                    },
-                )
-                .map(Box::new)
-                .map(Opened::Whole),
-            },
+            move |reporter| read(origin, reading, number, reporter, &stop),
             move |opened| JobEvent::Read(number, opened),
         );
         Self {
@@ -157,10 +135,35 @@ impl Layer {
     }
 }
 
-/// True for a page file that has levels of detail.
-fn has_levels(path: &Path) -> bool {
-    // What is wrong with the file is reported where it is read.
-    storage::is_page_file(path) && PageFile::open(path).is_ok_and(|file| file.levels().is_some())
+/// Reads the scene of a layer, or opens it if its pages are read later.
+fn read(source: Source, reading: Reading, number: u64, reporter: &Reporter, cancel: &Cancel) -> Result<Opened> {
+    let path = match source {
+        Source::Procedural(procedural) => return reading.make(procedural).map(Box::new).map(Opened::Whole),
+        Source::File(path) => path,
+    };
+    if reading == Reading::default()
+        && let Some(file) = with_levels(&path)
+    {
+        return Ok(Opened::Pages(Arc::new(file)));
+    }
+    let watch = Watch {
+        progress: &|fraction| reporter.send(JobEvent::Reading(number, fraction)),
+        partial: &|so_far| {
+            // A failure to place the scene is reported when all is read.
+            let part = so_far.so_far().map_err(anyhow::Error::from);
+            if let Ok(placed) = part.and_then(|part| reading.placed(part)) {
+                reporter.send(JobEvent::Partial(number, Arc::new(placed)));
+            }
+        },
+        is_cancelled: &|| cancel.is_cancelled(),
+    };
+    storage::read(&reading, &path, &watch).map(Box::new).map(Opened::Whole)
+}
+
+/// The page file, if it has levels of detail. What is wrong with a file is reported where it is read.
+fn with_levels(path: &Path) -> Option<PageFile> {
+    let file = storage::is_page_file(path).then(|| PageFile::open(path).ok()).flatten()?;
+    file.levels().is_some().then_some(file)
 }
 
 impl Drop for Layer {

@@ -46,7 +46,7 @@ impl Session {
             rate.answer(ms);
         }
         let splats = rate.splats as u32;
-        for (_, drawn) in self.pair.drawn() {
+        for (_, drawn) in self.pair.drawn().filter(|(_, drawn)| drawn.gaussians.is_none()) {
             drawn.renderer.limit_splats(splats);
         }
     }

@@ -12,7 +12,7 @@ pub struct Rate {
 const SPLATS: [f64; 2] = [1e6, 5e3];
 /// The part of the time that a frame may take: the rest is for others and for what changes from frame to frame.
 const TAKEN: f64 = 0.8;
-/// The largest and the smallest factor by which the number of nodes changes from one picture to the next.
+/// The smallest and the largest factor by which the number of nodes changes from one picture to the next.
 const CHANGES: [f64; 2] = [0.7, 1.05];
 
 impl Rate {
@@ -21,9 +21,10 @@ impl Rate {
         Self { target_ms: TAKEN * 1e3 / fps, splats: SPLATS[0] }
     }
 
-    /// Takes in the time of a picture that had this number of nodes, if it was limited by it.
+    /// Takes in the time of a picture that had at most about this number of nodes, milliseconds.
     pub fn answer(&mut self, ms: f64) {
-        let [least, most] = CHANGES;
-        self.splats = (self.splats * (self.target_ms / ms).clamp(least, most)).clamp(SPLATS[1], f64::from(u32::MAX));
+        let [smallest, largest] = CHANGES;
+        self.splats =
+            (self.splats * (self.target_ms / ms).clamp(smallest, largest)).clamp(SPLATS[1], f64::from(u32::MAX));
     }
 }

@@ -15,7 +15,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::chooser::{Asked, Chooser};
 use super::family::Family;
-use super::pool::{PageWords, Pool};
+use super::pool::{Pool, ReadPage};
 use crate::gpu::{Access, Commands, Device, InFlight, Readback, Results};
 use crate::levels::CODES_PER_OCTAVE;
 use crate::render::gpu_scene::GpuScene;
@@ -43,7 +43,7 @@ pub struct Feed {
     /// Pages that are being read.
     reading: HashSet<u32>,
     /// Pages that were read and are not on the device yet, the most visible first.
-    arrived: Vec<(u32, PageWords)>,
+    arrived: Vec<(u32, ReadPage)>,
     /// Pages that could not be read.
     unreadable: HashSet<u32>,
     /// Why, until somebody asks.
@@ -58,7 +58,7 @@ pub struct Feed {
     missing: u32,
 }
 
-type Read = (u32, Result<PageWords>);
+type Read = (u32, Result<ReadPage>);
 
 /// What a picture told about pages.
 pub struct Demand {
@@ -171,7 +171,7 @@ impl Feed {
             // What was told before was submitted before the last picture, so this hardly waits.
             self.telling = Some(chooser.set_floors(device, &self.family.words(&self.floors))?);
         }
-        // A stamp that comes again is the lowest.
+        // After the last stamp comes the first, which is below all that shaders noted: what they noted goes.
         self.asked.stamp = self.asked.stamp.checked_add(1).unwrap_or(1);
         if self.asked.stamp == 1 {
             let mut cmd = Commands::new(device)?;
@@ -244,7 +244,7 @@ impl Feed {
             self.reading.insert(page);
             let (pages, sender) = (self.pages.clone(), self.sender.clone());
             // The receiver may be gone: then nobody wants the page.
-            self.readers.spawn_fifo(move || drop(sender.send((page, PageWords::read(&pages, page)))));
+            self.readers.spawn_fifo(move || drop(sender.send((page, ReadPage::read(&pages, page)))));
         }
     }
 

@@ -56,21 +56,25 @@ pub struct PagesRead {
 }
 
 /// The words of a page in host memory: geometry, colours, levels.
-pub struct PageWords([Vec<u32>; 3]);
+pub struct ReadPage([Vec<u32>; 3]);
 
-impl PageWords {
+impl ReadPage {
     /// Reads a page.
     ///
     /// # Errors
     /// If it cannot be read.
     pub fn read(pages: &Pages, page: u32) -> Result<Self> {
-        let (run, mut words) = (page as usize..page as usize + 1, words_of(pages).map(|words| vec![0; words]));
-        let [geometry, sh, levels] = &mut words;
-        pages.read_geometry(run.clone(), geometry)?;
-        pages.read_colours(run.clone(), sh)?;
-        pages.read_levels(run, levels)?;
+        let mut words = words_of(pages).map(|words| vec![0; words]);
+        read_streams(pages, page as usize..page as usize + 1, words.each_mut().map(Vec::as_mut_slice))?;
         Ok(Self(words))
     }
+}
+
+/// Reads the geometry, the colours and the levels of neighbouring pages.
+fn read_streams(pages: &Pages, run: Range<usize>, [geometry, sh, levels]: [&mut [u32]; 3]) -> Result<()> {
+    pages.read_geometry(run.clone(), geometry)?;
+    pages.read_colours(run.clone(), sh)?;
+    pages.read_levels(run, levels)
 }
 
 /// Host memory for some pages, and their copy to the device.
@@ -193,12 +197,7 @@ impl Pool {
         missing.sort_unstable();
         missing.dedup();
         for part in missing.chunks(self.room) {
-            self.copy(device, part, |pages, run, parts| {
-                let [geometry, sh, levels] = parts;
-                pages.read_geometry(run.clone(), geometry)?;
-                pages.read_colours(run.clone(), sh)?;
-                pages.read_levels(run, levels)
-            })?;
+            self.copy(device, part, read_streams)?;
         }
         let slot = |page: &u32| *self.slots.peek(page).expect("the page was brought");
         Ok(wanted.iter().map(slot).collect())
@@ -211,7 +210,7 @@ impl Pool {
     ///
     /// # Panics
     /// If the pages are not in ascending order, are there already, or are more than [`room`](Self::room).
-    pub fn put(&mut self, device: &Device, read: &[(u32, PageWords)], leaving: &[u32]) -> Result<()> {
+    pub fn put(&mut self, device: &Device, read: &[(u32, ReadPage)], leaving: &[u32]) -> Result<()> {
         for page in leaving.iter().rev() {
             self.slots.demote(page);
         }
