@@ -315,14 +315,16 @@ impl Session {
 
     /// Counts a frame that was shown.
     fn record_shown(&mut self, now: Instant, draws: bool) {
+        let lacks_pages = self.residency().is_some_and(|residency| residency.missing > 0);
         let viewer = &mut self.viewer;
         viewer.pace.shown += 1;
         if let (Some((previous, true)), true) = (self.previous, draws) {
             viewer.pace.interval((now - previous).as_secs_f64() * 1e3, viewer.refresh_ms);
         }
-        let is_whole = !viewer.is_reading();
+        let is_read = !viewer.is_reading();
         if !self.has_shown_scene && self.pair.first.is_some() {
-            self.has_shown_scene = is_whole;
+            self.has_shown_scene = is_read;
+            let is_whole = is_read && !lacks_pages;
             viewer.events.emit(&Event::FirstFrame { ms: viewer.started.elapsed().as_secs_f64() * 1e3, is_whole });
         }
     }
