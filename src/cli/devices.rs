@@ -55,6 +55,7 @@ impl DeviceArgs {
     }
 
     /// The device and whether it is validated, from these arguments and the environment.
+    #[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only a window asks"))]
     pub fn choice(&self) -> Result<(DeviceChoice, Validation)> {
         let environment = Environment::read()?;
         Ok((self.choice_in(&environment), validation(&environment)))
