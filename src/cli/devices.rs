@@ -55,14 +55,14 @@ impl DeviceArgs {
     }
 
     /// The device and whether it is validated, from these arguments and the environment.
-    #[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only a window asks"))]
+    #[cfg(feature = "viewer")]
     pub fn choice(&self) -> Result<(DeviceChoice, Validation)> {
         let environment = Environment::read()?;
         Ok((self.choice_in(&environment), validation(&environment)))
     }
 
     /// The limit of device memory in bytes, if one is set.
-    #[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only a window asks"))]
+    #[cfg(feature = "viewer")]
     pub fn memory_limit(&self) -> Option<u64> {
         self.memory.memory
     }
