@@ -23,4 +23,5 @@ mod raster;
 
 pub use codes::{CODES_PER_OCTAVE, FINEST, NEVER, code, code_below, value};
 pub use family::{Parents, parents};
+pub use median::median;
 pub use node::{Node, Nodes};

@@ -1,28 +1,44 @@
-//! `smalto lod`: levels of detail of a scene, with their errors.
+//! `smalto lod`: levels of detail of a scene, with their errors, or one of them as a scene.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 
 use super::pages::{self, STORAGES};
-use super::{Edits, Inputs, Target, say_written};
-use crate::cli::{ReadingArgs, Sink, Usage, one_of};
+use super::{Edits, Inputs, Target, say_written, write_scene};
+use crate::camera;
+use crate::cli::{ReadingArgs, SceneArg, Sink, Usage, one_of, progress, remark, say};
+use crate::files::{Kept, is_stdout};
 use crate::options::Options;
+use crate::scene::{Unreadable, Watch};
+use crate::storage::{Level, PageFile, StaticLevel, static_level};
 
-/// Build levels of detail of a scene: a page file that is drawn within an error or a number of Gaussians
+/// Build levels of detail of a scene: a page file that is drawn within an error or a number of Gaussians, or one level
+/// as a scene of any format
 #[derive(clap::Args)]
 #[command(after_help = "\
-The file holds all Gaussians of the scene, and nodes that stand for several of them, each with the error that this
-makes, measured on small pictures from six directions. It is drawn as the scene is, unless --lod-error, --lod-psnr or
---splats ask for less (docs/levels.md).")]
+Without --level and --splats the file holds all Gaussians of the scene, and nodes that stand for several of them, each
+with the error that this makes, measured on small pictures from six directions. It is drawn as the scene is, unless
+--lod-error, --lod-psnr or --splats ask for less. With one of them the file is a scene with fewer Gaussians, the same
+for all views (docs/levels.md).")]
 pub(in crate::cli) struct Args {
     /// Scene file, folder, procedural scene or - as for `smalto render`
     #[arg(value_name = "SCENE")]
     scene: PathBuf,
-    /// The file to write (.smalto)
+    /// The file to write: .smalto; with --level or --splats of any format that `smalto convert` writes
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Number formats of the file [default: lossless]
+    /// Write a scene with half as many Gaussians, N times over
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=32))]
+    level: Option<u32>,
+    /// Write a scene with at most this many Gaussians
+    #[arg(long, value_name = "COUNT", conflicts_with = "level", value_parser = clap::value_parser!(u32).range(1..))]
+    splats: Option<u32>,
+    /// With --level or --splats: keep most where these cameras are near (camera file or folder, as `smalto render`
+    /// takes it) [default: all places count alike]
+    #[arg(long, value_name = "FILE|DIR")]
+    cameras: Option<PathBuf>,
+    /// Number formats of a .smalto file [default: lossless]
     #[arg(long, value_name = "NAME", value_parser = one_of(storages()))]
     storage: Option<Options>,
     /// Megabytes of memory in which the Gaussians of the scene are sorted [default: 2048]
@@ -42,13 +58,70 @@ fn storages() -> [(&'static str, &'static str, Options); 4] {
 }
 
 pub(in crate::cli) fn run(args: &Args) -> Result<()> {
-    let Args { scene, output, storage, memory, json, reading } = args;
+    let Args { scene, output, storage, memory, json, reading, level, splats, .. } = args;
+    if level.is_some() || splats.is_some() {
+        return one_level(args);
+    }
     if output.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("smalto")) {
-        return Err(Usage(format!("{}: levels of detail are written to .smalto files", output.display())).into());
+        let (output, add) = (output.display(), "with --level or --splats, one level to any format");
+        return Err(Usage(format!("{output}: levels of detail are written to .smalto files; {add}")).into());
     }
     let files = [scene.clone()];
     Target::Pages.check(output, files.iter().map(PathBuf::as_path), false, json.as_ref())?;
     let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
     let (written, removed) = pages::convert(inputs, output, pages::settings(*storage, *memory, true))?;
     say_written(written, removed, json.as_ref())
+}
+
+/// Writes one level of a scene.
+fn one_level(args: &Args) -> Result<()> {
+    let Args { scene, output, memory, json, reading, .. } = args;
+    let target = Target::of(output, None, None)?;
+    target.check(output, [scene.as_path()], false, json.as_ref())?;
+    let input = SceneArg { scene: scene.clone(), reading: *reading };
+    let StaticLevel { scene, error } = match input.page_file()?.filter(|file| file.levels().is_some()) {
+        Some(file) => level_of(args, &file)?,
+        None if is_stdout(output) => {
+            let why = "to standard output, a level of a file with levels can be written: make it with `smalto lod`";
+            return Err(Usage(why.to_owned()).into());
+        }
+        None => {
+            let kept = Kept::beside(output, LEVELS)?;
+            let path = kept.path(LEVELS);
+            let files = [scene.clone()];
+            let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
+            pages::convert(inputs, &path, pages::settings(None, *memory, true))?;
+            level_of(args, &PageFile::open(&path)?)?
+        }
+    };
+    let written = match target {
+        Target::Pages => pages::write_pages(output, input.title(), &scene)?,
+        Target::Scene(kind) => write_scene(output, kind, scene.gaussians, scene.is_antialiased)?,
+    };
+    say_written(written, 0, json.as_ref())?;
+    say!("  error up to {error:.3e}")
+}
+
+const LEVELS: &str = "levels";
+
+/// The level that the arguments ask for.
+fn level_of(args: &Args, file: &PageFile) -> Result<StaticLevel> {
+    let count = file.statistics().count;
+    let most = args.splats.map_or_else(|| count >> args.level.unwrap_or(0), |splats| splats as usize);
+    let eyes = args.cameras.as_deref().map_or(Ok(Vec::new()), eyes)?;
+    let width = |level: &Level| {
+        let widths = eyes.iter().map(|(eye, focal)| level.width_from(*eye, *focal, 0.2));
+        widths.reduce(f64::min).unwrap_or(1.0)
+    };
+    let bar = progress::Bar::new("choosing");
+    let watch = Watch { progress: &|fraction| bar.set(fraction), partial: &|_| {}, is_cancelled: &|| false };
+    static_level(file, most.max(1), &width, &watch)
+}
+
+/// The places of the cameras of a file, and their focal lengths in pixels.
+fn eyes(file: &Path) -> Result<Vec<([f64; 3], f64)>> {
+    let read = camera::read_at(file, Some([1920, 1080])).map_err(|problem| Unreadable::new(file, &problem))?;
+    read.notices.iter().for_each(|notice| remark(&format!("note: {}: {notice}", file.display())));
+    let eye = |camera: &camera::Camera| (camera.position.to_array(), camera.focal_px.max_element());
+    Ok(read.cameras.iter().map(|named| eye(&named.camera)).collect())
 }

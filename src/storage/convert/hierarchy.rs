@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use super::output::{Output, sealed};
 use super::storeys::{FLOOR, HALVINGS, Storey, TOPS, storeys};
 use crate::files::{read_exact_at, write_all_at};
-use crate::levels::{NEVER, Node, Nodes, Parents, code, parents};
+use crate::levels::{NEVER, Node, Nodes, Parents, code, median, parents};
 use crate::scene::Cancelled;
 use crate::storage::pages::{LEVEL_WORDS, Level, NO_NODE, NO_PAGE, PADDING, PAGE, PageRecord, level_words};
 use crate::storage::planes::Shape;
@@ -37,6 +37,7 @@ struct Hierarchy<'h> {
     /// Gaussians of the scene.
     count: usize,
     storeys: Vec<Storey>,
+    typical: Typical,
     done: AtomicUsize,
     progress: &'h (dyn Fn(f64) + Sync),
     is_cancelled: &'h (dyn Fn() -> bool + Sync),
@@ -71,22 +72,39 @@ impl Place {
     }
 }
 
-/// Nodes of one level of a block, and the codes of the errors of their parents.
+/// The typical error of a node of a level: twice that of the level below.
+#[derive(Clone, Copy)]
+struct Typical(f64);
+
+impl Typical {
+    /// The codes of the errors of nodes of a level, 0 for Gaussians of the scene, as files hold them: moved towards the
+    /// typical error of the level, by three quarters of the way between their logarithms. What the scene hides
+    /// decides more about a picture than how the blocks of a level differ, as measurements say (docs/levels.md).
+    fn codes(self, nodes: &Nodes, level: usize) -> Vec<u16> {
+        let typical = self.0 * (level as f64).exp2();
+        let tempered = |node: &Node| code((f64::from(node.error) * typical.powi(3)).sqrt().sqrt());
+        nodes.nodes.iter().map(tempered).collect()
+    }
+}
+
+/// Nodes of one level of a block, and the codes of their errors and of those of their parents.
 struct Children<'n> {
     nodes: &'n Nodes,
+    own: Vec<u16>,
     parents: Vec<u16>,
     place: Place,
 }
 
 impl<'n> Children<'n> {
-    fn of(nodes: &'n Nodes, found: &Parents, place: Place) -> Self {
-        let error = |parent: &u32| code(found.nodes.nodes[*parent as usize].error.into());
-        Self { nodes, parents: found.of_children.iter().map(error).collect(), place }
+    fn of((nodes, level): (&'n Nodes, usize), found: &Parents, typical: Typical, place: Place) -> Self {
+        let above = typical.codes(&found.nodes, level + 1);
+        let parents = found.of_children.iter().map(|parent| above[*parent as usize]).collect();
+        Self { nodes, own: typical.codes(nodes, level), parents, place }
     }
 
     /// Nodes without parents.
-    fn of_none(nodes: &'n Nodes, place: Place) -> Self {
-        Self { nodes, parents: vec![NEVER; nodes.len()], place }
+    fn of_none((nodes, level): (&'n Nodes, usize), typical: Typical, place: Place) -> Self {
+        Self { nodes, own: typical.codes(nodes, level), parents: vec![NEVER; nodes.len()], place }
     }
 
     /// The indices of the nodes in the order of the errors of their parents.
@@ -107,28 +125,54 @@ pub fn build(
     progress: &(dyn Fn(f64) + Sync),
     is_cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<()> {
-    let (storeys, done) = (storeys(count), AtomicUsize::new(0));
-    let hierarchy = Hierarchy { output, sh_degree, count, done, progress, is_cancelled, storeys };
+    let (storeys, typical, done) = (storeys(count), Typical(0.0), AtomicUsize::new(0));
+    let mut hierarchy = Hierarchy { output, sh_degree, count, done, progress, is_cancelled, storeys, typical };
     let Some(last) = hierarchy.storeys.last() else {
         let (nodes, records) = hierarchy.scene_pages(0..1)?;
-        let written = hierarchy.rewrite_scene(0, &Children::of_none(&nodes, Place::around(&nodes)), &records)?;
+        let children = Children::of_none((&nodes, 0), typical, Place::around(&nodes));
+        let written = hierarchy.rewrite_scene(0, &children, &records)?;
         return hierarchy.finish(&written, NO_PAGE);
     };
-    let (page, top) = (last.above().first, hierarchy.block(hierarchy.storeys.len() - 1, 0)?);
-    let written = hierarchy.write_nodes(page, &Children::of_none(&top.nodes, top.place))?;
+    let (page, storeys) = (last.above().first, hierarchy.storeys.len());
+    hierarchy.typical = hierarchy.typical()?;
+    let top = hierarchy.block(storeys - 1, 0)?;
+    let children = Children::of_none((&top.nodes, storeys * HALVINGS), hierarchy.typical, top.place);
+    let written = hierarchy.write_nodes(page, &children)?;
     hierarchy.finish(&written, NO_PAGE)?;
     hierarchy.finish(&top.last, page as u32)
 }
 
 impl Hierarchy<'_> {
+    /// The typical error of this scene: the median of the second levels of some blocks.
+    fn typical(&self) -> Result<Typical> {
+        const BLOCKS: usize = 16;
+        const LEVEL: usize = 2;
+        let blocks = self.storeys[0].blocks();
+        let medians = (0..blocks.min(BLOCKS)).into_par_iter().map(|i| {
+            let (mut nodes, mut detail) = (self.floor(i * blocks / blocks.min(BLOCKS))?.0, 0.0);
+            for _ in 0..LEVEL {
+                let found = parents(&nodes, nodes.len().div_ceil(2), detail);
+                (nodes, detail) = (found.nodes, found.detail);
+            }
+            Ok(median(nodes.nodes.iter().map(|node| f64::from(node.error)).collect()))
+        });
+        let medians = medians.collect::<Result<Vec<f64>>>()?;
+        Ok(Typical((median(medians) / (LEVEL as f64).exp2()).max(f64::MIN_POSITIVE)))
+    }
+
+    /// The Gaussians of a block on the ground.
+    fn floor(&self, block: usize) -> Result<(Nodes, Vec<PageRecord>)> {
+        let begin = block * FLOOR;
+        self.scene_pages(begin..(begin + FLOOR).min(self.count.div_ceil(PAGE)))
+    }
+
     /// Builds a block and all below it, and writes all of it but its top and the table of the level below that.
     fn block(&self, storey: usize, block: usize) -> Result<Top> {
         ensure!(!(self.is_cancelled)(), Cancelled);
         let own = self.storeys[storey];
         let pages = own.pages_of(block);
         let (floor, below) = if own.is_ground {
-            let begin = block * FLOOR;
-            (self.scene_pages(begin..(begin + FLOOR).min(self.count.div_ceil(PAGE)))?, Vec::new())
+            (self.floor(block)?, Vec::new())
         } else {
             let under = &self.storeys[storey - 1];
             let below = block * TOPS..under.blocks().min((block + 1) * TOPS);
@@ -156,7 +200,8 @@ impl Hierarchy<'_> {
                 0 => (&floor, place.own_detail),
                 _ => (&found[level - 1].nodes, found[level - 1].detail),
             };
-            let children = Children::of(nodes, &found[level], at(own_detail));
+            let number = storey * HALVINGS + level;
+            let children = Children::of((nodes, number), &found[level], self.typical, at(own_detail));
             last = match level == 0 && own.is_ground {
                 true => self.rewrite_scene(pages[0], &children, &records)?,
                 false => self.write_nodes(pages[level], &children)?,
@@ -255,13 +300,14 @@ impl Hierarchy<'_> {
         let mut words = vec![0; LEVEL_WORDS * PAGE];
         let is_scene = page < self.count.div_ceil(PAGE);
         let nodes: Vec<Node> = part.iter().map(|index| children.nodes.nodes[*index as usize]).collect();
-        let parents: Vec<u16> = part.iter().map(|index| children.parents[*index as usize]).collect();
+        let [own, parents] =
+            [&children.own, &children.parents].map(|codes| part.iter().map(|i| codes[*i as usize]).collect::<Vec<u16>>());
         for (k, words) in words.as_chunks_mut::<LEVEL_WORDS>().0.iter_mut().enumerate() {
             *words = match nodes.get(k) {
                 None => NO_NODE,
                 Some(node) => {
                     let opacities = [node.opacity, node.summed].map(|value| value.min(MOST_OPACITY));
-                    level_words(code(node.error.into()), parents[k], (!is_scene).then_some(opacities))
+                    level_words(own[k], parents[k], (!is_scene).then_some(opacities))
                 }
             };
         }
@@ -270,7 +316,7 @@ impl Hierarchy<'_> {
         let bytes: &[u8] = bytemuck::cast_slice(&words);
         write_all_at(self.output.file, bytes, words_at + (page * bytes.len()) as u64)?;
         let Place { low, high, detail, own_detail } = children.place;
-        let level = Level::of(&nodes, &parents, (own_detail / detail).min(1.0).powi(2));
+        let level = Level::of(&nodes, [&own, &parents], (own_detail / detail).min(1.0).powi(2));
         let most_opacity = level.most_opacity.min(MOST_OPACITY);
         Ok(Level { low, high, detail, most_opacity, checksum, ..level })
     }

@@ -44,11 +44,11 @@ pub struct Level {
 impl Level {
     pub const BYTES: usize = 128;
 
-    /// The page of these nodes; `parents` are the codes of their parents' errors, in the same order. The box, the
-    /// detail and the page of the parents are set by the caller. `fallen`: the part of the squared errors of the nodes
-    /// that is left in pixels as wide as that detail.
-    pub fn of(nodes: &[Node], parents: &[u16], fallen: f32) -> Self {
-        let mut own: Vec<(u16, f32)> = nodes.iter().map(|node| (code(node.error.into()), node.energy)).collect();
+    /// The page of these nodes; `own` and `parents` are the codes of their errors and of those of their parents, in the
+    /// same order. The box, the detail and the page of the parents are set by the caller. `fallen`: the part of the
+    /// squared errors of the nodes that is left in pixels as wide as that detail.
+    pub fn of(nodes: &[Node], [own, parents]: [&[u16]; 2], fallen: f32) -> Self {
+        let mut own: Vec<(u16, f32)> = own.iter().zip(nodes).map(|(code, node)| (*code, node.energy)).collect();
         own.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
         let mut parents = parents.to_vec();
         parents.sort_unstable();
@@ -71,6 +71,19 @@ impl Level {
             samples: samples(nodes),
             checksum: 0,
         }
+    }
+
+    /// The width of a pixel that the errors of the page are divided by, world units, as `look.comp` finds it: at the
+    /// point of the box nearest to the eye, and wider where pixels are wider than the detail.
+    pub fn width_from(&self, eye: [f64; 3], focal_px: f64, near: f64) -> f64 {
+        let beyond = |axis: usize| {
+            let [low, high] = [self.low, self.high].map(|corner| f64::from(corner[axis]));
+            (low - eye[axis]).max(eye[axis] - high).max(0.0)
+        };
+        let distance = [0, 1, 2].map(|axis| beyond(axis).powi(2)).iter().sum::<f64>().sqrt().max(near);
+        let px = distance / focal_px;
+        let detail = f64::from(self.detail);
+        if px > detail && detail > 0.0 { px * px / detail } else { px }
     }
 
     pub fn encoded(&self) -> [u8; Self::BYTES] {

@@ -8,6 +8,7 @@ mod page;
 mod page_file;
 mod read_back;
 mod source;
+mod static_level;
 
 pub use fault::{ReadFault, simulate};
 pub use header::{HEADER, Header, LevelParts};
@@ -16,3 +17,4 @@ pub use page::{Entry, PADDING, PAGE, Page, PageRecord, PageWords};
 pub use page_file::{PageFile, is_page_file};
 pub use read_back::read;
 pub use source::Pages;
+pub use static_level::{StaticLevel, static_level};

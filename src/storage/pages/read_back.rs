@@ -11,7 +11,7 @@ use crate::scene::{Cancelled, NoLevel, Parts, Reading, Scene, Unreadable, Watch,
 use crate::storage::planes::Shape;
 
 /// Pages that are read at a time.
-const TOGETHER: usize = 64;
+pub const TOGETHER: usize = 64;
 
 /// Reads a scene file of any format. The Gaussians of a page file are in the order of their source.
 ///
