@@ -87,7 +87,12 @@ const COMMANDS: [Pairs; 10] = [
         options: &[READING, "sh-degree transform crop min-opacity spz-version storage memory json format no-clobber"],
         refused: &[],
     },
-    Pairs { command: "lod", needed: &["a.ply"], options: &[READING, "output storage memory json"], refused: &[] },
+    Pairs {
+        command: "lod",
+        needed: &["a.ply"],
+        options: &[READING, "output level splats format storage memory json"],
+        refused: &[("level", "splats")],
+    },
     Pairs {
         command: "prune",
         needed: &["a.ply"],

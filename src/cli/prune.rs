@@ -22,6 +22,7 @@ use crate::options::Options;
 use crate::render::Pruner;
 use crate::scene::{Scene, Unreadable};
 use crate::storage::Statistics;
+use crate::storage::convert::Settings;
 
 /// Drop the Gaussians that contribute least to given views, within a limit of what that changes, and write the rest
 #[derive(clap::Args)]
@@ -244,7 +245,7 @@ fn write(args: &Args, target: Target, scene: Scene, pruned: &Pruned) -> Result<W
         }
         Target::Pages => {
             let format = format!("{}, pruned", scene.format);
-            write_pages(&args.output, args.scene.title(), &Scene { gaussians, format, ..scene })
+            write_pages(&args.output, args.scene.title(), &Scene { gaussians, format, ..scene }, Settings::default())
         }
     }
 }

@@ -1,17 +1,16 @@
 //! `smalto lod`: levels of detail of a scene, with their errors, or one of them as a scene.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Result;
 
 use super::pages::{self, STORAGES};
-use super::{Edits, Inputs, Target, say_written, write_scene};
-use crate::camera;
-use crate::cli::{ReadingArgs, SceneArg, Sink, Usage, one_of, progress, remark, say};
+use super::{Edits, FORMATS, Inputs, Target, say_written, write_scene};
+use crate::cli::{ReadingArgs, SceneArg, Sink, Usage, one_of, progress};
 use crate::files::{Kept, is_stdout};
 use crate::options::Options;
-use crate::scene::{Unreadable, Watch};
-use crate::storage::{Level, PageFile, StaticLevel, static_level};
+use crate::scene::{Scene, Watch};
+use crate::storage::{PageFile, static_level};
 
 /// Build levels of detail of a scene: a page file that is drawn within an error or a number of Gaussians, or one level
 /// as a scene of any format
@@ -34,10 +33,9 @@ pub(in crate::cli) struct Args {
     /// Write a scene with at most this many Gaussians
     #[arg(long, value_name = "COUNT", conflicts_with = "level", value_parser = clap::value_parser!(u32).range(1..))]
     splats: Option<u32>,
-    /// With --level or --splats: keep most where these cameras are near (camera file or folder, as `smalto render`
-    /// takes it) [default: all places count alike]
-    #[arg(long, value_name = "FILE|DIR")]
-    cameras: Option<PathBuf>,
+    /// Format of the level [default: by the name of the file]
+    #[arg(long, value_name = "FORMAT", value_parser = one_of(FORMATS))]
+    format: Option<Target>,
     /// Number formats of a .smalto file [default: lossless]
     #[arg(long, value_name = "NAME", value_parser = one_of(storages()))]
     storage: Option<Options>,
@@ -58,13 +56,16 @@ fn storages() -> [(&'static str, &'static str, Options); 4] {
 }
 
 pub(in crate::cli) fn run(args: &Args) -> Result<()> {
-    let Args { scene, output, storage, memory, json, reading, level, splats, .. } = args;
+    let Args { scene, output, storage, memory, json, reading, level, splats, format } = args;
     if level.is_some() || splats.is_some() {
         return one_level(args);
     }
+    if format.is_some() {
+        return Err(Usage("--format needs --level or --splats: levels are written to .smalto files".to_owned()).into());
+    }
     if output.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("smalto")) {
-        let (output, add) = (output.display(), "with --level or --splats, one level to any format");
-        return Err(Usage(format!("{output}: levels of detail are written to .smalto files; {add}")).into());
+        let (output, one) = (output.display(), "one of them to any format with --level or --splats");
+        return Err(Usage(format!("{output}: levels of detail are written to .smalto files, {one}")).into());
     }
     let files = [scene.clone()];
     Target::Pages.check(output, files.iter().map(PathBuf::as_path), false, json.as_ref())?;
@@ -75,53 +76,44 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
 
 /// Writes one level of a scene.
 fn one_level(args: &Args) -> Result<()> {
-    let Args { scene, output, memory, json, reading, .. } = args;
-    let target = Target::of(output, None, None)?;
+    let Args { scene, output, storage, memory, json, reading, .. } = args;
+    let target = Target::of(output, args.format, None)?;
+    if storage.is_some() && target != Target::Pages {
+        return Err(Usage("--storage needs a .smalto file to write".to_owned()).into());
+    }
     target.check(output, [scene.as_path()], false, json.as_ref())?;
     let input = SceneArg { scene: scene.clone(), reading: *reading };
-    let StaticLevel { scene, error } = match input.page_file()?.filter(|file| file.levels().is_some()) {
+    let scene = match input.page_file()?.filter(|file| file.levels().is_some()) {
         Some(file) => level_of(args, &file)?,
         None if is_stdout(output) => {
-            let why = "to standard output, a level of a file with levels can be written: make it with `smalto lod`";
+            let why =
+                "only a level of a file that has levels goes to standard output: write them with smalto lod first";
             return Err(Usage(why.to_owned()).into());
         }
         None => {
-            let kept = Kept::beside(output, LEVELS)?;
-            let path = kept.path(LEVELS);
-            let files = [scene.clone()];
+            let name = output.file_name().unwrap_or_default().to_string_lossy();
+            let kept = Kept::beside(&output.with_file_name(format!("{name}.levels")), NO_STATE)?;
+            let (path, files) = (kept.path("levels.smalto"), [scene.clone()]);
             let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
             pages::convert(inputs, &path, pages::settings(None, *memory, true))?;
             level_of(args, &PageFile::open(&path)?)?
         }
     };
     let written = match target {
-        Target::Pages => pages::write_pages(output, input.title(), &scene)?,
+        Target::Pages => pages::write_pages(output, input.title(), &scene, pages::settings(*storage, *memory, false))?,
         Target::Scene(kind) => write_scene(output, kind, scene.gaussians, scene.is_antialiased)?,
     };
-    say_written(written, 0, json.as_ref())?;
-    say!("  error up to {error:.3e}")
+    say_written(written, 0, json.as_ref())
 }
 
-const LEVELS: &str = "levels";
+/// Levels that are only made for one of them are removed at the end.
+const NO_STATE: &str = "none";
 
 /// The level that the arguments ask for.
-fn level_of(args: &Args, file: &PageFile) -> Result<StaticLevel> {
+fn level_of(args: &Args, file: &PageFile) -> Result<Scene> {
     let count = file.statistics().count;
     let most = args.splats.map_or_else(|| count >> args.level.unwrap_or(0), |splats| splats as usize);
-    let eyes = args.cameras.as_deref().map_or(Ok(Vec::new()), eyes)?;
-    let width = |level: &Level| {
-        let widths = eyes.iter().map(|(eye, focal)| level.width_from(*eye, *focal, 0.2));
-        widths.reduce(f64::min).unwrap_or(1.0)
-    };
     let bar = progress::Bar::new("choosing");
     let watch = Watch { progress: &|fraction| bar.set(fraction), partial: &|_| {}, is_cancelled: &|| false };
-    static_level(file, most.max(1), &width, &watch)
-}
-
-/// The places of the cameras of a file, and their focal lengths in pixels.
-fn eyes(file: &Path) -> Result<Vec<([f64; 3], f64)>> {
-    let read = camera::read_at(file, Some([1920, 1080])).map_err(|problem| Unreadable::new(file, &problem))?;
-    read.notices.iter().for_each(|notice| remark(&format!("note: {}: {notice}", file.display())));
-    let eye = |camera: &camera::Camera| (camera.position.to_array(), camera.focal_px.max_element());
-    Ok(read.cameras.iter().map(|named| eye(&named.camera)).collect())
+    static_level(file, most, &watch)
 }

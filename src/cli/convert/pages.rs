@@ -64,11 +64,11 @@ fn written(output: &Path, finished: &Finished) -> Result<Written> {
     })
 }
 
-/// Writes the pages of a scene in memory, without loss. `title` is the name of its source.
-pub(in crate::cli) fn write_pages(output: &Path, title: String, scene: &Scene) -> Result<Written> {
+/// Writes the pages of a scene in memory. `title` is the name of its source.
+pub(in crate::cli) fn write_pages(output: &Path, title: String, scene: &Scene, settings: Settings) -> Result<Written> {
     let bar = progress::Bar::new("writing pages");
     let progress = |fraction| bar.set(fraction);
-    let job = Job { output, settings: Settings::default(), title, progress: &progress, is_cancelled: &|| false };
+    let job = Job { output, settings, title, progress: &progress, is_cancelled: &|| false };
     written(output, &write_whole(&job, scene)?)
 }
 

@@ -300,8 +300,8 @@ impl Hierarchy<'_> {
         let mut words = vec![0; LEVEL_WORDS * PAGE];
         let is_scene = page < self.count.div_ceil(PAGE);
         let nodes: Vec<Node> = part.iter().map(|index| children.nodes.nodes[*index as usize]).collect();
-        let [own, parents] =
-            [&children.own, &children.parents].map(|codes| part.iter().map(|i| codes[*i as usize]).collect::<Vec<u16>>());
+        let [own, parents] = [&children.own, &children.parents]
+            .map(|codes| part.iter().map(|i| codes[*i as usize]).collect::<Vec<u16>>());
         for (k, words) in words.as_chunks_mut::<LEVEL_WORDS>().0.iter_mut().enumerate() {
             *words = match nodes.get(k) {
                 None => NO_NODE,

@@ -73,19 +73,6 @@ impl Level {
         }
     }
 
-    /// The width of a pixel that the errors of the page are divided by, world units, as `look.comp` finds it: at the
-    /// point of the box nearest to the eye, and wider where pixels are wider than the detail.
-    pub fn width_from(&self, eye: [f64; 3], focal_px: f64, near: f64) -> f64 {
-        let beyond = |axis: usize| {
-            let [low, high] = [self.low, self.high].map(|corner| f64::from(corner[axis]));
-            (low - eye[axis]).max(eye[axis] - high).max(0.0)
-        };
-        let distance = [0, 1, 2].map(|axis| beyond(axis).powi(2)).iter().sum::<f64>().sqrt().max(near);
-        let px = distance / focal_px;
-        let detail = f64::from(self.detail);
-        if px > detail && detail > 0.0 { px * px / detail } else { px }
-    }
-
     pub fn encoded(&self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
         let floats = self.low.into_iter().chain(self.high).chain([self.detail]).flat_map(f32::to_le_bytes);

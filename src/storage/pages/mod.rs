@@ -17,4 +17,4 @@ pub use page::{Entry, PADDING, PAGE, Page, PageRecord, PageWords};
 pub use page_file::{PageFile, is_page_file};
 pub use read_back::read;
 pub use source::Pages;
-pub use static_level::{StaticLevel, static_level};
+pub use static_level::static_level;

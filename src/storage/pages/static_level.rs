@@ -1,147 +1,131 @@
-//! A level of detail for all views: as many nodes of a page file as are asked for, as a scene.
-
-use std::ops::Range;
+//! A level of detail for all views: the nodes of a page file that one limit leaves, as a scene.
 
 use anyhow::{Result, anyhow, ensure};
 
-use super::level::{LEVEL_WORDS, Level, NO_PAGE};
+use super::level::LEVEL_WORDS;
 use super::page::PAGE;
 use super::page_file::PageFile;
 use super::read_back::TOGETHER;
-use crate::levels::{CODES_PER_OCTAVE, FINEST, NEVER, value};
+use crate::levels::{NEVER, value};
 use crate::scene::{Cancelled, LoadReport, Parts, Scene, Unreadable, Watch, sh_coefficients};
 use crate::storage::planes::Shape;
 
-/// The nodes of a page file within one limit.
-pub struct StaticLevel {
-    pub scene: Scene,
-    /// The largest own error of a node, over the width of its page; 0 if all are Gaussians of the scene.
-    pub error: f64,
-}
-
-/// Codes of errors over widths lie between minus and plus this.
-const MOST_CODE: i32 = 1 << 17;
-
-/// The place of a node among all that a limit may leave: it is drawn if its own code is within the limit, and that of
-/// its parent is not.
-#[derive(Clone, Copy)]
-struct Codes {
-    own: i32,
-    parent: i32,
-}
-
-/// The nodes of a file with levels that keep the pictures best with at most `most` of them: those whose errors over the
-/// width of their page, as `width` says it, are within one limit. Widths must not fall from pages to the pages of their
-/// parents' places; see [`Level::width_from`].
+/// The nodes of a file with levels within the least limit that leaves at most `most`, wherever they are seen from, by
+/// the rules of the antialiased picture. Opacities above 1, which no other format holds, become wider Gaussians.
 ///
 /// # Errors
-/// If the file has no levels, or its coarsest nodes are more than `most`; [`Unreadable`]; [`Cancelled`];
+/// If the file has no levels, or more than `most` nodes in its coarsest level; [`Unreadable`]; [`Cancelled`];
 /// [`OutOfMemory`](crate::host_memory::OutOfMemory).
-pub fn static_level(
-    file: &PageFile,
-    most: usize,
-    width: &dyn Fn(&Level) -> f64,
-    watch: &Watch,
-) -> Result<StaticLevel> {
-    let levels = file.levels().ok_or_else(|| anyhow!("{}: the file has no levels of detail", file.path().display()))?;
-    let steps = |level: &Level| {
-        let steps = (width(level).max(f64::MIN_POSITIVE).log2() * CODES_PER_OCTAVE).round() as i32;
-        steps.clamp(-MOST_CODE / 2, MOST_CODE / 2)
-    };
-    let steps: Vec<i32> = levels.iter().map(steps).collect();
-    let codes_of = |page: usize, words: &[u32; LEVEL_WORDS]| -> Option<Codes> {
-        let (own, parent) = (words[0] as u16, (words[0] >> 16) as u16);
-        let parents_page = levels[page].parent;
-        let finest = if own == FINEST { -MOST_CODE } else { i32::from(own) - steps[page] };
-        let has_parent = parents_page != NO_PAGE && parent != NEVER;
-        let parent = if has_parent { i32::from(parent) - steps[parents_page as usize] } else { MOST_CODE };
-        (own != NEVER).then_some(Codes { own: finest, parent })
-    };
-    let chunks = || (0..levels.len()).step_by(TOGETHER).map(|first| first..levels.len().min(first + TOGETHER));
-    let mut words = vec![0; TOGETHER * LEVEL_WORDS * PAGE];
-    let mut change = vec![0_i64; 2 * MOST_CODE as usize + 1];
-    for pages in chunks() {
-        ensure!(!(watch.is_cancelled)(), Cancelled);
-        for (page, words) in level_words(file, pages.clone(), &mut words)? {
-            for codes in words.iter().filter_map(|words| codes_of(page, words)) {
-                // From its own code to its parent's a node is drawn.
-                change[(codes.own + MOST_CODE) as usize] += 1;
-                change[(codes.parent + MOST_CODE) as usize] -= 1;
-            }
+pub fn static_level(file: &PageFile, most: usize, watch: &Watch) -> Result<Scene> {
+    let name = file.path().display();
+    let pages = file.levels().ok_or_else(|| anyhow!("{name}: the file has no levels of detail"))?.len();
+    let mut words = vec![0; TOGETHER.min(pages) * LEVEL_WORDS * PAGE];
+    // How many more nodes are drawn with a limit than with the one before.
+    let mut change = vec![0_i64; usize::from(NEVER) + 1];
+    each_page(file, &mut words, &|done| (watch.progress)(0.3 * done), watch, |_, words| {
+        for [own, parent] in words.iter().map(codes).filter(|[own, _]| *own != NEVER) {
+            change[usize::from(own)] += 1;
+            change[usize::from(parent)] -= 1;
         }
-        (watch.progress)(0.3 * pages.end as f64 / levels.len() as f64);
-    }
+        Ok(())
+    })?;
     let mut left = 0;
-    let fits = |change: &i64| {
+    let is_enough = |change: &i64| {
         left += change;
         left <= most as i64
     };
-    let place = change[..2 * MOST_CODE as usize].iter().position(fits);
-    let limit = place.ok_or_else(|| anyhow!("the coarsest level has {left} Gaussians, more than {most}"))? as i32;
-    let limit = limit - MOST_CODE;
-    let is_drawn = |codes: Codes| codes.own <= limit && limit < codes.parent;
+    let limit = change[..usize::from(NEVER)].iter().position(is_enough);
+    let limit = limit.ok_or_else(|| anyhow!("{name}: its coarsest level has {left} Gaussians, more than {most}"))?;
+    let is_left = |words: &[u32; LEVEL_WORDS]| {
+        let [own, parent] = codes(words).map(usize::from);
+        own <= limit && limit < parent
+    };
 
     let header = file.header();
     let degree = header.statistics.sh_degree;
     let mut parts = Parts::new(degree, left as usize)?;
-    let (layout, of_page, scene_pages) = (&header.layout, file.words(), header.scene_pages());
+    let (layout, of_page) = (&header.layout, file.words());
     let (kept, stride) = (sh_coefficients(layout.sh_degree), sh_coefficients(degree));
     let (mut geometry, mut colours) = (vec![0; of_page.geometry()], vec![0; of_page.colours()]);
-    let (mut next, mut error) = (0, 0.0_f64);
-    for pages in chunks() {
-        ensure!(!(watch.is_cancelled)(), Cancelled);
-        for (page, words) in level_words(file, pages.clone(), &mut words)? {
-            let is_in_level = |words: &[u32; LEVEL_WORDS]| codes_of(page, words).is_some_and(is_drawn);
-            if !words.iter().any(is_in_level) {
-                continue;
-            }
-            file.read_geometry(page..page + 1, &mut geometry)?;
-            file.read_colours(page..page + 1, &mut colours)?;
-            for (k, words) in words.iter().enumerate().filter(|(_, words)| is_in_level(words)) {
-                let mut shape = of_page.unpacked(layout, &geometry, k);
-                if page >= scene_pages {
-                    shape.opacity = value(words[1] as u16) as f32;
-                }
-                let Shape { mean, rotation, scale, opacity } = opaque_at_most(shape);
-                (parts.means[next], parts.rotations[next], parts.scales[next]) = (mean, rotation, scale);
-                parts.opacities[next] = opacity.max(f32::from_bits(1));
-                let sh = layout.unpacked_sh(&of_page.sh_of(&colours, k));
-                parts.sh[next * stride..][..kept].copy_from_slice(&sh[..kept]);
-                error = error.max(value(words[0] as u16) / width(&levels[page]));
-                next += 1;
-            }
+    let mut next = 0;
+    each_page(file, &mut words, &|done| (watch.progress)(0.3 + 0.7 * done), watch, |page, words| {
+        if !words.iter().any(is_left) {
+            return Ok(());
         }
-        (watch.progress)(0.3 + 0.7 * pages.end as f64 / levels.len() as f64);
-    }
+        file.read_geometry(page..page + 1, &mut geometry)?;
+        file.read_colours(page..page + 1, &mut colours)?;
+        for (k, words) in words.iter().enumerate().filter(|(_, words)| is_left(words)) {
+            let mut shape = of_page.unpacked(layout, &geometry, k);
+            if page >= header.scene_pages() {
+                shape.opacity = value(words[1] as u16) as f32;
+            }
+            let Shape { mean, rotation, scale, opacity } = opaque_at_most(shape);
+            (parts.means[next], parts.rotations[next], parts.scales[next]) = (mean, rotation, scale);
+            // An opacity of 16 bits may be rounded to 0, which no other scene has.
+            parts.opacities[next] = opacity.max(f32::from_bits(1));
+            let sh = layout.unpacked_sh(&of_page.sh_of(&colours, k));
+            parts.sh[next * stride..][..kept].copy_from_slice(&sh[..kept]);
+            next += 1;
+        }
+        Ok(())
+    })?;
     let gaussians = parts.finish().map_err(|problem| Unreadable::new(file.path(), &problem))?;
-    let scene = Scene {
-        gaussians,
-        report: LoadReport { read: next, ..LoadReport::default() },
-        format: header.format_of_pages(),
-        is_antialiased: header.is_antialiased,
-        notices: Vec::new(),
-        levels: Vec::new(),
-    };
-    Ok(StaticLevel { scene, error })
+    let report = LoadReport { read: next, ..LoadReport::default() };
+    let is_antialiased = header.is_antialiased;
+    Ok(Scene { gaussians, report, is_antialiased, ..Scene::empty(&format!("level of {}", header.format)) })
 }
 
-/// The words of levels of some pages, page by page.
-fn level_words<'w>(
+/// The codes of the own error of a node and of that of its parent.
+fn codes(words: &[u32; LEVEL_WORDS]) -> [u16; 2] {
+    [words[0] as u16, (words[0] >> 16) as u16]
+}
+
+/// Gives each page and its words of levels.
+fn each_page(
     file: &PageFile,
-    pages: Range<usize>,
-    words: &'w mut [u32],
-) -> Result<impl Iterator<Item = (usize, &'w [[u32; LEVEL_WORDS]])> + use<'w>> {
-    let words = &mut words[..pages.len() * LEVEL_WORDS * PAGE];
-    file.read_levels(pages.clone(), words)?;
-    Ok(pages.zip(words.as_chunks().0.chunks_exact(PAGE)))
+    words: &mut [u32],
+    progress: &dyn Fn(f64),
+    watch: &Watch,
+    mut take: impl FnMut(usize, &[[u32; LEVEL_WORDS]]) -> Result<()>,
+) -> Result<()> {
+    let pages = file.pages().len();
+    for first in (0..pages).step_by(TOGETHER) {
+        ensure!(!(watch.is_cancelled)(), Cancelled);
+        let range = first..pages.min(first + TOGETHER);
+        let words = &mut words[..range.len() * LEVEL_WORDS * PAGE];
+        file.read_levels(range.clone(), words)?;
+        for (page, words) in range.clone().zip(words.as_chunks().0.chunks_exact(PAGE)) {
+            take(page, words)?;
+        }
+        progress(range.end as f64 / pages as f64);
+    }
+    Ok(())
 }
 
-/// A Gaussian whose opacity is at most 1 with the same sum of alpha. Alpha is clamped to 1, so the sum over the picture
-/// of one with the opacity o above 1 and the variances s t is 2 pi s t (1 + ln o).
+/// A Gaussian whose opacity is at most 1, with the same sum of alpha over the picture. Alpha is clamped to 1, so that
+/// sum, for an opacity o above 1, is that of opacity 1 times 1 + ln o.
 fn opaque_at_most(shape: Shape) -> Shape {
     if shape.opacity <= 1.0 {
         return shape;
     }
     let wider = (1.0 + shape.opacity.ln()).sqrt();
     Shape { scale: shape.scale.map(|scale| scale * wider), opacity: 1.0, ..shape }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_opacity_above_1_becomes_area() {
+        let shape = Shape { mean: [0.0; 3], rotation: [1.0, 0.0, 0.0, 0.0], scale: [2.0, 2.0, 1.0], opacity: 5.0 };
+        let sum = |shape: Shape| {
+            let alpha =
+                |r: f64| (f64::from(shape.opacity) * (-0.5 * (r / f64::from(shape.scale[0])).powi(2)).exp()).min(1.0);
+            (0..100_000).map(|i| f64::from(i) * 1e-3).map(|r| alpha(r) * r * 1e-3).sum::<f64>()
+        };
+        let made = opaque_at_most(shape);
+        assert!(made.opacity == 1.0 && (sum(made) / sum(shape) - 1.0).abs() < 1e-4, "{} {}", sum(made), sum(shape));
+        assert_eq!(opaque_at_most(Shape { opacity: 0.7, ..shape }).scale, shape.scale);
+    }
 }

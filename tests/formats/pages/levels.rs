@@ -132,6 +132,102 @@ fn damage_of_levels_is_found() {
 }
 
 #[test]
+fn a_level_is_a_scene_of_any_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let [levels, plain, out, direct] =
+        ["a.smalto", "plain.ply", "out.ply", "direct.ply"].map(|name| path(&folder, name));
+    let count = 9 * PAGE + 17;
+    let source = format!("cactus:{count}");
+    ok(&["lod", &source, "-o", &levels]);
+    let level = |wish: &[&str], out: &str| -> usize {
+        let report = ok(&[&["lod", &levels, "-o", out, "--json", "-"], wish].concat());
+        serde_json::from_str::<Value>(&report).unwrap()["gaussians"].as_u64().unwrap() as usize
+    };
+    // The finest level is the scene; the same Gaussians in the order of the pages.
+    ok(&["convert", &source, &plain]);
+    assert_eq!(level(&["--level", "0"], &out), count);
+    let sorted = |file: &str| {
+        let gaussians = smalto::scene::read(Path::new(file), &|_| {}).unwrap().gaussians;
+        let mut means: Vec<[u32; 3]> = gaussians.means().iter().map(|mean| mean.map(f32::to_bits)).collect();
+        means.sort_unstable();
+        means
+    };
+    assert!(sorted(&out) == sorted(&plain));
+    let picture = |file: &str| {
+        let png = path(&folder, "a.png");
+        ok(&["render", file, "--eye", "0,-1,-4", "--target", "0,0,0", "--size", "96x64", "--antialiased", "true"]
+            .into_iter()
+            .chain(["-o", &png])
+            .collect::<Vec<_>>());
+        png_of(&png)
+    };
+    let exact = picture(&plain);
+    let mut before = f64::INFINITY;
+    for (number, least_psnr) in [(1, 30.0), (2, 26.0), (3, 23.0)] {
+        let found = level(&["--level", &number.to_string()], &out);
+        assert!(found <= count >> number && found > (count >> number) * 19 / 20, "level {number}: {found}");
+        let psnr = psnr(&exact, &picture(&out));
+        assert!(psnr > least_psnr && psnr < before, "level {number}: {psnr} dB");
+        before = psnr;
+    }
+    let found = level(&["--splats", "1000"], &path(&folder, "a.spz"));
+    assert!((950..=1000).contains(&found), "{found}");
+    // Straight from the source, levels are made and removed.
+    ok(&["lod", &source, "--level", "3", "-o", &direct]);
+    assert!(fs::read(&direct).unwrap() == fs::read(&out).unwrap());
+    let names = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let rest: Vec<String> = names.filter(|name| name.contains("levels")).collect();
+    assert!(rest.is_empty(), "{rest:?}");
+    // A level as pages has no levels, and may have other number formats.
+    let pages = path(&folder, "level.smalto");
+    level(&["--level", "2", "--storage", "balanced"], &pages);
+    assert!(PageFile::open(Path::new(&pages)).unwrap().levels().is_none());
+
+    let said = fails(1, &["lod", &levels, "--splats", "3", "-o", &out]);
+    assert!(said.contains("its coarsest level has"), "{said}");
+    for (wrong, why) in [
+        (&["--level", "1", "--splats", "9"][..], "--splats"),
+        (&["--level", "1", "--storage", "balanced"], "--storage needs a .smalto file"),
+        (&["--format", "ply"], "--format needs --level or --splats"),
+        (&["--level", "33"], "--level"),
+    ] {
+        let said = fails(2, &[&["lod", &levels, "-o", &out], wrong].concat());
+        assert!(said.contains(why), "{said}");
+    }
+    let said = fails(2, &["lod", &source, "--level", "1", "-o", "-", "--format", "ply"]);
+    assert!(said.contains("standard output"), "{said}");
+}
+
+/// The colours of a picture, 0 to 1.
+fn png_of(file: &str) -> Vec<f64> {
+    let picture = image::open(file).unwrap().to_rgb8();
+    picture.into_raw().into_iter().map(|value| f64::from(value) / 255.0).collect()
+}
+
+fn psnr(a: &[f64], b: &[f64]) -> f64 {
+    let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+    -10.0 * (squares / a.len() as f64).log10()
+}
+
+/// Errors are moved towards what is typical of their level, and still never fall from children to parents.
+#[test]
+fn errors_of_a_level_are_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.smalto");
+    // A half of tiny Gaussians and a half of large ones.
+    let town = smalto::scene::Procedural::parse("town:40000").unwrap().unwrap().make().unwrap();
+    write_whole(&job(&out, LEVELS), &scene_of(town.gaussians)).unwrap();
+    let file = PageFile::open(&out).unwrap();
+    let (scene, levels) = (file.header().scene_pages(), file.levels().unwrap());
+    let parents: Vec<u16> = levels[..scene].iter().map(|level| level.parents[level.parents.len() / 2]).collect();
+    let [least, most] = [parents.iter().min(), parents.iter().max()].map(|code| f64::from(*code.unwrap()) / 512.0);
+    assert!(most - least < 3.0 && most > least, "{} powers of two", most - least);
+    for (page, level) in levels.iter().enumerate().filter(|(_, level)| (level.parent as usize) < levels.len()) {
+        assert!(level.errors.iter().zip(level.parents).all(|(own, parent)| *own <= parent), "page {page}");
+    }
+}
+
+#[test]
 fn the_command_says_what_is_wrong() {
     let folder = tempfile::tempdir().unwrap();
     let [out, plain] = ["a.smalto", "plain.smalto"].map(|name| path(&folder, name));
