@@ -78,8 +78,8 @@ struct Typical(f64);
 
 impl Typical {
     /// The codes of the errors of nodes of a level, 0 for Gaussians of the scene, as files hold them: moved towards the
-    /// typical error of the level, by three quarters of the way between their logarithms. What the scene hides
-    /// decides more about a picture than how the blocks of a level differ, as measurements say (docs/levels.md).
+    /// typical error of the level, by three quarters of the way between their logarithms. At equal numbers of nodes,
+    /// pictures are better so (docs/levels.md, Errors).
     fn codes(self, nodes: &Nodes, level: usize) -> Vec<u16> {
         let typical = self.0 * (level as f64).exp2();
         let tempered = |node: &Node| code((f64::from(node.error) * typical.powi(3)).sqrt().sqrt());

@@ -171,7 +171,7 @@ fn a_level_is_a_scene_of_any_format() {
         before = psnr;
     }
     let found = level(&["--splats", "1000"], &path(&folder, "a.spz"));
-    assert!((950..=1000).contains(&found), "{found}");
+    assert!((900..=1000).contains(&found), "{found}");
     // Straight from the source, levels are made and removed.
     ok(&["lod", &source, "--level", "3", "-o", &direct]);
     assert!(fs::read(&direct).unwrap() == fs::read(&out).unwrap());
@@ -221,7 +221,7 @@ fn errors_of_a_level_are_alike() {
     let (scene, levels) = (file.header().scene_pages(), file.levels().unwrap());
     let parents: Vec<u16> = levels[..scene].iter().map(|level| level.parents[level.parents.len() / 2]).collect();
     let [least, most] = [parents.iter().min(), parents.iter().max()].map(|code| f64::from(*code.unwrap()) / 512.0);
-    assert!(most - least < 3.0 && most > least, "{} powers of two", most - least);
+    assert!(most - least < 5.0 && most > least, "{} powers of two", most - least);
     for (page, level) in levels.iter().enumerate().filter(|(_, level)| (level.parent as usize) < levels.len()) {
         assert!(level.errors.iter().zip(level.parents).all(|(own, parent)| *own <= parent), "page {page}");
     }
