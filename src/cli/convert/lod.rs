@@ -9,7 +9,7 @@ use super::{Edits, FORMATS, Inputs, Target, say_written, write_scene};
 use crate::cli::{ReadingArgs, SceneArg, Sink, Usage, one_of, progress};
 use crate::files::{Kept, is_stdout};
 use crate::options::Options;
-use crate::scene::{Scene, Watch};
+use crate::scene::{NoLevel, Scene, Watch};
 use crate::storage::{PageFile, static_level};
 
 /// Build levels of detail of a scene: a page file that is drawn within an error or a number of Gaussians, or one level
@@ -115,5 +115,8 @@ fn level_of(args: &Args, file: &PageFile) -> Result<Scene> {
     let most = args.splats.map_or_else(|| count >> args.level.unwrap_or(0), |splats| splats as usize);
     let bar = progress::Bar::new("choosing");
     let watch = Watch { progress: &|fraction| bar.set(fraction), partial: &|_| {}, is_cancelled: &|| false };
-    static_level(file, most, &watch)
+    static_level(file, most, &watch).map_err(|error| match error.downcast::<NoLevel>() {
+        Ok(NoLevel { problem, .. }) => Usage(format!("{}: {problem}", args.scene.display())).into(),
+        Err(error) => error,
+    })
 }

@@ -1,24 +1,24 @@
 //! A level of detail for all views: the nodes of a page file that one limit leaves, as a scene.
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Result, ensure};
 
 use super::level::LEVEL_WORDS;
 use super::page::PAGE;
 use super::page_file::PageFile;
 use super::read_back::TOGETHER;
 use crate::levels::{NEVER, value};
-use crate::scene::{Cancelled, LoadReport, Parts, Scene, Unreadable, Watch, sh_coefficients};
+use crate::scene::{Cancelled, LoadReport, NoLevel, Parts, Scene, Unreadable, Watch, sh_coefficients};
 use crate::storage::planes::Shape;
 
 /// The nodes of a file with levels within the least limit that leaves at most `most`, wherever they are seen from, by
 /// the rules of the antialiased picture. Opacities above 1, which no other format holds, become wider Gaussians.
 ///
 /// # Errors
-/// If the file has no levels, or more than `most` nodes in its coarsest level; [`Unreadable`]; [`Cancelled`];
+/// [`NoLevel`] if the file has no levels, or more than `most` nodes in the coarsest; [`Unreadable`]; [`Cancelled`];
 /// [`OutOfMemory`](crate::host_memory::OutOfMemory).
 pub fn static_level(file: &PageFile, most: usize, watch: &Watch) -> Result<Scene> {
-    let name = file.path().display();
-    let pages = file.levels().ok_or_else(|| anyhow!("{name}: the file has no levels of detail"))?.len();
+    let missing = |problem: String| NoLevel { path: file.path().display().to_string(), problem };
+    let pages = file.levels().ok_or_else(|| missing("the file has no levels of detail".to_owned()))?.len();
     let mut words = vec![0; TOGETHER.min(pages) * LEVEL_WORDS * PAGE];
     // How many more nodes are drawn with a limit than with the one before.
     let mut change = vec![0_i64; usize::from(NEVER) + 1];
@@ -35,7 +35,7 @@ pub fn static_level(file: &PageFile, most: usize, watch: &Watch) -> Result<Scene
         left <= most as i64
     };
     let limit = change[..usize::from(NEVER)].iter().position(is_enough);
-    let limit = limit.ok_or_else(|| anyhow!("{name}: its coarsest level has {left} Gaussians, more than {most}"))?;
+    let limit = limit.ok_or_else(|| missing(format!("the coarsest level has {left} Gaussians, more than {most}")))?;
     let is_left = |words: &[u32; LEVEL_WORDS]| {
         let [own, parent] = codes(words).map(usize::from);
         own <= limit && limit < parent

@@ -183,8 +183,10 @@ fn a_level_is_a_scene_of_any_format() {
     level(&["--level", "2", "--storage", "balanced"], &pages);
     assert!(PageFile::open(Path::new(&pages)).unwrap().levels().is_none());
 
-    let said = fails(1, &["lod", &levels, "--splats", "3", "-o", &out]);
-    assert!(said.contains("its coarsest level has"), "{said}");
+    for scene in [&levels, &source] {
+        let said = fails(2, &["lod", scene, "--splats", "3", "-o", &out]);
+        assert!(said.contains(&format!("{scene}: the coarsest level has")), "{said}");
+    }
     for (wrong, why) in [
         (&["--level", "1", "--splats", "9"][..], "--splats"),
         (&["--level", "1", "--storage", "balanced"], "--storage needs a .smalto file"),
