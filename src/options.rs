@@ -71,7 +71,7 @@ pub struct Options {
     pub shape_storage: Storage,
     /// Pictures are drawn at this fraction of their width and height, above 0 and at most 1, and enlarged.
     pub scale: f32,
-    /// Gaussians are drawn as nodes that stand for several, where that changes a picture by no more than this per node
+    /// Gaussians are drawn as nodes that stand for several, where that changes a picture by about this or less per node
     /// that is saved: the root of the squared difference of its colours, summed over pixels and channels, in steps of
     /// 1/255. 0: nothing is simplified.
     #[serde(default)]

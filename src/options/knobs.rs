@@ -232,7 +232,7 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "lod-error",
         value_name: "LEVELS",
-        help: "Draw fewer Gaussians, of a file with levels of detail (smalto lod): the change of the picture per \
+        help: "Draw fewer Gaussians, of a file with levels of detail (smalto lod): about the change of the picture per \
                Gaussian that is saved, in pixels times steps of 1/255 [default: 0, nothing is simplified]",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 1e6], usual: [0.0, 64.0], is_fraction: false },

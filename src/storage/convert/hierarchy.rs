@@ -72,6 +72,9 @@ impl Place {
     }
 }
 
+/// The least typical error of Gaussians of the scene: 2^-60 world units.
+const LEAST_TYPICAL: f64 = 1.0 / (1_u64 << 60) as f64;
+
 /// The typical error of a node of a level: twice that of the level below.
 #[derive(Clone, Copy)]
 struct Typical(f64);
@@ -157,7 +160,8 @@ impl Hierarchy<'_> {
             Ok(median(nodes.nodes.iter().map(|node| f64::from(node.error)).collect()))
         });
         let medians = medians.collect::<Result<Vec<f64>>>()?;
-        Ok(Typical((median(medians) / (LEVEL as f64).exp2()).max(f64::MIN_POSITIVE)))
+        // Not 0, where most merges change nothing: the others still differ, and the third power stays a number.
+        Ok(Typical((median(medians) / (LEVEL as f64).exp2()).max(LEAST_TYPICAL)))
     }
 
     /// The Gaussians of a block on the ground.
@@ -319,5 +323,22 @@ impl Hierarchy<'_> {
         let level = Level::of(&nodes, [&own, &parents], (own_detail / detail).min(1.0).powi(2));
         let most_opacity = level.most_opacity.min(MOST_OPACITY);
         Ok(Level { low, high, detail, most_opacity, checksum, ..level })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where most merges change nothing, the typical error is 0, and the nodes that do change pictures must not be
+    /// taken for Gaussians of the scene.
+    #[test]
+    fn errors_differ_however_small_the_typical_one_is() {
+        let mut nodes = Nodes::new(0);
+        for error in [0.0, 1e-3, 1.0] {
+            nodes.push(Node { error, ..Node::leaf([0.0; 3], [1.0, 0.0, 0.0, 0.0], [1.0; 3], 1.0) }, &[[0.0; 3]]);
+        }
+        let codes = Typical(LEAST_TYPICAL).codes(&nodes, 1);
+        assert!(codes[0] == 0 && 1 < codes[1] && codes[1] < codes[2], "{codes:?}");
     }
 }

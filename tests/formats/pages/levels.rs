@@ -5,7 +5,9 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::Value;
+use smalto::measure::metrics::psnr;
 use smalto::options::{Options, Storage};
+use smalto::pixels::Pixels;
 use smalto::scene::{Cancelled, Unreadable, synthetic};
 use smalto::storage::convert::{Job, Settings, Take, write_blocks, write_in_order, write_whole};
 use smalto::storage::{LEVEL_WORDS, PAGE, Page, PageFile};
@@ -159,7 +161,7 @@ fn a_level_is_a_scene_of_any_format() {
             .into_iter()
             .chain(["-o", &png])
             .collect::<Vec<_>>());
-        png_of(&png)
+        Pixels::read(Path::new(&png)).unwrap()
     };
     let exact = picture(&plain);
     let mut before = f64::INFINITY;
@@ -200,23 +202,12 @@ fn a_level_is_a_scene_of_any_format() {
     assert!(said.contains("standard output"), "{said}");
 }
 
-/// The colours of a picture, 0 to 1.
-fn png_of(file: &str) -> Vec<f64> {
-    let picture = image::open(file).unwrap().to_rgb8();
-    picture.into_raw().into_iter().map(|value| f64::from(value) / 255.0).collect()
-}
-
-fn psnr(a: &[f64], b: &[f64]) -> f64 {
-    let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
-    -10.0 * (squares / a.len() as f64).log10()
-}
-
 /// Errors are moved towards what is typical of their level, and still never fall from children to parents.
 #[test]
 fn errors_of_a_level_are_alike() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.smalto");
-    // A half of tiny Gaussians and a half of large ones.
+    // Streets of small Gaussians, walls and ground of large ones.
     let town = smalto::scene::Procedural::parse("town:40000").unwrap().unwrap().make().unwrap();
     write_whole(&job(&out, LEVELS), &scene_of(town.gaussians)).unwrap();
     let file = PageFile::open(&out).unwrap();
