@@ -147,9 +147,10 @@ const COMMANDS: [Pairs; 10] = [
             ACCURACY,
             LEVELS,
             BUDGET,
-            "cameras split parts size oracle-size views warmup frames json plot held-out",
+            "cameras split path parts size oracle-size views warmup frames json plot held-out",
         ],
         refused: &[
+            ("cameras", "path"),
             ("max-error", "min-psnr"),
             (BUDGET, ACCURACY),
             ("held-out", ACCURACY),

@@ -33,6 +33,24 @@ impl Pixels {
         self.rgba[y as usize * self.size[0] as usize + x as usize]
     }
 
+    /// The image with the mean of each square of `side` by `side` pixels as one pixel.
+    ///
+    /// # Panics
+    /// If `side` is 0 or does not divide width and height.
+    #[must_use]
+    pub fn averaged(&self, side: u32) -> Self {
+        let [width, height] = self.size;
+        assert!(width % side == 0 && height % side == 0, "squares of {side} pixels fill {width}x{height}");
+        let mut rgba = vec![[0.0; 4]; (width / side * (height / side)) as usize];
+        let weight = 1.0 / (side * side) as f32;
+        for (i, pixel) in self.rgba.iter().enumerate() {
+            let (x, y) = (i as u32 % width / side, i as u32 / width / side);
+            let mean: &mut [f32; 4] = &mut rgba[(y * (width / side) + x) as usize];
+            (0..4).for_each(|c| mean[c] += weight * pixel[c]);
+        }
+        Self { size: [width / side, height / side], rgba }
+    }
+
     /// Red, green, blue in 8 bits, rounded to the nearest step.
     pub fn to_rgb8(&self) -> Vec<u8> {
         self.opaque().map(to_byte).collect()
@@ -85,6 +103,14 @@ mod tests {
         let pixels = Pixels { size: [2, 1], rgba: vec![[0.5, -1.0, 2.0, 1.0], [f32::NAN, 0.0019, 0.0020, 1.0]] };
         assert_eq!(pixels.to_rgb8(), [128, 0, 255, 0, 0, 1]);
         assert_eq!(pixels.to_rgb16(), [32768, 0, 65535, 0, 125, 131]);
+    }
+
+    #[test]
+    fn squares_of_pixels_become_their_mean() {
+        let rgba = (0..16).map(|i| [i as f32, 0.0, 1.0, i as f32 / 4.0]).collect();
+        let small = Pixels { size: [8, 2], rgba }.averaged(2);
+        let means = [4.5, 6.5, 8.5, 10.5].map(|mean| [mean, 0.0, 1.0, mean / 4.0]);
+        assert_eq!(small, Pixels { size: [4, 1], rgba: means.to_vec() });
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::common::program::{fails, ok, path, smalto};
 use crate::common::{Gpu, Random, gaussians};
 use serde_json::Value;
 use smalto::measure::bench::Protocol;
-use smalto::measure::metrics::max_error;
+use smalto::measure::metrics::{max_error, psnr};
 use smalto::measure::trade::{Study, knobs};
 use smalto::options::Options;
 use smalto::pixels::Pixels;
@@ -105,18 +105,66 @@ fn a_search_starts_from_the_exact_options() {
     assert!(found.windows(2).all(turned));
 }
 
-#[test]
-fn presets_keep_their_promises_and_errors_stay_below_certificates() {
-    let folder = tempfile::tempdir().unwrap();
-    // Three cameras, of which two are views.
-    let file = path(&folder, "cameras.json");
-    let camera = |x: f64| {
+/// A camera file with cameras in front of a scene, `x` aside.
+fn camera_file(folder: &tempfile::TempDir, x: &[f64]) -> String {
+    let file = path(folder, "cameras.json");
+    let camera = |x: &f64| {
         format!(
             r#"{{"img_name": "a", "width": 64, "height": 48, "position": [{x}, -1.2, -5],
                  "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "fx": 60, "fy": 60}}"#
         )
     };
-    fs::write(&file, format!("[{}, {}, {}]", camera(-1.0), camera(0.0), camera(1.0))).unwrap();
+    fs::write(&file, format!("[{}]", x.iter().map(camera).collect::<Vec<_>>().join(", "))).unwrap();
+    file
+}
+
+#[test]
+fn levels_are_compared_with_exact_and_with_supersampled_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let cameras = camera_file(&folder, &[0.0]);
+    let (levels, plot) = (path(&folder, "levels.smalto"), path(&folder, "a.svg"));
+    ok(&["lod", "cactus:6000", "-o", &levels]);
+    let (report, text) = report(&levels, "levels", &["--cameras", &cameras, "--plot", &plot]);
+    let points = list(&report["levels"], "points");
+    let number = |point: &Value, name: &str| point[name].as_f64().unwrap();
+    let db = |point: &Value, to: &str| point[to]["psnr_db"].as_f64().unwrap_or(f64::INFINITY);
+    assert_eq!(points.len(), 3 * 7);
+    for (preset, points) in ["exact", "balanced", "fast"].iter().zip(points.chunks(7)) {
+        assert!(points.iter().all(|point| point["preset"] == *preset));
+        assert!(points[0]["options"]["splats"] == 0 && points[0]["pages"].is_null());
+        let falls = |of: &dyn Fn(&Value) -> f64| points.windows(2).all(|pair| of(&pair[0]) > of(&pair[1]));
+        assert!(falls(&|point| number(point, "visible")), "{preset} has fewer and fewer nodes: {text}");
+        assert!(falls(&|point| db(point, "from_exact")), "{preset} differs more and more: {text}");
+        assert!(points[1..].iter().all(|point| number(point, "predicted_psnr").is_finite()));
+    }
+    assert!(points[0]["from_exact"]["psnr_db"].is_null(), "the exact options draw the exact picture");
+    for (mark, to) in [("is_pareto", "from_exact"), ("is_pareto_supersampled", "from_supersampled")] {
+        let place = |point: &Value| (number(point, "gpu_ms"), db(point, to));
+        let beats = |other: (f64, f64), one: (f64, f64)| other != one && other.0 <= one.0 && other.1 >= one.1;
+        for point in points {
+            let is_beaten = points.iter().any(|other| beats(place(other), place(point)));
+            assert_eq!(point[mark], !is_beaten, "{mark} of {point}");
+        }
+    }
+    let draw = |size: &str| {
+        let out = path(&folder, &format!("{size}.npy"));
+        ok(&["render", &levels, "--preset", "exact", "--cameras", &cameras, "--size", size, "-o", &out]);
+        Pixels::read(Path::new(&out)).unwrap()
+    };
+    let truth = psnr(&draw("48x32"), &draw("192x128").averaged(4));
+    assert!((db(&points[0], "from_supersampled") - truth).abs() < 1e-6, "{truth}: {text}");
+    assert!(list(&report, "points").is_empty() && report["views"] == 1);
+    assert!(fs::read_to_string(plot).unwrap().contains("balanced, to 16 samples"));
+    // A file without levels has none to measure.
+    let error = fails(2, &quick("cactus:10", "levels", &[]));
+    assert!(error.contains("`smalto lod` makes a file with them"), "{error}");
+}
+
+#[test]
+fn presets_keep_their_promises_and_errors_stay_below_certificates() {
+    let folder = tempfile::tempdir().unwrap();
+    // Three cameras, of which two are views.
+    let file = camera_file(&folder, &[-1.0, 0.0, 1.0]);
     let (report, text) = report("cactus:2000", "promises,certificate", &["--cameras", &file]);
     let promises = list(&report, "promises");
     let presets: Vec<_> = promises.iter().map(|p| p["preset"].as_str().unwrap()).collect();

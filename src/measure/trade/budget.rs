@@ -184,7 +184,7 @@ pub fn choose(study: &Study, budget: Budget, progress: &dyn Fn(f64)) -> Result<C
         };
         if error <= left {
             let grounds = proven.map_or(Grounds::Measured(error + MARGIN * floor), Grounds::Proven);
-            let frames = study.protocol.frames;
+            let frames = study.protocol().frames;
             return Ok(Choice { name, options, gpu_ms, exact_gpu_ms, frames, grounds, refused, budget });
         }
         refused.push((name, error + MARGIN * floor));
@@ -194,7 +194,7 @@ pub fn choose(study: &Study, budget: Budget, progress: &dyn Fn(f64)) -> Result<C
         options: study.exact,
         gpu_ms: exact_gpu_ms,
         exact_gpu_ms,
-        frames: study.protocol.frames,
+        frames: study.protocol().frames,
         grounds: Grounds::Measured(MARGIN * floor),
         refused,
         budget,

@@ -1,15 +1,16 @@
 //! Measurements of a scene's views under given options: time of a frame, and error of the pictures.
 
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 use std::rc::Rc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::Result;
 
 use super::report::{Point, StageTime};
+use super::timing::Timing;
 use crate::camera::Camera;
 use crate::gpu::{Device, Timestamps};
-use crate::measure::bench::{Protocol, Statistics, WarmUp, WarmUpLimits, frame_ms, notice, stage_times};
+use crate::measure::bench::{Protocol, Statistics, notice, stage_times};
 use crate::measure::metrics::{Difference, mse};
 use crate::options::{Options, Storage};
 use crate::pixels::Pixels;
@@ -30,16 +31,13 @@ pub struct Study<'a> {
     pub views: Vec<Camera>,
     /// The same views at the size of the reference pictures.
     pub small_views: Vec<Camera>,
-    pub protocol: Protocol,
+    timing: Timing,
     pub background: Background,
     /// `views`, drawn by the GPU with the exact options.
     exact_pictures: Vec<Pixels>,
     /// `small_views`, drawn by the reference.
     oracle_pictures: Vec<Pixels>,
     scenes: RefCell<Vec<(SceneKey, Rc<GpuScene>)>>,
-    limits: WarmUpLimits,
-    /// The warm-up before this one.
-    warm_up: Cell<Option<WarmUp>>,
 }
 
 /// The options that a scene on the GPU depends on: SH degree, storages, alpha threshold.
@@ -50,7 +48,7 @@ const SCENES_KEPT: usize = 4;
 
 impl<'a> Study<'a> {
     /// Draws the exact pictures and those of the reference. `progress` receives the completed fraction. Warm-ups are
-    /// [`WarmUpLimits::BRIEF`].
+    /// brief.
     pub fn new(
         device: &'a Device,
         (gaussians, statistics): (&'a Gaussians, &'a storage::Statistics),
@@ -71,22 +69,20 @@ impl<'a> Study<'a> {
             exact,
             views,
             small_views,
-            protocol,
+            timing: Timing::new(protocol),
             background,
             exact_pictures: Vec::new(),
             oracle_pictures,
             scenes: RefCell::default(),
-            limits: WarmUpLimits::BRIEF,
-            warm_up: Cell::default(),
         };
         study.exact_pictures = study.draw(&exact, &study.views)?;
         Ok(study)
     }
 
-    /// Warms up as long as reported times need: [`WarmUpLimits::THOROUGH`].
+    /// Warms up as long as reported times need.
     #[must_use]
     pub fn thorough(self) -> Self {
-        Self { limits: WarmUpLimits::THOROUGH, ..self }
+        Self { timing: self.timing.thorough(), ..self }
     }
 
     /// The study with so few frames and views that those of a measurement take at most about `patience`, and brief
@@ -98,19 +94,10 @@ impl<'a> Study<'a> {
         let Some(view) = self.views.first() else { return Ok(self) };
         let scene = self.scene(&self.exact)?;
         let mut renderer = Renderer::new(self.device, &self.exact, &scene)?;
-        renderer.render(view, self.background)?;
-        let second = Instant::now();
-        renderer.render(view, self.background)?;
-        let protocol = self.protocol.within(patience, second.elapsed());
-        if protocol != self.protocol {
-            // The times of slow devices vary too much to become steady.
-            (self.protocol, self.limits) = (protocol, WarmUpLimits::BRIEF);
-        }
-        // Pictures of all views are drawn for candidates, too: as many as frames are affordable.
-        let (all, count) = (self.views.len(), self.protocol.frames.min(self.views.len()));
-        let kept = (0..count).map(|i| i * all / count);
-        self.exact_pictures = kept.clone().map(|i| self.exact_pictures[i].clone()).collect();
-        self.views = kept.map(|i| self.views[i].clone()).collect();
+        self.timing.within(patience, &mut renderer, (view, self.background))?;
+        let kept = self.timing.views(self.views.len());
+        (self.views, self.exact_pictures) =
+            kept.map(|i| (self.views[i].clone(), self.exact_pictures[i].clone())).unzip();
         Ok(self)
     }
 
@@ -141,12 +128,7 @@ impl<'a> Study<'a> {
     }
 
     fn frame_ms(&self, renderer: &mut Renderer) -> Result<f64> {
-        renderer.set_timestamps(Timestamps::Outermost);
-        let limits = self.limits.after(self.warm_up.get());
-        let frame = |view: usize| Ok(frame_ms(&self.frame(renderer, view)?));
-        self.warm_up.set(self.protocol.warm_up(self.views.len(), limits, frame)?);
-        let frames = (0..self.protocol.frames).map(|i| Ok(frame_ms(&self.frame(renderer, i)?)));
-        Ok(Statistics::of(frames.collect::<Result<Vec<f64>>>()?).median)
+        self.timing.median_ms(renderer, &self.views, self.background)
     }
 
     fn frame(&self, renderer: &mut Renderer, i: usize) -> Result<Frame> {
@@ -180,10 +162,10 @@ impl<'a> Study<'a> {
         let scene = self.scene(options)?;
         let mut renderer = Renderer::new(self.device, options, &scene)?;
         let gpu_ms = self.frame_ms(&mut renderer)?;
-        let warm_up = self.warm_up.get();
+        let warm_up = self.timing.warm_up.get();
         renderer.set_timestamps(Timestamps::All);
         let frame = |i: usize| Ok((self.frame(&mut renderer, i)?, renderer.path()));
-        let staged = (0..self.protocol.frames).map(frame).collect::<Result<Vec<_>>>()?;
+        let staged = (0..self.protocol().frames).map(frame).collect::<Result<Vec<_>>>()?;
         let (staged, paths): (Vec<Frame>, Vec<_>) = staged.into_iter().unzip();
         let stage = |(name, ms): (&str, Statistics)| StageTime { stage: name.to_owned(), ms: ms.median };
         let bytes = |buffers: Vec<(&str, u64)>| buffers.iter().map(|(_, bytes)| bytes).sum();
@@ -208,13 +190,18 @@ impl<'a> Study<'a> {
         })
     }
 
+    /// The frames of every measurement.
+    pub fn protocol(&self) -> Protocol {
+        self.timing.protocol
+    }
+
     /// The rules of the exact pictures.
     pub fn rules(&self) -> &Rules {
         &self.exact.rules
     }
 }
 
-fn draw(renderer: &mut Renderer, views: &[Camera], background: Background) -> Result<Vec<Pixels>> {
+pub(super) fn draw(renderer: &mut Renderer, views: &[Camera], background: Background) -> Result<Vec<Pixels>> {
     let picture = |view: &Camera| {
         renderer.render(view, background)?;
         renderer.pixels()
@@ -222,7 +209,7 @@ fn draw(renderer: &mut Renderer, views: &[Camera], background: Background) -> Re
     views.iter().map(picture).collect()
 }
 
-fn each(pictures: &[Pixels], exact: &[Pixels]) -> Vec<Difference> {
+pub(super) fn each(pictures: &[Pixels], exact: &[Pixels]) -> Vec<Difference> {
     pictures.iter().zip(exact).map(|(a, b)| Difference::between(a, b)).collect()
 }
 

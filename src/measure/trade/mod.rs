@@ -4,17 +4,23 @@
 mod budget;
 mod candidates;
 mod certify;
+mod levels;
 mod measure;
 #[cfg(feature = "plots")]
 mod plot;
 mod report;
 mod search;
+mod timing;
 
 pub use budget::{Budget, Choice, Grounds, Unmeetable, choose, choose_for, spread};
 pub use candidates::knobs;
 pub use certify::certify;
+pub use levels::{LevelTrade, SAMPLES_ALONG};
 pub use measure::Study;
 #[cfg(feature = "plots")]
 pub use plot::plot;
-pub use report::{BudgetReport, CertificateReport, Point, Promise, Report, SettingReport, StageTime, mark_pareto};
+pub use report::{
+    BudgetReport, CertificateReport, LevelPoint, LevelsReport, Point, Promise, Report, SettingReport, StageTime,
+    mark_pareto,
+};
 pub use search::search;

@@ -6,16 +6,54 @@ use anyhow::Result;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::report::{Point, Report, psnr_db};
-use crate::measure::bench::plot::{self, FONT, Panel, TEXT, broken, colour};
+use super::report::{LevelsReport, Point, Report, psnr_db};
+use crate::measure::bench::plot::{self, FONT, Lines, Panel, TEXT, broken, colour};
+use crate::measure::metrics::Difference;
 
 /// PSNR of pictures in 8 bits: every value one step off, truncated, rounded.
 const GUIDES_DB: [(f64, &str); 3] =
     [(48.1, "1 step of 8 bits"), (52.9, "8 bits, truncated"), (58.9, "8 bits, rounded")];
 
-/// Writes the plot: single knobs as grey points, the search as a line, the presets with names.
+/// Height of a panel in pixels.
+const HEIGHT: u32 = 640;
+
+/// Writes the plot: single knobs as grey points, the search as a line, the presets with names; below, the levels of
+/// detail as lines.
 pub fn plot(report: &Report, presets: &[&str], path: &Path) -> Result<()> {
-    plot::write(path, (1000, 640), |panel| draw(report, presets, panel))
+    let has_points = !report.points.is_empty();
+    let panels = u32::from(has_points) + u32::from(report.levels.is_some());
+    plot::write(path, (1000, HEIGHT * panels), |panel| {
+        let (upper, lower) = panel.split_vertically(if has_points { HEIGHT } else { 0 });
+        if has_points {
+            draw(report, presets, &upper)?;
+        }
+        report.levels.as_ref().map_or(Ok(()), |levels| draw_levels(report, levels, &lower))
+    })
+}
+
+/// PSNR over time of each preset with fewer and fewer nodes. Pictures that are equal have no place.
+fn draw_levels(report: &Report, levels: &LevelsReport, panel: &Panel) -> Result<()> {
+    let LevelsReport { samples, points, .. } = levels;
+    let mut presets: Vec<&str> = points.iter().map(|point| point.preset.as_str()).collect();
+    presets.dedup();
+    let supersampled = format!("to {samples} samples");
+    type To = fn(&super::LevelPoint) -> &Difference;
+    let ends: [(&str, To); 2] = [("to exact", |p| &p.from_exact), (&supersampled, |p| &p.from_supersampled)];
+    let line = |(preset, (name, to)): (&str, (&str, To))| {
+        let of_preset = points.iter().filter(|point| point.preset == preset);
+        let places = of_preset.filter_map(|point| Some((point.gpu_ms, to(point).psnr_db?)));
+        (format!("{preset}, {name}"), places.collect())
+    };
+    let all = presets.iter().flat_map(|preset| ends.map(|end| (*preset, end)));
+    let [width, height] = report.size;
+    let lines = Lines {
+        title: format!("Levels of detail: {} at {width}x{height}, {}", report.scene.name, report.device.name),
+        x: "GPU time of a frame, ms (median)".to_owned(),
+        y: "PSNR of the worst view, dB".to_owned(),
+        lines: all.map(line).collect(),
+        is_logarithmic: false,
+    };
+    lines.draw(panel)
 }
 
 fn draw(report: &Report, presets: &[&str], panel: &Panel) -> Result<()> {

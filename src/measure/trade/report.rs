@@ -34,6 +34,8 @@ pub struct Report {
     pub search: Vec<Point>,
     /// The accuracy that the presets promise, checked over all cameras.
     pub promises: Vec<Promise>,
+    /// Levels of detail; null if they were not measured.
+    pub levels: Option<LevelsReport>,
     pub certificate: Option<CertificateReport>,
     pub budget: Option<BudgetReport>,
 }
@@ -72,6 +74,48 @@ pub struct Point {
 pub struct StageTime {
     pub stage: String,
     pub ms: f64,
+}
+
+/// What levels of detail cost: presets with all Gaussians and with fewer and fewer nodes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LevelsReport {
+    /// Number of views that each point is measured over.
+    pub views: usize,
+    /// Number of measured frames of each point.
+    pub frames: usize,
+    /// Samples of each pixel of the supersampled pictures.
+    pub samples: u32,
+    /// The first is drawn by the exact options from all Gaussians.
+    pub points: Vec<LevelPoint>,
+}
+
+/// Time and error of a preset with levels of detail, or with all Gaussians. Errors are those of the worst view in each
+/// measure.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LevelPoint {
+    pub preset: String,
+    /// `splats` is the number of nodes that is asked for; 0: all Gaussians are drawn.
+    pub options: Options,
+    /// The warm-up before the measured frames; null with a `warmup` of 0.
+    pub warm_up: Option<WarmUp>,
+    /// Median GPU time of a frame.
+    pub gpu_ms: f64,
+    /// Gaussians or nodes in the picture, the mean of the views.
+    pub visible: f64,
+    /// Pages that hold the cut, the mean of the views; null if all Gaussians are drawn.
+    pub pages: Option<f64>,
+    /// The least PSNR that measured errors of nodes predict for a view, dB; null if none is predicted.
+    pub predicted_psnr: Option<f64>,
+    /// Difference from the exact options with all Gaussians.
+    pub from_exact: Difference,
+    /// Difference from the supersampled picture, which the exact options draw from all Gaussians.
+    pub from_supersampled: Difference,
+    /// No other point is both faster and closer to the exact pictures.
+    pub is_pareto: bool,
+    /// No other point is both faster and closer to the supersampled pictures.
+    pub is_pareto_supersampled: bool,
 }
 
 /// The accuracy that a preset promises, and that of its worst picture.
@@ -150,10 +194,25 @@ pub(super) fn psnr_db(difference: &Difference) -> f64 {
 
 /// Sets `is_pareto` of the points that no other point beats in both time and PSNR.
 pub fn mark_pareto(points: &mut [&mut Point]) {
-    let all: Vec<(f64, f64)> = points.iter().map(|p| (p.gpu_ms, psnr_db(&p.from_oracle))).collect();
-    for (point, (ms, db)) in points.iter_mut().zip(&all) {
-        let is_beaten =
-            all.iter().any(|(other_ms, other_db)| other_ms <= ms && other_db >= db && (other_ms, other_db) != (ms, db));
-        point.is_pareto = !is_beaten;
+    let all: Vec<_> = points.iter().map(|p| (p.gpu_ms, psnr_db(&p.from_oracle))).collect();
+    points.iter_mut().zip(front(&all)).for_each(|(point, is_pareto)| point.is_pareto = is_pareto);
+}
+
+/// Sets both marks of the points of levels.
+pub(super) fn mark_levels(points: &mut [LevelPoint]) {
+    let fronts = |of: fn(&LevelPoint) -> &Difference| {
+        front(&points.iter().map(|p| (p.gpu_ms, psnr_db(of(p)))).collect::<Vec<_>>())
+    };
+    let marks = fronts(|p| &p.from_exact).into_iter().zip(fronts(|p| &p.from_supersampled));
+    for (point, marks) in points.iter_mut().zip(marks.collect::<Vec<_>>()) {
+        (point.is_pareto, point.is_pareto_supersampled) = marks;
     }
+}
+
+/// True for each time and PSNR that no other beats in both.
+fn front(all: &[(f64, f64)]) -> Vec<bool> {
+    let beats = |(ms, db): (f64, f64), (other_ms, other_db): (f64, f64)| {
+        other_ms <= ms && other_db >= db && (other_ms, other_db) != (ms, db)
+    };
+    all.iter().map(|one| !all.iter().any(|other| beats(*one, *other))).collect()
 }

@@ -1,32 +1,33 @@
 //! `smalto trade`: the cost of accuracy on a scene.
 
-use std::collections::BTreeSet;
+mod tables;
+
 use std::path::PathBuf;
 use std::time::Duration;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::ValueEnum;
 
-use super::bench::{CameraPath, Cameras};
+use super::bench::{CameraPath, Cameras, PATHS};
 use super::budget::BudgetArgs;
-use super::table::{say_table, table};
+use super::drawable::Drawable;
 use super::{
     DeviceArgs, Knobs, SceneArg, Sink, SplitArg, Usage, check_plots, complain, named_or_found, parse_size, progress,
-    remark, say, size_text,
+    say, size_text,
 };
 use crate::camera::{Camera, path};
 use crate::files::check_writable;
 use crate::gpu::Device;
 use crate::measure::bench::{DeviceReport, Protocol, SceneReport, VersionReport, copy_gb_s};
-use crate::measure::metrics::Difference;
 use crate::measure::trade::{
-    self, Budget, BudgetReport, CertificateReport, Point, Promise, Report, Study, mark_pareto, spread,
+    self, Budget, BudgetReport, LevelTrade, LevelsReport, Point, Promise, Report, Study, mark_pareto, spread,
 };
 use crate::options::Options;
+use crate::render::{NoLevels, SceneSource};
 use crate::rules::Background;
-use crate::scene::Focus;
-use crate::scene::Gaussians;
+use crate::scene::{Focus, Gaussians, Scene};
 use crate::storage::Statistics;
+use tables::{print_budget, print_certificate, print_levels, print_points, print_promises};
 
 /// Measure the cost of accuracy: time, memory and error of every knob alone and of combinations that a search finds
 #[derive(clap::Args)]
@@ -35,14 +36,20 @@ pub(super) struct Args {
     scene: SceneArg,
     /// Camera file or folder, as `smalto render` takes it [default: the one found in the scene's folder or above it,
     /// else one orbit with zoom]
-    #[arg(long, value_name = "FILE|DIR")]
+    #[arg(long, value_name = "FILE|DIR", conflicts_with = "path")]
     cameras: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
+    /// Camera path instead of a camera file, as in `smalto bench`
+    #[arg(long, value_name = PATHS)]
+    path: Option<CameraPath>,
     /// Parts to measure: knobs (the presets and every knob alone), search (combinations of knobs), promises (checks the
-    /// accuracy that the presets promise, over all cameras), certificate (certificates compared with the true errors)
-    #[arg(long, value_name = "PART,...", default_value = "knobs,search", value_delimiter = ',')]
-    parts: Vec<Part>,
+    /// accuracy that the presets promise, over all cameras), certificate (certificates compared with the true errors),
+    /// levels (the presets with all Gaussians and with fewer nodes of a file that `smalto lod` made, against the exact
+    /// pictures and against pictures with 16 samples a pixel). With levels alone, the scene is not read as a whole
+    /// [default: knobs,search, and levels if the file has them]
+    #[arg(long, value_name = "PART,...", value_delimiter = ',')]
+    parts: Option<Vec<Part>>,
     /// Picture size at which time and the error against the exact picture are measured
     #[arg(long, value_name = "WxH", default_value = "1920x1080", value_parser = parse_size)]
     size: [u32; 2],
@@ -83,6 +90,7 @@ enum Part {
     Search,
     Promises,
     Certificate,
+    Levels,
 }
 
 /// Presets that promise an accuracy: name, options, least PSNR in dB, and largest difference in 8 bits.
@@ -96,84 +104,70 @@ const PROMISES: [(&str, Options, f64, Option<u8>); 4] = [
 /// Measured frames of every point, and the time for them on slow devices.
 const FRAMES: usize = 64;
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Cameras of the orbit if there is no camera file.
-const ORBIT_VIEWS: usize = 100;
+/// Cameras of a path.
+const PATH_VIEWS: usize = 100;
 
 pub(super) fn run(args: &Args) -> Result<()> {
     args.knobs.check_gpu()?;
-    check_parts(args)?;
+    if args.knobs.trades() {
+        return Err(Usage("trade sets the knobs itself; only rules of the picture can be set".to_owned()).into());
+    }
+    check_plots(args.plot.as_deref())?;
+    let paged = Drawable::in_pages(&args.scene)?.filter(Drawable::has_levels);
+    let parts = checked_parts(args, paged.is_some())?;
     let budget = args.budget.budget()?;
     args.json.as_ref().map_or(Ok(()), Sink::check)?;
     args.plot.as_deref().map_or(Ok(()), check_writable)?;
     let device = args.device.open()?;
     // The points have most stages in common, which take a software device longer to compile than to run.
     device.keep_pipelines();
-    let scene = args.scene.read_for(Some(&device))?;
-    let gaussians = &scene.gaussians;
-    if gaussians.is_empty() {
+    let whole = parts.iter().any(|part| *part != Part::Levels) || budget.is_some();
+    let whole = whole.then(|| args.scene.read_for(Some(&device))).transpose()?;
+    let (scene, is_antialiased, focus) = match (&whole, &paged) {
+        (Some(Scene { gaussians, is_antialiased, .. }), _) => {
+            (SceneReport::of(args.scene.title(), gaussians), *is_antialiased, Focus::of(gaussians))
+        }
+        (None, Some(paged)) => (paged.report(), paged.is_antialiased, paged.source.focus()),
+        (None, None) => return Err(NoLevels.into()),
+    };
+    if scene.gaussians == 0 {
         return Err(Usage(format!("{}: the scene has no Gaussians", args.scene.title())).into());
     }
-    let statistics = Statistics::of(gaussians);
-    let file = named_or_found(args.cameras.as_deref(), &args.scene);
-    let cameras = Cameras::read(file.as_deref(), &args.split, &CameraPath::Orbit { zooms: true }, args.size)?;
-    let count = if file.is_some() { usize::MAX } else { ORBIT_VIEWS };
-    let (all, nearest) = cameras.views((&|| Focus::of(gaussians), None), args.size, count)?;
-    let exact = args.knobs.options(&Options::EXACT, scene.is_antialiased, nearest);
-    let bench = Bench { args, device: &device, gaussians, statistics: &statistics, exact };
-    let has = |part| args.parts.contains(&part);
-
-    let study = bench.study("reference", &spread(&all, args.views.into()))?;
+    let (all, nearest) = views(args, focus)?;
     let mut report = Report {
         format: Report::FORMAT.to_owned(),
         smalto: VersionReport::current(),
         device: DeviceReport::of(&device, copy_gb_s(&device)?),
-        scene: SceneReport::of(args.scene.title(), gaussians),
+        scene,
         size: args.size,
         oracle_size: args.oracle_size,
-        views: study.views.len(),
-        warmup: study.protocol.warmup,
-        frames: study.protocol.frames,
+        views: 0,
+        warmup: args.warmup.into(),
+        frames: 0,
         points: Vec::new(),
         search: Vec::new(),
         promises: Vec::new(),
+        levels: None,
         certificate: None,
         budget: None,
     };
-    say!(
-        "{}  {}  {} Gaussians, {} views, {} frames a point; reference at {}",
-        report.scene.name,
-        size_text(args.size),
-        gaussians.len(),
-        report.views,
-        report.frames,
-        size_text(args.oracle_size)
-    )?;
-    if has(Part::Knobs) {
-        report.points = bench.points(&study)?;
-    }
-    if has(Part::Search) {
-        if report.points.is_empty() {
-            report.points.push(study.point("exact", &exact)?);
-        }
-        let bar = progress::Bar::new("search");
-        report.search = trade::search(&study, &|done| bar.set(done))?;
-    }
-    mark_pareto(&mut report.points.iter_mut().chain(&mut report.search).collect::<Vec<_>>());
-    print_points(&report)?;
-    if has(Part::Promises) {
-        report.promises = bench.promises(&all)?;
-        print_promises(&report.promises)?;
-    }
-    if has(Part::Certificate) {
-        let bar = progress::Bar::new("certificate");
-        let certificate = trade::certify(&study, &|done| bar.set(done))?;
-        drop(bar);
-        print_certificate(&certificate)?;
-        report.certificate = Some(certificate);
-    }
+    let exact = args.knobs.options(&Options::EXACT, is_antialiased, nearest);
     // A budget that cannot be met fails after the report of everything else is written.
-    let held = budget.map(|budget| bench.hold(&study, budget, &all)).transpose();
-    report.budget = held.as_ref().ok().cloned().flatten();
+    let mut held = Ok(());
+    if let Some(Scene { gaussians, .. }) = &whole {
+        let statistics = Statistics::of(gaussians);
+        let bench = Bench { args, device: &device, gaussians, statistics: &statistics, exact };
+        held = bench.measure(&parts, budget, &all, &mut report)?;
+    }
+    if let Some(Drawable { source, .. }) = paged.as_ref().filter(|_| parts.contains(&Part::Levels)) {
+        let levels = levels(args, (&device, source), &exact, &spread(&all, args.views.into()))?;
+        if whole.is_none() {
+            (report.views, report.frames) = (levels.views, levels.frames);
+            say!("{}  {}  {} Gaussians", report.scene.name, size_text(args.size), report.scene.gaussians)?;
+        }
+        print_levels(&levels)?;
+        report.levels = Some(levels);
+    }
     complain(&device)?;
     if let Some(sink) = &args.json {
         sink.write_json(&report)?;
@@ -183,23 +177,57 @@ pub(super) fn run(args: &Args) -> Result<()> {
         let presets = Options::PRESETS.map(|(name, _)| name);
         trade::plot(&report, &presets, file)?;
     }
-    held.map(drop)
+    held
 }
 
-/// Fails if arguments contradict each other.
-fn check_parts(args: &Args) -> Result<(), Usage> {
-    let has = |part| args.parts.contains(&part);
-    if args.knobs.trades() {
-        return Err(Usage("trade sets the knobs itself; only rules of the picture can be set".to_owned()));
-    }
-    check_plots(args.plot.as_deref())?;
-    if args.plot.is_some() && !has(Part::Knobs) && !has(Part::Search) {
-        return Err(Usage("--plot needs --parts knobs or search".to_owned()));
+/// The parts to measure of a scene with or without levels of detail. Fails if arguments contradict each other.
+fn checked_parts(args: &Args, has_levels: bool) -> Result<Vec<Part>> {
+    let default = || [Part::Knobs, Part::Search].into_iter().chain(has_levels.then_some(Part::Levels)).collect();
+    let parts: Vec<Part> = args.parts.clone().unwrap_or_else(default);
+    ensure!(has_levels || !parts.contains(&Part::Levels), NoLevels);
+    if args.plot.is_some() && parts.iter().all(|part| matches!(part, Part::Promises | Part::Certificate)) {
+        return Err(Usage("--plot needs --parts knobs, search or levels".to_owned()).into());
     }
     let rules = args.knobs.options(&Options::EXACT, false, f32::INFINITY);
-    match rules.uncertifiable().filter(|_| has(Part::Certificate)) {
-        Some(why) => Err(Usage(format!("--parts certificate: {why}"))),
-        None => Ok(()),
+    match rules.uncertifiable().filter(|_| parts.contains(&Part::Certificate)) {
+        Some(why) => Err(Usage(format!("--parts certificate: {why}")).into()),
+        None => Ok(parts),
+    }
+}
+
+/// The views of the scene, and the largest distance of the near plane that they allow, in world units.
+fn views(args: &Args, focus: Focus) -> Result<(Vec<Camera>, f32)> {
+    let file = if args.path.is_none() { named_or_found(args.cameras.as_deref(), &args.scene) } else { None };
+    let path = args.path.as_ref().unwrap_or(&CameraPath::Orbit { zooms: true });
+    let cameras = Cameras::read(file.as_deref(), &args.split, path, args.size)?;
+    let count = if file.is_some() { usize::MAX } else { PATH_VIEWS };
+    cameras.views((&|| focus, args.scene.town()?), args.size, count)
+}
+
+/// Measures levels of detail, with the rules of `exact`.
+fn levels(
+    args: &Args,
+    (device, source): (&Device, &SceneSource),
+    exact: &Options,
+    views: &[Camera],
+) -> Result<LevelsReport> {
+    let by_rules = |preset: &Options| args.knobs.options(preset, exact.rules.antialiased, exact.rules.near);
+    let presets = [("exact", *exact), ("balanced", by_rules(&Options::BALANCED)), ("fast", by_rules(&Options::FAST))];
+    let bar = progress::Bar::new("levels");
+    LevelTrade {
+        device,
+        source,
+        presets: &presets,
+        views: &resized(views, args.size),
+        protocol: args.protocol(),
+        patience: args.frames.is_none().then_some(PATIENCE),
+    }
+    .measure(&|done| bar.set(done))
+}
+
+impl Args {
+    fn protocol(&self) -> Protocol {
+        Protocol { warmup: self.warmup.into(), frames: self.frames.map_or(FRAMES, usize::from) }
     }
 }
 
@@ -213,6 +241,55 @@ struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
+    /// Measures and prints the parts that need the whole scene, and chooses for a budget. The inner error is that of
+    /// the budget.
+    fn measure(
+        &self,
+        parts: &[Part],
+        budget: Option<Budget>,
+        all: &[Camera],
+        report: &mut Report,
+    ) -> Result<Result<()>> {
+        let study = self.study("reference", &spread(all, self.args.views.into()))?;
+        (report.views, report.frames) = (study.views.len(), study.protocol().frames);
+        report.warmup = study.protocol().warmup;
+        say!(
+            "{}  {}  {} Gaussians, {} views, {} frames a point; reference at {}",
+            report.scene.name,
+            size_text(self.args.size),
+            report.scene.gaussians,
+            report.views,
+            report.frames,
+            size_text(self.args.oracle_size)
+        )?;
+        if parts.contains(&Part::Knobs) {
+            report.points = self.points(&study)?;
+        }
+        if parts.contains(&Part::Search) {
+            if report.points.is_empty() {
+                report.points.push(study.point("exact", &self.exact)?);
+            }
+            let bar = progress::Bar::new("search");
+            report.search = trade::search(&study, &|done| bar.set(done))?;
+        }
+        mark_pareto(&mut report.points.iter_mut().chain(&mut report.search).collect::<Vec<_>>());
+        print_points(report)?;
+        if parts.contains(&Part::Promises) {
+            report.promises = self.promises(all)?;
+            print_promises(&report.promises)?;
+        }
+        if parts.contains(&Part::Certificate) {
+            let bar = progress::Bar::new("certificate");
+            let certificate = trade::certify(&study, &|done| bar.set(done))?;
+            drop(bar);
+            print_certificate(&certificate)?;
+            report.certificate = Some(certificate);
+        }
+        let held = budget.map(|budget| self.hold(&study, budget, all)).transpose();
+        report.budget = held.as_ref().ok().cloned().flatten();
+        Ok(held.map(drop))
+    }
+
     /// A study of these views, at full size and at the size of the reference.
     fn study(&self, name: &str, views: &[Camera]) -> Result<Study<'a>> {
         self.study_at(name, [resized(views, self.args.size), resized(views, self.args.oracle_size)])
@@ -221,9 +298,8 @@ impl<'a> Bench<'a> {
     fn study_at(&self, name: &str, views: [Vec<Camera>; 2]) -> Result<Study<'a>> {
         let bar = progress::Bar::new(name);
         let (scene, drawn) = ((self.gaussians, self.statistics), (self.exact, Background::BLACK));
-        let frames = self.args.frames.map_or(FRAMES, usize::from);
-        let protocol = Protocol { warmup: self.args.warmup.into(), frames };
-        let study = Study::new(self.device, scene, drawn, views, protocol, &|done| bar.set(done))?.thorough();
+        let study =
+            Study::new(self.device, scene, drawn, views, self.args.protocol(), &|done| bar.set(done))?.thorough();
         if self.args.frames.is_some() { Ok(study) } else { study.within(PATIENCE) }
     }
 
@@ -277,102 +353,4 @@ impl<'a> Bench<'a> {
 
 fn resized(views: &[Camera], size: [u32; 2]) -> Vec<Camera> {
     views.iter().map(|view| view.resized(size)).collect()
-}
-
-fn print_points(report: &Report) -> Result<()> {
-    let Some(exact) = report.points.first() else {
-        return Ok(());
-    };
-    let header = ["", "path", "ms", "saved", "MB", "dB", "max error", "step", "SSIM", "FLIP", "dB to exact", "max", ""];
-    let mut rows = table(&header);
-    for point in report.points.iter().chain(&report.search) {
-        let (oracle, full) = (&point.from_oracle, &point.from_exact);
-        rows.add_row([
-            point.name.clone(),
-            point.drawn_by.to_string(),
-            format!("{:.3}", point.gpu_ms),
-            format!("{:.3}", exact.gpu_ms - point.gpu_ms),
-            format!("{:.0}", (point.scene_bytes + point.work_bytes) as f64 / 1e6),
-            decibels(oracle),
-            format!("{:.4}", oracle.max_error),
-            oracle.largest_step.to_string(),
-            oracle.ssim.map_or_else(String::new, |ssim| format!("{ssim:.5}")),
-            format!("{:.5}", oracle.flip),
-            decibels(full),
-            format!("{:.4}", full.max_error),
-            if point.is_pareto { "*" } else { "" }.to_owned(),
-        ]);
-    }
-    say_table(&rows)?;
-    say!(
-        "  errors of the worst view; step: largest difference in 8 bits; \
-         *: no other is both faster and more accurate"
-    )?;
-    let all = || report.points.iter().chain(&report.search);
-    let notices: BTreeSet<&str> = all().filter_map(|point| point.notice.as_deref()).collect();
-    notices.iter().for_each(|notice| remark(&format!("note: {}: {notice}", report.scene.name)));
-    let unsteady = all().filter(|point| point.warm_up.is_some_and(|warm_up| !warm_up.is_steady)).count();
-    match unsteady {
-        0 => Ok(()),
-        _ => {
-            let points = all().count();
-            say!("  warning: the frame time of {unsteady} of {points} points was not steady after the warm-up")
-        }
-    }
-}
-
-fn print_promises(promises: &[Promise]) -> Result<()> {
-    let mut rows = table(&["preset", "promise", "dB", "max error", "step", "SSIM", "FLIP", "cameras", "kept"]);
-    for promise in promises {
-        let step = promise.max_step.map_or_else(String::new, |step| format!(", {step} steps"));
-        let worst = &promise.worst;
-        rows.add_row([
-            promise.preset.clone(),
-            format!("{} dB{step}", promise.min_psnr_db),
-            decibels(worst),
-            format!("{:.4}", worst.max_error),
-            worst.largest_step.to_string(),
-            worst.ssim.map_or_else(String::new, |ssim| format!("{ssim:.5}")),
-            format!("{:.5}", worst.flip),
-            promise.cameras.to_string(),
-            if promise.is_kept { "yes" } else { "NO" }.to_owned(),
-        ]);
-    }
-    say_table(&rows)
-}
-
-fn print_certificate(report: &CertificateReport) -> Result<()> {
-    let header =
-        ["certificate", "pixels", "violations", "max error", "max bound", "mean error", "mean bound", "tightest"];
-    let mut rows = table(&header);
-    for setting in &report.settings {
-        rows.add_row([
-            setting.name.clone(),
-            setting.pixel_tests.to_string(),
-            setting.violations.to_string(),
-            format!("{:.5}", setting.max_error),
-            format!("{:.5}", setting.max_certificate),
-            format!("{:.2e}", setting.mean_error),
-            format!("{:.2e}", setting.mean_certificate),
-            format!("{:.3}", setting.tightest),
-        ]);
-    }
-    say_table(&rows)?;
-    say!("  {} pixels tested, {} violations", report.pixel_tests, report.violations)
-}
-
-fn print_budget(held: &BudgetReport) -> Result<()> {
-    let BudgetReport { held_out_views, exceeded, from_oracle, from_exact, .. } = held;
-    say!(
-        "  on {held_out_views} other views: {exceeded} over the budget; worst {} dB and {:.4} to the reference, \
-         {} dB and {:.4} to exact",
-        decibels(from_oracle),
-        from_oracle.max_error,
-        decibels(from_exact),
-        from_exact.max_error
-    )
-}
-
-fn decibels(difference: &Difference) -> String {
-    difference.psnr_db.map_or_else(|| "equal".to_owned(), |db| format!("{db:.1}"))
 }
