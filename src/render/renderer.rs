@@ -76,11 +76,14 @@ impl Renderer {
     }
 
     fn varied(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
+        // Else the nodes of levels would be drawn among the Gaussians that they stand for.
+        let is_finest = scene.levels.is_some() && !options.wants_levels();
+        let options = if is_finest { options.finest() } else { *options };
         Ok(Self {
             device: device.clone(),
-            options: *options,
+            options,
             scene: scene.clone(),
-            choice: choose(device, options, scene, variation)?,
+            choice: choose(device, &options, scene, variation)?,
             image: Image::new(device, "image", 1, 1)?,
             upscaler: (options.scale != 1.0).then(|| Upscaler::new(device)).transpose()?,
             certificate: None,

@@ -278,7 +278,12 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         let slabs = if slabs == 1 { "1 slab".to_owned() } else { format!("{slabs} slabs") };
         say!("  in {slabs}, {wall_ms:.1} ms in all{pages}")?;
     }
-    if let Some(Detailed { lod_error, nodes, pages, predicted_psnr, measured_psnr }) = frame.detail {
+    if let Some(detail) = frame.detail {
+        let Detailed { lod_error, nodes, pages, predicted_psnr, measured_psnr } = detail;
+        let limit = match detail.is_coarsest() {
+            true => "there are no coarser ones".to_owned(),
+            false => format!("error {lod_error:.3} per node"),
+        };
         let predicted = predicted_psnr.map_or("no error".to_owned(), |db| format!("{db:.1} dB"));
         let measured = match measured_psnr {
             Some(db) => format!(", {db:.1} dB measured"),
@@ -286,8 +291,8 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
             None => String::new(),
         };
         say!(
-            "  about {nodes:.0} nodes in {pages} pages of the levels, error {lod_error:.3} per node, \
-             {predicted} predicted{measured}"
+            "  about {nodes:.0} nodes in {pages} page{} of the levels, {limit}, {predicted} predicted{measured}",
+            if pages == 1 { "" } else { "s" }
         )?;
     }
     if args.timings {

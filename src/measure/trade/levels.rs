@@ -52,7 +52,7 @@ impl LevelTrade<'_> {
     /// If rendering fails, or the scene has no levels.
     pub fn measure(&self, progress: &dyn Fn(f64)) -> Result<LevelsReport> {
         let (_, exact) = &self.presets[0];
-        let scene = self.scene(exact)?;
+        let scene = self.scene(exact, 0)?;
         let mut timing = Timing::new(self.protocol).thorough();
         let mut views = self.views.to_vec();
         if let Some(patience) = self.patience {
@@ -67,8 +67,13 @@ impl LevelTrade<'_> {
         let mut points: Vec<LevelPoint> = Vec::new();
         let all = self.presets.len() * (HALVINGS as usize + 1);
         for (preset, options) in self.presets {
-            let scene = self.scene(options)?;
+            // Without a number of nodes, the pages of levels are not there, as wherever all Gaussians are drawn.
+            let mut scene = self.scene(options, 0)?;
             for halvings in 0..=HALVINGS {
+                if halvings == 1 {
+                    drop(scene);
+                    scene = self.scene(options, 1)?;
+                }
                 progress((points.len() + 1) as f64 / (all + 1) as f64);
                 let visible = points.first().map_or(0.0, |exact| exact.visible);
                 let splats = if halvings == 0 { 0 } else { asked_for(visible / f64::from(1 << halvings)) };
@@ -82,10 +87,9 @@ impl LevelTrade<'_> {
         Ok(LevelsReport { views: views.len(), frames: timing.protocol.frames, samples, points })
     }
 
-    fn scene(&self, options: &Options) -> Result<GpuScene> {
-        let with_levels = Options { splats: 1, ..*options };
+    fn scene(&self, options: &Options, splats: u32) -> Result<GpuScene> {
         let [width, height] = self.views[0].size_px.map(u64::from);
-        self.source.bring(self.device, &with_levels, false, 4 * 16 * width * height)
+        self.source.bring(self.device, &Options { splats, ..*options }, false, 4 * 16 * width * height)
     }
 
     /// The views by the exact options, each pixel the mean of its samples.

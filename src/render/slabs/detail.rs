@@ -31,6 +31,11 @@ pub struct Detailed {
 }
 
 impl Detailed {
+    /// True if the search for a limit ended above all errors: there are no coarser nodes, whatever is asked for.
+    pub fn is_coarsest(&self) -> bool {
+        self.lod_error > ABOVE_ALL
+    }
+
     pub(super) fn of(state: &CutState) -> Self {
         let wide = |[low, high]: [u32; 2]| f64::from(high) * 32f64.exp2() + f64::from(low);
         Self {
@@ -43,6 +48,9 @@ impl Detailed {
         }
     }
 }
+
+/// No node has as large an error, in pixels times steps of 1/255.
+const ABOVE_ALL: f64 = 1e9;
 
 /// Units of a node where nodes are counted: nodes of a page that are looked for in the picture.
 pub const NODE_UNITS: f64 = SAMPLES as f64;

@@ -127,6 +127,10 @@ fn the_finest_cut_may_be_drawn_between_others() {
     let (before, finest, after) = (drawn(false), drawn(true), drawn(false));
     assert_eq!([differing(&before, &after), differing(&finest, &whole.0)], [0, 0]);
     assert!(differing(&before, &finest) > 1000);
+    // Options without levels draw no node of a scene that has them.
+    let mut plain = Renderer::new(&device, &Options::BALANCED, &scene).unwrap();
+    plain.render(&camera, BACKGROUND).unwrap();
+    assert_eq!(differing(&plain.pixels().unwrap(), &whole.0), 0);
 }
 
 #[test]

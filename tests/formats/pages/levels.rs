@@ -230,7 +230,9 @@ fn the_command_says_what_is_wrong() {
     ok(&["convert", "cactus:3000", &plain]);
     let png = path(&folder, "a.png");
     let said = ok(&["render", &out, "--splats", "500", "--size", "64x48", "-o", &png]);
-    assert!(said.contains("pages of the levels"), "{said}");
+    assert!(said.contains("pages of the levels, error"), "{said}");
+    let said = ok(&["render", &out, "--splats", "1", "--size", "64x48", "-o", &png]);
+    assert!(said.contains("page of the levels, there are no coarser ones"), "{said}");
     let said = ok(&["render", &out, "--splats", "500", "--measure-levels", "--size", "64x48", "-o", &png]);
     assert!(said.contains("dB measured"), "{said}");
     let said = fails(2, &["render", &out, "--measure-levels", "--size", "64x48", "-o", &png]);
