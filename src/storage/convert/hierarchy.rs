@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use super::output::{Output, sealed};
 use super::storeys::{FLOOR, HALVINGS, Storey, TOPS, storeys};
 use crate::files::{read_exact_at, write_all_at};
-use crate::levels::{NEVER, Node, Nodes, Parents, code, median, parents};
+use crate::levels::{FINEST, NEVER, Node, Nodes, Parents, code, median, parents};
 use crate::scene::Cancelled;
 use crate::storage::pages::{LEVEL_WORDS, Level, NO_NODE, NO_PAGE, PADDING, PAGE, PageRecord, level_words};
 use crate::storage::planes::Shape;
@@ -82,10 +82,12 @@ struct Typical(f64);
 impl Typical {
     /// The codes of the errors of nodes of a level, 0 for Gaussians of the scene, as files hold them: moved towards the
     /// typical error of the level, by three quarters of the way between their logarithms. At equal numbers of nodes,
-    /// pictures are better so (docs/levels.md, Errors).
+    /// pictures are better so (docs/levels.md, Errors). Where a node changes nothing that was measured, it has the least
+    /// error above 0, so that without a limit the Gaussians of the scene are drawn.
     fn codes(self, nodes: &Nodes, level: usize) -> Vec<u16> {
         let typical = self.0 * (level as f64).exp2();
-        let tempered = |node: &Node| code((f64::from(node.error) * typical.powi(3)).sqrt().sqrt());
+        let least = if level == 0 { FINEST } else { FINEST + 1 };
+        let tempered = |node: &Node| code((f64::from(node.error) * typical.powi(3)).sqrt().sqrt()).max(least);
         nodes.nodes.iter().map(tempered).collect()
     }
 }
@@ -339,6 +341,7 @@ mod tests {
             nodes.push(Node { error, ..Node::leaf([0.0; 3], [1.0, 0.0, 0.0, 0.0], [1.0; 3], 1.0) }, &[[0.0; 3]]);
         }
         let codes = Typical(LEAST_TYPICAL).codes(&nodes, 1);
-        assert!(codes[0] == 0 && 1 < codes[1] && codes[1] < codes[2], "{codes:?}");
+        assert!(codes[0] == 1 && 1 < codes[1] && codes[1] < codes[2], "{codes:?}");
+        assert_eq!(Typical(LEAST_TYPICAL).codes(&nodes, 0)[0], FINEST, "a Gaussian of the scene");
     }
 }
