@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use super::output::{Output, sealed};
 use super::storeys::{FLOOR, HALVINGS, Storey, TOPS, storeys};
 use crate::files::{read_exact_at, write_all_at};
-use crate::levels::{FINEST, NEVER, Node, Nodes, Parents, code, median, parents};
+use crate::levels::{NEVER, Node, Nodes, Parents, code, median, parents};
 use crate::scene::Cancelled;
 use crate::storage::pages::{LEVEL_WORDS, Level, NO_NODE, NO_PAGE, PADDING, PAGE, PageRecord, level_words};
 use crate::storage::planes::Shape;
@@ -72,6 +72,10 @@ impl Place {
     }
 }
 
+/// The least error of a node, as a part of the typical one of its level. A block with a few distant Gaussians is measured
+/// on pictures in which all others are smaller than a pixel, and their merges seem to change nothing.
+const LEAST_ERROR: f64 = 1.0 / 16.0;
+
 /// The least typical error of Gaussians of the scene: 2^-60 world units.
 const LEAST_TYPICAL: f64 = 1.0 / (1_u64 << 60) as f64;
 
@@ -82,12 +86,11 @@ struct Typical(f64);
 impl Typical {
     /// The codes of the errors of nodes of a level, 0 for Gaussians of the scene, as files hold them: moved towards the
     /// typical error of the level, by three quarters of the way between their logarithms. At equal numbers of nodes,
-    /// pictures are better so (docs/levels.md, Errors). Where a node changes nothing that was measured, it has the least
-    /// error above 0, so that without a limit the Gaussians of the scene are drawn.
+    /// pictures are better so (docs/levels.md, Errors).
     fn codes(self, nodes: &Nodes, level: usize) -> Vec<u16> {
         let typical = self.0 * (level as f64).exp2();
-        let least = if level == 0 { FINEST } else { FINEST + 1 };
-        let tempered = |node: &Node| code((f64::from(node.error) * typical.powi(3)).sqrt().sqrt()).max(least);
+        let least = if level == 0 { 0.0 } else { LEAST_ERROR * typical };
+        let tempered = |node: &Node| code((f64::from(node.error).max(least) * typical.powi(3)).sqrt().sqrt());
         nodes.nodes.iter().map(tempered).collect()
     }
 }
@@ -341,7 +344,15 @@ mod tests {
             nodes.push(Node { error, ..Node::leaf([0.0; 3], [1.0, 0.0, 0.0, 0.0], [1.0; 3], 1.0) }, &[[0.0; 3]]);
         }
         let codes = Typical(LEAST_TYPICAL).codes(&nodes, 1);
-        assert!(codes[0] == 1 && 1 < codes[1] && codes[1] < codes[2], "{codes:?}");
-        assert_eq!(Typical(LEAST_TYPICAL).codes(&nodes, 0)[0], FINEST, "a Gaussian of the scene");
+        assert!(0 < codes[0] && codes[0] < codes[1] && codes[1] < codes[2], "{codes:?}");
+        assert_eq!(Typical(LEAST_TYPICAL).codes(&nodes, 0)[0], 0, "a Gaussian of the scene");
+    }
+
+    /// Where the measurement sees no change, the typical one counts.
+    #[test]
+    fn a_node_has_a_part_of_the_typical_error_at_least() {
+        let mut nodes = Nodes::new(0);
+        nodes.push(Node::leaf([0.0; 3], [1.0, 0.0, 0.0, 0.0], [1.0; 3], 1.0), &[[0.0; 3]]);
+        assert_eq!(Typical(0.25).codes(&nodes, 2), [code(0.5)], "the fourth root of 1/16, of an error of 1");
     }
 }
