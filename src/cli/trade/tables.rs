@@ -6,6 +6,7 @@ use anyhow::Result;
 
 use crate::cli::table::{say_table, table};
 use crate::cli::{remark, say};
+use crate::measure::bench::WarmUp;
 use crate::measure::metrics::Difference;
 use crate::measure::trade::{BudgetReport, CertificateReport, LevelsReport, Promise, Report};
 
@@ -41,13 +42,16 @@ pub(super) fn print_points(report: &Report) -> Result<()> {
     let all = || report.points.iter().chain(&report.search);
     let notices: BTreeSet<&str> = all().filter_map(|point| point.notice.as_deref()).collect();
     notices.iter().for_each(|notice| remark(&format!("note: {}: {notice}", report.scene.name)));
-    let unsteady = all().filter(|point| point.warm_up.is_some_and(|warm_up| !warm_up.is_steady)).count();
+    warn_unsteady(all().map(|point| point.warm_up))
+}
+
+/// Says how many points were measured before the frame time was steady.
+fn warn_unsteady(warm_ups: impl Iterator<Item = Option<WarmUp>>) -> Result<()> {
+    let is_steady: Vec<bool> = warm_ups.map(|warm_up| warm_up.is_none_or(|warm_up| warm_up.is_steady)).collect();
+    let (points, unsteady) = (is_steady.len(), is_steady.iter().filter(|is_steady| !**is_steady).count());
     match unsteady {
         0 => Ok(()),
-        _ => {
-            let points = all().count();
-            say!("  warning: the frame time of {unsteady} of {points} points was not steady after the warm-up")
-        }
+        _ => say!("  warning: the frame time of {unsteady} of {points} points was not steady after the warm-up"),
     }
 }
 
@@ -134,7 +138,8 @@ pub(super) fn print_levels(report: &LevelsReport) -> Result<()> {
     say!(
         "  {views} views, {frames} frames a point; errors of the worst view, to the exact picture and to one with \
          {samples} samples a pixel; *: no other is both faster and closer"
-    )
+    )?;
+    warn_unsteady(report.points.iter().map(|point| point.warm_up))
 }
 
 fn decibels(difference: &Difference) -> String {

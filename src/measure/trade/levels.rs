@@ -8,7 +8,7 @@
 
 use std::time::Duration;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 
 use super::measure::{draw, each, worst_of};
 use super::report::{LevelPoint, LevelsReport, mark_levels};
@@ -52,7 +52,8 @@ impl LevelTrade<'_> {
     /// If rendering fails, or the scene has no levels.
     pub fn measure(&self, progress: &dyn Fn(f64)) -> Result<LevelsReport> {
         let (_, exact) = &self.presets[0];
-        let scene = self.scene(exact, 0)?;
+        let samples = SAMPLES_ALONG * SAMPLES_ALONG;
+        let scene = self.scene(exact, 0, samples)?;
         let mut timing = Timing::new(self.protocol).thorough();
         let mut views = self.views.to_vec();
         if let Some(patience) = self.patience {
@@ -68,11 +69,11 @@ impl LevelTrade<'_> {
         let all = self.presets.len() * (HALVINGS as usize + 1);
         for (preset, options) in self.presets {
             // Without a number of nodes, the pages of levels are not there, as wherever all Gaussians are drawn.
-            let mut scene = self.scene(options, 0)?;
+            let mut scene = self.scene(options, 0, 1)?;
             for halvings in 0..=HALVINGS {
                 if halvings == 1 {
                     drop(scene);
-                    scene = self.scene(options, 1)?;
+                    scene = self.scene(options, 1, 1)?;
                 }
                 progress((points.len() + 1) as f64 / (all + 1) as f64);
                 let visible = points.first().map_or(0.0, |exact| exact.visible);
@@ -83,13 +84,14 @@ impl LevelTrade<'_> {
             }
         }
         mark_levels(&mut points);
-        let samples = SAMPLES_ALONG * SAMPLES_ALONG;
         Ok(LevelsReport { views: views.len(), frames: timing.protocol.frames, samples, points })
     }
 
-    fn scene(&self, options: &Options, splats: u32) -> Result<GpuScene> {
-        let [width, height] = self.views[0].size_px.map(u64::from);
-        self.source.bring(self.device, &Options { splats, ..*options }, false, 4 * 16 * width * height)
+    /// The scene on the device, with memory left for pictures of so many samples a pixel.
+    fn scene(&self, options: &Options, splats: u32, samples: u32) -> Result<GpuScene> {
+        let pixels: u64 = self.views[0].size_px.map(u64::from).iter().product();
+        let reserve = 4 * 16 * pixels * u64::from(samples);
+        self.source.bring(self.device, &Options { splats, ..*options }, false, reserve)
     }
 
     /// The views by the exact options, each pixel the mean of its samples.
@@ -97,8 +99,10 @@ impl LevelTrade<'_> {
         let mut renderer = Renderer::new(self.device, &self.presets[0].1, scene)?;
         let picture = |view: &Camera| {
             let fine = view.sampled(view.size_px.map(|side| SAMPLES_ALONG * side));
-            renderer.render(&fine, Background::BLACK)?;
-            Ok(renderer.pixels()?.averaged(SAMPLES_ALONG))
+            let drawn = renderer.render(&fine, Background::BLACK).and_then(|_| renderer.pixels());
+            let [width, height] = fine.size_px;
+            let what = || format!("the picture with {SAMPLES_ALONG} by {SAMPLES_ALONG} samples, {width}x{height}");
+            Ok(drawn.with_context(what)?.averaged(SAMPLES_ALONG))
         };
         views.iter().map(picture).collect()
     }
