@@ -23,7 +23,8 @@ pub struct SceneSource {
 /// The scene has no levels of detail, and the options ask for them.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "there are no levels of detail here: `smalto lod` makes a file with them, `render`, `bench`, `view` and `trade` draw it"
+    "there are no levels of detail here: `smalto lod` makes a file with them; `render`, `bench`, `view` and `trade` \
+     draw it"
 )]
 pub struct NoLevels;
 
