@@ -36,11 +36,6 @@ impl Drawable {
         }))
     }
 
-    /// True if it has levels of detail.
-    pub fn has_levels(&self) -> bool {
-        matches!(&self.source.content, Content::File(file) if file.levels().is_some())
-    }
-
     /// A scene that was read.
     pub fn of(arg: &SceneArg, scene: Scene) -> Self {
         let Scene { gaussians, is_antialiased, .. } = scene;

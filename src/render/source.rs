@@ -75,6 +75,11 @@ impl SceneSource {
         }
     }
 
+    /// True if it has levels of detail.
+    pub fn has_levels(&self) -> bool {
+        matches!(&self.content, Content::File(file) if file.levels().is_some())
+    }
+
     /// Brings the scene to a device, for a renderer that makes certificates or one that does not. A page file, a scene
     /// that is too large for the device, or one at places is drawn in pages; `reserve` bytes of memory are then left
     /// for pictures.
@@ -86,8 +91,7 @@ impl SceneSource {
         // A scene without Gaussians is empty everywhere.
         let placements = self.placements.as_ref().filter(|_| self.statistics().count > 0);
         ensure!(!certifies || placements.is_none(), "pictures of scenes at places have no certificates");
-        let has_levels = matches!(&self.content, Content::File(file) if file.levels().is_some());
-        ensure!(!options.wants_levels() || has_levels || self.statistics().count == 0, NoLevels);
+        ensure!(!options.wants_levels() || self.has_levels() || self.statistics().count == 0, NoLevels);
         let alpha_min = if certifies { LISTED_ALPHA } else { options.rules.alpha_min };
         let options = &Options { rules: Rules { alpha_min, ..options.rules }, ..*options };
         let pages = match &self.content {

@@ -113,7 +113,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return Err(Usage("trade sets the knobs itself; only rules of the picture can be set".to_owned()).into());
     }
     check_plots(args.plot.as_deref())?;
-    let paged = Drawable::in_pages(&args.scene)?.filter(Drawable::has_levels);
+    let paged = Drawable::in_pages(&args.scene)?.filter(|paged| paged.source.has_levels());
     let parts = checked_parts(args, paged.is_some())?;
     let budget = args.budget.budget()?;
     args.json.as_ref().map_or(Ok(()), Sink::check)?;
@@ -142,7 +142,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         size: args.size,
         oracle_size: args.oracle_size,
         views: 0,
-        warmup: args.warmup.into(),
+        warmup: 0,
         frames: 0,
         points: Vec::new(),
         search: Vec::new(),
@@ -162,7 +162,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(Drawable { source, .. }) = paged.as_ref().filter(|_| parts.contains(&Part::Levels)) {
         let levels = levels(args, (&device, source), &exact, &spread(&all, args.views.into()))?;
         if whole.is_none() {
-            (report.views, report.frames) = (levels.views, levels.frames);
+            (report.views, report.warmup, report.frames) = (levels.views, levels.warmup, levels.frames);
             say!("{}  {}  {} Gaussians", report.scene.name, size_text(args.size), report.scene.gaussians)?;
         }
         print_levels(&levels)?;

@@ -84,7 +84,8 @@ impl LevelTrade<'_> {
             }
         }
         mark_levels(&mut points);
-        Ok(LevelsReport { views: views.len(), frames: timing.protocol.frames, samples, points })
+        let Protocol { warmup, frames } = timing.protocol;
+        Ok(LevelsReport { views: views.len(), warmup, frames, samples, points })
     }
 
     /// The scene on the device, with memory left for pictures of so many samples a pixel.

@@ -82,6 +82,8 @@ pub struct StageTime {
 pub struct LevelsReport {
     /// Number of views that each point is measured over.
     pub views: usize,
+    /// Least number of warm-up frames before each point.
+    pub warmup: usize,
     /// Number of measured frames of each point.
     pub frames: usize,
     /// Samples of each pixel of the supersampled pictures.
