@@ -159,6 +159,8 @@ fn levels_are_compared_with_exact_and_with_supersampled_pictures() {
     // A file without levels has none to measure.
     let error = fails(2, &quick("cactus:10", "levels", &[]));
     assert!(error.contains("`smalto lod` makes a file with them"), "{error}");
+    let missing = path(&folder, "missing.smalto");
+    assert!(fails(4, &quick(&missing, "levels", &[])).contains("missing.smalto: cannot be opened"));
 }
 
 #[test]

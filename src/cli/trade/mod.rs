@@ -121,8 +121,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let device = args.device.open()?;
     // The points have most stages in common, which take a software device longer to compile than to run.
     device.keep_pipelines();
-    let whole = parts.iter().any(|part| *part != Part::Levels) || budget.is_some();
+    // A scene without levels is read even for these: what is wrong with its file comes first.
+    let whole = parts.iter().any(|part| *part != Part::Levels) || budget.is_some() || paged.is_none();
     let whole = whole.then(|| args.scene.read_for(Some(&device))).transpose()?;
+    ensure!(paged.is_some() || !parts.contains(&Part::Levels), NoLevels);
     let (scene, is_antialiased, focus) = match (&whole, &paged) {
         (Some(Scene { gaussians, is_antialiased, .. }), _) => {
             (SceneReport::of(args.scene.title(), gaussians), *is_antialiased, Focus::of(gaussians))
@@ -184,7 +186,6 @@ pub(super) fn run(args: &Args) -> Result<()> {
 fn checked_parts(args: &Args, has_levels: bool) -> Result<Vec<Part>> {
     let default = || [Part::Knobs, Part::Search].into_iter().chain(has_levels.then_some(Part::Levels)).collect();
     let parts: Vec<Part> = args.parts.clone().unwrap_or_else(default);
-    ensure!(has_levels || !parts.contains(&Part::Levels), NoLevels);
     if args.plot.is_some() && parts.iter().all(|part| matches!(part, Part::Promises | Part::Certificate)) {
         return Err(Usage("--plot needs --parts knobs, search or levels".to_owned()).into());
     }
