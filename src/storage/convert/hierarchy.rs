@@ -74,7 +74,7 @@ impl Place {
 
 /// The least error of a node, as a part of the typical one of its level. A block with a few distant Gaussians is
 /// measured on pictures in which all others are smaller than a pixel, and their merges seem to change nothing.
-const LEAST_ERROR: f64 = 1.0 / 16.0;
+const LEAST_ERROR: f64 = 0.25;
 
 /// The least typical error of Gaussians of the scene: 2^-60 world units.
 const LEAST_TYPICAL: f64 = 1.0 / (1_u64 << 60) as f64;
