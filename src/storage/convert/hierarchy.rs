@@ -353,6 +353,10 @@ mod tests {
     fn a_node_has_a_part_of_the_typical_error_at_least() {
         let mut nodes = Nodes::new(0);
         nodes.push(Node::leaf([0.0; 3], [1.0, 0.0, 0.0, 0.0], [1.0; 3], 1.0), &[[0.0; 3]]);
-        assert_eq!(Typical(0.25).codes(&nodes, 2), [code(0.25_f64.powf(0.25))], "the fourth root of 1/4, of an error of 1");
+        assert_eq!(
+            Typical(0.25).codes(&nodes, 2),
+            [code(0.25_f64.powf(0.25))],
+            "the fourth root of 1/4, of an error of 1"
+        );
     }
 }
