@@ -3,6 +3,7 @@
 #include "shared/frame.glsl"
 #include "slabs/slab.glsl"
 #include "cut/cut.glsl"
+#include "cut/notes.glsl"
 // One invocation per page in view: lists it if some of its nodes are drawn. Where pages are demanded, it also notes
 // that the page is wanted, and how much.
 // Before: `seen` from look, the sums of all rounds. After: the pages of the cut are listed in any order, and counted;
@@ -72,14 +73,16 @@ void main() {
         bool lacks_some = slot == NO_SLOT || floors_here.y > limits.y;
         demand_page(place.page, coarsest, place.widths.y, limits.y, lacks_some);
     }
+    uvec2 asked = limits;
     limits = max(limits, floors_here);
     if (!is_in_cut(page, limits)) return;
     uint listed_before = atomicAdd(state.listed, 1);
     if (push.stamp == 0 && slot == NO_SLOT) atomicAdd(state.missing, 1);
-    uint filled = slot == NO_SLOT ? 0 : page.count;
-    listed[push.first_page + listed_before] = uvec4(slot, limits.x | limits.y << 16, place.view, filled | HAS_INDICES);
-    pages[listed_before] = place.page;
     Left left = left_of(place, page, limits);
+    uint notes = notes_of(page.level, float(limits.x - asked.x) / 512.0, energy_of_node(left, place, page));
+    uint last = (slot == NO_SLOT ? 0 : page.count) | notes << COUNT_BITS | HAS_INDICES;
+    listed[push.first_page + listed_before] = uvec4(slot, limits.x | limits.y << 16, place.view, last);
+    pages[listed_before] = place.page;
     ADD(state.nodes, uvec2(nodes_of(left), 0));
     ADD(state.energy, in_units(energy_of(left, place, page)));
 }

@@ -24,6 +24,7 @@ struct PageBox {
 struct PageErrors {
     uint parent;  // the page with the box by which the parents of its nodes are judged, or NO_PAGE
     uint count;   // nodes
+    uint level;   // 0 for pages of the scene
     uint least;   // the least own error
     uint errors[PARTS / 2];    // the largest own error of each eighth of the nodes
     uint parents[PARTS / 2];   // the same of the errors of parents

@@ -73,15 +73,19 @@ uint nodes_of(Left left) {
     return left.drawn / 2048;
 }
 
-// The squared error of these nodes in the picture: the mean over those within their limit.
-float energy_of(Left left, SeenPage seen, PageErrors page) {
+// The squared error of a node in the picture: the mean over those within their limit.
+float energy_of_node(Left left, SeenPage seen, PageErrors page) {
     float whole = float(left.within) / 256.0, sum = 0.0;
     [[unroll]] for (uint i = 0; i < PARTS; i++) {
         uint code = CODE(page.energies, i);
         sum += code > 0 ? exp2(float(code) / 512.0 - 64.0) * clamp(whole - float(i), 0.0, 1.0) : 0.0;
     }
-    bool has_error = left.drawn > 0 && seen.widths.x > 0.0;
-    return has_error ? float(left.drawn) / (2048.0 * float(SAMPLES)) * (sum / whole) / seen.widths.x : 0.0;
+    return left.within > 0 && seen.widths.x > 0.0 ? (sum / whole) / seen.widths.x : 0.0;
+}
+
+// The same of all that are drawn.
+float energy_of(Left left, SeenPage seen, PageErrors page) {
+    return float(left.drawn) / (2048.0 * float(SAMPLES)) * energy_of_node(left, seen, page);
 }
 
 // A squared error in units of the state.

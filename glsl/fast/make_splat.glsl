@@ -4,6 +4,7 @@
 //   VIEW             the camera, in the axes and units of the Gaussians
 //   INDEX_OF(g)      the index by which Gaussian g is ordered among those of equal depth
 //   IN_WORLD(depth) and NEAR, as depth_key.glsl says
+//   ATTRIBUTES       if looks may show attributes: the macros of inspect/attributes.glsl are defined, too
 #define LISTED (uvec2(BIN_COLUMNS, BIN_ROWS) * uvec2(BLOCK_WIDTH, push.block_height))
 #include "shared/ellipse.glsl"
 #include "fast/splat.glsl"
@@ -12,6 +13,15 @@
 #include "shared/projection.glsl"
 #include "shared/depth_key.glsl"
 #include "shared/spans.glsl"
+#ifdef ATTRIBUTES
+#include "inspect/attributes.glsl"
+
+// The integral of the weight of a splat over the picture, px^2.
+float area_of(Splat splat) {
+    const float PI = 3.14159265;
+    return PI * LOG2_E / (splat.factor.x * splat.factor.z);
+}
+#endif
 
 const bool SH_EARLY = SH_STORED_PLANES <= 3;
 shared uint survivors[PROJECT_CHUNK];
@@ -66,6 +76,9 @@ void make_splat(uint gaussian, float z, bool exists) {
     depth_keys[index] = depth_key(mean, z);
     if (!SH_EARLY) fetch_sh(gaussian, stored);
     splat.colour = stored_colour(stored, direction(p));
+#ifdef ATTRIBUTES
+    if (ATTRIBUTE != NO_ATTRIBUTE) splat.colour = attribute_of(gaussian, mean, z, area_of(splat));
+#endif
     splats[index * SPLAT_WORDS] = first_element(splat);
     splats[index * SPLAT_WORDS + 1] = second_element(splat);
     if (!COMPACT) splats[index * SPLAT_WORDS + 2] = third_element(splat);

@@ -1,6 +1,6 @@
 // The numbers that the host and the shaders of the inspector share. build.rs makes Rust constants of them.
 
-// The attribute that shade_attribute writes in place of the colour of a splat.
+// The attribute that takes the place of the colour of a splat.
 const uint ATTRIBUTE_DEPTH = 0;
 const uint ATTRIBUTE_NORMAL = 1;
 const uint ATTRIBUTE_OPACITY = 2;
@@ -8,6 +8,10 @@ const uint ATTRIBUTE_SIZE = 3;
 const uint ATTRIBUTE_ANISOTROPY = 4;
 const uint ATTRIBUTE_BASE_COLOUR = 5;
 const uint ATTRIBUTE_IDENTITY = 6;
+const uint ATTRIBUTE_LEVEL = 7;
+const uint ATTRIBUTE_PREDICTED_ERROR = 8;
+const uint ATTRIBUTE_LAG = 9;
+const uint NO_ATTRIBUTE = 10;
 
 // The work that inspect counts or draws.
 const uint WORK_TILE_LOAD = 0;

@@ -22,54 +22,20 @@ layout(push_constant, scalar) uniform Push {
     View view;
 } push;
 
+#define INDEX_OF(gaussian) (gaussian)
+#define IN_WORLD(length) (length)
+#define IN_WORLD_AXES(v) (v)
+// Of a Gaussian of the scene.
+#define LEVEL 0.0
+#define LAG(gaussian) 0.0
+#define ENERGY 0.0
 #include "shared/storage.glsl"
-
-// `Attribute` in src/render/inspect/inspector.rs documents the attributes and their units.
-
-// The shortest axis in world space, turned to the camera; the first one if several are equally short.
-vec3 normal_of(vec4 rotation, vec3 scale, vec3 from_camera) {
-    uint shortest = scale.y < scale.x ? 1 : 0;
-    if (scale.z < scale[shortest]) shortest = 2;
-    vec3 normal = rotation_matrix(rotation)[shortest];
-    return dot(normal, from_camera) > 0.0 ? -normal : normal;
-}
-
-// log2 of a length; a length of 0 counts as the smallest normal float.
-float log2_length(float length) {
-    return log2(max(length, 1.17549435e-38));
-}
-
-// A colour unrelated to those of neighbouring numbers (the permutation of PCG, O'Neill 2014), and not too dark.
-vec3 colour_of_number(uint number) {
-    uint state = number * 747796405u + 2891336453u;
-    uint word = ((state >> ((state >> 28) + 4)) ^ state) * 277803737u;
-    uint hash = (word >> 22) ^ word;
-    return 0.2 + 0.8 / 255.0 * vec3(hash & 0xff, hash >> 8 & 0xff, hash >> 16 & 0xff);
-}
-
-vec3 attribute_of(uint gaussian) {
-    vec3 mean = uintBitsToFloat(bounds[gaussian].xyz);
-    vec4 rotation;
-    vec3 scale;
-    float opacity;
-    load_shape(gaussian, rotation, scale, opacity);
-    float longest = max(scale.x, max(scale.y, scale.z)), shortest = min(scale.x, min(scale.y, scale.z));
-    switch (ATTRIBUTE) {
-        case ATTRIBUTE_DEPTH: return vec3(depth_of(mean, push.view));
-        case ATTRIBUTE_NORMAL: return 0.5 + 0.5 * normal_of(rotation, scale, mean - push.view.position_high);
-        case ATTRIBUTE_OPACITY: return vec3(opacity);
-        case ATTRIBUTE_SIZE: return vec3(log2_length(longest));
-        case ATTRIBUTE_ANISOTROPY: return vec3(log2_length(longest) - log2_length(shortest));
-        case ATTRIBUTE_BASE_COLOUR: {
-            vec4 planes[SH_PLANES];
-            load_sh(gaussian, planes);
-            return harmonics_colour(planes, 0, vec3(0.0));
-        }
-        default: return colour_of_number(gaussian);
-    }
-}
+#include "inspect/attributes.glsl"
 
 void main() {
     uint index = workgroup() * WORKGROUP + lane();
-    if (index < totals.visible_kept) splats[index].colour = attribute_of(gaussian_from_splat[index]);
+    if (index >= totals.visible_kept) return;
+    uint gaussian = gaussian_from_splat[index];
+    vec3 mean = uintBitsToFloat(bounds[gaussian].xyz);
+    splats[index].colour = attribute_of(gaussian, mean, depth_of(mean, push.view), 1.0);
 }

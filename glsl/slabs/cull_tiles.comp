@@ -45,7 +45,7 @@ void main() {
     for (uint i = lane(); i < PAGE; i += WORKGROUP) {
         uint gaussian = page.slot * PAGE + i;
         float z = 0.0;
-        bool visible = i < (page.filled & ~HAS_INDICES) && is_in_cut(gaussian) && may_be_visible(bounds[gaussian], z);
+        bool visible = i < page.filled && is_in_cut(gaussian) && may_be_visible(bounds[gaussian], z);
         if (visible) {
             vec3 mean = uintBitsToFloat(bounds[gaussian].xyz);
             visible = is_in(push.slab, uvec2(depth_key(mean, z), index_of(gaussian)));

@@ -2,6 +2,5 @@
 // Requires: page, indices[], push.gaussians
 
 uint index_of(uint gaussian) {
-    bool has_indices = (page.filled & HAS_INDICES) != 0;
-    return has_indices ? page.view * push.gaussians + indices[gaussian] : gaussian;
+    return page.has_indices ? page.view * push.gaussians + indices[gaussian] : gaussian;
 }

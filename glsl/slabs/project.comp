@@ -5,6 +5,8 @@
 #include "shared/ballot.glsl"
 #include "fast/frame.glsl"
 #include "slabs/slab.glsl"
+#include "cut/notes.glsl"
+#include "inspect/codes.glsl"
 #include "shared/harmonics.glsl"
 #include "shared/grids.glsl"
 #include "shared/rotation.glsl"
@@ -26,6 +28,8 @@ layout(binding = 9, scalar) buffer CountersBlock { FastCounters counters; };
 layout(binding = 10, scalar) readonly buffer Listed { uvec4 listed[]; };                    // [elements]
 layout(binding = 11, scalar) readonly buffer Indices { uint indices[]; };                   // [gaussians] at most
 layout(binding = 12, scalar) readonly buffer Levels { uint levels[]; };                     // [2 * gaussians] at most
+layout(constant_id = 9) const uint ATTRIBUTE = NO_ATTRIBUTE;
+
 layout(push_constant, scalar) uniform Push {
     Slab slab;
     vec2 focal_px;
@@ -39,6 +43,9 @@ layout(push_constant, scalar) uniform Push {
     uint depth_shift;  // lowest bits that depth keys leave out
     uint block_height;  // px
     uint gaussians;    // of the scene at one place, nodes included
+    vec3 right;        // the axes of the camera in the world
+    vec3 down;
+    vec3 forward;
 } push;
 
 #include "slabs/found.glsl"
@@ -46,6 +53,17 @@ layout(push_constant, scalar) uniform Push {
 #define INDEX_OF(gaussian) index_of(gaussian)
 #include "slabs/levels.glsl"
 #define OPACITIES_OF(gaussian) opacities_of_node(gaussian)
+
+// By how many powers of two the error of a node is above the limit that is asked for: finer pages are missing.
+float lag_of_node(uint gaussian) {
+    return max((float(levels[2 * gaussian] & 0xffff) - float(page.limits & 0xffff)) / 512.0 + lag_of(page), 0.0);
+}
+
+#define ATTRIBUTES
+#define IN_WORLD_AXES(v) (mat3(push.right, push.down, push.forward) * ((v) * mat3(seen.right, seen.down, seen.forward)))
+#define LEVEL float(level_of(page))
+#define LAG(gaussian) lag_of_node(gaussian)
+#define ENERGY energy_of(page)
 #include "fast/make_splat.glsl"
 
 const uint QUARTER = PAGE / QUARTERS;
@@ -53,7 +71,7 @@ const uint QUARTER = PAGE / QUARTERS;
 void main() {
     if (workgroup() >= QUARTERS * listed[push.first_page - 1].x) return;
     turn_to(workgroup() / QUARTERS);
-    uint begin = workgroup() % QUARTERS * QUARTER, end = min(begin + QUARTER, page.filled & ~HAS_INDICES);
+    uint begin = workgroup() % QUARTERS * QUARTER, end = min(begin + QUARTER, page.filled);
     if (begin >= end) return;
     if (lane() == 0) found = splats_here = spans_here = 0;
     barrier();

@@ -9,12 +9,17 @@ struct ListedPage {
     uint slot;    // its place in the planes of Gaussians: it begins at Gaussian slot * PAGE
     uint limits;  // of errors, as codes: of its nodes in the lower half, of their parents in the upper half
     uint view;    // its placed view
-    uint filled;  // number of Gaussians, and HAS_INDICES: their indices are in a plane, else they are their places
+    uint filled;  // number of Gaussians
+    bool has_indices;  // the indices of its Gaussians are in a plane, else they are their places
+    uint notes;   // what looks show of it, as cut/notes.glsl has it
 };
-const uint HAS_INDICES = 2147483648;  // the highest bit
+const uint HAS_INDICES = 2147483648;  // the highest bit of the last word, whose lowest bits count the Gaussians
+const uint COUNT_BITS = 11, NOTES_BITS = 20;
 
 ListedPage page_of(uvec4 element) {
-    return ListedPage(element.x, element.y, element.z, element.w);
+    uint filled = bitfieldExtract(element.w, 0, int(COUNT_BITS));
+    uint notes = bitfieldExtract(element.w, int(COUNT_BITS), int(NOTES_BITS));
+    return ListedPage(element.x, element.y, element.z, filled, (element.w & HAS_INDICES) != 0, notes);
 }
 
 // A camera in the axes and units of a placed scene; the rest of the camera is that of the frame. It takes VIEW_ELEMENTS

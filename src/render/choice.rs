@@ -11,7 +11,7 @@ use super::capacity::{Capacity, has_memory};
 use super::fast::{FastPipeline, FastWorkspace};
 use super::frame::{Shot, Target, Variation, tiles};
 use super::gpu_scene::GpuScene;
-use super::inspect::Inspector;
+use super::inspect::{Attribute, Inspector};
 use super::path::{Limits, Path};
 use super::portable::{PortablePipeline, PortableWorkspace};
 use super::recorded::OfPages;
@@ -221,14 +221,20 @@ impl PathChoice {
         stages
     }
 
+    /// True if the fast path shows attributes: of scenes with levels of detail, whose pages it draws.
+    pub fn shows_attributes(&self) -> bool {
+        self.fast.is_some() && self.chooser.as_ref().is_some_and(Chooser::has_levels)
+    }
+
     /// Chooses the path of a frame of this size and makes its buffers large enough for it. `needs_tile_lists` rules the
-    /// fast path out.
+    /// fast path out; `attribute` is what that shows in place of colours.
     pub fn prepare(
         &mut self,
         device: &Device,
         scene: &GpuScene,
         size: [u32; 2],
         needs_tile_lists: bool,
+        attribute: Option<Attribute>,
     ) -> Result<Limits> {
         let (gaussians, is_paged) = (scene.placed_len(), scene.is_paged());
         let wants_levels = self.options.wants_levels();
@@ -244,8 +250,8 @@ impl PathChoice {
                 fast.needs_slabs || reads_pages || !has_memory(fast.work.grow(device, demand(grid.count()), 0))?;
             if !in_slabs {
                 fast.pipeline.prepare(device, grid)?;
-                if is_paged && fast.at_once.is_none() {
-                    fast.at_once = Some(AtOnce::new(device, &fast.pipeline)?);
+                if is_paged && fast.at_once.as_ref().is_none_or(|at_once| at_once.attribute != attribute) {
+                    fast.at_once = Some(AtOnce::new(device, &fast.pipeline, attribute)?);
                 }
                 if let (Some(feed), Some(chooser)) = (&mut self.feed, &mut self.chooser) {
                     feed.advance(device, scene, chooser)?;
@@ -278,7 +284,7 @@ impl PathChoice {
         inspector: Option<&Inspector>,
     ) -> Result<Option<OfPages>> {
         match (&self.fast, inspector) {
-            (Some(fast), None) if limits.path == Path::Fast => {
+            (Some(fast), _) if limits.path == Path::Fast => {
                 let of_pages = self.chooser.as_ref().zip(fast.at_once.as_ref()).filter(|_| shot.scene.is_paged());
                 if let Some((chooser, at_once)) = of_pages {
                     let fast = (&fast.pipeline, &fast.work, &self.options);

@@ -11,7 +11,7 @@ use super::capacity::Capacity;
 use super::choice::PathChoice;
 use super::frame::{Shot, Target, Variation};
 use super::gpu_scene::GpuScene;
-use super::inspect::{Inspection, Inspector, Look, Picker, Picture, Work};
+use super::inspect::{Attribute, Inspection, Inspector, Look, Picker, Picture, Work};
 use super::path::{Limits, Path};
 use super::readback::read_pixels;
 use super::recorded::{Counted, Frame, Recorded, Started};
@@ -169,6 +169,16 @@ impl Renderer {
         Ok(())
     }
 
+    /// True if pictures can show an inspection. Of a scene that is read page by page, they show attributes alone.
+    pub fn can_show(&self, inspection: &Inspection) -> bool {
+        !self.scene.is_paged() || *inspection == Inspection::default() || self.shown_in_pages(inspection).is_some()
+    }
+
+    /// The attribute that pages drawn at once show.
+    fn shown_in_pages(&self, inspection: &Inspection) -> Option<Attribute> {
+        inspection.attribute().filter(|_| self.choice.shows_attributes())
+    }
+
     /// The pipelines of an inspection of this scene.
     pub(super) fn inspector(&self, inspection: Inspection) -> Result<Inspector> {
         Inspector::new(&self.device, &self.options, self.scene.layout(), inspection)
@@ -285,13 +295,16 @@ impl Renderer {
         self.last = Some(Last { number, camera: camera.clone(), background, has_tile_lists: false });
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
         let inspector = inspector.or(self.inspector.as_ref());
-        let needs_tile_lists = self.needs_tile_lists || inspector.is_some();
-        self.drawn = self.choice.prepare(&self.device, &self.scene, camera.size_px, needs_tile_lists)?;
+        let attribute = inspector.and_then(|inspector| self.shown_in_pages(&inspector.inspection));
+        let needs_tile_lists = self.needs_tile_lists || inspector.is_some() && attribute.is_none();
+        let size_px = camera.size_px;
+        self.drawn = self.choice.prepare(&self.device, &self.scene, size_px, needs_tile_lists, attribute)?;
         ensure!(
             self.drawn.path == Path::Fast || !self.scene.is_placed(),
             "only the fast path draws scenes at places, and this device or these options do not take it"
         );
         let image = self.upscaler.as_ref().map_or(&self.image, |upscaler| &upscaler.drawn);
+        let background = if attribute.is_some() { Background::Transparent } else { background };
         let target = Target { image, certificate: self.certificate.as_ref(), background };
         let shot = Shot { scene: &self.scene, camera };
         let path = self.drawn.path;

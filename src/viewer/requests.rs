@@ -17,8 +17,8 @@ impl Session {
                 Request::Window(request) => for_window.push(request),
                 Request::Pick(pixel) => self.pick(pixel)?,
                 Request::Focus(pixel) => {
-                    if let Some(first) = self.whole_first() {
-                        let depth = first.renderer.explain(pixel)?.depth();
+                    if let Some(first) = &mut self.pair.first {
+                        let depth = first.renderer.depth_at(pixel)?;
                         self.viewer.focus(pixel, depth);
                     }
                 }
@@ -41,19 +41,13 @@ impl Session {
         Ok(for_window)
     }
 
-    /// The first picture, if its scene is in memory as a whole; else notes that it is not.
-    fn whole_first(&mut self) -> Option<&mut Drawn> {
-        let first = self.pair.first.as_mut()?;
-        if first.gaussians.is_none() {
-            self.viewer.messages.error(needs_whole("a pixel's explanation"));
-            return None;
-        }
-        Some(first)
-    }
-
     /// Explains a pixel of the first picture.
     fn pick(&mut self, pixel: [u32; 2]) -> Result<()> {
-        let Some(first) = self.whole_first() else { return Ok(()) };
+        let Some(first) = &mut self.pair.first else { return Ok(()) };
+        if first.gaussians.is_none() {
+            self.viewer.messages.error(needs_whole("a pixel's explanation"));
+            return Ok(());
+        }
         let explanation = first.renderer.explain(pixel)?;
         let colour = explanation.colour(self.viewer.background);
         let splats = explanation.splats.len();

@@ -12,7 +12,7 @@ use super::screen::{Arrangement, Pair, RetiredPicture, Screen, Shown};
 use super::state::{Viewer, WindowRequest};
 use super::view_modes::InspectionSettings;
 use super::{input, job_events, panels};
-use crate::render::{Compare, Inspection, Quantity};
+use crate::render::{Compare, Quantity};
 
 /// The longest time step of an input, in seconds, so that the view does not jump after a pause.
 const MAX_STEP: f64 = 0.1;
@@ -273,8 +273,8 @@ impl Session {
     /// Sets the inspection of the pictures, and reports a change.
     fn apply_inspection(&mut self) -> Result<()> {
         let mut has_changed = false;
-        let is_plain = self.viewer.inspection.inspection() == Inspection::default();
-        if !is_plain && self.pair.drawn().any(|(_, drawn)| drawn.gaussians.is_none()) {
+        let inspection = self.viewer.inspection.inspection();
+        if self.pair.drawn().any(|(_, drawn)| !drawn.renderer.can_show(&inspection)) {
             self.viewer.messages.error(needs_whole("this look"));
             let InspectionSettings { mode, culled_from, isolated, .. } = &mut self.viewer.inspection;
             (*mode, *culled_from, *isolated) = (0, None, None);

@@ -27,7 +27,7 @@ pub enum Numbers {
 }
 
 /// All view modes.
-pub const VIEW_MODES: [ViewMode; 15] = [
+pub const VIEW_MODES: [ViewMode; 18] = [
     ViewMode { name: "colour", look: Look::Colour, numbers: Numbers::None },
     ViewMode { name: "tile-load", look: Look::Work(Work::TileLoad), numbers: Numbers::Counts },
     ViewMode { name: "evaluations", look: Look::Work(Work::Evaluations), numbers: Numbers::Counts },
@@ -47,6 +47,13 @@ pub const VIEW_MODES: [ViewMode; 15] = [
     },
     ViewMode { name: "base-colour", look: Look::Attribute(Attribute::BaseColour), numbers: Numbers::None },
     ViewMode { name: "identity", look: Look::Attribute(Attribute::Identity), numbers: Numbers::None },
+    ViewMode { name: "level", look: Look::Attribute(Attribute::Level), numbers: Numbers::Mean([0.0, 12.0]) },
+    ViewMode {
+        name: "predicted-error-log2",
+        look: Look::Attribute(Attribute::PredictedError),
+        numbers: Numbers::Mean([-4.0, 6.0]),
+    },
+    ViewMode { name: "missing-levels", look: Look::Attribute(Attribute::Lag), numbers: Numbers::Mean([0.0, 6.0]) },
 ];
 
 /// The names of all view modes, in order.

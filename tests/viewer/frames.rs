@@ -240,12 +240,26 @@ fn a_scene_with_levels_is_read_page_by_page() {
     let refusal = offscreen.settle().unwrap_err().to_string();
     assert!(refusal.contains("needs the whole scene in memory"), "{refusal}");
     offscreen.viewer().messages = Default::default();
-    offscreen.viewer().inspection.mode = smalto::viewer::view_mode("depth").unwrap();
+    offscreen.viewer().inspection.mode = smalto::viewer::view_mode("evaluations").unwrap();
     let refusal = offscreen.settle().unwrap_err().to_string();
     assert!(refusal.contains("this look needs"), "{refusal}");
     offscreen.viewer().messages = Default::default();
     offscreen.settle().unwrap();
     assert_eq!(offscreen.viewer().inspection.mode, 0);
+    // What pages show of themselves is shown, and a double click finds what lies under it.
+    for name in ["depth", "normals", "level", "predicted-error-log2", "missing-levels"] {
+        offscreen.viewer().inspection.mode = smalto::viewer::view_mode(name).unwrap();
+        offscreen.settle().unwrap();
+        assert!(max_error(&shown(&mut offscreen), &screen) > 0.1, "{name}");
+    }
+    offscreen.viewer().inspection.mode = 0;
+    offscreen.settle().unwrap();
+    let before = offscreen.viewer().view();
+    offscreen.viewer().requests.push(Request::Focus([80, 48]));
+    offscreen.settle().unwrap();
+    let pivot = offscreen.viewer().navigator.pivot();
+    let along = before.view(pivot);
+    assert!(along.z > 0.0 && along.truncate().length() < 0.02 * along.z, "it lies in the direction of the pixel");
     assert_eq!(gpu.0.validation_messages(), Vec::<String>::new());
 }
 

@@ -45,6 +45,7 @@ impl PathChoice {
         if path == Path::Portable {
             return self.draw_portable_slabs(device, shot, target, inspector);
         }
+        ensure_whole(inspector.is_none())?;
         let Self { fast, options, work, chooser, .. } = self;
         let fast = fast.as_mut().expect("a frame in slabs was prepared");
         let gaussians = shot.scene.placed_len();
@@ -75,11 +76,7 @@ impl PathChoice {
         target: Target,
         inspector: Option<&Inspector>,
     ) -> Result<Drawn> {
-        let can_show = inspector.is_none_or(Inspector::is_of_depths);
-        if !can_show {
-            let reason = "this view needs the whole scene and its lists on the device, which has too little memory";
-            return Err(OutOfMemory { name: "view".to_owned(), bytes: None, reason: reason.to_owned() }.into());
-        }
+        ensure_whole(inspector.is_none_or(Inspector::is_of_depths))?;
         let Self { portable, options, work, slabs, fast, chooser, .. } = self;
         let pipeline = portable.as_ref().expect("a frame on the portable path was prepared");
         let slabs = match slabs {
@@ -126,4 +123,11 @@ impl PathChoice {
         }
         Ok(state.missing == 0)
     }
+}
+
+/// Fails if a frame in slabs cannot show what is inspected.
+fn ensure_whole(can_show: bool) -> Result<()> {
+    let reason = "this view needs the whole scene and its lists on the device, which has too little memory".to_owned();
+    let problem = OutOfMemory { name: "view".to_owned(), bytes: None, reason };
+    if can_show { Ok(()) } else { Err(problem.into()) }
 }

@@ -28,6 +28,14 @@ pub struct Inspection {
 }
 
 impl Inspection {
+    /// The attribute that is shown, if it is the only thing that is inspected.
+    pub fn attribute(&self) -> Option<Attribute> {
+        match self {
+            Self { look: Look::Attribute(attribute), culled_from: None, isolated: None } => Some(*attribute),
+            _ => None,
+        }
+    }
+
     /// Draws the input of [`depths`].
     pub fn of_depths() -> Self {
         Self { look: Look::Work(Work::Depths), ..Self::default() }
@@ -64,6 +72,13 @@ pub enum Attribute {
     BaseColour = ATTRIBUTE_BASE_COLOUR as isize,
     /// A colour per index, the same in every frame.
     Identity = ATTRIBUTE_IDENTITY as isize,
+    /// The level of a node: 0 for a Gaussian of the scene, one more for each halving of their number.
+    Level = ATTRIBUTE_LEVEL as isize,
+    /// log2 of what the table of levels predicts, in steps of 1/255: the root mean squared error of a pixel that a node
+    /// alone causes in its footprint. -12 for no error.
+    PredictedError = ATTRIBUTE_PREDICTED_ERROR as isize,
+    /// By how many powers of two the error of a node is above the limit, because pages with finer ones are missing.
+    Lag = ATTRIBUTE_LAG as isize,
 }
 
 /// The work of a pixel. The first three are counts, in all channels, with an alpha of 1.

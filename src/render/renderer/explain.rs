@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 use super::{Last, Renderer};
 use crate::render::frame::Shot;
-use crate::render::inspect::{Explanation, Picker};
+use crate::render::inspect::{Attribute, Explanation, Inspection, Look, Picker};
 
 /// Why there are no lists of a picture that is drawn in parts.
 const WHOLE: &str = "a pixel can be explained only where the whole scene and its lists fit into device memory";
@@ -17,9 +17,8 @@ impl Renderer {
     /// # Errors
     /// If no frame was recorded, or the pixel lies outside the picture.
     pub fn explain(&mut self, pixel: [u32; 2]) -> Result<Explanation> {
-        let Last { camera, background, has_tile_lists, .. } = self.last.clone().context("nothing is rendered yet")?;
+        let Last { camera, background, has_tile_lists, .. } = self.last_with(pixel)?;
         let size = camera.size_px;
-        ensure!(pixel[0] < size[0] && pixel[1] < size[1], "pixel {pixel:?} lies outside of a picture of {size:?}");
         if !has_tile_lists {
             ensure!(!self.scene.is_paged(), "{WHOLE}");
             self.needs_tile_lists = true;
@@ -48,5 +47,35 @@ impl Renderer {
             self.render(&camera, background)?;
         }
         Ok(explained)
+    }
+
+    /// The view z of what a pixel of the frame recorded last shows; `None` if it shows nothing. Of a scene that is read
+    /// page by page it is the mean, weighted by the shares of the pixel. Waits for the device.
+    ///
+    /// # Errors
+    /// As [`Renderer::explain`].
+    pub fn depth_at(&mut self, pixel: [u32; 2]) -> Result<Option<f32>> {
+        let inspection = Inspection { look: Look::Attribute(Attribute::Depth), ..Inspection::default() };
+        if self.shown_in_pages(&inspection).is_none() {
+            return Ok(self.explain(pixel)?.depth());
+        }
+        let Last { camera, background, .. } = self.last_with(pixel)?;
+        let depths = self.inspector(inspection)?;
+        let before = self.inspector.replace(depths);
+        let rendered = self.render(&camera, background).and_then(|_| self.pixels());
+        self.inspector = before;
+        let depths = rendered?;
+        // The picture stays what it was.
+        self.render(&camera, background)?;
+        let [depth, _, _, alpha] = depths.rgba[(pixel[1] * depths.size[0] + pixel[0]) as usize];
+        Ok((alpha > 0.0).then(|| depth / alpha))
+    }
+
+    /// The frame recorded last, if it has this pixel.
+    fn last_with(&self, pixel: [u32; 2]) -> Result<Last> {
+        let last = self.last.clone().context("nothing is rendered yet")?;
+        let size = last.camera.size_px;
+        ensure!(pixel[0] < size[0] && pixel[1] < size[1], "pixel {pixel:?} lies outside of a picture of {size:?}");
+        Ok(last)
     }
 }

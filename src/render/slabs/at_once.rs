@@ -12,18 +12,22 @@ use crate::options::Options;
 use crate::render::fast::{FastPipeline, FastWorkspace};
 use crate::render::frame::{DepthKeys, Shot, Target};
 use crate::render::gpu_scene::GpuScene;
+use crate::render::inspect::Attribute;
 use crate::render::shaders::CutState;
 
 /// The stages before those of the fast path.
 pub struct AtOnce {
+    /// What splats show in place of their colours.
+    pub attribute: Option<Attribute>,
     project: PageProjection,
     /// The indices of Gaussians and the words of levels, where no page has them.
     no_words: Buffer<u32>,
 }
 
 impl AtOnce {
-    pub fn new(device: &Device, fast: &FastPipeline) -> Result<Self> {
-        Ok(Self { project: PageProjection::new(device, fast)?, no_words: Buffer::new(device, "no words", 1)? })
+    pub fn new(device: &Device, fast: &FastPipeline, attribute: Option<Attribute>) -> Result<Self> {
+        let project = PageProjection::new(device, fast, attribute)?;
+        Ok(Self { attribute, project, no_words: Buffer::new(device, "no words", 1)? })
     }
 
     /// Records a picture, which is complete if the capacity of `work` was enough and no page of the returned state is

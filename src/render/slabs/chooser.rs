@@ -10,7 +10,7 @@ use anyhow::Result;
 
 use super::detail::{Detailed, Wanted};
 use super::listed::{Element, first_page, views_of};
-use super::table::{STEPS, page_box, page_errors, steps};
+use super::table::{STEPS, errors_of_pages, page_box, steps};
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, InFlight, Readback, Results, Stage, Staging};
 use crate::options::Options;
@@ -84,7 +84,7 @@ impl Chooser {
     /// If the scene is not in pages.
     pub fn new(device: &Device, scene: &GpuScene) -> Result<Self> {
         let pool = scene.pool().expect("the scene is in pages");
-        let (pages, levels) = (pool.pages(), pool.pages().levels());
+        let pages = pool.pages();
         let count = pages.pages().len();
         let (seen, listed, numbers) = lists(device, scene, ROOM.min(count * scene.transforms().len()))?;
         let chooser = Self {
@@ -102,7 +102,7 @@ impl Chooser {
             floors: Buffer::new(device, "floors of pages", count)?,
             demand: Buffer::new(device, "missing pages", 1)?,
             asked: Asked::default(),
-            has_levels: levels.is_some(),
+            has_levels: pages.levels().is_some(),
         };
         let mut cmd = Commands::new(device)?;
         cmd.upload(&chooser.boxes, 0, count, |memory| {
@@ -110,9 +110,7 @@ impl Chooser {
             memory.iter_mut().zip(boxes).for_each(|(to, from)| *to = from);
         })?;
         cmd.upload(&chooser.errors, 0, count, |memory| {
-            let level = |number: usize| levels.map(|levels| &levels[number]);
-            let errors = pages.pages().iter().enumerate().map(|(number, page)| page_errors(page, level(number)));
-            memory.iter_mut().zip(errors).for_each(|(to, from)| *to = from);
+            memory.copy_from_slice(&errors_of_pages(pages));
         })?;
         cmd.fill(&chooser.floors, 0);
         cmd.upload(&chooser.steps, 0, STEPS, |memory| memory.copy_from_slice(&steps()))?;

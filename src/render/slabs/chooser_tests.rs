@@ -4,7 +4,7 @@ use super::chooser::Chooser;
 use super::detail::{Detailed, NODE_UNITS, Wanted, brought, open, with_levels};
 use super::family::Family;
 use super::listed::{Element, views_of};
-use super::table::{page_box, page_errors, steps};
+use super::table::{errors_of_pages, page_box, steps};
 use super::visible::{PlacedCamera, Sight};
 use crate::camera::Camera;
 use crate::levels::{NEVER, value};
@@ -42,13 +42,11 @@ struct Seen {
 
 impl Twin {
     fn new(pages: &Pages, view: &[Element], camera: &Camera, options: &Options) -> Self {
-        let levels = pages.levels();
-        let errors = pages.pages().iter().enumerate();
         let focal = camera.focal_px.max_element();
         let words: Vec<f32> = view.as_flattened().iter().map(|word| f32::from_bits(*word)).collect();
         Self {
             boxes: (0..pages.pages().len()).map(|number| page_box(pages, number)).collect(),
-            errors: errors.map(|(number, page)| page_errors(page, levels.map(|levels| &levels[number]))).collect(),
+            errors: errors_of_pages(pages),
             steps: steps(),
             view: words.try_into().unwrap(),
             focal_px: camera.focal_px.as_vec2().to_array(),

@@ -44,7 +44,7 @@ pub(super) const PART: f64 = 0.5;
 impl Slabs {
     pub fn new(device: &Device, fast: &FastPipeline, scene: &GpuScene) -> Result<Self> {
         Ok(Self {
-            project: PageProjection::new(device, fast)?,
+            project: PageProjection::new(device, fast, None)?,
             stages: FastStages::new(device, fast)?,
             open_bins: OpenBins::new(device)?,
             listed: listed_at_first(device, scene)?,

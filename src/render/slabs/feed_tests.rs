@@ -7,7 +7,7 @@ use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
 use crate::pixels::Pixels;
-use crate::render::{GpuScene, Renderer, Residency};
+use crate::render::{Attribute, GpuScene, Inspection, Look, Renderer, Residency};
 use crate::rules::{Background, Rules};
 use crate::scene::{Focus, Transform, synthetic};
 use crate::storage::convert::Settings;
@@ -98,4 +98,24 @@ fn what_does_not_fit_is_drawn_coarser() {
         assert!(psnr > 28.0, "zoom {zoom}: {psnr} dB, {residency:?}");
     }
     assert_eq!(small.validation_messages(), Vec::<String>::new());
+}
+
+/// While pages are missing, a look shows by how much their parents are coarser than asked for.
+#[test]
+fn a_look_shows_what_is_missing() {
+    let scene = synthetic::cactus(120_000).unwrap();
+    let focus = Focus::of(&scene.gaussians);
+    let (file, device) = (with_levels(scene, Options::BALANCED), open(None));
+    let options = Options { splats: 60_000, ..Options::BALANCED };
+    let scene = brought(&device, &file, &[], &options);
+    let mut renderer = streaming(&device, &scene, &options);
+    let inspection = Inspection { look: Look::Attribute(Attribute::Lag), ..Inspection::default() };
+    renderer.set_inspection(inspection).unwrap();
+    let camera = Camera::framing(focus.centre.into(), focus.radius, SIZE);
+    let lag = |pixels: &Pixels| pixels.rgba.iter().map(|p| p[0] / p[3].max(1e-6)).fold(0.0, f32::max);
+    renderer.render(&camera, BACKGROUND).unwrap();
+    let first = lag(&renderer.pixels().unwrap());
+    assert!(first > 0.5 && first < 16.0, "the coarsest pages alone: {first}");
+    assert_eq!(lag(&settle(&mut renderer, &camera).0), 0.0);
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
 }

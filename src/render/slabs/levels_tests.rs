@@ -7,7 +7,7 @@ use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
 use crate::pixels::Pixels;
-use crate::render::{Content, Detailed, Renderer, SceneSource};
+use crate::render::{Attribute, Content, Detailed, Inspection, Look, Renderer, SceneSource};
 use crate::rules::{Background, Rules};
 use crate::scene::{Focus, Gaussians, Placements, Transform, synthetic};
 use crate::storage::PageFile;
@@ -146,6 +146,70 @@ fn a_number_of_nodes_is_kept() {
         assert!(predicted_psnr.unwrap() < before, "fewer nodes show less");
         before = predicted_psnr.unwrap();
     }
+}
+
+/// What a picture shows of attributes in each pixel, as a mean over what is visible, and alpha.
+fn attributes(device: &Device, source: &SceneSource, options: &Options, camera: &Camera, shown: Attribute) -> Pixels {
+    let scene = source.bring(device, options, false, 1 << 20).unwrap();
+    let mut renderer = Renderer::new(device, options, &scene).unwrap();
+    let inspection = Inspection { look: Look::Attribute(shown), ..Inspection::default() };
+    assert!(renderer.can_show(&inspection));
+    renderer.set_inspection(inspection).unwrap();
+    renderer.render(camera, BACKGROUND).unwrap();
+    let mut pixels = renderer.pixels().unwrap();
+    for [r, g, b, alpha] in &mut pixels.rgba {
+        [r, g, b].into_iter().for_each(|channel| *channel /= alpha.max(1e-6));
+    }
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+    pixels
+}
+
+/// Whole scenes are drawn by the portable path where attributes are shown, pages by the fast one.
+#[test]
+fn pages_show_the_attributes_of_the_scene() {
+    let ((gaussians, file), device) = (scene(), open(None));
+    let camera = view(&gaussians, 0.8);
+    let whole = SceneSource::of(gaussians.clone());
+    let turned = Transform::new(glam::DQuat::from_rotation_y(0.7), [0.1, 0.0, 0.2].into(), 1.5).unwrap();
+    let there = SceneSource::of(gaussians.transformed(&turned).unwrap());
+    let placements = Some(Placements::new(vec![turned]).unwrap());
+    let placed = SceneSource { placements, ..source(&file) };
+    use Attribute::*;
+    for shown in [Depth, Normal, Opacity, Size, Anisotropy, BaseColour, Identity, Level, PredictedError, Lag] {
+        for (whole, pages) in [(&whole, &source(&file)), (&there, &placed)] {
+            let expected = attributes(&device, whole, &Options::EXACT, &camera, shown);
+            let found = attributes(&device, pages, &Options::EXACT.finest(), &camera, shown);
+            let differs = |(a, b): &(&[f32; 4], &[f32; 4])| {
+                let scale = a.iter().fold(1.0_f32, |most, value| most.max(value.abs()));
+                a[3] > 1e-3 && (0..4).any(|i| (a[i] - b[i]).abs() > 2e-3 * scale)
+            };
+            let differing = expected.rgba.iter().zip(&found.rgba).filter(differs).count();
+            // Shortest axes that are nearly equal, and splats at nearly equal depths, may change places where a scene
+            // is turned in f32 before it is drawn.
+            assert!(differing <= expected.rgba.len() / 200, "{shown:?}: {differing} pixels");
+        }
+    }
+}
+
+#[test]
+fn looks_show_levels_and_their_errors() {
+    let ((gaussians, file), device) = (scene(), open(None));
+    let camera = view(&gaussians, 1.0);
+    let mean = |splats, shown| {
+        let options = Options { splats, ..Options::EXACT };
+        let pixels = attributes(&device, &source(&file), &options, &camera, shown);
+        let visible: Vec<f32> = pixels.rgba.iter().filter(|p| p[3] > 0.5).map(|p| p[0]).collect();
+        visible.iter().sum::<f32>() / visible.len() as f32
+    };
+    let mut before = [0.0, -12.0];
+    for splats in [20_000, 5000, 1000] {
+        let own = [Attribute::Level, Attribute::PredictedError].map(|shown| mean(splats, shown));
+        assert!(own[0] > before[0] + 0.4 && own[1] > before[1] + 0.4, "{splats}: {own:?} after {before:?}");
+        assert_eq!(mean(splats, Attribute::Lag), 0.0, "no page is missing");
+        before = own;
+    }
+    // 1000 of 40,000: each stands for 40 in the mean, five halvings.
+    assert!((3.5..6.5).contains(&before[0]), "{before:?}");
 }
 
 #[test]

@@ -8,8 +8,10 @@ use crate::gpu::{Buffer, Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
 use crate::render::fast::{BinGrid, FastPipeline, FastWorkspace};
 use crate::render::frame::DepthKeys;
+use crate::render::inspect::Attribute;
 use crate::render::shaders::CutState;
 use crate::render::shaders::Slab;
+use crate::render::shaders::inspect::NO_ATTRIBUTE;
 use crate::render::shaders::slabs::{Project, ProjectBindings, ProjectConstants, ProjectPush, QUARTERS};
 
 /// The stage, built for one set of options and one layout of a scene.
@@ -25,9 +27,12 @@ pub enum Count<'a> {
 }
 
 impl PageProjection {
-    pub fn new(device: &Device, fast: &FastPipeline) -> Result<Self> {
+    /// Splats have their colours, or an attribute in the place of these.
+    pub fn new(device: &Device, fast: &FastPipeline, attribute: Option<Attribute>) -> Result<Self> {
         let (constants, subgroup) = fast.constants();
-        Ok(Self { project: Stage::of_subgroups(device, &ProjectConstants::of(constants), subgroup)? })
+        let attribute = attribute.map_or(NO_ATTRIBUTE, |attribute| attribute as u32);
+        let constants = ProjectConstants { attribute, ..ProjectConstants::of(constants) };
+        Ok(Self { project: Stage::of_subgroups(device, &constants, subgroup)? })
     }
 
     /// Projects what the listed pages have in the slab, after what was projected before.
@@ -70,6 +75,9 @@ impl PageProjection {
             depth_shift: keys.shift,
             block_height: grid.block_height,
             gaussians: scene.nodes as u32,
+            right: camera.right().as_vec3().to_array(),
+            down: camera.down().as_vec3().to_array(),
+            forward: camera.forward().as_vec3().to_array(),
         };
         match count {
             Count::Known(pages) => {

@@ -4,6 +4,7 @@ use crate::levels::NEVER;
 use crate::render::shaders::cut::NO_PAGE;
 use crate::render::shaders::{PageBox, PageErrors};
 use crate::rules::LOW_PASS;
+use crate::storage::convert::levels_of_pages;
 use crate::storage::{Level, PARTS, Page, Pages, SAMPLES};
 
 /// Steps of an octave of squares of codes.
@@ -32,23 +33,34 @@ pub fn page_box(pages: &Pages, number: usize) -> PageBox {
     }
 }
 
-/// The errors of a page; without levels it is in every cut.
-pub fn page_errors(page: &Page, level: Option<&Level>) -> PageErrors {
+/// The errors of all pages. Those of a scene without levels are in every cut.
+pub fn errors_of_pages(pages: &Pages) -> Vec<PageErrors> {
+    let Some(levels) = pages.levels() else {
+        return pages.pages().iter().map(|page| page_errors(page, None)).collect();
+    };
+    let numbers = levels_of_pages(pages.statistics().count);
+    let of_levels = levels.iter().zip(numbers).map(Some);
+    pages.pages().iter().zip(of_levels).map(|(page, level)| page_errors(page, level)).collect()
+}
+
+fn page_errors(page: &Page, level: Option<(&Level, u32)>) -> PageErrors {
     let pairs =
         |codes: [u16; PARTS]| std::array::from_fn(|i| u32::from(codes[2 * i]) | u32::from(codes[2 * i + 1]) << 16);
     match level {
         None => PageErrors {
             parent: NO_PAGE,
             count: page.count,
+            level: 0,
             least: 0,
             errors: pairs([0; PARTS]),
             parents: pairs([NEVER; PARTS]),
             energies: pairs([0; PARTS]),
             samples: [0; SAMPLES],
         },
-        Some(level) => PageErrors {
+        Some((level, number)) => PageErrors {
             parent: level.parent,
             count: page.count,
+            level: number,
             least: level.least.into(),
             errors: pairs(level.errors),
             parents: pairs(level.parents),

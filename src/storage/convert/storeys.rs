@@ -84,6 +84,24 @@ pub fn pages_of_levels(count: usize) -> usize {
     storeys(count).last().map_or(0, |storey| end(storey) - count.div_ceil(PAGE))
 }
 
+/// By page of a file with levels of detail: the level of its nodes, 0 for the Gaussians of the scene.
+pub fn levels_of_pages(count: usize) -> Vec<u32> {
+    let mut levels = vec![0; count.div_ceil(PAGE) + pages_of_levels(count)];
+    let storeys = storeys(count);
+    for (storey, floor) in storeys.iter().zip((0..).step_by(HALVINGS)) {
+        for pages in (0..storey.blocks()).map(|block| storey.pages_of(block)) {
+            // Floors on the ground are pages of the scene.
+            for level in usize::from(storey.is_ground)..HALVINGS {
+                levels[pages[level]..pages[level + 1]].fill(floor + level as u32);
+            }
+        }
+    }
+    if let Some(last) = levels.last_mut() {
+        *last = (storeys.len() * HALVINGS) as u32;
+    }
+    levels
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
