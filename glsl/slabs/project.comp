@@ -54,9 +54,11 @@ layout(push_constant, scalar) uniform Push {
 #include "slabs/levels.glsl"
 #define OPACITIES_OF(gaussian) opacities_of_node(gaussian)
 
-// By how many powers of two the error of a node is above the limit that is asked for: finer pages are missing.
+// By how many levels a node is coarser than asked for, because finer pages are missing: the powers of two by which its
+// error is above the limit, since errors double from level to level.
 float lag_of_node(uint gaussian) {
-    return max((float(levels[2 * gaussian] & 0xffff) - float(page.limits & 0xffff)) / 512.0 + lag_of(page), 0.0);
+    float above = (float(levels[2 * gaussian] & 0xffff) - float(page.limits & 0xffff)) / 512.0 + lag_of(page);
+    return clamp(above, 0.0, float(level_of(page)));
 }
 
 #define ATTRIBUTES

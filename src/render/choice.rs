@@ -41,6 +41,8 @@ pub(super) struct PathChoice {
     chooser: Option<Chooser>,
     /// Brings the pages of pictures that do not wait for them.
     pub feed: Option<Feed>,
+    /// The next frame repeats one that did not fit. It shows the same pages: with more, it might not fit again.
+    pub is_repeated: bool,
     fast: Option<Fast>,
     /// Why the fast path is not taken although the device has it.
     pub notice: Option<String>,
@@ -97,6 +99,7 @@ impl PathChoice {
             slabs: None,
             chooser: scene.is_paged().then(|| Chooser::new(device, scene)).transpose()?,
             feed: None,
+            is_repeated: false,
             fast,
             notice: (variation == Variation::Certifying && FastPipeline::subgroup(device, options).is_some()).then(|| {
                 "the portable path draws, since only it makes certificates; without --certificate the fast path draws"
@@ -253,7 +256,7 @@ impl PathChoice {
                 if is_paged && fast.at_once.as_ref().is_none_or(|at_once| at_once.attribute != attribute) {
                     fast.at_once = Some(AtOnce::new(device, &fast.pipeline, attribute)?);
                 }
-                if let (Some(feed), Some(chooser)) = (&mut self.feed, &mut self.chooser) {
+                if let (Some(feed), Some(chooser), false) = (&mut self.feed, &mut self.chooser, self.is_repeated) {
                     feed.advance(device, scene, chooser)?;
                 }
             }

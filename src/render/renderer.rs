@@ -224,7 +224,10 @@ impl Renderer {
         prepare: impl Fn(&mut Commands),
     ) -> Result<(Frame, Results)> {
         for attempts in 1..=MAX_ATTEMPTS {
-            let Started { commands, recorded } = self.start_with(camera, background, &prepare)?;
+            self.choice.is_repeated = attempts > 1;
+            let started = self.start_with(camera, background, &prepare);
+            self.choice.is_repeated = false;
+            let Started { commands, recorded } = started?;
             let results = commands.wait()?;
             if let Some(totals) = self.judge(&results, &recorded)? {
                 let timings = recorded.timings(results.timings());

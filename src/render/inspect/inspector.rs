@@ -77,7 +77,7 @@ pub enum Attribute {
     /// log2 of what the table of levels predicts, in steps of 1/255: the root mean squared error of a pixel that a node
     /// alone causes in its footprint. -12 for no error.
     PredictedError = ATTRIBUTE_PREDICTED_ERROR as isize,
-    /// By how many powers of two the error of a node is above the limit, because pages with finer ones are missing.
+    /// By how many levels a node is coarser than asked for, because pages with finer ones are missing.
     Lag = ATTRIBUTE_LAG as isize,
 }
 

@@ -7,6 +7,7 @@ use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
 use crate::pixels::Pixels;
+use crate::render::capacity::Capacity;
 use crate::render::{Attribute, GpuScene, Inspection, Look, Renderer, Residency};
 use crate::rules::{Background, Rules};
 use crate::scene::{Focus, Transform, synthetic};
@@ -117,5 +118,28 @@ fn a_look_shows_what_is_missing() {
     let first = lag(&renderer.pixels().unwrap());
     assert!(first > 0.5 && first < 16.0, "the coarsest pages alone: {first}");
     assert_eq!(lag(&settle(&mut renderer, &camera).0), 0.0);
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
+/// Pages arrive faster than buffers grow, so a frame that is repeated must not show more of them each time.
+#[test]
+fn a_frame_that_is_repeated_shows_the_same_pages() {
+    let scene = synthetic::cactus(600_000).unwrap();
+    let focus = Focus::of(&scene.gaussians);
+    let (file, device) = (with_levels(scene, Options::BALANCED), open(None));
+    let options = Options::BALANCED.finest();
+    let scene = brought(&device, &file, &[], &options);
+    let mut renderer = streaming(&device, &scene, &options);
+    let camera = Camera::framing(focus.centre.into(), focus.radius, SIZE);
+    let changes = || scene.pool().unwrap().changes();
+    for _ in 0..4 {
+        renderer = renderer.with_capacity(Capacity::default()).unwrap();
+        let before = changes();
+        let frame = renderer.render(&camera, BACKGROUND).unwrap();
+        assert!(frame.attempts > 2 && changes() <= before + 1, "{} attempts", frame.attempts);
+        while !renderer.has_news() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
     assert_eq!(device.validation_messages(), Vec::<String>::new());
 }
