@@ -12,7 +12,7 @@ use smalto::scene::{Gaussians, harmonics};
 
 use super::inspect::{Case, captured_case, cases, inspect, look, still_of};
 
-const ATTRIBUTES: [Attribute; 7] = [
+const ATTRIBUTES: [Attribute; 10] = [
     Attribute::Depth,
     Attribute::Normal,
     Attribute::Opacity,
@@ -20,6 +20,9 @@ const ATTRIBUTES: [Attribute; 7] = [
     Attribute::Anisotropy,
     Attribute::BaseColour,
     Attribute::Identity,
+    Attribute::Level,
+    Attribute::PredictedError,
+    Attribute::Lag,
 ];
 
 fn attribute(attribute: Attribute, scene: &Gaussians, id: u32, camera: &Camera) -> DVec3 {
@@ -45,6 +48,9 @@ fn attribute(attribute: Attribute, scene: &Gaussians, id: u32, camera: &Camera) 
             let bytes = ((word >> 22) ^ word).to_le_bytes();
             0.2 + 0.8 / 255.0 * DVec3::new(bytes[0].into(), bytes[1].into(), bytes[2].into())
         }
+        // What is read whole has no nodes.
+        Attribute::Level | Attribute::Lag => DVec3::ZERO,
+        Attribute::PredictedError => DVec3::splat(-12.0),
     }
 }
 
