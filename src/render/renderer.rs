@@ -11,7 +11,7 @@ use super::capacity::Capacity;
 use super::choice::PathChoice;
 use super::frame::{Shot, Target, Variation};
 use super::gpu_scene::GpuScene;
-use super::inspect::{Attribute, Inspection, Inspector, Look, Picker, Picture, Work};
+use super::inspect::{Inspection, Inspector, Look, Picker, Picture, Work};
 use super::path::{Limits, Path};
 use super::readback::read_pixels;
 use super::recorded::{Counted, Frame, Recorded, Started};
@@ -169,16 +169,6 @@ impl Renderer {
         Ok(())
     }
 
-    /// True if pictures can show an inspection. Of a scene that is read page by page, they show attributes alone.
-    pub fn can_show(&self, inspection: &Inspection) -> bool {
-        !self.scene.is_paged() || *inspection == Inspection::default() || self.shown_in_pages(inspection).is_some()
-    }
-
-    /// The attribute that pages drawn at once show.
-    fn shown_in_pages(&self, inspection: &Inspection) -> Option<Attribute> {
-        inspection.attribute().filter(|_| self.choice.shows_attributes())
-    }
-
     /// The pipelines of an inspection of this scene.
     pub(super) fn inspector(&self, inspection: Inspection) -> Result<Inspector> {
         Inspector::new(&self.device, &self.options, self.scene.layout(), inspection)
@@ -300,8 +290,7 @@ impl Renderer {
         let inspector = inspector.or(self.inspector.as_ref());
         let attribute = inspector.and_then(|inspector| self.shown_in_pages(&inspector.inspection));
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some() && attribute.is_none();
-        let size_px = camera.size_px;
-        self.drawn = self.choice.prepare(&self.device, &self.scene, size_px, needs_tile_lists, attribute)?;
+        self.drawn = self.choice.prepare(&self.device, &self.scene, camera.size_px, needs_tile_lists, attribute)?;
         ensure!(
             self.drawn.path == Path::Fast || !self.scene.is_placed(),
             "only the fast path draws scenes at places, and this device or these options do not take it"
@@ -310,9 +299,8 @@ impl Renderer {
         let background = if attribute.is_some() { Background::Transparent } else { background };
         let target = Target { image, certificate: self.certificate.as_ref(), background };
         let shot = Shot { scene: &self.scene, camera };
-        let path = self.drawn.path;
         let drawn = match self.drawn.in_slabs {
-            true => Some(self.choice.draw_in_slabs(&self.device, path, shot, target, inspector)?),
+            true => Some(self.choice.draw_in_slabs(&self.device, self.drawn.path, shot, target, inspector)?),
             false => None,
         };
         let chosen = cmd.scope("frame", |cmd| {

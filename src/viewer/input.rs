@@ -121,8 +121,9 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     if pressed(viewer, ui, Action::Play) {
         viewer.film.toggle();
     }
-    (0..presses(viewer, ui, Action::NextLook, true)).for_each(|_| viewer.inspection.step(true));
-    (0..presses(viewer, ui, Action::PreviousLook, true)).for_each(|_| viewer.inspection.step(false));
+    let in_pages = viewer.is_in_pages();
+    (0..presses(viewer, ui, Action::NextLook, true)).for_each(|_| viewer.inspection.step(true, in_pages));
+    (0..presses(viewer, ui, Action::PreviousLook, true)).for_each(|_| viewer.inspection.step(false, in_pages));
     if pressed(viewer, ui, Action::Quit) {
         viewer.requests.push(Request::Window(WindowRequest::Quit));
     }

@@ -9,6 +9,7 @@ use super::comparison::{CompareMode, CompareTarget, Comparison};
 use super::events::Events;
 use super::export::Export;
 use super::film::Film;
+use super::held::Held;
 use super::history::{History, Pace};
 use super::jobs::Jobs;
 use super::keys::Bindings;
@@ -228,6 +229,11 @@ impl Viewer {
     /// True while scenes are being read.
     pub fn is_reading(&self) -> bool {
         self.layers.iter().any(|layer| layer.progress.is_some())
+    }
+
+    /// True if a scene is read page by page.
+    pub fn is_in_pages(&self) -> bool {
+        self.layers.iter().any(|layer| matches!(layer.held, Some(Held::Pages(_))))
     }
 
     /// The plan for a side; `None` if the GPU draws nothing for it.

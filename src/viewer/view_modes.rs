@@ -56,6 +56,18 @@ pub const VIEW_MODES: [ViewMode; 18] = [
     ViewMode { name: "missing-levels", look: Look::Attribute(Attribute::Lag), numbers: Numbers::Mean([0.0, 6.0]) },
 ];
 
+impl ViewMode {
+    /// True if it shows something of scenes that are read page by page, with levels of detail, or of those that are in
+    /// memory as a whole.
+    pub fn suits(&self, in_pages: bool) -> bool {
+        match self.look {
+            Look::Attribute(Attribute::Level | Attribute::PredictedError | Attribute::Lag) => in_pages,
+            Look::Colour | Look::Attribute(_) => true,
+            Look::Work(_) => !in_pages,
+        }
+    }
+}
+
 /// The names of all view modes, in order.
 pub fn view_mode_names() -> impl Iterator<Item = &'static str> {
     VIEW_MODES.iter().map(|mode| mode.name)
@@ -94,9 +106,11 @@ impl InspectionSettings {
         &VIEW_MODES[self.mode]
     }
 
-    /// Goes to the next view mode, or to the previous one.
-    pub fn step(&mut self, forward: bool) {
-        self.mode = (self.mode + if forward { 1 } else { VIEW_MODES.len() - 1 }) % VIEW_MODES.len();
+    /// Goes to the next view mode that suits the scenes, or to the previous one.
+    pub fn step(&mut self, forward: bool, in_pages: bool) {
+        let modes = VIEW_MODES.len();
+        let after = |i: usize| (self.mode + if forward { i } else { modes - i }) % modes;
+        self.mode = (1..=modes).map(after).find(|mode| VIEW_MODES[*mode].suits(in_pages)).unwrap_or(0);
     }
 
     /// Sets the range of depths for a scene of this radius, in world units.
@@ -137,5 +151,27 @@ impl InspectionSettings {
         drawn.renderer.set_inspection(inspection.clone())?;
         drawn.inspection = inspection;
         Ok(true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_go_through_all_modes_that_suit_the_scenes() {
+        for (in_pages, modes, left_out) in [(false, 15, "level"), (true, 13, "evaluations")] {
+            for forward in [true, false] {
+                let (mut settings, mut seen) = (InspectionSettings::default(), Vec::new());
+                loop {
+                    seen.push(settings.view_mode().name);
+                    settings.step(forward, in_pages);
+                    if settings.mode == 0 {
+                        break;
+                    }
+                }
+                assert!(seen.len() == modes && !seen.contains(&left_out), "{seen:?}");
+            }
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! The splats of a pixel.
+//! What a picture can show of itself: attributes of scenes in pages, the splats and the depth of a pixel.
 
 use anyhow::{Context, Result, bail, ensure};
 
@@ -10,6 +10,16 @@ use crate::render::inspect::{Attribute, Explanation, Inspection, Look, Picker};
 const WHOLE: &str = "a pixel can be explained only where the whole scene and its lists fit into device memory";
 
 impl Renderer {
+    /// True if pictures can show an inspection. Of a scene that is read page by page, they show attributes alone.
+    pub fn can_show(&self, inspection: &Inspection) -> bool {
+        !self.scene.is_paged() || *inspection == Inspection::default() || self.shown_in_pages(inspection).is_some()
+    }
+
+    /// The attribute that pages drawn at once show.
+    pub(super) fn shown_in_pages(&self, inspection: &Inspection) -> Option<Attribute> {
+        inspection.attribute().filter(|_| self.choice.shows_attributes())
+    }
+
     /// The splats that a pixel of the frame recorded last is made of; where pictures are drawn smaller, those of the
     /// nearest drawn pixel. Waits for the device. If the portable path does not hold the lists of the frame, it draws
     /// the frame again.

@@ -12,9 +12,10 @@ use crate::pixels::to_byte;
 use crate::render::{Explained, false_colour};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
+    let in_pages = viewer.is_in_pages();
     let inspection = &mut viewer.inspection;
     ComboBox::from_id_salt("view mode").width(180.0).selected_text(inspection.view_mode().name).show_ui(ui, |ui| {
-        for (i, mode) in VIEW_MODES.iter().enumerate() {
+        for (i, mode) in VIEW_MODES.iter().enumerate().filter(|(_, mode)| mode.suits(in_pages)) {
             ui.selectable_value(&mut inspection.mode, i, mode.name);
         }
     });
