@@ -7,6 +7,7 @@ use super::pictures::{Drawn, Reusable, needs_whole};
 use super::screen::Pair;
 use super::session::Session;
 use super::state::{Request, WindowRequest};
+use crate::render::{Attribute, Inspection};
 
 impl Session {
     /// Executes the requests that need the device; returns those for the owner of the window.
@@ -17,10 +18,14 @@ impl Session {
                 Request::Window(request) => for_window.push(request),
                 Request::Pick(pixel) => self.pick(pixel)?,
                 Request::Focus(pixel) => {
-                    if let Some(first) = &mut self.pair.first {
-                        let depth = first.renderer.depth_at(pixel)?;
-                        self.viewer.focus(pixel, depth);
+                    let Some(first) = &mut self.pair.first else { continue };
+                    let depths = Inspection::of_attribute(Attribute::Depth);
+                    if first.gaussians.is_none() && !first.renderer.can_show(&depths) {
+                        self.viewer.messages.error(needs_whole("the depth of a pixel"));
+                        continue;
                     }
+                    let depth = first.renderer.depth_at(pixel)?;
+                    self.viewer.focus(pixel, depth);
                 }
                 Request::WritePicture => self.viewer.write_picture(self.screen.device(), reusable(&self.pair)),
                 Request::WriteFilm => self.viewer.write_film(self.screen.device(), reusable(&self.pair)),

@@ -274,7 +274,7 @@ impl Session {
     fn apply_inspection(&mut self) -> Result<()> {
         let mut has_changed = false;
         let inspection = self.viewer.inspection.inspection();
-        if self.pair.drawn().any(|(_, drawn)| !drawn.renderer.can_show(&inspection)) {
+        if self.pair.drawn().any(|(_, drawn)| drawn.gaussians.is_none() && !drawn.renderer.can_show(&inspection)) {
             self.viewer.messages.error(needs_whole("this look"));
             let InspectionSettings { mode, culled_from, isolated, .. } = &mut self.viewer.inspection;
             (*mode, *culled_from, *isolated) = (0, None, None);

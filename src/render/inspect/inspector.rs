@@ -28,6 +28,11 @@ pub struct Inspection {
 }
 
 impl Inspection {
+    /// Shows an attribute.
+    pub fn of_attribute(attribute: Attribute) -> Self {
+        Self { look: Look::Attribute(attribute), ..Self::default() }
+    }
+
     /// The attribute that is shown, if it is the only thing that is inspected.
     pub fn attribute(&self) -> Option<Attribute> {
         match self {

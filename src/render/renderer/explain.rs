@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 use super::{Last, Renderer};
 use crate::render::frame::Shot;
-use crate::render::inspect::{Attribute, Explanation, Inspection, Look, Picker};
+use crate::render::inspect::{Attribute, Explanation, Inspection, Picker};
 
 /// Why there are no lists of a picture that is drawn in parts.
 const WHOLE: &str = "a pixel can be explained only where the whole scene and its lists fit into device memory";
@@ -65,7 +65,7 @@ impl Renderer {
     /// # Errors
     /// As [`Renderer::explain`].
     pub fn depth_at(&mut self, pixel: [u32; 2]) -> Result<Option<f32>> {
-        let inspection = Inspection { look: Look::Attribute(Attribute::Depth), ..Inspection::default() };
+        let inspection = Inspection::of_attribute(Attribute::Depth);
         if self.shown_in_pages(&inspection).is_none() {
             return Ok(self.explain(pixel)?.depth());
         }

@@ -8,7 +8,7 @@ use crate::gpu::Device;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::render::capacity::Capacity;
-use crate::render::{Attribute, GpuScene, Inspection, Look, Renderer, Residency};
+use crate::render::{Attribute, GpuScene, Inspection, Renderer, Residency};
 use crate::rules::{Background, Rules};
 use crate::scene::{Focus, Transform, synthetic};
 use crate::storage::convert::Settings;
@@ -110,8 +110,7 @@ fn a_look_shows_what_is_missing() {
     let options = Options { splats: 60_000, ..Options::BALANCED };
     let scene = brought(&device, &file, &[], &options);
     let mut renderer = streaming(&device, &scene, &options);
-    let inspection = Inspection { look: Look::Attribute(Attribute::Lag), ..Inspection::default() };
-    renderer.set_inspection(inspection).unwrap();
+    renderer.set_inspection(Inspection::of_attribute(Attribute::Lag)).unwrap();
     let camera = Camera::framing(focus.centre.into(), focus.radius, SIZE);
     let lag = |pixels: &Pixels| pixels.rgba.iter().map(|p| p[0] / p[3].max(1e-6)).fold(0.0, f32::max);
     renderer.render(&camera, BACKGROUND).unwrap();

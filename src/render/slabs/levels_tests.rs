@@ -7,7 +7,7 @@ use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
 use crate::pixels::Pixels;
-use crate::render::{Attribute, Content, Detailed, Inspection, Look, Renderer, SceneSource};
+use crate::render::{Attribute, Content, Detailed, Inspection, Renderer, SceneSource};
 use crate::rules::{Background, Rules};
 use crate::scene::{Focus, Gaussians, Placements, Transform, synthetic};
 use crate::storage::PageFile;
@@ -152,7 +152,7 @@ fn a_number_of_nodes_is_kept() {
 fn attributes(device: &Device, source: &SceneSource, options: &Options, camera: &Camera, shown: Attribute) -> Pixels {
     let scene = source.bring(device, options, false, 1 << 20).unwrap();
     let mut renderer = Renderer::new(device, options, &scene).unwrap();
-    let inspection = Inspection { look: Look::Attribute(shown), ..Inspection::default() };
+    let inspection = Inspection::of_attribute(shown);
     assert!(renderer.can_show(&inspection));
     renderer.set_inspection(inspection).unwrap();
     renderer.render(camera, BACKGROUND).unwrap();

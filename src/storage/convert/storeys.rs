@@ -125,7 +125,10 @@ mod tests {
                 }
             }
             assert_eq!(end + 1, count.div_ceil(PAGE) + pages_of_levels(count), "{count}");
-            let last = storeys.last().unwrap();
+            let (last, levels) = (storeys.last().unwrap(), levels_of_pages(count));
+            let highest = (storeys.len() * HALVINGS) as u32;
+            assert_eq!((levels.len(), levels[0], *levels.last().unwrap()), (end + 1, 0, highest), "{count}");
+            assert!((0..=highest).all(|level| levels.contains(&level)), "{count}");
             assert!(last.blocks() == 1 && last.above().nodes <= PAGE);
         }
     }
