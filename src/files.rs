@@ -18,7 +18,7 @@ use anyhow::{Context, Error, Result, anyhow, ensure};
 pub use kept::Kept;
 pub use part::remove_unfinished;
 pub use regular::{open_regular, read_exact_at, write_all_at};
-pub use set::write_set;
+pub use set::{write_new, write_set, write_tree};
 
 use place::Place;
 

@@ -24,12 +24,7 @@ pub fn write_set<T>(folder: &Path, files: &[(String, Vec<u8>)], check: impl FnOn
     };
     let parts = PartFolder::inside(folder).map_err(|error| described(&error)).with_context(|| failed(last))?;
     for (name, bytes) in files {
-        let write = || {
-            let file = File::create(parts.path().join(name)).map_err(|error| described(&error))?;
-            fill(&file, |out| Ok(std::io::Write::write_all(out, bytes)?))?;
-            file.sync_all().map_err(|error| described(&error))
-        };
-        write().with_context(|| failed(name))?;
+        write_new(&parts.path().join(name), bytes).with_context(|| failed(name))?;
     }
     let found = check(&parts.path().join(last))?;
     if let Some(old) = old {
@@ -57,6 +52,43 @@ pub fn write_set<T>(folder: &Path, files: &[(String, Vec<u8>)], check: impl FnOn
     drop(uninterrupted);
     sync(folder);
     Ok(found)
+}
+
+/// As [`write_set`], for a folder `tree` with files, whose name is free, and a file `main` that names them and may
+/// replace one. `fill` writes both into the folder that it gets.
+///
+/// # Errors
+/// If a file cannot be written or renamed, or `fill` fails. The folder is then as it was.
+pub fn write_tree<T>(folder: &Path, tree: &str, main: &str, fill: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
+    let failed = || format!("cannot write {}", folder.join(main).display());
+    let Place::File { path: replaced, old } = Place::of(&folder.join(main)).with_context(failed)? else {
+        anyhow::bail!("{}: it is not a regular file", failed());
+    };
+    let parts = PartFolder::inside(folder).map_err(|error| described(&error)).with_context(failed)?;
+    let found = fill(parts.path())?;
+    let (tree, new_tree, new_main) = (folder.join(tree), parts.path().join(tree), parts.path().join(main));
+    let finish = || {
+        if let Some(old) = old {
+            fs::set_permissions(&new_main, old.permissions())?;
+        }
+        let _uninterrupted = uninterrupted();
+        fs::rename(&new_tree, &tree)?;
+        sync(folder);
+        fs::rename(&new_main, &replaced).inspect_err(|_| _ = fs::rename(&tree, &new_tree))
+    };
+    finish().map_err(|error| described(&error)).with_context(failed)?;
+    sync(folder);
+    Ok(found)
+}
+
+/// Writes a file that is not there yet, and puts it on the disk.
+///
+/// # Errors
+/// A message without the name of the file.
+pub fn write_new(path: &Path, bytes: &[u8]) -> Result<()> {
+    let file = File::create_new(path).map_err(|error| described(&error))?;
+    fill(&file, |out| Ok(std::io::Write::write_all(out, bytes)?))?;
+    file.sync_all().map_err(|error| described(&error))
 }
 
 /// Puts the entries of a folder on the disk, on systems where folders can be opened.
@@ -97,5 +129,32 @@ mod tests {
         let obstructed = write_set(folder, &set("3"), |_| Ok(fs::create_dir(folder.join("main"))?));
         assert!(obstructed.is_err());
         assert_eq!(names(folder), ["a0", "b0", "b2", "main"]);
+    }
+
+    #[test]
+    fn a_tree_that_cannot_be_completed_leaves_the_folder_as_it_was() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        let fill = |parts: &Path| {
+            fs::create_dir(parts.join("tree"))?;
+            write_new(&parts.join("tree/a"), &[7])?;
+            write_new(&parts.join("main"), b"new")
+        };
+        write_tree(folder, "tree", "main", fill).unwrap();
+        assert_eq!(names(folder), ["main", "tree"]);
+        assert_eq!(fs::read(folder.join("tree/a")).unwrap(), [7]);
+        // The name is taken; the work fails; the main file cannot be replaced.
+        let error = write_tree(folder, "tree", "main", fill).unwrap_err();
+        assert!(format!("{error:#}").contains("main"), "{error:#}");
+        let other = |parts: &Path| fs::create_dir(parts.join("b")).map_err(anyhow::Error::from);
+        let fails = |parts: &Path| other(parts).and_then(|()| Err::<(), _>(anyhow::anyhow!("full")));
+        assert_eq!(write_tree(folder, "b", "main", fails).unwrap_err().to_string(), "full");
+        let obstructed = |parts: &Path| {
+            fs::remove_file(folder.join("main"))?;
+            fs::create_dir(folder.join("main"))?;
+            other(parts).and_then(|()| write_new(&parts.join("main"), b"new"))
+        };
+        assert!(write_tree(folder, "b", "main", obstructed).is_err());
+        assert_eq!(names(folder), ["main", "tree"]);
     }
 }

@@ -80,6 +80,20 @@ impl Loss {
         }
         rows
     }
+
+    /// The loss of a scene of several parts, from the number of Gaussians and the loss of each. All have the same SH
+    /// degree.
+    pub fn joined(parts: &[(usize, Vec<Self>)]) -> Vec<Self> {
+        let all: usize = parts.iter().map(|(count, _)| count).sum();
+        let mut rows = parts.first().map_or_else(Vec::new, |(_, rows)| rows.clone());
+        for (row, joined) in rows.iter_mut().enumerate() {
+            let of_parts = || parts.iter().map(|(count, rows)| (*count as f64, &rows[row]));
+            joined.largest = of_parts().map(|(_, loss)| loss.largest).fold(0.0, f64::max);
+            let squares: f64 = of_parts().map(|(count, loss)| count * loss.rms.powi(2)).sum();
+            joined.rms = (squares / all.max(1) as f64).sqrt();
+        }
+        rows
+    }
 }
 
 fn distance(a: [f32; 3], b: [f32; 3]) -> f64 {
@@ -155,5 +169,13 @@ mod tests {
         };
         let scene = one(raw, &[[0.1; 3]]);
         assert!(Loss::between(&scene, &scene).iter().all(|loss| loss.largest == 0.0 && loss.rms == 0.0));
+    }
+
+    #[test]
+    fn parts_are_joined_by_their_numbers_of_gaussians() {
+        let loss = |largest, rms| vec![Loss { attribute: "opacity", unit: "of 1", largest, rms }];
+        let joined = Loss::joined(&[(1, loss(3.0, 2.0)), (3, loss(5.0, 4.0))]);
+        assert_eq!(joined, loss(5.0, (52.0_f64 / 4.0).sqrt()));
+        assert!(Loss::joined(&[]).is_empty());
     }
 }

@@ -49,6 +49,6 @@ pub use rotation::{decode_rotation, encode_rotation};
 pub use town::TownPath;
 pub use transform::Transform;
 pub use watch::{Cancelled, Watch};
-pub use write::{SceneFile, write_sog_folder};
+pub use write::{LOD_META, SceneFile, Streamed, WrittenLevels, write_sog_folder, write_streamed_sog};
 
 use gaussians::rest_values;

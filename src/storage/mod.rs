@@ -13,7 +13,7 @@ mod statistics;
 pub use layout::{Layout, Packing};
 pub use pages::{
     Entry, HEADER, Header, LEVEL_WORDS, Level, NO_PAGE, PADDING, PAGE, PARTS, Page, PageFile, PageWords, Pages,
-    ReadFault, SAMPLES, is_page_file, read, simulate, static_level,
+    ReadFault, SAMPLES, is_page_file, nodes_of, read, simulate, static_level,
 };
 pub use planes::{Shape, pack_sh, pack_shapes, reach, share, take};
 pub use statistics::{Accumulator, FOCUSED, Statistics};

@@ -1,16 +1,19 @@
 //! `smalto lod`: levels of detail of a scene, with their errors, or one of them as a scene.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 
 use super::pages::{self, STORAGES};
+use super::target::is_same;
 use super::{Edits, FORMATS, Inputs, Target, say_written, write_scene};
 use crate::cli::{ReadingArgs, SceneArg, Sink, Usage, one_of, progress};
 use crate::files::{Kept, is_stdout};
+use crate::measure::prune::Written;
 use crate::options::Options;
-use crate::scene::{NoLevel, Scene, Watch};
-use crate::storage::{PageFile, static_level};
+use crate::scene::{LOD_META, NoLevel, Scene, Streamed, Watch, WrittenLevels, write_streamed_sog};
+use crate::storage::convert::parts;
+use crate::storage::{PageFile, nodes_of, static_level};
 
 /// Build levels of detail of a scene: a page file that is drawn within an error or a number of Gaussians, or one level
 /// as a scene of any format
@@ -19,12 +22,13 @@ use crate::storage::{PageFile, static_level};
 Without --level and --splats the file holds all Gaussians of the scene, and nodes that stand for several of them, each
 with the error that this makes, measured on small pictures from six directions. It is drawn as the scene is, unless
 --lod-error, --lod-psnr or --splats ask for less. With one of them the file is a scene with fewer Gaussians, the same
-for all views (docs/levels.md).")]
+for all views. A lod-meta.json is a streamed SOG with all levels, for the viewers of PlayCanvas (docs/levels.md).")]
 pub(in crate::cli) struct Args {
     /// Scene file, folder, procedural scene or - as for `smalto render`
     #[arg(value_name = "SCENE")]
     scene: PathBuf,
-    /// The file to write: .smalto; with --level or --splats of any format that `smalto convert` writes
+    /// The file to write: .smalto, or lod-meta.json (a streamed SOG in its folder); with --level or --splats of any
+    /// format that `smalto convert` writes
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Write a scene with half as many Gaussians, N times over
@@ -63,9 +67,13 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
     if format.is_some() {
         return Err(Usage("--format needs --level or --splats: levels are written to .smalto files".to_owned()).into());
     }
+    if output.file_name().is_some_and(|name| name == LOD_META) {
+        return streamed_sog(args);
+    }
     if output.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("smalto")) {
-        let (output, one) = (output.display(), "one of them to any format with --level or --splats");
-        return Err(Usage(format!("{output}: levels of detail are written to .smalto files, {one}")).into());
+        let one = "and one of them to any format with --level or --splats";
+        let all = format!("levels of detail are written to .smalto files or {LOD_META}, {one}");
+        return Err(Usage(format!("{}: {all}", output.display())).into());
     }
     let files = [scene.clone()];
     Target::Pages.check(output, files.iter().map(PathBuf::as_path), false, json.as_ref())?;
@@ -77,28 +85,16 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
 /// Writes one level of a scene.
 fn one_level(args: &Args) -> Result<()> {
     let Args { scene, output, storage, memory, json, reading, .. } = args;
+    if output.file_name().is_some_and(|name| name == LOD_META) {
+        return Err(Usage(format!("{LOD_META} holds all levels: leave out --level and --splats")).into());
+    }
     let target = Target::of(output, args.format, None)?;
     if storage.is_some() && target != Target::Pages {
         return Err(Usage("--storage needs a .smalto file to write".to_owned()).into());
     }
     target.check(output, [scene.as_path()], false, json.as_ref())?;
     let input = SceneArg { scene: scene.clone(), reading: *reading };
-    let scene = match input.page_file()?.filter(|file| file.levels().is_some()) {
-        Some(file) => level_of(args, &file)?,
-        None if is_stdout(output) => {
-            let why =
-                "only a level of a file that has levels goes to standard output: write them with smalto lod first";
-            return Err(Usage(why.to_owned()).into());
-        }
-        None => {
-            let name = output.file_name().unwrap_or_default().to_string_lossy();
-            let kept = Kept::beside(&output.with_file_name(format!("{name}.levels")), NO_STATE)?;
-            let (path, files) = (kept.path("levels.smalto"), [scene.clone()]);
-            let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
-            pages::convert(inputs, &path, pages::settings(None, *memory, true))?;
-            level_of(args, &PageFile::open(&path)?)?
-        }
-    };
+    let scene = with_levels(args, |file| level_of(args, file))?;
     let written = match target {
         Target::Pages => pages::write_pages(output, input.title(), &scene, pages::settings(*storage, *memory, false))?,
         Target::Scene(kind) => write_scene(output, kind, scene.gaussians, scene.is_antialiased)?,
@@ -106,7 +102,62 @@ fn one_level(args: &Args) -> Result<()> {
     say_written(written, 0, json.as_ref())
 }
 
-/// Levels that are only made for one of them are removed at the end.
+/// Writes all levels as a streamed SOG.
+fn streamed_sog(args: &Args) -> Result<()> {
+    let Args { scene, output, storage, json, .. } = args;
+    if storage.is_some() {
+        return Err(Usage("--storage needs a .smalto file to write".to_owned()).into());
+    }
+    json.as_ref().map_or(Ok(()), Sink::check)?;
+    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if is_same(scene, output) {
+        return Err(Usage(format!("{} is both the input and the output", scene.display())).into());
+    }
+    let written = with_levels(args, |file| {
+        let parts = parts(file.statistics().count, MOST_PARTS);
+        let bar = progress::Bar::new("writing");
+        let WrittenLevels { counts, bytes, transparent, loss } = write_streamed_sog(
+            folder,
+            &Streamed {
+                parts: parts.len(),
+                levels: parts.iter().map(Vec::len).max().unwrap_or(0),
+                is_antialiased: file.header().is_antialiased,
+                nodes: &|part, level| nodes_of(file, &parts[part][level]),
+                progress: &|fraction| bar.set(fraction),
+            },
+        )?;
+        let format = format!("streamed SOG, {} levels, the coarsest of {}", counts.len(), counts[counts.len() - 1]);
+        let (file, sh_degree) = (output.display().to_string(), file.statistics().sh_degree);
+        Ok(Written { file, format, bytes, gaussians: counts[0], sh_degree, transparent, loss })
+    })?;
+    say_written(written, 0, json.as_ref())
+}
+
+/// Most parts of a streamed SOG. Viewers look at all of them in every frame.
+const MOST_PARTS: usize = 4096;
+
+/// Gives the scene's page file with levels. Levels that it has not are made beside the output, and removed then.
+fn with_levels<T>(args: &Args, give: impl FnOnce(&PageFile) -> Result<T>) -> Result<T> {
+    let Args { scene, output, memory, reading, .. } = args;
+    let input = SceneArg { scene: scene.clone(), reading: *reading };
+    if let Some(file) = input.page_file()?.filter(|file| file.levels().is_some()) {
+        return give(&file);
+    }
+    if is_stdout(output) {
+        let why = "only a level of a file that has levels goes to standard output: write them with smalto lod first";
+        return Err(Usage(why.to_owned()).into());
+    }
+    let name = output.file_name().unwrap_or_default().to_string_lossy();
+    let is_there = |folder: &&Path| folder.as_os_str().is_empty() || folder.is_dir();
+    let folder = output.ancestors().skip(1).find(is_there).unwrap_or(Path::new(""));
+    let kept = Kept::beside(&folder.join(format!("{name}.levels")), NO_STATE)?;
+    let (path, files) = (kept.path("levels.smalto"), [scene.clone()]);
+    let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
+    pages::convert(inputs, &path, pages::settings(None, *memory, true))?;
+    give(&PageFile::open(&path)?)
+}
+
+/// Levels that are only made for another file are removed at the end.
 const NO_STATE: &str = "none";
 
 /// The level that the arguments ask for.

@@ -8,7 +8,7 @@ use anyhow::{Result, ensure};
 use crate::cli::{REPORTS_TO_STDOUT, Sink, Usage, progress, remark};
 use crate::files::{check_absent, check_binary_writable, is_stdout, write_checked};
 use crate::measure::prune::Written;
-use crate::scene::{self, Gaussians, Loss, Scene, SceneFile, write_sog_folder};
+use crate::scene::{self, Gaussians, LOD_META, Loss, Scene, SceneFile, write_sog_folder};
 
 /// What is written.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,10 +121,11 @@ pub(in crate::cli) fn write_scene(
 }
 
 /// True if the scene `input`, a file or a folder, is in the file `output`.
-fn is_same(input: &Path, output: &Path) -> bool {
+pub fn is_same(input: &Path, output: &Path) -> bool {
     let Ok(output) = output.canonicalize() else { return false };
     let in_folder = scene::in_folder(input);
-    [in_folder.clone(), in_folder.join("meta.json")].iter().any(|file| file.canonicalize().is_ok_and(|f| f == output))
+    let files = [in_folder.clone(), in_folder.join("meta.json"), in_folder.join(LOD_META)];
+    files.iter().any(|file| file.canonicalize().is_ok_and(|f| f == output))
 }
 
 /// Writes the file and reads it back. Returns the name of its format, its size in bytes, for a folder that of all its

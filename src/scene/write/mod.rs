@@ -15,7 +15,7 @@ use anyhow::{Result, bail};
 use rayon::prelude::*;
 
 use self::rows::to_byte;
-pub use self::sog::write_sog_folder;
+pub use self::sog::{LOD_META, Streamed, WrittenLevels, write_sog_folder, write_streamed_sog};
 use super::{Gaussians, morton};
 use crate::host_memory::OutOfMemory;
 

@@ -11,4 +11,4 @@ mod storeys;
 
 pub use in_order::write_in_order;
 pub use job::{Blocks, Finished, Job, LEAST_MEMORY, Settings, Take, write_blocks, write_whole};
-pub use storeys::levels_of_pages;
+pub use storeys::{LevelsOfPart, levels_of_pages, parts};

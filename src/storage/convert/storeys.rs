@@ -1,5 +1,7 @@
 //! Where the blocks of a hierarchy lie in a page file: the pages of their floors and levels.
 
+use std::ops::Range;
+
 use crate::storage::pages::PAGE;
 
 /// Pages whose nodes are the floor of a block.
@@ -102,6 +104,38 @@ pub fn levels_of_pages(count: usize) -> Vec<u32> {
     levels
 }
 
+/// A part of a scene that has levels of its own: by level, 0 for the Gaussians of the scene, the pages of its nodes.
+pub type LevelsOfPart = Vec<Vec<Range<usize>>>;
+
+/// The fewest parts, at most `most` where the scene has so large blocks, that hold the scene and all have the same
+/// levels; each is coarsest with a 32nd of its Gaussians or less. Their order is that of the pages: neighbours lie near
+/// each other. The tops of blocks belong to no part, because the block above mixes them.
+pub fn parts(count: usize, most: usize) -> Vec<LevelsOfPart> {
+    let storeys = storeys(count);
+    if storeys.is_empty() {
+        return vec![vec![std::iter::once(0..count.div_ceil(PAGE)).collect()]];
+    }
+    let is_fit = |(number, storey): &(usize, &Storey)| *number > 0 && storey.blocks() <= most;
+    let last = storeys.len() - 1;
+    let of = storeys.iter().enumerate().find(is_fit).map_or(last, |(number, _)| number);
+    let levels_of = |part: usize| {
+        let mut levels = Vec::new();
+        for (number, storey) in storeys[..=of].iter().enumerate() {
+            let blocks = TOPS.pow((of - number) as u32);
+            let blocks = part * blocks..storey.blocks().min((part + 1) * blocks);
+            let pages: Vec<_> = blocks.map(|block| storey.pages_of(block)).collect();
+            let range = |level: usize, pages: &[usize; HALVINGS + 1]| match level {
+                // Floors on the ground are pages of the scene.
+                0 if storey.is_ground => pages[0]..(pages[0] + FLOOR).min(count.div_ceil(PAGE)),
+                _ => pages[level]..pages[level + 1],
+            };
+            levels.extend((0..HALVINGS).map(|level| pages.iter().map(|pages| range(level, pages)).collect()));
+        }
+        levels
+    };
+    (0..storeys[of].blocks()).map(levels_of).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -130,6 +164,35 @@ mod tests {
             assert_eq!((levels.len(), levels[0], *levels.last().unwrap()), (end + 1, 0, highest), "{count}");
             assert!((0..=highest).all(|level| levels.contains(&level)), "{count}");
             assert!(last.blocks() == 1 && last.above().nodes <= PAGE);
+        }
+    }
+    /// Every page but those of the tops of the coarsest blocks is in one part, at its level.
+    #[test]
+    fn parts_hold_the_pages_of_a_scene_once() {
+        for (count, most, expected, coarsest) in [
+            (700, 9, 1, 0),
+            (1025, 9, 1, 2),
+            (4096, 9, 1, 2),
+            (70_000, 9, 3, 5),
+            (262_145, 9, 9, 5),
+            (294_913, 9, 2, 8),
+            (294_913, 1, 1, 11),
+        ] {
+            let levels = levels_of_pages(count);
+            let parts = parts(count, most);
+            assert_eq!(parts.len(), expected, "{count}");
+            let mut seen = vec![0; levels.len()];
+            for part in &parts {
+                assert_eq!(part.len(), coarsest + 1, "{count}");
+                for (level, pages) in part.iter().enumerate() {
+                    for page in pages.iter().cloned().flatten() {
+                        assert_eq!(levels[page], level as u32, "page {page} of {count}");
+                        seen[page] += 1;
+                    }
+                }
+            }
+            let is_once = seen.iter().zip(&levels).all(|(seen, level)| *seen == i32::from(*level <= coarsest as u32));
+            assert!(is_once, "{count}");
         }
     }
 }

@@ -4,11 +4,11 @@ use std::path::Path;
 
 use anyhow::{Result, ensure};
 
+use super::nodes::put;
 use super::page::{PADDING, PAGE};
 use super::page_file::{PageFile, is_page_file};
 use crate::host_memory::OutOfMemory;
-use crate::scene::{Cancelled, NoLevel, Parts, Reading, Scene, Unreadable, Watch, sh_coefficients};
-use crate::storage::planes::Shape;
+use crate::scene::{Cancelled, NoLevel, Parts, Reading, Scene, Unreadable, Watch};
 
 /// Pages that are read at a time.
 pub const TOGETHER: usize = 64;
@@ -37,7 +37,6 @@ fn whole(file: &PageFile, watch: &Watch) -> Result<Scene> {
     let (words, layout) = (file.words(), &header.layout);
     let mut geometry = vec![0; TOGETHER * words.geometry()];
     let mut colours = vec![0; TOGETHER * words.colours()];
-    let (kept, stride) = (sh_coefficients(layout.sh_degree), sh_coefficients(degree));
     let (mut is_filled, mut filled) = (vec![false; count], 0);
     let pages = header.scene_pages();
     for first in (0..pages).step_by(TOGETHER) {
@@ -53,14 +52,9 @@ fn whole(file: &PageFile, watch: &Watch) -> Result<Scene> {
                 let place = geometry[words.ids.start + k] as usize;
                 let is_new = is_filled.get_mut(place).is_some_and(|filled| !std::mem::replace(filled, true));
                 ensure!(is_new, Unreadable::new(file.path(), &anyhow::anyhow!("two Gaussians have the index {place}")));
-                let Shape { mean, rotation, scale, opacity } = words.unpacked(layout, geometry, k);
-                parts.means[place] = mean;
-                (parts.rotations[place], parts.scales[place]) = (rotation, scale);
-                // An opacity of 16 bits may be rounded to 0, which no other scene has.
-                parts.opacities[place] = opacity.max(f32::from_bits(1));
+                let shape = words.unpacked(layout, geometry, k);
+                put(&mut parts, place, shape, &layout.unpacked_sh(&words.sh_of(colours, k)));
                 filled += 1;
-                let sh = layout.unpacked_sh(&words.sh_of(colours, k));
-                parts.sh[place * stride..][..kept].copy_from_slice(&sh[..kept]);
             }
         }
         (watch.progress)(range.end as f64 / pages as f64);

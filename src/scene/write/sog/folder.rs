@@ -27,10 +27,19 @@ pub fn write_sog_folder<T>(
     folder: &Path,
     check: impl FnOnce(&Path) -> Result<T>,
 ) -> Result<T> {
+    in_locked(folder, || replace(gaussians, is_antialiased, folder, check))
+}
+
+/// Makes a folder if needed, and keeps other runs out of it while `write` works. If that fails, what was made is
+/// removed.
+pub(super) fn in_locked<T>(folder: &Path, write: impl FnOnce() -> Result<T>) -> Result<T> {
     let made: Vec<&Path> =
         folder.ancestors().take_while(|above| !above.as_os_str().is_empty() && !above.exists()).collect();
     make_folder(folder)?;
-    let written = replace(gaussians, is_antialiased, folder, check);
+    // A system that cannot open folders has no lock, and two runs at once are the user's care.
+    let opened = fs::File::open(folder).ok();
+    let locked = opened.as_ref().map_or(Ok(()), lock).with_context(|| folder.display().to_string());
+    let written = locked.and_then(|()| write());
     if written.is_err() {
         made.iter().for_each(|folder| _ = fs::remove_dir(folder));
     }
@@ -43,9 +52,6 @@ fn replace<T>(
     folder: &Path,
     check: impl FnOnce(&Path) -> Result<T>,
 ) -> Result<T> {
-    // A system that cannot open folders has no lock, and two runs at once are the user's care.
-    let opened = fs::File::open(folder).ok();
-    opened.as_ref().map_or(Ok(()), lock).with_context(|| folder.display().to_string())?;
     let meta = folder.join(META);
     check_writable(&meta)?;
     let old = textures(&read_whole(&meta).unwrap_or_default());
@@ -61,7 +67,7 @@ fn replace<T>(
 }
 
 /// The WebP files in the folder of a `meta.json` that it names; none if it is not a SOG's.
-fn textures(meta: &[u8]) -> BTreeSet<String> {
+pub(super) fn textures(meta: &[u8]) -> BTreeSet<String> {
     let meta: Value = serde_json::from_slice(meta).unwrap_or_default();
     let attributes = meta.as_object().into_iter().flat_map(|members| members.values());
     let names = attributes.filter_map(|attribute| attribute.get("files")?.as_array()).flatten();

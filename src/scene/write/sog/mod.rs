@@ -4,6 +4,7 @@
 mod codebook;
 mod folder;
 mod kmeans;
+mod streamed;
 
 use std::io::{Cursor, Write};
 
@@ -16,6 +17,7 @@ use zip::{CompressionMethod, ZipWriter};
 
 use self::codebook::Codebook;
 pub use self::folder::write_sog_folder;
+pub use self::streamed::{LOD_META, Streamed, WrittenLevels, write_streamed_sog};
 use crate::scene::{Gaussians, sh_coefficients};
 
 /// Largest number of palette entries, which 16-bit labels can name.
