@@ -12,6 +12,7 @@ mod independent;
 mod named_files;
 mod pages;
 mod sog;
+mod sog_levels;
 mod sog_write;
 mod splat;
 mod variants;

@@ -53,6 +53,7 @@ impl SceneFile {
             _ if name.ends_with(".sog") => Self::Sog,
             _ if name == "meta.json" => Self::SogFolder,
             _ if name.ends_with(".glb") => Self::Glb,
+            _ if name == LOD_META => bail!("{}: a streamed SOG is written by `smalto lod`", path.display()),
             _ => bail!(
                 "{}: scenes are written as .ply, .compressed.ply, .splat, .spz, .sog, meta.json (of SOG) or .glb",
                 path.display()

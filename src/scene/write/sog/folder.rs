@@ -1,4 +1,4 @@
-//! Writes a SOG into a folder: a new one, or in place of the SOG that is there.
+//! Writes a SOG into a folder: a new one, or in place of the SOG that is there; removes one.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -67,7 +67,7 @@ fn replace<T>(
 }
 
 /// The WebP files in the folder of a `meta.json` that it names; none if it is not a SOG's.
-pub(super) fn textures(meta: &[u8]) -> BTreeSet<String> {
+fn textures(meta: &[u8]) -> BTreeSet<String> {
     let meta: Value = serde_json::from_slice(meta).unwrap_or_default();
     let attributes = meta.as_object().into_iter().flat_map(|members| members.values());
     let names = attributes.filter_map(|attribute| attribute.get("files")?.as_array()).flatten();
@@ -76,4 +76,23 @@ pub(super) fn textures(meta: &[u8]) -> BTreeSet<String> {
         matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None)) && name.ends_with(".webp")
     };
     names.filter_map(Value::as_str).filter(is_beside).map(str::to_owned).collect()
+}
+
+/// Removes the SOG folder of a `meta.json` that an old `lod-meta.json` names, and the folders above it that are empty
+/// then. Other files, and names that lead out of the folder, stay; what cannot be removed does no harm.
+pub(super) fn remove_unit(folder: &Path, name: &str) {
+    let name = Path::new(name);
+    let is_inside = name.components().all(|part| matches!(part, Component::Normal(_)));
+    let Some(unit) = name.parent().filter(|unit| is_inside && !unit.as_os_str().is_empty()) else { return };
+    if name.file_name().is_none_or(|name| name != META) {
+        return;
+    }
+    let meta = folder.join(name);
+    for texture in textures(&read_whole(&meta).unwrap_or_default()) {
+        _ = fs::remove_file(folder.join(unit).join(texture));
+    }
+    _ = fs::remove_file(meta);
+    for above in unit.ancestors().filter(|above| !above.as_os_str().is_empty()) {
+        _ = fs::remove_dir(folder.join(above));
+    }
 }

@@ -3,13 +3,13 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::{Component, Path};
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::folder::{in_locked, textures};
+use super::folder::{in_locked, remove_unit};
 use super::{META, files};
 use crate::files::{read_whole, write_new, write_tree};
 use crate::scene::{Gaussians, Loss, SceneFile, read};
@@ -134,8 +134,9 @@ impl Writer<'_> {
         let Streamed { parts, levels, .. } = *self.streamed;
         let mut leaves: Vec<(Option<Bound>, BTreeMap<usize, Range>)> = Vec::new();
         leaves.resize_with(parts, || (None, BTreeMap::new()));
-        let (mut counts, mut loss, mut transparent) = (vec![0; levels], Vec::new(), 0);
+        let (mut counts, mut loss, mut transparent) = (Vec::new(), Vec::new(), 0);
         for level in 0..levels {
+            counts.push(0);
             let (first, mut lost) = (self.filenames.len(), Vec::new());
             for (part, (bound, lods)) in leaves.iter_mut().enumerate() {
                 let nodes = (self.streamed.nodes)(part, level)?;
@@ -155,7 +156,9 @@ impl Writer<'_> {
                 *bound = bound.take().into_iter().chain(Bound::around(&arranged)).reduce(Bound::and);
                 counts[level] += count;
                 self.unit.push(arranged);
-                (self.streamed.progress)((level * parts + part + 1) as f64 / (levels * parts) as f64);
+                // Each level has half as many Gaussians as the one below.
+                let left = 0.5_f64.powi(level as i32);
+                (self.streamed.progress)(1.0 - left + left / 2.0 * (part + 1) as f64 / parts as f64);
             }
             lost.extend(self.finish_unit(level, first)?);
             if level == 0 {
@@ -241,23 +244,4 @@ fn tree_of(mut leaves: Vec<Node>) -> Option<Node> {
     let right = tree_of(leaves.split_off(leaves.len().div_ceil(2)))?;
     let left = tree_of(leaves)?;
     Some(Node::Inner { bound: left.bound().and(right.bound()), children: [left, right].map(Box::new) })
-}
-
-/// Removes the SOG folder of a `meta.json` that an old `lod-meta.json` names, and the folders above it that are empty
-/// then. Other files, and names that lead out of the folder, stay; what cannot be removed does no harm.
-fn remove_unit(folder: &Path, name: &str) {
-    let name = Path::new(name);
-    let is_inside = name.components().all(|part| matches!(part, Component::Normal(_)));
-    let Some(unit) = name.parent().filter(|unit| is_inside && !unit.as_os_str().is_empty()) else { return };
-    if name.file_name().is_none_or(|name| name != META) {
-        return;
-    }
-    let meta = folder.join(name);
-    for texture in textures(&read_whole(&meta).unwrap_or_default()) {
-        _ = fs::remove_file(folder.join(unit).join(texture));
-    }
-    _ = fs::remove_file(meta);
-    for above in unit.ancestors().filter(|above| !above.as_os_str().is_empty()) {
-        _ = fs::remove_dir(folder.join(above));
-    }
 }
