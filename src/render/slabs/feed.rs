@@ -7,6 +7,7 @@
 
 use std::cmp::Reverse;
 use std::collections::HashSet;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
@@ -15,6 +16,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::chooser::{Asked, Chooser};
 use super::family::Family;
+use super::plan::{Plan, Question};
 use super::pool::{Pool, ReadPage};
 use crate::gpu::{Access, Commands, Device, InFlight, Readback, Results};
 use crate::levels::CODES_PER_OCTAVE;
@@ -25,7 +27,7 @@ use crate::storage::{Level, Pages};
 /// Brings pages while pictures go on.
 pub struct Feed {
     pages: Pages,
-    family: Family,
+    family: Arc<Family>,
     /// The changes of the pool that the floors on the device know of.
     known: Option<u64>,
     /// The copy of these to the device.
@@ -38,8 +40,12 @@ pub struct Feed {
     falling: Option<[Instant; 2]>,
     fades: bool,
     readers: ThreadPool,
-    sender: Sender<Read>,
-    receiver: Receiver<Read>,
+    sender: Sender<News>,
+    receiver: Receiver<News>,
+    /// Memory of pages that were brought, for others: to ask the system for it takes time from all threads.
+    spare: (Sender<ReadPage>, Receiver<ReadPage>),
+    /// The pages that come next are being chosen.
+    is_planning: bool,
     /// Pages that are being read.
     reading: HashSet<u32>,
     /// Pages that were read and are not on the device yet, the most visible first.
@@ -58,7 +64,11 @@ pub struct Feed {
     missing: u32,
 }
 
-type Read = (u32, Result<ReadPage>);
+/// What threads report.
+enum News {
+    Plan(Plan),
+    Read(u32, Result<ReadPage>),
+}
 
 /// What a picture told about pages.
 pub struct Demand {
@@ -97,14 +107,10 @@ const COARSEST: usize = 64;
 const COMING: usize = 512;
 /// Threads that read.
 const READERS: usize = 8;
-/// Pictures after which a page that no picture wanted may leave.
-const LATELY: u16 = 4;
 /// The time in which a floor falls by a power of two.
 const OCTAVE: Duration = Duration::from_millis(60);
 /// The time after which floors are where they fall to: what is above the limits of nodes cannot be seen.
 const FALL: Duration = Duration::from_millis(400);
-/// Steps of codes by which a page must matter more than one that leaves for it: the eighth of a power of two.
-const MARGIN: i32 = 64;
 
 impl Feed {
     /// Brings the coarsest pages. With `fades`, pages that are brought later fade in.
@@ -123,7 +129,7 @@ impl Feed {
         let (sender, receiver) = unbounded();
         let threads = std::thread::available_parallelism().map_or(1, usize::from).min(READERS);
         Ok(Self {
-            family: Family::of(levels(&pages)),
+            family: Arc::new(Family::of(levels(&pages))),
             pages,
             known: None,
             telling: None,
@@ -134,6 +140,8 @@ impl Feed {
             readers: ThreadPoolBuilder::new().num_threads(threads).build()?,
             sender,
             receiver,
+            spare: unbounded(),
+            is_planning: false,
             reading: HashSet::new(),
             arrived: Vec::new(),
             unreadable: HashSet::new(),
@@ -160,6 +168,8 @@ impl Feed {
             let leave = self.leaving.len().min(read.len().saturating_sub(pool.free()));
             let leaving: Vec<u32> = self.leaving.drain(..leave).collect();
             pool.put(device, &read, &leaving)?;
+            // Both ends are here, so this does not fail.
+            read.into_iter().for_each(|(_, words)| drop(self.spare.0.send(words)));
         }
         let has_changed = self.known != Some(pool.changes());
         if has_changed {
@@ -225,74 +235,58 @@ impl Feed {
         let least = demanded.get(place).filter(|_| state.demanded as usize > DEMANDED);
         self.asked.least_priority = least.map_or(0, |[_, word]| word & 0xffff);
         let pool = scene.pool().expect("the scene is in pages");
-        let mut missing = self.missing_of(&pool, &demanded);
-        let coming = self.reading.len() + self.arrived.len();
-        let is_idle = missing.is_empty() && coming == 0;
-        missing.truncate(COMING.saturating_sub(coming));
-        let free = pool.free().saturating_sub(coming.saturating_sub(self.leaving.len()));
-        self.is_sated = is_idle;
-        if missing.len() > free {
-            let wanted = demand.wanted.as_ref().map(|wanted| results.view(wanted));
-            let more = wanted.map_or(0, |wanted| self.replace(&pool, wanted, &missing[free..]));
-            // The next picture tells what may leave, if this one did not.
-            self.is_sated |= wanted.is_some() && more == 0 && free == 0;
-            missing.truncate(free + more);
-        }
         self.is_full = pool.free() == 0;
-        drop(pool);
-        for (page, _) in missing {
-            self.reading.insert(page);
-            let (pages, sender) = (self.pages.clone(), self.sender.clone());
-            // The receiver may be gone: then nobody wants the page.
-            self.readers.spawn_fifo(move || drop(sender.send((page, ReadPage::read(&pages, page)))));
-        }
-    }
-
-    /// The pages that are missing so that these are drawn, with what they are worth, the most first.
-    fn missing_of(&self, pool: &Pool, demanded: &[[u32; 2]]) -> Vec<(u32, i32)> {
-        let mut wishes = self.family.wishes();
-        for [page, word] in demanded {
-            self.family.wish(&mut wishes, *page, word & 0xffff, (word >> 16) as u16);
+        if self.is_planning {
+            return;
         }
         let coming: HashSet<u32> =
             self.arrived.iter().map(|(page, _)| *page).chain(self.reading.iter().copied()).collect();
-        let is_new = |page: &u32| !pool.has(*page) && !coming.contains(page) && !self.unreadable.contains(page);
-        let mut missing: Vec<_> = self.family.wanted(&wishes).filter(|(page, _)| is_new(page)).collect();
-        missing.sort_unstable_by_key(|(page, worth)| (Reverse(*worth), *page));
-        missing
+        let question = Question {
+            demanded,
+            wanted: demand.wanted.as_ref().map(|wanted| results.view(wanted).to_vec()),
+            stamp: self.asked.stamp,
+            is_there: pool.are_there().to_vec(),
+            unreadable: self.unreadable.clone(),
+            kept: coarsest(&pool).chain(self.leaving.iter().copied()).collect(),
+            free: pool.free().saturating_sub(coming.len().saturating_sub(self.leaving.len())),
+            most: COMING.saturating_sub(coming.len()),
+            coming,
+        };
+        self.is_planning = true;
+        let (family, sender) = (self.family.clone(), self.sender.clone());
+        rayon::spawn(move || drop(sender.send(News::Plan(Plan::of(&family, &question)))));
     }
 
-    /// Chooses pages that leave for missing ones, and returns for how many of these. What is there is worth what it
-    /// would be if it were missing, so that no page comes and goes.
-    fn replace(&mut self, pool: &Pool, wanted: &[u32], missing: &[(u32, i32)]) -> usize {
-        let age = |word: u32| self.asked.stamp.wrapping_sub((word >> 16) as u16);
-        let mut wishes = self.family.wishes();
-        for (word, page) in wanted.iter().zip(0..).filter(|(word, _)| **word != 0 && age(**word) < LATELY) {
-            self.family.wish(&mut wishes, page, word & 0xffff, 0);
+    /// Begins what was planned.
+    fn follow(&mut self, plan: Plan) {
+        self.is_planning = false;
+        self.is_sated = plan.is_sated;
+        self.leaving.extend(plan.leave);
+        for page in plan.read {
+            self.reading.insert(page);
+            let (pages, sender, spare) = (self.pages.clone(), self.sender.clone(), self.spare.1.clone());
+            self.readers.spawn_fifo(move || {
+                let memory = spare.try_recv().ok();
+                // The receiver may be gone: then nobody wants the page.
+                _ = sender.send(News::Read(page, ReadPage::read(&pages, page, memory)));
+            });
         }
-        let kept: HashSet<u32> = coarsest(pool).chain(self.leaving.iter().copied()).collect();
-        let worth = |page: u32| (self.family.worth(&wishes, page), Reverse(age(wanted[page as usize])), page);
-        let mut there: Vec<_> = pool.there().filter(|page| !kept.contains(page)).map(worth).collect();
-        if missing.len() < there.len() {
-            there.select_nth_unstable(missing.len());
-            there.truncate(missing.len());
-        }
-        there.sort_unstable();
-        let is_worse = |own: Option<i32>, other: i32| own.is_none_or(|own| own + MARGIN < other);
-        let found = there.iter().zip(missing).take_while(|((own, ..), (_, other))| is_worse(*own, *other)).count();
-        self.leaving.extend(there[..found].iter().map(|(.., page)| page));
-        found
     }
 
-    /// Takes in what was read.
+    /// Takes in what was planned and read.
     fn receive(&mut self) {
-        for (page, words) in self.receiver.try_iter() {
-            self.reading.remove(&page);
-            match words {
-                Ok(words) => self.arrived.push((page, words)),
-                Err(problem) => {
-                    self.unreadable.insert(page);
-                    self.problem.get_or_insert(problem);
+        while let Ok(news) = self.receiver.try_recv() {
+            match news {
+                News::Plan(plan) => self.follow(plan),
+                News::Read(page, read) => {
+                    self.reading.remove(&page);
+                    match read {
+                        Ok(words) => self.arrived.push((page, words)),
+                        Err(problem) => {
+                            self.unreadable.insert(page);
+                            self.problem.get_or_insert(problem);
+                        }
+                    }
                 }
             }
         }
@@ -301,12 +295,12 @@ impl Feed {
     /// True if another picture would show more, or tell more.
     pub fn has_news(&mut self) -> bool {
         self.receive();
-        !self.arrived.is_empty() || self.falling.is_some() || self.is_asking()
+        !self.arrived.is_empty() || self.falling.is_some() || self.is_asking() && !self.is_planning
     }
 
-    /// True if the next picture asks for pages.
+    /// True if pages are asked for, of this picture or the next.
     fn is_asking(&self) -> bool {
-        self.missing > 0 && self.reading.is_empty() && !self.is_sated
+        self.is_planning || self.missing > 0 && self.reading.is_empty() && !self.is_sated
     }
 
     /// Why a page could not be read, once.

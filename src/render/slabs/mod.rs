@@ -26,6 +26,7 @@ mod feed;
 mod listed;
 mod page_projection;
 mod parts;
+mod plan;
 mod pool;
 mod portable;
 mod supply;

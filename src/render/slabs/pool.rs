@@ -59,12 +59,12 @@ pub struct PagesRead {
 pub struct ReadPage([Vec<u32>; 3]);
 
 impl ReadPage {
-    /// Reads a page.
+    /// Reads a page, into the memory of another of the same scene if there is one.
     ///
     /// # Errors
     /// If it cannot be read.
-    pub fn read(pages: &Pages, page: u32) -> Result<Self> {
-        let mut words = words_of(pages).map(|words| vec![0; words]);
+    pub fn read(pages: &Pages, page: u32, memory: Option<Self>) -> Result<Self> {
+        let mut words = memory.map_or_else(|| words_of(pages).map(|words| vec![0; words]), |page| page.0);
         read_streams(pages, page as usize..page as usize + 1, words.each_mut().map(Vec::as_mut_slice))?;
         Ok(Self(words))
     }
@@ -146,9 +146,9 @@ impl Pool {
         self.is_there[page as usize]
     }
 
-    /// The pages that are there, in ascending order.
-    pub fn there(&self) -> impl Iterator<Item = u32> {
-        self.is_there.iter().zip(0..).filter(|(is_there, _)| **is_there).map(|(_, page)| page)
+    /// By page: true if it is there.
+    pub fn are_there(&self) -> &[bool] {
+        &self.is_there
     }
 
     /// Pages that fit beside those that are there.
