@@ -54,13 +54,15 @@ impl Timeline {
         (index < self.keys.len()).then(|| self.keys.remove(index))
     }
 
-    /// Moves a key to another time, where it replaces a key. Returns its new index.
+    /// Moves a key to another time. Returns its new index.
     ///
     /// # Errors
-    /// If there is no such key, or `seconds` is not from 0 to 1e6.
+    /// If there is no such key, another key is at that time, or `seconds` is not from 0 to 1e6.
     pub fn retime(&mut self, index: usize, seconds: f64) -> Result<usize> {
         ensure!(index < self.keys.len(), "there is no key {index} among {}", self.keys.len());
         check(seconds)?;
+        let is_taken = |(i, key): (usize, &Key)| i != index && (key.seconds - seconds).abs() < RESOLUTION;
+        ensure!(!self.keys.iter().enumerate().any(is_taken), "there is a key at {seconds} s already");
         let key = self.keys.remove(index);
         self.insert(seconds, key.camera)
     }

@@ -151,15 +151,8 @@ impl SceneArg {
     /// Prints to stderr what the reader had to say about a scene.
     pub fn remark(&self, scene: &Scene) {
         let path = self.path().unwrap_or_else(|| self.scene.clone());
-        let name = path.display();
-        for notice in &scene.notices {
-            remark(&format!("note: {name}: {notice}"));
-        }
-        let report = &scene.report;
-        if report.dropped() + report.clamped_scale > 0 {
-            let level = if report.is_clean() { "note" } else { "warning" };
-            remark(&format!("{level}: {name}: of {} Gaussians {report}", report.read));
-        }
+        let remarks = crate::scene::remarks(&path.display().to_string(), &scene.report, &scene.notices);
+        remarks.iter().for_each(|text| remark(text));
     }
 }
 

@@ -63,6 +63,16 @@ impl fmt::Display for LoadReport {
     }
 }
 
+/// What a user should know of a scene that was read: how it differs from its file, one sentence each.
+pub fn remarks(name: &str, report: &LoadReport, notices: &[String]) -> Vec<String> {
+    let mut remarks: Vec<String> = notices.iter().map(|notice| format!("note: {name}: {notice}")).collect();
+    if report.dropped() + report.clamped_scale > 0 {
+        let level = if report.is_clean() { "note" } else { "warning" };
+        remarks.push(format!("{level}: {name}: of {} Gaussians {report}", report.read));
+    }
+    remarks
+}
+
 /// A scene that was read from a file or generated.
 #[derive(Debug)]
 pub struct Scene {

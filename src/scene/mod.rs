@@ -37,7 +37,7 @@ pub use canonical::{Builder, Raw};
 pub use edit::RIGHT_UP_BACK;
 pub use gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 pub use grid::Grid;
-pub use loaded::{Level, LoadReport, NoLevel, Scene, Unreadable};
+pub use loaded::{Level, LoadReport, NoLevel, Scene, Unreadable, remarks};
 pub use loss::Loss;
 pub use morton::{Curve, along_curve};
 pub use parts::Parts;

@@ -8,7 +8,7 @@ use glam::{DQuat, DVec3, EulerRot};
 
 use super::held::{Held, Opened};
 use super::jobs::{Cancel, JobEvent, Jobs, Reporter};
-use crate::scene::{self, Procedural, Reading, Scene, Transform, Watch};
+use crate::scene::{self, Procedural, Reading, Scene, Transform, Watch, remarks};
 use crate::storage::{self, PageFile};
 
 /// The source of a scene.
@@ -101,8 +101,8 @@ impl Layer {
         }
     }
 
-    /// Takes in the scene that was opened, and returns its Gaussians.
-    pub fn fill(&mut self, opened: Opened) -> Held {
+    /// Takes in the scene that was opened, and returns its Gaussians, and what a user should know of them.
+    pub fn fill(&mut self, opened: Opened) -> (Held, Vec<String>) {
         let (format, count, degree, report, notices, is_antialiased, held) = match opened {
             Opened::Whole(scene) => {
                 let Scene { gaussians, report, format, is_antialiased, notices, .. } = *scene;
@@ -113,15 +113,17 @@ impl Layer {
                 let header = file.header();
                 let (format, report, is_antialiased) = (header.format_of_pages(), header.report, header.is_antialiased);
                 let (count, degree) = (header.statistics.count, header.statistics.sh_degree);
-                let notice = "levels of detail, read page by page".to_owned();
-                (format, count, degree, report, vec![notice], is_antialiased, Held::Pages(file.clone()))
+                (format, count, degree, report, Vec::new(), is_antialiased, Held::Pages(file.clone()))
             }
         };
         self.summary = format!("{format}, {count} Gaussians, SH degree {degree}; {report}");
         notices.iter().for_each(|notice| self.summary += &format!("; {notice}"));
+        if matches!(held, Held::Pages(_)) {
+            self.summary += "; levels of detail, read page by page";
+        }
         self.is_antialiased = is_antialiased;
         self.progress = None;
-        self.held.insert(held).clone()
+        (self.held.insert(held).clone(), remarks(&self.name, &report, &notices))
     }
 
     /// The Gaussians and the transform that the picture of this side draws; `None` if it does not show the scene.

@@ -77,7 +77,11 @@ impl Viewer {
         let Some(place) = self.layers.iter().position(|layer| layer.number == number) else { return };
         match scene {
             Ok(scene) => {
-                let held = self.layers[place].fill(scene);
+                let (held, remarks) = self.layers[place].fill(scene);
+                for remark in remarks {
+                    (self.setup.remark)(&remark);
+                    self.messages.note(remark);
+                }
                 if !self.setup.antialiased_is_explicit {
                     self.options.rules.antialiased = self.layers.iter().any(|layer| layer.is_antialiased);
                 }

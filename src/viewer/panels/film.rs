@@ -32,12 +32,20 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     export(viewer, ui);
 }
 
+/// Seconds between keys that are dragged.
+const APART: f64 = 0.05;
+
 fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     let (mut removed, mut moved, mut shown) = (None, None, None);
-    for (i, key) in viewer.film.timeline.keys().iter().enumerate() {
+    let keys = viewer.film.timeline.keys();
+    for (i, key) in keys.iter().enumerate() {
+        // Keys stay in their order, so that a key which is dragged replaces none and stays under the pointer.
+        let low = if i == 0 { 0.0 } else { keys[i - 1].seconds + APART };
+        let high = keys.get(i + 1).map_or(3600.0, |next| next.seconds - APART).max(low);
         ui.horizontal(|ui| {
             let mut seconds = key.seconds;
-            if ui.add(DragValue::new(&mut seconds).speed(0.05).range(0.0..=3600.0).suffix(" s")).changed() {
+            let field = DragValue::new(&mut seconds).speed(0.05).range(low..=high).clamp_existing_to_range(false);
+            if ui.add(field.suffix(" s")).changed() {
                 moved = Some((i, seconds));
             }
             if ui.small_button("go").clicked() {
