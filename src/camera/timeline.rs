@@ -252,16 +252,16 @@ mod tests {
         assert_eq!(timeline.retime(1, 4.5).unwrap(), 2);
         assert_eq!(times(&timeline), [1.0, 3.0, 4.5]);
         assert_eq!(timeline.retime(2, 4.5).unwrap(), 2, "where it is");
-        assert_eq!(timeline.retime(2, 1.0).unwrap(), 0, "onto another");
-        assert_eq!((times(&timeline), &timeline.keys()[0].camera), (vec![1.0, 3.0], &other));
+        assert!(timeline.retime(2, 1.0).is_err(), "onto another");
+        assert_eq!((times(&timeline), &timeline.keys()[2].camera), (vec![1.0, 3.0, 4.5], &other));
         let before = timeline.clone();
         for wrong in [f64::NAN, -1.0, f64::INFINITY, 1e7] {
             assert!(timeline.insert(wrong, other.clone()).is_err() && timeline.retime(0, wrong).is_err());
         }
-        assert!(timeline.retime(2, 0.0).is_err() && timeline.remove(2).is_none());
+        assert!(timeline.retime(3, 0.0).is_err() && timeline.remove(3).is_none());
         assert_eq!(timeline, before);
-        assert_eq!(timeline.remove(0).unwrap().camera, other);
-        assert_eq!(times(&timeline), [3.0]);
+        assert_eq!(timeline.remove(2).unwrap().camera, other);
+        assert_eq!(times(&timeline), [1.0, 3.0]);
     }
 
     #[test]

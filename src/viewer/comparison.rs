@@ -3,11 +3,13 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::held::Held;
 use crate::camera::Camera;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::render::Compare;
 use crate::rules::{Background, Rules};
+use crate::scene::Transform;
 
 /// The target of the comparison.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -49,12 +51,38 @@ pub struct Comparison {
     pub flicker_hz: f32,
     /// Name and pixels of a picture that the GPU did not draw: the reference or a file.
     pub picture: Option<(String, Arc<Pixels>)>,
-    /// The view for which the reference was drawn; `None` if `picture` is a file.
-    pub drawn_for: Option<Camera>,
+    /// What the reference was drawn of; `None` if `picture` is a file.
+    pub drawn_of: Option<Shown>,
     /// `picture` is being drawn or read.
     pub is_drawing: bool,
     /// `picture` must be resampled to the size of the window.
     pub is_stale: bool,
+}
+
+/// All that a picture depends on, but for the number formats and the knobs that trade accuracy.
+#[derive(Clone)]
+pub struct Shown {
+    pub view: Camera,
+    /// The scenes with their places.
+    pub parts: Vec<(Held, Transform)>,
+    pub rules: Rules,
+    pub background: Background,
+}
+
+impl Shown {
+    /// In what another picture differs first; `None` if it is of the same.
+    pub fn difference(&self, other: &Self) -> Option<&'static str> {
+        let Self { view, parts, rules, background } = self;
+        let is_same = |((a, placed), (b, other)): (&(Held, Transform), &(Held, Transform))| a.is_same(b) && placed == other;
+        let are_same = parts.len() == other.parts.len() && parts.iter().zip(&other.parts).all(is_same);
+        match () {
+            () if !are_same => Some("other scenes or places"),
+            () if *view != other.view => Some("another view"),
+            () if *rules != other.rules => Some("other rules"),
+            () if background.colour() != other.background.colour() => Some("another background"),
+            () => None,
+        }
+    }
 }
 
 impl Default for Comparison {
@@ -68,7 +96,7 @@ impl Default for Comparison {
             is_flicked: false,
             flicker_hz: 0.0,
             picture: None,
-            drawn_for: None,
+            drawn_of: None,
             is_drawing: false,
             is_stale: false,
         }

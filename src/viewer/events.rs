@@ -13,9 +13,9 @@ pub enum Event {
         device: String,
         size: [u32; 2],
     },
-    /// The first frame with a scene was shown, `ms` after the start. If it showed only the part that was read, each
-    /// further frame is reported until one shows all. Of a scene that is read page by page, only the first is, and it
-    /// is whole if it lacked no page.
+    /// The first frame with a scene was shown, `ms` after the start. If it showed only the part that was read, the
+    /// first that shows all of it is reported, too. Of a scene that is read page by page, only the first is, and it is
+    /// whole if it lacked no page.
     FirstFrame {
         ms: f64,
         is_whole: bool,

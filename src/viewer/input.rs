@@ -20,7 +20,8 @@ pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
     for file in &dropped {
         viewer.drop_file(file.path());
     }
-    let is_typing = ui.ctx().egui_wants_keyboard_input();
+    // A header or a button that Tab has reached takes no letters.
+    let is_typing = ui.ctx().text_edit_focused();
     if !is_typing {
         keys(viewer, ui);
     }
@@ -77,10 +78,10 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     }
     if pressed(viewer, ui, Action::FlipUp) {
         viewer.navigator.flip_up();
+        viewer.camera = None;
     }
     if pressed(viewer, ui, Action::Frame) {
-        let home = viewer.navigator.home(viewer.size);
-        viewer.navigator.glide_to(&home, crate::camera::GLIDE_SECONDS);
+        viewer.frame_scene();
     }
     if pressed(viewer, ui, Action::Reset) {
         viewer.reset_view();

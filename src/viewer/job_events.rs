@@ -39,7 +39,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
             viewer.comparison.is_drawing = false;
             match pixels {
                 Ok(pixels) => {
-                    let is_reference = viewer.comparison.drawn_for.is_some();
+                    let is_reference = viewer.comparison.drawn_of.is_some();
                     viewer.comparison.target =
                         if is_reference { CompareTarget::Reference } else { CompareTarget::Picture };
                     viewer.comparison.picture = Some((name, Arc::new(pixels)));
@@ -54,7 +54,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
         JobEvent::Measured(costs) => {
             viewer.is_measuring = false;
             match costs {
-                Ok(costs) => viewer.costs = Some(costs),
+                Ok(costs) => viewer.costs = Some((costs, viewer.measured_of.take())),
                 Err(problem) => viewer.messages.error(format!("cannot measure: {problem:#}")),
             }
         }
@@ -95,7 +95,8 @@ fn handle_built(viewer: &mut Viewer, pair: &mut Pair, device: &Device, side: Sid
             match side {
                 Side::First => {
                     let is_new = pair.first.as_ref().is_none_or(|old| !old.plan.has_scene_of(&drawn.plan));
-                    if is_new && !viewer.is_reading() {
+                    // It may have been built of the part of a scene that was read then.
+                    if is_new && !viewer.is_reading() && viewer.draws(&drawn.plan) {
                         let (gaussians, scenes) = (drawn.statistics.count, drawn.plan.parts.len());
                         viewer.events.emit(&Event::Scene { gaussians, scenes });
                     }
@@ -139,7 +140,8 @@ pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
             Side::Second => pair.second.as_ref().and_then(Second::drawn),
         };
         let Some(planned) = planned else {
-            // The last scene was closed, or nothing is compared.
+            // The last scene was closed or hidden, or nothing is compared: what follows is tried, also if it was refused.
+            viewer.refused[i] = None;
             let is_loading = viewer.is_reading();
             if current.is_some() && !(side == Side::First && is_loading) {
                 match side {

@@ -14,6 +14,8 @@ use crate::storage::Statistics;
 /// The costs of knobs in one view.
 #[derive(Clone, Debug)]
 pub struct Costs {
+    /// The options of which every knob was turned alone.
+    pub options: Options,
     /// GPU time of the exact frame in milliseconds.
     pub exact_ms: f64,
     /// One entry per turned knob, alone; the last entry is for all together.
@@ -57,5 +59,5 @@ pub fn costs(
         Ok(Cost { knob, ms: study.gpu_ms(&options)?, psnr })
     };
     let knobs = turned(&exact, options).into_iter().map(cost).collect::<Result<_>>()?;
-    Ok(Costs { exact_ms: study.gpu_ms(&exact)?, knobs })
+    Ok(Costs { options: *options, exact_ms: study.gpu_ms(&exact)?, knobs })
 }

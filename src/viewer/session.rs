@@ -31,11 +31,14 @@ pub struct Session {
     context: egui::Context,
     /// When the previous frame was prepared, and whether another one was due right after it.
     previous: Option<(Instant, bool)>,
-    has_shown_scene: bool,
+    /// A frame with a scene was shown: true if it showed all of it.
+    has_shown: Option<bool>,
     shaders_polled: Option<Instant>,
     layout: UiLayout,
-    /// The view mode of the last event about it.
-    reported_mode: usize,
+    /// Number of messages in the last layout.
+    laid_out_messages: usize,
+    /// The settings of the last event about them.
+    reported: InspectionSettings,
     /// Notices about the paths that have been shown.
     reported_notices: Vec<String>,
 }
@@ -64,14 +67,15 @@ impl Session {
     pub fn new(mut viewer: Viewer, screen: Screen, context: egui::Context) -> Self {
         viewer.open_setup();
         Self {
-            reported_mode: viewer.inspection.mode,
+            reported: InspectionSettings::default(),
             reported_notices: Vec::new(),
             viewer,
             pair: Pair::default(),
             screen,
             context,
             previous: None,
-            has_shown_scene: false,
+            laid_out_messages: 0,
+            has_shown: None,
             shaders_polled: None,
             layout: UiLayout { at: None, triangles: Vec::new(), pixels_per_point: 1.0, repaint_delay: Duration::MAX },
         }
@@ -226,8 +230,12 @@ impl Session {
         });
         let FullOutput { platform_output, textures_delta, shapes, pixels_per_point, viewport_output, .. } = output;
         self.screen.add_textures(textures_delta);
+        // Messages stand on the lower edge by the height that they had in the layout before.
+        let has_other_messages = self.laid_out_messages != viewer.messages.shown().len();
+        self.laid_out_messages = viewer.messages.shown().len();
         let repaint_delay =
             viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap_or(Duration::MAX);
+        let repaint_delay = if has_other_messages { Duration::ZERO } else { repaint_delay };
         let triangles = self.context.tessellate(shapes, pixels_per_point);
         self.layout = UiLayout { at: Some(now), triangles, pixels_per_point, repaint_delay };
         let requests = self.execute_requests()?;
@@ -286,9 +294,10 @@ impl Session {
             self.viewer.is_stale = true;
             self.viewer.history.clear();
         }
-        // Some view modes show other channels of the same picture, so the inspection does not change.
-        if has_changed || self.reported_mode != self.viewer.inspection.mode {
-            self.reported_mode = self.viewer.inspection.mode;
+        // Some view modes show other channels of the same picture, so the inspection does not change; and it is set
+        // anew on every picture that is built.
+        if !self.viewer.inspection.is_same(&self.reported) {
+            self.reported = self.viewer.inspection.clone();
             self.viewer.events.emit(&Event::Look { look: self.viewer.inspection.view_mode().name.to_owned() });
         }
         Ok(())
@@ -321,11 +330,13 @@ impl Session {
         if let (Some((previous, true)), true) = (self.previous, draws) {
             viewer.pace.interval((now - previous).as_secs_f64() * 1e3, viewer.refresh_ms);
         }
-        let is_read = !viewer.is_reading();
-        if !self.has_shown_scene && self.pair.first.is_some() {
-            self.has_shown_scene = is_read;
-            let is_whole = is_read && !lacks_pages;
-            viewer.events.emit(&Event::FirstFrame { ms: viewer.started.elapsed().as_secs_f64() * 1e3, is_whole });
+        let Some(first) = &self.pair.first else { return };
+        // The first frame with a scene, and the first that shows all that is read of it.
+        let shows_all = !viewer.is_reading() && viewer.draws(&first.plan);
+        if self.has_shown.is_none() || self.has_shown == Some(false) && shows_all {
+            self.has_shown = Some(shows_all);
+            let (ms, is_whole) = (viewer.started.elapsed().as_secs_f64() * 1e3, shows_all && !lacks_pages);
+            viewer.events.emit(&Event::FirstFrame { ms, is_whole });
         }
     }
 
@@ -356,7 +367,7 @@ impl Session {
 
 /// The current combination of pictures and panels.
 fn arrangement<'a>(viewer: &Viewer, layout: &'a UiLayout) -> Arrangement<'a> {
-    let compare = match viewer.shows_another_view() {
+    let compare = match viewer.reference_of_another().is_some() {
         true => Compare::First,
         false => viewer.comparison.shown(viewer.size[0], viewer.started.elapsed().as_secs_f64()),
     };

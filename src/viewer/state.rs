@@ -5,7 +5,7 @@ use std::time::{Instant, SystemTime};
 
 use glam::DVec3;
 
-use super::comparison::{CompareMode, CompareTarget, Comparison};
+use super::comparison::{CompareMode, CompareTarget, Comparison, Shown};
 use super::events::Events;
 use super::export::Export;
 use super::film::Film;
@@ -104,10 +104,14 @@ pub struct Viewer {
     pub is_reading_cameras: bool,
     /// Index of the camera of the file that the view is at or moves to; `None` after the view has left it.
     pub camera: Option<usize>,
+    /// The camera of the file that the view was at last.
+    pub last_camera: usize,
     pub navigator: Navigator,
     /// The first view has been set for an open scene.
     pub has_view: bool,
     pub(super) first_view: Option<Camera>,
+    /// The largest near plane for the first scene, if it is small and there are no cameras.
+    pub nearest: Option<f32>,
     pub options: Options,
     pub background: Background,
     /// The newest change of the shaders that are compiled at run time; `None` if all shaders are built in.
@@ -125,7 +129,10 @@ pub struct Viewer {
     /// Set if scenes with levels of detail keep a rate of frames.
     pub rate: Option<Rate>,
     pub pace: Pace,
-    pub costs: Option<Costs>,
+    /// What knobs cost, and the picture that was measured.
+    pub costs: Option<(Costs, Option<Shown>)>,
+    /// The picture that is being measured.
+    pub measured_of: Option<Shown>,
     pub is_measuring: bool,
     pub budget: BudgetInput,
     pub film: Film,
@@ -178,6 +185,8 @@ impl Viewer {
             cameras: Vec::new(),
             is_reading_cameras: false,
             camera: None,
+            last_camera: 0,
+            nearest: None,
             navigator: Navigator::new(DVec3::ZERO, 1.0, size),
             has_view: false,
             first_view: None,
@@ -193,6 +202,7 @@ impl Viewer {
             rate: setup.fps.map(Rate::of),
             pace: Pace::default(),
             costs: None,
+            measured_of: None,
             is_measuring: false,
             budget: BudgetInput { is_psnr: false, max_error: 0.02, min_psnr: 60.0, is_choosing: false },
             film: Film::default(),
@@ -220,10 +230,19 @@ impl Viewer {
         self.first_view.as_ref().is_some_and(|first| *first != self.view())
     }
 
-    /// True if the reference was drawn for another view than the current one, so it cannot be compared.
-    pub fn shows_another_view(&self) -> bool {
-        let comparison = &self.comparison;
-        comparison.target == CompareTarget::Reference && comparison.drawn_for.as_ref() != Some(&self.view())
+    /// What the first picture shows; `None` if it shows nothing.
+    pub fn shown(&self) -> Option<Shown> {
+        let Plan { parts, options, .. } = self.plan(Side::First).ok().flatten()?;
+        Some(Shown { view: self.view(), parts, rules: options.untraded().rules, background: self.background })
+    }
+
+    /// What the reference was drawn of, if the picture shows something else now, so that it cannot be compared.
+    pub fn reference_of_another(&self) -> Option<&'static str> {
+        let Comparison { target: CompareTarget::Reference, drawn_of, .. } = &self.comparison else { return None };
+        match (self.shown(), drawn_of) {
+            (Some(shown), Some(drawn)) => drawn.difference(&shown),
+            _ => Some("other scenes or places"),
+        }
     }
 
     /// True while scenes are being read.
@@ -251,6 +270,11 @@ impl Viewer {
         let parts = self.layers.iter().filter_map(|layer| layer.part(side as usize).transpose());
         let parts = parts.collect::<anyhow::Result<Vec<_>>>()?;
         Ok((!parts.is_empty()).then_some(Plan { parts, options, shaders: self.shaders }))
+    }
+
+    /// True if the picture of this plan shows the scenes that are open now, whole.
+    pub fn draws(&self, plan: &Plan) -> bool {
+        self.plan(Side::First).is_ok_and(|planned| planned.is_some_and(|planned| planned.has_scene_of(plan)))
     }
 
     /// A number that no scene of this window has had.

@@ -79,6 +79,7 @@ pub fn view_mode(name: &str) -> Option<usize> {
 }
 
 /// The view mode, and what else the inspection of the pictures is set to.
+#[derive(Clone)]
 pub struct InspectionSettings {
     /// Index into [`VIEW_MODES`].
     pub mode: usize,
@@ -104,6 +105,12 @@ impl Default for InspectionSettings {
 impl InspectionSettings {
     pub fn view_mode(&self) -> &'static ViewMode {
         &VIEW_MODES[self.mode]
+    }
+
+    /// True if both show the same, but for the ends of scales.
+    pub fn is_same(&self, other: &Self) -> bool {
+        let Self { mode, culled_from, isolated, .. } = self;
+        (*mode, culled_from, *isolated) == (other.mode, &other.culled_from, other.isolated)
     }
 
     /// Goes to the next view mode that suits the scenes, or to the previous one.

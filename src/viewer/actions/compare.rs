@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::pixels::Pixels;
+use crate::viewer::comparison::Shown;
 use crate::viewer::jobs::JobEvent;
 use crate::viewer::pictures::{Side, needs_whole};
 use crate::viewer::state::Viewer;
@@ -13,20 +14,19 @@ impl Viewer {
         let path = path.to_owned();
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         self.comparison.is_drawing = true;
-        self.comparison.drawn_for = None;
+        self.comparison.drawn_of = None;
         self.jobs.start(move |_| Pixels::read(&path), move |pixels| JobEvent::Picture(name, pixels));
     }
 
     /// Draws the view with the float64 reference to compare with, on another thread.
     pub fn compare_with_reference(&mut self) {
-        let (view, rules) = (self.view(), self.options.untraded().rules);
         let Ok(Some(plan)) = self.plan(Side::First) else { return };
         if plan.is_in_pages() {
             return self.messages.error(needs_whole("the reference"));
         }
-        let background = self.background;
         self.comparison.is_drawing = true;
-        self.comparison.drawn_for = Some(view.clone());
+        self.comparison.drawn_of = self.shown();
+        let Some(Shown { view, rules, background, .. }) = self.comparison.drawn_of.clone() else { return };
         self.jobs.start(
             move |_| {
                 let scene = plan.joined()?;

@@ -1,17 +1,31 @@
 //! Actions that open scenes, cameras and pictures, and take them in when they are read.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 
 use crate::camera::CameraFile;
-use crate::scene::{Cancelled, Reading, Unreadable};
+use crate::scene::{Cancelled, LOD_META, Reading, Unreadable};
 use crate::viewer::comparison::CompareTarget;
 use crate::viewer::events::Event;
 use crate::viewer::held::Opened;
 use crate::viewer::jobs::JobEvent;
 use crate::viewer::layers::{Layer, Source};
 use crate::viewer::state::{CompareWith, Viewer};
+
+/// The path that a user means who types or pastes one: without spaces around it, quotes and file://, and with ~ for
+/// the home folder. A file that has such a name is meant itself.
+fn named(path: &Path) -> PathBuf {
+    let Some(text) = path.to_str().filter(|_| !path.exists()) else { return path.to_owned() };
+    let text = text.trim();
+    let quoted = ['"', '\''].iter().find_map(|quote| text.strip_prefix(*quote)?.strip_suffix(*quote));
+    let text = quoted.unwrap_or(text);
+    let text = text.strip_prefix("file://").unwrap_or(text);
+    match (text.strip_prefix("~/"), std::env::home_dir()) {
+        (Some(inside), Some(home)) => home.join(inside),
+        _ => PathBuf::from(text),
+    }
+}
 
 impl Viewer {
     /// Opens what the program was started with.
@@ -58,6 +72,11 @@ impl Viewer {
     /// Opens a file that was dropped on the window. Its extension decides: a camera file, a picture to compare with, or
     /// else a scene.
     pub fn drop_file(&mut self, path: &Path) {
+        let path = &named(path);
+        let is_sog = ["meta.json", LOD_META].iter().any(|name| path.file_name().is_some_and(|own| own == *name));
+        if is_sog {
+            return self.open(path, Reading::default());
+        }
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
         match extension.to_str() {
             Some("json" | "bin" | "txt") => self.open_cameras(path),
@@ -69,6 +88,13 @@ impl Viewer {
     /// Closes a scene.
     pub fn close(&mut self, number: u64) {
         self.layers.retain(|layer| layer.number != number);
+        if self.layers.is_empty() {
+            // The next scene is another one: it gets a view of its own, and the cameras are not its.
+            (self.cameras, self.camera, self.last_camera) = (Vec::new(), None, 0);
+            (self.has_view, self.first_view, self.nearest) = (false, None, None);
+            self.options.rules.near = self.setup.options.rules.near;
+            self.inspection.culled_from = None;
+        }
         self.is_stale = true;
     }
 
@@ -115,6 +141,7 @@ impl Viewer {
                 self.events.emit(&Event::Cameras { count: cameras.len() });
                 self.cameras = cameras;
                 self.options.rules.near = self.setup.options.rules.near;
+                self.nearest = None;
                 self.go_to_camera(0, true);
                 self.first_view = Some(self.view());
             }

@@ -18,6 +18,7 @@ impl Viewer {
             // `smalto render` also moves the near plane closer for a small scene.
             let distance = self.view().position.distance(self.navigator.pivot());
             let nearest = distance as f32 / 100.0;
+            self.nearest = Some(nearest);
             self.options.rules.near = self.setup.options.rules.near.min(nearest);
         }
         self.go_to_camera(0, true);
@@ -35,8 +36,10 @@ impl Viewer {
         } else {
             self.navigator.glide_to(&camera, crate::camera::GLIDE_SECONDS);
         }
-        self.camera = Some(index);
-        self.events.emit(&Event::Camera { index, name });
+        if self.camera.replace(index) != Some(index) {
+            self.events.emit(&Event::Camera { index, name });
+        }
+        self.last_camera = index;
         self.is_stale = true;
     }
 
@@ -46,11 +49,9 @@ impl Viewer {
         if count == 0 {
             return self.messages.note(NO_CAMERAS);
         }
-        let next = match (self.camera, forward) {
-            (None, _) => 0,
-            (Some(index), true) => (index + 1) % count,
-            (Some(index), false) => (index + count - 1) % count,
-        };
+        // After the view has left a camera, the next one is still that after it.
+        let last = self.last_camera.min(count - 1);
+        let next = if forward { (last + 1) % count } else { (last + count - 1) % count };
         self.go_to_camera(next, false);
     }
 
@@ -61,11 +62,21 @@ impl Viewer {
         }
     }
 
-    /// Goes back to the first view.
+    /// Goes back to the first view. The speed of flying and the near plane stay.
     pub fn reset_view(&mut self) {
         if let Some(held) = self.layers.iter().find_map(|layer| layer.held.clone()) {
+            let (speed, near) = (self.navigator.speed(), self.options.rules.near);
             self.set_first_view(held.focus());
+            self.navigator.set_speed(speed);
+            self.options.rules.near = near;
         }
+    }
+
+    /// Glides to a view of the whole scene.
+    pub fn frame_scene(&mut self) {
+        let home = self.navigator.home(self.size);
+        self.navigator.glide_to(&home, crate::camera::GLIDE_SECONDS);
+        self.camera = None;
     }
 
     /// Copies the view to the clipboard, as an entry of a cameras.json.
@@ -92,6 +103,9 @@ impl Viewer {
 
     /// Freezes culling at this view, or lets it follow the camera again.
     pub fn toggle_frozen_culling(&mut self) {
+        if self.layers.is_empty() {
+            return self.messages.note("there is no scene whose culling could be frozen");
+        }
         self.inspection.culled_from = match self.inspection.culled_from {
             Some(_) => None,
             None => Some(self.view()),

@@ -17,7 +17,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         for (name, preset) in &Options::PRESETS {
             ui.selectable_value(&mut comparison.target, CompareTarget::Options(Some(*preset)), *name);
         }
-        if comparison.picture.is_some() && comparison.drawn_for.is_none() {
+        if comparison.picture.is_some() && comparison.drawn_of.is_none() {
             ui.selectable_value(&mut comparison.target, CompareTarget::Picture, "photograph");
         }
     });
@@ -30,8 +30,8 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             ui.spinner();
         }
     });
-    if viewer.shows_another_view() {
-        ui.label("The reference was drawn for another view: draw it again.");
+    if let Some(of) = viewer.reference_of_another() {
+        ui.label(format!("The reference was drawn of {of}: draw it again."));
     }
     let flicker_key = viewer.setup.bindings.text(Action::Flicker);
     let comparison = &mut viewer.comparison;

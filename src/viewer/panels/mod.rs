@@ -71,14 +71,15 @@ fn messages(viewer: &mut Viewer, context: &Context) {
 /// The line between two pictures, and their names.
 fn split_line(viewer: &Viewer, ui: &Ui) {
     let comparison = &viewer.comparison;
-    if viewer.panels.are_hidden || comparison.target == CompareTarget::Nothing || viewer.shows_another_view() {
+    if viewer.panels.are_hidden || comparison.target == CompareTarget::Nothing {
         return;
     }
     let points = ui.ctx().pixels_per_point();
     let [width, height] = viewer.size.map(|side| side as f32 / points);
     let x = comparison.split * width;
     let painter = ui.ctx().layer_painter(egui::LayerId::background()).with_clip_rect(ui.clip_rect());
-    if comparison.mode == CompareMode::Split {
+    let reference_of_another = viewer.reference_of_another();
+    if comparison.mode == CompareMode::Split && reference_of_another.is_none() {
         painter.vline(x, 0.0..=height, Stroke::new(1.0, Color32::WHITE));
     }
     let label = |text: String, left: Option<f32>| {
@@ -88,6 +89,9 @@ fn split_line(viewer: &Viewer, ui: &Ui) {
         painter.rect_filled(back, 2.0, Color32::from_black_alpha(150));
         painter.galley(at, galley, Color32::WHITE);
     };
+    if let Some(of) = reference_of_another {
+        return label(format!("the float64 reference was drawn of {of}: only these options are shown"), Some(6.0));
+    }
     let [first, second] = [compare::first_name(viewer), compare::second_name(viewer)];
     match comparison.mode {
         CompareMode::Split => {

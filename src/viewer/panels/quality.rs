@@ -1,6 +1,6 @@
 //! The quality panel: presets, every knob with its cost in this view, and the error budget.
 
-use egui::{ComboBox, DragValue, Grid, Ui};
+use egui::{ComboBox, DragValue, Grid, RichText, Ui};
 
 use super::super::measuring::{ALL, Cost};
 use super::super::screen::Pair;
@@ -10,22 +10,38 @@ use crate::rules::Rules;
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     presets(viewer, ui);
-    let costs = viewer.costs.clone();
+    let shown = viewer.shown();
+    let (costs, of) = viewer.costs.clone().unzip();
+    let of_another = of.flatten().zip(shown).and_then(|(of, shown)| of.difference(&shown));
     let cost = |knob: &str| costs.as_ref().and_then(|costs| costs.knobs.iter().find(|cost| cost.knob == knob));
     let exact_ms = costs.as_ref().map(|costs| costs.exact_ms);
     let options = &mut viewer.options;
+    // Figures of another picture, or of another value of a knob, are no longer true of what is set here.
+    let is_old = |name: &str, options: &Options| {
+        let measured = costs.as_ref().map(|costs| costs.options);
+        let knob = KNOBS.iter().find(|knob| knob.name == name);
+        of_another.is_some()
+            || measured.is_some_and(|measured| match knob {
+                Some(knob) => (knob.get)(&measured) != (knob.get)(options),
+                None => measured != *options,
+            })
+    };
     Grid::new("knobs").num_columns(3).striped(true).show(ui, |ui| {
-        let mut row = |name: &str, add: &mut dyn FnMut(&mut Ui)| {
+        let mut row = |name: &str, add: &mut dyn FnMut(&mut Ui, &mut Options)| {
             ui.label(name);
-            add(ui);
-            ui.label(cost(name).map_or_else(String::new, |cost| described(cost, exact_ms)));
+            add(ui, options);
+            let text = RichText::new(cost(name).map_or_else(String::new, |cost| described(cost, exact_ms)));
+            match is_old(name, options) {
+                true => ui.label(text.weak().strikethrough()).on_hover_text("measured of other settings"),
+                false => ui.label(text),
+            };
             ui.end_row();
         };
         // The near plane is in the view panel.
         for knob in KNOBS.iter().filter(|knob| knob.name != "near") {
-            row(knob.name, &mut |ui| edit(ui, knob, options));
+            row(knob.name, &mut |ui, options| edit(ui, knob, options));
         }
-        row(ALL, &mut |ui| drop(ui.label("")));
+        row(ALL, &mut |ui, _| drop(ui.label("")));
     });
     ui.horizontal(|ui| {
         let measure = egui::Button::new("Measure what they cost here");
@@ -38,6 +54,9 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     });
     if let Some(ms) = exact_ms {
         ui.label(format!("GPU time of the exact frame {ms:.3} ms; each knob alone, dB to the exact picture"));
+        if let Some(of) = of_another {
+            ui.label(format!("These figures are of {of}: measure again."));
+        }
     }
     budget(viewer, pair, ui);
 }
@@ -103,11 +122,12 @@ fn choice(ui: &mut Ui, id: &str, name: &mut &'static str, all: impl Iterator<Ite
 }
 
 fn presets(viewer: &mut Viewer, ui: &mut Ui) {
+    let (nearest, is_explicit) = (viewer.nearest.unwrap_or(f32::INFINITY), viewer.setup.near_is_explicit);
     let options = &mut viewer.options;
-    // A preset leaves the scene's near plane and antialiasing as they are.
+    // A preset leaves antialiasing to the scene, and so it does the near plane where that must be nearer.
     let of = |preset: &Options, options: &Options| {
-        let Rules { near, antialiased, .. } = options.rules;
-        Options { rules: Rules { near: preset.rules.near.min(near), antialiased, ..preset.rules }, ..*preset }
+        let near = if is_explicit { options.rules.near } else { preset.rules.near.min(nearest) };
+        Options { rules: Rules { near, antialiased: options.rules.antialiased, ..preset.rules }, ..*preset }
     };
     ui.horizontal_wrapped(|ui| {
         for (name, preset) in &Options::PRESETS {

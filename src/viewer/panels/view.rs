@@ -12,6 +12,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     let mut degrees = viewer.navigator.field_of_view();
     if ui.add(Slider::new(&mut degrees, FIELDS_OF_VIEW).suffix("°").text("field of view")).changed() {
         viewer.navigator.set_field_of_view(degrees);
+        viewer.camera = None;
     }
     let near = &mut viewer.options.rules.near;
     ui.horizontal(|ui| {
@@ -35,6 +36,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         });
         if up != viewer.navigator.up() {
             viewer.navigator.set_up(up);
+            viewer.camera = None;
         }
         let mut vsync = viewer.vsync;
         ComboBox::from_label("vsync").width(70.0).selected_text(format!("{vsync:?}")).show_ui(ui, |ui| {
