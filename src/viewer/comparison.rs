@@ -43,8 +43,6 @@ pub struct Comparison {
     pub split: f32,
     /// The factor by which differences are amplified.
     pub gain: f32,
-    /// The split is being dragged.
-    pub is_dragged: bool,
     /// The key that shows the second picture is held.
     pub is_flicked: bool,
     /// Automatic flickers per second; 0 for none.
@@ -52,7 +50,7 @@ pub struct Comparison {
     /// Name and pixels of a picture that the GPU did not draw: the reference or a file.
     pub picture: Option<(String, Arc<Pixels>)>,
     /// What the reference was drawn of; `None` if `picture` is a file.
-    pub drawn_of: Option<Shown>,
+    pub drawn_of: Option<Depicted>,
     /// `picture` is being drawn or read.
     pub is_drawing: bool,
     /// `picture` must be resampled to the size of the window.
@@ -61,7 +59,7 @@ pub struct Comparison {
 
 /// All that a picture depends on, but for the number formats and the knobs that trade accuracy.
 #[derive(Clone)]
-pub struct Shown {
+pub struct Depicted {
     pub view: Camera,
     /// The scenes with their places.
     pub parts: Vec<(Held, Transform)>,
@@ -69,11 +67,12 @@ pub struct Shown {
     pub background: Background,
 }
 
-impl Shown {
+impl Depicted {
     /// In what another picture differs first; `None` if it is of the same.
     pub fn difference(&self, other: &Self) -> Option<&'static str> {
         let Self { view, parts, rules, background } = self;
-        let is_same = |((a, placed), (b, other)): (&(Held, Transform), &(Held, Transform))| a.is_same(b) && placed == other;
+        let is_same =
+            |((a, placed), (b, other)): (&(Held, Transform), &(Held, Transform))| a.is_same(b) && placed == other;
         let are_same = parts.len() == other.parts.len() && parts.iter().zip(&other.parts).all(is_same);
         match () {
             () if !are_same => Some("other scenes or places"),
@@ -92,7 +91,6 @@ impl Default for Comparison {
             mode: CompareMode::Split,
             split: 0.5,
             gain: 10.0,
-            is_dragged: false,
             is_flicked: false,
             flicker_hz: 0.0,
             picture: None,

@@ -1,9 +1,9 @@
 //! Mouse, keys and dropped files.
 
-use egui::{Event as Input, Key, PointerButton, Sense, Ui};
+use egui::{Event as Input, Key, Order, PointerButton, Pos2, Rect, Sense, Ui};
 use glam::{DVec2, DVec3};
 
-use super::comparison::{CompareMode, CompareTarget};
+use super::comparison::{CompareMode, CompareTarget, Comparison};
 use super::keys::{Action, Chord};
 use super::state::{Request, Viewer, WindowRequest};
 
@@ -14,8 +14,33 @@ const STEP_POINTS: f64 = 50.0;
 /// Distance in points within which a drag takes hold of the split.
 const GRIP_POINTS: f32 = 6.0;
 
-/// Handles keys, dropped files and motion since the previous frame, `seconds` ago.
+/// A drag over the picture.
+#[derive(Clone, Copy)]
+pub struct Drag {
+    button: PointerButton,
+    motion: Motion,
+    /// The place up to which it was followed, in points.
+    at: Pos2,
+}
+
+#[derive(Clone, Copy)]
+enum Motion {
+    Orbit,
+    Pan,
+    Look,
+    /// Moves the line between two pictures.
+    Split,
+}
+
+/// The longest time of the first step of a motion, in seconds: the previous frame may be long past.
+const FIRST_STEP: f64 = 0.1;
+/// The longest time of a step, in seconds, so that the view does not jump after the program stood still.
+const LONGEST_STEP: f64 = 5.0;
+
+/// Handles keys, dropped files and motion since the previous frame, `seconds` ago. A motion that goes on takes all of
+/// that time, also where frames are slow.
 pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
+    let (was_gliding, was_playing) = (viewer.navigator.is_gliding(), viewer.film.is_playing);
     let dropped = ui.input(|input| input.raw.dropped_files.clone());
     for file in &dropped {
         viewer.drop_file(file.path());
@@ -25,10 +50,13 @@ pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
     if !is_typing {
         keys(viewer, ui);
     }
-    let is_moving = !is_typing && fly(viewer, ui, seconds);
-    let is_gliding = viewer.navigator.advance(seconds);
-    viewer.play(seconds);
-    if is_moving || is_gliding {
+    let step = |goes_on: bool| seconds.min(if goes_on { LONGEST_STEP } else { FIRST_STEP });
+    viewer.is_flying = !is_typing && fly(viewer, ui, step(viewer.is_flying));
+    let is_gliding = viewer.navigator.advance(step(was_gliding));
+    if was_playing {
+        viewer.play(step(true));
+    }
+    if viewer.is_flying || is_gliding {
         ui.ctx().request_repaint();
     }
 }
@@ -151,29 +179,33 @@ fn fly(viewer: &mut Viewer, ui: &Ui, seconds: f64) -> bool {
     true
 }
 
-/// Handles the mouse over the picture.
+/// Handles the mouse over the picture. Moves and clicks are followed event by event, in their order: nothing of a drag
+/// is lost, however many of its events come between two frames.
 pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
     let rect = ui.available_rect_before_wrap();
     let response = ui.allocate_rect(rect, Sense::click_and_drag());
-    let points = ui.ctx().pixels_per_point();
     let size = viewer.size;
-    let to_pixels = |v: egui::Vec2| DVec2::new(f64::from(v.x), f64::from(v.y)) * f64::from(points);
-    let drag = to_pixels(response.drag_delta());
-    let shift = ui.input(|input| input.modifiers.shift);
-    if drag_split(viewer, ui, &response) {
-        return;
-    }
     let before = viewer.navigator.camera(size);
-    if drag != DVec2::ZERO {
-        if response.dragged_by(PointerButton::Middle) || response.dragged_by(PointerButton::Primary) && shift {
-            viewer.navigator.pan(drag, size);
-        } else if response.dragged_by(PointerButton::Primary) {
-            viewer.navigator.orbit(drag, size);
-        } else if response.dragged_by(PointerButton::Secondary) {
-            viewer.navigator.look(drag, size);
+    for event in ui.input(|input| input.events.clone()) {
+        match event {
+            Input::PointerButton { pos, button, pressed: true, modifiers } if viewer.drag.is_none() => {
+                viewer.drag = drag_at(viewer, ui, (rect, pos), button, modifiers.shift);
+            }
+            Input::PointerMoved(pos) => follow(viewer, ui, pos),
+            Input::PointerButton { pos, button, pressed: false, .. } => {
+                if viewer.drag.is_some_and(|drag| drag.button == button) {
+                    follow(viewer, ui, pos);
+                    viewer.drag = None;
+                }
+            }
+            Input::WindowFocused(false) => viewer.drag = None,
+            _ => {}
         }
     }
     if response.hovered() {
+        if response.hover_pos().is_some_and(|pos| is_at_split(viewer, ui, pos)) {
+            ui.ctx().set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
+        }
         let scrolled = ui.input(|input| input.smooth_scroll_delta().y);
         viewer.navigator.dolly(f64::from(scrolled) / STEP_POINTS);
         let zoom = ui.input(|input| input.zoom_delta());
@@ -192,31 +224,47 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
     }
 }
 
-/// Moves the split with the mouse; returns true while it is dragged.
-fn drag_split(viewer: &mut Viewer, ui: &Ui, response: &egui::Response) -> bool {
-    let comparison = &mut viewer.comparison;
-    if comparison.target == CompareTarget::Nothing || comparison.mode != CompareMode::Split {
-        return false;
+/// The drag that a press begins, if it is one of the picture: not of a window over it, nor of the edge of the panel.
+fn drag_at(viewer: &Viewer, ui: &Ui, (rect, pos): (Rect, Pos2), button: PointerButton, shift: bool) -> Option<Drag> {
+    let edge = ui.style().interaction.resize_grab_radius_side;
+    let is_under = ui.ctx().layer_id_at(pos).is_some_and(|layer| layer.order != Order::Background);
+    if is_under || !rect.contains(pos) || !viewer.panels.are_hidden && pos.x > rect.right() - edge {
+        return None;
     }
+    let motion = match button {
+        PointerButton::Primary if is_at_split(viewer, ui, pos) => Motion::Split,
+        PointerButton::Primary if shift => Motion::Pan,
+        PointerButton::Primary => Motion::Orbit,
+        PointerButton::Middle => Motion::Pan,
+        PointerButton::Secondary => Motion::Look,
+        _ => return None,
+    };
+    Some(Drag { button, motion, at: pos })
+}
+
+/// Follows a drag to this place.
+fn follow(viewer: &mut Viewer, ui: &Ui, pos: Pos2) {
+    let Some(drag) = &mut viewer.drag else { return };
+    let points = ui.ctx().pixels_per_point();
+    let moved = (pos - drag.at) * points;
+    drag.at = pos;
+    if moved == egui::Vec2::ZERO {
+        return;
+    }
+    let (motion, moved, size) = (drag.motion, DVec2::new(moved.x.into(), moved.y.into()), viewer.size);
+    match motion {
+        Motion::Orbit => viewer.navigator.orbit(moved, size),
+        Motion::Pan => viewer.navigator.pan(moved, size),
+        Motion::Look => viewer.navigator.look(moved, size),
+        Motion::Split => viewer.comparison.split = (pos.x * points / size[0] as f32).clamp(0.0, 1.0),
+    }
+}
+
+/// True if a place is near the line between two pictures.
+fn is_at_split(viewer: &Viewer, ui: &Ui, pos: Pos2) -> bool {
+    let Comparison { target, mode, split, .. } = &viewer.comparison;
     let width = viewer.size[0] as f32 / ui.ctx().pixels_per_point();
-    let at = comparison.split * width;
-    let is_near = |x: f32| (x - at).abs() < GRIP_POINTS;
-    let began = ui.input(|input| input.pointer.press_origin());
-    if response.hover_pos().is_some_and(|p| is_near(p.x)) {
-        ui.ctx().set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
-    }
-    if response.drag_started_by(PointerButton::Primary) {
-        comparison.is_dragged = began.is_some_and(|p| is_near(p.x));
-    }
-    if !response.dragged_by(PointerButton::Primary) {
-        comparison.is_dragged = false;
-    }
-    if comparison.is_dragged
-        && let Some(p) = response.interact_pointer_pos()
-    {
-        comparison.split = (p.x / width).clamp(0.0, 1.0);
-    }
-    comparison.is_dragged
+    *target != CompareTarget::Nothing && *mode == CompareMode::Split && (pos.x - split * width).abs() < GRIP_POINTS
 }
 
 /// The pixel of the picture under the cursor; `None` if the cursor is outside the window.

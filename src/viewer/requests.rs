@@ -4,10 +4,10 @@ use anyhow::Result;
 
 use super::events::Event;
 use super::pictures::{Drawn, Reusable, needs_whole};
-use super::screen::Pair;
+use super::screen::{Arrangement, Pair, Screen};
 use super::session::Session;
 use super::state::{Request, WindowRequest};
-use crate::render::{Attribute, Inspection};
+use crate::render::{Attribute, Compare, Inspection, Quantity};
 
 impl Session {
     /// Executes the requests that need the device; returns those for the owner of the window.
@@ -27,7 +27,7 @@ impl Session {
                     let depth = first.renderer.depth_at(pixel)?;
                     self.viewer.focus(pixel, depth);
                 }
-                Request::WritePicture => self.viewer.write_picture(self.screen.device(), reusable(&self.pair)),
+                Request::WritePicture => self.write_picture()?,
                 Request::WriteFilm => self.viewer.write_film(self.screen.device(), reusable(&self.pair)),
                 Request::Measure | Request::Choose => {
                     let Some(first) = &self.pair.first else { continue };
@@ -44,6 +44,30 @@ impl Session {
             }
         }
         Ok(for_window)
+    }
+
+    /// Writes the picture: as `smalto render` does if the window shows its colours alone, otherwise what the window
+    /// shows, without panels.
+    fn write_picture(&mut self) -> Result<()> {
+        if self.pair.first.is_none() {
+            self.viewer.messages.note("there is nothing to write yet");
+            return Ok(());
+        }
+        let device = self.screen.device().clone();
+        let shown = self.arrangement();
+        let (compare, quantity) = (shown.compare, shown.quantity);
+        let is_plain = compare == Compare::First && quantity == Quantity::Colour;
+        if is_plain && self.viewer.inspection.inspection() == Inspection::default() {
+            self.viewer.write_picture(&device, reusable(&self.pair));
+            return Ok(());
+        }
+        self.retire_frames(true)?;
+        let size = self.viewer.size;
+        let mut screen = Screen::offscreen(&device, size)?;
+        screen.show(&mut self.pair, &Arrangement { compare, quantity, triangles: &[], pixels_per_point: 1.0 })?;
+        let pixels = screen.read(&mut self.pair)?.expect("this screen is no window");
+        self.viewer.write_screen(size, pixels);
+        Ok(())
     }
 
     /// Explains a pixel of the first picture.

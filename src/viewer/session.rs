@@ -14,9 +14,6 @@ use super::view_modes::InspectionSettings;
 use super::{input, job_events, panels};
 use crate::render::{Compare, Quantity};
 
-/// The longest time step of an input, in seconds, so that the view does not jump after a pause.
-const MAX_STEP: f64 = 0.1;
-
 /// The interval at which the shaders that are compiled at run time are checked for changes.
 const SHADER_POLL: Duration = Duration::from_millis(250);
 
@@ -225,7 +222,7 @@ impl Session {
             viewer.input_at.get_or_insert(now);
         }
         let output = self.context.clone().run_ui(raw_input, |ui| {
-            input::handle(viewer, ui, seconds.min(MAX_STEP));
+            input::handle(viewer, ui, seconds);
             panels::show(viewer, pair, ui);
         });
         let FullOutput { platform_output, textures_delta, shapes, pixels_per_point, viewport_output, .. } = output;
@@ -350,6 +347,11 @@ impl Session {
         let note = viewer.messages.next_change().unwrap_or(Duration::MAX);
         let pages = if self.residency().is_none_or(|pages| pages.is_settled()) { Duration::MAX } else { PAGES_POLL };
         self.layout.repaint_delay.min(flicker).min(note).min(pages)
+    }
+
+    /// The current combination of pictures and panels.
+    pub(super) fn arrangement(&self) -> Arrangement<'_> {
+        arrangement(&self.viewer, &self.layout)
     }
 
     /// The event for the end of the session.

@@ -5,12 +5,13 @@ use std::time::{Instant, SystemTime};
 
 use glam::DVec3;
 
-use super::comparison::{CompareMode, CompareTarget, Comparison, Shown};
+use super::comparison::{CompareMode, CompareTarget, Comparison, Depicted};
 use super::events::Events;
 use super::export::Export;
 use super::film::Film;
 use super::held::Held;
 use super::history::{History, Pace};
+use super::input::Drag;
 use super::jobs::Jobs;
 use super::keys::Bindings;
 use super::layers::Layer;
@@ -130,9 +131,9 @@ pub struct Viewer {
     pub rate: Option<Rate>,
     pub pace: Pace,
     /// What knobs cost, and the picture that was measured.
-    pub costs: Option<(Costs, Option<Shown>)>,
+    pub costs: Option<(Costs, Option<Depicted>)>,
     /// The picture that is being measured.
-    pub measured_of: Option<Shown>,
+    pub measured_of: Option<Depicted>,
     pub is_measuring: bool,
     pub budget: BudgetInput,
     pub film: Film,
@@ -144,6 +145,10 @@ pub struct Viewer {
     /// The pictures must be drawn again.
     pub is_stale: bool,
     pub requests: Vec<Request>,
+    /// The drag over the picture that goes on.
+    pub drag: Option<Drag>,
+    /// The view flies, by keys that are held.
+    pub is_flying: bool,
     /// Width and height of the window in pixels.
     pub size: [u32; 2],
     /// The time of the first input that no frame has answered yet.
@@ -211,6 +216,8 @@ impl Viewer {
             panels: Panels { are_hidden: setup.hides_panels, shows_help: false },
             is_stale: true,
             requests: Vec::new(),
+            drag: None,
+            is_flying: false,
             size,
             input_at: None,
             started: Instant::now(),
@@ -230,17 +237,17 @@ impl Viewer {
         self.first_view.as_ref().is_some_and(|first| *first != self.view())
     }
 
-    /// What the first picture shows; `None` if it shows nothing.
-    pub fn shown(&self) -> Option<Shown> {
+    /// What the first picture depicts; `None` if it shows nothing.
+    pub fn depicted(&self) -> Option<Depicted> {
         let Plan { parts, options, .. } = self.plan(Side::First).ok().flatten()?;
-        Some(Shown { view: self.view(), parts, rules: options.untraded().rules, background: self.background })
+        Some(Depicted { view: self.view(), parts, rules: options.untraded().rules, background: self.background })
     }
 
     /// What the reference was drawn of, if the picture shows something else now, so that it cannot be compared.
     pub fn reference_of_another(&self) -> Option<&'static str> {
         let Comparison { target: CompareTarget::Reference, drawn_of, .. } = &self.comparison else { return None };
-        match (self.shown(), drawn_of) {
-            (Some(shown), Some(drawn)) => drawn.difference(&shown),
+        match (self.depicted(), drawn_of) {
+            (Some(depicted), Some(drawn)) => drawn.difference(&depicted),
             _ => Some("other scenes or places"),
         }
     }

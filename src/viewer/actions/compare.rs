@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::pixels::Pixels;
-use crate::viewer::comparison::Shown;
+use crate::viewer::comparison::Depicted;
 use crate::viewer::jobs::JobEvent;
 use crate::viewer::pictures::{Side, needs_whole};
 use crate::viewer::state::Viewer;
@@ -25,8 +25,8 @@ impl Viewer {
             return self.messages.error(needs_whole("the reference"));
         }
         self.comparison.is_drawing = true;
-        self.comparison.drawn_of = self.shown();
-        let Some(Shown { view, rules, background, .. }) = self.comparison.drawn_of.clone() else { return };
+        self.comparison.drawn_of = self.depicted();
+        let Some(Depicted { view, rules, background, .. }) = self.comparison.drawn_of.clone() else { return };
         self.jobs.start(
             move |_| {
                 let scene = plan.joined()?;

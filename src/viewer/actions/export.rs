@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::gpu::Device;
-use crate::pixels::Pixels;
+use crate::pixels::{Pixels, write_rgba8};
 use crate::rules::Background;
 use crate::viewer::jobs::JobEvent;
 use crate::viewer::pictures::{Plan, Reusable, Side};
@@ -47,9 +47,21 @@ impl Viewer {
     pub fn write_picture(&mut self, device: &Device, reusable: Option<Reusable>) {
         let camera = self.view();
         let camera = self.export.size.map_or_else(|| camera.clone(), |size| camera.resized(size));
-        let file = PathBuf::from(&self.export.picture);
+        let file = self.export.next_picture();
         let summary = format!("{} written, {}x{}", file.display(), camera.size_px[0], camera.size_px[1]);
         self.write((device, reusable), vec![(camera, file)], summary);
+    }
+
+    /// Writes what the window shows without its panels, `size` pixels row by row, on another thread.
+    pub fn write_screen(&mut self, size: [u32; 2], pixels: Vec<[u8; 4]>) {
+        let file = self.export.next_picture();
+        if file.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("png")) {
+            let what = "what the window shows in place of colours is written as .png";
+            return self.messages.error(format!("{}: {what}", file.display()));
+        }
+        let summary = format!("{} written as shown, {}x{}", file.display(), size[0], size[1]);
+        self.export.progress = Some(0.0);
+        self.jobs.start(move |_| write_rgba8(&file, size, &pixels).map(|()| summary), JobEvent::Written);
     }
 
     /// Writes the frames of the path, on another thread.

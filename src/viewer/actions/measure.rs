@@ -19,7 +19,7 @@ impl Viewer {
     pub fn start_measuring(&mut self, device: Device, scene: (Arc<Gaussians>, Arc<Statistics>)) {
         let (options, view, background) = (self.options, self.view(), self.background);
         self.is_measuring = true;
-        self.measured_of = self.shown();
+        self.measured_of = self.depicted();
         let work = move |_: &_| costs(&device, (&scene.0, &scene.1), &options, &view, background);
         self.jobs.start(work, JobEvent::Measured);
     }

@@ -10,9 +10,9 @@ use crate::rules::Rules;
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     presets(viewer, ui);
-    let shown = viewer.shown();
+    let depicted = viewer.depicted();
     let (costs, of) = viewer.costs.clone().unzip();
-    let of_another = of.flatten().zip(shown).and_then(|(of, shown)| of.difference(&shown));
+    let of_another = of.flatten().zip(depicted).and_then(|(of, depicted)| of.difference(&depicted));
     let cost = |knob: &str| costs.as_ref().and_then(|costs| costs.knobs.iter().find(|cost| cost.knob == knob));
     let exact_ms = costs.as_ref().map(|costs| costs.exact_ms);
     let options = &mut viewer.options;
