@@ -18,7 +18,6 @@ struct PageBox {
     vec3 judged_low;   // the box from which its nodes are judged
     vec3 judged_high;
     float per_detail_squared;  // 1 / detail^2: errors show whole in pixels up to the detail
-    float least_squared;  // the square of the distance of that box below which only Gaussians of the scene are drawn
 };
 
 // Errors in a page: codes, two in each word, ascending.

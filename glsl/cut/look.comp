@@ -36,15 +36,13 @@ vec3 in_view(vec3 point) {
 }
 
 // The square of what a limit is multiplied with on a page: of the width of a pixel at the nearest point of its box,
-// wider where pixels are wider than the detail, since errors then fall. It is 0, and so is the limit, where nodes are
-// large beside their distance: the projection of a Gaussian that reaches past the camera is far from its picture.
+// wider where pixels are wider than the detail, since errors then fall.
 float width_squared(uint page) {
     PageBox box = boxes[page];
     precise vec3 below = (box.judged_low - view.position_high) - view.position_low;
     precise vec3 above = (view.position_high - box.judged_high) + view.position_low;
     precise vec3 d = max(max(below, above), 0.0);
     precise float distance = max((d.x * d.x + d.y * d.y) + d.z * d.z, view.near * view.near);
-    if (distance < box.least_squared) return 0.0;
     precise float px = distance * push.per_focal_squared;
     precise float width = px * max(px * box.per_detail_squared, 1.0);
     return width;

@@ -10,7 +10,7 @@ use anyhow::Result;
 
 use super::detail::{Detailed, Wanted};
 use super::listed::{Element, first_page, views_of};
-use super::table::{STEPS, errors_of_pages, page_boxes, steps};
+use super::table::{STEPS, errors_of_pages, page_box, steps};
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, InFlight, Readback, Results, Stage, Staging};
 use crate::options::Options;
@@ -106,7 +106,8 @@ impl Chooser {
         };
         let mut cmd = Commands::new(device)?;
         cmd.upload(&chooser.boxes, 0, count, |memory| {
-            memory.copy_from_slice(&page_boxes(pages));
+            let boxes = (0..count).map(|number| page_box(pages, number));
+            memory.iter_mut().zip(boxes).for_each(|(to, from)| *to = from);
         })?;
         cmd.upload(&chooser.errors, 0, count, |memory| {
             memory.copy_from_slice(&errors_of_pages(pages));

@@ -4,7 +4,7 @@ use super::chooser::Chooser;
 use super::detail::{Detailed, NODE_UNITS, Wanted, brought, open, with_levels};
 use super::family::Family;
 use super::listed::{Element, views_of};
-use super::table::{errors_of_pages, page_boxes, steps};
+use super::table::{errors_of_pages, page_box, steps};
 use super::visible::{PlacedCamera, Sight};
 use crate::camera::Camera;
 use crate::levels::{NEVER, value};
@@ -45,7 +45,7 @@ impl Twin {
         let focal = camera.focal_px.max_element();
         let words: Vec<f32> = view.as_flattened().iter().map(|word| f32::from_bits(*word)).collect();
         Self {
-            boxes: page_boxes(pages),
+            boxes: (0..pages.pages().len()).map(|number| page_box(pages, number)).collect(),
             errors: errors_of_pages(pages),
             steps: steps(),
             view: words.try_into().unwrap(),
@@ -79,9 +79,6 @@ impl Twin {
             below.max(above).max(0.0)
         });
         let distance = ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]).max(self.near() * self.near());
-        if distance < own.least_squared {
-            return 0.0;
-        }
         let px = distance * self.per_focal_squared;
         px * (px * own.per_detail_squared).max(1.0)
     }

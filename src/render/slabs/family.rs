@@ -130,24 +130,6 @@ impl Family {
         floors
     }
 
-    /// For every page the largest of these numbers among the pages of its block and of all blocks below.
-    pub fn largest_below(&self, numbers: &[f32]) -> Vec<f32> {
-        let mut largest = vec![0.0_f32; self.children.len()];
-        for (block, number) in self.own.iter().zip(numbers) {
-            largest[*block as usize] = largest[*block as usize].max(*number);
-        }
-        let mut is_changed = true;
-        while is_changed {
-            is_changed = false;
-            // The finest first: once, if parents come first in the numbers of blocks, as smalto writes them.
-            for (own, above) in self.edges.iter().rev() {
-                is_changed |= largest[*above as usize] < largest[*own as usize];
-                largest[*above as usize] = largest[*above as usize].max(largest[*own as usize]);
-            }
-        }
-        self.own.iter().map(|block| largest[*block as usize]).collect()
-    }
-
     /// For every page the floors of its block and of that of its parents, codes in the lower and in the upper half.
     pub fn words(&self, floors: &[u16]) -> Vec<u32> {
         let floor = |block: u32| floors.get(block as usize).copied().unwrap_or(FINEST);

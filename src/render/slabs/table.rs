@@ -1,12 +1,11 @@
 //! The table of the pages of a scene, as the stages of a cut read it.
 
-use super::family::Family;
 use crate::levels::NEVER;
 use crate::render::shaders::cut::NO_PAGE;
 use crate::render::shaders::{PageBox, PageErrors};
 use crate::rules::LOW_PASS;
 use crate::storage::convert::levels_of_pages;
-use crate::storage::{Level, PAGE, PARTS, Page, Pages, SAMPLES};
+use crate::storage::{Level, PARTS, Page, Pages, SAMPLES};
 
 /// Steps of an octave of squares of codes.
 pub const STEPS: usize = 256;
@@ -16,25 +15,8 @@ pub fn steps() -> [u32; STEPS] {
     std::array::from_fn(|step| (((step as f64 / STEPS as f64).exp2() - 1.0) * 23f64.exp2()).ceil() as u32)
 }
 
-/// Distances from which nodes are judged, in their largest standard deviations, below which none is drawn that stands
-/// for others. The projection of a Gaussian is linear about its mean, and errors of nodes are measured from afar.
-const LEAST_DISTANCE: f32 = 3.0;
-
-/// Where all pages lie.
-pub fn page_boxes(pages: &Pages) -> Vec<PageBox> {
-    let count = pages.pages().len();
-    let Some(levels) = pages.levels() else { return (0..count).map(|number| page_box(pages, number, 0.0)).collect() };
-    let scene = pages.statistics().count.div_ceil(PAGE);
-    // Gaussians of the scene are drawn however near they are.
-    let scales: Vec<f32> =
-        (0..count).map(|page| if page < scene { 0.0 } else { pages.pages()[page].largest_scale }).collect();
-    let largest = Family::of(levels).largest_below(&scales);
-    let k: f32 = std::env::var("SMALTO_K").map_or(LEAST_DISTANCE, |k| k.parse().unwrap());
-    (0..count).map(|number| page_box(pages, number, (k * largest[number]).powi(2))).collect()
-}
-
-/// Where a page lies. `least_squared` is the square of the distance below which its nodes are not drawn.
-fn page_box(pages: &Pages, number: usize, least_squared: f32) -> PageBox {
+/// Where a page lies.
+pub fn page_box(pages: &Pages, number: usize) -> PageBox {
     let Page { low, high, reach, highest_opacity, .. } = pages.pages()[number];
     let level = pages.levels().map(|levels| levels[number]);
     // How many deviations from its mean a splat reaches, with a margin for rounding.
@@ -47,7 +29,6 @@ fn page_box(pages: &Pages, number: usize, least_squared: f32) -> PageBox {
         judged_low: level.map_or(low, |level| level.low),
         judged_high: level.map_or(high, |level| level.high),
         // Squares of pixels times this stay finite.
-        least_squared,
         per_detail_squared: level.map_or(0.0, |level| (f64::from(level.detail).powi(-2) as f32).min(1e15)),
     }
 }
