@@ -59,6 +59,10 @@ pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
     if viewer.is_flying || is_gliding {
         ui.ctx().request_repaint();
     }
+    let is_pressed = ui.input(|input| input.pointer.any_down()) || ui.ctx().egui_is_using_pointer();
+    if !(viewer.is_flying || is_gliding || is_pressed || viewer.film.is_playing || viewer.navigator.is_gliding()) {
+        viewer.note_changes();
+    }
 }
 
 /// Number of presses of an action's key since the previous frame, which may be several if frames take long. The repeats
@@ -133,6 +137,8 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     if pressed(viewer, ui, Action::Screenshot) {
         viewer.requests.push(Request::WritePicture);
     }
+    (0..presses(viewer, ui, Action::Undo, true)).for_each(|_| viewer.undo(false));
+    (0..presses(viewer, ui, Action::Redo, true)).for_each(|_| viewer.undo(true));
     if pressed(viewer, ui, Action::CopyView) {
         viewer.copy_view();
     }

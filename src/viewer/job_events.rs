@@ -30,6 +30,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
             let held = layer.held.insert(Held::Whole(gaussians)).clone();
             if !viewer.has_view {
                 viewer.set_first_view(held.focus());
+                viewer.begin_undo();
             }
         }
         JobEvent::Read(number, scene) => viewer.handle_scene(number, scene),

@@ -30,6 +30,8 @@ pub enum Action {
     Screenshot,
     CopyView,
     PasteView,
+    Undo,
+    Redo,
     FreezeCulling,
     Flicker,
     Pick,
@@ -42,7 +44,7 @@ pub enum Action {
 }
 
 /// Every action: its name in the file, its default key and what it does.
-pub const ACTIONS: [(Action, &str, &str, &str); 28] = [
+pub const ACTIONS: [(Action, &str, &str, &str); 30] = [
     (Action::Forward, "forward", "W", "fly ahead"),
     (Action::Back, "back", "S", "fly back"),
     (Action::Left, "left", "A", "fly left"),
@@ -62,6 +64,8 @@ pub const ACTIONS: [(Action, &str, &str, &str); 28] = [
     (Action::Screenshot, "screenshot", "F12", "write a picture of the view"),
     (Action::CopyView, "copy-view", "Ctrl+C", "copy the view as JSON"),
     (Action::PasteView, "paste-view", "Ctrl+V", "go to a copied view"),
+    (Action::Undo, "undo", "Ctrl+Z", "undo a change of the view, the path, options or placements"),
+    (Action::Redo, "redo", "Ctrl+Y", "make what was undone again"),
     (Action::FreezeCulling, "freeze-culling", "K", "freeze culling at this view, or stop that"),
     (Action::Flicker, "flicker", "Space", "while held: the other picture of a comparison"),
     (Action::Pick, "explain", "X", "explain the pixel under the cursor"),

@@ -29,6 +29,7 @@ mod requests;
 mod screen;
 mod session;
 mod state;
+mod undo;
 mod view_modes;
 mod window;
 

@@ -3,10 +3,10 @@
 use anyhow::Result;
 
 use super::events::Event;
-use super::pictures::{Drawn, Reusable, needs_whole};
-use super::screen::{Arrangement, Pair, Screen};
+use super::pictures::{Drawn, Reusable, Side, needs_whole};
+use super::screen::{Arrangement, Pair, Screen, Second};
 use super::session::Session;
-use super::state::{Request, WindowRequest};
+use super::state::{ExplainedPixel, Request, WindowRequest};
 use crate::render::{Attribute, Compare, Inspection, Quantity};
 
 impl Session {
@@ -18,13 +18,13 @@ impl Session {
                 Request::Window(request) => for_window.push(request),
                 Request::Pick(pixel) => self.pick(pixel)?,
                 Request::Focus(pixel) => {
-                    let Some(first) = &mut self.pair.first else { continue };
+                    let Some((_, drawn)) = self.drawn_at(pixel) else { continue };
                     let depths = Inspection::of_attribute(Attribute::Depth);
-                    if first.gaussians.is_none() && !first.renderer.can_show(&depths) {
+                    if drawn.gaussians.is_none() && !drawn.renderer.can_show(&depths) {
                         self.viewer.messages.error(needs_whole("the depth of a pixel"));
                         continue;
                     }
-                    let depth = first.renderer.depth_at(pixel)?;
+                    let depth = drawn.renderer.depth_at(pixel)?;
                     self.viewer.focus(pixel, depth);
                 }
                 Request::WritePicture => self.write_picture()?,
@@ -70,18 +70,37 @@ impl Session {
         Ok(())
     }
 
-    /// Explains a pixel of the first picture.
+    /// The picture that is seen at a pixel; `None`, with a message, where the GPU has drawn none.
+    fn drawn_at(&mut self, pixel: [u32; 2]) -> Option<(Side, &mut Drawn)> {
+        let side = match self.arrangement().compare {
+            Compare::Second => Side::Second,
+            Compare::Split(x) if pixel[0] as f32 + 0.5 > x => Side::Second,
+            _ => Side::First,
+        };
+        let drawn = match (side, &mut self.pair) {
+            (Side::First, pair) => pair.first.as_mut(),
+            (Side::Second, Pair { second: Some(Second::Drawn(drawn)), .. }) => Some(&mut **drawn),
+            (Side::Second, _) => {
+                self.viewer.messages.note("the picture at this pixel has no Gaussians: it was not drawn by the GPU");
+                None
+            }
+        };
+        drawn.map(|drawn| (side, drawn))
+    }
+
+    /// Explains a pixel of the picture that is seen there.
     fn pick(&mut self, pixel: [u32; 2]) -> Result<()> {
-        let Some(first) = &mut self.pair.first else { return Ok(()) };
-        if first.gaussians.is_none() {
+        let Some((side, drawn)) = self.drawn_at(pixel) else { return Ok(()) };
+        if drawn.gaussians.is_none() {
             self.viewer.messages.error(needs_whole("a pixel's explanation"));
             return Ok(());
         }
-        let explanation = first.renderer.explain(pixel)?;
+        let explanation = drawn.renderer.explain(pixel)?;
         let colour = explanation.colour(self.viewer.background);
         let splats = explanation.splats.len();
         self.viewer.events.emit(&Event::Explained { pixel, splats, colour });
-        self.viewer.explanation = Some((pixel, explanation));
+        let view = self.viewer.view();
+        self.viewer.explanation = Some(ExplainedPixel { pixel, side, view, explanation });
         Ok(())
     }
 }

@@ -19,6 +19,7 @@ use super::measuring::Costs;
 use super::messages::Messages;
 use super::pictures::{Plan, Side};
 use super::rate::Rate;
+use super::undo::Undo;
 use super::view_modes::InspectionSettings;
 use crate::camera::{Camera, NamedCamera, Navigator};
 use crate::gpu::Vsync;
@@ -137,9 +138,10 @@ pub struct Viewer {
     pub is_measuring: bool,
     pub budget: BudgetInput,
     pub film: Film,
+    pub undo: Undo,
     pub export: Export,
     /// The pixel that was picked, and what it is made of.
-    pub explanation: Option<([u32; 2], Explanation)>,
+    pub explanation: Option<ExplainedPixel>,
     pub panels: Panels,
     pub vsync: Vsync,
     /// The pictures must be drawn again.
@@ -168,6 +170,14 @@ pub struct BudgetInput {
     /// In dB.
     pub min_psnr: f64,
     pub is_choosing: bool,
+}
+
+/// What a pixel was made of when it was picked.
+pub struct ExplainedPixel {
+    pub pixel: [u32; 2],
+    pub side: Side,
+    pub view: Camera,
+    pub explanation: Explanation,
 }
 
 /// The panels that are open.
@@ -211,6 +221,7 @@ impl Viewer {
             is_measuring: false,
             budget: BudgetInput { is_psnr: false, max_error: 0.02, min_psnr: 60.0, is_choosing: false },
             film: Film::default(),
+            undo: Undo::default(),
             export: Export::default(),
             explanation: None,
             panels: Panels { are_hidden: setup.hides_panels, shows_help: false },

@@ -115,6 +115,7 @@ impl Viewer {
                 if !self.has_view || self.layers.len() == 1 && !self.has_moved() {
                     self.set_first_view(held.focus());
                 }
+                self.begin_undo();
                 if self.setup.compares_with.take_if(|with| *with == CompareWith::Reference).is_some() {
                     self.compare_with_reference();
                 }
@@ -144,6 +145,7 @@ impl Viewer {
                 self.nearest = None;
                 self.go_to_camera(0, true);
                 self.first_view = Some(self.view());
+                self.begin_undo();
             }
             Err(problem) => {
                 let unreadable = Unreadable::new(path, &problem);

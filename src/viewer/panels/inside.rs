@@ -4,8 +4,9 @@ use egui::{Color32, ComboBox, Context, DragValue, Grid, ScrollArea, Stroke, Ui, 
 use glam::{DVec2, DVec3};
 
 use super::super::keys::Action;
+use super::super::pictures::Side;
 use super::super::screen::Pair;
-use super::super::state::Viewer;
+use super::super::state::{ExplainedPixel, Viewer};
 use super::super::view_modes::{Numbers, VIEW_MODES};
 use crate::camera::Camera;
 use crate::pixels::to_byte;
@@ -68,56 +69,71 @@ fn scale(ui: &mut Ui) {
     }
 }
 
+/// Marks a pixel that is explained, without covering it.
+fn mark(context: &Context, at: egui::Pos2) {
+    let painter = context.layer_painter(egui::LayerId::background());
+    for (radius, colour) in [(7.0, Color32::BLACK), (6.0, Color32::WHITE)] {
+        painter.circle_stroke(at, radius, Stroke::new(1.0, colour));
+    }
+}
+
 /// The window that explains a pixel: its splats front to back, each of which can be isolated.
 pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
-    let Some((pixel, explanation)) = &viewer.explanation else { return };
+    let Some(ExplainedPixel { pixel, side, view, explanation }) = &viewer.explanation else { return };
     let mut is_open = true;
     let mut chosen = None;
+    let is_moved = *view != viewer.view();
+    let points = context.pixels_per_point();
+    let at = egui::pos2(pixel[0] as f32 + 0.5, pixel[1] as f32 + 0.5) / points;
+    if !is_moved {
+        mark(context, at);
+    }
+    // The window opens where the pixel is not.
+    let width = viewer.size[0] as f32 / points;
+    let beside = if at.x < width / 2.0 { (at.x + 24.0).max(width / 2.0) } else { (at.x - 540.0).min(12.0) };
     let [r, g, b] = explanation.colour(viewer.background);
-    Window::new(format!("Pixel {}, {}", pixel[0], pixel[1])).open(&mut is_open).default_size([460.0, 320.0]).show(
-        context,
-        |ui| {
-            let end =
-                if explanation.is_stopped { "stopped before the end of the list" } else { "to the end of the list" };
-            let depth = explanation.depth().map_or_else(|| "nothing".to_owned(), |z| format!("{z:.4}"));
-            ui.label(format!(
-                "{} splats blended, {end}; transmittance left {:.5}\ncolour {r:.4} {g:.4} {b:.4}, depth {depth}",
-                explanation.splats.len(),
-                explanation.transmittance
-            ));
+    let of = if *side == Side::Second { " of the second picture" } else { "" };
+    let window = Window::new(format!("Pixel {}, {}{of}", pixel[0], pixel[1])).open(&mut is_open);
+    window.default_size([460.0, 320.0]).default_pos([beside, 24.0]).show(context, |ui| {
+        if is_moved {
+            ui.label("The view has moved since: these numbers are of the pixel as it was.");
+        }
+        let end = if explanation.is_stopped { "stopped before the end of the list" } else { "to the end of the list" };
+        let depth = explanation.depth().map_or_else(|| "nothing".to_owned(), |z| format!("{z:.4}"));
+        ui.label(format!(
+            "{} splats blended, {end}; transmittance left {:.5}\ncolour {r:.4} {g:.4} {b:.4}, depth {depth}",
+            explanation.splats.len(),
+            explanation.transmittance
+        ));
+        if *side == Side::First {
             ui.label("Click a Gaussian to draw only it; Esc draws all.");
-            ui.horizontal(|ui| {
-                for title in ["Gaussian", "depth", "alpha", "T before", "share", "colour"] {
-                    ui.add_sized([62.0, 14.0], egui::Label::new(title));
+        }
+        ui.horizontal(|ui| {
+            for title in ["Gaussian", "depth", "alpha", "T before", "share", "colour"] {
+                ui.add_sized([62.0, 14.0], egui::Label::new(title));
+            }
+        });
+        let rows = explanation.splats.len();
+        ScrollArea::vertical().auto_shrink([false, false]).max_height(360.0).show_rows(ui, 18.0, rows, |ui, rows| {
+            Grid::new("splats").num_columns(6).min_col_width(62.0).striped(true).show(ui, |ui| {
+                for Explained { gaussian, depth, alpha, transmittance, colour, share } in &explanation.splats[rows] {
+                    let is_alone = *side == Side::First && viewer.inspection.isolated == Some(*gaussian);
+                    let name = egui::Button::selectable(is_alone, gaussian.to_string());
+                    // Only Gaussians of the first picture can be drawn alone.
+                    if ui.add_enabled(*side == Side::First, name).clicked() {
+                        chosen = Some((!is_alone).then_some(*gaussian));
+                    }
+                    ui.monospace(format!("{depth:.4}"));
+                    ui.monospace(format!("{alpha:.4}"));
+                    ui.monospace(format!("{transmittance:.4}"));
+                    ui.monospace(format!("{share:.4}"));
+                    let [r, g, b] = colour.map(to_byte);
+                    ui.colored_label(Color32::from_rgb(r, g, b), "#####");
+                    ui.end_row();
                 }
             });
-            let rows = explanation.splats.len();
-            ScrollArea::vertical().auto_shrink([false, false]).max_height(360.0).show_rows(
-                ui,
-                18.0,
-                rows,
-                |ui, rows| {
-                    Grid::new("splats").num_columns(6).min_col_width(62.0).striped(true).show(ui, |ui| {
-                        for Explained { gaussian, depth, alpha, transmittance, colour, share } in
-                            &explanation.splats[rows]
-                        {
-                            let is_alone = viewer.inspection.isolated == Some(*gaussian);
-                            if ui.selectable_label(is_alone, gaussian.to_string()).clicked() {
-                                chosen = Some((!is_alone).then_some(*gaussian));
-                            }
-                            ui.monospace(format!("{depth:.4}"));
-                            ui.monospace(format!("{alpha:.4}"));
-                            ui.monospace(format!("{transmittance:.4}"));
-                            ui.monospace(format!("{share:.4}"));
-                            let [r, g, b] = colour.map(to_byte);
-                            ui.colored_label(Color32::from_rgb(r, g, b), "#####");
-                            ui.end_row();
-                        }
-                    });
-                },
-            );
-        },
-    );
+        });
+    });
     if let Some(isolated) = chosen {
         viewer.inspection.isolated = isolated.filter(|_| pair.first.is_some());
     }
