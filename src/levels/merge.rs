@@ -29,6 +29,7 @@ pub fn parent(nodes: &Nodes, members: &[u32]) -> (Node, Vec<[f32; 3]>) {
         opacity: (total / (area(scale) + least)) as f32,
         summed: all().map(|node| node.summed).sum(),
         error: all().map(|node| node.error).fold(0.0, f32::max),
+        size: all().map(|node| node.size).chain(scale.map(|v| v as f32)).fold(0.0, f32::max),
         energy: all().map(|node| node.energy).sum(),
     };
     let mut sh = vec![[0.0_f64; 3]; nodes.sh(0).len()];

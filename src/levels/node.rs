@@ -21,6 +21,8 @@ pub struct Node {
     /// over the area and the colour channels (0 to 1), per node that is saved, world units. 0 for a Gaussian of the
     /// scene; not less than that of any node below.
     pub error: f32,
+    /// The largest standard deviation of this node and of those below that stand for several Gaussians, world units.
+    pub size: f32,
     /// The squared error against the Gaussians of the scene, in pixels as wide as the detail: summed over all merges
     /// below, in world units squared.
     pub energy: f32,
@@ -29,7 +31,7 @@ pub struct Node {
 impl Node {
     /// A Gaussian of the scene.
     pub fn leaf(mean: [f32; 3], rotation: [f32; 4], scale: [f32; 3], opacity: f32) -> Self {
-        Self { mean, rotation, scale, opacity, summed: opacity, error: 0.0, energy: 0.0 }
+        Self { mean, rotation, scale, opacity, summed: opacity, error: 0.0, size: 0.0, energy: 0.0 }
     }
 
     pub fn centre(&self) -> DVec3 {

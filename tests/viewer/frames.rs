@@ -11,11 +11,11 @@ use smalto::pixels::Pixels;
 use smalto::rules::Rules;
 use smalto::scene::{Procedural, Reading, synthetic};
 use smalto::storage::convert::{Job, Settings, write_whole};
-use smalto::viewer::{Bindings, CompareMode, CompareTarget, CompareWith, Offscreen, Request, Setup};
+use smalto::viewer::{Bindings, CompareMode, CompareTarget, CompareWith, Offscreen, Request, Setup, Viewer};
 
-const SIZE: [u32; 2] = [160, 96];
+pub(super) const SIZE: [u32; 2] = [160, 96];
 
-fn setup(scenes: &[&str]) -> Setup {
+pub(super) fn setup(scenes: &[&str]) -> Setup {
     Setup {
         scenes: scenes.iter().map(PathBuf::from).collect(),
         cameras: None,
@@ -35,14 +35,14 @@ fn setup(scenes: &[&str]) -> Setup {
     }
 }
 
-fn open(gpu: &Gpu, setup: Setup) -> Offscreen {
+pub(super) fn open(gpu: &Gpu, setup: Setup) -> Offscreen {
     let mut offscreen = Offscreen::new(setup, &gpu.0, SIZE).unwrap();
     offscreen.settle().unwrap();
     offscreen
 }
 
 /// What is on the screen, as floats.
-fn shown(offscreen: &mut Offscreen) -> Pixels {
+pub(super) fn shown(offscreen: &mut Offscreen) -> Pixels {
     let screen = offscreen.screen().unwrap();
     let pixel = |p: &[u8; 4]| p.map(|v| f32::from(v) / 255.0);
     Pixels { size: SIZE, rgba: screen.iter().map(pixel).collect() }
@@ -114,7 +114,8 @@ fn the_reference_is_shown_for_its_own_view_only() {
     offscreen.viewer().navigator.orbit(glam::DVec2::new(30.0, 0.0), SIZE);
     offscreen.viewer().is_stale = true;
     offscreen.settle().unwrap();
-    assert!(offscreen.viewer().view() != view && offscreen.viewer().shows_another_view());
+    assert!(offscreen.viewer().view() != view);
+    assert_eq!(offscreen.viewer().reference_of_another(), Some("another view"));
     assert!(shown(&mut offscreen) == rendered(&gpu, &mut offscreen, &own));
 }
 
@@ -149,7 +150,10 @@ fn knobs_are_measured_and_chosen_by_a_budget() {
     offscreen.viewer().options.key_bits = 16;
     offscreen.viewer().requests.push(Request::Measure);
     offscreen.settle().unwrap();
-    let costs = offscreen.viewer().costs.clone().unwrap();
+    let (costs, of) = offscreen.viewer().costs.clone().unwrap();
+    assert_eq!(costs.options.key_bits, 16);
+    let is_of_this = |viewer: &Viewer| of.as_ref().unwrap().difference(&viewer.depicted().unwrap());
+    assert_eq!(is_of_this(offscreen.viewer()), None);
     let knobs: Vec<&str> = costs.knobs.iter().map(|cost| cost.knob).collect();
     assert_eq!(knobs, ["stop", "key-bits", "sh-storage", "shape-storage", "all together"]);
     assert!(costs.exact_ms > 0.0 && costs.knobs.iter().all(|cost| cost.ms > 0.0 && cost.psnr > 30.0));

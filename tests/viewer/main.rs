@@ -4,6 +4,8 @@
 mod common;
 
 mod frames;
+mod mends;
 mod navigator;
 mod window;
 mod window_errors;
+mod window_mends;

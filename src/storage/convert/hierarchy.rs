@@ -76,6 +76,11 @@ impl Place {
 /// measured on pictures in which all others are smaller than a pixel, and their merges seem to change nothing.
 const LEAST_ERROR: f64 = 0.25;
 
+/// The least error of a node, as a part of its largest standard deviation. A Gaussian that is large in the picture
+/// and near the camera is drawn far from where it is: its projection is linear about its mean. Errors are measured from
+/// afar and do not have that.
+const PER_SIZE: f64 = 5e-4;
+
 /// The least typical error of Gaussians of the scene: 2^-60 world units.
 const LEAST_TYPICAL: f64 = 1.0 / (1_u64 << 60) as f64;
 
@@ -90,8 +95,8 @@ impl Typical {
     fn codes(self, nodes: &Nodes, level: usize) -> Vec<u16> {
         let typical = self.0 * (level as f64).exp2();
         let least = if level == 0 { 0.0 } else { LEAST_ERROR * typical };
-        let tempered = |node: &Node| code((f64::from(node.error).max(least) * typical.powi(3)).sqrt().sqrt());
-        nodes.nodes.iter().map(tempered).collect()
+        let tempered = |node: &Node| (f64::from(node.error).max(least) * typical.powi(3)).sqrt().sqrt();
+        nodes.nodes.iter().map(|node| code(tempered(node).max(PER_SIZE * f64::from(node.size)))).collect()
     }
 }
 
@@ -358,5 +363,16 @@ mod tests {
             [code(0.25_f64.powf(0.25))],
             "the fourth root of 1/4, of an error of 1"
         );
+    }
+
+    /// A wall of one colour has no error from afar, but a node that stands for it is not drawn as large as the picture.
+    #[test]
+    fn an_error_grows_with_the_size_of_what_is_drawn() {
+        let mut nodes = Nodes::new(0);
+        let leaf = Node::leaf([0.0; 3], [1.0, 0.0, 0.0, 0.0], [3.0; 3], 1.0);
+        [leaf, Node { size: 3.0, ..leaf }].into_iter().for_each(|node| nodes.push(node, &[[0.0; 3]]));
+        let codes = Typical(1e-9).codes(&nodes, 1);
+        assert!(codes[0] < codes[1] && codes[1] == code(3.0 * PER_SIZE), "{codes:?}");
+        assert_eq!(Typical(1e-9).codes(&nodes, 0)[0], 0, "a Gaussian of the scene is drawn at any size");
     }
 }
