@@ -60,7 +60,8 @@ pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
         ui.ctx().request_repaint();
     }
     let is_pressed = ui.input(|input| input.pointer.any_down()) || ui.ctx().egui_is_using_pointer();
-    if !(viewer.is_flying || is_gliding || is_pressed || viewer.film.is_playing || viewer.navigator.is_gliding()) {
+    let is_moving = viewer.is_flying || viewer.navigator.is_gliding() || viewer.film.is_playing;
+    if !(is_moving || is_pressed || viewer.drag.is_some()) {
         viewer.note_changes();
     }
 }

@@ -25,7 +25,7 @@ use crate::camera::{Camera, NamedCamera, Navigator};
 use crate::gpu::Vsync;
 use crate::options::Options;
 use crate::render::Explanation;
-use crate::rules::Background;
+use crate::rules::{Background, Rules};
 use crate::scene::Reading;
 
 /// The settings with which the program was started.
@@ -246,6 +246,16 @@ impl Viewer {
     /// True if the view has moved since the first view was set.
     pub fn has_moved(&self) -> bool {
         self.first_view.as_ref().is_some_and(|first| *first != self.view())
+    }
+
+    /// The options of a preset for the open scenes. Antialiasing is that of the scene, and so is the near plane where it
+    /// must be nearer; how much of levels of detail is drawn is no part of a preset.
+    pub fn preset(&self, preset: &Options) -> Options {
+        let Options { lod_error, lod_psnr, splats, lod_fade, .. } = self.options;
+        let nearest = self.nearest.unwrap_or(f32::INFINITY);
+        let near = if self.setup.near_is_explicit { self.options.rules.near } else { preset.rules.near.min(nearest) };
+        let rules = Rules { near, antialiased: self.options.rules.antialiased, ..preset.rules };
+        Options { rules, lod_error, lod_psnr, splats, lod_fade, ..*preset }
     }
 
     /// What the first picture depicts; `None` if it shows nothing.

@@ -216,12 +216,15 @@ fn what_is_seen_is_written() {
     let file = |name: &str| folder.path().join(name);
     offscreen.viewer().export.picture = file("view.png").display().to_string();
     let write = |offscreen: &mut Offscreen, name: &str| {
+        offscreen.viewer().messages = Default::default();
+        offscreen.viewer().is_stale = true;
+        offscreen.settle().unwrap();
+        let mut screen = shown(offscreen);
         offscreen.viewer().requests.push(Request::WritePicture);
         offscreen.settle().unwrap();
         let told = offscreen.viewer().messages.shown().last().unwrap().text.clone();
         assert!(told.contains(&file(name).display().to_string()), "{told}");
         let written = Pixels::read(&file(name)).unwrap();
-        let mut screen = shown(offscreen);
         screen.rgba.iter_mut().for_each(|pixel| pixel[3] = 1.0);
         assert!(written == screen, "{name}");
         written
@@ -311,4 +314,20 @@ fn dropped_gaussians_are_said() {
     let expected = "warning: half.ply: of 20 Gaussians 10 dropped as not finite";
     assert!(offscreen.viewer().messages.shown().iter().any(|message| message.text.starts_with(expected)));
     assert!(SAID.lock().unwrap().iter().any(|text| text.starts_with(expected)));
+}
+
+/// A preset is what it says, whichever was chosen before it.
+#[test]
+fn presets_do_not_depend_on_those_before() {
+    use smalto::options::Options;
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["few-large:50"]));
+    let first = offscreen.viewer().options;
+    assert_eq!(offscreen.viewer().preset(&Options::BALANCED), first, "the one that it begins with");
+    for preset in [Options::GSPLAT, Options::PREVIEW, Options::INRIA] {
+        offscreen.viewer().options = offscreen.viewer().preset(&preset);
+    }
+    offscreen.viewer().options.splats = 7;
+    let again = offscreen.viewer().preset(&Options::BALANCED);
+    assert_eq!(again, Options { splats: 7, ..first }, "how much of levels is drawn stays");
 }

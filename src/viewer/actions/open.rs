@@ -116,9 +116,6 @@ impl Viewer {
                     self.set_first_view(held.focus());
                 }
                 self.begin_undo();
-                if self.setup.compares_with.take_if(|with| *with == CompareWith::Reference).is_some() {
-                    self.compare_with_reference();
-                }
             }
             Err(problem) => {
                 let layer = self.layers.remove(place);
@@ -131,6 +128,11 @@ impl Viewer {
             }
         }
         self.is_stale = true;
+        // A reference is drawn of all scenes.
+        let is_read = !self.is_reading() && self.has_view;
+        if is_read && self.setup.compares_with.take_if(|with| *with == CompareWith::Reference).is_some() {
+            self.compare_with_reference();
+        }
     }
 
     /// Takes in cameras that were read, or reports why they could not be read.

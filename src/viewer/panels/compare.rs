@@ -59,10 +59,9 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
 
 /// The name of the first picture of a comparison.
 pub(super) fn first_name(viewer: &Viewer) -> String {
-    let options = &viewer.options;
     let like = |preset: &Options| {
-        let rules = Rules { near: options.rules.near, antialiased: options.rules.antialiased, ..preset.rules };
-        Options { rules, ..*preset } == *options
+        let wanted = viewer.preset(preset);
+        Options { rules: Rules { near: viewer.options.rules.near, ..wanted.rules }, ..wanted } == viewer.options
     };
     let known = Options::PRESETS.iter().find(|(_, preset)| like(preset));
     known.map_or_else(|| "these options".to_owned(), |(name, _)| (*name).to_owned())

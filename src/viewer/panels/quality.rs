@@ -6,7 +6,6 @@ use super::super::measuring::{ALL, Cost};
 use super::super::screen::Pair;
 use super::super::state::{Request, Viewer};
 use crate::options::{KNOBS, Kind, Knob, Options, Value};
-use crate::rules::Rules;
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     presets(viewer, ui);
@@ -122,18 +121,11 @@ fn choice(ui: &mut Ui, id: &str, name: &mut &'static str, all: impl Iterator<Ite
 }
 
 fn presets(viewer: &mut Viewer, ui: &mut Ui) {
-    let (nearest, is_explicit) = (viewer.nearest.unwrap_or(f32::INFINITY), viewer.setup.near_is_explicit);
-    let options = &mut viewer.options;
-    // A preset leaves antialiasing to the scene, and so it does the near plane where that must be nearer.
-    let of = |preset: &Options, options: &Options| {
-        let near = if is_explicit { options.rules.near } else { preset.rules.near.min(nearest) };
-        Options { rules: Rules { near, antialiased: options.rules.antialiased, ..preset.rules }, ..*preset }
-    };
     ui.horizontal_wrapped(|ui| {
         for (name, preset) in &Options::PRESETS {
-            let wanted = of(preset, options);
-            if ui.selectable_label(*options == wanted, *name).clicked() {
-                *options = wanted;
+            let wanted = viewer.preset(preset);
+            if ui.selectable_label(viewer.options == wanted, *name).clicked() {
+                viewer.options = wanted;
             }
         }
     });
