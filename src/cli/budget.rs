@@ -59,7 +59,10 @@ impl BudgetArgs {
         // Candidates have most stages in common, which take a software device longer to compile than to run.
         device.keep_pipelines();
         let bar = progress::Bar::new("choosing");
-        let progress = |done| bar.set(done);
+        let progress = |done| {
+            bar.set(done);
+            Ok(())
+        };
         let choice = choose_for(device, scene, (exact, background), views, budget, &progress)?;
         drop(bar);
         remark(&format!("note: {}", choice.explain()));

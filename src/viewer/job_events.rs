@@ -15,7 +15,7 @@ use super::state::Viewer;
 use crate::gpu::Device;
 use crate::host_memory::OutOfMemory;
 use crate::render::upload_pixels;
-use crate::scene::Unreadable;
+use crate::scene::{Cancelled, Unreadable};
 
 /// Handles an event of a job. `device` is the one that the window draws on.
 pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobEvent) {
@@ -52,20 +52,28 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
                 }
             }
         }
+        JobEvent::Measuring(fraction) => {
+            if let Some(measurement) = &mut viewer.measurement {
+                measurement.fraction = fraction;
+            }
+        }
         JobEvent::Measured(costs) => {
-            viewer.is_measuring = false;
+            let of = viewer.measurement.take().and_then(|measurement| measurement.of);
             match costs {
-                Ok(costs) => viewer.costs = Some((costs, viewer.measured_of.take())),
+                Ok(costs) => viewer.costs = Some((costs, of)),
+                Err(problem) if problem.is::<Cancelled>() => viewer.messages.note("measuring was cancelled"),
                 Err(problem) => viewer.messages.error(format!("cannot measure: {problem:#}")),
             }
         }
         JobEvent::Chosen(choice) => {
-            viewer.budget.is_choosing = false;
+            viewer.measurement = None;
             match choice {
                 Ok((options, why)) => {
                     viewer.options = options;
-                    viewer.messages.note(why);
+                    viewer.messages.note(why.clone());
+                    viewer.budget.chosen = Some(why);
                 }
+                Err(problem) if problem.is::<Cancelled>() => viewer.messages.note("choosing was cancelled"),
                 Err(problem) => viewer.messages.error(format!("{problem:#}")),
             }
         }

@@ -29,6 +29,8 @@ pub enum JobEvent {
     Built(Side, Result<Box<Drawn>>),
     /// Name and pixels of a photograph or of the reference.
     Picture(String, Result<Pixels>),
+    /// The fraction of a measurement that is done, 0 to 1.
+    Measuring(f64),
     Measured(Result<Costs>),
     /// The options chosen for a budget, and the reason.
     Chosen(Result<(Options, String)>),

@@ -5,7 +5,7 @@ use anyhow::Result;
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::measure::bench::Protocol;
-use crate::measure::trade::Study;
+use crate::measure::trade::{Progress, Study};
 use crate::options::{KNOBS, Options};
 use crate::rules::Background;
 use crate::scene::Gaussians;
@@ -50,14 +50,19 @@ pub fn costs(
     options: &Options,
     view: &Camera,
     background: Background,
+    progress: Progress,
 ) -> Result<Costs> {
     let exact = Options { portable: false, ..options.untraded() };
-    let study = Study::new(device, scene, (exact, background), [vec![view.clone()], Vec::new()], PROTOCOL, &|_| {})?;
-    let cost = |(knob, options): (&'static str, Options)| {
+    let study = Study::new(device, scene, (exact, background), [vec![view.clone()], Vec::new()], PROTOCOL, progress)?;
+    let turned = turned(&exact, options);
+    let count = turned.len() as f64 + 1.0;
+    let cost = |(done, (knob, options)): (usize, (&'static str, Options))| {
+        progress(done as f64 / count)?;
         let difference = study.from_exact(&options)?;
         let psnr = difference.psnr_db.unwrap_or(f64::INFINITY);
         Ok(Cost { knob, ms: study.gpu_ms(&options)?, psnr })
     };
-    let knobs = turned(&exact, options).into_iter().map(cost).collect::<Result<_>>()?;
+    let knobs = turned.into_iter().enumerate().map(cost).collect::<Result<_>>()?;
+    progress((count - 1.0) / count)?;
     Ok(Costs { options: *options, exact_ms: study.gpu_ms(&exact)?, knobs })
 }

@@ -116,7 +116,7 @@ impl Session {
         let viewer = &self.viewer;
         let is_read = !viewer.is_reading() && !viewer.is_reading_cameras;
         let is_executed = viewer.requests.is_empty() && viewer.export.progress.is_none();
-        let is_measured = !viewer.is_measuring && !viewer.budget.is_choosing;
+        let is_measured = viewer.measurement.is_none();
         let is_compared = viewer.comparison.target == CompareTarget::Nothing || self.pair.second.is_some();
         let is_built = viewer.layers.is_empty() || self.pair.first.is_some() && is_compared;
         is_executed

@@ -12,7 +12,7 @@ use super::film::Film;
 use super::held::Held;
 use super::history::{History, Pace};
 use super::input::Drag;
-use super::jobs::Jobs;
+use super::jobs::{Cancel, Jobs};
 use super::keys::Bindings;
 use super::layers::Layer;
 use super::measuring::Costs;
@@ -133,9 +133,8 @@ pub struct Viewer {
     pub pace: Pace,
     /// What knobs cost, and the picture that was measured.
     pub costs: Option<(Costs, Option<Depicted>)>,
-    /// The picture that is being measured.
-    pub measured_of: Option<Depicted>,
-    pub is_measuring: bool,
+    /// The measurement that goes on.
+    pub measurement: Option<Measurement>,
     pub budget: BudgetInput,
     pub film: Film,
     pub undo: Undo,
@@ -169,7 +168,19 @@ pub struct BudgetInput {
     pub max_error: f64,
     /// In dB.
     pub min_psnr: f64,
-    pub is_choosing: bool,
+    /// What was chosen last, and why.
+    pub chosen: Option<String>,
+}
+
+/// A measurement that goes on: of what knobs cost, or for a choice within a budget.
+pub struct Measurement {
+    pub is_choice: bool,
+    /// What is measured.
+    pub of: Option<Depicted>,
+    /// The fraction done, 0 to 1.
+    pub fraction: f64,
+    pub since: Instant,
+    pub cancel: Cancel,
 }
 
 /// What a pixel was made of when it was picked.
@@ -217,9 +228,8 @@ impl Viewer {
             rate: setup.fps.map(Rate::of),
             pace: Pace::default(),
             costs: None,
-            measured_of: None,
-            is_measuring: false,
-            budget: BudgetInput { is_psnr: false, max_error: 0.02, min_psnr: 60.0, is_choosing: false },
+            measurement: None,
+            budget: BudgetInput { is_psnr: false, max_error: 0.02, min_psnr: 60.0, chosen: None },
             film: Film::default(),
             undo: Undo::default(),
             export: Export::default(),

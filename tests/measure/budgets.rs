@@ -67,9 +67,9 @@ fn chosen(gpu: &Gpu, scene: &Gaussians, budget: Budget, others: &[Camera]) -> an
     let study = |views: &[Camera]| {
         let protocol = Protocol { warmup: 0, frames: 2 };
         let views = [views.to_vec(), views.to_vec()];
-        Study::new(&gpu.0, (scene, &statistics), (Options::EXACT, Background::BLACK), views, protocol, &|_| {})
+        Study::new(&gpu.0, (scene, &statistics), (Options::EXACT, Background::BLACK), views, protocol, &|_| Ok(()))
     };
-    let choice = choose(&study(&views)?, budget, &|_| {})?;
+    let choice = choose(&study(&views)?, budget, &|_| Ok(()))?;
     println!("{}", choice.explain());
     assert!(choice.gpu_ms <= choice.exact_gpu_ms);
     let held = choice.hold(&study(others)?)?;

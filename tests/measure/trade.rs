@@ -232,7 +232,8 @@ fn a_budget_holds_for_the_background_of_the_picture() {
     let white = Background::Colour([1.0; 3]);
     let views = [[ahead([32, 24], 30.0)].to_vec(), [ahead([32, 24], 30.0)].to_vec()];
     let protocol = Protocol { warmup: 0, frames: 1 };
-    let study = Study::new(&gpu.0, (&scene, &statistics), (Options::EXACT, white), views, protocol, &|_| {}).unwrap();
+    let study =
+        Study::new(&gpu.0, (&scene, &statistics), (Options::EXACT, white), views, protocol, &|_| Ok(())).unwrap();
     let faint = Rules { alpha_min: 1.0 / 64.0, ..Rules::TRAINED };
     let error = study.from_exact(&Options { rules: faint, ..Options::EXACT }).unwrap().max_error;
     assert!(error > 0.2, "what a threshold takes from the haze is white: {error}");

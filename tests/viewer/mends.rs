@@ -324,10 +324,27 @@ fn presets_do_not_depend_on_those_before() {
     let mut offscreen = open(&gpu, setup(&["few-large:50"]));
     let first = offscreen.viewer().options;
     assert_eq!(offscreen.viewer().preset(&Options::BALANCED), first, "the one that it begins with");
-    for preset in [Options::GSPLAT, Options::PREVIEW, Options::INRIA] {
-        offscreen.viewer().options = offscreen.viewer().preset(&preset);
+    for (_, preset) in &Options::PRESETS {
+        offscreen.viewer().options = offscreen.viewer().preset(preset);
     }
     offscreen.viewer().options.splats = 7;
     let again = offscreen.viewer().preset(&Options::BALANCED);
     assert_eq!(again, Options { splats: 7, ..first }, "how much of levels is drawn stays");
+}
+
+/// A measurement that is cancelled ends, says so, and leaves the figures that were there.
+#[test]
+fn a_measurement_can_be_cancelled() {
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["cactus:2000"]));
+    for request in [Request::Measure, Request::Choose] {
+        offscreen.viewer().requests.push(request);
+        frame(&mut offscreen, Vec::new());
+        offscreen.viewer().measurement.as_ref().unwrap().cancel.cancel();
+        offscreen.settle().unwrap();
+        assert!(offscreen.viewer().costs.is_none() && offscreen.viewer().budget.chosen.is_none());
+        let said = offscreen.viewer().messages.shown().iter().any(|message| message.text.ends_with("was cancelled"));
+        assert!(said && offscreen.viewer().measurement.is_none());
+        offscreen.viewer().messages = Default::default();
+    }
 }

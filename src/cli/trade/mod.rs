@@ -298,9 +298,12 @@ impl<'a> Bench<'a> {
 
     fn study_at(&self, name: &str, views: [Vec<Camera>; 2]) -> Result<Study<'a>> {
         let bar = progress::Bar::new(name);
+        let progress = |done| {
+            bar.set(done);
+            Ok(())
+        };
         let (scene, drawn) = ((self.gaussians, self.statistics), (self.exact, Background::BLACK));
-        let study =
-            Study::new(self.device, scene, drawn, views, self.args.protocol(), &|done| bar.set(done))?.thorough();
+        let study = Study::new(self.device, scene, drawn, views, self.args.protocol(), &progress)?.thorough();
         if self.args.frames.is_some() { Ok(study) } else { study.within(PATIENCE) }
     }
 
@@ -323,7 +326,11 @@ impl<'a> Bench<'a> {
     /// Chooses options for a budget, and checks the choice on views between the cameras.
     fn hold(&self, study: &Study, budget: Budget, cameras: &[Camera]) -> Result<BudgetReport> {
         let bar = progress::Bar::new("choosing");
-        let choice = trade::choose(study, budget, &|done| bar.set(done))?;
+        let progress = |done| {
+            bar.set(done);
+            Ok(())
+        };
+        let choice = trade::choose(study, budget, &progress)?;
         drop(bar);
         say!("{}", choice.explain())?;
         let count = usize::from(self.args.held_out);

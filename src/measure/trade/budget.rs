@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 
+use super::Progress;
 use super::measure::{Study, worst_of};
 use super::report::BudgetReport;
 use crate::camera::Camera;
@@ -110,7 +111,7 @@ const PATIENCE: Duration = Duration::from_millis(500);
 const ORACLE_PART: f64 = 0.2;
 
 /// Chooses options to draw `views` with. `exact` has the rules of the picture and every knob at its most exact step.
-/// `progress` receives the completed fraction. Where frames are slow, fewer of them and of the views are measured.
+/// Where frames are slow, fewer of them and of the views are measured.
 ///
 /// # Errors
 /// [`Unmeetable`] if not even the exact options stay within the budget.
@@ -120,7 +121,7 @@ pub fn choose_for(
     (exact, background): (Options, Background),
     views: &[Camera],
     budget: Budget,
-    progress: &dyn Fn(f64),
+    progress: Progress,
 ) -> Result<Choice> {
     let views = spread(views, VIEWS);
     let small = spread(&views, ORACLE_VIEWS).iter().map(small).collect();
@@ -142,11 +143,11 @@ fn small(camera: &Camera) -> Camera {
     camera.sampled([width, height].map(|side| ((f64::from(side) / least).round() as u32).max(1)))
 }
 
-/// Chooses options for the scene and the views of a study. `progress` receives the completed fraction.
+/// Chooses options for the scene and the views of a study.
 ///
 /// # Errors
 /// [`Unmeetable`] if not even the exact options stay within the budget.
-pub fn choose(study: &Study, budget: Budget, progress: &dyn Fn(f64)) -> Result<Choice> {
+pub fn choose(study: &Study, budget: Budget, progress: Progress) -> Result<Choice> {
     let floor = budget.amplitude(&study.from_oracle(&study.exact)?).max(match budget {
         Budget::MaxError(_) => ROUNDING,
         Budget::MinPsnr(_) => 0.0,
@@ -167,7 +168,7 @@ pub fn choose(study: &Study, budget: Budget, progress: &dyn Fn(f64)) -> Result<C
     let all: Vec<_> = proven(study, left).into_iter().chain(measured(study, budget)).collect();
     let count = all.len() as f64;
     for (done, (name, options, proven)) in all.into_iter().enumerate() {
-        progress(done as f64 / count);
+        progress(done as f64 / count)?;
         candidates.push((study.gpu_ms(&options)?, name, options, proven));
     }
     candidates.retain(|(ms, ..)| *ms < exact_gpu_ms);

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 
+use super::Progress;
 use super::report::{Point, StageTime};
 use super::timing::Timing;
 use crate::camera::Camera;
@@ -47,19 +48,18 @@ type SceneKey = (u32, [Storage; 2], f32);
 const SCENES_KEPT: usize = 4;
 
 impl<'a> Study<'a> {
-    /// Draws the exact pictures and those of the reference. `progress` receives the completed fraction. Warm-ups are
-    /// brief.
+    /// Draws the exact pictures and those of the reference. Warm-ups are brief.
     pub fn new(
         device: &'a Device,
         (gaussians, statistics): (&'a Gaussians, &'a storage::Statistics),
         (exact, background): (Options, Background),
         [views, small_views]: [Vec<Camera>; 2],
         protocol: Protocol,
-        progress: &dyn Fn(f64),
+        progress: Progress,
     ) -> Result<Self> {
         let mut oracle_pictures = Vec::new();
         for (done, view) in small_views.iter().enumerate() {
-            progress(done as f64 / small_views.len() as f64);
+            progress(done as f64 / small_views.len() as f64)?;
             oracle_pictures.push(reference::render(gaussians, view, &exact.rules, background).to_pixels());
         }
         let mut study = Self {

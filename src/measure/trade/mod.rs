@@ -24,3 +24,6 @@ pub use report::{
     mark_pareto,
 };
 pub use search::search;
+
+/// Receives the completed fraction of some work, 0 to 1; an error ends the work.
+pub type Progress<'p> = &'p dyn Fn(f64) -> anyhow::Result<()>;

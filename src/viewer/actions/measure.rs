@@ -1,26 +1,51 @@
 //! Actions that measure what the knobs cost, and choose them within an error budget.
 
 use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Result, ensure};
 
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::measure::trade::{Budget, choose_for, spread};
-use crate::scene::Gaussians;
+use crate::scene::{Cancelled, Gaussians};
 use crate::storage::Statistics;
-use crate::viewer::jobs::JobEvent;
+use crate::viewer::jobs::{Cancel, JobEvent, Reporter};
 use crate::viewer::measuring::costs;
-use crate::viewer::state::Viewer;
+use crate::viewer::state::{Measurement, Viewer};
 
 /// Cameras of the file, besides the current view, for which a budget must hold.
 const BUDGET_CAMERAS: usize = 7;
 
+/// Reports what is done of a measurement.
+///
+/// # Errors
+/// [`Cancelled`], if that is wished.
+fn reported(done: f64, reporter: &Reporter, cancel: &Cancel) -> Result<()> {
+    reporter.send(JobEvent::Measuring(done));
+    ensure!(!cancel.is_cancelled(), Cancelled);
+    Ok(())
+}
+
 impl Viewer {
+    /// Notes that a measurement begins; one that goes on is cancelled.
+    fn begin_measurement(&mut self, is_choice: bool) -> Cancel {
+        let (of, since, cancel) = (self.depicted(), Instant::now(), Cancel::default());
+        let measurement = Measurement { is_choice, of, fraction: 0.0, since, cancel: cancel.clone() };
+        if let Some(before) = self.measurement.replace(measurement) {
+            before.cancel.cancel();
+        }
+        cancel
+    }
+
     /// Measures what the knobs cost in the current view, on another thread.
     pub fn start_measuring(&mut self, device: Device, scene: (Arc<Gaussians>, Arc<Statistics>)) {
         let (options, view, background) = (self.options, self.view(), self.background);
-        self.is_measuring = true;
-        self.measured_of = self.depicted();
-        let work = move |_: &_| costs(&device, (&scene.0, &scene.1), &options, &view, background);
+        let cancel = self.begin_measurement(false);
+        let work = move |reporter: &Reporter| {
+            let progress = |done| reported(done, reporter, &cancel);
+            costs(&device, (&scene.0, &scene.1), &options, &view, background, &progress)
+        };
         self.jobs.start(work, JobEvent::Measured);
     }
 
@@ -33,9 +58,10 @@ impl Viewer {
         let exact = (self.options.untraded(), self.background);
         let cameras: Vec<Camera> = self.cameras.iter().map(|named| named.camera.resized(self.size)).collect();
         let views = std::iter::once(self.view()).chain(spread(&cameras, BUDGET_CAMERAS)).collect::<Vec<_>>();
-        self.budget.is_choosing = true;
-        let work = move |_: &_| {
-            let choice = choose_for(&device, (&scene.0, &scene.1), exact, &views, budget, &|_| {})?;
+        let cancel = self.begin_measurement(true);
+        let work = move |reporter: &Reporter| {
+            let progress = |done| reported(done, reporter, &cancel);
+            let choice = choose_for(&device, (&scene.0, &scene.1), exact, &views, budget, &progress)?;
             Ok((choice.options, choice.explain()))
         };
         self.jobs.start(work, JobEvent::Chosen);

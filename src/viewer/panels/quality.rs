@@ -1,10 +1,10 @@
 //! The quality panel: presets, every knob with its cost in this view, and the error budget.
 
-use egui::{ComboBox, DragValue, Grid, RichText, Ui};
+use egui::{ComboBox, DragValue, Grid, ProgressBar, RichText, Ui};
 
 use super::super::measuring::{ALL, Cost};
 use super::super::screen::Pair;
-use super::super::state::{Request, Viewer};
+use super::super::state::{Measurement, Request, Viewer};
 use crate::options::{KNOBS, Kind, Knob, Options, Value};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
@@ -44,13 +44,11 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     });
     ui.horizontal(|ui| {
         let measure = egui::Button::new("Measure what they cost here");
-        if ui.add_enabled(!viewer.is_measuring && pair.first.is_some(), measure).clicked() {
+        if ui.add_enabled(viewer.measurement.is_none() && pair.first.is_some(), measure).clicked() {
             viewer.requests.push(Request::Measure);
         }
-        if viewer.is_measuring {
-            ui.spinner();
-        }
     });
+    going_on(viewer, false, ui);
     if let Some(ms) = exact_ms {
         ui.label(format!("GPU time of the exact frame {ms:.3} ms; each knob alone, dB to the exact picture"));
         if let Some(of) = of_another {
@@ -142,11 +140,28 @@ fn budget(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             false => ui.add(DragValue::new(&mut budget.max_error).speed(0.001).range(1e-5..=1.0)),
         };
         let button = egui::Button::new("Choose");
-        if ui.add_enabled(!budget.is_choosing && pair.first.is_some(), button).clicked() {
+        if ui.add_enabled(viewer.measurement.is_none() && pair.first.is_some(), button).clicked() {
             viewer.requests.push(Request::Choose);
         }
-        if viewer.budget.is_choosing {
-            ui.spinner();
+    });
+    going_on(viewer, true, ui);
+    if let Some(chosen) = &viewer.budget.chosen {
+        ui.label(chosen);
+    }
+}
+
+/// How far a measurement is, how long it takes yet, and a button that ends it.
+fn going_on(viewer: &Viewer, is_choice: bool, ui: &mut Ui) {
+    let Some(measurement) = viewer.measurement.as_ref().filter(|work| work.is_choice == is_choice) else { return };
+    let Measurement { fraction, since, cancel, .. } = measurement;
+    let passed = since.elapsed().as_secs_f64();
+    let left = if *fraction > 0.0 { format!(", {:.0} s left", passed / fraction - passed) } else { String::new() };
+    ui.horizontal(|ui| {
+        let is_cancelled = cancel.is_cancelled();
+        let text = if is_cancelled { "ending".to_owned() } else { format!("{:.0} %{left}", fraction * 100.0) };
+        ui.add(ProgressBar::new(*fraction as f32).desired_width(200.0).text(text));
+        if ui.add_enabled(!is_cancelled, egui::Button::new("Cancel")).clicked() {
+            cancel.cancel();
         }
     });
 }
