@@ -199,11 +199,11 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
                 viewer.drag = drag_at(viewer, ui, (rect, pos), button, modifiers.shift);
             }
             Input::PointerMoved(pos) => follow(viewer, ui, pos),
-            Input::PointerButton { pos, button, pressed: false, .. } => {
-                if viewer.drag.is_some_and(|drag| drag.button == button) {
-                    follow(viewer, ui, pos);
-                    viewer.drag = None;
-                }
+            Input::PointerButton { pos, button, pressed: false, .. }
+                if viewer.drag.is_some_and(|drag| drag.button == button) =>
+            {
+                follow(viewer, ui, pos);
+                viewer.drag = None;
             }
             Input::WindowFocused(false) => viewer.drag = None,
             _ => {}

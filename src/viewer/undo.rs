@@ -24,7 +24,7 @@ struct State {
     options: Options,
     background: Background,
     timeline: Timeline,
-    /// By number of the scene.
+    /// By number of the scene: where it lies, and in which pictures it is shown.
     places: Vec<(u64, Place, [bool; 2])>,
 }
 
@@ -33,10 +33,9 @@ impl State {
     /// is resized changes them.
     fn difference(&self, other: &Self) -> Option<&'static str> {
         let Self { view, options, background, timeline, places } = self;
-        let is_same_scene = |(a, b): (&(u64, Place, [bool; 2]), &(u64, Place, [bool; 2]))| a == b;
         let are_open = places.iter().map(|(number, ..)| number).eq(other.places.iter().map(|(number, ..)| number));
         match () {
-            () if are_open && !places.iter().zip(&other.places).all(is_same_scene) => Some("the placement of scenes"),
+            () if are_open && *places != other.places => Some("the placement of scenes"),
             () if *timeline != other.timeline => Some("the path"),
             () if *options != other.options => Some("the options"),
             () if background.colour() != other.background.colour() => Some("the background"),

@@ -49,18 +49,18 @@ fn nothing_of_a_drag_is_lost() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:500"]));
     let first = offscreen.viewer().view();
-    let apply: [(PointerButton, fn(&mut Navigator, DVec2)); 3] = [
-        (PointerButton::Primary, |navigator, way| navigator.orbit(way, SIZE)),
-        (PointerButton::Secondary, |navigator, way| navigator.look(way, SIZE)),
-        (PointerButton::Middle, |navigator, way| navigator.pan(way, SIZE)),
-    ];
-    for (which, due) in apply {
+    let due = |navigator: &mut Navigator, which, way| match which {
+        PointerButton::Primary => navigator.orbit(way, SIZE),
+        PointerButton::Secondary => navigator.look(way, SIZE),
+        _ => navigator.pan(way, SIZE),
+    };
+    for which in [PointerButton::Primary, PointerButton::Secondary, PointerButton::Middle] {
         // A nudge, a slow drag with frames between, a flick within a frame.
         for (way, points, in_a_frame) in [([2.0, 0.0], 1, 1), ([100.0, 0.0], 20, 1), ([100.0, 0.0], 20, 100)] {
             offscreen.viewer().navigator.snap(&first);
             let mut expected = offscreen.viewer().navigator.clone();
             drag(&mut offscreen, which, way, points, in_a_frame);
-            due(&mut expected, DVec2::new(way[0].into(), way[1].into()));
+            due(&mut expected, which, DVec2::new(way[0].into(), way[1].into()));
             let (found, expected) = (offscreen.viewer().view(), expected.camera(SIZE));
             let (angle, angle_due) = (turned(&first, &found), turned(&first, &expected));
             let moved = [&found, &expected].map(|view| view.position.distance(first.position));
