@@ -4,6 +4,7 @@ use egui::{Event as Input, Key, Order, PointerButton, Pos2, Rect, Sense, Ui};
 use glam::{DVec2, DVec3};
 
 use super::comparison::{CompareMode, CompareTarget, Comparison};
+use super::drag::{Drag, Motion};
 use super::keys::{Action, Chord};
 use super::state::{Request, Viewer, WindowRequest};
 
@@ -13,24 +14,6 @@ const FAST: f64 = 5.0;
 const STEP_POINTS: f64 = 50.0;
 /// Distance in points within which a drag takes hold of the split.
 const GRIP_POINTS: f32 = 6.0;
-
-/// A drag over the picture.
-#[derive(Clone, Copy)]
-pub struct Drag {
-    button: PointerButton,
-    motion: Motion,
-    /// The place up to which it was followed, in points.
-    at: Pos2,
-}
-
-#[derive(Clone, Copy)]
-enum Motion {
-    Orbit,
-    Pan,
-    Look,
-    /// Moves the line between two pictures.
-    Split,
-}
 
 /// The longest time of the first step of a motion, in seconds: the previous frame may be long past.
 const FIRST_STEP: f64 = 0.1;

@@ -149,7 +149,7 @@ pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
             Side::Second => pair.second.as_ref().and_then(Second::drawn),
         };
         let Some(planned) = planned else {
-            // The last scene was closed or hidden, or nothing is compared: what follows is tried, also if it was refused.
+            // The last scene was closed or hidden, or nothing is compared. What was refused is tried again after that.
             viewer.refused[i] = None;
             let is_loading = viewer.is_reading();
             if current.is_some() && !(side == Side::First && is_loading) {

@@ -6,12 +6,12 @@ use std::time::{Instant, SystemTime};
 use glam::DVec3;
 
 use super::comparison::{CompareMode, CompareTarget, Comparison, Depicted};
+use super::drag::Drag;
 use super::events::Events;
 use super::export::Export;
 use super::film::Film;
 use super::held::Held;
 use super::history::{History, Pace};
-use super::input::Drag;
 use super::jobs::{Cancel, Jobs};
 use super::keys::Bindings;
 use super::layers::Layer;
@@ -258,8 +258,8 @@ impl Viewer {
         self.first_view.as_ref().is_some_and(|first| *first != self.view())
     }
 
-    /// The options of a preset for the open scenes. Antialiasing is that of the scene, and so is the near plane where it
-    /// must be nearer; how much of levels of detail is drawn is no part of a preset.
+    /// The options of a preset for the open scenes. Antialiasing is that of the scene, and so is the near plane where
+    /// it must be nearer; how much of levels of detail is drawn is no part of a preset.
     pub fn preset(&self, preset: &Options) -> Options {
         let Options { lod_error, lod_psnr, splats, lod_fade, .. } = self.options;
         let nearest = self.nearest.unwrap_or(f32::INFINITY);

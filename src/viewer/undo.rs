@@ -1,37 +1,33 @@
 //! Undo and redo: what users set or move, as it was before each change.
 
 use super::layers::Place;
-use super::state::Viewer;
 use crate::camera::{Camera, Timeline};
 use crate::options::Options;
 use crate::rules::Background;
 
-/// Most steps that can be undone.
-const STEPS: usize = 1000;
-
 /// The states before and after the current one.
 #[derive(Default)]
 pub struct Undo {
-    current: Option<State>,
-    undone: Vec<State>,
-    done: Vec<State>,
+    pub current: Option<State>,
+    pub undone: Vec<State>,
+    pub done: Vec<State>,
 }
 
 /// What can be undone.
 #[derive(Clone)]
-struct State {
-    view: Camera,
-    options: Options,
-    background: Background,
-    timeline: Timeline,
+pub struct State {
+    pub view: Camera,
+    pub options: Options,
+    pub background: Background,
+    pub timeline: Timeline,
     /// By number of the scene: where it lies, and in which pictures it is shown.
-    places: Vec<(u64, Place, [bool; 2])>,
+    pub places: Vec<(u64, Place, [bool; 2])>,
 }
 
 impl State {
     /// What differs, as a noun; `None` if nothing does. Views of windows of other sizes are not compared: a window that
     /// is resized changes them.
-    fn difference(&self, other: &Self) -> Option<&'static str> {
+    pub fn difference(&self, other: &Self) -> Option<&'static str> {
         let Self { view, options, background, timeline, places } = self;
         let are_open = places.iter().map(|(number, ..)| number).eq(other.places.iter().map(|(number, ..)| number));
         match () {
@@ -42,67 +38,5 @@ impl State {
             () if view.size_px == other.view.size_px && *view != other.view => Some("the view"),
             () => None,
         }
-    }
-}
-
-impl Viewer {
-    fn state(&self) -> State {
-        State {
-            view: self.view(),
-            options: self.options,
-            background: self.background,
-            timeline: self.film.timeline.clone(),
-            places: self.layers.iter().map(|layer| (layer.number, layer.place, layer.is_shown)).collect(),
-        }
-    }
-
-    /// Takes what is set now as the beginning: what a scene or a camera file brings is no change of the user's.
-    pub fn begin_undo(&mut self) {
-        self.undo.current = None;
-    }
-
-    /// Notes what has changed. Call it where no change goes on: each drag and each glide is one step.
-    pub fn note_changes(&mut self) {
-        let now = self.state();
-        let Some(before) = self.undo.current.replace(now.clone()) else { return };
-        if before.difference(&now).is_some() {
-            self.undo.done.push(before);
-            self.undo.undone.clear();
-            let more = self.undo.done.len().saturating_sub(STEPS);
-            self.undo.done.drain(..more);
-        }
-    }
-
-    /// Takes back the last change, or makes the last one that was taken back again.
-    pub fn undo(&mut self, forward: bool) {
-        self.note_changes();
-        let Undo { current, undone, done } = &mut self.undo;
-        let (from, to) = if forward { (undone, done) } else { (done, undone) };
-        let (Some(wanted), Some(now)) = (from.pop(), current.take()) else {
-            let what = if forward { "there is nothing to redo" } else { "there is nothing to undo" };
-            return self.messages.note(what);
-        };
-        let what = now.difference(&wanted).unwrap_or("the view");
-        to.push(now);
-        self.restore(&wanted);
-        self.undo.current = Some(self.state());
-        self.messages.note(format!("{}: {what}", if forward { "redone" } else { "undone" }));
-    }
-
-    fn restore(&mut self, wanted: &State) {
-        let State { view, options, background, timeline, places } = wanted;
-        if self.view() != view.resized(self.size) {
-            self.navigator.snap(view);
-            self.camera = None;
-        }
-        (self.options, self.background, self.film.timeline) = (*options, *background, timeline.clone());
-        self.film.is_playing = false;
-        for layer in &mut self.layers {
-            if let Some((_, place, is_shown)) = places.iter().find(|(number, ..)| *number == layer.number) {
-                (layer.place, layer.is_shown) = (*place, *is_shown);
-            }
-        }
-        self.is_stale = true;
-        self.comparison.is_stale = true;
     }
 }

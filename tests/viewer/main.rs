@@ -5,6 +5,7 @@ mod common;
 
 mod frames;
 mod mends;
+mod monkey;
 mod navigator;
 mod window;
 mod window_errors;

@@ -17,12 +17,12 @@ fn button(pos: Pos2, button: PointerButton, pressed: bool) -> Event {
     Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE }
 }
 
-fn key(key: Key, modifiers: Modifiers) -> Event {
+pub(super) fn key(key: Key, modifiers: Modifiers) -> Event {
     Event::Key { key, physical_key: None, pressed: true, repeat: false, modifiers }
 }
 
 /// A frame whose layout handles these events: the one before may be so recent that there is none.
-fn frame(offscreen: &mut Offscreen, events: Vec<Event>) {
+pub(super) fn frame(offscreen: &mut Offscreen, events: Vec<Event>) {
     let mut events = Some(events);
     while offscreen.frame(events.take().unwrap_or_default()).unwrap().platform.is_none() {
         std::thread::sleep(Duration::from_millis(3));
@@ -30,7 +30,7 @@ fn frame(offscreen: &mut Offscreen, events: Vec<Event>) {
 }
 
 /// A drag, with so many of its events in each frame.
-fn drag(offscreen: &mut Offscreen, which: PointerButton, way: [f32; 2], points: usize, in_a_frame: usize) {
+pub(super) fn drag(offscreen: &mut Offscreen, which: PointerButton, way: [f32; 2], points: usize, in_a_frame: usize) {
     let at = |i: usize| pos2(20.0 + way[0] * i as f32 / points as f32, 20.0 + way[1] * i as f32 / points as f32);
     let moves = (1..=points).map(|i| Event::PointerMoved(at(i)));
     let begin = [Event::PointerMoved(at(0)), button(at(0), which, true)];

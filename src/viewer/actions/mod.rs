@@ -5,4 +5,5 @@ mod export;
 mod film;
 mod measure;
 mod open;
+mod undo;
 mod views;
