@@ -79,7 +79,7 @@ const LEAST_ERROR: f64 = 0.25;
 /// The least error of a node, as a part of its largest standard deviation. A Gaussian that is large in the picture
 /// and near the camera is drawn far from where it is: its projection is linear about its mean. Errors are measured from
 /// afar and do not have that.
-const PER_SIZE: f64 = 5e-4;
+const PER_SIZE: f64 = 1e-3;
 
 /// The least typical error of Gaussians of the scene: 2^-60 world units.
 const LEAST_TYPICAL: f64 = 1.0 / (1_u64 << 60) as f64;
