@@ -2,8 +2,8 @@
 //!
 //! Files depend on each other in one direction: plain data (`comparison`, `drag`, `export`, `film`, `held`, `layers`,
 //! `rate`, `undo`, `view_modes`) <- `state` <- `actions` <- `input` and `panels` <- `session`, with its parts `paging`
-//! and `requests` <- `window` and `offscreen`. `jobs` runs threads, `job_events` handles what they report, `screen` owns
-//! the frames on the GPU.
+//! and `requests` <- `window` and `offscreen`. `jobs` runs threads, `job_events` handles what they report, `screen`
+//! owns the frames on the GPU.
 
 mod actions;
 mod comparison;
