@@ -90,7 +90,7 @@ pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
     }
     // The window opens where the pixel is not.
     let width = viewer.size[0] as f32 / points;
-    let beside = if at.x < width / 2.0 { (at.x + 24.0).max(width / 2.0) } else { (at.x - 540.0).min(12.0) };
+    let beside = if at.x < width / 2.0 { width / 2.0 } else { 12.0 };
     let [r, g, b] = explanation.colour(viewer.background);
     let of = if *side == Side::Second { " of the second picture" } else { "" };
     let window = Window::new(format!("Pixel {}, {}{of}", pixel[0], pixel[1])).open(&mut is_open);
