@@ -59,11 +59,7 @@ impl BudgetArgs {
         // Candidates have most stages in common, which take a software device longer to compile than to run.
         device.keep_pipelines();
         let bar = progress::Bar::new("choosing");
-        let progress = |done| {
-            bar.set(done);
-            Ok(())
-        };
-        let choice = choose_for(device, scene, (exact, background), views, budget, &progress)?;
+        let choice = choose_for(device, scene, (exact, background), views, budget, &|done| bar.advance(done))?;
         drop(bar);
         remark(&format!("note: {}", choice.explain()));
         Ok(choice.options)

@@ -43,6 +43,12 @@ impl Bar {
         self.show(fraction, "");
     }
 
+    /// As [`set`](Self::set), for work that an error would end.
+    pub fn advance(&self, fraction: f64) -> anyhow::Result<()> {
+        self.set(fraction);
+        Ok(())
+    }
+
     fn show(&self, fraction: f64, rate: &str) {
         let elapsed = self.started.elapsed();
         if self.is_terminal && elapsed > PATIENCE {

@@ -1,7 +1,7 @@
 //! Writes several files into a folder as one set: whole, or not at all.
 
-use std::fs::{self, File};
-use std::path::Path;
+use std::fs::{self, File, Metadata};
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
@@ -19,10 +19,7 @@ use super::{described, fill};
 pub fn write_set<T>(folder: &Path, files: &[(String, Vec<u8>)], check: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
     let failed = |name: &str| format!("cannot write {}", folder.join(name).display());
     let (last, _) = files.last().context("the set has no files")?;
-    let Place::File { path: replaced, old } = Place::of(&folder.join(last)).with_context(|| failed(last))? else {
-        anyhow::bail!("{}: it is not a regular file", failed(last));
-    };
-    let parts = PartFolder::inside(folder).map_err(|error| described(&error)).with_context(|| failed(last))?;
+    let (replaced, old, parts) = begin(folder, last).with_context(|| failed(last))?;
     for (name, bytes) in files {
         write_new(&parts.path().join(name), bytes).with_context(|| failed(name))?;
     }
@@ -61,10 +58,7 @@ pub fn write_set<T>(folder: &Path, files: &[(String, Vec<u8>)], check: impl FnOn
 /// If a file cannot be written or renamed, or `fill` fails. The folder is then as it was.
 pub fn write_tree<T>(folder: &Path, tree: &str, main: &str, fill: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
     let failed = || format!("cannot write {}", folder.join(main).display());
-    let Place::File { path: replaced, old } = Place::of(&folder.join(main)).with_context(failed)? else {
-        anyhow::bail!("{}: it is not a regular file", failed());
-    };
-    let parts = PartFolder::inside(folder).map_err(|error| described(&error)).with_context(failed)?;
+    let (replaced, old, parts) = begin(folder, main).with_context(failed)?;
     let found = fill(parts.path())?;
     let (tree, new_tree, new_main) = (folder.join(tree), parts.path().join(tree), parts.path().join(main));
     let finish = || {
@@ -79,6 +73,14 @@ pub fn write_tree<T>(folder: &Path, tree: &str, main: &str, fill: impl FnOnce(&P
     finish().map_err(|error| described(&error)).with_context(failed)?;
     sync(folder);
     Ok(found)
+}
+
+/// The path of the main file of a set and, if there is one already, its metadata; and a folder for the new set.
+fn begin(folder: &Path, main: &str) -> Result<(PathBuf, Option<Metadata>, PartFolder)> {
+    let Place::File { path, old } = Place::of(&folder.join(main))? else {
+        anyhow::bail!("it is not a regular file");
+    };
+    Ok((path, old, PartFolder::inside(folder).map_err(|error| described(&error))?))
 }
 
 /// Writes a file that is not there yet, and puts it on the disk.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::held::Held;
+use super::held::{Held, are_same};
 use crate::camera::Camera;
 use crate::options::Options;
 use crate::pixels::Pixels;
@@ -71,15 +71,19 @@ impl Depicted {
     /// In what another picture differs first; `None` if it is of the same.
     pub fn difference(&self, other: &Self) -> Option<&'static str> {
         let Self { view, parts, rules, background } = self;
-        let is_same =
-            |((a, placed), (b, other)): (&(Held, Transform), &(Held, Transform))| a.is_same(b) && placed == other;
-        let are_same = parts.len() == other.parts.len() && parts.iter().zip(&other.parts).all(is_same);
         match () {
-            () if !are_same => Some("other scenes or places"),
+            () if !are_same(parts, &other.parts) => Some("other scenes or places"),
             () if *view != other.view => Some("another view"),
             () if *rules != other.rules => Some("other rules"),
             () if background.colour() != other.background.colour() => Some("another background"),
             () => None,
+        }
+    }
+
+    /// Keeps a scene that was closed no longer. Nothing that is shown later is the same.
+    pub fn forget(&mut self, held: &Held) {
+        if self.parts.iter().any(|(part, _)| part.is_same(held)) {
+            self.parts.clear();
         }
     }
 }

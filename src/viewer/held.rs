@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::scene::{Focus, Gaussians, Scene};
+use crate::scene::{Focus, Gaussians, Scene, Transform};
 use crate::storage::PageFile;
 
 /// What was opened.
@@ -17,6 +17,11 @@ pub enum Opened {
 pub enum Held {
     Whole(Arc<Gaussians>),
     Pages(Arc<PageFile>),
+}
+
+/// True if both lists are of the same scenes with the same transforms.
+pub fn are_same(parts: &[(Held, Transform)], others: &[(Held, Transform)]) -> bool {
+    parts.len() == others.len() && parts.iter().zip(others).all(|(a, b)| a.0.is_same(&b.0) && a.1 == b.1)
 }
 
 impl Held {

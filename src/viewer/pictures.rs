@@ -5,7 +5,7 @@ use std::time::SystemTime;
 
 use anyhow::{Result, bail};
 
-use super::held::Held;
+use super::held::{Held, are_same};
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
@@ -57,8 +57,7 @@ impl Plan {
 
     /// True if both plans draw the same Gaussians with the same transforms.
     pub fn has_scene_of(&self, other: &Self) -> bool {
-        self.parts.len() == other.parts.len()
-            && self.parts.iter().zip(&other.parts).all(|(a, b)| a.0.is_same(&b.0) && a.1 == b.1)
+        are_same(&self.parts, &other.parts)
     }
 
     /// True if a scene is read page by page.

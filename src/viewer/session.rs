@@ -327,10 +327,10 @@ impl Session {
         if let (Some((previous, true)), true) = (self.previous, draws) {
             viewer.pace.interval((now - previous).as_secs_f64() * 1e3, viewer.refresh_ms);
         }
-        let Some(first) = &self.pair.first else { return };
+        let Some(first) = self.pair.first.as_ref().filter(|_| self.has_shown != Some(true)) else { return };
         // The first frame with a scene, and the first that shows all that is read of it.
         let shows_all = !viewer.is_reading() && viewer.draws(&first.plan);
-        if self.has_shown.is_none() || self.has_shown == Some(false) && shows_all {
+        if self.has_shown.is_none() || shows_all {
             self.has_shown = Some(shows_all);
             let (ms, is_whole) = (viewer.started.elapsed().as_secs_f64() * 1e3, shows_all && !lacks_pages);
             viewer.events.emit(&Event::FirstFrame { ms, is_whole });

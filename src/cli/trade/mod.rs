@@ -298,11 +298,8 @@ impl<'a> Bench<'a> {
 
     fn study_at(&self, name: &str, views: [Vec<Camera>; 2]) -> Result<Study<'a>> {
         let bar = progress::Bar::new(name);
-        let progress = |done| {
-            bar.set(done);
-            Ok(())
-        };
         let (scene, drawn) = ((self.gaussians, self.statistics), (self.exact, Background::BLACK));
+        let progress = |done| bar.advance(done);
         let study = Study::new(self.device, scene, drawn, views, self.args.protocol(), &progress)?.thorough();
         if self.args.frames.is_some() { Ok(study) } else { study.within(PATIENCE) }
     }
@@ -326,11 +323,7 @@ impl<'a> Bench<'a> {
     /// Chooses options for a budget, and checks the choice on views between the cameras.
     fn hold(&self, study: &Study, budget: Budget, cameras: &[Camera]) -> Result<BudgetReport> {
         let bar = progress::Bar::new("choosing");
-        let progress = |done| {
-            bar.set(done);
-            Ok(())
-        };
-        let choice = trade::choose(study, budget, &progress)?;
+        let choice = trade::choose(study, budget, &|done| bar.advance(done))?;
         drop(bar);
         say!("{}", choice.explain())?;
         let count = usize::from(self.args.held_out);

@@ -87,7 +87,11 @@ impl Viewer {
 
     /// Closes a scene.
     pub fn close(&mut self, number: u64) {
-        self.layers.retain(|layer| layer.number != number);
+        let Some(place) = self.layers.iter().position(|layer| layer.number == number) else { return };
+        if let Some(held) = &self.layers.remove(place).held {
+            let measured = self.costs.iter_mut().filter_map(|(_, of)| of.as_mut());
+            measured.chain(&mut self.comparison.drawn_of).for_each(|of| of.forget(held));
+        }
         if self.layers.is_empty() {
             // The next scene is another one: it gets a view of its own, and the cameras are not its.
             (self.cameras, self.camera, self.last_camera) = (Vec::new(), None, 0);

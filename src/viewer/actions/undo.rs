@@ -25,21 +25,22 @@ impl Viewer {
     /// Notes what has changed. Call it where no change goes on: each drag and each glide is one step.
     pub fn note_changes(&mut self) {
         let now = self.state();
-        let Some(before) = self.undo.current.replace(now.clone()) else { return };
-        if before.difference(&now).is_some() {
+        if let Some(before) = self.undo.current.take().filter(|before| before.difference(&now).is_some()) {
             self.undo.done.push(before);
             self.undo.undone.clear();
             let more = self.undo.done.len().saturating_sub(STEPS);
             self.undo.done.drain(..more);
         }
+        self.undo.current = Some(now);
     }
 
     /// Takes back the last change, or makes the last one that was taken back again.
     pub fn undo(&mut self, forward: bool) {
         self.note_changes();
-        let Undo { current, undone, done } = &mut self.undo;
+        let now = self.state();
+        let Undo { undone, done, .. } = &mut self.undo;
         let (from, to) = if forward { (undone, done) } else { (done, undone) };
-        let (Some(wanted), Some(now)) = (from.pop(), current.take()) else {
+        let Some(wanted) = from.pop() else {
             let what = if forward { "there is nothing to redo" } else { "there is nothing to undo" };
             return self.messages.note(what);
         };

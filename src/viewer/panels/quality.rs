@@ -9,9 +9,8 @@ use crate::options::{KNOBS, Kind, Knob, Options, Value};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     presets(viewer, ui);
-    let depicted = viewer.depicted();
     let (costs, of) = viewer.costs.clone().unzip();
-    let of_another = of.flatten().zip(depicted).and_then(|(of, depicted)| of.difference(&depicted));
+    let of_another = of.flatten().and_then(|of| of.difference(&viewer.depicted()?));
     let cost = |knob: &str| costs.as_ref().and_then(|costs| costs.knobs.iter().find(|cost| cost.knob == knob));
     let exact_ms = costs.as_ref().map(|costs| costs.exact_ms);
     let options = &mut viewer.options;

@@ -104,8 +104,8 @@ pub fn write_streamed_sog(folder: &Path, streamed: &Streamed) -> Result<WrittenL
     in_locked(folder, || {
         let old: Names = read_whole(&folder.join(LOD_META))
             .map_or_else(|_| Names::default(), |json| serde_json::from_slice(&json).unwrap_or_default());
-        let free = (0..u32::MAX).map(|n| if n == 0 { TREE.to_owned() } else { format!("{TREE}.{n}") });
-        let tree = free.into_iter().find(|name| fs::symlink_metadata(folder.join(name)).is_err());
+        let mut names = (0..u32::MAX).map(|n| if n == 0 { TREE.to_owned() } else { format!("{TREE}.{n}") });
+        let tree = names.find(|name| fs::symlink_metadata(folder.join(name)).is_err());
         let tree = tree.context("no name is free for the folder of levels")?;
         let written = write_tree(folder, &tree, LOD_META, |parts| {
             fs::create_dir(parts.join(&tree))?;
