@@ -45,6 +45,18 @@ pub enum Event {
         is_error: bool,
         text: String,
     },
+    /// A picture of a scene that is read page by page begins to wait for pages, or shows all that comes for it.
+    Residency {
+        /// Nothing more comes for this picture.
+        is_settled: bool,
+        /// Pages that it draws coarser than was asked for.
+        missing: u32,
+        /// Pages that are being read.
+        coming: usize,
+        /// Pages in memory, and pages that fit.
+        there: usize,
+        fitting: usize,
+    },
     /// A picture or the frames of a path were written.
     Written {
         text: String,

@@ -1,5 +1,6 @@
 //! Scenes that are read page by page while the window goes on: what their pictures lack, and how many nodes they have.
 
+use super::events::Event;
 use super::pictures::Drawn;
 use super::screen::Second;
 use super::session::Session;
@@ -25,6 +26,20 @@ impl Session {
             _ => String::new(),
         };
         if names.is_empty() { "smalto".to_owned() } else { format!("{}{lacks} - smalto", names.join(", ")) }
+    }
+
+    /// Reports that a shown picture begins to wait for pages, or waits no longer.
+    pub(super) fn report_residency(&mut self) {
+        let residency = self.residency();
+        let is_settled = residency.map(|residency| residency.is_settled());
+        if is_settled == std::mem::replace(&mut self.reported_settled, is_settled) {
+            return;
+        }
+        if let Some(residency) = residency {
+            let Residency { missing, coming, there, fitting, .. } = residency;
+            let is_settled = residency.is_settled();
+            self.viewer.events.emit(&Event::Residency { is_settled, missing, coming, there, fitting });
+        }
     }
 
     /// Looks for pages that were read since the last picture, or could not be read.

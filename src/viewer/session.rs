@@ -38,6 +38,8 @@ pub struct Session {
     reported: InspectionSettings,
     /// Notices about the paths that have been shown.
     reported_notices: Vec<String>,
+    /// The last event about pages said that nothing more comes.
+    pub(super) reported_settled: Option<bool>,
 }
 
 /// The panels as they were laid out last.
@@ -66,6 +68,7 @@ impl Session {
         Self {
             reported: InspectionSettings::default(),
             reported_notices: Vec::new(),
+            reported_settled: None,
             viewer,
             pair: Pair::default(),
             screen,
@@ -202,6 +205,7 @@ impl Session {
         let shown = self.screen.show(&mut self.pair, &arrangement(&self.viewer, &self.layout))?;
         if shown == Shown::Yes {
             self.record_shown(now, draws);
+            self.report_residency();
         }
         let repaint_delay = self.repaint_delay();
         self.previous = Some((now, draws && repaint_delay <= layout_lifetime));
