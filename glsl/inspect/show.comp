@@ -27,7 +27,8 @@ struct Room {
 };
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size_px;
+    uvec2 size_px;     // of the screen
+    uvec2 picture_px;  // of the pictures, in its upper left corner; the rest is black
     uint mode;
     float split_px;    // the second picture is to the right of here
     float gain;        // factor of differences
@@ -74,6 +75,11 @@ void main() {
     uint index = workgroup() * WORKGROUP + lane();
     uvec2 pixel = uvec2(index % push.size_px.x, index / push.size_px.x);
     if (pixel.y >= push.size_px.y) return;
+    if (any(greaterThanEqual(pixel, push.picture_px))) {
+        shown[index] = 0xff000000u;
+        if (DIRECT) imageStore(screen, ivec2(pixel), vec4(0.0, 0.0, 0.0, 1.0));
+        return;
+    }
     ivec2 place = ivec2(pixel);
     bool shows_second = push.mode == MODE_SECOND || push.mode == MODE_SPLIT && float(pixel.x) + 0.5 > push.split_px;
     bool complete =

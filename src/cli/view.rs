@@ -15,7 +15,7 @@ use crate::options::Options;
 use crate::pixels::write_rgba8;
 use crate::render::Residency;
 use crate::scene::Procedural;
-use crate::viewer::{self, Bindings, CompareMode, CompareWith, Digest, PACE, PageCounts, Setup, Summary, WindowSetup};
+use crate::viewer::{self, Bindings, CompareMode, CompareWith, Digest, Kept, PACE, PageCounts, Setup, Summary, WindowSetup};
 
 /// Open scenes in a window: fly through them, see the GPU time of every stage, look inside the pipeline
 #[derive(clap::Args)]
@@ -151,6 +151,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         antialiased_is_explicit: args.knobs.has("antialiased"),
         near_is_explicit: args.knobs.has("near"),
         bindings: bindings(args)?,
+        kept: args.offscreen.is_none().then(Kept::default_file).flatten(),
         vsync: args.vsync,
         hides_panels: args.no_panels,
         compares_with,

@@ -351,10 +351,7 @@ impl Knob {
     pub fn title(&self, value: Value) -> String {
         let value = match (value, self.kind) {
             (Value::Number(number), Kind::Number { is_fraction: true, .. }) => fraction(number),
-            (Value::Number(number), _) => number.to_string(),
-            (Value::Count(count), _) => count.to_string(),
-            (Value::Name(name), _) => name.to_owned(),
-            (Value::Flag(flag), _) => flag.to_string(),
+            (value, _) => value.to_string(),
         };
         format!("{} {value}", self.name)
     }

@@ -1,5 +1,7 @@
 //! The types that settings have, as values of knobs.
 
+use std::fmt;
+
 use super::Storage;
 use crate::rules::{Footprint, Order};
 
@@ -10,6 +12,18 @@ pub enum Value {
     Count(u32),
     Name(&'static str),
     Flag(bool),
+}
+
+/// As it is written on the command line.
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Number(number) => number.fmt(f),
+            Self::Count(count) => count.fmt(f),
+            Self::Name(name) => name.fmt(f),
+            Self::Flag(flag) => flag.fmt(f),
+        }
+    }
 }
 
 /// A type that settings of [`Options`] have.

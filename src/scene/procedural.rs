@@ -64,6 +64,11 @@ impl Procedural {
         KINDS.iter().find(|(kind, ..)| *kind == self.kind).map_or("", |(_, name, _)| name)
     }
 
+    /// The text that [`Procedural::parse`] reads.
+    pub fn argument(self) -> String {
+        format!("{}:{}", self.name(), self.count)
+    }
+
     /// True for the town, which has camera paths of its own.
     pub fn is_town(&self) -> bool {
         self.kind == Kind::Town

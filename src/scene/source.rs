@@ -29,6 +29,8 @@ pub(super) struct Source<'w> {
     is_cancelled: bool,
     /// Number of Gaussians of the next partial scene.
     next_partial: usize,
+    /// The part of the progress that reading the bytes is.
+    reading: f64,
 }
 
 impl<'w> Source<'w> {
@@ -37,13 +39,24 @@ impl<'w> Source<'w> {
         let file = open_regular(path)?;
         let len = file.metadata()?.len();
         let reader = BufReader::with_capacity(PART, file);
-        Ok(Self { reader, len, position: 0, watch, next_report: 0, is_cancelled: false, next_partial: BLOCK })
+        let (position, next_report, next_partial, reading) = (0, 0, BLOCK, 1.0);
+        Ok(Self { reader, len, position, watch, next_report, is_cancelled: false, next_partial, reading })
     }
 
     /// This source at the same position, with further progress reported to `watch`.
     pub fn watched_by<'v>(self, watch: &'v Watch<'v>) -> Source<'v> {
-        let Self { reader, len, position, next_report, is_cancelled, next_partial, .. } = self;
-        Source { reader, len, position, watch, next_report, is_cancelled, next_partial }
+        let Self { reader, len, position, next_report, is_cancelled, next_partial, reading, .. } = self;
+        Source { reader, len, position, watch, next_report, is_cancelled, next_partial, reading }
+    }
+
+    /// Says that all bytes are read before most Gaussians are decoded, and that this part of the progress is reading.
+    pub fn reads_first(&mut self, part: f64) {
+        self.reading = part;
+    }
+
+    /// Reports the fraction of the Gaussians that is decoded, after all bytes were read.
+    pub fn report_decoded(&self, fraction: f64) {
+        (self.watch.progress)(self.reading + (1.0 - self.reading) * fraction);
     }
 
     /// Must be called before each block of Gaussians is decoded. Reports the partial scene whenever it has doubled, so
@@ -193,7 +206,7 @@ impl Source<'_> {
     fn advance(&mut self, count: usize) {
         self.position += count as u64;
         if self.position >= self.next_report {
-            (self.watch.progress)(self.position as f64 / self.len.max(1) as f64);
+            (self.watch.progress)(self.reading * self.position as f64 / self.len.max(1) as f64);
             self.is_cancelled = (self.watch.is_cancelled)();
             self.next_report = self.position + self.len / 200;
         }

@@ -18,6 +18,9 @@ pub(super) const MAGIC: u32 = 0x5053_474e; // "NGSP"
 pub(super) const COLOUR_SCALE: f64 = 0.15;
 /// Bytes that a zstd stream may take beyond twice its content: its headers, of content that cannot be compressed.
 const MAX_OVERHEAD: u64 = 1 << 16;
+/// Progress when all bytes are read: those of a gzip stream are decompressed then, those of zstd streams later.
+const READ_GZIP: f64 = 0.4;
+const READ_V4: f64 = 0.05;
 /// Largest accepted compression ratio, as in the reference implementation.
 const MAX_RATIO: u64 = 1024;
 
@@ -73,6 +76,7 @@ impl Header {
 /// Reads versions 1 to 3: a gzip stream with one plane after another.
 pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
     let file_bytes = source.len();
+    source.reads_first(READ_GZIP);
     let mut stream = GzDecoder::new(&mut *source);
     let mut bytes = [0; 16];
     stream.read_exact(&mut bytes).context("the gzip stream ends inside the SPZ header")?;
@@ -104,6 +108,7 @@ pub(super) fn read_gzip(source: &mut Source) -> Result<Scene> {
 
 /// Reads version 4: a plain header, a table of contents, and a zstd stream per plane.
 pub(super) fn read_v4(source: &mut Source) -> Result<Scene> {
+    source.reads_first(READ_V4);
     let mut bytes = [0; 32];
     source.fill(&mut bytes, "the SPZ header")?;
     let header = Header::parse(bytes.first_chunk().expect("32 bytes begin with 16"), source.len())?;
@@ -171,6 +176,7 @@ fn decode<R: Read + Send>(
             },
         );
         read?;
+        source.report_decoded((first + BLOCK).min(header.count) as f64 / header.count as f64);
         std::mem::swap(&mut blocks, &mut next);
     }
     for (plane, (name, _)) in planes.iter_mut().zip(&layout) {

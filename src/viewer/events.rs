@@ -65,6 +65,10 @@ pub enum Event {
     Copied {
         view: serde_json::Value,
     },
+    /// A command line that draws what is shown was copied.
+    CopiedCommand {
+        command: String,
+    },
     /// The view mode, or another setting of the inspection, changed.
     Look {
         look: String,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 /// Size and names of the files to write, and the progress of a job that writes them.
 pub struct Export {
-    /// Width and height in pixels; `None` for those of the window.
+    /// Width and height in pixels; `None` for those of the picture in the window.
     pub size: Option<[u32; 2]>,
     pub picture: String,
     /// The folder for the frames of a path.

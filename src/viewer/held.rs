@@ -34,6 +34,14 @@ impl Held {
         }
     }
 
+    /// Number of Gaussians.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Whole(gaussians) => gaussians.len(),
+            Self::Pages(file) => file.header().statistics.count,
+        }
+    }
+
     /// Where most of the scene lies.
     pub fn focus(&self) -> Focus {
         match self {

@@ -3,6 +3,7 @@
 use egui::{Event as Input, Key, Order, PointerButton, Pos2, Rect, Sense, Ui};
 use glam::{DVec2, DVec3};
 
+use super::actions::Program;
 use super::comparison::{CompareMode, CompareTarget, Comparison};
 use super::drag::{Drag, Motion};
 use super::keys::{Action, Chord};
@@ -115,6 +116,7 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     }
     if ui.input(|input| input.key_pressed(Key::Escape)) {
         viewer.panels.shows_help = false;
+        viewer.messages.close_errors();
         viewer.explanation = None;
         viewer.inspection.isolated = None;
     }
@@ -123,6 +125,12 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     }
     (0..presses(viewer, ui, Action::Undo, true)).for_each(|_| viewer.undo(false));
     (0..presses(viewer, ui, Action::Redo, true)).for_each(|_| viewer.undo(true));
+    if pressed(viewer, ui, Action::OpenFile) {
+        viewer.dialog.ask();
+    }
+    if pressed(viewer, ui, Action::CopyCommand) {
+        viewer.copy_command(Program::Render);
+    }
     if pressed(viewer, ui, Action::CopyView) {
         viewer.copy_view();
     }

@@ -28,6 +28,8 @@ pub enum Action {
     FullScreen,
     HidePanels,
     Screenshot,
+    OpenFile,
+    CopyCommand,
     CopyView,
     PasteView,
     Undo,
@@ -44,7 +46,7 @@ pub enum Action {
 }
 
 /// Every action: its name in the file, its default key and what it does.
-pub const ACTIONS: [(Action, &str, &str, &str); 30] = [
+pub const ACTIONS: [(Action, &str, &str, &str); 32] = [
     (Action::Forward, "forward", "W", "fly ahead"),
     (Action::Back, "back", "S", "fly back"),
     (Action::Left, "left", "A", "fly left"),
@@ -62,6 +64,8 @@ pub const ACTIONS: [(Action, &str, &str, &str); 30] = [
     (Action::FullScreen, "full-screen", "F", "full screen on or off"),
     (Action::HidePanels, "hide-panels", "H", "hide or show the panels"),
     (Action::Screenshot, "screenshot", "F12", "write a picture of the view"),
+    (Action::OpenFile, "open-file", "Ctrl+O", "open scenes, cameras or a picture to compare with"),
+    (Action::CopyCommand, "copy-command", "Ctrl+R", "copy the smalto render command that draws the view"),
     (Action::CopyView, "copy-view", "Ctrl+C", "copy the view as JSON"),
     (Action::PasteView, "paste-view", "Ctrl+V", "go to a copied view"),
     (Action::Undo, "undo", "Ctrl+Z", "undo a change of the view, the path, options or placements"),

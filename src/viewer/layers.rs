@@ -21,6 +21,7 @@ pub enum Source {
 /// A scene that is open or being read.
 pub struct Layer {
     pub number: u64,
+    pub source: Source,
     pub name: String,
     pub held: Option<Held>,
     pub is_antialiased: bool,
@@ -91,6 +92,7 @@ impl Layer {
         Self {
             number,
             name: source.name(),
+            source,
             held: None,
             is_antialiased: false,
             summary: String::new(),

@@ -50,6 +50,10 @@ impl Messages {
         self.all.remove(place);
     }
 
+    pub fn close_errors(&mut self) {
+        self.all.retain(|message| !message.is_error);
+    }
+
     /// The time until the next note disappears; `None` without notes.
     pub fn next_change(&self) -> Option<Duration> {
         let notes = self.all.iter().filter(|message| !message.is_error);

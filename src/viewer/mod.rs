@@ -1,12 +1,13 @@
 //! The window: opens scenes, flies through them, shows what every stage costs, and looks inside the pipeline.
 //!
-//! Files depend on each other in one direction: plain data (`comparison`, `drag`, `export`, `film`, `held`, `layers`,
-//! `rate`, `undo`, `view_modes`) <- `state` <- `actions` <- `input` and `panels` <- `session`, with its parts `paging`
+//! Files depend on each other in one direction: plain data (`comparison`, `dialog`, `drag`, `export`, `film`, `held`, `kept`,
+//! `layers`, `rate`, `undo`, `view_modes`) <- `state` <- `actions` <- `input` and `panels` <- `session`, with its parts `paging`
 //! and `requests` <- `window` and `offscreen`. `jobs` runs threads, `job_events` handles what they report, `screen`
 //! owns the frames on the GPU.
 
 mod actions;
 mod comparison;
+mod dialog;
 mod drag;
 mod events;
 mod export;
@@ -17,6 +18,7 @@ mod history;
 mod input;
 mod job_events;
 mod jobs;
+mod kept;
 mod keys;
 mod layers;
 mod measuring;
@@ -34,9 +36,11 @@ mod undo;
 mod view_modes;
 mod window;
 
+pub use actions::Program;
 pub use comparison::{CompareMode, CompareTarget};
 pub use fault::Fault;
 pub use history::Digest;
+pub use kept::{Kept, Tab};
 pub use keys::Bindings;
 pub use offscreen::{Offscreen, PACE, PageCounts, Summary, run as run_offscreen};
 pub use session::{FrameOutput, Session};

@@ -86,7 +86,7 @@ pub struct Pair {
 /// The picture with which the first one is compared.
 pub enum Second {
     Drawn(Box<Drawn>),
-    /// A picture that the GPU did not draw, in the size of the window.
+    /// A picture that the GPU did not draw, in the size of the first.
     Image(Image),
 }
 
@@ -296,17 +296,19 @@ impl Screen {
 
     fn record(&mut self, cmd: &mut Commands, pair: &Pair, arrangement: &Arrangement, image: &Image) -> Result<()> {
         let size = image.size();
-        let fits = |image: &Image| image.size() == size;
+        let fits = |image: &Image| image.size()[0] <= size[0] && image.size()[1] <= size[1];
         let first = pair.first.as_ref().map(|drawn| drawn.renderer.picture()).filter(|p| fits(p.image()));
         let second = pair.second.as_ref().map(|second| match second {
             Second::Drawn(drawn) => drawn.renderer.picture(),
             Second::Image(image) => Picture::whole(image),
         });
         let second = second.filter(|p| fits(p.image()));
-        let first = match first {
-            Some(first) => first,
-            None => Picture::whole(blank(&self.device, &mut self.blank, size)?),
+        let first = match (first, &second) {
+            (Some(first), _) => first,
+            (None, Some(second)) => Picture::whole(blank(&self.device, &mut self.blank, second.image().size())?),
+            (None, None) => Picture::whole(blank(&self.device, &mut self.blank, size)?),
         };
+        let second = second.filter(|second| second.image().size() == first.image().size());
         let (second, compare) = match &second {
             Some(second) => (second, arrangement.compare),
             None => (&first, Compare::First),

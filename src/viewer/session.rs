@@ -165,9 +165,14 @@ impl Session {
     /// called only if the panels are laid out.
     pub fn frame(&mut self, input: impl FnOnce() -> RawInput, size: [u32; 2]) -> Result<FrameOutput> {
         let now = Instant::now();
-        self.viewer.is_stale |= self.viewer.size != size;
-        self.viewer.size = size;
-        self.poll_jobs();
+        if size != self.viewer.window {
+            let panels = self.viewer.window[0].saturating_sub(self.viewer.size[0]);
+            self.viewer.make_room(size, [size[0].saturating_sub(panels), size[1]]);
+        }
+        // What jobs bring is shown in the part of the window that the first layout leaves to the picture.
+        if self.layout.at.is_some() {
+            self.poll_jobs();
+        }
         self.poll_shaders();
         self.retire_frames(false)?;
         self.poll_pages();

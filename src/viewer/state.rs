@@ -6,6 +6,7 @@ use std::time::{Instant, SystemTime};
 use glam::DVec3;
 
 use super::comparison::{CompareMode, CompareTarget, Comparison, Depicted};
+use super::dialog::Dialog;
 use super::drag::Drag;
 use super::events::Events;
 use super::export::Export;
@@ -13,6 +14,7 @@ use super::film::Film;
 use super::held::Held;
 use super::history::{History, Pace};
 use super::jobs::{Cancel, Jobs};
+use super::kept::Kept;
 use super::keys::Bindings;
 use super::layers::Layer;
 use super::measuring::Costs;
@@ -41,6 +43,8 @@ pub struct Setup {
     /// The user set the near plane explicitly; otherwise it moves closer for a small scene without cameras.
     pub near_is_explicit: bool,
     pub bindings: Bindings,
+    /// The file of what is kept from one window to the next.
+    pub kept: Option<PathBuf>,
     pub vsync: Vsync,
     pub hides_panels: bool,
     pub compares_with: Option<CompareWith>,
@@ -103,6 +107,8 @@ pub struct Viewer {
     pub failure: Option<anyhow::Error>,
     pub layers: Vec<Layer>,
     pub cameras: Vec<NamedCamera>,
+    /// The file of the cameras.
+    pub camera_file: Option<PathBuf>,
     pub is_reading_cameras: bool,
     /// Index of the camera of the file that the view is at or moves to; `None` after the view has left it.
     pub camera: Option<usize>,
@@ -142,6 +148,9 @@ pub struct Viewer {
     /// The pixel that was picked, and what it is made of.
     pub explanation: Option<ExplainedPixel>,
     pub panels: Panels,
+    pub dialog: Dialog,
+    /// What the next window begins with.
+    pub kept: Kept,
     pub vsync: Vsync,
     /// The pictures must be drawn again.
     pub is_stale: bool,
@@ -151,6 +160,8 @@ pub struct Viewer {
     /// The view flies, by keys that are held.
     pub is_flying: bool,
     /// Width and height of the window in pixels.
+    pub window: [u32; 2],
+    /// Width and height of the picture in pixels: of the part of the window that the panels leave.
     pub size: [u32; 2],
     /// The time of the first input that no frame has answered yet.
     pub input_at: Option<Instant>,
@@ -209,6 +220,7 @@ impl Viewer {
             failure: None,
             layers: Vec::new(),
             cameras: Vec::new(),
+            camera_file: None,
             is_reading_cameras: false,
             camera: None,
             last_camera: 0,
@@ -235,10 +247,13 @@ impl Viewer {
             export: Export::default(),
             explanation: None,
             panels: Panels { are_hidden: setup.hides_panels, shows_help: false },
+            dialog: Dialog::default(),
+            kept: setup.kept.as_deref().map(Kept::read).unwrap_or_default(),
             is_stale: true,
             requests: Vec::new(),
             drag: None,
             is_flying: false,
+            window: size,
             size,
             input_at: None,
             started: Instant::now(),
@@ -248,6 +263,13 @@ impl Viewer {
         }
     }
 
+    /// Gives the picture this part of the window, at least a pixel. Both sizes are in pixels.
+    pub fn make_room(&mut self, window: [u32; 2], picture: [u32; 2]) {
+        let size = [0, 1].map(|side: usize| picture[side].clamp(1, window[side].max(1)));
+        self.is_stale |= self.size != size;
+        (self.window, self.size) = (window, size);
+    }
+
     /// The camera of the picture.
     pub fn view(&self) -> Camera {
         self.navigator.camera(self.size)
@@ -255,7 +277,7 @@ impl Viewer {
 
     /// True if the view has moved since the first view was set.
     pub fn has_moved(&self) -> bool {
-        self.first_view.as_ref().is_some_and(|first| *first != self.view())
+        self.first_view.as_ref().is_some_and(|first| first.resized(self.size) != self.view())
     }
 
     /// The options of a preset for the open scenes. Antialiasing is that of the scene, and so is the near plane where

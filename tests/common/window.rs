@@ -59,6 +59,7 @@ impl<'a> Viewer<'a> {
         let settings = tempfile::tempdir().unwrap();
         let mut command = view(arguments);
         command.arg("--events").env("DISPLAY", &desktop.name).env("XDG_CONFIG_HOME", settings.path());
+        command.env("XDG_STATE_HOME", settings.path());
         prepare(&mut command);
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
         let (sender, events) = channel();

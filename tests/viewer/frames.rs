@@ -24,6 +24,7 @@ pub(super) fn setup(scenes: &[&str]) -> Setup {
         near_is_explicit: false,
         reading: Reading::default(),
         bindings: Bindings::default(),
+        kept: None,
         vsync: smalto::gpu::Vsync::On,
         hides_panels: true,
         compares_with: None,

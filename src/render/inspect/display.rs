@@ -91,13 +91,13 @@ impl Display {
         })
     }
 
-    /// Records the conversion of two pictures of the size of `screen` into it.
+    /// Records the conversion of two pictures into the upper left corner of `screen`; the rest becomes black.
     ///
     /// # Errors
     /// If device memory runs out.
     ///
     /// # Panics
-    /// If a picture has another size than `screen`.
+    /// If the pictures have different sizes, or are larger than `screen`.
     pub fn record(
         &mut self,
         cmd: &mut Commands,
@@ -113,9 +113,9 @@ impl Display {
             cmd.fill(&self.shown, 0);
             cmd.barrier(Access::COPY_WRITE, Access::SHADER);
         }
-        for picture in [first, second] {
-            assert_eq!(picture.image.size(), size_px, "a picture has the size of the screen that shows it");
-        }
+        let picture_px = first.image.size();
+        assert_eq!(picture_px, second.image.size(), "both pictures have one size");
+        assert!(picture_px[0] <= size_px[0] && picture_px[1] <= size_px[1], "a picture fits the screen that shows it");
         let (mode, split_px, gain) = match compare {
             Compare::First => (MODE_FIRST, 0.0, 1.0),
             Compare::Second => (MODE_SECOND, 0.0, 1.0),
@@ -132,6 +132,7 @@ impl Display {
         };
         let push = ShowPush {
             size_px,
+            picture_px,
             mode,
             split_px,
             gain,

@@ -94,7 +94,7 @@ impl Viewer {
         }
         if self.layers.is_empty() {
             // The next scene is another one: it gets a view of its own, and the cameras are not its.
-            (self.cameras, self.camera, self.last_camera) = (Vec::new(), None, 0);
+            (self.cameras, self.camera_file, self.camera, self.last_camera) = (Vec::new(), None, None, 0);
             (self.has_view, self.first_view, self.nearest) = (false, None, None);
             self.options.rules.near = self.setup.options.rules.near;
             self.inspection.culled_from = None;
@@ -111,6 +111,9 @@ impl Viewer {
                 for remark in remarks {
                     (self.setup.remark)(&remark);
                     self.messages.note(remark);
+                }
+                if let Source::File(file) = &self.layers[place].source {
+                    self.kept.note(file);
                 }
                 if !self.setup.antialiased_is_explicit {
                     self.options.rules.antialiased = self.layers.iter().any(|layer| layer.is_antialiased);
@@ -147,6 +150,7 @@ impl Viewer {
                 notices.iter().for_each(|notice| self.messages.note(format!("{}: {notice}", path.display())));
                 self.events.emit(&Event::Cameras { count: cameras.len() });
                 self.cameras = cameras;
+                self.camera_file = std::path::absolute(path).ok();
                 self.options.rules.near = self.setup.options.rules.near;
                 self.nearest = None;
                 self.go_to_camera(0, true);

@@ -93,7 +93,7 @@ fn export(viewer: &mut Viewer, ui: &mut Ui) {
     let export = &mut viewer.export;
     ui.horizontal(|ui| {
         let mut is_own = export.size.is_some();
-        if ui.checkbox(&mut is_own, "other size than the window").changed() {
+        if ui.checkbox(&mut is_own, "other size than shown").changed() {
             export.size = is_own.then_some(window);
         }
         if let Some([width, height]) = &mut export.size {

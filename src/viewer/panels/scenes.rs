@@ -3,17 +3,16 @@
 use std::path::PathBuf;
 
 use egui::{DragValue, Ui};
+use indicatif::HumanCount as count;
 
 use super::super::comparison::CompareTarget;
+use super::super::keys::Action;
 use super::super::layers::Layer;
 use super::super::screen::Pair;
 use super::super::state::Viewer;
 use crate::render::{Path, Residency};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
-    if viewer.layers.is_empty() {
-        ui.label("Drop a scene on the window, or name a file:");
-    }
     let has_second = matches!(viewer.comparison.target, CompareTarget::Options(_));
     let mut closed = None;
     for layer in &mut viewer.layers {
@@ -30,11 +29,16 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         let id = ui.id().with("open");
         let mut path = ui.data(|data| data.get_temp::<String>(id)).unwrap_or_default();
         let field =
-            ui.add(egui::TextEdit::singleline(&mut path).hint_text("file or cactus:100000").desired_width(190.0));
+            ui.add(egui::TextEdit::singleline(&mut path).hint_text("file or cactus:100000").desired_width(170.0));
         let entered = field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
-        if (ui.button("Open").clicked() || entered) && !path.is_empty() {
+        if entered && !path.is_empty() {
             viewer.drop_file(&PathBuf::from(std::mem::take(&mut path)));
         }
+        let key = viewer.setup.bindings.text(Action::OpenFile);
+        if ui.button("Open...").on_hover_text(format!("Choose files ({key})")).clicked() {
+            viewer.dialog.ask();
+        }
+        recent(viewer, ui);
         ui.data_mut(|data| data.insert_temp(id, path));
     });
     if let Some(first) = &pair.first {
@@ -46,22 +50,45 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         };
         ui.label(format!(
             "{} Gaussians, {} visible\n{} {listed}, longest list {}\ndrawn on the {} path",
-            first.statistics.count, totals.visible, totals.listed_kept, totals.longest_list, first.path
+            count(first.statistics.count as u64),
+            count(totals.visible.into()),
+            count(totals.listed_kept.into()),
+            count(totals.longest_list.into()),
+            first.path
         ));
         if let Some(Residency { missing, coming, there, fitting, .. }) = first.residency() {
             ui.label(format!(
-                "{there} of {fitting} pages in memory, {coming} coming\n{missing} pages drawn coarser than asked for"
+                "{} of {} pages in memory, {coming} coming\n{} pages drawn coarser than asked for",
+                count(there as u64),
+                count(fitting as u64),
+                count(missing.into())
             ));
         }
         if let Some(notice) = first.renderer.notice() {
             ui.label(notice);
         }
     }
-    if viewer.building.contains(&true) {
-        ui.horizontal(|ui| {
-            ui.spinner();
-            ui.label("building");
-        });
+}
+
+/// A menu of the files that were opened lately.
+fn recent(viewer: &mut Viewer, ui: &mut Ui) {
+    if viewer.kept.recent.is_empty() {
+        return;
+    }
+    let mut chosen = None;
+    ui.menu_button("⏷", |ui| {
+        for file in &viewer.kept.recent {
+            let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy();
+            if ui.button(name).on_hover_text(file.display().to_string()).clicked() {
+                chosen = Some(file.clone());
+                ui.close();
+            }
+        }
+    })
+    .response
+    .on_hover_text("Opened lately");
+    if let Some(file) = chosen {
+        viewer.drop_file(&file);
     }
 }
 
@@ -80,20 +107,20 @@ fn show_layer(layer: &mut Layer, has_second: bool, ui: &mut Ui) -> bool {
         ui.add(egui::ProgressBar::new(fraction as f32).show_percentage());
         return is_closed;
     }
-    ui.collapsing("placement", |ui| {
+    ui.collapsing("Placement", |ui| {
         let place = &mut layer.place;
         egui::Grid::new("place").show(ui, |ui| {
-            ui.label("moved by");
+            ui.label("Position x y z");
             for value in &mut place.translation {
                 ui.add(DragValue::new(value).speed(0.01));
             }
             ui.end_row();
-            ui.label("rotated by, degrees");
+            ui.label("Rotation x y z, °").on_hover_text("around y, then x, then z");
             for value in &mut place.rotation {
                 ui.add(DragValue::new(value).speed(0.5));
             }
             ui.end_row();
-            ui.label("scaled by");
+            ui.label("Scale");
             ui.add(DragValue::new(&mut place.scale).speed(0.01).range(1e-6..=1e6));
             ui.end_row();
         });

@@ -1,0 +1,153 @@
+//! The command line that does what the window shows.
+
+use std::path::Path;
+
+use crate::options::{Group, KNOBS, Knob, Options};
+use crate::rules::Background;
+use crate::viewer::comparison::{CompareTarget, Comparison};
+use crate::viewer::events::Event;
+use crate::viewer::layers::{Layer, Place, Source};
+use crate::viewer::state::{Request, Viewer, WindowRequest};
+
+/// A command that can draw what the window shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Program {
+    Render,
+    Bench,
+    View,
+}
+
+impl Program {
+    pub const ALL: [(Self, &str); 3] = [(Self::Render, "render"), (Self::Bench, "bench"), (Self::View, "view")];
+}
+
+impl Viewer {
+    /// The command line of what is shown: scenes, view, options. The second value says what no option can say.
+    pub fn command_line(&self, program: Program) -> (String, Vec<String>) {
+        let mut left_out = Vec::new();
+        let (_, name) = Program::ALL.iter().find(|(known, _)| *known == program).expect("every program is listed");
+        let mut words = vec!["smalto".to_owned(), (*name).to_owned()];
+        let shown: Vec<&Layer> = self.layers.iter().filter(|layer| layer.is_shown[0]).collect();
+        let most = if program == Program::View { shown.len() } else { 1 };
+        words.extend(shown.iter().take(most).map(|layer| layer.source.argument()));
+        if shown.len() > most {
+            left_out.push(format!("only the first of {} scenes is drawn", shown.len()));
+        }
+        if shown.iter().any(|layer| layer.place != Place::default()) {
+            left_out.push("the placement of scenes".to_owned());
+        }
+        words.extend(self.option_words());
+        if program == Program::View {
+            words.extend(self.view_words());
+        } else {
+            words.extend(self.camera_words(&mut left_out));
+            let [width, height] = self.size;
+            words.extend(["--size".to_owned(), format!("{width}x{height}")]);
+        }
+        match self.background {
+            Background::Colour([r, g, b]) if [r, g, b] != [0.0; 3] && program == Program::Render => {
+                words.extend(["--background".to_owned(), format!("{r},{g},{b}")]);
+            }
+            Background::Colour(colour) if colour != [0.0; 3] => left_out.push("the background".to_owned()),
+            _ => {}
+        }
+        if program == Program::Render {
+            words.extend(["-o".to_owned(), "view.png".to_owned()]);
+        }
+        let line = shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "));
+        (line, left_out)
+    }
+
+    /// The preset that is nearest to the options, and the knobs that differ from it.
+    fn option_words(&self) -> Vec<String> {
+        // Antialiasing and the near plane are those of the scene unless they are said, so they always are.
+        let said = |name: &str| ["near", "antialiased"].contains(&name);
+        let has_levels = self.is_in_pages();
+        let is_said_by_need = |knob: &&Knob| {
+            let is_of_levels = knob.name.starts_with("lod-") || knob.name == "splats";
+            knob.group != Group::Path && !said(knob.name) && (has_levels || !is_of_levels)
+        };
+        let differing = |preset: &Options| {
+            let differs = |knob: &&Knob| (knob.get)(preset) != (knob.get)(&self.options);
+            KNOBS.iter().filter(is_said_by_need).filter(differs).collect::<Vec<_>>()
+        };
+        let (preset, knobs) = Options::PRESETS
+            .iter()
+            .filter(|(_, preset)| preset.portable == self.options.portable)
+            .map(|(name, preset)| (*name, differing(preset)))
+            .min_by_key(|(_, knobs)| knobs.len())
+            .expect("there are presets of both paths");
+        let mut words = vec!["--preset".to_owned(), preset.to_owned()];
+        for knob in KNOBS.iter().filter(|knob| said(knob.name)).chain(knobs) {
+            words.extend([format!("--{}", knob.name), (knob.get)(&self.options).to_string()]);
+        }
+        words
+    }
+
+    /// The camera of the file that the view is at, or the view as a point, a target and a direction.
+    fn camera_words(&self, left_out: &mut Vec<String>) -> Vec<String> {
+        if let (Some(index), Some(file)) = (self.camera, &self.camera_file) {
+            let file = file.display().to_string();
+            return ["--cameras".to_owned(), file, "--camera".to_owned(), index.to_string()].into();
+        }
+        let view = self.view();
+        let centre = view.centre_px - glam::DVec2::from(view.size_px.map(|side| f64::from(side) / 2.0));
+        if centre.abs().max_element() > 1e-6 || view.focal_px.x != view.focal_px.y {
+            left_out.push("the principal point or the shape of the pixels".to_owned());
+        }
+        let point = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
+        // As far away as the scene, so that its digits say the direction.
+        let target = view.position + view.forward() * view.position.distance(self.navigator.pivot()).max(1e-6);
+        let up = -view.rotation.row(1);
+        let fov = self.navigator.field_of_view();
+        ["--eye".to_owned(), point(view.position), "--target".to_owned(), point(target)]
+            .into_iter()
+            .chain(["--camera-up".to_owned(), point(up), "--fov".to_owned(), fov.to_string()])
+            .collect()
+    }
+
+    /// What the window compares and looks at.
+    fn view_words(&self) -> Vec<String> {
+        let mut words = Vec::new();
+        let mut add = |flag: &str, value: &str| words.extend([flag.to_owned(), value.to_owned()]);
+        if let Some(file) = &self.camera_file {
+            add("--cameras", &file.display().to_string());
+        }
+        if self.inspection.mode != 0 {
+            add("--look", self.inspection.view_mode().name);
+        }
+        let Comparison { target, .. } = &self.comparison;
+        match target {
+            CompareTarget::Options(Some(options)) => {
+                let known = Options::PRESETS.iter().find(|(_, preset)| preset == options);
+                known.into_iter().for_each(|(name, _)| add("--compare", name));
+            }
+            CompareTarget::Reference => add("--compare", "reference"),
+            _ => {}
+        }
+        words
+    }
+
+    /// Copies the command line, and says what it leaves out.
+    pub fn copy_command(&mut self, program: Program) {
+        if self.layers.is_empty() {
+            return self.messages.note("there is no scene that a command could draw");
+        }
+        let (line, left_out) = self.command_line(program);
+        self.events.emit(&Event::CopiedCommand { command: line.clone() });
+        self.requests.push(Request::Window(WindowRequest::Copy(line)));
+        let not = if left_out.is_empty() { String::new() } else { format!(", without {}", left_out.join(" and ")) };
+        self.messages.note(format!("the command line is copied{not}"));
+    }
+}
+
+impl Source {
+    /// The scene as an argument of a command.
+    fn argument(&self) -> String {
+        let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string();
+        match self {
+            Self::File(path) => absolute(path),
+            Self::Procedural(procedural) => procedural.argument(),
+        }
+    }
+}
