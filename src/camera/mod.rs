@@ -57,6 +57,12 @@ impl Camera {
         Self { focal_px: DVec2::splat(focal), centre_px: centre(size_px) + aside * focal, size_px, ..self.clone() }
     }
 
+    /// The point in world units that is seen at a place in pixels, at this view z.
+    pub fn unprojected(&self, place_px: DVec2, depth: f64) -> DVec3 {
+        let point_view = ((place_px - self.centre_px) / self.focal_px).extend(1.0) * depth;
+        self.position + self.rotation.transpose() * point_view
+    }
+
     /// The same view with another number of pixels: the borders of the image see what they saw.
     pub fn sampled(&self, size_px: [u32; 2]) -> Self {
         let ratio = DVec2::from(size_px.map(f64::from)) / DVec2::from(self.size_px.map(f64::from));

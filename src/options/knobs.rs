@@ -309,6 +309,11 @@ fn storage_effect(value: Value, has_bytes: bool) -> Effect {
 }
 
 impl Knob {
+    /// True if it changes only pictures of files with levels of detail.
+    pub fn is_of_levels(&self) -> bool {
+        self.name.starts_with("lod-") || self.name == "splats"
+    }
+
     /// The knob with this name.
     pub fn named(name: &str) -> Option<&'static Self> {
         KNOBS.iter().find(|knob| knob.name == name)

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::held::{Held, are_same};
+use super::still::{Apart, Area};
 use crate::camera::Camera;
 use crate::options::Options;
 use crate::pixels::Pixels;
@@ -55,6 +56,14 @@ pub struct Comparison {
     pub is_drawing: bool,
     /// `picture` must be resampled to the size of the window.
     pub is_stale: bool,
+    /// `picture` in the size of the window.
+    pub fitted: Option<Arc<Pixels>>,
+    /// How far the two pictures were apart when they were compared last.
+    pub apart: Option<Apart>,
+    /// They are being compared.
+    pub is_measuring: bool,
+    /// The part of the picture to compare.
+    pub area: Option<Area>,
 }
 
 /// All that a picture depends on, but for the number formats and the knobs that trade accuracy.
@@ -101,6 +110,10 @@ impl Default for Comparison {
             drawn_of: None,
             is_drawing: false,
             is_stale: false,
+            fitted: None,
+            apart: None,
+            is_measuring: false,
+            area: None,
         }
     }
 }

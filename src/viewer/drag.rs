@@ -11,6 +11,13 @@ pub struct Drag {
     pub at: Pos2,
 }
 
+impl Drag {
+    /// True if it moves the camera.
+    pub fn moves_view(self) -> bool {
+        matches!(self.motion, Motion::Orbit | Motion::Pan | Motion::Look)
+    }
+}
+
 /// What a drag moves.
 #[derive(Clone, Copy)]
 pub enum Motion {
@@ -19,4 +26,6 @@ pub enum Motion {
     Look,
     /// The line between two pictures.
     Split,
+    /// The part of the picture to compare, from this pixel on.
+    Area([u32; 2]),
 }

@@ -1,6 +1,6 @@
 //! Mouse, keys and dropped files.
 
-use egui::{Event as Input, Key, Order, PointerButton, Pos2, Rect, Sense, Ui};
+use egui::{Event as Input, Key, Modifiers, Order, PointerButton, Pos2, Rect, Sense, Ui};
 use glam::{DVec2, DVec3};
 
 use super::actions::Program;
@@ -8,6 +8,7 @@ use super::comparison::{CompareMode, CompareTarget, Comparison};
 use super::drag::{Drag, Motion};
 use super::keys::{Action, Chord};
 use super::state::{Request, Viewer, WindowRequest};
+use super::still::area_between;
 
 /// The factor by which the fast key speeds flying up, and the slow key slows it down.
 const FAST: f64 = 5.0;
@@ -117,6 +118,8 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     if ui.input(|input| input.key_pressed(Key::Escape)) {
         viewer.panels.shows_help = false;
         viewer.messages.close_errors();
+        viewer.comparison.area = None;
+        viewer.marks.clear();
         viewer.explanation = None;
         viewer.inspection.isolated = None;
     }
@@ -141,6 +144,11 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
         && let Some(pixel) = pixel_under_cursor(viewer, ui)
     {
         viewer.requests.push(Request::Pick(pixel));
+    }
+    if pressed(viewer, ui, Action::Mark)
+        && let Some(pixel) = pixel_under_cursor(viewer, ui)
+    {
+        viewer.requests.push(Request::Mark(pixel));
     }
     if pressed(viewer, ui, Action::AddKey) {
         viewer.add_key();
@@ -187,7 +195,7 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
     for event in ui.input(|input| input.events.clone()) {
         match event {
             Input::PointerButton { pos, button, pressed: true, modifiers } if viewer.drag.is_none() => {
-                viewer.drag = drag_at(viewer, ui, (rect, pos), button, modifiers.shift);
+                viewer.drag = drag_at(viewer, ui, (rect, pos), button, modifiers);
             }
             Input::PointerMoved(pos) => follow(viewer, ui, pos),
             Input::PointerButton { pos, button, pressed: false, .. }
@@ -200,6 +208,7 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
             _ => {}
         }
     }
+    viewer.cursor = response.hovered().then(|| pixel_under_cursor(viewer, ui)).flatten();
     if response.hovered() {
         if response.hover_pos().is_some_and(|pos| is_at_split(viewer, ui, pos)) {
             ui.ctx().set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
@@ -223,7 +232,7 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
 }
 
 /// The drag that a press begins, if it is one of the picture: not of a window over it, nor of the edge of the panel.
-fn drag_at(viewer: &Viewer, ui: &Ui, (rect, pos): (Rect, Pos2), button: PointerButton, shift: bool) -> Option<Drag> {
+fn drag_at(viewer: &Viewer, ui: &Ui, (rect, pos): (Rect, Pos2), button: PointerButton, held: Modifiers) -> Option<Drag> {
     let edge = ui.style().interaction.resize_grab_radius_side;
     let is_under = ui.ctx().layer_id_at(pos).is_some_and(|layer| layer.order != Order::Background);
     if is_under || !rect.contains(pos) || !viewer.panels.are_hidden && pos.x > rect.right() - edge {
@@ -231,7 +240,10 @@ fn drag_at(viewer: &Viewer, ui: &Ui, (rect, pos): (Rect, Pos2), button: PointerB
     }
     let motion = match button {
         PointerButton::Primary if is_at_split(viewer, ui, pos) => Motion::Split,
-        PointerButton::Primary if shift => Motion::Pan,
+        PointerButton::Primary if held.shift => Motion::Pan,
+        PointerButton::Primary if held.command && viewer.comparison.target != CompareTarget::Nothing => {
+            Motion::Area(pixel_at(viewer, ui, pos)?)
+        }
         PointerButton::Primary => Motion::Orbit,
         PointerButton::Middle => Motion::Pan,
         PointerButton::Secondary => Motion::Look,
@@ -255,6 +267,10 @@ fn follow(viewer: &mut Viewer, ui: &Ui, pos: Pos2) {
         Motion::Pan => viewer.navigator.pan(moved, size),
         Motion::Look => viewer.navigator.look(moved, size),
         Motion::Split => viewer.comparison.split = (pos.x * points / size[0] as f32).clamp(0.0, 1.0),
+        Motion::Area(from) => {
+            let to = [pos.x, pos.y].map(|place| (place * points).max(0.0) as u32);
+            viewer.comparison.area = area_between(from, to, size);
+        }
     }
 }
 
@@ -267,7 +283,12 @@ fn is_at_split(viewer: &Viewer, ui: &Ui, pos: Pos2) -> bool {
 
 /// The pixel of the picture under the cursor; `None` if the cursor is outside the window.
 fn pixel_under_cursor(viewer: &Viewer, ui: &Ui) -> Option<[u32; 2]> {
-    let at = ui.input(|input| input.pointer.latest_pos())? * ui.ctx().pixels_per_point();
+    pixel_at(viewer, ui, ui.input(|input| input.pointer.latest_pos())?)
+}
+
+/// The pixel of the picture at a place in points; `None` beside the picture.
+fn pixel_at(viewer: &Viewer, ui: &Ui, pos: Pos2) -> Option<[u32; 2]> {
+    let at = pos * ui.ctx().pixels_per_point();
     let is_inside = at.x >= 0.0 && at.y >= 0.0 && at.x < viewer.size[0] as f32 && at.y < viewer.size[1] as f32;
     is_inside.then_some([at.x as u32, at.y as u32])
 }

@@ -52,6 +52,13 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
                 }
             }
         }
+        JobEvent::Compared(apart) => {
+            viewer.comparison.is_measuring = false;
+            match apart {
+                Ok(apart) => viewer.comparison.apart = Some(apart),
+                Err(problem) => viewer.messages.error(format!("cannot compare: {problem:#}")),
+            }
+        }
         JobEvent::Measuring(fraction) => {
             if let Some(measurement) = &mut viewer.measurement {
                 measurement.fraction = fraction;
@@ -195,8 +202,10 @@ pub fn fit_picture(viewer: &mut Viewer, pair: &mut Pair, device: &Device) -> Res
     if let Some((name, pixels)) = &comparison.picture
         && (!has_size || comparison.is_stale)
     {
-        let pixels = fitted(pixels, size, viewer.background);
+        let pixels = Arc::new(fitted(pixels, size, viewer.background));
         pair.second = Some(Second::Image(upload_pixels(device, name, &pixels)?));
+        comparison.fitted = Some(pixels);
+        viewer.still = None;
         comparison.is_stale = false;
     }
     Ok(())

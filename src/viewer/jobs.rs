@@ -11,6 +11,7 @@ use anyhow::{Result, anyhow};
 use super::held::Opened;
 use super::measuring::Costs;
 use super::pictures::{Drawn, Side};
+use super::still::Apart;
 use crate::camera::CameraFile;
 use crate::options::Options;
 use crate::pixels::Pixels;
@@ -29,6 +30,8 @@ pub enum JobEvent {
     Built(Side, Result<Box<Drawn>>),
     /// Name and pixels of a photograph or of the reference.
     Picture(String, Result<Pixels>),
+    /// How far two pictures are apart.
+    Compared(Result<Apart>),
     /// The fraction of a measurement that is done, 0 to 1.
     Measuring(f64),
     Measured(Result<Costs>),

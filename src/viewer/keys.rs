@@ -37,6 +37,7 @@ pub enum Action {
     FreezeCulling,
     Flicker,
     Pick,
+    Mark,
     AddKey,
     Play,
     NextLook,
@@ -46,7 +47,7 @@ pub enum Action {
 }
 
 /// Every action: its name in the file, its default key and what it does.
-pub const ACTIONS: [(Action, &str, &str, &str); 32] = [
+pub const ACTIONS: [(Action, &str, &str, &str); 33] = [
     (Action::Forward, "forward", "W", "fly ahead"),
     (Action::Back, "back", "S", "fly back"),
     (Action::Left, "left", "A", "fly left"),
@@ -73,6 +74,7 @@ pub const ACTIONS: [(Action, &str, &str, &str); 32] = [
     (Action::FreezeCulling, "freeze-culling", "K", "freeze culling at this view, or stop that"),
     (Action::Flicker, "flicker", "Space", "while held: the other picture of a comparison"),
     (Action::Pick, "explain", "X", "explain the pixel under the cursor"),
+    (Action::Mark, "mark", "M", "mark the point under the cursor: its place, and its distance from the mark before"),
     (Action::AddKey, "add-key", "I", "add the view to the path"),
     (Action::Play, "play", "O", "play or stop the path"),
     (Action::NextLook, "next-look", "L", "next view mode"),

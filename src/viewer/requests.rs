@@ -1,5 +1,7 @@
 //! Requests of panels and keys that need the device.
 
+use std::sync::Arc;
+
 use anyhow::Result;
 
 use super::events::Event;
@@ -7,6 +9,7 @@ use super::pictures::{Drawn, Reusable, Side, needs_whole};
 use super::screen::{Arrangement, Pair, Screen, Second};
 use super::session::Session;
 use super::state::{ExplainedPixel, Request, WindowRequest};
+use super::still::Still;
 use crate::render::{Attribute, Compare, Inspection, Quantity};
 
 impl Session {
@@ -27,6 +30,12 @@ impl Session {
                     let depth = drawn.renderer.depth_at(pixel)?;
                     self.viewer.focus(pixel, depth);
                 }
+                Request::Mark(pixel) => {
+                    let Some((_, drawn)) = self.drawn_at(pixel) else { continue };
+                    let depth = drawn.renderer.depth_at(pixel)?;
+                    self.viewer.mark(pixel, depth);
+                }
+                Request::FitRange => self.viewer.fit_range(),
                 Request::WritePicture => self.write_picture()?,
                 Request::WriteFilm => self.viewer.write_film(self.screen.device(), reusable(&self.pair)),
                 Request::Measure | Request::Choose => {
@@ -44,6 +53,28 @@ impl Session {
             }
         }
         Ok(for_window)
+    }
+
+    /// Reads the pictures back if they stand still and somebody asks for their values, and compares them.
+    pub(super) fn take_still(&mut self) -> Result<()> {
+        let viewer = &mut self.viewer;
+        let stands = !viewer.is_stale && !viewer.moves() && viewer.building == [false; 2] && !self.screen.is_drawing();
+        if !stands || !viewer.wants_still() {
+            return Ok(());
+        }
+        let Some(first) = &self.pair.first else { return Ok(()) };
+        if viewer.still.is_none() {
+            viewer.stills += 1;
+            let second = match &self.pair.second {
+                Some(Second::Drawn(drawn)) => Some(Arc::new(drawn.renderer.pixels()?)),
+                Some(Second::Image(_)) => viewer.comparison.fitted.clone(),
+                None => None,
+            };
+            let first = Arc::new(first.renderer.pixels()?);
+            viewer.still = Some(Still { number: viewer.stills, first, second });
+        }
+        viewer.compare_stills();
+        Ok(())
     }
 
     /// Writes the picture: as `smalto render` does if the window shows its colours alone, otherwise what the window

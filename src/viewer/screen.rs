@@ -210,6 +210,11 @@ impl Screen {
         !self.frames.is_empty() || self.drawing.is_some()
     }
 
+    /// True while pictures are drawn that nobody knows yet to be complete.
+    pub fn is_drawing(&self) -> bool {
+        self.drawing.is_some() || self.frames.iter().any(|frame| frame.drawing.is_some())
+    }
+
     /// The frames that finished since the last call. With `wait`, waits for all that are in flight.
     pub fn retire(&mut self, pair: &mut Pair, wait: bool) -> Result<Vec<RetiredFrame>> {
         while self.frames.front().is_some_and(|frame| wait || frame.show.is_done()) {

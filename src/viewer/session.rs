@@ -127,6 +127,8 @@ impl Session {
             && is_read
             && is_built
             && !viewer.comparison.is_drawing
+            && !viewer.comparison.is_measuring
+            && !(viewer.wants_still() && viewer.still.is_none() && self.pair.first.is_some())
             && self.residency().is_none_or(|residency| residency.is_settled())
             && !viewer.building.contains(&true)
             && !viewer.is_stale
@@ -211,6 +213,7 @@ impl Session {
         if shown == Shown::Yes {
             self.record_shown(now, draws);
             self.report_residency();
+            self.take_still()?;
         }
         let repaint_delay = self.repaint_delay();
         self.previous = Some((now, draws && repaint_delay <= layout_lifetime));
@@ -276,6 +279,7 @@ impl Session {
             }
         }
         self.screen.draw(&mut self.pair, &camera, background)?;
+        self.viewer.still = None;
         self.viewer.is_stale = false;
         self.viewer.pace.drawn += u64::from(self.pair.first.is_some());
         if let Some(at) = self.viewer.input_at.take() {

@@ -21,6 +21,7 @@ use super::measuring::Costs;
 use super::messages::Messages;
 use super::pictures::{Plan, Side};
 use super::rate::Rate;
+use super::still::Still;
 use super::undo::Undo;
 use super::view_modes::InspectionSettings;
 use crate::camera::{Camera, NamedCamera, Navigator};
@@ -79,6 +80,10 @@ pub enum Request {
     Pick([u32; 2]),
     /// Turn around what this pixel shows.
     Focus([u32; 2]),
+    /// Mark what this pixel shows, and measure the distance from the mark before.
+    Mark([u32; 2]),
+    /// Fit the scale of the look to the values of the picture.
+    FitRange,
     WritePicture,
     WriteFilm,
     /// Measure what the knobs cost.
@@ -126,6 +131,14 @@ pub struct Viewer {
     pub shaders: Option<SystemTime>,
     pub comparison: Comparison,
     pub inspection: InspectionSettings,
+    /// The pictures, read back, while they stand still and somebody asks for their values.
+    pub still: Option<Still>,
+    /// Number of pictures that were read back.
+    pub stills: u64,
+    /// The pixel under the cursor, if that is over the picture.
+    pub cursor: Option<[u32; 2]>,
+    /// Points that were marked last, world units: at most two.
+    pub marks: Vec<DVec3>,
     /// By side: a build is under way.
     pub building: [bool; 2],
     /// By side: the plan that could not be built, so that it is not tried again every frame.
@@ -232,6 +245,10 @@ impl Viewer {
             shaders: None,
             comparison: Comparison { mode: setup.compare_mode, ..Comparison::default() },
             inspection: InspectionSettings { mode: setup.view_mode, ..InspectionSettings::default() },
+            still: None,
+            stills: 0,
+            cursor: None,
+            marks: Vec::new(),
             building: [false; 2],
             refused: [None, None],
             shader_errors: [None, None],

@@ -8,6 +8,10 @@ use crate::render::{Attribute, Inspection, Look, Quantity, Scale, Work};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewMode {
     pub name: &'static str,
+    /// As the window writes it.
+    pub title: &'static str,
+    /// What its numbers mean; empty without numbers.
+    pub unit: &'static str,
     pub look: Look,
     pub numbers: Numbers,
 }
@@ -28,32 +32,36 @@ pub enum Numbers {
 
 /// All view modes.
 pub const VIEW_MODES: [ViewMode; 18] = [
-    ViewMode { name: "colour", look: Look::Colour, numbers: Numbers::None },
-    ViewMode { name: "tile-load", look: Look::Work(Work::TileLoad), numbers: Numbers::Counts },
-    ViewMode { name: "evaluations", look: Look::Work(Work::Evaluations), numbers: Numbers::Counts },
-    ViewMode { name: "contributions", look: Look::Work(Work::Contributions), numbers: Numbers::Counts },
-    ViewMode { name: "transmittance-left", look: Look::Colour, numbers: Numbers::Transmittance },
-    ViewMode { name: "alpha", look: Look::Colour, numbers: Numbers::Coverage },
-    ViewMode { name: "depth", look: Look::Attribute(Attribute::Depth), numbers: Numbers::Mean([0.0, 10.0]) },
-    ViewMode { name: "normals", look: Look::Attribute(Attribute::Normal), numbers: Numbers::None },
-    ViewMode { name: "splat-centres", look: Look::Work(Work::Centres), numbers: Numbers::None },
-    ViewMode { name: "ellipse-outlines", look: Look::Work(Work::Outlines), numbers: Numbers::None },
-    ViewMode { name: "opacity", look: Look::Attribute(Attribute::Opacity), numbers: Numbers::Mean([0.0, 1.0]) },
-    ViewMode { name: "size-log2", look: Look::Attribute(Attribute::Size), numbers: Numbers::Mean([-12.0, 0.0]) },
+    ViewMode { name: "colour", title: "Colour", unit: "colour values from 0 to 1", look: Look::Colour, numbers: Numbers::None },
+    ViewMode { name: "tile-load", title: "Tile load", unit: "splats listed for the tile", look: Look::Work(Work::TileLoad), numbers: Numbers::Counts },
+    ViewMode { name: "evaluations", title: "Evaluations", unit: "splats evaluated", look: Look::Work(Work::Evaluations), numbers: Numbers::Counts },
+    ViewMode { name: "contributions", title: "Contributions", unit: "splats blended", look: Look::Work(Work::Contributions), numbers: Numbers::Counts },
+    ViewMode { name: "transmittance-left", title: "Transmittance left", unit: "fraction of light from behind", look: Look::Colour, numbers: Numbers::Transmittance },
+    ViewMode { name: "alpha", title: "Alpha", unit: "coverage, 0 to 1", look: Look::Colour, numbers: Numbers::Coverage },
+    ViewMode { name: "depth", title: "Depth", unit: "world units along the view", look: Look::Attribute(Attribute::Depth), numbers: Numbers::Mean([0.0, 10.0]) },
+    ViewMode { name: "normals", title: "Normals", unit: "", look: Look::Attribute(Attribute::Normal), numbers: Numbers::None },
+    ViewMode { name: "splat-centres", title: "Splat centres", unit: "", look: Look::Work(Work::Centres), numbers: Numbers::None },
+    ViewMode { name: "ellipse-outlines", title: "Ellipse outlines", unit: "", look: Look::Work(Work::Outlines), numbers: Numbers::None },
+    ViewMode { name: "opacity", title: "Opacity", unit: "0 to 1", look: Look::Attribute(Attribute::Opacity), numbers: Numbers::Mean([0.0, 1.0]) },
+    ViewMode { name: "size-log2", title: "Size", unit: "log2 of world units", look: Look::Attribute(Attribute::Size), numbers: Numbers::Mean([-12.0, 0.0]) },
     ViewMode {
         name: "anisotropy-log2",
+        title: "Anisotropy",
+        unit: "log2 of the longest to the shortest axis",
         look: Look::Attribute(Attribute::Anisotropy),
         numbers: Numbers::Mean([0.0, 8.0]),
     },
-    ViewMode { name: "base-colour", look: Look::Attribute(Attribute::BaseColour), numbers: Numbers::None },
-    ViewMode { name: "identity", look: Look::Attribute(Attribute::Identity), numbers: Numbers::None },
-    ViewMode { name: "level", look: Look::Attribute(Attribute::Level), numbers: Numbers::Mean([0.0, 12.0]) },
+    ViewMode { name: "base-colour", title: "Base colour", unit: "", look: Look::Attribute(Attribute::BaseColour), numbers: Numbers::None },
+    ViewMode { name: "identity", title: "Identity", unit: "", look: Look::Attribute(Attribute::Identity), numbers: Numbers::None },
+    ViewMode { name: "level", title: "Level", unit: "halvings of the scene", look: Look::Attribute(Attribute::Level), numbers: Numbers::Mean([0.0, 12.0]) },
     ViewMode {
         name: "predicted-error-log2",
+        title: "Predicted error",
+        unit: "log2 of steps of 1/255",
         look: Look::Attribute(Attribute::PredictedError),
         numbers: Numbers::Mean([-4.0, 6.0]),
     },
-    ViewMode { name: "missing-levels", look: Look::Attribute(Attribute::Lag), numbers: Numbers::Mean([0.0, 6.0]) },
+    ViewMode { name: "missing-levels", title: "Missing levels", unit: "halvings coarser than asked for", look: Look::Attribute(Attribute::Lag), numbers: Numbers::Mean([0.0, 6.0]) },
 ];
 
 impl ViewMode {

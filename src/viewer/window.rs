@@ -221,12 +221,7 @@ impl ApplicationHandler<Wake> for App {
         if let Some(open) = &mut self.window {
             // Wait for the frames in flight; a device lost now does not matter.
             let _ = open.session.retire_frames(true);
-            let viewer = &open.session.viewer;
-            if let Some(file) = &viewer.setup.kept
-                && let Err(problem) = viewer.kept.write(file)
-            {
-                (viewer.setup.remark)(&format!("note: {}: {problem:#}", file.display()));
-            }
+            open.session.viewer.keep();
             open.session.viewer.events.emit(&open.session.closing());
         }
     }

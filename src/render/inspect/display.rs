@@ -39,6 +39,19 @@ pub struct Scale {
     pub is_logarithmic: bool,
 }
 
+impl Quantity {
+    /// The number that a pixel shows, as `show.comp` computes it; `None` for a colour, or where nothing is shown.
+    pub fn value(self, [red, _, _, alpha]: [f32; 4]) -> Option<f32> {
+        match self {
+            Self::Colour => None,
+            Self::Number(_) => Some(red),
+            Self::Mean(_) => (alpha > 0.0).then(|| red / alpha),
+            Self::Coverage => Some(alpha),
+            Self::Transmittance => Some(1.0 - alpha),
+        }
+    }
+}
+
 /// Converts pictures to 8 bits for a window, with the rounding of files. The shown pixels stay while a frame is
 /// incomplete.
 pub struct Display {

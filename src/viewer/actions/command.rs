@@ -64,8 +64,7 @@ impl Viewer {
         let said = |name: &str| ["near", "antialiased"].contains(&name);
         let has_levels = self.is_in_pages();
         let is_said_by_need = |knob: &&Knob| {
-            let is_of_levels = knob.name.starts_with("lod-") || knob.name == "splats";
-            knob.group != Group::Path && !said(knob.name) && (has_levels || !is_of_levels)
+            knob.group != Group::Path && !said(knob.name) && (has_levels || !knob.is_of_levels())
         };
         let differing = |preset: &Options| {
             let differs = |knob: &&Knob| (knob.get)(preset) != (knob.get)(&self.options);

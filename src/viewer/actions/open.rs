@@ -85,6 +85,15 @@ impl Viewer {
         }
     }
 
+    /// Writes what the next window begins with.
+    pub fn keep(&self) {
+        if let Some(file) = &self.setup.kept
+            && let Err(problem) = self.kept.write(file)
+        {
+            (self.setup.remark)(&format!("note: {}: {problem:#}", file.display()));
+        }
+    }
+
     /// Closes a scene.
     pub fn close(&mut self, number: u64) {
         let Some(place) = self.layers.iter().position(|layer| layer.number == number) else { return };
@@ -114,6 +123,7 @@ impl Viewer {
                 }
                 if let Source::File(file) = &self.layers[place].source {
                     self.kept.note(file);
+                    self.keep();
                 }
                 if !self.setup.antialiased_is_explicit {
                     self.options.rules.antialiased = self.layers.iter().any(|layer| layer.is_antialiased);

@@ -115,9 +115,7 @@ impl Viewer {
     /// Moves the pivot to what a pixel shows; `depth` is its view z in world units, `None` where nothing is drawn.
     pub fn focus(&mut self, pixel: [u32; 2], depth: Option<f32>) {
         let Some(depth) = depth else { return self.messages.note("there is nothing at this pixel") };
-        let view = self.view();
-        let place = DVec2::from(pixel.map(f64::from)) + 0.5 - view.centre_px;
-        let point_view = (place / view.focal_px).extend(1.0) * f64::from(depth);
-        self.navigator.focus(view.position + view.rotation.transpose() * point_view);
+        let point = self.view().unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, f64::from(depth));
+        self.navigator.focus(point);
     }
 }

@@ -5,6 +5,7 @@ use egui::{DragValue, Slider, Ui};
 use super::super::comparison::{CompareMode, CompareTarget};
 use super::super::keys::Action;
 use super::super::state::Viewer;
+use super::super::still::Apart;
 use crate::options::Options;
 use crate::rules::Rules;
 
@@ -55,6 +56,52 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             ui.add(Slider::new(&mut comparison.gain, 1.0..=1000.0).logarithmic(true).text("amplification"));
         }
     }
+    numbers(viewer, ui);
+}
+
+/// How far the pictures are apart.
+fn numbers(viewer: &mut Viewer, ui: &mut Ui) {
+    let comparison = &mut viewer.comparison;
+    if comparison.target == CompareTarget::Nothing {
+        return;
+    }
+    let now = viewer.still.as_ref().map(|still| (still.number, comparison.area));
+    ui.separator();
+    ui.horizontal(|ui| {
+        match comparison.area {
+            Some([left, top, right, bottom]) => {
+                ui.label(format!("Pixels {left}, {top} to {}, {}", right - 1, bottom - 1));
+                if ui.small_button("All").on_hover_text("Compare the whole pictures (Esc)").clicked() {
+                    comparison.area = None;
+                }
+            }
+            None => drop(ui.label("The whole pictures").on_hover_text("Ctrl and a drag compare a part of them")),
+        }
+        if comparison.is_measuring {
+            ui.spinner();
+        }
+    });
+    let Some(Apart { number, area, difference }) = &comparison.apart else { return };
+    // While the view moves, the last numbers stay, as old ones.
+    let is_old = now != Some((*number, *area));
+    let infinite = |value: Option<f64>, text: &dyn Fn(f64) -> String| value.map_or_else(|| "equal".to_owned(), text);
+    let rows = [
+        ("PSNR", infinite(difference.psnr_db, &|db| format!("{db:.2} dB")), "of the colours, white is 1"),
+        ("Largest error", format!("{:.4}", difference.max_error), "of a colour value; white is 1"),
+        ("SSIM", difference.ssim.map_or_else(String::new, |ssim| format!("{ssim:.5}")), "1 for equal pictures"),
+        ("FLIP", format!("{:.5}", difference.flip), "0 for equal pictures, 1 at most"),
+        ("In 8 bits", format!("{:.2} % differ", 100.0 * difference.changed8), "of the colour values"),
+    ];
+    egui::Grid::new("apart").num_columns(2).striped(true).show(ui, |ui| {
+        for (name, value, help) in rows {
+            ui.label(name).on_hover_text(help);
+            match is_old {
+                true => ui.weak(value).on_hover_text("of the view before"),
+                false => ui.monospace(value),
+            };
+            ui.end_row();
+        }
+    });
 }
 
 /// The name of the first picture of a comparison.

@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 use super::super::keys::Action;
 use super::super::pictures::Side;
 use super::super::screen::Pair;
-use super::super::state::{ExplainedPixel, Viewer};
+use super::super::state::{ExplainedPixel, Request, Viewer};
 use super::super::view_modes::{Numbers, VIEW_MODES};
 use crate::camera::Camera;
 use crate::pixels::to_byte;
@@ -15,9 +15,9 @@ use crate::render::{Explained, false_colour};
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let in_pages = viewer.is_in_pages();
     let inspection = &mut viewer.inspection;
-    ComboBox::from_id_salt("view mode").width(180.0).selected_text(inspection.view_mode().name).show_ui(ui, |ui| {
+    ComboBox::from_id_salt("view mode").width(180.0).selected_text(inspection.view_mode().title).show_ui(ui, |ui| {
         for (i, mode) in VIEW_MODES.iter().enumerate().filter(|(_, mode)| mode.suits(in_pages)) {
-            ui.selectable_value(&mut inspection.mode, i, mode.name);
+            ui.selectable_value(&mut inspection.mode, i, mode.title).on_hover_text(mode.unit);
         }
     });
     if matches!(inspection.view_mode().numbers, Numbers::Counts | Numbers::Mean(_)) {
@@ -26,10 +26,14 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             ui.add(DragValue::new(low).speed(0.05));
             scale(ui);
             ui.add(DragValue::new(high).speed(0.05));
+            if ui.button("Fit").on_hover_text("to all values of the picture but the hundredth at each end").clicked() {
+                viewer.requests.push(Request::FitRange);
+            }
         });
     }
-    let mut is_frozen = inspection.culled_from.is_some();
-    if ui.checkbox(&mut is_frozen, "freeze culling at this view").changed() {
+    let mut is_frozen = viewer.inspection.culled_from.is_some();
+    let hint = "What is culled stays culled while the view moves, and the frustum is shown";
+    if ui.checkbox(&mut is_frozen, "Freeze culling").on_hover_text(hint).changed() {
         viewer.toggle_frozen_culling();
     }
     let inspection = &mut viewer.inspection;
@@ -43,6 +47,8 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     }
     let key = viewer.setup.bindings.text(Action::Pick);
     ui.label(format!("{key} explains the pixel under the cursor."));
+    let key = viewer.setup.bindings.text(Action::Mark);
+    ui.label(format!("{key} marks the point under the cursor; two marks show their distance."));
     if let (Some(first), Some(index)) = (&pair.first, viewer.inspection.isolated) {
         let i = index as usize;
         if let Some(gaussians) = first.gaussians.as_ref().filter(|gaussians| i < gaussians.len()) {
@@ -128,7 +134,7 @@ pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
                     ui.monospace(format!("{transmittance:.4}"));
                     ui.monospace(format!("{share:.4}"));
                     let [r, g, b] = colour.map(to_byte);
-                    ui.colored_label(Color32::from_rgb(r, g, b), "#####");
+                    super::time::swatch(ui, Color32::from_rgb(r, g, b)).on_hover_text(format!("{colour:.4?}"));
                     ui.end_row();
                 }
             });

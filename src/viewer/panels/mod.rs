@@ -6,6 +6,7 @@ mod help;
 mod inside;
 mod over;
 mod quality;
+mod readout;
 mod scenes;
 mod time;
 mod view;
@@ -43,6 +44,7 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     viewer.make_room(viewer.window, [pixels.x as u32, pixels.y as u32]);
     input::mouse(viewer, ui);
     over::show(viewer, pair, free, ui);
+    readout::show(viewer, free, ui);
     inside::frustum(viewer, ui);
     help::show(viewer, ui.ctx());
     inside::explanation(viewer, pair, ui.ctx());
@@ -54,15 +56,15 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
 /// The titles of the pages, and what concerns all of them.
 fn tabs(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
         for (tab, title) in Tab::ALL {
             ui.selectable_value(&mut viewer.kept.tab, tab, title);
         }
-        ui.separator();
         let key = viewer.setup.bindings.text(Action::Help);
         if ui.button("?").on_hover_text(format!("Mouse and keys ({key})")).clicked() {
             viewer.panels.shows_help = !viewer.panels.shows_help;
         }
-        let (sign, other) = if viewer.kept.is_light { ("☾", "dark") } else { ("☀", "light") };
+        let (sign, other) = if viewer.kept.is_light { ("🌙", "dark") } else { ("☀", "light") };
         if ui.button(sign).on_hover_text(format!("Make the panels {other}")).clicked() {
             viewer.kept.is_light = !viewer.kept.is_light;
         }

@@ -11,7 +11,7 @@ use super::super::state::Viewer;
 use super::compare;
 
 /// Space in points between the edge of the picture and what is said over it.
-const MARGIN: f32 = 6.0;
+pub(super) const MARGIN: f32 = 6.0;
 
 /// `free`: the part of the window that the picture has.
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, free: Rect, ui: &Ui) {
@@ -31,12 +31,12 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, free: Rect, ui: &Ui) {
 }
 
 /// A painter between the picture and all windows.
-fn painter(ui: &Ui) -> Painter {
+pub(super) fn painter(ui: &Ui) -> Painter {
     ui.ctx().layer_painter(LayerId::background()).with_clip_rect(ui.clip_rect())
 }
 
 /// Writes a text that can be read over any picture, with this corner of it at a place.
-fn label(painter: &Painter, (place, corner): (Pos2, Align2), text: String) {
+pub(super) fn label(painter: &Painter, (place, corner): (Pos2, Align2), text: String) {
     let galley = painter.layout_no_wrap(text, FontId::proportional(13.0), Color32::WHITE);
     let rect = corner.anchor_size(place, galley.size());
     painter.rect_filled(rect.expand(3.0), 2.0, Color32::from_black_alpha(170));

@@ -9,6 +9,7 @@ use crate::options::{KNOBS, Kind, Knob, Options, Value};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     presets(viewer, ui);
+    let in_pages = viewer.is_in_pages();
     let (costs, of) = viewer.costs.clone().unzip();
     let of_another = of.flatten().and_then(|of| of.difference(&viewer.depicted()?));
     let cost = |knob: &str| costs.as_ref().and_then(|costs| costs.knobs.iter().find(|cost| cost.knob == knob));
@@ -25,21 +26,26 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             })
     };
     Grid::new("knobs").num_columns(3).striped(true).show(ui, |ui| {
-        let mut row = |name: &str, add: &mut dyn FnMut(&mut Ui, &mut Options)| {
-            ui.label(name);
+        let mut row = |name: &str, help: &str, add: &mut dyn FnMut(&mut Ui, &mut Options)| {
+            ui.label(name).on_hover_text(help);
             add(ui, options);
-            let text = RichText::new(cost(name).map_or_else(String::new, |cost| described(cost, exact_ms)));
-            match is_old(name, options) {
-                true => ui.label(text.weak().strikethrough()).on_hover_text("measured of other settings"),
-                false => ui.label(text),
-            };
+            if let Some(cost) = cost(name) {
+                let (brief, whole) = described(cost, exact_ms);
+                let text = RichText::new(brief).small();
+                match is_old(name, options) {
+                    true => ui.label(text.weak().strikethrough()).on_hover_text("measured of other settings"),
+                    false => ui.label(text).on_hover_text(whole),
+                };
+            }
             ui.end_row();
         };
         // The near plane is in the view panel.
-        for knob in KNOBS.iter().filter(|knob| knob.name != "near") {
-            row(knob.name, &mut |ui, options| edit(ui, knob, options));
+        for knob in KNOBS.iter().filter(|knob| knob.name != "near" && (in_pages || !knob.is_of_levels())) {
+            row(knob.name, knob.help, &mut |ui, options| edit(ui, knob, options));
         }
-        row(ALL, &mut |ui, _| drop(ui.label("")));
+        if exact_ms.is_some() {
+            row(ALL, "All of these settings together", &mut |ui, _| drop(ui.label("")));
+        }
     });
     ui.horizontal(|ui| {
         let measure = egui::Button::new("Measure what they cost here");
@@ -87,11 +93,12 @@ fn edit(ui: &mut Ui, knob: &Knob, options: &mut Options) {
     }
 }
 
-/// The time, its difference to `exact_ms`, and the PSNR to the exact picture.
-fn described(cost: &Cost, exact_ms: Option<f64>) -> String {
+/// What the time of a frame becomes, compared with `exact_ms`, and the PSNR to the exact picture: briefly, and whole.
+fn described(cost: &Cost, exact_ms: Option<f64>) -> (String, String) {
     let saved = cost.ms - exact_ms.unwrap_or(cost.ms);
     let psnr = if cost.psnr.is_finite() { format!("{:.1} dB", cost.psnr) } else { "equal".to_owned() };
-    format!("{:.3} ms ({saved:+.3}), {psnr}", cost.ms)
+    let whole = format!("A frame takes {:.3} ms, {saved:+.3} ms to the exact one; {psnr} to its picture", cost.ms);
+    (format!("{saved:+.3} ms, {psnr}"), whole)
 }
 
 /// A widget for a threshold that is written as a fraction, such as 1/255.

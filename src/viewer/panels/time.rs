@@ -1,6 +1,7 @@
 //! The panels of GPU time by stage and of device memory by buffer.
 
 use egui::{Color32, Grid, Mesh, Rect, Sense, Ui, pos2, vec2};
+use indicatif::HumanCount;
 
 use super::super::history::Digest;
 use super::super::screen::Pair;
@@ -14,11 +15,20 @@ const PLOTTED: usize = 120;
 /// Height in points below which a bar is not drawn.
 const MIN_HEIGHT: f32 = 0.25;
 
-/// The colour of a stage, by its place in the frame.
-fn colour(stage: usize, stages: usize) -> Color32 {
-    let at = (stage as f64 + 0.5) / stages.max(1) as f64;
-    let colorous::Color { r, g, b } = colorous::SINEBOW.eval_continuous(at);
+/// The colour of a stage: the same one in every frame and on every path, since its name decides.
+fn colour(stage: &str) -> Color32 {
+    // The golden angle keeps names apart that differ by little.
+    let code: u32 = stage.bytes().fold(7, |code, byte| code.wrapping_mul(31).wrapping_add(byte.into()));
+    let colorous::Color { r, g, b } = colorous::SINEBOW.eval_continuous(f64::from(code) * 0.618_034 % 1.0);
     Color32::from_rgb(r, g, b)
+}
+
+/// A square of a colour.
+pub(super) fn swatch(ui: &mut Ui, colour: Color32) -> egui::Response {
+    let (response, painter) = ui.allocate_painter(vec2(10.0, 10.0), Sense::hover());
+    painter.rect_filled(response.rect, 2.0, colour);
+    painter.rect_stroke(response.rect, 2.0, (1.0, Color32::GRAY), egui::StrokeKind::Inside);
+    response
 }
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
@@ -32,12 +42,20 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     };
     plot(viewer, whole.p95.max(1e-3) as f32 * 1.25, ui);
     Grid::new("stages").num_columns(4).striped(true).show(ui, |ui| {
-        for title in ["stage, GPU ms", "median", "p95", "p99"] {
-            ui.label(title);
+        ui.label("GPU ms");
+        for (title, help) in [
+            ("median", "Half of the last frames took less"),
+            ("p95", "95 of 100 frames took less"),
+            ("p99", "99 of 100 frames took less"),
+        ] {
+            ui.label(title).on_hover_text(help);
         }
         ui.end_row();
-        for (place, (name, times)) in stages.iter().enumerate() {
-            ui.colored_label(colour(place, stages.len()), *name);
+        for (name, times) in stages {
+            ui.horizontal(|ui| {
+                swatch(ui, colour(name));
+                ui.label(*name).on_hover_text(stage_help(name));
+            });
             milliseconds(times, ui);
             ui.end_row();
         }
@@ -47,9 +65,32 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     });
     let pace = &viewer.pace;
     ui.label(format!(
-        "{} drawn, {} dropped; mean latency from input to submission {:.1} ms",
-        pace.drawn, pace.dropped, pace.mean_latency_ms
+        "{} frames drawn, {} missed a refresh",
+        HumanCount(pace.drawn),
+        HumanCount(pace.dropped)
     ));
+    ui.label(format!("{:.1} ms from an input to its frame, mean", pace.mean_latency_ms));
+}
+
+/// What a stage does.
+fn stage_help(stage: &str) -> &'static str {
+    match stage {
+        "cull" => "Finds the Gaussians that can be seen",
+        "project" => "Makes splats of the Gaussians that can be seen",
+        "scan" => "Adds up the numbers of tiles, so that every splat has a place in the lists",
+        "duplicate" | "list" => "Lists the splats by tile or bin",
+        "offsets" | "ranges" => "Finds where the list of each tile or bin begins",
+        "sort" | "sort depths" | "sort tiles" => "Sorts the lists by depth",
+        "merge" => "Joins lists that were sorted in parts",
+        "masks" => "Notes which blocks of pixels each splat meets",
+        "blend" => "Blends the splats of each pixel from front to back",
+        "look" | "count" | "choose" => "Chooses the pages of levels of detail",
+        "upscale" => "Enlarges a picture that was drawn smaller",
+        "inspect" | "shade attribute" => "Finds what the look shows in place of colours",
+        "display" => "Brings the pictures to the screen",
+        "panels" => "Draws the panels",
+        _ => "",
+    }
 }
 
 fn milliseconds(times: &Statistics, ui: &mut Ui) {
@@ -63,13 +104,13 @@ fn plot(viewer: &Viewer, top_ms: f32, ui: &mut Ui) {
     let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 90.0), Sense::hover());
     let rect = response.rect;
     painter.rect_filled(rect, 2.0, Color32::from_gray(16));
-    let stages = viewer.history.stages().len();
+    let stages = viewer.history.stages();
     let width = rect.width() / PLOTTED as f32;
     let frames = viewer.history.frames();
     let (first, skipped) = (PLOTTED.saturating_sub(frames.len()), frames.len().saturating_sub(PLOTTED));
     // One mesh, because thousands of bars would be as many shapes.
     let mut bars = Mesh::default();
-    let colours: Vec<Color32> = (0..stages).map(|stage| colour(stage, stages)).collect();
+    let colours: Vec<Color32> = stages.iter().map(|stage| colour(stage)).collect();
     for (i, frame) in frames.skip(skipped).enumerate() {
         let x = rect.left() + (first + i) as f32 * width;
         let mut below = rect.bottom();

@@ -1,7 +1,9 @@
 //! The view panel: cameras of the file, field of view, near plane, up axis, vsync, background.
 
-use egui::{ComboBox, DragValue, Slider, Ui};
+use egui::{ComboBox, DragValue, Grid, Slider, Ui};
 
+use super::super::actions::Program;
+use super::super::keys::Action;
 use super::super::state::{Request, Viewer, WindowRequest};
 use crate::camera::{FIELDS_OF_VIEW, Up};
 use crate::gpu::Vsync;
@@ -9,27 +11,32 @@ use crate::rules::Background;
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     cameras(viewer, ui);
-    let mut degrees = viewer.navigator.field_of_view();
-    if ui.add(Slider::new(&mut degrees, FIELDS_OF_VIEW).suffix("°").text("field of view")).changed() {
-        viewer.navigator.set_field_of_view(degrees);
-        viewer.camera = None;
-    }
-    let near = &mut viewer.options.rules.near;
-    ui.horizontal(|ui| {
-        ui.add(DragValue::new(near).speed(0.002).range(1e-6..=1e6));
-        ui.label("near plane, world units");
-    });
-    ui.horizontal(|ui| {
+    Grid::new("view").num_columns(2).show(ui, |ui| {
+        ui.label("Field of view");
+        let mut degrees = viewer.navigator.field_of_view();
+        // Few views are narrower than a degree or so; the slider gives them little room.
+        let slider = Slider::new(&mut degrees, FIELDS_OF_VIEW).suffix("°").logarithmic(true).smallest_positive(5.0);
+        if ui.add(slider).on_hover_text("Horizontal, in degrees").changed() {
+            viewer.navigator.set_field_of_view(degrees);
+            viewer.camera = None;
+        }
+        ui.end_row();
+        ui.label("Near plane");
+        let near = &mut viewer.options.rules.near;
+        let field = ui.add(DragValue::new(near).speed(0.002).range(1e-6..=1e6));
+        field.on_hover_text("World units. Gaussians closer to the camera are not drawn");
+        ui.end_row();
+        ui.label("Fly speed");
         let mut speed = viewer.navigator.speed();
         let step = speed * 0.01;
-        if ui.add(DragValue::new(&mut speed).speed(step).range(1e-9..=1e9)).changed() {
+        let field = ui.add(DragValue::new(&mut speed).speed(step).range(1e-9..=1e9));
+        if field.on_hover_text("World units a second").changed() {
             viewer.navigator.set_speed(speed);
         }
-        ui.label("flying speed, world units per second");
-    });
-    ui.horizontal(|ui| {
+        ui.end_row();
+        ui.label("Up");
         let mut up = viewer.navigator.up();
-        ComboBox::from_label("up").width(50.0).selected_text(up.to_string()).show_ui(ui, |ui| {
+        ComboBox::from_id_salt("up").width(50.0).selected_text(up.to_string()).show_ui(ui, |ui| {
             for axis in Up::ALL {
                 ui.selectable_value(&mut up, axis, axis.to_string());
             }
@@ -38,8 +45,10 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             viewer.navigator.set_up(up);
             viewer.camera = None;
         }
+        ui.end_row();
+        ui.label("Vertical sync");
         let mut vsync = viewer.vsync;
-        ComboBox::from_label("vsync").width(70.0).selected_text(format!("{vsync:?}")).show_ui(ui, |ui| {
+        ComboBox::from_id_salt("vsync").width(70.0).selected_text(format!("{vsync:?}")).show_ui(ui, |ui| {
             for mode in [Vsync::On, Vsync::Off, Vsync::Mailbox] {
                 ui.selectable_value(&mut vsync, mode, format!("{mode:?}"));
             }
@@ -47,21 +56,34 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         if vsync != viewer.vsync {
             viewer.requests.push(Request::Window(WindowRequest::Vsync(vsync)));
         }
-    });
-    ui.horizontal(|ui| {
+        ui.end_row();
+        ui.label("Background");
         let mut colour = viewer.background.colour();
         if ui.color_edit_button_rgb(&mut colour).changed() {
             viewer.background = Background::Colour(colour);
             viewer.is_stale = true;
             viewer.comparison.is_stale = true;
         }
-        ui.label("background");
-        if ui.button("Copy view").clicked() {
-            viewer.copy_view();
-        }
-        if ui.button("Reset view").clicked() {
+        ui.end_row();
+    });
+    ui.horizontal_wrapped(|ui| {
+        let keys = [Action::Reset, Action::CopyView, Action::CopyCommand].map(|key| viewer.setup.bindings.text(key));
+        if ui.button("First view").on_hover_text(format!("Go back to it ({})", keys[0])).clicked() {
             viewer.reset_view();
         }
+        let hint = format!("As an entry of a cameras.json ({}); paste it in another window", keys[1]);
+        if ui.button("Copy view").on_hover_text(hint).clicked() {
+            viewer.copy_view();
+        }
+        let menu = ui.menu_button("Copy command", |ui| {
+            for (program, name) in Program::ALL {
+                if ui.button(format!("smalto {name}")).clicked() {
+                    viewer.copy_command(program);
+                    ui.close();
+                }
+            }
+        });
+        menu.response.on_hover_text(format!("The command line that draws this view ({} for render)", keys[2]));
     });
 }
 

@@ -1,0 +1,115 @@
+//! The pictures of a window that stands still, on the host: the values of pixels, and how far two pictures are apart.
+
+use std::sync::Arc;
+
+use crate::measure::metrics::Difference;
+use crate::pixels::Pixels;
+use crate::render::Quantity;
+
+/// The pictures that the window shows, read back.
+pub struct Still {
+    /// Tells it from those before.
+    pub number: u64,
+    pub first: Arc<Pixels>,
+    pub second: Option<Arc<Pixels>>,
+}
+
+/// A rectangle of a picture: left, top, and the right and lower ends, which are not part of it. Pixels.
+pub type Area = [u32; 4];
+
+/// How far two pictures are apart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Apart {
+    /// The number of the [`Still`] that was measured.
+    pub number: u64,
+    /// `None` for all of the picture.
+    pub area: Option<Area>,
+    pub difference: Difference,
+}
+
+/// The least side of an area in pixels: that of the windows of SSIM.
+const LEAST_SIDE: u32 = 11;
+
+/// The area between two pixels, both part of it, within a picture of this size. `None` if it is too small to measure.
+pub fn area_between(a: [u32; 2], b: [u32; 2], size: [u32; 2]) -> Option<Area> {
+    let [low, high] = [u32::min, u32::max].map(|of| [0, 1].map(|side: usize| of(a[side], b[side]).min(size[side] - 1)));
+    let has_side = |side: usize| high[side] + 1 - low[side] >= LEAST_SIDE;
+    (has_side(0) && has_side(1)).then_some([low[0], low[1], high[0] + 1, high[1] + 1])
+}
+
+impl Still {
+    /// Compares the two pictures, if there are two.
+    pub fn apart(&self, area: Option<Area>) -> Option<impl FnOnce() -> Apart + Send + use<>> {
+        let (number, first, second) = (self.number, self.first.clone(), self.second.clone()?);
+        (first.size == second.size).then_some(move || {
+            let difference = match area {
+                Some(area) => Difference::between(&part(&first, area), &part(&second, area)),
+                None => Difference::between(&first, &second),
+            };
+            Apart { number, area, difference }
+        })
+    }
+}
+
+/// A part of a picture.
+fn part(pixels: &Pixels, [left, top, right, bottom]: Area) -> Pixels {
+    let row = |y: u32| {
+        let begin = (y * pixels.size[0]) as usize;
+        pixels.rgba[begin + left as usize..begin + right as usize].iter().copied()
+    };
+    Pixels { size: [right - left, bottom - top], rgba: (top..bottom).flat_map(row).collect() }
+}
+
+/// The ends of a scale that has all but the lowest and the highest hundredth of the values of a picture between them.
+/// `None` if it has no values.
+pub fn fitted_range(pixels: &Pixels, quantity: Quantity) -> Option<[f32; 2]> {
+    let mut values: Vec<f32> = pixels.rgba.iter().filter_map(|pixel| quantity.value(*pixel)).collect();
+    if values.is_empty() {
+        return None;
+    }
+    values.sort_unstable_by(f32::total_cmp);
+    let cut = values.len() / 100;
+    let [low, high] = [values[cut], values[values.len() - 1 - cut]];
+    Some([low, if high > low { high } else { low + low.abs().max(1.0) }])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::Scale;
+
+    #[test]
+    fn an_area_has_both_of_its_ends() {
+        assert_eq!(area_between([20, 5], [2, 17], [100, 100]), Some([2, 5, 21, 18]));
+        assert_eq!(area_between([0, 0], [999, 999], [30, 20]), Some([0, 0, 30, 20]));
+        assert_eq!(area_between([4, 4], [14, 13], [30, 20]), None, "it has ten rows");
+    }
+
+    #[test]
+    fn a_part_is_measured_alone() {
+        let pixel = |i: u32| if i % 40 < 20 { [0.5, 0.5, 0.5, 1.0] } else { [0.25, 0.5, 0.5, 1.0] };
+        let second = Pixels { size: [40, 20], rgba: (0..800).map(pixel).collect() };
+        let first = Pixels { size: [40, 20], rgba: vec![[0.5, 0.5, 0.5, 1.0]; 800] };
+        let still = Still { number: 7, first: Arc::new(first), second: Some(Arc::new(second)) };
+        let of = |area| (still.apart(area).unwrap())();
+        assert_eq!(of(Some([0, 0, 20, 20])).difference.psnr_db, None, "the left half is equal");
+        let Apart { number, difference, .. } = of(Some([20, 3, 40, 20]));
+        assert_eq!((number, difference.max_error), (7, 0.25));
+        assert!((of(None).difference.mse - difference.mse / 2.0).abs() < 1e-12);
+        assert!(Still { second: None, ..still }.apart(None).is_none());
+    }
+
+    #[test]
+    fn a_scale_is_fitted_to_what_is_shown() {
+        let scale = Scale { low: 0.0, high: 1.0, is_logarithmic: false };
+        let pixel = |i: u32| [i as f32 / 2.0, 0.0, 0.0, if i < 1000 { 0.5 } else { 0.0 }];
+        let pixels = Pixels { size: [1100, 1], rgba: (0..1100).map(pixel).collect() };
+        // Pixels that show nothing have no mean.
+        assert_eq!(fitted_range(&pixels, Quantity::Mean(scale)), Some([10.0, 989.0]));
+        assert_eq!(fitted_range(&Pixels { size: [1, 1], rgba: vec![[3.0; 4]] }, Quantity::Colour), None);
+        assert_eq!(
+            fitted_range(&Pixels { size: [1, 1], rgba: vec![[3.0; 4]] }, Quantity::Number(scale)),
+            Some([3.0, 6.0])
+        );
+    }
+}
