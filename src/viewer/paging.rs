@@ -15,7 +15,7 @@ impl Session {
         both.max_by_key(|residency| (!residency.is_settled(), residency.missing))
     }
 
-    /// The title of the window: the names of the scenes, and what their picture lacks.
+    /// The title of the window: the names of the scenes, the look, and what their picture lacks.
     pub fn title(&self) -> String {
         let names: Vec<&str> = self.viewer.layers.iter().map(|layer| layer.name.as_str()).collect();
         let lacks = match self.residency() {
@@ -25,14 +25,23 @@ impl Session {
             Some(Residency { missing, .. }) if missing > 0 => format!(" ({missing} pages of levels are missing yet)"),
             _ => String::new(),
         };
-        if names.is_empty() { "smalto".to_owned() } else { format!("{}{lacks} - smalto", names.join(", ")) }
+        // Where the panels are hidden, nothing else says what is shown.
+        let look = match self.viewer.inspection.view_mode() {
+            mode if mode.name == "colour" => String::new(),
+            mode => format!(", {}", mode.title.to_lowercase()),
+        };
+        if names.is_empty() { "smalto".to_owned() } else { format!("{}{look}{lacks} - smalto", names.join(", ")) }
     }
 
     /// Reports that a shown picture begins to wait for pages, or waits no longer.
     pub(super) fn report_residency(&mut self) {
+        // What a picture lacked is known when it is drawn.
+        if self.viewer.is_stale || self.screen.is_drawing() {
+            return;
+        }
         let residency = self.residency();
-        let is_settled = residency.map(|residency| residency.is_settled());
-        if is_settled == std::mem::replace(&mut self.reported_settled, is_settled) {
+        let state = residency.map(|residency| (residency.is_settled(), residency.missing == 0));
+        if state == std::mem::replace(&mut self.reported_pages, state) {
             return;
         }
         if let Some(residency) = residency {

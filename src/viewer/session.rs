@@ -38,8 +38,8 @@ pub struct Session {
     reported: InspectionSettings,
     /// Notices about the paths that have been shown.
     reported_notices: Vec<String>,
-    /// The last event about pages said that nothing more comes.
-    pub(super) reported_settled: Option<bool>,
+    /// What the last event about pages said: that nothing more comes, and that none is missing.
+    pub(super) reported_pages: Option<(bool, bool)>,
 }
 
 /// The panels as they were laid out last.
@@ -68,7 +68,7 @@ impl Session {
         Self {
             reported: InspectionSettings::default(),
             reported_notices: Vec::new(),
-            reported_settled: None,
+            reported_pages: None,
             viewer,
             pair: Pair::default(),
             screen,

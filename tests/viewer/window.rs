@@ -376,8 +376,5 @@ fn the_viewer_without_a_window_draws_what_render_draws() {
     ok(&[&["render"], &common[..], &["--device", &device, "-o", &out]].concat());
     let [screen, bare, picture] = [screen, bare, out].map(|file| seen(&file));
     assert_eq!(bare.different(&picture), 0, "without panels, every pixel");
-    // Panels are to the right.
-    let left = |shot: &Shot| shot.rgb.chunks(480).map(|row| row[..100].to_vec()).collect::<Vec<_>>();
-    assert!(left(&screen) == left(&picture), "beside the panels");
-    assert!(screen.different(&picture) > 10_000);
+    assert!(screen.different(&picture) > 10_000, "with panels, another picture beside them");
 }

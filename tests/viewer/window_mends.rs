@@ -28,6 +28,25 @@ fn each_fact_is_told_once() {
     viewer.quit();
 }
 
+/// A script can wait until all pages of a picture are there.
+#[test]
+fn pages_are_told() {
+    let _turn = Turn::take();
+    let folder = tempfile::tempdir().unwrap();
+    let file = path(&folder, "levels.smalto");
+    ok(&["lod", "cactus:30000", "-o", &file]);
+    let desktop = Desktop::open(true);
+    let mut viewer = Viewer::open(&desktop, &[&file, "--size", "320x200", "--no-panels"], |_| {});
+    let mut told = viewer.next("residency");
+    while told["is_settled"] != true || told["missing"] != 0 {
+        told = viewer.next("residency");
+    }
+    assert_eq!(told["coming"], 0, "{told}");
+    assert!(told["there"].as_u64() > Some(30) && told["there"].as_u64() <= told["fitting"].as_u64(), "{told}");
+    viewer.settle();
+    viewer.quit();
+}
+
 /// A message that comes while nothing moves is laid out where it can be read.
 #[test]
 fn a_message_lies_in_the_window() {

@@ -133,7 +133,7 @@ fn messages(viewer: &mut Viewer, context: &Context) {
         ui.set_max_width(560f32.min(context.content_rect().width() - 40.0));
         let errors = viewer.messages.shown().iter().filter(|message| message.is_error).count();
         for (place, message) in viewer.messages.shown().iter().enumerate() {
-            let colour = if message.is_error { ui.visuals().error_fg_color } else { ui.visuals().text_color() };
+            let colour = if message.is_error { ui.visuals().error_fg_color } else { ui.visuals().strong_text_color() };
             Frame::popup(ui.style()).show(ui, |ui| {
                 ui.horizontal_top(|ui| {
                     if message.is_error && ui.small_button("x").on_hover_text("close").clicked() {

@@ -14,10 +14,11 @@ use crate::render::{Attribute, Look, Quantity, false_colour};
 /// `free`: the part of the window that the picture has.
 pub(super) fn show(viewer: &Viewer, free: Rect, ui: &Ui) {
     marks(viewer, ui);
-    area(viewer, ui);
-    if !viewer.panels.are_hidden || viewer.inspection.mode != 0 {
-        legend(viewer, free, ui);
+    if viewer.panels.are_hidden {
+        return;
     }
+    area(viewer, ui);
+    legend(viewer, free, ui);
     if let Some(text) = under_cursor(viewer) {
         label(&painter(ui), (free.right_bottom() - vec2(MARGIN, MARGIN), Align2::RIGHT_BOTTOM), text);
     }

@@ -1,0 +1,237 @@
+//! What the window says in numbers, beside which panels the picture lies, and what is kept and copied.
+
+use std::path::PathBuf;
+
+use egui::{Event, Key, Modifiers, PointerButton, pos2};
+use glam::DVec2;
+use smalto::camera::Camera;
+use smalto::measure::metrics::Difference;
+use smalto::options::Options;
+use smalto::pixels::Pixels;
+use smalto::rules::Rules;
+use smalto::viewer::{
+    CompareTarget, CompareWith, Kept, Offscreen, Program, Request, Setup, Tab, WindowRequest, view_mode,
+};
+
+use super::frames::{SIZE, open, setup, shown};
+use super::mends::{drag, frame, key};
+use crate::common::Gpu;
+use crate::common::program::run;
+
+/// The picture of the window's view with these options, in floats.
+fn drawn(gpu: &Gpu, offscreen: &mut Offscreen, options: &Options) -> Pixels {
+    let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
+    gpu.render(&gaussians, &offscreen.viewer().view(), options)
+}
+
+#[test]
+fn a_comparison_says_how_far_the_pictures_are_apart() {
+    let gpu = Gpu::new();
+    let compares_with = Some(CompareWith::Options(Options::PREVIEW));
+    let mut offscreen = open(&gpu, Setup { compares_with, ..setup(&["cactus:3000"]) });
+    let near = offscreen.viewer().options.rules.near;
+    let pictures = |offscreen: &mut Offscreen| {
+        let own = offscreen.viewer().options;
+        let other = Options { rules: Rules { near, ..Options::PREVIEW.rules }, ..Options::PREVIEW };
+        [own, other].map(|options| drawn(&gpu, offscreen, &options))
+    };
+    let apart = |offscreen: &mut Offscreen| {
+        let viewer = offscreen.viewer();
+        let apart = viewer.comparison.apart.clone().expect("the pictures were compared");
+        assert_eq!(apart.number, viewer.still.as_ref().expect("they stand still").number);
+        apart
+    };
+    let [first, second] = pictures(&mut offscreen);
+    let expected = Difference::between(&first, &second);
+    assert!(expected.max_error > 0.0);
+    assert_eq!(apart(&mut offscreen).difference, expected);
+    // Numbers follow the view.
+    drag(&mut offscreen, PointerButton::Primary, [40.0, 5.0], 5, 2);
+    offscreen.settle().unwrap();
+    let [first, second] = pictures(&mut offscreen);
+    assert_eq!(apart(&mut offscreen).difference, Difference::between(&first, &second));
+    // Ctrl and a drag compare a part, from its first to its last pixel.
+    let press = |pos, pressed| Event::PointerButton {
+        pos,
+        button: PointerButton::Primary,
+        pressed,
+        modifiers: Modifiers::COMMAND,
+    };
+    let (from, to) = (pos2(30.5, 20.5), pos2(69.5, 49.5));
+    let view = offscreen.viewer().view();
+    frame(&mut offscreen, vec![Event::PointerMoved(from), press(from, true)]);
+    frame(&mut offscreen, vec![Event::PointerMoved(to), press(to, false)]);
+    offscreen.settle().unwrap();
+    assert_eq!(offscreen.viewer().view(), view, "it moves nothing");
+    let part = |pixels: &Pixels| {
+        let rgba = (20..50).flat_map(|y| (30..70).map(move |x| pixels.at(x, y))).collect();
+        Pixels { size: [40, 30], rgba }
+    };
+    let found = apart(&mut offscreen);
+    assert_eq!(found.area, Some([30, 20, 70, 50]));
+    assert_eq!(found.difference, Difference::between(&part(&first), &part(&second)));
+    // The pixel under the cursor has the values of both.
+    assert_eq!(offscreen.viewer().cursor, Some([69, 49]));
+    let still = offscreen.viewer().still.as_ref().unwrap();
+    assert!(*still.first == first && **still.second.as_ref().unwrap() == second);
+    frame(&mut offscreen, vec![key(Key::Escape, Modifiers::NONE)]);
+    offscreen.settle().unwrap();
+    assert_eq!(apart(&mut offscreen).area, None);
+    // Nobody asks any more: nothing is read back.
+    offscreen.viewer().comparison.target = CompareTarget::Nothing;
+    offscreen.viewer().is_stale = true;
+    offscreen.settle().unwrap();
+    assert!(offscreen.viewer().still.is_none());
+}
+
+#[test]
+fn a_scale_fits_and_marks_tell_their_distance() {
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["few-large:200"]));
+    offscreen.viewer().inspection.mode = view_mode("depth").unwrap();
+    offscreen.settle().unwrap();
+    offscreen.viewer().requests.push(Request::FitRange);
+    offscreen.settle().unwrap();
+    let viewer = offscreen.viewer();
+    let [low, high] = viewer.inspection.ranges[viewer.inspection.mode];
+    let still = viewer.still.as_ref().unwrap().first.clone();
+    let mut depths: Vec<f32> = still.rgba.iter().filter(|p| p[3] > 0.0).map(|p| p[0] / p[3]).collect();
+    depths.sort_unstable_by(f32::total_cmp);
+    let inside = depths.iter().filter(|depth| (low..=high).contains(depth)).count();
+    let part = inside as f64 / depths.len() as f64;
+    assert!((0.97..0.995).contains(&part) && low > 0.0, "{part} of the depths are between {low} and {high}");
+    // Two marks: their places are those that the depths say.
+    let view = offscreen.viewer().view();
+    let place = |offscreen: &mut Offscreen, [x, y]: [u32; 2]| {
+        let depth = offscreen.session.pair.first.as_mut().unwrap().renderer.depth_at([x, y]).unwrap().unwrap();
+        view.unprojected(DVec2::new(x.into(), y.into()) + 0.5, f64::from(depth))
+    };
+    let pixels = [[70, 40], [95, 55]];
+    for [x, y] in pixels {
+        let moved = Event::PointerMoved(pos2(x as f32 + 0.5, y as f32 + 0.5));
+        let mut copied = Vec::new();
+        let mut events = vec![moved, key(Key::M, Modifiers::NONE)];
+        while copied.is_empty() {
+            copied = offscreen.frame(std::mem::take(&mut events)).unwrap().requests;
+        }
+        let [WindowRequest::Copy(text)] = &copied[..] else { panic!("{copied:?}") };
+        let numbers: Vec<f64> = text.split(", ").map(|number| number.parse().unwrap()).collect();
+        let apart = place(&mut offscreen, [x, y]).distance(glam::DVec3::from_slice(&numbers));
+        assert!(apart < 1e-3, "{text} is {apart} from the place");
+    }
+    let expected = place(&mut offscreen, pixels[0]).distance(place(&mut offscreen, pixels[1]));
+    let marks = &offscreen.viewer().marks;
+    assert!(expected > 0.05 && (marks[0].distance(marks[1]) - expected).abs() < 1e-3 * expected);
+}
+
+/// The picture has the part of the window that the panels leave, as if it were all, and keeps it.
+#[test]
+fn the_picture_lies_beside_the_panels() {
+    const WINDOW: [u32; 2] = [700, 240];
+    let gpu = Gpu::new();
+    let setup = Setup { hides_panels: false, ..setup(&["cactus:2000"]) };
+    let mut offscreen = Offscreen::new(setup, &gpu.0, WINDOW).unwrap();
+    offscreen.settle().unwrap();
+    let size = offscreen.viewer().size;
+    assert!(size[0] < WINDOW[0] - 200 && size[1] == WINDOW[1], "{size:?}");
+    let own = offscreen.viewer().options;
+    let picture = drawn(&gpu, &mut offscreen, &own);
+    assert_eq!(picture.size, size);
+    let screen = offscreen.screen().unwrap();
+    let bytes = picture.to_rgb8();
+    for (i, pixel) in bytes.chunks(3).enumerate() {
+        let (x, y) = (i as u32 % size[0], i as u32 / size[0]);
+        assert_eq!(screen[(y * WINDOW[0] + x) as usize][..3], *pixel, "pixel {x}, {y}");
+    }
+    // The whole window is the picture's without them, and the scene is in its middle both times.
+    let middle = |camera: Camera| camera.centre_px * 2.0 / DVec2::from(camera.size_px.map(f64::from));
+    assert_eq!(middle(offscreen.viewer().view()), DVec2::ONE);
+    frame(&mut offscreen, vec![key(Key::H, Modifiers::NONE)]);
+    offscreen.settle().unwrap();
+    assert_eq!(offscreen.viewer().view().size_px, WINDOW);
+    let release =
+        Event::Key { key: Key::H, physical_key: None, pressed: false, repeat: false, modifiers: Modifiers::NONE };
+    frame(&mut offscreen, vec![release, key(Key::H, Modifiers::NONE)]);
+    // Wide contents scroll.
+    for (tab, _) in Tab::ALL {
+        offscreen.viewer().kept.tab = tab;
+        offscreen.settle().unwrap();
+        assert_eq!(offscreen.viewer().size, size, "{tab:?}");
+    }
+    offscreen.viewer().kept.tab = Tab::Quality;
+    offscreen.viewer().requests.push(Request::Measure);
+    frame(&mut offscreen, Vec::new());
+    offscreen.settle().unwrap();
+    frame(&mut offscreen, Vec::new());
+    assert!(offscreen.viewer().costs.is_some() && offscreen.viewer().size == size, "what was measured is beside knobs");
+}
+
+/// The command line that is copied draws what is seen.
+#[test]
+fn the_copied_command_draws_the_picture() {
+    let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
+    let mut offscreen = open(&gpu, setup(&["cactus:3000"]));
+    offscreen.viewer().options = offscreen.viewer().preset(&Options::FAST);
+    offscreen.viewer().options.sh_degree = 1;
+    offscreen.viewer().background = smalto::rules::Background::Colour([0.1, 0.2, 0.3]);
+    offscreen.viewer().navigator.orbit(DVec2::new(25.0, -8.0), SIZE);
+    offscreen.viewer().navigator.dolly(1.5);
+    let drawn_by = |offscreen: &mut Offscreen, name: &str| {
+        offscreen.viewer().is_stale = true;
+        offscreen.viewer().messages = Default::default();
+        offscreen.settle().unwrap();
+        let screen = shown(offscreen);
+        let (line, left_out) = offscreen.viewer().command_line(Program::Render);
+        assert!(left_out.is_empty(), "{left_out:?}");
+        let file = folder.path().join(name).display().to_string();
+        let words: Vec<String> = shlex::split(&line).unwrap();
+        let words: Vec<&str> = words.iter().map(|word| if word == "view.png" { &file } else { word.as_str() }).collect();
+        assert_eq!(words[..2], ["smalto", "render"]);
+        let output = run(&words[1..], |command| {
+            command.env("SMALTO_DEVICE", std::env::var("SMALTO_DEVICE").unwrap_or_else(|_| "llvmpipe".to_owned()));
+        });
+        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+        let written = Pixels::read(&PathBuf::from(file)).unwrap();
+        let steps = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|c| (a[c] - b[c]).abs() * 255.0).fold(0.0, f32::max);
+        let all: Vec<f32> = written.rgba.iter().zip(&screen.rgba).map(steps).collect();
+        // The direction is computed again, so that a value next to a rounding may differ.
+        let differing = all.iter().filter(|steps| **steps > 0.5).count();
+        assert!(all.iter().all(|steps| *steps < 1.5) && differing < all.len() / 100, "{line}: {differing} pixels");
+    };
+    drawn_by(&mut offscreen, "seen.png");
+    // At a camera of a file, it names the file.
+    let file = folder.path().join("my cameras.json");
+    let camera = offscreen.viewer().view();
+    smalto::camera::write(&file, &[smalto::camera::NamedCamera { name: "a".to_owned(), camera }]).unwrap();
+    offscreen.viewer().drop_file(&file);
+    offscreen.settle().unwrap();
+    assert!(offscreen.viewer().command_line(Program::Bench).0.contains("my cameras.json"));
+    drawn_by(&mut offscreen, "camera.png");
+    // What no option says is said.
+    offscreen.viewer().layers[0].place.scale = 2.0;
+    assert_eq!(offscreen.viewer().command_line(Program::Render).1, ["the placement of scenes"]);
+    // The keys copy it.
+    let mut events = vec![key(Key::R, Modifiers::COMMAND)];
+    let mut copied = Vec::new();
+    while copied.is_empty() {
+        copied = offscreen.frame(std::mem::take(&mut events)).unwrap().requests;
+    }
+    assert!(matches!(&copied[..], [WindowRequest::Copy(text)] if text.starts_with("smalto render cactus:3000 ")));
+}
+
+/// An empty window asks for files, and what was opened is kept for the next one.
+#[test]
+fn a_window_keeps_what_was_opened() {
+    let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
+    let [kept, scene] = ["state/viewer.json", "small.ply"].map(|name| folder.path().join(name));
+    crate::common::program::ok(&["convert", "few-large:20", scene.to_str().unwrap()]);
+    let setup = Setup { kept: Some(kept.clone()), hides_panels: false, ..setup(&[]) };
+    let mut offscreen = Offscreen::new(setup, &gpu.0, [640, 400]).unwrap();
+    frame(&mut offscreen, vec![key(Key::O, Modifiers::COMMAND)]);
+    assert!(offscreen.viewer().dialog.is_open());
+    frame(&mut offscreen, vec![key(Key::Escape, Modifiers::NONE)]);
+    assert!(!offscreen.viewer().dialog.is_open());
+    offscreen.viewer().drop_file(&scene);
+    offscreen.settle().unwrap();
+    assert_eq!(Kept::read(&kept).recent, [scene]);
+}
