@@ -15,7 +15,9 @@ use crate::options::Options;
 use crate::pixels::write_rgba8;
 use crate::render::Residency;
 use crate::scene::Procedural;
-use crate::viewer::{self, Bindings, CompareMode, CompareWith, Digest, Kept, PACE, PageCounts, Setup, Summary, WindowSetup};
+use crate::viewer::{
+    self, Bindings, CompareMode, CompareWith, Digest, Kept, PACE, PageCounts, Setup, Summary, WindowSetup,
+};
 
 /// Open scenes in a window: fly through them, see the GPU time of every stage, look inside the pipeline
 #[derive(clap::Args)]

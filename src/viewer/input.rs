@@ -232,7 +232,13 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
 }
 
 /// The drag that a press begins, if it is one of the picture: not of a window over it, nor of the edge of the panel.
-fn drag_at(viewer: &Viewer, ui: &Ui, (rect, pos): (Rect, Pos2), button: PointerButton, held: Modifiers) -> Option<Drag> {
+fn drag_at(
+    viewer: &Viewer,
+    ui: &Ui,
+    (rect, pos): (Rect, Pos2),
+    button: PointerButton,
+    held: Modifiers,
+) -> Option<Drag> {
     let edge = ui.style().interaction.resize_grab_radius_side;
     let is_under = ui.ctx().layer_id_at(pos).is_some_and(|layer| layer.order != Order::Background);
     if is_under || !rect.contains(pos) || !viewer.panels.are_hidden && pos.x > rect.right() - edge {

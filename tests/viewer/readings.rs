@@ -24,6 +24,17 @@ fn drawn(gpu: &Gpu, offscreen: &mut Offscreen, options: &Options) -> Pixels {
     gpu.render(&gaussians, &offscreen.viewer().view(), options)
 }
 
+/// What these events ask of the owner of the window.
+fn requests(offscreen: &mut Offscreen, events: Vec<Event>) -> Vec<WindowRequest> {
+    let mut output = offscreen.frame(events).unwrap();
+    // The layout before may be so recent that there is none yet.
+    while output.platform.is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(3));
+        output = offscreen.frame(Vec::new()).unwrap();
+    }
+    output.requests
+}
+
 #[test]
 fn a_comparison_says_how_far_the_pictures_are_apart() {
     let gpu = Gpu::new();
@@ -106,14 +117,13 @@ fn a_scale_fits_and_marks_tell_their_distance() {
         let depth = offscreen.session.pair.first.as_mut().unwrap().renderer.depth_at([x, y]).unwrap().unwrap();
         view.unprojected(DVec2::new(x.into(), y.into()) + 0.5, f64::from(depth))
     };
-    let pixels = [[70, 40], [95, 55]];
+    let covered: Vec<u32> = (10..150).filter(|x| still.at(*x, 48)[3] > 0.9).collect();
+    let pixels = [[covered[0], 48], [covered[covered.len() - 1], 48]];
     for [x, y] in pixels {
         let moved = Event::PointerMoved(pos2(x as f32 + 0.5, y as f32 + 0.5));
-        let mut copied = Vec::new();
-        let mut events = vec![moved, key(Key::M, Modifiers::NONE)];
-        while copied.is_empty() {
-            copied = offscreen.frame(std::mem::take(&mut events)).unwrap().requests;
-        }
+        let release =
+            Event::Key { key: Key::M, physical_key: None, pressed: false, repeat: false, modifiers: Modifiers::NONE };
+        let copied = requests(&mut offscreen, vec![moved, key(Key::M, Modifiers::NONE), release]);
         let [WindowRequest::Copy(text)] = &copied[..] else { panic!("{copied:?}") };
         let numbers: Vec<f64> = text.split(", ").map(|number| number.parse().unwrap()).collect();
         let apart = place(&mut offscreen, [x, y]).distance(glam::DVec3::from_slice(&numbers));
@@ -185,7 +195,8 @@ fn the_copied_command_draws_the_picture() {
         assert!(left_out.is_empty(), "{left_out:?}");
         let file = folder.path().join(name).display().to_string();
         let words: Vec<String> = shlex::split(&line).unwrap();
-        let words: Vec<&str> = words.iter().map(|word| if word == "view.png" { &file } else { word.as_str() }).collect();
+        let words: Vec<&str> =
+            words.iter().map(|word| if word == "view.png" { &file } else { word.as_str() }).collect();
         assert_eq!(words[..2], ["smalto", "render"]);
         let output = run(&words[1..], |command| {
             command.env("SMALTO_DEVICE", std::env::var("SMALTO_DEVICE").unwrap_or_else(|_| "llvmpipe".to_owned()));
@@ -211,11 +222,7 @@ fn the_copied_command_draws_the_picture() {
     offscreen.viewer().layers[0].place.scale = 2.0;
     assert_eq!(offscreen.viewer().command_line(Program::Render).1, ["the placement of scenes"]);
     // The keys copy it.
-    let mut events = vec![key(Key::R, Modifiers::COMMAND)];
-    let mut copied = Vec::new();
-    while copied.is_empty() {
-        copied = offscreen.frame(std::mem::take(&mut events)).unwrap().requests;
-    }
+    let copied = requests(&mut offscreen, vec![key(Key::R, Modifiers::COMMAND)]);
     assert!(matches!(&copied[..], [WindowRequest::Copy(text)] if text.starts_with("smalto render cactus:3000 ")));
 }
 

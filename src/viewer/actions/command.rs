@@ -63,9 +63,8 @@ impl Viewer {
         // Antialiasing and the near plane are those of the scene unless they are said, so they always are.
         let said = |name: &str| ["near", "antialiased"].contains(&name);
         let has_levels = self.is_in_pages();
-        let is_said_by_need = |knob: &&Knob| {
-            knob.group != Group::Path && !said(knob.name) && (has_levels || !knob.is_of_levels())
-        };
+        let is_said_by_need =
+            |knob: &&Knob| knob.group != Group::Path && !said(knob.name) && (has_levels || !knob.is_of_levels());
         let differing = |preset: &Options| {
             let differs = |knob: &&Knob| (knob.get)(preset) != (knob.get)(&self.options);
             KNOBS.iter().filter(is_said_by_need).filter(differs).collect::<Vec<_>>()
@@ -143,7 +142,8 @@ impl Viewer {
 impl Source {
     /// The scene as an argument of a command.
     fn argument(&self) -> String {
-        let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string();
+        let absolute =
+            |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string();
         match self {
             Self::File(path) => absolute(path),
             Self::Procedural(procedural) => procedural.argument(),

@@ -31,7 +31,8 @@ impl Viewer {
         let comparison = &mut self.comparison;
         let area = comparison.area;
         let Some(still) = &self.still else { return };
-        let is_known = comparison.apart.as_ref().is_some_and(|apart| (apart.number, apart.area) == (still.number, area));
+        let is_known =
+            comparison.apart.as_ref().is_some_and(|apart| (apart.number, apart.area) == (still.number, area));
         if comparison.is_measuring || is_known || comparison.target == CompareTarget::Nothing {
             return;
         }

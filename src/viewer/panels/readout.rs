@@ -34,7 +34,10 @@ fn under_cursor(viewer: &Viewer) -> Option<String> {
     let mut lines = vec![format!("pixel {x}, {y}")];
     match second.filter(|_| viewer.comparison.target != CompareTarget::Nothing) {
         Some(second) => {
-            lines.extend([format!("first    {}", value(quantity, first)), format!("second {}", value(quantity, second))]);
+            lines.extend([
+                format!("first    {}", value(quantity, first)),
+                format!("second {}", value(quantity, second)),
+            ]);
             if quantity == Quantity::Colour {
                 let apart = (0..3).map(|c| (first[c] - second[c]).abs()).fold(0.0, f32::max);
                 lines.push(format!("apart   {apart:.4}, {:.1} steps of 255", apart * 255.0));

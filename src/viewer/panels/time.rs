@@ -64,11 +64,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         ui.end_row();
     });
     let pace = &viewer.pace;
-    ui.label(format!(
-        "{} frames drawn, {} missed a refresh",
-        HumanCount(pace.drawn),
-        HumanCount(pace.dropped)
-    ));
+    ui.label(format!("{} frames drawn, {} missed a refresh", HumanCount(pace.drawn), HumanCount(pace.dropped)));
     ui.label(format!("{:.1} ms from an input to its frame, mean", pace.mean_latency_ms));
 }
 
