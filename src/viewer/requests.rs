@@ -16,29 +16,23 @@ impl Session {
     /// Executes the requests that need the device; returns those for the owner of the window.
     pub(super) fn execute_requests(&mut self) -> Result<Vec<WindowRequest>> {
         let mut for_window = Vec::new();
-        for request in std::mem::take(&mut self.viewer.requests) {
-            match request {
+        // One at a time, since a mark asks for its place to be copied.
+        while !self.viewer.requests.is_empty() {
+            match self.viewer.requests.remove(0) {
                 Request::Window(request) => for_window.push(request),
                 Request::Pick(pixel) => self.pick(pixel)?,
                 Request::Focus(pixel) => {
-                    let Some((_, drawn)) = self.drawn_at(pixel) else { continue };
-                    let depths = Inspection::of_attribute(Attribute::Depth);
-                    if drawn.gaussians.is_none() && !drawn.renderer.can_show(&depths) {
-                        self.viewer.messages.error(needs_whole("the depth of a pixel"));
-                        continue;
-                    }
-                    let depth = drawn.renderer.depth_at(pixel)?;
+                    let Some(depth) = self.depth_at(pixel)? else { continue };
                     self.viewer.focus(pixel, depth);
                 }
                 Request::Mark(pixel) => {
-                    let Some((_, drawn)) = self.drawn_at(pixel) else { continue };
-                    let depth = drawn.renderer.depth_at(pixel)?;
+                    let Some(depth) = self.depth_at(pixel)? else { continue };
                     self.viewer.mark(pixel, depth);
                 }
                 Request::FitRange => self.viewer.fit_range(),
                 Request::WritePicture => self.write_picture()?,
                 Request::WriteFilm => self.viewer.write_film(self.screen.device(), reusable(&self.pair)),
-                Request::Measure | Request::Choose => {
+                request @ (Request::Measure | Request::Choose) => {
                     let Some(first) = &self.pair.first else { continue };
                     let Some(gaussians) = first.gaussians.clone() else {
                         self.viewer.messages.error(needs_whole("this measurement"));
@@ -53,6 +47,17 @@ impl Session {
             }
         }
         Ok(for_window)
+    }
+
+    /// The depth of the picture at a pixel of the window, if there is something; none if it cannot be asked for, which
+    /// is said.
+    fn depth_at(&mut self, pixel: [u32; 2]) -> Result<Option<Option<f32>>> {
+        let Some((_, drawn)) = self.drawn_at(pixel) else { return Ok(None) };
+        if drawn.gaussians.is_none() && !drawn.renderer.can_show(&Inspection::of_attribute(Attribute::Depth)) {
+            self.viewer.messages.error(needs_whole("the depth of a pixel"));
+            return Ok(None);
+        }
+        drawn.renderer.depth_at(pixel).map(Some)
     }
 
     /// Reads the pictures back if they stand still and somebody asks for their values, and compares them.

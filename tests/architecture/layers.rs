@@ -27,8 +27,8 @@ const EDGES: [(&str, &str); 18] = [
     ("measure::prune", "render scene camera options pixels measure::bench measure::metrics"),
     (
         "viewer",
-        "files host_memory gpu render reference scene storage camera rules options pixels measure::bench measure::metrics \
-         measure::trade",
+        "files host_memory gpu render reference scene storage camera rules options pixels measure::bench \
+         measure::metrics measure::trade",
     ),
 ];
 
