@@ -1,5 +1,5 @@
-//! `cameras.json` of the original 3DGS: an array of camera-to-world poses with focal lengths. smalto adds two optional
-//! members, the principal point and the time of a key. Other programs ignore them.
+//! `cameras.json` of the original 3DGS: an array of camera-to-world poses with focal lengths. smalto adds
+//! optional members: the principal point, and the time of a key and whether it rests. Other programs ignore them.
 
 use std::io::Write;
 use std::path::Path;
@@ -40,6 +40,15 @@ pub(super) struct Entry {
     /// The time of a key of a [`Timeline`](super::Timeline).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     seconds: Option<f64>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    rests: bool,
+}
+
+/// What a path knows of a camera.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Moment {
+    pub seconds: Option<f64>,
+    pub rests: bool,
 }
 
 /// A number of pixels. Some programs write it like 640.0.
@@ -53,14 +62,14 @@ fn whole<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
     }
 }
 
-/// All cameras of the file, each with its time if it has one.
-pub(super) fn parse(text: &[u8]) -> Result<Vec<(NamedCamera, Option<f64>)>> {
+/// All cameras of the file, each with its moment of a path.
+pub(super) fn parse(text: &[u8]) -> Result<Vec<(NamedCamera, Moment)>> {
     let entries: Vec<Entry> = serde_json::from_slice(without_mark(text))
         .with_context(|| format!("is not a cameras.json (an array of {MEMBERS})"))?;
     ensure!(!entries.is_empty(), "holds no camera");
     let timed = |(i, entry): (usize, Entry)| {
-        let seconds = entry.seconds;
-        Ok((entry.camera(i).with_context(|| format!("camera {i}"))?, seconds))
+        let moment = Moment { seconds: entry.seconds, rests: entry.rests };
+        Ok((entry.camera(i).with_context(|| format!("camera {i}"))?, moment))
     };
     entries.into_iter().enumerate().map(timed).collect()
 }
@@ -70,7 +79,7 @@ pub(super) fn parse(text: &[u8]) -> Result<Vec<(NamedCamera, Option<f64>)>> {
 /// # Errors
 /// If there is no camera, or the file cannot be written.
 pub fn write(path: &Path, cameras: &[NamedCamera]) -> Result<()> {
-    let entry = |(i, named): (usize, &NamedCamera)| Entry::of(i, &named.name, &named.camera, None);
+    let entry = |(i, named): (usize, &NamedCamera)| Entry::of(i, &named.name, &named.camera, Moment::default());
     write_entries(path, cameras.iter().enumerate().map(entry))
 }
 
@@ -88,7 +97,8 @@ pub(super) fn write_entries(path: &Path, entries: impl ExactSizeIterator<Item = 
 
 /// The camera as an entry of a `cameras.json`. [`from_json`] makes the same camera of it, bit for bit.
 pub fn to_json(camera: &Camera) -> String {
-    serde_json::to_string(&Entry::of(0, "view", camera, None)).expect("numbers and a name can be written as JSON")
+    let entry = Entry::of(0, "view", camera, Moment::default());
+    serde_json::to_string(&entry).expect("numbers and a name can be written as JSON")
 }
 
 /// The camera of an entry of a `cameras.json`, or of the first entry of an array.
@@ -106,7 +116,7 @@ pub fn from_json(text: &str) -> Result<Camera> {
 }
 
 impl Entry {
-    pub fn of(index: usize, name: &str, camera: &Camera, seconds: Option<f64>) -> Self {
+    pub fn of(index: usize, name: &str, camera: &Camera, Moment { seconds, rests }: Moment) -> Self {
         let Camera { position, rotation, focal_px, centre_px, size_px } = camera;
         let centred = centre(*size_px);
         Self {
@@ -121,6 +131,7 @@ impl Entry {
             cx: (centre_px.x != centred.x).then_some(centre_px.x),
             cy: (centre_px.y != centred.y).then_some(centre_px.y),
             seconds,
+            rests,
         }
     }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
 
-use super::cameras_json::{self, Entry, write_entries};
+use super::cameras_json::{self, Entry, Moment, write_entries};
 use super::path::between;
 use super::{Camera, NamedCamera};
 use crate::files::read_whole;
@@ -23,6 +23,8 @@ pub struct Key {
     pub seconds: f64,
     /// The view at this time.
     pub camera: Camera,
+    /// The motion slows down before this key, stands still at it, and speeds up after it.
+    pub rests: bool,
 }
 
 /// Keys in the order of time, no two at the same time.
@@ -37,15 +39,16 @@ impl Timeline {
         &self.keys
     }
 
-    /// Adds a key, or replaces the one at the same time. Returns its index.
+    /// Adds a key, or replaces the camera of the one at the same time. Returns its index.
     ///
     /// # Errors
     /// If `seconds` is not from 0 to 1e6.
     pub fn insert(&mut self, seconds: f64, camera: Camera) -> Result<usize> {
         check(seconds)?;
         let index = self.keys.partition_point(|key| key.seconds <= seconds - RESOLUTION);
-        let replaced = self.keys.get(index).is_some_and(|key| key.seconds < seconds + RESOLUTION);
-        self.keys.splice(index..index + usize::from(replaced), [Key { seconds, camera }]);
+        let replaced = self.keys.get(index).filter(|key| key.seconds < seconds + RESOLUTION).map(|key| key.rests);
+        let key = Key { seconds, camera, rests: replaced.unwrap_or_default() };
+        self.keys.splice(index..index + usize::from(replaced.is_some()), [key]);
         Ok(index)
     }
 
@@ -63,8 +66,22 @@ impl Timeline {
         check(seconds)?;
         let is_taken = |(i, key): (usize, &Key)| i != index && (key.seconds - seconds).abs() < RESOLUTION;
         ensure!(!self.keys.iter().enumerate().any(is_taken), "there is a key at {seconds} s already");
-        let key = self.keys.remove(index);
-        self.insert(seconds, key.camera)
+        let Key { camera, rests, .. } = self.keys.remove(index);
+        let index = self.insert(seconds, camera)?;
+        self.keys[index].rests = rests;
+        Ok(index)
+    }
+
+    /// Sets whether the motion rests at a key, if there is one of this index.
+    pub fn set_rest(&mut self, index: usize, rests: bool) {
+        if let Some(key) = self.keys.get_mut(index) {
+            key.rests = rests;
+        }
+    }
+
+    /// True if the path ends where it begins, so that it can go round and round.
+    pub fn is_closed(&self) -> bool {
+        self.keys.len() > 2 && self.keys[0].camera == self.keys[self.keys.len() - 1].camera
     }
 
     /// Seconds from the first key to the last.
@@ -79,8 +96,10 @@ impl Timeline {
     /// theirs. `None` if there is no key.
     ///
     /// Positions lie on a Catmull-Rom spline whose velocity at a key is that of the parabola through the key and its
-    /// neighbours in time, limited in length. Rotations follow the shortest arcs, intrinsics are interpolated linearly.
-    /// For keys at equal intervals this is [`through`](super::path::through).
+    /// neighbours in time, limited in length; the first and the last key of a closed path are one. Rotations follow
+    /// the shortest arcs, intrinsics are interpolated linearly. For keys at equal intervals this is
+    /// [`through`](super::path::through). Beside a key at which the motion rests, the time itself follows a cubic that
+    /// stands still there.
     pub fn at(&self, seconds: f64) -> Option<Camera> {
         let size_px = self.keys.first()?.camera.size_px;
         let next = self.keys.partition_point(|key| key.seconds <= seconds);
@@ -94,7 +113,12 @@ impl Timeline {
         // The neighbours with which a spline of equal intervals has these velocities.
         let outer = [p2 - 2.0 * time * self.velocity(from), p1 + 2.0 * time * self.velocity(to)];
         let ends = [from, to].map(|i| self.keys[i].camera.resized(size_px));
-        Some(between(outer, [&ends[0], &ends[1]], (seconds - start) / time))
+        // Hermite's cubic of slope 0 where the motion rests and 1 elsewhere: the time as it is if it rests nowhere.
+        let t = (seconds - start) / time;
+        let [slope, last_slope] = [from, to].map(|i| if self.keys[i].rests { 0.0 } else { 1.0 });
+        let bent = t * t * (3.0 - 2.0 * t) + slope * t * (1.0 - t) * (1.0 - t) - last_slope * t * t * (1.0 - t);
+        let t = if slope == 1.0 && last_slope == 1.0 { t } else { bent };
+        Some(between(outer, [&ends[0], &ends[1]], t))
     }
 
     /// The velocity at a key of a path with two keys or more, in world units per second.
@@ -103,12 +127,15 @@ impl Timeline {
             let (a, b) = (&self.keys[from], &self.keys[from + 1]);
             (b.camera.position - a.camera.position, b.seconds - a.seconds)
         };
+        let last = self.keys.len() - 1;
+        let is_end = index == 0 || index == last;
         // At the ends of the path, as if the key were doubled.
-        if index == 0 || index + 1 == self.keys.len() {
-            let (way, time) = step(index.min(self.keys.len() - 2));
+        if is_end && !self.is_closed() {
+            let (way, time) = step(index.min(last - 1));
             return way / (2.0 * time);
         }
-        let ((before, time_before), (after, time_after)) = (step(index - 1), step(index));
+        let [before, after] = if is_end { [last - 1, 0] } else { [index - 1, index] };
+        let ((before, time_before), (after, time_after)) = (step(before), step(after));
         let share = time_after / (time_before + time_after);
         let parabola = before / time_before * share + after / time_after * (1.0 - share);
         // A fast segment must not make a slow neighbour overshoot. A velocity up to three times the mean speed of a
@@ -130,12 +157,15 @@ impl Timeline {
         (0..count).map(frame)
     }
 
-    /// Writes the keys as a `cameras.json` in which each camera has a member `seconds`.
+    /// Writes the keys as a `cameras.json` in which each camera has a member `seconds`, and `rests` where it does.
     ///
     /// # Errors
     /// If there is no key, or the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let entry = |(i, key): (usize, &Key)| Entry::of(i, &format!("key {i}"), &key.camera, Some(key.seconds));
+        let entry = |(i, Key { seconds, camera, rests }): (usize, &Key)| {
+            let moment = Moment { seconds: Some(*seconds), rests: *rests };
+            Entry::of(i, &format!("key {i}"), camera, moment)
+        };
         write_entries(path, self.keys.iter().enumerate().map(entry))
     }
 
@@ -146,11 +176,11 @@ impl Timeline {
     /// One sentence without the file's name if it is not such a file, or two of its cameras are at the same time.
     pub fn read(path: &Path) -> Result<Self> {
         let mut next = 0.0;
-        let key = |(i, (named, seconds)): (usize, (NamedCamera, Option<f64>))| {
-            let seconds = seconds.unwrap_or(next);
+        let key = |(i, (named, moment)): (usize, (NamedCamera, Moment))| {
+            let seconds = moment.seconds.unwrap_or(next);
             check(seconds).with_context(|| format!("camera {i}"))?;
             next = seconds + 1.0;
-            Ok((i, Key { seconds, camera: named.camera }))
+            Ok((i, Key { seconds, camera: named.camera, rests: moment.rests }))
         };
         let keys = cameras_json::parse(&read_whole(path)?)?.into_iter().enumerate().map(key);
         let mut keys = keys.collect::<Result<Vec<_>>>()?;
@@ -230,6 +260,41 @@ mod tests {
     }
 
     #[test]
+    fn the_motion_rests_at_a_key_and_is_as_before_elsewhere() {
+        let mut timeline = timeline(&[0.0, 1.0, 2.0, 3.0]);
+        let before: Vec<Camera> = timeline.frames(20.0).collect();
+        timeline.set_rest(2, true);
+        timeline.set_rest(9, true);
+        let after: Vec<Camera> = timeline.frames(20.0).collect();
+        assert_eq!(before[..21], after[..21], "the first second ends at a key that does not rest");
+        assert!(before[30] != after[30] && before[50] != after[50]);
+        let speed = |at: f64, h: f64| {
+            let [a, b] = [at - h, at + h].map(|seconds| timeline.at(seconds).unwrap());
+            (a.position.distance(b.position) + (a.rotation.row(2) - b.rotation.row(2)).length()) / (2.0 * h)
+        };
+        assert!(speed(2.0, 1e-4) < 1e-3 * speed(1.5, 1e-4), "{} against {}", speed(2.0, 1e-4), speed(1.5, 1e-4));
+        // The speed does not jump where the bent time begins.
+        let [left, right] = [speed(1.0 - 1e-5, 1e-6), speed(1.0 + 1e-5, 1e-6)];
+        assert!((left / right - 1.0).abs() < 1e-3, "{left} then {right}");
+        assert_eq!(timeline.retime(2, 2.5).unwrap(), 2);
+        assert!(timeline.keys()[2].rests, "a key that is moved rests still");
+        timeline.insert(2.5, cameras()[5].clone()).unwrap();
+        assert!(timeline.keys()[2].rests, "and one whose view is replaced");
+    }
+
+    #[test]
+    fn a_closed_path_goes_round_without_a_corner() {
+        let mut timeline = timeline(&[0.0, 1.0, 2.0, 4.0]);
+        assert!(!timeline.is_closed());
+        timeline.insert(5.0, cameras()[0].clone()).unwrap();
+        assert!(timeline.is_closed());
+        let place = |seconds| timeline.at(seconds).unwrap().position;
+        let h = 1e-6;
+        let (out, back) = ((place(h) - place(0.0)) / h, (place(5.0) - place(5.0 - h)) / h);
+        assert!(out.distance(back) < 1e-4 * out.length(), "{out} and {back}");
+    }
+
+    #[test]
     fn haste_before_a_long_way_does_not_swing_it_about() {
         let mut timeline = Timeline::default();
         for (seconds, x) in [(0.0, 0.0), (0.01, 10.0), (10.0, 11.0), (20.0, 12.0)] {
@@ -286,7 +351,8 @@ mod tests {
     fn timelines_are_camera_files_and_camera_files_timelines() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("path.json");
-        let timeline = timeline(&[0.1, 1.0 / 3.0, 2.5]);
+        let mut timeline = timeline(&[0.1, 1.0 / 3.0, 2.5]);
+        timeline.set_rest(1, true);
         timeline.write(&path).unwrap();
         assert_eq!(Timeline::read(&path).unwrap(), timeline);
         let plain = crate::camera::read(&path).unwrap().cameras;

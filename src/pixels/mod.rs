@@ -2,10 +2,12 @@
 
 mod plane;
 mod read;
+mod video;
 mod write;
 
 pub use plane::{Depths, Plane};
 pub use read::{Channels, Picture};
+pub(crate) use video::{VIDEO_KINDS, Video, has_ffmpeg, is_video, plain_for_ffmpeg, video_padding};
 pub use write::{Compression, FileKind, Integers, write_rgba8};
 
 /// An image of four floats per pixel, row by row from the top left: colour over the background as displayed (no

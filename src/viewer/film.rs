@@ -8,6 +8,8 @@ pub struct Film {
     /// The time that is shown, in seconds.
     pub now: f64,
     pub is_playing: bool,
+    /// It begins again at its end.
+    pub repeats: bool,
     /// Seconds between the last key and a key that is added.
     pub step: f64,
     pub fps: f64,
@@ -20,6 +22,7 @@ impl Default for Film {
             timeline: Timeline::default(),
             now: 0.0,
             is_playing: false,
+            repeats: false,
             step: 2.0,
             fps: 30.0,
             file: "path.json".to_owned(),
@@ -39,5 +42,33 @@ impl Film {
         if self.is_playing && self.now >= self.end() {
             self.now = 0.0;
         }
+    }
+
+    /// The time `seconds` later, and whether the path goes on there.
+    pub fn after(&self, seconds: f64) -> (f64, bool) {
+        let (now, end) = (self.now + seconds, self.end());
+        match now < end {
+            true => (now, true),
+            false if self.repeats && end > 0.0 => (now % end, true),
+            false => (end, false),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Camera;
+
+    #[test]
+    fn a_path_ends_or_begins_again() {
+        let mut film = Film::default();
+        assert_eq!(film.after(1.0), (0.0, false));
+        let camera = Camera::framing(glam::DVec3::ZERO, 1.0, [8, 8]);
+        film.timeline.insert(4.0, camera).unwrap();
+        film.now = 3.0;
+        assert_eq!((film.after(0.5), film.after(1.5)), ((3.5, true), (4.0, false)));
+        film.repeats = true;
+        assert_eq!((film.after(0.5), film.after(9.5)), ((3.5, true), (0.5, true)));
     }
 }

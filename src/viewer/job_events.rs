@@ -92,6 +92,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
                     viewer.events.emit(&Event::Written { text: summary.clone() });
                     viewer.messages.note(summary);
                 }
+                Err(problem) if problem.is::<Cancelled>() => viewer.messages.note(format!("{problem:#}")),
                 Err(problem) => viewer.messages.error(format!("{problem:#}")),
             }
         }

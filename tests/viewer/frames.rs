@@ -179,7 +179,7 @@ fn films_and_pictures_are_written_as_by_render() {
     viewer.navigator.orbit(glam::DVec2::new(40.0, 10.0), SIZE);
     viewer.add_key();
     viewer.film.fps = 1.0;
-    viewer.export.folder = folder.path().join("film").display().to_string();
+    viewer.export.film = folder.path().join("film").display().to_string();
     viewer.export.picture = folder.path().join("one.png").display().to_string();
     viewer.export.size = Some([64, 48]);
     viewer.requests.extend([Request::WriteFilm]);

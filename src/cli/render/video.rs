@@ -1,12 +1,9 @@
 //! `--video`: a video of the pictures, made by ffmpeg, or the ffmpeg command that makes it of numbered pictures.
 
 use std::collections::BTreeMap;
-use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::thread::JoinHandle;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 
 use super::Args;
 use super::lent::Rgb8;
@@ -14,12 +11,8 @@ use super::outputs::{Layer, Outputs, Shot, frames_of};
 use crate::cli::cameras::Fps;
 use crate::cli::{Usage, remark, size_text};
 use crate::files::{check_absent, check_writable, write_checked};
+use crate::pixels::{self, VIDEO_KINDS, has_ffmpeg, is_video, video_padding};
 use crate::rules::Background;
-
-/// The kinds of video files, by their endings.
-const KINDS: [&str; 4] = ["mp4", "mkv", "mov", "webm"];
-
-const FFMPEG: &str = "ffmpeg";
 
 /// A video file to write.
 pub(super) struct Video {
@@ -31,20 +24,17 @@ pub(super) struct Video {
 
 /// A video on its way through ffmpeg, which takes the frames in their order.
 pub(super) struct Encoder {
-    ffmpeg: Child,
+    video: pixels::Video,
     /// The number of the next frame.
     next: usize,
     /// Frames that are complete before those ahead of them.
     waiting: BTreeMap<usize, Rgb8>,
-    /// Reads what it says, so that it never waits for a reader.
-    errors: Option<JoinHandle<String>>,
 }
 
 /// Parses the file of `--video`.
 pub(super) fn parse_file(text: &str) -> Result<PathBuf> {
     let file = PathBuf::from(text);
-    let is_video = file.extension().is_some_and(|ending| KINDS.iter().any(|kind| ending.eq_ignore_ascii_case(kind)));
-    anyhow::ensure!(is_video, "expected a name that ends in .{}", KINDS.join(", ."));
+    anyhow::ensure!(is_video(&file), "expected a name that ends in .{}", VIDEO_KINDS.join(", ."));
     Ok(file)
 }
 
@@ -68,8 +58,7 @@ pub(super) fn file(args: &Args) -> Result<Option<&Path>> {
         check_absent(file)?;
     }
     check_writable(file)?;
-    let found = Command::new(FFMPEG).arg("-version").stdin(Stdio::null()).stdout(Stdio::null()).status();
-    if found.is_ok_and(|status| status.success()) {
+    if has_ffmpeg() {
         return Ok(Some(file));
     }
     remark(&format!("note: there is no ffmpeg: pictures are written to {}", frames_of(file).display()));
@@ -92,22 +81,8 @@ impl Video {
 
     /// Starts ffmpeg. It writes to `part`.
     fn start(&self, part: &Path) -> Result<Encoder> {
-        let mut ffmpeg = Command::new(FFMPEG);
-        ffmpeg.args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pixel_format", "rgb24"]);
-        ffmpeg.args(["-video_size", &size_text(self.size), "-framerate", &self.fps.to_string(), "-i", "-"]);
-        ffmpeg.args(padding(self.size));
-        // The codec that the kind of file takes.
-        ffmpeg.args(["-pix_fmt", "yuv420p"]).arg(plain(part)?);
-        let started = ffmpeg.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
-        let mut ffmpeg = started.context("cannot start ffmpeg")?;
-        let errors = ffmpeg.stderr.take().map(|mut errors| {
-            std::thread::spawn(move || {
-                let mut said = Vec::new();
-                _ = errors.read_to_end(&mut said);
-                String::from_utf8_lossy(&said).into_owned()
-            })
-        });
-        Ok(Encoder { ffmpeg, next: 0, waiting: BTreeMap::new(), errors })
+        let video = pixels::Video::start(part, self.size, &self.fps.to_string())?;
+        Ok(Encoder { video, next: 0, waiting: BTreeMap::new() })
     }
 }
 
@@ -116,36 +91,15 @@ impl Encoder {
     pub fn add(&mut self, number: usize, frame: Rgb8) -> Result<()> {
         self.waiting.insert(number, frame);
         while let Some(mut frame) = self.waiting.remove(&self.next) {
-            let pipe = self.ffmpeg.stdin.as_mut().context("ffmpeg has no input")?;
-            if pipe.write_all(frame.bytes()).is_err() {
-                bail!(self.failure());
-            }
+            self.video.add(frame.bytes())?;
             self.next += 1;
         }
         Ok(())
     }
 
     /// Waits until ffmpeg has written the file.
-    pub fn finish(mut self) -> Result<()> {
-        drop(self.ffmpeg.stdin.take());
-        let status = self.ffmpeg.wait().context("ffmpeg cannot be waited for")?;
-        if status.success() { Ok(()) } else { bail!(self.failure()) }
-    }
-
-    /// What ffmpeg says of its failure.
-    fn failure(&mut self) -> String {
-        _ = self.ffmpeg.wait();
-        let said = self.errors.take().and_then(|errors| errors.join().ok()).unwrap_or_default();
-        let reason = said.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it ended early");
-        format!("ffmpeg failed: {reason}")
-    }
-}
-
-impl Drop for Encoder {
-    fn drop(&mut self) {
-        // It has ended, unless the run failed.
-        _ = self.ffmpeg.kill();
-        _ = self.ffmpeg.wait();
+    pub fn finish(self) -> Result<()> {
+        self.video.finish()
     }
 }
 
@@ -163,11 +117,6 @@ fn check_frames(args: &Args, shots: &[Shot]) -> Result<[u32; 2]> {
         }
         None => Ok(size),
     }
-}
-
-/// Arguments of ffmpeg that make both sides even: yuv420p stores colour for blocks of 2x2 pixels.
-fn padding(size: [u32; 2]) -> &'static [&'static str] {
-    if size.iter().any(|side| side % 2 == 1) { &["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"] } else { &[] }
 }
 
 /// The command that makes a video of `shots`. Fails if their files cannot be frames of a video.
@@ -203,7 +152,7 @@ fn line(frames: &Path, video: &Path, size_px: [u32; 2], fps: &Fps) -> Result<Str
     let folder = plain(frames)?.replace('%', "%%");
     let mut words = vec!["ffmpeg".to_owned(), "-framerate".to_owned(), fps.to_string()];
     words.extend(["-i".to_owned(), format!("{}/%05d.png", folder.trim_end_matches('/'))]);
-    words.extend(padding(size_px).iter().map(|word| (*word).to_owned()));
+    words.extend(video_padding(size_px).iter().map(|word| (*word).to_owned()));
     words.extend(["-c:v", "libx264", "-pix_fmt", "yuv420p"].map(str::to_owned));
     words.push(plain(video)?);
     shlex::try_join(words.iter().map(String::as_str)).context("the name of the folder cannot be quoted for a shell")
@@ -211,9 +160,7 @@ fn line(frames: &Path, video: &Path, size_px: [u32; 2], fps: &Fps) -> Result<Str
 
 /// The path in a form that ffmpeg does not take for an option or a URL.
 fn plain(path: &Path) -> Result<String> {
-    let text = path.to_str().with_context(|| format!("--video: {} is not UTF-8", path.display()))?;
-    let is_plain = path.is_absolute() || !(text.starts_with('-') || text.contains(':'));
-    Ok(if is_plain { text.to_owned() } else { format!("./{text}") })
+    pixels::plain_for_ffmpeg(path).context("--video")
 }
 
 #[cfg(test)]

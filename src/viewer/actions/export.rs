@@ -1,45 +1,94 @@
 //! Actions that write pictures and the frames of a path, with the same code as `smalto render`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Error, Result};
 use rayon::prelude::*;
 
 use crate::camera::Camera;
+use crate::files::{make_folder, write_checked};
 use crate::gpu::Device;
-use crate::pixels::{Pixels, write_rgba8};
+use crate::pixels::{Pixels, Video, has_ffmpeg, is_video, write_rgba8};
 use crate::rules::Background;
-use crate::viewer::jobs::JobEvent;
-use crate::viewer::pictures::{Plan, Reusable, Side};
+use crate::scene::Cancelled;
+use crate::viewer::jobs::{Cancel, JobEvent};
+use crate::viewer::pictures::{Drawn, Plan, Reusable, Side};
 use crate::viewer::state::Viewer;
 
 /// Memory for pictures that are encoded at the same time.
 const AT_ONCE_BYTES: u64 = 1 << 30;
 
-/// Draws each camera into its file. `reusable` is what the build may take over from the picture in the window.
-fn write_all(
-    device: &Device,
-    (plan, reusable): (Plan, Option<Reusable>),
-    shots: &[(Camera, PathBuf)],
+/// Where pictures go.
+enum Output {
+    /// A file for each.
+    Files(Vec<PathBuf>),
+    /// All are frames of one video of this many frames a second.
+    Video(PathBuf, f64),
+}
+
+/// Pictures to draw, and where they go.
+struct Shots {
+    cameras: Vec<Camera>,
+    output: Output,
     background: Background,
-    progress: &dyn Fn(f64),
-) -> Result<()> {
-    let (first, _) = shots.first().context("there is nothing to write")?;
-    let mut drawn = plan.build(device, reusable, first, background, None)?;
-    let bytes = shots.iter().map(|(camera, _)| 16 * camera.size_px.map(u64::from).iter().product::<u64>()).max();
-    let fit = (AT_ONCE_BYTES / bytes.unwrap_or(0).max(1)).clamp(1, rayon::current_num_threads() as u64) as usize;
-    let mut done = 0;
-    for shots_at_once in shots.chunks(fit) {
-        let draw = |(camera, file): &'_ (Camera, PathBuf)| {
-            drawn.renderer.render(camera, background)?;
-            Ok((drawn.renderer.pixels()?, file.clone()))
-        };
-        let pictures: Vec<(Pixels, PathBuf)> = shots_at_once.iter().map(draw).collect::<Result<_>>()?;
-        pictures.par_iter().try_for_each(|(pixels, file)| pixels.write(file, false))?;
-        done += shots_at_once.len();
-        progress(done as f64 / shots.len() as f64);
+}
+
+impl Shots {
+    /// Draws all of them. `reusable` is what the build may take over from the picture in the window. `progress` gets
+    /// the fraction that is written, and returns true if the rest is not wanted.
+    fn write(
+        &self,
+        device: &Device,
+        (plan, reusable): (Plan, Option<Reusable>),
+        progress: &dyn Fn(f64) -> bool,
+    ) -> Result<()> {
+        let first = self.cameras.first().context("there is nothing to write")?;
+        let mut drawn = plan.build(device, reusable, first, self.background, None)?;
+        match &self.output {
+            Output::Files(files) => self.draw(&mut drawn, progress, |begin, pictures| {
+                pictures.par_iter().zip(&files[begin..]).try_for_each(|(pixels, file)| pixels.write(file, false))
+            }),
+            // ffmpeg itself writes the temporary file.
+            Output::Video(file, fps) => {
+                let ending = format!(".{}", file.extension().unwrap_or_default().to_string_lossy());
+                write_checked(file, &ending, |_| Ok(()), |part| {
+                    let mut video = Video::start(part, first.size_px, &fps.to_string())?;
+                    self.draw(&mut drawn, progress, |_, pictures| {
+                        let frames: Vec<_> = pictures.par_iter().map(Pixels::to_rgb8).collect();
+                        frames.iter().try_for_each(|frame| video.add(frame))
+                    })?;
+                    video.finish()
+                })
+            }
+        }
     }
-    Ok(())
+
+    /// Draws all pictures, and hands them to `take`, some at once, with the number of the first.
+    fn draw(
+        &self,
+        drawn: &mut Drawn,
+        progress: &dyn Fn(f64) -> bool,
+        mut take: impl FnMut(usize, &[Pixels]) -> Result<()>,
+    ) -> Result<()> {
+        let bytes = |camera: &Camera| 16 * camera.size_px.map(u64::from).iter().product::<u64>();
+        let largest = self.cameras.iter().map(bytes).max().unwrap_or(0).max(1);
+        let fit = (AT_ONCE_BYTES / largest).clamp(1, rayon::current_num_threads() as u64) as usize;
+        let count = self.cameras.len();
+        let mut done = 0;
+        for cameras in self.cameras.chunks(fit) {
+            let mut draw = |camera: &Camera| {
+                drawn.renderer.render(camera, self.background)?;
+                drawn.renderer.pixels()
+            };
+            let pictures: Vec<Pixels> = cameras.iter().map(&mut draw).collect::<Result<_>>()?;
+            take(done, &pictures)?;
+            done += cameras.len();
+            if progress(done as f64 / count as f64) && done < count {
+                return Err(Error::from(Cancelled).context(format!("after {done} of {count} pictures")));
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Viewer {
@@ -49,7 +98,7 @@ impl Viewer {
         let camera = self.export.size.map_or_else(|| camera.clone(), |size| camera.resized(size));
         let file = self.export.next_picture();
         let summary = format!("{} written, {}x{}", file.display(), camera.size_px[0], camera.size_px[1]);
-        self.write((device, reusable), vec![(camera, file)], summary);
+        self.write((device, reusable), vec![camera], Output::Files(vec![file]), summary);
     }
 
     /// Writes what the window shows without its panels, `size` pixels row by row, on another thread.
@@ -64,38 +113,56 @@ impl Viewer {
         self.jobs.start(move |_| write_rgba8(&file, size, &pixels).map(|()| summary), JobEvent::Written);
     }
 
-    /// Writes the frames of the path, on another thread.
+    /// Writes the frames of the path, on another thread: as numbered pictures in a folder, or as a video.
     pub fn write_film(&mut self, device: &Device, reusable: Option<Reusable>) {
         let size = self.export.size.unwrap_or(self.size);
-        let folder = PathBuf::from(&self.export.folder);
-        if let Err(problem) = std::fs::create_dir_all(&folder) {
-            return self.messages.error(format!("cannot make the folder {}: {problem}", folder.display()));
+        let cameras: Vec<_> = self.film.timeline.frames(self.film.fps).map(|camera| camera.resized(size)).collect();
+        let count = cameras.len();
+        if count == 0 {
+            return self.messages.note("there is no path to write: add keys to it");
         }
-        let frames = self.film.timeline.frames(self.film.fps).enumerate();
-        let shot = |(i, camera): (usize, Camera)| (camera.resized(size), folder.join(format!("{i:05}.png")));
-        let shots: Vec<_> = frames.map(shot).collect();
-        let summary = format!("{} frames written to {}", shots.len(), folder.display());
-        self.write((device, reusable), shots, summary);
+        if is_video(Path::new(&self.export.film)) {
+            if !has_ffmpeg() {
+                let what = "a video needs ffmpeg, which is not installed: name a folder, and its frames are written";
+                return self.messages.error(what);
+            }
+            let file = self.export.next_film();
+            let summary = format!("{} written, {count} frames", file.display());
+            return self.write((device, reusable), cameras, Output::Video(file, self.film.fps), summary);
+        }
+        let folder = self.export.next_film();
+        if let Err(problem) = make_folder(&folder) {
+            return self.messages.error(format!("{problem:#}"));
+        }
+        let files = (0..count).map(|i| folder.join(format!("{i:05}.png"))).collect();
+        let summary = format!("{count} frames written to {}", folder.display());
+        self.write((device, reusable), cameras, Output::Files(files), summary);
     }
 
-    /// Writes `shots` on another thread, which reports `summary` at the end.
+    /// Writes pictures on another thread, which reports `summary` at the end.
     fn write(
         &mut self,
         (device, reusable): (&Device, Option<Reusable>),
-        shots: Vec<(Camera, PathBuf)>,
+        cameras: Vec<Camera>,
+        output: Output,
         summary: String,
     ) {
         let plan = match self.plan(Side::First) {
-            Ok(Some(plan)) if !shots.is_empty() => plan,
-            Ok(_) => return self.messages.note("there is nothing to write yet"),
+            Ok(Some(plan)) => plan,
+            Ok(None) => return self.messages.note("there is nothing to write yet"),
             Err(problem) => return self.messages.error(format!("{problem:#}")),
         };
         let (device, background) = (device.clone(), self.background);
+        let cancel = Cancel::default();
         self.export.progress = Some(0.0);
+        self.export.cancel = cancel.clone();
         self.jobs.start(
             move |reporter| {
-                let progress = |fraction| reporter.send(JobEvent::Writing(fraction));
-                write_all(&device, (plan, reusable), &shots, background, &progress).map(|()| summary)
+                let progress = |fraction| {
+                    reporter.send(JobEvent::Writing(fraction));
+                    cancel.is_cancelled()
+                };
+                Shots { cameras, output, background }.write(&device, (plan, reusable), &progress).map(|()| summary)
             },
             JobEvent::Written,
         );

@@ -1,15 +1,73 @@
-//! Actions on the path of a film: adding keys, showing a time, playing.
+//! Actions on the path of a film: its keys, showing a time, playing.
 
+use std::f64::consts::TAU;
+
+use anyhow::Result;
+use glam::DQuat;
+
+use crate::camera::{Camera, Timeline};
 use crate::viewer::state::Viewer;
+
+/// Keys of a turn around the pivot. The path between them differs from a circle by less than 1e-3 of its radius.
+const TURN_KEYS: u32 = 12;
 
 impl Viewer {
     /// Adds the view as a key after the last one.
     pub fn add_key(&mut self) {
         let film = &self.film;
         let seconds = if film.timeline.keys().is_empty() { 0.0 } else { film.end() + film.step };
+        self.insert_key(seconds);
+    }
+
+    /// Makes the view the key of this time: a new one, or in place of the one that is there.
+    pub fn insert_key(&mut self, seconds: f64) {
         let camera = self.view();
-        match self.film.timeline.insert(seconds, camera) {
-            Ok(_) => self.messages.note(format!("key at {seconds:.1} s")),
+        let inserted = self.film.timeline.insert(seconds, camera);
+        self.say(inserted.map(|_| format!("key at {seconds:.1} s")));
+    }
+
+    /// Ends the path where it began, so that it can go round and round.
+    pub fn close_path(&mut self) {
+        let Some(first) = self.film.timeline.keys().first().map(|key| key.camera.clone()) else { return };
+        let seconds = self.film.end() + self.film.step;
+        let inserted = self.film.timeline.insert(seconds, first);
+        self.film.repeats = true;
+        self.say(inserted.map(|_| format!("the path ends at its first view, at {seconds:.1} s")));
+    }
+
+    /// Replaces the path by a turn around the pivot, from this view back to it.
+    pub fn turn_path(&mut self) {
+        let (view, pivot, up) = (self.view(), self.navigator.pivot(), self.navigator.up().vector());
+        let turned = |step: u32| {
+            // The last key is the first one, bit for bit.
+            let angle = f64::from(step % TURN_KEYS) / f64::from(TURN_KEYS) * TAU;
+            if angle == 0.0 {
+                return view.clone();
+            }
+            let turn = DQuat::from_axis_angle(up, angle);
+            Camera {
+                position: pivot + turn * (view.position - pivot),
+                rotation: view.rotation * glam::DMat3::from_quat(turn.inverse()),
+                ..view.clone()
+            }
+        };
+        let mut timeline = Timeline::default();
+        for step in 0..=TURN_KEYS {
+            if let Err(problem) = timeline.insert(f64::from(step) * self.film.step, turned(step)) {
+                return self.messages.error(format!("{problem:#}"));
+            }
+        }
+        let had = !self.film.timeline.keys().is_empty();
+        (self.film.timeline, self.film.repeats, self.film.now) = (timeline, true, 0.0);
+        self.messages.note(match had {
+            true => "a turn around the pivot in place of the path: undo brings that back",
+            false => "a turn around the pivot",
+        });
+    }
+
+    fn say(&mut self, done: Result<String>) {
+        match done {
+            Ok(text) => self.messages.note(text),
             Err(problem) => self.messages.error(format!("{problem:#}")),
         }
     }
@@ -27,9 +85,9 @@ impl Viewer {
     /// Advances the path by `seconds` if it is playing.
     pub fn play(&mut self, seconds: f64) {
         if self.film.is_playing {
-            let end = self.film.end();
-            self.film.is_playing = self.film.now + seconds < end;
-            self.show_time((self.film.now + seconds).min(end));
+            let (now, goes_on) = self.film.after(seconds);
+            self.film.is_playing = goes_on;
+            self.show_time(now);
         }
     }
 }

@@ -2,31 +2,55 @@
 
 use std::path::PathBuf;
 
-use egui::{DragValue, Slider, TextEdit, Ui};
+use egui::{Button, Color32, DragValue, Slider, Stroke, TextEdit, Ui};
 
+use super::super::keys::Action;
 use super::super::state::{Request, Viewer};
+use super::space::Space;
 use crate::camera::Timeline;
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
-    ui.horizontal(|ui| {
-        if ui.button("Add key").clicked() {
+    let keys = viewer.film.timeline.keys().len();
+    ui.horizontal_wrapped(|ui| {
+        let hint = format!("The view, after the last key ({})", viewer.setup.bindings.text(Action::AddKey));
+        if ui.button("Add key").on_hover_text(hint).clicked() {
             viewer.add_key();
         }
-        let film = &mut viewer.film;
-        let text = if film.is_playing { "Stop" } else { "Play" };
-        if ui.add_enabled(film.timeline.keys().len() > 1, egui::Button::new(text)).clicked() {
-            film.toggle();
+        let hint = "The view, at the time that is shown: between two keys, or in place of the one that is there";
+        if ui.add_enabled(keys > 0, Button::new("Insert")).on_hover_text(hint).clicked() {
+            viewer.insert_key(viewer.film.now);
         }
-        ui.add(DragValue::new(&mut film.step).speed(0.1).range(0.1..=60.0).suffix(" s per key"));
+        let hint = "Ends the path at its first view, and plays it again and again";
+        let is_open = keys > 1 && !viewer.film.timeline.is_closed();
+        if ui.add_enabled(is_open, Button::new("Close")).on_hover_text(hint).clicked() {
+            viewer.close_path();
+        }
+        if ui.button("Turn").on_hover_text("A path once around the pivot, from this view back to it").clicked() {
+            viewer.turn_path();
+        }
+        let field = DragValue::new(&mut viewer.film.step).speed(0.1).range(0.1..=60.0).suffix(" s per key");
+        ui.add(field).on_hover_text("Between the keys that are added");
     });
     let end = viewer.film.end();
+    ui.horizontal(|ui| {
+        let film = &mut viewer.film;
+        let text = if film.is_playing { "Stop" } else { "Play" };
+        let hint = viewer.setup.bindings.text(Action::Play);
+        if ui.add_enabled(keys > 1, Button::new(text)).on_hover_text(hint).clicked() {
+            film.toggle();
+        }
+        ui.checkbox(&mut film.repeats, "again and again");
+        if end > 0.0 {
+            ui.label(format!("{keys} keys, {end:.1} s"));
+        }
+    });
     if end > 0.0 {
         let mut now = viewer.film.now;
         if ui.add(Slider::new(&mut now, 0.0..=end).suffix(" s").text("time")).changed() {
             viewer.show_time(now);
         }
     }
-    keys(viewer, ui);
+    self::keys(viewer, ui);
     files(viewer, ui);
     ui.separator();
     export(viewer, ui);
@@ -36,7 +60,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
 const APART: f64 = 0.05;
 
 fn keys(viewer: &mut Viewer, ui: &mut Ui) {
-    let (mut removed, mut moved, mut shown) = (None, None, None);
+    let (mut moved, mut change) = (None, None);
     let keys = viewer.film.timeline.keys();
     for (i, key) in keys.iter().enumerate() {
         // Keys stay in their order, so that a key which is dragged replaces none and stays under the pointer.
@@ -48,11 +72,20 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
             if ui.add(field.suffix(" s")).changed() {
                 moved = Some((i, seconds));
             }
-            if ui.small_button("go").clicked() {
-                shown = Some(key.seconds);
+            let mut rests = key.rests;
+            let hint = "The motion slows down before this key, stands still, and speeds up after it";
+            if ui.checkbox(&mut rests, "rest").on_hover_text(hint).changed() {
+                change = Some(Change::Rest(i, rests));
             }
-            if ui.small_button("x").clicked() {
-                removed = Some(i);
+            let buttons = [
+                ("go", "Go to this view", Change::Show(key.seconds)),
+                ("set", "Replace it by the view that is shown", Change::Replace(key.seconds)),
+                ("x", "Remove it", Change::Remove(i)),
+            ];
+            for (name, hint, wanted) in buttons {
+                if ui.small_button(name).on_hover_text(hint).clicked() {
+                    change = Some(wanted);
+                }
             }
         });
     }
@@ -61,12 +94,21 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     {
         viewer.messages.note(format!("{problem:#}"));
     }
-    if let Some(i) = removed {
-        viewer.film.timeline.remove(i);
+    match change {
+        Some(Change::Remove(i)) => drop(viewer.film.timeline.remove(i)),
+        Some(Change::Rest(i, rests)) => viewer.film.timeline.set_rest(i, rests),
+        Some(Change::Show(seconds)) => viewer.show_time(seconds),
+        Some(Change::Replace(seconds)) => viewer.insert_key(seconds),
+        None => {}
     }
-    if let Some(seconds) = shown {
-        viewer.show_time(seconds);
-    }
+}
+
+/// What is done with a key, by its index or its time.
+enum Change {
+    Show(f64),
+    Replace(f64),
+    Rest(usize, bool),
+    Remove(usize),
 }
 
 fn files(viewer: &mut Viewer, ui: &mut Ui) {
@@ -79,7 +121,7 @@ fn files(viewer: &mut Viewer, ui: &mut Ui) {
                 Err(problem) => viewer.messages.error(format!("{problem:#}")),
             }
         }
-        if ui.button("Load path").clicked() {
+        if ui.button("Load path").on_hover_text("Also any cameras.json, a second for each camera").clicked() {
             match Timeline::read(&path) {
                 Ok(timeline) => viewer.film.timeline = timeline,
                 Err(problem) => viewer.messages.error(format!("{}: {problem:#}", path.display())),
@@ -109,13 +151,43 @@ fn export(viewer: &mut Viewer, ui: &mut Ui) {
     });
     let export = &mut viewer.export;
     ui.horizontal(|ui| {
-        ui.add(TextEdit::singleline(&mut export.folder).desired_width(90.0));
-        ui.add(DragValue::new(&mut viewer.film.fps).range(1.0..=240.0).suffix(" fps"));
-        if ui.button("Write frames").clicked() {
+        let hint = "A folder for numbered pictures, or a video: a name that ends in .mp4, .mkv, .mov or .webm";
+        ui.add(TextEdit::singleline(&mut export.film).desired_width(90.0)).on_hover_text(hint);
+        ui.add(DragValue::new(&mut viewer.film.fps).speed(0.1).range(1.0..=240.0).suffix(" fps"));
+        if ui.button("Write film").clicked() {
             viewer.requests.push(Request::WriteFilm);
         }
     });
-    if let Some(fraction) = export.progress {
-        ui.add(egui::ProgressBar::new(fraction as f32).show_percentage());
+    let Some(fraction) = export.progress else { return };
+    ui.horizontal(|ui| {
+        ui.add(egui::ProgressBar::new(fraction as f32).desired_width(150.0).show_percentage());
+        if ui.button("Cancel").on_hover_text("Pictures that are written stay").clicked() {
+            export.cancel.cancel();
+        }
+    });
+}
+
+/// The path in the picture: its curve, its keys, and the place at the time that is shown.
+pub(super) fn curve(viewer: &Viewer, space: &Space) {
+    let keys = viewer.film.timeline.keys();
+    let [colour, at] = [Color32::from_rgb(120, 200, 255), Color32::from_rgb(255, 200, 60)];
+    let steps = (CURVE_STEPS * keys.len()).min(LARGEST_CURVE);
+    let (begin, end) = (keys.first().map_or(0.0, |key| key.seconds), viewer.film.end());
+    let time = |i: usize| begin + (end - begin) * i as f64 / steps.max(1) as f64;
+    let place = |seconds: f64| viewer.film.timeline.at(seconds).map(|camera| camera.position);
+    for i in 0..steps {
+        if let (Some(a), Some(b)) = (place(time(i)), place(time(i + 1))) {
+            space.line([a, b], Stroke::new(1.5, colour));
+        }
+    }
+    for (i, key) in keys.iter().enumerate() {
+        space.dot(key.camera.position, 3.0, colour, &i.to_string());
+    }
+    if let Some(now) = place(viewer.film.now) {
+        space.dot(now, 4.0, at, "");
     }
 }
+
+/// Pieces of the curve for each key, and most pieces.
+const CURVE_STEPS: usize = 16;
+const LARGEST_CURVE: usize = 2000;

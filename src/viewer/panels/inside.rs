@@ -1,14 +1,13 @@
 //! The inspection panel: view modes, frozen culling, and the explanation of a pixel.
 
 use egui::{Color32, ComboBox, Context, DragValue, Grid, ScrollArea, Stroke, Ui, Window};
-use glam::{DVec2, DVec3};
 
 use super::super::keys::Action;
 use super::super::pictures::Side;
 use super::super::screen::Pair;
 use super::super::state::{ExplainedPixel, Request, Viewer};
 use super::super::view_modes::{Numbers, VIEW_MODES};
-use crate::camera::Camera;
+use super::space::Space;
 use crate::pixels::to_byte;
 use crate::render::{Explained, false_colour};
 
@@ -149,37 +148,8 @@ pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
 }
 
 /// Draws the frustum at which culling is frozen, if the view has left it.
-pub(super) fn frustum(viewer: &Viewer, ui: &Ui) {
-    let Some(from) = &viewer.inspection.culled_from else { return };
-    let view = viewer.view();
-    if *from == view {
-        return;
-    }
-    let points = f64::from(ui.ctx().pixels_per_point());
+pub(super) fn frustum(viewer: &Viewer, space: &Space) {
+    let Some(from) = viewer.inspection.culled_from.as_ref().filter(|from| **from != viewer.view()) else { return };
     let deep = from.position.distance(viewer.navigator.pivot()).max(1e-6);
-    let corner = |x: f64, y: f64| {
-        let place = (DVec2::new(x, y) * DVec2::from(from.size_px.map(f64::from)) - from.centre_px) / from.focal_px;
-        from.position + from.rotation.transpose() * (place.extend(1.0) * deep)
-    };
-    let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)];
-    let painter = ui.ctx().layer_painter(egui::LayerId::background()).with_clip_rect(ui.clip_rect());
-    let line = |a: DVec3, b: DVec3| {
-        if let Some([a, b]) = projected(&view, a, b) {
-            let at = |p: DVec2| egui::pos2((p.x / points) as f32, (p.y / points) as f32);
-            painter.line_segment([at(a), at(b)], Stroke::new(1.5, Color32::from_rgb(255, 200, 60)));
-        }
-    };
-    for i in 0..4 {
-        line(corners[i], corners[(i + 1) % 4]);
-        line(from.position, corners[i]);
-    }
-}
-
-/// The projected ends of a line, in pixels, clipped at the near side; `None` if the line is behind the camera.
-fn projected(view: &Camera, a: DVec3, b: DVec3) -> Option<[DVec2; 2]> {
-    let [a, b] = [view.view(a), view.view(b)];
-    let near = 1e-3 * (a - b).length();
-    let cut = |p: DVec3, q: DVec3| if p.z >= near { p } else { p + (q - p) * ((near - p.z) / (q.z - p.z)) };
-    let is_seen = a.z > near || b.z > near;
-    is_seen.then(|| [cut(a, b), cut(b, a)].map(|p| p.truncate() / p.z * view.focal_px + view.centre_px))
+    space.frustum(from, deep, Stroke::new(1.5, Color32::from_rgb(255, 200, 60)));
 }

@@ -8,6 +8,7 @@ mod over;
 mod quality;
 mod readout;
 mod scenes;
+mod space;
 mod time;
 mod view;
 
@@ -18,6 +19,7 @@ use super::kept::Tab;
 use super::keys::Action;
 use super::screen::Pair;
 use super::state::Viewer;
+use space::Space;
 
 /// The least width of the panels in points, and the largest part of the window that they take.
 const WIDTHS: (f32, f32) = (200.0, 0.6);
@@ -45,7 +47,12 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     input::mouse(viewer, ui);
     over::show(viewer, pair, free, ui);
     readout::show(viewer, free, ui);
-    inside::frustum(viewer, ui);
+    let space = Space::new(viewer, ui);
+    readout::marks(viewer, &space, ui);
+    inside::frustum(viewer, &space);
+    if !viewer.panels.are_hidden && viewer.kept.tab == Tab::Path {
+        film::curve(viewer, &space);
+    }
     help::show(viewer, ui.ctx());
     inside::explanation(viewer, pair, ui.ctx());
     for file in viewer.dialog.show(ui.ctx()) {

@@ -1,19 +1,18 @@
 //! Numbers over the picture: the values of the pixel under the cursor, the scale of a look, marks and their distance.
 
-use egui::{Align2, Color32, Pos2, Rect, Stroke, StrokeKind, Ui, pos2, vec2};
+use egui::{Align2, Color32, Rect, Stroke, StrokeKind, Ui, pos2, vec2};
 use glam::{DVec2, DVec3};
 
 use super::super::comparison::CompareTarget;
 use super::super::state::Viewer;
 use super::super::view_modes::Numbers;
 use super::over::{MARGIN, label, painter};
-use crate::camera::Camera;
+use super::space::Space;
 use crate::pixels::{Pixels, to_byte};
 use crate::render::{Attribute, Look, Quantity, false_colour};
 
 /// `free`: the part of the window that the picture has.
 pub(super) fn show(viewer: &Viewer, free: Rect, ui: &Ui) {
-    marks(viewer, ui);
     if viewer.panels.are_hidden {
         return;
     }
@@ -105,27 +104,16 @@ fn short(value: f32) -> String {
 }
 
 /// The points that were marked, and the distance between them.
-fn marks(viewer: &Viewer, ui: &Ui) {
-    let (view, painter) = (viewer.view(), painter(ui));
-    let points = ui.ctx().pixels_per_point();
+pub(super) fn marks(viewer: &Viewer, space: &Space, ui: &Ui) {
     let colour = Color32::from_rgb(255, 200, 60);
-    let places: Vec<_> = viewer.marks.iter().map(|mark| seen(&view, *mark, points)).collect();
-    for place in places.iter().flatten() {
-        painter.circle_filled(*place, 4.0, Color32::BLACK);
-        painter.circle_filled(*place, 3.0, colour);
+    viewer.marks.iter().for_each(|mark| space.dot(*mark, 3.0, colour, ""));
+    if let [from, to] = viewer.marks[..] {
+        space.line([from, to], Stroke::new(1.5, colour));
+        if let (Some(a), Some(b)) = (space.place(from), space.place(to)) {
+            let middle = a + (b - a) / 2.0;
+            label(&painter(ui), (middle, Align2::CENTER_CENTER), format!("{:.4}", from.distance(to)));
+        }
     }
-    if let ([Some(a), Some(b)], [from, to]) = (&places[..], &viewer.marks[..]) {
-        painter.line_segment([*a, *b], Stroke::new(1.5, colour));
-        let middle = *a + (*b - *a) / 2.0;
-        label(&painter, (middle, Align2::CENTER_CENTER), format!("{:.4}", from.distance(*to)));
-    }
-}
-
-/// Where a point is seen, in points of the window; `None` if it lies behind the camera.
-fn seen(view: &Camera, point: DVec3, points: f32) -> Option<Pos2> {
-    let point = view.view(point);
-    let place = point.truncate() / point.z * view.focal_px + view.centre_px;
-    (point.z > 0.0).then(|| pos2(place.x as f32 / points, place.y as f32 / points))
 }
 
 /// The part of the pictures that is compared.
