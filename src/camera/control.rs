@@ -70,6 +70,11 @@ impl Navigator {
         self.snap(&self.home(size_px));
     }
 
+    /// The radius of most of the scene, in world units.
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
     /// The camera that shows the whole scene.
     pub fn home(&self, size_px: [u32; 2]) -> Camera {
         let camera = Camera::framing(self.centre, self.radius, sound_size(size_px));

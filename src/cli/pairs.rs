@@ -70,7 +70,7 @@ const COMMANDS: [Pairs; 10] = [
             RULES,
             ACCURACY,
             LEVELS,
-            "cameras size fullscreen vsync preset compare compare-by look keys events offscreen screen path fps \
+            "cameras photographs size fullscreen vsync preset compare compare-by look keys events offscreen screen path fps \
              no-panels",
         ],
         refused: &[

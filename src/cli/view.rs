@@ -29,6 +29,10 @@ pub(super) struct Args {
     /// Camera file or folder that `smalto render` reads [default: searched next to the first scene and above it]
     #[arg(long, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
+    /// Folder with the photographs of the cameras, whose names are those of the cameras [default: a folder `images`
+    /// beside the camera file or above it]
+    #[arg(long, value_name = "DIR")]
+    photographs: Option<PathBuf>,
     /// Size of the window in pixels
     #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "1280x720")]
     size: [u32; 2],
@@ -149,6 +153,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         scenes: args.scenes.clone(),
         reading: args.reading.reading()?,
         cameras: args.cameras.clone(),
+        photographs: args.photographs.clone(),
         options,
         antialiased_is_explicit: args.knobs.has("antialiased"),
         near_is_explicit: args.knobs.has("near"),

@@ -52,8 +52,12 @@ pub struct Comparison {
     pub picture: Option<(String, Arc<Pixels>)>,
     /// What the reference was drawn of; `None` if `picture` is a file.
     pub drawn_of: Option<Depicted>,
+    /// The camera whose photograph `picture` is.
+    pub of_camera: Option<usize>,
     /// `picture` is being drawn or read.
     pub is_drawing: bool,
+    /// Number of pictures that were asked for; only the newest is wanted.
+    pub asked: u64,
     /// `picture` must be resampled to the size of the window.
     pub is_stale: bool,
     /// `picture` in the size of the window.
@@ -108,7 +112,9 @@ impl Default for Comparison {
             flicker_hz: 0.0,
             picture: None,
             drawn_of: None,
+            of_camera: None,
             is_drawing: false,
+            asked: 0,
             is_stale: false,
             fitted: None,
             apart: None,
@@ -159,6 +165,16 @@ impl Comparison {
         let halves = seconds * f64::from(self.flicker_hz) * 2.0;
         Duration::from_secs_f64((1.0 - halves.fract()) / (f64::from(self.flicker_hz) * 2.0) + 1e-3)
     }
+}
+
+/// A photograph over a background: its colours are premultiplied by its alpha.
+pub fn over(pixels: &Pixels, background: Background) -> Pixels {
+    let colour = background.colour();
+    let pixel = |[r, g, b, a]: &[f32; 4]| {
+        let [r, g, b] = [(r, 0), (g, 1), (b, 2)].map(|(value, c)| value + (1.0 - a) * colour[c]);
+        [r, g, b, *a]
+    };
+    Pixels { size: pixels.size, rgba: pixels.rgba.iter().map(pixel).collect() }
 }
 
 /// `pixels` resampled (bilinear) for a window of `size` that looks through the camera of the photograph: scaled to the

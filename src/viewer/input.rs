@@ -94,6 +94,9 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     if pressed(viewer, ui, Action::NearestCamera) {
         viewer.go_to_nearest_camera();
     }
+    if pressed(viewer, ui, Action::ShowCameras) {
+        viewer.kept.shows_cameras = !viewer.kept.shows_cameras;
+    }
     if pressed(viewer, ui, Action::FlipUp) {
         viewer.navigator.flip_up();
         viewer.camera = None;
@@ -223,6 +226,17 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
     if viewer.navigator.camera(size) != before {
         viewer.camera = None;
         viewer.film.is_playing = false;
+    }
+    let points = f64::from(ui.ctx().pixels_per_point());
+    let place = viewer.cursor.map(|pixel| DVec2::from(pixel.map(f64::from)) + 0.5);
+    let shows_cameras = viewer.kept.shows_cameras && !viewer.panels.are_hidden && viewer.drag.is_none();
+    let near = place.filter(|_| shows_cameras).and_then(|place| viewer.camera_at(place, GRIP_POINTS as f64 * points));
+    viewer.pointed = near;
+    if let Some(camera) = near {
+        ui.ctx().set_cursor_icon(egui::CursorIcon::PointingHand);
+        if response.clicked() {
+            viewer.go_to_camera(camera, false);
+        }
     }
     if response.double_clicked_by(PointerButton::Primary)
         && let Some(pixel) = pixel_under_cursor(viewer, ui)

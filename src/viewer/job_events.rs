@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 
-use super::comparison::{CompareTarget, fitted};
+use super::comparison::{CompareTarget, fitted, over};
 use super::events::Event;
 use super::held::Held;
 use super::jobs::JobEvent;
@@ -36,7 +36,9 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
         JobEvent::Read(number, scene) => viewer.handle_scene(number, scene),
         JobEvent::Cameras(path, cameras) => viewer.handle_cameras(&path, cameras),
         JobEvent::Built(side, drawn) => handle_built(viewer, pair, device, side, drawn),
-        JobEvent::Picture(name, pixels) => {
+        // Another one was asked for since.
+        JobEvent::Picture(number, ..) if number != viewer.comparison.asked => {}
+        JobEvent::Picture(_, name, pixels) => {
             viewer.comparison.is_drawing = false;
             match pixels {
                 Ok(pixels) => {
@@ -50,6 +52,16 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
                     viewer.messages.error(format!("{name}: {problem:#}"));
                     viewer.failure.get_or_insert_with(|| Unreadable::or_too_large(Path::new(&name), problem));
                 }
+            }
+        }
+        JobEvent::Photographs(photographs) => viewer.handle_photographs(photographs),
+        JobEvent::Thumbnail(camera, thumbnail) => drop(viewer.thumbnails.insert(camera, Some(thumbnail.ok()))),
+        JobEvent::Evaluated(evaluation) => {
+            viewer.measurement = None;
+            match evaluation {
+                Ok(evaluation) => viewer.evaluation = Some(evaluation),
+                Err(problem) if problem.is::<Cancelled>() => viewer.messages.note("measuring was cancelled"),
+                Err(problem) => viewer.messages.error(format!("cannot measure: {problem:#}")),
             }
         }
         JobEvent::Compared(apart) => {
@@ -203,7 +215,11 @@ pub fn fit_picture(viewer: &mut Viewer, pair: &mut Pair, device: &Device) -> Res
     if let Some((name, pixels)) = &comparison.picture
         && (!has_size || comparison.is_stale)
     {
-        let pixels = Arc::new(fitted(pixels, size, viewer.background));
+        let pixels = match comparison.target {
+            CompareTarget::Picture => fitted(&over(pixels, viewer.background), size, viewer.background),
+            _ => fitted(pixels, size, viewer.background),
+        };
+        let pixels = Arc::new(pixels);
         pair.second = Some(Second::Image(upload_pixels(device, name, &pixels)?));
         comparison.fitted = Some(pixels);
         viewer.still = None;

@@ -8,8 +8,10 @@ use std::thread::JoinHandle;
 
 use anyhow::{Result, anyhow};
 
+use super::evaluation::Evaluation;
 use super::held::Opened;
 use super::measuring::Costs;
+use super::photographs::Photographs;
 use super::pictures::{Drawn, Side};
 use super::still::Apart;
 use crate::camera::CameraFile;
@@ -28,8 +30,13 @@ pub enum JobEvent {
     Cameras(PathBuf, Result<CameraFile>),
     /// A scene is on the GPU and can be drawn from any view.
     Built(Side, Result<Box<Drawn>>),
-    /// Name and pixels of a photograph or of the reference.
-    Picture(String, Result<Pixels>),
+    /// A photograph or the reference: its number among those asked for, its name and pixels.
+    Picture(u64, String, Result<Pixels>),
+    /// The photographs of a folder.
+    Photographs(Result<Photographs>),
+    /// The photograph of a camera, small.
+    Thumbnail(usize, Result<Pixels>),
+    Evaluated(Result<Evaluation>),
     /// How far two pictures are apart.
     Compared(Result<Apart>),
     /// The fraction of a measurement that is done, 0 to 1.

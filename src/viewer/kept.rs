@@ -39,6 +39,8 @@ pub struct Kept {
     pub tab: Tab,
     /// The panels are dark letters on a light ground.
     pub is_light: bool,
+    /// The cameras of the file are drawn over the picture.
+    pub shows_cameras: bool,
 }
 
 /// Most files that are kept.

@@ -22,6 +22,7 @@ pub enum Action {
     NextCamera,
     PreviousCamera,
     NearestCamera,
+    ShowCameras,
     FlipUp,
     Frame,
     Reset,
@@ -47,7 +48,7 @@ pub enum Action {
 }
 
 /// Every action: its name in the file, its default key and what it does.
-pub const ACTIONS: [(Action, &str, &str, &str); 33] = [
+pub const ACTIONS: [(Action, &str, &str, &str); 34] = [
     (Action::Forward, "forward", "W", "fly ahead"),
     (Action::Back, "back", "S", "fly back"),
     (Action::Left, "left", "A", "fly left"),
@@ -59,6 +60,7 @@ pub const ACTIONS: [(Action, &str, &str, &str); 33] = [
     (Action::NextCamera, "next-camera", "N", "next camera of the file"),
     (Action::PreviousCamera, "previous-camera", "P", "previous camera of the file"),
     (Action::NearestCamera, "nearest-camera", "G", "nearest camera of the file"),
+    (Action::ShowCameras, "show-cameras", "V", "show the cameras of the file, or hide them"),
     (Action::FlipUp, "flip-up", "U", "flip the up axis"),
     (Action::Frame, "frame", "C", "turn around the centre of the scene"),
     (Action::Reset, "reset", "R", "go back to the first view"),

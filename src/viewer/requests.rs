@@ -32,6 +32,7 @@ impl Session {
                 Request::FitRange => self.viewer.fit_range(),
                 Request::WritePicture => self.write_picture()?,
                 Request::WriteFilm => self.viewer.write_film(self.screen.device(), reusable(&self.pair)),
+                Request::Evaluate => self.viewer.start_evaluation(self.screen.device().clone(), reusable(&self.pair)),
                 request @ (Request::Measure | Request::Choose) => {
                     let Some(first) = &self.pair.first else { continue };
                     let Some(gaussians) = first.gaussians.clone() else {

@@ -1,5 +1,6 @@
 //! The state of a window: scenes, view, options, and the jobs under way. Plain data; `actions` changes it.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::{Instant, SystemTime};
 
@@ -8,6 +9,7 @@ use glam::DVec3;
 use super::comparison::{CompareMode, CompareTarget, Comparison, Depicted};
 use super::dialog::Dialog;
 use super::drag::Drag;
+use super::evaluation::Evaluation;
 use super::events::Events;
 use super::export::Export;
 use super::film::Film;
@@ -19,6 +21,7 @@ use super::keys::Bindings;
 use super::layers::Layer;
 use super::measuring::Costs;
 use super::messages::Messages;
+use super::photographs::Photographs;
 use super::pictures::{Plan, Side};
 use super::rate::Rate;
 use super::still::Still;
@@ -27,6 +30,7 @@ use super::view_modes::InspectionSettings;
 use crate::camera::{Camera, NamedCamera, Navigator};
 use crate::gpu::Vsync;
 use crate::options::Options;
+use crate::pixels::Pixels;
 use crate::render::Explanation;
 use crate::rules::{Background, Rules};
 use crate::scene::Reading;
@@ -38,6 +42,8 @@ pub struct Setup {
     /// Applies to `scenes`. Scenes that are opened later are read with the defaults.
     pub reading: Reading,
     pub cameras: Option<PathBuf>,
+    /// A folder with the photographs of the cameras.
+    pub photographs: Option<PathBuf>,
     pub options: Options,
     /// The user set antialiasing explicitly; ignore the scene's flag.
     pub antialiased_is_explicit: bool,
@@ -90,6 +96,8 @@ pub enum Request {
     Measure,
     /// Choose options within the budget.
     Choose,
+    /// Compare every camera with its photograph.
+    Evaluate,
 }
 
 /// An action that only the owner of the window can execute.
@@ -114,7 +122,14 @@ pub struct Viewer {
     pub cameras: Vec<NamedCamera>,
     /// The file of the cameras.
     pub camera_file: Option<PathBuf>,
+    /// Cameras, or their photographs, are being found.
     pub is_reading_cameras: bool,
+    /// The photographs of the cameras.
+    pub photographs: Option<Photographs>,
+    /// By camera: its photograph, small; `None` while it is read, and inside if it cannot be read.
+    pub thumbnails: BTreeMap<usize, Option<Option<Pixels>>>,
+    /// How near the picture came to the photographs when that was measured last.
+    pub evaluation: Option<Evaluation>,
     /// Index of the camera of the file that the view is at or moves to; `None` after the view has left it.
     pub camera: Option<usize>,
     /// The camera of the file that the view was at last.
@@ -137,6 +152,8 @@ pub struct Viewer {
     pub stills: u64,
     /// The pixel under the cursor, if that is over the picture.
     pub cursor: Option<[u32; 2]>,
+    /// The camera of the file that is seen under the cursor.
+    pub pointed: Option<usize>,
     /// Points that were marked last, world units: at most two.
     pub marks: Vec<DVec3>,
     /// By side: a build is under way.
@@ -196,9 +213,20 @@ pub struct BudgetInput {
     pub chosen: Option<String>,
 }
 
-/// A measurement that goes on: of what knobs cost, or for a choice within a budget.
+/// What a measurement is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// What the knobs cost.
+    Costs,
+    /// A choice within a budget.
+    Choice,
+    /// The cameras against their photographs.
+    Evaluation,
+}
+
+/// A measurement that goes on.
 pub struct Measurement {
-    pub is_choice: bool,
+    pub purpose: Purpose,
     /// What is measured.
     pub of: Option<Depicted>,
     /// The fraction done, 0 to 1.
@@ -235,6 +263,9 @@ impl Viewer {
             cameras: Vec::new(),
             camera_file: None,
             is_reading_cameras: false,
+            photographs: None,
+            thumbnails: BTreeMap::new(),
+            evaluation: None,
             camera: None,
             last_camera: 0,
             nearest: None,
@@ -248,6 +279,7 @@ impl Viewer {
             still: None,
             stills: 0,
             cursor: None,
+            pointed: None,
             marks: Vec::new(),
             building: [false; 2],
             refused: [None, None],

@@ -52,7 +52,7 @@ impl Still {
 }
 
 /// A part of a picture.
-fn part(pixels: &Pixels, [left, top, right, bottom]: Area) -> Pixels {
+pub fn part(pixels: &Pixels, [left, top, right, bottom]: Area) -> Pixels {
     let row = |y: u32| {
         let begin = (y * pixels.size[0]) as usize;
         pixels.rgba[begin + left as usize..begin + right as usize].iter().copied()

@@ -19,6 +19,7 @@ pub(super) fn setup(scenes: &[&str]) -> Setup {
     Setup {
         scenes: scenes.iter().map(PathBuf::from).collect(),
         cameras: None,
+        photographs: None,
         options: Options::default(),
         antialiased_is_explicit: false,
         near_is_explicit: false,

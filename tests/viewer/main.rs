@@ -7,6 +7,7 @@ mod frames;
 mod mends;
 mod monkey;
 mod navigator;
+mod poses;
 mod readings;
 mod window;
 mod window_errors;

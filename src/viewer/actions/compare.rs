@@ -1,18 +1,23 @@
 //! Actions that make the second picture of a comparison.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::DVec2;
 
 use crate::pixels::Pixels;
 use crate::render::Quantity;
-use crate::viewer::comparison::{CompareTarget, Depicted};
+use crate::rules::Background;
+use crate::viewer::comparison::{CompareTarget, Comparison, Depicted, fitted};
 use crate::viewer::drag::Drag;
-use crate::viewer::jobs::JobEvent;
+use crate::viewer::jobs::{JobEvent, Reporter};
 use crate::viewer::kept::Tab;
+use crate::viewer::photographs::camera_of;
 use crate::viewer::pictures::{Side, needs_whole};
 use crate::viewer::state::{Request, Viewer, WindowRequest};
-use crate::viewer::still::fitted_range;
+use crate::viewer::still::{fitted_range, part};
+
+/// Longest side of a photograph that is shown small, in pixels.
+const THUMBNAIL_PX: u32 = 440;
 
 impl Viewer {
     /// True if somebody asks for the values of pixels.
@@ -69,13 +74,84 @@ impl Viewer {
         self.requests.push(Request::Window(WindowRequest::Copy(place)));
     }
 
-    /// Reads a photograph or another picture to compare with, on another thread.
+    /// Reads a picture to compare with, on another thread. If it is the photograph of a camera by its name, goes there.
     pub fn compare_with_picture(&mut self, path: &Path) {
-        let path = path.to_owned();
+        let camera = camera_of(path, &self.cameras);
+        self.read_picture(path.to_owned(), camera);
+        if let Some(camera) = camera {
+            self.go_to_camera(camera, false);
+        }
+    }
+
+    /// Compares with the photograph of the camera that the view is at, was at last, and of every camera that it goes to
+    /// from now on.
+    pub fn compare_with_photographs(&mut self) {
+        let index = self.camera.unwrap_or(self.last_camera);
+        let has_one = |index: &usize| self.photograph_of(*index).is_some();
+        let Some(index) = std::iter::once(index).chain(0..self.cameras.len()).find(has_one) else {
+            return self.messages.note("no camera has a photograph: drop their folder on the window");
+        };
+        self.compare_with_photograph_of(index);
+    }
+
+    /// Goes to a camera and compares with its photograph.
+    pub fn compare_with_photograph_of(&mut self, index: usize) {
+        if let Some(file) = self.photograph_of(index) {
+            self.read_picture(file, Some(index));
+            self.go_to_camera(index, false);
+        }
+    }
+
+    /// Reads a camera's photograph, small, on another thread, if that was not asked for yet.
+    pub fn read_thumbnail(&mut self, index: usize) {
+        let Some(file) = self.photograph_of(index).filter(|_| !self.thumbnails.contains_key(&index)) else { return };
+        self.thumbnails.insert(index, None);
+        let work = move |_: &Reporter| {
+            let whole = Pixels::read(&file)?;
+            let ratio = f64::from(THUMBNAIL_PX) / f64::from(whole.size[0].max(whole.size[1]));
+            let size = whole.size.map(|side| ((f64::from(side) * ratio).round() as u32).max(1));
+            // The mean of whole squares first, so that little is left to a bilinear filter.
+            let side = (1.0 / ratio).floor().max(1.0) as u32;
+            let cut = whole.size.map(|length| (length / side * side).max(1));
+            let whole = if side > 1 { part(&whole, [0, 0, cut[0], cut[1]]).averaged(side) } else { whole };
+            Ok(fitted(&whole, size, Background::BLACK))
+        };
+        self.jobs.start(work, move |thumbnail| JobEvent::Thumbnail(index, thumbnail));
+    }
+
+    /// Compares with the photograph of a camera where the view arrives there, if photographs are compared.
+    pub(super) fn follow_camera(&mut self, index: usize) {
+        let Comparison { target, of_camera, is_drawing, .. } = &self.comparison;
+        let follows = of_camera.is_some() && (*target == CompareTarget::Picture || *is_drawing);
+        if !follows || *of_camera == Some(index) {
+            return;
+        }
+        match self.photograph_of(index) {
+            Some(file) => self.read_picture(file, Some(index)),
+            None => self.messages.note(format!("{} has no photograph", self.cameras[index].name)),
+        }
+    }
+
+    /// The file with the photograph of a camera.
+    pub fn photograph_of(&self, index: usize) -> Option<PathBuf> {
+        let camera = self.cameras.get(index)?;
+        self.photographs.as_ref()?.of(camera).map(Path::to_owned)
+    }
+
+    /// Reads a picture, on another thread.
+    fn read_picture(&mut self, path: PathBuf, of_camera: Option<usize>) {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        self.comparison.is_drawing = true;
         self.comparison.drawn_of = None;
-        self.jobs.start(move |_| Pixels::read(&path), move |pixels| JobEvent::Picture(name, pixels));
+        self.comparison.of_camera = of_camera;
+        let number = self.ask_for_picture();
+        self.jobs.start(move |_| Pixels::read(&path), move |pixels| JobEvent::Picture(number, name, pixels));
+    }
+
+    /// The number of a picture to compare with; those that were asked for before are not wanted any more.
+    fn ask_for_picture(&mut self) -> u64 {
+        self.comparison.is_drawing = true;
+        self.comparison.asked += 1;
+        self.comparison.asked
     }
 
     /// Draws the view with the float64 reference to compare with, on another thread.
@@ -84,15 +160,16 @@ impl Viewer {
         if plan.is_in_pages() {
             return self.messages.error(needs_whole("the reference"));
         }
-        self.comparison.is_drawing = true;
         self.comparison.drawn_of = self.depicted();
+        self.comparison.of_camera = None;
         let Some(Depicted { view, rules, background, .. }) = self.comparison.drawn_of.clone() else { return };
+        let number = self.ask_for_picture();
         self.jobs.start(
             move |_| {
                 let scene = plan.joined()?;
                 Ok(crate::reference::render(&scene, &view, &rules, background).to_pixels())
             },
-            |pixels| JobEvent::Picture("float64 reference".to_owned(), pixels),
+            move |pixels| JobEvent::Picture(number, "float64 reference".to_owned(), pixels),
         );
     }
 }

@@ -51,14 +51,19 @@ impl Shots {
             // ffmpeg itself writes the temporary file.
             Output::Video(file, fps) => {
                 let ending = format!(".{}", file.extension().unwrap_or_default().to_string_lossy());
-                write_checked(file, &ending, |_| Ok(()), |part| {
-                    let mut video = Video::start(part, first.size_px, &fps.to_string())?;
-                    self.draw(&mut drawn, progress, |_, pictures| {
-                        let frames: Vec<_> = pictures.par_iter().map(Pixels::to_rgb8).collect();
-                        frames.iter().try_for_each(|frame| video.add(frame))
-                    })?;
-                    video.finish()
-                })
+                write_checked(
+                    file,
+                    &ending,
+                    |_| Ok(()),
+                    |part| {
+                        let mut video = Video::start(part, first.size_px, &fps.to_string())?;
+                        self.draw(&mut drawn, progress, |_, pictures| {
+                            let frames: Vec<_> = pictures.par_iter().map(Pixels::to_rgb8).collect();
+                            frames.iter().try_for_each(|frame| video.add(frame))
+                        })?;
+                        video.finish()
+                    },
+                )
             }
         }
     }

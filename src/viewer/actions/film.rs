@@ -8,8 +8,8 @@ use glam::DQuat;
 use crate::camera::{Camera, Timeline};
 use crate::viewer::state::Viewer;
 
-/// Keys of a turn around the pivot. The path between them differs from a circle by less than 1e-3 of its radius.
-const TURN_KEYS: u32 = 12;
+/// Keys of a turn around the pivot. The path between them differs from a circle by less than 5e-4 of its radius.
+const TURN_KEYS: u32 = 16;
 
 impl Viewer {
     /// Adds the view as a key after the last one.

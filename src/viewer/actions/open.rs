@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 
 use crate::camera::CameraFile;
-use crate::scene::{Cancelled, LOD_META, Reading, Unreadable};
+use crate::scene::{Cancelled, LOD_META, Reading, Unreadable, in_folder};
 use crate::viewer::comparison::CompareTarget;
 use crate::viewer::events::Event;
 use crate::viewer::held::Opened;
-use crate::viewer::jobs::JobEvent;
+use crate::viewer::jobs::{JobEvent, Reporter};
 use crate::viewer::layers::{Layer, Source};
+use crate::viewer::photographs::{Photographs, holds_photographs};
 use crate::viewer::state::{CompareWith, Viewer};
 
 /// The path that a user means who types or pastes one: without spaces around it, quotes and file://, and with ~ for
@@ -69,10 +70,60 @@ impl Viewer {
         self.jobs.start(move |_| crate::camera::read(&file), move |cameras| JobEvent::Cameras(path, cameras));
     }
 
-    /// Opens a file that was dropped on the window. Its extension decides: a camera file, a picture to compare with, or
-    /// else a scene.
+    /// Finds the photographs of a folder, on another thread.
+    pub fn open_photographs(&mut self, folder: &Path) {
+        let folder = folder.to_owned();
+        self.is_reading_cameras = true;
+        self.jobs.start(move |_| Photographs::read(&folder), JobEvent::Photographs);
+    }
+
+    /// Looks for the photographs of the cameras, on another thread: in the folder that is named, or beside their file.
+    fn find_photographs(&mut self) {
+        if let Some(folder) = self.setup.photographs.take() {
+            return self.open_photographs(&folder);
+        }
+        let Some(file) = self.camera_file.clone() else { return };
+        let cameras = self.cameras.clone();
+        let find = move |_: &Reporter| {
+            let found = Photographs::beside(&file).filter(|found| found.count_of(&cameras) > 0);
+            found.ok_or_else(|| Cancelled.into())
+        };
+        self.photographs = None;
+        self.is_reading_cameras = true;
+        self.jobs.start(find, JobEvent::Photographs);
+    }
+
+    /// Takes in the photographs of a folder, or reports why there are none.
+    pub fn handle_photographs(&mut self, photographs: Result<Photographs>) {
+        self.is_reading_cameras = false;
+        match photographs {
+            Ok(photographs) => {
+                let (count, of) = (photographs.count_of(&self.cameras), self.cameras.len());
+                self.messages
+                    .note(format!("photographs of {count} of {of} cameras in {}", photographs.folder.display()));
+                self.thumbnails.clear();
+                self.photographs = Some(photographs);
+            }
+            // None were asked for, and none are there.
+            Err(problem) if problem.is::<Cancelled>() => {}
+            Err(problem) => {
+                self.messages.error(format!("{problem:#}"));
+                self.failure.get_or_insert(problem);
+            }
+        }
+    }
+
+    /// Opens a file or folder that was dropped on the window. Its ending decides: a camera file, a picture to compare
+    /// with, or else a scene. A folder holds a scene, photographs, or cameras.
     pub fn drop_file(&mut self, path: &Path) {
         let path = &named(path);
+        if path.is_dir() && in_folder(path) == *path {
+            // It holds no scene.
+            return match holds_photographs(path) {
+                true => self.open_photographs(path),
+                false => self.open_cameras(path),
+            };
+        }
         let is_sog = ["meta.json", LOD_META].iter().any(|name| path.file_name().is_some_and(|own| own == *name));
         if is_sog {
             return self.open(path, Reading::default());
@@ -104,6 +155,7 @@ impl Viewer {
         if self.layers.is_empty() {
             // The next scene is another one: it gets a view of its own, and the cameras are not its.
             (self.cameras, self.camera_file, self.camera, self.last_camera) = (Vec::new(), None, None, 0);
+            (self.photographs, self.evaluation) = (None, None);
             (self.has_view, self.first_view, self.nearest) = (false, None, None);
             self.options.rules.near = self.setup.options.rules.near;
             self.inspection.culled_from = None;
@@ -161,6 +213,9 @@ impl Viewer {
                 self.events.emit(&Event::Cameras { count: cameras.len() });
                 self.cameras = cameras;
                 self.camera_file = std::path::absolute(path).ok();
+                self.thumbnails.clear();
+                self.evaluation = None;
+                self.find_photographs();
                 self.options.rules.near = self.setup.options.rules.near;
                 self.nearest = None;
                 self.go_to_camera(0, true);

@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
+use crate::camera::NamedCamera;
 use crate::scene::Focus;
 use crate::viewer::events::Event;
 use crate::viewer::state::{Request, Viewer, WindowRequest};
@@ -41,6 +42,19 @@ impl Viewer {
         }
         self.last_camera = index;
         self.is_stale = true;
+        self.follow_camera(index);
+    }
+
+    /// The camera of the file whose place is seen nearest to a place in the picture, within so many pixels.
+    pub fn camera_at(&self, place: DVec2, within: f64) -> Option<usize> {
+        let view = self.view();
+        let apart = |camera: &NamedCamera| {
+            let seen = view.view(camera.camera.position);
+            let at = seen.truncate() / seen.z * view.focal_px + view.centre_px;
+            (seen.z > 0.0).then(|| at.distance(place)).filter(|apart| *apart <= within)
+        };
+        let near = self.cameras.iter().enumerate().filter_map(|(i, camera)| Some((i, apart(camera)?)));
+        near.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(i, _)| i)
     }
 
     /// Goes to the next camera of the file, or to the previous one.

@@ -10,18 +10,25 @@ use crate::options::Options;
 use crate::rules::Rules;
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
-    let comparison = &mut viewer.comparison;
     ui.horizontal_wrapped(|ui| {
+        let comparison = &mut viewer.comparison;
         ui.selectable_value(&mut comparison.target, CompareTarget::Nothing, "nothing");
         ui.selectable_value(&mut comparison.target, CompareTarget::Options(None), "other scenes")
             .on_hover_text("each scene then has a second check box, for the second picture");
         for (name, preset) in &Options::PRESETS {
             ui.selectable_value(&mut comparison.target, CompareTarget::Options(Some(*preset)), *name);
         }
-        if comparison.picture.is_some() && comparison.drawn_of.is_none() {
-            ui.selectable_value(&mut comparison.target, CompareTarget::Picture, "photograph");
+        let is_file = comparison.picture.is_some() && comparison.drawn_of.is_none();
+        if is_file && comparison.of_camera.is_none() {
+            ui.selectable_value(&mut comparison.target, CompareTarget::Picture, "picture");
+        }
+        let follows = comparison.target == CompareTarget::Picture && comparison.of_camera.is_some();
+        let hint = "Each camera is compared with its own photograph, also the next ones";
+        if viewer.photographs.is_some() && ui.selectable_label(follows, "photographs").on_hover_text(hint).clicked() {
+            viewer.compare_with_photographs();
         }
     });
+    let comparison = &mut viewer.comparison;
     let is_drawing = comparison.is_drawing;
     ui.horizontal(|ui| {
         if ui.add_enabled(!is_drawing, egui::Button::new("Draw the float64 reference")).clicked() {
@@ -36,7 +43,9 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     }
     let flicker_key = viewer.setup.bindings.text(Action::Flicker);
     let comparison = &mut viewer.comparison;
-    ui.label("To compare with a photograph, drop it on the window and go to its camera.");
+    if viewer.photographs.is_none() {
+        ui.label("To compare with photographs, drop them or their folder on the window.");
+    }
     ui.horizontal(|ui| {
         ui.selectable_value(&mut comparison.mode, CompareMode::Split, "split");
         ui.selectable_value(&mut comparison.mode, CompareMode::Flicker, "flicker");
@@ -57,6 +66,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         }
     }
     numbers(viewer, ui);
+    super::cameras::table(viewer, ui);
 }
 
 /// How far the pictures are apart.
@@ -124,7 +134,11 @@ pub(super) fn second_name(viewer: &Viewer) -> String {
             known.map_or_else(|| "other options".to_owned(), |(name, _)| (*name).to_owned())
         }
         CompareTarget::Reference | CompareTarget::Picture => {
-            viewer.comparison.picture.as_ref().map_or_else(String::new, |(n, _)| n.clone())
+            let name = viewer.comparison.picture.as_ref().map_or("", |(name, _)| name);
+            match viewer.comparison.of_camera {
+                Some(camera) if viewer.camera != Some(camera) => format!("{name}, of another view"),
+                _ => name.to_owned(),
+            }
         }
     }
 }

@@ -1,5 +1,6 @@
 //! The panels: all settings and measurements, and what is drawn over the picture.
 
+mod cameras;
 mod compare;
 mod film;
 mod help;
@@ -50,6 +51,9 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let space = Space::new(viewer, ui);
     readout::marks(viewer, &space, ui);
     inside::frustum(viewer, &space);
+    if viewer.kept.shows_cameras && !viewer.panels.are_hidden {
+        cameras::over_picture(viewer, &space, ui);
+    }
     if !viewer.panels.are_hidden && viewer.kept.tab == Tab::Path {
         film::curve(viewer, &space);
     }

@@ -4,7 +4,7 @@ use egui::{ComboBox, DragValue, Grid, ProgressBar, RichText, Ui};
 
 use super::super::measuring::{ALL, Cost};
 use super::super::screen::Pair;
-use super::super::state::{Measurement, Request, Viewer};
+use super::super::state::{Measurement, Purpose, Request, Viewer};
 use crate::options::{KNOBS, Kind, Knob, Options, Value};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
@@ -53,7 +53,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             viewer.requests.push(Request::Measure);
         }
     });
-    going_on(viewer, false, ui);
+    going_on(viewer, Purpose::Costs, ui);
     if let Some(ms) = exact_ms {
         ui.label(format!("GPU time of the exact frame {ms:.3} ms; each knob alone, dB to the exact picture"));
         if let Some(of) = of_another {
@@ -150,15 +150,15 @@ fn budget(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             viewer.requests.push(Request::Choose);
         }
     });
-    going_on(viewer, true, ui);
+    going_on(viewer, Purpose::Choice, ui);
     if let Some(chosen) = &viewer.budget.chosen {
         ui.label(chosen);
     }
 }
 
 /// How far a measurement is, how long it takes yet, and a button that ends it.
-fn going_on(viewer: &Viewer, is_choice: bool, ui: &mut Ui) {
-    let Some(measurement) = viewer.measurement.as_ref().filter(|work| work.is_choice == is_choice) else { return };
+pub(super) fn going_on(viewer: &Viewer, purpose: Purpose, ui: &mut Ui) {
+    let Some(measurement) = viewer.measurement.as_ref().filter(|work| work.purpose == purpose) else { return };
     let Measurement { fraction, since, cancel, .. } = measurement;
     let passed = since.elapsed().as_secs_f64();
     let left = if *fraction > 0.0 { format!(", {:.0} s left", passed / fraction - passed) } else { String::new() };

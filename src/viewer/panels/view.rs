@@ -115,4 +115,7 @@ fn cameras(viewer: &mut Viewer, ui: &mut Ui) {
             viewer.go_to_nearest_camera();
         }
     });
+    let key = viewer.setup.bindings.text(Action::ShowCameras);
+    let hint = format!("Over the picture; a click goes to one ({key})");
+    ui.checkbox(&mut viewer.kept.shows_cameras, "Show the cameras").on_hover_text(hint);
 }

@@ -1,0 +1,226 @@
+//! Cameras with their photographs, and paths.
+
+use std::path::{Path, PathBuf};
+
+use egui::{Event, Key, Modifiers, PointerButton, pos2};
+use glam::{DVec2, DVec3};
+use smalto::camera::{self, Camera, NamedCamera};
+use smalto::measure::metrics::psnr;
+use smalto::pixels::Pixels;
+use smalto::rules::Background;
+use smalto::viewer::{CompareTarget, Offscreen, Request, Setup};
+
+use super::frames::{SIZE, open, setup};
+use super::mends::{frame, key};
+use crate::common::Gpu;
+
+/// A scene with cameras around it, and the photographs of all but the last, which are renders; that of the camera "b"
+/// is darker.
+fn with_photographs(folder: &Path) -> (Gpu, Offscreen, Vec<NamedCamera>) {
+    let gpu = Gpu::new();
+    let setup = Setup { hides_panels: false, ..setup(&["cactus:3000"]) };
+    let mut offscreen = Offscreen::new(setup, &gpu.0, [700, 240]).unwrap();
+    offscreen.settle().unwrap();
+    let viewer = offscreen.viewer();
+    let (home, pivot) = (viewer.view(), viewer.navigator.pivot());
+    let pose = |(i, name): (usize, &str)| {
+        let turn = glam::DQuat::from_axis_angle(DVec3::Y, 0.3 * (i as f64 + 1.0));
+        let position = pivot + turn * (home.position - pivot) * 0.7;
+        NamedCamera { name: format!("{name}.jpg"), camera: Camera::looking_at(position, pivot, [96, 64], 1.0) }
+    };
+    let cameras: Vec<NamedCamera> = ["a", "b", "c", "d"].into_iter().enumerate().map(pose).collect();
+    camera::write(&folder.join("cameras.json"), &cameras).unwrap();
+    let options = viewer.options;
+    let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
+    std::fs::create_dir(folder.join("images")).unwrap();
+    for NamedCamera { name, camera } in &cameras[..3] {
+        let mut photograph = gpu.render(&gaussians, camera, &options);
+        if name == "b.jpg" {
+            photograph.rgba.iter_mut().flatten().for_each(|value| *value *= 0.8);
+        }
+        photograph.write(&folder.join("images").join(name).with_extension("png"), false).unwrap();
+    }
+    offscreen.viewer().drop_file(&folder.join("cameras.json"));
+    offscreen.settle().unwrap();
+    (gpu, offscreen, cameras)
+}
+
+fn press(offscreen: &mut Offscreen, which: Key) {
+    let release =
+        Event::Key { key: which, physical_key: None, pressed: false, repeat: false, modifiers: Modifiers::NONE };
+    frame(offscreen, vec![key(which, Modifiers::NONE), release]);
+    offscreen.settle().unwrap();
+}
+
+#[test]
+fn cameras_are_clicked_and_compared_with_their_photographs() {
+    let folder = tempfile::tempdir().unwrap();
+    let (gpu, mut offscreen, cameras) = with_photographs(folder.path());
+    let viewer = offscreen.viewer();
+    assert_eq!(viewer.photographs.as_ref().expect("they lie beside the cameras").count_of(&viewer.cameras), 3);
+    // A camera that is seen is clicked.
+    viewer.frame_scene();
+    viewer.navigator.advance(10.0);
+    viewer.navigator.dolly(-6.0);
+    press(&mut offscreen, Key::V);
+    let viewer = offscreen.viewer();
+    assert!(viewer.kept.shows_cameras && viewer.camera.is_none());
+    let (view, wanted) = (viewer.view(), &cameras[1].camera);
+    let seen = view.view(wanted.position);
+    let at = seen.truncate() / seen.z * view.focal_px + view.centre_px;
+    let is_inside = at.cmpge(DVec2::ZERO).all() && at.cmplt(DVec2::from(view.size_px.map(f64::from))).all();
+    assert!(seen.z > 0.0 && is_inside, "the camera is in the picture: {at}");
+    let pos = pos2(at.x as f32, at.y as f32);
+    // What lies under the pointer is known one layout later.
+    frame(&mut offscreen, vec![Event::PointerMoved(pos)]);
+    frame(&mut offscreen, Vec::new());
+    assert_eq!(offscreen.viewer().pointed, Some(1));
+    for pressed in [true, false] {
+        let (button, modifiers) = (PointerButton::Primary, Modifiers::NONE);
+        frame(&mut offscreen, vec![Event::PointerButton { pos, button, pressed, modifiers }]);
+    }
+    offscreen.settle().unwrap();
+    let viewer = offscreen.viewer();
+    viewer.navigator.advance(10.0);
+    assert_eq!((viewer.camera, viewer.view().position), (Some(1), wanted.position));
+    assert!(matches!(viewer.thumbnails.get(&1), Some(Some(Some(small))) if small.size == [440, 293]));
+    // Its photograph is compared, and then that of the next camera.
+    viewer.compare_with_photographs();
+    offscreen.settle().unwrap();
+    let comparison = &offscreen.viewer().comparison;
+    assert_eq!((comparison.target == CompareTarget::Picture, comparison.of_camera), (true, Some(1)));
+    press(&mut offscreen, Key::N);
+    let viewer = offscreen.viewer();
+    assert_eq!((viewer.camera, viewer.comparison.of_camera), (Some(2), Some(2)));
+    assert_eq!(viewer.comparison.picture.as_ref().unwrap().0, "c.png");
+    // The camera without one leaves the photograph before, under its name.
+    press(&mut offscreen, Key::N);
+    assert_eq!((offscreen.viewer().camera, offscreen.viewer().comparison.of_camera), (Some(3), Some(2)));
+    // A photograph that is dropped finds its camera.
+    offscreen.viewer().drop_file(&folder.path().join("images/a.png"));
+    offscreen.settle().unwrap();
+    assert_eq!((offscreen.viewer().camera, offscreen.viewer().comparison.of_camera), (Some(0), Some(0)));
+    // All are measured, as the pictures and the files say.
+    offscreen.viewer().requests.push(Request::Evaluate);
+    frame(&mut offscreen, Vec::new());
+    offscreen.settle().unwrap();
+    let options = offscreen.viewer().options;
+    let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
+    let evaluation = offscreen.viewer().evaluation.as_ref().unwrap();
+    assert_eq!(evaluation.rows.iter().map(|row| row.name.as_str()).collect::<Vec<_>>(), ["a.jpg", "b.jpg", "c.jpg"]);
+    for row in &evaluation.rows {
+        let mut picture = gpu.render(&gaussians, &cameras[row.camera].camera, &options);
+        picture.rgba.iter_mut().flatten().for_each(|value| *value = value.clamp(0.0, 1.0));
+        let name = folder.path().join("images").join(&row.name).with_extension("png");
+        let expected = psnr(&picture, &Pixels::read(&name).unwrap());
+        assert!((row.psnr_db.unwrap() - expected).abs() < 1e-9, "{row:?}, not {expected}");
+        assert_eq!(row.psnr_db.unwrap() > 45.0, row.name != "b.jpg", "{row:?}");
+    }
+    let [mean, ssim] = evaluation.means().map(Option::unwrap);
+    assert!(mean > 30.0 && ssim > 0.9 && evaluation.to_csv().lines().count() == 4);
+    // The numbers are of a picture: closing the scene forgets them.
+    let number = offscreen.viewer().layers[0].number;
+    offscreen.viewer().close(number);
+    assert!(offscreen.viewer().evaluation.is_none() && offscreen.viewer().photographs.is_none());
+}
+
+#[test]
+fn photographs_with_alpha_lie_over_the_background() {
+    let folder = tempfile::tempdir().unwrap();
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["cactus:500"]));
+    let file = folder.path().join("half.exr");
+    Pixels { size: SIZE, rgba: vec![[0.25, 0.0, 0.0, 0.5]; 160 * 96] }.write(&file, true).unwrap();
+    let viewer = offscreen.viewer();
+    viewer.background = Background::Colour([0.0, 1.0, 0.5]);
+    viewer.drop_file(&file);
+    offscreen.settle().unwrap();
+    let fitted = offscreen.viewer().comparison.fitted.clone().unwrap();
+    assert_eq!(fitted.at(3, 3), [0.25, 0.5, 0.25, 0.5]);
+}
+
+#[test]
+fn a_path_is_made_of_keys_turns_and_loops() {
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["cactus:500"]));
+    let viewer = offscreen.viewer();
+    let first = viewer.view();
+    viewer.add_key();
+    viewer.navigator.orbit(DVec2::new(30.0, 0.0), SIZE);
+    viewer.add_key();
+    // Half way, the view of the path is a key like any other; the same time again replaces it.
+    viewer.show_time(1.0);
+    viewer.insert_key(1.0);
+    let half = viewer.view();
+    viewer.navigator.orbit(DVec2::new(0.0, 20.0), SIZE);
+    viewer.insert_key(1.0);
+    let times =
+        |viewer: &smalto::viewer::Viewer| viewer.film.timeline.keys().iter().map(|key| key.seconds).collect::<Vec<_>>();
+    assert_eq!(times(viewer), [0.0, 1.0, 2.0]);
+    assert!(viewer.film.timeline.keys()[1].camera == viewer.view() && viewer.view() != half);
+    viewer.close_path();
+    assert_eq!((times(viewer), viewer.film.repeats), (vec![0.0, 1.0, 2.0, 4.0], true));
+    assert!(viewer.film.timeline.is_closed() && viewer.film.timeline.keys()[3].camera == first);
+    viewer.note_changes();
+    // A turn leads around the pivot at its distance, looks at it all the time, and comes back.
+    viewer.navigator.snap(&first);
+    viewer.turn_path();
+    let film = &viewer.film;
+    let (pivot, radius) = (viewer.navigator.pivot(), first.position.distance(viewer.navigator.pivot()));
+    assert!(film.timeline.is_closed() && film.timeline.keys()[0].camera == first);
+    let mut least: f64 = 1.0;
+    for camera in film.timeline.frames(8.0) {
+        let off = (camera.position.distance(pivot) / radius - 1.0).abs();
+        assert!(off < 5e-4, "{off} of the radius from the circle");
+        least = least.min(camera.forward().dot((pivot - camera.position).normalize()));
+        assert!((camera.position - first.position).dot(DVec3::Y).abs() < 1e-9 * radius + 1e-3, "it stays level");
+    }
+    let middle = first.forward().dot((pivot - first.position).normalize());
+    assert!(least > middle - 2e-3, "{least} against {middle}");
+    // Playing goes on at the end, and undo brings the path before back.
+    viewer.film.now = viewer.film.end() - 0.1;
+    viewer.film.is_playing = true;
+    viewer.play(0.3);
+    assert!(viewer.film.is_playing && (viewer.film.now - 0.2).abs() < 1e-9);
+    viewer.film.is_playing = false;
+    viewer.undo(false);
+    assert_eq!(times(offscreen.viewer()).len(), 4);
+}
+
+#[test]
+fn films_go_where_nothing_is_and_can_be_cancelled() {
+    let folder = tempfile::tempdir().unwrap();
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["cactus:500"]));
+    let viewer = offscreen.viewer();
+    viewer.turn_path();
+    viewer.export.film = folder.path().join("film").display().to_string();
+    viewer.export.size = Some([48, 32]);
+    viewer.film.fps = 1.0;
+    for name in ["film", "film-2"] {
+        offscreen.viewer().requests.push(Request::WriteFilm);
+        offscreen.settle().unwrap();
+        assert_eq!(folder.path().join(name).read_dir().unwrap().count(), 33, "{name}");
+    }
+    // What is cancelled ends soon, and what is written stays.
+    offscreen.viewer().film.fps = 240.0;
+    offscreen.viewer().requests.push(Request::WriteFilm);
+    let written = || folder.path().join("film-3").read_dir().map_or(0, Iterator::count);
+    while written() == 0 {
+        frame(&mut offscreen, Vec::new());
+    }
+    offscreen.viewer().export.cancel.cancel();
+    offscreen.settle().unwrap();
+    let said = offscreen.viewer().messages.shown().last().unwrap().text.clone();
+    assert!((1..7681).contains(&written()) && said.contains("of 7681 pictures"), "{said}");
+    // A video needs ffmpeg, and nothing is left where it fails.
+    let video: PathBuf = folder.path().join("film.mp4");
+    offscreen.viewer().export.film = video.display().to_string();
+    offscreen.viewer().film.fps = 1.0;
+    offscreen.viewer().requests.push(Request::WriteFilm);
+    let settled = offscreen.settle();
+    let has_ffmpeg = std::process::Command::new("ffmpeg").arg("-version").output().is_ok();
+    assert_eq!((video.is_file(), settled.is_ok()), (has_ffmpeg, has_ffmpeg));
+    let said = offscreen.viewer().messages.shown().last().unwrap().text.clone();
+    assert!(said.contains(if has_ffmpeg { "33 frames" } else { "needs ffmpeg" }), "{said}");
+}
