@@ -125,9 +125,13 @@ impl Renderer {
 
     /// Draws at most about so many nodes from now on, of a scene with levels of detail, or fewer if the options ask for
     /// fewer.
-    pub fn limit_splats(&mut self, splats: u32) {
+    pub fn limit_splats(&mut self, splats: Option<u32>) {
         let own = self.options.splats;
-        self.choice.options.splats = if own > 0 { own.min(splats) } else { splats };
+        self.choice.options.splats = match splats {
+            Some(splats) if own > 0 => own.min(splats),
+            Some(splats) => splats,
+            None => own,
+        };
     }
 
     /// Draws pictures without waiting for pages from now on: of levels of detail, what is in device memory, while more

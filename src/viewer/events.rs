@@ -45,6 +45,10 @@ pub enum Event {
         is_error: bool,
         text: String,
     },
+    /// In motion, pictures have this fraction of their scale from now on, so that frames keep a rate.
+    Scale {
+        scale: f32,
+    },
     /// A picture of a scene that is read page by page begins to wait for pages, or shows all that comes for it.
     Residency {
         /// Nothing more comes for this picture.

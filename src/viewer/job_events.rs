@@ -139,7 +139,7 @@ fn handle_built(viewer: &mut Viewer, pair: &mut Pair, device: &Device, side: Sid
             }
         }
         Err(problem) => {
-            viewer.refused[side as usize] = viewer.plan(side).ok().flatten();
+            viewer.refused[side as usize] = viewer.shown_plan(side).ok().flatten();
             let text = match problem.downcast_ref::<OutOfMemory>() {
                 Some(_) => format!("this scene does not fit: {problem:#}"),
                 None => format!("{problem:#}"),
@@ -157,7 +157,7 @@ fn handle_built(viewer: &mut Viewer, pair: &mut Pair, device: &Device, side: Sid
 pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
     for side in [Side::First, Side::Second] {
         let i = side as usize;
-        let planned = match viewer.plan(side) {
+        let planned = match viewer.shown_plan(side) {
             Ok(planned) => planned,
             Err(problem) => {
                 viewer.messages.note(format!("{problem:#}"));

@@ -1,8 +1,8 @@
 //! The window: opens scenes, flies through them, shows what every stage costs, and looks inside the pipeline.
 //!
 //! Files depend on each other in one direction: plain data (`comparison`, `dialog`, `drag`, `export`, `film`, `held`,
-//! `kept`, `layers`, `rate`, `still`, `undo`, `view_modes`) <- `state` <- `actions` <- `input` and `panels` <-
-//! `session`, with its parts `paging` and `requests` <- `window` and `offscreen`. `jobs` runs threads, `job_events`
+//! `kept`, `layers`, `rate`, `still`, `undo`, `view_modes`) <- `state` <- `plans` <- `actions` <- `input` and `panels` <-
+//! `session`, with its parts `motion`, `paging` and `requests` <- `window` and `offscreen`. `jobs` runs threads, `job_events`
 //! handles what they report, `screen` owns the frames on the GPU.
 
 mod actions;
@@ -24,11 +24,13 @@ mod keys;
 mod layers;
 mod measuring;
 mod messages;
+mod motion;
 mod offscreen;
 mod paging;
 mod panels;
 mod photographs;
 mod pictures;
+mod plans;
 mod rate;
 mod requests;
 mod screen;

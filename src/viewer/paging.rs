@@ -1,10 +1,9 @@
-//! Scenes that are read page by page while the window goes on: what their pictures lack, and how many nodes they have.
+//! Scenes that are read page by page while the window goes on: what their pictures lack.
 
 use super::events::Event;
 use super::pictures::Drawn;
 use super::screen::Second;
 use super::session::Session;
-use crate::gpu::Timing;
 use crate::render::Residency;
 
 impl Session {
@@ -23,7 +22,7 @@ impl Session {
                 format!(" ({missing} pages of levels do not fit into memory)")
             }
             Some(Residency { missing, .. }) if missing > 0 => format!(" ({missing} pages of levels are missing yet)"),
-            _ => String::new(),
+            _ => self.said_of_motion(),
         };
         // Where the panels are hidden, nothing else says what is shown.
         let look = match self.viewer.inspection.view_mode() {
@@ -59,19 +58,6 @@ impl Session {
                 self.viewer.messages.error(format!("{problem:#}; coarser levels are shown there"));
                 self.viewer.failure.get_or_insert(problem);
             }
-        }
-    }
-
-    /// Sets the number of nodes of the next picture by the time that a frame took, if the frames keep a rate.
-    pub(super) fn keep_rate(&mut self, timings: &[Timing]) {
-        let Some(rate) = &mut self.viewer.rate else { return };
-        let ms = timings.iter().filter(|timing| timing.depth == 0).map(|timing| timing.duration_ms).sum::<f64>();
-        if ms > 0.0 {
-            rate.answer(ms);
-        }
-        let splats = rate.splats as u32;
-        for (_, drawn) in self.pair.drawn().filter(|(_, drawn)| drawn.gaussians.is_none()) {
-            drawn.renderer.limit_splats(splats);
         }
     }
 }

@@ -63,9 +63,10 @@ impl Session {
 
     /// Reads the pictures back if they stand still and somebody asks for their values, and compares them.
     pub(super) fn take_still(&mut self) -> Result<()> {
+        let has_full_scale = self.has_full_scale();
         let viewer = &mut self.viewer;
         let stands = !viewer.is_stale && !viewer.moves() && viewer.building == [false; 2] && !self.screen.is_drawing();
-        if !stands || !viewer.wants_still() {
+        if !stands || !has_full_scale || !viewer.wants_still() {
             return Ok(());
         }
         let Some(first) = &self.pair.first else { return Ok(()) };
@@ -98,6 +99,10 @@ impl Session {
             self.viewer.write_picture(&device, reusable(&self.pair));
             return Ok(());
         }
+        if !self.has_full_scale() {
+            self.viewer.messages.error(MOVES);
+            return Ok(());
+        }
         self.retire_frames(true)?;
         let size = self.viewer.size;
         let mut screen = Screen::offscreen(&device, size)?;
@@ -109,6 +114,10 @@ impl Session {
 
     /// The picture that is seen at a pixel; `None`, with a message, where the GPU has drawn none.
     fn drawn_at(&mut self, pixel: [u32; 2]) -> Option<(Side, &mut Drawn)> {
+        if !self.has_full_scale() {
+            self.viewer.messages.note(MOVES);
+            return None;
+        }
         let side = match self.arrangement().compare {
             Compare::Second => Side::Second,
             Compare::Split(x) if pixel[0] as f32 + 0.5 > x => Side::Second,
@@ -141,6 +150,9 @@ impl Session {
         Ok(())
     }
 }
+
+/// Why a picture of a lower scale answers no questions.
+const MOVES: &str = "the view moves, and its picture has a lower scale: ask again when it rests";
 
 /// The parts of the first picture that a job which writes files may take over.
 fn reusable(pair: &Pair) -> Option<Reusable> {

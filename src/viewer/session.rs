@@ -99,7 +99,7 @@ impl Session {
     /// Drops the pictures and their memory, and does not build them again before their plans change.
     pub fn drop_pictures(&mut self) {
         for (side, _) in self.pair.drawn() {
-            self.viewer.refused[side as usize] = self.viewer.plan(side).ok().flatten();
+            self.viewer.refused[side as usize] = self.viewer.shown_plan(side).ok().flatten();
         }
         self.pair = Pair::default();
         self.viewer.is_stale = true;
@@ -131,6 +131,7 @@ impl Session {
             && !(viewer.wants_still() && viewer.still.is_none() && self.pair.first.is_some())
             && self.residency().is_none_or(|residency| residency.is_settled())
             && !viewer.building.contains(&true)
+            && self.has_full_scale()
             && !viewer.is_stale
     }
 
@@ -177,6 +178,7 @@ impl Session {
         }
         self.poll_shaders();
         self.retire_frames(false)?;
+        self.follow_motion();
         self.poll_pages();
         self.report_notices();
         // Two layouts per refresh are enough for panels and input.
@@ -359,7 +361,7 @@ impl Session {
         let flicker = viewer.comparison.until_flicker(viewer.started.elapsed().as_secs_f64());
         let note = viewer.messages.next_change().unwrap_or(Duration::MAX);
         let pages = if self.residency().is_none_or(|pages| pages.is_settled()) { Duration::MAX } else { PAGES_POLL };
-        self.layout.repaint_delay.min(flicker).min(note).min(pages)
+        self.layout.repaint_delay.min(flicker).min(note).min(pages).min(self.until_rest())
     }
 
     /// The current combination of pictures and panels.

@@ -6,7 +6,7 @@ use std::time::{Instant, SystemTime};
 
 use glam::DVec3;
 
-use super::comparison::{CompareMode, CompareTarget, Comparison, Depicted};
+use super::comparison::{CompareMode, Comparison, Depicted};
 use super::dialog::Dialog;
 use super::drag::Drag;
 use super::evaluation::Evaluation;
@@ -32,7 +32,7 @@ use crate::gpu::Vsync;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::render::Explanation;
-use crate::rules::{Background, Rules};
+use crate::rules::Background;
 use crate::scene::Reading;
 
 /// The settings with which the program was started.
@@ -329,31 +329,6 @@ impl Viewer {
         self.first_view.as_ref().is_some_and(|first| first.resized(self.size) != self.view())
     }
 
-    /// The options of a preset for the open scenes. Antialiasing is that of the scene, and so is the near plane where
-    /// it must be nearer; how much of levels of detail is drawn is no part of a preset.
-    pub fn preset(&self, preset: &Options) -> Options {
-        let Options { lod_error, lod_psnr, splats, lod_fade, .. } = self.options;
-        let nearest = self.nearest.unwrap_or(f32::INFINITY);
-        let near = if self.setup.near_is_explicit { self.options.rules.near } else { preset.rules.near.min(nearest) };
-        let rules = Rules { near, antialiased: self.options.rules.antialiased, ..preset.rules };
-        Options { rules, lod_error, lod_psnr, splats, lod_fade, ..*preset }
-    }
-
-    /// What the first picture depicts; `None` if it shows nothing.
-    pub fn depicted(&self) -> Option<Depicted> {
-        let Plan { parts, options, .. } = self.plan(Side::First).ok().flatten()?;
-        Some(Depicted { view: self.view(), parts, rules: options.untraded().rules, background: self.background })
-    }
-
-    /// What the reference was drawn of, if the picture shows something else now, so that it cannot be compared.
-    pub fn reference_of_another(&self) -> Option<&'static str> {
-        let Comparison { target: CompareTarget::Reference, drawn_of, .. } = &self.comparison else { return None };
-        match (self.depicted(), drawn_of) {
-            (Some(depicted), Some(drawn)) => drawn.difference(&depicted),
-            _ => Some("other scenes or places"),
-        }
-    }
-
     /// True while scenes are being read.
     pub fn is_reading(&self) -> bool {
         self.layers.iter().any(|layer| layer.progress.is_some())
@@ -362,28 +337,6 @@ impl Viewer {
     /// True if a scene is read page by page.
     pub fn is_in_pages(&self) -> bool {
         self.layers.iter().any(|layer| matches!(layer.held, Some(Held::Pages(_))))
-    }
-
-    /// The plan for a side; `None` if the GPU draws nothing for it.
-    ///
-    /// # Errors
-    /// The placement of a scene is not a valid transform.
-    pub fn plan(&self, side: Side) -> anyhow::Result<Option<Plan>> {
-        let options = match side {
-            Side::First => self.options,
-            Side::Second => match self.comparison.options(&self.options) {
-                Some(options) => options,
-                None => return Ok(None),
-            },
-        };
-        let parts = self.layers.iter().filter_map(|layer| layer.part(side as usize).transpose());
-        let parts = parts.collect::<anyhow::Result<Vec<_>>>()?;
-        Ok((!parts.is_empty()).then_some(Plan { parts, options, shaders: self.shaders }))
-    }
-
-    /// True if the picture of this plan shows the scenes that are open now, whole.
-    pub fn draws(&self, plan: &Plan) -> bool {
-        self.plan(Side::First).is_ok_and(|planned| planned.is_some_and(|planned| planned.has_scene_of(plan)))
     }
 
     /// A number that no scene of this window has had.

@@ -6,6 +6,7 @@ mod common;
 mod frames;
 mod mends;
 mod monkey;
+mod motion;
 mod navigator;
 mod poses;
 mod readings;

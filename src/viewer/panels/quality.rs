@@ -3,6 +3,7 @@
 use egui::{ComboBox, DragValue, Grid, ProgressBar, RichText, Ui};
 
 use super::super::measuring::{ALL, Cost};
+use super::super::rate::Rate;
 use super::super::screen::Pair;
 use super::super::state::{Measurement, Purpose, Request, Viewer};
 use crate::options::{KNOBS, Kind, Knob, Options, Value};
@@ -53,6 +54,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             viewer.requests.push(Request::Measure);
         }
     });
+    rate(viewer, ui);
     going_on(viewer, Purpose::Costs, ui);
     if let Some(ms) = exact_ms {
         ui.label(format!("GPU time of the exact frame {ms:.3} ms; each knob alone, dB to the exact picture"));
@@ -61,6 +63,24 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         }
     }
     budget(viewer, pair, ui);
+}
+
+/// The rate that frames keep.
+fn rate(viewer: &mut Viewer, ui: &mut Ui) {
+    ui.horizontal(|ui| {
+        let mut keeps = viewer.rate.is_some();
+        let hint = "While the view moves, pictures that take too long are drawn at a lower scale, and whole again when it \
+                    rests. Scenes with levels of detail have fewer nodes, also at rest. What is written has neither";
+        if ui.checkbox(&mut keeps, "Keep").on_hover_text(hint).changed() {
+            viewer.rate = keeps.then(|| Rate::of(60.0));
+            viewer.is_stale = true;
+        }
+        match &mut viewer.rate {
+            Some(rate) => drop(ui.add(DragValue::new(&mut rate.fps).range(1.0..=1000.0))),
+            None => drop(ui.label("60")),
+        }
+        ui.label("frames a second");
+    });
 }
 
 /// A widget for the value of a knob.

@@ -1,0 +1,75 @@
+//! Pictures in motion that keep a rate, and drags at several rates of frames.
+
+use egui::{Event, Key, Modifiers, PointerButton, pos2};
+use smalto::options::Options;
+use smalto::viewer::{CompareWith, Request, Setup, view_mode};
+
+use super::frames::{SIZE, open, setup};
+use super::mends::{frame, key};
+use crate::common::Gpu;
+
+/// Slow pictures have a lower scale as long as the view moves, but not what is written, and at rest they are whole.
+#[test]
+fn slow_pictures_in_motion_have_a_lower_scale() {
+    let gpu = Gpu::new();
+    let folder = tempfile::tempdir().unwrap();
+    // No device draws so fast.
+    let setup = Setup { fps: Some(1e4), ..setup(&["cactus:3000"]) };
+    let mut offscreen = open(&gpu, setup);
+    assert_eq!(offscreen.viewer().options.scale, 1.0);
+    let press = |at: f32, pressed| {
+        let (pos, button, modifiers) = (pos2(at, 40.0), PointerButton::Primary, Modifiers::NONE);
+        vec![Event::PointerMoved(pos), Event::PointerButton { pos, button, pressed, modifiers }]
+    };
+    frame(&mut offscreen, press(30.0, true));
+    let mut at = 30.0;
+    while offscreen.session.pair.first.as_ref().unwrap().plan.options.scale > 0.3 {
+        at += 0.1;
+        frame(&mut offscreen, vec![Event::PointerMoved(pos2(at, 40.0))]);
+    }
+    let viewer = offscreen.viewer();
+    assert_eq!((viewer.options.scale, viewer.motion_scale()), (1.0, 0.25));
+    assert!(offscreen.session.title().ends_with("(moving, at scale 0.25) - smalto"), "{}", offscreen.session.title());
+    // What is written has the scale that the options ask for; what is on the screen is not written.
+    let file = folder.path().join("moving.png");
+    offscreen.viewer().export.picture = file.display().to_string();
+    frame(&mut offscreen, vec![key(Key::F12, Modifiers::NONE)]);
+    let moving = offscreen.viewer().view();
+    offscreen.viewer().inspection.mode = view_mode("depth").unwrap();
+    offscreen.viewer().requests.extend([Request::WritePicture, Request::Mark([80, 48])]);
+    frame(&mut offscreen, Vec::new());
+    let said: Vec<_> = offscreen.viewer().messages.shown().iter().map(|message| message.text.clone()).collect();
+    assert!(said.iter().any(|text| text.contains("ask again when it rests")), "{said:?}");
+    assert!(offscreen.viewer().marks.is_empty());
+    offscreen.viewer().messages.close_errors();
+    offscreen.viewer().inspection.mode = 0;
+    frame(&mut offscreen, press(at, false));
+    offscreen.settle().unwrap();
+    assert_eq!(offscreen.viewer().motion_scale(), 1.0);
+    assert!(!offscreen.session.title().contains("scale"));
+    let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
+    let options = offscreen.viewer().options;
+    let bytes = |pixels: smalto::pixels::Pixels| pixels.to_rgb8();
+    let written = bytes(smalto::pixels::Pixels::read(&file).unwrap());
+    assert!(written == bytes(gpu.render(&gaussians, &moving, &options)));
+    let whole = bytes(gpu.render(&gaussians, &offscreen.viewer().view(), &options));
+    // Messages lie over what is on the screen.
+    let first = offscreen.session.pair.first.as_ref().unwrap();
+    assert!(bytes(first.renderer.pixels().unwrap()) == whole, "at rest the picture is whole");
+}
+
+/// Without a rate, and for pictures that are fast enough, a motion has the whole scale.
+#[test]
+fn without_a_rate_nothing_is_left_out_in_motion() {
+    let gpu = Gpu::new();
+    for fps in [None, Some(1.0)] {
+        let compares_with = Some(CompareWith::Options(Options::PREVIEW));
+        let mut offscreen = open(&gpu, Setup { fps, compares_with, ..setup(&["cactus:500"]) });
+        for _ in 0..5 {
+            offscreen.viewer().navigator.orbit(glam::DVec2::new(2.0, 0.0), SIZE);
+            offscreen.viewer().is_flying = true;
+            frame(&mut offscreen, vec![key(Key::W, Modifiers::NONE)]);
+            assert!(offscreen.viewer().motion_scale() == 1.0);
+        }
+    }
+}
