@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
+use serde_json::Value;
 
 use super::cameras_json::{self, Entry, Moment, write_entries};
 use super::path::between;
@@ -162,11 +163,30 @@ impl Timeline {
     /// # Errors
     /// If there is no key, or the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let entry = |(i, Key { seconds, camera, rests }): (usize, &Key)| {
+        write_entries(path, self.entries())
+    }
+
+    fn entries(&self) -> impl ExactSizeIterator<Item = Entry> + '_ {
+        self.keys.iter().enumerate().map(|(i, Key { seconds, camera, rests })| {
             let moment = Moment { seconds: Some(*seconds), rests: *rests };
             Entry::of(i, &format!("key {i}"), camera, moment)
-        };
-        write_entries(path, self.keys.iter().enumerate().map(entry))
+        })
+    }
+
+    /// The keys as the array of a `cameras.json`, as [`Timeline::write`] writes it.
+    pub fn to_value(&self) -> Value {
+        serde_json::to_value(self.entries().collect::<Vec<_>>()).expect("numbers and names can be written as JSON")
+    }
+
+    /// The path of an array that [`Timeline::to_value`] made.
+    ///
+    /// # Errors
+    /// Those of [`Timeline::read`].
+    pub fn of_value(value: &Value) -> Result<Self> {
+        match value.as_array() {
+            Some(keys) if keys.is_empty() => Ok(Self::default()),
+            _ => Self::parse(&serde_json::to_vec(value)?),
+        }
     }
 
     /// Reads a file written by [`Timeline::write`], or any `cameras.json`. A camera without a time comes a second after
@@ -175,6 +195,10 @@ impl Timeline {
     /// # Errors
     /// One sentence without the file's name if it is not such a file, or two of its cameras are at the same time.
     pub fn read(path: &Path) -> Result<Self> {
+        Self::parse(&read_whole(path)?)
+    }
+
+    fn parse(text: &[u8]) -> Result<Self> {
         let mut next = 0.0;
         let key = |(i, (named, moment)): (usize, (NamedCamera, Moment))| {
             let seconds = moment.seconds.unwrap_or(next);
@@ -182,7 +206,7 @@ impl Timeline {
             next = seconds + 1.0;
             Ok((i, Key { seconds, camera: named.camera, rests: moment.rests }))
         };
-        let keys = cameras_json::parse(&read_whole(path)?)?.into_iter().enumerate().map(key);
+        let keys = cameras_json::parse(text)?.into_iter().enumerate().map(key);
         let mut keys = keys.collect::<Result<Vec<_>>>()?;
         keys.sort_by(|(_, a), (_, b)| a.seconds.total_cmp(&b.seconds));
         for ((i, a), (j, b)) in keys.iter().zip(&keys[1..]) {

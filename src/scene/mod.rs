@@ -49,6 +49,8 @@ pub use rotation::{decode_rotation, encode_rotation};
 pub use town::TownPath;
 pub use transform::Transform;
 pub use watch::{Cancelled, Watch};
-pub use write::{LOD_META, SceneFile, Streamed, WrittenLevels, write_sog_folder, write_streamed_sog};
+pub use write::{
+    LOD_META, SceneFile, Streamed, WrittenFile, WrittenLevels, write_file, write_sog_folder, write_streamed_sog,
+};
 
 use gaussians::rest_values;

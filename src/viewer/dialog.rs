@@ -1,12 +1,29 @@
-//! The dialog that asks for files.
+//! The dialogs that ask for files.
 
 use std::path::PathBuf;
 
 use egui_file_dialog::{DialogState, FileDialog};
 
-/// A dialog, open or closed.
+/// What a file is saved for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Saved {
+    /// What the window shows, to go on with.
+    Project,
+    /// The scenes, as one file.
+    Scene,
+}
+
+/// The dialogs that ask for files, open or closed.
 pub struct Dialog {
     files: FileDialog,
+    place: FileDialog,
+    saved: Saved,
+}
+
+/// What was chosen.
+pub enum Chosen {
+    Open(PathBuf),
+    Save(Saved, PathBuf),
 }
 
 const SCENES: [&str; 9] = ["ply", "spz", "sog", "splat", "ksplat", "glb", "gltf", "smalto", "json"];
@@ -17,9 +34,9 @@ impl Default for Dialog {
             .title("Open scenes, cameras or a picture to compare with")
             .add_file_filter_extensions("Scenes", SCENES.to_vec())
             .default_file_filter("Scenes")
-            .allow_path_edit_to_save_file_without_extension(true)
             .as_modal(true);
-        Self { files }
+        let place = FileDialog::new().allow_path_edit_to_save_file_without_extension(true).as_modal(true);
+        Self { files, place, saved: Saved::Project }
     }
 }
 
@@ -29,13 +46,30 @@ impl Dialog {
         self.files.pick_multiple();
     }
 
-    pub fn is_open(&self) -> bool {
-        *self.files.state() == DialogState::Open
+    /// Asks where to save something.
+    pub fn ask_where(&mut self, saved: Saved) {
+        let (title, name) = match saved {
+            Saved::Project => ("Save a project: NAME.project.json", "scene.project.json"),
+            Saved::Scene => {
+                ("Save the scene: .ply, .compressed.ply, .spz, .sog, .splat, .glb or .smalto", "edited.ply")
+            }
+        };
+        self.saved = saved;
+        self.place.config_mut().title = Some(title.to_owned());
+        self.place.config_mut().default_file_name = name.to_owned();
+        self.place.save_file();
     }
 
-    /// Lays the dialog out, if it is open. Returns the files that were chosen, once.
-    pub fn show(&mut self, context: &egui::Context) -> Vec<PathBuf> {
+    pub fn is_open(&self) -> bool {
+        [&self.files, &self.place].iter().any(|dialog| *dialog.state() == DialogState::Open)
+    }
+
+    /// Lays the dialogs out, if they are open. Returns what was chosen, once.
+    pub fn show(&mut self, context: &egui::Context) -> Vec<Chosen> {
         self.files.update(context);
-        self.files.take_picked_multiple().unwrap_or_default()
+        self.place.update(context);
+        let open = self.files.take_picked_multiple().unwrap_or_default().into_iter().map(Chosen::Open);
+        let saved = self.saved;
+        open.chain(self.place.take_picked().map(|file| Chosen::Save(saved, file))).collect()
     }
 }

@@ -5,7 +5,9 @@ use glam::{DVec2, DVec3};
 
 use super::actions::Program;
 use super::comparison::{CompareMode, CompareTarget, Comparison};
-use super::drag::{Drag, Motion};
+use super::dialog::Saved;
+use super::drag::{Drag, Motion, Stroke, Tool};
+use super::edit::{Change, How};
 use super::keys::{Action, Chord};
 use super::state::{Request, Viewer, WindowRequest};
 use super::still::area_between;
@@ -122,6 +124,7 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
         viewer.panels.shows_help = false;
         viewer.messages.close_errors();
         viewer.comparison.area = None;
+        (viewer.drag, viewer.stroke) = (None, None);
         viewer.marks.clear();
         viewer.explanation = None;
         viewer.inspection.isolated = None;
@@ -131,6 +134,21 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     }
     (0..presses(viewer, ui, Action::Undo, true)).for_each(|_| viewer.undo(false));
     (0..presses(viewer, ui, Action::Redo, true)).for_each(|_| viewer.undo(true));
+    for (action, change) in [
+        (Action::Delete, Change::Delete),
+        (Action::Hide, Change::Hide),
+        (Action::ShowHidden, Change::ShowHidden),
+        (Action::SelectAll, Change::SelectAll),
+        (Action::SelectNone, Change::SelectNone),
+        (Action::Invert, Change::Invert),
+    ] {
+        if viewer.edits() && pressed(viewer, ui, action) {
+            viewer.change(change);
+        }
+    }
+    if pressed(viewer, ui, Action::Save) {
+        viewer.dialog.ask_where(Saved::Project);
+    }
     if pressed(viewer, ui, Action::OpenFile) {
         viewer.dialog.ask();
     }
@@ -199,6 +217,9 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
         match event {
             Input::PointerButton { pos, button, pressed: true, modifiers } if viewer.drag.is_none() => {
                 viewer.drag = drag_at(viewer, ui, (rect, pos), button, modifiers);
+                if viewer.drag.is_some_and(|drag| drag.motion == Motion::Stroke) {
+                    viewer.stroke = Some(Stroke { way: vec![place_at(ui, pos)], how: how(modifiers) });
+                }
             }
             Input::PointerMoved(pos) => follow(viewer, ui, pos),
             Input::PointerButton { pos, button, pressed: false, .. }
@@ -206,8 +227,9 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
             {
                 follow(viewer, ui, pos);
                 viewer.drag = None;
+                viewer.end_stroke();
             }
-            Input::WindowFocused(false) => viewer.drag = None,
+            Input::WindowFocused(false) => (viewer.drag, viewer.stroke) = (None, None),
             _ => {}
         }
     }
@@ -260,6 +282,10 @@ fn drag_at(
     }
     let motion = match button {
         PointerButton::Primary if is_at_split(viewer, ui, pos) => Motion::Split,
+        PointerButton::Primary if viewer.uses_tool() && !held.alt => match viewer.tool {
+            Tool::Place => viewer.handle_at(place_at(ui, pos), f64::from(ui.ctx().pixels_per_point()))?,
+            _ => Motion::Stroke,
+        },
         PointerButton::Primary if held.shift => Motion::Pan,
         PointerButton::Primary if held.command && viewer.comparison.target != CompareTarget::Nothing => {
             Motion::Area(pixel_at(viewer, ui, pos)?)
@@ -287,11 +313,34 @@ fn follow(viewer: &mut Viewer, ui: &Ui, pos: Pos2) {
         Motion::Pan => viewer.navigator.pan(moved, size),
         Motion::Look => viewer.navigator.look(moved, size),
         Motion::Split => viewer.comparison.split = (pos.x * points / size[0] as f32).clamp(0.0, 1.0),
+        Motion::Stroke => {
+            let place = place_at(ui, pos);
+            viewer.stroke.iter_mut().for_each(|stroke| stroke.way.push(place));
+        }
+        Motion::Handle(number, handle) => {
+            let to = place_at(ui, pos);
+            viewer.drag_handle(number, handle, to - moved, to);
+        }
         Motion::Area(from) => {
             let to = [pos.x, pos.y].map(|place| (place * points).max(0.0) as u32);
             viewer.comparison.area = area_between(from, to, size);
         }
     }
+}
+
+/// How a stroke that begins with these keys goes together with the selection before.
+fn how(held: Modifiers) -> How {
+    match held {
+        Modifiers { shift: true, .. } => How::Add,
+        Modifiers { command: true, .. } => How::Subtract,
+        _ => How::Replace,
+    }
+}
+
+/// A place of the window in pixels.
+fn place_at(ui: &Ui, pos: Pos2) -> DVec2 {
+    let place = pos * ui.ctx().pixels_per_point();
+    DVec2::new(place.x.into(), place.y.into())
 }
 
 /// True if a place is near the line between two pictures.

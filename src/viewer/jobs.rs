@@ -10,6 +10,7 @@ use anyhow::{Result, anyhow};
 
 use super::evaluation::Evaluation;
 use super::held::Opened;
+use super::layers::Edited;
 use super::measuring::Costs;
 use super::photographs::Photographs;
 use super::pictures::{Drawn, Side};
@@ -37,6 +38,8 @@ pub enum JobEvent {
     /// The photograph of a camera, small.
     Thumbnail(usize, Result<Pixels>),
     Evaluated(Result<Evaluation>),
+    /// Layer number, and what an edit leaves of its scene.
+    Edited(u64, Result<Edited>),
     /// How far two pictures are apart.
     Compared(Result<Apart>),
     /// The fraction of a measurement that is done, 0 to 1.

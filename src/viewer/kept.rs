@@ -17,16 +17,18 @@ pub enum Tab {
     Inside,
     Compare,
     Path,
+    Edit,
 }
 
 impl Tab {
     /// Every page with its title, in their order.
-    pub const ALL: [(Self, &str); 5] = [
+    pub const ALL: [(Self, &str); 6] = [
         (Self::Scene, "Scene"),
         (Self::Quality, "Quality"),
         (Self::Inside, "Inside"),
         (Self::Compare, "Compare"),
         (Self::Path, "Path"),
+        (Self::Edit, "Edit"),
     ];
 }
 
@@ -41,6 +43,8 @@ pub struct Kept {
     pub is_light: bool,
     /// The cameras of the file are drawn over the picture.
     pub shows_cameras: bool,
+    /// The axes and a grid are drawn over the picture.
+    pub shows_guides: bool,
 }
 
 /// Most files that are kept.

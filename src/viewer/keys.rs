@@ -33,6 +33,13 @@ pub enum Action {
     CopyCommand,
     CopyView,
     PasteView,
+    Save,
+    SelectAll,
+    SelectNone,
+    Invert,
+    Delete,
+    Hide,
+    ShowHidden,
     Undo,
     Redo,
     FreezeCulling,
@@ -48,7 +55,7 @@ pub enum Action {
 }
 
 /// Every action: its name in the file, its default key and what it does.
-pub const ACTIONS: [(Action, &str, &str, &str); 34] = [
+pub const ACTIONS: [(Action, &str, &str, &str); 41] = [
     (Action::Forward, "forward", "W", "fly ahead"),
     (Action::Back, "back", "S", "fly back"),
     (Action::Left, "left", "A", "fly left"),
@@ -71,6 +78,13 @@ pub const ACTIONS: [(Action, &str, &str, &str); 34] = [
     (Action::CopyCommand, "copy-command", "Ctrl+R", "copy the smalto render command that draws the view"),
     (Action::CopyView, "copy-view", "Ctrl+C", "copy the view as JSON"),
     (Action::PasteView, "paste-view", "Ctrl+V", "go to a copied view"),
+    (Action::Save, "save", "Ctrl+S", "save a project: scenes, places, edits, options, path and view"),
+    (Action::SelectAll, "select-all", "Ctrl+A", "in the page Edit: select all Gaussians that are drawn"),
+    (Action::SelectNone, "select-none", "Ctrl+D", "in the page Edit: select none"),
+    (Action::Invert, "invert", "Ctrl+I", "in the page Edit: select the others"),
+    (Action::Delete, "delete", "Delete", "in the page Edit: delete what is selected"),
+    (Action::Hide, "hide", "B", "in the page Edit: hide what is selected"),
+    (Action::ShowHidden, "show-hidden", "Shift+B", "in the page Edit: show what is hidden"),
     (Action::Undo, "undo", "Ctrl+Z", "undo a change of the view, the path, options or placements"),
     (Action::Redo, "redo", "Ctrl+Y", "make what was undone again"),
     (Action::FreezeCulling, "freeze-culling", "K", "freeze culling at this view, or stop that"),

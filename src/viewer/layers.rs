@@ -6,9 +6,10 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use glam::{DQuat, DVec3, EulerRot};
 
+use super::edit::{Edit, TINT};
 use super::held::{Held, Opened};
 use super::jobs::{Cancel, JobEvent, Jobs, Reporter};
-use crate::scene::{self, Procedural, Reading, Scene, Transform, Watch, remarks};
+use crate::scene::{self, Focus, Gaussians, Procedural, Reading, Scene, Transform, Watch, remarks};
 use crate::storage::{self, PageFile};
 
 /// The source of a scene.
@@ -28,11 +29,48 @@ pub struct Layer {
     /// A text about what was read and what was dropped.
     pub summary: String,
     pub place: Place,
+    /// What is done to its Gaussians; `None` if nothing is.
+    pub edit: Option<Arc<Edit>>,
+    /// What a project did to it, until it is read.
+    pub saved_edit: Vec<(usize, u8)>,
+    /// Where most of it lies, in its own axes, once it is read.
+    pub focus: Option<Focus>,
+    /// The Gaussians that an edit leaves.
+    pub edited: Option<Edited>,
     /// By side: the picture includes this scene.
     pub is_shown: [bool; 2],
     /// The fraction read, 0 to 1; `None` once all is read.
     pub progress: Option<f64>,
     cancel: Cancel,
+}
+
+/// The Gaussians that an edit leaves.
+pub struct Edited {
+    pub of: Arc<Edit>,
+    pub kept: Held,
+    /// The same, with what is selected in another colour.
+    pub tinted: Option<Held>,
+}
+
+impl Edited {
+    /// What an edit leaves of a scene. `before` is the edit before and what that left.
+    ///
+    /// # Errors
+    /// If there is not enough memory.
+    pub fn new(of: Arc<Edit>, whole: &Arc<Gaussians>, before: Option<(Arc<Edit>, Held)>) -> Result<Self> {
+        let drawn = of.drawn();
+        let kept = match before.filter(|(edit, _)| edit.draws_same(&of)) {
+            Some((_, kept)) => kept,
+            None if drawn.len() == whole.len() => Held::Whole(whole.clone()),
+            None => Held::Whole(Arc::new(whole.selected(&drawn)?)),
+        };
+        let is_selected: Vec<bool> = drawn.iter().map(|i| of.is_selected(*i as usize)).collect();
+        let tinted = match is_selected.contains(&true) {
+            true => Some(Held::Whole(Arc::new(whole.selected(&drawn)?.tinted(&is_selected, TINT.0, TINT.1)))),
+            false => None,
+        };
+        Ok(Self { of, kept, tinted })
+    }
 }
 
 /// The placement of a scene, as the panel edits it.
@@ -97,6 +135,10 @@ impl Layer {
             is_antialiased: false,
             summary: String::new(),
             place: Place::default(),
+            edit: None,
+            saved_edit: Vec::new(),
+            focus: None,
+            edited: None,
             is_shown: [true; 2],
             progress: Some(0.0),
             cancel,
@@ -125,15 +167,31 @@ impl Layer {
         }
         self.is_antialiased = is_antialiased;
         self.progress = None;
+        self.focus = Some(held.focus());
         (self.held.insert(held).clone(), remarks(&self.name, &report, &notices))
     }
 
-    /// The Gaussians and the transform that the picture of this side draws; `None` if it does not show the scene.
+    /// True if the Gaussians that an edit leaves are not there yet.
+    pub fn is_being_edited(&self) -> bool {
+        match (&self.edit, &self.edited) {
+            (None, None) => false,
+            (Some(edit), Some(edited)) => !Arc::ptr_eq(edit, &edited.of),
+            _ => true,
+        }
+    }
+
+    /// The Gaussians and the transform that the picture of this side draws; `None` if it does not show the scene. With
+    /// `is_tinted`, what is selected has another colour.
     ///
     /// # Errors
     /// The placement is not a valid transform.
-    pub fn part(&self, side: usize) -> Result<Option<(Held, Transform)>> {
-        let Some(held) = self.held.as_ref().filter(|_| self.is_shown[side]) else { return Ok(None) };
+    pub fn part(&self, side: usize, is_tinted: bool) -> Result<Option<(Held, Transform)>> {
+        let held = match &self.edited {
+            Some(Edited { tinted: Some(tinted), .. }) if is_tinted => Some(tinted),
+            Some(edited) => Some(&edited.kept),
+            None => self.held.as_ref(),
+        };
+        let Some(held) = held.filter(|held| self.is_shown[side] && held.count() > 0) else { return Ok(None) };
         let transform = self.place.transform().with_context(|| format!("{} cannot be placed there", self.name))?;
         Ok(Some((held.clone(), transform)))
     }

@@ -39,6 +39,10 @@ impl Viewer {
     /// # Errors
     /// The placement of a scene is not a valid transform.
     pub fn plan(&self, side: Side) -> Result<Option<Plan>> {
+        self.plan_of(side, false)
+    }
+
+    fn plan_of(&self, side: Side, is_tinted: bool) -> Result<Option<Plan>> {
         let options = match side {
             Side::First => self.options,
             Side::Second => match self.comparison.options(&self.options) {
@@ -46,7 +50,7 @@ impl Viewer {
                 None => return Ok(None),
             },
         };
-        let parts = self.layers.iter().filter_map(|layer| layer.part(side as usize).transpose());
+        let parts = self.layers.iter().filter_map(|layer| layer.part(side as usize, is_tinted).transpose());
         let parts = parts.collect::<Result<Vec<_>>>()?;
         Ok((!parts.is_empty()).then_some(Plan { parts, options, shaders: self.shaders }))
     }
@@ -56,12 +60,14 @@ impl Viewer {
         self.rate.as_ref().map_or(1.0, |rate| rate.scale)
     }
 
-    /// The plan of what the window shows: that of [`Viewer::plan`], at a lower scale while the view moves.
+    /// The plan of what the window shows: that of [`Viewer::plan`], at a lower scale while the view moves, and
+    /// with another colour of what is selected.
     ///
     /// # Errors
     /// Those of [`Viewer::plan`].
     pub fn shown_plan(&self, side: Side) -> Result<Option<Plan>> {
-        let mut plan = self.plan(side)?;
+        // Pictures are compared as they are.
+        let mut plan = self.plan_of(side, self.comparison.target == CompareTarget::Nothing)?;
         if let Some(plan) = plan.as_mut().filter(|plan| !plan.is_in_pages()) {
             plan.options.scale *= self.motion_scale();
         }
@@ -70,6 +76,6 @@ impl Viewer {
 
     /// True if the picture of this plan shows the scenes that are open now, whole.
     pub fn draws(&self, plan: &Plan) -> bool {
-        self.plan(Side::First).is_ok_and(|planned| planned.is_some_and(|planned| planned.has_scene_of(plan)))
+        self.shown_plan(Side::First).is_ok_and(|planned| planned.is_some_and(|planned| planned.has_scene_of(plan)))
     }
 }

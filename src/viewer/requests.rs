@@ -16,9 +16,12 @@ impl Session {
     /// Executes the requests that need the device; returns those for the owner of the window.
     pub(super) fn execute_requests(&mut self) -> Result<Vec<WindowRequest>> {
         let mut for_window = Vec::new();
+        let mut later = Vec::new();
         // One at a time, since a mark asks for its place to be copied.
         while !self.viewer.requests.is_empty() {
             match self.viewer.requests.remove(0) {
+                // What is written and measured is what the edit leaves.
+                request if self.viewer.is_editing() && !matches!(request, Request::Window(_)) => later.push(request),
                 Request::Window(request) => for_window.push(request),
                 Request::Pick(pixel) => self.pick(pixel)?,
                 Request::Focus(pixel) => {
@@ -28,6 +31,10 @@ impl Session {
                 Request::Mark(pixel) => {
                     let Some(depth) = self.depth_at(pixel)? else { continue };
                     self.viewer.mark(pixel, depth);
+                }
+                Request::SelectBall { pixel, radius_px, how } => {
+                    let Some(depth) = self.depth_at(pixel)? else { continue };
+                    self.viewer.select_ball(pixel, radius_px, depth, how);
                 }
                 Request::FitRange => self.viewer.fit_range(),
                 Request::WritePicture => self.write_picture()?,
@@ -47,6 +54,7 @@ impl Session {
                 }
             }
         }
+        self.viewer.requests = later;
         Ok(for_window)
     }
 

@@ -132,6 +132,7 @@ impl Session {
             && self.residency().is_none_or(|residency| residency.is_settled())
             && !viewer.building.contains(&true)
             && self.has_full_scale()
+            && !viewer.is_editing()
             && !viewer.is_stale
     }
 

@@ -8,7 +8,8 @@ use glam::DVec3;
 
 use super::comparison::{CompareMode, Comparison, Depicted};
 use super::dialog::Dialog;
-use super::drag::Drag;
+use super::drag::{Drag, Stroke, Tool};
+use super::edit::How;
 use super::evaluation::Evaluation;
 use super::events::Events;
 use super::export::Export;
@@ -23,6 +24,7 @@ use super::measuring::Costs;
 use super::messages::Messages;
 use super::photographs::Photographs;
 use super::pictures::{Plan, Side};
+use super::project::Project;
 use super::rate::Rate;
 use super::still::Still;
 use super::undo::Undo;
@@ -88,6 +90,12 @@ pub enum Request {
     Focus([u32; 2]),
     /// Mark what this pixel shows, and measure the distance from the mark before.
     Mark([u32; 2]),
+    /// Select what lies around the point that this pixel shows.
+    SelectBall {
+        pixel: [u32; 2],
+        radius_px: f64,
+        how: How,
+    },
     /// Fit the scale of the look to the values of the picture.
     FitRange,
     WritePicture,
@@ -154,7 +162,7 @@ pub struct Viewer {
     pub cursor: Option<[u32; 2]>,
     /// The camera of the file that is seen under the cursor.
     pub pointed: Option<usize>,
-    /// Points that were marked last, world units: at most two.
+    /// Points that were marked last, world units: at most three.
     pub marks: Vec<DVec3>,
     /// By side: a build is under way.
     pub building: [bool; 2],
@@ -179,12 +187,24 @@ pub struct Viewer {
     pub explanation: Option<ExplainedPixel>,
     pub panels: Panels,
     pub dialog: Dialog,
+    /// The project that is being opened.
+    pub project: Option<Project>,
     /// What the next window begins with.
     pub kept: Kept,
     pub vsync: Vsync,
     /// The pictures must be drawn again.
     pub is_stale: bool,
     pub requests: Vec<Request>,
+    /// What the left button does over the picture while the page of edits is open.
+    pub tool: Tool,
+    /// The number of the scene that handles place, if one was chosen.
+    pub placed: Option<u64>,
+    /// The field of view before it was made flat, in degrees.
+    pub unflat_degrees: f64,
+    /// The radius of the brush, in pixels.
+    pub brush_px: f64,
+    /// The stroke of a tool that goes on.
+    pub stroke: Option<Stroke>,
     /// The drag over the picture that goes on.
     pub drag: Option<Drag>,
     /// The view flies, by keys that are held.
@@ -297,9 +317,15 @@ impl Viewer {
             explanation: None,
             panels: Panels { are_hidden: setup.hides_panels, shows_help: false },
             dialog: Dialog::default(),
+            project: None,
             kept: setup.kept.as_deref().map(Kept::read).unwrap_or_default(),
             is_stale: true,
             requests: Vec::new(),
+            tool: Tool::Look,
+            placed: None,
+            unflat_degrees: 60.0,
+            brush_px: 20.0,
+            stroke: None,
             drag: None,
             is_flying: false,
             window: size,

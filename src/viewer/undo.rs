@@ -1,9 +1,30 @@
 //! Undo and redo: what users set or move, as it was before each change.
 
+use std::sync::Arc;
+
+use super::edit::Edit;
 use super::layers::Place;
 use crate::camera::{Camera, Timeline};
 use crate::options::Options;
 use crate::rules::Background;
+
+/// Most bytes of edits that are kept to be undone.
+const MOST_BYTES: usize = 256 << 20;
+
+impl Undo {
+    /// Drops the oldest states until the edits of the others do not need too much memory.
+    pub fn limit(&mut self, steps: usize) {
+        let bytes = |state: &State| state.edits.iter().filter_map(|(_, edit)| edit.as_deref()).map(Edit::bytes).sum();
+        let mut left = MOST_BYTES;
+        let fits = |state: &&State| {
+            let needed: usize = bytes(state);
+            left = left.checked_sub(needed).unwrap_or_default();
+            needed == 0 || left > 0
+        };
+        let count = self.done.iter().rev().take(steps).take_while(fits).count().max(1);
+        self.done.drain(..self.done.len().saturating_sub(count));
+    }
+}
 
 /// The states before and after the current one.
 #[derive(Default)]
@@ -22,16 +43,23 @@ pub struct State {
     pub timeline: Timeline,
     /// By number of the scene: where it lies, and in which pictures it is shown.
     pub places: Vec<(u64, Place, [bool; 2])>,
+    /// By number of the scene: what is done to its Gaussians.
+    pub edits: Vec<(u64, Option<Arc<Edit>>)>,
 }
 
 impl State {
     /// What differs, as a noun; `None` if nothing does. Views of windows of other sizes are not compared: a window that
     /// is resized changes them.
     pub fn difference(&self, other: &Self) -> Option<&'static str> {
-        let Self { view, options, background, timeline, places } = self;
+        let Self { view, options, background, timeline, places, edits } = self;
+        let are_edited = edits.iter().zip(&other.edits).any(|(one, other)| match (&one.1, &other.1) {
+            (Some(one), Some(other)) => !Arc::ptr_eq(one, other),
+            (one, other) => one.is_some() != other.is_some(),
+        });
         let are_open = places.iter().map(|(number, ..)| number).eq(other.places.iter().map(|(number, ..)| number));
         match () {
             () if are_open && *places != other.places => Some("the placement of scenes"),
+            () if are_open && are_edited => Some("the selection, or what is hidden or deleted"),
             () if *timeline != other.timeline => Some("the path"),
             () if *options != other.options => Some("the options"),
             () if background.colour() != other.background.colour() => Some("the background"),

@@ -6,9 +6,9 @@ use std::sync::atomic::Ordering;
 use anyhow::{Result, ensure};
 
 use crate::cli::{REPORTS_TO_STDOUT, Sink, Usage, progress, remark};
-use crate::files::{check_absent, check_binary_writable, is_stdout, write_checked};
+use crate::files::{check_absent, check_binary_writable, is_stdout};
 use crate::measure::prune::Written;
-use crate::scene::{self, Gaussians, LOD_META, Loss, Scene, SceneFile, write_sog_folder};
+use crate::scene::{self, Gaussians, LOD_META, SceneFile, WrittenFile, write_file};
 
 /// What is written.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,7 +115,9 @@ pub(in crate::cli) fn write_scene(
             arranged.sh_degree()
         ));
     }
-    let (format, bytes, loss) = write(output, kind, &arranged, is_antialiased)?;
+    let bar = progress::Bar::new("reading back");
+    let written = write_file(output, kind, &arranged, is_antialiased, &|fraction| bar.set(fraction))?;
+    let WrittenFile { format, bytes, loss } = written;
     let (file, sh_degree) = (output.display().to_string(), arranged.sh_degree());
     Ok(Written { file, format, bytes, gaussians: arranged.len(), sh_degree, transparent, loss })
 }
@@ -126,35 +128,4 @@ pub fn is_same(input: &Path, output: &Path) -> bool {
     let in_folder = scene::in_folder(input);
     let files = [in_folder.clone(), in_folder.join("meta.json"), in_folder.join(LOD_META)];
     files.iter().any(|file| file.canonicalize().is_ok_and(|f| f == output))
-}
-
-/// Writes the file and reads it back. Returns the name of its format, its size in bytes, for a folder that of all its
-/// files, and the losses.
-fn write(
-    output: &Path,
-    kind: SceneFile,
-    gaussians: &Gaussians,
-    is_antialiased: bool,
-) -> Result<(String, u64, Vec<Loss>)> {
-    let bar = progress::Bar::new("reading back");
-    let read_again = |written: &Path| {
-        let Scene { gaussians: read, format, .. } = scene::read(written, &|fraction| bar.set(fraction))?;
-        let (count, expected) = (read.len(), gaussians.len());
-        ensure!(count == expected, "{count} of {expected} Gaussians could be read back");
-        let bytes = if kind == SceneFile::SogFolder { all_bytes(written.parent())? } else { written.metadata()?.len() };
-        Ok((format, bytes, Loss::between(gaussians, &read)))
-    };
-    if kind == SceneFile::SogFolder {
-        let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        return write_sog_folder(gaussians, is_antialiased, folder, read_again);
-    }
-    // Only a .splat is recognized by its name.
-    let ending = if kind == SceneFile::Splat { ".splat" } else { "" };
-    write_checked(output, ending, |file| kind.write(gaussians, is_antialiased, file), read_again)
-}
-
-/// The size of all files in a folder.
-fn all_bytes(folder: Option<&Path>) -> Result<u64> {
-    let files = std::fs::read_dir(folder.unwrap_or(Path::new(".")))?;
-    files.map(|file| Ok(file?.metadata()?.len())).sum()
 }

@@ -1,6 +1,7 @@
 //! Writes scenes to files, in the axes and the encoding of each format.
 
 mod compressed_ply;
+mod file;
 mod gltf;
 mod ply;
 mod rows;
@@ -14,6 +15,7 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use rayon::prelude::*;
 
+pub use self::file::{WrittenFile, write_file};
 use self::rows::to_byte;
 pub use self::sog::{LOD_META, Streamed, WrittenLevels, write_sog_folder, write_streamed_sog};
 use super::{Gaussians, morton};

@@ -141,7 +141,7 @@ impl Viewer {
 
 impl Source {
     /// The scene as an argument of a command.
-    fn argument(&self) -> String {
+    pub fn argument(&self) -> String {
         let absolute =
             |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string();
         match self {

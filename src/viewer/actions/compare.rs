@@ -16,6 +16,9 @@ use crate::viewer::pictures::{Side, needs_whole};
 use crate::viewer::state::{Request, Viewer, WindowRequest};
 use crate::viewer::still::{fitted_range, part};
 
+/// Most marks: three lie in a plane.
+const MARKS: usize = 3;
+
 /// Longest side of a photograph that is shown small, in pixels.
 const THUMBNAIL_PX: u32 = 440;
 
@@ -61,13 +64,13 @@ impl Viewer {
     pub fn mark(&mut self, pixel: [u32; 2], depth: Option<f32>) {
         let Some(depth) = depth else { return self.messages.note("there is nothing at this pixel") };
         let point = self.view().unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, f64::from(depth));
-        if self.marks.len() == 2 {
+        if self.marks.len() == MARKS {
             self.marks.remove(0);
         }
         self.marks.push(point);
         let place = format!("{:.6}, {:.6}, {:.6}", point.x, point.y, point.z);
         let distance = match self.marks[..] {
-            [before, now] => format!("; {:.6} world units from the mark before", before.distance(now)),
+            [.., before, now] => format!("; {:.6} world units from the mark before", before.distance(now)),
             _ => String::new(),
         };
         self.messages.note(format!("marked and copied: {place}{distance}"));

@@ -2,10 +2,13 @@
 
 mod command;
 mod compare;
+mod edit;
 mod export;
 mod film;
 mod measure;
 mod open;
+mod place;
+mod project;
 mod undo;
 mod views;
 

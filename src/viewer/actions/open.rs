@@ -11,6 +11,7 @@ use crate::viewer::events::Event;
 use crate::viewer::held::Opened;
 use crate::viewer::jobs::{JobEvent, Reporter};
 use crate::viewer::layers::{Layer, Source};
+use crate::viewer::project::is_project;
 use crate::viewer::photographs::{Photographs, holds_photographs};
 use crate::viewer::state::{CompareWith, Viewer};
 
@@ -35,7 +36,10 @@ impl Viewer {
             self.open_cameras(&cameras);
         }
         for scene in self.setup.scenes.clone() {
-            self.open(&scene, self.setup.reading);
+            match is_project(&scene) {
+                true => self.open_project(&scene),
+                false => self.open(&scene, self.setup.reading),
+            }
         }
         match self.setup.compares_with.clone() {
             Some(CompareWith::Options(options)) => self.comparison.target = CompareTarget::Options(Some(options)),
@@ -96,6 +100,7 @@ impl Viewer {
     /// Takes in the photographs of a folder, or reports why there are none.
     pub fn handle_photographs(&mut self, photographs: Result<Photographs>) {
         self.is_reading_cameras = false;
+        self.end_project();
         match photographs {
             Ok(photographs) => {
                 let (count, of) = (photographs.count_of(&self.cameras), self.cameras.len());
@@ -125,6 +130,9 @@ impl Viewer {
             };
         }
         let is_sog = ["meta.json", LOD_META].iter().any(|name| path.file_name().is_some_and(|own| own == *name));
+        if is_project(path) {
+            return self.open_project(path);
+        }
         if is_sog {
             return self.open(path, Reading::default());
         }
@@ -177,13 +185,15 @@ impl Viewer {
                     self.kept.note(file);
                     self.keep();
                 }
-                if !self.setup.antialiased_is_explicit {
+                if !self.setup.antialiased_is_explicit && self.project.is_none() {
                     self.options.rules.antialiased = self.layers.iter().any(|layer| layer.is_antialiased);
                 }
                 // A view set while reading knew only a part of the scene.
                 if !self.has_view || self.layers.len() == 1 && !self.has_moved() {
                     self.set_first_view(held.focus());
                 }
+                self.restore_edit(place);
+                self.end_project();
                 self.begin_undo();
             }
             Err(problem) => {
@@ -216,13 +226,16 @@ impl Viewer {
                 self.thumbnails.clear();
                 self.evaluation = None;
                 self.find_photographs();
-                self.options.rules.near = self.setup.options.rules.near;
-                self.nearest = None;
-                self.go_to_camera(0, true);
+                if !self.go_to_project() {
+                    self.options.rules.near = self.setup.options.rules.near;
+                    self.nearest = None;
+                    self.go_to_camera(0, true);
+                }
                 self.first_view = Some(self.view());
                 self.begin_undo();
             }
             Err(problem) => {
+                self.end_project();
                 let unreadable = Unreadable::new(path, &problem);
                 self.messages.error(unreadable.to_string());
                 self.failure.get_or_insert(unreadable.into());

@@ -14,6 +14,7 @@ impl Viewer {
             background: self.background,
             timeline: self.film.timeline.clone(),
             places: self.layers.iter().map(|layer| (layer.number, layer.place, layer.is_shown)).collect(),
+            edits: self.layers.iter().map(|layer| (layer.number, layer.edit.clone())).collect(),
         }
     }
 
@@ -28,8 +29,7 @@ impl Viewer {
         if let Some(before) = self.undo.current.take().filter(|before| before.difference(&now).is_some()) {
             self.undo.done.push(before);
             self.undo.undone.clear();
-            let more = self.undo.done.len().saturating_sub(STEPS);
-            self.undo.done.drain(..more);
+            self.undo.limit(STEPS);
         }
         self.undo.current = Some(now);
     }
@@ -52,7 +52,7 @@ impl Viewer {
     }
 
     fn restore(&mut self, wanted: &State) {
-        let State { view, options, background, timeline, places } = wanted;
+        let State { view, options, background, timeline, places, edits } = wanted;
         if self.view() != view.resized(self.size) {
             self.navigator.snap(view);
             self.camera = None;
@@ -62,6 +62,12 @@ impl Viewer {
         for layer in &mut self.layers {
             if let Some((_, place, is_shown)) = places.iter().find(|(number, ..)| *number == layer.number) {
                 (layer.place, layer.is_shown) = (*place, *is_shown);
+            }
+        }
+        for place in 0..self.layers.len() {
+            let number = self.layers[place].number;
+            if let Some((_, edit)) = edits.iter().find(|(of, _)| *of == number) {
+                self.set_edit(place, edit.clone());
             }
         }
         self.is_stale = true;

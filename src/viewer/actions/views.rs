@@ -15,14 +15,17 @@ impl Viewer {
         let (centre, radius) = (DVec3::from(focus.centre), focus.radius);
         self.navigator.frame(centre, radius, self.size);
         self.inspection.set_scene_radius(radius);
-        if self.cameras.is_empty() && !self.setup.near_is_explicit {
+        let has_project = self.project.is_some();
+        if self.cameras.is_empty() && !self.setup.near_is_explicit && !has_project {
             // `smalto render` also moves the near plane closer for a small scene.
             let distance = self.view().position.distance(self.navigator.pivot());
             let nearest = distance as f32 / 100.0;
             self.nearest = Some(nearest);
             self.options.rules.near = self.setup.options.rules.near.min(nearest);
         }
-        self.go_to_camera(0, true);
+        if !self.go_to_project() {
+            self.go_to_camera(0, true);
+        }
         self.has_view = true;
         self.first_view = Some(self.view());
         self.is_stale = true;

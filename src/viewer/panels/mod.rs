@@ -2,7 +2,9 @@
 
 mod cameras;
 mod compare;
+mod edit;
 mod film;
+mod guides;
 mod help;
 mod inside;
 mod over;
@@ -15,6 +17,7 @@ mod view;
 
 use egui::{Panel, RichText, ScrollArea, Theme, Ui};
 
+use super::dialog::{Chosen, Saved};
 use super::input;
 use super::kept::Tab;
 use super::keys::Action;
@@ -54,13 +57,19 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     if viewer.kept.shows_cameras && !viewer.panels.are_hidden {
         cameras::over_picture(viewer, &space, ui);
     }
+    guides::show(viewer, &space, free, ui);
+    edit::over_picture(viewer, &space, ui);
     if !viewer.panels.are_hidden && viewer.kept.tab == Tab::Path {
         film::curve(viewer, &space);
     }
     help::show(viewer, ui.ctx());
     inside::explanation(viewer, pair, ui.ctx());
-    for file in viewer.dialog.show(ui.ctx()) {
-        viewer.drop_file(&file);
+    for chosen in viewer.dialog.show(ui.ctx()) {
+        match chosen {
+            Chosen::Open(file) => viewer.drop_file(&file),
+            Chosen::Save(Saved::Project, file) => viewer.save_project(&file),
+            Chosen::Save(Saved::Scene, file) => viewer.save_scene(&file),
+        }
     }
 }
 
@@ -101,6 +110,7 @@ fn page(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         }
         Tab::Compare => section(ui, "Compare", |ui| compare::show(viewer, ui)),
         Tab::Path => section(ui, "Path and files", |ui| film::show(viewer, ui)),
+        Tab::Edit => edit::show(viewer, ui),
     }
 }
 

@@ -103,11 +103,12 @@ fn short(value: f32) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
-/// The points that were marked, and the distance between them.
+/// The points that were marked, and the distances from each to the next.
 pub(super) fn marks(viewer: &Viewer, space: &Space, ui: &Ui) {
     let colour = Color32::from_rgb(255, 200, 60);
     viewer.marks.iter().for_each(|mark| space.dot(*mark, 3.0, colour, ""));
-    if let [from, to] = viewer.marks[..] {
+    for ends in viewer.marks.windows(2) {
+        let (from, to) = (ends[0], ends[1]);
         space.line([from, to], Stroke::new(1.5, colour));
         if let (Some(a), Some(b)) = (space.place(from), space.place(to)) {
             let middle = a + (b - a) / 2.0;

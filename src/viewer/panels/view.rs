@@ -11,6 +11,8 @@ use crate::rules::Background;
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     cameras(viewer, ui);
+    let hint = "The axes of the world, a grid on the ground, and directions to look from";
+    ui.checkbox(&mut viewer.kept.shows_guides, "Show axes and a grid").on_hover_text(hint);
     Grid::new("view").num_columns(2).show(ui, |ui| {
         ui.label("Field of view");
         let mut degrees = viewer.navigator.field_of_view();
@@ -68,6 +70,10 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     });
     ui.horizontal_wrapped(|ui| {
         let keys = [Action::Reset, Action::CopyView, Action::CopyCommand].map(|key| viewer.setup.bindings.text(key));
+        let hint = "A narrow view from far away, nearly orthographic: its rays differ by less than two degrees";
+        if ui.selectable_label(viewer.is_flat(), "Flat").on_hover_text(hint).clicked() {
+            viewer.toggle_flat();
+        }
         if ui.button("First view").on_hover_text(format!("Go back to it ({})", keys[0])).clicked() {
             viewer.reset_view();
         }

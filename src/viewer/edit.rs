@@ -1,0 +1,285 @@
+//! Which Gaussians of a scene are selected, hidden or deleted, and the ways to select.
+
+use std::ops::RangeInclusive;
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use crate::scene::Gaussians;
+
+const SELECTED: u8 = 1;
+const HIDDEN: u8 = 2;
+const DELETED: u8 = 4;
+
+/// What was done to the Gaussians of a scene, by their indices.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Edit {
+    flags: Vec<u8>,
+}
+
+/// Numbers of Gaussians. What is deleted is not hidden, and neither is selected.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    pub selected: usize,
+    pub hidden: usize,
+    pub deleted: usize,
+}
+
+/// How a selection goes together with the one before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum How {
+    Replace,
+    Add,
+    Subtract,
+}
+
+/// What becomes of the Gaussians that are selected, hidden or neither.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    Hide,
+    Delete,
+    /// Deletes all that is drawn and not selected.
+    Crop,
+    ShowHidden,
+    SelectAll,
+    SelectNone,
+    Invert,
+}
+
+impl Edit {
+    /// Nothing is done to this number of Gaussians yet.
+    pub fn of(count: usize) -> Self {
+        Self { flags: vec![0; count] }
+    }
+
+    /// True if nothing is done to any Gaussian.
+    pub fn is_empty(&self) -> bool {
+        self.flags.iter().all(|flags| *flags == 0)
+    }
+
+    /// Number of bytes that it needs.
+    pub fn bytes(&self) -> usize {
+        self.flags.len()
+    }
+
+    pub fn counts(&self) -> Counts {
+        let has = |flag: u8| self.flags.iter().filter(|flags| **flags & flag != 0).count();
+        Counts { selected: has(SELECTED), hidden: has(HIDDEN), deleted: has(DELETED) }
+    }
+
+    pub fn is_selected(&self, index: usize) -> bool {
+        self.flags[index] & SELECTED != 0
+    }
+
+    /// The Gaussians that are drawn.
+    pub fn drawn(&self) -> Vec<u32> {
+        (0..self.flags.len() as u32).filter(|i| self.flags[*i as usize] & (HIDDEN | DELETED) == 0).collect()
+    }
+
+    /// The Gaussians that are not deleted.
+    pub fn kept(&self) -> Vec<u32> {
+        (0..self.flags.len() as u32).filter(|i| self.flags[*i as usize] & DELETED == 0).collect()
+    }
+
+    /// True if the same Gaussians are drawn.
+    pub fn draws_same(&self, other: &Self) -> bool {
+        let is_drawn = |flags: &u8| flags & (HIDDEN | DELETED) == 0;
+        self.flags.iter().map(is_drawn).eq(other.flags.iter().map(is_drawn))
+    }
+
+    /// The selection of those drawn Gaussians for which `is_inside` is true, together with the one before.
+    #[must_use]
+    pub fn selecting(&self, how: How, is_inside: impl Fn(usize) -> bool + Sync) -> Self {
+        let flags = self.flags.par_iter().enumerate().map(|(i, flags)| {
+            let is_inside = flags & (HIDDEN | DELETED) == 0 && is_inside(i);
+            let is_selected = match how {
+                How::Replace => is_inside,
+                How::Add => is_inside || flags & SELECTED != 0,
+                How::Subtract => !is_inside && flags & SELECTED != 0,
+            };
+            (flags & !SELECTED) | if is_selected { SELECTED } else { 0 }
+        });
+        Self { flags: flags.collect() }
+    }
+
+    #[must_use]
+    pub fn changed(&self, change: Change) -> Self {
+        let one = |flags: &u8| {
+            let is_drawn = flags & (HIDDEN | DELETED) == 0;
+            match change {
+                Change::Hide if flags & SELECTED != 0 => HIDDEN,
+                Change::Delete if flags & SELECTED != 0 => DELETED,
+                Change::Crop if is_drawn && flags & SELECTED == 0 => DELETED,
+                Change::ShowHidden => flags & !HIDDEN,
+                Change::SelectAll if is_drawn => SELECTED,
+                Change::SelectNone => flags & !SELECTED,
+                Change::Invert if is_drawn => flags ^ SELECTED,
+                _ => *flags,
+            }
+        };
+        Self { flags: self.flags.par_iter().map(one).collect() }
+    }
+
+    /// Runs of Gaussians to which the same was done: length and flags, for a file.
+    pub fn to_runs(&self) -> Vec<(usize, u8)> {
+        let mut runs: Vec<(usize, u8)> = Vec::new();
+        for flags in &self.flags {
+            match runs.last_mut() {
+                Some((length, last)) if last == flags => *length += 1,
+                _ => runs.push((1, *flags)),
+            }
+        }
+        runs
+    }
+
+    /// The edit of [`Edit::to_runs`]; `None` if a run is not one of those.
+    pub fn from_runs(runs: &[(usize, u8)]) -> Option<Self> {
+        const MOST: usize = u32::MAX as usize;
+        let mut flags = Vec::new();
+        for (length, of) in runs {
+            if *of > (SELECTED | HIDDEN | DELETED) || *length > MOST - flags.len() {
+                return None;
+            }
+            flags.resize(flags.len() + length, *of);
+        }
+        Some(Self { flags })
+    }
+
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        self.flags.len()
+    }
+}
+
+/// A property by which Gaussians are selected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Property {
+    Opacity,
+    /// The largest standard deviation, world units of the file.
+    Scale,
+    /// The largest standard deviation over the smallest.
+    Anisotropy,
+}
+
+impl Property {
+    pub const ALL: [(Self, &str); 3] =
+        [(Self::Opacity, "opacity"), (Self::Scale, "largest scale"), (Self::Anisotropy, "anisotropy")];
+
+    pub fn of(self, gaussians: &Gaussians, index: usize) -> f32 {
+        let scales = gaussians.scales()[index];
+        let (low, high) = scales.iter().fold((f32::MAX, 0.0), |(low, high): (f32, f32), s| (low.min(*s), high.max(*s)));
+        match self {
+            Self::Opacity => gaussians.opacities()[index],
+            Self::Scale => high,
+            Self::Anisotropy => high / low.max(f32::MIN_POSITIVE),
+        }
+    }
+}
+
+/// What is selected.
+#[derive(Clone, Debug)]
+pub enum Selection {
+    /// Centres that are seen within an outline of the picture.
+    Outline(Outline),
+    /// Centres within a ball of the world: its centre and radius.
+    Ball(DVec3, f64),
+    /// Centres within a box of the world: its least and its greatest corner.
+    Box(DVec3, DVec3),
+    /// A property within a range.
+    Values(Property, RangeInclusive<f32>),
+}
+
+/// A figure in the picture. Places are in pixels.
+#[derive(Clone, Debug)]
+pub enum Outline {
+    Rectangle(DVec2, DVec2),
+    /// A closed line; inside is what it goes around an odd number of times.
+    Lasso(Vec<DVec2>),
+    /// A line as wide as a brush of this radius.
+    Brush(Vec<DVec2>, f64),
+}
+
+impl Outline {
+    /// The corners of a rectangle around it.
+    pub fn bounds(&self) -> [DVec2; 2] {
+        let around = |way: &[DVec2], margin: f64| {
+            let low = way.iter().copied().reduce(DVec2::min).unwrap_or(DVec2::ZERO);
+            let high = way.iter().copied().reduce(DVec2::max).unwrap_or(DVec2::ZERO);
+            [low - margin, high + margin]
+        };
+        match self {
+            Self::Rectangle(a, b) => around(&[*a, *b], 0.0),
+            Self::Lasso(corners) => around(corners, 0.0),
+            Self::Brush(way, radius) => around(way, *radius),
+        }
+    }
+
+    pub fn contains(&self, place: DVec2) -> bool {
+        match self {
+            Self::Rectangle(a, b) => place.cmpge(a.min(*b)).all() && place.cmple(a.max(*b)).all(),
+            Self::Lasso(corners) => {
+                let ends = corners.iter().zip(corners.iter().cycle().skip(1));
+                let crosses = |(a, b): &(&DVec2, &DVec2)| {
+                    (a.y > place.y) != (b.y > place.y) && place.x < (b.x - a.x) * (place.y - a.y) / (b.y - a.y) + a.x
+                };
+                ends.filter(crosses).count() % 2 == 1
+            }
+            Self::Brush(way, radius) => {
+                let near = |a: DVec2, b: DVec2| {
+                    let step = b - a;
+                    let along = (place - a).dot(step) / step.length_squared().max(f64::MIN_POSITIVE);
+                    place.distance(a + step * along.clamp(0.0, 1.0)) <= *radius
+                };
+                way.first().is_some_and(|first| near(*first, *first)) || way.windows(2).any(|ends| near(ends[0], ends[1]))
+            }
+        }
+    }
+}
+
+/// The colour of what is selected, and its share.
+pub const TINT: ([f32; 3], f32) = ([1.0, 0.72, 0.1], 0.7);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn selections_go_together() {
+        let edit = Edit::of(6).selecting(How::Replace, |i| i < 3);
+        assert_eq!(edit.counts(), Counts { selected: 3, hidden: 0, deleted: 0 });
+        let added = edit.selecting(How::Add, |i| i == 4);
+        assert_eq!((0..6).map(|i| added.is_selected(i)).collect::<Vec<_>>(), [true, true, true, false, true, false]);
+        let fewer = added.selecting(How::Subtract, |i| i < 2);
+        assert_eq!(fewer.counts().selected, 2);
+        assert_eq!(fewer.changed(Change::Invert).counts().selected, 4);
+        // What is not drawn is not selected.
+        let hidden = fewer.changed(Change::Hide);
+        assert_eq!(hidden.counts(), Counts { selected: 0, hidden: 2, deleted: 0 });
+        assert_eq!(hidden.drawn(), [0, 1, 3, 5]);
+        assert_eq!(hidden.kept().len(), 6);
+        let all = hidden.changed(Change::SelectAll).changed(Change::Delete);
+        assert_eq!((all.drawn().len(), all.kept()), (0, vec![2, 4]), "what is hidden is kept");
+        assert_eq!(all.changed(Change::ShowHidden).drawn(), [2, 4]);
+        let cropped = fewer.changed(Change::Crop);
+        assert_eq!((cropped.drawn(), cropped.counts().selected), (vec![2, 4], 2));
+        assert!(cropped.changed(Change::SelectNone).draws_same(&cropped) && !cropped.draws_same(&fewer));
+        assert_eq!(Edit::from_runs(&all.to_runs()).map(|edit| edit.counts()), Some(all.counts()));
+        assert!(Edit::from_runs(&[(3, 8)]).is_none() && Edit::from_runs(&[(usize::MAX, 0)]).is_none());
+    }
+
+    #[test]
+    fn outlines_hold_what_is_inside() {
+        let at = DVec2::new;
+        let rectangle = Outline::Rectangle(at(10.0, 2.0), at(4.0, 8.0));
+        assert!(rectangle.contains(at(5.0, 5.0)) && !rectangle.contains(at(3.0, 5.0)));
+        // The letter U: its middle is outside.
+        let corners = [[0, 0], [0, 9], [9, 9], [9, 0], [6, 0], [6, 6], [3, 6], [3, 0]];
+        let lasso = Outline::Lasso(corners.map(|c| DVec2::from(c.map(f64::from))).to_vec());
+        assert!(lasso.contains(at(1.0, 1.0)) && lasso.contains(at(4.5, 7.5)) && !lasso.contains(at(4.5, 3.0)));
+        let brush = Outline::Brush(vec![at(0.0, 0.0), at(10.0, 0.0), at(10.0, 10.0)], 2.0);
+        assert!(brush.contains(at(5.0, 1.9)) && brush.contains(at(11.9, 8.0)) && !brush.contains(at(5.0, 5.0)));
+        let dab = Outline::Brush(vec![at(3.0, 3.0)], 1.0);
+        assert!(dab.contains(at(3.5, 3.5)) && !dab.contains(at(5.0, 3.0)));
+        assert!(!Outline::Lasso(Vec::new()).contains(at(0.0, 0.0)));
+    }
+}

@@ -1,0 +1,170 @@
+//! The handles with which a scene is placed: where they are seen, and what dragging them does.
+
+use std::f64::consts::TAU;
+
+use glam::{DQuat, DVec2, DVec3, EulerRot};
+
+use super::drag::Handle;
+use super::layers::Place;
+use crate::camera::Camera;
+
+/// Length of an arrow, as a share of the shorter side of the picture.
+const LENGTH: f64 = 0.16;
+/// Radius of a ring, as a share of the length of an arrow.
+const RING: f64 = 0.75;
+/// Corners of a ring.
+const CORNERS: usize = 48;
+/// Distance in pixels within which a handle is taken, for a picture of one pixel a point.
+const GRIP: f64 = 7.0;
+/// Pixels of a drag by which the scale grows by a factor of e.
+const SCALE_PX: f64 = 200.0;
+
+/// Handles around a point of the world.
+pub struct Gizmo {
+    view: Camera,
+    pub centre: DVec3,
+    /// Length of an arrow, world units.
+    length: f64,
+}
+
+impl Gizmo {
+    /// `None` if the point is not before the camera.
+    pub fn new(view: &Camera, centre: DVec3) -> Option<Self> {
+        let depth = view.view(centre).z;
+        let side = f64::from(view.size_px[0].min(view.size_px[1]));
+        let length = LENGTH * side * depth / view.focal_px.x;
+        (depth > 0.0 && length.is_finite()).then(|| Self { view: view.clone(), centre, length })
+    }
+
+    /// The axis of the world with this number.
+    pub fn axis(number: usize) -> DVec3 {
+        [DVec3::X, DVec3::Y, DVec3::Z][number]
+    }
+
+    /// The end of an arrow.
+    pub fn end(&self, axis: usize) -> DVec3 {
+        self.centre + Self::axis(axis) * self.length
+    }
+
+    /// The corners of a ring around an axis; the last is the first.
+    pub fn ring(&self, axis: usize) -> Vec<DVec3> {
+        let [a, b] = [Self::axis((axis + 1) % 3), Self::axis((axis + 2) % 3)];
+        let corner = |i: usize| {
+            let angle = TAU * i as f64 / CORNERS as f64;
+            self.centre + (a * angle.cos() + b * angle.sin()) * self.length * RING
+        };
+        (0..=CORNERS).map(corner).collect()
+    }
+
+    /// The handle at a place of the picture, in pixels; `points` are the pixels of a point.
+    pub fn at(&self, place: DVec2, points: f64) -> Option<Handle> {
+        let grip = GRIP * points;
+        if self.seen(self.centre)?.distance(place) <= grip {
+            return Some(Handle::Scale);
+        }
+        let apart = |ends: &[DVec3]| {
+            let places: Vec<DVec2> = ends.iter().filter_map(|end| self.seen(*end)).collect();
+            places.windows(2).map(|ends| from_line(place, [ends[0], ends[1]])).fold(f64::INFINITY, f64::min)
+        };
+        let moves = (0..3).map(|axis| (Handle::Move(axis), apart(&[self.centre, self.end(axis)])));
+        let turns = (0..3).map(|axis| (Handle::Turn(axis), apart(&self.ring(axis))));
+        let nearest = moves.chain(turns).min_by(|a, b| a.1.total_cmp(&b.1))?;
+        (nearest.1 <= grip).then_some(nearest.0)
+    }
+
+    /// The placement after a handle was dragged from one place of the picture to another, in pixels.
+    pub fn dragged(&self, place: Place, handle: Handle, from: DVec2, to: DVec2) -> Option<Place> {
+        let centre = self.seen(self.centre)?;
+        match handle {
+            Handle::Move(axis) => {
+                let arrow = self.seen(self.end(axis))? - centre;
+                // An arrow that points at the viewer cannot be dragged.
+                let along = (to - from).dot(arrow) / arrow.length_squared().max(1.0);
+                let translation = (DVec3::from(place.translation) + Self::axis(axis) * along * self.length).to_array();
+                Some(Place { translation, ..place })
+            }
+            Handle::Turn(axis) => {
+                let angle = (from - centre).angle_to(to - centre);
+                // Seen from behind, the axis turns the other way. The picture has y down, as its axes say.
+                let towards = (self.centre - self.view.position).dot(Self::axis(axis)) >= 0.0;
+                let turn = DQuat::from_axis_angle(Self::axis(axis), if towards { angle } else { -angle });
+                Some(turned(place, self.centre, turn))
+            }
+            Handle::Scale => {
+                let factor = ((to - from).dot(DVec2::new(1.0, -1.0)) / SCALE_PX).exp();
+                let offset = (DVec3::from(place.translation) - self.centre) * factor;
+                Some(Place { scale: place.scale * factor, translation: (self.centre + offset).to_array(), ..place })
+            }
+        }
+    }
+
+    /// Where a point is seen, in pixels.
+    fn seen(&self, point: DVec3) -> Option<DVec2> {
+        let seen = self.view.view(point);
+        (seen.z > 0.0).then(|| seen.truncate() / seen.z * self.view.focal_px + self.view.centre_px)
+    }
+}
+
+/// The distance of a place from a line between two others.
+fn from_line(place: DVec2, [a, b]: [DVec2; 2]) -> f64 {
+    let step = b - a;
+    let along = (place - a).dot(step) / step.length_squared().max(f64::MIN_POSITIVE);
+    place.distance(a + step * along.clamp(0.0, 1.0))
+}
+
+/// The placement turned about the point `centre` by a rotation of the world.
+pub fn turned(place: Place, centre: DVec3, turn: DQuat) -> Place {
+    let [y, x, z] = [1, 0, 2].map(|i| place.rotation[i].to_radians());
+    let (y, x, z) = (turn * DQuat::from_euler(EulerRot::YXZ, y, x, z)).to_euler(EulerRot::YXZ);
+    let offset = DVec3::from(place.translation) - centre;
+    Place {
+        rotation: [x, y, z].map(f64::to_degrees),
+        translation: (centre + turn * offset).to_array(),
+        ..place
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gizmo() -> Gizmo {
+        let centre = DVec3::new(0.5, -0.2, 0.3);
+        let view = Camera::looking_at(centre + DVec3::new(2.0, -1.5, -4.0), centre, [400, 300], 1.0);
+        Gizmo::new(&view, centre).unwrap()
+    }
+
+    /// A point of the scene follows the pointer.
+    fn follows(handle: Handle, point: DVec3, by: DVec2) {
+        let gizmo = gizmo();
+        let place = Place { translation: [0.1, 0.2, 0.3], rotation: [10.0, 20.0, 30.0], scale: 1.5 };
+        let before = place.transform().unwrap();
+        let local = before.inverse().unwrap().point(point);
+        let from = gizmo.seen(point).unwrap();
+        assert_eq!(gizmo.at(from, 1.0), Some(handle));
+        let after = gizmo.dragged(place, handle, from, from + by).unwrap();
+        let moved = gizmo.seen(after.transform().unwrap().point(local)).unwrap();
+        let due = from + by;
+        assert!(moved.distance(due) < 0.15 * by.length(), "{handle:?}: {moved} instead of {due}");
+    }
+
+    #[test]
+    fn what_is_dragged_follows_the_pointer() {
+        let gizmo = gizmo();
+        let centre = gizmo.seen(gizmo.centre).unwrap();
+        for axis in 0..3 {
+            let arrow = gizmo.seen(gizmo.end(axis)).unwrap() - centre;
+            follows(Handle::Move(axis), gizmo.end(axis), arrow.normalize() * 5.0);
+            // Along the ring, by the next of its corners.
+            let ring = gizmo.ring(axis);
+            let step = gizmo.seen(ring[6]).unwrap() - gizmo.seen(ring[5]).unwrap();
+            follows(Handle::Turn(axis), ring[5], step);
+        }
+        assert_eq!(gizmo.at(centre, 1.0), Some(Handle::Scale));
+        assert_eq!(gizmo.at(centre + 190.0, 1.0), None);
+        let place = Place { translation: gizmo.centre.to_array(), ..Place::default() };
+        let larger = gizmo.dragged(place, Handle::Scale, centre, centre + DVec2::new(SCALE_PX, 0.0)).unwrap();
+        assert!((larger.scale - 1f64.exp()).abs() < 1e-9 && larger.translation == place.translation);
+        assert!(Gizmo::new(&gizmo.view, gizmo.view.position - gizmo.view.forward()).is_none());
+    }
+}

@@ -1,0 +1,229 @@
+//! The page of edits: tools, selections by value and by box, what is done with them, and saving.
+
+use egui::{Button, Color32, ComboBox, DragValue, Grid, Stroke, Ui, vec2};
+use glam::{DVec2, DVec3};
+use indicatif::HumanCount as count;
+
+use super::super::dialog::Saved;
+use super::super::drag::{Handle, Motion, Stroke as ToolStroke, Tool};
+use super::super::edit::{Change, Counts, How, Property, Selection};
+use super::super::gizmo::Gizmo;
+use super::super::keys::Action;
+use super::super::state::Viewer;
+use super::section;
+use super::space::Space;
+
+/// Colours of the axes x, y and z.
+pub(super) const AXES: [Color32; 3] =
+    [Color32::from_rgb(235, 90, 80), Color32::from_rgb(120, 200, 80), Color32::from_rgb(90, 150, 255)];
+
+pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
+    ui.horizontal_wrapped(|ui| {
+        for (tool, name, help) in Tool::ALL {
+            ui.selectable_value(&mut viewer.tool, tool, name).on_hover_text(help);
+        }
+    });
+    ui.weak("Shift adds, Ctrl subtracts; with Alt, and with the other buttons, the view moves as ever.");
+    match viewer.tool {
+        Tool::Brush => {
+            let field = DragValue::new(&mut viewer.brush_px).range(1.0..=500.0).suffix(" px");
+            ui.horizontal(|ui| (ui.label("Radius of the brush"), ui.add(field)));
+        }
+        Tool::Place => placing(viewer, ui),
+        _ => {}
+    }
+    section(ui, "Selection", |ui| selection(viewer, ui));
+    section(ui, "Select by value", |ui| by_value(viewer, ui));
+    section(ui, "Select by box", |ui| by_box(viewer, ui));
+    section(ui, "Save", |ui| {
+        ui.label("The scenes that are shown, where they are placed, without what is deleted. Hidden ones are saved.");
+        ui.horizontal(|ui| {
+            if ui.button("Save the scene...").clicked() {
+                viewer.dialog.ask_where(Saved::Scene);
+            }
+            let hint = viewer.setup.bindings.text(Action::Save);
+            if ui.button("Save a project...").on_hover_text(hint).clicked() {
+                viewer.dialog.ask_where(Saved::Project);
+            }
+        });
+    });
+}
+
+fn placing(viewer: &mut Viewer, ui: &mut Ui) {
+    let placed = viewer.placed();
+    let name = |number| viewer.layers.iter().find(|layer| layer.number == number).map(|layer| layer.name.clone());
+    let text = placed.and_then(name).unwrap_or_else(|| "no scene".to_owned());
+    ui.horizontal(|ui| {
+        ui.label("Scene");
+        ComboBox::from_id_salt("placed").width(180.0).selected_text(text).show_ui(ui, |ui| {
+            for layer in &viewer.layers {
+                ui.selectable_value(&mut viewer.placed, Some(layer.number), &layer.name);
+            }
+        });
+    });
+    let key = viewer.setup.bindings.text(Action::Mark);
+    let hint = format!("Mark three points of the ground with {key}: the scene is turned until they lie level");
+    let can = viewer.marks.len() == 3 && placed.is_some();
+    if ui.add_enabled(can, Button::new("Level by three marks")).on_hover_text(&hint).on_disabled_hover_text(&hint).clicked()
+    {
+        viewer.level_by_marks();
+    }
+}
+
+fn selection(viewer: &mut Viewer, ui: &mut Ui) {
+    let Counts { selected, hidden, deleted } = viewer.edit_counts();
+    ui.label(format!(
+        "{} selected, {} hidden, {} deleted",
+        count(selected as u64),
+        count(hidden as u64),
+        count(deleted as u64)
+    ));
+    let rows = [
+        ("All", Some(Action::SelectAll), Change::SelectAll, true),
+        ("None", Some(Action::SelectNone), Change::SelectNone, selected > 0),
+        ("Invert", Some(Action::Invert), Change::Invert, true),
+        ("Delete", Some(Action::Delete), Change::Delete, selected > 0),
+        ("Keep only these", None, Change::Crop, selected > 0),
+        ("Hide", Some(Action::Hide), Change::Hide, selected > 0),
+        ("Show hidden", Some(Action::ShowHidden), Change::ShowHidden, hidden > 0),
+    ];
+    ui.horizontal_wrapped(|ui| {
+        for (name, action, change, can) in rows {
+            let key = action.map(|action| viewer.setup.bindings.text(action)).unwrap_or_default();
+            if ui.add_enabled(can, Button::new(name)).on_hover_text(key).clicked() {
+                viewer.change(change);
+            }
+        }
+    });
+    if selected > 0 {
+        ui.weak("What is selected is shown in yellow; what is written has its own colours.");
+    }
+}
+
+/// The ends of the ranges that the page edits.
+#[derive(Clone, Copy)]
+struct Ranges {
+    property: Property,
+    values: [f32; 2],
+    corners: [DVec3; 2],
+}
+
+fn ranges(viewer: &Viewer, ui: &Ui) -> Ranges {
+    let around = DVec3::splat(viewer.navigator.radius());
+    let pivot = viewer.navigator.pivot();
+    let fresh = Ranges { property: Property::Opacity, values: [0.0, 0.05], corners: [pivot - around, pivot + around] };
+    ui.ctx().data(|data| data.get_temp(egui::Id::new("ranges"))).unwrap_or(fresh)
+}
+
+fn keep(ranges: Ranges, ui: &Ui) {
+    ui.ctx().data_mut(|data| data.insert_temp(egui::Id::new("ranges"), ranges));
+}
+
+/// Buttons that select something in each of the three ways.
+fn ways(ui: &mut Ui) -> Option<How> {
+    let mut wanted = None;
+    ui.horizontal(|ui| {
+        for (name, how) in [("Select", How::Replace), ("Add", How::Add), ("Subtract", How::Subtract)] {
+            if ui.button(name).clicked() {
+                wanted = Some(how);
+            }
+        }
+    });
+    wanted
+}
+
+fn by_value(viewer: &mut Viewer, ui: &mut Ui) {
+    let mut now = ranges(viewer, ui);
+    ui.horizontal(|ui| {
+        let text = Property::ALL.iter().find(|(property, _)| *property == now.property).map_or("", |(_, name)| name);
+        ComboBox::from_id_salt("property").width(110.0).selected_text(text).show_ui(ui, |ui| {
+            for (property, name) in Property::ALL {
+                ui.selectable_value(&mut now.property, property, name);
+            }
+        });
+        let [low, high] = &mut now.values;
+        ui.label("from");
+        ui.add(DragValue::new(low).speed(0.005).range(0.0..=f32::MAX));
+        ui.label("to");
+        ui.add(DragValue::new(high).speed(0.005).range(0.0..=f32::MAX));
+    });
+    if let Some(how) = ways(ui) {
+        viewer.select(&Selection::Values(now.property, now.values[0]..=now.values[1]), how);
+    }
+    keep(now, ui);
+}
+
+fn by_box(viewer: &mut Viewer, ui: &mut Ui) {
+    let mut now = ranges(viewer, ui);
+    Grid::new("box").num_columns(4).show(ui, |ui| {
+        for (name, corner) in ["From x y z", "To x y z"].iter().zip(&mut now.corners) {
+            ui.label(*name);
+            for value in corner.as_mut() {
+                ui.add(DragValue::new(value).speed(0.01));
+            }
+            ui.end_row();
+        }
+    });
+    if let Some(how) = ways(ui) {
+        viewer.select(&Selection::Box(now.corners[0], now.corners[1]), how);
+    }
+    keep(now, ui);
+}
+
+/// The stroke of a tool, the brush, the box, and the handles of a scene.
+pub(super) fn over_picture(viewer: &Viewer, space: &Space, ui: &Ui) {
+    if !viewer.edits() {
+        return;
+    }
+    let line = Stroke::new(1.5, Color32::from_rgb(255, 200, 60));
+    let painter = super::over::painter(ui);
+    let points = f64::from(ui.ctx().pixels_per_point());
+    let at = |place: DVec2| egui::pos2((place.x / points) as f32, (place.y / points) as f32);
+    if let Some(ToolStroke { way, .. }) = &viewer.stroke
+        && let (Some(first), Some(last)) = (way.first(), way.last())
+    {
+        match viewer.tool {
+            Tool::Rectangle => {
+                let rect = egui::Rect::from_two_pos(at(*first), at(*last));
+                painter.rect_stroke(rect, 0.0, line, egui::StrokeKind::Middle);
+            }
+            Tool::Lasso => {
+                let closed = way.iter().chain([first]).map(|place| at(*place)).collect();
+                painter.line(closed, line);
+            }
+            Tool::Brush => {
+                let wide = Stroke::new((2.0 * viewer.brush_px / points) as f32, line.color.gamma_multiply(0.35));
+                painter.line(way.iter().map(|place| at(*place)).collect(), wide);
+            }
+            Tool::Ball => drop(painter.circle_stroke(at(*first), (first.distance(*last) / points) as f32, line)),
+            Tool::Look | Tool::Place => {}
+        }
+    }
+    if let (Tool::Brush, Some(pixel)) = (viewer.tool, viewer.cursor) {
+        painter.circle_stroke(at(DVec2::from(pixel.map(f64::from))), (viewer.brush_px / points) as f32, line);
+    }
+    if let (Tool::Place, Some(gizmo)) = (viewer.tool, viewer.gizmo()) {
+        handles(viewer, &gizmo, space, ui);
+    }
+}
+
+/// The arrows, the rings and the square of a scene.
+fn handles(viewer: &Viewer, gizmo: &Gizmo, space: &Space, ui: &Ui) {
+    let held = viewer.drag.and_then(|drag| match drag.motion {
+        Motion::Handle(_, handle) => Some(handle),
+        _ => None,
+    });
+    let width = |handle: Handle| if held == Some(handle) { 4.0 } else { 2.0 };
+    for (axis, colour) in AXES.into_iter().enumerate() {
+        let end = gizmo.end(axis);
+        space.line([gizmo.centre, end], Stroke::new(width(Handle::Move(axis)), colour));
+        space.dot(end, 5.0, colour, ["x", "y", "z"][axis]);
+        for ends in gizmo.ring(axis).windows(2) {
+            space.line([ends[0], ends[1]], Stroke::new(width(Handle::Turn(axis)), colour.gamma_multiply(0.8)));
+        }
+    }
+    if let Some(centre) = space.place(gizmo.centre) {
+        let square = egui::Rect::from_center_size(centre, vec2(10.0, 10.0));
+        super::over::painter(ui).rect_filled(square, 1.0, Color32::WHITE);
+    }
+}

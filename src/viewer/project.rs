@@ -1,0 +1,160 @@
+//! The file of a project: what a window shows, to go on with later.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::layers::Place;
+use crate::camera::{Camera, Timeline, Up, from_json, to_json};
+use crate::files::{read_whole, write_whole};
+use crate::options::{KNOBS, Knob, Options};
+
+/// The ending of project files.
+pub const ENDING: &str = ".project.json";
+
+const FORMAT: &str = "smalto project 1";
+
+/// A project. Files are named as seen from the folder of the project.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Project {
+    format: String,
+    pub scenes: Vec<PlacedScene>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cameras: Option<PathBuf>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub photographs: Option<PathBuf>,
+    /// A camera, as an entry of a `cameras.json`.
+    view: Value,
+    pub pivot: [f64; 3],
+    up: String,
+    /// Every knob by its name, as on the command line.
+    options: BTreeMap<String, String>,
+    pub background: [f32; 3],
+    /// A camera path (docs/camera-path.md).
+    path: Value,
+    pub repeats: bool,
+    /// The name of what is shown in place of colours.
+    pub look: String,
+}
+
+/// A scene of a project.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlacedScene {
+    /// A file, or a procedural scene.
+    pub scene: String,
+    pub position: [f64; 3],
+    /// Degrees around x, y and z; around y first, then x, then z.
+    pub rotation: [f64; 3],
+    pub scale: f64,
+    /// In the first picture, and in the second.
+    pub shown: [bool; 2],
+    /// Runs of Gaussians to which the same was done: their number, and 1 for selected, 2 for hidden, 4 for deleted.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub edit: Vec<(usize, u8)>,
+}
+
+/// What a window shows but for its scenes.
+pub struct Shown<'a> {
+    pub view: &'a Camera,
+    pub up: Up,
+    pub options: &'a Options,
+    pub path: &'a Timeline,
+}
+
+/// True if a file has the name of a project.
+pub fn is_project(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.to_string_lossy().to_ascii_lowercase().ends_with(ENDING))
+}
+
+impl PlacedScene {
+    pub fn place(&self) -> Place {
+        Place { translation: self.position, rotation: self.rotation, scale: self.scale }
+    }
+}
+
+impl Project {
+    pub fn new(shown: &Shown) -> Self {
+        let Shown { view, up, options, path } = shown;
+        let option = |knob: &Knob| (knob.name.to_owned(), (knob.get)(options).to_string());
+        Self {
+            format: FORMAT.to_owned(),
+            scenes: Vec::new(),
+            cameras: None,
+            photographs: None,
+            view: serde_json::from_str(&to_json(view)).expect("a camera that was written is JSON"),
+            pivot: [0.0; 3],
+            up: up.to_string(),
+            options: KNOBS.iter().map(option).collect(),
+            background: [0.0; 3],
+            path: path.to_value(),
+            repeats: false,
+            look: "colour".to_owned(),
+        }
+    }
+
+    /// Reads a project.
+    ///
+    /// # Errors
+    /// One sentence without the name of the file if it is none, or of another version.
+    pub fn read(file: &Path) -> Result<Self> {
+        let value: Value = serde_json::from_slice(&read_whole(file)?).context("is not a project: it is no JSON")?;
+        match value.get("format").and_then(Value::as_str) {
+            Some(FORMAT) => {}
+            Some(other) => bail!("is of the format {other:?}, this program reads {FORMAT:?}"),
+            None => bail!("is not a project: it has no format"),
+        }
+        let project: Self = serde_json::from_value(value).context("is not a whole project")?;
+        project.options()?;
+        project.view()?;
+        project.path()?;
+        project.up()?;
+        for scene in &project.scenes {
+            scene.place().transform().with_context(|| scene.scene.clone())?;
+        }
+        Ok(project)
+    }
+
+    /// Writes the file; what is there is replaced once it is whole.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&self, file: &Path) -> Result<()> {
+        write_whole(file, |writer| Ok(serde_json::to_writer_pretty(writer, self)?))
+    }
+
+    /// The options. Knobs that the file does not name have their defaults.
+    pub fn options(&self) -> Result<Options> {
+        let mut options = Options::default();
+        for (name, text) in &self.options {
+            let knob = Knob::named(name).with_context(|| format!("there is no option {name:?}"))?;
+            let value = knob.parse(text).map_err(|problem| anyhow::anyhow!("{name} {text:?}: {problem}"))?;
+            (knob.set)(&mut options, value);
+        }
+        ensure!(options.undrawable().is_none(), "nothing can be drawn with its options");
+        Ok(options)
+    }
+
+    pub fn view(&self) -> Result<Camera> {
+        from_json(&self.view.to_string()).context("its view")
+    }
+
+    pub fn path(&self) -> Result<Timeline> {
+        Timeline::of_value(&self.path).context("its path")
+    }
+
+    pub fn up(&self) -> Result<Up> {
+        let known = Up::ALL.into_iter().find(|up| up.to_string() == self.up);
+        known.with_context(|| format!("there is no axis {:?}", self.up))
+    }
+}
+
+/// A file as seen from a folder: with its own path if it lies elsewhere.
+pub fn seen_from(folder: &Path, file: &Path) -> PathBuf {
+    let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+    file.strip_prefix(folder).map(Path::to_owned).unwrap_or(file)
+}
