@@ -230,7 +230,8 @@ impl Outline {
                     let along = (place - a).dot(step) / step.length_squared().max(f64::MIN_POSITIVE);
                     place.distance(a + step * along.clamp(0.0, 1.0)) <= *radius
                 };
-                way.first().is_some_and(|first| near(*first, *first)) || way.windows(2).any(|ends| near(ends[0], ends[1]))
+                way.first().is_some_and(|first| near(*first, *first))
+                    || way.windows(2).any(|ends| near(ends[0], ends[1]))
             }
         }
     }

@@ -117,11 +117,7 @@ pub fn turned(place: Place, centre: DVec3, turn: DQuat) -> Place {
     let [y, x, z] = [1, 0, 2].map(|i| place.rotation[i].to_radians());
     let (y, x, z) = (turn * DQuat::from_euler(EulerRot::YXZ, y, x, z)).to_euler(EulerRot::YXZ);
     let offset = DVec3::from(place.translation) - centre;
-    Place {
-        rotation: [x, y, z].map(f64::to_degrees),
-        translation: (centre + turn * offset).to_array(),
-        ..place
-    }
+    Place { rotation: [x, y, z].map(f64::to_degrees), translation: (centre + turn * offset).to_array(), ..place }
 }
 
 #[cfg(test)]

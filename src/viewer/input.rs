@@ -135,9 +135,10 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     (0..presses(viewer, ui, Action::Undo, true)).for_each(|_| viewer.undo(false));
     (0..presses(viewer, ui, Action::Redo, true)).for_each(|_| viewer.undo(true));
     for (action, change) in [
-        (Action::Delete, Change::Delete),
-        (Action::Hide, Change::Hide),
+        // Before the one whose key it has with another modifier.
         (Action::ShowHidden, Change::ShowHidden),
+        (Action::Hide, Change::Hide),
+        (Action::Delete, Change::Delete),
         (Action::SelectAll, Change::SelectAll),
         (Action::SelectNone, Change::SelectNone),
         (Action::Invert, Change::Invert),

@@ -46,6 +46,8 @@ mod window;
 
 pub use actions::Program;
 pub use comparison::{CompareMode, CompareTarget};
+pub use drag::Tool;
+pub use edit::{Change, Counts, How, Outline, Property, Selection};
 pub use fault::Fault;
 pub use history::Digest;
 pub use kept::{Kept, Tab};

@@ -60,7 +60,9 @@ impl Session {
     /// What the title says of a picture in motion.
     pub(super) fn said_of_motion(&self) -> String {
         match &self.pair.first {
-            Some(first) if first.plan.options.scale < self.viewer.options.scale => format!(" (moving, at scale {:.2})", first.plan.options.scale),
+            Some(first) if first.plan.options.scale < self.viewer.options.scale => {
+                format!(" (moving, at scale {:.2})", first.plan.options.scale)
+            }
             _ => String::new(),
         }
     }

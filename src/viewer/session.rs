@@ -121,7 +121,8 @@ impl Session {
         let is_executed = viewer.requests.is_empty() && viewer.export.progress.is_none();
         let is_measured = viewer.measurement.is_none();
         let is_compared = viewer.comparison.target == CompareTarget::Nothing || self.pair.second.is_some();
-        let is_built = viewer.layers.is_empty() || self.pair.first.is_some() && is_compared;
+        let draws_nothing = viewer.shown_plan(Side::First).is_ok_and(|plan| plan.is_none());
+        let is_built = draws_nothing || self.pair.first.is_some() && is_compared;
         is_executed
             && is_measured
             && is_read

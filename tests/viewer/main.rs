@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod edits;
 mod frames;
 mod mends;
 mod monkey;

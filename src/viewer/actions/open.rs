@@ -11,8 +11,8 @@ use crate::viewer::events::Event;
 use crate::viewer::held::Opened;
 use crate::viewer::jobs::{JobEvent, Reporter};
 use crate::viewer::layers::{Layer, Source};
-use crate::viewer::project::is_project;
 use crate::viewer::photographs::{Photographs, holds_photographs};
+use crate::viewer::project::is_project;
 use crate::viewer::state::{CompareWith, Viewer};
 
 /// The path that a user means who types or pastes one: without spaces around it, quotes and file://, and with ~ for

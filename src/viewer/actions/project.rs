@@ -129,7 +129,8 @@ impl Viewer {
         match Edit::from_runs(&runs).filter(|edit| edit.len() == count) {
             Some(edit) => self.set_edit(place, Some(Arc::new(edit))),
             None => {
-                let text = "what was selected, hidden and deleted is of a file with other Gaussians, and not done again";
+                let text =
+                    "what was selected, hidden and deleted is of a file with other Gaussians, and not done again";
                 let name = layer.name.clone();
                 self.messages.error(format!("{name}: {text}"));
             }

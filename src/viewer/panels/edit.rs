@@ -64,7 +64,11 @@ fn placing(viewer: &mut Viewer, ui: &mut Ui) {
     let key = viewer.setup.bindings.text(Action::Mark);
     let hint = format!("Mark three points of the ground with {key}: the scene is turned until they lie level");
     let can = viewer.marks.len() == 3 && placed.is_some();
-    if ui.add_enabled(can, Button::new("Level by three marks")).on_hover_text(&hint).on_disabled_hover_text(&hint).clicked()
+    if ui
+        .add_enabled(can, Button::new("Level by three marks"))
+        .on_hover_text(&hint)
+        .on_disabled_hover_text(&hint)
+        .clicked()
     {
         viewer.level_by_marks();
     }

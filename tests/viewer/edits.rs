@@ -1,0 +1,295 @@
+//! Selections, what is done with them, handles, and projects.
+
+use egui::{Event, Key, Modifiers, PointerButton, pos2};
+use glam::{DVec2, DVec3};
+use smalto::camera::Camera;
+use smalto::pixels::Pixels;
+use smalto::scene::{Gaussians, SceneFile};
+use smalto::viewer::{Change, Counts, How, Offscreen, Outline, Property, Selection, Setup, Tab, Tool};
+
+use super::frames::setup;
+use super::mends::{frame, key};
+use crate::common::Gpu;
+
+const WINDOW: [u32; 2] = [700, 240];
+
+/// A window with the page of edits.
+fn editing(gpu: &Gpu, scenes: &[&str]) -> Offscreen {
+    let mut offscreen = Offscreen::new(Setup { hides_panels: false, ..setup(scenes) }, &gpu.0, WINDOW).unwrap();
+    offscreen.viewer().kept.tab = Tab::Edit;
+    offscreen.settle().unwrap();
+    offscreen
+}
+
+/// The Gaussians that are drawn.
+fn gaussians(offscreen: &Offscreen) -> Gaussians {
+    offscreen.session.pair.first.as_ref().unwrap().gaussians.as_deref().unwrap().clone()
+}
+
+/// Moves along these places with the left button held.
+fn stroke(offscreen: &mut Offscreen, way: &[[f32; 2]], modifiers: Modifiers) {
+    let at = |place: [f32; 2]| pos2(place[0], place[1]);
+    let button = |pos, pressed| Event::PointerButton { pos, button: PointerButton::Primary, pressed, modifiers };
+    let (first, last) = (at(way[0]), at(way[way.len() - 1]));
+    frame(offscreen, vec![Event::PointerMoved(first), button(first, true)]);
+    frame(offscreen, way[1..].iter().map(|place| Event::PointerMoved(at(*place))).collect());
+    frame(offscreen, vec![button(last, false)]);
+    offscreen.settle().unwrap();
+}
+
+/// The indices of the Gaussians whose centres are seen where `is_inside` is true.
+fn seen(gaussians: &Gaussians, view: &Camera, is_inside: &dyn Fn(DVec2) -> bool) -> Vec<u32> {
+    let is_seen = |i: &u32| {
+        let place = view.view(DVec3::from(gaussians.means()[*i as usize].map(f64::from)));
+        place.z > 0.05 && is_inside(place.truncate() / place.z * view.focal_px + view.centre_px)
+    };
+    (0..gaussians.len() as u32).filter(is_seen).collect()
+}
+
+fn drawn(offscreen: &Offscreen) -> Pixels {
+    offscreen.session.pair.first.as_ref().unwrap().renderer.pixels().unwrap()
+}
+
+fn press(offscreen: &mut Offscreen, which: Key, modifiers: Modifiers) {
+    let release = Event::Key { key: which, physical_key: None, pressed: false, repeat: false, modifiers };
+    frame(offscreen, vec![key(which, modifiers), release]);
+    offscreen.settle().unwrap();
+}
+
+/// Selected with the mouse, deleted, undone, written: as the centres of the Gaussians say, bit for bit.
+#[test]
+fn what_is_selected_in_the_picture_is_deleted_and_comes_back() {
+    let gpu = Gpu::new();
+    let folder = tempfile::tempdir().unwrap();
+    let mut offscreen = editing(&gpu, &["cactus:2000"]);
+    let (all, view, first) = (gaussians(&offscreen), offscreen.viewer().view(), drawn(&offscreen));
+    let options = offscreen.viewer().options;
+    let of = |offscreen: &mut Offscreen| offscreen.viewer().edit_counts();
+    // Look turns the view, a tool does not.
+    offscreen.viewer().tool = Tool::Rectangle;
+    stroke(&mut offscreen, &[[20.0, 30.0], [90.0, 100.0], [150.0, 180.0]], Modifiers::NONE);
+    let rectangle = Outline::Rectangle(DVec2::new(150.0, 180.0), DVec2::new(20.0, 30.0));
+    let inside = seen(&all, &view, &|place| rectangle.contains(place));
+    assert!(offscreen.viewer().view() == view && (50..1900).contains(&inside.len()), "{}", inside.len());
+    assert_eq!(of(&mut offscreen), Counts { selected: inside.len(), hidden: 0, deleted: 0 });
+    // It is shown in another colour, and written in its own.
+    assert!(drawn(&offscreen) != first);
+    offscreen.viewer().export.picture = folder.path().join("selected.png").display().to_string();
+    press(&mut offscreen, Key::F12, Modifiers::NONE);
+    let written = Pixels::read(&folder.path().join("selected.png")).unwrap();
+    assert!(written.to_rgb8() == first.to_rgb8());
+    // Shift adds what a lasso goes around, Ctrl takes away what a brush paints over.
+    offscreen.viewer().tool = Tool::Lasso;
+    let corners = [[100.0, 20.0], [330.0, 40.0], [300.0, 220.0]];
+    stroke(&mut offscreen, &corners, Modifiers::SHIFT);
+    let lasso = Outline::Lasso(corners.map(|corner: [f32; 2]| DVec2::from(corner.map(f64::from))).to_vec());
+    let either = seen(&all, &view, &|place| rectangle.contains(place) || lasso.contains(place));
+    assert_eq!(of(&mut offscreen).selected, either.len());
+    assert!(either.len() > inside.len());
+    (offscreen.viewer().tool, offscreen.viewer().brush_px) = (Tool::Brush, 15.0);
+    let way = [[100.0, 100.0], [160.0, 100.0]];
+    stroke(&mut offscreen, &way, Modifiers::COMMAND);
+    let brush = Outline::Brush(way.map(|place: [f32; 2]| DVec2::from(place.map(f64::from))).to_vec(), 15.0);
+    let left = |place| (rectangle.contains(place) || lasso.contains(place)) && !brush.contains(place);
+    let selected = seen(&all, &view, &left);
+    assert_eq!(of(&mut offscreen).selected, selected.len());
+    assert!(selected.len() < either.len());
+    press(&mut offscreen, Key::Delete, Modifiers::NONE);
+    assert_eq!(of(&mut offscreen), Counts { selected: 0, hidden: 0, deleted: selected.len() });
+    let kept: Vec<u32> = (0..all.len() as u32).filter(|i| selected.binary_search(i).is_err()).collect();
+    let rest = all.selected(&kept).unwrap();
+    assert!(drawn(&offscreen) == gpu.render(&rest, &view, &options), "the rest is drawn as if it were all");
+    // What is saved is what stayed, as `smalto convert` would write it.
+    let file = folder.path().join("rest.ply");
+    offscreen.viewer().save_scene(&file);
+    offscreen.settle().unwrap();
+    let mut bytes = Vec::new();
+    SceneFile::Ply.write(&rest, false, &mut bytes).unwrap();
+    assert!(std::fs::read(&file).unwrap() == bytes);
+    // A format that rounds says what it changes; one that does not exist is refused.
+    offscreen.viewer().save_scene(&folder.path().join("rest.spz"));
+    offscreen.settle().unwrap();
+    let said = offscreen.viewer().messages.shown().last().unwrap().text.clone();
+    assert!(said.contains("the format changes position by up to"), "{said}");
+    offscreen.viewer().save_scene(&folder.path().join("rest.xyz"));
+    assert!(offscreen.settle().is_err());
+    offscreen.viewer().messages.close_errors();
+    for _ in 0..4 {
+        press(&mut offscreen, Key::Z, Modifiers::COMMAND);
+    }
+    assert_eq!(of(&mut offscreen), Counts::default());
+    assert!(drawn(&offscreen) == first, "every bit of the first picture");
+    press(&mut offscreen, Key::Y, Modifiers::COMMAND);
+    assert_eq!(of(&mut offscreen).selected, inside.len());
+}
+
+#[test]
+fn gaussians_are_selected_by_place_and_value() {
+    let gpu = Gpu::new();
+    let mut offscreen = editing(&gpu, &["cactus:2000"]);
+    let all = gaussians(&offscreen);
+    let selected = |offscreen: &mut Offscreen| offscreen.viewer().edit_counts().selected;
+    for (property, range) in
+        [(Property::Opacity, 0.0..=0.5), (Property::Scale, 0.05..=9.0), (Property::Anisotropy, 2.0..=5.0)]
+    {
+        let expected = (0..all.len()).filter(|i| range.contains(&property.of(&all, *i))).count();
+        offscreen.viewer().select(&Selection::Values(property, range.clone()), How::Replace);
+        assert_eq!(selected(&mut offscreen), expected, "{property:?}");
+    }
+    let place = |i: usize| DVec3::from(all.means()[i].map(f64::from));
+    let (low, high) = (DVec3::new(-1.0, -9.0, -1.0), DVec3::new(1.0, 0.0, 9.0));
+    let in_box = (0..all.len()).filter(|i| place(*i).cmpge(low).all() && place(*i).cmple(high).all()).count();
+    offscreen.viewer().select(&Selection::Box(low, high), How::Replace);
+    assert_eq!(selected(&mut offscreen), in_box);
+    assert!((10..1990).contains(&in_box), "{in_box}");
+    // A crop keeps the box, and what is hidden comes back.
+    offscreen.viewer().change(Change::Crop);
+    offscreen.viewer().change(Change::Hide);
+    offscreen.settle().unwrap();
+    assert!(offscreen.session.pair.first.is_none(), "nothing is drawn");
+    press(&mut offscreen, Key::B, Modifiers::SHIFT);
+    assert_eq!(gaussians(&offscreen).len(), in_box);
+    offscreen.viewer().change(Change::SelectNone);
+    // A ball around the point that a pixel shows.
+    offscreen.settle().unwrap();
+    let rest = gaussians(&offscreen);
+    let still = drawn(&offscreen);
+    let row = still.size[1] / 2;
+    let covered = (0..still.size[0]).find(|x| still.at(*x, row)[3] > 0.95).expect("something is seen");
+    let pixel = [covered, row];
+    let depth = offscreen.session.pair.first.as_mut().unwrap().renderer.depth_at(pixel).unwrap().unwrap();
+    let view = offscreen.viewer().view();
+    let centre = view.unprojected(DVec2::new(f64::from(covered) + 0.5, f64::from(row) + 0.5), depth.into());
+    offscreen.viewer().tool = Tool::Ball;
+    // Messages lie over the picture.
+    offscreen.viewer().messages = Default::default();
+    frame(&mut offscreen, Vec::new());
+    let from = [covered as f32 + 0.5, row as f32 + 0.5];
+    stroke(&mut offscreen, &[from, [from[0] + 20.0, from[1]]], Modifiers::NONE);
+    let radius = 20.0 * f64::from(depth) / view.focal_px.x;
+    let place = |i: usize| DVec3::from(rest.means()[i].map(f64::from));
+    let expected = (0..rest.len()).filter(|i| place(*i).distance(centre) <= radius).count();
+    assert_eq!(selected(&mut offscreen), expected);
+    assert!(expected > 0);
+}
+
+/// Handles move a scene with the pointer, and three marks level it.
+#[test]
+fn a_scene_is_placed_by_handles_and_levelled_by_marks() {
+    let gpu = Gpu::new();
+    let mut offscreen = editing(&gpu, &["cactus:500"]);
+    offscreen.viewer().tool = Tool::Place;
+    let view = offscreen.viewer().view();
+    let gizmo = offscreen.viewer().gizmo().unwrap();
+    let at = |point: DVec3| {
+        let seen = view.view(point);
+        (seen.truncate() / seen.z * view.focal_px + view.centre_px).as_vec2()
+    };
+    let (centre, end) = (at(gizmo.centre), at(gizmo.end(0)));
+    let begin = centre + (end - centre) * 0.6;
+    let to = begin + (end - centre) * 0.5;
+    stroke(&mut offscreen, &[begin.to_array(), to.to_array()], Modifiers::NONE);
+    let viewer = offscreen.viewer();
+    let moved = viewer.layers[0].place.translation;
+    let due = 0.5 * (gizmo.end(0) - gizmo.centre).length();
+    assert!((moved[0] - due).abs() < 0.02 * due && moved[1..] == [0.0; 2], "{moved:?}, not {due}");
+    assert!(viewer.view() == view);
+    press(&mut offscreen, Key::Z, Modifiers::COMMAND);
+    assert_eq!(offscreen.viewer().layers[0].place, Default::default());
+    // The ground is tilted, then level.
+    let viewer = offscreen.viewer();
+    let tilt = glam::DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 0.3);
+    let ground = [DVec3::ZERO, DVec3::X, DVec3::Z].map(|place| DVec3::new(0.2, 0.1, 0.3) + tilt * place);
+    viewer.marks = ground.to_vec();
+    viewer.level_by_marks();
+    let transform = viewer.layers[0].place.transform().unwrap();
+    let level = ground.map(|place| transform.point(place).y);
+    assert!(level.iter().all(|y| (y - level[0]).abs() < 1e-9), "{level:?}");
+    assert!(transform.point(ground[0]).distance(ground[0]) < 1e-9, "the first mark stays");
+}
+
+#[test]
+fn views_go_along_the_axes_and_are_flat() {
+    let gpu = Gpu::new();
+    let mut offscreen = editing(&gpu, &["cactus:500"]);
+    let viewer = offscreen.viewer();
+    let pivot = viewer.navigator.pivot();
+    let distance = viewer.view().position.distance(pivot);
+    for from in [DVec3::X, DVec3::NEG_Z, DVec3::Y, DVec3::NEG_Y] {
+        viewer.look_from(from);
+        viewer.navigator.advance(10.0);
+        let view = viewer.view();
+        assert!(view.forward().distance(-from) < 1e-6 && view.position.distance(pivot + from * distance) < 1e-6);
+    }
+    let before = viewer.view();
+    let size = |view: &Camera| view.focal_px.x / view.view(pivot).z;
+    let degrees = viewer.navigator.field_of_view();
+    viewer.toggle_flat();
+    assert!(viewer.is_flat() && (size(&viewer.view()) / size(&before) - 1.0).abs() < 1e-9);
+    viewer.toggle_flat();
+    let after = viewer.view();
+    assert!((viewer.navigator.field_of_view() - degrees).abs() < 1e-9);
+    assert!(after.position.distance(before.position) < 1e-6 * distance);
+    // Guides are drawn over the picture, not into it.
+    let shown = |offscreen: &mut Offscreen| (offscreen.settle().unwrap(), offscreen.screen().unwrap()).1;
+    let (bare, picture) = (shown(&mut offscreen), drawn(&offscreen));
+    offscreen.viewer().kept.shows_guides = true;
+    frame(&mut offscreen, Vec::new());
+    assert!(shown(&mut offscreen) != bare && drawn(&offscreen) == picture);
+}
+
+/// A window that opens a project shows what the other one showed.
+#[test]
+fn a_project_brings_everything_back() {
+    let gpu = Gpu::new();
+    let folder = tempfile::tempdir().unwrap();
+    let mut offscreen = editing(&gpu, &["cactus:1500", "few-large:50"]);
+    let cameras = folder.path().join("cameras.json");
+    let camera = Camera::looking_at(DVec3::new(1.0, -2.0, -5.0), DVec3::ZERO, [320, 240], 1.1);
+    smalto::camera::write(&cameras, &[smalto::camera::NamedCamera { name: "a".to_owned(), camera }]).unwrap();
+    offscreen.viewer().drop_file(&cameras);
+    offscreen.settle().unwrap();
+    let viewer = offscreen.viewer();
+    viewer.navigator.orbit(DVec2::new(31.0, 7.0), [300, 240]);
+    viewer.add_key();
+    viewer.navigator.orbit(DVec2::new(9.0, -4.0), [300, 240]);
+    viewer.add_key();
+    viewer.film.timeline.set_rest(1, true);
+    viewer.layers[1].place.translation = [0.5, -0.25, 0.125];
+    viewer.options.stop = 0.01;
+    viewer.background = smalto::rules::Background::Colour([0.25, 0.5, 0.75]);
+    viewer.select(&Selection::Values(Property::Opacity, 0.0..=0.6), How::Replace);
+    viewer.change(Change::Delete);
+    offscreen.settle().unwrap();
+    let file = folder.path().join("two");
+    offscreen.viewer().save_project(&file);
+    let file = folder.path().join("two.project.json");
+    let text = std::fs::read_to_string(&file).unwrap();
+    assert!(text.contains("\"cameras\": \"cameras.json\""), "seen from its folder: {text}");
+    // The same size, so that the picture is the same.
+    let mut other = editing(&gpu, &[file.to_str().unwrap()]);
+    let [one, two] = [&mut offscreen, &mut other].map(|offscreen| {
+        let viewer = offscreen.viewer();
+        (viewer.view(), viewer.options, viewer.film.timeline.clone(), viewer.edit_counts(), viewer.cameras.clone())
+    });
+    assert!(one == two, "{one:?}\n{two:?}");
+    assert!(one.3.deleted > 0 && drawn(&other) == drawn(&offscreen), "every bit of the picture");
+    assert!(other.viewer().navigator.pivot().distance(offscreen.viewer().navigator.pivot()) < 1e-9);
+    // What is no project, or is of another scene, says so and loses nothing.
+    for (from, to, expected) in [
+        ("smalto project 1", "smalto project 9", "of the format \"smalto project 9\""),
+        ("\"stop\"", "\"stopp\"", "no option \"stopp\""),
+        ("cactus:1500", "cactus:1400", "other Gaussians"),
+        ("cactus:1500", "none.ply", "none.ply"),
+    ] {
+        std::fs::write(&file, text.replace(from, to)).unwrap();
+        let layers = other.viewer().layers.len();
+        other.viewer().drop_file(&file);
+        let problem = other.settle().err().map(|problem| format!("{problem:#}")).unwrap_or_default();
+        let said: String = other.viewer().messages.shown().iter().map(|message| message.text.as_str()).collect();
+        assert!(problem.contains(expected) || said.contains(expected), "{from}: {problem}; {said}");
+        assert!(layers == 2 || from != "smalto project 1");
+        other.viewer().messages.close_errors();
+        other.viewer().failure = None;
+    }
+}
