@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 
 use super::comparison::over;
 use super::pictures::{Plan, Reusable};
-use crate::camera::NamedCamera;
+use crate::camera::{Camera, NamedCamera};
 use crate::gpu::Device;
 use crate::measure::metrics::{psnr, ssim};
 use crate::pixels::Pixels;
@@ -31,6 +31,20 @@ pub struct Evaluation {
     pub background: Background,
 }
 
+/// Largest part by which the shape of a photograph differs from that of its camera's picture if it is that picture at
+/// another resolution: sides are rounded to whole pixels.
+const SHAPE: f64 = 0.01;
+
+/// The camera that takes a photograph of this size: of other pixels or, if it has another shape, cut at its upper and
+/// lower side as the window shows it.
+fn taking(camera: &Camera, size: [u32; 2]) -> Camera {
+    let shape = |[width, height]: [u32; 2]| f64::from(width) / f64::from(height);
+    match (shape(size) / shape(camera.size_px) - 1.0).abs() <= SHAPE {
+        true => camera.sampled(size),
+        false => camera.resized(size),
+    }
+}
+
 /// A camera, its index, and its photograph.
 pub type Pose = (usize, NamedCamera, PathBuf);
 
@@ -51,7 +65,7 @@ impl Evaluation {
             progress(done as f64 / poses.len() as f64)?;
             let photograph = Pixels::read(file).with_context(|| file.display().to_string())?;
             let photograph = over(&photograph, background);
-            drawn.renderer.render(&camera.sampled(photograph.size), background)?;
+            drawn.renderer.render(&taking(camera, photograph.size), background)?;
             let mut picture = drawn.renderer.pixels()?;
             // A photograph has no colours over white, and nothing shows them.
             picture.rgba.iter_mut().for_each(|pixel| *pixel = pixel.map(|value| value.clamp(0.0, 1.0)));

@@ -47,6 +47,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
                         if is_reference { CompareTarget::Reference } else { CompareTarget::Picture };
                     viewer.comparison.picture = Some((name, Arc::new(pixels)));
                     viewer.comparison.is_stale = true;
+                    viewer.find_camera_of_picture();
                 }
                 Err(problem) => {
                     viewer.messages.error(format!("{name}: {problem:#}"));

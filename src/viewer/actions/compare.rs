@@ -86,6 +86,16 @@ impl Viewer {
         }
     }
 
+    /// Goes to the camera whose photograph is compared, where that was opened before the cameras.
+    pub fn find_camera_of_picture(&mut self) {
+        let Comparison { picture, drawn_of: None, of_camera: None, .. } = &self.comparison else { return };
+        let camera = picture.as_ref().and_then(|(name, _)| camera_of(Path::new(name), &self.cameras));
+        if let Some(camera) = camera {
+            self.comparison.of_camera = Some(camera);
+            self.go_to_camera(camera, true);
+        }
+    }
+
     /// Compares with the photograph of the camera that the view is at, was at last, and of every camera that it goes to
     /// from now on.
     pub fn compare_with_photographs(&mut self) {

@@ -231,6 +231,7 @@ impl Viewer {
                     self.nearest = None;
                     self.go_to_camera(0, true);
                 }
+                self.find_camera_of_picture();
                 self.first_view = Some(self.view());
                 self.begin_undo();
             }

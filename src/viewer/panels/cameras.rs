@@ -22,12 +22,12 @@ const THUMBNAIL: f32 = 220.0;
 /// Draws the cameras, and what the one under the cursor saw.
 pub(super) fn over_picture(viewer: &mut Viewer, space: &Space, ui: &Ui) {
     let deep = SIZE * viewer.navigator.radius();
-    let colour = |index: usize| match Some(index) {
-        now if now == viewer.pointed => Color32::from_rgb(255, 200, 60),
-        now if now == viewer.camera => Color32::WHITE,
-        _ => Color32::from_rgb(120, 200, 255),
+    let colour = |index: usize| match Some(index) == viewer.pointed {
+        true => Color32::from_rgb(255, 200, 60),
+        false => Color32::from_rgb(120, 200, 255),
     };
-    for (index, named) in viewer.cameras.iter().enumerate() {
+    // The edges of what the view itself sees would frame the picture.
+    for (index, named) in viewer.cameras.iter().enumerate().filter(|(index, _)| viewer.camera != Some(*index)) {
         if viewer.cameras.len() <= MOST_FRUSTUMS {
             space.frustum(&named.camera, deep, Stroke::new(1.0, colour(index)));
         }

@@ -36,7 +36,7 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     }
     if !viewer.panels.are_hidden {
         let width = ui.available_width();
-        let panel = Panel::right("panels").default_size(320.0).size_range(WIDTHS.0..=(width * WIDTHS.1).max(WIDTHS.0));
+        let panel = Panel::right("panels").default_size(340.0).size_range(WIDTHS.0..=(width * WIDTHS.1).max(WIDTHS.0));
         panel.show(ui, |ui| {
             tabs(viewer, ui);
             // What is too wide scrolls, so that the panel keeps its width.
