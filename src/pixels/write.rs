@@ -168,6 +168,24 @@ impl Pixels {
         }
     }
 
+    /// Writes an OpenEXR file with the channels R, G, B, A and Z: colour over the background as in memory, coverage,
+    /// and `depth`, which has the size of the image.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write_with_depth(&self, depth: &Plane, path: &Path) -> Result<()> {
+        let width = self.size[0] as usize;
+        let value = |at: Vec2<usize>| {
+            let place = at.1 * width + at.0;
+            let [red, green, blue, alpha] = self.rgba[place];
+            (red, green, blue, alpha, depth.values[place])
+        };
+        let channels = SpecificChannels::build().with_channel("R").with_channel("G").with_channel("B");
+        let channels = channels.with_channel("A").with_channel("Z").with_pixel_fn(value);
+        let image = exr(self.size, Compression::Fast, channels);
+        write_whole(path, |file| Ok(image.write().to_buffered(file)?))
+    }
+
     /// Writes an array of height, width, and three or, if `transparent`, four channels.
     fn write_npy(&self, path: &Path, transparent: bool) -> Result<()> {
         let [width, height] = self.size.map(u64::from);

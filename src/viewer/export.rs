@@ -10,6 +10,8 @@ pub struct Export {
     /// Width and height in pixels; `None` for those of the picture in the window.
     pub size: Option<[u32; 2]>,
     pub picture: String,
+    /// An .exr of the picture has its coverage and its depth, too.
+    pub has_layers: bool,
     /// The folder for the frames of a path, or the file of its video.
     pub film: String,
     /// The fraction written, 0 to 1; `None` while nothing is written.
@@ -54,6 +56,7 @@ impl Default for Export {
         Self {
             size: None,
             picture: "view.png".to_owned(),
+            has_layers: false,
             film: "film".to_owned(),
             progress: None,
             cancel: Cancel::default(),

@@ -129,6 +129,10 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
         viewer.explanation = None;
         viewer.inspection.isolated = None;
     }
+    // Before the one whose key it has with another modifier.
+    if pressed(viewer, ui, Action::CopyPicture) {
+        viewer.requests.push(Request::CopyPicture);
+    }
     if pressed(viewer, ui, Action::Screenshot) {
         viewer.requests.push(Request::WritePicture);
     }

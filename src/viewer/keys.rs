@@ -29,6 +29,7 @@ pub enum Action {
     FullScreen,
     HidePanels,
     Screenshot,
+    CopyPicture,
     OpenFile,
     CopyCommand,
     CopyView,
@@ -55,7 +56,7 @@ pub enum Action {
 }
 
 /// Every action: its name in the file, its default key and what it does.
-pub const ACTIONS: [(Action, &str, &str, &str); 41] = [
+pub const ACTIONS: [(Action, &str, &str, &str); 42] = [
     (Action::Forward, "forward", "W", "fly ahead"),
     (Action::Back, "back", "S", "fly back"),
     (Action::Left, "left", "A", "fly left"),
@@ -74,6 +75,7 @@ pub const ACTIONS: [(Action, &str, &str, &str); 41] = [
     (Action::FullScreen, "full-screen", "F", "full screen on or off"),
     (Action::HidePanels, "hide-panels", "H", "hide or show the panels"),
     (Action::Screenshot, "screenshot", "F12", "write a picture of the view"),
+    (Action::CopyPicture, "copy-picture", "Shift+F12", "copy the picture to the clipboard, as it is seen"),
     (Action::OpenFile, "open-file", "Ctrl+O", "open scenes, cameras or a picture to compare with"),
     (Action::CopyCommand, "copy-command", "Ctrl+R", "copy the smalto render command that draws the view"),
     (Action::CopyView, "copy-view", "Ctrl+C", "copy the view as JSON"),

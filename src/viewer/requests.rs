@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Result;
+use egui::ColorImage;
 
 use super::events::Event;
 use super::pictures::{Drawn, Reusable, Side, needs_whole};
@@ -38,6 +39,14 @@ impl Session {
                 }
                 Request::FitRange => self.viewer.fit_range(),
                 Request::WritePicture => self.write_picture()?,
+                Request::CopyPicture => {
+                    if let Some(pixels) = self.seen()? {
+                        self.viewer.messages.note("the picture is copied");
+                        let size = self.viewer.size.map(|side| side as usize);
+                        let image = ColorImage::from_rgba_unmultiplied(size, bytemuck::cast_slice(&pixels));
+                        for_window.push(WindowRequest::CopyPicture(image));
+                    }
+                }
                 Request::WriteFilm => self.viewer.write_film(self.screen.device(), reusable(&self.pair)),
                 Request::Evaluate => self.viewer.start_evaluation(self.screen.device().clone(), reusable(&self.pair)),
                 request @ (Request::Measure | Request::Choose) => {
@@ -107,17 +116,25 @@ impl Session {
             self.viewer.write_picture(&device, reusable(&self.pair));
             return Ok(());
         }
-        if !self.has_full_scale() {
-            self.viewer.messages.error(MOVES);
-            return Ok(());
+        if let Some(pixels) = self.seen()? {
+            self.viewer.write_screen(self.viewer.size, pixels);
+        }
+        Ok(())
+    }
+
+    /// What the window shows without its panels: red, green, blue and alpha row by row. None, with a message, if that
+    /// is not the picture as it is at rest.
+    fn seen(&mut self) -> Result<Option<Vec<[u8; 4]>>> {
+        if self.pair.first.is_none() || !self.has_full_scale() {
+            self.viewer.messages.error(if self.pair.first.is_none() { "there is no picture yet" } else { MOVES });
+            return Ok(None);
         }
         self.retire_frames(true)?;
-        let size = self.viewer.size;
-        let mut screen = Screen::offscreen(&device, size)?;
+        let shown = self.arrangement();
+        let (compare, quantity) = (shown.compare, shown.quantity);
+        let mut screen = Screen::offscreen(&self.screen.device().clone(), self.viewer.size)?;
         screen.show(&mut self.pair, &Arrangement { compare, quantity, triangles: &[], pixels_per_point: 1.0 })?;
-        let pixels = screen.read(&mut self.pair)?.expect("this screen is no window");
-        self.viewer.write_screen(size, pixels);
-        Ok(())
+        Ok(screen.read(&mut self.pair)?)
     }
 
     /// The picture that is seen at a pixel; `None`, with a message, where the GPU has drawn none.

@@ -99,6 +99,8 @@ pub enum Request {
     /// Fit the scale of the look to the values of the picture.
     FitRange,
     WritePicture,
+    /// Copy what is seen to the clipboard.
+    CopyPicture,
     WriteFilm,
     /// Measure what the knobs cost.
     Measure,
@@ -116,6 +118,8 @@ pub enum WindowRequest {
     Vsync(Vsync),
     /// Put this text on the clipboard.
     Copy(String),
+    /// Put this picture on the clipboard.
+    CopyPicture(egui::ColorImage),
 }
 
 /// The state of a window.

@@ -335,6 +335,11 @@ impl OpenWindow {
                 self.handle_shown(shown)?;
             }
             WindowRequest::Copy(text) => self.input.set_clipboard_text(text),
+            WindowRequest::CopyPicture(image) => {
+                let commands = vec![egui::OutputCommand::CopyImage(image)];
+                self.input
+                    .handle_platform_output(&self.window, egui::PlatformOutput { commands, ..Default::default() });
+            }
         }
         Ok(())
     }

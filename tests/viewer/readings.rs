@@ -134,6 +134,38 @@ fn a_scale_fits_and_marks_tell_their_distance() {
     assert!(expected > 0.05 && (marks[0].distance(marks[1]) - expected).abs() < 1e-3 * expected);
 }
 
+/// The clipboard gets what is seen; an .exr gets coverage and depth, too.
+#[test]
+fn pictures_are_copied_and_have_layers() {
+    let gpu = Gpu::new();
+    let folder = tempfile::tempdir().unwrap();
+    let mut offscreen = open(&gpu, setup(&["cactus:2000"]));
+    let own = offscreen.viewer().options;
+    let picture = drawn(&gpu, &mut offscreen, &own);
+    let copied = requests(&mut offscreen, vec![key(Key::F12, Modifiers::SHIFT)]);
+    let [WindowRequest::CopyPicture(image)] = &copied[..] else { panic!("{copied:?}") };
+    assert_eq!(image.size, SIZE.map(|side| side as usize));
+    let bytes: Vec<u8> = image.pixels.iter().flat_map(|pixel| [pixel.r(), pixel.g(), pixel.b()]).collect();
+    assert!(bytes == picture.to_rgb8());
+    let file = folder.path().join("layers.exr");
+    let viewer = offscreen.viewer();
+    (viewer.export.picture, viewer.export.has_layers) = (file.display().to_string(), true);
+    viewer.requests.push(Request::WritePicture);
+    offscreen.settle().unwrap();
+    assert!(Pixels::read(&file).unwrap().rgba == picture.rgba);
+    let layers = exr::prelude::read_first_flat_layer_from_file(&file).unwrap();
+    let channels = &layers.layer_data.channel_data.list;
+    let names: Vec<String> = channels.iter().map(|channel| channel.name.to_string()).collect();
+    assert_eq!(names, ["A", "B", "G", "R", "Z"]);
+    let depths: Vec<f32> = channels[4].sample_data.values_as_f32().collect();
+    let seen = (0..depths.len()).filter(|i| picture.rgba[*i][3] > 0.5).step_by(97);
+    for i in seen {
+        let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];
+        let depth = offscreen.session.pair.first.as_mut().unwrap().renderer.depth_at(pixel).unwrap().unwrap();
+        assert!((depths[i] - depth).abs() < 1e-4 * depth, "{pixel:?}: {} and {depth}", depths[i]);
+    }
+}
+
 /// The picture has the part of the window that the panels leave, as if it were all, and keeps it.
 #[test]
 fn the_picture_lies_beside_the_panels() {

@@ -9,6 +9,7 @@ use crate::camera::Camera;
 use crate::files::{make_folder, write_checked};
 use crate::gpu::Device;
 use crate::pixels::{Pixels, Video, has_ffmpeg, is_video, write_rgba8};
+use crate::render::{Inspection, depths};
 use crate::rules::Background;
 use crate::scene::Cancelled;
 use crate::viewer::jobs::{Cancel, JobEvent};
@@ -22,6 +23,8 @@ const AT_ONCE_BYTES: u64 = 1 << 30;
 enum Output {
     /// A file for each.
     Files(Vec<PathBuf>),
+    /// An OpenEXR file of the only one, with its coverage and depth.
+    Layers(PathBuf),
     /// All are frames of one video of this many frames a second.
     Video(PathBuf, f64),
 }
@@ -48,6 +51,16 @@ impl Shots {
             Output::Files(files) => self.draw(&mut drawn, progress, |begin, pictures| {
                 pictures.par_iter().zip(&files[begin..]).try_for_each(|(pixels, file)| pixels.write(file, false))
             }),
+            Output::Layers(file) => {
+                drawn.renderer.render(first, self.background)?;
+                let picture = drawn.renderer.pixels()?;
+                drawn.renderer.set_inspection(Inspection::of_depths())?;
+                drawn.renderer.render(first, self.background)?;
+                let depth = depths(&drawn.renderer.pixels()?).expected;
+                picture.write_with_depth(&depth, file)?;
+                progress(1.0);
+                Ok(())
+            }
             // ffmpeg itself writes the temporary file.
             Output::Video(file, fps) => {
                 let ending = format!(".{}", file.extension().unwrap_or_default().to_string_lossy());
@@ -103,7 +116,9 @@ impl Viewer {
         let camera = self.export.size.map_or_else(|| camera.clone(), |size| camera.resized(size));
         let file = self.export.next_picture();
         let summary = format!("{} written, {}x{}", file.display(), camera.size_px[0], camera.size_px[1]);
-        self.write((device, reusable), vec![camera], Output::Files(vec![file]), summary);
+        let is_exr = file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"));
+        let output = if is_exr && self.export.has_layers { Output::Layers(file) } else { Output::Files(vec![file]) };
+        self.write((device, reusable), vec![camera], output, summary);
     }
 
     /// Writes what the window shows without its panels, `size` pixels row by row, on another thread.

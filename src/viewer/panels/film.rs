@@ -145,11 +145,20 @@ fn export(viewer: &mut Viewer, ui: &mut Ui) {
     });
     ui.horizontal(|ui| {
         ui.add(TextEdit::singleline(&mut export.picture).desired_width(150.0));
-        if ui.button("Write picture").clicked() {
+        let key = viewer.setup.bindings.text(Action::Screenshot);
+        if ui.button("Write picture").on_hover_text(key).clicked() {
             viewer.requests.push(Request::WritePicture);
+        }
+        let key = viewer.setup.bindings.text(Action::CopyPicture);
+        if ui.button("Copy it").on_hover_text(format!("To the clipboard, as it is seen ({key})")).clicked() {
+            viewer.requests.push(Request::CopyPicture);
         }
     });
     let export = &mut viewer.export;
+    if export.picture.to_ascii_lowercase().ends_with(".exr") {
+        let hint = "Channels A and Z beside the colours: the coverage, and the mean depth of what a pixel shows";
+        ui.checkbox(&mut export.has_layers, "with coverage and depth").on_hover_text(hint);
+    }
     ui.horizontal(|ui| {
         let hint = "A folder for numbered pictures, or a video: a name that ends in .mp4, .mkv, .mov or .webm";
         ui.add(TextEdit::singleline(&mut export.film).desired_width(90.0)).on_hover_text(hint);
