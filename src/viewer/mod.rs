@@ -1,9 +1,10 @@
 //! The window: opens scenes, flies through them, shows what every stage costs, and looks inside the pipeline.
 //!
-//! Files depend on each other in one direction: plain data (`comparison`, `dialog`, `drag`, `export`, `film`, `held`,
-//! `kept`, `layers`, `rate`, `still`, `undo`, `view_modes`) <- `state` <- `plans` <- `actions` <- `input` and `panels` <-
-//! `session`, with its parts `motion`, `paging` and `requests` <- `window` and `offscreen`. `jobs` runs threads, `job_events`
-//! handles what they report, `screen` owns the frames on the GPU.
+//! Files depend on each other in one direction: plain data (`comparison`, `dialog`, `drag`, `edit`, `evaluation`,
+//! `export`, `film`, `held`, `kept`, `layers`, `photographs`, `project`, `rate`, `still`, `undo`, `view_modes`) <-
+//! `state` <- `plans` <- `actions` <- `input` and `panels` <- `session`, with its parts `motion`, `paging` and
+//! `requests` <- `window` and `offscreen`. `jobs` runs threads, `job_events` handles what they report, `screen` owns
+//! the frames on the GPU.
 
 mod actions;
 mod comparison;

@@ -18,7 +18,7 @@ impl Undo {
         let mut left = MOST_BYTES;
         let fits = |state: &&State| {
             let needed: usize = bytes(state);
-            left = left.checked_sub(needed).unwrap_or_default();
+            left = left.saturating_sub(needed);
             needed == 0 || left > 0
         };
         let count = self.done.iter().rev().take(steps).take_while(fits).count().max(1);

@@ -95,7 +95,7 @@ impl Viewer {
         self.camera = None;
     }
 
-    /// Makes the view flat, or usual again: the field of view of this number of degrees, where the pivot keeps its size.
+    /// Makes the view flat, or usual again. The pivot keeps its size in the picture.
     pub fn toggle_flat(&mut self) {
         let degrees = if self.is_flat() { self.unflat_degrees } else { FLAT_DEGREES };
         if !self.is_flat() {

@@ -69,8 +69,8 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
 fn rate(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal(|ui| {
         let mut keeps = viewer.rate.is_some();
-        let hint = "While the view moves, pictures that take too long are drawn at a lower scale, and whole again when it \
-                    rests. Scenes with levels of detail have fewer nodes, also at rest. What is written has neither";
+        let hint = "While the view moves, pictures that take too long are drawn at a lower scale, and whole again when \
+                    it rests. Scenes with levels of detail have fewer nodes, also at rest. What is written has neither";
         if ui.checkbox(&mut keeps, "Keep").on_hover_text(hint).changed() {
             viewer.rate = keeps.then(|| Rate::of(60.0));
             viewer.is_stale = true;
