@@ -70,8 +70,8 @@ const COMMANDS: [Pairs; 10] = [
             RULES,
             ACCURACY,
             LEVELS,
-            "cameras photographs size fullscreen vsync preset compare compare-by look keys events offscreen screen path \
-             fps no-panels",
+            "cameras photographs size fullscreen vsync preset compare compare-by look keys events offscreen screen \
+             path fps no-panels",
         ],
         refused: &[
             ("offscreen", "fullscreen vsync"),
