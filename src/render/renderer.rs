@@ -127,11 +127,7 @@ impl Renderer {
     /// fewer.
     pub fn limit_splats(&mut self, splats: Option<u32>) {
         let own = self.options.splats;
-        self.choice.options.splats = match splats {
-            Some(splats) if own > 0 => own.min(splats),
-            Some(splats) => splats,
-            None => own,
-        };
+        self.choice.options.splats = splats.map_or(own, |most| if own > 0 { own.min(most) } else { most });
     }
 
     /// Draws pictures without waiting for pages from now on: of levels of detail, what is in device memory, while more

@@ -8,9 +8,9 @@ use std::thread::JoinHandle;
 
 use anyhow::{Result, anyhow};
 
+use super::edited::Edited;
 use super::evaluation::Evaluation;
 use super::held::Opened;
-use super::layers::Edited;
 use super::measuring::Costs;
 use super::photographs::Photographs;
 use super::pictures::{Drawn, Side};

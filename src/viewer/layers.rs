@@ -6,10 +6,11 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use glam::{DQuat, DVec3, EulerRot};
 
-use super::edit::{Edit, TINT};
+use super::edit::Edit;
+use super::edited::Edited;
 use super::held::{Held, Opened};
 use super::jobs::{Cancel, JobEvent, Jobs, Reporter};
-use crate::scene::{self, Focus, Gaussians, Procedural, Reading, Scene, Transform, Watch, remarks};
+use crate::scene::{self, Focus, Procedural, Reading, Scene, Transform, Watch, remarks};
 use crate::storage::{self, PageFile};
 
 /// The source of a scene.
@@ -42,35 +43,6 @@ pub struct Layer {
     /// The fraction read, 0 to 1; `None` once all is read.
     pub progress: Option<f64>,
     cancel: Cancel,
-}
-
-/// The Gaussians that an edit leaves.
-pub struct Edited {
-    pub of: Arc<Edit>,
-    pub kept: Held,
-    /// The same, with what is selected in another colour.
-    pub tinted: Option<Held>,
-}
-
-impl Edited {
-    /// What an edit leaves of a scene. `before` is the edit before and what that left.
-    ///
-    /// # Errors
-    /// If there is not enough memory.
-    pub fn new(of: Arc<Edit>, whole: &Arc<Gaussians>, before: Option<(Arc<Edit>, Held)>) -> Result<Self> {
-        let drawn = of.drawn();
-        let kept = match before.filter(|(edit, _)| edit.draws_same(&of)) {
-            Some((_, kept)) => kept,
-            None if drawn.len() == whole.len() => Held::Whole(whole.clone()),
-            None => Held::Whole(Arc::new(whole.selected(&drawn)?)),
-        };
-        let is_selected: Vec<bool> = drawn.iter().map(|i| of.is_selected(*i as usize)).collect();
-        let tinted = match is_selected.contains(&true) {
-            true => Some(Held::Whole(Arc::new(whole.selected(&drawn)?.tinted(&is_selected, TINT.0, TINT.1)))),
-            false => None,
-        };
-        Ok(Self { of, kept, tinted })
-    }
 }
 
 /// The placement of a scene, as the panel edits it.

@@ -1,6 +1,7 @@
 //! The window: opens scenes, flies through them, shows what every stage costs, and looks inside the pipeline.
 //!
-//! Files depend on each other in one direction: plain data (`comparison`, `dialog`, `drag`, `edit`, `evaluation`,
+//! Files depend on each other in one direction: plain data (`comparison`, `dialog`, `drag`, `edit`, `edited`,
+//! `evaluation`,
 //! `export`, `film`, `held`, `kept`, `layers`, `photographs`, `project`, `rate`, `still`, `undo`, `view_modes`) <-
 //! `state` <- `plans` <- `actions` <- `input` and `panels` <- `session`, with its parts `motion`, `paging` and
 //! `requests` <- `window` and `offscreen`. `jobs` runs threads, `job_events` handles what they report, `screen` owns
@@ -11,6 +12,7 @@ mod comparison;
 mod dialog;
 mod drag;
 mod edit;
+mod edited;
 mod evaluation;
 mod events;
 mod export;

@@ -9,9 +9,10 @@ use glam::DVec3;
 use crate::scene::{Gaussians, SceneFile, WrittenFile, write_file};
 use crate::storage::convert::{self, Job};
 use crate::viewer::edit::{Change, Counts, Edit, How, Outline, Selection};
+use crate::viewer::edited::Edited;
 use crate::viewer::held::Held;
 use crate::viewer::jobs::{JobEvent, Reporter};
-use crate::viewer::layers::{Edited, Layer};
+use crate::viewer::layers::Layer;
 use crate::viewer::pictures::needs_whole;
 use crate::viewer::state::Viewer;
 
