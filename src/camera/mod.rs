@@ -8,6 +8,7 @@ mod file;
 mod lens;
 mod mark;
 pub mod path;
+mod path_file;
 mod read;
 mod timeline;
 mod transforms_json;

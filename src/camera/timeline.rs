@@ -1,21 +1,16 @@
 //! A camera path of timed keys, and the smooth motion through them.
 
-use std::path::Path;
-
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use glam::DVec3;
-use serde_json::Value;
 
-use super::cameras_json::{self, Entry, Moment, write_entries};
+use super::Camera;
 use super::path::between;
-use super::{Camera, NamedCamera};
-use crate::files::read_whole;
 
 /// Largest time of a key.
 const MAX_SECONDS: f64 = 1e6;
 
 /// Seconds; closer times count as equal.
-const RESOLUTION: f64 = 1e-6;
+pub(super) const RESOLUTION: f64 = 1e-6;
 
 /// The camera at a time.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,7 +26,7 @@ pub struct Key {
 /// Keys in the order of time, no two at the same time.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Timeline {
-    keys: Vec<Key>,
+    pub(super) keys: Vec<Key>,
 }
 
 impl Timeline {
@@ -157,69 +152,160 @@ impl Timeline {
         let frame = move |i| self.at(self.keys[0].seconds + i as f64 / fps).expect("a path with frames has keys");
         (0..count).map(frame)
     }
-
-    /// Writes the keys as a `cameras.json` in which each camera has a member `seconds`, and `rests` where it does.
-    ///
-    /// # Errors
-    /// If there is no key, or the file cannot be written.
-    pub fn write(&self, path: &Path) -> Result<()> {
-        write_entries(path, self.entries())
-    }
-
-    fn entries(&self) -> impl ExactSizeIterator<Item = Entry> + '_ {
-        self.keys.iter().enumerate().map(|(i, Key { seconds, camera, rests })| {
-            let moment = Moment { seconds: Some(*seconds), rests: *rests };
-            Entry::of(i, &format!("key {i}"), camera, moment)
-        })
-    }
-
-    /// The keys as the array of a `cameras.json`, as [`Timeline::write`] writes it.
-    pub fn to_value(&self) -> Value {
-        serde_json::to_value(self.entries().collect::<Vec<_>>()).expect("numbers and names can be written as JSON")
-    }
-
-    /// The path of an array that [`Timeline::to_value`] made.
-    ///
-    /// # Errors
-    /// Those of [`Timeline::read`].
-    pub fn of_value(value: &Value) -> Result<Self> {
-        match value.as_array() {
-            Some(keys) if keys.is_empty() => Ok(Self::default()),
-            _ => Self::parse(&serde_json::to_vec(value)?),
-        }
-    }
-
-    /// Reads a file written by [`Timeline::write`], or any `cameras.json`. A camera without a time comes a second after
-    /// the one before it.
-    ///
-    /// # Errors
-    /// One sentence without the file's name if it is not such a file, or two of its cameras are at the same time.
-    pub fn read(path: &Path) -> Result<Self> {
-        Self::parse(&read_whole(path)?)
-    }
-
-    fn parse(text: &[u8]) -> Result<Self> {
-        let mut next = 0.0;
-        let key = |(i, (named, moment)): (usize, (NamedCamera, Moment))| {
-            let seconds = moment.seconds.unwrap_or(next);
-            check(seconds).with_context(|| format!("camera {i}"))?;
-            next = seconds + 1.0;
-            Ok((i, Key { seconds, camera: named.camera, rests: moment.rests }))
-        };
-        let keys = cameras_json::parse(text)?.into_iter().enumerate().map(key);
-        let mut keys = keys.collect::<Result<Vec<_>>>()?;
-        keys.sort_by(|(_, a), (_, b)| a.seconds.total_cmp(&b.seconds));
-        for ((i, a), (j, b)) in keys.iter().zip(&keys[1..]) {
-            ensure!(b.seconds - a.seconds >= RESOLUTION, "cameras {i} and {j} are both at {} s", a.seconds);
-        }
-        Ok(Self { keys: keys.into_iter().map(|(_, key)| key).collect() })
-    }
 }
 
-fn check(seconds: f64) -> Result<()> {
+pub(super) fn check(seconds: f64) -> Result<()> {
     ensure!((0.0..=MAX_SECONDS).contains(&seconds), "a key at {seconds:?} s is not from 0 to {MAX_SECONDS:e} seconds");
     Ok(())
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::camera::path::{orbit, through};
+
+    const SIZE: [u32; 2] = [64, 48];
+
+    fn cameras() -> Vec<Camera> {
+        orbit(DVec3::new(1.0, 2.0, 3.0), 2.0, true, SIZE, 6)
+    }
+
+    fn timeline(times: &[f64]) -> Timeline {
+        let mut timeline = Timeline::default();
+        for (seconds, camera) in times.iter().zip(cameras()) {
+            timeline.insert(*seconds, camera).unwrap();
+        }
+        timeline
+    }
+
+    fn times(timeline: &Timeline) -> Vec<f64> {
+        timeline.keys().iter().map(|key| key.seconds).collect()
+    }
+
+    #[test]
+    fn equal_steps_are_the_way_through_keyframes() {
+        let timeline = timeline(&[2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+        let path: Vec<Camera> = timeline.frames(10.0).collect();
+        let expected = through(&cameras(), 51);
+        assert_eq!(path.len(), expected.len());
+        for (ours, expected) in path.iter().zip(&expected) {
+            assert!(ours.position.distance(expected.position) < 1e-12);
+            assert!(ours.rotation.abs_diff_eq(expected.rotation, 1e-12));
+            assert!(ours.focal_px.distance(expected.focal_px) < 1e-12);
+        }
+    }
+
+    #[test]
+    fn keys_are_met_exactly_and_the_ends_stand_still() {
+        let timeline = timeline(&[0.5, 1.0, 1.7, 4.0, 4.1, 9.0]);
+        for key in timeline.keys() {
+            assert_eq!(timeline.at(key.seconds).as_ref(), Some(&key.camera));
+        }
+        let keys = timeline.keys();
+        for (seconds, key) in [(0.0, 0), (-5.0, 0), (f64::NAN, 0), (9.5, 5), (f64::INFINITY, 5)] {
+            assert_eq!(timeline.at(seconds).as_ref(), Some(&keys[key].camera), "{seconds}");
+        }
+        assert_eq!(timeline.duration(), 8.5);
+        assert_eq!((Timeline::default().at(1.0), Timeline::default().duration()), (None, 0.0));
+    }
+
+    #[test]
+    fn uneven_times_make_no_jumps_of_speed() {
+        let timeline = timeline(&[0.0, 1.0, 1.7, 4.0, 5.5, 6.0]);
+        let place = |seconds| timeline.at(seconds).unwrap().position;
+        let h = 1e-6;
+        for key in &timeline.keys()[1..5] {
+            let (t, p) = (key.seconds, key.camera.position);
+            let (before, after) = ((p - place(t - h)) / h, (place(t + h) - p) / h);
+            assert!(before.distance(after) < 1e-4 * before.length(), "{t} s: {before} then {after}");
+        }
+    }
+
+    #[test]
+    fn the_motion_rests_at_a_key_and_is_as_before_elsewhere() {
+        let mut timeline = timeline(&[0.0, 1.0, 2.0, 3.0]);
+        let before: Vec<Camera> = timeline.frames(20.0).collect();
+        timeline.set_rest(2, true);
+        timeline.set_rest(9, true);
+        let after: Vec<Camera> = timeline.frames(20.0).collect();
+        assert_eq!(before[..21], after[..21], "the first second ends at a key that does not rest");
+        assert!(before[30] != after[30] && before[50] != after[50]);
+        let speed = |at: f64, h: f64| {
+            let [a, b] = [at - h, at + h].map(|seconds| timeline.at(seconds).unwrap());
+            (a.position.distance(b.position) + (a.rotation.row(2) - b.rotation.row(2)).length()) / (2.0 * h)
+        };
+        assert!(speed(2.0, 1e-4) < 1e-3 * speed(1.5, 1e-4), "{} against {}", speed(2.0, 1e-4), speed(1.5, 1e-4));
+        // The speed does not jump where the bent time begins.
+        let [left, right] = [speed(1.0 - 1e-5, 1e-6), speed(1.0 + 1e-5, 1e-6)];
+        assert!((left / right - 1.0).abs() < 1e-3, "{left} then {right}");
+        assert_eq!(timeline.retime(2, 2.5).unwrap(), 2);
+        assert!(timeline.keys()[2].rests, "a key that is moved rests still");
+        timeline.insert(2.5, cameras()[5].clone()).unwrap();
+        assert!(timeline.keys()[2].rests, "and one whose view is replaced");
+    }
+
+    #[test]
+    fn a_closed_path_goes_round_without_a_corner() {
+        let mut timeline = timeline(&[0.0, 1.0, 2.0, 4.0]);
+        assert!(!timeline.is_closed());
+        timeline.insert(5.0, cameras()[0].clone()).unwrap();
+        assert!(timeline.is_closed());
+        let place = |seconds| timeline.at(seconds).unwrap().position;
+        let h = 1e-6;
+        let (out, back) = ((place(h) - place(0.0)) / h, (place(5.0) - place(5.0 - h)) / h);
+        assert!(out.distance(back) < 1e-4 * out.length(), "{out} and {back}");
+    }
+
+    #[test]
+    fn haste_before_a_long_way_does_not_swing_it_about() {
+        let mut timeline = Timeline::default();
+        for (seconds, x) in [(0.0, 0.0), (0.01, 10.0), (10.0, 11.0), (20.0, 12.0)] {
+            let there = DVec3::X * x;
+            timeline.insert(seconds, Camera::looking_at(there, there + DVec3::Z, SIZE, 1.0)).unwrap();
+        }
+        let path: Vec<f64> = timeline.frames(100.0).map(|camera| camera.position.x).collect();
+        assert!(path.iter().all(|x| (-1e-9..=12.5).contains(x)), "{path:?}");
+        assert_eq!(path.len(), 2001);
+    }
+
+    #[test]
+    fn keys_stay_in_order_and_one_at_a_time() {
+        let mut timeline = timeline(&[3.0, 1.0, 2.0]);
+        assert_eq!(times(&timeline), [1.0, 2.0, 3.0]);
+        let other = cameras().remove(5);
+        assert_eq!(timeline.insert(2.0 + 1e-9, cameras().remove(4)).unwrap(), 1);
+        assert_eq!(timeline.insert(2.0, other.clone()).unwrap(), 1);
+        assert_eq!((times(&timeline), &timeline.keys()[1].camera), (vec![1.0, 2.0, 3.0], &other));
+        assert_eq!(timeline.retime(1, 4.5).unwrap(), 2);
+        assert_eq!(times(&timeline), [1.0, 3.0, 4.5]);
+        assert_eq!(timeline.retime(2, 4.5).unwrap(), 2, "where it is");
+        assert!(timeline.retime(2, 1.0).is_err(), "onto another");
+        assert_eq!((times(&timeline), &timeline.keys()[2].camera), (vec![1.0, 3.0, 4.5], &other));
+        let before = timeline.clone();
+        for wrong in [f64::NAN, -1.0, f64::INFINITY, 1e7] {
+            assert!(timeline.insert(wrong, other.clone()).is_err() && timeline.retime(0, wrong).is_err());
+        }
+        assert!(timeline.retime(3, 0.0).is_err() && timeline.remove(3).is_none());
+        assert_eq!(timeline, before);
+        assert_eq!(timeline.remove(2).unwrap().camera, other);
+        assert_eq!(times(&timeline), [1.0, 3.0]);
+    }
+
+    #[test]
+    fn frames_are_those_of_the_whole_duration() {
+        let timeline = timeline(&[0.0, 0.3]);
+        for (fps, count) in [(10.0, 4), (30.0, 10), (1.0, 1), (0.0, 0), (-1.0, 0), (f64::NAN, 0), (f64::INFINITY, 0)] {
+            assert_eq!(timeline.frames(fps).len(), count, "{fps} frames a second");
+        }
+        assert_eq!(timeline.frames(10.0).last().unwrap(), timeline.keys()[1].camera);
+        assert_eq!(Timeline::default().frames(30.0).len(), 0);
+    }
+
+    #[test]
+    fn keys_of_other_sizes_are_seen_in_the_first_ones() {
+        let mut timeline = timeline(&[0.0, 1.0]);
+        timeline.insert(2.0, cameras()[2].resized([640, 640])).unwrap();
+        assert!(timeline.frames(5.0).all(|camera| camera.size_px == SIZE));
+        assert!((timeline.at(2.0).unwrap().focal_px.x / cameras()[2].focal_px.x - 1.0).abs() < 1e-12);
+    }
+}

@@ -78,4 +78,33 @@ impl Viewer {
     pub fn draws(&self, plan: &Plan) -> bool {
         self.shown_plan(Side::First).is_ok_and(|planned| planned.is_some_and(|planned| planned.has_scene_of(plan)))
     }
+
+    /// The name of the first picture of a comparison.
+    pub fn first_name(&self) -> String {
+        let like = |preset: &Options| {
+            let wanted = self.preset(preset);
+            Options { rules: Rules { near: self.options.rules.near, ..wanted.rules }, ..wanted } == self.options
+        };
+        let known = Options::PRESETS.iter().find(|(_, preset)| like(preset));
+        known.map_or_else(|| "these options".to_owned(), |(name, _)| (*name).to_owned())
+    }
+
+    /// The name of the second picture of a comparison.
+    pub fn second_name(&self) -> String {
+        match &self.comparison.target {
+            CompareTarget::Nothing => String::new(),
+            CompareTarget::Options(None) => "other scenes".to_owned(),
+            CompareTarget::Options(Some(options)) => {
+                let known = Options::PRESETS.iter().find(|(_, preset)| preset == options);
+                known.map_or_else(|| "other options".to_owned(), |(name, _)| (*name).to_owned())
+            }
+            CompareTarget::Reference | CompareTarget::Picture => {
+                let name = self.comparison.picture.as_ref().map_or("", |(name, _)| name);
+                match self.comparison.of_camera {
+                    Some(camera) if self.camera != Some(camera) => format!("{name}, of another view"),
+                    _ => name.to_owned(),
+                }
+            }
+        }
+    }
 }

@@ -7,7 +7,6 @@ use super::super::keys::Action;
 use super::super::state::Viewer;
 use super::super::still::Apart;
 use crate::options::Options;
-use crate::rules::Rules;
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
@@ -112,33 +111,4 @@ fn numbers(viewer: &mut Viewer, ui: &mut Ui) {
             ui.end_row();
         }
     });
-}
-
-/// The name of the first picture of a comparison.
-pub(super) fn first_name(viewer: &Viewer) -> String {
-    let like = |preset: &Options| {
-        let wanted = viewer.preset(preset);
-        Options { rules: Rules { near: viewer.options.rules.near, ..wanted.rules }, ..wanted } == viewer.options
-    };
-    let known = Options::PRESETS.iter().find(|(_, preset)| like(preset));
-    known.map_or_else(|| "these options".to_owned(), |(name, _)| (*name).to_owned())
-}
-
-/// The name of the second picture of a comparison.
-pub(super) fn second_name(viewer: &Viewer) -> String {
-    match &viewer.comparison.target {
-        CompareTarget::Nothing => String::new(),
-        CompareTarget::Options(None) => "other scenes".to_owned(),
-        CompareTarget::Options(Some(options)) => {
-            let known = Options::PRESETS.iter().find(|(_, preset)| preset == options);
-            known.map_or_else(|| "other options".to_owned(), |(name, _)| (*name).to_owned())
-        }
-        CompareTarget::Reference | CompareTarget::Picture => {
-            let name = viewer.comparison.picture.as_ref().map_or("", |(name, _)| name);
-            match viewer.comparison.of_camera {
-                Some(camera) if viewer.camera != Some(camera) => format!("{name}, of another view"),
-                _ => name.to_owned(),
-            }
-        }
-    }
 }

@@ -8,7 +8,6 @@ use super::super::keys::Action;
 use super::super::pictures::Side;
 use super::super::screen::Pair;
 use super::super::state::Viewer;
-use super::compare;
 
 /// Space in points between the edge of the picture and what is said over it.
 pub(super) const MARGIN: f32 = 6.0;
@@ -166,7 +165,7 @@ fn split_line(viewer: &Viewer, ui: &Ui) {
     if let Some(of) = viewer.reference_of_another() {
         return label(&painter, left, format!("the float64 reference was drawn of {of}: only these options are shown"));
     }
-    let [first, second] = [compare::first_name(viewer), compare::second_name(viewer)];
+    let [first, second] = [viewer.first_name(), viewer.second_name()];
     match comparison.mode {
         CompareMode::Split => {
             painter.vline(x, 0.0..=height, Stroke::new(1.0, Color32::WHITE));
