@@ -58,6 +58,12 @@ impl Camera {
         Self { focal_px: DVec2::splat(focal), centre_px: centre(size_px) + aside * focal, size_px, ..self.clone() }
     }
 
+    /// Where a point of the world is seen, in pixels, and its view z. `None` if it is not before the camera.
+    pub fn projected(&self, world: DVec3) -> Option<(DVec2, f64)> {
+        let seen = self.view(world);
+        (seen.z > 0.0).then(|| (seen.truncate() / seen.z * self.focal_px + self.centre_px, seen.z))
+    }
+
     /// The point in world units that is seen at a place in pixels, at this view z.
     pub fn unprojected(&self, place_px: DVec2, depth: f64) -> DVec3 {
         let point_view = ((place_px - self.centre_px) / self.focal_px).extend(1.0) * depth;

@@ -22,9 +22,9 @@ use crate::viewer::{
 /// Open scenes in a window: fly through them, see the GPU time of every stage, look inside the pipeline
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// Scene files that `smalto render` reads, model folders of the original 3DGS, or procedural scenes: cactus, room,
-    /// plain, town, few-large or many-small, with :COUNT for another number of Gaussians. More files can be dropped on
-    /// the window
+    /// Scene files that `smalto render` reads, model folders of the original 3DGS, projects (NAME.project.json) that
+    /// the window saved, or procedural scenes: cactus, room, plain, town, few-large or many-small, with :COUNT for
+    /// another number of Gaussians. More files can be dropped on the window
     scenes: Vec<PathBuf>,
     /// Camera file or folder that `smalto render` reads [default: searched next to the first scene and above it]
     #[arg(long, value_name = "FILE|DIR")]
@@ -76,8 +76,8 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE|street|roof|air", requires = "offscreen")]
     #[arg(conflicts_with_all = ["cameras", "fullscreen", "vsync"])]
     path: Option<PathBuf>,
-    /// Of scenes with levels of detail, draw as many nodes as leave this many frames a second, by their GPU times. What
-    /// is written has those that the other options ask for
+    /// Keep this many frames a second, by their GPU times: scenes with levels of detail are drawn with fewer nodes, and
+    /// others at a lower scale while the view moves. What is written has neither
     #[arg(id = "rate", long = "fps", value_name = "RATE", value_parser = parse_fps)]
     fps: Option<f64>,
     /// With --offscreen: write the last frame, with its panels, as PNG

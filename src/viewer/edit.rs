@@ -15,6 +15,7 @@ const DELETED: u8 = 4;
 #[derive(Clone, PartialEq, Eq)]
 pub struct Edit {
     flags: Vec<u8>,
+    counts: Counts,
 }
 
 /// Numbers of Gaussians. What is deleted is not hidden, and neither is selected.
@@ -49,22 +50,22 @@ pub enum Change {
 impl Edit {
     /// Nothing is done to this number of Gaussians yet.
     pub fn of(count: usize) -> Self {
-        Self { flags: vec![0; count] }
+        Self::with(vec![0; count])
     }
 
-    /// True if nothing is done to any Gaussian.
-    pub fn is_empty(&self) -> bool {
-        self.flags.iter().all(|flags| *flags == 0)
+    fn with(flags: Vec<u8>) -> Self {
+        let has = |flag: u8| flags.par_iter().filter(|flags| **flags & flag != 0).count();
+        let counts = Counts { selected: has(SELECTED), hidden: has(HIDDEN), deleted: has(DELETED) };
+        Self { flags, counts }
     }
 
-    /// Number of bytes that it needs.
-    pub fn bytes(&self) -> usize {
+    /// Number of Gaussians of the scene; as many bytes are needed.
+    pub fn gaussians(&self) -> usize {
         self.flags.len()
     }
 
     pub fn counts(&self) -> Counts {
-        let has = |flag: u8| self.flags.iter().filter(|flags| **flags & flag != 0).count();
-        Counts { selected: has(SELECTED), hidden: has(HIDDEN), deleted: has(DELETED) }
+        self.counts
     }
 
     pub fn is_selected(&self, index: usize) -> bool {
@@ -99,7 +100,7 @@ impl Edit {
             };
             (flags & !SELECTED) | if is_selected { SELECTED } else { 0 }
         });
-        Self { flags: flags.collect() }
+        Self::with(flags.collect())
     }
 
     #[must_use]
@@ -117,7 +118,7 @@ impl Edit {
                 _ => *flags,
             }
         };
-        Self { flags: self.flags.par_iter().map(one).collect() }
+        Self::with(self.flags.par_iter().map(one).collect())
     }
 
     /// Runs of Gaussians to which the same was done: length and flags, for a file.
@@ -142,12 +143,7 @@ impl Edit {
             }
             flags.resize(flags.len() + length, *of);
         }
-        Some(Self { flags })
-    }
-
-    /// Number of Gaussians.
-    pub fn len(&self) -> usize {
-        self.flags.len()
+        Some(Self::with(flags))
     }
 }
 
@@ -225,16 +221,19 @@ impl Outline {
                 ends.filter(crosses).count() % 2 == 1
             }
             Self::Brush(way, radius) => {
-                let near = |a: DVec2, b: DVec2| {
-                    let step = b - a;
-                    let along = (place - a).dot(step) / step.length_squared().max(f64::MIN_POSITIVE);
-                    place.distance(a + step * along.clamp(0.0, 1.0)) <= *radius
-                };
+                let near = |a: DVec2, b: DVec2| from_segment(place, [a, b]) <= *radius;
                 way.first().is_some_and(|first| near(*first, *first))
                     || way.windows(2).any(|ends| near(ends[0], ends[1]))
             }
         }
     }
+}
+
+/// The distance of a place from a line between two others.
+pub fn from_segment(place: DVec2, [a, b]: [DVec2; 2]) -> f64 {
+    let step = b - a;
+    let along = (place - a).dot(step) / step.length_squared().max(f64::MIN_POSITIVE);
+    place.distance(a + step * along.clamp(0.0, 1.0))
 }
 
 /// The colour of what is selected, and its share.

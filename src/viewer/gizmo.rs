@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use glam::{DQuat, DVec2, DVec3, EulerRot};
 
 use super::drag::Handle;
+use super::edit::from_segment;
 use super::layers::Place;
 use crate::camera::Camera;
 
@@ -36,19 +37,14 @@ impl Gizmo {
         (depth > 0.0 && length.is_finite()).then(|| Self { view: view.clone(), centre, length })
     }
 
-    /// The axis of the world with this number.
-    pub fn axis(number: usize) -> DVec3 {
-        [DVec3::X, DVec3::Y, DVec3::Z][number]
-    }
-
     /// The end of an arrow.
     pub fn end(&self, axis: usize) -> DVec3 {
-        self.centre + Self::axis(axis) * self.length
+        self.centre + DVec3::AXES[axis] * self.length
     }
 
     /// The corners of a ring around an axis; the last is the first.
     pub fn ring(&self, axis: usize) -> Vec<DVec3> {
-        let [a, b] = [Self::axis((axis + 1) % 3), Self::axis((axis + 2) % 3)];
+        let [a, b] = [DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]];
         let corner = |i: usize| {
             let angle = TAU * i as f64 / CORNERS as f64;
             self.centre + (a * angle.cos() + b * angle.sin()) * self.length * RING
@@ -64,7 +60,7 @@ impl Gizmo {
         }
         let apart = |ends: &[DVec3]| {
             let places: Vec<DVec2> = ends.iter().filter_map(|end| self.seen(*end)).collect();
-            places.windows(2).map(|ends| from_line(place, [ends[0], ends[1]])).fold(f64::INFINITY, f64::min)
+            places.windows(2).map(|ends| from_segment(place, [ends[0], ends[1]])).fold(f64::INFINITY, f64::min)
         };
         let moves = (0..3).map(|axis| (Handle::Move(axis), apart(&[self.centre, self.end(axis)])));
         let turns = (0..3).map(|axis| (Handle::Turn(axis), apart(&self.ring(axis))));
@@ -80,14 +76,14 @@ impl Gizmo {
                 let arrow = self.seen(self.end(axis))? - centre;
                 // An arrow that points at the viewer cannot be dragged.
                 let along = (to - from).dot(arrow) / arrow.length_squared().max(1.0);
-                let translation = (DVec3::from(place.translation) + Self::axis(axis) * along * self.length).to_array();
+                let translation = (DVec3::from(place.translation) + DVec3::AXES[axis] * along * self.length).to_array();
                 Some(Place { translation, ..place })
             }
             Handle::Turn(axis) => {
                 let angle = (from - centre).angle_to(to - centre);
                 // Seen from behind, the axis turns the other way. The picture has y down, as its axes say.
-                let towards = (self.centre - self.view.position).dot(Self::axis(axis)) >= 0.0;
-                let turn = DQuat::from_axis_angle(Self::axis(axis), if towards { angle } else { -angle });
+                let towards = (self.centre - self.view.position).dot(DVec3::AXES[axis]) >= 0.0;
+                let turn = DQuat::from_axis_angle(DVec3::AXES[axis], if towards { angle } else { -angle });
                 Some(turned(place, self.centre, turn))
             }
             Handle::Scale => {
@@ -100,16 +96,8 @@ impl Gizmo {
 
     /// Where a point is seen, in pixels.
     fn seen(&self, point: DVec3) -> Option<DVec2> {
-        let seen = self.view.view(point);
-        (seen.z > 0.0).then(|| seen.truncate() / seen.z * self.view.focal_px + self.view.centre_px)
+        self.view.projected(point).map(|(place, _)| place)
     }
-}
-
-/// The distance of a place from a line between two others.
-fn from_line(place: DVec2, [a, b]: [DVec2; 2]) -> f64 {
-    let step = b - a;
-    let along = (place - a).dot(step) / step.length_squared().max(f64::MIN_POSITIVE);
-    place.distance(a + step * along.clamp(0.0, 1.0))
 }
 
 /// The placement turned about the point `centre` by a rotation of the world.

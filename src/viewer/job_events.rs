@@ -57,7 +57,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
         }
         JobEvent::Edited(number, edited) => viewer.handle_edited(number, edited),
         JobEvent::Photographs(photographs) => viewer.handle_photographs(photographs),
-        JobEvent::Thumbnail(camera, thumbnail) => drop(viewer.thumbnails.insert(camera, Some(thumbnail.ok()))),
+        JobEvent::Thumbnail(camera, thumbnail) => drop(viewer.thumbnails.insert(camera, thumbnail.ok())),
         JobEvent::Evaluated(evaluation) => {
             viewer.measurement = None;
             match evaluation {

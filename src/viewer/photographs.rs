@@ -1,7 +1,7 @@
 //! The photographs that cameras were calibrated with: pictures of a folder, found by the names of the cameras.
 
 use std::collections::BTreeMap;
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
@@ -23,6 +23,8 @@ pub struct Photographs {
     pub folder: PathBuf,
     /// By their paths in the folder, without endings.
     files: BTreeMap<PathBuf, PathBuf>,
+    /// By their names without folder and ending; `None` where several have a name.
+    by_name: BTreeMap<OsString, Option<PathBuf>>,
 }
 
 /// The path without the ending of a photograph.
@@ -56,7 +58,7 @@ impl Photographs {
     /// # Errors
     /// If the folder cannot be read, or holds none.
     pub fn read(folder: &Path) -> Result<Self> {
-        let mut found = Self { folder: folder.to_owned(), files: BTreeMap::new() };
+        let mut found = Self { folder: folder.to_owned(), files: BTreeMap::new(), by_name: BTreeMap::new() };
         found.add(Path::new(""), DEPTH)?;
         ensure!(!found.files.is_empty(), "{} holds no photographs", folder.display());
         Ok(found)
@@ -79,7 +81,10 @@ impl Photographs {
                     self.add(&name, depth - 1)?;
                 }
             } else if is_photograph(&name) {
-                self.files.insert(name.with_extension(""), self.folder.join(&name));
+                let (stem, file) = (name.with_extension(""), self.folder.join(&name));
+                let own = stem.file_name().unwrap_or_default().to_owned();
+                self.by_name.entry(own).and_modify(|several| *several = None).or_insert_with(|| Some(file.clone()));
+                self.files.insert(stem, file);
             }
         }
         Ok(())
@@ -88,11 +93,8 @@ impl Photographs {
     /// The photograph of a camera: the one with its name and folder, or else the only one with its name.
     pub fn of(&self, camera: &NamedCamera) -> Option<&Path> {
         let wanted = stem(Path::new(&camera.name));
-        if let Some(file) = self.files.get(&wanted) {
-            return Some(file);
-        }
-        let mut found = self.files.iter().filter(|(name, _)| name.file_name() == wanted.file_name());
-        found.next().map(|(_, file)| file.as_path()).filter(|_| found.next().is_none())
+        let by_name = || self.by_name.get(wanted.file_name()?)?.as_ref();
+        self.files.get(&wanted).or_else(by_name).map(PathBuf::as_path)
     }
 
     /// Number of cameras that have a photograph.

@@ -138,8 +138,8 @@ pub struct Viewer {
     pub is_reading_cameras: bool,
     /// The photographs of the cameras.
     pub photographs: Option<Photographs>,
-    /// By camera: its photograph, small; `None` while it is read, and inside if it cannot be read.
-    pub thumbnails: BTreeMap<usize, Option<Option<Pixels>>>,
+    /// By camera: its photograph, small; `None` while it is read, and if it cannot be read.
+    pub thumbnails: BTreeMap<usize, Option<Pixels>>,
     /// How near the picture came to the photographs when that was measured last.
     pub evaluation: Option<Evaluation>,
     /// Index of the camera of the file that the view is at or moves to; `None` after the view has left it.

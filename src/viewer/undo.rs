@@ -12,17 +12,25 @@ use crate::rules::Background;
 const MOST_BYTES: usize = 256 << 20;
 
 impl Undo {
-    /// Drops the oldest states until the edits of the others do not need too much memory.
+    /// Drops the oldest states until at most `steps` are left, whose edits do not need too much memory. States share
+    /// an edit that did not change between them.
     pub fn limit(&mut self, steps: usize) {
-        let bytes = |state: &State| state.edits.iter().filter_map(|(_, edit)| edit.as_deref()).map(Edit::bytes).sum();
         let mut left = MOST_BYTES;
-        let fits = |state: &&State| {
-            let needed: usize = bytes(state);
+        let mut later: &[(u64, Option<Arc<Edit>>)] = &[];
+        let mut kept = 0;
+        for state in self.done.iter().rev().take(steps) {
+            let is_later =
+                |edit: &Arc<Edit>| later.iter().any(|(_, of)| of.as_ref().is_some_and(|of| Arc::ptr_eq(of, edit)));
+            let own = state.edits.iter().filter_map(|(_, edit)| edit.as_ref()).filter(|edit| !is_later(edit));
+            let needed: usize = own.map(|edit| edit.gaussians()).sum();
+            if needed > left && kept > 0 {
+                break;
+            }
             left = left.saturating_sub(needed);
-            needed == 0 || left > 0
-        };
-        let count = self.done.iter().rev().take(steps).take_while(fits).count().max(1);
-        self.done.drain(..self.done.len().saturating_sub(count));
+            later = &state.edits;
+            kept += 1;
+        }
+        self.done.drain(..self.done.len() - kept);
     }
 }
 

@@ -83,7 +83,7 @@ fn cameras_are_clicked_and_compared_with_their_photographs() {
     let viewer = offscreen.viewer();
     viewer.navigator.advance(10.0);
     assert_eq!((viewer.camera, viewer.view().position), (Some(1), wanted.position));
-    assert!(matches!(viewer.thumbnails.get(&1), Some(Some(Some(small))) if small.size == [440, 293]));
+    assert!(matches!(viewer.thumbnails.get(&1), Some(Some(small)) if small.size == [440, 293]));
     // Its photograph is compared, and then that of the next camera.
     viewer.compare_with_photographs();
     offscreen.settle().unwrap();
@@ -96,6 +96,15 @@ fn cameras_are_clicked_and_compared_with_their_photographs() {
     // The camera without one leaves the photograph before, under its name.
     press(&mut offscreen, Key::N);
     assert_eq!((offscreen.viewer().camera, offscreen.viewer().comparison.of_camera), (Some(3), Some(2)));
+    // Photographs stay where their cameras are read again after them.
+    offscreen.viewer().open_photographs(&folder.path().join("images"));
+    offscreen.settle().unwrap();
+    let file = folder.path().join("elsewhere/cameras.json");
+    std::fs::create_dir(folder.path().join("elsewhere")).unwrap();
+    std::fs::copy(folder.path().join("cameras.json"), &file).unwrap();
+    offscreen.viewer().drop_file(&file);
+    offscreen.settle().unwrap();
+    assert!(offscreen.viewer().photographs.is_some());
     // A photograph that is dropped finds its camera.
     offscreen.viewer().drop_file(&folder.path().join("images/a.png"));
     offscreen.settle().unwrap();

@@ -4,17 +4,18 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, ensure};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
-use crate::scene::{Gaussians, SceneFile, WrittenFile, write_file};
+use crate::scene::{Gaussians, Scene, SceneFile, WrittenFile, write_file};
 use crate::storage::convert::{self, Job};
+use crate::viewer::drag::{Stroke, Tool};
 use crate::viewer::edit::{Change, Counts, Edit, How, Outline, Selection};
 use crate::viewer::edited::Edited;
 use crate::viewer::held::Held;
 use crate::viewer::jobs::{JobEvent, Reporter};
 use crate::viewer::layers::Layer;
 use crate::viewer::pictures::needs_whole;
-use crate::viewer::state::Viewer;
+use crate::viewer::state::{Request, Viewer};
 
 impl Viewer {
     /// True while the Gaussians that edits leave are not there yet.
@@ -46,9 +47,8 @@ impl Viewer {
                 Selection::Outline(outline) => {
                     let [low, high] = outline.bounds();
                     before.selecting(how, |i| {
-                        let seen = view.view(world(i));
-                        let at = seen.truncate() / seen.z * view.focal_px + view.centre_px;
-                        seen.z > near && at.cmpge(low).all() && at.cmple(high).all() && outline.contains(at)
+                        let is_inside = |at: DVec2| at.cmpge(low).all() && at.cmple(high).all() && outline.contains(at);
+                        view.projected(world(i)).is_some_and(|(at, z)| z > near && is_inside(at))
                     })
                 }
                 Selection::Ball(centre, radius) => before.selecting(how, |i| world(i).distance(*centre) <= *radius),
@@ -97,7 +97,7 @@ impl Viewer {
     /// Sets what is done to the Gaussians of a scene. What that leaves is found on another thread.
     pub(super) fn set_edit(&mut self, place: usize, edit: Option<Arc<Edit>>) {
         let layer = &mut self.layers[place];
-        let edit = edit.filter(|edit| !edit.is_empty());
+        let edit = edit.filter(|edit| edit.counts() != Counts::default());
         let is_same = match (&edit, &layer.edit) {
             (None, None) => true,
             (Some(one), Some(other)) => Arc::ptr_eq(one, other) || one == other,
@@ -142,8 +142,6 @@ impl Viewer {
 
     /// Ends a stroke of a tool over the picture.
     pub fn end_stroke(&mut self) {
-        use crate::viewer::drag::{Stroke, Tool};
-        use crate::viewer::state::Request;
         let Some(Stroke { way, how }) = self.stroke.take() else { return };
         let (Some(first), Some(last)) = (way.first().copied(), way.last().copied()) else { return };
         let outline = match self.tool {
@@ -164,7 +162,7 @@ impl Viewer {
     pub fn select_ball(&mut self, pixel: [u32; 2], radius_px: f64, depth: Option<f32>, how: How) {
         let Some(depth) = depth.map(f64::from) else { return self.messages.note("there is nothing at this pixel") };
         let view = self.view();
-        let centre = view.unprojected(glam::DVec2::from(pixel.map(f64::from)) + 0.5, depth);
+        let centre = view.unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, depth);
         self.select(&Selection::Ball(centre, radius_px * depth / view.focal_px.x), how);
     }
 
@@ -211,7 +209,7 @@ fn written(file: &Path, gaussians: Gaussians, is_antialiased: bool, progress: &(
         let settings = convert::Settings::default();
         let job = Job { output: file, settings, title, progress, is_cancelled: &|| false };
         let number = gaussians.len();
-        let scene = crate::scene::Scene { gaussians, is_antialiased, ..crate::scene::Scene::empty("edited") };
+        let scene = Scene { gaussians, is_antialiased, ..Scene::empty("edited") };
         convert::write_whole(&job, &scene)?;
         return Ok(format!("{} written, {} Gaussians", file.display(), count(number)));
     }
@@ -231,6 +229,9 @@ fn written(file: &Path, gaussians: Gaussians, is_antialiased: bool, progress: &(
     }
     if arranged.len() < gaussians.len() {
         text += &format!("; {} round to no opacity and are left out", count(gaussians.len() - arranged.len()));
+    }
+    if arranged.sh_degree() < gaussians.sh_degree() {
+        text += &format!("; the format holds spherical harmonics up to degree {} only", arranged.sh_degree());
     }
     if is_antialiased && !kind.says_antialiased() {
         text += "; the format cannot say that the scene was trained with antialiasing";

@@ -41,6 +41,11 @@ impl Viewer {
                 false => self.open(&scene, self.setup.reading),
             }
         }
+        if !self.is_reading_cameras
+            && let Some(folder) = self.setup.photographs.take()
+        {
+            self.open_photographs(&folder);
+        }
         match self.setup.compares_with.clone() {
             Some(CompareWith::Options(options)) => self.comparison.target = CompareTarget::Options(Some(options)),
             Some(CompareWith::File(file)) => self.compare_with_picture(&file),
@@ -86,7 +91,9 @@ impl Viewer {
         if let Some(folder) = self.setup.photographs.take() {
             return self.open_photographs(&folder);
         }
-        let Some(file) = self.camera_file.clone() else { return };
+        // They may have been dropped before their cameras.
+        let are_there = self.photographs.as_ref().is_some_and(|there| there.count_of(&self.cameras) > 0);
+        let Some(file) = self.camera_file.clone().filter(|_| !are_there) else { return };
         let cameras = self.cameras.clone();
         let find = move |_: &Reporter| {
             let found = Photographs::beside(&file).filter(|found| found.count_of(&cameras) > 0);
@@ -156,7 +163,8 @@ impl Viewer {
     /// Closes a scene.
     pub fn close(&mut self, number: u64) {
         let Some(place) = self.layers.iter().position(|layer| layer.number == number) else { return };
-        if let Some(held) = &self.layers.remove(place).held {
+        let layer = self.layers.remove(place);
+        for held in layer.held.iter().chain(layer.edited.as_ref().map(|edited| &edited.kept)) {
             let measured = self.costs.iter_mut().filter_map(|(_, of)| of.as_mut());
             measured.chain(&mut self.comparison.drawn_of).for_each(|of| of.forget(held));
         }

@@ -82,7 +82,7 @@ impl Viewer {
         let upright = match from.cross(up).length() > 1e-6 {
             true => up,
             false => {
-                let axes = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().filter(|axis| axis.dot(up) == 0.0);
+                let axes = DVec3::AXES.into_iter().filter(|axis| axis.dot(up) == 0.0);
                 let signed = axes.flat_map(|axis| [axis, -axis]);
                 let seen_up = -view.rotation.row(1);
                 signed.max_by(|a, b| a.dot(seen_up).total_cmp(&b.dot(seen_up))).unwrap_or(DVec3::X)

@@ -9,8 +9,9 @@ use glam::DVec3;
 use crate::rules::Background;
 use crate::scene::{Procedural, Reading, Unreadable};
 use crate::viewer::edit::Edit;
+use crate::viewer::held::Held;
 use crate::viewer::layers::{Layer, Source};
-use crate::viewer::project::{ENDING, PlacedScene, Project, Shown, seen_from};
+use crate::viewer::project::{ENDING, PlacedScene, Project, Shown, is_project, seen_from};
 use crate::viewer::state::Viewer;
 use crate::viewer::view_modes::{VIEW_MODES, view_mode};
 
@@ -18,7 +19,7 @@ impl Viewer {
     /// Saves scenes, places, edits, view, options and path. The ending is added where the name has another.
     pub fn save_project(&mut self, file: &Path) {
         let mut name = file.as_os_str().to_owned();
-        if !crate::viewer::project::is_project(file) {
+        if !is_project(file) {
             name.push(ENDING);
         }
         let file = PathBuf::from(name);
@@ -125,8 +126,8 @@ impl Viewer {
         if runs.is_empty() {
             return;
         }
-        let count = layer.held.as_ref().map_or(0, crate::viewer::held::Held::count);
-        match Edit::from_runs(&runs).filter(|edit| edit.len() == count) {
+        let count = layer.held.as_ref().map_or(0, Held::count);
+        match Edit::from_runs(&runs).filter(|edit| edit.gaussians() == count) {
             Some(edit) => self.set_edit(place, Some(Arc::new(edit))),
             None => {
                 let text =

@@ -52,9 +52,8 @@ impl Viewer {
     pub fn camera_at(&self, place: DVec2, within: f64) -> Option<usize> {
         let view = self.view();
         let apart = |camera: &NamedCamera| {
-            let seen = view.view(camera.camera.position);
-            let at = seen.truncate() / seen.z * view.focal_px + view.centre_px;
-            (seen.z > 0.0).then(|| at.distance(place)).filter(|apart| *apart <= within)
+            let (at, _) = view.projected(camera.camera.position)?;
+            Some(at.distance(place)).filter(|apart| *apart <= within)
         };
         let near = self.cameras.iter().enumerate().filter_map(|(i, camera)| Some((i, apart(camera)?)));
         near.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(i, _)| i)

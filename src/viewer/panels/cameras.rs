@@ -40,7 +40,7 @@ pub(super) fn over_picture(viewer: &mut Viewer, space: &Space, ui: &Ui) {
     let painter = super::over::painter(ui);
     label(&painter, (at + vec2(8.0, -8.0), Align2::LEFT_BOTTOM), format!("{index}  {}", viewer.cameras[index].name));
     viewer.read_thumbnail(index);
-    let Some(Some(Some(pixels))) = viewer.thumbnails.get(&index) else { return };
+    let Some(Some(pixels)) = viewer.thumbnails.get(&index) else { return };
     let id = ui.id().with("thumbnail");
     let kept = ui.data(|data| data.get_temp::<(usize, egui::TextureHandle)>(id)).filter(|(of, _)| *of == index);
     let (_, texture) = kept.unwrap_or_else(|| {

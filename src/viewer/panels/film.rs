@@ -184,10 +184,9 @@ pub(super) fn curve(viewer: &Viewer, space: &Space) {
     let (begin, end) = (keys.first().map_or(0.0, |key| key.seconds), viewer.film.end());
     let time = |i: usize| begin + (end - begin) * i as f64 / steps.max(1) as f64;
     let place = |seconds: f64| viewer.film.timeline.at(seconds).map(|camera| camera.position);
-    for i in 0..steps {
-        if let (Some(a), Some(b)) = (place(time(i)), place(time(i + 1))) {
-            space.line([a, b], Stroke::new(1.5, colour));
-        }
+    let places: Vec<_> = (0..=steps).filter_map(|i| place(time(i))).collect();
+    for ends in places.windows(2) {
+        space.line([ends[0], ends[1]], Stroke::new(1.5, colour));
     }
     for (i, key) in keys.iter().enumerate() {
         space.dot(key.camera.position, 3.0, colour, &i.to_string());

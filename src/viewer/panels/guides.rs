@@ -23,7 +23,7 @@ pub(super) fn show(viewer: &mut Viewer, space: &Space, free: Rect, ui: &mut Ui) 
     // A power of ten, so that the grid is about as large as the scene.
     let step = 10f64.powf((viewer.navigator.radius() / 3.0).log10().round());
     let up = viewer.navigator.up().vector();
-    let sides = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| axis * f64::from(u8::from(axis.dot(up) == 0.0)));
+    let sides = DVec3::AXES.map(|axis| axis * f64::from(u8::from(axis.dot(up) == 0.0)));
     let mut sides = sides.into_iter().filter(|side| *side != DVec3::ZERO);
     if let (Some(a), Some(b)) = (sides.next(), sides.next()) {
         let reach = f64::from(LINES) * step;
@@ -37,7 +37,7 @@ pub(super) fn show(viewer: &mut Viewer, space: &Space, free: Rect, ui: &mut Ui) 
         }
     }
     for (axis, colour) in AXES.into_iter().enumerate() {
-        space.line([DVec3::ZERO, unit(axis) * step], Stroke::new(2.0, colour));
+        space.line([DVec3::ZERO, DVec3::AXES[axis] * step], Stroke::new(2.0, colour));
     }
     super::over::label(
         &painter(ui),
@@ -47,10 +47,6 @@ pub(super) fn show(viewer: &mut Viewer, space: &Space, free: Rect, ui: &mut Ui) 
     directions(viewer, free, ui);
 }
 
-fn unit(axis: usize) -> DVec3 {
-    [DVec3::X, DVec3::Y, DVec3::Z][axis]
-}
-
 /// The axes as they lie in the view, in the upper right corner; a click on an end looks from there.
 fn directions(viewer: &mut Viewer, free: Rect, ui: &mut Ui) {
     let middle = free.right_top() + vec2(-SIZE - END - 10.0, SIZE + END + 6.0);
@@ -58,7 +54,7 @@ fn directions(viewer: &mut Viewer, free: Rect, ui: &mut Ui) {
     let mut ends: Vec<(f64, DVec3, usize, bool)> = Vec::new();
     for axis in 0..3 {
         for is_positive in [true, false] {
-            let from = unit(axis) * if is_positive { 1.0 } else { -1.0 };
+            let from = DVec3::AXES[axis] * if is_positive { 1.0 } else { -1.0 };
             ends.push(((view.rotation * from).z, from, axis, is_positive));
         }
     }

@@ -22,13 +22,17 @@ impl Space {
 
     /// A line between two places, as far as it lies before the camera.
     pub fn line(&self, [a, b]: [DVec3; 2], stroke: Stroke) {
-        let [a, b] = [a, b].map(|place| self.view.view(place));
         let near = 1e-3 * (a - b).length();
-        if a.z <= near && b.z <= near {
+        let [a_z, b_z] = [a, b].map(|place| self.view.view(place).z);
+        if a_z <= near && b_z <= near {
             return;
         }
-        let cut = |p: DVec3, q: DVec3| if p.z >= near { p } else { p + (q - p) * ((near - p.z) / (q.z - p.z)) };
-        self.painter.line_segment([cut(a, b), cut(b, a)].map(|place| self.at(place)), stroke);
+        let cut = |p: DVec3, z: f64, q: DVec3, other_z: f64| {
+            if z >= near { p } else { p + (q - p) * ((near - z) / (other_z - z)) }
+        };
+        if let (Some(a), Some(b)) = (self.place(cut(a, a_z, b, b_z)), self.place(cut(b, b_z, a, a_z))) {
+            self.painter.line_segment([a, b], stroke);
+        }
     }
 
     /// A point with a name beside it, if it lies before the camera.
@@ -56,13 +60,8 @@ impl Space {
 
     /// Where a place of the world is seen in the window; `None` behind the camera.
     pub fn place(&self, place: DVec3) -> Option<Pos2> {
-        let seen = self.view.view(place);
-        (seen.z > 0.0).then(|| self.at(seen))
-    }
-
-    /// Where a place before the camera, in view space, is seen in the window.
-    fn at(&self, seen: DVec3) -> Pos2 {
-        let pixel = (seen.truncate() / seen.z * self.view.focal_px + self.view.centre_px) / self.points;
-        Pos2::new(pixel.x as f32, pixel.y as f32)
+        let (pixel, _) = self.view.projected(place)?;
+        let at = pixel / self.points;
+        Some(Pos2::new(at.x as f32, at.y as f32))
     }
 }
