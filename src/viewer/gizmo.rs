@@ -17,6 +17,8 @@ const RING: f64 = 0.75;
 const CORNERS: usize = 48;
 /// Distance in pixels within which a handle is taken, for a picture of one pixel a point.
 const GRIP: f64 = 7.0;
+/// Sine of the least angle between a ray and the plane of a ring that is turned by it.
+const EDGE: f64 = 0.02;
 /// Pixels of a drag by which the scale grows by a factor of e.
 const SCALE_PX: f64 = 200.0;
 
@@ -68,23 +70,21 @@ impl Gizmo {
         (nearest.1 <= grip).then_some(nearest.0)
     }
 
-    /// The placement after a handle was dragged from one place of the picture to another, in pixels.
+    /// The placement after a handle was dragged from one place of the picture to another, in pixels. `None` if these
+    /// places say nothing of it.
     pub fn dragged(&self, place: Place, handle: Handle, from: DVec2, to: DVec2) -> Option<Place> {
-        let centre = self.seen(self.centre)?;
         match handle {
             Handle::Move(axis) => {
-                let arrow = self.seen(self.end(axis))? - centre;
+                let arrow = self.seen(self.end(axis))? - self.seen(self.centre)?;
                 // An arrow that points at the viewer cannot be dragged.
                 let along = (to - from).dot(arrow) / arrow.length_squared().max(1.0);
                 let translation = (DVec3::from(place.translation) + DVec3::AXES[axis] * along * self.length).to_array();
                 Some(Place { translation, ..place })
             }
             Handle::Turn(axis) => {
-                let angle = (from - centre).angle_to(to - centre);
-                // Seen from behind, the axis turns the other way. The picture has y down, as its axes say.
-                let towards = (self.centre - self.view.position).dot(DVec3::AXES[axis]) >= 0.0;
-                let turn = DQuat::from_axis_angle(DVec3::AXES[axis], if towards { angle } else { -angle });
-                Some(turned(place, self.centre, turn))
+                let [a, b] = [self.on_plane(axis, from)?, self.on_plane(axis, to)?];
+                let angle = a.cross(b).dot(DVec3::AXES[axis]).atan2(a.dot(b));
+                Some(turned(place, self.centre, DQuat::from_axis_angle(DVec3::AXES[axis], angle)))
             }
             Handle::Scale => {
                 let factor = ((to - from).dot(DVec2::new(1.0, -1.0)) / SCALE_PX).exp();
@@ -92,6 +92,16 @@ impl Gizmo {
                 Some(Place { scale: place.scale * factor, translation: (self.centre + offset).to_array(), ..place })
             }
         }
+    }
+
+    /// The point of the plane of a ring that is seen at a place of the picture, from the centre on. `None` if the plane
+    /// is seen from its edge, or not there.
+    fn on_plane(&self, axis: usize, place: DVec2) -> Option<DVec3> {
+        let (axis, eye) = (DVec3::AXES[axis], self.view.position);
+        let ray = (self.view.unprojected(place, 1.0) - eye).normalize();
+        let steep = ray.dot(axis);
+        let along = (self.centre - eye).dot(axis) / steep;
+        (steep.abs() > EDGE && along > 0.0).then(|| eye + ray * along - self.centre)
     }
 
     /// Where a point is seen, in pixels.
@@ -145,6 +155,12 @@ mod tests {
             follows(Handle::Turn(axis), ring[5], step);
         }
         assert_eq!(gizmo.at(centre, 1.0), Some(Handle::Scale));
+        // A ring that is seen from its edge says nothing of an angle.
+        let level = Camera::looking_at(gizmo.centre - DVec3::Z * 5.0, gizmo.centre, [400, 300], 1.0);
+        let edge = Gizmo::new(&level, gizmo.centre).unwrap();
+        let middle = edge.seen(edge.centre).unwrap();
+        let [from, to] = [20.0, 30.0].map(|x| middle + DVec2::new(x, 0.0));
+        assert_eq!(edge.dragged(Place::default(), Handle::Turn(1), from, to), None);
         assert_eq!(gizmo.at(centre + 190.0, 1.0), None);
         let place = Place { translation: gizmo.centre.to_array(), ..Place::default() };
         let larger = gizmo.dragged(place, Handle::Scale, centre, centre + DVec2::new(SCALE_PX, 0.0)).unwrap();

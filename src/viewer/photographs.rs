@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, anyhow, ensure};
 
 use crate::camera::NamedCamera;
+use crate::files::describe;
 
 /// Endings of photographs.
 const ENDINGS: [&str; 5] = ["jpg", "jpeg", "png", "exr", "npy"];
@@ -56,11 +57,11 @@ impl Photographs {
     /// The photographs in a folder and those below it.
     ///
     /// # Errors
-    /// If the folder cannot be read, or holds none.
+    /// A sentence without the name of the folder if it cannot be read, or holds none.
     pub fn read(folder: &Path) -> Result<Self> {
         let mut found = Self { folder: folder.to_owned(), files: BTreeMap::new(), by_name: BTreeMap::new() };
         found.add(Path::new(""), DEPTH)?;
-        ensure!(!found.files.is_empty(), "{} holds no photographs", folder.display());
+        ensure!(!found.files.is_empty(), "holds no photographs");
         Ok(found)
     }
 
@@ -71,8 +72,8 @@ impl Photographs {
     }
 
     fn add(&mut self, below: &Path, depth: u32) -> Result<()> {
-        let path = self.folder.join(below);
-        let entries = path.read_dir().with_context(|| format!("cannot read the folder {}", path.display()))?;
+        let entries = self.folder.join(below).read_dir();
+        let entries = entries.map_err(|problem| anyhow!("cannot be read: {}", describe(&problem)))?;
         for entry in entries.flatten() {
             let name = below.join(entry.file_name());
             // Links to folders are not followed: they may lead in a circle.

@@ -83,7 +83,9 @@ impl Viewer {
     pub fn open_photographs(&mut self, folder: &Path) {
         let folder = folder.to_owned();
         self.is_reading_cameras = true;
-        self.jobs.start(move |_| Photographs::read(&folder), JobEvent::Photographs);
+        let read =
+            move |_: &Reporter| Photographs::read(&folder).map_err(|problem| Unreadable::new(&folder, &problem).into());
+        self.jobs.start(read, JobEvent::Photographs);
     }
 
     /// Looks for the photographs of the cameras, on another thread: in the folder that is named, or beside their file.

@@ -47,7 +47,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let key = viewer.setup.bindings.text(Action::Pick);
     ui.label(format!("{key} explains the pixel under the cursor."));
     let key = viewer.setup.bindings.text(Action::Mark);
-    ui.label(format!("{key} marks the point under the cursor; two marks show their distance."));
+    ui.label(format!("{key} marks the point under the cursor; lines show how far marks are apart."));
     if let (Some(first), Some(index)) = (&pair.first, viewer.inspection.isolated) {
         let i = index as usize;
         if let Some(gaussians) = first.gaussians.as_ref().filter(|gaussians| i < gaussians.len()) {
