@@ -161,7 +161,10 @@ fn pictures_are_copied_and_have_layers() {
     let seen = (0..depths.len()).filter(|i| picture.rgba[*i][3] > 0.5).step_by(97);
     for i in seen {
         let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];
-        let depth = offscreen.session.pair.first.as_mut().unwrap().renderer.depth_at(pixel).unwrap().unwrap();
+        // The mean, of what the pixel is made of.
+        let splats = offscreen.session.pair.first.as_mut().unwrap().renderer.explain(pixel).unwrap().splats;
+        let shares: f32 = splats.iter().map(|splat| splat.share).sum();
+        let depth = splats.iter().map(|splat| splat.share * splat.depth).sum::<f32>() / shares;
         assert!((depths[i] - depth).abs() < 1e-4 * depth, "{pixel:?}: {} and {depth}", depths[i]);
     }
 }
