@@ -68,6 +68,11 @@ impl Edit {
         self.counts
     }
 
+    /// True if not all Gaussians are drawn.
+    pub fn leaves_out(&self) -> bool {
+        self.counts.hidden + self.counts.deleted > 0
+    }
+
     pub fn is_selected(&self, index: usize) -> bool {
         self.flags[index] & SELECTED != 0
     }

@@ -99,6 +99,8 @@ fn what_is_selected_in_the_picture_is_deleted_and_comes_back() {
     let kept: Vec<u32> = (0..all.len() as u32).filter(|i| selected.binary_search(i).is_err()).collect();
     let rest = all.selected(&kept).unwrap();
     assert!(drawn(&offscreen) == gpu.render(&rest, &view, &options), "the rest is drawn as if it were all");
+    let (_, left_out) = offscreen.viewer().command_line(smalto::viewer::Program::Render);
+    assert!(left_out.contains(&"what is hidden or deleted".to_owned()), "{left_out:?}");
     // What is saved is what stayed, as `smalto convert` would write it.
     let file = folder.path().join("rest.ply");
     offscreen.viewer().save_scene(&file);

@@ -11,8 +11,11 @@ use crate::common::random::Random;
 /// picture.
 #[test]
 fn a_monkey_breaks_nothing() {
-    const ACTIONS: u32 = 250;
-    const KEYS: [Key; 14] = [
+    const ACTIONS: u32 = 1000;
+    const KEYS: [Key; 17] = [
+        Key::V,
+        Key::B,
+        Key::Delete,
         Key::U,
         Key::C,
         Key::R,
@@ -47,7 +50,7 @@ fn a_monkey_breaks_nothing() {
             }
             3 => frame(&mut offscreen, vec![key([Key::Z, Key::Y][random.below(2) as usize], Modifiers::COMMAND)]),
             _ => {
-                let press = key(KEYS[random.below(14) as usize], Modifiers::NONE);
+                let press = key(KEYS[random.below(17) as usize], Modifiers::NONE);
                 frame(&mut offscreen, vec![Event::PointerMoved(pos2(70.0, 40.0)), press]);
             }
         }

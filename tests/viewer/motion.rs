@@ -1,4 +1,4 @@
-//! Pictures in motion that keep a rate, and drags at several rates of frames.
+//! Pictures in motion that keep a rate, and drags at 60 and at 2 frames a second.
 
 use egui::{Event, Key, Modifiers, PointerButton, pos2};
 use smalto::options::Options;
@@ -70,6 +70,53 @@ fn without_a_rate_nothing_is_left_out_in_motion() {
             offscreen.viewer().is_flying = true;
             frame(&mut offscreen, vec![key(Key::W, Modifiers::NONE)]);
             assert!(offscreen.viewer().motion_scale() == 1.0);
+        }
+    }
+}
+
+/// A drag turns by what it is long at any rate of frames: all of its events between two frames are handled by one.
+#[test]
+fn drags_turn_as_far_at_2_frames_a_second_as_at_60() {
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["cactus:500"]));
+    let first = offscreen.viewer().view();
+    let event = |at: f32, button, pressed: Option<bool>| {
+        let (pos, modifiers) = (pos2(20.0 + at, 40.0), Modifiers::NONE);
+        match pressed {
+            Some(pressed) => Event::PointerButton { pos, button, pressed, modifiers },
+            None => Event::PointerMoved(pos),
+        }
+    };
+    println!("button, drag, frames a second: degrees, due");
+    for button in [PointerButton::Primary, PointerButton::Secondary] {
+        // Pixels, and seconds from the press to the release: a slow drag, and a flick.
+        for (way, seconds) in [(100.0, 1.0), (60.0, 0.05)] {
+            offscreen.viewer().navigator.snap(&first);
+            let mut due = offscreen.viewer().navigator.clone();
+            let whole = glam::DVec2::new(f64::from(way), 0.0);
+            match button {
+                PointerButton::Primary => due.orbit(whole, SIZE),
+                _ => due.look(whole, SIZE),
+            }
+            let turned = |view: &smalto::camera::Camera| first.forward().angle_between(view.forward()).to_degrees();
+            let due = turned(&due.camera(SIZE));
+            for rate in [60.0, 2.0] {
+                offscreen.viewer().navigator.snap(&first);
+                // A mouse reports 120 times a second.
+                let count = (seconds * 120.0_f32).ceil() as usize;
+                let moves = (1..=count).map(|i| event(way * i as f32 / count as f32, button, None));
+                let ends = [event(0.0, button, None), event(0.0, button, Some(true))];
+                let events: Vec<Event> =
+                    ends.into_iter().chain(moves).chain([event(way, button, Some(false))]).collect();
+                let in_a_frame = (120.0 / rate) as usize;
+                for part in events.chunks(in_a_frame) {
+                    std::thread::sleep(std::time::Duration::from_secs_f64(1.0 / rate));
+                    frame(&mut offscreen, part.to_vec());
+                }
+                let found = turned(&offscreen.viewer().view());
+                println!("{button:?}, {way} px in {seconds} s, {rate}: {found:.3}, {due:.3}");
+                assert!(due > 1.0 && (found / due - 1.0).abs() < 0.02, "{button:?} {way}: {found} of {due}");
+            }
         }
     }
 }

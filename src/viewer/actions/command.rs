@@ -5,6 +5,7 @@ use std::path::Path;
 use crate::options::{Group, KNOBS, Knob, Options};
 use crate::rules::Background;
 use crate::viewer::comparison::{CompareTarget, Comparison};
+use crate::viewer::edit::Edit;
 use crate::viewer::events::Event;
 use crate::viewer::layers::{Layer, Place, Source};
 use crate::viewer::state::{Request, Viewer, WindowRequest};
@@ -35,6 +36,9 @@ impl Viewer {
         }
         if shown.iter().any(|layer| layer.place != Place::default()) {
             left_out.push("the placement of scenes".to_owned());
+        }
+        if shown.iter().filter_map(|layer| layer.edit.as_deref()).any(Edit::leaves_out) {
+            left_out.push("what is hidden or deleted".to_owned());
         }
         words.extend(self.option_words());
         if program == Program::View {

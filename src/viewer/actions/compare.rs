@@ -96,8 +96,8 @@ impl Viewer {
         }
     }
 
-    /// Compares with the photograph of the camera that the view is at, was at last, and of every camera that it goes to
-    /// from now on.
+    /// Compares with the photograph of the camera that the view is at or was at last, and from now on with that of
+    /// every camera that it goes to.
     pub fn compare_with_photographs(&mut self) {
         let index = self.camera.unwrap_or(self.last_camera);
         let has_one = |index: &usize| self.photograph_of(*index).is_some();
