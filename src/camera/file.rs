@@ -86,7 +86,10 @@ const EXACT_SKEW: f64 = 1e-6;
 impl Camera {
     /// This camera if a picture can be drawn with it, else an error that says why not. A rotation that is slightly
     /// skewed, by rounding in the file, becomes the nearest rotation.
-    pub(super) fn checked(mut self) -> Result<Self> {
+    ///
+    /// # Errors
+    /// If it cannot be drawn with.
+    pub fn checked(mut self) -> Result<Self> {
         let Self { position, rotation, focal_px, centre_px, size_px } = &self;
         ensure!(
             size_px.iter().all(|side| (1..=MAX_SIDE).contains(side)),

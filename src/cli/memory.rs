@@ -14,7 +14,7 @@ const MOST_BYTES: u64 = 64 << 20;
 
 /// Gives a device what an earlier run left in the user's folder of caches. Without a file that can be used, the device
 /// begins anew; what cannot be written is forgotten.
-pub(super) fn with_memory(device: Device) -> Device {
+pub fn with_memory(device: Device) -> Device {
     let folder = dirs::cache_dir().map(|folder| folder.join("smalto"));
     // Without a place for it, nothing is collected.
     let Some(folder) = folder.filter(|folder| make_folder(folder).is_ok()) else { return device };

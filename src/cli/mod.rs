@@ -52,6 +52,7 @@ use cameras::{EyeArgs, FilmArgs, Numbered, SplitArg, named_or_found};
 use devices::{DeviceArgs, DevicesArgs};
 use environment::Environment;
 use knobs::{Knobs, RuleKnobs};
+pub use memory::with_memory;
 use scenes::{ReadingArgs, SceneArg};
 use sink::Sink;
 
@@ -136,11 +137,16 @@ struct OverThreshold(String);
 
 /// Runs the command in the arguments of the process. Prints errors to stderr.
 pub fn run() -> ExitCode {
-    interrupt::clean_up_on_signals();
-    run_from(std::env::args_os())
+    run_as_program(std::env::args_os())
 }
 
 /// Like [`run`], with the given arguments. The first is the name of the program.
+pub fn run_as_program(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> ExitCode {
+    interrupt::clean_up_on_signals();
+    run_from(arguments)
+}
+
+/// Like [`run_as_program`], without handlers for signals.
 pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> ExitCode {
     let outcome = arguments::parse(arguments).map_err(anyhow::Error::from).and_then(|parsed| {
         if let Some(fault) = Environment::read()?.read_fault {
