@@ -6,6 +6,7 @@ mod common;
 #[cfg(unix)]
 mod cluster;
 mod commands;
+mod completions;
 mod films;
 mod knobs;
 #[cfg(unix)]
