@@ -7,6 +7,7 @@ mod common;
 mod cluster;
 mod commands;
 mod completions;
+mod documents;
 mod films;
 mod knobs;
 #[cfg(unix)]
