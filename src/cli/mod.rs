@@ -5,6 +5,7 @@ mod bench;
 mod budget;
 mod cameras;
 mod compare;
+mod completions;
 mod convert;
 mod devices;
 mod doctor;
@@ -63,16 +64,16 @@ use sink::Sink;
     version,
     arg_required_else_help = true,
     after_help = "\
-Exit codes: 0 success, 1 failure, 2 wrong usage, 3 no usable Vulkan device or no display for
-             `view`, 4 unreadable scene, camera, image or report file, 5 out of memory,
-             6 over a threshold, or files that `render --verify` finds wrong.
-Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION turns the
-             validation layer on (1) or off (0); SMALTO_FAULT simulates a fault in `view`, or with
-             device@N in `render` the loss of the first device after N views, or with page@N or
-             slow@MS unreadable pages and slow reads; SMALTO_SHADERS=DIR compiles the shaders
-             in DIR at run time (feature `reload`).
-Cache:       `smalto` in the user's folder of caches (on Linux ~/.cache or XDG_CACHE_HOME) holds
-             compiled pipelines; it may be deleted at any time."
+Exit codes: 0 success, 1 failure, 2 wrong usage, 3 no usable Vulkan device or no display for `view`, 4 unreadable \
+scene, camera, image or report file, 5 out of memory, 6 over a threshold, or files that `render --verify` finds wrong.
+
+Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION turns the validation layer on (1) or \
+off (0); SMALTO_FAULT simulates a fault in `view`, or with device@N in `render` the loss of the first device after N \
+views, or with page@N or slow@MS unreadable pages and slow reads; SMALTO_SHADERS=DIR compiles the shaders in DIR at \
+run time (feature `reload`).
+
+Cache: `smalto` in the user's folder of caches (on Linux ~/.cache or XDG_CACHE_HOME) holds compiled pipelines; it may \
+be deleted at any time."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -91,6 +92,8 @@ enum Command {
     Compare(compare::Args),
     Trade(trade::Args),
     Doctor(doctor::Args),
+    Completions(completions::CompletionsArgs),
+    Man(completions::ManArgs),
 }
 
 /// A report is written to standard output, so nothing else is printed there.
@@ -164,6 +167,8 @@ pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>
             Command::Compare(args) => compare::run(&args),
             Command::Trade(args) => trade::run(&args),
             Command::Doctor(args) => doctor::run(&args),
+            Command::Completions(args) => completions::completions(&args),
+            Command::Man(args) => completions::man(&args),
         }
     });
     match outcome {

@@ -227,8 +227,9 @@ impl Pairs {
 #[test]
 fn every_option_is_listed() {
     let names: Vec<_> = COMMANDS.iter().map(|pairs| pairs.command).collect();
-    let commands = command().get_subcommands().map(|c| c.get_name().to_owned()).collect::<Vec<_>>();
-    assert_eq!(commands, names);
+    let program = command();
+    let with_options = program.get_subcommands().filter(|c| c.get_arguments().any(|arg| !arg.is_positional()));
+    assert_eq!(with_options.map(Command::get_name).collect::<Vec<_>>(), names);
     for pairs in COMMANDS {
         let clap = pairs.clap();
         let mut found: Vec<_> = clap.get_arguments().filter_map(Arg::get_long).filter(|long| *long != "help").collect();

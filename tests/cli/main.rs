@@ -6,6 +6,8 @@ mod common;
 #[cfg(unix)]
 mod cluster;
 mod commands;
+mod completions;
+mod documents;
 mod films;
 mod knobs;
 #[cfg(unix)]
