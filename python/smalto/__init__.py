@@ -1,0 +1,35 @@
+"""A native renderer of 3D Gaussian splatting scenes on Vulkan.
+
+    import smalto
+    scene = smalto.Scene.read("garden.ply")
+    camera = scene.camera(1920, 1080)
+    smalto.Renderer(scene).render(camera).save("garden.png")
+"""
+
+from ._smalto import (
+    Camera,
+    DeviceError,
+    Error,
+    OutOfMemoryError,
+    Picture,
+    Renderer,
+    Scene,
+    UnreadableError,
+    __version__,
+    compare,
+    reference,
+)
+
+__all__ = [
+    "Camera",
+    "DeviceError",
+    "Error",
+    "OutOfMemoryError",
+    "Picture",
+    "Renderer",
+    "Scene",
+    "UnreadableError",
+    "__version__",
+    "compare",
+    "reference",
+]

@@ -1,0 +1,33 @@
+//! The Python module of smalto: scenes, cameras and pictures as NumPy arrays.
+
+mod arrays;
+mod camera;
+mod errors;
+mod picture;
+mod renderer;
+mod scene;
+
+use std::process::ExitCode;
+
+use pyo3::prelude::*;
+
+/// Runs the command line program with these arguments, the name of the program first. Returns its exit code.
+#[pyfunction]
+fn main(py: Python, arguments: Vec<String>) -> u8 {
+    let code = py.detach(|| smalto::cli::run_as_program(arguments));
+    // An exit code does not tell its number.
+    (0..=u8::MAX).find(|number| ExitCode::from(*number) == code).unwrap_or(1)
+}
+
+#[pymodule]
+fn _smalto(module: &Bound<PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<scene::Scene>()?;
+    module.add_class::<camera::Camera>()?;
+    module.add_class::<picture::Picture>()?;
+    module.add_class::<renderer::Renderer>()?;
+    module.add_function(wrap_pyfunction!(picture::compare, module)?)?;
+    module.add_function(wrap_pyfunction!(renderer::reference, module)?)?;
+    module.add_function(wrap_pyfunction!(main, module)?)?;
+    errors::add_to(module)
+}

@@ -1,0 +1,233 @@
+//! Scenes.
+
+use std::cell::Cell;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use glam::DVec3;
+use numpy::{PyArray1, PyArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use smalto::camera;
+use smalto::render::SceneSource;
+use smalto::scene::{Builder, Gaussians, Procedural, Raw, Reading, SceneFile, Watch, sh_coefficients, write_file};
+use smalto::storage::{self, PageFile};
+
+use crate::arrays::numbers;
+use crate::camera::Camera;
+use crate::errors::exception;
+
+/// Gaussians, in the memory of the host or in a page file.
+#[pyclass(module = "smalto", frozen)]
+pub struct Scene {
+    pub source: SceneSource,
+    pub is_antialiased: bool,
+    notices: Vec<String>,
+}
+
+#[pymethods]
+impl Scene {
+    /// Reads a scene file of any format that `smalto render` reads, or makes a procedural scene such as "cactus:100000".
+    /// A page file (.smalto) stays on the disk and is drawn page by page. `lod` is the level of detail of a streamed
+    /// SOG. Errors: UnreadableError, MemoryError, ValueError for a level that there is not. Ctrl-C ends the reading.
+    #[staticmethod]
+    #[pyo3(signature = (path, *, lod = None))]
+    fn read(py: Python, path: PathBuf, lod: Option<u32>) -> PyResult<Self> {
+        py.detach(|| {
+            let reading = Reading { level: lod, ..Reading::default() };
+            if let Some(made) = path.to_str().and_then(Procedural::parse) {
+                let made = made.map_err(|why| PyValueError::new_err(format!("{}: {why:#}", path.display())))?;
+                return Ok(Self::of(reading.make(made).map_err(exception)?, &path));
+            }
+            let path = smalto::scene::in_folder(&path);
+            if lod.is_none() && storage::is_page_file(&path) {
+                let file = PageFile::open(&path).map_err(exception)?;
+                let is_antialiased = file.header().is_antialiased;
+                return Ok(Self { source: SceneSource::of_file(file), is_antialiased, notices: Vec::new() });
+            }
+            let (asked, pressed) = (Cell::new(Instant::now()), Cell::new(false));
+            // Asking Python takes its lock, so it is seldom asked.
+            let is_cancelled = || {
+                if asked.get().elapsed().as_millis() > 50 && !pressed.get() {
+                    asked.set(Instant::now());
+                    pressed.set(Python::attach(|py| py.check_signals()).is_err());
+                }
+                pressed.get()
+            };
+            let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &is_cancelled };
+            Ok(Self::of(storage::read(&reading, &path, &watch).map_err(exception)?, &path))
+        })
+    }
+
+    /// A scene of N Gaussians: means (N, 3) in world units, quats (N, 4) as w, x, y, z of any length but 0, scales
+    /// (N, 3), the standard deviations in world units, opacities (N) from 0 to 1, and sh (N, K, 3), the coefficients of
+    /// spherical harmonics with K = 1, 4, 9 or 16. Values become 32-bit floats. Gaussians with the opacity 0 are left
+    /// out. Errors: ValueError for another shape or a value that cannot be drawn, TypeError for what is not numbers.
+    #[staticmethod]
+    #[pyo3(signature = (means, quats, scales, opacities, sh, *, antialiased = false))]
+    fn from_arrays(
+        py: Python,
+        means: &Bound<PyAny>,
+        quats: &Bound<PyAny>,
+        scales: &Bound<PyAny>,
+        opacities: &Bound<PyAny>,
+        sh: &Bound<PyAny>,
+        antialiased: bool,
+    ) -> PyResult<Self> {
+        let (means, shape) = numbers::<f32>(means, "means", "float32", &[None, Some(3)])?;
+        let count = shape[0];
+        let (quats, _) = numbers::<f32>(quats, "quats", "float32", &[Some(count), Some(4)])?;
+        let (scales, _) = numbers::<f32>(scales, "scales", "float32", &[Some(count), Some(3)])?;
+        let (opacities, _) = numbers::<f32>(opacities, "opacities", "float32", &[Some(count)])?;
+        let (sh, shape) = numbers::<f32>(sh, "sh", "float32", &[Some(count), None, Some(3)])?;
+        let degree = (0..=3).find(|degree| sh_coefficients(*degree) == shape[1]);
+        let degree = degree.ok_or_else(|| {
+            PyValueError::new_err(format!("sh: expected 1, 4, 9 or 16 coefficients, found {}", shape[1]))
+        })?;
+        let arrays = Arrays { means, quats, scales, opacities, sh, degree };
+        py.detach(|| arrays.scene(antialiased))
+    }
+
+    /// Writes the scene as .ply, .compressed.ply, .spz, .splat, .sog or .glb, and reads it back before it replaces what
+    /// is there. Errors: ValueError for another ending or a scene in a page file, smalto.Error if it cannot be written.
+    fn write(&self, py: Python, path: PathBuf) -> PyResult<()> {
+        let kind = SceneFile::of(&path).map_err(|why| PyValueError::new_err(format!("{why:#}")))?;
+        let gaussians = self.gaussians("write")?;
+        py.detach(|| {
+            let arranged = kind.arranged(gaussians)?;
+            write_file(&path, kind, &arranged, self.is_antialiased, &|_| {}).map(|_| ())
+        })
+        .map_err(exception)
+    }
+
+    /// The camera of `smalto render` where none is given: it shows the whole scene.
+    fn camera(&self, py: Python, width: u32, height: u32) -> PyResult<Camera> {
+        let focus = py.detach(|| self.source.focus());
+        let centre = DVec3::from(focus.centre);
+        let camera = camera::Camera::framing(centre, focus.radius, [width, height]);
+        let near = Some(camera.position.distance(centre) as f32 / 100.0);
+        let camera = camera.checked().map_err(|why| PyValueError::new_err(format!("the camera cannot be used: {why:#}")))?;
+        Ok(Camera { camera, near, name: None })
+    }
+
+    /// True if it was trained with the antialiasing of Mip-Splatting, and is drawn so.
+    #[getter]
+    fn antialiased(&self) -> bool {
+        self.is_antialiased
+    }
+
+    /// How the scene differs from its file, a sentence each.
+    #[getter]
+    fn notices(&self) -> Vec<String> {
+        self.notices.clone()
+    }
+
+    /// The highest degree of its spherical harmonics.
+    #[getter]
+    fn sh_degree(&self) -> u32 {
+        self.source.statistics().sh_degree
+    }
+
+    /// The means, (N, 3) in world units: a copy.
+    #[getter]
+    fn means<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        rows(py, self.gaussians("means")?.means().as_flattened(), &[3])
+    }
+
+    /// The rotations, (N, 4) as w, x, y, z of length 1: a copy.
+    #[getter]
+    fn quats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        rows(py, self.gaussians("quats")?.rotations().as_flattened(), &[4])
+    }
+
+    /// The standard deviations, (N, 3) in world units: a copy.
+    #[getter]
+    fn scales<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        rows(py, self.gaussians("scales")?.scales().as_flattened(), &[3])
+    }
+
+    /// The opacities, (N) from 0 to 1: a copy.
+    #[getter]
+    fn opacities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        rows(py, self.gaussians("opacities")?.opacities(), &[])
+    }
+
+    /// The coefficients of spherical harmonics, (N, K, 3): a copy.
+    #[getter]
+    fn sh<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let all = self.gaussians("sh")?;
+        rows(py, all.all_sh().as_flattened(), &[sh_coefficients(all.sh_degree()), 3])
+    }
+
+    fn __len__(&self) -> usize {
+        self.source.statistics().count
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Scene({} Gaussians, SH degree {})", self.__len__(), self.sh_degree())
+    }
+}
+
+impl Scene {
+    fn of(scene: smalto::scene::Scene, path: &std::path::Path) -> Self {
+        let notices = smalto::scene::remarks(&path.display().to_string(), &scene.report, &scene.notices);
+        Self { is_antialiased: scene.is_antialiased, source: SceneSource::of(scene.gaussians), notices }
+    }
+
+    /// The Gaussians, for what needs them in memory.
+    pub fn gaussians(&self, wants: &str) -> PyResult<&Gaussians> {
+        let missing = || PyValueError::new_err(format!("{wants}: the Gaussians of a page file are not in memory"));
+        self.source.gaussians().ok_or_else(missing)
+    }
+}
+
+/// The arrays of a scene.
+struct Arrays {
+    means: Vec<f32>,
+    quats: Vec<f32>,
+    scales: Vec<f32>,
+    opacities: Vec<f32>,
+    sh: Vec<f32>,
+    degree: u32,
+}
+
+impl Arrays {
+    fn scene(self, is_antialiased: bool) -> PyResult<Scene> {
+        let wrong = |what: &str, row: usize| Err(PyValueError::new_err(format!("{what} in row {row}")));
+        if let Some(place) = self.scales.iter().position(|scale| *scale < 0.0) {
+            return wrong("scales: a standard deviation is negative", place / 3);
+        }
+        if let Some(row) = self.opacities.iter().position(|opacity| !(0.0..=1.0).contains(opacity)) {
+            return wrong("opacities: a value is not from 0 to 1", row);
+        }
+        if let Some(row) = self.quats.chunks_exact(4).position(|quat| quat == [0.0; 4]) {
+            return wrong("quats: the length is 0", row);
+        }
+        let (count, stride) = (self.opacities.len(), 3 * sh_coefficients(self.degree));
+        let mut builder = Builder::new(self.degree, count).map_err(|why| exception(why.into()))?;
+        let wide = |values: &[f32], i: usize| -> [f64; 3] { std::array::from_fn(|k| f64::from(values[3 * i + k])) };
+        builder.extend(count, |i, sh| {
+            sh.as_flattened_mut().copy_from_slice(&self.sh[i * stride..][..stride]);
+            let opacity = f64::from(self.opacities[i]);
+            Raw {
+                mean: wide(&self.means, i),
+                log_scale: wide(&self.scales, i).map(f64::ln),
+                rotation: std::array::from_fn(|k| f64::from(self.quats[4 * i + k])),
+                opacity_logit: (opacity / (1.0 - opacity)).ln(),
+            }
+        });
+        let (gaussians, report) = builder.finish();
+        let unusable = report.dropped() - report.transparent;
+        if unusable > 0 {
+            return Err(PyValueError::new_err(format!("{unusable} Gaussians have values too large to be drawn")));
+        }
+        Ok(Scene { source: SceneSource::of(gaussians), is_antialiased, notices: Vec::new() })
+    }
+}
+
+/// An array with one row per Gaussian.
+fn rows<'py>(py: Python<'py>, values: &[f32], row: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+    let count = values.len() / row.iter().product::<usize>().max(1);
+    let shape: Vec<usize> = std::iter::once(count).chain(row.iter().copied()).collect();
+    Ok(PyArray1::from_slice(py, values).reshape(shape)?.into_any())
+}

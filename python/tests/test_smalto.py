@@ -1,0 +1,224 @@
+"""The package as it is installed. The device is that of SMALTO_DEVICE; with SMALTO_VALIDATION=1, any complaint fails."""
+
+import gc
+import multiprocessing
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+import smalto
+
+SIZE = (160, 120)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return smalto.Scene.read("cactus:5000")
+
+
+@pytest.fixture(scope="module")
+def renderer(scene):
+    renderer = smalto.Renderer(scene, preset="exact")
+    yield renderer
+    assert renderer.validation_messages == []
+
+
+def arrays(scene):
+    return {name: getattr(scene, name) for name in ("means", "quats", "scales", "opacities", "sh")}
+
+
+def test_five_lines_give_the_picture_of_the_command(tmp_path):
+    scene = smalto.Scene.read("cactus:5000")
+    smalto.Renderer(scene).render(scene.camera(*SIZE)).save(tmp_path / "module.png")
+    command = ["-m", "smalto", "render", "cactus:5000", "--size", "160x120", "-o", tmp_path / "command.png"]
+    subprocess.run([sys.executable, *command], check=True)
+    assert (tmp_path / "module.png").read_bytes() == (tmp_path / "command.png").read_bytes()
+
+
+def test_exit_codes_are_those_of_the_program():
+    wrong = [(["render", "no-such-file.ply"], 4), (["render", "--no-such-flag"], 2), (["--version"], 0)]
+    for arguments, code in wrong:
+        ended = subprocess.run([sys.executable, "-m", "smalto", *arguments], capture_output=True)
+        assert ended.returncode == code, arguments
+
+
+def test_arrays_have_their_shapes_and_agree_with_the_reference(scene, renderer):
+    camera = scene.camera(*SIZE)
+    picture = renderer.render(camera, layers=("color", "alpha", "depth"))
+    assert picture.color.shape == (120, 160, 3) and picture.color.dtype == np.float32
+    assert picture.color8.dtype == np.uint8
+    assert picture.alpha.shape == picture.depth.shape == (120, 160)
+    assert picture.visible > 0 and picture.timings["frame"] > 0
+    reference = smalto.reference(scene, camera, preset="exact")
+    assert smalto.compare(picture, reference)["psnr_db"] > 90
+    both = ~np.isnan(picture.depth) & ~np.isnan(reference.depth)
+    assert np.abs(picture.depth - reference.depth)[both].max() < 1e-2
+
+
+def test_a_scene_from_arrays_draws_the_same_bits(scene, renderer):
+    camera = scene.camera(*SIZE)
+    again = smalto.Scene.from_arrays(**arrays(scene))
+    for name, values in arrays(scene).items():
+        assert np.array_equal(values, getattr(again, name)), name
+    expected = renderer.render(camera).color
+    assert np.array_equal(smalto.Renderer(again, preset="exact").render(camera).color, expected)
+
+
+def test_written_scenes_are_read_again(scene, tmp_path):
+    scene.write(tmp_path / "scene.ply")
+    assert len(smalto.Scene.read(tmp_path / "scene.ply")) == len(scene)
+    with pytest.raises(ValueError, match="scenes are written as"):
+        scene.write(tmp_path / "scene.txt")
+
+
+def test_many_pictures_are_those_drawn_alone_in_their_order(scene, renderer):
+    cameras = [scene.camera(64 + 8 * i, 48) for i in range(7)]
+    alone = [renderer.render(camera).color for camera in cameras]
+    together = [picture.color for picture in renderer.render_many(iter(cameras))]
+    assert len(together) == 7
+    assert all(np.array_equal(a, b) for a, b in zip(alone, together))
+
+
+def test_a_camera_keeps_its_matrices(scene):
+    camera = scene.camera(*SIZE)
+    again = smalto.Camera(K=camera.K, size=SIZE, viewmat=camera.viewmat)
+    assert np.allclose(again.viewmat, camera.viewmat, atol=1e-12)
+    assert np.allclose(again.viewmat @ again.c2w, np.eye(4), atol=1e-12)
+    inverse = smalto.Camera(K=camera.K, size=SIZE, c2w=camera.c2w)
+    assert np.allclose(inverse.viewmat, camera.viewmat, atol=1e-12)
+
+
+def test_certificates_bound_the_distance_to_what_leaves_nothing_out(scene):
+    camera = scene.camera(*SIZE)
+    picture = smalto.Renderer(scene, preset="fast", certified=True, near=0.01).render(camera)
+    complete = smalto.reference(scene, camera, near=0.01, alpha_min=1e-9)
+    assert picture.certificate.shape == (120, 160, 4)
+    assert np.abs(picture.color - complete.color).max() < picture.certificate[..., :3].max() + 0.01
+
+
+def test_an_updated_renderer_draws_the_new_scene(scene):
+    renderer = smalto.Renderer(scene)
+    camera = scene.camera(*SIZE)
+    before = renderer.render(camera).color
+    moved = arrays(scene)
+    moved["opacities"] = moved["opacities"] * 0.5
+    renderer.update(smalto.Scene.from_arrays(**moved))
+    assert renderer.render(camera).color.mean() < before.mean()
+
+
+def test_a_transparent_background_leaves_alpha(renderer, scene):
+    picture = renderer.render(scene.camera(*SIZE), background=None)
+    assert picture.alpha.min() == 0 and picture.color[picture.alpha == 0].max() == 0
+    white = renderer.render(scene.camera(*SIZE), background=(1, 1, 1))
+    assert np.allclose(white.color, picture.color + (1 - picture.alpha)[..., None], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "change, error, text",
+    [
+        ({"means": np.zeros((5, 2))}, ValueError, r"means: expected the shape \(N, 3\)"),
+        ({"quats": np.zeros((5, 4))}, ValueError, "quats: the length is 0 in row 0"),
+        ({"scales": np.full((5, 3), -1.0)}, ValueError, "scales: a standard deviation is negative in row 0"),
+        ({"opacities": np.full(5, 1.5)}, ValueError, "opacities: a value is not from 0 to 1 in row 0"),
+        ({"opacities": np.ones(4)}, ValueError, r"opacities: expected the shape \(5\)"),
+        ({"sh": np.zeros((5, 2, 3))}, ValueError, "sh: expected 1, 4, 9 or 16 coefficients, found 2"),
+        ({"means": np.full((5, 3), np.nan)}, ValueError, "means: the value NaN in row 0 is not finite"),
+        ({"means": np.full((5, 3), "x")}, TypeError, "means: expected numbers"),
+    ],
+)
+def test_wrong_arrays_are_one_clear_exception(change, error, text):
+    good = {
+        "means": np.zeros((5, 3)),
+        "quats": np.tile([1.0, 0, 0, 0], (5, 1)),
+        "scales": np.ones((5, 3)),
+        "opacities": np.ones(5),
+        "sh": np.zeros((5, 1, 3)),
+    }
+    smalto.Scene.from_arrays(**good)
+    with pytest.raises(error, match=text):
+        smalto.Scene.from_arrays(**(good | change))
+
+
+def test_wrong_requests_are_one_clear_exception(scene, renderer, tmp_path):
+    with pytest.raises(ValueError, match="preset: expected balanced"):
+        smalto.Renderer(scene, preset="best")
+    with pytest.raises(ValueError, match="there is no knob speed"):
+        smalto.Renderer(scene, speed=1)
+    with pytest.raises(ValueError, match="sh_degree=7: expected"):
+        smalto.Renderer(scene, sh_degree=7)
+    with pytest.raises(smalto.DeviceError):
+        smalto.Renderer(scene, device="no such device")
+    with pytest.raises(smalto.UnreadableError):
+        smalto.Scene.read(tmp_path / "missing.ply")
+    with pytest.raises(ValueError, match="one pose"):
+        smalto.Camera(K=np.eye(3), size=(8, 8))
+    with pytest.raises(ValueError, match="no depth"):
+        renderer.render(scene.camera(8, 8)).depth
+    with pytest.raises(ValueError, match="layers"):
+        renderer.render(scene.camera(8, 8), layers=("normals",))
+    with pytest.raises(ValueError, match="differ in size"):
+        smalto.compare(np.zeros((4, 4, 3)), np.zeros((4, 5, 3)))
+
+
+def test_an_empty_scene_is_its_background():
+    empty = smalto.Scene.from_arrays(
+        np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 1, 3))
+    )
+    picture = smalto.Renderer(empty).render(empty.camera(8, 8), background=(0.25, 0.5, 0.75))
+    assert np.array_equal(picture.color[0, 0], np.float32([0.25, 0.5, 0.75]))
+
+
+def test_threads_share_a_renderer(scene, renderer):
+    camera = scene.camera(*SIZE)
+    expected, found = renderer.render(camera).color, []
+    threads = [threading.Thread(target=lambda: found.append(renderer.render(camera).color)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == 4 and all(np.array_equal(color, expected) for color in found)
+
+
+def draw_in_a_fork(results):
+    try:
+        smalto.Renderer(smalto.Scene.from_arrays(
+            np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 1, 3))
+        ))
+        results.put("drawn")
+    except smalto.Error as error:
+        results.put(str(error))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not fork")
+def test_a_forked_process_is_told_to_be_spawned(renderer):
+    fork = multiprocessing.get_context("fork")
+    results = fork.Queue()
+    child = fork.Process(target=draw_in_a_fork, args=(results,))
+    child.start()
+    assert "'spawn'" in results.get(timeout=60)
+    child.join(60)
+    assert child.exitcode == 0
+
+
+def resident():
+    with open("/proc/self/statm") as statm:
+        return int(statm.read().split()[1]) * 4096
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the memory of a process is read from /proc")
+def test_frames_and_scenes_leave_no_memory_behind():
+    scene = smalto.Scene.read("cactus:200")
+    renderer, camera = smalto.Renderer(scene), scene.camera(32, 24)
+
+    def work(times):
+        for _ in range(times):
+            renderer.render(camera)
+            smalto.Renderer(smalto.Scene.from_arrays(**arrays(scene))).render(camera)
+        gc.collect()
+        return resident()
+
+    before = work(30)
+    after = work(60)
+    assert after - before < 24 << 20, f"{(after - before) / 1e6:.1f} MB more"
