@@ -32,7 +32,8 @@ pub fn numbers<T: numpy::Element + Copy + Into<f64>>(
     let array = array.call_method1("reshape", (any.getattr("shape")?,))?;
     let array = array.cast_into::<PyArrayDyn<T>>()?;
     let sides = array.shape().to_vec();
-    let fits = sides.len() == shape.len() && sides.iter().zip(shape).all(|(n, want)| want.is_none_or(|want| want == *n));
+    let fits =
+        sides.len() == shape.len() && sides.iter().zip(shape).all(|(n, want)| want.is_none_or(|want| want == *n));
     if !fits {
         let wanted: Vec<String> = shape.iter().map(|n| n.map_or("N".to_owned(), |n| n.to_string())).collect();
         let wanted = wanted.join(", ");

@@ -44,7 +44,8 @@ impl Camera {
     ) -> PyResult<Self> {
         let (k, _) = numbers::<f64>(K, "K", "float64", &[Some(3), Some(3)])?;
         let matrix = |value, name| numbers::<f64>(value, name, "float64", &[Some(4), Some(4)]).map(|(m, _)| m);
-        let rows = |m: &[f64]| DMat3::from_cols_array(&[m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]]).transpose();
+        let rows =
+            |m: &[f64]| DMat3::from_cols_array(&[m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]]).transpose();
         let last = |m: &[f64]| DVec3::new(m[3], m[7], m[11]);
         let (rotation, position) = match (viewmat, c2w) {
             (Some(viewmat), None) => {
@@ -60,7 +61,8 @@ impl Camera {
         };
         let (focal_px, centre_px) = (DVec2::new(k[0], k[4]), DVec2::new(k[2], k[5]));
         let camera = camera::Camera { position, rotation, focal_px, centre_px, size_px: size };
-        let camera = camera.checked().map_err(|why| PyValueError::new_err(format!("the camera cannot be used: {why:#}")))?;
+        let camera =
+            camera.checked().map_err(|why| PyValueError::new_err(format!("the camera cannot be used: {why:#}")))?;
         Ok(Self { camera, near, name })
     }
 

@@ -130,7 +130,8 @@ fn pixels(value: &Bound<PyAny>, name: &str) -> PyResult<Pixels> {
         return Ok(picture.get().pixels.clone());
     }
     let (values, shape) = numbers::<f32>(value, name, "float32", &[None, None, Some(3)])?;
-    let kind: String = value.py().import("numpy")?.call_method1("asarray", (value,))?.getattr("dtype")?.str()?.extract()?;
+    let kind: String =
+        value.py().import("numpy")?.call_method1("asarray", (value,))?.getattr("dtype")?.str()?.extract()?;
     let white = match kind.as_str() {
         "uint8" => 255.0,
         _ if kind.starts_with("float") => 1.0,

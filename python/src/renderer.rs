@@ -179,7 +179,13 @@ impl Renderer {
         check_process()?;
         let cameras = cameras.try_iter()?.into_any().unbind();
         let queue = Mutex::new(VecDeque::new());
-        Ok(Pictures { renderer: this, cameras, background: ground(background)?, wanted: wanted(layers.as_deref())?, queue })
+        Ok(Pictures {
+            renderer: this,
+            cameras,
+            background: ground(background)?,
+            wanted: wanted(layers.as_deref())?,
+            queue,
+        })
     }
 
     /// Draws another scene from now on, with the same options: the next step of a training, say.

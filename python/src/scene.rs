@@ -106,7 +106,8 @@ impl Scene {
         let centre = DVec3::from(focus.centre);
         let camera = camera::Camera::framing(centre, focus.radius, [width, height]);
         let near = Some(camera.position.distance(centre) as f32 / 100.0);
-        let camera = camera.checked().map_err(|why| PyValueError::new_err(format!("the camera cannot be used: {why:#}")))?;
+        let camera =
+            camera.checked().map_err(|why| PyValueError::new_err(format!("the camera cannot be used: {why:#}")))?;
         Ok(Camera { camera, near, name: None })
     }
 
