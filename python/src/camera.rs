@@ -61,9 +61,7 @@ impl Camera {
         };
         let (focal_px, centre_px) = (DVec2::new(k[0], k[4]), DVec2::new(k[2], k[5]));
         let camera = camera::Camera { position, rotation, focal_px, centre_px, size_px: size };
-        let camera =
-            camera.checked().map_err(|why| PyValueError::new_err(format!("the camera cannot be used: {why:#}")))?;
-        Ok(Self { camera, near, name })
+        Ok(Self { camera: usable(camera)?, near, name })
     }
 
     /// All cameras of a file or folder: cameras.json, transforms.json, the folder of a COLMAP model.
@@ -76,9 +74,7 @@ impl Camera {
 
     /// The same view in a picture of another size (width, height).
     fn resized(&self, size: [u32; 2]) -> PyResult<Self> {
-        let camera = self.camera.resized(size).checked();
-        let camera = camera.map_err(|why| PyValueError::new_err(format!("the camera cannot be used: {why:#}")))?;
-        Ok(Self { camera, ..self.clone() })
+        Ok(Self { camera: usable(self.camera.resized(size))?, ..self.clone() })
     }
 
     /// Width and height in pixels.
@@ -112,6 +108,11 @@ impl Camera {
         let ([width, height], p) = (self.camera.size_px, self.camera.position);
         format!("Camera({width}x{height} at {:.3}, {:.3}, {:.3})", p.x, p.y, p.z)
     }
+}
+
+/// The camera, if a picture can be drawn with it.
+pub fn usable(camera: camera::Camera) -> PyResult<camera::Camera> {
+    camera.checked().map_err(|why| PyValueError::new_err(format!("the camera cannot be used: {why:#}")))
 }
 
 fn pose(rotation: DMat3, last: DVec3) -> [f64; 16] {

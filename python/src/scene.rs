@@ -14,7 +14,7 @@ use smalto::scene::{Builder, Gaussians, Procedural, Raw, Reading, SceneFile, Wat
 use smalto::storage::{self, PageFile};
 
 use crate::arrays::numbers;
-use crate::camera::Camera;
+use crate::camera::{Camera, usable};
 use crate::errors::exception;
 
 /// Gaussians, in the memory of the host or in a page file.
@@ -106,9 +106,7 @@ impl Scene {
         let centre = DVec3::from(focus.centre);
         let camera = camera::Camera::framing(centre, focus.radius, [width, height]);
         let near = Some(camera.position.distance(centre) as f32 / 100.0);
-        let camera =
-            camera.checked().map_err(|why| PyValueError::new_err(format!("the camera cannot be used: {why:#}")))?;
-        Ok(Camera { camera, near, name: None })
+        Ok(Camera { camera: usable(camera)?, near, name: None })
     }
 
     /// True if it was trained with the antialiasing of Mip-Splatting, and is drawn so.
