@@ -6,6 +6,7 @@
     smalto.Renderer(scene).render(camera).save("garden.png")
 """
 
+from ._gsplat import rasterization, release
 from ._smalto import (
     Camera,
     DeviceError,
@@ -31,5 +32,7 @@ __all__ = [
     "UnreadableError",
     "__version__",
     "compare",
+    "rasterization",
     "reference",
+    "release",
 ]

@@ -1,6 +1,7 @@
 //! The Python module of smalto: scenes, cameras and pictures as NumPy arrays.
 
 mod arrays;
+mod asked;
 mod camera;
 mod errors;
 mod picture;

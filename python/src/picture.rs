@@ -1,23 +1,25 @@
 //! Pictures: their arrays, files and differences.
 
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict, PyTuple};
 use smalto::measure::metrics::Difference;
-use smalto::pixels::{Depths, Pixels};
+use smalto::pixels::{Depths, Integers, Pixels};
+use smalto::render::{HostFrame, depths};
 
 use crate::arrays::numbers;
 use crate::errors::exception;
 
-/// A picture: `color`, `alpha`, and what else was asked for.
+/// A picture: `color`, `alpha`, and what else was asked for. The arrays show its memory without a copy, so they cannot
+/// be written to; `numpy.copy` makes one that can.
 #[pyclass(module = "smalto", frozen)]
 pub struct Picture {
-    pub pixels: Pixels,
+    pub content: Content,
     pub is_transparent: bool,
-    pub depths: Option<Depths>,
     pub certificate: Option<Pixels>,
     /// GPU time of each stage.
     pub timings: Vec<(&'static str, f64)>,
@@ -25,36 +27,201 @@ pub struct Picture {
     pub visible: Option<u32>,
 }
 
+/// The pixels of a picture.
+pub enum Content {
+    /// Those of the reference, and its depths if it has an order of depth.
+    Computed(Pixels, Option<Depths>),
+    Drawn(Drawn),
+}
+
+/// Pixels in the memory that the GPU brought them to. When they are gone, later pictures use it again.
+pub struct Drawn {
+    /// `None` while it is dropped.
+    host: Option<Mutex<HostFrame>>,
+    spare: Arc<Spare>,
+}
+
+/// Host memory that no picture uses.
+#[derive(Default)]
+pub struct Spare(Mutex<Vec<HostFrame>>);
+
+impl Spare {
+    /// The most frames that are kept: those of one picture in use and the next ones.
+    const MOST: usize = 4;
+
+    pub fn take(&self) -> HostFrame {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+    }
+}
+
+impl Drawn {
+    pub fn new(host: HostFrame, spare: Arc<Spare>) -> Self {
+        Self { host: Some(Mutex::new(host)), spare }
+    }
+
+    fn with<T>(&self, read: impl FnOnce(&mut HostFrame) -> T) -> T {
+        let host = self.host.as_ref().expect("it is there until it is dropped");
+        read(&mut host.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Drop for Drawn {
+    fn drop(&mut self) {
+        let host = self.host.take().map(|host| host.into_inner().unwrap_or_else(PoisonError::into_inner));
+        let mut spare = self.spare.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if spare.len() < Spare::MOST {
+            spare.extend(host);
+        }
+    }
+}
+
+impl Content {
+    fn size(&self) -> [u32; 2] {
+        match self {
+            Self::Computed(pixels, _) => pixels.size,
+            Self::Drawn(drawn) => drawn.with(|host| host.size()),
+        }
+    }
+
+    /// Where the floats of the pixels are, four a pixel; `None` if they are integers.
+    fn floats(&self) -> Option<usize> {
+        match self {
+            Self::Computed(pixels, _) => Some(pixels.rgba.as_ptr() as usize),
+            Self::Drawn(drawn) => drawn.with(|host| host.floats().map(|floats| floats.as_ptr() as usize)),
+        }
+    }
+
+    /// Where the integers of the pixels are; `None` if they are floats.
+    fn integers(&self, integers: Integers) -> Option<usize> {
+        match self {
+            Self::Computed(..) => None,
+            Self::Drawn(drawn) => drawn.with(|host| host.integers(integers).map(|bytes| bytes.as_ptr() as usize)),
+        }
+    }
+
+    /// Red, green and blue in 8 bits.
+    fn bytes(&self) -> Vec<u8> {
+        match self {
+            Self::Computed(pixels, _) => pixels.to_rgb8(),
+            Self::Drawn(drawn) => drawn.with(|host| match host.integers(Integers::Rgb8) {
+                Some(bytes) => bytes.to_vec(),
+                None => host.picture().expect("a picture is of floats or integers").to_rgb8(),
+            }),
+        }
+    }
+
+    /// A copy of the pixels in floats.
+    pub fn pixels(&self) -> Pixels {
+        match self {
+            Self::Computed(pixels, _) => pixels.clone(),
+            Self::Drawn(drawn) => drawn.with(|host| match host.picture() {
+                Some(pixels) => pixels,
+                None => {
+                    let bytes = host.integers(Integers::Rgb8).expect("a picture is of floats or integers");
+                    let rgba = bytes.chunks_exact(3).map(|p| [p[0], p[1], p[2], 255].map(|v| f32::from(v) / 255.0));
+                    let rgba = rgba.collect();
+                    Pixels { size: host.size(), rgba }
+                }
+            }),
+        }
+    }
+}
+
+/// Memory of a picture as NumPy reads it.
+#[pyclass(frozen)]
+struct Memory {
+    /// It is not freed while the array is there.
+    _owner: Py<Picture>,
+    address: usize,
+    shape: Vec<usize>,
+    strides: Vec<usize>,
+    kind: &'static str,
+}
+
+#[pymethods]
+impl Memory {
+    #[getter]
+    fn __array_interface__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let interface = PyDict::new(py);
+        interface.set_item("version", 3)?;
+        interface.set_item("typestr", self.kind)?;
+        interface.set_item("shape", PyTuple::new(py, &self.shape)?)?;
+        interface.set_item("strides", PyTuple::new(py, &self.strides)?)?;
+        let is_read_only = true;
+        interface.set_item("data", (self.address, is_read_only))?;
+        Ok(interface)
+    }
+}
+
+impl Picture {
+    /// An array of some channels of each pixel, without an axis for a single one: all from `channel` on.
+    fn plane<'py>(
+        this: &Bound<'py, Self>,
+        address: usize,
+        kind: &'static str,
+        [channel, channels, of]: [usize; 3],
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let [width, height] = this.get().content.size().map(|side| side as usize);
+        let bytes = if kind == FLOAT { 4 } else { 1 };
+        let (mut shape, mut strides) = (vec![height, width], vec![width * of * bytes, of * bytes]);
+        if channels > 1 {
+            shape.push(channels);
+            strides.push(bytes);
+        }
+        let owner = this.clone().unbind();
+        let memory = Memory { _owner: owner, address: address + channel * bytes, shape, strides, kind };
+        this.py().import("numpy")?.call_method1("asarray", (memory,))
+    }
+}
+
+/// Floats and bytes as NumPy names them.
+const FLOAT: &str = if cfg!(target_endian = "little") { "<f4" } else { ">f4" };
+const BYTE: &str = "|u1";
+
 #[pymethods]
 impl Picture {
-    /// Red, green and blue as displayed, (height, width, 3) in float32; without a background, premultiplied by alpha.
+    /// Red, green and blue as displayed, (height, width, 3) in float32, or in uint8 if it was drawn so; without a
+    /// background, premultiplied by alpha.
     #[getter]
-    fn color<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let values = py.detach(|| self.pixels.rgba.iter().flat_map(|p| [p[0], p[1], p[2]]).collect::<Vec<f32>>());
-        image(py, values, self.pixels.size, &[3])
+    fn color<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        let content = &this.get().content;
+        match (content.floats(), content.integers(Integers::Rgb8)) {
+            (Some(floats), _) => Self::plane(this, floats, FLOAT, [0, 3, 4]),
+            (None, Some(bytes)) => Self::plane(this, bytes, BYTE, [0, 3, 3]),
+            (None, None) => Err(PyValueError::new_err("this picture has no color")),
+        }
     }
 
-    /// Red, green and blue in 8 bits, (height, width, 3) in uint8, as in the PNG that `smalto render` writes.
+    /// Red, green and blue in 8 bits, (height, width, 3) in uint8, as in the PNG that `smalto render` writes: a copy.
     #[getter]
     fn color8<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let values = py.detach(|| self.pixels.to_rgb8());
-        image(py, values, self.pixels.size, &[3])
+        let values = py.detach(|| self.content.bytes());
+        image(py, values, self.content.size(), &[3])
     }
 
-    /// The coverage of each pixel from 0 to 1, (height, width) in float32.
+    /// The coverage of each pixel, (height, width), from 0 to 1 in float32, or to 255 in uint8 if it was drawn so.
     #[getter]
-    fn alpha<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        image(py, self.pixels.alpha().values, self.pixels.size, &[])
+    fn alpha<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        let content = &this.get().content;
+        match (content.floats(), content.integers(Integers::Grey8)) {
+            (Some(floats), _) => Self::plane(this, floats, FLOAT, [3, 1, 4]),
+            (None, Some(bytes)) => Self::plane(this, bytes, BYTE, [0, 1, 1]),
+            (None, None) => Err(PyValueError::new_err("this picture has no alpha")),
+        }
     }
 
     /// The mean view z of what is blended at each pixel, in world units, (height, width) in float32; NaN where there is
     /// nothing. Errors: ValueError if the picture was drawn without depth.
     #[getter]
     fn depth<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let depths = self.depths.as_ref().ok_or_else(|| {
+        let expected = py.detach(|| match &self.content {
+            Content::Computed(_, computed) => computed.as_ref().map(|depths| depths.expected.clone()),
+            Content::Drawn(drawn) => drawn.with(HostFrame::depths).map(|input| depths(&input).expected),
+        });
+        let expected = expected.ok_or_else(|| {
             PyValueError::new_err("this picture has no depth: draw it with layers=(\"color\", \"alpha\", \"depth\")")
         })?;
-        image(py, depths.expected.values.clone(), depths.expected.size, &[])
+        image(py, expected.values, expected.size, &[])
     }
 
     /// For each channel of each pixel, a bound on what was left out, (height, width, 4) in float32; None if the renderer
@@ -84,18 +251,24 @@ impl Picture {
 
     /// Writes the picture as .png or .exr, as `smalto render` does. Errors: smalto.Error if it cannot be written.
     fn save(&self, py: Python, path: PathBuf) -> PyResult<()> {
-        py.detach(|| self.pixels.write(&path, self.is_transparent)).map_err(exception)
+        py.detach(|| self.content.pixels().write(&path, self.is_transparent)).map_err(exception)
     }
 
     /// Width and height in pixels.
     #[getter]
     fn size(&self) -> (u32, u32) {
-        self.pixels.size.into()
+        self.content.size().into()
     }
 
     fn __repr__(&self) -> String {
-        let [width, height] = self.pixels.size;
+        let [width, height] = self.content.size();
         format!("Picture({width}x{height})")
+    }
+
+    /// The picture as PNG, which notebooks show.
+    fn _repr_png_<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let png = py.detach(|| self.content.pixels().to_png(self.is_transparent)).map_err(exception)?;
+        Ok(PyBytes::new(py, &png))
     }
 }
 
@@ -127,7 +300,7 @@ pub fn compare<'py>(py: Python<'py>, a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny
 
 fn pixels(value: &Bound<PyAny>, name: &str) -> PyResult<Pixels> {
     if let Ok(picture) = value.cast::<Picture>() {
-        return Ok(picture.get().pixels.clone());
+        return Ok(picture.get().content.pixels());
     }
     let (values, shape) = numbers::<f32>(value, name, "float32", &[None, None, Some(3)])?;
     let kind: String =

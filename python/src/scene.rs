@@ -4,7 +4,6 @@ use std::cell::Cell;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use glam::DVec3;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -103,10 +102,9 @@ impl Scene {
     /// The camera of `smalto render` where none is given: it shows the whole scene.
     fn camera(&self, py: Python, width: u32, height: u32) -> PyResult<Camera> {
         let focus = py.detach(|| self.source.focus());
-        let centre = DVec3::from(focus.centre);
-        let camera = camera::Camera::framing(centre, focus.radius, [width, height]);
-        let near = Some(camera.position.distance(centre) as f32 / 100.0);
-        Ok(Camera { camera: usable(camera)?, near, name: None })
+        let camera = usable(camera::Camera::framing(focus.centre.into(), focus.radius, [width, height]))?;
+        let near = Some(camera.framed_near(focus.centre.into()));
+        Ok(Camera { camera, near, name: None })
     }
 
     /// True if it was trained with the antialiasing of Mip-Splatting, and is drawn so.

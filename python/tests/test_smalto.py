@@ -108,6 +108,89 @@ def test_an_updated_renderer_draws_the_new_scene(scene):
     assert renderer.render(camera).alpha.mean() < before.mean() - 0.1
 
 
+def test_a_renderer_draws_by_the_rules_of_its_scene_of_now(scene):
+    camera = scene.camera(*SIZE)
+    smooth = smalto.Scene.from_arrays(**arrays(scene), antialiased=True)
+    renderer = smalto.Renderer(scene)
+    plain = renderer.render(camera).color.copy()
+    renderer.update(smooth)
+    expected = smalto.Renderer(smooth).render(camera).color
+    assert np.array_equal(renderer.render(camera).color, expected) and not np.array_equal(plain, expected)
+    forced = smalto.Renderer(scene, antialiased=True)
+    forced.update(scene)
+    assert np.array_equal(forced.render(camera).color, expected)
+
+
+def test_pictures_do_not_depend_on_those_before(scene):
+    near, far = scene.camera(*SIZE), scene.camera(*SIZE)
+    far = smalto.Camera(K=far.K, size=SIZE, viewmat=far.viewmat, near=0.1)
+    near = smalto.Camera(K=near.K, size=SIZE, c2w=[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.4], [0, 0, 0, 1]])
+    close = smalto.Camera(K=near.K, size=SIZE, c2w=near.c2w, near=0.001)
+    alone = [smalto.Renderer(scene).render(camera).color for camera in (near, close, far)]
+    assert not np.array_equal(alone[0], alone[1])
+    renderer = smalto.Renderer(scene)
+    order = [0, 1, 2, 0, 2, 1, 0]
+    together = renderer.render_many((near, close, far)[i] for i in order)
+    assert all(np.array_equal(picture.color, alone[i]) for picture, i in zip(together, order))
+
+
+def test_an_update_leaves_the_pictures_that_are_being_drawn(scene):
+    camera = scene.camera(*SIZE)
+    renderer = smalto.Renderer(scene)
+    expected = renderer.render(camera).color
+    pictures = renderer.render_many([camera] * 4)
+    first = next(pictures)
+    black = arrays(scene)
+    black["sh"] = np.full_like(black["sh"], -5)[:, :1]
+    renderer.update(smalto.Scene.from_arrays(**black))
+    rest = list(pictures)
+    assert np.array_equal(first.color, expected) and np.array_equal(rest[0].color, expected)
+    assert rest[-1].color.max() == 0
+
+
+def test_an_update_that_fails_leaves_the_scene(scene):
+    renderer, camera = smalto.Renderer(scene, memory=64 << 20), scene.camera(*SIZE)
+    expected = renderer.render(camera).color
+    with pytest.raises((MemoryError, smalto.Error)):
+        renderer.update(smalto.Scene.read("cactus:3000000"))
+        renderer.render(camera.resized((8192, 8192)))
+    assert np.array_equal(renderer.render(camera).color, expected)
+
+
+def test_pictures_of_bytes_are_those_of_files(scene, renderer):
+    camera = scene.camera(101, 33)
+    floats, bytes_ = renderer.render(camera), renderer.render(camera, dtype="uint8")
+    assert bytes_.color.dtype == bytes_.alpha.dtype == np.uint8
+    assert np.array_equal(bytes_.color, floats.color8) and np.array_equal(bytes_.color8, floats.color8)
+    assert np.abs(bytes_.alpha / 255 - floats.alpha).max() < 0.51 / 255
+    assert smalto.compare(bytes_, bytes_.color)["psnr_db"] is None
+    assert bytes_._repr_png_() == floats._repr_png_()
+    with pytest.raises(ValueError, match="dtype uint8 needs a background"):
+        renderer.render(camera, dtype="uint8", background=None)
+    with pytest.raises(ValueError, match="dtype: expected float32 or uint8"):
+        renderer.render(camera, dtype="float16")
+
+
+def test_arrays_keep_their_pixels_when_pictures_go(scene, renderer):
+    cameras = [scene.camera(64, 48), scene.camera(64, 48).resized((64, 47))]
+    kept = [renderer.render(camera).color for camera in cameras]
+    expected = [color.copy() for color in kept]
+    for picture in renderer.render_many(cameras * 8):
+        del picture
+    gc.collect()
+    assert all(np.array_equal(a, b) for a, b in zip(kept, expected))
+    with pytest.raises(ValueError, match="read-only"):
+        kept[0][0] = 0
+
+
+def test_the_reference_keeps_the_degree_of_harmonics(scene):
+    camera = scene.camera(*SIZE)
+    plain = smalto.reference(scene, camera, preset="exact", sh_degree=0)
+    drawn = smalto.Renderer(scene, preset="exact", sh_degree=0).render(camera)
+    assert smalto.compare(drawn, plain)["psnr_db"] > 90
+    assert smalto.compare(drawn, smalto.reference(scene, camera, preset="exact"))["psnr_db"] < 60
+
+
 def test_a_transparent_background_leaves_alpha():
     one = smalto.Scene.from_arrays([[0, 0, 0]], [[1, 0, 0, 0]], [[0.2, 0.2, 0.2]], [0.8], [[[1, 0, 0]]])
     renderer, camera = smalto.Renderer(one), one.camera(*SIZE)

@@ -111,6 +111,11 @@ impl Camera {
         Self::looking_at(centre + direction * distance, centre, size_px, fov)
     }
 
+    /// The largest near plane that cuts nothing off a small scene around `centre`, in world units.
+    pub fn framed_near(&self, centre: DVec3) -> f32 {
+        self.position.distance(centre) as f32 / 100.0
+    }
+
     /// Direction of the x axis of the image in world axes, unit length.
     pub fn right(&self) -> DVec3 {
         self.rotation.row(0)

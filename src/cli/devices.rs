@@ -72,6 +72,15 @@ impl DeviceArgs {
     }
 }
 
+/// Opens a device as every command does. `name` is its number or a part of its name; `memory` is the most device memory
+/// to take, in bytes. Without them, the environment and the driver decide.
+///
+/// # Errors
+/// [`Unavailable`](crate::gpu::Unavailable) if there is no such device; if a variable of the environment is wrong.
+pub fn open_device(name: Option<String>, memory: Option<u64>) -> Result<Device> {
+    DeviceArgs { device: name, memory: MemoryArg { memory } }.open()
+}
+
 impl DevicesArgs {
     /// True if several devices are asked for.
     pub fn are_several(&self) -> bool {

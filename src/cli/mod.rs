@@ -50,10 +50,10 @@ use crate::rules::Background;
 use crate::scene::Unreadable;
 use budget::BudgetArgs;
 use cameras::{EyeArgs, FilmArgs, Numbered, SplitArg, named_or_found};
+pub use devices::open_device;
 use devices::{DeviceArgs, DevicesArgs};
 use environment::Environment;
 use knobs::{Knobs, RuleKnobs};
-pub use memory::with_memory;
 use scenes::{ReadingArgs, SceneArg};
 use sink::Sink;
 
@@ -146,11 +146,6 @@ pub fn run() -> ExitCode {
 /// Like [`run`], with the given arguments. The first is the name of the program.
 pub fn run_as_program(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> ExitCode {
     interrupt::clean_up_on_signals();
-    run_from(arguments)
-}
-
-/// Like [`run_as_program`], without handlers for signals.
-pub fn run_from(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> ExitCode {
     let outcome = arguments::parse(arguments).map_err(anyhow::Error::from).and_then(|parsed| {
         if let Some(fault) = Environment::read()?.read_fault {
             crate::storage::simulate(fault);

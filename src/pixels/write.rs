@@ -1,5 +1,6 @@
 //! Writes images to files.
 
+use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Result, bail};
@@ -155,6 +156,19 @@ impl Pixels {
         }
     }
 
+    /// The bytes of a PNG file with 8 bits per channel, with an alpha channel if `transparent`.
+    ///
+    /// # Errors
+    /// If PNG cannot hold pictures of this size.
+    pub fn to_png(&self, transparent: bool) -> Result<Vec<u8>> {
+        let mut file = Vec::new();
+        match transparent {
+            false => encode(&mut file, self.size, &self.to_rgb8(), ExtendedColorType::Rgb8, Compression::Fast)?,
+            true => encode(&mut file, self.size, &self.to_rgba8(), ExtendedColorType::Rgba8, Compression::Fast)?,
+        }
+        Ok(file)
+    }
+
     fn write_exr(&self, compression: Compression, path: &Path, transparent: bool) -> Result<()> {
         let width = self.size[0] as usize;
         let pixel = |at: Vec2<usize>| self.rgba[at.1 * width + at.0];
@@ -227,17 +241,25 @@ pub fn write_rgba8(path: &Path, size: [u32; 2], pixels: &[[u8; 4]]) -> Result<()
     write_bytes(path, size, bytemuck::cast_slice(pixels), ExtendedColorType::Rgba8, Compression::Fast)
 }
 
-fn write_bytes(
-    path: &Path,
+fn encode(
+    file: impl Write,
     [width, height]: [u32; 2],
     bytes: &[u8],
     kind: ExtendedColorType,
     compression: Compression,
 ) -> Result<()> {
-    write_whole(path, |file| {
-        let encoder = PngEncoder::new_with_quality(file, compression.of_png(), FilterType::Adaptive);
-        Ok(encoder.write_image(bytes, width, height, kind)?)
-    })
+    let encoder = PngEncoder::new_with_quality(file, compression.of_png(), FilterType::Adaptive);
+    Ok(encoder.write_image(bytes, width, height, kind)?)
+}
+
+fn write_bytes(
+    path: &Path,
+    size: [u32; 2],
+    bytes: &[u8],
+    kind: ExtendedColorType,
+    compression: Compression,
+) -> Result<()> {
+    write_whole(path, |file| encode(file, size, bytes, kind, compression))
 }
 
 /// An image of one layer, to be written as OpenEXR.

@@ -81,17 +81,25 @@ impl HostFrame {
 
     /// The picture, if its floats were wanted.
     pub fn picture(&mut self) -> Option<Pixels> {
+        let size = self.size;
+        Some(Pixels { size, rgba: self.floats()?.to_vec() })
+    }
+
+    /// Red, green, blue and alpha of the picture, row by row, if its floats were wanted.
+    pub fn floats(&mut self) -> Option<&[[f32; 4]]> {
         let plane = self.wanted.picture.iter().position(|form| *form == Form::Floats)?;
-        Some(self.pixels(plane))
+        Some(bytemuck::cast_slice(self.planes[plane].map()))
     }
 
     /// The input of [`depths`](super::depths), if it was wanted.
     pub fn depths(&mut self) -> Option<Pixels> {
-        self.wanted.depths.then(|| self.pixels(self.planes.len() - 1))
+        let plane = self.wanted.depths.then(|| self.planes.last_mut()).flatten()?;
+        Some(Pixels { size: self.size, rgba: bytemuck::cast_slice(plane.map()).to_vec() })
     }
 
-    fn pixels(&mut self, plane: usize) -> Pixels {
-        Pixels { size: self.size, rgba: bytemuck::cast_slice(self.planes[plane].map()).to_vec() }
+    /// Width and height in pixels.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
     }
 }
 

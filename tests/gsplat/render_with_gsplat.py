@@ -46,20 +46,19 @@ def load_gsplat():
     return module
 
 
-def project(gsplat, scene, view, intrinsics, width, height, antialiased):
-    """Of every visible Gaussian, nearest first: mean_px [m, 2], conic a b c [m, 3], opacity [m], colour and depth [m, 4], and
-    half the sides of a box outside of which alpha is under the threshold [m, 2]."""
+def project(gsplat, scene, view, intrinsics, width, height, antialiased, near=NEAR, far=FAR):
+    """Of every visible Gaussian, nearest first: mean_px [m, 2], conic a b c [m, 3], opacity [m], colour and depth [m, d + 1],
+    and half the sides of a box outside of which alpha is under the threshold [m, 2]. A scene has d "colours" or "sh", d = 3."""
     fx, fy, cx, cy = intrinsics
     k = torch.tensor([[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]], dtype=torch.float64)
     position = torch.inverse(view)[:3, 3]
-    degree = round(scene["sh"].shape[1] ** 0.5) - 1
     parts = []
     for start in range(0, len(scene["means"]), CHUNK):
         chunk = {name: values[start : start + CHUNK].double() for name, values in scene.items()}
         means, opacities = chunk["means"], chunk["opacities"]
         covariances, _ = gsplat._quat_scale_to_covar_preci(chunk["rotations"], chunk["scales"], compute_preci=False)
         radii, means_px, depths, conics, compensations = gsplat._fully_fused_projection(
-            means, covariances, view[None], k, width, height, LOW_PASS, NEAR, FAR, antialiased
+            means, covariances, view[None], k, width, height, LOW_PASS, near, far, antialiased
         )
         if antialiased:
             opacities = opacities * compensations[0]
@@ -68,9 +67,13 @@ def project(gsplat, scene, view, intrinsics, width, height, antialiased):
         keep = (radii[0] != 0).all(-1) & (opacities >= ALPHA_MIN)
         radii, means_px, depths, conics = (values[0][keep] for values in (radii, means_px, depths, conics))
         opacities = opacities[keep]
-        # + 0.5 and the floor: gsplat/rendering.py, line 525.
-        colours = gsplat._spherical_harmonics(degree, means[keep] - position, chunk["sh"][keep])
-        colours = torch.cat((torch.clamp_min(colours + 0.5, 0), depths[:, None]), 1)  # as render mode RGB+ED does
+        if "sh" in chunk:
+            degree = round(chunk["sh"].shape[1] ** 0.5) - 1
+            colours = gsplat._spherical_harmonics(degree, means[keep] - position, chunk["sh"][keep])
+            colours = torch.clamp_min(colours + 0.5, 0)  # gsplat/rendering.py, line 525
+        else:
+            colours = chunk["colours"][keep]
+        colours = torch.cat((colours, depths[:, None]), 1)  # as render mode RGB+ED does
         # gsplat's radii are 3.33 sigma; alpha falls to 1/255 at sqrt(2 ln(255 opacity)) sigma, never more.
         half = radii.double().abs() * (torch.sqrt(2 * torch.log(opacities / ALPHA_MIN)) / 3.33)[:, None]
         parts.append((depths.float(), means_px, conics, opacities, colours, half + 0.01))  # px, against rounding
@@ -80,8 +83,10 @@ def project(gsplat, scene, view, intrinsics, width, height, antialiased):
 
 
 def blend(means_px, conics, opacities, colours, half, width, height):
-    """The image [height, width, 6], a tile after the other: colours, expected depth, median depth, number of splats."""
-    image = torch.zeros(height, width, 6, dtype=torch.float64)
+    """The image [height, width, d + 4], a tile after the other: colours, expected depth, median depth, number of splats,
+    coverage."""
+    channels = colours.shape[1] + 3
+    image = torch.zeros(height, width, channels, dtype=torch.float64)
     low, high = means_px - half, means_px + half
     for top in range(0, height, TILE):
         y = torch.arange(top, min(top + TILE, height)) + 0.5
@@ -91,14 +96,14 @@ def blend(means_px, conics, opacities, colours, half, width, height):
             ids = in_rows[(high[in_rows, 0] >= x[0]) & (low[in_rows, 0] <= x[-1])]
             splats = (means_px[ids], conics[ids], opacities[ids], colours[ids])
             tile = blend_tile(splats, x.double().repeat(len(y)), y.double().repeat_interleave(len(x)))
-            image[top : top + TILE, left : left + TILE] = tile.view(len(y), len(x), 6)
+            image[top : top + TILE, left : left + TILE] = tile.view(len(y), len(x), channels)
     return image
 
 
 def blend_tile(splats, x, y):
     """What `blend` makes of the pixels with centres at x, y."""
     transmittance = torch.ones_like(x)
-    colour = torch.zeros(len(x), 4, dtype=torch.float64)
+    colour = torch.zeros(len(x), splats[3].shape[1], dtype=torch.float64)
     covered, median, count = (torch.zeros_like(x) for _ in range(3))
     for means_px, conics, opacities, colours in zip(*(values.split(BATCH) for values in splats)):
         # Arrays are [splat, pixel].
@@ -116,13 +121,13 @@ def blend_tile(splats, x, y):
         covered += weights.sum(0)
         # The last one that is met by more than half of the light, as in RasterizeToPixels2DGSFwd.cu.
         is_median = is_added & (remaining[:-1] > 0.5) & (remaining[1:] <= 0.5)
-        median += (is_median * colours[:, 3:]).sum(0)
+        median += (is_median * colours[:, -1:]).sum(0)
         count += (is_added & (alpha > 0)).sum(0)
         transmittance = remaining[-1]
         if (transmittance <= TRANSMITTANCE_MIN).all():
             break
-    colour[:, 3] /= covered.clamp_min(1e-10)  # gsplat/rendering.py, render mode ED
-    return torch.cat((colour, median[:, None], count[:, None]), 1)
+    colour[:, -1] /= covered.clamp_min(1e-10)  # gsplat/rendering.py, render mode ED
+    return torch.cat((colour, median[:, None], count[:, None], covered[:, None]), 1)
 
 
 def main():
@@ -143,7 +148,7 @@ def main():
             load_gsplat(), scene, load("view"), load("intrinsics").tolist(), width, height, args.antialiased
         )
         image = blend(*splats, width, height)
-    image = image[..., 3:] if args.depths else image[..., :3]
+    image = image[..., 3:6] if args.depths else image[..., :3]
     np.save(args.out, image.numpy().astype(np.float32))
 
 

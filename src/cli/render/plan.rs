@@ -150,16 +150,10 @@ fn cameras(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Cameras> {
     {
         return Ok(alone(first.camera, TOWN_NEAR));
     }
-    let (camera, distance) = automatic(focus()?, size);
-    Ok(alone(camera, distance as f32 / 100.0))
-}
-
-/// A camera that shows the whole scene, and its distance to the centre of the scene.
-fn automatic(focus: Focus, size: [u32; 2]) -> (Camera, f64) {
-    let centre = DVec3::from(focus.centre);
-    let camera = Camera::framing(centre, focus.radius, size);
-    let distance = camera.position.distance(centre);
-    (camera, distance)
+    let focus = focus()?;
+    let camera = Camera::framing(focus.centre.into(), focus.radius, size);
+    let near = camera.framed_near(focus.centre.into());
+    Ok(alone(camera, near))
 }
 
 fn shot(args: &Args, outputs: &Outputs, several: bool, number: usize, chosen: Chosen) -> Result<Shot> {
