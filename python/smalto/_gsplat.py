@@ -6,6 +6,7 @@ import threading
 
 import numpy as np
 
+from ._cuda import Frames, is_same_device
 from ._smalto import Camera, Error, Renderer, Scene
 
 # The constant of the spherical harmonic of degree 0.
@@ -28,6 +29,36 @@ class _Kept:
     def update(self, arrays):
         self.renderer.update(_scene(arrays))
         self.arrays = [_copy(values) for values in arrays]
+
+
+class _Host:
+    """Pictures as arrays of NumPy."""
+
+    def __init__(self, colors, alphas):
+        self.colors, self.alphas = np.empty(colors, np.float32), np.empty(alphas, np.float32)
+
+    def draw(self, renderer, cameras, has_depth):
+        """Color, coverage, and the mean depth, which is 0 where there is nothing, of each camera; and GPU times."""
+        layers = ("color", "alpha", "depth") if has_depth else ("color", "alpha")
+        for picture in renderer.render_many(cameras, layers=layers):
+            depth = np.nan_to_num(picture.depth, copy=False, nan=0.0) if has_depth else None
+            yield picture.color, picture.alpha, depth, picture.timings
+
+
+class _Device:
+    """Pictures as tensors on the device that draws them, which no copy leaves."""
+
+    def __init__(self, torch, device, colors, alphas):
+        self.torch, self.device, self.frames = torch, device, {}
+        self.colors, self.alphas = (torch.empty(shape, device=device) for shape in (colors, alphas))
+
+    def draw(self, renderer, cameras, has_depth):
+        for camera in cameras:
+            key = (camera.size, has_depth)
+            frames = self.frames.setdefault(key, Frames(self.torch, self.device, camera.size, has_depth))
+            pixels, depths, timings = frames.draw(renderer, camera)
+            depth = self.torch.where(depths[..., 2] > 0, depths[..., 0], 0.0) if has_depth else None
+            yield pixels[..., :3], pixels[..., 3], depth, timings
 
 
 def rasterization(
@@ -136,20 +167,19 @@ def rasterization(
     has_color = render_mode.startswith("RGB")
     channels = (3 if sh_degree is not None else arrays["colors"].shape[-1]) if has_color else 0
     size = (int(width), int(height))
-    shape = (count, cameras, size[1], size[0])
-    drawn = np.empty((*shape, channels + (depth_mode is not None)), np.float32)
-    alphas = np.empty((*shape, 1), np.float32)
+    shapes = [(count, cameras, size[1], size[0], n) for n in (channels + (depth_mode is not None), 1)]
     timings = []
     with _lock:
+        canvas = _canvas(options, arrays["means"], shapes)
         for b in range(count):
             one = {name: values[b] for name, values in scenes.items()}
-            into = (drawn[b], alphas[b], timings)
-            _draw(one, options, size, sh_degree, far_plane, has_color, depth_mode, into)
+            _draw(one, options, size, sh_degree, far_plane, has_color, depth_mode, (canvas, b, timings))
+    colors, alphas = canvas.colors, canvas.alphas
     if backgrounds is not None and has_color:
-        ground = _host(scenes["backgrounds"]).astype(np.float32)[:, :, None, None, :]
-        drawn[..., :channels] += (1 - alphas) * ground
+        ground = scenes["backgrounds"] if isinstance(canvas, _Device) else _host(scenes["backgrounds"])
+        colors[..., :channels] += (1 - alphas) * ground[:, :, None, None, :]
     meta = {"width": size[0], "height": size[1], "n_cameras": cameras, "timings": timings}
-    return result(drawn.reshape(*batch, *drawn.shape[1:])), result(alphas.reshape(*batch, *alphas.shape[1:])), meta
+    return result(colors.reshape(*batch, *colors.shape[1:])), result(alphas.reshape(*batch, *alphas.shape[1:])), meta
 
 
 def release():
@@ -162,7 +192,8 @@ def release():
 def _draw(one, options, size, sh_degree, far_plane, has_color, depth_mode, into):
     """Draws the views of one scene: a picture for every three channels, and one more scene for every camera that has
     its own colors or leaves out what lies beyond the far plane."""
-    drawn, alphas, timings = into
+    canvas, b, timings = into
+    drawn, alphas = canvas.colors[b], canvas.alphas[b]
     poses, intrinsics = _host(one["viewmats"]), _host(one["Ks"])
     views = [Camera(K=K, size=size, viewmat=pose) for K, pose in zip(intrinsics, poses)]
     has_own_colors = one["colors"].ndim == (3 if sh_degree is None else 4)
@@ -177,19 +208,26 @@ def _draw(one, options, size, sh_degree, far_plane, has_color, depth_mode, into)
             if is_cut:
                 gaussians = _before(gaussians, poses[some[0]], far_plane)
             # All pictures of a camera have the same depths.
-            layers = ("color", "alpha", "depth") if depth_mode and channels.start == 0 else ("color", "alpha")
-            pictures = _renderer(options, gaussians).render_many([views[c] for c in some], layers=layers)
-            for c, picture in zip(some, pictures):
+            has_depth = depth_mode is not None and channels.start == 0
+            pictures = canvas.draw(_renderer(options, gaussians), [views[c] for c in some], has_depth)
+            for c, (color, alpha, depth, times) in zip(some, pictures):
                 width = channels.stop - channels.start
-                alpha = picture.alpha
-                drawn[c, ..., channels] = picture.color[..., :width]
+                drawn[c, ..., channels] = color[..., :width]
                 if shift:
-                    drawn[c, ..., channels] -= np.float32(shift) * alpha[..., None]
+                    drawn[c, ..., channels] -= shift * alpha[..., None]
                 alphas[c, ..., 0] = alpha
-                if "depth" in layers:
-                    depth = np.nan_to_num(picture.depth, copy=False, nan=0.0)
+                if has_depth:
                     drawn[c, ..., -1] = depth * alpha if depth_mode == "D" else depth
-                timings.append(picture.timings)
+                timings.append(times)
+
+
+def _canvas(options, means, shapes):
+    """Where pictures go: the device of the tensors if it draws, else the host."""
+    if _is_tensor(means) and means.device.type == "cuda":
+        torch = sys.modules["torch"]
+        if is_same_device(torch, means.device, options[0]):
+            return _Device(torch, means.device, *shapes)
+    return _Host(*shapes)
 
 
 def _renderer(options, arrays):
@@ -261,7 +299,7 @@ def _checked_kind(arrays):
         raise Error("rasterization has no gradients: call it under torch.no_grad()")
     where = next(iter(tensors.values())).device
     detached = {name: values.detach() for name, values in tensors.items()}
-    return (lambda values: torch.from_numpy(values).to(where)), detached
+    return (lambda values: torch.as_tensor(values, device=where)), detached
 
 
 def _checked_shapes(arrays, sh_degree):

@@ -77,6 +77,11 @@ pub fn ground(background: Option<[f32; 3]>) -> PyResult<Background> {
     }
 }
 
+/// What is wanted of a view whose pixels stay on the device.
+pub fn exported(has_depth: bool) -> Wanted {
+    Wanted { picture: vec![Form::Floats], depths: has_depth, is_exported: true }
+}
+
 /// What is wanted of a view, from the names of its layers and of its numbers.
 pub fn wanted(layers: Option<&[String]>, dtype: &str, background: Background) -> PyResult<Wanted> {
     let picture = match dtype {
@@ -88,7 +93,7 @@ pub fn wanted(layers: Option<&[String]>, dtype: &str, background: Background) ->
         "uint8" => vec![Form::Integers(Integers::Rgb8), Form::Integers(Integers::Grey8)],
         _ => return Err(PyValueError::new_err(format!("dtype: expected float32 or uint8, found {dtype}"))),
     };
-    let mut wanted = Wanted { picture, depths: false };
+    let mut wanted = Wanted { picture, ..Wanted::default() };
     for layer in layers.unwrap_or_default() {
         match layer.as_str() {
             "color" | "alpha" => {}

@@ -27,8 +27,10 @@ fn _smalto(module: &Bound<PyModule>) -> PyResult<()> {
     module.add_class::<camera::Camera>()?;
     module.add_class::<picture::Picture>()?;
     module.add_class::<renderer::Renderer>()?;
+    module.add_class::<renderer::Exported>()?;
     module.add_function(wrap_pyfunction!(picture::compare, module)?)?;
     module.add_function(wrap_pyfunction!(renderer::reference, module)?)?;
+    module.add_function(wrap_pyfunction!(renderer::device_for_cuda, module)?)?;
     module.add_function(wrap_pyfunction!(main, module)?)?;
     errors::add_to(module)
 }

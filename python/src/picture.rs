@@ -235,12 +235,7 @@ impl Picture {
     /// GPU times in milliseconds by the name of the stage; "frame" is the whole frame. Empty for a reference.
     #[getter]
     fn timings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let times = PyDict::new(py);
-        for (name, ms) in &self.timings {
-            let before: f64 = times.get_item(name)?.map_or(Ok(0.0), |ms| ms.extract())?;
-            times.set_item(name, before + ms)?;
-        }
-        Ok(times)
+        stage_times(py, &self.timings)
     }
 
     /// The number of Gaussians in view; None for a reference.
@@ -270,6 +265,16 @@ impl Picture {
         let png = py.detach(|| self.content.pixels().to_png(self.is_transparent)).map_err(exception)?;
         Ok(PyBytes::new(py, &png))
     }
+}
+
+/// Times by the name of the stage; stages of one name are added.
+pub fn stage_times<'py>(py: Python<'py>, timings: &[(&'static str, f64)]) -> PyResult<Bound<'py, PyDict>> {
+    let times = PyDict::new(py);
+    for (name, ms) in timings {
+        let before: f64 = times.get_item(name)?.map_or(Ok(0.0), |ms| ms.extract())?;
+        times.set_item(name, before + ms)?;
+    }
+    Ok(times)
 }
 
 /// An array of (height, width) and further axes.

@@ -8,14 +8,14 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use smalto::cli::open_device;
-use smalto::gpu::Device;
-use smalto::render::{self, Finished, GpuScene, SceneSource, Stream, Streamed, Wanted};
+use smalto::gpu::{Device, Feature, Handle};
+use smalto::render::{self, Finished, Frame, GpuScene, HostFrame, SceneSource, Stream, Streamed, Wanted};
 use smalto::rules::{Background, Order, Rules};
 
-use crate::asked::{Asked, ground, wanted};
+use crate::asked::{Asked, exported, ground, wanted};
 use crate::camera::Camera;
 use crate::errors::{Error, exception};
-use crate::picture::{Content, Drawn, Picture, Spare};
+use crate::picture::{Content, Drawn, Picture, Spare, stage_times};
 use crate::scene::Scene;
 
 /// Views on the GPU at a time: one is drawn while another is brought to the host.
@@ -52,6 +52,15 @@ fn open(choice: Choice) -> Result<Device> {
     let device = open_device(choice.0.clone(), choice.1)?;
     devices.insert(choice, device.clone());
     Ok(device)
+}
+
+/// The UUID of a device, by which CUDA knows it, and whether pictures can stay there for CUDA.
+#[pyfunction]
+pub fn device_for_cuda(py: Python, device: Option<String>) -> PyResult<(String, bool)> {
+    check_process()?;
+    let device = py.detach(|| open((device, None))).map_err(exception)?;
+    let capabilities = device.capabilities();
+    Ok((capabilities.uuid.clone(), capabilities.has(Feature::ExportedMemory)))
 }
 
 /// A panic of another holder leaves nothing half done that would be used.
@@ -194,6 +203,30 @@ impl Renderer {
         updated.map_err(exception)
     }
 
+    /// Draws a picture into memory that CUDA opens.
+    fn _draw_exported<'py>(
+        &self,
+        py: Python<'py>,
+        camera: &Camera,
+        into: &Exported,
+        has_depth: bool,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        check_process()?;
+        let frame = py.detach(|| {
+            let mut inner = lock(&self.0);
+            let mut host = lock(&into.0);
+            let wanted = exported(has_depth);
+            let near = inner.asked.near(camera);
+            let mut drawing = lock(inner.drawing(near)?);
+            let started = drawing.stream.start(&camera.camera, Background::BLACK, &wanted, std::mem::take(&mut host));
+            let Finished { mut frames, host: filled } = drawing.stream.finish(started?)?;
+            *host = filled;
+            ensure!(!frames.is_empty(), "a frame was drawn");
+            Ok(frames.swap_remove(0))
+        });
+        stage_times(py, &timings(&frame.map_err(exception)?))
+    }
+
     /// The name of the Vulkan device.
     #[getter]
     fn device(&self) -> String {
@@ -234,7 +267,8 @@ impl Inner {
     }
 
     fn start(&mut self, camera: &Camera, background: Background, wanted: &Wanted) -> Result<View> {
-        let drawing = self.drawing(self.asked.near(camera))?.clone();
+        let near = self.asked.near(camera);
+        let drawing = self.drawing(near)?.clone();
         let streamed = lock(&drawing).stream.start(&camera.camera, background, wanted, self.spare.take())?;
         Ok(View { drawing, background, streamed })
     }
@@ -248,9 +282,33 @@ impl Inner {
             content: Content::Drawn(Drawn::new(host, self.spare.clone())),
             is_transparent: background == Background::Transparent,
             certificate: drawing.stream.renderer().certificate()?,
-            timings: frames[0].timings.iter().map(|stage| (stage.name, stage.duration_ms)).collect(),
+            timings: timings(&frames[0]),
             visible: Some(frames[0].totals.visible),
         })
+    }
+}
+
+/// The GPU time of each stage.
+fn timings(frame: &Frame) -> Vec<(&'static str, f64)> {
+    frame.timings.iter().map(|stage| (stage.name, stage.duration_ms)).collect()
+}
+
+/// Memory of the device that holds the pixels of one picture, and opens in CUDA.
+#[pyclass(module = "smalto", frozen)]
+pub struct Exported(Mutex<HostFrame>);
+
+#[pymethods]
+impl Exported {
+    #[new]
+    fn new() -> Self {
+        Self(Mutex::default())
+    }
+
+    /// File descriptors and sizes in bytes: of color and alpha, then of the depths. They are there after the first
+    /// picture, and hold until one of another size or with other depths. The caller owns the files.
+    fn handles(&self) -> PyResult<Vec<(i32, u64)>> {
+        let handles = lock(&self.0).handles().map_err(exception)?;
+        Ok(handles.into_iter().map(|Handle { file, bytes }| (file, bytes)).collect())
     }
 }
 

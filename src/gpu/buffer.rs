@@ -110,7 +110,15 @@ pub struct Storage {
     pub(super) scalar: Scalar,
     pub(super) columns: usize,
     allocation: Option<Held>,
+    /// Memory that other APIs open, in the place of an allocation.
+    pub(super) exported: Option<Exported>,
     pub(super) device: Arc<Shared>,
+}
+
+/// Memory of one buffer alone, which other APIs may open.
+pub(super) struct Exported {
+    pub memory: vk::DeviceMemory,
+    pub bytes: u64,
 }
 
 impl Storage {
@@ -121,15 +129,29 @@ impl Storage {
         usage: vk::BufferUsageFlags,
         location: MemoryLocation,
     ) -> Result<Self> {
-        let limit = device.capabilities.limits.buffer;
+        let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
+        let mut storage = Self::unbound(device, name, &info)?;
+        // SAFETY: clause 1.
+        let mut requirements = unsafe { device.raw.get_buffer_memory_requirements(storage.raw) };
+        requirements.alignment = requirements.alignment.max(ALIGNMENT);
+        let allocation = storage.allocation.insert(device.allocate(name, requirements, location, true)?);
+        // SAFETY: clause 1, the storage holds the memory.
+        let (memory, offset) = unsafe { (allocation.memory(), allocation.offset()) };
+        storage.bind(memory, offset)?;
+        Ok(storage)
+    }
+
+    /// A buffer without memory.
+    pub(super) fn unbound(device: &Arc<Shared>, name: &str, info: &vk::BufferCreateInfo) -> Result<Self> {
+        let (limit, bytes) = (device.capabilities.limits.buffer, info.size);
         if bytes > limit {
             let reason = format!("a buffer on {} holds at most {limit} bytes", device.capabilities.name);
             return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
         }
-        let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
         // SAFETY: clause 1, the Storage owns the buffer from here on and frees it on every path.
-        let raw = unsafe { device.raw.create_buffer(&info, None) }.map_err(|e| describe("vkCreateBuffer", e))?;
-        let mut storage = Self {
+        let raw = unsafe { device.raw.create_buffer(info, None) }.map_err(|e| describe("vkCreateBuffer", e))?;
+        device.name(raw, name);
+        Ok(Self {
             raw,
             name: name.to_owned(),
             bytes,
@@ -137,17 +159,16 @@ impl Storage {
             scalar: Scalar::U32,
             columns: 1,
             allocation: None,
+            exported: None,
             device: device.clone(),
-        };
-        // SAFETY: clause 1.
-        let mut requirements = unsafe { device.raw.get_buffer_memory_requirements(raw) };
-        requirements.alignment = requirements.alignment.max(ALIGNMENT);
-        let allocation = storage.allocation.insert(device.allocate(name, requirements, location, true)?);
-        // SAFETY: clauses 1 and 4, fresh memory that meets the buffer's requirements.
-        unsafe { device.raw.bind_buffer_memory(raw, allocation.memory(), allocation.offset()) }
-            .map_err(|e| describe("vkBindBufferMemory", e))?;
-        device.name(raw, name);
-        Ok(storage)
+        })
+    }
+
+    /// Gives the buffer memory that meets its requirements and is nobody else's.
+    pub(super) fn bind(&self, memory: vk::DeviceMemory, offset: u64) -> Result<()> {
+        // SAFETY: clauses 1 and 4, as said above.
+        unsafe { self.device.raw.bind_buffer_memory(self.raw, memory, offset) }
+            .map_err(|e| describe("vkBindBufferMemory", e))
     }
 
     /// The bytes of a host-visible buffer. Panics if the buffer is not host-visible, as does [`Storage::mapped_mut`].
@@ -168,6 +189,10 @@ impl Drop for Storage {
         unsafe { self.device.raw.destroy_buffer(self.raw, None) };
         if let Some(allocation) = self.allocation.take() {
             self.device.free(allocation);
+        }
+        if let Some(exported) = self.exported.take() {
+            // SAFETY: clause 2, as above. Other APIs that opened the memory keep it.
+            unsafe { self.device.raw.free_memory(exported.memory, None) };
         }
     }
 }

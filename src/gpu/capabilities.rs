@@ -6,6 +6,9 @@ use ash::vk;
 use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
+/// How memory is handed over to other APIs.
+pub(super) const EXPORT_HANDLE: vk::ExternalMemoryHandleTypeFlags = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
+
 /// The properties, limits and features of one physical device.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct Capabilities {
@@ -110,6 +113,8 @@ pub enum Feature {
     Windows,
     /// Image stores without a format in the shader.
     AnyImageFormat,
+    /// Memory that other APIs open.
+    ExportedMemory,
 }
 
 impl fmt::Display for Feature {
@@ -127,6 +132,7 @@ impl fmt::Display for Feature {
             Self::SubgroupShuffles => "subgroup shuffles",
             Self::Windows => "windows",
             Self::AnyImageFormat => "image stores of any format",
+            Self::ExportedMemory => "exported memory",
         })
     }
 }

@@ -121,6 +121,9 @@ impl Device {
         if capabilities.has(Feature::PortabilitySubset) {
             extensions.push(khr::portability_subset::NAME.as_ptr());
         }
+        if capabilities.has(Feature::ExportedMemory) {
+            extensions.push(khr::external_memory_fd::NAME.as_ptr());
+        }
         if presents {
             extensions.push(khr::swapchain::NAME.as_ptr());
         }

@@ -35,6 +35,7 @@ mod dispatch_size;
 mod element;
 mod error;
 mod executables;
+mod exported;
 #[cfg(feature = "reload")]
 #[allow(dead_code, reason = "build.rs uses the rest")]
 mod glsl;
@@ -79,6 +80,8 @@ pub use dispatch_size::{DispatchSize, FOLD};
 pub use element::{Element, Scalar};
 pub use error::{DeviceLost, Unavailable};
 pub use executables::Executable;
+#[doc(hidden)]
+pub use exported::Handle;
 #[doc(hidden)]
 pub use hazards::Access;
 #[doc(hidden)]

@@ -11,6 +11,7 @@ use super::buffer::{Buffer, Storage};
 use super::commands::Commands;
 use super::device::Device;
 use super::element::Element;
+use super::exported::Handle;
 use super::hazards::Access;
 
 /// `len` elements of type `T` in host memory, for copies that are repeated every frame.
@@ -30,6 +31,23 @@ impl<T: Element> Staging<T> {
         let bytes = (len.max(1) * size_of::<T>()) as u64;
         let storage = Storage::new(&device.0, name, bytes, usage, MemoryLocation::GpuToCpu)?;
         Ok(Self { storage: Arc::new(storage), len, _element: PhantomData })
+    }
+
+    /// Allocates memory of the device that other APIs open, instead of the host's. It cannot be mapped.
+    ///
+    /// # Errors
+    /// If the device exports no memory, a limit of memory is set, or memory runs out.
+    pub fn exportable(device: &Device, name: &str, len: usize) -> Result<Self> {
+        let storage = Storage::exportable(&device.0, name, (len.max(1) * size_of::<T>()) as u64)?;
+        Ok(Self { storage: Arc::new(storage), len, _element: PhantomData })
+    }
+
+    /// A handle with which another API opens the memory.
+    ///
+    /// # Errors
+    /// If the memory is the host's, or the driver makes no handle.
+    pub fn export(&self) -> Result<Handle> {
+        self.storage.export()
     }
 
     /// The number of elements.

@@ -5,7 +5,9 @@ use std::ffi::CStr;
 use anyhow::Result;
 use ash::{ext, khr, vk};
 
-use super::capabilities::{Capabilities, DeviceKind, Feature, Limits, MAX_STORAGE_BUFFERS, RequiredSubgroups};
+use super::capabilities::{
+    Capabilities, DeviceKind, EXPORT_HANDLE, Feature, Limits, MAX_STORAGE_BUFFERS, RequiredSubgroups,
+};
 use super::error::{Unavailable, describe};
 use super::instance::{Instance, NO_DRIVER, Validation};
 
@@ -179,6 +181,7 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
         (Feature::SubgroupShuffles, subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)),
         (Feature::Windows, offers(khr::swapchain::NAME) && draws),
         (Feature::AnyImageFormat, core.shader_storage_image_write_without_format == vk::TRUE),
+        (Feature::ExportedMemory, offers(khr::external_memory_fd::NAME) && exports(instance, raw)),
     ];
 
     let kind = match properties.device_type {
@@ -235,6 +238,17 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
         raw,
         queue_family: family.unwrap_or(0) as u32,
     })
+}
+
+/// True if buffers for copies can have memory that other APIs open.
+fn exports(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
+    let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
+    let info = vk::PhysicalDeviceExternalBufferInfo::default().usage(usage).handle_type(EXPORT_HANDLE);
+    let mut found = vk::ExternalBufferProperties::default();
+    // SAFETY: clause 1.
+    unsafe { instance.raw.get_physical_device_external_buffer_properties(raw, &info, &mut found) };
+    let features = found.external_memory_properties.external_memory_features;
+    features.contains(vk::ExternalMemoryFeatureFlags::EXPORTABLE)
 }
 
 /// 8-4-4-4-12 hexadecimal digits.

@@ -10,7 +10,7 @@ use super::recorded::{Frame, Recorded};
 use super::renderer::Renderer;
 use super::trial::MAX_ATTEMPTS;
 use crate::camera::Camera;
-use crate::gpu::{Access, Commands, Device, InFlight, Results, Staging, Timing};
+use crate::gpu::{Access, Commands, Device, Handle, InFlight, Results, Staging, Timing};
 use crate::pixels::{Integers, Pixels};
 use crate::rules::Background;
 
@@ -38,6 +38,8 @@ pub struct Wanted {
     pub picture: Vec<Form>,
     /// The input of [`depths`](super::depths).
     pub depths: bool,
+    /// The pixels stay in device memory, which [`HostFrame::handles`] hands over to other APIs.
+    pub is_exported: bool,
 }
 
 impl Wanted {
@@ -66,7 +68,8 @@ impl HostFrame {
         if self.size != size || self.wanted != *wanted {
             // The old memory is free before the new is taken.
             self.planes.clear();
-            let plane = |form: Form| Staging::new(device, "host frame", form.words(size));
+            let new = if wanted.is_exported { Staging::exportable } else { Staging::new };
+            let plane = |form: Form| new(device, "host frame", form.words(size));
             *self = Self { size, wanted: wanted.clone(), planes: wanted.planes().map(plane).collect::<Result<_>>()? };
         }
         Ok(())
@@ -95,6 +98,14 @@ impl HostFrame {
     pub fn depths(&mut self) -> Option<Pixels> {
         let plane = self.wanted.depths.then(|| self.planes.last_mut()).flatten()?;
         Some(Pixels { size: self.size, rgba: bytemuck::cast_slice(plane.map()).to_vec() })
+    }
+
+    /// Handles of the memory of the forms of the picture, then of the depths, if the pixels stay in device memory.
+    ///
+    /// # Errors
+    /// If the pixels are brought to the host.
+    pub fn handles(&self) -> Result<Vec<Handle>> {
+        self.planes.iter().map(Staging::export).collect()
     }
 
     /// Width and height in pixels.

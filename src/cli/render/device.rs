@@ -125,7 +125,7 @@ impl Task<'_> {
                 picture.push(form);
             }
         }
-        Wanted { picture, depths: !self.depths.is_empty() }
+        Wanted { picture, depths: !self.depths.is_empty(), is_exported: false }
     }
 
     /// True if it is drawn and waited for: if it has a certificate or a dump, its levels are measured, or it has more
@@ -143,7 +143,7 @@ impl Task<'_> {
         }
         let is_drawn =
             [!self.picture.is_empty() || self.is_of_video, !self.depths.is_empty(), args.certificate.is_some()];
-        let floats = Wanted { picture: vec![Form::Floats], depths: false }.bytes(size);
+        let floats = Wanted { picture: vec![Form::Floats], ..Wanted::default() }.bytes(size);
         is_drawn.into_iter().filter(|is_drawn| *is_drawn).count() as u64 * floats
     }
 }

@@ -192,7 +192,7 @@ fn certificates_and_depths_have_the_same_bits_in_slabs() {
         drop((certified, scene));
         let scene = source.bring(&device, &options, false, 2 << 20).unwrap();
         let mut stream = Stream::new(&device, Renderer::new(&device, &options, &scene).unwrap());
-        let wanted = Wanted { picture: vec![Form::Floats], depths: true };
+        let wanted = Wanted { picture: vec![Form::Floats], depths: true, is_exported: false };
         let view = stream.start(&camera, BACKGROUND, &wanted, HostFrame::default()).unwrap();
         let mut host = stream.finish(view).unwrap().host;
         let layers = [host.picture().unwrap(), host.depths().unwrap()];

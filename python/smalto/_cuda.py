@@ -1,0 +1,91 @@
+"""Pictures that PyTorch reads on the device that drew them: memory of Vulkan, opened in CUDA."""
+
+import ctypes
+import os
+
+from ._smalto import Error, Exported, device_for_cuda
+
+_OPAQUE_FD = 1
+_DEDICATED = 1
+
+
+class _Handle(ctypes.Structure):
+    """CUDA_EXTERNAL_MEMORY_HANDLE_DESC of cuda.h, of which a file is the first member of a union of two pointers."""
+
+    _fields_ = [
+        ("type", ctypes.c_int),
+        ("file", ctypes.c_int64),
+        ("unused", ctypes.c_void_p),
+        ("size", ctypes.c_uint64),
+        ("flags", ctypes.c_uint),
+        ("reserved", ctypes.c_uint * 16),
+    ]
+
+
+class _Range(ctypes.Structure):
+    """CUDA_EXTERNAL_MEMORY_BUFFER_DESC of cuda.h."""
+
+    _fields_ = [
+        ("offset", ctypes.c_uint64),
+        ("size", ctypes.c_uint64),
+        ("flags", ctypes.c_uint),
+        ("reserved", ctypes.c_uint * 16),
+    ]
+
+
+class _Mapped:
+    """Memory of the device, as PyTorch reads it. CUDA keeps it until this is dropped."""
+
+    def __init__(self, cuda, file, size, shape):
+        self._cuda, self._memory, pointer = cuda, ctypes.c_void_p(), ctypes.c_uint64()
+        handle = _Handle(type=_OPAQUE_FD, file=file, size=size, flags=_DEDICATED)
+        try:
+            _check(cuda, cuda.cuImportExternalMemory(ctypes.byref(self._memory), ctypes.byref(handle)))
+        except Error:
+            os.close(file)
+            raise
+        whole = _Range(offset=0, size=size)
+        _check(cuda, cuda.cuExternalMemoryGetMappedBuffer(ctypes.byref(pointer), self._memory, ctypes.byref(whole)))
+        self._pointer = pointer
+        self.__cuda_array_interface__ = {"version": 3, "shape": shape, "typestr": "<f4", "data": (pointer.value, True)}
+
+    def __del__(self):
+        if self._memory:
+            if getattr(self, "_pointer", None):
+                self._cuda.cuMemFree_v2(self._pointer)
+            self._cuda.cuDestroyExternalMemory(self._memory)
+
+
+class Frames:
+    """Memory for one picture, and for its depths."""
+
+    def __init__(self, torch, device, size, has_depth):
+        self._torch, self._device, self._has_depth = torch, device, has_depth
+        self._shape = (size[1], size[0], 4)
+        self._exported, self._planes = Exported(), None
+
+    def draw(self, renderer, camera):
+        """Color and alpha (height, width, 4), the depths or None, and the GPU times. They hold until the next one."""
+        # What PyTorch still reads must not be drawn over.
+        self._torch.cuda.current_stream(self._device).synchronize()
+        timings = renderer._draw_exported(camera, self._exported, self._has_depth)
+        if self._planes is None:
+            cuda = ctypes.CDLL("libcuda.so.1")
+            with self._torch.cuda.device(self._device):
+                mapped = [_Mapped(cuda, file, size, self._shape) for file, size in self._exported.handles()]
+                self._planes = [self._torch.as_tensor(plane, device=self._device) for plane in mapped]
+        return self._planes[0], self._planes[1] if self._has_depth else None, timings
+
+
+def is_same_device(torch, device, vulkan):
+    """True if the device of PyTorch is that of Vulkan with this name, and can open its memory."""
+    uuid, exports = device_for_cuda(vulkan)
+    # Earlier versions of PyTorch do not tell the UUID.
+    return exports and str(getattr(torch.cuda.get_device_properties(device), "uuid", "")) == uuid
+
+
+def _check(cuda, code):
+    if code != 0:
+        text = ctypes.c_char_p()
+        cuda.cuGetErrorString(code, ctypes.byref(text))
+        raise Error(f"CUDA cannot open the memory of a picture: {(text.value or b'?').decode()}")

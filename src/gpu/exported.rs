@@ -1,0 +1,116 @@
+//! Device memory that another API on the same device opens, like CUDA.
+
+use std::ffi::c_int;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, ensure};
+use ash::{khr, vk};
+
+use super::buffer::{Exported, Storage};
+use super::capabilities::{EXPORT_HANDLE, Feature};
+use super::device::Shared;
+use super::error::describe;
+
+/// A handle of device memory.
+pub struct Handle {
+    /// A file descriptor that the receiver owns: CUDA closes it when it opens the memory.
+    pub file: c_int,
+    /// The size of the memory, in bytes.
+    pub bytes: u64,
+}
+
+impl Storage {
+    /// A buffer for copies whose memory can be exported.
+    ///
+    /// # Errors
+    /// If the device exports no memory, a limit of memory is set, which such memory would not count towards, or memory
+    /// runs out.
+    pub(super) fn exportable(device: &Arc<Shared>, name: &str, bytes: u64) -> Result<Self> {
+        let device_name = &device.capabilities.name;
+        ensure!(device.capabilities.has(Feature::ExportedMemory), "{device_name} exports no memory");
+        ensure!(device.ledger.asked.is_none(), "no memory is exported under a limit of memory");
+        let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(EXPORT_HANDLE);
+        let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
+        let info = vk::BufferCreateInfo::default().size(bytes).usage(usage).push_next(&mut external);
+        let mut storage = Self::unbound(device, name, &info)?;
+        // SAFETY: clause 1.
+        let requirements = unsafe { device.raw.get_buffer_memory_requirements(storage.raw) };
+        // SAFETY: clause 1.
+        let heaps = unsafe { device.instance.raw.get_physical_device_memory_properties(device.capabilities.raw) };
+        let fits = |kind: &u32| {
+            let flags = heaps.memory_types[*kind as usize].property_flags;
+            requirements.memory_type_bits & (1 << kind) != 0 && flags.contains(vk::MemoryPropertyFlags::DEVICE_LOCAL)
+        };
+        let kind = (0..heaps.memory_type_count).find(fits).context("no device memory can be exported")?;
+        let mut dedicated = vk::MemoryDedicatedAllocateInfo::default().buffer(storage.raw);
+        let mut export = vk::ExportMemoryAllocateInfo::default().handle_types(EXPORT_HANDLE);
+        let info = vk::MemoryAllocateInfo::default()
+            .allocation_size(requirements.size)
+            .memory_type_index(kind)
+            .push_next(&mut dedicated)
+            .push_next(&mut export);
+        // SAFETY: clauses 1 and 4, the storage owns the memory and frees it on every path; the device has the extension.
+        let memory =
+            unsafe { device.raw.allocate_memory(&info, None) }.map_err(|error| describe("vkAllocateMemory", error))?;
+        storage.exported = Some(Exported { memory, bytes: requirements.size });
+        storage.bind(memory, 0)?;
+        Ok(storage)
+    }
+
+    /// A new handle of the memory. It stays open for whoever opens it when the buffer is gone.
+    pub(super) fn export(&self) -> Result<Handle> {
+        let exported = self.exported.as_ref().context("this memory is not exported")?;
+        let api = khr::external_memory_fd::Device::new(&self.device.instance.raw, &self.device.raw);
+        let info = vk::MemoryGetFdInfoKHR::default().memory(exported.memory).handle_type(EXPORT_HANDLE);
+        // SAFETY: clauses 1 and 4, the memory was made for handles of this type.
+        let file = unsafe { api.get_memory_fd(&info) }.map_err(|error| describe("vkGetMemoryFdKHR", error))?;
+        Ok(Handle { file, bytes: exported.bytes })
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::fs::File;
+    use std::os::fd::FromRawFd;
+
+    use super::super::{Access, Buffer, Commands, Device, DeviceChoice, Staging, Validation};
+    use super::*;
+
+    #[test]
+    fn exported_memory_is_opened_by_its_handle() {
+        let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
+        if !device.capabilities().has(Feature::ExportedMemory) {
+            return;
+        }
+        let values: Vec<u32> = (0..5000).map(|i| i * 7919).collect();
+        let from = Buffer::new(&device, "from", values.len()).unwrap();
+        let to = Staging::exportable(&device, "to", values.len()).unwrap();
+        let mut cmd = Commands::new(&device).unwrap();
+        cmd.upload(&from, 0, values.len(), |words| words.copy_from_slice(&values)).unwrap();
+        cmd.barrier(Access::COPY_WRITE, Access::COPY_READ);
+        cmd.download(&from, &to, values.len());
+        cmd.submit().unwrap().wait().unwrap();
+        let handle = to.export().unwrap();
+        assert!(handle.bytes >= 4 * values.len() as u64);
+        // SAFETY: the file is the test's alone.
+        let file = unsafe { File::from_raw_fd(handle.file) };
+        // The software driver's memory is a file that can be read.
+        if device.capabilities().name.contains("llvmpipe") {
+            let mut found = Vec::new();
+            let mut file = file;
+            std::io::Read::read_to_end(&mut file, &mut found).unwrap();
+            let expected: &[u8] = bytemuck::cast_slice(&values);
+            assert!(found.windows(expected.len()).any(|window| window == expected), "{} bytes", found.len());
+        }
+        assert!(device.validation_messages().is_empty(), "{:?}", device.validation_messages());
+    }
+
+    #[test]
+    fn a_limit_of_memory_allows_no_export() {
+        let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
+        let device = device.with_memory_limit(Some(256 << 20)).unwrap();
+        assert!(Staging::<u32>::exportable(&device, "to", 8).is_err());
+        let host = Staging::<u32>::new(&device, "host", 8).unwrap();
+        assert!(host.export().is_err());
+    }
+}
