@@ -47,7 +47,8 @@ class _Mapped:
         whole = _Range(offset=0, size=size)
         _check(cuda, cuda.cuExternalMemoryGetMappedBuffer(ctypes.byref(pointer), self._memory, ctypes.byref(whole)))
         self._pointer = pointer
-        self.__cuda_array_interface__ = {"version": 3, "shape": shape, "typestr": "<f4", "data": (pointer.value, True)}
+        # PyTorch takes no memory that is marked as read-only.
+        self.__cuda_array_interface__ = {"version": 3, "shape": shape, "typestr": "<f4", "data": (pointer.value, False)}
 
     def __del__(self):
         if self._memory:
@@ -56,25 +57,44 @@ class _Mapped:
             self._cuda.cuDestroyExternalMemory(self._memory)
 
 
-class Frames:
+class Frame:
     """Memory for one picture, and for its depths."""
 
-    def __init__(self, torch, device, size, has_depth):
-        self._torch, self._device, self._has_depth = torch, device, has_depth
-        self._shape = (size[1], size[0], 4)
-        self._exported, self._planes = Exported(), None
+    def __init__(self, torch, device, shape):
+        self.exported = Exported()
+        self._torch, self._device, self._shape, self._planes = torch, device, shape, None
 
-    def draw(self, renderer, camera):
-        """Color and alpha (height, width, 4), the depths or None, and the GPU times. They hold until the next one."""
-        # What PyTorch still reads must not be drawn over.
-        self._torch.cuda.current_stream(self._device).synchronize()
-        timings = renderer._draw_exported(camera, self._exported, self._has_depth)
+    def planes(self):
+        """Color and alpha (height, width, 4), and the depths. They are there after the first picture."""
         if self._planes is None:
             cuda = ctypes.CDLL("libcuda.so.1")
             with self._torch.cuda.device(self._device):
-                mapped = [_Mapped(cuda, file, size, self._shape) for file, size in self._exported.handles()]
+                mapped = [_Mapped(cuda, file, size, self._shape) for file, size in self.exported.handles()]
                 self._planes = [self._torch.as_tensor(plane, device=self._device) for plane in mapped]
-        return self._planes[0], self._planes[1] if self._has_depth else None, timings
+        return self._planes
+
+
+class Frames:
+    """Memory for some pictures of one size. CUDA and Vulkan take turns on the device, and a turn costs more than a copy,
+    so several pictures are drawn in one."""
+
+    MOST = 4
+
+    def __init__(self, torch, device, size, has_depth):
+        self._torch, self._device, self._has_depth = torch, device, has_depth
+        self._shape, self._frames = (size[1], size[0], 4), []
+
+    def draw(self, renderer, cameras):
+        """For each camera, the planes of its picture, which hold until the next few, and its GPU times."""
+        for start in range(0, len(cameras), self.MOST):
+            some = cameras[start : start + self.MOST]
+            while len(self._frames) < len(some):
+                self._frames.append(Frame(self._torch, self._device, self._shape))
+            # What PyTorch still reads must not be drawn over.
+            self._torch.cuda.current_stream(self._device).synchronize()
+            views = [(camera, frame.exported) for camera, frame in zip(some, self._frames)]
+            for frame, timings in zip(self._frames, renderer._draw_exported(views, self._has_depth)):
+                yield frame.planes(), timings
 
 
 def is_same_device(torch, device, vulkan):

@@ -22,13 +22,17 @@ class _Kept:
     """A renderer, with copies of the arrays of its scene: they tell whether the next call draws the same scene."""
 
     def __init__(self, options, arrays):
-        self.options, self.arrays = options, [_copy(values) for values in arrays]
+        self.options, self.frames = options, {}
         device, preset, knobs = options
-        self.renderer = Renderer(_scene(arrays), device=device, preset=preset, **dict(knobs))
+        self.renderer = Renderer(Scene.from_arrays(*arrays), device=device, preset=preset, **dict(knobs))
+        self._keep(arrays)
 
     def update(self, arrays):
-        self.renderer.update(_scene(arrays))
-        self.arrays = [_copy(values) for values in arrays]
+        self.renderer.update(Scene.from_arrays(*arrays))
+        self._keep(arrays)
+
+    def _keep(self, arrays):
+        self.arrays, self.extent = [_copy(values) for values in arrays], _extent(arrays[0])
 
 
 class _Host:
@@ -37,10 +41,10 @@ class _Host:
     def __init__(self, colors, alphas):
         self.colors, self.alphas = np.empty(colors, np.float32), np.empty(alphas, np.float32)
 
-    def draw(self, renderer, cameras, has_depth):
+    def draw(self, kept, cameras, has_depth):
         """Color, coverage, and the mean depth, which is 0 where there is nothing, of each camera; and GPU times."""
         layers = ("color", "alpha", "depth") if has_depth else ("color", "alpha")
-        for picture in renderer.render_many(cameras, layers=layers):
+        for picture in kept.renderer.render_many(cameras, layers=layers):
             depth = np.nan_to_num(picture.depth, copy=False, nan=0.0) if has_depth else None
             yield picture.color, picture.alpha, depth, picture.timings
 
@@ -49,15 +53,17 @@ class _Device:
     """Pictures as tensors on the device that draws them, which no copy leaves."""
 
     def __init__(self, torch, device, colors, alphas):
-        self.torch, self.device, self.frames = torch, device, {}
+        self.torch, self.device = torch, device
         self.colors, self.alphas = (torch.empty(shape, device=device) for shape in (colors, alphas))
 
-    def draw(self, renderer, cameras, has_depth):
-        for camera in cameras:
-            key = (camera.size, has_depth)
-            frames = self.frames.setdefault(key, Frames(self.torch, self.device, camera.size, has_depth))
-            pixels, depths, timings = frames.draw(renderer, camera)
-            depth = self.torch.where(depths[..., 2] > 0, depths[..., 0], 0.0) if has_depth else None
+    def draw(self, kept, cameras, has_depth):
+        if not cameras:
+            return
+        key = (self.device, cameras[0].size, has_depth)
+        if key not in kept.frames:
+            kept.frames = {key: Frames(self.torch, self.device, cameras[0].size, has_depth)}
+        for (pixels, *depths), timings in kept.frames[key].draw(kept.renderer, cameras):
+            depth = self.torch.where(depths[0][..., 2] > 0, depths[0][..., 0], 0.0) if has_depth else None
             yield pixels[..., :3], pixels[..., 3], depth, timings
 
 
@@ -209,7 +215,7 @@ def _draw(one, options, size, sh_degree, far_plane, has_color, depth_mode, into)
                 gaussians = _before(gaussians, poses[some[0]], far_plane)
             # All pictures of a camera have the same depths.
             has_depth = depth_mode is not None and channels.start == 0
-            pictures = canvas.draw(_renderer(options, gaussians), [views[c] for c in some], has_depth)
+            pictures = canvas.draw(_keeping(options, gaussians), [views[c] for c in some], has_depth)
             for c, (color, alpha, depth, times) in zip(some, pictures):
                 width = channels.stop - channels.start
                 drawn[c, ..., channels] = color[..., :width]
@@ -230,19 +236,15 @@ def _canvas(options, means, shapes):
     return _Host(*shapes)
 
 
-def _renderer(options, arrays):
-    """A renderer of the scene: that of the last call, if its scene is the same."""
+def _keeping(options, arrays):
+    """What draws the scene: that of the last call, if its scene is the same."""
     global _kept
     if _kept is None or _kept.options != options:
         _kept = None
         _kept = _Kept(options, arrays)
     elif not all(_equal(*pair) for pair in zip(_kept.arrays, arrays)):
         _kept.update(arrays)
-    return _kept.renderer
-
-
-def _scene(arrays):
-    return Scene.from_arrays(*arrays)
+    return _kept
 
 
 def _groups(colors, sh_degree):
@@ -255,7 +257,7 @@ def _groups(colors, sh_degree):
         width = some.shape[-1]
         # A sum of spherical harmonics below 0 is black.
         shift = max(0.0, -float(some.min())) if len(some) else 0.0
-        sh = (some + (shift - 0.5)) / _C0
+        sh = (some + (shift - 0.5)) * (1 / _C0)
         if width < _CHANNELS:
             sh = sh[:, [min(i, width - 1) for i in range(_CHANNELS)]]
         yield slice(start, start + width), shift, sh[:, None]
@@ -276,7 +278,14 @@ def _farthest(means, poses):
     """No view depth is larger."""
     if not len(means) or not len(poses):
         return 0.0
-    return float(abs(means).max()) * math.sqrt(3) + float(np.linalg.norm(poses[:, :3, 3], axis=-1).max())
+    is_kept = _kept is not None and _equal(_kept.arrays[0], means)
+    extent = _kept.extent if is_kept else _extent(means)
+    return extent * math.sqrt(3) + float(np.linalg.norm(poses[:, :3, 3], axis=-1).max())
+
+
+def _extent(means):
+    """The largest coordinate, without its sign."""
+    return float(abs(means).max()) if len(means) else 0.0
 
 
 def _is_tensor(values):

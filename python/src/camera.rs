@@ -42,20 +42,23 @@ impl Camera {
         near: Option<f32>,
         name: Option<String>,
     ) -> PyResult<Self> {
-        let (k, _) = numbers::<f64>(K, "K", "float64", &[Some(3), Some(3)])?;
-        let matrix = |value, name| numbers::<f64>(value, name, "float64", &[Some(4), Some(4)]).map(|(m, _)| m);
+        let k = numbers::<f64>(K, "K", "float64", &[Some(3), Some(3)])?;
+        let k = k.values();
+        let matrix = |value, name| numbers::<f64>(value, name, "float64", &[Some(4), Some(4)]);
         let rows =
             |m: &[f64]| DMat3::from_cols_array(&[m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]]).transpose();
         let last = |m: &[f64]| DVec3::new(m[3], m[7], m[11]);
         let (rotation, position) = match (viewmat, c2w) {
             (Some(viewmat), None) => {
                 let m = matrix(viewmat, "viewmat")?;
-                let rotation = rows(&m);
-                (rotation, -(rotation.transpose() * last(&m)))
+                let m = m.values();
+                let rotation = rows(m);
+                (rotation, -(rotation.transpose() * last(m)))
             }
             (None, Some(c2w)) => {
                 let m = matrix(c2w, "c2w")?;
-                (rows(&m).transpose(), last(&m))
+                let m = m.values();
+                (rows(m).transpose(), last(m))
             }
             _ => return Err(PyValueError::new_err("a camera has one pose: give either viewmat or c2w")),
         };

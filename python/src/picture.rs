@@ -307,7 +307,7 @@ fn pixels(value: &Bound<PyAny>, name: &str) -> PyResult<Pixels> {
     if let Ok(picture) = value.cast::<Picture>() {
         return Ok(picture.get().content.pixels());
     }
-    let (values, shape) = numbers::<f32>(value, name, "float32", &[None, None, Some(3)])?;
+    let values = numbers::<f32>(value, name, "float32", &[None, None, Some(3)])?;
     let kind: String =
         value.py().import("numpy")?.call_method1("asarray", (value,))?.getattr("dtype")?.str()?.extract()?;
     let white = match kind.as_str() {
@@ -315,6 +315,6 @@ fn pixels(value: &Bound<PyAny>, name: &str) -> PyResult<Pixels> {
         _ if kind.starts_with("float") => 1.0,
         _ => return Err(PyTypeError::new_err(format!("{name}: expected floats or uint8, found {kind}"))),
     };
-    let rgba = values.chunks_exact(3).map(|p| [p[0] / white, p[1] / white, p[2] / white, 1.0]).collect();
-    Ok(Pixels { size: [shape[1] as u32, shape[0] as u32], rgba })
+    let rgba = values.values().chunks_exact(3).map(|p| [p[0] / white, p[1] / white, p[2] / white, 1.0]).collect();
+    Ok(Pixels { size: [values.shape()[1] as u32, values.shape()[0] as u32], rgba })
 }

@@ -203,28 +203,32 @@ impl Renderer {
         updated.map_err(exception)
     }
 
-    /// Draws a picture into memory that CUDA opens.
+    /// Draws pictures into memory that CUDA opens, one into each, without a pause between them. Returns the GPU times of
+    /// each.
     fn _draw_exported<'py>(
         &self,
         py: Python<'py>,
-        camera: &Camera,
-        into: &Exported,
+        views: Vec<(Camera, Py<Exported>)>,
         has_depth: bool,
-    ) -> PyResult<Bound<'py, PyDict>> {
+    ) -> PyResult<Vec<Bound<'py, PyDict>>> {
         check_process()?;
-        let frame = py.detach(|| {
+        let drawn = py.detach(|| {
             let mut inner = lock(&self.0);
-            let mut host = lock(&into.0);
             let wanted = exported(has_depth);
-            let near = inner.asked.near(camera);
-            let mut drawing = lock(inner.drawing(near)?);
-            let started = drawing.stream.start(&camera.camera, Background::BLACK, &wanted, std::mem::take(&mut host));
-            let Finished { mut frames, host: filled } = drawing.stream.finish(started?)?;
-            *host = filled;
-            ensure!(!frames.is_empty(), "a frame was drawn");
-            Ok(frames.swap_remove(0))
+            let mut started = Vec::new();
+            for (camera, into) in &views {
+                let host = std::mem::take(&mut *lock(&into.get().0));
+                started.push(inner.start_into(camera, Background::BLACK, &wanted, host)?);
+            }
+            let finished = started.into_iter().zip(&views).map(|(view, (_, into))| {
+                let Finished { mut frames, host } = lock(&view.drawing).stream.finish(view.streamed)?;
+                *lock(&into.get().0) = host;
+                ensure!(!frames.is_empty(), "a frame was drawn");
+                Ok(timings(&frames.swap_remove(0)))
+            });
+            finished.collect::<Result<Vec<_>>>()
         });
-        stage_times(py, &timings(&frame.map_err(exception)?))
+        drawn.map_err(exception)?.iter().map(|times| stage_times(py, times)).collect()
     }
 
     /// The name of the Vulkan device.
@@ -267,9 +271,20 @@ impl Inner {
     }
 
     fn start(&mut self, camera: &Camera, background: Background, wanted: &Wanted) -> Result<View> {
+        let host = self.spare.take();
+        self.start_into(camera, background, wanted, host)
+    }
+
+    fn start_into(
+        &mut self,
+        camera: &Camera,
+        background: Background,
+        wanted: &Wanted,
+        host: HostFrame,
+    ) -> Result<View> {
         let near = self.asked.near(camera);
         let drawing = self.drawing(near)?.clone();
-        let streamed = lock(&drawing).stream.start(&camera.camera, background, wanted, self.spare.take())?;
+        let streamed = lock(&drawing).stream.start(&camera.camera, background, wanted, host)?;
         Ok(View { drawing, background, streamed })
     }
 

@@ -73,17 +73,25 @@ impl Scene {
         sh: &Bound<PyAny>,
         antialiased: bool,
     ) -> PyResult<Self> {
-        let (means, shape) = numbers::<f32>(means, "means", "float32", &[None, Some(3)])?;
-        let count = shape[0];
-        let (quats, _) = numbers::<f32>(quats, "quats", "float32", &[Some(count), Some(4)])?;
-        let (scales, _) = numbers::<f32>(scales, "scales", "float32", &[Some(count), Some(3)])?;
-        let (opacities, _) = numbers::<f32>(opacities, "opacities", "float32", &[Some(count)])?;
-        let (sh, shape) = numbers::<f32>(sh, "sh", "float32", &[Some(count), None, Some(3)])?;
-        let degree = (0..=3).find(|degree| sh_coefficients(*degree) == shape[1]);
+        let means = numbers::<f32>(means, "means", "float32", &[None, Some(3)])?;
+        let count = Some(means.shape()[0]);
+        let quats = numbers::<f32>(quats, "quats", "float32", &[count, Some(4)])?;
+        let scales = numbers::<f32>(scales, "scales", "float32", &[count, Some(3)])?;
+        let opacities = numbers::<f32>(opacities, "opacities", "float32", &[count])?;
+        let sh = numbers::<f32>(sh, "sh", "float32", &[count, None, Some(3)])?;
+        let coefficients = sh.shape()[1];
+        let degree = (0..=3).find(|degree| sh_coefficients(*degree) == coefficients);
         let degree = degree.ok_or_else(|| {
-            PyValueError::new_err(format!("sh: expected 1, 4, 9 or 16 coefficients, found {}", shape[1]))
+            PyValueError::new_err(format!("sh: expected 1, 4, 9 or 16 coefficients, found {coefficients}"))
         })?;
-        let arrays = Arrays { means, quats, scales, opacities, sh, degree };
+        let arrays = Arrays {
+            means: means.values(),
+            quats: quats.values(),
+            scales: scales.values(),
+            opacities: opacities.values(),
+            sh: sh.values(),
+            degree,
+        };
         py.detach(|| arrays.scene(antialiased))
     }
 
@@ -179,16 +187,16 @@ impl Scene {
 }
 
 /// The arrays of a scene.
-struct Arrays {
-    means: Vec<f32>,
-    quats: Vec<f32>,
-    scales: Vec<f32>,
-    opacities: Vec<f32>,
-    sh: Vec<f32>,
+struct Arrays<'a> {
+    means: &'a [f32],
+    quats: &'a [f32],
+    scales: &'a [f32],
+    opacities: &'a [f32],
+    sh: &'a [f32],
     degree: u32,
 }
 
-impl Arrays {
+impl Arrays<'_> {
     fn scene(self, is_antialiased: bool) -> PyResult<Scene> {
         let wrong = |what: &str, row: usize| Err(PyValueError::new_err(format!("{what} in row {row}")));
         if let Some(place) = self.scales.iter().position(|scale| *scale < 0.0) {
@@ -207,8 +215,8 @@ impl Arrays {
             sh.as_flattened_mut().copy_from_slice(&self.sh[i * stride..][..stride]);
             let opacity = f64::from(self.opacities[i]);
             Raw {
-                mean: wide(&self.means, i),
-                log_scale: wide(&self.scales, i).map(f64::ln),
+                mean: wide(self.means, i),
+                log_scale: wide(self.scales, i).map(f64::ln),
                 rotation: std::array::from_fn(|k| f64::from(self.quats[4 * i + k])),
                 opacity_logit: (opacity / (1.0 - opacity)).ln(),
             }
