@@ -20,6 +20,7 @@ from ._smalto import (
     compare,
     reference,
 )
+from ._window import Window, view
 
 __all__ = [
     "Camera",
@@ -30,9 +31,11 @@ __all__ = [
     "Renderer",
     "Scene",
     "UnreadableError",
+    "Window",
     "__version__",
     "compare",
     "rasterization",
     "reference",
     "release",
+    "view",
 ]

@@ -60,6 +60,9 @@ pub(super) struct Args {
     /// File of key bindings [default: smalto/viewer.toml in the user's folder of settings]
     #[arg(long, value_name = "FILE")]
     keys: Option<PathBuf>,
+    /// Read a scene file again when it changes, and keep the view: watch a training that writes its scene now and then
+    #[arg(long, conflicts_with = "offscreen")]
+    follow: bool,
     /// Write events to standard output, one line of JSON each
     #[arg(long)]
     events: bool,
@@ -165,6 +168,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         compare_mode: args.compare_by.unwrap_or(CompareMode::Split),
         view_mode: args.look,
         fps: args.fps,
+        follows: args.follow,
         prints_events: args.events,
         remark,
     };

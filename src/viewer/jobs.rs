@@ -28,6 +28,8 @@ pub enum JobEvent {
     Partial(u64, Arc<Gaussians>),
     /// Layer number, and the scene.
     Read(u64, Result<Opened>),
+    /// Layer number: its file is another one by now.
+    Changed(u64, Result<()>),
     Cameras(PathBuf, Result<CameraFile>),
     /// A scene is on the GPU and can be drawn from any view.
     Built(Side, Result<Box<Drawn>>),

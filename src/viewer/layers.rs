@@ -8,9 +8,10 @@ use glam::{DQuat, DVec3, EulerRot};
 
 use super::edit::Edit;
 use super::edited::Edited;
+use super::follow::{self, Stamp};
 use super::held::{Held, Opened};
-use super::jobs::{Cancel, JobEvent, Jobs, Reporter};
-use crate::scene::{self, Focus, Procedural, Reading, Scene, Transform, Watch, remarks};
+use super::jobs::{Cancel, JobEvent, Jobs};
+use crate::scene::{self, Focus, Gaussians, Procedural, Reading, Scene, Transform, Watch, remarks};
 use crate::storage::{self, PageFile};
 
 /// The source of a scene.
@@ -42,6 +43,11 @@ pub struct Layer {
     pub is_shown: [bool; 2],
     /// The fraction read, 0 to 1; `None` once all is read.
     pub progress: Option<f64>,
+    /// All of it was read at least once.
+    pub is_read: bool,
+    reading: Reading,
+    /// Of the file, when it was read last.
+    seen: Stamp,
     cancel: Cancel,
 }
 
@@ -93,13 +99,7 @@ impl Source {
 impl Layer {
     /// Starts to read a scene, on another thread.
     pub fn open(number: u64, source: Source, reading: Reading, jobs: &Jobs) -> Self {
-        let cancel = Cancel::default();
-        let (origin, stop) = (source.clone(), cancel.clone());
-        jobs.start(
-            move |reporter| read(origin, reading, number, reporter, &stop),
-            move |opened| JobEvent::Read(number, opened),
-        );
-        Self {
+        let mut layer = Self {
             number,
             name: source.name(),
             source,
@@ -112,9 +112,42 @@ impl Layer {
             focus: None,
             edited: None,
             is_shown: [true; 2],
-            progress: Some(0.0),
-            cancel,
+            progress: None,
+            is_read: false,
+            reading,
+            seen: None,
+            cancel: Cancel::default(),
+        };
+        layer.read(jobs);
+        layer
+    }
+
+    /// Starts to read the scene, on another thread. What was read before stays until all is there.
+    pub fn read(&mut self, jobs: &Jobs) {
+        let (number, reading, shows_parts) = (self.number, self.reading, !self.is_read);
+        let (source, cancel) = (self.source.clone(), self.cancel.clone());
+        if let Source::File(path) = &source {
+            self.seen = follow::stamp(path);
         }
+        self.progress = Some(0.0);
+        jobs.start(
+            move |reporter| {
+                let part = |part| reporter.send(JobEvent::Partial(number, part));
+                let progress = |fraction| reporter.send(JobEvent::Reading(number, fraction));
+                read(source, reading, &progress, shows_parts.then_some(&part), &cancel)
+            },
+            move |opened| JobEvent::Read(number, opened),
+        );
+    }
+
+    /// Waits, on another thread, until the file changes.
+    pub fn follow(&self, jobs: &Jobs) {
+        let Source::File(path) = self.source.clone() else { return };
+        let (number, seen, cancel) = (self.number, self.seen, self.cancel.clone());
+        jobs.start(
+            move |_| follow::wait_for_change(&path, seen, &cancel),
+            move |changed| JobEvent::Changed(number, changed),
+        );
     }
 
     /// Takes in the scene that was opened, and returns its Gaussians, and what a user should know of them.
@@ -138,7 +171,7 @@ impl Layer {
             self.summary += "; levels of detail, read page by page";
         }
         self.is_antialiased = is_antialiased;
-        self.progress = None;
+        (self.progress, self.is_read) = (None, true);
         self.focus = Some(held.focus());
         (self.held.insert(held).clone(), remarks(&self.name, &report, &notices))
     }
@@ -170,7 +203,14 @@ impl Layer {
 }
 
 /// Reads the scene of a layer, or opens it if its pages are read later.
-fn read(source: Source, reading: Reading, number: u64, reporter: &Reporter, cancel: &Cancel) -> Result<Opened> {
+/// `show` receives what is read so far.
+fn read(
+    source: Source,
+    reading: Reading,
+    progress: &dyn Fn(f64),
+    show: Option<&dyn Fn(Arc<Gaussians>)>,
+    cancel: &Cancel,
+) -> Result<Opened> {
     let path = match source {
         Source::Procedural(procedural) => return reading.make(procedural).map(Box::new).map(Opened::Whole),
         Source::File(path) => path,
@@ -181,12 +221,13 @@ fn read(source: Source, reading: Reading, number: u64, reporter: &Reporter, canc
         return Ok(Opened::Pages(Arc::new(file)));
     }
     let watch = Watch {
-        progress: &|fraction| reporter.send(JobEvent::Reading(number, fraction)),
+        progress,
         partial: &|so_far| {
+            let Some(show) = show else { return };
             // A failure to place the scene is reported when all is read.
             let part = so_far.so_far().map_err(anyhow::Error::from);
             if let Ok(placed) = part.and_then(|part| reading.placed(part)) {
-                reporter.send(JobEvent::Partial(number, Arc::new(placed)));
+                show(Arc::new(placed));
             }
         },
         is_cancelled: &|| cancel.is_cancelled(),

@@ -18,6 +18,7 @@ mod events;
 mod export;
 mod fault;
 mod film;
+mod follow;
 mod gizmo;
 mod held;
 mod history;

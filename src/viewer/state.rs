@@ -62,6 +62,8 @@ pub struct Setup {
     pub view_mode: usize,
     /// Frames a second that scenes with levels of detail keep, by the number of nodes.
     pub fps: Option<f64>,
+    /// Read scene files again when they change.
+    pub follows: bool,
     /// Write events to standard output, one line of JSON each.
     pub prints_events: bool,
     /// Receives remarks that belong on the terminal too, such as why the fast path is not taken.

@@ -12,6 +12,13 @@ use crate::rules::Background;
 const MOST_BYTES: usize = 256 << 20;
 
 impl Undo {
+    /// Forgets what was done to the Gaussians of a scene, which are others now.
+    pub fn forget_edits(&mut self, number: u64) {
+        for state in self.done.iter_mut().chain(&mut self.undone).chain(&mut self.current) {
+            state.edits.iter_mut().filter(|(of, _)| *of == number).for_each(|(_, edit)| *edit = None);
+        }
+    }
+
     /// Drops the oldest states until at most `steps` are left, whose edits do not need too much memory. States share
     /// an edit that did not change between them.
     pub fn limit(&mut self, steps: usize) {

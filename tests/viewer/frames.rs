@@ -22,6 +22,7 @@ pub(super) fn setup(scenes: &[&str]) -> Setup {
         photographs: None,
         options: Options::default(),
         antialiased_is_explicit: false,
+        follows: false,
         near_is_explicit: false,
         reading: Reading::default(),
         bindings: Bindings::default(),

@@ -4,6 +4,7 @@
 mod common;
 
 mod edits;
+mod following;
 mod frames;
 mod mends;
 mod monkey;

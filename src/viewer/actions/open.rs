@@ -184,10 +184,15 @@ impl Viewer {
     /// Takes in a scene that was read, or reports why it could not be read.
     pub fn handle_scene(&mut self, number: u64, scene: Result<Opened>) {
         let Some(place) = self.layers.iter().position(|layer| layer.number == number) else { return };
+        let is_again = self.layers[place].is_read;
+        if is_again && self.layers[place].edit.is_some() {
+            self.layers[place].progress = None;
+            return self.note_stays(place);
+        }
         match scene {
             Ok(scene) => {
                 let (held, remarks) = self.layers[place].fill(scene);
-                for remark in remarks {
+                for remark in remarks.into_iter().filter(|_| !is_again) {
                     (self.setup.remark)(&remark);
                     self.messages.note(remark);
                 }
@@ -199,12 +204,24 @@ impl Viewer {
                     self.options.rules.antialiased = self.layers.iter().any(|layer| layer.is_antialiased);
                 }
                 // A view set while reading knew only a part of the scene.
-                if !self.has_view || self.layers.len() == 1 && !self.has_moved() {
+                if !self.has_view || self.layers.len() == 1 && !self.has_moved() && !is_again {
                     self.set_first_view(held.focus());
                 }
-                self.restore_edit(place);
-                self.end_project();
-                self.begin_undo();
+                if is_again {
+                    self.undo.forget_edits(number);
+                } else {
+                    self.restore_edit(place);
+                    self.end_project();
+                    self.begin_undo();
+                }
+                if self.setup.follows {
+                    self.layers[place].follow(&self.jobs);
+                }
+            }
+            Err(problem) if is_again => {
+                self.messages.error(format!("{problem:#}; the scene before it stays"));
+                self.layers[place].progress = None;
+                self.layers[place].follow(&self.jobs);
             }
             Err(problem) => {
                 let layer = self.layers.remove(place);
@@ -222,6 +239,22 @@ impl Viewer {
         if is_read && self.setup.compares_with.take_if(|with| *with == CompareWith::Reference).is_some() {
             self.compare_with_reference();
         }
+    }
+
+    /// Reads a scene again whose file changed.
+    pub fn handle_change(&mut self, number: u64, changed: Result<()>) {
+        let place = self.layers.iter().position(|layer| layer.number == number);
+        let Some(place) = place.filter(|_| changed.is_ok()) else { return };
+        match self.layers[place].edit {
+            None => self.layers[place].read(&self.jobs),
+            Some(_) => self.note_stays(place),
+        }
+    }
+
+    /// An edit is of the Gaussians that the scene had when it was made.
+    fn note_stays(&mut self, place: usize) {
+        let name = &self.layers[place].name;
+        self.messages.note(format!("{name}: the file changed; it is not read again, as the scene is edited"));
     }
 
     /// Takes in cameras that were read, or reports why they could not be read.
