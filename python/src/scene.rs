@@ -27,19 +27,21 @@ pub struct Scene {
 #[pymethods]
 impl Scene {
     /// Reads a scene file of any format that `smalto render` reads, or makes a procedural scene such as "cactus:100000".
-    /// A page file (.smalto) stays on the disk and is drawn page by page. `lod` is the level of detail of a streamed
-    /// SOG. Errors: UnreadableError, MemoryError, ValueError for a level that there is not. Ctrl-C ends the reading.
+    /// A page file (.smalto) stays on the disk and is drawn page by page. `up` is the axis of the file that points up,
+    /// like "z" or "-y", `flip` names axes to reverse, like "yz", and `lod` is the level of detail of a streamed SOG, 0
+    /// the finest. Errors: UnreadableError, MemoryError, ValueError for an axis or a level that there is not. Ctrl-C ends
+    /// the reading.
     #[staticmethod]
-    #[pyo3(signature = (path, *, lod = None))]
-    fn read(py: Python, path: PathBuf, lod: Option<u32>) -> PyResult<Self> {
+    #[pyo3(signature = (path, *, up = None, flip = None, lod = None))]
+    fn read(py: Python, path: PathBuf, up: Option<&str>, flip: Option<&str>, lod: Option<u32>) -> PyResult<Self> {
+        let reading = smalto::cli::reading(up, flip, lod).map_err(|why| PyValueError::new_err(format!("{why:#}")))?;
         py.detach(|| {
-            let reading = Reading { level: lod, ..Reading::default() };
             if let Some(made) = path.to_str().and_then(Procedural::parse) {
                 let made = made.map_err(|why| PyValueError::new_err(format!("{}: {why:#}", path.display())))?;
                 return Ok(Self::of(reading.make(made).map_err(exception)?, &path));
             }
             let path = smalto::scene::in_folder(&path);
-            if lod.is_none() && storage::is_page_file(&path) {
+            if reading == Reading::default() && storage::is_page_file(&path) {
                 let file = PageFile::open(&path).map_err(exception)?;
                 let is_antialiased = file.header().is_antialiased;
                 return Ok(Self { source: SceneSource::of_file(file), is_antialiased, notices: Vec::new() });

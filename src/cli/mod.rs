@@ -54,6 +54,7 @@ pub use devices::open_device;
 use devices::{DeviceArgs, DevicesArgs};
 use environment::Environment;
 use knobs::{Knobs, RuleKnobs};
+pub use scenes::reading;
 use scenes::{ReadingArgs, SceneArg};
 use sink::Sink;
 

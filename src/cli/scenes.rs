@@ -205,6 +205,16 @@ impl ReadingArgs {
     }
 }
 
+/// How a file is read with these values of --up, --flip and --lod.
+///
+/// # Errors
+/// If a value is none that the option takes.
+pub fn reading(up: Option<&str>, flip: Option<&str>, lod: Option<u32>) -> Result<Reading> {
+    let up = up.map(parse_up).transpose().context("up")?;
+    let flip = flip.map(parse_axes).transpose().context("flip")?;
+    ReadingArgs { up, flip, lod }.reading()
+}
+
 /// The rotation from the axis `up` to -y. If `up` is the opposite axis, the rotation is about x.
 fn upright(up: Up) -> Result<Transform> {
     let wanted = Up::default().vector();
