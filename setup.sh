@@ -11,8 +11,8 @@ for candidate in apt-get dnf pacman; do
     if has "$candidate"; then manager=$candidate; break; fi
 done
 
-# CMake, make, git, Python and the C++ compiler build the shader compiler. The tests need the validation layer, Xvfb and
-# openbox.
+# CMake, make, git, Python and the C++ compiler build the shader compiler. The tests need the validation layer, Xvfb,
+# openbox and weston.
 names=() packages=()
 while read -r name apt dnf pacman check; do
     if $check; then continue; fi
@@ -40,6 +40,7 @@ xrandr    libxrandr2              libXrandr                libxrandr            
 xkbcommon libxkbcommon-x11-0      libxkbcommon-x11         libxkbcommon-x11         has_lib libxkbcommon-x11.so.0
 xvfb      xvfb                    xorg-x11-server-Xvfb     xorg-server-xvfb         has Xvfb
 openbox   openbox                 openbox                  openbox                  has openbox
+weston    weston                  weston                   weston                   has weston-screenshooter
 TABLE
 [ ${#names[@]} -eq 0 ] && exit 0
 

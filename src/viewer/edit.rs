@@ -160,25 +160,33 @@ pub enum Property {
     Scale,
     /// The largest standard deviation over the smallest.
     Anisotropy,
+    /// The largest part of the light of a pixel that it has in the view: alpha times transmittance.
+    Contribution,
 }
 
 impl Property {
-    pub const ALL: [(Self, &str); 3] =
-        [(Self::Opacity, "opacity"), (Self::Scale, "largest scale"), (Self::Anisotropy, "anisotropy")];
+    pub const ALL: [(Self, &str); 4] = [
+        (Self::Opacity, "opacity"),
+        (Self::Scale, "largest scale"),
+        (Self::Anisotropy, "anisotropy"),
+        (Self::Contribution, "contribution"),
+    ];
 
-    pub fn of(self, gaussians: &Gaussians, index: usize) -> f32 {
+    /// Of a Gaussian with this contribution.
+    pub fn of(self, gaussians: &Gaussians, index: usize, contribution: f32) -> f32 {
         let scales = gaussians.scales()[index];
         let (low, high) = scales.iter().fold((f32::MAX, 0.0), |(low, high): (f32, f32), s| (low.min(*s), high.max(*s)));
         match self {
             Self::Opacity => gaussians.opacities()[index],
             Self::Scale => high,
             Self::Anisotropy => high / low.max(f32::MIN_POSITIVE),
+            Self::Contribution => contribution,
         }
     }
 }
 
 /// What is selected.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Selection {
     /// Centres that are seen within an outline of the picture.
     Outline(Outline),
@@ -191,7 +199,7 @@ pub enum Selection {
 }
 
 /// A figure in the picture. Places are in pixels.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Outline {
     Rectangle(DVec2, DVec2),
     /// A closed line; inside is what it goes around an odd number of times.

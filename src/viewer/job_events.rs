@@ -34,6 +34,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
             }
         }
         JobEvent::Read(number, scene) => viewer.handle_scene(number, scene),
+        JobEvent::Shares(selection, how, shares) => viewer.handle_shares(&selection, how, shares),
         JobEvent::Changed(number, changed) => viewer.handle_change(number, changed),
         JobEvent::Cameras(path, cameras) => viewer.handle_cameras(&path, cameras),
         JobEvent::Built(side, drawn) => handle_built(viewer, pair, device, side, drawn),

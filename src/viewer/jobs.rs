@@ -8,12 +8,14 @@ use std::thread::JoinHandle;
 
 use anyhow::{Result, anyhow};
 
+use super::edit::{How, Selection};
 use super::edited::Edited;
 use super::evaluation::Evaluation;
 use super::held::Opened;
 use super::measuring::Costs;
 use super::photographs::Photographs;
 use super::pictures::{Drawn, Side};
+use super::shares::Shares;
 use super::still::Apart;
 use crate::camera::CameraFile;
 use crate::options::Options;
@@ -28,6 +30,8 @@ pub enum JobEvent {
     Partial(u64, Arc<Gaussians>),
     /// Layer number, and the scene.
     Read(u64, Result<Opened>),
+    /// What Gaussians contribute to the view, for a selection.
+    Shares(Selection, How, Result<Shares>),
     /// Layer number: its file is another one by now.
     Changed(u64, Result<()>),
     Cameras(PathBuf, Result<CameraFile>),

@@ -42,6 +42,7 @@ mod rate;
 mod requests;
 mod screen;
 mod session;
+mod shares;
 mod state;
 mod still;
 mod undo;

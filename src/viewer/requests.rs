@@ -37,6 +37,9 @@ impl Session {
                     let Some(depth) = self.depth_at(pixel)? else { continue };
                     self.viewer.select_ball(pixel, radius_px, depth, how);
                 }
+                Request::SelectByShares(selection, how) => {
+                    self.viewer.start_selection(selection, how, self.screen.device().clone());
+                }
                 Request::FitRange => self.viewer.fit_range(),
                 Request::WritePicture => self.write_picture()?,
                 Request::CopyPicture => {

@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::comparison::{CompareMode, Comparison, Depicted};
 use super::dialog::Dialog;
 use super::drag::{Drag, Stroke, Tool};
-use super::edit::How;
+use super::edit::{How, Selection};
 use super::evaluation::Evaluation;
 use super::events::Events;
 use super::export::Export;
@@ -98,6 +98,8 @@ pub enum Request {
         radius_px: f64,
         how: How,
     },
+    /// Select by what each Gaussian contributes to the view.
+    SelectByShares(Selection, How),
     /// Fit the scale of the look to the values of the picture.
     FitRange,
     WritePicture,
@@ -209,6 +211,10 @@ pub struct Viewer {
     pub unflat_degrees: f64,
     /// The radius of the brush, in pixels.
     pub brush_px: f64,
+    /// Nothing is selected that has no part of the picture.
+    pub only_seen: bool,
+    /// The number of selections that are being made on other threads.
+    pub selecting: usize,
     /// The stroke of a tool that goes on.
     pub stroke: Option<Stroke>,
     /// The drag over the picture that goes on.
@@ -331,6 +337,8 @@ impl Viewer {
             placed: None,
             unflat_degrees: 60.0,
             brush_px: 20.0,
+            only_seen: false,
+            selecting: 0,
             stroke: None,
             drag: None,
             is_flying: false,

@@ -4,6 +4,7 @@ use egui::{Event, Key, Modifiers, PointerButton, pos2};
 use glam::{DVec2, DVec3};
 use smalto::camera::Camera;
 use smalto::pixels::Pixels;
+use smalto::reference;
 use smalto::scene::{Gaussians, SceneFile};
 use smalto::viewer::{Change, Counts, How, Offscreen, Outline, Property, Selection, Setup, Tab, Tool};
 
@@ -125,6 +126,45 @@ fn what_is_selected_in_the_picture_is_deleted_and_comes_back() {
     assert_eq!(of(&mut offscreen).selected, inside.len());
 }
 
+/// What hides behind others or is too faint is left out, also where some Gaussians are hidden and a scene is moved.
+#[test]
+fn what_is_seen_is_selected() {
+    let gpu = Gpu::new();
+    let mut offscreen = editing(&gpu, &["cactus:3000", "few-large:60"]);
+    offscreen.viewer().layers[1].place.translation = [0.3, 0.0, 0.2];
+    offscreen.viewer().is_stale = true;
+    offscreen.settle().unwrap();
+    let (view, options) = (offscreen.viewer().view(), offscreen.viewer().options.untraded());
+    let shares = |offscreen: &Offscreen| {
+        let found = reference::contributions(&gaussians(offscreen), &view, &options.rules);
+        found.into_iter().map(|share| share.largest).collect::<Vec<_>>()
+    };
+    // Those that lie within rounding of a limit may be selected or not.
+    let between = |shares: &[f64], low: f64, high: f64| {
+        let count = |low: f64, high: f64| shares.iter().filter(|share| (low..=high).contains(share)).count();
+        count(low * 1.001, high * 0.999)..=count(low * 0.999, high * 1.001)
+    };
+    let selected = |offscreen: &mut Offscreen| {
+        offscreen.settle().unwrap();
+        offscreen.viewer().edit_counts().selected
+    };
+    let all = shares(&offscreen);
+    offscreen.viewer().select(&Selection::Values(Property::Contribution, 0.02..=0.5), How::Replace);
+    let found = selected(&mut offscreen);
+    assert!(between(&all, 0.02, 0.5).contains(&found) && (50..2900).contains(&found), "{found}");
+    offscreen.viewer().change(Change::Hide);
+    offscreen.settle().unwrap();
+
+    offscreen.viewer().only_seen = true;
+    let everything = Selection::Box(DVec3::splat(-1e9), DVec3::splat(1e9));
+    offscreen.viewer().select(&everything, How::Replace);
+    let left = shares(&offscreen);
+    let found_now = selected(&mut offscreen);
+    assert_eq!(left.len(), all.len() - found);
+    let expected = between(&left, 1.0 / 255.0, 2.0);
+    assert!(expected.contains(&found_now) && found_now < left.len(), "{found_now} of {expected:?}");
+}
+
 #[test]
 fn gaussians_are_selected_by_place_and_value() {
     let gpu = Gpu::new();
@@ -134,7 +174,7 @@ fn gaussians_are_selected_by_place_and_value() {
     for (property, range) in
         [(Property::Opacity, 0.0..=0.5), (Property::Scale, 0.05..=9.0), (Property::Anisotropy, 2.0..=5.0)]
     {
-        let expected = (0..all.len()).filter(|i| range.contains(&property.of(&all, *i))).count();
+        let expected = (0..all.len()).filter(|i| range.contains(&property.of(&all, *i, 0.0))).count();
         offscreen.viewer().select(&Selection::Values(property, range.clone()), How::Replace);
         assert_eq!(selected(&mut offscreen), expected, "{property:?}");
     }

@@ -12,6 +12,7 @@ mod motion;
 mod navigator;
 mod poses;
 mod readings;
+mod wayland;
 mod window;
 mod window_errors;
 mod window_mends;

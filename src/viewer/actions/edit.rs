@@ -6,21 +6,23 @@ use std::sync::Arc;
 use anyhow::{Context, Result, ensure};
 use glam::{DVec2, DVec3};
 
+use crate::gpu::Device;
 use crate::scene::{Gaussians, Scene, SceneFile, WrittenFile, write_file};
 use crate::storage::convert::{self, Job};
 use crate::viewer::drag::{Stroke, Tool};
-use crate::viewer::edit::{Change, Counts, Edit, How, Outline, Selection};
+use crate::viewer::edit::{Change, Counts, Edit, How, Outline, Property, Selection};
 use crate::viewer::edited::Edited;
 use crate::viewer::held::Held;
 use crate::viewer::jobs::{JobEvent, Reporter};
 use crate::viewer::layers::Layer;
 use crate::viewer::pictures::needs_whole;
+use crate::viewer::shares::{Part, SEEN, Shares};
 use crate::viewer::state::{Request, Viewer};
 
 impl Viewer {
-    /// True while the Gaussians that edits leave are not there yet.
+    /// True while a selection is not made yet, or the Gaussians that edits leave are not there.
     pub fn is_editing(&self) -> bool {
-        self.layers.iter().any(Layer::is_being_edited)
+        self.selecting > 0 || self.layers.iter().any(Layer::is_being_edited)
     }
 
     /// Numbers of all scenes.
@@ -33,11 +35,53 @@ impl Viewer {
         })
     }
 
-    /// Selects Gaussians of the scenes that are shown.
+    /// Selects Gaussians of the scenes that are shown, of which nothing but what is seen if that is asked for.
     pub fn select(&mut self, selection: &Selection, how: How) {
-        let (view, near) = (self.view(), f64::from(self.options.rules.near));
+        if self.only_seen || matches!(selection, Selection::Values(Property::Contribution, _)) {
+            self.requests.push(Request::SelectByShares(selection.clone(), how));
+        } else {
+            self.select_of(selection, how, None);
+        }
+    }
+
+    /// Finds what the Gaussians contribute to the view, on another thread, and then selects.
+    pub fn start_selection(&mut self, selection: Selection, how: How, device: Device) {
+        let mut parts = Vec::new();
+        for place in 0..self.layers.len() {
+            let Some((whole, edit)) = self.editable(place) else { continue };
+            let layer = &self.layers[place];
+            match layer.place.transform() {
+                Ok(transform) => parts.push(Part { number: layer.number, whole, drawn: edit.drawn(), transform }),
+                Err(problem) => return self.messages.error(format!("{problem:#}")),
+            }
+        }
+        let (options, view) = (self.options, self.view());
+        self.selecting += 1;
+        let work = move |_: &Reporter| Shares::new(&device, parts, &options, view);
+        self.jobs.start(work, move |shares| JobEvent::Shares(selection, how, shares));
+    }
+
+    /// Selects by what the Gaussians contribute, or reports why that is not known.
+    pub fn handle_shares(&mut self, selection: &Selection, how: How, shares: Result<Shares>) {
+        self.selecting -= 1;
+        match shares {
+            Ok(shares) => self.select_of(selection, how, Some(&shares)),
+            Err(problem) => self.messages.error(format!("cannot find what is seen: {problem:#}")),
+        }
+    }
+
+    fn select_of(&mut self, selection: &Selection, how: How, shares: Option<&Shares>) {
+        let view = shares.map_or_else(|| self.view(), |shares| shares.view.clone());
+        let (near, only_seen) = (f64::from(self.options.rules.near), self.only_seen);
         for place in 0..self.layers.len() {
             let Some((whole, before)) = self.editable(place) else { continue };
+            let known = match shares.map(|shares| shares.of(self.layers[place].number, &whole)) {
+                // It was opened or hidden since.
+                Some(None) => continue,
+                known => known.flatten(),
+            };
+            let share = |i: usize| known.map_or(0.0, |shares| shares[i]);
+            let is_seen = |i: usize| known.is_none() || !only_seen || share(i) >= SEEN;
             let transform = match self.layers[place].place.transform() {
                 Ok(transform) => transform,
                 Err(problem) => return self.messages.error(format!("{problem:#}")),
@@ -48,16 +92,18 @@ impl Viewer {
                     let [low, high] = outline.bounds();
                     before.selecting(how, |i| {
                         let is_inside = |at: DVec2| at.cmpge(low).all() && at.cmple(high).all() && outline.contains(at);
-                        view.projected(world(i)).is_some_and(|(at, z)| z > near && is_inside(at))
+                        is_seen(i) && view.projected(world(i)).is_some_and(|(at, z)| z > near && is_inside(at))
                     })
                 }
-                Selection::Ball(centre, radius) => before.selecting(how, |i| world(i).distance(*centre) <= *radius),
+                Selection::Ball(centre, radius) => {
+                    before.selecting(how, |i| is_seen(i) && world(i).distance(*centre) <= *radius)
+                }
                 Selection::Box(low, high) => before.selecting(how, |i| {
                     let place = world(i);
-                    place.cmpge(*low).all() && place.cmple(*high).all()
+                    is_seen(i) && place.cmpge(*low).all() && place.cmple(*high).all()
                 }),
                 Selection::Values(property, range) => {
-                    before.selecting(how, |i| range.contains(&property.of(&whole, i)))
+                    before.selecting(how, |i| is_seen(i) && range.contains(&property.of(&whole, i, share(i))))
                 }
             };
             self.set_edit(place, Some(Arc::new(edit)));
