@@ -10,7 +10,7 @@ use egui::{ClippedPrimitive, TexturesDelta};
 use super::pictures::{Drawn, Side};
 use crate::camera::Camera;
 use crate::gpu::{
-    Access, Acquisition, Commands, Device, Image, InFlight, Overlay, Presentation, Swapchain, Timing, Vsync,
+    Access, Acquisition, Commands, Device, Image, InFlight, Overlay, Presentation, Swapchain, Timestamps, Timing, Vsync,
 };
 use crate::render::{Compare, Display, Path, Picture, Quantity, Recorded, Totals, upload_pixels};
 use crate::rules::Background;
@@ -257,9 +257,11 @@ impl Screen {
     }
 
     /// Draws the pictures of `pair`. [`Screen::show`] shows them.
-    pub fn draw(&mut self, pair: &mut Pair, camera: &Camera, background: Background) -> Result<()> {
+    pub fn draw(&mut self, pair: &mut Pair, camera: &Camera, background: Background, times_stages: bool) -> Result<()> {
         self.wait_for_slot(pair)?;
         let mut cmd = Commands::new(&self.device)?;
+        // Each timestamp costs time on the GPU, and only the panels show stages.
+        cmd.set_timestamps(if times_stages { Timestamps::All } else { Timestamps::Outermost });
         let mut pictures = Vec::new();
         for (side, drawn) in pair.drawn() {
             let recorded = drawn.renderer.record(&mut cmd, camera, background)?;

@@ -282,7 +282,7 @@ impl Session {
                 drawn.renderer.render(&camera, background)?;
             }
         }
-        self.screen.draw(&mut self.pair, &camera, background)?;
+        self.screen.draw(&mut self.pair, &camera, background, !self.viewer.panels.are_hidden)?;
         self.viewer.still = None;
         self.viewer.is_stale = false;
         self.viewer.pace.drawn += u64::from(self.pair.first.is_some());
