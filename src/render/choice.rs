@@ -18,6 +18,7 @@ use super::recorded::OfPages;
 use super::shaders::Totals;
 use super::slabs::{AtOnce, Chooser, Feed, PortableSlabs, Slabs};
 use super::trial_part::TRIAL;
+use crate::camera::Camera;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
@@ -235,10 +236,11 @@ impl PathChoice {
         &mut self,
         device: &Device,
         scene: &GpuScene,
-        size: [u32; 2],
+        camera: &Camera,
         needs_tile_lists: bool,
         attribute: Option<Attribute>,
     ) -> Result<Limits> {
+        let size = camera.size_px;
         let (gaussians, is_paged) = (scene.placed_len(), scene.is_paged());
         let wants_levels = self.options.wants_levels();
         let demand = |cells: u32| Capacity { gaussians, cells: cells as usize, ..Capacity::default() };
@@ -257,7 +259,7 @@ impl PathChoice {
                     fast.at_once = Some(AtOnce::new(device, &fast.pipeline, attribute)?);
                 }
                 if let (Some(feed), Some(chooser), false) = (&mut self.feed, &mut self.chooser, self.is_repeated) {
-                    feed.advance(device, scene, chooser)?;
+                    feed.advance(device, scene, chooser, camera)?;
                 }
             }
             fast.needs_slabs = in_slabs;
@@ -292,7 +294,11 @@ impl PathChoice {
                 if let Some((chooser, at_once)) = of_pages {
                     let fast = (&fast.pipeline, &fast.work, &self.options);
                     let state = at_once.record(cmd, fast, chooser, shot, target)?;
-                    let demand = self.feed.as_ref().map(|feed| feed.read(cmd, chooser, shot.scene)).transpose()?;
+                    let demand = self
+                        .feed
+                        .as_ref()
+                        .map(|feed| feed.read(cmd, chooser, shot.scene, &self.options))
+                        .transpose()?;
                     return Ok(Some(OfPages { state, demand }));
                 }
                 fast.pipeline.record(cmd, shot, &fast.work, target);

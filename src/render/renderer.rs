@@ -290,7 +290,7 @@ impl Renderer {
         let inspector = inspector.or(self.inspector.as_ref());
         let attribute = inspector.and_then(|inspector| self.shown_in_pages(&inspector.inspection));
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some() && attribute.is_none();
-        self.drawn = self.choice.prepare(&self.device, &self.scene, camera.size_px, needs_tile_lists, attribute)?;
+        self.drawn = self.choice.prepare(&self.device, &self.scene, camera, needs_tile_lists, attribute)?;
         ensure!(
             self.drawn.path == Path::Fast || !self.scene.is_placed(),
             "only the fast path draws scenes at places, and this device or these options do not take it"

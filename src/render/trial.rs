@@ -98,7 +98,7 @@ impl PathChoice {
     fn draw_trial(&mut self, device: &Device, scene: &GpuScene, needs_tile_lists: bool) -> Result<Pixels> {
         let image = Image::new(device, "trial", TRIAL_SIZE[0], TRIAL_SIZE[1])?;
         for _ in 0..MAX_ATTEMPTS {
-            let limits = self.prepare(device, scene, TRIAL_SIZE, needs_tile_lists, None)?;
+            let limits = self.prepare(device, scene, &scene.trial_view, needs_tile_lists, None)?;
             if limits.in_slabs {
                 let reason = "there is too little device memory".to_owned();
                 return Err(OutOfMemory { name: "trial of the fast path".to_owned(), bytes: None, reason }.into());

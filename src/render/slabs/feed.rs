@@ -3,7 +3,7 @@
 //!
 //! The GPU notes the pages that a picture wanted, and lists those that are missing (choose.comp). The host reads them
 //! and brings some before each picture. Where no slot is free, they take those of pages that were not wanted lately, or
-//! that matter less.
+//! that matter less. While the view moves, the pages are asked for, too, that it will want a moment later.
 
 use std::cmp::Reverse;
 use std::collections::HashSet;
@@ -18,8 +18,11 @@ use super::chooser::{Asked, Chooser};
 use super::family::Family;
 use super::plan::{Plan, Question};
 use super::pool::{Pool, ReadPage};
+use super::trail::Trail;
+use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, InFlight, Readback, Results};
 use crate::levels::CODES_PER_OCTAVE;
+use crate::options::Options;
 use crate::render::gpu_scene::GpuScene;
 use crate::render::shaders::CutState;
 use crate::storage::{Level, Pages};
@@ -57,6 +60,9 @@ pub struct Feed {
     /// Pages that leave for those that are being read.
     leaving: Vec<u32>,
     asked: Asked,
+    trail: Trail,
+    /// The view that is expected after the next picture, if it moves and pages can be read for it.
+    expected: Option<Camera>,
     /// No slot is free: the next picture tells which pages were wanted.
     is_full: bool,
     /// The last picture asked for pages that matter no more than those that are there.
@@ -75,6 +81,8 @@ pub struct Demand {
     missing: Readback<[u32; 2]>,
     /// When, and how much, every page was wanted last.
     wanted: Option<Readback<u32>>,
+    /// What the view that is expected later would lack.
+    later: Option<(Readback<CutState>, Readback<[u32; 2]>)>,
 }
 
 /// How far the pages of a picture that never waits are there.
@@ -105,6 +113,10 @@ const DEMANDED: usize = 8192;
 const COARSEST: usize = 64;
 /// Pages that are read at a time, or wait to be brought.
 const COMING: usize = 512;
+/// Pages that come at which no more are read ahead.
+const ENOUGH: usize = COMING / 4;
+/// Steps of codes by which a page matters less that is wanted later: two powers of two.
+const LATER: u32 = 2 * CODES_PER_OCTAVE as u32;
 /// Threads that read.
 const READERS: usize = 8;
 /// The time in which a floor falls by a power of two.
@@ -148,18 +160,23 @@ impl Feed {
             problem: None,
             leaving: Vec::new(),
             asked: Asked { stamp: 1, least_priority: 0 },
+            trail: Trail::default(),
+            expected: None,
             is_full: false,
             is_sated: false,
             missing: 0,
         })
     }
 
-    /// Brings pages that were read, and tells the chooser which levels are there. Call it before each picture.
+    /// Brings pages that were read, and tells the chooser which levels are there. Call it before each picture, with its
+    /// view.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn advance(&mut self, device: &Device, scene: &GpuScene, chooser: &mut Chooser) -> Result<()> {
+    pub fn advance(&mut self, device: &Device, scene: &GpuScene, chooser: &mut Chooser, camera: &Camera) -> Result<()> {
         self.receive();
+        let is_busy = self.is_planning || self.reading.len() + self.arrived.len() > ENOUGH;
+        self.expected = self.trail.follow(Instant::now(), camera).filter(|_| !is_busy);
         let mut pool = scene.pool().expect("the scene is in pages");
         let coming = self.arrived.len().min(pool.room());
         let mut read: Vec<_> = self.arrived.drain(..coming).filter(|(page, _)| !pool.has(*page)).collect();
@@ -212,23 +229,29 @@ impl Feed {
         self.falling = Some([now, end]);
     }
 
-    /// Brings what a recorded picture tells to the host.
+    /// Brings what a recorded picture tells to the host. The chooser then chooses for the view that is expected later.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn read(&self, cmd: &mut Commands, chooser: &Chooser, scene: &GpuScene) -> Result<Demand> {
+    pub fn read(&self, cmd: &mut Commands, chooser: &Chooser, scene: &GpuScene, options: &Options) -> Result<Demand> {
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        let missing = cmd.read(chooser.demand())?;
+        let mut later = None;
+        if let Some(camera) = &self.expected {
+            cmd.scope("ahead", |cmd| chooser.record(cmd, scene, camera, options))?;
+            later = Some((chooser.read(cmd)?, cmd.read(chooser.demand())?));
+        }
         let wanted =
             self.is_full.then(|| cmd.read(scene.pool().expect("the scene is in pages").wanted())).transpose()?;
-        Ok(Demand { missing: cmd.read(chooser.demand())?, wanted })
+        Ok(Demand { missing, wanted, later })
     }
 
     /// Begins to read the pages that a finished picture was lacking.
     pub fn take(&mut self, scene: &GpuScene, state: &CutState, results: &Results, demand: &Demand) {
         self.receive();
         self.missing = state.missing;
-        let listed = (state.demanded as usize).min(DEMANDED);
-        let mut demanded: Vec<[u32; 2]> = results.view(&demand.missing)[..listed].to_vec();
+        let listed = |state: &CutState| (state.demanded as usize).min(DEMANDED);
+        let mut demanded: Vec<[u32; 2]> = results.view(&demand.missing)[..listed(state)].to_vec();
         demanded.sort_unstable_by_key(|[_, word]| Reverse(word & 0xffff));
         // Of a list that is too long the next picture lists those that matter most.
         let place = DEMANDED * DEMANDED / (2 * (state.demanded as usize).max(1));
@@ -238,6 +261,10 @@ impl Feed {
         self.is_full = pool.free() == 0;
         if self.is_planning {
             return;
+        }
+        if let Some((state, missing)) = &demand.later {
+            let later = &results.view(missing)[..listed(&results.view(state)[0])];
+            demanded.extend(later.iter().map(|[page, word]| [*page, less(*word)]));
         }
         let coming: HashSet<u32> =
             self.arrived.iter().map(|(page, _)| *page).chain(self.reading.iter().copied()).collect();
@@ -318,6 +345,11 @@ impl Feed {
             is_asking: self.is_asking() || self.falling.is_some(),
         }
     }
+}
+
+/// The priority and limit of a page that is wanted later.
+fn less(word: u32) -> u32 {
+    (word & !0xffff) | (word & 0xffff).saturating_sub(LATER)
 }
 
 /// The pages that are always there.

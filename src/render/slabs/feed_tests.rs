@@ -142,3 +142,35 @@ fn a_frame_that_is_repeated_shows_the_same_pages() {
     }
     assert_eq!(device.validation_messages(), Vec::<String>::new());
 }
+
+/// While a view moves, the pages come that it needs a moment later, and the picture of now shows the same as without.
+#[test]
+fn pages_are_there_when_the_view_arrives() {
+    let scene = synthetic::cactus(150_000).unwrap();
+    let focus = Focus::of(&scene.gaussians);
+    let (file, device) = (with_levels(scene, Options::BALANCED), open(None));
+    let options = Options { splats: 30_000, rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::BALANCED };
+    let far = Camera::framing(focus.centre.into(), focus.radius, SIZE);
+    // It comes nearer by the same part of the way each time.
+    let at = |part: f64| Camera { position: far.position.lerp(focus.centre.into(), part), ..far.clone() };
+    let lacking = |moves: bool| {
+        let scene = brought(&device, &file, &[], &options);
+        let mut renderer = streaming(&device, &scene, &options);
+        settle(&mut renderer, &at(0.3));
+        if moves {
+            let begun = Instant::now();
+            let mut part = 0.0;
+            while part < 0.3 {
+                part = begun.elapsed().as_secs_f64().min(0.3);
+                renderer.render(&at(part), BACKGROUND).unwrap();
+            }
+        }
+        let (pixels, _) = settle(&mut renderer, &at(0.3));
+        renderer.render(&at(0.6), BACKGROUND).unwrap();
+        (renderer.residency().unwrap().missing, pixels)
+    };
+    let ((without, still), (with, moved)) = (lacking(false), lacking(true));
+    assert!(without > 20 && with < 2 * without / 3, "{with} pages are missing instead of {without}");
+    assert_eq!(differing(&still, &moved), 0);
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}

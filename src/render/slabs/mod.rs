@@ -31,6 +31,7 @@ mod pool;
 mod portable;
 mod supply;
 mod table;
+mod trail;
 mod visible;
 
 #[cfg(test)]
