@@ -31,6 +31,7 @@ layout(push_constant, scalar) uniform Push {
     uint demand_room;
     uint least_priority;  // of the pages in `demand`
     uint fade;  // codes above a limit over which nodes fade
+    uint later;  // codes by which pages matter less, as they are wanted later
 } push;
 
 #include "cut/search.glsl"
@@ -46,7 +47,8 @@ layout(push_constant, scalar) uniform Push {
 // steps of codes the error of what is drawn in the place of its nodes is above the width of a pixel: no page has a
 // higher one than that of its parents. A page that is there lacks others if their floor keeps its nodes away.
 void demand_page(uint number, uint coarsest, float width_squared, uint limit, bool lacks_some) {
-    uint priority = uint(clamp(int(coarsest) - int(code_below(width_squared)) + 32768, 0, 65535));
+    int errors_seen = int(coarsest) - int(code_below(width_squared)) - int(push.later);
+    uint priority = uint(clamp(errors_seen + 32768, 0, 65535));
     // The highest priority, and the number of pages: order does not matter.
     atomicMax(wanted[number], push.stamp << 16 | priority);
     if (!lacks_some) return;

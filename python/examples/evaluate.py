@@ -70,7 +70,7 @@ def main():
 
 
 def now(device):
-    if device == "cuda":
+    if device.startswith("cuda"):
         torch.cuda.synchronize()
     return time.perf_counter()
 

@@ -69,7 +69,15 @@ class Frame:
         if self._planes is None:
             cuda = ctypes.CDLL("libcuda.so.1")
             with self._torch.cuda.device(self._device):
-                mapped = [_Mapped(cuda, file, size, self._shape) for file, size in self.exported.handles()]
+                handles = self.exported.handles()
+                mapped = []
+                while handles:
+                    try:
+                        mapped.append(_Mapped(cuda, *handles.pop(0), self._shape))
+                    except Error:
+                        for file, _ in handles:
+                            os.close(file)
+                        raise
                 self._planes = [self._torch.as_tensor(plane, device=self._device) for plane in mapped]
         return self._planes
 
@@ -90,8 +98,8 @@ class Frames:
             some = cameras[start : start + self.MOST]
             while len(self._frames) < len(some):
                 self._frames.append(Frame(self._torch, self._device, self._shape))
-            # What PyTorch still reads must not be drawn over.
-            self._torch.cuda.current_stream(self._device).synchronize()
+            # What PyTorch still reads, in any stream, must not be drawn over.
+            self._torch.cuda.synchronize(self._device)
             views = [(camera, frame.exported) for camera, frame in zip(some, self._frames)]
             for frame, timings in zip(self._frames, renderer._draw_exported(views, self._has_depth)):
                 yield frame.planes(), timings

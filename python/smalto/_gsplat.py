@@ -54,7 +54,9 @@ class _Device:
 
     def __init__(self, torch, device, colors, alphas):
         self.torch, self.device = torch, device
-        self.colors, self.alphas = (torch.empty(shape, device=device) for shape in (colors, alphas))
+        self.colors, self.alphas = (
+            torch.empty(shape, dtype=torch.float32, device=device) for shape in (colors, alphas)
+        )
 
     def draw(self, kept, cameras, has_depth):
         if not cameras:
@@ -62,9 +64,17 @@ class _Device:
         key = (self.device, cameras[0].size, has_depth)
         if key not in kept.frames:
             kept.frames = {key: Frames(self.torch, self.device, cameras[0].size, has_depth)}
-        for (pixels, *depths), timings in kept.frames[key].draw(kept.renderer, cameras):
+        for (pixels, *depths), timings in self.drawn(kept, key, cameras):
             depth = self.torch.where(depths[0][..., 2] > 0, depths[0][..., 0], 0.0) if has_depth else None
             yield pixels[..., :3], pixels[..., 3], depth, timings
+
+    def drawn(self, kept, key, cameras):
+        try:
+            yield from kept.frames[key].draw(kept.renderer, cameras)
+        except Exception:
+            # The memory of a picture that was not finished is gone, though PyTorch still shows it.
+            kept.frames = {}
+            raise
 
 
 def rasterization(
@@ -239,12 +249,18 @@ def _canvas(options, means, shapes):
 def _keeping(options, arrays):
     """What draws the scene: that of the last call, if its scene is the same."""
     global _kept
-    if _kept is None or _kept.options != options:
-        _kept = None
-        _kept = _Kept(options, arrays)
-    elif not all(_equal(*pair) for pair in zip(_kept.arrays, arrays)):
-        _kept.update(arrays)
-    return _kept
+    kept = _kept
+    if kept is not None and kept.options == options and all(_equal(*pair) for pair in zip(kept.arrays, arrays)):
+        return kept
+    # If this fails, nothing is kept: the arrays and what is on the device might be of two scenes.
+    _kept = None
+    if kept is None or kept.options != options:
+        kept = None
+        kept = _Kept(options, arrays)
+    else:
+        kept.update(arrays)
+    _kept = kept
+    return kept
 
 
 def _groups(colors, sh_degree):
@@ -321,6 +337,8 @@ def _checked_shapes(arrays, sh_degree):
     axes = (len(batch) + 2, len(batch) + 3) if sh_degree is None else (len(batch) + 3, len(batch) + 4)
     own = (c,) if len(shapes["colors"]) == axes[1] else ()
     last = (None,) if sh_degree is None else (None, 3)
+    if len(shapes["colors"]) not in axes:
+        raise ValueError(f"colors: expected {axes[0]} or {axes[1]} axes, found the shape {shapes['colors']}")
     expected = {
         "means": (n, 3),
         "quats": (n, 4),

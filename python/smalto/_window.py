@@ -9,15 +9,20 @@ import sys
 import tempfile
 import threading
 
-from ._smalto import DeviceError, Error, Scene
+from ._smalto import DeviceError, Error, Scene, UnreadableError
 
 _open = set()
 
+# Scenes that are no files.
+_MADE = ("cactus", "room", "plain", "town", "few-large", "many-small")
+
 
 class Window:
-    """A window of `smalto view`, in a process of its own. It closes with Python, or when it is closed."""
+    """A window of `smalto view`, in a process of its own. It closes when Python ends, unless Python is killed."""
 
     def __init__(self, scene, *arguments):
+        if not isinstance(scene, Scene) and str(scene).split(":")[0] not in _MADE and not os.path.exists(scene):
+            raise UnreadableError(f"{os.fspath(scene)}: there is no such file")
         self._folder = tempfile.TemporaryDirectory(prefix="smalto-")
         self._file = pathlib.Path(self._folder.name) / "scene.ply" if isinstance(scene, Scene) else None
         if self._file is not None:
@@ -82,12 +87,19 @@ class Window:
         return f"Window({'open' if self.is_open else 'closed'})"
 
     def _read_events(self):
-        with self._process.stdout as events:
-            for line in events:
-                self._events = [*self._events, json.loads(line)][-20:]
-                self._is_shown.set()
-        self._process.wait()
-        self._is_shown.set()
+        try:
+            with self._process.stdout as events:
+                for line in events:
+                    try:
+                        event = json.loads(line)
+                    except ValueError:
+                        # A driver may print there, too.
+                        continue
+                    self._events = [*self._events, event][-20:]
+                    self._is_shown.set()
+            self._process.wait()
+        finally:
+            self._is_shown.set()
 
     def _read_errors(self):
         with self._process.stderr as errors:
@@ -107,8 +119,9 @@ def view(scene, *arguments):
         window.wait()
 
     `arguments` are those of `smalto view`, like "--preset", "fast". A scene is handed over as a file, a second for a few
-    million Gaussians. Errors: DeviceError if there is no display or no device, smalto.Error, ValueError for a scene in a
-    page file.
+    million Gaussians. While Gaussians are selected or edited in the window, it keeps them, and shows the newest scene when
+    nothing is any more. Errors: DeviceError if there is no display or no device, UnreadableError if there is no such
+    file, ValueError for a scene in a page file, smalto.Error.
     """
     return Window(scene, *arguments)
 

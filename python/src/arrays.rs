@@ -3,19 +3,25 @@
 use numpy::{PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 use rayon::prelude::*;
 
+/// Numbers from which on it pays to share them among threads.
+const MANY: usize = 1 << 16;
+
 /// An array of finite numbers, row by row.
-pub struct Numbers<'py, T: numpy::Element>(PyReadonlyArrayDyn<'py, T>);
+pub struct Numbers<'py, T: numpy::Element> {
+    array: PyReadonlyArrayDyn<'py, T>,
+    /// Its kind before it was converted, as NumPy names it.
+    pub dtype: String,
+}
 
 impl<T: numpy::Element> Numbers<'_, T> {
     pub fn shape(&self) -> &[usize] {
-        self.0.shape()
+        self.array.shape()
     }
 
     pub fn values(&self) -> &[T] {
-        self.0.as_slice().expect("the array is contiguous")
+        self.array.as_slice().expect("the array is contiguous and aligned")
     }
 }
 
@@ -36,16 +42,15 @@ pub fn numbers<'py, T: numpy::Element + Copy + Into<f64> + Sync>(
     };
     let any = numpy.call_method1("asarray", (on_host,))?;
     let found: String = any.getattr("dtype")?.getattr("kind")?.extract()?;
+    let dtype: String = any.getattr("dtype")?.str()?.extract()?;
     if !"fiu".contains(&found) {
-        let dtype = any.getattr("dtype")?;
         return Err(PyTypeError::new_err(format!("{name}: expected numbers, found an array of {dtype}")));
     }
-    let options = PyDict::new(py);
-    options.set_item("dtype", kind)?;
-    let array = numpy.call_method("ascontiguousarray", (&any,), Some(&options))?;
+    // Contiguous and aligned.
+    let array = numpy.call_method1("require", (&any, kind, ["C", "A"]))?;
     // A number alone has no axes, and gets one there.
     let array = array.call_method1("reshape", (any.getattr("shape")?,))?;
-    let array = Numbers(array.cast_into::<PyArrayDyn<T>>()?.readonly());
+    let array = Numbers { array: array.cast_into::<PyArrayDyn<T>>()?.readonly(), dtype };
     let sides = array.shape();
     let fits =
         sides.len() == shape.len() && sides.iter().zip(shape).all(|(n, want)| want.is_none_or(|want| want == *n));
@@ -55,7 +60,11 @@ pub fn numbers<'py, T: numpy::Element + Copy + Into<f64> + Sync>(
         return Err(PyValueError::new_err(format!("{name}: expected the shape ({wanted}), found {sides:?}")));
     }
     let values = array.values();
-    let wrong = py.detach(|| values.par_iter().position_first(|value| !(*value).into().is_finite()));
+    let is_wrong = |value: &T| !(*value).into().is_finite();
+    let wrong = match values.len() {
+        0..MANY => values.iter().position(is_wrong),
+        _ => py.detach(|| values.par_iter().position_first(is_wrong)),
+    };
     if let Some(place) = wrong {
         let row = sides.iter().skip(1).product::<usize>().max(1);
         let value: f64 = values[place].into();

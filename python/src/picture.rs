@@ -13,6 +13,7 @@ use smalto::render::{HostFrame, depths};
 
 use crate::arrays::numbers;
 use crate::errors::exception;
+use crate::renderer::check_process;
 
 /// A picture: `color`, `alpha`, and what else was asked for. The arrays show its memory without a copy, so they cannot
 /// be written to; `numpy.copy` makes one that can.
@@ -293,6 +294,7 @@ fn image<'py, T: numpy::Element>(
 /// Errors: ValueError if the sizes differ.
 #[pyfunction]
 pub fn compare<'py>(py: Python<'py>, a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    check_process()?;
     let (a, b) = (pixels(a, "a")?, pixels(b, "b")?);
     if a.size != b.size {
         let [[w, h], [x, y]] = [a.size, b.size];
@@ -308,12 +310,10 @@ fn pixels(value: &Bound<PyAny>, name: &str) -> PyResult<Pixels> {
         return Ok(picture.get().content.pixels());
     }
     let values = numbers::<f32>(value, name, "float32", &[None, None, Some(3)])?;
-    let kind: String =
-        value.py().import("numpy")?.call_method1("asarray", (value,))?.getattr("dtype")?.str()?.extract()?;
-    let white = match kind.as_str() {
+    let white = match values.dtype.as_str() {
         "uint8" => 255.0,
-        _ if kind.starts_with("float") => 1.0,
-        _ => return Err(PyTypeError::new_err(format!("{name}: expected floats or uint8, found {kind}"))),
+        kind if kind.starts_with("float") => 1.0,
+        other => return Err(PyTypeError::new_err(format!("{name}: expected floats or uint8, found {other}"))),
     };
     let rgba = values.values().chunks_exact(3).map(|p| [p[0] / white, p[1] / white, p[2] / white, 1.0]).collect();
     Ok(Pixels { size: [values.shape()[1] as u32, values.shape()[0] as u32], rgba })

@@ -30,11 +30,11 @@ type Choice = (Option<String>, Option<u64>);
 /// The devices that are open, by what they were asked for with. They stay open: opening one takes long.
 static DEVICES: LazyLock<Mutex<HashMap<Choice, Device>>> = LazyLock::new(Mutex::default);
 
-/// The process in which the first device was opened.
+/// The process in which the first scene was read or drawn.
 static PROCESS: OnceLock<u32> = OnceLock::new();
 
 /// A process that was forked has neither the threads nor the device of its parent.
-fn check_process() -> PyResult<()> {
+pub fn check_process() -> PyResult<()> {
     if *PROCESS.get_or_init(std::process::id) != std::process::id() {
         return Err(Error::new_err(
             "this process was forked from one that draws, and cannot draw: start processes with the method 'spawn' \
@@ -381,6 +381,7 @@ pub fn reference(
     background: Option<[f32; 3]>,
     knobs: Option<&Bound<PyDict>>,
 ) -> PyResult<Picture> {
+    check_process()?;
     let asked = Asked::exact(preset, knobs)?;
     let (background, gaussians) = (ground(background)?, scene.gaussians("reference")?);
     let options = asked.options(scene.is_antialiased);

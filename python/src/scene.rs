@@ -15,6 +15,7 @@ use smalto::storage::{self, PageFile};
 use crate::arrays::numbers;
 use crate::camera::{Camera, usable};
 use crate::errors::exception;
+use crate::renderer::check_process;
 
 /// Gaussians, in the memory of the host or in a page file.
 #[pyclass(module = "smalto", frozen)]
@@ -34,6 +35,7 @@ impl Scene {
     #[staticmethod]
     #[pyo3(signature = (path, *, up = None, flip = None, lod = None))]
     fn read(py: Python, path: PathBuf, up: Option<&str>, flip: Option<&str>, lod: Option<u32>) -> PyResult<Self> {
+        check_process()?;
         let reading = smalto::cli::reading(up, flip, lod).map_err(|why| PyValueError::new_err(format!("{why:#}")))?;
         py.detach(|| {
             if let Some(made) = path.to_str().and_then(Procedural::parse) {
@@ -75,6 +77,7 @@ impl Scene {
         sh: &Bound<PyAny>,
         antialiased: bool,
     ) -> PyResult<Self> {
+        check_process()?;
         let means = numbers::<f32>(means, "means", "float32", &[None, Some(3)])?;
         let count = Some(means.shape()[0]);
         let quats = numbers::<f32>(quats, "quats", "float32", &[count, Some(4)])?;
@@ -100,6 +103,7 @@ impl Scene {
     /// Writes the scene as .ply, .compressed.ply, .spz, .splat, .sog or .glb, and reads it back before it replaces what
     /// is there. Errors: ValueError for another ending or a scene in a page file, smalto.Error if it cannot be written.
     fn write(&self, py: Python, path: PathBuf) -> PyResult<()> {
+        check_process()?;
         let kind = SceneFile::of(&path).map_err(|why| PyValueError::new_err(format!("{why:#}")))?;
         let gaussians = self.gaussians("write")?;
         py.detach(|| {
@@ -111,6 +115,7 @@ impl Scene {
 
     /// The camera of `smalto render` where none is given: it shows the whole scene.
     fn camera(&self, py: Python, width: u32, height: u32) -> PyResult<Camera> {
+        check_process()?;
         let focus = py.detach(|| self.source.focus());
         let camera = usable(camera::Camera::framing(focus.centre.into(), focus.radius, [width, height]))?;
         let near = Some(camera.framed_near(focus.centre.into()));

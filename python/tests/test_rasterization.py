@@ -56,6 +56,7 @@ def test_a_scene_that_changes_is_drawn_anew():
         ({"sh_degree": 4}, ValueError, "sh_degree: expected 0 to 3, found 4"),
         ({"colors": np.zeros((80, 4, 3))}, ValueError, "sh_degree 3 needs 16 coefficients, found 4"),
         ({"Ks": np.zeros((3, 3, 3))}, ValueError, r"Ks: expected the shape \(2, 3, 3\), found \(3, 3, 3\)"),
+        ({"colors": np.zeros(())}, ValueError, "colors: expected 3 or 4 axes"),
         ({"means": np.zeros(3)}, ValueError, "means: expected the shape"),
         ({"opacities": np.full(80, 2.0)}, ValueError, "opacities: a value is not from 0 to 1"),
         ({"near_plane": 2.0, "far_plane": 1.0}, ValueError, "near_plane: 2.0 is not less than far_plane"),

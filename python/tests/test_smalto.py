@@ -272,6 +272,13 @@ def test_an_empty_scene_is_its_background():
     assert np.array_equal(picture.color[0, 0], np.float32([0.25, 0.5, 0.75]))
 
 
+def test_arrays_that_are_not_aligned_are_read(scene):
+    expected = smalto.Scene.from_arrays(**arrays(scene))
+    odd = {name: np.frombuffer(b" " + values.tobytes(), "<f4", offset=1).reshape(values.shape)
+           for name, values in arrays(scene).items()}
+    assert np.array_equal(smalto.Scene.from_arrays(**odd).means, expected.means)
+
+
 def test_threads_share_a_renderer(scene, renderer):
     camera = scene.camera(*SIZE)
     expected, found = renderer.render(camera).color, []
@@ -285,9 +292,8 @@ def test_threads_share_a_renderer(scene, renderer):
 
 def draw_in_a_fork(results):
     try:
-        smalto.Renderer(smalto.Scene.from_arrays(
-            np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 1, 3))
-        ))
+        smalto.Camera(K=np.eye(3), size=(8, 8), c2w=np.eye(4))
+        smalto.Scene.from_arrays([[0, 0, 0]], [[1, 0, 0, 0]], [[1, 1, 1]], [1], [[[0, 0, 0]]])
         results.put("drawn")
     except smalto.Error as error:
         results.put(str(error))

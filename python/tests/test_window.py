@@ -61,6 +61,8 @@ def test_a_window_shows_a_scene_and_its_updates(desktop, tmp_path):
 def test_what_stops_a_window_is_said(desktop, monkeypatch):
     with pytest.raises(smalto.Error, match="no-such-option"):
         smalto.view("cactus:100", "--no-such-option")
+    with pytest.raises(smalto.UnreadableError, match="there is no such file"):
+        smalto.view("missing.ply")
     monkeypatch.delenv("DISPLAY")
     with pytest.raises(smalto.DeviceError, match="DISPLAY is set"):
         smalto.view("cactus:100")

@@ -14,7 +14,8 @@ use super::element::Element;
 use super::exported::Handle;
 use super::hazards::Access;
 
-/// `len` elements of type `T` in host memory, for copies that are repeated every frame.
+/// `len` elements of type `T` in host memory, for copies that are repeated every frame; or in device memory that other
+/// APIs open.
 pub struct Staging<T> {
     storage: Arc<Storage>,
     len: usize,

@@ -53,7 +53,8 @@ impl Wanted {
     }
 }
 
-/// Host memory for the pixels of one view.
+/// Memory for the pixels of one view: the host's, or if that is wanted the device's, which only [`HostFrame::handles`]
+/// reads.
 #[derive(Default)]
 pub struct HostFrame {
     size: [u32; 2],

@@ -30,7 +30,7 @@ const DIGEST_LIFETIME: Duration = Duration::from_millis(200);
 impl History {
     /// Adds the stages of a frame: the scopes of depth 1, and the outermost scopes other than "frame".
     pub fn add(&mut self, timings: &[Timing]) {
-        // Without stages in it, a frame is one of its own.
+        // A frame whose stages were not timed is a stage itself.
         let has_stages = timings.iter().any(|t| t.depth == 1);
         let outermost = timings.iter().filter(|t| t.depth == 0 && !(has_stages && t.name == "frame"));
         let mut stages: Vec<&Timing> = timings.iter().filter(|t| t.depth == 1).chain(outermost).collect();

@@ -114,6 +114,8 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     }
     if pressed(viewer, ui, Action::HidePanels) {
         viewer.panels.are_hidden = !viewer.panels.are_hidden;
+        // Stages are timed for the panels only.
+        viewer.history.clear();
     }
     // Some keyboards have a key for the question mark, others need Shift and another key.
     let asks = ui.input(|input| input.events.iter().any(|event| *event == Input::Text("?".to_owned())));

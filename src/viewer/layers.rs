@@ -45,6 +45,8 @@ pub struct Layer {
     pub progress: Option<f64>,
     /// All of it was read at least once.
     pub is_read: bool,
+    /// Its file changed, and is to be read again when nothing is edited.
+    pub has_changed: bool,
     reading: Reading,
     /// Of the file, when it was read last.
     seen: Stamp,
@@ -114,6 +116,7 @@ impl Layer {
             is_shown: [true; 2],
             progress: None,
             is_read: false,
+            has_changed: false,
             reading,
             seen: None,
             cancel: Cancel::default(),

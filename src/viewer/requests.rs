@@ -37,8 +37,8 @@ impl Session {
                     let Some(depth) = self.depth_at(pixel)? else { continue };
                     self.viewer.select_ball(pixel, radius_px, depth, how);
                 }
-                Request::SelectByShares(selection, how) => {
-                    self.viewer.start_selection(selection, how, self.screen.device().clone());
+                Request::SelectByShares(selection, how, only_seen) => {
+                    self.viewer.start_selection(selection, how, only_seen, self.screen.device().clone());
                 }
                 Request::FitRange => self.viewer.fit_range(),
                 Request::WritePicture => self.write_picture()?,

@@ -27,6 +27,8 @@ pub struct Part {
 /// The contributions of the Gaussians of several scenes to one view.
 pub struct Shares {
     pub view: Camera,
+    /// What contributes less is not selected.
+    pub least: f32,
     parts: Vec<(u64, Arc<Gaussians>, Vec<f32>)>,
 }
 
@@ -35,7 +37,7 @@ impl Shares {
     ///
     /// # Errors
     /// If memory runs out or the device is lost.
-    pub fn new(device: &Device, parts: Vec<Part>, options: &Options, view: Camera) -> Result<Self> {
+    pub fn new(device: &Device, parts: Vec<Part>, options: &Options, view: Camera, least: f32) -> Result<Self> {
         let options = Options { stop: 0.0, ..options.untraded() };
         let held = |part: &Part| {
             let drawn = if part.drawn.len() == part.whole.len() {
@@ -59,7 +61,7 @@ impl Shares {
             }
             (number, whole, all)
         };
-        Ok(Self { view, parts: parts.into_iter().map(of_part).collect() })
+        Ok(Self { view, least, parts: parts.into_iter().map(of_part).collect() })
     }
 
     /// By Gaussian of a scene; `None` if it was not a part of the view, or is another one by now.

@@ -98,8 +98,8 @@ pub enum Request {
         radius_px: f64,
         how: How,
     },
-    /// Select by what each Gaussian contributes to the view.
-    SelectByShares(Selection, How),
+    /// Select by what each Gaussian contributes to the view; if true, nothing but what is seen.
+    SelectByShares(Selection, How, bool),
     /// Fit the scale of the look to the values of the picture.
     FitRange,
     WritePicture,

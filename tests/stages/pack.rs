@@ -82,9 +82,9 @@ fn compare_in_flight(options: &Options) {
     let mut stream = Stream::new(&gpu.0, renderer);
     let forms = vec![Form::Integers(Integers::Rgb8), Form::Floats, Form::Integers(Integers::Grey16)];
     let wanted = |i: usize| match i % 3 {
-        0 => Wanted { picture: forms.clone(), depths: true },
-        1 => Wanted { picture: forms.clone(), depths: false },
-        _ => Wanted { picture: Vec::new(), depths: true },
+        0 => Wanted { picture: forms.clone(), depths: true, is_exported: false },
+        1 => Wanted { picture: forms.clone(), depths: false, is_exported: false },
+        _ => Wanted { picture: Vec::new(), depths: true, is_exported: false },
     };
     let start = |(i, view)| stream_start(&mut stream, view, &wanted(i));
     let in_flight: Vec<_> = views.iter().enumerate().map(start).collect();
@@ -124,7 +124,7 @@ fn lists_that_are_too_long_for_the_fast_path_are_drawn_with_their_depths() {
     let scene = GpuScene::new(&gpu.0, &gaussians, &options).unwrap();
     let views = path::orbit(DVec3::ZERO, 2.0, false, [16, 16], 6);
     let mut stream = Stream::new(&gpu.0, Renderer::new(&gpu.0, &options, &scene).unwrap());
-    let wanted = Wanted { picture: vec![Form::Floats], depths: true };
+    let wanted = Wanted { picture: vec![Form::Floats], depths: true, is_exported: false };
     for view in &views {
         let started = stream_start(&mut stream, view, &wanted);
         let mut finished = stream.finish(started).unwrap();

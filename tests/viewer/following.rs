@@ -84,6 +84,8 @@ fn an_edited_scene_stays() {
 
     edit(&mut offscreen);
     write(&file, 700);
-    wait(&mut offscreen, |offscreen| says(offscreen, "it is not read again, as the scene is edited"));
+    wait(&mut offscreen, |offscreen| says(offscreen, "when nothing is selected or edited any more"));
     assert_eq!(count(&mut offscreen), 900);
+    offscreen.viewer().change(Change::SelectNone);
+    wait(&mut offscreen, |offscreen| count(offscreen) == 700);
 }

@@ -53,6 +53,8 @@ pub struct Asked {
     pub stamp: u16,
     /// Of the missing pages that it lists.
     pub least_priority: u32,
+    /// Steps of codes by which all pages matter less.
+    pub later: u32,
 }
 
 /// Pages in view that there is room for at first.
@@ -193,6 +195,21 @@ impl Chooser {
     /// # Errors
     /// If memory runs out.
     pub fn record(&self, cmd: &mut Commands, scene: &GpuScene, camera: &Camera, options: &Options) -> Result<()> {
+        self.record_asked(cmd, scene, camera, options, self.asked)
+    }
+
+    /// As [`Chooser::record`], with another question about pages than [`Chooser::asked`].
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn record_asked(
+        &self,
+        cmd: &mut Commands,
+        scene: &GpuScene,
+        camera: &Camera,
+        options: &Options,
+        asked: Asked,
+    ) -> Result<()> {
         let views = views_of(scene, camera, &options.rules);
         // Frames before this one read and write these buffers.
         cmd.barrier(Access::SHADER | Access::INDIRECT | Access::COPY_READ, Access::COPY_WRITE);
@@ -214,7 +231,7 @@ impl Chooser {
             });
         }
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        cmd.scope("choose", |cmd| self.choose(cmd, scene, wanted, pixels));
+        cmd.scope("choose", |cmd| self.choose(cmd, scene, wanted, pixels, asked));
         Ok(())
     }
 
@@ -252,7 +269,7 @@ impl Chooser {
     }
 
     /// Lists the pages that the limit leaves.
-    fn choose(&self, cmd: &mut Commands, scene: &GpuScene, wanted: Wanted, pixels: u32) {
+    fn choose(&self, cmd: &mut Commands, scene: &GpuScene, wanted: Wanted, pixels: u32, asked: Asked) {
         let first_page = first_page(scene);
         let bindings = ChooseBindings {
             errors: &self.errors,
@@ -276,10 +293,11 @@ impl Chooser {
             pixels,
             room,
             first_page,
-            stamp: self.asked.stamp.into(),
+            stamp: asked.stamp.into(),
             demand_room: self.demand.len() as u32,
-            least_priority: self.asked.least_priority,
+            least_priority: asked.least_priority,
             fade,
+            later: asked.later,
         };
         cmd.dispatch(&self.choose, bindings, push, DispatchSize::Invocations(room.into()));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);

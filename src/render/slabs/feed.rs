@@ -159,7 +159,7 @@ impl Feed {
             unreadable: HashSet::new(),
             problem: None,
             leaving: Vec::new(),
-            asked: Asked { stamp: 1, least_priority: 0 },
+            asked: Asked { stamp: 1, ..Asked::default() },
             trail: Trail::default(),
             expected: None,
             is_full: false,
@@ -238,7 +238,8 @@ impl Feed {
         let missing = cmd.read(chooser.demand())?;
         let mut later = None;
         if let Some(camera) = &self.expected {
-            cmd.scope("ahead", |cmd| chooser.record(cmd, scene, camera, options))?;
+            let asked = Asked { later: LATER, ..self.asked };
+            cmd.scope("ahead", |cmd| chooser.record_asked(cmd, scene, camera, options, asked))?;
             later = Some((chooser.read(cmd)?, cmd.read(chooser.demand())?));
         }
         let wanted =
@@ -264,7 +265,7 @@ impl Feed {
         }
         if let Some((state, missing)) = &demand.later {
             let later = &results.view(missing)[..listed(&results.view(state)[0])];
-            demanded.extend(later.iter().map(|[page, word]| [*page, less(*word)]));
+            demanded.extend(later);
         }
         let coming: HashSet<u32> =
             self.arrived.iter().map(|(page, _)| *page).chain(self.reading.iter().copied()).collect();
@@ -345,11 +346,6 @@ impl Feed {
             is_asking: self.is_asking() || self.falling.is_some(),
         }
     }
-}
-
-/// The priority and limit of a page that is wanted later.
-fn less(word: u32) -> u32 {
-    (word & !0xffff) | (word & 0xffff).saturating_sub(LATER)
 }
 
 /// The pages that are always there.

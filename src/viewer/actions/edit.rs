@@ -38,14 +38,14 @@ impl Viewer {
     /// Selects Gaussians of the scenes that are shown, of which nothing but what is seen if that is asked for.
     pub fn select(&mut self, selection: &Selection, how: How) {
         if self.only_seen || matches!(selection, Selection::Values(Property::Contribution, _)) {
-            self.requests.push(Request::SelectByShares(selection.clone(), how));
+            self.requests.push(Request::SelectByShares(selection.clone(), how, self.only_seen));
         } else {
             self.select_of(selection, how, None);
         }
     }
 
     /// Finds what the Gaussians contribute to the view, on another thread, and then selects.
-    pub fn start_selection(&mut self, selection: Selection, how: How, device: Device) {
+    pub fn start_selection(&mut self, selection: Selection, how: How, only_seen: bool, device: Device) {
         let mut parts = Vec::new();
         for place in 0..self.layers.len() {
             let Some((whole, edit)) = self.editable(place) else { continue };
@@ -55,9 +55,13 @@ impl Viewer {
                 Err(problem) => return self.messages.error(format!("{problem:#}")),
             }
         }
+        if parts.is_empty() {
+            return;
+        }
         let (options, view) = (self.options, self.view());
         self.selecting += 1;
-        let work = move |_: &Reporter| Shares::new(&device, parts, &options, view);
+        let least = if only_seen { SEEN } else { 0.0 };
+        let work = move |_: &Reporter| Shares::new(&device, parts, &options, view, least);
         self.jobs.start(work, move |shares| JobEvent::Shares(selection, how, shares));
     }
 
@@ -72,7 +76,7 @@ impl Viewer {
 
     fn select_of(&mut self, selection: &Selection, how: How, shares: Option<&Shares>) {
         let view = shares.map_or_else(|| self.view(), |shares| shares.view.clone());
-        let (near, only_seen) = (f64::from(self.options.rules.near), self.only_seen);
+        let near = f64::from(self.options.rules.near);
         for place in 0..self.layers.len() {
             let Some((whole, before)) = self.editable(place) else { continue };
             let known = match shares.map(|shares| shares.of(self.layers[place].number, &whole)) {
@@ -81,7 +85,8 @@ impl Viewer {
                 known => known.flatten(),
             };
             let share = |i: usize| known.map_or(0.0, |shares| shares[i]);
-            let is_seen = |i: usize| known.is_none() || !only_seen || share(i) >= SEEN;
+            let least = shares.map_or(0.0, |shares| shares.least);
+            let is_seen = |i: usize| share(i) >= least;
             let transform = match self.layers[place].place.transform() {
                 Ok(transform) => transform,
                 Err(problem) => return self.messages.error(format!("{problem:#}")),
@@ -158,6 +163,9 @@ impl Viewer {
         self.inspection.isolated = None;
         let Some(edit) = edit else {
             layer.edited = None;
+            if std::mem::take(&mut layer.has_changed) {
+                layer.read(&self.jobs);
+            }
             return;
         };
         let Some(Held::Whole(whole)) = layer.held.clone() else { return };

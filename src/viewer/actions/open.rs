@@ -196,7 +196,11 @@ impl Viewer {
                     (self.setup.remark)(&remark);
                     self.messages.note(remark);
                 }
-                if let Source::File(file) = &self.layers[place].source {
+                // A file that only hands a scene over is none that a user opens again.
+                if let Source::File(file) = &self.layers[place].source
+                    && !is_again
+                    && !file.starts_with(std::env::temp_dir())
+                {
                     self.kept.note(file);
                     self.keep();
                 }
@@ -253,8 +257,10 @@ impl Viewer {
 
     /// An edit is of the Gaussians that the scene had when it was made.
     fn note_stays(&mut self, place: usize) {
-        let name = &self.layers[place].name;
-        self.messages.note(format!("{name}: the file changed; it is not read again, as the scene is edited"));
+        let layer = &mut self.layers[place];
+        layer.has_changed = true;
+        let text = "the file changed; it is read again when nothing is selected or edited any more";
+        self.messages.note(format!("{}: {text}", layer.name));
     }
 
     /// Takes in cameras that were read, or reports why they could not be read.
