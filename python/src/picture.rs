@@ -225,8 +225,8 @@ impl Picture {
         image(py, expected.values, expected.size, &[])
     }
 
-    /// For each channel of each pixel, a bound on what was left out, (height, width, 4) in float32; None if the renderer
-    /// makes no certificates.
+    /// For each channel of each pixel, a bound on what was left out, (height, width, 4) in float32; None if the
+    /// renderer makes no certificates.
     #[getter]
     fn certificate<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let bounds = self.certificate.as_ref();

@@ -71,11 +71,11 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// Draws pictures of one scene on one device, and keeps what it needs for the next one.
 ///
 /// `preset` and any knob of `smalto render --help` set accuracy and speed, with _ in the place of -, like
-/// Renderer(scene, preset="fast", sh_degree=1). `device` is the number of a Vulkan device in the list of `smalto doctor`
-/// or a part of its name; by default SMALTO_DEVICE, or the fastest kind. `memory` is the most device memory to take, in
-/// bytes: a scene that does not fit is drawn in parts, and the picture is the same. With `certified`, every picture has
-/// a certificate. Methods may be called from several threads; they draw one after another.
-/// Errors: ValueError for an unknown preset or knob, DeviceError, MemoryError.
+/// Renderer(scene, preset="fast", sh_degree=1). `device` is the number of a Vulkan device in the list of `smalto
+/// doctor` or a part of its name; by default SMALTO_DEVICE, or the fastest kind. `memory` is the most device memory to
+/// take, in bytes: a scene that does not fit is drawn in parts, and the picture is the same. With `certified`, every
+/// picture has a certificate. Methods may be called from several threads; they draw one after another. Errors:
+/// ValueError for an unknown preset or knob, DeviceError, MemoryError.
 #[pyclass(module = "smalto", frozen)]
 pub struct Renderer(Mutex<Inner>);
 
@@ -142,9 +142,9 @@ impl Renderer {
         Ok(Self(Mutex::new(made.map_err(exception)?)))
     }
 
-    /// Draws a picture. `background` is red, green, blue, or None for a transparent one. `layers` names what the picture
-    /// is to have: color and alpha always, depth takes a second frame. With the `dtype` "uint8", color and alpha are
-    /// rounded to 8 bits on the GPU, which is faster to bring to the host. Errors: ValueError, MemoryError,
+    /// Draws a picture. `background` is red, green, blue, or None for a transparent one. `layers` names what the
+    /// picture is to have: color and alpha always, depth takes a second frame. With the `dtype` "uint8", color and
+    /// alpha are rounded to 8 bits on the GPU, which is faster to bring to the host. Errors: ValueError, MemoryError,
     /// smalto.Error.
     #[pyo3(signature = (camera, *, background = Some([0.0; 3]), layers = None, dtype = "float32"))]
     fn render(
@@ -203,8 +203,8 @@ impl Renderer {
         updated.map_err(exception)
     }
 
-    /// Draws pictures into memory that CUDA opens, one into each, without a pause between them. Returns the GPU times of
-    /// each.
+    /// Draws pictures into memory that CUDA opens, one into each, without a pause between them. Returns the GPU times
+    /// of each.
     fn _draw_exported<'py>(
         &self,
         py: Python<'py>,
@@ -368,9 +368,9 @@ impl Pictures {
     }
 }
 
-/// The picture of the f64 reference on the CPU, by the rules of the preset and the knobs, exact; of the knobs that trade
-/// accuracy, `sh_degree` alone counts. Takes seconds to minutes. Arguments are those of `Renderer` and `render`. Errors:
-/// ValueError, also for scenes in page files.
+/// The picture of the f64 reference on the CPU, by the rules of the preset and the knobs, exact; of the knobs that
+/// trade accuracy, `sh_degree` alone counts. Takes seconds to minutes. Arguments are those of `Renderer` and `render`.
+/// Errors: ValueError, also for scenes in page files.
 #[pyfunction]
 #[pyo3(signature = (scene, camera, *, preset = "balanced", background = Some([0.0; 3]), **knobs))]
 pub fn reference(

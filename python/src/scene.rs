@@ -27,11 +27,11 @@ pub struct Scene {
 
 #[pymethods]
 impl Scene {
-    /// Reads a scene file of any format that `smalto render` reads, or makes a procedural scene such as "cactus:100000".
-    /// A page file (.smalto) stays on the disk and is drawn page by page. `up` is the axis of the file that points up,
-    /// like "z" or "-y", `flip` names axes to reverse, like "yz", and `lod` is the level of detail of a streamed SOG, 0
-    /// the finest. Errors: UnreadableError, MemoryError, ValueError for an axis or a level that there is not. Ctrl-C ends
-    /// the reading.
+    /// Reads a scene file of any format that `smalto render` reads, or makes a procedural scene such as
+    /// "cactus:100000". A page file (.smalto) stays on the disk and is drawn page by page. `up` is the axis of the file
+    /// that points up, like "z" or "-y", `flip` names axes to reverse, like "yz", and `lod` is the level of detail of a
+    /// streamed SOG, 0 the finest. Errors: UnreadableError, MemoryError, ValueError for an axis or a level that there
+    /// is not. Ctrl-C ends the reading.
     #[staticmethod]
     #[pyo3(signature = (path, *, up = None, flip = None, lod = None))]
     fn read(py: Python, path: PathBuf, up: Option<&str>, flip: Option<&str>, lod: Option<u32>) -> PyResult<Self> {

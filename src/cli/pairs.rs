@@ -71,9 +71,10 @@ const COMMANDS: [Pairs; 10] = [
             ACCURACY,
             LEVELS,
             "cameras photographs size fullscreen vsync preset compare compare-by look keys events offscreen screen \
-             path fps no-panels",
+             path fps no-panels follow",
         ],
         refused: &[
+            ("follow", "offscreen screen path"),
             ("offscreen", "fullscreen vsync"),
             ("screen", "fullscreen vsync"),
             ("lod-psnr", "lod-error"),

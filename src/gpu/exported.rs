@@ -49,7 +49,8 @@ impl Storage {
             .memory_type_index(kind)
             .push_next(&mut dedicated)
             .push_next(&mut export);
-        // SAFETY: clauses 1 and 4, the storage owns the memory and frees it on every path; the device has the extension.
+        // SAFETY: clauses 1 and 4, the storage owns the memory and frees it on every path; the device has the
+        // extension.
         let memory =
             unsafe { device.raw.allocate_memory(&info, None) }.map_err(|error| describe("vkAllocateMemory", error))?;
         storage.exported = Some(Exported { memory, bytes: requirements.size });

@@ -33,8 +33,8 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         _ => {}
     }
     ui.checkbox(&mut viewer.only_seen, "Only what is seen").on_hover_text(
-        "Selections leave out Gaussians that have less than 1/255 of the light of every pixel: what is hidden by others, \
-         or too faint",
+        "Selections leave out Gaussians that have less than 1/255 of the light of every pixel: what is hidden by \
+         others, or too faint",
     );
     section(ui, "Selection", |ui| selection(viewer, ui));
     section(ui, "Select by value", |ui| by_value(viewer, ui));
