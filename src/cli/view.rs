@@ -61,7 +61,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE")]
     keys: Option<PathBuf>,
     /// Read a scene file again when it changes, and keep the view: watch a training that writes its scene now and then
-    #[arg(long, conflicts_with = "offscreen")]
+    #[arg(long, conflicts_with_all = ["offscreen", "screen", "path"])]
     follow: bool,
     /// Write events to standard output, one line of JSON each
     #[arg(long)]

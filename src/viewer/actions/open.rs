@@ -196,10 +196,8 @@ impl Viewer {
                     (self.setup.remark)(&remark);
                     self.messages.note(remark);
                 }
-                // A file that only hands a scene over is none that a user opens again.
                 if let Source::File(file) = &self.layers[place].source
                     && !is_again
-                    && !file.starts_with(std::env::temp_dir())
                 {
                     self.kept.note(file);
                     self.keep();
