@@ -101,7 +101,13 @@ class Frames:
             # What PyTorch still reads, in any stream, must not be drawn over.
             self._torch.cuda.synchronize(self._device)
             views = [(camera, frame.exported) for camera, frame in zip(some, self._frames)]
-            for frame, timings in zip(self._frames, renderer._draw_exported(views, self._has_depth)):
+            try:
+                drawn = renderer._draw_exported(views, self._has_depth)
+            except Exception:
+                # Memory of a picture that was not finished is gone, though PyTorch would still show it.
+                self._frames = []
+                raise
+            for frame, timings in zip(self._frames, drawn):
                 yield frame.planes(), timings
 
 

@@ -23,8 +23,9 @@ class _Kept:
 
     def __init__(self, options, arrays):
         self.options, self.frames = options, {}
-        device, preset, knobs = options
-        self.renderer = Renderer(Scene.from_arrays(*arrays), device=device, preset=preset, **dict(knobs))
+        device, near, antialiased = options
+        scene = Scene.from_arrays(*arrays)
+        self.renderer = Renderer(scene, device=device, preset="gsplat", near=near, antialiased=antialiased)
         self._keep(arrays)
 
     def update(self, arrays):
@@ -64,17 +65,9 @@ class _Device:
         key = (self.device, cameras[0].size, has_depth)
         if key not in kept.frames:
             kept.frames = {key: Frames(self.torch, self.device, cameras[0].size, has_depth)}
-        for (pixels, *depths), timings in self.drawn(kept, key, cameras):
+        for (pixels, *depths), timings in kept.frames[key].draw(kept.renderer, cameras):
             depth = self.torch.where(depths[0][..., 2] > 0, depths[0][..., 0], 0.0) if has_depth else None
             yield pixels[..., :3], pixels[..., 3], depth, timings
-
-    def drawn(self, kept, key, cameras):
-        try:
-            yield from kept.frames[key].draw(kept.renderer, cameras)
-        except Exception:
-            # The memory of a picture that was not finished is gone, though PyTorch still shows it.
-            kept.frames = {}
-            raise
 
 
 def rasterization(
@@ -177,7 +170,7 @@ def rasterization(
     scenes = {name: values.reshape(count, *values.shape[len(batch) :]) for name, values in arrays.items()}
     # gsplat draws what lies on the near plane, smalto only what lies beyond.
     near = max(float(np.nextafter(np.float32(near_plane), np.float32(-np.inf))), float(np.finfo(np.float32).tiny))
-    options = (device, "gsplat", (("near", near), ("antialiased", rasterize_mode == "antialiased")))
+    options = (device, near, rasterize_mode == "antialiased")
 
     depth_mode = render_mode.split("+")[-1] if render_mode != "RGB" else None
     has_color = render_mode.startswith("RGB")

@@ -5,6 +5,7 @@ mod asked;
 mod camera;
 mod errors;
 mod picture;
+mod process;
 mod renderer;
 mod scene;
 

@@ -1,7 +1,7 @@
 //! Pictures: their arrays, files and differences.
 
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -13,7 +13,7 @@ use smalto::render::{HostFrame, depths};
 
 use crate::arrays::numbers;
 use crate::errors::exception;
-use crate::renderer::check_process;
+use crate::process::{check_process, lock};
 
 /// A picture: `color`, `alpha`, and what else was asked for. The arrays show its memory without a copy, so they cannot
 /// be written to; `numpy.copy` makes one that can.
@@ -37,8 +37,7 @@ pub enum Content {
 
 /// Pixels in the memory that the GPU brought them to. When they are gone, later pictures use it again.
 pub struct Drawn {
-    /// `None` while it is dropped.
-    host: Option<Mutex<HostFrame>>,
+    host: Mutex<HostFrame>,
     spare: Arc<Spare>,
 }
 
@@ -51,27 +50,25 @@ impl Spare {
     const MOST: usize = 4;
 
     pub fn take(&self) -> HostFrame {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+        lock(&self.0).pop().unwrap_or_default()
     }
 }
 
 impl Drawn {
     pub fn new(host: HostFrame, spare: Arc<Spare>) -> Self {
-        Self { host: Some(Mutex::new(host)), spare }
+        Self { host: Mutex::new(host), spare }
     }
 
     fn with<T>(&self, read: impl FnOnce(&mut HostFrame) -> T) -> T {
-        let host = self.host.as_ref().expect("it is there until it is dropped");
-        read(&mut host.lock().unwrap_or_else(PoisonError::into_inner))
+        read(&mut lock(&self.host))
     }
 }
 
 impl Drop for Drawn {
     fn drop(&mut self) {
-        let host = self.host.take().map(|host| host.into_inner().unwrap_or_else(PoisonError::into_inner));
-        let mut spare = self.spare.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut spare = lock(&self.spare.0);
         if spare.len() < Spare::MOST {
-            spare.extend(host);
+            spare.push(std::mem::take(&mut *lock(&self.host)));
         }
     }
 }
@@ -155,6 +152,20 @@ impl Memory {
 }
 
 impl Picture {
+    /// So many channels of each pixel, from `first` on of the floats, or all of these integers.
+    fn channels<'py>(
+        this: &Bound<'py, Self>,
+        integers: Integers,
+        [first, channels]: [usize; 2],
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let content = &this.get().content;
+        match (content.floats(), content.integers(integers)) {
+            (Some(floats), _) => Self::plane(this, floats, FLOAT, [first, channels, 4]),
+            (None, Some(bytes)) => Self::plane(this, bytes, BYTE, [0, channels, channels]),
+            (None, None) => Err(PyValueError::new_err("this picture has no pixels")),
+        }
+    }
+
     /// An array of some channels of each pixel, without an axis for a single one: all from `channel` on.
     fn plane<'py>(
         this: &Bound<'py, Self>,
@@ -185,12 +196,7 @@ impl Picture {
     /// background, premultiplied by alpha.
     #[getter]
     fn color<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        let content = &this.get().content;
-        match (content.floats(), content.integers(Integers::Rgb8)) {
-            (Some(floats), _) => Self::plane(this, floats, FLOAT, [0, 3, 4]),
-            (None, Some(bytes)) => Self::plane(this, bytes, BYTE, [0, 3, 3]),
-            (None, None) => Err(PyValueError::new_err("this picture has no color")),
-        }
+        Self::channels(this, Integers::Rgb8, [0, 3])
     }
 
     /// Red, green and blue in 8 bits, (height, width, 3) in uint8, as in the PNG that `smalto render` writes: a copy.
@@ -203,12 +209,7 @@ impl Picture {
     /// The coverage of each pixel, (height, width), from 0 to 1 in float32, or to 255 in uint8 if it was drawn so.
     #[getter]
     fn alpha<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        let content = &this.get().content;
-        match (content.floats(), content.integers(Integers::Grey8)) {
-            (Some(floats), _) => Self::plane(this, floats, FLOAT, [3, 1, 4]),
-            (None, Some(bytes)) => Self::plane(this, bytes, BYTE, [0, 1, 1]),
-            (None, None) => Err(PyValueError::new_err("this picture has no alpha")),
-        }
+        Self::channels(this, Integers::Grey8, [3, 1])
     }
 
     /// The mean view z of what is blended at each pixel, in world units, (height, width) in float32; NaN where there is

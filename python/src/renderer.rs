@@ -1,7 +1,7 @@
 //! Renderers: a scene on a device, drawn from cameras.
 
 use std::collections::{HashMap, VecDeque};
-use std::sync::{Arc, LazyLock, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex};
 
 use anyhow::{Result, ensure};
 use pyo3::exceptions::PyValueError;
@@ -14,8 +14,9 @@ use smalto::rules::{Background, Order, Rules};
 
 use crate::asked::{Asked, exported, ground, wanted};
 use crate::camera::Camera;
-use crate::errors::{Error, exception};
+use crate::errors::exception;
 use crate::picture::{Content, Drawn, Picture, Spare, stage_times};
+use crate::process::{check_process, lock};
 use crate::scene::Scene;
 
 /// Views on the GPU at a time: one is drawn while another is brought to the host.
@@ -29,20 +30,6 @@ type Choice = (Option<String>, Option<u64>);
 
 /// The devices that are open, by what they were asked for with. They stay open: opening one takes long.
 static DEVICES: LazyLock<Mutex<HashMap<Choice, Device>>> = LazyLock::new(Mutex::default);
-
-/// The process in which the first scene was read or drawn.
-static PROCESS: OnceLock<u32> = OnceLock::new();
-
-/// A process that was forked has neither the threads nor the device of its parent.
-pub fn check_process() -> PyResult<()> {
-    if *PROCESS.get_or_init(std::process::id) != std::process::id() {
-        return Err(Error::new_err(
-            "this process was forked from one that draws, and cannot draw: start processes with the method 'spawn' \
-             (multiprocessing.set_start_method)",
-        ));
-    }
-    Ok(())
-}
 
 fn open(choice: Choice) -> Result<Device> {
     let mut devices = lock(&DEVICES);
@@ -61,11 +48,6 @@ pub fn device_for_cuda(py: Python, device: Option<String>) -> PyResult<(String, 
     let device = py.detach(|| open((device, None))).map_err(exception)?;
     let capabilities = device.capabilities();
     Ok((capabilities.uuid.clone(), capabilities.has(Feature::ExportedMemory)))
-}
-
-/// A panic of another holder leaves nothing half done that would be used.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Draws pictures of one scene on one device, and keeps what it needs for the next one.

@@ -15,7 +15,7 @@ use smalto::storage::{self, PageFile};
 use crate::arrays::numbers;
 use crate::camera::{Camera, usable};
 use crate::errors::exception;
-use crate::renderer::check_process;
+use crate::process::check_process;
 
 /// Gaussians, in the memory of the host or in a page file.
 #[pyclass(module = "smalto", frozen)]

@@ -16,12 +16,14 @@ use crate::storage::Statistics;
 /// A Gaussian with a smaller contribution changes no pixel by more than an 8-bit step.
 pub const SEEN: f32 = 1.0 / 255.0;
 
-/// A scene of a view, and which of its Gaussians are drawn.
+/// A scene of a view.
 pub struct Part {
     pub number: u64,
     pub whole: Arc<Gaussians>,
+    /// The indices of those that are drawn.
     pub drawn: Vec<u32>,
-    pub transform: Transform,
+    /// These Gaussians, and where they lie.
+    pub placed: (Held, Transform),
 }
 
 /// The contributions of the Gaussians of several scenes to one view.
@@ -39,16 +41,8 @@ impl Shares {
     /// If memory runs out or the device is lost.
     pub fn new(device: &Device, parts: Vec<Part>, options: &Options, view: Camera, least: f32) -> Result<Self> {
         let options = Options { stop: 0.0, ..options.untraded() };
-        let held = |part: &Part| {
-            let drawn = if part.drawn.len() == part.whole.len() {
-                part.whole.clone()
-            } else {
-                Arc::new(part.whole.selected(&part.drawn)?)
-            };
-            Ok((Held::Whole(drawn), part.transform))
-        };
-        let plan = Plan { parts: parts.iter().map(held).collect::<Result<_>>()?, options, shaders: None };
-        let joined = plan.joined()?;
+        let placed = parts.iter().map(|part| part.placed.clone()).collect();
+        let joined = Plan { parts: placed, options, shaders: None }.joined()?;
         let mut pruner = Pruner::new(device, &joined, &Statistics::of(&joined), &options)?;
         pruner.note(&view)?;
         let shares = pruner.shares()?;

@@ -15,6 +15,13 @@ fn write(file: &Path, count: usize) {
     write_file(file, SceneFile::of(file).unwrap(), &gaussians, false, &|_| {}).unwrap();
 }
 
+/// A window that follows a file of 500 Gaussians.
+fn followed(gpu: &Gpu, file: &Path) -> Offscreen {
+    write(file, 500);
+    let name = file.display().to_string();
+    open(gpu, Setup { follows: true, ..setup(&[&name]) })
+}
+
 /// The number of Gaussians of the scene that is open.
 fn count(offscreen: &mut Offscreen) -> usize {
     offscreen.viewer().layers[0].held.as_ref().unwrap().count()
@@ -38,9 +45,7 @@ fn says(offscreen: &mut Offscreen, text: &str) -> bool {
 fn a_file_that_changes_is_read_again_and_the_view_stays() {
     let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
     let file = folder.path().join("training.ply");
-    write(&file, 500);
-    let name = file.display().to_string();
-    let mut offscreen = open(&gpu, Setup { follows: true, ..setup(&[&name]) });
+    let mut offscreen = followed(&gpu, &file);
     offscreen.viewer().navigator.orbit(DVec2::new(120.0, 30.0), SIZE);
     offscreen.settle().unwrap();
     let view = offscreen.viewer().view();
@@ -65,9 +70,7 @@ fn a_file_that_changes_is_read_again_and_the_view_stays() {
 fn an_edited_scene_stays() {
     let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
     let file = folder.path().join("training.ply");
-    write(&file, 500);
-    let name = file.display().to_string();
-    let mut offscreen = open(&gpu, Setup { follows: true, ..setup(&[&name]) });
+    let mut offscreen = followed(&gpu, &file);
     let edit = |offscreen: &mut Offscreen| {
         offscreen.viewer().change(Change::SelectAll);
         offscreen.viewer().note_changes();

@@ -50,8 +50,9 @@ impl Viewer {
         for place in 0..self.layers.len() {
             let Some((whole, edit)) = self.editable(place) else { continue };
             let layer = &self.layers[place];
-            match layer.place.transform() {
-                Ok(transform) => parts.push(Part { number: layer.number, whole, drawn: edit.drawn(), transform }),
+            match layer.part(0, false) {
+                Ok(Some(placed)) => parts.push(Part { number: layer.number, whole, drawn: edit.drawn(), placed }),
+                Ok(None) => {}
                 Err(problem) => return self.messages.error(format!("{problem:#}")),
             }
         }
@@ -80,7 +81,7 @@ impl Viewer {
         for place in 0..self.layers.len() {
             let Some((whole, before)) = self.editable(place) else { continue };
             let known = match shares.map(|shares| shares.of(self.layers[place].number, &whole)) {
-                // It was opened or hidden since.
+                // It was opened, shown or read again since.
                 Some(None) => continue,
                 known => known.flatten(),
             };
