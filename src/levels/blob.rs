@@ -14,19 +14,30 @@ use super::raster::exp2;
 const PLANES: [[usize; 2]; 3] = [[0, 1], [1, 2], [2, 0]];
 /// Colour channels, and the density itself.
 const CHANNELS: usize = 4;
+/// A number for each plane, or for each axis, and one more that is 0 or harmless: one instruction works on four.
+type Lanes = [f32; 4];
 
 #[derive(Clone, Copy, Debug)]
 pub struct Blob {
-    pub mean: [f32; 3],
+    mean: Lanes,
     /// Variances, blurred.
-    var: [f32; 3],
+    var: Lanes,
     /// Covariances of the axes of each plane.
-    cov: [f32; 3],
+    cov: Lanes,
     /// Opacity times area in each plane.
-    mass: [f32; 3],
+    mass: Lanes,
     colour: [f32; CHANNELS],
     /// The squared norm.
     norm: f32,
+}
+
+/// A number for each axis, as one for the second axis of each plane.
+fn second([x, y, z, w]: Lanes) -> Lanes {
+    [y, z, x, w]
+}
+
+fn each(f: impl Fn(usize) -> f32) -> Lanes {
+    std::array::from_fn(f)
 }
 
 impl Blob {
@@ -39,16 +50,21 @@ impl Blob {
             let area = (entry(u, u) * entry(v, v) - entry(u, v).powi(2)).max(0.0).sqrt();
             (opacity * area).max(1e-30) as f32
         });
+        let lanes = |[x, y, z]: [f32; 3], rest: f32| [x, y, z, rest];
         let mut blob = Self {
-            mean: [0, 1, 2].map(|i| node.mean[i] - origin[i]),
-            var: [0, 1, 2].map(|i| entry(i, i) as f32 + blur),
-            cov: PLANES.map(|[u, v]| entry(u, v) as f32),
-            mass,
-            colour: [colour[0], colour[1], colour[2], 1.0],
+            mean: lanes([0, 1, 2].map(|i| node.mean[i] - origin[i]), 0.0),
+            var: lanes([0, 1, 2].map(|i| entry(i, i) as f32 + blur), 1.0),
+            cov: lanes(PLANES.map(|[u, v]| entry(u, v) as f32), 0.0),
+            mass: lanes(mass, 0.0),
+            colour: lanes(colour, 1.0),
             norm: 0.0,
         };
-        blob.norm = blob.product(&blob);
+        blob.norm = blob.squared();
         blob
+    }
+
+    pub fn mean(&self) -> [f32; 3] {
+        [0, 1, 2].map(|i| self.mean[i])
     }
 
     fn total(&self) -> f32 {
@@ -58,16 +74,24 @@ impl Blob {
     /// The inner product of two densities.
     fn product(&self, other: &Self) -> f32 {
         let alike: f32 = (0..CHANNELS).map(|i| self.colour[i] * other.colour[i]).sum();
-        let mut sum = 0.0;
-        for (plane, [u, v]) in PLANES.into_iter().enumerate() {
-            let (a, b) = (self.var[u] + other.var[u], self.cov[plane] + other.cov[plane]);
-            let c = self.var[v] + other.var[v];
-            let determinant = (a * c - b * b).max(1e-6 * a * c);
-            let (x, y) = (self.mean[u] - other.mean[u], self.mean[v] - other.mean[v]);
-            let power = (c * x * x - 2.0 * b * x * y + a * y * y) / determinant;
-            let density = exp2(-0.5 * std::f32::consts::LOG2_E * power) / determinant.sqrt();
-            sum += self.mass[plane] * other.mass[plane] * density;
-        }
+        let a = each(|i| self.var[i] + other.var[i]);
+        let x = each(|i| self.mean[i] - other.mean[i]);
+        let (c, y) = (second(a), second(x));
+        let b = each(|i| self.cov[i] + other.cov[i]);
+        let determinant = each(|i| (a[i] * c[i] - b[i] * b[i]).max(1e-6 * a[i] * c[i]));
+        let power = each(|i| (c[i] * x[i] * x[i] - 2.0 * b[i] * x[i] * y[i] + a[i] * y[i] * y[i]) / determinant[i]);
+        let density = each(|i| exp2(-0.5 * std::f32::consts::LOG2_E * power[i]) / determinant[i].sqrt());
+        let sum: f32 = each(|i| self.mass[i] * other.mass[i] * density[i]).iter().sum();
+        2.0 * PI * alike * sum
+    }
+
+    /// The product of a density with itself.
+    fn squared(&self) -> f32 {
+        let alike: f32 = self.colour.iter().map(|colour| colour * colour).sum();
+        let (a, b) = (each(|i| 2.0 * self.var[i]), each(|i| 2.0 * self.cov[i]));
+        let c = second(a);
+        let determinant = each(|i| (a[i] * c[i] - b[i] * b[i]).max(1e-6 * a[i] * c[i]));
+        let sum: f32 = each(|i| self.mass[i] * self.mass[i] / determinant[i].sqrt()).iter().sum();
         2.0 * PI * alike * sum
     }
 
@@ -76,19 +100,17 @@ impl Blob {
     pub fn merged(&self, other: &Self) -> Self {
         let (a, b) = (self.total(), other.total());
         let (s, t) = (a / (a + b), b / (a + b));
-        let apart = [0, 1, 2].map(|i| other.mean[i] - self.mean[i]);
+        let apart = each(|i| other.mean[i] - self.mean[i]);
+        let across = second(apart);
         let mut blob = Self {
-            mean: [0, 1, 2].map(|i| self.mean[i] + t * apart[i]),
-            var: [0, 1, 2].map(|i| s * self.var[i] + t * other.var[i] + s * t * apart[i] * apart[i]),
-            cov: [0, 1, 2].map(|plane| {
-                let [u, v] = PLANES[plane];
-                s * self.cov[plane] + t * other.cov[plane] + s * t * apart[u] * apart[v]
-            }),
-            mass: [0, 1, 2].map(|plane| self.mass[plane] + other.mass[plane]),
-            colour: [0, 1, 2, 3].map(|i| s * self.colour[i] + t * other.colour[i]),
+            mean: each(|i| self.mean[i] + t * apart[i]),
+            var: each(|i| s * self.var[i] + t * other.var[i] + s * t * apart[i] * apart[i]),
+            cov: each(|i| s * self.cov[i] + t * other.cov[i] + s * t * apart[i] * across[i]),
+            mass: each(|i| self.mass[i] + other.mass[i]),
+            colour: each(|i| s * self.colour[i] + t * other.colour[i]),
             norm: 0.0,
         };
-        blob.norm = blob.product(&blob);
+        blob.norm = blob.squared();
         blob
     }
 

@@ -2,7 +2,7 @@
 
 use super::median::median;
 use super::node::Nodes;
-use super::raster::{Picture, Splats, Window, directions};
+use super::raster::{Drawing, LANES, Pixel, Splats, Window, directions};
 use crate::scene::harmonics;
 
 /// Rounds of the fit. Each moves opacities and colours towards the pictures of the children.
@@ -24,8 +24,9 @@ pub struct Left {
 
 /// A family seen in one direction.
 struct View {
-    window: Window,
-    children: Picture,
+    width: usize,
+    children: Vec<Pixel>,
+    parents: Splats,
 }
 
 /// The width of pixels in which parents are fitted: that of the median parent.
@@ -39,21 +40,20 @@ fn pixel(parents: &Nodes, children: &Nodes) -> f64 {
 /// Fits the parents for which `is_free`, and measures all.
 pub fn fit(children: &Nodes, parents: &mut Nodes, is_free: &[bool]) -> Left {
     let px = pixel(parents, children);
-    let views: Vec<View> = directions()
-        .into_iter()
-        .map(|direction| {
-            let window = Window::around(children, direction, px);
-            View { window, children: Splats::of(children, window).draw() }
-        })
-        .collect();
+    let (mut drawing, mut asked) = (Drawing::default(), Vec::new());
+    let views = directions().map(|direction| {
+        let window = Window::around(children, direction, px);
+        Splats::of(children, window).draw(children, &mut drawing);
+        View { width: window.width, children: drawing.pixels.clone(), parents: Splats::of(parents, window) }
+    });
     for _ in 0..ROUNDS {
         let mut changes = vec![Change::default(); parents.len()];
-        views.iter().for_each(|view| view.compare(parents, &mut changes));
+        views.iter().for_each(|view| view.compare(parents, (&mut drawing, &mut asked), &mut changes));
         for (i, change) in changes.iter().enumerate().filter(|(i, _)| is_free[*i]) {
             change.apply(parents, i);
         }
     }
-    measure(&views, parents, px)
+    measure(&views, parents, px, &mut drawing)
 }
 
 /// What the pictures ask one parent to change.
@@ -79,31 +79,34 @@ impl Change {
     }
 }
 
+/// What a pixel asks for: the alphas of the children and of the parents, and the missing colour. Filled up to a power of
+/// two, so that few instructions add one up.
+type Asked = [f32; 8];
+
 impl View {
     /// Adds what this view asks for.
-    fn compare(&self, parents: &Nodes, changes: &mut [Change]) {
-        let splats = Splats::of(parents, self.window);
-        let picture = splats.draw();
-        let alpha = |picture: &Picture| -> Vec<f32> { picture.transmittance.iter().map(|t| 1.0 - t).collect() };
-        let (wanted, drawn) = (alpha(&self.children), alpha(&picture));
-        let missing = [0, 1, 2].map(|channel| -> Vec<f32> {
-            let colours = self.children.colour[channel].iter().zip(&picture.colour[channel]);
-            let missing = |((colour, own), (wanted, drawn)): ((&f32, &f32), (&f32, &f32))| {
-                // Of the same alpha: what alpha lacks is not made up by a brighter colour.
-                if *wanted > LEAST_ALPHA { colour * (drawn / wanted) - own } else { 0.0 }
-            };
-            colours.zip(wanted.iter().zip(&drawn)).map(missing).collect()
-        });
-        let dot = |values: &[f32], weights: &[f32]| -> f32 { values.iter().zip(weights).map(|(v, w)| v * w).sum() };
-        splats.walk(|splat, first, weights| {
-            let change = &mut changes[splat];
-            let part = first..first + weights.len();
-            change.wanted += f64::from(dot(&wanted[part.clone()], weights));
-            change.drawn += f64::from(dot(&drawn[part.clone()], weights));
-            for (sum, missing) in change.missing.iter_mut().zip(&missing) {
-                *sum += f64::from(dot(&missing[part.clone()], weights));
+    fn compare(&self, parents: &Nodes, (drawing, asked): (&mut Drawing, &mut Vec<Asked>), changes: &mut [Change]) {
+        self.parents.draw(parents, drawing);
+        asked.clear();
+        asked.extend(self.children.iter().zip(&drawing.pixels).map(|(child, own)| {
+            let (wanted, drawn) = (1.0 - child[3], 1.0 - own[3]);
+            // Of the same alpha: what alpha lacks is not made up by a brighter colour.
+            let missing = |k: usize| if wanted > LEAST_ALPHA { child[k] * (drawn / wanted) - own[k] } else { 0.0 };
+            [wanted, drawn, missing(0), missing(1), missing(2), 0.0, 0.0, 0.0]
+        }));
+        for (splat, first, weights) in drawing.rows() {
+            let mut sums = Asked::default();
+            for (asked, weights) in asked[first..].as_chunks::<LANES>().0.iter().zip(weights) {
+                for (asked, weight) in asked.iter().zip(weights) {
+                    sums.iter_mut().zip(asked).for_each(|(sum, asked)| *sum += asked * weight);
+                }
             }
-        });
+            let change = &mut changes[splat];
+            let [wanted, drawn, missing @ ..] = sums.map(f64::from);
+            change.wanted += wanted;
+            change.drawn += drawn;
+            change.missing.iter_mut().zip(missing).for_each(|(sum, missing)| *sum += missing);
+        }
     }
 }
 
@@ -114,59 +117,53 @@ struct Difference {
 }
 
 impl Difference {
-    fn of(wanted: &Picture, drawn: &Picture) -> Self {
-        let width = wanted.width;
-        let height = wanted.transmittance.len() / width;
-        let apart = |a: &[f32], b: &[f32]| -> Vec<f32> { a.iter().zip(b).map(|(a, b)| a - b).collect() };
-        // Of the colours, and of the alphas.
-        let mut planes = [0, 1, 2].map(|i| apart(&wanted.colour[i], &drawn.colour[i])).to_vec();
-        planes.push(apart(&drawn.transmittance, &wanted.transmittance));
-        let energy = |pixel: [f32; 4]| -> f32 {
-            let [r, g, b, a] = pixel;
-            // The mean of |dP|^2 on black and |dP - dA|^2 on white.
-            let squares = |ground: f32| [r, g, b].map(|v| (v - ground * a).powi(2)).iter().sum::<f32>();
+    fn of(width: usize, wanted: &[Pixel], drawn: &[Pixel]) -> Self {
+        // Of the colours, and of what passes.
+        let apart: Vec<Pixel> = wanted.iter().zip(drawn).map(|(a, b)| std::array::from_fn(|k| a[k] - b[k])).collect();
+        let energy = |[r, g, b, passing]: Pixel| -> f32 {
+            // The mean of |dP|^2 on black and |dP + dT|^2 on white.
+            let squares = |ground: f32| [r, g, b].map(|v| (v + ground * passing).powi(2)).iter().sum::<f32>();
             (squares(0.0) + squares(1.0)) / 2.0
         };
-        let squared: Vec<f32> = (0..width * height).map(|i| energy([0, 1, 2, 3].map(|k| planes[k][i]))).collect();
         let coarse = |factor: usize| -> f64 {
             let mut sum = 0.0;
-            for y in (0..height).step_by(factor) {
+            let rows: Vec<&[Pixel]> = apart.chunks_exact(width).collect();
+            for rows in rows.chunks(factor) {
                 for x in (0..width).step_by(factor) {
-                    let mean = [0, 1, 2, 3].map(|k| {
-                        let rows = y..height.min(y + factor);
-                        let of_row = |row: usize| {
-                            planes[k][row * width + x..row * width + width.min(x + factor)].iter().sum::<f32>()
-                        };
-                        rows.map(of_row).sum::<f32>() / (factor * factor) as f32
-                    });
-                    sum += f64::from(energy(mean)) * (factor * factor) as f64;
+                    let mut total = Pixel::default();
+                    for pixel in rows.iter().flat_map(|row| &row[x..width.min(x + factor)]) {
+                        total.iter_mut().zip(pixel).for_each(|(total, value)| *total += value);
+                    }
+                    let pixels = factor * factor;
+                    sum += f64::from(energy(total.map(|total| total / pixels as f32))) * pixels as f64;
                 }
             }
             sum
         };
+        let squared: Vec<f32> = apart.iter().map(|pixel| energy(*pixel)).collect();
         let sums = [squared.iter().map(|v| f64::from(*v)).sum(), coarse(2), coarse(4)];
         Self { squared, sums }
     }
 }
 
-fn measure(views: &[View], parents: &Nodes, px: f64) -> Left {
+fn measure(views: &[View], parents: &Nodes, px: f64, drawing: &mut Drawing) -> Left {
     let mut energies = vec![0.0; parents.len()];
     let mut sums = [0.0; 3];
     let each = px * px / views.len() as f64;
     for view in views {
-        let splats = Splats::of(parents, view.window);
-        let picture = splats.draw();
-        let difference = Difference::of(&view.children, &picture);
+        view.parents.draw(parents, drawing);
+        let difference = Difference::of(view.width, &view.children, &drawing.pixels);
         sums.iter_mut().zip(difference.sums).for_each(|(sum, own)| *sum += own);
         // Each parent gets the part of a pixel that it has of the sum of all weights there, which is alpha.
-        let squares = difference.squared.iter().zip(&picture.transmittance);
-        let share: Vec<f32> = squares.map(|(squared, t)| squared / (1.0 - t).max(1e-3)).collect();
+        let squares = difference.squared.iter().zip(&drawing.pixels);
+        let share: Vec<f32> = squares.map(|(squared, pixel)| squared / (1.0 - pixel[3]).max(1e-3)).collect();
         let mut given = 0.0;
-        splats.walk(|splat, first, weights| {
-            let part: f32 = share[first..].iter().zip(weights).map(|(share, weight)| share * weight).sum();
+        for (splat, first, weights) in drawing.rows() {
+            let shares = share[first..].iter().zip(weights.as_flattened());
+            let part: f32 = shares.map(|(share, weight)| share * weight).sum();
             energies[splat] += f64::from(part) * each;
             given += f64::from(part);
-        });
+        }
         // What no parent covers is everybody's.
         let rest = (difference.sums[0] - given).max(0.0) * each / parents.len() as f64;
         energies.iter_mut().for_each(|energy| *energy += rest);

@@ -19,12 +19,30 @@ struct Pair {
     versions: [u32; 2],
 }
 
+/// A neighbour, and the cost of a merge with it.
+#[derive(Clone, Copy)]
+struct Partner {
+    node: u32,
+    /// How often it had been merged when the cost was computed, or [`UNKNOWN`].
+    version: u32,
+    /// The bits of the cost.
+    cost: u32,
+}
+
+const UNKNOWN: u32 = u32::MAX;
+
+impl Partner {
+    fn new(node: u32) -> Self {
+        Self { node, version: UNKNOWN, cost: 0 }
+    }
+}
+
 struct Merging {
     blobs: Vec<Blob>,
     /// For a node that was merged into another: that one.
     into: Vec<u32>,
     versions: Vec<u32>,
-    near: Vec<Vec<u32>>,
+    near: Vec<Vec<Partner>>,
     pairs: BinaryHeap<Reverse<Pair>>,
 }
 
@@ -64,9 +82,10 @@ impl Merging {
     /// Finds the neighbours of all nodes that are left, and their partners.
     fn find_neighbours(&mut self) {
         let left: Vec<u32> = (0..self.into.len() as u32).filter(|node| self.into[*node as usize] == *node).collect();
-        let means: Vec<[f32; 3]> = left.iter().map(|node| self.blobs[*node as usize].mean).collect();
+        let mean = |node: &u32| self.blobs[*node as usize].mean();
+        let means: Vec<[f32; 3]> = left.iter().map(mean).collect();
         for (node, near) in left.iter().zip(neighbours(&means)) {
-            self.near[*node as usize] = near.into_iter().map(|other| left[other as usize]).collect();
+            self.near[*node as usize] = near.into_iter().map(|other| Partner::new(left[other as usize])).collect();
         }
         for node in left {
             self.keep_nearest(node);
@@ -87,12 +106,17 @@ impl Merging {
     }
 
     /// Takes the neighbours of a node, as the nodes that they were merged into, each once.
-    fn left_near(&mut self, own: u32) -> Vec<u32> {
+    fn left_near(&mut self, own: u32) -> Vec<Partner> {
         let mut near = std::mem::take(&mut self.near[own as usize]);
-        near.iter_mut().for_each(|other| *other = self.root(*other));
-        near.sort_unstable();
-        near.dedup();
-        near.retain(|other| *other != own);
+        for partner in &mut near {
+            let root = self.root(partner.node);
+            if root != partner.node {
+                *partner = Partner::new(root);
+            }
+        }
+        near.sort_unstable_by_key(|partner| partner.node);
+        near.dedup_by_key(|partner| partner.node);
+        near.retain(|partner| partner.node != own);
         near
     }
 
@@ -101,22 +125,29 @@ impl Merging {
         if near.len() > PARTNERS {
             let own = &self.blobs[node as usize];
             let mut keyed: Vec<(f32, u32)> =
-                near.iter().map(|other| (own.distance(&self.blobs[*other as usize]), *other)).collect();
+                near.iter().map(|other| (own.distance(&self.blobs[other.node as usize]), other.node)).collect();
             keyed.select_nth_unstable_by(PARTNERS, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            near = keyed[..PARTNERS].iter().map(|(_, other)| *other).collect();
-            near.sort_unstable();
+            near = keyed[..PARTNERS].iter().map(|(_, other)| Partner::new(*other)).collect();
+            near.sort_unstable_by_key(|partner| partner.node);
         }
         self.near[node as usize] = near;
     }
 
     /// Notes the cheapest partner of a node.
     fn pair(&mut self, own: u32) {
-        let near = self.left_near(own);
-        let blob = self.blobs[own as usize];
-        let best = near.iter().map(|other| (blob.cost(&self.blobs[*other as usize]).to_bits(), *other)).min();
-        if let Some((cost, other)) = best {
-            let versions = [self.versions[own as usize], self.versions[other as usize]];
-            self.pairs.push(Reverse(Pair { cost, nodes: [own, other], versions }));
+        let mut near = self.left_near(own);
+        let blob = &self.blobs[own as usize];
+        for partner in &mut near {
+            let other = partner.node as usize;
+            // Most were not merged since: one of them was.
+            if partner.version != self.versions[other] {
+                let cost = blob.cost(&self.blobs[other]).to_bits();
+                *partner = Partner { version: self.versions[other], cost, ..*partner };
+            }
+        }
+        if let Some(Partner { node, version, cost }) = near.iter().min_by_key(|partner| (partner.cost, partner.node)) {
+            let versions = [self.versions[own as usize], *version];
+            self.pairs.push(Reverse(Pair { cost: *cost, nodes: [own, *node], versions }));
         }
         self.near[own as usize] = near;
     }
@@ -126,7 +157,10 @@ impl Merging {
         self.into[other as usize] = own;
         self.versions[own as usize] += 1;
         let theirs = std::mem::take(&mut self.near[other as usize]);
-        self.near[own as usize].extend(theirs);
+        let near = &mut self.near[own as usize];
+        near.extend(theirs);
+        // All of them were costs of what the two had been.
+        near.iter_mut().for_each(|partner| *partner = Partner::new(partner.node));
         self.near[own as usize] = self.left_near(own);
         self.keep_nearest(own);
         self.pair(own);

@@ -1,6 +1,7 @@
 //! Small pictures of few nodes along a direction, with parallel rays, by the antialiased rules.
 
 use glam::{DMat3, DVec3};
+use multiversion::multiversion;
 
 use super::node::Nodes;
 use crate::rules::{ALPHA_MAX, ALPHA_MIN, LOW_PASS};
@@ -59,34 +60,63 @@ impl Window {
     }
 }
 
-/// A node in a window.
+/// A node in a window. It stays the same while the opacity and the colour of the node are fitted.
 #[derive(Clone, Copy, Debug)]
 struct Splat {
     mean: [f32; 2],
     /// The inverse covariance: xx, xy, yy.
     conic: [f32; 3],
-    /// Half height of the ellipse outside of which alpha is below the threshold, px.
-    reach: f32,
-    /// The square of the number of standard deviations to its edge.
-    edge: f32,
-    opacity: f32,
+    /// The variance of y.
+    tall: f64,
+    /// The part of the opacity that the low-pass leaves.
+    sharpness: f64,
+    /// The colour in this direction without that of degree 0.
+    rest: [f64; 3],
 }
 
 /// Nodes in a window, front to back.
 pub struct Splats {
     window: Window,
+    /// The basis function of degree 0.
+    flat: f64,
     splats: Vec<Splat>,
-    colours: Vec<[f32; 3]>,
     /// The places of the splats, front to back.
     order: Vec<u32>,
 }
 
-/// A picture: colour times alpha, and what passes.
-#[derive(Clone, Debug)]
-pub struct Picture {
-    pub width: usize,
-    pub colour: [Vec<f32>; 3],
-    pub transmittance: Vec<f32>,
+/// Red, green and blue times alpha, and what passes.
+pub type Pixel = [f32; 4];
+
+/// Numbers that one instruction works on.
+pub const LANES: usize = 8;
+
+/// A picture, and what each splat has of it. The memory serves one picture after another.
+#[derive(Clone, Debug, Default)]
+pub struct Drawing {
+    /// Row by row, and [`LANES`] empty ones behind the last.
+    pub pixels: Vec<Pixel>,
+    rows: Vec<Row>,
+    weights: Vec<f32>,
+}
+
+/// The first pixel of a row that a splat covers, and where the weights of these pixels begin.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    splat: u32,
+    first: u32,
+    weights: u32,
+}
+
+impl Drawing {
+    /// For each row of each splat, front to back: the splat, the first pixel, and the weights of the splat's colour in
+    /// the pixels from there on, alpha times transmittance. Some zeros fill up the last [`LANES`] weights.
+    pub fn rows(&self) -> impl Iterator<Item = (usize, usize, &[[f32; LANES]])> {
+        let ends = self.rows.iter().skip(1).map(|row| row.weights as usize).chain([self.weights.len()]);
+        self.rows.iter().zip(ends).map(|(row, end)| {
+            let weights = self.weights[row.weights as usize..end].as_chunks().0;
+            (row.splat as usize, row.first as usize, weights)
+        })
+    }
 }
 
 /// 2^x, to 1e-6 of it. The same bits on every machine, unlike the functions of the system.
@@ -110,8 +140,7 @@ impl Splats {
         let Direction { right, down, forward } = window.direction;
         let basis = harmonics::basis(forward.to_array());
         let count = nodes.len();
-        let mut splats = Vec::with_capacity(count);
-        let (mut colours, mut depths) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let (mut splats, mut depths) = (Vec::with_capacity(count), Vec::with_capacity(count));
         for (i, node) in nodes.nodes.iter().enumerate() {
             let centre = node.centre();
             let axes: DMat3 = node.axes();
@@ -119,9 +148,7 @@ impl Splats {
             let sharp = u.cross(v).length_squared();
             let (a, b, c) = (u.length_squared() + LOW_PASS, u.dot(v), v.length_squared() + LOW_PASS);
             let determinant = a * c - b * b;
-            let opacity = (f64::from(node.opacity) * (sharp / determinant).sqrt()) as f32;
-            let is_drawn = opacity > ALPHA_MIN;
-            let edge = if is_drawn { 2.0 * f64::from(opacity / ALPHA_MIN).ln() } else { 0.0 };
+            let higher = || nodes.sh(i).iter().zip(basis).skip(1);
             splats.push(Splat {
                 mean: [
                     (right.dot(centre) - window.origin.x) / window.px,
@@ -129,80 +156,94 @@ impl Splats {
                 ]
                 .map(|v| v as f32),
                 conic: [c, -b, a].map(|v| (v / determinant) as f32),
-                reach: if is_drawn { (edge * c).sqrt() as f32 } else { -1.0 },
-                edge: edge as f32,
-                opacity,
+                tall: c,
+                sharpness: (sharp / determinant).sqrt(),
+                rest: [0, 1, 2].map(|k| higher().map(|(value, basis)| f64::from(value[k]) * basis).sum()),
             });
-            let sh = nodes.sh(i);
-            let channel = |k: usize| {
-                let sum: f64 = sh.iter().zip(basis).map(|(value, basis)| f64::from(value[k]) * basis).sum();
-                (0.5 + sum).max(0.0) as f32
-            };
-            colours.push([0, 1, 2].map(channel));
             depths.push((forward.dot(centre) as f32, i as u32));
         }
         depths.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        Self { window, splats, colours, order: depths.into_iter().map(|(_, i)| i).collect() }
+        Self { window, flat: basis[0], splats, order: depths.into_iter().map(|(_, i)| i).collect() }
     }
 
-    /// Goes through all splats, front to back, row by row. Calls `visit` with the splat, the first pixel, and the
-    /// weights of its colour in the pixels from there on: alpha times transmittance. Returns what passes.
-    pub fn walk(&self, mut visit: impl FnMut(usize, usize, &[f32])) -> Vec<f32> {
-        let Window { width, height, .. } = self.window;
-        let mut transmittance = vec![1.0; width * height];
-        let mut weights = vec![0.0; width];
-        for index in self.order.iter().map(|i| *i as usize) {
-            let Splat { mean, conic: [a, b, c], reach, edge, opacity } = self.splats[index];
-            if reach < 0.0 {
+    /// Draws the nodes that these splats were made of, with their opacities and colours of now.
+    pub fn draw(&self, nodes: &Nodes, drawing: &mut Drawing) {
+        draw(self, nodes, drawing);
+    }
+}
+
+/// See [`Splats::draw`]. All versions make the same bits: none joins a product and a sum in one operation.
+#[multiversion(targets("x86_64+avx2"))]
+fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
+    let Window { width, height, .. } = splats.window;
+    let Drawing { pixels, rows, weights } = drawing;
+    (rows.clear(), weights.clear(), pixels.clear());
+    pixels.resize(width * height + LANES, [0.0, 0.0, 0.0, 1.0]);
+    for index in splats.order.iter().map(|i| *i as usize) {
+        let Splat { mean, conic: [a, b, c], tall, sharpness, rest } = splats.splats[index];
+        let opacity = (f64::from(nodes.nodes[index].opacity) * sharpness) as f32;
+        if opacity <= ALPHA_MIN {
+            continue;
+        }
+        let flat = nodes.sh(index)[0];
+        let colour = [0, 1, 2].map(|k| (0.5 + f64::from(flat[k]) * splats.flat + rest[k]).max(0.0) as f32);
+        // What is covered no longer passes.
+        let tint = [colour[0], colour[1], colour[2], -1.0];
+        // The square of the number of standard deviations to the edge of the ellipse, where alpha is the threshold,
+        // and half of its height.
+        let edge = 2.0 * f64::from(opacity / ALPHA_MIN).ln();
+        let (reach, edge, per_a) = ((edge * tall).sqrt() as f32, edge as f32, 1.0 / a);
+        for row in centres_within(mean[1], reach, height) {
+            let y = row as f32 + 0.5 - mean[1];
+            let root = (b * y).powi(2) - a * (c * y * y - edge);
+            if root <= 0.0 {
                 continue;
             }
-            for row in centres_within(mean[1], reach, height) {
-                let y = row as f32 + 0.5 - mean[1];
-                let root = (b * y).powi(2) - a * (c * y * y - edge);
-                if root <= 0.0 {
-                    continue;
-                }
-                let (middle, half) = (mean[0] - b * y / a, root.sqrt() / a);
-                let columns = centres_within(middle, half, width);
-                if columns.is_empty() {
-                    continue;
-                }
-                let first = row * width + columns.start;
-                let passing = &mut transmittance[first..first + columns.len()];
-                let weights = &mut weights[..columns.len()];
-                const LOG2: f32 = -0.5 * std::f32::consts::LOG2_E;
-                let (x0, squared, linear, constant) =
-                    (columns.start as f32 + 0.5 - mean[0], LOG2 * a, LOG2 * 2.0 * b * y, LOG2 * c * y * y);
-                for (k, (weight, passing)) in weights.iter_mut().zip(passing).enumerate() {
-                    let x = x0 + k as f32;
+            let (middle, half) = (mean[0] - b * y * per_a, root.sqrt() * per_a);
+            let columns = centres_within(middle, half, width);
+            if columns.is_empty() {
+                continue;
+            }
+            const LOG2: f32 = -0.5 * std::f32::consts::LOG2_E;
+            let (x0, squared, linear, constant) =
+                (columns.start as f32 + 0.5 - mean[0], LOG2 * a, LOG2 * 2.0 * b * y, LOG2 * c * y * y);
+            let [splat, first, begin] = [index, row * width + columns.start, weights.len()].map(|n| n as u32);
+            rows.push(Row { splat, first, weights: begin });
+            // Whole lanes without a branch: rows are short, and of lengths that the processor cannot guess. Closures
+            // would be calls here.
+            let count = columns.len() as f32;
+            let mut along: [f32; LANES] = std::array::from_fn(|lane| lane as f32);
+            for pixels in pixels[first as usize..].as_chunks_mut::<LANES>().0 {
+                let mut lanes = [0.0; LANES];
+                for (lane, along) in lanes.iter_mut().zip(&mut along) {
+                    let x = x0 + *along;
                     let alpha = (opacity * exp2(constant + x * (linear + x * squared))).min(ALPHA_MAX);
-                    *weight = alpha * *passing;
-                    *passing -= *weight;
+                    *lane = if *along < count { alpha } else { 0.0 };
+                    *along += LANES as f32;
                 }
-                visit(index, first, weights);
+                for (pixel, weight) in pixels.iter_mut().zip(&mut lanes) {
+                    *weight *= pixel[3];
+                    for (value, tint) in pixel.iter_mut().zip(tint) {
+                        *value += tint * *weight;
+                    }
+                }
+                weights.extend_from_slice(&lanes);
+                if along[0] >= count {
+                    break;
+                }
             }
         }
-        transmittance
-    }
-
-    pub fn draw(&self) -> Picture {
-        let Window { width, height, .. } = self.window;
-        let mut colour = [(); 3].map(|()| vec![0.0; width * height]);
-        let transmittance = self.walk(|splat, first, weights| {
-            for (channel, value) in colour.iter_mut().zip(self.colours[splat]) {
-                let part = &mut channel[first..first + weights.len()];
-                part.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
-            }
-        });
-        Picture { width, colour, transmittance }
     }
 }
 
 /// The pixels whose centres lie within `reach` of `middle`, of `count`.
 fn centres_within(middle: f32, reach: f32, count: usize) -> std::ops::Range<usize> {
-    let first = (middle - reach - 0.5).ceil().max(0.0) as usize;
-    let end = ((middle + reach - 0.5).floor() + 1.0).clamp(0.0, count as f32) as usize;
-    first.min(end)..end
+    // Conversions round towards 0 and stop at the limits of the type. They take a part of the time of floor and ceil,
+    // which are calls where the processor may be an old one.
+    let low = middle - reach - 0.5;
+    let first = low as u32 + u32::from(low > low as u32 as f32);
+    let end = ((middle + reach + 0.5) as u32).min(count as u32);
+    first.min(end) as usize..end as usize
 }
 
 #[cfg(test)]
@@ -228,13 +269,25 @@ mod tests {
         nodes.push(Node::leaf(place(2.0), [1.0, 0.0, 0.0, 0.0], [1.0; 3], 0.9), &[[0.0; 3]]);
         nodes.push(Node::leaf(place(1.0), [1.0, 0.0, 0.0, 0.0], [1.0; 3], 0.5), &red);
         let window = Window::around(&nodes, direction, 0.25);
-        let picture = Splats::of(&nodes, window).draw();
-        let middle = picture.transmittance.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+        let mut drawing = Drawing::default();
+        Splats::of(&nodes, window).draw(&nodes, &mut drawing);
+        let middle = drawing.pixels.iter().copied().min_by(|a, b| a[3].total_cmp(&b[3])).unwrap();
         // The low-pass widens the variance from 16 to 16.3 px^2.
         let [near, far] = [0.5, 0.9].map(|opacity: f32| opacity * 16.0 / 16.3);
-        let expected = [near + (1.0 - near) * far * 0.5, (1.0 - near) * far * 0.5];
-        assert!((middle.1 - (1.0 - near) * (1.0 - far)).abs() < 0.01, "{middle:?}");
-        assert!((picture.colour[0][middle.0] - expected[0]).abs() < 0.01, "{}", picture.colour[0][middle.0]);
-        assert!((picture.colour[1][middle.0] - expected[1]).abs() < 0.01, "{}", picture.colour[1][middle.0]);
+        let rest = (1.0 - near) * far * 0.5;
+        let expected = [near + rest, rest, rest, (1.0 - near) * (1.0 - far)];
+        assert!((0..4).all(|k| (middle[k] - expected[k]).abs() < 0.01), "{middle:?}, not {expected:?}");
+        let mut sums = vec![[0.0_f32; 4]; drawing.pixels.len()];
+        for (splat, first, weights) in drawing.rows() {
+            let colour = [[0.5; 3], [1.0, 0.0, 0.0]][splat];
+            for (sum, weight) in sums[first..].iter_mut().zip(weights.as_flattened()) {
+                (0..3).for_each(|k| sum[k] += colour[k] * weight);
+                sum[3] += weight;
+            }
+        }
+        let is_sum = |(sum, pixel): (&Pixel, &Pixel)| {
+            (0..4).all(|k| (sum[k] - if k == 3 { 1.0 - pixel[3] } else { pixel[k] }).abs() < 1e-5)
+        };
+        assert!(sums.iter().zip(&drawing.pixels).all(is_sum), "a picture is the sum of what its splats have of it");
     }
 }
