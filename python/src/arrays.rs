@@ -3,6 +3,7 @@
 use numpy::{PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use rayon::prelude::*;
 
 /// Numbers from which on it pays to share them among threads.
@@ -25,6 +26,24 @@ impl<T: numpy::Element> Numbers<'_, T> {
     }
 }
 
+/// An array whose memory NumPy can show: for a tensor of PyTorch, perhaps with gradients, one on the host. From CUDA it
+/// comes through pinned memory, which PyTorch keeps for the next time.
+fn on_host<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    let py = value.py();
+    if !value.hasattr("detach")? {
+        return Ok(value.clone());
+    }
+    let tensor = value.call_method0("detach")?;
+    if !tensor.getattr("is_cuda")?.is_truthy()? {
+        return tensor.call_method0("cpu");
+    }
+    let pinned = PyDict::new(py);
+    pinned.set_item("device", "cpu")?;
+    pinned.set_item("pin_memory", true)?;
+    let host = py.import("torch")?.call_method("empty_like", (&tensor,), Some(&pinned))?;
+    host.call_method1("copy_", (tensor,))
+}
+
 /// The values of an array in f64 or f32; they are copied only if they are others. `None` in `shape` stands for any
 /// length.
 pub fn numbers<'py, T: numpy::Element + Copy + Into<f64> + Sync>(
@@ -35,12 +54,7 @@ pub fn numbers<'py, T: numpy::Element + Copy + Into<f64> + Sync>(
 ) -> PyResult<Numbers<'py, T>> {
     let py = value.py();
     let numpy = py.import("numpy")?;
-    // A tensor of PyTorch, perhaps with gradients, perhaps on a GPU.
-    let on_host = match value.hasattr("detach")? {
-        true => value.call_method0("detach")?.call_method0("cpu")?,
-        false => value.clone(),
-    };
-    let any = numpy.call_method1("asarray", (on_host,))?;
+    let any = numpy.call_method1("asarray", (on_host(value)?,))?;
     let found: String = any.getattr("dtype")?.getattr("kind")?.extract()?;
     let dtype: String = any.getattr("dtype")?.str()?.extract()?;
     if !"fiu".contains(&found) {

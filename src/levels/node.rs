@@ -1,11 +1,13 @@
 //! The nodes of a hierarchy, in the numbers that merging needs.
 
+use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::scene::sh_coefficients;
 
 /// A Gaussian of the scene, or one that stands for several.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
 pub struct Node {
     pub mean: [f32; 3],
     /// Unit quaternion w x y z, local to world.

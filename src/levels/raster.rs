@@ -177,7 +177,9 @@ impl Splats {
 fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
     let Window { width, height, .. } = splats.window;
     let Drawing { pixels, rows, weights } = drawing;
-    (rows.clear(), weights.clear(), pixels.clear());
+    rows.clear();
+    weights.clear();
+    pixels.clear();
     pixels.resize(width * height + LANES, [0.0, 0.0, 0.0, 1.0]);
     for index in splats.order.iter().map(|i| *i as usize) {
         let Splat { mean, conic: [a, b, c], tall, sharpness, rest } = splats.splats[index];

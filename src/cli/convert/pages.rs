@@ -49,6 +49,9 @@ pub fn convert(inputs: Inputs, output: &Path, settings: Settings) -> Result<(Wri
     if finished.resumed > 0 {
         remark(&format!("{} of {} buckets were sorted by an earlier run", finished.resumed, finished.buckets));
     }
+    if finished.resumed_levels > 0 {
+        remark(&format!("{} parts of the levels were built by an earlier run", finished.resumed_levels));
+    }
     Ok((written(output, &finished)?, removed))
 }
 

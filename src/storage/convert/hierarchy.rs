@@ -6,6 +6,7 @@
 //! about the same distance. Blocks are built from the bottom up, each as soon as those below are, so that few are in
 //! memory at a time.
 
+use std::fs::File;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -14,6 +15,7 @@ use rayon::prelude::*;
 
 use super::output::{Output, sealed};
 use super::storeys::{FLOOR, HALVINGS, Storey, TOPS, storeys};
+use super::tops::{KeptTops, Place, Top};
 use crate::files::{read_exact_at, write_all_at};
 use crate::levels::{NEVER, Node, Nodes, Parents, code, median, parents};
 use crate::scene::Cancelled;
@@ -23,16 +25,13 @@ use crate::storage::planes::Shape;
 /// The largest opacity that fits into 16-bit floats, with room for rounding.
 const MOST_OPACITY: f32 = 60_000.0;
 
-/// The top of a block, whose parents are not known yet.
-struct Top {
-    nodes: Nodes,
-    /// The level below it: its pages and what their table says but for the page of the parents.
-    last: Vec<(usize, Level)>,
-    place: Place,
-}
-
 struct Hierarchy<'h> {
     output: &'h Output<'h>,
+    /// The pages of the scene, at the places that they have in the output.
+    scene: &'h File,
+    tops: Option<&'h KeptTops<'h>>,
+    /// The storey of these.
+    kept_storey: usize,
     sh_degree: u32,
     /// Gaussians of the scene.
     count: usize,
@@ -41,35 +40,6 @@ struct Hierarchy<'h> {
     done: AtomicUsize,
     progress: &'h (dyn Fn(f64) + Sync),
     is_cancelled: &'h (dyn Fn() -> bool + Sync),
-}
-
-/// From where the nodes of a block are judged.
-#[derive(Clone, Copy)]
-struct Place {
-    low: [f32; 3],
-    high: [f32; 3],
-    /// Of the whole block.
-    detail: f32,
-    /// Of one of its levels, which is finer.
-    own_detail: f32,
-}
-
-impl Place {
-    /// The place of Gaussians of the scene.
-    fn around(nodes: &Nodes) -> Self {
-        let (low, high) = nodes.bounds();
-        Self { low, high, detail: 0.0, own_detail: 0.0 }
-    }
-
-    /// A place that holds both.
-    fn and(self, other: Self) -> Self {
-        Self {
-            low: [0, 1, 2].map(|i| self.low[i].min(other.low[i])),
-            high: [0, 1, 2].map(|i| self.high[i].max(other.high[i])),
-            detail: self.detail.max(other.detail),
-            own_detail: self.own_detail.max(other.own_detail),
-        }
-    }
 }
 
 /// The least error of a node, as a part of the typical one of its level. A block with a few distant Gaussians is
@@ -128,22 +98,36 @@ impl<'n> Children<'n> {
     }
 }
 
-/// Builds and writes all levels above the scene.
+/// Builds and writes the levels of the pages in the file `scene`, and these pages, each in the order of errors. Blocks
+/// whose tops were kept by an earlier run are not built again.
 ///
 /// # Errors
-/// If the file cannot be read or written; [`Cancelled`].
+/// If a file cannot be read or written; [`Cancelled`].
 pub fn build(
-    output: &Output,
+    (output, scene, tops): (&Output, &File, Option<&KeptTops>),
     (count, sh_degree): (usize, u32),
     progress: &(dyn Fn(f64) + Sync),
     is_cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<()> {
     let (storeys, typical, done) = (storeys(count), Typical(0.0), AtomicUsize::new(0));
-    let mut hierarchy = Hierarchy { output, sh_degree, count, done, progress, is_cancelled, storeys, typical };
+    let kept_storey = KeptTops::storey(&storeys);
+    let mut hierarchy = Hierarchy {
+        output,
+        scene,
+        tops,
+        kept_storey,
+        sh_degree,
+        count,
+        done,
+        progress,
+        is_cancelled,
+        storeys,
+        typical,
+    };
     let Some(last) = hierarchy.storeys.last() else {
         let (nodes, records) = hierarchy.scene_pages(0..1)?;
         let children = Children::of_none((&nodes, 0), typical, Place::around(&nodes));
-        let written = hierarchy.rewrite_scene(0, &children, &records)?;
+        let written = hierarchy.write_scene(0, &children, &records)?;
         return hierarchy.finish(&written, NO_PAGE);
     };
     let (page, storeys) = (last.above().first, hierarchy.storeys.len());
@@ -180,9 +164,31 @@ impl Hierarchy<'_> {
         self.scene_pages(begin..(begin + FLOOR).min(self.count.div_ceil(PAGE)))
     }
 
-    /// Builds a block and all below it, and writes all of it but its top and the table of the level below that.
+    /// Builds a block and all below it, or finds it as an earlier run has written it. All is in the file then but its
+    /// top and the table of the level below that.
     fn block(&self, storey: usize, block: usize) -> Result<Top> {
         ensure!(!(self.is_cancelled)(), Cancelled);
+        let Some(tops) = self.tops.filter(|_| storey == self.kept_storey) else { return self.built(storey, block) };
+        if let Some(top) = tops.find(block, self.sh_degree) {
+            for (below, storey) in self.storeys[..=storey].iter().rev().enumerate() {
+                let blocks = TOPS.pow(below as u32);
+                let blocks = block * blocks..storey.blocks().min((block + 1) * blocks);
+                self.advance(blocks.map(|block| storey.levels_of(block)[0]).sum());
+            }
+            return Ok(top);
+        }
+        let top = self.built(storey, block)?;
+        tops.keep(block, &top)?;
+        Ok(top)
+    }
+
+    /// Reports that the floors of some blocks, so many nodes in all, are done.
+    fn advance(&self, nodes: usize) {
+        let done = nodes + self.done.fetch_add(nodes, Ordering::Relaxed);
+        (self.progress)(done as f64 / self.storeys.iter().map(|storey| storey.nodes).sum::<usize>() as f64);
+    }
+
+    fn built(&self, storey: usize, block: usize) -> Result<Top> {
         let own = self.storeys[storey];
         let pages = own.pages_of(block);
         let (floor, below) = if own.is_ground {
@@ -217,15 +223,14 @@ impl Hierarchy<'_> {
             let number = storey * HALVINGS + level;
             let children = Children::of((nodes, number), &found[level], self.typical, at(own_detail));
             last = match level == 0 && own.is_ground {
-                true => self.rewrite_scene(pages[0], &children, &records)?,
+                true => self.write_scene(pages[0], &children, &records)?,
                 false => self.write_nodes(pages[level], &children)?,
             };
             if level + 1 < HALVINGS {
                 self.finish(&last, pages[level] as u32)?;
             }
         }
-        let done = floor.len() + self.done.fetch_add(floor.len(), Ordering::Relaxed);
-        (self.progress)(done as f64 / self.storeys.iter().map(|storey| storey.nodes).sum::<usize>() as f64);
+        self.advance(floor.len());
         let top = found.pop().expect("a floor is halved");
         Ok(Top { place: at(top.detail), nodes: top.nodes, last })
     }
@@ -257,20 +262,20 @@ impl Hierarchy<'_> {
         Ok((nodes, records))
     }
 
-    /// The words of the geometry and of the colours of a page.
+    /// The words of the geometry and of the colours of a page of the scene.
     fn read_page(&self, page: usize) -> Result<[Vec<u32>; 2]> {
         let words = &self.output.words;
         let mut streams = [words.geometry(), words.colours()].map(|words| vec![0_u32; words]);
         for (stream, place) in streams.iter_mut().zip(self.output.places) {
             let bytes = 4 * stream.len() as u64;
-            read_exact_at(self.output.file, bytemuck::cast_slice_mut(stream), place + page as u64 * bytes)?;
+            read_exact_at(self.scene, bytemuck::cast_slice_mut(stream), place + page as u64 * bytes)?;
             stream.iter_mut().for_each(|word| *word = u32::from_le(*word));
         }
         Ok(streams)
     }
 
-    /// Writes the Gaussians of a block on the ground again, in the order of the errors of their parents.
-    fn rewrite_scene(&self, first: usize, children: &Children, records: &[PageRecord]) -> Result<Vec<(usize, Level)>> {
+    /// Writes the Gaussians of a block on the ground, in the order of the errors of their parents.
+    fn write_scene(&self, first: usize, children: &Children, records: &[PageRecord]) -> Result<Vec<(usize, Level)>> {
         self.write(first, children, |_, part, geometry, colours| {
             let records: Vec<&PageRecord> = part.iter().map(|index| &records[*index as usize]).collect();
             self.output.words.fill_records(&records, geometry, colours);

@@ -4,7 +4,7 @@ use std::fs::File;
 
 use anyhow::{Result, bail, ensure};
 
-use super::job::{Blocks, Finished, Job, PAGES, STATE, Settings, check_count, finish, first_passes};
+use super::job::{Blocks, Finished, Job, STATE, Settings, check_count, finish, first_passes};
 use super::output::Output;
 use super::storeys::pages_of_levels;
 use crate::files::Kept;
@@ -22,7 +22,7 @@ use crate::storage::statistics::{Accumulator, Statistics};
 pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
     let kept = Kept::beside(job.output, STATE)?;
     kept.clear()?;
-    let file = kept.file(PAGES)?;
+    let file = kept.file(job.scene_file())?;
     let is_plain = |storage: Storage| storage == Storage::F32;
     let options = &job.settings.options;
     let is_free = is_plain(options.sh_storage) && is_plain(options.shape_storage);
@@ -55,7 +55,7 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
     let header = job.header(&scene, statistics, layout);
     let output = Output::new(&file, (&header.layout, header.alpha_min), going.pages);
     finish(job, kept, &output, header.clone())?;
-    Ok(Finished { header, resumed: 0, buckets: 1, notices: scene.notices })
+    Ok(Finished { header, resumed: 0, buckets: 1, resumed_levels: 0, notices: scene.notices })
 }
 
 /// Blocks that are written as they come.

@@ -1,6 +1,7 @@
 //! The ways to a page file: of a scene in memory, and of one that comes in blocks.
 
 use std::path::Path;
+use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
@@ -11,6 +12,7 @@ use super::output::Output;
 use super::records::{gaussians_of, mean_of, record_words};
 use super::state::{State, Work};
 use super::storeys::pages_of_levels;
+use super::tops::KeptTops;
 use crate::files::Kept;
 use crate::options::{Options, Storage};
 use crate::scene::{Cancelled, Curve, Gaussians, Scene};
@@ -68,16 +70,25 @@ pub struct Finished {
     /// Buckets that an earlier run had finished.
     pub resumed: usize,
     pub buckets: usize,
+    /// Parts of the levels that an earlier run had built.
+    pub resumed_levels: usize,
     pub notices: Vec<String>,
 }
 
 /// The names of the kept files.
-pub(super) const PAGES: &str = "pages";
+const PAGES: &str = "pages";
+/// The pages of a scene that gets levels, which put them into another order.
+const SCENE: &str = "scene";
 pub(super) const STATE: &str = "state.json";
 const HEADER_FILE: &str = "header";
 const REST: &str = "rest";
 
 impl Job<'_> {
+    /// The name of the file that gets the pages of the scene.
+    pub(super) fn scene_file(&self) -> &'static str {
+        if self.settings.has_levels { SCENE } else { PAGES }
+    }
+
     pub(super) fn check(&self) -> Result<()> {
         ensure!(!(self.is_cancelled)(), Cancelled);
         Ok(())
@@ -141,7 +152,7 @@ pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
     let statistics = job.statistics(Statistics::of(gaussians));
     let layout = job.layout(&statistics);
     let header = job.header(scene, statistics, layout);
-    let file = kept.file(PAGES)?;
+    let file = kept.file(job.scene_file())?;
     let output = Output::new(&file, (&header.layout, header.alpha_min), header.pages());
     let order = header.statistics.curve().order(gaussians.means());
     for (i, part) in order.chunks(PAGE << 10).enumerate() {
@@ -151,22 +162,28 @@ pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
         job.report(((i << 20) + part.len()) as f64 / order.len() as f64);
     }
     finish(job, kept, &output, header.clone())?;
-    Ok(Finished { header, resumed: 0, buckets: 1, notices: scene.notices.clone() })
+    Ok(Finished { header, resumed: 0, buckets: 1, resumed_levels: 0, notices: scene.notices.clone() })
 }
 
-pub(super) fn finish(job: &Job, kept: Kept, output: &Output, header: Header) -> Result<()> {
+/// Makes the output of the pages of the scene. Returns how many parts of the levels an earlier run had built.
+pub(super) fn finish(job: &Job, kept: Kept, scene: &Output, header: Header) -> Result<usize> {
+    let file = kept.file(PAGES)?;
+    let output = scene.onto(&file);
+    let mut resumed = 0;
     if job.settings.has_levels {
-        // Levels put the Gaussians of the scene into another order: what is half done cannot be gone on with.
-        kept.drop_file(STATE);
-        let scene = (header.statistics.count, header.layout.sh_degree);
-        let progress = |done: f64| (job.progress)(0.3 + 0.7 * done);
-        let built = build(output, scene, &progress, job.is_cancelled);
+        let (count, progress) = (header.statistics.count, |done: f64| (job.progress)(0.3 + 0.7 * done));
+        let tops = KeptTops::new(&kept, &file);
+        // What no run can go on with is not kept.
+        let tops = kept.path(STATE).is_file().then_some(&tops);
+        let built = build((&output, scene.file, tops), (count, header.layout.sh_degree), &progress, job.is_cancelled);
         built.with_context(|| format!("cannot write the levels of {}", job.output.display()))?;
+        resumed = tops.map_or(0, |tops| tops.found.load(Ordering::Relaxed));
     }
-    let finished = output.finish(header).and_then(|()| Ok(output.file.sync_all()?));
+    let finished = output.finish(header).and_then(|()| Ok(file.sync_all()?));
     let written = finished.inspect_err(|_| kept.drop_file(STATE));
     written.with_context(|| format!("cannot write {}", kept.output().display()))?;
-    kept.finish(PAGES)
+    kept.finish(PAGES)?;
+    Ok(resumed)
 }
 
 const CHANGED: &str = "the source was changed while it was read";
@@ -206,14 +223,14 @@ pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) ->
     ensure!(job.settings.memory >= LEAST_MEMORY, "pages cannot be sorted in {} bytes", job.settings.memory);
     let kept = Kept::beside(job.output, STATE)?;
     let work = Work::on(source, &(&job.settings, &job.title, changes));
-    let (mut state, header) = match work.as_ref().and_then(|work| resumed(&kept, work)) {
+    let (mut state, header) = match work.as_ref().and_then(|work| resumed(job, &kept, work)) {
         Some(found) => found,
         None => fill_buckets(job, &kept, blocks, work)?,
     };
     let resumed = state.done;
     let degree = header.statistics.sh_degree;
     let curve = header.statistics.curve();
-    let file = kept.file(PAGES)?;
+    let file = kept.file(job.scene_file())?;
     let output = Output::new(&file, (&header.layout, header.alpha_min), header.pages());
     while state.done < state.buckets.len() {
         job.check()?;
@@ -239,8 +256,8 @@ pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) ->
         kept.drop_file(STATE);
         bail!("{written} of {count} Gaussians were written: what was kept of an earlier run is damaged; run it again");
     }
-    finish(job, kept, &output, header.clone())?;
-    Ok(Finished { header, resumed, buckets: state.buckets.len(), notices: state.notices })
+    let resumed_levels = finish(job, kept, &output, header.clone())?;
+    Ok(Finished { header, resumed, buckets: state.buckets.len(), resumed_levels, notices: state.notices })
 }
 
 /// The name of the records that are left for a bucket by those before it.
@@ -249,11 +266,11 @@ fn rest(bucket: usize) -> String {
 }
 
 /// What an earlier run on the same work has done.
-fn resumed(kept: &Kept, work: &Work) -> Option<(State, Header)> {
+fn resumed(job: &Job, kept: &Kept, work: &Work) -> Option<(State, Header)> {
     let state: State = serde_json::from_slice(&kept.content(STATE)?).ok()?;
     let header = Header::decoded(kept.content(HEADER_FILE)?.first_chunk::<HEADER>()?).ok()?;
     let has = |name: &str| kept.path(name).is_file();
-    let is_whole = has(PAGES) && (state.done == 0 || has(&rest(state.done)));
+    let is_whole = has(job.scene_file()) && (state.done == 0 || has(&rest(state.done)));
     (state.work == *work && is_whole).then_some((state, header))
 }
 
@@ -275,7 +292,7 @@ fn fill_buckets(job: &Job, kept: &Kept, blocks: &Blocks, work: Option<Work>) -> 
     ensure!(added == count, CHANGED);
     let layout = job.layout(&statistics);
     let header = job.header(&scene, statistics, layout);
-    let file = kept.file(PAGES)?;
+    let file = kept.file(job.scene_file())?;
     let header = Output::new(&file, (&header.layout, header.alpha_min), header.pages()).placed(header.clone());
     let buckets = filling.finish()?;
     let Some(work) = work else { bail!("the source is no regular file") };

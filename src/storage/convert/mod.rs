@@ -8,6 +8,7 @@ mod output;
 mod records;
 mod state;
 mod storeys;
+mod tops;
 
 pub use in_order::write_in_order;
 pub use job::{Blocks, Finished, Job, LEAST_MEMORY, Settings, Take, write_blocks, write_whole};

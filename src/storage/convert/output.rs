@@ -34,6 +34,20 @@ impl<'f> Output<'f> {
         Self { file, layout, alpha_min, places: Header::places(pages, &words), words }
     }
 
+    /// The same places in another file.
+    pub fn onto<'o>(&self, file: &'o File) -> Output<'o>
+    where
+        'f: 'o,
+    {
+        Output {
+            file,
+            layout: self.layout,
+            alpha_min: self.alpha_min,
+            words: PageWords::of(self.layout),
+            places: self.places,
+        }
+    }
+
     /// Writes the Gaussians `order` from page `first` on. `id` is the index of a Gaussian in the whole scene.
     ///
     /// # Errors

@@ -38,7 +38,7 @@ impl Work {
         let data = source.metadata().ok()?;
         let modified = data.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
         Some(Self {
-            version: 1,
+            version: 2,
             source: source.canonicalize().ok()?.display().to_string(),
             bytes: data.len(),
             modified_ns: u64::try_from(modified.as_nanos()).ok()?,

@@ -1,6 +1,7 @@
 //! The ways to write page files, also interrupted ones.
 
 use std::fs;
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -92,6 +93,35 @@ fn an_interrupted_conversion_goes_on_where_it_was() {
         assert_eq!(interrupted(&out, &source, &blocks, usize::MAX).unwrap().resumed, 0);
         assert!(fs::read(&whole).unwrap() == fs::read(&out).unwrap());
     }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3, "nothing is left");
+}
+
+#[test]
+fn levels_go_on_where_they_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let gaussians = synthetic::cactus(70_000).unwrap().gaussians;
+    let [source, whole, out] = ["source", "whole.smalto", "out.smalto"].map(|name| folder.path().join(name));
+    fs::write(&source, "as if").unwrap();
+    let settings = Settings { has_levels: true, ..EXACT };
+    write_whole(&job(&whole, settings), &scene_of(gaussians.clone())).unwrap();
+    let blocks = in_blocks(&gaussians, 70_000);
+    let kept = |name: &str| folder.path().join(".out.smalto.unfinished").join(name);
+    let run = |is_cancelled: &(dyn Fn() -> bool + Sync)| {
+        write_blocks(&Job { is_cancelled, ..job(&out, settings) }, &source, &blocks, "")
+    };
+    // Once some of the 18 blocks on the ground are written.
+    let error = run(&|| (0..18).filter(|block| kept(&format!("top.{block}")).is_file()).count() >= 5).err().unwrap();
+    assert!(error.is::<Cancelled>() && !out.exists());
+    // A block that was not done may be half written.
+    let lost = (0..18).find(|block| kept(&format!("top.{block}")).is_file()).unwrap();
+    fs::remove_file(kept(&format!("top.{lost}"))).unwrap();
+    let file = PageFile::open(&whole).unwrap();
+    let page = 4 * file.words().geometry();
+    let pages = fs::OpenOptions::new().write(true).open(kept("pages")).unwrap();
+    pages.write_all_at(&vec![7; 2 * page], file.header().geometry_at + (4 * lost * page) as u64).unwrap();
+    let finished = run(&|| false).unwrap();
+    assert!((4..18).contains(&finished.resumed_levels), "{}", finished.resumed_levels);
+    assert!(fs::read(&whole).unwrap() == fs::read(&out).unwrap());
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3, "nothing is left");
 }
 
