@@ -1,12 +1,15 @@
 //! Fits parents to the pictures of their children, and measures what is left of the difference.
 
+use super::difference::Difference;
 use super::median::median;
 use super::node::Nodes;
 use super::raster::{Drawing, LANES, Pixel, Splats, Window, directions};
 use crate::scene::harmonics;
 
-/// Rounds of the fit. Each moves opacities and colours towards the pictures of the children.
-const ROUNDS: usize = 3;
+/// Rounds of the fit. Each moves opacities and colours towards the pictures of the children in some directions, in turn:
+/// in fewer directions, what is hidden there would be moved by the little that is seen of it.
+const ROUNDS: usize = 4;
+const TOGETHER: usize = 3;
 /// Pixels with lower alphas say little about colours.
 const LEAST_ALPHA: f32 = 0.05;
 /// Most pixels of the diagonal of a picture.
@@ -14,7 +17,7 @@ const MOST_PX: f64 = 256.0;
 
 /// What is left of the difference between parents and children.
 pub struct Left {
-    /// For each parent, the squared difference of colours, summed over the channels and over the area, world units
+    /// For each new parent, the squared difference of colours, summed over the channels and over the area, world units
     /// squared; the mean over the directions and over black and white grounds.
     pub energies: Vec<f64>,
     /// The length down to which the difference shows whole: pixels of this width and smaller ones. In larger pixels it
@@ -37,8 +40,8 @@ fn pixel(parents: &Nodes, children: &Nodes) -> f64 {
     median.max(diagonal / MOST_PX).max(1e-18)
 }
 
-/// Fits the parents for which `is_free`, and measures all.
-pub fn fit(children: &Nodes, parents: &mut Nodes, is_free: &[bool]) -> Left {
+/// Fits the parents that are new, and measures them. The others are children themselves.
+pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool]) -> Left {
     let px = pixel(parents, children);
     let (mut drawing, mut asked) = (Drawing::default(), Vec::new());
     let views = directions().map(|direction| {
@@ -46,14 +49,14 @@ pub fn fit(children: &Nodes, parents: &mut Nodes, is_free: &[bool]) -> Left {
         Splats::of(children, window).draw(children, &mut drawing);
         View { width: window.width, children: drawing.pixels.clone(), parents: Splats::of(parents, window) }
     });
-    for _ in 0..ROUNDS {
+    for some in views.chunks(TOGETHER).cycle().take(ROUNDS) {
         let mut changes = vec![Change::default(); parents.len()];
-        views.iter().for_each(|view| view.compare(parents, (&mut drawing, &mut asked), &mut changes));
-        for (i, change) in changes.iter().enumerate().filter(|(i, _)| is_free[*i]) {
+        some.iter().for_each(|view| view.compare(parents, (&mut drawing, &mut asked), &mut changes));
+        for (i, change) in changes.iter().enumerate().filter(|(i, _)| is_new[*i]) {
             change.apply(parents, i);
         }
     }
-    measure(&views, parents, px, &mut drawing)
+    measure(&views, (parents, is_new), px, &mut drawing)
 }
 
 /// What the pictures ask one parent to change.
@@ -110,63 +113,33 @@ impl View {
     }
 }
 
-/// The squared difference of two pictures in each pixel, and the same where 2 x 2 and 4 x 4 pixels are one, summed.
-struct Difference {
-    squared: Vec<f32>,
-    sums: [f64; 3],
-}
-
-impl Difference {
-    fn of(width: usize, wanted: &[Pixel], drawn: &[Pixel]) -> Self {
-        // Of the colours, and of what passes.
-        let apart: Vec<Pixel> = wanted.iter().zip(drawn).map(|(a, b)| std::array::from_fn(|k| a[k] - b[k])).collect();
-        let energy = |[r, g, b, passing]: Pixel| -> f32 {
-            // The mean of |dP|^2 on black and |dP + dT|^2 on white.
-            let squares = |ground: f32| [r, g, b].map(|v| (v + ground * passing).powi(2)).iter().sum::<f32>();
-            (squares(0.0) + squares(1.0)) / 2.0
-        };
-        let coarse = |factor: usize| -> f64 {
-            let mut sum = 0.0;
-            let rows: Vec<&[Pixel]> = apart.chunks_exact(width).collect();
-            for rows in rows.chunks(factor) {
-                for x in (0..width).step_by(factor) {
-                    let mut total = Pixel::default();
-                    for pixel in rows.iter().flat_map(|row| &row[x..width.min(x + factor)]) {
-                        total.iter_mut().zip(pixel).for_each(|(total, value)| *total += value);
-                    }
-                    let pixels = factor * factor;
-                    sum += f64::from(energy(total.map(|total| total / pixels as f32))) * pixels as f64;
-                }
-            }
-            sum
-        };
-        let squared: Vec<f32> = apart.iter().map(|pixel| energy(*pixel)).collect();
-        let sums = [squared.iter().map(|v| f64::from(*v)).sum(), coarse(2), coarse(4)];
-        Self { squared, sums }
-    }
-}
-
-fn measure(views: &[View], parents: &Nodes, px: f64, drawing: &mut Drawing) -> Left {
+fn measure(views: &[View], (parents, is_new): (&Nodes, &[bool]), px: f64, drawing: &mut Drawing) -> Left {
     let mut energies = vec![0.0; parents.len()];
     let mut sums = [0.0; 3];
     let each = px * px / views.len() as f64;
+    let news = is_new.iter().filter(|is_new| **is_new).count().max(1);
     for view in views {
         view.parents.draw(parents, drawing);
         let difference = Difference::of(view.width, &view.children, &drawing.pixels);
         sums.iter_mut().zip(difference.sums).for_each(|(sum, own)| *sum += own);
-        // Each parent gets the part of a pixel that it has of the sum of all weights there, which is alpha.
-        let squares = difference.squared.iter().zip(&drawing.pixels);
-        let share: Vec<f32> = squares.map(|(squared, pixel)| squared / (1.0 - pixel[3]).max(1e-3)).collect();
+        // Each new parent gets the part of a pixel that it has of the sum of their weights there.
+        let mut covered = vec![0.0_f32; drawing.pixels.len()];
+        for (_, first, weights) in drawing.rows().filter(|(splat, ..)| is_new[*splat]) {
+            let covered = covered[first..].iter_mut().zip(weights.as_flattened());
+            covered.for_each(|(sum, weight)| *sum += weight);
+        }
+        let squares = difference.squared.iter().zip(&covered);
+        let share: Vec<f32> = squares.map(|(squared, covered)| squared / covered.max(1e-3)).collect();
         let mut given = 0.0;
-        for (splat, first, weights) in drawing.rows() {
+        for (splat, first, weights) in drawing.rows().filter(|(splat, ..)| is_new[*splat]) {
             let shares = share[first..].iter().zip(weights.as_flattened());
             let part: f32 = shares.map(|(share, weight)| share * weight).sum();
             energies[splat] += f64::from(part) * each;
             given += f64::from(part);
         }
-        // What no parent covers is everybody's.
-        let rest = (difference.sums[0] - given).max(0.0) * each / parents.len() as f64;
-        energies.iter_mut().for_each(|energy| *energy += rest);
+        // What none of them covers is everybody's.
+        let rest = (difference.sums[0] - given).max(0.0) * each / news as f64;
+        energies.iter_mut().zip(is_new).filter(|(_, is_new)| **is_new).for_each(|(energy, _)| *energy += rest);
     }
     // Where pixels of 4 px show the part e of the difference, it falls with the square beyond 4 px sqrt(e).
     let part = if sums[0] > 0.0 { (sums[2] / sums[0]).sqrt() } else { 1.0 };

@@ -12,6 +12,7 @@
 
 mod blob;
 mod codes;
+mod difference;
 mod family;
 mod fit;
 mod median;
@@ -22,6 +23,7 @@ mod pairs;
 mod raster;
 
 pub use codes::{CODES_PER_OCTAVE, FINEST, NEVER, code, code_below, value};
+pub use difference::squared_change;
 pub use family::{Parents, parents};
 pub use median::median;
 pub use node::{Node, Nodes};

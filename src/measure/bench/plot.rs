@@ -41,6 +41,8 @@ pub struct Lines {
     pub lines: Vec<(String, Vec<(f64, f64)>)>,
     /// Both axes are logarithmic.
     pub is_logarithmic: bool,
+    /// Lines of more than two points are points alone.
+    pub is_scattered: bool,
 }
 
 /// Writes an SVG of this size in pixels atomically; `draw` draws it.
@@ -165,7 +167,9 @@ impl Lines {
                 mesh.x_label_formatter(&|v| short(*v)).y_label_formatter(&|v| short(*v)).draw().map_err(broken)?;
                 for (index, (name, points)) in self.lines.iter().enumerate() {
                     let style = colour(index).stroke_width(2);
-                    let line = chart.draw_series(LineSeries::new(points.iter().copied(), style)).map_err(broken)?;
+                    let is_line = !self.is_scattered || points.len() <= 2;
+                    let path = points.iter().copied().filter(|_| is_line);
+                    let line = chart.draw_series(LineSeries::new(path, style)).map_err(broken)?;
                     let key = move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style);
                     line.label(name).legend(key);
                     let dots = points.iter().map(|p| Circle::new(*p, 3, colour(index).filled()));

@@ -59,7 +59,7 @@ fn over_counts(
     };
     let (x, y) = ("Gaussians".to_owned(), y.to_owned());
     let lines = names.iter().map(line).collect();
-    Lines { title: title.to_owned(), x, y, lines, is_logarithmic: true }.draw(panel)
+    Lines { title: title.to_owned(), x, y, lines, is_logarithmic: true, is_scattered: false }.draw(panel)
 }
 
 /// Draws the speedup of blend by batches over the number of Gaussians, with a line for each batch size.
@@ -76,5 +76,5 @@ fn batches(report: &LadderReport, panel: &Panel) -> Result<()> {
     let lines = [32, 64, 128, 256].map(line).into();
     let title = "Blend: gain from batches in workgroup memory".to_owned();
     let (x, y) = ("Gaussians".to_owned(), "times faster than from memory".to_owned());
-    Lines { title, x, y, lines, is_logarithmic: false }.draw(panel)
+    Lines { title, x, y, lines, is_logarithmic: false, is_scattered: false }.draw(panel)
 }

@@ -52,6 +52,7 @@ fn draw_levels(report: &Report, levels: &LevelsReport, panel: &Panel) -> Result<
         y: "PSNR of the worst view, dB".to_owned(),
         lines: all.map(line).collect(),
         is_logarithmic: false,
+        is_scattered: false,
     };
     lines.draw(panel)
 }
