@@ -1,11 +1,11 @@
 //! Predicted against measured errors of levels of detail: `cargo bench --bench predictions -- FILE VIEWS [OUT]`, where
-//! VIEWS is a camera file, or a path of the town (street, roof, air). It writes the points to OUT.csv and a plot of them
-//! to OUT.svg (`predictions` without OUT).
+//! VIEWS is a camera file, or a path of the town (street, roof, air). It writes the points to OUT.csv and a plot of
+//! them to OUT.svg (`predictions` without OUT).
 //!
-//! Groups: a thousand times, a random part of the scene and one of its levels are drawn alone, in a random direction and
-//! in pixels of a random width, and compared with the Gaussians that they stand for. Frames: 50 views with a twentieth
-//! and with a fifth of the Gaussians that are drawn without levels, compared with the picture of all; and the pixels of
-//! these whose error is larger than the one that is predicted for the nodes seen in them.
+//! Groups: a thousand times, a random part of the scene and one of its levels are drawn alone, in a random direction
+//! and in pixels of a random width, and compared with the Gaussians that they stand for. Frames: 50 views with a
+//! twentieth and with a fifth of the Gaussians that are drawn without levels, compared with the picture of all; and the
+//! pixels of these whose error is larger than the one that is predicted for the nodes seen in them.
 
 use std::fmt::Write as _;
 use std::ops::Range;
@@ -212,9 +212,11 @@ fn views_of(file: &PageFile, views: &str) -> Result<Vec<Camera>> {
     Ok(camera::path::looking(&views, SIZE))
 }
 
-/// Draws the views, and returns the predicted and the measured error of each picture, and for each number of nodes the
-/// part of the pixels whose error is larger than predicted.
-fn frames(file: &Arc<PageFile>, views: &[Camera]) -> Result<(Vec<Point>, Vec<(String, f64)>)> {
+/// A number of nodes, and the part of the pixels whose error is larger than predicted.
+type Over = (String, f64);
+
+/// Draws the views, and returns the predicted and the measured error of each picture.
+fn frames(file: &Arc<PageFile>, views: &[Camera]) -> Result<(Vec<Point>, Vec<Over>)> {
     let environment = Environment::read()?;
     let device = Device::open(&environment.device, environment.validation.unwrap_or(Validation::Off))?;
     let source = SceneSource { content: Content::File(file.clone()), placements: None };

@@ -152,6 +152,7 @@ pub fn run_as_program(arguments: impl IntoIterator<Item = impl Into<OsString> + 
             crate::storage::simulate(fault);
         }
         REPORTS_TO_STDOUT.store(parsed.reports_to_stdout, Ordering::Relaxed);
+        start_threads()?;
         match parsed.cli.command {
             Command::Render(args) => render::run(&args),
             Command::View(args) => view::run(&args),
@@ -173,6 +174,19 @@ pub fn run_as_program(arguments: impl IntoIterator<Item = impl Into<OsString> + 
             remark(&format!("{error:#}"));
             ExitCode::from(exit_code(&error))
         }
+    }
+}
+
+/// Starts the threads that share work. Their library would panic later, where the system has no room for them.
+fn start_threads() -> Result<(), OutOfMemory> {
+    match rayon::ThreadPoolBuilder::new().build_global() {
+        // Without a cause they are there already: a process may run several commands.
+        Err(error) if std::error::Error::source(&error).is_some() => Err(OutOfMemory {
+            name: "threads".to_owned(),
+            bytes: None,
+            reason: "the host has too little free memory".to_owned(),
+        }),
+        _ => Ok(()),
     }
 }
 

@@ -6,8 +6,8 @@ use super::node::Nodes;
 use super::raster::{Drawing, LANES, Pixel, Splats, Window, directions};
 use crate::scene::harmonics;
 
-/// Rounds of the fit. Each moves opacities and colours towards the pictures of the children in some directions, in turn:
-/// in fewer directions, what is hidden there would be moved by the little that is seen of it.
+/// Rounds of the fit. Each moves opacities and colours towards the pictures of the children in some directions, in
+/// turn: in fewer directions, what is hidden there would be moved by the little that is seen of it.
 const ROUNDS: usize = 4;
 const TOGETHER: usize = 3;
 /// Pixels with lower alphas say little about colours.
@@ -82,8 +82,8 @@ impl Change {
     }
 }
 
-/// What a pixel asks for: the alphas of the children and of the parents, and the missing colour. Filled up to a power of
-/// two, so that few instructions add one up.
+/// What a pixel asks for: the alphas of the children and of the parents, and the missing colour. Filled up to a power
+/// of two, so that few instructions add one up.
 type Asked = [f32; 8];
 
 impl View {

@@ -198,7 +198,11 @@ fn short(value: f64) -> String {
         v if v >= 1e3 => (value / 1e3, "k"),
         _ => (value, ""),
     };
-    let digits = if scaled.abs() >= 10.0 { 0 } else { 2 };
+    let digits = match scaled.abs() {
+        10.0.. => 0,
+        0.01.. => 2,
+        _ => 5,
+    };
     let text = format!("{scaled:.digits$}");
     let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
     format!("{text}{unit}")
@@ -210,8 +214,15 @@ mod tests {
 
     #[test]
     fn numbers_on_axes_are_short() {
-        let cases =
-            [(1_940_000.0, "1.94M"), (139_410.0, "139k"), (0.5, "0.5"), (20.0, "20"), (0.0, "0"), (0.05, "0.05")];
+        let cases = [
+            (1_940_000.0, "1.94M"),
+            (139_410.0, "139k"),
+            (0.5, "0.5"),
+            (20.0, "20"),
+            (0.0, "0"),
+            (0.05, "0.05"),
+            (0.001, "0.001"),
+        ];
         for (value, text) in cases {
             assert_eq!(short(value), text);
         }
