@@ -158,11 +158,9 @@ fn groups(file: &PageFile) -> Result<Vec<Point>> {
         let pages = &parts[*part][*level];
         let nodes = nodes_of(file, pages)?;
         // From half of the width of the median node to four times that.
-        let mut widths: Vec<f64> = nodes.nodes.iter().map(|node| node.area().sqrt()).collect();
-        widths.sort_unstable_by(f64::total_cmp);
         let (low, high) = scene.bounds();
         let diagonal = DVec3::from(high.map(f64::from)).distance(DVec3::from(low.map(f64::from)));
-        let px = (wide * widths[widths.len() / 2]).max(diagonal / 2048.0);
+        let px = (wide * nodes.width()).max(diagonal / 2048.0);
         let predicted: f64 = pages.iter().cloned().flatten().map(|page| predicted(file, page, px)).sum();
         let measured = squared_change(&scene, &nodes, *forward, px);
         Ok(Point { of: format!("level {level}"), predicted: predicted.sqrt(), measured: measured.sqrt() })

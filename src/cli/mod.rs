@@ -184,7 +184,7 @@ fn start_threads() -> Result<(), OutOfMemory> {
         Err(error) if std::error::Error::source(&error).is_some() => Err(OutOfMemory {
             name: "threads".to_owned(),
             bytes: None,
-            reason: "the host has too little free memory".to_owned(),
+            reason: "the host has too little free memory, or allows too few of them".to_owned(),
         }),
         _ => Ok(()),
     }

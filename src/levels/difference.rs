@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 
-use super::median::median;
 use super::node::Nodes;
 use super::raster::{Direction, Drawing, Pixel, Splats, Window};
 
@@ -46,8 +45,7 @@ impl Difference {
 /// pixels of this width, world units: summed over channels and over the area, the mean of black and white ground, world
 /// units squared. What each node is measured by, in any direction and at any width.
 pub fn squared_change(of: &Nodes, others: &Nodes, forward: DVec3, px: f64) -> f64 {
-    let typical = median(others.nodes.iter().map(|node| node.area().sqrt()).collect());
-    let window = Window::within(of, Direction::to(forward), px, 4.0 * typical.max(px));
+    let window = Window::within(of, Direction::to(forward), px, 4.0 * others.width().max(px));
     let [of, others] = [of, others].map(|nodes| {
         let mut drawing = Drawing::default();
         Splats::of(nodes, window).draw(nodes, &mut drawing);
@@ -80,11 +78,7 @@ mod tests {
     #[test]
     fn errors_hold_where_they_were_not_measured() {
         let scene = synthetic::cactus(60_000).unwrap().gaussians;
-        let mut children = Nodes::new(scene.sh_degree());
-        for i in along_curve(scene.means())[..4096].iter().map(|i| *i as usize) {
-            let node = Node::leaf(scene.means()[i], scene.rotations()[i], scene.scales()[i], scene.opacities()[i]);
-            children.push(node, scene.sh(i));
-        }
+        let children = Nodes::of(&scene).selected(&along_curve(scene.means())[..4096]);
         let found = parents(&children, 2048, 0.0);
         let predicted: f64 = found.nodes.nodes.iter().map(|node| f64::from(node.energy)).sum();
         let corners = [[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]].map(DVec3::from);

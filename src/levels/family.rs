@@ -88,21 +88,11 @@ fn along_a_curve(nodes: &Nodes) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::levels::Node;
-    use crate::scene::{Gaussians, synthetic};
-
-    fn nodes(gaussians: &Gaussians) -> Nodes {
-        let mut nodes = Nodes::new(gaussians.sh_degree());
-        for i in 0..gaussians.len() {
-            let (mean, turn) = (gaussians.means()[i], gaussians.rotations()[i]);
-            nodes.push(Node::leaf(mean, turn, gaussians.scales()[i], gaussians.opacities()[i]), gaussians.sh(i));
-        }
-        nodes
-    }
+    use crate::scene::synthetic;
 
     #[test]
     fn families_of_a_scene_lose_little_and_the_same_in_every_run() {
-        let children = nodes(&synthetic::cactus(4096).unwrap().gaussians);
+        let children = Nodes::of(&synthetic::cactus(4096).unwrap().gaussians);
         let found = parents(&children, 1024, 0.0);
         assert_eq!(found.nodes.len(), 1024);
         let mut members = vec![0; 1024];

@@ -1,7 +1,6 @@
 //! Fits parents to the pictures of their children, and measures what is left of the difference.
 
 use super::difference::Difference;
-use super::median::median;
 use super::node::Nodes;
 use super::raster::{Drawing, LANES, Pixel, Splats, Window, directions};
 use crate::scene::harmonics;
@@ -34,10 +33,9 @@ struct View {
 
 /// The width of pixels in which parents are fitted: that of the median parent.
 fn pixel(parents: &Nodes, children: &Nodes) -> f64 {
-    let median = median(parents.nodes.iter().map(|node| node.area().sqrt()).collect());
     let (low, high) = children.bounds();
     let diagonal = (0..3).map(|i| f64::from(high[i] - low[i]).powi(2)).sum::<f64>().sqrt();
-    median.max(diagonal / MOST_PX).max(1e-18)
+    parents.width().max(diagonal / MOST_PX).max(1e-18)
 }
 
 /// Fits the parents that are new, and measures them. The others are children themselves.

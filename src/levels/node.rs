@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DQuat, DVec3};
 
+use super::median::median;
 use crate::scene::sh_coefficients;
 
 /// A Gaussian of the scene, or one that stands for several.
@@ -125,11 +126,29 @@ impl Nodes {
         corners(self.nodes.iter().map(|node| node.mean))
     }
 
+    /// The width of the median node.
+    pub fn width(&self) -> f64 {
+        median(self.nodes.iter().map(|node| node.area().sqrt()).collect())
+    }
+
     /// The nodes with these indices.
     #[must_use]
     pub fn selected(&self, indices: &[u32]) -> Self {
         let mut selected = Self::new(self.sh_degree);
         indices.iter().for_each(|i| selected.push(self.nodes[*i as usize], self.sh(*i as usize)));
         selected
+    }
+}
+
+#[cfg(test)]
+impl Nodes {
+    /// The Gaussians of a scene.
+    pub fn of(scene: &crate::scene::Gaussians) -> Self {
+        let mut nodes = Self::new(scene.sh_degree());
+        for i in 0..scene.len() {
+            let node = Node::leaf(scene.means()[i], scene.rotations()[i], scene.scales()[i], scene.opacities()[i]);
+            nodes.push(node, scene.sh(i));
+        }
+        nodes
     }
 }

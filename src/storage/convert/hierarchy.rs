@@ -30,8 +30,6 @@ struct Hierarchy<'h> {
     /// The pages of the scene, at the places that they have in the output.
     scene: &'h File,
     tops: Option<&'h KeptTops<'h>>,
-    /// The storey of these.
-    kept_storey: usize,
     sh_degree: u32,
     /// Gaussians of the scene.
     count: usize,
@@ -110,20 +108,8 @@ pub fn build(
     is_cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<()> {
     let (storeys, typical, done) = (storeys(count), Typical(0.0), AtomicUsize::new(0));
-    let kept_storey = KeptTops::storey(&storeys);
-    let mut hierarchy = Hierarchy {
-        output,
-        scene,
-        tops,
-        kept_storey,
-        sh_degree,
-        count,
-        done,
-        progress,
-        is_cancelled,
-        storeys,
-        typical,
-    };
+    let mut hierarchy =
+        Hierarchy { output, scene, tops, sh_degree, count, done, progress, is_cancelled, storeys, typical };
     let Some(last) = hierarchy.storeys.last() else {
         let (nodes, records) = hierarchy.scene_pages(0..1)?;
         let children = Children::of_none((&nodes, 0), typical, Place::around(&nodes));
@@ -168,7 +154,9 @@ impl Hierarchy<'_> {
     /// top and the table of the level below that.
     fn block(&self, storey: usize, block: usize) -> Result<Top> {
         ensure!(!(self.is_cancelled)(), Cancelled);
-        let Some(tops) = self.tops.filter(|_| storey == self.kept_storey) else { return self.built(storey, block) };
+        let Some(tops) = self.tops.filter(|_| storey == KeptTops::storey(&self.storeys)) else {
+            return self.built(storey, block);
+        };
         if let Some(top) = tops.find(block, self.sh_degree) {
             for (below, storey) in self.storeys[..=storey].iter().rev().enumerate() {
                 let blocks = TOPS.pow(below as u32);

@@ -35,17 +35,8 @@ impl<'f> Output<'f> {
     }
 
     /// The same places in another file.
-    pub fn onto<'o>(&self, file: &'o File) -> Output<'o>
-    where
-        'f: 'o,
-    {
-        Output {
-            file,
-            layout: self.layout,
-            alpha_min: self.alpha_min,
-            words: PageWords::of(self.layout),
-            places: self.places,
-        }
+    pub fn onto(&self, file: &'f File) -> Self {
+        Self { file, words: PageWords::of(self.layout), ..*self }
     }
 
     /// Writes the Gaussians `order` from page `first` on. `id` is the index of a Gaussian in the whole scene.
