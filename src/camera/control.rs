@@ -77,12 +77,17 @@ impl Navigator {
 
     /// The camera that shows the whole scene.
     pub fn home(&self, size_px: [u32; 2]) -> Camera {
-        let camera = Camera::framing(self.centre, self.radius, sound_size(size_px));
+        self.framing(self.centre, self.radius, size_px)
+    }
+
+    /// The camera that shows the whole sphere of `radius` around `centre`.
+    fn framing(&self, centre: DVec3, radius: f64, size_px: [u32; 2]) -> Camera {
+        let camera = Camera::framing(centre, radius, sound_size(size_px));
         if self.up == Up::default() {
             return camera;
         }
         let turn = DQuat::from_rotation_arc(Up::default().vector(), self.up.vector());
-        let position = self.centre + turn * (camera.position - self.centre);
+        let position = centre + turn * (camera.position - centre);
         Camera { position, rotation: camera.rotation * DMat3::from_quat(turn).transpose(), ..camera }
     }
 
@@ -223,6 +228,14 @@ impl Navigator {
     /// Starts a glide to this camera. [`Navigator::advance`] moves it along.
     pub fn glide_to(&mut self, camera: &Camera, seconds: f64) {
         self.glide_towards(self.seen_from(camera), seconds);
+    }
+
+    /// Starts a glide to a view of the whole sphere of `radius` around `centre`, which becomes the pivot.
+    pub fn glide_around(&mut self, centre: DVec3, radius: f64, size_px: [u32; 2], seconds: f64) {
+        let (centre, radius) = sound(centre, radius);
+        let camera = self.framing(centre, radius, size_px);
+        let pivot_view = camera.view(centre);
+        self.glide_towards(View { camera, pivot_view }, seconds);
     }
 
     /// Advances a glide by `seconds`. Returns true while it goes on. Any other motion ends a glide where it is.

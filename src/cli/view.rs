@@ -33,9 +33,9 @@ pub(super) struct Args {
     /// beside the camera file or above it]
     #[arg(long, value_name = "DIR")]
     photographs: Option<PathBuf>,
-    /// Size of the window in pixels
-    #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "1280x720")]
-    size: [u32; 2],
+    /// Size of the window in pixels [default: 1280x720 points, which are more pixels where the screen is scaled]
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    size: Option<[u32; 2]>,
     /// Start in full screen
     #[arg(long)]
     fullscreen: bool,
@@ -200,19 +200,19 @@ fn bindings(args: &Args) -> Result<Bindings, Usage> {
 }
 
 fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
+    let size = args.size.unwrap_or(viewer::DEFAULT_SIZE);
     if let Some(file) = &args.screen {
         check_writable(file)?;
     }
     let path = match (&args.path, args.scenes.first()) {
         (Some(path), Some(scene)) => {
             let scene = SceneArg { scene: scene.clone(), reading: args.reading };
-            along_path(path, &PACE.into(), || scene.town(), args.size)?
+            along_path(path, &PACE.into(), || scene.town(), size)?
         }
         (Some(_), None) => return Err(Usage("--path needs a scene".to_owned()).into()),
         (None, _) => Vec::new(),
     };
     let device = args.device.open()?;
-    let size = args.size;
     let Summary { interval_ms, late, path, gpu, pages, first_frame_ms, latency_ms, screen } =
         viewer::run_offscreen(setup, &device, size, frames, path)?;
     if let Some(file) = &args.screen {

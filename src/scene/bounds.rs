@@ -1,6 +1,6 @@
 //! The size of a scene, and where most of it lies.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::Gaussians;
@@ -55,6 +55,21 @@ impl Focus {
         let distance = |m: &[f32; 3]| (0..3).map(|i| (f64::from(m[i]) - centre[i]).powi(2)).sum::<f64>().sqrt();
         let radius = weighted_quantile(&all, distance, 0.9);
         Self { centre, radius: if radius > 0.0 { radius } else { 1.0 } }
+    }
+
+    /// The smallest sphere around both.
+    pub fn joined(self, other: Self) -> Self {
+        let [from, to] = [self, other].map(|focus| DVec3::from(focus.centre));
+        let distance = from.distance(to);
+        if distance + other.radius <= self.radius {
+            return self;
+        }
+        if distance + self.radius <= other.radius {
+            return other;
+        }
+        let radius = (distance + self.radius + other.radius) / 2.0;
+        let centre = from + (to - from) * ((radius - self.radius) / distance);
+        Self { centre: centre.to_array(), radius }
     }
 }
 
@@ -124,6 +139,17 @@ pub fn percentiles<const N: usize>(mut values: Vec<f32>, fractions: [f64; N]) ->
 mod tests {
     use super::*;
     use crate::scene::{Builder, Raw};
+
+    #[test]
+    fn joined_spheres_touch_the_smallest_sphere_around_them() {
+        let sphere = |x: f64, radius: f64| Focus { centre: [x, 2.0, 0.0], radius };
+        assert_eq!(sphere(-1.0, 1.0).joined(sphere(5.0, 3.0)), sphere(3.0, 5.0));
+        assert_eq!(sphere(5.0, 3.0).joined(sphere(-1.0, 1.0)), sphere(3.0, 5.0));
+        // One inside the other, and the same twice.
+        assert_eq!(sphere(0.0, 5.0).joined(sphere(2.0, 3.0)), sphere(0.0, 5.0));
+        assert_eq!(sphere(2.0, 3.0).joined(sphere(0.0, 5.0)), sphere(0.0, 5.0));
+        assert_eq!(sphere(2.0, 3.0).joined(sphere(2.0, 3.0)), sphere(2.0, 3.0));
+    }
 
     fn line(count: usize, x: impl Fn(usize) -> f64 + Sync, opacity_logit: impl Fn(usize) -> f64 + Sync) -> Gaussians {
         let mut builder = Builder::new(0, count).unwrap();

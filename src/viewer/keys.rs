@@ -70,7 +70,7 @@ pub const ACTIONS: [(Action, &str, &str, &str); 42] = [
     (Action::NearestCamera, "nearest-camera", "G", "nearest camera of the file"),
     (Action::ShowCameras, "show-cameras", "V", "show the cameras of the file, or hide them"),
     (Action::FlipUp, "flip-up", "U", "flip the up axis"),
-    (Action::Frame, "frame", "C", "turn around the centre of the scene"),
+    (Action::Frame, "frame", "C", "show all scenes, and turn around their centre"),
     (Action::Reset, "reset", "R", "go back to the first view"),
     (Action::FullScreen, "full-screen", "F", "full screen on or off"),
     (Action::HidePanels, "hide-panels", "H", "hide or show the panels"),

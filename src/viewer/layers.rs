@@ -179,6 +179,13 @@ impl Layer {
         (self.held.insert(held).clone(), remarks(&self.name, &report, &notices))
     }
 
+    /// Where most of it lies in the world; `None` before all is read, or where its placement is no transform.
+    pub fn placed_focus(&self) -> Option<Focus> {
+        let (focus, place) = (self.focus?, self.place.transform().ok()?);
+        let centre = place.point(DVec3::from(focus.centre)).to_array();
+        Some(Focus { centre, radius: focus.radius * place.scale() })
+    }
+
     /// True if the Gaussians that an edit leaves are not there yet.
     pub fn is_being_edited(&self) -> bool {
         match (&self.edit, &self.edited) {

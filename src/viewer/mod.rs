@@ -48,6 +48,7 @@ mod still;
 mod undo;
 mod view_modes;
 mod window;
+mod window_setup;
 
 pub use actions::Program;
 pub use comparison::{CompareMode, CompareTarget};
@@ -61,4 +62,5 @@ pub use offscreen::{Offscreen, PACE, PageCounts, Summary, run as run_offscreen};
 pub use session::{FrameOutput, Session};
 pub use state::{CompareWith, Request, Setup, Viewer, WindowRequest};
 pub use view_modes::{view_mode, view_mode_names};
-pub use window::{WindowSetup, run};
+pub use window::run;
+pub use window_setup::{DEFAULT_SIZE, WindowSetup};

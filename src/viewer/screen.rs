@@ -31,7 +31,7 @@ pub struct Screen {
     frames: VecDeque<FrameInFlight>,
     /// Results of finished frames, kept until the next [`Screen::retire`].
     retired: Vec<RetiredFrame>,
-    /// The pictures submitted by [`Screen::draw`] and not yet shown.
+    /// The pictures recorded by [`Screen::draw`] and not yet shown.
     drawing: Option<Drawing>,
 }
 
@@ -44,13 +44,14 @@ enum Target {
 
 /// A frame on the GPU.
 struct FrameInFlight {
-    drawing: Option<Drawing>,
-    show: InFlight,
+    commands: InFlight,
+    /// The pictures drawn in it.
+    pictures: Vec<RecordedPicture>,
 }
 
-/// Submitted pictures.
+/// Recorded pictures. They are submitted with what shows them: each submission costs time on the GPU.
 struct Drawing {
-    commands: InFlight,
+    commands: Commands,
     pictures: Vec<RecordedPicture>,
 }
 
@@ -212,12 +213,12 @@ impl Screen {
 
     /// True while pictures are drawn that nobody knows yet to be complete.
     pub fn is_drawing(&self) -> bool {
-        self.drawing.is_some() || self.frames.iter().any(|frame| frame.drawing.is_some())
+        self.drawing.is_some() || self.frames.iter().any(|frame| !frame.pictures.is_empty())
     }
 
     /// The frames that finished since the last call. With `wait`, waits for all that are in flight.
     pub fn retire(&mut self, pair: &mut Pair, wait: bool) -> Result<Vec<RetiredFrame>> {
-        while self.frames.front().is_some_and(|frame| wait || frame.show.is_done()) {
+        while self.frames.front().is_some_and(|frame| wait || frame.commands.is_done()) {
             self.retire_oldest(pair)?;
         }
         Ok(std::mem::take(&mut self.retired))
@@ -233,12 +234,8 @@ impl Screen {
 
     /// Waits for the oldest frame.
     fn retire_oldest(&mut self, pair: &mut Pair) -> Result<()> {
-        let Some(FrameInFlight { drawing, show }) = self.frames.pop_front() else { return Ok(()) };
-        let Some(Drawing { commands, pictures }) = drawing else {
-            show.wait()?;
-            return Ok(());
-        };
-        let results = commands.wait()?;
+        let Some(FrameInFlight { commands, pictures }) = self.frames.pop_front() else { return Ok(()) };
+        let (results, is_drawn) = (commands.wait()?, !pictures.is_empty());
         let mut retired = Vec::new();
         for RecordedPicture { side, generation, path, recorded } in pictures {
             // The counts of a picture that was replaced meanwhile are of no use.
@@ -247,16 +244,13 @@ impl Screen {
                 retired.push(RetiredPicture { side, path, totals });
             }
         }
-        let mut timings = results.timings().to_vec();
-        // Showing is a submission of its own, with its own time origin, and runs after the drawing.
-        let end_ms = timings.iter().map(|t| t.start_ms + t.duration_ms).fold(0.0, f64::max);
-        let later = |t: &Timing| Timing { start_ms: t.start_ms + end_ms, ..t.clone() };
-        timings.extend(show.wait()?.timings().iter().map(later));
-        self.retired.push(RetiredFrame { timings, pictures: retired });
+        if is_drawn {
+            self.retired.push(RetiredFrame { timings: results.timings().to_vec(), pictures: retired });
+        }
         Ok(())
     }
 
-    /// Draws the pictures of `pair`. [`Screen::show`] shows them.
+    /// Records the drawing of the pictures of `pair`. [`Screen::show`] submits and shows them.
     pub fn draw(&mut self, pair: &mut Pair, camera: &Camera, background: Background, times_stages: bool) -> Result<()> {
         self.wait_for_slot(pair)?;
         let mut cmd = Commands::new(&self.device)?;
@@ -269,31 +263,45 @@ impl Screen {
             pictures.push(RecordedPicture { side, generation, path, recorded });
         }
         if !pictures.is_empty() {
-            self.drawing = Some(Drawing { commands: cmd.submit()?, pictures });
+            self.drawing = Some(Drawing { commands: cmd, pictures });
         }
         Ok(())
     }
 
-    /// Shows the pictures drawn last, with panels over them.
+    /// Shows the pictures drawn last, with panels over them. If the window has no image for them, they are drawn only.
     pub fn show(&mut self, pair: &mut Pair, arrangement: &Arrangement) -> Result<Shown> {
         self.wait_for_slot(pair)?;
-        let (image, acquired) = match &mut self.target {
+        let acquired = match &mut self.target {
             Target::Closed => return Ok(Shown::Hidden),
-            Target::Offscreen(image) => (image.clone(), None),
-            Target::Window(swapchain) => match swapchain.acquire()? {
-                Acquisition::Image(acquired) => (acquired.image().clone(), Some(acquired)),
-                Acquisition::Stale => return Ok(Shown::Again),
-                Acquisition::Hidden => return Ok(Shown::Hidden),
-                Acquisition::Lost => return Ok(Shown::Lost),
-            },
+            Target::Offscreen(_) => None,
+            Target::Window(swapchain) => Some(swapchain.acquire()?),
         };
-        let mut cmd = Commands::new(&self.device)?;
+        let drawing = self.drawing.take();
+        let (image, acquired) = match (&self.target, acquired) {
+            (Target::Offscreen(image), _) => (image.clone(), None),
+            (_, Some(Acquisition::Image(acquired))) => (acquired.image().clone(), Some(acquired)),
+            (_, outcome) => {
+                if let Some(Drawing { commands, pictures }) = drawing {
+                    self.frames.push_back(FrameInFlight { commands: commands.submit()?, pictures });
+                }
+                return Ok(match outcome {
+                    Some(Acquisition::Stale) => Shown::Again,
+                    Some(Acquisition::Lost) => Shown::Lost,
+                    _ => Shown::Hidden,
+                });
+            }
+        };
+        let (mut cmd, pictures) = match drawing {
+            Some(Drawing { commands, pictures }) => (commands, pictures),
+            None => (Commands::new(&self.device)?, Vec::new()),
+        };
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         self.record(&mut cmd, pair, arrangement, &image)?;
-        let (show, outcome) = match (&mut self.target, acquired) {
+        let (commands, outcome) = match (&mut self.target, acquired) {
             (Target::Window(swapchain), Some(acquired)) => cmd.present(swapchain, acquired)?,
             _ => (cmd.submit()?, Presentation::Shown),
         };
-        self.frames.push_back(FrameInFlight { drawing: self.drawing.take(), show });
+        self.frames.push_back(FrameInFlight { commands, pictures });
         Ok(match outcome {
             Presentation::Shown => Shown::Yes,
             Presentation::Stale => Shown::Again,

@@ -134,6 +134,7 @@ impl Session {
             && !viewer.building.contains(&true)
             && self.has_full_scale()
             && !viewer.is_editing()
+            && !viewer.navigator.is_gliding()
             && !viewer.is_stale
     }
 
@@ -231,24 +232,27 @@ impl Session {
         raw_input: RawInput,
         now: Instant,
     ) -> Result<(Option<PlatformOutput>, Vec<WindowRequest>)> {
-        let seconds = self.layout.at.map_or(0.0, |at| (now - at).as_secs_f64());
+        let mut seconds = self.layout.at.map_or(0.0, |at| (now - at).as_secs_f64());
         let view_before = self.viewer.view();
         let (viewer, pair) = (&mut self.viewer, &self.pair);
         if !raw_input.events.is_empty() {
             viewer.input_at.get_or_insert(now);
         }
+        let laid_out = &mut self.laid_out_messages;
         let output = self.context.clone().run_ui(raw_input, |ui| {
-            input::handle(viewer, ui, seconds);
+            // A layout can take two passes: the second one has no events, and no time passes in it.
+            input::handle(viewer, ui, std::mem::take(&mut seconds));
             panels::show(viewer, pair, ui);
+            // Messages stand on the lower edge by the height that they had in the pass before.
+            let messages = viewer.messages.shown().len();
+            if std::mem::replace(laid_out, messages) != messages {
+                ui.ctx().request_discard("there are other messages");
+            }
         });
         let FullOutput { platform_output, textures_delta, shapes, pixels_per_point, viewport_output, .. } = output;
         self.screen.add_textures(textures_delta);
-        // Messages stand on the lower edge by the height that they had in the layout before.
-        let has_other_messages = self.laid_out_messages != viewer.messages.shown().len();
-        self.laid_out_messages = viewer.messages.shown().len();
         let repaint_delay =
             viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap_or(Duration::MAX);
-        let repaint_delay = if has_other_messages { Duration::ZERO } else { repaint_delay };
         let triangles = self.context.tessellate(shapes, pixels_per_point);
         self.layout = UiLayout { at: Some(now), triangles, pixels_per_point, repaint_delay };
         let requests = self.execute_requests()?;

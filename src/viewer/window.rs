@@ -1,6 +1,5 @@
 //! The window: passes events to the session, shows its frames, and recovers when the device or the surface is lost.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -16,35 +15,10 @@ use super::fault::{Fault, FaultKind};
 use super::jobs::Jobs;
 use super::screen::{Screen, Shown};
 use super::session::{FrameOutput, Session};
-use super::state::{Setup, Viewer, WindowRequest};
-use crate::gpu::{Device, DeviceChoice, DeviceLost, Unavailable, Validation};
+use super::state::{Viewer, WindowRequest};
+use super::window_setup::WindowSetup;
+use crate::gpu::{DeviceLost, Unavailable};
 use crate::host_memory::OutOfMemory;
-
-/// The settings with which a window is opened.
-#[derive(Clone)]
-pub struct WindowSetup {
-    pub viewer: Setup,
-    pub size: [u32; 2],
-    pub is_full_screen: bool,
-    pub device: DeviceChoice,
-    pub validation: Validation,
-    /// The most device memory to take, in bytes.
-    pub memory: Option<u64>,
-    /// Folder of shaders to compile at run time.
-    pub shaders: Option<PathBuf>,
-    /// Gives an opened device what earlier runs left.
-    pub with_memory: fn(Device) -> Device,
-    /// A fault to inject, for tests.
-    pub fault: Option<Fault>,
-}
-
-impl WindowSetup {
-    fn open_device(&self, window: &Window) -> Result<Device> {
-        let device = Device::open_for(&self.device, self.validation, window)?;
-        let device = device.with_shaders(self.shaders.as_deref())?.with_memory_limit(self.memory)?;
-        Ok((self.with_memory)(device))
-    }
-}
 
 /// Wakes the event loop: a job has sent an event.
 #[derive(Debug)]
@@ -110,13 +84,9 @@ const MAX_LOSSES: u32 = 3;
 impl App {
     fn open(&mut self, events: &ActiveEventLoop) -> Result<OpenWindow> {
         let setup = &self.setup;
-        let [width, height] = setup.size;
-        let attributes = Window::default_attributes()
-            .with_title("smalto")
-            .with_inner_size(PhysicalSize::new(width, height))
-            .with_fullscreen(setup.is_full_screen.then_some(Fullscreen::Borderless(None)));
-        let window =
-            events.create_window(attributes).map_err(|e| Unavailable(format!("no window can be opened: {e}")))?;
+        let window = events
+            .create_window(setup.attributes())
+            .map_err(|e| Unavailable(format!("no window can be opened: {e}")))?;
         let window = Arc::new(window);
         let device = setup.open_device(&window)?;
         let size = window.inner_size();

@@ -6,7 +6,7 @@ use smalto::camera::Camera;
 use smalto::pixels::Pixels;
 use smalto::reference;
 use smalto::scene::{Gaussians, SceneFile};
-use smalto::viewer::{Change, Counts, How, Offscreen, Outline, Property, Selection, Setup, Tab, Tool};
+use smalto::viewer::{Change, CompareTarget, Counts, How, Offscreen, Outline, Property, Selection, Setup, Tab, Tool};
 
 use super::frames::setup;
 use super::mends::{frame, key};
@@ -267,7 +267,19 @@ fn views_go_along_the_axes_and_are_flat() {
     let size = |view: &Camera| view.focal_px.x / view.view(pivot).z;
     let degrees = viewer.navigator.field_of_view();
     viewer.toggle_flat();
-    assert!(viewer.is_flat() && (size(&viewer.view()) / size(&before) - 1.0).abs() < 1e-9);
+    let flat = viewer.view();
+    assert!(viewer.is_flat() && (size(&flat) / size(&before) - 1.0).abs() < 1e-9);
+    // What lies one picture's width behind the pivot looks hardly smaller.
+    let width = f64::from(flat.size_px[0]) / size(&flat);
+    let behind = flat.focal_px.x / flat.view(pivot + flat.forward() * width).z;
+    assert!((0.996..1.0).contains(&(behind / size(&flat))));
+    // 32-bit floats suffice so far away.
+    viewer.compare_with_reference();
+    offscreen.settle().unwrap();
+    let apart = offscreen.viewer().comparison.apart.clone().expect("the pictures were compared");
+    assert!(apart.difference.psnr_db.is_none_or(|psnr| psnr > 60.0), "{:?}", apart.difference);
+    let viewer = offscreen.viewer();
+    viewer.comparison.target = CompareTarget::Nothing;
     viewer.toggle_flat();
     let after = viewer.view();
     assert!((viewer.navigator.field_of_view() - degrees).abs() < 1e-9);

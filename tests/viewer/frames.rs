@@ -149,7 +149,7 @@ fn several_scenes_are_drawn_together_and_can_be_placed() {
 #[test]
 fn knobs_are_measured_and_chosen_by_a_budget() {
     let gpu = Gpu::new();
-    let mut offscreen = open(&gpu, setup(&["cactus:2000"]));
+    let mut offscreen = open(&gpu, setup(&["cactus:300"]));
     offscreen.viewer().options.key_bits = 16;
     offscreen.viewer().requests.push(Request::Measure);
     offscreen.settle().unwrap();

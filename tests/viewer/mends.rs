@@ -242,6 +242,19 @@ fn what_is_seen_is_written() {
     assert!(Pixels::read(&file("view.png")).unwrap() == colours, "the first is as it was");
 }
 
+/// A message is in its place in the first frame that shows it: on a slow device the next one comes much later.
+#[test]
+fn a_message_is_laid_out_at_once() {
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["cactus:500"]));
+    let before = shown(&mut offscreen);
+    offscreen.viewer().messages.error("what is wrong".to_owned());
+    frame(&mut offscreen, Vec::new());
+    let at_once = shown(&mut offscreen);
+    frame(&mut offscreen, Vec::new());
+    assert!(at_once != before && shown(&mut offscreen) == at_once);
+}
+
 /// After the last scene is closed, the next one is the first.
 #[test]
 fn a_scene_after_the_last_one_is_framed() {

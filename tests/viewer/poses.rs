@@ -52,6 +52,61 @@ fn press(offscreen: &mut Offscreen, which: Key) {
     offscreen.settle().unwrap();
 }
 
+/// True if most of the scene with this number lies in the picture.
+fn sees(offscreen: &mut Offscreen, number: usize) -> bool {
+    let viewer = offscreen.viewer();
+    let (view, focus) = (viewer.view(), viewer.layers[number].placed_focus().unwrap());
+    let size = DVec2::from(view.size_px.map(f64::from));
+    // Six points of its sphere.
+    DVec3::AXES.into_iter().flat_map(|axis| [axis, -axis]).all(|axis| {
+        let seen = view.projected(DVec3::from(focus.centre) + axis * focus.radius);
+        seen.is_some_and(|(at, _)| at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all())
+    })
+}
+
+/// Scenes that are opened beside others come into sight, and nothing moves for those that are seen.
+#[test]
+fn scenes_that_are_opened_beside_others_come_into_sight() {
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["few-large:50"]));
+    offscreen.viewer().layers[0].place.translation = [0.0, 0.0, 40.0];
+    press(&mut offscreen, Key::C);
+    assert!(sees(&mut offscreen, 0), "the view of all follows the placement");
+    let alone = offscreen.viewer().view();
+    offscreen.viewer().drop_file(Path::new("cactus:500"));
+    offscreen.settle().unwrap();
+    assert!(sees(&mut offscreen, 0) && sees(&mut offscreen, 1));
+    let said = offscreen.viewer().messages.shown().iter().any(|note| note.text.contains("lay out of sight"));
+    assert!(said, "it says why the view moved");
+    // The next one lies where the cactus is.
+    let both = offscreen.viewer().view();
+    offscreen.viewer().drop_file(Path::new("few-large:20"));
+    offscreen.settle().unwrap();
+    assert_eq!(offscreen.viewer().view(), both);
+    offscreen.viewer().undo(false);
+    assert_eq!(offscreen.viewer().view(), alone);
+    // One alone.
+    let number = offscreen.viewer().layers[1].number;
+    offscreen.viewer().frame_layer(number);
+    offscreen.settle().unwrap();
+    assert!(sees(&mut offscreen, 1) && !sees(&mut offscreen, 0));
+    assert!(offscreen.viewer().navigator.pivot().length() < 5.0, "the view turns around it");
+}
+
+/// Scenes that the window starts with are seen together, whichever is read first.
+#[test]
+fn scenes_that_the_window_starts_with_are_seen_together() {
+    let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
+    let far = folder.path().join("far.ply");
+    crate::common::program::ok(&["convert", "few-large:50", far.to_str().unwrap(), "--transform", "translate=0,0,-40"]);
+    let mut offscreen = open(&gpu, setup(&["few-large:50", far.to_str().unwrap()]));
+    assert!(sees(&mut offscreen, 0) && sees(&mut offscreen, 1));
+    let first = offscreen.viewer().view();
+    offscreen.viewer().navigator.orbit(DVec2::new(30.0, 4.0), SIZE);
+    offscreen.viewer().reset_view();
+    assert_eq!(offscreen.viewer().view(), first);
+}
+
 #[test]
 fn cameras_are_clicked_and_compared_with_their_photographs() {
     let folder = tempfile::tempdir().unwrap();

@@ -174,7 +174,7 @@ fn pictures_are_copied_and_have_layers() {
 fn the_picture_lies_beside_the_panels() {
     const WINDOW: [u32; 2] = [700, 240];
     let gpu = Gpu::new();
-    let setup = Setup { hides_panels: false, ..setup(&["cactus:2000"]) };
+    let setup = Setup { hides_panels: false, ..setup(&["cactus:300"]) };
     let mut offscreen = Offscreen::new(setup, &gpu.0, WINDOW).unwrap();
     offscreen.settle().unwrap();
     let size = offscreen.viewer().size;

@@ -174,13 +174,13 @@ impl Chooser {
         &self.demand
     }
 
-    /// Sets the least limits of all pages.
+    /// Sets the least limits of all pages, which `write` writes into a word for each.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn set_floors(&self, device: &Device, floors: &[u32]) -> Result<InFlight> {
+    pub fn set_floors(&self, device: &Device, write: impl FnOnce(&mut [u32])) -> Result<InFlight> {
         let mut cmd = Commands::new(device)?;
-        cmd.upload(&self.floors, 0, floors.len(), |memory| memory.copy_from_slice(floors))?;
+        cmd.upload(&self.floors, 0, self.floors.len(), write)?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
         cmd.submit()
     }

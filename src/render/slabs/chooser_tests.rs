@@ -351,7 +351,8 @@ fn every_cut_stands_for_every_gaussian_once() {
             let kept = [0, 2, 20, 200][(exponent & 3) as usize];
             let is_missing: Vec<bool> =
                 (0..pages.len()).map(|page| page + 1 < pages.len() && kept > 0 && below(kept) == 0).collect();
-            let floors = family.words(&family.floors(|page| !is_missing[page as usize]));
+            let mut floors = vec![0; pages.len()];
+            family.words(&family.floors(|page| !is_missing[page as usize]), &mut floors);
             // As levels.glsl has it, and with no fading for every other limit.
             let fade = if exponent % 2 == 0 { twin.fade } else { 0 };
             let closed = |error: u32, limit: u32| match fade {

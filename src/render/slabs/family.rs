@@ -8,6 +8,8 @@
 
 use std::collections::HashMap;
 
+use rayon::prelude::*;
+
 use crate::levels::FINEST;
 use crate::storage::{Level, NO_PAGE};
 
@@ -39,6 +41,9 @@ pub struct Wishes {
 
 /// Less than any wish.
 const NOTHING: i32 = i32::MIN;
+
+/// Pages or blocks that a thread takes at least: fewer are not worth a thread.
+const SHARE: usize = 1 << 14;
 
 /// No block.
 const NONE: u32 = u32::MAX;
@@ -111,12 +116,12 @@ impl Family {
     }
 
     /// The floor of every block.
-    pub fn floors(&self, is_here: impl Fn(u32) -> bool) -> Vec<u16> {
+    pub fn floors(&self, is_here: impl Fn(u32) -> bool + Sync) -> Vec<u16> {
         let floor = |children: &Vec<u32>| {
             let missing = children.iter().filter(|page| !is_here(**page));
             missing.map(|page| self.coarsest[*page as usize]).max().unwrap_or(FINEST)
         };
-        let mut floors: Vec<u16> = self.children.iter().map(floor).collect();
+        let mut floors: Vec<u16> = self.children.par_iter().with_min_len(SHARE).map(floor).collect();
         // Once, if parents come first, as smalto writes them.
         let mut is_changed = true;
         while is_changed {
@@ -130,10 +135,17 @@ impl Family {
         floors
     }
 
-    /// For every page the floors of its block and of that of its parents, codes in the lower and in the upper half.
-    pub fn words(&self, floors: &[u16]) -> Vec<u32> {
+    /// Writes for every page the floors of its block and of that of its parents, codes in the lower and in the upper
+    /// half.
+    ///
+    /// # Panics
+    /// If `words` has not a word for every page.
+    pub fn words(&self, floors: &[u16], words: &mut [u32]) {
+        assert_eq!(words.len(), self.own.len(), "every page has its word");
         let floor = |block: u32| floors.get(block as usize).copied().unwrap_or(FINEST);
-        let words = self.own.iter().zip(&self.above);
-        words.map(|(own, above)| u32::from(floor(*own)) | u32::from(floor(*above)) << 16).collect()
+        let blocks = self.own.par_iter().zip(&self.above);
+        words.par_iter_mut().zip(blocks).with_min_len(SHARE).for_each(|(word, (own, above))| {
+            *word = u32::from(floor(*own)) | u32::from(floor(*above)) << 16;
+        });
     }
 }

@@ -43,6 +43,8 @@ pub struct Feed {
     falling: Option<[Instant; 2]>,
     fades: bool,
     readers: ThreadPool,
+    /// Make floors. A picture waits for them, so these threads have no other work.
+    workers: ThreadPool,
     sender: Sender<News>,
     receiver: Receiver<News>,
     /// Memory of pages that were brought, for others: to ask the system for it takes time from all threads.
@@ -117,8 +119,8 @@ const COMING: usize = 512;
 const ENOUGH: usize = COMING / 4;
 /// Steps of codes by which a page matters less that is wanted later: two powers of two.
 const LATER: u32 = 2 * CODES_PER_OCTAVE as u32;
-/// Threads that read.
-const READERS: usize = 8;
+/// Threads that read, and threads that make floors.
+const THREADS: usize = 8;
 /// The time in which a floor falls by a power of two.
 const OCTAVE: Duration = Duration::from_millis(60);
 /// The time after which floors are where they fall to: what is above the limits of nodes cannot be seen.
@@ -139,7 +141,7 @@ impl Feed {
         pool.bring(device, &always)?;
         chooser.make_demand(device, DEMANDED)?;
         let (sender, receiver) = unbounded();
-        let threads = std::thread::available_parallelism().map_or(1, usize::from).min(READERS);
+        let threads = std::thread::available_parallelism().map_or(1, usize::from).min(THREADS);
         Ok(Self {
             family: Arc::new(Family::of(levels(&pages))),
             pages,
@@ -150,6 +152,7 @@ impl Feed {
             falling: None,
             fades,
             readers: ThreadPoolBuilder::new().num_threads(threads).build()?,
+            workers: ThreadPoolBuilder::new().num_threads(threads).build()?,
             sender,
             receiver,
             spare: unbounded(),
@@ -191,12 +194,14 @@ impl Feed {
         let has_changed = self.known != Some(pool.changes());
         if has_changed {
             self.known = Some(pool.changes());
-            self.target = self.family.floors(|page| pool.has(page));
+            let are_there = pool.are_there();
+            self.target = self.workers.install(|| self.family.floors(|page| are_there[page as usize]));
         }
         if has_changed || self.falling.is_some() {
             self.fall(has_changed);
             // What was told before was submitted before the last picture, so this hardly waits.
-            self.telling = Some(chooser.set_floors(device, &self.family.words(&self.floors))?);
+            let write = |words: &mut [u32]| self.workers.install(|| self.family.words(&self.floors, words));
+            self.telling = Some(chooser.set_floors(device, write)?);
         }
         // After the last stamp comes the first, which is below all that shaders noted: what they noted goes.
         self.asked.stamp = self.asked.stamp.checked_add(1).unwrap_or(1);

@@ -242,11 +242,11 @@ impl Viewer {
         self.export.progress = Some(0.0);
         let work = move |reporter: &Reporter| {
             let kept = parts.iter().map(|(whole, edit, transform)| {
-                let edit = edit.as_deref().cloned().unwrap_or_else(|| Edit::of(whole.len()));
-                whole.selected(&edit.kept())?.transformed(transform)
+                let selected = edit.as_ref().map(|edit| whole.selected(&edit.kept())).transpose()?;
+                selected.as_ref().unwrap_or(whole).transformed(transform)
             });
-            let kept: Vec<Gaussians> = kept.collect::<Result<_>>()?;
-            let gaussians = Gaussians::joined(kept.iter())?;
+            let mut kept: Vec<Gaussians> = kept.collect::<Result<_>>()?;
+            let gaussians = if kept.len() == 1 { kept.remove(0) } else { Gaussians::joined(kept.iter())? };
             drop(kept);
             ensure!(!gaussians.is_empty(), "all Gaussians are deleted: there is nothing to save");
             let progress = |fraction| reporter.send(JobEvent::Writing(fraction));

@@ -123,11 +123,12 @@ impl Viewer {
 
     /// Writes what the window shows without its panels, `size` pixels row by row, on another thread.
     pub fn write_screen(&mut self, size: [u32; 2], pixels: Vec<[u8; 4]>) {
-        let file = self.export.next_picture();
-        if file.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("png")) {
+        let name = &self.export.picture;
+        if Path::new(name).extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("png")) {
             let what = "what the window shows in place of colours is written as .png";
-            return self.messages.error(format!("{}: {what}", file.display()));
+            return self.messages.error(format!("{name}: {what}"));
         }
+        let file = self.export.next_picture();
         let summary = format!("{} written as shown, {}x{}", file.display(), size[0], size[1]);
         self.export.progress = Some(0.0);
         self.jobs.start(move |_| write_rgba8(&file, size, &pixels).map(|()| summary), JobEvent::Written);

@@ -206,7 +206,9 @@ impl Viewer {
                     self.options.rules.antialiased = self.layers.iter().any(|layer| layer.is_antialiased);
                 }
                 // A view set while reading knew only a part of the scene.
-                if !self.has_view || self.layers.len() == 1 && !self.has_moved() && !is_again {
+                let is_first = !self.has_view || self.layers.len() == 1 && !self.has_moved() && !is_again;
+                let has_project = self.project.is_some();
+                if is_first {
                     self.set_first_view(held.focus());
                 }
                 if is_again {
@@ -215,6 +217,9 @@ impl Viewer {
                     self.restore_edit(place);
                     self.end_project();
                     self.begin_undo();
+                    if !is_first && !has_project {
+                        self.bring_into_sight(place);
+                    }
                 }
                 if self.setup.follows {
                     self.layers[place].follow(&self.jobs);

@@ -5,6 +5,9 @@ use glam::{DVec2, DVec3};
 use crate::camera::NamedCamera;
 use crate::scene::Focus;
 use crate::viewer::events::Event;
+use crate::viewer::held::Held;
+use crate::viewer::keys::Action;
+use crate::viewer::layers::Layer;
 use crate::viewer::state::{Request, Viewer, WindowRequest};
 
 const NO_CAMERAS: &str = "there is no camera file: drop one on the window, such as a cameras.json";
@@ -80,19 +83,64 @@ impl Viewer {
 
     /// Goes back to the first view. The speed of flying and the near plane stay.
     pub fn reset_view(&mut self) {
-        if let Some(held) = self.layers.iter().find_map(|layer| layer.held.clone()) {
+        let first = || self.layers.iter().find_map(|layer| layer.held.as_ref()).map(Held::focus);
+        if let Some(focus) = self.focus_of_all().or_else(first) {
             let (speed, near) = (self.navigator.speed(), self.options.rules.near);
-            self.set_first_view(held.focus());
+            self.set_first_view(focus);
             self.navigator.set_speed(speed);
             self.options.rules.near = near;
         }
     }
 
-    /// Glides to a view of the whole scene.
+    /// Where most of the shown scenes lies; `None` if none is shown or read.
+    fn focus_of_all(&self) -> Option<Focus> {
+        let shown = self.layers.iter().filter(|layer| layer.is_shown[0]);
+        shown.filter_map(Layer::placed_focus).reduce(Focus::joined)
+    }
+
+    /// Glides to a view of all shown scenes.
     pub fn frame_scene(&mut self) {
-        let home = self.navigator.home(self.size);
-        self.navigator.glide_to(&home, crate::camera::GLIDE_SECONDS);
+        match self.focus_of_all() {
+            Some(focus) => self.glide_around(focus),
+            None => {
+                let home = self.navigator.home(self.size);
+                self.navigator.glide_to(&home, crate::camera::GLIDE_SECONDS);
+                self.camera = None;
+            }
+        }
+    }
+
+    /// Glides to a view of one scene.
+    pub fn frame_layer(&mut self, number: u64) {
+        let layer = self.layers.iter().find(|layer| layer.number == number);
+        if let Some(focus) = layer.and_then(Layer::placed_focus) {
+            self.glide_around(focus);
+        }
+    }
+
+    fn glide_around(&mut self, Focus { centre, radius }: Focus) {
+        self.navigator.glide_around(DVec3::from(centre), radius, self.size, crate::camera::GLIDE_SECONDS);
         self.camera = None;
+    }
+
+    /// Shows all scenes if one that was opened beside others lies out of sight. A view of a camera of the file stays.
+    pub fn bring_into_sight(&mut self, place: usize) {
+        let layer = &self.layers[place];
+        let (Some(own), Some(all)) = (layer.placed_focus(), self.focus_of_all()) else { return };
+        let size = DVec2::from(self.size.map(f64::from));
+        let seen = self.view().projected(DVec3::from(own.centre));
+        let is_seen = seen.is_some_and(|(at, _)| at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all());
+        if is_seen || self.camera.is_some() {
+            return;
+        }
+        if !self.has_moved() {
+            return self.set_first_view(all);
+        }
+        let key = self.setup.bindings.text(Action::Undo);
+        let text = format!("{} lay out of sight, so the view shows all scenes ({key} goes back)", layer.name);
+        self.messages.note(text);
+        self.note_changes();
+        self.glide_around(all);
     }
 
     /// Copies the view to the clipboard, as an entry of a cameras.json.

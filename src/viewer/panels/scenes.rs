@@ -14,16 +14,18 @@ use crate::render::{Path, Residency};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let has_second = matches!(viewer.comparison.target, CompareTarget::Options(_));
-    let mut closed = None;
+    let mut asked = None;
     for layer in &mut viewer.layers {
         ui.push_id(layer.number, |ui| {
-            if show_layer(layer, has_second, ui) {
-                closed = Some(layer.number);
+            if let Some(what) = show_layer(layer, has_second, ui) {
+                asked = Some((what, layer.number));
             }
         });
     }
-    if let Some(number) = closed {
-        viewer.close(number);
+    match asked {
+        Some((Asked::Look, number)) => viewer.frame_layer(number),
+        Some((Asked::Close, number)) => viewer.close(number),
+        None => {}
     }
     ui.horizontal(|ui| {
         let id = ui.id().with("open");
@@ -92,20 +94,31 @@ fn recent(viewer: &mut Viewer, ui: &mut Ui) {
     }
 }
 
-/// The row of a scene; returns true if the user closes it.
-fn show_layer(layer: &mut Layer, has_second: bool, ui: &mut Ui) -> bool {
-    let mut is_closed = false;
+/// What the row of a scene asks for.
+enum Asked {
+    Look,
+    Close,
+}
+
+/// The row of a scene.
+fn show_layer(layer: &mut Layer, has_second: bool, ui: &mut Ui) -> Option<Asked> {
+    let mut asked = None;
     ui.horizontal(|ui| {
         ui.checkbox(&mut layer.is_shown[0], "").on_hover_text("show it");
         if has_second {
             ui.checkbox(&mut layer.is_shown[1], "").on_hover_text("show it in the second picture");
         }
         ui.label(&layer.name).on_hover_text(&layer.summary);
-        is_closed = ui.small_button("x").on_hover_text("close it").clicked();
+        if layer.is_read && ui.small_button("look").on_hover_text("move the view so that it is seen whole").clicked() {
+            asked = Some(Asked::Look);
+        }
+        if ui.small_button("x").on_hover_text("close it").clicked() {
+            asked = Some(Asked::Close);
+        }
     });
     if let Some(fraction) = layer.progress {
         ui.add(egui::ProgressBar::new(fraction as f32).show_percentage());
-        return is_closed;
+        return asked;
     }
     ui.collapsing("Placement", |ui| {
         let place = &mut layer.place;
@@ -125,5 +138,5 @@ fn show_layer(layer: &mut Layer, has_second: bool, ui: &mut Ui) -> bool {
             ui.end_row();
         });
     });
-    is_closed
+    asked
 }
