@@ -97,6 +97,11 @@ impl Navigator {
         self.view.camera.resized(sound_size(size_px))
     }
 
+    /// The camera that every window shows, [resized](Camera::resized): windows of other sizes do not change it.
+    pub fn own_camera(&self) -> &Camera {
+        &self.view.camera
+    }
+
     /// The pivot in world units.
     pub fn pivot(&self) -> DVec3 {
         self.view.pivot()

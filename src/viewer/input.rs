@@ -1,5 +1,7 @@
 //! Mouse, keys and dropped files.
 
+use std::time::Duration;
+
 use egui::{Event as Input, Key, Modifiers, Order, PointerButton, Pos2, Rect, Sense, Ui};
 use glam::{DVec2, DVec3};
 
@@ -24,6 +26,9 @@ const FIRST_STEP: f64 = 0.1;
 /// The longest time of a step, in seconds, so that the view does not jump after the program stood still.
 const LONGEST_STEP: f64 = 5.0;
 
+/// Time after which a wheel that does not turn any more has come to rest, by the measure of egui.
+const SCROLLING: Duration = Duration::from_millis(160);
+
 /// Handles keys, dropped files and motion since the previous frame, `seconds` ago. A motion that goes on takes all of
 /// that time, also where frames are slow.
 pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
@@ -47,7 +52,12 @@ pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
         ui.ctx().request_repaint();
     }
     let is_pressed = ui.input(|input| input.pointer.any_down()) || ui.ctx().egui_is_using_pointer();
-    let is_moving = viewer.is_flying || viewer.navigator.is_gliding() || viewer.film.is_playing;
+    // A turn of the wheel goes on for some frames, and is one step.
+    let is_scrolling = ui.input(|input| input.is_scrolling());
+    if is_scrolling {
+        ui.ctx().request_repaint_after(SCROLLING);
+    }
+    let is_moving = viewer.is_flying || viewer.navigator.is_gliding() || viewer.film.is_playing || is_scrolling;
     if !(is_moving || is_pressed || viewer.drag.is_some()) {
         viewer.note_changes();
     }

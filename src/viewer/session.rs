@@ -227,19 +227,15 @@ impl Session {
 
     /// Handles the input, lays the panels out and executes the requests; returns what is left to the owner of the
     /// window.
-    fn lay_out_ui(
-        &mut self,
-        raw_input: RawInput,
-        now: Instant,
-    ) -> Result<(Option<PlatformOutput>, Vec<WindowRequest>)> {
+    fn lay_out_ui(&mut self, raw: RawInput, now: Instant) -> Result<(Option<PlatformOutput>, Vec<WindowRequest>)> {
         let mut seconds = self.layout.at.map_or(0.0, |at| (now - at).as_secs_f64());
         let view_before = self.viewer.view();
         let (viewer, pair) = (&mut self.viewer, &self.pair);
-        if !raw_input.events.is_empty() {
+        if !raw.events.is_empty() {
             viewer.input_at.get_or_insert(now);
         }
         let laid_out = &mut self.laid_out_messages;
-        let output = self.context.clone().run_ui(raw_input, |ui| {
+        let output = self.context.clone().run_ui(raw, |ui| {
             // A layout can take two passes: the second one has no events, and no time passes in it.
             input::handle(viewer, ui, std::mem::take(&mut seconds));
             panels::show(viewer, pair, ui);

@@ -52,6 +52,7 @@ pub struct Undo {
 /// What can be undone.
 #[derive(Clone)]
 pub struct State {
+    /// The camera of the navigator: the size of the window does not change it.
     pub view: Camera,
     pub options: Options,
     pub background: Background,
@@ -63,8 +64,7 @@ pub struct State {
 }
 
 impl State {
-    /// What differs, as a noun; `None` if nothing does. Views of windows of other sizes are not compared: a window that
-    /// is resized changes them.
+    /// What differs, as a noun; `None` if nothing does.
     pub fn difference(&self, other: &Self) -> Option<&'static str> {
         let Self { view, options, background, timeline, places, edits } = self;
         let are_edited = edits.iter().zip(&other.edits).any(|(one, other)| match (&one.1, &other.1) {
@@ -78,7 +78,7 @@ impl State {
             () if *timeline != other.timeline => Some("the path"),
             () if *options != other.options => Some("the options"),
             () if background.colour() != other.background.colour() => Some("the background"),
-            () if view.size_px == other.view.size_px && *view != other.view => Some("the view"),
+            () if *view != other.view => Some("the view"),
             () => None,
         }
     }

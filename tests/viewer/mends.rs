@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use egui::{Event, Key, Modifiers, PointerButton, Pos2, pos2};
+use egui::{Event, Key, Modifiers, PointerButton, Pos2, pos2, vec2};
 use glam::DVec2;
 use smalto::camera::{Camera, Navigator};
 use smalto::pixels::Pixels;
@@ -240,6 +240,28 @@ fn what_is_seen_is_written() {
     let difference = write(&mut offscreen, "view-3.png");
     assert!(colours != normals && colours != difference && normals != difference);
     assert!(Pixels::read(&file("view.png")).unwrap() == colours, "the first is as it was");
+}
+
+/// However many frames a turn of the wheel takes, it is one step.
+#[test]
+fn a_turn_of_the_wheel_is_undone_at_once() {
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, setup(&["cactus:500"]));
+    frame(&mut offscreen, Vec::new());
+    let first = offscreen.viewer().view();
+    for turned in [120.0, -300.0] {
+        let (unit, phase) = (egui::MouseWheelUnit::Point, egui::TouchPhase::Move);
+        let wheel = Event::MouseWheel { unit, delta: vec2(0.0, turned), phase, modifiers: Modifiers::NONE };
+        frame(&mut offscreen, vec![Event::PointerMoved(pos2(80.0, 40.0)), wheel]);
+        let begun = offscreen.viewer().view();
+        while offscreen.session.context().input(|input| input.is_scrolling()) {
+            std::thread::sleep(Duration::from_millis(10));
+            frame(&mut offscreen, Vec::new());
+        }
+        assert!(begun != first && offscreen.viewer().view() != begun, "it goes on");
+        offscreen.viewer().undo(false);
+        assert_eq!(offscreen.viewer().view(), first);
+    }
 }
 
 /// A message is in its place in the first frame that shows it: on a slow device the next one comes much later.

@@ -61,7 +61,7 @@ fn a_monkey_breaks_nothing() {
     viewer.panels.are_hidden = true;
     viewer.panels.shows_help = false;
     (viewer.explanation, viewer.inspection.mode, viewer.inspection.culled_from) = (None, 0, None);
-    while offscreen.viewer().navigator.is_gliding() {
+    while offscreen.viewer().navigator.is_gliding() || offscreen.session.context().input(|input| input.is_scrolling()) {
         frame(&mut offscreen, Vec::new());
     }
     for _ in 0..2 * ACTIONS {

@@ -9,7 +9,7 @@ const STEPS: usize = 1000;
 impl Viewer {
     fn state(&self) -> State {
         State {
-            view: self.view(),
+            view: self.navigator.own_camera().clone(),
             options: self.options,
             background: self.background,
             timeline: self.film.timeline.clone(),
@@ -53,7 +53,7 @@ impl Viewer {
 
     fn restore(&mut self, wanted: &State) {
         let State { view, options, background, timeline, places, edits } = wanted;
-        if self.view() != view.resized(self.size) {
+        if self.navigator.own_camera() != view {
             self.navigator.snap(view);
             self.camera = None;
         }
