@@ -133,8 +133,10 @@ fn every_preset_draws_the_same_bits_at_any_limit_of_memory() {
             (true, false) => 72 << 20,
             (false, false) => 60 << 20,
         };
+        // Frames take long where they are drawn on the CPU: from inside the scene, and for one preset from nearby, too.
         let cameras = views(&gaussians);
-        let frames = compare_under_limit(&options, (gaussians, &cameras[..2]), limit, name == "balanced");
+        let cameras = &cameras[..if name == "balanced" { 2 } else { 1 }];
+        let frames = compare_under_limit(&options, (gaussians, cameras), limit, name == "balanced");
         let parts: Vec<_> = frames.iter().filter_map(|frame| frame.parts).collect();
         let is_paged = parts.iter().any(|parts| parts.slabs > 1 && parts.pages_read > 0);
         assert!(is_paged || !is_fast, "{name}: {parts:?}");
