@@ -12,6 +12,9 @@ use super::super::state::Viewer;
 /// Space in points between the edge of the picture and what is said over it.
 pub(super) const MARGIN: f32 = 6.0;
 
+/// The name of the messages among what lies over the picture.
+const MESSAGES: &str = "messages";
+
 /// `free`: the part of the window that the picture has.
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, free: Rect, ui: &Ui) {
     split_line(viewer, ui);
@@ -19,7 +22,13 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, free: Rect, ui: &Ui) {
         begin(viewer, free, ui.ctx());
     } else if let Some(text) = waits_for(viewer, pair) {
         let place = match pair.first.is_some() {
-            true => (free.left_bottom() + egui::vec2(MARGIN, -MARGIN), Align2::LEFT_BOTTOM),
+            true => {
+                // Above the messages.
+                let messages = ui.ctx().memory(|memory| memory.area_rect(MESSAGES));
+                let bottom = messages.filter(|_| !viewer.messages.shown().is_empty());
+                let bottom = bottom.map_or(free.bottom(), |messages| messages.top());
+                (egui::pos2(free.left() + MARGIN, bottom - MARGIN), Align2::LEFT_BOTTOM)
+            }
             false => (free.center(), Align2::CENTER_CENTER),
         };
         label(&painter(ui), place, text);
@@ -128,7 +137,7 @@ fn drop_hint(free: Rect, context: &Context) {
 /// The messages, in the lower left corner.
 fn messages(viewer: &mut Viewer, context: &Context) {
     let mut closed = None;
-    Area::new("messages".into()).anchor(Align2::LEFT_BOTTOM, [12.0, -12.0]).show(context, |ui| {
+    Area::new(MESSAGES.into()).anchor(Align2::LEFT_BOTTOM, [12.0, -12.0]).show(context, |ui| {
         ui.set_max_width(560f32.min(context.content_rect().width() - 40.0));
         let errors = viewer.messages.shown().iter().filter(|message| message.is_error).count();
         for (place, message) in viewer.messages.shown().iter().enumerate() {
