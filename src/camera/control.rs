@@ -70,6 +70,11 @@ impl Navigator {
         self.snap(&self.home(size_px));
     }
 
+    /// The centre of most of the scene, in world units.
+    pub fn centre(&self) -> DVec3 {
+        self.centre
+    }
+
     /// The radius of most of the scene, in world units.
     pub fn radius(&self) -> f64 {
         self.radius

@@ -64,6 +64,12 @@ impl Camera {
         (seen.z > 0.0).then(|| (seen.truncate() / seen.z * self.focal_px + self.centre_px, seen.z))
     }
 
+    /// True if a point of the world is seen inside the image.
+    pub fn sees(&self, world: DVec3) -> bool {
+        let size = DVec2::from(self.size_px.map(f64::from));
+        self.projected(world).is_some_and(|(at, _)| at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all())
+    }
+
     /// The point in world units that is seen at a place in pixels, at this view z.
     pub fn unprojected(&self, place_px: DVec2, depth: f64) -> DVec3 {
         let point_view = ((place_px - self.centre_px) / self.focal_px).extend(1.0) * depth;
@@ -153,6 +159,15 @@ mod tests {
         let above = camera.view(DVec3::new(0.0, -1.0, 0.0));
         assert!(above.y < 0.0, "up is -y in the world and in the image");
         assert!((camera.rotation.determinant() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn points_in_the_image_are_seen() {
+        let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [200, 100], 1.0);
+        let at = |x: f64, y: f64| camera.unprojected(DVec2::new(x, y), 3.0);
+        assert!(camera.sees(at(0.5, 0.5)) && camera.sees(at(199.5, 99.5)));
+        assert!(!camera.sees(at(-0.5, 50.0)) && !camera.sees(at(200.5, 50.0)) && !camera.sees(at(100.0, 100.5)));
+        assert!(!camera.sees(DVec3::NEG_Z), "it lies behind the camera");
     }
 
     #[test]

@@ -41,6 +41,7 @@ impl WindowSetup {
         let device = device.with_shaders(self.shaders.as_deref())?.with_memory_limit(self.memory)?;
         Ok((self.with_memory)(device))
     }
+
     /// What the window is created with.
     pub(super) fn attributes(&self) -> WindowAttributes {
         let size = match self.size {

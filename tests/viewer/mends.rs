@@ -270,7 +270,7 @@ fn a_message_is_laid_out_at_once() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:500"]));
     let before = shown(&mut offscreen);
-    offscreen.viewer().messages.error("what is wrong".to_owned());
+    offscreen.viewer().messages.error("what is wrong");
     frame(&mut offscreen, Vec::new());
     let at_once = shown(&mut offscreen);
     frame(&mut offscreen, Vec::new());

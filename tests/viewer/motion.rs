@@ -74,6 +74,28 @@ fn without_a_rate_nothing_is_left_out_in_motion() {
     }
 }
 
+/// A view that moves while the panels come is undone, too: these change the size of the picture.
+#[test]
+fn a_motion_is_undone_whose_picture_changed_its_size() {
+    let gpu = Gpu::new();
+    let mut offscreen = smalto::viewer::Offscreen::new(setup(&["cactus:300"]), &gpu.0, [700, 240]).unwrap();
+    offscreen.settle().unwrap();
+    frame(&mut offscreen, Vec::new());
+    let viewer = offscreen.viewer();
+    let first = viewer.view();
+    let mut other = viewer.navigator.clone();
+    other.orbit(glam::DVec2::new(90.0, 0.0), first.size_px);
+    viewer.navigator.glide_to(&other.camera(first.size_px), 0.3);
+    frame(&mut offscreen, vec![key(Key::H, Modifiers::NONE)]);
+    offscreen.settle().unwrap();
+    let viewer = offscreen.viewer();
+    assert!(viewer.view().size_px != first.size_px && viewer.view().position.distance(first.position) > 0.1);
+    viewer.undo(false);
+    viewer.panels.are_hidden = true;
+    frame(&mut offscreen, Vec::new());
+    assert_eq!(offscreen.viewer().view(), first);
+}
+
 /// A drag turns by what it is long at any rate of frames: all of its events between two frames are handled by one.
 #[test]
 fn drags_turn_as_far_at_2_frames_a_second_as_at_60() {

@@ -56,12 +56,9 @@ fn press(offscreen: &mut Offscreen, which: Key) {
 fn sees(offscreen: &mut Offscreen, number: usize) -> bool {
     let viewer = offscreen.viewer();
     let (view, focus) = (viewer.view(), viewer.layers[number].placed_focus().unwrap());
-    let size = DVec2::from(view.size_px.map(f64::from));
     // Six points of its sphere.
-    DVec3::AXES.into_iter().flat_map(|axis| [axis, -axis]).all(|axis| {
-        let seen = view.projected(DVec3::from(focus.centre) + axis * focus.radius);
-        seen.is_some_and(|(at, _)| at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all())
-    })
+    let mut ways = DVec3::AXES.into_iter().flat_map(|axis| [axis, -axis]);
+    ways.all(|way| view.sees(DVec3::from(focus.centre) + way * focus.radius))
 }
 
 /// Scenes that are opened beside others come into sight, and nothing moves for those that are seen.

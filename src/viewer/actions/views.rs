@@ -100,14 +100,8 @@ impl Viewer {
 
     /// Glides to a view of all shown scenes.
     pub fn frame_scene(&mut self) {
-        match self.focus_of_all() {
-            Some(focus) => self.glide_around(focus),
-            None => {
-                let home = self.navigator.home(self.size);
-                self.navigator.glide_to(&home, crate::camera::GLIDE_SECONDS);
-                self.camera = None;
-            }
-        }
+        let own = || Focus { centre: self.navigator.centre().to_array(), radius: self.navigator.radius() };
+        self.glide_around(self.focus_of_all().unwrap_or_else(own));
     }
 
     /// Glides to a view of one scene.
@@ -127,10 +121,7 @@ impl Viewer {
     pub fn bring_into_sight(&mut self, place: usize) {
         let layer = &self.layers[place];
         let (Some(own), Some(all)) = (layer.placed_focus(), self.focus_of_all()) else { return };
-        let size = DVec2::from(self.size.map(f64::from));
-        let seen = self.view().projected(DVec3::from(own.centre));
-        let is_seen = seen.is_some_and(|(at, _)| at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all());
-        if is_seen || self.camera.is_some() {
+        if self.camera.is_some() || self.view().sees(DVec3::from(own.centre)) {
             return;
         }
         if !self.has_moved() {

@@ -21,14 +21,11 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, free: Rect, ui: &Ui) {
     if viewer.layers.is_empty() && !viewer.panels.are_hidden {
         begin(viewer, free, ui.ctx());
     } else if let Some(text) = waits_for(viewer, pair) {
+        let messages = ui.ctx().memory(|memory| memory.area_rect(MESSAGES));
+        let messages = messages.filter(|_| !viewer.messages.shown().is_empty());
+        let bottom = messages.map_or(free.bottom(), |messages| messages.top());
         let place = match pair.first.is_some() {
-            true => {
-                // Above the messages.
-                let messages = ui.ctx().memory(|memory| memory.area_rect(MESSAGES));
-                let bottom = messages.filter(|_| !viewer.messages.shown().is_empty());
-                let bottom = bottom.map_or(free.bottom(), |messages| messages.top());
-                (egui::pos2(free.left() + MARGIN, bottom - MARGIN), Align2::LEFT_BOTTOM)
-            }
+            true => (egui::pos2(free.left() + MARGIN, bottom - MARGIN), Align2::LEFT_BOTTOM),
             false => (free.center(), Align2::CENTER_CENTER),
         };
         label(&painter(ui), place, text);
