@@ -158,10 +158,11 @@ fn pages_are_there_when_the_view_arrives() {
         let mut renderer = streaming(&device, &scene, &options);
         settle(&mut renderer, &at(0.3));
         if moves {
+            // It comes from so far that there are some pictures on the way, also on a machine that is busy.
             let begun = Instant::now();
-            let mut part = 0.0;
+            let mut part = -2.0;
             while part < 0.3 {
-                part = begun.elapsed().as_secs_f64().min(0.3);
+                part = (begun.elapsed().as_secs_f64() - 2.0).min(0.3);
                 renderer.render(&at(part), BACKGROUND).unwrap();
             }
         }
@@ -171,7 +172,7 @@ fn pages_are_there_when_the_view_arrives() {
     };
     let (without, still) = lacking(false);
     assert!(without > 20, "{without} pages are missing");
-    // On a machine that is busy with other work, too few pictures may be drawn on the way.
+    // The picture before the last may still be busy with what it asked for.
     let come = (0..5).any(|_| {
         let (with, moved) = lacking(true);
         assert_eq!(differing(&still, &moved), 0);
