@@ -8,7 +8,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use peak::Peak;
-use smalto::scene;
+use smalto::formats;
 
 #[global_allocator]
 static MEMORY: Peak = Peak::new();
@@ -22,7 +22,7 @@ fn main() {
         let before = MEMORY.reset();
         for _ in 0..RUNS {
             let started = Instant::now();
-            gaussians = match scene::read(path, &|_| {}) {
+            gaussians = match formats::read(path, &|_| {}) {
                 Ok(scene) => scene.report.read,
                 Err(error) => return eprintln!("{error}"),
             };

@@ -5,18 +5,19 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
 use smalto::camera::Camera;
+use smalto::formats;
 use smalto::gpu::{Device, DeviceChoice, Validation};
 use smalto::options::Options;
 use smalto::render::{GpuScene, Renderer};
 use smalto::rules::{Background, Rules};
-use smalto::scene::{self, Focus};
+use smalto::scene::Focus;
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args_os().skip(1);
     let input = arguments.next().context("the first argument names a scene")?;
     let output = arguments.next().context("the second argument names a PNG file")?;
 
-    let scene = scene::read(Path::new(&input), &|_| {})?;
+    let scene = formats::read(Path::new(&input), &|_| {})?;
     let focus = Focus::of(&scene.gaussians);
     let camera = Camera::framing(DVec3::from(focus.centre), focus.radius, [640, 480]);
     let rules = Rules { antialiased: scene.is_antialiased, ..Rules::TRAINED };

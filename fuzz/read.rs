@@ -10,8 +10,9 @@ use std::sync::LazyLock;
 use flate2::{Compression, write::GzEncoder};
 use libfuzzer_sys::fuzz_target;
 use smalto::camera::{self, Timeline};
-use smalto::scene::{Reading, Watch};
-use smalto::storage;
+use smalto::formats::Reading;
+use smalto::scene::Watch;
+use smalto::packing;
 use tempfile::TempDir;
 
 /// The reader of a fuzzed file.
@@ -114,7 +115,7 @@ fuzz_target!(|bytes: &[u8]| {
     let problem = match RUN.subject.reads {
         Reads::Scene => {
             let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
-            storage::read(&Reading::default(), &path, &watch).err()
+            packing::read(&Reading::default(), &path, &watch).err()
         }
         Reads::Cameras => camera::read(&path).err(),
         Reads::CameraFolder => camera::read(RUN.folder.path()).err(),

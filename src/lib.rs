@@ -10,7 +10,7 @@
 //! use smalto::rules::Background;
 //!
 //! # fn main() -> anyhow::Result<()> {
-//! let scene = smalto::scene::read("garden.ply".as_ref(), &|_| {})?;
+//! let scene = smalto::formats::read("garden.ply".as_ref(), &|_| {})?;
 //! let camera = Camera::looking_at([0.0, -1.0, -4.0].into(), [0.0; 3].into(), [1920, 1080], 0.9);
 //! let options = Options::BALANCED;
 //!
@@ -45,22 +45,27 @@ pub mod camera;
 pub mod cli;
 #[doc(hidden)]
 pub mod files;
+pub mod formats;
 #[allow(unsafe_code)]
 pub mod gpu;
 #[allow(unsafe_code)]
 #[doc(hidden)]
 pub mod host_memory;
 #[doc(hidden)]
-pub mod levels;
+pub mod lod;
 pub mod measure;
 pub mod options;
+#[doc(hidden)]
+pub mod packing;
+#[doc(hidden)]
+pub mod pagefile;
 pub mod pixels;
+#[doc(hidden)]
+pub mod procedural;
 pub mod reference;
 pub mod render;
 pub mod rules;
 pub mod scene;
-#[doc(hidden)]
-pub mod storage;
 #[cfg(feature = "viewer")]
 #[doc(hidden)]
 pub mod viewer;

@@ -29,7 +29,7 @@ impl Fast {
     pub fn new(device: &Device, splats: u32) -> Result<Option<Self>> {
         const SIZE: [u32; 2] = [1920, 1080];
         let options = Options::EXACT;
-        let scene = GpuScene::new(device, &smalto::scene::synthetic::cactus(1)?.gaussians, &options)?;
+        let scene = GpuScene::new(device, &smalto::procedural::cactus(1)?.gaussians, &options)?;
         let Some(mut pipeline) = FastPipeline::new(device, &options, scene.layout())? else { return Ok(None) };
         let grid = BinGrid::new(SIZE, 1);
         let [columns, rows] = grid.bins;

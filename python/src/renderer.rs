@@ -9,7 +9,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use smalto::cli::open_device;
 use smalto::gpu::{Device, Feature, Handle};
-use smalto::render::{self, Finished, Frame, GpuScene, HostFrame, SceneSource, Stream, Streamed, Wanted};
+use smalto::render;
+use smalto::render::{Finished, Frame, GpuScene, HostFrame, SceneSource, Stream, Streamed, Wanted};
 use smalto::rules::{Background, Order, Rules};
 
 use crate::asked::{Asked, exported, ground, wanted};

@@ -8,14 +8,17 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use smalto::camera;
+use smalto::formats::{Reading, SceneFile, write_file};
+use smalto::pagefile::PageFile;
+use smalto::procedural::Procedural;
 use smalto::render::SceneSource;
-use smalto::scene::{Builder, Gaussians, Procedural, Raw, Reading, SceneFile, Watch, sh_coefficients, write_file};
-use smalto::storage::{self, PageFile};
+use smalto::scene::{Builder, Gaussians, Raw, Watch, sh_coefficients};
 
 use crate::arrays::numbers;
 use crate::camera::{Camera, usable};
 use crate::errors::exception;
 use crate::process::check_process;
+use smalto::pagefile;
 
 /// Gaussians, in the memory of the host or in a page file.
 #[pyclass(module = "smalto", frozen)]
@@ -42,8 +45,8 @@ impl Scene {
                 let made = made.map_err(|why| PyValueError::new_err(format!("{}: {why:#}", path.display())))?;
                 return Ok(Self::of(reading.make(made).map_err(exception)?, &path));
             }
-            let path = smalto::scene::in_folder(&path);
-            if reading == Reading::default() && storage::is_page_file(&path) {
+            let path = smalto::formats::in_folder(&path);
+            if reading == Reading::default() && pagefile::is_page_file(&path) {
                 let file = PageFile::open(&path).map_err(exception)?;
                 let is_antialiased = file.header().is_antialiased;
                 return Ok(Self { source: SceneSource::of_file(file), is_antialiased, notices: Vec::new() });
@@ -58,7 +61,7 @@ impl Scene {
                 pressed.get()
             };
             let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &is_cancelled };
-            Ok(Self::of(storage::read(&reading, &path, &watch).map_err(exception)?, &path))
+            Ok(Self::of(pagefile::read(&reading, &path, &watch).map_err(exception)?, &path))
         })
     }
 

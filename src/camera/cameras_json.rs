@@ -155,8 +155,8 @@ impl Entry {
 mod tests {
     use std::fs;
 
-    use super::super::read;
     use super::*;
+    use crate::camera::read;
 
     const ONE: &str = r#"[{"id": 7, "img_name": "a", "width": 640, "height": 480, "position": [1, 2, 3],
         "rotation": [[0, 0, -1], [0, 1, 0], [1, 0, 0]], "fx": 500, "fy": 510}]"#;

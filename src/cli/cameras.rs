@@ -8,9 +8,11 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 use glam::DVec3;
 
-use super::{SceneArg, Usage, numbers, remark};
+use super::scenes::SceneArg;
+use super::{Usage, numbers, remark};
 use crate::camera::{self, Camera, MAX_POSITION, NamedCamera, Split, Timeline, Up};
-use crate::scene::{Focus, Procedural, TownPath, Unreadable};
+use crate::procedural::{Procedural, TownPath};
+use crate::scene::{Focus, Unreadable};
 
 /// The choice of a split.
 #[derive(clap::Args)]

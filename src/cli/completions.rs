@@ -7,7 +7,8 @@ use clap_complete::Shell;
 use clap_mangen::Man;
 
 use super::arguments::command;
-use super::{Sink, Usage, say};
+use super::sink::Sink;
+use super::{Usage, say};
 use crate::files::{make_folder, write_whole};
 
 /// Print the completions of a shell: commands and options that it offers after a press of Tab

@@ -7,7 +7,7 @@ use clap::Args;
 use clap::builder::NonEmptyStringValueParser;
 
 use super::environment::Environment;
-use super::memory::with_memory;
+use super::pipeline_cache::with_memory;
 use super::{remark, say};
 use crate::gpu::{Capabilities, Device, DeviceChoice, DeviceKind, MemoryUse, Validation, survey};
 

@@ -5,18 +5,19 @@ use glam::DVec3;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::devices::say_memory;
+use super::devices::{DeviceArgs, say_memory};
+use super::sink::Sink;
 use super::table::{say_table, table};
-use super::{DeviceArgs, Sink, complain, remark, say};
+use super::{complain, remark, say};
 use crate::camera::Camera;
 use crate::gpu::{Capabilities, Device, DeviceKind, Executable, survey};
 use crate::measure::bench::VersionReport;
 use crate::measure::metrics::{max_error, psnr};
 use crate::options::Options;
-use crate::reference;
-use crate::render::{self, GpuScene, Renderer};
+use crate::procedural::cactus;
+use crate::render::{GpuScene, Renderer};
 use crate::rules::Background;
-use crate::scene::synthetic;
+use crate::{reference, render};
 
 /// List the Vulkan devices and the features they lack, and test one of them against the reference
 #[derive(clap::Args)]
@@ -114,7 +115,7 @@ fn pipelines(device: &Device, report: &mut Vec<Pipeline>) -> Result<()> {
         remark(&format!("note: --pipelines: the driver of {name} has no statistics of pipelines"));
         return Ok(());
     }
-    let gaussians = synthetic::cactus(5000)?.gaussians;
+    let gaussians = cactus(5000)?.gaussians;
     for (preset, options) in [("exact", Options::EXACT), ("balanced", Options::BALANCED)] {
         device.record_executables();
         Renderer::new(device, &options, &GpuScene::new(device, &gaussians, &options)?)?;
@@ -179,7 +180,7 @@ const PSNR_MIN: f64 = 80.0;
 
 /// Renders a small scene on the default path and on the portable path, and compares both with the reference.
 fn self_test(device: &Device, report: &mut Vec<PathTest>) -> Result<()> {
-    let gaussians = synthetic::cactus(5000)?.gaussians;
+    let gaussians = cactus(5000)?.gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 120], 0.9);
     let scene = GpuScene::new(device, &gaussians, &Options::EXACT)?;
     let exact = reference::render(&gaussians, &camera, &Options::EXACT.rules, Background::BLACK).to_pixels();

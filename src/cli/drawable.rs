@@ -4,12 +4,13 @@ use std::path::Path;
 
 use anyhow::Result;
 
-use super::{SceneArg, Usage};
+use super::Usage;
+use super::scenes::SceneArg;
 use crate::gpu::Device;
 use crate::measure::bench::SceneReport;
+use crate::packing::Statistics;
 use crate::render::{Content, SceneSource};
 use crate::scene::{Gaussians, Placements, Scene, Unreadable};
-use crate::storage::Statistics;
 
 /// A scene that is read as far as it has to be before it is drawn.
 pub(super) struct Drawable {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::Usage;
 use crate::gpu::{DeviceChoice, Validation};
-use crate::storage::ReadFault;
+use crate::pagefile::ReadFault;
 
 /// The values of the `SMALTO_*` variables.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,11 +4,14 @@ use anyhow::{Context, Result};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::{SceneArg, Sink, knobs, say};
+use super::scenes::SceneArg;
+use super::sink::Sink;
+use super::{knobs, say};
 use crate::options::{Options, Storage};
+use crate::packing::{Layout, Packing, Statistics};
+use crate::pagefile::{PAGE, PageFile};
 use crate::render::depth_bits;
 use crate::scene::{Bounds, Focus, Gaussians, Level, LoadReport, Requirements, Scene, percentiles};
-use crate::storage::{Layout, PAGE, Packing, PageFile, Statistics};
 
 /// Describe a scene: counts, bounds, distributions and the GPU storage that it needs
 #[derive(clap::Args)]

@@ -15,9 +15,9 @@ pub mod environment;
 mod info;
 mod interrupt;
 mod knobs;
-mod memory;
 #[cfg(test)]
 mod pairs;
+mod pipeline_cache;
 mod progress;
 mod prune;
 mod render;
@@ -48,15 +48,9 @@ use crate::pixels::Pixels;
 use crate::render::{NoLevels, Renderer};
 use crate::rules::Background;
 use crate::scene::Unreadable;
-use budget::BudgetArgs;
-use cameras::{EyeArgs, FilmArgs, Numbered, SplitArg, named_or_found};
 pub use devices::open_device;
-use devices::{DeviceArgs, DevicesArgs};
 use environment::Environment;
-use knobs::{Knobs, RuleKnobs};
 pub use scenes::reading;
-use scenes::{ReadingArgs, SceneArg};
-use sink::Sink;
 
 /// Renders 3D Gaussian splatting scenes with Vulkan compute.
 #[derive(Parser)]
@@ -149,7 +143,7 @@ pub fn run_as_program(arguments: impl IntoIterator<Item = impl Into<OsString> + 
     interrupt::clean_up_on_signals();
     let outcome = arguments::parse(arguments).map_err(anyhow::Error::from).and_then(|parsed| {
         if let Some(fault) = Environment::read()?.read_fault {
-            crate::storage::simulate(fault);
+            crate::pagefile::simulate(fault);
         }
         REPORTS_TO_STDOUT.store(parsed.reports_to_stdout, Ordering::Relaxed);
         start_threads()?;

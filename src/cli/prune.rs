@@ -6,12 +6,15 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail, ensure};
 use comfy_table::Cell;
 
+use super::cameras::{SplitArg, named_or_found};
 use super::convert::{FORMATS, Target, say_file, say_loss, write_pages, write_scene};
+use super::devices::DeviceArgs;
+use super::knobs::RuleKnobs;
 use super::render::{Chosen, choose};
+use super::scenes::SceneArg;
+use super::sink::Sink;
 use super::table::{say_table, table};
-use super::{
-    DeviceArgs, RuleKnobs, SceneArg, Sink, SplitArg, Usage, complain, named_or_found, one_of, parse_size, progress, say,
-};
+use super::{Usage, complain, one_of, parse_size, progress, say};
 use crate::camera::{self, Camera};
 use crate::gpu::Device;
 use crate::measure::bench::{SceneReport, VersionReport};
@@ -19,10 +22,10 @@ use crate::measure::prune::{
     Change, Cut, Kept, Limit, Order, Others, Report, Step, Subject, ViewReport, Worst, Written, compare, search,
 };
 use crate::options::Options;
+use crate::packing::Statistics;
+use crate::pagefile::write::Settings;
 use crate::render::Pruner;
 use crate::scene::{Scene, Unreadable};
-use crate::storage::Statistics;
-use crate::storage::convert::Settings;
 
 /// Drop the Gaussians that contribute least to given views, within a limit of what that changes, and write the rest
 #[derive(clap::Args)]

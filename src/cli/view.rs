@@ -6,18 +6,20 @@ use anyhow::Result;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use super::cameras::along_path;
-use super::{DeviceArgs, Knobs, ReadingArgs, SceneArg, Usage, complain, knobs, parse_size, remark, say, size_text};
-use crate::cli::environment::Environment;
+use super::devices::DeviceArgs;
+use super::environment::Environment;
+use super::knobs::Knobs;
+use super::scenes::{ReadingArgs, SceneArg};
+use super::{Usage, complain, knobs, parse_size, remark, say, size_text};
 use crate::files::check_writable;
 use crate::gpu::Vsync;
 use crate::measure::bench::Statistics;
 use crate::options::Options;
 use crate::pixels::write_rgba8;
+use crate::procedural::Procedural;
 use crate::render::Residency;
-use crate::scene::Procedural;
-use crate::viewer::{
-    self, Bindings, CompareMode, CompareWith, Digest, Kept, PACE, PageCounts, Setup, Summary, WindowSetup,
-};
+use crate::viewer;
+use crate::viewer::{Bindings, CompareMode, CompareWith, Digest, Kept, PACE, PageCounts, Setup, Summary, WindowSetup};
 
 /// Open scenes in a window: fly through them, see the GPU time of every stage, look inside the pipeline
 #[derive(clap::Args)]
@@ -188,7 +190,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         validation,
         memory: args.device.memory_limit(),
         shaders: environment.shaders,
-        with_memory: crate::cli::memory::with_memory,
+        with_memory: super::pipeline_cache::with_memory,
         fault,
     })
 }

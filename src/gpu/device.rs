@@ -14,10 +14,10 @@ use raw_window_handle::{HasDisplayHandle, RawDisplayHandle};
 
 use super::capabilities::{Capabilities, Feature};
 use super::error::{Unavailable, describe};
-use super::executables::{Executable, Executables};
 use super::instance::{Instance, Validation};
-use super::ledger::Ledger;
-use super::memory::{Check, Memory, Remembered};
+use super::memory_budget::Ledger;
+use super::pipeline_cache::{Check, Memory, Remembered};
+use super::pipeline_statistics::{Executable, Executables};
 use super::pipelines::Pipelines;
 use super::reload::ShaderFolder;
 use super::submission::Slot;

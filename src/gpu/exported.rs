@@ -74,8 +74,8 @@ mod tests {
     use std::fs::File;
     use std::os::fd::FromRawFd;
 
-    use super::super::{Access, Buffer, Commands, Device, DeviceChoice, Staging, Validation};
     use super::*;
+    use crate::gpu::{Access, Buffer, Commands, Device, DeviceChoice, Staging, Validation};
 
     #[test]
     fn exported_memory_is_opened_by_its_handle() {

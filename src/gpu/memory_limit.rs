@@ -9,7 +9,7 @@ use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
 
 use super::capabilities::{DeviceKind, Feature};
 use super::device::{Allocators, Device, Shared};
-use super::ledger::{DRIVER, Ledger, MemoryUse, SPARE};
+use super::memory_budget::{DRIVER, Ledger, MemoryUse, SPARE};
 use crate::host_memory::OutOfMemory;
 
 impl Shared {

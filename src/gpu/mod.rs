@@ -34,7 +34,6 @@ mod device;
 mod dispatch_size;
 mod element;
 mod error;
-mod executables;
 mod exported;
 #[cfg(feature = "reload")]
 #[allow(dead_code, reason = "build.rs uses the rest")]
@@ -44,13 +43,14 @@ mod id;
 mod image;
 mod image_commands;
 mod instance;
-mod ledger;
-mod memory;
+mod memory_budget;
 mod memory_limit;
 #[cfg(feature = "viewer")]
 mod overlay;
 #[cfg(feature = "viewer")]
 mod overlay_memory;
+mod pipeline_cache;
+mod pipeline_statistics;
 mod pipelines;
 mod reload;
 mod resource;
@@ -79,7 +79,6 @@ pub use dispatch_size::{DispatchSize, FOLD};
 #[doc(hidden)]
 pub use element::{Element, Scalar};
 pub use error::{DeviceLost, Unavailable};
-pub use executables::Executable;
 #[doc(hidden)]
 pub use exported::Handle;
 #[doc(hidden)]
@@ -87,12 +86,13 @@ pub use hazards::Access;
 #[doc(hidden)]
 pub use image::Image;
 pub use instance::Validation;
-pub use ledger::MemoryUse;
-#[doc(hidden)]
-pub use memory::{Check, Remembered};
+pub use memory_budget::MemoryUse;
 #[cfg(feature = "viewer")]
 #[doc(hidden)]
 pub use overlay::Overlay;
+#[doc(hidden)]
+pub use pipeline_cache::{Check, Remembered};
+pub use pipeline_statistics::Executable;
 #[doc(hidden)]
 pub use resource::Resource;
 #[doc(hidden)]

@@ -111,8 +111,8 @@ fn first_error(error: anyhow::Error) -> anyhow::Error {
 
 #[cfg(all(test, feature = "reload"))]
 mod tests {
-    use super::super::{glsl, spirv};
     use super::*;
+    use crate::gpu::{glsl, spirv};
 
     const HEADER: &str = "const uint WORKGROUP = 64;\n";
     const SHADER: &str = "#version 460

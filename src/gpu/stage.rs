@@ -9,7 +9,7 @@ use ash::vk;
 use super::capabilities::MAX_STORAGE_BUFFERS;
 use super::device::{Device, Shared};
 use super::error::describe;
-use super::executables::Executables;
+use super::pipeline_statistics::Executables;
 use super::pipelines::{Key, Pipelines};
 use super::shader::{Binding, BindingKind, Constants, Shader};
 

@@ -2,9 +2,9 @@
 
 use anyhow::Result;
 
+use super::shaders::{Splat, Totals};
 use crate::gpu::Device;
 use crate::host_memory::OutOfMemory;
-use crate::render::shaders::{Splat, Totals};
 
 /// The numbers of elements that the buffers of a frame hold, or that a frame needs. A cell is what splats are listed
 /// in: a tile of the portable path, a bin of the fast path.

@@ -3,10 +3,10 @@
 use super::frame::footprint_code;
 use super::shaders::SharedConstants;
 use super::shaders::shared::{STORED_F16, STORED_F32, STORED_U8};
-use crate::levels::CODES_PER_OCTAVE;
+use crate::lod::CODES_PER_OCTAVE;
 use crate::options::{Options, Storage};
+use crate::packing::{Layout, Packing};
 use crate::rules::Order;
-use crate::storage::{Layout, Packing};
 
 /// The constants of pipelines whose subgroups have at most `subgroup` lanes. A shader takes those that it declares, and
 /// its stage adds the constants of its own.

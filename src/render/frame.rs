@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
+use super::scene::GpuScene;
+use super::shaders::View;
 use crate::camera::Camera;
 use crate::gpu::{Device, Image};
 use crate::options::Options;
-use crate::render::gpu_scene::GpuScene;
-use crate::render::shaders::View;
 use crate::rules::{Background, Footprint, Order, TILE};
 use crate::scene::Bounds;
 
@@ -61,7 +61,7 @@ impl SubgroupLimits {
 
 /// The number that shaders know a footprint by: `EXTENT_*` in rules.glsl.
 pub(super) fn footprint_code(footprint: Footprint) -> u32 {
-    use crate::render::shaders::shared::{EXTENT_EXACT, EXTENT_THREE_SIGMA, EXTENT_THREE_SIGMA_SQUARES};
+    use super::shaders::shared::{EXTENT_EXACT, EXTENT_THREE_SIGMA, EXTENT_THREE_SIGMA_SQUARES};
     match footprint {
         Footprint::Exact => EXTENT_EXACT,
         Footprint::ThreeSigma => EXTENT_THREE_SIGMA,

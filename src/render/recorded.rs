@@ -1,9 +1,10 @@
 //! Frames that are recorded, on the GPU, or finished.
 
+use super::lod::{Chooser, Detailed};
 use super::path::{Limits, Path};
-use super::shaders::CutState;
-use super::shaders::Totals;
-use super::slabs::{Chooser, Demand, Detailed, Drawn, Parts};
+use super::shaders::{CutState, Totals};
+use super::slabs::{Drawn, Parts};
+use super::streaming::Demand;
 use crate::gpu::{InFlight, Readback, Results, Timing};
 use crate::options::Options;
 
@@ -13,7 +14,7 @@ pub struct Frame {
     /// The counts of the frame.
     pub totals: Totals,
     /// The measured times: of every stage, or only of the frame, as
-    /// [`Renderer::set_timestamps`](super::Renderer::set_timestamps) says.
+    /// [`Renderer::set_timestamps`](super::renderer::Renderer::set_timestamps) says.
     pub timings: Vec<Timing>,
     /// Times that the frame was drawn: more than one if something did not fit at first.
     pub attempts: u32,

@@ -21,7 +21,7 @@ pub struct Raw {
 }
 
 /// The inverse of the sigmoid; infinite for 0 and 1.
-pub(super) fn logit(opacity: f64) -> f64 {
+pub(crate) fn logit(opacity: f64) -> f64 {
     (opacity / (1.0 - opacity)).ln()
 }
 
@@ -73,7 +73,7 @@ impl Builder {
     }
 
     /// Number of Gaussians kept so far.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.kept
     }
 
@@ -224,7 +224,7 @@ fn unit(q: [f64; 4]) -> Option<[f64; 4]> {
 }
 
 /// True if the values of a Gaussian are as [`canonical`] makes them. Rotations may be rounded to 16 bits.
-pub(super) fn is_canonical(gaussians: &Gaussians, index: usize) -> bool {
+pub(crate) fn is_canonical(gaussians: &Gaussians, index: usize) -> bool {
     let length: f32 = gaussians.rotations[index].iter().map(|v| v * v).sum();
     let opacity = gaussians.opacities[index];
     gaussians.means[index].iter().all(|v| v.abs() <= MAX_MEAN)

@@ -10,13 +10,13 @@ use crate::host_memory::{OutOfMemory, host_vec};
 pub const RIGHT_UP_BACK: [bool; 3] = [false, true, true];
 
 /// Signs of coordinates when these axes are reversed.
-pub(super) fn axis_signs(axes: [bool; 3]) -> [f32; 3] {
+pub(crate) fn axis_signs(axes: [bool; 3]) -> [f32; 3] {
     axes.map(|flip| if flip { -1.0 } else { 1.0 })
 }
 
 /// Signs of a quaternion w x y z when these axes are reversed: reversing an axis reverses rotations about the other
 /// two.
-pub(super) fn rotation_signs(axes: [bool; 3]) -> [f32; 4] {
+pub(crate) fn rotation_signs(axes: [bool; 3]) -> [f32; 4] {
     let [x, y, z] = axis_signs(axes);
     [1.0, y * z, x * z, x * y]
 }

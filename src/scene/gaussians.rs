@@ -11,7 +11,7 @@ pub const fn sh_coefficients(degree: u32) -> usize {
 }
 
 /// Number of coefficients of degrees 1 to `degree`, for all three channels. Files store them apart from degree 0.
-pub(super) const fn rest_values(degree: u32) -> usize {
+pub(crate) const fn rest_values(degree: u32) -> usize {
     3 * (sh_coefficients(degree) - 1)
 }
 
@@ -21,12 +21,12 @@ pub(super) const fn rest_values(degree: u32) -> usize {
 /// [`Gaussians::transformed`], [`Gaussians::joined`] and others derive new ones.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gaussians {
-    pub(super) means: Vec<[f32; 3]>,
-    pub(super) scales: Vec<[f32; 3]>,
-    pub(super) rotations: Vec<[f32; 4]>,
-    pub(super) opacities: Vec<f32>,
-    pub(super) sh: Vec<[f32; 3]>,
-    pub(super) sh_degree: u32,
+    pub(crate) means: Vec<[f32; 3]>,
+    pub(crate) scales: Vec<[f32; 3]>,
+    pub(crate) rotations: Vec<[f32; 4]>,
+    pub(crate) opacities: Vec<f32>,
+    pub(crate) sh: Vec<[f32; 3]>,
+    pub(crate) sh_degree: u32,
 }
 
 impl Gaussians {
@@ -34,7 +34,7 @@ impl Gaussians {
     ///
     /// # Errors
     /// [`OutOfMemory`] if they cannot be allocated.
-    pub(super) fn zeros(sh_degree: u32, count: usize) -> Result<Self, OutOfMemory> {
+    pub(crate) fn zeros(sh_degree: u32, count: usize) -> Result<Self, OutOfMemory> {
         Ok(Self {
             means: host_zeros(count, "means")?,
             scales: host_zeros(count, "scales")?,

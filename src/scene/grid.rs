@@ -10,10 +10,10 @@ pub struct Grid {
 }
 
 /// Number of values from which the step is estimated.
-pub(super) const SAMPLE: usize = 1 << 14;
+pub(crate) const SAMPLE: usize = 1 << 14;
 
 /// Stride between sampled values: a prime, so that no pattern in a file hides a step.
-pub(super) const SCATTER: u64 = 2_654_435_761;
+pub(crate) const SCATTER: u64 = 2_654_435_761;
 
 /// Most steps in the smallest gap between the values of a file: .spz rounds coefficients to 8 or 16 steps, and clamps
 /// the last at 255.
@@ -49,7 +49,7 @@ impl Grid {
 }
 
 /// The grids from `least` on that hold a whole sample, the coarsest first.
-pub(super) fn likely(sample: &[f64], least: f64) -> impl Iterator<Item = Grid> {
+pub(crate) fn likely(sample: &[f64], least: f64) -> impl Iterator<Item = Grid> {
     let (first, last) = (sample[0], sample[sample.len() - 1]);
     let gap = sample.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
     // The smallest gap may be several steps, and rounding affects it. The whole span is relatively exact: it is divided
@@ -66,7 +66,7 @@ pub(super) fn likely(sample: &[f64], least: f64) -> impl Iterator<Item = Grid> {
 }
 
 /// A grid in f64, to compare many values with it.
-pub(super) struct Steps {
+pub(crate) struct Steps {
     offset: f64,
     step: f64,
     steps_per_unit: f64,

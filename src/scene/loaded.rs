@@ -92,7 +92,7 @@ pub struct Scene {
 
 impl Scene {
     /// A procedural scene of this name.
-    pub(super) fn made(name: &str, gaussians: Gaussians, report: LoadReport) -> Self {
+    pub(crate) fn made(name: &str, gaussians: Gaussians, report: LoadReport) -> Self {
         Self { gaussians, report, ..Self::empty(&format!("procedural {name}")) }
     }
 
@@ -140,7 +140,7 @@ impl NoLevel {
         Self { path: path.display().to_string(), ..self }
     }
 
-    pub(super) fn of(problem: String) -> Self {
+    pub(crate) fn of(problem: String) -> Self {
         Self { path: String::new(), problem }
     }
 }

@@ -1,56 +1,37 @@
 //! Scenes: Gaussians, validated and made canonical once when they are read, and the file formats they come in.
 
-mod beside;
 mod bounds;
 mod canonical;
 mod columns;
 mod edit;
+mod from_canonical;
 mod gaussians;
-mod gltf;
 mod grid;
 pub mod harmonics;
-mod ksplat;
+mod instances;
 mod loaded;
-mod loss;
-mod morton;
-mod parts;
-mod placements;
-mod places;
-mod ply;
-mod procedural;
+pub(crate) mod morton;
 mod random;
-mod reading;
 mod requirements;
 mod rotation;
-mod sog;
-mod source;
-mod splat;
-mod spz;
-pub mod synthetic;
-mod town;
 mod transform;
 mod watch;
-mod write;
 
 pub use bounds::{Bounds, Focus, percentiles};
+pub(crate) use canonical::{BLOCK, logit};
 pub use canonical::{Builder, Raw};
 pub use edit::RIGHT_UP_BACK;
+pub(crate) use edit::{axis_signs, rotation_signs};
+pub use from_canonical::Parts;
+pub(crate) use gaussians::rest_values;
 pub use gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 pub use grid::Grid;
+pub use instances::{Place, Placements, PlacesFile};
 pub use loaded::{Level, LoadReport, NoLevel, Scene, Unreadable, remarks};
-pub use loss::Loss;
 pub use morton::{Curve, along_curve};
-pub use parts::Parts;
-pub use placements::{Place, Placements, PlacesFile};
-pub use procedural::Procedural;
-pub use reading::{Reading, in_folder, read};
+pub(crate) use random::Random;
 pub use requirements::{Band, Colours, Requirements, SUMMED, StoredValues, bands};
+pub(crate) use rotation::from_smallest_three;
 pub use rotation::{decode_rotation, encode_rotation};
-pub use town::TownPath;
 pub use transform::Transform;
 pub use watch::{Cancelled, Watch};
-pub use write::{
-    LOD_META, SceneFile, Streamed, WrittenFile, WrittenLevels, write_file, write_sog_folder, write_streamed_sog,
-};
-
-use gaussians::rest_values;

@@ -50,7 +50,7 @@ pub fn along_curve(means: &[[f32; 3]]) -> Vec<u32> {
 
 /// Sorts indices of `means` along the curve through the bounding box of the indexed means. Indices in one cell of the
 /// curve are ascending.
-pub(super) fn sort(means: &[[f32; 3]], indices: &mut Vec<u32>) {
+pub(crate) fn sort(means: &[[f32; 3]], indices: &mut Vec<u32>) {
     let [low, high] = indices.iter().map(|i| means[*i as usize]).fold(
         [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]],
         |[low, high], mean| {

@@ -5,11 +5,11 @@ use std::f64::consts::TAU;
 use glam::{DVec3, dvec3};
 
 /// The SplitMix64 generator (Steele et al. 2014).
-pub(super) struct Random(u64);
+pub(crate) struct Random(u64);
 
 impl Random {
     /// The generator of number `index`. Each Gaussian has its own, so that they can be made in any order.
-    pub(super) fn of(index: usize) -> Self {
+    pub(crate) fn of(index: usize) -> Self {
         let mut seed = Self(0x5eed_cac7 ^ (index as u64) << 20);
         Self(seed.next())
     }
@@ -23,17 +23,17 @@ impl Random {
     }
 
     /// Uniform in [0, 1).
-    pub(super) fn unit(&mut self) -> f64 {
+    pub(crate) fn unit(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
     /// Normally distributed with mean 0 and standard deviation 1 (Box and Muller).
-    pub(super) fn normal(&mut self) -> f64 {
+    pub(crate) fn normal(&mut self) -> f64 {
         (-2.0 * (1.0 - self.unit()).ln()).sqrt() * (TAU * self.unit()).cos()
     }
 
     /// Uniform on the unit sphere.
-    pub(super) fn direction(&mut self) -> DVec3 {
+    pub(crate) fn direction(&mut self) -> DVec3 {
         let (z, angle) = (2.0 * self.unit() - 1.0, TAU * self.unit());
         let r = (1.0 - z * z).sqrt();
         dvec3(r * angle.cos(), r * angle.sin(), z)

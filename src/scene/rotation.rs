@@ -1,7 +1,7 @@
 //! Unit quaternions as their three smallest components and the index of the largest; in 32 bits for SPZ and the GPU.
 
 /// The unit quaternion whose component `largest` is positive and left out of `others`, which are in order.
-pub(super) fn from_smallest_three(largest: usize, others: [f64; 3]) -> [f64; 4] {
+pub(crate) fn from_smallest_three(largest: usize, others: [f64; 3]) -> [f64; 4] {
     let mut others = others.into_iter();
     let mut q: [f64; 4] = std::array::from_fn(|i| if i == largest { 0.0 } else { others.next().unwrap_or(0.0) });
     q[largest] = (1.0 - q.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
@@ -12,7 +12,7 @@ pub(super) fn from_smallest_three(largest: usize, others: [f64; 3]) -> [f64; 4] 
 const STEP: f32 = std::f32::consts::FRAC_1_SQRT_2 / 511.0;
 
 /// Largest difference of a component of a rotation that was packed before: rounding in 32-bit floats.
-pub(super) const SAME: f64 = 1e-6;
+pub(crate) const SAME: f64 = 1e-6;
 
 /// A unit quaternion in 32 bits (the scheme of SPZ 3): two for the index of its largest component, which becomes
 /// positive, and ten for each of the others, a sign and nine bits of magnitude up to sqrt(1/2).
@@ -54,7 +54,7 @@ pub fn decode_rotation(packed: u32) -> [f64; 4] {
 }
 
 /// Largest difference of a component between two rotations. `q` and `-q` are the same rotation.
-pub(super) fn rotation_error(a: [f64; 4], b: [f32; 4]) -> f64 {
+pub(crate) fn rotation_error(a: [f64; 4], b: [f32; 4]) -> f64 {
     let with = |sign: f64| a.iter().zip(b).map(|(a, b)| (a - sign * f64::from(b)).abs()).fold(0.0, f64::max);
     with(1.0).min(with(-1.0))
 }
@@ -80,7 +80,7 @@ mod tests {
     /// The encoder of the reference implementation, whatever it leaves out for nearly equal components.
     #[test]
     fn the_bits_of_a_file_are_kept() {
-        let mut random = crate::scene::random::Random::of(1);
+        let mut random = crate::scene::Random::of(1);
         for i in 0..200_000 {
             // Every other rotation has nearly equal components.
             let spread = [1.0, 0.005][i % 2];

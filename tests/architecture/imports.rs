@@ -4,7 +4,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::code;
+use crate::{code, program};
 
 /// A path of names: `crate`, `super` and `self` first if it has them.
 type Path = Vec<String>;
@@ -108,7 +108,7 @@ impl Crate {
 impl Module {
     fn new(file: &str, text: &str) -> Self {
         let code = code(text);
-        let code = code.split("#[cfg(test)]\nmod ").next().unwrap();
+        let code = program(&code);
         let (mut imports, mut rest) = (Vec::new(), String::new());
         let mut open: Option<String> = None;
         for line in code.lines() {

@@ -39,6 +39,17 @@ fn sources() -> Vec<(String, String)> {
     files(&src, "rs").into_iter().map(named).collect()
 }
 
+/// True for files that are compiled for tests only.
+fn is_test(name: &str) -> bool {
+    name.ends_with("tests.rs") || name.ends_with("fixtures.rs")
+}
+
+/// The part of the code before its tests, which come last.
+fn program(code: &str) -> &str {
+    let begin = ["#[cfg(test)]\nmod ", "#[cfg(all(test"].iter().filter_map(|begin| code.find(begin)).min();
+    &code[..begin.unwrap_or(code.len())]
+}
+
 /// The text without line comments.
 fn code(text: &str) -> String {
     text.lines().map(|line| line.split("//").next().unwrap_or("")).collect::<Vec<_>>().join("\n")

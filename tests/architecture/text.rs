@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use crate::{files, root, sources};
 
 /// Lines after which a file should be split.
-const LINES: usize = 400;
+const LINES: usize = 600;
 
 /// The longest line, in characters.
 const COLUMNS: usize = 120;

@@ -1,6 +1,6 @@
 //! Files are written by `files` alone, which writes them whole or not at all.
 
-use crate::{code, sources};
+use crate::{code, is_test, program, sources};
 
 /// What makes, writes, moves or removes a file.
 const WORDS: [&str; 8] = [
@@ -16,19 +16,15 @@ const WORDS: [&str; 8] = [
 
 /// Files that may: the record of a run, which is appended to, the textures that a new `meta.json` no longer names, and
 /// the temporary copy of a scene from a pipe.
-const EXCEPTIONS: [&str; 3] = ["cli/render/resume.rs", "scene/write/sog/folder.rs", "cli/scenes/piped.rs"];
-
-/// What begins the tests of a file, or what only they use. It comes last.
-const TESTS: [&str; 3] = ["#[cfg(test)]\nmod tests {", "#[cfg(test)]\npub(super) fn", "#[cfg(all(test"];
+const EXCEPTIONS: [&str; 3] = ["cli/render/resume.rs", "formats/sog/folder.rs", "cli/scenes/piped.rs"];
 
 /// The places outside of `files` and of tests where these sources write files, one line each.
 fn violations(sources: &[(String, String)]) -> Vec<String> {
     let mut found = Vec::new();
-    for (name, text) in sources {
+    for (name, text) in sources.iter().filter(|(name, _)| !is_test(name)) {
         let code = code(text);
-        let end = TESTS.iter().filter_map(|begin| code.find(begin)).min().unwrap_or(code.len());
-        let program = &code[..end];
-        let is_home = name == "files.rs" || name.starts_with("files/") || EXCEPTIONS.contains(&name.as_str());
+        let program = program(&code);
+        let is_home = name.starts_with("files/") || EXCEPTIONS.contains(&name.as_str());
         for word in WORDS.iter().filter(|word| !is_home && program.contains(*word)) {
             found.push(format!("{name}: `{word}` outside of files"));
         }

@@ -4,9 +4,10 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
+use smalto::formats::read;
 use smalto::measure::trade;
 use smalto::options::{Group, KNOBS, Kind, Knob, Options, Value};
-use smalto::scene::{Requirements, read};
+use smalto::scene::Requirements;
 
 use crate::common::program::{fails, ok};
 

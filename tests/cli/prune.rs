@@ -4,14 +4,16 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
+use smalto::formats::SceneFile;
 use smalto::measure::metrics::{max_error, psnr};
 use smalto::pixels::Pixels;
-use smalto::scene::{self, Gaussians, SceneFile};
+use smalto::scene::Gaussians;
 
 use super::shards::cameras;
 use crate::common::agree::{GREEN, RED, ball};
 use crate::common::gaussians;
 use crate::common::program::{fails, ok, path, run};
+use smalto::formats;
 
 /// Rounding of 32-bit floats, where another path draws the same picture.
 const ROUNDING: f32 = 1e-4;
@@ -25,7 +27,7 @@ fn prune(arguments: &[&str]) -> Value {
 }
 
 fn read(file: &str) -> Gaussians {
-    scene::read(Path::new(file), &|_| {}).unwrap().gaussians
+    formats::read(Path::new(file), &|_| {}).unwrap().gaussians
 }
 
 fn write(folder: &tempfile::TempDir, name: &str, gaussians: &Gaussians) -> String {

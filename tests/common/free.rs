@@ -4,7 +4,8 @@ use glam::{DQuat, DVec3};
 use smalto::camera::Camera;
 use smalto::options::Options;
 use smalto::pixels::Pixels;
-use smalto::scene::{Builder, Gaussians, Raw, sh_coefficients, synthetic};
+use smalto::procedural::cactus;
+use smalto::scene::{Builder, Gaussians, Raw, sh_coefficients};
 
 use super::Gpu;
 
@@ -45,7 +46,7 @@ pub fn build(free: &[Free], degree: u32) -> Gaussians {
 }
 
 pub fn scene() -> Vec<Free> {
-    free(&synthetic::cactus(3000).unwrap().gaussians)
+    free(&cactus(3000).unwrap().gaussians)
 }
 
 /// The Gaussians turned about the origin by `turn`, then moved by `shift`.

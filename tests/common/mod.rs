@@ -21,13 +21,14 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Condvar, LazyLock, Mutex};
 
 use smalto::camera::{self, Camera};
+use smalto::formats;
 use smalto::gpu::{Buffer, Commands, Device, DeviceChoice, Element, Validation};
 use smalto::options::Options;
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Rendering};
 use smalto::render::{Frame, GpuScene, Renderer};
 use smalto::rules::Background;
-use smalto::scene::{self, Builder, Gaussians, Raw};
+use smalto::scene::{Builder, Gaussians, Raw};
 
 pub use random::Random;
 
@@ -201,7 +202,7 @@ pub fn captured(name: &str) -> PathBuf {
 }
 
 pub fn read_captured(name: &str) -> Gaussians {
-    scene::read(&captured(name), &|_| {}).expect("a captured scene can be read").gaussians
+    formats::read(&captured(name), &|_| {}).expect("a captured scene can be read").gaussians
 }
 
 pub fn captured_cameras(name: &str, which: &[usize], size: [u32; 2]) -> Vec<Camera> {

@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use smalto::formats;
 use smalto::scene::{self, Gaussians, Scene, Unreadable};
 
 pub fn fixture(name: &str) -> PathBuf {
@@ -10,7 +11,7 @@ pub fn fixture(name: &str) -> PathBuf {
 }
 
 pub fn read(path: &Path) -> Scene {
-    scene::read(path, &|_| {}).unwrap()
+    formats::read(path, &|_| {}).unwrap()
 }
 
 /// The columns of a CSV file, by name.
@@ -89,7 +90,7 @@ pub fn parse(ending: &str, bytes: &[u8]) -> Result<Scene, String> {
 }
 
 pub fn parse_at(path: &Path) -> Result<Scene, String> {
-    scene::read(path, &|_| {}).map_err(|error| {
+    formats::read(path, &|_| {}).map_err(|error| {
         let text = error.to_string();
         assert!(text.starts_with(&path.display().to_string()), "it names the file: {text}");
         assert!(!text.contains('\n') && text.len() < 500, "it is one sentence: {text}");

@@ -7,10 +7,11 @@ use crate::change::Change;
 use crate::common::program::ok;
 use crate::common::table::fixture;
 use smalto::camera::{self, NamedCamera, Timeline};
+use smalto::formats::Reading;
 use smalto::measure::bench;
+use smalto::pagefile;
 use smalto::pixels::{Compression, FileKind, Pixels};
-use smalto::scene::{Reading, Scene, Unreadable, Watch};
-use smalto::storage;
+use smalto::scene::{Scene, Unreadable, Watch};
 
 /// Reads a file; the error is what the commands print.
 pub type Reader = fn(&Path) -> Result<(), String>;
@@ -34,7 +35,7 @@ pub fn scene(path: &Path) -> Result<(), String> {
 /// Reads a scene file of any format.
 pub fn read_scene(path: &Path) -> anyhow::Result<Scene> {
     let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
-    storage::read(&Reading::default(), path, &watch)
+    pagefile::read(&Reading::default(), path, &watch)
 }
 
 fn cameras(path: &Path) -> Result<(), String> {

@@ -8,9 +8,9 @@ use crate::common::{Gpu, compare};
 use glam::{DMat3, DVec2, DVec3};
 use smalto::camera::{self, Camera, CameraFile, NamedCamera, Split, Timeline};
 use smalto::options::Options;
+use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::rules::Background;
-use smalto::scene::synthetic;
 
 use super::camera_choice::pictures;
 
@@ -315,7 +315,7 @@ fn aside() -> Camera {
 
 #[test]
 fn off_centre_principal_points_match_the_reference_on_both_paths() {
-    let gaussians = synthetic::cactus(20_000).unwrap().gaussians;
+    let gaussians = cactus(20_000).unwrap().gaussians;
     let gpu = Gpu::new();
     for camera in [aside(), aside().resized([201, 77])] {
         let rendering = reference::render(&gaussians, &camera, &Options::EXACT.rules, Background::BLACK);

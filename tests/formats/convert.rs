@@ -5,12 +5,14 @@ use std::path::Path;
 
 use crate::common::program::{fails, ok, path};
 use serde_json::Value;
-use smalto::scene::{self, Gaussians, Loss};
+use smalto::formats;
+use smalto::formats::Loss;
+use smalto::scene::Gaussians;
 
 const PLUSH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/plush.ply");
 
 fn read(path: impl AsRef<Path>) -> Gaussians {
-    scene::read(path.as_ref(), &|_| {}).unwrap().gaussians
+    formats::read(path.as_ref(), &|_| {}).unwrap().gaussians
 }
 
 fn convert(arguments: &[&str]) -> Value {
@@ -188,7 +190,7 @@ fn scenes_are_moved_cropped_filtered_and_joined() {
 }
 
 fn read_cactus() -> usize {
-    smalto::scene::synthetic::cactus(1000).unwrap().gaussians.len()
+    smalto::procedural::cactus(1000).unwrap().gaussians.len()
 }
 
 #[test]

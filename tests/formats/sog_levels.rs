@@ -5,7 +5,8 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::{Value, json};
-use smalto::scene::{Gaussians, Reading};
+use smalto::formats::Reading;
+use smalto::scene::Gaussians;
 
 use crate::common::program::{fails, ok, path};
 use crate::common::table::read;

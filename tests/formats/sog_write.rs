@@ -4,7 +4,10 @@ use std::fs;
 use std::io::Cursor;
 
 use crate::common::table::{self, SAME, Table, Tolerance, fixture, parse, read};
-use smalto::scene::{self, Builder, Gaussians, Raw, SceneFile, synthetic};
+use smalto::formats;
+use smalto::formats::SceneFile;
+use smalto::procedural::cactus;
+use smalto::scene::{Builder, Gaussians, Raw};
 
 fn written(gaussians: &Gaussians) -> Vec<u8> {
     let mut out = Cursor::new(Vec::new());
@@ -26,7 +29,7 @@ fn splat_transform_reads_what_is_written() {
 /// Every Gaussian of a scene with needles, floaters and view-dependent colour, within the steps of the format.
 #[test]
 fn written_sog_is_near_the_source() {
-    let scene = synthetic::cactus(5000).unwrap().gaussians;
+    let scene = cactus(5000).unwrap().gaussians;
     let back = parse(".sog", &written(&scene)).unwrap().gaussians;
     assert_eq!((back.len(), back.sh_degree()), (scene.len(), 3));
     let compressed = |v: f32| f64::from(v).abs().ln_1p().copysign(v.into());
@@ -73,7 +76,7 @@ fn rewriting_a_sog_changes_nothing() {
 
 #[test]
 fn sog_bytes_do_not_depend_on_the_number_of_threads() {
-    let scene = synthetic::cactus(4000).unwrap().gaussians;
+    let scene = cactus(4000).unwrap().gaussians;
     let on =
         |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| written(&scene));
     assert!(on(1) == on(5));
@@ -84,7 +87,7 @@ fn a_folder_holds_the_same_files() {
     let scene = read(&fixture("plush.sh1.ply")).gaussians;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("new/scene");
-    scene::write_sog_folder(&scene, true, &path, |_| Ok(())).unwrap();
+    formats::write_sog_folder(&scene, true, &path, |_| Ok(())).unwrap();
     assert_eq!(fs::read_dir(&path).unwrap().count(), 8);
     let back = read(&path);
     assert!(back.is_antialiased);
@@ -96,13 +99,13 @@ fn a_folder_holds_the_same_files() {
 fn textures_of_several_scenes_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let [few, many] = ["few", "many"].map(|name| folder.path().join(name));
-    scene::write_sog_folder(&read(&fixture("plush.sh1.ply")).gaussians, false, &few, |_| Ok(())).unwrap();
-    let cactus = synthetic::cactus(3000).unwrap().gaussians;
-    scene::write_sog_folder(&cactus, false, &many, |_| Ok(())).unwrap();
+    formats::write_sog_folder(&read(&fixture("plush.sh1.ply")).gaussians, false, &few, |_| Ok(())).unwrap();
+    let cactus = cactus(3000).unwrap().gaussians;
+    formats::write_sog_folder(&cactus, false, &many, |_| Ok(())).unwrap();
     for name in ["means_l", "means_u", "scales", "quats", "sh0", "shN_labels"].map(|stem| format!("{stem}.webp")) {
         let own = fs::read(few.join(&name)).unwrap();
         fs::copy(many.join(&name), few.join(&name)).unwrap();
-        let error = scene::read(&few, &|_| {}).map(drop).unwrap_err().to_string();
+        let error = formats::read(&few, &|_| {}).map(drop).unwrap_err().to_string();
         assert!(error.contains("they are not of one scene"), "{error}");
         fs::write(few.join(&name), own).unwrap();
     }

@@ -4,21 +4,23 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::common::Random;
-use smalto::scene::{self, Gaussians, Loss, RIGHT_UP_BACK, Scene, Transform};
+use smalto::formats;
+use smalto::formats::Loss;
+use smalto::scene::{Gaussians, RIGHT_UP_BACK, Scene, Transform};
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
 }
 
 fn read(name: &str) -> Scene {
-    scene::read(&fixture(name), &|_| {}).unwrap_or_else(|error| panic!("{name}: {error}"))
+    formats::read(&fixture(name), &|_| {}).unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
 fn parse(name: &str, bytes: &[u8]) -> Result<Scene, String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     fs::write(&path, bytes).unwrap();
-    scene::read(&path, &|_| {}).map_err(|error| {
+    formats::read(&path, &|_| {}).map_err(|error| {
         let text = error.to_string();
         assert!(!text.contains('\n') && text.len() < 400, "it is one sentence: {text}");
         text
@@ -105,7 +107,7 @@ fn gltf_follows_nodes_and_buffers() {
     let read = |document: &serde_json::Value| {
         let path = folder.path().join("a.gltf");
         fs::write(&path, document.to_string()).unwrap();
-        scene::read(&path, &|_| {}).map(|scene| scene.gaussians)
+        formats::read(&path, &|_| {}).map(|scene| scene.gaussians)
     };
     fs::write(folder.path().join("a b.bin"), buffer).unwrap();
     document["buffers"][0]["uri"] = "a%20b.bin".into();

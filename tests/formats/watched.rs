@@ -5,7 +5,9 @@ use std::fs;
 use std::io::Write;
 use std::path::PathBuf;
 
-use smalto::scene::{self, Builder, Cancelled, Gaussians, Reading, Unreadable, Watch};
+use smalto::formats;
+use smalto::formats::Reading;
+use smalto::scene::{Builder, Cancelled, Gaussians, Unreadable, Watch};
 
 /// Gaussians in each file: four whole blocks of 65,536 and a part of one.
 const COUNT: usize = 300_000;
@@ -98,7 +100,7 @@ fn is_beginning(part: &Gaussians, whole: &Gaussians) -> bool {
 fn previews_are_prefixes_of_the_scene_that_double_in_size() {
     let (_folder, paths) = files();
     for path in paths {
-        let expected = scene::read(&path, &|_| {}).unwrap().gaussians;
+        let expected = formats::read(&path, &|_| {}).unwrap().gaussians;
         assert_eq!(expected.len(), COUNT, "{}", path.display());
         assert!(expected.means()[1] != expected.means()[2], "the order can be told");
         let (shown, last) = (RefCell::new(Vec::new()), Cell::new(0.0));

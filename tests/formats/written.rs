@@ -7,7 +7,9 @@ use std::path::PathBuf;
 use super::independent::{self, Decoded};
 use crate::common::captured;
 use crate::common::table::{fixture, read};
-use smalto::scene::{Bounds, Builder, Gaussians, Procedural, Raw, SceneFile};
+use smalto::formats::SceneFile;
+use smalto::procedural::Procedural;
+use smalto::scene::{Bounds, Builder, Gaussians, Raw};
 
 type Decoder = fn(&[u8]) -> Vec<Decoded>;
 

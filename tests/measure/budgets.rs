@@ -7,11 +7,12 @@ use smalto::measure::bench::Protocol;
 use smalto::measure::metrics::{Difference, max_error};
 use smalto::measure::trade::{Budget, Choice, Grounds, Point, Study, Unmeetable, choose, mark_pareto};
 use smalto::options::{Options, Storage};
+use smalto::packing::{Layout, Statistics};
 use smalto::pixels::Pixels;
+use smalto::procedural::Procedural;
 use smalto::render::{self};
 use smalto::rules::{ALPHA_MIN, Background, Rules};
-use smalto::scene::{Focus, Gaussians, Procedural};
-use smalto::storage::{Layout, Statistics};
+use smalto::scene::{Focus, Gaussians};
 
 use super::trade::scene;
 

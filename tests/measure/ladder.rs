@@ -6,10 +6,11 @@ use smalto::camera::Camera;
 use smalto::measure::ladder::{RUNGS, Rung, Variant, VariantFrame};
 use smalto::options::Options;
 use smalto::pixels::Pixels;
+use smalto::procedural::cactus;
 use smalto::reference::{self, Splat, Tiling};
 use smalto::render::{GpuScene, Renderer, Totals};
 use smalto::rules::{Background, Rules, TILE};
-use smalto::scene::{Gaussians, Raw, synthetic};
+use smalto::scene::{Gaussians, Raw};
 
 fn camera(size: [u32; 2]) -> Camera {
     Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), size, 0.9)
@@ -25,7 +26,7 @@ fn draw(gpu: &Gpu, rung: &Rung, scene: &Gaussians, cameras: &[Camera]) -> (Varia
 #[test]
 fn the_last_rung_is_the_frame_of_the_portable_path() {
     let gpu = Gpu::new();
-    let (scene, camera) = (synthetic::cactus(4000).unwrap().gaussians, camera([150, 90]));
+    let (scene, camera) = (cactus(4000).unwrap().gaussians, camera([150, 90]));
     let last = draw(&gpu, &RUNGS[RUNGS.len() - 1], &scene, std::slice::from_ref(&camera));
     assert!(last.1 == gpu.render(&scene, &camera, &Options { portable: true, ..Options::EXACT }));
 }
@@ -33,7 +34,7 @@ fn the_last_rung_is_the_frame_of_the_portable_path() {
 #[test]
 fn rungs_with_equal_tiles_agree_bit_for_bit_even_after_growth() {
     let gpu = Gpu::new();
-    let scene = synthetic::cactus(3000).unwrap().gaussians;
+    let scene = cactus(3000).unwrap().gaussians;
     // The second view needs more room than the first.
     let cameras = [camera([40, 40]), camera([130, 90])];
     for group in [&RUNGS[..10], &RUNGS[10..]] {
@@ -73,7 +74,7 @@ fn rungs_blend_lists_longer_than_a_pass() {
 #[test]
 fn rungs_draw_the_background_of_an_empty_scene() {
     let gpu = Gpu::new();
-    let scene = synthetic::cactus(300).unwrap().gaussians;
+    let scene = cactus(300).unwrap().gaussians;
     let away = [Camera::looking_at(DVec3::new(0.0, 0.0, -1e4), DVec3::new(0.0, 0.0, -2e4), [33, 17], 0.9)];
     for rung in &RUNGS {
         let (frame, pixels) = draw(&gpu, rung, &scene, &away);
@@ -113,7 +114,7 @@ fn three_sigma_squares_are_those_of_the_original() {
 #[test]
 fn counting_frames_agree_with_the_reference_and_draw_the_same_picture() {
     let gpu = Gpu::new();
-    let (scene, camera) = (synthetic::cactus(3000).unwrap().gaussians, camera([96, 70]));
+    let (scene, camera) = (cactus(3000).unwrap().gaussians, camera([96, 70]));
     let options = Options { portable: true, ..Options::EXACT };
     let gpu_scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
     let count = |options: &Options| {

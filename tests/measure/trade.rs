@@ -11,10 +11,11 @@ use smalto::measure::bench::Protocol;
 use smalto::measure::metrics::{max_error, psnr};
 use smalto::measure::trade::{Study, knobs};
 use smalto::options::Options;
+use smalto::packing::Statistics;
 use smalto::pixels::Pixels;
+use smalto::procedural::cactus;
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Gaussians, Requirements, synthetic};
-use smalto::storage::Statistics;
+use smalto::scene::{Gaussians, Requirements};
 
 /// Little work, the same on every device.
 const QUICK: [&str; 10] =
@@ -54,7 +55,7 @@ fn place(point: &Value) -> (f64, f64) {
 }
 
 pub(super) fn scene() -> Gaussians {
-    synthetic::cactus(1500).unwrap().gaussians
+    cactus(1500).unwrap().gaussians
 }
 
 #[test]
@@ -63,7 +64,7 @@ fn every_preset_and_every_knob_is_a_row() {
     let plot = path(&folder, "a.svg");
     let (report, text) = report("cactus:300", "knobs", &["--plot", &plot]);
     let points = list(&report, "points");
-    let gaussians = synthetic::cactus(300).unwrap().gaussians;
+    let gaussians = cactus(300).unwrap().gaussians;
     let mut expected = vec!["exact", "balanced", "fast", "preview", "inria", "gsplat", "khr"];
     let knobs = knobs(&Options::EXACT, &Requirements::of(&gaussians));
     expected.extend(knobs.iter().map(|(name, _)| name.as_str()));

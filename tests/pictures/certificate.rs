@@ -4,12 +4,13 @@ use crate::common::{Gpu, Random, gaussians};
 use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::options::Options;
+use smalto::packing::Statistics;
 use smalto::pixels::Pixels;
+use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::render::{GpuScene, Path, Renderer};
 use smalto::rules::{Background, Footprint, Rules};
-use smalto::scene::{Gaussians, Raw, synthetic};
-use smalto::storage::Statistics;
+use smalto::scene::{Gaussians, Raw};
 
 /// What is left out in ways that a certificate is for, beside nothing more than the rules do.
 fn settings() -> Vec<(&'static str, Options)> {
@@ -62,7 +63,7 @@ fn holds(name: &str, scene: &Gaussians, camera: &Camera, background: Background)
 
 #[test]
 fn errors_stay_below_the_certificate_on_the_cactus() {
-    let scene = synthetic::cactus(20_000).unwrap().gaussians;
+    let scene = cactus(20_000).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 110], 0.9);
     holds("cactus", &scene, &camera, Background::BLACK);
     holds("cactus on white", &scene, &camera, Background::Colour([1.0; 3]));
@@ -97,7 +98,7 @@ fn errors_stay_below_the_certificate_where_they_add_up() {
 #[test]
 fn a_certified_picture_is_that_of_the_portable_path() {
     let gpu = Gpu::new();
-    let scene = synthetic::cactus(5000).unwrap().gaussians;
+    let scene = cactus(5000).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [100, 70], 0.9);
     for (name, options) in settings() {
         let [picture, _] = certified(&gpu, &scene, &camera, &options, Background::BLACK);

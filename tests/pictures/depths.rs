@@ -9,10 +9,11 @@ use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::options::Options;
 use smalto::pixels::{Depths, Plane};
+use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::render::{GpuScene, Inspection, Look, Renderer, Work, depths};
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Gaussians, synthetic};
+use smalto::scene::Gaussians;
 
 /// What f32 arithmetic may change of an expected depth, as a part of it: 3e-6 measured; and of a median, one splat's
 /// depth.
@@ -38,7 +39,7 @@ fn exact(scene: &Gaussians, camera: &Camera, rules: &Rules) -> reference::Render
 /// A random scene and a procedural one, each with a view.
 fn cases() -> Vec<(Gaussians, Camera)> {
     let from = DVec3::new(1.5, -2.5, -4.0);
-    let cactus = synthetic::cactus(8000).unwrap().gaussians;
+    let cactus = cactus(8000).unwrap().gaussians;
     vec![
         (build(&cloud(&mut Random(5), 400, 2, 0.3), 2), camera()),
         (cactus, Camera::looking_at(from, DVec3::new(0.0, -1.2, 0.0), [100, 70], 0.9)),

@@ -6,14 +6,15 @@ use crate::common::{Gpu, Random, again_in_subgroups_of_four, gaussians};
 use glam::{DQuat, DVec2, DVec3, dvec2};
 use smalto::camera::Camera;
 use smalto::options::Options;
+use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::render::{GpuScene, Renderer, Splat};
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Focus, Raw, synthetic};
+use smalto::scene::{Focus, Raw};
 
 #[test]
 fn images_of_any_shape_agree() {
-    let scene = synthetic::cactus(3000).unwrap().gaussians;
+    let scene = cactus(3000).unwrap().gaussians;
     let camera = |size| Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), size, 0.9);
     for size in [[1, 1], [2, 1], [1, 3], [15, 16], [16, 16], [17, 13], [31, 33], [100, 1], [1, 100], [257, 129]] {
         agrees(&format!("{size:?}"), &scene, &camera(size));
@@ -114,7 +115,7 @@ fn a_camera_inside_large_splats_agrees() {
 
 #[test]
 fn wide_fields_of_view_agree() {
-    let scene = synthetic::cactus(2000).unwrap().gaussians;
+    let scene = cactus(2000).unwrap().gaussians;
     for degrees in [120.0_f64, 170.0, 179.0, 179.9] {
         let target = DVec3::new(0.0, -1.2, 0.0);
         let camera = Camera::looking_at(DVec3::new(0.5, -1.5, -1.0), target, [96, 64], degrees.to_radians());
@@ -160,7 +161,7 @@ fn narrow_fields_of_view_agree() {
 
 #[test]
 fn pixels_that_are_not_square_agree() {
-    let scene = synthetic::cactus(2000).unwrap().gaussians;
+    let scene = cactus(2000).unwrap().gaussians;
     for focal in [dvec2(20.0, 2000.0), dvec2(3000.0, 60.0)] {
         let target = DVec3::new(0.0, -1.2, 0.0);
         let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), target, [80, 60], 1.0);

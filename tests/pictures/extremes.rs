@@ -7,6 +7,7 @@ use crate::common::agree::{GREEN, RED, agrees, agrees_within, ahead, ball, logit
 use crate::common::free::{Free, build};
 use crate::common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, gaussians};
 use glam::DQuat;
+use smalto::formats;
 use smalto::options::Options;
 use smalto::render::{GpuScene, Renderer};
 use smalto::rules::Background;
@@ -247,7 +248,7 @@ fn read_ply(rows: &[[f32; 14]]) -> scene::Scene {
     let count = rows.len();
     write!(file, "ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n").unwrap();
     file.write_all(bytemuck::cast_slice(rows)).unwrap();
-    scene::read(file.path(), &|_| {}).unwrap()
+    formats::read(file.path(), &|_| {}).unwrap()
 }
 
 #[test]

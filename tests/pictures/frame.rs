@@ -3,9 +3,10 @@
 use crate::common::{Gpu, captured_cameras, compare, read_captured};
 use smalto::camera::Camera;
 use smalto::options::Options;
+use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::rules::Background;
-use smalto::scene::{Gaussians, synthetic};
+use smalto::scene::Gaussians;
 
 const SIZE: [u32; 2] = [480, 270];
 
@@ -27,7 +28,7 @@ fn matches_the_reference(name: &str, gaussians: &Gaussians, cameras: &[Camera]) 
 
 #[test]
 fn frame_matches_the_reference_on_the_cactus() {
-    let scene = synthetic::cactus(synthetic::DEFAULT_COUNT).unwrap().gaussians;
+    let scene = cactus(cactus::DEFAULT_COUNT).unwrap().gaussians;
     let target = glam::DVec3::new(0.0, -1.2, 0.0);
     let cameras = [(3.0, -2.5, -4.0), (-1.2, -1.5, -1.4), (0.2, -5.0, 0.1)]
         .map(|(x, y, z)| Camera::looking_at(glam::DVec3::new(x, y, z), target, SIZE, 1.0));

@@ -9,12 +9,13 @@ use glam::{DVec2, DVec3, dvec2};
 use smalto::camera::Camera;
 use smalto::gpu::Commands;
 use smalto::options::{Options, Storage};
+use smalto::packing::Statistics;
 use smalto::pixels::Pixels;
+use smalto::procedural::cactus;
 use smalto::reference::{self, Tiling};
 use smalto::render::{Attribute, GpuScene, Inspection, Look, Renderer, Work};
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Gaussians, Raw, synthetic};
-use smalto::storage::Statistics;
+use smalto::scene::{Gaussians, Raw};
 
 const RULES: &Rules = &Rules::TRAINED;
 
@@ -72,7 +73,7 @@ pub(super) type Case = (Gaussians, Camera);
 pub(super) fn cases() -> [Case; 2] {
     let from = DVec3::new(1.5, -2.5, -4.0);
     let beside = Camera::looking_at(from, DVec3::new(0.0, -1.2, 0.0), [100, 70], 0.9);
-    [(build(&cloud(&mut Random(5), 400, 2, 0.3), 2), camera()), (synthetic::cactus(8000).unwrap().gaussians, beside)]
+    [(build(&cloud(&mut Random(5), 400, 2, 0.3), 2), camera()), (cactus(8000).unwrap().gaussians, beside)]
 }
 
 pub(super) fn captured_case() -> [Case; 1] {

@@ -10,10 +10,11 @@ use smalto::camera::Camera;
 use smalto::measure::metrics::{max_error, psnr};
 use smalto::options::Options;
 use smalto::pixels::Pixels;
+use smalto::procedural;
 use smalto::reference::{self, Lists, Rendering, Tiling};
 use smalto::render::{GpuScene, Renderer, Totals};
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Gaussians, Raw, synthetic};
+use smalto::scene::{Gaussians, Raw};
 
 const WHITE: Background = Background::Colour([1.0; 3]);
 /// What f32 rounding makes of the sum of a pixel whose colours go up to 3.
@@ -22,7 +23,7 @@ const ROUNDING: f64 = 1e-5;
 const SHOWS: f32 = 1e-3;
 
 fn cactus() -> Gaussians {
-    synthetic::cactus(4000).unwrap().gaussians
+    procedural::cactus(4000).unwrap().gaussians
 }
 
 fn front(size: [u32; 2]) -> Camera {

@@ -6,10 +6,11 @@ use crate::common::{ROUNDING, Random, compare};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use smalto::camera::Camera;
 use smalto::options::Options;
+use smalto::procedural::cactus;
 use smalto::reference::{Rendering, render};
 use smalto::rules::{Background, Rules};
 use smalto::scene::harmonics::basis;
-use smalto::scene::{Gaussians, Transform, synthetic};
+use smalto::scene::{Gaussians, Transform};
 
 fn some_scene(seed: u64, count: usize, degree: u32) -> Gaussians {
     build(&cloud(&mut Random(seed), count, degree, 0.4), degree)
@@ -57,7 +58,7 @@ fn spherical_harmonics_turn_with_the_scene() {
 
 #[test]
 fn the_identity_transform_changes_no_bit() {
-    let scene = synthetic::cactus(5000).unwrap().gaussians;
+    let scene = cactus(5000).unwrap().gaussians;
     let same = scene.transformed(&Transform::IDENTITY).unwrap();
     assert_eq!(same, scene);
     let bits = |g: &Gaussians| g.rotations().iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>();

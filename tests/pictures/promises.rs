@@ -2,10 +2,10 @@
 
 use smalto::measure::metrics::Difference;
 use smalto::options::{Options, Storage};
+use smalto::packing::{Layout, Statistics};
 use smalto::reference;
 use smalto::rules::{Background, Rules};
 use smalto::scene::Requirements;
-use smalto::storage::{Layout, Statistics};
 
 use crate::common::agree::{ball, logit};
 use crate::common::cloud::{camera, cloud};

@@ -6,14 +6,15 @@ use crate::common::{Gpu, Random, again_in_subgroups_of_four, compare, gaussians}
 use glam::{DMat3, DQuat, DVec3};
 use smalto::camera::Camera;
 use smalto::options::Options;
+use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::render::{GpuScene, Renderer};
 use smalto::rules::Background;
-use smalto::scene::{Raw, sh_coefficients, synthetic};
+use smalto::scene::{Raw, sh_coefficients};
 
 #[test]
 fn a_hundred_renders_are_the_same_bits() {
-    let gaussians = synthetic::cactus(20_000).unwrap().gaussians;
+    let gaussians = cactus(20_000).unwrap().gaussians;
     let first = Gpu::new().render(&gaussians, &camera(), &Options::EXACT);
     let gpu = Gpu::new();
     let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
@@ -27,7 +28,7 @@ fn a_hundred_renders_are_the_same_bits() {
 #[test]
 fn both_paths_agree_and_draw_the_same_bits_in_every_run() {
     let gpu = Gpu::new();
-    let scene = synthetic::cactus(50_000).unwrap().gaussians;
+    let scene = cactus(50_000).unwrap().gaussians;
     for camera in [camera(), camera().resized([301, 203])] {
         let draw = |portable| gpu.render(&scene, &camera, &Options { portable, ..Options::EXACT });
         let [fast, portable] = [false, true].map(draw);

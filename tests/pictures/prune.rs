@@ -2,9 +2,10 @@
 
 use glam::DVec3;
 use smalto::camera::Camera;
+use smalto::procedural::cactus;
 use smalto::reference::{self, contributions};
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Gaussians, synthetic};
+use smalto::scene::Gaussians;
 
 use crate::common::agree::{GREEN, RED, ahead, ball};
 use crate::common::cloud::{camera, cloud};
@@ -70,7 +71,7 @@ fn no_change_passes_its_bound_where_pixels_stop_elsewhere() {
 /// Gaussians without a share of any pixel can be left out, and nothing changes at all.
 #[test]
 fn what_has_no_share_is_not_missed() {
-    let scene = synthetic::cactus(4000).unwrap().gaussians;
+    let scene = cactus(4000).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [80, 60], 0.9);
     let found = contributions(&scene, &camera, &Rules::TRAINED);
     let unseen: Vec<u32> = (0..scene.len() as u32).filter(|index| found[*index as usize].largest == 0.0).collect();

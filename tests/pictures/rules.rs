@@ -8,12 +8,12 @@ use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::measure::metrics::max_error;
 use smalto::options::Options;
+use smalto::packing::Statistics;
 use smalto::pixels::Pixels;
 use smalto::reference::{self, Rendering};
 use smalto::render::{GpuScene, Renderer};
 use smalto::rules::{Background, Footprint, Order, Rules, TILE};
 use smalto::scene::{Gaussians, Raw};
-use smalto::storage::Statistics;
 
 /// dB of a picture in which one splat's row or column of tiles is cut elsewhere: a square ends where a radius is
 /// rounded up and a border down, both of which f32 may decide the other way. None does on lavapipe.

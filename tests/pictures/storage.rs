@@ -9,11 +9,12 @@ use glam::{DQuat, DVec3};
 use smalto::camera::Camera;
 use smalto::measure::metrics::psnr;
 use smalto::options::{Options, Storage};
+use smalto::packing::{Layout, Statistics};
 use smalto::pixels::Pixels;
+use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Gaussians, Raw, decode_rotation, encode_rotation, synthetic};
-use smalto::storage::{Layout, Statistics};
+use smalto::scene::{Gaussians, Raw, decode_rotation, encode_rotation};
 
 /// dB of a scene that lies on 8-bit grids, kept in 8 bits, to the same in 32-bit floats: a grid gives back what
 /// arithmetic in f32 makes of it.
@@ -156,7 +157,7 @@ fn attributes_stay_with_their_gaussians_at_every_count() {
 #[test]
 fn attributes_stay_with_their_gaussians_across_uploads() {
     let gpu = Gpu::new();
-    let scene = build(&free(&synthetic::cactus(32_771).unwrap().gaussians), 0);
+    let scene = build(&free(&cactus(32_771).unwrap().gaussians), 0);
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [80, 60], 0.9);
     for storage in [Storage::F16, Storage::U8] {
         let options = Options { sh_storage: storage, ..Options::EXACT };
@@ -209,7 +210,7 @@ fn shapes_in_16_bits_span_36_octaves_of_scale() {
 #[test]
 fn shapes_in_8_bits_draw_nearly_the_cactus() {
     let gpu = Gpu::new();
-    let scene = synthetic::cactus(4000).unwrap().gaussians;
+    let scene = cactus(4000).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), SIZE, 0.9);
     assert_eq!(layout(&scene, &Options { shape_storage: Storage::U8, ..Options::EXACT }).bytes_each(), 16 + 8 + 192);
     let psnr = |storage| shapes_psnr(&gpu, &scene, &camera, storage, Rules::TRAINED);

@@ -3,7 +3,8 @@
 use glam::DVec3;
 use smalto::camera::path;
 use smalto::pixels::Pixels;
-use smalto::scene::{Focus, Procedural};
+use smalto::procedural::Procedural;
+use smalto::scene::Focus;
 
 use crate::common::agree::agrees;
 

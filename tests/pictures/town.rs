@@ -2,9 +2,11 @@
 
 use glam::DVec3;
 use smalto::camera::{Camera, path};
+use smalto::procedural::Procedural;
+use smalto::procedural::TownPath;
 use smalto::reference;
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Gaussians, Procedural, TownPath};
+use smalto::scene::Gaussians;
 
 use crate::common::agree::agrees;
 

@@ -1,15 +1,15 @@
 //! Large counts of layers, tile entries and instances, and buffers that overflow.
 
 use crate::common::agree::{GREEN, RED, agrees, ahead, ball, reference_of, render};
-use crate::common::free;
-use crate::common::{Gpu, Random, again_in_subgroups_of_four, compare, gaussians};
+use crate::common::{Gpu, Random, again_in_subgroups_of_four, compare, free, gaussians};
 use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::options::Options;
+use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::render::{Capacity, GpuScene, PortableWorkspace, Renderer};
 use smalto::rules::Background;
-use smalto::scene::{Raw, synthetic};
+use smalto::scene::Raw;
 
 #[test]
 fn equal_depths_keep_the_order_of_the_file_in_every_run() {
@@ -133,7 +133,7 @@ fn long_lists_agree_in_subgroups_of_four() {
 #[test]
 fn buffers_that_overflow_grow_and_the_frame_is_repeated() {
     let gpu = Gpu::new();
-    let scene = synthetic::cactus(5000).unwrap().gaussians;
+    let scene = cactus(5000).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [160, 120], 0.9);
     let gpu_scene = GpuScene::new(&gpu.0, &scene, &Options::EXACT).unwrap();
     let roomy = gpu.render(&scene, &camera, &Options::EXACT);
@@ -157,7 +157,7 @@ fn buffers_that_overflow_grow_and_the_frame_is_repeated() {
 #[test]
 fn a_frame_that_overflowed_stays_incomplete_after_growth() {
     let gpu = Gpu::new();
-    let gaussians = synthetic::cactus(2000).unwrap().gaussians;
+    let gaussians = cactus(2000).unwrap().gaussians;
     let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
     let camera = free::camera();
     let room = Capacity { gaussians: 2000, visible: 2000, spans: 9000, listed: 10, cells: 35 };

@@ -3,11 +3,11 @@
 use crate::common::{Gpu, Random};
 use smalto::gpu::{Access, Commands};
 use smalto::options::Options;
+use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::render::shaders::fast::BIN_CHUNKS;
 use smalto::render::shaders::{Bin, FastCounters};
 use smalto::render::{BinGrid, Capacity, FastPipeline, FastWorkspace, GpuScene};
-use smalto::scene::synthetic;
 
 /// The stages with their buffers, and made-up input of a frame.
 pub struct Bench {
@@ -80,7 +80,7 @@ impl Bench {
         longest_list: u32,
     ) -> Self {
         let gpu = Gpu::new();
-        let scene = GpuScene::new(&gpu.0, &synthetic::cactus(1).unwrap().gaussians, options).unwrap();
+        let scene = GpuScene::new(&gpu.0, &cactus(1).unwrap().gaussians, options).unwrap();
         let pipeline = FastPipeline::new(&gpu.0, options, scene.layout()).unwrap();
         let mut pipeline = pipeline.expect("the device has a fast path");
         let grid = BinGrid::new(size_px, height);

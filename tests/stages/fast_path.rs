@@ -4,10 +4,10 @@ use crate::common::{Gpu, compare};
 use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::options::Options;
+use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::render::{Capacity, GpuScene, Renderer};
 use smalto::rules::Background;
-use smalto::scene::synthetic;
 
 fn camera(size: [u32; 2]) -> Camera {
     Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), size, 0.9)
@@ -15,7 +15,7 @@ fn camera(size: [u32; 2]) -> Camera {
 
 /// The stages of a frame that `options` draw.
 fn stages(gpu: &Gpu, options: &Options, size: [u32; 2]) -> Vec<&'static str> {
-    let scene = GpuScene::new(&gpu.0, &synthetic::cactus(500).unwrap().gaussians, options).unwrap();
+    let scene = GpuScene::new(&gpu.0, &cactus(500).unwrap().gaussians, options).unwrap();
     let frame = Renderer::new(&gpu.0, options, &scene).unwrap().render(&camera(size), Background::BLACK).unwrap();
     frame.timings.iter().map(|timing| timing.name).collect()
 }
@@ -35,7 +35,7 @@ fn the_fast_path_draws_every_preset_that_allows_it() {
 #[test]
 fn every_run_draws_the_same_bits() {
     let gpu = Gpu::new();
-    let gaussians = synthetic::cactus(60_000).unwrap().gaussians;
+    let gaussians = cactus(60_000).unwrap().gaussians;
     let camera = camera([96, 64]);
     for options in [Options::EXACT, Options::BALANCED] {
         let scene = GpuScene::new(&gpu.0, &gaussians, &options).unwrap();
@@ -60,7 +60,7 @@ fn every_run_draws_the_same_bits() {
 #[test]
 fn pictures_do_not_depend_on_those_before_them() {
     let gpu = Gpu::new();
-    let gaussians = synthetic::cactus(3000).unwrap().gaussians;
+    let gaussians = cactus(3000).unwrap().gaussians;
     let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
     let room = Capacity { gaussians: 3000, visible: 3000, spans: 100, listed: 100, cells: 4 };
     let still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();
@@ -78,7 +78,7 @@ fn pictures_do_not_depend_on_those_before_them() {
 #[test]
 fn pictures_of_every_size_agree_with_the_reference() {
     let gpu = Gpu::new();
-    let gaussians = synthetic::cactus(3000).unwrap().gaussians;
+    let gaussians = cactus(3000).unwrap().gaussians;
     for size in [[300, 200], [1100, 1000], [2100, 2000]] {
         let exact = reference::render(&gaussians, &camera(size), &Options::EXACT.rules, Background::BLACK);
         let comparison = compare(&gpu.render(&gaussians, &camera(size), &Options::EXACT), &exact);
@@ -96,7 +96,7 @@ fn long_lists_agree_with_the_reference() {
         (40_000, [1100, 1000], 32_768..40_000),
         (40_000, [2100, 2000], 32_768..40_000),
     ] {
-        let gaussians = synthetic::cactus(count).unwrap().gaussians;
+        let gaussians = cactus(count).unwrap().gaussians;
         let camera = Camera::looking_at(DVec3::new(0.0, -1.0, -120.0), DVec3::new(0.0, -1.0, 0.0), size, 0.9);
         let scene = GpuScene::new(&gpu.0, &gaussians, &Options::EXACT).unwrap();
         let mut still = Renderer::new(&gpu.0, &Options::EXACT, &scene).unwrap();

@@ -11,11 +11,11 @@ use smalto::gpu::{
 };
 use smalto::host_memory::OutOfMemory;
 use smalto::options::Options;
+use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::render::shaders::portable::{Ranges, RangesBindings, TileOrder, TileOrderBindings, TileOrderPush};
 use smalto::render::*;
 use smalto::rules::Background;
-use smalto::scene::synthetic;
 
 /// A device of the test's own, whose validation messages do not fail it.
 fn device_with_complaints() -> (Device, Turn) {
@@ -138,7 +138,7 @@ fn a_missing_barrier_around_copies_and_indirect_counts_is_reported() {
 /// Every barrier of a frame is there for a reason, and the check knows it.
 #[test]
 fn every_barrier_of_a_frame_is_needed() {
-    let scene = synthetic::cactus(300).unwrap().gaussians;
+    let scene = cactus(300).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [48, 48], 0.9);
     for (portable, least) in [(true, 20), (false, 6)] {
         let (device, _turn) = device_with_complaints();
@@ -182,7 +182,7 @@ fn a_validation_message_fails_its_test() {
 #[test]
 fn a_changed_pixel_fails_the_comparison() {
     let gpu = Gpu::new();
-    let scene = synthetic::cactus(500).unwrap().gaussians;
+    let scene = cactus(500).unwrap().gaussians;
     let camera = Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), [48, 48], 0.9);
     let rendering = reference::render(&scene, &camera, &Options::EXACT.rules, Background::BLACK);
     let mut pixels = gpu.render(&scene, &camera, &Options::EXACT);

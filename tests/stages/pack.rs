@@ -6,9 +6,9 @@ use smalto::camera::{Camera, path};
 use smalto::gpu::{Access, Commands, Image, Staging};
 use smalto::options::Options;
 use smalto::pixels::{Integers, Pixels};
+use smalto::procedural::{Procedural, cactus};
 use smalto::render::{Capacity, Form, GpuScene, HostFrame, Inspection, Look, Packer, Renderer, Stream, Wanted, Work};
 use smalto::rules::Background;
-use smalto::scene::{Procedural, synthetic};
 
 const ALL: [Integers; 4] = [Integers::Rgb8, Integers::Rgb16, Integers::Grey8, Integers::Grey16];
 
@@ -72,7 +72,7 @@ fn frames_in_flight_have_the_pixels_of_frames_drawn_alone() {
 
 fn compare_in_flight(options: &Options) {
     let gpu = Gpu::new();
-    let gaussians = synthetic::cactus(3000).unwrap().gaussians;
+    let gaussians = cactus(3000).unwrap().gaussians;
     let scene = GpuScene::new(&gpu.0, &gaussians, options).unwrap();
     let mut views = path::orbit(DVec3::new(0.0, -1.0, 0.0), 2.0, true, [97, 53], 5);
     views.extend(views.clone().into_iter().take(2).map(|view: Camera| view.resized([40, 64])));

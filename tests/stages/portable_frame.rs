@@ -5,10 +5,11 @@ use std::sync::LazyLock;
 use glam::{DMat2, DVec3, dvec2};
 use smalto::camera::Camera;
 use smalto::options::Options;
+use smalto::procedural::cactus;
 use smalto::reference::{self, Tiling};
 use smalto::render::*;
 use smalto::rules::{ALPHA_MIN, Rules, TILE};
-use smalto::scene::{Gaussians, synthetic};
+use smalto::scene::Gaussians;
 
 use crate::common::{Captured, Gpu, compare};
 
@@ -35,7 +36,7 @@ struct Case {
 static CASES: LazyLock<Vec<Case>> = LazyLock::new(|| {
     let gpu = Gpu::new();
     let case = |(count, camera)| {
-        let gaussians = synthetic::cactus(count).unwrap().gaussians;
+        let gaussians = cactus(count).unwrap().gaussians;
         let captured = gpu.capture(&gaussians, &camera, &Options { portable: true, ..Options::EXACT });
         Case { gaussians, camera, captured }
     };

@@ -4,12 +4,13 @@ use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::gpu::{DispatchSize, Stage};
 use smalto::options::Options;
+use smalto::packing::Statistics;
+use smalto::procedural::cactus;
 use smalto::reference::{self, Contribution};
 use smalto::render::shaders::prune::{Keep, KeepBindings, KeepPush};
 use smalto::render::{Pruner, Share};
 use smalto::rules::{ALPHA_MIN, Background, Rules};
-use smalto::scene::{Gaussians, synthetic};
-use smalto::storage::Statistics;
+use smalto::scene::Gaussians;
 
 use crate::common::agree::{GREEN, RED, ahead, ball};
 use crate::common::cloud::cloud;
@@ -59,7 +60,7 @@ fn contribute_matches_its_twin() {
     let gpu = Gpu::new();
     let sizes = [[64, 64], [61, 35], [128, 16], [33, 65]];
     for (count, size) in [1, 255, 257, 1025, 4096, 20_000].into_iter().zip(sizes.into_iter().cycle()) {
-        let scene = synthetic::cactus(count).unwrap().gaussians;
+        let scene = cactus(count).unwrap().gaussians;
         let views = views(size, 3);
         let (found, exact) = (shares(&gpu, &scene, &views), exact(&scene, &views));
         // An alpha at the threshold may fall on either side, and changes the light of all that is behind it.
@@ -113,7 +114,7 @@ fn contribute_and_bound_take_lists_of_any_length() {
 #[test]
 fn shares_are_the_same_every_time() {
     let gpu = Gpu::new();
-    let scene = synthetic::cactus(5000).unwrap().gaussians;
+    let scene = cactus(5000).unwrap().gaussians;
     let views = views([96, 80], 3);
     let first = shares(&gpu, &scene, &views);
     let turned: Vec<Camera> = views.iter().rev().cloned().collect();
@@ -224,7 +225,7 @@ fn bound_is_that_of_the_twin(gpu: &Gpu, scene: &Gaussians, camera: &Camera, drop
 fn bound_matches_its_twin() {
     let gpu = Gpu::new();
     for (count, size) in [(1, [64, 64]), (257, [61, 35]), (4096, [128, 16]), (20_000, [96, 65])] {
-        let scene = synthetic::cactus(count).unwrap().gaussians;
+        let scene = cactus(count).unwrap().gaussians;
         for (view, every) in views(size, 2).into_iter().zip([3, 40]) {
             let dropped: Vec<u32> = (0..count as u32).step_by(every).collect();
             bound_is_that_of_the_twin(&gpu, &scene, &view, &dropped);

@@ -3,9 +3,10 @@
 use egui::{Event, Key, Modifiers, PointerButton, pos2};
 use glam::{DVec2, DVec3};
 use smalto::camera::Camera;
+use smalto::formats::SceneFile;
 use smalto::pixels::Pixels;
 use smalto::reference;
-use smalto::scene::{Gaussians, SceneFile};
+use smalto::scene::Gaussians;
 use smalto::viewer::{Change, CompareTarget, Counts, How, Offscreen, Outline, Property, Selection, Setup, Tab, Tool};
 
 use super::frames::setup;

@@ -4,14 +4,15 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use glam::DVec2;
-use smalto::scene::{SceneFile, synthetic, write_file};
+use smalto::formats::{SceneFile, write_file};
+use smalto::procedural::cactus;
 use smalto::viewer::{Change, Offscreen, Setup};
 
 use super::frames::{SIZE, open, setup};
 use crate::common::Gpu;
 
 fn write(file: &Path, count: usize) {
-    let gaussians = synthetic::cactus(count).unwrap().gaussians;
+    let gaussians = cactus(count).unwrap().gaussians;
     write_file(file, SceneFile::of(file).unwrap(), &gaussians, false, &|_| {}).unwrap();
 }
 

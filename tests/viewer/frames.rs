@@ -5,12 +5,13 @@ use std::path::PathBuf;
 
 use crate::common::Gpu;
 use smalto::camera::{self, NamedCamera};
+use smalto::formats::Reading;
 use smalto::measure::metrics::max_error;
 use smalto::options::Options;
+use smalto::pagefile::write::{Job, Settings, write_whole};
 use smalto::pixels::Pixels;
+use smalto::procedural::{Procedural, cactus};
 use smalto::rules::Rules;
-use smalto::scene::{Procedural, Reading, synthetic};
-use smalto::storage::convert::{Job, Settings, write_whole};
 use smalto::viewer::{Bindings, CompareMode, CompareTarget, CompareWith, Offscreen, Request, Setup, Viewer};
 
 pub(super) const SIZE: [u32; 2] = [160, 96];
@@ -222,7 +223,7 @@ fn levels(folder: &std::path::Path) -> PathBuf {
     let output = folder.join("levels.smalto");
     let settings = Settings { has_levels: true, ..Settings::default() };
     let job = Job { output: &output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false };
-    write_whole(&job, &synthetic::cactus(60_000).unwrap()).unwrap();
+    write_whole(&job, &cactus(60_000).unwrap()).unwrap();
     output
 }
 

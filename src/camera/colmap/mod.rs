@@ -13,8 +13,8 @@ use anyhow::{Context, Result};
 
 use self::models::Intrinsics;
 use self::photograph::Photograph;
-use super::lens::Bent;
-use super::{CameraFile, NamedCamera};
+use crate::camera::lens::Bent;
+use crate::camera::{CameraFile, NamedCamera};
 
 /// The two files of a model.
 struct Files {

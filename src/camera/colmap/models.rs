@@ -3,8 +3,8 @@
 use anyhow::{Context, Result, bail, ensure};
 use glam::DVec2;
 
-use super::super::MAX_SIDE;
-use super::super::lens::Lens;
+use crate::camera::MAX_SIDE;
+use crate::camera::lens::Lens;
 
 /// The intrinsics of a camera, shared by its photographs.
 pub(super) struct Intrinsics {

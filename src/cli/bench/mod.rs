@@ -10,13 +10,14 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 use clap::builder::RangedU64ValueParser;
 
-use super::devices::say_memory;
-use super::drawable::{Drawable, read_places};
-use super::{
-    DevicesArgs, EyeArgs, Knobs, OverThreshold, ReadingArgs, SceneArg, Sink, SplitArg, Usage, check_plots, complain,
-    knobs, measured_psnr, parse_size, progress, remark,
-};
 use crate::camera::Camera;
+use crate::cli::cameras::{EyeArgs, SplitArg};
+use crate::cli::devices::{DevicesArgs, say_memory};
+use crate::cli::drawable::{Drawable, read_places};
+use crate::cli::knobs::Knobs;
+use crate::cli::scenes::{ReadingArgs, SceneArg};
+use crate::cli::sink::Sink;
+use crate::cli::{OverThreshold, Usage, check_plots, complain, knobs, measured_psnr, parse_size, progress, remark};
 use crate::files::check_writable;
 use crate::gpu::Device;
 use crate::measure::bench::{
@@ -24,10 +25,11 @@ use crate::measure::bench::{
 };
 use crate::measure::metrics::psnr;
 use crate::options::Options;
+use crate::procedural::Procedural;
 use crate::reference;
 use crate::render::{GpuScene, Renderer};
 use crate::rules::{Background, Rules};
-use crate::scene::{Gaussians, Placements, Procedural, Unreadable};
+use crate::scene::{Gaussians, Placements, Unreadable};
 pub(super) use views::{CameraPath, Cameras, PATHS};
 
 /// Measure the speed of rendering: whole frames, every stage, counts, memory

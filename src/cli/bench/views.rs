@@ -7,9 +7,9 @@ use anyhow::{Result, bail};
 use glam::DVec3;
 
 use crate::camera::{Camera, path};
-use crate::cli::cameras::{TOWN_NEAR, town_cameras};
-use crate::cli::{EyeArgs, SplitArg};
-use crate::scene::{Focus, Procedural, TownPath};
+use crate::cli::cameras::{EyeArgs, SplitArg, TOWN_NEAR, town_cameras};
+use crate::procedural::{Procedural, TownPath};
+use crate::scene::Focus;
 
 /// The camera paths, as the help text names them.
 pub(in crate::cli) const PATHS: &str = "orbit|orbit-zoom|turn|street|roof|air|keyframes:FILE";

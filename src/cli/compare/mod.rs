@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail, ensure};
 use rayon::prelude::*;
 
-use super::{Sink, Usage, progress, size_text};
+use crate::cli::sink::Sink;
+use crate::cli::{Usage, progress, size_text};
 use crate::files::{check_writable, make_folder};
 use crate::host_memory::check_free;
 use crate::measure::metrics::{

@@ -7,13 +7,16 @@ use anyhow::Result;
 use super::pages::{self, STORAGES};
 use super::target::is_same;
 use super::{Edits, FORMATS, Inputs, Target, say_written, write_scene};
-use crate::cli::{ReadingArgs, SceneArg, Sink, Usage, one_of, progress};
+use crate::cli::scenes::{ReadingArgs, SceneArg};
+use crate::cli::sink::Sink;
+use crate::cli::{Usage, one_of, progress};
 use crate::files::{Kept, is_stdout};
+use crate::formats::{LOD_META, Streamed, WrittenLevels, write_streamed_sog};
 use crate::measure::prune::Written;
 use crate::options::Options;
-use crate::scene::{LOD_META, NoLevel, Scene, Streamed, Watch, WrittenLevels, write_streamed_sog};
-use crate::storage::convert::parts;
-use crate::storage::{PageFile, nodes_of, static_level};
+use crate::pagefile::write::parts;
+use crate::pagefile::{PageFile, nodes_of, static_level};
+use crate::scene::{NoLevel, Scene, Watch};
 
 /// Build levels of detail of a scene: a page file that is drawn within an error or a number of Gaussians, or one level
 /// as a scene of any format

@@ -12,11 +12,14 @@ use glam::{DQuat, DVec3, EulerRot};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::table::{say_table, table};
-use super::{ReadingArgs, SceneArg, Sink, Usage, numbers, one_of, say};
+use crate::cli::scenes::{ReadingArgs, SceneArg};
+use crate::cli::sink::Sink;
+use crate::cli::table::{say_table, table};
+use crate::cli::{Usage, numbers, one_of, say};
+use crate::formats::Loss;
 use crate::measure::prune::Written;
 use crate::options::Options;
-use crate::scene::{Gaussians, Loss, MAX_SH_DEGREE, Transform};
+use crate::scene::{Gaussians, MAX_SH_DEGREE, Transform};
 
 pub(super) use pages::write_pages;
 pub(super) use target::{FORMATS, Target, write_scene};

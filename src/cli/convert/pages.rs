@@ -4,11 +4,14 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 
-use super::{Edits, Inputs, Written, read};
-use crate::cli::{SceneArg, progress, remark};
+use super::{Edits, Inputs, read};
+use crate::cli::scenes::SceneArg;
+use crate::cli::{progress, remark};
+use crate::measure::prune::Written;
 use crate::options::{Options, Storage};
-use crate::scene::{Gaussians, LoadReport, Procedural, Scene, Transform, Watch};
-use crate::storage::convert::{Finished, Job, Settings, Take, write_blocks, write_in_order, write_whole};
+use crate::pagefile::write::{Finished, Job, Settings, Take, write_blocks, write_in_order, write_whole};
+use crate::procedural::Procedural;
+use crate::scene::{Gaussians, LoadReport, Scene, Transform, Watch};
 
 /// The number formats of a page file.
 pub const STORAGES: [(&str, &str, Options); 5] = [

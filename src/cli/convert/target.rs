@@ -5,10 +5,13 @@ use std::sync::atomic::Ordering;
 
 use anyhow::{Result, ensure};
 
-use crate::cli::{REPORTS_TO_STDOUT, Sink, Usage, progress, remark};
+use crate::cli::sink::Sink;
+use crate::cli::{REPORTS_TO_STDOUT, Usage, progress, remark};
 use crate::files::{check_absent, check_binary_writable, is_stdout};
+use crate::formats;
+use crate::formats::{LOD_META, SceneFile, WrittenFile, write_file};
 use crate::measure::prune::Written;
-use crate::scene::{self, Gaussians, LOD_META, SceneFile, WrittenFile, write_file};
+use crate::scene::Gaussians;
 
 /// What is written.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,7 +128,7 @@ pub(in crate::cli) fn write_scene(
 /// True if the scene `input`, a file or a folder, is in the file `output`.
 pub fn is_same(input: &Path, output: &Path) -> bool {
     let Ok(output) = output.canonicalize() else { return false };
-    let in_folder = scene::in_folder(input);
+    let in_folder = formats::in_folder(input);
     let files = [in_folder.clone(), in_folder.join("meta.json"), in_folder.join(LOD_META)];
     files.iter().any(|file| file.canonicalize().is_ok_and(|f| f == output))
 }

@@ -8,8 +8,8 @@ use anyhow::Result;
 use crossbeam_channel::{Receiver, Sender, unbounded};
 
 use super::Args;
+use super::buffer_pool::Lent;
 use super::encode::{Job, Source, Task};
-use super::lent::Lent;
 use super::queue::Queue;
 use crate::cli::environment::Environment;
 use crate::cli::{Usage, dump, measured_psnr, remark};

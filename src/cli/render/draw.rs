@@ -8,14 +8,15 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use crossbeam_channel::{bounded, unbounded};
 
+use super::Args;
 use super::device::Run;
 use super::encode::{Job, Task, Times, Written};
-use super::outputs::Output;
+use super::outputs::{Output, Shot};
+use super::plan::Plan;
 use super::records::Content;
 use super::report::{FileReport, FrameReport};
 use super::resume::Record;
 use super::video::Encoder;
-use super::{Args, Plan, Shot};
 use crate::cli::drawable::Drawable;
 use crate::cli::progress::Bar;
 use crate::cli::{Usage, certified, complain, devices::names_of, remark, say, size_text};

@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 
-use super::lent::{Lent, Rgb8};
-use super::outputs::Output;
+use super::Args;
+use super::buffer_pool::{Lent, Rgb8};
+use super::outputs::{Output, Shot};
 use super::records::Content;
-use super::{Args, Shot};
 use crate::files;
 use crate::pixels::Pixels;
 use crate::render::{Frame, HostFrame, depths};

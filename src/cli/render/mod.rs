@@ -1,10 +1,10 @@
 //! `smalto render`: draws pictures of a scene to files.
 
-mod choice;
+mod buffer_pool;
+mod camera_list;
 mod device;
 mod draw;
 mod encode;
-mod lent;
 mod outputs;
 mod plan;
 mod queue;
@@ -22,19 +22,21 @@ use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result};
 
-use super::devices::{names_of, say_memory};
-use super::drawable::read_places;
-use super::{
-    BudgetArgs, DevicesArgs, EyeArgs, FilmArgs, Knobs, REPORTS_TO_STDOUT, SceneArg, Sink, SplitArg, Usage, knobs,
-    one_of, parse_size, say,
-};
+use crate::cli::budget::BudgetArgs;
+use crate::cli::cameras::{EyeArgs, FilmArgs, SplitArg};
+use crate::cli::devices::{DevicesArgs, names_of, say_memory};
+use crate::cli::drawable::read_places;
+use crate::cli::knobs::Knobs;
+use crate::cli::scenes::SceneArg;
+use crate::cli::sink::Sink;
+use crate::cli::{REPORTS_TO_STDOUT, Usage, knobs, one_of, parse_size, say};
 use crate::files::is_stdout;
 use crate::measure::bench::VersionReport;
 use crate::options::Options;
 use crate::pixels::{Compression, FileKind};
 use crate::rules::Background;
-pub(super) use choice::{Chosen, choose};
-use outputs::{Layer, Names, Shot};
+pub(super) use camera_list::{Chosen, choose};
+use outputs::{Layer, Names};
 use plan::{Plan, Source, plan};
 use report::Report;
 use shard::Shard;

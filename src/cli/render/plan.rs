@@ -8,17 +8,18 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::Args;
-use super::choice::{Chosen, choose};
+use super::camera_list::{Chosen, choose};
 use super::outputs::{Names, Output, Outputs, Shot, safe_stem};
 use super::video::{self, Video};
 use crate::camera::{Camera, NamedCamera, path};
-use crate::cli::cameras::{TOWN_NEAR, town_cameras};
+use crate::cli::cameras::{TOWN_NEAR, named_or_found, town_cameras};
 use crate::cli::scenes::SceneFile;
-use crate::cli::{Usage, named_or_found, remark, size_text};
+use crate::cli::{Usage, remark, size_text};
 use crate::files::{check_writable, make_folder};
 use crate::measure::bench::views_hash;
 use crate::pixels::FileKind;
-use crate::scene::{Focus, TownPath};
+use crate::procedural::TownPath;
+use crate::scene::Focus;
 
 /// Largest width and height for the reference, in pixels. It needs 64 bytes per pixel.
 const REFERENCE_SIDE: u32 = 16384;

@@ -3,8 +3,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::Shot;
-use super::outputs::Output;
+use super::outputs::{Output, Shot};
 use super::start::PhaseReport;
 use crate::camera::Camera;
 use crate::measure::bench::{SceneReport, VersionReport};

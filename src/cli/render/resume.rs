@@ -8,10 +8,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, ensure};
 
+use super::Args;
 use super::outputs::Output;
+use super::plan::Plan;
 use super::records::{COMPLETE, Content, Line, Recorded, complete, name, read, read_all};
 use super::settings::Settings;
-use super::{Args, Plan};
 use crate::cli::{Usage, remark};
 use crate::files::{check_absent, check_binary_writable, describe, lock};
 use crate::options::Options;

@@ -5,8 +5,8 @@ use anyhow::{Result, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::plan::Source;
-use super::{Args, Plan};
+use super::Args;
+use super::plan::{Plan, Source};
 use crate::cli::drawable::read_places;
 use crate::cli::scenes::SceneFile;
 use crate::measure::bench::VersionReport;

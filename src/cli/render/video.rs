@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 
 use super::Args;
-use super::lent::Rgb8;
+use super::buffer_pool::Rgb8;
 use super::outputs::{Layer, Outputs, Shot, frames_of};
 use crate::cli::cameras::Fps;
 use crate::cli::{Usage, remark, size_text};

@@ -8,8 +8,9 @@ use anyhow::{Context, Result};
 use tempfile::NamedTempFile;
 
 use crate::files::describe;
-use crate::scene::{NoLevel, Reading, Scene, Unreadable, Watch};
-use crate::storage;
+use crate::formats::Reading;
+use crate::pagefile;
+use crate::scene::{NoLevel, Scene, Unreadable, Watch};
 
 /// True for `-` and for a FIFO, like that of `<(...)`.
 pub fn is_piped(path: &Path) -> bool {
@@ -37,7 +38,7 @@ pub fn read(path: &Path, reading: &Reading, progress: &dyn Fn(f64)) -> Result<Sc
         if path == Path::new("-") { &mut io::stdin().lock() } else { &mut File::open(path).map_err(unreadable)? };
     io::copy(from, &mut file).with_context(|| format!("{}: cannot be copied to a temporary file", name()))?;
     let watch = Watch { progress, partial: &|_| {}, is_cancelled: &|| false };
-    storage::read(reading, &kept(&file), &watch).map_err(|error| {
+    pagefile::read(reading, &kept(&file), &watch).map_err(|error| {
         let error = match error.downcast::<NoLevel>() {
             Ok(NoLevel { problem, .. }) => return NoLevel { path: name(), problem }.into(),
             Err(error) => error,

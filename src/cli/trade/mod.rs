@@ -8,14 +8,16 @@ use std::time::Duration;
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
 
-use super::bench::{CameraPath, Cameras, PATHS};
-use super::budget::BudgetArgs;
-use super::drawable::Drawable;
-use super::{
-    DeviceArgs, Knobs, SceneArg, Sink, SplitArg, Usage, check_plots, complain, named_or_found, parse_size, progress,
-    say, size_text,
-};
 use crate::camera::{Camera, path};
+use crate::cli::bench::{CameraPath, Cameras, PATHS};
+use crate::cli::budget::BudgetArgs;
+use crate::cli::cameras::{SplitArg, named_or_found};
+use crate::cli::devices::DeviceArgs;
+use crate::cli::drawable::Drawable;
+use crate::cli::knobs::Knobs;
+use crate::cli::scenes::SceneArg;
+use crate::cli::sink::Sink;
+use crate::cli::{Usage, check_plots, complain, parse_size, progress, say, size_text};
 use crate::files::check_writable;
 use crate::gpu::Device;
 use crate::measure::bench::{DeviceReport, Protocol, SceneReport, VersionReport, copy_gb_s};
@@ -23,10 +25,10 @@ use crate::measure::trade::{
     self, Budget, BudgetReport, LevelTrade, LevelsReport, Point, Promise, Report, Study, mark_pareto, spread,
 };
 use crate::options::Options;
+use crate::packing::Statistics;
 use crate::render::{NoLevels, SceneSource};
 use crate::rules::Background;
 use crate::scene::{Focus, Gaussians, Scene};
-use crate::storage::Statistics;
 use tables::{print_budget, print_certificate, print_levels, print_points, print_promises};
 
 /// Measure the cost of accuracy: time, memory and error of every knob alone and of combinations that a search finds

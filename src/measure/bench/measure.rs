@@ -15,7 +15,8 @@ use super::warm_up::{Protocol, WarmUp, WarmUpLimits};
 use crate::camera::Camera;
 use crate::gpu::{Device, Timestamps};
 use crate::options::Options;
-use crate::render::{self, Frame, GpuScene, Renderer, Totals, tiles};
+use crate::render;
+use crate::render::{Frame, GpuScene, Renderer, Totals, tiles};
 use crate::rules::Background;
 
 /// Frames in flight when throughput is measured: one runs while the next is recorded.

@@ -112,8 +112,8 @@ impl Over {
 
 #[cfg(test)]
 mod tests {
-    use super::super::samples::{blocks, noise, noisy};
     use super::*;
+    use crate::measure::metrics::samples::{blocks, noise, noisy};
 
     fn grey(values: &[f32]) -> Pixels {
         Pixels { size: [values.len() as u32, 1], rgba: values.iter().map(|v| [*v, *v, *v, 1.0]).collect() }

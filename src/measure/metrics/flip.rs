@@ -229,8 +229,8 @@ fn distance(a: Vec3, b: Vec3) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::samples::{SIZE, blocks, noise, noisy};
     use super::*;
+    use crate::measure::metrics::samples::{SIZE, blocks, noise, noisy};
 
     /// The authors' implementation also uses f32, in a different order; its notes state differences of 1e-4 between its
     /// variants.

@@ -75,8 +75,8 @@ fn window() -> Filter {
 
 #[cfg(test)]
 mod tests {
-    use super::super::samples::{SIZE, blocks, noise, noisy};
     use super::*;
+    use crate::measure::metrics::samples::{SIZE, blocks, noise, noisy};
 
     /// Moments are summed in f32: in flat windows of different colours, variances of 0 are wrong by about 1e-7, which
     /// is divided by C2.

@@ -4,9 +4,9 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::limit::{Change, Limit};
+use crate::formats::Loss;
 use crate::measure::bench::{SceneReport, VersionReport};
 use crate::options::Options;
-use crate::scene::Loss;
 
 /// What `smalto prune` dropped, and what that changes.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]

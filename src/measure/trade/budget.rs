@@ -14,9 +14,9 @@ use crate::gpu::Device;
 use crate::measure::bench::Protocol;
 use crate::measure::metrics::Difference;
 use crate::options::{Options, Storage};
+use crate::packing::{Layout, Statistics};
 use crate::rules::{Background, Rules};
 use crate::scene::Gaussians;
-use crate::storage::{Layout, Statistics};
 
 /// Largest error of the pictures against the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -14,18 +14,18 @@ use crate::gpu::{Device, Timestamps};
 use crate::measure::bench::{Protocol, Statistics, notice, stage_times};
 use crate::measure::metrics::{Difference, mse};
 use crate::options::{Options, Storage};
+use crate::packing;
 use crate::pixels::Pixels;
 use crate::reference;
 use crate::render::{Frame, GpuScene, Renderer};
 use crate::rules::{Background, Rules};
 use crate::scene::Gaussians;
-use crate::storage;
 
 /// A scene, its views, and the pictures that others are compared with.
 pub struct Study<'a> {
     pub device: &'a Device,
     pub gaussians: &'a Gaussians,
-    pub statistics: &'a storage::Statistics,
+    pub statistics: &'a packing::Statistics,
     /// The exact options: the rules of the pictures, and every knob at its most exact step.
     pub exact: Options,
     /// The views at full size, at which time is measured.
@@ -51,7 +51,7 @@ impl<'a> Study<'a> {
     /// Draws the exact pictures and those of the reference. Warm-ups are brief.
     pub fn new(
         device: &'a Device,
-        (gaussians, statistics): (&'a Gaussians, &'a storage::Statistics),
+        (gaussians, statistics): (&'a Gaussians, &'a packing::Statistics),
         (exact, background): (Options, Background),
         [views, small_views]: [Vec<Camera>; 2],
         protocol: Protocol,

@@ -16,9 +16,9 @@ use image::codecs::openexr::OpenExrDecoder;
 use image::codecs::png::PngDecoder;
 use image::{ImageDecoder, Limits};
 
-use super::Pixels;
 use crate::files::open_regular;
 use crate::host_memory::{OutOfMemory, check_free, host_vec, host_zeros};
+use crate::pixels::Pixels;
 
 /// Most pixels of a picture: those of 16384x16384.
 const MOST_PIXELS: u64 = 1 << 28;
@@ -194,8 +194,8 @@ mod tests {
 
     use npyz::Order;
 
-    use super::super::{Compression, FileKind, Plane};
     use super::*;
+    use crate::pixels::{Compression, FileKind, Plane};
 
     /// Values that 8 bits cannot hold, among them NaN, infinity and -0.
     fn floats() -> Pixels {

@@ -12,12 +12,12 @@ use super::stages::{self, BLOCK_HEIGHTS, blend_constants, sort_constants};
 use super::workspace::FastWorkspace;
 use crate::gpu::{Access, Commands, Device, DispatchSize, Shader, Stage};
 use crate::options::Options;
+use crate::packing::Layout;
 use crate::render::constants::shared;
 use crate::render::frame::{DepthKeys, Shot, Target, view};
 use crate::render::shaders::fast::*;
 use crate::render::shaders::{Bin, FastDispatches, SharedConstants, Totals};
 use crate::rules::{Footprint, Order};
-use crate::storage::Layout;
 
 /// Pictures with fewer pixels have the lowest blocks.
 const SMALL_PICTURE: u64 = 1 << 20;

@@ -8,6 +8,7 @@ use anyhow::Result;
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
+use crate::packing::Layout;
 use crate::pixels::{Depths, Pixels, Plane};
 use crate::render::constants::shared;
 use crate::render::frame::{Shot, Target, tiles};
@@ -15,7 +16,6 @@ use crate::render::portable::{PortablePipeline, PortableWorkspace, Walk, chunks}
 use crate::render::shaders::inspect::*;
 use crate::render::shaders::{PortableDispatches, View};
 use crate::rules::Background;
-use crate::storage::Layout;
 
 /// The settings of an inspection. The default is an ordinary frame and costs no more than one.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -4,13 +4,13 @@ use anyhow::Result;
 
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
+use crate::packing::Layout;
 use crate::render::constants::shared;
 use crate::render::frame::{Shot, tiles};
 use crate::render::portable::{PortablePipeline, PortableWorkspace};
 use crate::render::shaders::Evidence;
 use crate::render::shaders::inspect::*;
 use crate::rules::{Background, TILE};
-use crate::storage::Layout;
 
 /// The splats that a pixel is made of.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -7,7 +7,7 @@ use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
 use crate::render::frame::{Shot, SubgroupLimits, Target, Variation, tiles};
-use crate::render::gpu_scene::GpuScene;
+use crate::render::scene::GpuScene;
 use crate::render::shaders::SharedConstants;
 use crate::render::shaders::portable::*;
 use crate::rules::LISTED_ALPHA;

@@ -10,15 +10,15 @@ use super::workspace::PortableWorkspace;
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
+use crate::packing::Layout;
 use crate::render::constants::shared;
 use crate::render::frame::{
     DepthKeys, Shot, SubgroupLimits, Target, Variation, footprint_code, tile_bits, tiles, view,
 };
-use crate::render::gpu_scene::GpuScene;
+use crate::render::scene::GpuScene;
 use crate::render::shaders::portable::*;
 use crate::render::shaders::{PortableDispatches, SharedConstants, Totals, View};
 use crate::rules::{Footprint, LISTED_ALPHA, Order};
-use crate::storage::Layout;
 
 /// The stages of a portable frame, built for one set of options and one layout of a scene.
 pub struct PortablePipeline {

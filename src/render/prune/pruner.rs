@@ -6,20 +6,20 @@ use anyhow::{Result, bail};
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage};
 use crate::options::Options;
+use crate::packing::Statistics;
 use crate::pixels::Pixels;
 use crate::render::capacity::Capacity;
 use crate::render::constants::shared;
 use crate::render::frame::{Shot, Target, tiles};
-use crate::render::gpu_scene::GpuScene;
 use crate::render::portable::{PortablePipeline, PortableWorkspace, chunks};
 use crate::render::readback::read_pixels;
+use crate::render::scene::GpuScene;
+use crate::render::self_test::MAX_ATTEMPTS;
 use crate::render::shaders::Contribution;
 use crate::render::shaders::portable::CULL_CHUNK;
 use crate::render::shaders::prune::*;
-use crate::render::trial::MAX_ATTEMPTS;
 use crate::rules::Background;
 use crate::scene::Gaussians;
-use crate::storage::Statistics;
 
 /// The share that a Gaussian has of all pixels of the views that were noted. A share is alpha * transmittance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

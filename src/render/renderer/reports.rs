@@ -4,9 +4,10 @@ use super::Renderer;
 use crate::camera::Camera;
 use crate::gpu::{MemoryUse, Results};
 use crate::render::frame::Shot;
+use crate::render::lod::Detailed;
 use crate::render::recorded::Recorded;
 use crate::render::shaders::Totals;
-use crate::render::slabs::{Detailed, Feed, Residency};
+use crate::render::streaming::{Feed, Residency};
 
 impl Renderer {
     /// The fewest bytes that each stage of a frame moves through device memory, by the name of its scope: each input

@@ -14,45 +14,21 @@
 //! the same order as in a frame that is drawn at once. A slab whose demand exceeds the capacity blends nothing; it is
 //! drawn again, shorter.
 
-mod at_once;
-mod chooser;
-mod course;
-mod detail;
-mod draw;
-mod ends;
-mod family;
-mod fast;
-mod feed;
-mod listed;
-mod page_projection;
-mod parts;
-mod plan;
-mod pool;
-mod portable;
-mod supply;
-mod table;
-mod trail;
-mod visible;
+mod fast_frame;
+mod fast_stages;
+mod input;
+mod partition;
+mod portable_frame;
+mod progress;
+mod report;
 
-#[cfg(test)]
-mod chooser_tests;
-#[cfg(test)]
-mod feed_tests;
-#[cfg(test)]
-mod levels_tests;
 #[cfg(test)]
 mod placed_tests;
 #[cfg(test)]
 mod tests;
 
-pub(super) use at_once::{AtOnce, bring_missing};
-pub(super) use chooser::Chooser;
-pub(super) use course::Drawn;
-pub use detail::Detailed;
-pub(super) use draw::Slabs;
-pub use feed::Residency;
-pub(super) use feed::{Demand, Feed};
-pub use parts::Parts;
-pub use pool::PagesRead;
-pub(super) use pool::Pool;
-pub(super) use portable::PortableSlabs;
+pub(crate) use fast_frame::Slabs;
+pub(crate) use partition::{Place, place_of, slab};
+pub(crate) use portable_frame::PortableSlabs;
+pub(crate) use progress::Drawn;
+pub use report::Parts;

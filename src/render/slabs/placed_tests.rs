@@ -7,14 +7,17 @@ use glam::{DQuat, DVec3};
 use crate::camera::Camera;
 use crate::gpu::{Device, DeviceChoice, Validation};
 use crate::options::Options;
+use crate::packing::Statistics;
+use crate::pagefile::Pages;
 use crate::pixels::Pixels;
-use crate::render::gpu_scene::POOL_PART;
-use crate::render::{Content, GpuScene, Renderer, SceneSource};
+use crate::procedural::cactus;
+use crate::render::renderer::Renderer;
+use crate::render::scene::gpu_scene::POOL_PART;
+use crate::render::scene::{Content, GpuScene, SceneSource};
 use crate::rules::{Background, Order, Rules};
-use crate::scene::{Focus, Gaussians, Placements, Transform, synthetic};
-use crate::storage::{Pages, Statistics};
+use crate::scene::{Focus, Gaussians, Placements, Transform};
 
-use super::Pool;
+use crate::render::scene::Pool;
 
 const SIZE: [u32; 2] = [200, 130];
 const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
@@ -77,7 +80,7 @@ fn two(gaussians: &Gaussians) -> ([Transform; 2], Camera) {
 
 #[test]
 fn a_scene_at_the_identity_has_the_bits_of_the_scene() {
-    let gaussians = synthetic::cactus(5000).unwrap().gaussians;
+    let gaussians = cactus::cactus(5000).unwrap().gaussians;
     let device = open(None);
     let focus = Focus::of(&gaussians);
     for options in [Options::BALANCED, Options::FAST] {
@@ -92,7 +95,7 @@ fn a_scene_at_the_identity_has_the_bits_of_the_scene() {
 
 #[test]
 fn places_show_what_the_transformed_and_joined_scene_shows() {
-    let gaussians = synthetic::cactus(5000).unwrap().gaussians;
+    let gaussians = cactus::cactus(5000).unwrap().gaussians;
     let device = open(None);
     let (places, camera) = two(&gaussians);
     let parts = places.map(|place| gaussians.transformed(&place).unwrap());
@@ -109,7 +112,7 @@ fn places_show_what_the_transformed_and_joined_scene_shows() {
 
 #[test]
 fn a_place_is_drawn_from_any_distance_of_the_origin() {
-    let gaussians = synthetic::cactus(3000).unwrap().gaussians;
+    let gaussians = cactus::cactus(3000).unwrap().gaussians;
     let device = open(None);
     let focus = Focus::of(&gaussians);
     let camera = Camera::framing(focus.centre.into(), focus.radius, SIZE);
@@ -124,7 +127,7 @@ fn a_place_is_drawn_from_any_distance_of_the_origin() {
 
 #[test]
 fn bits_depend_neither_on_memory_nor_on_evicted_pages() {
-    let gaussians = synthetic::cactus(30_000).unwrap().gaussians;
+    let gaussians = cactus::cactus(30_000).unwrap().gaussians;
     let options = Options::BALANCED;
     let (places, camera) = two(&gaussians);
     let places = [places.as_slice(), &[place([0.0, -0.2, 1.0], [0.0, 0.5, 0.0, 0.8], 0.6)]].concat();
@@ -143,7 +146,7 @@ fn bits_depend_neither_on_memory_nor_on_evicted_pages() {
 
 #[test]
 fn bits_do_not_depend_on_the_number_of_pages_in_memory() {
-    let gaussians = synthetic::cactus(80_000).unwrap().gaussians;
+    let gaussians = cactus::cactus(80_000).unwrap().gaussians;
     let options = Options::EXACT;
     let (places, camera) = two(&gaussians);
     let device = open(None);
@@ -162,7 +165,7 @@ fn bits_do_not_depend_on_the_number_of_pages_in_memory() {
 
 #[test]
 fn thousands_of_places_take_the_memory_of_one() {
-    let gaussians = synthetic::cactus(2000).unwrap().gaussians;
+    let gaussians = cactus::cactus(2000).unwrap().gaussians;
     let device = open(None);
     let radius = Focus::of(&gaussians).radius;
     let at = |i: i32| place([3.0 * radius * f64::from(i % 50), 0.0, 3.0 * radius * f64::from(i / 50)], UNTURNED, 1.0);
@@ -183,7 +186,7 @@ fn thousands_of_places_take_the_memory_of_one() {
 
 #[test]
 fn gaussians_of_equal_depth_are_drawn_in_the_order_of_their_places() {
-    let gaussians = synthetic::cactus(3000).unwrap().gaussians;
+    let gaussians = cactus::cactus(3000).unwrap().gaussians;
     let device = open(None);
     let focus = Focus::of(&gaussians);
     let camera = Camera::framing(focus.centre.into(), focus.radius, SIZE);
@@ -204,7 +207,7 @@ fn gaussians_of_equal_depth_are_drawn_in_the_order_of_their_places() {
 
 #[test]
 fn more_gaussians_than_can_be_ordered_are_refused() {
-    let gaussians = synthetic::cactus(3000).unwrap().gaussians;
+    let gaussians = cactus::cactus(3000).unwrap().gaussians;
     let device = open(None);
     let source = SceneSource::of(gaussians);
     let Content::Memory { gaussians, statistics } = &source.content else { panic!("the scene is in memory") };

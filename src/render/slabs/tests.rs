@@ -8,14 +8,17 @@ use crate::gpu::{Device, DeviceChoice, Image, Validation};
 use crate::host_memory::OutOfMemory;
 use crate::options::{Options, Storage};
 use crate::pixels::Pixels;
+use crate::procedural::{Procedural, cactus};
 use crate::render::capacity::Capacity;
 use crate::render::fast::{FastPipeline, FastWorkspace};
 use crate::render::frame::{Shot, Target};
 use crate::render::portable::PortableWorkspace;
 use crate::render::recorded::Counted;
-use crate::render::{Frame, GpuScene, Renderer, SceneSource, read_pixels};
+use crate::render::renderer::Renderer;
+use crate::render::scene::{GpuScene, SceneSource};
+use crate::render::{Frame, read_pixels};
 use crate::rules::{Background, Rules};
-use crate::scene::{Builder, Focus, Gaussians, Procedural, Raw, synthetic};
+use crate::scene::{Builder, Focus, Gaussians, Raw};
 
 const SIZE: [u32; 2] = [200, 130];
 const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
@@ -69,7 +72,7 @@ fn slabs_of_whole(device: &Device, options: &Options, gaussians: &Gaussians, roo
 
 #[test]
 fn a_frame_in_slabs_has_the_bits_of_a_whole_frame() {
-    let (device, gaussians) = (open(), synthetic::cactus(8000).unwrap().gaussians);
+    let (device, gaussians) = (open(), cactus::cactus(8000).unwrap().gaussians);
     for options in [Options::EXACT, Options::BALANCED, Options::PREVIEW] {
         assert_eq!(slabs_of_whole(&device, &options, &gaussians, 16_000), 1);
         assert!(slabs_of_whole(&device, &options, &gaussians, 1000) > 8);
@@ -79,7 +82,7 @@ fn a_frame_in_slabs_has_the_bits_of_a_whole_frame() {
 
 #[test]
 fn splats_of_one_depth_are_cut_by_their_indices() {
-    let (device, gaussians) = (open(), synthetic::cactus(3000).unwrap().gaussians);
+    let (device, gaussians) = (open(), cactus::cactus(3000).unwrap().gaussians);
     // With 8 bits, few depth keys are left, each of many splats.
     let options = Options { key_bits: 8, ..Options::BALANCED };
     assert!(slabs_of_whole(&device, &options, &gaussians, 200) > 10);
@@ -123,7 +126,7 @@ fn compare_under_limit(
 #[test]
 fn every_preset_draws_the_same_bits_at_any_limit_of_memory() {
     for (name, options) in Options::PRESETS {
-        let gaussians = synthetic::cactus(120_000).unwrap().gaussians;
+        let gaussians = cactus::cactus(120_000).unwrap().gaussians;
         // Less than the scene takes, more than the least. On the portable path, the pages that cross one depth are too
         // many for so small a pool: there the scene lies on the device, and its lists do not fit.
         let is_fast = FastPipeline::subgroup(&open(), &options).is_some();
@@ -167,7 +170,7 @@ fn the_farthest_pages_are_drawn_with_few_depth_keys() {
 fn hidden_pages_are_not_read() {
     let town = Procedural::parse("town:400000").unwrap().unwrap();
     let gaussians = town.make().unwrap().gaussians;
-    let view = town.views(crate::scene::TownPath::Street, 1).unwrap();
+    let view = town.views(crate::procedural::TownPath::Street, 1).unwrap();
     let camera = crate::camera::path::looking(&view, SIZE).remove(0);
     let device = open().with_memory_limit(Some(56 << 20)).unwrap();
     let source = SceneSource::of(gaussians);
@@ -181,7 +184,7 @@ fn hidden_pages_are_not_read() {
 #[test]
 fn certificates_and_depths_have_the_same_bits_in_slabs() {
     use crate::render::{Form, HostFrame, Stream, Wanted};
-    let gaussians = synthetic::cactus(120_000).unwrap().gaussians;
+    let gaussians = cactus::cactus(120_000).unwrap().gaussians;
     let [_, camera, _] = views(&gaussians);
     let source = SceneSource::of(gaussians);
     let draw = |device: Device| {
@@ -212,7 +215,7 @@ fn certificates_and_depths_have_the_same_bits_in_slabs() {
 
 #[test]
 fn a_limit_under_the_least_is_refused_with_the_bytes_that_are_needed() {
-    let source = SceneSource::of(synthetic::cactus(300_000).unwrap().gaussians);
+    let source = SceneSource::of(cactus::cactus(300_000).unwrap().gaussians);
     let bring = |limit: u64| {
         let device = open().with_memory_limit(Some(limit)).unwrap();
         source.bring(&device, &Options::EXACT, false, 1 << 20).map(|scene| (device, scene))

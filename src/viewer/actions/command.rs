@@ -4,11 +4,9 @@ use std::path::Path;
 
 use crate::options::{Group, KNOBS, Knob, Options};
 use crate::rules::Background;
-use crate::viewer::comparison::{CompareTarget, Comparison};
-use crate::viewer::edit::Edit;
-use crate::viewer::events::Event;
-use crate::viewer::layers::{Layer, Place, Source};
-use crate::viewer::state::{Request, Viewer, WindowRequest};
+use crate::viewer::model::{
+    CompareTarget, Comparison, Edit, Event, Layer, Place, Request, Source, Viewer, WindowRequest,
+};
 
 /// A command that can draw what the window shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,14 +7,12 @@ use glam::DVec2;
 use crate::pixels::Pixels;
 use crate::render::Quantity;
 use crate::rules::Background;
-use crate::viewer::comparison::{CompareTarget, Comparison, Depicted, fitted};
-use crate::viewer::drag::Drag;
+use crate::viewer::frame::{Side, needs_whole};
 use crate::viewer::jobs::{JobEvent, Reporter};
-use crate::viewer::kept::Tab;
-use crate::viewer::photographs::camera_of;
-use crate::viewer::pictures::{Side, needs_whole};
-use crate::viewer::state::{Request, Viewer, WindowRequest};
-use crate::viewer::still::{fitted_range, part};
+use crate::viewer::model::{
+    CompareTarget, Comparison, Depicted, Drag, Request, Tab, Viewer, WindowRequest, camera_of, fitted, fitted_range,
+    part,
+};
 
 /// Most marks: three lie in a plane.
 const MARKS: usize = 3;

@@ -6,18 +6,17 @@ use std::sync::Arc;
 use anyhow::{Context, Result, ensure};
 use glam::{DVec2, DVec3};
 
+use crate::formats::{SceneFile, WrittenFile, write_file};
 use crate::gpu::Device;
-use crate::scene::{Gaussians, Scene, SceneFile, WrittenFile, write_file};
-use crate::storage::convert::{self, Job};
-use crate::viewer::drag::{Stroke, Tool};
-use crate::viewer::edit::{Change, Counts, Edit, How, Outline, Property, Selection};
-use crate::viewer::edited::Edited;
-use crate::viewer::held::Held;
+use crate::pagefile::write;
+use crate::pagefile::write::Job;
+use crate::scene::{Gaussians, Scene};
+use crate::viewer::frame::needs_whole;
 use crate::viewer::jobs::{JobEvent, Reporter};
-use crate::viewer::layers::Layer;
-use crate::viewer::pictures::needs_whole;
-use crate::viewer::shares::{Part, SEEN, Shares};
-use crate::viewer::state::{Request, Viewer};
+use crate::viewer::model::{
+    Change, Counts, Edit, Edited, Held, How, Layer, Outline, Part, Property, Request, SEEN, Selection, Shares, Stroke,
+    Tool, Viewer,
+};
 
 impl Viewer {
     /// True while a selection is not made yet, or the Gaussians that edits leave are not there.
@@ -261,11 +260,11 @@ fn written(file: &Path, gaussians: Gaussians, is_antialiased: bool, progress: &(
     let count = |gaussians: usize| indicatif::HumanCount(gaussians as u64);
     if file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("smalto")) {
         let title = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let settings = convert::Settings::default();
+        let settings = write::Settings::default();
         let job = Job { output: file, settings, title, progress, is_cancelled: &|| false };
         let number = gaussians.len();
         let scene = Scene { gaussians, is_antialiased, ..Scene::empty("edited") };
-        convert::write_whole(&job, &scene)?;
+        write::write_whole(&job, &scene)?;
         return Ok(format!("{} written, {} Gaussians", file.display(), count(number)));
     }
     let kind = SceneFile::of(file)?;

@@ -12,9 +12,9 @@ use crate::pixels::{Pixels, Video, has_ffmpeg, is_video, write_rgba8};
 use crate::render::{Inspection, depths};
 use crate::rules::Background;
 use crate::scene::Cancelled;
+use crate::viewer::frame::{Drawn, Plan, Reusable, Side};
 use crate::viewer::jobs::{Cancel, JobEvent};
-use crate::viewer::pictures::{Drawn, Plan, Reusable, Side};
-use crate::viewer::state::Viewer;
+use crate::viewer::model::Viewer;
 
 /// Memory for pictures that are encoded at the same time.
 const AT_ONCE_BYTES: u64 = 1 << 30;

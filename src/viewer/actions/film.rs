@@ -6,7 +6,7 @@ use anyhow::Result;
 use glam::DQuat;
 
 use crate::camera::{Camera, Timeline};
-use crate::viewer::state::Viewer;
+use crate::viewer::model::Viewer;
 
 /// Keys of a turn around the pivot. The path between them differs from a circle by less than 5e-4 of its radius.
 const TURN_KEYS: u32 = 16;

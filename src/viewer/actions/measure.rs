@@ -8,13 +8,11 @@ use anyhow::{Result, ensure};
 use crate::camera::{Camera, NamedCamera};
 use crate::gpu::Device;
 use crate::measure::trade::{Budget, choose_for, spread};
+use crate::packing::Statistics;
 use crate::scene::{Cancelled, Gaussians};
-use crate::storage::Statistics;
-use crate::viewer::evaluation::{Evaluation, Pose};
-use crate::viewer::jobs::{Cancel, JobEvent, Reporter};
-use crate::viewer::measuring::costs;
-use crate::viewer::pictures::{Reusable, Side};
-use crate::viewer::state::{Measurement, Purpose, Viewer};
+use crate::viewer::frame::{Reusable, Side};
+use crate::viewer::jobs::{Cancel, JobEvent, Reporter, costs};
+use crate::viewer::model::{Evaluation, Measurement, Pose, Purpose, Viewer};
 
 /// Cameras of the file, besides the current view, for which a budget must hold.
 const BUDGET_CAMERAS: usize = 7;

@@ -1,4 +1,4 @@
-//! What users can do: methods of [`Viewer`](super::state::Viewer) that start jobs and move the view, by subject.
+//! What users can do: methods of `Viewer` that start jobs and move the view, by subject.
 
 mod command;
 mod compare;

@@ -5,15 +5,12 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 
 use crate::camera::CameraFile;
-use crate::scene::{Cancelled, LOD_META, Reading, Unreadable, in_folder};
-use crate::viewer::comparison::CompareTarget;
-use crate::viewer::events::Event;
-use crate::viewer::held::Opened;
+use crate::formats::{LOD_META, Reading, in_folder};
+use crate::scene::{Cancelled, Unreadable};
 use crate::viewer::jobs::{JobEvent, Reporter};
-use crate::viewer::layers::{Layer, Source};
-use crate::viewer::photographs::{Photographs, holds_photographs};
-use crate::viewer::project::is_project;
-use crate::viewer::state::{CompareWith, Viewer};
+use crate::viewer::model::{
+    CompareTarget, CompareWith, Event, Layer, Opened, Photographs, Source, Viewer, holds_photographs, is_project,
+};
 
 /// The path that a user means who types or pastes one: without spaces around it, quotes and file://, and with ~ for
 /// the home folder. A file that has such a name is meant itself.

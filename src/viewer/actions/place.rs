@@ -3,10 +3,7 @@
 use glam::{DQuat, DVec2, DVec3};
 
 use crate::camera::Camera;
-use crate::viewer::drag::{Handle, Motion, Tool};
-use crate::viewer::gizmo::{Gizmo, turned};
-use crate::viewer::kept::Tab;
-use crate::viewer::state::Viewer;
+use crate::viewer::model::{Gizmo, Handle, Motion, Tab, Tool, Viewer, turned};
 
 /// Horizontal field of view of a flat view, in degrees. What lies one picture's width behind another looks smaller by
 /// 0.35 %: across a picture of 500 pixels, less than a pixel to each side.

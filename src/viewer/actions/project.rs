@@ -6,14 +6,14 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use glam::DVec3;
 
+use crate::formats::Reading;
+use crate::procedural::Procedural;
 use crate::rules::Background;
-use crate::scene::{Procedural, Reading, Unreadable};
-use crate::viewer::edit::Edit;
-use crate::viewer::held::Held;
-use crate::viewer::layers::{Layer, Source};
-use crate::viewer::project::{ENDING, PlacedScene, Project, Shown, is_project, seen_from};
-use crate::viewer::state::Viewer;
-use crate::viewer::view_modes::{VIEW_MODES, view_mode};
+use crate::scene::Unreadable;
+use crate::viewer::model::{
+    ENDING, Edit, Held, Layer, PlacedScene, Project, Shown, Source, VIEW_MODES, Viewer, is_project, seen_from,
+    view_mode,
+};
 
 impl Viewer {
     /// Saves scenes, places, edits, view, options and path. The ending is added where the name has another.

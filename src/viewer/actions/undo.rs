@@ -1,7 +1,6 @@
 //! Actions that undo changes, and make them again.
 
-use crate::viewer::state::Viewer;
-use crate::viewer::undo::{State, Undo};
+use crate::viewer::model::{State, Undo, Viewer};
 
 /// Most steps that can be undone.
 const STEPS: usize = 1000;

@@ -4,11 +4,7 @@ use glam::{DVec2, DVec3};
 
 use crate::camera::NamedCamera;
 use crate::scene::Focus;
-use crate::viewer::events::Event;
-use crate::viewer::held::Held;
-use crate::viewer::keys::Action;
-use crate::viewer::layers::Layer;
-use crate::viewer::state::{Request, Viewer, WindowRequest};
+use crate::viewer::model::{Action, Event, Held, Layer, Request, Viewer, WindowRequest};
 
 const NO_CAMERAS: &str = "there is no camera file: drop one on the window, such as a cameras.json";
 

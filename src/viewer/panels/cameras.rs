@@ -2,13 +2,12 @@
 
 use egui::{Align2, Color32, ColorImage, Grid, RichText, ScrollArea, Stroke, TextureOptions, Ui, vec2};
 
-use super::super::evaluation::{Evaluation, Row};
-use super::super::pictures::{Plan, Side};
-use super::super::state::{Purpose, Request, Viewer, WindowRequest};
 use super::over::label;
 use super::quality::going_on;
 use super::space::Space;
 use crate::pixels::Pixels;
+use crate::viewer::frame::{Plan, Side};
+use crate::viewer::model::{Evaluation, Purpose, Request, Row, Viewer, WindowRequest};
 
 /// The share of the scene's size that a camera takes.
 const SIZE: f64 = 0.06;

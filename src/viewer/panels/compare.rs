@@ -2,11 +2,8 @@
 
 use egui::{DragValue, Slider, Ui};
 
-use super::super::comparison::{CompareMode, CompareTarget};
-use super::super::keys::Action;
-use super::super::state::Viewer;
-use super::super::still::Apart;
 use crate::options::Options;
+use crate::viewer::model::{Action, Apart, CompareMode, CompareTarget, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {

@@ -4,14 +4,11 @@ use egui::{Button, Color32, ComboBox, DragValue, Grid, Stroke, Ui, vec2};
 use glam::{DVec2, DVec3};
 use indicatif::HumanCount as count;
 
-use super::super::dialog::Saved;
-use super::super::drag::{Handle, Motion, Stroke as ToolStroke, Tool};
-use super::super::edit::{Change, Counts, How, Property, Selection};
-use super::super::gizmo::Gizmo;
-use super::super::keys::Action;
-use super::super::state::Viewer;
 use super::section;
 use super::space::Space;
+use crate::viewer::model::{
+    Action, Change, Counts, Gizmo, Handle, How, Motion, Property, Saved, Selection, Stroke as ToolStroke, Tool, Viewer,
+};
 
 /// Colours of the axes x, y and z.
 pub(super) const AXES: [Color32; 3] =

@@ -4,10 +4,9 @@ use std::path::PathBuf;
 
 use egui::{Button, Color32, DragValue, Slider, Stroke, TextEdit, Ui};
 
-use super::super::keys::Action;
-use super::super::state::{Request, Viewer};
 use super::space::Space;
 use crate::camera::Timeline;
+use crate::viewer::model::{Action, Request, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     let keys = viewer.film.timeline.keys().len();

@@ -3,10 +3,10 @@
 use egui::{Color32, Rect, Sense, Stroke, Ui, pos2, vec2};
 use glam::DVec3;
 
-use super::super::state::Viewer;
 use super::edit::AXES;
 use super::over::painter;
 use super::space::Space;
+use crate::viewer::model::Viewer;
 
 /// Lines of the grid to each side.
 const LINES: i32 = 10;

@@ -2,8 +2,7 @@
 
 use egui::{Align2, Context, Grid, ScrollArea, Window};
 
-use super::super::keys::ACTIONS;
-use super::super::state::Viewer;
+use crate::viewer::model::{ACTIONS, Viewer};
 
 const MOUSE: [(&str, &str); 6] = [
     ("left drag", "turn around the pivot"),

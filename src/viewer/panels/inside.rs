@@ -2,14 +2,11 @@
 
 use egui::{Color32, ComboBox, Context, DragValue, Grid, ScrollArea, Stroke, Ui, Window};
 
-use super::super::keys::Action;
-use super::super::pictures::Side;
-use super::super::screen::Pair;
-use super::super::state::{ExplainedPixel, Request, Viewer};
-use super::super::view_modes::{Numbers, VIEW_MODES};
 use super::space::Space;
 use crate::pixels::to_byte;
 use crate::render::{Explained, false_colour};
+use crate::viewer::frame::{Pair, Side};
+use crate::viewer::model::{Action, ExplainedPixel, Numbers, Request, VIEW_MODES, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let in_pages = viewer.is_in_pages();

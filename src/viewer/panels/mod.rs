@@ -17,12 +17,9 @@ mod view;
 
 use egui::{Panel, RichText, ScrollArea, Theme, Ui};
 
-use super::dialog::{Chosen, Saved};
-use super::input;
-use super::kept::Tab;
-use super::keys::Action;
-use super::screen::Pair;
-use super::state::Viewer;
+use crate::viewer::frame::Pair;
+use crate::viewer::model::{Action, Chosen, Saved, Tab, Viewer};
+use crate::viewer::window::input;
 use space::Space;
 
 /// The least width of the panels in points, and the largest part of the window that they take.

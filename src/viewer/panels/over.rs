@@ -3,11 +3,8 @@
 use egui::{Align2, Area, Color32, Context, FontId, Frame, LayerId, Painter, Pos2, Rect, RichText, Stroke, Ui};
 use indicatif::HumanCount;
 
-use super::super::comparison::{CompareMode, CompareTarget};
-use super::super::keys::Action;
-use super::super::pictures::Side;
-use super::super::screen::Pair;
-use super::super::state::Viewer;
+use crate::viewer::frame::{Pair, Side};
+use crate::viewer::model::{Action, CompareMode, CompareTarget, Viewer};
 
 /// Space in points between the edge of the picture and what is said over it.
 pub(super) const MARGIN: f32 = 6.0;
@@ -57,7 +54,7 @@ fn waits_for(viewer: &Viewer, pair: &Pair) -> Option<String> {
     }
     if viewer.building[Side::First as usize] {
         let held = viewer.layers.iter().filter_map(|layer| layer.held.as_ref());
-        let gaussians: usize = held.map(super::super::held::Held::count).sum();
+        let gaussians: usize = held.map(crate::viewer::model::Held::count).sum();
         parts.push(format!("bringing {} Gaussians to the GPU", HumanCount(gaussians as u64)));
     }
     let are_hidden = !viewer.layers.iter().any(|layer| layer.is_shown[0]);

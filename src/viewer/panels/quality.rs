@@ -2,11 +2,10 @@
 
 use egui::{ComboBox, DragValue, Grid, ProgressBar, RichText, Ui};
 
-use super::super::measuring::{ALL, Cost};
-use super::super::rate::Rate;
-use super::super::screen::Pair;
-use super::super::state::{Measurement, Purpose, Request, Viewer};
 use crate::options::{KNOBS, Kind, Knob, Options, Value};
+use crate::viewer::frame::Pair;
+use crate::viewer::jobs::{ALL, Cost};
+use crate::viewer::model::{Measurement, Purpose, Rate, Request, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     presets(viewer, ui);

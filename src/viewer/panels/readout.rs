@@ -3,13 +3,11 @@
 use egui::{Align2, Color32, Rect, Stroke, StrokeKind, Ui, pos2, vec2};
 use glam::{DVec2, DVec3};
 
-use super::super::comparison::CompareTarget;
-use super::super::state::Viewer;
-use super::super::view_modes::Numbers;
 use super::over::{MARGIN, label, painter};
 use super::space::Space;
 use crate::pixels::{Pixels, to_byte};
 use crate::render::{Attribute, Look, Quantity, false_colour};
+use crate::viewer::model::{CompareTarget, Numbers, Viewer};
 
 /// `free`: the part of the window that the picture has.
 pub(super) fn show(viewer: &Viewer, free: Rect, ui: &Ui) {

@@ -5,12 +5,9 @@ use std::path::PathBuf;
 use egui::{DragValue, Ui};
 use indicatif::HumanCount as count;
 
-use super::super::comparison::CompareTarget;
-use super::super::keys::Action;
-use super::super::layers::Layer;
-use super::super::screen::Pair;
-use super::super::state::Viewer;
 use crate::render::{Path, Residency};
+use crate::viewer::frame::Pair;
+use crate::viewer::model::{Action, CompareTarget, Layer, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let has_second = matches!(viewer.comparison.target, CompareTarget::Options(_));

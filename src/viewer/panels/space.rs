@@ -3,9 +3,9 @@
 use egui::{Color32, FontId, Painter, Pos2, Stroke, Ui, vec2};
 use glam::{DVec2, DVec3};
 
-use super::super::state::Viewer;
 use super::over::painter;
 use crate::camera::Camera;
+use crate::viewer::model::Viewer;
 
 /// Draws what lies in the world over the picture.
 pub(super) struct Space {

@@ -3,12 +3,11 @@
 use egui::{Color32, Grid, Mesh, Rect, Sense, Ui, pos2, vec2};
 use indicatif::HumanCount;
 
-use super::super::history::Digest;
-use super::super::screen::Pair;
-use super::super::state::Viewer;
 use crate::gpu::MemoryUse;
 use crate::measure::bench::Statistics;
 use crate::render::Parts;
+use crate::viewer::frame::{Digest, Pair};
+use crate::viewer::model::Viewer;
 
 /// Frames in the plot.
 const PLOTTED: usize = 120;

@@ -2,12 +2,11 @@
 
 use egui::{ComboBox, DragValue, Grid, Slider, Ui};
 
-use super::super::actions::Program;
-use super::super::keys::Action;
-use super::super::state::{Request, Viewer, WindowRequest};
 use crate::camera::{FIELDS_OF_VIEW, Up};
 use crate::gpu::Vsync;
 use crate::rules::Background;
+use crate::viewer::actions::Program;
+use crate::viewer::model::{Action, Request, Viewer, WindowRequest};
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     cameras(viewer, ui);

@@ -2,30 +2,33 @@
 
 use std::fs;
 
+use smalto::formats::Reading;
 use smalto::options::Options;
-use smalto::scene::{Reading, Unreadable, synthetic};
-use smalto::storage::convert::write_whole;
-use smalto::storage::{self, PAGE, PageFile};
+use smalto::pagefile::write::write_whole;
+use smalto::pagefile::{PAGE, PageFile};
+use smalto::procedural::cactus;
+use smalto::scene::Unreadable;
 
 use super::{EXACT, job, of_file, scene_of, watch};
 use crate::common::program::{fails, ok, path};
+use smalto::pagefile;
 
 #[test]
 fn every_flipped_byte_is_found_or_harmless() {
     let folder = tempfile::tempdir().unwrap();
-    let gaussians = synthetic::cactus(PAGE + 100).unwrap().gaussians;
+    let gaussians = cactus(PAGE + 100).unwrap().gaussians;
     let out = folder.path().join("a.smalto");
     write_whole(&job(&out, EXACT), &scene_of(gaussians.clone())).unwrap();
     let whole = fs::read(&out).unwrap();
     let header = PageFile::open(&out).unwrap().header().clone();
-    let table_end = storage::HEADER + header.pages() * 48;
+    let table_end = pagefile::HEADER + header.pages() * 48;
     let mut found = 0;
     let places = (0..table_end).step_by(7).chain((table_end..whole.len()).step_by(997));
     for place in places {
         let mut bytes = whole.clone();
         bytes[place] ^= 0x10;
         fs::write(&out, &bytes).unwrap();
-        match storage::read(&Reading::default(), &out, &watch()) {
+        match pagefile::read(&Reading::default(), &out, &watch()) {
             Ok(scene) => {
                 assert!(scene.gaussians == gaussians, "byte {place} changes the scene");
                 let is_gap = (table_end..header.geometry_at as usize).contains(&place) || place < 8;
@@ -62,7 +65,7 @@ fn a_source_that_cannot_be_read_leaves_nothing_behind() {
 #[test]
 fn damage_of_a_page_is_named_by_page_and_bytes() {
     let folder = tempfile::tempdir().unwrap();
-    let gaussians = synthetic::cactus(3 * PAGE).unwrap().gaussians;
+    let gaussians = cactus(3 * PAGE).unwrap().gaussians;
     let out = folder.path().join("a.smalto");
     write_whole(&job(&out, EXACT), &scene_of(gaussians)).unwrap();
     let header = PageFile::open(&out).unwrap().header().clone();
@@ -81,7 +84,7 @@ fn damage_of_a_page_is_named_by_page_and_bytes() {
 #[test]
 fn a_file_that_changes_while_it_is_open_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let gaussians = synthetic::cactus(PAGE).unwrap().gaussians;
+    let gaussians = cactus(PAGE).unwrap().gaussians;
     let out = folder.path().join("a.smalto");
     write_whole(&job(&out, EXACT), &scene_of(gaussians)).unwrap();
     let pages = of_file(&out, &Options::EXACT);

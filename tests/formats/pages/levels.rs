@@ -7,10 +7,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use serde_json::Value;
 use smalto::measure::metrics::psnr;
 use smalto::options::{Options, Storage};
+use smalto::pagefile::write::{Job, Settings, Take, write_blocks, write_in_order, write_whole};
+use smalto::pagefile::{LEVEL_WORDS, PAGE, Page, PageFile};
 use smalto::pixels::Pixels;
-use smalto::scene::{Cancelled, Unreadable, synthetic};
-use smalto::storage::convert::{Job, Settings, Take, write_blocks, write_in_order, write_whole};
-use smalto::storage::{LEVEL_WORDS, PAGE, Page, PageFile};
+use smalto::procedural::cactus;
+use smalto::scene::{Cancelled, Unreadable};
 
 use super::{EXACT, bits, job, of_file, read, scene_of};
 use crate::common::program::{fails, ok, path};
@@ -21,7 +22,7 @@ const LEVELS: Settings = Settings { has_levels: true, ..EXACT };
 fn a_file_with_levels_holds_the_scene() {
     let folder = tempfile::tempdir().unwrap();
     for count in [1, PAGE, PAGE + 1, 9 * PAGE + 17] {
-        let gaussians = synthetic::cactus(count).unwrap().gaussians;
+        let gaussians = cactus(count).unwrap().gaussians;
         for options in [Settings::LOSSLESS, Options::BALANCED] {
             let [plain, out] = ["plain.smalto", "a.smalto"].map(|name| folder.path().join(name));
             let settings = Settings { options, ..LEVELS };
@@ -64,7 +65,7 @@ fn nodes_of_a_scene_of_bytes_are_as_large_as_they_must_be() {
 #[test]
 fn all_ways_write_the_same_levels() {
     let folder = tempfile::tempdir().unwrap();
-    let gaussians = synthetic::cactus(20_000).unwrap().gaussians;
+    let gaussians = cactus(20_000).unwrap().gaussians;
     let names = ["source", "whole.smalto", "again.smalto", "blocks.smalto", "order.smalto"];
     let [source, whole, again, parts, ordered] = names.map(|name| folder.path().join(name));
     fs::write(&source, "source").unwrap();
@@ -86,7 +87,7 @@ fn all_ways_write_the_same_levels() {
 #[test]
 fn an_interrupted_build_ends_with_the_same_file() {
     let folder = tempfile::tempdir().unwrap();
-    let gaussians = synthetic::cactus(20_000).unwrap().gaussians;
+    let gaussians = cactus(20_000).unwrap().gaussians;
     let [source, whole, out] = ["source", "whole.smalto", "out.smalto"].map(|name| folder.path().join(name));
     fs::write(&source, "source").unwrap();
     let settings = Settings { memory: 2 << 20, ..LEVELS };
@@ -116,7 +117,7 @@ fn an_interrupted_build_ends_with_the_same_file() {
 fn damage_of_levels_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.smalto");
-    write_whole(&job(&out, LEVELS), &scene_of(synthetic::cactus(3 * PAGE).unwrap().gaussians)).unwrap();
+    write_whole(&job(&out, LEVELS), &scene_of(cactus(3 * PAGE).unwrap().gaussians)).unwrap();
     let whole = fs::read(&out).unwrap();
     let file = PageFile::open(&out).unwrap();
     let (parts, pages) = (file.header().levels.unwrap(), file.pages().len());
@@ -149,7 +150,7 @@ fn a_level_is_a_scene_of_any_format() {
     ok(&["convert", &source, &plain]);
     assert_eq!(level(&["--level", "0"], &out), count);
     let sorted = |file: &str| {
-        let gaussians = smalto::scene::read(Path::new(file), &|_| {}).unwrap().gaussians;
+        let gaussians = smalto::formats::read(Path::new(file), &|_| {}).unwrap().gaussians;
         let mut means: Vec<[u32; 3]> = gaussians.means().iter().map(|mean| mean.map(f32::to_bits)).collect();
         means.sort_unstable();
         means
@@ -208,7 +209,7 @@ fn errors_of_a_level_are_alike() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.smalto");
     // Streets of small Gaussians, walls and ground of large ones.
-    let town = smalto::scene::Procedural::parse("town:40000").unwrap().unwrap().make().unwrap();
+    let town = smalto::procedural::Procedural::parse("town:40000").unwrap().unwrap().make().unwrap();
     write_whole(&job(&out, LEVELS), &scene_of(town.gaussians)).unwrap();
     let file = PageFile::open(&out).unwrap();
     let (scene, levels) = (file.header().scene_pages(), file.levels().unwrap());

@@ -10,12 +10,17 @@ use std::process::Command;
 use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
+use smalto::formats::Reading;
 use smalto::options::{Options, Storage};
-use smalto::scene::{self, Gaussians, Procedural, Reading, Scene, Transform, Watch, synthetic};
-use smalto::storage::convert::{Job, Settings, write_whole};
-use smalto::storage::{self, PADDING, PAGE, PageFile, Pages, Statistics};
+use smalto::packing::Statistics;
+use smalto::pagefile::write::{Job, Settings, write_whole};
+use smalto::pagefile::{PADDING, PAGE, PageFile, Pages};
+use smalto::procedural::{Procedural, cactus};
+use smalto::scene::{Gaussians, Scene, Transform, Watch};
 
 use crate::common::program::{fails, ok, path};
+use smalto::formats;
+use smalto::pagefile;
 
 const PLUSH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/plush.ply");
 
@@ -30,7 +35,7 @@ fn job(output: &Path, settings: Settings) -> Job<'_> {
 }
 
 fn read(path: impl AsRef<Path>) -> Gaussians {
-    storage::read(&Reading::default(), path.as_ref(), &watch()).unwrap().gaussians
+    pagefile::read(&Reading::default(), path.as_ref(), &watch()).unwrap().gaussians
 }
 
 /// The bits of all values. Zeros of both signs are one for spherical harmonics, whose higher degrees are not stored
@@ -76,8 +81,8 @@ fn every_format_is_given_back_bit_by_bit() {
     for file in files {
         let out = path(&folder, "a.smalto");
         ok(&["convert", file.to_str().unwrap(), &out]);
-        let expected = scene::read(&file, &|_| {}).unwrap();
-        let found = storage::read(&Reading::default(), out.as_ref(), &watch()).unwrap();
+        let expected = formats::read(&file, &|_| {}).unwrap();
+        let found = pagefile::read(&Reading::default(), out.as_ref(), &watch()).unwrap();
         assert!(bits(&found.gaussians) == bits(&expected.gaussians), "{}", file.display());
         assert_eq!((found.report, found.is_antialiased), (expected.report, expected.is_antialiased));
         assert_eq!(found.gaussians.sh_degree(), expected.gaussians.sh_degree(), "{}", file.display());
@@ -90,7 +95,7 @@ fn every_format_is_given_back_bit_by_bit() {
 #[test]
 fn words_are_the_same_from_a_file_and_from_memory() {
     let folder = tempfile::tempdir().unwrap();
-    let gaussians = synthetic::cactus(5000).unwrap().gaussians;
+    let gaussians = cactus(5000).unwrap().gaussians;
     let out = folder.path().join("a.smalto");
     write_whole(&job(&out, EXACT), &scene_of(gaussians.clone())).unwrap();
     let u8s = Options { sh_storage: Storage::U8, shape_storage: Storage::U8, sh_degree: 2, ..Options::BALANCED };
@@ -119,7 +124,7 @@ fn words_are_the_same_from_a_file_and_from_memory() {
 #[test]
 fn threads_read_pages_at_the_same_time() {
     let folder = tempfile::tempdir().unwrap();
-    let gaussians = synthetic::cactus(10 * PAGE).unwrap().gaussians;
+    let gaussians = cactus(10 * PAGE).unwrap().gaussians;
     let out = folder.path().join("a.smalto");
     write_whole(&job(&out, EXACT), &scene_of(gaussians)).unwrap();
     let pages = of_file(&out, &Options::BALANCED);
@@ -143,7 +148,7 @@ fn threads_read_pages_at_the_same_time() {
 
 #[test]
 fn pages_hold_each_gaussian_once_near_its_neighbours() {
-    let gaussians = synthetic::cactus(4 * PAGE + 100).unwrap().gaussians;
+    let gaussians = cactus(4 * PAGE + 100).unwrap().gaussians;
     let pages = of_memory(&gaussians, &Options::EXACT);
     assert_eq!(pages.pages().iter().map(|page| page.count).collect::<Vec<_>>(), [1024, 1024, 1024, 1024, 100]);
     let (geometry, _) = words(&pages);

@@ -6,9 +6,11 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use smalto::options::Options;
-use smalto::scene::{Cancelled, Gaussians, Procedural, Scene, synthetic};
-use smalto::storage::convert::{Blocks, Finished, Job, Settings, Take, write_blocks, write_in_order, write_whole};
-use smalto::storage::{PageFile, Statistics};
+use smalto::packing::Statistics;
+use smalto::pagefile::PageFile;
+use smalto::pagefile::write::{Blocks, Finished, Job, Settings, Take, write_blocks, write_in_order, write_whole};
+use smalto::procedural::{Procedural, cactus};
+use smalto::scene::{Cancelled, Gaussians, Scene};
 
 use super::{EXACT, bits, job, read, scene_of};
 use crate::common::program::{ok, path};
@@ -27,7 +29,7 @@ pub fn in_blocks(gaussians: &Gaussians, block: usize) -> impl Fn(&mut Take) -> a
 #[test]
 fn every_way_of_writing_gives_the_same_file() {
     let folder = tempfile::tempdir().unwrap();
-    let gaussians = synthetic::cactus(30_000).unwrap().gaussians;
+    let gaussians = cactus(30_000).unwrap().gaussians;
     let source = folder.path().join("source");
     fs::write(&source, "as if").unwrap();
     let [whole, small] = ["whole.smalto", "small.smalto"].map(|name| folder.path().join(name));
@@ -47,7 +49,7 @@ fn every_way_of_writing_gives_the_same_file() {
 #[test]
 fn blocks_that_lie_apart_are_written_as_they_come() {
     let folder = tempfile::tempdir().unwrap();
-    let gaussians = synthetic::cactus(20_000).unwrap().gaussians;
+    let gaussians = cactus(20_000).unwrap().gaussians;
     let out = folder.path().join("a.smalto");
     for (block, options) in [(3000, Settings::LOSSLESS), (4096, Options::BALANCED), (500, Options::BALANCED)] {
         let blocks = in_blocks(&gaussians, block);
@@ -75,7 +77,7 @@ fn interrupted(output: &Path, source: &Path, blocks: &Blocks, questions: usize) 
 #[test]
 fn an_interrupted_conversion_goes_on_where_it_was() {
     let folder = tempfile::tempdir().unwrap();
-    let gaussians = synthetic::cactus(20_000).unwrap().gaussians;
+    let gaussians = cactus(20_000).unwrap().gaussians;
     let [source, whole, out] = ["source", "whole.smalto", "out.smalto"].map(|name| folder.path().join(name));
     fs::write(&source, "as if").unwrap();
     write_whole(&job(&whole, EXACT), &scene_of(gaussians.clone())).unwrap();
@@ -99,7 +101,7 @@ fn an_interrupted_conversion_goes_on_where_it_was() {
 #[test]
 fn levels_go_on_where_they_were() {
     let folder = tempfile::tempdir().unwrap();
-    let gaussians = synthetic::cactus(70_000).unwrap().gaussians;
+    let gaussians = cactus(70_000).unwrap().gaussians;
     let [source, whole, out] = ["source", "whole.smalto", "out.smalto"].map(|name| folder.path().join(name));
     fs::write(&source, "as if").unwrap();
     let settings = Settings { has_levels: true, ..EXACT };

@@ -1,0 +1,159 @@
+//! The folder beside an output in which long work keeps what it has done, so that another run can go on with it.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Error, Result, anyhow};
+
+use super::destination::{Place, keep_attributes};
+use super::{cannot_write, described, lock, read_whole};
+
+/// A folder of unfinished work, locked against other runs. It stays when the program ends before the work is done, or
+/// fails after the state of the work was kept.
+pub struct Kept {
+    folder: PathBuf,
+    /// The name of the file without which the others are of no use.
+    state: &'static str,
+    /// The output, and its metadata if there is one already.
+    output: PathBuf,
+    old: Option<fs::Metadata>,
+    _lock: File,
+}
+
+/// The file by which a folder of unfinished work is known.
+const MARK: &str = "unfinished";
+
+/// True if a folder was made for unfinished work: no other is ever cleared.
+fn is_own(folder: &Path) -> bool {
+    let is_folder = folder.symlink_metadata().is_ok_and(|data| data.is_dir());
+    let is_empty = || fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+    is_folder && (folder.join(MARK).is_file() || is_empty())
+}
+
+impl Kept {
+    /// The folder of the work on `output`, which is made if there is none. It is removed when dropped without a file
+    /// `state`.
+    ///
+    /// # Errors
+    /// If `output` is not a regular file, may not be replaced, or another run works on it.
+    pub fn beside(output: &Path, state: &'static str) -> Result<Self> {
+        let kept = || -> Result<Self> {
+            let Place::File { path, old } = Place::of(output)? else {
+                return Err(anyhow!("it is no regular file, and this format is not written in one piece"));
+            };
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let folder = path.with_file_name(format!(".{name}.unfinished"));
+            match fs::create_dir(&folder) {
+                Ok(()) => _ = File::create(folder.join(MARK)).map_err(|error| described(&error))?,
+                Err(error) => match error.kind() {
+                    ErrorKind::AlreadyExists if is_own(&folder) => {}
+                    ErrorKind::AlreadyExists => {
+                        return Err(anyhow!("{} is in the way: remove or rename it", folder.display()));
+                    }
+                    ErrorKind::NotFound => return Err(Error::msg("there is no such folder")),
+                    _ => return Err(described(&error)),
+                },
+            }
+            let lock_of = File::open(&folder).map_err(|error| described(&error))?;
+            lock(&lock_of)?;
+            Ok(Self { folder, state, output: path, old, _lock: lock_of })
+        };
+        kept().map_err(|problem| problem.context(cannot_write(output)))
+    }
+
+    /// The content of a file that an earlier run kept, if there is one.
+    pub fn content(&self, name: &str) -> Option<Vec<u8>> {
+        read_whole(&self.folder.join(name)).ok()
+    }
+
+    /// Keeps a small file, whole or not at all.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn keep(&self, name: &str, content: &[u8]) -> Result<()> {
+        let part = self.folder.join(format!("{name}.new"));
+        let written = File::create(&part).and_then(|mut file| {
+            file.write_all(content)?;
+            file.sync_data()?;
+            fs::rename(&part, self.folder.join(name))
+        });
+        written.map_err(|error| self.failed(&error))
+    }
+
+    /// A file for reading and writing, as it was kept, or empty.
+    ///
+    /// # Errors
+    /// If it cannot be opened or made.
+    pub fn file(&self, name: &str) -> Result<File> {
+        let mut options = OpenOptions::new();
+        let file = options.read(true).write(true).create(true).truncate(false).open(self.folder.join(name));
+        file.map_err(|error| self.failed(&error))
+    }
+
+    /// Removes a file, if there is one.
+    pub fn drop_file(&self, name: &str) {
+        // What stays is removed with the folder.
+        _ = fs::remove_file(self.folder.join(name));
+    }
+
+    /// Removes all files.
+    ///
+    /// # Errors
+    /// If one of them stays.
+    pub fn clear(&self) -> Result<()> {
+        let entries = fs::read_dir(&self.folder).map_err(|error| self.failed(&error))?;
+        for entry in entries {
+            let removed = entry.and_then(|entry| match entry.file_name() == MARK {
+                true => Ok(()),
+                false => fs::remove_file(entry.path()),
+            });
+            removed.map_err(|error| self.failed(&error))?;
+        }
+        Ok(())
+    }
+
+    /// Replaces the output by the complete file `name`, and removes the folder. A file that is replaced keeps its mode
+    /// and, where permitted, its owner.
+    ///
+    /// # Errors
+    /// If the output cannot be written.
+    pub fn finish(self, name: &str) -> Result<()> {
+        let finished = || -> io::Result<()> {
+            let part = self.folder.join(name);
+            let file = File::open(&part)?;
+            if let Some(old) = &self.old {
+                keep_attributes(&file, old)?;
+            }
+            file.sync_all()?;
+            fs::rename(part, &self.output)
+        };
+        finished().map_err(|error| self.failed(&error))?;
+        self.drop_file(self.state);
+        Ok(())
+    }
+
+    /// The path of the output.
+    pub fn output(&self) -> &Path {
+        &self.output
+    }
+
+    /// The path of a kept file.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// The error of writing.
+    pub fn failed(&self, error: &io::Error) -> Error {
+        described(error).context(cannot_write(&self.output))
+    }
+}
+
+impl Drop for Kept {
+    fn drop(&mut self) {
+        if !self.folder.join(self.state).exists() {
+            // What stays is removed by the next run.
+            _ = fs::remove_dir_all(&self.folder);
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! Reads SOG of PlayCanvas, versions 1 and 2: WebP textures with one texel per Gaussian, and a `meta.json` that defines
+//! their values, in a zip archive or a folder. Axes are right, down, forward, as in PLY.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use super::files::Files;
+use super::read_streamed;
+use super::unit::{Unit, decode_all};
+use crate::formats::input::Source;
+use crate::scene::{NoLevel, Scene, Watch};
+
+/// Progress when an archive is read but not yet decoded.
+const READ: f64 = 0.25;
+
+/// The JSON file of the SOG in this folder. Any other path is returned unchanged.
+pub(crate) fn in_folder(path: &Path) -> PathBuf {
+    let jsons = ["lod-meta.json", "meta.json"].map(|name| path.join(name));
+    jsons.into_iter().find(|json| json.is_file()).unwrap_or_else(|| path.to_owned())
+}
+
+/// Reads a zip archive.
+pub(crate) fn read_bundle(source: Source, watch: &Watch) -> Result<Scene> {
+    let reading = Watch { progress: &|fraction| (watch.progress)(READ * fraction), ..*watch };
+    let mut source = source.watched_by(&reading);
+    let unit = Unit::open(Files::archive(&mut source)?, "meta.json")?;
+    let decoding = Watch { progress: &|fraction| (watch.progress)(READ + (1.0 - READ) * fraction), ..*watch };
+    let format = unit.meta.format();
+    decode_all(&mut source, vec![unit], format, &decoding)
+}
+
+/// Reads a `meta.json`, or one level of a `lod-meta.json`. The textures lie in the same folder.
+pub(crate) fn read_json(source: Source, path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
+    #[derive(Deserialize)]
+    struct Keys {
+        means: Option<IgnoredAny>,
+        tree: Option<IgnoredAny>,
+    }
+    let quiet = Watch { progress: &|_| {}, ..*watch };
+    let mut source = source.watched_by(&quiet);
+    let json = source.rest(read_streamed::MAX_BYTES, "the JSON")?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    match serde_json::from_slice(&json).context("not the JSON of a scene")? {
+        Keys { tree: Some(_), .. } => read_streamed::read(&mut source, &json, folder, level, watch),
+        Keys { means: Some(_), .. } => {
+            ensure!(level.is_none(), NoLevel::none());
+            let unit = Unit::parse(&json, Files::Folder(folder.to_owned()))?;
+            let format = unit.meta.format();
+            decode_all(&mut source, vec![unit], format, watch)
+        }
+        _ => bail!(
+            "the JSON is not that of a scene: it has neither means, as meta.json has, nor a tree, as lod-meta.json has"
+        ),
+    }
+}

@@ -1,0 +1,307 @@
+//! Small pictures of few nodes along a direction, with parallel rays, by the antialiased rules.
+
+use glam::{DMat3, DVec3};
+use multiversion::multiversion;
+
+use super::node::Nodes;
+use crate::rules::{ALPHA_MAX, ALPHA_MIN, LOW_PASS};
+use crate::scene::harmonics;
+
+/// A direction in which nodes are looked at.
+#[derive(Clone, Copy, Debug)]
+pub struct Direction {
+    right: DVec3,
+    down: DVec3,
+    forward: DVec3,
+}
+
+impl Direction {
+    pub fn to(forward: DVec3) -> Self {
+        let forward = forward.normalize();
+        let (right, down) = forward.any_orthonormal_pair();
+        Self { right, down, forward }
+    }
+}
+
+/// Six of the twelve corners of an icosahedron, one of each opposite pair: the most even six directions. Three look one
+/// way and three the other, since splats cover one another differently from the two sides.
+pub fn directions() -> [Direction; 6] {
+    let long = (1.0 + 5.0_f64.sqrt()) / 2.0;
+    let corners =
+        [[0.0, 1.0, long], [0.0, 1.0, -long], [1.0, long, 0.0], [-1.0, long, 0.0], [long, 0.0, 1.0], [-long, 0.0, 1.0]];
+    let mut sign = 1.0;
+    corners.map(|corner| {
+        let forward = DVec3::from(corner) * sign;
+        sign = -sign;
+        Direction::to(forward)
+    })
+}
+
+/// The part of the world that a picture shows.
+#[derive(Clone, Copy, Debug)]
+pub struct Window {
+    direction: Direction,
+    origin: DVec3,
+    /// Width of a pixel, world units.
+    px: f64,
+    pub width: usize,
+    pub height: usize,
+}
+
+/// Pixels around the means.
+const MARGIN: f64 = 4.0;
+
+impl Window {
+    /// A window around all means, seen in this direction.
+    pub fn around(nodes: &Nodes, direction: Direction, px: f64) -> Self {
+        Self::within(nodes, direction, px, MARGIN * px)
+    }
+
+    /// A window that reaches so far beyond all means, world units.
+    pub fn within(nodes: &Nodes, direction: Direction, px: f64, margin: f64) -> Self {
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for node in &nodes.nodes {
+            let centre = node.centre();
+            let seen =
+                DVec3::new(direction.right.dot(centre), direction.down.dot(centre), direction.forward.dot(centre));
+            (low, high) = (low.min(seen), high.max(seen));
+        }
+        let origin = low - DVec3::new(margin, margin, 0.0);
+        let side = |from: f64, to: f64| ((to - from + 2.0 * margin) / px).ceil().max(1.0) as usize;
+        Self { direction, origin, px, width: side(low.x, high.x), height: side(low.y, high.y) }
+    }
+}
+
+/// A node in a window. It stays the same while the opacity and the colour of the node are fitted.
+#[derive(Clone, Copy, Debug)]
+struct Splat {
+    mean: [f32; 2],
+    /// The inverse covariance: xx, xy, yy.
+    conic: [f32; 3],
+    /// The variance of y.
+    tall: f64,
+    /// The part of the opacity that the low-pass leaves.
+    sharpness: f64,
+    /// The colour in this direction without that of degree 0.
+    rest: [f64; 3],
+}
+
+/// Nodes in a window, front to back.
+pub struct Splats {
+    window: Window,
+    /// The basis function of degree 0.
+    flat: f64,
+    splats: Vec<Splat>,
+    /// The places of the splats, front to back.
+    order: Vec<u32>,
+}
+
+/// Red, green and blue times alpha, and what passes.
+pub type Pixel = [f32; 4];
+
+/// Numbers that one instruction works on.
+pub const LANES: usize = 8;
+
+/// A picture, and what each splat has of it. The memory serves one picture after another.
+#[derive(Clone, Debug, Default)]
+pub struct Drawing {
+    /// Row by row, and [`LANES`] empty ones behind the last.
+    pub pixels: Vec<Pixel>,
+    rows: Vec<Row>,
+    weights: Vec<f32>,
+}
+
+/// The first pixel of a row that a splat covers, and where the weights of these pixels begin.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    splat: u32,
+    first: u32,
+    weights: u32,
+}
+
+impl Drawing {
+    /// For each row of each splat, front to back: the splat, the first pixel, and the weights of the splat's colour in
+    /// the pixels from there on, alpha times transmittance. Some zeros fill up the last [`LANES`] weights.
+    pub fn rows(&self) -> impl Iterator<Item = (usize, usize, &[[f32; LANES]])> {
+        let ends = self.rows.iter().skip(1).map(|row| row.weights as usize).chain([self.weights.len()]);
+        self.rows.iter().zip(ends).map(|(row, end)| {
+            let weights = self.weights[row.weights as usize..end].as_chunks().0;
+            (row.splat as usize, row.first as usize, weights)
+        })
+    }
+}
+
+/// 2^x, to 1e-6 of it. The same bits on every machine, unlike the functions of the system.
+pub fn exp2(x: f32) -> f32 {
+    /// Adding this rounds to an integer, which is then in the lowest bits.
+    const ROUNDER: f32 = 12_582_912.0;
+    let x = x.max(-126.0);
+    let shifted = x + ROUNDER;
+    let rest = x - (shifted - ROUNDER);
+    let whole = f32::from_bits(shifted.to_bits().wrapping_sub(ROUNDER.to_bits()).wrapping_add(127) << 23);
+    // Taylor's series of 2^rest, |rest| <= 1/2.
+    let series = 1.0
+        + rest
+            * (std::f32::consts::LN_2
+                + rest * (0.240_226_5 + rest * (0.055_504_11 + rest * (0.009_618_13 + rest * 0.001_333_36))));
+    whole * series
+}
+
+impl Splats {
+    pub fn of(nodes: &Nodes, window: Window) -> Self {
+        let Direction { right, down, forward } = window.direction;
+        let basis = harmonics::basis(forward.to_array());
+        let count = nodes.len();
+        let (mut splats, mut depths) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        for (i, node) in nodes.nodes.iter().enumerate() {
+            let centre = node.centre();
+            let axes: DMat3 = node.axes();
+            let (u, v) = (axes.transpose() * right / window.px, axes.transpose() * down / window.px);
+            let sharp = u.cross(v).length_squared();
+            let (a, b, c) = (u.length_squared() + LOW_PASS, u.dot(v), v.length_squared() + LOW_PASS);
+            let determinant = a * c - b * b;
+            let higher = || nodes.sh(i).iter().zip(basis).skip(1);
+            splats.push(Splat {
+                mean: [
+                    (right.dot(centre) - window.origin.x) / window.px,
+                    (down.dot(centre) - window.origin.y) / window.px,
+                ]
+                .map(|v| v as f32),
+                conic: [c, -b, a].map(|v| (v / determinant) as f32),
+                tall: c,
+                sharpness: (sharp / determinant).sqrt(),
+                rest: [0, 1, 2].map(|k| higher().map(|(value, basis)| f64::from(value[k]) * basis).sum()),
+            });
+            depths.push((forward.dot(centre) as f32, i as u32));
+        }
+        depths.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        Self { window, flat: basis[0], splats, order: depths.into_iter().map(|(_, i)| i).collect() }
+    }
+
+    /// Draws the nodes that these splats were made of, with their opacities and colours of now.
+    pub fn draw(&self, nodes: &Nodes, drawing: &mut Drawing) {
+        draw(self, nodes, drawing);
+    }
+}
+
+/// See [`Splats::draw`]. All versions make the same bits: none joins a product and a sum in one operation.
+#[multiversion(targets("x86_64+avx2"))]
+fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
+    let Window { width, height, .. } = splats.window;
+    let Drawing { pixels, rows, weights } = drawing;
+    rows.clear();
+    weights.clear();
+    pixels.clear();
+    pixels.resize(width * height + LANES, [0.0, 0.0, 0.0, 1.0]);
+    for index in splats.order.iter().map(|i| *i as usize) {
+        let Splat { mean, conic: [a, b, c], tall, sharpness, rest } = splats.splats[index];
+        let opacity = (f64::from(nodes.nodes[index].opacity) * sharpness) as f32;
+        if opacity <= ALPHA_MIN {
+            continue;
+        }
+        let flat = nodes.sh(index)[0];
+        let colour = [0, 1, 2].map(|k| (0.5 + f64::from(flat[k]) * splats.flat + rest[k]).max(0.0) as f32);
+        // What is covered no longer passes.
+        let tint = [colour[0], colour[1], colour[2], -1.0];
+        // The square of the number of standard deviations to the edge of the ellipse, where alpha is the threshold,
+        // and half of its height.
+        let edge = 2.0 * f64::from(opacity / ALPHA_MIN).ln();
+        let (reach, edge, per_a) = ((edge * tall).sqrt() as f32, edge as f32, 1.0 / a);
+        for row in centres_within(mean[1], reach, height) {
+            let y = row as f32 + 0.5 - mean[1];
+            let root = (b * y).powi(2) - a * (c * y * y - edge);
+            if root <= 0.0 {
+                continue;
+            }
+            let (middle, half) = (mean[0] - b * y * per_a, root.sqrt() * per_a);
+            let columns = centres_within(middle, half, width);
+            if columns.is_empty() {
+                continue;
+            }
+            const LOG2: f32 = -0.5 * std::f32::consts::LOG2_E;
+            let (x0, squared, linear, constant) =
+                (columns.start as f32 + 0.5 - mean[0], LOG2 * a, LOG2 * 2.0 * b * y, LOG2 * c * y * y);
+            let [splat, first, begin] = [index, row * width + columns.start, weights.len()].map(|n| n as u32);
+            rows.push(Row { splat, first, weights: begin });
+            // Whole lanes without a branch: rows are short, and of lengths that the processor cannot guess. Closures
+            // would be calls here.
+            let count = columns.len() as f32;
+            let mut along: [f32; LANES] = std::array::from_fn(|lane| lane as f32);
+            for pixels in pixels[first as usize..].as_chunks_mut::<LANES>().0 {
+                let mut lanes = [0.0; LANES];
+                for (lane, along) in lanes.iter_mut().zip(&mut along) {
+                    let x = x0 + *along;
+                    let alpha = (opacity * exp2(constant + x * (linear + x * squared))).min(ALPHA_MAX);
+                    *lane = if *along < count { alpha } else { 0.0 };
+                    *along += LANES as f32;
+                }
+                for (pixel, weight) in pixels.iter_mut().zip(&mut lanes) {
+                    *weight *= pixel[3];
+                    for (value, tint) in pixel.iter_mut().zip(tint) {
+                        *value += tint * *weight;
+                    }
+                }
+                weights.extend_from_slice(&lanes);
+                if along[0] >= count {
+                    break;
+                }
+            }
+        }
+    }
+}
+
+/// The pixels whose centres lie within `reach` of `middle`, of `count`.
+fn centres_within(middle: f32, reach: f32, count: usize) -> std::ops::Range<usize> {
+    // Conversions round towards 0 and stop at the limits of the type. They take a part of the time of floor and ceil,
+    // which are calls where the processor may be an old one.
+    let low = middle - reach - 0.5;
+    let first = low as u32 + u32::from(low > low as u32 as f32);
+    let end = ((middle + reach + 0.5) as u32).min(count as u32);
+    first.min(end) as usize..end as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lod::Node;
+
+    #[test]
+    fn powers_of_two_are_those_of_the_system() {
+        for i in -2000..400 {
+            let x = i as f32 / 17.0;
+            assert!((exp2(x) / x.exp2() - 1.0).abs() < 1e-5 || x < -125.0, "{x}: {}", exp2(x));
+        }
+        assert!(exp2(-1e30) < 1e-37);
+    }
+
+    #[test]
+    fn a_picture_holds_what_passes_and_what_is_near_covers_what_is_far() {
+        let red = [[1.0 / 0.282_094_79 * 0.5, -1.772, -1.772]];
+        let mut nodes = Nodes::new(0);
+        let direction = directions()[0];
+        let place = |depth: f64| (direction.forward * depth).as_vec3().to_array();
+        nodes.push(Node::leaf(place(2.0), [1.0, 0.0, 0.0, 0.0], [1.0; 3], 0.9), &[[0.0; 3]]);
+        nodes.push(Node::leaf(place(1.0), [1.0, 0.0, 0.0, 0.0], [1.0; 3], 0.5), &red);
+        let window = Window::around(&nodes, direction, 0.25);
+        let mut drawing = Drawing::default();
+        Splats::of(&nodes, window).draw(&nodes, &mut drawing);
+        let middle = drawing.pixels.iter().copied().min_by(|a, b| a[3].total_cmp(&b[3])).unwrap();
+        // The low-pass widens the variance from 16 to 16.3 px^2.
+        let [near, far] = [0.5, 0.9].map(|opacity: f32| opacity * 16.0 / 16.3);
+        let rest = (1.0 - near) * far * 0.5;
+        let expected = [near + rest, rest, rest, (1.0 - near) * (1.0 - far)];
+        assert!((0..4).all(|k| (middle[k] - expected[k]).abs() < 0.01), "{middle:?}, not {expected:?}");
+        let mut sums = vec![[0.0_f32; 4]; drawing.pixels.len()];
+        for (splat, first, weights) in drawing.rows() {
+            let colour = [[0.5; 3], [1.0, 0.0, 0.0]][splat];
+            for (sum, weight) in sums[first..].iter_mut().zip(weights.as_flattened()) {
+                (0..3).for_each(|k| sum[k] += colour[k] * weight);
+                sum[3] += weight;
+            }
+        }
+        let is_sum = |(sum, pixel): (&Pixel, &Pixel)| {
+            (0..4).all(|k| (sum[k] - if k == 3 { 1.0 - pixel[3] } else { pixel[k] }).abs() < 1e-3)
+        };
+        assert!(sums.iter().zip(&drawing.pixels).all(is_sum), "a picture is the sum of what its splats have of it");
+    }
+}

@@ -1,0 +1,302 @@
+//! All that has to be known of a whole scene before it is stored or framed, from one pass over its Gaussians.
+
+use std::ops::Range;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::halves::half;
+use crate::scene::{
+    Bounds, Colours, Curve, Focus, Gaussians, MAX_SH_DEGREE, Requirements, SUMMED, StoredValues, bands, sh_coefficients,
+};
+
+/// What a [`Layout`](super::Layout) follows from, and where a scene lies. The same Gaussians in the same order have the
+/// same statistics, bit for bit, whatever the size of the blocks in which they were added.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Statistics {
+    /// Number of Gaussians.
+    pub count: usize,
+    /// SH degree of the Gaussians, which may be higher than what they need.
+    pub sh_degree: u32,
+    /// The bounding box of the means.
+    pub extent: Bounds,
+    /// Where most of the scene lies: exact for up to [`FOCUSED`] Gaussians, and else that of as many, which are evenly
+    /// spread over their order.
+    pub focus: Focus,
+    pub requirements: Requirements,
+    /// The smallest scale over 0 and the largest; both 0 if there is none.
+    pub scales: [f32; 2],
+    /// True if a scale is 0.
+    pub is_flat: bool,
+    pub highest_opacity: f32,
+    /// Smallest and largest value of each coefficient of the spherical harmonics.
+    pub sh: [[f32; 2]; sh_coefficients(MAX_SH_DEGREE)],
+    /// For each SH degree that may be kept: the largest change of a colour channel by 16-bit floats. Where that is
+    /// small (below 1.98 / 255), it may be 0.
+    pub half_errors: [f64; MAX_SH_DEGREE as usize + 1],
+}
+
+/// Most Gaussians that a focus is computed from.
+pub const FOCUSED: usize = 1 << 18;
+
+/// Rounding to 16-bit floats changes a value by at most 2^-11 of it, so few Gaussians need their coefficients examined:
+/// those whose colour channels may be larger than this.
+const EXAMINED: f64 = 0.99 * 2.0 / 255.0 * 2048.0;
+
+impl Statistics {
+    /// The statistics of a scene in memory.
+    pub fn of(gaussians: &Gaussians) -> Self {
+        let mut all = Accumulator::new(gaussians.len(), gaussians.sh_degree());
+        all.add(gaussians);
+        all.finish()
+    }
+
+    /// The statistics of the same scene with levels of detail, whose nodes may be as large as the scene.
+    #[must_use]
+    pub fn with_room_for_levels(mut self) -> Self {
+        let Bounds { low, high } = self.extent;
+        let diagonal = (0..3).map(|axis| (high[axis] - low[axis]).powi(2)).sum::<f32>().sqrt();
+        if self.scales[1] > 0.0 && diagonal.is_finite() {
+            self.scales[1] = self.scales[1].max(diagonal);
+        }
+        self.highest_opacity = self.highest_opacity.max(1.0);
+        self
+    }
+
+    /// The curve along which pages hold the Gaussians: through the part of the scene that lies near its focus, since a
+    /// stray Gaussian far away would leave all others in one cell.
+    pub fn curve(&self) -> Curve {
+        let Focus { centre, radius } = self.focus;
+        let side = |axis: usize, sign: f64| (centre[axis] + sign * NEAR * radius) as f32;
+        let low = std::array::from_fn(|axis| self.extent.low[axis].max(side(axis, -1.0)));
+        let high = std::array::from_fn(|axis| self.extent.high[axis].min(side(axis, 1.0)));
+        Curve::through(low, high)
+    }
+}
+
+/// Radii of the focus that are near it.
+const NEAR: f64 = 32.0;
+
+/// Adds up the statistics of a scene that comes in blocks.
+pub struct Accumulator {
+    count: usize,
+    added: usize,
+    sh_degree: u32,
+    colours: Colours,
+    /// The colours of the last [`SUMMED`] Gaussians, if they are not complete.
+    begun: Colours,
+    extremes: Extremes,
+    values: StoredValues,
+    /// Means and opacities of the Gaussians that the focus is computed from.
+    focused: (Vec<[f32; 3]>, Vec<f32>),
+}
+
+impl Accumulator {
+    /// For a scene of `count` Gaussians of this SH degree.
+    pub fn new(count: usize, sh_degree: u32) -> Self {
+        Self {
+            count,
+            added: 0,
+            sh_degree,
+            colours: Colours::default(),
+            begun: Colours::default(),
+            extremes: Extremes::NONE,
+            values: StoredValues::new(count, sh_degree),
+            focused: Default::default(),
+        }
+    }
+
+    /// Adds the next Gaussians.
+    ///
+    /// # Panics
+    /// If they are of another SH degree.
+    pub fn add(&mut self, gaussians: &Gaussians) {
+        assert_eq!(gaussians.sh_degree(), self.sh_degree, "all Gaussians of a scene are of one SH degree");
+        let (first, len) = (self.added, gaussians.len());
+        // The sums of complete parts of the scene, whatever the blocks.
+        let ends = (1..).map(|part| (first / SUMMED + part) * SUMMED - first).take_while(|end| *end < len);
+        let ends: Vec<usize> = [0].into_iter().chain(ends).chain([len]).collect();
+        let begun = self.begun;
+        let parts: Vec<_> = (ends.par_windows(2).enumerate())
+            .map(|(i, ends)| {
+                let mut part = (if i == 0 { begun } else { Colours::default() }, Extremes::NONE);
+                part.1.add(gaussians, ends[0]..ends[1], &mut part.0);
+                part
+            })
+            .collect();
+        self.begun = Colours::default();
+        for ((colours, extremes), end) in parts.iter().zip(&ends[1..]) {
+            self.extremes = self.extremes.and(extremes);
+            if (first + end).is_multiple_of(SUMMED) {
+                self.colours = self.colours.and(colours);
+            } else {
+                self.begun = *colours;
+            }
+        }
+        self.values.add(gaussians);
+        self.focus_on(gaussians);
+        self.added += len;
+    }
+
+    fn focus_on(&mut self, gaussians: &Gaussians) {
+        let place = |k: usize| {
+            if self.count <= FOCUSED { k } else { (k as u128 * self.count as u128 / FOCUSED as u128) as usize }
+        };
+        let places = (self.focused.0.len()..FOCUSED).map(place);
+        for index in places.map(|place| place - self.added).take_while(|index| *index < gaussians.len()) {
+            self.focused.0.push(gaussians.means()[index]);
+            self.focused.1.push(gaussians.opacities()[index]);
+        }
+    }
+
+    /// Number of Gaussians that were added.
+    pub fn added(&self) -> usize {
+        self.added
+    }
+
+    /// True if as many Gaussians were added as were announced.
+    pub fn is_complete(&self) -> bool {
+        self.added == self.count
+    }
+
+    /// Some means, evenly spread over the scene.
+    pub fn sample(&self) -> &[[f32; 3]] {
+        &self.focused.0
+    }
+
+    /// The statistics of all that was added.
+    ///
+    /// # Panics
+    /// If the number of Gaussians is another than was said.
+    pub fn finish(self) -> Statistics {
+        assert_eq!(self.added, self.count, "all Gaussians of the scene are added");
+        let colours = self.colours.and(&self.begun);
+        let Extremes { scales: [smallest, largest], is_flat, highest_opacity, sh, half_errors, .. } = self.extremes;
+        Statistics {
+            count: self.count,
+            sh_degree: self.sh_degree,
+            extent: self.extremes.extent(),
+            focus: Focus::of_weighted(&self.focused.0, &self.focused.1),
+            requirements: Requirements::from_parts(&colours, self.count, &self.values),
+            scales: [smallest.min(largest), largest],
+            is_flat,
+            highest_opacity,
+            sh,
+            half_errors,
+        }
+    }
+}
+
+/// Smallest and largest values, which do not depend on the order of the Gaussians.
+#[derive(Clone, Copy)]
+struct Extremes {
+    low: Vec3,
+    high: Vec3,
+    scales: [f32; 2],
+    is_flat: bool,
+    highest_opacity: f32,
+    sh: [[f32; 2]; sh_coefficients(MAX_SH_DEGREE)],
+    half_errors: [f64; MAX_SH_DEGREE as usize + 1],
+}
+
+/// The range of no values.
+const NOTHING: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
+
+fn wider([low, high]: [f32; 2], [l, h]: [f32; 2]) -> [f32; 2] {
+    [low.min(l), high.max(h)]
+}
+
+impl Extremes {
+    const NONE: Self = Self {
+        low: Vec3::INFINITY,
+        high: Vec3::NEG_INFINITY,
+        scales: [f32::INFINITY, 0.0],
+        is_flat: false,
+        highest_opacity: 0.0,
+        sh: [NOTHING; sh_coefficients(MAX_SH_DEGREE)],
+        half_errors: [0.0; MAX_SH_DEGREE as usize + 1],
+    };
+
+    fn extent(&self) -> Bounds {
+        if self.low.x > self.high.x {
+            return Bounds { low: [0.0; 3], high: [0.0; 3] };
+        }
+        let [low, high] = [self.low, self.high].map(|v| (v + Vec3::ZERO).to_array()); // 0 is +0
+        Bounds { low, high }
+    }
+
+    fn and(&self, other: &Self) -> Self {
+        Self {
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+            scales: wider(self.scales, other.scales),
+            is_flat: self.is_flat || other.is_flat,
+            highest_opacity: self.highest_opacity.max(other.highest_opacity),
+            sh: std::array::from_fn(|i| wider(self.sh[i], other.sh[i])),
+            half_errors: std::array::from_fn(|l| self.half_errors[l].max(other.half_errors[l])),
+        }
+    }
+
+    /// Adds some Gaussians, and their colours to `colours`.
+    fn add(&mut self, gaussians: &Gaussians, range: Range<usize>, colours: &mut Colours) {
+        for index in range {
+            let (mean, sh) = (Vec3::from(gaussians.means()[index]), gaussians.sh(index));
+            (self.low, self.high) = (self.low.min(mean), self.high.max(mean));
+            for scale in gaussians.scales()[index] {
+                self.is_flat |= scale == 0.0;
+                if scale > 0.0 {
+                    self.scales = wider(self.scales, [scale; 2]);
+                }
+            }
+            self.highest_opacity = self.highest_opacity.max(gaussians.opacities()[index]);
+            for (range, values) in self.sh.iter_mut().zip(sh) {
+                // 0 is +0: threads meet zeros of both signs in any order.
+                *range = values.iter().fold(*range, |range, value| wider(range, [value + 0.0; 2]));
+            }
+            for (channel, bounds) in colours.add(sh).iter().enumerate() {
+                if bounds.iter().sum::<f64>() > EXAMINED {
+                    self.examine(sh, channel);
+                }
+            }
+        }
+    }
+
+    fn examine(&mut self, sh: &[[f32; 3]], channel: usize) {
+        let value = |i: usize| sh.get(i).map_or(0.0, |value| value[channel]);
+        let change = bands(|i| f64::from(half(value(i)).to_f32()) - f64::from(value(i)));
+        let mut sum = 0.0;
+        for (most, change) in self.half_errors.iter_mut().zip(change) {
+            sum += change;
+            *most = most.max(sum);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::procedural::cactus;
+
+    #[test]
+    fn statistics_do_not_depend_on_the_blocks() {
+        let scene = cactus::cactus(20_011).unwrap().gaussians;
+        let whole = Statistics::of(&scene);
+        assert_eq!(whole.requirements, Requirements::of(&scene));
+        assert_eq!((whole.extent, whole.focus), (Bounds::of(&scene), Focus::of(&scene)));
+        for block in [1, 100, 4095, 4096, 4097, 20_010] {
+            let mut all = Accumulator::new(scene.len(), scene.sh_degree());
+            for first in (0..scene.len()).step_by(block) {
+                let indices: Vec<u32> = (first..scene.len().min(first + block)).map(|i| i as u32).collect();
+                all.add(&scene.selected(&indices).unwrap());
+            }
+            assert_eq!(all.finish(), whole, "blocks of {block}");
+        }
+    }
+
+    #[test]
+    fn the_focus_of_a_large_scene_is_that_of_a_sample() {
+        let scene = cactus::cactus(FOCUSED + 1000).unwrap().gaussians;
+        let (estimate, exact) = (Statistics::of(&scene).focus, Focus::of(&scene));
+        assert!((estimate.radius / exact.radius - 1.0).abs() < 0.01, "{estimate:?} for {exact:?}");
+    }
+}

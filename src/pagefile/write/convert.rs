@@ -1,0 +1,322 @@
+//! The ways to a page file: of a scene in memory, and of one that comes in blocks.
+
+use std::path::Path;
+use std::sync::atomic::Ordering;
+
+use anyhow::{Context, Result, bail, ensure};
+use rayon::prelude::*;
+
+use super::buckets::{Cuts, Filling, name, records};
+use super::checkpoint::{State, Work};
+use super::group_checkpoint::KeptTops;
+use super::hierarchy::build;
+use super::hierarchy_layout::pages_of_levels;
+use super::output::Output;
+use super::records::{gaussians_of, mean_of, record_words};
+use crate::files::Kept;
+use crate::options::{Options, Storage};
+use crate::packing::{Accumulator, Layout, Statistics};
+use crate::pagefile::{HEADER, Header, LevelParts, PADDING, PAGE};
+use crate::scene::{Cancelled, Curve, Gaussians, Scene};
+
+/// What is written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// The options whose layout and alpha threshold the file gets; by default, 32-bit floats.
+    pub options: Options,
+    /// Bytes of memory that buckets may take while they are sorted.
+    pub memory: usize,
+    /// Builds levels of detail, too.
+    pub has_levels: bool,
+}
+
+impl Settings {
+    /// Everything that the source holds.
+    pub const LOSSLESS: Options = Options { sh_storage: Storage::F32, shape_storage: Storage::F32, ..Options::EXACT };
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { options: Self::LOSSLESS, memory: 2 << 30, has_levels: false }
+    }
+}
+
+/// The least memory in which pages are sorted.
+pub const LEAST_MEMORY: usize = 1 << 20;
+
+/// Takes the next Gaussians of a scene, and how many it is expected to have in all.
+pub type Take<'t> = dyn FnMut(Gaussians, usize) -> Result<()> + 't;
+
+/// Gives all Gaussians of a scene in the order of their indices, block by block, each time the same ones. Returns the
+/// scene without its Gaussians.
+pub type Blocks<'b> = dyn Fn(&mut Take) -> Result<Scene> + Sync + 'b;
+
+/// What a job is told, and whom it tells.
+pub struct Job<'j> {
+    pub output: &'j Path,
+    pub settings: Settings,
+    /// The name of the source.
+    pub title: String,
+    /// Gets the fraction that is done, 0 to 1.
+    pub progress: &'j (dyn Fn(f64) + Sync),
+    /// Asked between blocks and between buckets. Once it returns true, the job ends with [`Cancelled`].
+    pub is_cancelled: &'j (dyn Fn() -> bool + Sync),
+}
+
+/// A file that was written.
+pub struct Finished {
+    pub header: Header,
+    /// Buckets that an earlier run had finished.
+    pub resumed: usize,
+    pub buckets: usize,
+    /// Parts of the levels that an earlier run had built.
+    pub resumed_levels: usize,
+    pub notices: Vec<String>,
+}
+
+/// The names of the kept files.
+const PAGES: &str = "pages";
+/// The pages of a scene that gets levels, which put them into another order.
+const SCENE: &str = "scene";
+pub(crate) const STATE: &str = "state.json";
+const HEADER_FILE: &str = "header";
+const REST: &str = "rest";
+
+impl Job<'_> {
+    /// The name of the file that gets the pages of the scene.
+    pub(crate) fn scene_file(&self) -> &'static str {
+        if self.settings.has_levels { SCENE } else { PAGES }
+    }
+
+    pub(crate) fn check(&self) -> Result<()> {
+        ensure!(!(self.is_cancelled)(), Cancelled);
+        Ok(())
+    }
+
+    /// The header of a file of this scene, whose places are not known yet.
+    pub(crate) fn header(&self, scene: &Scene, statistics: Statistics, layout: Layout) -> Header {
+        let levels = self.settings.has_levels.then(|| LevelParts {
+            pages: pages_of_levels(statistics.count),
+            words_at: 0,
+            table_at: 0,
+            checksum: 0,
+        });
+        Header {
+            statistics,
+            layout,
+            alpha_min: self.settings.options.rules.alpha_min,
+            is_antialiased: scene.is_antialiased,
+            report: scene.report,
+            title: self.title.clone(),
+            format: scene.format.clone(),
+            table_checksum: 0,
+            geometry_at: 0,
+            colours_at: 0,
+            levels,
+        }
+    }
+
+    /// The statistics that the layout of the file follows from: nodes that stand for others are larger.
+    pub(crate) fn statistics(&self, statistics: Statistics) -> Statistics {
+        if self.settings.has_levels { statistics.with_room_for_levels() } else { statistics }
+    }
+
+    /// The layout of the file of a scene with these statistics.
+    pub(crate) fn layout(&self, statistics: &Statistics) -> Layout {
+        let Settings { options, has_levels, .. } = &self.settings;
+        if *has_levels { Layout::of_nodes(statistics, options) } else { Layout::of(statistics, options) }
+    }
+
+    /// Reports this part of the work that comes before the levels.
+    pub(crate) fn report(&self, done: f64) {
+        (self.progress)(if self.settings.has_levels { 0.3 * done } else { done });
+    }
+}
+
+pub(crate) fn check_count(count: usize) -> Result<()> {
+    ensure!(count > 0, "there are no Gaussians");
+    ensure!(count < PADDING as usize, "a page file holds fewer than {PADDING} Gaussians, not {count}");
+    Ok(())
+}
+
+/// Writes a scene in memory.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
+    let gaussians = &scene.gaussians;
+    check_count(gaussians.len())?;
+    let kept = Kept::beside(job.output, STATE)?;
+    kept.clear()?;
+    let statistics = job.statistics(Statistics::of(gaussians));
+    let layout = job.layout(&statistics);
+    let header = job.header(scene, statistics, layout);
+    let file = kept.file(job.scene_file())?;
+    let output = Output::new(&file, (&header.layout, header.alpha_min), header.pages());
+    let order = header.statistics.curve().order(gaussians.means());
+    for (i, part) in order.chunks(PAGE << 10).enumerate() {
+        job.check()?;
+        let written = output.write(i << 10, gaussians, part, |index| index);
+        written.map_err(|error| kept.failed(&error))?;
+        job.report(((i << 20) + part.len()) as f64 / order.len() as f64);
+    }
+    finish(job, kept, &output, header.clone())?;
+    Ok(Finished { header, resumed: 0, buckets: 1, resumed_levels: 0, notices: scene.notices.clone() })
+}
+
+/// Makes the output of the pages of the scene. Returns how many parts of the levels an earlier run had built.
+pub(crate) fn finish(job: &Job, kept: Kept, scene: &Output, header: Header) -> Result<usize> {
+    let file = kept.file(PAGES)?;
+    let output = scene.onto(&file);
+    let mut resumed = 0;
+    if job.settings.has_levels {
+        let (count, progress) = (header.statistics.count, |done: f64| (job.progress)(0.3 + 0.7 * done));
+        let tops = KeptTops::new(&kept, &file);
+        // What no run can go on with is not kept.
+        let tops = kept.path(STATE).is_file().then_some(&tops);
+        let built = build((&output, scene.file, tops), (count, header.layout.sh_degree), &progress, job.is_cancelled);
+        built.with_context(|| format!("cannot write the levels of {}", job.output.display()))?;
+        resumed = tops.map_or(0, |tops| tops.found.load(Ordering::Relaxed));
+    }
+    let finished = output.finish(header).and_then(|()| Ok(file.sync_all()?));
+    let written = finished.inspect_err(|_| kept.drop_file(STATE));
+    written.with_context(|| format!("cannot write {}", kept.output().display()))?;
+    kept.finish(PAGES)?;
+    Ok(resumed)
+}
+
+const CHANGED: &str = "the source was changed while it was read";
+
+/// A pass over blocks for the statistics, or two of them if the source has other numbers than it says. Returns some
+/// means, too. `parts` is the number of passes of the whole job.
+pub(crate) fn first_passes(job: &Job, blocks: &Blocks, parts: f64) -> Result<(Scene, Statistics, Vec<[f32; 3]>)> {
+    let pass = |known: Option<usize>| {
+        let mut all: Option<Accumulator> = None;
+        let scene = blocks(&mut |block, of| {
+            job.check()?;
+            let count = known.unwrap_or(of);
+            let all = all.get_or_insert_with(|| Accumulator::new(count, block.sh_degree()));
+            all.add(&block);
+            job.report(all.added() as f64 / count.max(1) as f64 / parts);
+            Ok(())
+        })?;
+        let all = all.filter(|all| all.added() > 0).context("there are no Gaussians")?;
+        check_count(all.added())?;
+        anyhow::Ok((scene, all))
+    };
+    let (mut scene, mut all) = pass(None)?;
+    if !all.is_complete() {
+        (scene, all) = pass(Some(all.added()))?;
+        ensure!(all.is_complete(), CHANGED);
+    }
+    let sample = all.sample().to_vec();
+    Ok((scene, job.statistics(all.finish()), sample))
+}
+
+/// Writes a scene that comes in blocks, in bounded memory: in buckets along the curve, which are sorted one by one.
+/// What is done is kept beside the output, and a later run on the same source with the same settings goes on there.
+///
+/// # Errors
+/// Those of the source; if the file cannot be written; [`Cancelled`].
+pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) -> Result<Finished> {
+    ensure!(job.settings.memory >= LEAST_MEMORY, "pages cannot be sorted in {} bytes", job.settings.memory);
+    let kept = Kept::beside(job.output, STATE)?;
+    let work = Work::on(source, &(&job.settings, &job.title, changes));
+    let (mut state, header) = match work.as_ref().and_then(|work| resumed(job, &kept, work)) {
+        Some(found) => found,
+        None => fill_buckets(job, &kept, blocks, work)?,
+    };
+    let resumed = state.done;
+    let degree = header.statistics.sh_degree;
+    let curve = header.statistics.curve();
+    let file = kept.file(job.scene_file())?;
+    let output = Output::new(&file, (&header.layout, header.alpha_min), header.pages());
+    while state.done < state.buckets.len() {
+        job.check()?;
+        let rest = if state.done == 0 { Vec::new() } else { kept.content(&rest(state.done)).unwrap_or_default() };
+        let rest: Vec<u32> = rest.as_chunks().0.iter().map(|bytes| u32::from_ne_bytes(*bytes)).collect();
+        // With damaged buckets the next run begins anew.
+        let records = records(&kept, state.done, state.buckets[state.done], &rest, degree);
+        let records = records.inspect_err(|_| kept.drop_file(STATE))?;
+        let is_last = state.done + 1 == state.buckets.len();
+        let rest = write_bucket(&output, state.written / PAGE, &records, (curve, degree), is_last)
+            .map_err(|problem| problem.context(format!("cannot write {}", job.output.display())))?;
+        file.sync_data().map_err(|error| kept.failed(&error))?;
+        state.written += (records.len() - rest.len()) / record_words(degree);
+        state.done += 1;
+        kept.keep(&self::rest(state.done), bytemuck::cast_slice(&rest))?;
+        kept.keep(STATE, &serde_json::to_vec(&state)?)?;
+        kept.drop_file(&name(state.done - 1));
+        kept.drop_file(&self::rest(state.done - 1));
+        job.report((2.0 + state.done as f64 / state.buckets.len() as f64) / 3.0);
+    }
+    let (count, written) = (header.statistics.count, state.written);
+    if written != count {
+        kept.drop_file(STATE);
+        bail!("{written} of {count} Gaussians were written: what was kept of an earlier run is damaged; run it again");
+    }
+    let resumed_levels = finish(job, kept, &output, header.clone())?;
+    Ok(Finished { header, resumed, buckets: state.buckets.len(), resumed_levels, notices: state.notices })
+}
+
+/// The name of the records that are left for a bucket by those before it.
+fn rest(bucket: usize) -> String {
+    format!("{REST}.{bucket}")
+}
+
+/// What an earlier run on the same work has done.
+fn resumed(job: &Job, kept: &Kept, work: &Work) -> Option<(State, Header)> {
+    let state: State = serde_json::from_slice(&kept.content(STATE)?).ok()?;
+    let header = Header::decoded(kept.content(HEADER_FILE)?.first_chunk::<HEADER>()?).ok()?;
+    let has = |name: &str| kept.path(name).is_file();
+    let is_whole = has(job.scene_file()) && (state.done == 0 || has(&rest(state.done)));
+    (state.work == *work && is_whole).then_some((state, header))
+}
+
+fn fill_buckets(job: &Job, kept: &Kept, blocks: &Blocks, work: Option<Work>) -> Result<(State, Header)> {
+    kept.clear()?;
+    let (scene, statistics, sample) = first_passes(job, blocks, 3.0)?;
+    let (count, degree) = (statistics.count, statistics.sh_degree);
+    let cuts = Cuts::new(statistics.curve(), &sample, count, degree, job.settings.memory);
+    let mut filling = Filling::new(kept, &cuts)?;
+    let mut added = 0;
+    blocks(&mut |block, _| {
+        job.check()?;
+        ensure!(added + block.len() <= count && block.sh_degree() == degree, CHANGED);
+        filling.add(&block, added)?;
+        added += block.len();
+        job.report((1.0 + added as f64 / count as f64) / 3.0);
+        Ok(())
+    })?;
+    ensure!(added == count, CHANGED);
+    let layout = job.layout(&statistics);
+    let header = job.header(&scene, statistics, layout);
+    let file = kept.file(job.scene_file())?;
+    let header = Output::new(&file, (&header.layout, header.alpha_min), header.pages()).placed(header.clone());
+    let buckets = filling.finish()?;
+    let Some(work) = work else { bail!("the source is no regular file") };
+    let state = State { work, buckets, done: 0, written: 0, notices: scene.notices.clone() };
+    kept.keep(HEADER_FILE, &header.encoded())?;
+    kept.keep(STATE, &serde_json::to_vec(&state)?)?;
+    Ok((state, header))
+}
+
+/// Sorts the records of a bucket and writes its pages. Returns the records after its last whole page, in their order.
+fn write_bucket(
+    output: &Output,
+    first: usize,
+    records: &[u32],
+    (curve, degree): (Curve, u32),
+    is_last: bool,
+) -> Result<Vec<u32>> {
+    let each = record_words(degree);
+    let gaussians = gaussians_of(records, degree)?;
+    let record = |index: u32| &records[index as usize * each..][..each];
+    let keyed = |index: u32| (curve.key(mean_of(record(index))), record(index)[0], index);
+    let mut keys: Vec<_> = (0..gaussians.len() as u32).into_par_iter().map(keyed).collect();
+    keys.par_sort_unstable();
+    let order: Vec<u32> = keys.into_iter().map(|(_, _, index)| index).collect();
+    let whole = if is_last { order.len() } else { order.len() / PAGE * PAGE };
+    output.write(first, &gaussians, &order[..whole], |index| record(index)[0])?;
+    Ok(order[whole..].iter().flat_map(|index| record(*index)).copied().collect())
+}

@@ -1,0 +1,126 @@
+//! Page files of scenes whose blocks come in the order of places already.
+
+use std::fs::File;
+
+use anyhow::{Result, bail, ensure};
+
+use super::convert::{Blocks, Finished, Job, STATE, Settings, check_count, finish, first_passes};
+use super::hierarchy_layout::pages_of_levels;
+use super::output::Output;
+use crate::files::Kept;
+use crate::options::Storage;
+use crate::packing::{Accumulator, Layout, Statistics};
+use crate::pagefile::PAGE;
+use crate::scene::{Cancelled, Gaussians, along_curve};
+
+/// Writes a scene whose blocks come in the order of places already, each some pages large: they are sorted in
+/// themselves and written as they come. Where the layout depends on the whole scene, a pass over it comes first.
+///
+/// # Errors
+/// Those of the source; if the file cannot be written; [`Cancelled`].
+pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
+    let kept = Kept::beside(job.output, STATE)?;
+    kept.clear()?;
+    let file = kept.file(job.scene_file())?;
+    let is_plain = |storage: Storage| storage == Storage::F32;
+    let options = &job.settings.options;
+    let is_free = is_plain(options.sh_storage) && is_plain(options.shape_storage);
+    let known = if is_free { None } else { Some(first_passes(job, blocks, 2.0)?.1) };
+    let mut going: Option<Going> = None;
+    let mut add = |block: Gaussians, of: usize| {
+        job.check()?;
+        check_count(of)?;
+        let going = going.get_or_insert_with(|| Going::new(job, known.as_ref(), of, block.sh_degree()));
+        going.add(&file, block).map_err(|error| error.context(format!("cannot write {}", job.output.display())))?;
+        let done = going.statistics.added() as f64 / of as f64;
+        job.report(if known.is_some() { 0.5 + 0.5 * done } else { done });
+        anyhow::Ok(())
+    };
+    // The next block is made while one is written.
+    let scene = std::thread::scope(|threads| {
+        let (sender, receiver) = std::sync::mpsc::sync_channel(1);
+        let making =
+            threads.spawn(move || blocks(&mut |block, of| sender.send((block, of)).map_err(|_| Cancelled.into())));
+        let added = receiver.iter().try_for_each(|(block, of)| add(block, of));
+        drop(receiver);
+        let made = making.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        added.and(made)
+    })?;
+    let Some(mut going) = going else { bail!("there are no Gaussians") };
+    let statistics = job.statistics(going.end(&file)?);
+    let mut layout = job.layout(&statistics);
+    // Coefficients of degrees that turned out to be 0 are stored, too.
+    layout.sh_degree = going.layout.sh_degree;
+    let header = job.header(&scene, statistics, layout);
+    let output = Output::new(&file, (&header.layout, header.alpha_min), going.pages);
+    finish(job, kept, &output, header.clone())?;
+    Ok(Finished { header, resumed: 0, buckets: 1, resumed_levels: 0, notices: scene.notices })
+}
+
+/// Blocks that are written as they come.
+struct Going {
+    layout: Layout,
+    alpha_min: f32,
+    /// Most pages.
+    pages: usize,
+    statistics: Accumulator,
+    written: usize,
+    /// The Gaussians after the last whole page, and their indices in the scene.
+    rest: Option<(Gaussians, Vec<u32>)>,
+}
+
+impl Going {
+    fn new(job: &Job, known: Option<&Statistics>, of: usize, sh_degree: u32) -> Self {
+        let Settings { options, has_levels, .. } = &job.settings;
+        let statistics = Accumulator::new(of, sh_degree);
+        let layout = match known {
+            Some(known) => job.layout(known),
+            None => Layout::plain(sh_degree.min(options.sh_degree)),
+        };
+        let (alpha_min, scene_pages) = (options.rules.alpha_min, of.div_ceil(PAGE));
+        let pages = scene_pages + if *has_levels { pages_of_levels(of) } else { 0 };
+        Self { layout, alpha_min, pages, statistics, written: 0, rest: None }
+    }
+
+    fn add(&mut self, file: &File, block: Gaussians) -> Result<()> {
+        let first = self.statistics.added();
+        self.statistics.add(&block);
+        let own = first as u32..(first + block.len()) as u32;
+        let (gaussians, ids) = match self.rest.take() {
+            Some((rest, mut ids)) => {
+                ids.extend(own);
+                (Gaussians::joined([&rest, &block].into_iter())?, ids)
+            }
+            None => (block, own.collect()),
+        };
+        let order = along_curve(gaussians.means());
+        let whole = order.len() / PAGE * PAGE;
+        self.write(file, &gaussians, &order[..whole], &ids)?;
+        if whole < order.len() {
+            // In the order of the scene, as if they came with the next block.
+            let mut rest = order[whole..].to_vec();
+            rest.sort_unstable();
+            let ids = rest.iter().map(|index| ids[*index as usize]).collect();
+            self.rest = Some((gaussians.selected(&rest)?, ids));
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, file: &File, gaussians: &Gaussians, order: &[u32], ids: &[u32]) -> Result<()> {
+        let output = Output::new(file, (&self.layout, self.alpha_min), self.pages);
+        output.write(self.written / PAGE, gaussians, order, |index| ids[index as usize])?;
+        self.written += order.len();
+        Ok(())
+    }
+
+    /// Writes what is left.
+    fn end(&mut self, file: &File) -> Result<Statistics> {
+        if let Some((gaussians, ids)) = self.rest.take() {
+            let order = along_curve(gaussians.means());
+            self.write(file, &gaussians, &order, &ids)?;
+        }
+        ensure!(self.statistics.is_complete(), "the source holds another number of Gaussians than it said");
+        let empty = Accumulator::new(0, 0);
+        Ok(std::mem::replace(&mut self.statistics, empty).finish())
+    }
+}

@@ -1,0 +1,142 @@
+//! The pages of a file that is being written.
+
+use std::fs::File;
+use std::io;
+
+use anyhow::{Result, ensure};
+use rayon::prelude::*;
+use twox_hash::XxHash3_64;
+
+use crate::files::{read_exact_at, write_all_at};
+use crate::host_memory::host_zeros;
+use crate::packing::{Layout, Shape};
+use crate::pagefile::{Entry, HEADER, Header, Level, LevelParts, PAGE, Page, PageWords};
+use crate::scene::Gaussians;
+
+/// The words of a page file in the making. Pages are written in any order, on many threads.
+pub struct Output<'f> {
+    pub(crate) file: &'f File,
+    pub(crate) layout: &'f Layout,
+    pub(crate) alpha_min: f32,
+    pub(crate) words: PageWords,
+    /// Where the streams and the table of levels begin.
+    pub(crate) places: [u64; 4],
+}
+
+/// Pages that a thread makes at a time.
+const TOGETHER: usize = 16;
+
+impl<'f> Output<'f> {
+    /// A file with at most `pages` pages.
+    pub fn new(file: &'f File, (layout, alpha_min): (&'f Layout, f32), pages: usize) -> Self {
+        let words = PageWords::of(layout);
+        Self { file, layout, alpha_min, places: Header::places(pages, &words), words }
+    }
+
+    /// The same places in another file.
+    pub fn onto(&self, file: &'f File) -> Self {
+        Self { file, words: PageWords::of(self.layout), ..*self }
+    }
+
+    /// Writes the Gaussians `order` from page `first` on. `id` is the index of a Gaussian in the whole scene.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write(
+        &self,
+        first: usize,
+        gaussians: &Gaussians,
+        order: &[u32],
+        id: impl Fn(u32) -> u32 + Sync,
+    ) -> io::Result<()> {
+        let parts = order.par_chunks(TOGETHER * PAGE).enumerate();
+        parts.try_for_each(|(i, order)| self.write_part(first + i * TOGETHER, gaussians, order, &id))
+    }
+
+    fn write_part(
+        &self,
+        first: usize,
+        gaussians: &Gaussians,
+        order: &[u32],
+        id: impl Fn(u32) -> u32,
+    ) -> io::Result<()> {
+        let pages = order.len().div_ceil(PAGE);
+        let each = [self.words.geometry(), self.words.colours()];
+        let mut streams = each.map(|words| vec![0_u32; pages * words]);
+        let mut entries = Vec::with_capacity(pages * Entry::BYTES);
+        let [geometry, colours] = &mut streams;
+        let both = geometry.chunks_exact_mut(each[0]).zip(colours.chunks_exact_mut(each[1]));
+        for ((geometry, colours), order) in both.zip(order.chunks(PAGE)) {
+            let index = |k: usize| order[k] as usize;
+            let shape = |k: usize| Shape::of(gaussians, index(k));
+            self.words.fill_geometry((self.layout, self.alpha_min), order.len(), shape, |k| id(order[k]), geometry);
+            self.words.fill_colours(self.layout, order.len(), colours, |k| gaussians.sh(index(k)));
+            entries.extend(self.entry(geometry, colours).encoded());
+        }
+        self.put(first, &streams, &entries)
+    }
+
+    /// Writes page `page`, which `fill` makes in its geometry and colours.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write_page(&self, page: usize, fill: impl FnOnce(&mut [u32], &mut [u32])) -> io::Result<()> {
+        let mut streams = [self.words.geometry(), self.words.colours()].map(|words| vec![0; words]);
+        let [geometry, colours] = &mut streams;
+        fill(geometry, colours);
+        let entry = self.entry(geometry, colours);
+        self.put(page, &streams, &entry.encoded())
+    }
+
+    /// The entry of a page, whose words become those of the file.
+    fn entry(&self, geometry: &mut [u32], colours: &mut [u32]) -> Entry {
+        let page = Page::of(&self.words, self.layout, geometry);
+        Entry { page, checksums: [geometry, colours].map(sealed) }
+    }
+
+    /// Writes the streams and the entries of pages from page `first` on.
+    fn put(&self, first: usize, streams: &[Vec<u32>; 2], entries: &[u8]) -> io::Result<()> {
+        let each = [self.words.geometry(), self.words.colours()];
+        for ((words, each), place) in streams.iter().zip(each).zip(self.places) {
+            write_all_at(self.file, bytemuck::cast_slice(words), place + (first * each * 4) as u64)?;
+        }
+        write_all_at(self.file, entries, (HEADER + first * Entry::BYTES) as u64)
+    }
+
+    /// The header with the places of the parts of this file.
+    pub fn placed(&self, mut header: Header) -> Header {
+        let [geometry_at, colours_at, words_at, table_at] = self.places;
+        (header.geometry_at, header.colours_at) = (geometry_at, colours_at);
+        header.levels = header.levels.map(|levels| LevelParts { words_at, table_at, ..levels });
+        header
+    }
+
+    /// Writes the header of a file that has all of its pages.
+    ///
+    /// # Errors
+    /// If the file cannot be read or written.
+    pub fn finish(&self, header: Header) -> Result<()> {
+        let mut header = self.placed(header);
+        let mut table: Vec<u8> = host_zeros(header.pages() * Entry::BYTES, "table of pages")?;
+        read_exact_at(self.file, &mut table, HEADER as u64)?;
+        let entries: Vec<Entry> = table.as_chunks().0.iter().map(Entry::decoded).collect();
+        let count: usize = entries[..header.scene_pages()].iter().map(|entry| entry.page.count as usize).sum();
+        let is_sound = entries.iter().all(Entry::is_plausible) && count == header.statistics.count;
+        ensure!(is_sound, "what was kept of an earlier run is damaged: run it again");
+        header.table_checksum = XxHash3_64::oneshot(&table);
+        if let Some(levels) = &mut header.levels {
+            let mut table: Vec<u8> = host_zeros(entries.len() * Level::BYTES, "table of levels")?;
+            read_exact_at(self.file, &mut table, levels.table_at)?;
+            levels.checksum = XxHash3_64::oneshot(&table);
+        }
+        self.file.set_len(header.file_bytes())?;
+        write_all_at(self.file, &header.encoded(), 0)?;
+        Ok(())
+    }
+}
+
+/// Makes words those of a file, and returns their checksum.
+pub fn sealed(words: &mut [u32]) -> u64 {
+    words.iter_mut().for_each(|word| *word = word.to_le());
+    XxHash3_64::oneshot(bytemuck::cast_slice(words))
+}

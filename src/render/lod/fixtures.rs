@@ -1,0 +1,34 @@
+//! Page files with levels, devices and scenes of the tests.
+
+use std::sync::Arc;
+
+use crate::gpu::{Device, DeviceChoice, Validation};
+use crate::options::Options;
+use crate::pagefile::PageFile;
+use crate::pagefile::write::{Job, Settings, write_whole};
+use crate::render::scene::{Content, GpuScene, SceneSource};
+use crate::scene::{Placements, Scene, Transform};
+
+/// A page file with levels of detail of a scene.
+pub(crate) fn with_levels(scene: Scene, options: Options) -> Arc<PageFile> {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("levels.smalto");
+    let settings = Settings { options, has_levels: true, ..Settings::default() };
+    let job = Job { output: &output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false };
+    write_whole(&job, &scene).unwrap();
+    // The open file outlives the folder.
+    Arc::new(PageFile::open(&output).unwrap())
+}
+
+/// The device of tests, with a limit of its memory.
+pub(crate) fn open(limit: Option<u64>) -> Device {
+    let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
+    if limit.is_some() { device.with_memory_limit(limit).unwrap() } else { device }
+}
+
+/// A page file at places, on a device.
+pub(crate) fn brought(device: &Device, file: &Arc<PageFile>, places: &[Transform], options: &Options) -> GpuScene {
+    let placements = (!places.is_empty()).then(|| Placements::new(places.to_vec()).unwrap());
+    let source = SceneSource { content: Content::File(file.clone()), placements };
+    source.bring(device, options, false, 1 << 20).unwrap()
+}

@@ -1,0 +1,390 @@
+//! The choice of pages against the same in plain Rust, and the cuts that it makes.
+
+use super::fixtures::{brought, open, with_levels};
+use super::selection::Chooser;
+use super::tables::{errors_of_pages, page_box, steps};
+use super::target::{Detailed, NODE_UNITS, Wanted};
+use crate::camera::Camera;
+use crate::lod::{NEVER, value};
+use crate::options::Options;
+use crate::pagefile::write::Settings;
+use crate::pagefile::{LEVEL_WORDS, PAGE, PARTS, Pages};
+use crate::procedural::cactus;
+use crate::render::frame::DepthKeys;
+use crate::render::pages::{Element, PlacedCamera, Sight, views_of};
+use crate::render::scene::GpuScene;
+use crate::render::shaders::cut::*;
+use crate::render::shaders::slabs::VIEW_ELEMENTS;
+use crate::render::shaders::{PageBox, PageErrors};
+use crate::render::streaming::fallback::Family;
+use crate::rules::Rules;
+use crate::scene::{Focus, Transform};
+
+/// The stages of a cut in plain Rust, with the roundings of the shaders.
+struct Twin {
+    boxes: Vec<PageBox>,
+    errors: Vec<PageErrors>,
+    steps: [u32; 256],
+    view: [f32; 20],
+    focal_px: [f32; 2],
+    centre_px: [f32; 2],
+    size_px: [u32; 2],
+    per_focal_squared: f32,
+    /// Codes above a limit over which nodes fade.
+    fade: u32,
+}
+
+/// A page as it is seen.
+struct Seen {
+    page: usize,
+    weight: u32,
+    widths: [f32; 2],
+}
+
+impl Twin {
+    fn new(pages: &Pages, view: &[Element], camera: &Camera, options: &Options) -> Self {
+        let focal = camera.focal_px.max_element();
+        let words: Vec<f32> = view.as_flattened().iter().map(|word| f32::from_bits(*word)).collect();
+        Self {
+            boxes: (0..pages.pages().len()).map(|number| page_box(pages, number)).collect(),
+            errors: errors_of_pages(pages),
+            steps: steps(),
+            view: words.try_into().unwrap(),
+            focal_px: camera.focal_px.as_vec2().to_array(),
+            centre_px: camera.centre_px.as_vec2().to_array(),
+            size_px: camera.size_px,
+            per_focal_squared: (1.0 / (focal * focal)) as f32,
+            fade: Wanted::of(options).fade,
+        }
+    }
+
+    fn vector(&self, number: usize) -> [f32; 3] {
+        std::array::from_fn(|axis| self.view[3 * number + axis])
+    }
+
+    fn near(&self) -> f32 {
+        self.view[18]
+    }
+
+    fn in_view(&self, point: [f32; 3]) -> [f32; 3] {
+        let [right, down, forward, _, high, low] = [0, 1, 2, 3, 4, 5].map(|number| self.vector(number));
+        let p: [f32; 3] = std::array::from_fn(|axis| (point[axis] - high[axis]) - low[axis]);
+        [right, down, forward].map(|axis| (axis[0] * p[0] + axis[1] * p[1]) + axis[2] * p[2])
+    }
+
+    fn width_squared(&self, page: u32) -> f32 {
+        let (own, [high, low]) = (&self.boxes[page as usize], [4, 5].map(|number| self.vector(number)));
+        let d: [f32; 3] = std::array::from_fn(|axis| {
+            let below = (own.judged_low[axis] - high[axis]) - low[axis];
+            let above = (high[axis] - own.judged_high[axis]) + low[axis];
+            below.max(above).max(0.0)
+        });
+        let distance = ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]).max(self.near() * self.near());
+        let px = distance * self.per_focal_squared;
+        px * (px * own.per_detail_squared).max(1.0)
+    }
+
+    fn samples_in_picture(&self, page: usize) -> u32 {
+        let PageBox { low, high, .. } = &self.boxes[page];
+        let is_inside = |place: &&u32| {
+            let place = [0, 10, 20].map(|shift| (*place >> shift & 1023) as f32 + 0.5);
+            let point =
+                std::array::from_fn(|axis| low[axis] + place[axis] * ((high[axis] - low[axis]) * (1.0 / 1024.0)));
+            let p = self.in_view(point);
+            let is_within = |axis: usize| {
+                let from = self.focal_px[axis] * p[axis] + self.centre_px[axis] * p[2];
+                from >= 0.0 && from <= self.size_px[axis] as f32 * p[2]
+            };
+            p[2] > self.near() && is_within(0) && is_within(1)
+        };
+        self.errors[page].samples.iter().filter(is_inside).count() as u32
+    }
+
+    fn may_be_seen(&self, page: usize) -> bool {
+        let [right, down, forward, _, high] = [0, 1, 2, 3, 4].map(|number| self.vector(number));
+        let own = &self.boxes[page];
+        let half: [f32; 3] = std::array::from_fn(|axis| 0.5 * (own.high[axis] - own.low[axis]));
+        let centre = self.in_view(std::array::from_fn(|axis| own.low[axis] + half[axis]));
+        let sum = |corner: [f32; 3]| corner.map(f32::abs).iter().sum::<f32>();
+        let slack = 1e-6 * (sum(high) + sum(own.low) + sum(own.high));
+        let reach = [right, down, forward].map(|axis| (0..3).map(|k| axis[k].abs() * half[k]).sum::<f32>() + slack);
+        if own.reach < 0.0 || centre[2] + reach[2] < self.near() {
+            return false;
+        }
+        let depth = [centre[2] - reach[2], centre[2] + reach[2]].map(|z| z.max(self.near()));
+        (0..2).all(|axis| {
+            let (focal, middle, size) = (self.focal_px[axis], self.centre_px[axis], self.size_px[axis] as f32);
+            let ends = [centre[axis] - reach[axis], centre[axis] + reach[axis]];
+            let least = (ends[0] / depth[0]).min(ends[0] / depth[1]);
+            let most = (ends[1] / depth[0]).max(ends[1] / depth[1]);
+            let (first, last) = ((-middle - 0.15 * size) / focal, (size - middle + 0.15 * size) / focal);
+            let steepest = least.clamp(first, last).abs().max(most.clamp(first, last).abs());
+            let extent = focal / depth[0] * (1.0 + steepest * steepest).sqrt() * own.reach * 1.01 + own.margin_px;
+            let (from, to) = (focal * least + middle, focal * most + middle);
+            let more = extent + 1e-5 * (extent + from.abs().max(to.abs()) + focal) + 1.0;
+            !(to + more < 0.0 || from - more > size)
+        })
+    }
+
+    fn seen(&self) -> Vec<Seen> {
+        let seen = |page: usize| {
+            let parent = self.errors[page].parent;
+            let of_parent = if parent == NO_PAGE { 0.0 } else { self.width_squared(parent) };
+            let weight = if self.may_be_seen(page) { self.samples_in_picture(page).max(1) } else { 0 };
+            Seen { page, weight, widths: [self.width_squared(page as u32), of_parent] }
+        };
+        (0..self.boxes.len()).map(seen).collect()
+    }
+
+    fn code_below(&self, squared: f32) -> u32 {
+        let (bits, significand) = (squared.to_bits(), squared.to_bits() & 0x7f_ffff);
+        if bits < 1 << 23 {
+            return 0;
+        }
+        let step = self.steps.partition_point(|least| *least <= significand) as u32 - 1;
+        (((bits >> 23) + 1) * 256 + step).min(65534)
+    }
+
+    fn limits(&self, seen: &Seen, limit_squared: f32) -> [u32; 2] {
+        seen.widths.map(|width| self.code_below(limit_squared * width))
+    }
+
+    fn is_in(&self, seen: &Seen, [own, parent]: [u32; 2]) -> bool {
+        let errors = &self.errors[seen.page];
+        errors.least <= own + self.fade && errors.parents[PARTS / 2 - 1] >> 16 > parent
+    }
+
+    /// The nodes in sight in units, and their squared error.
+    fn left(&self, seen: &Seen, limit_squared: f32) -> (u32, f64) {
+        let (errors, [own, parent]) = (&self.errors[seen.page], self.limits(seen, limit_squared));
+        if !self.is_in(seen, [own, parent]) {
+            return (0, 0.0);
+        }
+        let codes = |words: [u32; PARTS / 2]| words.map(|word| [word & 0xffff, word >> 16]).into_iter().flatten();
+        let below = |words: [u32; PARTS / 2], least: u32, limit: u32| {
+            let codes: Vec<u32> = codes(words).collect();
+            let whole = codes.iter().take_while(|code| **code <= limit).count();
+            let from = if whole == 0 { least } else { codes[whole - 1] };
+            let inside = codes.get(whole).map_or(0, |to| limit.saturating_sub(from) * 256 / (to - from).max(1));
+            256 * whole as u32 + inside.min(256)
+        };
+        let within = below(errors.errors, errors.least, own + self.fade);
+        let drawn = errors.count * within.saturating_sub(below(errors.parents, 0, parent)) * seen.weight;
+        let whole = f64::from(within) / 256.0;
+        let energies = codes(errors.energies).enumerate();
+        let sum: f64 = energies.map(|(i, code)| value(code as u16) * (whole - i as f64).clamp(0.0, 1.0)).sum();
+        let squared = if whole > 0.0 { sum / whole / f64::from(seen.widths[0]) } else { 0.0 };
+        (drawn / 2048, f64::from(drawn) / (2048.0 * NODE_UNITS) * squared)
+    }
+
+    /// The nodes in units, and the squared error of a picture as a part of that which is wrong by 1 everywhere.
+    fn sums(&self, seen: &[Seen], limit_squared: f32) -> (u64, f64) {
+        let values = 3.0 * f64::from(self.size_px[0]) * f64::from(self.size_px[1]);
+        let left = seen.iter().map(|seen| self.left(seen, limit_squared));
+        left.fold((0, 0.0), |sum, left| (sum.0 + u64::from(left.0), sum.1 + left.1 / values))
+    }
+
+    /// The square of the limit that the options ask for.
+    fn limit_squared(&self, seen: &[Seen], options: &Options) -> f32 {
+        let number = |is_below: &dyn Fn(f32) -> bool| {
+            (0..ROUNDS).fold(0, |number, round| {
+                let step = 1 << (3 * (ROUNDS - 1 - round));
+                let digits = (1..=CANDIDATES).map(|digit| limit_squared_of(number + digit * step));
+                number + step * digits.filter(|limit| is_below(*limit)).count() as u32
+            })
+        };
+        let mut limit = Wanted::of(options).given_squared;
+        if options.lod_psnr > 0.0 {
+            let most = 10_f64.powf(-f64::from(options.lod_psnr) / 10.0);
+            let number = number(&|limit| self.sums(seen, limit).1 <= most);
+            limit = if number == 0 { 0.0 } else { limit_squared_of(number) };
+        }
+        if options.splats > 0 {
+            let number = number(&|limit| self.sums(seen, limit).0 > u64::from(options.splats) * NODE_UNITS as u64);
+            limit = if number == 0 { limit } else { limit.max(limit_squared_of(number + 1)) };
+        }
+        limit
+    }
+}
+
+fn limit_squared_of(number: u32) -> f32 {
+    f32::from_bits(FIRST_BITS + (number << SEARCH_SHIFT))
+}
+
+#[test]
+fn pages_are_chosen_as_in_plain_rust() {
+    let scene = cactus::cactus(40_000).unwrap();
+    let focus = Focus::of(&scene.gaussians);
+    let (file, device) = (with_levels(scene, Settings::LOSSLESS), open(None));
+    let beside = Transform::new(glam::DQuat::from_rotation_y(0.7), [3.0, 0.0, 1.0].into(), 1.5).unwrap();
+    let two = [Transform::IDENTITY, beside];
+    let plain = Options::EXACT;
+    let wanted = [
+        plain,
+        Options { lod_error: 1e-12, ..plain },
+        Options { lod_error: 4.0, ..plain },
+        Options { splats: 5000, ..plain },
+        Options { splats: 500_000, ..plain },
+        Options { lod_psnr: 38.0, ..plain },
+        Options { splats: 5000, lod_fade: 0.5, ..plain },
+        Options { lod_psnr: 45.0, splats: 3000, ..plain },
+    ];
+    for (options, places) in wanted.iter().flat_map(|options| [&[][..], &two[..]].map(|places| (options, places))) {
+        let scene = brought(&device, &file, places, options);
+        let mut chooser = Chooser::new(&device, &scene).unwrap();
+        chooser.make_room(&device, &scene, 5).unwrap();
+        let pages = scene.pool().unwrap().pages().clone();
+        for zoom in [0.05, 0.4, 1.0, 6.0] {
+            let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [300, 200]);
+            let case =
+                format!("{} {} {} at {places:?}, zoom {zoom}", options.lod_error, options.lod_psnr, options.splats);
+            let chosen = chooser.chosen(&device, &scene, &camera, options).unwrap();
+            let views = views_of(&scene, &camera, &options.rules);
+            let twins: Vec<_> =
+                views.chunks(VIEW_ELEMENTS as usize).map(|view| Twin::new(&pages, view, &camera, options)).collect();
+            let seen: Vec<_> = twins.iter().flat_map(Twin::seen).collect();
+            let limit = twins[0].limit_squared(&seen, options);
+            let (nodes, energy) = twins[0].sums(&seen, limit);
+            if let Some(Detailed { lod_error, nodes: counted, predicted_psnr, pages, .. }) = chosen.detail {
+                let expected = 255.0 * f64::from(limit).sqrt();
+                // Logarithms and roots of the sums of squared errors are not rounded alike on all devices.
+                let slack = if options.lod_psnr > 0.0 { 0.005 } else { 0.0 };
+                assert!((lod_error - expected).abs() <= slack * expected, "{case}: {lod_error}, not {expected}");
+                let expected = nodes as f64 / NODE_UNITS;
+                assert!((counted - expected).abs() <= 2.0 * slack * expected, "{case}: {counted}, not {expected}");
+                let (expected, found) = (-10.0 * energy.log10(), predicted_psnr.unwrap_or(f64::INFINITY));
+                assert!((found - expected).abs() < 0.05 || energy < 1e-11, "{case}: {found}, not {expected}");
+                assert_eq!(pages, chosen.pages.len() as u64);
+            }
+            let limit = chosen.detail.map_or(0.0, |detail| (detail.lod_error / 255.0).powi(2) as f32);
+            check_pages(
+                &case,
+                &chosen.pages,
+                (&twins, limit, chosen.detail.is_some()),
+                &pages,
+                (&scene, &camera, options),
+            );
+        }
+    }
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
+/// Fails unless these are the pages of the cut, among them all that may be seen.
+fn check_pages(
+    case: &str,
+    chosen: &[super::selection::ChosenPage],
+    (twins, limit, is_by_levels): (&[Twin], f32, bool),
+    pages: &Pages,
+    (scene, camera, options): (&GpuScene, &Camera, &Options),
+) {
+    let mut listed: Vec<_> = chosen.iter().map(|page| (page.view, page.page)).collect();
+    listed.sort_unstable();
+    assert!(listed.windows(2).all(|pair| pair[0] != pair[1]), "{case}: no page twice");
+    let keys = DepthKeys::of(camera, options, &scene.extent);
+    let sight = Sight {
+        rules: &options.rules,
+        alpha_min: pages.alpha_min(),
+        keys,
+        bin_px: [64, 32],
+        bins: [5, 7],
+        largest_key: keys.limit(),
+    };
+    let cameras: Vec<_> = scene.transforms().iter().map(|place| PlacedCamera::of(camera, place)).collect();
+    for (view, twin) in twins.iter().enumerate() {
+        for seen in twin.seen() {
+            let limits = twin.limits(&seen, limit);
+            // The limit was rounded on its way.
+            let is_near_edge = is_by_levels
+                && [0.9999, 1.0001].map(|part| twin.is_in(&seen, twin.limits(&seen, part * limit)))
+                    != [twin.is_in(&seen, limits); 2];
+            let is_listed = listed.binary_search(&(view as u32, seen.page as u32)).is_ok();
+            let may_be_seen =
+                sight.page(seen.page as u32, &pages.pages()[seen.page], view as u32, &cameras[view]).is_some();
+            if is_near_edge {
+                continue;
+            }
+            assert!(!is_listed || twin.is_in(&seen, limits), "{case}: {} is not in the cut", seen.page);
+            let is_missed = !is_listed && may_be_seen && twin.is_in(&seen, limits);
+            assert!(!is_missed, "{case}: {} is missing", seen.page);
+        }
+    }
+    for page in chosen {
+        let twin = &twins[page.view as usize];
+        let seen = Seen {
+            page: page.page as usize,
+            weight: 0,
+            widths: [page.page, twin.errors[page.page as usize].parent]
+                .map(|page| if page == NO_PAGE { 0.0 } else { twin.width_squared(page) }),
+        };
+        for (own, expected) in page.limits.iter().zip(twin.limits(&seen, limit)) {
+            assert!((i64::from(*own) - i64::from(expected)).abs() <= 1, "{case}: limit {own}, not {expected}");
+        }
+    }
+}
+
+/// Each Gaussian adds its opacity to one node on each way to the root, so every cut has the same sum: also where pages
+/// are missing, whose floors then keep coarser nodes.
+#[test]
+fn every_cut_stands_for_every_gaussian_once() {
+    let scene = cactus::cactus(30_000).unwrap();
+    let (focus, sum) = (Focus::of(&scene.gaussians), scene.gaussians.opacities().iter().sum::<f32>());
+    let file = with_levels(scene, Settings::LOSSLESS);
+    let (pages, device) = (file.pages(), open(None));
+    let mut words = vec![0; pages.len() * LEVEL_WORDS * PAGE];
+    file.read_levels(0..pages.len(), &mut words).unwrap();
+    let mut geometry = vec![0; pages.len() * file.geometry_words()];
+    file.read_geometry(0..pages.len(), &mut geometry).unwrap();
+    let options = Options { splats: 1, lod_fade: 0.5, rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::EXACT };
+    let scene = brought(&device, &file, &[], &options);
+    let all = scene.pool().unwrap().pages().clone();
+    let levels = file.levels().unwrap();
+    let (family, mut state) = (Family::of(levels), 7_u64);
+    let mut below = |count: u64| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) % count
+    };
+    let mut sizes = Vec::new();
+    for (number, zoom) in [0.1, 0.3, 1.0, 5.0, 30.0].into_iter().enumerate() {
+        let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [640, 480]);
+        let twin = Twin::new(&all, &views_of(&scene, &camera, &options.rules), &camera, &options);
+        for exponent in (-40..-4).step_by(9).chain(-4..16) {
+            let limit = (f64::from(exponent).exp2() / 255.0).powi(2) as f32;
+            let kept = [0, 2, 20, 200][(exponent & 3) as usize];
+            let is_missing: Vec<bool> =
+                (0..pages.len()).map(|page| page + 1 < pages.len() && kept > 0 && below(kept) == 0).collect();
+            let mut floors = vec![0; pages.len()];
+            family.words(&family.floors(|page| !is_missing[page as usize]), &mut floors);
+            // As levels.glsl has it, and with no fading for every other limit.
+            let fade = if exponent % 2 == 0 { twin.fade } else { 0 };
+            let closed = |error: u32, limit: u32| match fade {
+                _ if error == u32::from(NEVER) => 0.0,
+                0 => f64::from(u8::from(error <= limit)),
+                _ => ((f64::from(limit) + f64::from(fade) - f64::from(error)) / f64::from(fade)).clamp(0.0, 1.0),
+            };
+            let (mut nodes, mut opacity) = (0, 0.0);
+            for seen in twin.seen() {
+                let (page, floors) = (seen.page, floors[seen.page]);
+                let [own, of_parent] = twin.limits(&seen, limit);
+                let [own, of_parent] = [own.max(floors & 0xffff), of_parent.max(floors >> 16)];
+                let mut drawn = 0;
+                for k in 0..pages[page].count as usize {
+                    let [errors, opacities] = words[(page * PAGE + k) * LEVEL_WORDS..][..2] else { panic!() };
+                    let part = closed(errors & 0xffff, own) - closed(errors >> 16, of_parent);
+                    assert!(part >= 0.0, "errors do not fall towards the root");
+                    if part > 0.0 {
+                        let shape = file.words().shape_of(&geometry[page * file.geometry_words()..], k);
+                        let of_scene = f64::from(file.layout().unpacked_shape(&shape).2);
+                        opacity += part * if opacities == 0 { of_scene } else { value((opacities >> 16) as u16) };
+                        drawn += 1;
+                    }
+                }
+                assert!(drawn == 0 || !is_missing[page], "page {page} is missing");
+                assert!(drawn == 0 || twin.is_in(&seen, [own, of_parent]), "page {page} is in the cut");
+                nodes += drawn;
+            }
+            assert!((opacity / f64::from(sum) - 1.0).abs() < 1e-3, "{number}, {limit}: {opacity} of {sum}");
+            sizes.push(nodes);
+        }
+    }
+    assert!(sizes.contains(&30_000) && sizes.iter().any(|nodes| *nodes < 1000), "{sizes:?}");
+}

@@ -1,0 +1,71 @@
+//! The table of the pages of a scene, as the stages of a cut read it.
+
+use crate::lod::NEVER;
+use crate::pagefile::write::levels_of_pages;
+use crate::pagefile::{Level, PARTS, Page, Pages, SAMPLES};
+use crate::render::shaders::cut::NO_PAGE;
+use crate::render::shaders::{PageBox, PageErrors};
+use crate::rules::LOW_PASS;
+
+/// Steps of an octave of squares of codes.
+pub const STEPS: usize = 256;
+
+/// For each step of an octave the least significand of a float that reaches it.
+pub fn steps() -> [u32; STEPS] {
+    std::array::from_fn(|step| (((step as f64 / STEPS as f64).exp2() - 1.0) * 23f64.exp2()).ceil() as u32)
+}
+
+/// Where a page lies.
+pub fn page_box(pages: &Pages, number: usize) -> PageBox {
+    let Page { low, high, reach, highest_opacity, .. } = pages.pages()[number];
+    let level = pages.levels().map(|levels| levels[number]);
+    // How many deviations from its mean a splat reaches, with a margin for rounding.
+    let deviations = (2.0 * (f64::from(highest_opacity / pages.alpha_min())).max(1.0).ln()).sqrt() * 1.02;
+    PageBox {
+        low,
+        high,
+        reach,
+        margin_px: (deviations * LOW_PASS.sqrt()) as f32,
+        judged_low: level.map_or(low, |level| level.low),
+        judged_high: level.map_or(high, |level| level.high),
+        // Squares of pixels times this stay finite.
+        per_detail_squared: level.map_or(0.0, |level| (f64::from(level.detail).powi(-2) as f32).min(1e15)),
+    }
+}
+
+/// The errors of all pages. Those of a scene without levels are in every cut.
+pub fn errors_of_pages(pages: &Pages) -> Vec<PageErrors> {
+    let Some(levels) = pages.levels() else {
+        return pages.pages().iter().map(|page| page_errors(page, None)).collect();
+    };
+    let numbers = levels_of_pages(pages.statistics().count);
+    let of_levels = levels.iter().zip(numbers).map(Some);
+    pages.pages().iter().zip(of_levels).map(|(page, level)| page_errors(page, level)).collect()
+}
+
+fn page_errors(page: &Page, level: Option<(&Level, u32)>) -> PageErrors {
+    let pairs =
+        |codes: [u16; PARTS]| std::array::from_fn(|i| u32::from(codes[2 * i]) | u32::from(codes[2 * i + 1]) << 16);
+    match level {
+        None => PageErrors {
+            parent: NO_PAGE,
+            count: page.count,
+            level: 0,
+            least: 0,
+            errors: pairs([0; PARTS]),
+            parents: pairs([NEVER; PARTS]),
+            energies: pairs([0; PARTS]),
+            samples: [0; SAMPLES],
+        },
+        Some((level, number)) => PageErrors {
+            parent: level.parent,
+            count: page.count,
+            level: number,
+            least: level.least.into(),
+            errors: pairs(level.errors),
+            parents: pairs(level.parents),
+            energies: pairs(level.energies),
+            samples: level.samples,
+        },
+    }
+}

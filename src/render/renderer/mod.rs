@@ -1,0 +1,400 @@
+//! The facade: renders pictures of one scene on the path that suits each, and repeats a frame that did not fit.
+
+mod explain;
+mod reports;
+
+use std::time::Duration;
+
+use anyhow::{Result, anyhow, bail, ensure};
+
+use crate::camera::Camera;
+use crate::gpu::{Access, Commands, Device, Image, Results, Timestamps};
+use crate::host_memory::OutOfMemory;
+use crate::options::Options;
+use crate::pixels::Pixels;
+use crate::render::capacity::Capacity;
+use crate::render::frame::{Shot, Target, Variation};
+use crate::render::inspect::{Inspection, Inspector, Look, Picker, Picture, Work};
+use crate::render::path::{Limits, Path};
+use crate::render::path_choice::PathChoice;
+use crate::render::readback::read_pixels;
+use crate::render::recorded::{Counted, Frame, Recorded, Started};
+use crate::render::scene::GpuScene;
+use crate::render::self_test::{MAX_ATTEMPTS, choose};
+use crate::render::shaders::{Room, Totals};
+use crate::render::upscale::Upscaler;
+use crate::rules::Background;
+
+/// Renders pictures of one scene and keeps its buffers from one frame to the next.
+pub struct Renderer {
+    device: Device,
+    options: Options,
+    scene: GpuScene,
+    choice: PathChoice,
+    image: Image,
+    /// Set if pictures are drawn smaller and then enlarged: [`Options::scale`] is not 1.
+    upscaler: Option<Upscaler>,
+    certificate: Option<Image>,
+    /// The limits of the frame recorded last.
+    drawn: Limits,
+    timestamps: Timestamps,
+    inspector: Option<Inspector>,
+    picker: Option<Picker>,
+    /// True while frames take the portable path because their lists are read.
+    needs_tile_lists: bool,
+    /// The frame recorded last.
+    last: Option<Last>,
+}
+
+/// The inputs of a frame, kept to record it again.
+#[derive(Clone)]
+struct Last {
+    number: u64,
+    camera: Camera,
+    background: Background,
+    /// True if the frame is finished and the lists of the portable path hold all of it.
+    has_tile_lists: bool,
+}
+
+impl Renderer {
+    /// Builds the pipelines for `options` and the storage of `scene`, and tries the fast path where the device has it.
+    ///
+    /// # Errors
+    /// If the options ask for what only the reference draws, or device memory runs out.
+    pub fn new(device: &Device, options: &Options, scene: &GpuScene) -> Result<Self> {
+        Self::varied(device, options, scene, Variation::Plain)
+    }
+
+    /// Also makes a certificate of every picture. `scene` is made by [`GpuScene::certifiable`].
+    ///
+    /// # Errors
+    /// If pictures with these options have no certificate: [`Options::uncertifiable`].
+    pub fn certified(device: &Device, options: &Options, scene: &GpuScene) -> Result<Self> {
+        options.uncertifiable().map_or(Ok(()), |why| Err(anyhow!(why)))?;
+        let certificate = Some(Image::new(device, "certificate", 1, 1)?);
+        Ok(Self { certificate, ..Self::varied(device, options, scene, Variation::Certifying)? })
+    }
+
+    fn varied(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
+        // Else the nodes of levels would be drawn among the Gaussians that they stand for.
+        let is_finest = scene.levels.is_some() && !options.wants_levels();
+        let options = if is_finest { options.finest() } else { *options };
+        Ok(Self {
+            device: device.clone(),
+            options,
+            scene: scene.clone(),
+            choice: choose(device, &options, scene, variation)?,
+            image: Image::new(device, "image", 1, 1)?,
+            upscaler: (options.scale != 1.0).then(|| Upscaler::new(device)).transpose()?,
+            certificate: None,
+            drawn: Limits { path: Path::Portable, in_slabs: false, capacity: Capacity::default(), longest_list: 0 },
+            timestamps: Timestamps::All,
+            inspector: None,
+            picker: None,
+            needs_tile_lists: false,
+            last: None,
+        })
+    }
+
+    /// The path of the frame recorded last.
+    pub fn path(&self) -> Path {
+        self.drawn.path
+    }
+
+    /// Why the fast path is not taken although device and options allow it, or why the scene is stored otherwise than
+    /// the options ask for.
+    pub fn notice(&self) -> Option<&str> {
+        self.choice.notice.as_deref().or(self.scene.notice())
+    }
+
+    /// The time that the trial of the fast path took; `None` if there was none.
+    pub fn trial_time(&self) -> Option<Duration> {
+        self.choice.trial_time
+    }
+
+    /// Makes what only some frames need, so that these do not wait for it.
+    pub fn prepare_portable(&mut self) -> Result<()> {
+        self.choice.make_portable(&self.device)
+    }
+
+    /// Draws the finest cut through the levels of detail from now on, which shows the bits of the scene, or that which
+    /// the options ask for.
+    pub fn set_finest(&mut self, is_finest: bool) {
+        self.choice.options = if is_finest { self.options.finest() } else { self.options };
+    }
+
+    /// Draws at most about so many nodes from now on, of a scene with levels of detail, or fewer if the options ask for
+    /// fewer.
+    pub fn limit_splats(&mut self, splats: Option<u32>) {
+        let own = self.options.splats;
+        self.choice.options.splats = splats.map_or(own, |most| if own > 0 { own.min(most) } else { most });
+    }
+
+    /// Draws pictures without waiting for pages from now on: of levels of detail, what is in device memory, while more
+    /// are read. [`Renderer::residency`] tells how far the pages of the last picture are there. Does nothing where the
+    /// scene has no levels, or the portable path draws: that waits.
+    ///
+    /// # Errors
+    /// If the coarsest pages cannot be read.
+    pub fn stream(&mut self) -> Result<()> {
+        self.choice.stream(&self.device, &self.scene)
+    }
+
+    /// Times every stage, or only the whole frame.
+    pub fn set_timestamps(&mut self, timestamps: Timestamps) {
+        self.timestamps = timestamps;
+    }
+
+    /// Starts from buffers of this capacity, so that tests see them grow.
+    pub fn with_capacity(mut self, capacity: Capacity) -> Result<Self> {
+        self.choice.set_capacity(&self.device, capacity)?;
+        self.last = None;
+        Ok(self)
+    }
+
+    /// Inspects all frames from now on.
+    ///
+    /// # Errors
+    /// If pictures have certificates, or depths are inspected in pictures that are drawn smaller.
+    pub fn set_inspection(&mut self, inspection: Inspection) -> Result<()> {
+        let is_ordinary = inspection == Inspection::default();
+        ensure!(is_ordinary || self.certificate.is_none(), "an inspected picture has no certificate");
+        let has_depths = inspection.look == Look::Work(Work::Depths);
+        ensure!(!has_depths || self.upscaler.is_none(), "depths need --scale 1: they cannot be enlarged");
+        match &mut self.inspector {
+            inspector if is_ordinary => *inspector = None,
+            Some(inspector) if inspector.inspection.look == inspection.look => inspector.inspection = inspection,
+            _ => self.inspector = Some(self.inspector(inspection)?),
+        }
+        Ok(())
+    }
+
+    /// The pipelines of an inspection of this scene.
+    pub(crate) fn inspector(&self, inspection: Inspection) -> Result<Inspector> {
+        Inspector::new(&self.device, &self.options, self.scene.layout(), inspection)
+    }
+
+    /// The image that frames are drawn into.
+    pub(crate) fn image(&self) -> &Image {
+        &self.image
+    }
+
+    /// Makes all frames from now on count their work, which takes longer, or not. Counting takes the portable path.
+    pub fn count_work(&mut self, counts_work: bool) -> Result<()> {
+        let variation = match (counts_work, &self.certificate) {
+            (true, _) => Variation::Counting,
+            (false, Some(_)) => Variation::Certifying,
+            (false, None) => Variation::Plain,
+        };
+        // Both at once may take more memory than there is.
+        self.choice.release(&self.device)?;
+        self.choice = choose(&self.device, &self.options, &self.scene, variation)?;
+        self.last = None;
+        Ok(())
+    }
+
+    /// Renders a complete frame; [`Renderer::pixels`] reads it. If a frame does not fit its buffers, it is drawn again
+    /// with larger ones.
+    ///
+    /// # Errors
+    /// If device memory runs out or the device is lost.
+    pub fn render(&mut self, camera: &Camera, background: Background) -> Result<Frame> {
+        self.render_with(camera, background, |_| {}).map(|(frame, _)| frame)
+    }
+
+    /// As [`Renderer::render`], with commands that `prepare` records before the frame. Also returns the results of the
+    /// last attempt.
+    ///
+    /// # Errors
+    /// As [`Renderer::render`].
+    pub fn render_with(
+        &mut self,
+        camera: &Camera,
+        background: Background,
+        prepare: impl Fn(&mut Commands),
+    ) -> Result<(Frame, Results)> {
+        for attempts in 1..=MAX_ATTEMPTS {
+            self.choice.is_repeated = attempts > 1;
+            let started = self.start_with(camera, background, &prepare);
+            self.choice.is_repeated = false;
+            let Started { commands, recorded } = started?;
+            let results = commands.wait()?;
+            if let Some(totals) = self.judge(&results, &recorded)? {
+                let timings = recorded.timings(results.timings());
+                let path = self.drawn.path;
+                let (parts, detail) = (recorded.parts(), self.detail(&results, &recorded));
+                return Ok((Frame { totals, timings, attempts, path, parts, detail }, results));
+            }
+        }
+        bail!("the frame did not fit its buffers in {MAX_ATTEMPTS} attempts, although they grew to what it counted")
+    }
+
+    /// Submits a frame to the GPU without waiting for it. Frames run one after the other and draw into the same
+    /// picture.
+    ///
+    /// # Errors
+    /// If device memory runs out or the device is lost.
+    pub fn start(&mut self, camera: &Camera, background: Background) -> Result<Started> {
+        self.start_with(camera, background, |_| {})
+    }
+
+    /// Waits for a frame. True if it is complete; if not, the next one has larger buffers.
+    ///
+    /// # Errors
+    /// If device memory runs out or the device is lost.
+    pub fn finish(&mut self, started: Started) -> Result<bool> {
+        let results = started.commands.wait()?;
+        self.judge(&results, &started.recorded).map(|totals| totals.is_some())
+    }
+
+    fn start_with(
+        &mut self,
+        camera: &Camera,
+        background: Background,
+        prepare: impl Fn(&mut Commands),
+    ) -> Result<Started> {
+        let mut cmd = Commands::new(&self.device)?;
+        cmd.set_timestamps(self.timestamps);
+        prepare(&mut cmd);
+        let recorded = self.record(&mut cmd, camera, background)?;
+        Ok(Started { commands: cmd.submit()?, recorded })
+    }
+
+    /// Records a frame among other commands. [`Renderer::judge`] tells whether it is complete, when they have run.
+    ///
+    /// # Errors
+    /// If device memory runs out.
+    pub fn record(&mut self, cmd: &mut Commands, camera: &Camera, background: Background) -> Result<Recorded> {
+        self.record_inspected(cmd, camera, background, None)
+    }
+
+    /// As [`Renderer::record`], with another inspector than the renderer's own, if any.
+    pub(crate) fn record_inspected(
+        &mut self,
+        cmd: &mut Commands,
+        camera: &Camera,
+        background: Background,
+        inspector: Option<&Inspector>,
+    ) -> Result<Recorded> {
+        match self.fit_images(camera.size_px) {
+            Err(error) if error.is::<OutOfMemory>() => {
+                // Pictures come first: lists can be drawn in parts.
+                self.choice.release(&self.device)?;
+                self.fit_images(camera.size_px)?;
+            }
+            other => other?,
+        }
+        let number = self.last.as_ref().map_or(0, |last| last.number + 1);
+        self.last = Some(Last { number, camera: camera.clone(), background, has_tile_lists: false });
+        let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
+        let inspector = inspector.or(self.inspector.as_ref());
+        let attribute = inspector.and_then(|inspector| self.shown_in_pages(&inspector.inspection));
+        let needs_tile_lists = self.needs_tile_lists || inspector.is_some() && attribute.is_none();
+        self.drawn = self.choice.prepare(&self.device, &self.scene, camera, needs_tile_lists, attribute)?;
+        ensure!(
+            self.drawn.path == Path::Fast || !self.scene.is_placed(),
+            "only the fast path draws scenes at places, and this device or these options do not take it"
+        );
+        let image = self.upscaler.as_ref().map_or(&self.image, |upscaler| &upscaler.drawn);
+        let background = if attribute.is_some() { Background::Transparent } else { background };
+        let target = Target { image, certificate: self.certificate.as_ref(), background };
+        let shot = Shot { scene: &self.scene, camera };
+        let drawn = match self.drawn.in_slabs {
+            true => Some(self.choice.draw_in_slabs(&self.device, self.drawn.path, shot, target, inspector)?),
+            false => None,
+        };
+        let chosen = cmd.scope("frame", |cmd| {
+            let chosen = match drawn {
+                None => self.choice.record(cmd, shot, target, self.drawn, inspector)?,
+                Some(_) => None,
+            };
+            if let Some(upscaler) = &self.upscaler {
+                cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+                cmd.scope("upscale", |cmd| upscaler.record(cmd, &self.image));
+            }
+            anyhow::Ok(chosen)
+        })?;
+        cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        let counted = match drawn {
+            Some(drawn) => Counted::Here(Box::new(drawn)),
+            None => {
+                let totals = cmd.read(self.choice.totals(self.drawn.path))?;
+                match chosen {
+                    None => Counted::OnDevice(totals),
+                    Some(of_pages) => Counted::OfPages(totals, of_pages),
+                }
+            }
+        };
+        Ok(Recorded { number, counted, limits: self.drawn })
+    }
+
+    /// Makes the images of a frame of this size.
+    fn fit_images(&mut self, size: [u32; 2]) -> Result<()> {
+        self.image.fit(&self.device, "image", size)?;
+        let drawn = self.options.drawn_size(size);
+        if let Some(certificate) = &mut self.certificate {
+            certificate.fit(&self.device, "certificate", drawn)?;
+        }
+        if let Some(upscaler) = &mut self.upscaler {
+            upscaler.drawn.fit(&self.device, "drawn image", drawn)?;
+        }
+        Ok(())
+    }
+
+    /// The counts of a frame if it is complete. If it did not fit, the next one has larger buffers.
+    ///
+    /// # Errors
+    /// If there is no memory for larger buffers.
+    pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
+        let (totals, of_pages) = match &recorded.counted {
+            Counted::Here(drawn) => return Ok(Some(drawn.totals)),
+            Counted::OnDevice(totals) => (results.view(totals)[0], None),
+            Counted::OfPages(totals, of_pages) => (results.view(totals)[0], Some(of_pages)),
+        };
+        let limits = recorded.limits;
+        let mut is_whole = self.choice.judge(&self.device, &totals, limits)?;
+        if let Some(of_pages) = of_pages {
+            is_whole = self.choice.judge_pages(&self.device, &self.scene, results, of_pages)? && is_whole;
+        }
+        if let Some(last) = &mut self.last {
+            last.has_tile_lists = is_whole && last.number == recorded.number && self.choice.holds(limits);
+        }
+        Ok(is_whole.then_some(totals))
+    }
+
+    /// Width and height of the picture drawn last.
+    pub fn size(&self) -> [u32; 2] {
+        self.image.size()
+    }
+
+    /// The picture drawn last, to show on a screen.
+    pub fn picture(&self) -> Picture<'_> {
+        let Limits { path, in_slabs, capacity, longest_list } = self.drawn;
+        // A frame in slabs is complete.
+        let all = u64::MAX;
+        let capacity = if in_slabs { Capacity { visible: all, spans: all, listed: all, ..capacity } } else { capacity };
+        let longest_list = if in_slabs { u32::MAX } else { longest_list };
+        let word = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
+        let Capacity { visible, spans, listed, .. } = capacity;
+        let room = Room { visible: word(visible), spans: word(spans), listed: word(listed), longest_list };
+        Picture::of_frame(&self.image, self.choice.totals(path), room)
+    }
+
+    /// The pixels of the picture rendered last. Waits for the device.
+    ///
+    /// # Errors
+    /// If memory runs out or the device is lost.
+    pub fn pixels(&self) -> Result<Pixels> {
+        read_pixels(&self.device, &self.image)
+    }
+
+    /// For every channel of every pixel, a bound on the distance of the picture rendered last from the one that
+    /// [`Rules::complete`](crate::rules::Rules::complete) draws in the same order. It is proven for everything that was
+    /// left out, and has an allowance for rounding. `None` without [`Renderer::certified`].
+    ///
+    /// # Errors
+    /// If memory runs out or the device is lost.
+    pub fn certificate(&self) -> Result<Option<Pixels>> {
+        self.certificate.as_ref().map(|certificate| read_pixels(&self.device, certificate)).transpose()
+    }
+}

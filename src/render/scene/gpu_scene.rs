@@ -1,0 +1,385 @@
+//! A scene in device memory, as the shaders read it.
+
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use anyhow::{Result, ensure};
+use rayon::prelude::*;
+
+use super::page_cache::{PagesRead, Pool};
+use super::self_test_input::{TRIAL, trial_hash, trial_view};
+use crate::camera::Camera;
+use crate::gpu::{Buffer, Commands, Device};
+use crate::host_memory::OutOfMemory;
+use crate::options::Options;
+use crate::packing::{Layout, Shape, Statistics, pack_sh, pack_shapes, share};
+use crate::pagefile::{LEVEL_WORDS, PAGE, Pages};
+use crate::render::shaders::Grids;
+use crate::render::shaders::cut::WEIGHT_SHIFT;
+use crate::rules::{LISTED_ALPHA, Rules};
+use crate::scene::{Bounds, Gaussians, Grid, Placements, Transform};
+
+/// Gaussians in device memory, in planes with four words per element: one plane of bounds, and as many of shapes and of
+/// spherical harmonics as the layout needs. In a last plane with one or two words per Gaussian, four or two Gaussians
+/// share an element. A clone shares the buffers.
+#[derive(Clone)]
+pub struct GpuScene {
+    /// The bits of the mean, and the [`reach`](crate::packing::reach).
+    pub(crate) bounds: Buffer<[u32; 4]>,
+    /// Rotation, scale, opacity.
+    pub(crate) shapes: Vec<Buffer<[u32; 4]>>,
+    pub(crate) sh: Vec<Buffer<[u32; 4]>>,
+    pub(crate) grids: Buffer<Grids>,
+    pub(crate) layout: Layout,
+    len: usize,
+    /// Number of Gaussians at one place, with the nodes that stand for several.
+    pub(crate) nodes: usize,
+    pub(crate) extent: Bounds,
+    /// The camera of the trial, which draws the first Gaussians.
+    pub(crate) trial_view: Camera,
+    /// What the trial draws.
+    pub(crate) trial_hash: blake3::Hash,
+    /// Gaussians may be culled where their alpha is below this.
+    pub(crate) alpha_min: f32,
+    /// The indices of the Gaussians, if the planes hold some pages of the scene at a time.
+    pub(crate) indices: Option<Buffer<u32>>,
+    /// The slot of each page, if the planes hold some pages of the scene at a time.
+    pub(crate) slots: Option<Buffer<u32>>,
+    /// When, and how much, each page was wanted last, if the planes hold some pages of the scene at a time.
+    pub(crate) wanted: Option<Buffer<u32>>,
+    /// The words of levels, if the scene is drawn by levels of detail.
+    pub(crate) levels: Option<Buffer<u32>>,
+    /// Set if the planes hold some pages of the scene at a time.
+    pool: Option<Arc<Mutex<Pool>>>,
+    notice: Option<Arc<str>>,
+    /// Set if it is drawn at places.
+    placements: Option<Placements>,
+}
+
+/// Places that the pages in view can tell apart.
+const MOST_PLACES: usize = 1 << WEIGHT_SHIFT;
+/// Gaussians uploaded at a time: enough to share among threads, few enough to need little memory.
+const UPLOAD_CHUNK: usize = 1 << 17;
+/// Gaussians that a thread packs at a time, a multiple of those that share an element.
+const PART: usize = 1 << 11;
+
+/// The part of the free memory that pages may take; the rest is for pictures, lists and what is read.
+pub(crate) const POOL_PART: f64 = 0.65;
+/// Bytes that lists and what else a frame needs take at least.
+const LEAST_LISTS: u64 = 8 << 20;
+/// The least pages that there is room for.
+const LEAST_PAGES: usize = 64;
+
+/// The most Gaussians that can be ordered, at all places together.
+const MOST_NUMBERED: u64 = u32::MAX as u64;
+
+/// The plane that every scene has, with an element per Gaussian.
+const BOUNDS: &str = "bounds";
+
+impl GpuScene {
+    /// Uploads `gaussians`, keeping only the SH degree and precision that the scene needs and `options` allow. Waits
+    /// for the device.
+    ///
+    /// # Errors
+    /// If device memory runs out or a plane is longer than the device can bind.
+    pub fn new(device: &Device, gaussians: &Gaussians, options: &Options) -> Result<Self> {
+        Self::with(device, gaussians, &Statistics::of(gaussians), options)
+    }
+
+    /// Fails if the device cannot draw a scene of `count` Gaussians, however they are stored.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`](crate::host_memory::OutOfMemory).
+    pub fn check_count(device: &Device, count: usize) -> Result<()> {
+        Ok(Buffer::<[u32; 4]>::check_len(device, BOUNDS, count)?)
+    }
+
+    /// As [`with`](Self::with), for [`Renderer::certified`](crate::render::Renderer::certified), which has to draw
+    /// Gaussians that other renderers may cull.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn certifiable(
+        device: &Device,
+        gaussians: &Gaussians,
+        statistics: &Statistics,
+        options: &Options,
+    ) -> Result<Self> {
+        let rules = Rules { alpha_min: LISTED_ALPHA, ..options.rules };
+        Self::with(device, gaussians, statistics, &Options { rules, ..*options })
+    }
+
+    /// As [`new`](Self::new), for a scene whose statistics are known.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with(device: &Device, gaussians: &Gaussians, statistics: &Statistics, options: &Options) -> Result<Self> {
+        let len = gaussians.len();
+        let layout = Layout::of(statistics, options);
+        let scene = Self {
+            bounds: Buffer::new(device, BOUNDS, len)?,
+            shapes: planes(device, "shapes", layout.shape_words(), len)?,
+            sh: planes(device, "sh", layout.sh_words(), len)?,
+            grids: Buffer::new(device, "grids", 1)?,
+            len,
+            extent: statistics.extent,
+            trial_view: trial_view(gaussians.means(), options.rules.near),
+            trial_hash: trial_hash(gaussians, options.rules.near),
+            alpha_min: options.rules.alpha_min,
+            layout,
+            indices: None,
+            slots: None,
+            wanted: None,
+            levels: None,
+            nodes: len,
+            pool: None,
+            notice: None,
+            placements: None,
+        };
+        let mut commands = Commands::new(device)?;
+        commands.upload(&scene.grids, 0, 1, |memory| memory[0] = grids(&scene.layout))?;
+        let mut in_flight = commands.submit()?;
+        for first in (0..len).step_by(UPLOAD_CHUNK) {
+            let mut commands = Commands::new(device)?;
+            scene.upload(&mut commands, gaussians, first..len.min(first + UPLOAD_CHUNK))?;
+            // Dropping the previous chunk waits for it, so one chunk is copied while the next is prepared.
+            in_flight = commands.submit()?;
+        }
+        in_flight.wait()?;
+        Ok(scene)
+    }
+
+    /// As [`with`](Self::with), if so many bytes are left then, and room for some lists.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_reserve(
+        device: &Device,
+        gaussians: &Gaussians,
+        statistics: &Statistics,
+        options: &Options,
+        reserve: u64,
+    ) -> Result<Self> {
+        let bytes = Layout::of(statistics, options).bytes_each() * gaussians.len() as u64;
+        let free = device.free_bytes();
+        let room = free.saturating_sub(reserve + LEAST_LISTS);
+        // Where there is no room for the pictures, pages do not help, and the picture is refused by its own name.
+        if bytes > room && (room > 0 || bytes > free) {
+            let reason = format!("{room} bytes of device memory are left for it");
+            return Err(OutOfMemory { name: "scene".to_owned(), bytes: Some(bytes), reason }.into());
+        }
+        Self::with(device, gaussians, statistics, options)
+    }
+
+    /// Makes room for some pages of a scene, in a part of the device memory that is free but for `reserve` bytes. All
+    /// pages are there if they fit.
+    ///
+    /// # Errors
+    /// If there is no room for the least number of pages, or a page cannot be read.
+    pub fn of_pages(device: &Device, pages: &Pages, options: &Options, reserve: u64) -> Result<Self> {
+        let (all, each, free) = (pages.pages().len(), Pool::bytes_each(pages), device.free_bytes());
+        let least = LEAST_PAGES.min(all) as u64 * each;
+        let needed = reserve + ((least as f64 / POOL_PART) as u64).max(least + LEAST_LISTS);
+        if free < needed {
+            let limit = device.memory().asked.unwrap_or(free);
+            let reason = format!("the limit of device memory is {limit}");
+            let bytes = Some(limit + needed - free);
+            return Err(OutOfMemory { name: "pages, lists and pictures at least".to_owned(), bytes, reason }.into());
+        }
+        let limits = &device.capabilities().limits;
+        let longest = limits.storage_range.min(limits.allocation) / 16 / PAGE as u64;
+        let room = (POOL_PART * (free - reserve) as f64) as u64 / each;
+        let slots = (room.min(longest) as usize).min(all);
+        let (layout, len) = (pages.layout().clone(), slots * PAGE);
+        let bounds = Buffer::new(device, BOUNDS, len)?;
+        let shapes = planes(device, "shapes", layout.shape_words(), len)?;
+        let sh = planes(device, "sh", layout.sh_words(), len)?;
+        let indices = Buffer::<u32>::new(device, "indices of Gaussians", len)?;
+        let all = std::iter::once(&bounds).chain(&shapes).map(Buffer::words);
+        let has_levels = pages.levels().is_some();
+        let levels = has_levels.then(|| Buffer::<u32>::new(device, "levels", LEVEL_WORDS * len)).transpose()?;
+        let all = all.chain([indices.words()]).chain(sh.iter().map(Buffer::words));
+        let all = all.chain(levels.iter().map(Buffer::words)).collect();
+        let mut pool = Pool::new(device, pages.clone(), all, slots)?;
+        let first: Vec<u32> = (0..slots.min(TRIAL / PAGE) as u32).collect();
+        pool.bring(device, &first)?;
+        let mut geometry = vec![0; first.len() * pages.geometry_words()];
+        pages.read_geometry(0..first.len(), &mut geometry)?;
+        let elements = geometry.chunks(pages.geometry_words()).flat_map(|page| page.as_chunks::<4>().0[..PAGE].iter());
+        let count = pages.statistics().count;
+        let means: Vec<_> = elements.take(count).map(|[x, y, z, _]| [*x, *y, *z].map(f32::from_bits)).collect();
+        let near = options.rules.near;
+        let scene = Self {
+            bounds,
+            shapes,
+            sh,
+            grids: Buffer::new(device, "grids", 1)?,
+            len: count,
+            extent: pages.statistics().extent,
+            trial_view: trial_view(&means, near),
+            trial_hash: blake3::hash(bytemuck::cast_slice(&geometry)),
+            alpha_min: pages.alpha_min(),
+            layout,
+            indices: Some(indices),
+            slots: Some(pool.slots().clone()),
+            wanted: Some(pool.wanted().clone()),
+            levels,
+            nodes: pages.nodes(),
+            pool: Some(Arc::new(Mutex::new(pool))),
+            notice: pages.notice().map(Arc::from),
+            placements: None,
+        };
+        let mut commands = Commands::new(device)?;
+        commands.upload(&scene.grids, 0, 1, |memory| memory[0] = grids(&scene.layout))?;
+        commands.submit()?.wait()?;
+        Ok(scene)
+    }
+
+    /// The scene at these places, which share its pages.
+    ///
+    /// # Errors
+    /// If the places have more Gaussians than can be numbered.
+    ///
+    /// # Panics
+    /// If the scene is not in pages.
+    pub fn placed(self, placements: &Placements) -> Result<Self> {
+        assert!(self.is_paged(), "a scene that is placed is in pages");
+        let (places, count) = (placements.all().len(), self.nodes);
+        ensure!(
+            (places as u64).saturating_mul(count as u64) <= MOST_NUMBERED,
+            "{places} places of {count} Gaussians are more than {MOST_NUMBERED} Gaussians, which is the most that can \
+             be ordered"
+        );
+        ensure!(places <= MOST_PLACES, "{places} places are more than {MOST_PLACES}, which is the most that are drawn");
+        Ok(Self { extent: placements.extent(&self.extent), placements: Some(placements.clone()), ..self })
+    }
+
+    /// True if the scene is drawn at places.
+    pub fn is_placed(&self) -> bool {
+        self.placements.is_some()
+    }
+
+    /// Where the scene is drawn.
+    pub(crate) fn transforms(&self) -> &[Transform] {
+        self.placements.as_ref().map_or(&[Transform::IDENTITY], Placements::all)
+    }
+
+    /// Number of Gaussians at all places, with the nodes that stand for several.
+    pub(crate) fn placed_len(&self) -> usize {
+        self.nodes * self.transforms().len()
+    }
+
+    /// About how many Gaussians a picture draws at most.
+    pub(crate) fn drawn_len(&self, options: &Options) -> usize {
+        if options.splats > 0 { self.placed_len().min(options.splats as usize) } else { self.placed_len() }
+    }
+
+    /// True if the planes hold some pages of the scene at a time.
+    pub fn is_paged(&self) -> bool {
+        self.pool.is_some()
+    }
+
+    /// Why a scene in pages is stored otherwise than the options ask for.
+    pub(crate) fn notice(&self) -> Option<&str> {
+        self.notice.as_deref()
+    }
+
+    /// The pool of a scene in pages, until it is given back.
+    pub(crate) fn pool(&self) -> Option<MutexGuard<'_, Pool>> {
+        self.pool.as_ref().map(|pool| pool.lock().expect("no holder of the pool panics"))
+    }
+
+    /// The pages that were read so far; none if the scene is in memory as a whole.
+    pub fn pages_read(&self) -> Option<PagesRead> {
+        self.pool().map(|pool| pool.read)
+    }
+
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// The same scene with at most its first `count` Gaussians.
+    pub(crate) fn first(&self, count: usize) -> Self {
+        let len = self.len.min(count);
+        let (indices, slots, wanted, levels, pool, placements) = (None, None, None, None, None, None);
+        Self { len, nodes: len, indices, slots, wanted, levels, pool, placements, ..self.clone() }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// True if the scene is in the memory of this device.
+    pub fn is_on(&self, device: &Device) -> bool {
+        self.bounds.is_on(device)
+    }
+
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Device memory in bytes that a Gaussian takes.
+    pub fn bytes_each(&self) -> u64 {
+        self.layout.bytes_each()
+    }
+
+    /// Every buffer's name and bytes.
+    pub fn buffers(&self) -> Vec<(&str, u64)> {
+        let planes = std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh).map(Buffer::footprint);
+        let words =
+            self.indices.iter().chain(&self.slots).chain(&self.wanted).chain(&self.levels).map(Buffer::footprint);
+        planes.chain(words).chain([self.grids.footprint()]).collect()
+    }
+
+    /// The planes of shapes. The last one is repeated where the layout has fewer planes: pipelines do not read it
+    /// again.
+    pub(crate) fn shape_planes(&self) -> [&Buffer<[u32; 4]>; 2] {
+        std::array::from_fn(|i| &self.shapes[i.min(self.shapes.len() - 1)])
+    }
+
+    /// The planes of spherical harmonics. The last one is repeated where the layout has fewer planes.
+    pub(crate) fn sh_planes(&self) -> [&Buffer<[u32; 4]>; 12] {
+        std::array::from_fn(|i| &self.sh[i.min(self.sh.len() - 1)])
+    }
+
+    fn upload(&self, commands: &mut Commands, gaussians: &Gaussians, range: Range<usize>) -> Result<()> {
+        let layout = &self.layout;
+        let shares = |words: usize| (0..words.div_ceil(4)).map(move |plane| share(words, plane));
+        let shares: Vec<_> =
+            [1].into_iter().chain(shares(layout.shape_words())).chain(shares(layout.sh_words())).collect();
+        let planes = std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh);
+        let places: Vec<_> = planes
+            .zip(&shares)
+            .map(|(plane, share)| (plane, range.start / share..range.end.div_ceil(*share)))
+            .collect();
+        commands.upload_together(&places, |memory| {
+            let mut parts: Vec<Vec<_>> = range.clone().step_by(PART).map(|_| Vec::new()).collect();
+            for (plane, share) in memory.into_iter().zip(&shares) {
+                parts.iter_mut().zip(plane.chunks_mut(PART / share)).for_each(|(part, plane)| part.push(plane));
+            }
+            let parts = parts.into_par_iter().enumerate();
+            parts.for_each(|(i, planes)| {
+                let mut planes = planes.into_iter();
+                let bounds = planes.next().expect("every scene has a plane of bounds");
+                let mut shapes: Vec<_> = planes.by_ref().take(self.shapes.len()).collect();
+                let (first, count) = (range.start + i * PART, bounds.len());
+                pack_shapes(layout, self.alpha_min, |k| Shape::of(gaussians, first + k), bounds, &mut shapes);
+                pack_sh(layout, count, |k| gaussians.sh(first + k), &mut planes.collect::<Vec<_>>());
+            });
+        })
+    }
+}
+
+/// The planes of attributes with so many words per Gaussian.
+fn planes(device: &Device, name: &str, words: usize, len: usize) -> Result<Vec<Buffer<[u32; 4]>>> {
+    let plane = |i: usize| Buffer::new(device, &format!("{name} {i}"), len.div_ceil(share(words, i)));
+    (0..words.div_ceil(4)).map(plane).collect()
+}
+
+/// The grids and the base that the shaders unpack with.
+fn grids(layout: &Layout) -> Grids {
+    let pair = |grid: Grid| [grid.offset, grid.step];
+    let (sh, log2_scale) = layout.grids();
+    Grids { sh: sh.map(pair), log2_scale: pair(log2_scale), scale_base: layout.scale_base() as f32 }
+}

@@ -1,0 +1,198 @@
+//! A scene on the GPU with its renderer, built by a job while the window goes on.
+
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use anyhow::{Result, bail};
+
+use crate::camera::Camera;
+use crate::gpu::Device;
+use crate::options::Options;
+use crate::packing::{Layout, Statistics};
+use crate::render::{Content, Frame, GpuScene, Inspection, Path, Renderer, Residency, SceneSource};
+use crate::rules::Background;
+use crate::scene::{Gaussians, Placements, Transform};
+use crate::viewer::model::{Held, are_same};
+
+/// One of the two pictures that a window can show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    First,
+    Second,
+}
+
+/// A picture to draw: scenes with their transforms, the options, and the version of the shaders.
+#[derive(Clone)]
+pub struct Plan {
+    pub parts: Vec<(Held, Transform)>,
+    pub options: Options,
+    /// The newest change of shaders that are compiled at run time.
+    pub shaders: Option<SystemTime>,
+}
+
+/// A scene on the GPU, and its picture.
+pub struct Drawn {
+    pub plan: Plan,
+    /// The parts joined, in world space; `None` for a scene that is read page by page.
+    pub gaussians: Option<Arc<Gaussians>>,
+    pub statistics: Arc<Statistics>,
+    source: SceneSource,
+    /// The layout that the options ask for.
+    layout: Layout,
+    pub scene: GpuScene,
+    pub renderer: Renderer,
+    /// Number of the build; tells this picture from one that it replaced.
+    pub generation: u64,
+    /// The first frame, which is complete; its totals are updated by later frames.
+    pub frame: Frame,
+    /// The path that drew the frame of these totals.
+    pub path: Path,
+    pub inspection: Inspection,
+}
+
+impl Plan {
+    pub fn is_same(&self, other: &Self) -> bool {
+        self.options == other.options && self.shaders == other.shaders && self.has_scene_of(other)
+    }
+
+    /// True if both plans draw the same Gaussians with the same transforms.
+    pub fn has_scene_of(&self, other: &Self) -> bool {
+        are_same(&self.parts, &other.parts)
+    }
+
+    /// True if a scene is read page by page.
+    pub fn is_in_pages(&self) -> bool {
+        self.parts.iter().any(|(held, _)| matches!(held, Held::Pages(_)))
+    }
+
+    /// Uploads the scene and draws it once. Takes over from `reusable` what is the same. With a generation, later
+    /// pictures do not wait for pages; without one, all show every page.
+    pub fn build(
+        self,
+        device: &Device,
+        reusable: Option<Reusable>,
+        view: &Camera,
+        background: Background,
+        generation: Option<u64>,
+    ) -> Result<Drawn> {
+        let reusable = reusable.filter(|old| old.plan.has_scene_of(&self));
+        let (source, statistics) = match &reusable {
+            Some(old) => (old.source.clone(), old.statistics.clone()),
+            None => {
+                let source = self.source()?;
+                let statistics = match &source.content {
+                    Content::Memory { statistics, .. } => statistics.clone(),
+                    Content::File(file) => Arc::new(file.header().statistics.clone()),
+                };
+                (source, statistics)
+            }
+        };
+        let options = match self.is_in_pages() && !self.options.wants_levels() {
+            true => Options { lod_fade: self.options.lod_fade, ..self.options.finest() },
+            false => self.options,
+        };
+        let layout = match self.is_in_pages() {
+            true => Layout::of_nodes(&statistics, &options),
+            false => Layout::of(&statistics, &options),
+        };
+        let same_threshold = |old: &Reusable| old.plan.options.rules.alpha_min == options.rules.alpha_min;
+        let scene = match reusable.filter(|old| old.layout == layout && same_threshold(old)) {
+            Some(old) => old.scene,
+            None => {
+                let pixels: u64 = view.size_px.iter().map(|side| u64::from(*side)).product();
+                source.bring(device, &options, false, BYTES_PER_PIXEL * pixels)?
+            }
+        };
+        let mut renderer = Renderer::new(device, &options, &scene)?;
+        if generation.is_some() {
+            renderer.stream()?;
+        }
+        let frame = renderer.render(view, background)?;
+        let path = renderer.path();
+        // Where the window looks into the picture, it does not wait for pipelines.
+        if !self.is_in_pages() {
+            renderer.prepare_portable()?;
+        }
+        let (inspection, generation) = (Inspection::default(), generation.unwrap_or_default());
+        let gaussians = match &source.content {
+            Content::Memory { gaussians, .. } => Some(gaussians.clone()),
+            Content::File(_) => None,
+        };
+        let plan = self;
+        Ok(Drawn { plan, gaussians, statistics, source, layout, scene, renderer, generation, frame, path, inspection })
+    }
+
+    /// The scene to bring to the device.
+    fn source(&self) -> Result<SceneSource> {
+        match &self.parts[..] {
+            [(Held::Pages(file), transform)] => {
+                let placed = (*transform != Transform::IDENTITY).then(|| Placements::new(vec![*transform]));
+                Ok(SceneSource { content: Content::File(file.clone()), placements: placed.transpose()? })
+            }
+            _ => {
+                let gaussians = self.joined()?;
+                let statistics = Arc::new(Statistics::of(&gaussians));
+                Ok(SceneSource::shared(gaussians, statistics))
+            }
+        }
+    }
+
+    /// The parts, transformed, as one scene.
+    pub fn joined(&self) -> Result<Arc<Gaussians>> {
+        let whole = |held: &Held| match held {
+            Held::Whole(gaussians) => Ok(gaussians.clone()),
+            Held::Pages(_) => bail!("a scene with levels of detail is drawn alone: hide or close the others"),
+        };
+        if let [(Held::Whole(gaussians), transform)] = &self.parts[..]
+            && *transform == Transform::IDENTITY
+        {
+            return Ok(gaussians.clone());
+        }
+        let placed = self.parts.iter().map(|(held, transform)| whole(held)?.transformed(transform));
+        let placed = placed.collect::<Result<Vec<_>>>()?;
+        Ok(Arc::new(Gaussians::joined(placed.iter())?))
+    }
+}
+
+/// The parts of a picture that the build of another picture may take over.
+pub struct Reusable {
+    plan: Plan,
+    source: SceneSource,
+    statistics: Arc<Statistics>,
+    layout: Layout,
+    scene: GpuScene,
+}
+
+/// The message that something needs the Gaussians of a scene which is read page by page.
+pub fn needs_whole(what: &str) -> String {
+    format!(
+        "{what} needs the whole scene in memory, but scenes with levels of detail are read page by page: open the file \
+         that they were made from"
+    )
+}
+
+/// Device memory for pictures and panels, per pixel of the window.
+const BYTES_PER_PIXEL: u64 = 64;
+
+impl Drawn {
+    pub fn reusable(&self) -> Reusable {
+        Reusable {
+            plan: self.plan.clone(),
+            source: self.source.clone(),
+            statistics: self.statistics.clone(),
+            layout: self.layout.clone(),
+            scene: self.scene.clone(),
+        }
+    }
+
+    /// How far the pages of its levels are there, if it does not wait for them.
+    pub fn residency(&self) -> Option<Residency> {
+        self.renderer.residency()
+    }
+
+    /// Device memory: name and bytes of every buffer.
+    pub fn buffers(&self) -> Vec<(String, u64)> {
+        let all = self.scene.buffers().into_iter().chain(self.renderer.buffers());
+        all.map(|(name, bytes)| (name.to_owned(), bytes)).collect()
+    }
+}

@@ -1,0 +1,377 @@
+//! Mouse, keys and dropped files.
+
+use std::time::Duration;
+
+use egui::{Event as Input, Key, Modifiers, Order, PointerButton, Pos2, Rect, Sense, Ui};
+use glam::{DVec2, DVec3};
+
+use crate::viewer::actions::Program;
+use crate::viewer::model::{
+    Action, Change, Chord, CompareMode, CompareTarget, Comparison, Drag, How, Motion, Request, Saved, Stroke, Tool,
+    Viewer, WindowRequest, area_between,
+};
+
+/// The factor by which the fast key speeds flying up, and the slow key slows it down.
+const FAST: f64 = 5.0;
+/// Scrolled points per step of the dolly.
+const STEP_POINTS: f64 = 50.0;
+/// Distance in points within which a drag takes hold of the split.
+const GRIP_POINTS: f32 = 6.0;
+
+/// The longest time of the first step of a motion, in seconds: the previous frame may be long past.
+const FIRST_STEP: f64 = 0.1;
+/// The longest time of a step, in seconds, so that the view does not jump after the program stood still.
+const LONGEST_STEP: f64 = 5.0;
+
+/// Time after which a wheel that does not turn any more has come to rest, by the measure of egui.
+const SCROLLING: Duration = Duration::from_millis(160);
+
+/// Handles keys, dropped files and motion since the previous frame, `seconds` ago. A motion that goes on takes all of
+/// that time, also where frames are slow.
+pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
+    let (was_gliding, was_playing) = (viewer.navigator.is_gliding(), viewer.film.is_playing);
+    let dropped = ui.input(|input| input.raw.dropped_files.clone());
+    for file in &dropped {
+        viewer.drop_file(file.path());
+    }
+    // A header or a button that Tab has reached takes no letters.
+    let is_typing = ui.ctx().text_edit_focused();
+    if !is_typing {
+        keys(viewer, ui);
+    }
+    let step = |goes_on: bool| seconds.min(if goes_on { LONGEST_STEP } else { FIRST_STEP });
+    viewer.is_flying = !is_typing && fly(viewer, ui, step(viewer.is_flying));
+    let is_gliding = viewer.navigator.advance(step(was_gliding));
+    if was_playing {
+        viewer.play(step(true));
+    }
+    if viewer.is_flying || is_gliding {
+        ui.ctx().request_repaint();
+    }
+    let is_pressed = ui.input(|input| input.pointer.any_down()) || ui.ctx().egui_is_using_pointer();
+    // A turn of the wheel goes on for some frames, and is one step.
+    let is_scrolling = ui.input(|input| input.is_scrolling());
+    if is_scrolling {
+        ui.ctx().request_repaint_after(SCROLLING);
+    }
+    let is_moving = viewer.is_flying || viewer.navigator.is_gliding() || viewer.film.is_playing || is_scrolling;
+    if !(is_moving || is_pressed || viewer.drag.is_some()) {
+        viewer.note_changes();
+    }
+}
+
+/// Number of presses of an action's key since the previous frame, which may be several if frames take long. The repeats
+/// of a held key count only if `repeats`.
+fn presses(viewer: &Viewer, ui: &Ui, action: Action, repeats: bool) -> usize {
+    let Chord::Key(shortcut) = viewer.setup.bindings.chord(action) else { return 0 };
+    let mut count = 0;
+    let mut is_other = |event: &Input| {
+        let Input::Key { key, modifiers, pressed: true, repeat, .. } = event else { return true };
+        let is_it = *key == shortcut.logical_key && modifiers.matches_logically(shortcut.modifiers);
+        count += usize::from(is_it && (repeats || !repeat));
+        !is_it
+    };
+    ui.input_mut(|input| input.events.retain(&mut is_other));
+    count
+}
+
+/// True if the key of an action was pressed; repeats of a held key do not count.
+fn pressed(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
+    presses(viewer, ui, action, false) > 0
+}
+
+/// True while the key of an action is held.
+fn held(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
+    ui.input(|input| match viewer.setup.bindings.chord(action) {
+        Chord::Key(shortcut) => input.key_down(shortcut.logical_key),
+        Chord::Held(modifiers) => input.modifiers.contains(modifiers),
+    })
+}
+
+fn keys(viewer: &mut Viewer, ui: &mut Ui) {
+    // egui turns the usual clipboard keys into events of their own.
+    let clipboard = ui.input(|input| input.events.clone());
+    for event in clipboard {
+        match event {
+            Input::Copy => viewer.copy_view(),
+            Input::Paste(text) => viewer.paste_view(&text),
+            _ => {}
+        }
+    }
+    (0..presses(viewer, ui, Action::NextCamera, true)).for_each(|_| viewer.step_camera(true));
+    (0..presses(viewer, ui, Action::PreviousCamera, true)).for_each(|_| viewer.step_camera(false));
+    if pressed(viewer, ui, Action::NearestCamera) {
+        viewer.go_to_nearest_camera();
+    }
+    if pressed(viewer, ui, Action::ShowCameras) {
+        viewer.kept.shows_cameras = !viewer.kept.shows_cameras;
+    }
+    if pressed(viewer, ui, Action::FlipUp) {
+        viewer.navigator.flip_up();
+        viewer.camera = None;
+    }
+    if pressed(viewer, ui, Action::Frame) {
+        viewer.frame_scene();
+    }
+    if pressed(viewer, ui, Action::Reset) {
+        viewer.reset_view();
+    }
+    if pressed(viewer, ui, Action::FullScreen) {
+        viewer.requests.push(Request::Window(WindowRequest::ToggleFullScreen));
+    }
+    if pressed(viewer, ui, Action::HidePanels) {
+        viewer.panels.are_hidden = !viewer.panels.are_hidden;
+        // Stages are timed for the panels only.
+        viewer.history.clear();
+    }
+    // Some keyboards have a key for the question mark, others need Shift and another key.
+    let asks = ui.input(|input| input.events.iter().any(|event| *event == Input::Text("?".to_owned())));
+    if pressed(viewer, ui, Action::Help) || asks {
+        viewer.panels.shows_help = !viewer.panels.shows_help;
+    }
+    if ui.input(|input| input.key_pressed(Key::Escape)) {
+        viewer.panels.shows_help = false;
+        viewer.messages.close_errors();
+        viewer.comparison.area = None;
+        (viewer.drag, viewer.stroke) = (None, None);
+        viewer.marks.clear();
+        viewer.explanation = None;
+        viewer.inspection.isolated = None;
+    }
+    // Before the one whose key it has with another modifier.
+    if pressed(viewer, ui, Action::CopyPicture) {
+        viewer.requests.push(Request::CopyPicture);
+    }
+    if pressed(viewer, ui, Action::Screenshot) {
+        viewer.requests.push(Request::WritePicture);
+    }
+    (0..presses(viewer, ui, Action::Undo, true)).for_each(|_| viewer.undo(false));
+    (0..presses(viewer, ui, Action::Redo, true)).for_each(|_| viewer.undo(true));
+    for (action, change) in [
+        // Before the one whose key it has with another modifier.
+        (Action::ShowHidden, Change::ShowHidden),
+        (Action::Hide, Change::Hide),
+        (Action::Delete, Change::Delete),
+        (Action::SelectAll, Change::SelectAll),
+        (Action::SelectNone, Change::SelectNone),
+        (Action::Invert, Change::Invert),
+    ] {
+        if viewer.edits() && pressed(viewer, ui, action) {
+            viewer.change(change);
+        }
+    }
+    if pressed(viewer, ui, Action::Save) {
+        viewer.dialog.ask_where(Saved::Project);
+    }
+    if pressed(viewer, ui, Action::OpenFile) {
+        viewer.dialog.ask();
+    }
+    if pressed(viewer, ui, Action::CopyCommand) {
+        viewer.copy_command(Program::Render);
+    }
+    if pressed(viewer, ui, Action::CopyView) {
+        viewer.copy_view();
+    }
+    if pressed(viewer, ui, Action::FreezeCulling) {
+        viewer.toggle_frozen_culling();
+    }
+    if pressed(viewer, ui, Action::Pick)
+        && let Some(pixel) = pixel_under_cursor(viewer, ui)
+    {
+        viewer.requests.push(Request::Pick(pixel));
+    }
+    if pressed(viewer, ui, Action::Mark)
+        && let Some(pixel) = pixel_under_cursor(viewer, ui)
+    {
+        viewer.requests.push(Request::Mark(pixel));
+    }
+    if pressed(viewer, ui, Action::AddKey) {
+        viewer.add_key();
+    }
+    if pressed(viewer, ui, Action::Play) {
+        viewer.film.toggle();
+    }
+    let in_pages = viewer.is_in_pages();
+    (0..presses(viewer, ui, Action::NextLook, true)).for_each(|_| viewer.inspection.step(true, in_pages));
+    (0..presses(viewer, ui, Action::PreviousLook, true)).for_each(|_| viewer.inspection.step(false, in_pages));
+    if pressed(viewer, ui, Action::Quit) {
+        viewer.requests.push(Request::Window(WindowRequest::Quit));
+    }
+    let can_flicker = viewer.comparison.target != CompareTarget::Nothing;
+    viewer.comparison.is_flicked = can_flicker && held(viewer, ui, Action::Flicker);
+}
+
+/// Flies while keys are held; returns true if the view moves.
+fn fly(viewer: &mut Viewer, ui: &Ui, seconds: f64) -> bool {
+    let held = |action| held(viewer, ui, action);
+    // A held Ctrl also slows down, so Ctrl with a direction key is not taken for a shortcut here.
+    let along = |plus, minus| f64::from(u8::from(held(plus))) - f64::from(u8::from(held(minus)));
+    let direction = DVec3::new(
+        along(Action::Right, Action::Left),
+        along(Action::Down, Action::Up),
+        along(Action::Forward, Action::Back),
+    );
+    if direction == DVec3::ZERO {
+        return false;
+    }
+    let pace = if held(Action::Fast) { FAST } else { 1.0 } * if held(Action::Slow) { 1.0 / FAST } else { 1.0 };
+    viewer.navigator.fly(direction, seconds, pace);
+    viewer.camera = None;
+    true
+}
+
+/// Handles the mouse over the picture. Moves and clicks are followed event by event, in their order: nothing of a drag
+/// is lost, however many of its events come between two frames.
+pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
+    let rect = ui.available_rect_before_wrap();
+    let response = ui.allocate_rect(rect, Sense::click_and_drag());
+    let size = viewer.size;
+    let before = viewer.navigator.camera(size);
+    for event in ui.input(|input| input.events.clone()) {
+        match event {
+            Input::PointerButton { pos, button, pressed: true, modifiers } if viewer.drag.is_none() => {
+                viewer.drag = drag_at(viewer, ui, (rect, pos), button, modifiers);
+                if viewer.drag.is_some_and(|drag| drag.motion == Motion::Stroke) {
+                    viewer.stroke = Some(Stroke { way: vec![place_at(ui, pos)], how: how(modifiers) });
+                }
+            }
+            Input::PointerMoved(pos) => follow(viewer, ui, pos),
+            Input::PointerButton { pos, button, pressed: false, .. }
+                if viewer.drag.is_some_and(|drag| drag.button == button) =>
+            {
+                follow(viewer, ui, pos);
+                viewer.drag = None;
+                viewer.end_stroke();
+            }
+            Input::WindowFocused(false) => (viewer.drag, viewer.stroke) = (None, None),
+            _ => {}
+        }
+    }
+    viewer.cursor = response.hovered().then(|| pixel_under_cursor(viewer, ui)).flatten();
+    if response.hovered() {
+        if response.hover_pos().is_some_and(|pos| is_at_split(viewer, ui, pos)) {
+            ui.ctx().set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
+        }
+        let scrolled = ui.input(|input| input.smooth_scroll_delta().y);
+        viewer.navigator.dolly(f64::from(scrolled) / STEP_POINTS);
+        let zoom = ui.input(|input| input.zoom_delta());
+        if zoom != 1.0 {
+            viewer.navigator.dolly(f64::from(zoom).ln() * 10.0);
+        }
+    }
+    if viewer.navigator.camera(size) != before {
+        viewer.camera = None;
+        viewer.film.is_playing = false;
+    }
+    let points = f64::from(ui.ctx().pixels_per_point());
+    let place = viewer.cursor.map(|pixel| DVec2::from(pixel.map(f64::from)) + 0.5);
+    let shows_cameras = viewer.kept.shows_cameras && !viewer.panels.are_hidden && viewer.drag.is_none();
+    let near = place.filter(|_| shows_cameras).and_then(|place| viewer.camera_at(place, GRIP_POINTS as f64 * points));
+    viewer.pointed = near;
+    if let Some(camera) = near {
+        ui.ctx().set_cursor_icon(egui::CursorIcon::PointingHand);
+        if response.clicked() {
+            viewer.go_to_camera(camera, false);
+        }
+    }
+    if response.double_clicked_by(PointerButton::Primary)
+        && let Some(pixel) = pixel_under_cursor(viewer, ui)
+    {
+        viewer.requests.push(Request::Focus(pixel));
+    }
+}
+
+/// The drag that a press begins, if it is one of the picture: not of a window over it, nor of the edge of the panel.
+fn drag_at(
+    viewer: &Viewer,
+    ui: &Ui,
+    (rect, pos): (Rect, Pos2),
+    button: PointerButton,
+    held: Modifiers,
+) -> Option<Drag> {
+    let edge = ui.style().interaction.resize_grab_radius_side;
+    let is_under = ui.ctx().layer_id_at(pos).is_some_and(|layer| layer.order != Order::Background);
+    if is_under || !rect.contains(pos) || !viewer.panels.are_hidden && pos.x > rect.right() - edge {
+        return None;
+    }
+    let motion = match button {
+        PointerButton::Primary if is_at_split(viewer, ui, pos) => Motion::Split,
+        PointerButton::Primary if viewer.uses_tool() && !held.alt => match viewer.tool {
+            Tool::Place => viewer.handle_at(place_at(ui, pos), f64::from(ui.ctx().pixels_per_point()))?,
+            _ => Motion::Stroke,
+        },
+        PointerButton::Primary if held.shift => Motion::Pan,
+        PointerButton::Primary if held.command && viewer.comparison.target != CompareTarget::Nothing => {
+            Motion::Area(pixel_at(viewer, ui, pos)?)
+        }
+        PointerButton::Primary => Motion::Orbit,
+        PointerButton::Middle => Motion::Pan,
+        PointerButton::Secondary => Motion::Look,
+        _ => return None,
+    };
+    Some(Drag { button, motion, at: pos })
+}
+
+/// Follows a drag to this place.
+fn follow(viewer: &mut Viewer, ui: &Ui, pos: Pos2) {
+    let Some(drag) = &mut viewer.drag else { return };
+    let points = ui.ctx().pixels_per_point();
+    let moved = (pos - drag.at) * points;
+    drag.at = pos;
+    if moved == egui::Vec2::ZERO {
+        return;
+    }
+    let (motion, moved, size) = (drag.motion, DVec2::new(moved.x.into(), moved.y.into()), viewer.size);
+    match motion {
+        Motion::Orbit => viewer.navigator.orbit(moved, size),
+        Motion::Pan => viewer.navigator.pan(moved, size),
+        Motion::Look => viewer.navigator.look(moved, size),
+        Motion::Split => viewer.comparison.split = (pos.x * points / size[0] as f32).clamp(0.0, 1.0),
+        Motion::Stroke => {
+            let place = place_at(ui, pos);
+            viewer.stroke.iter_mut().for_each(|stroke| stroke.way.push(place));
+        }
+        Motion::Handle(number, handle) => {
+            let to = place_at(ui, pos);
+            viewer.drag_handle(number, handle, to - moved, to);
+        }
+        Motion::Area(from) => {
+            let to = [pos.x, pos.y].map(|place| (place * points).max(0.0) as u32);
+            viewer.comparison.area = area_between(from, to, size);
+        }
+    }
+}
+
+/// How a stroke that begins with these keys goes together with the selection before.
+fn how(held: Modifiers) -> How {
+    match held {
+        Modifiers { shift: true, .. } => How::Add,
+        Modifiers { command: true, .. } => How::Subtract,
+        _ => How::Replace,
+    }
+}
+
+/// A place of the window in pixels.
+fn place_at(ui: &Ui, pos: Pos2) -> DVec2 {
+    let place = pos * ui.ctx().pixels_per_point();
+    DVec2::new(place.x.into(), place.y.into())
+}
+
+/// True if a place is near the line between two pictures.
+fn is_at_split(viewer: &Viewer, ui: &Ui, pos: Pos2) -> bool {
+    let Comparison { target, mode, split, .. } = &viewer.comparison;
+    let width = viewer.size[0] as f32 / ui.ctx().pixels_per_point();
+    *target != CompareTarget::Nothing && *mode == CompareMode::Split && (pos.x - split * width).abs() < GRIP_POINTS
+}
+
+/// The pixel of the picture under the cursor; `None` if the cursor is outside the window.
+fn pixel_under_cursor(viewer: &Viewer, ui: &Ui) -> Option<[u32; 2]> {
+    pixel_at(viewer, ui, ui.input(|input| input.pointer.latest_pos())?)
+}
+
+/// The pixel of the picture at a place in points; `None` beside the picture.
+fn pixel_at(viewer: &Viewer, ui: &Ui, pos: Pos2) -> Option<[u32; 2]> {
+    let at = pos * ui.ctx().pixels_per_point();
+    let is_inside = at.x >= 0.0 && at.y >= 0.0 && at.x < viewer.size[0] as f32 && at.y < viewer.size[1] as f32;
+    is_inside.then_some([at.x as u32, at.y as u32])
+}

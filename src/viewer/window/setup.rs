@@ -1,0 +1,60 @@
+//! The settings of a window.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use winit::dpi::{LogicalSize, PhysicalSize, Size};
+use winit::window::{Fullscreen, Window, WindowAttributes};
+
+use super::fault::Fault;
+use crate::gpu::{Device, DeviceChoice, Validation};
+use crate::viewer::model::Setup;
+
+/// Name of the program and of its entry in the menus of desktops.
+const NAME: &str = "smalto";
+
+/// Default width and height of a window in points, and in pixels without a window.
+pub const DEFAULT_SIZE: [u32; 2] = [1280, 720];
+
+/// The settings with which a window is opened.
+#[derive(Clone)]
+pub struct WindowSetup {
+    pub viewer: Setup,
+    /// In pixels; `None` for [`DEFAULT_SIZE`].
+    pub size: Option<[u32; 2]>,
+    pub is_full_screen: bool,
+    pub device: DeviceChoice,
+    pub validation: Validation,
+    /// The most device memory to take, in bytes.
+    pub memory: Option<u64>,
+    /// Folder of shaders to compile at run time.
+    pub shaders: Option<PathBuf>,
+    /// Gives an opened device what earlier runs left.
+    pub with_memory: fn(Device) -> Device,
+    /// A fault to inject, for tests.
+    pub fault: Option<Fault>,
+}
+
+impl WindowSetup {
+    pub(crate) fn open_device(&self, window: &Window) -> Result<Device> {
+        let device = Device::open_for(&self.device, self.validation, window)?;
+        let device = device.with_shaders(self.shaders.as_deref())?.with_memory_limit(self.memory)?;
+        Ok((self.with_memory)(device))
+    }
+
+    /// What the window is created with.
+    pub(crate) fn attributes(&self) -> WindowAttributes {
+        let size = match self.size {
+            Some(size) => Size::from(PhysicalSize::<u32>::from(size)),
+            None => LogicalSize::<u32>::from(DEFAULT_SIZE).into(),
+        };
+        let attributes = Window::default_attributes()
+            .with_title(NAME)
+            .with_inner_size(size)
+            .with_fullscreen(self.is_full_screen.then_some(Fullscreen::Borderless(None)));
+        // Wayland desktops find the entry of the window, with its icon, by this name.
+        #[cfg(all(unix, not(target_vendor = "apple")))]
+        let attributes = winit::platform::wayland::WindowAttributesExtWayland::with_name(attributes, NAME, NAME);
+        attributes
+    }
+}
