@@ -1,4 +1,4 @@
-//! The file of a camera path: a `cameras.json` in which each camera has its time (docs/camera-path.md).
+//! The file of a camera path: a `cameras.json` in which each camera has its time (docs/side-files.md).
 
 use std::path::Path;
 

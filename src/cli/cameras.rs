@@ -144,7 +144,7 @@ fn parse_angle(text: &str) -> Result<f64> {
 /// A camera path and its frame rate.
 #[derive(clap::Args)]
 pub(super) struct FilmArgs {
-    /// Draw the frames of a camera path (docs/camera-path.md) into a folder. `smalto view` writes such files. In the
+    /// Draw the frames of a camera path (docs/side-files.md) into a folder. `smalto view` writes such files. In the
     /// town, street, roof or air: 20 seconds along streets, around on a roof, or over the houses
     #[arg(long, value_name = "FILE|street|roof|air", conflicts_with_all = ["cameras", "camera", "split", "eye"])]
     path: Option<PathBuf>,

@@ -57,7 +57,8 @@ pub(super) fn man(args: &ManArgs) -> Result<()> {
     // There is no page of the command `help`, which is built in.
     let mut program = command().disable_help_subcommand(true);
     program.build();
-    let commands: Vec<_> = std::iter::once(&program).chain(program.get_subcommands()).cloned().collect();
+    let shown = program.get_subcommands().filter(|command| !command.is_hide_set());
+    let commands: Vec<_> = std::iter::once(&program).chain(shown).cloned().collect();
     let count = commands.len();
     for command in commands {
         let page = Man::new(command).source(concat!("smalto ", env!("CARGO_PKG_VERSION")));

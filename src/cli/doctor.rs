@@ -24,7 +24,7 @@ use crate::{reference, render};
 pub(super) struct Args {
     #[command(flatten)]
     device: DeviceArgs,
-    /// Write devices and test as JSON (docs/doctor.schema.json); - prints it instead of the text
+    /// Write devices and test as JSON (docs/schemas/doctor.schema.json); - prints it instead of the text
     #[arg(long, value_name = "FILE|-")]
     json: Option<Sink>,
     /// Also list the driver's statistics of the compiled shaders, such as their registers, if it has any
@@ -34,7 +34,7 @@ pub(super) struct Args {
 
 /// The report of `smalto doctor`.
 #[derive(Serialize, JsonSchema)]
-struct Report {
+pub(super) struct Report {
     /// "smalto doctor 1".
     format: String,
     smalto: VersionReport,
@@ -206,12 +206,4 @@ fn self_test(device: &Device, report: &mut Vec<PathTest>) -> Result<()> {
         }
     }
     complain(device)
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn the_schema_of_the_report_is_documented() {
-        crate::cli::sink::assert_documented::<super::Report>("doctor");
-    }
 }

@@ -95,11 +95,3 @@ pub(super) fn read_places(file: Option<&Path>) -> Result<Option<Placements>> {
     let read = |file: &Path| Placements::read(file).map_err(|problem| Unreadable::new(file, &problem));
     Ok(file.map(read).transpose()?)
 }
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn the_schema_of_lists_of_places_is_documented() {
-        crate::cli::sink::assert_documented::<crate::scene::PlacesFile>("places");
-    }
-}

@@ -32,7 +32,7 @@ const FRACTIONS: [f64; 7] = [0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99];
 /// The report of `smalto info --json`.
 #[derive(Serialize, JsonSchema)]
 #[schemars(title = "Report of `smalto info`")]
-struct Report {
+pub(super) struct Report {
     scene: String,
     /// The format of the file.
     format: String,
@@ -323,15 +323,5 @@ fn number(value: f32) -> String {
     match value.abs() {
         v if v == 0.0 || (1e-3..1e5).contains(&v) => format!("{value:.4}")[..].chars().take(7).collect(),
         _ => format!("{value:.2e}"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_schema_of_the_report_is_documented() {
-        crate::cli::sink::assert_documented::<Report>("info");
     }
 }

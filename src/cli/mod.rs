@@ -22,6 +22,7 @@ mod progress;
 mod prune;
 mod render;
 mod scenes;
+mod schemas;
 mod sink;
 mod table;
 mod trade;
@@ -89,6 +90,8 @@ enum Command {
     Doctor(doctor::Args),
     Completions(completions::CompletionsArgs),
     Man(completions::ManArgs),
+    #[command(hide = true)]
+    Schemas(schemas::Args),
 }
 
 /// A report is written to standard output, so nothing else is printed there.
@@ -160,6 +163,7 @@ pub fn run_as_program(arguments: impl IntoIterator<Item = impl Into<OsString> + 
             Command::Doctor(args) => doctor::run(&args),
             Command::Completions(args) => completions::completions(&args),
             Command::Man(args) => completions::man(&args),
+            Command::Schemas(args) => schemas::run(&args),
         }
     });
     match outcome {

@@ -56,15 +56,3 @@ impl Sink {
         printed(std::io::stdout().write_all(&text).and_then(|()| std::io::stdout().flush()))
     }
 }
-
-/// Fails if docs/NAME.schema.json is not the schema of `T`.
-#[cfg(test)]
-pub(super) fn assert_documented<T: schemars::JsonSchema>(name: &str) {
-    let file = format!("{}/docs/{name}.schema.json", env!("CARGO_MANIFEST_DIR"));
-    let current = format!("{:#}\n", schemars::schema_for!(T).as_value());
-    if std::fs::read_to_string(&file).ok().as_deref() != Some(&current) {
-        let fresh = std::env::temp_dir().join(format!("{name}.schema.json"));
-        std::fs::write(&fresh, current).unwrap();
-        panic!("docs/{name}.schema.json is old; the new one is {}", fresh.display());
-    }
-}

@@ -76,7 +76,7 @@ pub(super) struct Args {
         conflicts_with_all = ["fullscreen", "vsync"]
     )]
     offscreen: Option<u32>,
-    /// With --offscreen: the frames go along this camera path (docs/camera-path.md), one every 60th of a second as on a
+    /// With --offscreen: the frames go along this camera path (docs/side-files.md), one every 60th of a second as on a
     /// screen; in the town, street, roof or air
     #[arg(long, value_name = "FILE|street|roof|air", requires = "offscreen")]
     #[arg(conflicts_with_all = ["cameras", "fullscreen", "vsync"])]

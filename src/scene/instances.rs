@@ -1,4 +1,4 @@
-//! Where copies of a scene stand in the world, and the file that lists them (docs/places.md).
+//! Where copies of a scene stand in the world, and the file that lists them (docs/side-files.md).
 
 use std::path::Path;
 use std::sync::Arc;

@@ -257,7 +257,7 @@ fn doctor_lists_devices_and_tests_one() {
     assert!(ok(&["doctor", "--json", &file]).contains("passed"));
     for text in [fs::read_to_string(file).unwrap(), ok(&["doctor", "--json", "-"])] {
         let json: serde_json::Value = serde_json::from_str(&text).unwrap();
-        let schema = serde_json::from_str(include_str!("../../docs/doctor.schema.json")).unwrap();
+        let schema = serde_json::from_str(include_str!("../../docs/schemas/doctor.schema.json")).unwrap();
         assert!(jsonschema::is_valid(&schema, &json), "{json:#}");
         assert!(json["devices"][0]["limits"]["storage_range"].as_u64().unwrap() > 0);
         assert_eq!(json["self_test"]["passed"], true);

@@ -15,6 +15,7 @@ mod outputs;
 mod places;
 mod prune;
 mod scenes;
+mod schemas;
 mod shards;
 mod start;
 mod usage;

@@ -22,7 +22,7 @@ fn a_list_of_places_is_drawn_and_reported() {
         {"position": [0, -2, 5]},
     ]);
     let (file, out) = (list(&folder, "list.json", &places), path(&folder, "a.png"));
-    let schema = serde_json::from_str(include_str!("../../docs/places.schema.json")).unwrap();
+    let schema = serde_json::from_str(include_str!("../../docs/schemas/places.schema.json")).unwrap();
     assert!(jsonschema::is_valid(&schema, &json!({ "places": places })));
     let render = ["render", "cactus:300", "--size", "32x24", "--json", "-", "-o", &out];
     let report = |more: &[&str]| serde_json::from_str::<Value>(&ok(&[&render[..], more].concat())).unwrap();

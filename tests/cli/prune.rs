@@ -20,7 +20,7 @@ const ROUNDING: f32 = 1e-4;
 
 /// Prunes, and returns the report.
 fn prune(arguments: &[&str]) -> Value {
-    let schema = serde_json::from_str(include_str!("../../docs/prune.schema.json")).unwrap();
+    let schema = serde_json::from_str(include_str!("../../docs/schemas/prune.schema.json")).unwrap();
     let report = serde_json::from_str(&ok(&[&["prune"], arguments, &["--json", "-"]].concat())).unwrap();
     assert!(jsonschema::is_valid(&schema, &report), "{:?}", jsonschema::validate(&schema, &report));
     report

@@ -106,7 +106,7 @@ fn a_level_that_a_scene_lacks_is_wrong_usage() {
 
 #[test]
 fn info_tells_levels_antialiasing_and_labelled_percentiles() {
-    let schema: Value = serde_json::from_str(include_str!("../../docs/info.schema.json")).unwrap();
+    let schema: Value = serde_json::from_str(include_str!("../../docs/schemas/info.schema.json")).unwrap();
     let validator = jsonschema::validator_for(&schema).unwrap();
     let report = |scene: &str| -> Value {
         let report = serde_json::from_str(&ok(&["info", scene, "--json", "-"])).unwrap();
@@ -133,7 +133,7 @@ fn info_tells_levels_antialiasing_and_labelled_percentiles() {
 
 #[test]
 fn the_report_of_convert_is_that_of_its_schema() {
-    let schema: Value = serde_json::from_str(include_str!("../../docs/convert.schema.json")).unwrap();
+    let schema: Value = serde_json::from_str(include_str!("../../docs/schemas/convert.schema.json")).unwrap();
     let validator = jsonschema::validator_for(&schema).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let text = ok(&["convert", &fixture_text("plush.ply"), &path(&folder, "a.spz"), "--json", "-"]);

@@ -108,7 +108,7 @@ fn every_report_can_be_printed_instead_of_the_text() {
 #[test]
 fn render_reports_every_frame() {
     let folder = tempfile::tempdir().unwrap();
-    let schema = serde_json::from_str(include_str!("../../docs/render.schema.json")).unwrap();
+    let schema = serde_json::from_str(include_str!("../../docs/schemas/render.schema.json")).unwrap();
     let report = |more: &[&str]| {
         let common = ["render", "cactus:50", "--size", "16x12", "--json", "-", "-o"];
         let report: Value = serde_json::from_str(&ok(&[&common[..], more].concat())).unwrap();

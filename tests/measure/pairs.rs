@@ -173,7 +173,7 @@ fn layers_of_two_runs_are_compared_together() {
     assert!(text.contains("colour/0.png") && text.contains("depth/0.exr") && text.contains("only in one"), "{text}");
     let report = json(&[&a, &b]);
     assert_eq!((&report["worst"]["max_error"], &report["worst_numbers"]["max_error"]), (&0.0.into(), &0.5.into()));
-    let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/compare.schema.json");
+    let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/schemas/compare.schema.json");
     let schema: Value = serde_json::from_slice(&fs::read(schema).unwrap()).unwrap();
     assert!(jsonschema::validator_for(&schema).unwrap().is_valid(&report));
 }

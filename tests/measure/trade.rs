@@ -32,7 +32,7 @@ fn report(scene: &str, parts: &str, more: &[&str]) -> (Value, String) {
     let text = ok(&quick(scene, parts, &[more, &["--json", &out]].concat()));
     let json = |file: &str| serde_json::from_str::<Value>(&fs::read_to_string(file).unwrap()).unwrap();
     let report = json(&out);
-    let schema = json(&format!("{}/docs/trade.schema.json", env!("CARGO_MANIFEST_DIR")));
+    let schema = json(&format!("{}/docs/schemas/trade.schema.json", env!("CARGO_MANIFEST_DIR")));
     let validator = jsonschema::validator_for(&schema).unwrap();
     assert!(validator.is_valid(&report), "{:?}", validator.validate(&report).err());
     let mut broken = report.clone();

@@ -41,7 +41,7 @@ pub(super) struct Args {
     /// Camera file or folder, as `smalto render` takes it: each frame is drawn from the next of its cameras
     #[arg(long, value_name = "FILE|DIR", conflicts_with = "path")]
     cameras: Option<PathBuf>,
-    /// Draw the scene at every place of a list (docs/places.md): JSON like {"places": [{"position": [0, 0, 5],
+    /// Draw the scene at every place of a list (docs/side-files.md): JSON like {"places": [{"position": [0, 0, 5],
     /// "rotation": [1, 0, 0, 0], "scale": 2}]}. All places share the memory of one. Needs the fast path
     #[arg(long, value_name = "FILE")]
     place: Option<PathBuf>,
@@ -92,7 +92,7 @@ pub(super) struct Args {
     measure_levels: bool,
     #[command(flatten)]
     device: DevicesArgs,
-    /// Write the report as JSON (docs/bench.schema.json); - prints it instead of the tables
+    /// Write the report as JSON (docs/schemas/bench.schema.json); - prints it instead of the tables
     #[arg(long, value_name = "FILE|-")]
     json: Option<Sink>,
     /// Write the report's statistics as CSV; - prints them instead of the tables

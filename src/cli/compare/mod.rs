@@ -40,7 +40,7 @@ pub(super) struct Args {
     /// their relative error, brightest from 10 % on
     #[arg(long, value_name = "FILE|DIR")]
     heatmap: Option<PathBuf>,
-    /// Write the report as JSON (docs/compare.schema.json); - prints it instead of the table
+    /// Write the report as JSON (docs/schemas/compare.schema.json); - prints it instead of the table
     #[arg(long, value_name = "FILE|-")]
     json: Option<Sink>,
     /// Pixels per degree of the viewer's field of view, for FLIP

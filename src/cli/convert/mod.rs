@@ -99,7 +99,7 @@ enum Shape {
 /// The report of `smalto convert --json`.
 #[derive(Serialize, JsonSchema)]
 #[schemars(title = "Report of `smalto convert`")]
-struct Report {
+pub(super) struct Report {
     /// The file that was written.
     file: String,
     format: String,
@@ -266,15 +266,5 @@ fn parse_shape(text: &str) -> Result<Shape> {
             Ok(Shape::Sphere(DVec3::new(x, y, z), radius))
         }
         _ => anyhow::bail!("expected box=X,Y,Z,X,Y,Z or sphere=X,Y,Z,RADIUS"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_schema_of_the_report_is_documented() {
-        crate::cli::sink::assert_documented::<Report>("convert");
     }
 }

@@ -38,10 +38,10 @@ use crate::rules::Background;
 pub(super) use camera_list::{Chosen, choose};
 use outputs::{Layer, Names};
 use plan::{Plan, Source, plan};
-use report::Report;
+pub(super) use report::Report;
 use shard::Shard;
 use start::Start;
-pub(super) use verify::Incomplete;
+pub(super) use verify::{Incomplete, Report as VerifyReport};
 
 /// Render a scene to PNG, EXR or .npy
 #[derive(clap::Args)]
@@ -77,7 +77,7 @@ pub(super) struct Args {
     /// next to the scene or in a folder above it]
     #[arg(long, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
-    /// Draw the scene at every place of a list (docs/places.md): JSON like {"places": [{"position": [0, 0, 5],
+    /// Draw the scene at every place of a list (docs/side-files.md): JSON like {"places": [{"position": [0, 0, 5],
     /// "rotation": [1, 0, 0, 0], "scale": 2}]}. All places share the memory of one. Needs the fast path
     #[arg(long, value_name = "FILE", conflicts_with_all = ["max_error", "min_psnr"])]
     place: Option<PathBuf>,
@@ -140,8 +140,8 @@ pub(super) struct Args {
     /// several pictures, how busy the GPU and the threads were
     #[arg(long)]
     timings: bool,
-    /// Write a report as JSON (docs/render.schema.json): files, cameras, counts, times; - prints it instead of the
-    /// text. With --verify, the files that are wrong (docs/verify.schema.json)
+    /// Write a report as JSON (docs/schemas/render.schema.json): files, cameras, counts, times; - prints it instead of
+    /// the text. With --verify, the files that are wrong (docs/schemas/verify.schema.json)
     #[arg(long, value_name = "FILE|-")]
     json: Option<Sink>,
     /// Also write the certificate: for every pixel, an upper bound on the difference of its channels to the picture

@@ -12,7 +12,7 @@ use crate::render::{Detailed, Frame, Parts, Path};
 
 /// The report of `smalto render`.
 #[derive(Serialize, JsonSchema)]
-pub(super) struct Report {
+pub(in crate::cli) struct Report {
     /// "smalto render 1".
     pub format: String,
     pub smalto: VersionReport,
@@ -23,9 +23,9 @@ pub(super) struct Report {
     pub device: Option<String>,
     pub options: Options,
     /// The phases from the command to the first picture, in the order of their ends.
-    pub start: Vec<PhaseReport>,
+    pub(super) start: Vec<PhaseReport>,
     /// What was drawn. Depths and counts have frames of their own on the GPU. Files that `--resume` skips are not here.
-    pub frames: Vec<FrameReport>,
+    pub(super) frames: Vec<FrameReport>,
     /// With `--video`, the file of the video, or the ffmpeg command that makes it of the pictures.
     pub video: Option<String>,
 }
@@ -135,13 +135,5 @@ impl From<&Frame> for GpuReport {
             detail: frame.detail,
             stages: stages.into_iter().map(stage).collect(),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn the_schema_of_the_report_is_documented() {
-        crate::cli::sink::assert_documented::<super::Report>("render");
     }
 }

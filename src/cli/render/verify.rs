@@ -28,7 +28,7 @@ pub(in crate::cli) struct Incomplete(String);
 
 /// The report of `smalto render --verify`.
 #[derive(Serialize, JsonSchema)]
-struct Report {
+pub(in crate::cli) struct Report {
     /// "smalto verify 1".
     format: String,
     smalto: VersionReport,
@@ -247,13 +247,5 @@ impl LazyScene<'_> {
         let scene = self.get()?;
         let hash = scene.report().hash;
         Ok(SceneKey { hash, is_antialiased: scene.is_antialiased })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn the_schema_of_the_report_is_documented() {
-        crate::cli::sink::assert_documented::<super::Report>("verify");
     }
 }

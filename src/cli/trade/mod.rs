@@ -71,7 +71,7 @@ pub(super) struct Args {
     frames: Option<u16>,
     #[command(flatten)]
     device: DeviceArgs,
-    /// Write the report as JSON (docs/trade.schema.json); - prints it instead of the tables
+    /// Write the report as JSON (docs/schemas/trade.schema.json); - prints it instead of the tables
     #[arg(long, value_name = "FILE|-")]
     json: Option<Sink>,
     /// Plot error over time as SVG

@@ -34,7 +34,7 @@ pub struct Project {
     /// Every knob by its name, as on the command line.
     options: BTreeMap<String, String>,
     pub background: [f32; 3],
-    /// A camera path (docs/camera-path.md).
+    /// A camera path (docs/side-files.md).
     path: Value,
     pub repeats: bool,
     /// The name of what is shown in place of colours.

@@ -1,0 +1,44 @@
+//! `smalto schemas`, a hidden command: writes the JSON schemas of all reports, and of lists of places, into a folder.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::Result;
+use schemars::{Schema, schema_for};
+
+use super::say;
+use crate::files::{make_folder, write_whole};
+use crate::measure::{bench, ladder, metrics, prune, trade};
+use crate::scene::PlacesFile;
+
+/// Write the JSON schemas of reports and of lists of places
+#[derive(clap::Args)]
+pub(super) struct Args {
+    /// The folder, like docs/schemas. Files in it are replaced
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+}
+
+/// The schemas: NAME.schema.json describes this type.
+const SCHEMAS: [(&str, fn() -> Schema); 11] = [
+    ("bench", || schema_for!(bench::Report)),
+    ("compare", || schema_for!(metrics::Report)),
+    ("convert", || schema_for!(super::convert::Report)),
+    ("doctor", || schema_for!(super::doctor::Report)),
+    ("info", || schema_for!(super::info::Report)),
+    ("ladder", || schema_for!(ladder::LadderReport)),
+    ("places", || schema_for!(PlacesFile)),
+    ("prune", || schema_for!(prune::Report)),
+    ("render", || schema_for!(super::render::Report)),
+    ("trade", || schema_for!(trade::Report)),
+    ("verify", || schema_for!(super::render::VerifyReport)),
+];
+
+pub(super) fn run(args: &Args) -> Result<()> {
+    make_folder(&args.folder)?;
+    for (name, schema) in SCHEMAS {
+        let text = format!("{:#}\n", schema().as_value());
+        write_whole(&args.folder.join(format!("{name}.schema.json")), |out| Ok(out.write_all(text.as_bytes())?))?;
+    }
+    say!("{} schemas in {}", SCHEMAS.len(), args.folder.display())
+}
