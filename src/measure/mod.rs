@@ -4,5 +4,8 @@
 pub mod bench;
 pub mod ladder;
 pub mod metrics;
+#[cfg(feature = "plots")]
+#[doc(hidden)]
+pub mod plot;
 pub mod prune;
 pub mod trade;

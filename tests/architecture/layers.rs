@@ -4,7 +4,7 @@ use crate::{code, is_test, program, sources};
 
 /// Every module of the crate, from the ground up, and the modules that it may use. `measure` is listed by its inner
 /// modules, which are modules of their own here.
-const EDGES: [(&str, &str); 21] = [
+const EDGES: [(&str, &str); 22] = [
     ("host_memory", ""),
     ("files", ""),
     ("rules", ""),
@@ -27,6 +27,7 @@ const EDGES: [(&str, &str); 21] = [
         "measure::trade",
         "files gpu render reference scene packing camera rules options pixels measure::bench measure::metrics",
     ),
+    ("measure::plot", "files measure::bench measure::metrics measure::trade"),
     ("measure::prune", "render scene formats camera options pixels measure::bench measure::metrics"),
     (
         "viewer",

@@ -304,7 +304,7 @@ fn write(args: &Args, report: &Report) -> Result<()> {
     }
     #[cfg(feature = "plots")]
     if let Some(file) = &args.plot {
-        bench::plot::stage_breakdown(report, file)?;
+        crate::measure::plot::stage_breakdown(report, file)?;
     }
     Ok(())
 }

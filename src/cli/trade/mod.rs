@@ -179,7 +179,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     #[cfg(feature = "plots")]
     if let Some(file) = &args.plot {
         let presets = Options::PRESETS.map(|(name, _)| name);
-        trade::plot(&report, &presets, file)?;
+        crate::measure::plot::trade(&report, &presets, file)?;
     }
     held
 }

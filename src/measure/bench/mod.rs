@@ -1,4 +1,4 @@
-//! Speed: the measuring protocol, the report, its comparison with an earlier one, and plots.
+//! Speed: the measuring protocol, the report, and its comparison with an earlier one.
 //!
 //! The protocol is the paper's: warm-up frames, then measured frames, along a scripted camera path. The warm-up goes on
 //! until the frame time is steady.
@@ -9,8 +9,6 @@ mod clocks;
 mod compare;
 mod machine;
 mod measure;
-#[cfg(feature = "plots")]
-pub mod plot;
 mod report;
 mod statistics;
 mod together;

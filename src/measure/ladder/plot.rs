@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 
 use super::report::{Climb, LadderReport, RungReport};
-use crate::measure::bench::plot::{self, Bar, Bars, Lines, Panel};
+use crate::measure::plot::{self, Bar, Bars, Lines, Panel};
 
 /// Plots the paper's Figures 2 to 6: time by stage, frame time, speedup, and the gain from batches.
 pub fn plot(report: &LadderReport, path: &Path) -> Result<()> {

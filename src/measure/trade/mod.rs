@@ -6,8 +6,6 @@ mod candidates;
 mod certify;
 mod levels;
 mod measure;
-#[cfg(feature = "plots")]
-mod plot;
 mod report;
 mod search;
 mod timing;
@@ -17,8 +15,6 @@ pub use candidates::knobs;
 pub use certify::certify;
 pub use levels::{LevelTrade, SAMPLES_ALONG};
 pub use measure::Study;
-#[cfg(feature = "plots")]
-pub use plot::plot;
 pub use report::{
     BudgetReport, CertificateReport, LevelPoint, LevelsReport, Point, Promise, Report, SettingReport, StageTime,
     mark_pareto,

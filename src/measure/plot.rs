@@ -1,4 +1,4 @@
-//! Plots as SVG: stacked bars of stages, and lines over the number of Gaussians.
+//! Plots as SVG, of `bench` and `trade`: stacked bars of stages, lines, and accuracy over time.
 
 use std::path::Path;
 
@@ -7,8 +7,36 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::report::Report;
+use super::bench::{self, Run};
+use super::metrics::Difference;
+use super::trade::{self, LevelPoint, LevelsReport, Point};
 use crate::files::write_whole;
+
+const FONT: &str = "sans-serif";
+const TEXT: i32 = 14; // px
+const NAMES: u32 = 300; // px, width of the column of bar names
+// px, top of the key and distance of its lines
+const KEY_TOP: i32 = 50;
+const KEY_STEP: i32 = 20;
+
+/// Colours that are distinct for all kinds of colour vision (Okabe and Ito 2008); later ones repeat them, lighter.
+const PALETTE: [(u8, u8, u8); 8] = [
+    (0, 114, 178),
+    (230, 159, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (86, 180, 233),
+    (213, 94, 0),
+    (240, 228, 66),
+    (110, 110, 110),
+];
+
+/// PSNR of pictures in 8 bits: every value one step off, truncated, rounded.
+const GUIDES_DB: [(f64, &str); 3] =
+    [(48.1, "1 step of 8 bits"), (52.9, "8 bits, truncated"), (58.9, "8 bits, rounded")];
+
+/// Height of a panel of the trade in pixels.
+const HEIGHT: u32 = 640;
 
 /// The area that a plot is drawn into.
 pub type Panel<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -57,45 +85,13 @@ pub fn write(path: &Path, size: (u32, u32), draw: impl FnOnce(&Panel) -> Result<
     write_whole(path, |file| Ok(std::io::Write::write_all(file, text.as_bytes())?))
 }
 
-/// Writes the stage times of every run as stacked bars: the paper's Figure 2.
-pub fn stage_breakdown(report: &Report, path: &Path) -> Result<()> {
-    let bar = |run: &super::Run| {
-        let parts = run.stages.iter().map(|stage| (stage.name.clone(), stage.ms.median.max(0.0)));
-        Bar { name: format!("{} ({})", run.subject.title(), run.drawn_by), parts: parts.collect() }
-    };
-    let bars: Vec<_> = report.runs.iter().map(bar).collect();
-    let key = bars.iter().map(|bar| bar.parts.len()).max().unwrap_or(0) as i32;
-    let height = (150 + 34 * bars.len() as u32).max((KEY_TOP + KEY_STEP * (key + 1)) as u32);
-    let title = format!("GPU time of a frame by stage: {}", report.device.name);
-    write(path, (1000, height), |panel| Bars { title, unit: "GPU time, ms (median)".to_owned(), bars }.draw(panel))
-}
-
-pub(crate) const FONT: &str = "sans-serif";
-pub(crate) const TEXT: i32 = 14; // px
-const NAMES: u32 = 300; // px, width of the column of bar names
-// px, top of the key and distance of its lines
-const KEY_TOP: i32 = 50;
-const KEY_STEP: i32 = 20;
-
-/// Colours that are distinct for all kinds of colour vision (Okabe and Ito 2008); later ones repeat them, lighter.
-const PALETTE: [(u8, u8, u8); 8] = [
-    (0, 114, 178),
-    (230, 159, 0),
-    (0, 158, 115),
-    (204, 121, 167),
-    (86, 180, 233),
-    (213, 94, 0),
-    (240, 228, 66),
-    (110, 110, 110),
-];
-
-pub(crate) fn colour(index: usize) -> RGBColor {
+fn colour(index: usize) -> RGBColor {
     let (r, g, b) = PALETTE[index % PALETTE.len()];
     let lighten = |v: u8| if index < PALETTE.len() { v } else { 128 + v / 2 };
     RGBColor(lighten(r), lighten(g), lighten(b))
 }
 
-pub(crate) fn broken<E: std::error::Error + Send + Sync>(error: DrawingAreaErrorKind<E>) -> anyhow::Error {
+fn broken<E: std::error::Error + Send + Sync>(error: DrawingAreaErrorKind<E>) -> anyhow::Error {
     anyhow!("cannot draw the plot: {error}")
 }
 
@@ -189,6 +185,101 @@ impl Lines {
         }
         Ok(())
     }
+}
+
+/// Writes the stage times of every run as stacked bars: the paper's Figure 2.
+pub fn stage_breakdown(report: &bench::Report, path: &Path) -> Result<()> {
+    let bar = |run: &Run| {
+        let parts = run.stages.iter().map(|stage| (stage.name.clone(), stage.ms.median.max(0.0)));
+        Bar { name: format!("{} ({})", run.subject.title(), run.drawn_by), parts: parts.collect() }
+    };
+    let bars: Vec<_> = report.runs.iter().map(bar).collect();
+    let key = bars.iter().map(|bar| bar.parts.len()).max().unwrap_or(0) as i32;
+    let height = (150 + 34 * bars.len() as u32).max((KEY_TOP + KEY_STEP * (key + 1)) as u32);
+    let title = format!("GPU time of a frame by stage: {}", report.device.name);
+    write(path, (1000, height), |panel| Bars { title, unit: "GPU time, ms (median)".to_owned(), bars }.draw(panel))
+}
+
+/// Writes the plot of a trade: single knobs as grey points, the search as a line, the presets with names; below, the
+/// levels of detail as lines.
+pub fn trade(report: &trade::Report, presets: &[&str], path: &Path) -> Result<()> {
+    let has_points = !report.points.is_empty();
+    let panels = u32::from(has_points) + u32::from(report.levels.is_some());
+    write(path, (1000, HEIGHT * panels), |panel| {
+        let (upper, lower) = panel.split_vertically(if has_points { HEIGHT } else { 0 });
+        if has_points {
+            draw_points(report, presets, &upper)?;
+        }
+        report.levels.as_ref().map_or(Ok(()), |levels| draw_levels(report, levels, &lower))
+    })
+}
+
+/// PSNR over time of each preset with fewer and fewer nodes. Pictures that are equal have no place.
+fn draw_levels(report: &trade::Report, levels: &LevelsReport, panel: &Panel) -> Result<()> {
+    let LevelsReport { samples, points, .. } = levels;
+    let mut presets: Vec<&str> = points.iter().map(|point| point.preset.as_str()).collect();
+    presets.dedup();
+    let supersampled = format!("to {samples} samples");
+    type To = fn(&LevelPoint) -> &Difference;
+    let ends: [(&str, To); 2] = [("to exact", |p| &p.from_exact), (&supersampled, |p| &p.from_supersampled)];
+    let line = |(preset, (name, to)): (&str, (&str, To))| {
+        let of_preset = points.iter().filter(|point| point.preset == preset);
+        let places = of_preset.filter_map(|point| Some((point.gpu_ms, to(point).psnr_db?)));
+        (format!("{preset}, {name}"), places.collect())
+    };
+    let all = presets.iter().flat_map(|preset| ends.map(|end| (*preset, end)));
+    let [width, height] = report.size;
+    let lines = Lines {
+        title: format!("Levels of detail: {} at {width}x{height}, {}", report.scene.name, report.device.name),
+        x: "GPU time of a frame, ms (median)".to_owned(),
+        y: "PSNR of the worst view, dB".to_owned(),
+        lines: all.map(line).collect(),
+        is_logarithmic: false,
+        is_scattered: false,
+    };
+    lines.draw(panel)
+}
+
+fn draw_points(report: &trade::Report, presets: &[&str], panel: &Panel) -> Result<()> {
+    let all = || report.points.iter().chain(&report.search);
+    let ms = |pick: fn(f64, f64) -> f64, from: f64| all().map(|point| point.gpu_ms).fold(from, pick);
+    let (low, high) = (ms(f64::min, f64::INFINITY), ms(f64::max, 0.0));
+    let db = |point: &Point| point.from_oracle.psnr_db.unwrap_or(f64::INFINITY).min(120.0);
+    let [width, height] = report.size;
+    let title = format!("{} at {width}x{height}, {}", report.scene.name, report.device.name);
+    let mut chart = ChartBuilder::on(panel)
+        .caption(title, (FONT, TEXT + 4))
+        .margin(12)
+        .x_label_area_size(44)
+        .y_label_area_size(60)
+        .build_cartesian_2d(low * 0.95..high * 1.08, 25.0..125.0)
+        .map_err(broken)?;
+    chart
+        .configure_mesh()
+        .x_desc("GPU time of a frame, ms (median)")
+        .y_desc("PSNR of the worst view to the float64 reference, dB")
+        .label_style((FONT, TEXT))
+        .max_light_lines(0)
+        .draw()
+        .map_err(broken)?;
+    for (level, name) in GUIDES_DB {
+        let ends = [(low * 0.95, level), (high * 1.08, level)];
+        chart.draw_series(LineSeries::new(ends, BLACK.mix(0.3))).map_err(broken)?;
+        let style = (FONT, TEXT - 3).into_text_style(panel).pos(Pos::new(HPos::Right, VPos::Bottom));
+        chart.draw_series([Text::new(name, (high * 1.075, level + 0.3), style)]).map_err(broken)?;
+    }
+    let search = report.points.first().into_iter().chain(&report.search).map(|point| (point.gpu_ms, db(point)));
+    chart.draw_series(LineSeries::new(search, colour(1).stroke_width(2))).map_err(broken)?;
+    for point in all() {
+        let is_preset = presets.contains(&point.name.as_str());
+        let shade = if is_preset { colour(0) } else { RGBColor(120, 120, 120) };
+        let place = (point.gpu_ms, db(point));
+        chart.draw_series([Circle::new(place, if is_preset { 6 } else { 3 }, shade.filled())]).map_err(broken)?;
+        let size = if is_preset { TEXT } else { TEXT - 4 };
+        let style = (FONT, size).into_text_style(panel).pos(Pos::new(HPos::Left, VPos::Bottom)).color(&shade);
+        chart.draw_series([EmptyElement::at(place) + Text::new(point.name.clone(), (6, -3), style)]).map_err(broken)?;
+    }
+    Ok(())
 }
 
 /// Formats a number with a unit prefix: 1940000 as 1.94M.
