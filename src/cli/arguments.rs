@@ -75,8 +75,6 @@ fn knobs_without_effect(option: &str) -> Vec<&'static str> {
         "reference" => named(|knob| knob.group == Group::Accuracy && knob.name != "sh-degree"),
         // A budget sets them itself.
         "max_error" | "min_psnr" => named(|knob| knob.group == Group::Accuracy),
-        // So does the ladder, whose rungs have rules of their own.
-        "ladder" => named(|knob| knob.name != "near"),
         // It sets the error itself.
         "lod-psnr" => vec!["lod-error"],
         _ => Vec::new(),

@@ -82,11 +82,6 @@ pub fn open_device(name: Option<String>, memory: Option<u64>) -> Result<Device> 
 }
 
 impl DevicesArgs {
-    /// True if several devices are asked for.
-    pub fn are_several(&self) -> bool {
-        self.device.as_deref().is_some_and(|list| list == "all" || list.contains(','))
-    }
-
     /// Opens the devices. Says so if they are of different kinds.
     pub fn open(&self) -> Result<Vec<Device>> {
         let environment = Environment::read()?;

@@ -8,7 +8,7 @@ use schemars::{Schema, schema_for};
 
 use super::say;
 use crate::files::{make_folder, write_whole};
-use crate::measure::{bench, ladder, metrics, prune, trade};
+use crate::measure::{bench, metrics, prune, trade};
 use crate::scene::PlacesFile;
 
 /// Write the JSON schemas of reports and of lists of places
@@ -20,13 +20,12 @@ pub(super) struct Args {
 }
 
 /// The schemas: NAME.schema.json describes this type.
-const SCHEMAS: [(&str, fn() -> Schema); 11] = [
+const SCHEMAS: [(&str, fn() -> Schema); 10] = [
     ("bench", || schema_for!(bench::Report)),
     ("compare", || schema_for!(metrics::Report)),
     ("convert", || schema_for!(super::convert::Report)),
     ("doctor", || schema_for!(super::doctor::Report)),
     ("info", || schema_for!(super::info::Report)),
-    ("ladder", || schema_for!(ladder::LadderReport)),
     ("places", || schema_for!(PlacesFile)),
     ("prune", || schema_for!(prune::Report)),
     ("render", || schema_for!(super::render::Report)),

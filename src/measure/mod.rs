@@ -2,7 +2,6 @@
 //! and what a scene can do without (`prune`).
 
 pub mod bench;
-pub mod ladder;
 pub mod metrics;
 #[cfg(feature = "plots")]
 #[doc(hidden)]

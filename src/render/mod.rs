@@ -41,10 +41,9 @@ pub use lod::Detailed;
 pub use pack::Packer;
 pub use path::Path;
 #[doc(hidden)]
-pub use portable::{Pairs, PortablePipeline, PortableWorkspace, RadixSort, SortRange, SortScratch};
+pub use portable::{Pairs, PortableStages, PortableWorkspace, RadixSort, SortRange, SortScratch};
 #[doc(hidden)]
 pub use prune::{Bounds as PruneBounds, Pruner, Share};
-pub(crate) use readback::read_pixels;
 pub use recorded::Frame;
 #[doc(hidden)]
 pub use recorded::{Recorded, Started};

@@ -4,7 +4,7 @@ use crate::{code, is_test, program, sources};
 
 /// Every module of the crate, from the ground up, and the modules that it may use. `measure` is listed by its inner
 /// modules, which are modules of their own here.
-const EDGES: [(&str, &str); 22] = [
+const EDGES: [(&str, &str); 21] = [
     ("host_memory", ""),
     ("files", ""),
     ("rules", ""),
@@ -22,7 +22,6 @@ const EDGES: [(&str, &str); 22] = [
     ("render", "host_memory gpu lod scene packing pagefile camera rules options pixels"),
     ("measure::metrics", "pixels"),
     ("measure::bench", "files gpu render scene pagefile camera rules options pixels"),
-    ("measure::ladder", "files gpu render reference camera rules options pixels measure::bench measure::metrics"),
     (
         "measure::trade",
         "files gpu render reference scene packing camera rules options pixels measure::bench measure::metrics",

@@ -1,12 +1,9 @@
-//! `smalto bench` as its users meet it: reports, their schema, baselines, the ladder.
+//! `smalto bench` as its users meet it: reports, baselines.
 
 use std::fs;
-use std::path::Path;
 
-use crate::common::Gpu;
 use crate::common::program::{fails, ok, path, smalto};
 use serde_json::Value;
-use smalto::measure::ladder::{Place, RUNGS};
 
 /// Little work, the same on every device.
 const QUICK: [&str; 6] = ["--size", "48x40", "--warmup", "0", "--frames", "3"];
@@ -100,7 +97,6 @@ fn several_devices_are_measured_together() {
     let together = report["runs"][0]["together"].as_array().unwrap();
     assert_eq!(together.len(), 2);
     assert!(together.iter().all(|device| device["frames_per_second"].as_f64().unwrap() > 0.0));
-    assert!(fails(2, &["bench", "--ladder", "--device", &devices]).contains("--ladder measures one --device"));
 }
 
 /// A device whose loops end after some rounds draws such views on the portable path, after an attempt on the fast one.
@@ -198,17 +194,10 @@ fn bench_refuses_wrong_arguments() {
         &["bench", "--threshold", "3"],
         &["bench", "--baseline", "a.json", "--threshold=-1"],
         &["bench", "--near", "0"],
-        &["bench", "--ladder", "--baseline", "a.json"],
-        &["bench", "--ladder", "--size", "8x8,9x9"],
-        &["bench", "--ladder", "--alpha-min", "0.05"],
         &["bench", "--cameras", "a.json", "--path", "orbit"],
         &["bench", "cactus:0", "--frames", "1", "--warmup", "0"],
     ] {
         assert!(!fails(2, arguments).is_empty());
-    }
-    if Gpu::new().0.capabilities().loop_limit.is_some() {
-        let error = fails(2, &["bench", "--ladder", "cactus:10", "--size", "256x65520"]);
-        assert!(error.contains("limits loops to fewer iterations than 65520 tiles need"), "{error}");
     }
     assert!(fails(4, &["bench", "no/such.ply"]).contains("no/such.ply"));
     assert!(fails(4, &["bench", "cactus:10", "--path", "keyframes:none.json"]).contains("none.json"));
@@ -238,26 +227,4 @@ fn bench_follows_keyframes_and_camera_files() {
     assert_eq!((from_file.0.as_str(), along.0.as_str()), ("cameras.json", "keyframes:cameras.json"));
     // Of three frames the last is the file's first camera again, and the last keyframe.
     assert_ne!(from_file.1, along.1);
-}
-
-#[test]
-fn the_ladder_measures_every_rung() {
-    let folder = tempfile::tempdir().unwrap();
-    let (out, table, plot) = (path(&folder, "a.json"), path(&folder, "a.csv"), path(&folder, "a.svg"));
-    let files = ["--ladder", "--json", &out, "--csv", &table, "--plot", &plot];
-    let text = ok(&quick("cactus:1000", &[&["few-large:20"], &files[..]].concat()));
-    let report = json(&out);
-    let validator = jsonschema::validator_for(&schema("ladder")).unwrap();
-    assert!(validator.is_valid(&report), "{:?}", validator.validate(&report).err());
-    assert_eq!(report["climbs"].as_array().unwrap().len(), 2);
-    let rungs = report["climbs"][0]["rungs"].as_array().unwrap();
-    let names: Vec<_> = rungs.iter().map(|r| r["name"].as_str().unwrap()).collect();
-    assert_eq!(names, RUNGS.map(|rung| rung.name));
-    for (rung, report) in RUNGS.iter().zip(rungs) {
-        let host: f64 = report["stages"].as_array().unwrap().iter().map(|s| s["host_ms"].as_f64().unwrap()).sum();
-        assert_eq!(host > 0.0, rung.compaction == Place::Cpu, "{}: {host} ms on the CPU", rung.name);
-    }
-    assert!(text.contains("+9 pixel blocks") && text.contains("96x"), "{text}");
-    assert!(Path::new(&plot).metadata().unwrap().len() > 1000);
-    assert!(fs::read_to_string(&table).unwrap().contains("baseline,ranges ms"));
 }

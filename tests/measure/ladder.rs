@@ -1,9 +1,18 @@
-//! The rungs of the ladder, and the counts of a frame, against the CPU.
+//! The bench `ladder`: its rungs, and the counts of a frame, against the CPU; its report.
 
-use crate::common::{Gpu, Random, gaussians};
+#[path = "../../benches/ladder/main.rs"]
+mod bench;
+
+use std::fs;
+
+use bench::climb::{Evidence, agree};
+use bench::host_stages;
+use bench::report::LadderReport;
+use bench::rungs::{Processor, RUNGS, Rung};
+use bench::variant::{Variant, VariantFrame};
 use glam::DVec3;
+use serde_json::Value;
 use smalto::camera::Camera;
-use smalto::measure::ladder::{RUNGS, Rung, Variant, VariantFrame};
 use smalto::options::Options;
 use smalto::pixels::Pixels;
 use smalto::procedural::cactus;
@@ -11,6 +20,9 @@ use smalto::reference::{self, Splat, Tiling};
 use smalto::render::{GpuScene, Renderer, Totals};
 use smalto::rules::{Background, Rules, TILE};
 use smalto::scene::{Gaussians, Raw};
+
+use crate::common::program::path;
+use crate::common::{Gpu, Random, gaussians};
 
 fn camera(size: [u32; 2]) -> Camera {
     Camera::looking_at(DVec3::new(1.5, -2.5, -4.0), DVec3::new(0.0, -1.2, 0.0), size, 0.9)
@@ -174,4 +186,84 @@ fn reference_counts(scene: &Gaussians, camera: &Camera, rules: &Rules) -> (u32, 
         }
     }
     (evaluations, stopped)
+}
+
+#[test]
+fn the_report_has_every_rung_and_keeps_to_its_schema() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, table, plot) = (path(&folder, "a.json"), path(&folder, "a.csv"), path(&folder, "a.svg"));
+    let mut arguments =
+        vec!["ladder", "cactus:1000", "few-large:20", "--size", "48x40", "--warmup", "0", "--frames", "3"];
+    arguments.extend(["--json", &out, "--csv", &table]);
+    if cfg!(feature = "plots") {
+        arguments.extend(["--plot", &plot]);
+    }
+    bench::run(arguments.into_iter().map(str::to_owned)).unwrap();
+    let report: Value = serde_json::from_str(&fs::read_to_string(&out).unwrap()).unwrap();
+    let schema = include_str!("../../docs/schemas/ladder.schema.json");
+    let current = format!("{:#}\n", schemars::schema_for!(LadderReport).as_value());
+    assert!(
+        schema == current,
+        "ladder.schema.json is old: `cargo bench --bench ladder -- --schema` prints the new one"
+    );
+    let validator = jsonschema::validator_for(&serde_json::from_str(schema).unwrap()).unwrap();
+    assert!(validator.is_valid(&report), "{:?}", validator.validate(&report).err());
+    assert_eq!(report["climbs"].as_array().unwrap().len(), 2);
+    let rungs = report["climbs"][0]["rungs"].as_array().unwrap();
+    let names: Vec<_> = rungs.iter().map(|r| r["name"].as_str().unwrap()).collect();
+    assert_eq!(names, RUNGS.map(|rung| rung.name));
+    for (rung, report) in RUNGS.iter().zip(rungs) {
+        let host: f64 = report["stages"].as_array().unwrap().iter().map(|s| s["host_ms"].as_f64().unwrap()).sum();
+        assert_eq!(host > 0.0, rung.compaction == Processor::Cpu, "{}: {host} ms on the CPU", rung.name);
+    }
+    assert!(fs::read_to_string(&table).unwrap().contains("baseline,ranges ms"));
+    assert!(!cfg!(feature = "plots") || fs::metadata(&plot).unwrap().len() > 1000);
+}
+
+#[test]
+fn pictures_with_more_tiles_than_loops_reach_are_refused() {
+    if Gpu::new().0.capabilities().loop_limit.is_some() {
+        let arguments = ["ladder", "cactus:10", "--size", "256x65520"].map(str::to_owned);
+        let error = bench::run(arguments.into_iter()).unwrap_err().to_string();
+        assert!(error.contains("limits loops to fewer iterations than 65520 tiles need"), "{error}");
+    }
+}
+
+fn evidence(rung: &'static Rung, counts: [u32; 2], grey: f32) -> Evidence {
+    Evidence { rung, counts: vec![counts], pixels: Pixels { size: [1, 1], rgba: vec![[grey, grey, grey, 1.0]] } }
+}
+
+#[test]
+fn rungs_that_differ_where_they_must_not_are_found() {
+    let named = |name: &str| RUNGS.iter().find(|r| r.name == name).unwrap();
+    let (base, single, exact) = (named("baseline"), named("+1 in a single pass"), named("+6 exact tiles"));
+    let error = |a: Evidence, b: Evidence| agree(&a, &b).err().map(|e| e.to_string());
+    assert_eq!(error(evidence(base, [5, 9], 0.5), evidence(named("+2 GPU ranges"), [5, 9], 0.5)), None);
+    let seen = error(evidence(base, [5, 9], 0.5), evidence(exact, [6, 8], 0.5)).unwrap();
+    assert!(seen.contains("see different"), "{seen}");
+    let counted = error(evidence(base, [5, 9], 0.5), evidence(single, [5, 8], 0.5)).unwrap();
+    assert!(counted.contains("count different"), "{counted}");
+    let bits = error(evidence(base, [5, 9], 0.5), evidence(named("+2 GPU ranges"), [5, 9], 0.500_01)).unwrap();
+    assert!(bits.contains("different bits"), "{bits}");
+    assert_eq!(error(evidence(base, [5, 9], 0.5), evidence(single, [5, 9], 0.500_01)), None);
+    assert_eq!(error(evidence(base, [5, 9], 0.5), evidence(exact, [5, 7], 0.501)), None);
+    let pictures = error(evidence(base, [5, 9], 0.5), evidence(exact, [5, 7], 0.6)).unwrap();
+    assert!(pictures.contains("20.0 dB"), "{pictures}");
+}
+
+#[test]
+fn compact_lists_the_bits_that_are_set() {
+    let mut ids = [0; 3];
+    assert_eq!(host_stages::compact(&[0b101, 0, 1 << 31], &mut ids), 3);
+    assert_eq!(ids, [0, 2, 95]);
+    assert_eq!(host_stages::compact(&[u32::MAX], &mut ids), 32, "bits that do not fit are counted");
+}
+
+#[test]
+fn duplicate_walks_rows_and_columns() {
+    let span = |first: u32, end: u32| first | end << 16;
+    let (mut keys, mut ids) = ([0; 8], [0; 8]);
+    let ranges = [[1, 2 | 2 << 16], [0, 0], [0, 1 << 16]];
+    let count = host_stages::duplicate(&ranges, &[span(4, 5), span(0, 2), span(3, 4)], 10, &mut keys, &mut ids);
+    assert_eq!((&keys[..count], &ids[..count]), (&[20, 21, 33, 4][..], &[0, 0, 0, 2][..]));
 }

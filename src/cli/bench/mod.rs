@@ -1,6 +1,5 @@
-//! `smalto bench`: the speed of frames and their stages, and the ladder of optimizations.
+//! `smalto bench`: the speed of frames and their stages.
 
-mod ladder;
 mod table;
 mod views;
 
@@ -35,8 +34,7 @@ pub(super) use views::{CameraPath, Cameras, PATHS};
 /// Measure the speed of rendering: whole frames, every stage, counts, memory
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// Scenes, as `smalto render` takes them [default: cactus; with --ladder, cactus at four levels of detail,
-    /// few-large and many-small]
+    /// Scenes, as `smalto render` takes them [default: cactus]
     scenes: Vec<PathBuf>,
     /// Camera file or folder, as `smalto render` takes it: each frame is drawn from the next of its cameras
     #[arg(long, value_name = "FILE|DIR", conflicts_with = "path")]
@@ -75,11 +73,6 @@ pub(super) struct Args {
         value_parser = knobs::preset_names()
     )]
     preset: Vec<String>,
-    /// Measure the ladder instead: the paper's baseline and every optimization on top of it, up to the portable path,
-    /// at one size
-    #[arg(long, conflicts_with_all = ["baseline", "threshold", "preset", "check", "certificate"])]
-    #[arg(conflicts_with_all = ["place", "measure_levels"])]
-    ladder: bool,
     /// Also compare the first view with the float64 reference. Slow
     #[arg(long, conflicts_with = "place")]
     check: bool,
@@ -136,9 +129,6 @@ pub(super) fn run(args: &Args) -> Result<()> {
     };
     let bench = Bench::new(&device, Protocol { warmup: args.warmup, frames: args.frames() })?;
     let bench = if args.frames.is_some() { bench } else { bench.patient(PATIENCE) };
-    if args.ladder {
-        return ladder::run(args, &bench, &cameras);
-    }
     let mut report = Report {
         format: Report::FORMAT.to_owned(),
         smalto: VersionReport::current(),
@@ -153,7 +143,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(baseline) = &baseline {
         baseline.same_conditions(&report).map_err(foreign)?;
     }
-    for scene in args.scenes(&["cactus"]) {
+    for scene in args.scenes() {
         let scene = Loaded::read(&scene, args.reading, placements.clone(), &device)?;
         let checked = args.check.then(|| scene.drawable.in_memory("--check")).transpose()?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
@@ -205,9 +195,9 @@ impl Args {
         self.frames.unwrap_or(FRAMES)
     }
 
-    /// The scenes of the arguments, or `default` if there are none.
-    fn scenes(&self, default: &[&str]) -> Vec<PathBuf> {
-        if self.scenes.is_empty() { default.iter().map(PathBuf::from).collect() } else { self.scenes.clone() }
+    /// The scenes of the arguments, or the default if there are none.
+    fn scenes(&self) -> Vec<PathBuf> {
+        if self.scenes.is_empty() { vec!["cactus".into()] } else { self.scenes.clone() }
     }
 }
 
@@ -232,12 +222,6 @@ impl Loaded {
 fn check_usage(args: &Args) -> Result<()> {
     args.knobs.check_gpu()?;
     check_plots(args.plot.as_deref())?;
-    if args.ladder && args.size.len() != 1 {
-        return Err(Usage("--ladder measures one --size".to_owned()).into());
-    }
-    if args.ladder && args.device.are_several() {
-        return Err(Usage("--ladder measures one --device".to_owned()).into());
-    }
     if !(args.threshold >= 0.0 && args.threshold.is_finite()) {
         return Err(Usage(format!("--threshold {} is not a percentage of at least 0", args.threshold)).into());
     }

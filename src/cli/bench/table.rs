@@ -3,11 +3,10 @@
 use anyhow::Result;
 
 use crate::cli::table::{say_table, table};
-use crate::cli::{certified, say, size_text};
+use crate::cli::{certified, say};
 use crate::measure::bench::{
     Change, Clocks, DetailReport, DeviceReport, Protocol, Run, Statistics, VersionReport, WarmUp,
 };
-use crate::measure::ladder::{Climb, Paper};
 
 /// Prints a run. `checked` tells if the picture was compared with the reference.
 pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
@@ -115,42 +114,6 @@ pub(super) fn print_machine(
     }
     let Protocol { warmup, frames } = protocol;
     say!("smalto {} {commit}; {warmup} warm-up frames or more, {frames} measured or fewer, {path}", smalto.version)
-}
-
-/// Prints a row per rung: its times, the speedup of the stage that it changes, and the paper's speedup.
-pub(super) fn print_climb(climb: &Climb) -> Result<()> {
-    let scene = &climb.scene;
-    say!("{}  {}  {} Gaussians, SH degree {}", scene.name, size_text(climb.size), scene.gaussians, scene.sh_degree)?;
-    let header =
-        ["rung", "frame ms", "speedup", "cull", "project", "duplicate", "sort", "ranges", "blend", "changed", "paper"];
-    let mut rows = table(&header);
-    let first_ms = climb.rungs.first().map_or(f64::NAN, |rung| rung.wall_ms.median);
-    for rung in &climb.rungs {
-        let ms = |name: &str| rung.stage_ms(name).map_or_else(String::new, |ms| format!("{ms:.3}"));
-        let changed = climb.stage_speedup(rung).map_or_else(String::new, |x| format!("{} {x:.1}x", rung.stage));
-        let paper = Paper::of(&rung.name).map_or("", |step| step.speedup);
-        let (frame, times) = (format!("{:.3}", rung.wall_ms.median), format!("{:.1}x", first_ms / rung.wall_ms.median));
-        let stages = ["cull", "project", "duplicate", "sort", "ranges", "blend"].map(ms);
-        let about = [rung.name.clone(), frame, times];
-        rows.add_row(about.into_iter().chain(stages).chain([changed, paper.to_owned()]));
-    }
-    say_table(&rows)?;
-    let (first, last) = (&climb.rungs[0], &climb.rungs[climb.rungs.len() - 1]);
-    let instances = [first, last].map(|rung| rung.instances.median);
-    say!(
-        "  {:.0} visible on every rung; {:.0} instances by squares, {:.0} by ellipses; \
-         the last picture is {} the first",
-        first.visible.median,
-        instances[0],
-        instances[1],
-        last.to_baseline_db.map_or_else(|| "equal to".to_owned(), |db| format!("{db:.1} dB from"))
-    )?;
-    let unsteady = climb.rungs.iter().filter(|rung| rung.warm_up.is_some_and(|warm_up| !warm_up.is_steady));
-    let unsteady: Vec<_> = unsteady.map(|rung| rung.name.as_str()).collect();
-    if unsteady.is_empty() {
-        return Ok(());
-    }
-    say!("  warning: the frame time was not steady after the warm-up of {}", unsteady.join(", "))
 }
 
 /// Prints the times of each run before and now.

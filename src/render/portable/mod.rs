@@ -6,11 +6,12 @@ mod blend;
 mod least_bytes;
 mod pipeline;
 mod sort;
+mod stages;
 mod workspace;
 
 pub(super) use blend::Walk;
-pub use pipeline::PortablePipeline;
-pub(super) use pipeline::chunks;
+pub(super) use pipeline::{PortablePipeline, chunks};
 pub(super) use sort::digit_bits;
 pub use sort::{Pairs, RadixSort, SortRange, SortScratch};
+pub use stages::PortableStages;
 pub use workspace::PortableWorkspace;

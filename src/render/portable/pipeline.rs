@@ -32,7 +32,7 @@ pub struct PortablePipeline {
     project: Stage<Project>,
     /// The constants that splats are made with.
     projecting: SharedConstants,
-    pub(crate) sort: RadixSort,
+    sort: RadixSort,
     scan_sums: Stage<ScanSums>,
     scan_totals: Stage<ScanTotals>,
     scan: Stage<Scan>,
@@ -107,11 +107,11 @@ impl PortablePipeline {
         [depth_bits, tile_bits(tiles(camera.size_px).iter().product())].map(|bits| self.sort.passes(bits))
     }
 
-    pub(crate) fn depth_keys(&self, scene: &GpuScene, camera: &Camera) -> DepthKeys {
+    pub(in crate::render) fn depth_keys(&self, scene: &GpuScene, camera: &Camera) -> DepthKeys {
         DepthKeys::of(camera, &self.options, &scene.extent)
     }
 
-    pub(crate) fn view(&self, camera: &Camera) -> View {
+    pub(in crate::render) fn view(&self, camera: &Camera) -> View {
         view(camera, self.options.rules.near)
     }
 
@@ -206,7 +206,7 @@ impl PortablePipeline {
     }
 
     /// Marks the Gaussians that may touch the image.
-    pub(crate) fn cull(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &PortableWorkspace) {
+    pub(in crate::render) fn cull(&self, cmd: &mut Commands, scene: &GpuScene, view: View, work: &PortableWorkspace) {
         let bindings = CullBindings {
             bounds: &scene.bounds,
             visible_masks: &work.visible_masks,
@@ -217,7 +217,7 @@ impl PortablePipeline {
     }
 
     /// Writes the ids of the marked Gaussians, in order.
-    pub(crate) fn compact(&self, cmd: &mut Commands, scene: &GpuScene, work: &PortableWorkspace) {
+    pub(in crate::render) fn compact(&self, cmd: &mut Commands, scene: &GpuScene, work: &PortableWorkspace) {
         self.compact_chunks(cmd, chunks(scene), work);
     }
 
@@ -243,7 +243,7 @@ impl PortablePipeline {
     }
 
     /// Projects the visible Gaussians to splats, depth keys and tiles.
-    pub(crate) fn project(
+    pub(in crate::render) fn project(
         &self,
         cmd: &mut Commands,
         scene: &GpuScene,
@@ -280,7 +280,7 @@ impl PortablePipeline {
     }
 
     /// Sorts the splats by depth; returns the index of the sorted pair of `work.depths`.
-    pub(crate) fn sort_depths(&self, cmd: &mut Commands, work: &PortableWorkspace, bits: u32) -> usize {
+    pub(in crate::render) fn sort_depths(&self, cmd: &mut Commands, work: &PortableWorkspace, bits: u32) -> usize {
         self.sort_visible(cmd, &work.depths, work, (bits, true))
     }
 
@@ -299,7 +299,7 @@ impl PortablePipeline {
     }
 
     /// Finds where the instances of each splat begin, splats in the order of `splat_from_rank`.
-    pub(crate) fn scan(&self, cmd: &mut Commands, work: &PortableWorkspace, splat_from_rank: &Buffer<u32>) {
+    pub(in crate::render) fn scan(&self, cmd: &mut Commands, work: &PortableWorkspace, splat_from_rank: &Buffer<u32>) {
         let (totals, tile_counts) = (&work.totals, &work.tile_counts);
         let groups = offset_of!(PortableDispatches, scan_visible);
         let bindings = ScanSumsBindings { totals, splat_from_rank, tile_counts, sums: &work.scan_sums };
@@ -320,14 +320,14 @@ impl PortablePipeline {
     }
 
     /// Counts the instances and sets the dispatches over them.
-    pub(crate) fn scan_totals(&self, cmd: &mut Commands, work: &PortableWorkspace) {
+    pub(in crate::render) fn scan_totals(&self, cmd: &mut Commands, work: &PortableWorkspace) {
         let bindings = ScanTotalsBindings { sums: &work.scan_sums, totals: &work.totals, dispatches: &work.dispatches };
         let push = ScanTotalsPush { instance_capacity: work.instances.keys[0].len() as u32 };
         cmd.dispatch(&self.scan_totals, bindings, push, DispatchSize::Groups(1));
     }
 
     /// Writes tile and splat of every instance, in the order of the splats.
-    pub(crate) fn duplicate(
+    pub(in crate::render) fn duplicate(
         &self,
         cmd: &mut Commands,
         work: &PortableWorkspace,
@@ -349,7 +349,7 @@ impl PortablePipeline {
     }
 
     /// Sorts the instances by tile, stably; returns the index of the sorted pair of `work.instances`.
-    pub(crate) fn sort_tiles(&self, cmd: &mut Commands, work: &PortableWorkspace, tiles: u32) -> usize {
+    pub(in crate::render) fn sort_tiles(&self, cmd: &mut Commands, work: &PortableWorkspace, tiles: u32) -> usize {
         let (lengths, length_index) = (&work.totals.words(), offset_of!(Totals, listed_kept) / 4);
         let range = SortRange { lengths, length_index, bits: tile_bits(tiles), values_are_indices: false };
         let groups = (&work.dispatches, offset_of!(PortableDispatches, sort_instances));
@@ -357,21 +357,21 @@ impl PortablePipeline {
     }
 
     /// Finds where each tile's list begins and ends.
-    pub(crate) fn ranges(&self, cmd: &mut Commands, work: &PortableWorkspace, tile_keys: &Buffer<u32>) {
+    pub(in crate::render) fn ranges(&self, cmd: &mut Commands, work: &PortableWorkspace, tile_keys: &Buffer<u32>) {
         let bindings = RangesBindings { totals: &work.totals, tile_keys, ranges: &work.ranges };
         let groups = offset_of!(PortableDispatches, over_instances);
         cmd.dispatch_indirect(&self.ranges, bindings, (), &work.dispatches, groups);
     }
 
     /// Orders tiles by the length of their list, the longest first.
-    pub(crate) fn order_tiles(&self, cmd: &mut Commands, work: &PortableWorkspace, tiles: u32) {
+    pub(in crate::render) fn order_tiles(&self, cmd: &mut Commands, work: &PortableWorkspace, tiles: u32) {
         let bindings =
             TileOrderBindings { ranges: &work.ranges, tiles_by_class: &work.tiles_by_class, totals: &work.totals };
         cmd.dispatch(&self.tile_order, bindings, TileOrderPush { tiles }, DispatchSize::Invocations(tiles.into()));
     }
 
     /// Blends every tile's list of `splat_ids`.
-    pub(crate) fn blend(
+    pub(in crate::render) fn blend(
         &self,
         cmd: &mut Commands,
         shot: Shot,

@@ -3,37 +3,34 @@
 use anyhow::Result;
 
 use super::sort::{Pairs, SortScratch};
-use crate::gpu::{Buffer, Commands, Device, DispatchSize};
+use crate::gpu::{Buffer, Device};
 use crate::render::capacity::{Capacity, length};
-use crate::render::shaders::portable::{CULL_CHUNK, DUPLICATE_CHUNK, SCAN_CHUNK, SORT_CHUNK};
+use crate::render::shaders::portable::{CULL_CHUNK, DUPLICATE_CHUNK, SCAN_CHUNK};
 use crate::render::shaders::shared::TILE_CLASSES;
 use crate::render::shaders::{PortableDispatches, Splat, Totals};
 
-/// Invocations in a workgroup of the portable path: WORKGROUP in workgroup.glsl.
-const WORKGROUP: u32 = 256;
-
-/// The buffers of one frame of the portable path.
+/// The buffers of one frame of the portable path. Those that [`PortableStages`](super::PortableStages) shows are public.
 pub struct PortableWorkspace {
     pub(in crate::render) capacity: Capacity,
-    pub(crate) totals: Buffer<Totals>,
-    pub(crate) dispatches: Buffer<PortableDispatches>,
+    pub totals: Buffer<Totals>,
+    pub dispatches: Buffer<PortableDispatches>,
     /// A bit per Gaussian.
-    pub(crate) visible_masks: Buffer<u32>,
+    pub visible_masks: Buffer<u32>,
     pub(in crate::render) chunk_counts: Buffer<u32>,
-    pub(crate) gaussian_from_splat: Buffer<u32>,
-    pub(crate) splats: Buffer<Splat>,
+    pub gaussian_from_splat: Buffer<u32>,
+    pub splats: Buffer<Splat>,
     /// Depth key and number of every splat.
-    pub(crate) depths: Pairs,
-    pub(crate) span_ranges: Buffer<[u32; 2]>,
-    pub(crate) spans: Buffer<u32>,
-    pub(crate) tile_counts: Buffer<u32>,
+    pub depths: Pairs,
+    pub span_ranges: Buffer<[u32; 2]>,
+    pub spans: Buffer<u32>,
+    pub tile_counts: Buffer<u32>,
     pub(in crate::render) scan_sums: Buffer<u32>,
-    pub(crate) instance_offsets: Buffer<u32>,
+    pub instance_offsets: Buffer<u32>,
     pub(in crate::render) first_ranks: Buffer<u32>,
     /// Tile key and splat of every instance.
-    pub(crate) instances: Pairs,
-    pub(crate) sort: SortScratch,
-    pub(crate) ranges: Buffer<[u32; 2]>,
+    pub instances: Pairs,
+    pub sort: SortScratch,
+    pub ranges: Buffer<[u32; 2]>,
     pub(in crate::render) tiles_by_class: Buffer<u32>,
 }
 
@@ -82,25 +79,6 @@ impl PortableWorkspace {
         *self = Self::new(device, Capacity::default())?; // frees the old buffers before larger ones are made
         *self = demand.grow(current, |capacity| Self::new(device, capacity))?;
         Ok(true)
-    }
-
-    /// Writes the counts of a frame and the dispatches over them from the host, for tests of single stages.
-    pub(crate) fn set_totals(&self, cmd: &mut Commands, totals: Totals) -> Result<()> {
-        let groups = |elements: u32, chunk: u32| {
-            let [x, y] = DispatchSize::Groups(elements.div_ceil(chunk).into()).groups(1);
-            [x, y, 1]
-        };
-        let (visible, instances) = (totals.visible_kept, totals.listed_kept);
-        let dispatches = PortableDispatches {
-            over_visible: groups(visible, WORKGROUP),
-            sort_visible: groups(visible, SORT_CHUNK),
-            scan_visible: groups(visible, SCAN_CHUNK),
-            duplicate: groups(instances, DUPLICATE_CHUNK),
-            sort_instances: groups(instances, SORT_CHUNK),
-            over_instances: groups(instances, WORKGROUP),
-        };
-        cmd.upload(&self.totals, 0, 1, |memory| memory[0] = totals)?;
-        cmd.upload(&self.dispatches, 0, 1, |memory| memory[0] = dispatches)
     }
 
     /// Every buffer's name and bytes.

@@ -9,14 +9,15 @@ use crate::host_memory::OutOfMemory;
 use crate::options::{Options, Storage};
 use crate::pixels::Pixels;
 use crate::procedural::{Procedural, cactus};
+use crate::render::Frame;
 use crate::render::capacity::Capacity;
 use crate::render::fast::{FastPipeline, FastWorkspace};
 use crate::render::frame::{Shot, Target};
 use crate::render::portable::PortableWorkspace;
+use crate::render::readback::read_pixels;
 use crate::render::recorded::Counted;
 use crate::render::renderer::Renderer;
 use crate::render::scene::{GpuScene, SceneSource};
-use crate::render::{Frame, read_pixels};
 use crate::rules::{Background, Rules};
 use crate::scene::{Builder, Focus, Gaussians, Raw};
 

@@ -3,15 +3,16 @@
 use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
+use smalto::camera::Camera;
+use smalto::measure::bench::{Bench, ClockProbe, Clocks, SceneReport, Statistics, WarmUpLimits, image_hash};
+use smalto::measure::metrics::psnr;
+use smalto::options::Options;
+use smalto::pixels::Pixels;
+use smalto::render::GpuScene;
 
 use super::report::{Climb, RungReport, RungStage};
-use super::{Duplication, RUNGS, Rung, Variant, VariantFrame};
-use crate::camera::Camera;
-use crate::measure::bench::{Bench, ClockProbe, Clocks, SceneReport, Statistics, WarmUpLimits, image_hash};
-use crate::measure::metrics::psnr;
-use crate::options::Options;
-use crate::pixels::Pixels;
-use crate::render::GpuScene;
+use super::rungs::{Duplication, RUNGS, Rung};
+use super::variant::{Variant, VariantFrame};
 
 /// Least PSNR in dB of rungs with different tiles: squares of three standard deviations cut off splats farther out.
 const OTHER_TILES_DB: f64 = 30.0;
@@ -19,13 +20,13 @@ const OTHER_TILES_DB: f64 = 30.0;
 const OPEN_ORDER_DB: f64 = 60.0;
 
 /// Counts of a rung for every view (visible splats and instances), and its picture of the last view.
-struct Evidence {
-    rung: &'static Rung,
-    counts: Vec<[u32; 2]>,
-    pixels: Pixels,
+pub struct Evidence {
+    pub rung: &'static Rung,
+    pub counts: Vec<[u32; 2]>,
+    pub pixels: Pixels,
 }
 
-/// Measures all rungs over `views`, which are of one size. `progress` receives the completed fraction.
+/// Measures all rungs over `views`, which are of one size.
 ///
 /// # Errors
 /// If rungs that must agree count or draw differently, or if rendering fails.
@@ -35,14 +36,13 @@ pub fn climb(
     gpu_scene: &GpuScene,
     options: &Options,
     views: &[Camera],
-    progress: &dyn Fn(f64),
 ) -> Result<Climb> {
     let probe = ClockProbe::new(&bench.device);
     // The first rung of each tile test: the others are compared with it.
     let mut first: Vec<Evidence> = Vec::new();
     let (mut rungs, mut warm_up) = (Vec::new(), None);
     let (mut protocol, mut shown) = (bench.protocol, views.to_vec());
-    for (index, rung) in RUNGS.iter().enumerate() {
+    for rung in &RUNGS {
         let mut variant = Variant::new(&bench.device, rung, options, gpu_scene)?;
         if let (Some(patience), true) = (bench.patience, rungs.is_empty()) {
             // The first rung is the slowest; its first frame may grow buffers. All rungs show the same views.
@@ -56,12 +56,7 @@ pub fn climb(
         let mut render = |i: usize| variant.render(&shown[i % shown.len()]);
         let limits = WarmUpLimits::THOROUGH.after(warm_up);
         warm_up = protocol.warm_up(shown.len(), limits, |view| Ok(gpu_ms(&render(view)?)))?;
-        let frames = (0..protocol.frames).map(|i| {
-            let part = i as f64 / protocol.frames as f64;
-            progress((index as f64 + part) / RUNGS.len() as f64);
-            render(i)
-        });
-        let frames = frames.collect::<Result<Vec<_>>>()?;
+        let frames = (0..protocol.frames).map(&mut render).collect::<Result<Vec<_>>>()?;
         let clocks = probe.now();
         let counts = frames.iter().map(|f| [f.totals.visible, f.totals.listed_kept]).collect();
         let new = Evidence { rung, counts, pixels: variant.pixels()? };
@@ -81,7 +76,7 @@ fn gpu_ms(frame: &VariantFrame) -> f64 {
 }
 
 /// Fails if two rungs differ in something in which they must agree.
-fn agree(a: &Evidence, b: &Evidence) -> Result<()> {
+pub fn agree(a: &Evidence, b: &Evidence) -> Result<()> {
     let names = (a.rung.name, b.rung.name);
     let visible = |e: &Evidence| e.counts.iter().map(|c| c[0]).collect::<Vec<_>>();
     ensure!(visible(a) == visible(b), "the rungs {} and {} see different Gaussians", names.0, names.1);
@@ -130,32 +125,5 @@ fn report(
         longest_list: of(&|f| f.totals.longest_list.into()),
         image_hash: image_hash(pixels),
         to_baseline_db: baseline.map(|first| psnr(pixels, first)).filter(|db| db.is_finite()),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn evidence(rung: &'static Rung, counts: [u32; 2], grey: f32) -> Evidence {
-        Evidence { rung, counts: vec![counts], pixels: Pixels { size: [1, 1], rgba: vec![[grey, grey, grey, 1.0]] } }
-    }
-
-    #[test]
-    fn rungs_that_differ_where_they_must_not_are_found() {
-        let named = |name: &str| RUNGS.iter().find(|r| r.name == name).unwrap();
-        let (base, single, exact) = (named("baseline"), named("+1 in a single pass"), named("+6 exact tiles"));
-        let error = |a: Evidence, b: Evidence| agree(&a, &b).err().map(|e| e.to_string());
-        assert_eq!(error(evidence(base, [5, 9], 0.5), evidence(named("+2 GPU ranges"), [5, 9], 0.5)), None);
-        let seen = error(evidence(base, [5, 9], 0.5), evidence(exact, [6, 8], 0.5)).unwrap();
-        assert!(seen.contains("see different"), "{seen}");
-        let counted = error(evidence(base, [5, 9], 0.5), evidence(single, [5, 8], 0.5)).unwrap();
-        assert!(counted.contains("count different"), "{counted}");
-        let bits = error(evidence(base, [5, 9], 0.5), evidence(named("+2 GPU ranges"), [5, 9], 0.500_01)).unwrap();
-        assert!(bits.contains("different bits"), "{bits}");
-        assert_eq!(error(evidence(base, [5, 9], 0.5), evidence(single, [5, 9], 0.500_01)), None);
-        assert_eq!(error(evidence(base, [5, 9], 0.5), evidence(exact, [5, 7], 0.501)), None);
-        let pictures = error(evidence(base, [5, 9], 0.5), evidence(exact, [5, 7], 0.6)).unwrap();
-        assert!(pictures.contains("20.0 dB"), "{pictures}");
     }
 }

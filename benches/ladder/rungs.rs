@@ -1,27 +1,9 @@
-//! The ladder of optimizations that this renderer started from: variants of one frame that share all other code. The
-//! first does its bookkeeping on the CPU and blends without workgroup memory, the last is the frame of the portable
-//! path.
-//!
-//! A rung is one step ahead of the rung it is compared with. [`climb`] measures all rungs on one scene, and fails if
-//! two rungs that must agree count or draw differently.
-
-mod climb;
-#[cfg(feature = "plots")]
-mod plot;
-mod report;
-mod steps;
-mod twins;
-mod variant;
-
-pub use climb::climb;
-#[cfg(feature = "plots")]
-pub use plot::plot;
-pub use report::{Climb, LadderReport, Paper, RungReport, RungStage};
-pub use variant::{Variant, VariantFrame};
+//! The rungs of the ladder: variants of one frame that share all other code. The first does its bookkeeping on the CPU and
+//! blends without workgroup memory, the last is the frame of the portable path.
 
 /// The processor that runs a stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Place {
+pub enum Processor {
     Cpu,
     Gpu,
 }
@@ -70,9 +52,9 @@ pub struct Rung {
     pub from: Option<&'static str>,
     /// The stage that the step changes; "frame" if it changes several.
     pub stage: &'static str,
-    pub compaction: Place,
+    pub compaction: Processor,
     pub duplication: Duplication,
-    pub ranges: Place,
+    pub ranges: Processor,
     pub blend: Blend,
     /// Tiles are those that the ellipse of alpha = 1/255 touches, not the square of three standard deviations.
     pub exact_tiles: bool,
@@ -84,9 +66,9 @@ const BASELINE: Rung = Rung {
     name: "baseline",
     from: None,
     stage: "frame",
-    compaction: Place::Cpu,
+    compaction: Processor::Cpu,
     duplication: Duplication::Cpu,
-    ranges: Place::Cpu,
+    ranges: Processor::Cpu,
     blend: Blend::FromMemory,
     exact_tiles: false,
     sort: Sort::AllDigits,
@@ -101,12 +83,17 @@ const DUPLICATION: Rung = Rung {
 };
 const SINGLE_PASS: Rung =
     Rung { name: "+1 in a single pass", duplication: Duplication::SingleAllocation, ..DUPLICATION };
-const RANGES: Rung =
-    Rung { name: "+2 GPU ranges", from: Some(DUPLICATION.name), stage: "ranges", ranges: Place::Gpu, ..DUPLICATION };
+const RANGES: Rung = Rung {
+    name: "+2 GPU ranges",
+    from: Some(DUPLICATION.name),
+    stage: "ranges",
+    ranges: Processor::Gpu,
+    ..DUPLICATION
+};
 const BATCHES: Rung =
     Rung { name: "+3 batches of 256", from: Some(RANGES.name), stage: "blend", blend: Blend::Batches(256), ..RANGES };
 const COMPACTION: Rung =
-    Rung { name: "+4 GPU compaction", from: Some(BATCHES.name), stage: "cull", compaction: Place::Gpu, ..BATCHES };
+    Rung { name: "+4 GPU compaction", from: Some(BATCHES.name), stage: "cull", compaction: Processor::Gpu, ..BATCHES };
 const BALLOT_EXIT: Rung = Rung {
     name: "+5 ballot exit",
     from: Some(COMPACTION.name),

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use anyhow::Result;
+use smalto::measure::plot::{self, Bar, Bars, Lines, Panel};
 
 use super::report::{Climb, LadderReport, RungReport};
-use crate::measure::plot::{self, Bar, Bars, Lines, Panel};
 
 /// Plots the paper's Figures 2 to 6: time by stage, frame time, speedup, and the gain from batches.
 pub fn plot(report: &LadderReport, path: &Path) -> Result<()> {

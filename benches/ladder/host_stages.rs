@@ -43,25 +43,3 @@ pub fn duplicate(
     }
     count
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn compact_lists_the_bits_that_are_set() {
-        let mut ids = [0; 3];
-        assert_eq!(compact(&[0b101, 0, 1 << 31], &mut ids), 3);
-        assert_eq!(ids, [0, 2, 95]);
-        assert_eq!(compact(&[u32::MAX], &mut ids), 32, "bits that do not fit are counted");
-    }
-
-    #[test]
-    fn duplicate_walks_rows_and_columns() {
-        let span = |first: u32, end: u32| first | end << 16;
-        let (mut keys, mut ids) = ([0; 8], [0; 8]);
-        let ranges = [[1, 2 | 2 << 16], [0, 0], [0, 1 << 16]];
-        let count = duplicate(&ranges, &[span(4, 5), span(0, 2), span(3, 4)], 10, &mut keys, &mut ids);
-        assert_eq!((&keys[..count], &ids[..count]), (&[20, 21, 33, 4][..], &[0, 0, 0, 2][..]));
-    }
-}

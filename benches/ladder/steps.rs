@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 
-use crate::gpu::{Buffer, Commands, Device, Element, Results};
+use smalto::gpu::{Buffer, Commands, Device, Element, Results};
 
 /// The time of a stage in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,9 +6,9 @@ use anyhow::Result;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::measure::bench::{Clocks, DeviceReport, SceneReport, Statistics, VersionReport, WarmUp};
+use smalto::measure::bench::{Clocks, DeviceReport, SceneReport, Statistics, VersionReport, WarmUp};
 
-/// The measurements of `smalto bench --ladder`. Times are in milliseconds.
+/// The measurements of `cargo bench --bench ladder`. Times are in milliseconds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LadderReport {

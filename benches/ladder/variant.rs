@@ -4,30 +4,38 @@ use std::mem::offset_of;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
+use smalto::camera::Camera;
+use smalto::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage, Staging};
+use smalto::options::Options;
+use smalto::pixels::Pixels;
+use smalto::reference;
+use smalto::render::shaders::portable::{DUPLICATE_CHUNK, SCAN_CHUNK, SORT_CHUNK};
+use smalto::render::shaders::{PortableDispatches, ladder};
+use smalto::render::{Capacity, GpuScene, Pairs, PortableStages, RadixSort, SortRange, Target, Totals};
+use smalto::rules::{Background, Footprint, Rules, TILE};
 
+use super::host_stages;
+use super::rungs::{Blend, Duplication, Processor, Rung, Sort};
 use super::steps::{StageTime, Steps};
-use super::{Blend, Duplication, Place, Rung, Sort, twins};
-use crate::camera::Camera;
-use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage, Staging};
-use crate::options::Options;
-use crate::pixels::Pixels;
-use crate::reference;
-use crate::render::shaders::{PortableDispatches, View, ladder};
-use crate::render::*;
-use crate::rules::{Background, Footprint, Rules};
+
+/// Columns and rows of tiles of an image.
+pub fn tiles(size_px: [u32; 2]) -> [u32; 2] {
+    size_px.map(|side| side.div_ceil(TILE))
+}
 
 /// Renders pictures of one scene with the stages of a rung.
 pub struct Variant<'s> {
     device: Device,
     rung: Rung,
     scene: &'s GpuScene,
-    renderer: PortablePipeline,
+    stages: PortableStages<'s>,
+    /// The sort by all digits.
+    sort: RadixSort,
     scatter: Stage<ladder::Duplicate>,
     gather: Stage<ladder::Gather>,
     /// The pipelines for the first pass over a tile's list and for the others.
     blend: [Stage<ladder::Blend>; 2],
     entries_per_pass: u32,
-    work: PortableWorkspace,
     extra: Extra,
     image: Image,
     passes: u32,
@@ -50,13 +58,14 @@ struct Extra {
 }
 
 impl Extra {
-    fn new(device: &Device, rung: &Rung, room: &PortableWorkspace) -> Result<Self> {
-        let (visible, instances) = (room.splats.len(), room.instances.keys[0].len());
+    fn new(device: &Device, rung: &Rung, stages: &PortableStages) -> Result<Self> {
+        let work = &stages.work;
+        let (visible, instances) = (work.splats.len(), work.instances.keys[0].len());
         let when = |needed: bool, len: usize| if needed { len } else { 0 };
         let words = |name: &str, needed: bool, len: usize| Staging::<u32>::new(device, name, when(needed, len));
         let pairs = |name: &str, needed: bool, len: usize| Staging::<[u32; 2]>::new(device, name, when(needed, len));
-        let (compacts, duplicates) = (rung.compaction == Place::Cpu, rung.duplication == Duplication::Cpu);
-        let (ranges, sorts_all) = (rung.ranges == Place::Cpu, rung.sort == Sort::AllDigits);
+        let (compacts, duplicates) = (rung.compaction == Processor::Cpu, rung.duplication == Duplication::Cpu);
+        let (ranges, sorts_all) = (rung.ranges == Processor::Cpu, rung.sort == Sort::AllDigits);
         let identity = Buffer::new(device, "identity", when(sorts_all, visible))?;
         let mut cmd = Commands::new(device)?;
         cmd.upload(&identity, 0, identity.len(), |ids| ids.iter_mut().zip(0..).for_each(|(id, i)| *id = i))?;
@@ -65,13 +74,13 @@ impl Extra {
             identity,
             cursor: Buffer::new(device, "cursor", 1)?,
             by_depth: Pairs::new(device, "instance depth", when(sorts_all, instances))?,
-            masks: words("host masks", compacts, room.visible_masks.len())?,
+            masks: words("host masks", compacts, work.visible_masks.len())?,
             ids: words("host ids", compacts, visible)?,
             span_ranges: pairs("host span ranges", duplicates, visible)?,
-            spans: words("host spans", duplicates, room.spans.len())?,
+            spans: words("host spans", duplicates, work.spans.len())?,
             tile_keys: words("host tile keys", duplicates || ranges, instances)?,
             splat_ids: words("host splat ids", duplicates, instances)?,
-            ranges: pairs("host ranges", ranges, room.ranges.len())?,
+            ranges: pairs("host ranges", ranges, work.ranges.len())?,
         })
     }
 }
@@ -96,13 +105,13 @@ const MAX_ATTEMPTS: u32 = 8;
 
 impl<'s> Variant<'s> {
     pub fn new(device: &Device, rung: &Rung, options: &Options, scene: &'s GpuScene) -> Result<Self> {
-        let work = PortableWorkspace::new(device, Capacity::guess(device, scene.len(), 1))?;
         let batch = match rung.blend {
             Blend::FromMemory => 0,
             Blend::Batches(batch) => batch,
             Blend::BallotExit | Blend::PixelBlocks => 256,
         };
-        let ballot_words = device.capabilities().subgroup_size[1].div_ceil(32);
+        let [smallest_subgroup, largest_subgroup] = device.capabilities().subgroup_size;
+        let ballot_words = largest_subgroup.div_ceil(32);
         let ballot_exit = rung.blend == Blend::BallotExit;
         let blend = |resume| {
             let rest = ladder::BlendConstants::default();
@@ -111,18 +120,19 @@ impl<'s> Variant<'s> {
         let single_pass = rung.duplication == Duplication::SingleAllocation;
         let extent = if rung.exact_tiles { options.rules.extent } else { Footprint::ThreeSigmaSquares };
         let options = Options { rules: Rules { extent, ..options.rules }, ..*options };
+        let stages = PortableStages::new(device, &options, scene)?;
         Ok(Self {
             device: device.clone(),
             rung: *rung,
             scene,
-            renderer: PortablePipeline::new(device, &options, scene.layout())?,
+            sort: RadixSort::new(device, smallest_subgroup, ballot_words)?,
             scatter: Stage::new(device, &ladder::DuplicateConstants { single_pass })?,
             gather: Stage::new(device, &())?,
             blend: [blend(false)?, blend(true)?],
             // One iteration per entry, and less than one for its share of loading a batch.
             entries_per_pass: device.capabilities().loop_limit.map_or(u32::MAX, |limit| limit / 2),
-            extra: Extra::new(device, rung, &work)?,
-            work,
+            extra: Extra::new(device, rung, &stages)?,
+            stages,
             image: Image::new(device, "image", 1, 1)?,
             passes: 1,
         })
@@ -154,92 +164,90 @@ impl<'s> Variant<'s> {
 
     /// Reads the picture that was rendered last.
     pub fn pixels(&self) -> Result<Pixels> {
-        read_pixels(&self.device, &self.image)
+        let size = self.image.size();
+        let mut cmd = Commands::new(&self.device)?;
+        let rows = cmd.read_rows(&self.image, 0..size[1])?;
+        let results = cmd.submit()?.wait()?;
+        Ok(Pixels { size, rgba: results.view(&rows).to_vec() })
     }
 
     fn grow(&mut self, demand: Capacity) -> Result<bool> {
-        let grew = self.work.grow(&self.device, demand)?;
+        let grew = self.stages.work.grow(&self.device, demand)?;
         if grew {
-            self.extra = Extra::new(&self.device, &self.rung, &self.work)?;
+            self.extra = Extra::new(&self.device, &self.rung, &self.stages)?;
         }
         Ok(grew)
     }
 
     fn passes_for(&self, longest_list: u32) -> u32 {
         match self.rung.blend {
-            Blend::PixelBlocks => self.renderer.passes(longest_list),
+            Blend::PixelBlocks => self.stages.passes(longest_list),
             _ => longest_list.div_ceil(self.entries_per_pass).max(1),
         }
     }
 
     /// Renders a frame with the present buffers. The returned totals tell if they were large enough.
     fn attempt(&mut self, camera: &Camera) -> Result<(Totals, Vec<StageTime>)> {
-        let view = self.renderer.view(camera);
-        let depth_keys = self.renderer.depth_keys(self.scene, camera);
         let [tiles_x, tiles_y] = tiles(camera.size_px);
         let mut steps = Steps::new(&self.device)?;
         steps.cmd.scope("clear", |cmd| {
-            cmd.fill(&self.work.totals, 0);
-            cmd.fill(&self.work.ranges, 0);
+            cmd.fill(&self.stages.work.totals, 0);
+            cmd.fill(&self.stages.work.ranges, 0);
             cmd.fill(&self.extra.cursor, 0);
         });
         steps.cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-        self.compact(&mut steps, view)?;
-        steps.cmd.scope("project", |cmd| self.renderer.project(cmd, self.scene, view, &self.work, depth_keys));
+        self.compact(&mut steps, camera)?;
+        steps.cmd.scope("project", |cmd| self.stages.project(cmd, camera));
         steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         let order = match self.rung.sort {
             Sort::AllDigits => self.extra.identity.clone(),
-            Sort::DigitsNeeded => {
-                let sort = |cmd: &mut Commands| self.renderer.sort_depths(cmd, &self.work, depth_keys.bits);
-                let by_depth = steps.cmd.scope("sort", sort);
-                self.work.depths.values[by_depth].clone()
-            }
+            Sort::DigitsNeeded => steps.cmd.scope("sort", |cmd| self.stages.sort_depths(cmd, camera).clone()),
         };
         self.duplicate(&mut steps, &order, tiles_x)?;
         let sorted = steps.cmd.scope("sort", |cmd| self.sort(cmd, tiles_x * tiles_y));
         self.ranges(&mut steps, &sorted.tile_keys, tiles_x * tiles_y)?;
         steps.cmd.scope("blend", |cmd| self.blend(cmd, camera, &sorted.splat_ids, tiles_x * tiles_y));
         steps.cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-        let totals = steps.flush_and_read(&self.work.totals)?;
+        let totals = steps.flush_and_read(&self.stages.work.totals)?;
         Ok((totals, steps.into_times()))
     }
 
-    fn compact(&mut self, steps: &mut Steps, view: View) -> Result<()> {
-        let (renderer, scene, work, extra) = (&self.renderer, self.scene, &self.work, &mut self.extra);
-        if self.rung.compaction == Place::Gpu {
+    fn compact(&mut self, steps: &mut Steps, camera: &Camera) -> Result<()> {
+        let (stages, work, extra) = (&self.stages, &self.stages.work, &mut self.extra);
+        if self.rung.compaction == Processor::Gpu {
             steps.cmd.scope("cull", |cmd| {
-                renderer.cull(cmd, scene, view, work);
+                stages.cull(cmd, camera);
                 cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-                renderer.compact(cmd, scene, work);
+                stages.compact(cmd);
             });
             steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
             return Ok(());
         }
         steps.cmd.scope("cull", |cmd| {
-            renderer.cull(cmd, scene, view, work);
+            stages.cull(cmd, camera);
             cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
             cmd.download(&work.visible_masks, &extra.masks, extra.masks.len());
         });
         steps.flush()?;
-        let visible = steps.on_host("cull", || twins::compact(extra.masks.map(), extra.ids.map()));
+        let visible = steps.on_host("cull", || host_stages::compact(extra.masks.map(), extra.ids.map()));
         let kept = visible.min(extra.ids.len());
         let totals = Totals { visible: visible as u32, visible_kept: kept as u32, ..bytemuck::Zeroable::zeroed() };
         steps.cmd.scope("cull", |cmd| {
             cmd.upload_staged(&extra.ids, &work.gaussian_from_splat, kept);
-            work.set_totals(cmd, totals)
+            set_totals(cmd, stages, totals)
         })?;
         steps.cmd.barrier(Access::COPY_WRITE, Access::SHADER | Access::INDIRECT);
         Ok(())
     }
 
     fn duplicate(&mut self, steps: &mut Steps, order: &Buffer<u32>, tiles_x: u32) -> Result<()> {
-        let (renderer, work, extra) = (&self.renderer, &self.work, &mut self.extra);
+        let (stages, work, extra) = (&self.stages, &self.stages.work, &mut self.extra);
         match self.rung.duplication {
             Duplication::Balanced => {
                 steps.cmd.scope("duplicate", |cmd| {
-                    renderer.scan(cmd, work, order);
+                    stages.scan(cmd, order);
                     cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
-                    renderer.duplicate(cmd, work, order, tiles_x);
+                    stages.duplicate(cmd, order, tiles_x);
                 });
                 steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
             }
@@ -248,8 +256,8 @@ impl<'s> Variant<'s> {
                 steps.cmd.barrier(Access::INDIRECT, Access::SHADER_WRITE);
                 steps.cmd.scope("duplicate", |cmd| {
                     match kind {
-                        Duplication::TwoPass => renderer.scan(cmd, work, order),
-                        _ => renderer.scan_totals(cmd, work),
+                        Duplication::TwoPass => stages.scan(cmd, order),
+                        _ => stages.scan_totals(cmd),
                     }
                     cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
                     let bindings = ladder::DuplicateBindings {
@@ -281,13 +289,13 @@ impl<'s> Variant<'s> {
                 steps.flush()?;
                 let made = steps.on_host("duplicate", || {
                     let (ranges, spans) = (&extra.span_ranges.map()[..visible], &extra.spans.map()[..spans]);
-                    twins::duplicate(ranges, spans, tiles_x, extra.tile_keys.map(), extra.splat_ids.map())
+                    host_stages::duplicate(ranges, spans, tiles_x, extra.tile_keys.map(), extra.splat_ids.map())
                 });
                 let kept = made.min(extra.tile_keys.len());
                 steps.cmd.scope("duplicate", |cmd| {
                     cmd.upload_staged(&extra.tile_keys, &work.instances.keys[0], kept);
                     cmd.upload_staged(&extra.splat_ids, &work.instances.values[0], kept);
-                    work.set_totals(cmd, Totals { listed_kept: kept as u32, ..totals })
+                    set_totals(cmd, stages, Totals { listed_kept: kept as u32, ..totals })
                 })?;
                 steps.cmd.barrier(Access::COPY_WRITE, Access::SHADER | Access::INDIRECT);
             }
@@ -297,11 +305,10 @@ impl<'s> Variant<'s> {
 
     /// Sorts the instances by tile and depth. The last command is a barrier.
     fn sort(&self, cmd: &mut Commands, tiles: u32) -> Sorted {
-        let (work, by_depth) = (&self.work, &self.extra.by_depth);
+        let (work, by_depth) = (&self.stages.work, &self.extra.by_depth);
         if self.rung.sort == Sort::DigitsNeeded {
-            let by_tile = self.renderer.sort_tiles(cmd, work, tiles);
-            let [tile_keys, splat_ids] = [&work.instances.keys[by_tile], &work.instances.values[by_tile]];
-            return Sorted { tile_keys: tile_keys.clone(), splat_ids: splat_ids.clone() };
+            let [tile_keys, splat_ids] = self.stages.sort_tiles(cmd, tiles).map(Buffer::clone);
+            return Sorted { tile_keys, splat_ids };
         }
         let (lengths, length_index) = (&work.totals.words(), offset_of!(Totals, listed_kept) / 4);
         let groups = (&work.dispatches, offset_of!(PortableDispatches, sort_instances));
@@ -315,7 +322,7 @@ impl<'s> Variant<'s> {
         let [tile_keys, splat_ids] = [&work.instances.keys[0], &work.instances.values[0]];
         gather(cmd, splat_ids, &work.depths.keys[0], &by_depth.keys[0]);
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let sorted = self.renderer.sort.record(cmd, by_depth, &work.sort, all(true), groups);
+        let sorted = self.sort.record(cmd, by_depth, &work.sort, all(true), groups);
         let instance_from_place = by_depth.values[sorted].clone();
         // The second sort first writes into the buffer of the permutation, which is no longer needed then.
         let by_tile = Pairs {
@@ -325,14 +332,14 @@ impl<'s> Variant<'s> {
         gather(cmd, &instance_from_place, tile_keys, &by_tile.keys[0]);
         gather(cmd, &instance_from_place, splat_ids, &by_tile.values[0]);
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let sorted = self.renderer.sort.record(cmd, &by_tile, &work.sort, all(false), groups);
+        let sorted = self.sort.record(cmd, &by_tile, &work.sort, all(false), groups);
         Sorted { tile_keys: by_tile.keys[sorted].clone(), splat_ids: by_tile.values[sorted].clone() }
     }
 
     fn ranges(&mut self, steps: &mut Steps, tile_keys: &Buffer<u32>, tiles: u32) -> Result<()> {
-        let (work, extra) = (&self.work, &mut self.extra);
-        if self.rung.ranges == Place::Gpu {
-            steps.cmd.scope("ranges", |cmd| self.renderer.ranges(cmd, work, tile_keys));
+        let (stages, work, extra) = (&self.stages, &self.stages.work, &mut self.extra);
+        if self.rung.ranges == Processor::Gpu {
+            steps.cmd.scope("ranges", |cmd| stages.ranges(cmd, tile_keys));
             steps.cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
             return Ok(());
         }
@@ -350,12 +357,10 @@ impl<'s> Variant<'s> {
     }
 
     fn blend(&self, cmd: &mut Commands, camera: &Camera, splat_ids: &Buffer<u32>, tiles: u32) {
-        let (work, image) = (&self.work, &self.image);
+        let (work, image) = (&self.stages.work, &self.image);
         if self.rung.blend == Blend::PixelBlocks {
-            self.renderer.order_tiles(cmd, work, tiles);
-            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
             let target = Target { image, certificate: None, background: Background::BLACK };
-            return self.renderer.blend(cmd, Shot { scene: self.scene, camera }, work, splat_ids, target, self.passes);
+            return self.stages.blend(cmd, camera, splat_ids, target, self.passes);
         }
         for pass in 0..self.passes {
             if pass > 0 {
@@ -379,4 +384,24 @@ impl<'s> Variant<'s> {
             cmd.dispatch(&self.blend[usize::from(pass > 0)], bindings, push, DispatchSize::Groups(tiles.into()));
         }
     }
+}
+
+/// Writes the counts of a frame, and the dispatches over them, from the host.
+fn set_totals(cmd: &mut Commands, stages: &PortableStages, totals: Totals) -> Result<()> {
+    const WORKGROUP: u32 = 256; // invocations: WORKGROUP in workgroup.glsl
+    let groups = |elements: u32, chunk: u32| {
+        let [x, y] = DispatchSize::Groups(elements.div_ceil(chunk).into()).groups(1);
+        [x, y, 1]
+    };
+    let (visible, instances) = (totals.visible_kept, totals.listed_kept);
+    let dispatches = PortableDispatches {
+        over_visible: groups(visible, WORKGROUP),
+        sort_visible: groups(visible, SORT_CHUNK),
+        scan_visible: groups(visible, SCAN_CHUNK),
+        duplicate: groups(instances, DUPLICATE_CHUNK),
+        sort_instances: groups(instances, SORT_CHUNK),
+        over_instances: groups(instances, WORKGROUP),
+    };
+    cmd.upload(&stages.work.totals, 0, 1, |memory| memory[0] = totals)?;
+    cmd.upload(&stages.work.dispatches, 0, 1, |memory| memory[0] = dispatches)
 }
