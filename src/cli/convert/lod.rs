@@ -6,7 +6,7 @@ use anyhow::Result;
 
 use super::pages::{self, STORAGES};
 use super::target::is_same;
-use super::{Edits, FORMATS, Inputs, Target, say_written, write_scene};
+use super::{Edits, FORMATS, Inputs, Target, WritingArgs, say_written, write_scene};
 use crate::cli::scenes::{ReadingArgs, SceneArg};
 use crate::cli::sink::Sink;
 use crate::cli::{Usage, one_of, progress};
@@ -46,12 +46,8 @@ pub(in crate::cli) struct Args {
     /// Number formats of a .smalto file [default: lossless]
     #[arg(long, value_name = "NAME", value_parser = one_of(storages()))]
     storage: Option<Options>,
-    /// Megabytes of memory in which the Gaussians of the scene are sorted [default: 2048]
-    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
-    memory: Option<u32>,
-    /// Write the report as JSON; - prints it instead of the table
-    #[arg(long, value_name = "FILE|-")]
-    json: Option<Sink>,
+    #[command(flatten)]
+    writing: WritingArgs,
     #[command(flatten)]
     reading: ReadingArgs,
 }
@@ -63,7 +59,7 @@ fn storages() -> [(&'static str, &'static str, Options); 4] {
 }
 
 pub(in crate::cli) fn run(args: &Args) -> Result<()> {
-    let Args { scene, output, storage, memory, json, reading, level, splats, format } = args;
+    let Args { scene, output, storage, writing: WritingArgs { memory, json }, reading, level, splats, format } = args;
     if level.is_some() || splats.is_some() {
         return one_level(args);
     }
@@ -87,7 +83,7 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
 
 /// Writes one level of a scene.
 fn one_level(args: &Args) -> Result<()> {
-    let Args { scene, output, storage, memory, json, reading, .. } = args;
+    let Args { scene, output, storage, writing: WritingArgs { memory, json }, reading, .. } = args;
     if output.file_name().is_some_and(|name| name == LOD_META) {
         return Err(Usage(format!("{LOD_META} holds all levels: leave out --level and --splats")).into());
     }
@@ -107,7 +103,7 @@ fn one_level(args: &Args) -> Result<()> {
 
 /// Writes all levels as a streamed SOG.
 fn streamed_sog(args: &Args) -> Result<()> {
-    let Args { scene, output, storage, json, .. } = args;
+    let Args { scene, output, storage, writing: WritingArgs { json, .. }, .. } = args;
     if storage.is_some() {
         return Err(Usage("--storage needs a .smalto file to write".to_owned()).into());
     }
@@ -141,7 +137,7 @@ const MOST_PARTS: usize = 4096;
 
 /// Gives the scene's page file with levels. Levels that it has not are made beside the output, and removed then.
 fn with_levels<T>(args: &Args, give: impl FnOnce(&PageFile) -> Result<T>) -> Result<T> {
-    let Args { scene, output, memory, reading, .. } = args;
+    let Args { scene, output, writing: WritingArgs { memory, .. }, reading, .. } = args;
     let input = SceneArg { scene: scene.clone(), reading: *reading };
     if let Some(file) = input.page_file()?.filter(|file| file.levels().is_some()) {
         return give(&file);

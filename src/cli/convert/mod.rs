@@ -53,14 +53,21 @@ pub(super) struct Args {
     /// Number formats of a .smalto file [default: lossless]
     #[arg(long, value_name = "NAME", value_parser = one_of(pages::STORAGES))]
     storage: Option<Options>,
+    #[command(flatten)]
+    writing: WritingArgs,
+    #[command(flatten)]
+    reading: ReadingArgs,
+}
+
+/// The options that `smalto convert` and `smalto lod` share.
+#[derive(clap::Args)]
+struct WritingArgs {
     /// Megabytes of memory in which the Gaussians of a .smalto file are sorted [default: 2048]
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     memory: Option<u32>,
     /// Write the report as JSON; - prints it instead of the table
     #[arg(long, value_name = "FILE|-")]
     json: Option<Sink>,
-    #[command(flatten)]
-    reading: ReadingArgs,
 }
 
 /// Changes of a scene before it is written.
@@ -120,7 +127,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return Err(Usage("expected the files to read, then the file to write".to_owned()).into());
     };
     let target = Target::of(output, args.format, args.spz_version)?;
-    for (option, is_given) in [("--storage", args.storage.is_some()), ("--memory", args.memory.is_some())] {
+    for (option, is_given) in [("--storage", args.storage.is_some()), ("--memory", args.writing.memory.is_some())] {
         if is_given && target != Target::Pages {
             return Err(Usage(format!("{option} needs a .smalto file to write")).into());
         }
@@ -128,10 +135,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(opacity) = args.edits.min_opacity.filter(|opacity| !(0.0..=1.0).contains(opacity)) {
         return Err(Usage(format!("--min-opacity {opacity}: expected a number from 0 to 1")).into());
     }
-    target.check(output, files.iter().map(PathBuf::as_path), args.no_clobber, args.json.as_ref())?;
+    target.check(output, files.iter().map(PathBuf::as_path), args.no_clobber, args.writing.json.as_ref())?;
     let inputs = Inputs { files, reading: args.reading, edits: &args.edits };
     let (written, removed) = match target {
-        Target::Pages => pages::convert(inputs, output, pages::settings(args.storage, args.memory, false))?,
+        Target::Pages => pages::convert(inputs, output, pages::settings(args.storage, args.writing.memory, false))?,
         Target::Scene(kind) => {
             let (gaussians, is_antialiased) = read(inputs)?;
             let before = gaussians.len();
@@ -141,7 +148,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
             (write_scene(output, kind, gaussians, is_antialiased)?, removed)
         }
     };
-    say_written(written, removed, args.json.as_ref())
+    say_written(written, removed, args.writing.json.as_ref())
 }
 
 /// Prints what was written, and writes the report.

@@ -43,7 +43,8 @@ pub struct Pool {
     next: usize,
     /// What was read so far.
     pub read: PagesRead,
-    /// Evicts pages at random, for tests.
+    /// Seed by which pages are evicted at random.
+    #[cfg(test)]
     pub churn: Option<u64>,
     /// Pages that were evicted so, of which shaders do not know it yet.
     forgotten: Vec<u32>,
@@ -122,6 +123,7 @@ impl Pool {
             room,
             next: 0,
             read: PagesRead::default(),
+            #[cfg(test)]
             churn: None,
             forgotten: Vec::new(),
         })
@@ -179,7 +181,11 @@ impl Pool {
 
     /// True if all pages are on the device, and stay there.
     pub fn has_all(&self) -> bool {
-        self.churn.is_none() && self.slots.len() == self.pages.pages().len()
+        #[cfg(test)]
+        if self.churn.is_some() {
+            return false;
+        }
+        self.slots.len() == self.pages.pages().len()
     }
 
     /// Brings pages to the device that are not there yet, and returns the slots of all of them. Commands that are
@@ -192,6 +198,7 @@ impl Pool {
     /// If there are more pages than fit.
     pub fn bring(&mut self, device: &Device, wanted: &[u32]) -> Result<Vec<u32>> {
         assert!(wanted.len() <= self.capacity(), "the pages fit");
+        #[cfg(test)]
         self.evict_at_random();
         // Those that are there already become the last to leave.
         let mut missing: Vec<u32> = wanted.iter().copied().filter(|page| self.slots.get(page).is_none()).collect();
@@ -295,7 +302,8 @@ impl Pool {
         Ok(())
     }
 
-    /// Forgets about a quarter of the pages, if tests ask for that.
+    /// Evicts about a quarter of the pages if `churn` is set.
+    #[cfg(test)]
     fn evict_at_random(&mut self) {
         let Some(seed) = &mut self.churn else { return };
         let pages: Vec<u32> = self.slots.iter().map(|(page, _)| *page).collect();
