@@ -3,6 +3,7 @@
 #include "shared/frame.glsl"
 #include "slabs/slab.glsl"
 #include "cut/cut.glsl"
+#include "shared/error_code.glsl"
 #include "cut/notes.glsl"
 // One invocation per page in view: lists it if some of its nodes are drawn. Where pages are demanded, it also notes
 // that the page is wanted, and how much.
@@ -81,7 +82,8 @@ void main() {
     uint listed_before = atomicAdd(state.listed, 1);
     if (push.stamp == 0 && slot == NO_SLOT) atomicAdd(state.missing, 1);
     Left left = left_of(place, page, limits);
-    uint notes = notes_of(page.level, float(limits.x - asked.x) / 512.0, energy_of_node(left, place, page));
+    float lag = float(limits.x - asked.x) / float(CODES_PER_OCTAVE);
+    uint notes = notes_of(page.level, lag, energy_of_node(left, place, page));
     uint last = (slot == NO_SLOT ? 0 : page.count) | notes << COUNT_BITS | HAS_INDICES;
     listed[push.first_page + listed_before] = uvec4(slot, limits.x | limits.y << 16, place.view, last);
     pages[listed_before] = place.page;

@@ -1,6 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "cut/cut.glsl"
+#include "shared/error_code.glsl"
 // One invocation per page in view and candidate of a round: what the candidate leaves of the page.
 // Before: `seen` from look, the sums of the rounds before. After: the sums of this round.
 

@@ -1,29 +1,30 @@
 // The search for a limit, and what a limit leaves of a page.
 #extension GL_EXT_control_flow_attributes : require
-// Requires: cut.glsl, state, errors[], steps[], push.given_squared, push.most_nodes, push.most_energy, push.searches,
-// push.fade
+// Requires: cut.glsl, error_code.glsl, state, errors[], steps[], push.given_squared, push.most_nodes, push.most_energy,
+// push.searches, push.fade
 
 // The squares of the limits that are searched are floats with these bits and SEARCH_SHIFT zeros behind.
 const uint FIRST_BITS = 562036736;  // of 2^-60
 const uint SEARCH_SHIFT = 15;
 const uint BY_ENERGY = 0, BY_NODES = 1;  // the searches; push.searches has a bit for each
+const uint SQUARE_STEPS = CODES_PER_OCTAVE / 2;  // of an octave of squares
 const uint ENERGY_UNITS = 48;  // negative power of two of a unit
 
 float limit_squared_of(uint number) {
     return uintBitsToFloat(FIRST_BITS + (number << SEARCH_SHIFT));
 }
 
-// The largest code whose square is not above this number, but never that of what is in no cut: codes are logarithms in
-// steps of 1/512 (src/levels/codes.rs), so those of squares are in steps of 1/256.
+// The largest code whose square is not above this number, but never that of what is in no cut. An octave of squares has
+// half as many codes as one of their roots.
 uint code_below(float squared) {
     uint bits = floatBitsToUint(squared), significand = bits & 8388607;
     if (bits < 8388608) return 0;
     uint octave = (bits >> 23) + 1;  // 128 more than the exponent
-    uint step = min(uint(log2(1.0 + float(significand) / 8388608.0) * 256.0), 255);
+    uint step = min(uint(log2(1.0 + float(significand) / 8388608.0) * float(SQUARE_STEPS)), SQUARE_STEPS - 1);
     // The logarithm is not exact.
     if (steps[step] > significand) step--;
-    else if (step < 255 && steps[step + 1] <= significand) step++;
-    return min(octave * 256 + step, 65534);
+    else if (step < SQUARE_STEPS - 1 && steps[step + 1] <= significand) step++;
+    return min(octave * SQUARE_STEPS + step, 65534);
 }
 
 // Codes of a page, two in each word: loops over them are unrolled, so that they stay in registers.
@@ -78,7 +79,7 @@ float energy_of_node(Left left, SeenPage seen, PageErrors page) {
     float whole = float(left.within) / 256.0, sum = 0.0;
     [[unroll]] for (uint i = 0; i < PARTS; i++) {
         uint code = CODE(page.energies, i);
-        sum += code > 0 ? exp2(float(code) / 512.0 - 64.0) * clamp(whole - float(i), 0.0, 1.0) : 0.0;
+        sum += code > 0 ? value_of_code(code) * clamp(whole - float(i), 0.0, 1.0) : 0.0;
     }
     return left.within > 0 && seen.widths.x > 0.0 ? (sum / whole) / seen.widths.x : 0.0;
 }

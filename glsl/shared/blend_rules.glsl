@@ -1,5 +1,5 @@
 // The rules of the picture that every blend follows: src/rules.rs has their meaning and sources.
 
-layout(constant_id = 18) const float ALPHA_MAX = 0.99;          // upper limit of a splat's alpha at a pixel
+#include "shared/alpha_max.glsl"
 layout(constant_id = 19) const float TRANSMITTANCE_MIN = 1e-4;  // a splat that would take T below this is not added
 layout(constant_id = 20) const float STOP = 0.0;                // a pixel stops once T is below this

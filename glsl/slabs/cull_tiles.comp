@@ -3,6 +3,7 @@
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
 #include "slabs/slab.glsl"
+#include "shared/error_code.glsl"
 // One workgroup per listed page: marks those of its Gaussians that may touch the image and are in the slab, as cull of
 // the portable path does for a chunk of 1024 Gaussians.
 // Before: the pages and their views are listed. After: visible_masks and chunk_counts as after cull.

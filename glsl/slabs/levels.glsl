@@ -1,10 +1,14 @@
 // Levels of detail: which nodes of a page are drawn, and their opacities.
 // src/levels/mod.rs explains the words; src/storage/pages/level.rs has the same words of levels.
-// Requires: slab.glsl, levels[], page
+// Requires: slab.glsl, error_code.glsl, levels[], page
+#include "shared/alpha_max.glsl"
 
 layout(constant_id = 7) const bool HAS_LEVELS = false;
 
 layout(constant_id = 8) const uint FADE = 0;  // codes above a limit over which a node fades in its children's place
+// Of a splat whose alpha is ALPHA_MAX. The host rounds both, so that pictures do not depend on the compiler.
+layout(constant_id = 13) const float TRANSMITTANCE_AT_ALPHA_MAX = 0.01;
+layout(constant_id = 14) const float INVERSE_ALPHA_MAX = 1.010101;
 const uint NO_LIMIT = 65535;                  // the code of an error that is within no limit
 
 // The part of a node's children that it replaces: 1 if its error is within the limit.
@@ -25,19 +29,14 @@ bool is_in_cut(uint gaussian) {
     return drawn_part(gaussian) > 0.0;
 }
 
-// The opacity of a part of a node: what lies behind is dimmed by that power of what the whole node dims it by. Of
-// alphas above the largest that is drawn, the part is that of this.
+// The opacity of a partly faded node. Its transmittance is that of the whole node, raised to the drawn fraction;
+// opacities above ALPHA_MAX are scaled as ALPHA_MAX is.
 float faded(uint gaussian, float opacity) {
     if (FADE == 0) return opacity;
     float part = drawn_part(gaussian);
     if (part == 1.0) return opacity;
-    const float MOST = 0.99;
-    return opacity < MOST ? 1.0 - pow(1.0 - opacity, part) : opacity * (1.0 - pow(1.0 - MOST, part)) / MOST;
-}
-
-// The number over 0 that a code stands for.
-float decoded(uint code) {
-    return exp2(float(code) / 512.0 - 64.0);
+    if (opacity < ALPHA_MAX) return 1.0 - pow(1.0 - opacity, part);
+    return opacity * (1.0 - pow(TRANSMITTANCE_AT_ALPHA_MAX, part)) * INVERSE_ALPHA_MAX;
 }
 
 // The opacity of a node where it is large in the picture, and where it is smaller than a pixel; negative for a Gaussian
@@ -45,5 +44,5 @@ float decoded(uint code) {
 vec2 opacities_of_node(uint gaussian) {
     if (!HAS_LEVELS) return vec2(-1.0);
     uint word = levels[2 * gaussian + 1];
-    return word == 0 ? vec2(-1.0) : vec2(decoded(word & 0xffff), decoded(word >> 16));
+    return word == 0 ? vec2(-1.0) : vec2(value_of_code(word & 0xffff), value_of_code(word >> 16));
 }

@@ -5,6 +5,7 @@
 #include "shared/ballot.glsl"
 #include "fast/frame.glsl"
 #include "slabs/slab.glsl"
+#include "shared/error_code.glsl"
 #include "cut/notes.glsl"
 #include "inspect/codes.glsl"
 #include "shared/harmonics.glsl"
@@ -57,8 +58,8 @@ layout(push_constant, scalar) uniform Push {
 // By how many levels a node is coarser than asked for, because finer pages are missing: the powers of two by which its
 // error is above the limit, since errors double from level to level.
 float lag_of_node(uint gaussian) {
-    float above = (float(levels[2 * gaussian] & 0xffff) - float(page.limits & 0xffff)) / 512.0 + lag_of(page);
-    return clamp(above, 0.0, float(level_of(page)));
+    float codes = float(levels[2 * gaussian] & 0xffff) - float(page.limits & 0xffff);
+    return clamp(codes / float(CODES_PER_OCTAVE) + lag_of(page), 0.0, float(level_of(page)));
 }
 
 #define ATTRIBUTES

@@ -4,6 +4,7 @@
 #include "shared/ballot.glsl"
 #include "portable/frame.glsl"
 #include "slabs/slab.glsl"
+#include "shared/error_code.glsl"
 #include "shared/depth.glsl"
 #include "shared/harmonics.glsl"
 const uvec2 LISTED = uvec2(TILE, TILE);

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 /// Steps of a power of two.
 pub const CODES_PER_OCTAVE: f64 = 512.0;
 /// The power of two of code 0, which itself stands for 0.
-const LOWEST: f64 = -64.0;
+pub const LOWEST_EXPONENT: f64 = -64.0;
 /// The code of 0: the error of a Gaussian of the scene.
 pub const FINEST: u16 = 0;
 /// The code of an error that is within no limit.
@@ -24,14 +24,16 @@ pub fn code_below(value: f64) -> u16 {
 /// The number that a code stands for.
 pub fn value(code: u16) -> f64 {
     static VALUES: LazyLock<Vec<f64>> = LazyLock::new(|| {
-        let value = |code: u16| if code == FINEST { 0.0 } else { (f64::from(code) / CODES_PER_OCTAVE + LOWEST).exp2() };
+        let value = |code: u16| {
+            if code == FINEST { 0.0 } else { (f64::from(code) / CODES_PER_OCTAVE + LOWEST_EXPONENT).exp2() }
+        };
         (0..=u16::MAX).map(value).collect()
     });
     VALUES[usize::from(code)]
 }
 
 fn steps(value: f64) -> f64 {
-    (value.log2() - LOWEST) * CODES_PER_OCTAVE
+    (value.log2() - LOWEST_EXPONENT) * CODES_PER_OCTAVE
 }
 
 #[cfg(test)]

@@ -23,7 +23,7 @@ mod raster;
 mod simplify;
 
 pub use difference::squared_change;
-pub use error_code::{CODES_PER_OCTAVE, FINEST, NEVER, code, code_below, value};
+pub use error_code::{CODES_PER_OCTAVE, FINEST, LOWEST_EXPONENT, NEVER, code, code_below, value};
 pub use median::median;
 pub use node::{Node, Nodes};
 pub use simplify::{Parents, parents};

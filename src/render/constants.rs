@@ -1,12 +1,18 @@
 //! The one map from options, scene layout and device to the specialization constants of all shaders.
 
 use super::frame::footprint_code;
-use super::shaders::SharedConstants;
 use super::shaders::shared::{STORED_F16, STORED_F32, STORED_U8};
-use crate::lod::CODES_PER_OCTAVE;
+use super::shaders::{SharedConstants, shared, slabs};
+use crate::lod::{CODES_PER_OCTAVE, LOWEST_EXPONENT};
 use crate::options::{Options, Storage};
 use crate::packing::{Layout, Packing};
+use crate::pagefile::PAGE;
 use crate::rules::Order;
+
+// Numbers that modules below this one and shaders both have.
+const _: () = assert!(PAGE == slabs::PAGE as usize);
+const _: () = assert!(CODES_PER_OCTAVE == shared::CODES_PER_OCTAVE as f64);
+const _: () = assert!(LOWEST_EXPONENT == shared::CODE_LOWEST_EXPONENT as f64);
 
 /// The constants of pipelines whose subgroups have at most `subgroup` lanes. A shader takes those that it declares, and
 /// its stage adds the constants of its own.
@@ -22,6 +28,8 @@ pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> Share
         extent: footprint_code(rules.extent),
         alpha_min: rules.alpha_min,
         alpha_max: rules.alpha_max,
+        transmittance_at_alpha_max: transmittance_at_alpha_max(rules.alpha_max),
+        inverse_alpha_max: rules.alpha_max.recip(),
         transmittance_min: rules.transmittance_min,
         stop: layout.stop(options),
         compact: layout.is_compact(options),
@@ -37,11 +45,30 @@ pub(super) fn fade_codes(options: &Options) -> u32 {
     (f64::from(options.lod_fade) * CODES_PER_OCTAVE).round() as u32
 }
 
+/// One less the largest alpha as the rules write it in decimals, rounded once.
+fn transmittance_at_alpha_max(alpha_max: f32) -> f32 {
+    let decimal = (f64::from(alpha_max) * 1e6).round() / 1e6;
+    (1.0 - decimal) as f32
+}
+
 /// The number that shaders know a number format by.
 fn stored(packing: Packing) -> u32 {
     match packing.storage {
         Storage::Lossless | Storage::F32 => STORED_F32,
         Storage::F16 => STORED_F16,
         Storage::U8 => STORED_U8,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rules::Rules;
+
+    #[test]
+    fn the_transmittance_at_the_largest_alpha_is_the_nearest_float() {
+        for (rules, expected) in [(Rules::TRAINED, 0.01), (Rules::GSPLAT, 0.001), (Rules::KHR, 0.0)] {
+            assert_eq!(transmittance_at_alpha_max(rules.alpha_max).to_bits(), f32::to_bits(expected));
+        }
     }
 }

@@ -4,6 +4,7 @@
 mod circles;
 mod imports;
 mod layers;
+mod shader_numbers;
 mod text;
 mod writers;
 

@@ -1,14 +1,14 @@
 //! The table of the pages of a scene, as the stages of a cut read it.
 
-use crate::lod::NEVER;
+use crate::lod::{CODES_PER_OCTAVE, NEVER};
 use crate::pagefile::write::levels_of_pages;
 use crate::pagefile::{Level, PARTS, Page, Pages, SAMPLES};
 use crate::render::shaders::cut::NO_PAGE;
 use crate::render::shaders::{PageBox, PageErrors};
 use crate::rules::LOW_PASS;
 
-/// Steps of an octave of squares of codes.
-pub const STEPS: usize = 256;
+/// Codes of an octave of squared errors: half of those of an octave of errors.
+pub const STEPS: usize = CODES_PER_OCTAVE as usize / 2;
 
 /// For each step of an octave the least significand of a float that reaches it.
 pub fn steps() -> [u32; STEPS] {

@@ -19,6 +19,7 @@ use crate::render::lod::Chooser;
 use crate::render::pages::{Count, Element, Listed, PageProjection, first_page, number_of_pages, views_of};
 use crate::render::scene::GpuScene;
 use crate::render::shaders::Totals;
+use crate::render::shaders::fast::{BIN_CHUNKS, BIN_STRETCH};
 
 /// What drawing in slabs keeps from one frame to the next.
 pub struct Slabs {
@@ -224,7 +225,7 @@ struct Frame<'a> {
 fn slab_capacity(free: u64, splat_elements: usize, grid: BinGrid, gaussians: usize) -> Capacity {
     let cells = u64::from(grid.count());
     // Per bin: its place in every chunk's row of shares, itself, a run, a stretch of masks.
-    let fixed = cells * (4 * 264 + 64 + 4096) + (1 << 20);
+    let fixed = cells * (4 * u64::from(BIN_CHUNKS + BIN_STRETCH) + 64) + (1 << 20);
     // Per splat: ids, keys, ranges, one span, the splat, and two and a half entries of 16 bytes.
     let each = 4 + 4 + 8 + 4 + 16 * splat_elements as u64 + 40;
     let bytes = (PART * free as f64) as u64;
