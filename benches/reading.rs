@@ -22,7 +22,7 @@ fn main() {
         let before = MEMORY.reset();
         for _ in 0..RUNS {
             let started = Instant::now();
-            gaussians = match formats::read(path, &|_| {}) {
+            gaussians = match formats::read(path) {
                 Ok(scene) => scene.report.read,
                 Err(error) => return eprintln!("{error}"),
             };

@@ -17,7 +17,7 @@ fn main() -> Result<()> {
     let input = arguments.next().context("the first argument names a scene")?;
     let output = arguments.next().context("the second argument names a PNG file")?;
 
-    let scene = formats::read(Path::new(&input), &|_| {})?;
+    let scene = formats::read(Path::new(&input))?;
     let focus = Focus::of(&scene.gaussians);
     let camera = Camera::framing(DVec3::from(focus.centre), focus.radius, [640, 480]);
     let rules = Rules { antialiased: scene.is_antialiased, ..Rules::TRAINED };

@@ -11,8 +11,8 @@ use flate2::{Compression, write::GzEncoder};
 use libfuzzer_sys::fuzz_target;
 use smalto::camera::{self, Timeline};
 use smalto::formats::Reading;
+use smalto::pagefile;
 use smalto::scene::Watch;
-use smalto::packing;
 use tempfile::TempDir;
 
 /// The reader of a fuzzed file.
@@ -114,8 +114,8 @@ fuzz_target!(|bytes: &[u8]| {
     let path = RUN.write(bytes);
     let problem = match RUN.subject.reads {
         Reads::Scene => {
-            let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
-            packing::read(&Reading::default(), &path, &watch).err()
+            let watch = Watch::NONE;
+            pagefile::read(&Reading::default(), &path, &watch).err()
         }
         Reads::Cameras => camera::read(&path).err(),
         Reads::CameraFolder => camera::read(RUN.folder.path()).err(),

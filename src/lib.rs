@@ -10,7 +10,7 @@
 //! use smalto::rules::Background;
 //!
 //! # fn main() -> anyhow::Result<()> {
-//! let scene = smalto::formats::read("garden.ply".as_ref(), &|_| {})?;
+//! let scene = smalto::formats::read("garden.ply".as_ref())?;
 //! let camera = Camera::looking_at([0.0, -1.0, -4.0].into(), [0.0; 3].into(), [1920, 1080], 0.9);
 //! let options = Options::BALANCED;
 //!

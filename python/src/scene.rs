@@ -60,7 +60,7 @@ impl Scene {
                 }
                 pressed.get()
             };
-            let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &is_cancelled };
+            let watch = Watch { is_cancelled: &is_cancelled, ..Watch::NONE };
             Ok(Self::of(pagefile::read(&reading, &path, &watch).map_err(exception)?, &path))
         })
     }

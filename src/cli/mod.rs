@@ -241,9 +241,10 @@ fn complain(device: &Device) -> Result<()> {
 }
 
 /// A parser for values with a name and a help text. `--help` lists them.
-fn one_of<T: Clone + Send + Sync + 'static, const N: usize>(
-    values: [(&'static str, &'static str, T); N],
+fn one_of<T: Clone + Send + Sync + 'static>(
+    values: impl IntoIterator<Item = (&'static str, &'static str, T)>,
 ) -> impl TypedValueParser<Value = T> {
+    let values: Vec<_> = values.into_iter().collect();
     let listed = values.iter().map(|(name, help, _)| PossibleValue::new(*name).help(*help));
     PossibleValuesParser::new(listed.collect::<Vec<_>>()).try_map(move |name| {
         let found = values.iter().find(|(known, _, _)| *known == name);

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use comfy_table::Cell;
 
 use super::cameras::{SplitArg, named_or_found};
-use super::convert::{FORMATS, Target, say_file, say_loss, write_pages, write_scene};
+use super::convert::{Target, formats, say_file, say_loss, write_pages, write_scene};
 use super::devices::DeviceArgs;
 use super::knobs::RuleKnobs;
 use super::render::{Chosen, choose};
@@ -16,6 +16,7 @@ use super::sink::Sink;
 use super::table::{say_table, table};
 use super::{Usage, complain, one_of, parse_size, progress, say};
 use crate::camera::{self, Camera};
+use crate::formats::written_labels;
 use crate::gpu::Device;
 use crate::measure::bench::{SceneReport, VersionReport};
 use crate::measure::prune::{
@@ -40,12 +41,12 @@ of the written format comes on top and is reported.")]
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    /// The file to write: .ply, .compressed.ply, .splat, .spz, .sog, meta.json (a SOG in a folder), .glb or .smalto
-    /// (pages); - for standard output
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", help = format!(
+        "The file to write: {}; - for standard output", written_labels()
+    ))]
     output: PathBuf,
     /// Format of the file to write [default: by its name]. Needed for standard output and for names without an ending
-    #[arg(long, value_name = "FORMAT", value_parser = one_of(FORMATS))]
+    #[arg(long, value_name = "FORMAT", value_parser = one_of(formats()))]
     format: Option<Target>,
     /// Version of the .spz file [default: 4]
     #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u32).range(3..=4))]

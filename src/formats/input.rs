@@ -14,11 +14,11 @@ use crate::scene::{BLOCK, Builder, Cancelled, Gaussians, Watch};
 /// Bytes that a thread reads at a time.
 const PART: usize = 1 << 20;
 
-/// Takes the next block of Gaussians, and how many the file claims to hold in all.
+/// Callback that gets the next block of Gaussians, and the number of Gaussians that the file claims to hold.
 pub(crate) type TakeBlock<'t> = &'t mut dyn FnMut(Gaussians, usize) -> Result<()>;
 
 /// A file that is read front to back. Errors name the byte.
-pub(crate) struct Source<'w> {
+pub(crate) struct Input<'w> {
     reader: BufReader<File>,
     len: u64,
     position: u64,
@@ -28,34 +28,35 @@ pub(crate) struct Source<'w> {
     is_cancelled: bool,
     /// Number of Gaussians of the next partial scene.
     next_partial: usize,
-    /// The part of the progress that reading the bytes is.
-    reading: f64,
+    /// Fraction of the progress that stands for reading bytes; the rest stands for decoding.
+    read_fraction: f64,
 }
 
-impl<'w> Source<'w> {
+impl<'w> Input<'w> {
     /// Opens a regular file.
     pub fn open(path: &Path, watch: &'w Watch<'w>) -> Result<Self> {
         let file = open_regular(path)?;
         let len = file.metadata()?.len();
         let reader = BufReader::with_capacity(PART, file);
-        let (position, next_report, next_partial, reading) = (0, 0, BLOCK, 1.0);
-        Ok(Self { reader, len, position, watch, next_report, is_cancelled: false, next_partial, reading })
+        let (position, next_report, next_partial, read_fraction) = (0, 0, BLOCK, 1.0);
+        Ok(Self { reader, len, position, watch, next_report, is_cancelled: false, next_partial, read_fraction })
     }
 
-    /// This source at the same position, with further progress reported to `watch`.
-    pub fn watched_by<'v>(self, watch: &'v Watch<'v>) -> Source<'v> {
-        let Self { reader, len, position, next_report, is_cancelled, next_partial, reading, .. } = self;
-        Source { reader, len, position, watch, next_report, is_cancelled, next_partial, reading }
+    /// The input at the same position, with further progress reported to `watch`.
+    pub fn watched_by<'v>(self, watch: &'v Watch<'v>) -> Input<'v> {
+        let Self { reader, len, position, next_report, is_cancelled, next_partial, read_fraction, .. } = self;
+        Input { reader, len, position, watch, next_report, is_cancelled, next_partial, read_fraction }
     }
 
-    /// Says that all bytes are read before most Gaussians are decoded, and that this part of the progress is reading.
-    pub fn reads_first(&mut self, part: f64) {
-        self.reading = part;
+    /// Sets the fraction of the progress that stands for reading, for a format whose bytes are all read before most
+    /// Gaussians are decoded.
+    pub fn set_read_fraction(&mut self, fraction: f64) {
+        self.read_fraction = fraction;
     }
 
     /// Reports the fraction of the Gaussians that is decoded, after all bytes were read.
     pub fn report_decoded(&self, fraction: f64) {
-        (self.watch.progress)(self.reading + (1.0 - self.reading) * fraction);
+        (self.watch.progress)(self.read_fraction + (1.0 - self.read_fraction) * fraction);
     }
 
     /// Must be called before each block of Gaussians is decoded. Reports the partial scene whenever it has doubled, so
@@ -108,7 +109,7 @@ impl<'w> Source<'w> {
         Ok(bytes)
     }
 
-    /// Like [`Source::line`], but the last line of the file may have no line end.
+    /// Like [`Input::line`], but the last line of the file may have no line end.
     pub fn last_line(&mut self, limit: u64, what: &str) -> Result<String> {
         if self.left() > limit {
             return self.line(limit, what);
@@ -165,7 +166,7 @@ pub(crate) fn checked_count(count: u64, bytes: u64, available: u64, what: &str) 
     Ok(usize::try_from(count)?)
 }
 
-impl Read for Source<'_> {
+impl Read for Input<'_> {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         self.check()?;
         let count = self.reader.read(bytes)?;
@@ -174,7 +175,7 @@ impl Read for Source<'_> {
     }
 }
 
-impl BufRead for Source<'_> {
+impl BufRead for Input<'_> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         self.check()?;
         self.reader.fill_buf()
@@ -186,7 +187,7 @@ impl BufRead for Source<'_> {
     }
 }
 
-impl Source<'_> {
+impl Input<'_> {
     /// Fills `bytes` on many threads, which copy from the page cache of the system in parallel.
     fn read_parts(&mut self, bytes: &mut [u8]) -> io::Result<()> {
         self.check()?;
@@ -205,7 +206,7 @@ impl Source<'_> {
     fn advance(&mut self, count: usize) {
         self.position += count as u64;
         if self.position >= self.next_report {
-            (self.watch.progress)(self.reading * self.position as f64 / self.len.max(1) as f64);
+            (self.watch.progress)(self.read_fraction * self.position as f64 / self.len.max(1) as f64);
             self.is_cancelled = (self.watch.is_cancelled)();
             self.next_report = self.position + self.len / 200;
         }

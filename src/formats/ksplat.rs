@@ -4,7 +4,7 @@
 use anyhow::{Result, bail, ensure};
 use half::f16;
 
-use super::input::{Source, checked_count, word};
+use super::input::{Input, checked_count, word};
 use super::splat::{colour, floats};
 use crate::host_memory::host_vec;
 use crate::scene::{BLOCK, Builder, MAX_SH_DEGREE, Raw, Scene, logit, rest_values};
@@ -145,10 +145,10 @@ struct Centres {
 }
 
 impl Centres {
-    fn read(source: &mut Source, section: &Section, level: Level) -> Result<Self> {
+    fn read(input: &mut Input, section: &Section, level: Level) -> Result<Self> {
         let (buckets, number) = (&section.buckets, section.number);
-        let lengths = bytes(source, buckets.partial, 4, "partial buckets")?;
-        let centres = bytes(source, buckets.count, u64::from(buckets.bytes_each), "buckets")?;
+        let lengths = bytes(input, buckets.partial, 4, "partial buckets")?;
+        let centres = bytes(input, buckets.count, u64::from(buckets.bytes_each), "buckets")?;
         let mut all = Self {
             means: Vec::new(),
             capacity: buckets.capacity as usize,
@@ -190,15 +190,15 @@ impl Centres {
     }
 }
 
-pub(crate) fn read(source: &mut Source) -> Result<Scene> {
+pub(crate) fn read(input: &mut Input) -> Result<Scene> {
     let mut bytes = [0; HEADER];
-    source.fill(&mut bytes, "the header")?;
+    input.fill(&mut bytes, "the header")?;
     let header = Header::parse(&bytes)?;
-    let sections = sections(source, &header)?;
+    let sections = sections(input, &header)?;
     let sh_degree = sections.iter().filter(|s| s.count > 0).map(|s| s.sh_degree).max().unwrap_or(0);
     let mut builder = Builder::new(sh_degree, header.count as usize)?;
     for section in &sections {
-        read_section(source, section, header.level, &mut builder)?;
+        read_section(input, section, header.level, &mut builder)?;
     }
     let (gaussians, report) = builder.finish();
     Ok(Scene {
@@ -212,20 +212,20 @@ pub(crate) fn read(source: &mut Source) -> Result<Scene> {
 }
 
 /// Reads the headers of all sections, and checks that the file can hold their Gaussians.
-fn sections(source: &mut Source, header: &Header) -> Result<Vec<Section>> {
-    let room = checked_count(header.sections.into(), SECTION_HEADER as u64, source.left(), "sections")?;
+fn sections(input: &mut Input, header: &Header) -> Result<Vec<Section>> {
+    let room = checked_count(header.sections.into(), SECTION_HEADER as u64, input.left(), "sections")?;
     let mut all = host_vec(room, "sections")?;
     let mut bytes = [0; SECTION_HEADER];
     for number in 0..room {
-        source.fill(&mut bytes, "the section headers")?;
+        input.fill(&mut bytes, "the section headers")?;
         all.push(Section::parse(number, &bytes)?);
     }
     let needed = |section: &Section| section.room as u64 * header.level.stride(section.sh_degree) as u64;
     let needed = all.iter().map(needed).fold(0, u64::saturating_add);
     ensure!(
-        needed <= source.left(),
+        needed <= input.left(),
         "the file is truncated or its headers wrong: the Gaussians need {needed} bytes, {} are left",
-        source.left()
+        input.left()
     );
     let count: u64 = all.iter().map(|section| section.count as u64).sum();
     ensure!(
@@ -236,20 +236,20 @@ fn sections(source: &mut Source, header: &Header) -> Result<Vec<Section>> {
     Ok(all)
 }
 
-fn read_section(source: &mut Source, section: &Section, level: Level, builder: &mut Builder) -> Result<()> {
-    let centres = Centres::read(source, section, level)?;
+fn read_section(input: &mut Input, section: &Section, level: Level, builder: &mut Builder) -> Result<()> {
+    let centres = Centres::read(input, section, level)?;
     let stride = level.stride(section.sh_degree);
     let mut rows = Vec::new();
     for first in (0..section.count).step_by(BLOCK) {
-        source.before_block(builder)?;
+        input.before_block(builder)?;
         let block = BLOCK.min(section.count - first);
         rows.resize(block * stride, 0);
-        source.fill(&mut rows, "the Gaussians")?;
+        input.fill(&mut rows, "the Gaussians")?;
         builder.extend(block, |index, sh| {
             gaussian(&rows[index * stride..][..stride], first + index, section.sh_degree, level, &centres, sh)
         });
     }
-    source.skip((section.room - section.count) as u64 * stride as u64, "unused room")
+    input.skip((section.room - section.count) as u64 * stride as u64, "unused room")
 }
 
 /// One Gaussian from its bytes. Coefficients above the degree of the section stay zero.
@@ -286,11 +286,11 @@ fn gaussian(row: &[u8], index: usize, sh_degree: u32, level: Level, centres: &Ce
 }
 
 /// Reads `count` elements of `each` bytes.
-fn bytes(source: &mut Source, count: u32, each: u64, what: &str) -> Result<Vec<u8>> {
-    let count = checked_count(count.into(), each, source.left(), what)?;
+fn bytes(input: &mut Input, count: u32, each: u64, what: &str) -> Result<Vec<u8>> {
+    let count = checked_count(count.into(), each, input.left(), what)?;
     let mut bytes = host_vec(count * each as usize, what)?;
     bytes.resize(count * each as usize, 0);
-    source.fill(&mut bytes, what)?;
+    input.fill(&mut bytes, what)?;
     Ok(bytes)
 }
 

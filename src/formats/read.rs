@@ -4,11 +4,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 
-use super::input::Source;
-use super::{gltf, ksplat, ply, sog, splat, spz};
+use super::input::Input;
+use super::sog::{self, LOD_META};
+use super::{BlockReader, Format, Reader, Recognition, Request, labels};
 use crate::host_memory::OutOfMemory;
 use crate::procedural::Procedural;
 use crate::scene::{Cancelled, Gaussians, LoadReport, NoLevel, Scene, Transform, Unreadable, Watch};
+
+/// Bytes that no signature exceeds.
+const SIGNATURE_BYTES: usize = 8;
 
 /// Choices of the caller for reading a file, and corrections of what it states wrongly.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -23,16 +27,16 @@ pub struct Reading {
 
 impl Reading {
     /// Reads a scene file, or the folder of a SOG. The format is detected from the content; only .splat, .ksplat and
-    /// .gltf are recognized by name. `progress` gets the fraction read so far, 0 to 1.
+    /// .gltf are recognized by name.
     ///
     /// # Errors
     /// [`Unreadable`] if the file is not a scene that can be drawn, [`OutOfMemory`] if it does not fit into memory,
     /// [`NoLevel`] if it lacks the level of detail.
-    pub fn read(&self, path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
-        self.read_watched(path, &Watch { progress, partial: &|_| {}, is_cancelled: &|| false })
+    pub fn read(&self, path: &Path) -> Result<Scene> {
+        self.read_watched(path, &Watch::NONE)
     }
 
-    /// Like [`Reading::read`], with partial results and cancelling.
+    /// Like [`Reading::read`], with progress, partial results and cancelling.
     ///
     /// # Errors
     /// Those of [`Reading::read`], and [`Cancelled`].
@@ -43,21 +47,18 @@ impl Reading {
     }
 
     /// True if [`Reading::read_blocks`] reads a file. False, too, if nothing reads it.
+    #[doc(hidden)]
     pub fn comes_in_blocks(&self, path: &Path) -> bool {
-        let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
-        let Ok(mut source) = Source::open(path, &watch) else { return false };
-        match source.peek(4) {
-            Ok(magic) if magic.starts_with(b"ply") => ply::comes_in_blocks(&mut source),
-            _ => is_splat(path),
-        }
+        let Ok(mut input) = Input::open(path, &Watch::NONE) else { return false };
+        block_reader(&mut input, path).is_ok_and(|blocks| blocks.is_some_and(|blocks| (blocks.applies)(&mut input)))
     }
 
-    /// Reads a scene file of a format that needs no more memory than a block at a time: `.ply` with Gaussians, and
-    /// `.splat`. `take` gets the blocks in the order of the file, flipped and transformed, and the number of Gaussians
+    /// Reads a scene file block by block, if its format allows that: `.ply` with Gaussians, and `.splat`. `take` gets the blocks in the order of the file, flipped and transformed, and the number of Gaussians
     /// that the file claims. Returns everything but the Gaussians, or `None` if the format is read as a whole.
     ///
     /// # Errors
     /// Those of [`Reading::read_watched`], and those of `take`.
+    #[doc(hidden)]
     pub fn read_blocks(
         &self,
         path: &Path,
@@ -102,13 +103,21 @@ impl Reading {
     }
 }
 
-/// Reads a scene file with the defaults of [`Reading`]: the finest level, no flip, no transform. Page files are read by
-/// the module `storage`.
+/// Reads a scene file into memory with the defaults of [`Reading`]: the finest level, no flip, no transform. Page files
+/// are opened by [`SceneSource::open`](https://docs.rs/smalto).
 ///
 /// # Errors
 /// Those of [`Reading::read`].
-pub fn read(path: &Path, progress: &dyn Fn(f64)) -> Result<Scene> {
-    Reading::default().read(path, progress)
+pub fn read(path: impl AsRef<Path>) -> Result<Scene> {
+    Reading::default().read(path.as_ref())
+}
+
+/// Like [`read`], with progress, partial results and cancelling.
+///
+/// # Errors
+/// Those of [`Reading::read_watched`].
+pub fn read_watched(path: impl AsRef<Path>, watch: &Watch) -> Result<Scene> {
+    Reading::default().read_watched(path.as_ref(), watch)
 }
 
 /// The path of the scene in a model folder of the original 3DGS: the point cloud of the last iteration. `path` may also
@@ -129,7 +138,7 @@ pub fn in_folder(path: &Path) -> PathBuf {
 
 /// The error of a file that could not be read because of `problem`.
 fn failure(path: &Path, problem: anyhow::Error, watch: &Watch) -> anyhow::Error {
-    // Decoders may wrap or replace the error of a cancelled source.
+    // Decoders may wrap or replace the error of a cancelled input.
     if (watch.is_cancelled)() {
         return Cancelled.into();
     }
@@ -148,10 +157,6 @@ fn failure(path: &Path, problem: anyhow::Error, watch: &Watch) -> anyhow::Error 
     }
 }
 
-fn is_splat(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("splat"))
-}
-
 /// True if an allocation failed inside of a decompressor.
 fn lacks_memory(problem: &anyhow::Error) -> bool {
     let kinds = problem.chain().filter_map(|cause| cause.downcast_ref::<std::io::Error>()).map(std::io::Error::kind);
@@ -160,26 +165,15 @@ fn lacks_memory(problem: &anyhow::Error) -> bool {
 
 fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     let path = &sog::in_folder(path);
-    let mut source = Source::open(path, watch)?;
-    ensure!(source.len() > 0, "the file is empty");
-    let is_named = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
-    let magic = source.peek(4)?;
-    let is_json = magic.starts_with(b"{") && !["gltf", "splat", "ksplat"].into_iter().any(is_named);
-    let scene = match magic {
-        _ if is_json => sog::read_json(source, path, level, watch)?,
+    let mut input = Input::open(path, watch)?;
+    let format = detect(&mut input, path)?;
+    let request = Request { path, level, watch };
+    let scene = match format.map(|format| &format.reader) {
+        Some(Reader::Levels { read }) => read(input, &request)?,
         _ if level.is_some() => bail!(NoLevel::none()),
-        _ if magic.starts_with(b"ply") => ply::read(&mut source)?,
-        _ if magic.starts_with(b"glTF") => gltf::read_binary(&mut source, path)?,
-        _ if is_named("gltf") => gltf::read_text(&mut source, path)?,
-        _ if magic.starts_with(b"NGSP") => spz::read_v4(&mut source)?,
-        [0x1f, 0x8b, 8, ..] => spz::read_gzip(&mut source)?,
-        [b'P', b'K', 3, 4] => sog::read_bundle(source, watch)?,
-        _ if is_named("splat") => splat::read(&mut source)?,
-        _ if is_named("ksplat") => ksplat::read(&mut source)?,
-        _ => bail!(
-            "not a scene that smalto reads: expected .ply, .compressed.ply, .spz, .sog, .glb or .smalto content, a \
-             meta.json or lod-meta.json of SOG, or a file named .splat, .ksplat or .gltf, found bytes {magic:02x?}"
-        ),
+        Some(Reader::Scene { read, .. }) => read(input, &request)?,
+        Some(Reader::Pages) => bail!("it is a page file, which is not read as a whole here"),
+        None => bail!(unknown(input.peek(4)?)),
     };
     let LoadReport { read, .. } = scene.report;
     ensure!(read > 0, "the scene holds no Gaussians");
@@ -194,11 +188,32 @@ fn read_any_blocks(
     take: &mut dyn FnMut(Gaussians, usize) -> Result<()>,
 ) -> Result<Option<Scene>> {
     let path = &sog::in_folder(path);
-    let mut source = Source::open(path, watch)?;
-    ensure!(source.len() > 0, "the file is empty");
-    match source.peek(4)? {
-        magic if magic.starts_with(b"ply") => ply::read_blocks(&mut source, take),
-        _ if is_splat(path) => splat::read_blocks(&mut source, take).map(Some),
-        _ => Ok(None),
+    let mut input = Input::open(path, watch)?;
+    match block_reader(&mut input, path)? {
+        Some(blocks) => (blocks.read)(&mut input, take),
+        None => Ok(None),
     }
+}
+
+/// The format of a file. Fails if the file is empty.
+fn detect(input: &mut Input, path: &Path) -> Result<Option<&'static Format>> {
+    ensure!(input.len() > 0, "the file is empty");
+    Ok(Format::of(input.peek(SIGNATURE_BYTES)?, path))
+}
+
+fn block_reader(input: &mut Input, path: &Path) -> Result<Option<&'static BlockReader>> {
+    Ok(detect(input, path)?.and_then(|format| match &format.reader {
+        Reader::Scene { blocks, .. } => blocks.as_ref(),
+        Reader::Levels { .. } | Reader::Pages => None,
+    }))
+}
+
+/// The problem with a file of no known format, which begins with these bytes.
+fn unknown(begin: &[u8]) -> String {
+    let by_content = labels(|format| matches!(format.recognition, Recognition::Signature(_)));
+    let by_name = labels(|format| format.recognition == Recognition::Ending);
+    format!(
+        "not a scene that smalto reads: expected {by_content} content, a meta.json or {LOD_META} of SOG, or a file \
+         named {by_name}, found bytes {begin:02x?}"
+    )
 }

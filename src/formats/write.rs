@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::rows::to_byte;
 use super::sog::LOD_META;
-use super::{gltf, ply, sog, splat, spz};
+use super::{Format, Writer, gltf, labels, ply, sog, splat, spz};
 use crate::host_memory::OutOfMemory;
 use crate::scene::{Gaussians, morton};
 
@@ -35,23 +35,16 @@ impl SceneFile {
     /// The format that a file name stands for.
     ///
     /// # Errors
-    /// If the name has no known extension and is not `meta.json`.
+    /// If the name has no known extension and is not `meta.json`, or is that of a page file.
     pub fn of(path: &Path) -> Result<Self> {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        Ok(match name {
-            _ if name.ends_with(".compressed.ply") => Self::CompressedPly,
-            _ if name.ends_with(".ply") => Self::Ply,
-            _ if name.ends_with(".splat") => Self::Splat,
-            _ if name.ends_with(".spz") => Self::Spz { version: 4 },
-            _ if name.ends_with(".sog") => Self::Sog,
-            _ if name == "meta.json" => Self::SogFolder,
-            _ if name.ends_with(".glb") => Self::Glb,
-            _ if name == LOD_META => bail!("{}: a streamed SOG is written by `smalto lod`", path.display()),
-            _ => bail!(
-                "{}: scenes are written as .ply, .compressed.ply, .splat, .spz, .sog, meta.json (of SOG) or .glb",
-                path.display()
-            ),
-        })
+        if let Some(Writer::Scene(file)) = Format::of_name(path).and_then(|format| format.write) {
+            return Ok(file);
+        }
+        if path.file_name().is_some_and(|name| name.eq_ignore_ascii_case(LOD_META)) {
+            bail!("{}: a streamed SOG is written by `smalto lod`", path.display());
+        }
+        let all = labels(|format| matches!(format.write, Some(Writer::Scene(_))));
+        bail!("{}: scenes are written as {all}", path.display())
     }
 
     /// The Gaussians as the format holds them: in its order, without those that it would make fully transparent, and

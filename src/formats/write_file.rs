@@ -1,15 +1,16 @@
-//! Writes a scene into a file and reads it back, so that what is there is what was written.
+//! Writes a scene to a file and reads it back, so that a damaged or lossy write is noticed.
 
 use std::path::Path;
 
 use anyhow::{Result, ensure};
 
 use super::loss::Loss;
-use super::read::read;
+use super::read::read_watched;
 use super::sog::write_sog_folder;
 use super::write::SceneFile;
+use super::{FORMATS, Format, Recognition, Writer};
 use crate::files::write_checked;
-use crate::scene::{Gaussians, Scene};
+use crate::scene::{Gaussians, Scene, Watch};
 
 /// A file that was written and read back.
 pub struct WrittenFile {
@@ -34,7 +35,7 @@ pub fn write_file(
     progress: &dyn Fn(f64),
 ) -> Result<WrittenFile> {
     let read_again = |written: &Path| {
-        let Scene { gaussians: found, format, .. } = read(written, progress)?;
+        let Scene { gaussians: found, format, .. } = read_watched(written, &Watch::of_progress(progress))?;
         let (count, expected) = (found.len(), gaussians.len());
         ensure!(count == expected, "{count} of {expected} Gaussians could be read back");
         let bytes = if kind == SceneFile::SogFolder { all_bytes(written.parent())? } else { written.metadata()?.len() };
@@ -44,9 +45,11 @@ pub fn write_file(
         let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         return write_sog_folder(gaussians, is_antialiased, folder, read_again);
     }
-    // Only a .splat is recognized by its name.
-    let ending = if kind == SceneFile::Splat { ".splat" } else { "" };
-    write_checked(output, ending, |file| kind.write(gaussians, is_antialiased, file), read_again)
+    // A format without a signature is recognized by its name.
+    let format = FORMATS.iter().find(|format| format.write == Some(Writer::Scene(kind)));
+    let named = format.filter(|format| format.recognition == Recognition::Ending);
+    let ending = named.map_or_else(String::new, Format::label);
+    write_checked(output, &ending, |file| kind.write(gaussians, is_antialiased, file), read_again)
 }
 
 /// The size of all files in a folder.

@@ -6,14 +6,13 @@ use twox_hash::XxHash3_64;
 use super::bytes::{Reader, Writer};
 use super::page::{Entry, PAGE, PageWords};
 use super::page_lod::{LEVEL_WORDS, Level};
+use crate::formats::PAGE_FILE_SIGNATURE;
 use crate::options::Storage;
 use crate::packing::{Layout, Packing, Statistics};
 use crate::scene::{Band, Bounds, Focus, Grid, LoadReport, MAX_SH_DEGREE, Requirements};
 
 /// Bytes of the header.
 pub const HEADER: usize = 4096;
-/// The first bytes of a page file.
-pub const MAGIC: [u8; 8] = *b"smalto\x1a\n";
 /// The version of a file without levels of detail, and of one with them.
 const VERSIONS: [u32; 2] = [1, 2];
 /// Longest texts that are kept, in bytes.
@@ -99,7 +98,7 @@ impl Header {
 
     /// The bytes of the header, the last eight of which are the checksum of the others.
     pub fn encoded(&self) -> Vec<u8> {
-        let mut out = Writer(MAGIC.to_vec());
+        let mut out = Writer(PAGE_FILE_SIGNATURE.to_vec());
         out.u32(VERSIONS[usize::from(self.levels.is_some())]);
         out.u32(PAGE as u32);
         let places = [self.file_bytes(), self.geometry_at, self.colours_at, self.table_checksum];
@@ -127,8 +126,8 @@ impl Header {
     /// If it is damaged, of another version, or contradicts itself.
     pub fn decoded(bytes: &[u8; HEADER]) -> Result<Self> {
         let (content, checksum) = bytes.split_at(HEADER - 8);
-        ensure!(content.starts_with(&MAGIC), "it does not begin as a page file does");
-        let mut from = Reader(&content[MAGIC.len()..]);
+        ensure!(content.starts_with(&PAGE_FILE_SIGNATURE), "it does not begin as a page file does");
+        let mut from = Reader(&content[PAGE_FILE_SIGNATURE.len()..]);
         let version = from.u32()?;
         let [plain, with_levels] = VERSIONS;
         ensure!(VERSIONS.contains(&version), "its version is {version}, and smalto reads {plain} and {with_levels}");

@@ -11,10 +11,11 @@ use rayon::prelude::*;
 use twox_hash::XxHash3_64;
 
 use super::fault::{ReadFault, simulated};
-use super::header::{HEADER, Header, MAGIC};
+use super::header::{HEADER, Header};
 use super::page::{Entry, PAGE, Page, PageWords};
 use super::page_lod::{LEVEL_WORDS, Level};
 use crate::files::{describe, open_regular, read_exact_at};
+use crate::formats::PAGE_FILE_SIGNATURE;
 use crate::host_memory::host_zeros;
 use crate::packing::{Layout, Statistics};
 use crate::scene::Unreadable;
@@ -44,8 +45,8 @@ enum Stream {
 
 /// True if the file begins as a page file does.
 pub fn is_page_file(path: &Path) -> bool {
-    let mut begin = [0; MAGIC.len()];
-    open_regular(path).is_ok_and(|file| read_exact_at(&file, &mut begin, 0).is_ok()) && begin == MAGIC
+    let mut begin = [0; PAGE_FILE_SIGNATURE.len()];
+    open_regular(path).is_ok_and(|file| read_exact_at(&file, &mut begin, 0).is_ok()) && begin == PAGE_FILE_SIGNATURE
 }
 
 impl PageFile {

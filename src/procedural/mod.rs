@@ -65,6 +65,11 @@ impl Procedural {
         Some(count.map_or(Ok(default), |text| parse_count(text, kind)).map(|count| Self { kind, count }))
     }
 
+    /// The names of all kinds.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        KINDS.iter().map(|(_, name, _)| *name)
+    }
+
     /// The name of the kind.
     pub fn name(self) -> &'static str {
         KINDS.iter().find(|(kind, ..)| *kind == self.kind).map_or("", |(_, name, _)| name)

@@ -15,6 +15,16 @@ pub struct Watch<'w> {
     pub is_cancelled: &'w dyn Fn() -> bool,
 }
 
+impl<'w> Watch<'w> {
+    /// Reads to the end, and reports nothing.
+    pub const NONE: Watch<'static> = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
+
+    /// Reads to the end, and reports only the progress.
+    pub fn of_progress(progress: &'w dyn Fn(f64)) -> Self {
+        Self { progress, ..Self::NONE }
+    }
+}
+
 /// The error when reading was cancelled by [`Watch::is_cancelled`].
 #[derive(Debug, thiserror::Error)]
 #[error("cancelled")]

@@ -99,7 +99,7 @@ fn the_target_of_a_link_is_replaced() {
         before.map_or(Ok(()), |text| fs::write(&target, text)).unwrap();
         ok(&["convert", PLUSH, link.to_str().unwrap()]);
         assert!([&link, &second].iter().all(|link| fs::symlink_metadata(link).unwrap().is_symlink()));
-        assert_eq!(formats::read(&target, &|_| {}).unwrap().gaussians.len(), 61);
+        assert_eq!(formats::read(&target).unwrap().gaussians.len(), 61);
         assert_eq!(names(&below), ["target.ply"]);
     }
     let [a, b] = ["a.ply", "b.ply"].map(|name| path(&folder, name));
@@ -211,7 +211,7 @@ fn a_sog_folder_is_replaced_as_a_whole_or_not_at_all() {
     ok(&["convert", PLUSH, &meta]);
     let old = names(folder.path().join("s"));
     assert_eq!(old[..2], ["means_l.webp", "means_u.webp"]);
-    let read = || formats::read(Path::new(&meta), &|_| {}).unwrap().gaussians;
+    let read = || formats::read(Path::new(&meta)).unwrap().gaussians;
     let (plush, cactus) = (read(), ["convert", "cactus:3000", &meta]);
     let content = |name: &String| fs::read(folder.path().join("s").join(name)).unwrap();
     let before: Vec<_> = old.iter().map(content).collect();

@@ -27,7 +27,7 @@ fn prune(arguments: &[&str]) -> Value {
 }
 
 fn read(file: &str) -> Gaussians {
-    formats::read(Path::new(file), &|_| {}).unwrap().gaussians
+    formats::read(Path::new(file)).unwrap().gaussians
 }
 
 fn write(folder: &tempfile::TempDir, name: &str, gaussians: &Gaussians) -> String {

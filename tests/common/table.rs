@@ -11,7 +11,7 @@ pub fn fixture(name: &str) -> PathBuf {
 }
 
 pub fn read(path: &Path) -> Scene {
-    formats::read(path, &|_| {}).unwrap()
+    formats::read(path).unwrap()
 }
 
 /// The columns of a CSV file, by name.
@@ -90,7 +90,7 @@ pub fn parse(ending: &str, bytes: &[u8]) -> Result<Scene, String> {
 }
 
 pub fn parse_at(path: &Path) -> Result<Scene, String> {
-    formats::read(path, &|_| {}).map_err(|error| {
+    formats::read(path).map_err(|error| {
         let text = error.to_string();
         assert!(text.starts_with(&path.display().to_string()), "it names the file: {text}");
         assert!(!text.contains('\n') && text.len() < 500, "it is one sentence: {text}");

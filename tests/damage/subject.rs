@@ -34,7 +34,7 @@ pub fn scene(path: &Path) -> Result<(), String> {
 
 /// Reads a scene file of any format.
 pub fn read_scene(path: &Path) -> anyhow::Result<Scene> {
-    let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
+    let watch = Watch::NONE;
     pagefile::read(&Reading::default(), path, &watch)
 }
 

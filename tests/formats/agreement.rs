@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::common::table::{self, Table, close, fixture, read};
 use crate::common::{Random, captured};
 use smalto::formats;
-use smalto::scene::{self, Gaussians, Scene};
+use smalto::scene::{self, Gaussians, Scene, Watch};
 
 /// Every attribute as splat-transform reads it from the same file.
 fn agrees_with_splat_transform(name: &str) {
@@ -265,16 +265,17 @@ fn files_with_random_damage_never_panic() {
 
 #[test]
 fn a_missing_file_and_a_folder_are_refused() {
-    let missing = formats::read(Path::new("no/such/file.ply"), &|_| {}).unwrap_err();
+    let missing = formats::read(Path::new("no/such/file.ply")).unwrap_err();
     assert_eq!(missing.to_string(), "no/such/file.ply: cannot be opened: there is no such file");
-    let folder = formats::read(Path::new("tests"), &|_| {}).unwrap_err();
+    let folder = formats::read(Path::new("tests")).unwrap_err();
     assert_eq!(folder.to_string(), "tests: is not a file");
 }
 
 #[test]
 fn progress_goes_from_the_beginning_to_the_end() {
     let seen = std::cell::RefCell::new(Vec::new());
-    formats::read(&fixture("plush.ply"), &|fraction| seen.borrow_mut().push(fraction)).unwrap();
+    formats::read_watched(fixture("plush.ply"), &Watch::of_progress(&|fraction| seen.borrow_mut().push(fraction)))
+        .unwrap();
     let seen = seen.into_inner();
     assert!(seen.is_sorted() && seen.iter().all(|f| (0.0..=1.0).contains(f)));
     assert!(seen.last().is_some_and(|f| *f > 0.99));

@@ -12,7 +12,7 @@ use smalto::scene::Gaussians;
 const PLUSH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/plush.ply");
 
 fn read(path: impl AsRef<Path>) -> Gaussians {
-    formats::read(path.as_ref(), &|_| {}).unwrap().gaussians
+    formats::read(path.as_ref()).unwrap().gaussians
 }
 
 fn convert(arguments: &[&str]) -> Value {

@@ -9,7 +9,7 @@ use crate::common::table::{self, SAME, Table, fixture, parse, parse_at, read};
 use serde_json::{Value, json};
 use smalto::formats;
 use smalto::formats::Reading;
-use smalto::scene::Gaussians;
+use smalto::scene::{Gaussians, Watch};
 use tempfile::TempDir;
 
 fn agrees_with_splat_transform(gaussians: &Gaussians, csv: &str) {
@@ -161,14 +161,14 @@ fn error_messages_escape_names_from_files() {
     let folder = copied("lod");
     for name in ["a\nb/meta.json".to_owned(), "\u{7}".repeat(5000), "a".repeat(100_000)] {
         change(&folder.path().join("lod-meta.json"), |meta| meta["filenames"][0] = json!(name));
-        let problem = formats::read(folder.path(), &|_| {}).unwrap_err().to_string();
+        let problem = formats::read(folder.path()).unwrap_err().to_string();
         assert!(!problem.contains(char::is_control) && problem.len() < 4000, "{problem}");
     }
 }
 
 #[test]
 fn a_level_of_a_streamed_sog_can_be_chosen() {
-    let level = |path: &str, level| Reading { level: Some(level), ..Reading::default() }.read(&fixture(path), &|_| {});
+    let level = |path: &str, level| Reading { level: Some(level), ..Reading::default() }.read(&fixture(path));
     let coarse = level("lod", 1).unwrap();
     assert_eq!((coarse.gaussians.len(), coarse.format.as_str()), (122 + 61, "streamed SOG, level 1 of 2"));
     assert_eq!(coarse.gaussians.means()[..122], *read(&fixture("lod/1_0")).gaussians.means());
@@ -345,7 +345,8 @@ fn files_with_random_damage_never_panic() {
 fn progress_goes_from_the_beginning_to_the_end() {
     for name in ["plush.sog", "plush.v1", "lod"] {
         let seen = std::cell::RefCell::new(Vec::new());
-        smalto::formats::read(&fixture(name), &|fraction| seen.borrow_mut().push(fraction)).unwrap();
+        smalto::formats::read_watched(fixture(name), &Watch::of_progress(&|fraction| seen.borrow_mut().push(fraction)))
+            .unwrap();
         let seen = seen.into_inner();
         assert!(seen.is_sorted() && seen.iter().all(|f| (0.0..=1.0).contains(f)), "{name}: {seen:?}");
         assert_eq!(seen.last(), Some(&1.0), "{name}");

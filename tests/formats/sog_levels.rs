@@ -15,7 +15,7 @@ use crate::common::table::read;
 const SCENE: &str = "cactus:40000";
 
 fn level(folder: &Path, level: u32) -> Gaussians {
-    Reading { level: Some(level), ..Reading::default() }.read(folder, &|_| {}).unwrap().gaussians
+    Reading { level: Some(level), ..Reading::default() }.read(folder).unwrap().gaussians
 }
 
 fn lod_meta(folder: &Path) -> Value {

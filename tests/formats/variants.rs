@@ -13,14 +13,14 @@ fn fixture(name: &str) -> PathBuf {
 }
 
 fn read(name: &str) -> Scene {
-    formats::read(&fixture(name), &|_| {}).unwrap_or_else(|error| panic!("{name}: {error}"))
+    formats::read(&fixture(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
 fn parse(name: &str, bytes: &[u8]) -> Result<Scene, String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     fs::write(&path, bytes).unwrap();
-    formats::read(&path, &|_| {}).map_err(|error| {
+    formats::read(&path).map_err(|error| {
         let text = error.to_string();
         assert!(!text.contains('\n') && text.len() < 400, "it is one sentence: {text}");
         text
@@ -107,7 +107,7 @@ fn gltf_follows_nodes_and_buffers() {
     let read = |document: &serde_json::Value| {
         let path = folder.path().join("a.gltf");
         fs::write(&path, document.to_string()).unwrap();
-        formats::read(&path, &|_| {}).map(|scene| scene.gaussians)
+        formats::read(&path).map(|scene| scene.gaussians)
     };
     fs::write(folder.path().join("a b.bin"), buffer).unwrap();
     document["buffers"][0]["uri"] = "a%20b.bin".into();

@@ -100,7 +100,7 @@ fn is_beginning(part: &Gaussians, whole: &Gaussians) -> bool {
 fn previews_are_prefixes_of_the_scene_that_double_in_size() {
     let (_folder, paths) = files();
     for path in paths {
-        let expected = formats::read(&path, &|_| {}).unwrap().gaussians;
+        let expected = formats::read(&path).unwrap().gaussians;
         assert_eq!(expected.len(), COUNT, "{}", path.display());
         assert!(expected.means()[1] != expected.means()[2], "the order can be told");
         let (shown, last) = (RefCell::new(Vec::new()), Cell::new(0.0));
@@ -129,9 +129,7 @@ fn previews_are_prefixes_of_the_scene_that_double_in_size() {
 fn small_scenes_have_no_preview() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/plush.ply");
     let partial = |_: &Builder| panic!("there is too little to show");
-    Reading::default()
-        .read_watched(&path, &Watch { progress: &|_| {}, partial: &partial, is_cancelled: &|| false })
-        .unwrap();
+    Reading::default().read_watched(&path, &Watch { partial: &partial, ..Watch::NONE }).unwrap();
 }
 
 /// After a number of questions, whichever part of the reader asks.
@@ -145,7 +143,7 @@ fn reading_ends_soon_after_it_is_cancelled() {
                 asked.set(asked.get() + 1);
                 asked.get() > patience
             };
-            let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &is_cancelled };
+            let watch = Watch { is_cancelled: &is_cancelled, ..Watch::NONE };
             match Reading::default().read_watched(&path, &watch) {
                 Ok(_) => assert!(asked.get() <= patience, "{} with {patience}", path.display()),
                 Err(error) => assert!(error.is::<Cancelled>(), "{} with {patience}: {error:#}", path.display()),
@@ -173,7 +171,7 @@ fn damaged_files_are_refused_with_and_without_a_watcher() {
     for path in paths {
         let whole = fs::read(&path).unwrap();
         fs::write(&path, &whole[..whole.len() / 2]).unwrap();
-        let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
+        let watch = Watch::NONE;
         assert!(Reading::default().read_watched(&path, &watch).unwrap_err().is::<Unreadable>());
     }
 }

@@ -248,7 +248,7 @@ fn read_ply(rows: &[[f32; 14]]) -> scene::Scene {
     let count = rows.len();
     write!(file, "ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n").unwrap();
     file.write_all(bytemuck::cast_slice(rows)).unwrap();
-    formats::read(file.path(), &|_| {}).unwrap()
+    formats::read(file.path()).unwrap()
 }
 
 #[test]

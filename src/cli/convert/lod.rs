@@ -6,7 +6,7 @@ use anyhow::Result;
 
 use super::pages::{self, STORAGES};
 use super::target::is_same;
-use super::{Edits, FORMATS, Inputs, Target, WritingArgs, say_written, write_scene};
+use super::{Edits, Inputs, Target, WritingArgs, formats, say_written, write_scene};
 use crate::cli::scenes::{ReadingArgs, SceneArg};
 use crate::cli::sink::Sink;
 use crate::cli::{Usage, one_of, progress};
@@ -41,7 +41,7 @@ pub(in crate::cli) struct Args {
     #[arg(long, value_name = "COUNT", conflicts_with = "level", value_parser = clap::value_parser!(u32).range(1..))]
     splats: Option<u32>,
     /// Format of the level [default: by the name of the file]
-    #[arg(long, value_name = "FORMAT", value_parser = one_of(FORMATS))]
+    #[arg(long, value_name = "FORMAT", value_parser = one_of(formats()))]
     format: Option<Target>,
     /// Number formats of a .smalto file [default: lossless]
     #[arg(long, value_name = "NAME", value_parser = one_of(storages()))]
@@ -164,7 +164,8 @@ fn level_of(args: &Args, file: &PageFile) -> Result<Scene> {
     let count = file.statistics().count;
     let most = args.splats.map_or_else(|| count >> args.level.unwrap_or(0), |splats| splats as usize);
     let bar = progress::Bar::new("choosing");
-    let watch = Watch { progress: &|fraction| bar.set(fraction), partial: &|_| {}, is_cancelled: &|| false };
+    let progress = |fraction| bar.set(fraction);
+    let watch = Watch::of_progress(&progress);
     static_level(file, most, &watch).map_err(|error| match error.downcast::<NoLevel>() {
         Ok(NoLevel { problem, .. }) => Usage(format!("{}: {problem}", args.scene.display())).into(),
         Err(error) => error,

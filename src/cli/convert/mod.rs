@@ -16,13 +16,13 @@ use crate::cli::scenes::{ReadingArgs, SceneArg};
 use crate::cli::sink::Sink;
 use crate::cli::table::{say_table, table};
 use crate::cli::{Usage, numbers, one_of, say};
-use crate::formats::Loss;
+use crate::formats::{Loss, written_labels};
 use crate::measure::prune::Written;
 use crate::options::Options;
 use crate::scene::{Gaussians, MAX_SH_DEGREE, Transform};
 
 pub(super) use pages::write_pages;
-pub(super) use target::{FORMATS, Target, write_scene};
+pub(super) use target::{Target, formats, write_scene};
 
 /// Convert a scene, or several joined, to another file, and report what the format loses
 #[derive(clap::Args)]
@@ -34,13 +34,13 @@ The file is read back and compared before it replaces an existing one, but for a
 checksums."
 )]
 pub(super) struct Args {
-    /// Scene files as for `smalto render`, then the file to write: .ply, .compressed.ply, .splat, .spz, .sog, meta.json
-    /// (a SOG in a folder), .glb or .smalto (pages)
-    #[arg(required = true, value_name = "FILE")]
+    #[arg(required = true, value_name = "FILE", help = format!(
+        "Scene files as for `smalto render`, then the file to write: {}", written_labels()
+    ))]
     files: Vec<PathBuf>,
     /// Format of the file to write [default: by its name]. Needed for standard output (-) and for names without an
     /// ending, like /dev/stdout
-    #[arg(long, value_name = "FORMAT", value_parser = one_of(FORMATS))]
+    #[arg(long, value_name = "FORMAT", value_parser = one_of(formats()))]
     format: Option<Target>,
     /// Refuse to replace an existing file
     #[arg(long)]

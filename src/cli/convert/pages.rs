@@ -92,7 +92,7 @@ fn streamed(inputs: Inputs, input: &SceneArg, job: &Job) -> Result<Option<(Finis
         return Ok(None);
     }
     let blocks = |take: &mut Take| {
-        let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
+        let watch = Watch::NONE;
         let mut take = |block: Gaussians, of: usize| take(edits.applied(block)?, of);
         reading.read_blocks(&path, &watch, &mut take)?.context("the file was changed while it was read")
     };

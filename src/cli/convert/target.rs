@@ -8,12 +8,11 @@ use anyhow::{Result, ensure};
 use crate::cli::sink::Sink;
 use crate::cli::{REPORTS_TO_STDOUT, Usage, progress, remark};
 use crate::files::{check_absent, check_binary_writable, is_stdout};
-use crate::formats;
-use crate::formats::{LOD_META, SceneFile, WrittenFile, write_file};
+use crate::formats::{FORMATS, Format, LOD_META, SceneFile, Writer, WrittenFile, in_folder, write_file};
 use crate::measure::prune::Written;
 use crate::scene::Gaussians;
 
-/// What is written.
+/// The form of the file that is written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::cli) enum Target {
     Scene(SceneFile),
@@ -21,15 +20,20 @@ pub(in crate::cli) enum Target {
     Pages,
 }
 
-pub(in crate::cli) const FORMATS: [(&str, &str, Target); 7] = [
-    ("ply", "32-bit floats", Target::Scene(SceneFile::Ply)),
-    ("compressed.ply", "The compressed PLY of PlayCanvas", Target::Scene(SceneFile::CompressedPly)),
-    ("splat", "32 bytes per Gaussian", Target::Scene(SceneFile::Splat)),
-    ("spz", "SPZ", Target::Scene(SceneFile::Spz { version: 4 })),
-    ("sog", "SOG in one file", Target::Scene(SceneFile::Sog)),
-    ("glb", "Binary glTF, 32-bit floats", Target::Scene(SceneFile::Glb)),
-    ("smalto", "Pages, for scenes larger than memory", Target::Pages),
-];
+/// The values of `--format`: name, help and target. A SOG in a folder is selected by its file name alone.
+pub(in crate::cli) fn formats() -> impl Iterator<Item = (&'static str, &'static str, Target)> {
+    let written = FORMATS.iter().filter_map(|format| Some((format.name, format.help, Target::from(format.write?))));
+    written.filter(|(_, _, target)| *target != Target::Scene(SceneFile::SogFolder))
+}
+
+impl From<Writer> for Target {
+    fn from(writer: Writer) -> Self {
+        match writer {
+            Writer::Scene(file) => Self::Scene(file),
+            Writer::Pages => Self::Pages,
+        }
+    }
+}
 
 impl Target {
     /// The format of the output: by `--format` or its name, and `--spz-version`. Fails if these disagree.
@@ -44,8 +48,10 @@ impl Target {
     }
 
     fn named(output: &Path, format: Option<Self>) -> Result<Self, Usage> {
-        let is_pages = output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("smalto"));
-        let named = if is_pages { Ok(Self::Pages) } else { SceneFile::of(output).map(Self::Scene) };
+        let named = match Format::of_name(output).and_then(|format| format.write) {
+            Some(writer) => Ok(Self::from(writer)),
+            None => SceneFile::of(output).map(Self::Scene),
+        };
         match (named, format) {
             (Ok(named), None) => Ok(named),
             (Ok(named), Some(format)) if named != format => {
@@ -128,7 +134,7 @@ pub(in crate::cli) fn write_scene(
 /// True if the scene `input`, a file or a folder, is in the file `output`.
 pub fn is_same(input: &Path, output: &Path) -> bool {
     let Ok(output) = output.canonicalize() else { return false };
-    let in_folder = formats::in_folder(input);
-    let files = [in_folder.clone(), in_folder.join("meta.json"), in_folder.join(LOD_META)];
+    let scene = in_folder(input);
+    let files = [scene.clone(), scene.join("meta.json"), scene.join(LOD_META)];
     files.iter().any(|file| file.canonicalize().is_ok_and(|f| f == output))
 }

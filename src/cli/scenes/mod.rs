@@ -23,10 +23,12 @@ use crate::{formats, pagefile};
 /// The scene that a command draws, describes or measures.
 #[derive(Args)]
 pub(crate) struct SceneArg {
-    /// Scene file (.ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb, .gltf or .smalto), folder of a SOG, model
-    /// folder of the original 3DGS, - for a file on standard input, or procedural scene: cactus, room, plain, town,
-    /// few-large or many-small, optionally with :COUNT Gaussians
-    #[arg(default_value = "cactus")]
+    #[arg(default_value = "cactus", help = format!(
+        "Scene file ({}), folder of a SOG, model folder of the original 3DGS, - for a file on standard input, or \
+         procedural scene: {}, optionally with :COUNT Gaussians",
+        formats::read_labels(),
+        formats::listed(Procedural::names().map(str::to_owned))
+    ))]
     pub scene: PathBuf,
     #[command(flatten)]
     pub reading: ReadingArgs,
@@ -144,7 +146,7 @@ impl SceneArg {
                 if piped::is_piped(&self.scene) {
                     piped::read(&self.scene, &reading, &progress)
                 } else {
-                    pagefile::read(&reading, &path, &Watch { progress: &progress, partial: &|_| {}, is_cancelled })
+                    pagefile::read(&reading, &path, &Watch { progress: &progress, is_cancelled, ..Watch::NONE })
                 }
             }
         };

@@ -37,7 +37,7 @@ pub fn read(path: &Path, reading: &Reading, progress: &dyn Fn(f64)) -> Result<Sc
     let from: &mut dyn io::Read =
         if path == Path::new("-") { &mut io::stdin().lock() } else { &mut File::open(path).map_err(unreadable)? };
     io::copy(from, &mut file).with_context(|| format!("{}: cannot be copied to a temporary file", name()))?;
-    let watch = Watch { progress, partial: &|_| {}, is_cancelled: &|| false };
+    let watch = Watch::of_progress(progress);
     pagefile::read(reading, &kept(&file), &watch).map_err(|error| {
         let error = match error.downcast::<NoLevel>() {
             Ok(NoLevel { problem, .. }) => return NoLevel { path: name(), problem }.into(),

@@ -8,7 +8,7 @@ use base64::engine::general_purpose::STANDARD;
 use percent_encoding::percent_decode_str;
 use serde::Deserialize;
 
-use crate::formats::input::Source;
+use crate::formats::input::Input;
 use crate::formats::linked_file::inside;
 use crate::scene::Watch;
 
@@ -54,7 +54,7 @@ fn read_beside(path: &Path, uri: &str, bytes: u64) -> Result<Vec<u8>> {
     let name = percent_decode_str(uri).decode_utf8().with_context(|| format!("its URI '{uri}' is not UTF-8"))?;
     ensure!(!uri.contains(':'), "its URI '{uri}' is not the name of a file in the folder of the scene");
     let file = inside(path.parent().unwrap_or(Path::new("")), &name)?;
-    let quiet = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
-    let read = || Source::open(&file, &quiet)?.bytes(bytes, "its byteLength");
+    let quiet = Watch::NONE;
+    let read = || Input::open(&file, &quiet)?.bytes(bytes, "its byteLength");
     read().with_context(|| name.into_owned())
 }

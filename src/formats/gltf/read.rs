@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 use super::buffers;
 use super::buffers::Buffer;
-use crate::formats::input::{Source, checked_count, word};
+use crate::formats::input::{Input, checked_count, word};
 use crate::scene::{
     BLOCK, Builder, Gaussians, LoadReport, MAX_SH_DEGREE, RIGHT_UP_BACK, Raw, Scene, Transform, logit, sh_coefficients,
 };
@@ -107,42 +107,42 @@ struct View {
 }
 
 /// Reads a `.glb`: a header, the JSON document and the first buffer.
-pub(crate) fn read_binary(source: &mut Source, path: &Path) -> Result<Scene> {
+pub(crate) fn read_binary(input: &mut Input, path: &Path) -> Result<Scene> {
     let mut header = [0; 12];
-    source.fill(&mut header, "the glTF header")?;
+    input.fill(&mut header, "the glTF header")?;
     let version = word(&header, 4);
     ensure!(version == 2, "glTF version {version} is not supported, only 2");
-    let (kind, text) = chunk(source)?.context("the file ends after the glTF header")?;
+    let (kind, text) = chunk(input)?.context("the file ends after the glTF header")?;
     ensure!(kind == JSON, "the first chunk of the file is not JSON");
     let mut embedded = None;
-    while let Some((kind, bytes)) = chunk(source)? {
+    while let Some((kind, bytes)) = chunk(input)? {
         if kind == BINARY && embedded.is_none() {
             embedded = Some(bytes);
         }
     }
-    read_document(source, path, &text, embedded)
+    read_document(input, path, &text, embedded)
 }
 
 /// Reads a `.gltf`: the JSON document, with its buffers in other files or in data URIs.
-pub(crate) fn read_text(source: &mut Source, path: &Path) -> Result<Scene> {
-    let len = source.len();
+pub(crate) fn read_text(input: &mut Input, path: &Path) -> Result<Scene> {
+    let len = input.len();
     ensure!(len <= MAX_JSON_BYTES, "a glTF description of {len} bytes is not supported, only up to {MAX_JSON_BYTES}");
-    let text = source.bytes(len, "the glTF description")?;
-    read_document(source, path, &text, None)
+    let text = input.bytes(len, "the glTF description")?;
+    read_document(input, path, &text, None)
 }
 
 /// Kind and bytes of the next chunk, or `None` at the end of the file.
-fn chunk(source: &mut Source) -> Result<Option<(u32, Vec<u8>)>> {
-    if source.left() < 8 {
+fn chunk(input: &mut Input) -> Result<Option<(u32, Vec<u8>)>> {
+    if input.left() < 8 {
         return Ok(None);
     }
     let mut header = [0; 8];
-    source.fill(&mut header, "the header of a chunk")?;
+    input.fill(&mut header, "the header of a chunk")?;
     let (bytes, kind) = (word(&header, 0), word(&header, 4));
-    Ok(Some((kind, source.bytes(bytes.into(), "a chunk")?)))
+    Ok(Some((kind, input.bytes(bytes.into(), "a chunk")?)))
 }
 
-fn read_document(source: &mut Source, path: &Path, text: &[u8], embedded: Option<Vec<u8>>) -> Result<Scene> {
+fn read_document(input: &mut Input, path: &Path, text: &[u8], embedded: Option<Vec<u8>>) -> Result<Scene> {
     let document: Document = serde_json::from_slice(text).context("the glTF description cannot be understood")?;
     if let Some(other) = document.extensions_required.iter().find(|name| !KNOWN.contains(&name.as_str())) {
         bail!("the file requires the glTF extension {other}, which is not supported");
@@ -154,7 +154,7 @@ fn read_document(source: &mut Source, path: &Path, text: &[u8], embedded: Option
     for (primitive, transform) in placed {
         let part = Part::of(&document, &buffers, primitive)?;
         has_logarithms |= part.has_logarithms;
-        let (gaussians, read) = part.read(source)?;
+        let (gaussians, read) = part.read(input)?;
         report = report.and(&read);
         let is_moved = transform != Transform::IDENTITY;
         parts.push(if is_moved { gaussians.transformed(&transform)? } else { gaussians });
@@ -350,12 +350,12 @@ impl<'b> Part<'b> {
         Ok(part)
     }
 
-    fn read(&self, source: &mut Source) -> Result<(Gaussians, LoadReport)> {
+    fn read(&self, input: &mut Input) -> Result<(Gaussians, LoadReport)> {
         let count = self.mean.count;
         let mut builder = Builder::new(self.sh_degree, count)?;
         debug_assert_eq!(self.sh.len(), sh_coefficients(self.sh_degree));
         for first in (0..count).step_by(BLOCK) {
-            source.before_block(&builder)?;
+            input.before_block(&builder)?;
             builder.extend(BLOCK.min(count - first), |index, sh| {
                 let index = first + index;
                 sh.iter_mut().zip(&self.sh).for_each(|(c, values)| *c = values.row(index).map(|v: f64| v as f32));

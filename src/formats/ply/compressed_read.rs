@@ -5,7 +5,7 @@ use anyhow::{Context, Result, ensure};
 
 use super::header::{Element, Property, Scalar};
 use super::rows::{binary_rows, skip};
-use crate::formats::input::Source;
+use crate::formats::input::Input;
 use crate::scene::harmonics::C0;
 use crate::scene::{BLOCK, Builder, MAX_SH_DEGREE, Raw, Scene, from_smallest_three, logit, rest_values};
 
@@ -18,14 +18,14 @@ struct Chunk {
     colour: [[f64; 3]; 2],
 }
 
-pub(crate) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
+pub(crate) fn read(input: &mut Input, elements: &[Element]) -> Result<Scene> {
     let (mut chunks, mut vertices, mut sh) = (None, None, None);
     for element in elements {
         match element.name.as_str() {
-            "chunk" => chunks = Some(read_chunks(source, element)?),
-            "vertex" => vertices = Some(read_vertices(source, element)?),
-            "sh" => sh = Some(read_sh(source, element)?),
-            _ => skip(source, element)?,
+            "chunk" => chunks = Some(read_chunks(input, element)?),
+            "vertex" => vertices = Some(read_vertices(input, element)?),
+            "sh" => sh = Some(read_sh(input, element)?),
+            _ => skip(input, element)?,
         }
     }
     let chunks = chunks.context("the header has no element chunk")?;
@@ -67,7 +67,7 @@ pub(crate) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
         }
     };
     for first in (0..count).step_by(BLOCK) {
-        source.before_block(&builder)?;
+        input.before_block(&builder)?;
         builder.extend(BLOCK.min(count - first), |index, coefficients| decode(first + index, coefficients));
     }
     let (gaussians, report) = builder.finish();
@@ -81,7 +81,7 @@ pub(crate) fn read(source: &mut Source, elements: &[Element]) -> Result<Scene> {
     })
 }
 
-fn read_chunks(source: &mut Source, element: &Element) -> Result<Vec<Chunk>> {
+fn read_chunks(input: &mut Input, element: &Element) -> Result<Vec<Chunk>> {
     let triple = |stem: &str, names: [&str; 3]| -> Result<_> {
         let [x, y, z] = names.map(|name| element.property(&format!("{stem}_{name}")));
         Ok([x?, y?, z?])
@@ -97,24 +97,24 @@ fn read_chunks(source: &mut Source, element: &Element) -> Result<Vec<Chunk>> {
         log_scale: scale.map(|p| p.map(|p| p.read(row))),
         colour: colour.map_or([[0.0; 3], [1.0; 3]], |c| c.map(|p| p.map(|p| p.read(row)))),
     };
-    binary_rows(source, element, 1, |row, all| all.push(chunk(row)))
+    binary_rows(input, element, 1, |row, all| all.push(chunk(row)))
 }
 
-fn read_vertices(source: &mut Source, element: &Element) -> Result<Vec<[u32; 4]>> {
+fn read_vertices(input: &mut Input, element: &Element) -> Result<Vec<[u32; 4]>> {
     let [position, rotation, scale, colour] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
         .map(|n| of_kind(element, n, Scalar::U32));
     let properties = [position?, rotation?, scale?, colour?];
-    binary_rows(source, element, 1, |row, all| all.push(properties.map(|p| p.read(row) as u32)))
+    binary_rows(input, element, 1, |row, all| all.push(properties.map(|p| p.read(row) as u32)))
 }
 
 /// The SH degree, and the SH bytes of all Gaussians one after another.
-fn read_sh(source: &mut Source, element: &Element) -> Result<(u32, Vec<u8>)> {
+fn read_sh(input: &mut Input, element: &Element) -> Result<(u32, Vec<u8>)> {
     let rest = element.run("f_rest_");
     let degree = (1..=MAX_SH_DEGREE).find(|d| rest_values(*d) == rest);
     let degree = degree.with_context(|| format!("element sh has {rest} f_rest properties, expected 9, 24 or 45"))?;
     let properties = (0..rest).map(|i| of_kind(element, &format!("f_rest_{i}"), Scalar::U8));
     let properties = properties.collect::<Result<Vec<_>>>()?;
-    let bytes = binary_rows(source, element, rest, |row, all| all.extend(properties.iter().map(|p| row[p.offset])))?;
+    let bytes = binary_rows(input, element, rest, |row, all| all.extend(properties.iter().map(|p| row[p.offset])))?;
     Ok((degree, bytes))
 }
 

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 
-use crate::formats::input::Source;
+use crate::formats::input::Input;
 
 /// Largest header that is read.
 const MAX_HEADER_BYTES: u64 = 1 << 20;
@@ -147,13 +147,13 @@ pub(crate) struct Header {
 }
 
 /// Reads up to the first element.
-pub(crate) fn read(source: &mut Source) -> Result<Header> {
+pub(crate) fn read(input: &mut Input) -> Result<Header> {
     let (mut encoding, mut elements, mut comments) = (None, Vec::<Element>::new(), Comments::default());
-    let start = source.left();
+    let start = input.left();
     let mut number = 0;
     loop {
-        let room = MAX_HEADER_BYTES.saturating_sub(start - source.left());
-        let line = source.line(room, "the PLY header")?;
+        let room = MAX_HEADER_BYTES.saturating_sub(start - input.left());
+        let line = input.line(room, "the PLY header")?;
         number += 1;
         let words: Vec<&str> = line.split_whitespace().collect();
         match words[..] {

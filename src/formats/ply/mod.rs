@@ -1,4 +1,12 @@
-//! MAP
+//! PLY: scenes of the original 3DGS, compressed PLY of PlayCanvas, and point clouds.
+//!
+//! - `read` - selects one of the three by the header, and reads Gaussians with 32-bit floats
+//! - `header` - elements and properties of the header
+//! - `layout` - positions of the attributes in a row
+//! - `rows` - rows of an element, binary or text
+//! - `points` - point clouds, drawn as small Gaussians
+//! - `write` - 32-bit floats
+//! - `compressed_read`, `compressed_write` - 16 bytes per Gaussian, and one per coefficient of degrees 1 and up
 
 mod compressed_read;
 pub(crate) mod compressed_write;

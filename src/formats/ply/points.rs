@@ -5,7 +5,7 @@ use anyhow::Result;
 use super::header::Element;
 use super::layout::{Colour, all};
 use super::rows::Rows;
-use crate::formats::input::Source;
+use crate::formats::input::Input;
 use crate::host_memory::host_vec;
 use crate::scene::{BLOCK, Builder, Raw, Scene, logit, morton};
 
@@ -16,7 +16,7 @@ const OPACITY: f64 = 0.9;
 /// Coefficients of degree 0 for a point without a colour.
 const GREY: [f32; 3] = [0.0; 3];
 
-pub(crate) fn read(source: &mut Source, rows: &mut Rows, kept: &Element) -> Result<Scene> {
+pub(crate) fn read(input: &mut Input, rows: &mut Rows, kept: &Element) -> Result<Scene> {
     let position = all(kept, ["x", "y", "z"])?;
     let colour = kept.has("red").then(|| Colour::of(kept)).transpose()?;
     let mut means: Vec<[f32; 3]> = host_vec(rows.count, "points")?;
@@ -24,7 +24,7 @@ pub(crate) fn read(source: &mut Source, rows: &mut Rows, kept: &Element) -> Resu
     let stride = kept.stride();
     for first in (0..rows.count).step_by(BLOCK) {
         let block = BLOCK.min(rows.count - first);
-        let bytes = rows.next(source, first, block)?;
+        let bytes = rows.next(input, first, block)?;
         for row in bytes.chunks_exact(stride) {
             means.push(position.map(|p| p.read(row) as f32));
             colours.push(colour.map_or(GREY, |colour| colour.read(row)));

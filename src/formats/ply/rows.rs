@@ -3,14 +3,14 @@
 use anyhow::{Context, Result, ensure};
 
 use super::header::{Element, Encoding, quoted};
-use crate::formats::input::{Source, checked_count};
+use crate::formats::input::{Input, checked_count};
 use crate::host_memory::host_vec;
 
 /// Longest line of an element in text encoding.
 const MAX_LINE_BYTES: u64 = 1 << 16;
 
 /// Skips an element.
-pub(crate) fn skip(source: &mut Source, element: &Element) -> Result<()> {
+pub(crate) fn skip(input: &mut Input, element: &Element) -> Result<()> {
     ensure!(
         !element.has_list || element.encoding == Encoding::Ascii,
         "element {} has a list property; lists before the Gaussians are not supported",
@@ -18,11 +18,11 @@ pub(crate) fn skip(source: &mut Source, element: &Element) -> Result<()> {
     );
     let what = &rows_of(element);
     if element.encoding == Encoding::Ascii {
-        let count = checked_count(element.count, 1, source.left(), what)?;
-        return (0..count).try_for_each(|_| source.line(MAX_LINE_BYTES, what).map(drop));
+        let count = checked_count(element.count, 1, input.left(), what)?;
+        return (0..count).try_for_each(|_| input.line(MAX_LINE_BYTES, what).map(drop));
     }
-    let count = checked_count(element.count, element.stride() as u64, source.left(), what)?;
-    source.skip((count * element.stride()) as u64, what)
+    let count = checked_count(element.count, element.stride() as u64, input.left(), what)?;
+    input.skip((count * element.stride()) as u64, what)
 }
 
 /// The rows of an element, as errors name them.
@@ -38,14 +38,14 @@ pub(crate) struct Rows<'e> {
 }
 
 impl<'e> Rows<'e> {
-    /// The rows of `element`, which must be next in `source`. Fails if the file cannot hold them.
-    pub fn of(source: &Source, element: &'e Element) -> Result<Self> {
+    /// The rows of `element`, which must be next in `input`. Fails if the file cannot hold them.
+    pub fn of(input: &Input, element: &'e Element) -> Result<Self> {
         ensure!(!element.has_list, "element {} has a list property", element.name);
         let is_text = element.encoding == Encoding::Ascii;
         // In text, at least one digit and one separator per number.
         let least = if is_text { 2 * element.properties.len() } else { element.stride() };
         // The last line may lack its end.
-        let available = source.left() + u64::from(is_text);
+        let available = input.left() + u64::from(is_text);
         let count = checked_count(element.count, least as u64, available, "vertices")?;
         Ok(Self { element, count, bytes: Vec::new() })
     }
@@ -56,18 +56,18 @@ impl<'e> Rows<'e> {
     }
 
     /// Reads rows `first` to `first + count`, which must be the next ones, and returns their bytes.
-    pub fn next(&mut self, source: &mut Source, first: usize, count: usize) -> Result<&[u8]> {
+    pub fn next(&mut self, input: &mut Input, first: usize, count: usize) -> Result<&[u8]> {
         if self.element.encoding != Encoding::Ascii {
             if self.bytes.capacity() == 0 {
                 self.bytes = host_vec(count * self.element.stride(), "vertices")?;
             }
             self.bytes.resize(count * self.element.stride(), 0);
-            source.fill(&mut self.bytes, "the vertices")?;
+            input.fill(&mut self.bytes, "the vertices")?;
             return Ok(&self.bytes);
         }
         self.bytes.clear();
         for row in first..first + count {
-            let line = source.last_line(MAX_LINE_BYTES, "the vertices")?;
+            let line = input.last_line(MAX_LINE_BYTES, "the vertices")?;
             let mut words = line.split_ascii_whitespace();
             for property in &self.element.properties {
                 let word = words.next().with_context(|| format!("vertex {row} has no {}", property.name))?;
@@ -84,7 +84,7 @@ impl<'e> Rows<'e> {
 
 /// Reads all rows of an element in binary encoding. `take` appends `per_row` values per row.
 pub(crate) fn binary_rows<T>(
-    source: &mut Source,
+    input: &mut Input,
     element: &Element,
     per_row: usize,
     take: impl Fn(&[u8], &mut Vec<T>),
@@ -92,11 +92,11 @@ pub(crate) fn binary_rows<T>(
     ensure!(!element.has_list, "element {} has a list property", element.name);
     ensure!(element.encoding != Encoding::Ascii, "packed Gaussians written as text are not supported");
     let what = &rows_of(element);
-    let count = checked_count(element.count, element.stride() as u64, source.left(), what)?;
+    let count = checked_count(element.count, element.stride() as u64, input.left(), what)?;
     let mut row = vec![0; element.stride()];
     let mut all = host_vec(count * per_row, what)?;
     for _ in 0..count {
-        source.fill(&mut row, what)?;
+        input.fill(&mut row, what)?;
         take(&row, &mut all);
     }
     Ok(all)

@@ -8,7 +8,7 @@ use zip::ZipArchive;
 use zip::result::ZipError;
 
 use crate::files::describe;
-use crate::formats::input::Source;
+use crate::formats::input::Input;
 use crate::formats::linked_file::inside;
 use crate::scene::Watch;
 
@@ -19,18 +19,18 @@ pub(crate) enum Files {
 }
 
 impl Files {
-    pub fn archive(source: &mut Source) -> Result<Self> {
-        let bytes = source.rest(u64::MAX, "the archive")?;
+    pub fn archive(input: &mut Input) -> Result<Self> {
+        let bytes = input.rest(u64::MAX, "the archive")?;
         let archive = ZipArchive::new(Cursor::new(bytes)).context("the zip archive cannot be read")?;
-        Ok(Self::Archive(archive, source.len()))
+        Ok(Self::Archive(archive, input.len()))
     }
 
     /// The content of a file. Fails if it has more than `limit` bytes.
     pub fn read(&mut self, name: &str, limit: u64) -> Result<Vec<u8>> {
         match self {
             Self::Folder(folder) => {
-                let watch = Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false };
-                let read = || Source::open(&inside(folder, name)?, &watch)?.rest(limit, "it");
+                let watch = Watch::NONE;
+                let read = || Input::open(&inside(folder, name)?, &watch)?.rest(limit, "it");
                 read().with_context(|| name.to_owned())
             }
             Self::Archive(archive, _) => {

@@ -1,4 +1,15 @@
-//! MAP
+//! SOG of PlayCanvas: WebP textures with one texel per Gaussian, and a `meta.json`.
+//!
+//! - `read` - an archive, a folder, or one level of a streamed SOG
+//! - `read_streamed` - `lod-meta.json`, the tree of a streamed SOG
+//! - `meta` - `meta.json` of versions 1 and 2
+//! - `unit` - Gaussians of one `meta.json`
+//! - `texture` - WebP textures
+//! - `files` - access to textures in an archive or a folder
+//! - `write` - an archive of version 2
+//! - `write_streamed` - a streamed SOG with all levels
+//! - `folder` - writes and removes SOGs in folders
+//! - `codebook`, `kmeans` - codebooks of 256 values, and the palette of spherical harmonics
 
 mod codebook;
 mod files;

@@ -10,7 +10,8 @@ use serde::de::IgnoredAny;
 use super::files::Files;
 use super::read_streamed;
 use super::unit::{Unit, decode_all};
-use crate::formats::input::Source;
+use crate::formats::Request;
+use crate::formats::input::Input;
 use crate::scene::{NoLevel, Scene, Watch};
 
 /// Progress when an archive is read but not yet decoded.
@@ -23,33 +24,34 @@ pub(crate) fn in_folder(path: &Path) -> PathBuf {
 }
 
 /// Reads a zip archive.
-pub(crate) fn read_bundle(source: Source, watch: &Watch) -> Result<Scene> {
+pub(crate) fn read_bundle(input: Input, watch: &Watch) -> Result<Scene> {
     let reading = Watch { progress: &|fraction| (watch.progress)(READ * fraction), ..*watch };
-    let mut source = source.watched_by(&reading);
-    let unit = Unit::open(Files::archive(&mut source)?, "meta.json")?;
+    let mut input = input.watched_by(&reading);
+    let unit = Unit::open(Files::archive(&mut input)?, "meta.json")?;
     let decoding = Watch { progress: &|fraction| (watch.progress)(READ + (1.0 - READ) * fraction), ..*watch };
     let format = unit.meta.format();
-    decode_all(&mut source, vec![unit], format, &decoding)
+    decode_all(&mut input, vec![unit], format, &decoding)
 }
 
 /// Reads a `meta.json`, or one level of a `lod-meta.json`. The textures lie in the same folder.
-pub(crate) fn read_json(source: Source, path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
+pub(crate) fn read_json(input: Input, request: &Request) -> Result<Scene> {
+    let Request { path, level, watch } = *request;
     #[derive(Deserialize)]
     struct Keys {
         means: Option<IgnoredAny>,
         tree: Option<IgnoredAny>,
     }
     let quiet = Watch { progress: &|_| {}, ..*watch };
-    let mut source = source.watched_by(&quiet);
-    let json = source.rest(read_streamed::MAX_BYTES, "the JSON")?;
+    let mut input = input.watched_by(&quiet);
+    let json = input.rest(read_streamed::MAX_BYTES, "the JSON")?;
     let folder = path.parent().unwrap_or(Path::new("."));
     match serde_json::from_slice(&json).context("not the JSON of a scene")? {
-        Keys { tree: Some(_), .. } => read_streamed::read(&mut source, &json, folder, level, watch),
+        Keys { tree: Some(_), .. } => read_streamed::read(&mut input, &json, folder, level, watch),
         Keys { means: Some(_), .. } => {
             ensure!(level.is_none(), NoLevel::none());
             let unit = Unit::parse(&json, Files::Folder(folder.to_owned()))?;
             let format = unit.meta.format();
-            decode_all(&mut source, vec![unit], format, watch)
+            decode_all(&mut input, vec![unit], format, watch)
         }
         _ => bail!(
             "the JSON is not that of a scene: it has neither means, as meta.json has, nor a tree, as lod-meta.json has"

@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use super::files::Files;
 use super::unit::{Unit, decode_all};
-use crate::formats::input::Source;
+use crate::formats::input::Input;
 use crate::formats::linked_file::inside;
 use crate::scene::{Cancelled, Level, NoLevel, Scene, Watch};
 
@@ -47,13 +47,7 @@ impl Node {
     }
 }
 
-pub(crate) fn read(
-    source: &mut Source,
-    json: &[u8],
-    folder: &Path,
-    level: Option<u32>,
-    watch: &Watch,
-) -> Result<Scene> {
+pub(crate) fn read(input: &mut Input, json: &[u8], folder: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     let written: Written = serde_json::from_slice(json).context("lod-meta.json is not that of a streamed SOG")?;
     let mut levels = BTreeMap::<u32, u64>::new();
     written.tree.leaves(&mut |lods| {
@@ -99,7 +93,7 @@ pub(crate) fn read(
     let levels =
         levels.iter().map(|(level, count)| Level { level: *level, gaussians: count.saturating_add(environment) });
     let of = written.levels.map_or_else(String::new, |levels| format!(" of {levels}"));
-    let scene = decode_all(source, units, format!("streamed SOG, level {level}{of}"), watch)?;
+    let scene = decode_all(input, units, format!("streamed SOG, level {level}{of}"), watch)?;
     Ok(Scene { levels: levels.collect(), ..scene })
 }
 
@@ -109,7 +103,7 @@ fn open(folder: &Path, name: &str, watch: &Watch) -> Result<Unit> {
     let unit = || {
         if name.ends_with(".sog") {
             let quiet = Watch { progress: &|_| {}, ..*watch };
-            return Unit::open(Files::archive(&mut Source::open(&path, &quiet)?)?, "meta.json");
+            return Unit::open(Files::archive(&mut Input::open(&path, &quiet)?)?, "meta.json");
         }
         let (folder, json) =
             name.rsplit_once('/').map_or((folder.to_owned(), name), |(f, json)| (folder.join(f), json));

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::files::Files;
 use super::meta::{self, Meta};
 use super::texture::{self, Texture};
-use crate::formats::input::Source;
+use crate::formats::input::Input;
 use crate::scene::{BLOCK, Builder, Raw, Scene, Watch, from_smallest_three, sh_coefficients};
 
 /// Bytes of all texels of a Gaussian without those of degrees 1 and up.
@@ -16,9 +16,9 @@ const PALETTE: usize = 5;
 /// Largest accepted compression ratio of textures.
 const MAX_RATIO: u64 = 1024;
 
-/// Decodes several SOG files to one scene. `source` is the file that was opened; it reports partial scenes and
+/// Decodes several SOG files to one scene. `input` is the file that was opened; it reports partial scenes and
 /// cancelling.
-pub(crate) fn decode_all(source: &mut Source, units: Vec<Unit>, format: String, watch: &Watch) -> Result<Scene> {
+pub(crate) fn decode_all(input: &mut Input, units: Vec<Unit>, format: String, watch: &Watch) -> Result<Scene> {
     let total: usize = units.iter().map(|unit| unit.meta.count).sum();
     let sh_degree = units.iter().map(|unit| unit.sh_degree).max().unwrap_or(0);
     let is_antialiased = units.iter().any(|unit| unit.meta.is_antialiased);
@@ -26,7 +26,7 @@ pub(crate) fn decode_all(source: &mut Source, units: Vec<Unit>, format: String, 
     let mut before = 0;
     for unit in units {
         let count = unit.meta.count;
-        unit.decode(source, &mut builder, |done| (watch.progress)((before + done) as f64 / total.max(1) as f64))?;
+        unit.decode(input, &mut builder, |done| (watch.progress)((before + done) as f64 / total.max(1) as f64))?;
         before += count;
     }
     let (gaussians, report) = builder.finish();
@@ -67,13 +67,13 @@ impl Unit {
     }
 
     /// Adds the Gaussians to `builder`. `progress` gets the number decoded so far.
-    fn decode(mut self, source: &mut Source, builder: &mut Builder, progress: impl Fn(usize)) -> Result<()> {
-        source.before_block(builder)?;
+    fn decode(mut self, input: &mut Input, builder: &mut Builder, progress: impl Fn(usize)) -> Result<()> {
+        input.before_block(builder)?;
         let textures = self.textures()?;
         let texels = Texels { textures: &textures, meta: &self.meta, sh_degree: self.sh_degree };
         texels.check_labels()?;
         for first in (0..self.meta.count).step_by(BLOCK) {
-            source.before_block(builder)?;
+            input.before_block(builder)?;
             let count = BLOCK.min(self.meta.count - first);
             builder.extend(count, |index, sh| texels.gaussian(first + index, sh));
             progress(first + count);

@@ -1,4 +1,7 @@
-//! MAP
+//! `.splat`: 32 bytes per Gaussian.
+//!
+//! - `read` - the whole scene, or block by block
+//! - `write` - the most visible Gaussians first
 
 mod read;
 mod write;

@@ -3,7 +3,7 @@
 
 use anyhow::{Result, ensure};
 
-use crate::formats::input::{Source, TakeBlock};
+use crate::formats::input::{Input, TakeBlock};
 use crate::scene::harmonics::C0;
 use crate::scene::{BLOCK, Builder, LoadReport, Raw, Scene, logit};
 
@@ -12,10 +12,10 @@ const ROW: usize = 32;
 /// Upper bound on plausible means and scales. Arbitrary bytes read as floats are often larger.
 const LARGEST: f32 = 1e9;
 
-pub(crate) fn read(source: &mut Source) -> Result<Scene> {
-    let mut builder = Builder::new(0, count(source)?)?;
-    blocks(source, |source, rows| {
-        source.before_block(&builder)?;
+pub(crate) fn read(input: &mut Input) -> Result<Scene> {
+    let mut builder = Builder::new(0, count(input)?)?;
+    blocks(input, |input, rows| {
+        input.before_block(&builder)?;
         builder.extend(rows.len(), |index, sh| decode(&rows[index], sh));
         Ok(())
     })?;
@@ -24,9 +24,9 @@ pub(crate) fn read(source: &mut Source) -> Result<Scene> {
 }
 
 /// Reads the Gaussians of a file block by block.
-pub(crate) fn read_blocks(source: &mut Source, take: TakeBlock) -> Result<Scene> {
-    let (of, mut report) = (count(source)?, LoadReport::default());
-    blocks(source, |_, rows| {
+pub(crate) fn read_blocks(input: &mut Input, take: TakeBlock) -> Result<Scene> {
+    let (of, mut report) = (count(input)?, LoadReport::default());
+    blocks(input, |_, rows| {
         let mut builder = Builder::new(0, rows.len())?;
         builder.extend(rows.len(), |index, sh| decode(&rows[index], sh));
         let (gaussians, part) = builder.finish();
@@ -36,8 +36,8 @@ pub(crate) fn read_blocks(source: &mut Source, take: TakeBlock) -> Result<Scene>
     Ok(Scene { report, ..Scene::empty("SPLAT") })
 }
 
-fn count(source: &Source) -> Result<usize> {
-    let bytes = source.len();
+fn count(input: &Input) -> Result<usize> {
+    let bytes = input.len();
     ensure!(
         bytes.is_multiple_of(ROW as u64),
         "a .splat file has {ROW} bytes for each Gaussian, these {bytes} are not a multiple of that"
@@ -45,18 +45,18 @@ fn count(source: &Source) -> Result<usize> {
     Ok(usize::try_from(bytes / ROW as u64)?)
 }
 
-fn blocks(source: &mut Source, mut take: impl FnMut(&mut Source, &[[u8; ROW]]) -> Result<()>) -> Result<()> {
-    let count = count(source)?;
+fn blocks(input: &mut Input, mut take: impl FnMut(&mut Input, &[[u8; ROW]]) -> Result<()>) -> Result<()> {
+    let count = count(input)?;
     let mut rows = Vec::new();
     for first in (0..count).step_by(BLOCK) {
         let block = BLOCK.min(count - first);
         rows.resize(block * ROW, 0);
-        source.fill(&mut rows, "the Gaussians")?;
+        input.fill(&mut rows, "the Gaussians")?;
         let rows = rows.as_chunks().0;
         if first == 0 {
             check_plausible(rows)?;
         }
-        take(source, rows)?;
+        take(input, rows)?;
     }
     Ok(())
 }

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use flate2::bufread::GzDecoder;
 use rayon::prelude::*;
 
-use crate::formats::input::{Source, word};
+use crate::formats::input::{Input, word};
 use crate::scene::harmonics::flip_sign;
 use crate::scene::{
     BLOCK, Builder, MAX_SH_DEGREE, RIGHT_UP_BACK, Raw, Scene, axis_signs, decode_rotation, logit, rest_values,
@@ -74,11 +74,16 @@ impl Header {
     }
 }
 
+/// Reads a file of any version.
+pub(crate) fn read(input: &mut Input) -> Result<Scene> {
+    if input.peek(4)?.starts_with(&MAGIC.to_le_bytes()) { read_v4(input) } else { read_gzip(input) }
+}
+
 /// Reads versions 1 to 3: a gzip stream with one plane after another.
-pub(crate) fn read_gzip(source: &mut Source) -> Result<Scene> {
-    let file_bytes = source.len();
-    source.reads_first(READ_GZIP);
-    let mut stream = GzDecoder::new(&mut *source);
+fn read_gzip(input: &mut Input) -> Result<Scene> {
+    let file_bytes = input.len();
+    input.set_read_fraction(READ_GZIP);
+    let mut stream = GzDecoder::new(&mut *input);
     let mut bytes = [0; 16];
     stream.read_exact(&mut bytes).context("the gzip stream ends inside the SPZ header")?;
     let header = Header::parse(&bytes, file_bytes)?;
@@ -104,15 +109,15 @@ pub(crate) fn read_gzip(source: &mut Source) -> Result<Scene> {
     let mut records = Vec::new();
     stream.take(MAX_EXTENSION_BYTES + 1).read_to_end(&mut records).context("the gzip stream is damaged")?;
     ensure!(records.len() as u64 <= MAX_EXTENSION_BYTES, "over {MAX_EXTENSION_BYTES} bytes follow the Gaussians");
-    decode(source, &header, flips(if header.has_extensions { &records } else { &[] })?, planes, builder)
+    decode(input, &header, flips(if header.has_extensions { &records } else { &[] })?, planes, builder)
 }
 
 /// Reads version 4: a plain header, a table of contents, and a zstd stream per plane.
-pub(crate) fn read_v4(source: &mut Source) -> Result<Scene> {
-    source.reads_first(READ_V4);
+fn read_v4(input: &mut Input) -> Result<Scene> {
+    input.set_read_fraction(READ_V4);
     let mut bytes = [0; 32];
-    source.fill(&mut bytes, "the SPZ header")?;
-    let header = Header::parse(bytes.first_chunk().expect("32 bytes begin with 16"), source.len())?;
+    input.fill(&mut bytes, "the SPZ header")?;
+    let header = Header::parse(bytes.first_chunk().expect("32 bytes begin with 16"), input.len())?;
     ensure!(header.version == 4, "SPZ version {} is not supported, only 4 without a gzip stream", header.version);
     let (streams, toc) = (bytes[15] as usize, u32::from_le_bytes([bytes[16], bytes[17], bytes[18], bytes[19]]));
     let planes = header.planes();
@@ -124,14 +129,14 @@ pub(crate) fn read_v4(source: &mut Source) -> Result<Scene> {
     );
     // Extension records lie between the header and the table of contents.
     let gap = u64::from(toc).checked_sub(32).context("the table of contents begins inside the header")?;
-    ensure!(gap <= source.left(), "the table of contents begins at byte {toc}, past the end of the file");
+    ensure!(gap <= input.left(), "the table of contents begins at byte {toc}, past the end of the file");
     ensure!(gap <= MAX_EXTENSION_BYTES, "{gap} bytes of extensions lie before the table of contents");
-    let records = source.bytes(gap, "the extensions")?;
+    let records = input.bytes(gap, "the extensions")?;
     let flips = flips(if header.has_extensions { &records } else { &[] })?;
     let mut sizes = Vec::new();
     for (name, bytes) in &planes {
         let mut entry = [0; 16];
-        source.fill(&mut entry, "the table of contents")?;
+        input.fill(&mut entry, "the table of contents")?;
         let [compressed, plain] = [0, 8].map(|at| u64::from_le_bytes(std::array::from_fn(|i| entry[at + i])));
         let wanted = (header.count * bytes) as u64;
         ensure!(plain == wanted, "{} Gaussians have {wanted} bytes of {name}, the file says {plain}", header.count);
@@ -143,17 +148,17 @@ pub(crate) fn read_v4(source: &mut Source) -> Result<Scene> {
         let plain = (header.count * bytes) as u64;
         let most = 2 * plain + MAX_OVERHEAD;
         ensure!(size <= most, "the stream of the {name} takes {size} bytes for {plain}, more than any encoder needs");
-        let compressed = source.bytes(size, &format!("the stream of the {name}"))?;
+        let compressed = input.bytes(size, &format!("the stream of the {name}"))?;
         let decoder =
             zstd::Decoder::new(std::io::Cursor::new(compressed)).with_context(|| format!("the {name} are not zstd"))?;
         readers.push(BufReader::with_capacity(1 << 16, decoder));
     }
-    decode(source, &header, flips, readers, builder)
+    decode(input, &header, flips, readers, builder)
 }
 
 /// Decodes the Gaussians block by block. While one is decoded, the next one is decompressed, all planes in parallel.
 fn decode<R: Read + Send>(
-    source: &mut Source,
+    input: &mut Input,
     header: &Header,
     flips: [bool; 3],
     mut planes: Vec<R>,
@@ -164,7 +169,7 @@ fn decode<R: Read + Send>(
     let [mut blocks, mut next] = [(); 2].map(|()| vec![Vec::new(); layout.len()]);
     read_blocks(&mut planes, &mut blocks, header, 0)?;
     for first in (0..header.count).step_by(BLOCK) {
-        source.before_block(&builder)?;
+        input.before_block(&builder)?;
         let row = |plane: usize, index: usize| {
             let bytes = layout[plane].1;
             &blocks[plane][index * bytes..][..bytes]
@@ -177,7 +182,7 @@ fn decode<R: Read + Send>(
             },
         );
         read?;
-        source.report_decoded((first + BLOCK).min(header.count) as f64 / header.count as f64);
+        input.report_decoded((first + BLOCK).min(header.count) as f64 / header.count as f64);
         std::mem::swap(&mut blocks, &mut next);
     }
     for (plane, (name, _)) in planes.iter_mut().zip(&layout) {

@@ -150,7 +150,7 @@ fn a_level_is_a_scene_of_any_format() {
     ok(&["convert", &source, &plain]);
     assert_eq!(level(&["--level", "0"], &out), count);
     let sorted = |file: &str| {
-        let gaussians = smalto::formats::read(Path::new(file), &|_| {}).unwrap().gaussians;
+        let gaussians = smalto::formats::read(Path::new(file)).unwrap().gaussians;
         let mut means: Vec<[u32; 3]> = gaussians.means().iter().map(|mean| mean.map(f32::to_bits)).collect();
         means.sort_unstable();
         means

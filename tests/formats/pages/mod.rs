@@ -27,7 +27,7 @@ const PLUSH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/plush.p
 const EXACT: Settings = Settings { options: Settings::LOSSLESS, memory: 64 << 20, has_levels: false };
 
 fn watch() -> Watch<'static> {
-    Watch { progress: &|_| {}, partial: &|_| {}, is_cancelled: &|| false }
+    Watch::NONE
 }
 
 fn job(output: &Path, settings: Settings) -> Job<'_> {
@@ -81,7 +81,7 @@ fn every_format_is_given_back_bit_by_bit() {
     for file in files {
         let out = path(&folder, "a.smalto");
         ok(&["convert", file.to_str().unwrap(), &out]);
-        let expected = formats::read(&file, &|_| {}).unwrap();
+        let expected = formats::read(&file).unwrap();
         let found = pagefile::read(&Reading::default(), out.as_ref(), &watch()).unwrap();
         assert!(bits(&found.gaussians) == bits(&expected.gaussians), "{}", file.display());
         assert_eq!((found.report, found.is_antialiased), (expected.report, expected.is_antialiased));
