@@ -10,7 +10,7 @@ use crate::render::fast::{FastPipeline, FastWorkspace};
 use crate::render::frame::{DepthKeys, Shot, Target};
 use crate::render::inspect::Attribute;
 use crate::render::pages::{Count, Listed, PageProjection, first_page};
-use crate::render::scene::GpuScene;
+use crate::render::scene::{GpuScene, Paged};
 use crate::render::shaders::CutState;
 use crate::render::slabs::{place_of, slab};
 
@@ -46,14 +46,13 @@ impl AtOnce {
         chooser.record(cmd, scene, camera, options)?;
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         let whole = slab(&(0..place_of(DepthKeys::of(camera, options, &scene.extent).limit()) + place_of(1)));
-        let words = |buffer: &Option<Buffer<u32>>| buffer.as_ref().unwrap_or(&self.no_words).clone();
-        let (indices, levels) = (words(&scene.indices), words(&scene.levels));
+        let [indices, levels] = scene.indices_and_lod(&self.no_words);
         let listed = Listed {
             scene,
             elements: &chooser.listed,
             first_page: first_page(scene),
-            indices: &indices,
-            levels: &levels,
+            indices,
+            levels,
         };
         cmd.scope("project", |cmd| {
             let count = Count::OnDevice(&chooser.state, Chooser::over_pages());
@@ -68,12 +67,12 @@ impl AtOnce {
 ///
 /// # Errors
 /// If a page cannot be read.
-pub fn bring_missing(device: &Device, chooser: &Chooser, scene: &GpuScene, state: &CutState) -> Result<bool> {
+pub fn bring_missing(device: &Device, chooser: &Chooser, (scene, paged): (&GpuScene, &Paged), state: &CutState) -> Result<bool> {
     let mut pages: Vec<u32> =
         chooser.listed_pages(device, scene, state)?.into_iter().map(|chosen| chosen.page).collect();
     pages.sort_unstable();
     pages.dedup();
-    let mut pool = scene.pool().expect("the scene is in pages");
+    let mut pool = paged.cache();
     if pages.len() > pool.capacity() {
         return Ok(false);
     }

@@ -15,7 +15,7 @@ use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, InFlight, Readb
 use crate::options::Options;
 use crate::pagefile::{PARTS, SAMPLES};
 use crate::render::pages::{Element, first_page, views_of};
-use crate::render::scene::GpuScene;
+use crate::render::scene::{GpuScene, Paged};
 use crate::render::shaders::cut::{self, *};
 use crate::render::shaders::{CutState, PageBox, PageErrors};
 
@@ -28,6 +28,7 @@ pub struct Chooser {
     count: Stage<Count>,
     choose: Stage<Choose>,
     end: Stage<End>,
+    paged: Paged,
     boxes: Buffer<PageBox>,
     errors: Buffer<PageErrors>,
     steps: Buffer<u32>,
@@ -81,11 +82,8 @@ pub struct ChosenPage {
 impl Chooser {
     /// # Errors
     /// If memory runs out.
-    ///
-    /// # Panics
-    /// If the scene is not in pages.
-    pub fn new(device: &Device, scene: &GpuScene) -> Result<Self> {
-        let pool = scene.pool().expect("the scene is in pages");
+    pub fn new(device: &Device, scene: &GpuScene, paged: &Paged) -> Result<Self> {
+        let pool = paged.cache();
         let pages = pool.pages();
         let count = pages.pages().len();
         let (seen, listed, numbers) = lists(device, scene, ROOM.min(count * scene.transforms().len()))?;
@@ -94,6 +92,7 @@ impl Chooser {
             count: Stage::new(device, &())?,
             choose: Stage::new(device, &())?,
             end: Stage::new(device, &())?,
+            paged: paged.clone(),
             boxes: Buffer::new(device, "boxes of pages", count)?,
             errors: Buffer::new(device, "errors of pages", count)?,
             steps: Buffer::new(device, "steps of codes", STEPS)?,
@@ -276,11 +275,11 @@ impl Chooser {
             steps: &self.steps,
             seen: &self.seen,
             state: &self.state,
-            slots: scene.slots.as_ref().expect("a scene in pages has slots"),
+            slots: &self.paged.slots,
             listed: &self.listed,
             pages: &self.pages,
             floors: &self.floors,
-            wanted: scene.wanted.as_ref().expect("a scene in pages knows what was wanted"),
+            wanted: &self.paged.last_used,
             demand: &self.demand,
         };
         let Wanted { given_squared, searches, most_nodes, most_energy, fade } = wanted;

@@ -231,9 +231,9 @@ fn pages_are_chosen_as_in_plain_rust() {
     ];
     for (options, places) in wanted.iter().flat_map(|options| [&[][..], &two[..]].map(|places| (options, places))) {
         let scene = brought(&device, &file, places, options);
-        let mut chooser = Chooser::new(&device, &scene).unwrap();
+        let mut chooser = Chooser::new(&device, &scene, scene.paged().unwrap()).unwrap();
         chooser.make_room(&device, &scene, 5).unwrap();
-        let pages = scene.pool().unwrap().pages().clone();
+        let pages = scene.paged().unwrap().cache().pages().clone();
         for zoom in [0.05, 0.4, 1.0, 6.0] {
             let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [300, 200]);
             let case =
@@ -336,7 +336,7 @@ fn every_cut_stands_for_every_gaussian_once() {
     file.read_geometry(0..pages.len(), &mut geometry).unwrap();
     let options = Options { splats: 1, lod_fade: 0.5, rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::EXACT };
     let scene = brought(&device, &file, &[], &options);
-    let all = scene.pool().unwrap().pages().clone();
+    let all = scene.paged().unwrap().cache().pages().clone();
     let levels = file.levels().unwrap();
     let (family, mut state) = (Family::of(levels), 7_u64);
     let mut below = |count: u64| {

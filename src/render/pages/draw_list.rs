@@ -62,7 +62,8 @@ pub fn number_of_pages(pages: usize) -> Element {
 
 /// Elements for the pages that a dispatch lists.
 pub fn room_for_pages(scene: &GpuScene) -> usize {
-    let Some(pool) = scene.pool() else { return scene.len().div_ceil(PAGE as usize) };
+    let Some(paged) = scene.paged() else { return scene.len().div_ceil(PAGE as usize) };
+    let pool = paged.cache();
     let placed = pool.pages().pages().len().saturating_mul(scene.transforms().len());
     placed.min(MOST_LISTED).max(pool.capacity())
 }

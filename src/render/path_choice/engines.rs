@@ -26,8 +26,9 @@ impl PathChoice {
     /// # Errors
     /// If the coarsest pages cannot be read.
     pub fn stream(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
-        if let Some(chooser) = self.chooser.as_mut().filter(|chooser| chooser.has_levels() && self.fast.is_some()) {
-            self.feed = Some(Feed::new(device, scene, chooser, self.options.lod_fade > 0.0)?);
+        let chooser = self.chooser.as_mut().filter(|chooser| chooser.has_levels() && self.fast.is_some());
+        if let (Some(chooser), Some(paged)) = (chooser, scene.paged()) {
+            self.feed = Some(Feed::new(device, paged, chooser, self.options.lod_fade > 0.0)?);
         }
         Ok(())
     }
@@ -64,8 +65,8 @@ impl PathChoice {
         let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), chooser.as_mut(), shot, target)?;
         // What fits into one slab fits at once, unless its pages do not.
         let fits = |pool: MutexGuard<Pool>| drawn.parts.pages_in_view <= pool.capacity() as u64;
-        fast.needs_slabs = match shot.scene.pool() {
-            Some(pool) => !fits(pool),
+        fast.needs_slabs = match shot.scene.paged() {
+            Some(paged) => !fits(paged.cache()),
             None => drawn.parts.slabs > 1,
         };
         Ok(drawn)
@@ -109,19 +110,19 @@ impl PathChoice {
         results: &Results,
         of_pages: &OfPages,
     ) -> Result<bool> {
-        let (Some(chooser), Some(fast)) = (&mut self.chooser, &mut self.fast) else { return Ok(true) };
+        let (Some(chooser), Some(fast), Some(paged)) = (&mut self.chooser, &mut self.fast, scene.paged()) else { return Ok(true) };
         let state = &results.view(&of_pages.state)[0];
         if !chooser.has_room(device, scene, state)? {
             return Ok(false);
         }
         if let Some(demand) = &of_pages.demand {
             if let Some(feed) = &mut self.feed {
-                feed.take(scene, state, results, demand);
+                feed.take(state, results, demand);
             }
             return Ok(true);
         }
         if state.missing > 0 {
-            fast.needs_slabs = !bring_missing(device, chooser, scene, state)?;
+            fast.needs_slabs = !bring_missing(device, chooser, (scene, paged), state)?;
         }
         Ok(state.missing == 0)
     }

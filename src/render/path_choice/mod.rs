@@ -99,7 +99,7 @@ impl PathChoice {
             passes: 1,
             needs_slabs: false,
             slabs: None,
-            chooser: scene.is_paged().then(|| Chooser::new(device, scene)).transpose()?,
+            chooser: scene.paged().map(|paged| Chooser::new(device, scene, paged)).transpose()?,
             feed: None,
             is_repeated: false,
             fast,
@@ -251,7 +251,7 @@ impl PathChoice {
             let grid = fast.pipeline.grid(size, crowd);
             // The first picture of a scene without levels reads only the pages that are not hidden.
             let is_first = fast.slabs.is_none();
-            let reads_pages = scene.pool().is_some_and(|pool| !wants_levels && (is_first || !pool.fits_all()));
+            let reads_pages = scene.paged().is_some_and(|paged| !wants_levels && (is_first || !paged.cache().fits_all()));
             let in_slabs =
                 fast.needs_slabs || reads_pages || !has_memory(fast.work.grow(device, demand(grid.count()), 0))?;
             if !in_slabs {
@@ -260,7 +260,7 @@ impl PathChoice {
                     fast.at_once = Some(AtOnce::new(device, &fast.pipeline, attribute)?);
                 }
                 if let (Some(feed), Some(chooser), false) = (&mut self.feed, &mut self.chooser, self.is_repeated) {
-                    feed.advance(device, scene, chooser, camera)?;
+                    feed.advance(device, chooser, camera)?;
                 }
             }
             fast.needs_slabs = in_slabs;

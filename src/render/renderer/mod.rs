@@ -77,7 +77,7 @@ impl Renderer {
 
     fn varied(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
         // Else the nodes of levels would be drawn among the Gaussians that they stand for.
-        let is_finest = scene.levels.is_some() && !options.wants_levels();
+        let is_finest = scene.has_lod() && !options.wants_levels();
         let options = if is_finest { options.finest() } else { *options };
         Ok(Self {
             device: device.clone(),

@@ -30,7 +30,7 @@ impl Renderer {
 
     /// How far the pages of the last picture are there, if pictures do not wait for them.
     pub fn residency(&self) -> Option<Residency> {
-        self.choice.feed.as_ref().map(|feed| feed.residency(&self.scene))
+        self.choice.feed.as_ref().map(Feed::residency)
     }
 
     /// True if pages were read that the last picture did not have, or another picture is needed to ask for some.

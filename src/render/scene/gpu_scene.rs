@@ -41,19 +41,34 @@ pub struct GpuScene {
     pub(crate) trial_hash: blake3::Hash,
     /// Gaussians may be culled where their alpha is below this.
     pub(crate) alpha_min: f32,
-    /// The indices of the Gaussians, if the planes hold some pages of the scene at a time.
-    pub(crate) indices: Option<Buffer<u32>>,
-    /// The slot of each page, if the planes hold some pages of the scene at a time.
-    pub(crate) slots: Option<Buffer<u32>>,
-    /// When, and how much, each page was wanted last, if the planes hold some pages of the scene at a time.
-    pub(crate) wanted: Option<Buffer<u32>>,
-    /// The words of levels, if the scene is drawn by levels of detail.
-    pub(crate) levels: Option<Buffer<u32>>,
-    /// Set if the planes hold some pages of the scene at a time.
-    pool: Option<Arc<Mutex<Pool>>>,
-    notice: Option<Arc<str>>,
-    /// Set if it is drawn at places.
+    memory: SceneMemory,
+}
+
+/// The Gaussians that the planes hold.
+#[derive(Clone)]
+enum SceneMemory {
+    /// All Gaussians of the scene.
+    Whole,
+    /// The resident pages of the scene.
+    Paged(Box<Paged>),
+}
+
+/// The pages of a scene, some of which are resident in the planes. A clone shares them.
+#[derive(Clone)]
+pub(crate) struct Paged {
+    cache: Arc<Mutex<Pool>>,
+    /// The slot of each page.
+    pub slots: Buffer<u32>,
+    /// For each page, the frame that requested it last, and its priority.
+    pub last_used: Buffer<u32>,
+    /// The indices of the Gaussians in the planes.
+    pub indices: Buffer<u32>,
+    /// The errors and levels of the nodes in the planes, if the scene has levels of detail.
+    pub lod: Option<Buffer<u32>>,
+    /// The placements of the scene in the world; without any, it stands where its file puts it.
     placements: Option<Placements>,
+    /// The reason why the pages are stored in another form than the options request.
+    notice: Option<Arc<str>>,
 }
 
 /// Places that the pages in view can tell apart.
@@ -127,14 +142,8 @@ impl GpuScene {
             trial_hash: trial_hash(gaussians, options.rules.near),
             alpha_min: options.rules.alpha_min,
             layout,
-            indices: None,
-            slots: None,
-            wanted: None,
-            levels: None,
             nodes: len,
-            pool: None,
-            notice: None,
-            placements: None,
+            memory: SceneMemory::Whole,
         };
         let mut commands = Commands::new(device)?;
         commands.upload(&scene.grids, 0, 1, |memory| memory[0] = grids(&scene.layout))?;
@@ -196,10 +205,10 @@ impl GpuScene {
         let sh = planes(device, "sh", layout.sh_words(), len)?;
         let indices = Buffer::<u32>::new(device, "indices of Gaussians", len)?;
         let all = std::iter::once(&bounds).chain(&shapes).map(Buffer::words);
-        let has_levels = pages.levels().is_some();
-        let levels = has_levels.then(|| Buffer::<u32>::new(device, "levels", LEVEL_WORDS * len)).transpose()?;
+        let has_lod = pages.levels().is_some();
+        let lod = has_lod.then(|| Buffer::<u32>::new(device, "levels", LEVEL_WORDS * len)).transpose()?;
         let all = all.chain([indices.words()]).chain(sh.iter().map(Buffer::words));
-        let all = all.chain(levels.iter().map(Buffer::words)).collect();
+        let all = all.chain(lod.iter().map(Buffer::words)).collect();
         let mut pool = Pool::new(device, pages.clone(), all, slots)?;
         let first: Vec<u32> = (0..slots.min(TRIAL / PAGE) as u32).collect();
         pool.bring(device, &first)?;
@@ -220,14 +229,16 @@ impl GpuScene {
             trial_hash: blake3::hash(bytemuck::cast_slice(&geometry)),
             alpha_min: pages.alpha_min(),
             layout,
-            indices: Some(indices),
-            slots: Some(pool.slots().clone()),
-            wanted: Some(pool.wanted().clone()),
-            levels,
             nodes: pages.nodes(),
-            pool: Some(Arc::new(Mutex::new(pool))),
-            notice: pages.notice().map(Arc::from),
-            placements: None,
+            memory: SceneMemory::Paged(Box::new(Paged {
+                slots: pool.slots().clone(),
+                last_used: pool.wanted().clone(),
+                cache: Arc::new(Mutex::new(pool)),
+                indices,
+                lod,
+                placements: None,
+                notice: pages.notice().map(Arc::from),
+            })),
         };
         let mut commands = Commands::new(device)?;
         commands.upload(&scene.grids, 0, 1, |memory| memory[0] = grids(&scene.layout))?;
@@ -243,7 +254,7 @@ impl GpuScene {
     /// # Panics
     /// If the scene is not in pages.
     pub fn placed(self, placements: &Placements) -> Result<Self> {
-        assert!(self.is_paged(), "a scene that is placed is in pages");
+        let SceneMemory::Paged(paged) = self.memory else { panic!("a scene with placements is paged") };
         let (places, count) = (placements.all().len(), self.nodes);
         ensure!(
             (places as u64).saturating_mul(count as u64) <= MOST_NUMBERED,
@@ -251,17 +262,18 @@ impl GpuScene {
              be ordered"
         );
         ensure!(places <= MOST_PLACES, "{places} places are more than {MOST_PLACES}, which is the most that are drawn");
-        Ok(Self { extent: placements.extent(&self.extent), placements: Some(placements.clone()), ..self })
+        let memory = SceneMemory::Paged(Box::new(Paged { placements: Some(placements.clone()), ..*paged }));
+        Ok(Self { extent: placements.extent(&self.extent), memory, ..self })
     }
 
     /// True if the scene is drawn at places.
     pub fn is_placed(&self) -> bool {
-        self.placements.is_some()
+        self.placements().is_some()
     }
 
     /// Where the scene is drawn.
     pub(crate) fn transforms(&self) -> &[Transform] {
-        self.placements.as_ref().map_or(&[Transform::IDENTITY], Placements::all)
+        self.placements().map_or(&[Transform::IDENTITY], Placements::all)
     }
 
     /// Number of Gaussians at all places, with the nodes that stand for several.
@@ -276,22 +288,39 @@ impl GpuScene {
 
     /// True if the planes hold some pages of the scene at a time.
     pub fn is_paged(&self) -> bool {
-        self.pool.is_some()
+        self.paged().is_some()
+    }
+
+    /// The pages of the scene; `None` if the planes hold all of its Gaussians.
+    pub(crate) fn paged(&self) -> Option<&Paged> {
+        match &self.memory {
+            SceneMemory::Whole => None,
+            SceneMemory::Paged(paged) => Some(paged),
+        }
+    }
+
+    fn placements(&self) -> Option<&Placements> {
+        self.paged()?.placements.as_ref()
+    }
+
+    /// The indices of the Gaussians and their levels of detail; `none` for each that the scene lacks.
+    pub(crate) fn indices_and_lod<'a>(&'a self, none: &'a Buffer<u32>) -> [&'a Buffer<u32>; 2] {
+        self.paged().map_or([none; 2], |paged| [&paged.indices, paged.lod.as_ref().unwrap_or(none)])
+    }
+
+    /// True if the scene has levels of detail.
+    pub(crate) fn has_lod(&self) -> bool {
+        self.paged().is_some_and(|paged| paged.lod.is_some())
     }
 
     /// Why a scene in pages is stored otherwise than the options ask for.
     pub(crate) fn notice(&self) -> Option<&str> {
-        self.notice.as_deref()
-    }
-
-    /// The pool of a scene in pages, until it is given back.
-    pub(crate) fn pool(&self) -> Option<MutexGuard<'_, Pool>> {
-        self.pool.as_ref().map(|pool| pool.lock().expect("no holder of the pool panics"))
+        self.paged()?.notice.as_deref()
     }
 
     /// The pages that were read so far; none if the scene is in memory as a whole.
     pub fn pages_read(&self) -> Option<PagesRead> {
-        self.pool().map(|pool| pool.read)
+        self.paged().map(|paged| paged.cache().read)
     }
 
     /// Number of Gaussians.
@@ -302,8 +331,7 @@ impl GpuScene {
     /// The same scene with at most its first `count` Gaussians.
     pub(crate) fn first(&self, count: usize) -> Self {
         let len = self.len.min(count);
-        let (indices, slots, wanted, levels, pool, placements) = (None, None, None, None, None, None);
-        Self { len, nodes: len, indices, slots, wanted, levels, pool, placements, ..self.clone() }
+        Self { len, nodes: len, memory: SceneMemory::Whole, ..self.clone() }
     }
 
     pub fn is_empty(&self) -> bool {
@@ -327,8 +355,7 @@ impl GpuScene {
     /// Every buffer's name and bytes.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let planes = std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh).map(Buffer::footprint);
-        let words =
-            self.indices.iter().chain(&self.slots).chain(&self.wanted).chain(&self.levels).map(Buffer::footprint);
+        let words = self.paged().into_iter().flat_map(Paged::buffers).map(Buffer::footprint);
         planes.chain(words).chain([self.grids.footprint()]).collect()
     }
 
@@ -368,6 +395,17 @@ impl GpuScene {
                 pack_sh(layout, count, |k| gaussians.sh(first + k), &mut planes.collect::<Vec<_>>());
             });
         })
+    }
+}
+
+impl Paged {
+    /// The page cache, locked for as long as the guard lives.
+    pub fn cache(&self) -> MutexGuard<'_, Pool> {
+        self.cache.lock().expect("no holder of the page cache panics")
+    }
+
+    fn buffers(&self) -> impl Iterator<Item = &Buffer<u32>> {
+        [&self.indices, &self.slots, &self.last_used].into_iter().chain(&self.lod)
     }
 }
 

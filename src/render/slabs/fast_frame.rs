@@ -156,9 +156,8 @@ impl Slabs {
         before: usize,
     ) -> Result<Option<StartedSlab>> {
         let Frame { device, fast, work, options, scene, camera, grid, image } = *frame;
-        let indices = scene.indices.as_ref().unwrap_or(&self.no_indices);
+        let [indices, levels] = scene.indices_and_lod(&self.no_indices);
         let first = first_page(scene);
-        let levels = scene.levels.as_ref().unwrap_or(&self.no_indices);
         let listed = Listed { scene, elements: &self.listed, first_page: first, indices, levels };
         let project = |cmd: &mut Commands, pages: usize| {
             let listed = (&listed, Count::Known(pages));

@@ -88,7 +88,8 @@ impl<'a> Supply<'a> {
         (keys, cells): (DepthKeys, Cells),
         chosen: Option<&Chosen>,
     ) -> Self {
-        let (Some(pool), Some(chosen)) = (scene.pool(), chosen) else { return Self::Whole(scene.len()) };
+        let (Some(paged), Some(chosen)) = (scene.paged(), chosen) else { return Self::Whole(scene.len()) };
+        let pool = paged.cache();
         let alpha_min = pool.pages().alpha_min();
         let sight = Sight {
             rules: &options.rules,

@@ -135,8 +135,8 @@ fn bits_depend_neither_on_memory_nor_on_evicted_pages() {
     for seed in [None, Some(1), Some(2)] {
         let device = open(Some(72 << 20));
         let scene = bring(&device, &options, &gaussians, &places);
-        let capacity = scene.pool().unwrap().capacity();
-        scene.pool().unwrap().churn = seed;
+        let capacity = scene.paged().unwrap().cache().capacity();
+        scene.paged().unwrap().cache().churn = seed;
         let (drawn, _) = draw(&device, &options, &scene, &camera);
         assert_eq!(differing(&drawn, &expected), 0, "seed {seed:?}, {capacity} slots");
         let memory = device.memory();
@@ -156,7 +156,7 @@ fn bits_do_not_depend_on_the_number_of_pages_in_memory() {
     // Room for 70 of 79 pages, so that every slab with all of them takes several batches.
     let reserve = device.free_bytes() - (70.5 * Pool::bytes_each(&pages) as f64 / POOL_PART) as u64;
     let scene = GpuScene::of_pages(&device, &pages, &options, reserve).unwrap();
-    assert_eq!(scene.pool().unwrap().capacity(), 70);
+    assert_eq!(scene.paged().unwrap().cache().capacity(), 70);
     let scene = scene.placed(&Placements::new(places.to_vec()).unwrap()).unwrap();
     let (drawn, seen) = draw(&device, &options, &scene, &camera);
     assert!(seen > 140, "{seen} pages of two places in view");

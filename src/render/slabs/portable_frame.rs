@@ -185,7 +185,7 @@ impl PortableSlabs {
         };
         cmd.upload(&self.listed, 0, elements.len(), |memory| memory.copy_from_slice(&elements))?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
-        let indices = scene.indices.as_ref().unwrap_or(&self.no_indices);
+        let [indices, levels] = scene.indices_and_lod(&self.no_indices);
         pipeline.clear(&mut cmd, work);
         cmd.scope("cull", |cmd| {
             let bindings = CullTilesBindings {
@@ -194,7 +194,7 @@ impl PortableSlabs {
                 chunk_counts: &work.chunk_counts,
                 listed: &self.listed,
                 indices,
-                levels: scene.levels.as_ref().unwrap_or(&self.no_indices),
+                levels,
             };
             let push = CullTilesPush {
                 slab: slab(range),
@@ -255,7 +255,7 @@ impl PortableSlabs {
             spans: &work.spans,
             totals: &work.totals,
             listed: &self.listed,
-            levels: scene.levels.as_ref().unwrap_or(&self.no_indices),
+            levels: scene.indices_and_lod(&self.no_indices)[1],
         };
         let push = ProjectTilesPush {
             focal_px: camera.focal_px.as_vec2().to_array(),

@@ -102,8 +102,8 @@ fn compare_under_limit(
     let (whole_device, device) = (open(), open().with_memory_limit(Some(limit)).unwrap());
     let draw = |device: &Device, cameras: Vec<&Camera>| {
         let scene = source.bring(device, options, false, 1 << 20).unwrap();
-        if let Some(mut pool) = scene.pool() {
-            pool.churn = churns.then_some(7);
+        if let Some(paged) = scene.paged() {
+            paged.cache().churn = churns.then_some(7);
         }
         let mut renderer = Renderer::new(device, options, &scene).unwrap();
         let mut draw = |camera: &&Camera| {

@@ -23,11 +23,12 @@ use crate::lod::CODES_PER_OCTAVE;
 use crate::options::Options;
 use crate::pagefile::{Level, Pages};
 use crate::render::lod::{Asked, Chooser};
-use crate::render::scene::{GpuScene, Pool, ReadPage};
+use crate::render::scene::{GpuScene, Paged, Pool, ReadPage};
 use crate::render::shaders::CutState;
 
 /// Brings pages while pictures go on.
 pub struct Feed {
+    paged: Paged,
     pages: Pages,
     family: Arc<Family>,
     /// The changes of the pool that the floors on the device know of.
@@ -133,8 +134,8 @@ impl Feed {
     ///
     /// # Panics
     /// If the scene has no levels of detail.
-    pub fn new(device: &Device, scene: &GpuScene, chooser: &mut Chooser, fades: bool) -> Result<Self> {
-        let mut pool = scene.pool().expect("the scene is in pages");
+    pub fn new(device: &Device, paged: &Paged, chooser: &mut Chooser, fades: bool) -> Result<Self> {
+        let mut pool = paged.cache();
         let pages = pool.pages().clone();
         let always: Vec<u32> = coarsest(&pool).collect();
         pool.bring(device, &always)?;
@@ -142,6 +143,7 @@ impl Feed {
         let (sender, receiver) = unbounded();
         let threads = std::thread::available_parallelism().map_or(1, usize::from).min(THREADS);
         Ok(Self {
+            paged: paged.clone(),
             family: Arc::new(Family::of(levels(&pages))),
             pages,
             known: None,
@@ -175,11 +177,12 @@ impl Feed {
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn advance(&mut self, device: &Device, scene: &GpuScene, chooser: &mut Chooser, camera: &Camera) -> Result<()> {
+    pub fn advance(&mut self, device: &Device, chooser: &mut Chooser, camera: &Camera) -> Result<()> {
         self.receive();
         let is_busy = self.is_planning || self.reading.len() + self.arrived.len() > ENOUGH;
         self.expected = self.trail.follow(Instant::now(), camera).filter(|_| !is_busy);
-        let mut pool = scene.pool().expect("the scene is in pages");
+        let paged = self.paged.clone();
+        let mut pool = paged.cache();
         let coming = self.arrived.len().min(pool.room());
         let mut read: Vec<_> = self.arrived.drain(..coming).filter(|(page, _)| !pool.has(*page)).collect();
         if !read.is_empty() {
@@ -206,7 +209,7 @@ impl Feed {
         self.asked.stamp = self.asked.stamp.checked_add(1).unwrap_or(1);
         if self.asked.stamp == 1 {
             let mut cmd = Commands::new(device)?;
-            cmd.fill(pool.wanted(), 0);
+            cmd.fill(&paged.last_used, 0);
             cmd.submit()?.wait()?;
         }
         chooser.asked = self.asked;
@@ -246,13 +249,12 @@ impl Feed {
             cmd.scope("ahead", |cmd| chooser.record_asked(cmd, scene, camera, options, asked))?;
             later = Some((chooser.read(cmd)?, cmd.read(chooser.demand())?));
         }
-        let wanted =
-            self.is_full.then(|| cmd.read(scene.pool().expect("the scene is in pages").wanted())).transpose()?;
+        let wanted = self.is_full.then(|| cmd.read(&self.paged.last_used)).transpose()?;
         Ok(Demand { missing, wanted, later })
     }
 
     /// Begins to read the pages that a finished picture was lacking.
-    pub fn take(&mut self, scene: &GpuScene, state: &CutState, results: &Results, demand: &Demand) {
+    pub fn take(&mut self, state: &CutState, results: &Results, demand: &Demand) {
         self.receive();
         self.missing = state.missing;
         let listed = |state: &CutState| (state.demanded as usize).min(DEMANDED);
@@ -262,7 +264,7 @@ impl Feed {
         let place = DEMANDED * DEMANDED / (2 * (state.demanded as usize).max(1));
         let least = demanded.get(place).filter(|_| state.demanded as usize > DEMANDED);
         self.asked.least_priority = least.map_or(0, |[_, word]| word & 0xffff);
-        let pool = scene.pool().expect("the scene is in pages");
+        let pool = self.paged.cache();
         self.is_full = pool.free() == 0;
         if self.is_planning {
             return;
@@ -340,8 +342,8 @@ impl Feed {
         self.problem.take()
     }
 
-    pub fn residency(&self, scene: &GpuScene) -> Residency {
-        let pool = scene.pool().expect("the scene is in pages");
+    pub fn residency(&self) -> Residency {
+        let pool = self.paged.cache();
         Residency {
             missing: self.missing,
             coming: self.reading.len() + self.arrived.len(),

@@ -134,7 +134,7 @@ fn a_frame_that_is_repeated_shows_the_same_pages() {
     let scene = brought(&device, &file, &[], &options);
     let mut renderer = streaming(&device, &scene, &options);
     let camera = Camera::framing(focus.centre.into(), focus.radius, SIZE);
-    let changes = || scene.pool().unwrap().changes();
+    let changes = || scene.paged().unwrap().cache().changes();
     for _ in 0..2 {
         renderer = renderer.with_capacity(Capacity::default()).unwrap();
         let before = changes();
