@@ -4,7 +4,7 @@
 //   VIEW             the camera, in the axes and units of the Gaussians
 //   INDEX_OF(g)      the index of Gaussian g in its scene
 //   IN_WORLD(length), IN_WORLD_AXES(v)
-//   LEVEL, LAG(g), ENERGY   of a node: notes.glsl has the words
+//   LEVEL, LAG(g), ENERGY   of a node: lod/page_attributes.glsl has the words
 
 // The shortest axis, turned to the camera; the first one if several are equally short.
 vec3 normal_of(vec4 rotation, vec3 scales, vec3 from_camera) {

@@ -2,6 +2,7 @@
 #define VIEW seen
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
+#include "pages/page.glsl"
 #include "slabs/slab.glsl"
 #include "shared/error_code.glsl"
 // One workgroup per listed page: marks those of its Gaussians that may touch the image and are in the slab, as cull of
@@ -27,9 +28,9 @@ layout(push_constant, scalar) uniform Push {
     uint gaussians;    // of the scene at one place, nodes included
 } push;
 
-#include "slabs/found.glsl"
-#include "slabs/index.glsl"
-#include "slabs/levels.glsl"
+#include "pages/current_page.glsl"
+#include "pages/gaussian_index.glsl"
+#include "lod/nodes.glsl"
 #include "shared/cull_test.glsl"
 #include "shared/depth_key.glsl"
 

@@ -1,7 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-#include "slabs/slab.glsl"
+#include "pages/page.glsl"
 // One invocation per visible Gaussian of the listed pages: writes its index, by which splats of equal depth are
 // ordered.
 // Before: gaussian_from_splat from cull_compact. After: index_keys has the indices.
@@ -17,7 +17,7 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 ListedPage page;
-#include "slabs/index.glsl"
+#include "pages/gaussian_index.glsl"
 
 void main() {
     uint splat = workgroup() * WORKGROUP + lane();

@@ -3,7 +3,7 @@
 #include "shared/workgroup.glsl"
 #include "shared/ballot.glsl"
 #include "portable/frame.glsl"
-#include "slabs/slab.glsl"
+#include "pages/page.glsl"
 #include "shared/error_code.glsl"
 #include "shared/depth.glsl"
 #include "shared/harmonics.glsl"
@@ -39,8 +39,8 @@ layout(push_constant, scalar) uniform Push {
     uint depth_shift;  // lowest bits that depth keys leave out
 } push;
 
-#include "slabs/found.glsl"
-#include "slabs/levels.glsl"
+#include "pages/current_page.glsl"
+#include "lod/nodes.glsl"
 #define OPACITIES_OF(gaussian) opacities_of_node(gaussian)
 #define FIND(visible) found_gaussian(visible)
 #include "portable/make_splat.glsl"

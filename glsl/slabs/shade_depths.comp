@@ -2,7 +2,7 @@
 #define VIEW seen
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-#include "slabs/slab.glsl"
+#include "pages/page.glsl"
 #include "shared/depth.glsl"
 // One invocation per visible Gaussian of the listed pages: writes its view depth as the colour of its splat, as
 // shade_attribute does.
@@ -20,7 +20,7 @@ layout(push_constant, scalar) uniform Push {
     uint first_page;  // the element of `listed` with the first page
 } push;
 
-#include "slabs/found.glsl"
+#include "pages/current_page.glsl"
 
 void main() {
     uint splat = workgroup() * WORKGROUP + lane();

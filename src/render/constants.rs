@@ -2,7 +2,7 @@
 
 use super::frame::footprint_code;
 use super::shaders::shared::{STORED_F16, STORED_F32, STORED_U8};
-use super::shaders::{SharedConstants, shared, slabs};
+use super::shaders::{SharedConstants, pages, shared};
 use crate::lod::{CODES_PER_OCTAVE, LOWEST_EXPONENT};
 use crate::options::{Options, Storage};
 use crate::packing::{Layout, Packing};
@@ -10,7 +10,7 @@ use crate::pagefile::PAGE;
 use crate::rules::Order;
 
 // Numbers that modules below this one and shaders both have.
-const _: () = assert!(PAGE == slabs::PAGE as usize);
+const _: () = assert!(PAGE == pages::PAGE as usize);
 const _: () = assert!(CODES_PER_OCTAVE == shared::CODES_PER_OCTAVE as f64);
 const _: () = assert!(LOWEST_EXPONENT == shared::CODE_LOWEST_EXPONENT as f64);
 

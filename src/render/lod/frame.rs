@@ -47,13 +47,7 @@ impl AtOnce {
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         let whole = slab(&(0..place_of(DepthKeys::of(camera, options, &scene.extent).limit()) + place_of(1)));
         let [indices, levels] = scene.indices_and_lod(&self.no_words);
-        let listed = Listed {
-            scene,
-            elements: &chooser.listed,
-            first_page: first_page(scene),
-            indices,
-            levels,
-        };
+        let listed = Listed { scene, elements: &chooser.listed, first_page: first_page(scene), indices, levels };
         cmd.scope("project", |cmd| {
             let count = Count::OnDevice(&chooser.state, Chooser::over_pages());
             self.project.record(cmd, (&listed, count), (camera, options), whole, work, grid);
@@ -67,7 +61,12 @@ impl AtOnce {
 ///
 /// # Errors
 /// If a page cannot be read.
-pub fn bring_missing(device: &Device, chooser: &Chooser, (scene, paged): (&GpuScene, &Paged), state: &CutState) -> Result<bool> {
+pub fn bring_missing(
+    device: &Device,
+    chooser: &Chooser,
+    (scene, paged): (&GpuScene, &Paged),
+    state: &CutState,
+) -> Result<bool> {
     let mut pages: Vec<u32> =
         chooser.listed_pages(device, scene, state)?.into_iter().map(|chosen| chosen.page).collect();
     pages.sort_unstable();

@@ -16,24 +16,24 @@ use crate::options::Options;
 use crate::pagefile::{PARTS, SAMPLES};
 use crate::render::pages::{Element, first_page, views_of};
 use crate::render::scene::{GpuScene, Paged};
-use crate::render::shaders::cut::{self, *};
+use crate::render::shaders::lod::{self, *};
 use crate::render::shaders::{CutState, PageBox, PageErrors};
 
 // The shaders read the table of a file.
-const _: () = assert!(PARTS == cut::PARTS as usize && SAMPLES == cut::SAMPLES as usize);
+const _: () = assert!(PARTS == lod::PARTS as usize && SAMPLES == lod::SAMPLES as usize);
 
 /// The stages, and the table of the pages of a scene.
 pub struct Chooser {
-    look: Stage<Look>,
-    count: Stage<Count>,
-    choose: Stage<Choose>,
-    end: Stage<End>,
+    cull_pages: Stage<CullPages>,
+    search_limit: Stage<SearchLimit>,
+    select_pages: Stage<SelectPages>,
+    finalize: Stage<Finalize>,
     paged: Paged,
     boxes: Buffer<PageBox>,
     errors: Buffer<PageErrors>,
     steps: Buffer<u32>,
     seen: Buffer<Element>,
-    /// The views, the number of pages, the pages, as slab.glsl has them.
+    /// The views, the number of pages, the pages, as page.glsl has them.
     pub listed: Buffer<Element>,
     /// The number of each listed page.
     pages: Buffer<u32>,
@@ -88,10 +88,10 @@ impl Chooser {
         let count = pages.pages().len();
         let (seen, listed, numbers) = lists(device, scene, ROOM.min(count * scene.transforms().len()))?;
         let chooser = Self {
-            look: Stage::new(device, &())?,
-            count: Stage::new(device, &())?,
-            choose: Stage::new(device, &())?,
-            end: Stage::new(device, &())?,
+            cull_pages: Stage::new(device, &())?,
+            search_limit: Stage::new(device, &())?,
+            select_pages: Stage::new(device, &())?,
+            finalize: Stage::new(device, &())?,
             paged: paged.clone(),
             boxes: Buffer::new(device, "boxes of pages", count)?,
             errors: Buffer::new(device, "errors of pages", count)?,
@@ -215,7 +215,7 @@ impl Chooser {
         cmd.fill(&self.state, 0);
         cmd.upload(&self.listed, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-        cmd.scope("look", |cmd| self.look(cmd, scene, camera));
+        cmd.scope("look", |cmd| self.cull_pages(cmd, scene, camera));
         let wanted = if self.has_levels { Wanted::of(options) } else { Wanted::default() };
         let pixels = camera.size_px.iter().product();
         if wanted.searches != 0 {
@@ -225,18 +225,18 @@ impl Chooser {
                     if round > 0 {
                         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
                     }
-                    self.count(cmd, wanted, pixels, round);
+                    self.search_limit(cmd, wanted, pixels, round);
                 }
             });
         }
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        cmd.scope("choose", |cmd| self.choose(cmd, scene, wanted, pixels, asked));
+        cmd.scope("choose", |cmd| self.select_pages(cmd, scene, wanted, pixels, asked));
         Ok(())
     }
 
     /// Finds the pages in view.
-    fn look(&self, cmd: &mut Commands, scene: &GpuScene, camera: &Camera) {
-        let bindings = LookBindings {
+    fn cull_pages(&self, cmd: &mut Commands, scene: &GpuScene, camera: &Camera) {
+        let bindings = CullPagesBindings {
             boxes: &self.boxes,
             errors: &self.errors,
             listed: &self.listed,
@@ -244,7 +244,7 @@ impl Chooser {
             state: &self.state,
         };
         let focal = camera.focal_px.max_element();
-        let push = LookPush {
+        let push = CullPagesPush {
             focal_px: camera.focal_px.as_vec2().to_array(),
             centre_px: camera.centre_px.as_vec2().to_array(),
             size_px: camera.size_px,
@@ -254,23 +254,24 @@ impl Chooser {
             room: self.seen.len() as u32,
         };
         let pairs = self.boxes.len() as u64 * scene.transforms().len() as u64;
-        cmd.dispatch(&self.look, bindings, push, DispatchSize::Invocations(pairs));
+        cmd.dispatch(&self.cull_pages, bindings, push, DispatchSize::Invocations(pairs));
     }
 
     /// Adds up what the limits of a round leave of all pages in view.
-    fn count(&self, cmd: &mut Commands, wanted: Wanted, pixels: u32, round: u32) {
-        let bindings = CountBindings { errors: &self.errors, steps: &self.steps, seen: &self.seen, state: &self.state };
+    fn search_limit(&self, cmd: &mut Commands, wanted: Wanted, pixels: u32, round: u32) {
+        let bindings =
+            SearchLimitBindings { errors: &self.errors, steps: &self.steps, seen: &self.seen, state: &self.state };
         let Wanted { given_squared, searches, most_nodes, most_energy, fade } = wanted;
         let room = self.seen.len() as u32;
-        let push = CountPush { given_squared, searches, most_nodes, most_energy, pixels, room, round, fade };
+        let push = SearchLimitPush { given_squared, searches, most_nodes, most_energy, pixels, room, round, fade };
         let lanes = u64::from(CANDIDATES + 1) * u64::from(room);
-        cmd.dispatch(&self.count, bindings, push, DispatchSize::Invocations(lanes));
+        cmd.dispatch(&self.search_limit, bindings, push, DispatchSize::Invocations(lanes));
     }
 
     /// Lists the pages that the limit leaves.
-    fn choose(&self, cmd: &mut Commands, scene: &GpuScene, wanted: Wanted, pixels: u32, asked: Asked) {
+    fn select_pages(&self, cmd: &mut Commands, scene: &GpuScene, wanted: Wanted, pixels: u32, asked: Asked) {
         let first_page = first_page(scene);
-        let bindings = ChooseBindings {
+        let bindings = SelectPagesBindings {
             errors: &self.errors,
             steps: &self.steps,
             seen: &self.seen,
@@ -284,7 +285,7 @@ impl Chooser {
         };
         let Wanted { given_squared, searches, most_nodes, most_energy, fade } = wanted;
         let room = self.seen.len() as u32;
-        let push = ChoosePush {
+        let push = SelectPagesPush {
             given_squared,
             searches,
             most_nodes,
@@ -298,10 +299,10 @@ impl Chooser {
             fade,
             later: asked.later,
         };
-        cmd.dispatch(&self.choose, bindings, push, DispatchSize::Invocations(room.into()));
+        cmd.dispatch(&self.select_pages, bindings, push, DispatchSize::Invocations(room.into()));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let bindings = EndBindings { state: &self.state, listed: &self.listed };
-        cmd.dispatch(&self.end, bindings, EndPush { first_page }, DispatchSize::Groups(1));
+        let bindings = FinalizeBindings { state: &self.state, listed: &self.listed };
+        cmd.dispatch(&self.finalize, bindings, FinalizePush { first_page }, DispatchSize::Groups(1));
     }
 
     /// Where the dispatch over quarters of the listed pages lies in the state.

@@ -13,8 +13,8 @@ use crate::procedural::cactus;
 use crate::render::frame::DepthKeys;
 use crate::render::pages::{Element, PlacedCamera, Sight, views_of};
 use crate::render::scene::GpuScene;
-use crate::render::shaders::cut::*;
-use crate::render::shaders::slabs::VIEW_ELEMENTS;
+use crate::render::shaders::lod::*;
+use crate::render::shaders::pages::VIEW_ELEMENTS;
 use crate::render::shaders::{PageBox, PageErrors};
 use crate::render::streaming::fallback::Family;
 use crate::rules::Rules;
@@ -354,7 +354,7 @@ fn every_cut_stands_for_every_gaussian_once() {
                 (0..pages.len()).map(|page| page + 1 < pages.len() && kept > 0 && below(kept) == 0).collect();
             let mut floors = vec![0; pages.len()];
             family.words(&family.floors(|page| !is_missing[page as usize]), &mut floors);
-            // As levels.glsl has it, and with no fading for every other limit.
+            // As nodes.glsl has it, and with no fading for every other limit.
             let fade = if exponent % 2 == 0 { twin.fade } else { 0 };
             let closed = |error: u32, limit: u32| match fade {
                 _ if error == u32::from(NEVER) => 0.0,

@@ -3,7 +3,7 @@
 use crate::lod::{CODES_PER_OCTAVE, NEVER};
 use crate::pagefile::write::levels_of_pages;
 use crate::pagefile::{Level, PARTS, Page, Pages, SAMPLES};
-use crate::render::shaders::cut::NO_PAGE;
+use crate::render::shaders::lod::NO_PAGE;
 use crate::render::shaders::{PageBox, PageErrors};
 use crate::rules::LOW_PASS;
 

@@ -12,7 +12,7 @@ use crate::options::Options;
 use crate::pagefile::{Level, PARTS, SAMPLES};
 use crate::render::constants::fade_codes;
 use crate::render::shaders::CutState;
-use crate::render::shaders::cut::{BY_ENERGY, BY_NODES, ENERGY_UNITS};
+use crate::render::shaders::lod::{BY_ENERGY, BY_NODES, ENERGY_UNITS};
 
 /// A cut through levels of detail.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -55,7 +55,7 @@ const ABOVE_ALL: f64 = 1e9;
 /// Units of a node where nodes are counted: nodes of a page that are looked for in the picture.
 pub const NODE_UNITS: f64 = SAMPLES as f64;
 
-/// What the options ask for, as search.glsl reads it.
+/// What the options ask for, as limit.glsl reads it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wanted {
     pub given_squared: f32,

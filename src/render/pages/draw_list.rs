@@ -1,4 +1,4 @@
-//! The pages that a slab draws and the views that they are seen from, as slab.glsl reads them.
+//! The pages that a slab draws and the views that they are seen from, as page.glsl reads them.
 
 use super::visibility::PlacedCamera;
 use crate::camera::Camera;
@@ -6,7 +6,7 @@ use crate::gpu::Buffer;
 use crate::render::frame::view;
 use crate::render::scene::GpuScene;
 use crate::render::shaders::View;
-use crate::render::shaders::slabs::{HAS_INDICES, PAGE, VIEW_ELEMENTS};
+use crate::render::shaders::pages::{HAS_INDICES, PAGE, VIEW_ELEMENTS};
 use crate::rules::Rules;
 use crate::scene::Transform;
 
@@ -27,7 +27,7 @@ pub struct Listed<'a> {
     pub levels: &'a Buffer<u32>,
 }
 
-/// A page that a dispatch draws: ListedPage in slab.glsl.
+/// A page that a dispatch draws: ListedPage in page.glsl.
 #[derive(Clone, Copy, Debug)]
 pub struct ListedPage {
     pub slot: u32,
@@ -82,7 +82,7 @@ pub fn views_of(scene: &GpuScene, camera: &Camera, rules: &Rules) -> Vec<Element
     scene.transforms().iter().flat_map(one).collect()
 }
 
-/// A view of a scene that is placed with this scale: PlacedView in slab.glsl.
+/// A view of a scene that is placed with this scale: PlacedView in page.glsl.
 fn element(view: &View, scale: f32) -> [Element; VIEW_ELEMENTS as usize] {
     let vectors =
         [view.right, view.down, view.forward, view.forward_low, view.position_high, view.position_low].into_iter();

@@ -10,7 +10,7 @@ use crate::render::fast::{BinGrid, FastPipeline, FastWorkspace};
 use crate::render::frame::DepthKeys;
 use crate::render::inspect::Attribute;
 use crate::render::shaders::inspect::NO_ATTRIBUTE;
-use crate::render::shaders::slabs::{Project, ProjectBindings, ProjectConstants, ProjectPush, QUARTERS};
+use crate::render::shaders::pages::{Project, ProjectBindings, ProjectConstants, ProjectPush, QUARTERS};
 use crate::render::shaders::{CutState, Slab};
 
 /// The stage, built for one set of options and one layout of a scene.

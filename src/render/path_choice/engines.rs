@@ -110,7 +110,9 @@ impl PathChoice {
         results: &Results,
         of_pages: &OfPages,
     ) -> Result<bool> {
-        let (Some(chooser), Some(fast), Some(paged)) = (&mut self.chooser, &mut self.fast, scene.paged()) else { return Ok(true) };
+        let (Some(chooser), Some(fast), Some(paged)) = (&mut self.chooser, &mut self.fast, scene.paged()) else {
+            return Ok(true);
+        };
         let state = &results.view(&of_pages.state)[0];
         if !chooser.has_room(device, scene, state)? {
             return Ok(false);

@@ -251,7 +251,8 @@ impl PathChoice {
             let grid = fast.pipeline.grid(size, crowd);
             // The first picture of a scene without levels reads only the pages that are not hidden.
             let is_first = fast.slabs.is_none();
-            let reads_pages = scene.paged().is_some_and(|paged| !wants_levels && (is_first || !paged.cache().fits_all()));
+            let reads_pages =
+                scene.paged().is_some_and(|paged| !wants_levels && (is_first || !paged.cache().fits_all()));
             let in_slabs =
                 fast.needs_slabs || reads_pages || !has_memory(fast.work.grow(device, demand(grid.count()), 0))?;
             if !in_slabs {

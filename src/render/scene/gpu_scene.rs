@@ -15,7 +15,7 @@ use crate::options::Options;
 use crate::packing::{Layout, Shape, Statistics, pack_sh, pack_shapes, share};
 use crate::pagefile::{LEVEL_WORDS, PAGE, Pages};
 use crate::render::shaders::Grids;
-use crate::render::shaders::cut::WEIGHT_SHIFT;
+use crate::render::shaders::lod::WEIGHT_SHIFT;
 use crate::rules::{LISTED_ALPHA, Rules};
 use crate::scene::{Bounds, Gaussians, Grid, Placements, Transform};
 

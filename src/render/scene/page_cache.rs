@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use crate::gpu::{Access, Buffer, Commands, Device, InFlight, Staging};
 use crate::packing::share;
 use crate::pagefile::{PAGE, Pages};
-use crate::render::shaders::cut::NO_SLOT;
+use crate::render::shaders::lod::NO_SLOT;
 
 /// Bytes of host memory that pages are read into at a time. There are two of these, so that one is read while the other
 /// is copied to the device.
@@ -134,7 +134,7 @@ impl Pool {
         &self.on_device
     }
 
-    /// For every page, when it was wanted last, and how much, as choose.comp notes it.
+    /// For every page, when it was wanted last, and how much, as select_pages.comp notes it.
     pub fn wanted(&self) -> &Buffer<u32> {
         &self.wanted
     }

@@ -18,7 +18,7 @@ use crate::render::pages::{
     Element, ListedPage, Open, PlacedCamera, Sight, VisiblePage, first_page, number_of_pages, room_for_pages,
 };
 use crate::render::scene::{GpuScene, PagesRead, Pool};
-use crate::render::shaders::slabs::PAGE;
+use crate::render::shaders::pages::PAGE;
 
 /// What splats are listed in: bins, or tiles.
 #[derive(Clone, Copy)]

@@ -22,6 +22,7 @@ use crate::render::lod::Chooser;
 use crate::render::pages::{Element, first_page, number_of_pages, views_of};
 use crate::render::portable::{PortablePipeline, PortableWorkspace, Walk};
 use crate::render::scene::GpuScene;
+use crate::render::shaders::pages::PAGE;
 use crate::render::shaders::slabs::*;
 use crate::render::shaders::{PortableDispatches, Totals};
 use crate::rules::TILE;

@@ -1,7 +1,7 @@
 //! Pictures that never wait for pages: they show the levels that are in device memory, while threads read the pages
 //! that the cut wants, the most visible first.
 //!
-//! The GPU notes the pages that a picture wanted, and lists those that are missing (choose.comp). The host reads them
+//! The GPU notes the pages that a picture wanted, and lists those that are missing (select_pages.comp). The host reads them
 //! and brings some before each picture. Where no slot is free, they take those of pages that were not wanted lately, or
 //! that matter less. While the view moves, the pages are asked for, too, that it will want a moment later.
 

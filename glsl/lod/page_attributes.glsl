@@ -1,5 +1,5 @@
 // What a cut notes of a page that it lists, for the looks that show it.
-// Requires: slab.glsl
+// Requires: page.glsl
 
 const uint LEVEL_BITS = 5, LAG_BITS = 5, ENERGY_BITS = 10;
 const float LAG_STEPS = 2.0;     // of a power of two of errors

@@ -1,6 +1,6 @@
 // The search for a limit, and what a limit leaves of a page.
 #extension GL_EXT_control_flow_attributes : require
-// Requires: cut.glsl, error_code.glsl, state, errors[], steps[], push.given_squared, push.most_nodes, push.most_energy,
+// Requires: selection.glsl, error_code.glsl, state, errors[], steps[], push.given_squared, push.most_nodes, push.most_energy,
 // push.searches, push.fade
 
 // The squares of the limits that are searched are floats with these bits and SEARCH_SHIFT zeros behind.

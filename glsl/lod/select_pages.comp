@@ -1,10 +1,10 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "shared/frame.glsl"
-#include "slabs/slab.glsl"
-#include "cut/cut.glsl"
+#include "pages/page.glsl"
+#include "lod/selection.glsl"
 #include "shared/error_code.glsl"
-#include "cut/notes.glsl"
+#include "lod/page_attributes.glsl"
 // One invocation per page in view: lists it if some of its nodes are drawn. Where pages are demanded, it also notes
 // that the page is wanted, and how much.
 // Before: `seen` from look, the sums of all rounds. After: the pages of the cut are listed in any order, and counted;
@@ -35,7 +35,7 @@ layout(push_constant, scalar) uniform Push {
     uint later;  // codes by which pages matter less, as they are wanted later
 } push;
 
-#include "cut/search.glsl"
+#include "lod/limit.glsl"
 
 // Adds a number to two words. Sums are of whole numbers: order does not matter.
 #define ADD(words, number) { \

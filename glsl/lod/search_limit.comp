@@ -1,6 +1,6 @@
 #version 460
 #include "shared/workgroup.glsl"
-#include "cut/cut.glsl"
+#include "lod/selection.glsl"
 #include "shared/error_code.glsl"
 // One invocation per page in view and candidate of a round: what the candidate leaves of the page.
 // Before: `seen` from look, the sums of the rounds before. After: the sums of this round.
@@ -20,7 +20,7 @@ layout(push_constant, scalar) uniform Push {
     uint fade;  // codes above a limit over which nodes fade
 } push;
 
-#include "cut/search.glsl"
+#include "lod/limit.glsl"
 
 const uint LANES = CANDIDATES + 1;  // of a page
 shared uint sums[SEARCHES * CANDIDATES * 2];

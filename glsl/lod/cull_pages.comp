@@ -1,8 +1,8 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "shared/frame.glsl"
-#include "slabs/slab.glsl"
-#include "cut/cut.glsl"
+#include "pages/page.glsl"
+#include "lod/selection.glsl"
 // One invocation per page and placed view: finds whether the page may have splats in the picture, how much of it lies
 // there, and how wide a pixel is from where its nodes are judged.
 // Before: the views are listed, the state is 0. After: `seen` has the pages in view, in any order: sums are of whole

@@ -1,6 +1,6 @@
 // Levels of detail: which nodes of a page are drawn, and their opacities.
 // src/levels/mod.rs explains the words; src/storage/pages/level.rs has the same words of levels.
-// Requires: slab.glsl, error_code.glsl, levels[], page
+// Requires: page.glsl, error_code.glsl, levels[], page
 #include "shared/alpha_max.glsl"
 
 layout(constant_id = 7) const bool HAS_LEVELS = false;

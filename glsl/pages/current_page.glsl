@@ -1,6 +1,6 @@
 // Finds the Gaussian of an element of a compacted list, which counts 1024 Gaussians for every listed page, and the view
 // that it is seen from.
-// Requires: slab.glsl, listed[], push.first_page, push.focal_px, push.centre_px, push.size_px
+// Requires: page.glsl, listed[], push.first_page, push.focal_px, push.centre_px, push.size_px
 
 View seen;
 float scale;

@@ -4,9 +4,10 @@
 #include "shared/workgroup.glsl"
 #include "shared/ballot.glsl"
 #include "fast/frame.glsl"
+#include "pages/page.glsl"
 #include "slabs/slab.glsl"
 #include "shared/error_code.glsl"
-#include "cut/notes.glsl"
+#include "lod/page_attributes.glsl"
 #include "inspect/codes.glsl"
 #include "shared/harmonics.glsl"
 #include "shared/grids.glsl"
@@ -49,10 +50,10 @@ layout(push_constant, scalar) uniform Push {
     vec3 forward;
 } push;
 
-#include "slabs/found.glsl"
-#include "slabs/index.glsl"
+#include "pages/current_page.glsl"
+#include "pages/gaussian_index.glsl"
 #define INDEX_OF(gaussian) index_of(gaussian)
-#include "slabs/levels.glsl"
+#include "lod/nodes.glsl"
 #define OPACITIES_OF(gaussian) opacities_of_node(gaussian)
 
 // By how many levels a node is coarser than asked for, because finer pages are missing: the powers of two by which its

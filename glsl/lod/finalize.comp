@@ -2,10 +2,10 @@
 #define WORKGROUP_SIZE 32
 #include "shared/workgroup.glsl"
 #include "shared/frame.glsl"
-#include "slabs/slab.glsl"
-#include "cut/cut.glsl"
+#include "pages/page.glsl"
+#include "lod/selection.glsl"
 // One invocation in all: sets the dispatch over the listed pages.
-// Before: the pages are listed. After: the element before the first has their number, as slabs/project.comp reads it.
+// Before: the pages are listed. After: the element before the first has their number, as pages/project.comp reads it.
 
 layout(binding = 0, scalar) buffer State { CutState state; };
 layout(binding = 1, scalar) writeonly buffer Listed { uvec4 listed[]; };       // [elements] behind the views, the pages
