@@ -6,11 +6,16 @@ use super::shaders::{Splat, Totals};
 use crate::gpu::Device;
 use crate::host_memory::OutOfMemory;
 
-/// The numbers of elements that the buffers of a frame hold, or that a frame needs. A cell is what splats are listed
-/// in: a tile of the portable path, a bin of the fast path.
+/// The most attempts to draw a frame, which no frame needs. Buffers grow to the demand of the attempt before. An overflow
+/// hides the demand of the next stage (visible, spans and listed, list length), so a frame may need one retry per stage,
+/// and one more for the change of path.
+pub(crate) const MAX_ATTEMPTS: u32 = 10;
+
+/// The numbers of elements that the buffers of a frame hold, or that a frame needs. Splats are listed in cells: tiles of
+/// the portable path, bins of the fast path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Capacity {
-    /// Gaussians in the scene, all of them.
+    /// All Gaussians of the scene.
     pub gaussians: usize,
     /// Gaussians that may touch the image.
     pub visible: u64,
@@ -61,12 +66,12 @@ impl Capacity {
         [roomy, exact]
     }
 
-    /// True if no part of it is more than that of `capacity`.
+    /// True if no number exceeds that of `capacity`.
     pub(super) fn fits(self, capacity: Self) -> bool {
         self.max(capacity) == capacity
     }
 
-    /// Makes buffers that are large enough for `self` and `current`, with some to spare if there is memory for that.
+    /// Makes buffers that are large enough for `self` and `current`, with some to spare if memory allows.
     pub(super) fn grow<T>(self, current: Self, make: impl Fn(Self) -> Result<T>) -> Result<T> {
         let [roomy, exact] = self.beyond(current);
         match make(roomy) {
@@ -76,7 +81,7 @@ impl Capacity {
     }
 }
 
-/// False if the result is that memory ran out.
+/// False if the result is [`OutOfMemory`].
 pub(super) fn has_memory(result: Result<()>) -> Result<bool> {
     match result {
         Err(error) if error.is::<OutOfMemory>() => Ok(false),

@@ -12,7 +12,7 @@ use crate::packing::Layout;
 use crate::pixels::{Depths, Pixels, Plane};
 use crate::render::constants::shared;
 use crate::render::frame::{Shot, Target, tiles};
-use crate::render::portable::{PortablePipeline, PortableWorkspace, Walk, chunks};
+use crate::render::portable::{Pass, PortablePipeline, PortableWorkspace, Walk, chunks};
 use crate::render::shaders::inspect::*;
 use crate::render::shaders::{PortableDispatches, View};
 use crate::rules::Background;
@@ -186,12 +186,13 @@ impl Inspector {
                 cmd.scope("blend", |cmd| pipeline.blend(cmd, shot, work, splat_ids, target, passes));
             }
             Picture::Work { stages, .. } => cmd.scope("inspect", |cmd| {
-                walk(cmd, stages, pipeline.blending.entries_per_pass, work, splat_ids, target, Walk::whole(passes));
+                let (entries_per_pass, walk) = (pipeline.blending.entries_per_pass, Walk::whole(passes));
+                walk_lists(cmd, stages, entries_per_pass, work, splat_ids, target, walk);
             }),
         }
     }
 
-    /// True if it draws depths, which slabs can be drawn of.
+    /// True if it draws depths, the only inspection that slabs draw.
     pub(in crate::render) fn is_of_depths(&self) -> bool {
         self.inspection == Inspection::of_depths()
     }
@@ -204,10 +205,12 @@ impl Inspector {
         work: &PortableWorkspace,
         splat_ids: &Buffer<u32>,
         target: Target,
-        how: Walk,
+        walk: Walk,
     ) {
-        let Picture::Work { stages, .. } = &self.picture else { unreachable!("slabs are drawn of depths only") };
-        walk(cmd, stages, pipeline.blending.entries_per_pass, work, splat_ids, target, how);
+        let Picture::Work { stages, .. } = &self.picture else {
+            unreachable!("of all inspections, slabs draw depths only")
+        };
+        walk_lists(cmd, stages, pipeline.blending.entries_per_pass, work, splat_ids, target, walk);
     }
 
     /// Intersects the visible set, which was culled from another camera, with what `view` may see; if a Gaussian is
@@ -247,33 +250,25 @@ impl Inspector {
     }
 }
 
-/// Walks every tile's list of `splat_ids`. It takes fewer loop iterations per instance than a blend, so the
-/// `entries_per_pass` of a blend suits it.
-fn walk(
+/// Walks every tile's list of `splat_ids`. It takes fewer loop iterations per instance than a blend, so it can take the
+/// `entries_per_pass` of a blend.
+fn walk_lists(
     cmd: &mut Commands,
     stages: &[Stage<Inspect>; 2],
     entries_per_pass: u32,
     work: &PortableWorkspace,
     splat_ids: &Buffer<u32>,
     target: Target,
-    Walk { passes, goes_on, is_last }: Walk,
+    walk: Walk,
 ) {
     let image = target.image;
     let tiles: u32 = tiles(image.size()).iter().product();
     let (ranges, splats, totals) = (&work.ranges, &work.splats, &work.totals);
-    for pass in 0..passes {
-        if pass > 0 {
-            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        }
+    let (size_px, background) = (image.size(), Background::Transparent.colour());
+    walk.record(cmd, entries_per_pass, |cmd, pass| {
+        let Pass { stage, begin: pass_begin, limit: pass_limit, last: last_pass } = pass;
         let bindings = InspectBindings { ranges, splat_ids, splats, totals, image };
-        let push = InspectPush {
-            size_px: image.size(),
-            tiles,
-            background: Background::Transparent.colour(),
-            pass_begin: pass * entries_per_pass,
-            pass_limit: entries_per_pass,
-            last_pass: u32::from(is_last && pass + 1 == passes),
-        };
-        cmd.dispatch(&stages[usize::from(goes_on || pass > 0)], bindings, push, DispatchSize::Groups(tiles.into()));
-    }
+        let push = InspectPush { size_px, tiles, background, pass_begin, pass_limit, last_pass };
+        cmd.dispatch(&stages[stage], bindings, push, DispatchSize::Groups(tiles.into()));
+    });
 }

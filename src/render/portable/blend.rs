@@ -12,15 +12,28 @@ use crate::render::shaders::SharedConstants;
 use crate::render::shaders::portable::*;
 use crate::rules::LISTED_ALPHA;
 
-/// How the lists of a frame, or of one slab of it, are walked.
+/// A walk along the tile lists of a frame, or of one slab of it.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct Walk {
-    /// Dispatches.
+    /// The number of dispatches.
     pub passes: u32,
-    /// Pixels go on from the state that the target holds.
+    /// True if pixels start from the state that the target holds.
     pub goes_on: bool,
-    /// Pixels are finished at the end.
+    /// True if the last pass finishes the pixels.
     pub is_last: bool,
+}
+
+/// One dispatch of a walk.
+#[derive(Clone, Copy)]
+pub(in crate::render) struct Pass {
+    /// The stage of the pass: 0 begins pixels, 1 resumes them.
+    pub stage: usize,
+    /// The first entry of every list that the pass takes.
+    pub begin: u32,
+    /// The most entries of a list that the pass takes.
+    pub limit: u32,
+    /// 1 if the pass finishes the pixels.
+    pub last: u32,
 }
 
 impl Walk {
@@ -28,11 +41,23 @@ impl Walk {
     pub fn whole(passes: u32) -> Self {
         Self { passes, goes_on: false, is_last: true }
     }
+
+    /// Records the dispatches of the walk, each of which takes at most `limit` entries of a list.
+    pub fn record(self, cmd: &mut Commands, limit: u32, dispatch: impl Fn(&mut Commands, Pass)) {
+        for pass in 0..self.passes {
+            if pass > 0 {
+                cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            }
+            let stage = usize::from(self.goes_on || pass > 0);
+            let last = u32::from(self.is_last && pass + 1 == self.passes);
+            dispatch(cmd, Pass { stage, begin: pass * limit, limit, last });
+        }
+    }
 }
 
 /// The pipelines of the blend. The second of each pair resumes what the first began.
 pub(in crate::render) struct Blending {
-    /// Instances of a tile's list that one dispatch may take.
+    /// The most instances of a tile's list that one dispatch takes.
     pub(in crate::render) entries_per_pass: u32,
     stages: Stages,
 }
@@ -59,7 +84,7 @@ impl Blending {
             |resume| Stage::new(device, &BlendCertifiedConstants { resume, ..BlendCertifiedConstants::of(constants) });
         let entries_per_pass = device.capabilities().loop_limit.map_or(u32::MAX, |limit| {
             // A subgroup takes as many instances at a time as it has lanes: one iteration for each, one for the loop
-            // around them, and those of the loops over the words of a ballot.
+            // around them, and the iterations over the words of a ballot.
             let iterations = subgroups.smallest + 3 * subgroups.ballot_words + 3;
             limit / iterations * subgroups.smallest
         });
@@ -70,12 +95,12 @@ impl Blending {
         Ok(Self { entries_per_pass, stages })
     }
 
-    /// Dispatches that a longest tile list of this length takes.
+    /// The number of dispatches for a longest tile list of this length.
     pub fn passes(&self, longest_list: u32) -> u32 {
         longest_list.div_ceil(self.entries_per_pass).max(1)
     }
 
-    /// The longest tile list that so many dispatches finish.
+    /// The longest tile list that this number of dispatches finishes.
     pub fn longest_list(&self, passes: u32) -> u32 {
         self.entries_per_pass.saturating_mul(passes)
     }
@@ -88,25 +113,21 @@ impl Blending {
         work: &PortableWorkspace,
         splat_ids: &Buffer<u32>,
         target: Target,
-        Walk { passes, goes_on, is_last }: Walk,
+        walk: Walk,
     ) {
         let image = target.image;
         let tiles: u32 = tiles(image.size()).iter().product();
-        for pass in 0..passes {
-            if pass > 0 {
-                cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-            }
-            let (size_px, background) = (image.size(), target.background.colour());
-            let (pass_begin, pass_limit) = (pass * self.entries_per_pass, self.entries_per_pass);
-            let last_pass = u32::from(is_last && pass + 1 == passes);
-            let (ranges, splats, totals) = (&work.ranges, &work.splats, &work.totals);
-            let groups = DispatchSize::Groups(tiles.into());
+        let (size_px, background) = (image.size(), target.background.colour());
+        let (ranges, splats, totals) = (&work.ranges, &work.splats, &work.totals);
+        let groups = DispatchSize::Groups(tiles.into());
+        walk.record(cmd, self.entries_per_pass, |cmd, pass| {
+            let Pass { stage, begin: pass_begin, limit: pass_limit, last: last_pass } = pass;
             match &self.stages {
                 Stages::Plain(stages) => {
                     let tiles_by_class = &work.tiles_by_class;
                     let bindings = BlendBindings { ranges, splat_ids, splats, totals, tiles_by_class, image };
                     let push = BlendPush { size_px, tiles, background, pass_begin, pass_limit, last_pass };
-                    cmd.dispatch(&stages[usize::from(goes_on || pass > 0)], bindings, push, groups);
+                    cmd.dispatch(&stages[stage], bindings, push, groups);
                 }
                 Stages::Certified(stages) => {
                     let certificate = target.certificate.expect("a certifying renderer is given an image for it");
@@ -121,10 +142,10 @@ impl Blending {
                         unlisted: unlisted(scene, background),
                         position_error_px: position_error_px(camera),
                     };
-                    cmd.dispatch(&stages[usize::from(goes_on || pass > 0)], bindings, push, groups);
+                    cmd.dispatch(&stages[stage], bindings, push, groups);
                 }
             }
-        }
+        });
     }
 }
 

@@ -8,13 +8,12 @@ use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage};
 use crate::options::Options;
 use crate::packing::Statistics;
 use crate::pixels::Pixels;
-use crate::render::capacity::Capacity;
+use crate::render::capacity::{Capacity, MAX_ATTEMPTS};
 use crate::render::constants::shared;
 use crate::render::frame::{Shot, Target, tiles};
-use crate::render::portable::{PortablePipeline, PortableWorkspace, chunks};
+use crate::render::portable::{Pass, PortablePipeline, PortableWorkspace, Walk, chunks};
 use crate::render::readback::read_pixels;
 use crate::render::scene::GpuScene;
-use crate::render::self_test::MAX_ATTEMPTS;
 use crate::render::shaders::Contribution;
 use crate::render::shaders::portable::CULL_CHUNK;
 use crate::render::shaders::prune::*;
@@ -258,11 +257,12 @@ impl Pruner {
         let Self { work, found: image, contributions, .. } = self;
         let (ranges, splats, gaussian_from_splat) = (&work.ranges, &work.splats, &work.gaussian_from_splat);
         let splat_ids = self.pipeline.splat_ids(work, camera);
-        self.walk(cmd, camera, |cmd, size_px, tiles, Part { pass, pass_begin, pass_limit, last_pass }| {
+        self.walk(cmd, camera, |cmd, size_px, tiles, pass| {
+            let Pass { stage, begin: pass_begin, limit: pass_limit, last: last_pass } = pass;
             let bindings = ContributeBindings { ranges, splat_ids, splats, gaussian_from_splat, contributions, image };
             let background = BACKGROUND.colour();
             let push = ContributePush { size_px, tiles, background, pass_begin, pass_limit, last_pass };
-            cmd.dispatch(&self.contribute[pass.min(1)], bindings, push, DispatchSize::Groups(tiles.into()));
+            cmd.dispatch(&self.contribute[stage], bindings, push, DispatchSize::Groups(tiles.into()));
         });
     }
 
@@ -272,34 +272,21 @@ impl Pruner {
         let (ranges, splats, gaussian_from_splat) = (&work.ranges, &work.splats, &work.gaussian_from_splat);
         let splat_ids = self.pipeline.splat_ids(work, camera);
         let background = BACKGROUND.colour().into_iter().fold(0.0, f32::max);
-        self.walk(cmd, camera, |cmd, size_px, tiles, Part { pass, pass_begin, pass_limit, last_pass }| {
+        self.walk(cmd, camera, |cmd, size_px, tiles, pass| {
+            let Pass { stage, begin: pass_begin, limit: pass_limit, last: last_pass } = pass;
             let bindings = BoundBindings { ranges, splat_ids, splats, gaussian_from_splat, kept, counts, image };
             let push = BoundPush { size_px, tiles, background, pass_begin, pass_limit, last_pass };
-            cmd.dispatch(&self.bound[pass.min(1)], bindings, push, DispatchSize::Groups(tiles.into()));
+            cmd.dispatch(&self.bound[stage], bindings, push, DispatchSize::Groups(tiles.into()));
         });
     }
 
-    /// Dispatches a walk of all lists, which may take several passes. It takes no more loop iterations per instance
-    /// than a blend, so the passes of a blend suit it.
-    fn walk(&self, cmd: &mut Commands, camera: &Camera, dispatch: impl Fn(&mut Commands, [u32; 2], u32, Part)) {
+    /// Records a walk along all lists. It takes no more loop iterations per instance than a blend, so it takes as many
+    /// passes.
+    fn walk(&self, cmd: &mut Commands, camera: &Camera, dispatch: impl Fn(&mut Commands, [u32; 2], u32, Pass)) {
         let tiles = tiles(camera.size_px).iter().product();
-        let pass_limit = self.pipeline.blending.entries_per_pass;
-        for pass in 0..self.passes {
-            if pass > 0 {
-                cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-            }
-            let last_pass = u32::from(pass + 1 == self.passes);
-            let pass_begin = pass * pass_limit;
-            dispatch(cmd, camera.size_px, tiles, Part { pass: pass as usize, pass_begin, pass_limit, last_pass });
-        }
+        let walk = Walk::whole(self.passes);
+        walk.record(cmd, self.pipeline.blending.entries_per_pass, |cmd, pass| {
+            dispatch(cmd, camera.size_px, tiles, pass);
+        });
     }
-}
-
-/// One of the passes of a walk.
-#[derive(Clone, Copy)]
-struct Part {
-    pass: usize,
-    pass_begin: u32,
-    pass_limit: u32,
-    last_pass: u32,
 }
