@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use smalto::options::{KNOBS, Options};
 use smalto::pixels::Integers;
-use smalto::render::{Form, Wanted};
+use smalto::render::{Form, FrameOutputs};
 use smalto::rules::Background;
 
 use crate::camera::Camera;
@@ -78,12 +78,12 @@ pub fn ground(background: Option<[f32; 3]>) -> PyResult<Background> {
 }
 
 /// What is wanted of a view whose pixels stay on the device.
-pub fn exported(has_depth: bool) -> Wanted {
-    Wanted { picture: vec![Form::Floats], depths: has_depth, is_exported: true }
+pub fn exported(has_depth: bool) -> FrameOutputs {
+    FrameOutputs { picture: vec![Form::Floats], depths: has_depth, is_exported: true }
 }
 
 /// What is wanted of a view, from the names of its layers and of its numbers.
-pub fn wanted(layers: Option<&[String]>, dtype: &str, background: Background) -> PyResult<Wanted> {
+pub fn wanted(layers: Option<&[String]>, dtype: &str, background: Background) -> PyResult<FrameOutputs> {
     let picture = match dtype {
         "float32" => vec![Form::Floats],
         "uint8" if background == Background::Transparent => {
@@ -93,7 +93,7 @@ pub fn wanted(layers: Option<&[String]>, dtype: &str, background: Background) ->
         "uint8" => vec![Form::Integers(Integers::Rgb8), Form::Integers(Integers::Grey8)],
         _ => return Err(PyValueError::new_err(format!("dtype: expected float32 or uint8, found {dtype}"))),
     };
-    let mut wanted = Wanted { picture, ..Wanted::default() };
+    let mut wanted = FrameOutputs { picture, ..FrameOutputs::default() };
     for layer in layers.unwrap_or_default() {
         match layer.as_str() {
             "color" | "alpha" => {}

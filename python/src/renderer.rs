@@ -10,7 +10,7 @@ use pyo3::types::PyDict;
 use smalto::cli::open_device;
 use smalto::gpu::{Device, Feature, Handle};
 use smalto::render;
-use smalto::render::{Finished, Frame, GpuScene, HostFrame, SceneSource, Stream, Streamed, Wanted};
+use smalto::render::{Finished, Frame, FrameOutputs, FrameQueue, GpuScene, HostFrame, QueuedFrame, SceneSource};
 use smalto::rules::{Background, Order, Rules};
 
 use crate::asked::{Asked, exported, ground, wanted};
@@ -77,7 +77,7 @@ struct Inner {
 /// Draws with one near plane.
 struct Drawing {
     near: f32,
-    stream: Stream,
+    stream: FrameQueue,
 }
 
 /// A view on the GPU.
@@ -85,7 +85,7 @@ struct View {
     /// It may not be that of the next view any more.
     drawing: Arc<Mutex<Drawing>>,
     background: Background,
-    streamed: Streamed,
+    streamed: QueuedFrame,
 }
 
 #[pymethods]
@@ -247,13 +247,13 @@ impl Inner {
             let make = if self.is_certified { render::Renderer::certified } else { render::Renderer::new };
             // The lists and pictures of the old one are free before the new one takes its own.
             self.drawing = None;
-            let stream = Stream::new(&self.device, make(&self.device, &options, scene)?);
+            let stream = FrameQueue::new(&self.device, make(&self.device, &options, scene)?);
             self.drawing = Some(Arc::new(Mutex::new(Drawing { near, stream })));
         }
         Ok(self.drawing.as_ref().expect("it was made"))
     }
 
-    fn start(&mut self, camera: &Camera, background: Background, wanted: &Wanted) -> Result<View> {
+    fn start(&mut self, camera: &Camera, background: Background, wanted: &FrameOutputs) -> Result<View> {
         let host = self.spare.take();
         self.start_into(camera, background, wanted, host)
     }
@@ -262,7 +262,7 @@ impl Inner {
         &mut self,
         camera: &Camera,
         background: Background,
-        wanted: &Wanted,
+        wanted: &FrameOutputs,
         host: HostFrame,
     ) -> Result<View> {
         let near = self.asked.near(camera);
@@ -316,7 +316,7 @@ pub struct Pictures {
     renderer: Py<Renderer>,
     cameras: Py<PyAny>,
     background: Background,
-    wanted: Wanted,
+    wanted: FrameOutputs,
     queue: Mutex<VecDeque<View>>,
 }
 

@@ -1,9 +1,11 @@
-//! The parts of a frame that both paths share: target, view, depth keys, limits of subgroups.
+//! The parts of a frame that both paths share: target, view, depth keys, sort positions, limits of subgroups.
+
+use std::ops::Range;
 
 use glam::DVec3;
 
 use super::scene::GpuScene;
-use super::shaders::View;
+use super::shaders::{Slab, View};
 use crate::camera::Camera;
 use crate::gpu::{Device, Image};
 use crate::options::Options;
@@ -26,27 +28,27 @@ pub struct Target<'a> {
     pub background: Background,
 }
 
-/// The variants of a pipeline: those that measure draw the same pictures.
+/// The variants of a pipeline. All draw the same pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Variation {
-    /// It only draws.
+    /// Only draws.
     #[default]
     Plain,
-    /// Its blend counts its work ([`Totals`](super::Totals) from `evaluations_low` on), which takes longer.
+    /// The blend counts its work ([`Totals`](super::Totals) from `evaluations_low` on), which takes longer.
     Counting,
-    /// It makes a certificate of every picture, which takes much longer.
+    /// Makes a certificate of every picture, which takes much longer.
     Certifying,
 }
 
-/// The subgroup sizes that the pipelines of the portable path may run with.
+/// The subgroup sizes of the pipelines of the portable path.
 #[derive(Clone, Copy)]
 pub(super) struct SubgroupLimits {
     pub smallest: u32,
-    /// 32-bit words of a ballot of the largest subgroup.
+    /// The number of 32-bit words in a ballot of the largest subgroup.
     pub ballot_words: u32,
 }
 
-/// Smallest subgroup that the portable path is built for.
+/// The smallest subgroup that the portable path is built for.
 const PORTABLE_SUBGROUP: u32 = 4;
 
 impl SubgroupLimits {
@@ -59,7 +61,7 @@ impl SubgroupLimits {
     }
 }
 
-/// The number that shaders know a footprint by: `EXTENT_*` in rules.glsl.
+/// The number of a footprint in shaders: `EXTENT_*` in rules.glsl.
 pub(super) fn footprint_code(footprint: Footprint) -> u32 {
     use super::shaders::shared::{EXTENT_EXACT, EXTENT_THREE_SIGMA, EXTENT_THREE_SIGMA_SQUARES};
     match footprint {
@@ -74,7 +76,7 @@ pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
     size_px.map(|side| side.div_ceil(TILE))
 }
 
-/// Bits that hold every tile number.
+/// The number of bits of a tile number.
 pub(super) fn tile_bits(tiles: u32) -> u32 {
     tiles.next_power_of_two().trailing_zeros()
 }
@@ -98,7 +100,7 @@ pub(crate) fn view(camera: &Camera, near: f32) -> View {
     }
 }
 
-/// Bits that hold a key for every float from `near` to `far`, and one key more.
+/// The number of bits of a key that has a value for every float from `near` to `far`, and one more.
 pub(crate) fn depth_bits(near: f32, far: f64) -> u32 {
     let far = far.clamp(near.into(), f32::MAX.into()) as f32;
     u32::BITS - (far.to_bits() - near.to_bits() + 2).leading_zeros()
@@ -109,13 +111,13 @@ pub(crate) fn depth_bits(near: f32, far: f64) -> u32 {
 /// needs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct DepthKeys {
-    /// Bits of a key: [`depth_bits`] from the near plane to the far end of the scene, less `shift`.
+    /// The number of bits of a key: [`depth_bits`] from the near plane to the far end of the scene, less `shift`.
     pub bits: u32,
     pub shift: u32,
 }
 
 impl DepthKeys {
-    /// The largest key that fits into the bits.
+    /// The largest key of this number of bits.
     pub fn limit(self) -> u32 {
         ((1_u64 << self.bits) - 1) as u32
     }
@@ -133,6 +135,21 @@ impl DepthKeys {
         let shift = needed.saturating_sub(options.key_bits);
         Self { bits: needed - shift, shift }
     }
+}
+
+/// A position in the total order of splats: the depth key in the upper 32 bits, the index of the Gaussian in the lower
+/// ones.
+pub(crate) type SortPosition = u64;
+
+/// The first position of a depth key.
+pub(crate) fn position_of(key: u32) -> SortPosition {
+    u64::from(key) << 32
+}
+
+/// The slab of these positions, as shaders read it.
+pub(crate) fn slab(range: &Range<SortPosition>) -> Slab {
+    let pair = |position: SortPosition| [(position >> 32) as u32, position as u32];
+    Slab { begin: pair(range.start), end: pair(range.end) }
 }
 
 #[cfg(test)]

@@ -1,23 +1,23 @@
-//! Frames drawn one after another without waiting for each: while one is drawn, the pixels of those before it are
-//! brought to the host, into memory that is used again and again.
+//! The queue of frames in flight: while one is drawn, the pixels of the frames before it are copied to the host, into
+//! memory that is used again.
 
 use anyhow::{Result, bail};
 
+use super::capacity::MAX_ATTEMPTS;
 use super::inspect::{Inspection, Inspector};
 use super::pack::Packer;
 use super::path::Path;
 use super::recorded::{Frame, Recorded};
 use super::renderer::Renderer;
-use super::self_test::MAX_ATTEMPTS;
 use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, Handle, InFlight, Results, Staging, Timing};
 use crate::pixels::{Integers, Pixels};
 use crate::rules::Background;
 
-/// The form in which pixels are brought to the host.
+/// The form of pixels on the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
-    /// Four floats a pixel.
+    /// Four floats per pixel.
     Floats,
     Integers(Integers),
 }
@@ -31,19 +31,19 @@ impl Form {
     }
 }
 
-/// What is wanted of a view.
+/// The outputs of a view.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Wanted {
-    /// The forms of the picture; none if it is not wanted.
+pub struct FrameOutputs {
+    /// The forms of the picture; empty if there is no picture.
     pub picture: Vec<Form>,
     /// The input of [`depths`](super::inspect::depths).
     pub depths: bool,
-    /// The pixels stay in device memory, which [`HostFrame::handles`] hands over to other APIs.
+    /// True if the pixels stay in device memory, which [`HostFrame::handles`] hands over to other APIs.
     pub is_exported: bool,
 }
 
-impl Wanted {
-    /// Bytes of host memory for a view of this size.
+impl FrameOutputs {
+    /// The bytes of host memory for a view of this size.
     pub fn bytes(&self, size: [u32; 2]) -> u64 {
         self.planes().map(|form| 4 * form.words(size) as u64).sum()
     }
@@ -53,58 +53,59 @@ impl Wanted {
     }
 }
 
-/// Memory for the pixels of one view: the host's, or if that is wanted the device's, which only [`HostFrame::handles`]
-/// reads.
+/// Memory for the pixels of one view: of the host, or for exported pixels of the device, which only
+/// [`HostFrame::handles`] reads.
 #[derive(Default)]
 pub struct HostFrame {
     size: [u32; 2],
-    wanted: Wanted,
-    /// Of the forms of the picture, then of the depths.
+    outputs: FrameOutputs,
+    /// The pixels of the forms of the picture, then of the depths.
     planes: Vec<Staging<u32>>,
 }
 
 impl HostFrame {
-    /// Makes room for a view, if the memory is that of another.
-    fn fit(&mut self, device: &Device, wanted: &Wanted, size: [u32; 2]) -> Result<()> {
-        if self.size != size || self.wanted != *wanted {
-            // The old memory is free before the new is taken.
+    /// Allocates the memory of a view, unless it has the size and the outputs of the last one.
+    fn fit(&mut self, device: &Device, outputs: &FrameOutputs, size: [u32; 2]) -> Result<()> {
+        if self.size != size || self.outputs != *outputs {
+            // Frees the old memory before the new is allocated.
             self.planes.clear();
-            let new = if wanted.is_exported { Staging::exportable } else { Staging::new };
+            let new = if outputs.is_exported { Staging::exportable } else { Staging::new };
             let plane = |form: Form| new(device, "host frame", form.words(size));
-            *self = Self { size, wanted: wanted.clone(), planes: wanted.planes().map(plane).collect::<Result<_>>()? };
+            let planes = outputs.planes().map(plane).collect::<Result<_>>()?;
+            *self = Self { size, outputs: outputs.clone(), planes };
         }
         Ok(())
     }
 
-    /// The bytes of the picture as integers, if they were wanted.
+    /// The bytes of the picture as integers, if these are an output.
     pub fn integers(&mut self, integers: Integers) -> Option<&[u8]> {
         let bytes = integers.bytes(self.size) as usize;
-        let plane = self.wanted.picture.iter().position(|form| *form == Form::Integers(integers))?;
+        let plane = self.outputs.picture.iter().position(|form| *form == Form::Integers(integers))?;
         Some(&bytemuck::cast_slice(self.planes[plane].map())[..bytes])
     }
 
-    /// The picture, if its floats were wanted.
+    /// The picture, if its floats are an output.
     pub fn picture(&mut self) -> Option<Pixels> {
         let size = self.size;
         Some(Pixels { size, rgba: self.floats()?.to_vec() })
     }
 
-    /// Red, green, blue and alpha of the picture, row by row, if its floats were wanted.
+    /// Red, green, blue and alpha of the picture, row by row, if its floats are an output.
     pub fn floats(&mut self) -> Option<&[[f32; 4]]> {
-        let plane = self.wanted.picture.iter().position(|form| *form == Form::Floats)?;
+        let plane = self.outputs.picture.iter().position(|form| *form == Form::Floats)?;
         Some(bytemuck::cast_slice(self.planes[plane].map()))
     }
 
-    /// The input of [`depths`](super::inspect::depths), if it was wanted.
+    /// The input of [`depths`](super::inspect::depths), if it is an output.
     pub fn depths(&mut self) -> Option<Pixels> {
-        let plane = self.wanted.depths.then(|| self.planes.last_mut()).flatten()?;
+        let plane = self.outputs.depths.then(|| self.planes.last_mut()).flatten()?;
         Some(Pixels { size: self.size, rgba: bytemuck::cast_slice(plane.map()).to_vec() })
     }
 
     /// Handles of the memory of the forms of the picture, then of the depths, if the pixels stay in device memory.
     ///
     /// # Errors
-    /// If the pixels are brought to the host.
+    /// If the pixels are in host memory.
     pub fn handles(&self) -> Result<Vec<Handle>> {
         self.planes.iter().map(Staging::export).collect()
     }
@@ -115,8 +116,8 @@ impl HostFrame {
     }
 }
 
-/// Draws frames one after another.
-pub struct Stream {
+/// Draws frames one after another, several of which are in flight.
+pub struct FrameQueue {
     device: Device,
     renderer: Renderer,
     packers: Vec<Packer>,
@@ -124,24 +125,32 @@ pub struct Stream {
 }
 
 /// A view on the GPU.
-pub struct Streamed {
+pub struct QueuedFrame {
     camera: Camera,
     background: Background,
     host: HostFrame,
     /// One or two submissions.
     commands: Vec<InFlight>,
-    /// Of the picture and of the depths, as far as they are wanted, with the number of their submission.
-    recorded: Vec<(Path, Recorded, usize)>,
+    /// The frame of the picture, then that of the depths, if these are outputs.
+    recorded: Vec<QueuedPass>,
+}
+
+/// A recorded frame of a view.
+struct QueuedPass {
+    path: Path,
+    recorded: Recorded,
+    /// The index of its submission.
+    submission: usize,
 }
 
 /// A finished view.
 pub struct Finished {
-    /// The frame of the picture, then that of the depths, as far as they were wanted.
+    /// The report of the picture, then that of the depths, if these are outputs.
     pub frames: Vec<Frame>,
     pub host: HostFrame,
 }
 
-impl Stream {
+impl FrameQueue {
     pub fn new(device: &Device, renderer: Renderer) -> Self {
         Self { device: device.clone(), renderer, packers: Vec::new(), depths: None }
     }
@@ -158,36 +167,35 @@ impl Stream {
         &mut self,
         camera: &Camera,
         background: Background,
-        wanted: &Wanted,
+        outputs: &FrameOutputs,
         mut host: HostFrame,
-    ) -> Result<Streamed> {
-        host.fit(&self.device, wanted, camera.size_px)?;
-        self.prepare(wanted, camera.size_px)?;
+    ) -> Result<QueuedFrame> {
+        host.fit(&self.device, outputs, camera.size_px)?;
+        self.prepare(outputs, camera.size_px)?;
         let mut cmd = Commands::new(&self.device)?;
         let (mut recorded, mut commands) = (Vec::new(), Vec::new());
-        if !wanted.picture.is_empty() {
+        if !outputs.picture.is_empty() {
             let frame = self.renderer.record(&mut cmd, camera, background)?;
-            recorded.push((self.renderer.path(), frame, 0));
-            self.bring(&mut cmd, &host);
+            recorded.push(QueuedPass { path: self.renderer.path(), recorded: frame, submission: 0 });
+            self.download_picture(&mut cmd, &host);
         }
-        if wanted.depths {
+        if outputs.depths {
             if !recorded.is_empty() {
-                // Where depths do not fit at once, they are drawn while they are recorded. The copy of the picture must
-                // come first.
+                // Depths in slabs are drawn while they are recorded, so the copy of the picture is submitted before.
                 commands.push(std::mem::replace(&mut cmd, Commands::new(&self.device)?).submit()?);
             }
             let frame = self.renderer.record_inspected(&mut cmd, camera, background, self.depths.as_ref())?;
-            recorded.push((self.renderer.path(), frame, commands.len()));
+            recorded.push(QueuedPass { path: self.renderer.path(), recorded: frame, submission: commands.len() });
             cmd.download_pixels(self.renderer.image(), host.planes.last().expect("depths have a plane"));
         }
         let camera = camera.clone();
         commands.push(cmd.submit()?);
-        Ok(Streamed { camera, background, host, commands, recorded })
+        Ok(QueuedFrame { camera, background, host, commands, recorded })
     }
 
     /// Makes the stages and buffers that the view needs.
-    fn prepare(&mut self, wanted: &Wanted, size: [u32; 2]) -> Result<()> {
-        for form in &wanted.picture {
+    fn prepare(&mut self, outputs: &FrameOutputs, size: [u32; 2]) -> Result<()> {
+        for form in &outputs.picture {
             let Form::Integers(integers) = *form else { continue };
             let known = self.packers.iter().position(|packer| packer.integers() == integers);
             if known.is_none() {
@@ -196,16 +204,16 @@ impl Stream {
             let packer = known.unwrap_or(self.packers.len() - 1);
             self.packers[packer].fit(&self.device, size)?;
         }
-        if wanted.depths && self.depths.is_none() {
+        if outputs.depths && self.depths.is_none() {
             self.depths = Some(self.renderer.inspector(Inspection::of_depths())?);
         }
         Ok(())
     }
 
-    /// Records the way of the picture to the host, in every form that is wanted.
-    fn bring(&self, cmd: &mut Commands, host: &HostFrame) {
+    /// Records the copy of the picture to the host, in every form of the outputs.
+    fn download_picture(&self, cmd: &mut Commands, host: &HostFrame) {
         let image = self.renderer.image();
-        for (form, plane) in host.wanted.picture.iter().zip(&host.planes) {
+        for (form, plane) in host.outputs.picture.iter().zip(&host.planes) {
             match form {
                 Form::Floats => cmd.download_pixels(image, plane),
                 Form::Integers(integers) => {
@@ -224,45 +232,39 @@ impl Stream {
     ///
     /// # Errors
     /// If memory runs out or the device is lost.
-    pub fn finish(&mut self, mut view: Streamed) -> Result<Finished> {
+    pub fn finish(&mut self, mut view: QueuedFrame) -> Result<Finished> {
         for attempts in 1..=MAX_ATTEMPTS {
-            let Streamed { camera, background, host, commands, recorded } = view;
+            let QueuedFrame { camera, background, host, commands, recorded } = view;
             let results: Vec<Results> = commands.into_iter().map(InFlight::wait).collect::<Result<_>>()?;
             if let Some(frames) = self.judge(&results, &recorded, attempts)? {
                 return Ok(Finished { frames, host });
             }
-            let wanted = host.wanted.clone();
-            view = self.start(&camera, background, &wanted, host)?;
+            let outputs = host.outputs.clone();
+            view = self.start(&camera, background, &outputs, host)?;
         }
         bail!("the frame did not fit its buffers in {MAX_ATTEMPTS} attempts, although they grew to what it counted")
     }
 
     /// The reports of the frames, if all are complete.
-    fn judge(
-        &mut self,
-        results: &[Results],
-        recorded: &[(Path, Recorded, usize)],
-        attempts: u32,
-    ) -> Result<Option<Vec<Frame>>> {
-        // The picture is judged last: what it says of the fast path holds for the next attempt.
-        let judged = recorded.iter().rev().map(|(_, frame, of)| self.renderer.judge(&results[*of], frame));
+    fn judge(&mut self, results: &[Results], passes: &[QueuedPass], attempts: u32) -> Result<Option<Vec<Frame>>> {
+        // The picture is judged last: its demand on the fast path decides the next attempt.
+        let judged = passes.iter().rev().map(|pass| self.renderer.judge(&results[pass.submission], &pass.recorded));
         let totals: Option<Vec<_>> = judged.collect::<Result<Vec<_>>>()?.into_iter().rev().collect();
         let all: Vec<Timing> = results.iter().flat_map(Results::timings).cloned().collect();
         let mut timings = all.as_slice();
-        let frame = |(totals, (path, recorded, of)): (_, &(Path, Recorded, usize))| Frame {
+        let mut frame = |totals, QueuedPass { path, recorded, submission }: &QueuedPass| Frame {
             totals,
             timings: recorded.timings(&take_frame(&mut timings)),
             attempts,
             path: *path,
             parts: recorded.parts(),
-            detail: self.renderer.detail(&results[*of], recorded),
+            detail: self.renderer.detail(&results[*submission], recorded),
         };
-        Ok(totals.map(|totals| totals.into_iter().zip(recorded).map(frame).collect()))
+        Ok(totals.map(|totals| totals.into_iter().zip(passes).map(|(totals, pass)| frame(totals, pass)).collect()))
     }
 }
 
-/// Takes the timings of the next frame: up to the scope that holds all its stages, and what follows until the next
-/// frame begins.
+/// Takes the timings of the next frame: up to the scope that holds all its stages, and of its packing.
 fn take_frame(timings: &mut &[Timing]) -> Vec<Timing> {
     let end = timings.iter().position(|timing| timing.depth == 0).map_or(timings.len(), |last| last + 1);
     let more = timings[end..].iter().take_while(|timing| timing.name == "pack").count();

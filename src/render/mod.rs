@@ -32,7 +32,7 @@ pub use fast::{BLOCK_HEIGHTS, BinGrid, FastPipeline, FastWorkspace};
 pub use frame::{Shot, Target, Variation};
 pub(crate) use frame::{depth_bits, tiles};
 #[doc(hidden)]
-pub use frame_queue::{Finished, Form, HostFrame, Stream, Streamed, Wanted};
+pub use frame_queue::{Finished, Form, FrameOutputs, FrameQueue, HostFrame, QueuedFrame};
 pub use inspect::{Attribute, Explained, Explanation, Inspection, Look, Work, depths};
 #[doc(hidden)]
 pub use inspect::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
@@ -52,5 +52,5 @@ pub use scene::{Content, GpuScene, NoLevels, PagesRead, SceneSource};
 #[doc(hidden)]
 pub use shaders::Splat;
 pub use shaders::Totals;
-pub use slabs::Parts;
+pub use slabs::SlabReport;
 pub use streaming::Residency;

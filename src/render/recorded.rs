@@ -1,9 +1,9 @@
-//! Frames that are recorded, on the GPU, or finished.
+//! Frames: recorded, on the GPU, or finished.
 
 use super::lod::{Chooser, Detailed};
 use super::path::{Limits, Path};
 use super::shaders::{CutState, Totals};
-use super::slabs::{Drawn, Parts};
+use super::slabs::{SlabReport, SlabbedFrame};
 use super::streaming::Demand;
 use crate::gpu::{InFlight, Readback, Results, Timing};
 use crate::options::Options;
@@ -13,14 +13,14 @@ use crate::options::Options;
 pub struct Frame {
     /// The counts of the frame.
     pub totals: Totals,
-    /// The measured times: of every stage, or only of the frame, as
-    /// [`Renderer::set_timestamps`](super::renderer::Renderer::set_timestamps) says.
+    /// The measured times: of every stage, or only of the frame, by
+    /// [`Renderer::set_timestamps`](super::renderer::Renderer::set_timestamps).
     pub timings: Vec<Timing>,
-    /// Times that the frame was drawn: more than one if something did not fit at first.
+    /// The number of attempts: more than one if the frame did not fit its buffers at first.
     pub attempts: u32,
     pub path: Path,
-    /// Set if it was drawn in parts.
-    pub parts: Option<Parts>,
+    /// Set if it was drawn in slabs.
+    pub parts: Option<SlabReport>,
     /// Set if it was drawn by levels of detail.
     pub detail: Option<Detailed>,
 }
@@ -31,7 +31,7 @@ pub struct Started {
     pub(super) recorded: Recorded,
 }
 
-/// A recorded frame. When its commands have run, [`Renderer::judge`](super::Renderer::judge) tells whether it is
+/// A recorded frame. When its commands have run, [`Renderer::judge`](super::Renderer::judge) decides whether it is
 /// complete.
 pub struct Recorded {
     pub(super) number: u64,
@@ -41,41 +41,41 @@ pub struct Recorded {
 
 /// The counts of a recorded frame.
 pub(super) enum Counted {
-    /// They are there when its commands have run.
-    OnDevice(Readback<Totals>),
-    /// The same, of a scene in pages.
-    OfPages(Readback<Totals>, OfPages),
-    /// The frame is drawn already, in slabs.
-    Here(Box<Drawn>),
+    /// A frame of a whole scene, which counts when its commands run.
+    Whole(Readback<Totals>),
+    /// A frame of a scene in pages, which counts when its commands run.
+    Paged(Readback<Totals>, PagedCounts),
+    /// A frame in slabs, which is finished when it is recorded.
+    Slabbed(Box<SlabbedFrame>),
 }
 
-/// What a frame of a scene in pages that was drawn at once tells of these.
-pub(super) struct OfPages {
+/// The counts of the pages of a frame that is drawn without slabs.
+pub(super) struct PagedCounts {
     pub state: Readback<CutState>,
-    /// Set if it does not wait for pages.
-    pub demand: Option<Demand>,
+    /// The requested pages, if the frame does not wait for missing ones.
+    pub requests: Option<Demand>,
 }
 
 impl Recorded {
-    pub(super) fn parts(&self) -> Option<Parts> {
+    pub(super) fn parts(&self) -> Option<SlabReport> {
         match &self.counted {
-            Counted::Here(drawn) => Some(drawn.parts),
-            Counted::OnDevice(_) | Counted::OfPages(..) => None,
+            Counted::Slabbed(drawn) => Some(drawn.report),
+            Counted::Whole(_) | Counted::Paged(..) => None,
         }
     }
 
-    /// What the levels of detail were cut to, if they were.
+    /// The report of the levels of detail, if the frame was drawn by them.
     pub(super) fn detail(&self, results: &Results, options: &Options) -> Option<Detailed> {
         match &self.counted {
-            Counted::Here(drawn) => drawn.detail,
-            Counted::OnDevice(_) => None,
-            Counted::OfPages(_, pages) => Chooser::detail(&results.view(&pages.state)[0], options),
+            Counted::Slabbed(drawn) => drawn.detail,
+            Counted::Whole(_) => None,
+            Counted::Paged(_, pages) => Chooser::detail(&results.view(&pages.state)[0], options),
         }
     }
 
     /// The timings of the frame, from those of its commands.
     pub(super) fn timings(&self, own: &[Timing]) -> Vec<Timing> {
-        let Counted::Here(drawn) = &self.counted else { return own.to_vec() };
+        let Counted::Slabbed(drawn) = &self.counted else { return own.to_vec() };
         let whole: f64 = drawn.timings.iter().map(|stage| stage.duration_ms).sum();
         let longer = |timing: &Timing| Timing { duration_ms: timing.duration_ms + whole, ..timing.clone() };
         let own = own.iter().map(|timing| if timing.depth == 0 { longer(timing) } else { timing.clone() });

@@ -7,7 +7,9 @@ use smalto::gpu::{Access, Commands, Image, Staging};
 use smalto::options::Options;
 use smalto::pixels::{Integers, Pixels};
 use smalto::procedural::{Procedural, cactus};
-use smalto::render::{Capacity, Form, GpuScene, HostFrame, Inspection, Look, Packer, Renderer, Stream, Wanted, Work};
+use smalto::render::{
+    Capacity, Form, FrameOutputs, FrameQueue, GpuScene, HostFrame, Inspection, Look, Packer, Renderer, Work,
+};
 use smalto::rules::Background;
 
 const ALL: [Integers; 4] = [Integers::Rgb8, Integers::Rgb16, Integers::Grey8, Integers::Grey16];
@@ -79,12 +81,12 @@ fn compare_in_flight(options: &Options) {
     let tiny = Capacity { gaussians: 3000, visible: 100, spans: 100, listed: 100, cells: 1 };
     let renderer = Renderer::new(&gpu.0, options, &scene).unwrap().with_capacity(tiny).unwrap();
     let mut alone = Renderer::new(&gpu.0, options, &scene).unwrap();
-    let mut stream = Stream::new(&gpu.0, renderer);
+    let mut stream = FrameQueue::new(&gpu.0, renderer);
     let forms = vec![Form::Integers(Integers::Rgb8), Form::Floats, Form::Integers(Integers::Grey16)];
     let wanted = |i: usize| match i % 3 {
-        0 => Wanted { picture: forms.clone(), depths: true, is_exported: false },
-        1 => Wanted { picture: forms.clone(), depths: false, is_exported: false },
-        _ => Wanted { picture: Vec::new(), depths: true, is_exported: false },
+        0 => FrameOutputs { picture: forms.clone(), depths: true, is_exported: false },
+        1 => FrameOutputs { picture: forms.clone(), depths: false, is_exported: false },
+        _ => FrameOutputs { picture: Vec::new(), depths: true, is_exported: false },
     };
     let start = |(i, view)| stream_start(&mut stream, view, &wanted(i));
     let in_flight: Vec<_> = views.iter().enumerate().map(start).collect();
@@ -111,7 +113,7 @@ fn compare_in_flight(options: &Options) {
     }
 }
 
-fn stream_start(stream: &mut Stream, view: &Camera, wanted: &Wanted) -> smalto::render::Streamed {
+fn stream_start(stream: &mut FrameQueue, view: &Camera, wanted: &FrameOutputs) -> smalto::render::QueuedFrame {
     stream.start(view, Background::BLACK, wanted, HostFrame::default()).unwrap()
 }
 
@@ -123,8 +125,8 @@ fn lists_that_are_too_long_for_the_fast_path_are_drawn_with_their_depths() {
     let gaussians = Procedural::parse("many-small:70000").unwrap().unwrap().make().unwrap().gaussians;
     let scene = GpuScene::new(&gpu.0, &gaussians, &options).unwrap();
     let views = path::orbit(DVec3::ZERO, 2.0, false, [16, 16], 6);
-    let mut stream = Stream::new(&gpu.0, Renderer::new(&gpu.0, &options, &scene).unwrap());
-    let wanted = Wanted { picture: vec![Form::Floats], depths: true, is_exported: false };
+    let mut stream = FrameQueue::new(&gpu.0, Renderer::new(&gpu.0, &options, &scene).unwrap());
+    let wanted = FrameOutputs { picture: vec![Form::Floats], depths: true, is_exported: false };
     for view in &views {
         let started = stream_start(&mut stream, view, &wanted);
         let mut finished = stream.finish(started).unwrap();

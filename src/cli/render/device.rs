@@ -16,7 +16,9 @@ use crate::cli::{Usage, dump, measured_psnr, remark};
 use crate::gpu::{Commands, Device, DeviceKind, DeviceLost};
 use crate::options::Options;
 use crate::pixels::Integers;
-use crate::render::{Finished, Form, HostFrame, Inspection, Renderer, SceneSource, Stream, Streamed, Wanted};
+use crate::render::{
+    Finished, Form, FrameOutputs, FrameQueue, HostFrame, Inspection, QueuedFrame, Renderer, SceneSource,
+};
 
 /// Views that are submitted to a device and not waited for: one is drawn while the pixels of the one before are copied.
 const IN_FLIGHT: usize = 3;
@@ -52,8 +54,8 @@ pub(super) struct Run<'p> {
 /// One device at work.
 struct Worker<'r, 'p> {
     run: &'r Run<'p>,
-    stream: Stream,
-    in_flight: VecDeque<(Task<'p>, Streamed)>,
+    stream: FrameQueue,
+    in_flight: VecDeque<(Task<'p>, QueuedFrame)>,
     host: HostFrames,
     jobs: Sender<Job<'p>>,
     /// The most bytes of a view that is kept in flight.
@@ -117,7 +119,7 @@ impl<'p> Run<'p> {
 }
 
 impl Task<'_> {
-    fn wanted(&self, args: &Args) -> Wanted {
+    fn wanted(&self, args: &Args) -> FrameOutputs {
         let mut picture = Vec::from_iter(self.is_of_video.then_some(Form::Integers(Integers::Rgb8)));
         for output in &self.picture {
             let form = output.integers(args.background).map_or(Form::Floats, Form::Integers);
@@ -125,7 +127,7 @@ impl Task<'_> {
                 picture.push(form);
             }
         }
-        Wanted { picture, depths: !self.depths.is_empty(), is_exported: false }
+        FrameOutputs { picture, depths: !self.depths.is_empty(), is_exported: false }
     }
 
     /// True if it is drawn and waited for: if it has a certificate or a dump, its levels are measured, or it has more
@@ -143,7 +145,7 @@ impl Task<'_> {
         }
         let is_drawn =
             [!self.picture.is_empty() || self.is_of_video, !self.depths.is_empty(), args.certificate.is_some()];
-        let floats = Wanted { picture: vec![Form::Floats], ..Wanted::default() }.bytes(size);
+        let floats = FrameOutputs { picture: vec![Form::Floats], ..FrameOutputs::default() }.bytes(size);
         is_drawn.into_iter().filter(|is_drawn| *is_drawn).count() as u64 * floats
     }
 }
@@ -174,7 +176,7 @@ impl<'r, 'p> Worker<'r, 'p> {
         start.inspect(|start| start.end("upload"));
         let create = if certifies { Renderer::certified } else { Renderer::new };
         let renderer = create(device, &run.options, &gpu_scene)?;
-        start.inspect(|start| start.end_with("pipelines", renderer.trial_time().map(|time| ("trial", time))));
+        start.inspect(|start| start.end_with("pipelines", renderer.self_test_time().map(|time| ("trial", time))));
         if let Some(notice) = renderer.notice() {
             remark(&format!("note: {notice}"));
         }
@@ -188,7 +190,7 @@ impl<'r, 'p> Worker<'r, 'p> {
             way_back,
         };
         let largest = largest_streamed(device);
-        let (stream, in_flight) = (Stream::new(device, renderer), VecDeque::new());
+        let (stream, in_flight) = (FrameQueue::new(device, renderer), VecDeque::new());
         Ok(Self { run, stream, in_flight, host, jobs, largest, fault: run.fault.filter(|_| number == 0) })
     }
 

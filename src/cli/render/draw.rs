@@ -24,7 +24,7 @@ use crate::gpu::Device;
 use crate::measure::bench::frame_ms;
 use crate::options::Options;
 use crate::reference;
-use crate::render::{Detailed, Frame, Parts, Path, SceneSource};
+use crate::render::{Detailed, Frame, Path, SceneSource, SlabReport};
 
 /// The files of a view that are not complete yet: those of the picture, and those of depths and counts.
 fn outputs_left<'p>(shot: &'p Shot, record: &Record) -> [Vec<&'p Output>; 2] {
@@ -269,7 +269,7 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         size_text(shot.camera.size_px),
         frame.path
     )?;
-    if let Some(Parts { slabs, wall_ms, pages_in_view, pages_read, bytes_read }) =
+    if let Some(SlabReport { slabs, wall_ms, pages_in_view, pages_read, bytes_read }) =
         frame.parts.filter(|p| p.slabs > 1 || p.pages_in_view > 0)
     {
         let pages = match pages_in_view {

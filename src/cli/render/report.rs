@@ -8,7 +8,7 @@ use super::start::PhaseReport;
 use crate::camera::Camera;
 use crate::measure::bench::{SceneReport, VersionReport};
 use crate::options::Options;
-use crate::render::{Detailed, Frame, Parts, Path};
+use crate::render::{Detailed, Frame, Path, SlabReport};
 
 /// The report of `smalto render`.
 #[derive(Serialize, JsonSchema)]
@@ -81,7 +81,7 @@ pub(super) struct GpuReport {
     /// Time of the frame; null if the device has no timestamps.
     ms: Option<f64>,
     /// How it was drawn in parts; null if it was drawn at once.
-    parts: Option<Parts>,
+    parts: Option<SlabReport>,
     /// The cut through the levels of detail; null if it was not drawn by levels.
     detail: Option<Detailed>,
     /// Stages in the order of the frame.

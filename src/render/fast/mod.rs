@@ -11,13 +11,16 @@
 //! | stretch | up to 1024 entries of a sorted list whose block masks lie together |
 //! | chunk | the Gaussians or splats that one workgroup of a stage handles |
 
+mod frame;
 mod grid;
 mod pipeline;
 mod stages;
 mod workspace;
 
+pub(super) use frame::FastFrame;
 pub use grid::BinGrid;
 pub use pipeline::FastPipeline;
+pub(super) use pipeline::between_stages;
 pub use stages::BLOCK_HEIGHTS;
 pub(super) use stages::blend_constants;
 pub use workspace::FastWorkspace;

@@ -394,6 +394,7 @@ impl FastPipeline {
     }
 }
 
-fn between_stages(cmd: &mut Commands) {
+/// Waits for the buffers and the dispatches that a stage wrote.
+pub(in crate::render) fn between_stages(cmd: &mut Commands) {
     cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
 }

@@ -5,14 +5,12 @@ use anyhow::Result;
 
 use super::selection::Chooser;
 use crate::gpu::{Access, Buffer, Commands, Device, Readback};
-use crate::options::Options;
-use crate::render::fast::{FastPipeline, FastWorkspace};
-use crate::render::frame::{DepthKeys, Shot, Target};
+use crate::render::fast::{FastFrame, FastPipeline};
+use crate::render::frame::{Shot, position_of, slab};
 use crate::render::inspect::Attribute;
 use crate::render::pages::{Count, Listed, PageProjection, first_page};
-use crate::render::scene::{GpuScene, Paged};
+use crate::render::scene::GpuScene;
 use crate::render::shaders::CutState;
-use crate::render::slabs::{place_of, slab};
 
 /// The stages before those of the fast path.
 pub struct AtOnce {
@@ -34,25 +32,18 @@ impl AtOnce {
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn record(
-        &self,
-        cmd: &mut Commands,
-        (fast, work, options): (&FastPipeline, &FastWorkspace, &Options),
-        chooser: &Chooser,
-        Shot { scene, camera }: Shot,
-        target: Target,
-    ) -> Result<Readback<CutState>> {
-        let grid = fast.grid(camera.size_px, scene.drawn_len(options));
+    pub fn record(&self, cmd: &mut Commands, frame: &FastFrame, chooser: &Chooser) -> Result<Readback<CutState>> {
+        let FastFrame { work, options, shot: Shot { scene, camera }, target, grid, .. } = *frame;
         chooser.record(cmd, scene, camera, options)?;
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
-        let whole = slab(&(0..place_of(DepthKeys::of(camera, options, &scene.extent).limit()) + place_of(1)));
+        let whole = slab(&(0..position_of(frame.depth_keys().limit()) + position_of(1)));
         let [indices, levels] = scene.indices_and_lod(&self.no_words);
-        let listed = Listed { scene, elements: &chooser.listed, first_page: first_page(scene), indices, levels };
+        let listed = Listed { elements: &chooser.listed, first_page: first_page(scene), indices, levels };
         cmd.scope("project", |cmd| {
             let count = Count::OnDevice(&chooser.state, Chooser::over_pages());
-            self.project.record(cmd, (&listed, count), (camera, options), whole, work, grid);
+            self.project.record(cmd, frame, &listed, count, whole);
         });
-        fast.record_projected(cmd, work, grid, target);
+        frame.pipeline.record_projected(cmd, work, grid, target);
         chooser.read(cmd)
     }
 }
@@ -61,17 +52,12 @@ impl AtOnce {
 ///
 /// # Errors
 /// If a page cannot be read.
-pub fn bring_missing(
-    device: &Device,
-    chooser: &Chooser,
-    (scene, paged): (&GpuScene, &Paged),
-    state: &CutState,
-) -> Result<bool> {
+pub fn bring_missing(device: &Device, chooser: &Chooser, scene: &GpuScene, state: &CutState) -> Result<bool> {
     let mut pages: Vec<u32> =
         chooser.listed_pages(device, scene, state)?.into_iter().map(|chosen| chosen.page).collect();
     pages.sort_unstable();
     pages.dedup();
-    let mut pool = paged.cache();
+    let mut pool = chooser.paged.cache();
     if pages.len() > pool.capacity() {
         return Ok(false);
     }

@@ -28,7 +28,8 @@ pub struct Chooser {
     search_limit: Stage<SearchLimit>,
     select_pages: Stage<SelectPages>,
     finalize: Stage<Finalize>,
-    paged: Paged,
+    /// The pages of the scene.
+    pub paged: Paged,
     boxes: Buffer<PageBox>,
     errors: Buffer<PageErrors>,
     steps: Buffer<u32>,

@@ -15,8 +15,6 @@ pub type Element = [u32; 4];
 
 /// What a slab draws.
 pub struct Listed<'a> {
-    /// Planes of Gaussians.
-    pub scene: &'a GpuScene,
     /// The views, the number of pages, the pages.
     pub elements: &'a Buffer<Element>,
     /// The element with the first page.

@@ -3,11 +3,9 @@
 use anyhow::Result;
 
 use super::draw_list::Listed;
-use crate::camera::Camera;
 use crate::gpu::{Buffer, Commands, Device, DispatchSize, Stage};
-use crate::options::Options;
-use crate::render::fast::{BinGrid, FastPipeline, FastWorkspace};
-use crate::render::frame::DepthKeys;
+use crate::render::fast::{FastFrame, FastPipeline};
+use crate::render::frame::Shot;
 use crate::render::inspect::Attribute;
 use crate::render::shaders::inspect::NO_ATTRIBUTE;
 use crate::render::shaders::pages::{Project, ProjectBindings, ProjectConstants, ProjectPush, QUARTERS};
@@ -34,18 +32,10 @@ impl PageProjection {
         Ok(Self { project: Stage::of_subgroups(device, &constants, subgroup)? })
     }
 
-    /// Projects what the listed pages have in the slab, after what was projected before.
-    pub fn record(
-        &self,
-        cmd: &mut Commands,
-        (listed, count): (&Listed, Count),
-        (camera, options): (&Camera, &Options),
-        slab: Slab,
-        work: &FastWorkspace,
-        grid: BinGrid,
-    ) {
-        let scene = listed.scene;
-        let keys = DepthKeys::of(camera, options, &scene.extent);
+    /// Projects the splats of the listed pages in the slab, and appends them to those projected before.
+    pub fn record(&self, cmd: &mut Commands, frame: &FastFrame, listed: &Listed, count: Count, slab: Slab) {
+        let FastFrame { work, options, shot: Shot { scene, camera }, grid, .. } = *frame;
+        let keys = frame.depth_keys();
         let bindings = ProjectBindings {
             bounds: &scene.bounds,
             grids: &scene.grids,

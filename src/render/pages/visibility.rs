@@ -6,8 +6,7 @@ use glam::{DMat3, DVec3};
 
 use crate::camera::Camera;
 use crate::pagefile::Page;
-use crate::render::frame::DepthKeys;
-use crate::render::slabs::{Place, place_of};
+use crate::render::frame::{DepthKeys, SortPosition, position_of};
 use crate::rules::{LOW_PASS, Order, Rules};
 use crate::scene::Transform;
 
@@ -32,8 +31,8 @@ pub struct VisiblePage {
 
 impl VisiblePage {
     /// True if some of its Gaussians may be in the slab.
-    pub fn is_in(&self, slab: &Range<Place>) -> bool {
-        place_of(self.keys[0]) < slab.end && place_of(self.keys[1] + 1) > slab.start
+    pub fn is_in(&self, slab: &Range<SortPosition>) -> bool {
+        position_of(self.keys[0]) < slab.end && position_of(self.keys[1] + 1) > slab.start
     }
 }
 

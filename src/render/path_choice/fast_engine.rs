@@ -1,138 +1,145 @@
-//! Frames that are drawn in slabs, and frames of scenes in pages.
-
-use std::sync::MutexGuard;
+//! The fast path as an engine: its pipeline, its buffers, and what it draws pages and slabs with.
 
 use anyhow::Result;
 
-use super::PathChoice;
-use crate::gpu::{Device, Results};
+use crate::gpu::{Commands, Device, Readback};
 use crate::host_memory::OutOfMemory;
+use crate::options::Options;
+use crate::packing::Layout;
 use crate::render::capacity::{Capacity, has_memory};
-use crate::render::fast::FastWorkspace;
+use crate::render::fast::{FastFrame, FastPipeline, FastWorkspace};
 use crate::render::frame::{Shot, Target};
-use crate::render::inspect::Inspector;
-use crate::render::lod::bring_missing;
-use crate::render::path::Path;
-use crate::render::portable::PortableWorkspace;
-use crate::render::recorded::OfPages;
-use crate::render::scene::{GpuScene, Pool};
-use crate::render::slabs::{Drawn, PortableSlabs, Slabs};
-use crate::render::streaming::Feed;
+use crate::render::inspect::Attribute;
+use crate::render::lod::{AtOnce, Chooser};
+use crate::render::path::{Limits, Path};
+use crate::render::shaders::{CutState, Totals};
+use crate::render::slabs::{FastSlabs, SlabbedFrame};
 
-impl PathChoice {
-    /// Draws what is in device memory from now on, and reads pages meanwhile. Does nothing where pictures are drawn in
-    /// another way: of scenes without levels, and on the portable path.
+/// The fast path and its buffers.
+pub(super) struct FastEngine {
+    pub pipeline: FastPipeline,
+    pub work: FastWorkspace,
+    /// The next frame is drawn in slabs, since the last one did not fit the buffers.
+    pub needs_slabs: bool,
+    slabs: Option<FastSlabs>,
+    /// Draws scenes in pages in one go, without slabs.
+    paged: Option<AtOnce>,
+}
+
+impl FastEngine {
+    /// Builds the pipeline, and buffers of about `guess`; `None` where the device or the options require the portable
+    /// path.
     ///
     /// # Errors
-    /// If the coarsest pages cannot be read.
-    pub fn stream(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
-        let chooser = self.chooser.as_mut().filter(|chooser| chooser.has_levels() && self.fast.is_some());
-        if let (Some(chooser), Some(paged)) = (chooser, scene.paged()) {
-            self.feed = Some(Feed::new(device, paged, chooser, self.options.lod_fade > 0.0)?);
-        }
+    /// If a pipeline cannot be made.
+    pub fn new(device: &Device, options: &Options, layout: &Layout, guess: Capacity) -> Result<Option<Self>> {
+        let Some(pipeline) = FastPipeline::new(device, options, layout)? else { return Ok(None) };
+        let elements = pipeline.splat_elements();
+        let work = match FastWorkspace::new(device, FastWorkspace::guess(device, guess), elements) {
+            Err(error) if error.is::<OutOfMemory>() => FastWorkspace::new(device, Capacity::default(), elements)?,
+            other => other?,
+        };
+        Ok(Some(Self { pipeline, work, needs_slabs: false, slabs: None, paged: None }))
+    }
+
+    /// Replaces the buffers by ones of this capacity.
+    pub fn set_capacity(&mut self, device: &Device, capacity: Capacity) -> Result<()> {
+        self.work = FastWorkspace::new(device, capacity, self.pipeline.splat_elements())?;
         Ok(())
     }
 
-    /// Draws a frame in slabs on a path, and waits for it.
-    ///
-    /// # Errors
-    /// If memory runs out, a page cannot be read, or what is inspected needs the whole scene on the device.
-    pub fn draw_in_slabs(
+    /// Frees the buffers.
+    pub fn release(&mut self, device: &Device) -> Result<()> {
+        self.set_capacity(device, Capacity::default())
+    }
+
+    /// Makes the stages of a frame and buffers that are large enough for it. Slabs draw it if its buffers or its pages
+    /// do not fit.
+    pub fn prepare(
         &mut self,
         device: &Device,
-        path: Path,
+        Shot { scene, camera }: Shot,
+        options: &Options,
+        attribute: Option<Attribute>,
+    ) -> Result<Limits> {
+        let grid = self.pipeline.grid(camera.size_px, scene.drawn_len(options));
+        let cells = grid.count() as usize;
+        let demand = Capacity { gaussians: scene.placed_len(), cells, ..Capacity::default() };
+        // The first picture of a scene without levels reads only the pages that are not hidden.
+        let is_first = self.slabs.is_none();
+        let reads_pages =
+            scene.paged().is_some_and(|paged| !options.wants_levels() && (is_first || !paged.cache().fits_all()));
+        let in_slabs = self.needs_slabs || reads_pages || !has_memory(self.work.grow(device, demand, 0))?;
+        if !in_slabs {
+            self.pipeline.prepare(device, grid)?;
+            if scene.is_paged() && self.paged.as_ref().is_none_or(|paged| paged.attribute != attribute) {
+                self.paged = Some(AtOnce::new(device, &self.pipeline, attribute)?);
+            }
+        }
+        self.needs_slabs = in_slabs;
+        let longest_list = self.pipeline.longest_list().min(self.work.longest_list());
+        Ok(Limits { path: Path::Fast, in_slabs, capacity: self.work.capacity, longest_list })
+    }
+
+    /// Records a frame of a scene in pages, and the state of its selection.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    ///
+    /// # Panics
+    /// If the frame was not prepared.
+    pub fn record_paged(
+        &self,
+        cmd: &mut Commands,
         shot: Shot,
         target: Target,
-        inspector: Option<&Inspector>,
-    ) -> Result<Drawn> {
-        if path == Path::Portable {
-            return self.draw_portable_slabs(device, shot, target, inspector);
-        }
-        ensure_whole(inspector.is_none())?;
-        let Self { fast, options, work, chooser, .. } = self;
-        let fast = fast.as_mut().expect("a frame in slabs was prepared");
-        let gaussians = shot.scene.placed_len();
-        let grid = fast.pipeline.grid(shot.camera.size_px, shot.scene.drawn_len(options));
-        let slabs = match &mut fast.slabs {
+        options: &Options,
+        selector: &Chooser,
+    ) -> Result<Readback<CutState>> {
+        let paged = self.paged.as_ref().expect("a frame of a scene in pages was prepared");
+        paged.record(cmd, &FastFrame::new(&self.pipeline, &self.work, options, shot, target), selector)
+    }
+
+    /// Enlarges the buffers to the demand of a frame that counted `totals`, or leaves the next frame to slabs.
+    pub fn grow(&mut self, device: &Device, demand: Capacity, totals: &Totals) -> Result<()> {
+        let is_too_long = totals.longest_list > self.pipeline.longest_list();
+        self.needs_slabs = is_too_long || !has_memory(self.work.grow(device, demand, totals.longest_list))?;
+        Ok(())
+    }
+
+    /// Makes the buffers of a frame in slabs as large as the free memory allows.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if there is too little for the smallest slab.
+    pub fn fit_slabs(&mut self, device: &Device, Shot { scene, camera }: Shot, options: &Options) -> Result<()> {
+        let grid = self.pipeline.grid(camera.size_px, scene.drawn_len(options));
+        let slabs = match &mut self.slabs {
             Some(slabs) => slabs,
-            none => none.insert(Slabs::new(device, &fast.pipeline, shot.scene)?),
+            none => none.insert(FastSlabs::new(device, &self.pipeline, scene)?),
         };
-        if !has_memory(slabs.fit(device, &mut fast.work, &fast.pipeline, grid, gaussians))? {
-            // The buffers of the other path leave too little.
-            *work = PortableWorkspace::new(device, Capacity::default())?;
-            slabs.fit(device, &mut fast.work, &fast.pipeline, grid, gaussians)?;
-        }
-        let drawn = slabs.draw(device, (&fast.pipeline, &fast.work, options), chooser.as_mut(), shot, target)?;
-        // What fits into one slab fits at once, unless its pages do not.
-        let fits = |pool: MutexGuard<Pool>| drawn.parts.pages_in_view <= pool.capacity() as u64;
-        fast.needs_slabs = match shot.scene.paged() {
-            Some(paged) => !fits(paged.cache()),
-            None => drawn.parts.slabs > 1,
+        slabs.fit(device, &mut self.work, &self.pipeline, grid, scene.placed_len())
+    }
+
+    /// Draws a frame in slabs whose buffers [`fit_slabs`](Self::fit_slabs) made, and waits for it.
+    ///
+    /// # Errors
+    /// If memory runs out or a page cannot be read.
+    pub fn draw_slabs(
+        &mut self,
+        device: &Device,
+        shot: Shot,
+        target: Target,
+        options: &Options,
+        selector: Option<&mut Chooser>,
+    ) -> Result<SlabbedFrame> {
+        let slabs = self.slabs.as_mut().expect("the buffers of slabs fit");
+        let frame = FastFrame::new(&self.pipeline, &self.work, options, shot, target);
+        let drawn = slabs.draw(device, &frame, selector)?;
+        // A frame that fits into one slab needs none, unless its pages exceed the cache.
+        self.needs_slabs = match shot.scene.paged() {
+            Some(paged) => drawn.report.pages_in_view > paged.cache().capacity() as u64,
+            None => drawn.report.slabs > 1,
         };
         Ok(drawn)
     }
-
-    fn draw_portable_slabs(
-        &mut self,
-        device: &Device,
-        shot: Shot,
-        target: Target,
-        inspector: Option<&Inspector>,
-    ) -> Result<Drawn> {
-        ensure_whole(inspector.is_none_or(Inspector::is_of_depths))?;
-        let Self { portable, options, work, slabs, fast, chooser, .. } = self;
-        let pipeline = portable.as_ref().expect("a frame on the portable path was prepared");
-        let slabs = match slabs {
-            Some(slabs) => slabs,
-            none => none.insert(PortableSlabs::new(device, pipeline, shot.scene)?),
-        };
-        if !has_memory(slabs.fit(device, work, shot.camera.size_px, shot.scene))? {
-            // The buffers of the other path leave too little.
-            if let Some(fast) = fast {
-                fast.work = FastWorkspace::new(device, Capacity::default(), fast.pipeline.splat_elements())?;
-            }
-            slabs.fit(device, work, shot.camera.size_px, shot.scene)?;
-        }
-        let drawn = slabs.draw(device, (pipeline, work, options), chooser.as_mut(), shot, target, inspector)?;
-        self.needs_slabs = drawn.parts.slabs > 1;
-        Ok(drawn)
-    }
-
-    /// True if a frame of a scene in pages lacked no page. If it did, the next one has it, or is drawn in slabs. A
-    /// frame that does not wait for pages lacks none.
-    ///
-    /// # Errors
-    /// If a page cannot be read, or memory runs out.
-    pub fn judge_pages(
-        &mut self,
-        device: &Device,
-        scene: &GpuScene,
-        results: &Results,
-        of_pages: &OfPages,
-    ) -> Result<bool> {
-        let (Some(chooser), Some(fast), Some(paged)) = (&mut self.chooser, &mut self.fast, scene.paged()) else {
-            return Ok(true);
-        };
-        let state = &results.view(&of_pages.state)[0];
-        if !chooser.has_room(device, scene, state)? {
-            return Ok(false);
-        }
-        if let Some(demand) = &of_pages.demand {
-            if let Some(feed) = &mut self.feed {
-                feed.take(state, results, demand);
-            }
-            return Ok(true);
-        }
-        if state.missing > 0 {
-            fast.needs_slabs = !bring_missing(device, chooser, (scene, paged), state)?;
-        }
-        Ok(state.missing == 0)
-    }
-}
-
-/// Fails if a frame in slabs cannot show what is inspected.
-fn ensure_whole(can_show: bool) -> Result<()> {
-    let reason = "this view needs the whole scene and its lists on the device, which has too little memory".to_owned();
-    let problem = OutOfMemory { name: "view".to_owned(), bytes: None, reason };
-    if can_show { Ok(()) } else { Err(problem.into()) }
 }

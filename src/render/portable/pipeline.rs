@@ -281,16 +281,17 @@ impl PortablePipeline {
 
     /// Sorts the splats by depth; returns the index of the sorted pair of `work.depths`.
     pub(in crate::render) fn sort_depths(&self, cmd: &mut Commands, work: &PortableWorkspace, bits: u32) -> usize {
-        self.sort_visible(cmd, &work.depths, work, (bits, true))
+        self.sort_visible(cmd, &work.depths, work, bits, true)
     }
 
-    /// Sorts pairs, one for each splat, by so many bits of their keys; returns the index of the sorted pair.
+    /// Sorts pairs, one for each splat, by `bits` bits of their keys; returns the index of the sorted pair.
     pub(in crate::render) fn sort_visible(
         &self,
         cmd: &mut Commands,
         pairs: &Pairs,
         work: &PortableWorkspace,
-        (bits, values_are_indices): (u32, bool),
+        bits: u32,
+        values_are_indices: bool,
     ) -> usize {
         let (lengths, length_index) = (&work.totals.words(), offset_of!(Totals, visible_kept) / 4);
         let range = SortRange { lengths, length_index, bits, values_are_indices };

@@ -1,4 +1,4 @@
-//! What a picture can show of itself: attributes of scenes in pages, the splats and the depth of a pixel.
+//! The explanation of pictures: attributes of scenes in pages, the splats and the depth of a pixel.
 
 use anyhow::{Context, Result, bail, ensure};
 
@@ -6,22 +6,22 @@ use super::{Last, Renderer};
 use crate::render::frame::Shot;
 use crate::render::inspect::{Attribute, Explanation, Inspection, Picker};
 
-/// Why there are no lists of a picture that is drawn in parts.
+/// The reason why a picture that is drawn in slabs has no lists.
 const WHOLE: &str = "a pixel can be explained only where the whole scene and its lists fit into device memory";
 
 impl Renderer {
-    /// True if pictures can show an inspection. Of a scene that is read page by page, they show attributes alone.
+    /// True if pictures can show an inspection. Pictures of a scene in pages show attributes only.
     pub fn can_show(&self, inspection: &Inspection) -> bool {
         !self.scene.is_paged() || *inspection == Inspection::default() || self.shown_in_pages(inspection).is_some()
     }
 
-    /// The attribute that pages drawn at once show.
+    /// The attribute of an inspection, if pictures of a scene in pages can show it.
     pub(super) fn shown_in_pages(&self, inspection: &Inspection) -> Option<Attribute> {
         inspection.attribute().filter(|_| self.choice.shows_attributes())
     }
 
-    /// The splats that a pixel of the frame recorded last is made of; where pictures are drawn smaller, those of the
-    /// nearest drawn pixel. Waits for the device. If the portable path does not hold the lists of the frame, it draws
+    /// The splats that a pixel of the frame recorded last consists of; where pictures are drawn smaller, the splats of
+    /// the nearest drawn pixel. Waits for the device. If the portable path does not hold the lists of the frame, it draws
     /// the frame again.
     ///
     /// # Errors
@@ -36,7 +36,7 @@ impl Renderer {
             self.needs_tile_lists = false;
             rendered?;
             if self.drawn.in_slabs {
-                // The picture stays what it was.
+                // Restores the picture.
                 self.render(&camera, background)?;
                 bail!(WHOLE);
             }
@@ -47,20 +47,21 @@ impl Renderer {
         };
         let drawn = self.options.drawn_size(size);
         let pixel = std::array::from_fn(|i| {
-            let place = (f64::from(pixel[i]) + 0.5) / f64::from(size[i]) * f64::from(drawn[i]);
-            (place as u32).min(drawn[i] - 1)
+            let position = (f64::from(pixel[i]) + 0.5) / f64::from(size[i]) * f64::from(drawn[i]);
+            (position as u32).min(drawn[i] - 1)
         });
         let shot = Shot { scene: &self.scene, camera: &camera.sampled(drawn) };
-        let explained = picker.explain(&self.device, self.choice.portable(), shot, &self.choice.work, pixel)?;
+        let portable = self.choice.portable();
+        let explained = picker.explain(&self.device, portable.pipeline(), shot, &portable.work, pixel)?;
         if !has_tile_lists {
-            // The picture stays what it was, to the last bit.
+            // Restores the picture, to the last bit.
             self.render(&camera, background)?;
         }
         Ok(explained)
     }
 
-    /// The view z of what a pixel of the frame recorded last shows; `None` if it shows nothing. Of a scene that is read
-    /// page by page it is the mean, weighted by the shares of the pixel. Waits for the device.
+    /// The view z of the splats that a pixel of the frame recorded last shows; `None` if it shows none. For a scene in
+    /// pages it is the mean, weighted by the shares of the pixel. Waits for the device.
     ///
     /// # Errors
     /// As [`Renderer::explain`].
@@ -75,7 +76,7 @@ impl Renderer {
         let rendered = self.render(&camera, background).and_then(|_| self.pixels());
         self.inspector = before;
         let depths = rendered?;
-        // The picture stays what it was.
+        // Restores the picture.
         self.render(&camera, background)?;
         let [depth, _, _, alpha] = depths.rgba[(pixel[1] * depths.size[0] + pixel[0]) as usize];
         Ok((alpha > 0.0).then(|| depth / alpha))

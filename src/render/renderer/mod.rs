@@ -1,4 +1,8 @@
 //! The facade: renders pictures of one scene on the path that suits each, and repeats a frame that did not fit.
+//!
+//! - `mod` - [`Renderer`]: settings, frames, pixels
+//! - `explain` - the splats and the depth of a pixel
+//! - `reports` - residency, memory, bytes of stages
 
 mod explain;
 mod reports;
@@ -12,7 +16,7 @@ use crate::gpu::{Access, Commands, Device, Image, Results, Timestamps};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::pixels::Pixels;
-use crate::render::capacity::Capacity;
+use crate::render::capacity::{Capacity, MAX_ATTEMPTS};
 use crate::render::frame::{Shot, Target, Variation};
 use crate::render::inspect::{Inspection, Inspector, Look, Picker, Picture, Work};
 use crate::render::path::{Limits, Path};
@@ -20,7 +24,7 @@ use crate::render::path_choice::PathChoice;
 use crate::render::readback::read_pixels;
 use crate::render::recorded::{Counted, Frame, Recorded, Started};
 use crate::render::scene::GpuScene;
-use crate::render::self_test::{MAX_ATTEMPTS, choose};
+use crate::render::self_test::choose;
 use crate::render::shaders::{Room, Totals};
 use crate::render::upscale::Upscaler;
 use crate::rules::Background;
@@ -32,7 +36,7 @@ pub struct Renderer {
     scene: GpuScene,
     choice: PathChoice,
     image: Image,
-    /// Set if pictures are drawn smaller and then enlarged: [`Options::scale`] is not 1.
+    /// Set if pictures are drawn smaller and then enlarged, because [`Options::scale`] is not 1.
     upscaler: Option<Upscaler>,
     certificate: Option<Image>,
     /// The limits of the frame recorded last.
@@ -40,7 +44,7 @@ pub struct Renderer {
     timestamps: Timestamps,
     inspector: Option<Inspector>,
     picker: Option<Picker>,
-    /// True while frames take the portable path because their lists are read.
+    /// True while frames take the portable path because a pixel is explained from their lists.
     needs_tile_lists: bool,
     /// The frame recorded last.
     last: Option<Last>,
@@ -57,15 +61,15 @@ struct Last {
 }
 
 impl Renderer {
-    /// Builds the pipelines for `options` and the storage of `scene`, and tries the fast path where the device has it.
+    /// Builds the pipelines for `options` and the storage of `scene`, and tests the fast path where the device has it.
     ///
     /// # Errors
-    /// If the options ask for what only the reference draws, or device memory runs out.
+    /// If only the reference draws by these options, or device memory runs out.
     pub fn new(device: &Device, options: &Options, scene: &GpuScene) -> Result<Self> {
         Self::varied(device, options, scene, Variation::Plain)
     }
 
-    /// Also makes a certificate of every picture. `scene` is made by [`GpuScene::certifiable`].
+    /// Builds a renderer that also makes a certificate of every picture. `scene` is made by [`GpuScene::certifiable`].
     ///
     /// # Errors
     /// If pictures with these options have no certificate: [`Options::uncertifiable`].
@@ -76,7 +80,7 @@ impl Renderer {
     }
 
     fn varied(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
-        // Else the nodes of levels would be drawn among the Gaussians that they stand for.
+        // Without this, LOD nodes would be drawn among the Gaussians that they replace.
         let is_finest = scene.has_lod() && !options.wants_levels();
         let options = if is_finest { options.finest() } else { *options };
         Ok(Self {
@@ -101,43 +105,42 @@ impl Renderer {
         self.drawn.path
     }
 
-    /// Why the fast path is not taken although device and options allow it, or why the scene is stored otherwise than
-    /// the options ask for.
+    /// The reason why the fast path is not taken although device and options allow it, or why the scene is stored in
+    /// another form than the options request.
     pub fn notice(&self) -> Option<&str> {
         self.choice.notice.as_deref().or(self.scene.notice())
     }
 
-    /// The time that the trial of the fast path took; `None` if there was none.
-    pub fn trial_time(&self) -> Option<Duration> {
-        self.choice.trial_time
+    /// The duration of the self-test of the fast path; `None` if there was none.
+    pub fn self_test_time(&self) -> Option<Duration> {
+        self.choice.self_test_time
     }
 
-    /// Makes what only some frames need, so that these do not wait for it.
+    /// Makes the pipelines that only some frames need, so that these frames do not wait for them.
     pub fn prepare_portable(&mut self) -> Result<()> {
         self.choice.make_portable(&self.device)
     }
 
-    /// Draws the finest cut through the levels of detail from now on, which shows the bits of the scene, or that which
-    /// the options ask for.
+    /// Draws the finest cut through the levels of detail from now on, which shows the bits of the scene, or again the
+    /// cut of the options.
     pub fn set_finest(&mut self, is_finest: bool) {
         self.choice.options = if is_finest { self.options.finest() } else { self.options };
     }
 
-    /// Draws at most about so many nodes from now on, of a scene with levels of detail, or fewer if the options ask for
-    /// fewer.
+    /// Limits the splat budget of a scene with levels of detail from now on. A lower budget of the options holds.
     pub fn limit_splats(&mut self, splats: Option<u32>) {
         let own = self.options.splats;
         self.choice.options.splats = splats.map_or(own, |most| if own > 0 { own.min(most) } else { most });
     }
 
-    /// Draws pictures without waiting for pages from now on: of levels of detail, what is in device memory, while more
-    /// are read. [`Renderer::residency`] tells how far the pages of the last picture are there. Does nothing where the
-    /// scene has no levels, or the portable path draws: that waits.
+    /// Draws the resident levels of detail from now on, and loads pages beside the frames, which do not wait for them.
+    /// [`Renderer::residency`] reports the missing and loading pages. Does nothing for scenes without levels and for the
+    /// portable path, whose frames wait for their pages.
     ///
     /// # Errors
     /// If the coarsest pages cannot be read.
-    pub fn stream(&mut self) -> Result<()> {
-        self.choice.stream(&self.device, &self.scene)
+    pub fn enable_page_streaming(&mut self) -> Result<()> {
+        self.choice.enable_page_streaming(&self.device, &self.scene)
     }
 
     /// Times every stage, or only the whole frame.
@@ -179,14 +182,14 @@ impl Renderer {
         &self.image
     }
 
-    /// Makes all frames from now on count their work, which takes longer, or not. Counting takes the portable path.
+    /// Turns the counting of work in all frames on or off. Counting takes longer, and the portable path.
     pub fn count_work(&mut self, counts_work: bool) -> Result<()> {
         let variation = match (counts_work, &self.certificate) {
             (true, _) => Variation::Counting,
             (false, Some(_)) => Variation::Certifying,
             (false, None) => Variation::Plain,
         };
-        // Both at once may take more memory than there is.
+        // The buffers of the old and the new paths together may exceed the memory.
         self.choice.release(&self.device)?;
         self.choice = choose(&self.device, &self.options, &self.scene, variation)?;
         self.last = None;
@@ -202,7 +205,7 @@ impl Renderer {
         self.render_with(camera, background, |_| {}).map(|(frame, _)| frame)
     }
 
-    /// As [`Renderer::render`], with commands that `prepare` records before the frame. Also returns the results of the
+    /// Renders a frame behind commands that `prepare` records, like [`Renderer::render`]. Also returns the results of the
     /// last attempt.
     ///
     /// # Errors
@@ -238,7 +241,7 @@ impl Renderer {
         self.start_with(camera, background, |_| {})
     }
 
-    /// Waits for a frame. True if it is complete; if not, the next one has larger buffers.
+    /// Waits for a frame. True if it is complete; otherwise the next one has larger buffers.
     ///
     /// # Errors
     /// If device memory runs out or the device is lost.
@@ -260,7 +263,7 @@ impl Renderer {
         Ok(Started { commands: cmd.submit()?, recorded })
     }
 
-    /// Records a frame among other commands. [`Renderer::judge`] tells whether it is complete, when they have run.
+    /// Records a frame among other commands. When they have run, [`Renderer::judge`] decides whether it is complete.
     ///
     /// # Errors
     /// If device memory runs out.
@@ -268,7 +271,7 @@ impl Renderer {
         self.record_inspected(cmd, camera, background, None)
     }
 
-    /// As [`Renderer::record`], with another inspector than the renderer's own, if any.
+    /// Records a frame like [`Renderer::record`], with `inspector` in place of the renderer's own, if there is one.
     pub(crate) fn record_inspected(
         &mut self,
         cmd: &mut Commands,
@@ -278,7 +281,7 @@ impl Renderer {
     ) -> Result<Recorded> {
         match self.fit_images(camera.size_px) {
             Err(error) if error.is::<OutOfMemory>() => {
-                // Pictures come first: lists can be drawn in parts.
+                // Images precede lists, which slabs can divide.
                 self.choice.release(&self.device)?;
                 self.fit_images(camera.size_px)?;
             }
@@ -290,7 +293,8 @@ impl Renderer {
         let inspector = inspector.or(self.inspector.as_ref());
         let attribute = inspector.and_then(|inspector| self.shown_in_pages(&inspector.inspection));
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some() && attribute.is_none();
-        self.drawn = self.choice.prepare(&self.device, &self.scene, camera, needs_tile_lists, attribute)?;
+        let shot = Shot { scene: &self.scene, camera };
+        self.drawn = self.choice.prepare(&self.device, shot, needs_tile_lists, attribute)?;
         ensure!(
             self.drawn.path == Path::Fast || !self.scene.is_placed(),
             "only the fast path draws scenes at places, and this device or these options do not take it"
@@ -298,13 +302,12 @@ impl Renderer {
         let image = self.upscaler.as_ref().map_or(&self.image, |upscaler| &upscaler.drawn);
         let background = if attribute.is_some() { Background::Transparent } else { background };
         let target = Target { image, certificate: self.certificate.as_ref(), background };
-        let shot = Shot { scene: &self.scene, camera };
         let drawn = match self.drawn.in_slabs {
-            true => Some(self.choice.draw_in_slabs(&self.device, self.drawn.path, shot, target, inspector)?),
+            true => Some(self.choice.draw_slabs(&self.device, self.drawn.path, shot, target, inspector)?),
             false => None,
         };
-        let chosen = cmd.scope("frame", |cmd| {
-            let chosen = match drawn {
+        let paged = cmd.scope("frame", |cmd| {
+            let paged = match drawn {
                 None => self.choice.record(cmd, shot, target, self.drawn, inspector)?,
                 Some(_) => None,
             };
@@ -312,16 +315,16 @@ impl Renderer {
                 cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
                 cmd.scope("upscale", |cmd| upscaler.record(cmd, &self.image));
             }
-            anyhow::Ok(chosen)
+            anyhow::Ok(paged)
         })?;
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let counted = match drawn {
-            Some(drawn) => Counted::Here(Box::new(drawn)),
+            Some(drawn) => Counted::Slabbed(Box::new(drawn)),
             None => {
                 let totals = cmd.read(self.choice.totals(self.drawn.path))?;
-                match chosen {
-                    None => Counted::OnDevice(totals),
-                    Some(of_pages) => Counted::OfPages(totals, of_pages),
+                match paged {
+                    None => Counted::Whole(totals),
+                    Some(counts) => Counted::Paged(totals, counts),
                 }
             }
         };
@@ -344,17 +347,17 @@ impl Renderer {
     /// The counts of a frame if it is complete. If it did not fit, the next one has larger buffers.
     ///
     /// # Errors
-    /// If there is no memory for larger buffers.
+    /// If memory runs out or a page cannot be read.
     pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
-        let (totals, of_pages) = match &recorded.counted {
-            Counted::Here(drawn) => return Ok(Some(drawn.totals)),
-            Counted::OnDevice(totals) => (results.view(totals)[0], None),
-            Counted::OfPages(totals, of_pages) => (results.view(totals)[0], Some(of_pages)),
+        let (totals, paged) = match &recorded.counted {
+            Counted::Slabbed(drawn) => return Ok(Some(drawn.totals)),
+            Counted::Whole(totals) => (results.view(totals)[0], None),
+            Counted::Paged(totals, counts) => (results.view(totals)[0], Some(counts)),
         };
         let limits = recorded.limits;
         let mut is_whole = self.choice.judge(&self.device, &totals, limits)?;
-        if let Some(of_pages) = of_pages {
-            is_whole = self.choice.judge_pages(&self.device, &self.scene, results, of_pages)? && is_whole;
+        if let Some(counts) = paged {
+            is_whole = self.choice.judge_pages(&self.device, &self.scene, results, counts)? && is_whole;
         }
         if let Some(last) = &mut self.last {
             last.has_tile_lists = is_whole && last.number == recorded.number && self.choice.holds(limits);
@@ -389,8 +392,8 @@ impl Renderer {
     }
 
     /// For every channel of every pixel, a bound on the distance of the picture rendered last from the one that
-    /// [`Rules::complete`](crate::rules::Rules::complete) draws in the same order. It is proven for everything that was
-    /// left out, and has an allowance for rounding. `None` without [`Renderer::certified`].
+    /// [`Rules::complete`](crate::rules::Rules::complete) draws in the same order. It is proven for all omitted
+    /// Gaussians, and has an allowance for rounding. `None` without [`Renderer::certified`].
     ///
     /// # Errors
     /// If memory runs out or the device is lost.

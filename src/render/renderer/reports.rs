@@ -1,4 +1,4 @@
-//! What a renderer tells of its frames and its memory.
+//! The reports of a renderer: residency of pages, memory, least bytes of stages.
 
 use super::Renderer;
 use crate::camera::Camera;
@@ -23,27 +23,27 @@ impl Renderer {
         stages
     }
 
-    /// What the levels of detail of a frame were cut to, if it was drawn by them.
+    /// The report of the levels of detail of a frame, if it was drawn by them.
     pub fn detail(&self, results: &Results, recorded: &Recorded) -> Option<Detailed> {
         recorded.detail(results, &self.options)
     }
 
-    /// How far the pages of the last picture are there, if pictures do not wait for them.
+    /// The residency of the pages of the last picture, if pictures do not wait for pages.
     pub fn residency(&self) -> Option<Residency> {
-        self.choice.feed.as_ref().map(Feed::residency)
+        self.choice.streamer.as_ref().map(Feed::residency)
     }
 
-    /// True if pages were read that the last picture did not have, or another picture is needed to ask for some.
+    /// True if another picture would show pages that the last one did not, or is needed to request pages.
     pub fn has_news(&mut self) -> bool {
-        self.choice.feed.as_mut().is_some_and(Feed::has_news)
+        self.choice.streamer.as_mut().is_some_and(Feed::has_news)
     }
 
-    /// Why a page could not be read while pictures went on, once. They show coarser levels in its place.
+    /// Takes the reason why a page could not be read beside the pictures, which show coarser levels in its place.
     pub fn take_problem(&mut self) -> Option<anyhow::Error> {
-        self.choice.feed.as_mut().and_then(Feed::take_problem)
+        self.choice.streamer.as_mut().and_then(Feed::take_problem)
     }
 
-    /// Device memory of everything except the scene: every buffer's name and bytes.
+    /// The name and the bytes of every buffer and image except those of the scene.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let mut buffers = self.choice.buffers();
         buffers.push(("image", self.image.bytes()));
@@ -52,7 +52,7 @@ impl Renderer {
         buffers
     }
 
-    /// The state of the ledger of its device.
+    /// The state of the memory budget of the device.
     pub fn memory(&self) -> MemoryUse {
         self.device.memory()
     }

@@ -7,7 +7,7 @@ use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
 use super::page_cache::{PagesRead, Pool};
-use super::self_test_input::{TRIAL, trial_hash, trial_view};
+use super::self_test_input::{SELF_TEST_GAUSSIANS, self_test_camera, self_test_hash};
 use crate::camera::Camera;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
@@ -19,9 +19,9 @@ use crate::render::shaders::lod::WEIGHT_SHIFT;
 use crate::rules::{LISTED_ALPHA, Rules};
 use crate::scene::{Bounds, Gaussians, Grid, Placements, Transform};
 
-/// Gaussians in device memory, in planes with four words per element: one plane of bounds, and as many of shapes and of
-/// spherical harmonics as the layout needs. In a last plane with one or two words per Gaussian, four or two Gaussians
-/// share an element. A clone shares the buffers.
+/// Gaussians in device memory, in planes with four words per element: one plane of bounds, and as many planes of shapes
+/// and of spherical harmonics as the layout needs. In a last plane with one or two words per Gaussian, four or two
+/// Gaussians share an element. A clone shares the buffers.
 #[derive(Clone)]
 pub struct GpuScene {
     /// The bits of the mean, and the [`reach`](crate::packing::reach).
@@ -32,13 +32,13 @@ pub struct GpuScene {
     pub(crate) grids: Buffer<Grids>,
     pub(crate) layout: Layout,
     len: usize,
-    /// Number of Gaussians at one place, with the nodes that stand for several.
+    /// The number of Gaussians at one placement, LOD nodes included.
     pub(crate) nodes: usize,
     pub(crate) extent: Bounds,
-    /// The camera of the trial, which draws the first Gaussians.
-    pub(crate) trial_view: Camera,
-    /// What the trial draws.
-    pub(crate) trial_hash: blake3::Hash,
+    /// The camera of the self-test, which draws the first Gaussians.
+    pub(crate) self_test_camera: Camera,
+    /// The hash of the input of the self-test.
+    pub(crate) self_test_hash: blake3::Hash,
     /// Gaussians may be culled where their alpha is below this.
     pub(crate) alpha_min: f32,
     memory: SceneMemory,
@@ -71,29 +71,29 @@ pub(crate) struct Paged {
     notice: Option<Arc<str>>,
 }
 
-/// Places that the pages in view can tell apart.
-const MOST_PLACES: usize = 1 << WEIGHT_SHIFT;
-/// Gaussians uploaded at a time: enough to share among threads, few enough to need little memory.
+/// The most placements, whose numbers the draw list of pages has bits for.
+const MAX_PLACEMENTS: usize = 1 << WEIGHT_SHIFT;
+/// The number of Gaussians uploaded at a time: enough to share among threads, few enough to need little memory.
 const UPLOAD_CHUNK: usize = 1 << 17;
-/// Gaussians that a thread packs at a time, a multiple of those that share an element.
-const PART: usize = 1 << 11;
+/// The number of Gaussians that a thread packs at a time: a multiple of the number that shares an element.
+const PACKED_CHUNK: usize = 1 << 11;
 
-/// The part of the free memory that pages may take; the rest is for pictures, lists and what is read.
-pub(crate) const POOL_PART: f64 = 0.65;
-/// Bytes that lists and what else a frame needs take at least.
-const LEAST_LISTS: u64 = 8 << 20;
-/// The least pages that there is room for.
-const LEAST_PAGES: usize = 64;
+/// The fraction of the free memory that the page cache takes; the rest is for pictures, lists and reads.
+pub(crate) const CACHE_FRACTION: f64 = 0.65;
+/// The least bytes of the lists and other buffers of a frame.
+const MIN_LIST_BYTES: u64 = 8 << 20;
+/// The least capacity of the page cache, in pages.
+const MIN_PAGES: usize = 64;
 
-/// The most Gaussians that can be ordered, at all places together.
-const MOST_NUMBERED: u64 = u32::MAX as u64;
+/// The most Gaussians of all placements together that can be sorted.
+const MAX_POSITIONS: u64 = u32::MAX as u64;
 
-/// The plane that every scene has, with an element per Gaussian.
+/// The name of the plane that every scene has, with an element per Gaussian.
 const BOUNDS: &str = "bounds";
 
 impl GpuScene {
-    /// Uploads `gaussians`, keeping only the SH degree and precision that the scene needs and `options` allow. Waits
-    /// for the device.
+    /// Uploads `gaussians`, with only the SH degree and precision that the scene needs and `options` allow. Waits for
+    /// the device.
     ///
     /// # Errors
     /// If device memory runs out or a plane is longer than the device can bind.
@@ -109,8 +109,8 @@ impl GpuScene {
         Ok(Buffer::<[u32; 4]>::check_len(device, BOUNDS, count)?)
     }
 
-    /// As [`with`](Self::with), for [`Renderer::certified`](crate::render::Renderer::certified), which has to draw
-    /// Gaussians that other renderers may cull.
+    /// Uploads a scene for [`Renderer::certified`](crate::render::Renderer::certified), which has to draw Gaussians that
+    /// other renderers may cull.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -124,7 +124,7 @@ impl GpuScene {
         Self::with(device, gaussians, statistics, &Options { rules, ..*options })
     }
 
-    /// As [`new`](Self::new), for a scene whose statistics are known.
+    /// Uploads `gaussians` as [`new`](Self::new) does, with known statistics.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -138,8 +138,8 @@ impl GpuScene {
             grids: Buffer::new(device, "grids", 1)?,
             len,
             extent: statistics.extent,
-            trial_view: trial_view(gaussians.means(), options.rules.near),
-            trial_hash: trial_hash(gaussians, options.rules.near),
+            self_test_camera: self_test_camera(gaussians.means(), options.rules.near),
+            self_test_hash: self_test_hash(gaussians, options.rules.near),
             alpha_min: options.rules.alpha_min,
             layout,
             nodes: len,
@@ -158,7 +158,7 @@ impl GpuScene {
         Ok(scene)
     }
 
-    /// As [`with`](Self::with), if so many bytes are left then, and room for some lists.
+    /// Uploads `gaussians` if `reserve` bytes, and some for lists, stay free.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -171,8 +171,8 @@ impl GpuScene {
     ) -> Result<Self> {
         let bytes = Layout::of(statistics, options).bytes_each() * gaussians.len() as u64;
         let free = device.free_bytes();
-        let room = free.saturating_sub(reserve + LEAST_LISTS);
-        // Where there is no room for the pictures, pages do not help, and the picture is refused by its own name.
+        let room = free.saturating_sub(reserve + MIN_LIST_BYTES);
+        // Without memory for the pictures pages do not help: their own allocation then reports the failure.
         if bytes > room && (room > 0 || bytes > free) {
             let reason = format!("{room} bytes of device memory are left for it");
             return Err(OutOfMemory { name: "scene".to_owned(), bytes: Some(bytes), reason }.into());
@@ -180,15 +180,15 @@ impl GpuScene {
         Self::with(device, gaussians, statistics, options)
     }
 
-    /// Makes room for some pages of a scene, in a part of the device memory that is free but for `reserve` bytes. All
-    /// pages are there if they fit.
+    /// Makes a page cache for a scene, of a fraction of the free device memory less `reserve` bytes. It has a slot for
+    /// every page if they fit.
     ///
     /// # Errors
-    /// If there is no room for the least number of pages, or a page cannot be read.
+    /// If the least number of pages does not fit, or a page cannot be read.
     pub fn of_pages(device: &Device, pages: &Pages, options: &Options, reserve: u64) -> Result<Self> {
         let (all, each, free) = (pages.pages().len(), Pool::bytes_each(pages), device.free_bytes());
-        let least = LEAST_PAGES.min(all) as u64 * each;
-        let needed = reserve + ((least as f64 / POOL_PART) as u64).max(least + LEAST_LISTS);
+        let least = MIN_PAGES.min(all) as u64 * each;
+        let needed = reserve + ((least as f64 / CACHE_FRACTION) as u64).max(least + MIN_LIST_BYTES);
         if free < needed {
             let limit = device.memory().asked.unwrap_or(free);
             let reason = format!("the limit of device memory is {limit}");
@@ -197,7 +197,7 @@ impl GpuScene {
         }
         let limits = &device.capabilities().limits;
         let longest = limits.storage_range.min(limits.allocation) / 16 / PAGE as u64;
-        let room = (POOL_PART * (free - reserve) as f64) as u64 / each;
+        let room = (CACHE_FRACTION * (free - reserve) as f64) as u64 / each;
         let slots = (room.min(longest) as usize).min(all);
         let (layout, len) = (pages.layout().clone(), slots * PAGE);
         let bounds = Buffer::new(device, BOUNDS, len)?;
@@ -210,7 +210,7 @@ impl GpuScene {
         let all = all.chain([indices.words()]).chain(sh.iter().map(Buffer::words));
         let all = all.chain(lod.iter().map(Buffer::words)).collect();
         let mut pool = Pool::new(device, pages.clone(), all, slots)?;
-        let first: Vec<u32> = (0..slots.min(TRIAL / PAGE) as u32).collect();
+        let first: Vec<u32> = (0..slots.min(SELF_TEST_GAUSSIANS / PAGE) as u32).collect();
         pool.bring(device, &first)?;
         let mut geometry = vec![0; first.len() * pages.geometry_words()];
         pages.read_geometry(0..first.len(), &mut geometry)?;
@@ -225,8 +225,8 @@ impl GpuScene {
             grids: Buffer::new(device, "grids", 1)?,
             len: count,
             extent: pages.statistics().extent,
-            trial_view: trial_view(&means, near),
-            trial_hash: blake3::hash(bytemuck::cast_slice(&geometry)),
+            self_test_camera: self_test_camera(&means, near),
+            self_test_hash: blake3::hash(bytemuck::cast_slice(&geometry)),
             alpha_min: pages.alpha_min(),
             layout,
             nodes: pages.nodes(),
@@ -246,10 +246,10 @@ impl GpuScene {
         Ok(scene)
     }
 
-    /// The scene at these places, which share its pages.
+    /// The scene at these placements, which share its pages.
     ///
     /// # Errors
-    /// If the places have more Gaussians than can be numbered.
+    /// If the placements have more Gaussians than can be sorted.
     ///
     /// # Panics
     /// If the scene is not in pages.
@@ -257,36 +257,39 @@ impl GpuScene {
         let SceneMemory::Paged(paged) = self.memory else { panic!("a scene with placements is paged") };
         let (places, count) = (placements.all().len(), self.nodes);
         ensure!(
-            (places as u64).saturating_mul(count as u64) <= MOST_NUMBERED,
-            "{places} places of {count} Gaussians are more than {MOST_NUMBERED} Gaussians, which is the most that can \
+            (places as u64).saturating_mul(count as u64) <= MAX_POSITIONS,
+            "{places} places of {count} Gaussians are more than {MAX_POSITIONS} Gaussians, which is the most that can \
              be ordered"
         );
-        ensure!(places <= MOST_PLACES, "{places} places are more than {MOST_PLACES}, which is the most that are drawn");
+        ensure!(
+            places <= MAX_PLACEMENTS,
+            "{places} places are more than {MAX_PLACEMENTS}, which is the most that are drawn"
+        );
         let memory = SceneMemory::Paged(Box::new(Paged { placements: Some(placements.clone()), ..*paged }));
         Ok(Self { extent: placements.extent(&self.extent), memory, ..self })
     }
 
-    /// True if the scene is drawn at places.
+    /// True if the scene has placements.
     pub fn is_placed(&self) -> bool {
         self.placements().is_some()
     }
 
-    /// Where the scene is drawn.
+    /// The transforms at which the scene is drawn.
     pub(crate) fn transforms(&self) -> &[Transform] {
         self.placements().map_or(&[Transform::IDENTITY], Placements::all)
     }
 
-    /// Number of Gaussians at all places, with the nodes that stand for several.
+    /// The number of Gaussians at all placements, LOD nodes included.
     pub(crate) fn placed_len(&self) -> usize {
         self.nodes * self.transforms().len()
     }
 
-    /// About how many Gaussians a picture draws at most.
+    /// The approximate number of Gaussians that a picture draws at most.
     pub(crate) fn drawn_len(&self, options: &Options) -> usize {
         if options.splats > 0 { self.placed_len().min(options.splats as usize) } else { self.placed_len() }
     }
 
-    /// True if the planes hold some pages of the scene at a time.
+    /// True if the planes hold the resident pages of the scene.
     pub fn is_paged(&self) -> bool {
         self.paged().is_some()
     }
@@ -313,17 +316,17 @@ impl GpuScene {
         self.paged().is_some_and(|paged| paged.lod.is_some())
     }
 
-    /// Why a scene in pages is stored otherwise than the options ask for.
+    /// The reason why a scene in pages is stored in another form than the options request.
     pub(crate) fn notice(&self) -> Option<&str> {
         self.paged()?.notice.as_deref()
     }
 
-    /// The pages that were read so far; none if the scene is in memory as a whole.
+    /// The pages that were read so far; `None` if the planes hold the whole scene.
     pub fn pages_read(&self) -> Option<PagesRead> {
         self.paged().map(|paged| paged.cache().read)
     }
 
-    /// Number of Gaussians.
+    /// The number of Gaussians.
     pub fn len(&self) -> usize {
         self.len
     }
@@ -347,12 +350,12 @@ impl GpuScene {
         &self.layout
     }
 
-    /// Device memory in bytes that a Gaussian takes.
+    /// The bytes of device memory of a Gaussian.
     pub fn bytes_each(&self) -> u64 {
         self.layout.bytes_each()
     }
 
-    /// Every buffer's name and bytes.
+    /// The name and the bytes of every buffer.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let planes = std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh).map(Buffer::footprint);
         let words = self.paged().into_iter().flat_map(Paged::buffers).map(Buffer::footprint);
@@ -381,16 +384,16 @@ impl GpuScene {
             .map(|(plane, share)| (plane, range.start / share..range.end.div_ceil(*share)))
             .collect();
         commands.upload_together(&places, |memory| {
-            let mut parts: Vec<Vec<_>> = range.clone().step_by(PART).map(|_| Vec::new()).collect();
+            let mut parts: Vec<Vec<_>> = range.clone().step_by(PACKED_CHUNK).map(|_| Vec::new()).collect();
             for (plane, share) in memory.into_iter().zip(&shares) {
-                parts.iter_mut().zip(plane.chunks_mut(PART / share)).for_each(|(part, plane)| part.push(plane));
+                parts.iter_mut().zip(plane.chunks_mut(PACKED_CHUNK / share)).for_each(|(part, plane)| part.push(plane));
             }
             let parts = parts.into_par_iter().enumerate();
             parts.for_each(|(i, planes)| {
                 let mut planes = planes.into_iter();
                 let bounds = planes.next().expect("every scene has a plane of bounds");
                 let mut shapes: Vec<_> = planes.by_ref().take(self.shapes.len()).collect();
-                let (first, count) = (range.start + i * PART, bounds.len());
+                let (first, count) = (range.start + i * PACKED_CHUNK, bounds.len());
                 pack_shapes(layout, self.alpha_min, |k| Shape::of(gaussians, first + k), bounds, &mut shapes);
                 pack_sh(layout, count, |k| gaussians.sh(first + k), &mut planes.collect::<Vec<_>>());
             });
@@ -409,7 +412,7 @@ impl Paged {
     }
 }
 
-/// The planes of attributes with so many words per Gaussian.
+/// The planes of attributes of `words` words per Gaussian.
 fn planes(device: &Device, name: &str, words: usize, len: usize) -> Result<Vec<Buffer<[u32; 4]>>> {
     let plane = |i: usize| Buffer::new(device, &format!("{name} {i}"), len.div_ceil(share(words, i)));
     (0..words.div_ceil(4)).map(plane).collect()

@@ -17,11 +17,11 @@ use crate::scene::{Focus, Gaussians, Placements};
 #[derive(Clone)]
 pub struct SceneSource {
     pub content: Content,
-    /// Set if the scene is drawn at places.
+    /// The placements of the scene in the world, if it has any.
     pub placements: Option<Placements>,
 }
 
-/// The scene has no levels of detail, and the options ask for them.
+/// The scene has no levels of detail, and the options require them.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "there are no levels of detail here: `smalto lod` makes a file with them; `render`, `bench`, `view` and `trade` \
@@ -29,7 +29,7 @@ pub struct SceneSource {
 )]
 pub struct NoLevels;
 
-/// Where the Gaussians of a scene are.
+/// The Gaussians of a scene, in memory or in a page file.
 #[derive(Clone)]
 pub enum Content {
     Memory { gaussians: Arc<Gaussians>, statistics: Arc<Statistics> },
@@ -42,7 +42,7 @@ impl SceneSource {
         Self::shared(Arc::new(gaussians), statistics)
     }
 
-    /// Gaussians whose statistics are known.
+    /// A scene of Gaussians with known statistics.
     pub fn shared(gaussians: Arc<Gaussians>, statistics: Arc<Statistics>) -> Self {
         Self { content: Content::Memory { gaussians, statistics }, placements: None }
     }
@@ -51,7 +51,7 @@ impl SceneSource {
         Self { content: Content::File(Arc::new(file)), placements: None }
     }
 
-    /// The statistics of the scene at one place.
+    /// The statistics of the scene without its placements.
     pub fn statistics(&self) -> &Statistics {
         match &self.content {
             Content::Memory { statistics, .. } => statistics,
@@ -59,7 +59,7 @@ impl SceneSource {
         }
     }
 
-    /// Where most of the scene lies, at all places together.
+    /// The region of most of the scene, all placements together.
     pub fn focus(&self) -> Focus {
         let focus = match &self.content {
             Content::Memory { gaussians, .. } => Focus::of(gaussians),
@@ -68,7 +68,7 @@ impl SceneSource {
         self.placements.as_ref().map_or(focus, |placements| placements.focus(focus))
     }
 
-    /// The Gaussians of one place, if they are in memory.
+    /// The Gaussians without placements, if they are in memory.
     pub fn gaussians(&self) -> Option<&Gaussians> {
         match &self.content {
             Content::Memory { gaussians, .. } => Some(gaussians),
@@ -76,17 +76,17 @@ impl SceneSource {
         }
     }
 
-    /// True if it has levels of detail.
+    /// True if the scene has levels of detail.
     pub fn has_levels(&self) -> bool {
         matches!(&self.content, Content::File(file) if file.levels().is_some())
     }
 
     /// Brings the scene to a device, for a renderer that makes certificates or one that does not. A page file, a scene
-    /// that is too large for the device, or one at places is drawn in pages; `reserve` bytes of memory are then left
-    /// for pictures.
+    /// that is too large for the device, or one with placements is drawn in pages; `reserve` bytes of memory then stay
+    /// free for pictures.
     ///
     /// # Errors
-    /// If there is too little memory for some pages, a page cannot be read, or the places have too many Gaussians;
+    /// If the least number of pages does not fit, a page cannot be read, or the placements have too many Gaussians;
     /// [`NoLevels`].
     pub fn bring(&self, device: &Device, options: &Options, certifies: bool, reserve: u64) -> Result<GpuScene> {
         // A scene without Gaussians is empty everywhere.

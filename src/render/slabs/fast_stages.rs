@@ -1,11 +1,14 @@
-//! The stages of the fast path that differ where a frame is drawn in slabs.
+//! The stages of the fast path that are other ones in slabs: begin, list, blend, finish.
 
 use anyhow::Result;
 
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage};
-use crate::render::fast::{BLOCK_HEIGHTS, BinGrid, FastPipeline, FastWorkspace, blend_constants};
+use crate::render::fast::{
+    BLOCK_HEIGHTS, BinGrid, FastFrame, FastPipeline, FastWorkspace, between_stages, blend_constants,
+};
+use crate::render::frame::Target;
 use crate::render::shaders::SharedConstants;
-use crate::render::shaders::fast::{BLOCKS, MAX_BINS};
+use crate::render::shaders::fast::{BIN_CHUNKS, BLOCKS, MAX_BINS};
 use crate::render::shaders::slabs::*;
 use crate::rules::Background;
 
@@ -54,34 +57,27 @@ impl FastStages {
         Ok(())
     }
 
-    /// Sets the state of every pixel to what it is before the first slab.
+    /// Sets the state of every pixel before the first slab: no colour, full transmittance.
     pub fn begin(&self, cmd: &mut Commands, image: &Image) {
         cmd.dispatch(&self.begin, BeginBindings { image }, BeginPush { size_px: image.size() }, over(image));
     }
 
-    /// Turns the states into the picture.
-    pub fn finish(&self, cmd: &mut Commands, image: &Image, background: Background) {
+    /// Blends the background behind the states, which become the picture.
+    pub fn finish(&self, cmd: &mut Commands, Target { image, background, .. }: Target) {
         let push = FinishPush { size_px: image.size(), background: background.colour() };
         cmd.dispatch(&self.finish, FinishBindings { image }, push, over(image));
     }
 
-    /// Records everything after the projection: the lists of the open bins, and their blend on top of the states.
-    pub fn list_and_blend(
-        &self,
-        cmd: &mut Commands,
-        fast: &FastPipeline,
-        work: &FastWorkspace,
-        grid: BinGrid,
-        image: &Image,
-        [open, still_open]: [&Buffer<u32>; 2],
-    ) {
+    /// Records the stages after the projection: the lists of the open bins, and their blend on top of the states.
+    pub fn list_and_blend(&self, cmd: &mut Commands, frame: &FastFrame, [open, still_open]: [&Buffer<u32>; 2]) {
+        let FastFrame { work, grid, .. } = *frame;
         between_stages(cmd);
         cmd.scope("list", |cmd| self.list(cmd, work, grid, open));
         between_stages(cmd);
-        fast.sort_lists(cmd, work, grid);
+        frame.pipeline.sort_lists(cmd, work, grid);
         cmd.fill(still_open, 0);
         cmd.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::SHADER);
-        cmd.scope("blend", |cmd| self.blend(cmd, work, grid, image, still_open));
+        cmd.scope("blend", |cmd| self.blend(cmd, work, grid, frame.target.image, still_open));
     }
 
     fn list(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid, open_bins: &Buffer<u32>) {
@@ -100,7 +96,7 @@ impl FastStages {
             visible_capacity: work.visible_capacity(),
             entry_capacity: work.entry_capacity(),
         };
-        let groups = DispatchSize::Groups(crate::render::shaders::fast::BIN_CHUNKS.into());
+        let groups = DispatchSize::Groups(BIN_CHUNKS.into());
         cmd.dispatch(&self.list, bindings, push, groups);
     }
 
@@ -125,8 +121,4 @@ impl FastStages {
 
 fn over(image: &Image) -> DispatchSize {
     DispatchSize::Invocations(image.size().iter().map(|side| u64::from(*side)).product())
-}
-
-fn between_stages(cmd: &mut Commands) {
-    cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
 }

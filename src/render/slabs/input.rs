@@ -1,5 +1,4 @@
-//! Where the Gaussians of a slab come from: planes that hold the whole scene, or pages that are brought when they are
-//! needed.
+//! The input of a slab: planes that hold the whole scene, or pages that are loaded when a slab needs them.
 
 use std::ops::Range;
 use std::sync::MutexGuard;
@@ -7,101 +6,74 @@ use std::sync::MutexGuard;
 use anyhow::Result;
 use rayon::prelude::*;
 
-use super::partition::{Estimate, Place, place_of};
-use super::report::Parts;
-use crate::camera::Camera;
-use crate::gpu::{Buffer, Commands, Device};
+use super::partition::Estimate;
+use super::report::SlabReport;
+use crate::gpu::Device;
 use crate::options::Options;
-use crate::render::frame::DepthKeys;
+use crate::render::frame::{DepthKeys, Shot, SortPosition, position_of};
 use crate::render::lod::{Chosen, ChosenPage, part};
-use crate::render::pages::{
-    Element, ListedPage, Open, PlacedCamera, Sight, VisiblePage, first_page, number_of_pages, room_for_pages,
-};
-use crate::render::scene::{GpuScene, PagesRead, Pool};
-use crate::render::shaders::pages::PAGE;
+use crate::render::pages::{Element, ListedPage, Open, PlacedCamera, Sight, VisiblePage};
+use crate::render::scene::{PagesRead, Pool};
 
-/// What splats are listed in: bins, or tiles.
+/// The grid of bins or tiles in which splats are listed.
 #[derive(Clone, Copy)]
-pub struct Cells {
-    /// Width and height, px.
-    pub side_px: [u32; 2],
-    /// Columns and rows.
-    pub count: [u32; 2],
-    /// The largest depth key of a splat in one.
+pub struct CellGrid {
+    /// Width and height of a cell, px.
+    pub cell_px: [u32; 2],
+    /// Columns and rows of cells.
+    pub cells: [u32; 2],
+    pub keys: DepthKeys,
+    /// The largest depth key of a listed splat.
     pub largest_key: u32,
 }
 
-/// A buffer for the views and the pages that slabs list. A scene that is there as a whole is listed once.
-pub fn listed_at_first(device: &Device, scene: &GpuScene) -> Result<Buffer<Element>> {
-    let page = |slot: u32| {
-        let rest = scene.len() as u32 - slot * PAGE;
-        ListedPage { slot, limits: 0, view: 0, filled: rest.min(PAGE), has_indices: false }.element()
-    };
-    let all = if scene.is_paged() { 0 } else { scene.len().div_ceil(PAGE as usize) as u32 };
-    let pages: Vec<Element> = (0..all).map(page).collect();
-    let first = first_page(scene) as usize;
-    let listed = Buffer::new(device, "listed pages", first + room_for_pages(scene))?;
-    let mut cmd = Commands::new(device)?;
-    cmd.upload(&listed, first - 1, 1 + pages.len(), |memory| {
-        memory[0] = number_of_pages(pages.len());
-        memory[1..].copy_from_slice(&pages);
-    })?;
-    cmd.submit()?.wait()?;
-    Ok(listed)
-}
-
 /// The Gaussians of one frame.
-pub enum Supply<'a> {
-    /// All are in device memory: this many.
+pub enum SlabInput<'a> {
+    /// The number of Gaussians, which are all in device memory.
     Whole(usize),
-    Paged(Box<Paged<'a>>),
+    Paged(Box<PagedInput<'a>>),
 }
 
 /// The pages of one frame.
-pub struct Paged<'a> {
-    pub pool: MutexGuard<'a, Pool>,
-    /// In the order of their nearest depth.
+pub struct PagedInput<'a> {
+    pub cache: MutexGuard<'a, Pool>,
+    /// The pages that may be visible, by their nearest depth.
     visible: Vec<VisiblePage>,
+    /// The bins that are still open.
     open: Open,
-    /// Open bins at the last estimate.
-    open_then: u32,
+    /// The number of open bins at the last estimate.
+    estimated_open: u32,
     bins: [u32; 2],
-    /// For each page of the scene, a number that is [`NONE`] between two calls.
-    noted: Vec<u32>,
+    /// A mark for each page of the scene, [`NONE`] between two calls: while one runs, the slot or batch of the page.
+    marks: Vec<u32>,
 }
 
-/// An estimate is renewed when this part of its open bins is left.
+/// The fraction of the open bins of an estimate below which it is renewed.
 const RENEWED: f64 = 0.9;
 
-/// No slot and no batch.
+/// The mark of a page without a slot or batch.
 const NONE: u32 = u32::MAX;
 
-/// Pages that a thread looks at at a time.
-const LOOKED_AT: usize = 4096;
+/// Pages that a thread tests at a time.
+const PAGES_PER_TASK: usize = 4096;
 
-impl<'a> Supply<'a> {
-    /// `chosen`: the pages of a scene in pages.
-    pub fn of(
-        scene: &'a GpuScene,
-        camera: &Camera,
-        options: &Options,
-        (keys, cells): (DepthKeys, Cells),
-        chosen: Option<&Chosen>,
-    ) -> Self {
-        let (Some(paged), Some(chosen)) = (scene.paged(), chosen) else { return Self::Whole(scene.len()) };
-        let pool = paged.cache();
-        let alpha_min = pool.pages().alpha_min();
+impl<'a> SlabInput<'a> {
+    /// The input of a frame, for a scene in pages those in `selection` which may be visible.
+    pub fn of(Shot { scene, camera }: Shot<'a>, options: &Options, grid: CellGrid, selection: Option<&Chosen>) -> Self {
+        let (Some(paged), Some(selection)) = (scene.paged(), selection) else { return Self::Whole(scene.len()) };
+        let cache = paged.cache();
+        let alpha_min = cache.pages().alpha_min();
         let sight = Sight {
             rules: &options.rules,
             alpha_min,
-            keys,
-            bin_px: cells.side_px,
-            bins: cells.count,
-            largest_key: cells.largest_key,
+            keys: grid.keys,
+            bin_px: grid.cell_px,
+            bins: grid.cells,
+            largest_key: grid.largest_key,
         };
-        let pages = pool.pages().pages();
+        let pages = cache.pages().pages();
         let cameras: Vec<_> = scene.transforms().iter().map(|place| PlacedCamera::of(camera, place)).collect();
-        let levels = pool.pages().levels();
+        let levels = cache.pages().levels();
         let seen = |chosen: &ChosenPage| {
             let ChosenPage { page, view, limits } = *chosen;
             let (number, page) = (page, &pages[page as usize]);
@@ -110,11 +82,11 @@ impl<'a> Supply<'a> {
             let limits = u32::from(limits[0]) | u32::from(limits[1]) << 16;
             Some(VisiblePage { limits, drawn: drawn.ceil() as u32, ..place })
         };
-        let mut visible: Vec<_> = chosen.pages.par_iter().with_min_len(1024).filter_map(seen).collect();
+        let mut visible: Vec<_> = selection.pages.par_iter().with_min_len(1024).filter_map(seen).collect();
         visible.par_sort_unstable_by_key(|page| (page.keys[0], page.view, page.page));
-        let all = vec![u32::MAX; cells.count.iter().product::<u32>().div_ceil(32) as usize];
-        let (open, noted) = (Open::of(&all, cells.count), vec![NONE; pages.len()]);
-        Self::Paged(Box::new(Paged { pool, visible, open, open_then: 0, bins: cells.count, noted }))
+        let all = vec![u32::MAX; grid.cells.iter().product::<u32>().div_ceil(32) as usize];
+        let (open, marks) = (Open::of(&all, grid.cells), vec![NONE; pages.len()]);
+        Self::Paged(Box::new(PagedInput { cache, visible, open, estimated_open: 0, bins: grid.cells, marks }))
     }
 
     /// True if the scene is in pages.
@@ -122,12 +94,12 @@ impl<'a> Supply<'a> {
         matches!(self, Self::Paged(_))
     }
 
-    /// Where the splats are expected that may still be seen; `end`: the place behind the last.
-    pub fn estimate(&mut self, end: Place) -> Estimate {
+    /// The expected positions of the splats that may still be visible; `end` is behind the last of them.
+    pub fn estimate(&mut self, end: SortPosition) -> Estimate {
         match self {
             Self::Whole(gaussians) => Estimate::uniform(end, *gaussians as f64),
             Self::Paged(paged) => {
-                paged.open_then = paged.open.count();
+                paged.estimated_open = paged.open.count();
                 let seen = paged.visible.iter().filter(|page| paged.open.meets(page));
                 Estimate::of(end, seen.map(|page| (page.keys, page.drawn)))
             }
@@ -138,138 +110,139 @@ impl<'a> Supply<'a> {
     pub fn has_closed_many(&self) -> bool {
         match self {
             Self::Whole(_) => false,
-            Self::Paged(paged) => f64::from(paged.open.count()) < RENEWED * f64::from(paged.open_then),
+            Self::Paged(paged) => f64::from(paged.open.count()) < RENEWED * f64::from(paged.estimated_open),
         }
     }
 
-    /// The report of a frame that begins: `since` ends it.
-    pub fn parts(&self) -> Parts {
-        let Self::Paged(paged) = self else { return Parts::default() };
-        let PagesRead { pages, bytes } = paged.pool.read;
+    /// The report at the begin of a frame, with the counts of the cache until then: `end_report` subtracts them.
+    pub fn begin_report(&self) -> SlabReport {
+        let Self::Paged(paged) = self else { return SlabReport::default() };
+        let PagesRead { pages, bytes } = paged.cache.read;
         let pages_in_view = paged.visible.len() as u64;
-        Parts { pages_in_view, pages_read: pages, bytes_read: bytes, ..Parts::default() }
+        SlabReport { pages_in_view, pages_read: pages, bytes_read: bytes, ..SlabReport::default() }
     }
 
-    /// What was read since the frame began.
-    pub fn since(&self, begin: Parts) -> Parts {
+    /// The report with the pages that were read since the frame began.
+    pub fn end_report(&self, begin: SlabReport) -> SlabReport {
         let Self::Paged(paged) = self else { return begin };
-        let PagesRead { pages, bytes } = paged.pool.read;
-        Parts { pages_read: pages - begin.pages_read, bytes_read: bytes - begin.bytes_read, ..begin }
+        let PagesRead { pages, bytes } = paged.cache.read;
+        SlabReport { pages_read: pages - begin.pages_read, bytes_read: bytes - begin.bytes_read, ..begin }
     }
 
-    /// Notes which bins are still open after a slab. True if nothing behind it can be seen any more.
+    /// Takes over the bins that are still open after a slab, a bit each. True if none is: what lies behind is hidden.
     pub fn close(&mut self, open_bins: &[u32]) -> bool {
         match self {
             Self::Whole(_) => open_bins.iter().all(|word| *word == 0),
             Self::Paged(paged) => {
                 paged.open = Open::of(open_bins, paged.bins);
-                // What is hidden now stays hidden.
+                // A hidden page stays hidden.
                 let open = &paged.open;
-                let visible = std::mem::take(&mut paged.visible).into_par_iter().with_min_len(LOOKED_AT);
+                let visible = std::mem::take(&mut paged.visible).into_par_iter().with_min_len(PAGES_PER_TASK);
                 paged.visible = visible.filter(|page| open.meets(page)).collect();
                 paged.open.count() == 0
             }
         }
     }
 
-    /// Reads pages that a slab will probably need.
-    pub fn read_ahead(&mut self, device: &Device, slab: &Range<Place>) -> Result<()> {
+    /// Prefetches pages that a slab will probably need.
+    ///
+    /// # Errors
+    /// If a page cannot be read.
+    pub fn prefetch(&mut self, device: &Device, slab: &Range<SortPosition>) -> Result<()> {
         let Self::Paged(paged) = self else { return Ok(()) };
-        if paged.pool.has_all() {
+        if paged.cache.has_all() {
             return Ok(());
         }
-        let wanted = paged.wanted(slab);
-        let most = paged.pool.capacity() / 2;
-        let first = batches(&wanted, most.max(1), usize::MAX, &mut paged.noted).next();
-        let numbers = paged.different(&wanted[first.unwrap_or(0..0)]);
-        paged.pool.bring(device, &numbers).map(drop)
+        let needed = paged.needed(slab);
+        let most = paged.cache.capacity() / 2;
+        let first = batches(&needed, most.max(1), usize::MAX, &mut paged.marks).into_iter().next();
+        let numbers = paged.distinct(&needed[first.unwrap_or(0..0)]);
+        paged.cache.bring(device, &numbers).map(drop)
     }
 }
 
-impl Paged<'_> {
+impl PagedInput<'_> {
     /// The pages that may have splats in a slab which touch an open bin.
-    pub fn wanted(&self, slab: &Range<Place>) -> Vec<VisiblePage> {
-        let nearer = self.visible.partition_point(|page| place_of(page.keys[0]) < slab.end);
-        let pages = self.visible[..nearer].par_iter().with_min_len(LOOKED_AT);
+    pub fn needed(&self, slab: &Range<SortPosition>) -> Vec<VisiblePage> {
+        let nearer = self.visible.partition_point(|page| position_of(page.keys[0]) < slab.end);
+        let pages = self.visible[..nearer].par_iter().with_min_len(PAGES_PER_TASK);
         pages.filter(|page| page.is_in(slab) && self.open.meets(page)).copied().collect()
     }
 
-    /// Parts of the wanted pages that are drawn by one dispatch each, which lists at most `room` pages. A page may be
-    /// wanted at many placements, and needs one slot for all of them.
-    pub fn batches(&mut self, wanted: &mut [VisiblePage], room: usize) -> Vec<Range<usize>> {
-        if !self.pool.has_all() {
-            // Each page is brought once for all of its placements. With one placement, the order stays that of depths.
-            if wanted.iter().any(|page| page.view != wanted[0].view) {
-                wanted.par_sort_unstable_by_key(|page| (page.page, page.view));
+    /// Cuts the pages of a slab into batches that one dispatch each draws, of at most `list_capacity` pages. A page may
+    /// be listed for many placements, and takes one slot for all of them.
+    pub fn batches(&mut self, needed: &mut [VisiblePage], list_capacity: usize) -> Vec<Range<usize>> {
+        if !self.cache.has_all() {
+            // Each page is loaded once for all of its placements. With one placement, the order stays that of depths.
+            if needed.iter().any(|page| page.view != needed[0].view) {
+                needed.par_sort_unstable_by_key(|page| (page.page, page.view));
             }
         }
-        batches(wanted, self.pool.capacity(), room, &mut self.noted).collect()
+        batches(needed, self.cache.capacity(), list_capacity, &mut self.marks)
     }
 
-    /// Brings the pages of a batch to the device, and lists them.
-    pub fn bring(&mut self, device: &Device, batch: &[VisiblePage]) -> Result<Vec<Element>> {
-        let numbers = self.different(batch);
-        let slots = self.pool.bring(device, &numbers)?;
-        numbers.iter().zip(&slots).for_each(|(number, slot)| self.noted[*number as usize] = *slot);
+    /// Makes the pages of a batch resident, and lists them.
+    ///
+    /// # Errors
+    /// If a page cannot be read.
+    pub fn load(&mut self, device: &Device, batch: &[VisiblePage]) -> Result<Vec<Element>> {
+        let numbers = self.distinct(batch);
+        let slots = self.cache.bring(device, &numbers)?;
+        numbers.iter().zip(&slots).for_each(|(number, slot)| self.marks[*number as usize] = *slot);
         let listed = |page: &VisiblePage| {
             let VisiblePage { page, view, limits, count, .. } = *page;
-            let slot = self.noted[page as usize];
+            let slot = self.marks[page as usize];
             ListedPage { slot, limits, view, filled: count, has_indices: true }.element()
         };
         let listed = batch.iter().map(listed).collect();
-        numbers.iter().for_each(|number| self.noted[*number as usize] = NONE);
+        numbers.iter().for_each(|number| self.marks[*number as usize] = NONE);
         Ok(listed)
     }
 
     /// The numbers of these pages, each once.
-    pub fn different(&mut self, pages: &[VisiblePage]) -> Vec<u32> {
+    pub fn distinct(&mut self, pages: &[VisiblePage]) -> Vec<u32> {
         let mut numbers = Vec::new();
         for page in pages {
-            let noted = &mut self.noted[page.page as usize];
-            if *noted == NONE {
-                *noted = 0;
+            let mark = &mut self.marks[page.page as usize];
+            if *mark == NONE {
+                *mark = 0;
                 numbers.push(page.page);
             }
         }
-        numbers.iter().for_each(|number| self.noted[*number as usize] = NONE);
+        numbers.iter().for_each(|number| self.marks[*number as usize] = NONE);
         numbers
     }
 }
 
-/// Cuts a list of pages into stretches with at most `different` different pages and `room` pages. `noted` has an entry
+/// Cuts a list of pages into batches of at most `distinct` different pages and `capacity` entries. `marks` has an entry
 /// for each page of the scene: [`NONE`] before and after.
-fn batches(
-    pages: &[VisiblePage],
-    different: usize,
-    room: usize,
-    noted: &mut [u32],
-) -> std::vec::IntoIter<Range<usize>> {
+fn batches(pages: &[VisiblePage], distinct: usize, capacity: usize, marks: &mut [u32]) -> Vec<Range<usize>> {
     let mut found: Vec<Range<usize>> = Vec::new();
-    let (mut begin, mut those) = (0, 0);
-    for (place, page) in pages.iter().enumerate() {
-        let is_new = noted[page.page as usize] != found.len() as u32;
-        if place - begin == room || (is_new && those == different) {
-            found.push(begin..place);
-            (begin, those) = (place, 0);
+    let (mut begin, mut count) = (0, 0);
+    for (entry, page) in pages.iter().enumerate() {
+        let is_new = marks[page.page as usize] != found.len() as u32;
+        if entry - begin == capacity || (is_new && count == distinct) {
+            found.push(begin..entry);
+            (begin, count) = (entry, 0);
         }
-        let noted = &mut noted[page.page as usize];
-        if *noted != found.len() as u32 {
-            *noted = found.len() as u32;
-            those += 1;
+        let mark = &mut marks[page.page as usize];
+        if *mark != found.len() as u32 {
+            *mark = found.len() as u32;
+            count += 1;
         }
     }
     if begin < pages.len() {
         found.push(begin..pages.len());
     }
-    pages.iter().for_each(|page| noted[page.page as usize] = NONE);
-    found.into_iter()
+    pages.iter().for_each(|page| marks[page.page as usize] = NONE);
+    found
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn cut(pages: &[u32], different: usize, room: usize) -> Vec<Range<usize>> {
+    fn cut(pages: &[u32], distinct: usize, capacity: usize) -> Vec<Range<usize>> {
         let page = |page: &u32| VisiblePage {
             page: *page,
             view: 0,
@@ -281,14 +254,14 @@ mod tests {
             limits: 0,
         };
         let pages: Vec<_> = pages.iter().map(page).collect();
-        let mut noted = vec![NONE; 10];
-        let found = batches(&pages, different, room, &mut noted).collect();
-        assert_eq!(noted, [NONE; 10]);
+        let mut marks = vec![NONE; 10];
+        let found = batches(&pages, distinct, capacity, &mut marks);
+        assert_eq!(marks, [NONE; 10]);
         found
     }
 
     #[test]
-    fn a_batch_has_as_many_pages_as_slots_and_as_many_entries_as_room() {
+    fn a_batch_has_at_most_as_many_pages_as_slots_and_as_many_entries_as_the_list() {
         assert_eq!(cut(&[], 2, 3), []);
         assert_eq!(cut(&[0, 1, 2, 3, 4], 2, 9), [0..2, 2..4, 4..5]);
         assert_eq!(cut(&[7, 7, 7, 7, 7], 1, 2), [0..2, 2..4, 4..5]);

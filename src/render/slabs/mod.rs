@@ -1,19 +1,27 @@
-//! Frames drawn in parts: what does not fit into memory at once is drawn slab by slab, front to back, and shows the
-//! same bits.
+//! Frames in depth slabs: a frame that does not fit into memory at once is drawn slab by slab, front to back, and shows
+//! the same bits.
+//!
+//! A splat belongs to the slab of its own sort position, wherever its footprint reaches, so each pixel blends the same
+//! splats in the same order as in a frame that is drawn at once. A slab whose demand exceeds the capacity blends
+//! nothing; it is drawn again, shorter.
+//!
+//! - `fast_frame` - [`FastSlabs`]: the loop over the slabs of the fast path, with prefetch of pages
+//! - `fast_stages` - the stages of the fast path that are other ones in slabs
+//! - `portable_frame` - [`PortableSlabs`]: the loop over the slabs of the portable path, with certificates and depths
+//! - `partition` - the sort positions at which a frame is cut
+//! - `input` - the Gaussians of a slab: the whole scene, or its pages in view
+//! - `buffers` - the list of pages, and the sizes kept from frame to frame
+//! - `progress` - the sums over the slabs of a frame
+//! - `report` - the report of a frame in slabs
 //!
 //! | word | meaning |
 //! |---|---|
-//! | place | the position of a splat in the total order: depth key, then index of its Gaussian |
-//! | slab | the splats from one place up to another: they are projected, listed, sorted and blended together |
+//! | sort position | the position of a splat in the total order: depth key, then index of its Gaussian |
+//! | slab | the splats from one sort position to another, which are projected, listed, sorted and blended together |
 //! | state | the colour and the transmittance of a pixel between two slabs |
-//! | open bin | a bin with a pixel that has not stopped; the others take no more splats |
-//! | page | 1024 Gaussians that are stored, read and listed together |
-//! | slot | the room of a page in device memory |
-//!
-//! A splat belongs to the slab of its own place, wherever its footprint reaches, so each pixel sees the same splats in
-//! the same order as in a frame that is drawn at once. A slab whose demand exceeds the capacity blends nothing; it is
-//! drawn again, shorter.
+//! | open bin | a bin with a pixel that has not stopped; other bins take no more splats |
 
+mod buffers;
 mod fast_frame;
 mod fast_stages;
 mod input;
@@ -27,8 +35,7 @@ mod placed_tests;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use fast_frame::Slabs;
-pub(crate) use partition::{Place, place_of, slab};
-pub(crate) use portable_frame::PortableSlabs;
-pub(crate) use progress::Drawn;
-pub use report::Parts;
+pub(crate) use fast_frame::FastSlabs;
+pub(crate) use portable_frame::{PortableFrame, PortableSlabs};
+pub(crate) use progress::SlabbedFrame;
+pub use report::SlabReport;

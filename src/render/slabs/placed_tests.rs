@@ -12,7 +12,7 @@ use crate::pagefile::Pages;
 use crate::pixels::Pixels;
 use crate::procedural::cactus;
 use crate::render::renderer::Renderer;
-use crate::render::scene::gpu_scene::POOL_PART;
+use crate::render::scene::gpu_scene::CACHE_FRACTION;
 use crate::render::scene::{Content, GpuScene, SceneSource};
 use crate::rules::{Background, Order, Rules};
 use crate::scene::{Focus, Gaussians, Placements, Transform};
@@ -154,7 +154,7 @@ fn bits_do_not_depend_on_the_number_of_pages_in_memory() {
     let gaussians = Arc::new(gaussians);
     let pages = Pages::of_gaussians(gaussians.clone(), Statistics::of(&gaussians), &options);
     // Room for 70 of 79 pages, so that every slab with all of them takes several batches.
-    let reserve = device.free_bytes() - (70.5 * Pool::bytes_each(&pages) as f64 / POOL_PART) as u64;
+    let reserve = device.free_bytes() - (70.5 * Pool::bytes_each(&pages) as f64 / CACHE_FRACTION) as u64;
     let scene = GpuScene::of_pages(&device, &pages, &options, reserve).unwrap();
     assert_eq!(scene.paged().unwrap().cache().capacity(), 70);
     let scene = scene.placed(&Placements::new(places.to_vec()).unwrap()).unwrap();

@@ -1,25 +1,24 @@
-//! Frames in slabs on the portable path: pictures, certificates and depths.
+//! A frame of the portable path, drawn slab by slab: a picture, a certificate or depths.
 //!
-//! The portable path orders splats of equal depth by the order in which they are projected. Here they come page by
-//! page, so they are sorted by their indices first. All pages of a slab must be on the device at once.
+//! The portable path orders splats of equal depth by the order in which they are projected. In slabs, this is the order
+//! of pages, so splats are sorted by their indices first. All pages of a slab must be resident at once.
 
 use std::mem::offset_of;
 use std::ops::Range;
 
 use anyhow::Result;
 
-use super::fast_frame::{MOST_SPLATS, PART};
-use super::input::{Cells, Supply, listed_at_first};
-use super::partition::{Place, place_of, slab};
-use super::progress::{Course, Drawn};
+use super::buffers::{MEMORY_FRACTION, MOST_SPLATS, SlabBuffers};
+use super::input::{CellGrid, SlabInput};
+use super::progress::{FrameProgress, SlabbedFrame};
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Results, Stage};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::render::capacity::Capacity;
-use crate::render::frame::{DepthKeys, Shot, Target, tiles};
+use crate::render::frame::{DepthKeys, Shot, SortPosition, Target, position_of, slab, tiles};
 use crate::render::inspect::Inspector;
 use crate::render::lod::Chooser;
-use crate::render::pages::{Element, first_page, number_of_pages, views_of};
+use crate::render::pages::{first_page, number_of_pages, views_of};
 use crate::render::portable::{PortablePipeline, PortableWorkspace, Walk};
 use crate::render::scene::GpuScene;
 use crate::render::shaders::pages::PAGE;
@@ -27,34 +26,33 @@ use crate::render::shaders::slabs::*;
 use crate::render::shaders::{PortableDispatches, Totals};
 use crate::rules::TILE;
 
-/// The stages of the portable path that differ where a frame is drawn in slabs, and their buffers.
+/// The stages and buffers that draw frames of the portable path in slabs.
 pub struct PortableSlabs {
     cull: Stage<CullTiles>,
     project: Stage<ProjectTiles>,
     index: Stage<IndexSplats>,
     rank: Stage<RankDepths>,
     shade_depths: Stage<ShadeDepths>,
-    /// The views, then the pages.
-    listed: Buffer<Element>,
-    /// The indices of Gaussians and the words of levels, where no page has them.
-    no_indices: Buffer<u32>,
-    /// The splats that the first slab of the next frame is meant to have.
-    target: f64,
-    /// The number of tiles that the buffers of the slabs were made for.
-    cells: u32,
+    buffers: SlabBuffers,
 }
 
-/// What all slabs of a frame share.
+/// A frame of the portable path: the stages and the buffers that draw it, and what it shows.
 #[derive(Clone, Copy)]
-struct Frame<'a> {
-    device: &'a Device,
-    pipeline: &'a PortablePipeline,
-    work: &'a PortableWorkspace,
-    options: &'a Options,
-    shot: Shot<'a>,
-    target: Target<'a>,
-    keys: DepthKeys,
-    inspector: Option<&'a Inspector>,
+pub struct PortableFrame<'a> {
+    pub pipeline: &'a PortablePipeline,
+    pub work: &'a PortableWorkspace,
+    /// The options of the frame. Their LOD limits may differ from those that the pipeline was built with.
+    pub options: &'a Options,
+    pub shot: Shot<'a>,
+    pub target: Target<'a>,
+    /// Set if the frame shows depths.
+    pub inspector: Option<&'a Inspector>,
+}
+
+impl PortableFrame<'_> {
+    fn depth_keys(&self) -> DepthKeys {
+        self.pipeline.depth_keys(self.shot.scene, self.shot.camera)
+    }
 }
 
 impl PortableSlabs {
@@ -66,17 +64,15 @@ impl PortableSlabs {
             index: Stage::new(device, &())?,
             rank: Stage::new(device, &())?,
             shade_depths: Stage::new(device, &())?,
-            listed: listed_at_first(device, scene)?,
-            no_indices: Buffer::new(device, "no indices", 1)?,
-            target: f64::INFINITY,
-            cells: 0,
+            buffers: SlabBuffers::new(device, scene)?,
         })
     }
 
-    /// Makes the buffers of slabs of a picture of this size as large as the free memory allows, unless they are there.
+    /// Makes the buffers of slabs of a picture of this size as large as the free memory allows, unless they fit the
+    /// size already.
     ///
     /// # Errors
-    /// [`OutOfMemory`] if there is too little for the least slab.
+    /// [`OutOfMemory`] if there is too little for the smallest slab.
     pub fn fit(
         &mut self,
         device: &Device,
@@ -85,115 +81,117 @@ impl PortableSlabs {
         scene: &GpuScene,
     ) -> Result<()> {
         let cells: u32 = tiles(size).iter().product();
-        if self.cells >= cells && work.capacity.cells >= cells as usize {
+        if self.buffers.cells >= cells && work.capacity.cells >= cells as usize {
             return Ok(());
         }
         *work = PortableWorkspace::new(device, Capacity::default())?; // frees the old buffers first
-        let pages = self.listed.len() - first_page(scene) as usize;
-        let capacity = slab_capacity(device, pages * PAGE as usize, cells, scene.placed_len());
-        *work = PortableWorkspace::new(device, capacity)?;
-        self.cells = cells;
+        let gaussians = self.buffers.page_capacity(scene) * PAGE as usize;
+        *work = PortableWorkspace::new(device, slab_capacity(device, gaussians, cells, scene.placed_len()))?;
+        self.buffers.cells = cells;
         Ok(())
     }
 
-    /// Draws a frame with the capacity of `work`, in as many slabs as that takes.
+    /// Draws a frame with the capacity of its workspace, in as many slabs as that takes.
     ///
     /// # Errors
     /// [`OutOfMemory`] if the capacity is too small for a single splat or its pages, or a page cannot be read.
     pub fn draw(
         &mut self,
         device: &Device,
-        (pipeline, work, options): (&PortablePipeline, &PortableWorkspace, &Options),
-        chooser: Option<&mut Chooser>,
-        shot: Shot,
-        target: Target,
-        inspector: Option<&Inspector>,
-    ) -> Result<Drawn> {
+        frame: &PortableFrame,
+        selector: Option<&mut Chooser>,
+    ) -> Result<SlabbedFrame> {
+        let PortableFrame { pipeline, work, options, shot, .. } = *frame;
         let Shot { scene, camera } = shot;
-        let keys = pipeline.depth_keys(scene, camera);
-        let end = place_of(keys.limit());
-        let cells = Cells { side_px: [TILE, TILE], count: tiles(camera.size_px), largest_key: keys.limit() - 1 };
-        let chosen = chooser.map(|chooser| chooser.chosen(device, scene, camera, options)).transpose()?;
-        let mut supply = Supply::of(scene, camera, options, (keys, cells), chosen.as_ref());
-        let mut course = Course::begin(&mut supply, end, scene.placed_len(), self.target);
-        course.chose(chosen.as_ref());
-        let frame = Frame { device, pipeline, work, options, shot, target, keys, inspector };
+        let keys = frame.depth_keys();
+        let end = position_of(keys.limit());
+        let (cell_px, cells) = ([TILE, TILE], tiles(camera.size_px));
+        let cells = CellGrid { cell_px, cells, keys, largest_key: keys.limit() - 1 };
+        let selection = selector.map(|selector| selector.chosen(device, scene, camera, options)).transpose()?;
+        let mut input = SlabInput::of(shot, options, cells, selection.as_ref());
+        let mut progress =
+            FrameProgress::begin(&mut input, end, scene.placed_len(), self.buffers.target, selection.as_ref());
         let mut goes_on = false;
-        while let Some(next) = course.ends.next() {
-            let filled = match self.list_slab(&frame, &mut supply, &next)? {
-                Listed::Nothing => {
-                    course.ends.drawn(&next, 0.0);
+        while let Some(next) = progress.partition.next() {
+            let filled = match self.list_slab(device, frame, &mut input, &next)? {
+                SlabLists::Empty => {
+                    progress.partition.advance(&next, 0.0);
                     continue;
                 }
-                Listed::TooManyPages(filled) => filled,
-                Listed::Counted(totals, results) => {
-                    course.took(results.timings());
+                SlabLists::TooManyPages(filled) => filled,
+                SlabLists::Counted(totals, results) => {
+                    progress.add_timings(results.timings());
                     let filled = filled(&totals, work);
                     if filled <= 1.0 {
                         // A list has at most all splats of the slab.
                         let passes = pipeline.passes(totals.listed_kept.min(totals.visible_kept));
-                        let how = Walk { passes, goes_on, is_last: false };
-                        let (totals, results) = self.walk_lists(&frame, how)?;
-                        course.took(results.timings());
-                        course.blended(&next, filled, &totals);
+                        let walk = Walk { passes, goes_on, is_last: false };
+                        let (totals, results) = submit_walk(device, frame, walk)?;
+                        progress.add_timings(results.timings());
+                        progress.add_slab(&next, filled, &totals);
                         goes_on = true;
                         continue;
                     }
                     filled
                 }
             };
-            if !course.ends.shorten(&next, filled) {
+            if !progress.partition.shorten(&next, filled) {
                 let reason = "the Gaussians at one depth do not fit: raise the limit of memory".to_owned();
                 return Err(OutOfMemory { name: "slab".to_owned(), bytes: None, reason }.into());
             }
         }
-        let (totals, results) = self.finish(&frame, goes_on)?;
-        course.took(results.timings());
-        course.count(&totals);
-        let (drawn, target) = course.end(&supply);
-        self.target = target;
+        let (totals, results) = finish(device, frame, goes_on)?;
+        progress.add_timings(results.timings());
+        progress.add_totals(&totals);
+        let (drawn, next_target) = progress.end(&input);
+        self.buffers.target = next_target;
         Ok(drawn)
     }
 
-    /// Projects the Gaussians of a slab and makes the lists of its tiles, which hold if its demand fits.
-    fn list_slab(&self, frame: &Frame, supply: &mut Supply, range: &Range<Place>) -> Result<Listed> {
-        let Frame { device, pipeline, work, options, shot: Shot { scene, camera }, keys, .. } = *frame;
+    /// Projects the Gaussians of a slab and makes the lists of its tiles, which are complete if its demand fits.
+    fn list_slab(
+        &self,
+        device: &Device,
+        frame: &PortableFrame,
+        input: &mut SlabInput,
+        range: &Range<SortPosition>,
+    ) -> Result<SlabLists> {
+        let PortableFrame { pipeline, work, options, shot: Shot { scene, camera }, .. } = *frame;
+        let (keys, listed) = (frame.depth_keys(), &self.buffers.listed);
         let mut cmd = Commands::new(device)?;
         let mut elements = views_of(scene, camera, &options.rules);
         let first_page = first_page(scene);
-        let pages = match supply {
-            Supply::Whole(_) => {
-                let all = self.listed.len() - first_page as usize;
-                elements.push(number_of_pages(all));
-                all
+        let capacity = self.buffers.page_capacity(scene);
+        let pages = match input {
+            SlabInput::Whole(_) => {
+                elements.push(number_of_pages(capacity));
+                capacity
             }
-            Supply::Paged(paged) => {
-                let wanted = paged.wanted(range);
-                if wanted.is_empty() {
-                    return Ok(Listed::Nothing);
+            SlabInput::Paged(paged) => {
+                let needed = paged.needed(range);
+                if needed.is_empty() {
+                    return Ok(SlabLists::Empty);
                 }
-                let rooms = [self.listed.len() - first_page as usize, paged.pool.capacity()];
-                let pages = [wanted.len(), paged.different(&wanted).len()];
-                let parts = pages.iter().zip(&rooms).map(|(pages, room)| *pages as f64 / *room as f64);
-                let filled = parts.fold(0.0, f64::max);
+                let slots = (paged.distinct(&needed).len() as u64, paged.cache.capacity() as u64);
+                let filled = SlabBuffers::filled([(needed.len() as u64, capacity as u64), slots]);
                 if filled > 1.0 {
-                    return Ok(Listed::TooManyPages(filled));
+                    return Ok(SlabLists::TooManyPages(filled));
                 }
-                elements.push(number_of_pages(wanted.len()));
-                elements.extend(paged.bring(device, &wanted)?);
-                wanted.len()
+                elements.push(number_of_pages(needed.len()));
+                elements.extend(paged.load(device, &needed)?);
+                needed.len()
             }
         };
-        cmd.upload(&self.listed, 0, elements.len(), |memory| memory.copy_from_slice(&elements))?;
+        cmd.upload(listed, 0, elements.len(), |memory| memory.copy_from_slice(&elements))?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
-        let [indices, levels] = scene.indices_and_lod(&self.no_indices);
+        let [indices, levels] = scene.indices_and_lod(&self.buffers.no_words);
         pipeline.clear(&mut cmd, work);
         cmd.scope("cull", |cmd| {
             let bindings = CullTilesBindings {
                 bounds: &scene.bounds,
                 visible_masks: &work.visible_masks,
                 chunk_counts: &work.chunk_counts,
-                listed: &self.listed,
+                listed,
                 indices,
                 levels,
             };
@@ -223,7 +221,7 @@ impl PortableSlabs {
                 totals: &work.totals,
                 gaussian_from_splat: &work.gaussian_from_splat,
                 bounds: &scene.bounds,
-                listed: &self.listed,
+                listed,
                 splats: &work.splats,
             };
             let push = ShadeDepthsPush {
@@ -237,11 +235,12 @@ impl PortableSlabs {
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let totals = cmd.read(&work.totals)?;
         let results = cmd.submit()?.wait()?;
-        Ok(Listed::Counted(results.view(&totals)[0], results))
+        Ok(SlabLists::Counted(results.view(&totals)[0], results))
     }
 
-    fn project(&self, cmd: &mut Commands, frame: &Frame) {
-        let Frame { work, options, shot: Shot { scene, camera }, keys, .. } = *frame;
+    fn project(&self, cmd: &mut Commands, frame: &PortableFrame) {
+        let PortableFrame { work, options, shot: Shot { scene, camera }, .. } = *frame;
+        let keys = frame.depth_keys();
         let bindings = ProjectTilesBindings {
             gaussian_from_splat: &work.gaussian_from_splat,
             bounds: &scene.bounds,
@@ -255,8 +254,8 @@ impl PortableSlabs {
             tile_counts: &work.tile_counts,
             spans: &work.spans,
             totals: &work.totals,
-            listed: &self.listed,
-            levels: scene.indices_and_lod(&self.no_indices)[1],
+            listed: &self.buffers.listed,
+            levels: scene.indices_and_lod(&self.buffers.no_words)[1],
         };
         let push = ProjectTilesPush {
             focal_px: camera.focal_px.as_vec2().to_array(),
@@ -272,27 +271,27 @@ impl PortableSlabs {
     }
 
     /// Sorts the splats by depth, those of equal depth by index; returns the index of the sorted pair of `work.depths`.
-    fn sort(&self, cmd: &mut Commands, frame: &Frame, indices: &Buffer<u32>) -> usize {
-        let Frame { pipeline, work, keys, .. } = *frame;
+    fn sort(&self, cmd: &mut Commands, frame: &PortableFrame, indices: &Buffer<u32>) -> usize {
+        let PortableFrame { pipeline, work, shot: Shot { scene, .. }, .. } = *frame;
         let (totals, dispatches) = (&work.totals, &work.dispatches);
         // The buffers of instances are free until splats are listed.
         let pairs = &work.instances;
         let bindings = IndexSplatsBindings {
             totals,
             gaussian_from_splat: &work.gaussian_from_splat,
-            listed: &self.listed,
+            listed: &self.buffers.listed,
             indices,
             index_keys: &pairs.keys[0],
         };
         cmd.dispatch_indirect(
             &self.index,
             bindings,
-            IndexSplatsPush { first_page: first_page(frame.shot.scene), gaussians: frame.shot.scene.nodes as u32 },
+            IndexSplatsPush { first_page: first_page(scene), gaussians: scene.nodes as u32 },
             dispatches,
             over_visible(),
         );
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let sorted = pipeline.sort_visible(cmd, pairs, work, (32, true));
+        let sorted = pipeline.sort_visible(cmd, pairs, work, 32, true);
         let bindings = RankDepthsBindings {
             totals,
             splat_from_index: &pairs.values[sorted],
@@ -302,60 +301,57 @@ impl PortableSlabs {
         };
         cmd.dispatch_indirect(&self.rank, bindings, (), dispatches, over_visible());
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        pipeline.sort_visible(cmd, &work.depths, work, (keys.bits, false))
-    }
-
-    /// Walks the lists that `work` holds, on top of the states. Returns the counts after that.
-    fn walk_lists(&self, frame: &Frame, how: Walk) -> Result<(Totals, Results)> {
-        let mut cmd = Commands::new(frame.device)?;
-        walk(&mut cmd, frame, how);
-        cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-        let totals = cmd.read(&frame.work.totals)?;
-        let results = cmd.submit()?.wait()?;
-        Ok((results.view(&totals)[0], results))
-    }
-
-    /// Turns the states into the picture, by a walk along empty lists.
-    fn finish(&self, frame: &Frame, goes_on: bool) -> Result<(Totals, Results)> {
-        let Frame { device, pipeline, work, shot: Shot { camera, .. }, .. } = *frame;
-        let mut cmd = Commands::new(device)?;
-        pipeline.clear(&mut cmd, work);
-        pipeline.order_tiles(&mut cmd, work, tiles(camera.size_px).iter().product());
-        let _cleared = cmd.submit()?;
-        self.walk_lists(frame, Walk { passes: 1, goes_on, is_last: true })
+        pipeline.sort_visible(cmd, &work.depths, work, frame.depth_keys().bits, false)
     }
 }
 
 /// The lists of a slab.
-enum Listed {
-    /// No page has anything in the slab.
-    Nothing,
-    /// Its pages take so many times the room that there is.
+enum SlabLists {
+    /// No page has splats in the slab.
+    Empty,
+    /// The pages of the slab exceed the capacity of the cache or of the list by this factor.
     TooManyPages(f64),
     Counted(Totals, Results),
 }
 
-fn walk(cmd: &mut Commands, frame: &Frame, how: Walk) {
-    let Frame { pipeline, work, shot, target, inspector, .. } = *frame;
+/// Walks the lists that the workspace holds, on top of the states. Returns the counts after that.
+fn submit_walk(device: &Device, frame: &PortableFrame, walk: Walk) -> Result<(Totals, Results)> {
+    let PortableFrame { pipeline, work, shot, target, inspector, .. } = *frame;
     let splat_ids = pipeline.splat_ids(work, shot.camera);
+    let mut cmd = Commands::new(device)?;
     match inspector {
-        None => cmd.scope("blend", |cmd| pipeline.blending.record(cmd, shot, work, splat_ids, target, how)),
+        None => cmd.scope("blend", |cmd| pipeline.blending.record(cmd, shot, work, splat_ids, target, walk)),
         Some(inspector) => {
-            cmd.scope("inspect", |cmd| inspector.walk_slab(cmd, pipeline, work, splat_ids, target, how));
+            cmd.scope("inspect", |cmd| inspector.walk_slab(cmd, pipeline, work, splat_ids, target, walk));
         }
     }
+    cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+    let totals = cmd.read(&work.totals)?;
+    let results = cmd.submit()?.wait()?;
+    Ok((results.view(&totals)[0], results))
+}
+
+/// Turns the states into the picture, by a walk along empty lists.
+fn finish(device: &Device, frame: &PortableFrame, goes_on: bool) -> Result<(Totals, Results)> {
+    let PortableFrame { pipeline, work, shot: Shot { camera, .. }, .. } = *frame;
+    let mut cmd = Commands::new(device)?;
+    pipeline.clear(&mut cmd, work);
+    pipeline.order_tiles(&mut cmd, work, tiles(camera.size_px).iter().product());
+    let _cleared = cmd.submit()?;
+    submit_walk(device, frame, Walk { passes: 1, goes_on, is_last: true })
 }
 
 fn over_visible() -> usize {
     offset_of!(PortableDispatches, over_visible)
 }
 
-/// The capacity of slabs whose buffers take about a part of the free memory. `listed`: Gaussians of all listed pages.
+/// The capacity of slabs whose buffers take about [`MEMORY_FRACTION`] of the free memory. `listed`: the number of
+/// Gaussians in all pages that the list holds.
 fn slab_capacity(device: &Device, listed: usize, cells: u32, gaussians: usize) -> Capacity {
-    // Per splat: its id, itself, two pairs, ranges, counts, offsets, two spans, and six instances of two pairs; per
+    // Bytes per splat: its id, its record, two pairs, ranges, counts, offsets, two spans, and six instances of two pairs; per
     // Gaussian of a page a bit, per tile its range and its classes.
     let (each, fixed) = (4 + 36 + 16 + 8 + 8 + 8 + 6 * 18, listed as u64 / 4 + 40 * u64::from(cells) + (2 << 20));
-    let bytes = (PART * device.free_bytes() as f64) as u64;
+    let bytes = (MEMORY_FRACTION * device.free_bytes() as f64) as u64;
     let most = device.capabilities().limits.storage_range / 48;
     let visible = (bytes.saturating_sub(fixed) / each).clamp(1024, MOST_SPLATS).min(most);
     let visible = visible.min(gaussians.max(1024) as u64);
@@ -363,9 +359,12 @@ fn slab_capacity(device: &Device, listed: usize, cells: u32, gaussians: usize) -
     Capacity { gaussians: listed, visible, spans: 2 * visible.max(1024), listed: instances, cells: cells as usize }
 }
 
-/// The part of the capacity that a slab demanded; above 1, it is not blended.
+/// The fraction of the capacity that a slab demanded.
 fn filled(totals: &Totals, work: &PortableWorkspace) -> f64 {
-    let (demand, room) = (Capacity::of(totals, 0, 0), work.capacity);
-    let parts = [(demand.visible, room.visible), (demand.spans, room.spans), (demand.listed, room.listed)];
-    parts.map(|(demand, room)| demand as f64 / room.max(1) as f64).into_iter().fold(0.0, f64::max)
+    let (demand, capacity) = (Capacity::of(totals, 0, 0), work.capacity);
+    SlabBuffers::filled([
+        (demand.visible, capacity.visible),
+        (demand.spans, capacity.spans),
+        (demand.listed, capacity.listed),
+    ])
 }

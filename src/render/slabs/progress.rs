@@ -1,61 +1,64 @@
-//! The course of a frame in slabs, the same on both paths: where it is cut, and its report.
+//! The progress of a frame in slabs, the same on both paths: its partition and its report.
 
 use std::ops::Range;
 use std::time::Instant;
 
-use super::input::Supply;
-use super::partition::{Ends, Place};
-use super::report::Parts;
+use super::input::SlabInput;
+use super::partition::SlabPartition;
+use super::report::SlabReport;
 use crate::gpu::Timing;
+use crate::render::frame::SortPosition;
 use crate::render::lod::{Chosen, Detailed};
 use crate::render::shaders::Totals;
 
-/// The report of a frame that was drawn in slabs.
+/// The counts, times and report of a frame that was drawn in slabs.
 #[derive(Clone, Debug)]
-pub struct Drawn {
+pub struct SlabbedFrame {
     /// The sums over all slabs; of the longest list and of the listed tiles, the most of any slab.
     pub totals: Totals,
     /// The sums over all slabs, by stage.
     pub timings: Vec<Timing>,
-    pub parts: Parts,
-    /// Set if it was drawn by levels of detail.
+    pub report: SlabReport,
+    /// Set if the frame was drawn by levels of detail.
     pub detail: Option<Detailed>,
 }
 
 /// A frame that is being drawn.
-pub struct Course {
-    pub ends: Ends,
-    drawn: Drawn,
+pub struct FrameProgress {
+    pub partition: SlabPartition,
+    drawn: SlabbedFrame,
     begun: Instant,
-    /// The splats that the first slab was meant to have when it fitted.
+    /// The number of splats that the first slab should have when it fitted.
     first_target: Option<f64>,
 }
 
-/// The most splats that a slab of a scene in pages is meant to have. After each slab, what is hidden by then is not
-/// read any more.
+/// The most splats that a slab of a scene in pages should have. After each slab, the pages that it hides are no longer
+/// read.
 const PAGED_SPLATS: f64 = 1.0e6;
 
-impl Course {
-    /// Begins a frame of places before `end`, of a scene with so many indices. `target`: the splats that its first slab
-    /// is meant to have.
-    pub fn begin(supply: &mut Supply, end: Place, indices: usize, target: f64) -> Self {
-        let estimate = supply.estimate(end);
-        let most = if supply.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
+impl FrameProgress {
+    /// Begins a frame of the positions before `end`, of a scene with `indices` Gaussians. `target`: the number of
+    /// splats that its first slab should have.
+    pub fn begin(
+        input: &mut SlabInput,
+        end: SortPosition,
+        indices: usize,
+        target: f64,
+        selection: Option<&Chosen>,
+    ) -> Self {
+        let estimate = input.estimate(end);
+        let most = if input.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };
         let totals = bytemuck::Zeroable::zeroed();
-        let drawn = Drawn { totals, timings: Vec::new(), parts: supply.parts(), detail: None };
-        Self { ends: Ends::new(estimate, indices, target, most), drawn, begun: Instant::now(), first_target: None }
-    }
-
-    /// Notes how the pages were chosen.
-    pub fn chose(&mut self, chosen: Option<&Chosen>) {
-        if let Some(chosen) = chosen {
-            self.took(chosen.results.timings());
-            self.drawn.detail = chosen.detail;
-        }
+        let detail = selection.and_then(|selection| selection.detail);
+        let drawn = SlabbedFrame { totals, timings: Vec::new(), report: input.begin_report(), detail };
+        let partition = SlabPartition::new(estimate, indices, target, most);
+        let mut progress = Self { partition, drawn, begun: Instant::now(), first_target: None };
+        progress.add_timings(selection.map_or(&[], |selection| selection.results.timings()));
+        progress
     }
 
     /// Adds the times of some stages, which become the inner scopes of the frame.
-    pub fn took(&mut self, stages: &[Timing]) {
+    pub fn add_timings(&mut self, stages: &[Timing]) {
         let sum = &mut self.drawn.timings;
         for timing in stages {
             match sum.iter_mut().find(|known| known.name == timing.name) {
@@ -66,23 +69,23 @@ impl Course {
     }
 
     /// Adds the counts of a slab.
-    pub fn count(&mut self, totals: &Totals) {
+    pub fn add_totals(&mut self, totals: &Totals) {
         self.drawn.totals = sum(&self.drawn.totals, totals);
     }
 
-    /// Goes on behind a slab that was blended, and that filled this part of the capacity.
-    pub fn blended(&mut self, slab: &Range<Place>, filled: f64, totals: &Totals) {
-        self.first_target.get_or_insert(self.ends.target());
-        self.ends.drawn(slab, filled);
-        self.count(totals);
-        self.drawn.parts.slabs += 1;
+    /// Continues behind a slab that was blended, and that filled this fraction of the capacity.
+    pub fn add_slab(&mut self, slab: &Range<SortPosition>, filled: f64, totals: &Totals) {
+        self.first_target.get_or_insert(self.partition.target());
+        self.partition.advance(slab, filled);
+        self.add_totals(totals);
+        self.drawn.report.slabs += 1;
     }
 
-    /// The report of the frame, and the target of the first slab of the next one, which is then likely to fit.
-    pub fn end(mut self, supply: &Supply) -> (Drawn, f64) {
+    /// The finished frame, and the target of the first slab of the next one, which is then likely to fit.
+    pub fn end(mut self, input: &SlabInput) -> (SlabbedFrame, f64) {
         let wall_ms = 1e3 * self.begun.elapsed().as_secs_f64();
-        self.drawn.parts = Parts { wall_ms, ..supply.since(self.drawn.parts) };
-        let target = self.first_target.filter(|_| self.drawn.parts.slabs > 1);
+        self.drawn.report = SlabReport { wall_ms, ..input.end_report(self.drawn.report) };
+        let target = self.first_target.filter(|_| self.drawn.report.slabs > 1);
         (self.drawn, target.unwrap_or(f64::INFINITY))
     }
 }

@@ -1,11 +1,12 @@
-//! The report of a frame that was drawn in parts.
+//! The report of a frame that was drawn in slabs.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// How a frame was drawn in parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Parts {
+#[schemars(rename = "Parts")]
+pub struct SlabReport {
     /// Parts in depth that were drawn one after another.
     pub slabs: u32,
     /// Wall time of the whole frame, with the waits for its pages.

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::Slabs;
+use super::FastSlabs;
 use crate::camera::Camera;
 use crate::gpu::{Device, DeviceChoice, Image, Validation};
 use crate::host_memory::OutOfMemory;
@@ -11,7 +11,7 @@ use crate::pixels::Pixels;
 use crate::procedural::{Procedural, cactus};
 use crate::render::Frame;
 use crate::render::capacity::Capacity;
-use crate::render::fast::{FastPipeline, FastWorkspace};
+use crate::render::fast::{FastFrame, FastPipeline, FastWorkspace};
 use crate::render::frame::{Shot, Target};
 use crate::render::portable::PortableWorkspace;
 use crate::render::readback::read_pixels;
@@ -43,12 +43,12 @@ fn assert_valid(device: &Device) {
     assert_eq!(device.validation_messages(), Vec::<String>::new());
     let memory = device.memory();
     assert!(memory.limit.is_none_or(|limit| memory.peak <= limit), "{memory:?}");
-    // The driver counts what the ledger does not: it is asked where it tells.
+    // The driver counts allocations that the budget does not: its report is compared where it has one.
     let is_kept = memory.told.zip(memory.asked).is_none_or(|(told, asked)| told <= asked);
     assert!(is_kept, "{memory:?}");
 }
 
-/// The number of slabs in which a scene that is on the device as a whole is drawn with room for so many splats.
+/// The number of slabs in which a scene that is on the device as a whole is drawn with a capacity of `room` splats.
 fn slabs_of_whole(device: &Device, options: &Options, gaussians: &Gaussians, room: u64) -> u32 {
     let scene = GpuScene::new(device, gaussians, options).unwrap();
     let camera = &views(gaussians)[1];
@@ -62,13 +62,14 @@ fn slabs_of_whole(device: &Device, options: &Options, gaussians: &Gaussians, roo
     let capacity = Capacity { gaussians: scene.len(), visible: room, spans: room, listed: 2 * room, cells };
     let work = FastWorkspace::new(device, capacity, fast.splat_elements()).unwrap();
     let image = Image::new(device, "image", SIZE[0], SIZE[1]).unwrap();
-    let mut slabs = Slabs::new(device, &fast, &scene).unwrap();
+    let mut slabs = FastSlabs::new(device, &fast, &scene).unwrap();
     let target = Target { image: &image, certificate: None, background: BACKGROUND };
     let shot = Shot { scene: &scene, camera };
-    let drawn = slabs.draw(device, (&fast, &work, options), None, shot, target).unwrap();
+    let frame = FastFrame::new(&fast, &work, options, shot, target);
+    let drawn = slabs.draw(device, &frame, None).unwrap();
     let parts = read_pixels(device, &image).unwrap();
-    assert_eq!(differing(&parts, &whole), 0, "pixels that differ in {} slabs", drawn.parts.slabs);
-    drawn.parts.slabs
+    assert_eq!(differing(&parts, &whole), 0, "pixels that differ in {} slabs", drawn.report.slabs);
+    drawn.report.slabs
 }
 
 #[test]
@@ -184,7 +185,7 @@ fn hidden_pages_are_not_read() {
 
 #[test]
 fn certificates_and_depths_have_the_same_bits_in_slabs() {
-    use crate::render::{Form, HostFrame, Stream, Wanted};
+    use crate::render::{Form, FrameOutputs, FrameQueue, HostFrame};
     let gaussians = cactus::cactus(120_000).unwrap().gaussians;
     let [_, camera, _] = views(&gaussians);
     let source = SceneSource::of(gaussians);
@@ -197,10 +198,10 @@ fn certificates_and_depths_have_the_same_bits_in_slabs() {
         let picture = certified.pixels().unwrap();
         drop((certified, scene));
         let scene = source.bring(&device, &options, false, 2 << 20).unwrap();
-        let mut stream = Stream::new(&device, Renderer::new(&device, &options, &scene).unwrap());
-        let wanted = Wanted { picture: vec![Form::Floats], depths: true, is_exported: false };
-        let view = stream.start(&camera, BACKGROUND, &wanted, HostFrame::default()).unwrap();
-        let mut host = stream.finish(view).unwrap().host;
+        let mut queue = FrameQueue::new(&device, Renderer::new(&device, &options, &scene).unwrap());
+        let outputs = FrameOutputs { picture: vec![Form::Floats], depths: true, is_exported: false };
+        let view = queue.start(&camera, BACKGROUND, &outputs, HostFrame::default()).unwrap();
+        let mut host = queue.finish(view).unwrap().host;
         let layers = [host.picture().unwrap(), host.depths().unwrap()];
         assert_valid(&device);
         (frame.parts.map_or(0, |parts| parts.slabs), certificate, picture, layers)
@@ -257,7 +258,7 @@ fn more_instances_than_32_bits_count_are_no_frame() {
     let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [4096, 1024], 0.9);
     let started = renderer.start(&camera, BACKGROUND).unwrap();
     let results = started.commands.wait().unwrap();
-    let Counted::OnDevice(counted) = &started.recorded.counted else { panic!("the first frame is not cut") };
+    let Counted::Whole(counted) = &started.recorded.counted else { panic!("the first frame is not cut") };
     let totals = results.view(counted)[0];
     assert_eq!(Capacity::of(&totals, 0, 0).listed, 256 * 64 * count as u64);
     assert_eq!((totals.listed_high, totals.listed_kept), (1, 0));

@@ -22,7 +22,7 @@ const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
 
 fn streaming(device: &Device, scene: &GpuScene, options: &Options) -> Renderer {
     let mut renderer = Renderer::new(device, options, scene).unwrap();
-    renderer.stream().unwrap();
+    renderer.enable_page_streaming().unwrap();
     renderer
 }
 

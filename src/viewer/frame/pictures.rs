@@ -105,7 +105,7 @@ impl Plan {
         };
         let mut renderer = Renderer::new(device, &options, &scene)?;
         if generation.is_some() {
-            renderer.stream()?;
+            renderer.enable_page_streaming()?;
         }
         let frame = renderer.render(view, background)?;
         let path = renderer.path();

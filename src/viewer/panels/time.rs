@@ -5,7 +5,7 @@ use indicatif::HumanCount;
 
 use crate::gpu::MemoryUse;
 use crate::measure::bench::Statistics;
-use crate::render::Parts;
+use crate::render::SlabReport;
 use crate::viewer::frame::{Digest, Pair};
 use crate::viewer::model::Viewer;
 
@@ -141,7 +141,8 @@ pub(super) fn memory(pair: &Pair, ui: &mut Ui) {
         row(ui, "the most so far", Some(peak));
         row(ui, "in use, by the driver", told);
     });
-    if let Some(Parts { slabs, pages_read, pages_in_view, .. }) = first.frame.parts.filter(|parts| parts.slabs > 1) {
+    if let Some(SlabReport { slabs, pages_read, pages_in_view, .. }) = first.frame.parts.filter(|parts| parts.slabs > 1)
+    {
         let pages =
             if pages_in_view > 0 { format!(", {pages_read} of {pages_in_view} pages read") } else { String::new() };
         ui.label(format!("drawn in {slabs} parts{pages}"));

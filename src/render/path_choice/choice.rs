@@ -1,0 +1,330 @@
+//! The choice of the engine that draws each frame.
+
+use std::panic::resume_unwind;
+use std::time::Duration;
+
+use anyhow::Result;
+
+use super::fast_engine::FastEngine;
+use super::portable_engine::PortableEngine;
+use crate::gpu::{Buffer, Commands, Device, Results};
+use crate::host_memory::OutOfMemory;
+use crate::options::Options;
+use crate::render::capacity::{Capacity, has_memory};
+use crate::render::fast::FastPipeline;
+use crate::render::frame::{Shot, Target, Variation};
+use crate::render::inspect::{Attribute, Inspector};
+use crate::render::lod::{Chooser, bring_missing};
+use crate::render::path::{Limits, Path};
+use crate::render::recorded::PagedCounts;
+use crate::render::scene::{GpuScene, SELF_TEST_GAUSSIANS};
+use crate::render::shaders::Totals;
+use crate::render::slabs::SlabbedFrame;
+use crate::render::streaming::Feed;
+
+/// The engines of both paths and the choice between them: the portable path draws everything, the fast path what the
+/// device and the options allow it to draw.
+pub(crate) struct PathChoice {
+    /// The options of the stages, with the LOD limits of the next frame.
+    pub options: Options,
+    portable: PortableEngine,
+    fast: Option<FastEngine>,
+    /// Selects the pages of a scene in pages.
+    selector: Option<Chooser>,
+    /// Loads pages beside frames that do not wait for them.
+    pub streamer: Option<Feed>,
+    /// The next frame repeats one that did not fit. It draws the same resident pages: with more, it might not fit again.
+    pub is_repeated: bool,
+    /// The reason why the fast path does not draw although the device has it.
+    pub notice: Option<String>,
+    /// The duration of the self-test of the fast path, if it ran.
+    pub self_test_time: Option<Duration>,
+}
+
+impl PathChoice {
+    /// Builds the engines that suit the device, the options and the variation.
+    pub fn new(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<Self> {
+        let layout = scene.layout();
+        // A scene in pages is drawn in slabs, whose buffers are made for the first picture.
+        let gaussians = if scene.is_paged() { scene.len().min(SELF_TEST_GAUSSIANS) } else { scene.len() };
+        let guess = Capacity::guess(device, gaussians, 1);
+        // Only the portable path makes counts and certificates.
+        let fast = match variation {
+            Variation::Plain => FastEngine::new(device, options, layout, guess)?,
+            Variation::Counting | Variation::Certifying => None,
+        };
+        // The portable path needs no buffers beside the fast path.
+        let guess = if fast.is_some() { Capacity::default() } else { guess };
+        let mut portable = PortableEngine::new(device, layout, variation, guess)?;
+        if fast.is_none() {
+            portable.make(device, options)?;
+        }
+        let is_left_to_portable =
+            variation == Variation::Certifying && FastPipeline::subgroup(device, options).is_some();
+        Ok(Self {
+            options: *options,
+            portable,
+            fast,
+            selector: scene.paged().map(|paged| Chooser::new(device, scene, paged)).transpose()?,
+            streamer: None,
+            is_repeated: false,
+            notice: is_left_to_portable.then(|| {
+                "the portable path draws, since only it makes certificates; without --certificate the fast path draws"
+                    .to_owned()
+            }),
+            self_test_time: None,
+        })
+    }
+
+    /// The fast path, if it may draw.
+    pub fn fast(&self) -> Option<&FastPipeline> {
+        self.fast.as_ref().map(|fast| &fast.pipeline)
+    }
+
+    /// The portable path.
+    pub fn portable(&self) -> &PortableEngine {
+        &self.portable
+    }
+
+    /// Makes the pipelines of both paths and of all block heights at the same time: a driver compiles on the calling
+    /// thread.
+    pub fn make_all_pipelines(&mut self, device: &Device) -> Result<()> {
+        let Self { portable, fast, options, .. } = self;
+        std::thread::scope(|threads| {
+            let making = threads.spawn(|| portable.make(device, options));
+            let heights = fast.as_mut().map_or(Ok(()), |fast| fast.pipeline.make_all_heights(device));
+            making.join().unwrap_or_else(|panic| resume_unwind(panic))?;
+            heights
+        })
+    }
+
+    /// Makes the pipeline of the portable path, if there is none yet.
+    pub fn make_portable(&mut self, device: &Device) -> Result<()> {
+        self.portable.make(device, &self.options)
+    }
+
+    /// Ends a self-test, and drops the fast path if its picture differs from the portable path's by `disagreement`.
+    pub fn end_self_test(&mut self, device: &Device, gaussians: usize, disagreement: Option<f32>) -> Result<()> {
+        let mut capacity = Capacity::default();
+        if let Some(fast) = &mut self.fast {
+            fast.needs_slabs = false;
+        }
+        if let Some(difference) = disagreement {
+            self.fast = None;
+            capacity = Capacity::guess(device, gaussians, 1);
+            self.notice = Some(format!(
+                "the fast path is not taken: on this device its picture differs from the portable path's by \
+                 {difference:.3}"
+            ));
+        }
+        self.portable.reset(device, capacity)
+    }
+
+    #[cfg(test)]
+    pub fn replace_fast(&mut self, pipeline: FastPipeline) {
+        self.fast.as_mut().expect("there is a fast path").pipeline = pipeline;
+    }
+
+    /// Sets the index in `fast::BLOCK_HEIGHTS` for all pictures of the fast path. With `None`, each picture takes the
+    /// height that suits it.
+    pub fn force_block_height(&mut self, height: Option<usize>) {
+        if let Some(fast) = &mut self.fast {
+            fast.pipeline.forced_block_height = height;
+        }
+    }
+
+    /// Replaces the buffers of the preferred path by ones of this capacity.
+    pub fn set_capacity(&mut self, device: &Device, capacity: Capacity) -> Result<()> {
+        match &mut self.fast {
+            Some(fast) => fast.set_capacity(device, capacity),
+            None => self.portable.set_capacity(device, capacity),
+        }
+    }
+
+    /// Frees the buffers of both paths.
+    pub fn release(&mut self, device: &Device) -> Result<()> {
+        self.portable.release(device)?;
+        self.fast.as_mut().map_or(Ok(()), |fast| fast.release(device))
+    }
+
+    /// The name and the bytes of every buffer.
+    pub fn buffers(&self) -> Vec<(&str, u64)> {
+        let fast = self.fast.iter().flat_map(|fast| fast.work.buffers());
+        let selector = self.selector.iter().flat_map(Chooser::buffers);
+        self.portable.work.buffers().into_iter().chain(fast).chain(selector).collect()
+    }
+
+    /// The counts of a frame on `path`.
+    pub fn totals(&self, path: Path) -> &Buffer<Totals> {
+        match &self.fast {
+            Some(fast) if path == Path::Fast => &fast.work.totals,
+            _ => &self.portable.work.totals,
+        }
+    }
+
+    /// The fewest bytes that every stage of a frame on `path` moves.
+    pub fn least_bytes(&self, path: Path, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
+        let mut stages = match &self.fast {
+            Some(fast) if path == Path::Fast => fast.pipeline.least_bytes(shot, totals),
+            _ => self.portable.pipeline().least_bytes(shot, totals),
+        };
+        // Of frames in slabs: the states of pixels out; in, and out as the picture.
+        let pixels: u64 = shot.camera.size_px.iter().map(|side| u64::from(*side)).product();
+        stages.extend([("begin", 16 * pixels), ("finish", 32 * pixels)]);
+        stages.extend(self.selector.iter().flat_map(Chooser::least_bytes));
+        stages
+    }
+
+    /// True if the fast path can show attributes, as it does for pages with levels of detail.
+    pub fn shows_attributes(&self) -> bool {
+        self.fast.is_some() && self.selector.as_ref().is_some_and(Chooser::has_levels)
+    }
+
+    /// Draws the resident levels from now on, and loads pages beside the frames. Does nothing for scenes without levels
+    /// and for the portable path, whose frames wait for their pages.
+    ///
+    /// # Errors
+    /// If the coarsest pages cannot be read.
+    pub fn enable_page_streaming(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
+        let selector = self.selector.as_mut().filter(|selector| selector.has_levels() && self.fast.is_some());
+        if let (Some(selector), Some(paged)) = (selector, scene.paged()) {
+            self.streamer = Some(Feed::new(device, paged, selector, self.options.lod_fade > 0.0)?);
+        }
+        Ok(())
+    }
+
+    /// Chooses the path of a frame and makes its buffers large enough. `needs_tile_lists` requires the portable path;
+    /// `attribute` replaces the colours on the fast path.
+    pub fn prepare(
+        &mut self,
+        device: &Device,
+        shot: Shot,
+        needs_tile_lists: bool,
+        attribute: Option<Attribute>,
+    ) -> Result<Limits> {
+        let Self { fast, portable, options, selector, streamer, .. } = self;
+        let gaussians = shot.scene.drawn_len(options);
+        let can_draw =
+            |fast: &&mut FastEngine| !needs_tile_lists && fast.pipeline.takes(shot.camera.size_px, gaussians);
+        let Some(fast) = fast.as_mut().filter(can_draw) else { return portable.prepare(device, shot, options) };
+        let limits = fast.prepare(device, shot, options, attribute)?;
+        if let (Some(streamer), Some(selector)) = (streamer, selector)
+            && !limits.in_slabs
+            && !self.is_repeated
+        {
+            streamer.advance(device, selector, shot.camera)?;
+        }
+        Ok(limits)
+    }
+
+    /// Records a frame that [`prepare`](Self::prepare) made buffers for. For a scene in pages, returns the counts of
+    /// its selection.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn record(
+        &self,
+        cmd: &mut Commands,
+        shot: Shot,
+        target: Target,
+        limits: Limits,
+        inspector: Option<&Inspector>,
+    ) -> Result<Option<PagedCounts>> {
+        let Some(fast) = self.fast.as_ref().filter(|_| limits.path == Path::Fast) else {
+            self.portable.record(cmd, shot, target, inspector);
+            return Ok(None);
+        };
+        let Some(selector) = self.selector.as_ref().filter(|_| shot.scene.is_paged()) else {
+            fast.pipeline.record(cmd, shot, &fast.work, target);
+            return Ok(None);
+        };
+        let state = fast.record_paged(cmd, shot, target, &self.options, selector)?;
+        let read = |streamer: &Feed| streamer.read(cmd, selector, shot.scene, &self.options);
+        Ok(Some(PagedCounts { state, requests: self.streamer.as_ref().map(read).transpose()? }))
+    }
+
+    /// Draws a frame in slabs on a path, and waits for it.
+    ///
+    /// # Errors
+    /// If memory runs out, a page cannot be read, or a frame in slabs cannot show the inspected quantity.
+    pub fn draw_slabs(
+        &mut self,
+        device: &Device,
+        path: Path,
+        shot: Shot,
+        target: Target,
+        inspector: Option<&Inspector>,
+    ) -> Result<SlabbedFrame> {
+        let Self { fast, portable, options, selector, .. } = self;
+        // The buffers of the other path may leave too little memory.
+        if path == Path::Portable {
+            ensure_slabs_show(inspector.is_none_or(Inspector::is_of_depths))?;
+            if !has_memory(portable.fit_slabs(device, shot))? {
+                fast.as_mut().map_or(Ok(()), |fast| fast.release(device))?;
+                portable.fit_slabs(device, shot)?;
+            }
+            return portable.draw_slabs(device, shot, target, options, selector.as_mut(), inspector);
+        }
+        ensure_slabs_show(inspector.is_none())?;
+        let fast = fast.as_mut().expect("a frame in slabs was prepared");
+        if !has_memory(fast.fit_slabs(device, shot, options))? {
+            portable.release(device)?;
+            fast.fit_slabs(device, shot, options)?;
+        }
+        fast.draw_slabs(device, shot, target, options, selector.as_mut())
+    }
+
+    /// True if a frame that counted `totals` kept to its limits. If it did not, the next frame has larger buffers, or
+    /// is drawn in slabs.
+    pub fn judge(&mut self, device: &Device, totals: &Totals, limits: Limits) -> Result<bool> {
+        let demand = Capacity::of(totals, limits.capacity.gaussians, limits.capacity.cells);
+        match (&mut self.fast, limits.path) {
+            (Some(fast), Path::Fast) => fast.grow(device, demand, totals)?,
+            // The fast path was dropped after this frame was recorded.
+            (None, Path::Fast) => {}
+            (_, Path::Portable) => self.portable.grow(device, demand, totals)?,
+        }
+        Ok(demand.fits(limits.capacity) && totals.longest_list <= limits.longest_list)
+    }
+
+    /// True if a frame of a scene in pages missed no page, or does not wait for pages. The next frame has the missing
+    /// pages, or is drawn in slabs.
+    ///
+    /// # Errors
+    /// If a page cannot be read, or memory runs out.
+    pub fn judge_pages(
+        &mut self,
+        device: &Device,
+        scene: &GpuScene,
+        results: &Results,
+        counts: &PagedCounts,
+    ) -> Result<bool> {
+        let (Some(selector), Some(fast)) = (&mut self.selector, &mut self.fast) else { return Ok(true) };
+        let state = &results.view(&counts.state)[0];
+        if !selector.has_room(device, scene, state)? {
+            return Ok(false);
+        }
+        if let Some(requests) = &counts.requests {
+            if let Some(streamer) = &mut self.streamer {
+                streamer.take(state, results, requests);
+            }
+            return Ok(true);
+        }
+        if state.missing > 0 {
+            fast.needs_slabs = !bring_missing(device, selector, scene, state)?;
+        }
+        Ok(state.missing == 0)
+    }
+
+    /// True if the portable path still holds the lists of a frame of these limits.
+    pub fn holds(&self, limits: Limits) -> bool {
+        limits.path == Path::Portable && self.portable.work.capacity == limits.capacity
+    }
+}
+
+/// Fails if a frame in slabs cannot show the inspected quantity.
+fn ensure_slabs_show(can_show: bool) -> Result<()> {
+    let reason = "this view needs the whole scene and its lists on the device, which has too little memory".to_owned();
+    let problem = OutOfMemory { name: "view".to_owned(), bytes: None, reason };
+    if can_show { Ok(()) } else { Err(problem.into()) }
+}
