@@ -117,7 +117,7 @@ pub fn run(arguments: impl Iterator<Item = String>) -> Result<()> {
     let mut climbs = Vec::new();
     let scenes: Vec<_> = if args.scenes.is_empty() { SCENES.map(PathBuf::from).into() } else { args.scenes.clone() };
     for path in scenes {
-        let Scene { gaussians, is_antialiased, .. } = formats::read(&path, &|_| {})?;
+        let Scene { gaussians, is_antialiased, .. } = formats::read(&path)?;
         ensure!(!gaussians.is_empty(), "{}: the scene has no Gaussians", path.display());
         let (views, nearest) = match &cameras {
             Some(cameras) => (cameras[..frames.min(cameras.len())].to_vec(), f32::INFINITY),
