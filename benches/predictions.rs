@@ -212,7 +212,7 @@ fn views_of(file: &PageFile, views: &str) -> Result<Vec<Camera>> {
     Ok(camera::path::looking(&views, SIZE))
 }
 
-/// A number of nodes, and the part of the pixels whose error is larger than predicted.
+/// A number of nodes, and the fraction of the pixels whose error is larger than predicted.
 type Over = (String, f64);
 
 /// Draws the views, and returns the predicted and the measured error of each picture.

@@ -97,7 +97,7 @@ fn main() -> Result<()> {
     run(std::env::args().filter(|argument| argument != "--bench"))
 }
 
-/// Measures as the arguments say; the first is the name of the program.
+/// Measures by command line arguments; the first is the name of the program.
 ///
 /// # Errors
 /// If an argument is wrong, a file cannot be read or written, rungs that must agree differ, or rendering fails.

@@ -75,7 +75,7 @@ impl Fast {
         Ok(Some(fast))
     }
 
-    /// Sets the counters to what list finds.
+    /// Sets the counters to the values that `list` finds.
     fn reset(&self, cmd: &mut Commands) {
         let counters = FastCounters { visible: self.splats, ..FastCounters::zeroed() };
         cmd.upload(&self.work.counters, 0, 1, |memory| memory[0] = counters).expect("there is memory for a counter");
@@ -107,8 +107,8 @@ impl Fast {
         self.pipeline.blend(cmd, &self.work, self.grid, target);
     }
 
-    /// One row per stage. Each runs on what the stages before it left. Those whose input a stage of an earlier run
-    /// changes have it made again first, outside of their times.
+    /// One row per stage. Each stage runs on the output of the stages before it. Input that an earlier run of a stage
+    /// changed is made again first, outside of the measured time.
     pub fn benches(&self) -> Vec<Bench<'_>> {
         let [splats, entries, bins] = [self.splats, self.entries, self.grid.count()].map(u64::from);
         let pixels: u64 = self.image.size().iter().map(|side| u64::from(*side)).product();

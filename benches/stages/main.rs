@@ -27,7 +27,7 @@ use smalto::render::{Packer, Pairs, RadixSort, SortRange, SortScratch, Splat, To
 struct Bench<'a> {
     stage: &'static str,
     input: String,
-    /// The fewest bytes it moves.
+    /// Least bytes that it moves.
     bytes: u64,
     record: Box<dyn Fn(&mut Commands) + 'a>,
 }
@@ -123,7 +123,7 @@ fn pack(device: &Device, integers: Integers, size: [u32; 2]) -> Result<Bench<'_>
     Ok(Bench { stage: "pack", input: format!("{}x{} {integers:?}", size[0], size[1]), bytes, record: Box::new(pack) })
 }
 
-/// SplitMix64, as everywhere.
+/// Hashes an index (SplitMix64).
 fn random(index: u32) -> u32 {
     let mut z = u64::from(index).wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -149,7 +149,7 @@ fn tile_counts(splats: u32) -> Vec<u32> {
     (0..splats).map(|i| 1 + random(i) % 11).collect()
 }
 
-/// What a scan needs and makes.
+/// Input and output of a scan, and its stages.
 struct Scanned {
     totals: Buffer<Totals>,
     identity: Buffer<u32>,

@@ -51,7 +51,7 @@ void blend_from_memory(vec2 centre, uint begin, uint end) {
 }
 
 void blend_in_batches(vec2 centre, uint begin, uint end) {
-    bool told = false;
+    bool reported = false;
     for (uint batch = begin; batch < end; batch += STAGED) {
         // All lanes are done with the last batch. No lane stops before the next barrier, so all take the same branch.
         barrier();
@@ -70,12 +70,12 @@ void blend_in_batches(vec2 centre, uint begin, uint end) {
         }
         // Counts: order does not matter.
         if (BALLOT_EXIT) {
-            if (!told && !any_in(subgroupBallot(!stopped))) {
-                told = true;
+            if (!reported && !any_in(subgroupBallot(!stopped))) {
+                reported = true;
                 if (subgroupElect()) atomicAdd(stopped_lanes, gl_SubgroupSize);
             }
-        } else if (stopped && !told) {
-            told = true;
+        } else if (stopped && !reported) {
+            reported = true;
             atomicAdd(stopped_lanes, 1);
         }
     }

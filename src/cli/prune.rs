@@ -28,7 +28,7 @@ use crate::pagefile::write::Settings;
 use crate::render::Pruner;
 use crate::scene::{Scene, Unreadable};
 
-/// Drop the Gaussians that contribute least to given views, within a limit of what that changes, and write the rest
+/// Drop the Gaussians that contribute least to given views, within a limit on the change, and write the rest
 #[derive(clap::Args)]
 #[command(after_help = "\
 A Gaussian contributes alpha * transmittance to a pixel. Those whose largest contribution is the
@@ -58,7 +58,7 @@ pub(super) struct Args {
     /// of 8 bits like 2/255
     #[arg(long, value_name = "ERROR|N/255", conflicts_with = "psnr", value_parser = parse_error)]
     max_error: Option<f64>,
-    /// Keep every given view at a PSNR of at least DB to what it was
+    /// Keep every given view at a PSNR of at least DB against the whole scene
     #[arg(long, value_name = "DB", alias = "min-psnr", value_parser = parse_psnr)]
     psnr: Option<f64>,
     /// Camera file or folder, as `smalto render` takes it [default: the one found in the scene's folder or above it]
@@ -162,7 +162,7 @@ fn views(args: &Args) -> Result<Views> {
     Ok(Views { given, others })
 }
 
-/// What is dropped, and what that changes.
+/// The dropped Gaussians, and the change of the views.
 struct Pruned {
     order: Order,
     cut: Cut,
@@ -238,7 +238,7 @@ impl Pruned {
     }
 }
 
-/// Writes what is left.
+/// Writes the remaining Gaussians.
 fn write(args: &Args, target: Target, scene: Scene, pruned: &Pruned) -> Result<Written> {
     let gaussians = scene.gaussians.selected(&pruned.order.kept(pruned.cut.dropped))?;
     match target {

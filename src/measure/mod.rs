@@ -1,5 +1,10 @@
-//! Measurements of the renderer: time (`bench`, `ladder`), accuracy (`metrics`), the trade between them (`trade`),
-//! and what a scene can do without (`prune`).
+//! Measurements of the renderer.
+//!
+//! - `bench` - speed: frames, stages, counts, memory
+//! - `metrics` - differences of images: largest error, PSNR, SSIM, FLIP
+//! - `trade` - time, memory and error of options, and the fastest options within an error budget
+//! - `prune` - the Gaussians that some views do not need
+//! - `plot` - plots of `bench` and `trade`
 
 pub mod bench;
 pub mod metrics;

@@ -231,9 +231,9 @@ pub static KNOBS: [Knob; 16] = [
     },
     Knob {
         name: "lod-error",
-        value_name: "LEVELS",
-        help: "Draw fewer Gaussians, of a file with levels of detail (smalto lod): about the change of the picture per \
-               Gaussian that is saved, in pixels times steps of 1/255 [default: 0, nothing is simplified]",
+        value_name: "ERROR",
+        help: "Allowed LOD error, in 8-bit steps x pixels per merged Gaussian. Needs a file made by `smalto lod` \
+               [default: 0, everything is drawn]",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 1e6], usual: [0.0, 64.0], is_fraction: false },
         steps: &[Value::Number(0.0)],
@@ -245,7 +245,7 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "lod-psnr",
         value_name: "DB",
-        help: "In the place of --lod-error, the PSNR that is predicted for the picture [default: 0, none]",
+        help: "Least PSNR that LOD errors predict for the picture, in place of --lod-error [default: 0, no limit]",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 100.0], usual: [0.0, 60.0], is_fraction: false },
         steps: &[Value::Number(0.0)],
@@ -257,8 +257,8 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "splats",
         value_name: "COUNT",
-        help: "Draw at most about this many Gaussians, of a file with levels of detail, those that change the picture \
-               least merged first [default: 0, all]",
+        help: "Splat budget: draw about this many Gaussians at most. Needs a file made by `smalto lod` [default: 0, \
+               no limit]",
         group: Group::Accuracy,
         kind: Kind::Count([0, u32::MAX]),
         steps: &[Value::Count(0)],
@@ -270,8 +270,8 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "lod-fade",
         value_name: "OCTAVES",
-        help: "With levels of detail: nodes whose error is above the limit by less than this many powers of two are \
-               drawn in part, so that none appears or vanishes at once [default: 0, none; of view: 0.5]",
+        help: "Cross-fade of levels of detail: nodes whose error exceeds the limit by less than this many powers of \
+               two are partly drawn, so that nothing pops [default: 0, no fade; of view: 0.5]",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 4.0], usual: [0.0, 1.0], is_fraction: false },
         steps: &[Value::Number(0.0)],

@@ -73,7 +73,7 @@ fn chosen(gpu: &Gpu, scene: &Gaussians, budget: Budget, others: &[Camera]) -> an
     let choice = choose(&study(&views)?, budget, &|_| Ok(()))?;
     println!("{}", choice.explain());
     assert!(choice.gpu_ms <= choice.exact_gpu_ms);
-    let held = choice.hold(&study(others)?)?;
+    let held = choice.verify(&study(others)?)?;
     assert_eq!((held.exceeded, held.held_out_views), (0, others.len()), "{}", choice.explain());
     Ok(choice)
 }

@@ -1,4 +1,7 @@
 //! `smalto bench`: the speed of frames and their stages.
+//!
+//! - `views` - cameras of a file or a path
+//! - `table` - tables on the terminal
 
 mod table;
 mod views;
@@ -141,7 +144,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let placements = read_places(args.place.as_deref())?;
     let mut changes = Vec::new();
     if let Some(baseline) = &baseline {
-        baseline.same_conditions(&report).map_err(foreign)?;
+        baseline.same_conditions(&report).map_err(other_conditions)?;
     }
     for scene in args.scenes() {
         let scene = Loaded::read(&scene, args.reading, placements.clone(), &device)?;
@@ -157,7 +160,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
             }
             let gpu = scene.drawable.source.bring(&device, &options, false, reserve(size))?;
             let subject = Subject::new(&scene.report, preset, &options, &views);
-            let before = baseline.as_ref().map(|b| b.run_of(&subject)).transpose().map_err(foreign)?;
+            let before = baseline.as_ref().map(|b| b.run_of(&subject)).transpose().map_err(other_conditions)?;
             let bar = progress::Bar::new(subject.title());
             let mut run = bench.measure(subject, &gpu, &options, &views, &|done| bar.set(done))?;
             drop(bar);
@@ -293,7 +296,7 @@ fn write(args: &Args, report: &Report) -> Result<()> {
     Ok(())
 }
 
-fn foreign(problem: bench::Foreign) -> Usage {
+fn other_conditions(problem: bench::OtherConditions) -> Usage {
     Usage(format!("--baseline: {problem}"))
 }
 

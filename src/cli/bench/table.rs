@@ -8,7 +8,7 @@ use crate::measure::bench::{
     Change, Clocks, DetailReport, DeviceReport, Protocol, Run, Statistics, VersionReport, WarmUp,
 };
 
-/// Prints a run. `checked` tells if the picture was compared with the reference.
+/// Prints a run. `checked`: the picture was compared with the reference.
 pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
     let (subject, frame, counts) = (&run.subject, &run.frame, &run.counts);
     let scene = &subject.scene;

@@ -1,5 +1,5 @@
-//! The pairs of pictures that a comparison consists of. Pictures of two folders are paired by their paths in these
-//! folders, without the endings.
+//! The pairs of pictures of a comparison. Pictures of two folders are paired by their paths in these folders, without
+//! the endings.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
@@ -16,7 +16,7 @@ const ENDINGS: [&str; 5] = ["png", "jpg", "jpeg", "exr", "npy"];
 /// Two files to compare.
 pub(super) struct Files {
     pub paths: [PathBuf; 2],
-    /// What they are called in the table.
+    /// Name of the pair in the table.
     pub title: String,
     /// The file name of their heatmap in a folder.
     pub heatmap: PathBuf,
@@ -33,7 +33,7 @@ impl Files {
     }
 }
 
-/// The files to compare: `a` and `b`, or those of two folders with the same path in them but for the ending. With
+/// The files to compare: `a` and `b`, or files of two folders whose paths in them agree but for the ending. With
 /// `partial`, pictures without a partner are left out.
 pub(super) fn pairs(a: &Path, b: &Path, partial: bool) -> Result<Vec<Files>> {
     match [a, b].map(Path::is_dir) {
@@ -53,12 +53,12 @@ pub(super) fn pairs(a: &Path, b: &Path, partial: bool) -> Result<Vec<Files>> {
 /// The pictures of a folder and the folders below it.
 struct Folder {
     path: PathBuf,
-    /// By their paths in the folder without the ending; each with its endings.
+    /// Endings of the pictures, by path in the folder without the ending.
     pictures: BTreeMap<PathBuf, BTreeSet<OsString>>,
 }
 
 impl Folder {
-    /// Lists the pictures. Other files are left out with a note, hidden ones without.
+    /// Lists the pictures. Other files are left out with a note, hidden files without a note.
     fn read(path: &Path) -> Result<Self> {
         let mut folder = Self { path: path.to_owned(), pictures: BTreeMap::new() };
         let mut others = BTreeSet::new();

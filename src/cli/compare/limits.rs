@@ -6,11 +6,11 @@ use super::{Args, Compared};
 use crate::cli::OverThreshold;
 use crate::measure::metrics::{Difference, NumberDifference, Pair};
 
-/// What a pair has of a measure.
+/// The value of a measure for a pair.
 enum Measured {
-    /// The measure is not one of this kind of pair.
+    /// The measure does not apply to this kind of pair.
     No,
-    /// It cannot be measured, which is over every threshold.
+    /// Not measurable, which is over every threshold.
     Impossible(String),
     Value(f64),
 }

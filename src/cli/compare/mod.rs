@@ -1,4 +1,8 @@
-//! `smalto compare`: the differences of pictures, and whether they are over a threshold.
+//! `smalto compare`: the differences of pictures, with thresholds.
+//!
+//! - `folders` - pairs of files, from two folders
+//! - `limits` - thresholds
+//! - `tables` - tables on the terminal
 
 mod folders;
 mod limits;
@@ -80,7 +84,7 @@ fn within(low: f64, high: f64) -> impl Fn(&str) -> Result<f64> + Clone {
     }
 }
 
-/// Memory that a comparison of any size needs besides: rows of every thread, the encoder of a heatmap.
+/// Memory that a comparison needs at any size: rows of every thread, the encoder of a heatmap.
 const OTHER_BYTES: u64 = 32 << 20;
 
 /// Memory for pairs that are compared at the same time.
@@ -88,7 +92,7 @@ const AT_ONCE_BYTES: u64 = 4 << 30;
 
 /// A pair that was compared.
 struct Compared {
-    /// What it is called in tables and messages.
+    /// Name in tables and messages.
     title: String,
     pair: Pair,
 }
@@ -131,7 +135,7 @@ fn compare_all(args: &Args, pairs: &[Files], is_folder: bool) -> Result<Vec<Comp
     Ok(compared)
 }
 
-/// Compares a pair, and writes its heatmap if there is to be one.
+/// Compares a pair, and writes its heatmap if one is requested.
 fn compare_one(args: &Args, files: &Files, is_folder: bool) -> Result<Compared> {
     let (pair, map) = compare(files, args.ppd)?;
     if let Some(heatmap) = &args.heatmap {

@@ -1,4 +1,6 @@
 //! `smalto trade`: the cost of accuracy on a scene.
+//!
+//! - `tables` - tables on the terminal
 
 mod tables;
 
@@ -123,7 +125,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let device = args.device.open()?;
     // The points have most stages in common, which take a software device longer to compile than to run.
     device.keep_pipelines();
-    // A scene without levels is read even for these: what is wrong with its file comes first.
+    // A scene without levels is read in any case, so that an error in its file is reported first.
     let whole = parts.iter().any(|part| *part != Part::Levels) || budget.is_some() || paged.is_none();
     let whole = whole.then(|| args.scene.read_for(Some(&device))).transpose()?;
     ensure!(paged.is_some() || !parts.contains(&Part::Levels), NoLevels);
@@ -330,7 +332,7 @@ impl<'a> Bench<'a> {
         say!("{}", choice.explain())?;
         let count = usize::from(self.args.held_out);
         let between = path::through(cameras, count + 2);
-        let held = choice.hold(&self.study("held-out views", &between[1..=count])?)?;
+        let held = choice.verify(&self.study("held-out views", &between[1..=count])?)?;
         print_budget(&held)?;
         Ok(held)
     }

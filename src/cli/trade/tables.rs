@@ -45,7 +45,7 @@ pub(super) fn print_points(report: &Report) -> Result<()> {
     warn_unsteady(all().map(|point| point.warm_up))
 }
 
-/// Says how many points were measured before the frame time was steady.
+/// Prints the number of points that were measured before the frame time was steady.
 fn warn_unsteady(warm_ups: impl Iterator<Item = Option<WarmUp>>) -> Result<()> {
     let is_steady: Vec<bool> = warm_ups.map(|warm_up| warm_up.is_none_or(|warm_up| warm_up.is_steady)).collect();
     let (points, unsteady) = (is_steady.len(), is_steady.iter().filter(|is_steady| !**is_steady).count());

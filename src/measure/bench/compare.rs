@@ -20,17 +20,17 @@ pub struct Change {
 /// The baseline was measured under other conditions.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
-pub struct Foreign(String);
+pub struct OtherConditions(String);
 
 impl Report {
     /// Checks that `now` was measured on the same device with the same protocol as this baseline.
     ///
     /// # Errors
-    /// [`Foreign`] with the first condition that differs.
-    pub fn same_conditions(&self, now: &Self) -> Result<(), Foreign> {
+    /// [`OtherConditions`] with the first condition that differs.
+    pub fn same_conditions(&self, now: &Self) -> Result<(), OtherConditions> {
         let same = |what: &str, mine: &str, theirs: &str| {
-            let foreign = || Foreign(format!("its {what} is {mine}, this run's is {theirs}"));
-            (mine == theirs).then_some(()).ok_or_else(foreign)
+            let other_conditions = || OtherConditions(format!("its {what} is {mine}, this run's is {theirs}"));
+            (mine == theirs).then_some(()).ok_or_else(other_conditions)
         };
         same("device", &self.device.name, &now.device.name)?;
         same("camera path", &self.path, &now.path)?;
@@ -41,9 +41,9 @@ impl Report {
     /// The run with this subject.
     ///
     /// # Errors
-    /// [`Foreign`] if there is none.
-    pub fn run_of(&self, subject: &Subject) -> Result<&Run, Foreign> {
-        let missing = || Foreign(format!("it has no run of {} from the same cameras", subject.title()));
+    /// [`OtherConditions`] if there is none.
+    pub fn run_of(&self, subject: &Subject) -> Result<&Run, OtherConditions> {
+        let missing = || OtherConditions(format!("it has no run of {} from the same cameras", subject.title()));
         self.runs.iter().find(|run| run.subject == *subject).ok_or_else(missing)
     }
 }
@@ -62,7 +62,7 @@ impl Change {
         }
     }
 
-    /// The frame takes longer by more than this fraction.
+    /// True if the frame takes longer than the baseline's by more than this fraction.
     pub fn is_regression(&self, threshold: f64) -> bool {
         self.frame_ms[1] > self.frame_ms[0] * (1.0 + threshold)
     }

@@ -10,7 +10,7 @@ use crate::gpu::Device;
 #[serde(deny_unknown_fields)]
 pub struct VersionReport {
     pub version: String,
-    /// Commit of the source, with `-dirty` if there were uncommitted changes; null if the build did not know it.
+    /// Commit of the source, with `-dirty` if there were uncommitted changes; null if the build was given none.
     pub commit: Option<String>,
 }
 

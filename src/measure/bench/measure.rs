@@ -26,7 +26,7 @@ const IN_FLIGHT: usize = 2;
 pub struct Bench {
     pub device: Device,
     pub protocol: Protocol,
-    /// Time for the frames of each kind; fewer are measured if they take longer. `None`: as much as they take.
+    /// Time for the frames of each kind; fewer are measured if they take longer. `None`: no limit.
     pub patience: Option<Duration>,
     /// Bandwidth of a plain copy, bytes read plus bytes written, in 1e9 bytes per second.
     pub copy_gb_s: f64,
@@ -131,7 +131,7 @@ impl Bench {
         let paths: Vec<_> = staged.iter().map(|measured| measured.path).collect();
         let notice = notice(&renderer, &paths);
         let counted = if scene.is_placed() {
-            // Only the portable path counts instances and work, and it draws no scene at places.
+            // Only the portable path counts instances and work, and it does not draw scenes at places.
             let known = |measured: &Measured| Totals { listed_kept: 0, longest_list: 0, ..measured.frame.totals };
             staged.iter().map(known).collect()
         } else {
@@ -162,7 +162,7 @@ impl Bench {
     fn warm_up(&self, renderer: &mut Renderer, views: &[Camera], done: &mut Option<WarmUp>) -> Result<()> {
         let frame = |view: usize| Ok(frame_ms(&renderer.render(&views[view], Background::BLACK)?));
         let limits = match done {
-            // The pipelines are those of the frames before: only the clocks may have fallen since.
+            // The pipelines are warm: only the clocks may have dropped since.
             Some(WarmUp { is_steady: true, .. }) => {
                 WarmUpLimits { window: WarmUpLimits::BRIEF.window, ..WarmUpLimits::THOROUGH }
             }
@@ -296,7 +296,7 @@ pub(super) fn draw_in_flight<'v>(
     }
 }
 
-/// The bytes that a frame states for a stage, 0 if the frame does not have it.
+/// Least bytes of a stage of a frame, 0 if the frame has no such stage.
 fn stage_bytes(stage: &str, frame: &Frame, least_bytes: &[(&str, u64)]) -> Result<f64> {
     if !frame.timings.iter().any(|timing| timing.depth == 1 && timing.name == stage) {
         return Ok(0.0);

@@ -2,6 +2,14 @@
 //!
 //! The protocol is the paper's: warm-up frames, then measured frames, along a scripted camera path. The warm-up goes on
 //! until the frame time is steady.
+//!
+//! - `measure` - the measurement of a run
+//! - `warm_up` - protocol and warm-up
+//! - `together` - several devices at the same time
+//! - `bandwidth`, `clocks` (`no_clocks` without the feature) - the device: copy bandwidth, clock rates
+//! - `statistics` - minimum, median, mean, percentiles
+//! - `report`, `machine` - the report as JSON and CSV; its entries of program and device
+//! - `compare` - comparison with an earlier report
 
 mod bandwidth;
 #[cfg_attr(not(feature = "clocks"), path = "no_clocks.rs")]
@@ -16,7 +24,7 @@ mod warm_up;
 
 pub use bandwidth::copy_gb_s;
 pub use clocks::ClockProbe;
-pub use compare::{Change, Foreign};
+pub use compare::{Change, OtherConditions};
 pub use machine::{Clocks, DeviceReport, VersionReport};
 pub(crate) use measure::notice;
 pub use measure::{Bench, frame_ms, stage_times};

@@ -27,8 +27,8 @@ pub struct Report {
     /// Least number of warm-up frames. The frames of each kind are preceded by a warm-up that goes on until the frame
     /// time is steady (see `warm_up` of a run); 0: no warm-up.
     pub warmup: usize,
-    /// Most frames of each kind: with two timestamps, with two timestamps per stage, and pipelined. The runs have the
-    /// number of those that were measured.
+    /// Most frames of each kind: with two timestamps, with two timestamps per stage, and pipelined. Each run has the
+    /// number of its measured frames.
     pub frames: usize,
     /// Source of the cameras: orbit, orbit-zoom, turn, or a file.
     pub path: String,
@@ -41,11 +41,11 @@ pub struct Report {
 #[serde(deny_unknown_fields)]
 pub struct Run {
     pub subject: Subject,
-    /// The path that drew the first measured frame. `notice` tells if others were drawn by the other path.
+    /// The path that drew the first measured frame. `notice` reports frames of the other path.
     pub drawn_by: render::Path,
-    /// Why the fast path did not draw some or all frames, if it should have; else null.
+    /// Reason for frames that the fast path should have drawn and did not; else null.
     pub notice: Option<String>,
-    /// Measured frames of each kind: those of the report, or fewer if they take long and no number was asked for.
+    /// Measured frames of each kind: the report's number, or fewer if frames are slow and no number was given.
     pub frames: usize,
     /// The warm-ups before the measured frames of each kind together; null with a `warmup` of 0.
     pub warm_up: Option<WarmUp>,
@@ -55,7 +55,7 @@ pub struct Run {
     /// Stages in the order of the frame. The last entry, "gaps", is the time between the stages.
     pub stages: Vec<StageReport>,
     pub counts: Counts,
-    /// The cuts through the levels of detail, if the pictures were drawn by them.
+    /// Cuts through the levels of detail; absent if the pictures were drawn without them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detail: Option<DetailReport>,
     /// Device memory by buffer, at its peak.
@@ -78,7 +78,7 @@ pub struct Run {
 #[serde(deny_unknown_fields)]
 pub struct DeviceSpeed {
     pub device: String,
-    /// Frames a second, if the host does not wait for each.
+    /// Frames per second if the host does not wait for each.
     pub frames_per_second: f64,
 }
 
@@ -127,7 +127,7 @@ pub struct FrameTimes {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DetailReport {
-    /// Nodes of the cut that lie in the picture, hidden or not, as the table of levels tells.
+    /// Nodes of the cut that lie in the picture, hidden or not, according to the table of levels.
     pub nodes: Statistics,
     /// Pages that hold the cut.
     pub pages: Statistics,

@@ -17,7 +17,7 @@ pub struct Protocol {
     pub frames: usize,
 }
 
-/// How long a warm-up may take.
+/// Limits of a warm-up.
 ///
 /// The frame time is steady if the median GPU times of two consecutive windows agree within 2 %. A window is a number
 /// of whole rounds over the same views. In the first process that builds a preset's pipelines, frames on an H100 took
@@ -39,7 +39,7 @@ pub struct WarmUp {
     pub frames: usize,
     /// Duration in seconds.
     pub seconds: f64,
-    /// The median GPU times of the last two windows agree within 2 %; false if the time limit came first.
+    /// The median GPU times of the last two windows agree within 2 %; false if the time limit ended the warm-up.
     pub is_steady: bool,
 }
 
@@ -53,8 +53,8 @@ const MAX_ROUND: usize = 25;
 impl WarmUpLimits {
     /// For reports: windows of 1 s, at most 10 s.
     pub const THOROUGH: Self = Self { window: Duration::from_secs(1), limit: Duration::from_secs(10) };
-    /// For choices during which a user waits: windows of 0.25 s, at most 1 s. Raises the clocks of a device that rested
-    /// (over 0.1 s on an H100).
+    /// For choices during which a user waits: windows of 0.25 s, at most 1 s. Long enough to raise the clocks of an
+    /// idle device (over 0.1 s on an H100).
     pub const BRIEF: Self = Self { window: Duration::from_millis(250), limit: Duration::from_secs(1) };
 
     /// The limits of the warm-up after `done`. A device that was not steady once gets time for two windows only.
@@ -80,8 +80,7 @@ impl WarmUp {
 }
 
 impl Protocol {
-    /// The protocol with so few frames that each kind takes at most `patience`, if a frame takes `frame`; at least
-    /// two, if it has as many.
+    /// Reduces the frames so that each kind takes at most `patience` if a frame takes `frame`, but not below two.
     #[must_use]
     pub fn within(self, patience: Duration, frame: Duration) -> Self {
         let most = (patience.as_secs_f64() / frame.as_secs_f64().max(1e-9)) as usize;
@@ -115,7 +114,7 @@ impl Protocol {
         if self.warmup == 0 {
             return Ok(None);
         }
-        // The first frame may grow buffers; the second tells how many frames fit into a window.
+        // The first frame may grow buffers; the time of the second gives the number of frames per window.
         frame(0)?;
         let second = clock();
         frame(0)?;

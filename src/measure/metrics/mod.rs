@@ -1,4 +1,12 @@
 //! Measures of the difference of two images: of colours, of coverage, and of one number per pixel.
+//!
+//! - `errors` - measures of single values: largest error, PSNR, steps of 8 bits
+//! - `ssim`, `flip` - structural similarity; perceived difference
+//! - `filter` - separable filters, for both
+//! - `difference` - all measures of colours together
+//! - `numbers` - measures of alpha, and of images of one number per pixel
+//! - `report` - the report of a comparison as JSON
+//! - `samples` - images for tests
 
 mod difference;
 mod errors;

@@ -19,14 +19,14 @@ pub enum Limit {
 /// The change of a view.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Change {
-    /// The largest of a colour value.
+    /// Largest change of a colour value.
     pub largest: f64,
-    /// The mean of the squares over all colour values.
+    /// Mean squared change over all colour values.
     pub mean_square: f64,
 }
 
 impl Change {
-    /// From one picture to another.
+    /// Measures the change from one picture to another.
     pub fn between(a: &Pixels, b: &Pixels) -> Self {
         Self { largest: max_error(a, b).into(), mean_square: mse(a, b) }
     }
@@ -43,7 +43,7 @@ impl Change {
 }
 
 impl Limit {
-    /// True if a change is within the limit. A change that is no number is not.
+    /// True if a change is within the limit. NaN is within no limit.
     pub fn allows(self, change: Change) -> bool {
         match self {
             Self::MaxError(most) => change.largest <= most,

@@ -1,5 +1,10 @@
-//! Fewer Gaussians for good: those that contribute least to some views are dropped, as many as a limit of the change of
-//! these views allows.
+//! Pruning: drops the Gaussians that contribute least to some views, as many as a limit on the change of these views
+//! allows.
+//!
+//! - `order` - the order in which Gaussians are dropped
+//! - `limit` - the change of a view, and its limit
+//! - `search` - the most Gaussians that can be dropped within a limit
+//! - `report` - the report as JSON
 
 mod limit;
 mod order;

@@ -2,19 +2,19 @@
 
 use crate::render::Share;
 
-/// The Gaussians of a scene that may be dropped, those that contribute least first.
+/// The Gaussians of a scene that may be dropped, the least contribution first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Order {
     gaussians: Vec<u32>,
-    /// The others.
+    /// Gaussians that are always kept, by index.
     spared: Vec<u32>,
-    /// Number of the first ones that have no share in any view.
+    /// Number of leading entries without a share in any view.
     unseen: usize,
 }
 
 impl Order {
-    /// By the largest share, then by the sum of all shares, then by index. `spares_unseen`: what has no share in any
-    /// view is not dropped.
+    /// Sorts by the largest share, then by the sum of all shares, then by index. With `spares_unseen`, Gaussians
+    /// without a share in any view are kept.
     pub fn of(shares: &[Share], spares_unseen: bool) -> Self {
         let is_spared = |index: &u32| spares_unseen && shares[*index as usize].largest == 0.0;
         let (spared, mut gaussians): (Vec<u32>, Vec<u32>) = (0..shares.len() as u32).partition(is_spared);
@@ -47,7 +47,7 @@ impl Order {
         &self.gaussians[..count]
     }
 
-    /// All others, by index.
+    /// The Gaussians that remain when the first `count` are dropped, by index.
     pub fn kept(&self, count: usize) -> Vec<u32> {
         let mut kept = [&self.gaussians[count..], &self.spared].concat();
         kept.sort_unstable();

@@ -8,7 +8,7 @@ use crate::formats::Loss;
 use crate::measure::bench::{SceneReport, VersionReport};
 use crate::options::Options;
 
-/// What `smalto prune` dropped, and what that changes.
+/// The Gaussians that `smalto prune` dropped, and the change of the views.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 #[schemars(title = "Report of `smalto prune`")]
 pub struct Report {
@@ -17,22 +17,22 @@ pub struct Report {
     pub smalto: VersionReport,
     #[serde(flatten)]
     pub subject: Subject,
-    /// The largest change of a view that was asked for. It holds for `measured`.
+    /// The requested limit on the change of a view; `measured` keeps to it.
     pub limit: Limit,
     pub gaussians: Kept,
     /// A bound on the change of every pixel of the views, for any colours that are no brighter: proven, but for an
     /// allowance for the rounding of 32-bit floats.
     pub bound: Worst,
-    /// The change of the views, measured on pictures of the whole scene and of what is left.
+    /// The change of the views, measured on pictures of the whole and of the pruned scene.
     pub measured: Worst,
-    /// The cameras of the file that were not given: no limit was kept for them; null if there are none.
+    /// The other cameras of the file, for which no limit is kept; null if there are none.
     pub others: Option<Others>,
     /// The views in the order of the file.
     pub views: Vec<ViewReport>,
     pub output: Written,
 }
 
-/// What was pruned, and how it was drawn.
+/// The pruned scene, and the device and options that drew it.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Subject {
     pub device: String,
@@ -40,13 +40,13 @@ pub struct Subject {
     pub options: Options,
 }
 
-/// How many Gaussians are left.
+/// Numbers of Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Kept {
     pub before: usize,
     pub kept: usize,
     pub dropped: usize,
-    /// Those among the dropped that have no share in any given view.
+    /// Dropped Gaussians without a share in any given view.
     pub unseen: usize,
     /// The largest share (alpha * transmittance) that a dropped Gaussian has of a pixel.
     pub largest_dropped_share: f32,
@@ -61,11 +61,11 @@ pub struct Worst {
     pub psnr_db: Option<f64>,
 }
 
-/// The cameras that were not given.
+/// Changes of the other cameras of the file.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Others {
     pub views: usize,
-    /// Their change, measured.
+    /// Measured change of their views.
     pub measured: Worst,
     /// The mean of their PSNR in dB; null if one of them did not change.
     pub mean_psnr_db: Option<f64>,

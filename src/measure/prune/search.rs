@@ -8,10 +8,10 @@ use crate::camera::Camera;
 use crate::pixels::Pixels;
 use crate::render::Pruner;
 
-/// Gaussians that are dropped, and what that changes.
+/// A number of dropped Gaussians, and the change of the views.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cut {
-    /// Number of the first Gaussians of the order that are dropped.
+    /// Number of dropped Gaussians, the first of the order.
     pub dropped: usize,
     /// The measured change of each view.
     pub measured: Vec<Change>,
@@ -26,15 +26,16 @@ pub enum Step {
     Search,
     /// The change of all views is measured.
     Check,
-    /// It is bounded.
+    /// The change of all views is bounded.
     Bound,
 }
 
-/// The largest cut that was found of which every view keeps to the limit. That is measured: all views are drawn with
-/// the whole scene and with what is left. The Gaussians without a share are dropped in any case, unless they are
-/// spared, and one Gaussian is always kept. `progress` receives the step and the completed fraction of it.
+/// Searches for the largest cut that keeps every view within the limit. The change is measured: all views are drawn
+/// with the whole and with the pruned scene. Gaussians without a share are dropped in any case, unless they are spared,
+/// and one Gaussian is always kept. `progress` receives the step and the completed fraction of it.
 ///
-/// A larger cut does not always change a view by more. So the search may miss one, but what it returns was measured.
+/// The change of a view is not monotonic in the size of the cut, so the search may miss a larger one; the cut that it
+/// returns was measured.
 ///
 /// # Errors
 /// If memory runs out or the device is lost.
@@ -46,7 +47,7 @@ pub fn search(
     progress: &dyn Fn(Step, f64),
 ) -> Result<Cut> {
     let mut dropped = order.most();
-    // Neighbours among the views are much alike. In this order the first few are spread over all of them.
+    // Neighbouring views are alike: bit-reversed order spreads the first few over all views.
     let mut spread: Vec<usize> = (0..views.len()).collect();
     spread.sort_by_key(|view| view.reverse_bits());
     for (done, view) in spread.into_iter().enumerate() {
@@ -97,7 +98,7 @@ pub fn compare(
 }
 
 /// A cut of at most `dropped` Gaussians that keeps one view to the limit, and the change of the view by it. Dropping
-/// only those without a share changes nothing, so that is always within the limit.
+/// only Gaussians without a share changes nothing, which is within every limit.
 fn within(pruner: &mut Pruner, view: &Camera, order: &Order, limit: Limit, dropped: usize) -> Result<(usize, Change)> {
     let whole = pruner.whole(view)?;
     let mut change = |dropped: usize, whole: &Pixels| {

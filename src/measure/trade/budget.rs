@@ -1,5 +1,4 @@
-//! The fastest options whose error stays within a budget: by proof where there is one, else by measurement on the
-//! views.
+//! The fastest options whose error stays within a budget: by proof if there is one, else by measurement on the views.
 
 use std::fmt;
 use std::time::Duration;
@@ -107,11 +106,11 @@ const ORACLE_SIDE: u32 = 320;
 const PROTOCOL: Protocol = Protocol { warmup: VIEWS, frames: 24 };
 /// Time for the frames of a candidate.
 const PATIENCE: Duration = Duration::from_millis(500);
-/// Part of the work that the pictures of the reference are.
-const ORACLE_PART: f64 = 0.2;
+/// Fraction of the work that is spent on reference pictures.
+const ORACLE_FRACTION: f64 = 0.2;
 
-/// Chooses options to draw `views` with. `exact` has the rules of the picture and every knob at its most exact step.
-/// Where frames are slow, fewer of them and of the views are measured.
+/// Chooses options to draw `views` with. `exact` has the rules of the picture and every knob at its most exact step. If
+/// frames are slow, fewer frames and views are measured.
 ///
 /// # Errors
 /// [`Unmeetable`] if not even the exact options stay within the budget.
@@ -125,9 +124,9 @@ pub fn choose_for(
 ) -> Result<Choice> {
     let views = spread(views, VIEWS);
     let small = spread(&views, ORACLE_VIEWS).iter().map(small).collect();
-    let drawn = |done| progress(ORACLE_PART * done);
+    let drawn = |done| progress(ORACLE_FRACTION * done);
     let study = Study::new(device, scene, (exact, background), [views, small], PROTOCOL, &drawn)?.within(PATIENCE)?;
-    choose(&study, budget, &|done| progress(ORACLE_PART + (1.0 - ORACLE_PART) * done))
+    choose(&study, budget, &|done| progress(ORACLE_FRACTION + (1.0 - ORACLE_FRACTION) * done))
 }
 
 /// At most `count` elements, evenly spread.
@@ -178,7 +177,7 @@ pub fn choose(study: &Study, budget: Budget, progress: Progress) -> Result<Choic
         let error = match proven {
             Some(error) => error,
             None => (MARGIN * budget.amplitude(&study.from_exact(&options)?)).max(match budget {
-                // Other views may show what a stop hides; its error has a bound.
+                // Other views may show colours that the stop hides in these; the bound of its error covers them.
                 Budget::MaxError(_) => f64::from(options.stop) * brightest(study),
                 Budget::MinPsnr(_) => 0.0,
             }),
@@ -235,7 +234,7 @@ fn proven(study: &Study, left: f64) -> Vec<(String, Options, Option<f64>)> {
 }
 
 /// The presets and some options between them, with the rules of the study. Shortened depth keys swap splats in few
-/// pixels, but there by any amount, so the largest error of one view says nothing about another: only a PSNR budget
+/// pixels, whose error has no bound, so the largest error of one view says nothing about another: only a PSNR budget
 /// allows them.
 fn measured(study: &Study, budget: Budget) -> Vec<(String, Options, Option<f64>)> {
     let swaps = matches!(budget, Budget::MinPsnr(_));
@@ -279,8 +278,8 @@ impl Choice {
         )
     }
 
-    /// Measures the choice on the views of `study`, which should not be those that it was made with.
-    pub fn hold(&self, study: &Study) -> Result<BudgetReport> {
+    /// Measures the choice on the views of `study`, which should be other views than those of the choice.
+    pub fn verify(&self, study: &Study) -> Result<BudgetReport> {
         let each = study.each_from_oracle(&self.options)?;
         let within = each.iter().filter(|d| self.budget.amplitude(d) <= self.budget.allowed()).count();
         Ok(BudgetReport {

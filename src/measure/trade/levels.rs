@@ -1,4 +1,4 @@
-//! The trade of levels of detail: presets with all Gaussians and with fewer and fewer nodes, compared with the exact
+//! The trade of levels of detail: presets with all Gaussians and with decreasing splat budgets, compared with the exact
 //! picture and with a supersampled one.
 //!
 //! The exact picture follows the rules at its own pixels. The classic rules widen every footprint by 0.3 pixels
@@ -23,11 +23,10 @@ use crate::rules::Background;
 
 /// Samples of a pixel of supersampled pictures along each side.
 pub const SAMPLES_ALONG: u32 = 4;
-/// The numbers of nodes that are measured: that of the Gaussians in the picture divided by 2, 4, ... up to this power
-/// of two.
+/// Measured splat budgets: the number of Gaussians in the picture divided by 2, 4, ... up to this power of two.
 const HALVINGS: u32 = 6;
 
-/// A scene with levels of detail and what is drawn of it.
+/// A scene with levels of detail, the presets and the views.
 pub struct LevelTrade<'a> {
     pub device: &'a Device,
     pub source: &'a SceneSource,
@@ -35,7 +34,7 @@ pub struct LevelTrade<'a> {
     pub presets: &'a [(&'a str, Options)],
     pub views: &'a [Camera],
     pub protocol: Protocol,
-    /// Set if fewer frames and views may be measured, so that each kind takes at most about this time.
+    /// Time for each kind of frames: fewer frames and views are measured if they take longer. `None`: no limit.
     pub patience: Option<Duration>,
 }
 
@@ -46,7 +45,7 @@ struct Truth {
 }
 
 impl LevelTrade<'_> {
-    /// Measures every preset with every number of nodes. `progress` receives the fraction done.
+    /// Measures every preset with every splat budget. `progress` receives the completed fraction.
     ///
     /// # Errors
     /// If rendering fails, or the scene has no levels.
@@ -68,7 +67,8 @@ impl LevelTrade<'_> {
         let mut points: Vec<LevelPoint> = Vec::new();
         let all = self.presets.len() * (HALVINGS as usize + 1);
         for (preset, options) in self.presets {
-            // Without a number of nodes, the pages of levels are not there, as wherever all Gaussians are drawn.
+            // Without a splat budget the scene is loaded without pages of nodes, as always when all Gaussians are
+            // drawn.
             let mut scene = self.scene(options, 0, 1)?;
             for halvings in 0..=HALVINGS {
                 if halvings == 1 {
@@ -77,7 +77,7 @@ impl LevelTrade<'_> {
                 }
                 progress((points.len() + 1) as f64 / (all + 1) as f64);
                 let visible = points.first().map_or(0.0, |exact| exact.visible);
-                let splats = if halvings == 0 { 0 } else { asked_for(visible / f64::from(1 << halvings)) };
+                let splats = if halvings == 0 { 0 } else { two_digits(visible / f64::from(1 << halvings)) };
                 let options = Options { splats, ..*options };
                 let mut renderer = Renderer::new(self.device, &options, &scene)?;
                 points.push(point((preset, &options), &mut renderer, (&views, &truth), &timing)?);
@@ -88,7 +88,7 @@ impl LevelTrade<'_> {
         Ok(LevelsReport { views: views.len(), warmup, frames, samples, points })
     }
 
-    /// The scene on the device, with memory left for pictures of so many samples a pixel.
+    /// The scene on the device, with memory reserved for pictures of `samples` samples per pixel.
     fn scene(&self, options: &Options, splats: u32, samples: u32) -> Result<GpuScene> {
         let pixels: u64 = self.views[0].size_px.map(u64::from).iter().product();
         let reserve = 4 * 16 * pixels * u64::from(samples);
@@ -109,8 +109,8 @@ impl LevelTrade<'_> {
     }
 }
 
-/// A number of nodes in two digits, at least 1.
-fn asked_for(nodes: f64) -> u32 {
+/// Rounds a splat budget to two digits, at least 1.
+fn two_digits(nodes: f64) -> u32 {
     let unit = 10_f64.powf(nodes.max(1.0).log10().floor() - 1.0).max(1.0);
     ((nodes / unit).round() * unit).max(1.0) as u32
 }
@@ -146,13 +146,13 @@ fn point(
 
 #[cfg(test)]
 mod tests {
-    use super::asked_for;
+    use super::two_digits;
 
     #[test]
     fn numbers_of_nodes_have_two_digits() {
         let cases = [(0.2, 1), (3.4, 3), (47.6, 48), (123.0, 120), (98_765.0, 99_000), (1_499_999.0, 1_500_000)];
-        for (nodes, asked) in cases {
-            assert_eq!(asked_for(nodes), asked);
+        for (nodes, rounded) in cases {
+            assert_eq!(two_digits(nodes), rounded);
         }
     }
 }

@@ -79,14 +79,13 @@ impl<'a> Study<'a> {
         Ok(study)
     }
 
-    /// Warms up as long as reported times need.
+    /// Uses the warm-up limits of reported times.
     #[must_use]
     pub fn thorough(self) -> Self {
         Self { timing: self.timing.thorough(), ..self }
     }
 
-    /// The study with so few frames and views that those of a measurement take at most about `patience`, and brief
-    /// warm-ups if they are fewer than asked for.
+    /// Reduces frames and views so that a measurement takes at most about `patience`; warm-ups are brief if any are cut.
     ///
     /// # Errors
     /// If rendering fails.

@@ -46,9 +46,9 @@ pub struct Report {
 pub struct Point {
     pub name: String,
     pub options: Options,
-    /// The path that drew the first frame. `notice` tells if others were drawn by the other path.
+    /// The path that drew the first frame. `notice` reports frames of the other path.
     pub drawn_by: render::Path,
-    /// Why the fast path did not draw some or all frames, if it should have; else null.
+    /// Reason for frames that the fast path should have drawn and did not; else null.
     pub notice: Option<String>,
     /// The warm-up before the measured frames; null with a `warmup` of 0.
     pub warm_up: Option<WarmUp>,
@@ -76,7 +76,7 @@ pub struct StageTime {
     pub ms: f64,
 }
 
-/// What levels of detail cost: presets with all Gaussians and with fewer and fewer nodes.
+/// Cost of levels of detail: presets with all Gaussians and with decreasing splat budgets.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LevelsReport {
@@ -98,7 +98,7 @@ pub struct LevelsReport {
 #[serde(deny_unknown_fields)]
 pub struct LevelPoint {
     pub preset: String,
-    /// `splats` is the number of nodes that is asked for; 0: all Gaussians are drawn.
+    /// `splats` is the splat budget; 0: all Gaussians are drawn.
     pub options: Options,
     /// The warm-up before the measured frames; null with a `warmup` of 0.
     pub warm_up: Option<WarmUp>,

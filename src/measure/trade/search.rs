@@ -1,20 +1,33 @@
-//! A search over combinations of knobs. It starts at the exact options and repeatedly turns the knob that loses the
-//! least accuracy for the time that it saves.
+//! Options with knobs turned: every knob alone, and a search over combinations. The search starts at the exact options
+//! and repeatedly turns the knob that loses the least accuracy for the time that it saves.
 
 use anyhow::Result;
 
-use super::candidates::held;
 use super::measure::Study;
 use super::report::Point;
-use crate::options::{Effect, KNOBS, Knob, Options};
+use crate::options::{Effect, Held, KNOBS, Knob, Options};
+use crate::scene::Requirements;
 
 /// The search ends when the PSNR to the exact pictures, in dB, would fall below this.
 const WORST_DB: f64 = 36.0;
 /// The least fraction of the frame time that a turn has to save. Repeated measurements of one build differ by as much.
 const LEAST_GAIN: f64 = 0.008;
 
-/// The options after each turn, with their time and errors. `progress` receives the fraction done, estimated from the
-/// accuracy that is left.
+/// Every step of every knob that has an effect on the scene, alone: its title, and `base` with this knob turned. `base`
+/// has the rules of the scene, and no other knob turned.
+pub fn knobs(base: &Options, needs: &Requirements) -> Vec<(String, Options)> {
+    let held = held(needs);
+    let mut all = Vec::new();
+    for knob in &KNOBS {
+        let has_effect = |value| value != (knob.get)(base) && (knob.effect)(value, &held) != Effect::None;
+        let steps = knob.steps.iter().copied().filter(|value| has_effect(*value));
+        all.extend(steps.map(|value| (knob.title(value), knob.turned(base, value))));
+    }
+    all
+}
+
+/// The options after each turn, with their time and errors. `progress` receives the completed fraction, estimated from
+/// the remaining accuracy.
 pub fn search(study: &Study, progress: &dyn Fn(f64)) -> Result<Vec<Point>> {
     let mut found = Vec::new();
     let mut now = study.exact;
@@ -54,4 +67,13 @@ fn turns(now: &Options, study: &Study) -> Vec<(String, Options)> {
         Some((knob.title(*next), knob.turned(now, *next)))
     };
     searched.filter_map(turn).collect()
+}
+
+/// The properties of a scene on which the effects of knobs depend.
+fn held(needs: &Requirements) -> Held {
+    Held {
+        sh_degree: needs.sh_degree,
+        has_sh_bytes: needs.sh_grids.is_some(),
+        has_shape_bytes: needs.scale_grid.is_some(),
+    }
 }

@@ -1,4 +1,4 @@
-//! How times of frames are taken, one setting after the other.
+//! Frame times of one setting after the other: warm-up and median.
 
 use std::cell::Cell;
 use std::time::{Duration, Instant};
@@ -25,13 +25,12 @@ impl Timing {
         Self { protocol, limits: WarmUpLimits::BRIEF, warm_up: Cell::default() }
     }
 
-    /// Warms up as long as reported times need: [`WarmUpLimits::THOROUGH`].
+    /// Uses the warm-up limits of reported times: [`WarmUpLimits::THOROUGH`].
     pub fn thorough(self) -> Self {
         Self { limits: WarmUpLimits::THOROUGH, ..self }
     }
 
-    /// So few frames that those of a measurement take at most about `patience`, and brief warm-ups if they are fewer
-    /// than asked for.
+    /// Reduces the frames so that those of a measurement take at most about `patience`; warm-ups are brief if any are cut.
     pub fn within(
         &mut self,
         patience: Duration,
@@ -49,8 +48,8 @@ impl Timing {
         Ok(())
     }
 
-    /// Indices of the views that are measured of this many, spread over all: pictures of all views are drawn for every
-    /// setting, too, so as many as frames are affordable.
+    /// Indices of the measured views among `all`, evenly spread: one per measured frame, since every setting also draws
+    /// a picture of each.
     pub fn views(&self, all: usize) -> impl Iterator<Item = usize> + use<> {
         let count = self.protocol.frames.min(all);
         (0..count).map(move |i| i * all / count)
