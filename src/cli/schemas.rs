@@ -19,8 +19,11 @@ pub(super) struct Args {
     folder: PathBuf,
 }
 
+/// The name of a schema, and the function that makes it.
+type Entry = (&'static str, fn() -> Schema);
+
 /// The schemas: NAME.schema.json describes this type.
-const SCHEMAS: [(&str, fn() -> Schema); 10] = [
+const SCHEMAS: [Entry; 10] = [
     ("bench", || schema_for!(bench::Report)),
     ("compare", || schema_for!(metrics::Report)),
     ("convert", || schema_for!(super::convert::Report)),

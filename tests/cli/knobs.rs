@@ -64,7 +64,7 @@ fn every_knob_is_a_flag_with_its_values() {
 #[test]
 fn the_document_on_accuracy_lists_every_step_of_every_knob() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let scene = read(&root.join("tests/fixtures/plush.v4.spz")).unwrap();
+    let scene = read(root.join("tests/fixtures/plush.v4.spz")).unwrap();
     let steps = trade::knobs(&Options::EXACT, &Requirements::of(&scene.gaussians));
     let presets = Options::PRESETS.iter().map(|(name, _)| (*name).to_owned()).filter(|name| name != "portable");
     let expected: BTreeSet<String> = steps.into_iter().map(|(title, _)| title).chain(presets).collect();

@@ -202,7 +202,7 @@ pub fn captured(name: &str) -> PathBuf {
 }
 
 pub fn read_captured(name: &str) -> Gaussians {
-    formats::read(&captured(name)).expect("a captured scene can be read").gaussians
+    formats::read(captured(name)).expect("a captured scene can be read").gaussians
 }
 
 pub fn captured_cameras(name: &str, which: &[usize], size: [u32; 2]) -> Vec<Camera> {

@@ -13,7 +13,7 @@ fn fixture(name: &str) -> PathBuf {
 }
 
 fn read(name: &str) -> Scene {
-    formats::read(&fixture(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    formats::read(fixture(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
 fn parse(name: &str, bytes: &[u8]) -> Result<Scene, String> {

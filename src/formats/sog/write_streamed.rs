@@ -195,7 +195,7 @@ impl Writer<'_> {
         for (name, bytes) in files(&gaussians, self.streamed.is_antialiased, 0)? {
             self.file(&path.join(name), &bytes)?;
         }
-        let back = read(&path.join(META))?.gaussians;
+        let back = read(path.join(META))?.gaussians;
         let (count, found) = (gaussians.len(), back.len());
         ensure!(found == count, "{found} of {count} Gaussians of {folder} could be read back");
         self.filenames.push(format!("{folder}/{META}"));
