@@ -18,12 +18,12 @@ use rayon::prelude::*;
 use smalto::camera::{self, Camera};
 use smalto::cli::environment::Environment;
 use smalto::gpu::{Device, Validation};
-use smalto::lod::{Node, Nodes, squared_change, value};
+use smalto::lod::{Node, Nodes, squared_difference, value_of_code};
 use smalto::measure::metrics::psnr;
 use smalto::measure::plot::{self, Lines};
 use smalto::options::Options;
 use smalto::packing::Shape;
-use smalto::pagefile::write::parts;
+use smalto::pagefile::write::subtrees;
 use smalto::pagefile::{PADDING, PAGE, PARTS, PageFile};
 use smalto::pixels::Pixels;
 use smalto::procedural::Procedural;
@@ -141,13 +141,13 @@ fn panel_of(title: &str, points: &[Point]) -> Lines {
 
 /// Measures levels of random parts of the scene. The errors are roots of the area, in world units.
 fn groups(file: &PageFile) -> Result<Vec<Point>> {
-    let parts = parts(file.statistics().count, 4096);
+    let subtrees = subtrees(file.statistics().count, 4096);
     let mut random = Random(1);
-    let levels = parts[0].len() - 1;
+    let levels = subtrees[0].len() - 1;
     ensure!(levels > 0, "the scene has no levels but its Gaussians");
     let choices: Vec<_> = (0..GROUPS)
         .map(|_| {
-            let (part, level) = (random.below(parts.len()), 1 + random.below(levels));
+            let (part, level) = (random.below(subtrees.len()), 1 + random.below(levels));
             let around = std::f64::consts::TAU * random.next();
             let height = 2.0 * random.next() - 1.0;
             let flat = (1.0 - height * height).sqrt();
@@ -156,15 +156,15 @@ fn groups(file: &PageFile) -> Result<Vec<Point>> {
         })
         .collect();
     let point = |(part, level, forward, wide): &(usize, usize, DVec3, f64)| {
-        let scene = nodes_of(file, &parts[*part][0])?;
-        let pages = &parts[*part][*level];
+        let scene = nodes_of(file, &subtrees[*part][0])?;
+        let pages = &subtrees[*part][*level];
         let nodes = nodes_of(file, pages)?;
         // From half of the width of the median node to four times that.
         let (low, high) = scene.bounds();
         let diagonal = DVec3::from(high.map(f64::from)).distance(DVec3::from(low.map(f64::from)));
         let px = (wide * nodes.width()).max(diagonal / 2048.0);
         let predicted: f64 = pages.iter().cloned().flatten().map(|page| predicted(file, page, px)).sum();
-        let measured = squared_change(&scene, &nodes, *forward, px);
+        let measured = squared_difference(&scene, &nodes, *forward, px);
         Ok(Point { of: format!("level {level}"), predicted: predicted.sqrt(), measured: measured.sqrt() })
     };
     let points = choices.par_iter().map(point).collect::<Result<Vec<_>>>()?;
@@ -176,8 +176,8 @@ fn groups(file: &PageFile) -> Result<Vec<Point>> {
 fn predicted(file: &PageFile, page: usize, px: f64) -> f64 {
     let level = &file.levels().expect("the file has levels")[page];
     let count = f64::from(file.pages()[page].count);
-    let whole: f64 = level.energies.iter().map(|energy| value(*energy) * count / PARTS as f64).sum();
-    whole * (f64::from(level.detail) / px).min(1.0).powi(2)
+    let whole: f64 = level.squared_errors.iter().map(|energy| value_of_code(*energy) * count / PARTS as f64).sum();
+    whole * (f64::from(level.reference_width) / px).min(1.0).powi(2)
 }
 
 /// The nodes of some pages as they are drawn.
@@ -192,7 +192,7 @@ fn nodes_of(file: &PageFile, pages: &[Range<usize>]) -> Result<Nodes> {
         file.read_levels(page..page + 1, levels.as_flattened_mut())?;
         for k in (0..PAGE).filter(|k| geometry[words.ids.start + k] != PADDING) {
             let Shape { mean, rotation, scale, opacity } = words.unpacked(layout, &geometry, k);
-            let opacity = if levels[k][1] == 0 { opacity } else { value(levels[k][1] as u16) as f32 };
+            let opacity = if levels[k][1] == 0 { opacity } else { value_of_code(levels[k][1] as u16) as f32 };
             let node = Node::leaf(mean, rotation, scale, opacity);
             nodes.push(node, &layout.unpacked_sh(&words.sh_of(&colours, k)));
         }

@@ -1,4 +1,4 @@
-//! A node as the choice of pairs sees it: a Gaussian density of colours, projected along the three axes.
+//! The cost of merging two nodes, each a Gaussian density of colours that is projected along the three axes.
 //!
 //! The cost of a merge is the squared difference of the projected densities before and after, summed over the three
 //! projections and over red, green, blue and the density itself. Products of Gaussians have closed forms:
@@ -10,15 +10,16 @@ use std::f32::consts::PI;
 use super::node::Node;
 use super::raster::exp2;
 
-/// The pairs of axes that a density is projected to.
+/// The planes that a density is projected to, as pairs of axes.
 const PLANES: [[usize; 2]; 3] = [[0, 1], [1, 2], [2, 0]];
 /// Colour channels, and the density itself.
 const CHANNELS: usize = 4;
-/// A number for each plane, or for each axis, and one more that is 0 or harmless: one instruction works on four.
+/// A number per plane or per axis, and a fourth that is 0 or harmless: one instruction works on four.
 type Lanes = [f32; 4];
 
+/// The projected density of a node.
 #[derive(Clone, Copy, Debug)]
-pub struct Blob {
+pub struct Density {
     mean: Lanes,
     /// Variances, blurred.
     var: Lanes,
@@ -40,8 +41,8 @@ fn each(f: impl Fn(usize) -> f32) -> Lanes {
     std::array::from_fn(f)
 }
 
-impl Blob {
-    /// `blur`: a variance that is added, the square of a length under which differences do not count.
+impl Density {
+    /// `blur`: a variance that is added; shorter differences than its root do not count.
     pub fn of(node: &Node, colour: [f32; 3], origin: [f32; 3], blur: f32) -> Self {
         let covariance = node.covariance();
         let entry = |i: usize, j: usize| covariance.col(i)[j];
@@ -51,7 +52,7 @@ impl Blob {
             (opacity * area).max(1e-30) as f32
         });
         let lanes = |[x, y, z]: [f32; 3], rest: f32| [x, y, z, rest];
-        let mut blob = Self {
+        let mut density = Self {
             mean: lanes([0, 1, 2].map(|i| node.mean[i] - origin[i]), 0.0),
             var: lanes([0, 1, 2].map(|i| entry(i, i) as f32 + blur), 1.0),
             cov: lanes(PLANES.map(|[u, v]| entry(u, v) as f32), 0.0),
@@ -59,8 +60,8 @@ impl Blob {
             colour: lanes(colour, 1.0),
             norm: 0.0,
         };
-        blob.norm = blob.squared();
-        blob
+        density.norm = density.squared();
+        density
     }
 
     pub fn mean(&self) -> [f32; 3] {
@@ -95,14 +96,14 @@ impl Blob {
         2.0 * PI * alike * sum
     }
 
-    /// The node that stands for both.
+    /// The density of the parent of both.
     #[must_use]
     pub fn merged(&self, other: &Self) -> Self {
         let (a, b) = (self.total(), other.total());
         let (s, t) = (a / (a + b), b / (a + b));
         let apart = each(|i| other.mean[i] - self.mean[i]);
         let across = second(apart);
-        let mut blob = Self {
+        let mut density = Self {
             mean: each(|i| self.mean[i] + t * apart[i]),
             var: each(|i| s * self.var[i] + t * other.var[i] + s * t * apart[i] * apart[i]),
             cov: each(|i| s * self.cov[i] + t * other.cov[i] + s * t * apart[i] * across[i]),
@@ -110,8 +111,8 @@ impl Blob {
             colour: each(|i| s * self.colour[i] + t * other.colour[i]),
             norm: 0.0,
         };
-        blob.norm = blob.squared();
-        blob
+        density.norm = density.squared();
+        density
     }
 
     /// The cost of a merge of the two.
@@ -122,7 +123,7 @@ impl Blob {
         (before + both.norm - 2.0 * across).max(0.0)
     }
 
-    /// A quick guess at which of several others is the cheapest to merge with.
+    /// A fast estimate of the cost, to order candidates.
     pub fn distance(&self, other: &Self) -> f32 {
         let apart: f32 = (0..3).map(|i| (self.mean[i] - other.mean[i]).powi(2)).sum();
         let size: f32 = (0..3).map(|i| self.var[i] + other.var[i]).sum();

@@ -1,4 +1,4 @@
-//! The node that stands for several.
+//! Merges several nodes into their parent.
 //!
 //! Its mean, covariance and colours are means weighted by opacity times area, with the spread of the means in the
 //! covariance; its opacity keeps the sum of opacity times area, and so may exceed 1 (H3DGS, Kerbl et al. 2024).
@@ -7,10 +7,10 @@ use glam::{DMat3, DQuat, DVec3};
 
 use super::node::{Node, Nodes, area};
 
-/// The node that stands for those with these indices, and its spherical harmonics.
+/// The parent of the nodes with these indices, and its spherical harmonics.
 pub fn parent(nodes: &Nodes, members: &[u32]) -> (Node, Vec<[f32; 3]>) {
     let all = || members.iter().map(|index| &nodes.nodes[*index as usize]);
-    // Gaussians without any area still have a weight.
+    // Keeps the weight of a Gaussian without area above 0.
     let least = 1e-6 * all().map(Node::area).fold(0.0, f64::max) + f64::MIN_POSITIVE;
     let weight = |node: &Node| f64::from(node.opacity) * (node.area() + least);
     let total: f64 = all().map(weight).sum();
@@ -27,10 +27,10 @@ pub fn parent(nodes: &Nodes, members: &[u32]) -> (Node, Vec<[f32; 3]>) {
         rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|v| v as f32),
         scale: scale.map(|v| v as f32),
         opacity: (total / (area(scale) + least)) as f32,
-        summed: all().map(|node| node.summed).sum(),
+        opacity_sum: all().map(|node| node.opacity_sum).sum(),
         error: all().map(|node| node.error).fold(0.0, f32::max),
         size: all().map(|node| node.size).chain(scale.map(|v| v as f32)).fold(0.0, f32::max),
-        energy: all().map(|node| node.energy).sum(),
+        squared_error: all().map(|node| node.squared_error).sum(),
     };
     let mut sh = vec![[0.0_f64; 3]; nodes.sh(0).len()];
     for index in members {
@@ -111,7 +111,7 @@ mod tests {
             all.iter().zip(&weights).fold(DMat3::ZERO, |sum, (node, w)| sum + second(node, mean) * (*w / total));
         assert!(close(node.covariance(), expected), "{} {expected}", node.covariance());
         assert!((f64::from(node.opacity) * node.area() / total - 1.0).abs() < 1e-4, "opacity times area is kept");
-        assert!((node.summed - 2.4).abs() < 1e-6);
+        assert!((node.opacity_sum - 2.4).abs() < 1e-6);
         assert!((f64::from(sh[0][0]) - (weights[1] + 2.0 * weights[2]) / total).abs() < 1e-5);
         assert_eq!(sh[0][1..], [1.0, -1.0]);
     }

@@ -1,20 +1,23 @@
-//! Levels of detail: fewer Gaussians in the place of many, with the error that this makes.
+//! Mathematics of levels of detail: nodes that stand for several Gaussians, and the errors that this makes. Knows no
+//! file and no GPU.
 //!
-//! | word | meaning |
-//! |---|---|
-//! | node | a Gaussian of the scene, or one that stands for others |
-//! | parent, children | a node and the nodes that it stands for |
-//! | family | neighbouring nodes whose parents are found, fitted and measured together |
-//! | own error of a node | what drawing it instead of its children changes: [`Node::error`] |
+//! - `node` - a node, and lists of nodes with their spherical harmonics
+//! - `simplify` - replaces the nodes of a group by fewer parents; uses `pairs`, `merge` and `fit`
+//! - `pairs` - which nodes are merged, the cheapest pair first
+//! - `density`, `neighbours` - the cost of a merge, and the candidates
+//! - `merge` - the parent of several nodes
+//! - `fit` - fits parents to pictures of their children, and measures their errors
+//! - `raster`, `difference` - these small pictures, and their differences
+//! - `error_code` - errors in 16 bits
 //!
-//! Errors never fall from children to parents. So a limit decides for each node alone whether it is drawn: if its own
-//! error is within the limit, and its parent's is not.
+//! A node is a Gaussian of the scene, or stands for several: its children. Errors never fall from children to parents,
+//! so an error limit decides for each node alone whether it is drawn: if its own error is within the limit, and the
+//! error of its parent is not.
 
 mod density;
 mod difference;
 mod error_code;
 mod fit;
-mod median;
 mod merge;
 mod neighbours;
 mod node;
@@ -22,8 +25,7 @@ mod pairs;
 mod raster;
 mod simplify;
 
-pub use difference::squared_change;
-pub use error_code::{CODES_PER_OCTAVE, FINEST, LOWEST_EXPONENT, NEVER, code, code_below, value};
-pub use median::median;
-pub use node::{Node, Nodes};
-pub use simplify::{Parents, parents};
+pub use difference::squared_difference;
+pub use error_code::{CODES_PER_OCTAVE, FINEST, LOWEST_EXPONENT, NEVER, code_below, code_of, value_of_code};
+pub use node::{Node, Nodes, median};
+pub use simplify::{Simplified, simplify};

@@ -1,18 +1,18 @@
-//! Neighbours of points, found by their order along curves: nearly the nearest ones.
+//! Approximate nearest neighbours of points, found by their order along shifted Morton curves.
 
 use super::node::corners;
 use crate::scene::Curve;
 
-/// Places along a curve, before and behind, that are looked at.
+/// Candidates before and after a point along each curve.
 const WINDOW: usize = 6;
-/// Curves through boxes that are shifted by these parts of the box, so that neighbours on two sides of a border of one
-/// curve are close on another.
+/// Shifts of the boxes of the curves, as fractions of the box: neighbours on both sides of a border of one curve are
+/// close on another.
 const SHIFTS: [f32; 3] = [0.0, 0.31, 0.17];
 
 /// For each point, the indices of points near it, ascending.
 pub fn neighbours(points: &[[f32; 3]]) -> Vec<Vec<u32>> {
     let (low, high) = corners(points.iter().copied());
-    // Equal sides, so that cells of the curve are cubes.
+    // A cube, so that cells of the curve are cubes.
     let side = (0..3).map(|i| high[i] - low[i]).fold(f32::MIN_POSITIVE, f32::max);
     let mut found = vec![Vec::with_capacity(2 * WINDOW * SHIFTS.len()); points.len()];
     for shift in SHIFTS {

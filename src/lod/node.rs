@@ -3,7 +3,6 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DQuat, DVec3};
 
-use super::median::median;
 use crate::scene::sh_coefficients;
 
 /// A Gaussian of the scene, or one that stands for several.
@@ -15,26 +14,26 @@ pub struct Node {
     pub rotation: [f32; 4],
     /// Standard deviations, world units.
     pub scale: [f32; 3],
-    /// The factor of the density in the picture. Of a node that stands for several it may exceed 1: alpha is clamped.
+    /// The largest alpha before it is clamped: may exceed 1 in a node that stands for several Gaussians.
     pub opacity: f32,
-    /// The sum of the opacities of the Gaussians that it stands for. Where all of them are smaller than a pixel, the
-    /// classic rules widen each of them to a pixel and keep its opacity, so this is what they show together.
-    pub summed: f32,
-    /// The own error: the root of the squared change of a picture by drawing the node instead of its children, summed
-    /// over the area and the colour channels (0 to 1), per node that is saved, world units. 0 for a Gaussian of the
-    /// scene; not less than that of any node below.
+    /// The sum of the opacities of its Gaussians. If all of them are smaller than a pixel, the classic rules widen each to
+    /// a pixel and keep its opacity, so this is the opacity of all together.
+    pub opacity_sum: f32,
+    /// The own error, world units: the root of the squared difference between pictures of the node and of its children,
+    /// summed over the area and the colour channels (0 to 1), per saved node. 0 for a Gaussian of the scene; not less
+    /// than the error of any descendant.
     pub error: f32,
-    /// The largest standard deviation of this node and of those below that stand for several Gaussians, world units.
+    /// The largest standard deviation of this node and of all merged descendants, world units.
     pub size: f32,
-    /// The squared error against the Gaussians of the scene, in pixels as wide as the detail: summed over all merges
-    /// below, in world units squared.
-    pub energy: f32,
+    /// The squared error against the Gaussians of the scene in pixels of the reference width, world units squared: the sum
+    /// over all merges below.
+    pub squared_error: f32,
 }
 
 impl Node {
     /// A Gaussian of the scene.
     pub fn leaf(mean: [f32; 3], rotation: [f32; 4], scale: [f32; 3], opacity: f32) -> Self {
-        Self { mean, rotation, scale, opacity, summed: opacity, error: 0.0, size: 0.0, energy: 0.0 }
+        Self { mean, rotation, scale, opacity, opacity_sum: opacity, error: 0.0, size: 0.0, squared_error: 0.0 }
     }
 
     pub fn centre(&self) -> DVec3 {
@@ -54,8 +53,8 @@ impl Node {
         axes * axes.transpose()
     }
 
-    /// A measure of the area of its projection, the mean over all directions: of an ellipsoid with these half axes, up
-    /// to a constant, by the three faces of the box around it.
+    /// The area of its projection, averaged over all directions, up to a constant: the sum of the three faces of the box
+    /// around the ellipsoid.
     pub fn area(&self) -> f64 {
         area(self.scale.map(f64::from))
     }
@@ -71,6 +70,12 @@ pub fn corners(points: impl Iterator<Item = [f32; 3]>) -> ([f32; 3], [f32; 3]) {
     points.fold(([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]), |(low, high), point| {
         ([0, 1, 2].map(|i| low[i].min(point[i])), [0, 1, 2].map(|i| high[i].max(point[i])))
     })
+}
+
+/// The median; 0 of no values.
+pub fn median(mut values: Vec<f64>) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
 /// Nodes and their spherical harmonics.

@@ -1,12 +1,12 @@
-//! Which nodes are merged: pairs, the cheapest first, with costs that are computed anew after every merge.
+//! Chooses the nodes to merge: the cheapest pair first. The costs of a merged node are computed anew.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::density::Blob;
+use super::density::Density;
 use super::neighbours::neighbours;
 
-/// Neighbours of a node that are looked at for a partner.
+/// Candidates for a merge per node.
 const PARTNERS: usize = 8;
 
 /// A pair that may be merged. Ordered by its cost, then by its nodes, so that every run merges the same pairs.
@@ -15,15 +15,15 @@ struct Pair {
     /// The bits of the cost, which is not negative.
     cost: u32,
     nodes: [u32; 2],
-    /// How often each node had been merged when the cost was computed.
+    /// The version of each node that the cost was computed for.
     versions: [u32; 2],
 }
 
-/// A neighbour, and the cost of a merge with it.
+/// A candidate, and the cost of a merge with it.
 #[derive(Clone, Copy)]
 struct Partner {
     node: u32,
-    /// How often it had been merged when the cost was computed, or [`UNKNOWN`].
+    /// The version of the candidate that the cost was computed for, or [`UNKNOWN`].
     version: u32,
     /// The bits of the cost.
     cost: u32,
@@ -38,21 +38,21 @@ impl Partner {
 }
 
 struct Merging {
-    blobs: Vec<Blob>,
-    /// For a node that was merged into another: that one.
+    densities: Vec<Density>,
+    /// The node that each was merged into; itself while it exists.
     into: Vec<u32>,
+    /// Number of merges into each node.
     versions: Vec<u32>,
-    near: Vec<Vec<Partner>>,
+    partners: Vec<Vec<Partner>>,
     pairs: BinaryHeap<Reverse<Pair>>,
 }
 
-/// Merges nodes until `wanted` are left. Returns for each node the one that it was merged into, which is itself for
-/// those that are left.
-pub fn merged(blobs: Vec<Blob>, wanted: usize) -> Vec<u32> {
-    let count = blobs.len();
+/// Merges nodes until `wanted` are left. Returns the node that each was merged into; itself if it is left.
+pub fn merged(densities: Vec<Density>, wanted: usize) -> Vec<u32> {
+    let count = densities.len();
     let mut merging = Merging {
-        near: vec![Vec::new(); count],
-        blobs,
+        partners: vec![Vec::new(); count],
+        densities,
         into: (0..count as u32).collect(),
         versions: vec![0; count],
         pairs: BinaryHeap::with_capacity(2 * count),
@@ -60,7 +60,7 @@ pub fn merged(blobs: Vec<Blob>, wanted: usize) -> Vec<u32> {
     let mut left = count;
     while left > wanted.max(1) {
         let Some(Reverse(pair)) = merging.pairs.pop() else {
-            // At first, and where all neighbours of some nodes were merged with one another.
+            // Initially, and once all candidates of the remaining nodes are used up.
             merging.find_neighbours();
             continue;
         };
@@ -79,13 +79,14 @@ pub fn merged(blobs: Vec<Blob>, wanted: usize) -> Vec<u32> {
 }
 
 impl Merging {
-    /// Finds the neighbours of all nodes that are left, and their partners.
+    /// Finds the candidates of all remaining nodes, and queues the cheapest pair of each.
     fn find_neighbours(&mut self) {
         let left: Vec<u32> = (0..self.into.len() as u32).filter(|node| self.into[*node as usize] == *node).collect();
-        let mean = |node: &u32| self.blobs[*node as usize].mean();
+        let mean = |node: &u32| self.densities[*node as usize].mean();
         let means: Vec<[f32; 3]> = left.iter().map(mean).collect();
-        for (node, near) in left.iter().zip(neighbours(&means)) {
-            self.near[*node as usize] = near.into_iter().map(|other| Partner::new(left[other as usize])).collect();
+        for (node, partners) in left.iter().zip(neighbours(&means)) {
+            self.partners[*node as usize] =
+                partners.into_iter().map(|other| Partner::new(left[other as usize])).collect();
         }
         for node in left {
             self.keep_nearest(node);
@@ -105,63 +106,65 @@ impl Merging {
         root
     }
 
-    /// Takes the neighbours of a node, as the nodes that they were merged into, each once.
-    fn left_near(&mut self, own: u32) -> Vec<Partner> {
-        let mut near = std::mem::take(&mut self.near[own as usize]);
-        for partner in &mut near {
+    /// Takes the candidates of a node, each replaced by the node that it was merged into, without duplicates.
+    fn take_partners(&mut self, own: u32) -> Vec<Partner> {
+        let mut partners = std::mem::take(&mut self.partners[own as usize]);
+        for partner in &mut partners {
             let root = self.root(partner.node);
             if root != partner.node {
                 *partner = Partner::new(root);
             }
         }
-        near.sort_unstable_by_key(|partner| partner.node);
-        near.dedup_by_key(|partner| partner.node);
-        near.retain(|partner| partner.node != own);
-        near
+        partners.sort_unstable_by_key(|partner| partner.node);
+        partners.dedup_by_key(|partner| partner.node);
+        partners.retain(|partner| partner.node != own);
+        partners
     }
 
     fn keep_nearest(&mut self, node: u32) {
-        let mut near = std::mem::take(&mut self.near[node as usize]);
-        if near.len() > PARTNERS {
-            let own = &self.blobs[node as usize];
+        let mut partners = std::mem::take(&mut self.partners[node as usize]);
+        if partners.len() > PARTNERS {
+            let own = &self.densities[node as usize];
             let mut keyed: Vec<(f32, u32)> =
-                near.iter().map(|other| (own.distance(&self.blobs[other.node as usize]), other.node)).collect();
+                partners.iter().map(|other| (own.distance(&self.densities[other.node as usize]), other.node)).collect();
             keyed.select_nth_unstable_by(PARTNERS, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            near = keyed[..PARTNERS].iter().map(|(_, other)| Partner::new(*other)).collect();
-            near.sort_unstable_by_key(|partner| partner.node);
+            partners = keyed[..PARTNERS].iter().map(|(_, other)| Partner::new(*other)).collect();
+            partners.sort_unstable_by_key(|partner| partner.node);
         }
-        self.near[node as usize] = near;
+        self.partners[node as usize] = partners;
     }
 
-    /// Notes the cheapest partner of a node.
+    /// Queues the cheapest pair of a node.
     fn pair(&mut self, own: u32) {
-        let mut near = self.left_near(own);
-        let blob = &self.blobs[own as usize];
-        for partner in &mut near {
+        let mut partners = self.take_partners(own);
+        let density = &self.densities[own as usize];
+        for partner in &mut partners {
             let other = partner.node as usize;
-            // Most were not merged since: one of them was.
+            // Costs of unchanged nodes stay valid.
             if partner.version != self.versions[other] {
-                let cost = blob.cost(&self.blobs[other]).to_bits();
+                let cost = density.cost(&self.densities[other]).to_bits();
                 *partner = Partner { version: self.versions[other], cost, ..*partner };
             }
         }
-        if let Some(Partner { node, version, cost }) = near.iter().min_by_key(|partner| (partner.cost, partner.node)) {
+        if let Some(Partner { node, version, cost }) =
+            partners.iter().min_by_key(|partner| (partner.cost, partner.node))
+        {
             let versions = [self.versions[own as usize], *version];
             self.pairs.push(Reverse(Pair { cost: *cost, nodes: [own, *node], versions }));
         }
-        self.near[own as usize] = near;
+        self.partners[own as usize] = partners;
     }
 
     fn merge(&mut self, own: u32, other: u32) {
-        self.blobs[own as usize] = self.blobs[own as usize].merged(&self.blobs[other as usize]);
+        self.densities[own as usize] = self.densities[own as usize].merged(&self.densities[other as usize]);
         self.into[other as usize] = own;
         self.versions[own as usize] += 1;
-        let theirs = std::mem::take(&mut self.near[other as usize]);
-        let near = &mut self.near[own as usize];
-        near.extend(theirs);
-        // All of them were costs of what the two had been.
-        near.iter_mut().for_each(|partner| *partner = Partner::new(partner.node));
-        self.near[own as usize] = self.left_near(own);
+        let theirs = std::mem::take(&mut self.partners[other as usize]);
+        let partners = &mut self.partners[own as usize];
+        partners.extend(theirs);
+        // The costs were those of the two nodes before the merge.
+        partners.iter_mut().for_each(|partner| *partner = Partner::new(partner.node));
+        self.partners[own as usize] = self.take_partners(own);
         self.keep_nearest(own);
         self.pair(own);
     }

@@ -7,7 +7,7 @@ use super::node::Nodes;
 use crate::rules::{ALPHA_MAX, ALPHA_MIN, LOW_PASS};
 use crate::scene::harmonics;
 
-/// A direction in which nodes are looked at.
+/// The axes of a picture: its viewing direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Direction {
     right: DVec3,
@@ -23,8 +23,8 @@ impl Direction {
     }
 }
 
-/// Six of the twelve corners of an icosahedron, one of each opposite pair: the most even six directions. Three look one
-/// way and three the other, since splats cover one another differently from the two sides.
+/// Six of the twelve corners of an icosahedron, one of each opposite pair: the most even six directions. Every second one
+/// is reversed, since occlusion differs from the two sides.
 pub fn directions() -> [Direction; 6] {
     let long = (1.0 + 5.0_f64.sqrt()) / 2.0;
     let corners =
@@ -37,7 +37,7 @@ pub fn directions() -> [Direction; 6] {
     })
 }
 
-/// The part of the world that a picture shows.
+/// The pixel grid of a picture in the world.
 #[derive(Clone, Copy, Debug)]
 pub struct Window {
     direction: Direction,
@@ -57,7 +57,7 @@ impl Window {
         Self::within(nodes, direction, px, MARGIN * px)
     }
 
-    /// A window that reaches so far beyond all means, world units.
+    /// A window that reaches `margin` beyond all means, world units.
     pub fn within(nodes: &Nodes, direction: Direction, px: f64, margin: f64) -> Self {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for node in &nodes.nodes {
@@ -72,37 +72,36 @@ impl Window {
     }
 }
 
-/// A node in a window. It stays the same while the opacity and the colour of the node are fitted.
+/// A node in a window. It does not depend on the opacity and the colour, which are fitted.
 #[derive(Clone, Copy, Debug)]
 struct Splat {
     mean: [f32; 2],
     /// The inverse covariance: xx, xy, yy.
     conic: [f32; 3],
-    /// The variance of y.
-    tall: f64,
-    /// The part of the opacity that the low-pass leaves.
-    sharpness: f64,
-    /// The colour in this direction without that of degree 0.
-    rest: [f64; 3],
+    variance_y: f64,
+    /// The factor of the opacity that compensates for the low-pass.
+    compensation: f64,
+    /// The colour in this direction without the term of degree 0.
+    higher_degrees: [f64; 3],
 }
 
 /// Nodes in a window, front to back.
 pub struct Splats {
     window: Window,
     /// The basis function of degree 0.
-    flat: f64,
+    degree_0: f64,
     splats: Vec<Splat>,
-    /// The places of the splats, front to back.
+    /// Indices of the splats, front to back.
     order: Vec<u32>,
 }
 
-/// Red, green and blue times alpha, and what passes.
+/// Red, green and blue times alpha, and the transmittance.
 pub type Pixel = [f32; 4];
 
 /// Numbers that one instruction works on.
 pub const LANES: usize = 8;
 
-/// A picture, and what each splat has of it. The memory serves one picture after another.
+/// A picture, and the weights of each splat in it. The memory is reused by the next picture.
 #[derive(Clone, Debug, Default)]
 pub struct Drawing {
     /// Row by row, and [`LANES`] empty ones behind the last.
@@ -120,8 +119,8 @@ struct Row {
 }
 
 impl Drawing {
-    /// For each row of each splat, front to back: the splat, the first pixel, and the weights of the splat's colour in
-    /// the pixels from there on, alpha times transmittance. Some zeros fill up the last [`LANES`] weights.
+    /// The rows of all splats, front to back: the splat, the first pixel, and from there on the weights of the splat's
+    /// colour, alpha times transmittance. Zeros pad the last [`LANES`] weights.
     pub fn rows(&self) -> impl Iterator<Item = (usize, usize, &[[f32; LANES]])> {
         let ends = self.rows.iter().skip(1).map(|row| row.weights as usize).chain([self.weights.len()]);
         self.rows.iter().zip(ends).map(|(row, end)| {
@@ -168,17 +167,17 @@ impl Splats {
                 ]
                 .map(|v| v as f32),
                 conic: [c, -b, a].map(|v| (v / determinant) as f32),
-                tall: c,
-                sharpness: (sharp / determinant).sqrt(),
-                rest: [0, 1, 2].map(|k| higher().map(|(value, basis)| f64::from(value[k]) * basis).sum()),
+                variance_y: c,
+                compensation: (sharp / determinant).sqrt(),
+                higher_degrees: [0, 1, 2].map(|k| higher().map(|(value, basis)| f64::from(value[k]) * basis).sum()),
             });
             depths.push((forward.dot(centre) as f32, i as u32));
         }
         depths.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        Self { window, flat: basis[0], splats, order: depths.into_iter().map(|(_, i)| i).collect() }
+        Self { window, degree_0: basis[0], splats, order: depths.into_iter().map(|(_, i)| i).collect() }
     }
 
-    /// Draws the nodes that these splats were made of, with their opacities and colours of now.
+    /// Draws the nodes of these splats with their current opacities and colours.
     pub fn draw(&self, nodes: &Nodes, drawing: &mut Drawing) {
         draw(self, nodes, drawing);
     }
@@ -194,19 +193,20 @@ fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
     pixels.clear();
     pixels.resize(width * height + LANES, [0.0, 0.0, 0.0, 1.0]);
     for index in splats.order.iter().map(|i| *i as usize) {
-        let Splat { mean, conic: [a, b, c], tall, sharpness, rest } = splats.splats[index];
-        let opacity = (f64::from(nodes.nodes[index].opacity) * sharpness) as f32;
+        let Splat { mean, conic: [a, b, c], variance_y, compensation, higher_degrees } = splats.splats[index];
+        let opacity = (f64::from(nodes.nodes[index].opacity) * compensation) as f32;
         if opacity <= ALPHA_MIN {
             continue;
         }
-        let flat = nodes.sh(index)[0];
-        let colour = [0, 1, 2].map(|k| (0.5 + f64::from(flat[k]) * splats.flat + rest[k]).max(0.0) as f32);
-        // What is covered no longer passes.
+        let first = nodes.sh(index)[0];
+        let colour =
+            [0, 1, 2].map(|k| (0.5 + f64::from(first[k]) * splats.degree_0 + higher_degrees[k]).max(0.0) as f32);
+        // Reduces the transmittance.
         let tint = [colour[0], colour[1], colour[2], -1.0];
         // The square of the number of standard deviations to the edge of the ellipse, where alpha is the threshold,
         // and half of its height.
         let edge = 2.0 * f64::from(opacity / ALPHA_MIN).ln();
-        let (reach, edge, per_a) = ((edge * tall).sqrt() as f32, edge as f32, 1.0 / a);
+        let (reach, edge, per_a) = ((edge * variance_y).sqrt() as f32, edge as f32, 1.0 / a);
         for row in centres_within(mean[1], reach, height) {
             let y = row as f32 + 0.5 - mean[1];
             let root = (b * y).powi(2) - a * (c * y * y - edge);
@@ -252,8 +252,8 @@ fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
 
 /// The pixels whose centres lie within `reach` of `middle`, of `count`.
 fn centres_within(middle: f32, reach: f32, count: usize) -> std::ops::Range<usize> {
-    // Conversions round towards 0 and stop at the limits of the type. They take a part of the time of floor and ceil,
-    // which are calls where the processor may be an old one.
+    // Conversions round towards 0 and saturate. They are faster than floor and ceil, which are calls in builds for old
+    // processors.
     let low = middle - reach - 0.5;
     let first = low as u32 + u32::from(low > low as u32 as f32);
     let end = ((middle + reach + 0.5) as u32).min(count as u32);
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_holds_what_passes_and_what_is_near_covers_what_is_far() {
+    fn a_picture_has_transmittance_and_occlusion() {
         let red = [[1.0 / 0.282_094_79 * 0.5, -1.772, -1.772]];
         let mut nodes = Nodes::new(0);
         let direction = directions()[0];

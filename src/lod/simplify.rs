@@ -1,37 +1,39 @@
-//! Neighbouring nodes and their parents.
+//! Simplifies a group of neighbouring nodes to fewer parents.
 
 use std::collections::BTreeMap;
 
-use super::density::Blob;
+use super::density::Density;
 use super::fit::fit;
-use super::median::median;
 use super::merge::parent;
-use super::node::Nodes;
+use super::node::{Nodes, median};
 use super::pairs::merged;
 use crate::scene::{Curve, harmonics};
 
-/// The parents of a family.
+/// The parents of a group of nodes.
 #[derive(Clone, Debug)]
-pub struct Parents {
+pub struct Simplified {
     pub nodes: Nodes,
     /// For each child, the index of its parent.
-    pub of_children: Vec<u32>,
-    /// Differences show whole in pixels up to this width, world units, and fall with the square of it beyond.
-    pub detail: f32,
+    pub parent_of_child: Vec<u32>,
+    /// The reference pixel width, world units: in wider pixels, the squared difference from the children falls with the
+    /// square of the width.
+    pub reference_width: f32,
 }
 
-/// The part of the distance to a neighbour under which differences do not count when pairs are chosen.
-const BLURRED: f32 = 0.05;
+/// The blur of densities, as a fraction of the distance between neighbours: smaller differences do not count when pairs
+/// are chosen.
+const BLUR: f32 = 0.05;
 
-/// Finds `wanted` parents of these children, in the order of their places. `detail`: that of the children.
-pub fn parents(children: &Nodes, wanted: usize, detail: f32) -> Parents {
-    let into = merged(blobs(children), wanted);
-    let mut groups: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+/// Merges children until `wanted` parents are residual, which are fitted, measured and put into Morton
+/// order. `reference_width`: of the children.
+pub fn simplify(children: &Nodes, wanted: usize, reference_width: f32) -> Simplified {
+    let into = merged(densities(children), wanted);
+    let mut members_of_root: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for (child, root) in into.iter().enumerate() {
-        groups.entry(*root).or_default().push(child as u32);
+        members_of_root.entry(*root).or_default().push(child as u32);
     }
     let mut nodes = Nodes::new(children.sh_degree);
-    for members in groups.values() {
+    for members in members_of_root.values() {
         match members[..] {
             [only] => nodes.push(children.nodes[only as usize], children.sh(only as usize)),
             _ => {
@@ -40,43 +42,45 @@ pub fn parents(children: &Nodes, wanted: usize, detail: f32) -> Parents {
             }
         }
     }
-    let is_new: Vec<bool> = groups.values().map(|members| members.len() > 1).collect();
-    let left = fit(children, &mut nodes, &is_new);
-    for ((node, members), energy) in nodes.nodes.iter_mut().zip(groups.values()).zip(left.energies) {
+    let is_new: Vec<bool> = members_of_root.values().map(|members| members.len() > 1).collect();
+    let residual = fit(children, &mut nodes, &is_new);
+    for ((node, members), squared_error) in
+        nodes.nodes.iter_mut().zip(members_of_root.values()).zip(residual.squared_errors)
+    {
         let saved = members.len() - 1;
         if saved > 0 {
-            node.error = node.error.max((energy / saved as f64).sqrt() as f32);
-            // In the pixels in which the parents are drawn, the errors of the children have fallen.
-            let fallen = (detail / left.detail as f32).min(1.0).powi(2);
-            node.energy = node.energy * fallen + energy as f32;
+            node.error = node.error.max((squared_error / saved as f64).sqrt() as f32);
+            // In pixels of the reference width of the parents, the errors of the children have fallen.
+            let fallen = (reference_width / residual.reference_width as f32).min(1.0).powi(2);
+            node.squared_error = node.squared_error * fallen + squared_error as f32;
         }
     }
-    // A node that has no brother is the same on both pages. It changes pages as most of the family does.
+    // A parent with one child is a copy of it. It gets the median error, so that it is replaced with most of its group.
     let new = nodes.nodes.iter().zip(&is_new).filter(|(_, is_new)| **is_new);
     let typical = median(new.map(|(node, _)| node.error.into()).collect()) as f32;
     let copies = nodes.nodes.iter_mut().zip(&is_new).filter(|(_, is_new)| !**is_new);
     copies.for_each(|(node, _)| node.error = node.error.max(typical));
-    let order = along_a_curve(&nodes);
-    let mut place = vec![0; order.len()];
-    order.iter().enumerate().for_each(|(new, old)| place[*old as usize] = new as u32);
-    let mut of_children = vec![0; children.len()];
-    for (number, members) in groups.values().enumerate() {
-        members.iter().for_each(|child| of_children[*child as usize] = place[number]);
+    let order = morton_order(&nodes);
+    let mut position = vec![0; order.len()];
+    order.iter().enumerate().for_each(|(new, old)| position[*old as usize] = new as u32);
+    let mut parent_of_child = vec![0; children.len()];
+    for (number, members) in members_of_root.values().enumerate() {
+        members.iter().for_each(|child| parent_of_child[*child as usize] = position[number]);
     }
-    Parents { nodes: nodes.selected(&order), of_children, detail: left.detail as f32 }
+    Simplified { nodes: nodes.selected(&order), parent_of_child, reference_width: residual.reference_width as f32 }
 }
 
-/// The children as the choice of pairs sees them.
-fn blobs(children: &Nodes) -> Vec<Blob> {
+/// The projected densities of the children.
+fn densities(children: &Nodes) -> Vec<Density> {
     let origin = children.nodes[0].mean;
     let pairs = children.nodes.windows(2);
     let typical = median(pairs.map(|pair| (pair[0].centre() - pair[1].centre()).length()).collect());
-    let blur = (BLURRED * typical as f32).powi(2).max(1e-20);
+    let blur = (BLUR * typical as f32).powi(2).max(1e-20);
     let colour = |i: usize| children.sh(i)[0].map(|value| (0.5 + harmonics::C0 as f32 * value).max(0.0));
-    (0..children.len()).map(|i| Blob::of(&children.nodes[i], colour(i), origin, blur)).collect()
+    (0..children.len()).map(|i| Density::of(&children.nodes[i], colour(i), origin, blur)).collect()
 }
 
-fn along_a_curve(nodes: &Nodes) -> Vec<u32> {
+fn morton_order(nodes: &Nodes) -> Vec<u32> {
     let (low, high) = nodes.bounds();
     let curve = Curve::through(low, high);
     let mut keyed: Vec<(u64, u32)> =
@@ -91,15 +95,15 @@ mod tests {
     use crate::procedural::cactus;
 
     #[test]
-    fn families_of_a_scene_lose_little_and_the_same_in_every_run() {
+    fn simplified_groups_are_the_same_in_every_run() {
         let children = Nodes::of(&cactus::cactus(4096).unwrap().gaussians);
-        let found = parents(&children, 1024, 0.0);
+        let found = simplify(&children, 1024, 0.0);
         assert_eq!(found.nodes.len(), 1024);
         let mut members = vec![0; 1024];
-        found.of_children.iter().for_each(|parent| members[*parent as usize] += 1);
+        found.parent_of_child.iter().for_each(|parent| members[*parent as usize] += 1);
         assert!(members.iter().all(|count| *count > 0));
         assert!(found.nodes.nodes.iter().all(|node| node.error > 0.0));
-        let again = parents(&children, 1024, 0.0);
-        assert_eq!((again.nodes, again.of_children), (found.nodes, found.of_children));
+        let again = simplify(&children, 1024, 0.0);
+        assert_eq!((again.nodes, again.parent_of_child), (found.nodes, found.parent_of_child));
     }
 }

@@ -1,4 +1,4 @@
-//! Faults of reading that are simulated on purpose, for tests.
+//! Simulated faults of reading, for tests.
 
 use std::str::FromStr;
 use std::sync::OnceLock;
@@ -17,12 +17,12 @@ pub enum ReadFault {
 
 static FAULT: OnceLock<ReadFault> = OnceLock::new();
 
-/// Simulates the fault from now on. Only the first fault counts.
+/// Simulates a fault until the process ends. Later calls have no effect.
 pub fn simulate(fault: ReadFault) {
     _ = FAULT.set(fault);
 }
 
-/// The fault that is simulated.
+/// The simulated fault.
 pub(crate) fn simulated() -> Option<ReadFault> {
     FAULT.get().copied()
 }

@@ -5,7 +5,7 @@ use twox_hash::XxHash3_64;
 
 use super::bytes::{Reader, Writer};
 use super::page::{Entry, PAGE, PageWords};
-use super::page_lod::{LEVEL_WORDS, Level};
+use super::page_lod::{LEVEL_WORDS, PageLod};
 use crate::formats::PAGE_FILE_SIGNATURE;
 use crate::options::Storage;
 use crate::packing::{Layout, Packing, Statistics};
@@ -13,12 +13,12 @@ use crate::scene::{Band, Bounds, Focus, Grid, LoadReport, MAX_SH_DEGREE, Require
 
 /// Bytes of the header.
 pub const HEADER: usize = 4096;
-/// The version of a file without levels of detail, and of one with them.
+/// The format versions of files without and with levels of detail.
 const VERSIONS: [u32; 2] = [1, 2];
 /// Longest texts that are kept, in bytes.
 const MOST_TEXT: usize = 512;
 
-/// Everything in a page file but its table and its pages.
+/// The header of a page file: all but its tables and its pages.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
     pub statistics: Statistics,
@@ -35,22 +35,22 @@ pub struct Header {
     pub format: String,
     /// XXH3 of the table.
     pub table_checksum: u64,
-    /// Where the geometry of the first page begins, bytes.
+    /// Byte offset of the geometry of the first page.
     pub geometry_at: u64,
-    /// Where the colours of the first page begin, bytes.
+    /// Byte offset of the colours of the first page.
     pub colours_at: u64,
-    /// Set if there are levels of detail.
-    pub levels: Option<LevelParts>,
+    /// Sections of the levels of detail, in files that have them.
+    pub levels: Option<LodSections>,
 }
 
-/// The parts of a file that only levels of detail need.
+/// The sections of a file with levels of detail.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LevelParts {
-    /// Pages of nodes that stand for others, behind those of the scene.
+pub struct LodSections {
+    /// Number of pages of merged nodes, which follow the pages of the scene.
     pub pages: usize,
-    /// Where the words of levels begin, bytes.
+    /// Byte offset of the words of levels.
     pub words_at: u64,
-    /// Where the table of levels begins, bytes: it ends the file.
+    /// Byte offset of the table of levels, which ends the file.
     pub table_at: u64,
     /// XXH3 of the table of levels.
     pub checksum: u64,
@@ -63,9 +63,9 @@ const LEVEL_BYTES: u64 = 4 * (LEVEL_WORDS * PAGE) as u64;
 const ALIGNED: u64 = 4096;
 
 impl Header {
-    /// Where the streams begin in a file of at most `pages` pages: geometry, colours, words of levels; and where the
-    /// table of levels begins.
-    pub fn places(pages: usize, words: &PageWords) -> [u64; 4] {
+    /// Byte offsets in a file of at most `pages` pages: of the streams geometry, colours and words of levels, and of the
+    /// table of levels.
+    pub fn stream_offsets(pages: usize, words: &PageWords) -> [u64; 4] {
         let table_end = HEADER as u64 + (pages * Entry::BYTES) as u64;
         let geometry = table_end.next_multiple_of(ALIGNED);
         let colours = (geometry + (pages * words.geometry() * 4) as u64).next_multiple_of(ALIGNED);
@@ -92,7 +92,7 @@ impl Header {
     pub fn file_bytes(&self) -> u64 {
         match self.levels {
             None => self.colours_at + self.pages() as u64 * 4 * PageWords::of(&self.layout).colours() as u64,
-            Some(levels) => levels.table_at + (self.pages() * Level::BYTES) as u64,
+            Some(levels) => levels.table_at + (self.pages() * PageLod::BYTES) as u64,
         }
     }
 
@@ -111,7 +111,7 @@ impl Header {
         put_layout(&self.layout, &mut out);
         out.text(&self.title, MOST_TEXT);
         out.text(&self.format, MOST_TEXT);
-        if let Some(LevelParts { pages, words_at, table_at, checksum }) = self.levels {
+        if let Some(LodSections { pages, words_at, table_at, checksum }) = self.levels {
             [pages as u64, words_at, table_at, checksum].into_iter().for_each(|value| out.u64(value));
         }
         let mut bytes = out.0;
@@ -151,7 +151,7 @@ impl Header {
         let (title, format) = (from.text()?, from.text()?);
         let levels = match version == with_levels {
             false => None,
-            true => Some(LevelParts {
+            true => Some(LodSections {
                 pages: usize::try_from(from.u64()?)?,
                 words_at: from.u64()?,
                 table_at: from.u64()?,
@@ -193,7 +193,7 @@ impl Header {
                     end.is_some_and(|end| levels.words_at >= end && levels.words_at.is_multiple_of(ALIGNED));
                 let table = levels.words_at.checked_add(self.pages() as u64 * LEVEL_BYTES);
                 let is_table = is_behind && table.is_some_and(|end| levels.table_at >= end);
-                let end = levels.table_at.checked_add((self.pages() * Level::BYTES) as u64);
+                let end = levels.table_at.checked_add((self.pages() * PageLod::BYTES) as u64);
                 end.filter(|_| is_table)
             }
         };

@@ -1,4 +1,4 @@
-//! Nodes of a page file as Gaussians.
+//! Reads nodes of a page file as Gaussians.
 
 use std::ops::Range;
 
@@ -8,7 +8,7 @@ use super::page::PAGE;
 use super::page_lod::{LEVEL_WORDS, NO_NODE};
 use super::reader::PageFile;
 use crate::host_memory::OutOfMemory;
-use crate::lod::value;
+use crate::lod::value_of_code;
 use crate::packing::Shape;
 use crate::scene::{Gaussians, Parts, Unreadable};
 
@@ -18,11 +18,12 @@ pub struct NodeReader<'f> {
     geometry: Vec<u32>,
     colours: Vec<u32>,
     parts: Parts,
+    /// Number of nodes that were read.
     taken: usize,
 }
 
 impl<'f> NodeReader<'f> {
-    /// Room for `count` nodes.
+    /// A reader of `count` nodes.
     ///
     /// # Errors
     /// [`OutOfMemory`].
@@ -32,7 +33,7 @@ impl<'f> NodeReader<'f> {
         Ok(Self { file, geometry: vec![0; words.geometry()], colours: vec![0; words.colours()], parts, taken: 0 })
     }
 
-    /// Takes the nodes of a page whose words of levels `is_taken` accepts. Reads nothing if there are none.
+    /// Reads the nodes of a page whose words of levels `is_taken` accepts.
     ///
     /// # Errors
     /// [`Unreadable`].
@@ -52,7 +53,7 @@ impl<'f> NodeReader<'f> {
         for (k, words) in words.iter().enumerate().filter(|(_, words)| is_taken(words)) {
             let mut shape = of_page.unpacked(layout, geometry, k);
             if page >= file.header().scene_pages() {
-                shape.opacity = value(words[1] as u16) as f32;
+                shape.opacity = value_of_code(words[1] as u16) as f32;
             }
             put(parts, *taken, opaque_at_most(shape), &layout.unpacked_sh(&of_page.sh_of(colours, k)));
             *taken += 1;
@@ -60,10 +61,10 @@ impl<'f> NodeReader<'f> {
         Ok(())
     }
 
-    /// The nodes that were taken, which fill the room.
+    /// The `count` nodes that were read.
     ///
     /// # Errors
-    /// [`Unreadable`] if one of them has values that no reader makes.
+    /// [`Unreadable`] if a node has invalid values.
     pub fn finish(self) -> Result<Gaussians> {
         self.parts.finish().map_err(|problem| Unreadable::new(self.file.path(), &problem).into())
     }
@@ -90,11 +91,11 @@ pub fn nodes_of(file: &PageFile, pages: &[Range<usize>]) -> Result<Gaussians> {
     reader.finish()
 }
 
-/// Puts a Gaussian into its place. `sh` may have more coefficients than the scene.
+/// Stores Gaussian `place` of a scene. `sh` may have more coefficients than the scene.
 pub fn put(parts: &mut Parts, place: usize, shape: Shape, sh: &[[f32; 3]]) {
     let Shape { mean, rotation, scale, opacity } = shape;
     (parts.means[place], parts.rotations[place], parts.scales[place]) = (mean, rotation, scale);
-    // An opacity of 16 bits may be rounded to 0, which no other scene has.
+    // Opacities of 16 bits may be rounded to 0, which scenes do not allow.
     parts.opacities[place] = opacity.max(f32::from_bits(1));
     let stride = parts.sh.len() / parts.means.len();
     parts.sh[place * stride..][..stride].copy_from_slice(&sh[..stride]);

@@ -7,13 +7,13 @@ use crate::packing::{Layout, Shape, pack_sh, pack_shapes, put, reach, share, tak
 /// Gaussians of a page.
 pub const PAGE: usize = 1024;
 
-/// The index of a place in the last page that holds no Gaussian.
+/// The index in the padding of the last page.
 pub const PADDING: u32 = u32::MAX;
 
 /// The reach of a Gaussian that is never drawn, and of a page without any that is drawn.
-const NEVER: f32 = -1.0;
+const NEVER_DRAWN: f32 = -1.0;
 
-/// What is known of a page without reading it.
+/// The bounds of a page, which are in the table of the file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Page {
     /// Smallest coordinates of the means, world units.
@@ -47,7 +47,7 @@ impl Page {
         let mut page = Self {
             low: [f32::INFINITY; 3],
             high: [f32::NEG_INFINITY; 3],
-            reach: NEVER,
+            reach: NEVER_DRAWN,
             largest_scale: 0.0,
             highest_opacity: 0.0,
             count: 0,
@@ -70,8 +70,8 @@ impl Page {
         page
     }
 
-    /// The page where Gaussians may be culled where their alpha is below `alpha_min`, and where packing may have made
-    /// scales larger by the factor `wider` and opacities by `denser`, so that the reach is a bound again.
+    /// The page with bounds for the alpha threshold `alpha_min`, after packing that makes scales larger by the factor
+    /// `wider` and opacities by `denser` at most.
     #[must_use]
     pub fn at(&self, alpha_min: f32, wider: f32, denser: f32) -> Self {
         let largest_scale = rounded_up((self.largest_scale * wider).min(f32::MAX));
@@ -123,7 +123,7 @@ impl Entry {
     pub fn is_plausible(&self) -> bool {
         let Page { low, high, reach, largest_scale, count, .. } = self.page;
         let is_box = low.iter().zip(high).all(|(low, high)| low.is_finite() && high.is_finite() && *low <= high);
-        is_box && (reach >= 0.0 || reach == NEVER) && largest_scale >= 0.0 && (1..=PAGE as u32).contains(&count)
+        is_box && (reach >= 0.0 || reach == NEVER_DRAWN) && largest_scale >= 0.0 && (1..=PAGE as u32).contains(&count)
     }
 }
 
@@ -136,7 +136,7 @@ pub struct PageRecord {
     sh: [u32; 48],
 }
 
-/// Where the words of a page lie. Its geometry is a plane of bounds, the planes of shapes and a plane of indices; its
+/// The layout of the words of a page. Its geometry is a plane of bounds, the planes of shapes and a plane of indices; its
 /// colours are the planes of spherical harmonics.
 #[derive(Clone, Debug)]
 pub struct PageWords {
@@ -215,7 +215,7 @@ impl PageWords {
             *place = if k < count { id(k) } else { PADDING };
         }
         let (bounds, padding) = bounds.as_chunks_mut().0.split_at_mut(count);
-        padding.iter_mut().for_each(|bounds: &mut [u32; 4]| bounds[3] = NEVER.to_bits());
+        padding.iter_mut().for_each(|bounds: &mut [u32; 4]| bounds[3] = NEVER_DRAWN.to_bits());
         pack_shapes(layout, alpha_min, shape, bounds, &mut split(&self.shapes, shapes));
     }
 
@@ -236,7 +236,7 @@ impl PageWords {
         let (bounds, rest) = geometry.split_at_mut(4 * PAGE);
         let (shapes, ids) = rest.split_at_mut(self.ids.start - 4 * PAGE);
         ids.fill(PADDING);
-        bounds.as_chunks_mut().0.iter_mut().for_each(|bounds: &mut [u32; 4]| bounds[3] = NEVER.to_bits());
+        bounds.as_chunks_mut().0.iter_mut().for_each(|bounds: &mut [u32; 4]| bounds[3] = NEVER_DRAWN.to_bits());
         let (mut shapes, mut sh) = (split(&self.shapes, shapes), split(&self.sh, colours));
         for (k, record) in records.iter().enumerate() {
             bounds[4 * k..][..4].copy_from_slice(&record.bounds);

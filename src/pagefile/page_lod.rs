@@ -1,73 +1,74 @@
-//! What a page file with levels of detail says of a page: where its nodes are allowed to be drawn, and their errors.
+//! The levels of detail of one page: its entry in the table of levels, and the words of levels of its nodes.
 
-use crate::lod::{FINEST, NEVER, Node, code};
+use crate::lod::{FINEST, NEVER, Node, code_of};
 use crate::scene::along_curve;
 
-/// Parts of a page, in the order of their errors, whose largest error is known.
+/// Parts of a page by error, an eighth of its nodes each. The table has the largest error of each part.
 pub const PARTS: usize = 8;
 
-/// Nodes of a page whose places are known without reading it.
+/// Nodes of a page whose means are in the table.
 pub const SAMPLES: usize = 8;
 
-/// The number of no page: of the parent of the coarsest one.
+/// The parent of the coarsest page: none.
 pub const NO_PAGE: u32 = u32::MAX;
 
-/// Words of levels that a Gaussian takes: its own error and its parent's, its opacity and the sum of opacities.
+/// Words of levels of a node: its own error and its parent's, its opacity and the sum of opacities.
 pub const LEVEL_WORDS: usize = 2;
 
-/// A page in a hierarchy. All of its nodes are judged from one distance: that of the camera to a box, which holds the
-/// boxes of all pages whose parents are in it.
+/// A page in a hierarchy. All of its nodes have one distance: that of the camera to a box, which contains the boxes of
+/// all pages whose parents are in this page.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Level {
+pub struct PageLod {
     pub low: [f32; 3],
     pub high: [f32; 3],
-    /// Errors show whole in pixels up to this width, world units; not less than that of its children.
-    pub detail: f32,
-    /// A page with the box and the detail by which the parents of its nodes are judged, or [`NO_PAGE`].
+    /// The reference pixel width, world units: in wider pixels, errors fall with the square of the width. Not less than
+    /// that of its children.
+    pub reference_width: f32,
+    /// A page with the box and the reference width of the parents of its nodes, or [`NO_PAGE`].
     pub parent: u32,
     /// The largest opacity or sum of opacities.
-    pub most_opacity: f32,
-    /// The least code of an own error.
-    pub least: u16,
-    /// The own errors as codes, ascending: the largest of each eighth of the nodes.
+    pub highest_opacity: f32,
+    /// The least own error, as a code.
+    pub least_error: u16,
+    /// The largest own error of each eighth of the nodes, as codes, ascending.
     pub errors: [u16; PARTS],
-    /// The same of the errors of parents.
-    pub parents: [u16; PARTS],
-    /// For each eighth of the nodes by own errors: the mean squared error against the scene, as a code.
-    pub energies: [u16; PARTS],
-    /// The means of some nodes: for each axis ten bits with a place among 1024 equal parts of the box of all means.
+    /// The largest error of the parents of each eighth of the nodes by that error, as codes, ascending.
+    pub parent_errors: [u16; PARTS],
+    /// The mean squared error against the scene of each eighth of the nodes by own errors, as codes.
+    pub squared_errors: [u16; PARTS],
+    /// The means of some nodes: ten bits per axis, quantized in the box of all means.
     pub samples: [u32; SAMPLES],
     /// XXH3 of the words of levels.
     pub checksum: u64,
 }
 
-impl Level {
+impl PageLod {
     pub const BYTES: usize = 128;
 
-    /// The page of these nodes; `own` and `parents` are the codes of their errors and of those of their parents, in the
-    /// same order. The box, the detail and the page of the parents are set by the caller. `fallen`: the part of the
-    /// squared errors of the nodes that is left in pixels as wide as that detail.
-    pub fn of(nodes: &[Node], [own, parents]: [&[u16]; 2], fallen: f32) -> Self {
-        let mut own: Vec<(u16, f32)> = own.iter().zip(nodes).map(|(code, node)| (*code, node.energy)).collect();
+    /// The page of these nodes; `own` and `parents` are the codes of their errors and of their parents' errors, in the same
+    /// order. The caller sets the box, the reference width and the page of the parents. `scale`: the factor of the squared
+    /// errors in pixels of the reference width of the page.
+    pub fn of(nodes: &[Node], [own, parents]: [&[u16]; 2], scale: f32) -> Self {
+        let mut own: Vec<(u16, f32)> = own.iter().zip(nodes).map(|(code, node)| (*code, node.squared_error)).collect();
         own.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
         let mut parents = parents.to_vec();
         parents.sort_unstable();
         let end = |part: usize| ((part + 1) * nodes.len()).div_ceil(PARTS);
-        let energy = |part: usize| {
+        let squared_error = |part: usize| {
             let nodes = &own[(part * nodes.len()).div_ceil(PARTS)..end(part)];
-            let sum: f64 = nodes.iter().map(|(_, energy)| f64::from(*energy)).sum();
-            code(f64::from(fallen) * sum / nodes.len().max(1) as f64)
+            let sum: f64 = nodes.iter().map(|(_, squared_error)| f64::from(*squared_error)).sum();
+            code_of(f64::from(scale) * sum / nodes.len().max(1) as f64)
         };
         Self {
             low: [0.0; 3],
             high: [0.0; 3],
-            detail: 0.0,
+            reference_width: 0.0,
             parent: NO_PAGE,
-            most_opacity: nodes.iter().map(|node| node.opacity.max(node.summed)).fold(0.0, f32::max),
-            least: own.first().map_or(FINEST, |first| first.0),
+            highest_opacity: nodes.iter().map(|node| node.opacity.max(node.opacity_sum)).fold(0.0, f32::max),
+            least_error: own.first().map_or(FINEST, |first| first.0),
             errors: std::array::from_fn(|part| own[end(part) - 1].0),
-            parents: std::array::from_fn(|part| parents[end(part) - 1]),
-            energies: std::array::from_fn(energy),
+            parent_errors: std::array::from_fn(|part| parents[end(part) - 1]),
+            squared_errors: std::array::from_fn(squared_error),
             samples: samples(nodes),
             checksum: 0,
         }
@@ -75,11 +76,12 @@ impl Level {
 
     pub fn encoded(&self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
-        let floats = self.low.into_iter().chain(self.high).chain([self.detail]).flat_map(f32::to_le_bytes);
-        let codes = [self.least, 0].into_iter().chain(self.errors).chain(self.parents).chain(self.energies);
+        let floats = self.low.into_iter().chain(self.high).chain([self.reference_width]).flat_map(f32::to_le_bytes);
+        let codes =
+            [self.least_error, 0].into_iter().chain(self.errors).chain(self.parent_errors).chain(self.squared_errors);
         let all = floats
             .chain(self.parent.to_le_bytes())
-            .chain(self.most_opacity.to_le_bytes())
+            .chain(self.highest_opacity.to_le_bytes())
             .chain(codes.flat_map(u16::to_le_bytes))
             .chain(self.samples.into_iter().flat_map(u32::to_le_bytes))
             .chain(self.checksum.to_le_bytes());
@@ -96,13 +98,13 @@ impl Level {
         Self {
             low: [0, 1, 2].map(float),
             high: [3, 4, 5].map(float),
-            detail: float(6),
+            reference_width: float(6),
             parent: word(7),
-            most_opacity: float(8),
-            least: word(9) as u16,
+            highest_opacity: float(8),
+            least_error: word(9) as u16,
             errors: codes(40),
-            parents: codes(56),
-            energies: codes(72),
+            parent_errors: codes(56),
+            squared_errors: codes(72),
             samples: std::array::from_fn(|i| word(22 + i)),
             checksum: u64::from_le_bytes(std::array::from_fn(|k| bytes[120 + k])),
         }
@@ -116,11 +118,11 @@ impl Level {
         let has_parent = (own..pages).contains(&(self.parent as usize));
         let is_parent = if is_last { self.parent == NO_PAGE } else { has_parent };
         is_box
-            && self.detail >= 0.0
+            && self.reference_width >= 0.0
             && is_parent
-            && self.most_opacity >= 0.0
+            && self.highest_opacity >= 0.0
             && self.errors.is_sorted()
-            && self.parents.is_sorted()
+            && self.parent_errors.is_sorted()
     }
 }
 
@@ -149,11 +151,11 @@ fn sample(point: [f32; 3], low: [f32; 3], high: [f32; 3]) -> u32 {
 
 /// The words of levels of a node.
 pub fn level_words(error: u16, parent: u16, opacities: Option<[f32; 2]>) -> [u32; LEVEL_WORDS] {
-    let [opacity, summed] = opacities.map_or([0; 2], |both| both.map(|value| code(value.into())));
-    [u32::from(error) | u32::from(parent) << 16, u32::from(opacity) | u32::from(summed) << 16]
+    let [opacity, opacity_sum] = opacities.map_or([0; 2], |both| both.map(|value| code_of(value.into())));
+    [u32::from(error) | u32::from(parent) << 16, u32::from(opacity) | u32::from(opacity_sum) << 16]
 }
 
-/// The words of a place in the last page that holds no node: it is never drawn.
+/// The words of padding in the last page: never drawn.
 pub const NO_NODE: [u32; LEVEL_WORDS] = [NEVER as u32, 0];
 
 #[cfg(test)]
@@ -162,22 +164,22 @@ mod tests {
 
     #[test]
     fn levels_are_read_as_they_were_written() {
-        let level = Level {
+        let level = PageLod {
             low: [1.0, -2.0, 3.0],
             high: [1.5, 2.0, 3.0],
-            detail: 0.5,
+            reference_width: 0.5,
             parent: 77,
-            most_opacity: 12.0,
-            least: 3,
+            highest_opacity: 12.0,
+            least_error: 3,
             errors: [3, 4, 5, 6, 7, 8, 9, 60000],
-            parents: [10, 11, 12, 13, 14, 15, 16, 17],
-            energies: [9, 8, 7, 6, 5, 4, 3, 2],
+            parent_errors: [10, 11, 12, 13, 14, 15, 16, 17],
+            squared_errors: [9, 8, 7, 6, 5, 4, 3, 2],
             samples: [1, 2, 3, 4, 5, 6, 7, u32::MAX],
             checksum: 0x1234_5678_9abc_def0,
         };
-        assert_eq!(Level::decoded(&level.encoded()), level);
+        assert_eq!(PageLod::decoded(&level.encoded()), level);
         assert!(level.is_plausible(5, 78) && !level.is_plausible(77, 78) && !level.is_plausible(80, 90));
-        assert!(Level { parent: NO_PAGE, ..level }.is_plausible(77, 78));
+        assert!(PageLod { parent: NO_PAGE, ..level }.is_plausible(77, 78));
     }
 
     #[test]

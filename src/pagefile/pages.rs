@@ -1,4 +1,4 @@
-//! The pages of a scene in the layout that a renderer wants, from a page file or from memory.
+//! The pages of a scene in the layout of a renderer, from a page file or from memory.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -7,7 +7,7 @@ use anyhow::Result;
 use rayon::prelude::*;
 
 use super::page::{PADDING, PAGE, Page, PageWords};
-use super::page_lod::{LEVEL_WORDS, Level};
+use super::page_lod::{LEVEL_WORDS, PageLod};
 use super::reader::PageFile;
 use crate::options::{Options, Storage};
 use crate::packing::{Layout, Packing, Shape, Statistics, reach};
@@ -24,23 +24,23 @@ struct Inner {
     alpha_min: f32,
     words: PageWords,
     pages: Vec<Page>,
-    /// The pages are those of a file with levels of detail, and not only those of the scene.
+    /// The pages include those of the levels of detail.
     has_levels: bool,
     notice: Option<String>,
 }
 
 enum Source {
-    /// A file whose words are the wanted ones, perhaps but for reaches.
+    /// A file with the words of the layout, but without its reaches if `has_reaches` is false.
     File { file: Arc<PageFile>, has_reaches: bool },
-    /// A file without loss, whose words are packed again.
+    /// A lossless file, whose words are packed again.
     Repacked(Arc<PageFile>),
     /// Gaussians, and their indices in the order of the pages.
     Memory { gaussians: Arc<Gaussians>, order: Vec<u32> },
 }
 
 impl Pages {
-    /// The pages of a file in the layout that `options` ask for. A file that was stored with loss keeps its layout. The
-    /// pages of its levels of detail are among them if the options want levels.
+    /// The pages of a file in the layout of `options`. A file that was stored with loss keeps its layout. The pages of its
+    /// levels of detail are included if the options use levels.
     pub fn of_file(file: Arc<PageFile>, options: &Options) -> Self {
         let header = file.header();
         let (statistics, alpha_min) = (header.statistics.clone(), options.rules.alpha_min);
@@ -76,7 +76,7 @@ impl Pages {
         Self(Arc::new(Inner { source, statistics, layout, alpha_min, words, pages, has_levels, notice }))
     }
 
-    /// The pages of Gaussians in memory, in the layout that `options` ask for. They are packed when they are read.
+    /// The pages of Gaussians in memory, in the layout of `options`. They are packed when they are read.
     pub fn of_gaussians(gaussians: Arc<Gaussians>, statistics: Statistics, options: &Options) -> Self {
         let layout = Layout::of(&statistics, options);
         let (words, alpha_min) = (PageWords::of(&layout), options.rules.alpha_min);
@@ -111,13 +111,13 @@ impl Pages {
         self.0.alpha_min
     }
 
-    /// Why the layout is not the wanted one, as a clause.
+    /// The reason why the layout is not that of the options, as a clause.
     pub fn notice(&self) -> Option<&str> {
         self.0.notice.as_deref()
     }
 
-    /// What levels of detail say of each page; none if the pages are those of the scene alone.
-    pub fn levels(&self) -> Option<&[Level]> {
+    /// The table of levels; none if the pages are those of the scene alone.
+    pub fn levels(&self) -> Option<&[PageLod]> {
         match &self.0.source {
             Source::File { file, .. } | Source::Repacked(file) if self.0.has_levels => file.levels(),
             _ => None,
@@ -169,10 +169,10 @@ impl Pages {
     /// [`Unreadable`](crate::scene::Unreadable) if a page of a file cannot be read.
     ///
     /// # Panics
-    /// If there are other numbers of words, or not so many pages.
+    /// If the number of words is not that of the pages, or the pages do not exist.
     pub fn read_geometry(&self, pages: Range<usize>, words: &mut [u32]) -> Result<()> {
         let inner = &*self.0;
-        assert_eq!(words.len(), pages.len() * self.geometry_words(), "the pages have so many words");
+        assert_eq!(words.len(), pages.len() * self.geometry_words(), "as many words as the pages have");
         match &inner.source {
             Source::File { file, has_reaches } => {
                 file.read_geometry(pages, words)?;
@@ -212,7 +212,7 @@ impl Pages {
     /// Where [`read_geometry`](Self::read_geometry) does.
     pub fn read_colours(&self, pages: Range<usize>, words: &mut [u32]) -> Result<()> {
         let inner = &*self.0;
-        assert_eq!(words.len(), pages.len() * self.colour_words(), "the pages have so many words");
+        assert_eq!(words.len(), pages.len() * self.colour_words(), "as many words as the pages have");
         match &inner.source {
             Source::File { file, .. } => file.read_colours(pages, words),
             Source::Repacked(file) => {
@@ -243,13 +243,13 @@ impl Inner {
         (&self.layout, self.alpha_min)
     }
 
-    /// Makes the reaches of a page for the wanted threshold. What the file's threshold has culled stays so, unless the
-    /// wanted one is lower.
+    /// Computes the reaches of a page for the threshold of the renderer. Gaussians that the file's threshold culled stay
+    /// culled, unless the threshold of the renderer is lower.
     fn renew_reaches(&self, file: &PageFile, geometry: &mut [u32]) {
-        let stays = self.alpha_min >= file.header().alpha_min;
+        let stays_culled = self.alpha_min >= file.header().alpha_min;
         for k in 0..PAGE {
             let is_culled = f32::from_bits(geometry[4 * k + 3]) < 0.0;
-            if (is_culled && stays) || geometry[self.words.ids.start + k] == PADDING {
+            if (is_culled && stays_culled) || geometry[self.words.ids.start + k] == PADDING {
                 continue;
             }
             let (_, scale, opacity) = self.layout.unpacked_shape(&self.words.shape_of(geometry, k));
@@ -273,7 +273,7 @@ impl Inner {
     }
 }
 
-/// The largest factor by which packing makes a scale larger, and what it adds to an opacity at most.
+/// The largest factor by which packing increases a scale, and the most it adds to an opacity.
 fn largest_growth(layout: &Layout) -> (f32, f32) {
     match layout.shape.storage {
         Storage::Lossless | Storage::F32 => (1.0, 0.0),

@@ -12,7 +12,7 @@ use crate::host_memory::OutOfMemory;
 use crate::scene::{Cancelled, NoLevel, Parts, Scene, Unreadable, Watch};
 
 /// Pages that are read at a time.
-pub const TOGETHER: usize = 64;
+pub const BATCH_PAGES: usize = 64;
 
 /// Reads a scene file of any format. The Gaussians of a page file are in the order of their source.
 ///
@@ -36,13 +36,13 @@ fn whole(file: &PageFile, watch: &Watch) -> Result<Scene> {
     let named = |problem: OutOfMemory| anyhow::Error::new(problem).context(file.path().display().to_string());
     let mut parts = Parts::new(degree, count).map_err(named)?;
     let (words, layout) = (file.words(), &header.layout);
-    let mut geometry = vec![0; TOGETHER * words.geometry()];
-    let mut colours = vec![0; TOGETHER * words.colours()];
+    let mut geometry = vec![0; BATCH_PAGES * words.geometry()];
+    let mut colours = vec![0; BATCH_PAGES * words.colours()];
     let (mut is_filled, mut filled) = (vec![false; count], 0);
     let pages = header.scene_pages();
-    for first in (0..pages).step_by(TOGETHER) {
+    for first in (0..pages).step_by(BATCH_PAGES) {
         ensure!(!(watch.is_cancelled)(), Cancelled);
-        let range = first..pages.min(first + TOGETHER);
+        let range = first..pages.min(first + BATCH_PAGES);
         let geometry = &mut geometry[..range.len() * words.geometry()];
         let colours = &mut colours[..range.len() * words.colours()];
         file.read_geometry(range.clone(), geometry)?;

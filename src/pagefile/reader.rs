@@ -13,7 +13,7 @@ use twox_hash::XxHash3_64;
 use super::fault::{ReadFault, simulated};
 use super::header::{HEADER, Header};
 use super::page::{Entry, PAGE, Page, PageWords};
-use super::page_lod::{LEVEL_WORDS, Level};
+use super::page_lod::{LEVEL_WORDS, PageLod};
 use crate::files::{describe, open_regular, read_exact_at};
 use crate::formats::PAGE_FILE_SIGNATURE;
 use crate::host_memory::host_zeros;
@@ -31,8 +31,8 @@ pub struct PageFile {
     pages: Vec<Page>,
     /// The checksums of the geometry and of the colours of each page.
     checksums: Vec<[u64; 2]>,
-    /// What levels of detail say of each page; empty if there are none.
-    levels: Vec<Level>,
+    /// The table of levels; empty in files without levels of detail.
+    levels: Vec<PageLod>,
 }
 
 /// The streams of a page file.
@@ -67,7 +67,7 @@ impl PageFile {
         read(&file, &mut bytes, 0)?;
         let header = Header::decoded(&bytes)?;
         let expected = header.file_bytes();
-        ensure!(data.len() == expected, "the file has {} bytes, and its header says {expected}", data.len());
+        ensure!(data.len() == expected, "the file has {} bytes, but {expected} by its header", data.len());
         let mut table = host_zeros(header.pages() * Entry::BYTES, "table of pages")?;
         read(&file, &mut table, HEADER as u64)?;
         let end = HEADER + table.len();
@@ -81,7 +81,7 @@ impl PageFile {
         ensure!(wrong.is_none() && count == header.statistics.count, "the table of pages contradicts the header");
         let levels = levels(&file, &header)?;
         let mut pages: Vec<Page> = entries.iter().map(|entry| entry.page).collect();
-        pages.iter_mut().zip(&levels).for_each(|(page, level)| page.highest_opacity = level.most_opacity);
+        pages.iter_mut().zip(&levels).for_each(|(page, level)| page.highest_opacity = level.highest_opacity);
         Ok(Self {
             path: path.to_owned(),
             modified: data.modified().ok(),
@@ -116,12 +116,12 @@ impl PageFile {
         &self.pages
     }
 
-    /// What levels of detail say of each page; none if the file has no levels.
-    pub fn levels(&self) -> Option<&[Level]> {
+    /// The table of levels; none if the file has no levels.
+    pub fn levels(&self) -> Option<&[PageLod]> {
         self.header.levels.map(|_| &*self.levels)
     }
 
-    /// Where the words of a page lie.
+    /// The layout of the words of a page.
     pub fn words(&self) -> &PageWords {
         &self.words
     }
@@ -142,7 +142,7 @@ impl PageFile {
     /// [`Unreadable`] if they cannot be read, are damaged, or the file was changed.
     ///
     /// # Panics
-    /// If there are other numbers of words, or not so many pages.
+    /// If the number of words is not that of the pages, or the pages do not exist.
     pub fn read_geometry(&self, pages: Range<usize>, words: &mut [u32]) -> Result<()> {
         self.read(Stream::Geometry, pages, words)
     }
@@ -175,8 +175,8 @@ impl PageFile {
             Stream::Colours => (self.header.colours_at, self.colour_words()),
             Stream::Levels => (self.header.levels.expect("the file has levels").words_at, LEVEL_WORDS * PAGE),
         };
-        assert_eq!(words.len(), each * pages.len(), "the pages have so many words");
-        assert!(pages.end <= self.pages.len(), "the file has so many pages");
+        assert_eq!(words.len(), each * pages.len(), "as many words as the pages have");
+        assert!(pages.end <= self.pages.len(), "pages of the file");
         if pages.is_empty() {
             return Ok(());
         }
@@ -228,14 +228,14 @@ impl PageFile {
     }
 }
 
-/// The table of levels, if there is one.
-fn levels(file: &File, header: &Header) -> Result<Vec<Level>> {
+/// Reads the table of levels; empty in files without levels.
+fn levels(file: &File, header: &Header) -> Result<Vec<PageLod>> {
     let Some(parts) = header.levels else { return Ok(Vec::new()) };
-    let mut table = host_zeros(header.pages() * Level::BYTES, "table of levels")?;
+    let mut table = host_zeros(header.pages() * PageLod::BYTES, "table of levels")?;
     read(file, &mut table, parts.table_at)?;
     let (from, to) = (parts.table_at, header.file_bytes());
     ensure!(XxHash3_64::oneshot(&table) == parts.checksum, "bytes {from} to {to}, the table of levels, are damaged");
-    let levels: Vec<Level> = table.as_chunks().0.iter().map(Level::decoded).collect();
+    let levels: Vec<PageLod> = table.as_chunks().0.iter().map(PageLod::decoded).collect();
     let is_sound = levels.iter().enumerate().all(|(own, level)| level.is_plausible(own, levels.len()));
     ensure!(is_sound, "the table of levels contradicts itself");
     Ok(levels)

@@ -1,17 +1,17 @@
-//! A level of detail for all views: the nodes of a page file that one limit leaves, as a scene.
+//! A view-independent level of detail: the nodes of a page file within one error limit, as a scene.
 
 use anyhow::{Result, ensure};
 
 use super::nodes::NodeReader;
 use super::page::PAGE;
 use super::page_lod::LEVEL_WORDS;
-use super::read_whole::TOGETHER;
+use super::read_whole::BATCH_PAGES;
 use super::reader::PageFile;
 use crate::lod::NEVER;
 use crate::scene::{Cancelled, LoadReport, NoLevel, Scene, Watch};
 
-/// The nodes of a file with levels within the least limit that leaves at most `most`, wherever they are seen from, by
-/// the rules of the antialiased picture. Opacities above 1, which no other format holds, become wider Gaussians.
+/// The nodes of the cut with the least error limit that leaves at most `most` nodes, for the rules of antialiased
+/// pictures. Opacities above 1, which no other format holds, become wider Gaussians.
 ///
 /// # Errors
 /// [`NoLevel`] if the file has no levels, or more than `most` nodes in the coarsest; [`Cancelled`];
@@ -19,8 +19,8 @@ use crate::scene::{Cancelled, LoadReport, NoLevel, Scene, Watch};
 pub fn static_level(file: &PageFile, most: usize, watch: &Watch) -> Result<Scene> {
     let missing = |problem: String| NoLevel { path: file.path().display().to_string(), problem };
     let pages = file.levels().ok_or_else(|| missing("the file has no levels of detail".to_owned()))?.len();
-    let mut words = vec![0; TOGETHER.min(pages) * LEVEL_WORDS * PAGE];
-    // How many more nodes are drawn with a limit than with the one before.
+    let mut words = vec![0; BATCH_PAGES.min(pages) * LEVEL_WORDS * PAGE];
+    // The difference of the number of drawn nodes from each limit to the next.
     let mut change = vec![0_i64; usize::from(NEVER) + 1];
     each_page(file, &mut words, &|done| (watch.progress)(0.3 * done), watch, |_, words| {
         for [own, parent] in words.iter().map(codes).filter(|[own, _]| *own != NEVER) {
@@ -56,7 +56,7 @@ fn codes(words: &[u32; LEVEL_WORDS]) -> [u16; 2] {
     [words[0] as u16, (words[0] >> 16) as u16]
 }
 
-/// Gives each page and its words of levels.
+/// Calls `take` with each page and its words of levels.
 fn each_page(
     file: &PageFile,
     words: &mut [u32],
@@ -65,9 +65,9 @@ fn each_page(
     mut take: impl FnMut(usize, &[[u32; LEVEL_WORDS]]) -> Result<()>,
 ) -> Result<()> {
     let pages = file.pages().len();
-    for first in (0..pages).step_by(TOGETHER) {
+    for first in (0..pages).step_by(BATCH_PAGES) {
         ensure!(!(watch.is_cancelled)(), Cancelled);
-        let range = first..pages.min(first + TOGETHER);
+        let range = first..pages.min(first + BATCH_PAGES);
         let words = &mut words[..range.len() * LEVEL_WORDS * PAGE];
         file.read_levels(range.clone(), words)?;
         for (page, words) in range.clone().zip(words.as_chunks().0.chunks_exact(PAGE)) {

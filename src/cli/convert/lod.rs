@@ -14,7 +14,7 @@ use crate::files::{Kept, is_stdout};
 use crate::formats::{LOD_META, Streamed, WrittenLevels, write_streamed_sog};
 use crate::measure::prune::Written;
 use crate::options::Options;
-use crate::pagefile::write::parts;
+use crate::pagefile::write::subtrees;
 use crate::pagefile::{PageFile, nodes_of, static_level};
 use crate::scene::{NoLevel, Scene, Watch};
 
@@ -113,15 +113,15 @@ fn streamed_sog(args: &Args) -> Result<()> {
         return Err(Usage(format!("{} is both the input and the output", scene.display())).into());
     }
     let written = with_levels(args, |file| {
-        let parts = parts(file.statistics().count, MOST_PARTS);
+        let subtrees = subtrees(file.statistics().count, MOST_PARTS);
         let bar = progress::Bar::new("writing");
         let WrittenLevels { counts, bytes, transparent, loss } = write_streamed_sog(
             folder,
             &Streamed {
-                parts: parts.len(),
-                levels: parts.iter().map(Vec::len).max().unwrap_or(0),
+                parts: subtrees.len(),
+                levels: subtrees.iter().map(Vec::len).max().unwrap_or(0),
                 is_antialiased: file.header().is_antialiased,
-                nodes: &|part, level| nodes_of(file, &parts[part][level]),
+                nodes: &|part, level| nodes_of(file, &subtrees[part][level]),
                 progress: &|fraction| bar.set(fraction),
             },
         )?;

@@ -1,4 +1,4 @@
-//! Buckets: pieces of the curve through a scene, each small enough to be sorted in memory.
+//! Buckets: Gaussians of one part of the Morton curve, few enough to be sorted in memory, as records in a temporary file.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -6,10 +6,9 @@ use std::io::{BufWriter, Write};
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
-use super::records::{put_record, record_words};
 use crate::files::{Kept, read_exact_at};
 use crate::host_memory::host_zeros;
-use crate::scene::{Curve, Gaussians};
+use crate::scene::{Curve, Gaussians, Parts, sh_coefficients};
 
 /// Most buckets: each is an open file.
 const MOST: usize = 500;
@@ -17,15 +16,15 @@ const MOST: usize = 500;
 /// Bytes of memory per byte of a record while a bucket is sorted and packed.
 const SORTED: usize = 3;
 
-/// Where the curve is cut into buckets.
-pub struct Cuts {
+/// The borders of the buckets along the Morton curve.
+pub struct BucketBounds {
     curve: Curve,
     /// The first key of each bucket but the first, ascending.
     first_keys: Vec<u64>,
 }
 
-impl Cuts {
-    /// Cuts the curve so that buckets of `count` Gaussians are sorted within `memory` bytes, judged by a sample.
+impl BucketBounds {
+    /// Chooses borders so that buckets of `count` Gaussians are sorted within `memory` bytes, estimated from a sample.
     pub fn new(curve: Curve, sample: &[[f32; 3]], count: usize, sh_degree: u32, memory: usize) -> Self {
         let largest = (memory / (SORTED * 4 * record_words(sh_degree))).max(1);
         let buckets = (count.div_ceil(largest) * 5 / 4).clamp(1, MOST);
@@ -53,23 +52,23 @@ pub fn name(bucket: usize) -> String {
 }
 
 /// The files of all buckets while they are filled.
-pub struct Filling<'k> {
+pub struct BucketWriter<'k> {
     kept: &'k Kept,
-    cuts: &'k Cuts,
+    bounds: &'k BucketBounds,
     files: Vec<BufWriter<File>>,
     counts: Vec<usize>,
     words: Vec<Vec<u32>>,
 }
 
-impl<'k> Filling<'k> {
+impl<'k> BucketWriter<'k> {
     /// Empty buckets.
     ///
     /// # Errors
     /// If a file cannot be made.
-    pub fn new(kept: &'k Kept, cuts: &'k Cuts) -> Result<Self> {
+    pub fn new(kept: &'k Kept, bounds: &'k BucketBounds) -> Result<Self> {
         let file = |bucket| Ok(BufWriter::with_capacity(1 << 16, kept.file(&name(bucket))?));
-        let files = (0..cuts.buckets()).map(file).collect::<Result<Vec<_>>>()?;
-        Ok(Self { kept, cuts, counts: vec![0; files.len()], words: vec![Vec::new(); files.len()], files })
+        let files = (0..bounds.buckets()).map(file).collect::<Result<Vec<_>>>()?;
+        Ok(Self { kept, bounds, counts: vec![0; files.len()], words: vec![Vec::new(); files.len()], files })
     }
 
     /// Adds Gaussians, the first of which is number `first` of the scene.
@@ -77,7 +76,7 @@ impl<'k> Filling<'k> {
     /// # Errors
     /// If a file cannot be written.
     pub fn add(&mut self, gaussians: &Gaussians, first: usize) -> Result<()> {
-        let buckets: Vec<usize> = gaussians.means().par_iter().map(|mean| self.cuts.bucket(*mean)).collect();
+        let buckets: Vec<usize> = gaussians.means().par_iter().map(|mean| self.bounds.bucket(*mean)).collect();
         for (index, bucket) in buckets.into_iter().enumerate() {
             put_record(gaussians, index, (first + index) as u32, &mut self.words[bucket]);
             self.counts[bucket] += 1;
@@ -101,10 +100,10 @@ impl<'k> Filling<'k> {
     }
 }
 
-/// The records of a bucket of `count` Gaussians, after those in `before`.
+/// The records in `before`, and then those of a bucket of `count` Gaussians.
 ///
 /// # Errors
-/// If the bucket cannot be read, or is not as long as it was.
+/// If the bucket cannot be read, or its length has changed.
 pub fn records(kept: &Kept, bucket: usize, count: usize, before: &[u32], sh_degree: u32) -> Result<Vec<u32>> {
     let file = kept.file(&name(bucket))?;
     let words = count * record_words(sh_degree);
@@ -113,4 +112,43 @@ pub fn records(kept: &Kept, bucket: usize, count: usize, before: &[u32], sh_degr
     records[..before.len()].copy_from_slice(before);
     read_exact_at(&file, bytemuck::cast_slice_mut(&mut records[before.len()..]), 0)?;
     Ok(records)
+}
+
+/// Words of a record: the index in the scene, then mean, scale, rotation, opacity and spherical harmonics.
+pub fn record_words(sh_degree: u32) -> usize {
+    12 + 3 * sh_coefficients(sh_degree)
+}
+
+/// Appends the record of a Gaussian.
+pub fn put_record(gaussians: &Gaussians, index: usize, id: u32, words: &mut Vec<u32>) {
+    words.push(id);
+    let floats = gaussians.means()[index].into_iter();
+    let floats = floats.chain(gaussians.scales()[index]).chain(gaussians.rotations()[index]);
+    words.extend(floats.chain([gaussians.opacities()[index]]).map(f32::to_bits));
+    words.extend(gaussians.sh(index).as_flattened().iter().map(|value| value.to_bits()));
+}
+
+/// The mean in a record.
+pub fn mean_of(record: &[u32]) -> [f32; 3] {
+    std::array::from_fn(|axis| f32::from_bits(record[1 + axis]))
+}
+
+/// The Gaussians in records.
+///
+/// # Errors
+/// If memory runs out, or the records are damaged.
+pub fn gaussians_of(records: &[u32], sh_degree: u32) -> Result<Gaussians> {
+    let each = record_words(sh_degree);
+    let mut parts = Parts::new(sh_degree, records.len() / each)?;
+    let stride = sh_coefficients(sh_degree);
+    for (index, record) in records.chunks_exact(each).enumerate() {
+        let float = |i: usize| f32::from_bits(record[i]);
+        parts.means[index] = mean_of(record);
+        parts.scales[index] = std::array::from_fn(|i| float(4 + i));
+        parts.rotations[index] = std::array::from_fn(|i| float(7 + i));
+        parts.opacities[index] = float(11);
+        let sh = parts.sh[index * stride..][..stride].as_flattened_mut();
+        sh.iter_mut().zip(&record[12..]).for_each(|(to, from)| *to = f32::from_bits(*from));
+    }
+    parts.finish()
 }

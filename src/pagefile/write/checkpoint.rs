@@ -1,11 +1,11 @@
-//! What an interrupted conversion has done, as it is kept beside the output.
+//! The state of an interrupted conversion, which is kept beside the output as JSON.
 
 use std::path::Path;
 use std::time::UNIX_EPOCH;
 
 use serde::{Deserialize, Serialize};
 
-/// The work that a conversion does: the same source read in the same way, the same settings.
+/// The identity of a conversion: its source and its settings. Another run resumes only if it is equal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Work {
     /// The version of this record.
@@ -14,11 +14,11 @@ pub struct Work {
     pub source: String,
     pub bytes: u64,
     pub modified_ns: u64,
-    /// Everything that changes what is written.
+    /// All settings on which the output depends.
     pub settings: String,
 }
 
-/// How far the work is. It is kept once all Gaussians are in buckets.
+/// The progress of a conversion. It is kept once all Gaussians are in buckets.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
     pub work: Work,
@@ -28,12 +28,12 @@ pub struct State {
     pub done: usize,
     /// Gaussians that are written.
     pub written: usize,
-    /// What there is to say about the source.
+    /// Notices about the source.
     pub notices: Vec<String>,
 }
 
 impl Work {
-    /// The work on a source as it is now. `None` if the system does not tell when it was changed.
+    /// The work on the current state of a source. `None` if the system does not report its time of change.
     pub fn on(source: &Path, settings: &impl std::fmt::Debug) -> Option<Self> {
         let data = source.metadata().ok()?;
         let modified = data.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;

@@ -1,4 +1,4 @@
-//! The ways to a page file: of a scene in memory, and of one that comes in blocks.
+//! Writes page files from a scene in memory, or from one that is read in blocks.
 
 use std::path::Path;
 use std::sync::atomic::Ordering;
@@ -6,32 +6,31 @@ use std::sync::atomic::Ordering;
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
 
-use super::buckets::{Cuts, Filling, name, records};
+use super::buckets::{BucketBounds, BucketWriter, gaussians_of, mean_of, name, record_words, records};
 use super::checkpoint::{State, Work};
-use super::group_checkpoint::KeptTops;
+use super::group_checkpoint::GroupCheckpoint;
 use super::hierarchy::build;
-use super::hierarchy_layout::pages_of_levels;
+use super::hierarchy_layout::inner_pages;
 use super::output::Output;
-use super::records::{gaussians_of, mean_of, record_words};
 use crate::files::Kept;
 use crate::options::{Options, Storage};
 use crate::packing::{Accumulator, Layout, Statistics};
-use crate::pagefile::{HEADER, Header, LevelParts, PADDING, PAGE};
+use crate::pagefile::{HEADER, Header, LodSections, PADDING, PAGE};
 use crate::scene::{Cancelled, Curve, Gaussians, Scene};
 
-/// What is written.
+/// The layout of the file, and the limits of the conversion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// The options whose layout and alpha threshold the file gets; by default, 32-bit floats.
+    /// The options of the layout and of the alpha threshold; by default, 32-bit floats.
     pub options: Options,
-    /// Bytes of memory that buckets may take while they are sorted.
+    /// Memory limit of a bucket while it is sorted, bytes.
     pub memory: usize,
     /// Builds levels of detail, too.
     pub has_levels: bool,
 }
 
 impl Settings {
-    /// Everything that the source holds.
+    /// The layout without loss.
     pub const LOSSLESS: Options = Options { sh_storage: Storage::F32, shape_storage: Storage::F32, ..Options::EXACT };
 }
 
@@ -44,22 +43,22 @@ impl Default for Settings {
 /// The least memory in which pages are sorted.
 pub const LEAST_MEMORY: usize = 1 << 20;
 
-/// Takes the next Gaussians of a scene, and how many it is expected to have in all.
+/// Takes the next Gaussians of a scene, and their expected number in all.
 pub type Take<'t> = dyn FnMut(Gaussians, usize) -> Result<()> + 't;
 
-/// Gives all Gaussians of a scene in the order of their indices, block by block, each time the same ones. Returns the
+/// Passes all Gaussians of a scene in the order of their indices, block by block, the same in every call. Returns the
 /// scene without its Gaussians.
 pub type Blocks<'b> = dyn Fn(&mut Take) -> Result<Scene> + Sync + 'b;
 
-/// What a job is told, and whom it tells.
+/// The inputs of a conversion, and its callbacks.
 pub struct Job<'j> {
     pub output: &'j Path,
     pub settings: Settings,
     /// The name of the source.
     pub title: String,
-    /// Gets the fraction that is done, 0 to 1.
+    /// Receives the progress, 0 to 1.
     pub progress: &'j (dyn Fn(f64) + Sync),
-    /// Asked between blocks and between buckets. Once it returns true, the job ends with [`Cancelled`].
+    /// Called between blocks and between buckets. Once it returns true, the job ends with [`Cancelled`].
     pub is_cancelled: &'j (dyn Fn() -> bool + Sync),
 }
 
@@ -69,21 +68,21 @@ pub struct Finished {
     /// Buckets that an earlier run had finished.
     pub resumed: usize,
     pub buckets: usize,
-    /// Parts of the levels that an earlier run had built.
+    /// Groups of the hierarchy that an earlier run had built.
     pub resumed_levels: usize,
     pub notices: Vec<String>,
 }
 
-/// The names of the kept files.
+/// The pages of the output.
 const PAGES: &str = "pages";
-/// The pages of a scene that gets levels, which put them into another order.
+/// The pages of a scene with levels, before their nodes are sorted by error.
 const SCENE: &str = "scene";
 pub(crate) const STATE: &str = "state.json";
 const HEADER_FILE: &str = "header";
 const REST: &str = "rest";
 
 impl Job<'_> {
-    /// The name of the file that gets the pages of the scene.
+    /// The name of the file with the pages of the scene.
     pub(crate) fn scene_file(&self) -> &'static str {
         if self.settings.has_levels { SCENE } else { PAGES }
     }
@@ -93,10 +92,10 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// The header of a file of this scene, whose places are not known yet.
+    /// The header of a file of this scene, with offsets of 0.
     pub(crate) fn header(&self, scene: &Scene, statistics: Statistics, layout: Layout) -> Header {
-        let levels = self.settings.has_levels.then(|| LevelParts {
-            pages: pages_of_levels(statistics.count),
+        let levels = self.settings.has_levels.then(|| LodSections {
+            pages: inner_pages(statistics.count),
             words_at: 0,
             table_at: 0,
             checksum: 0,
@@ -116,7 +115,7 @@ impl Job<'_> {
         }
     }
 
-    /// The statistics that the layout of the file follows from: nodes that stand for others are larger.
+    /// The statistics for the layout of the file, in which merged nodes are larger.
     pub(crate) fn statistics(&self, statistics: Statistics) -> Statistics {
         if self.settings.has_levels { statistics.with_room_for_levels() } else { statistics }
     }
@@ -127,7 +126,7 @@ impl Job<'_> {
         if *has_levels { Layout::of_nodes(statistics, options) } else { Layout::of(statistics, options) }
     }
 
-    /// Reports this part of the work that comes before the levels.
+    /// Reports the progress of the work before the levels.
     pub(crate) fn report(&self, done: f64) {
         (self.progress)(if self.settings.has_levels { 0.3 * done } else { done });
     }
@@ -164,19 +163,19 @@ pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
     Ok(Finished { header, resumed: 0, buckets: 1, resumed_levels: 0, notices: scene.notices.clone() })
 }
 
-/// Makes the output of the pages of the scene. Returns how many parts of the levels an earlier run had built.
+/// Completes the output from the pages of the scene. Returns the number of groups that an earlier run had built.
 pub(crate) fn finish(job: &Job, kept: Kept, scene: &Output, header: Header) -> Result<usize> {
     let file = kept.file(PAGES)?;
-    let output = scene.onto(&file);
+    let output = scene.for_file(&file);
     let mut resumed = 0;
     if job.settings.has_levels {
         let (count, progress) = (header.statistics.count, |done: f64| (job.progress)(0.3 + 0.7 * done));
-        let tops = KeptTops::new(&kept, &file);
-        // What no run can go on with is not kept.
-        let tops = kept.path(STATE).is_file().then_some(&tops);
-        let built = build((&output, scene.file, tops), (count, header.layout.sh_degree), &progress, job.is_cancelled);
+        let groups = GroupCheckpoint::new(&kept, &file);
+        // Without a state, no run can resume.
+        let groups = kept.path(STATE).is_file().then_some(&groups);
+        let built = build((&output, scene.file, groups), (count, header.layout.sh_degree), &progress, job.is_cancelled);
         built.with_context(|| format!("cannot write the levels of {}", job.output.display()))?;
-        resumed = tops.map_or(0, |tops| tops.found.load(Ordering::Relaxed));
+        resumed = groups.map_or(0, |groups| groups.found.load(Ordering::Relaxed));
     }
     let finished = output.finish(header).and_then(|()| Ok(file.sync_all()?));
     let written = finished.inspect_err(|_| kept.drop_file(STATE));
@@ -187,9 +186,9 @@ pub(crate) fn finish(job: &Job, kept: Kept, scene: &Output, header: Header) -> R
 
 const CHANGED: &str = "the source was changed while it was read";
 
-/// A pass over blocks for the statistics, or two of them if the source has other numbers than it says. Returns some
-/// means, too. `parts` is the number of passes of the whole job.
-pub(crate) fn first_passes(job: &Job, blocks: &Blocks, parts: f64) -> Result<(Scene, Statistics, Vec<[f32; 3]>)> {
+/// One pass over the blocks for the statistics, or two if the source has another number of Gaussians than expected. Also
+/// returns a sample of means. `passes` is the number of passes of the whole job.
+pub(crate) fn statistics_passes(job: &Job, blocks: &Blocks, passes: f64) -> Result<(Scene, Statistics, Vec<[f32; 3]>)> {
     let pass = |known: Option<usize>| {
         let mut all: Option<Accumulator> = None;
         let scene = blocks(&mut |block, of| {
@@ -197,7 +196,7 @@ pub(crate) fn first_passes(job: &Job, blocks: &Blocks, parts: f64) -> Result<(Sc
             let count = known.unwrap_or(of);
             let all = all.get_or_insert_with(|| Accumulator::new(count, block.sh_degree()));
             all.add(&block);
-            job.report(all.added() as f64 / count.max(1) as f64 / parts);
+            job.report(all.added() as f64 / count.max(1) as f64 / passes);
             Ok(())
         })?;
         let all = all.filter(|all| all.added() > 0).context("there are no Gaussians")?;
@@ -213,8 +212,8 @@ pub(crate) fn first_passes(job: &Job, blocks: &Blocks, parts: f64) -> Result<(Sc
     Ok((scene, job.statistics(all.finish()), sample))
 }
 
-/// Writes a scene that comes in blocks, in bounded memory: in buckets along the curve, which are sorted one by one.
-/// What is done is kept beside the output, and a later run on the same source with the same settings goes on there.
+/// Writes a scene that is read in blocks, in bounded memory: in buckets along the Morton curve, which are sorted one by
+/// one. A checkpoint beside the output lets a later run with the same source and settings resume.
 ///
 /// # Errors
 /// Those of the source; if the file cannot be written; [`Cancelled`].
@@ -235,7 +234,7 @@ pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) ->
         job.check()?;
         let rest = if state.done == 0 { Vec::new() } else { kept.content(&rest(state.done)).unwrap_or_default() };
         let rest: Vec<u32> = rest.as_chunks().0.iter().map(|bytes| u32::from_ne_bytes(*bytes)).collect();
-        // With damaged buckets the next run begins anew.
+        // With damaged buckets, the next run starts anew.
         let records = records(&kept, state.done, state.buckets[state.done], &rest, degree);
         let records = records.inspect_err(|_| kept.drop_file(STATE))?;
         let is_last = state.done + 1 == state.buckets.len();
@@ -253,18 +252,18 @@ pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) ->
     let (count, written) = (header.statistics.count, state.written);
     if written != count {
         kept.drop_file(STATE);
-        bail!("{written} of {count} Gaussians were written: what was kept of an earlier run is damaged; run it again");
+        bail!("{written} of {count} Gaussians were written: the checkpoint of an earlier run is damaged; run it again");
     }
     let resumed_levels = finish(job, kept, &output, header.clone())?;
     Ok(Finished { header, resumed, buckets: state.buckets.len(), resumed_levels, notices: state.notices })
 }
 
-/// The name of the records that are left for a bucket by those before it.
+/// The name of the file with the records that the buckets before leave to this one.
 fn rest(bucket: usize) -> String {
     format!("{REST}.{bucket}")
 }
 
-/// What an earlier run on the same work has done.
+/// The state of an earlier run on the same source with the same settings.
 fn resumed(job: &Job, kept: &Kept, work: &Work) -> Option<(State, Header)> {
     let state: State = serde_json::from_slice(&kept.content(STATE)?).ok()?;
     let header = Header::decoded(kept.content(HEADER_FILE)?.first_chunk::<HEADER>()?).ok()?;
@@ -275,10 +274,10 @@ fn resumed(job: &Job, kept: &Kept, work: &Work) -> Option<(State, Header)> {
 
 fn fill_buckets(job: &Job, kept: &Kept, blocks: &Blocks, work: Option<Work>) -> Result<(State, Header)> {
     kept.clear()?;
-    let (scene, statistics, sample) = first_passes(job, blocks, 3.0)?;
+    let (scene, statistics, sample) = statistics_passes(job, blocks, 3.0)?;
     let (count, degree) = (statistics.count, statistics.sh_degree);
-    let cuts = Cuts::new(statistics.curve(), &sample, count, degree, job.settings.memory);
-    let mut filling = Filling::new(kept, &cuts)?;
+    let bounds = BucketBounds::new(statistics.curve(), &sample, count, degree, job.settings.memory);
+    let mut filling = BucketWriter::new(kept, &bounds)?;
     let mut added = 0;
     blocks(&mut |block, _| {
         job.check()?;
@@ -292,7 +291,7 @@ fn fill_buckets(job: &Job, kept: &Kept, blocks: &Blocks, work: Option<Work>) -> 
     let layout = job.layout(&statistics);
     let header = job.header(&scene, statistics, layout);
     let file = kept.file(job.scene_file())?;
-    let header = Output::new(&file, (&header.layout, header.alpha_min), header.pages()).placed(header.clone());
+    let header = Output::new(&file, (&header.layout, header.alpha_min), header.pages()).with_offsets(header.clone());
     let buckets = filling.finish()?;
     let Some(work) = work else { bail!("the source is no regular file") };
     let state = State { work, buckets, done: 0, written: 0, notices: scene.notices.clone() };

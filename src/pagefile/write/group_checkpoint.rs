@@ -1,4 +1,4 @@
-//! Blocks of a hierarchy that are written: what the blocks above need of them, which is kept for another run.
+//! Outputs of finished groups, and the checkpoint that keeps them for another run.
 
 use std::fs::File;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -6,124 +6,129 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use anyhow::Result;
 use bytemuck::{cast_slice, pod_collect_to_vec};
 
-use super::hierarchy_layout::Storey;
+use super::hierarchy_layout::HierarchyLevel;
 use crate::files::Kept;
 use crate::lod::{Node, Nodes};
-use crate::pagefile::Level;
+use crate::pagefile::PageLod;
 use crate::scene::sh_coefficients;
 
-/// The top of a block, whose parents are not known yet.
+/// The output nodes of a group. Their parents are not known yet.
 #[derive(Debug, PartialEq)]
-pub struct Top {
+pub struct GroupOutput {
     pub nodes: Nodes,
-    /// The level below it: its pages and what their table says but for the page of the parents.
-    pub last: Vec<(usize, Level)>,
-    pub place: Place,
+    /// The pages of the step before, and their table entries, which lack the page of the parents.
+    pub last_pages: Vec<(usize, PageLod)>,
+    pub bounds: GroupBounds,
 }
 
-/// From where the nodes of a block are judged.
+/// The box to which distances of the nodes of a group are measured, and their reference pixel widths.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct GroupBounds {
     pub low: [f32; 3],
     pub high: [f32; 3],
-    /// Of the whole block.
-    pub detail: f32,
-    /// Of one of its levels, which is finer.
-    pub own_detail: f32,
+    /// The largest of the group, world units.
+    pub reference_width: f32,
+    /// Of the nodes of one step, world units.
+    pub own_reference_width: f32,
 }
 
-impl Place {
-    /// The place of Gaussians of the scene.
+impl GroupBounds {
+    /// The bounds of Gaussians of the scene.
     pub fn around(nodes: &Nodes) -> Self {
         let (low, high) = nodes.bounds();
-        Self { low, high, detail: 0.0, own_detail: 0.0 }
+        Self { low, high, reference_width: 0.0, own_reference_width: 0.0 }
     }
 
-    /// A place that holds both.
-    pub fn and(self, other: Self) -> Self {
+    /// The union of two bounds.
+    pub fn union(self, other: Self) -> Self {
         Self {
             low: [0, 1, 2].map(|i| self.low[i].min(other.low[i])),
             high: [0, 1, 2].map(|i| self.high[i].max(other.high[i])),
-            detail: self.detail.max(other.detail),
-            own_detail: self.own_detail.max(other.own_detail),
+            reference_width: self.reference_width.max(other.reference_width),
+            own_reference_width: self.own_reference_width.max(other.own_reference_width),
         }
     }
 }
 
-impl Top {
+impl GroupOutput {
     fn encoded(&self) -> Vec<u8> {
-        let Self { nodes, last, place: Place { low, high, detail, own_detail } } = self;
+        let Self { nodes, last_pages, bounds: GroupBounds { low, high, reference_width, own_reference_width } } = self;
         let mut bytes = Vec::new();
         bytes.extend((nodes.len() as u64).to_le_bytes());
-        bytes.extend([&low[..], &high[..], &[*detail, *own_detail]].into_iter().flat_map(cast_slice::<f32, u8>));
+        bytes.extend(
+            [&low[..], &high[..], &[*reference_width, *own_reference_width]]
+                .into_iter()
+                .flat_map(cast_slice::<f32, u8>),
+        );
         bytes.extend(cast_slice::<Node, u8>(&nodes.nodes));
         bytes.extend(cast_slice::<[f32; 3], u8>(&nodes.sh));
-        for (page, level) in last {
+        for (page, level) in last_pages {
             bytes.extend((*page as u64).to_le_bytes());
             bytes.extend(level.encoded());
         }
         bytes
     }
 
-    /// `None` if this is not what [`Self::encoded`] made of nodes of this degree.
+    /// `None` if the bytes are not an encoded output with nodes of this degree.
     fn decoded(bytes: &[u8], sh_degree: u32) -> Option<Self> {
         let (count, rest) = bytes.split_first_chunk()?;
-        let (place, rest) = rest.split_first_chunk::<32>()?;
-        let [x0, y0, z0, x1, y1, z1, detail, own_detail]: [f32; 8] = bytemuck::pod_read_unaligned(place);
+        let (bounds, rest) = rest.split_first_chunk::<32>()?;
+        let [x0, y0, z0, x1, y1, z1, reference_width, own_reference_width]: [f32; 8] =
+            bytemuck::pod_read_unaligned(bounds);
         let count = usize::try_from(u64::from_le_bytes(*count)).ok()?;
         let (nodes, rest) = rest.split_at_checked(count.checked_mul(size_of::<Node>())?)?;
         let (sh, rest) = rest.split_at_checked(count * sh_coefficients(sh_degree) * size_of::<[f32; 3]>())?;
-        let (pages, []) = rest.as_chunks::<{ 8 + Level::BYTES }>() else { return None };
-        let page = |entry: &[u8; 8 + Level::BYTES]| {
+        let (pages, []) = rest.as_chunks::<{ 8 + PageLod::BYTES }>() else { return None };
+        let page = |entry: &[u8; 8 + PageLod::BYTES]| {
             let (page, level) = entry.split_first_chunk()?;
-            Some((u64::from_le_bytes(*page) as usize, Level::decoded(level.first_chunk()?)))
+            Some((u64::from_le_bytes(*page) as usize, PageLod::decoded(level.first_chunk()?)))
         };
         Some(Self {
             nodes: Nodes { nodes: pod_collect_to_vec(nodes), sh: pod_collect_to_vec(sh), sh_degree },
-            last: pages.iter().map(page).collect::<Option<_>>()?,
-            place: Place { low: [x0, y0, z0], high: [x1, y1, z1], detail, own_detail },
+            last_pages: pages.iter().map(page).collect::<Option<_>>()?,
+            bounds: GroupBounds { low: [x0, y0, z0], high: [x1, y1, z1], reference_width, own_reference_width },
         })
     }
 }
 
-/// Where the tops of the blocks of one storey are kept.
-pub struct KeptTops<'k> {
+/// The checkpoint of the outputs of all groups of one hierarchy level.
+pub struct GroupCheckpoint<'k> {
     kept: &'k Kept,
-    /// The file that holds all below a kept top.
+    /// The output file, which holds all pages below a kept output.
     file: &'k File,
-    /// Tops that were kept by an earlier run.
+    /// Number of outputs that were found from an earlier run.
     pub found: AtomicUsize,
 }
 
-impl<'k> KeptTops<'k> {
+impl<'k> GroupCheckpoint<'k> {
     pub fn new(kept: &'k Kept, file: &'k File) -> Self {
         Self { kept, file, found: AtomicUsize::new(0) }
     }
 
-    /// The storey whose tops are kept: the last one that has enough blocks for little to be lost.
-    pub fn storey(storeys: &[Storey]) -> usize {
+    /// The index of the level whose outputs are kept: the highest one with enough groups that an interruption loses little.
+    pub fn level(levels: &[HierarchyLevel]) -> usize {
         const ENOUGH: usize = 64;
-        storeys.iter().rposition(|storey| storey.blocks() >= ENOUGH).unwrap_or(0)
+        levels.iter().rposition(|level| level.groups() >= ENOUGH).unwrap_or(0)
     }
 
-    fn name(block: usize) -> String {
-        format!("top.{block}")
+    fn name(group: usize) -> String {
+        format!("top.{group}")
     }
 
-    /// The top of a block that an earlier run has written.
-    pub fn find(&self, block: usize, sh_degree: u32) -> Option<Top> {
-        let top = Top::decoded(&self.kept.content(&Self::name(block))?, sh_degree)?;
+    /// The output of a group, if an earlier run has written it.
+    pub fn find(&self, group: usize, sh_degree: u32) -> Option<GroupOutput> {
+        let output = GroupOutput::decoded(&self.kept.content(&Self::name(group))?, sh_degree)?;
         self.found.fetch_add(1, Ordering::Relaxed);
-        Some(top)
+        Some(output)
     }
 
-    /// Keeps the top of a block, after all that is below it.
+    /// Keeps the output of a group, once all pages below it are on the disk.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn keep(&self, block: usize, top: &Top) -> Result<()> {
+    pub fn keep(&self, group: usize, output: &GroupOutput) -> Result<()> {
         self.file.sync_data().map_err(|error| self.kept.failed(&error))?;
-        self.kept.keep(&Self::name(block), &top.encoded())
+        self.kept.keep(&Self::name(group), &output.encoded())
     }
 }
 
@@ -133,7 +138,7 @@ mod tests {
     use crate::pagefile::NO_PAGE;
 
     #[test]
-    fn tops_are_read_as_they_were_written() {
+    fn outputs_are_read_as_they_were_written() {
         let mut nodes = Nodes::new(1);
         for i in 0..3 {
             nodes.push(
@@ -141,13 +146,14 @@ mod tests {
                 &[[0.25; 3], [1.0, 2.0, i as f32], [0.0; 3], [4.0; 3]],
             );
         }
-        let level = Level::of(&nodes.nodes, [&[1, 2, 3], &[4, 5, 6]], 1.0);
-        let place = Place { detail: 0.5, own_detail: 0.25, ..Place::around(&nodes) };
-        let top = Top { nodes, last: vec![(77, level), (78, Level { parent: NO_PAGE, ..level })], place };
-        let bytes = top.encoded();
-        assert_eq!(Top::decoded(&bytes, 1), Some(top));
-        assert_eq!(Top::decoded(&bytes[..bytes.len() - 1], 1), None);
-        assert_eq!(Top::decoded(&[], 1), None);
-        assert_eq!(Top::decoded(&[255; 64], 1), None);
+        let level = PageLod::of(&nodes.nodes, [&[1, 2, 3], &[4, 5, 6]], 1.0);
+        let bounds = GroupBounds { reference_width: 0.5, own_reference_width: 0.25, ..GroupBounds::around(&nodes) };
+        let output =
+            GroupOutput { nodes, last_pages: vec![(77, level), (78, PageLod { parent: NO_PAGE, ..level })], bounds };
+        let bytes = output.encoded();
+        assert_eq!(GroupOutput::decoded(&bytes, 1), Some(output));
+        assert_eq!(GroupOutput::decoded(&bytes[..bytes.len() - 1], 1), None);
+        assert_eq!(GroupOutput::decoded(&[], 1), None);
+        assert_eq!(GroupOutput::decoded(&[255; 64], 1), None);
     }
 }

@@ -1,10 +1,10 @@
-//! Writes the levels of detail of a page file, whose pages of the scene are written.
+//! Builds the hierarchy of a page file whose pages of the scene are written.
 //!
-//! The nodes of [`FLOOR`] neighbouring pages are the floor of a block. They are halved three times: floor, first level,
-//! second level, top. The top fills one page, and is a part of the floor of the block above. A block is judged from one
-//! distance, so its nodes are put into pages by the errors of their parents: the nodes of a page leave the picture at
-//! about the same distance. Blocks are built from the bottom up, each as soon as those below are, so that few are in
-//! memory at a time.
+//! A group takes the nodes of [`GROUP_PAGES`] neighbouring pages as input and simplifies them [`HALVINGS`] times to half
+//! their number. Its output fills one page and is a part of the input of the group above. The distance to the camera is
+//! that of the whole group, so its nodes are put into pages by the errors of their parents: the nodes of a page leave the
+//! cut at about the same distance. Groups are built from the leaves up, each as soon as its children are built, so that
+//! few are in memory at a time.
 
 use std::fs::File;
 use std::ops::Range;
@@ -13,13 +13,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
-use super::group_checkpoint::{KeptTops, Place, Top};
-use super::hierarchy_layout::{FLOOR, HALVINGS, Storey, TOPS, storeys};
+use super::group_checkpoint::{GroupBounds, GroupCheckpoint, GroupOutput};
+use super::hierarchy_layout::{CHILD_GROUPS, GROUP_PAGES, HALVINGS, HierarchyLevel, hierarchy_levels};
 use super::output::{Output, sealed};
 use crate::files::{read_exact_at, write_all_at};
-use crate::lod::{NEVER, Node, Nodes, Parents, code, median, parents};
+use crate::lod::{NEVER, Node, Nodes, Simplified, code_of, median, simplify};
 use crate::packing::Shape;
-use crate::pagefile::{LEVEL_WORDS, Level, NO_NODE, NO_PAGE, PADDING, PAGE, PageRecord, level_words};
+use crate::pagefile::{LEVEL_WORDS, NO_NODE, NO_PAGE, PADDING, PAGE, PageLod, PageRecord, level_words};
 use crate::scene::Cancelled;
 
 /// The largest opacity that fits into 16-bit floats, with room for rounding.
@@ -27,26 +27,26 @@ const MOST_OPACITY: f32 = 60_000.0;
 
 struct Hierarchy<'h> {
     output: &'h Output<'h>,
-    /// The pages of the scene, at the places that they have in the output.
+    /// The pages of the scene, at the same offsets as in the output.
     scene: &'h File,
-    tops: Option<&'h KeptTops<'h>>,
+    checkpoint: Option<&'h GroupCheckpoint<'h>>,
     sh_degree: u32,
     /// Gaussians of the scene.
     count: usize,
-    storeys: Vec<Storey>,
+    levels: Vec<HierarchyLevel>,
     typical: Typical,
     done: AtomicUsize,
     progress: &'h (dyn Fn(f64) + Sync),
     is_cancelled: &'h (dyn Fn() -> bool + Sync),
 }
 
-/// The least error of a node, as a part of the typical one of its level. A block with a few distant Gaussians is
-/// measured on pictures in which all others are smaller than a pixel, and their merges seem to change nothing.
+/// The least error of a node, as a fraction of the typical error of its level. A group with a few distant Gaussians is
+/// measured on pictures in which all others are smaller than a pixel, so that their merges measure no difference.
 const LEAST_ERROR: f64 = 0.25;
 
-/// The least error of a node, as a part of its largest standard deviation. A Gaussian that is large in the picture
-/// and near the camera is drawn far from where it is: its projection is linear about its mean. Errors are measured from
-/// afar and do not have that.
+/// The least error of a node, as a fraction of its largest standard deviation. A large Gaussian near the camera is drawn
+/// far from its true position, because its projection is linear about its mean. Measured errors lack this, since they are
+/// measured from afar.
 const PER_SIZE: f64 = 1e-3;
 
 /// The least typical error of Gaussians of the scene: 2^-60 world units.
@@ -57,35 +57,35 @@ const LEAST_TYPICAL: f64 = 1.0 / (1_u64 << 60) as f64;
 struct Typical(f64);
 
 impl Typical {
-    /// The codes of the errors of nodes of a level, 0 for Gaussians of the scene, as files hold them: moved towards the
-    /// typical error of the level, by three quarters of the way between their logarithms. At equal numbers of nodes,
-    /// pictures are better so (docs/levels.md, Errors).
+    /// The codes of the errors of nodes of a level, 0 for Gaussians of the scene. In files, errors are moved towards the
+    /// typical error of the level, by three quarters of the way between their logarithms: this makes better pictures at
+    /// equal numbers of nodes (docs/levels.md, Errors).
     fn codes(self, nodes: &Nodes, level: usize) -> Vec<u16> {
         let typical = self.0 * (level as f64).exp2();
         let least = if level == 0 { 0.0 } else { LEAST_ERROR * typical };
         let tempered = |node: &Node| (f64::from(node.error).max(least) * typical.powi(3)).sqrt().sqrt();
-        nodes.nodes.iter().map(|node| code(tempered(node).max(PER_SIZE * f64::from(node.size)))).collect()
+        nodes.nodes.iter().map(|node| code_of(tempered(node).max(PER_SIZE * f64::from(node.size)))).collect()
     }
 }
 
-/// Nodes of one level of a block, and the codes of their errors and of those of their parents.
+/// Nodes of one step of a group, and the codes of their errors and of their parents' errors.
 struct Children<'n> {
     nodes: &'n Nodes,
     own: Vec<u16>,
     parents: Vec<u16>,
-    place: Place,
+    bounds: GroupBounds,
 }
 
 impl<'n> Children<'n> {
-    fn of((nodes, level): (&'n Nodes, usize), found: &Parents, typical: Typical, place: Place) -> Self {
+    fn of((nodes, level): (&'n Nodes, usize), found: &Simplified, typical: Typical, bounds: GroupBounds) -> Self {
         let above = typical.codes(&found.nodes, level + 1);
-        let parents = found.of_children.iter().map(|parent| above[*parent as usize]).collect();
-        Self { nodes, own: typical.codes(nodes, level), parents, place }
+        let parents = found.parent_of_child.iter().map(|parent| above[*parent as usize]).collect();
+        Self { nodes, own: typical.codes(nodes, level), parents, bounds }
     }
 
     /// Nodes without parents.
-    fn of_none((nodes, level): (&'n Nodes, usize), typical: Typical, place: Place) -> Self {
-        Self { nodes, own: typical.codes(nodes, level), parents: vec![NEVER; nodes.len()], place }
+    fn of_none((nodes, level): (&'n Nodes, usize), typical: Typical, bounds: GroupBounds) -> Self {
+        Self { nodes, own: typical.codes(nodes, level), parents: vec![NEVER; nodes.len()], bounds }
     }
 
     /// The indices of the nodes in the order of the errors of their parents.
@@ -96,146 +96,147 @@ impl<'n> Children<'n> {
     }
 }
 
-/// Builds and writes the levels of the pages in the file `scene`, and these pages, each in the order of errors. Blocks
-/// whose tops were kept by an earlier run are not built again.
+/// Builds the hierarchy of the pages in the file `scene`, and writes all pages, each with its nodes in the order of
+/// errors. Groups whose outputs an earlier run has kept are not built again.
 ///
 /// # Errors
 /// If a file cannot be read or written; [`Cancelled`].
 pub fn build(
-    (output, scene, tops): (&Output, &File, Option<&KeptTops>),
+    (output, scene, checkpoint): (&Output, &File, Option<&GroupCheckpoint>),
     (count, sh_degree): (usize, u32),
     progress: &(dyn Fn(f64) + Sync),
     is_cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<()> {
-    let (storeys, typical, done) = (storeys(count), Typical(0.0), AtomicUsize::new(0));
+    let (levels, typical, done) = (hierarchy_levels(count), Typical(0.0), AtomicUsize::new(0));
     let mut hierarchy =
-        Hierarchy { output, scene, tops, sh_degree, count, done, progress, is_cancelled, storeys, typical };
-    let Some(last) = hierarchy.storeys.last() else {
+        Hierarchy { output, scene, checkpoint, sh_degree, count, done, progress, is_cancelled, levels, typical };
+    let Some(last) = hierarchy.levels.last() else {
         let (nodes, records) = hierarchy.scene_pages(0..1)?;
-        let children = Children::of_none((&nodes, 0), typical, Place::around(&nodes));
-        let written = hierarchy.write_scene(0, &children, &records)?;
-        return hierarchy.finish(&written, NO_PAGE);
+        let children = Children::of_none((&nodes, 0), typical, GroupBounds::around(&nodes));
+        let written = hierarchy.write_leaves(0, &children, &records)?;
+        return hierarchy.write_lods(&written, NO_PAGE);
     };
-    let (page, storeys) = (last.above().first, hierarchy.storeys.len());
+    let (page, levels) = (last.above().first_page, hierarchy.levels.len());
     hierarchy.typical = hierarchy.typical()?;
-    let top = hierarchy.block(storeys - 1, 0)?;
-    let children = Children::of_none((&top.nodes, storeys * HALVINGS), hierarchy.typical, top.place);
-    let written = hierarchy.write_nodes(page, &children)?;
-    hierarchy.finish(&written, NO_PAGE)?;
-    hierarchy.finish(&top.last, page as u32)
+    let root = hierarchy.group_output(levels - 1, 0)?;
+    let children = Children::of_none((&root.nodes, levels * HALVINGS), hierarchy.typical, root.bounds);
+    let written = hierarchy.write_inner(page, &children)?;
+    hierarchy.write_lods(&written, NO_PAGE)?;
+    hierarchy.write_lods(&root.last_pages, page as u32)
 }
 
 impl Hierarchy<'_> {
-    /// The typical error of this scene: the median of the second levels of some blocks.
+    /// The typical error of this scene: the median after two steps, over some groups.
     fn typical(&self) -> Result<Typical> {
-        const BLOCKS: usize = 16;
-        const LEVEL: usize = 2;
-        let blocks = self.storeys[0].blocks();
-        let medians = (0..blocks.min(BLOCKS)).into_par_iter().map(|i| {
-            let (mut nodes, mut detail) = (self.floor(i * blocks / blocks.min(BLOCKS))?.0, 0.0);
-            for _ in 0..LEVEL {
-                let found = parents(&nodes, nodes.len().div_ceil(2), detail);
-                (nodes, detail) = (found.nodes, found.detail);
+        const GROUPS: usize = 16;
+        const STEPS: usize = 2;
+        let groups = self.levels[0].groups();
+        let medians = (0..groups.min(GROUPS)).into_par_iter().map(|i| {
+            let (mut nodes, mut reference_width) = (self.leaf_input(i * groups / groups.min(GROUPS))?.0, 0.0);
+            for _ in 0..STEPS {
+                let found = simplify(&nodes, nodes.len().div_ceil(2), reference_width);
+                (nodes, reference_width) = (found.nodes, found.reference_width);
             }
             Ok(median(nodes.nodes.iter().map(|node| f64::from(node.error)).collect()))
         });
         let medians = medians.collect::<Result<Vec<f64>>>()?;
-        // Not 0, where most merges change nothing: the others still differ, and the third power stays a number.
-        Ok(Typical((median(medians) / (LEVEL as f64).exp2()).max(LEAST_TYPICAL)))
+        // Above 0 even if most merges measure no difference, so that the third power is not 0.
+        Ok(Typical((median(medians) / (STEPS as f64).exp2()).max(LEAST_TYPICAL)))
     }
 
-    /// The Gaussians of a block on the ground.
-    fn floor(&self, block: usize) -> Result<(Nodes, Vec<PageRecord>)> {
-        let begin = block * FLOOR;
-        self.scene_pages(begin..(begin + FLOOR).min(self.count.div_ceil(PAGE)))
+    /// The Gaussians that are the input of a group of the leaf level, and their words.
+    fn leaf_input(&self, group: usize) -> Result<(Nodes, Vec<PageRecord>)> {
+        let begin = group * GROUP_PAGES;
+        self.scene_pages(begin..(begin + GROUP_PAGES).min(self.count.div_ceil(PAGE)))
     }
 
-    /// Builds a block and all below it, or finds it as an earlier run has written it. All is in the file then but its
-    /// top and the table of the level below that.
-    fn block(&self, storey: usize, block: usize) -> Result<Top> {
+    /// The output of a group, built or from the checkpoint. All pages below it are then in the file, except for the table
+    /// entries of its last pages.
+    fn group_output(&self, level: usize, group: usize) -> Result<GroupOutput> {
         ensure!(!(self.is_cancelled)(), Cancelled);
-        let Some(tops) = self.tops.filter(|_| storey == KeptTops::storey(&self.storeys)) else {
-            return self.built(storey, block);
+        let Some(checkpoint) = self.checkpoint.filter(|_| level == GroupCheckpoint::level(&self.levels)) else {
+            return self.build_group(level, group);
         };
-        if let Some(top) = tops.find(block, self.sh_degree) {
-            for (below, storey) in self.storeys[..=storey].iter().rev().enumerate() {
-                let blocks = TOPS.pow(below as u32);
-                let blocks = block * blocks..storey.blocks().min((block + 1) * blocks);
-                self.advance(blocks.map(|block| storey.levels_of(block)[0]).sum());
+        if let Some(output) = checkpoint.find(group, self.sh_degree) {
+            for (depth, below) in self.levels[..=level].iter().rev().enumerate() {
+                let groups = CHILD_GROUPS.pow(depth as u32);
+                let groups = group * groups..below.groups().min((group + 1) * groups);
+                self.advance(groups.map(|group| below.node_counts(group)[0]).sum());
             }
-            return Ok(top);
+            return Ok(output);
         }
-        let top = self.built(storey, block)?;
-        tops.keep(block, &top)?;
-        Ok(top)
+        let output = self.build_group(level, group)?;
+        checkpoint.keep(group, &output)?;
+        Ok(output)
     }
 
-    /// Reports that the floors of some blocks, so many nodes in all, are done.
+    /// Reports that groups with `nodes` input nodes are done.
     fn advance(&self, nodes: usize) {
         let done = nodes + self.done.fetch_add(nodes, Ordering::Relaxed);
-        (self.progress)(done as f64 / self.storeys.iter().map(|storey| storey.nodes).sum::<usize>() as f64);
+        (self.progress)(done as f64 / self.levels.iter().map(|level| level.nodes).sum::<usize>() as f64);
     }
 
-    fn built(&self, storey: usize, block: usize) -> Result<Top> {
-        let own = self.storeys[storey];
-        let pages = own.pages_of(block);
-        let (floor, below) = if own.is_ground {
-            (self.floor(block)?, Vec::new())
+    fn build_group(&self, level: usize, group: usize) -> Result<GroupOutput> {
+        let own = self.levels[level];
+        let pages = own.page_starts(group);
+        let ((input, records), children) = if own.is_leaf {
+            (self.leaf_input(group)?, Vec::new())
         } else {
-            let under = &self.storeys[storey - 1];
-            let below = block * TOPS..under.blocks().min((block + 1) * TOPS);
-            let tops = below.into_par_iter().map(|below| self.block(storey - 1, below)).collect::<Result<Vec<_>>>()?;
+            let below = &self.levels[level - 1];
+            let groups = group * CHILD_GROUPS..below.groups().min((group + 1) * CHILD_GROUPS);
+            let outputs = groups.into_par_iter().map(|group| self.group_output(level - 1, group));
+            let outputs = outputs.collect::<Result<Vec<_>>>()?;
             let mut nodes = Nodes::new(self.sh_degree);
-            tops.iter().for_each(|top| nodes.append(&top.nodes));
-            ((nodes, Vec::new()), tops)
+            outputs.iter().for_each(|output| nodes.append(&output.nodes));
+            ((nodes, Vec::new()), outputs)
         };
-        let (floor, records) = floor;
-        let of_tops = below.iter().map(|top| top.place).reduce(Place::and);
-        let place = of_tops.unwrap_or_else(|| Place::around(&floor));
-        let mut found: Vec<Parents> = Vec::new();
+        let union = children.iter().map(|output| output.bounds).reduce(GroupBounds::union);
+        let bounds = union.unwrap_or_else(|| GroupBounds::around(&input));
+        let mut steps: Vec<Simplified> = Vec::new();
         for _ in 0..HALVINGS {
-            let (nodes, detail) = found.last().map_or((&floor, place.own_detail), |last| (&last.nodes, last.detail));
-            found.push(parents(nodes, nodes.len().div_ceil(2), detail));
+            let (nodes, reference_width) =
+                steps.last().map_or((&input, bounds.own_reference_width), |last| (&last.nodes, last.reference_width));
+            steps.push(simplify(nodes, nodes.len().div_ceil(2), reference_width));
         }
-        let detail = found.iter().map(|parents| parents.detail).fold(place.detail, f32::max);
-        let place = Place { detail, ..place };
-        let at = |own_detail: f32| Place { own_detail, ..place };
-        // Parents in the same block are judged from the same place.
-        below.iter().try_for_each(|top| self.finish(&top.last, pages[0] as u32))?;
-        let mut last = Vec::new();
-        for level in 0..HALVINGS {
-            let (nodes, own_detail) = match level {
-                0 => (&floor, place.own_detail),
-                _ => (&found[level - 1].nodes, found[level - 1].detail),
+        let reference_width = steps.iter().map(|step| step.reference_width).fold(bounds.reference_width, f32::max);
+        let bounds = GroupBounds { reference_width, ..bounds };
+        let with_own = |own_reference_width: f32| GroupBounds { own_reference_width, ..bounds };
+        // Nodes and parents in the same group have the same bounds.
+        children.iter().try_for_each(|output| self.write_lods(&output.last_pages, pages[0] as u32))?;
+        let mut last_pages = Vec::new();
+        for step in 0..HALVINGS {
+            let (nodes, own_reference_width) = match step {
+                0 => (&input, bounds.own_reference_width),
+                _ => (&steps[step - 1].nodes, steps[step - 1].reference_width),
             };
-            let number = storey * HALVINGS + level;
-            let children = Children::of((nodes, number), &found[level], self.typical, at(own_detail));
-            last = match level == 0 && own.is_ground {
-                true => self.write_scene(pages[0], &children, &records)?,
-                false => self.write_nodes(pages[level], &children)?,
+            let lod = level * HALVINGS + step;
+            let children = Children::of((nodes, lod), &steps[step], self.typical, with_own(own_reference_width));
+            last_pages = match step == 0 && own.is_leaf {
+                true => self.write_leaves(pages[0], &children, &records)?,
+                false => self.write_inner(pages[step], &children)?,
             };
-            if level + 1 < HALVINGS {
-                self.finish(&last, pages[level] as u32)?;
+            if step + 1 < HALVINGS {
+                self.write_lods(&last_pages, pages[step] as u32)?;
             }
         }
-        self.advance(floor.len());
-        let top = found.pop().expect("a floor is halved");
-        Ok(Top { place: at(top.detail), nodes: top.nodes, last })
+        self.advance(input.len());
+        let output = steps.pop().expect("a group has steps");
+        Ok(GroupOutput { bounds: with_own(output.reference_width), nodes: output.nodes, last_pages })
     }
 
-    /// Writes the table of some pages. `parent` is a page that is judged from the place of their parents.
-    fn finish(&self, written: &[(usize, Level)], parent: u32) -> Result<()> {
-        let [.., table_at] = self.output.places;
-        for (page, level) in written {
-            // Pages follow those that they are judged with.
+    /// Writes the table entries of some pages. `parent` is a page with the bounds of their parents.
+    fn write_lods(&self, pages: &[(usize, PageLod)], parent: u32) -> Result<()> {
+        let [.., table_at] = self.output.offsets;
+        for (page, lod) in pages {
+            // The format wants a parent that is not before its page.
             let parent = if parent == NO_PAGE { NO_PAGE } else { parent.max(*page as u32) };
-            let level = Level { parent, ..*level };
-            write_all_at(self.output.file, &level.encoded(), table_at + (page * Level::BYTES) as u64)?;
+            let lod = PageLod { parent, ..*lod };
+            write_all_at(self.output.file, &lod.encoded(), table_at + (page * PageLod::BYTES) as u64)?;
         }
         Ok(())
     }
 
-    /// The Gaussians of some pages of the scene as they are drawn, and their words.
+    /// The Gaussians of some pages of the scene with their packed values, and their words.
     fn scene_pages(&self, pages: Range<usize>) -> Result<(Nodes, Vec<PageRecord>)> {
         let Output { words, layout, .. } = self.output;
         let (mut nodes, mut records) = (Nodes::new(self.sh_degree), Vec::new());
@@ -254,31 +255,31 @@ impl Hierarchy<'_> {
     fn read_page(&self, page: usize) -> Result<[Vec<u32>; 2]> {
         let words = &self.output.words;
         let mut streams = [words.geometry(), words.colours()].map(|words| vec![0_u32; words]);
-        for (stream, place) in streams.iter_mut().zip(self.output.places) {
+        for (stream, offset) in streams.iter_mut().zip(self.output.offsets) {
             let bytes = 4 * stream.len() as u64;
-            read_exact_at(self.scene, bytemuck::cast_slice_mut(stream), place + page as u64 * bytes)?;
+            read_exact_at(self.scene, bytemuck::cast_slice_mut(stream), offset + page as u64 * bytes)?;
             stream.iter_mut().for_each(|word| *word = u32::from_le(*word));
         }
         Ok(streams)
     }
 
-    /// Writes the Gaussians of a block on the ground, in the order of the errors of their parents.
-    fn write_scene(&self, first: usize, children: &Children, records: &[PageRecord]) -> Result<Vec<(usize, Level)>> {
+    /// Writes Gaussians of the scene, in the order of the errors of their parents.
+    fn write_leaves(&self, first: usize, children: &Children, records: &[PageRecord]) -> Result<Vec<(usize, PageLod)>> {
         self.write(first, children, |_, part, geometry, colours| {
             let records: Vec<&PageRecord> = part.iter().map(|index| &records[*index as usize]).collect();
             self.output.words.fill_records(&records, geometry, colours);
         })
     }
 
-    /// Writes nodes that stand for others, in the order of the errors of their parents.
-    fn write_nodes(&self, first: usize, children: &Children) -> Result<Vec<(usize, Level)>> {
+    /// Writes merged nodes, in the order of the errors of their parents.
+    fn write_inner(&self, first: usize, children: &Children) -> Result<Vec<(usize, PageLod)>> {
         let Output { words, layout, alpha_min, .. } = self.output;
         let nodes = children.nodes;
         self.write(first, children, |page, part, geometry, colours| {
             let shape = |k: usize| {
-                let Node { mean, rotation, scale, opacity, summed, .. } = nodes.nodes[part[k] as usize];
-                // The larger of the two decides how far the node reaches.
-                Shape { mean, rotation, scale, opacity: opacity.max(summed).min(MOST_OPACITY) }
+                let Node { mean, rotation, scale, opacity, opacity_sum, .. } = nodes.nodes[part[k] as usize];
+                // The reach is that of the larger one.
+                Shape { mean, rotation, scale, opacity: opacity.max(opacity_sum).min(MOST_OPACITY) }
             };
             let id = self.count + (page - self.count.div_ceil(PAGE)) * PAGE;
             words.fill_geometry((layout, *alpha_min), part.len(), shape, |k| (id + k) as u32, geometry);
@@ -286,14 +287,14 @@ impl Hierarchy<'_> {
         })
     }
 
-    /// Writes the pages of a level from page `first` on; `fill` makes a page of some of its nodes. Returns the pages
-    /// and their entries in the table of levels, without the page of the parents.
+    /// Writes the pages of a step from page `first` on; `fill` makes a page of some of its nodes. Returns the pages and
+    /// their table entries, which lack the page of the parents.
     fn write(
         &self,
         first: usize,
         children: &Children,
         fill: impl Fn(usize, &[u32], &mut [u32], &mut [u32]),
-    ) -> Result<Vec<(usize, Level)>> {
+    ) -> Result<Vec<(usize, PageLod)>> {
         let write = |(number, part): (usize, &[u32])| {
             let page = first + number;
             self.output.write_page(page, |geometry, colours| fill(page, part, geometry, colours))?;
@@ -302,8 +303,8 @@ impl Hierarchy<'_> {
         children.order().chunks(PAGE).enumerate().map(write).collect()
     }
 
-    /// Writes the words of levels of a page with some nodes, and returns its entry in the table of levels.
-    fn write_words(&self, page: usize, children: &Children, part: &[u32]) -> Result<Level> {
+    /// Writes the words of levels of a page with these nodes, and returns its entry in the table of levels.
+    fn write_words(&self, page: usize, children: &Children, part: &[u32]) -> Result<PageLod> {
         let mut words = vec![0; LEVEL_WORDS * PAGE];
         let is_scene = page < self.count.div_ceil(PAGE);
         let nodes: Vec<Node> = part.iter().map(|index| children.nodes.nodes[*index as usize]).collect();
@@ -313,19 +314,19 @@ impl Hierarchy<'_> {
             *words = match nodes.get(k) {
                 None => NO_NODE,
                 Some(node) => {
-                    let opacities = [node.opacity, node.summed].map(|value| value.min(MOST_OPACITY));
+                    let opacities = [node.opacity, node.opacity_sum].map(|value| value.min(MOST_OPACITY));
                     level_words(own[k], parents[k], (!is_scene).then_some(opacities))
                 }
             };
         }
         let checksum = sealed(&mut words);
-        let [.., words_at, _] = self.output.places;
+        let [.., words_at, _] = self.output.offsets;
         let bytes: &[u8] = bytemuck::cast_slice(&words);
         write_all_at(self.output.file, bytes, words_at + (page * bytes.len()) as u64)?;
-        let Place { low, high, detail, own_detail } = children.place;
-        let level = Level::of(&nodes, [&own, &parents], (own_detail / detail).min(1.0).powi(2));
-        let most_opacity = level.most_opacity.min(MOST_OPACITY);
-        Ok(Level { low, high, detail, most_opacity, checksum, ..level })
+        let GroupBounds { low, high, reference_width, own_reference_width } = children.bounds;
+        let level = PageLod::of(&nodes, [&own, &parents], (own_reference_width / reference_width).min(1.0).powi(2));
+        let highest_opacity = level.highest_opacity.min(MOST_OPACITY);
+        Ok(PageLod { low, high, reference_width, highest_opacity, checksum, ..level })
     }
 }
 
@@ -333,8 +334,7 @@ impl Hierarchy<'_> {
 mod tests {
     use super::*;
 
-    /// Where most merges change nothing, the typical error is 0, and the nodes that do change pictures must not be
-    /// taken for Gaussians of the scene.
+    /// A typical error of 0 must not give the code of Gaussians of the scene to nodes with an error.
     #[test]
     fn errors_differ_however_small_the_typical_one_is() {
         let mut nodes = Nodes::new(0);
@@ -346,26 +346,26 @@ mod tests {
         assert_eq!(Typical(LEAST_TYPICAL).codes(&nodes, 0)[0], 0, "a Gaussian of the scene");
     }
 
-    /// Where the measurement sees no change, the typical one counts.
+    /// Without a measured error, the typical one counts.
     #[test]
-    fn a_node_has_a_part_of_the_typical_error_at_least() {
+    fn a_node_has_a_fraction_of_the_typical_error_at_least() {
         let mut nodes = Nodes::new(0);
         nodes.push(Node::leaf([0.0; 3], [1.0, 0.0, 0.0, 0.0], [1.0; 3], 1.0), &[[0.0; 3]]);
         assert_eq!(
             Typical(0.25).codes(&nodes, 2),
-            [code(0.25_f64.powf(0.25))],
+            [code_of(0.25_f64.powf(0.25))],
             "the fourth root of 1/4, of an error of 1"
         );
     }
 
-    /// A wall of one colour has no error from afar, but a node that stands for it is not drawn as large as the picture.
+    /// A wall of one colour has no measured error, but its node must not be drawn as large as the picture.
     #[test]
     fn an_error_grows_with_the_size_of_what_is_drawn() {
         let mut nodes = Nodes::new(0);
         let leaf = Node::leaf([0.0; 3], [1.0, 0.0, 0.0, 0.0], [3.0; 3], 1.0);
         [leaf, Node { size: 3.0, ..leaf }].into_iter().for_each(|node| nodes.push(node, &[[0.0; 3]]));
         let codes = Typical(1e-9).codes(&nodes, 1);
-        assert!(codes[0] < codes[1] && codes[1] == code(3.0 * PER_SIZE), "{codes:?}");
+        assert!(codes[0] < codes[1] && codes[1] == code_of(3.0 * PER_SIZE), "{codes:?}");
         assert_eq!(Typical(1e-9).codes(&nodes, 0)[0], 0, "a Gaussian of the scene is drawn at any size");
     }
 }

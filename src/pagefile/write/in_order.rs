@@ -1,11 +1,11 @@
-//! Page files of scenes whose blocks come in the order of places already.
+//! Writes page files of scenes whose blocks are already in Morton order.
 
 use std::fs::File;
 
 use anyhow::{Result, bail, ensure};
 
-use super::convert::{Blocks, Finished, Job, STATE, Settings, check_count, finish, first_passes};
-use super::hierarchy_layout::pages_of_levels;
+use super::convert::{Blocks, Finished, Job, STATE, Settings, check_count, finish, statistics_passes};
+use super::hierarchy_layout::inner_pages;
 use super::output::Output;
 use crate::files::Kept;
 use crate::options::Storage;
@@ -13,8 +13,8 @@ use crate::packing::{Accumulator, Layout, Statistics};
 use crate::pagefile::PAGE;
 use crate::scene::{Cancelled, Gaussians, along_curve};
 
-/// Writes a scene whose blocks come in the order of places already, each some pages large: they are sorted in
-/// themselves and written as they come. Where the layout depends on the whole scene, a pass over it comes first.
+/// Writes a scene whose blocks of several pages are already in Morton order: each block is sorted and written at once. If
+/// the layout depends on the whole scene, the statistics take a pass before.
 ///
 /// # Errors
 /// Those of the source; if the file cannot be written; [`Cancelled`].
@@ -25,14 +25,14 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
     let is_plain = |storage: Storage| storage == Storage::F32;
     let options = &job.settings.options;
     let is_free = is_plain(options.sh_storage) && is_plain(options.shape_storage);
-    let known = if is_free { None } else { Some(first_passes(job, blocks, 2.0)?.1) };
-    let mut going: Option<Going> = None;
+    let known = if is_free { None } else { Some(statistics_passes(job, blocks, 2.0)?.1) };
+    let mut writer: Option<OrderedWriter> = None;
     let mut add = |block: Gaussians, of: usize| {
         job.check()?;
         check_count(of)?;
-        let going = going.get_or_insert_with(|| Going::new(job, known.as_ref(), of, block.sh_degree()));
-        going.add(&file, block).map_err(|error| error.context(format!("cannot write {}", job.output.display())))?;
-        let done = going.statistics.added() as f64 / of as f64;
+        let writer = writer.get_or_insert_with(|| OrderedWriter::new(job, known.as_ref(), of, block.sh_degree()));
+        writer.add(&file, block).map_err(|error| error.context(format!("cannot write {}", job.output.display())))?;
+        let done = writer.statistics.added() as f64 / of as f64;
         job.report(if known.is_some() { 0.5 + 0.5 * done } else { done });
         anyhow::Ok(())
     };
@@ -46,19 +46,19 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
         let made = making.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         added.and(made)
     })?;
-    let Some(mut going) = going else { bail!("there are no Gaussians") };
-    let statistics = job.statistics(going.end(&file)?);
+    let Some(mut writer) = writer else { bail!("there are no Gaussians") };
+    let statistics = job.statistics(writer.end(&file)?);
     let mut layout = job.layout(&statistics);
     // Coefficients of degrees that turned out to be 0 are stored, too.
-    layout.sh_degree = going.layout.sh_degree;
+    layout.sh_degree = writer.layout.sh_degree;
     let header = job.header(&scene, statistics, layout);
-    let output = Output::new(&file, (&header.layout, header.alpha_min), going.pages);
+    let output = Output::new(&file, (&header.layout, header.alpha_min), writer.pages);
     finish(job, kept, &output, header.clone())?;
     Ok(Finished { header, resumed: 0, buckets: 1, resumed_levels: 0, notices: scene.notices })
 }
 
-/// Blocks that are written as they come.
-struct Going {
+/// Writes blocks in the order in which they are read.
+struct OrderedWriter {
     layout: Layout,
     alpha_min: f32,
     /// Most pages.
@@ -69,7 +69,7 @@ struct Going {
     rest: Option<(Gaussians, Vec<u32>)>,
 }
 
-impl Going {
+impl OrderedWriter {
     fn new(job: &Job, known: Option<&Statistics>, of: usize, sh_degree: u32) -> Self {
         let Settings { options, has_levels, .. } = &job.settings;
         let statistics = Accumulator::new(of, sh_degree);
@@ -78,7 +78,7 @@ impl Going {
             None => Layout::plain(sh_degree.min(options.sh_degree)),
         };
         let (alpha_min, scene_pages) = (options.rules.alpha_min, of.div_ceil(PAGE));
-        let pages = scene_pages + if *has_levels { pages_of_levels(of) } else { 0 };
+        let pages = scene_pages + if *has_levels { inner_pages(of) } else { 0 };
         Self { layout, alpha_min, pages, statistics, written: 0, rest: None }
     }
 
@@ -97,7 +97,7 @@ impl Going {
         let whole = order.len() / PAGE * PAGE;
         self.write(file, &gaussians, &order[..whole], &ids)?;
         if whole < order.len() {
-            // In the order of the scene, as if they came with the next block.
+            // In the order of the scene, as a part of the next block.
             let mut rest = order[whole..].to_vec();
             rest.sort_unstable();
             let ids = rest.iter().map(|index| ids[*index as usize]).collect();
@@ -113,13 +113,13 @@ impl Going {
         Ok(())
     }
 
-    /// Writes what is left.
+    /// Writes the last Gaussians.
     fn end(&mut self, file: &File) -> Result<Statistics> {
         if let Some((gaussians, ids)) = self.rest.take() {
             let order = along_curve(gaussians.means());
             self.write(file, &gaussians, &order, &ids)?;
         }
-        ensure!(self.statistics.is_complete(), "the source holds another number of Gaussians than it said");
+        ensure!(self.statistics.is_complete(), "the source has another number of Gaussians than announced");
         let empty = Accumulator::new(0, 0);
         Ok(std::mem::replace(&mut self.statistics, empty).finish())
     }

@@ -10,31 +10,31 @@ use twox_hash::XxHash3_64;
 use crate::files::{read_exact_at, write_all_at};
 use crate::host_memory::host_zeros;
 use crate::packing::{Layout, Shape};
-use crate::pagefile::{Entry, HEADER, Header, Level, LevelParts, PAGE, Page, PageWords};
+use crate::pagefile::{Entry, HEADER, Header, LodSections, PAGE, Page, PageLod, PageWords};
 use crate::scene::Gaussians;
 
-/// The words of a page file in the making. Pages are written in any order, on many threads.
+/// A page file that is being written. Pages are written in any order, on many threads.
 pub struct Output<'f> {
     pub(crate) file: &'f File,
     pub(crate) layout: &'f Layout,
     pub(crate) alpha_min: f32,
     pub(crate) words: PageWords,
-    /// Where the streams and the table of levels begin.
-    pub(crate) places: [u64; 4],
+    /// Byte offsets of the three streams and of the table of levels.
+    pub(crate) offsets: [u64; 4],
 }
 
-/// Pages that a thread makes at a time.
-const TOGETHER: usize = 16;
+/// Pages that a thread packs at a time.
+const BATCH_PAGES: usize = 16;
 
 impl<'f> Output<'f> {
     /// A file with at most `pages` pages.
     pub fn new(file: &'f File, (layout, alpha_min): (&'f Layout, f32), pages: usize) -> Self {
         let words = PageWords::of(layout);
-        Self { file, layout, alpha_min, places: Header::places(pages, &words), words }
+        Self { file, layout, alpha_min, offsets: Header::stream_offsets(pages, &words), words }
     }
 
-    /// The same places in another file.
-    pub fn onto(&self, file: &'f File) -> Self {
+    /// The same layout in another file.
+    pub fn for_file(&self, file: &'f File) -> Self {
         Self { file, words: PageWords::of(self.layout), ..*self }
     }
 
@@ -49,8 +49,8 @@ impl<'f> Output<'f> {
         order: &[u32],
         id: impl Fn(u32) -> u32 + Sync,
     ) -> io::Result<()> {
-        let parts = order.par_chunks(TOGETHER * PAGE).enumerate();
-        parts.try_for_each(|(i, order)| self.write_part(first + i * TOGETHER, gaussians, order, &id))
+        let parts = order.par_chunks(BATCH_PAGES * PAGE).enumerate();
+        parts.try_for_each(|(i, order)| self.write_part(first + i * BATCH_PAGES, gaussians, order, &id))
     }
 
     fn write_part(
@@ -88,7 +88,7 @@ impl<'f> Output<'f> {
         self.put(page, &streams, &entry.encoded())
     }
 
-    /// The entry of a page, whose words become those of the file.
+    /// The entry of a page. Its words become little-endian.
     fn entry(&self, geometry: &mut [u32], colours: &mut [u32]) -> Entry {
         let page = Page::of(&self.words, self.layout, geometry);
         Entry { page, checksums: [geometry, colours].map(sealed) }
@@ -97,17 +97,17 @@ impl<'f> Output<'f> {
     /// Writes the streams and the entries of pages from page `first` on.
     fn put(&self, first: usize, streams: &[Vec<u32>; 2], entries: &[u8]) -> io::Result<()> {
         let each = [self.words.geometry(), self.words.colours()];
-        for ((words, each), place) in streams.iter().zip(each).zip(self.places) {
-            write_all_at(self.file, bytemuck::cast_slice(words), place + (first * each * 4) as u64)?;
+        for ((words, each), offset) in streams.iter().zip(each).zip(self.offsets) {
+            write_all_at(self.file, bytemuck::cast_slice(words), offset + (first * each * 4) as u64)?;
         }
         write_all_at(self.file, entries, (HEADER + first * Entry::BYTES) as u64)
     }
 
-    /// The header with the places of the parts of this file.
-    pub fn placed(&self, mut header: Header) -> Header {
-        let [geometry_at, colours_at, words_at, table_at] = self.places;
+    /// The header with the offsets of this file.
+    pub fn with_offsets(&self, mut header: Header) -> Header {
+        let [geometry_at, colours_at, words_at, table_at] = self.offsets;
         (header.geometry_at, header.colours_at) = (geometry_at, colours_at);
-        header.levels = header.levels.map(|levels| LevelParts { words_at, table_at, ..levels });
+        header.levels = header.levels.map(|levels| LodSections { words_at, table_at, ..levels });
         header
     }
 
@@ -116,16 +116,16 @@ impl<'f> Output<'f> {
     /// # Errors
     /// If the file cannot be read or written.
     pub fn finish(&self, header: Header) -> Result<()> {
-        let mut header = self.placed(header);
+        let mut header = self.with_offsets(header);
         let mut table: Vec<u8> = host_zeros(header.pages() * Entry::BYTES, "table of pages")?;
         read_exact_at(self.file, &mut table, HEADER as u64)?;
         let entries: Vec<Entry> = table.as_chunks().0.iter().map(Entry::decoded).collect();
         let count: usize = entries[..header.scene_pages()].iter().map(|entry| entry.page.count as usize).sum();
         let is_sound = entries.iter().all(Entry::is_plausible) && count == header.statistics.count;
-        ensure!(is_sound, "what was kept of an earlier run is damaged: run it again");
+        ensure!(is_sound, "the checkpoint of an earlier run is damaged: run it again");
         header.table_checksum = XxHash3_64::oneshot(&table);
         if let Some(levels) = &mut header.levels {
-            let mut table: Vec<u8> = host_zeros(entries.len() * Level::BYTES, "table of levels")?;
+            let mut table: Vec<u8> = host_zeros(entries.len() * PageLod::BYTES, "table of levels")?;
             read_exact_at(self.file, &mut table, levels.table_at)?;
             levels.checksum = XxHash3_64::oneshot(&table);
         }
@@ -135,7 +135,7 @@ impl<'f> Output<'f> {
     }
 }
 
-/// Makes words those of a file, and returns their checksum.
+/// Makes words little-endian, as they are stored, and returns their checksum.
 pub fn sealed(words: &mut [u32]) -> u64 {
     words.iter_mut().for_each(|word| *word = word.to_le());
     XxHash3_64::oneshot(bytemuck::cast_slice(words))

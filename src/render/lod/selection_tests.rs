@@ -5,7 +5,7 @@ use super::selection::Chooser;
 use super::tables::{errors_of_pages, page_box, steps};
 use super::target::{Detailed, NODE_UNITS, Wanted};
 use crate::camera::Camera;
-use crate::lod::{NEVER, value};
+use crate::lod::{NEVER, value_of_code};
 use crate::options::Options;
 use crate::pagefile::write::Settings;
 use crate::pagefile::{LEVEL_WORDS, PAGE, PARTS, Pages};
@@ -172,7 +172,7 @@ impl Twin {
         let drawn = errors.count * within.saturating_sub(below(errors.parents, 0, parent)) * seen.weight;
         let whole = f64::from(within) / 256.0;
         let energies = codes(errors.energies).enumerate();
-        let sum: f64 = energies.map(|(i, code)| value(code as u16) * (whole - i as f64).clamp(0.0, 1.0)).sum();
+        let sum: f64 = energies.map(|(i, code)| value_of_code(code as u16) * (whole - i as f64).clamp(0.0, 1.0)).sum();
         let squared = if whole > 0.0 { sum / whole / f64::from(seen.widths[0]) } else { 0.0 };
         (drawn / 2048, f64::from(drawn) / (2048.0 * NODE_UNITS) * squared)
     }
@@ -374,7 +374,8 @@ fn every_cut_stands_for_every_gaussian_once() {
                     if part > 0.0 {
                         let shape = file.words().shape_of(&geometry[page * file.geometry_words()..], k);
                         let of_scene = f64::from(file.layout().unpacked_shape(&shape).2);
-                        opacity += part * if opacities == 0 { of_scene } else { value((opacities >> 16) as u16) };
+                        opacity +=
+                            part * if opacities == 0 { of_scene } else { value_of_code((opacities >> 16) as u16) };
                         drawn += 1;
                     }
                 }

@@ -2,7 +2,7 @@
 
 use crate::lod::{CODES_PER_OCTAVE, NEVER};
 use crate::pagefile::write::levels_of_pages;
-use crate::pagefile::{Level, PARTS, Page, Pages, SAMPLES};
+use crate::pagefile::{PARTS, Page, PageLod, Pages, SAMPLES};
 use crate::render::shaders::lod::NO_PAGE;
 use crate::render::shaders::{PageBox, PageErrors};
 use crate::rules::LOW_PASS;
@@ -29,7 +29,7 @@ pub fn page_box(pages: &Pages, number: usize) -> PageBox {
         judged_low: level.map_or(low, |level| level.low),
         judged_high: level.map_or(high, |level| level.high),
         // Squares of pixels times this stay finite.
-        per_detail_squared: level.map_or(0.0, |level| (f64::from(level.detail).powi(-2) as f32).min(1e15)),
+        per_detail_squared: level.map_or(0.0, |level| (f64::from(level.reference_width).powi(-2) as f32).min(1e15)),
     }
 }
 
@@ -43,7 +43,7 @@ pub fn errors_of_pages(pages: &Pages) -> Vec<PageErrors> {
     pages.pages().iter().zip(of_levels).map(|(page, level)| page_errors(page, level)).collect()
 }
 
-fn page_errors(page: &Page, level: Option<(&Level, u32)>) -> PageErrors {
+fn page_errors(page: &Page, level: Option<(&PageLod, u32)>) -> PageErrors {
     let pairs =
         |codes: [u16; PARTS]| std::array::from_fn(|i| u32::from(codes[2 * i]) | u32::from(codes[2 * i + 1]) << 16);
     match level {
@@ -61,10 +61,10 @@ fn page_errors(page: &Page, level: Option<(&Level, u32)>) -> PageErrors {
             parent: level.parent,
             count: page.count,
             level: number,
-            least: level.least.into(),
+            least: level.least_error.into(),
             errors: pairs(level.errors),
-            parents: pairs(level.parents),
-            energies: pairs(level.energies),
+            parents: pairs(level.parent_errors),
+            energies: pairs(level.squared_errors),
             samples: level.samples,
         },
     }

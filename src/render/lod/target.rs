@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::lod::FINEST;
 use crate::options::Options;
-use crate::pagefile::{Level, PARTS, SAMPLES};
+use crate::pagefile::{PARTS, PageLod, SAMPLES};
 use crate::render::constants::fade_codes;
 use crate::render::shaders::CutState;
 use crate::render::shaders::lod::{BY_ENERGY, BY_NODES, ENERGY_UNITS};
@@ -85,8 +85,8 @@ impl Wanted {
 }
 
 /// The part of the nodes of a page that is drawn within limits of codes, as the table of levels tells.
-pub fn part(level: &Level, [own, parent]: [u16; 2]) -> f64 {
-    (below(&level.errors, level.least, own) - below(&level.parents, FINEST, parent)).max(0.0)
+pub fn part(level: &PageLod, [own, parent]: [u16; 2]) -> f64 {
+    (below(&level.errors, level.least_error, own) - below(&level.parent_errors, FINEST, parent)).max(0.0)
 }
 
 /// The part of the nodes whose error is at most `limit`; `largest`: of each eighth of them.

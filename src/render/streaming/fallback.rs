@@ -11,7 +11,7 @@ use std::collections::HashMap;
 use rayon::prelude::*;
 
 use crate::lod::FINEST;
-use crate::pagefile::{Level, NO_PAGE};
+use crate::pagefile::{NO_PAGE, PageLod};
 
 /// The blocks of a hierarchy: pages that are judged from the same place.
 pub struct Family {
@@ -49,16 +49,16 @@ const SHARE: usize = 1 << 14;
 const NONE: u32 = u32::MAX;
 
 impl Family {
-    pub fn of(levels: &[Level]) -> Self {
+    pub fn of(levels: &[PageLod]) -> Self {
         let mut known = HashMap::new();
         let mut own = vec![NONE; levels.len()];
         // From the root, so that the parents of a block come before it.
-        for (page, Level { low, high, detail, .. }) in levels.iter().enumerate().rev() {
-            let place = (low.map(f32::to_bits), high.map(f32::to_bits), detail.to_bits());
+        for (page, PageLod { low, high, reference_width, .. }) in levels.iter().enumerate().rev() {
+            let place = (low.map(f32::to_bits), high.map(f32::to_bits), reference_width.to_bits());
             let next = known.len() as u32;
             own[page] = *known.entry(place).or_insert(next);
         }
-        let block_above = |level: &Level| if level.parent == NO_PAGE { NONE } else { own[level.parent as usize] };
+        let block_above = |level: &PageLod| if level.parent == NO_PAGE { NONE } else { own[level.parent as usize] };
         let above: Vec<u32> = levels.iter().map(block_above).collect();
         let mut edges: Vec<_> = own.iter().copied().zip(above.iter().copied()).collect();
         edges.retain(|(own, above)| own != above && *above != NONE);
@@ -68,7 +68,7 @@ impl Family {
         for (page, block) in above.iter().enumerate().filter(|(_, block)| **block != NONE) {
             children[*block as usize].push(page as u32);
         }
-        let coarsest = levels.iter().map(|level| level.parents[level.parents.len() - 1]).collect();
+        let coarsest = levels.iter().map(|level| level.parent_errors[level.parent_errors.len() - 1]).collect();
         let mut up = vec![NONE; children.len()];
         edges.iter().for_each(|(own, above)| up[*own as usize] = *above);
         Self { own, above, edges, children, up, coarsest }

@@ -97,20 +97,20 @@ fn leaving(family: &Family, question: &Question, wanted: &[u32], missing: &[(u32
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pagefile::{Level, NO_PAGE, PARTS, SAMPLES};
+    use crate::pagefile::{NO_PAGE, PARTS, PageLod, SAMPLES};
 
     /// A page in the block at `x`, whose nodes have parents with errors up to `coarsest` in page `parent`.
-    fn level(x: f32, parent: u32, coarsest: u16) -> Level {
-        Level {
+    fn level(x: f32, parent: u32, coarsest: u16) -> PageLod {
+        PageLod {
             low: [x; 3],
             high: [x; 3],
-            detail: 0.0,
+            reference_width: 0.0,
             parent,
-            most_opacity: 1.0,
-            least: 0,
+            highest_opacity: 1.0,
+            least_error: 0,
             errors: [0; PARTS],
-            parents: [coarsest; PARTS],
-            energies: [0; PARTS],
+            parent_errors: [coarsest; PARTS],
+            squared_errors: [0; PARTS],
             samples: [0; SAMPLES],
             checksum: 0,
         }

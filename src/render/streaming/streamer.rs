@@ -21,7 +21,7 @@ use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, InFlight, Readback, Results};
 use crate::lod::CODES_PER_OCTAVE;
 use crate::options::Options;
-use crate::pagefile::{Level, Pages};
+use crate::pagefile::{PageLod, Pages};
 use crate::render::lod::{Asked, Chooser};
 use crate::render::scene::{GpuScene, Paged, Pool, ReadPage};
 use crate::render::shaders::CutState;
@@ -360,6 +360,6 @@ fn coarsest(pool: &Pool) -> impl Iterator<Item = u32> + use<> {
     (pages.saturating_sub(most)..pages).map(|page| page as u32)
 }
 
-fn levels(pages: &Pages) -> &[Level] {
+fn levels(pages: &Pages) -> &[PageLod] {
     pages.levels().expect("the scene has levels of detail")
 }
