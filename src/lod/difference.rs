@@ -44,9 +44,9 @@ impl Difference {
     }
 }
 
-/// The squared difference of colours between pictures of two lists of nodes, in a direction and in pixels of width `px`,
-/// world units. It is summed over channels and over the area, and averaged over black and white backgrounds, world units
-/// squared: the measure of the error of a node.
+/// The squared difference of colours between pictures of two lists of nodes, in a direction and in pixels of width
+/// `px`, world units. It is summed over channels and over the area, and averaged over black and white backgrounds,
+/// world units squared: the measure of the error of a node.
 pub fn squared_difference(of: &Nodes, others: &Nodes, forward: DVec3, px: f64) -> f64 {
     let window = Window::within(of, Direction::to(forward), px, 4.0 * others.width().max(px));
     let [of, others] = [of, others].map(|nodes| {

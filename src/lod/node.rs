@@ -16,8 +16,8 @@ pub struct Node {
     pub scale: [f32; 3],
     /// The largest alpha before it is clamped: may exceed 1 in a node that stands for several Gaussians.
     pub opacity: f32,
-    /// The sum of the opacities of its Gaussians. If all of them are smaller than a pixel, the classic rules widen each to
-    /// a pixel and keep its opacity, so this is the opacity of all together.
+    /// The sum of the opacities of its Gaussians. If all of them are smaller than a pixel, the classic rules widen each
+    /// to a pixel and keep its opacity, so this is the opacity of all together.
     pub opacity_sum: f32,
     /// The own error, world units: the root of the squared difference between pictures of the node and of its children,
     /// summed over the area and the colour channels (0 to 1), per saved node. 0 for a Gaussian of the scene; not less
@@ -25,8 +25,8 @@ pub struct Node {
     pub error: f32,
     /// The largest standard deviation of this node and of all merged descendants, world units.
     pub size: f32,
-    /// The squared error against the Gaussians of the scene in pixels of the reference width, world units squared: the sum
-    /// over all merges below.
+    /// The squared error against the Gaussians of the scene in pixels of the reference width, world units squared: the
+    /// sum over all merges below.
     pub squared_error: f32,
 }
 
@@ -53,8 +53,8 @@ impl Node {
         axes * axes.transpose()
     }
 
-    /// The area of its projection, averaged over all directions, up to a constant: the sum of the three faces of the box
-    /// around the ellipsoid.
+    /// The area of its projection, averaged over all directions, up to a constant: the sum of the three faces of the
+    /// box around the ellipsoid.
     pub fn area(&self) -> f64 {
         area(self.scale.map(f64::from))
     }

@@ -23,8 +23,8 @@ impl Direction {
     }
 }
 
-/// Six of the twelve corners of an icosahedron, one of each opposite pair: the most even six directions. Every second one
-/// is reversed, since occlusion differs from the two sides.
+/// Six of the twelve corners of an icosahedron, one of each opposite pair: the most even six directions. Every second
+/// one is reversed, since occlusion differs from the two sides.
 pub fn directions() -> [Direction; 6] {
     let long = (1.0 + 5.0_f64.sqrt()) / 2.0;
     let corners =

@@ -63,8 +63,8 @@ const LEVEL_BYTES: u64 = 4 * (LEVEL_WORDS * PAGE) as u64;
 const ALIGNED: u64 = 4096;
 
 impl Header {
-    /// Byte offsets in a file of at most `pages` pages: of the streams geometry, colours and words of levels, and of the
-    /// table of levels.
+    /// Byte offsets in a file of at most `pages` pages: of the streams geometry, colours and words of levels, and of
+    /// the table of levels.
     pub fn stream_offsets(pages: usize, words: &PageWords) -> [u64; 4] {
         let table_end = HEADER as u64 + (pages * Entry::BYTES) as u64;
         let geometry = table_end.next_multiple_of(ALIGNED);

@@ -136,8 +136,8 @@ pub struct PageRecord {
     sh: [u32; 48],
 }
 
-/// The layout of the words of a page. Its geometry is a plane of bounds, the planes of shapes and a plane of indices; its
-/// colours are the planes of spherical harmonics.
+/// The layout of the words of a page. Its geometry is a plane of bounds, the planes of shapes and a plane of indices;
+/// its colours are the planes of spherical harmonics.
 #[derive(Clone, Debug)]
 pub struct PageWords {
     /// The words of each plane of shapes in the geometry.

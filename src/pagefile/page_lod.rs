@@ -45,9 +45,9 @@ pub struct PageLod {
 impl PageLod {
     pub const BYTES: usize = 128;
 
-    /// The page of these nodes; `own` and `parents` are the codes of their errors and of their parents' errors, in the same
-    /// order. The caller sets the box, the reference width and the page of the parents. `scale`: the factor of the squared
-    /// errors in pixels of the reference width of the page.
+    /// The page of these nodes; `own` and `parents` are the codes of their errors and of their parents' errors, in the
+    /// same order. The caller sets the box, the reference width and the page of the parents. `scale`: the factor of the
+    /// squared errors in pixels of the reference width of the page.
     pub fn of(nodes: &[Node], [own, parents]: [&[u16]; 2], scale: f32) -> Self {
         let mut own: Vec<(u16, f32)> = own.iter().zip(nodes).map(|(code, node)| (*code, node.squared_error)).collect();
         own.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));

@@ -39,8 +39,8 @@ enum Source {
 }
 
 impl Pages {
-    /// The pages of a file in the layout of `options`. A file that was stored with loss keeps its layout. The pages of its
-    /// levels of detail are included if the options use levels.
+    /// The pages of a file in the layout of `options`. A file that was stored with loss keeps its layout. The pages of
+    /// its levels of detail are included if the options use levels.
     pub fn of_file(file: Arc<PageFile>, options: &Options) -> Self {
         let header = file.header();
         let (statistics, alpha_min) = (header.statistics.clone(), options.rules.alpha_min);
@@ -243,8 +243,8 @@ impl Inner {
         (&self.layout, self.alpha_min)
     }
 
-    /// Computes the reaches of a page for the threshold of the renderer. Gaussians that the file's threshold culled stay
-    /// culled, unless the threshold of the renderer is lower.
+    /// Computes the reaches of a page for the threshold of the renderer. Gaussians that the file's threshold culled
+    /// stay culled, unless the threshold of the renderer is lower.
     fn renew_reaches(&self, file: &PageFile, geometry: &mut [u32]) {
         let stays_culled = self.alpha_min >= file.header().alpha_min;
         for k in 0..PAGE {

@@ -1,4 +1,5 @@
-//! Buckets: Gaussians of one part of the Morton curve, few enough to be sorted in memory, as records in a temporary file.
+//! Buckets: Gaussians of one part of the Morton curve, few enough to be sorted in memory, as records in a temporary
+//! file.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};

@@ -186,8 +186,8 @@ pub(crate) fn finish(job: &Job, kept: Kept, scene: &Output, header: Header) -> R
 
 const CHANGED: &str = "the source was changed while it was read";
 
-/// One pass over the blocks for the statistics, or two if the source has another number of Gaussians than expected. Also
-/// returns a sample of means. `passes` is the number of passes of the whole job.
+/// One pass over the blocks for the statistics, or two if the source has another number of Gaussians than expected.
+/// Also returns a sample of means. `passes` is the number of passes of the whole job.
 pub(crate) fn statistics_passes(job: &Job, blocks: &Blocks, passes: f64) -> Result<(Scene, Statistics, Vec<[f32; 3]>)> {
     let pass = |known: Option<usize>| {
         let mut all: Option<Accumulator> = None;

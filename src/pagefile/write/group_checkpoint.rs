@@ -105,7 +105,8 @@ impl<'k> GroupCheckpoint<'k> {
         Self { kept, file, found: AtomicUsize::new(0) }
     }
 
-    /// The index of the level whose outputs are kept: the highest one with enough groups that an interruption loses little.
+    /// The index of the level whose outputs are kept: the highest one with enough groups that an interruption loses
+    /// little.
     pub fn level(levels: &[HierarchyLevel]) -> usize {
         const ENOUGH: usize = 64;
         levels.iter().rposition(|level| level.groups() >= ENOUGH).unwrap_or(0)

@@ -1,10 +1,10 @@
 //! Builds the hierarchy of a page file whose pages of the scene are written.
 //!
-//! A group takes the nodes of [`GROUP_PAGES`] neighbouring pages as input and simplifies them [`HALVINGS`] times to half
-//! their number. Its output fills one page and is a part of the input of the group above. The distance to the camera is
-//! that of the whole group, so its nodes are put into pages by the errors of their parents: the nodes of a page leave the
-//! cut at about the same distance. Groups are built from the leaves up, each as soon as its children are built, so that
-//! few are in memory at a time.
+//! A group takes the nodes of [`GROUP_PAGES`] neighbouring pages as input and simplifies them [`HALVINGS`] times to
+//! half their number. Its output fills one page and is a part of the input of the group above. The distance to the
+//! camera is that of the whole group, so its nodes are put into pages by the errors of their parents: the nodes of a
+//! page leave the cut at about the same distance. Groups are built from the leaves up, each as soon as its children are
+//! built, so that few are in memory at a time.
 
 use std::fs::File;
 use std::ops::Range;
@@ -44,9 +44,9 @@ struct Hierarchy<'h> {
 /// measured on pictures in which all others are smaller than a pixel, so that their merges measure no difference.
 const LEAST_ERROR: f64 = 0.25;
 
-/// The least error of a node, as a fraction of its largest standard deviation. A large Gaussian near the camera is drawn
-/// far from its true position, because its projection is linear about its mean. Measured errors lack this, since they are
-/// measured from afar.
+/// The least error of a node, as a fraction of its largest standard deviation. A large Gaussian near the camera is
+/// drawn far from its true position, because its projection is linear about its mean. Measured errors lack this, since
+/// they are measured from afar.
 const PER_SIZE: f64 = 1e-3;
 
 /// The least typical error of Gaussians of the scene: 2^-60 world units.
@@ -57,9 +57,9 @@ const LEAST_TYPICAL: f64 = 1.0 / (1_u64 << 60) as f64;
 struct Typical(f64);
 
 impl Typical {
-    /// The codes of the errors of nodes of a level, 0 for Gaussians of the scene. In files, errors are moved towards the
-    /// typical error of the level, by three quarters of the way between their logarithms: this makes better pictures at
-    /// equal numbers of nodes (docs/levels.md, Errors).
+    /// The codes of the errors of nodes of a level, 0 for Gaussians of the scene. In files, errors are moved towards
+    /// the typical error of the level, by three quarters of the way between their logarithms: this makes better
+    /// pictures at equal numbers of nodes (docs/levels.md, Errors).
     fn codes(self, nodes: &Nodes, level: usize) -> Vec<u16> {
         let typical = self.0 * (level as f64).exp2();
         let least = if level == 0 { 0.0 } else { LEAST_ERROR * typical };
@@ -150,8 +150,8 @@ impl Hierarchy<'_> {
         self.scene_pages(begin..(begin + GROUP_PAGES).min(self.count.div_ceil(PAGE)))
     }
 
-    /// The output of a group, built or from the checkpoint. All pages below it are then in the file, except for the table
-    /// entries of its last pages.
+    /// The output of a group, built or from the checkpoint. All pages below it are then in the file, except for the
+    /// table entries of its last pages.
     fn group_output(&self, level: usize, group: usize) -> Result<GroupOutput> {
         ensure!(!(self.is_cancelled)(), Cancelled);
         let Some(checkpoint) = self.checkpoint.filter(|_| level == GroupCheckpoint::level(&self.levels)) else {

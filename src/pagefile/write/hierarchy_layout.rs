@@ -1,7 +1,7 @@
 //! Layout of a hierarchy in a page file: the pages of each group, and of its subtrees.
 //!
-//! Group input and every simplification step but the last have pages of their own. The output of the last step is a part
-//! of the input of the group above. The input of groups of the leaf level is the Gaussians of the scene.
+//! Group input and every simplification step but the last have pages of their own. The output of the last step is a
+//! part of the input of the group above. The input of groups of the leaf level is the Gaussians of the scene.
 
 use std::ops::Range;
 
@@ -112,8 +112,8 @@ pub fn levels_of_pages(count: usize) -> Vec<u32> {
 /// A subtree of the hierarchy: the pages of each level of detail, 0 for the Gaussians of the scene.
 pub type Subtree = Vec<Vec<Range<usize>>>;
 
-/// Splits the hierarchy into the fewest subtrees, at most `most` if its groups are small enough. All have the same number
-/// of levels, and the coarsest has a 32nd of the Gaussians or less. They are in the order of the pages, so that
+/// Splits the hierarchy into the fewest subtrees, at most `most` if its groups are small enough. All have the same
+/// number of levels, and the coarsest has a 32nd of the Gaussians or less. They are in the order of the pages, so that
 /// neighbours are near each other. Group outputs belong to no subtree, because the group above merges them.
 pub fn subtrees(count: usize, most: usize) -> Vec<Subtree> {
     let hierarchy = hierarchy_levels(count);

@@ -13,8 +13,8 @@ use crate::packing::{Accumulator, Layout, Statistics};
 use crate::pagefile::PAGE;
 use crate::scene::{Cancelled, Gaussians, along_curve};
 
-/// Writes a scene whose blocks of several pages are already in Morton order: each block is sorted and written at once. If
-/// the layout depends on the whole scene, the statistics take a pass before.
+/// Writes a scene whose blocks of several pages are already in Morton order: each block is sorted and written at once.
+/// If the layout depends on the whole scene, the statistics take a pass before.
 ///
 /// # Errors
 /// Those of the source; if the file cannot be written; [`Cancelled`].

@@ -213,11 +213,12 @@ fn errors_of_a_level_are_alike() {
     write_whole(&job(&out, LEVELS), &scene_of(town.gaussians)).unwrap();
     let file = PageFile::open(&out).unwrap();
     let (scene, levels) = (file.header().scene_pages(), file.levels().unwrap());
-    let parents: Vec<u16> = levels[..scene].iter().map(|level| level.parents[level.parents.len() / 2]).collect();
+    let parents: Vec<u16> =
+        levels[..scene].iter().map(|level| level.parent_errors[level.parent_errors.len() / 2]).collect();
     let [least, most] = [parents.iter().min(), parents.iter().max()].map(|code| f64::from(*code.unwrap()) / 512.0);
     assert!(most - least < 5.0 && most > least, "{} powers of two", most - least);
     for (page, level) in levels.iter().enumerate().filter(|(_, level)| (level.parent as usize) < levels.len()) {
-        assert!(level.errors.iter().zip(level.parents).all(|(own, parent)| *own <= parent), "page {page}");
+        assert!(level.errors.iter().zip(level.parent_errors).all(|(own, parent)| *own <= parent), "page {page}");
     }
 }
 
