@@ -7,7 +7,7 @@ use clap::Args;
 use clap::builder::NonEmptyStringValueParser;
 
 use super::environment::Environment;
-use super::pipeline_cache::with_memory;
+use super::pipeline_cache::with_pipeline_cache;
 use super::{remark, say};
 use crate::gpu::{Capabilities, Device, DeviceChoice, DeviceKind, MemoryUse, Validation, survey};
 
@@ -45,7 +45,7 @@ pub(super) struct DevicesArgs {
 impl DeviceArgs {
     /// Opens the device with what earlier runs left for it.
     pub fn open(&self) -> Result<Device> {
-        Ok(with_memory(self.open_anew()?))
+        Ok(with_pipeline_cache(self.open_anew()?))
     }
 
     /// Opens the device as if it were for the first time.
@@ -91,7 +91,7 @@ impl DevicesArgs {
             Some(named) if named.contains(',') => several(named, &survey()?),
             Some(named) => vec![DeviceChoice::from(named)],
         };
-        let opened = choices.iter().map(|choice| Ok(with_memory(open(choice, &environment, self.memory)?)));
+        let opened = choices.iter().map(|choice| Ok(with_pipeline_cache(open(choice, &environment, self.memory)?)));
         let devices: Vec<Device> = opened.collect::<Result<_>>()?;
         let kinds = names_of(&devices);
         if devices.iter().any(|device| device.capabilities().name != kinds) {
@@ -151,17 +151,18 @@ fn all(devices: &[Capabilities]) -> Vec<DeviceChoice> {
     if found.is_empty() { vec![DeviceChoice::Best] } else { found }
 }
 
-/// Prints what a device's ledger says.
+/// Prints the use of a device's memory.
 pub(super) fn say_memory(device: &Device) -> Result<()> {
-    let MemoryUse { asked, limit, peak, told, .. } = device.memory();
+    let MemoryUse { user_limit, limit, peak, driver_used, .. } = device.memory();
     let megabytes = |bytes: u64| format!("{:.1} MB", bytes as f64 / 1e6);
-    let limit = match (asked, limit) {
-        (Some(asked), _) => format!("limit {}", megabytes(asked)),
+    let limit = match (user_limit, limit) {
+        (Some(limit), _) => format!("limit {}", megabytes(limit)),
         (None, Some(limit)) => format!("limit {} (what is free, less a part for others)", megabytes(limit)),
         (None, None) => "no limit".to_owned(),
     };
-    let told = told.map_or_else(String::new, |told| format!(", {} in use by the driver's count", megabytes(told)));
-    say!("device memory: {limit}, at most {} allocated{told}", megabytes(peak))
+    let used =
+        driver_used.map_or_else(String::new, |used| format!(", {} in use by the driver's count", megabytes(used)));
+    say!("device memory: {limit}, at most {} allocated{used}", megabytes(peak))
 }
 
 /// The names of the devices, each once.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 
 use crate::files::{make_folder, read_whole, write_whole};
-use crate::gpu::{Device, Remembered};
+use crate::gpu::{CachedPipelines, Device};
 use crate::measure::bench::VersionReport;
 
 /// Largest file that is read or written.
@@ -14,13 +14,13 @@ const MOST_BYTES: u64 = 64 << 20;
 
 /// Gives a device what an earlier run left in the user's folder of caches. Without a file that can be used, the device
 /// begins anew; what cannot be written is forgotten.
-pub fn with_memory(device: Device) -> Device {
+pub fn with_pipeline_cache(device: Device) -> Device {
     let folder = dirs::cache_dir().map(|folder| folder.join("smalto"));
     // Without a place for it, nothing is collected.
     let Some(folder) = folder.filter(|folder| make_folder(folder).is_ok()) else { return device };
     let file = folder.join(name(&device));
     let earlier = read(&file).unwrap_or_default();
-    device.with_memory(earlier, move |now| _ = write(&file, now))
+    device.with_pipeline_cache(earlier, move |now| _ = write(&file, now))
 }
 
 /// The name of the file: that of the driver, the device and this version of the program.
@@ -37,15 +37,15 @@ fn name(device: &Device) -> PathBuf {
     format!("device-{}.bin", &hash[..16]).into()
 }
 
-fn read(file: &Path) -> Option<Remembered> {
+fn read(file: &Path) -> Option<CachedPipelines> {
     let is_small = file.metadata().is_ok_and(|data| data.len() <= MOST_BYTES);
     let content = is_small.then(|| read_whole(file).ok()).flatten()?;
-    Remembered::of_bytes(&content)
+    CachedPipelines::of_bytes(&content)
 }
 
-fn write(file: &Path, now: &Remembered) -> Result<()> {
+fn write(file: &Path, now: &CachedPipelines) -> Result<()> {
     let is_large = now.pipelines.len() as u64 > MOST_BYTES / 2;
-    let checks_alone = || Remembered { pipelines: Vec::new(), passed: now.passed.clone() };
+    let checks_alone = || CachedPipelines { pipelines: Vec::new(), passed: now.passed.clone() };
     let content = if is_large { checks_alone().to_bytes() } else { now.to_bytes() };
     ensure!(content.len() as u64 <= MOST_BYTES, "too much to remember");
     // Whole or not at all: of several runs that end at once, one is remembered.

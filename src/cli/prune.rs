@@ -10,7 +10,7 @@ use super::cameras::{SplitArg, named_or_found};
 use super::convert::{Target, formats, say_file, say_loss, write_pages, write_scene};
 use super::devices::DeviceArgs;
 use super::knobs::RuleKnobs;
-use super::render::{Chosen, choose};
+use super::render::{SelectedCamera, select_cameras};
 use super::scenes::SceneArg;
 use super::sink::Sink;
 use super::table::{say_table, table};
@@ -88,7 +88,7 @@ pub(super) struct Args {
 
 /// The views of a camera file.
 struct Views {
-    given: Vec<Chosen>,
+    given: Vec<SelectedCamera>,
     others: Vec<Camera>,
 }
 
@@ -150,7 +150,7 @@ fn views(args: &Args) -> Result<Views> {
         Usage("prune needs views: no --cameras, and none found next to the scene or above it".to_owned())
     })?;
     let numbered = args.split.read(&file, args.size)?;
-    let (mut given, _) = choose(&numbered, &args.camera)?;
+    let (mut given, _) = select_cameras(&numbered, &args.camera)?;
     given.sort_by_key(|chosen| chosen.index);
     given.dedup_by_key(|chosen| chosen.index);
     let all = camera::read_at(&file, args.size).map_err(|problem| Unreadable::new(&file, &problem))?.cameras;
@@ -227,7 +227,7 @@ impl Steps {
 impl Pruned {
     fn views(&self, views: &Views) -> Vec<ViewReport> {
         let changes = self.cut.measured.iter().zip(&self.cut.bounds);
-        let view = |(chosen, (measured, bound)): (&Chosen, (&Change, &Change))| ViewReport {
+        let view = |(chosen, (measured, bound)): (&SelectedCamera, (&Change, &Change))| ViewReport {
             camera: chosen.index,
             name: chosen.name.clone().unwrap_or_default(),
             size: chosen.camera.size_px,

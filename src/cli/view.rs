@@ -190,7 +190,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         validation,
         memory: args.device.memory_limit(),
         shaders: environment.shaders,
-        with_memory: super::pipeline_cache::with_memory,
+        with_pipeline_cache: super::pipeline_cache::with_pipeline_cache,
         fault,
     })
 }

@@ -1,24 +1,24 @@
-//! Writes several files into a folder as one set: whole, or not at all.
+//! Writes several files into a folder as one batch: all of them, or none.
 
 use std::fs::{self, File, Metadata};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
-use super::destination::Place;
-use super::partial::{PartFolder, uninterrupted};
+use super::destination::Destination;
+use super::partial::{PartialFolder, uninterrupted};
 use super::{described, fill};
 
 /// Writes files into an existing folder: names that are free there, and last the file that names the others and may
 /// replace one. All are complete and on the disk before the first gets its name, and until the last has its own,
-/// readers see the old set. `check` gets the path of the last file in a folder with the complete set; its result is
+/// readers see the old files. `check` gets the path of the last file in a folder with the complete batch; its result is
 /// returned.
 ///
 /// # Errors
 /// If a file cannot be written or renamed, or `check` fails. The folder is then as it was.
-pub fn write_set<T>(folder: &Path, files: &[(String, Vec<u8>)], check: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
+pub fn write_batch<T>(folder: &Path, files: &[(String, Vec<u8>)], check: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
     let failed = |name: &str| format!("cannot write {}", folder.join(name).display());
-    let (last, _) = files.last().context("the set has no files")?;
+    let (last, _) = files.last().context("the batch has no files")?;
     let (replaced, old, parts) = begin(folder, last).with_context(|| failed(last))?;
     for (name, bytes) in files {
         write_new(&parts.path().join(name), bytes).with_context(|| failed(name))?;
@@ -29,7 +29,7 @@ pub fn write_set<T>(folder: &Path, files: &[(String, Vec<u8>)], check: impl FnOn
     }
 
     let uninterrupted = uninterrupted();
-    let (main, others) = files.split_last().context("the set has no files")?;
+    let (main, others) = files.split_last().context("the batch has no files")?;
     let mut moved = Vec::new();
     let mut rename = |name: &str, to: &Path| {
         fs::rename(parts.path().join(name), to).map_err(|error| described(&error)).with_context(|| failed(name))?;
@@ -51,7 +51,7 @@ pub fn write_set<T>(folder: &Path, files: &[(String, Vec<u8>)], check: impl FnOn
     Ok(found)
 }
 
-/// As [`write_set`], for a folder `tree` with files, whose name is free, and a file `main` that names them and may
+/// As [`write_batch`], for a folder `tree` with files, whose name is free, and a file `main` that names them and may
 /// replace one. `fill` writes both into the folder that it gets.
 ///
 /// # Errors
@@ -75,15 +75,15 @@ pub fn write_tree<T>(folder: &Path, tree: &str, main: &str, fill: impl FnOnce(&P
     Ok(found)
 }
 
-/// The path of the main file of a set and, if there is one already, its metadata; and a folder for the new set.
-fn begin(folder: &Path, main: &str) -> Result<(PathBuf, Option<Metadata>, PartFolder)> {
-    let Place::File { path, old } = Place::of(&folder.join(main))? else {
+/// The path of the main file of a batch, its metadata if it exists, and a folder for the new batch.
+fn begin(folder: &Path, main: &str) -> Result<(PathBuf, Option<Metadata>, PartialFolder)> {
+    let Destination::File { path, old } = Destination::of(&folder.join(main))? else {
         anyhow::bail!("it is not a regular file");
     };
-    Ok((path, old, PartFolder::inside(folder).map_err(|error| described(&error))?))
+    Ok((path, old, PartialFolder::inside(folder).map_err(|error| described(&error))?))
 }
 
-/// Writes a file that is not there yet, and puts it on the disk.
+/// Writes a new file, and syncs it to the disk.
 ///
 /// # Errors
 /// A message without the name of the file.
@@ -93,7 +93,7 @@ pub fn write_new(path: &Path, bytes: &[u8]) -> Result<()> {
     file.sync_all().map_err(|error| described(&error))
 }
 
-/// Puts the entries of a folder on the disk, on systems where folders can be opened.
+/// Syncs the entries of a folder to the disk, on systems where folders can be opened.
 fn sync(folder: &Path) {
     _ = File::open(folder).and_then(|folder| folder.sync_all());
 }
@@ -110,25 +110,27 @@ mod tests {
     }
 
     #[test]
-    fn a_set_that_cannot_be_completed_leaves_the_folder_as_it_was() {
+    fn a_batch_that_cannot_be_completed_leaves_the_folder_as_it_was() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
-        let set = |number: &str| {
+        let batch = |number: &str| {
             ["a", "b", "main"]
                 .map(|name| (if name == "main" { name.into() } else { format!("{name}{number}") }, vec![7]))
         };
-        write_set(folder, &set("0"), |_| Ok(())).unwrap();
+        write_batch(folder, &batch("0"), |_| Ok(())).unwrap();
         assert_eq!(names(folder), ["a0", "b0", "main"]);
         fs::write(folder.join("main"), "old").unwrap();
         // The check fails; the second name is taken; the last name cannot be taken.
-        assert!(write_set(folder, &set("1"), |main| -> Result<()> { anyhow::bail!("{}", main.display()) }).is_err());
+        assert!(
+            write_batch(folder, &batch("1"), |main| -> Result<()> { anyhow::bail!("{}", main.display()) }).is_err()
+        );
         fs::create_dir(folder.join("b2")).unwrap();
-        let error = write_set(folder, &set("2"), |_| Ok(())).unwrap_err();
+        let error = write_batch(folder, &batch("2"), |_| Ok(())).unwrap_err();
         assert!(format!("{error:#}").ends_with("b2: the name is taken"), "{error:#}");
         assert_eq!(names(folder), ["a0", "b0", "b2", "main"]);
         assert_eq!(fs::read(folder.join("main")).unwrap(), b"old");
         fs::remove_file(folder.join("main")).unwrap();
-        let obstructed = write_set(folder, &set("3"), |_| Ok(fs::create_dir(folder.join("main"))?));
+        let obstructed = write_batch(folder, &batch("3"), |_| Ok(fs::create_dir(folder.join("main"))?));
         assert!(obstructed.is_err());
         assert_eq!(names(folder), ["a0", "b0", "b2", "main"]);
     }

@@ -1,4 +1,5 @@
-//! The folder beside an output in which long work keeps what it has done, so that another run can go on with it.
+//! Checkpoints: a folder beside an output in which long work keeps its intermediate files, so that another run can
+//! resume it.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write};
@@ -6,12 +7,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Error, Result, anyhow};
 
-use super::destination::{Place, keep_attributes};
+use super::destination::{Destination, keep_attributes};
 use super::{cannot_write, described, lock, read_whole};
 
-/// A folder of unfinished work, locked against other runs. It stays when the program ends before the work is done, or
-/// fails after the state of the work was kept.
-pub struct Kept {
+/// A folder of unfinished work, locked against other runs. It remains if the program ends before the work is done, or
+/// fails after the state of the work was saved.
+pub struct Checkpoint {
     folder: PathBuf,
     /// The name of the file without which the others are of no use.
     state: &'static str,
@@ -21,25 +22,24 @@ pub struct Kept {
     _lock: File,
 }
 
-/// The file by which a folder of unfinished work is known.
+/// The file that marks a folder of unfinished work.
 const MARK: &str = "unfinished";
 
-/// True if a folder was made for unfinished work: no other is ever cleared.
+/// True if a folder was made for unfinished work. Other folders are never cleared.
 fn is_own(folder: &Path) -> bool {
     let is_folder = folder.symlink_metadata().is_ok_and(|data| data.is_dir());
     let is_empty = || fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
     is_folder && (folder.join(MARK).is_file() || is_empty())
 }
 
-impl Kept {
-    /// The folder of the work on `output`, which is made if there is none. It is removed when dropped without a file
-    /// `state`.
+impl Checkpoint {
+    /// Opens or makes the checkpoint of `output`. Its folder is removed on drop unless it has the file `state`.
     ///
     /// # Errors
     /// If `output` is not a regular file, may not be replaced, or another run works on it.
     pub fn beside(output: &Path, state: &'static str) -> Result<Self> {
-        let kept = || -> Result<Self> {
-            let Place::File { path, old } = Place::of(output)? else {
+        let opened = || -> Result<Self> {
+            let Destination::File { path, old } = Destination::of(output)? else {
                 return Err(anyhow!("it is no regular file, and this format is not written in one piece"));
             };
             let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -59,19 +59,19 @@ impl Kept {
             lock(&lock_of)?;
             Ok(Self { folder, state, output: path, old, _lock: lock_of })
         };
-        kept().map_err(|problem| problem.context(cannot_write(output)))
+        opened().map_err(|problem| problem.context(cannot_write(output)))
     }
 
-    /// The content of a file that an earlier run kept, if there is one.
-    pub fn content(&self, name: &str) -> Option<Vec<u8>> {
+    /// Reads a file that an earlier run saved, if it exists.
+    pub fn read(&self, name: &str) -> Option<Vec<u8>> {
         read_whole(&self.folder.join(name)).ok()
     }
 
-    /// Keeps a small file, whole or not at all.
+    /// Saves a small file atomically.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn keep(&self, name: &str, content: &[u8]) -> Result<()> {
+    pub fn save(&self, name: &str, content: &[u8]) -> Result<()> {
         let part = self.folder.join(format!("{name}.new"));
         let written = File::create(&part).and_then(|mut file| {
             file.write_all(content)?;
@@ -81,7 +81,7 @@ impl Kept {
         written.map_err(|error| self.failed(&error))
     }
 
-    /// A file for reading and writing, as it was kept, or empty.
+    /// Opens a file for reading and writing: as an earlier run left it, or empty.
     ///
     /// # Errors
     /// If it cannot be opened or made.
@@ -91,16 +91,16 @@ impl Kept {
         file.map_err(|error| self.failed(&error))
     }
 
-    /// Removes a file, if there is one.
-    pub fn drop_file(&self, name: &str) {
-        // What stays is removed with the folder.
+    /// Removes a file, if it exists.
+    pub fn remove(&self, name: &str) {
+        // A file that cannot be removed is removed with the folder.
         _ = fs::remove_file(self.folder.join(name));
     }
 
     /// Removes all files.
     ///
     /// # Errors
-    /// If one of them stays.
+    /// If one of them cannot be removed.
     pub fn clear(&self) -> Result<()> {
         let entries = fs::read_dir(&self.folder).map_err(|error| self.failed(&error))?;
         for entry in entries {
@@ -129,7 +129,7 @@ impl Kept {
             fs::rename(part, &self.output)
         };
         finished().map_err(|error| self.failed(&error))?;
-        self.drop_file(self.state);
+        self.remove(self.state);
         Ok(())
     }
 
@@ -138,21 +138,21 @@ impl Kept {
         &self.output
     }
 
-    /// The path of a kept file.
+    /// The path of a file of the checkpoint.
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
 
-    /// The error of writing.
+    /// The error of a failed write to the output.
     pub fn failed(&self, error: &io::Error) -> Error {
         described(error).context(cannot_write(&self.output))
     }
 }
 
-impl Drop for Kept {
+impl Drop for Checkpoint {
     fn drop(&mut self) {
         if !self.folder.join(self.state).exists() {
-            // What stays is removed by the next run.
+            // If this fails, the next run removes the folder.
             _ = fs::remove_dir_all(&self.folder);
         }
     }

@@ -1,4 +1,5 @@
-//! Where an output goes: a file that is replaced as a whole, or something that content is copied into.
+//! The destination of an output: a file that is replaced as a whole, or a device or descriptor that content is copied
+//! into.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, ErrorKind, IsTerminal, Seek, Write};
@@ -6,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Error, Result, bail, ensure};
 
-use super::partial::Part;
+use super::partial::PartialFile;
 use super::{describe, described};
 
 /// The name of standard output.
@@ -15,7 +16,8 @@ pub(crate) const STDOUT: &str = "-";
 /// Symbolic links that are followed, as many as Linux follows.
 const MOST_LINKS: usize = 40;
 
-pub(crate) enum Place {
+/// The resolved destination of a path.
+pub(crate) enum Destination {
     /// A regular file, and its metadata if it exists. Its path is not a link.
     File {
         path: PathBuf,
@@ -29,8 +31,8 @@ pub(crate) enum Place {
     Descriptor(PathBuf),
 }
 
-impl Place {
-    /// Follows links to the place where `path` leads. Fails if nothing can be written there.
+impl Destination {
+    /// The destination of `path`, whose links are followed. Fails if it cannot be written.
     pub fn of(path: &Path) -> Result<Self> {
         if path == Path::new(STDOUT) {
             return Ok(Self::Stdout);
@@ -66,33 +68,33 @@ impl Place {
 
     /// A new temporary file for the content, with a name that ends in `ending`: in the folder of the file, or where
     /// temporary files are kept.
-    pub fn part(&self, ending: &str) -> Result<Part> {
+    pub fn partial_file(&self, ending: &str) -> Result<PartialFile> {
         let Self::File { path, old } = self else {
             let folder = std::env::temp_dir();
-            return Part::beside(&folder, ending, true).map_err(|error| {
+            return PartialFile::beside(&folder, ending, true).map_err(|error| {
                 Error::msg(format!("no temporary file in {}: {}", folder.display(), describe(&error)))
             });
         };
         let folder = folder(path);
         // The message of the error itself names the temporary file, which the user does not know.
-        Part::beside(folder, ending, old.is_some()).map_err(|error| match error.kind() {
+        PartialFile::beside(folder, ending, old.is_some()).map_err(|error| match error.kind() {
             ErrorKind::NotFound if !folder.exists() => Error::msg("there is no such folder"),
             kind => Error::msg(kind.to_string()),
         })
     }
 
-    /// Puts the complete content here.
-    pub fn take(&self, part: Part) -> Result<()> {
+    /// Replaces the file by the complete content, or copies the content into the device or descriptor.
+    pub fn commit(&self, partial: PartialFile) -> Result<()> {
         match self {
             Self::File { path, old } => {
                 if let Some(old) = old {
-                    keep_attributes(part.file(), old).map_err(|error| described(&error))?;
+                    keep_attributes(partial.file(), old).map_err(|error| described(&error))?;
                     // Otherwise a power failure could leave neither the old content nor the new.
-                    part.file().sync_all().map_err(|error| described(&error))?;
+                    partial.file().sync_all().map_err(|error| described(&error))?;
                 }
-                part.persist(path).map_err(|error| described(&error))
+                partial.persist(path).map_err(|error| described(&error))
             }
-            _ => match self.copy(part.file()) {
+            _ => match self.copy(partial.file()) {
                 Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(described(&error)),
                 _ => Ok(()),
             },
@@ -140,8 +142,8 @@ fn descriptor(path: &Path) -> Option<String> {
     is_own.then(|| number.to_owned())
 }
 
-/// Fails if an existing file may not be written. Renaming would replace it all the same, and root may write anything:
-/// that a file is read-only is a wish of its owner.
+/// Fails if an existing file may not be written. Renaming would replace it nevertheless, and root may write any file,
+/// but the owner has protected it.
 fn check_permitted(path: &Path, data: &Metadata) -> Result<()> {
     #[cfg(unix)]
     let is_read_only = std::os::unix::fs::MetadataExt::mode(data) & 0o200 == 0;

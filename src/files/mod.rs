@@ -1,5 +1,12 @@
 //! Atomic file writes (temporary file, then rename), writes to devices and pipes, whole-file reads, and readable I/O
 //! error messages.
+//!
+//! - `mod` - writes of one file, checks before long work, locks
+//! - `destination` - the destination of an output: a file, a device, a descriptor
+//! - `partial` - incomplete files and folders, which are removed if the program ends early
+//! - `batch` - several files that are written together or not at all
+//! - `checkpoint` - intermediate files of long work, kept for another run
+//! - `regular` - regular files: opening, reads and writes at a position
 
 mod batch;
 mod checkpoint;
@@ -15,12 +22,12 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Error, Result, anyhow, ensure};
 
-pub use batch::{write_new, write_set, write_tree};
-pub use checkpoint::Kept;
+pub use batch::{write_batch, write_new, write_tree};
+pub use checkpoint::Checkpoint;
 pub use partial::remove_unfinished;
 pub use regular::{open_regular, read_exact_at, write_all_at};
 
-use destination::Place;
+use destination::Destination;
 
 /// The writer of a file.
 pub type Writer<'f> = BufWriter<Watched<'f>>;
@@ -42,7 +49,7 @@ fn timed<T>(write: impl FnOnce() -> T) -> T {
     outcome
 }
 
-/// A file that remembers why writing failed. Encoders wrap the reason in texts of their own.
+/// A file that keeps the reason of a failed write. Encoders wrap the reason in texts of their own.
 pub struct Watched<'f> {
     file: &'f File,
     failure: Option<String>,
@@ -75,11 +82,11 @@ pub fn write_checked<T>(
     check: impl FnOnce(&Path) -> Result<T>,
 ) -> Result<T> {
     let attempt = || -> Result<T> {
-        let place = Place::of(path)?;
-        let part = timed(|| place.part(ending))?;
-        fill(part.file(), write)?;
-        let found = check(part.path())?;
-        timed(|| place.take(part))?;
+        let destination = Destination::of(path)?;
+        let partial = timed(|| destination.partial_file(ending))?;
+        fill(partial.file(), write)?;
+        let found = check(partial.path())?;
+        timed(|| destination.commit(partial))?;
         Ok(found)
     };
     attempt().with_context(|| cannot_write(path))
@@ -98,7 +105,10 @@ fn fill(file: &File, write: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()
 /// # Errors
 /// If `path` is a folder or read-only, or [`write_whole`] could not make its temporary file.
 pub fn check_writable(path: &Path) -> Result<()> {
-    Place::of(path).and_then(|place| place.part("")).map(drop).with_context(|| cannot_write(path))
+    Destination::of(path)
+        .and_then(|destination| destination.partial_file(""))
+        .map(drop)
+        .with_context(|| cannot_write(path))
 }
 
 /// Like [`check_writable`], for content that is not text.
@@ -108,7 +118,7 @@ pub fn check_writable(path: &Path) -> Result<()> {
 pub fn check_binary_writable(path: &Path) -> Result<()> {
     check_writable(path)?;
     ensure!(
-        !Place::of(path)?.is_terminal(),
+        !Destination::of(path)?.is_terminal(),
         "{}: not text, which a terminal cannot show: write to a file or a pipe",
         cannot_write(path)
     );
@@ -120,14 +130,14 @@ pub fn check_binary_writable(path: &Path) -> Result<()> {
 /// # Errors
 /// If there is a file.
 pub fn check_absent(path: &Path) -> Result<()> {
-    let is_there = matches!(Place::of(path), Ok(Place::File { old: Some(_), .. }) | Err(_)) && path.exists();
-    ensure!(!is_there, "{}: it exists, and --no-clobber keeps what exists", cannot_write(path));
+    let exists = matches!(Destination::of(path), Ok(Destination::File { old: Some(_), .. }) | Err(_)) && path.exists();
+    ensure!(!exists, "{}: it exists, and --no-clobber keeps what exists", cannot_write(path));
     Ok(())
 }
 
 /// True if what is written to `path` appears on the standard output of the program: `-`, /dev/stdout and its like.
 pub fn is_stdout(path: &Path) -> bool {
-    matches!(Place::of(path), Ok(Place::Stdout))
+    matches!(Destination::of(path), Ok(Destination::Stdout))
 }
 
 /// Locks an open file or folder against other runs of this program, until it is closed or the process ends.
@@ -244,7 +254,7 @@ mod tests {
 
     /// A file that is open for reading only fails as a full disk does, whichever encoder writes to it.
     #[test]
-    fn a_failure_of_the_file_is_told_without_the_words_of_an_encoder() {
+    fn an_error_of_the_file_replaces_that_of_an_encoder() {
         let file = File::open(file!()).unwrap();
         let error =
             fill(&file, |out| out.write_all(&[0; 1 << 16]).map_err(|e| anyhow!("Format error decoding X: {e:?}: {e}")));

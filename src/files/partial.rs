@@ -10,52 +10,52 @@ use std::time::Duration;
 
 use tempfile::{Builder, NamedTempFile, TempDir};
 
-/// What the names begin with: hidden, so that programs that read all files of a folder skip them.
+/// Prefix of the names: hidden, so that programs that read all files of a folder skip them.
 const PREFIX: &str = ".smalto-";
-/// What follows the random characters of the names.
+/// Suffix of the names, after the random characters.
 const MARK: &str = ".part";
 
-/// The age at which what a dead run left may be removed. File systems without locks do not tell whether the run lives.
+/// The age at which files of a dead run may be removed. On file systems without locks, a running one looks dead.
 const STALE: Duration = Duration::from_secs(60 * 60);
 
-static UNFINISHED: Mutex<Unfinished> = Mutex::new(Unfinished { paths: BTreeSet::new(), swept: BTreeSet::new() });
+static UNFINISHED: Mutex<Unfinished> = Mutex::new(Unfinished { paths: BTreeSet::new(), cleared: BTreeSet::new() });
 
 struct Unfinished {
-    /// What is to be removed when the program ends.
+    /// Files and folders to remove when the program ends.
     paths: BTreeSet<PathBuf>,
-    /// Folders from which the leavings of dead runs were removed.
-    swept: BTreeSet<PathBuf>,
+    /// Folders that were cleared of files of dead runs.
+    cleared: BTreeSet<PathBuf>,
 }
 
 /// A file that is not complete yet.
-pub(crate) struct Part {
+pub(crate) struct PartialFile {
     file: NamedTempFile,
-    listed: Listed,
+    registered: Registered,
 }
 
 /// A folder of files that are not complete yet.
-pub(crate) struct PartFolder {
+pub(crate) struct PartialFolder {
     folder: TempDir,
-    _listed: Listed,
+    _registered: Registered,
     /// Holds the lock of the folder.
     _lock: Option<File>,
 }
 
 /// An entry of [`Unfinished::paths`] until dropped.
-struct Listed(PathBuf);
+struct Registered(PathBuf);
 
-impl Drop for Listed {
+impl Drop for Registered {
     fn drop(&mut self) {
         unfinished().paths.remove(&self.0);
     }
 }
 
-impl Part {
+impl PartialFile {
     /// A new file in `folder`, with a name that ends in `ending`. Only the owner may read it if it `is_private`;
     /// otherwise its mode is that of any new file.
     pub fn beside(folder: &Path, ending: &str, is_private: bool) -> io::Result<Self> {
         let mut list = unfinished();
-        list.sweep(folder);
+        list.clear_stale(folder);
         let suffix = format!("{MARK}{ending}");
         let mut builder = Builder::new();
         builder.prefix(PREFIX).suffix(&suffix);
@@ -68,8 +68,8 @@ impl Part {
         let _ = is_private;
         let file = builder.tempfile_in(folder)?;
         super::is_locked(file.as_file());
-        let listed = list.add(file.path());
-        Ok(Self { file, listed })
+        let registered = list.add(file.path());
+        Ok(Self { file, registered })
     }
 
     pub fn path(&self) -> &Path {
@@ -80,23 +80,23 @@ impl Part {
         self.file.as_file()
     }
 
-    /// Renames the complete file. What was at `path` is replaced.
+    /// Renames the complete file to `path`, which is replaced.
     pub fn persist(self, path: &Path) -> io::Result<()> {
-        let Self { file, listed } = self;
+        let Self { file, registered } = self;
         let renamed = file.persist(path);
-        drop(listed);
+        drop(registered);
         renamed.map(drop).map_err(|problem| problem.error)
     }
 }
 
-impl PartFolder {
+impl PartialFolder {
     pub fn inside(folder: &Path) -> io::Result<Self> {
         let mut list = unfinished();
-        list.sweep(folder);
+        list.clear_stale(folder);
         let folder = Builder::new().prefix(PREFIX).suffix(MARK).tempdir_in(folder)?;
         let lock = File::open(folder.path()).ok().filter(|folder| !super::is_locked(folder));
-        let listed = list.add(folder.path());
-        Ok(Self { folder, _listed: listed, _lock: lock })
+        let registered = list.add(folder.path());
+        Ok(Self { folder, _registered: registered, _lock: lock })
     }
 
     pub fn path(&self) -> &Path {
@@ -105,14 +105,14 @@ impl PartFolder {
 }
 
 impl Unfinished {
-    fn add(&mut self, path: &Path) -> Listed {
+    fn add(&mut self, path: &Path) -> Registered {
         self.paths.insert(path.to_owned());
-        Listed(path.to_owned())
+        Registered(path.to_owned())
     }
 
-    /// Removes what runs left in `folder` that were killed: it is old, and nobody holds its lock.
-    fn sweep(&mut self, folder: &Path) {
-        if !self.swept.insert(folder.to_owned()) {
+    /// Removes the partial files of killed runs in `folder`: those that are old and not locked.
+    fn clear_stale(&mut self, folder: &Path) {
+        if !self.cleared.insert(folder.to_owned()) {
             return;
         }
         let is_part = |name: &str| name.starts_with(PREFIX) && name.contains(MARK);
@@ -156,9 +156,9 @@ pub(crate) fn uninterrupted() -> impl Drop {
 mod tests {
     use super::*;
 
-    /// What a killed run left is removed; what may belong to a living one, or to somebody else, is not.
+    /// Files that may belong to a running process or to another program are not removed.
     #[test]
-    fn leavings_of_dead_runs_are_swept() {
+    fn partial_files_of_killed_runs_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let make = |name: &str, age: Duration| {
             let path = folder.path().join(name);
@@ -171,12 +171,12 @@ mod tests {
         let (young, _) = make(".smalto-cccccc.part.glb", STALE / 2);
         let (record, _) = make(".smalto-run.jsonl", 2 * STALE);
         locked.lock().unwrap();
-        let part = Part::beside(folder.path(), "", false).unwrap();
-        let are_there = [&dead, &living, &young, &record].map(|path| path.exists());
-        assert_eq!(are_there, [false, true, true, true]);
+        let part = PartialFile::beside(folder.path(), "", false).unwrap();
+        let exist = [&dead, &living, &young, &record].map(|path| path.exists());
+        assert_eq!(exist, [false, true, true, true]);
         // Once a folder and a process: pictures are many.
         let (later, _) = make(".smalto-dddddd.part.glb", 2 * STALE);
-        drop(Part::beside(folder.path(), "", false).unwrap());
+        drop(PartialFile::beside(folder.path(), "", false).unwrap());
         assert!(later.exists());
         let own = part.path().to_owned();
         drop(part);

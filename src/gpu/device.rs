@@ -15,8 +15,8 @@ use raw_window_handle::{HasDisplayHandle, RawDisplayHandle};
 use super::capabilities::{Capabilities, Feature};
 use super::error::{Unavailable, describe};
 use super::instance::{Instance, Validation};
-use super::memory_budget::Ledger;
-use super::pipeline_cache::{Check, Memory, Remembered};
+use super::memory_budget::MemoryBudget;
+use super::pipeline_cache::{CachedPipelines, Check, PipelineCache};
 use super::pipeline_statistics::{Executable, Executables};
 use super::pipelines::Pipelines;
 use super::reload::ShaderFolder;
@@ -46,8 +46,8 @@ pub(super) struct Shared {
     pub slots: Mutex<Vec<Slot>>,
     pub pipelines: Mutex<Pipelines>,
     /// What earlier runs left, and what this one leaves.
-    pub memory: Option<Memory>,
-    pub ledger: Ledger,
+    pub pipeline_cache: Option<PipelineCache>,
+    pub budget: MemoryBudget,
     /// Taken out in `drop`, to be dropped before the device.
     pub allocator: Mutex<Option<Allocators>>,
     pub instance: Arc<Instance>,
@@ -176,8 +176,8 @@ impl Device {
             timeline: vk::Semaphore::null(),
             slots: Mutex::default(),
             pipelines: Mutex::default(),
-            memory: None,
-            ledger: Ledger::new(None, None),
+            pipeline_cache: None,
+            budget: MemoryBudget::new(None, None),
             allocator: Mutex::new(None),
             checked,
             capabilities,
@@ -268,25 +268,29 @@ impl Device {
     }
 
     /// Makes later stages from the pipelines that an earlier run compiled, if the driver accepts them. When the device
-    /// is closed, `keep` gets what there is to remember, unless it is what `earlier` was.
+    /// is closed, `keep` gets the new state, unless it equals `earlier`.
     ///
     /// # Panics
     /// If a buffer, stage or recording of the device exists already.
-    pub fn with_memory(mut self, earlier: Remembered, keep: impl Fn(&Remembered) + Send + Sync + 'static) -> Self {
-        let shared = Arc::get_mut(&mut self.0).expect("a device gets its memory before anything uses it");
-        shared.memory = Memory::new(&shared.raw, earlier, keep);
+    pub fn with_pipeline_cache(
+        mut self,
+        earlier: CachedPipelines,
+        keep: impl Fn(&CachedPipelines) + Send + Sync + 'static,
+    ) -> Self {
+        let shared = Arc::get_mut(&mut self.0).expect("a device gets its pipeline cache before anything uses it");
+        shared.pipeline_cache = PipelineCache::new(&shared.raw, earlier, keep);
         self
     }
 
     /// True if the device passed this check, in this run or an earlier one.
     pub fn has_passed(&self, check: &Check) -> bool {
-        self.0.memory.as_ref().is_some_and(|memory| memory.passed().contains(check))
+        self.0.pipeline_cache.as_ref().is_some_and(|cache| cache.passed().contains(check))
     }
 
-    /// Remembers that the device passed this check, if it has a memory.
+    /// Records that the device passed this check, if it has a pipeline cache.
     pub fn remember_passed(&self, check: Check) {
-        if let Some(memory) = &self.0.memory {
-            memory.passed().insert(check);
+        if let Some(cache) = &self.0.pipeline_cache {
+            cache.passed().insert(check);
         }
     }
 
@@ -337,20 +341,20 @@ impl Shared {
             }
             _ => {
                 let device = &mut allocators.device;
-                let excess = self.ledger.excess(|| device.generate_report(), requirements.size);
+                let excess = self.budget.excess(|| device.generate_report(), requirements.size);
                 if excess > 0 {
                     return Err(refuse(format!("it would pass the limit of memory by {excess} bytes")).into());
                 }
                 let mut allocation = device.allocate(&desc);
                 let bytes = device.generate_report().total_capacity_bytes;
-                if self.ledger.limit.is_some_and(|limit| bytes > limit) && allocation.is_ok() {
+                if self.budget.limit.is_some_and(|limit| bytes > limit) && allocation.is_ok() {
                     // It did not fit into the shared block that had seemed to have room.
                     let freed = allocation.and_then(|allocation| device.free(allocation));
                     allocation = Err(freed.err().unwrap_or(AllocationError::OutOfMemory));
                 }
-                self.ledger.note(device.generate_report().total_capacity_bytes);
-                if self.ledger.asked.is_some() {
-                    self.told().inspect(|(_, used)| _ = self.ledger.note_told(*used));
+                self.budget.record(device.generate_report().total_capacity_bytes);
+                if self.budget.user_limit.is_some() {
+                    self.driver_budget().inspect(|(_, used)| _ = self.budget.record_driver_used(*used));
                 }
                 allocation.map(|allocation| Held { allocation, is_of_host: false })
             }
@@ -375,8 +379,8 @@ impl Shared {
 
 impl Drop for Shared {
     fn drop(&mut self) {
-        if let Some(memory) = self.memory.take() {
-            memory.close(&self.raw);
+        if let Some(cache) = self.pipeline_cache.take() {
+            cache.close(&self.raw);
         }
         // SAFETY: clauses 1 and 2, no resource and no submission is left; the allocator frees its blocks first.
         unsafe {

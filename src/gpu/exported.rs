@@ -28,7 +28,7 @@ impl Storage {
     pub(super) fn exportable(device: &Arc<Shared>, name: &str, bytes: u64) -> Result<Self> {
         let device_name = &device.capabilities.name;
         ensure!(device.capabilities.has(Feature::ExportedMemory), "{device_name} exports no memory");
-        ensure!(device.ledger.asked.is_none(), "no memory is exported under a limit of memory");
+        ensure!(device.budget.user_limit.is_none(), "no memory is exported under a limit of memory");
         let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(EXPORT_HANDLE);
         let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let info = vk::BufferCreateInfo::default().size(bytes).usage(usage).push_next(&mut external);

@@ -44,7 +44,6 @@ mod image;
 mod image_commands;
 mod instance;
 mod memory_budget;
-mod memory_limit;
 #[cfg(feature = "viewer")]
 mod overlay;
 #[cfg(feature = "viewer")]
@@ -91,7 +90,7 @@ pub use memory_budget::MemoryUse;
 #[doc(hidden)]
 pub use overlay::Overlay;
 #[doc(hidden)]
-pub use pipeline_cache::{Check, Remembered};
+pub use pipeline_cache::{CachedPipelines, Check};
 pub use pipeline_statistics::Executable;
 #[doc(hidden)]
 pub use resource::Resource;

@@ -1,4 +1,4 @@
-//! What a device keeps from one run of the program to the next: compiled pipelines, and checks that it passed.
+//! The pipeline cache of a device: compiled pipelines, and the self-tests that it passed, kept between runs.
 
 use std::collections::BTreeSet;
 use std::sync::{Mutex, MutexGuard};
@@ -10,12 +10,12 @@ pub type Check = [u8; 32];
 
 /// Compiled pipelines in the format of the driver, and the checks that the device passed.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Remembered {
+pub struct CachedPipelines {
     pub pipelines: Vec<u8>,
     pub passed: BTreeSet<Check>,
 }
 
-impl Remembered {
+impl CachedPipelines {
     /// The bytes of a file: a hash of the rest, the number of checks, the checks, the pipelines.
     pub fn to_bytes(&self) -> Vec<u8> {
         let count = (self.passed.len() as u32).to_le_bytes();
@@ -33,23 +33,23 @@ impl Remembered {
     }
 }
 
-/// The memory of an open device.
-pub(crate) struct Memory {
+/// The pipeline cache of an open device.
+pub(crate) struct PipelineCache {
     pub cache: vk::PipelineCache,
-    earlier: Remembered,
+    earlier: CachedPipelines,
     passed: Mutex<BTreeSet<Check>>,
-    keep: Box<dyn Fn(&Remembered) + Send + Sync>,
+    keep: Box<dyn Fn(&CachedPipelines) + Send + Sync>,
 }
 
-impl Memory {
-    /// The memory of a device, with what an earlier run left. `None` if the driver has no room for it.
+impl PipelineCache {
+    /// A pipeline cache with the state of an earlier run. `None` if the driver cannot make it.
     pub fn new(
         raw: &ash::Device,
-        earlier: Remembered,
-        keep: impl Fn(&Remembered) + Send + Sync + 'static,
+        earlier: CachedPipelines,
+        keep: impl Fn(&CachedPipelines) + Send + Sync + 'static,
     ) -> Option<Self> {
         let info = vk::PipelineCacheCreateInfo::default().initial_data(&earlier.pipelines);
-        // SAFETY: clauses 1 and 5, the device owns this memory. The driver refuses data of other drivers and devices.
+        // SAFETY: clauses 1 and 5, the device owns this cache. The driver refuses data of other drivers and devices.
         let cache = unsafe { raw.create_pipeline_cache(&info, None) }.ok()?;
         let passed = Mutex::new(earlier.passed.clone());
         Some(Self { cache, earlier, passed, keep: Box::new(keep) })
@@ -60,11 +60,11 @@ impl Memory {
         self.passed.lock().expect("no holder of the passed checks panics")
     }
 
-    /// Hands over what is new, and frees the cache.
+    /// Passes a changed state to `keep`, and frees the cache.
     pub fn close(self, raw: &ash::Device) {
         // SAFETY: clauses 1 and 3, the device is being dropped: nothing else uses the cache.
         let pipelines = unsafe { raw.get_pipeline_cache_data(self.cache) };
-        let now = pipelines.map(|pipelines| Remembered { pipelines, passed: self.passed().clone() });
+        let now = pipelines.map(|pipelines| CachedPipelines { pipelines, passed: self.passed().clone() });
         // SAFETY: as above.
         unsafe { raw.destroy_pipeline_cache(self.cache, None) };
         if let Some(now) = now.ok().filter(|now| *now != self.earlier) {
@@ -81,34 +81,34 @@ mod tests {
     use crate::gpu::{Device, DeviceChoice, Validation};
 
     #[test]
-    fn what_is_new_is_kept_when_the_device_is_closed() {
+    fn a_changed_state_is_kept_when_the_device_is_closed() {
         let kept = Arc::new(Mutex::new(Vec::new()));
-        let open = |earlier: Remembered| {
+        let open = |earlier: CachedPipelines| {
             let kept = kept.clone();
             let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
-            device.with_memory(earlier, move |now| kept.lock().unwrap().push(now.clone()))
+            device.with_pipeline_cache(earlier, move |now| kept.lock().unwrap().push(now.clone()))
         };
-        let device = open(Remembered { pipelines: b"of another driver".to_vec(), passed: [[1; 32]].into() });
+        let device = open(CachedPipelines { pipelines: b"of another driver".to_vec(), passed: [[1; 32]].into() });
         device.remember_passed([2; 32]);
         assert!(device.has_passed(&[1; 32]) && device.has_passed(&[2; 32]) && !device.has_passed(&[3; 32]));
         drop(device);
-        let first = kept.lock().unwrap().pop().expect("there is news");
+        let first = kept.lock().unwrap().pop().expect("the state has changed");
         assert_eq!(first.passed, [[1; 32], [2; 32]].into());
         drop(open(first));
-        assert!(kept.lock().unwrap().is_empty(), "there is nothing new");
+        assert!(kept.lock().unwrap().is_empty(), "the state is the same");
     }
 
     #[test]
-    fn what_is_remembered_is_read_again_and_damage_is_found() {
-        let remembered = Remembered { pipelines: vec![1, 2, 3], passed: [[7; 32], [9; 32]].into() };
-        let bytes = remembered.to_bytes();
-        assert_eq!(Remembered::of_bytes(&bytes), Some(remembered));
-        assert_eq!(Remembered::of_bytes(&Remembered::default().to_bytes()), Some(Remembered::default()));
+    fn a_cache_is_read_as_it_was_written_and_damage_is_found() {
+        let cached = CachedPipelines { pipelines: vec![1, 2, 3], passed: [[7; 32], [9; 32]].into() };
+        let bytes = cached.to_bytes();
+        assert_eq!(CachedPipelines::of_bytes(&bytes), Some(cached));
+        assert_eq!(CachedPipelines::of_bytes(&CachedPipelines::default().to_bytes()), Some(CachedPipelines::default()));
         for at in 0..bytes.len() {
             let mut damaged = bytes.clone();
             damaged[at] ^= 1;
-            assert_eq!(Remembered::of_bytes(&damaged), None, "byte {at} is changed");
-            assert_eq!(Remembered::of_bytes(&bytes[..at]), None, "the file ends at byte {at}");
+            assert_eq!(CachedPipelines::of_bytes(&damaged), None, "byte {at} is changed");
+            assert_eq!(CachedPipelines::of_bytes(&bytes[..at]), None, "the file ends at byte {at}");
         }
     }
 }

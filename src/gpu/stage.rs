@@ -152,7 +152,7 @@ impl Pipeline {
         }
         let flags = device.executables.as_ref().map_or(vk::PipelineCreateFlags::empty(), Executables::flags);
         let info = vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(made.layout);
-        let cache = device.memory.as_ref().map_or(vk::PipelineCache::null(), |memory| memory.cache);
+        let cache = device.pipeline_cache.as_ref().map_or(vk::PipelineCache::null(), |cached| cached.cache);
         // SAFETY: clauses 4 and 5; the module is not needed after the pipeline is made.
         let pipelines = unsafe {
             let pipelines = device.raw.create_compute_pipelines(cache, &[info], None);

@@ -131,7 +131,7 @@ fn difference(drawn: &Pixels, expected: &Pixels) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::{DeviceChoice, Remembered, Validation};
+    use crate::gpu::{CachedPipelines, DeviceChoice, Validation};
     use crate::procedural::cactus;
     use crate::render::fast::FastPipeline;
 
@@ -139,7 +139,7 @@ mod tests {
     fn a_fast_path_that_draws_another_picture_is_dropped() {
         let device =
             Device::open(&DeviceChoice::Best, Validation::IfInstalled).expect("GPU tests need a Vulkan device");
-        let device = device.with_memory(Remembered::default(), |_| {});
+        let device = device.with_pipeline_cache(CachedPipelines::default(), |_| {});
         let (options, gaussians) = (Options::EXACT, cactus::cactus(3000).unwrap().gaussians);
         let scene = GpuScene::new(&device, &gaussians, &options).unwrap();
         let mut paths = PathChoice::new(&device, &options, &scene, Variation::Plain).unwrap();

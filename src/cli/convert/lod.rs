@@ -10,7 +10,7 @@ use super::{Edits, Inputs, Target, WritingArgs, formats, say_written, write_scen
 use crate::cli::scenes::{ReadingArgs, SceneArg};
 use crate::cli::sink::Sink;
 use crate::cli::{Usage, one_of, progress};
-use crate::files::{Kept, is_stdout};
+use crate::files::{Checkpoint, is_stdout};
 use crate::formats::{LOD_META, Streamed, WrittenLevels, write_streamed_sog};
 use crate::measure::prune::Written;
 use crate::options::Options;
@@ -149,8 +149,8 @@ fn with_levels<T>(args: &Args, give: impl FnOnce(&PageFile) -> Result<T>) -> Res
     let name = output.file_name().unwrap_or_default().to_string_lossy();
     let is_there = |folder: &&Path| folder.as_os_str().is_empty() || folder.is_dir();
     let folder = output.ancestors().skip(1).find(is_there).unwrap_or(Path::new(""));
-    let kept = Kept::beside(&folder.join(format!("{name}.levels")), NO_STATE)?;
-    let (path, files) = (kept.path("levels.smalto"), [scene.clone()]);
+    let checkpoint = Checkpoint::beside(&folder.join(format!("{name}.levels")), NO_STATE)?;
+    let (path, files) = (checkpoint.path("levels.smalto"), [scene.clone()]);
     let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
     pages::convert(inputs, &path, pages::settings(None, *memory, true))?;
     give(&PageFile::open(&path)?)

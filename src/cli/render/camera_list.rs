@@ -6,7 +6,7 @@ use crate::cli::Usage;
 use crate::cli::cameras::Numbered;
 
 /// A camera to draw from.
-pub(in crate::cli) struct Chosen {
+pub(in crate::cli) struct SelectedCamera {
     /// Position in the file, or number of the frame of a path.
     pub index: usize,
     /// `None` for a camera that is of no file.
@@ -14,41 +14,41 @@ pub(in crate::cli) struct Chosen {
     pub camera: Camera,
 }
 
-impl Chosen {
+impl SelectedCamera {
     pub fn named(index: usize, named: &NamedCamera) -> Self {
         Self { index, name: Some(named.name.clone()), camera: named.camera.clone() }
     }
 }
 
 /// The cameras that `wanted` names. The second value is true if `wanted` is a list, a range or `all`.
-pub(in crate::cli) fn choose(all: &Numbered, wanted: &str) -> Result<(Vec<Chosen>, bool), Usage> {
-    let chosen = |place: usize| Chosen::named(all.cameras[place].0, &all.cameras[place].1);
+pub(in crate::cli) fn select_cameras(all: &Numbered, wanted: &str) -> Result<(Vec<SelectedCamera>, bool), Usage> {
+    let selected = |position: usize| SelectedCamera::named(all.cameras[position].0, &all.cameras[position].1);
     if wanted == "all" {
-        return Ok(((0..all.cameras.len()).map(chosen).collect(), true));
+        return Ok(((0..all.cameras.len()).map(selected).collect(), true));
     }
     // An image name may contain commas and dots.
-    if let Some(place) = place(all, wanted)? {
-        return Ok((vec![chosen(place)], false));
+    if let Some(position) = find(all, wanted)? {
+        return Ok((vec![selected(position)], false));
     }
     let mut found = Vec::new();
     for item in wanted.split(',') {
-        match place(all, item)? {
-            Some(place) => found.push(chosen(place)),
-            None => found.extend(range(all, item)?.into_iter().map(chosen)),
+        match find(all, item)? {
+            Some(position) => found.push(selected(position)),
+            None => found.extend(range(all, item)?.into_iter().map(selected)),
         }
     }
     Ok((found, true))
 }
 
-/// The place of a camera in `all` that is named by its position or its image.
-fn place(all: &Numbered, wanted: &str) -> Result<Option<usize>, Usage> {
+/// The index in `all` of a camera that is named by its number or its image.
+fn find(all: &Numbered, wanted: &str) -> Result<Option<usize>, Usage> {
     // A number with leading zeros, such as 0007, is a name.
     let number: Option<i64> = wanted.parse().ok().filter(|number: &i64| number.to_string() == wanted);
     let at = |index: usize| all.cameras.iter().position(|(own, _)| *own == index);
     let by_position = number.and_then(|number| at(index_of(all, number)?));
     let by_name = || all.cameras.iter().position(|(_, named)| named.name == wanted);
-    if let Some(place) = by_position.or_else(by_name) {
-        return Ok(Some(place));
+    if let Some(position) = by_position.or_else(by_name) {
+        return Ok(Some(position));
     }
     let mut by_stem = all.cameras.iter().enumerate().filter(|(_, (_, named))| without_ending(&named.name) == wanted);
     match (by_stem.next(), by_stem.next()) {
@@ -56,7 +56,7 @@ fn place(all: &Numbered, wanted: &str) -> Result<Option<usize>, Usage> {
             let (one, other) = (&one.name, &other.name);
             Err(Usage(format!("--camera {wanted} may be '{one}' or '{other}': write one of these names")))
         }
-        (first, _) => Ok(first.map(|(place, _)| place)),
+        (first, _) => Ok(first.map(|(position, _)| position)),
     }
 }
 
@@ -67,7 +67,7 @@ fn index_of(all: &Numbered, number: i64) -> Option<usize> {
     usize::try_from(number).ok().or_else(|| Some(cameras[back()?].0))
 }
 
-/// The places in `all` of the cameras in a range of positions, both ends included.
+/// The indices in `all` of the cameras in a range of positions, both ends included.
 fn range(all: &Numbered, item: &str) -> Result<Vec<usize>, Usage> {
     let cameras = &all.cameras;
     let unknown = || {
@@ -88,6 +88,6 @@ fn range(all: &Numbered, item: &str) -> Result<Vec<usize>, Usage> {
     if from > to {
         return Err(Usage(format!("--camera {item} is empty: {from} is greater than {to}")));
     }
-    let places: Vec<_> = (0..cameras.len()).filter(|place| (from..=to).contains(&cameras[*place].0)).collect();
-    if places.is_empty() { Err(unknown()) } else { Ok(places) }
+    let positions: Vec<_> = (0..cameras.len()).filter(|position| (from..=to).contains(&cameras[*position].0)).collect();
+    if positions.is_empty() { Err(unknown()) } else { Ok(positions) }
 }

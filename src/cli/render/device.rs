@@ -8,7 +8,7 @@ use anyhow::Result;
 use crossbeam_channel::{Receiver, Sender, unbounded};
 
 use super::Args;
-use super::buffer_pool::Lent;
+use super::buffer_pool::PooledFrame;
 use super::encode::{Job, Source, Task};
 use super::queue::Queue;
 use crate::cli::environment::Environment;
@@ -71,7 +71,7 @@ struct HostFrames {
     idle: Vec<HostFrame>,
     is_of_video: bool,
     back: Receiver<HostFrame>,
-    way_back: Sender<HostFrame>,
+    return_to: Sender<HostFrame>,
 }
 
 impl<'p> Run<'p> {
@@ -180,14 +180,14 @@ impl<'r, 'p> Worker<'r, 'p> {
         if let Some(notice) = renderer.notice() {
             remark(&format!("note: {notice}"));
         }
-        let (way_back, back) = unbounded();
+        let (return_to, back) = unbounded();
         let host = HostFrames {
             made: 0,
             most: run.host_frames,
             idle: Vec::new(),
             is_of_video: run.is_of_video,
             back,
-            way_back,
+            return_to,
         };
         let largest = largest_streamed(device);
         let (stream, in_flight) = (FrameQueue::new(device, renderer), VecDeque::new());
@@ -213,7 +213,7 @@ impl<'r, 'p> Worker<'r, 'p> {
         self.run.started.get_or_init(Instant::now);
         let args = self.run.args;
         let begun = if task.is_alone(args, self.largest) {
-            let unused = self.host.lend(host);
+            let unused = self.host.pooled(host);
             self.draw_alone(&task, unused).map(|job| self.hand_on(job))
         } else {
             let begun = self.stream.start(&task.shot.camera, args.background, &task.wanted(args), host);
@@ -233,7 +233,7 @@ impl<'r, 'p> Worker<'r, 'p> {
                 return Err(error);
             }
         };
-        let source = Source::Host(self.host.lend(host));
+        let source = Source::Host(self.host.pooled(host));
         self.hand_on(Job { task, frames, source });
         Ok(true)
     }
@@ -253,7 +253,7 @@ impl<'r, 'p> Worker<'r, 'p> {
     }
 
     /// Draws a view and waits for it.
-    fn draw_alone(&mut self, task: &Task<'p>, unused: Lent) -> Result<Job<'p>> {
+    fn draw_alone(&mut self, task: &Task<'p>, unused: PooledFrame) -> Result<Job<'p>> {
         while self.end()? {}
         let (args, shot, renderer) = (self.run.args, task.shot, self.stream.renderer());
         let prepare = |cmd: &mut Commands| {
@@ -311,7 +311,7 @@ impl HostFrames {
     }
 
     /// Memory on its way through a job.
-    fn lend(&self, host: HostFrame) -> Lent {
-        Lent { host, back: self.way_back.clone() }
+    fn pooled(&self, host: HostFrame) -> PooledFrame {
+        PooledFrame { host, pool: self.return_to.clone() }
     }
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 
 use super::Args;
-use super::buffer_pool::{Lent, Rgb8};
+use super::buffer_pool::{PooledFrame, Rgb8};
 use super::outputs::{Output, Shot};
 use super::records::Content;
 use crate::files;
@@ -27,13 +27,13 @@ pub(super) struct Task<'p> {
 
 /// The pixels of a view.
 pub(super) enum Source {
-    Host(Lent),
+    Host(PooledFrame),
     /// What was read after a wait. The memory is not used, but its owner waits for it.
     Read {
         picture: Option<Pixels>,
         depths: Option<Pixels>,
         certificate: Option<Pixels>,
-        unused: Lent,
+        unused: PooledFrame,
     },
 }
 
@@ -82,9 +82,9 @@ impl<'p> Job<'p> {
         let mut certified = None;
         let rgb8;
         match source {
-            Source::Host(mut lent) => {
-                task.write_host(args, &mut lent.host)?;
-                rgb8 = task.is_of_video.then_some(Rgb8::Lent(lent));
+            Source::Host(mut frame) => {
+                task.write_host(args, &mut frame.host)?;
+                rgb8 = task.is_of_video.then_some(Rgb8::Pooled(frame));
             }
             Source::Read { picture, depths, certificate, unused: _unused } => {
                 rgb8 = picture.as_ref().filter(|_| task.is_of_video).map(|pixels| Rgb8::Owned(pixels.to_rgb8()));

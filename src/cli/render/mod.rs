@@ -35,7 +35,7 @@ use crate::measure::bench::VersionReport;
 use crate::options::Options;
 use crate::pixels::{Compression, FileKind};
 use crate::rules::Background;
-pub(super) use camera_list::{Chosen, choose};
+pub(super) use camera_list::{SelectedCamera, select_cameras};
 use outputs::{Layer, Names};
 use plan::{Plan, Source, plan};
 pub(super) use report::Report;

@@ -59,10 +59,10 @@ pub(super) struct Outputs {
     layers: Vec<Layer>,
     /// The kind of files with colours or alpha.
     kind: FileKind,
-    place: Place,
+    target: Target,
 }
 
-enum Place {
+enum Target {
     File(PathBuf),
     Folder(PathBuf),
 }
@@ -129,18 +129,18 @@ impl Outputs {
         layers.dedup();
         let is_of_picture = layers.iter().any(|layer| layer.is_of_picture());
         let kind = args.format.unwrap_or(if is_of_picture { FileKind::Png } else { FileKind::Exr });
-        let place = match place(args, several)? {
-            Some(place) => place,
+        let target = match target(args, several)? {
+            Some(target) => target,
             None => {
                 let suffix = if is_of_picture { String::new() } else { format!(".{}", layers[0].name()) };
-                Place::File(PathBuf::from(format!("{}{suffix}.{}", args.scene.stem(), kind.extension())))
+                Target::File(PathBuf::from(format!("{}{suffix}.{}", args.scene.stem(), kind.extension())))
             }
         };
-        let kind = match &place {
-            Place::File(file) => kind_of_file(file, args.format)?,
-            Place::Folder(_) => kind,
+        let kind = match &target {
+            Target::File(file) => kind_of_file(file, args.format)?,
+            Target::Folder(_) => kind,
         };
-        if let Place::File(file) = &place
+        if let Target::File(file) = &target
             && layers.len() > 1
             && file.extension().is_none()
         {
@@ -151,18 +151,18 @@ impl Outputs {
             let name = layers[0].name();
             return Err(Usage(format!("--layers {name} needs .exr or .npy: PNG cannot hold floats")).into());
         }
-        Ok(Self { layers, kind, place })
+        Ok(Self { layers, kind, target })
     }
 
     /// No pictures: the frames of a video are not written to files.
     pub fn none() -> Self {
-        Self { layers: Vec::new(), kind: FileKind::Png, place: Place::File(PathBuf::new()) }
+        Self { layers: Vec::new(), kind: FileKind::Png, target: Target::File(PathBuf::new()) }
     }
 
     pub fn folder(&self) -> Option<&Path> {
-        match &self.place {
-            Place::File(_) => None,
-            Place::Folder(folder) => Some(folder),
+        match &self.target {
+            Target::File(_) => None,
+            Target::Folder(folder) => Some(folder),
         }
     }
 
@@ -193,10 +193,10 @@ impl Outputs {
     pub fn files(&self, stem: &str) -> Vec<Output> {
         let output = |layer: &Layer| {
             let kind = layer.kind(self.kind);
-            let path = match (&self.place, self.layer_folder(*layer)) {
+            let path = match (&self.target, self.layer_folder(*layer)) {
                 (_, Some(folder)) => folder.join(format!("{stem}.{}", kind.extension())),
-                (Place::File(file), None) if *layer == Layer::Colour || self.layers.len() == 1 => file.clone(),
-                (Place::File(file) | Place::Folder(file), None) => {
+                (Target::File(file), None) if *layer == Layer::Colour || self.layers.len() == 1 => file.clone(),
+                (Target::File(file) | Target::Folder(file), None) => {
                     file.with_extension(format!("{}.{}", layer.name(), kind.extension()))
                 }
             };
@@ -211,24 +211,24 @@ pub(super) fn frames_of(video: &Path) -> PathBuf {
     video.with_extension("")
 }
 
-/// The place of the output; `None` for a single file that is named after the scene.
-fn place(args: &Args, several: bool) -> Result<Option<Place>> {
+/// The target of the output; `None` for a single file that is named after the scene.
+fn target(args: &Args, several: bool) -> Result<Option<Target>> {
     let needs_folder = several || args.names.is_some() || args.resume || args.shard.is_some() || args.verify;
     let Some(output) = &args.output else {
         let folder = match &args.video {
             Some(Some(file)) => frames_of(file),
             _ => PathBuf::from("renders"),
         };
-        return Ok(needs_folder.then_some(Place::Folder(folder)));
+        return Ok(needs_folder.then_some(Target::Folder(folder)));
     };
     if output.is_dir() || output.as_os_str().to_string_lossy().ends_with('/') {
-        return Ok(Some(Place::Folder(output.clone())));
+        return Ok(Some(Target::Folder(output.clone())));
     }
     if needs_folder && names_file(output) {
         let why = "several pictures, --names, --video, --resume, --shard and --verify need a folder";
         return Err(Usage(format!("--output {}: {why}", output.display())).into());
     }
-    Ok(Some(if needs_folder { Place::Folder(output.clone()) } else { Place::File(output.clone()) }))
+    Ok(Some(if needs_folder { Target::Folder(output.clone()) } else { Target::File(output.clone()) }))
 }
 
 /// True if the name is that of a picture, a video or standard output, not of a folder.

@@ -8,7 +8,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::Args;
-use super::camera_list::{Chosen, choose};
+use super::camera_list::{SelectedCamera, select_cameras};
 use super::outputs::{Names, Output, Outputs, Shot, safe_stem};
 use super::video::{self, Video};
 use crate::camera::{Camera, NamedCamera, path};
@@ -49,12 +49,13 @@ pub(super) struct Source {
 
 /// The plan of a run, or of its shard. The scene is asked for only if cameras are made from it.
 pub(super) fn plan(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Plan> {
-    let Cameras { chosen, is_list, nearest } = cameras(args, focus)?;
+    let Cameras { selected, is_list, nearest } = cameras(args, focus)?;
     let file = video::file(args)?;
     let several = is_list || args.video.is_some();
     let outputs = if file.is_some() { Outputs::none() } else { Outputs::of(args, several)? };
     check_together(args, &outputs, several)?;
-    let shots = chosen.into_iter().enumerate().map(|(number, chosen)| shot(args, &outputs, several, number, chosen));
+    let shots =
+        selected.into_iter().enumerate().map(|(number, selected)| shot(args, &outputs, several, number, selected));
     let shots = shots.collect::<Result<Vec<_>>>()?;
     check_shots(args, &shots)?;
     let video = file.map(|file| Video::new(args, file, &shots)).transpose()?;
@@ -101,7 +102,7 @@ impl Plan {
 
 /// The cameras of a run.
 struct Cameras {
-    chosen: Vec<Chosen>,
+    selected: Vec<SelectedCamera>,
     /// A list of cameras was asked for, even if it holds only one.
     is_list: bool,
     /// Largest allowed distance of the near plane.
@@ -111,20 +112,23 @@ struct Cameras {
 fn cameras(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Cameras> {
     let size = args.size.unwrap_or([1280, 720]);
     if let Some(frames) = args.film.read(&args.scene, size)? {
-        let frame = |(index, named): (usize, NamedCamera)| Chosen::named(index, &named);
-        let chosen = frames.into_iter().enumerate().map(frame).collect();
+        let frame = |(index, named): (usize, NamedCamera)| SelectedCamera::named(index, &named);
+        let selected = frames.into_iter().enumerate().map(frame).collect();
         let nearest = args.scene.town()?.map_or(f32::INFINITY, |_| TOWN_NEAR);
-        return Ok(Cameras { chosen, is_list: true, nearest });
+        return Ok(Cameras { selected, is_list: true, nearest });
     }
     if let Some(count) = args.film.orbit() {
         let focus = focus()?;
         let views = path::orbit(DVec3::from(focus.centre), focus.radius, false, size, count);
-        let view = |(index, camera)| Chosen { index, name: None, camera };
-        let chosen = views.into_iter().enumerate().map(view).collect();
-        return Ok(Cameras { chosen, is_list: true, nearest: focus.radius as f32 / 100.0 });
+        let view = |(index, camera)| SelectedCamera { index, name: None, camera };
+        let selected = views.into_iter().enumerate().map(view).collect();
+        return Ok(Cameras { selected, is_list: true, nearest: focus.radius as f32 / 100.0 });
     }
-    let alone =
-        |camera, nearest| Cameras { chosen: vec![Chosen { index: 0, name: None, camera }], is_list: false, nearest };
+    let alone = |camera, nearest| Cameras {
+        selected: vec![SelectedCamera { index: 0, name: None, camera }],
+        is_list: false,
+        nearest,
+    };
     if args.eye.is_given()? {
         let focus = focus()?;
         let (camera, nearest) = args.eye.camera(|| focus, size).context("a camera is given")?;
@@ -133,11 +137,13 @@ fn cameras(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Cameras> {
     }
     if let Some(file) = named_or_found(args.cameras.as_deref(), &args.scene) {
         let all = args.split.read(&file, args.size)?;
-        let (chosen, is_list) = match &args.camera {
-            Some(wanted) => choose(&all, wanted)?,
-            None => (all.cameras.iter().take(1).map(|(index, named)| Chosen::named(*index, named)).collect(), false),
+        let (selected, is_list) = match &args.camera {
+            Some(wanted) => select_cameras(&all, wanted)?,
+            None => {
+                (all.cameras.iter().take(1).map(|(index, named)| SelectedCamera::named(*index, named)).collect(), false)
+            }
         };
-        return Ok(Cameras { chosen, is_list, nearest: f32::INFINITY });
+        return Ok(Cameras { selected, is_list, nearest: f32::INFINITY });
     }
     args.split.check_no_file()?;
     if let Some(camera) = &args.camera {
@@ -157,8 +163,8 @@ fn cameras(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Cameras> {
     Ok(alone(camera, near))
 }
 
-fn shot(args: &Args, outputs: &Outputs, several: bool, number: usize, chosen: Chosen) -> Result<Shot> {
-    let Chosen { index, name, camera } = chosen;
+fn shot(args: &Args, outputs: &Outputs, several: bool, number: usize, selected: SelectedCamera) -> Result<Shot> {
+    let SelectedCamera { index, name, camera } = selected;
     let stem = match (args.names.unwrap_or(Names::Index), &name) {
         // The frames of a video are numbered without gaps.
         (Names::Index, _) => format!("{:05}", if args.video.is_some() { number } else { index }),

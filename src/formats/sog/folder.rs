@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use serde_json::Value;
 
 use super::write::{META, STEMS, files, texture_name};
-use crate::files::{check_writable, lock, make_folder, read_whole, write_set};
+use crate::files::{check_writable, lock, make_folder, read_whole, write_batch};
 use crate::scene::Gaussians;
 
 /// Writes a scene that is arranged as SOG 2 into a folder, which is made if needed: textures and `meta.json`. `check`
@@ -58,7 +58,7 @@ fn replace<T>(
     let is_free = |name: String| fs::symlink_metadata(folder.join(name)).is_err();
     let generation = (0..u32::MAX).find(|n| STEMS.iter().all(|stem| is_free(texture_name(stem, *n))));
     let new = files(gaussians, is_antialiased, generation.context("no name is free for the textures")?)?;
-    let found = write_set(folder, &new, check)?;
+    let found = write_batch(folder, &new, check)?;
     for name in old.iter().filter(|name| new.iter().all(|(new, _)| new != *name)) {
         // The new set is complete; a file that cannot be removed does no harm.
         _ = fs::remove_file(folder.join(name));

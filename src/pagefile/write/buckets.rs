@@ -7,7 +7,7 @@ use std::io::{BufWriter, Write};
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
-use crate::files::{Kept, read_exact_at};
+use crate::files::{Checkpoint, read_exact_at};
 use crate::host_memory::host_zeros;
 use crate::scene::{Curve, Gaussians, Parts, sh_coefficients};
 
@@ -54,7 +54,7 @@ pub fn name(bucket: usize) -> String {
 
 /// The files of all buckets while they are filled.
 pub struct BucketWriter<'k> {
-    kept: &'k Kept,
+    checkpoint: &'k Checkpoint,
     bounds: &'k BucketBounds,
     files: Vec<BufWriter<File>>,
     counts: Vec<usize>,
@@ -66,10 +66,10 @@ impl<'k> BucketWriter<'k> {
     ///
     /// # Errors
     /// If a file cannot be made.
-    pub fn new(kept: &'k Kept, bounds: &'k BucketBounds) -> Result<Self> {
-        let file = |bucket| Ok(BufWriter::with_capacity(1 << 16, kept.file(&name(bucket))?));
+    pub fn new(checkpoint: &'k Checkpoint, bounds: &'k BucketBounds) -> Result<Self> {
+        let file = |bucket| Ok(BufWriter::with_capacity(1 << 16, checkpoint.file(&name(bucket))?));
         let files = (0..bounds.buckets()).map(file).collect::<Result<Vec<_>>>()?;
-        Ok(Self { kept, bounds, counts: vec![0; files.len()], words: vec![Vec::new(); files.len()], files })
+        Ok(Self { checkpoint, bounds, counts: vec![0; files.len()], words: vec![Vec::new(); files.len()], files })
     }
 
     /// Adds Gaussians, the first of which is number `first` of the scene.
@@ -83,7 +83,7 @@ impl<'k> BucketWriter<'k> {
             self.counts[bucket] += 1;
         }
         for (file, words) in self.files.iter_mut().zip(&mut self.words) {
-            file.write_all(bytemuck::cast_slice(words)).map_err(|error| self.kept.failed(&error))?;
+            file.write_all(bytemuck::cast_slice(words)).map_err(|error| self.checkpoint.failed(&error))?;
             words.clear();
         }
         Ok(())
@@ -95,7 +95,7 @@ impl<'k> BucketWriter<'k> {
     /// If a file cannot be written.
     pub fn finish(mut self) -> Result<Vec<usize>> {
         for file in &mut self.files {
-            file.flush().and_then(|()| file.get_ref().sync_data()).map_err(|error| self.kept.failed(&error))?;
+            file.flush().and_then(|()| file.get_ref().sync_data()).map_err(|error| self.checkpoint.failed(&error))?;
         }
         Ok(self.counts)
     }
@@ -105,10 +105,16 @@ impl<'k> BucketWriter<'k> {
 ///
 /// # Errors
 /// If the bucket cannot be read, or its length has changed.
-pub fn records(kept: &Kept, bucket: usize, count: usize, before: &[u32], sh_degree: u32) -> Result<Vec<u32>> {
-    let file = kept.file(&name(bucket))?;
+pub fn records(
+    checkpoint: &Checkpoint,
+    bucket: usize,
+    count: usize,
+    before: &[u32],
+    sh_degree: u32,
+) -> Result<Vec<u32>> {
+    let file = checkpoint.file(&name(bucket))?;
     let words = count * record_words(sh_degree);
-    ensure!(file.metadata()?.len() == 4 * words as u64, "{} has lost bytes", kept.path(&name(bucket)).display());
+    ensure!(file.metadata()?.len() == 4 * words as u64, "{} has lost bytes", checkpoint.path(&name(bucket)).display());
     let mut records = host_zeros(before.len() + words, "bucket")?;
     records[..before.len()].copy_from_slice(before);
     read_exact_at(&file, bytemuck::cast_slice_mut(&mut records[before.len()..]), 0)?;

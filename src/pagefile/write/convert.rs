@@ -12,7 +12,7 @@ use super::group_checkpoint::GroupCheckpoint;
 use super::hierarchy::build;
 use super::hierarchy_layout::inner_pages;
 use super::output::Output;
-use crate::files::Kept;
+use crate::files::Checkpoint;
 use crate::options::{Options, Storage};
 use crate::packing::{Accumulator, Layout, Statistics};
 use crate::pagefile::{HEADER, Header, LodSections, PADDING, PAGE};
@@ -145,42 +145,42 @@ pub(crate) fn check_count(count: usize) -> Result<()> {
 pub fn write_whole(job: &Job, scene: &Scene) -> Result<Finished> {
     let gaussians = &scene.gaussians;
     check_count(gaussians.len())?;
-    let kept = Kept::beside(job.output, STATE)?;
-    kept.clear()?;
+    let checkpoint = Checkpoint::beside(job.output, STATE)?;
+    checkpoint.clear()?;
     let statistics = job.statistics(Statistics::of(gaussians));
     let layout = job.layout(&statistics);
     let header = job.header(scene, statistics, layout);
-    let file = kept.file(job.scene_file())?;
+    let file = checkpoint.file(job.scene_file())?;
     let output = Output::new(&file, (&header.layout, header.alpha_min), header.pages());
     let order = header.statistics.curve().order(gaussians.means());
     for (i, part) in order.chunks(PAGE << 10).enumerate() {
         job.check()?;
         let written = output.write(i << 10, gaussians, part, |index| index);
-        written.map_err(|error| kept.failed(&error))?;
+        written.map_err(|error| checkpoint.failed(&error))?;
         job.report(((i << 20) + part.len()) as f64 / order.len() as f64);
     }
-    finish(job, kept, &output, header.clone())?;
+    finish(job, checkpoint, &output, header.clone())?;
     Ok(Finished { header, resumed: 0, buckets: 1, resumed_levels: 0, notices: scene.notices.clone() })
 }
 
 /// Completes the output from the pages of the scene. Returns the number of groups that an earlier run had built.
-pub(crate) fn finish(job: &Job, kept: Kept, scene: &Output, header: Header) -> Result<usize> {
-    let file = kept.file(PAGES)?;
+pub(crate) fn finish(job: &Job, checkpoint: Checkpoint, scene: &Output, header: Header) -> Result<usize> {
+    let file = checkpoint.file(PAGES)?;
     let output = scene.for_file(&file);
     let mut resumed = 0;
     if job.settings.has_levels {
         let (count, progress) = (header.statistics.count, |done: f64| (job.progress)(0.3 + 0.7 * done));
-        let groups = GroupCheckpoint::new(&kept, &file);
+        let groups = GroupCheckpoint::new(&checkpoint, &file);
         // Without a state, no run can resume.
-        let groups = kept.path(STATE).is_file().then_some(&groups);
+        let groups = checkpoint.path(STATE).is_file().then_some(&groups);
         let built = build((&output, scene.file, groups), (count, header.layout.sh_degree), &progress, job.is_cancelled);
         built.with_context(|| format!("cannot write the levels of {}", job.output.display()))?;
         resumed = groups.map_or(0, |groups| groups.found.load(Ordering::Relaxed));
     }
     let finished = output.finish(header).and_then(|()| Ok(file.sync_all()?));
-    let written = finished.inspect_err(|_| kept.drop_file(STATE));
-    written.with_context(|| format!("cannot write {}", kept.output().display()))?;
-    kept.finish(PAGES)?;
+    let written = finished.inspect_err(|_| checkpoint.remove(STATE));
+    written.with_context(|| format!("cannot write {}", checkpoint.output().display()))?;
+    checkpoint.finish(PAGES)?;
     Ok(resumed)
 }
 
@@ -219,42 +219,42 @@ pub(crate) fn statistics_passes(job: &Job, blocks: &Blocks, passes: f64) -> Resu
 /// Those of the source; if the file cannot be written; [`Cancelled`].
 pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) -> Result<Finished> {
     ensure!(job.settings.memory >= LEAST_MEMORY, "pages cannot be sorted in {} bytes", job.settings.memory);
-    let kept = Kept::beside(job.output, STATE)?;
+    let checkpoint = Checkpoint::beside(job.output, STATE)?;
     let work = Work::on(source, &(&job.settings, &job.title, changes));
-    let (mut state, header) = match work.as_ref().and_then(|work| resumed(job, &kept, work)) {
+    let (mut state, header) = match work.as_ref().and_then(|work| resumed(job, &checkpoint, work)) {
         Some(found) => found,
-        None => fill_buckets(job, &kept, blocks, work)?,
+        None => fill_buckets(job, &checkpoint, blocks, work)?,
     };
     let resumed = state.done;
     let degree = header.statistics.sh_degree;
     let curve = header.statistics.curve();
-    let file = kept.file(job.scene_file())?;
+    let file = checkpoint.file(job.scene_file())?;
     let output = Output::new(&file, (&header.layout, header.alpha_min), header.pages());
     while state.done < state.buckets.len() {
         job.check()?;
-        let rest = if state.done == 0 { Vec::new() } else { kept.content(&rest(state.done)).unwrap_or_default() };
+        let rest = if state.done == 0 { Vec::new() } else { checkpoint.read(&rest(state.done)).unwrap_or_default() };
         let rest: Vec<u32> = rest.as_chunks().0.iter().map(|bytes| u32::from_ne_bytes(*bytes)).collect();
         // With damaged buckets, the next run starts anew.
-        let records = records(&kept, state.done, state.buckets[state.done], &rest, degree);
-        let records = records.inspect_err(|_| kept.drop_file(STATE))?;
+        let records = records(&checkpoint, state.done, state.buckets[state.done], &rest, degree);
+        let records = records.inspect_err(|_| checkpoint.remove(STATE))?;
         let is_last = state.done + 1 == state.buckets.len();
         let rest = write_bucket(&output, state.written / PAGE, &records, (curve, degree), is_last)
             .map_err(|problem| problem.context(format!("cannot write {}", job.output.display())))?;
-        file.sync_data().map_err(|error| kept.failed(&error))?;
+        file.sync_data().map_err(|error| checkpoint.failed(&error))?;
         state.written += (records.len() - rest.len()) / record_words(degree);
         state.done += 1;
-        kept.keep(&self::rest(state.done), bytemuck::cast_slice(&rest))?;
-        kept.keep(STATE, &serde_json::to_vec(&state)?)?;
-        kept.drop_file(&name(state.done - 1));
-        kept.drop_file(&self::rest(state.done - 1));
+        checkpoint.save(&self::rest(state.done), bytemuck::cast_slice(&rest))?;
+        checkpoint.save(STATE, &serde_json::to_vec(&state)?)?;
+        checkpoint.remove(&name(state.done - 1));
+        checkpoint.remove(&self::rest(state.done - 1));
         job.report((2.0 + state.done as f64 / state.buckets.len() as f64) / 3.0);
     }
     let (count, written) = (header.statistics.count, state.written);
     if written != count {
-        kept.drop_file(STATE);
+        checkpoint.remove(STATE);
         bail!("{written} of {count} Gaussians were written: the checkpoint of an earlier run is damaged; run it again");
     }
-    let resumed_levels = finish(job, kept, &output, header.clone())?;
+    let resumed_levels = finish(job, checkpoint, &output, header.clone())?;
     Ok(Finished { header, resumed, buckets: state.buckets.len(), resumed_levels, notices: state.notices })
 }
 
@@ -264,20 +264,20 @@ fn rest(bucket: usize) -> String {
 }
 
 /// The state of an earlier run on the same source with the same settings.
-fn resumed(job: &Job, kept: &Kept, work: &Work) -> Option<(State, Header)> {
-    let state: State = serde_json::from_slice(&kept.content(STATE)?).ok()?;
-    let header = Header::decoded(kept.content(HEADER_FILE)?.first_chunk::<HEADER>()?).ok()?;
-    let has = |name: &str| kept.path(name).is_file();
+fn resumed(job: &Job, checkpoint: &Checkpoint, work: &Work) -> Option<(State, Header)> {
+    let state: State = serde_json::from_slice(&checkpoint.read(STATE)?).ok()?;
+    let header = Header::decoded(checkpoint.read(HEADER_FILE)?.first_chunk::<HEADER>()?).ok()?;
+    let has = |name: &str| checkpoint.path(name).is_file();
     let is_whole = has(job.scene_file()) && (state.done == 0 || has(&rest(state.done)));
     (state.work == *work && is_whole).then_some((state, header))
 }
 
-fn fill_buckets(job: &Job, kept: &Kept, blocks: &Blocks, work: Option<Work>) -> Result<(State, Header)> {
-    kept.clear()?;
+fn fill_buckets(job: &Job, checkpoint: &Checkpoint, blocks: &Blocks, work: Option<Work>) -> Result<(State, Header)> {
+    checkpoint.clear()?;
     let (scene, statistics, sample) = statistics_passes(job, blocks, 3.0)?;
     let (count, degree) = (statistics.count, statistics.sh_degree);
     let bounds = BucketBounds::new(statistics.curve(), &sample, count, degree, job.settings.memory);
-    let mut filling = BucketWriter::new(kept, &bounds)?;
+    let mut filling = BucketWriter::new(checkpoint, &bounds)?;
     let mut added = 0;
     blocks(&mut |block, _| {
         job.check()?;
@@ -290,13 +290,13 @@ fn fill_buckets(job: &Job, kept: &Kept, blocks: &Blocks, work: Option<Work>) -> 
     ensure!(added == count, CHANGED);
     let layout = job.layout(&statistics);
     let header = job.header(&scene, statistics, layout);
-    let file = kept.file(job.scene_file())?;
+    let file = checkpoint.file(job.scene_file())?;
     let header = Output::new(&file, (&header.layout, header.alpha_min), header.pages()).with_offsets(header.clone());
     let buckets = filling.finish()?;
     let Some(work) = work else { bail!("the source is no regular file") };
     let state = State { work, buckets, done: 0, written: 0, notices: scene.notices.clone() };
-    kept.keep(HEADER_FILE, &header.encoded())?;
-    kept.keep(STATE, &serde_json::to_vec(&state)?)?;
+    checkpoint.save(HEADER_FILE, &header.encoded())?;
+    checkpoint.save(STATE, &serde_json::to_vec(&state)?)?;
     Ok((state, header))
 }
 

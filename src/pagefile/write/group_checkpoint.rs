@@ -7,7 +7,7 @@ use anyhow::Result;
 use bytemuck::{cast_slice, pod_collect_to_vec};
 
 use super::hierarchy_layout::HierarchyLevel;
-use crate::files::Kept;
+use crate::files::Checkpoint;
 use crate::lod::{Node, Nodes};
 use crate::pagefile::PageLod;
 use crate::scene::sh_coefficients;
@@ -93,7 +93,7 @@ impl GroupOutput {
 
 /// The checkpoint of the outputs of all groups of one hierarchy level.
 pub struct GroupCheckpoint<'k> {
-    kept: &'k Kept,
+    checkpoint: &'k Checkpoint,
     /// The output file, which holds all pages below a kept output.
     file: &'k File,
     /// Number of outputs that were found from an earlier run.
@@ -101,8 +101,8 @@ pub struct GroupCheckpoint<'k> {
 }
 
 impl<'k> GroupCheckpoint<'k> {
-    pub fn new(kept: &'k Kept, file: &'k File) -> Self {
-        Self { kept, file, found: AtomicUsize::new(0) }
+    pub fn new(checkpoint: &'k Checkpoint, file: &'k File) -> Self {
+        Self { checkpoint, file, found: AtomicUsize::new(0) }
     }
 
     /// The index of the level whose outputs are kept: the highest one with enough groups that an interruption loses
@@ -118,7 +118,7 @@ impl<'k> GroupCheckpoint<'k> {
 
     /// The output of a group, if an earlier run has written it.
     pub fn find(&self, group: usize, sh_degree: u32) -> Option<GroupOutput> {
-        let output = GroupOutput::decoded(&self.kept.content(&Self::name(group))?, sh_degree)?;
+        let output = GroupOutput::decoded(&self.checkpoint.read(&Self::name(group))?, sh_degree)?;
         self.found.fetch_add(1, Ordering::Relaxed);
         Some(output)
     }
@@ -127,9 +127,9 @@ impl<'k> GroupCheckpoint<'k> {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn keep(&self, group: usize, output: &GroupOutput) -> Result<()> {
-        self.file.sync_data().map_err(|error| self.kept.failed(&error))?;
-        self.kept.keep(&Self::name(group), &output.encoded())
+    pub fn save(&self, group: usize, output: &GroupOutput) -> Result<()> {
+        self.file.sync_data().map_err(|error| self.checkpoint.failed(&error))?;
+        self.checkpoint.save(&Self::name(group), &output.encoded())
     }
 }
 

@@ -166,7 +166,7 @@ impl Hierarchy<'_> {
             return Ok(output);
         }
         let output = self.build_group(level, group)?;
-        checkpoint.keep(group, &output)?;
+        checkpoint.save(group, &output)?;
         Ok(output)
     }
 

@@ -7,7 +7,7 @@ use anyhow::{Result, bail, ensure};
 use super::convert::{Blocks, Finished, Job, STATE, Settings, check_count, finish, statistics_passes};
 use super::hierarchy_layout::inner_pages;
 use super::output::Output;
-use crate::files::Kept;
+use crate::files::Checkpoint;
 use crate::options::Storage;
 use crate::packing::{Accumulator, Layout, Statistics};
 use crate::pagefile::PAGE;
@@ -19,9 +19,9 @@ use crate::scene::{Cancelled, Gaussians, along_curve};
 /// # Errors
 /// Those of the source; if the file cannot be written; [`Cancelled`].
 pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
-    let kept = Kept::beside(job.output, STATE)?;
-    kept.clear()?;
-    let file = kept.file(job.scene_file())?;
+    let checkpoint = Checkpoint::beside(job.output, STATE)?;
+    checkpoint.clear()?;
+    let file = checkpoint.file(job.scene_file())?;
     let is_plain = |storage: Storage| storage == Storage::F32;
     let options = &job.settings.options;
     let is_free = is_plain(options.sh_storage) && is_plain(options.shape_storage);
@@ -53,7 +53,7 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
     layout.sh_degree = writer.layout.sh_degree;
     let header = job.header(&scene, statistics, layout);
     let output = Output::new(&file, (&header.layout, header.alpha_min), writer.pages);
-    finish(job, kept, &output, header.clone())?;
+    finish(job, checkpoint, &output, header.clone())?;
     Ok(Finished { header, resumed: 0, buckets: 1, resumed_levels: 0, notices: scene.notices })
 }
 

@@ -190,7 +190,7 @@ impl GpuScene {
         let least = MIN_PAGES.min(all) as u64 * each;
         let needed = reserve + ((least as f64 / CACHE_FRACTION) as u64).max(least + MIN_LIST_BYTES);
         if free < needed {
-            let limit = device.memory().asked.unwrap_or(free);
+            let limit = device.memory().user_limit.unwrap_or(free);
             let reason = format!("the limit of device memory is {limit}");
             let bytes = Some(limit + needed - free);
             return Err(OutOfMemory { name: "pages, lists and pictures at least".to_owned(), bytes, reason }.into());

@@ -44,7 +44,7 @@ fn assert_valid(device: &Device) {
     let memory = device.memory();
     assert!(memory.limit.is_none_or(|limit| memory.peak <= limit), "{memory:?}");
     // The driver counts allocations that the budget does not: its report is compared where it has one.
-    let is_kept = memory.told.zip(memory.asked).is_none_or(|(told, asked)| told <= asked);
+    let is_kept = memory.driver_used.zip(memory.user_limit).is_none_or(|(used, limit)| used <= limit);
     assert!(is_kept, "{memory:?}");
 }
 

@@ -128,7 +128,7 @@ pub(super) fn memory(pair: &Pair, ui: &mut Ui) {
     let Some(first) = &pair.first else { return };
     let mut buffers = first.buffers();
     buffers.sort_by_key(|(_, bytes)| std::cmp::Reverse(*bytes));
-    let MemoryUse { asked, limit, used, peak, told } = first.renderer.memory();
+    let MemoryUse { user_limit, limit, used, peak, driver_used } = first.renderer.memory();
     let megabytes = |bytes: u64| format!("{:.1} MB", bytes as f64 / 1e6);
     let row = |ui: &mut Ui, name: &str, bytes: Option<u64>| {
         ui.label(name);
@@ -136,10 +136,10 @@ pub(super) fn memory(pair: &Pair, ui: &mut Ui) {
         ui.end_row();
     };
     Grid::new("ledger").num_columns(2).show(ui, |ui| {
-        row(ui, "limit (--memory)", asked.or(limit));
+        row(ui, "limit (--memory)", user_limit.or(limit));
         row(ui, "allocated", Some(used));
         row(ui, "the most so far", Some(peak));
-        row(ui, "in use, by the driver", told);
+        row(ui, "in use, by the driver", driver_used);
     });
     if let Some(SlabReport { slabs, pages_read, pages_in_view, .. }) = first.frame.parts.filter(|parts| parts.slabs > 1)
     {

@@ -30,7 +30,7 @@ pub struct WindowSetup {
     /// Folder of shaders to compile at run time.
     pub shaders: Option<PathBuf>,
     /// Gives an opened device what earlier runs left.
-    pub with_memory: fn(Device) -> Device,
+    pub with_pipeline_cache: fn(Device) -> Device,
     /// A fault to inject, for tests.
     pub fault: Option<Fault>,
 }
@@ -39,7 +39,7 @@ impl WindowSetup {
     pub(crate) fn open_device(&self, window: &Window) -> Result<Device> {
         let device = Device::open_for(&self.device, self.validation, window)?;
         let device = device.with_shaders(self.shaders.as_deref())?.with_memory_limit(self.memory)?;
-        Ok((self.with_memory)(device))
+        Ok((self.with_pipeline_cache)(device))
     }
 
     /// What the window is created with.
