@@ -1,4 +1,38 @@
-//! The pipeline on the GPU: a scene's buffers, two paths that draw it, and the facade that chooses between them.
+//! The renderer: scenes in device memory, the two paths that draw them, and the facade that chooses between them.
+//!
+//! Each room uses only rooms above it in this list; `tests/architecture/layers.rs` holds the table.
+//!
+//! **Ground.** `shaders` are the typed interfaces of `glsl/`, written by `build.rs`. `capacity` counts the elements of
+//! buffers, and their growth. `path` is the path and the limits of a frame. `readback`, `pack` and `upscale` handle
+//! images. `constants` maps options to specialization constants. -> `gpu`
+//!
+//! **`scene`.** A scene before and in device memory, whole or as a cache of pages; `frame` has the view, the target and
+//! the depth keys of a frame. -> `shaders`
+//!
+//! **`portable`.** The path that runs on every device: cull, project, sort by depth, list in tiles, sort by tile, blend.
+//! -> `scene`, `frame`
+//!
+//! **`fast`.** The path for subgroups of a known size: project, list in bins, sort and merge each list, blend by blocks.
+//! -> `scene`, `frame`
+//!
+//! **`inspect`.** Pictures of attributes and of work, the explanation of a pixel, pictures on a screen. -> `portable`
+//!
+//! **`prune`.** The contribution of each Gaussian to pictures, and bounds on pictures without some. -> `portable`
+//!
+//! **`pages`.** The pages in view, the list of pages that a dispatch draws, and their projection. -> `fast`
+//!
+//! **`lod`.** The selection of pages and LOD nodes on the GPU, and frames of a scene in pages. -> `pages`
+//!
+//! **`streaming`.** Requests, loads and evictions of pages beside frames that do not wait for them. -> `lod`
+//!
+//! **`slabs`.** Frames that do not fit into memory at once, drawn in depth slabs on either path. -> `lod`, `portable`
+//!
+//! **`path_choice`.** The two engines, and the choice of the one that draws a frame; `recorded` has its counts and
+//! `self_test` compares the pictures of both paths at the start. -> `slabs`, `streaming`
+//!
+//! **`renderer`.** The facade: a frame from camera to pixels, repeated until it fits. -> `path_choice`
+//!
+//! **`frame_queue`.** Several frames in flight, and their pixels on the host. -> `renderer`
 
 mod capacity;
 mod constants;

@@ -1,5 +1,8 @@
 //! Every module of the crate uses only the modules below it; `unsafe` and Vulkan stay in their homes.
 
+use std::collections::BTreeSet;
+
+use crate::imports::Crate;
 use crate::{code, is_test, program, sources};
 
 /// Every module of the crate, from the ground up, and the modules that it may use. `measure` is listed by its inner
@@ -33,6 +36,35 @@ const EDGES: [(&str, &str); 21] = [
         "files host_memory gpu render reference scene procedural formats packing pagefile camera rules options pixels \
          measure::bench measure::metrics measure::trade",
     ),
+];
+
+/// The rooms inside `render`, from the ground up, and the rooms that each may use.
+const ROOMS: [(&str, &str); 22] = [
+    ("shaders", ""),
+    ("readback", ""),
+    ("pack", "shaders"),
+    ("upscale", "shaders"),
+    ("capacity", "shaders"),
+    ("path", "capacity"),
+    ("scene", "shaders"),
+    ("frame", "shaders scene"),
+    ("constants", "shaders frame"),
+    ("portable", "shaders capacity scene frame constants"),
+    ("fast", "shaders capacity scene frame constants portable"),
+    ("inspect", "shaders scene frame constants portable"),
+    ("prune", "shaders readback capacity scene frame constants portable"),
+    ("pages", "shaders scene frame fast inspect"),
+    ("lod", "shaders scene frame constants fast inspect pages"),
+    ("streaming", "shaders scene lod"),
+    ("slabs", "shaders capacity scene frame portable fast inspect pages lod"),
+    ("recorded", "shaders path lod streaming slabs"),
+    ("path_choice", "shaders capacity path scene frame portable fast inspect lod streaming slabs recorded"),
+    ("self_test", "shaders readback capacity path scene frame fast path_choice"),
+    (
+        "renderer",
+        "shaders readback upscale capacity path scene frame inspect lod streaming recorded path_choice self_test",
+    ),
+    ("frame_queue", "pack capacity path inspect recorded renderer"),
 ];
 
 /// Modules that may use every other.
@@ -92,6 +124,53 @@ fn violations(sources: &[(String, String)]) -> Vec<String> {
         }
     }
     found
+}
+
+/// The room of a source file inside `render`; none for the file that only lists the rooms.
+fn room(name: &str) -> Option<&str> {
+    let inside = name.strip_prefix("render/")?.split('/').next()?;
+    Some(inside.trim_end_matches(".rs")).filter(|room| *room != "mod")
+}
+
+/// The imports between rooms inside `render` that the table forbids, one line each.
+fn violations_in_render(sources: &[(String, String)]) -> Vec<String> {
+    let place = |room: &str| ROOMS.iter().position(|(name, _)| *name == room);
+    let mut found = BTreeSet::new();
+    for (file, used) in Crate::new(sources).edges() {
+        let (Some(from), Some(to)) = (room(file), room(used)) else { continue };
+        if from == to || is_test(file) {
+            continue;
+        }
+        let may_use = place(from).is_some_and(|row| ROOMS[row].1.split(' ').any(|allowed| allowed == to));
+        if !may_use {
+            found.insert(format!("{file}: {from} may not use {to}"));
+        }
+    }
+    found.into_iter().collect()
+}
+
+#[test]
+fn rooms_inside_render_use_only_rooms_below() {
+    for (row, (room, allowed)) in ROOMS.iter().enumerate() {
+        let is_below = |other: &str| ROOMS[..row].iter().any(|(name, _)| *name == other);
+        assert!(allowed.split(' ').all(|other| other.is_empty() || is_below(other)), "{room} uses a room above it");
+    }
+    assert_eq!(violations_in_render(&sources()), Vec::<String>::new());
+}
+
+#[test]
+fn a_forbidden_edge_inside_render_is_found() {
+    let sources = [
+        ("render/mod.rs", "mod frame;\nmod scene;\nmod slabs;\npub use slabs::Slab;"),
+        ("render/frame.rs", "use super::scene::Scene;\npub struct Frame(Scene);"),
+        ("render/scene/mod.rs", "mod cache;\npub struct Scene;"),
+        ("render/scene/cache.rs", "use crate::render::Slab;\npub struct Cache(Slab);"),
+        ("render/slabs/mod.rs", "mod list;\npub use list::Slab;"),
+        ("render/slabs/list.rs", "use crate::render::frame::Frame;\npub struct Slab(Frame);"),
+        ("lib.rs", "mod render;"),
+    ];
+    let owned: Vec<_> = sources.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect();
+    assert_eq!(violations_in_render(&owned), ["render/scene/cache.rs: scene may not use slabs"]);
 }
 
 #[test]
