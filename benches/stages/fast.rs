@@ -112,11 +112,11 @@ impl Fast {
     pub fn benches(&self) -> Vec<Bench<'_>> {
         let [splats, entries, bins] = [self.splats, self.entries, self.grid.count()].map(u64::from);
         let pixels: u64 = self.image.size().iter().map(|side| u64::from(*side)).product();
-        let shares = 4 * u64::from(BIN_CHUNKS) * (bins + 1);
+        let chunk_lists = 4 * u64::from(BIN_CHUNKS) * (bins + 1);
         let stages: [(&'static str, u64, &'static [Record], Record); 6] = [
-            ("fast list", 8 * splats + 4 * bins + shares + 4 * entries, &[Self::reset], Self::list),
+            ("fast list", 8 * splats + 4 * bins + chunk_lists + 4 * entries, &[Self::reset], Self::list),
             ("fast offsets", 28 * bins, &[Self::reset, Self::list], Self::offsets),
-            ("fast sort", shares + 8 * entries + 4 * splats, &[Self::reset, Self::list], Self::sort),
+            ("fast sort", chunk_lists + 8 * entries + 4 * splats, &[Self::reset, Self::list], Self::sort),
             ("fast merge", 12 * entries, &[], Self::merge),
             ("fast masks", 8 * entries + 32 * splats, &[], Self::masks),
             ("fast blend", 8 * entries + 48 * splats + 16 * pixels, &[Self::masks], Self::blend),

@@ -4,7 +4,7 @@
 #include "shared/rules.glsl"
 #include "shared/blend_rules.glsl"
 #include "fast/splat.glsl"
-// The blend of a block of pixels by one subgroup, front to back, over the whole list of the bin or a stretch of it.
+// The blend of a block of pixels by one subgroup, front to back, over the whole list of the bin or a segment of it.
 // Requires: WORKGROUP_SIZE, BLOCK_HEIGHT
 // A lane has several pixels of one column. The exponent of a splat is a polynomial around the middle of the block (the
 // idea of Local-GS) and takes two fused multiply-adds per pixel.
@@ -16,7 +16,7 @@ layout(binding = 0, scalar) readonly buffer Bins { Bin bins[]; };               
 layout(binding = 1, scalar) readonly buffer BinOrder { uint bin_order[]; };                 // [bins]
 layout(binding = 2, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [entry_capacity]
 layout(binding = 3, scalar) readonly buffer Splats { uvec4 splats[]; };              // [SPLAT_WORDS * visible_capacity]
-layout(binding = 4, scalar) readonly buffer Masks { uint masks[]; };                        // [stretches * BLOCKS * 32]
+layout(binding = 4, scalar) readonly buffer Masks { uint masks[]; };                        // [segments * BLOCKS * 32]
 #ifndef IMAGE_ACCESS
 #define IMAGE_ACCESS writeonly
 #endif
@@ -73,9 +73,9 @@ uint nth_bit(uint word, uint n) {
     return place;
 }
 
-// Index in `masks` of a word of a block's mask. A stretch has 32 words for each block.
+// Index in `masks` of a word of a block's mask. A segment has 32 words for each block.
 uint mask_index(Bin bin, uint block, uint word) {
-    return ((bin.first_stretch + word / 32) * BLOCKS + block) * 32 + word % 32;
+    return ((bin.first_segment + word / 32) * BLOCKS + block) * 32 + word % 32;
 }
 
 // Takes the next entries of the walk, at most one per lane. Returns how many; `entry` is this lane's.

@@ -9,16 +9,16 @@ const uint MAX_BINS = 7200;      // bins in a picture at most: their counts fit 
 const uint PROJECT_CHUNK = 384;  // Gaussians that one workgroup of project takes
 const uint BIN_CHUNKS = 264;     // chunks of the splats, each listed by one workgroup of list; sort has a lane for each
 const uint BIN_RUN = 2048;       // entries that one workgroup of sort sorts
-const uint BIN_PIECES = 16;      // sorted pieces of a list that are merged at once
-const uint BIN_STRETCH = 1024;   // entries of a list whose masks lie together
+const uint MERGE_INPUTS = 16;    // sorted parts of a list that are merged at once
+const uint BIN_SEGMENT = 1024;   // entries of a list whose masks lie together
 
-// The list of a bin: entries [first, first + count). Its runs and stretches are numbered from first_run and
-// first_stretch.
+// The list of a bin: entries [first, first + count). Its runs and segments are numbered from first_run and
+// first_segment.
 struct Bin {
     uint first;
     uint count;
     uint first_run;
-    uint first_stretch;
+    uint first_segment;
 };
 
 // The demands of a frame while project and list count them. They are 0 between frames: offsets moves them to the
@@ -31,10 +31,10 @@ struct FastCounters {
 };
 
 // Workgroup counts of the fast path's indirect dispatches, and what they are made of: folded dispatches have more
-// workgroups than there are runs or stretches.
+// workgroups than there are runs or segments.
 struct FastDispatches {
     uvec3 over_runs;
-    uvec3 over_stretches;
+    uvec3 over_segments;
     uint runs;
-    uint stretches;
+    uint segments;
 };

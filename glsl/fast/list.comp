@@ -3,18 +3,18 @@
 #include "shared/workgroup.glsl"
 #include "fast/frame.glsl"
 // One workgroup per chunk of the splats, BIN_CHUNKS in all: counts the splats of the chunk that each bin lists, then
-// writes each of them, bin by bin, into a segment of `unsorted` that is the chunk's own. What a chunk lists in one bin
-// is a share of the bin's list.
+// writes each of them, bin by bin, into a region of `unsorted` that is the chunk's own. The entries of a chunk in one
+// bin are a chunk list.
 // Before: counters.visible, span_ranges and spans from project; listed_in_bins is 0.
 // After: counters.listed_* is the demand; listed_in_bins has the sums over all chunks. If the demand fits, unsorted has
-// the splat of every entry, in any order within a share, and share_starts has where each share begins; it ends where
-// the next one begins.
+// the splat of every entry, in any order within a chunk list, and list_starts the begin of each chunk list, which is
+// the end of the one before.
 
 layout(binding = 0, scalar) buffer CountersBlock { FastCounters counters; };
 layout(binding = 1, scalar) readonly buffer SpanRanges { uvec2 span_ranges[]; };            // [visible_capacity]
 layout(binding = 2, scalar) readonly buffer Spans { uint spans[]; };                        // [span_capacity]
 layout(binding = 3, scalar) buffer ListedInBins { uint listed_in_bins[]; };                 // [bins]
-layout(binding = 4, scalar) writeonly buffer ShareStarts { uint share_starts[]; };          // [BIN_CHUNKS * (bins + 1)]
+layout(binding = 4, scalar) writeonly buffer ListStarts { uint list_starts[]; };            // [BIN_CHUNKS * (bins + 1)]
 layout(binding = 5, scalar) writeonly buffer Unsorted { uint unsorted[]; };                 // [entry_capacity]
 layout(push_constant, scalar) uniform Push {
     uint bins_x;

@@ -3,7 +3,7 @@
 //   IS_LISTED(bin)  false for bins whose lists stay empty
 
 shared uint next[MAX_BINS];  // the entries counted in each bin; then the next one to write
-shared uint segment;         // the first entry of the chunk
+shared uint region;          // the first entry of the chunk
 
 void visit(uint bin, uint splat, bool writes) {
     if (!IS_LISTED(bin)) return;
@@ -20,29 +20,29 @@ void main() {
     barrier();
     visit_chunk(chunk, false);
     barrier();
-    // Each lane handles consecutive bins, so that shares lie in the order of the bins.
+    // Each lane handles consecutive bins, so that chunk lists lie in the order of the bins.
     uint each = div_up(push.bins, WORKGROUP), begin = min(lane() * each, push.bins), end = min(begin + each, push.bins);
     uint mine = 0, all;
     for (uint bin = begin; bin < end; bin++) mine += next[bin];
     uint start = workgroup_exclusive_add(mine, all);
-    // Counts, here and below: order does not matter, and neither does the order of the segments.
+    // Counts, here and below: order does not matter, and neither does the order of the regions.
     if (start + mine < start) atomicAdd(counters.listed_high, 1);
     if (lane() == 0) {
-        segment = atomicAdd(counters.listed_low, all);
-        if (segment + all < segment) atomicAdd(counters.listed_high, 1);
+        region = atomicAdd(counters.listed_low, all);
+        if (region + all < region) atomicAdd(counters.listed_high, 1);
     }
     barrier();
     uint row = chunk * (push.bins + 1);
-    start += segment;
+    start += region;
     for (uint bin = begin; bin < end; bin++) {
         uint listed = next[bin];
         if (listed > 0) atomicAdd(listed_in_bins[bin], listed);
-        share_starts[row + bin] = next[bin] = start;
+        list_starts[row + bin] = next[bin] = start;
         start += listed;
     }
-    if (lane() == 0) share_starts[row + push.bins] = segment + all;
+    if (lane() == 0) list_starts[row + push.bins] = region + all;
     // A frame that needs more entries is drawn again.
-    if (segment > push.entry_capacity || all > push.entry_capacity - segment) return;
+    if (region > push.entry_capacity || all > push.entry_capacity - region) return;
     barrier();
     visit_chunk(chunk, true);
 }

@@ -6,24 +6,24 @@
 #include "shared/rules.glsl"
 #include "fast/splat.glsl"
 #include "fast/subgroup_owner.glsl"
-// One workgroup per stretch of 1024 entries of a bin: marks which of the bin's 32 blocks each entry reaches.
-// Before: sorted splat_ids. After: masks has 32 words for every stretch and block, with a bit per entry.
+// One workgroup per segment of 1024 entries of a bin: marks which of the bin's 32 blocks each entry reaches.
+// Before: sorted splat_ids. After: masks has 32 words for every segment and block, with a bit per entry.
 // A row of blocks meets an ellipse in an interval (the idea of AccuTile, Hanson et al. 2024). The test is a bound: a
 // block with a pixel that the splat is drawn on is never left out.
 
-layout(binding = 0, scalar) readonly buffer StretchBins { uint stretch_bins[]; };           // [stretches]
+layout(binding = 0, scalar) readonly buffer SegmentBins { uint segment_bins[]; };           // [segments]
 layout(binding = 1, scalar) readonly buffer Bins { Bin bins[]; };                           // [bins]
 layout(binding = 2, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [entry_capacity]
 layout(binding = 3, scalar) readonly buffer Splats { uvec4 splats[]; };              // [SPLAT_WORDS * visible_capacity]
-layout(binding = 4, scalar) writeonly buffer Masks { uint masks[]; };                       // [stretches * BLOCKS * 32]
+layout(binding = 4, scalar) writeonly buffer Masks { uint masks[]; };                       // [segments * BLOCKS * 32]
 layout(binding = 5, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
 layout(push_constant, scalar) uniform Push {
     uint bins_x;
     uint block_height;  // px
 } push;
 
-shared uint reached[BIN_STRETCH];                   // the blocks that each entry reaches, a bit each
-shared uint rows[BLOCKS * (BIN_STRETCH / 32 + 1)];  // the words of each block, padded against bank conflicts
+shared uint reached[BIN_SEGMENT];                   // the blocks that each entry reaches, a bit each
+shared uint rows[BLOCKS * (BIN_SEGMENT / 32 + 1)];  // the words of each block, padded against bank conflicts
 
 // The blocks of a bin whose pixel centres the ellipse meets, a bit each. `corner`: of the bin, relative to the mean,
 // px.
@@ -66,14 +66,14 @@ uint transposed(uint word) {
 }
 
 void main() {
-    uint stretch = workgroup();
-    if (IS_SURPLUS(dispatches.stretches)) return;
-    uint number = stretch_bins[stretch];
+    uint segment = workgroup();
+    if (IS_SURPLUS(dispatches.segments)) return;
+    uint number = segment_bins[segment];
     Bin bin = bins[number];
-    uint begin = (stretch - bin.first_stretch) * BIN_STRETCH;
+    uint begin = (segment - bin.first_segment) * BIN_SEGMENT;
     uvec2 bin_px = uvec2(BIN_COLUMNS, BIN_ROWS) * uvec2(BLOCK_WIDTH, push.block_height);
     vec2 corner = vec2(uvec2(number % push.bins_x, number / push.bins_x) * bin_px);
-    for (uint i = lane(); i < BIN_STRETCH; i += WORKGROUP) {
+    for (uint i = lane(); i < BIN_SEGMENT; i += WORKGROUP) {
         uint mask = 0;
         if (begin + i < bin.count) {
             uint splat = splat_ids[bin.first + begin + i];
@@ -96,6 +96,6 @@ void main() {
         } else {
             for (uint i = 0; i < 32; i++) bits |= (reached[32 * word + i] >> block & 1) << i;
         }
-        masks[(stretch * BLOCKS + block) * 32 + word] = bits;
+        masks[(segment * BLOCKS + block) * 32 + word] = bits;
     }
 }

@@ -3,10 +3,10 @@
 #include "shared/workgroup.glsl"
 #extension GL_EXT_control_flow_attributes : require
 #include "fast/frame.glsl"
-// One workgroup per run of a list of several pieces: moves each of its entries to its place among up to 16 pieces.
-// Before: pieces of `piece` entries are sorted, by sort or by an earlier merge. After: pieces of 16 times as many
-// entries are sorted by depth, then by Gaussian; where such a piece is the whole list, its splat_ids are set instead.
-// An entry's place is the number of entries before it, summed over the pieces and found by binary search in workgroup
+// One workgroup per run of a list of several merge inputs: moves each of its entries to its place among up to 16.
+// Before: inputs of `input_length` entries are sorted, by sort or by an earlier merge. After: 16 times as many entries
+// are sorted by depth, then by Gaussian; where these are the whole list, its splat_ids are set instead.
+// An entry's place is the number of entries before it, summed over the inputs and found by binary search in workgroup
 // memory. No workgroup waits for another, and a list of less than 32,768 entries takes one dispatch.
 
 layout(binding = 0, scalar) readonly buffer RunBins { uint run_bins[]; };                   // [runs]
@@ -17,14 +17,14 @@ layout(binding = 4, scalar) writeonly buffer SplatIds { uint splat_ids[]; };    
 layout(binding = 5, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
 layout(binding = 6, scalar) writeonly buffer Merged { uvec2 merged[]; };      // [entry_capacity] if any list is longer
 layout(push_constant, scalar) uniform Push {
-    uint piece;
+    uint input_length;
 } push;
 
-layout(constant_id = 0) const bool OF_RUNS = true;  // pieces are runs, and each is searched as a whole
+layout(constant_id = 0) const bool OF_RUNS = true;  // inputs are runs, and each is searched as a whole
 const uint ITEMS = BIN_RUN / WORKGROUP;
 const uint NONE = 0xffffffff;  // after every depth key
 shared uint other_keys[BIN_RUN];
-shared uvec2 windows[BIN_PIECES];  // for every piece, the range of its entries that this run may lie among
+shared uvec2 windows[MERGE_INPUTS];  // for every input, the range of its entries that this run may lie among
 
 // Counts those of `other_keys` that are below `key`.
 uint keys_below(uint key) {
@@ -48,8 +48,8 @@ uint ties_before(uint first, uint below, uint others, uvec2 entry) {
     return low - below;
 }
 
-uint piece() {
-    return OF_RUNS ? BIN_RUN : push.piece;
+uint input_length() {
+    return OF_RUNS ? BIN_RUN : push.input_length;
 }
 
 // The first of the sorted entries [begin, end) whose key is at least `key`; with `after`, the first whose key is above.
@@ -61,10 +61,10 @@ uint bound(uint begin, uint end, uint key, bool after) {
     return begin;
 }
 
-// The range of the entries of the piece at `other` whose keys lie between the first and the last of the run at `begin`.
+// The range of the entries of the input at `other` whose keys lie between the first and the last of the run at `begin`.
 uvec2 window(Bin bin, uint other, uint group_end, uint begin, uint count) {
     if (other >= group_end) return uvec2(0);
-    uint first = bin.first + other, end = bin.first + min(other + piece(), group_end);
+    uint first = bin.first + other, end = bin.first + min(other + input_length(), group_end);
     uint from = bound(first, end, entries[bin.first + begin].x, false);
     return uvec2(from, bound(from, end, entries[bin.first + begin + count - 1].x, true));
 }
@@ -73,12 +73,12 @@ void main() {
     uint run = workgroup();
     if (IS_SURPLUS(dispatches.runs)) return;
     Bin bin = bins[run_bins[run]];
-    if (bin.count <= piece()) return;
+    if (bin.count <= input_length()) return;
     uint begin = (run - bin.first_run) * BIN_RUN;
     uint count = min(bin.count - begin, BIN_RUN);
-    uint own = begin / piece() * piece();
-    uint group = begin / BIN_PIECES / piece() * BIN_PIECES * piece();
-    uint group_end = min(bin.count, group + BIN_PIECES * piece());
+    uint own = begin / input_length() * input_length();
+    uint group = begin / MERGE_INPUTS / input_length() * MERGE_INPUTS * input_length();
+    uint group_end = min(bin.count, group + MERGE_INPUTS * input_length());
     uvec2 entry[ITEMS];
     uint place[ITEMS];
     [[unroll]] for (uint k = 0; k < ITEMS; k++) {
@@ -87,14 +87,16 @@ void main() {
         place[k] = group + begin - own + i;
     }
     if (!OF_RUNS) {
-        if (lane() < BIN_PIECES) windows[lane()] = window(bin, group + lane() * piece(), group_end, begin, count);
+        if (lane() < MERGE_INPUTS) {
+            windows[lane()] = window(bin, group + lane() * input_length(), group_end, begin, count);
+        }
         barrier();
     }
-    for (uint other = group; other < group_end; other += piece()) {
+    for (uint other = group; other < group_end; other += input_length()) {
         if (other == own) continue;
-        uint from = bin.first + other, to = bin.first + min(other + piece(), group_end);
+        uint from = bin.first + other, to = bin.first + min(other + input_length(), group_end);
         if (!OF_RUNS) {
-            uvec2 window = windows[(other - group) / piece()];
+            uvec2 window = windows[(other - group) / input_length()];
             [[unroll]] for (uint k = 0; k < ITEMS; k++) place[k] += window.x - from;
             from = window.x;
             to = window.y;
@@ -118,7 +120,7 @@ void main() {
             from += BIN_RUN;
         } while (!OF_RUNS && from < to);
     }
-    bool is_all = bin.count <= BIN_PIECES * piece();
+    bool is_all = bin.count <= MERGE_INPUTS * input_length();
     [[unroll]] for (uint k = 0; k < ITEMS; k++) {
         if (k * WORKGROUP + lane() >= count) continue;
         if (is_all) splat_ids[bin.first + place[k]] = entry[k].y; else merged[bin.first + place[k]] = entry[k];

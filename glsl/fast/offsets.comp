@@ -6,9 +6,9 @@
 #define NUMBER uvec4
 #define SUMS subgroup_sums_of_four
 #include "shared/workgroup_add.glsl"
-// One workgroup in all: finds where the sorted entries of each bin go, and sets the dispatches over runs and stretches.
+// One workgroup in all: finds where the sorted entries of each bin go, and sets the dispatches over runs and segments.
 // Before: counters and listed_in_bins from project and list. After: these are 0 again, for the next frame; bins,
-// bin_order, run_bins, stretch_bins, the dispatches and totals are set. If the demand exceeds the capacity, or a list
+// bin_order, run_bins, segment_bins, the dispatches and totals are set. If the demand exceeds the capacity, or a list
 // is longer than the recorded merges sort, all lists are empty.
 
 layout(binding = 0, scalar) writeonly buffer TotalsBlock { Totals totals; };
@@ -16,7 +16,7 @@ layout(binding = 1, scalar) buffer ListedInBins { uint listed_in_bins[]; };     
 layout(binding = 2, scalar) writeonly buffer Bins { Bin bins[]; };                          // [bins]
 layout(binding = 3, scalar) writeonly buffer BinOrder { uint bin_order[]; };                // [bins] longest first
 layout(binding = 4, scalar) writeonly buffer RunBins { uint run_bins[]; };                  // [runs]
-layout(binding = 5, scalar) writeonly buffer StretchBins { uint stretch_bins[]; };          // [stretches]
+layout(binding = 5, scalar) writeonly buffer SegmentBins { uint segment_bins[]; };          // [segments]
 layout(binding = 6, scalar) writeonly buffer DispatchesBlock { FastDispatches dispatches; };
 layout(binding = 7, scalar) buffer CountersBlock { FastCounters counters; };
 layout(push_constant, scalar) uniform Push {
@@ -59,10 +59,10 @@ void main() {
     barrier();
     bool fits = demand.visible <= push.visible_capacity && demand.spans <= push.span_capacity
         && demand.listed_high == 0 && demand.listed_low <= push.entry_capacity && longest <= push.longest_list;
-    uvec3 mine = uvec3(0);  // entries, runs, stretches
+    uvec3 mine = uvec3(0);  // entries, runs, segments
     [[unroll]] for (uint k = 0; k < MAX_EACH; k++) {
         if (!fits) counts[k] = 0;
-        mine += uvec3(counts[k], div_up(counts[k], BIN_RUN), div_up(counts[k], BIN_STRETCH));
+        mine += uvec3(counts[k], div_up(counts[k], BIN_RUN), div_up(counts[k], BIN_SEGMENT));
         // Any order within a class is right: it decides when a bin is drawn, not what it shows.
         if (k < own) ranks[k] = atomicAdd(class_sizes[class_of(counts[k])], 1);
     }
@@ -72,9 +72,9 @@ void main() {
     barrier();
     if (lane() == 0) {
         dispatches.over_runs = folded(all.y);
-        dispatches.over_stretches = folded(all.z);
+        dispatches.over_segments = folded(all.z);
         dispatches.runs = all.y;
-        dispatches.stretches = all.z;
+        dispatches.segments = all.z;
         totals.visible = demand.visible;
         totals.visible_kept = min(demand.visible, push.visible_capacity);
         totals.spans = demand.spans;
@@ -89,9 +89,9 @@ void main() {
         uint bin = begin + k, count = counts[k];
         bins[bin] = Bin(before.x, count, before.y, before.z);
         bin_order[class_begins[class_of(count)] + ranks[k]] = bin;
-        uvec3 end = before.xyz + uvec3(count, div_up(count, BIN_RUN), div_up(count, BIN_STRETCH));
+        uvec3 end = before.xyz + uvec3(count, div_up(count, BIN_RUN), div_up(count, BIN_SEGMENT));
         for (uint run = before.y; run < end.y; run++) run_bins[run] = bin;
-        for (uint stretch = before.z; stretch < end.z; stretch++) stretch_bins[stretch] = bin;
+        for (uint segment = before.z; segment < end.z; segment++) segment_bins[segment] = bin;
         before.xyz = end;
     }
 }

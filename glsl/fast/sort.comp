@@ -7,7 +7,7 @@
 layout(constant_id = 0) const uint DIGIT_BITS = 8;  // bits of a key that one pass sorts by
 #include "shared/digits.glsl"
 // One workgroup per run of entries of a bin: sorts them by depth, then by Gaussian.
-// Before: unsorted and share_starts from list: a list is its shares, chunk after chunk; depth_keys from project.
+// Before: unsorted and list_starts from list: a list is its chunk lists, one after another; depth_keys from project.
 // After: if the run is the whole list, its sorted splats are in splat_ids; otherwise the sorted run is in `entries`.
 // An entry goes to the place that the distribution of depths predicts; entries that share a place are sorted by
 // insertion.
@@ -23,7 +23,7 @@ layout(binding = 3, scalar) readonly buffer DepthKeys { uint depth_keys[]; };   
 layout(binding = 4, scalar) writeonly buffer Entries { uvec2 entries[]; };                  // [entry_capacity]
 layout(binding = 5, scalar) writeonly buffer SplatIds { uint splat_ids[]; };                // [entry_capacity]
 layout(binding = 6, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
-layout(binding = 7, scalar) readonly buffer ShareStarts { uint share_starts[]; };           // [BIN_CHUNKS * (bins + 1)]
+layout(binding = 7, scalar) readonly buffer ListStarts { uint list_starts[]; };             // [BIN_CHUNKS * (bins + 1)]
 layout(binding = 8, scalar) readonly buffer Unsorted { uint unsorted[]; };                  // [entry_capacity]
 layout(push_constant, scalar) uniform Push {
     uint bins;
@@ -103,10 +103,10 @@ bool exists(uint k) {
     return own + k * gl_SubgroupSize < count;
 }
 
-// Where the share of this lane's chunk in the list of a bin begins and ends.
-uvec2 share_of_lane(uint bin) {
+// The begin and the end of the list of this lane's chunk in a bin.
+uvec2 chunk_list_of_lane(uint bin) {
     uint place = lane() * (push.bins + 1) + bin;
-    return lane() < BIN_CHUNKS ? uvec2(share_starts[place], share_starts[place + 1]) : uvec2(0);
+    return lane() < BIN_CHUNKS ? uvec2(list_starts[place], list_starts[place + 1]) : uvec2(0);
 }
 
 // Loads the depth key of every item. Items past the end load some key, which is not used.
@@ -115,23 +115,23 @@ void load_depths() {
     EACH_ITEM(LOAD_DEPTH)
 }
 
-// Loads the items of the run, which begins with entry `begin` of a list, from the shares of all lanes.
-void load(uint begin, uvec2 share_range) {
-    // For every share: the entries of the list before it, and the difference of an entry's index in `unsorted` to that
-    // in the list.
-    uint total, before = workgroup_exclusive_add(share_range.y - share_range.x, total);
+// Loads the items of the run, which begins with entry `begin` of a list, from the chunk lists of all lanes.
+void load(uint begin, uvec2 chunk_list) {
+    // For every chunk list: the entries of the list before it, and the difference between the index of an entry in
+    // `unsorted` and in the list.
+    uint total, before = workgroup_exclusive_add(chunk_list.y - chunk_list.x, total);
     values[lane()] = before;
-    keys[lane()] = share_range.x - before;
+    keys[lane()] = chunk_list.x - before;
     barrier();
-    // The last share that begins at the entry or before it is not empty: the next one begins after it.
+    // The last chunk list that begins at the entry or before it is not empty: the next one begins after it.
     uint first = begin + own;
-    uvec4 share = uvec4(0);
+    uvec4 source = uvec4(0);
     for (uint step = WORKGROUP / 2; step > 0; step /= 2) {
-#define HALVE(k) if (values[share[k] + step] <= first + k * gl_SubgroupSize) share[k] += step;
+#define HALVE(k) if (values[source[k] + step] <= first + k * gl_SubgroupSize) source[k] += step;
         EACH_ITEM(HALVE)
     }
     // The splats of all items before the first depth, so that the loads of each kind are under way at once.
-#define LOAD_SPLAT(k) if (exists(k)) value[k] = unsorted[keys[share[k]] + first + k * gl_SubgroupSize];
+#define LOAD_SPLAT(k) if (exists(k)) value[k] = unsorted[keys[source[k]] + first + k * gl_SubgroupSize];
     EACH_ITEM(LOAD_SPLAT)
     load_depths();
 }
@@ -246,14 +246,14 @@ void main() {
     uint run = workgroup();
     if (IS_SURPLUS(dispatches.runs)) return;
     uint number = run_bins[run];
-    uvec2 share_range = share_of_lane(number);  // loaded before the bin is waited for
+    uvec2 chunk_list = chunk_list_of_lane(number);  // loaded before the bin is waited for
     Bin bin = bins[number];
     uint begin = (run - bin.first_run) * BIN_RUN;
     count = min(bin.count - begin, BIN_RUN);
     items = div_up(count, WORKGROUP);
     own = gl_SubgroupID * gl_SubgroupSize * items + gl_SubgroupInvocationID;
     value = uvec4(0);
-    load(begin, share_range);
+    load(begin, chunk_list);
     if (lane() == 0) is_crowded = 0;
     sort_by_distribution();
     for (uint i = lane(); i < count; i += WORKGROUP) {

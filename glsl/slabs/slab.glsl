@@ -10,6 +10,6 @@ bool is_before(uvec2 one, uvec2 other) {
     return one.x < other.x || one.x == other.x && one.y < other.y;
 }
 
-bool is_in(Slab slab, uvec2 place) {
-    return !is_before(place, slab.begin) && is_before(place, slab.end);
+bool is_in(Slab slab, uvec2 position) {
+    return !is_before(position, slab.begin) && is_before(position, slab.end);
 }

@@ -18,7 +18,7 @@ pub struct BinRange {
     pub first: u32,
     pub count: u32,
     pub first_run: u32,
-    pub first_stretch: u32,
+    pub first_segment: u32,
 }
 
 /// What [`bin_offsets`] makes of the counts.
@@ -27,8 +27,8 @@ pub struct BinOffsets {
     pub bins: Vec<BinRange>,
     /// The bin of every run.
     pub run_bins: Vec<u32>,
-    /// The bin of every stretch.
-    pub stretch_bins: Vec<u32>,
+    /// The bin of every segment.
+    pub segment_bins: Vec<u32>,
     /// Entries of all bins.
     pub demand: u64,
 }
@@ -51,23 +51,23 @@ pub fn count_bins(span_ranges: &[[u32; 2]], spans: &[u32], bins_x: u32, bins: us
     counts
 }
 
-/// The place of every bin's list among `capacity` entries, in runs of `run` and stretches of `stretch` entries. Nothing
-/// is listed if the capacity is not enough or a list is longer than `longest`.
-pub fn bin_offsets(counts: &[u32], capacity: u32, longest: u32, run: u32, stretch: u32) -> BinOffsets {
+/// The position of every bin's list among `capacity` entries, in runs of `run` and segments of `segment` entries.
+/// Nothing is listed if the capacity is not enough or a list is longer than `longest`.
+pub fn bin_offsets(counts: &[u32], capacity: u32, longest: u32, run: u32, segment: u32) -> BinOffsets {
     let demand = counts.iter().map(|count| u64::from(*count)).sum();
     let fits = demand <= u64::from(capacity) && counts.iter().all(|count| *count <= longest);
-    let (mut run_bins, mut stretch_bins, mut first) = (Vec::new(), Vec::new(), 0_u32);
+    let (mut run_bins, mut segment_bins, mut first) = (Vec::new(), Vec::new(), 0_u32);
     let place = |(bin, listed): (usize, &u32)| {
         let count = if fits { *listed } else { 0 };
         let range =
-            BinRange { first, count, first_run: run_bins.len() as u32, first_stretch: stretch_bins.len() as u32 };
+            BinRange { first, count, first_run: run_bins.len() as u32, first_segment: segment_bins.len() as u32 };
         run_bins.extend(std::iter::repeat_n(bin as u32, count.div_ceil(run) as usize));
-        stretch_bins.extend(std::iter::repeat_n(bin as u32, count.div_ceil(stretch) as usize));
+        segment_bins.extend(std::iter::repeat_n(bin as u32, count.div_ceil(segment) as usize));
         first += count;
         range
     };
     let bins = counts.iter().enumerate().map(place).collect();
-    BinOffsets { bins, run_bins, stretch_bins, demand }
+    BinOffsets { bins, run_bins, segment_bins, demand }
 }
 
 /// The entries of every bin, in the order of the splats.
@@ -97,10 +97,10 @@ pub fn sort_run(run: &mut [Entry], gaussian_from_splat: &[u32]) {
     run.sort_by_key(|entry| rank(*entry, gaussian_from_splat));
 }
 
-/// Merges sorted pieces of `piece` entries into sorted pieces of `pieces` times as many.
-pub fn merge_pieces(list: &[Entry], piece: usize, pieces: usize, gaussian_from_splat: &[u32]) -> Vec<Entry> {
+/// Merges sorted inputs of `length` entries into sorted outputs of `inputs` times as many.
+pub fn merge_inputs(list: &[Entry], length: usize, inputs: usize, gaussian_from_splat: &[u32]) -> Vec<Entry> {
     let merge = |group: &[Entry]| {
-        let mut heads: Vec<&[Entry]> = group.chunks(piece).collect();
+        let mut heads: Vec<&[Entry]> = group.chunks(length).collect();
         let next = |heads: &mut Vec<&[Entry]>| {
             let least = heads.iter_mut().filter(|head| !head.is_empty());
             let least = least.min_by_key(|head| rank(head[0], gaussian_from_splat))?;
@@ -110,7 +110,7 @@ pub fn merge_pieces(list: &[Entry], piece: usize, pieces: usize, gaussian_from_s
         };
         std::iter::from_fn(|| next(&mut heads)).collect::<Vec<_>>()
     };
-    list.chunks(piece * pieces).flat_map(merge).collect()
+    list.chunks(length * inputs).flat_map(merge).collect()
 }
 
 /// The blocks of one bin, from `corner_px` on, row by row.

@@ -20,7 +20,7 @@ mod sort;
 use rayon::prelude::*;
 
 pub use bins::{
-    BinBlocks, BinOffsets, BinRange, Entry, bin_offsets, bins_of, block_mask, count_bins, list_bins, merge_pieces,
+    BinBlocks, BinOffsets, BinRange, Entry, bin_offsets, bins_of, block_mask, count_bins, list_bins, merge_inputs,
     sort_run,
 };
 pub use blend::{Lists, Pixel, blend};

@@ -6,13 +6,13 @@ use super::shaders::{Splat, Totals};
 use crate::gpu::Device;
 use crate::host_memory::OutOfMemory;
 
-/// The most attempts to draw a frame, which no frame needs. Buffers grow to the demand of the attempt before. An overflow
-/// hides the demand of the next stage (visible, spans and listed, list length), so a frame may need one retry per stage,
-/// and one more for the change of path.
+/// The most attempts to draw a frame, which no frame needs. Buffers grow to the demand of the attempt before. An
+/// overflow hides the demand of the next stage (visible, spans and listed, list length), so a frame may need one retry
+/// per stage, and one more for the change of path.
 pub(crate) const MAX_ATTEMPTS: u32 = 10;
 
-/// The numbers of elements that the buffers of a frame hold, or that a frame needs. Splats are listed in cells: tiles of
-/// the portable path, bins of the fast path.
+/// The numbers of elements that the buffers of a frame hold, or that a frame needs. Splats are listed in cells: tiles
+/// of the portable path, bins of the fast path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Capacity {
     /// All Gaussians of the scene.

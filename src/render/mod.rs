@@ -9,10 +9,10 @@
 //! **`scene`.** A scene before and in device memory, whole or as a cache of pages; `frame` has the view, the target and
 //! the depth keys of a frame. -> `shaders`
 //!
-//! **`portable`.** The path that runs on every device: cull, project, sort by depth, list in tiles, sort by tile, blend.
+//! **`portable`.** The path that runs on every device: cull, project, sort by depth, list in tiles, blend.
 //! -> `scene`, `frame`
 //!
-//! **`fast`.** The path for subgroups of a known size: project, list in bins, sort and merge each list, blend by blocks.
+//! **`fast`.** The path for subgroups of a known size: project, list in bins, sort and merge each list, blend.
 //! -> `scene`, `frame`
 //!
 //! **`inspect`.** Pictures of attributes and of work, the explanation of a pixel, pictures on a screen. -> `portable`

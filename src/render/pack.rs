@@ -1,4 +1,4 @@
-//! Rounds a picture to the integers of a file on the GPU: fewer bytes to bring, and no work for the host.
+//! The conversion of a picture to the integers of a file on the GPU: fewer bytes to copy, and no work for the host.
 
 use anyhow::Result;
 
@@ -26,7 +26,7 @@ impl Packer {
         self.integers
     }
 
-    /// Makes room for pictures of this size.
+    /// Enlarges the buffer to pictures of this size.
     pub fn fit(&mut self, device: &Device, size: [u32; 2]) -> Result<()> {
         let words = self.integers.words(size);
         if self.packed.len() < words {
@@ -35,7 +35,7 @@ impl Packer {
         Ok(())
     }
 
-    /// Records the packing of `image`. Returns the buffer that holds the picture then, its last word filled up with 0.
+    /// Records the packing of `image`. Returns the buffer with the packed picture, its last word padded with 0.
     pub fn record(&self, cmd: &mut Commands, image: &Image) -> &Buffer<u32> {
         let size_px = image.size();
         let pixels: u64 = size_px.iter().map(|side| u64::from(*side)).product();

@@ -1,4 +1,4 @@
-//! Reads an image back to the host.
+//! The copy of an image to the host.
 
 use anyhow::Result;
 

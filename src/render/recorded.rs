@@ -73,7 +73,7 @@ impl Recorded {
         }
     }
 
-    /// The timings of the frame, from those of its commands.
+    /// The timings of the frame, from the timings of its commands.
     pub(super) fn timings(&self, own: &[Timing]) -> Vec<Timing> {
         let Counted::Slabbed(drawn) = &self.counted else { return own.to_vec() };
         let whole: f64 = drawn.timings.iter().map(|stage| stage.duration_ms).sum();

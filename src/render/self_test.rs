@@ -1,5 +1,5 @@
-//! The self-test of the fast path at the start: its picture of some Gaussians of the scene is compared with the portable
-//! path's.
+//! The self-test of the fast path at the start: its picture of some Gaussians of the scene is compared with the
+//! portable path's.
 
 use std::time::Instant;
 
@@ -54,7 +54,7 @@ fn test_fast(paths: &mut PathChoice, device: &Device, scene: &GpuScene) -> Resul
             // The buffers of the first guess may leave too little memory.
             paths.release(device)?;
             match disagreement(paths, device, scene) {
-                // Without memory for the small pictures of a self-test there is none, and the next start tests again.
+                // Without memory for its small pictures the self-test is skipped, and the next start tests again.
                 Err(error) if error.is::<OutOfMemory>() => {
                     paths.force_block_height(None);
                     return paths.end_self_test(device, scene.len(), None);

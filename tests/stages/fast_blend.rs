@@ -7,14 +7,14 @@ use smalto::gpu::{Access, Commands, Image};
 use smalto::options::Options;
 use smalto::reference::{self, BinBlocks, Lists, Tiling};
 use smalto::render::shaders::FastDispatches;
-use smalto::render::shaders::fast::{BIN_COLUMNS, BIN_PIECES, BIN_ROWS, BIN_RUN, BIN_STRETCH, BLOCK_WIDTH, BLOCKS};
+use smalto::render::shaders::fast::{BIN_COLUMNS, BIN_ROWS, BIN_RUN, BIN_SEGMENT, BLOCK_WIDTH, BLOCKS, MERGE_INPUTS};
 use smalto::render::{BLOCK_HEIGHTS, BinGrid, Target};
 use smalto::rules::{ALPHA_MIN, Background, Rules, TILE};
 
 const RULES: &Rules = &Rules::TRAINED;
 
 /// The length from which on a list takes several merge levels.
-const LONG_LIST: u32 = BIN_RUN * BIN_PIECES;
+const LONG_LIST: u32 = BIN_RUN * MERGE_INPUTS;
 
 /// A splat and its record in `work.splats`, three elements: the numbers of the record are exact in f64.
 fn splat_of(mean: [f32; 2], factor: [f32; 3], opacity: f32, colour: [f32; 3]) -> (reference::Splat, [[u32; 4]; 3]) {
@@ -78,7 +78,7 @@ fn listed_everywhere(count: usize, grid: BinGrid) -> Input {
 
 #[test]
 fn masks_mark_every_block_that_a_splat_reaches_and_hardly_more() {
-    // Around a word of bits and a stretch.
+    // Around a word of bits and a segment.
     for (count, height) in [(1, 0), (31, 1), (32, 2), (33, 0), (1023, 1), (1024, 2), (1025, 0), (2500, 1)] {
         let block_height = BLOCK_HEIGHTS[height];
         let size = [2 * 64, 2 * BIN_ROWS * block_height];
@@ -97,10 +97,10 @@ fn masks_mark_every_block_that_a_splat_reaches_and_hardly_more() {
             let blocks =
                 BinBlocks { corner_px: corner, counts: [BIN_COLUMNS, BIN_ROWS], block_px: [BLOCK_WIDTH, block_height] };
             for (entry, (splat, _)) in splats.iter().enumerate() {
-                let stretch = bin.first_stretch as usize + entry / BIN_STRETCH as usize;
-                let (word, bit) = (entry % BIN_STRETCH as usize / 32, entry % 32);
+                let segment = bin.first_segment as usize + entry / BIN_SEGMENT as usize;
+                let (word, bit) = (entry % BIN_SEGMENT as usize / 32, entry % 32);
                 let mask = (0..BLOCKS as usize)
-                    .map(|block| (masks[(stretch * BLOCKS as usize + block) * 32 + word] >> bit & 1) << block)
+                    .map(|block| (masks[(segment * BLOCKS as usize + block) * 32 + word] >> bit & 1) << block)
                     .sum::<u32>();
                 let must = reference::block_mask(splat, blocks, RULES, -1e-4, -1e-3);
                 let may = reference::block_mask(splat, blocks, RULES, 2e-3, 1e-2);
@@ -111,10 +111,10 @@ fn masks_mark_every_block_that_a_splat_reaches_and_hardly_more() {
     }
 }
 
-/// A folded dispatch may have more workgroups than there are stretches. Here it has twice as many, and there is memory
+/// A folded dispatch may have more workgroups than there are segments. Here it has twice as many, and there is memory
 /// that those beyond could write.
 #[test]
-fn workgroups_without_a_stretch_do_nothing() {
+fn workgroups_without_a_segment_do_nothing() {
     const UNTOUCHED: u32 = 0xabcd_1234;
     let (size, count) = ([2 * 64, 32], 1500);
     let grid = BinGrid::new(size, 1);
@@ -122,16 +122,16 @@ fn workgroups_without_a_stretch_do_nothing() {
     bench.list();
     upload_lists(&bench, &splats(count, size, [0.004, 1.0]));
     let dispatches = bench.gpu.download(&bench.work.dispatches)[0];
-    assert_eq!([dispatches.over_stretches[0], dispatches.over_stretches[1], dispatches.stretches], [4, 1, 4]);
+    assert_eq!([dispatches.over_segments[0], dispatches.over_segments[1], dispatches.segments], [4, 1, 4]);
     bench.run(|b, cmd| {
-        let folded = FastDispatches { over_stretches: [4, 2, 1], ..dispatches };
+        let folded = FastDispatches { over_segments: [4, 2, 1], ..dispatches };
         cmd.upload(&b.work.dispatches, 0, 1, |memory| memory[0] = folded).unwrap();
-        cmd.upload(&b.work.stretch_bins, 4, 4, |memory| memory.fill(1)).unwrap();
+        cmd.upload(&b.work.segment_bins, 4, 4, |memory| memory.fill(1)).unwrap();
         cmd.fill(&b.work.masks, UNTOUCHED);
     });
     bench.run(|b, cmd| b.pipeline.masks(cmd, &b.work, b.grid));
     let masks = bench.gpu.download(&bench.work.masks);
-    let (used, beyond) = masks.split_at(4 * BIN_STRETCH as usize);
+    let (used, beyond) = masks.split_at(4 * BIN_SEGMENT as usize);
     assert!(beyond.len() >= used.len() && beyond.iter().all(|word| *word == UNTOUCHED));
     assert!(!used.contains(&UNTOUCHED));
 }

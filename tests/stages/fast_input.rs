@@ -123,20 +123,21 @@ impl Bench {
         self.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
     }
 
-    /// For every chunk, where its share of each bin's list begins; then where its last share ends.
-    pub fn share_starts(&self) -> Vec<Vec<usize>> {
-        let starts = self.gpu.download(&self.work.share_starts).into_iter().map(|start| start as usize);
+    /// For every chunk, the begin of its list in each bin; then the end of the last of these lists.
+    pub fn list_starts(&self) -> Vec<Vec<usize>> {
+        let starts = self.gpu.download(&self.work.list_starts).into_iter().map(|start| start as usize);
         let starts: Vec<usize> = starts.collect();
         let row = self.grid.count() as usize + 1;
         starts.chunks(row).take(BIN_CHUNKS as usize).map(<[usize]>::to_vec).collect()
     }
 
-    /// The lists of all bins before they are sorted: their shares, chunk after chunk.
+    /// The lists of all bins before they are sorted: their chunk lists, one after another.
     pub fn lists(&self) -> Vec<Vec<reference::Entry>> {
-        let (unsorted, starts) = (self.gpu.download(&self.work.unsorted), self.share_starts());
+        let (unsorted, starts) = (self.gpu.download(&self.work.unsorted), self.list_starts());
         let keys = self.gpu.download(&self.work.depth_keys);
-        let share = |row: &Vec<usize>, bin: usize| unsorted[row[bin]..row[bin + 1]].to_vec();
-        let list = |bin| starts.iter().flat_map(move |row| share(row, bin)).map(|splat| [keys[splat as usize], splat]);
+        let chunk_list = |row: &Vec<usize>, bin: usize| unsorted[row[bin]..row[bin + 1]].to_vec();
+        let list =
+            |bin| starts.iter().flat_map(move |row| chunk_list(row, bin)).map(|splat| [keys[splat as usize], splat]);
         (0..self.grid.count() as usize).map(|bin| list(bin).collect()).collect()
     }
 
@@ -145,7 +146,7 @@ impl Bench {
             first: bin.first,
             count: bin.count,
             first_run: bin.first_run,
-            first_stretch: bin.first_stretch,
+            first_segment: bin.first_segment,
         };
         self.gpu.download(&self.work.bins).into_iter().map(range).collect()
     }

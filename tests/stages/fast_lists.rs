@@ -3,12 +3,12 @@
 use super::fast_input::{Bench, Input, parts};
 use crate::common::Random;
 use smalto::reference;
-use smalto::render::shaders::fast::{BIN_PIECES, BIN_RUN, BIN_STRETCH};
+use smalto::render::shaders::fast::{BIN_RUN, BIN_SEGMENT, MERGE_INPUTS};
 use smalto::render::shaders::{FastCounters, FastDispatches};
 use smalto::render::{BinGrid, Capacity};
 
 /// The length from which on a list takes several merge levels.
-const LONG_LIST: u32 = BIN_RUN * BIN_PIECES;
+const LONG_LIST: u32 = BIN_RUN * MERGE_INPUTS;
 
 /// Splats over 40 x 30 bins: small ones of one row, some of several rows, few that cover the picture.
 fn scattered(count: usize) -> Input {
@@ -57,10 +57,10 @@ fn list_and_offsets_list_every_splat_in_its_bins() {
         assert_eq!(bench.gpu.download(&bench.work.listed_in_bins), counts, "{count} splats");
         let counters = bench.gpu.download(&bench.work.counters)[0];
         assert_eq!([counters.visible, counters.listed_high, counters.listed_low], [count as u32, 0, entries]);
-        // The segments of the chunks are disjoint and cover all entries.
-        let mut segments: Vec<_> = bench.share_starts().iter().map(|row| (row[0], row[row.len() - 1])).collect();
-        segments.sort_unstable();
-        let end = segments.into_iter().fold(0, |end, (begin, next)| {
+        // The regions of the chunks are disjoint and cover all entries.
+        let mut regions: Vec<_> = bench.list_starts().iter().map(|row| (row[0], row[row.len() - 1])).collect();
+        regions.sort_unstable();
+        let end = regions.into_iter().fold(0, |end, (begin, next)| {
             assert_eq!(begin, end, "{count} splats");
             next
         });
@@ -70,16 +70,16 @@ fn list_and_offsets_list_every_splat_in_its_bins() {
         assert_eq!(lists, input.lists(grid), "{count} splats");
 
         bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
-        let expected = reference::bin_offsets(&counts, entries, LONG_LIST - 1, BIN_RUN, BIN_STRETCH);
+        let expected = reference::bin_offsets(&counts, entries, LONG_LIST - 1, BIN_RUN, BIN_SEGMENT);
         let bins = bench.bins();
         assert_eq!(bins, expected.bins, "{count} splats");
         let runs = bench.gpu.download(&bench.work.run_bins);
         assert_eq!(runs[..expected.run_bins.len()], expected.run_bins);
-        let stretches = bench.gpu.download(&bench.work.stretch_bins);
-        assert_eq!(stretches[..expected.stretch_bins.len()], expected.stretch_bins);
+        let segments = bench.gpu.download(&bench.work.segment_bins);
+        assert_eq!(segments[..expected.segment_bins.len()], expected.segment_bins);
         let dispatches = bench.gpu.download(&bench.work.dispatches)[0];
-        let parts = [expected.run_bins.len(), expected.stretch_bins.len()];
-        assert_eq!([dispatches.runs, dispatches.stretches].map(|count| count as usize), parts, "{count} splats");
+        let parts = [expected.run_bins.len(), expected.segment_bins.len()];
+        assert_eq!([dispatches.runs, dispatches.segments].map(|count| count as usize), parts, "{count} splats");
         let totals = bench.gpu.download(&bench.work.totals)[0];
         assert_eq!([totals.visible, totals.visible_kept], [count as u32; 2]);
         assert_eq!([totals.listed_high, totals.listed_low, totals.listed_kept], [0, entries, entries]);
@@ -139,7 +139,7 @@ fn offsets_order_bins_by_length() {
             cmd.upload(&b.work.listed_in_bins, 0, 900, |memory| memory.copy_from_slice(&lengths)).unwrap();
         });
         bench.run(|b, cmd| b.pipeline.offsets(cmd, &b.work, b.grid));
-        assert_eq!(bench.bins(), reference::bin_offsets(&lengths, capacity, longest, BIN_RUN, BIN_STRETCH).bins);
+        assert_eq!(bench.bins(), reference::bin_offsets(&lengths, capacity, longest, BIN_RUN, BIN_SEGMENT).bins);
         let totals = bench.gpu.download(&bench.work.totals)[0];
         assert_eq!([totals.listed_low, totals.listed_kept, totals.longest_list], [demand, kept, most]);
     }
@@ -153,7 +153,7 @@ fn offsets_order_bins_by_length() {
     assert!(by_order[0] >= LONG_LIST, "some lists take several merge levels");
 }
 
-/// Around lanes, subgroups, runs, pieces.
+/// Around lanes, subgroups, runs, merge inputs.
 const LENGTHS: [usize; 26] = [
     0, 1, 2, 7, 8, 9, 31, 32, 33, 511, 512, 513, 1023, 1024, 1025, 2047, 2048, 2049, 4095, 4096, 4097, 10_000, 32_767,
     32_768, 32_769, 70_000,
@@ -174,7 +174,7 @@ fn sort_and_merge_order_lists_of_every_length() {
         ("one far", |i| if i % 2000 == 1 { 0x7f00_0000 } else { i % 16 }),
     ];
     for ((name, key), is_shuffled) in kinds.into_iter().flat_map(|kind| [(kind, false), (kind, true)]) {
-        // In the order of the splats a list has shares from few chunks, shuffled it has them from all.
+        // In the order of the splats a list has entries of few chunks, shuffled it has entries of all.
         let input = Input::of_lengths(&LENGTHS, key);
         let input = if is_shuffled { input.shuffled() } else { input };
         let entries: usize = LENGTHS.iter().sum();
@@ -203,8 +203,9 @@ fn sort_and_merge_order_lists_of_every_length() {
         for ((ids, runs), bin) in parts(&ids, &bins).zip(runs).zip(&bins) {
             let mut expected = runs;
             for level in 0..2 {
-                let piece = (BIN_RUN * BIN_PIECES.pow(level)) as usize;
-                expected = reference::merge_pieces(&expected, piece, BIN_PIECES as usize, &input.gaussian_from_splat);
+                let length = (BIN_RUN * MERGE_INPUTS.pow(level)) as usize;
+                expected =
+                    reference::merge_inputs(&expected, length, MERGE_INPUTS as usize, &input.gaussian_from_splat);
             }
             assert!(expected.iter().map(|[_, splat]| splat).eq(ids), "{name}: merged list of {}", bin.count);
         }

@@ -36,7 +36,7 @@ pub struct FastPipeline {
     sort: Stage<Sort>,
     /// Merges runs.
     merge_runs: Stage<Merge>,
-    /// Merges the pieces of the merge level before.
+    /// Merges the outputs of the merge level before.
     merge_again: Stage<Merge>,
     masks: Stage<Masks>,
     /// One for each of [`BLOCK_HEIGHTS`], made when the first picture needs it.
@@ -44,7 +44,7 @@ pub struct FastPipeline {
     constants: SharedConstants,
     subgroup: u32,
     longest_list: u32,
-    /// The index in [`BLOCK_HEIGHTS`] that every picture takes, if set; else each takes the one that suits its size.
+    /// The index in [`BLOCK_HEIGHTS`] of all pictures, if set; otherwise it depends on the size of the picture.
     pub(in crate::render) forced_block_height: Option<usize>,
 }
 
@@ -54,15 +54,14 @@ fn made<S>(thread: ScopedJoinHandle<Result<Stage<S>>>) -> Result<Stage<S>> {
 }
 
 impl FastPipeline {
-    /// The size of the subgroups with which it draws; `None` where the device or the options call for the portable
-    /// path.
+    /// The size of the subgroups with which it draws; `None` where the device or the options require the portable path.
     pub fn subgroup(device: &Device, options: &Options) -> Option<u32> {
         let rules = &options.rules;
         let is_asked_for = !options.portable && rules.extent == Footprint::Exact && rules.order != Order::PerPixel;
         device.capabilities().fast_subgroup().filter(|_| is_asked_for)
     }
 
-    /// `None` where the device or the options call for the portable path.
+    /// Builds the stages; `None` where the device or the options require the portable path.
     ///
     /// # Errors
     /// If a pipeline cannot be made.
@@ -71,7 +70,7 @@ impl FastPipeline {
         let constants = shared(options, layout, subgroup);
         let sort = sort_constants(&constants, subgroup);
         let merge = |of_runs| Stage::new(device, &MergeConstants { of_runs });
-        // A driver compiles on the thread that asks for a pipeline.
+        // A driver compiles on the calling thread.
         std::thread::scope(|threads| {
             let project = threads.spawn(|| Stage::of_subgroups(device, &ProjectConstants::of(&constants), subgroup));
             let list = threads.spawn(|| Stage::of_subgroups(device, &ListConstants::of(&constants), subgroup));
@@ -100,7 +99,7 @@ impl FastPipeline {
         })
     }
 
-    /// A fingerprint of all stages, those included that a picture makes.
+    /// A fingerprint of all stages, including the blends that the first picture of a size makes.
     ///
     /// # Errors
     /// If a shader cannot be compiled at run time.
@@ -144,7 +143,7 @@ impl FastPipeline {
         })
     }
 
-    /// The bins and blocks of a picture of a scene of so many Gaussians.
+    /// The bins and blocks of a picture of a scene with `gaussians` Gaussians.
     pub fn grid(&self, size_px: [u32; 2], gaussians: usize) -> BinGrid {
         if let Some(height) = self.forced_block_height {
             return BinGrid::new(size_px, height);
@@ -176,7 +175,8 @@ impl FastPipeline {
         if self.layout.is_compact(&self.options) { 2 } else { 3 }
     }
 
-    /// Records one frame: `target` shows `shot` if the capacity of `work` was enough, which `work.totals` tells.
+    /// Records one frame: `target` shows `shot` if the capacity of `work` is enough for the counts in
+    /// `work.totals`.
     ///
     /// # Panics
     /// If the scene has another layout than the pipeline was built for or is culled by a higher threshold, or if
@@ -225,18 +225,18 @@ impl FastPipeline {
         let bins = u64::from(self.grid(camera.size_px, scene.len()).count());
         let pixels: u64 = camera.size_px.iter().map(|side| u64::from(*side)).product();
         let splat = 16 * self.splat_elements() as u64;
-        // Of a scene in pages, at least those are looked at that are visible.
+        // Of a scene in pages, at least the visible Gaussians are read.
         let gaussians = if scene.is_paged() { visible } else { scene.len() as u64 };
         let (bounds, key, id) = (16, 4, 4);
         let walk = 8 * visible + 4 * spans; // span ranges and spans
-        let shares = u64::from(BIN_CHUNKS) * 4 * (bins + 1);
-        // Only lists of several runs are merged. The totals know the longest: it counts, others are left out.
+        let chunk_lists = u64::from(BIN_CHUNKS) * 4 * (bins + 1);
+        // Only lists of several runs are merged. The totals have the longest only, so others are left out.
         let merged = if totals.longest_list > BIN_RUN { u64::from(totals.longest_list) } else { 0 };
         vec![
-            // Bounds of all Gaussians in, the rest of those that are visible; splat, id, key and spans out.
+            // Bounds of all Gaussians in, other attributes of visible ones; splat, id, key and spans out.
             ("project", bounds * gaussians + visible * (scene.bytes_each() - bounds + splat + id + key) + walk),
-            // The starts of shares, the splat of every entry out.
-            ("list", walk + shares + id * entries),
+            // The starts of chunk lists, the splat of every entry out.
+            ("list", walk + chunk_lists + id * entries),
             // Counts in; zeros in their place, bins, their order, the dispatches out.
             ("offsets", bins * (4 + 4 + size_of::<Bin>() as u64 + 4) + size_of::<FastDispatches>() as u64),
             // The splats of entries and depth keys in, each key once; the splats out again.
@@ -285,7 +285,7 @@ impl FastPipeline {
             span_ranges: &work.span_ranges,
             spans: &work.spans,
             listed_in_bins: &work.listed_in_bins,
-            share_starts: &work.share_starts,
+            list_starts: &work.list_starts,
             unsorted: &work.unsorted,
         };
         let push = ListPush {
@@ -297,7 +297,7 @@ impl FastPipeline {
         cmd.dispatch(&self.list, bindings, push, DispatchSize::Groups(BIN_CHUNKS.into()));
     }
 
-    /// Finds where each bin's list begins, and the dispatches over runs and stretches.
+    /// Finds the begin of each bin's list, and the dispatches over runs and segments.
     pub fn offsets(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         let bindings = OffsetsBindings {
             totals: &work.totals,
@@ -305,7 +305,7 @@ impl FastPipeline {
             bins: &work.bins,
             bin_order: &work.bin_order,
             run_bins: &work.run_bins,
-            stretch_bins: &work.stretch_bins,
+            segment_bins: &work.segment_bins,
             dispatches: &work.dispatches,
             counters: &work.counters,
         };
@@ -329,7 +329,7 @@ impl FastPipeline {
             entries: &work.entries,
             splat_ids: &work.splat_ids,
             dispatches: &work.dispatches,
-            share_starts: &work.share_starts,
+            list_starts: &work.list_starts,
             unsorted: &work.unsorted,
         };
         let (push, groups) = (SortPush { bins: grid.count() }, offset_of!(FastDispatches, over_runs));
@@ -338,7 +338,7 @@ impl FastPipeline {
 
     /// Merges the runs of every list that has several, level by level.
     pub fn merge(&self, cmd: &mut Commands, work: &FastWorkspace) {
-        for (level, (piece, [entries, merged])) in work.merge_levels().enumerate() {
+        for (level, (input_length, [entries, merged])) in work.merge_levels().enumerate() {
             if level > 0 {
                 between_stages(cmd);
             }
@@ -353,14 +353,14 @@ impl FastPipeline {
                 merged,
             };
             let groups = offset_of!(FastDispatches, over_runs);
-            cmd.dispatch_indirect(stage, bindings, MergePush { piece }, &work.dispatches, groups);
+            cmd.dispatch_indirect(stage, bindings, MergePush { input_length }, &work.dispatches, groups);
         }
     }
 
     /// Marks the blocks of its bin that every entry's splat reaches.
     pub fn masks(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         let bindings = MasksBindings {
-            stretch_bins: &work.stretch_bins,
+            segment_bins: &work.segment_bins,
             bins: &work.bins,
             splat_ids: &work.splat_ids,
             splats: &work.splats,
@@ -368,7 +368,7 @@ impl FastPipeline {
             dispatches: &work.dispatches,
         };
         let push = MasksPush { bins_x: grid.bins[0], block_height: grid.block_height };
-        let groups = offset_of!(FastDispatches, over_stretches);
+        let groups = offset_of!(FastDispatches, over_segments);
         cmd.dispatch_indirect(&self.masks, bindings, push, &work.dispatches, groups);
     }
 

@@ -1,4 +1,4 @@
-//! The constants of the fast path's stages, and the fingerprint by which a device remembers that they passed the trial.
+//! The constants of the fast path's stages, and the fingerprint under which a device remembers a passed self-test.
 
 use anyhow::Result;
 
@@ -11,7 +11,7 @@ use crate::render::shaders::fast::*;
 /// are listed more than once.
 pub const BLOCK_HEIGHTS: [u32; 3] = [4, 8, 16];
 
-/// Workgroup memory in bytes that the counts of a sort may take.
+/// The most workgroup memory of the counts of a sort, bytes.
 const SORT_COUNTS_BYTES: u32 = 16 << 10;
 
 pub(super) fn sort_constants(constants: &SharedConstants, subgroup: u32) -> SortConstants {

@@ -4,14 +4,14 @@ use anyhow::Result;
 
 use crate::gpu::{Buffer, Commands, Device};
 use crate::render::capacity::{Capacity, length};
-use crate::render::shaders::fast::{BIN_CHUNKS, BIN_PIECES, BIN_RUN, BIN_STRETCH};
+use crate::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, MERGE_INPUTS};
 use crate::render::shaders::{Bin, FastCounters, FastDispatches, Totals};
 
 /// The buffers of one frame of the fast path, whose cells are bins.
 pub struct FastWorkspace {
     pub capacity: Capacity,
     pub totals: Buffer<Totals>,
-    /// 0 between frames, as `listed_in_bins` is: each frame leaves them as it found them.
+    /// 0 between frames, like `listed_in_bins`: each frame resets them.
     pub counters: Buffer<FastCounters>,
     pub dispatches: Buffer<FastDispatches>,
     pub gaussian_from_splat: Buffer<u32>,
@@ -21,24 +21,24 @@ pub struct FastWorkspace {
     pub span_ranges: Buffer<[u32; 2]>,
     pub spans: Buffer<u32>,
     pub listed_in_bins: Buffer<u32>,
-    /// For every chunk of splats and every bin: where the chunk's share of the bin's list begins in `unsorted`. The
-    /// end of the chunk's last share follows.
-    pub share_starts: Buffer<u32>,
+    /// For every chunk of splats and every bin: the begin of the chunk list in `unsorted`. The end of the last list of
+    /// the chunk follows.
+    pub list_starts: Buffer<u32>,
     pub bins: Buffer<Bin>,
     pub bin_order: Buffer<u32>,
     pub run_bins: Buffer<u32>,
-    pub stretch_bins: Buffer<u32>,
+    pub segment_bins: Buffer<u32>,
     /// The splat of every entry, as chunks list them.
     pub unsorted: Buffer<u32>,
     /// Depth key and splat of every entry of the lists that are merged, list by list.
     pub entries: Buffer<[u32; 2]>,
     /// The entries between merge levels, if there are several.
     pub merged: Buffer<[u32; 2]>,
-    /// Merge dispatches of a frame.
+    /// The number of merge dispatches of a frame.
     merge_levels: u32,
     pub splat_ids: Buffer<u32>,
-    /// A bit per entry and block of its bin: 32 words for every stretch and block. It is the memory of `unsorted`,
-    /// which sort is the last to read.
+    /// A bit per entry and block of its bin: 32 words for every segment and block. It shares the memory of `unsorted`,
+    /// which no stage reads after sort.
     pub masks: Buffer<u32>,
     splat_elements: usize,
 }
@@ -64,10 +64,10 @@ impl FastWorkspace {
         let visible = length("visible splats", capacity.visible)?;
         let spans = length("rows of bins", capacity.spans)?;
         let entries = length("entries of bins", capacity.listed)?;
-        let stretches = entries / BIN_STRETCH as usize + capacity.cells;
+        let segments = entries / BIN_SEGMENT as usize + capacity.cells;
         let words = |name: &str, len: usize| Buffer::<u32>::new(device, name, len);
-        // Masks take whole stretches, so that there are at least as many words as entries.
-        let unsorted = words("unsorted splats or masks", stretches * BIN_STRETCH as usize)?;
+        // Masks take whole segments, so that there are at least as many words as entries.
+        let unsorted = words("unsorted splats or masks", segments * BIN_SEGMENT as usize)?;
         let work = Self {
             capacity,
             totals: Buffer::new(device, "totals", 1)?,
@@ -79,11 +79,11 @@ impl FastWorkspace {
             span_ranges: Buffer::new(device, "span ranges", visible)?,
             spans: words("spans", spans)?,
             listed_in_bins: words("listed in bins", capacity.cells)?,
-            share_starts: words("share starts", BIN_CHUNKS as usize * (capacity.cells + 1))?,
+            list_starts: words("chunk list starts", BIN_CHUNKS as usize * (capacity.cells + 1))?,
             bins: Buffer::new(device, "bins", capacity.cells)?,
             bin_order: words("bin order", capacity.cells)?,
             run_bins: words("run bins", entries / BIN_RUN as usize + capacity.cells)?,
-            stretch_bins: words("stretch bins", stretches)?,
+            segment_bins: words("segment bins", segments)?,
             masks: unsorted.words(),
             unsorted,
             entries: Buffer::new(device, "entries", entries)?,
@@ -117,20 +117,20 @@ impl FastWorkspace {
         Ok(())
     }
 
-    /// Splats that fit.
+    /// The number of splats that fit.
     pub fn visible_capacity(&self) -> u32 {
         self.gaussian_from_splat.len() as u32
     }
 
-    /// Entries that fit.
+    /// The number of entries that fit.
     pub fn entry_capacity(&self) -> u32 {
         self.entries.len() as u32
     }
 
-    /// One item per merge level: length of its sorted pieces, input buffer, output buffer.
+    /// One item per merge level: length of its sorted inputs, input buffer, output buffer.
     pub fn merge_levels(&self) -> impl Iterator<Item = (u32, [&Buffer<[u32; 2]>; 2])> {
         let buffers = [[&self.entries, &self.merged], [&self.merged, &self.entries]];
-        (0..self.merge_levels).map(move |level| (BIN_RUN * BIN_PIECES.pow(level), buffers[level as usize % 2]))
+        (0..self.merge_levels).map(move |level| (BIN_RUN * MERGE_INPUTS.pow(level), buffers[level as usize % 2]))
     }
 
     /// The longest list of a bin that these merge levels sort.
@@ -138,17 +138,17 @@ impl FastWorkspace {
         u32::try_from(longest_merged(self.merge_levels)).unwrap_or(u32::MAX)
     }
 
-    /// Every buffer's name and bytes.
+    /// The name and the bytes of every buffer.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let words = [
             &self.gaussian_from_splat,
             &self.depth_keys,
             &self.spans,
             &self.listed_in_bins,
-            &self.share_starts,
+            &self.list_starts,
             &self.bin_order,
             &self.run_bins,
-            &self.stretch_bins,
+            &self.segment_bins,
             &self.splat_ids,
             &self.unsorted,
         ];
@@ -167,12 +167,12 @@ impl FastWorkspace {
     }
 }
 
-/// The longest list that so many merge levels sort.
+/// The longest list that this number of merge levels sorts.
 fn longest_merged(levels: u32) -> u64 {
-    u64::from(BIN_RUN) * u64::from(BIN_PIECES).pow(levels) - 1
+    u64::from(BIN_RUN) * u64::from(MERGE_INPUTS).pow(levels) - 1
 }
 
-/// Merge levels that sort a list of this length; one if it is short.
+/// The number of merge levels that sort a list of this length; one if it is short.
 fn merge_levels(longest_list: u32) -> u32 {
     (1..).find(|levels| longest_merged(*levels) >= longest_list.into()).expect("powers grow")
 }

@@ -25,7 +25,7 @@ pub enum Quantity {
     Colour,
     /// The number in all three channels, in false colours.
     Number(Scale),
-    /// The same, divided by the coverage.
+    /// The number divided by the coverage.
     Mean(Scale),
     Coverage,
     Transmittance,
@@ -61,21 +61,21 @@ pub struct Display {
     stage: Stage<Show>,
     colours: Buffer<u32>,
     shown: Buffer<u32>,
-    /// Bound in place of the window's image where shaders may not store to that.
+    /// Bound in place of a window's image that shaders may not store to.
     no_screen: Image,
     no_totals: Buffer<Totals>,
 }
 
-/// A picture to show: an image, and the counts that tell the shader whether it is complete.
+/// A picture to show: an image, and the counts by which the shader decides whether it is complete.
 pub struct Picture<'a> {
     image: &'a Image,
     /// `None` if it is known to be complete.
     frame: Option<(&'a Buffer<Totals>, Room)>,
 }
 
-/// Red, green and blue at a place of the scale, 0 for low and 1 for high.
-pub fn false_colour(part: f64) -> [u8; 3] {
-    let colorous::Color { r, g, b } = colorous::INFERNO.eval_continuous(part);
+/// Red, green and blue at a position on the scale, 0 for low and 1 for high.
+pub fn false_colour(position: f64) -> [u8; 3] {
+    let colorous::Color { r, g, b } = colorous::INFERNO.eval_continuous(position);
     [r, g, b]
 }
 
@@ -175,7 +175,7 @@ impl Display {
 }
 
 impl<'a> Picture<'a> {
-    /// An image that a frame drew, with what it counted and the capacity it had.
+    /// An image that a frame drew, with the counts and the capacity of the frame.
     pub(in crate::render) fn of_frame(image: &'a Image, totals: &'a Buffer<Totals>, room: Room) -> Self {
         Self { image, frame: Some((totals, room)) }
     }

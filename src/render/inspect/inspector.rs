@@ -54,7 +54,7 @@ pub enum Look {
     #[default]
     Colour,
     /// An attribute of the Gaussians instead of their colours, blended like colours over 0. A number is in all three
-    /// channels; divided by alpha it is the mean over what is visible.
+    /// channels; divided by alpha it is the mean over the visible splats.
     Attribute(Attribute),
     /// The work that a pixel takes, counted or drawn instead of blended, over black.
     Work(Work),
@@ -79,10 +79,10 @@ pub enum Attribute {
     Identity = ATTRIBUTE_IDENTITY as isize,
     /// The level of a node: 0 for a Gaussian of the scene, one more for each halving of their number.
     Level = ATTRIBUTE_LEVEL as isize,
-    /// log2 of what the table of levels predicts, in steps of 1/255: the root mean squared error of a pixel that a node
-    /// alone causes in its footprint. -12 for no error.
+    /// log2 of the root mean squared error of a pixel that a node alone causes in its footprint, as the table of levels
+    /// predicts it, in steps of 1/255. -12 for no error.
     PredictedError = ATTRIBUTE_PREDICTED_ERROR as isize,
-    /// By how many levels a node is coarser than asked for, because pages with finer ones are missing.
+    /// The number of levels by which a node is coarser than requested, because pages with finer ones are missing.
     Lag = ATTRIBUTE_LAG as isize,
 }
 
@@ -126,7 +126,7 @@ enum Picture {
     Colour,
     Attribute(Stage<ShadeAttribute>),
     Work {
-        /// The second resumes what the first began.
+        /// The first begins pixels, the second resumes them.
         stages: [Stage<Inspect>; 2],
         /// Shades splats by depth, for [`Work::Depths`].
         depth: Option<Stage<ShadeAttribute>>,
@@ -213,8 +213,8 @@ impl Inspector {
         walk_lists(cmd, stages, pipeline.blending.entries_per_pass, work, splat_ids, target, walk);
     }
 
-    /// Intersects the visible set, which was culled from another camera, with what `view` may see; if a Gaussian is
-    /// isolated, keeps only that one. Begins after a barrier and ends with one.
+    /// Intersects the visible set, which was culled from another camera, with the Gaussians that `view` may see; if a
+    /// Gaussian is isolated, keeps only that one. Begins after a barrier and ends with one.
     fn intersect(&self, cmd: &mut Commands, Shot { scene, .. }: Shot, view: View, work: &PortableWorkspace) {
         let Inspection { culled_from, isolated, .. } = &self.inspection;
         if culled_from.is_none() && isolated.is_none() {

@@ -1,4 +1,8 @@
 //! Views into the portable path: pictures of attributes and of work, the explanation of a pixel, pictures on a screen.
+//!
+//! - `inspector` - frames that show attributes or work instead of colours
+//! - `pick` - the splats that a pixel consists of
+//! - `display` - pictures on a screen: side by side, their difference, false colours
 
 mod display;
 mod inspector;

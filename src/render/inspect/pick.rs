@@ -1,4 +1,4 @@
-//! The explanation of one pixel: the splats that it is made of.
+//! The explanation of one pixel: the splats that it consists of.
 
 use anyhow::Result;
 
@@ -12,12 +12,12 @@ use crate::render::shaders::Evidence;
 use crate::render::shaders::inspect::*;
 use crate::rules::{Background, TILE};
 
-/// The splats that a pixel is made of.
+/// The splats that a pixel consists of.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Explanation {
     /// The splats that were blended, front to back.
     pub splats: Vec<Explained>,
-    /// Transmittance left for the background.
+    /// The transmittance of the background.
     pub transmittance: f32,
     /// True if the pixel stopped before its list ended.
     pub is_stopped: bool,
@@ -31,7 +31,7 @@ pub struct Explained {
     /// View z of its mean, world units.
     pub depth: f32,
     pub alpha: f32,
-    /// Transmittance that the splats before it left.
+    /// The transmittance behind the splats before it.
     pub transmittance: f32,
     /// The colour, or the attribute in a picture of one.
     pub colour: [f32; 3],
@@ -58,7 +58,7 @@ impl Explanation {
     }
 }
 
-/// The pipeline that looks into a list.
+/// The pipeline that reads a list at one pixel.
 pub(in crate::render) struct Picker {
     transmittance_min: f32,
     stop: f32,
@@ -84,7 +84,7 @@ impl Picker {
         let mut cmd = Commands::new(device)?;
         let ranges = cmd.read(&work.ranges)?;
         let results = cmd.submit()?.wait()?;
-        let [tile_x, tile_y] = pixel.map(|place| place / TILE);
+        let [tile_x, tile_y] = pixel.map(|column_or_row| column_or_row / TILE);
         let [first, end] = results.view(&ranges)[(tile_y * tiles(camera.size_px)[0] + tile_x) as usize];
         let count = end - first;
 

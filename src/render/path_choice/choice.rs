@@ -33,7 +33,8 @@ pub(crate) struct PathChoice {
     selector: Option<Chooser>,
     /// Loads pages beside frames that do not wait for them.
     pub streamer: Option<Feed>,
-    /// The next frame repeats one that did not fit. It draws the same resident pages: with more, it might not fit again.
+    /// The next frame repeats one that did not fit. It draws the same resident pages: with more, it might not fit
+    /// again.
     pub is_repeated: bool,
     /// The reason why the fast path does not draw although the device has it.
     pub notice: Option<String>,
@@ -168,7 +169,7 @@ impl PathChoice {
             Some(fast) if path == Path::Fast => fast.pipeline.least_bytes(shot, totals),
             _ => self.portable.pipeline().least_bytes(shot, totals),
         };
-        // Of frames in slabs: the states of pixels out; in, and out as the picture.
+        // Frames in slabs: begin writes the states of pixels, finish reads them and writes the picture.
         let pixels: u64 = shot.camera.size_px.iter().map(|side| u64::from(*side)).product();
         stages.extend([("begin", 16 * pixels), ("finish", 32 * pixels)]);
         stages.extend(self.selector.iter().flat_map(Chooser::least_bytes));

@@ -55,7 +55,7 @@ impl Walk {
     }
 }
 
-/// The pipelines of the blend. The second of each pair resumes what the first began.
+/// The pipelines of the blend. The first of each pair begins pixels, the second resumes them.
 pub(in crate::render) struct Blending {
     /// The most instances of a tile's list that one dispatch takes.
     pub(in crate::render) entries_per_pass: u32,

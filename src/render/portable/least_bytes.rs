@@ -1,4 +1,4 @@
-//! What the stages of the portable path move through device memory at least.
+//! The fewest bytes that the stages of the portable path move through device memory.
 
 use super::pipeline::PortablePipeline;
 use crate::render::frame::{Shot, tiles};

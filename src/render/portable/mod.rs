@@ -1,6 +1,12 @@
 //! The portable path: splats are listed in tiles of 16x16 pixels, sorted by depth and tile, and blended tile by tile.
 //!
 //! It makes no assumption about the subgroup size and runs on every device.
+//!
+//! - `pipeline` - [`PortablePipeline`]: the stages of a frame, one method per stage
+//! - `blend` - the walk along the lists of all tiles, and the blend with it
+//! - `sort` - the radix sort
+//! - `workspace` - every intermediate buffer of a frame
+//! - `least_bytes` - the fewest bytes that each stage moves
 
 mod blend;
 mod least_bytes;

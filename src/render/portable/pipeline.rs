@@ -24,13 +24,13 @@ use crate::rules::{Footprint, LISTED_ALPHA, Order};
 pub struct PortablePipeline {
     options: Options,
     layout: Layout,
-    /// Splats are listed where their alpha reaches this.
+    /// The least alpha of a listed splat.
     listed_alpha: f32,
     cull: Stage<Cull>,
     cull_offsets: Stage<CullOffsets>,
     cull_compact: Stage<CullCompact>,
     project: Stage<Project>,
-    /// The constants that splats are made with.
+    /// The constants of the stages that make splats.
     projecting: SharedConstants,
     sort: RadixSort,
     scan_sums: Stage<ScanSums>,
@@ -54,13 +54,13 @@ impl PortablePipeline {
     /// Builds the stages of a variation.
     ///
     /// # Errors
-    /// If the options ask for what only the reference draws, or a pipeline cannot be made.
+    /// If only the reference draws by these options, or a pipeline cannot be made.
     pub fn varied(device: &Device, options: &Options, layout: &Layout, variation: Variation) -> Result<Self> {
         let rules = &options.rules;
         ensure!(rules.order != Order::PerPixel, "only the reference sorts the splats of every pixel on its own");
         let subgroups = SubgroupLimits::of(device, options);
         let constants = shared(options, layout, 32 * subgroups.ballot_words);
-        // A certificate needs lists with everything that the picture leaves out.
+        // A certificate needs lists with the splats that the picture omits.
         let (listed_alpha, footprint) = match variation {
             Variation::Plain | Variation::Counting => (rules.alpha_min, rules.extent),
             Variation::Certifying => (LISTED_ALPHA, Footprint::Exact),
@@ -86,22 +86,22 @@ impl PortablePipeline {
         })
     }
 
-    /// The constants that splats are made with.
+    /// The constants of the stages that make splats.
     pub(in crate::render) fn projecting(&self) -> &SharedConstants {
         &self.projecting
     }
 
-    /// Blend dispatches that a longest tile list of this length takes.
+    /// The number of blend dispatches for a longest tile list of this length.
     pub fn passes(&self, longest_list: u32) -> u32 {
         self.blending.passes(longest_list)
     }
 
-    /// The longest tile list that so many blend dispatches finish.
+    /// The longest tile list that this number of blend dispatches finishes.
     pub(in crate::render) fn longest_list(&self, passes: u32) -> u32 {
         self.blending.longest_list(passes)
     }
 
-    /// Passes of a frame's sort by depth, and of its sort by tile.
+    /// The numbers of passes of a frame's sort by depth, and of its sort by tile.
     pub fn sort_passes(&self, scene: &GpuScene, camera: &Camera) -> [u32; 2] {
         let depth_bits = self.depth_keys(scene, camera).bits;
         [depth_bits, tile_bits(tiles(camera.size_px).iter().product())].map(|bits| self.sort.passes(bits))
@@ -115,13 +115,13 @@ impl PortablePipeline {
         view(camera, self.options.rules.near)
     }
 
-    /// The view of a camera at the size that its pictures are drawn at.
+    /// The view of a camera at the size at which its pictures are drawn.
     pub(in crate::render) fn sampled_view(&self, camera: &Camera) -> View {
         self.view(&camera.sampled(self.options.drawn_size(camera.size_px)))
     }
 
     /// Records one frame: `target` shows `shot` if the capacity of `work` and the blend dispatches (`passes`) were
-    /// enough, which `work.totals` tells.
+    /// enough for the counts in `work.totals`.
     ///
     /// # Panics
     /// If the scene has another layout than the pipeline was built for or is culled by a higher threshold, or if a
@@ -148,7 +148,7 @@ impl PortablePipeline {
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
     }
 
-    /// The end of the first act: Gaussians that were culled and compacted become splats.
+    /// Projects the Gaussians that were culled and compacted to splats.
     pub(in crate::render) fn project_visible(
         &self,
         cmd: &mut Commands,
@@ -163,7 +163,7 @@ impl PortablePipeline {
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
     }
 
-    /// The second act: splats become the list of every tile. Returns the splats of all lists, tile after tile.
+    /// Makes the list of every tile from the splats. Returns the splats of all lists, tile after tile.
     pub(in crate::render) fn bin<'w>(
         &self,
         cmd: &mut Commands,
@@ -175,7 +175,8 @@ impl PortablePipeline {
         self.list(cmd, camera, work, by_depth)
     }
 
-    /// As [`bin`](Self::bin), for splats that are sorted by depth: `by_depth` is the index of the sorted pair.
+    /// Makes the lists like [`bin`](Self::bin), from splats that are sorted by depth: `by_depth` is the index of the
+    /// sorted pair.
     pub(in crate::render) fn list<'w>(
         &self,
         cmd: &mut Commands,
@@ -221,7 +222,7 @@ impl PortablePipeline {
         self.compact_chunks(cmd, chunks(scene), work);
     }
 
-    /// Writes the ids of the marked Gaussians of so many chunks, in order.
+    /// Writes the ids of the marked Gaussians of the first `chunks` chunks, in order.
     pub(in crate::render) fn compact_chunks(&self, cmd: &mut Commands, chunks: u32, work: &PortableWorkspace) {
         let visible_capacity = work.gaussian_from_splat.len() as u32;
         let bindings =
@@ -299,7 +300,7 @@ impl PortablePipeline {
         self.sort.record(cmd, pairs, &work.sort, range, groups)
     }
 
-    /// Finds where the instances of each splat begin, splats in the order of `splat_from_rank`.
+    /// Finds the begin of the instances of each splat, splats in the order of `splat_from_rank`.
     pub(in crate::render) fn scan(&self, cmd: &mut Commands, work: &PortableWorkspace, splat_from_rank: &Buffer<u32>) {
         let (totals, tile_counts) = (&work.totals, &work.tile_counts);
         let groups = offset_of!(PortableDispatches, scan_visible);
@@ -357,7 +358,7 @@ impl PortablePipeline {
         self.sort.record(cmd, &work.instances, &work.sort, range, groups)
     }
 
-    /// Finds where each tile's list begins and ends.
+    /// Finds the begin and the end of each tile's list.
     pub(in crate::render) fn ranges(&self, cmd: &mut Commands, work: &PortableWorkspace, tile_keys: &Buffer<u32>) {
         let bindings = RangesBindings { totals: &work.totals, tile_keys, ranges: &work.ranges };
         let groups = offset_of!(PortableDispatches, over_instances);
@@ -385,7 +386,7 @@ impl PortablePipeline {
     }
 }
 
-/// Workgroups that cull the scene.
+/// The number of workgroups that cull the scene.
 pub(in crate::render) fn chunks(scene: &GpuScene) -> u32 {
     scene.len().div_ceil(CULL_CHUNK as usize) as u32
 }

@@ -81,7 +81,7 @@ impl PortableWorkspace {
         Ok(true)
     }
 
-    /// Every buffer's name and bytes.
+    /// The name and the bytes of every buffer.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let words = [
             &self.visible_masks,

@@ -1,4 +1,4 @@
-//! What Gaussians contribute to pictures, and pictures of a scene without some of them.
+//! The contribution of Gaussians to pictures, and pictures of a scene without some of them.
 
 mod pruner;
 

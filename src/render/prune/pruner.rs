@@ -1,5 +1,5 @@
 //! The pruner: draws views of a scene with all Gaussians or without some, by the portable path, and measures on the
-//! lists of a frame what each Gaussian contributes and what a pixel may change by.
+//! lists of a frame the contribution of each Gaussian and the largest change of each pixel.
 
 use anyhow::{Result, bail};
 
@@ -29,10 +29,10 @@ pub struct Share {
     pub sum: f64,
 }
 
-/// What a picture changes by at most without the dropped Gaussians.
+/// The largest change of a picture without the dropped Gaussians.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bounds {
-    /// For every pixel (bound, w, D, number of blended splats): w is what the dropped splats have of the pixel, D is
+    /// For every pixel (bound, w, D, number of blended splats): w is the share of the dropped splats, D is
     /// the brightest colour near it, and the bound is D * w with an allowance for the rounding of f32.
     pub pixels: Pixels,
 }
@@ -58,9 +58,9 @@ pub struct Pruner {
     work: PortableWorkspace,
     /// The picture of the frame that `work` holds.
     image: Image,
-    /// What a stage of the pruner makes of it.
+    /// The picture that a stage of the pruner makes from these lists.
     found: Image,
-    /// Blend dispatches of a frame.
+    /// The number of blend dispatches of a frame.
     passes: u32,
     /// A bit per Gaussian: 1 if it is kept.
     kept: Buffer<u32>,
@@ -68,7 +68,7 @@ pub struct Pruner {
     /// Splats that were blended into each pixel, between the passes over long lists.
     counts: Buffer<u32>,
     keep: Stage<Keep>,
-    /// The second of each pair resumes what the first began.
+    /// The first of each pair begins pixels, the second resumes them.
     contribute: [Stage<Contribute>; 2],
     bound: [Stage<Bound>; 2],
 }
@@ -86,12 +86,12 @@ impl Pruner {
     /// Uploads a scene and builds the pipelines. All Gaussians are kept.
     ///
     /// # Errors
-    /// If the options ask for what only the reference draws, or device memory runs out.
+    /// If only the reference draws by these options, or device memory runs out.
     ///
     /// # Panics
     /// If the options stop pixels early: the pruner measures exact pictures.
     pub fn new(device: &Device, gaussians: &Gaussians, statistics: &Statistics, options: &Options) -> Result<Self> {
-        assert!(options.stop == 0.0, "what lies behind a stop has no share");
+        assert!(options.stop == 0.0, "splats behind a stop have no share");
         let scene = GpuScene::with(device, gaussians, statistics, options)?;
         let constants = shared(options, scene.layout(), device.capabilities().subgroup_size[1]);
         let contribute =
@@ -121,7 +121,7 @@ impl Pruner {
         Ok(pruner)
     }
 
-    /// Keeps all Gaussians but those with these indices.
+    /// Keeps all Gaussians except the ones with these indices.
     ///
     /// # Errors
     /// If memory runs out or the device is lost.
@@ -153,7 +153,7 @@ impl Pruner {
         read_pixels(&self.device, &self.image)
     }
 
-    /// Draws a view of the whole scene, and adds what each Gaussian contributes to it.
+    /// Draws a view of the whole scene, and adds the contribution of each Gaussian.
     ///
     /// # Errors
     /// As [`whole`](Self::whole).
@@ -165,7 +165,7 @@ impl Pruner {
         Ok(())
     }
 
-    /// What each Gaussian contributed to the views that were noted.
+    /// The contribution of each Gaussian to all noted views.
     ///
     /// # Errors
     /// As [`whole`](Self::whole).
@@ -180,7 +180,7 @@ impl Pruner {
         Ok(results.view(&contributions).iter().map(share).collect())
     }
 
-    /// Draws a view of the whole scene, and bounds what each pixel changes by if only the kept Gaussians are drawn.
+    /// Draws a view of the whole scene, and bounds the change of each pixel if only the kept Gaussians are drawn.
     ///
     /// # Errors
     /// As [`whole`](Self::whole).

@@ -21,8 +21,8 @@ impl Renderer {
     }
 
     /// The splats that a pixel of the frame recorded last consists of; where pictures are drawn smaller, the splats of
-    /// the nearest drawn pixel. Waits for the device. If the portable path does not hold the lists of the frame, it draws
-    /// the frame again.
+    /// the nearest drawn pixel. Waits for the device. If the portable path does not hold the lists of the frame, it
+    /// draws the frame again.
     ///
     /// # Errors
     /// If no frame was recorded, or the pixel lies outside the picture.

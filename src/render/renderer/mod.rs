@@ -134,7 +134,7 @@ impl Renderer {
     }
 
     /// Draws the resident levels of detail from now on, and loads pages beside the frames, which do not wait for them.
-    /// [`Renderer::residency`] reports the missing and loading pages. Does nothing for scenes without levels and for the
+    /// [`Renderer::residency`] reports missing and loading pages. Does nothing for scenes without levels and for the
     /// portable path, whose frames wait for their pages.
     ///
     /// # Errors
@@ -205,8 +205,8 @@ impl Renderer {
         self.render_with(camera, background, |_| {}).map(|(frame, _)| frame)
     }
 
-    /// Renders a frame behind commands that `prepare` records, like [`Renderer::render`]. Also returns the results of the
-    /// last attempt.
+    /// Renders a frame behind commands that `prepare` records, like [`Renderer::render`]. Also returns the results of
+    /// the last attempt.
     ///
     /// # Errors
     /// As [`Renderer::render`].

@@ -109,11 +109,11 @@ impl GpuScene {
         Ok(Buffer::<[u32; 4]>::check_len(device, BOUNDS, count)?)
     }
 
-    /// Uploads a scene for [`Renderer::certified`](crate::render::Renderer::certified), which has to draw Gaussians that
-    /// other renderers may cull.
+    /// Uploads a scene for [`Renderer::certified`](crate::render::Renderer::certified), which has to draw Gaussians
+    /// that other renderers may cull.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// As for [`new`](Self::new).
     pub fn certifiable(
         device: &Device,
         gaussians: &Gaussians,
@@ -127,7 +127,7 @@ impl GpuScene {
     /// Uploads `gaussians` as [`new`](Self::new) does, with known statistics.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// As for [`new`](Self::new).
     pub fn with(device: &Device, gaussians: &Gaussians, statistics: &Statistics, options: &Options) -> Result<Self> {
         let len = gaussians.len();
         let layout = Layout::of(statistics, options);
@@ -161,7 +161,7 @@ impl GpuScene {
     /// Uploads `gaussians` if `reserve` bytes, and some for lists, stay free.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// As for [`new`](Self::new).
     pub fn with_reserve(
         device: &Device,
         gaussians: &Gaussians,
@@ -331,7 +331,7 @@ impl GpuScene {
         self.len
     }
 
-    /// The same scene with at most its first `count` Gaussians.
+    /// The first `count` Gaussians of the scene, as a whole scene.
     pub(crate) fn first(&self, count: usize) -> Self {
         let len = self.len.min(count);
         Self { len, nodes: len, memory: SceneMemory::Whole, ..self.clone() }

@@ -1,4 +1,4 @@
-//! A scene before it is on a device: Gaussians in memory, or a page file, perhaps at many places.
+//! A scene before it is on a device: Gaussians in memory or a page file, with placements if it has any.
 
 use std::sync::Arc;
 

@@ -86,7 +86,7 @@ impl FastStages {
             span_ranges: &work.span_ranges,
             spans: &work.spans,
             listed_in_bins: &work.listed_in_bins,
-            share_starts: &work.share_starts,
+            list_starts: &work.list_starts,
             unsorted: &work.unsorted,
             open_bins,
         };

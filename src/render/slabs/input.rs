@@ -58,7 +58,7 @@ const NONE: u32 = u32::MAX;
 const PAGES_PER_TASK: usize = 4096;
 
 impl<'a> SlabInput<'a> {
-    /// The input of a frame, for a scene in pages those in `selection` which may be visible.
+    /// The input of a frame. For a scene in pages, it has the pages of `selection` that may be visible.
     pub fn of(Shot { scene, camera }: Shot<'a>, options: &Options, grid: CellGrid, selection: Option<&Chosen>) -> Self {
         let (Some(paged), Some(selection)) = (scene.paged(), selection) else { return Self::Whole(scene.len()) };
         let cache = paged.cache();

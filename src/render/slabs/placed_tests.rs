@@ -1,4 +1,4 @@
-//! Scenes at places show what transformed and joined scenes show, in the memory of one.
+//! Scenes with placements show the pictures of transformed and joined scenes, in the memory of one.
 
 use std::sync::Arc;
 
@@ -35,7 +35,7 @@ fn draw(device: &Device, options: &Options, scene: &GpuScene, camera: &Camera) -
     (pixels, frame.parts.map_or(0, |parts| parts.pages_in_view))
 }
 
-/// The picture of a scene at places.
+/// The picture of a scene with placements.
 fn placed(device: &Device, options: &Options, gaussians: &Gaussians, places: &[Transform], camera: &Camera) -> Pixels {
     draw(device, options, &bring(device, options, gaussians, places), camera).0
 }
@@ -66,7 +66,7 @@ fn place(position: [f64; 3], turn: [f64; 4], scale: f64) -> Transform {
 
 const UNTURNED: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 
-/// Two places that are apart, one of them turned and made larger, and a camera that sees both.
+/// Two placements that are apart, one of them turned and made larger, and a camera that sees both.
 fn two(gaussians: &Gaussians) -> ([Transform; 2], Camera) {
     let focus = Focus::of(gaussians);
     let aside = focus.radius * 1.5;

@@ -270,7 +270,7 @@ impl PortableSlabs {
         cmd.dispatch_indirect(&self.project, bindings, push, &work.dispatches, over_visible());
     }
 
-    /// Sorts the splats by depth, those of equal depth by index; returns the index of the sorted pair of `work.depths`.
+    /// Sorts the splats by depth, and by index at equal depth; returns the index of the sorted pair of `work.depths`.
     fn sort(&self, cmd: &mut Commands, frame: &PortableFrame, indices: &Buffer<u32>) -> usize {
         let PortableFrame { pipeline, work, shot: Shot { scene, .. }, .. } = *frame;
         let (totals, dispatches) = (&work.totals, &work.dispatches);
@@ -348,8 +348,8 @@ fn over_visible() -> usize {
 /// The capacity of slabs whose buffers take about [`MEMORY_FRACTION`] of the free memory. `listed`: the number of
 /// Gaussians in all pages that the list holds.
 fn slab_capacity(device: &Device, listed: usize, cells: u32, gaussians: usize) -> Capacity {
-    // Bytes per splat: its id, its record, two pairs, ranges, counts, offsets, two spans, and six instances of two pairs; per
-    // Gaussian of a page a bit, per tile its range and its classes.
+    // Bytes per splat: its id, its record, two pairs, ranges, counts, offsets, two spans, and six instances of two
+    // pairs; per Gaussian of a page a bit, per tile its range and its classes.
     let (each, fixed) = (4 + 36 + 16 + 8 + 8 + 8 + 6 * 18, listed as u64 / 4 + 40 * u64::from(cells) + (2 << 20));
     let bytes = (MEMORY_FRACTION * device.free_bytes() as f64) as u64;
     let most = device.capabilities().limits.storage_range / 48;

@@ -129,8 +129,8 @@ fn compare_under_limit(
 fn every_preset_draws_the_same_bits_at_any_limit_of_memory() {
     for (name, options) in Options::PRESETS {
         let gaussians = cactus::cactus(120_000).unwrap().gaussians;
-        // Less than the scene takes, more than the least. On the portable path, the pages that cross one depth are too
-        // many for so small a pool: there the scene lies on the device, and its lists do not fit.
+        // The limits lie between the least and the bytes of the scene. On the portable path, the pages that cross one
+        // depth exceed such a small cache: its limits allow the whole scene on the device, but not its lists.
         let is_fast = FastPipeline::subgroup(&open(), &options).is_some();
         let limit = match (options.shape_storage == Storage::Lossless, is_fast) {
             (true, true) => 64 << 20,
@@ -225,10 +225,10 @@ fn a_limit_under_the_least_is_refused_with_the_bytes_that_are_needed() {
     let limit = 34 << 20;
     let error = bring(limit).err().expect("so little memory is refused");
     let needed = error.downcast_ref::<crate::host_memory::OutOfMemory>().and_then(|error| error.bytes);
-    let needed = needed.expect("the bytes are told");
+    let needed = needed.expect("the error reports the bytes");
     assert!(needed > limit && needed < 128 << 20, "{needed}");
     assert!(bring(needed - 1).is_err());
-    let (device, scene) = bring(needed).expect("what was asked for is enough");
+    let (device, scene) = bring(needed).expect("the reported bytes are enough");
     let camera = Camera::looking_at(DVec3::new(0.0, -1.0, -4.0), DVec3::ZERO, SIZE, 1.0);
     Renderer::new(&device, &Options::EXACT, &scene).unwrap().render(&camera, BACKGROUND).unwrap();
     assert_valid(&device);
