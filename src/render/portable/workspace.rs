@@ -9,7 +9,8 @@ use crate::render::shaders::portable::{CULL_CHUNK, DUPLICATE_CHUNK, SCAN_CHUNK};
 use crate::render::shaders::shared::TILE_CLASSES;
 use crate::render::shaders::{PortableDispatches, Splat, Totals};
 
-/// The buffers of one frame of the portable path. Those that [`PortableStages`](super::PortableStages) shows are public.
+/// The buffers of one frame of the portable path. Those that [`PortableStages`](super::PortableStages) shows are
+/// public.
 pub struct PortableWorkspace {
     pub(in crate::render) capacity: Capacity,
     pub totals: Buffer<Totals>,
