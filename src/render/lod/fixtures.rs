@@ -1,6 +1,6 @@
 //! Page files with levels, devices and scenes of the tests.
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use crate::gpu::{Device, DeviceChoice, Validation};
 use crate::options::Options;
@@ -20,10 +20,21 @@ pub(crate) fn with_levels(scene: Scene, options: Options) -> Arc<PageFile> {
     Arc::new(PageFile::open(&output).unwrap())
 }
 
-/// The device of tests, with a limit of its memory.
+/// A device with this limit of its memory. Tests without a limit share one device. Every device keeps its pipelines: a
+/// software device takes far longer to compile them than to draw a small picture.
 pub(crate) fn open(limit: Option<u64>) -> Device {
-    let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
-    if limit.is_some() { device.with_memory_limit(limit).unwrap() } else { device }
+    static UNLIMITED: LazyLock<Device> = LazyLock::new(|| {
+        let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled);
+        let device = device.expect("GPU tests need a Vulkan device");
+        device.keep_pipelines();
+        device
+    });
+    if limit.is_none() {
+        return UNLIMITED.clone();
+    }
+    let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap().with_memory_limit(limit).unwrap();
+    device.keep_pipelines();
+    device
 }
 
 /// A page file at places, on a device.

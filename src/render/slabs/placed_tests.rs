@@ -5,12 +5,13 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3};
 
 use crate::camera::Camera;
-use crate::gpu::{Device, DeviceChoice, Validation};
+use crate::gpu::Device;
 use crate::options::Options;
 use crate::packing::Statistics;
 use crate::pagefile::Pages;
 use crate::pixels::Pixels;
 use crate::procedural::cactus;
+use crate::render::lod::fixtures::open;
 use crate::render::renderer::Renderer;
 use crate::render::scene::gpu_scene::CACHE_FRACTION;
 use crate::render::scene::{Content, GpuScene, SceneSource};
@@ -21,11 +22,6 @@ use crate::render::scene::Pool;
 
 const SIZE: [u32; 2] = [200, 130];
 const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
-
-fn open(limit: Option<u64>) -> Device {
-    let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
-    if limit.is_some() { device.with_memory_limit(limit).unwrap() } else { device }
-}
 
 fn draw(device: &Device, options: &Options, scene: &GpuScene, camera: &Camera) -> (Pixels, u64) {
     let mut renderer = Renderer::new(device, options, scene).unwrap();

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::FastSlabs;
 use crate::camera::Camera;
-use crate::gpu::{Device, DeviceChoice, Image, Validation};
+use crate::gpu::{Device, Image};
 use crate::host_memory::OutOfMemory;
 use crate::options::{Options, Storage};
 use crate::pixels::Pixels;
@@ -13,6 +13,7 @@ use crate::render::Frame;
 use crate::render::capacity::Capacity;
 use crate::render::fast::{FastFrame, FastPipeline, FastWorkspace};
 use crate::render::frame::{Shot, Target};
+use crate::render::lod::fixtures::open;
 use crate::render::portable::PortableWorkspace;
 use crate::render::readback::read_pixels;
 use crate::render::recorded::Counted;
@@ -23,10 +24,6 @@ use crate::scene::{Builder, Focus, Gaussians, Raw};
 
 const SIZE: [u32; 2] = [200, 130];
 const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
-
-fn open() -> Device {
-    Device::open(&DeviceChoice::Best, Validation::IfInstalled).expect("GPU tests need a Vulkan device")
-}
 
 /// Views from inside of a scene to one from far away.
 fn views(gaussians: &Gaussians) -> [Camera; 3] {
@@ -74,7 +71,7 @@ fn slabs_of_whole(device: &Device, options: &Options, gaussians: &Gaussians, roo
 
 #[test]
 fn a_frame_in_slabs_has_the_bits_of_a_whole_frame() {
-    let (device, gaussians) = (open(), cactus::cactus(8000).unwrap().gaussians);
+    let (device, gaussians) = (open(None), cactus::cactus(8000).unwrap().gaussians);
     for options in [Options::EXACT, Options::BALANCED, Options::PREVIEW] {
         assert_eq!(slabs_of_whole(&device, &options, &gaussians, 16_000), 1);
         assert!(slabs_of_whole(&device, &options, &gaussians, 1000) > 8);
@@ -84,7 +81,7 @@ fn a_frame_in_slabs_has_the_bits_of_a_whole_frame() {
 
 #[test]
 fn splats_of_one_depth_are_cut_by_their_indices() {
-    let (device, gaussians) = (open(), cactus::cactus(3000).unwrap().gaussians);
+    let (device, gaussians) = (open(None), cactus::cactus(3000).unwrap().gaussians);
     // With 8 bits, few depth keys are left, each of many splats.
     let options = Options { key_bits: 8, ..Options::BALANCED };
     assert!(slabs_of_whole(&device, &options, &gaussians, 200) > 10);
@@ -100,7 +97,7 @@ fn compare_under_limit(
     churns: bool,
 ) -> Vec<Frame> {
     let source = SceneSource::of(gaussians);
-    let (whole_device, device) = (open(), open().with_memory_limit(Some(limit)).unwrap());
+    let (whole_device, device) = (open(None), open(Some(limit)));
     let draw = |device: &Device, cameras: Vec<&Camera>| {
         let scene = source.bring(device, options, false, 1 << 20).unwrap();
         if let Some(paged) = scene.paged() {
@@ -131,7 +128,7 @@ fn every_preset_draws_the_same_bits_at_any_limit_of_memory() {
         let gaussians = cactus::cactus(120_000).unwrap().gaussians;
         // The limits lie between the least and the bytes of the scene. On the portable path, the pages that cross one
         // depth exceed such a small cache: its limits allow the whole scene on the device, but not its lists.
-        let is_fast = FastPipeline::subgroup(&open(), &options).is_some();
+        let is_fast = FastPipeline::subgroup(&open(None), &options).is_some();
         let limit = match (options.shape_storage == Storage::Lossless, is_fast) {
             (true, true) => 64 << 20,
             (false, true) => 54 << 20,
@@ -174,7 +171,7 @@ fn hidden_pages_are_not_read() {
     let gaussians = town.make().unwrap().gaussians;
     let view = town.views(crate::procedural::TownPath::Street, 1).unwrap();
     let camera = crate::camera::path::looking(&view, SIZE).remove(0);
-    let device = open().with_memory_limit(Some(56 << 20)).unwrap();
+    let device = open(Some(56 << 20));
     let source = SceneSource::of(gaussians);
     let scene = source.bring(&device, &Options::BALANCED, false, 1 << 20).unwrap();
     let frame = Renderer::new(&device, &Options::BALANCED, &scene).unwrap().render(&camera, BACKGROUND).unwrap();
@@ -206,9 +203,9 @@ fn certificates_and_depths_have_the_same_bits_in_slabs() {
         assert_valid(&device);
         (frame.parts.map_or(0, |parts| parts.slabs), certificate, picture, layers)
     };
-    let (slabs, certificate, picture, layers) = draw(open());
+    let (slabs, certificate, picture, layers) = draw(open(None));
     assert_eq!(slabs, 0);
-    let limited = draw(open().with_memory_limit(Some(57 << 20)).unwrap());
+    let limited = draw(open(Some(57 << 20)));
     assert!(limited.0 > 1, "{} slabs", limited.0);
     assert_eq!(differing(&certificate, &limited.1), 0, "certificates");
     assert_eq!(differing(&picture, &limited.2), 0, "pictures with certificates");
@@ -219,7 +216,7 @@ fn certificates_and_depths_have_the_same_bits_in_slabs() {
 fn a_limit_under_the_least_is_refused_with_the_bytes_that_are_needed() {
     let source = SceneSource::of(cactus::cactus(300_000).unwrap().gaussians);
     let bring = |limit: u64| {
-        let device = open().with_memory_limit(Some(limit)).unwrap();
+        let device = open(Some(limit));
         source.bring(&device, &Options::EXACT, false, 1 << 20).map(|scene| (device, scene))
     };
     let limit = 34 << 20;
@@ -237,7 +234,7 @@ fn a_limit_under_the_least_is_refused_with_the_bytes_that_are_needed() {
 /// 2^32 instances and more are counted in 64 bits: nothing is blended, and no buffer holds them, so slabs draw.
 #[test]
 fn more_instances_than_32_bits_count_are_no_frame() {
-    let device = open();
+    let device = open(None);
     // Each covers 256 x 64 tiles.
     let count = (1_usize << 32) / (256 * 64) + 1;
     let ball = |i: usize| Raw {
