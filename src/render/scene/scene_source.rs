@@ -108,6 +108,9 @@ impl SceneSource {
             Content::File(file) => Pages::of_file(file.clone(), options),
         };
         let scene = GpuScene::of_pages(device, &pages, options, reserve)?;
-        placements.map_or(Ok(scene.clone()), |placements| scene.placed(placements))
+        match placements {
+            None => Ok(scene),
+            Some(placements) => scene.placed(placements),
+        }
     }
 }
