@@ -3,16 +3,16 @@
 #include "shared/frame.glsl"
 #include "pages/page.glsl"
 #include "lod/selection.glsl"
-// One invocation per page and placed view: finds whether the page may have splats in the picture, how much of it lies
-// there, and how wide a pixel is from where its nodes are judged.
-// Before: the views are listed, the state is 0. After: `seen` has the pages in view, in any order: sums are of whole
-// numbers, and splats are sorted.
+// One invocation per page and placed view: tests whether the page may have splats in the image, counts its samples in
+// the image, and computes the width of a pixel at its group.
+// Before: the draw list has the views, the state is 0. After: `in_view` has the pages in view, in any order: sums are
+// of whole numbers, and splats are sorted.
 
 layout(binding = 0, scalar) readonly buffer Boxes { PageBox boxes[]; };                     // [pages]
 layout(binding = 1, scalar) readonly buffer Errors { PageErrors errors[]; };                // [pages]
-layout(binding = 2, scalar) readonly buffer Views { uvec4 listed[]; };                      // [VIEW_ELEMENTS * views]
-layout(binding = 3, scalar) writeonly buffer Seen { uvec4 seen[]; };                        // [room]
-layout(binding = 4, scalar) buffer State { CutState state; };
+layout(binding = 2, scalar) readonly buffer DrawList { uvec4 draw_list[]; };                // [VIEW_ELEMENTS * views]
+layout(binding = 3, scalar) writeonly buffer InView { uvec4 in_view[]; };                   // [capacity]
+layout(binding = 4, scalar) buffer State { SelectionState state; };
 layout(push_constant, scalar) uniform Push {
     vec2 focal_px;
     vec2 centre_px;
@@ -20,13 +20,13 @@ layout(push_constant, scalar) uniform Push {
     float per_focal_squared;  // 1 / the larger focal length^2
     uint pages;
     uint views;
-    uint room;  // in `seen`
+    uint capacity;  // of `in_view`
 } push;
 
 PlacedView view;
 
-// A point in the axes of the view. Every device rounds it in the same way, as all that decides about the limit.
-vec3 in_view(vec3 point) {
+// A point in the axes of the view. `precise`: every device rounds alike all values on which the limit depends.
+vec3 to_view(vec3 point) {
     precise vec3 p = (point - view.position_high) - view.position_low;
     precise vec3 seen;
     seen.x = (view.right.x * p.x + view.right.y * p.y) + view.right.z * p.z;
@@ -35,27 +35,27 @@ vec3 in_view(vec3 point) {
     return seen;
 }
 
-// The square of what a limit is multiplied with on a page: of the width of a pixel at the nearest point of its box,
-// wider where pixels are wider than the detail, since errors then fall.
+// The squared factor of an error limit for the nodes of a page: the width of a pixel at the nearest point of their
+// group's box, and more where pixels are wider than the reference width, since errors decrease there.
 float width_squared(uint page) {
     PageBox box = boxes[page];
-    precise vec3 below = (box.judged_low - view.position_high) - view.position_low;
-    precise vec3 above = (view.position_high - box.judged_high) + view.position_low;
+    precise vec3 below = (box.lod_low - view.position_high) - view.position_low;
+    precise vec3 above = (view.position_high - box.lod_high) + view.position_low;
     precise vec3 d = max(max(below, above), 0.0);
     precise float distance = max((d.x * d.x + d.y * d.y) + d.z * d.z, view.near * view.near);
     precise float px = distance * push.per_focal_squared;
-    precise float width = px * max(px * box.per_detail_squared, 1.0);
+    precise float width = px * max(px * box.per_width_squared, 1.0);
     return width;
 }
 
-// The number of samples of a page that lie in the picture.
-uint samples_in_picture(uint page, PageBox box) {
+// The number of samples of a page in the image.
+uint samples_in_image(uint page, PageBox box) {
     precise vec3 cell = (box.high - box.low) * (1.0 / 1024.0);
     uint found = 0;
     for (uint i = 0; i < SAMPLES; i++) {
         uint place = errors[page].samples[i];
         precise vec3 point = box.low + (vec3(place & 1023, place >> 10 & 1023, place >> 20) + 0.5) * cell;
-        vec3 p = in_view(point);
+        vec3 p = to_view(point);
         precise vec2 from = push.focal_px * p.xy + push.centre_px * p.z;
         precise vec2 to = vec2(push.size_px) * p.z;
         found += uint(p.z > view.near && all(greaterThanEqual(from, vec2(0.0))) && all(lessThanEqual(from, to)));
@@ -63,12 +63,12 @@ uint samples_in_picture(uint page, PageBox box) {
     return found;
 }
 
-// True if a splat of the page may touch the picture. A bound: the cull test (cull_test.glsl) with the extremes of the
-// box, as Sight::page has it for whole bins, with slack for the rounding of f32.
+// True if a splat of the page may touch the image. A bound: the cull test (cull_test.glsl) with the extremes of the
+// box, as in PageCuller::page for whole bins, with slack for the rounding of f32.
 bool may_be_seen(PageBox box) {
     if (box.reach < 0.0) return false;
     vec3 half_size = 0.5 * (box.high - box.low);
-    vec3 centre = in_view(box.low + half_size);
+    vec3 centre = to_view(box.low + half_size);
     vec3 magnitude = abs(view.position_high) + abs(box.low) + abs(box.high);
     float slack = 1e-6 * (magnitude.x + magnitude.y + magnitude.z);
     vec3 reach = vec3(dot(abs(view.right), half_size), dot(abs(view.down), half_size),
@@ -84,23 +84,24 @@ bool may_be_seen(PageBox box) {
     vec2 extent = push.focal_px / nearest * sqrt(1.0 + steepest * steepest) * box.reach * 1.01 + box.margin_px;
     vec2 from = push.focal_px * least + push.centre_px, to = push.focal_px * most + push.centre_px;
     vec2 more = extent + 1e-5 * (extent + max(abs(from), abs(to)) + push.focal_px) + 1.0;
-    // Also false for NaN: such a page is kept.
+    // Also false for NaN: the page then counts as visible.
     return !(any(lessThan(to + more, vec2(0.0))) || any(greaterThan(from - more, size)));
 }
 
 void main() {
     uint number = workgroup() * WORKGROUP + lane();
-    uint page = number % push.pages, place = number / push.pages;
-    if (place >= push.views) return;
-    uint first = place * VIEW_ELEMENTS;
-    view = placed_view_of(uintBitsToFloat(listed[first]), uintBitsToFloat(listed[first + 1]),
-        uintBitsToFloat(listed[first + 2]), uintBitsToFloat(listed[first + 3]), uintBitsToFloat(listed[first + 4]));
+    uint page = number % push.pages, placement = number / push.pages;
+    if (placement >= push.views) return;
+    uint first = placement * VIEW_ELEMENTS;
+    view = placed_view_of(uintBitsToFloat(draw_list[first]), uintBitsToFloat(draw_list[first + 1]),
+        uintBitsToFloat(draw_list[first + 2]), uintBitsToFloat(draw_list[first + 3]),
+        uintBitsToFloat(draw_list[first + 4]));
     PageBox box = boxes[page];
     if (!may_be_seen(box)) return;
     uint parent = errors[page].parent;
     vec2 widths = vec2(width_squared(page), parent == NO_PAGE ? 0.0 : width_squared(parent));
-    // Samples miss what is small in the picture, and a cut that costs nothing would be the coarsest.
-    uint weight = max(samples_in_picture(page, box), 1);
-    uint before = atomicAdd(state.seen, 1);
-    if (before < push.room) seen[before] = packed(SeenPage(page, place, weight, widths));
+    // Samples may miss a page that is small in the image; with weight 0, the coarsest level would be free of error.
+    uint weight = max(samples_in_image(page, box), 1);
+    uint before = atomicAdd(state.in_view, 1);
+    if (before < push.capacity) in_view[before] = packed(PageInView(page, placement, weight, widths));
 }

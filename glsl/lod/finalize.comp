@@ -4,17 +4,17 @@
 #include "shared/frame.glsl"
 #include "pages/page.glsl"
 #include "lod/selection.glsl"
-// One invocation in all: sets the dispatch over the listed pages.
-// Before: the pages are listed. After: the element before the first has their number, as pages/project.comp reads it.
+// One invocation in total: sets the dispatch over the selected pages.
+// Before: the draw list has the pages. After: the element before them has their number, for pages/project.comp.
 
-layout(binding = 0, scalar) buffer State { CutState state; };
-layout(binding = 1, scalar) writeonly buffer Listed { uvec4 listed[]; };       // [elements] behind the views, the pages
+layout(binding = 0, scalar) buffer State { SelectionState state; };
+layout(binding = 1, scalar) writeonly buffer DrawList { uvec4 draw_list[]; };                // [elements]
 layout(push_constant, scalar) uniform Push {
-    uint first_page;  // the element of `listed` with the first page
+    uint first_page;  // the element of `draw_list` with the first page
 } push;
 
 void main() {
     if (workgroup() > 0 || lane() > 0) return;
-    listed[push.first_page - 1] = uvec4(state.listed, 0, 0, 0);
-    state.over_pages = folded(QUARTERS * state.listed);
+    draw_list[push.first_page - 1] = uvec4(state.selected, 0, 0, 0);
+    state.page_dispatch = folded(QUARTERS * state.selected);
 }

@@ -1,24 +1,25 @@
-// Finds the Gaussian of an element of a compacted list, which counts 1024 Gaussians for every listed page, and the view
-// that it is seen from.
-// Requires: page.glsl, listed[], push.first_page, push.focal_px, push.centre_px, push.size_px
+// The current page of a dispatch and its view, and the Gaussian of an element of a compacted list, which counts 1024
+// elements for every page of the draw list.
+// Requires: page.glsl, draw_list[], push.first_page, push.focal_px, push.centre_px, push.size_px
 
-View seen;
+View current_view;
 float scale;
-ListedPage page;
+PageDraw page;
 
-// Makes `number` the current page.
-void turn_to(uint number) {
-    page = page_of(listed[push.first_page + number]);
+// Makes a page of the draw list the current page.
+void set_current_page(uint number) {
+    page = page_of(draw_list[push.first_page + number]);
     uint view = page.view * VIEW_ELEMENTS;
-    PlacedView placed = placed_view_of(uintBitsToFloat(listed[view]), uintBitsToFloat(listed[view + 1]),
-        uintBitsToFloat(listed[view + 2]), uintBitsToFloat(listed[view + 3]), uintBitsToFloat(listed[view + 4]));
-    seen = view_of(placed, push.focal_px, push.centre_px, push.size_px);
+    PlacedView placed = placed_view_of(uintBitsToFloat(draw_list[view]), uintBitsToFloat(draw_list[view + 1]),
+        uintBitsToFloat(draw_list[view + 2]), uintBitsToFloat(draw_list[view + 3]),
+        uintBitsToFloat(draw_list[view + 4]));
+    current_view = view_of(placed, push.focal_px, push.centre_px, push.size_px);
     scale = placed.scale;
 }
 
-// The Gaussian of an element; its page becomes the current one.
-uint found_gaussian(uint element) {
-    turn_to(element / PAGE);
+// The Gaussian of an element. Its page becomes the current page.
+uint gaussian_of_element(uint element) {
+    set_current_page(element / PAGE);
     return page.slot * PAGE + element % PAGE;
 }
 

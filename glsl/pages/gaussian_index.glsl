@@ -1,4 +1,4 @@
-// The index of a Gaussian of the current page in its scene, among all placed scenes: it orders splats of equal depth.
+// The index of a Gaussian of the current page among the Gaussians of all placements. It orders splats of equal depth.
 // Requires: page, indices[], push.gaussians
 
 uint index_of(uint gaussian) {

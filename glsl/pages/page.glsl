@@ -1,29 +1,29 @@
-// Pages of Gaussians as the stages draw them, and the placed views that they are seen from.
+// The draw list: the pages that a dispatch draws, and the placed views it draws them for.
 // src/render/pages/mod.rs explains the words.
 
-const uint PAGE = 1024;   // Gaussians in a page, the last of which may be missing
+const uint PAGE = 1024;   // capacity of a page, in Gaussians
 const uint QUARTERS = 4;  // workgroups of project for a page
 
-// A page that a dispatch draws, in one element of the buffer `listed`.
-struct ListedPage {
-    uint slot;    // its place in the planes of Gaussians: it begins at Gaussian slot * PAGE
-    uint limits;  // of errors, as codes: of its nodes in the lower half, of their parents in the upper half
+// A page that a dispatch draws, in one element of `draw_list`.
+struct PageDraw {
+    uint slot;    // its position in the planes: its first Gaussian is slot * PAGE
+    uint error_limits;  // as codes: for its nodes in the lower half, for their parents in the upper half
     uint view;    // its placed view
-    uint filled;  // number of Gaussians
-    bool has_indices;  // the indices of its Gaussians are in a plane, else they are their places
-    uint notes;   // what looks show of it, as lod/page_attributes.glsl has it
+    uint count;   // number of Gaussians
+    bool has_indices;  // a plane has the indices of its Gaussians; otherwise these are their positions
+    uint attributes;  // for inspection: lod/page_attributes.glsl
 };
-const uint HAS_INDICES = 2147483648;  // the highest bit of the last word, whose lowest bits count the Gaussians
-const uint COUNT_BITS = 11, NOTES_BITS = 20;
+const uint HAS_INDICES = 2147483648;  // the highest bit of the last word; its lowest bits are the count
+const uint COUNT_BITS = 11, ATTRIBUTE_BITS = 20;
 
-ListedPage page_of(uvec4 element) {
-    uint filled = bitfieldExtract(element.w, 0, int(COUNT_BITS));
-    uint notes = bitfieldExtract(element.w, int(COUNT_BITS), int(NOTES_BITS));
-    return ListedPage(element.x, element.y, element.z, filled, (element.w & HAS_INDICES) != 0, notes);
+PageDraw page_of(uvec4 element) {
+    uint count = bitfieldExtract(element.w, 0, int(COUNT_BITS));
+    uint attributes = bitfieldExtract(element.w, int(COUNT_BITS), int(ATTRIBUTE_BITS));
+    return PageDraw(element.x, element.y, element.z, count, (element.w & HAS_INDICES) != 0, attributes);
 }
 
-// A camera in the axes and units of a placed scene; the rest of the camera is that of the frame. It takes VIEW_ELEMENTS
-// elements of `listed`, which begins with the views. Behind them comes an element with the number of pages.
+// The camera of the frame in the axes and units of one placement of the scene. `draw_list` begins with these views,
+// VIEW_ELEMENTS elements each, followed by one element with the number of pages, and the pages.
 struct PlacedView {
     vec3 right;
     vec3 down;

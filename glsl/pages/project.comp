@@ -1,6 +1,6 @@
 #version 460
 #define WORKGROUP_SIZE 128
-#define VIEW seen
+#define VIEW current_view
 #include "shared/workgroup.glsl"
 #include "shared/ballot.glsl"
 #include "fast/frame.glsl"
@@ -12,9 +12,9 @@
 #include "shared/harmonics.glsl"
 #include "shared/grids.glsl"
 #include "shared/rotation.glsl"
-// One workgroup per quarter of a listed page: projects those of its Gaussians that can touch the image and are in the
-// slab, as project of the fast path does.
-// Before: counters are what the pages before left, 0 at first. After: as project of the fast path.
+// One workgroup per quarter of a page of the draw list: projects its Gaussians that may touch the image and are in the
+// slab, as fast/project.comp.
+// Before: counters as the previous dispatch of the frame wrote them, 0 at first. After: as fast/project.comp.
 
 layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 1, scalar) readonly buffer GridsBlock { Grids grids; };
@@ -26,8 +26,8 @@ layout(binding = 6, scalar) writeonly buffer DepthKeys { uint depth_keys[]; };  
 layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; };           // [visible_capacity]
 layout(binding = 8, scalar) writeonly buffer Spans { uint spans[]; };                       // [span_capacity]
 layout(binding = 9, scalar) buffer CountersBlock { FastCounters counters; };
-// The placed views, the number of listed pages, and these.
-layout(binding = 10, scalar) readonly buffer Listed { uvec4 listed[]; };                    // [elements]
+// The placed views, the number of pages, the pages.
+layout(binding = 10, scalar) readonly buffer DrawList { uvec4 draw_list[]; };                  // [elements]
 layout(binding = 11, scalar) readonly buffer Indices { uint indices[]; };                   // [gaussians] at most
 layout(binding = 12, scalar) readonly buffer Levels { uint levels[]; };                     // [2 * gaussians] at most
 layout(constant_id = 9) const uint ATTRIBUTE = NO_ATTRIBUTE;
@@ -38,7 +38,7 @@ layout(push_constant, scalar) uniform Push {
     vec2 centre_px;
     uvec2 size_px;
     float near;        // world units
-    uint first_page;   // the element of `listed` with the first page; that before it has the number of pages
+    uint first_page;   // the element of `draw_list` with the first page; the element before it has the number of pages
     uint visible_capacity;
     uint span_capacity;
     uint depth_limit;  // the largest depth key
@@ -56,26 +56,27 @@ layout(push_constant, scalar) uniform Push {
 #include "lod/nodes.glsl"
 #define OPACITIES_OF(gaussian) opacities_of_node(gaussian)
 
-// By how many levels a node is coarser than asked for, because finer pages are missing: the powers of two by which its
-// error is above the limit, since errors double from level to level.
+// Number of levels by which a node is coarser than selected, because finer pages are missing: the octaves of its error
+// above the selected limit, since errors double from level to level.
 float lag_of_node(uint gaussian) {
-    float codes = float(levels[2 * gaussian] & 0xffff) - float(page.limits & 0xffff);
+    float codes = float(levels[2 * gaussian] & 0xffff) - float(page.error_limits & 0xffff);
     return clamp(codes / float(CODES_PER_OCTAVE) + lag_of(page), 0.0, float(level_of(page)));
 }
 
 #define ATTRIBUTES
-#define IN_WORLD_AXES(v) (mat3(push.right, push.down, push.forward) * ((v) * mat3(seen.right, seen.down, seen.forward)))
+#define VIEW_AXES mat3(current_view.right, current_view.down, current_view.forward)
+#define IN_WORLD_AXES(v) (mat3(push.right, push.down, push.forward) * ((v) * VIEW_AXES))
 #define LEVEL float(level_of(page))
 #define LAG(gaussian) lag_of_node(gaussian)
-#define ENERGY energy_of(page)
+#define ENERGY squared_error_of(page)
 #include "fast/make_splat.glsl"
 
 const uint QUARTER = PAGE / QUARTERS;
 
 void main() {
-    if (workgroup() >= QUARTERS * listed[push.first_page - 1].x) return;
-    turn_to(workgroup() / QUARTERS);
-    uint begin = workgroup() % QUARTERS * QUARTER, end = min(begin + QUARTER, page.filled);
+    if (workgroup() >= QUARTERS * draw_list[push.first_page - 1].x) return;
+    set_current_page(workgroup() / QUARTERS);
+    uint begin = workgroup() % QUARTERS * QUARTER, end = min(begin + QUARTER, page.count);
     if (begin >= end) return;
     if (lane() == 0) found = splats_here = spans_here = 0;
     barrier();

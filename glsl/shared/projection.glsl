@@ -1,7 +1,7 @@
 // The projection of a Gaussian to a splat.
 // Requires: frame.glsl, ellipse.glsl, rotation.glsl, storage.glsl, VIEW
-// OPACITIES_OF(gaussian), if it is defined, gives the two opacities of a node that stands for several Gaussians, and
-// faded(gaussian, opacity) that of the part of it that is drawn.
+// OPACITIES_OF(gaussian), if it is defined, gives the two opacities of a node (several Gaussians), and
+// faded_opacity(gaussian, opacity) the opacity of its drawn fraction.
 
 layout(constant_id = 4) const bool ANTIALIASED = false;  // opacities compensate for the low-pass
 
@@ -61,7 +61,7 @@ void project(uint gaussian, vec3 p, float z, out Splat splat, out Ellipse ellips
     // goes from the node's own opacity times its area to the sum of theirs times that of a pixel.
     vec2 of_node = OPACITIES_OF(gaussian);
     if (of_node.x >= 0.0) splat.opacity = ANTIALIASED ? of_node.x : mix(of_node.y, of_node.x, sqrt(sharp_part));
-    splat.opacity = faded(gaussian, splat.opacity);
+    splat.opacity = faded_opacity(gaussian, splat.opacity);
 #endif
     if (ANTIALIASED) splat.opacity *= sqrt(max(sharp_part, COMPENSATION_MIN * COMPENSATION_MIN));
     ellipse = ellipse_of(splat.mean_px, covariance, unit_px, splat.opacity);

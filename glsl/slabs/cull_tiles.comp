@@ -1,5 +1,5 @@
 #version 460
-#define VIEW seen
+#define VIEW current_view
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
 #include "pages/page.glsl"
@@ -12,7 +12,7 @@
 layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 1, scalar) writeonly buffer VisibleMasks { uint visible_masks[]; };        // [pages * 32]
 layout(binding = 2, scalar) writeonly buffer ChunkCounts { uint chunk_counts[]; };          // [pages]
-layout(binding = 3, scalar) readonly buffer Listed { uvec4 listed[]; };                     // [elements]
+layout(binding = 3, scalar) readonly buffer DrawList { uvec4 draw_list[]; };                   // [elements]
 layout(binding = 4, scalar) readonly buffer Indices { uint indices[]; };                    // [gaussians] at most
 layout(binding = 5, scalar) readonly buffer Levels { uint levels[]; };                      // [2 * gaussians] at most
 layout(push_constant, scalar) uniform Push {
@@ -21,7 +21,7 @@ layout(push_constant, scalar) uniform Push {
     vec2 centre_px;
     uvec2 size_px;
     float near;        // world units
-    uint first_page;   // the element of `listed` with the first page
+    uint first_page;   // the element of `draw_list` with the first page
     uint pages;
     uint depth_limit;  // the largest depth key of a splat with tiles
     uint depth_shift;  // lowest bits that depth keys leave out
@@ -40,14 +40,14 @@ shared uint count;
 
 void main() {
     if (workgroup() >= push.pages) return;
-    turn_to(workgroup());
+    set_current_page(workgroup());
     if (lane() < WORDS) words[lane()] = 0;
     if (lane() == 0) count = 0;
     barrier();
     for (uint i = lane(); i < PAGE; i += WORKGROUP) {
         uint gaussian = page.slot * PAGE + i;
         float z = 0.0;
-        bool visible = i < page.filled && is_in_cut(gaussian) && may_be_visible(bounds[gaussian], z);
+        bool visible = i < page.count && is_in_cut(gaussian) && may_be_visible(bounds[gaussian], z);
         if (visible) {
             vec3 mean = uintBitsToFloat(bounds[gaussian].xyz);
             visible = is_in(push.slab, uvec2(depth_key(mean, z), index_of(gaussian)));

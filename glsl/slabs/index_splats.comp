@@ -8,21 +8,21 @@
 
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };
 layout(binding = 1, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };   // [visible_capacity] of listed pages
-layout(binding = 2, scalar) readonly buffer Listed { uvec4 listed[]; };                     // [elements]
+layout(binding = 2, scalar) readonly buffer DrawList { uvec4 draw_list[]; };                   // [elements]
 layout(binding = 3, scalar) readonly buffer Indices { uint indices[]; };                    // [gaussians] at most
 layout(binding = 4, scalar) writeonly buffer IndexKeys { uint index_keys[]; };              // [visible_capacity]
 layout(push_constant, scalar) uniform Push {
-    uint first_page;  // the element of `listed` with the first page
+    uint first_page;  // the element of `draw_list` with the first page
     uint gaussians;   // of the scene at one place, nodes included
 } push;
 
-ListedPage page;
+PageDraw page;
 #include "pages/gaussian_index.glsl"
 
 void main() {
     uint splat = workgroup() * WORKGROUP + lane();
     if (splat >= totals.visible_kept) return;
     uint element = gaussian_from_splat[splat];
-    page = page_of(listed[push.first_page + element / PAGE]);
+    page = page_of(draw_list[push.first_page + element / PAGE]);
     index_keys[splat] = index_of(page.slot * PAGE + element % PAGE);
 }

@@ -1,5 +1,5 @@
 #version 460
-#define VIEW seen
+#define VIEW current_view
 #include "shared/workgroup.glsl"
 #include "shared/ballot.glsl"
 #include "portable/frame.glsl"
@@ -26,14 +26,14 @@ layout(binding = 7, scalar) writeonly buffer SpanRanges { uvec2 span_ranges[]; }
 layout(binding = 8, scalar) writeonly buffer TileCounts { uint tile_counts[]; };            // [visible_capacity]
 layout(binding = 9, scalar) writeonly buffer Spans { uint spans[]; };                       // [span_capacity]
 layout(binding = 10, scalar) buffer TotalsBlock { Totals totals; };
-layout(binding = 11, scalar) readonly buffer Listed { uvec4 listed[]; };                    // [elements]
+layout(binding = 11, scalar) readonly buffer DrawList { uvec4 draw_list[]; };                  // [elements]
 layout(binding = 12, scalar) readonly buffer Levels { uint levels[]; };                     // [2 * gaussians] at most
 layout(push_constant, scalar) uniform Push {
     vec2 focal_px;
     vec2 centre_px;
     uvec2 size_px;
     float near;        // world units
-    uint first_page;   // the element of `listed` with the first page
+    uint first_page;   // the element of `draw_list` with the first page
     uint span_capacity;
     uint depth_limit;  // the largest depth key, for splats without tiles
     uint depth_shift;  // lowest bits that depth keys leave out
@@ -42,5 +42,5 @@ layout(push_constant, scalar) uniform Push {
 #include "pages/current_page.glsl"
 #include "lod/nodes.glsl"
 #define OPACITIES_OF(gaussian) opacities_of_node(gaussian)
-#define FIND(visible) found_gaussian(visible)
+#define FIND(visible) gaussian_of_element(visible)
 #include "portable/make_splat.glsl"

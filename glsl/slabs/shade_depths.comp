@@ -1,5 +1,5 @@
 #version 460
-#define VIEW seen
+#define VIEW current_view
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
 #include "pages/page.glsl"
@@ -11,13 +11,13 @@
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };
 layout(binding = 1, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };   // [visible_capacity] of listed pages
 layout(binding = 2, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
-layout(binding = 3, scalar) readonly buffer Listed { uvec4 listed[]; };                     // [elements]
+layout(binding = 3, scalar) readonly buffer DrawList { uvec4 draw_list[]; };                   // [elements]
 layout(binding = 4, scalar) writeonly buffer Splats { Splat splats[]; };                    // [visible_capacity]
 layout(push_constant, scalar) uniform Push {
     vec2 focal_px;
     vec2 centre_px;
     uvec2 size_px;
-    uint first_page;  // the element of `listed` with the first page
+    uint first_page;  // the element of `draw_list` with the first page
 } push;
 
 #include "pages/current_page.glsl"
@@ -25,6 +25,6 @@ layout(push_constant, scalar) uniform Push {
 void main() {
     uint splat = workgroup() * WORKGROUP + lane();
     if (splat >= totals.visible_kept) return;
-    uint gaussian = found_gaussian(gaussian_from_splat[splat]);
-    splats[splat].colour = vec3(IN_WORLD(depth_of(uintBitsToFloat(bounds[gaussian].xyz), seen)));
+    uint gaussian = gaussian_of_element(gaussian_from_splat[splat]);
+    splats[splat].colour = vec3(IN_WORLD(depth_of(uintBitsToFloat(bounds[gaussian].xyz), current_view)));
 }

@@ -231,8 +231,8 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
         say!("  path                  {path}")?;
     }
     if let Some(PageCounts { missing: [mean, most], whole, residency }) = pages {
-        let Residency { there, fitting, .. } = residency;
-        say!("  pages of levels       {there} in memory at the end, {fitting} fit")?;
+        let Residency { resident, capacity, .. } = residency;
+        say!("  pages of levels       {resident} in memory at the end, {capacity} fit")?;
         say!(
             "  pages drawn coarser   mean {mean:.0}, at most {most:.0}; {:.1} % of the frames lacked none",
             1e2 * whole

@@ -70,7 +70,7 @@ pub use frame_queue::{Finished, Form, FrameOutputs, FrameQueue, HostFrame, Queue
 pub use inspect::{Attribute, Explained, Explanation, Inspection, Look, Work, depths};
 #[doc(hidden)]
 pub use inspect::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
-pub use lod::Detailed;
+pub use lod::LodReport;
 #[doc(hidden)]
 pub use pack::Packer;
 pub use path::Path;

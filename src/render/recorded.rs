@@ -1,10 +1,10 @@
 //! Frames: recorded, on the GPU, or finished.
 
-use super::lod::{Chooser, Detailed};
+use super::lod::{LodReport, LodSelector};
 use super::path::{Limits, Path};
-use super::shaders::{CutState, Totals};
+use super::shaders::{SelectionState, Totals};
 use super::slabs::{SlabReport, SlabbedFrame};
-use super::streaming::Demand;
+use super::streaming::PageRequests;
 use crate::gpu::{InFlight, Readback, Results, Timing};
 use crate::options::Options;
 
@@ -22,7 +22,7 @@ pub struct Frame {
     /// Set if it was drawn in slabs.
     pub parts: Option<SlabReport>,
     /// Set if it was drawn by levels of detail.
-    pub detail: Option<Detailed>,
+    pub detail: Option<LodReport>,
 }
 
 /// A frame on the GPU.
@@ -51,9 +51,9 @@ pub(super) enum Counted {
 
 /// The counts of the pages of a frame that is drawn without slabs.
 pub(super) struct PagedCounts {
-    pub state: Readback<CutState>,
+    pub state: Readback<SelectionState>,
     /// The requested pages, if the frame does not wait for missing ones.
-    pub requests: Option<Demand>,
+    pub requests: Option<PageRequests>,
 }
 
 impl Recorded {
@@ -65,11 +65,11 @@ impl Recorded {
     }
 
     /// The report of the levels of detail, if the frame was drawn by them.
-    pub(super) fn detail(&self, results: &Results, options: &Options) -> Option<Detailed> {
+    pub(super) fn detail(&self, results: &Results, options: &Options) -> Option<LodReport> {
         match &self.counted {
             Counted::Slabbed(drawn) => drawn.detail,
             Counted::Whole(_) => None,
-            Counted::Paged(_, pages) => Chooser::detail(&results.view(&pages.state)[0], options),
+            Counted::Paged(_, pages) => LodSelector::report(&results.view(&pages.state)[0], options),
         }
     }
 

@@ -234,7 +234,7 @@ fn a_scene_with_levels_is_read_page_by_page() {
     let options = Options { splats: 20_000, ..Options::default() };
     let mut offscreen = open(&gpu, Setup { options, ..setup(&[file.to_str().unwrap()]) });
     let residency = offscreen.session.residency().unwrap();
-    assert!(residency.missing == 0 && residency.there > 20 && residency.is_settled(), "{residency:?}");
+    assert!(residency.missing == 0 && residency.resident > 20 && residency.is_settled(), "{residency:?}");
     assert!(offscreen.session.title().starts_with("levels.smalto - "), "{}", offscreen.session.title());
     // The picture that is written waits for all pages, and the one on the screen shows the same.
     let (screen, picture) = (shown(&mut offscreen), folder.path().join("view.png"));

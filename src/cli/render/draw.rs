@@ -24,7 +24,7 @@ use crate::gpu::Device;
 use crate::measure::bench::frame_ms;
 use crate::options::Options;
 use crate::reference;
-use crate::render::{Detailed, Frame, Path, SceneSource, SlabReport};
+use crate::render::{Frame, LodReport, Path, SceneSource, SlabReport};
 
 /// The files of a view that are not complete yet: those of the picture, and those of depths and counts.
 fn outputs_left<'p>(shot: &'p Shot, record: &Record) -> [Vec<&'p Output>; 2] {
@@ -280,7 +280,7 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         say!("  in {slabs}, {wall_ms:.1} ms in all{pages}")?;
     }
     if let Some(detail) = frame.detail {
-        let Detailed { lod_error, nodes, pages, predicted_psnr, measured_psnr } = detail;
+        let LodReport { lod_error, nodes, pages, predicted_psnr, measured_psnr } = detail;
         let limit = match detail.is_coarsest() {
             true => "there are no coarser ones".to_owned(),
             false => format!("error {lod_error:.3} per node"),

@@ -8,7 +8,7 @@ use super::start::PhaseReport;
 use crate::camera::Camera;
 use crate::measure::bench::{SceneReport, VersionReport};
 use crate::options::Options;
-use crate::render::{Detailed, Frame, Path, SlabReport};
+use crate::render::{Frame, LodReport, Path, SlabReport};
 
 /// The report of `smalto render`.
 #[derive(Serialize, JsonSchema)]
@@ -83,7 +83,7 @@ pub(super) struct GpuReport {
     /// How it was drawn in parts; null if it was drawn at once.
     parts: Option<SlabReport>,
     /// The cut through the levels of detail; null if it was not drawn by levels.
-    detail: Option<Detailed>,
+    detail: Option<LodReport>,
     /// Stages in the order of the frame.
     stages: Vec<StageReport>,
 }

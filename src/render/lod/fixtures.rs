@@ -1,4 +1,4 @@
-//! Page files with levels, devices and scenes of the tests.
+//! Page files with levels of detail, devices and scenes for tests.
 
 use std::sync::{Arc, LazyLock};
 
@@ -9,7 +9,7 @@ use crate::pagefile::write::{Job, Settings, write_whole};
 use crate::render::scene::{Content, GpuScene, SceneSource};
 use crate::scene::{Placements, Scene, Transform};
 
-/// A page file with levels of detail of a scene.
+/// Writes a scene to a page file with levels of detail.
 pub(crate) fn with_levels(scene: Scene, options: Options) -> Arc<PageFile> {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("levels.smalto");
@@ -37,8 +37,8 @@ pub(crate) fn open(limit: Option<u64>) -> Device {
     device
 }
 
-/// A page file at places, on a device.
-pub(crate) fn brought(device: &Device, file: &Arc<PageFile>, places: &[Transform], options: &Options) -> GpuScene {
+/// Opens a page file on a device, with these placements.
+pub(crate) fn opened_scene(device: &Device, file: &Arc<PageFile>, places: &[Transform], options: &Options) -> GpuScene {
     let placements = (!places.is_empty()).then(|| Placements::new(places.to_vec()).unwrap());
     let source = SceneSource { content: Content::File(file.clone()), placements };
     source.bring(device, options, false, 1 << 20).unwrap()

@@ -1,66 +1,71 @@
-//! Pictures of scenes in pages that are drawn at once and without a wait: the GPU lists the pages, and the host hears
-//! afterwards whether one was missing.
+//! Frames of paged scenes in one submission: the GPU selects the pages, and the host reads afterwards whether a page was
+//! missing.
 
 use anyhow::Result;
 
-use super::selection::Chooser;
+use super::selection::LodSelector;
 use crate::gpu::{Access, Buffer, Commands, Device, Readback};
 use crate::render::fast::{FastFrame, FastPipeline};
 use crate::render::frame::{Shot, position_of, slab};
 use crate::render::inspect::Attribute;
-use crate::render::pages::{Count, Listed, PageProjection, first_page};
+use crate::render::pages::{DrawList, PageCount, PageProjection, first_page};
 use crate::render::scene::GpuScene;
-use crate::render::shaders::CutState;
+use crate::render::shaders::SelectionState;
 
-/// The stages before those of the fast path.
-pub struct AtOnce {
-    /// What splats show in place of their colours.
+/// The stages before the stages of the fast path.
+pub struct PagedFrame {
+    /// The attribute that splats show instead of their colours.
     pub attribute: Option<Attribute>,
     project: PageProjection,
-    /// The indices of Gaussians and the words of levels, where no page has them.
+    /// Stands for the indices of Gaussians or the words of levels if pages have none.
     no_words: Buffer<u32>,
 }
 
-impl AtOnce {
+impl PagedFrame {
     pub fn new(device: &Device, fast: &FastPipeline, attribute: Option<Attribute>) -> Result<Self> {
         let project = PageProjection::new(device, fast, attribute)?;
         Ok(Self { attribute, project, no_words: Buffer::new(device, "no words", 1)? })
     }
 
-    /// Records a picture, which is complete if the capacity of `work` was enough and no page of the returned state is
-    /// missing.
+    /// Records a frame, which is complete if it fits the capacity of its buffers and the returned state has no missing
+    /// page.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn record(&self, cmd: &mut Commands, frame: &FastFrame, chooser: &Chooser) -> Result<Readback<CutState>> {
+    pub fn record(
+        &self,
+        cmd: &mut Commands,
+        frame: &FastFrame,
+        selector: &LodSelector,
+    ) -> Result<Readback<SelectionState>> {
         let FastFrame { work, options, shot: Shot { scene, camera }, target, grid, .. } = *frame;
-        chooser.record(cmd, scene, camera, options)?;
+        selector.record(cmd, scene, camera, options)?;
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         let whole = slab(&(0..position_of(frame.depth_keys().limit()) + position_of(1)));
         let [indices, levels] = scene.indices_and_lod(&self.no_words);
-        let listed = Listed { elements: &chooser.listed, first_page: first_page(scene), indices, levels };
+        let draw_list = DrawList { elements: &selector.draw_list, first_page: first_page(scene), indices, levels };
         cmd.scope("project", |cmd| {
-            let count = Count::OnDevice(&chooser.state, Chooser::over_pages());
-            self.project.record(cmd, frame, &listed, count, whole);
+            let count = PageCount::OnDevice(&selector.state, LodSelector::page_dispatch());
+            self.project.record(cmd, frame, &draw_list, count, whole);
         });
         frame.pipeline.record_projected(cmd, work, grid, target);
-        chooser.read(cmd)
+        selector.read(cmd)
     }
 }
 
-/// The pages of a picture that was not complete for want of pages: brings all of them, if they fit.
+/// Loads all pages of a frame that lacked some. Returns false if they do not fit into the page cache.
 ///
 /// # Errors
 /// If a page cannot be read.
-pub fn bring_missing(device: &Device, chooser: &Chooser, scene: &GpuScene, state: &CutState) -> Result<bool> {
+pub fn load_missing(device: &Device, selector: &LodSelector, scene: &GpuScene, state: &SelectionState) -> Result<bool> {
     let mut pages: Vec<u32> =
-        chooser.listed_pages(device, scene, state)?.into_iter().map(|chosen| chosen.page).collect();
+        selector.selected_pages(device, scene, state)?.into_iter().map(|selected| selected.page).collect();
     pages.sort_unstable();
     pages.dedup();
-    let mut pool = chooser.paged.cache();
-    if pages.len() > pool.capacity() {
+    let mut cache = selector.paged.cache();
+    if pages.len() > cache.capacity() {
         return Ok(false);
     }
-    pool.bring(device, &pages)?;
+    cache.load(device, &pages)?;
     Ok(true)
 }

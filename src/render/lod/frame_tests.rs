@@ -1,9 +1,9 @@
-//! Pictures by levels of detail: the finest cut is the scene, limits are kept, and caps of memory change no bit.
+//! Frames with levels of detail: the finest cut equals the scene, limits hold, and memory limits change no bit.
 
 use std::sync::Arc;
 
 use super::fixtures::{open, with_levels};
-use super::target::Detailed;
+use super::target::LodReport;
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
@@ -30,7 +30,7 @@ fn view(gaussians: &Gaussians, zoom: f64) -> Camera {
     Camera::framing(focus.centre.into(), focus.radius * zoom, SIZE)
 }
 
-fn draw(device: &Device, source: &SceneSource, options: &Options, camera: &Camera) -> (Pixels, Option<Detailed>) {
+fn draw(device: &Device, source: &SceneSource, options: &Options, camera: &Camera) -> (Pixels, Option<LodReport>) {
     let scene = source.bring(device, options, false, 1 << 20).unwrap();
     let mut renderer = Renderer::new(device, options, &scene).unwrap();
     let frame = renderer.render(camera, BACKGROUND).unwrap();
@@ -94,7 +94,7 @@ fn a_scene_by_levels_at_one_place_is_the_scene() {
 }
 
 #[test]
-fn errors_are_about_those_that_are_predicted() {
+fn measured_errors_are_near_the_prediction() {
     let ((gaussians, file), device) = (scene(), open(None));
     let rules = Rules { antialiased: true, ..Rules::TRAINED };
     let options = Options { rules, ..Options::EXACT };
@@ -104,13 +104,13 @@ fn errors_are_about_those_that_are_predicted() {
         let whole = draw(&device, &source(&file), &options, &camera).0;
         for db in [30.0, 36.0, 42.0] {
             let (pixels, detail) = draw(&device, &source(&file), &Options { lod_psnr: db, ..options }, &camera);
-            let (measured, Detailed { predicted_psnr, nodes, .. }) = (psnr(&pixels, &whole), detail.unwrap());
+            let (measured, LodReport { predicted_psnr, nodes, .. }) = (psnr(&pixels, &whole), detail.unwrap());
             let predicted_psnr = predicted_psnr.unwrap();
             shown.push(format!("{zoom}: {nodes:.0} nodes, {predicted_psnr:.1} dB predicted, {measured:.1} shown"));
-            // A page more or less in the cut is a step of half a dB here.
+            // One page more or less in the cut changes the prediction by half a dB here.
             assert!((-0.05..1.5).contains(&(predicted_psnr - f64::from(db))), "{shown:?}");
-            // Hidden nodes count in the prediction, and far away differences fall faster than it supposes. Errors in
-            // one direction may be larger than in several.
+            // The prediction counts hidden nodes, and at a distance errors decrease faster than predicted. Errors in one
+            // direction may be larger than the mean of several.
             assert!((-6.0..25.0).contains(&(measured - predicted_psnr)), "{shown:?}");
         }
     }
@@ -138,21 +138,21 @@ fn the_finest_cut_may_be_drawn_between_others() {
 }
 
 #[test]
-fn a_number_of_nodes_is_kept() {
+fn a_splat_budget_is_kept() {
     let ((gaussians, file), device) = (scene(), open(None));
     let camera = view(&gaussians, 1.5);
     let mut before = f64::INFINITY;
     for splats in [20_000, 5000, 1000] {
         let options = Options { splats, ..Options::BALANCED };
         let (_, detail) = draw(&device, &source(&file), &options, &camera);
-        let Detailed { nodes, predicted_psnr, .. } = detail.unwrap();
+        let LodReport { nodes, predicted_psnr, .. } = detail.unwrap();
         assert!(nodes <= f64::from(splats) && nodes > 0.9 * f64::from(splats), "{nodes} of {splats}");
         assert!(predicted_psnr.unwrap() < before, "fewer nodes show less");
         before = predicted_psnr.unwrap();
     }
 }
 
-/// What a picture shows of attributes in each pixel, as a mean over what is visible, and alpha.
+/// Draws an attribute: its mean over the visible splats of each pixel, and alpha.
 fn attributes(device: &Device, source: &SceneSource, options: &Options, camera: &Camera, shown: Attribute) -> Pixels {
     let scene = source.bring(device, options, false, 1 << 20).unwrap();
     let mut renderer = Renderer::new(device, options, &scene).unwrap();
@@ -188,15 +188,15 @@ fn pages_show_the_attributes_of_the_scene() {
                 a[3] > 1e-3 && (0..4).any(|i| (a[i] - b[i]).abs() > 2e-3 * scale)
             };
             let differing = expected.rgba.iter().zip(&found.rgba).filter(differs).count();
-            // Shortest axes that are nearly equal, and splats at nearly equal depths, may change places where a scene
-            // is turned in f32 before it is drawn.
+            // Nearly equal shortest axes, and splats at nearly equal depths, may swap if a scene is rotated in f32
+            // before it is drawn.
             assert!(differing <= expected.rgba.len() / 200, "{shown:?}: {differing} pixels");
         }
     }
 }
 
 #[test]
-fn looks_show_levels_and_their_errors() {
+fn attributes_show_levels_and_their_errors() {
     let ((gaussians, file), device) = (scene(), open(None));
     let camera = view(&gaussians, 1.0);
     let mean = |splats, shown| {
@@ -212,7 +212,7 @@ fn looks_show_levels_and_their_errors() {
         assert_eq!(mean(splats, Attribute::Lag), 0.0, "no page is missing");
         before = own;
     }
-    // 1000 of 40,000: each stands for 40 in the mean, five halvings.
+    // 1000 nodes for 40,000 Gaussians: 40 each in the mean, about five halvings.
     assert!((3.5..6.5).contains(&before[0]), "{before:?}");
 }
 

@@ -1,4 +1,14 @@
-//! MAP
+//! Selection of levels of detail: the pages and error limits of a frame, chosen on the GPU (`glsl/lod`).
+//!
+//! - `selection` - the stages: cull pages, search an error limit, select pages, finalize the dispatch; page requests
+//! - `target` - the error limit, splat budget or PSNR that the options set, and the report of the selected levels
+//! - `tables` - the page table on the device: bounds and errors of all pages
+//! - `frame` - frames of paged scenes on the fast path in one submission, and the load of missing pages when a frame
+//!   waits for them
+//!
+//! The clamp of a level whose children are missing: `fallback_limits` of `streaming/fallback`, applied in
+//! `glsl/lod/select_pages.comp`. Opacities of cross-fading nodes: `glsl/lod/nodes.glsl`. The mathematics of nodes and
+//! error codes is in `crate::lod`.
 
 mod frame;
 mod selection;
@@ -12,7 +22,7 @@ mod frame_tests;
 #[cfg(test)]
 mod selection_tests;
 
-pub(crate) use frame::{AtOnce, bring_missing};
-pub(crate) use selection::{Asked, Chooser, Chosen, ChosenPage};
-pub use target::Detailed;
-pub(crate) use target::part;
+pub(crate) use frame::{PagedFrame, load_missing};
+pub(crate) use selection::{LodSelector, SelectedPage, Selection, SelectionParams};
+pub use target::LodReport;
+pub(crate) use target::drawn_fraction;

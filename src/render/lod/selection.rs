@@ -1,15 +1,15 @@
-//! The pages that a picture draws, chosen on the GPU: those in view, and of levels of detail those of the cut.
+//! Selection of the pages of a frame on the GPU: pages in view, with levels of detail only pages of the cut.
 //!
-//! Every page decides for itself. Where the options ask for a number of nodes or a predicted error, the limit is
-//! searched before, in rounds: each adds up what seven limits would leave of all pages in view, in whole numbers, so
-//! that every run and every amount of memory finds the same limit.
+//! Each page is selected independently, by the error limit of the frame. If the options set a splat budget or a PSNR,
+//! the limit is searched first, in rounds: each sums the nodes and errors that remain of all pages in view under seven
+//! candidate limits. The sums are of whole numbers, so every run finds the same limit under every memory limit.
 
 use std::mem::offset_of;
 
 use anyhow::Result;
 
 use super::tables::{STEPS, errors_of_pages, page_box, steps};
-use super::target::{Detailed, Wanted};
+use super::target::{LodReport, LodTarget};
 use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, InFlight, Readback, Results, Stage, Staging};
 use crate::options::Options;
@@ -17,13 +17,13 @@ use crate::pagefile::{PARTS, SAMPLES};
 use crate::render::pages::{Element, first_page, views_of};
 use crate::render::scene::{GpuScene, Paged};
 use crate::render::shaders::lod::{self, *};
-use crate::render::shaders::{CutState, PageBox, PageErrors};
+use crate::render::shaders::{PageBox, PageErrors, SelectionState};
 
-// The shaders read the table of a file.
+// The page table of the shaders has the layout of page files.
 const _: () = assert!(PARTS == lod::PARTS as usize && SAMPLES == lod::SAMPLES as usize);
 
-/// The stages, and the table of the pages of a scene.
-pub struct Chooser {
+/// The stages of the selection, and the page table of a scene.
+pub struct LodSelector {
     cull_pages: Stage<CullPages>,
     search_limit: Stage<SearchLimit>,
     select_pages: Stage<SelectPages>,
@@ -33,62 +33,63 @@ pub struct Chooser {
     boxes: Buffer<PageBox>,
     errors: Buffer<PageErrors>,
     steps: Buffer<u32>,
-    seen: Buffer<Element>,
-    /// The views, the number of pages, the pages, as page.glsl has them.
-    pub listed: Buffer<Element>,
-    /// The number of each listed page.
-    pages: Buffer<u32>,
-    pub state: Buffer<CutState>,
-    /// By page, the least limits: [`Family`](crate::render::streaming::Family).
-    floors: Buffer<u32>,
-    /// Pages that a picture wanted and that are missing, and their priorities.
-    demand: Buffer<[u32; 2]>,
-    /// What the next picture is asked about pages.
-    pub asked: Asked,
+    in_view: Buffer<Element>,
+    /// The views, the number of pages, the selected pages: page.glsl.
+    pub draw_list: Buffer<Element>,
+    /// By position in the draw list: the number of the page.
+    page_numbers: Buffer<u32>,
+    pub state: Buffer<SelectionState>,
+    /// By page: the fallback limits ([`PageHierarchy`](crate::render::streaming::fallback::PageHierarchy)).
+    fallback_limits: Buffer<u32>,
+    /// Missing pages of the last selection, with their priorities and error limits.
+    requests: Buffer<[u32; 2]>,
+    /// Parameters of the next selection.
+    pub params: SelectionParams,
     has_levels: bool,
 }
 
-/// What a picture is asked about pages.
+/// Parameters of the page requests of a selection.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Asked {
-    /// Its number among others, from 1 on; 0: nothing is asked.
+pub struct SelectionParams {
+    /// The stamp of a streamed frame, from 1 on; 0: no page is requested.
     pub stamp: u16,
-    /// Of the missing pages that it lists.
-    pub least_priority: u32,
-    /// Steps of codes by which all pages matter less.
-    pub later: u32,
+    /// Lowest priority of a request.
+    pub min_priority: u32,
+    /// Subtracted from all priorities, in steps of error codes.
+    pub priority_penalty: u32,
 }
 
-/// Pages in view that there is room for at first.
-const ROOM: usize = 1 << 18;
+/// Initial capacity of the list of pages in view.
+const INITIAL_CAPACITY: usize = 1 << 18;
 
-/// The pages of a picture, on the host.
-pub struct Chosen {
+/// The selected pages of a frame, on the host.
+pub struct Selection {
     pub results: Results,
-    pub pages: Vec<ChosenPage>,
-    /// Set if it is drawn by levels of detail.
-    pub detail: Option<Detailed>,
+    pub pages: Vec<SelectedPage>,
+    /// Set if the frame has levels of detail.
+    pub detail: Option<LodReport>,
 }
 
-/// A page that a picture draws.
+/// A page that a frame draws.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ChosenPage {
+pub struct SelectedPage {
     pub page: u32,
-    /// The number of the placed view that sees it.
+    /// The number of its placed view.
     pub view: u32,
-    /// Limits of errors, as codes: of its nodes, of their parents.
-    pub limits: [u16; 2],
+    /// Error limits, as codes: for its nodes, for their parents.
+    pub error_limits: [u16; 2],
 }
 
-impl Chooser {
+impl LodSelector {
     /// # Errors
     /// If memory runs out.
     pub fn new(device: &Device, scene: &GpuScene, paged: &Paged) -> Result<Self> {
-        let pool = paged.cache();
-        let pages = pool.pages();
+        let cache = paged.cache();
+        let pages = cache.pages();
         let count = pages.pages().len();
-        let (seen, listed, numbers) = lists(device, scene, ROOM.min(count * scene.transforms().len()))?;
-        let chooser = Self {
+        let (in_view, draw_list, page_numbers) =
+            lists(device, scene, INITIAL_CAPACITY.min(count * scene.transforms().len()))?;
+        let selector = Self {
             cull_pages: Stage::new(device, &())?,
             search_limit: Stage::new(device, &())?,
             select_pages: Stage::new(device, &())?,
@@ -97,151 +98,155 @@ impl Chooser {
             boxes: Buffer::new(device, "boxes of pages", count)?,
             errors: Buffer::new(device, "errors of pages", count)?,
             steps: Buffer::new(device, "steps of codes", STEPS)?,
-            seen,
-            listed,
-            pages: numbers,
+            in_view,
+            draw_list,
+            page_numbers,
             state: Buffer::new(device, "state of the cut", 1)?,
-            floors: Buffer::new(device, "floors of pages", count)?,
-            demand: Buffer::new(device, "missing pages", 1)?,
-            asked: Asked::default(),
+            fallback_limits: Buffer::new(device, "floors of pages", count)?,
+            requests: Buffer::new(device, "missing pages", 1)?,
+            params: SelectionParams::default(),
             has_levels: pages.levels().is_some(),
         };
         let mut cmd = Commands::new(device)?;
-        cmd.upload(&chooser.boxes, 0, count, |memory| {
+        cmd.upload(&selector.boxes, 0, count, |memory| {
             let boxes = (0..count).map(|number| page_box(pages, number));
             memory.iter_mut().zip(boxes).for_each(|(to, from)| *to = from);
         })?;
-        cmd.upload(&chooser.errors, 0, count, |memory| {
+        cmd.upload(&selector.errors, 0, count, |memory| {
             memory.copy_from_slice(&errors_of_pages(pages));
         })?;
-        cmd.fill(&chooser.floors, 0);
-        cmd.upload(&chooser.steps, 0, STEPS, |memory| memory.copy_from_slice(&steps()))?;
+        cmd.fill(&selector.fallback_limits, 0);
+        cmd.upload(&selector.steps, 0, STEPS, |memory| memory.copy_from_slice(&steps()))?;
         cmd.submit()?.wait()?;
-        Ok(chooser)
+        Ok(selector)
     }
 
-    /// True if the scene is drawn by levels of detail.
+    /// True if the scene has levels of detail.
     pub fn has_levels(&self) -> bool {
         self.has_levels
     }
 
     /// Every buffer's name and bytes.
     pub fn buffers(&self) -> [(&str, u64); 9] {
-        let Self { boxes, errors, steps, seen, listed, pages, state, floors, demand, .. } = self;
+        let Self { boxes, errors, steps, in_view, draw_list, page_numbers, state, fallback_limits, requests, .. } =
+            self;
         [
             boxes.footprint(),
             errors.footprint(),
             steps.footprint(),
-            seen.footprint(),
-            listed.footprint(),
-            pages.footprint(),
+            in_view.footprint(),
+            draw_list.footprint(),
+            page_numbers.footprint(),
             state.footprint(),
-            floors.footprint(),
-            demand.footprint(),
+            fallback_limits.footprint(),
+            requests.footprint(),
         ]
     }
 
-    /// True if there was room for all pages in view of a picture. If not, there is for the next.
+    /// True if the lists had the capacity for all pages in view of a frame. Otherwise they grow for the next frame.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn has_room(&mut self, device: &Device, scene: &GpuScene, state: &CutState) -> Result<bool> {
-        let seen = state.seen as usize;
-        if seen <= self.seen.len() {
+    pub fn ensure_capacity(&mut self, device: &Device, scene: &GpuScene, state: &SelectionState) -> Result<bool> {
+        let in_view = state.in_view as usize;
+        if in_view <= self.in_view.len() {
             return Ok(true);
         }
-        self.make_room(device, scene, seen + seen / 8)?;
+        self.set_capacity(device, scene, in_view + in_view / 8)?;
         Ok(false)
     }
 
-    /// Makes room for so many pages in view.
-    pub fn make_room(&mut self, device: &Device, scene: &GpuScene, room: usize) -> Result<()> {
-        (self.seen, self.listed, self.pages) = lists(device, scene, room)?;
-        Ok(())
-    }
-
-    /// Makes room for so many missing pages.
+    /// Makes the lists for this number of pages in view.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn make_demand(&mut self, device: &Device, room: usize) -> Result<()> {
-        self.demand = Buffer::new(device, "missing pages", room)?;
+    pub fn set_capacity(&mut self, device: &Device, scene: &GpuScene, capacity: usize) -> Result<()> {
+        (self.in_view, self.draw_list, self.page_numbers) = lists(device, scene, capacity)?;
         Ok(())
     }
 
-    /// The missing pages of the picture recorded last, and their priorities, in any order.
-    pub fn demand(&self) -> &Buffer<[u32; 2]> {
-        &self.demand
-    }
-
-    /// Sets the least limits of all pages, which `write` writes into a word for each.
+    /// Makes the list for this number of page requests.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn set_floors(&self, device: &Device, write: impl FnOnce(&mut [u32])) -> Result<InFlight> {
+    pub fn reserve_requests(&mut self, device: &Device, capacity: usize) -> Result<()> {
+        self.requests = Buffer::new(device, "missing pages", capacity)?;
+        Ok(())
+    }
+
+    /// The page requests of the selection recorded last, in any order: page; priority, error limit in the upper half.
+    pub fn requests(&self) -> &Buffer<[u32; 2]> {
+        &self.requests
+    }
+
+    /// Uploads the fallback limits of all pages, which `write` packs into one word per page.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn set_fallback_limits(&self, device: &Device, write: impl FnOnce(&mut [u32])) -> Result<InFlight> {
         let mut cmd = Commands::new(device)?;
-        cmd.upload(&self.floors, 0, self.floors.len(), write)?;
+        cmd.upload(&self.fallback_limits, 0, self.fallback_limits.len(), write)?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
         cmd.submit()
     }
 
-    /// The fewest bytes that each stage moves: only the first has to look at all pages.
+    /// The fewest bytes that each stage moves: only the first stage reads the table of all pages.
     pub fn least_bytes(&self) -> [(&'static str, u64); 3] {
         [("look", (self.boxes.len() * size_of::<PageBox>()) as u64), ("count", 0), ("choose", 0)]
     }
 
-    /// Lists the pages of a picture. Those that are not in device memory are listed without a Gaussian, and counted.
+    /// Records the selection of a frame. Missing pages are in the draw list without a Gaussian, and counted.
     ///
     /// # Errors
     /// If memory runs out.
     pub fn record(&self, cmd: &mut Commands, scene: &GpuScene, camera: &Camera, options: &Options) -> Result<()> {
-        self.record_asked(cmd, scene, camera, options, self.asked)
+        self.record_with(cmd, scene, camera, options, self.params)
     }
 
-    /// As [`Chooser::record`], with another question about pages than [`Chooser::asked`].
+    /// As [`LodSelector::record`], with other parameters than [`LodSelector::params`].
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn record_asked(
+    pub fn record_with(
         &self,
         cmd: &mut Commands,
         scene: &GpuScene,
         camera: &Camera,
         options: &Options,
-        asked: Asked,
+        params: SelectionParams,
     ) -> Result<()> {
         let views = views_of(scene, camera, &options.rules);
         // Frames before this one read and write these buffers.
         cmd.barrier(Access::SHADER | Access::INDIRECT | Access::COPY_READ, Access::COPY_WRITE);
         cmd.fill(&self.state, 0);
-        cmd.upload(&self.listed, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
+        cmd.upload(&self.draw_list, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
         cmd.scope("look", |cmd| self.cull_pages(cmd, scene, camera));
-        let wanted = if self.has_levels { Wanted::of(options) } else { Wanted::default() };
+        let target = if self.has_levels { LodTarget::of(options) } else { LodTarget::default() };
         let pixels = camera.size_px.iter().product();
-        if wanted.searches != 0 {
+        if target.searches != 0 {
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
             cmd.scope("count", |cmd| {
                 for round in 0..ROUNDS {
                     if round > 0 {
                         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
                     }
-                    self.search_limit(cmd, wanted, pixels, round);
+                    self.search_limit(cmd, target, pixels, round);
                 }
             });
         }
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        cmd.scope("choose", |cmd| self.select_pages(cmd, scene, wanted, pixels, asked));
+        cmd.scope("choose", |cmd| self.select_pages(cmd, scene, target, pixels, params));
         Ok(())
     }
 
-    /// Finds the pages in view.
+    /// Lists the pages in view.
     fn cull_pages(&self, cmd: &mut Commands, scene: &GpuScene, camera: &Camera) {
         let bindings = CullPagesBindings {
             boxes: &self.boxes,
             errors: &self.errors,
-            listed: &self.listed,
-            seen: &self.seen,
+            draw_list: &self.draw_list,
+            in_view: &self.in_view,
             state: &self.state,
         };
         let focal = camera.focal_px.max_element();
@@ -252,125 +257,151 @@ impl Chooser {
             per_focal_squared: (1.0 / (focal * focal)) as f32,
             pages: self.boxes.len() as u32,
             views: scene.transforms().len() as u32,
-            room: self.seen.len() as u32,
+            capacity: self.in_view.len() as u32,
         };
         let pairs = self.boxes.len() as u64 * scene.transforms().len() as u64;
         cmd.dispatch(&self.cull_pages, bindings, push, DispatchSize::Invocations(pairs));
     }
 
-    /// Adds up what the limits of a round leave of all pages in view.
-    fn search_limit(&self, cmd: &mut Commands, wanted: Wanted, pixels: u32, round: u32) {
-        let bindings =
-            SearchLimitBindings { errors: &self.errors, steps: &self.steps, seen: &self.seen, state: &self.state };
-        let Wanted { given_squared, searches, most_nodes, most_energy, fade } = wanted;
-        let room = self.seen.len() as u32;
-        let push = SearchLimitPush { given_squared, searches, most_nodes, most_energy, pixels, room, round, fade };
-        let lanes = u64::from(CANDIDATES + 1) * u64::from(room);
+    /// Sums the nodes and errors that remain of all pages in view under the candidate limits of a round.
+    fn search_limit(&self, cmd: &mut Commands, target: LodTarget, pixels: u32, round: u32) {
+        let bindings = SearchLimitBindings {
+            errors: &self.errors,
+            steps: &self.steps,
+            in_view: &self.in_view,
+            state: &self.state,
+        };
+        let LodTarget { given_squared, searches, max_nodes, max_error, fade } = target;
+        let capacity = self.in_view.len() as u32;
+        let push = SearchLimitPush { given_squared, searches, max_nodes, max_error, pixels, capacity, round, fade };
+        let lanes = u64::from(CANDIDATES + 1) * u64::from(capacity);
         cmd.dispatch(&self.search_limit, bindings, push, DispatchSize::Invocations(lanes));
     }
 
-    /// Lists the pages that the limit leaves.
-    fn select_pages(&self, cmd: &mut Commands, scene: &GpuScene, wanted: Wanted, pixels: u32, asked: Asked) {
+    /// Lists the pages with drawn nodes, and sets the dispatch over them.
+    fn select_pages(
+        &self,
+        cmd: &mut Commands,
+        scene: &GpuScene,
+        target: LodTarget,
+        pixels: u32,
+        params: SelectionParams,
+    ) {
         let first_page = first_page(scene);
         let bindings = SelectPagesBindings {
             errors: &self.errors,
             steps: &self.steps,
-            seen: &self.seen,
+            in_view: &self.in_view,
             state: &self.state,
             slots: &self.paged.slots,
-            listed: &self.listed,
-            pages: &self.pages,
-            floors: &self.floors,
-            wanted: &self.paged.last_used,
-            demand: &self.demand,
+            draw_list: &self.draw_list,
+            page_numbers: &self.page_numbers,
+            fallback_limits: &self.fallback_limits,
+            last_used: &self.paged.last_used,
+            requests: &self.requests,
         };
-        let Wanted { given_squared, searches, most_nodes, most_energy, fade } = wanted;
-        let room = self.seen.len() as u32;
+        let LodTarget { given_squared, searches, max_nodes, max_error, fade } = target;
+        let capacity = self.in_view.len() as u32;
         let push = SelectPagesPush {
             given_squared,
             searches,
-            most_nodes,
-            most_energy,
+            max_nodes,
+            max_error,
             pixels,
-            room,
+            capacity,
             first_page,
-            stamp: asked.stamp.into(),
-            demand_room: self.demand.len() as u32,
-            least_priority: asked.least_priority,
+            stamp: params.stamp.into(),
+            max_requests: self.requests.len() as u32,
+            min_priority: params.min_priority,
             fade,
-            later: asked.later,
+            priority_penalty: params.priority_penalty,
         };
-        cmd.dispatch(&self.select_pages, bindings, push, DispatchSize::Invocations(room.into()));
+        cmd.dispatch(&self.select_pages, bindings, push, DispatchSize::Invocations(capacity.into()));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let bindings = FinalizeBindings { state: &self.state, listed: &self.listed };
+        let bindings = FinalizeBindings { state: &self.state, draw_list: &self.draw_list };
         cmd.dispatch(&self.finalize, bindings, FinalizePush { first_page }, DispatchSize::Groups(1));
     }
 
-    /// Where the dispatch over quarters of the listed pages lies in the state.
-    pub fn over_pages() -> usize {
-        offset_of!(CutState, over_pages)
+    /// The byte offset in the state of the dispatch over quarters of the selected pages.
+    pub fn page_dispatch() -> usize {
+        offset_of!(SelectionState, page_dispatch)
     }
 
-    /// Brings the state of the picture to the host.
+    /// Records the read-back of the state.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn read(&self, cmd: &mut Commands) -> Result<Readback<CutState>> {
+    pub fn read(&self, cmd: &mut Commands) -> Result<Readback<SelectionState>> {
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         cmd.read(&self.state)
     }
 
-    /// What a picture was drawn with, if it was drawn by levels of detail.
-    pub fn detail(state: &CutState, options: &Options) -> Option<Detailed> {
-        options.wants_levels().then(|| Detailed::of(state))
+    /// The report of a selection with levels of detail.
+    pub fn report(state: &SelectionState, options: &Options) -> Option<LodReport> {
+        options.wants_levels().then(|| LodReport::of(state))
     }
 
-    /// Lists the pages of a picture and waits for them. They are in no particular order.
+    /// Selects the pages of a frame and waits for the result. The pages are in any order.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn chosen(&mut self, device: &Device, scene: &GpuScene, camera: &Camera, options: &Options) -> Result<Chosen> {
+    pub fn select(
+        &mut self,
+        device: &Device,
+        scene: &GpuScene,
+        camera: &Camera,
+        options: &Options,
+    ) -> Result<Selection> {
         let mut cmd = Commands::new(device)?;
         self.record(&mut cmd, scene, camera, options)?;
         let state = self.read(&mut cmd)?;
         let results = cmd.submit()?.wait()?;
         let state = results.view(&state)[0];
-        if !self.has_room(device, scene, &state)? {
-            return self.chosen(device, scene, camera, options);
+        if !self.ensure_capacity(device, scene, &state)? {
+            return self.select(device, scene, camera, options);
         }
-        let pages = self.listed_pages(device, scene, &state)?;
-        Ok(Chosen { results, pages, detail: Self::detail(&state, options) })
+        let pages = self.selected_pages(device, scene, &state)?;
+        Ok(Selection { results, pages, detail: Self::report(&state, options) })
     }
 
-    /// The pages of the picture that was recorded last, if it had this state.
+    /// Reads the pages of the selection recorded last, which had this state.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn listed_pages(&self, device: &Device, scene: &GpuScene, state: &CutState) -> Result<Vec<ChosenPage>> {
-        let (first, count) = (first_page(scene) as usize, state.listed as usize);
-        let mut listed = Staging::new(device, "pages of the cut", first + count)?;
-        let mut pages = Staging::new(device, "numbers of pages", count)?;
+    pub fn selected_pages(
+        &self,
+        device: &Device,
+        scene: &GpuScene,
+        state: &SelectionState,
+    ) -> Result<Vec<SelectedPage>> {
+        let (first, count) = (first_page(scene) as usize, state.selected as usize);
+        let mut draw_list = Staging::new(device, "pages of the cut", first + count)?;
+        let mut numbers = Staging::new(device, "numbers of pages", count)?;
         let mut cmd = Commands::new(device)?;
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-        cmd.download(&self.listed, &listed, first + count);
-        cmd.download(&self.pages, &pages, count);
+        cmd.download(&self.draw_list, &draw_list, first + count);
+        cmd.download(&self.page_numbers, &numbers, count);
         cmd.submit()?.wait()?;
-        let chosen = |(page, element): (&u32, &Element)| {
+        let selected = |(page, element): (&u32, &Element)| {
             let [_, limits, view, _] = *element;
-            ChosenPage { page: *page, view, limits: [limits as u16, (limits >> 16) as u16] }
+            SelectedPage { page: *page, view, error_limits: [limits as u16, (limits >> 16) as u16] }
         };
-        Ok(pages.map().iter().take(count).zip(&listed.map()[first..]).map(chosen).collect())
+        Ok(numbers.map().iter().take(count).zip(&draw_list.map()[first..]).map(selected).collect())
     }
 }
 
-/// The lists of so many pages: those in view, those of the cut, their numbers.
-fn lists(device: &Device, scene: &GpuScene, room: usize) -> Result<(Buffer<Element>, Buffer<Element>, Buffer<u32>)> {
-    let seen = Buffer::new(device, "pages in view", room)?;
-    let listed = Buffer::new(device, "pages of the cut", first_page(scene) as usize + room)?;
-    let numbers = Buffer::new(device, "numbers of pages", room)?;
-    // A frame in flight that has other lists may be judged by these: they name pages that exist.
+/// The lists for this number of pages: pages in view, draw list, page numbers.
+fn lists(
+    device: &Device,
+    scene: &GpuScene,
+    capacity: usize,
+) -> Result<(Buffer<Element>, Buffer<Element>, Buffer<u32>)> {
+    let in_view = Buffer::new(device, "pages in view", capacity)?;
+    let draw_list = Buffer::new(device, "pages of the cut", first_page(scene) as usize + capacity)?;
+    let page_numbers = Buffer::new(device, "numbers of pages", capacity)?;
+    // A frame in flight with the former lists may be judged by these, so they need valid page numbers.
     let mut cmd = Commands::new(device)?;
-    cmd.fill(&numbers, 0);
+    cmd.fill(&page_numbers, 0);
     cmd.submit()?.wait()?;
-    Ok((seen, listed, numbers))
+    Ok((in_view, draw_list, page_numbers))
 }

@@ -1,9 +1,9 @@
-//! The choice of pages against the same in plain Rust, and the cuts that it makes.
+//! The selection of pages against its twin in plain Rust, and properties of its cuts.
 
-use super::fixtures::{brought, open, with_levels};
-use super::selection::Chooser;
+use super::fixtures::{open, opened_scene, with_levels};
+use super::selection::LodSelector;
 use super::tables::{errors_of_pages, page_box, steps};
-use super::target::{Detailed, NODE_UNITS, Wanted};
+use super::target::{LodReport, LodTarget, NODE_UNITS};
 use crate::camera::Camera;
 use crate::lod::{NEVER, value_of_code};
 use crate::options::Options;
@@ -11,16 +11,16 @@ use crate::pagefile::write::Settings;
 use crate::pagefile::{LEVEL_WORDS, PAGE, PARTS, Pages};
 use crate::procedural::cactus;
 use crate::render::frame::DepthKeys;
-use crate::render::pages::{Element, PlacedCamera, Sight, views_of};
+use crate::render::pages::{Element, PageCuller, PlacedCamera, views_of};
 use crate::render::scene::GpuScene;
 use crate::render::shaders::lod::*;
 use crate::render::shaders::pages::VIEW_ELEMENTS;
 use crate::render::shaders::{PageBox, PageErrors};
-use crate::render::streaming::fallback::Family;
+use crate::render::streaming::fallback::PageHierarchy;
 use crate::rules::Rules;
 use crate::scene::{Focus, Transform};
 
-/// The stages of a cut in plain Rust, with the roundings of the shaders.
+/// The stages of a selection in plain Rust, with the roundings of the shaders.
 struct Twin {
     boxes: Vec<PageBox>,
     errors: Vec<PageErrors>,
@@ -30,11 +30,11 @@ struct Twin {
     centre_px: [f32; 2],
     size_px: [u32; 2],
     per_focal_squared: f32,
-    /// Codes above a limit over which nodes fade.
+    /// Codes above a limit over which nodes cross-fade.
     fade: u32,
 }
 
-/// A page as it is seen.
+/// A page in view.
 struct Seen {
     page: usize,
     weight: u32,
@@ -54,7 +54,7 @@ impl Twin {
             centre_px: camera.centre_px.as_vec2().to_array(),
             size_px: camera.size_px,
             per_focal_squared: (1.0 / (focal * focal)) as f32,
-            fade: Wanted::of(options).fade,
+            fade: LodTarget::of(options).fade,
         }
     }
 
@@ -75,16 +75,16 @@ impl Twin {
     fn width_squared(&self, page: u32) -> f32 {
         let (own, [high, low]) = (&self.boxes[page as usize], [4, 5].map(|number| self.vector(number)));
         let d: [f32; 3] = std::array::from_fn(|axis| {
-            let below = (own.judged_low[axis] - high[axis]) - low[axis];
-            let above = (high[axis] - own.judged_high[axis]) + low[axis];
+            let below = (own.lod_low[axis] - high[axis]) - low[axis];
+            let above = (high[axis] - own.lod_high[axis]) + low[axis];
             below.max(above).max(0.0)
         });
         let distance = ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]).max(self.near() * self.near());
         let px = distance * self.per_focal_squared;
-        px * (px * own.per_detail_squared).max(1.0)
+        px * (px * own.per_width_squared).max(1.0)
     }
 
-    fn samples_in_picture(&self, page: usize) -> u32 {
+    fn samples_in_image(&self, page: usize) -> u32 {
         let PageBox { low, high, .. } = &self.boxes[page];
         let is_inside = |place: &&u32| {
             let place = [0, 10, 20].map(|shift| (*place >> shift & 1023) as f32 + 0.5);
@@ -130,7 +130,7 @@ impl Twin {
         let seen = |page: usize| {
             let parent = self.errors[page].parent;
             let of_parent = if parent == NO_PAGE { 0.0 } else { self.width_squared(parent) };
-            let weight = if self.may_be_seen(page) { self.samples_in_picture(page).max(1) } else { 0 };
+            let weight = if self.may_be_seen(page) { self.samples_in_image(page).max(1) } else { 0 };
             Seen { page, weight, widths: [self.width_squared(page as u32), of_parent] }
         };
         (0..self.boxes.len()).map(seen).collect()
@@ -151,11 +151,11 @@ impl Twin {
 
     fn is_in(&self, seen: &Seen, [own, parent]: [u32; 2]) -> bool {
         let errors = &self.errors[seen.page];
-        errors.least <= own + self.fade && errors.parents[PARTS / 2 - 1] >> 16 > parent
+        errors.least_error <= own + self.fade && errors.parent_errors[PARTS / 2 - 1] >> 16 > parent
     }
 
-    /// The nodes in sight in units, and their squared error.
-    fn left(&self, seen: &Seen, limit_squared: f32) -> (u32, f64) {
+    /// The nodes in culler in units, and their squared error.
+    fn remaining(&self, seen: &Seen, limit_squared: f32) -> (u32, f64) {
         let (errors, [own, parent]) = (&self.errors[seen.page], self.limits(seen, limit_squared));
         if !self.is_in(seen, [own, parent]) {
             return (0, 0.0);
@@ -168,23 +168,24 @@ impl Twin {
             let inside = codes.get(whole).map_or(0, |to| limit.saturating_sub(from) * 256 / (to - from).max(1));
             256 * whole as u32 + inside.min(256)
         };
-        let within = below(errors.errors, errors.least, own + self.fade);
-        let drawn = errors.count * within.saturating_sub(below(errors.parents, 0, parent)) * seen.weight;
+        let within = below(errors.errors, errors.least_error, own + self.fade);
+        let drawn = errors.count * within.saturating_sub(below(errors.parent_errors, 0, parent)) * seen.weight;
         let whole = f64::from(within) / 256.0;
-        let energies = codes(errors.energies).enumerate();
-        let sum: f64 = energies.map(|(i, code)| value_of_code(code as u16) * (whole - i as f64).clamp(0.0, 1.0)).sum();
+        let squared_errors = codes(errors.squared_errors).enumerate();
+        let sum: f64 =
+            squared_errors.map(|(i, code)| value_of_code(code as u16) * (whole - i as f64).clamp(0.0, 1.0)).sum();
         let squared = if whole > 0.0 { sum / whole / f64::from(seen.widths[0]) } else { 0.0 };
         (drawn / 2048, f64::from(drawn) / (2048.0 * NODE_UNITS) * squared)
     }
 
-    /// The nodes in units, and the squared error of a picture as a part of that which is wrong by 1 everywhere.
+    /// The nodes in units, and the squared error relative to that of an image with an error of 1 everywhere.
     fn sums(&self, seen: &[Seen], limit_squared: f32) -> (u64, f64) {
         let values = 3.0 * f64::from(self.size_px[0]) * f64::from(self.size_px[1]);
-        let left = seen.iter().map(|seen| self.left(seen, limit_squared));
-        left.fold((0, 0.0), |sum, left| (sum.0 + u64::from(left.0), sum.1 + left.1 / values))
+        let remaining = seen.iter().map(|seen| self.remaining(seen, limit_squared));
+        remaining.fold((0, 0.0), |sum, page| (sum.0 + u64::from(page.0), sum.1 + page.1 / values))
     }
 
-    /// The square of the limit that the options ask for.
+    /// The square of the limit that meets the target of the options.
     fn limit_squared(&self, seen: &[Seen], options: &Options) -> f32 {
         let number = |is_below: &dyn Fn(f32) -> bool| {
             (0..ROUNDS).fold(0, |number, round| {
@@ -193,7 +194,7 @@ impl Twin {
                 number + step * digits.filter(|limit| is_below(*limit)).count() as u32
             })
         };
-        let mut limit = Wanted::of(options).given_squared;
+        let mut limit = LodTarget::of(options).given_squared;
         if options.lod_psnr > 0.0 {
             let most = 10_f64.powf(-f64::from(options.lod_psnr) / 10.0);
             let number = number(&|limit| self.sums(seen, limit).1 <= most);
@@ -212,14 +213,14 @@ fn limit_squared_of(number: u32) -> f32 {
 }
 
 #[test]
-fn pages_are_chosen_as_in_plain_rust() {
+fn pages_are_selected_as_in_plain_rust() {
     let scene = cactus::cactus(40_000).unwrap();
     let focus = Focus::of(&scene.gaussians);
     let (file, device) = (with_levels(scene, Settings::LOSSLESS), open(None));
     let beside = Transform::new(glam::DQuat::from_rotation_y(0.7), [3.0, 0.0, 1.0].into(), 1.5).unwrap();
     let two = [Transform::IDENTITY, beside];
     let plain = Options::EXACT;
-    let wanted = [
+    let targets = [
         plain,
         Options { lod_error: 1e-12, ..plain },
         Options { lod_error: 4.0, ..plain },
@@ -229,38 +230,38 @@ fn pages_are_chosen_as_in_plain_rust() {
         Options { splats: 5000, lod_fade: 0.5, ..plain },
         Options { lod_psnr: 45.0, splats: 3000, ..plain },
     ];
-    for (options, places) in wanted.iter().flat_map(|options| [&[][..], &two[..]].map(|places| (options, places))) {
-        let scene = brought(&device, &file, places, options);
-        let mut chooser = Chooser::new(&device, &scene, scene.paged().unwrap()).unwrap();
-        chooser.make_room(&device, &scene, 5).unwrap();
+    for (options, places) in targets.iter().flat_map(|options| [&[][..], &two[..]].map(|places| (options, places))) {
+        let scene = opened_scene(&device, &file, places, options);
+        let mut selector = LodSelector::new(&device, &scene, scene.paged().unwrap()).unwrap();
+        selector.set_capacity(&device, &scene, 5).unwrap();
         let pages = scene.paged().unwrap().cache().pages().clone();
         for zoom in [0.05, 0.4, 1.0, 6.0] {
             let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [300, 200]);
             let case =
                 format!("{} {} {} at {places:?}, zoom {zoom}", options.lod_error, options.lod_psnr, options.splats);
-            let chosen = chooser.chosen(&device, &scene, &camera, options).unwrap();
+            let selection = selector.select(&device, &scene, &camera, options).unwrap();
             let views = views_of(&scene, &camera, &options.rules);
             let twins: Vec<_> =
                 views.chunks(VIEW_ELEMENTS as usize).map(|view| Twin::new(&pages, view, &camera, options)).collect();
             let seen: Vec<_> = twins.iter().flat_map(Twin::seen).collect();
             let limit = twins[0].limit_squared(&seen, options);
             let (nodes, energy) = twins[0].sums(&seen, limit);
-            if let Some(Detailed { lod_error, nodes: counted, predicted_psnr, pages, .. }) = chosen.detail {
+            if let Some(LodReport { lod_error, nodes: counted, predicted_psnr, pages, .. }) = selection.detail {
                 let expected = 255.0 * f64::from(limit).sqrt();
-                // Logarithms and roots of the sums of squared errors are not rounded alike on all devices.
+                // Devices round logarithms and roots of the sums of squared errors differently.
                 let slack = if options.lod_psnr > 0.0 { 0.005 } else { 0.0 };
                 assert!((lod_error - expected).abs() <= slack * expected, "{case}: {lod_error}, not {expected}");
                 let expected = nodes as f64 / NODE_UNITS;
                 assert!((counted - expected).abs() <= 2.0 * slack * expected, "{case}: {counted}, not {expected}");
                 let (expected, found) = (-10.0 * energy.log10(), predicted_psnr.unwrap_or(f64::INFINITY));
                 assert!((found - expected).abs() < 0.05 || energy < 1e-11, "{case}: {found}, not {expected}");
-                assert_eq!(pages, chosen.pages.len() as u64);
+                assert_eq!(pages, selection.pages.len() as u64);
             }
-            let limit = chosen.detail.map_or(0.0, |detail| (detail.lod_error / 255.0).powi(2) as f32);
+            let limit = selection.detail.map_or(0.0, |detail| (detail.lod_error / 255.0).powi(2) as f32);
             check_pages(
                 &case,
-                &chosen.pages,
-                (&twins, limit, chosen.detail.is_some()),
+                &selection.pages,
+                (&twins, limit, selection.detail.is_some()),
                 &pages,
                 (&scene, &camera, options),
             );
@@ -269,19 +270,19 @@ fn pages_are_chosen_as_in_plain_rust() {
     assert_eq!(device.validation_messages(), Vec::<String>::new());
 }
 
-/// Fails unless these are the pages of the cut, among them all that may be seen.
+/// Fails unless these are exactly the pages of the cut that may be in view.
 fn check_pages(
     case: &str,
-    chosen: &[super::selection::ChosenPage],
+    selection: &[super::selection::SelectedPage],
     (twins, limit, is_by_levels): (&[Twin], f32, bool),
     pages: &Pages,
     (scene, camera, options): (&GpuScene, &Camera, &Options),
 ) {
-    let mut listed: Vec<_> = chosen.iter().map(|page| (page.view, page.page)).collect();
+    let mut listed: Vec<_> = selection.iter().map(|page| (page.view, page.page)).collect();
     listed.sort_unstable();
     assert!(listed.windows(2).all(|pair| pair[0] != pair[1]), "{case}: no page twice");
     let keys = DepthKeys::of(camera, options, &scene.extent);
-    let sight = Sight {
+    let culler = PageCuller {
         rules: &options.rules,
         alpha_min: pages.alpha_min(),
         keys,
@@ -293,13 +294,13 @@ fn check_pages(
     for (view, twin) in twins.iter().enumerate() {
         for seen in twin.seen() {
             let limits = twin.limits(&seen, limit);
-            // The limit was rounded on its way.
+            // The limit was rounded in the report.
             let is_near_edge = is_by_levels
-                && [0.9999, 1.0001].map(|part| twin.is_in(&seen, twin.limits(&seen, part * limit)))
+                && [0.9999, 1.0001].map(|factor| twin.is_in(&seen, twin.limits(&seen, factor * limit)))
                     != [twin.is_in(&seen, limits); 2];
             let is_listed = listed.binary_search(&(view as u32, seen.page as u32)).is_ok();
             let may_be_seen =
-                sight.page(seen.page as u32, &pages.pages()[seen.page], view as u32, &cameras[view]).is_some();
+                culler.page(seen.page as u32, &pages.pages()[seen.page], view as u32, &cameras[view]).is_some();
             if is_near_edge {
                 continue;
             }
@@ -308,7 +309,7 @@ fn check_pages(
             assert!(!is_missed, "{case}: {} is missing", seen.page);
         }
     }
-    for page in chosen {
+    for page in selection {
         let twin = &twins[page.view as usize];
         let seen = Seen {
             page: page.page as usize,
@@ -316,14 +317,14 @@ fn check_pages(
             widths: [page.page, twin.errors[page.page as usize].parent]
                 .map(|page| if page == NO_PAGE { 0.0 } else { twin.width_squared(page) }),
         };
-        for (own, expected) in page.limits.iter().zip(twin.limits(&seen, limit)) {
+        for (own, expected) in page.error_limits.iter().zip(twin.limits(&seen, limit)) {
             assert!((i64::from(*own) - i64::from(expected)).abs() <= 1, "{case}: limit {own}, not {expected}");
         }
     }
 }
 
-/// Each Gaussian adds its opacity to one node on each way to the root, so every cut has the same sum: also where pages
-/// are missing, whose floors then keep coarser nodes.
+/// Each Gaussian adds its opacity to one node on each path to the root, so every cut has the same sum: also with missing
+/// pages, whose fallback limits select coarser nodes.
 #[test]
 fn every_cut_stands_for_every_gaussian_once() {
     let scene = cactus::cactus(30_000).unwrap();
@@ -335,10 +336,10 @@ fn every_cut_stands_for_every_gaussian_once() {
     let mut geometry = vec![0; pages.len() * file.geometry_words()];
     file.read_geometry(0..pages.len(), &mut geometry).unwrap();
     let options = Options { splats: 1, lod_fade: 0.5, rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::EXACT };
-    let scene = brought(&device, &file, &[], &options);
+    let scene = opened_scene(&device, &file, &[], &options);
     let all = scene.paged().unwrap().cache().pages().clone();
     let levels = file.levels().unwrap();
-    let (family, mut state) = (Family::of(levels), 7_u64);
+    let (hierarchy, mut state) = (PageHierarchy::new(levels), 7_u64);
     let mut below = |count: u64| {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) % count
@@ -349,33 +350,33 @@ fn every_cut_stands_for_every_gaussian_once() {
         let twin = Twin::new(&all, &views_of(&scene, &camera, &options.rules), &camera, &options);
         for exponent in (-40..-4).step_by(9).chain(-4..16) {
             let limit = (f64::from(exponent).exp2() / 255.0).powi(2) as f32;
-            let kept = [0, 2, 20, 200][(exponent & 3) as usize];
+            let one_in = [0, 2, 20, 200][(exponent & 3) as usize];
             let is_missing: Vec<bool> =
-                (0..pages.len()).map(|page| page + 1 < pages.len() && kept > 0 && below(kept) == 0).collect();
-            let mut floors = vec![0; pages.len()];
-            family.words(&family.floors(|page| !is_missing[page as usize]), &mut floors);
-            // As nodes.glsl has it, and with no fading for every other limit.
+                (0..pages.len()).map(|page| page + 1 < pages.len() && one_in > 0 && below(one_in) == 0).collect();
+            let mut fallback = vec![0; pages.len()];
+            hierarchy.pack_limits(&hierarchy.fallback_limits(|page| !is_missing[page as usize]), &mut fallback);
+            // As in nodes.glsl, and without fading for every other limit.
             let fade = if exponent % 2 == 0 { twin.fade } else { 0 };
-            let closed = |error: u32, limit: u32| match fade {
+            let replaced_fraction = |error: u32, limit: u32| match fade {
                 _ if error == u32::from(NEVER) => 0.0,
                 0 => f64::from(u8::from(error <= limit)),
                 _ => ((f64::from(limit) + f64::from(fade) - f64::from(error)) / f64::from(fade)).clamp(0.0, 1.0),
             };
             let (mut nodes, mut opacity) = (0, 0.0);
             for seen in twin.seen() {
-                let (page, floors) = (seen.page, floors[seen.page]);
+                let (page, fallback) = (seen.page, fallback[seen.page]);
                 let [own, of_parent] = twin.limits(&seen, limit);
-                let [own, of_parent] = [own.max(floors & 0xffff), of_parent.max(floors >> 16)];
+                let [own, of_parent] = [own.max(fallback & 0xffff), of_parent.max(fallback >> 16)];
                 let mut drawn = 0;
                 for k in 0..pages[page].count as usize {
                     let [errors, opacities] = words[(page * PAGE + k) * LEVEL_WORDS..][..2] else { panic!() };
-                    let part = closed(errors & 0xffff, own) - closed(errors >> 16, of_parent);
-                    assert!(part >= 0.0, "errors do not fall towards the root");
-                    if part > 0.0 {
+                    let fraction = replaced_fraction(errors & 0xffff, own) - replaced_fraction(errors >> 16, of_parent);
+                    assert!(fraction >= 0.0, "errors do not fall towards the root");
+                    if fraction > 0.0 {
                         let shape = file.words().shape_of(&geometry[page * file.geometry_words()..], k);
                         let of_scene = f64::from(file.layout().unpacked_shape(&shape).2);
                         opacity +=
-                            part * if opacities == 0 { of_scene } else { value_of_code((opacities >> 16) as u16) };
+                            fraction * if opacities == 0 { of_scene } else { value_of_code((opacities >> 16) as u16) };
                         drawn += 1;
                     }
                 }

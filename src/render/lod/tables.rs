@@ -1,4 +1,4 @@
-//! The table of the pages of a scene, as the stages of a cut read it.
+//! The page table of a scene, as the stages of the selection read it.
 
 use crate::lod::{CODES_PER_OCTAVE, NEVER};
 use crate::pagefile::write::levels_of_pages;
@@ -10,30 +10,30 @@ use crate::rules::LOW_PASS;
 /// Codes of an octave of squared errors: half of those of an octave of errors.
 pub const STEPS: usize = CODES_PER_OCTAVE as usize / 2;
 
-/// For each step of an octave the least significand of a float that reaches it.
+/// By step of an octave: the smallest significand of a float in that step.
 pub fn steps() -> [u32; STEPS] {
     std::array::from_fn(|step| (((step as f64 / STEPS as f64).exp2() - 1.0) * 23f64.exp2()).ceil() as u32)
 }
 
-/// Where a page lies.
+/// The bounds of a page.
 pub fn page_box(pages: &Pages, number: usize) -> PageBox {
     let Page { low, high, reach, highest_opacity, .. } = pages.pages()[number];
     let level = pages.levels().map(|levels| levels[number]);
-    // How many deviations from its mean a splat reaches, with a margin for rounding.
+    // The reach of a splat in standard deviations, with a margin for rounding.
     let deviations = (2.0 * (f64::from(highest_opacity / pages.alpha_min())).max(1.0).ln()).sqrt() * 1.02;
     PageBox {
         low,
         high,
         reach,
         margin_px: (deviations * LOW_PASS.sqrt()) as f32,
-        judged_low: level.map_or(low, |level| level.low),
-        judged_high: level.map_or(high, |level| level.high),
-        // Squares of pixels times this stay finite.
-        per_detail_squared: level.map_or(0.0, |level| (f64::from(level.reference_width).powi(-2) as f32).min(1e15)),
+        lod_low: level.map_or(low, |level| level.low),
+        lod_high: level.map_or(high, |level| level.high),
+        // Limited, so that the product with a squared pixel width is finite.
+        per_width_squared: level.map_or(0.0, |level| (f64::from(level.reference_width).powi(-2) as f32).min(1e15)),
     }
 }
 
-/// The errors of all pages. Those of a scene without levels are in every cut.
+/// The errors of all pages. Without levels of detail, the errors of a page put it in every cut.
 pub fn errors_of_pages(pages: &Pages) -> Vec<PageErrors> {
     let Some(levels) = pages.levels() else {
         return pages.pages().iter().map(|page| page_errors(page, None)).collect();
@@ -51,20 +51,20 @@ fn page_errors(page: &Page, level: Option<(&PageLod, u32)>) -> PageErrors {
             parent: NO_PAGE,
             count: page.count,
             level: 0,
-            least: 0,
+            least_error: 0,
             errors: pairs([0; PARTS]),
-            parents: pairs([NEVER; PARTS]),
-            energies: pairs([0; PARTS]),
+            parent_errors: pairs([NEVER; PARTS]),
+            squared_errors: pairs([0; PARTS]),
             samples: [0; SAMPLES],
         },
         Some((level, number)) => PageErrors {
             parent: level.parent,
             count: page.count,
             level: number,
-            least: level.least_error.into(),
+            least_error: level.least_error.into(),
             errors: pairs(level.errors),
-            parents: pairs(level.parent_errors),
-            energies: pairs(level.squared_errors),
+            parent_errors: pairs(level.parent_errors),
+            squared_errors: pairs(level.squared_errors),
             samples: level.samples,
         },
     }

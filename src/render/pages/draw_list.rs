@@ -1,4 +1,4 @@
-//! The pages that a slab draws and the views that they are seen from, as page.glsl reads them.
+//! The draw list: the pages that a dispatch draws and the views it draws them for, as page.glsl reads them.
 
 use super::visibility::PlacedCamera;
 use crate::camera::Camera;
@@ -10,60 +10,60 @@ use crate::render::shaders::pages::{HAS_INDICES, PAGE, VIEW_ELEMENTS};
 use crate::rules::Rules;
 use crate::scene::Transform;
 
-/// An element of the buffer of listed pages.
+/// An element of a draw list.
 pub type Element = [u32; 4];
 
-/// What a slab draws.
-pub struct Listed<'a> {
-    /// The views, the number of pages, the pages.
+/// A draw list in device memory, and the words of its pages beside the planes of the scene.
+pub struct DrawList<'a> {
+    /// The views, the number of pages, the pages: [`PageDraw`].
     pub elements: &'a Buffer<Element>,
-    /// The element with the first page.
+    /// The number of the element with the first page.
     pub first_page: u32,
-    /// The indices of Gaussians, where pages have them.
+    /// The indices of Gaussians, if pages have them.
     pub indices: &'a Buffer<u32>,
-    /// The words of levels, where pages have them.
+    /// The words of levels of detail, if pages have them.
     pub levels: &'a Buffer<u32>,
 }
 
-/// A page that a dispatch draws: ListedPage in page.glsl.
+/// One page of a draw list: `PageDraw` in page.glsl.
 #[derive(Clone, Copy, Debug)]
-pub struct ListedPage {
+pub struct PageDraw {
     pub slot: u32,
-    /// Of errors, as codes: of its nodes in the lower half, of their parents in the upper half.
-    pub limits: u32,
+    /// Error limits, as codes: for its nodes in the lower half, for their parents in the upper half.
+    pub error_limits: u32,
     /// The number of its view.
     pub view: u32,
     /// Number of Gaussians.
-    pub filled: u32,
-    /// The indices of its Gaussians are in a plane; else they are their places.
+    pub count: u32,
+    /// True if a plane has the indices of its Gaussians; otherwise these are their positions in the planes.
     pub has_indices: bool,
 }
 
-impl ListedPage {
+impl PageDraw {
     pub fn element(self) -> Element {
-        [self.slot, self.limits, self.view, self.filled | if self.has_indices { HAS_INDICES } else { 0 }]
+        [self.slot, self.error_limits, self.view, self.count | if self.has_indices { HAS_INDICES } else { 0 }]
     }
 }
 
-/// The most pages that a dispatch lists, if more are not in the pool at a time.
-const MOST_LISTED: usize = 1 << 16;
+/// Largest number of pages of a draw list, unless the page cache holds more.
+const MAX_PAGES: usize = 1 << 16;
 
-/// The element with the first page, behind the views of all placements and the number of pages.
+/// The number of the element with the first page, after the views of all placements and the number of pages.
 pub fn first_page(scene: &GpuScene) -> u32 {
     VIEW_ELEMENTS * scene.transforms().len() as u32 + 1
 }
 
-/// The element before the first of so many pages.
+/// The element before the pages, with their number.
 pub fn number_of_pages(pages: usize) -> Element {
     [pages as u32, 0, 0, 0]
 }
 
-/// Elements for the pages that a dispatch lists.
-pub fn room_for_pages(scene: &GpuScene) -> usize {
+/// Largest number of pages in a draw list of this scene.
+pub fn max_pages(scene: &GpuScene) -> usize {
     let Some(paged) = scene.paged() else { return scene.len().div_ceil(PAGE as usize) };
-    let pool = paged.cache();
-    let placed = pool.pages().pages().len().saturating_mul(scene.transforms().len());
-    placed.min(MOST_LISTED).max(pool.capacity())
+    let cache = paged.cache();
+    let placed = cache.pages().pages().len().saturating_mul(scene.transforms().len());
+    placed.min(MAX_PAGES).max(cache.capacity())
 }
 
 /// The views of a scene, one for each of its placements.
@@ -71,7 +71,7 @@ pub fn views_of(scene: &GpuScene, camera: &Camera, rules: &Rules) -> Vec<Element
     let one = |place: &Transform| {
         let placed = PlacedCamera::of(camera, place);
         let (mut near, scale) = (placed.near(rules) as f32, placed.scale as f32);
-        // Rounding must not bring a depth before the near plane of the world: such a key would be the largest.
+        // A depth rounded to less than the near plane of the world would have the largest key.
         while scale * near < rules.near {
             near = near.next_up();
         }
@@ -80,7 +80,7 @@ pub fn views_of(scene: &GpuScene, camera: &Camera, rules: &Rules) -> Vec<Element
     scene.transforms().iter().flat_map(one).collect()
 }
 
-/// A view of a scene that is placed with this scale: PlacedView in page.glsl.
+/// The view of a placement with this scale: `PlacedView` in page.glsl.
 fn element(view: &View, scale: f32) -> [Element; VIEW_ELEMENTS as usize] {
     let vectors =
         [view.right, view.down, view.forward, view.forward_low, view.position_high, view.position_low].into_iter();

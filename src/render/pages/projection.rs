@@ -1,30 +1,30 @@
-//! The projection of listed pages on the fast path: of a slab, or of a whole picture.
+//! The projection of the pages of a draw list on the fast path, for a slab or for a whole frame.
 
 use anyhow::Result;
 
-use super::draw_list::Listed;
+use super::draw_list::DrawList;
 use crate::gpu::{Buffer, Commands, Device, DispatchSize, Stage};
 use crate::render::fast::{FastFrame, FastPipeline};
 use crate::render::frame::Shot;
 use crate::render::inspect::Attribute;
 use crate::render::shaders::inspect::NO_ATTRIBUTE;
 use crate::render::shaders::pages::{Project, ProjectBindings, ProjectConstants, ProjectPush, QUARTERS};
-use crate::render::shaders::{CutState, Slab};
+use crate::render::shaders::{SelectionState, Slab};
 
-/// The stage, built for one set of options and one layout of a scene.
+/// The stage `project`, built for one set of options and one scene layout.
 pub struct PageProjection {
     project: Stage<Project>,
 }
 
-/// How many pages are listed.
-pub enum Count<'a> {
+/// The number of pages in the draw list.
+pub enum PageCount<'a> {
     Known(usize),
-    /// The byte in a state where the dispatch over their quarters lies.
-    OnDevice(&'a Buffer<CutState>, usize),
+    /// The number is in device memory: the byte offset of the dispatch over quarters of pages in a state.
+    OnDevice(&'a Buffer<SelectionState>, usize),
 }
 
 impl PageProjection {
-    /// Splats have their colours, or an attribute in the place of these.
+    /// With an `attribute`, splats show it instead of their colours.
     pub fn new(device: &Device, fast: &FastPipeline, attribute: Option<Attribute>) -> Result<Self> {
         let (constants, subgroup) = fast.constants();
         let attribute = attribute.map_or(NO_ATTRIBUTE, |attribute| attribute as u32);
@@ -32,8 +32,8 @@ impl PageProjection {
         Ok(Self { project: Stage::of_subgroups(device, &constants, subgroup)? })
     }
 
-    /// Projects the splats of the listed pages in the slab, and appends them to those projected before.
-    pub fn record(&self, cmd: &mut Commands, frame: &FastFrame, listed: &Listed, count: Count, slab: Slab) {
+    /// Projects the Gaussians of these pages that are in the slab, and appends their splats to those of the frame.
+    pub fn record(&self, cmd: &mut Commands, frame: &FastFrame, draw_list: &DrawList, count: PageCount, slab: Slab) {
         let FastFrame { work, options, shot: Shot { scene, camera }, grid, .. } = *frame;
         let keys = frame.depth_keys();
         let bindings = ProjectBindings {
@@ -47,9 +47,9 @@ impl PageProjection {
             span_ranges: &work.span_ranges,
             spans: &work.spans,
             counters: &work.counters,
-            listed: listed.elements,
-            indices: listed.indices,
-            levels: listed.levels,
+            draw_list: draw_list.elements,
+            indices: draw_list.indices,
+            levels: draw_list.levels,
         };
         let push = ProjectPush {
             slab,
@@ -57,7 +57,7 @@ impl PageProjection {
             centre_px: camera.centre_px.as_vec2().to_array(),
             size_px: camera.size_px,
             near: options.rules.near,
-            first_page: listed.first_page,
+            first_page: draw_list.first_page,
             visible_capacity: work.visible_capacity(),
             span_capacity: work.spans.len() as u32,
             depth_limit: keys.limit(),
@@ -69,11 +69,11 @@ impl PageProjection {
             forward: camera.forward().as_vec3().to_array(),
         };
         match count {
-            Count::Known(pages) => {
+            PageCount::Known(pages) => {
                 let groups = DispatchSize::Groups(u64::from(QUARTERS) * pages as u64);
                 cmd.dispatch(&self.project, bindings, push, groups);
             }
-            Count::OnDevice(state, offset) => cmd.dispatch_indirect(&self.project, bindings, push, state, offset),
+            PageCount::OnDevice(state, offset) => cmd.dispatch_indirect(&self.project, bindings, push, state, offset),
         }
     }
 }

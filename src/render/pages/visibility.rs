@@ -1,4 +1,4 @@
-//! The pages that a view may need: where they lie in depth and in the picture, as bounds.
+//! Culling of pages on the host: bounds of a page in the image and in depth, and the bins that are still open.
 
 use std::ops::Range;
 
@@ -10,33 +10,33 @@ use crate::render::frame::{DepthKeys, SortPosition, position_of};
 use crate::rules::{LOW_PASS, Order, Rules};
 use crate::scene::Transform;
 
-/// A page that may have a splat in the picture.
+/// A page that may have a splat in the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisiblePage {
     pub page: u32,
-    /// The number of the placed view that sees it.
+    /// The number of its placed view.
     pub view: u32,
-    /// The depth keys of its Gaussians lie from the first to the second, both included.
+    /// Smallest and largest depth key of its Gaussians.
     pub keys: [u32; 2],
-    /// Its splats touch only these columns and rows of bins: first and end.
+    /// Columns and rows of bins that its splats may touch: first and end.
     pub columns: [u16; 2],
     pub rows: [u16; 2],
-    /// Gaussians.
+    /// Number of Gaussians.
     pub count: u32,
-    /// About how many of them are drawn: all, without levels of detail.
+    /// Estimated number of drawn Gaussians: all of them without levels of detail.
     pub drawn: u32,
-    /// Limits of errors, as codes: of its nodes in the lower half, of their parents in the upper half.
-    pub limits: u32,
+    /// Error limits, as codes: for its nodes in the lower half, for their parents in the upper half.
+    pub error_limits: u32,
 }
 
 impl VisiblePage {
-    /// True if some of its Gaussians may be in the slab.
+    /// True if the slab may contain some of its Gaussians.
     pub fn is_in(&self, slab: &Range<SortPosition>) -> bool {
         position_of(self.keys[0]) < slab.end && position_of(self.keys[1] + 1) > slab.start
     }
 }
 
-/// A camera in the axes and units of a placed scene.
+/// A camera in the axes and units of a scene with a placement.
 #[derive(Clone, Debug)]
 pub struct PlacedCamera {
     pub camera: Camera,
@@ -45,7 +45,7 @@ pub struct PlacedCamera {
 }
 
 impl PlacedCamera {
-    /// The camera as a scene sees it that is placed so. The identity changes no bit.
+    /// The camera relative to a scene with this placement. The identity changes no bit.
     pub fn of(camera: &Camera, place: &Transform) -> Self {
         if *place == Transform::IDENTITY {
             return Self { camera: camera.clone(), scale: 1.0 };
@@ -62,21 +62,22 @@ impl PlacedCamera {
     }
 }
 
-/// How a page is seen: what all pages of a picture share.
-pub struct Sight<'a> {
+/// Culls pages: the parameters that all pages of a frame share.
+pub struct PageCuller<'a> {
     pub rules: &'a Rules,
-    /// Of the scene's shapes: Gaussians were culled where their alpha is below this.
+    /// The alpha below which the reach of Gaussians in the page file ends.
     pub alpha_min: f32,
     pub keys: DepthKeys,
     /// The largest key of a splat.
     pub largest_key: u32,
-    /// Width and height of a bin in pixels, columns and rows of bins.
+    /// Width and height of a bin, in pixels.
     pub bin_px: [u32; 2],
+    /// Columns and rows of bins.
     pub bins: [u32; 2],
 }
 
-impl Sight<'_> {
-    /// The page as the camera sees it; `None` if it does not.
+impl PageCuller<'_> {
+    /// The bounds of a page in the image and in depth; `None` if it is outside the frustum.
     pub fn page(&self, number: u32, page: &Page, view: u32, placed: &PlacedCamera) -> Option<VisiblePage> {
         if page.reach < 0.0 {
             return None;
@@ -85,7 +86,7 @@ impl Sight<'_> {
         let [low, high] = [page.low, page.high].map(|corner| DVec3::from(corner.map(f64::from)));
         let (centre, half) = ((low + high) / 2.0, (high - low) / 2.0);
         let offset = centre - camera.position;
-        // Bounds the rounding of the shaders and of this: in units of the scene.
+        // A bound of the rounding errors of the shaders and of this function, in units of the scene.
         let slack = 1e-6 * (offset.length() + half.length() + camera.position.length() * 1e-6);
         let along = |axis: DVec3| {
             let (middle, reach) = (axis.dot(offset), axis.abs().dot(half) + slack);
@@ -106,11 +107,20 @@ impl Sight<'_> {
             _ => depth,
         };
         let keys = [self.key(far[0] * placed.scale * (1.0 - 1e-6)), self.key(far[1] * placed.scale * (1.0 + 1e-6))];
-        Some(VisiblePage { page: number, view, keys, columns, rows, count: page.count, drawn: page.count, limits: 0 })
+        Some(VisiblePage {
+            page: number,
+            view,
+            keys,
+            columns,
+            rows,
+            count: page.count,
+            drawn: page.count,
+            error_limits: 0,
+        })
     }
 
-    /// The columns and rows of bins that splats with means in this box may touch; `None` if they miss the picture.
-    /// `across`: the box along the right and down axes of the camera; `depth`: along the viewing direction.
+    /// The columns and rows of bins that splats with means in this box may touch; `None` if they miss the image.
+    /// `across`: the extent of the box along the right and down axes of the camera; `depth`: along the view direction.
     fn bins_of(&self, camera: &Camera, across: [[f64; 2]; 2], depth: [f64; 2], page: &Page) -> Option<[[u16; 2]; 2]> {
         let opacity = f64::from(page.highest_opacity);
         let deviations = (2.0 * (opacity / f64::from(self.alpha_min)).max(1.0).ln()).sqrt() * 1.02;
@@ -150,15 +160,15 @@ impl Sight<'_> {
     }
 }
 
-/// The bins with a pixel that has not stopped, to ask whether a rectangle has one.
-pub struct Open {
+/// Open bins (bins with a pixel that has not stopped) as a summed-area table, for tests of rectangles.
+pub struct OpenBinTable {
     columns: usize,
-    /// The number of open bins above and to the left of each corner of bins.
+    /// By corner of bins: the number of open bins above and to the left.
     sums: Vec<u32>,
 }
 
-impl Open {
-    /// From a bit for each of `bins` columns and rows.
+impl OpenBinTable {
+    /// The table of `bins` columns and rows, given one bit per bin.
     pub fn of(bits: &[u32], bins: [u32; 2]) -> Self {
         let [columns, rows] = bins.map(|side| side as usize);
         let mut sums = vec![0; (columns + 1) * (rows + 1)];
@@ -174,7 +184,7 @@ impl Open {
     }
 
     /// True if the page may touch an open bin.
-    pub fn meets(&self, page: &VisiblePage) -> bool {
+    pub fn touches(&self, page: &VisiblePage) -> bool {
         let sum = |row: u16, column: u16| self.sums[usize::from(row) * self.columns + usize::from(column)];
         let ([left, right], [top, bottom]) = (page.columns, page.rows);
         sum(bottom, right) + sum(top, left) > sum(bottom, left) + sum(top, right)
@@ -197,8 +207,8 @@ mod tests {
         for bin in [0, 9, 33] {
             bits[bin / 32] |= 1 << (bin % 32);
         }
-        let open = Open::of(&bits, bins);
-        assert_eq!([open.count(), Open::of(&[0, 0], bins).count()], [3, 0]);
+        let open = OpenBinTable::of(&bits, bins);
+        assert_eq!([open.count(), OpenBinTable::of(&[0, 0], bins).count()], [3, 0]);
         for left in 0..7 {
             for right in left..=7 {
                 for top in 0..5 {
@@ -213,9 +223,9 @@ mod tests {
                             rows: [top, bottom],
                             count: 1,
                             drawn: 1,
-                            limits: 0,
+                            error_limits: 0,
                         };
-                        assert_eq!(open.meets(&page), [0, 9, 33].into_iter().any(inside), "{page:?}");
+                        assert_eq!(open.touches(&page), [0, 9, 33].into_iter().any(inside), "{page:?}");
                     }
                 }
             }

@@ -14,13 +14,13 @@ use crate::render::capacity::{Capacity, has_memory};
 use crate::render::fast::FastPipeline;
 use crate::render::frame::{Shot, Target, Variation};
 use crate::render::inspect::{Attribute, Inspector};
-use crate::render::lod::{Chooser, bring_missing};
+use crate::render::lod::{LodSelector, load_missing};
 use crate::render::path::{Limits, Path};
 use crate::render::recorded::PagedCounts;
 use crate::render::scene::{GpuScene, SELF_TEST_GAUSSIANS};
 use crate::render::shaders::Totals;
 use crate::render::slabs::SlabbedFrame;
-use crate::render::streaming::Feed;
+use crate::render::streaming::PageStreamer;
 
 /// The engines of both paths and the choice between them: the portable path draws everything, the fast path what the
 /// device and the options allow it to draw.
@@ -30,9 +30,9 @@ pub(crate) struct PathChoice {
     portable: PortableEngine,
     fast: Option<FastEngine>,
     /// Selects the pages of a scene in pages.
-    selector: Option<Chooser>,
+    selector: Option<LodSelector>,
     /// Loads pages beside frames that do not wait for them.
-    pub streamer: Option<Feed>,
+    pub streamer: Option<PageStreamer>,
     /// The next frame repeats one that did not fit. It draws the same resident pages: with more, it might not fit
     /// again.
     pub is_repeated: bool,
@@ -66,7 +66,7 @@ impl PathChoice {
             options: *options,
             portable,
             fast,
-            selector: scene.paged().map(|paged| Chooser::new(device, scene, paged)).transpose()?,
+            selector: scene.paged().map(|paged| LodSelector::new(device, scene, paged)).transpose()?,
             streamer: None,
             is_repeated: false,
             notice: is_left_to_portable.then(|| {
@@ -151,7 +151,7 @@ impl PathChoice {
     /// The name and the bytes of every buffer.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let fast = self.fast.iter().flat_map(|fast| fast.work.buffers());
-        let selector = self.selector.iter().flat_map(Chooser::buffers);
+        let selector = self.selector.iter().flat_map(LodSelector::buffers);
         self.portable.work.buffers().into_iter().chain(fast).chain(selector).collect()
     }
 
@@ -172,13 +172,13 @@ impl PathChoice {
         // Frames in slabs: begin writes the states of pixels, finish reads them and writes the picture.
         let pixels: u64 = shot.camera.size_px.iter().map(|side| u64::from(*side)).product();
         stages.extend([("begin", 16 * pixels), ("finish", 32 * pixels)]);
-        stages.extend(self.selector.iter().flat_map(Chooser::least_bytes));
+        stages.extend(self.selector.iter().flat_map(LodSelector::least_bytes));
         stages
     }
 
     /// True if the fast path can show attributes, as it does for pages with levels of detail.
     pub fn shows_attributes(&self) -> bool {
-        self.fast.is_some() && self.selector.as_ref().is_some_and(Chooser::has_levels)
+        self.fast.is_some() && self.selector.as_ref().is_some_and(LodSelector::has_levels)
     }
 
     /// Draws the resident levels from now on, and loads pages beside the frames. Does nothing for scenes without levels
@@ -189,7 +189,7 @@ impl PathChoice {
     pub fn enable_page_streaming(&mut self, device: &Device, scene: &GpuScene) -> Result<()> {
         let selector = self.selector.as_mut().filter(|selector| selector.has_levels() && self.fast.is_some());
         if let (Some(selector), Some(paged)) = (selector, scene.paged()) {
-            self.streamer = Some(Feed::new(device, paged, selector, self.options.lod_fade > 0.0)?);
+            self.streamer = Some(PageStreamer::new(device, paged, selector, self.options.lod_fade > 0.0)?);
         }
         Ok(())
     }
@@ -240,7 +240,7 @@ impl PathChoice {
             return Ok(None);
         };
         let state = fast.record_paged(cmd, shot, target, &self.options, selector)?;
-        let read = |streamer: &Feed| streamer.read(cmd, selector, shot.scene, &self.options);
+        let read = |streamer: &PageStreamer| streamer.record_requests(cmd, selector, shot.scene, &self.options);
         Ok(Some(PagedCounts { state, requests: self.streamer.as_ref().map(read).transpose()? }))
     }
 
@@ -302,17 +302,17 @@ impl PathChoice {
     ) -> Result<bool> {
         let (Some(selector), Some(fast)) = (&mut self.selector, &mut self.fast) else { return Ok(true) };
         let state = &results.view(&counts.state)[0];
-        if !selector.has_room(device, scene, state)? {
+        if !selector.ensure_capacity(device, scene, state)? {
             return Ok(false);
         }
         if let Some(requests) = &counts.requests {
             if let Some(streamer) = &mut self.streamer {
-                streamer.take(state, results, requests);
+                streamer.handle_requests(state, results, requests);
             }
             return Ok(true);
         }
         if state.missing > 0 {
-            fast.needs_slabs = !bring_missing(device, selector, scene, state)?;
+            fast.needs_slabs = !load_missing(device, selector, scene, state)?;
         }
         Ok(state.missing == 0)
     }

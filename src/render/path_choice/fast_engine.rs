@@ -10,9 +10,9 @@ use crate::render::capacity::{Capacity, has_memory};
 use crate::render::fast::{FastFrame, FastPipeline, FastWorkspace};
 use crate::render::frame::{Shot, Target};
 use crate::render::inspect::Attribute;
-use crate::render::lod::{AtOnce, Chooser};
+use crate::render::lod::{LodSelector, PagedFrame};
 use crate::render::path::{Limits, Path};
-use crate::render::shaders::{CutState, Totals};
+use crate::render::shaders::{SelectionState, Totals};
 use crate::render::slabs::{FastSlabs, SlabbedFrame};
 
 /// The fast path and its buffers.
@@ -23,7 +23,7 @@ pub(super) struct FastEngine {
     pub needs_slabs: bool,
     slabs: Option<FastSlabs>,
     /// Draws scenes in pages in one go, without slabs.
-    paged: Option<AtOnce>,
+    paged: Option<PagedFrame>,
 }
 
 impl FastEngine {
@@ -73,7 +73,7 @@ impl FastEngine {
         if !in_slabs {
             self.pipeline.prepare(device, grid)?;
             if scene.is_paged() && self.paged.as_ref().is_none_or(|paged| paged.attribute != attribute) {
-                self.paged = Some(AtOnce::new(device, &self.pipeline, attribute)?);
+                self.paged = Some(PagedFrame::new(device, &self.pipeline, attribute)?);
             }
         }
         self.needs_slabs = in_slabs;
@@ -94,8 +94,8 @@ impl FastEngine {
         shot: Shot,
         target: Target,
         options: &Options,
-        selector: &Chooser,
-    ) -> Result<Readback<CutState>> {
+        selector: &LodSelector,
+    ) -> Result<Readback<SelectionState>> {
         let paged = self.paged.as_ref().expect("a frame of a scene in pages was prepared");
         paged.record(cmd, &FastFrame::new(&self.pipeline, &self.work, options, shot, target), selector)
     }
@@ -130,7 +130,7 @@ impl FastEngine {
         shot: Shot,
         target: Target,
         options: &Options,
-        selector: Option<&mut Chooser>,
+        selector: Option<&mut LodSelector>,
     ) -> Result<SlabbedFrame> {
         let slabs = self.slabs.as_mut().expect("the buffers of slabs fit");
         let frame = FastFrame::new(&self.pipeline, &self.work, options, shot, target);

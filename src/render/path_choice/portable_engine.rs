@@ -9,7 +9,7 @@ use crate::packing::Layout;
 use crate::render::capacity::{Capacity, has_memory};
 use crate::render::frame::{Shot, Target, Variation, tiles};
 use crate::render::inspect::Inspector;
-use crate::render::lod::Chooser;
+use crate::render::lod::LodSelector;
 use crate::render::path::{Limits, Path};
 use crate::render::portable::{PortablePipeline, PortableWorkspace};
 use crate::render::shaders::Totals;
@@ -125,7 +125,7 @@ impl PortableEngine {
         shot: Shot,
         target: Target,
         options: &Options,
-        selector: Option<&mut Chooser>,
+        selector: Option<&mut LodSelector>,
         inspector: Option<&Inspector>,
     ) -> Result<SlabbedFrame> {
         let pipeline = self.pipeline.as_ref().expect("a frame on the portable path was prepared");

@@ -4,10 +4,10 @@ use super::Renderer;
 use crate::camera::Camera;
 use crate::gpu::{MemoryUse, Results};
 use crate::render::frame::Shot;
-use crate::render::lod::Detailed;
+use crate::render::lod::LodReport;
 use crate::render::recorded::Recorded;
 use crate::render::shaders::Totals;
-use crate::render::streaming::{Feed, Residency};
+use crate::render::streaming::{PageStreamer, Residency};
 
 impl Renderer {
     /// The fewest bytes that each stage of a frame moves through device memory, by the name of its scope: each input
@@ -24,23 +24,29 @@ impl Renderer {
     }
 
     /// The report of the levels of detail of a frame, if it was drawn by them.
-    pub fn detail(&self, results: &Results, recorded: &Recorded) -> Option<Detailed> {
+    pub fn detail(&self, results: &Results, recorded: &Recorded) -> Option<LodReport> {
         recorded.detail(results, &self.options)
     }
 
     /// The residency of the pages of the last picture, if pictures do not wait for pages.
     pub fn residency(&self) -> Option<Residency> {
-        self.choice.streamer.as_ref().map(Feed::residency)
+        self.choice.streamer.as_ref().map(PageStreamer::residency)
     }
 
     /// True if another picture would show pages that the last one did not, or is needed to request pages.
     pub fn has_news(&mut self) -> bool {
-        self.choice.streamer.as_mut().is_some_and(Feed::has_news)
+        self.choice.streamer.as_mut().is_some_and(PageStreamer::needs_frame)
     }
 
     /// Takes the reason why a page could not be read beside the pictures, which show coarser levels in its place.
     pub fn take_problem(&mut self) -> Option<anyhow::Error> {
-        self.choice.streamer.as_mut().and_then(Feed::take_problem)
+        self.choice.streamer.as_mut().and_then(PageStreamer::take_problem)
+    }
+
+    /// The page streamer of a renderer that streams.
+    #[cfg(test)]
+    pub(in crate::render) fn streamer(&mut self) -> &mut PageStreamer {
+        self.choice.streamer.as_mut().expect("the renderer streams")
     }
 
     /// The name and the bytes of every buffer and image except those of the scene.

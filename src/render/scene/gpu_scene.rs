@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
-use super::page_cache::{PagesRead, Pool};
+use super::page_cache::{PageCache, PagesRead};
 use super::self_test_input::{SELF_TEST_GAUSSIANS, self_test_camera, self_test_hash};
 use crate::camera::Camera;
 use crate::gpu::{Buffer, Commands, Device};
@@ -56,7 +56,7 @@ enum SceneMemory {
 /// The pages of a scene, some of which are resident in the planes. A clone shares them.
 #[derive(Clone)]
 pub(crate) struct Paged {
-    cache: Arc<Mutex<Pool>>,
+    cache: Arc<Mutex<PageCache>>,
     /// The slot of each page.
     pub slots: Buffer<u32>,
     /// For each page, the frame that requested it last, and its priority.
@@ -186,7 +186,7 @@ impl GpuScene {
     /// # Errors
     /// If the least number of pages does not fit, or a page cannot be read.
     pub fn of_pages(device: &Device, pages: &Pages, options: &Options, reserve: u64) -> Result<Self> {
-        let (all, each, free) = (pages.pages().len(), Pool::bytes_each(pages), device.free_bytes());
+        let (all, each, free) = (pages.pages().len(), PageCache::bytes_each(pages), device.free_bytes());
         let least = MIN_PAGES.min(all) as u64 * each;
         let needed = reserve + ((least as f64 / CACHE_FRACTION) as u64).max(least + MIN_LIST_BYTES);
         if free < needed {
@@ -209,9 +209,9 @@ impl GpuScene {
         let lod = has_lod.then(|| Buffer::<u32>::new(device, "levels", LEVEL_WORDS * len)).transpose()?;
         let all = all.chain([indices.words()]).chain(sh.iter().map(Buffer::words));
         let all = all.chain(lod.iter().map(Buffer::words)).collect();
-        let mut pool = Pool::new(device, pages.clone(), all, slots)?;
+        let mut cache = PageCache::new(device, pages.clone(), all, slots)?;
         let first: Vec<u32> = (0..slots.min(SELF_TEST_GAUSSIANS / PAGE) as u32).collect();
-        pool.bring(device, &first)?;
+        cache.load(device, &first)?;
         let mut geometry = vec![0; first.len() * pages.geometry_words()];
         pages.read_geometry(0..first.len(), &mut geometry)?;
         let elements = geometry.chunks(pages.geometry_words()).flat_map(|page| page.as_chunks::<4>().0[..PAGE].iter());
@@ -231,9 +231,9 @@ impl GpuScene {
             layout,
             nodes: pages.nodes(),
             memory: SceneMemory::Paged(Box::new(Paged {
-                slots: pool.slots().clone(),
-                last_used: pool.wanted().clone(),
-                cache: Arc::new(Mutex::new(pool)),
+                slots: cache.slots().clone(),
+                last_used: cache.last_used().clone(),
+                cache: Arc::new(Mutex::new(cache)),
                 indices,
                 lod,
                 placements: None,
@@ -403,7 +403,7 @@ impl GpuScene {
 
 impl Paged {
     /// The page cache, locked for as long as the guard lives.
-    pub fn cache(&self) -> MutexGuard<'_, Pool> {
+    pub fn cache(&self) -> MutexGuard<'_, PageCache> {
         self.cache.lock().expect("no holder of the page cache panics")
     }
 

@@ -14,6 +14,6 @@ mod self_test_input;
 pub use gpu_scene::GpuScene;
 pub(crate) use gpu_scene::Paged;
 pub use page_cache::PagesRead;
-pub(crate) use page_cache::{Pool, ReadPage};
+pub(crate) use page_cache::{LoadedPage, PageCache};
 pub use scene_source::{Content, NoLevels, SceneSource};
 pub(crate) use self_test_input::{SELF_TEST_GAUSSIANS, SELF_TEST_SIZE};

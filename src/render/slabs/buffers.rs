@@ -3,7 +3,7 @@
 use anyhow::Result;
 
 use crate::gpu::{Buffer, Commands, Device};
-use crate::render::pages::{Element, ListedPage, first_page, number_of_pages, room_for_pages};
+use crate::render::pages::{Element, PageDraw, first_page, max_pages, number_of_pages};
 use crate::render::scene::GpuScene;
 use crate::render::shaders::pages::PAGE;
 
@@ -32,12 +32,12 @@ impl SlabBuffers {
     pub fn new(device: &Device, scene: &GpuScene) -> Result<Self> {
         let page = |slot: u32| {
             let rest = scene.len() as u32 - slot * PAGE;
-            ListedPage { slot, limits: 0, view: 0, filled: rest.min(PAGE), has_indices: false }.element()
+            PageDraw { slot, error_limits: 0, view: 0, count: rest.min(PAGE), has_indices: false }.element()
         };
         let all = if scene.is_paged() { 0 } else { scene.len().div_ceil(PAGE as usize) as u32 };
         let pages: Vec<Element> = (0..all).map(page).collect();
         let first = first_page(scene) as usize;
-        let listed = Buffer::new(device, "listed pages", first + room_for_pages(scene))?;
+        let listed = Buffer::new(device, "listed pages", first + max_pages(scene))?;
         let mut cmd = Commands::new(device)?;
         cmd.upload(&listed, first - 1, 1 + pages.len(), |memory| {
             memory[0] = number_of_pages(pages.len());

@@ -13,8 +13,8 @@ use crate::host_memory::OutOfMemory;
 use crate::render::capacity::Capacity;
 use crate::render::fast::{BinGrid, FastFrame, FastPipeline, FastWorkspace};
 use crate::render::frame::{Shot, SortPosition, position_of, slab};
-use crate::render::lod::Chooser;
-use crate::render::pages::{Count, Listed, PageProjection, first_page, number_of_pages, views_of};
+use crate::render::lod::LodSelector;
+use crate::render::pages::{DrawList, PageCount, PageProjection, first_page, number_of_pages, views_of};
 use crate::render::scene::GpuScene;
 use crate::render::shaders::Totals;
 use crate::render::shaders::fast::{BIN_CHUNKS, BIN_SEGMENT};
@@ -64,14 +64,19 @@ impl FastSlabs {
     ///
     /// # Errors
     /// [`OutOfMemory`] if the capacity is too small for a single splat, or a page cannot be read.
-    pub fn draw(&mut self, device: &Device, frame: &FastFrame, selector: Option<&mut Chooser>) -> Result<SlabbedFrame> {
+    pub fn draw(
+        &mut self,
+        device: &Device,
+        frame: &FastFrame,
+        selector: Option<&mut LodSelector>,
+    ) -> Result<SlabbedFrame> {
         let FastFrame { work, options, shot, target, grid, .. } = *frame;
         let Shot { scene, camera } = shot;
         self.stages.prepare(device, grid)?;
         let keys = frame.depth_keys();
         let end = position_of(keys.limit()) + position_of(1);
         let cells = CellGrid { cell_px: grid.bin_px(), cells: grid.bins, keys, largest_key: keys.limit() };
-        let selection = selector.map(|selector| selector.chosen(device, scene, camera, options)).transpose()?;
+        let selection = selector.map(|selector| selector.select(device, scene, camera, options)).transpose()?;
         let mut input = SlabInput::of(shot, options, cells, selection.as_ref());
         let mut progress =
             FrameProgress::begin(&mut input, end, scene.placed_len(), self.buffers.target, selection.as_ref());
@@ -137,9 +142,11 @@ impl FastSlabs {
         let (scene, elements) = (frame.shot.scene, &self.buffers.listed);
         let (first, capacity) = (first_page(scene), self.buffers.page_capacity(scene));
         let [indices, levels] = scene.indices_and_lod(&self.buffers.no_words);
-        let listed = Listed { elements, first_page: first, indices, levels };
+        let draw_list = DrawList { elements, first_page: first, indices, levels };
         let project = |cmd: &mut Commands, pages: usize| {
-            cmd.scope("project", |cmd| self.project.record(cmd, frame, &listed, Count::Known(pages), slab(range)));
+            cmd.scope("project", |cmd| {
+                self.project.record(cmd, frame, &draw_list, PageCount::Known(pages), slab(range))
+            });
         };
         let (mut cmd, mut earlier) = (Commands::new(device)?, Vec::new());
         match input {

@@ -11,9 +11,9 @@ use super::report::SlabReport;
 use crate::gpu::Device;
 use crate::options::Options;
 use crate::render::frame::{DepthKeys, Shot, SortPosition, position_of};
-use crate::render::lod::{Chosen, ChosenPage, part};
-use crate::render::pages::{Element, ListedPage, Open, PlacedCamera, Sight, VisiblePage};
-use crate::render::scene::{PagesRead, Pool};
+use crate::render::lod::{SelectedPage, Selection, drawn_fraction};
+use crate::render::pages::{Element, OpenBinTable, PageCuller, PageDraw, PlacedCamera, VisiblePage};
+use crate::render::scene::{PageCache, PagesRead};
 
 /// The grid of bins or tiles in which splats are listed.
 #[derive(Clone, Copy)]
@@ -36,11 +36,11 @@ pub enum SlabInput<'a> {
 
 /// The pages of one frame.
 pub struct PagedInput<'a> {
-    pub cache: MutexGuard<'a, Pool>,
+    pub cache: MutexGuard<'a, PageCache>,
     /// The pages that may be visible, by their nearest depth.
     visible: Vec<VisiblePage>,
     /// The bins that are still open.
-    open: Open,
+    open: OpenBinTable,
     /// The number of open bins at the last estimate.
     estimated_open: u32,
     bins: [u32; 2],
@@ -59,11 +59,16 @@ const PAGES_PER_TASK: usize = 4096;
 
 impl<'a> SlabInput<'a> {
     /// The input of a frame. For a scene in pages, it has the pages of `selection` that may be visible.
-    pub fn of(Shot { scene, camera }: Shot<'a>, options: &Options, grid: CellGrid, selection: Option<&Chosen>) -> Self {
+    pub fn of(
+        Shot { scene, camera }: Shot<'a>,
+        options: &Options,
+        grid: CellGrid,
+        selection: Option<&Selection>,
+    ) -> Self {
         let (Some(paged), Some(selection)) = (scene.paged(), selection) else { return Self::Whole(scene.len()) };
         let cache = paged.cache();
         let alpha_min = cache.pages().alpha_min();
-        let sight = Sight {
+        let culler = PageCuller {
             rules: &options.rules,
             alpha_min,
             keys: grid.keys,
@@ -74,18 +79,19 @@ impl<'a> SlabInput<'a> {
         let pages = cache.pages().pages();
         let cameras: Vec<_> = scene.transforms().iter().map(|place| PlacedCamera::of(camera, place)).collect();
         let levels = cache.pages().levels();
-        let seen = |chosen: &ChosenPage| {
-            let ChosenPage { page, view, limits } = *chosen;
+        let seen = |selected: &SelectedPage| {
+            let SelectedPage { page, view, error_limits } = *selected;
             let (number, page) = (page, &pages[page as usize]);
-            let place = sight.page(number, page, view, &cameras[view as usize])?;
-            let drawn = levels.map_or(1.0, |levels| part(&levels[number as usize], limits)) * f64::from(page.count);
-            let limits = u32::from(limits[0]) | u32::from(limits[1]) << 16;
-            Some(VisiblePage { limits, drawn: drawn.ceil() as u32, ..place })
+            let place = culler.page(number, page, view, &cameras[view as usize])?;
+            let drawn = levels.map_or(1.0, |levels| drawn_fraction(&levels[number as usize], error_limits))
+                * f64::from(page.count);
+            let error_limits = u32::from(error_limits[0]) | u32::from(error_limits[1]) << 16;
+            Some(VisiblePage { error_limits, drawn: drawn.ceil() as u32, ..place })
         };
         let mut visible: Vec<_> = selection.pages.par_iter().with_min_len(1024).filter_map(seen).collect();
         visible.par_sort_unstable_by_key(|page| (page.keys[0], page.view, page.page));
         let all = vec![u32::MAX; grid.cells.iter().product::<u32>().div_ceil(32) as usize];
-        let (open, marks) = (Open::of(&all, grid.cells), vec![NONE; pages.len()]);
+        let (open, marks) = (OpenBinTable::of(&all, grid.cells), vec![NONE; pages.len()]);
         Self::Paged(Box::new(PagedInput { cache, visible, open, estimated_open: 0, bins: grid.cells, marks }))
     }
 
@@ -100,7 +106,7 @@ impl<'a> SlabInput<'a> {
             Self::Whole(gaussians) => Estimate::uniform(end, *gaussians as f64),
             Self::Paged(paged) => {
                 paged.estimated_open = paged.open.count();
-                let seen = paged.visible.iter().filter(|page| paged.open.meets(page));
+                let seen = paged.visible.iter().filter(|page| paged.open.touches(page));
                 Estimate::of(end, seen.map(|page| (page.keys, page.drawn)))
             }
         }
@@ -134,11 +140,11 @@ impl<'a> SlabInput<'a> {
         match self {
             Self::Whole(_) => open_bins.iter().all(|word| *word == 0),
             Self::Paged(paged) => {
-                paged.open = Open::of(open_bins, paged.bins);
+                paged.open = OpenBinTable::of(open_bins, paged.bins);
                 // A hidden page stays hidden.
                 let open = &paged.open;
                 let visible = std::mem::take(&mut paged.visible).into_par_iter().with_min_len(PAGES_PER_TASK);
-                paged.visible = visible.filter(|page| open.meets(page)).collect();
+                paged.visible = visible.filter(|page| open.touches(page)).collect();
                 paged.open.count() == 0
             }
         }
@@ -157,7 +163,7 @@ impl<'a> SlabInput<'a> {
         let most = paged.cache.capacity() / 2;
         let first = batches(&needed, most.max(1), usize::MAX, &mut paged.marks).into_iter().next();
         let numbers = paged.distinct(&needed[first.unwrap_or(0..0)]);
-        paged.cache.bring(device, &numbers).map(drop)
+        paged.cache.load(device, &numbers).map(drop)
     }
 }
 
@@ -166,7 +172,7 @@ impl PagedInput<'_> {
     pub fn needed(&self, slab: &Range<SortPosition>) -> Vec<VisiblePage> {
         let nearer = self.visible.partition_point(|page| position_of(page.keys[0]) < slab.end);
         let pages = self.visible[..nearer].par_iter().with_min_len(PAGES_PER_TASK);
-        pages.filter(|page| page.is_in(slab) && self.open.meets(page)).copied().collect()
+        pages.filter(|page| page.is_in(slab) && self.open.touches(page)).copied().collect()
     }
 
     /// Cuts the pages of a slab into batches that one dispatch each draws, of at most `list_capacity` pages. A page may
@@ -187,12 +193,12 @@ impl PagedInput<'_> {
     /// If a page cannot be read.
     pub fn load(&mut self, device: &Device, batch: &[VisiblePage]) -> Result<Vec<Element>> {
         let numbers = self.distinct(batch);
-        let slots = self.cache.bring(device, &numbers)?;
+        let slots = self.cache.load(device, &numbers)?;
         numbers.iter().zip(&slots).for_each(|(number, slot)| self.marks[*number as usize] = *slot);
         let listed = |page: &VisiblePage| {
-            let VisiblePage { page, view, limits, count, .. } = *page;
+            let VisiblePage { page, view, error_limits, count, .. } = *page;
             let slot = self.marks[page as usize];
-            ListedPage { slot, limits, view, filled: count, has_indices: true }.element()
+            PageDraw { slot, error_limits, view, count, has_indices: true }.element()
         };
         let listed = batch.iter().map(listed).collect();
         numbers.iter().for_each(|number| self.marks[*number as usize] = NONE);
@@ -251,7 +257,7 @@ mod tests {
             rows: [0, 1],
             count: 1,
             drawn: 1,
-            limits: 0,
+            error_limits: 0,
         };
         let pages: Vec<_> = pages.iter().map(page).collect();
         let mut marks = vec![NONE; 10];

@@ -18,7 +18,7 @@ use crate::render::scene::{Content, GpuScene, SceneSource};
 use crate::rules::{Background, Order, Rules};
 use crate::scene::{Focus, Gaussians, Placements, Transform};
 
-use crate::render::scene::Pool;
+use crate::render::scene::PageCache;
 
 const SIZE: [u32; 2] = [200, 130];
 const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
@@ -150,7 +150,7 @@ fn bits_do_not_depend_on_the_number_of_pages_in_memory() {
     let gaussians = Arc::new(gaussians);
     let pages = Pages::of_gaussians(gaussians.clone(), Statistics::of(&gaussians), &options);
     // Room for 70 of 79 pages, so that every slab with all of them takes several batches.
-    let reserve = device.free_bytes() - (70.5 * Pool::bytes_each(&pages) as f64 / CACHE_FRACTION) as u64;
+    let reserve = device.free_bytes() - (70.5 * PageCache::bytes_each(&pages) as f64 / CACHE_FRACTION) as u64;
     let scene = GpuScene::of_pages(&device, &pages, &options, reserve).unwrap();
     assert_eq!(scene.paged().unwrap().cache().capacity(), 70);
     let scene = scene.placed(&Placements::new(places.to_vec()).unwrap()).unwrap();

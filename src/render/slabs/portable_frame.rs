@@ -17,7 +17,7 @@ use crate::options::Options;
 use crate::render::capacity::Capacity;
 use crate::render::frame::{DepthKeys, Shot, SortPosition, Target, position_of, slab, tiles};
 use crate::render::inspect::Inspector;
-use crate::render::lod::Chooser;
+use crate::render::lod::LodSelector;
 use crate::render::pages::{first_page, number_of_pages, views_of};
 use crate::render::portable::{PortablePipeline, PortableWorkspace, Walk};
 use crate::render::scene::GpuScene;
@@ -99,7 +99,7 @@ impl PortableSlabs {
         &mut self,
         device: &Device,
         frame: &PortableFrame,
-        selector: Option<&mut Chooser>,
+        selector: Option<&mut LodSelector>,
     ) -> Result<SlabbedFrame> {
         let PortableFrame { pipeline, work, options, shot, .. } = *frame;
         let Shot { scene, camera } = shot;
@@ -107,7 +107,7 @@ impl PortableSlabs {
         let end = position_of(keys.limit());
         let (cell_px, cells) = ([TILE, TILE], tiles(camera.size_px));
         let cells = CellGrid { cell_px, cells, keys, largest_key: keys.limit() - 1 };
-        let selection = selector.map(|selector| selector.chosen(device, scene, camera, options)).transpose()?;
+        let selection = selector.map(|selector| selector.select(device, scene, camera, options)).transpose()?;
         let mut input = SlabInput::of(shot, options, cells, selection.as_ref());
         let mut progress =
             FrameProgress::begin(&mut input, end, scene.placed_len(), self.buffers.target, selection.as_ref());
@@ -191,7 +191,7 @@ impl PortableSlabs {
                 bounds: &scene.bounds,
                 visible_masks: &work.visible_masks,
                 chunk_counts: &work.chunk_counts,
-                listed,
+                draw_list: listed,
                 indices,
                 levels,
             };
@@ -221,7 +221,7 @@ impl PortableSlabs {
                 totals: &work.totals,
                 gaussian_from_splat: &work.gaussian_from_splat,
                 bounds: &scene.bounds,
-                listed,
+                draw_list: listed,
                 splats: &work.splats,
             };
             let push = ShadeDepthsPush {
@@ -254,7 +254,7 @@ impl PortableSlabs {
             tile_counts: &work.tile_counts,
             spans: &work.spans,
             totals: &work.totals,
-            listed: &self.buffers.listed,
+            draw_list: &self.buffers.listed,
             levels: scene.indices_and_lod(&self.buffers.no_words)[1],
         };
         let push = ProjectTilesPush {
@@ -279,7 +279,7 @@ impl PortableSlabs {
         let bindings = IndexSplatsBindings {
             totals,
             gaussian_from_splat: &work.gaussian_from_splat,
-            listed: &self.buffers.listed,
+            draw_list: &self.buffers.listed,
             indices,
             index_keys: &pairs.keys[0],
         };

@@ -8,7 +8,7 @@ use super::partition::SlabPartition;
 use super::report::SlabReport;
 use crate::gpu::Timing;
 use crate::render::frame::SortPosition;
-use crate::render::lod::{Chosen, Detailed};
+use crate::render::lod::{LodReport, Selection};
 use crate::render::shaders::Totals;
 
 /// The counts, times and report of a frame that was drawn in slabs.
@@ -20,7 +20,7 @@ pub struct SlabbedFrame {
     pub timings: Vec<Timing>,
     pub report: SlabReport,
     /// Set if the frame was drawn by levels of detail.
-    pub detail: Option<Detailed>,
+    pub detail: Option<LodReport>,
 }
 
 /// A frame that is being drawn.
@@ -44,7 +44,7 @@ impl FrameProgress {
         end: SortPosition,
         indices: usize,
         target: f64,
-        selection: Option<&Chosen>,
+        selection: Option<&Selection>,
     ) -> Self {
         let estimate = input.estimate(end);
         let most = if input.is_paged() { PAGED_SPLATS.max(estimate.splats() / 24.0) } else { f64::INFINITY };

@@ -1,10 +1,10 @@
-//! Which pages hold the parents of which, and the least limits of errors under which every node that is drawn is in
-//! device memory.
+//! The hierarchy of pages, and the fallback limits: the smallest error limits with which every drawn node is resident.
 //!
-//! A node is drawn in the place of its children where its error is within the limit of its block. So that no child is
-//! drawn whose page is missing, the limit of the block is at least the largest error among the parents of the missing
-//! pages: its *floor*. A floor holds for all blocks below, too. Limits then still do not fall from the root to the
-//! leaves, as the cut needs it: on every way to the root exactly one node is drawn, whichever pages are missing.
+//! A node is drawn in place of its children if its error is within the error limit of its group. No child of a missing
+//! page may be drawn, so the limit of a group is at least the largest parent error of its missing child pages: its
+//! *fallback limit*. A fallback limit holds for all groups below, too. Limits then still do not decrease from the root
+//! to the leaves, as the selection requires: on every path to the root exactly one node is drawn, whichever pages are
+//! missing.
 
 use std::collections::HashMap;
 
@@ -13,139 +13,141 @@ use rayon::prelude::*;
 use crate::lod::FINEST;
 use crate::pagefile::{NO_PAGE, PageLod};
 
-/// The blocks of a hierarchy: pages that are judged from the same place.
-pub struct Family {
-    /// By page: its block.
-    own: Vec<u32>,
-    /// By page: the block of the parents of its nodes; [`NONE`] for the last.
-    above: Vec<u32>,
-    /// A block, and one that holds parents of its nodes; the coarsest first.
+/// The groups of a scene (pages whose nodes share one box and one reference width) and their parents.
+pub struct PageHierarchy {
+    /// By page: its group.
+    groups: Vec<u32>,
+    /// By page: the group with the parents of its nodes; [`NONE`] for the root.
+    parent_groups: Vec<u32>,
+    /// Pairs of a group and a group with parents of its nodes, from the root to the leaves.
     edges: Vec<(u32, u32)>,
-    /// By block: the pages whose nodes have their parents in it.
-    children: Vec<Vec<u32>>,
-    /// By block: one that holds the parents of its coarsest nodes; [`NONE`] for the last.
-    up: Vec<u32>,
+    /// By group: the pages whose nodes have their parents in it.
+    child_pages: Vec<Vec<u32>>,
+    /// By group: the group with the parents of its coarsest nodes; [`NONE`] for the root.
+    ancestors: Vec<u32>,
     /// By page: the largest error of a parent, as a code.
-    coarsest: Vec<u16>,
+    parent_errors: Vec<u16>,
 }
 
-/// What is wanted of the blocks of a hierarchy.
-pub struct Wishes {
-    /// By block: what its children's errors are worth, added to their codes; [`NOTHING`] if none is wanted.
-    more: Vec<i32>,
-    /// By block: the lowest limit for which its children are wanted.
-    limits: Vec<u16>,
-    /// The blocks that are wanted.
-    blocks: Vec<u32>,
+/// The requests of one frame, by group.
+pub struct Requests {
+    /// By group: the priority of a child page minus the error code of its coarsest parent; [`NO_REQUEST`] without one.
+    offsets: Vec<i32>,
+    /// By group: the smallest error limit for which its children are requested.
+    error_limits: Vec<u16>,
+    /// The groups with a request.
+    groups: Vec<u32>,
 }
 
-/// Less than any wish.
-const NOTHING: i32 = i32::MIN;
+/// Less than the offset of any request.
+const NO_REQUEST: i32 = i32::MIN;
 
-/// Pages or blocks that a thread takes at least: fewer are not worth a thread.
-const SHARE: usize = 1 << 14;
+/// Pages or groups per thread at least: smaller pieces cost more than they save.
+const MIN_PER_THREAD: usize = 1 << 14;
 
-/// No block.
+/// No group.
 const NONE: u32 = u32::MAX;
 
-impl Family {
-    pub fn of(levels: &[PageLod]) -> Self {
-        let mut known = HashMap::new();
-        let mut own = vec![NONE; levels.len()];
-        // From the root, so that the parents of a block come before it.
+impl PageHierarchy {
+    pub fn new(levels: &[PageLod]) -> Self {
+        let mut group_of_box = HashMap::new();
+        let mut groups = vec![NONE; levels.len()];
+        // From the root, so that a group has a higher number than the group of its parents.
         for (page, PageLod { low, high, reference_width, .. }) in levels.iter().enumerate().rev() {
-            let place = (low.map(f32::to_bits), high.map(f32::to_bits), reference_width.to_bits());
-            let next = known.len() as u32;
-            own[page] = *known.entry(place).or_insert(next);
+            let key = (low.map(f32::to_bits), high.map(f32::to_bits), reference_width.to_bits());
+            let next = group_of_box.len() as u32;
+            groups[page] = *group_of_box.entry(key).or_insert(next);
         }
-        let block_above = |level: &PageLod| if level.parent == NO_PAGE { NONE } else { own[level.parent as usize] };
-        let above: Vec<u32> = levels.iter().map(block_above).collect();
-        let mut edges: Vec<_> = own.iter().copied().zip(above.iter().copied()).collect();
-        edges.retain(|(own, above)| own != above && *above != NONE);
+        let parent_group = |level: &PageLod| if level.parent == NO_PAGE { NONE } else { groups[level.parent as usize] };
+        let parent_groups: Vec<u32> = levels.iter().map(parent_group).collect();
+        let mut edges: Vec<_> = groups.iter().copied().zip(parent_groups.iter().copied()).collect();
+        edges.retain(|(group, parent)| group != parent && *parent != NONE);
         edges.sort_unstable();
         edges.dedup();
-        let mut children = vec![Vec::new(); known.len()];
-        for (page, block) in above.iter().enumerate().filter(|(_, block)| **block != NONE) {
-            children[*block as usize].push(page as u32);
+        let mut child_pages = vec![Vec::new(); group_of_box.len()];
+        for (page, parent) in parent_groups.iter().enumerate().filter(|(_, parent)| **parent != NONE) {
+            child_pages[*parent as usize].push(page as u32);
         }
-        let coarsest = levels.iter().map(|level| level.parent_errors[level.parent_errors.len() - 1]).collect();
-        let mut up = vec![NONE; children.len()];
-        edges.iter().for_each(|(own, above)| up[*own as usize] = *above);
-        Self { own, above, edges, children, up, coarsest }
+        let parent_errors = levels.iter().map(|level| level.parent_errors[level.parent_errors.len() - 1]).collect();
+        let mut ancestors = vec![NONE; child_pages.len()];
+        edges.iter().for_each(|(group, parent)| ancestors[*group as usize] = *parent);
+        Self { groups, parent_groups, edges, child_pages, ancestors, parent_errors }
     }
 
-    /// No wishes.
-    pub fn wishes(&self) -> Wishes {
-        let blocks = self.children.len();
-        Wishes { more: vec![NOTHING; blocks], limits: vec![u16::MAX; blocks], blocks: Vec::new() }
+    /// An empty set of requests.
+    pub fn requests(&self) -> Requests {
+        let groups = self.child_pages.len();
+        Requests { offsets: vec![NO_REQUEST; groups], error_limits: vec![u16::MAX; groups], groups: Vec::new() }
     }
 
-    /// Wants the nodes of a page whose parents are above a limit, and all pages that have to be there for them: those
-    /// with parents above it in the same block, in view or not, and in the blocks above. `priority` is what the errors
-    /// of the coarsest parents of the page are worth.
-    pub fn wish(&self, wishes: &mut Wishes, page: u32, priority: u32, limit: u16) {
-        let more = priority as i32 - i32::from(self.coarsest[page as usize]);
-        let mut block = self.above[page as usize];
-        while block != NONE {
-            let (known, lowest) = (&mut wishes.more[block as usize], &mut wishes.limits[block as usize]);
-            if *known >= more && *lowest <= limit {
+    /// Requests the nodes of a page whose parents are above an error limit, and all pages that these nodes depend on:
+    /// pages of the same group with parents above the limit, in view or not, and the same of all groups above.
+    /// `priority`: of the coarsest parents of the page.
+    pub fn request(&self, requests: &mut Requests, page: u32, priority: u32, error_limit: u16) {
+        let offset = priority as i32 - i32::from(self.parent_errors[page as usize]);
+        let mut group = self.parent_groups[page as usize];
+        while group != NONE {
+            let largest = &mut requests.offsets[group as usize];
+            let smallest = &mut requests.error_limits[group as usize];
+            if *largest >= offset && *smallest <= error_limit {
                 return;
             }
-            if *known == NOTHING {
-                wishes.blocks.push(block);
+            if *largest == NO_REQUEST {
+                requests.groups.push(group);
             }
-            (*known, *lowest) = (more.max(*known), limit.min(*lowest));
-            block = self.up[block as usize];
+            (*largest, *smallest) = (offset.max(*largest), error_limit.min(*smallest));
+            group = self.ancestors[group as usize];
         }
     }
 
-    /// The wanted pages and what they are worth.
-    pub fn wanted(&self, wishes: &Wishes) -> impl Iterator<Item = (u32, i32)> {
-        wishes.blocks.iter().flat_map(move |block| {
-            let limit = wishes.limits[*block as usize];
-            let wanted =
-                self.children[*block as usize].iter().filter(move |page| self.coarsest[**page as usize] > limit);
-            wanted.filter_map(move |page| Some((*page, self.worth(wishes, *page)?)))
+    /// The requested pages with their priorities.
+    pub fn requested_pages(&self, requests: &Requests) -> impl Iterator<Item = (u32, i32)> {
+        requests.groups.iter().flat_map(move |group| {
+            let error_limit = requests.error_limits[*group as usize];
+            let children = self.child_pages[*group as usize].iter();
+            let above = children.filter(move |page| self.parent_errors[**page as usize] > error_limit);
+            above.filter_map(move |page| Some((*page, self.priority(requests, *page)?)))
         })
     }
 
-    /// What a page is worth, if its block is wanted.
-    pub fn worth(&self, wishes: &Wishes, page: u32) -> Option<i32> {
-        let more = *wishes.more.get(self.above[page as usize] as usize)?;
-        (more != NOTHING).then(|| i32::from(self.coarsest[page as usize]) + more)
+    /// The priority of a page; `None` without a request for its group.
+    pub fn priority(&self, requests: &Requests, page: u32) -> Option<i32> {
+        let offset = *requests.offsets.get(self.parent_groups[page as usize] as usize)?;
+        (offset != NO_REQUEST).then(|| i32::from(self.parent_errors[page as usize]) + offset)
     }
 
-    /// The floor of every block.
-    pub fn floors(&self, is_here: impl Fn(u32) -> bool + Sync) -> Vec<u16> {
-        let floor = |children: &Vec<u32>| {
-            let missing = children.iter().filter(|page| !is_here(**page));
-            missing.map(|page| self.coarsest[*page as usize]).max().unwrap_or(FINEST)
+    /// The fallback limit of every group, as a code.
+    pub fn fallback_limits(&self, is_resident: impl Fn(u32) -> bool + Sync) -> Vec<u16> {
+        let fallback_limit = |children: &Vec<u32>| {
+            let missing = children.iter().filter(|page| !is_resident(**page));
+            missing.map(|page| self.parent_errors[*page as usize]).max().unwrap_or(FINEST)
         };
-        let mut floors: Vec<u16> = self.children.par_iter().with_min_len(SHARE).map(floor).collect();
-        // Once, if parents come first, as smalto writes them.
-        let mut is_changed = true;
-        while is_changed {
-            is_changed = false;
-            for (own, above) in &self.edges {
-                let floor = floors[*above as usize];
-                is_changed |= floors[*own as usize] < floor;
-                floors[*own as usize] = floors[*own as usize].max(floor);
+        let groups = self.child_pages.par_iter().with_min_len(MIN_PER_THREAD);
+        let mut limits: Vec<u16> = groups.map(fallback_limit).collect();
+        // One pass suffices if parents precede their children, as in files of smalto.
+        let mut has_changed = true;
+        while has_changed {
+            has_changed = false;
+            for (group, parent) in &self.edges {
+                let above = limits[*parent as usize];
+                has_changed |= limits[*group as usize] < above;
+                limits[*group as usize] = limits[*group as usize].max(above);
             }
         }
-        floors
+        limits
     }
 
-    /// Writes for every page the floors of its block and of that of its parents, codes in the lower and in the upper
-    /// half.
+    /// Packs the fallback limits of all pages as the shaders read them: the limit of the page's group in the lower half
+    /// of a word, that of its parents' group in the upper half.
     ///
     /// # Panics
-    /// If `words` has not a word for every page.
-    pub fn words(&self, floors: &[u16], words: &mut [u32]) {
-        assert_eq!(words.len(), self.own.len(), "every page has its word");
-        let floor = |block: u32| floors.get(block as usize).copied().unwrap_or(FINEST);
-        let blocks = self.own.par_iter().zip(&self.above);
-        words.par_iter_mut().zip(blocks).with_min_len(SHARE).for_each(|(word, (own, above))| {
-            *word = u32::from(floor(*own)) | u32::from(floor(*above)) << 16;
+    /// If `words` does not have one word per page.
+    pub fn pack_limits(&self, fallback_limits: &[u16], words: &mut [u32]) {
+        assert_eq!(words.len(), self.groups.len(), "every page has its word");
+        let limit = |group: u32| fallback_limits.get(group as usize).copied().unwrap_or(FINEST);
+        let groups = self.groups.par_iter().zip(&self.parent_groups);
+        words.par_iter_mut().zip(groups).with_min_len(MIN_PER_THREAD).for_each(|(word, (group, parent))| {
+            *word = u32::from(limit(*group)) | u32::from(limit(*parent)) << 16;
         });
     }
 }

@@ -1,97 +1,104 @@
-//! Which pages come next, and which leave for them. It takes milliseconds, so it is found beside the frames.
+//! The load schedule: which pages to load and which to evict for them. It takes milliseconds, so it is computed on a
+//! worker thread while frames are drawn.
 
 use std::cmp::Reverse;
 use std::collections::HashSet;
 
-use super::fallback::Family;
+use super::fallback::PageHierarchy;
 
-/// What a picture told of pages, and what was there then.
-pub struct Question {
-    /// Missing pages of the picture, with their priority and limit.
-    pub demanded: Vec<[u32; 2]>,
-    /// When, and how much, every page was wanted last, if the picture told.
-    pub wanted: Option<Vec<u32>>,
-    /// The number of the next picture.
+/// The requests of one frame, and the residency of the pages at that time.
+pub struct ResidencySnapshot {
+    /// Requested pages of the frame that cannot be drawn yet: page; priority, error limit in the upper half.
+    pub requested: Vec<[u32; 2]>,
+    /// By page: the stamp of the last frame that used it and its priority then, if they were read back.
+    pub last_used: Option<Vec<u32>>,
+    /// The stamp of the next frame.
     pub stamp: u16,
     /// By page.
-    pub is_there: Vec<bool>,
-    /// Pages that are read or brought.
-    pub coming: HashSet<u32>,
-    /// Pages that cannot be read.
+    pub is_resident: Vec<bool>,
+    /// Pages that are read or wait for their insertion.
+    pub loading: HashSet<u32>,
+    /// Pages whose read failed.
     pub unreadable: HashSet<u32>,
-    /// Pages that never leave, or do so already.
-    pub kept: HashSet<u32>,
-    /// Slots that nothing is coming for.
-    pub free: usize,
-    /// The most pages to read.
-    pub most: usize,
+    /// Pages that must not be evicted, or are being evicted already.
+    pub pinned: HashSet<u32>,
+    /// Slots that are free and not reserved for loading pages.
+    pub free_slots: usize,
+    /// Largest number of loads to schedule.
+    pub max_loads: usize,
 }
 
-/// What is to be done.
-pub struct Plan {
-    /// Pages to read, those that matter most first.
-    pub read: Vec<u32>,
-    /// Pages that leave for them.
-    pub leave: Vec<u32>,
-    /// The picture asked for pages that matter no more than those that are there.
-    pub is_sated: bool,
+/// The loads and evictions that follow from a snapshot.
+pub struct LoadSchedule {
+    /// Pages to load, in order of decreasing priority.
+    pub load: Vec<u32>,
+    /// Pages to evict for them.
+    pub evict: Vec<u32>,
+    /// True if nothing needs to be loaded: no requested page has a higher priority than the resident pages.
+    pub has_converged: bool,
 }
 
-/// Pictures after which a page that no picture wanted may leave.
-const LATELY: u16 = 4;
-/// Steps of codes by which a page must matter more than one that leaves for it: the eighth of a power of two.
-const MARGIN: i32 = 64;
+/// Frames after which an unused page may be evicted for any requested page.
+const RECENT_FRAMES: u16 = 4;
+/// Hysteresis, in steps of error codes: a page is evicted only for pages with a priority higher by more than this, an
+/// eighth of a power of two.
+const HYSTERESIS: i32 = 64;
 
-impl Plan {
-    pub fn of(family: &Family, question: &Question) -> Self {
-        let mut missing = missing(family, question);
-        let is_idle = missing.is_empty() && question.coming.is_empty();
-        missing.truncate(question.most);
-        let (mut leave, mut is_sated, free) = (Vec::new(), is_idle, question.free);
+impl LoadSchedule {
+    pub fn of(hierarchy: &PageHierarchy, snapshot: &ResidencySnapshot) -> Self {
+        let mut missing = missing_pages(hierarchy, snapshot);
+        let is_idle = missing.is_empty() && snapshot.loading.is_empty();
+        missing.truncate(snapshot.max_loads);
+        let (mut evict, mut has_converged, free) = (Vec::new(), is_idle, snapshot.free_slots);
         if missing.len() > free {
-            if let Some(wanted) = &question.wanted {
-                leave = leaving(family, question, wanted, &missing[free..]);
-                is_sated |= leave.is_empty() && free == 0;
+            if let Some(last_used) = &snapshot.last_used {
+                evict = evictions(hierarchy, snapshot, last_used, &missing[free..]);
+                has_converged |= evict.is_empty() && free == 0;
             }
-            // The next picture tells what may leave, if this one did not.
-            missing.truncate(free + leave.len());
+            // Without `last_used`, the next frame reads it back.
+            missing.truncate(free + evict.len());
         }
-        Self { read: missing.into_iter().map(|(page, _)| page).collect(), leave, is_sated }
+        Self { load: missing.into_iter().map(|(page, _)| page).collect(), evict, has_converged }
     }
 }
 
-/// The pages that are missing so that those of the picture are drawn, with what they are worth, the most first.
-fn missing(family: &Family, question: &Question) -> Vec<(u32, i32)> {
-    let mut wishes = family.wishes();
-    for [page, word] in &question.demanded {
-        family.wish(&mut wishes, *page, word & 0xffff, (word >> 16) as u16);
+/// The missing pages that the requests need, with their priorities, in decreasing order.
+fn missing_pages(hierarchy: &PageHierarchy, snapshot: &ResidencySnapshot) -> Vec<(u32, i32)> {
+    let mut requests = hierarchy.requests();
+    for [page, word] in &snapshot.requested {
+        hierarchy.request(&mut requests, *page, word & 0xffff, (word >> 16) as u16);
     }
-    let Question { is_there, coming, unreadable, .. } = question;
-    let is_new = |page: &u32| !is_there[*page as usize] && !coming.contains(page) && !unreadable.contains(page);
-    let mut missing: Vec<_> = family.wanted(&wishes).filter(|(page, _)| is_new(page)).collect();
-    missing.sort_unstable_by_key(|(page, worth)| (Reverse(*worth), *page));
+    let ResidencySnapshot { is_resident, loading, unreadable, .. } = snapshot;
+    let is_new = |page: &u32| !is_resident[*page as usize] && !loading.contains(page) && !unreadable.contains(page);
+    let mut missing: Vec<_> = hierarchy.requested_pages(&requests).filter(|(page, _)| is_new(page)).collect();
+    missing.sort_unstable_by_key(|(page, priority)| (Reverse(*priority), *page));
     missing
 }
 
-/// The pages that leave for some of the missing ones. What is there is worth what it would be if it were missing, so
-/// that no page comes and goes.
-fn leaving(family: &Family, question: &Question, wanted: &[u32], missing: &[(u32, i32)]) -> Vec<u32> {
-    let age = |word: u32| question.stamp.wrapping_sub((word >> 16) as u16);
-    let mut wishes = family.wishes();
-    for (word, page) in wanted.iter().zip(0..).filter(|(word, _)| **word != 0 && age(**word) < LATELY) {
-        family.wish(&mut wishes, page, word & 0xffff, 0);
+/// Chooses pages to evict for some of the missing pages. Resident pages are ranked by the priority they would have if
+/// they were missing, which avoids thrashing.
+fn evictions(
+    hierarchy: &PageHierarchy,
+    snapshot: &ResidencySnapshot,
+    last_used: &[u32],
+    missing: &[(u32, i32)],
+) -> Vec<u32> {
+    let age = |word: u32| snapshot.stamp.wrapping_sub((word >> 16) as u16);
+    let mut requests = hierarchy.requests();
+    for (word, page) in last_used.iter().zip(0..).filter(|(word, _)| **word != 0 && age(**word) < RECENT_FRAMES) {
+        hierarchy.request(&mut requests, page, word & 0xffff, 0);
     }
-    let worth = |page: u32| (family.worth(&wishes, page), Reverse(age(wanted[page as usize])), page);
-    let there = question.is_there.iter().zip(0..).filter(|(is_there, _)| **is_there).map(|(_, page)| page);
-    let mut there: Vec<_> = there.filter(|page| !question.kept.contains(page)).map(worth).collect();
-    if missing.len() < there.len() {
-        there.select_nth_unstable(missing.len());
-        there.truncate(missing.len());
+    let rank = |page: u32| (hierarchy.priority(&requests, page), Reverse(age(last_used[page as usize])), page);
+    let resident = snapshot.is_resident.iter().zip(0..).filter(|(is_resident, _)| **is_resident).map(|(_, page)| page);
+    let mut resident: Vec<_> = resident.filter(|page| !snapshot.pinned.contains(page)).map(rank).collect();
+    if missing.len() < resident.len() {
+        resident.select_nth_unstable(missing.len());
+        resident.truncate(missing.len());
     }
-    there.sort_unstable();
-    let is_worse = |own: Option<i32>, other: i32| own.is_none_or(|own| own + MARGIN < other);
-    let leaving = there.iter().zip(missing).take_while(|((own, ..), (_, other))| is_worse(*own, *other));
-    leaving.map(|((.., page), _)| *page).collect()
+    resident.sort_unstable();
+    let is_lower = |own: Option<i32>, other: i32| own.is_none_or(|own| own + HYSTERESIS < other);
+    let evicted = resident.iter().zip(missing).take_while(|((own, ..), (_, other))| is_lower(*own, *other));
+    evicted.map(|((.., page), _)| *page).collect()
 }
 
 #[cfg(test)]
@@ -99,8 +106,8 @@ mod tests {
     use super::*;
     use crate::pagefile::{NO_PAGE, PARTS, PageLod, SAMPLES};
 
-    /// A page in the block at `x`, whose nodes have parents with errors up to `coarsest` in page `parent`.
-    fn level(x: f32, parent: u32, coarsest: u16) -> PageLod {
+    /// A page of the group at `x`, whose nodes have parents with errors up to `parent_error` in page `parent`.
+    fn level(x: f32, parent: u32, parent_error: u16) -> PageLod {
         PageLod {
             low: [x; 3],
             high: [x; 3],
@@ -109,7 +116,7 @@ mod tests {
             highest_opacity: 1.0,
             least_error: 0,
             errors: [0; PARTS],
-            parent_errors: [coarsest; PARTS],
+            parent_errors: [parent_error; PARTS],
             squared_errors: [0; PARTS],
             samples: [0; SAMPLES],
             checksum: 0,
@@ -117,61 +124,62 @@ mod tests {
     }
 
     /// Four pages with parents in a fifth.
-    fn family() -> Family {
-        let levels = [100, 300, 900, 1600].map(|coarsest| level(1.0, 4, coarsest));
-        Family::of(&[&levels[..], &[level(0.0, NO_PAGE, 0)]].concat())
+    fn hierarchy() -> PageHierarchy {
+        let levels = [100, 300, 900, 1600].map(|parent_error| level(1.0, 4, parent_error));
+        PageHierarchy::new(&[&levels[..], &[level(0.0, NO_PAGE, 0)]].concat())
     }
 
-    fn question(is_there: [bool; 5]) -> Question {
-        Question {
-            demanded: Vec::new(),
-            wanted: None,
+    fn snapshot(is_resident: [bool; 5]) -> ResidencySnapshot {
+        ResidencySnapshot {
+            requested: Vec::new(),
+            last_used: None,
             stamp: 9,
-            is_there: is_there.to_vec(),
-            coming: HashSet::new(),
+            is_resident: is_resident.to_vec(),
+            loading: HashSet::new(),
             unreadable: HashSet::new(),
-            kept: HashSet::from([4]),
-            free: 0,
-            most: 9,
+            pinned: HashSet::from([4]),
+            free_slots: 0,
+            max_loads: 9,
         }
     }
 
     #[test]
-    fn what_matters_most_is_read_first_as_far_as_there_is_room() {
-        let asked = |free, most| {
-            let demanded = vec![[0, 5000]];
-            let coming = HashSet::from([1]);
-            Plan::of(&family(), &Question { demanded, free, most, coming, ..question([false; 5]) })
+    fn pages_are_loaded_by_priority_into_free_slots() {
+        let schedule = |free_slots, max_loads| {
+            let requested = vec![[0, 5000]];
+            let loading = HashSet::from([1]);
+            let snapshot = ResidencySnapshot { requested, free_slots, max_loads, loading, ..snapshot([false; 5]) };
+            LoadSchedule::of(&hierarchy(), &snapshot)
         };
-        let Plan { read, leave, is_sated } = asked(9, 9);
-        // The demanded page needs all of its block that has errors above the limit.
-        assert_eq!((read, leave, is_sated), (vec![3, 2, 0], vec![], false));
-        assert_eq!(asked(9, 2).read, [3, 2]);
-        let full = asked(1, 9);
-        assert_eq!((full.read, full.is_sated), (vec![3], false), "what leaves is not known yet");
+        let LoadSchedule { load, evict, has_converged } = schedule(9, 9);
+        // The requested page needs all pages of its group with errors above the limit.
+        assert_eq!((load, evict, has_converged), (vec![3, 2, 0], vec![], false));
+        assert_eq!(schedule(9, 2).load, [3, 2]);
+        let full = schedule(1, 9);
+        assert_eq!((full.load, full.has_converged), (vec![3], false), "candidates for eviction are not known yet");
         let unreadable = HashSet::from([0, 1, 2, 3]);
-        let nothing = Plan::of(&family(), &Question { unreadable, ..question([false; 5]) });
-        assert!(nothing.read.is_empty() && nothing.is_sated);
+        let nothing = LoadSchedule::of(&hierarchy(), &ResidencySnapshot { unreadable, ..snapshot([false; 5]) });
+        assert!(nothing.load.is_empty() && nothing.has_converged);
     }
 
     #[test]
-    fn pages_leave_for_those_that_matter_more() {
-        let asked = |wanted: [u32; 5], priority: u32| {
-            let question = Question {
-                demanded: vec![[0, priority]],
-                wanted: Some(wanted.to_vec()),
-                ..question([false, true, true, true, true])
+    fn pages_of_lower_priority_are_evicted() {
+        let schedule = |last_used: [u32; 5], priority: u32| {
+            let snapshot = ResidencySnapshot {
+                requested: vec![[0, priority]],
+                last_used: Some(last_used.to_vec()),
+                ..snapshot([false, true, true, true, true])
             };
-            Plan::of(&family(), &question)
+            LoadSchedule::of(&hierarchy(), &snapshot)
         };
-        // Nothing was wanted lately: any page but the one that is kept may leave.
-        let Plan { read, leave, .. } = asked([0; 5], 5000);
-        assert_eq!((read, leave), (vec![0], vec![1]));
-        // They were wanted in the picture before, by 4000 or by 6000: those with larger errors are worth more.
-        let of = |priority: u32| [0, priority | 8 << 16, priority | 8 << 16, priority | 8 << 16, 0];
-        let Plan { read, leave, is_sated } = asked(of(4000), 8000);
-        assert_eq!((read, leave, is_sated), (vec![0], vec![1], false));
-        let Plan { read, leave, is_sated } = asked(of(6000), 100);
-        assert!(read.is_empty() && leave.is_empty() && is_sated);
+        // No recent frame used a page: any page but the pinned one may be evicted.
+        let LoadSchedule { load, evict, .. } = schedule([0; 5], 5000);
+        assert_eq!((load, evict), (vec![0], vec![1]));
+        // The last frame used them with priority 4000 or 6000: pages with larger errors have higher priorities.
+        let used = |priority: u32| [0, priority | 8 << 16, priority | 8 << 16, priority | 8 << 16, 0];
+        let LoadSchedule { load, evict, has_converged } = schedule(used(4000), 8000);
+        assert_eq!((load, evict, has_converged), (vec![0], vec![1], false));
+        let LoadSchedule { load, evict, has_converged } = schedule(used(6000), 100);
+        assert!(load.is_empty() && evict.is_empty() && has_converged);
     }
 }

@@ -1,9 +1,5 @@
-//! Pictures that never wait for pages: they show the levels that are in device memory, while threads read the pages
-//! that the cut wants, the most visible first.
-//!
-//! The GPU notes the pages that a picture wanted, and lists those that are missing (select_pages.comp). The host reads them
-//! and brings some before each picture. Where no slot is free, they take those of pages that were not wanted lately, or
-//! that matter less. While the view moves, the pages are asked for, too, that it will want a moment later.
+//! Streams pages while frames are drawn: no frame waits for a page. Frames show the levels of detail that are resident,
+//! while threads read the requested pages in order of their priority.
 
 use std::cmp::Reverse;
 use std::collections::HashSet;
@@ -14,349 +10,382 @@ use anyhow::Result;
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use super::fallback::Family;
-use super::prefetch::Trail;
-use super::schedule::{Plan, Question};
+use super::fallback::PageHierarchy;
+use super::prefetch::{CameraMotion, MotionClock};
+use super::schedule::{LoadSchedule, ResidencySnapshot};
 use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, InFlight, Readback, Results};
 use crate::lod::CODES_PER_OCTAVE;
 use crate::options::Options;
 use crate::pagefile::{PageLod, Pages};
-use crate::render::lod::{Asked, Chooser};
-use crate::render::scene::{GpuScene, Paged, Pool, ReadPage};
-use crate::render::shaders::CutState;
+use crate::render::lod::{LodSelector, SelectionParams};
+use crate::render::scene::{GpuScene, LoadedPage, PageCache, Paged};
+use crate::render::shaders::SelectionState;
 
-/// Brings pages while pictures go on.
-pub struct Feed {
+/// Loads and evicts pages of a scene as its frames request them.
+pub struct PageStreamer {
     paged: Paged,
     pages: Pages,
-    family: Arc<Family>,
-    /// The changes of the pool that the floors on the device know of.
-    known: Option<u64>,
-    /// The copy of these to the device.
-    telling: Option<InFlight>,
-    /// The floors of blocks for the pages that are there.
-    target: Vec<u16>,
-    /// Those that are shown. Where nodes fade, they fall to those of the pages that are there.
-    floors: Vec<u16>,
-    /// Set while they fall: the time of the last step, and of the end.
-    falling: Option<[Instant; 2]>,
-    fades: bool,
+    hierarchy: Arc<PageHierarchy>,
+    /// Generation of the page cache for which the fallback limits were last uploaded.
+    uploaded_generation: Option<u64>,
+    /// The last upload of fallback limits.
+    upload: Option<InFlight>,
+    /// The fallback limits of the resident pages, by group.
+    target_limits: Vec<u16>,
+    /// The limits used for drawing. With fading, they decrease gradually to `target_limits`.
+    shown_limits: Vec<u16>,
+    /// While the limits decrease: the time of the last step, and the end.
+    fade: Option<[Instant; 2]>,
+    has_fading: bool,
     readers: ThreadPool,
-    /// Make floors. A picture waits for them, so these threads have no other work.
-    workers: ThreadPool,
-    sender: Sender<News>,
-    receiver: Receiver<News>,
-    /// Memory of pages that were brought, for others: to ask the system for it takes time from all threads.
-    spare: (Sender<ReadPage>, Receiver<ReadPage>),
-    /// The pages that come next are being chosen.
-    is_planning: bool,
-    /// Pages that are being read.
-    reading: HashSet<u32>,
-    /// Pages that were read and are not on the device yet, the most visible first.
-    arrived: Vec<(u32, ReadPage)>,
-    /// Pages that could not be read.
+    /// Threads that compute fallback limits, and nothing else, since a frame waits for them.
+    limit_workers: ThreadPool,
+    sender: Sender<LoadEvent>,
+    receiver: Receiver<LoadEvent>,
+    /// Memory of inserted pages, for reuse: an allocation by the system stalls all threads.
+    spare_memory: (Sender<LoadedPage>, Receiver<LoadedPage>),
+    /// True while a worker computes a load schedule.
+    is_scheduling: bool,
+    /// Pages that threads are reading.
+    loading: HashSet<u32>,
+    /// Pages in host memory that await their insertion into the page cache, in order of priority.
+    loaded: Vec<(u32, LoadedPage)>,
+    /// Pages whose read failed.
     unreadable: HashSet<u32>,
-    /// Why, until somebody asks.
+    /// The first such failure, until it is reported.
     problem: Option<anyhow::Error>,
-    /// Pages that leave for those that are being read.
-    leaving: Vec<u32>,
-    asked: Asked,
-    trail: Trail,
-    /// The view that is expected after the next picture, if it moves and pages can be read for it.
-    expected: Option<Camera>,
-    /// No slot is free: the next picture tells which pages were wanted.
+    /// Pages to evict when loading pages are inserted.
+    evicting: Vec<u32>,
+    params: SelectionParams,
+    motion: CameraMotion,
+    clock: MotionClock,
+    /// The camera to prefetch pages for after the next frame, if it moves and the streamer is not busy.
+    predicted: Option<Camera>,
+    /// True if no slot is free: the next frame reads back which pages were used last.
     is_full: bool,
-    /// The last picture asked for pages that matter no more than those that are there.
-    is_sated: bool,
+    /// True if no requested page has a higher priority than the resident pages.
+    has_converged: bool,
     missing: u32,
 }
 
-/// What threads report.
-enum News {
-    Plan(Plan),
-    Read(u32, Result<ReadPage>),
+/// A message of a worker.
+enum LoadEvent {
+    Scheduled(LoadSchedule),
+    Read(u32, Result<LoadedPage>),
 }
 
-/// What a picture told about pages.
-pub struct Demand {
+/// The page requests of one frame, read back from the GPU.
+pub struct PageRequests {
     missing: Readback<[u32; 2]>,
-    /// When, and how much, every page was wanted last.
-    wanted: Option<Readback<u32>>,
-    /// What the view that is expected later would lack.
-    later: Option<(Readback<CutState>, Readback<[u32; 2]>)>,
+    /// By page: the stamp of the last frame that used it, and its priority then.
+    last_used: Option<Readback<u32>>,
+    /// The requests for the predicted camera.
+    prefetch: Option<(Readback<SelectionState>, Readback<[u32; 2]>)>,
 }
 
-/// How far the pages of a picture that never waits are there.
+/// The residency of the pages of a streamed frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Residency {
-    /// Pages of the cut that the last picture drew coarser, because they or others are missing.
+    /// Selected pages that the last frame drew at a coarser level, because these or related pages are not resident.
     pub missing: u32,
-    /// Pages that are being read or brought.
-    pub coming: usize,
-    /// Pages that are there.
-    pub there: usize,
-    /// Pages that fit.
-    pub fitting: usize,
-    /// The next picture asks for more, or shows more of what is there.
-    pub is_asking: bool,
+    /// Pages that are read or wait for their insertion.
+    pub loading: usize,
+    /// Resident pages.
+    pub resident: usize,
+    /// Number of pages that fit.
+    pub capacity: usize,
+    /// True if the next frame would request more pages, or show finer levels.
+    pub is_pending: bool,
 }
 
 impl Residency {
-    /// True if nothing more comes for this picture.
+    /// True if further frames with the same camera would show the same.
     pub fn is_settled(&self) -> bool {
-        self.coming == 0 && !self.is_asking
+        self.loading == 0 && !self.is_pending
     }
 }
 
-/// Missing pages that a picture lists at most.
-const DEMANDED: usize = 8192;
-/// The coarsest pages, which are always there. The last pages of a file are the coarsest.
-const COARSEST: usize = 64;
-/// Pages that are read at a time, or wait to be brought.
-const COMING: usize = 512;
-/// Pages that come at which no more are read ahead.
-const ENOUGH: usize = COMING / 4;
-/// Steps of codes by which a page matters less that is wanted later: two powers of two.
-const LATER: u32 = 2 * CODES_PER_OCTAVE as u32;
-/// Threads that read, and threads that make floors.
+/// Largest number of requests of a frame.
+const MAX_REQUESTS: usize = 8192;
+/// Number of pinned pages: the last pages of a file, which are the coarsest.
+const PINNED_PAGES: usize = 64;
+/// Largest number of pages that are loading or wait for their insertion.
+const MAX_LOADING: usize = 512;
+/// With more loading pages than this, nothing is prefetched.
+const MAX_LOADING_TO_PREFETCH: usize = MAX_LOADING / 4;
+/// Priority that prefetched pages lose, in steps of error codes: two powers of two.
+const PREFETCH_PENALTY: u32 = 2 * CODES_PER_OCTAVE as u32;
+/// Number of reading threads, and of threads that compute fallback limits.
 const THREADS: usize = 8;
-/// The time in which a floor falls by a power of two.
-const OCTAVE: Duration = Duration::from_millis(60);
-/// The time after which floors are where they fall to: what is above the limits of nodes cannot be seen.
-const FALL: Duration = Duration::from_millis(400);
+/// Time in which a fallback limit fades by a power of two.
+const FADE_PER_OCTAVE: Duration = Duration::from_millis(60);
+/// Time after which a fade ends: fallback limits below the error limits of the selection are invisible by then.
+const FADE_TIME: Duration = Duration::from_millis(400);
 
-impl Feed {
-    /// Brings the coarsest pages. With `fades`, pages that are brought later fade in.
+impl PageStreamer {
+    /// Loads the pinned pages. With `has_fading`, finer levels fade in when their pages become resident.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If a pinned page cannot be read.
     ///
     /// # Panics
     /// If the scene has no levels of detail.
-    pub fn new(device: &Device, paged: &Paged, chooser: &mut Chooser, fades: bool) -> Result<Self> {
-        let mut pool = paged.cache();
-        let pages = pool.pages().clone();
-        let always: Vec<u32> = coarsest(&pool).collect();
-        pool.bring(device, &always)?;
-        chooser.make_demand(device, DEMANDED)?;
+    pub fn new(device: &Device, paged: &Paged, selector: &mut LodSelector, has_fading: bool) -> Result<Self> {
+        let mut cache = paged.cache();
+        let pages = cache.pages().clone();
+        let pinned: Vec<u32> = pinned_pages(&cache).collect();
+        cache.load(device, &pinned)?;
+        selector.reserve_requests(device, MAX_REQUESTS)?;
         let (sender, receiver) = unbounded();
         let threads = std::thread::available_parallelism().map_or(1, usize::from).min(THREADS);
         Ok(Self {
             paged: paged.clone(),
-            family: Arc::new(Family::of(levels(&pages))),
+            hierarchy: Arc::new(PageHierarchy::new(levels(&pages))),
             pages,
-            known: None,
-            telling: None,
-            target: Vec::new(),
-            floors: Vec::new(),
-            falling: None,
-            fades,
+            uploaded_generation: None,
+            upload: None,
+            target_limits: Vec::new(),
+            shown_limits: Vec::new(),
+            fade: None,
+            has_fading,
             readers: ThreadPoolBuilder::new().num_threads(threads).build()?,
-            workers: ThreadPoolBuilder::new().num_threads(threads).build()?,
+            limit_workers: ThreadPoolBuilder::new().num_threads(threads).build()?,
             sender,
             receiver,
-            spare: unbounded(),
-            is_planning: false,
-            reading: HashSet::new(),
-            arrived: Vec::new(),
+            spare_memory: unbounded(),
+            is_scheduling: false,
+            loading: HashSet::new(),
+            loaded: Vec::new(),
             unreadable: HashSet::new(),
             problem: None,
-            leaving: Vec::new(),
-            asked: Asked { stamp: 1, ..Asked::default() },
-            trail: Trail::default(),
-            expected: None,
+            evicting: Vec::new(),
+            params: SelectionParams { stamp: 1, ..SelectionParams::default() },
+            motion: CameraMotion::default(),
+            clock: MotionClock::default(),
+            predicted: None,
             is_full: false,
-            is_sated: false,
+            has_converged: false,
             missing: 0,
         })
     }
 
-    /// Brings pages that were read, and tells the chooser which levels are there. Call it before each picture, with its
-    /// view.
+    /// Prepares the next frame, with this camera: inserts loaded pages into the page cache and updates the fallback
+    /// limits.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn advance(&mut self, device: &Device, chooser: &mut Chooser, camera: &Camera) -> Result<()> {
-        self.receive();
-        let is_busy = self.is_planning || self.reading.len() + self.arrived.len() > ENOUGH;
-        self.expected = self.trail.follow(Instant::now(), camera).filter(|_| !is_busy);
+    pub fn advance(&mut self, device: &Device, selector: &mut LodSelector, camera: &Camera) -> Result<()> {
+        self.poll();
+        let is_busy = self.is_scheduling || self.loading.len() + self.loaded.len() > MAX_LOADING_TO_PREFETCH;
+        self.predicted = self.motion.predict(self.clock.now(), camera).filter(|_| !is_busy);
         let paged = self.paged.clone();
-        let mut pool = paged.cache();
-        let coming = self.arrived.len().min(pool.room());
-        let mut read: Vec<_> = self.arrived.drain(..coming).filter(|(page, _)| !pool.has(*page)).collect();
-        if !read.is_empty() {
-            read.sort_unstable_by_key(|(page, _)| *page);
-            let leave = self.leaving.len().min(read.len().saturating_sub(pool.free()));
-            let leaving: Vec<u32> = self.leaving.drain(..leave).collect();
-            pool.put(device, &read, &leaving)?;
-            // Both ends are here, so this does not fail.
-            read.into_iter().for_each(|(_, words)| drop(self.spare.0.send(words)));
+        let mut cache = paged.cache();
+        let count = self.loaded.len().min(cache.max_inserted());
+        let mut loaded: Vec<_> = self.loaded.drain(..count).filter(|(page, _)| !cache.is_resident(*page)).collect();
+        if !loaded.is_empty() {
+            loaded.sort_unstable_by_key(|(page, _)| *page);
+            let count = self.evicting.len().min(loaded.len().saturating_sub(cache.free_slots()));
+            let evicted: Vec<u32> = self.evicting.drain(..count).collect();
+            cache.insert(device, &loaded, &evicted)?;
+            // This object holds both ends of the channel, so it is never closed.
+            loaded.into_iter().for_each(|(_, memory)| drop(self.spare_memory.0.send(memory)));
         }
-        let has_changed = self.known != Some(pool.changes());
+        let has_changed = self.uploaded_generation != Some(cache.generation());
         if has_changed {
-            self.known = Some(pool.changes());
-            let are_there = pool.are_there();
-            self.target = self.workers.install(|| self.family.floors(|page| are_there[page as usize]));
+            self.uploaded_generation = Some(cache.generation());
+            let residency = cache.residency();
+            let limits = || self.hierarchy.fallback_limits(|page| residency[page as usize]);
+            self.target_limits = self.limit_workers.install(limits);
         }
-        if has_changed || self.falling.is_some() {
-            self.fall(has_changed);
-            // What was told before was submitted before the last picture, so this hardly waits.
-            let write = |words: &mut [u32]| self.workers.install(|| self.family.words(&self.floors, words));
-            self.telling = Some(chooser.set_floors(device, write)?);
+        if has_changed || self.fade.is_some() {
+            self.fade_limits(has_changed);
+            let pack = |words: &mut [u32]| {
+                self.limit_workers.install(|| self.hierarchy.pack_limits(&self.shown_limits, words));
+            };
+            // The previous upload was submitted before the last frame, so this hardly waits for it.
+            self.upload = Some(selector.set_fallback_limits(device, pack)?);
         }
-        // After the last stamp comes the first, which is below all that shaders noted: what they noted goes.
-        self.asked.stamp = self.asked.stamp.checked_add(1).unwrap_or(1);
-        if self.asked.stamp == 1 {
+        // Stamps wrap around to 1, which is less than all stamps recorded by shaders, so these are cleared.
+        self.params.stamp = self.params.stamp.checked_add(1).unwrap_or(1);
+        if self.params.stamp == 1 {
             let mut cmd = Commands::new(device)?;
             cmd.fill(&paged.last_used, 0);
             cmd.submit()?.wait()?;
         }
-        chooser.asked = self.asked;
+        selector.params = self.params;
         Ok(())
     }
 
-    /// Brings the floors that are shown nearer to those of the pages that are there.
-    fn fall(&mut self, has_changed: bool) {
+    /// Moves the shown fallback limits towards those of the resident pages.
+    fn fade_limits(&mut self, has_changed: bool) {
         let now = Instant::now();
-        let is_first = self.floors.is_empty();
-        let [before, end] = match self.falling {
-            Some([before, end]) => [before, if has_changed { now + FALL } else { end }],
-            None => [now, now + FALL],
+        let is_first = self.shown_limits.is_empty();
+        let [before, end] = match self.fade {
+            Some([before, end]) => [before, if has_changed { now + FADE_TIME } else { end }],
+            None => [now, now + FADE_TIME],
         };
-        if is_first || !self.fades || now >= end {
-            self.floors.clone_from(&self.target);
-            self.falling = None;
+        if is_first || !self.has_fading || now >= end {
+            self.shown_limits.clone_from(&self.target_limits);
+            self.fade = None;
             return;
         }
-        let step = (CODES_PER_OCTAVE * (now - before).div_duration_f64(OCTAVE)) as u16;
-        for (shown, floor) in self.floors.iter_mut().zip(&self.target) {
-            *shown = shown.saturating_sub(step).max(*floor);
+        let step = (CODES_PER_OCTAVE * (now - before).div_duration_f64(FADE_PER_OCTAVE)) as u16;
+        for (shown, target) in self.shown_limits.iter_mut().zip(&self.target_limits) {
+            *shown = shown.saturating_sub(step).max(*target);
         }
-        self.falling = Some([now, end]);
+        self.fade = Some([now, end]);
     }
 
-    /// Brings what a recorded picture tells to the host. The chooser then chooses for the view that is expected later.
+    /// Records the read-back of a frame's requests, then the selection for the predicted camera and its requests.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn read(&self, cmd: &mut Commands, chooser: &Chooser, scene: &GpuScene, options: &Options) -> Result<Demand> {
+    pub fn record_requests(
+        &self,
+        cmd: &mut Commands,
+        selector: &LodSelector,
+        scene: &GpuScene,
+        options: &Options,
+    ) -> Result<PageRequests> {
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-        let missing = cmd.read(chooser.demand())?;
-        let mut later = None;
-        if let Some(camera) = &self.expected {
-            let asked = Asked { later: LATER, ..self.asked };
-            cmd.scope("ahead", |cmd| chooser.record_asked(cmd, scene, camera, options, asked))?;
-            later = Some((chooser.read(cmd)?, cmd.read(chooser.demand())?));
+        let missing = cmd.read(selector.requests())?;
+        let mut prefetch = None;
+        if let Some(camera) = &self.predicted {
+            let params = SelectionParams { priority_penalty: PREFETCH_PENALTY, ..self.params };
+            cmd.scope("ahead", |cmd| selector.record_with(cmd, scene, camera, options, params))?;
+            prefetch = Some((selector.read(cmd)?, cmd.read(selector.requests())?));
         }
-        let wanted = self.is_full.then(|| cmd.read(&self.paged.last_used)).transpose()?;
-        Ok(Demand { missing, wanted, later })
+        let last_used = self.is_full.then(|| cmd.read(&self.paged.last_used)).transpose()?;
+        Ok(PageRequests { missing, last_used, prefetch })
     }
 
-    /// Begins to read the pages that a finished picture was lacking.
-    pub fn take(&mut self, state: &CutState, results: &Results, demand: &Demand) {
-        self.receive();
+    /// Handles the requests of a finished frame: a worker computes the load schedule for them, unless it is still busy
+    /// with those of an earlier frame.
+    pub fn handle_requests(&mut self, state: &SelectionState, results: &Results, requests: &PageRequests) {
+        self.poll();
         self.missing = state.missing;
-        let listed = |state: &CutState| (state.demanded as usize).min(DEMANDED);
-        let mut demanded: Vec<[u32; 2]> = results.view(&demand.missing)[..listed(state)].to_vec();
-        demanded.sort_unstable_by_key(|[_, word]| Reverse(word & 0xffff));
-        // Of a list that is too long the next picture lists those that matter most.
-        let place = DEMANDED * DEMANDED / (2 * (state.demanded as usize).max(1));
-        let least = demanded.get(place).filter(|_| state.demanded as usize > DEMANDED);
-        self.asked.least_priority = least.map_or(0, |[_, word]| word & 0xffff);
-        let pool = self.paged.cache();
-        self.is_full = pool.free() == 0;
-        if self.is_planning {
+        let count = |state: &SelectionState| (state.requested as usize).min(MAX_REQUESTS);
+        let mut requested: Vec<[u32; 2]> = results.view(&requests.missing)[..count(state)].to_vec();
+        requested.sort_unstable_by_key(|[_, word]| Reverse(word & 0xffff));
+        // If the list overflowed, the next frame lists only the requests of the highest priorities.
+        let rank = MAX_REQUESTS * MAX_REQUESTS / (2 * (state.requested as usize).max(1));
+        let least = requested.get(rank).filter(|_| state.requested as usize > MAX_REQUESTS);
+        self.params.min_priority = least.map_or(0, |[_, word]| word & 0xffff);
+        let cache = self.paged.cache();
+        self.is_full = cache.free_slots() == 0;
+        if self.is_scheduling {
             return;
         }
-        if let Some((state, missing)) = &demand.later {
-            let later = &results.view(missing)[..listed(&results.view(state)[0])];
-            demanded.extend(later);
+        if let Some((state, missing)) = &requests.prefetch {
+            requested.extend(&results.view(missing)[..count(&results.view(state)[0])]);
         }
-        let coming: HashSet<u32> =
-            self.arrived.iter().map(|(page, _)| *page).chain(self.reading.iter().copied()).collect();
-        let question = Question {
-            demanded,
-            wanted: demand.wanted.as_ref().map(|wanted| results.view(wanted).to_vec()),
-            stamp: self.asked.stamp,
-            is_there: pool.are_there().to_vec(),
+        let loading: HashSet<u32> =
+            self.loaded.iter().map(|(page, _)| *page).chain(self.loading.iter().copied()).collect();
+        let reserved = loading.len().saturating_sub(self.evicting.len());
+        let snapshot = ResidencySnapshot {
+            requested,
+            last_used: requests.last_used.as_ref().map(|last_used| results.view(last_used).to_vec()),
+            stamp: self.params.stamp,
+            is_resident: cache.residency().to_vec(),
             unreadable: self.unreadable.clone(),
-            kept: coarsest(&pool).chain(self.leaving.iter().copied()).collect(),
-            free: pool.free().saturating_sub(coming.len().saturating_sub(self.leaving.len())),
-            most: COMING.saturating_sub(coming.len()),
-            coming,
+            pinned: pinned_pages(&cache).chain(self.evicting.iter().copied()).collect(),
+            free_slots: cache.free_slots().saturating_sub(reserved),
+            max_loads: MAX_LOADING.saturating_sub(loading.len()),
+            loading,
         };
-        self.is_planning = true;
-        let (family, sender) = (self.family.clone(), self.sender.clone());
-        rayon::spawn(move || drop(sender.send(News::Plan(Plan::of(&family, &question)))));
+        self.is_scheduling = true;
+        let (hierarchy, sender) = (self.hierarchy.clone(), self.sender.clone());
+        rayon::spawn(move || drop(sender.send(LoadEvent::Scheduled(LoadSchedule::of(&hierarchy, &snapshot)))));
     }
 
-    /// Begins what was planned.
-    fn follow(&mut self, plan: Plan) {
-        self.is_planning = false;
-        self.is_sated = plan.is_sated;
-        self.leaving.extend(plan.leave);
-        for page in plan.read {
-            self.reading.insert(page);
-            let (pages, sender, spare) = (self.pages.clone(), self.sender.clone(), self.spare.1.clone());
+    /// Starts the loads of a schedule, and marks its evictions.
+    fn start_loads(&mut self, schedule: LoadSchedule) {
+        self.is_scheduling = false;
+        self.has_converged = schedule.has_converged;
+        self.evicting.extend(schedule.evict);
+        for page in schedule.load {
+            self.loading.insert(page);
+            let (pages, sender, spare) = (self.pages.clone(), self.sender.clone(), self.spare_memory.1.clone());
             self.readers.spawn_fifo(move || {
                 let memory = spare.try_recv().ok();
-                // The receiver may be gone: then nobody wants the page.
-                _ = sender.send(News::Read(page, ReadPage::read(&pages, page, memory)));
+                // The channel is closed if the streamer was dropped: then no frame needs the page.
+                _ = sender.send(LoadEvent::Read(page, LoadedPage::read(&pages, page, memory)));
             });
         }
     }
 
-    /// Takes in what was planned and read.
-    fn receive(&mut self) {
-        while let Ok(news) = self.receiver.try_recv() {
-            match news {
-                News::Plan(plan) => self.follow(plan),
-                News::Read(page, read) => {
-                    self.reading.remove(&page);
-                    match read {
-                        Ok(words) => self.arrived.push((page, words)),
-                        Err(problem) => {
-                            self.unreadable.insert(page);
-                            self.problem.get_or_insert(problem);
-                        }
+    /// Handles the messages of the workers so far.
+    fn poll(&mut self) {
+        while let Ok(event) = self.receiver.try_recv() {
+            self.handle(event);
+        }
+    }
+
+    fn handle(&mut self, event: LoadEvent) {
+        match event {
+            LoadEvent::Scheduled(schedule) => self.start_loads(schedule),
+            LoadEvent::Read(page, read) => {
+                self.loading.remove(&page);
+                match read {
+                    Ok(memory) => self.loaded.push((page, memory)),
+                    Err(problem) => {
+                        self.unreadable.insert(page);
+                        self.problem.get_or_insert(problem);
                     }
                 }
             }
         }
     }
 
-    /// True if another picture would show more, or tell more.
-    pub fn has_news(&mut self) -> bool {
-        self.receive();
-        !self.arrived.is_empty() || self.falling.is_some() || self.is_asking() && !self.is_planning
+    /// True if another frame with the same camera would show finer levels, or request more pages.
+    pub fn needs_frame(&mut self) -> bool {
+        self.poll();
+        !self.loaded.is_empty() || self.fade.is_some() || self.is_requesting() && !self.is_scheduling
     }
 
-    /// True if pages are asked for, of this picture or the next.
-    fn is_asking(&self) -> bool {
-        self.is_planning || self.missing > 0 && self.reading.is_empty() && !self.is_sated
+    /// True if requests are being scheduled, or the next frame has some.
+    fn is_requesting(&self) -> bool {
+        self.is_scheduling || self.missing > 0 && self.loading.is_empty() && !self.has_converged
     }
 
-    /// Why a page could not be read, once.
+    /// The first failure of a read since the last call.
     pub fn take_problem(&mut self) -> Option<anyhow::Error> {
         self.problem.take()
     }
 
     pub fn residency(&self) -> Residency {
-        let pool = self.paged.cache();
+        let cache = self.paged.cache();
         Residency {
             missing: self.missing,
-            coming: self.reading.len() + self.arrived.len(),
-            there: pool.capacity() - pool.free(),
-            fitting: pool.capacity(),
-            is_asking: self.is_asking() || self.falling.is_some(),
+            loading: self.loading.len() + self.loaded.len(),
+            resident: cache.capacity() - cache.free_slots(),
+            capacity: cache.capacity(),
+            is_pending: self.is_requesting() || self.fade.is_some(),
         }
     }
 }
 
-/// The pages that are always there.
-fn coarsest(pool: &Pool) -> impl Iterator<Item = u32> + use<> {
-    let (pages, most) = (pool.pages().pages().len(), COARSEST.min(pool.capacity().div_ceil(4)));
+/// The handles of tests, which make the streamer independent of time.
+#[cfg(test)]
+impl PageStreamer {
+    /// Sets the time of the motion clock, which then stands still.
+    pub fn set_motion_time(&mut self, time: Duration) {
+        self.clock = MotionClock::Fixed(time);
+    }
+
+    /// Waits until the workers have finished: all scheduled pages are in host memory.
+    pub fn wait_for_loads(&mut self) {
+        while self.is_scheduling || !self.loading.is_empty() {
+            let event = self.receiver.recv().expect("this object holds both ends of the channel");
+            self.handle(event);
+        }
+    }
+}
+
+/// The pages that are always resident.
+fn pinned_pages(cache: &PageCache) -> impl Iterator<Item = u32> + use<> {
+    let (pages, most) = (cache.pages().pages().len(), PINNED_PAGES.min(cache.capacity().div_ceil(4)));
     (pages.saturating_sub(most)..pages).map(|page| page as u32)
 }
 

@@ -1,4 +1,4 @@
-//! Pictures that do not wait for pages: they become those that do, and are near them where memory is short.
+//! Streamed frames: they become equal to frames that wait for pages, and close to them where memory is short.
 
 use std::time::{Duration, Instant};
 
@@ -11,7 +11,7 @@ use crate::pixels::Pixels;
 use crate::procedural::cactus;
 use crate::render::capacity::Capacity;
 use crate::render::inspect::{Attribute, Inspection};
-use crate::render::lod::fixtures::{brought, open, with_levels};
+use crate::render::lod::fixtures::{open, opened_scene, with_levels};
 use crate::render::renderer::Renderer;
 use crate::render::scene::GpuScene;
 use crate::rules::{Background, Rules};
@@ -26,7 +26,7 @@ fn streaming(device: &Device, scene: &GpuScene, options: &Options) -> Renderer {
     renderer
 }
 
-/// Draws until nothing more comes.
+/// Draws until no page is loading and further frames show the same.
 fn settle(renderer: &mut Renderer, camera: &Camera) -> (Pixels, Residency) {
     let begun = Instant::now();
     loop {
@@ -43,10 +43,23 @@ fn settle(renderer: &mut Renderer, camera: &Camera) -> (Pixels, Residency) {
     }
 }
 
+/// As [`settle`], but without a frame while pages are loading, so that every run draws the same frames up to fading.
+fn settle_in_step(renderer: &mut Renderer, camera: &Camera) -> Pixels {
+    loop {
+        renderer.render(camera, BACKGROUND).unwrap();
+        renderer.streamer().wait_for_loads();
+        assert!(renderer.take_problem().is_none());
+        if !renderer.has_news() {
+            return renderer.pixels().unwrap();
+        }
+    }
+}
+
 fn differing(a: &Pixels, b: &Pixels) -> usize {
     a.rgba.iter().zip(&b.rgba).filter(|(a, b)| a.map(f32::to_bits) != b.map(f32::to_bits)).count()
 }
 
+/// A frame that waits for its pages.
 fn waited_for(device: &Device, scene: &GpuScene, options: &Options, camera: &Camera) -> Pixels {
     let mut renderer = Renderer::new(device, options, scene).unwrap();
     renderer.render(camera, BACKGROUND).unwrap();
@@ -54,7 +67,7 @@ fn waited_for(device: &Device, scene: &GpuScene, options: &Options, camera: &Cam
 }
 
 #[test]
-fn pictures_that_do_not_wait_become_those_that_do() {
+fn streamed_frames_become_equal_to_frames_that_wait() {
     let scene = cactus::cactus(120_000).unwrap();
     let focus = Focus::of(&scene.gaussians);
     let (file, device) = (with_levels(scene, Settings::LOSSLESS), open(None));
@@ -62,10 +75,10 @@ fn pictures_that_do_not_wait_become_those_that_do() {
     let plain = Options { rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::EXACT };
     for places in [&[][..], &[Transform::IDENTITY, beside]] {
         for options in [plain.finest(), Options { splats: 20_000, ..plain }] {
-            let scene = brought(&device, &file, places, &options);
+            let scene = opened_scene(&device, &file, places, &options);
             let mut renderer = streaming(&device, &scene, &options);
             let first = renderer.residency().unwrap();
-            assert!(first.there < first.fitting, "{first:?}");
+            assert!(first.resident < first.capacity, "{first:?}");
             for zoom in [0.1, 1.0, 3.0] {
                 let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, SIZE);
                 let (pixels, residency) = settle(&mut renderer, &camera);
@@ -78,20 +91,21 @@ fn pictures_that_do_not_wait_become_those_that_do() {
     assert_eq!(device.validation_messages(), Vec::<String>::new());
 }
 
-/// The pages that do not fit are those that matter least, so the picture is near that of all, and nothing flickers.
+/// With a small page cache, the pages of the lowest priorities are missing, so the picture is close to that of all
+/// pages, and settled frames are equal.
 #[test]
-fn what_does_not_fit_is_drawn_coarser() {
+fn pages_that_do_not_fit_are_drawn_coarser() {
     let scene = cactus::cactus(120_000).unwrap();
     let focus = Focus::of(&scene.gaussians);
     let options = Options { rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::BALANCED }.finest();
     let file = with_levels(scene, Options::BALANCED);
     let (device, small) = (open(None), open(Some(60 << 20)));
-    let (all, some) = (brought(&device, &file, &[], &options), brought(&small, &file, &[], &options));
+    let (all, some) = (opened_scene(&device, &file, &[], &options), opened_scene(&small, &file, &[], &options));
     let mut renderer = streaming(&small, &some, &options);
     for zoom in [0.3, 1.0, 0.2] {
         let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, SIZE);
         let (pixels, residency) = settle(&mut renderer, &camera);
-        assert!(residency.fitting < 2 * file.pages().len() / 3, "{residency:?}");
+        assert!(residency.capacity < 2 * file.pages().len() / 3, "{residency:?}");
         assert!(residency.missing > 0 || zoom < 1.0, "{residency:?}");
         let again = settle(&mut renderer, &camera).0;
         assert_eq!(differing(&pixels, &again), 0, "zoom {zoom}");
@@ -99,89 +113,82 @@ fn what_does_not_fit_is_drawn_coarser() {
         let squares = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|i| f64::from(a[i] - b[i]).powi(2)).sum::<f64>();
         let sum: f64 = pixels.rgba.iter().zip(&expected.rgba).map(squares).sum();
         let psnr = -10.0 * (sum / (3 * pixels.rgba.len()) as f64).log10();
-        // Half of the pages, chosen for this view.
+        // Half of the pages, selected for this view.
         assert!(psnr > 28.0, "zoom {zoom}: {psnr} dB, {residency:?}");
     }
     assert_eq!(small.validation_messages(), Vec::<String>::new());
 }
 
-/// While pages are missing, a look shows by how much their parents are coarser than asked for.
+/// While pages are missing, the attribute `lag` shows by how many levels their parents are coarser than selected.
 #[test]
-fn a_look_shows_what_is_missing() {
+fn the_lag_shows_missing_pages() {
     let scene = cactus::cactus(120_000).unwrap();
     let focus = Focus::of(&scene.gaussians);
     let (file, device) = (with_levels(scene, Options::BALANCED), open(None));
     let options = Options { splats: 60_000, ..Options::BALANCED };
-    let scene = brought(&device, &file, &[], &options);
+    let scene = opened_scene(&device, &file, &[], &options);
     let mut renderer = streaming(&device, &scene, &options);
     renderer.set_inspection(Inspection::of_attribute(Attribute::Lag)).unwrap();
     let camera = Camera::framing(focus.centre.into(), focus.radius, SIZE);
     let lag = |pixels: &Pixels| pixels.rgba.iter().map(|p| p[0] / p[3].max(1e-6)).fold(0.0, f32::max);
     renderer.render(&camera, BACKGROUND).unwrap();
     let first = lag(&renderer.pixels().unwrap());
-    assert!(first > 0.5 && first < 16.0, "the coarsest pages alone: {first}");
+    assert!(first > 0.5 && first < 16.0, "the pinned pages alone: {first}");
     assert_eq!(lag(&settle(&mut renderer, &camera).0), 0.0);
     assert_eq!(device.validation_messages(), Vec::<String>::new());
 }
 
-/// Pages arrive faster than buffers grow, so a frame that is repeated must not show more of them each time.
+/// Pages are loaded faster than buffers grow, so each attempt of a frame must draw the same resident pages.
 #[test]
-fn a_frame_that_is_repeated_shows_the_same_pages() {
+fn all_attempts_of_a_frame_draw_the_same_pages() {
     let scene = cactus::cactus(150_000).unwrap();
     let focus = Focus::of(&scene.gaussians);
     let (file, device) = (with_levels(scene, Options::BALANCED), open(None));
     let options = Options::BALANCED.finest();
-    let scene = brought(&device, &file, &[], &options);
+    let scene = opened_scene(&device, &file, &[], &options);
     let mut renderer = streaming(&device, &scene, &options);
     let camera = Camera::framing(focus.centre.into(), focus.radius, SIZE);
-    let changes = || scene.paged().unwrap().cache().changes();
+    let generation = || scene.paged().unwrap().cache().generation();
     for _ in 0..2 {
         renderer = renderer.with_capacity(Capacity::default()).unwrap();
-        let before = changes();
+        let before = generation();
         let frame = renderer.render(&camera, BACKGROUND).unwrap();
-        assert!(frame.attempts > 2 && changes() <= before + 1, "{} attempts", frame.attempts);
-        while !renderer.has_news() && !renderer.residency().unwrap().is_settled() {
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        assert!(frame.attempts > 2 && generation() <= before + 1, "{} attempts", frame.attempts);
+        renderer.streamer().wait_for_loads();
     }
     assert_eq!(device.validation_messages(), Vec::<String>::new());
 }
 
-/// While a view moves, the pages come that it needs a moment later, and the picture of now shows the same as without.
+/// While the camera moves, pages of its next views are prefetched, and the present view shows the same as without.
 #[test]
-fn pages_are_there_when_the_view_arrives() {
+fn pages_are_resident_when_the_camera_arrives() {
     let scene = cactus::cactus(150_000).unwrap();
     let focus = Focus::of(&scene.gaussians);
     let (file, device) = (with_levels(scene, Options::BALANCED), open(None));
     let options = Options { splats: 30_000, rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::BALANCED };
     let far = Camera::framing(focus.centre.into(), focus.radius, SIZE);
-    // It comes nearer by the same part of the way each time.
-    let at = |part: f64| Camera { position: far.position.lerp(focus.centre.into(), part), ..far.clone() };
-    let lacking = |moves: bool| {
-        let scene = brought(&device, &file, &[], &options);
+    let at = |fraction: f64| Camera { position: far.position.lerp(focus.centre.into(), fraction), ..far.clone() };
+    let arrive = |moves: bool| {
+        let scene = opened_scene(&device, &file, &[], &options);
         let mut renderer = streaming(&device, &scene, &options);
-        settle(&mut renderer, &at(0.3));
+        renderer.streamer().set_motion_time(Duration::ZERO);
+        settle_in_step(&mut renderer, &at(0.3));
         if moves {
-            // It comes from so far that there are some pictures on the way, also on a machine that is busy.
-            let begun = Instant::now();
-            let mut part = -2.0;
-            while part < 0.3 {
-                part = (begun.elapsed().as_secs_f64() - 2.0).min(0.3);
-                renderer.render(&at(part), BACKGROUND).unwrap();
+            // Frames every 20 ms, 2 % of the way each: in 300 ms the camera will be at 0.6.
+            for step in 0..=20 {
+                renderer.streamer().set_motion_time(Duration::from_millis(2000 + 20 * step));
+                renderer.render(&at(0.02 * step as f64 - 0.1), BACKGROUND).unwrap();
+                renderer.streamer().wait_for_loads();
             }
         }
-        let (pixels, _) = settle(&mut renderer, &at(0.3));
+        let pixels = settle_in_step(&mut renderer, &at(0.3));
         renderer.render(&at(0.6), BACKGROUND).unwrap();
         (renderer.residency().unwrap().missing, pixels)
     };
-    let (without, still) = lacking(false);
-    assert!(without > 20, "{without} pages are missing");
-    // The picture before the last may still be busy with what it asked for.
-    let come = (0..5).any(|_| {
-        let (with, moved) = lacking(true);
-        assert_eq!(differing(&still, &moved), 0);
-        with < 2 * without / 3
-    });
-    assert!(come, "about {without} pages are missing with and without a motion");
+    let (missing_without, still) = arrive(false);
+    assert!(missing_without > 20, "{missing_without} pages are missing");
+    let (missing, moved) = arrive(true);
+    assert_eq!(differing(&still, &moved), 0);
+    assert!(missing < missing_without / 4, "{missing} pages are missing, {missing_without} without the motion");
     assert_eq!(device.validation_messages(), Vec::<String>::new());
 }

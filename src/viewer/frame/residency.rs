@@ -18,7 +18,7 @@ impl Session {
     pub fn title(&self) -> String {
         let names: Vec<&str> = self.viewer.layers.iter().map(|layer| layer.name.as_str()).collect();
         let lacks = match self.residency() {
-            Some(Residency { missing, coming: 0, .. }) if missing > 0 => {
+            Some(Residency { missing, loading: 0, .. }) if missing > 0 => {
                 format!(" ({missing} pages of levels do not fit into memory)")
             }
             Some(Residency { missing, .. }) if missing > 0 => format!(" ({missing} pages of levels are missing yet)"),
@@ -44,9 +44,15 @@ impl Session {
             return;
         }
         if let Some(residency) = residency {
-            let Residency { missing, coming, there, fitting, .. } = residency;
+            let Residency { missing, loading, resident, capacity, .. } = residency;
             let is_settled = residency.is_settled();
-            self.viewer.events.emit(&Event::Residency { is_settled, missing, coming, there, fitting });
+            self.viewer.events.emit(&Event::Residency {
+                is_settled,
+                missing,
+                coming: loading,
+                there: resident,
+                fitting: capacity,
+            });
         }
     }
 

@@ -55,11 +55,11 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             count(totals.longest_list.into()),
             first.path
         ));
-        if let Some(Residency { missing, coming, there, fitting, .. }) = first.residency() {
+        if let Some(Residency { missing, loading, resident, capacity, .. }) = first.residency() {
             ui.label(format!(
-                "{} of {} pages in memory, {coming} coming\n{} pages drawn coarser than asked for",
-                count(there as u64),
-                count(fitting as u64),
+                "{} of {} pages in memory, {loading} loading\n{} pages drawn coarser than asked for",
+                count(resident as u64),
+                count(capacity as u64),
                 count(missing.into())
             ));
         }
