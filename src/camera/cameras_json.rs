@@ -10,7 +10,6 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
-use super::mark::without_mark;
 use super::{Camera, NamedCamera, centre};
 use crate::files::write_whole;
 
@@ -64,7 +63,7 @@ fn whole<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
 
 /// All cameras of the file, each with its moment of a path.
 pub(super) fn parse(text: &[u8]) -> Result<Vec<(NamedCamera, Moment)>> {
-    let entries: Vec<Entry> = serde_json::from_slice(without_mark(text))
+    let entries: Vec<Entry> = serde_json::from_slice(without_byte_order_mark(text))
         .with_context(|| format!("is not a cameras.json (an array of {MEMBERS})"))?;
     ensure!(!entries.is_empty(), "holds no camera");
     let timed = |(i, entry): (usize, Entry)| {
@@ -106,7 +105,7 @@ pub fn to_json(camera: &Camera) -> String {
 /// # Errors
 /// A sentence on what is wrong if `text` is neither, or no picture can be drawn with the camera.
 pub fn from_json(text: &str) -> Result<Camera> {
-    let value: Value = serde_json::from_slice(without_mark(text.as_bytes())).context("it is not JSON")?;
+    let value: Value = serde_json::from_slice(without_byte_order_mark(text.as_bytes())).context("it is not JSON")?;
     let first = match value {
         Value::Array(all) => all.into_iter().next().context("it holds no camera")?,
         one => one,
@@ -149,6 +148,11 @@ impl Entry {
         let name = self.img_name.unwrap_or_else(|| self.id.map_or_else(|| index.to_string(), |id| id.to_string()));
         Ok(NamedCamera { name, camera: camera.checked()? })
     }
+}
+
+/// The text without a byte order mark, which some editors write before UTF-8.
+pub(super) fn without_byte_order_mark(text: &[u8]) -> &[u8] {
+    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use glam::{DMat3, DMat4, DVec3, DVec4};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::mark::without_mark;
+use super::cameras_json::without_byte_order_mark;
 use crate::files::read_whole;
 
 pub(super) const FILE: &str = "dataparser_transforms.json";
@@ -49,7 +49,7 @@ impl Dataparser {
     }
 
     fn parse(text: &[u8], transforms: &Map<String, Value>) -> Result<Self> {
-        let Written { transform, scale } = serde_json::from_slice(without_mark(text))
+        let Written { transform, scale } = serde_json::from_slice(without_byte_order_mark(text))
             .context("is not a transform of three rows of four numbers and a scale")?;
         let applied: Applied =
             Applied::deserialize(transforms).context("applied_transform or applied_scale of transforms.json")?;

@@ -6,7 +6,6 @@ pub mod control;
 mod dataparser;
 mod file;
 mod lens;
-mod mark;
 pub mod path;
 mod path_file;
 mod read;

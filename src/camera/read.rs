@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 
-use super::mark::without_mark;
+use super::cameras_json::without_byte_order_mark;
 use super::{CameraFile, cameras_json, colmap, transforms_json};
 use crate::files::read_whole;
 
@@ -77,7 +77,7 @@ fn read_file(path: &Path, default_px: Option<[u32; 2]>) -> Result<CameraFile> {
     }
     let text = read_whole(path)?;
     ensure!(!text.is_empty(), "the file is empty");
-    let text = without_mark(&text);
+    let text = without_byte_order_mark(&text);
     match text.iter().find(|byte| !byte.is_ascii_whitespace()) {
         Some(b'[') => {
             let timed = cameras_json::parse(text)?;

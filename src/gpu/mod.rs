@@ -44,6 +44,7 @@ mod image;
 mod image_commands;
 mod instance;
 mod memory_budget;
+mod memory_limit;
 #[cfg(feature = "viewer")]
 mod overlay;
 #[cfg(feature = "viewer")]

@@ -1,4 +1,8 @@
-//! Everything that a renderer is built for: the knobs that trade accuracy for speed or memory, and the presets.
+//! The options of a renderer: the knobs that trade accuracy for speed or memory, and the presets.
+//!
+//! - `mod` - [`Options`] and the presets
+//! - `knobs` - the table of knobs, which command line, `trade`, panels and documents read
+//! - `setting` - the types of settings, as values of knobs
 
 mod knobs;
 mod setting;
@@ -52,7 +56,7 @@ impl FromStr for Storage {
     }
 }
 
-/// Everything that a renderer is built for.
+/// The options of a renderer, including the rules of its pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Options {
@@ -71,28 +75,27 @@ pub struct Options {
     pub shape_storage: Storage,
     /// Pictures are drawn at this fraction of their width and height, above 0 and at most 1, and enlarged.
     pub scale: f32,
-    /// Gaussians are drawn as nodes that stand for several, where that changes a picture by about this or less per node
-    /// that is saved: the root of the squared difference of its colours, summed over pixels and channels, in steps of
-    /// 1/255. 0: nothing is simplified.
+    /// The error limit of nodes that stand for several Gaussians: the root of the squared difference of the picture's
+    /// colours per saved node, summed over pixels and channels, in steps of 1/255. 0: nothing is simplified.
     #[serde(default)]
     pub lod_error: f32,
-    /// In the place of `lod_error`, the PSNR that the measured errors of the nodes predict for the whole picture, dB.
-    /// 0: none.
+    /// The predicted PSNR of the whole picture, from the measured errors of the nodes, dB. Replaces `lod_error`. 0:
+    /// none.
     #[serde(default)]
     pub lod_psnr: f32,
-    /// Most nodes of a picture, by a larger error if need be. 0: any number.
+    /// Splat budget: most nodes of a picture, which raises the error limit if needed. 0: unlimited.
     #[serde(default)]
     pub splats: u32,
-    /// Nodes whose error is above their limit by less than this many powers of two are drawn in part, and their
-    /// children in part, so that neither appears at once. 0: each is drawn as a whole.
+    /// Width of the cross-fade, in powers of two above the error limit: nodes with such errors and their children are
+    /// both drawn in part. 0: no cross-fade.
     #[serde(default)]
     pub lod_fade: f32,
-    /// Uses only what works on every device.
+    /// Uses only features that every device has.
     pub portable: bool,
 }
 
 impl Options {
-    /// No knob is turned: 32-bit floats, full depth keys, everything that the file holds.
+    /// No knob is turned: 32-bit floats, full depth keys, all spherical harmonics of the file.
     pub const EXACT: Self = Self {
         rules: Rules::TRAINED,
         stop: 0.0,
@@ -153,7 +156,7 @@ impl Options {
         self.lod_error > 0.0 || self.lod_psnr > 0.0 || self.splats > 0
     }
 
-    /// The same options with every limit of levels at its finest: what they draw shows the bits of the scene.
+    /// The same options without simplification: pictures have the bits of the scene.
     pub fn finest(&self) -> Self {
         Self { lod_error: f32::MIN_POSITIVE, lod_psnr: 0.0, splats: 0, lod_fade: 0.0, ..*self }
     }

@@ -1,4 +1,4 @@
-//! The types that settings have, as values of knobs.
+//! The types of settings, as values of knobs.
 
 use std::fmt;
 
@@ -26,7 +26,7 @@ impl fmt::Display for Value {
     }
 }
 
-/// A type that settings of [`Options`] have.
+/// A type of settings of [`Options`].
 pub trait Setting: Copy {
     fn value(self) -> Value;
     /// Panics if the value is of another kind.

@@ -1,4 +1,4 @@
-//! The packing of a Gaussian's numbers into words, and their unpacking. `storage.glsl` unpacks them on the GPU.
+//! Packs the attributes of a Gaussian into words, and unpacks them. `glsl/shared/storage.glsl` unpacks them on the GPU.
 
 use half::f16;
 use half::slice::HalfFloatSliceExt;
@@ -35,8 +35,8 @@ pub struct Layout {
 /// Largest change of a colour channel by 16-bit floats, in steps of 8 bits: a scene that would change more is kept in
 /// 32-bit floats.
 const MOST_STEPS: f64 = 2.0;
-/// Brightest colour of scenes in which pixels stop as early as the options say. Above it, they stop later in
-/// proportion: what is left out grows with the brightest colour.
+/// Brightest colour up to which pixels stop at the transmittance of the options. Above it, they stop later in
+/// proportion, since the omitted light grows with the brightest colour.
 const STOP_BRIGHT: f64 = 4.0;
 /// Limits of scenes that may be kept in 16-bit floats, for the brightest colour and for the root mean square of the
 /// distance of all colours from grey: an error of a shape moves a pixel by more the brighter the colours are.
@@ -235,7 +235,7 @@ impl Layout {
         (self.sh_grids, self.scale_grid)
     }
 
-    /// 32-bit floats up to this SH degree. What does not change the words is not that of any scene.
+    /// 32-bit floats up to this SH degree. Values that do not affect the words are those of no scene.
     pub fn plain(sh_degree: u32) -> Self {
         let plain = Packing { storage: Storage::F32, is_lossless: true };
         let grids = ([Grid::UNUSED; sh_coefficients(MAX_SH_DEGREE)], Grid::UNUSED);
@@ -269,7 +269,7 @@ impl Layout {
         formats(self) == formats(other) && has_scales && has_sh
     }
 
-    /// What is added to a 16-bit code of a scale.
+    /// The offset of the 16-bit codes of scales.
     pub fn scale_base(&self) -> u32 {
         self.scale_base
     }
@@ -330,7 +330,7 @@ mod tests {
     use crate::procedural::cactus;
 
     #[test]
-    fn what_is_packed_is_unpacked() {
+    fn unpacking_inverts_packing() {
         let scene = cactus::cactus(500).unwrap().gaussians;
         let statistics = Statistics::of(&scene);
         for storage in [Storage::Lossless, Storage::F16, Storage::U8] {

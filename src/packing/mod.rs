@@ -1,7 +1,9 @@
-//! How Gaussians are stored in words: on the GPU, and in page files.
+//! Attributes of Gaussians in words, as the GPU and page files hold them.
 //!
-//! [`Statistics`] are all that has to be known of a whole scene, [`Layout`] is the number formats that follow from
-//! them, and the planes of `planes.rs` are the words themselves.
+//! - `statistics` - [`Statistics`] of a whole scene, from one pass over its Gaussians
+//! - `layout` - [`Layout`], the number formats that follow from them; packs and unpacks words
+//! - `planes` - the planes of words of many Gaussians
+//! - `halves` - floats and scales in 16 bits
 
 mod halves;
 mod layout;

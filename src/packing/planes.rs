@@ -1,4 +1,4 @@
-//! Planes of words: where the words of each Gaussian lie.
+//! Planes of words of many Gaussians.
 
 use super::Layout;
 use crate::scene::Gaussians;
@@ -48,7 +48,7 @@ pub fn pack_shapes(
         let Shape { mean, rotation, scale, opacity } = shape(k);
         let [x, y, z] = mean.map(f32::to_bits);
         let (kept_scale, kept) = layout.kept_shape(scale, opacity);
-        // A Gaussian that is too faint to be drawn stays so. What exceeds 1 is drawn by the words of levels.
+        // A Gaussian that is too faint to be drawn stays so. Opacities above 1 are in the words of levels.
         let drawn = if opacity < alpha_min || opacity > 1.0 { opacity } else { kept };
         *element = [x, y, z, reach(kept_scale, drawn, alpha_min.into())];
         put(planes, k, layout.shape_words(), |word| layout.shape_word(rotation, scale, opacity, word));
@@ -70,7 +70,7 @@ pub fn pack_sh<'s>(
     }
 }
 
-/// The last element may have room for more Gaussians.
+/// Clears the last element, which more Gaussians may share.
 fn clear_last(planes: &mut [&mut [[u32; 4]]]) {
     planes.iter_mut().filter_map(|plane| plane.last_mut()).for_each(|last| *last = [0; 4]);
 }

@@ -1,4 +1,4 @@
-//! All that has to be known of a whole scene before it is stored or framed, from one pass over its Gaussians.
+//! Statistics of a whole scene, from one pass over its Gaussians.
 
 use std::ops::Range;
 
@@ -10,18 +10,18 @@ use crate::scene::{
     Bounds, Colours, Curve, Focus, Gaussians, MAX_SH_DEGREE, Requirements, SUMMED, StoredValues, bands, sh_coefficients,
 };
 
-/// What a [`Layout`](super::Layout) follows from, and where a scene lies. The same Gaussians in the same order have the
-/// same statistics, bit for bit, whatever the size of the blocks in which they were added.
+/// The input of a [`Layout`](super::Layout), and the extent of a scene. The same Gaussians in the same order have the
+/// same statistics, bit for bit, for blocks of any size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Statistics {
     /// Number of Gaussians.
     pub count: usize,
-    /// SH degree of the Gaussians, which may be higher than what they need.
+    /// SH degree of the Gaussians, which may be higher than required.
     pub sh_degree: u32,
     /// The bounding box of the means.
     pub extent: Bounds,
-    /// Where most of the scene lies: exact for up to [`FOCUSED`] Gaussians, and else that of as many, which are evenly
-    /// spread over their order.
+    /// The focus of the scene: exact for up to [`FOCUSED`] Gaussians, else from a sample of this size, evenly spread
+    /// over their order.
     pub focus: Focus,
     pub requirements: Requirements,
     /// The smallest scale over 0 and the largest; both 0 if there is none.
@@ -31,16 +31,16 @@ pub struct Statistics {
     pub highest_opacity: f32,
     /// Smallest and largest value of each coefficient of the spherical harmonics.
     pub sh: [[f32; 2]; sh_coefficients(MAX_SH_DEGREE)],
-    /// For each SH degree that may be kept: the largest change of a colour channel by 16-bit floats. Where that is
-    /// small (below 1.98 / 255), it may be 0.
+    /// The largest change of a colour channel by 16-bit floats, for each SH degree that may be kept. Changes below
+    /// 1.98 / 255 may be given as 0.
     pub half_errors: [f64; MAX_SH_DEGREE as usize + 1],
 }
 
 /// Most Gaussians that a focus is computed from.
 pub const FOCUSED: usize = 1 << 18;
 
-/// Rounding to 16-bit floats changes a value by at most 2^-11 of it, so few Gaussians need their coefficients examined:
-/// those whose colour channels may be larger than this.
+/// Colour channels up to which coefficients need no examination: rounding to 16-bit floats changes a value by at most
+/// 2^-11 of it.
 const EXAMINED: f64 = 0.99 * 2.0 / 255.0 * 2048.0;
 
 impl Statistics {
@@ -63,8 +63,8 @@ impl Statistics {
         self
     }
 
-    /// The curve along which pages hold the Gaussians: through the part of the scene that lies near its focus, since a
-    /// stray Gaussian far away would leave all others in one cell.
+    /// The Morton curve of the pages. It covers the part of the scene near its focus, since a stray Gaussian far away
+    /// would put all others into one cell.
     pub fn curve(&self) -> Curve {
         let Focus { centre, radius } = self.focus;
         let side = |axis: usize, sign: f64| (centre[axis] + sign * NEAR * radius) as f32;
@@ -74,10 +74,10 @@ impl Statistics {
     }
 }
 
-/// Radii of the focus that are near it.
+/// Extent of the curve around the focus, in radii of the focus.
 const NEAR: f64 = 32.0;
 
-/// Adds up the statistics of a scene that comes in blocks.
+/// Accumulates the statistics of a scene that is read in blocks.
 pub struct Accumulator {
     count: usize,
     added: usize,
@@ -113,7 +113,7 @@ impl Accumulator {
     pub fn add(&mut self, gaussians: &Gaussians) {
         assert_eq!(gaussians.sh_degree(), self.sh_degree, "all Gaussians of a scene are of one SH degree");
         let (first, len) = (self.added, gaussians.len());
-        // The sums of complete parts of the scene, whatever the blocks.
+        // Sums are over fixed ranges of the scene, so that they do not depend on the blocks.
         let ends = (1..).map(|part| (first / SUMMED + part) * SUMMED - first).take_while(|end| *end < len);
         let ends: Vec<usize> = [0].into_iter().chain(ends).chain([len]).collect();
         let begun = self.begun;
@@ -154,7 +154,7 @@ impl Accumulator {
         self.added
     }
 
-    /// True if as many Gaussians were added as were announced.
+    /// True if the announced number of Gaussians was added.
     pub fn is_complete(&self) -> bool {
         self.added == self.count
     }
@@ -164,10 +164,10 @@ impl Accumulator {
         &self.focused.0
     }
 
-    /// The statistics of all that was added.
+    /// The statistics of all added Gaussians.
     ///
     /// # Panics
-    /// If the number of Gaussians is another than was said.
+    /// If the number of Gaussians is not the announced one.
     pub fn finish(self) -> Statistics {
         assert_eq!(self.added, self.count, "all Gaussians of the scene are added");
         let colours = self.colours.and(&self.begun);

@@ -35,7 +35,7 @@ pub struct Texel {
     pub albedo: DVec3,
     /// Distances to the next edges, sideways and upwards, metres.
     pub edges: [f64; 2],
-    /// How far it stands out of the wall, metres.
+    /// Distance out of the wall, metres.
     pub relief: f64,
     pub gloss: f64,
 }
@@ -175,7 +175,7 @@ impl Style {
         }
     }
 
-    /// How far a place is outside of the opening of the window, sideways and upwards.
+    /// The distance of a place from the opening of the window, sideways and upwards.
     fn outside(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         [x.abs() - 0.5 * self.window[0], (y - 1.75).abs() - 0.5 * self.window[1]]
     }

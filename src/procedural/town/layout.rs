@@ -79,7 +79,7 @@ pub enum Manner {
     Church,
 }
 
-/// What a wall of a house borders on.
+/// The neighbour of a wall of a house.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Side {
     Street,
@@ -138,7 +138,7 @@ pub struct Block {
     pub seed: usize,
 }
 
-/// The random numbers of a thing of the plan, apart from those of Gaussians.
+/// Random numbers of an element of the plan, independent of those of Gaussians.
 pub fn dice(seed: usize) -> Random {
     Random::of((1 << 37) + seed)
 }

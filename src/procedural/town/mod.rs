@@ -4,6 +4,13 @@
 //! Each Gaussian is a function of the count and its index. The order is spatial: sky and surroundings first, then the
 //! blocks along a Hilbert curve, and in a block one part after another. Units are metres, up is -y. It has the
 //! properties of trained scenes that `docs/town.md` lists.
+//!
+//! - `plan`, `layout`, `hilbert` - streets, blocks and houses: the plan, its elements, the order of its blocks
+//! - `parts` - the parts of a block, and the spots of their Gaussians
+//! - `facade`, `roof`, `ground`, `objects` - textures and shapes of these parts
+//! - `outside` - fields, woods and sky around the town
+//! - `splat` - the Gaussian at a spot of a surface
+//! - `path` - camera paths
 
 mod facade;
 mod ground;
@@ -42,10 +49,10 @@ const BLOCK_COUNT: f64 = 6.3e6;
 /// Fewest blocks along a side of the town. Towns with fewer Gaussians than those blocks need have larger ones.
 const FEWEST: usize = 4;
 
-/// The sky, the fields and the woods: their share of all Gaussians, and their largest number.
+/// Fraction of all Gaussians and largest number, of the sky, of the fields and of the woods.
 const OUTSIDE: [(f64, f64); 3] = [(0.03, 3e5), (0.04, 6e5), (0.02, 3e5)];
 
-/// Where the Gaussians of a town lie in its order.
+/// The plan of a town, and the index ranges of its parts.
 struct Town {
     layout: Layout,
     surroundings: Surroundings,
@@ -61,8 +68,8 @@ fn layout(count: usize) -> Layout {
     Layout::new(side.max(FEWEST))
 }
 
-/// The indices at which parts end if `count` Gaussians from `begin` on are shared by weight.
-fn shared(begin: usize, count: usize, weights: impl Iterator<Item = f64> + Clone) -> Vec<usize> {
+/// The end indices of parts, among which `count` Gaussians from `begin` on are divided by weight.
+fn divided(begin: usize, count: usize, weights: impl Iterator<Item = f64> + Clone) -> Vec<usize> {
     let whole: f64 = weights.clone().sum();
     let sums = weights.scan(0.0, |sum, weight| {
         *sum += weight;
@@ -83,7 +90,7 @@ impl Town {
         }
         let weight = |block| parts::parts(block).iter().map(|part| part.weight).sum::<f64>();
         let weights: Vec<f64> = layout.blocks.iter().map(weight).collect();
-        let ends = shared(end, count - end, weights.iter().copied());
+        let ends = divided(end, count - end, weights.iter().copied());
         Self { layout, surroundings, outside, ends }
     }
 
@@ -101,11 +108,11 @@ impl Town {
         splat::gaussian(random, &self.layout, &spot, Layer::Front, (area / count as f64).sqrt(), sh)
     }
 
-    /// Adds the Gaussians of a block that lie in `wanted`; the block has those of `all`.
+    /// Adds the Gaussians `wanted` of a block with the index range `all`.
     fn add_block(&self, builder: &mut Builder, block: usize, all: Range<usize>, wanted: Range<usize>) {
         let block = &self.layout.blocks[block];
         let parts: Vec<Part> = parts::parts(block);
-        let ends = shared(all.start, all.len(), parts.iter().map(|part| part.weight));
+        let ends = divided(all.start, all.len(), parts.iter().map(|part| part.weight));
         builder.extend(wanted.len(), |i, sh| {
             let index = wanted.start + i;
             let number = ends.partition_point(|end| *end <= index).min(parts.len() - 1);

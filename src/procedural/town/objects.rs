@@ -1,4 +1,4 @@
-//! What stands in the streets: trees, cars, lamps, and boxes such as chimneys and market stalls.
+//! Objects: trees, cars, lamps, and boxes such as chimneys and market stalls.
 
 use std::f64::consts::TAU;
 

@@ -1,10 +1,10 @@
-//! What surrounds the town: fields to the horizon, woods, and the sky.
+//! The surroundings of the town: fields to the horizon, woods, and the sky.
 
 use std::f64::consts::TAU;
 
 use glam::{DVec3, dvec3};
 
-use super::splat::{Lit, Spot};
+use super::splat::{Lighting, Spot};
 use crate::scene::Random;
 
 /// Distance of the horizon from the middle of a small town, metres.
@@ -53,7 +53,7 @@ impl Surroundings {
         let albedo = self.in_haze(soil * (1.0 + 0.05 * random.normal()), distance);
         let mut spot = Spot::matte(point, DVec3::NEG_Y, random.direction(), albedo);
         spot.shape = dvec3(1.7, 1.5, 0.05) * distance;
-        spot.lit = Lit::Own;
+        spot.lighting = Lighting::Unlit;
         spot
     }
 
@@ -66,7 +66,7 @@ impl Surroundings {
         let albedo = self.in_haze(leaf * (0.7 + 0.3 * height / (5.0 + 0.006 * distance)), distance);
         let mut spot = Spot::matte(point - DVec3::Y * height, random.direction(), random.direction(), albedo);
         spot.shape = dvec3(0.5, 0.4, 0.2) * distance;
-        spot.lit = Lit::Own;
+        spot.lighting = Lighting::Unlit;
         spot
     }
 
@@ -89,7 +89,7 @@ impl Surroundings {
             Spot::matte(direction * self.horizon * (1.15 + 0.05 * random.unit()), -direction, DVec3::X, tone);
         spot.grain = random.direction();
         spot.shape = dvec3(1.9, 1.7, 0.05);
-        spot.lit = Lit::Own;
+        spot.lighting = Lighting::Unlit;
         spot.gloss = 0.0;
         spot
     }

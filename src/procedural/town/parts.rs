@@ -161,7 +161,7 @@ fn stray(layout: &Layout, block: &Block, random: &mut Random) -> Spot {
     let tone = dvec3(0.66, 0.66, 0.66) + 0.1 * random.direction();
     let mut spot = Spot::matte(dvec3(at.x, -height, at.y), random.direction(), random.direction(), tone);
     spot.shape = dvec3(0.4, 0.2, 0.05);
-    spot.lit = super::splat::Lit::Own;
+    spot.lighting = super::splat::Lighting::Unlit;
     spot.gloss = 0.0;
     spot
 }

@@ -39,7 +39,7 @@ impl TownPath {
         [Self::Street, Self::Roof, Self::Air].into_iter().find(|path| path.name() == name)
     }
 
-    /// Where `views` cameras along the path are, and what they look at.
+    /// The eyes and targets of `views` cameras along the path.
     pub(crate) fn views(self, layout: &Layout, views: usize) -> Vec<[DVec3; 2]> {
         let part = |view: usize| view as f64 / views.max(2) as f64;
         match self {

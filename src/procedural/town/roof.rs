@@ -6,7 +6,7 @@ use super::facade::Style;
 use super::layout::{House, Roof};
 use super::splat::Spot;
 
-/// How far a roof stands out over the wall below its eaves, metres.
+/// Overhang of a roof over the wall below its eaves, metres.
 const EAVES: f64 = 0.35;
 
 /// Number of the parts of the roof.

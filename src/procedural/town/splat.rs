@@ -1,4 +1,4 @@
-//! From a spot on a surface to a Gaussian: size, opacity, light and spherical harmonics of degree 1.
+//! The Gaussian at a spot of a surface: size, opacity, light and spherical harmonics of degree 1.
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
 
@@ -13,7 +13,7 @@ pub const SH_DEGREE: u32 = 1;
 /// Towards the sun, unit length: 49 degrees high.
 pub const SUN: DVec3 = dvec3(0.52, -0.76, 0.39);
 
-/// How rough surfaces are, metres. On an exact plane that a camera faces, depths would be equal but for rounding, and
+/// Roughness of surfaces, metres. On an exact plane that a camera faces, depths would be equal but for rounding, and
 /// with them the order of splats undefined.
 const ROUGHNESS: f64 = 0.004;
 
@@ -36,20 +36,20 @@ pub struct Spot {
     /// Largest standard deviations along the grain and across it, metres: edges stay sharp.
     pub limits: [f64; 2],
     pub gloss: f64,
-    pub lit: Lit,
-    /// How far behind the surface splats of the backing may lie, metres.
+    pub lighting: Lighting,
+    /// Largest distance of the backing behind the surface, metres.
     pub depth: f64,
 }
 
 #[derive(Clone, Copy, PartialEq)]
-pub enum Lit {
-    /// By the sun and the sky, in the shadow of houses and trees.
+pub enum Lighting {
+    /// By the sun and the sky, with shadows of houses and trees.
     Sun,
-    /// It has its albedo from all sides.
-    Own,
+    /// Unlit: its colour is the albedo from all sides.
+    Unlit,
 }
 
-/// Which splats of a surface this is one of.
+/// The layer of a surface that a splat belongs to.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Layer {
     Front,
@@ -62,7 +62,17 @@ impl Spot {
     /// A spot of a matte surface without edges.
     pub fn matte(point: DVec3, normal: DVec3, grain: DVec3, albedo: DVec3) -> Self {
         let shape = dvec3(1.05, 0.66, 0.05);
-        Self { point, normal, grain, albedo, shape, limits: [f64::INFINITY; 2], gloss: 0.04, lit: Lit::Sun, depth: 1.2 }
+        Self {
+            point,
+            normal,
+            grain,
+            albedo,
+            shape,
+            limits: [f64::INFINITY; 2],
+            gloss: 0.04,
+            lighting: Lighting::Sun,
+            depth: 1.2,
+        }
     }
 }
 
@@ -81,7 +91,7 @@ pub fn gaussian(
     let tilt = DQuat::from_axis_angle(random.direction(), 0.05 * random.normal());
     let rotation = tilt * DQuat::from_mat3(&DMat3::from_cols(grain, across, normal));
     let spread = dvec3(random.normal(), random.normal(), random.normal());
-    // What lies behind closes the surface up to its ends.
+    // The backing covers the surface up to its edges.
     let least = if layer == Layer::Backing { 0.6 * spacing } else { 0.16 * spacing };
     let (shape, spread) = match layer {
         Layer::Backing => (dvec3(1.55, 1.35, 0.05), spread * dvec3(0.12, 0.12, 0.6)),
@@ -111,7 +121,7 @@ pub fn gaussian(
 }
 
 fn shade(random: &mut Random, layout: &Layout, spot: &Spot, sh: &mut [[f32; 3]]) {
-    let (normal, is_lit) = (spot.normal, spot.lit == Lit::Sun);
+    let (normal, is_lit) = (spot.normal, spot.lighting == Lighting::Sun);
     let (mut light, mut sun) = (DVec3::ONE, 0.0);
     if is_lit {
         let facing = normal.dot(SUN).max(0.0);
