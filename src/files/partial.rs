@@ -158,7 +158,7 @@ mod tests {
 
     /// Files that may belong to a running process or to another program are not removed.
     #[test]
-    fn leavings_of_dead_runs_are_swept() {
+    fn partial_files_of_killed_runs_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let make = |name: &str, age: Duration| {
             let path = folder.path().join(name);
