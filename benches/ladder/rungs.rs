@@ -1,5 +1,5 @@
-//! The rungs of the ladder: variants of one frame that share all other code. The first does its bookkeeping on the CPU and
-//! blends without workgroup memory, the last is the frame of the portable path.
+//! The rungs of the ladder: variants of one frame that share all other code. The first does its bookkeeping on the CPU
+//! and blends without workgroup memory, the last is the frame of the portable path.
 
 /// The processor that runs a stage.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -31,7 +31,8 @@ pub fn of(climb: &Climb) -> String {
     let mut text = format!("{}  {width}x{height}  {gaussians} Gaussians, SH degree {sh_degree}\n", scene.name);
     rows.lines().for_each(|line| text += &format!("  {}\n", line.trim_end()));
     text += &format!(
-        "  {:.0} visible on every rung; {:.0} instances by squares, {:.0} by ellipses; the last picture is {} the first\n",
+        "  {:.0} visible on every rung; {:.0} instances by squares, {:.0} by ellipses; the last picture is {} the \
+         first\n",
         first.visible.median,
         first.instances.median,
         last.instances.median,

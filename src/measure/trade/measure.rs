@@ -85,7 +85,8 @@ impl<'a> Study<'a> {
         Self { timing: self.timing.thorough(), ..self }
     }
 
-    /// Reduces frames and views so that a measurement takes at most about `patience`; warm-ups are brief if any are cut.
+    /// Reduces frames and views so that a measurement takes at most about `patience`; warm-ups are brief if this
+    /// cuts any.
     ///
     /// # Errors
     /// If rendering fails.

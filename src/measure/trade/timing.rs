@@ -30,7 +30,8 @@ impl Timing {
         Self { limits: WarmUpLimits::THOROUGH, ..self }
     }
 
-    /// Reduces the frames so that those of a measurement take at most about `patience`; warm-ups are brief if any are cut.
+    /// Reduces the frames so that those of a measurement take at most about `patience`; warm-ups are brief if this cuts
+    /// any.
     pub fn within(
         &mut self,
         patience: Duration,
