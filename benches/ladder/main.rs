@@ -34,6 +34,7 @@ use smalto::formats;
 use smalto::gpu::{Device, Validation};
 use smalto::measure::bench::{Bench, DeviceReport, Protocol, SceneReport, VersionReport};
 use smalto::options::Options;
+use smalto::procedural::Procedural;
 use smalto::render::GpuScene;
 use smalto::scene::{Focus, Scene};
 
@@ -117,7 +118,7 @@ pub fn run(arguments: impl Iterator<Item = String>) -> Result<()> {
     let mut climbs = Vec::new();
     let scenes: Vec<_> = if args.scenes.is_empty() { SCENES.map(PathBuf::from).into() } else { args.scenes.clone() };
     for path in scenes {
-        let Scene { gaussians, is_antialiased, .. } = formats::read(&path)?;
+        let Scene { gaussians, is_antialiased, .. } = read(&path)?;
         ensure!(!gaussians.is_empty(), "{}: the scene has no Gaussians", path.display());
         let (views, nearest) = match &cameras {
             Some(cameras) => (cameras[..frames.min(cameras.len())].to_vec(), f32::INFINITY),
@@ -178,6 +179,14 @@ fn check_loops(device: &Device, size: [u32; 2]) -> Result<()> {
         bail!("{name} limits loops to fewer iterations than {tiles} tiles need");
     }
     Ok(())
+}
+
+/// Reads a scene file, or makes a procedural scene.
+fn read(path: &Path) -> Result<Scene> {
+    match path.to_str().and_then(Procedural::parse) {
+        Some(procedural) => Ok(procedural?.make()?),
+        None => formats::read(path),
+    }
 }
 
 fn read_cameras(file: &Path, size: [u32; 2]) -> Result<Vec<Camera>> {
