@@ -19,7 +19,9 @@ use crate::pixels::write_rgba8;
 use crate::procedural::Procedural;
 use crate::render::Residency;
 use crate::viewer;
-use crate::viewer::{Bindings, CompareMode, CompareWith, Digest, Kept, PACE, PageCounts, Setup, Summary, WindowSetup};
+use crate::viewer::{
+    Bindings, CompareMode, CompareWith, Digest, PATH_FPS, PageCounts, RecentState, Setup, Summary, WindowSetup,
+};
 
 /// Open scenes in a window: fly through them, see the GPU time of every stage, look inside the pipeline
 #[derive(clap::Args)]
@@ -163,14 +165,14 @@ pub(super) fn run(args: &Args) -> Result<()> {
         antialiased_is_explicit: args.knobs.has("antialiased"),
         near_is_explicit: args.knobs.has("near"),
         bindings: bindings(args)?,
-        kept: args.offscreen.is_none().then(Kept::default_file).flatten(),
+        recent_file: args.offscreen.is_none().then(RecentState::default_file).flatten(),
         vsync: args.vsync,
         hides_panels: args.no_panels,
         compares_with,
         compare_mode: args.compare_by.unwrap_or(CompareMode::Split),
         view_mode: args.look,
         fps: args.fps,
-        follows: args.follow,
+        watches_files: args.follow,
         prints_events: args.events,
         remark,
     };
@@ -209,7 +211,7 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     let path = match (&args.path, args.scenes.first()) {
         (Some(path), Some(scene)) => {
             let scene = SceneArg { scene: scene.clone(), reading: args.reading };
-            along_path(path, &PACE.into(), || scene.town(), size)?
+            along_path(path, &PATH_FPS.into(), || scene.town(), size)?
         }
         (Some(_), None) => return Err(Usage("--path needs a scene".to_owned()).into()),
         (None, _) => Vec::new(),
@@ -224,7 +226,7 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     let Statistics { mean, median, p95, .. } = interval_ms;
     say!("  from frame to frame   mean {mean:.3} ms, median {median:.3} ms, p95 {p95:.3} ms")?;
     if let Some(late) = late {
-        say!("  late                  {late} frames were not ready after 1/{PACE:.0} s")?;
+        say!("  late                  {late} frames were not ready after 1/{PATH_FPS:.0} s")?;
     }
     say!("  input to submission   mean {latency_ms:.3} ms")?;
     if let Some(path) = path {

@@ -1,4 +1,12 @@
-//! The window: opens scenes, flies through them, shows what every stage costs, and looks inside the pipeline.
+//! The viewer: opens scenes in a window, moves through them, and shows the cost of every stage and its intermediate
+//! results.
+//!
+//! - `model` - the state of a viewer
+//! - `actions` - operations of users on the state, by subject
+//! - `jobs` - work on other threads, and the handling of its events
+//! - `panels` - panels, input, and everything drawn over the picture
+//! - `frame` - a frame from input to screen
+//! - `window` - the window, and frames without one
 
 mod actions;
 mod frame;
@@ -10,7 +18,7 @@ mod window;
 pub use actions::Program;
 pub use frame::{Digest, FrameOutput, Session};
 pub use model::{
-    Bindings, Change, CompareMode, CompareTarget, CompareWith, Counts, How, Kept, Outline, Property, Request,
-    Selection, Setup, Tab, Tool, Viewer, WindowRequest, view_mode, view_mode_names,
+    Bindings, Change, CompareMode, CompareTarget, CompareWith, Counts, Outline, Property, RecentState, Request,
+    Selection, SelectionMode, Setup, Tab, Tool, Viewer, WindowRequest, view_mode, view_mode_names,
 };
-pub use window::{DEFAULT_SIZE, Fault, Offscreen, PACE, PageCounts, Summary, WindowSetup, run, run_offscreen};
+pub use window::{DEFAULT_SIZE, Fault, Offscreen, PATH_FPS, PageCounts, Summary, WindowSetup, run, run_offscreen};

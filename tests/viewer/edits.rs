@@ -7,7 +7,9 @@ use smalto::formats::SceneFile;
 use smalto::pixels::Pixels;
 use smalto::reference;
 use smalto::scene::Gaussians;
-use smalto::viewer::{Change, CompareTarget, Counts, How, Offscreen, Outline, Property, Selection, Setup, Tab, Tool};
+use smalto::viewer::{
+    Change, CompareTarget, Counts, Offscreen, Outline, Property, Selection, SelectionMode, Setup, Tab, Tool,
+};
 
 use super::frames::setup;
 use super::mends::{frame, key};
@@ -18,7 +20,7 @@ const WINDOW: [u32; 2] = [700, 240];
 /// A window with the page of edits.
 fn editing(gpu: &Gpu, scenes: &[&str]) -> Offscreen {
     let mut offscreen = Offscreen::new(Setup { hides_panels: false, ..setup(scenes) }, &gpu.0, WINDOW).unwrap();
-    offscreen.viewer().kept.tab = Tab::Edit;
+    offscreen.viewer().panels.recent.tab = Tab::Edit;
     offscreen.settle().unwrap();
     offscreen
 }
@@ -64,15 +66,15 @@ fn what_is_selected_in_the_picture_is_deleted_and_comes_back() {
     let gpu = Gpu::new();
     let folder = tempfile::tempdir().unwrap();
     let mut offscreen = editing(&gpu, &["cactus:2000"]);
-    let (all, view, first) = (gaussians(&offscreen), offscreen.viewer().view(), drawn(&offscreen));
+    let (all, view, first) = (gaussians(&offscreen), offscreen.viewer().view.camera(), drawn(&offscreen));
     let options = offscreen.viewer().options;
-    let of = |offscreen: &mut Offscreen| offscreen.viewer().edit_counts();
+    let of = |offscreen: &mut Offscreen| offscreen.viewer().scenes.edit_counts();
     // Look turns the view, a tool does not.
-    offscreen.viewer().tool = Tool::Rectangle;
+    offscreen.viewer().editing.tool = Tool::Rectangle;
     stroke(&mut offscreen, &[[20.0, 30.0], [90.0, 100.0], [150.0, 180.0]], Modifiers::NONE);
     let rectangle = Outline::Rectangle(DVec2::new(150.0, 180.0), DVec2::new(20.0, 30.0));
     let inside = seen(&all, &view, &|place| rectangle.contains(place));
-    assert!(offscreen.viewer().view() == view && (50..1900).contains(&inside.len()), "{}", inside.len());
+    assert!(offscreen.viewer().view.camera() == view && (50..1900).contains(&inside.len()), "{}", inside.len());
     assert_eq!(of(&mut offscreen), Counts { selected: inside.len(), hidden: 0, deleted: 0 });
     // It is shown in another colour, and written in its own.
     assert!(drawn(&offscreen) != first);
@@ -81,14 +83,14 @@ fn what_is_selected_in_the_picture_is_deleted_and_comes_back() {
     let written = Pixels::read(&folder.path().join("selected.png")).unwrap();
     assert!(written.to_rgb8() == first.to_rgb8());
     // Shift adds what a lasso goes around, Ctrl takes away what a brush paints over.
-    offscreen.viewer().tool = Tool::Lasso;
+    offscreen.viewer().editing.tool = Tool::Lasso;
     let corners = [[100.0, 20.0], [330.0, 40.0], [300.0, 220.0]];
     stroke(&mut offscreen, &corners, Modifiers::SHIFT);
     let lasso = Outline::Lasso(corners.map(|corner: [f32; 2]| DVec2::from(corner.map(f64::from))).to_vec());
     let either = seen(&all, &view, &|place| rectangle.contains(place) || lasso.contains(place));
     assert_eq!(of(&mut offscreen).selected, either.len());
     assert!(either.len() > inside.len());
-    (offscreen.viewer().tool, offscreen.viewer().brush_px) = (Tool::Brush, 15.0);
+    (offscreen.viewer().editing.tool, offscreen.viewer().editing.brush_px) = (Tool::Brush, 15.0);
     let way = [[100.0, 100.0], [160.0, 100.0]];
     stroke(&mut offscreen, &way, Modifiers::COMMAND);
     let brush = Outline::Brush(way.map(|place: [f32; 2]| DVec2::from(place.map(f64::from))).to_vec(), 15.0);
@@ -132,10 +134,10 @@ fn what_is_selected_in_the_picture_is_deleted_and_comes_back() {
 fn what_is_seen_is_selected() {
     let gpu = Gpu::new();
     let mut offscreen = editing(&gpu, &["cactus:3000", "few-large:60"]);
-    offscreen.viewer().layers[1].place.translation = [0.3, 0.0, 0.2];
-    offscreen.viewer().is_stale = true;
+    offscreen.viewer().scenes.layers[1].placement.translation = [0.3, 0.0, 0.2];
+    offscreen.viewer().pictures.are_stale = true;
     offscreen.settle().unwrap();
-    let (view, options) = (offscreen.viewer().view(), offscreen.viewer().options.untraded());
+    let (view, options) = (offscreen.viewer().view.camera(), offscreen.viewer().options.untraded());
     let shares = |offscreen: &Offscreen| {
         let found = reference::contributions(&gaussians(offscreen), &view, &options.rules);
         found.into_iter().map(|share| share.largest).collect::<Vec<_>>()
@@ -147,18 +149,18 @@ fn what_is_seen_is_selected() {
     };
     let selected = |offscreen: &mut Offscreen| {
         offscreen.settle().unwrap();
-        offscreen.viewer().edit_counts().selected
+        offscreen.viewer().scenes.edit_counts().selected
     };
     let all = shares(&offscreen);
-    offscreen.viewer().select(&Selection::Values(Property::Contribution, 0.02..=0.5), How::Replace);
+    offscreen.viewer().select(&Selection::Values(Property::Contribution, 0.02..=0.5), SelectionMode::Replace);
     let found = selected(&mut offscreen);
     assert!(between(&all, 0.02, 0.5).contains(&found) && (50..2900).contains(&found), "{found}");
     offscreen.viewer().change(Change::Hide);
     offscreen.settle().unwrap();
 
-    offscreen.viewer().only_seen = true;
+    offscreen.viewer().editing.only_visible = true;
     let everything = Selection::Box(DVec3::splat(-1e9), DVec3::splat(1e9));
-    offscreen.viewer().select(&everything, How::Replace);
+    offscreen.viewer().select(&everything, SelectionMode::Replace);
     let left = shares(&offscreen);
     let found_now = selected(&mut offscreen);
     assert_eq!(left.len(), all.len() - found);
@@ -171,18 +173,18 @@ fn gaussians_are_selected_by_place_and_value() {
     let gpu = Gpu::new();
     let mut offscreen = editing(&gpu, &["cactus:2000"]);
     let all = gaussians(&offscreen);
-    let selected = |offscreen: &mut Offscreen| offscreen.viewer().edit_counts().selected;
+    let selected = |offscreen: &mut Offscreen| offscreen.viewer().scenes.edit_counts().selected;
     for (property, range) in
         [(Property::Opacity, 0.0..=0.5), (Property::Scale, 0.05..=9.0), (Property::Anisotropy, 2.0..=5.0)]
     {
         let expected = (0..all.len()).filter(|i| range.contains(&property.of(&all, *i, 0.0))).count();
-        offscreen.viewer().select(&Selection::Values(property, range.clone()), How::Replace);
+        offscreen.viewer().select(&Selection::Values(property, range.clone()), SelectionMode::Replace);
         assert_eq!(selected(&mut offscreen), expected, "{property:?}");
     }
     let place = |i: usize| DVec3::from(all.means()[i].map(f64::from));
     let (low, high) = (DVec3::new(-1.0, -9.0, -1.0), DVec3::new(1.0, 0.0, 9.0));
     let in_box = (0..all.len()).filter(|i| place(*i).cmpge(low).all() && place(*i).cmple(high).all()).count();
-    offscreen.viewer().select(&Selection::Box(low, high), How::Replace);
+    offscreen.viewer().select(&Selection::Box(low, high), SelectionMode::Replace);
     assert_eq!(selected(&mut offscreen), in_box);
     assert!((10..1990).contains(&in_box), "{in_box}");
     // A crop keeps the box, and what is hidden comes back.
@@ -201,9 +203,9 @@ fn gaussians_are_selected_by_place_and_value() {
     let covered = (0..still.size[0]).find(|x| still.at(*x, row)[3] > 0.95).expect("something is seen");
     let pixel = [covered, row];
     let depth = offscreen.session.pair.first.as_mut().unwrap().renderer.depth_at(pixel).unwrap().unwrap();
-    let view = offscreen.viewer().view();
+    let view = offscreen.viewer().view.camera();
     let centre = view.unprojected(DVec2::new(f64::from(covered) + 0.5, f64::from(row) + 0.5), depth.into());
-    offscreen.viewer().tool = Tool::Ball;
+    offscreen.viewer().editing.tool = Tool::Ball;
     // Messages lie over the picture.
     offscreen.viewer().messages = Default::default();
     frame(&mut offscreen, Vec::new());
@@ -221,8 +223,8 @@ fn gaussians_are_selected_by_place_and_value() {
 fn a_scene_is_placed_by_handles_and_levelled_by_marks() {
     let gpu = Gpu::new();
     let mut offscreen = editing(&gpu, &["cactus:500"]);
-    offscreen.viewer().tool = Tool::Place;
-    let view = offscreen.viewer().view();
+    offscreen.viewer().editing.tool = Tool::Place;
+    let view = offscreen.viewer().view.camera();
     let gizmo = offscreen.viewer().gizmo().unwrap();
     let at = |point: DVec3| {
         let seen = view.view(point);
@@ -233,19 +235,19 @@ fn a_scene_is_placed_by_handles_and_levelled_by_marks() {
     let to = begin + (end - centre) * 0.5;
     stroke(&mut offscreen, &[begin.to_array(), to.to_array()], Modifiers::NONE);
     let viewer = offscreen.viewer();
-    let moved = viewer.layers[0].place.translation;
+    let moved = viewer.scenes.layers[0].placement.translation;
     let due = 0.5 * (gizmo.end(0) - gizmo.centre).length();
     assert!((moved[0] - due).abs() < 0.02 * due && moved[1..] == [0.0; 2], "{moved:?}, not {due}");
-    assert!(viewer.view() == view);
+    assert!(viewer.view.camera() == view);
     press(&mut offscreen, Key::Z, Modifiers::COMMAND);
-    assert_eq!(offscreen.viewer().layers[0].place, Default::default());
+    assert_eq!(offscreen.viewer().scenes.layers[0].placement, Default::default());
     // The ground is tilted, then level.
     let viewer = offscreen.viewer();
     let tilt = glam::DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 0.3);
     let ground = [DVec3::ZERO, DVec3::X, DVec3::Z].map(|place| DVec3::new(0.2, 0.1, 0.3) + tilt * place);
-    viewer.marks = ground.to_vec();
+    viewer.inspector.marks = ground.to_vec();
     viewer.level_by_marks();
-    let transform = viewer.layers[0].place.transform().unwrap();
+    let transform = viewer.scenes.layers[0].placement.transform().unwrap();
     let level = ground.map(|place| transform.point(place).y);
     assert!(level.iter().all(|y| (y - level[0]).abs() < 1e-9), "{level:?}");
     assert!(transform.point(ground[0]).distance(ground[0]) < 1e-9, "the first mark stays");
@@ -256,20 +258,20 @@ fn views_go_along_the_axes_and_are_flat() {
     let gpu = Gpu::new();
     let mut offscreen = editing(&gpu, &["cactus:500"]);
     let viewer = offscreen.viewer();
-    let pivot = viewer.navigator.pivot();
-    let distance = viewer.view().position.distance(pivot);
+    let pivot = viewer.view.navigator.pivot();
+    let distance = viewer.view.camera().position.distance(pivot);
     for from in [DVec3::X, DVec3::NEG_Z, DVec3::Y, DVec3::NEG_Y] {
-        viewer.look_from(from);
-        viewer.navigator.advance(10.0);
-        let view = viewer.view();
+        viewer.view.look_from(from);
+        viewer.view.navigator.advance(10.0);
+        let view = viewer.view.camera();
         assert!(view.forward().distance(-from) < 1e-6 && view.position.distance(pivot + from * distance) < 1e-6);
     }
-    let before = viewer.view();
+    let before = viewer.view.camera();
     let size = |view: &Camera| view.focal_px.x / view.view(pivot).z;
-    let degrees = viewer.navigator.field_of_view();
+    let degrees = viewer.view.navigator.field_of_view();
     viewer.toggle_flat();
-    let flat = viewer.view();
-    assert!(viewer.is_flat() && (size(&flat) / size(&before) - 1.0).abs() < 1e-9);
+    let flat = viewer.view.camera();
+    assert!(viewer.view.is_flat() && (size(&flat) / size(&before) - 1.0).abs() < 1e-9);
     // What lies one picture's width behind the pivot looks hardly smaller.
     let width = f64::from(flat.size_px[0]) / size(&flat);
     let behind = flat.focal_px.x / flat.view(pivot + flat.forward() * width).z;
@@ -277,18 +279,18 @@ fn views_go_along_the_axes_and_are_flat() {
     // 32-bit floats suffice so far away.
     viewer.compare_with_reference();
     offscreen.settle().unwrap();
-    let apart = offscreen.viewer().comparison.apart.clone().expect("the pictures were compared");
+    let apart = offscreen.viewer().comparison.pair_difference.clone().expect("the pictures were compared");
     assert!(apart.difference.psnr_db.is_none_or(|psnr| psnr > 60.0), "{:?}", apart.difference);
     let viewer = offscreen.viewer();
     viewer.comparison.target = CompareTarget::Nothing;
     viewer.toggle_flat();
-    let after = viewer.view();
-    assert!((viewer.navigator.field_of_view() - degrees).abs() < 1e-9);
+    let after = viewer.view.camera();
+    assert!((viewer.view.navigator.field_of_view() - degrees).abs() < 1e-9);
     assert!(after.position.distance(before.position) < 1e-6 * distance);
     // Guides are drawn over the picture, not into it.
     let shown = |offscreen: &mut Offscreen| (offscreen.settle().unwrap(), offscreen.screen().unwrap()).1;
     let (bare, picture) = (shown(&mut offscreen), drawn(&offscreen));
-    offscreen.viewer().kept.shows_guides = true;
+    offscreen.viewer().panels.recent.shows_guides = true;
     frame(&mut offscreen, Vec::new());
     assert!(shown(&mut offscreen) != bare && drawn(&offscreen) == picture);
 }
@@ -305,15 +307,15 @@ fn a_project_brings_everything_back() {
     offscreen.viewer().drop_file(&cameras);
     offscreen.settle().unwrap();
     let viewer = offscreen.viewer();
-    viewer.navigator.orbit(DVec2::new(31.0, 7.0), [300, 240]);
+    viewer.view.navigator.orbit(DVec2::new(31.0, 7.0), [300, 240]);
     viewer.add_key();
-    viewer.navigator.orbit(DVec2::new(9.0, -4.0), [300, 240]);
+    viewer.view.navigator.orbit(DVec2::new(9.0, -4.0), [300, 240]);
     viewer.add_key();
     viewer.film.timeline.set_rest(1, true);
-    viewer.layers[1].place.translation = [0.5, -0.25, 0.125];
+    viewer.scenes.layers[1].placement.translation = [0.5, -0.25, 0.125];
     viewer.options.stop = 0.01;
-    viewer.background = smalto::rules::Background::Colour([0.25, 0.5, 0.75]);
-    viewer.select(&Selection::Values(Property::Opacity, 0.0..=0.6), How::Replace);
+    viewer.view.background = smalto::rules::Background::Colour([0.25, 0.5, 0.75]);
+    viewer.select(&Selection::Values(Property::Opacity, 0.0..=0.6), SelectionMode::Replace);
     viewer.change(Change::Delete);
     offscreen.settle().unwrap();
     let file = folder.path().join("two");
@@ -325,11 +327,17 @@ fn a_project_brings_everything_back() {
     let mut other = editing(&gpu, &[file.to_str().unwrap()]);
     let [one, two] = [&mut offscreen, &mut other].map(|offscreen| {
         let viewer = offscreen.viewer();
-        (viewer.view(), viewer.options, viewer.film.timeline.clone(), viewer.edit_counts(), viewer.cameras.clone())
+        (
+            viewer.view.camera(),
+            viewer.options,
+            viewer.film.timeline.clone(),
+            viewer.scenes.edit_counts(),
+            viewer.cameras.list.clone(),
+        )
     });
     assert!(one == two, "{one:?}\n{two:?}");
     assert!(one.3.deleted > 0 && drawn(&other) == drawn(&offscreen), "every bit of the picture");
-    assert!(other.viewer().navigator.pivot().distance(offscreen.viewer().navigator.pivot()) < 1e-9);
+    assert!(other.viewer().view.navigator.pivot().distance(offscreen.viewer().view.navigator.pivot()) < 1e-9);
     // What is no project, or is of another scene, says so and loses nothing.
     for (from, to, expected) in [
         ("smalto project 1", "smalto project 9", "of the format \"smalto project 9\""),
@@ -338,13 +346,13 @@ fn a_project_brings_everything_back() {
         ("cactus:1500", "none.ply", "none.ply"),
     ] {
         std::fs::write(&file, text.replace(from, to)).unwrap();
-        let layers = other.viewer().layers.len();
+        let layers = other.viewer().scenes.layers.len();
         other.viewer().drop_file(&file);
         let problem = other.settle().err().map(|problem| format!("{problem:#}")).unwrap_or_default();
         let said: String = other.viewer().messages.shown().iter().map(|message| message.text.as_str()).collect();
         assert!(problem.contains(expected) || said.contains(expected), "{from}: {problem}; {said}");
         assert!(layers == 2 || from != "smalto project 1");
         other.viewer().messages.close_errors();
-        other.viewer().failure = None;
+        other.viewer().messages.failure = None;
     }
 }

@@ -20,12 +20,12 @@ fn write(file: &Path, count: usize) {
 fn followed(gpu: &Gpu, file: &Path) -> Offscreen {
     write(file, 500);
     let name = file.display().to_string();
-    open(gpu, Setup { follows: true, ..setup(&[&name]) })
+    open(gpu, Setup { watches_files: true, ..setup(&[&name]) })
 }
 
 /// The number of Gaussians of the scene that is open.
 fn count(offscreen: &mut Offscreen) -> usize {
-    offscreen.viewer().layers[0].held.as_ref().unwrap().count()
+    offscreen.viewer().scenes.layers[0].scene.as_ref().unwrap().count()
 }
 
 /// Draws frames until something is so.
@@ -47,16 +47,16 @@ fn a_file_that_changes_is_read_again_and_the_view_stays() {
     let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
     let file = folder.path().join("training.ply");
     let mut offscreen = followed(&gpu, &file);
-    offscreen.viewer().navigator.orbit(DVec2::new(120.0, 30.0), SIZE);
+    offscreen.viewer().view.navigator.orbit(DVec2::new(120.0, 30.0), SIZE);
     offscreen.settle().unwrap();
-    let view = offscreen.viewer().view();
+    let view = offscreen.viewer().view.camera();
 
     write(&file, 900);
     wait(&mut offscreen, |offscreen| count(offscreen) == 900);
     offscreen.settle().unwrap();
     let drawn = offscreen.session.pair.first.as_ref().unwrap();
     assert_eq!(drawn.gaussians.as_ref().unwrap().len(), 900);
-    assert!(offscreen.viewer().view() == view, "nothing moves");
+    assert!(offscreen.viewer().view.camera() == view, "nothing moves");
 
     // A file that cannot be read leaves what is there, and the next one comes.
     std::fs::write(&file, "ply\nformat ascii 1.0\n").unwrap();
@@ -74,17 +74,17 @@ fn an_edited_scene_stays() {
     let mut offscreen = followed(&gpu, &file);
     let edit = |offscreen: &mut Offscreen| {
         offscreen.viewer().change(Change::SelectAll);
-        offscreen.viewer().note_changes();
+        offscreen.viewer().record_undo_step();
         offscreen.settle().unwrap();
     };
     edit(&mut offscreen);
     offscreen.viewer().undo(false);
     offscreen.settle().unwrap();
-    assert!(offscreen.viewer().layers[0].edit.is_none());
+    assert!(offscreen.viewer().scenes.layers[0].edit.is_none());
     write(&file, 900);
     wait(&mut offscreen, |offscreen| count(offscreen) == 900);
     offscreen.viewer().undo(true);
-    assert!(offscreen.viewer().layers[0].edit.is_none(), "the edit was of other Gaussians");
+    assert!(offscreen.viewer().scenes.layers[0].edit.is_none(), "the edit was of other Gaussians");
 
     edit(&mut offscreen);
     write(&file, 700);

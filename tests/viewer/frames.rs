@@ -23,11 +23,11 @@ pub(super) fn setup(scenes: &[&str]) -> Setup {
         photographs: None,
         options: Options::default(),
         antialiased_is_explicit: false,
-        follows: false,
+        watches_files: false,
         near_is_explicit: false,
         reading: Reading::default(),
         bindings: Bindings::default(),
-        kept: None,
+        recent_file: None,
         vsync: smalto::gpu::Vsync::On,
         hides_panels: true,
         compares_with: None,
@@ -55,7 +55,7 @@ pub(super) fn shown(offscreen: &mut Offscreen) -> Pixels {
 /// What `render` makes of the same, in 8 bits.
 fn rendered(gpu: &Gpu, offscreen: &mut Offscreen, options: &Options) -> Pixels {
     let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
-    let pixels = gpu.render(&gaussians, &offscreen.viewer().view(), options);
+    let pixels = gpu.render(&gaussians, &offscreen.viewer().view.camera(), options);
     let byte = |v: u8| f32::from(v) / 255.0;
     let rgba = pixels.to_rgb8().chunks(3).map(|p| [byte(p[0]), byte(p[1]), byte(p[2]), 1.0]).collect();
     Pixels { size: SIZE, rgba }
@@ -114,12 +114,12 @@ fn the_reference_is_shown_for_its_own_view_only() {
     let error = max_error(&shown(&mut offscreen), &picture);
     assert!(error > 0.0 && error <= 3.0 / 255.0, "balanced is a step or so from the reference: {error}");
     // From elsewhere it is not shown.
-    let view = offscreen.viewer().view();
-    offscreen.viewer().navigator.orbit(glam::DVec2::new(30.0, 0.0), SIZE);
-    offscreen.viewer().is_stale = true;
+    let view = offscreen.viewer().view.camera();
+    offscreen.viewer().view.navigator.orbit(glam::DVec2::new(30.0, 0.0), SIZE);
+    offscreen.viewer().pictures.are_stale = true;
     offscreen.settle().unwrap();
-    assert!(offscreen.viewer().view() != view);
-    assert_eq!(offscreen.viewer().reference_of_another(), Some("another view"));
+    assert!(offscreen.viewer().view.camera() != view);
+    assert_eq!(offscreen.viewer().reference_mismatch(), Some("another view"));
     assert!(shown(&mut offscreen) == rendered(&gpu, &mut offscreen, &own));
 }
 
@@ -131,17 +131,17 @@ fn several_scenes_are_drawn_together_and_can_be_placed() {
     let [cactus, balls] =
         ["cactus:2000", "few-large:50"].map(|name| Procedural::parse(name).unwrap().unwrap().make().unwrap().gaussians);
     assert_eq!(both.len(), cactus.len() + balls.len());
-    offscreen.viewer().layers[1].place.translation = [1.0, 0.0, 0.0];
+    offscreen.viewer().scenes.layers[1].placement.translation = [1.0, 0.0, 0.0];
     offscreen.settle().unwrap();
     let moved = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
     assert_eq!(moved.means()[..cactus.len()], *cactus.means());
     for (moved, mean) in moved.means()[cactus.len()..].iter().zip(balls.means()) {
         assert!((moved[0] - mean[0] - 1.0).abs() < 1e-5 && moved[1] == mean[1], "{moved:?} from {mean:?}");
     }
-    offscreen.viewer().layers[0].is_shown[0] = false;
+    offscreen.viewer().scenes.layers[0].is_shown[0] = false;
     offscreen.settle().unwrap();
     assert_eq!(offscreen.session.pair.first.as_ref().unwrap().statistics.count, balls.len());
-    let numbers: Vec<u64> = offscreen.viewer().layers.iter().map(|layer| layer.number).collect();
+    let numbers: Vec<u64> = offscreen.viewer().scenes.layers.iter().map(|layer| layer.number).collect();
     numbers.iter().for_each(|number| offscreen.viewer().close(*number));
     offscreen.settle().unwrap();
     assert!(shown(&mut offscreen).rgba.iter().all(|p| p[..3] == [0.0; 3]), "nothing is left");
@@ -154,15 +154,15 @@ fn knobs_are_measured_and_chosen_by_a_budget() {
     offscreen.viewer().options.key_bits = 16;
     offscreen.viewer().requests.push(Request::Measure);
     offscreen.settle().unwrap();
-    let (costs, of) = offscreen.viewer().costs.clone().unwrap();
+    let (costs, of) = offscreen.viewer().measuring.costs.clone().unwrap();
     assert_eq!(costs.options.key_bits, 16);
-    let is_of_this = |viewer: &Viewer| of.as_ref().unwrap().difference(&viewer.depicted().unwrap());
+    let is_of_this = |viewer: &Viewer| of.as_ref().unwrap().difference(&viewer.picture_content().unwrap());
     assert_eq!(is_of_this(offscreen.viewer()), None);
     let knobs: Vec<&str> = costs.knobs.iter().map(|cost| cost.knob).collect();
     assert_eq!(knobs, ["stop", "key-bits", "sh-storage", "shape-storage", "all together"]);
     assert!(costs.exact_ms > 0.0 && costs.knobs.iter().all(|cost| cost.ms > 0.0 && cost.psnr > 30.0));
     offscreen.viewer().options = Options { rules: offscreen.viewer().options.rules, ..Options::EXACT };
-    offscreen.viewer().budget.max_error = 0.05;
+    offscreen.viewer().measuring.budget.max_error = 0.05;
     offscreen.viewer().requests.push(Request::Choose);
     let exact = offscreen.viewer().options;
     offscreen.settle().unwrap();
@@ -179,7 +179,7 @@ fn films_and_pictures_are_written_as_by_render() {
     let mut offscreen = open(&gpu, setup(&["cactus:2000"]));
     let viewer = offscreen.viewer();
     viewer.add_key();
-    viewer.navigator.orbit(glam::DVec2::new(40.0, 10.0), SIZE);
+    viewer.view.navigator.orbit(glam::DVec2::new(40.0, 10.0), SIZE);
     viewer.add_key();
     viewer.film.fps = 1.0;
     viewer.export.film = folder.path().join("film").display().to_string();
@@ -195,7 +195,7 @@ fn films_and_pictures_are_written_as_by_render() {
     let [last, one] = [&frames[2], &folder.path().join("one.png")].map(|file| Pixels::read(file).unwrap());
     assert_eq!((last.size, &last), ([64, 48], &one));
     let options = offscreen.viewer().options;
-    let view = offscreen.viewer().view().resized([64, 48]);
+    let view = offscreen.viewer().view.camera().resized([64, 48]);
     let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
     assert_eq!(gpu.render(&gaussians, &view, &options).to_rgb8(), one.to_rgb8());
 }
@@ -206,16 +206,16 @@ fn a_copied_view_is_restored_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("cameras.json");
     let mut offscreen = open(&gpu, setup(&["cactus:500"]));
-    offscreen.viewer().navigator.orbit(glam::DVec2::new(17.0, 5.0), SIZE);
-    let view = offscreen.viewer().view();
+    offscreen.viewer().view.navigator.orbit(glam::DVec2::new(17.0, 5.0), SIZE);
+    let view = offscreen.viewer().view.camera();
     let copied = camera::to_json(&view);
-    offscreen.viewer().navigator.orbit(glam::DVec2::new(50.0, 0.0), SIZE);
+    offscreen.viewer().view.navigator.orbit(glam::DVec2::new(50.0, 0.0), SIZE);
     offscreen.viewer().paste_view(&copied);
-    assert_eq!(offscreen.viewer().view(), view);
+    assert_eq!(offscreen.viewer().view.camera(), view);
     camera::write(&file, &[NamedCamera { name: "view".to_owned(), camera: view.clone() }]).unwrap();
     offscreen.viewer().drop_file(&file);
     offscreen.settle().unwrap();
-    assert_eq!(offscreen.viewer().view(), view);
+    assert_eq!(offscreen.viewer().view.camera(), view);
 }
 
 /// A page file with levels of detail of a small scene.
@@ -248,24 +248,24 @@ fn a_scene_with_levels_is_read_page_by_page() {
     let refusal = offscreen.settle().unwrap_err().to_string();
     assert!(refusal.contains("needs the whole scene in memory"), "{refusal}");
     offscreen.viewer().messages = Default::default();
-    offscreen.viewer().inspection.mode = smalto::viewer::view_mode("evaluations").unwrap();
+    offscreen.viewer().inspector.settings.mode = smalto::viewer::view_mode("evaluations").unwrap();
     let refusal = offscreen.settle().unwrap_err().to_string();
     assert!(refusal.contains("this look needs"), "{refusal}");
     offscreen.viewer().messages = Default::default();
     offscreen.settle().unwrap();
-    assert_eq!(offscreen.viewer().inspection.mode, 0);
+    assert_eq!(offscreen.viewer().inspector.settings.mode, 0);
     // What pages show of themselves is shown, and a double click finds what lies under it.
     for name in ["depth", "normals", "level", "predicted-error-log2", "missing-levels"] {
-        offscreen.viewer().inspection.mode = smalto::viewer::view_mode(name).unwrap();
+        offscreen.viewer().inspector.settings.mode = smalto::viewer::view_mode(name).unwrap();
         offscreen.settle().unwrap();
         assert!(max_error(&shown(&mut offscreen), &screen) > 0.1, "{name}");
     }
-    offscreen.viewer().inspection.mode = 0;
+    offscreen.viewer().inspector.settings.mode = 0;
     offscreen.settle().unwrap();
-    let before = offscreen.viewer().view();
+    let before = offscreen.viewer().view.camera();
     offscreen.viewer().requests.push(Request::Focus([80, 48]));
     offscreen.settle().unwrap();
-    let pivot = offscreen.viewer().navigator.pivot();
+    let pivot = offscreen.viewer().view.navigator.pivot();
     let along = before.view(pivot);
     assert!(along.z > 0.0 && along.truncate().length() < 0.02 * along.z, "it lies in the direction of the pixel");
     assert_eq!(gpu.0.validation_messages(), Vec::<String>::new());
@@ -279,7 +279,7 @@ fn a_rate_of_frames_is_kept_by_the_number_of_nodes() {
     let mut offscreen = open(&gpu, Setup { fps: Some(10_000.0), options, ..setup(&[file.to_str().unwrap()]) });
     let whole = offscreen.session.pair.first.as_ref().unwrap().frame.totals.visible;
     for _ in 0..40 {
-        offscreen.viewer().is_stale = true;
+        offscreen.viewer().pictures.are_stale = true;
         offscreen.frame(Vec::new()).unwrap();
     }
     offscreen.session.retire_frames(true).unwrap();

@@ -48,7 +48,7 @@ fn turned(a: &Camera, b: &Camera) -> f64 {
 fn nothing_of_a_drag_is_lost() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:500"]));
-    let first = offscreen.viewer().view();
+    let first = offscreen.viewer().view.camera();
     let due = |navigator: &mut Navigator, which, way| match which {
         PointerButton::Primary => navigator.orbit(way, SIZE),
         PointerButton::Secondary => navigator.look(way, SIZE),
@@ -57,11 +57,11 @@ fn nothing_of_a_drag_is_lost() {
     for which in [PointerButton::Primary, PointerButton::Secondary, PointerButton::Middle] {
         // A nudge, a slow drag with frames between, a flick within a frame.
         for (way, points, in_a_frame) in [([2.0, 0.0], 1, 1), ([100.0, 0.0], 20, 1), ([100.0, 0.0], 20, 100)] {
-            offscreen.viewer().navigator.snap(&first);
-            let mut expected = offscreen.viewer().navigator.clone();
+            offscreen.viewer().view.navigator.snap(&first);
+            let mut expected = offscreen.viewer().view.navigator.clone();
             drag(&mut offscreen, which, way, points, in_a_frame);
             due(&mut expected, which, DVec2::new(way[0].into(), way[1].into()));
-            let (found, expected) = (offscreen.viewer().view(), expected.camera(SIZE));
+            let (found, expected) = (offscreen.viewer().view.camera(), expected.camera(SIZE));
             let (angle, angle_due) = (turned(&first, &found), turned(&first, &expected));
             let moved = [&found, &expected].map(|view| view.position.distance(first.position));
             assert!((angle - angle_due).abs() <= 0.02 * angle_due, "{which:?} {way:?}: {angle} of {angle_due} degrees");
@@ -78,7 +78,7 @@ fn slow_frames_lose_no_time() {
     let mut offscreen = open(&gpu, setup(&["cactus:500"]));
     let viewer = offscreen.viewer();
     viewer.add_key();
-    viewer.navigator.orbit(DVec2::new(40.0, 10.0), SIZE);
+    viewer.view.navigator.orbit(DVec2::new(40.0, 10.0), SIZE);
     viewer.film.step = 30.0;
     viewer.add_key();
     viewer.show_time(0.0);
@@ -93,12 +93,12 @@ fn slow_frames_lose_no_time() {
     assert!(passed > 1.2 && (shown - passed).abs() < 0.1, "{shown} s of {passed} s");
     offscreen.viewer().film.toggle();
     // A key that is held from one frame to the next flies all of the time between them.
-    let speed = offscreen.viewer().navigator.speed();
+    let speed = offscreen.viewer().view.navigator.speed();
     frame(&mut offscreen, vec![key(Key::W, Modifiers::NONE)]);
-    let begun = (std::time::Instant::now(), offscreen.viewer().view().position);
+    let begun = (std::time::Instant::now(), offscreen.viewer().view.camera().position);
     std::thread::sleep(Duration::from_millis(700));
     frame(&mut offscreen, Vec::new());
-    let flown = offscreen.viewer().view().position.distance(begun.1) / speed;
+    let flown = offscreen.viewer().view.camera().position.distance(begun.1) / speed;
     assert!((flown - begun.0.elapsed().as_secs_f64()).abs() < 0.1, "{flown} s");
 }
 
@@ -115,12 +115,12 @@ fn changes_are_undone_and_made_again() {
     let changes: [fn(&mut Offscreen); 4] = [
         |offscreen| drag(offscreen, PointerButton::Primary, [50.0, 20.0], 5, 2),
         |offscreen| offscreen.viewer().options.scale = 0.5,
-        |offscreen| offscreen.viewer().layers[0].place.rotation = [40.0, 0.0, 0.0],
-        |offscreen| offscreen.viewer().background = Background::Colour([0.2, 0.4, 0.6]),
+        |offscreen| offscreen.viewer().scenes.layers[0].placement.rotation = [40.0, 0.0, 0.0],
+        |offscreen| offscreen.viewer().view.background = Background::Colour([0.2, 0.4, 0.6]),
     ];
     for change in changes {
         change(&mut offscreen);
-        offscreen.viewer().is_stale = true;
+        offscreen.viewer().pictures.are_stale = true;
         frame(&mut offscreen, Vec::new());
         offscreen.settle().unwrap();
         seen.push(shown(&mut offscreen));
@@ -151,19 +151,19 @@ fn a_reference_of_something_else_is_not_shown() {
     let gpu = Gpu::new();
     let compares_with = Some(CompareWith::Reference);
     let mut offscreen = open(&gpu, Setup { compares_with, ..setup(&["cactus:1000", "few-large:20"]) });
-    let is_of = |offscreen: &mut Offscreen| offscreen.viewer().reference_of_another();
+    let is_of = |offscreen: &mut Offscreen| offscreen.viewer().reference_mismatch();
     assert_eq!(is_of(&mut offscreen), None);
-    offscreen.viewer().layers[0].place.translation = [0.5, 0.0, 0.0];
+    offscreen.viewer().scenes.layers[0].placement.translation = [0.5, 0.0, 0.0];
     assert_eq!(is_of(&mut offscreen), Some("other scenes or places"));
-    offscreen.viewer().layers[0].place.translation = [0.0; 3];
+    offscreen.viewer().scenes.layers[0].placement.translation = [0.0; 3];
     assert_eq!(is_of(&mut offscreen), None);
     let near = std::mem::replace(&mut offscreen.viewer().options.rules.near, 6.0);
     assert_eq!(is_of(&mut offscreen), Some("other rules"));
     offscreen.viewer().options.rules.near = near;
-    offscreen.viewer().background = Background::Colour([1.0; 3]);
+    offscreen.viewer().view.background = Background::Colour([1.0; 3]);
     assert_eq!(is_of(&mut offscreen), Some("another background"));
-    offscreen.viewer().background = Background::BLACK;
-    let number = offscreen.viewer().layers[1].number;
+    offscreen.viewer().view.background = Background::BLACK;
+    let number = offscreen.viewer().scenes.layers[1].number;
     offscreen.viewer().close(number);
     assert_eq!(is_of(&mut offscreen), Some("other scenes or places"));
     // What trades accuracy is what one compares.
@@ -176,8 +176,8 @@ fn the_picture_under_the_cursor_is_explained() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:2000", "few-large:300"]));
     offscreen.viewer().comparison.target = CompareTarget::Options(None);
-    offscreen.viewer().layers[0].is_shown = [true, false];
-    offscreen.viewer().layers[1].is_shown = [false, true];
+    offscreen.viewer().scenes.layers[0].is_shown = [true, false];
+    offscreen.viewer().scenes.layers[1].is_shown = [false, true];
     offscreen.settle().unwrap();
     let screen = shown(&mut offscreen);
     let brightest = |from: u32, to: u32| {
@@ -188,8 +188,8 @@ fn the_picture_under_the_cursor_is_explained() {
     for pixel in [brightest(20, 78), brightest(84, 140)] {
         offscreen.viewer().requests.push(Request::Pick(pixel));
         frame(&mut offscreen, Vec::new());
-        let background = offscreen.viewer().background;
-        let explained = offscreen.viewer().explanation.take().unwrap();
+        let background = offscreen.viewer().view.background;
+        let explained = offscreen.viewer().inspector.explanation.take().unwrap();
         let colour = explained.explanation.colour(background);
         let seen = screen.at(pixel[0], pixel[1]);
         let apart = (0..3).map(|i| (colour[i].clamp(0.0, 1.0) - seen[i]).abs()).fold(0.0, f32::max);
@@ -203,7 +203,7 @@ fn the_picture_under_the_cursor_is_explained() {
     offscreen.settle().unwrap();
     offscreen.viewer().requests.push(Request::Pick([120, 48]));
     frame(&mut offscreen, Vec::new());
-    assert!(offscreen.viewer().explanation.is_none());
+    assert!(offscreen.viewer().inspector.explanation.is_none());
     let said = offscreen.viewer().messages.shown().iter().any(|message| message.text.contains("has no Gaussians"));
     assert!(said, "it says why");
 }
@@ -217,7 +217,7 @@ fn what_is_seen_is_written() {
     offscreen.viewer().export.picture = file("view.png").display().to_string();
     let write = |offscreen: &mut Offscreen, name: &str| {
         offscreen.viewer().messages = Default::default();
-        offscreen.viewer().is_stale = true;
+        offscreen.viewer().pictures.are_stale = true;
         offscreen.settle().unwrap();
         let mut screen = shown(offscreen);
         offscreen.viewer().requests.push(Request::WritePicture);
@@ -230,10 +230,10 @@ fn what_is_seen_is_written() {
         written
     };
     let colours = write(&mut offscreen, "view.png");
-    offscreen.viewer().inspection.mode = view_mode("normals").unwrap();
+    offscreen.viewer().inspector.settings.mode = view_mode("normals").unwrap();
     offscreen.settle().unwrap();
     let normals = write(&mut offscreen, "view-2.png");
-    offscreen.viewer().inspection.mode = 0;
+    offscreen.viewer().inspector.settings.mode = 0;
     offscreen.viewer().comparison.target = CompareTarget::Options(Some(smalto::options::Options::PREVIEW));
     offscreen.viewer().comparison.mode = CompareMode::Difference;
     offscreen.settle().unwrap();
@@ -248,19 +248,19 @@ fn a_turn_of_the_wheel_is_undone_at_once() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:500"]));
     frame(&mut offscreen, Vec::new());
-    let first = offscreen.viewer().view();
+    let first = offscreen.viewer().view.camera();
     for turned in [120.0, -300.0] {
         let (unit, phase) = (egui::MouseWheelUnit::Point, egui::TouchPhase::Move);
         let wheel = Event::MouseWheel { unit, delta: vec2(0.0, turned), phase, modifiers: Modifiers::NONE };
         frame(&mut offscreen, vec![Event::PointerMoved(pos2(80.0, 40.0)), wheel]);
-        let begun = offscreen.viewer().view();
+        let begun = offscreen.viewer().view.camera();
         while offscreen.session.context().input(|input| input.is_scrolling()) {
             std::thread::sleep(Duration::from_millis(10));
             frame(&mut offscreen, Vec::new());
         }
-        assert!(begun != first && offscreen.viewer().view() != begun, "it goes on");
+        assert!(begun != first && offscreen.viewer().view.camera() != begun, "it goes on");
         offscreen.viewer().undo(false);
-        assert_eq!(offscreen.viewer().view(), first);
+        assert_eq!(offscreen.viewer().view.camera(), first);
     }
 }
 
@@ -282,21 +282,21 @@ fn a_message_is_laid_out_at_once() {
 fn a_scene_after_the_last_one_is_framed() {
     let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
     let mut offscreen = open(&gpu, setup(&["few-large:50"]));
-    let alone = offscreen.viewer().view();
+    let alone = offscreen.viewer().view.camera();
     let cameras = folder.path().join("cameras.json");
     smalto::camera::write(&cameras, &[smalto::camera::NamedCamera { name: "a".to_owned(), camera: alone.clone() }])
         .unwrap();
     offscreen.viewer().drop_file(&cameras);
     offscreen.settle().unwrap();
-    offscreen.viewer().navigator.orbit(DVec2::new(300.0, 40.0), SIZE);
-    let number = offscreen.viewer().layers[0].number;
+    offscreen.viewer().view.navigator.orbit(DVec2::new(300.0, 40.0), SIZE);
+    let number = offscreen.viewer().scenes.layers[0].number;
     offscreen.viewer().close(number);
     offscreen.settle().unwrap();
     offscreen.viewer().toggle_frozen_culling();
-    assert!(offscreen.viewer().inspection.culled_from.is_none(), "there is nothing to cull");
+    assert!(offscreen.viewer().inspector.settings.culled_from.is_none(), "there is nothing to cull");
     offscreen.viewer().drop_file(&PathBuf::from("  'few-large:50' "));
     offscreen.settle().unwrap();
-    assert!(offscreen.viewer().cameras.is_empty() && offscreen.viewer().view() == alone);
+    assert!(offscreen.viewer().cameras.list.is_empty() && offscreen.viewer().view.camera() == alone);
 }
 
 /// After the view has left a camera, the next one is the one behind it.
@@ -306,8 +306,8 @@ fn the_next_camera_follows_the_last_one() {
     let mut offscreen = open(&gpu, setup(&["cactus:500"]));
     let cameras: Vec<_> = (0..5)
         .map(|i| {
-            offscreen.viewer().navigator.orbit(DVec2::new(10.0, 0.0), SIZE);
-            smalto::camera::NamedCamera { name: format!("{i}"), camera: offscreen.viewer().view() }
+            offscreen.viewer().view.navigator.orbit(DVec2::new(10.0, 0.0), SIZE);
+            smalto::camera::NamedCamera { name: format!("{i}"), camera: offscreen.viewer().view.camera() }
         })
         .collect();
     let file = folder.path().join("cameras.json");
@@ -316,16 +316,16 @@ fn the_next_camera_follows_the_last_one() {
     offscreen.settle().unwrap();
     offscreen.viewer().go_to_camera(3, true);
     drag(&mut offscreen, PointerButton::Primary, [3.0, 0.0], 1, 5);
-    assert_eq!(offscreen.viewer().camera, None, "the view has left it");
+    assert_eq!(offscreen.viewer().view.camera_index, None, "the view has left it");
     offscreen.viewer().step_camera(true);
-    assert_eq!(offscreen.viewer().camera, Some(4));
+    assert_eq!(offscreen.viewer().view.camera_index, Some(4));
     offscreen.viewer().frame_scene();
-    assert_eq!(offscreen.viewer().camera, None);
+    assert_eq!(offscreen.viewer().view.camera_index, None);
     // The speed of flying and the near plane stay where the view is reset.
-    offscreen.viewer().navigator.set_speed(9.0);
+    offscreen.viewer().view.navigator.set_speed(9.0);
     offscreen.viewer().options.rules.near = 0.3;
     offscreen.viewer().reset_view();
-    assert_eq!((offscreen.viewer().navigator.speed(), offscreen.viewer().options.rules.near), (9.0, 0.3));
+    assert_eq!((offscreen.viewer().view.navigator.speed(), offscreen.viewer().options.rules.near), (9.0, 0.3));
 }
 
 /// What is in a file and not drawn is said, in the window and on the terminal.
@@ -375,11 +375,11 @@ fn a_measurement_can_be_cancelled() {
     for request in [Request::Measure, Request::Choose] {
         offscreen.viewer().requests.push(request);
         frame(&mut offscreen, Vec::new());
-        offscreen.viewer().measurement.as_ref().unwrap().cancel.cancel();
+        offscreen.viewer().measuring.running.as_ref().unwrap().cancel.cancel();
         offscreen.settle().unwrap();
-        assert!(offscreen.viewer().costs.is_none() && offscreen.viewer().budget.chosen.is_none());
+        assert!(offscreen.viewer().measuring.costs.is_none() && offscreen.viewer().measuring.budget.chosen.is_none());
         let said = offscreen.viewer().messages.shown().iter().any(|message| message.text.ends_with("was cancelled"));
-        assert!(said && offscreen.viewer().measurement.is_none());
+        assert!(said && offscreen.viewer().measuring.running.is_none());
         offscreen.viewer().messages = Default::default();
     }
 }

@@ -33,7 +33,7 @@ fn a_monkey_breaks_nothing() {
     ];
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:300"]));
-    let (view, first) = (offscreen.viewer().view(), shown(&mut offscreen));
+    let (view, first) = (offscreen.viewer().view.camera(), shown(&mut offscreen));
     let mut random = Random(7);
     for _ in 0..ACTIONS {
         match random.below(6) {
@@ -61,7 +61,9 @@ fn a_monkey_breaks_nothing() {
     viewer.panels.are_hidden = true;
     viewer.panels.shows_help = false;
     (viewer.explanation, viewer.inspection.mode, viewer.inspection.culled_from) = (None, 0, None);
-    while offscreen.viewer().navigator.is_gliding() || offscreen.session.context().input(|input| input.is_scrolling()) {
+    while offscreen.viewer().view.navigator.is_gliding()
+        || offscreen.session.context().input(|input| input.is_scrolling())
+    {
         frame(&mut offscreen, Vec::new());
     }
     for _ in 0..2 * ACTIONS {
@@ -70,7 +72,7 @@ fn a_monkey_breaks_nothing() {
     offscreen.viewer().messages = Default::default();
     frame(&mut offscreen, Vec::new());
     offscreen.settle().unwrap();
-    assert!(offscreen.viewer().view() == view && offscreen.viewer().film.timeline.keys().is_empty());
+    assert!(offscreen.viewer().view.camera() == view && offscreen.viewer().film.timeline.keys().is_empty());
     assert!(shown(&mut offscreen) == first, "every bit of the first picture");
     assert_eq!(gpu.0.validation_messages(), Vec::<String>::new());
 }

@@ -22,7 +22,7 @@ fn with_photographs(folder: &Path) -> (Gpu, Offscreen, Vec<NamedCamera>) {
     let mut offscreen = Offscreen::new(setup, &gpu.0, [700, 240]).unwrap();
     offscreen.settle().unwrap();
     let viewer = offscreen.viewer();
-    let (home, pivot) = (viewer.view(), viewer.navigator.pivot());
+    let (home, pivot) = (viewer.view.camera(), viewer.view.navigator.pivot());
     let pose = |(i, name): (usize, &str)| {
         let turn = glam::DQuat::from_axis_angle(DVec3::Y, 0.3 * (i as f64 + 1.0));
         let position = pivot + turn * (home.position - pivot) * 0.7;
@@ -55,7 +55,7 @@ fn press(offscreen: &mut Offscreen, which: Key) {
 /// True if most of the scene with this number lies in the picture.
 fn sees(offscreen: &mut Offscreen, number: usize) -> bool {
     let viewer = offscreen.viewer();
-    let (view, focus) = (viewer.view(), viewer.layers[number].placed_focus().unwrap());
+    let (view, focus) = (viewer.view.camera(), viewer.scenes.layers[number].placed_focus().unwrap());
     // Six points of its sphere.
     let mut ways = DVec3::AXES.into_iter().flat_map(|axis| [axis, -axis]);
     ways.all(|way| view.sees(DVec3::from(focus.centre) + way * focus.radius))
@@ -66,28 +66,28 @@ fn sees(offscreen: &mut Offscreen, number: usize) -> bool {
 fn scenes_that_are_opened_beside_others_come_into_sight() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["few-large:50"]));
-    offscreen.viewer().layers[0].place.translation = [0.0, 0.0, 40.0];
+    offscreen.viewer().scenes.layers[0].placement.translation = [0.0, 0.0, 40.0];
     press(&mut offscreen, Key::C);
     assert!(sees(&mut offscreen, 0), "the view of all follows the placement");
-    let alone = offscreen.viewer().view();
+    let alone = offscreen.viewer().view.camera();
     offscreen.viewer().drop_file(Path::new("cactus:500"));
     offscreen.settle().unwrap();
     assert!(sees(&mut offscreen, 0) && sees(&mut offscreen, 1));
     let said = offscreen.viewer().messages.shown().iter().any(|note| note.text.contains("lay out of sight"));
     assert!(said, "it says why the view moved");
     // The next one lies where the cactus is.
-    let both = offscreen.viewer().view();
+    let both = offscreen.viewer().view.camera();
     offscreen.viewer().drop_file(Path::new("few-large:20"));
     offscreen.settle().unwrap();
-    assert_eq!(offscreen.viewer().view(), both);
+    assert_eq!(offscreen.viewer().view.camera(), both);
     offscreen.viewer().undo(false);
-    assert_eq!(offscreen.viewer().view(), alone);
+    assert_eq!(offscreen.viewer().view.camera(), alone);
     // One alone.
-    let number = offscreen.viewer().layers[1].number;
+    let number = offscreen.viewer().scenes.layers[1].number;
     offscreen.viewer().frame_layer(number);
     offscreen.settle().unwrap();
     assert!(sees(&mut offscreen, 1) && !sees(&mut offscreen, 0));
-    assert!(offscreen.viewer().navigator.pivot().length() < 5.0, "the view turns around it");
+    assert!(offscreen.viewer().view.navigator.pivot().length() < 5.0, "the view turns around it");
 }
 
 /// Scenes that the window starts with are seen together, whichever is read first.
@@ -98,10 +98,10 @@ fn scenes_that_the_window_starts_with_are_seen_together() {
     crate::common::program::ok(&["convert", "few-large:50", far.to_str().unwrap(), "--transform", "translate=0,0,-40"]);
     let mut offscreen = open(&gpu, setup(&["few-large:50", far.to_str().unwrap()]));
     assert!(sees(&mut offscreen, 0) && sees(&mut offscreen, 1));
-    let first = offscreen.viewer().view();
-    offscreen.viewer().navigator.orbit(DVec2::new(30.0, 4.0), SIZE);
+    let first = offscreen.viewer().view.camera();
+    offscreen.viewer().view.navigator.orbit(DVec2::new(30.0, 4.0), SIZE);
     offscreen.viewer().reset_view();
-    assert_eq!(offscreen.viewer().view(), first);
+    assert_eq!(offscreen.viewer().view.camera(), first);
 }
 
 #[test]
@@ -109,15 +109,18 @@ fn cameras_are_clicked_and_compared_with_their_photographs() {
     let folder = tempfile::tempdir().unwrap();
     let (gpu, mut offscreen, cameras) = with_photographs(folder.path());
     let viewer = offscreen.viewer();
-    assert_eq!(viewer.photographs.as_ref().expect("they lie beside the cameras").count_of(&viewer.cameras), 3);
+    assert_eq!(
+        viewer.cameras.photographs.as_ref().expect("they lie beside the cameras").count_of(&viewer.cameras.list),
+        3
+    );
     // A camera that is seen is clicked.
     viewer.frame_scene();
-    viewer.navigator.advance(10.0);
-    viewer.navigator.dolly(-6.0);
+    viewer.view.navigator.advance(10.0);
+    viewer.view.navigator.dolly(-6.0);
     press(&mut offscreen, Key::V);
     let viewer = offscreen.viewer();
-    assert!(viewer.kept.shows_cameras && viewer.camera.is_none());
-    let (view, wanted) = (viewer.view(), &cameras[1].camera);
+    assert!(viewer.panels.recent.shows_cameras && viewer.view.camera_index.is_none());
+    let (view, wanted) = (viewer.view.camera(), &cameras[1].camera);
     let seen = view.view(wanted.position);
     let at = seen.truncate() / seen.z * view.focal_px + view.centre_px;
     let is_inside = at.cmpge(DVec2::ZERO).all() && at.cmplt(DVec2::from(view.size_px.map(f64::from))).all();
@@ -126,28 +129,31 @@ fn cameras_are_clicked_and_compared_with_their_photographs() {
     // What lies under the pointer is known one layout later.
     frame(&mut offscreen, vec![Event::PointerMoved(pos)]);
     frame(&mut offscreen, Vec::new());
-    assert_eq!(offscreen.viewer().pointed, Some(1));
+    assert_eq!(offscreen.viewer().pointer.camera, Some(1));
     for pressed in [true, false] {
         let (button, modifiers) = (PointerButton::Primary, Modifiers::NONE);
         frame(&mut offscreen, vec![Event::PointerButton { pos, button, pressed, modifiers }]);
     }
     offscreen.settle().unwrap();
     let viewer = offscreen.viewer();
-    viewer.navigator.advance(10.0);
-    assert_eq!((viewer.camera, viewer.view().position), (Some(1), wanted.position));
-    assert!(matches!(viewer.thumbnails.get(&1), Some(Some(small)) if small.size == [440, 293]));
+    viewer.view.navigator.advance(10.0);
+    assert_eq!((viewer.view.camera_index, viewer.view.camera().position), (Some(1), wanted.position));
+    assert!(matches!(viewer.cameras.thumbnails.get(&1), Some(Some(small)) if small.size == [440, 293]));
     // Its photograph is compared, and then that of the next camera.
     viewer.compare_with_photographs();
     offscreen.settle().unwrap();
     let comparison = &offscreen.viewer().comparison;
-    assert_eq!((comparison.target == CompareTarget::Picture, comparison.of_camera), (true, Some(1)));
+    assert_eq!((comparison.target == CompareTarget::Picture, comparison.photograph_camera), (true, Some(1)));
     press(&mut offscreen, Key::N);
     let viewer = offscreen.viewer();
-    assert_eq!((viewer.camera, viewer.comparison.of_camera), (Some(2), Some(2)));
+    assert_eq!((viewer.view.camera_index, viewer.comparison.photograph_camera), (Some(2), Some(2)));
     assert_eq!(viewer.comparison.picture.as_ref().unwrap().0, "c.png");
     // The camera without one leaves the photograph before, under its name.
     press(&mut offscreen, Key::N);
-    assert_eq!((offscreen.viewer().camera, offscreen.viewer().comparison.of_camera), (Some(3), Some(2)));
+    assert_eq!(
+        (offscreen.viewer().view.camera_index, offscreen.viewer().comparison.photograph_camera),
+        (Some(3), Some(2))
+    );
     // Photographs stay where their cameras are read again after them.
     offscreen.viewer().open_photographs(&folder.path().join("images"));
     offscreen.settle().unwrap();
@@ -156,18 +162,21 @@ fn cameras_are_clicked_and_compared_with_their_photographs() {
     std::fs::copy(folder.path().join("cameras.json"), &file).unwrap();
     offscreen.viewer().drop_file(&file);
     offscreen.settle().unwrap();
-    assert!(offscreen.viewer().photographs.is_some());
+    assert!(offscreen.viewer().cameras.photographs.is_some());
     // A photograph that is dropped finds its camera.
     offscreen.viewer().drop_file(&folder.path().join("images/a.png"));
     offscreen.settle().unwrap();
-    assert_eq!((offscreen.viewer().camera, offscreen.viewer().comparison.of_camera), (Some(0), Some(0)));
+    assert_eq!(
+        (offscreen.viewer().view.camera_index, offscreen.viewer().comparison.photograph_camera),
+        (Some(0), Some(0))
+    );
     // All are measured, as the pictures and the files say.
     offscreen.viewer().requests.push(Request::Evaluate);
     frame(&mut offscreen, Vec::new());
     offscreen.settle().unwrap();
     let options = offscreen.viewer().options;
     let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
-    let evaluation = offscreen.viewer().evaluation.as_ref().unwrap();
+    let evaluation = offscreen.viewer().cameras.evaluation.as_ref().unwrap();
     assert_eq!(evaluation.rows.iter().map(|row| row.name.as_str()).collect::<Vec<_>>(), ["a.jpg", "b.jpg", "c.jpg"]);
     for row in &evaluation.rows {
         let mut picture = gpu.render(&gaussians, &cameras[row.camera].camera, &options);
@@ -180,9 +189,9 @@ fn cameras_are_clicked_and_compared_with_their_photographs() {
     let [mean, ssim] = evaluation.means().map(Option::unwrap);
     assert!(mean > 30.0 && ssim > 0.9 && evaluation.to_csv().lines().count() == 4);
     // The numbers are of a picture: closing the scene forgets them.
-    let number = offscreen.viewer().layers[0].number;
+    let number = offscreen.viewer().scenes.layers[0].number;
     offscreen.viewer().close(number);
-    assert!(offscreen.viewer().evaluation.is_none() && offscreen.viewer().photographs.is_none());
+    assert!(offscreen.viewer().cameras.evaluation.is_none() && offscreen.viewer().cameras.photographs.is_none());
 }
 
 #[test]
@@ -193,7 +202,7 @@ fn photographs_with_alpha_lie_over_the_background() {
     let file = folder.path().join("half.exr");
     Pixels { size: SIZE, rgba: vec![[0.25, 0.0, 0.0, 0.5]; 160 * 96] }.write(&file, true).unwrap();
     let viewer = offscreen.viewer();
-    viewer.background = Background::Colour([0.0, 1.0, 0.5]);
+    viewer.view.background = Background::Colour([0.0, 1.0, 0.5]);
     viewer.drop_file(&file);
     offscreen.settle().unwrap();
     let fitted = offscreen.viewer().comparison.fitted.clone().unwrap();
@@ -205,29 +214,29 @@ fn a_path_is_made_of_keys_turns_and_loops() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:500"]));
     let viewer = offscreen.viewer();
-    let first = viewer.view();
+    let first = viewer.view.camera();
     viewer.add_key();
-    viewer.navigator.orbit(DVec2::new(30.0, 0.0), SIZE);
+    viewer.view.navigator.orbit(DVec2::new(30.0, 0.0), SIZE);
     viewer.add_key();
     // Half way, the view of the path is a key like any other; the same time again replaces it.
     viewer.show_time(1.0);
     viewer.insert_key(1.0);
-    let half = viewer.view();
-    viewer.navigator.orbit(DVec2::new(0.0, 20.0), SIZE);
+    let half = viewer.view.camera();
+    viewer.view.navigator.orbit(DVec2::new(0.0, 20.0), SIZE);
     viewer.insert_key(1.0);
     let times =
         |viewer: &smalto::viewer::Viewer| viewer.film.timeline.keys().iter().map(|key| key.seconds).collect::<Vec<_>>();
     assert_eq!(times(viewer), [0.0, 1.0, 2.0]);
-    assert!(viewer.film.timeline.keys()[1].camera == viewer.view() && viewer.view() != half);
+    assert!(viewer.film.timeline.keys()[1].camera == viewer.view.camera() && viewer.view.camera() != half);
     viewer.close_path();
     assert_eq!((times(viewer), viewer.film.repeats), (vec![0.0, 1.0, 2.0, 4.0], true));
     assert!(viewer.film.timeline.is_closed() && viewer.film.timeline.keys()[3].camera == first);
-    viewer.note_changes();
+    viewer.record_undo_step();
     // A turn leads around the pivot at its distance, looks at it all the time, and comes back.
-    viewer.navigator.snap(&first);
+    viewer.view.navigator.snap(&first);
     viewer.turn_path();
     let film = &viewer.film;
-    let (pivot, radius) = (viewer.navigator.pivot(), first.position.distance(viewer.navigator.pivot()));
+    let (pivot, radius) = (viewer.view.navigator.pivot(), first.position.distance(viewer.view.navigator.pivot()));
     assert!(film.timeline.is_closed() && film.timeline.keys()[0].camera == first);
     let mut least: f64 = 1.0;
     for camera in film.timeline.frames(8.0) {

@@ -10,7 +10,7 @@ use smalto::options::Options;
 use smalto::pixels::Pixels;
 use smalto::rules::Rules;
 use smalto::viewer::{
-    CompareTarget, CompareWith, Kept, Offscreen, Program, Request, Setup, Tab, WindowRequest, view_mode,
+    CompareTarget, CompareWith, Offscreen, Program, RecentState, Request, Setup, Tab, WindowRequest, view_mode,
 };
 
 use super::frames::{SIZE, open, setup, shown};
@@ -21,7 +21,7 @@ use crate::common::program::run;
 /// The picture of the window's view with these options, in floats.
 fn drawn(gpu: &Gpu, offscreen: &mut Offscreen, options: &Options) -> Pixels {
     let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
-    gpu.render(&gaussians, &offscreen.viewer().view(), options)
+    gpu.render(&gaussians, &offscreen.viewer().view.camera(), options)
 }
 
 /// What these events ask of the owner of the window.
@@ -48,8 +48,8 @@ fn a_comparison_says_how_far_the_pictures_are_apart() {
     };
     let apart = |offscreen: &mut Offscreen| {
         let viewer = offscreen.viewer();
-        let apart = viewer.comparison.apart.clone().expect("the pictures were compared");
-        assert_eq!(apart.number, viewer.still.as_ref().expect("they stand still").number);
+        let apart = viewer.comparison.pair_difference.clone().expect("the pictures were compared");
+        assert_eq!(apart.number, viewer.inspector.snapshot.as_ref().expect("they stand still").number);
         apart
     };
     let [first, second] = pictures(&mut offscreen);
@@ -69,11 +69,11 @@ fn a_comparison_says_how_far_the_pictures_are_apart() {
         modifiers: Modifiers::COMMAND,
     };
     let (from, to) = (pos2(30.5, 20.5), pos2(69.5, 49.5));
-    let view = offscreen.viewer().view();
+    let view = offscreen.viewer().view.camera();
     frame(&mut offscreen, vec![Event::PointerMoved(from), press(from, true)]);
     frame(&mut offscreen, vec![Event::PointerMoved(to), press(to, false)]);
     offscreen.settle().unwrap();
-    assert_eq!(offscreen.viewer().view(), view, "it moves nothing");
+    assert_eq!(offscreen.viewer().view.camera(), view, "it moves nothing");
     let part = |pixels: &Pixels| {
         let rgba = (20..50).flat_map(|y| (30..70).map(move |x| pixels.at(x, y))).collect();
         Pixels { size: [40, 30], rgba }
@@ -82,37 +82,37 @@ fn a_comparison_says_how_far_the_pictures_are_apart() {
     assert_eq!(found.area, Some([30, 20, 70, 50]));
     assert_eq!(found.difference, Difference::between(&part(&first), &part(&second)));
     // The pixel under the cursor has the values of both.
-    assert_eq!(offscreen.viewer().cursor, Some([69, 49]));
-    let still = offscreen.viewer().still.as_ref().unwrap();
+    assert_eq!(offscreen.viewer().pointer.pixel, Some([69, 49]));
+    let still = offscreen.viewer().inspector.snapshot.as_ref().unwrap();
     assert!(*still.first == first && **still.second.as_ref().unwrap() == second);
     frame(&mut offscreen, vec![key(Key::Escape, Modifiers::NONE)]);
     offscreen.settle().unwrap();
     assert_eq!(apart(&mut offscreen).area, None);
     // Nobody asks any more: nothing is read back.
     offscreen.viewer().comparison.target = CompareTarget::Nothing;
-    offscreen.viewer().is_stale = true;
+    offscreen.viewer().pictures.are_stale = true;
     offscreen.settle().unwrap();
-    assert!(offscreen.viewer().still.is_none());
+    assert!(offscreen.viewer().inspector.snapshot.is_none());
 }
 
 #[test]
 fn a_scale_fits_and_marks_tell_their_distance() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["few-large:200"]));
-    offscreen.viewer().inspection.mode = view_mode("depth").unwrap();
+    offscreen.viewer().inspector.settings.mode = view_mode("depth").unwrap();
     offscreen.settle().unwrap();
     offscreen.viewer().requests.push(Request::FitRange);
     offscreen.settle().unwrap();
     let viewer = offscreen.viewer();
-    let [low, high] = viewer.inspection.ranges[viewer.inspection.mode];
-    let still = viewer.still.as_ref().unwrap().first.clone();
+    let [low, high] = viewer.inspector.settings.ranges[viewer.inspector.settings.mode];
+    let still = viewer.inspector.snapshot.as_ref().unwrap().first.clone();
     let mut depths: Vec<f32> = still.rgba.iter().filter(|p| p[3] > 0.0).map(|p| p[0] / p[3]).collect();
     depths.sort_unstable_by(f32::total_cmp);
     let inside = depths.iter().filter(|depth| (low..=high).contains(depth)).count();
     let part = inside as f64 / depths.len() as f64;
     assert!((0.97..0.995).contains(&part) && low > 0.0, "{part} of the depths are between {low} and {high}");
     // Two marks: their places are those that the depths say.
-    let view = offscreen.viewer().view();
+    let view = offscreen.viewer().view.camera();
     let place = |offscreen: &mut Offscreen, [x, y]: [u32; 2]| {
         let depth = offscreen.session.pair.first.as_mut().unwrap().renderer.depth_at([x, y]).unwrap().unwrap();
         view.unprojected(DVec2::new(x.into(), y.into()) + 0.5, f64::from(depth))
@@ -130,7 +130,7 @@ fn a_scale_fits_and_marks_tell_their_distance() {
         assert!(apart < 1e-3, "{text} is {apart} from the place");
     }
     let expected = place(&mut offscreen, pixels[0]).distance(place(&mut offscreen, pixels[1]));
-    let marks = &offscreen.viewer().marks;
+    let marks = &offscreen.viewer().inspector.marks;
     assert!(expected > 0.05 && (marks[0].distance(marks[1]) - expected).abs() < 1e-3 * expected);
 }
 
@@ -177,7 +177,7 @@ fn the_picture_lies_beside_the_panels() {
     let setup = Setup { hides_panels: false, ..setup(&["cactus:300"]) };
     let mut offscreen = Offscreen::new(setup, &gpu.0, WINDOW).unwrap();
     offscreen.settle().unwrap();
-    let size = offscreen.viewer().size;
+    let size = offscreen.viewer().view.size;
     assert!(size[0] < WINDOW[0] - 200 && size[1] == WINDOW[1], "{size:?}");
     let own = offscreen.viewer().options;
     let picture = drawn(&gpu, &mut offscreen, &own);
@@ -190,25 +190,28 @@ fn the_picture_lies_beside_the_panels() {
     }
     // The whole window is the picture's without them, and the scene is in its middle both times.
     let middle = |camera: Camera| camera.centre_px * 2.0 / DVec2::from(camera.size_px.map(f64::from));
-    assert_eq!(middle(offscreen.viewer().view()), DVec2::ONE);
+    assert_eq!(middle(offscreen.viewer().view.camera()), DVec2::ONE);
     frame(&mut offscreen, vec![key(Key::H, Modifiers::NONE)]);
     offscreen.settle().unwrap();
-    assert_eq!(offscreen.viewer().view().size_px, WINDOW);
+    assert_eq!(offscreen.viewer().view.camera().size_px, WINDOW);
     let release =
         Event::Key { key: Key::H, physical_key: None, pressed: false, repeat: false, modifiers: Modifiers::NONE };
     frame(&mut offscreen, vec![release, key(Key::H, Modifiers::NONE)]);
     // Wide contents scroll.
     for (tab, _) in Tab::ALL {
-        offscreen.viewer().kept.tab = tab;
+        offscreen.viewer().panels.recent.tab = tab;
         offscreen.settle().unwrap();
-        assert_eq!(offscreen.viewer().size, size, "{tab:?}");
+        assert_eq!(offscreen.viewer().view.size, size, "{tab:?}");
     }
-    offscreen.viewer().kept.tab = Tab::Quality;
+    offscreen.viewer().panels.recent.tab = Tab::Quality;
     offscreen.viewer().requests.push(Request::Measure);
     frame(&mut offscreen, Vec::new());
     offscreen.settle().unwrap();
     frame(&mut offscreen, Vec::new());
-    assert!(offscreen.viewer().costs.is_some() && offscreen.viewer().size == size, "what was measured is beside knobs");
+    assert!(
+        offscreen.viewer().measuring.costs.is_some() && offscreen.viewer().view.size == size,
+        "what was measured is beside knobs"
+    );
 }
 
 /// The command line that is copied draws what is seen.
@@ -218,11 +221,11 @@ fn the_copied_command_draws_the_picture() {
     let mut offscreen = open(&gpu, setup(&["cactus:3000"]));
     offscreen.viewer().options = offscreen.viewer().preset(&Options::FAST);
     offscreen.viewer().options.sh_degree = 1;
-    offscreen.viewer().background = smalto::rules::Background::Colour([0.1, 0.2, 0.3]);
-    offscreen.viewer().navigator.orbit(DVec2::new(25.0, -8.0), SIZE);
-    offscreen.viewer().navigator.dolly(1.5);
+    offscreen.viewer().view.background = smalto::rules::Background::Colour([0.1, 0.2, 0.3]);
+    offscreen.viewer().view.navigator.orbit(DVec2::new(25.0, -8.0), SIZE);
+    offscreen.viewer().view.navigator.dolly(1.5);
     let drawn_by = |offscreen: &mut Offscreen, name: &str| {
-        offscreen.viewer().is_stale = true;
+        offscreen.viewer().pictures.are_stale = true;
         offscreen.viewer().messages = Default::default();
         offscreen.settle().unwrap();
         let screen = shown(offscreen);
@@ -247,14 +250,14 @@ fn the_copied_command_draws_the_picture() {
     drawn_by(&mut offscreen, "seen.png");
     // At a camera of a file, it names the file.
     let file = folder.path().join("my cameras.json");
-    let camera = offscreen.viewer().view();
+    let camera = offscreen.viewer().view.camera();
     smalto::camera::write(&file, &[smalto::camera::NamedCamera { name: "a".to_owned(), camera }]).unwrap();
     offscreen.viewer().drop_file(&file);
     offscreen.settle().unwrap();
     assert!(offscreen.viewer().command_line(Program::Bench).0.contains("my cameras.json"));
     drawn_by(&mut offscreen, "camera.png");
     // What no option says is said.
-    offscreen.viewer().layers[0].place.scale = 2.0;
+    offscreen.viewer().scenes.layers[0].placement.scale = 2.0;
     assert_eq!(offscreen.viewer().command_line(Program::Render).1, ["the placement of scenes"]);
     // The keys copy it.
     let copied = requests(&mut offscreen, vec![key(Key::R, Modifiers::COMMAND)]);
@@ -267,13 +270,13 @@ fn a_window_keeps_what_was_opened() {
     let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
     let [kept, scene] = ["state/viewer.json", "small.ply"].map(|name| folder.path().join(name));
     crate::common::program::ok(&["convert", "few-large:20", scene.to_str().unwrap()]);
-    let setup = Setup { kept: Some(kept.clone()), hides_panels: false, ..setup(&[]) };
+    let setup = Setup { recent_file: Some(kept.clone()), hides_panels: false, ..setup(&[]) };
     let mut offscreen = Offscreen::new(setup, &gpu.0, [640, 400]).unwrap();
     frame(&mut offscreen, vec![key(Key::O, Modifiers::COMMAND)]);
-    assert!(offscreen.viewer().dialog.is_open());
+    assert!(offscreen.viewer().panels.dialog.is_open());
     frame(&mut offscreen, vec![key(Key::Escape, Modifiers::NONE)]);
-    assert!(!offscreen.viewer().dialog.is_open());
+    assert!(!offscreen.viewer().panels.dialog.is_open());
     offscreen.viewer().drop_file(&scene);
     offscreen.settle().unwrap();
-    assert_eq!(Kept::read(&kept).recent, [scene]);
+    assert_eq!(RecentState::read(&kept).recent, [scene]);
 }

@@ -1,14 +1,14 @@
-//! The command line that does what the window shows.
+//! The command line that draws the picture of the window.
 
 use std::path::Path;
 
 use crate::options::{Group, KNOBS, Knob, Options};
 use crate::rules::Background;
 use crate::viewer::model::{
-    CompareTarget, Comparison, Edit, Event, Layer, Place, Request, Source, Viewer, WindowRequest,
+    CompareTarget, Comparison, Edit, Event, Layer, LayerSource, Placement, Request, Viewer, WindowRequest,
 };
 
-/// A command that can draw what the window shows.
+/// A command that can draw the picture of the window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Program {
     Render,
@@ -21,18 +21,18 @@ impl Program {
 }
 
 impl Viewer {
-    /// The command line of what is shown: scenes, view, options. The second value says what no option can say.
+    /// The command line for the scenes, the view and the options. The second value lists settings without an option.
     pub fn command_line(&self, program: Program) -> (String, Vec<String>) {
         let mut left_out = Vec::new();
         let (_, name) = Program::ALL.iter().find(|(known, _)| *known == program).expect("every program is listed");
         let mut words = vec!["smalto".to_owned(), (*name).to_owned()];
-        let shown: Vec<&Layer> = self.layers.iter().filter(|layer| layer.is_shown[0]).collect();
+        let shown: Vec<&Layer> = self.scenes.shown().collect();
         let most = if program == Program::View { shown.len() } else { 1 };
         words.extend(shown.iter().take(most).map(|layer| layer.source.argument()));
         if shown.len() > most {
             left_out.push(format!("only the first of {} scenes is drawn", shown.len()));
         }
-        if shown.iter().any(|layer| layer.place != Place::default()) {
+        if shown.iter().any(|layer| layer.placement != Placement::default()) {
             left_out.push("the placement of scenes".to_owned());
         }
         if shown.iter().filter_map(|layer| layer.edit.as_deref()).any(Edit::leaves_out) {
@@ -43,10 +43,10 @@ impl Viewer {
             words.extend(self.view_words());
         } else {
             words.extend(self.camera_words(&mut left_out));
-            let [width, height] = self.size;
+            let [width, height] = self.view.size;
             words.extend(["--size".to_owned(), format!("{width}x{height}")]);
         }
-        match self.background {
+        match self.view.background {
             Background::Colour([r, g, b]) if [r, g, b] != [0.0; 3] && program == Program::Render => {
                 words.extend(["--background".to_owned(), format!("{r},{g},{b}")]);
             }
@@ -60,16 +60,16 @@ impl Viewer {
         (line, left_out)
     }
 
-    /// The preset that is nearest to the options, and the knobs that differ from it.
+    /// The preset nearest to the options, and the knobs that differ from it.
     fn option_words(&self) -> Vec<String> {
-        // Antialiasing and the near plane are those of the scene unless they are said, so they always are.
-        let said = |name: &str| ["near", "antialiased"].contains(&name);
-        let has_levels = self.is_in_pages();
-        let is_said_by_need =
-            |knob: &&Knob| knob.group != Group::Path && !said(knob.name) && (has_levels || !knob.is_of_levels());
+        // Antialiasing and the near plane depend on the scene unless they are given, so they are always given.
+        let is_explicit = |name: &str| ["near", "antialiased"].contains(&name);
+        let has_levels = self.scenes.are_paged();
+        let is_optional =
+            |knob: &&Knob| knob.group != Group::Path && !is_explicit(knob.name) && (has_levels || !knob.is_of_levels());
         let differing = |preset: &Options| {
             let differs = |knob: &&Knob| (knob.get)(preset) != (knob.get)(&self.options);
-            KNOBS.iter().filter(is_said_by_need).filter(differs).collect::<Vec<_>>()
+            KNOBS.iter().filter(is_optional).filter(differs).collect::<Vec<_>>()
         };
         let (preset, knobs) = Options::PRESETS
             .iter()
@@ -78,43 +78,43 @@ impl Viewer {
             .min_by_key(|(_, knobs)| knobs.len())
             .expect("there are presets of both paths");
         let mut words = vec!["--preset".to_owned(), preset.to_owned()];
-        for knob in KNOBS.iter().filter(|knob| said(knob.name)).chain(knobs) {
+        for knob in KNOBS.iter().filter(|knob| is_explicit(knob.name)).chain(knobs) {
             words.extend([format!("--{}", knob.name), (knob.get)(&self.options).to_string()]);
         }
         words
     }
 
-    /// The camera of the file that the view is at, or the view as a point, a target and a direction.
+    /// The camera of the file that the view is at, or else the view as eye, target and up direction.
     fn camera_words(&self, left_out: &mut Vec<String>) -> Vec<String> {
-        if let (Some(index), Some(file)) = (self.camera, &self.camera_file) {
+        if let (Some(index), Some(file)) = (self.view.camera_index, &self.cameras.file) {
             let file = file.display().to_string();
             return ["--cameras".to_owned(), file, "--camera".to_owned(), index.to_string()].into();
         }
-        let view = self.view();
+        let view = self.view.camera();
         let centre = view.centre_px - glam::DVec2::from(view.size_px.map(|side| f64::from(side) / 2.0));
         if centre.abs().max_element() > 1e-6 || view.focal_px.x != view.focal_px.y {
             left_out.push("the principal point or the shape of the pixels".to_owned());
         }
         let point = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
-        // As far away as the scene, so that its digits say the direction.
-        let target = view.position + view.forward() * view.position.distance(self.navigator.pivot()).max(1e-6);
+        // At the distance of the pivot, so that the digits of the target determine the direction.
+        let target = view.position + view.forward() * view.position.distance(self.view.navigator.pivot()).max(1e-6);
         let up = -view.rotation.row(1);
-        let fov = self.navigator.field_of_view();
+        let fov = self.view.navigator.field_of_view();
         ["--eye".to_owned(), point(view.position), "--target".to_owned(), point(target)]
             .into_iter()
             .chain(["--camera-up".to_owned(), point(up), "--fov".to_owned(), fov.to_string()])
             .collect()
     }
 
-    /// What the window compares and looks at.
+    /// Options of `smalto view` for cameras, view mode and comparison.
     fn view_words(&self) -> Vec<String> {
         let mut words = Vec::new();
         let mut add = |flag: &str, value: &str| words.extend([flag.to_owned(), value.to_owned()]);
-        if let Some(file) = &self.camera_file {
+        if let Some(file) = &self.cameras.file {
             add("--cameras", &file.display().to_string());
         }
-        if self.inspection.mode != 0 {
-            add("--look", self.inspection.view_mode().name);
+        if self.inspector.settings.mode != 0 {
+            add("--look", self.inspector.settings.view_mode().name);
         }
         let Comparison { target, .. } = &self.comparison;
         match target {
@@ -128,9 +128,9 @@ impl Viewer {
         words
     }
 
-    /// Copies the command line, and says what it leaves out.
+    /// Copies the command line, and reports the settings that it leaves out.
     pub fn copy_command(&mut self, program: Program) {
-        if self.layers.is_empty() {
+        if self.scenes.layers.is_empty() {
             return self.messages.note("there is no scene that a command could draw");
         }
         let (line, left_out) = self.command_line(program);
@@ -141,7 +141,7 @@ impl Viewer {
     }
 }
 
-impl Source {
+impl LayerSource {
     /// The scene as an argument of a command.
     pub fn argument(&self) -> String {
         let absolute =

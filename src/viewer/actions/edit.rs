@@ -1,4 +1,4 @@
-//! Actions that select, hide and delete Gaussians, and save what is left.
+//! Actions that select, hide and delete Gaussians, and save the scene.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,80 +14,72 @@ use crate::scene::{Gaussians, Scene};
 use crate::viewer::frame::needs_whole;
 use crate::viewer::jobs::{JobEvent, Reporter};
 use crate::viewer::model::{
-    Change, Counts, Edit, Edited, Held, How, Layer, Outline, Part, Property, Request, SEEN, Selection, Shares, Stroke,
-    Tool, Viewer,
+    Change, Contributions, Counts, DrawnScene, Edit, EditResult, Layer, LoadedScene, MIN_VISIBLE, Outline, Property,
+    Request, Selection, SelectionMode, Tool, ToolStroke, Viewer,
 };
 
 impl Viewer {
-    /// True while a selection is not made yet, or the Gaussians that edits leave are not there.
-    pub fn is_editing(&self) -> bool {
-        self.selecting > 0 || self.layers.iter().any(Layer::is_being_edited)
+    /// True while jobs compute selections or the results of edits.
+    pub fn has_running_edits(&self) -> bool {
+        self.editing.running_selections > 0 || self.scenes.layers.iter().any(Layer::has_running_edit)
     }
 
-    /// Numbers of all scenes.
-    pub fn edit_counts(&self) -> Counts {
-        let all = self.layers.iter().filter_map(|layer| layer.edit.as_deref()).map(Edit::counts);
-        all.fold(Counts::default(), |sum, one| Counts {
-            selected: sum.selected + one.selected,
-            hidden: sum.hidden + one.hidden,
-            deleted: sum.deleted + one.deleted,
-        })
-    }
-
-    /// Selects Gaussians of the scenes that are shown, of which nothing but what is seen if that is asked for.
-    pub fn select(&mut self, selection: &Selection, how: How) {
-        if self.only_seen || matches!(selection, Selection::Values(Property::Contribution, _)) {
-            self.requests.push(Request::SelectByShares(selection.clone(), how, self.only_seen));
+    /// Selects Gaussians of the shown scenes. If contributions are needed, a job computes them first.
+    pub fn select(&mut self, selection: &Selection, mode: SelectionMode) {
+        if self.editing.only_visible || matches!(selection, Selection::Values(Property::Contribution, _)) {
+            self.requests.push(Request::SelectByContributions(selection.clone(), mode, self.editing.only_visible));
         } else {
-            self.select_of(selection, how, None);
+            self.select_of(selection, mode, None);
         }
     }
 
-    /// Finds what the Gaussians contribute to the view, on another thread, and then selects.
-    pub fn start_selection(&mut self, selection: Selection, how: How, only_seen: bool, device: Device) {
-        let mut parts = Vec::new();
-        for place in 0..self.layers.len() {
-            let Some((whole, edit)) = self.editable(place) else { continue };
-            let layer = &self.layers[place];
-            match layer.part(0, false) {
-                Ok(Some(placed)) => parts.push(Part { number: layer.number, whole, drawn: edit.drawn(), placed }),
+    /// Starts a job that computes the contributions to the view, for a selection.
+    pub fn start_selection(&mut self, selection: Selection, mode: SelectionMode, only_visible: bool, device: Device) {
+        let mut scenes = Vec::new();
+        for index in 0..self.scenes.layers.len() {
+            let Some((whole, edit)) = self.editable(index) else { continue };
+            let layer = &self.scenes.layers[index];
+            match layer.drawn_scene(0, false) {
+                Ok(Some(placed)) => {
+                    scenes.push(DrawnScene { number: layer.number, whole, drawn: edit.drawn(), placed })
+                }
                 Ok(None) => {}
                 Err(problem) => return self.messages.error(format!("{problem:#}")),
             }
         }
-        if parts.is_empty() {
+        if scenes.is_empty() {
             return;
         }
-        let (options, view) = (self.options, self.view());
-        self.selecting += 1;
-        let least = if only_seen { SEEN } else { 0.0 };
-        let work = move |_: &Reporter| Shares::new(&device, parts, &options, view, least);
-        self.jobs.start(work, move |shares| JobEvent::Shares(selection, how, shares));
+        let (options, view) = (self.options, self.view.camera());
+        self.editing.running_selections += 1;
+        let min = if only_visible { MIN_VISIBLE } else { 0.0 };
+        let work = move |_: &Reporter| Contributions::new(&device, scenes, &options, view, min);
+        self.jobs.start(work, move |found| JobEvent::Contributions(selection, mode, found));
     }
 
-    /// Selects by what the Gaussians contribute, or reports why that is not known.
-    pub fn handle_shares(&mut self, selection: &Selection, how: How, shares: Result<Shares>) {
-        self.selecting -= 1;
-        match shares {
-            Ok(shares) => self.select_of(selection, how, Some(&shares)),
+    /// Selects by contributions, or reports why they could not be computed.
+    pub fn handle_contributions(&mut self, selection: &Selection, mode: SelectionMode, found: Result<Contributions>) {
+        self.editing.running_selections -= 1;
+        match found {
+            Ok(found) => self.select_of(selection, mode, Some(&found)),
             Err(problem) => self.messages.error(format!("cannot find what is seen: {problem:#}")),
         }
     }
 
-    fn select_of(&mut self, selection: &Selection, how: How, shares: Option<&Shares>) {
-        let view = shares.map_or_else(|| self.view(), |shares| shares.view.clone());
+    fn select_of(&mut self, selection: &Selection, mode: SelectionMode, contributions: Option<&Contributions>) {
+        let view = contributions.map_or_else(|| self.view.camera(), |found| found.view.clone());
         let near = f64::from(self.options.rules.near);
-        for place in 0..self.layers.len() {
-            let Some((whole, before)) = self.editable(place) else { continue };
-            let known = match shares.map(|shares| shares.of(self.layers[place].number, &whole)) {
-                // It was opened, shown or read again since.
+        for index in 0..self.scenes.layers.len() {
+            let Some((whole, before)) = self.editable(index) else { continue };
+            let known = match contributions.map(|found| found.of(self.scenes.layers[index].number, &whole)) {
+                // The layer was opened, shown or read again meanwhile.
                 Some(None) => continue,
                 known => known.flatten(),
             };
-            let share = |i: usize| known.map_or(0.0, |shares| shares[i]);
-            let least = shares.map_or(0.0, |shares| shares.least);
-            let is_seen = |i: usize| share(i) >= least;
-            let transform = match self.layers[place].place.transform() {
+            let contribution = |i: usize| known.map_or(0.0, |known| known[i]);
+            let min = contributions.map_or(0.0, |found| found.min);
+            let is_visible = |i: usize| contribution(i) >= min;
+            let transform = match self.scenes.layers[index].placement.transform() {
                 Ok(transform) => transform,
                 Err(problem) => return self.messages.error(format!("{problem:#}")),
             };
@@ -95,49 +87,48 @@ impl Viewer {
             let edit = match selection {
                 Selection::Outline(outline) => {
                     let [low, high] = outline.bounds();
-                    before.selecting(how, |i| {
+                    before.selecting(mode, |i| {
                         let is_inside = |at: DVec2| at.cmpge(low).all() && at.cmple(high).all() && outline.contains(at);
-                        is_seen(i) && view.projected(world(i)).is_some_and(|(at, z)| z > near && is_inside(at))
+                        is_visible(i) && view.projected(world(i)).is_some_and(|(at, z)| z > near && is_inside(at))
                     })
                 }
                 Selection::Ball(centre, radius) => {
-                    before.selecting(how, |i| is_seen(i) && world(i).distance(*centre) <= *radius)
+                    before.selecting(mode, |i| is_visible(i) && world(i).distance(*centre) <= *radius)
                 }
-                Selection::Box(low, high) => before.selecting(how, |i| {
-                    let place = world(i);
-                    is_seen(i) && place.cmpge(*low).all() && place.cmple(*high).all()
+                Selection::Box(low, high) => before.selecting(mode, |i| {
+                    let point = world(i);
+                    is_visible(i) && point.cmpge(*low).all() && point.cmple(*high).all()
                 }),
-                Selection::Values(property, range) => {
-                    before.selecting(how, |i| is_seen(i) && range.contains(&property.of(&whole, i, share(i))))
-                }
+                Selection::Values(property, range) => before
+                    .selecting(mode, |i| is_visible(i) && range.contains(&property.value(&whole, i, contribution(i)))),
             };
-            self.set_edit(place, Some(Arc::new(edit)));
+            self.set_edit(index, Some(Arc::new(edit)));
         }
-        let Counts { selected, .. } = self.edit_counts();
+        let Counts { selected, .. } = self.scenes.edit_counts();
         self.messages.note(format!("{} Gaussians are selected", indicatif::HumanCount(selected as u64)));
     }
 
-    /// Hides, deletes or selects Gaussians of the scenes that are shown.
+    /// Changes the flags of the Gaussians of all shown scenes.
     pub fn change(&mut self, change: Change) {
-        for place in 0..self.layers.len() {
-            if let Some((_, before)) = self.editable(place) {
-                self.set_edit(place, Some(Arc::new(before.changed(change))));
+        for index in 0..self.scenes.layers.len() {
+            if let Some((_, before)) = self.editable(index) {
+                self.set_edit(index, Some(Arc::new(before.changed(change))));
             }
         }
     }
 
-    /// The Gaussians of a scene that is shown and read, and its edit. A scene in pages is refused with a message.
-    fn editable(&mut self, place: usize) -> Option<(Arc<Gaussians>, Edit)> {
-        let layer = &self.layers[place];
+    /// The Gaussians of a scene that is shown and loaded, with its edit. A paged scene is refused with a message.
+    fn editable(&mut self, index: usize) -> Option<(Arc<Gaussians>, Edit)> {
+        let layer = &self.scenes.layers[index];
         if !layer.is_shown[0] || layer.progress.is_some() {
             return None;
         }
-        match &layer.held {
-            Some(Held::Whole(whole)) => {
+        match &layer.scene {
+            Some(LoadedScene::Whole(whole)) => {
                 let edit = layer.edit.as_deref().cloned();
-                Some((whole.clone(), edit.unwrap_or_else(|| Edit::of(whole.len()))))
+                Some((whole.clone(), edit.unwrap_or_else(|| Edit::new(whole.len()))))
             }
-            Some(Held::Pages(_)) => {
+            Some(LoadedScene::Paged(_)) => {
                 self.messages.error(needs_whole("a selection"));
                 None
             }
@@ -145,9 +136,9 @@ impl Viewer {
         }
     }
 
-    /// Sets what is done to the Gaussians of a scene. What that leaves is found on another thread.
-    pub(super) fn set_edit(&mut self, place: usize, edit: Option<Arc<Edit>>) {
-        let layer = &mut self.layers[place];
+    /// Sets the edit of a layer, and starts a job that computes its result.
+    pub(super) fn set_edit(&mut self, index: usize, edit: Option<Arc<Edit>>) {
+        let layer = &mut self.scenes.layers[index];
         let edit = edit.filter(|edit| edit.counts() != Counts::default());
         let is_same = match (&edit, &layer.edit) {
             (None, None) => true,
@@ -158,78 +149,76 @@ impl Viewer {
             return;
         }
         layer.edit.clone_from(&edit);
-        self.is_stale = true;
-        self.explanation = None;
-        self.inspection.isolated = None;
+        self.pictures.are_stale = true;
+        self.inspector.clear_explanation();
         let Some(edit) = edit else {
-            layer.edited = None;
+            layer.edit_result = None;
             if std::mem::take(&mut layer.has_changed) {
                 layer.read(&self.jobs);
             }
             return;
         };
-        let Some(Held::Whole(whole)) = layer.held.clone() else { return };
-        let before = layer.edited.as_ref().map(|edited| (edited.of.clone(), edited.kept.clone()));
+        let Some(LoadedScene::Whole(whole)) = layer.scene.clone() else { return };
+        let before = layer.edit_result.as_ref().map(|before| (before.edit.clone(), before.scene.clone()));
         let number = layer.number;
         self.jobs.start(
-            move |_: &Reporter| Edited::new(edit, &whole, before),
-            move |edited| JobEvent::Edited(number, edited),
+            move |_: &Reporter| EditResult::new(edit, &whole, before),
+            move |result| JobEvent::Edited(number, result),
         );
     }
 
-    /// Takes in what an edit leaves of a scene, unless another one is wanted since.
-    pub fn handle_edited(&mut self, number: u64, edited: Result<Edited>) {
-        let Some(layer) = self.layers.iter_mut().find(|layer| layer.number == number) else { return };
-        match edited {
-            Ok(edited) if layer.edit.as_ref().is_some_and(|edit| Arc::ptr_eq(edit, &edited.of)) => {
-                layer.edited = Some(edited);
-                self.is_stale = true;
+    /// Stores the result of an edit, unless the layer has another edit by now.
+    pub fn handle_edit_result(&mut self, number: u64, result: Result<EditResult>) {
+        let Some(layer) = self.scenes.layer_mut(number) else { return };
+        match result {
+            Ok(result) if layer.edit.as_ref().is_some_and(|edit| Arc::ptr_eq(edit, &result.edit)) => {
+                layer.edit_result = Some(result);
+                self.pictures.are_stale = true;
             }
             Ok(_) => {}
             Err(problem) => {
-                // What is seen is what the edit before left.
-                layer.edit = layer.edited.as_ref().map(|edited| edited.of.clone());
+                // The picture shows the result of the edit before.
+                layer.edit = layer.edit_result.as_ref().map(|result| result.edit.clone());
                 self.messages.error(format!("the edit is taken back: {problem:#}"));
             }
         }
     }
 
-    /// Ends a stroke of a tool over the picture.
+    /// Ends the stroke of a tool, and selects.
     pub fn end_stroke(&mut self) {
-        let Some(Stroke { way, how }) = self.stroke.take() else { return };
-        let (Some(first), Some(last)) = (way.first().copied(), way.last().copied()) else { return };
-        let outline = match self.tool {
+        let Some(ToolStroke { points, mode }) = self.pointer.stroke.take() else { return };
+        let (Some(first), Some(last)) = (points.first().copied(), points.last().copied()) else { return };
+        let outline = match self.editing.tool {
             Tool::Rectangle => Outline::Rectangle(first, last),
-            Tool::Lasso => Outline::Lasso(way),
-            Tool::Brush => Outline::Brush(way, self.brush_px),
+            Tool::Lasso => Outline::Lasso(points),
+            Tool::Brush => Outline::Brush(points, self.editing.brush_px),
             Tool::Ball => {
                 let pixel = first.to_array().map(|side| side.max(0.0) as u32);
-                return self.requests.push(Request::SelectBall { pixel, radius_px: first.distance(last), how });
+                return self.requests.push(Request::SelectBall { pixel, radius_px: first.distance(last), mode });
             }
             Tool::Look | Tool::Place => return,
         };
-        self.select(&Selection::Outline(outline), how);
+        self.select(&Selection::Outline(outline), mode);
     }
 
-    /// Selects what lies around the point that a pixel shows. `depth` is its view z, and the radius is seen there as
-    /// this number of pixels.
-    pub fn select_ball(&mut self, pixel: [u32; 2], radius_px: f64, depth: Option<f32>, how: How) {
+    /// Selects the centres in a ball around the point at a pixel. `depth` is its view z in world units; the radius has
+    /// this number of pixels there.
+    pub fn select_ball(&mut self, pixel: [u32; 2], radius_px: f64, depth: Option<f32>, mode: SelectionMode) {
         let Some(depth) = depth.map(f64::from) else { return self.messages.note("there is nothing at this pixel") };
-        let view = self.view();
+        let view = self.view.camera();
         let centre = view.unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, depth);
-        self.select(&Selection::Ball(centre, radius_px * depth / view.focal_px.x), how);
+        self.select(&Selection::Ball(centre, radius_px * depth / view.focal_px.x), mode);
     }
 
-    /// Writes the scenes that are shown into one file, on another thread: where they are placed, without what is
-    /// deleted.
+    /// Starts to write the shown scenes into one file: placed, without deleted Gaussians.
     pub fn save_scene(&mut self, file: &Path) {
         let file = file.to_owned();
         let mut parts = Vec::new();
-        for layer in self.layers.iter().filter(|layer| layer.is_shown[0]) {
-            let Some(Held::Whole(whole)) = layer.held.clone().filter(|_| layer.progress.is_none()) else {
+        for layer in self.scenes.shown() {
+            let Some(LoadedScene::Whole(whole)) = layer.scene.clone().filter(|_| layer.progress.is_none()) else {
                 return self.messages.error(needs_whole("saving a scene"));
             };
-            match layer.place.transform() {
+            match layer.placement.transform() {
                 Ok(transform) => parts.push((whole, layer.edit.clone(), transform)),
                 Err(problem) => return self.messages.error(format!("{problem:#}")),
             }
@@ -237,7 +226,7 @@ impl Viewer {
         if parts.is_empty() {
             return self.messages.note("there is no scene to save");
         }
-        let is_antialiased = self.layers.iter().any(|layer| layer.is_shown[0] && layer.is_antialiased);
+        let is_antialiased = self.scenes.layers.iter().any(|layer| layer.is_shown[0] && layer.is_antialiased);
         self.export.progress = Some(0.0);
         let work = move |reporter: &Reporter| {
             let kept = parts.iter().map(|(whole, edit, transform)| {
@@ -249,14 +238,19 @@ impl Viewer {
             drop(kept);
             ensure!(!gaussians.is_empty(), "all Gaussians are deleted: there is nothing to save");
             let progress = |fraction| reporter.send(JobEvent::Writing(fraction));
-            written(&file, gaussians, is_antialiased, &progress)
+            write_edited(&file, gaussians, is_antialiased, &progress)
         };
         self.jobs.start(work, JobEvent::Written);
     }
 }
 
-/// Writes a scene in the format that its name stands for. Returns what is said of that.
-fn written(file: &Path, gaussians: Gaussians, is_antialiased: bool, progress: &(dyn Fn(f64) + Sync)) -> Result<String> {
+/// Writes a scene in the format of the file's name. Returns a text about the file for the user.
+fn write_edited(
+    file: &Path,
+    gaussians: Gaussians,
+    is_antialiased: bool,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<String> {
     let count = |gaussians: usize| indicatif::HumanCount(gaussians as u64);
     if file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("smalto")) {
         let title = file.file_name().unwrap_or_default().to_string_lossy().into_owned();

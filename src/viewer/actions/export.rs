@@ -16,20 +16,20 @@ use crate::viewer::frame::{Drawn, Plan, Reusable, Side};
 use crate::viewer::jobs::{Cancel, JobEvent};
 use crate::viewer::model::Viewer;
 
-/// Memory for pictures that are encoded at the same time.
-const AT_ONCE_BYTES: u64 = 1 << 30;
+/// Memory for pictures that are encoded in parallel.
+const PARALLEL_BYTES: u64 = 1 << 30;
 
-/// Where pictures go.
+/// The destination of pictures.
 enum Output {
     /// A file for each.
     Files(Vec<PathBuf>),
-    /// An OpenEXR file of the only one, with its coverage and depth.
+    /// One OpenEXR file with colours, coverage and depth.
     Layers(PathBuf),
-    /// All are frames of one video of this many frames a second.
+    /// One video with this number of frames a second.
     Video(PathBuf, f64),
 }
 
-/// Pictures to draw, and where they go.
+/// Pictures to draw, and their destination.
 struct Shots {
     cameras: Vec<Camera>,
     output: Output,
@@ -37,8 +37,8 @@ struct Shots {
 }
 
 impl Shots {
-    /// Draws all of them. `reusable` is what the build may take over from the picture in the window. `progress` gets
-    /// the fraction that is written, and returns true if the rest is not wanted.
+    /// Draws all pictures. The build may reuse parts of the picture in the window. `progress` receives the fraction that
+    /// is written, and returns true to cancel the rest.
     fn write(
         &self,
         device: &Device,
@@ -81,7 +81,7 @@ impl Shots {
         }
     }
 
-    /// Draws all pictures, and hands them to `take`, some at once, with the number of the first.
+    /// Draws all pictures, and passes them to `take` in batches, with the number of the first.
     fn draw(
         &self,
         drawn: &mut Drawn,
@@ -90,7 +90,7 @@ impl Shots {
     ) -> Result<()> {
         let bytes = |camera: &Camera| 16 * camera.size_px.map(u64::from).iter().product::<u64>();
         let largest = self.cameras.iter().map(bytes).max().unwrap_or(0).max(1);
-        let fit = (AT_ONCE_BYTES / largest).clamp(1, rayon::current_num_threads() as u64) as usize;
+        let fit = (PARALLEL_BYTES / largest).clamp(1, rayon::current_num_threads() as u64) as usize;
         let count = self.cameras.len();
         let mut done = 0;
         for cameras in self.cameras.chunks(fit) {
@@ -110,9 +110,9 @@ impl Shots {
 }
 
 impl Viewer {
-    /// Writes the view as a picture, on another thread.
+    /// Starts to write the view as a picture.
     pub fn write_picture(&mut self, device: &Device, reusable: Option<Reusable>) {
-        let camera = self.view();
+        let camera = self.view.camera();
         let camera = self.export.size.map_or_else(|| camera.clone(), |size| camera.resized(size));
         let file = self.export.next_picture();
         let summary = format!("{} written, {}x{}", file.display(), camera.size_px[0], camera.size_px[1]);
@@ -121,7 +121,7 @@ impl Viewer {
         self.write((device, reusable), vec![camera], output, summary);
     }
 
-    /// Writes what the window shows without its panels, `size` pixels row by row, on another thread.
+    /// Starts to write the picture as shown in the window, without panels: `size` pixels row by row.
     pub fn write_screen(&mut self, size: [u32; 2], pixels: Vec<[u8; 4]>) {
         let name = &self.export.picture;
         if Path::new(name).extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("png")) {
@@ -134,9 +134,9 @@ impl Viewer {
         self.jobs.start(move |_| write_rgba8(&file, size, &pixels).map(|()| summary), JobEvent::Written);
     }
 
-    /// Writes the frames of the path, on another thread: as numbered pictures in a folder, or as a video.
+    /// Starts to write the frames of the path: as numbered pictures in a folder, or as a video.
     pub fn write_film(&mut self, device: &Device, reusable: Option<Reusable>) {
-        let size = self.export.size.unwrap_or(self.size);
+        let size = self.export.size.unwrap_or(self.view.size);
         let cameras: Vec<_> = self.film.timeline.frames(self.film.fps).map(|camera| camera.resized(size)).collect();
         let count = cameras.len();
         if count == 0 {
@@ -160,7 +160,7 @@ impl Viewer {
         self.write((device, reusable), cameras, Output::Files(files), summary);
     }
 
-    /// Writes pictures on another thread, which reports `summary` at the end.
+    /// Starts a job that writes pictures, and reports `summary` at the end.
     fn write(
         &mut self,
         (device, reusable): (&Device, Option<Reusable>),
@@ -173,7 +173,7 @@ impl Viewer {
             Ok(None) => return self.messages.note("there is nothing to write yet"),
             Err(problem) => return self.messages.error(format!("{problem:#}")),
         };
-        let (device, background) = (device.clone(), self.background);
+        let (device, background) = (device.clone(), self.view.background);
         let cancel = Cancel::default();
         self.export.progress = Some(0.0);
         self.export.cancel = cancel.clone();

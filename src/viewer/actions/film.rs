@@ -1,4 +1,4 @@
-//! Actions on the path of a film: its keys, showing a time, playing.
+//! Actions on the camera path: its keys, going to a time, playing.
 
 use std::f64::consts::TAU;
 
@@ -19,25 +19,25 @@ impl Viewer {
         self.insert_key(seconds);
     }
 
-    /// Makes the view the key of this time: a new one, or in place of the one that is there.
+    /// Inserts the view as a key at this time, or replaces the key at this time.
     pub fn insert_key(&mut self, seconds: f64) {
-        let camera = self.view();
+        let camera = self.view.camera();
         let inserted = self.film.timeline.insert(seconds, camera);
-        self.say(inserted.map(|_| format!("key at {seconds:.1} s")));
+        self.report(inserted.map(|_| format!("key at {seconds:.1} s")));
     }
 
-    /// Ends the path where it began, so that it can go round and round.
+    /// Adds the first view as the last key, so that the path can repeat.
     pub fn close_path(&mut self) {
         let Some(first) = self.film.timeline.keys().first().map(|key| key.camera.clone()) else { return };
         let seconds = self.film.end() + self.film.step;
         let inserted = self.film.timeline.insert(seconds, first);
         self.film.repeats = true;
-        self.say(inserted.map(|_| format!("the path ends at its first view, at {seconds:.1} s")));
+        self.report(inserted.map(|_| format!("the path ends at its first view, at {seconds:.1} s")));
     }
 
-    /// Replaces the path by a turn around the pivot, from this view back to it.
+    /// Replaces the path by a full turn around the pivot, starting and ending at this view.
     pub fn turn_path(&mut self) {
-        let (view, pivot, up) = (self.view(), self.navigator.pivot(), self.navigator.up().vector());
+        let (view, pivot, up) = (self.view.camera(), self.view.navigator.pivot(), self.view.navigator.up().vector());
         let turned = |step: u32| {
             // The last key is the first one, bit for bit.
             let angle = f64::from(step % TURN_KEYS) / f64::from(TURN_KEYS) * TAU;
@@ -65,20 +65,19 @@ impl Viewer {
         });
     }
 
-    fn say(&mut self, done: Result<String>) {
+    fn report(&mut self, done: Result<String>) {
         match done {
             Ok(text) => self.messages.note(text),
             Err(problem) => self.messages.error(format!("{problem:#}")),
         }
     }
 
-    /// Goes to the view of the path at this time.
+    /// Goes to the view of the path at a time.
     pub fn show_time(&mut self, seconds: f64) {
         self.film.now = seconds;
         if let Some(camera) = self.film.timeline.at(seconds) {
-            self.navigator.snap(&camera);
-            self.camera = None;
-            self.is_stale = true;
+            self.view.snap(&camera);
+            self.pictures.are_stale = true;
         }
     }
 

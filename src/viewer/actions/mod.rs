@@ -1,4 +1,16 @@
-//! What users can do: methods of `Viewer` that start jobs and move the view, by subject.
+//! Operations of users: methods of `Viewer` that start jobs, take in their results, and move the view.
+//!
+//! - `open` - scenes, cameras, photographs and dropped files; closing scenes
+//! - `project` - project files
+//! - `views` - moving the view: first view, cameras of the file, copied views
+//! - `placement` - placing a scene by handles and marks
+//! - `edit` - selecting, hiding and deleting Gaussians; saving the scene
+//! - `undo` - undo and redo
+//! - `compare` - the second picture of a comparison, photographs, marks
+//! - `measure` - costs of knobs, options for a budget, cameras against photographs
+//! - `film` - the camera path
+//! - `export` - writing pictures and films
+//! - `command` - the command line that draws the picture
 
 mod command;
 mod compare;
@@ -7,7 +19,7 @@ mod export;
 mod film;
 mod measure;
 mod open;
-mod place;
+mod placement;
 mod project;
 mod undo;
 mod views;

@@ -1,4 +1,4 @@
-//! Actions that open scenes, cameras and pictures, and take them in when they are read.
+//! Actions that open scenes, cameras and pictures, take in the results of the jobs, and close scenes.
 
 use std::path::{Path, PathBuf};
 
@@ -9,12 +9,13 @@ use crate::formats::{LOD_META, Reading, in_folder};
 use crate::scene::{Cancelled, Unreadable};
 use crate::viewer::jobs::{JobEvent, Reporter};
 use crate::viewer::model::{
-    CompareTarget, CompareWith, Event, Layer, Opened, Photographs, Source, Viewer, holds_photographs, is_project,
+    CompareTarget, CompareWith, Event, Layer, LayerSource, OpenedScene, Photographs, Viewer, holds_photographs,
+    is_project,
 };
 
-/// The path that a user means who types or pastes one: without spaces around it, quotes and file://, and with ~ for
-/// the home folder. A file that has such a name is meant itself.
-fn named(path: &Path) -> PathBuf {
+/// The path of typed or pasted text, which may have surrounding spaces, quotes, file://, or ~ for the home folder. An
+/// existing file with that very name has precedence.
+fn typed_path(path: &Path) -> PathBuf {
     let Some(text) = path.to_str().filter(|_| !path.exists()) else { return path.to_owned() };
     let text = text.trim();
     let quoted = ['"', '\''].iter().find_map(|quote| text.strip_prefix(*quote)?.strip_suffix(*quote));
@@ -27,7 +28,7 @@ fn named(path: &Path) -> PathBuf {
 }
 
 impl Viewer {
-    /// Opens what the program was started with.
+    /// Opens the scenes, cameras, photographs and pictures of the setup.
     pub fn open_setup(&mut self) {
         if let Some(cameras) = self.setup.cameras.clone() {
             self.open_cameras(&cameras);
@@ -38,7 +39,7 @@ impl Viewer {
                 false => self.open(&scene, self.setup.reading),
             }
         }
-        if !self.is_reading_cameras
+        if !self.cameras.are_loading
             && let Some(folder) = self.setup.photographs.take()
         {
             self.open_photographs(&folder);
@@ -46,90 +47,90 @@ impl Viewer {
         match self.setup.compares_with.clone() {
             Some(CompareWith::Options(options)) => self.comparison.target = CompareTarget::Options(Some(options)),
             Some(CompareWith::File(file)) => self.compare_with_picture(&file),
-            // The reference needs a view, which the first scene that is read gives.
+            // The reference needs a view, which the first scene sets.
             Some(CompareWith::Reference) | None => {}
         }
     }
 
-    /// Opens a scene in addition to the open ones. For the first scene, also opens a camera file that lies next to it,
-    /// unless the setup names one.
+    /// Opens a scene in addition to the open ones. With the first scene, also opens a camera file next to it, unless the
+    /// setup names one.
     pub fn open(&mut self, path: &Path, reading: Reading) {
-        let source = match Source::of(path) {
+        let source = match LayerSource::of(path) {
             Ok(source) => source,
             Err(problem) => return self.messages.error(format!("{}: {problem:#}", path.display())),
         };
-        if let (Source::File(file), true, None) = (&source, self.layers.is_empty(), &self.setup.cameras)
+        if let (LayerSource::File(file), true, None) = (&source, self.scenes.layers.is_empty(), &self.setup.cameras)
             && let Some(cameras) = crate::camera::find(file)
         {
             (self.setup.remark)(&format!("note: cameras of {}", cameras.display()));
             self.open_cameras(&cameras);
         }
-        let number = self.next_layer_number();
-        self.layers.push(Layer::open(number, source, reading, &self.jobs));
+        let number = self.scenes.next_number();
+        self.scenes.layers.push(Layer::open(number, source, reading, &self.jobs));
     }
 
-    /// Reads a camera file, on another thread.
+    /// Starts to read a camera file.
     pub fn open_cameras(&mut self, path: &Path) {
         let path = path.to_owned();
         let file = path.clone();
-        self.is_reading_cameras = true;
+        self.cameras.are_loading = true;
         self.jobs.start(move |_| crate::camera::read(&file), move |cameras| JobEvent::Cameras(path, cameras));
     }
 
-    /// Finds the photographs of a folder, on another thread.
+    /// Starts to search a folder for photographs.
     pub fn open_photographs(&mut self, folder: &Path) {
         let folder = folder.to_owned();
-        self.is_reading_cameras = true;
+        self.cameras.are_loading = true;
         let read =
             move |_: &Reporter| Photographs::read(&folder).map_err(|problem| Unreadable::new(&folder, &problem).into());
         self.jobs.start(read, JobEvent::Photographs);
     }
 
-    /// Looks for the photographs of the cameras, on another thread: in the folder that is named, or beside their file.
+    /// Starts to search the photographs of the cameras: in the folder of the setup, or beside the camera file.
     fn find_photographs(&mut self) {
         if let Some(folder) = self.setup.photographs.take() {
             return self.open_photographs(&folder);
         }
-        // They may have been dropped before their cameras.
-        let are_there = self.photographs.as_ref().is_some_and(|there| there.count_of(&self.cameras) > 0);
-        let Some(file) = self.camera_file.clone().filter(|_| !are_there) else { return };
-        let cameras = self.cameras.clone();
+        // The photographs may have been opened before the cameras.
+        let are_known = self.cameras.photographs.as_ref().is_some_and(|known| known.count_of(&self.cameras.list) > 0);
+        let Some(file) = self.cameras.file.clone().filter(|_| !are_known) else { return };
+        let cameras = self.cameras.list.clone();
         let find = move |_: &Reporter| {
             let found = Photographs::beside(&file).filter(|found| found.count_of(&cameras) > 0);
             found.ok_or_else(|| Cancelled.into())
         };
-        self.photographs = None;
-        self.is_reading_cameras = true;
+        self.cameras.photographs = None;
+        self.cameras.are_loading = true;
         self.jobs.start(find, JobEvent::Photographs);
     }
 
-    /// Takes in the photographs of a folder, or reports why there are none.
+    /// Stores the photographs of a folder, or reports why there are none.
     pub fn handle_photographs(&mut self, photographs: Result<Photographs>) {
-        self.is_reading_cameras = false;
+        self.cameras.are_loading = false;
         self.end_project();
         match photographs {
             Ok(photographs) => {
-                let (count, of) = (photographs.count_of(&self.cameras), self.cameras.len());
+                let (count, of) = (photographs.count_of(&self.cameras.list), self.cameras.list.len());
                 self.messages
                     .note(format!("photographs of {count} of {of} cameras in {}", photographs.folder.display()));
-                self.thumbnails.clear();
-                self.photographs = Some(photographs);
+                self.cameras.thumbnails.clear();
+                self.cameras.photographs = Some(photographs);
             }
-            // None were asked for, and none are there.
+            // No folder was named, and none was found.
             Err(problem) if problem.is::<Cancelled>() => {}
             Err(problem) => {
                 self.messages.error(format!("{problem:#}"));
-                self.failure.get_or_insert(problem);
+                self.messages.failure.get_or_insert(problem);
             }
         }
     }
 
-    /// Opens a file or folder that was dropped on the window. Its ending decides: a camera file, a picture to compare
-    /// with, or else a scene. A folder holds a scene, photographs, or cameras.
+    /// Opens a file or folder that was dropped on the window. The extension decides between a camera file, a picture to
+    /// compare with, and a scene. A folder contains a scene, photographs, or cameras.
     pub fn drop_file(&mut self, path: &Path) {
-        let path = &named(path);
+        let path = &typed_path(path);
         if path.is_dir() && in_folder(path) == *path {
-            // It holds no scene.
+            // The folder contains no scene.
             return match holds_photographs(path) {
                 true => self.open_photographs(path),
                 false => self.open_cameras(path),
@@ -150,10 +151,10 @@ impl Viewer {
         }
     }
 
-    /// Writes what the next window begins with.
-    pub fn keep(&self) {
-        if let Some(file) = &self.setup.kept
-            && let Err(problem) = self.kept.write(file)
+    /// Writes the state that the next window starts with.
+    pub fn save_recent_state(&self) {
+        if let Some(file) = &self.setup.recent_file
+            && let Err(problem) = self.panels.recent.write(file)
         {
             (self.setup.remark)(&format!("note: {}: {problem:#}", file.display()));
         }
@@ -161,134 +162,136 @@ impl Viewer {
 
     /// Closes a scene.
     pub fn close(&mut self, number: u64) {
-        let Some(place) = self.layers.iter().position(|layer| layer.number == number) else { return };
-        let layer = self.layers.remove(place);
-        for held in layer.held.iter().chain(layer.edited.as_ref().map(|edited| &edited.kept)) {
-            let measured = self.costs.iter_mut().filter_map(|(_, of)| of.as_mut());
-            measured.chain(&mut self.comparison.drawn_of).for_each(|of| of.forget(held));
+        let Some(index) = self.scenes.index_of(number) else { return };
+        let layer = self.scenes.layers.remove(index);
+        for scene in layer.scene.iter().chain(layer.edit_result.as_ref().map(|result| &result.scene)) {
+            let measured = self.measuring.costs.iter_mut().filter_map(|(_, content)| content.as_mut());
+            measured.chain(&mut self.comparison.reference_content).for_each(|content| content.forget(scene));
         }
-        if self.layers.is_empty() {
-            // The next scene is another one: it gets a view of its own, and the cameras are not its.
-            (self.cameras, self.camera_file, self.camera, self.last_camera) = (Vec::new(), None, None, 0);
-            (self.photographs, self.evaluation) = (None, None);
-            (self.has_view, self.first_view, self.nearest) = (false, None, None);
+        if self.scenes.layers.is_empty() {
+            // The last scene was closed: reset the view and the cameras for the next one.
+            (self.cameras.list, self.cameras.file) = (Vec::new(), None);
+            (self.cameras.photographs, self.cameras.evaluation) = (None, None);
+            (self.view.camera_index, self.view.last_camera_index) = (None, 0);
+            (self.view.is_set, self.view.first, self.view.near_limit) = (false, None, None);
             self.options.rules.near = self.setup.options.rules.near;
-            self.inspection.culled_from = None;
+            self.inspector.settings.culled_from = None;
         }
-        self.is_stale = true;
+        self.pictures.are_stale = true;
     }
 
-    /// Takes in a scene that was read, or reports why it could not be read.
-    pub fn handle_scene(&mut self, number: u64, scene: Result<Opened>) {
-        let Some(place) = self.layers.iter().position(|layer| layer.number == number) else { return };
-        let is_again = self.layers[place].is_read;
-        if is_again && self.layers[place].edit.is_some() {
-            self.layers[place].progress = None;
-            return self.note_stays(place);
+    /// Stores a scene that was read, or reports why it could not be read.
+    pub fn handle_scene(&mut self, number: u64, scene: Result<OpenedScene>) {
+        let Some(index) = self.scenes.index_of(number) else { return };
+        let is_again = self.scenes.layers[index].is_loaded;
+        if is_again && self.scenes.layers[index].edit.is_some() {
+            self.scenes.layers[index].progress = None;
+            return self.report_pending_reload(index);
         }
         match scene {
             Ok(scene) => {
-                let (held, remarks) = self.layers[place].fill(scene);
+                let (loaded, remarks) = self.scenes.layers[index].set_opened(scene);
                 for remark in remarks.into_iter().filter(|_| !is_again) {
                     (self.setup.remark)(&remark);
                     self.messages.note(remark);
                 }
-                if let Source::File(file) = &self.layers[place].source
+                if let LayerSource::File(file) = &self.scenes.layers[index].source
                     && !is_again
                 {
-                    self.kept.note(file);
-                    self.keep();
+                    self.panels.recent.add(file);
+                    self.save_recent_state();
                 }
-                if !self.setup.antialiased_is_explicit && self.project.is_none() {
-                    self.options.rules.antialiased = self.layers.iter().any(|layer| layer.is_antialiased);
+                if !self.setup.antialiased_is_explicit && self.scenes.project.is_none() {
+                    self.options.rules.antialiased = self.scenes.layers.iter().any(|layer| layer.is_antialiased);
                 }
-                // A view set while reading knew only a part of the scene.
-                let is_first = !self.has_view || self.layers.len() == 1 && !self.has_moved() && !is_again;
-                let has_project = self.project.is_some();
+                // A view that was set while reading fits only the part read until then.
+                let is_first =
+                    !self.view.is_set || self.scenes.layers.len() == 1 && !self.view.has_moved() && !is_again;
+                let has_project = self.scenes.project.is_some();
                 if is_first {
-                    self.set_first_view(held.focus());
+                    self.set_first_view(loaded.focus());
                 }
                 if is_again {
-                    self.undo.forget_edits(number);
+                    self.editing.undo.forget_edits(number);
                 } else {
-                    self.restore_edit(place);
+                    self.restore_edit(index);
                     self.end_project();
-                    self.begin_undo();
+                    self.reset_undo();
                     if !is_first && !has_project {
-                        self.bring_into_sight(place);
+                        self.reveal_layer(index);
                     }
                 }
-                if self.setup.follows {
-                    self.layers[place].follow(&self.jobs);
+                if self.setup.watches_files {
+                    self.scenes.layers[index].watch_file(&self.jobs);
                 }
             }
             Err(problem) if is_again => {
                 self.messages.error(format!("{problem:#}; the scene before it stays"));
-                self.layers[place].progress = None;
-                self.layers[place].follow(&self.jobs);
+                self.scenes.layers[index].progress = None;
+                self.scenes.layers[index].watch_file(&self.jobs);
             }
             Err(problem) => {
-                let layer = self.layers.remove(place);
+                let layer = self.scenes.layers.remove(index);
                 if !problem.is::<Cancelled>() {
                     let text = format!("{problem:#}");
                     let named = if text.contains(&layer.name) { text } else { format!("{}: {text}", layer.name) };
                     self.messages.error(named);
-                    self.failure.get_or_insert(problem);
+                    self.messages.failure.get_or_insert(problem);
                 }
             }
         }
-        self.is_stale = true;
-        // A reference is drawn of all scenes.
-        let is_read = !self.is_reading() && self.has_view;
+        self.pictures.are_stale = true;
+        // The reference shows all scenes.
+        let is_read = !self.scenes.are_loading() && self.view.is_set;
         if is_read && self.setup.compares_with.take_if(|with| *with == CompareWith::Reference).is_some() {
             self.compare_with_reference();
         }
     }
 
-    /// Reads a scene again whose file changed.
+    /// Reads a scene again after its file has changed.
     pub fn handle_change(&mut self, number: u64, changed: Result<()>) {
-        let place = self.layers.iter().position(|layer| layer.number == number);
-        let Some(place) = place.filter(|_| changed.is_ok()) else { return };
-        match self.layers[place].edit {
-            None => self.layers[place].read(&self.jobs),
-            Some(_) => self.note_stays(place),
+        let index = self.scenes.index_of(number);
+        let Some(index) = index.filter(|_| changed.is_ok()) else { return };
+        match self.scenes.layers[index].edit {
+            None => self.scenes.layers[index].read(&self.jobs),
+            Some(_) => self.report_pending_reload(index),
         }
     }
 
-    /// An edit is of the Gaussians that the scene had when it was made.
-    fn note_stays(&mut self, place: usize) {
-        let layer = &mut self.layers[place];
+    /// Reports that a scene is read again later, because its edit refers to the Gaussians that were read before.
+    fn report_pending_reload(&mut self, index: usize) {
+        let layer = &mut self.scenes.layers[index];
         layer.has_changed = true;
         let text = "the file changed; it is read again when nothing is selected or edited any more";
         self.messages.note(format!("{}: {text}", layer.name));
     }
 
-    /// Takes in cameras that were read, or reports why they could not be read.
+    /// Stores cameras that were read, or reports why they could not be read.
     pub fn handle_cameras(&mut self, path: &Path, cameras: Result<CameraFile>) {
-        self.is_reading_cameras = false;
+        self.cameras.are_loading = false;
         match cameras {
             Ok(CameraFile { cameras, notices, .. }) => {
                 notices.iter().for_each(|notice| self.messages.note(format!("{}: {notice}", path.display())));
                 self.events.emit(&Event::Cameras { count: cameras.len() });
-                self.cameras = cameras;
-                self.camera_file = std::path::absolute(path).ok();
-                self.thumbnails.clear();
-                self.evaluation = None;
+                self.cameras.list = cameras;
+                self.cameras.file = std::path::absolute(path).ok();
+                self.cameras.thumbnails.clear();
+                self.cameras.evaluation = None;
                 self.find_photographs();
                 if !self.go_to_project() {
                     self.options.rules.near = self.setup.options.rules.near;
-                    self.nearest = None;
+                    self.view.near_limit = None;
                     self.go_to_camera(0, true);
                 }
                 self.find_camera_of_picture();
-                self.first_view = Some(self.view());
-                self.begin_undo();
+                self.view.first = Some(self.view.camera());
+                self.reset_undo();
             }
             Err(problem) => {
                 self.end_project();
                 let unreadable = Unreadable::new(path, &problem);
                 self.messages.error(unreadable.to_string());
-                self.failure.get_or_insert(unreadable.into());
+                self.messages.failure.get_or_insert(unreadable.into());
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Actions that save what a window shows, and open it again.
+//! Actions that save and open projects.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,16 +11,16 @@ use crate::procedural::Procedural;
 use crate::rules::Background;
 use crate::scene::Unreadable;
 use crate::viewer::model::{
-    ENDING, Edit, Held, Layer, PlacedScene, Project, Shown, Source, VIEW_MODES, Viewer, is_project, seen_from,
-    view_mode,
+    Edit, Layer, LayerSource, LoadedScene, PROJECT_ENDING, PlacedScene, Project, ProjectView, VIEW_MODES, Viewer,
+    is_project, relative_to, view_mode,
 };
 
 impl Viewer {
-    /// Saves scenes, places, edits, view, options and path. The ending is added where the name has another.
+    /// Saves scenes, placements, edits, view, options and path. The ending is added if the name lacks it.
     pub fn save_project(&mut self, file: &Path) {
         let mut name = file.as_os_str().to_owned();
         if !is_project(file) {
-            name.push(ENDING);
+            name.push(PROJECT_ENDING);
         }
         let file = PathBuf::from(name);
         let saved = self.project(&file).write(&file);
@@ -33,36 +33,36 @@ impl Viewer {
     fn project(&self, file: &Path) -> Project {
         let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
         let folder = file.parent().unwrap_or(Path::new("")).to_owned();
-        let named = |path: &PathBuf| seen_from(&folder, path);
+        let named = |path: &PathBuf| relative_to(&folder, path);
         let scene = |layer: &Layer| PlacedScene {
             scene: match &layer.source {
-                Source::File(path) => named(path).display().to_string(),
-                Source::Procedural(_) => layer.source.argument(),
+                LayerSource::File(path) => named(path).display().to_string(),
+                LayerSource::Procedural(_) => layer.source.argument(),
             },
-            position: layer.place.translation,
-            rotation: layer.place.rotation,
-            scale: layer.place.scale,
+            position: layer.placement.translation,
+            rotation: layer.placement.rotation,
+            scale: layer.placement.scale,
             shown: layer.is_shown,
             edit: layer.edit.as_deref().map(Edit::to_runs).unwrap_or_default(),
         };
-        let (view, options, path) = (&self.view(), &self.options, &self.film.timeline);
-        let mut project = Project::new(&Shown { view, up: self.navigator.up(), options, path });
-        project.scenes = self.layers.iter().map(scene).collect();
-        project.cameras = self.camera_file.as_ref().map(named);
-        project.photographs = self.photographs.as_ref().map(|photographs| named(&photographs.folder));
-        project.pivot = self.navigator.pivot().to_array();
-        project.background = self.background.colour();
+        let (view, options, path) = (&self.view.camera(), &self.options, &self.film.timeline);
+        let mut project = Project::new(&ProjectView { view, up: self.view.navigator.up(), options, path });
+        project.scenes = self.scenes.layers.iter().map(scene).collect();
+        project.cameras = self.cameras.file.as_ref().map(named);
+        project.photographs = self.cameras.photographs.as_ref().map(|photographs| named(&photographs.folder));
+        project.pivot = self.view.navigator.pivot().to_array();
+        project.background = self.view.background.colour();
         project.repeats = self.film.repeats;
-        project.look = VIEW_MODES[self.inspection.mode].name.to_owned();
+        project.look = VIEW_MODES[self.inspector.settings.mode].name.to_owned();
         project
     }
 
-    /// Opens a project in place of what is open.
+    /// Opens a project in place of the open scenes.
     pub fn open_project(&mut self, file: &Path) {
         if let Err(problem) = self.try_project(file) {
             let unreadable = Unreadable::new(file, &problem);
             self.messages.error(unreadable.to_string());
-            self.failure.get_or_insert(unreadable.into());
+            self.messages.failure.get_or_insert(unreadable.into());
         }
     }
 
@@ -71,64 +71,65 @@ impl Viewer {
         let (options, path) = (project.options()?, project.path()?);
         let folder = file.parent().unwrap_or(Path::new(""));
         let sources = project.scenes.iter().map(|scene| match Procedural::parse(&scene.scene) {
-            Some(procedural) => Ok(Source::Procedural(procedural.with_context(|| scene.scene.clone())?)),
-            None => Ok(Source::File(folder.join(&scene.scene))),
+            Some(procedural) => Ok(LayerSource::Procedural(procedural.with_context(|| scene.scene.clone())?)),
+            None => Ok(LayerSource::File(folder.join(&scene.scene))),
         });
-        let sources: Vec<Source> = sources.collect::<Result<_>>()?;
-        // From here on nothing fails.
-        while let Some(number) = self.layers.first().map(|layer| layer.number) {
+        let sources: Vec<LayerSource> = sources.collect::<Result<_>>()?;
+        // Nothing fails from here on.
+        while let Some(number) = self.scenes.layers.first().map(|layer| layer.number) {
             self.close(number);
         }
         self.options = options;
         (self.film.timeline, self.film.repeats, self.film.now) = (path, project.repeats, 0.0);
-        self.background = Background::Colour(project.background);
+        self.view.background = Background::Colour(project.background);
         if let Some(mode) = view_mode(&project.look) {
-            self.inspection.mode = mode;
+            self.inspector.settings.mode = mode;
         }
         if let Some(cameras) = &project.cameras {
             self.setup.photographs = project.photographs.as_ref().map(|folder_of| folder.join(folder_of));
             self.open_cameras(&folder.join(cameras));
         }
         for (scene, source) in project.scenes.iter().zip(sources) {
-            let number = self.next_layer_number();
+            let number = self.scenes.next_number();
             let mut layer = Layer::open(number, source, Reading::default(), &self.jobs);
-            (layer.place, layer.is_shown, layer.saved_edit) = (scene.place(), scene.shown, scene.edit.clone());
-            self.layers.push(layer);
+            (layer.placement, layer.is_shown, layer.project_edit) =
+                (scene.placement(), scene.shown, scene.edit.clone());
+            self.scenes.layers.push(layer);
         }
-        self.project = Some(project);
-        self.is_stale = true;
+        self.scenes.project = Some(project);
+        self.pictures.are_stale = true;
         Ok(())
     }
 
-    /// Goes to the view of the project that is being opened. Returns true if there is one.
+    /// Goes to the view of the project that is being opened. Returns false without one.
     pub(super) fn go_to_project(&mut self) -> bool {
-        let Some(project) = &self.project else { return false };
+        let Some(project) = &self.scenes.project else { return false };
         if let (Ok(view), Ok(up)) = (project.view(), project.up()) {
-            self.navigator.set_up(up);
-            self.navigator.snap(&view.resized(self.size));
-            self.navigator.set_pivot(DVec3::from(project.pivot));
-            self.camera = None;
+            self.view.navigator.set_up(up);
+            self.view.navigator.snap(&view.resized(self.view.size));
+            self.view.navigator.set_pivot(DVec3::from(project.pivot));
+            self.view.camera_index = None;
         }
         true
     }
 
-    /// Ends opening a project, once its scenes and cameras are read.
+    /// Ends the opening of a project once its scenes and cameras are read.
     pub(super) fn end_project(&mut self) {
-        if !self.is_reading() && !self.is_reading_cameras {
-            self.project = None;
+        if !self.scenes.are_loading() && !self.cameras.are_loading {
+            self.scenes.project = None;
         }
     }
 
-    /// Does again what was done to a scene of a project, now that it is read.
-    pub(super) fn restore_edit(&mut self, place: usize) {
-        let layer = &mut self.layers[place];
-        let runs = std::mem::take(&mut layer.saved_edit);
+    /// Applies the project's edit to a scene that was read.
+    pub(super) fn restore_edit(&mut self, index: usize) {
+        let layer = &mut self.scenes.layers[index];
+        let runs = std::mem::take(&mut layer.project_edit);
         if runs.is_empty() {
             return;
         }
-        let count = layer.held.as_ref().map_or(0, Held::count);
+        let count = layer.scene.as_ref().map_or(0, LoadedScene::count);
         match Edit::from_runs(&runs).filter(|edit| edit.gaussians() == count) {
-            Some(edit) => self.set_edit(place, Some(Arc::new(edit))),
+            Some(edit) => self.set_edit(index, Some(Arc::new(edit))),
             None => {
                 let text =
                     "what was selected, hidden and deleted is of a file with other Gaussians, and not done again";

@@ -1,43 +1,48 @@
-//! Actions that undo changes, and make them again.
+//! Undo and redo.
 
-use crate::viewer::model::{State, Undo, Viewer};
+use crate::viewer::model::{Undo, UndoState, Viewer};
 
 /// Most steps that can be undone.
 const STEPS: usize = 1000;
 
 impl Viewer {
-    fn state(&self) -> State {
-        State {
-            view: self.navigator.own_camera().clone(),
+    fn state(&self) -> UndoState {
+        UndoState {
+            view: self.view.navigator.own_camera().clone(),
             options: self.options,
-            background: self.background,
+            background: self.view.background,
             timeline: self.film.timeline.clone(),
-            places: self.layers.iter().map(|layer| (layer.number, layer.place, layer.is_shown)).collect(),
-            edits: self.layers.iter().map(|layer| (layer.number, layer.edit.clone())).collect(),
+            placements: self
+                .scenes
+                .layers
+                .iter()
+                .map(|layer| (layer.number, layer.placement, layer.is_shown))
+                .collect(),
+            edits: self.scenes.layers.iter().map(|layer| (layer.number, layer.edit.clone())).collect(),
         }
     }
 
-    /// Takes what is set now as the beginning: what a scene or a camera file brings is no change of the user's.
-    pub fn begin_undo(&mut self) {
-        self.undo.current = None;
+    /// Makes the current state the beginning: changes by a scene or a camera file are no undo step.
+    pub fn reset_undo(&mut self) {
+        self.editing.undo.current = None;
     }
 
-    /// Notes what has changed. Call it where no change goes on: each drag and each glide is one step.
-    pub fn note_changes(&mut self) {
+    /// Records an undo step if the state has changed. Call it when no drag or glide is under way, so that each is one step.
+    pub fn record_undo_step(&mut self) {
         let now = self.state();
-        if let Some(before) = self.undo.current.take().filter(|before| before.difference(&now).is_some()) {
-            self.undo.done.push(before);
-            self.undo.undone.clear();
-            self.undo.limit(STEPS);
+        if let Some(before) = self.editing.undo.current.take().filter(|before| before.difference(&now).is_some()) {
+            self.editing.undo.done.push(before);
+            self.editing.undo.undone.clear();
+            self.editing.undo.limit(STEPS);
         }
-        self.undo.current = Some(now);
+        self.editing.undo.current = Some(now);
     }
 
-    /// Takes back the last change, or makes the last one that was taken back again.
+    /// Undoes the last step or, with `forward`, redoes it.
     pub fn undo(&mut self, forward: bool) {
-        self.note_changes();
+        self.record_undo_step();
         let now = self.state();
-        let Undo { undone, done, .. } = &mut self.undo;
+        let Undo { undone, done, .. } = &mut self.editing.undo;
         let (from, to) = if forward { (undone, done) } else { (done, undone) };
         let Some(wanted) = from.pop() else {
             let what = if forward { "there is nothing to redo" } else { "there is nothing to undo" };
@@ -46,30 +51,29 @@ impl Viewer {
         let what = now.difference(&wanted).unwrap_or("the view");
         to.push(now);
         self.restore(&wanted);
-        self.undo.current = Some(self.state());
+        self.editing.undo.current = Some(self.state());
         self.messages.note(format!("{}: {what}", if forward { "redone" } else { "undone" }));
     }
 
-    fn restore(&mut self, wanted: &State) {
-        let State { view, options, background, timeline, places, edits } = wanted;
-        if self.navigator.own_camera() != view {
-            self.navigator.snap(view);
-            self.camera = None;
+    fn restore(&mut self, wanted: &UndoState) {
+        let UndoState { view, options, background, timeline, placements, edits } = wanted;
+        if self.view.navigator.own_camera() != view {
+            self.view.snap(view);
         }
-        (self.options, self.background, self.film.timeline) = (*options, *background, timeline.clone());
+        (self.options, self.view.background, self.film.timeline) = (*options, *background, timeline.clone());
         self.film.is_playing = false;
-        for layer in &mut self.layers {
-            if let Some((_, place, is_shown)) = places.iter().find(|(number, ..)| *number == layer.number) {
-                (layer.place, layer.is_shown) = (*place, *is_shown);
+        for layer in &mut self.scenes.layers {
+            if let Some((_, placement, is_shown)) = placements.iter().find(|(number, ..)| *number == layer.number) {
+                (layer.placement, layer.is_shown) = (*placement, *is_shown);
             }
         }
-        for place in 0..self.layers.len() {
-            let number = self.layers[place].number;
+        for index in 0..self.scenes.layers.len() {
+            let number = self.scenes.layers[index].number;
             if let Some((_, edit)) = edits.iter().find(|(of, _)| *of == number) {
-                self.set_edit(place, edit.clone());
+                self.set_edit(index, edit.clone());
             }
         }
-        self.is_stale = true;
+        self.pictures.are_stale = true;
         self.comparison.is_stale = true;
     }
 }

@@ -11,7 +11,7 @@ const CAPACITY: usize = 240;
 
 /// Stage times of the last frames, in milliseconds.
 #[derive(Default)]
-pub struct History {
+pub struct FrameTimes {
     /// Names of the stages, in the order of the first frame that had them.
     stages: Vec<&'static str>,
     frames: VecDeque<Vec<f32>>,
@@ -24,25 +24,25 @@ pub struct Digest {
     pub whole: Statistics,
 }
 
-/// Nobody can read numbers that change faster.
+/// Least time between changes of the digest: users cannot read numbers that change faster.
 const DIGEST_LIFETIME: Duration = Duration::from_millis(200);
 
-impl History {
+impl FrameTimes {
     /// Adds the stages of a frame: the scopes of depth 1, and the outermost scopes other than "frame".
     pub fn add(&mut self, timings: &[Timing]) {
-        // A frame whose stages were not timed is a stage itself.
+        // A frame without timed stages counts as one stage.
         let has_stages = timings.iter().any(|t| t.depth == 1);
         let outermost = timings.iter().filter(|t| t.depth == 0 && !(has_stages && t.name == "frame"));
         let mut stages: Vec<&Timing> = timings.iter().filter(|t| t.depth == 1).chain(outermost).collect();
         stages.sort_by(|a, b| a.start_ms.total_cmp(&b.start_ms));
         let mut times = vec![0.0; self.stages.len()];
         for stage in stages {
-            let place = self.stages.iter().position(|name| *name == stage.name).unwrap_or_else(|| {
+            let index = self.stages.iter().position(|name| *name == stage.name).unwrap_or_else(|| {
                 self.stages.push(stage.name);
                 times.push(0.0);
                 times.len() - 1
             });
-            times[place] += stage.duration_ms as f32;
+            times[index] += stage.duration_ms as f32;
         }
         if self.frames.len() == CAPACITY {
             self.frames.pop_front();
@@ -59,7 +59,7 @@ impl History {
         self.frames.iter().map(Vec::as_slice)
     }
 
-    /// Updates [`History::digest`] if it is too old.
+    /// Updates [`FrameTimes::digest`] if it is too old.
     pub fn summarize(&mut self) {
         let is_fresh = self.digest.as_ref().is_some_and(|(made, _)| made.elapsed() < DIGEST_LIFETIME);
         if !is_fresh {
@@ -69,8 +69,8 @@ impl History {
 
     /// Statistics of all kept frames; `None` if there are none.
     pub fn digest_now(&self) -> Option<Digest> {
-        let stage = |(place, name): (usize, &&'static str)| {
-            let times = self.frames.iter().map(|frame| f64::from(frame.get(place).copied().unwrap_or(0.0)));
+        let stage = |(index, name): (usize, &&'static str)| {
+            let times = self.frames.iter().map(|frame| f64::from(frame.get(index).copied().unwrap_or(0.0)));
             (*name, Statistics::of(times))
         };
         let whole = self.frames.iter().map(|frame| f64::from(frame.iter().sum::<f32>()));
@@ -80,7 +80,7 @@ impl History {
         })
     }
 
-    /// The statistics that [`History::summarize`] computed last.
+    /// The statistics that [`FrameTimes::summarize`] computed last.
     pub fn digest(&self) -> Option<&Digest> {
         self.digest.as_ref().map(|(_, digest)| digest)
     }
@@ -126,24 +126,24 @@ mod tests {
 
     #[test]
     fn stages_keep_their_order_and_add_up() {
-        let mut history = History::default();
-        history.add(&[timing("blend", 1, 2.0, 3.0), timing("cull", 1, 0.0, 1.0), timing("frame", 0, 0.0, 9.0)]);
-        assert_eq!(history.stages(), ["cull", "blend"]);
-        history.add(&[timing("cull", 1, 0.0, 2.0), timing("cull", 1, 1.0, 2.0), timing("new", 1, 3.0, 1.0)]);
-        assert_eq!(history.stages(), ["cull", "blend", "new"]);
-        assert_eq!(history.frames().map(<[f32]>::to_vec).collect::<Vec<_>>(), [vec![1.0, 3.0], vec![4.0, 0.0, 1.0]]);
-        history.summarize();
-        let digest = history.digest().unwrap();
+        let mut times = FrameTimes::default();
+        times.add(&[timing("blend", 1, 2.0, 3.0), timing("cull", 1, 0.0, 1.0), timing("frame", 0, 0.0, 9.0)]);
+        assert_eq!(times.stages(), ["cull", "blend"]);
+        times.add(&[timing("cull", 1, 0.0, 2.0), timing("cull", 1, 1.0, 2.0), timing("new", 1, 3.0, 1.0)]);
+        assert_eq!(times.stages(), ["cull", "blend", "new"]);
+        assert_eq!(times.frames().map(<[f32]>::to_vec).collect::<Vec<_>>(), [vec![1.0, 3.0], vec![4.0, 0.0, 1.0]]);
+        times.summarize();
+        let digest = times.digest().unwrap();
         assert_eq!((digest.stages[2].0, digest.stages[2].1.p99), ("new", 1.0));
         assert_eq!(digest.whole.median, 4.5);
     }
 
     #[test]
-    fn a_history_keeps_no_more_frames_than_its_capacity() {
-        let mut history = History::default();
-        (0..CAPACITY + 5).for_each(|i| history.add(&[timing("cull", 1, 0.0, i as f64)]));
-        assert_eq!(history.frames().len(), CAPACITY);
-        assert_eq!(history.frames().next().unwrap(), [5.0]);
+    fn frame_times_keep_no_more_frames_than_its_capacity() {
+        let mut times = FrameTimes::default();
+        (0..CAPACITY + 5).for_each(|i| times.add(&[timing("cull", 1, 0.0, i as f64)]));
+        assert_eq!(times.frames().len(), CAPACITY);
+        assert_eq!(times.frames().next().unwrap(), [5.0]);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! A scene on the GPU with its renderer, built by a job while the window goes on.
+//! Plans of pictures, and their builds by jobs: a scene on the GPU with its renderer.
 
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -12,7 +12,7 @@ use crate::packing::{Layout, Statistics};
 use crate::render::{Content, Frame, GpuScene, Inspection, Path, Renderer, Residency, SceneSource};
 use crate::rules::Background;
 use crate::scene::{Gaussians, Placements, Transform};
-use crate::viewer::model::{Held, are_same};
+use crate::viewer::model::{LoadedScene, are_same};
 
 /// One of the two pictures that a window can show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,7 +24,7 @@ pub enum Side {
 /// A picture to draw: scenes with their transforms, the options, and the version of the shaders.
 #[derive(Clone)]
 pub struct Plan {
-    pub parts: Vec<(Held, Transform)>,
+    pub scenes: Vec<(LoadedScene, Transform)>,
     pub options: Options,
     /// The newest change of shaders that are compiled at run time.
     pub shaders: Option<SystemTime>,
@@ -33,15 +33,15 @@ pub struct Plan {
 /// A scene on the GPU, and its picture.
 pub struct Drawn {
     pub plan: Plan,
-    /// The parts joined, in world space; `None` for a scene that is read page by page.
+    /// The joined scenes, in world space; `None` for a paged scene.
     pub gaussians: Option<Arc<Gaussians>>,
     pub statistics: Arc<Statistics>,
     source: SceneSource,
-    /// The layout that the options ask for.
+    /// The layout of the scene for the options.
     layout: Layout,
     pub scene: GpuScene,
     pub renderer: Renderer,
-    /// Number of the build; tells this picture from one that it replaced.
+    /// Number of the build; distinguishes this picture from one that it replaced.
     pub generation: u64,
     /// The first frame, which is complete; its totals are updated by later frames.
     pub frame: Frame,
@@ -57,16 +57,16 @@ impl Plan {
 
     /// True if both plans draw the same Gaussians with the same transforms.
     pub fn has_scene_of(&self, other: &Self) -> bool {
-        are_same(&self.parts, &other.parts)
+        are_same(&self.scenes, &other.scenes)
     }
 
-    /// True if a scene is read page by page.
-    pub fn is_in_pages(&self) -> bool {
-        self.parts.iter().any(|(held, _)| matches!(held, Held::Pages(_)))
+    /// True if a scene is paged.
+    pub fn is_paged(&self) -> bool {
+        self.scenes.iter().any(|(scene, _)| matches!(scene, LoadedScene::Paged(_)))
     }
 
-    /// Uploads the scene and draws it once. Takes over from `reusable` what is the same. With a generation, later
-    /// pictures do not wait for pages; without one, all show every page.
+    /// Uploads the scene and draws it once, reusing equal parts of `reusable`. With a generation, later pictures do not
+    /// wait for pages; without one, every picture shows all pages.
     pub fn build(
         self,
         device: &Device,
@@ -87,11 +87,11 @@ impl Plan {
                 (source, statistics)
             }
         };
-        let options = match self.is_in_pages() && !self.options.wants_levels() {
+        let options = match self.is_paged() && !self.options.wants_levels() {
             true => Options { lod_fade: self.options.lod_fade, ..self.options.finest() },
             false => self.options,
         };
-        let layout = match self.is_in_pages() {
+        let layout = match self.is_paged() {
             true => Layout::of_nodes(&statistics, &options),
             false => Layout::of(&statistics, &options),
         };
@@ -109,8 +109,8 @@ impl Plan {
         }
         let frame = renderer.render(view, background)?;
         let path = renderer.path();
-        // Where the window looks into the picture, it does not wait for pipelines.
-        if !self.is_in_pages() {
+        // Inspection and explanations then need not wait for pipelines.
+        if !self.is_paged() {
             renderer.prepare_portable()?;
         }
         let (inspection, generation) = (Inspection::default(), generation.unwrap_or_default());
@@ -122,10 +122,10 @@ impl Plan {
         Ok(Drawn { plan, gaussians, statistics, source, layout, scene, renderer, generation, frame, path, inspection })
     }
 
-    /// The scene to bring to the device.
+    /// The scene to upload.
     fn source(&self) -> Result<SceneSource> {
-        match &self.parts[..] {
-            [(Held::Pages(file), transform)] => {
+        match &self.scenes[..] {
+            [(LoadedScene::Paged(file), transform)] => {
                 let placed = (*transform != Transform::IDENTITY).then(|| Placements::new(vec![*transform]));
                 Ok(SceneSource { content: Content::File(file.clone()), placements: placed.transpose()? })
             }
@@ -137,24 +137,24 @@ impl Plan {
         }
     }
 
-    /// The parts, transformed, as one scene.
+    /// The scenes, transformed and joined.
     pub fn joined(&self) -> Result<Arc<Gaussians>> {
-        let whole = |held: &Held| match held {
-            Held::Whole(gaussians) => Ok(gaussians.clone()),
-            Held::Pages(_) => bail!("a scene with levels of detail is drawn alone: hide or close the others"),
+        let whole = |scene: &LoadedScene| match scene {
+            LoadedScene::Whole(gaussians) => Ok(gaussians.clone()),
+            LoadedScene::Paged(_) => bail!("a scene with levels of detail is drawn alone: hide or close the others"),
         };
-        if let [(Held::Whole(gaussians), transform)] = &self.parts[..]
+        if let [(LoadedScene::Whole(gaussians), transform)] = &self.scenes[..]
             && *transform == Transform::IDENTITY
         {
             return Ok(gaussians.clone());
         }
-        let placed = self.parts.iter().map(|(held, transform)| whole(held)?.transformed(transform));
+        let placed = self.scenes.iter().map(|(scene, transform)| whole(scene)?.transformed(transform));
         let placed = placed.collect::<Result<Vec<_>>>()?;
         Ok(Arc::new(Gaussians::joined(placed.iter())?))
     }
 }
 
-/// The parts of a picture that the build of another picture may take over.
+/// The parts of a picture that the build of another picture may reuse.
 pub struct Reusable {
     plan: Plan,
     source: SceneSource,
@@ -163,7 +163,7 @@ pub struct Reusable {
     scene: GpuScene,
 }
 
-/// The message that something needs the Gaussians of a scene which is read page by page.
+/// The message that `what` needs a whole scene, but the scene is paged.
 pub fn needs_whole(what: &str) -> String {
     format!(
         "{what} needs the whole scene in memory, but scenes with levels of detail are read page by page: open the file \
@@ -185,7 +185,7 @@ impl Drawn {
         }
     }
 
-    /// How far the pages of its levels are there, if it does not wait for them.
+    /// The residency of its pages, if it is drawn without waiting for them.
     pub fn residency(&self) -> Option<Residency> {
         self.renderer.residency()
     }

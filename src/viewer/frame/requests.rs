@@ -1,4 +1,4 @@
-//! Requests of panels and keys that need the device.
+//! Execution of the requests that need the device.
 
 use std::sync::Arc;
 
@@ -9,18 +9,20 @@ use super::pictures::{Drawn, Reusable, Side, needs_whole};
 use super::screen::{Arrangement, Pair, Screen, Second};
 use super::session::Session;
 use crate::render::{Attribute, Compare, Inspection, Quantity};
-use crate::viewer::model::{Event, ExplainedPixel, Request, Still, WindowRequest};
+use crate::viewer::model::{Event, ExplainedPixel, Request, WindowRequest};
 
 impl Session {
     /// Executes the requests that need the device; returns those for the owner of the window.
     pub(crate) fn execute_requests(&mut self) -> Result<Vec<WindowRequest>> {
         let mut for_window = Vec::new();
         let mut later = Vec::new();
-        // One at a time, since a mark asks for its place to be copied.
+        // One at a time: a mark adds a request to copy its position.
         while !self.viewer.requests.is_empty() {
             match self.viewer.requests.remove(0) {
-                // What is written and measured is what the edit leaves.
-                request if self.viewer.is_editing() && !matches!(request, Request::Window(_)) => later.push(request),
+                // Export and measure only the Gaussians that remain after editing.
+                request if self.viewer.has_running_edits() && !matches!(request, Request::Window(_)) => {
+                    later.push(request)
+                }
                 Request::Window(request) => for_window.push(request),
                 Request::Pick(pixel) => self.pick(pixel)?,
                 Request::Focus(pixel) => {
@@ -31,19 +33,19 @@ impl Session {
                     let Some(depth) = self.depth_at(pixel)? else { continue };
                     self.viewer.mark(pixel, depth);
                 }
-                Request::SelectBall { pixel, radius_px, how } => {
+                Request::SelectBall { pixel, radius_px, mode } => {
                     let Some(depth) = self.depth_at(pixel)? else { continue };
-                    self.viewer.select_ball(pixel, radius_px, depth, how);
+                    self.viewer.select_ball(pixel, radius_px, depth, mode);
                 }
-                Request::SelectByShares(selection, how, only_seen) => {
-                    self.viewer.start_selection(selection, how, only_seen, self.screen.device().clone());
+                Request::SelectByContributions(selection, mode, only_visible) => {
+                    self.viewer.start_selection(selection, mode, only_visible, self.screen.device().clone());
                 }
                 Request::FitRange => self.viewer.fit_range(),
                 Request::WritePicture => self.write_picture()?,
                 Request::CopyPicture => {
-                    if let Some(pixels) = self.seen()? {
+                    if let Some(pixels) = self.shown_pixels()? {
                         self.viewer.messages.note("the picture is copied");
-                        let size = self.viewer.size.map(|side| side as usize);
+                        let size = self.viewer.view.size.map(|side| side as usize);
                         let image = ColorImage::from_rgba_unmultiplied(size, bytemuck::cast_slice(&pixels));
                         for_window.push(WindowRequest::CopyPicture(image));
                     }
@@ -68,8 +70,8 @@ impl Session {
         Ok(for_window)
     }
 
-    /// The depth of the picture at a pixel of the window, if there is something; none if it cannot be asked for, which
-    /// is said.
+    /// The depth of the picture at a pixel: `Some(None)` where nothing is drawn. `None`, with a message, if the picture has
+    /// no depths.
     fn depth_at(&mut self, pixel: [u32; 2]) -> Result<Option<Option<f32>>> {
         let Some((_, drawn)) = self.drawn_at(pixel) else { return Ok(None) };
         if drawn.gaussians.is_none() && !drawn.renderer.can_show(&Inspection::of_attribute(Attribute::Depth)) {
@@ -79,31 +81,33 @@ impl Session {
         drawn.renderer.depth_at(pixel).map(Some)
     }
 
-    /// Reads the pictures back if they stand still and somebody asks for their values, and compares them.
-    pub(crate) fn take_still(&mut self) -> Result<()> {
+    /// Reads the pictures back if they are at rest and their values are needed, and compares them.
+    pub(crate) fn take_snapshot(&mut self) -> Result<()> {
         let has_full_scale = self.has_full_scale();
         let viewer = &mut self.viewer;
-        let stands = !viewer.is_stale && !viewer.moves() && viewer.building == [false; 2] && !self.screen.is_drawing();
-        if !stands || !has_full_scale || !viewer.wants_still() {
+        let is_at_rest = !viewer.pictures.are_stale
+            && !viewer.is_moving()
+            && !viewer.pictures.is_any_building()
+            && !self.screen.is_drawing();
+        if !is_at_rest || !has_full_scale || !viewer.needs_snapshot() {
             return Ok(());
         }
         let Some(first) = &self.pair.first else { return Ok(()) };
-        if viewer.still.is_none() {
-            viewer.stills += 1;
+        if viewer.inspector.snapshot.is_none() {
             let second = match &self.pair.second {
                 Some(Second::Drawn(drawn)) => Some(Arc::new(drawn.renderer.pixels()?)),
                 Some(Second::Image(_)) => viewer.comparison.fitted.clone(),
                 None => None,
             };
             let first = Arc::new(first.renderer.pixels()?);
-            viewer.still = Some(Still { number: viewer.stills, first, second });
+            viewer.inspector.set_snapshot(first, second);
         }
-        viewer.compare_stills();
+        viewer.compare_snapshot();
         Ok(())
     }
 
-    /// Writes the picture: as `smalto render` does if the window shows its colours alone, otherwise what the window
-    /// shows, without panels.
+    /// Writes the picture: as `smalto render` does if the window shows plain colours, otherwise as the window shows it,
+    /// without panels.
     fn write_picture(&mut self) -> Result<()> {
         if self.pair.first.is_none() {
             self.viewer.messages.note("there is nothing to write yet");
@@ -113,35 +117,35 @@ impl Session {
         let shown = self.arrangement();
         let (compare, quantity) = (shown.compare, shown.quantity);
         let is_plain = compare == Compare::First && quantity == Quantity::Colour;
-        if is_plain && self.viewer.inspection.inspection() == Inspection::default() {
+        if is_plain && self.viewer.inspector.settings.inspection() == Inspection::default() {
             self.viewer.write_picture(&device, reusable(&self.pair));
             return Ok(());
         }
-        if let Some(pixels) = self.seen()? {
-            self.viewer.write_screen(self.viewer.size, pixels);
+        if let Some(pixels) = self.shown_pixels()? {
+            self.viewer.write_screen(self.viewer.view.size, pixels);
         }
         Ok(())
     }
 
-    /// What the window shows without its panels: red, green, blue and alpha row by row. None, with a message, if that
-    /// is not the picture as it is at rest.
-    fn seen(&mut self) -> Result<Option<Vec<[u8; 4]>>> {
+    /// The picture as the window shows it, without panels: red, green, blue and alpha, row by row. `None`, with a message,
+    /// without a picture at full scale.
+    fn shown_pixels(&mut self) -> Result<Option<Vec<[u8; 4]>>> {
         if self.pair.first.is_none() || !self.has_full_scale() {
-            self.viewer.messages.error(if self.pair.first.is_none() { "there is no picture yet" } else { MOVES });
+            self.viewer.messages.error(if self.pair.first.is_none() { "there is no picture yet" } else { IN_MOTION });
             return Ok(None);
         }
         self.retire_frames(true)?;
         let shown = self.arrangement();
         let (compare, quantity) = (shown.compare, shown.quantity);
-        let mut screen = Screen::offscreen(&self.screen.device().clone(), self.viewer.size)?;
+        let mut screen = Screen::offscreen(&self.screen.device().clone(), self.viewer.view.size)?;
         screen.show(&mut self.pair, &Arrangement { compare, quantity, triangles: &[], pixels_per_point: 1.0 })?;
         screen.read(&mut self.pair)
     }
 
-    /// The picture that is seen at a pixel; `None`, with a message, where the GPU has drawn none.
+    /// The picture shown at a pixel; `None`, with a message, if the GPU has not drawn it.
     fn drawn_at(&mut self, pixel: [u32; 2]) -> Option<(Side, &mut Drawn)> {
         if !self.has_full_scale() {
-            self.viewer.messages.note(MOVES);
+            self.viewer.messages.note(IN_MOTION);
             return None;
         }
         let side = match self.arrangement().compare {
@@ -160,7 +164,7 @@ impl Session {
         drawn.map(|drawn| (side, drawn))
     }
 
-    /// Explains a pixel of the picture that is seen there.
+    /// Explains a pixel of the picture shown there.
     fn pick(&mut self, pixel: [u32; 2]) -> Result<()> {
         let Some((side, drawn)) = self.drawn_at(pixel) else { return Ok(()) };
         if drawn.gaussians.is_none() {
@@ -168,19 +172,19 @@ impl Session {
             return Ok(());
         }
         let explanation = drawn.renderer.explain(pixel)?;
-        let colour = explanation.colour(self.viewer.background);
+        let colour = explanation.colour(self.viewer.view.background);
         let splats = explanation.splats.len();
         self.viewer.events.emit(&Event::Explained { pixel, splats, colour });
-        let view = self.viewer.view();
-        self.viewer.explanation = Some(ExplainedPixel { pixel, side, view, explanation });
+        let view = self.viewer.view.camera();
+        self.viewer.inspector.explanation = Some(ExplainedPixel { pixel, side, view, explanation });
         Ok(())
     }
 }
 
-/// Why a picture of a lower scale answers no questions.
-const MOVES: &str = "the view moves, and its picture has a lower scale: ask again when it rests";
+/// The message that a picture of a lower scale has no values for requests.
+const IN_MOTION: &str = "the view moves, and its picture has a lower scale: ask again when it rests";
 
-/// The parts of the first picture that a job which writes files may take over.
+/// The parts of the first picture that another build may reuse.
 fn reusable(pair: &Pair) -> Option<Reusable> {
     pair.first.as_ref().map(Drawn::reusable)
 }

@@ -38,7 +38,7 @@ pub struct Screen {
 enum Target {
     Window(Swapchain),
     Offscreen(Image),
-    /// The window was given up.
+    /// The window was released.
     Closed,
 }
 
@@ -162,7 +162,7 @@ impl Screen {
         }
     }
 
-    /// Gives the window up, so that another screen can take it over.
+    /// Releases the window for another screen.
     pub fn close(&mut self) {
         self.frames.clear();
         self.drawing = None;
@@ -211,7 +211,7 @@ impl Screen {
         !self.frames.is_empty() || self.drawing.is_some()
     }
 
-    /// True while pictures are drawn that nobody knows yet to be complete.
+    /// True while drawn pictures are not yet known to be complete.
     pub fn is_drawing(&self) -> bool {
         self.drawing.is_some() || self.frames.iter().any(|frame| !frame.pictures.is_empty())
     }
@@ -238,7 +238,7 @@ impl Screen {
         let (results, is_drawn) = (commands.wait()?, !pictures.is_empty());
         let mut retired = Vec::new();
         for RecordedPicture { side, generation, path, recorded } in pictures {
-            // The counts of a picture that was replaced meanwhile are of no use.
+            // Counts of a picture that was replaced meanwhile are dropped.
             if let Some((_, drawn)) = pair.drawn().find(|(s, drawn)| (*s, drawn.generation) == (side, generation)) {
                 let totals = drawn.renderer.judge(&results, &recorded)?;
                 retired.push(RetiredPicture { side, path, totals });

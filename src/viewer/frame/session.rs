@@ -11,12 +11,11 @@ use crate::render::{Compare, Quantity};
 use crate::viewer::jobs::events;
 use crate::viewer::model::{CompareTarget, Event, InspectionSettings, Viewer, WindowRequest};
 use crate::viewer::panels;
-use crate::viewer::window::input;
 
 /// The interval at which the shaders that are compiled at run time are checked for changes.
 const SHADER_POLL: Duration = Duration::from_millis(250);
 
-/// The interval at which pages that are being read are looked for.
+/// The interval of polls for loaded pages.
 const PAGES_POLL: Duration = Duration::from_millis(4);
 
 /// A viewer with the device that it draws on.
@@ -27,26 +26,26 @@ pub struct Session {
     context: egui::Context,
     /// When the previous frame was prepared, and whether another one was due right after it.
     previous: Option<(Instant, bool)>,
-    /// A frame with a scene was shown: true if it showed all of it.
+    /// Set once a frame with a scene was shown: true if it showed the whole scene.
     has_shown: Option<bool>,
     shaders_polled: Option<Instant>,
     layout: UiLayout,
     /// Number of messages in the last layout.
     laid_out_messages: usize,
-    /// The settings of the last event about them.
+    /// The settings in the last event about the inspection.
     reported: InspectionSettings,
-    /// Notices about the paths that have been shown.
+    /// Notices about the paths that were reported.
     reported_notices: Vec<String>,
-    /// What the last event about pages said: that nothing more comes, and that none is missing.
+    /// The last event about pages: true if no page was loading, and true if no page was missing.
     pub(crate) reported_pages: Option<(bool, bool)>,
 }
 
-/// The panels as they were laid out last.
+/// The last layout of the panels.
 struct UiLayout {
     at: Option<Instant>,
     triangles: Vec<ClippedPrimitive>,
     pixels_per_point: f32,
-    /// The time after which the panels ask for another layout.
+    /// The time after which the panels need another layout.
     repaint_delay: Duration,
 }
 
@@ -61,7 +60,7 @@ pub struct FrameOutput {
 }
 
 impl Session {
-    /// Starts to open what the viewer's setup names.
+    /// A session that opens the scenes of the viewer's setup.
     pub fn new(mut viewer: Viewer, screen: Screen, context: egui::Context) -> Self {
         viewer.open_setup();
         Self {
@@ -84,24 +83,24 @@ impl Session {
         &self.context
     }
 
-    /// Replaces a screen whose device is gone. The pictures are built again.
+    /// Replaces a screen whose device was lost. The pictures are built again.
     pub fn replace_screen(&mut self, screen: Screen) {
         self.pair = Pair::default();
         self.screen = screen;
         self.reset_font_atlas();
-        self.viewer.building = [false; 2];
-        self.viewer.refused = [None, None];
-        self.viewer.is_stale = true;
+        self.viewer.pictures.are_building = [false; 2];
+        self.viewer.pictures.refused = [None, None];
+        self.viewer.pictures.are_stale = true;
         self.viewer.comparison.is_stale = true;
     }
 
     /// Drops the pictures and their memory, and does not build them again before their plans change.
     pub fn drop_pictures(&mut self) {
         for (side, _) in self.pair.drawn() {
-            self.viewer.refused[side as usize] = self.viewer.shown_plan(side).ok().flatten();
+            self.viewer.pictures.refused[side as usize] = self.viewer.shown_plan(side).ok().flatten();
         }
         self.pair = Pair::default();
-        self.viewer.is_stale = true;
+        self.viewer.pictures.are_stale = true;
     }
 
     /// Makes the panels upload their font atlas again, for another surface.
@@ -116,9 +115,9 @@ impl Session {
     /// True if everything that was requested is read, built, drawn and on the screen.
     pub fn is_settled(&self) -> bool {
         let viewer = &self.viewer;
-        let is_read = !viewer.is_reading() && !viewer.is_reading_cameras;
+        let is_read = !viewer.scenes.are_loading() && !viewer.cameras.are_loading;
         let is_executed = viewer.requests.is_empty() && viewer.export.progress.is_none();
-        let is_measured = viewer.measurement.is_none();
+        let is_measured = viewer.measuring.running.is_none();
         let is_compared = viewer.comparison.target == CompareTarget::Nothing || self.pair.second.is_some();
         let draws_nothing = viewer.shown_plan(Side::First).is_ok_and(|plan| plan.is_none());
         let is_built = draws_nothing || self.pair.first.is_some() && is_compared;
@@ -126,15 +125,15 @@ impl Session {
             && is_measured
             && is_read
             && is_built
-            && !viewer.comparison.is_drawing
+            && !viewer.comparison.is_loading
             && !viewer.comparison.is_measuring
-            && !(viewer.wants_still() && viewer.still.is_none() && self.pair.first.is_some())
+            && !(viewer.needs_snapshot() && viewer.inspector.snapshot.is_none() && self.pair.first.is_some())
             && self.residency().is_none_or(|residency| residency.is_settled())
-            && !viewer.building.contains(&true)
+            && !viewer.pictures.is_any_building()
             && self.has_full_scale()
-            && !viewer.is_editing()
-            && !viewer.navigator.is_gliding()
-            && !viewer.is_stale
+            && !viewer.has_running_edits()
+            && !viewer.view.navigator.is_gliding()
+            && !viewer.pictures.are_stale
     }
 
     /// Handles the events of jobs, without showing anything.
@@ -144,20 +143,20 @@ impl Session {
         }
     }
 
-    /// Looks for changed shaders, if they are compiled at run time and the last look is [`SHADER_POLL`] ago. Returns
-    /// true if they changed: the next frame then starts another build.
+    /// Polls for changed shaders, at most once per [`SHADER_POLL`], if shaders are compiled at run time. Returns true if
+    /// they changed: the next frame then starts another build.
     pub fn poll_shaders(&mut self) -> bool {
         if self.shaders_polled.is_some_and(|polled| polled.elapsed() < SHADER_POLL) {
             return false;
         }
         self.shaders_polled = Some(Instant::now());
         let newest = self.screen.device().newest_shader();
-        std::mem::replace(&mut self.viewer.shaders, newest) != newest
+        std::mem::replace(&mut self.viewer.pictures.shaders, newest) != newest
     }
 
     /// The time of the next [`Session::poll_shaders`]; `None` if all shaders are built in.
     pub fn shader_poll_due(&self) -> Option<Instant> {
-        self.viewer.shaders?;
+        self.viewer.pictures.shaders?;
         Some(self.shaders_polled? + SHADER_POLL)
     }
 
@@ -170,25 +169,26 @@ impl Session {
     /// called only if the panels are laid out.
     pub fn frame(&mut self, input: impl FnOnce() -> RawInput, size: [u32; 2]) -> Result<FrameOutput> {
         let now = Instant::now();
-        if size != self.viewer.window {
-            let panels = self.viewer.window[0].saturating_sub(self.viewer.size[0]);
-            self.viewer.make_room(size, [size[0].saturating_sub(panels), size[1]]);
+        if size != self.viewer.view.window_size {
+            let panels = self.viewer.view.window_size[0].saturating_sub(self.viewer.view.size[0]);
+            self.viewer.pictures.are_stale |=
+                self.viewer.view.set_sizes(size, [size[0].saturating_sub(panels), size[1]]);
         }
-        // What jobs bring is shown in the part of the window that the first layout leaves to the picture.
+        // The size of the picture is known after the first layout.
         if self.layout.at.is_some() {
             self.poll_jobs();
         }
         self.poll_shaders();
         self.retire_frames(false)?;
-        self.follow_motion();
+        self.update_motion();
         self.poll_pages();
         self.report_notices();
         // Two layouts per refresh are enough for panels and input.
-        let layout_lifetime = Duration::from_secs_f64(self.viewer.refresh_ms / 2000.0);
+        let layout_lifetime = Duration::from_secs_f64(self.viewer.timing.refresh_ms / 2000.0);
         let remaining = self.layout.at.map(|at| layout_lifetime.saturating_sub(now - at)).unwrap_or_default();
         let (platform, requests) = if remaining.is_zero() {
             self.lay_out_ui(input(), now)?
-        } else if self.viewer.is_stale {
+        } else if self.viewer.pictures.are_stale {
             Default::default()
         } else {
             // It is too early for input, and there is nothing to draw.
@@ -206,39 +206,39 @@ impl Session {
         events::build(&mut self.viewer, &mut self.pair, device);
         events::fit_picture(&mut self.viewer, &mut self.pair, device)?;
         self.apply_inspection()?;
-        self.viewer.is_stale |= self.has_wrong_size();
-        let draws = self.viewer.is_stale;
+        self.viewer.pictures.are_stale |= self.has_wrong_size();
+        let draws = self.viewer.pictures.are_stale;
         if draws {
             self.draw()?;
         }
         // An input that changed no picture does not count for the latency.
-        self.viewer.input_at = None;
+        self.viewer.timing.input_at = None;
         let shown = self.screen.show(&mut self.pair, &arrangement(&self.viewer, &self.layout))?;
         if shown == Shown::Yes {
             self.record_shown(now, draws);
             self.report_residency();
-            self.take_still()?;
+            self.take_snapshot()?;
         }
         let repaint_delay = self.repaint_delay();
         self.previous = Some((now, draws && repaint_delay <= layout_lifetime));
         Ok(FrameOutput { platform, repaint_delay, requests, shown })
     }
 
-    /// Handles the input, lays the panels out and executes the requests; returns what is left to the owner of the
-    /// window.
+    /// Handles the input, lays the panels out and executes the requests; returns the output and the requests for the owner
+    /// of the window.
     fn lay_out_ui(&mut self, raw: RawInput, now: Instant) -> Result<(Option<PlatformOutput>, Vec<WindowRequest>)> {
         let mut seconds = self.layout.at.map_or(0.0, |at| (now - at).as_secs_f64());
-        let view_before = self.viewer.view();
+        let view_before = self.viewer.view.camera();
         let (viewer, pair) = (&mut self.viewer, &self.pair);
         if !raw.events.is_empty() {
-            viewer.input_at.get_or_insert(now);
+            viewer.timing.input_at.get_or_insert(now);
         }
         let laid_out = &mut self.laid_out_messages;
         let output = self.context.clone().run_ui(raw, |ui| {
             // A layout can take two passes: the second one has no events, and no time passes in it.
-            input::handle(viewer, ui, std::mem::take(&mut seconds));
+            panels::handle_input(viewer, ui, std::mem::take(&mut seconds));
             panels::show(viewer, pair, ui);
-            // Messages stand on the lower edge by the height that they had in the pass before.
+            // Messages are placed on the lower edge with their height of the pass before.
             let messages = viewer.messages.shown().len();
             if std::mem::replace(laid_out, messages) != messages {
                 ui.ctx().request_discard("there are other messages");
@@ -251,11 +251,11 @@ impl Session {
         let triangles = self.context.tessellate(shapes, pixels_per_point);
         self.layout = UiLayout { at: Some(now), triangles, pixels_per_point, repaint_delay };
         let requests = self.execute_requests()?;
-        self.viewer.is_stale |= self.viewer.view() != view_before;
+        self.viewer.pictures.are_stale |= self.viewer.view.camera() != view_before;
         Ok((Some(platform_output), requests))
     }
 
-    /// Shows, once each, why a picture is not drawn on the fast path.
+    /// Reports, once each, the reasons why a picture is not drawn on the fast path.
     fn report_notices(&mut self) {
         for (_, drawn) in self.pair.drawn() {
             let Some(notice) = drawn.renderer.notice() else { continue };
@@ -268,13 +268,13 @@ impl Session {
         }
     }
 
-    /// True if the picture has another size than the window.
+    /// True if the picture does not have the size that the window has room for.
     fn has_wrong_size(&self) -> bool {
-        self.pair.first.as_ref().is_some_and(|drawn| drawn.renderer.size() != self.viewer.size)
+        self.pair.first.as_ref().is_some_and(|drawn| drawn.renderer.size() != self.viewer.view.size)
     }
 
     fn draw(&mut self) -> Result<()> {
-        let (camera, background) = (self.viewer.view(), self.viewer.background);
+        let (camera, background) = (self.viewer.view.camera(), self.viewer.view.background);
         // At a new size no older picture can be shown in place of an incomplete frame, so the frame must be complete.
         for (_, drawn) in self.pair.drawn() {
             if drawn.renderer.size() != camera.size_px {
@@ -282,11 +282,11 @@ impl Session {
             }
         }
         self.screen.draw(&mut self.pair, &camera, background, !self.viewer.panels.are_hidden)?;
-        self.viewer.still = None;
-        self.viewer.is_stale = false;
-        self.viewer.pace.drawn += u64::from(self.pair.first.is_some());
-        if let Some(at) = self.viewer.input_at.take() {
-            self.viewer.pace.answer(at.elapsed().as_secs_f64() * 1e3);
+        self.viewer.inspector.snapshot = None;
+        self.viewer.pictures.are_stale = false;
+        self.viewer.timing.pace.drawn += u64::from(self.pair.first.is_some());
+        if let Some(at) = self.viewer.timing.input_at.take() {
+            self.viewer.timing.pace.answer(at.elapsed().as_secs_f64() * 1e3);
         }
         Ok(())
     }
@@ -294,24 +294,24 @@ impl Session {
     /// Sets the inspection of the pictures, and reports a change.
     fn apply_inspection(&mut self) -> Result<()> {
         let mut has_changed = false;
-        let inspection = self.viewer.inspection.inspection();
+        let inspection = self.viewer.inspector.settings.inspection();
         if self.pair.drawn().any(|(_, drawn)| drawn.gaussians.is_none() && !drawn.renderer.can_show(&inspection)) {
             self.viewer.messages.error(needs_whole("this look"));
-            let InspectionSettings { mode, culled_from, isolated, .. } = &mut self.viewer.inspection;
+            let InspectionSettings { mode, culled_from, isolated, .. } = &mut self.viewer.inspector.settings;
             (*mode, *culled_from, *isolated) = (0, None, None);
         }
         for (side, drawn) in self.pair.drawn() {
-            has_changed |= self.viewer.inspection.apply(side, drawn)?;
+            has_changed |= self.viewer.inspector.settings.apply(side, drawn)?;
         }
         if has_changed {
-            self.viewer.is_stale = true;
-            self.viewer.history.clear();
+            self.viewer.pictures.are_stale = true;
+            self.viewer.timing.frame_times.clear();
         }
-        // Some view modes show other channels of the same picture, so the inspection does not change; and it is set
-        // anew on every picture that is built.
-        if !self.viewer.inspection.is_same(&self.reported) {
-            self.reported = self.viewer.inspection.clone();
-            self.viewer.events.emit(&Event::Look { look: self.viewer.inspection.view_mode().name.to_owned() });
+        // Some view modes show other channels of the same picture without a change of the inspection; and every new
+        // picture gets the inspection without a change of the settings.
+        if !self.viewer.inspector.settings.is_same(&self.reported) {
+            self.reported = self.viewer.inspector.settings.clone();
+            self.viewer.events.emit(&Event::Look { look: self.viewer.inspector.settings.view_mode().name.to_owned() });
         }
         Ok(())
     }
@@ -321,11 +321,11 @@ impl Session {
         let retired = self.screen.retire(&mut self.pair, wait)?;
         let has_news = !retired.is_empty();
         for frame in retired {
-            self.viewer.history.add(&frame.timings);
+            self.viewer.timing.frame_times.add(&frame.timings);
             self.keep_rate(&frame.timings);
             for RetiredPicture { side, path, totals } in frame.pictures {
                 // An incomplete frame is drawn again, in larger buffers.
-                self.viewer.is_stale |= totals.is_none();
+                self.viewer.pictures.are_stale |= totals.is_none();
                 if let (Some(totals), Side::First, Some(first)) = (totals, side, &mut self.pair.first) {
                     first.frame.totals = totals;
                     first.path = path;
@@ -337,18 +337,18 @@ impl Session {
 
     /// Counts a frame that was shown.
     fn record_shown(&mut self, now: Instant, draws: bool) {
-        let lacks_pages = self.residency().is_some_and(|residency| residency.missing > 0);
+        let misses_pages = self.residency().is_some_and(|residency| residency.missing > 0);
         let viewer = &mut self.viewer;
-        viewer.pace.shown += 1;
+        viewer.timing.pace.shown += 1;
         if let (Some((previous, true)), true) = (self.previous, draws) {
-            viewer.pace.interval((now - previous).as_secs_f64() * 1e3, viewer.refresh_ms);
+            viewer.timing.pace.interval((now - previous).as_secs_f64() * 1e3, viewer.timing.refresh_ms);
         }
         let Some(first) = self.pair.first.as_ref().filter(|_| self.has_shown != Some(true)) else { return };
-        // The first frame with a scene, and the first that shows all that is read of it.
-        let shows_all = !viewer.is_reading() && viewer.draws(&first.plan);
+        // Report the first frame with a scene, and the first frame of the whole scene.
+        let shows_all = !viewer.scenes.are_loading() && viewer.is_current(&first.plan);
         if self.has_shown.is_none() || shows_all {
             self.has_shown = Some(shows_all);
-            let (ms, is_whole) = (viewer.started.elapsed().as_secs_f64() * 1e3, shows_all && !lacks_pages);
+            let (ms, is_whole) = (viewer.timing.seconds() * 1e3, shows_all && !misses_pages);
             viewer.events.emit(&Event::FirstFrame { ms, is_whole });
         }
     }
@@ -356,10 +356,10 @@ impl Session {
     /// The time until the next frame is due, if nothing happens before.
     fn repaint_delay(&self) -> Duration {
         let viewer = &self.viewer;
-        if viewer.is_stale || viewer.navigator.is_gliding() || viewer.film.is_playing {
+        if viewer.pictures.are_stale || viewer.view.navigator.is_gliding() || viewer.film.is_playing {
             return Duration::ZERO;
         }
-        let flicker = viewer.comparison.until_flicker(viewer.started.elapsed().as_secs_f64());
+        let flicker = viewer.comparison.until_flicker(viewer.timing.seconds());
         let note = viewer.messages.next_change().unwrap_or(Duration::MAX);
         let pages = if self.residency().is_none_or(|pages| pages.is_settled()) { Duration::MAX } else { PAGES_POLL };
         self.layout.repaint_delay.min(flicker).min(note).min(pages).min(self.until_rest())
@@ -372,7 +372,7 @@ impl Session {
 
     /// The event for the end of the session.
     pub fn closing(&self) -> Event {
-        let pace = &self.viewer.pace;
+        let pace = &self.viewer.timing.pace;
         Event::Closed {
             frames_shown: pace.shown,
             frames_drawn: pace.drawn,
@@ -385,14 +385,14 @@ impl Session {
 
 /// The current combination of pictures and panels.
 fn arrangement<'a>(viewer: &Viewer, layout: &'a UiLayout) -> Arrangement<'a> {
-    let compare = match viewer.reference_of_another().is_some() {
+    let compare = match viewer.reference_mismatch().is_some() {
         true => Compare::First,
-        false => viewer.comparison.shown(viewer.size[0], viewer.started.elapsed().as_secs_f64()),
+        false => viewer.comparison.shown(viewer.view.size[0], viewer.timing.seconds()),
     };
     // A difference is computed from colours.
     let quantity = match compare {
         Compare::Difference(_) => Quantity::Colour,
-        _ => viewer.inspection.quantity(),
+        _ => viewer.inspector.settings.quantity(),
     };
     Arrangement { compare, quantity, triangles: &layout.triangles, pixels_per_point: layout.pixels_per_point }
 }

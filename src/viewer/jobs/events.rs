@@ -1,4 +1,4 @@
-//! Handles what jobs report, and starts the builds of the pictures that are wanted next.
+//! Handling of the events of jobs, and starting the builds of planned pictures.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,36 +11,36 @@ use crate::host_memory::OutOfMemory;
 use crate::render::upload_pixels;
 use crate::scene::{Cancelled, Unreadable};
 use crate::viewer::frame::{Drawn, Pair, Second, Side};
-use crate::viewer::model::{CompareTarget, Event, Held, Viewer, fitted, over};
+use crate::viewer::model::{CompareTarget, Event, LoadedScene, Viewer, fitted, over};
 
 /// Handles an event of a job. `device` is the one that the window draws on.
 pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobEvent) {
     match event {
         JobEvent::Reading(number, fraction) => {
-            if let Some(layer) = viewer.layers.iter_mut().find(|layer| layer.number == number) {
+            if let Some(layer) = viewer.scenes.layer_mut(number) {
                 layer.progress = Some(fraction);
             }
         }
         JobEvent::Partial(number, gaussians) => {
-            let Some(layer) = viewer.layers.iter_mut().find(|layer| layer.number == number) else { return };
-            let held = layer.held.insert(Held::Whole(gaussians)).clone();
-            if !viewer.has_view {
-                viewer.set_first_view(held.focus());
-                viewer.begin_undo();
+            let Some(layer) = viewer.scenes.layer_mut(number) else { return };
+            let scene = layer.scene.insert(LoadedScene::Whole(gaussians)).clone();
+            if !viewer.view.is_set {
+                viewer.set_first_view(scene.focus());
+                viewer.reset_undo();
             }
         }
         JobEvent::Read(number, scene) => viewer.handle_scene(number, scene),
-        JobEvent::Shares(selection, how, shares) => viewer.handle_shares(&selection, how, shares),
+        JobEvent::Contributions(selection, mode, found) => viewer.handle_contributions(&selection, mode, found),
         JobEvent::Changed(number, changed) => viewer.handle_change(number, changed),
         JobEvent::Cameras(path, cameras) => viewer.handle_cameras(&path, cameras),
         JobEvent::Built(side, drawn) => handle_built(viewer, pair, device, side, drawn),
-        // Another one was asked for since.
-        JobEvent::Picture(number, ..) if number != viewer.comparison.asked => {}
+        // Another picture was requested meanwhile.
+        JobEvent::Picture(number, ..) if number != viewer.comparison.last_request => {}
         JobEvent::Picture(_, name, pixels) => {
-            viewer.comparison.is_drawing = false;
+            viewer.comparison.is_loading = false;
             match pixels {
                 Ok(pixels) => {
-                    let is_reference = viewer.comparison.drawn_of.is_some();
+                    let is_reference = viewer.comparison.reference_content.is_some();
                     viewer.comparison.target =
                         if is_reference { CompareTarget::Reference } else { CompareTarget::Picture };
                     viewer.comparison.picture = Some((name, Arc::new(pixels)));
@@ -49,48 +49,48 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
                 }
                 Err(problem) => {
                     viewer.messages.error(format!("{name}: {problem:#}"));
-                    viewer.failure.get_or_insert_with(|| Unreadable::or_too_large(Path::new(&name), problem));
+                    viewer.messages.failure.get_or_insert_with(|| Unreadable::or_too_large(Path::new(&name), problem));
                 }
             }
         }
-        JobEvent::Edited(number, edited) => viewer.handle_edited(number, edited),
+        JobEvent::Edited(number, result) => viewer.handle_edit_result(number, result),
         JobEvent::Photographs(photographs) => viewer.handle_photographs(photographs),
-        JobEvent::Thumbnail(camera, thumbnail) => drop(viewer.thumbnails.insert(camera, thumbnail.ok())),
+        JobEvent::Thumbnail(camera, thumbnail) => drop(viewer.cameras.thumbnails.insert(camera, thumbnail.ok())),
         JobEvent::Evaluated(evaluation) => {
-            viewer.measurement = None;
+            viewer.measuring.running = None;
             match evaluation {
-                Ok(evaluation) => viewer.evaluation = Some(evaluation),
+                Ok(evaluation) => viewer.cameras.evaluation = Some(evaluation),
                 Err(problem) if problem.is::<Cancelled>() => viewer.messages.note("measuring was cancelled"),
                 Err(problem) => viewer.messages.error(format!("cannot measure: {problem:#}")),
             }
         }
-        JobEvent::Compared(apart) => {
+        JobEvent::Compared(difference) => {
             viewer.comparison.is_measuring = false;
-            match apart {
-                Ok(apart) => viewer.comparison.apart = Some(apart),
+            match difference {
+                Ok(difference) => viewer.comparison.pair_difference = Some(difference),
                 Err(problem) => viewer.messages.error(format!("cannot compare: {problem:#}")),
             }
         }
         JobEvent::Measuring(fraction) => {
-            if let Some(measurement) = &mut viewer.measurement {
+            if let Some(measurement) = &mut viewer.measuring.running {
                 measurement.fraction = fraction;
             }
         }
         JobEvent::Measured(costs) => {
-            let of = viewer.measurement.take().and_then(|measurement| measurement.of);
+            let content = viewer.measuring.running.take().and_then(|measurement| measurement.content);
             match costs {
-                Ok(costs) => viewer.costs = Some((costs, of)),
+                Ok(costs) => viewer.measuring.costs = Some((costs, content)),
                 Err(problem) if problem.is::<Cancelled>() => viewer.messages.note("measuring was cancelled"),
                 Err(problem) => viewer.messages.error(format!("cannot measure: {problem:#}")),
             }
         }
         JobEvent::Chosen(choice) => {
-            viewer.measurement = None;
+            viewer.measuring.running = None;
             match choice {
                 Ok((options, why)) => {
                     viewer.options = options;
                     viewer.messages.note(why.clone());
-                    viewer.budget.chosen = Some(why);
+                    viewer.measuring.budget.chosen = Some(why);
                 }
                 Err(problem) if problem.is::<Cancelled>() => viewer.messages.note("choosing was cancelled"),
                 Err(problem) => viewer.messages.error(format!("{problem:#}")),
@@ -112,26 +112,25 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
 }
 
 fn handle_built(viewer: &mut Viewer, pair: &mut Pair, device: &Device, side: Side, drawn: Result<Box<Drawn>>) {
-    viewer.building[side as usize] = false;
-    if let Some(text) = viewer.shader_errors[side as usize].take() {
+    viewer.pictures.are_building[side as usize] = false;
+    if let Some(text) = viewer.pictures.shader_errors[side as usize].take() {
         viewer.messages.retract(&text);
     }
     match drawn {
-        // Built on a device that was lost meanwhile.
+        // The device of the build was lost meanwhile.
         Ok(drawn) if !drawn.scene.is_on(device) => {}
         Ok(drawn) => {
-            viewer.is_stale = true;
+            viewer.pictures.are_stale = true;
             match side {
                 Side::First => {
                     let is_new = pair.first.as_ref().is_none_or(|old| !old.plan.has_scene_of(&drawn.plan));
-                    // It may have been built of the part of a scene that was read then.
-                    if is_new && !viewer.is_reading() && viewer.draws(&drawn.plan) {
-                        let (gaussians, scenes) = (drawn.statistics.count, drawn.plan.parts.len());
+                    // The build may contain only the part of a scene that was read until then.
+                    if is_new && !viewer.scenes.are_loading() && viewer.is_current(&drawn.plan) {
+                        let (gaussians, scenes) = (drawn.statistics.count, drawn.plan.scenes.len());
                         viewer.events.emit(&Event::Scene { gaussians, scenes });
                     }
                     if is_new {
-                        viewer.explanation = None;
-                        viewer.inspection.isolated = None;
+                        viewer.inspector.clear_explanation();
                     }
                     pair.first = Some(*drawn);
                 }
@@ -139,21 +138,21 @@ fn handle_built(viewer: &mut Viewer, pair: &mut Pair, device: &Device, side: Sid
             }
         }
         Err(problem) => {
-            viewer.refused[side as usize] = viewer.shown_plan(side).ok().flatten();
+            viewer.pictures.refused[side as usize] = viewer.shown_plan(side).ok().flatten();
             let text = match problem.downcast_ref::<OutOfMemory>() {
                 Some(_) => format!("this scene does not fit: {problem:#}"),
                 None => format!("{problem:#}"),
             };
-            if viewer.shaders.is_some() {
-                viewer.shader_errors[side as usize] = Some(text.clone());
+            if viewer.pictures.shaders.is_some() {
+                viewer.pictures.shader_errors[side as usize] = Some(text.clone());
             }
             viewer.messages.error(text);
-            viewer.failure.get_or_insert(problem);
+            viewer.messages.failure.get_or_insert(problem);
         }
     }
 }
 
-/// Starts the builds of pictures that are planned and not there yet; drops pictures that are no longer planned.
+/// Starts the builds of planned pictures, and drops pictures that are no longer planned.
 pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
     for side in [Side::First, Side::Second] {
         let i = side as usize;
@@ -169,28 +168,28 @@ pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
             Side::Second => pair.second.as_ref().and_then(Second::drawn),
         };
         let Some(planned) = planned else {
-            // The last scene was closed or hidden, or nothing is compared. What was refused is tried again after that.
-            viewer.refused[i] = None;
-            let is_loading = viewer.is_reading();
+            // The last scene was closed or hidden, or nothing is compared. A refused plan may be tried again later.
+            viewer.pictures.refused[i] = None;
+            let is_loading = viewer.scenes.are_loading();
             if current.is_some() && !(side == Side::First && is_loading) {
                 match side {
                     Side::First => pair.first = None,
                     Side::Second => pair.second = None,
                 }
-                viewer.is_stale = true;
+                viewer.pictures.are_stale = true;
             }
             continue;
         };
         let is_current = current.is_some_and(|drawn| drawn.plan.is_same(&planned));
-        let is_refused = viewer.refused[i].as_ref().is_some_and(|refused| refused.is_same(&planned));
-        if is_current || is_refused || viewer.building[i] {
+        let is_refused = viewer.pictures.refused[i].as_ref().is_some_and(|refused| refused.is_same(&planned));
+        if is_current || is_refused || viewer.pictures.are_building[i] {
             continue;
         }
         let reusable = current.or(pair.first.as_ref()).map(Drawn::reusable);
-        viewer.building[i] = true;
-        viewer.refused[i] = None;
-        let (device, view, background) = (device.clone(), viewer.view(), viewer.background);
-        let generation = Some(viewer.next_generation());
+        viewer.pictures.are_building[i] = true;
+        viewer.pictures.refused[i] = None;
+        let (device, view, background) = (device.clone(), viewer.view.camera(), viewer.view.background);
+        let generation = Some(viewer.pictures.next_generation());
         viewer.jobs.start(
             move |_| planned.build(&device, reusable, &view, background, generation).map(Box::new),
             move |drawn| JobEvent::Built(side, drawn),
@@ -210,19 +209,19 @@ pub fn fit_picture(viewer: &mut Viewer, pair: &mut Pair, device: &Device) -> Res
             return Ok(());
         }
     }
-    let size = viewer.size;
+    let size = viewer.view.size;
     let has_size = matches!(&pair.second, Some(Second::Image(image)) if image.size() == size);
     if let Some((name, pixels)) = &comparison.picture
         && (!has_size || comparison.is_stale)
     {
         let pixels = match comparison.target {
-            CompareTarget::Picture => fitted(&over(pixels, viewer.background), size, viewer.background),
-            _ => fitted(pixels, size, viewer.background),
+            CompareTarget::Picture => fitted(&over(pixels, viewer.view.background), size, viewer.view.background),
+            _ => fitted(pixels, size, viewer.view.background),
         };
         let pixels = Arc::new(pixels);
         pair.second = Some(Second::Image(upload_pixels(device, name, &pixels)?));
         comparison.fitted = Some(pixels);
-        viewer.still = None;
+        viewer.inspector.snapshot = None;
         comparison.is_stale = false;
     }
     Ok(())

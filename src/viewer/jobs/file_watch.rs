@@ -1,4 +1,4 @@
-//! Scene files that are read again when they change.
+//! Waiting for changes of scene files, to read them again.
 
 use std::fs;
 use std::path::Path;
@@ -9,23 +9,23 @@ use anyhow::Result;
 use super::Cancel;
 use crate::scene::Cancelled;
 
-/// How often a file is looked at.
+/// Interval between polls of a file.
 const POLL: Duration = Duration::from_millis(100);
 
-/// When a file was changed, and its bytes; `None` if it is not there.
-pub type Stamp = Option<(SystemTime, u64)>;
+/// Time of the last change of a file, and its size in bytes; `None` if it does not exist.
+pub type FileStamp = Option<(SystemTime, u64)>;
 
 /// The stamp of a file.
-pub fn stamp(path: &Path) -> Stamp {
+pub fn stamp(path: &Path) -> FileStamp {
     let data = fs::metadata(path).ok()?;
     Some((data.modified().ok()?, data.len()))
 }
 
-/// Waits until a file is there that is not as it was `seen`, and that nobody writes any more: two looks find the same.
+/// Waits until the file differs from `seen` and is stable: two successive polls agree.
 ///
 /// # Errors
 /// [`Cancelled`].
-pub fn wait_for_change(path: &Path, seen: Stamp, cancel: &Cancel) -> Result<()> {
+pub fn wait_for_change(path: &Path, seen: FileStamp, cancel: &Cancel) -> Result<()> {
     let mut before = seen;
     while !cancel.is_cancelled() {
         std::thread::sleep(POLL);

@@ -1,11 +1,15 @@
-//! Jobs on threads of their own: the window never waits for them, they report events.
+//! Jobs: work on other threads that reports events. Frames never wait for a job.
+//!
+//! - `events` - handling of the events, and starting the builds of pictures
+//! - `file_watch` - waiting for changes of scene files
+//! - `measuring` - the costs of knobs in a view
 
 pub(crate) mod events;
 pub(crate) mod file_watch;
 mod measuring;
 
-pub(crate) use file_watch::Stamp;
-pub(crate) use measuring::{ALL, Cost, Costs, costs};
+pub(crate) use file_watch::FileStamp;
+pub(crate) use measuring::{ALL_KNOBS, KnobCost, KnobCosts, costs};
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,7 +24,9 @@ use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::scene::Gaussians;
 use crate::viewer::frame::{Drawn, Side};
-use crate::viewer::model::{Apart, Edited, Evaluation, How, Opened, Photographs, Selection, Shares};
+use crate::viewer::model::{
+    Contributions, EditResult, Evaluation, OpenedScene, PairDifference, Photographs, Selection, SelectionMode,
+};
 
 /// A report of a job.
 pub enum JobEvent {
@@ -29,33 +35,33 @@ pub enum JobEvent {
     /// Layer number, and the Gaussians read so far.
     Partial(u64, Arc<Gaussians>),
     /// Layer number, and the scene.
-    Read(u64, Result<Opened>),
-    /// What Gaussians contribute to the view, for a selection.
-    Shares(Selection, How, Result<Shares>),
-    /// Layer number: its file is another one by now.
+    Read(u64, Result<OpenedScene>),
+    /// Contributions to the view, for a selection.
+    Contributions(Selection, SelectionMode, Result<Contributions>),
+    /// Number of a layer whose file has changed.
     Changed(u64, Result<()>),
     Cameras(PathBuf, Result<CameraFile>),
     /// A scene is on the GPU and can be drawn from any view.
     Built(Side, Result<Box<Drawn>>),
-    /// A photograph or the reference: its number among those asked for, its name and pixels.
+    /// A photograph or the reference: the number of the request, its name and pixels.
     Picture(u64, String, Result<Pixels>),
     /// The photographs of a folder.
     Photographs(Result<Photographs>),
-    /// The photograph of a camera, small.
+    /// Camera index, and the thumbnail of its photograph.
     Thumbnail(usize, Result<Pixels>),
     Evaluated(Result<Evaluation>),
-    /// Layer number, and what an edit leaves of its scene.
-    Edited(u64, Result<Edited>),
-    /// How far two pictures are apart.
-    Compared(Result<Apart>),
+    /// Layer number, and the result of its edit.
+    Edited(u64, Result<EditResult>),
+    /// The measured difference of two pictures.
+    Compared(Result<PairDifference>),
     /// The fraction of a measurement that is done, 0 to 1.
     Measuring(f64),
-    Measured(Result<Costs>),
+    Measured(Result<KnobCosts>),
     /// The options chosen for a budget, and the reason.
     Chosen(Result<(Options, String)>),
     /// The fraction of the files written, 0 to 1.
     Writing(f64),
-    /// All files are written; the text says which.
+    /// All files are written; the text names them.
     Written(Result<String>),
 }
 
@@ -67,7 +73,7 @@ pub struct Jobs {
     running: Mutex<Vec<JoinHandle<()>>>,
 }
 
-/// A flag that asks a job to stop because nobody needs its result.
+/// A flag that cancels a job.
 #[derive(Clone, Default)]
 pub struct Cancel(Arc<AtomicBool>);
 
@@ -90,7 +96,7 @@ pub struct Reporter {
 
 impl Reporter {
     pub fn send(&self, event: JobEvent) {
-        // Nobody receives once the window is closed.
+        // The receiver is dropped when the window is closed.
         let _ = self.sender.send(event);
         (self.wake)();
     }
@@ -108,8 +114,7 @@ impl Jobs {
         self.receiver.try_iter().collect()
     }
 
-    /// Runs `work` on a thread of its own and sends its result as the event `to_event` makes of it, even if `work`
-    /// panics.
+    /// Runs `work` on another thread. `to_event` turns its result into an event, which is sent even if `work` panics.
     pub fn start<T: Send + 'static>(
         &self,
         work: impl FnOnce(&Reporter) -> Result<T> + Send + 'static,

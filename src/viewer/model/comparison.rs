@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::loaded_scene::{Held, are_same};
-use super::snapshot::{Apart, Area};
+use super::loaded_scene::{LoadedScene, are_same};
+use super::snapshot::{Area, PairDifference};
 use crate::camera::Camera;
 use crate::options::Options;
 use crate::pixels::Pixels;
@@ -50,42 +50,42 @@ pub struct Comparison {
     pub flicker_hz: f32,
     /// Name and pixels of a picture that the GPU did not draw: the reference or a file.
     pub picture: Option<(String, Arc<Pixels>)>,
-    /// What the reference was drawn of; `None` if `picture` is a file.
-    pub drawn_of: Option<Depicted>,
-    /// The camera whose photograph `picture` is.
-    pub of_camera: Option<usize>,
+    /// The content of the reference; `None` if `picture` is a file.
+    pub reference_content: Option<PictureContent>,
+    /// Index of the camera whose photograph `picture` is.
+    pub photograph_camera: Option<usize>,
     /// `picture` is being drawn or read.
-    pub is_drawing: bool,
-    /// Number of pictures that were asked for; only the newest is wanted.
-    pub asked: u64,
+    pub is_loading: bool,
+    /// Number of the last request for `picture`; results of earlier requests are dropped.
+    pub last_request: u64,
     /// `picture` must be resampled to the size of the window.
     pub is_stale: bool,
     /// `picture` in the size of the window.
     pub fitted: Option<Arc<Pixels>>,
-    /// How far the two pictures were apart when they were compared last.
-    pub apart: Option<Apart>,
-    /// They are being compared.
+    /// The last measured difference of the two pictures.
+    pub pair_difference: Option<PairDifference>,
+    /// A job measures the difference.
     pub is_measuring: bool,
-    /// The part of the picture to compare.
+    /// The area of the pictures to compare; `None` for the whole pictures.
     pub area: Option<Area>,
 }
 
-/// All that a picture depends on, but for the number formats and the knobs that trade accuracy.
+/// The content of a picture: everything it depends on except number formats and knobs that trade accuracy.
 #[derive(Clone)]
-pub struct Depicted {
+pub struct PictureContent {
     pub view: Camera,
-    /// The scenes with their places.
-    pub parts: Vec<(Held, Transform)>,
+    /// The scenes with their transforms.
+    pub scenes: Vec<(LoadedScene, Transform)>,
     pub rules: Rules,
     pub background: Background,
 }
 
-impl Depicted {
-    /// In what another picture differs first; `None` if it is of the same.
+impl PictureContent {
+    /// Names the first difference from another content; `None` if they are equal.
     pub fn difference(&self, other: &Self) -> Option<&'static str> {
-        let Self { view, parts, rules, background } = self;
+        let Self { view, scenes, rules, background } = self;
         match () {
-            () if !are_same(parts, &other.parts) => Some("other scenes or places"),
+            () if !are_same(scenes, &other.scenes) => Some("other scenes or places"),
             () if *view != other.view => Some("another view"),
             () if *rules != other.rules => Some("other rules"),
             () if background.colour() != other.background.colour() => Some("another background"),
@@ -93,10 +93,10 @@ impl Depicted {
         }
     }
 
-    /// Keeps a scene that was closed no longer. Nothing that is shown later is the same.
-    pub fn forget(&mut self, held: &Held) {
-        if self.parts.iter().any(|(part, _)| part.is_same(held)) {
-            self.parts.clear();
+    /// Frees a scene that was closed. The content then differs from every later one.
+    pub fn forget(&mut self, closed: &LoadedScene) {
+        if self.scenes.iter().any(|(scene, _)| scene.is_same(closed)) {
+            self.scenes.clear();
         }
     }
 }
@@ -111,13 +111,13 @@ impl Default for Comparison {
             is_flicked: false,
             flicker_hz: 0.0,
             picture: None,
-            drawn_of: None,
-            of_camera: None,
-            is_drawing: false,
-            asked: 0,
+            reference_content: None,
+            photograph_camera: None,
+            is_loading: false,
+            last_request: 0,
             is_stale: false,
             fitted: None,
-            apart: None,
+            pair_difference: None,
             is_measuring: false,
             area: None,
         }
@@ -130,7 +130,7 @@ impl Comparison {
         match &self.target {
             CompareTarget::Options(None) => Some(*first),
             CompareTarget::Options(Some(options)) => {
-                // Presets leave the near plane and the antialiasing to the scene.
+                // The near plane and antialiasing depend on the scene, not on the preset.
                 let near = options.rules.near.min(first.rules.near);
                 let rules = Rules { near, antialiased: first.rules.antialiased, ..options.rules };
                 Some(Options { rules, ..*options })
@@ -139,7 +139,7 @@ impl Comparison {
         }
     }
 
-    /// The part of each picture to show, for pictures `width` pixels wide, `seconds` after the start.
+    /// The way to combine pictures `width` pixels wide, `seconds` after the start.
     pub fn shown(&self, width: u32, seconds: f64) -> Compare {
         let is_second_half = self.flicker_hz > 0.0 && (seconds * f64::from(self.flicker_hz)).fract() >= 0.5;
         match self.mode {
@@ -157,7 +157,7 @@ impl Comparison {
         }
     }
 
-    /// The time until the automatic flicker changes pictures; [`Duration::MAX`] without one.
+    /// The time until the automatic flicker changes pictures; [`Duration::MAX`] without automatic flicker.
     pub fn until_flicker(&self, seconds: f64) -> Duration {
         if self.target == CompareTarget::Nothing || self.mode != CompareMode::Flicker || self.flicker_hz <= 0.0 {
             return Duration::MAX;
@@ -167,7 +167,7 @@ impl Comparison {
     }
 }
 
-/// A photograph over a background: its colours are premultiplied by its alpha.
+/// A photograph with premultiplied alpha, composited over a background.
 pub fn over(pixels: &Pixels, background: Background) -> Pixels {
     let colour = background.colour();
     let pixel = |[r, g, b, a]: &[f32; 4]| {
@@ -177,8 +177,8 @@ pub fn over(pixels: &Pixels, background: Background) -> Pixels {
     Pixels { size: pixels.size, rgba: pixels.rgba.iter().map(pixel).collect() }
 }
 
-/// `pixels` resampled (bilinear) for a window of `size` that looks through the camera of the photograph: scaled to the
-/// width of the window, centred, with `background` above and below it.
+/// `pixels` resampled (bilinear) to `size`: scaled to the same width and centred, with `background` above and below.
+/// The field of view is horizontal, so this is the photograph as a window of `size` shows it.
 pub fn fitted(pixels: &Pixels, size: [u32; 2], background: Background) -> Pixels {
     use rayon::prelude::*;
     if pixels.size == size {

@@ -6,69 +6,69 @@ use egui_file_dialog::{DialogState, FileDialog};
 
 use crate::formats::{FORMATS, Format, labels};
 
-/// The content of a file to save.
+/// The kind of file to save.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Saved {
-    /// The state of the window, to resume work from.
+pub enum SaveTarget {
+    /// A project.
     Project,
-    /// The scenes joined in one file.
+    /// The scenes, joined in one file.
     Scene,
 }
 
-/// Dialogs for selecting files, open or closed.
+/// The file dialogs, open or closed.
 pub struct Dialog {
-    files: FileDialog,
-    place: FileDialog,
-    saved: Saved,
+    open: FileDialog,
+    save: FileDialog,
+    target: SaveTarget,
 }
 
-/// A file that the user selected.
-pub enum Chosen {
+/// The file that the user chose, and its purpose.
+pub enum DialogResult {
     Open(PathBuf),
-    Save(Saved, PathBuf),
+    Save(SaveTarget, PathBuf),
 }
 
 impl Default for Dialog {
     fn default() -> Self {
-        let files = FileDialog::new()
+        let open = FileDialog::new()
             .title("Open scenes, cameras or a picture to compare with")
             .add_file_filter_extensions("Scenes", extensions())
             .default_file_filter("Scenes")
             .as_modal(true);
-        let place = FileDialog::new().allow_path_edit_to_save_file_without_extension(true).as_modal(true);
-        Self { files, place, saved: Saved::Project }
+        let save = FileDialog::new().allow_path_edit_to_save_file_without_extension(true).as_modal(true);
+        Self { open, save, target: SaveTarget::Project }
     }
 }
 
 impl Dialog {
-    /// Opens the dialog for files to open.
-    pub fn ask(&mut self) {
-        self.files.pick_multiple();
+    /// Shows the dialog for files to open.
+    pub fn open_files(&mut self) {
+        self.open.pick_multiple();
     }
 
-    /// Opens the dialog for a file to save.
-    pub fn ask_where(&mut self, saved: Saved) {
-        let (title, name) = match saved {
-            Saved::Project => ("Save a project: NAME.project.json".to_owned(), "scene.project.json"),
-            Saved::Scene => (format!("Save the scene: {}", labels(Format::is_written_file)), "edited.ply"),
+    /// Shows the dialog for the file to save.
+    pub fn save_file(&mut self, target: SaveTarget) {
+        let (title, name) = match target {
+            SaveTarget::Project => ("Save a project: NAME.project.json".to_owned(), "scene.project.json"),
+            SaveTarget::Scene => (format!("Save the scene: {}", labels(Format::is_written_file)), "edited.ply"),
         };
-        self.saved = saved;
-        self.place.config_mut().title = Some(title);
-        self.place.config_mut().default_file_name = name.to_owned();
-        self.place.save_file();
+        self.target = target;
+        self.save.config_mut().title = Some(title);
+        self.save.config_mut().default_file_name = name.to_owned();
+        self.save.save_file();
     }
 
     pub fn is_open(&self) -> bool {
-        [&self.files, &self.place].iter().any(|dialog| *dialog.state() == DialogState::Open)
+        [&self.open, &self.save].iter().any(|dialog| *dialog.state() == DialogState::Open)
     }
 
-    /// Draws open dialogs. Returns each selected file once.
-    pub fn show(&mut self, context: &egui::Context) -> Vec<Chosen> {
-        self.files.update(context);
-        self.place.update(context);
-        let open = self.files.take_picked_multiple().unwrap_or_default().into_iter().map(Chosen::Open);
-        let saved = self.saved;
-        open.chain(self.place.take_picked().map(|file| Chosen::Save(saved, file))).collect()
+    /// Lays the open dialogs out. Returns the chosen files, once.
+    pub fn show(&mut self, context: &egui::Context) -> Vec<DialogResult> {
+        self.open.update(context);
+        self.save.update(context);
+        let open = self.open.take_picked_multiple().unwrap_or_default().into_iter().map(DialogResult::Open);
+        let target = self.target;
+        open.chain(self.save.take_picked().map(|file| DialogResult::Save(target, file))).collect()
     }
 }
 

@@ -1,43 +1,61 @@
-//! A drag over the picture.
+//! The pointer over the picture: drags, strokes of tools, and handles.
 
 use egui::{PointerButton, Pos2};
 use glam::DVec2;
 
-use super::edit::How;
+use super::edit::SelectionMode;
 
-/// A drag over the picture that goes on.
-#[derive(Clone, Copy)]
-pub struct Drag {
-    pub button: PointerButton,
-    pub motion: Motion,
-    /// The place up to which it was followed, in points.
-    pub at: Pos2,
+/// The pointer over the picture.
+#[derive(Default)]
+pub struct Pointer {
+    /// The pixel under the cursor; `None` outside the picture.
+    pub pixel: Option<[u32; 2]>,
+    /// Index of the camera of the file under the cursor.
+    pub camera: Option<usize>,
+    pub drag: Option<Drag>,
+    pub stroke: Option<ToolStroke>,
 }
 
-impl Drag {
-    /// True if it moves the camera.
-    pub fn moves_view(self) -> bool {
-        matches!(self.motion, Motion::Orbit | Motion::Pan | Motion::Look)
+impl Pointer {
+    /// Ends the drag and the stroke without an effect.
+    pub fn cancel(&mut self) {
+        (self.drag, self.stroke) = (None, None);
     }
 }
 
-/// What a drag moves.
+/// A drag over the picture.
+#[derive(Clone, Copy)]
+pub struct Drag {
+    pub button: PointerButton,
+    pub motion: DragMotion,
+    /// The last position that was handled, in points.
+    pub position: Pos2,
+}
+
+impl Drag {
+    /// True if the drag moves the camera.
+    pub fn moves_view(self) -> bool {
+        matches!(self.motion, DragMotion::Orbit | DragMotion::Pan | DragMotion::Look)
+    }
+}
+
+/// The effect of a drag.
 #[derive(Clone, Copy, PartialEq)]
-pub enum Motion {
+pub enum DragMotion {
     Orbit,
     Pan,
     Look,
     /// The line between two pictures.
     Split,
-    /// The part of the picture to compare, from this pixel on.
+    /// The area of the picture to compare, from this pixel on.
     Area([u32; 2]),
     /// A stroke of a tool.
     Stroke,
-    /// A handle of the scene with this number.
+    /// A handle of the layer with this number.
     Handle(u64, Handle),
 }
 
-/// What the left button does over the picture.
+/// The tool of the left button over the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tool {
     /// Turns the view.
@@ -52,7 +70,7 @@ pub enum Tool {
 }
 
 impl Tool {
-    /// Every tool with its name and what it does.
+    /// Every tool with its name and a help text.
     pub const ALL: [(Self, &str, &str); 6] = [
         (Self::Look, "Look", "The left button turns the view"),
         (Self::Rectangle, "Rectangle", "Drag over the centres to select, through all of the scene"),
@@ -63,13 +81,13 @@ impl Tool {
     ];
 }
 
-/// A stroke of a tool that goes on: its places, in pixels.
-pub struct Stroke {
-    pub way: Vec<DVec2>,
-    pub how: How,
+/// A stroke of a tool, in pixels of the picture.
+pub struct ToolStroke {
+    pub points: Vec<DVec2>,
+    pub mode: SelectionMode,
 }
 
-/// A handle of a scene, by its axis of the world: 0, 1, 2.
+/// A handle of a scene, with its axis of the world: 0, 1 or 2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Handle {
     Move(usize),

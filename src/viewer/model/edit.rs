@@ -1,4 +1,4 @@
-//! Which Gaussians of a scene are selected, hidden or deleted, and the ways to select.
+//! Edits: flags for selected, hidden and deleted Gaussians, and the ways to select.
 
 use std::ops::RangeInclusive;
 
@@ -11,14 +11,14 @@ const SELECTED: u8 = 1;
 const HIDDEN: u8 = 2;
 const DELETED: u8 = 4;
 
-/// What was done to the Gaussians of a scene, by their indices.
+/// Flags of the Gaussians of a scene, by index.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Edit {
     flags: Vec<u8>,
     counts: Counts,
 }
 
-/// Numbers of Gaussians. What is deleted is not hidden, and neither is selected.
+/// Numbers of Gaussians. A deleted Gaussian is not hidden, and neither is selected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     pub selected: usize,
@@ -26,20 +26,20 @@ pub struct Counts {
     pub deleted: usize,
 }
 
-/// How a selection goes together with the one before.
+/// Combination of a selection with the one before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum How {
+pub enum SelectionMode {
     Replace,
     Add,
     Subtract,
 }
 
-/// What becomes of the Gaussians that are selected, hidden or neither.
+/// A change of all Gaussians, by their flags.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
     Hide,
     Delete,
-    /// Deletes all that is drawn and not selected.
+    /// Deletes all Gaussians that are drawn and not selected.
     Crop,
     ShowHidden,
     SelectAll,
@@ -48,8 +48,8 @@ pub enum Change {
 }
 
 impl Edit {
-    /// Nothing is done to this number of Gaussians yet.
-    pub fn of(count: usize) -> Self {
+    /// An edit of this number of Gaussians without flags.
+    pub fn new(count: usize) -> Self {
         Self::with(vec![0; count])
     }
 
@@ -59,7 +59,7 @@ impl Edit {
         Self { flags, counts }
     }
 
-    /// Number of Gaussians of the scene; as many bytes are needed.
+    /// Number of Gaussians of the scene. The edit takes a byte for each.
     pub fn gaussians(&self) -> usize {
         self.flags.len()
     }
@@ -77,12 +77,12 @@ impl Edit {
         self.flags[index] & SELECTED != 0
     }
 
-    /// The Gaussians that are drawn.
+    /// Indices of the drawn Gaussians.
     pub fn drawn(&self) -> Vec<u32> {
         (0..self.flags.len() as u32).filter(|i| self.flags[*i as usize] & (HIDDEN | DELETED) == 0).collect()
     }
 
-    /// The Gaussians that are not deleted.
+    /// Indices of the Gaussians that are not deleted.
     pub fn kept(&self) -> Vec<u32> {
         (0..self.flags.len() as u32).filter(|i| self.flags[*i as usize] & DELETED == 0).collect()
     }
@@ -93,15 +93,15 @@ impl Edit {
         self.flags.iter().map(is_drawn).eq(other.flags.iter().map(is_drawn))
     }
 
-    /// The selection of those drawn Gaussians for which `is_inside` is true, together with the one before.
+    /// Selects the drawn Gaussians for which `is_inside` is true, combined with the selection before.
     #[must_use]
-    pub fn selecting(&self, how: How, is_inside: impl Fn(usize) -> bool + Sync) -> Self {
+    pub fn selecting(&self, mode: SelectionMode, is_inside: impl Fn(usize) -> bool + Sync) -> Self {
         let flags = self.flags.par_iter().enumerate().map(|(i, flags)| {
             let is_inside = flags & (HIDDEN | DELETED) == 0 && is_inside(i);
-            let is_selected = match how {
-                How::Replace => is_inside,
-                How::Add => is_inside || flags & SELECTED != 0,
-                How::Subtract => !is_inside && flags & SELECTED != 0,
+            let is_selected = match mode {
+                SelectionMode::Replace => is_inside,
+                SelectionMode::Add => is_inside || flags & SELECTED != 0,
+                SelectionMode::Subtract => !is_inside && flags & SELECTED != 0,
             };
             (flags & !SELECTED) | if is_selected { SELECTED } else { 0 }
         });
@@ -126,7 +126,7 @@ impl Edit {
         Self::with(self.flags.par_iter().map(one).collect())
     }
 
-    /// Runs of Gaussians to which the same was done: length and flags, for a file.
+    /// Runs of Gaussians with equal flags: length and flags, for a file.
     pub fn to_runs(&self) -> Vec<(usize, u8)> {
         let mut runs: Vec<(usize, u8)> = Vec::new();
         for flags in &self.flags {
@@ -138,12 +138,12 @@ impl Edit {
         runs
     }
 
-    /// The edit of [`Edit::to_runs`]; `None` if a run is not one of those.
+    /// The inverse of [`Edit::to_runs`]; `None` if a run is invalid.
     pub fn from_runs(runs: &[(usize, u8)]) -> Option<Self> {
-        const MOST: usize = u32::MAX as usize;
+        const MAX: usize = u32::MAX as usize;
         let mut flags = Vec::new();
         for (length, of) in runs {
-            if *of > (SELECTED | HIDDEN | DELETED) || *length > MOST - flags.len() {
+            if *of > (SELECTED | HIDDEN | DELETED) || *length > MAX - flags.len() {
                 return None;
             }
             flags.resize(flags.len() + length, *of);
@@ -160,7 +160,7 @@ pub enum Property {
     Scale,
     /// The largest standard deviation over the smallest.
     Anisotropy,
-    /// The largest part of the light of a pixel that it has in the view: alpha times transmittance.
+    /// The largest alpha times transmittance at a pixel of the view.
     Contribution,
 }
 
@@ -172,8 +172,8 @@ impl Property {
         (Self::Contribution, "contribution"),
     ];
 
-    /// Of a Gaussian with this contribution.
-    pub fn of(self, gaussians: &Gaussians, index: usize, contribution: f32) -> f32 {
+    /// The property of a Gaussian with this contribution.
+    pub fn value(self, gaussians: &Gaussians, index: usize, contribution: f32) -> f32 {
         let scales = gaussians.scales()[index];
         let (low, high) = scales.iter().fold((f32::MAX, 0.0), |(low, high): (f32, f32), s| (low.min(*s), high.max(*s)));
         match self {
@@ -185,10 +185,10 @@ impl Property {
     }
 }
 
-/// What is selected.
+/// A set of Gaussians to select.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Selection {
-    /// Centres that are seen within an outline of the picture.
+    /// Centres inside an outline in the picture.
     Outline(Outline),
     /// Centres within a ball of the world: its centre and radius.
     Ball(DVec3, f64),
@@ -198,18 +198,18 @@ pub enum Selection {
     Values(Property, RangeInclusive<f32>),
 }
 
-/// A figure in the picture. Places are in pixels.
+/// A figure in the picture, in pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outline {
     Rectangle(DVec2, DVec2),
-    /// A closed line; inside is what it goes around an odd number of times.
+    /// A closed polygon, filled by the even-odd rule.
     Lasso(Vec<DVec2>),
-    /// A line as wide as a brush of this radius.
+    /// A polyline, drawn with a brush of this radius.
     Brush(Vec<DVec2>, f64),
 }
 
 impl Outline {
-    /// The corners of a rectangle around it.
+    /// The corners of the bounding rectangle.
     pub fn bounds(&self) -> [DVec2; 2] {
         let around = |way: &[DVec2], margin: f64| {
             let low = way.iter().copied().reduce(DVec2::min).unwrap_or(DVec2::ZERO);
@@ -242,14 +242,14 @@ impl Outline {
     }
 }
 
-/// The distance of a place from a line between two others.
+/// The distance of a point from a segment.
 pub fn from_segment(place: DVec2, [a, b]: [DVec2; 2]) -> f64 {
     let step = b - a;
     let along = (place - a).dot(step) / step.length_squared().max(f64::MIN_POSITIVE);
     place.distance(a + step * along.clamp(0.0, 1.0))
 }
 
-/// The colour of what is selected, and its share.
+/// The colour of selected Gaussians, and its weight.
 pub const TINT: ([f32; 3], f32) = ([1.0, 0.72, 0.1], 0.7);
 
 #[cfg(test)]
@@ -257,21 +257,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn selections_go_together() {
-        let edit = Edit::of(6).selecting(How::Replace, |i| i < 3);
+    fn selections_combine() {
+        let edit = Edit::new(6).selecting(SelectionMode::Replace, |i| i < 3);
         assert_eq!(edit.counts(), Counts { selected: 3, hidden: 0, deleted: 0 });
-        let added = edit.selecting(How::Add, |i| i == 4);
+        let added = edit.selecting(SelectionMode::Add, |i| i == 4);
         assert_eq!((0..6).map(|i| added.is_selected(i)).collect::<Vec<_>>(), [true, true, true, false, true, false]);
-        let fewer = added.selecting(How::Subtract, |i| i < 2);
+        let fewer = added.selecting(SelectionMode::Subtract, |i| i < 2);
         assert_eq!(fewer.counts().selected, 2);
         assert_eq!(fewer.changed(Change::Invert).counts().selected, 4);
-        // What is not drawn is not selected.
+        // Gaussians that are not drawn are not selected.
         let hidden = fewer.changed(Change::Hide);
         assert_eq!(hidden.counts(), Counts { selected: 0, hidden: 2, deleted: 0 });
         assert_eq!(hidden.drawn(), [0, 1, 3, 5]);
         assert_eq!(hidden.kept().len(), 6);
         let all = hidden.changed(Change::SelectAll).changed(Change::Delete);
-        assert_eq!((all.drawn().len(), all.kept()), (0, vec![2, 4]), "what is hidden is kept");
+        assert_eq!((all.drawn().len(), all.kept()), (0, vec![2, 4]), "hidden Gaussians are kept");
         assert_eq!(all.changed(Change::ShowHidden).drawn(), [2, 4]);
         let cropped = fewer.changed(Change::Crop);
         assert_eq!((cropped.drawn(), cropped.counts().selected), (vec![2, 4], 2));
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn outlines_hold_what_is_inside() {
+    fn outlines_contain_points_inside() {
         let at = DVec2::new;
         let rectangle = Outline::Rectangle(at(10.0, 2.0), at(4.0, 8.0));
         assert!(rectangle.contains(at(5.0, 5.0)) && !rectangle.contains(at(3.0, 5.0)));

@@ -1,4 +1,4 @@
-//! How near a scene comes to the photographs of its cameras, camera by camera.
+//! Evaluation of a scene: PSNR and SSIM of every camera's picture against its photograph.
 
 use std::path::PathBuf;
 
@@ -12,31 +12,31 @@ use crate::pixels::Pixels;
 use crate::rules::Background;
 use crate::viewer::frame::{Plan, Reusable};
 
-/// The picture of a camera against its photograph.
+/// The difference of a camera's picture from its photograph.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Row {
+pub struct EvaluationRow {
     /// Index of the camera.
     pub camera: usize,
     pub name: String,
-    /// In dB; `None` if they are equal.
+    /// In dB; `None` if the two are equal.
     pub psnr_db: Option<f64>,
     /// `None` if the photograph is smaller than a window of SSIM.
     pub ssim: Option<f64>,
 }
 
-/// What was measured, of which picture.
+/// The measured cameras, and the plan and background of their pictures.
 pub struct Evaluation {
-    pub rows: Vec<Row>,
+    pub rows: Vec<EvaluationRow>,
     pub plan: Plan,
     pub background: Background,
 }
 
-/// Largest part by which the shape of a photograph differs from that of its camera's picture if it is that picture at
-/// another resolution: sides are rounded to whole pixels.
+/// Largest relative difference in aspect ratio between a photograph and its camera that counts as rounding of the sides
+/// to whole pixels.
 const SHAPE: f64 = 0.01;
 
-/// The camera that takes a photograph of this size: of other pixels or, if it has another shape, cut at its upper and
-/// lower side as the window shows it.
+/// The camera for a photograph of this size: sampled at another resolution or, if the aspect ratio differs, cropped at
+/// top and bottom as in the window.
 fn taking(camera: &Camera, size: [u32; 2]) -> Camera {
     let shape = |[width, height]: [u32; 2]| f64::from(width) / f64::from(height);
     match (shape(size) / shape(camera.size_px) - 1.0).abs() <= SHAPE {
@@ -46,15 +46,15 @@ fn taking(camera: &Camera, size: [u32; 2]) -> Camera {
 }
 
 /// A camera, its index, and its photograph.
-pub type Pose = (usize, NamedCamera, PathBuf);
+pub type PosedPhotograph = (usize, NamedCamera, PathBuf);
 
 impl Evaluation {
-    /// Draws every camera in the size of its photograph, and compares the two. `progress` gets the fraction that is
-    /// done, and its error ends the work.
+    /// Draws every camera at the size of its photograph, and compares the two. `progress` receives the fraction done; its
+    /// error ends the work.
     pub fn new(
         device: &Device,
         (plan, reusable): (Plan, Option<Reusable>),
-        poses: &[Pose],
+        poses: &[PosedPhotograph],
         background: Background,
         progress: &dyn Fn(f64) -> Result<()>,
     ) -> Result<Self> {
@@ -67,29 +67,34 @@ impl Evaluation {
             let photograph = over(&photograph, background);
             drawn.renderer.render(&taking(camera, photograph.size), background)?;
             let mut picture = drawn.renderer.pixels()?;
-            // A photograph has no colours over white, and nothing shows them.
+            // A photograph has no colours beyond 0 and 1.
             picture.rgba.iter_mut().for_each(|pixel| *pixel = pixel.map(|value| value.clamp(0.0, 1.0)));
             let db = psnr(&picture, &photograph);
             let ssim = ssim(&picture, &photograph);
-            rows.push(Row { camera: *index, name: name.clone(), psnr_db: db.is_finite().then_some(db), ssim });
+            rows.push(EvaluationRow {
+                camera: *index,
+                name: name.clone(),
+                psnr_db: db.is_finite().then_some(db),
+                ssim,
+            });
         }
         Ok(Self { rows, plan, background })
     }
 
-    /// The means over all cameras; of PSNR, over those whose pictures are not equal.
+    /// Means of PSNR and SSIM over the cameras that have a value.
     pub fn means(&self) -> [Option<f64>; 2] {
         let mean = |values: Vec<f64>| {
             let count = values.len();
             (count > 0).then(|| values.iter().sum::<f64>() / count as f64)
         };
-        let all = [|row: &Row| row.psnr_db, |row: &Row| row.ssim];
+        let all = [|row: &EvaluationRow| row.psnr_db, |row: &EvaluationRow| row.ssim];
         all.map(|value| mean(self.rows.iter().filter_map(value).collect()))
     }
 
     /// A table: camera, PSNR in dB, SSIM.
     pub fn to_csv(&self) -> String {
         let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
-        let line = |row: &Row| {
+        let line = |row: &EvaluationRow| {
             let name = row.name.replace('"', "\"\"");
             format!("\"{name}\",{},{}\n", number(row.psnr_db), number(row.ssim))
         };

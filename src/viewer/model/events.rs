@@ -13,9 +13,9 @@ pub enum Event {
         device: String,
         size: [u32; 2],
     },
-    /// The first frame with a scene was shown, `ms` after the start. If it showed only the part that was read, the
-    /// first that shows all of it is reported, too. Of a scene that is read page by page, only the first is, and it is
-    /// whole if it lacked no page.
+    /// The first frame with a scene was shown, `ms` after the start. If the scene was read only in part, the first frame
+    /// of the whole scene is reported, too. For a paged scene only the first frame is reported, and it is whole if it
+    /// missed no page.
     FirstFrame {
         ms: f64,
         is_whole: bool,
@@ -37,7 +37,7 @@ pub enum Event {
     Resized {
         size: [u32; 2],
     },
-    /// The window lost its pixels (for example, minimized) or got them back.
+    /// The window has no pixels any more (for example, it is minimized), or has pixels again.
     Hidden {
         is_hidden: bool,
     },
@@ -45,19 +45,19 @@ pub enum Event {
         is_error: bool,
         text: String,
     },
-    /// In motion, pictures have this fraction of their scale from now on, so that frames keep a rate.
+    /// The scale of pictures in motion changed to this factor, so that frames keep a rate.
     Scale {
         scale: f32,
     },
-    /// A picture of a scene that is read page by page begins to wait for pages, or shows all that comes for it.
+    /// The picture of a paged scene began to wait for pages, or all pages for it are loaded.
     Residency {
-        /// Nothing more comes for this picture.
+        /// No page is loading for this picture.
         is_settled: bool,
-        /// Pages that it draws coarser than was asked for.
+        /// Pages drawn coarser than requested.
         missing: u32,
-        /// Pages that are being read.
+        /// Pages that are loading.
         coming: usize,
-        /// Pages in memory, and pages that fit.
+        /// Resident pages, and the capacity of the cache in pages.
         there: usize,
         fitting: usize,
     },
@@ -69,7 +69,7 @@ pub enum Event {
     Copied {
         view: serde_json::Value,
     },
-    /// A command line that draws what is shown was copied.
+    /// A command line that draws the picture was copied.
     CopiedCommand {
         command: String,
     },
@@ -105,7 +105,7 @@ impl Events {
     pub fn emit(&self, event: &Event) {
         if self.are_enabled {
             let mut out = std::io::stdout().lock();
-            // The reader of the pipe may have left.
+            // The reader may have closed the pipe.
             let _ = serde_json::to_writer(&mut out, event).map_err(std::io::Error::from);
             let _ = out.write_all(b"\n").and_then(|()| out.flush());
         }

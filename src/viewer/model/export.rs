@@ -10,26 +10,26 @@ pub struct Export {
     /// Width and height in pixels; `None` for those of the picture in the window.
     pub size: Option<[u32; 2]>,
     pub picture: String,
-    /// An .exr of the picture has its coverage and its depth, too.
+    /// An .exr of the picture also contains coverage and depth.
     pub has_layers: bool,
     /// The folder for the frames of a path, or the file of its video.
     pub film: String,
     /// The fraction written, 0 to 1; `None` while nothing is written.
     pub progress: Option<f64>,
-    /// Stops what is being written.
+    /// Cancels the job that writes.
     pub cancel: Cancel,
-    /// The files that are being written.
-    pub given: BTreeSet<PathBuf>,
+    /// Files assigned to pictures, which may not exist yet.
+    pub assigned: BTreeSet<PathBuf>,
 }
 
 impl Export {
-    /// A file for the next picture, in the working folder if it names no other: the name that is set or, where there is
-    /// a file already, that name with the next number that is free.
+    /// A file for the next picture: the name that is set, relative to the working folder, or that name with the next
+    /// free number if the file exists.
     pub fn next_picture(&mut self) -> PathBuf {
         self.next(&PathBuf::from(&self.picture))
     }
 
-    /// A file or folder for the next film, as [`next_picture`](Self::next_picture).
+    /// A file or an empty folder for the next film, named like [`next_picture`](Self::next_picture).
     pub fn next_film(&mut self) -> PathBuf {
         self.next(&PathBuf::from(&self.film))
     }
@@ -43,10 +43,10 @@ impl Export {
         };
         let is_empty = |folder: &Path| folder.read_dir().is_ok_and(|mut all| all.next().is_none());
         let is_free =
-            |file: &PathBuf| !self.given.contains(file) && (file.symlink_metadata().is_err() || is_empty(file));
+            |file: &PathBuf| !self.assigned.contains(file) && (file.symlink_metadata().is_err() || is_empty(file));
         let mut names = std::iter::once(wanted.clone()).chain((2..).map(numbered));
         let file = names.find(is_free).unwrap_or(wanted.clone());
-        self.given.insert(file.clone());
+        self.assigned.insert(file.clone());
         file
     }
 }
@@ -60,7 +60,7 @@ impl Default for Export {
             film: "film".to_owned(),
             progress: None,
             cancel: Cancel::default(),
-            given: BTreeSet::new(),
+            assigned: BTreeSet::new(),
         }
     }
 }
@@ -76,16 +76,16 @@ mod tests {
         let mut export = Export { picture, ..Export::default() };
         let mut next = || export.next_picture().file_name().unwrap().to_string_lossy().into_owned();
         std::fs::write(folder.path().join("a.b-2.png"), "").unwrap();
-        // The first is not written yet when the second is asked for.
+        // The first picture is not written yet when the second file is assigned.
         assert_eq!([next(), next(), next()], ["a.b.png", "a.b-3.png", "a.b-4.png"]);
         let file = Export::default().next_picture();
         assert!(file.is_absolute() && file.ends_with("view.png"), "{}", file.display());
-        // A folder that is empty is taken.
+        // An empty folder is taken.
         let film = folder.path().join("film");
         std::fs::create_dir(&film).unwrap();
         let mut export = Export { film: film.display().to_string(), ..Export::default() };
         assert_eq!(export.next_film(), film);
         std::fs::write(film.join("00000.png"), "").unwrap();
-        assert_eq!(Export { given: BTreeSet::new(), ..export }.next_film(), folder.path().join("film-2"));
+        assert_eq!(Export { assigned: BTreeSet::new(), ..export }.next_film(), folder.path().join("film-2"));
     }
 }

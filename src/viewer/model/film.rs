@@ -1,14 +1,14 @@
-//! The path of a film: keyframes, and the time that is shown.
+//! The camera path of a film: keys, and the current time.
 
 use crate::camera::Timeline;
 
 /// A path that is recorded, edited and played.
 pub struct Film {
     pub timeline: Timeline,
-    /// The time that is shown, in seconds.
+    /// The current time in seconds.
     pub now: f64,
     pub is_playing: bool,
-    /// It begins again at its end.
+    /// Playing begins again at the end.
     pub repeats: bool,
     /// Seconds between the last key and a key that is added.
     pub step: f64,
@@ -44,7 +44,7 @@ impl Film {
         }
     }
 
-    /// The time `seconds` later, and whether the path goes on there.
+    /// The time after `seconds` of playing, and true if playing continues.
     pub fn after(&self, seconds: f64) -> (f64, bool) {
         let (now, end) = (self.now + seconds, self.end());
         match now < end {

@@ -1,4 +1,4 @@
-//! The handles with which a scene is placed: where they are seen, and what dragging them does.
+//! The gizmo: handles that place a scene, their positions in the picture, and the effect of dragging them.
 
 use std::f64::consts::TAU;
 
@@ -6,23 +6,23 @@ use glam::{DQuat, DVec2, DVec3, EulerRot};
 
 use super::drag::Handle;
 use super::edit::from_segment;
-use super::layers::Place;
+use super::layers::Placement;
 use crate::camera::Camera;
 
-/// Length of an arrow, as a share of the shorter side of the picture.
+/// Length of an arrow, as a fraction of the shorter side of the picture.
 const LENGTH: f64 = 0.16;
-/// Radius of a ring, as a share of the length of an arrow.
+/// Radius of a ring, as a fraction of the length of an arrow.
 const RING: f64 = 0.75;
 /// Corners of a ring.
 const CORNERS: usize = 48;
-/// Distance in pixels within which a handle is taken, for a picture of one pixel a point.
+/// Distance within which a handle is grabbed, in points.
 const GRIP: f64 = 7.0;
-/// Sine of the least angle between a ray and the plane of a ring that is turned by it.
+/// Sine of the least angle between a ray and the plane of a ring, for a drag of the ring.
 const EDGE: f64 = 0.02;
 /// Pixels of a drag by which the scale grows by a factor of e.
 const SCALE_PX: f64 = 200.0;
 
-/// Handles around a point of the world.
+/// Handles around a point in world space.
 pub struct Gizmo {
     view: Camera,
     pub centre: DVec3,
@@ -31,7 +31,7 @@ pub struct Gizmo {
 }
 
 impl Gizmo {
-    /// `None` if the point is not before the camera.
+    /// The handles around a point; `None` if the point is not in front of the camera.
     pub fn new(view: &Camera, centre: DVec3) -> Option<Self> {
         let depth = view.view(centre).z;
         let side = f64::from(view.size_px[0].min(view.size_px[1]));
@@ -44,7 +44,7 @@ impl Gizmo {
         self.centre + DVec3::AXES[axis] * self.length
     }
 
-    /// The corners of a ring around an axis; the last is the first.
+    /// The corners of a ring around an axis, closed: the last equals the first.
     pub fn ring(&self, axis: usize) -> Vec<DVec3> {
         let [a, b] = [DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]];
         let corner = |i: usize| {
@@ -54,14 +54,14 @@ impl Gizmo {
         (0..=CORNERS).map(corner).collect()
     }
 
-    /// The handle at a place of the picture, in pixels; `points` are the pixels of a point.
+    /// The handle at a position in the picture, in pixels; `points` is the number of pixels per point.
     pub fn at(&self, place: DVec2, points: f64) -> Option<Handle> {
         let grip = GRIP * points;
-        if self.seen(self.centre)?.distance(place) <= grip {
+        if self.projected(self.centre)?.distance(place) <= grip {
             return Some(Handle::Scale);
         }
         let apart = |ends: &[DVec3]| {
-            let places: Vec<DVec2> = ends.iter().filter_map(|end| self.seen(*end)).collect();
+            let places: Vec<DVec2> = ends.iter().filter_map(|end| self.projected(*end)).collect();
             places.windows(2).map(|ends| from_segment(place, [ends[0], ends[1]])).fold(f64::INFINITY, f64::min)
         };
         let moves = (0..3).map(|axis| (Handle::Move(axis), apart(&[self.centre, self.end(axis)])));
@@ -70,16 +70,16 @@ impl Gizmo {
         (nearest.1 <= grip).then_some(nearest.0)
     }
 
-    /// The placement after a handle was dragged from one place of the picture to another, in pixels. `None` if these
-    /// places say nothing of it.
-    pub fn dragged(&self, place: Place, handle: Handle, from: DVec2, to: DVec2) -> Option<Place> {
+    /// The placement after a handle was dragged from one position in the picture to another, in pixels. `None` if the
+    /// positions do not determine it.
+    pub fn dragged(&self, place: Placement, handle: Handle, from: DVec2, to: DVec2) -> Option<Placement> {
         match handle {
             Handle::Move(axis) => {
-                let arrow = self.seen(self.end(axis))? - self.seen(self.centre)?;
-                // An arrow that points at the viewer cannot be dragged.
+                let arrow = self.projected(self.end(axis))? - self.projected(self.centre)?;
+                // An arrow that points at the camera cannot be dragged.
                 let along = (to - from).dot(arrow) / arrow.length_squared().max(1.0);
                 let translation = (DVec3::from(place.translation) + DVec3::AXES[axis] * along * self.length).to_array();
-                Some(Place { translation, ..place })
+                Some(Placement { translation, ..place })
             }
             Handle::Turn(axis) => {
                 let [a, b] = [self.on_plane(axis, from)?, self.on_plane(axis, to)?];
@@ -89,13 +89,13 @@ impl Gizmo {
             Handle::Scale => {
                 let factor = ((to - from).dot(DVec2::new(1.0, -1.0)) / SCALE_PX).exp();
                 let offset = (DVec3::from(place.translation) - self.centre) * factor;
-                Some(Place { scale: place.scale * factor, translation: (self.centre + offset).to_array(), ..place })
+                Some(Placement { scale: place.scale * factor, translation: (self.centre + offset).to_array(), ..place })
             }
         }
     }
 
-    /// The point of the plane of a ring that is seen at a place of the picture, from the centre on. `None` if the plane
-    /// is seen from its edge, or not there.
+    /// The point on the plane of a ring at a position in the picture, relative to the centre. `None` if the plane is seen
+    /// edge-on, or lies behind the camera.
     fn on_plane(&self, axis: usize, place: DVec2) -> Option<DVec3> {
         let (axis, eye) = (DVec3::AXES[axis], self.view.position);
         let ray = (self.view.unprojected(place, 1.0) - eye).normalize();
@@ -104,18 +104,18 @@ impl Gizmo {
         (steep.abs() > EDGE && along > 0.0).then(|| eye + ray * along - self.centre)
     }
 
-    /// Where a point is seen, in pixels.
-    fn seen(&self, point: DVec3) -> Option<DVec2> {
+    /// The position of a point in the picture, in pixels.
+    fn projected(&self, point: DVec3) -> Option<DVec2> {
         self.view.projected(point).map(|(place, _)| place)
     }
 }
 
 /// The placement turned about the point `centre` by a rotation of the world.
-pub fn turned(place: Place, centre: DVec3, turn: DQuat) -> Place {
+pub fn turned(place: Placement, centre: DVec3, turn: DQuat) -> Placement {
     let [y, x, z] = [1, 0, 2].map(|i| place.rotation[i].to_radians());
     let (y, x, z) = (turn * DQuat::from_euler(EulerRot::YXZ, y, x, z)).to_euler(EulerRot::YXZ);
     let offset = DVec3::from(place.translation) - centre;
-    Place { rotation: [x, y, z].map(f64::to_degrees), translation: (centre + turn * offset).to_array(), ..place }
+    Placement { rotation: [x, y, z].map(f64::to_degrees), translation: (centre + turn * offset).to_array(), ..place }
 }
 
 #[cfg(test)]
@@ -131,13 +131,13 @@ mod tests {
     /// A point of the scene follows the pointer.
     fn follows(handle: Handle, point: DVec3, by: DVec2) {
         let gizmo = gizmo();
-        let place = Place { translation: [0.1, 0.2, 0.3], rotation: [10.0, 20.0, 30.0], scale: 1.5 };
+        let place = Placement { translation: [0.1, 0.2, 0.3], rotation: [10.0, 20.0, 30.0], scale: 1.5 };
         let before = place.transform().unwrap();
         let local = before.inverse().unwrap().point(point);
-        let from = gizmo.seen(point).unwrap();
+        let from = gizmo.projected(point).unwrap();
         assert_eq!(gizmo.at(from, 1.0), Some(handle));
         let after = gizmo.dragged(place, handle, from, from + by).unwrap();
-        let moved = gizmo.seen(after.transform().unwrap().point(local)).unwrap();
+        let moved = gizmo.projected(after.transform().unwrap().point(local)).unwrap();
         let due = from + by;
         assert!(moved.distance(due) < 0.15 * by.length(), "{handle:?}: {moved} instead of {due}");
     }
@@ -145,24 +145,24 @@ mod tests {
     #[test]
     fn what_is_dragged_follows_the_pointer() {
         let gizmo = gizmo();
-        let centre = gizmo.seen(gizmo.centre).unwrap();
+        let centre = gizmo.projected(gizmo.centre).unwrap();
         for axis in 0..3 {
-            let arrow = gizmo.seen(gizmo.end(axis)).unwrap() - centre;
+            let arrow = gizmo.projected(gizmo.end(axis)).unwrap() - centre;
             follows(Handle::Move(axis), gizmo.end(axis), arrow.normalize() * 5.0);
             // Along the ring, by the next of its corners.
             let ring = gizmo.ring(axis);
-            let step = gizmo.seen(ring[6]).unwrap() - gizmo.seen(ring[5]).unwrap();
+            let step = gizmo.projected(ring[6]).unwrap() - gizmo.projected(ring[5]).unwrap();
             follows(Handle::Turn(axis), ring[5], step);
         }
         assert_eq!(gizmo.at(centre, 1.0), Some(Handle::Scale));
-        // A ring that is seen from its edge says nothing of an angle.
+        // A ring seen edge-on determines no angle.
         let level = Camera::looking_at(gizmo.centre - DVec3::Z * 5.0, gizmo.centre, [400, 300], 1.0);
         let edge = Gizmo::new(&level, gizmo.centre).unwrap();
-        let middle = edge.seen(edge.centre).unwrap();
+        let middle = edge.projected(edge.centre).unwrap();
         let [from, to] = [20.0, 30.0].map(|x| middle + DVec2::new(x, 0.0));
-        assert_eq!(edge.dragged(Place::default(), Handle::Turn(1), from, to), None);
+        assert_eq!(edge.dragged(Placement::default(), Handle::Turn(1), from, to), None);
         assert_eq!(gizmo.at(centre + 190.0, 1.0), None);
-        let place = Place { translation: gizmo.centre.to_array(), ..Place::default() };
+        let place = Placement { translation: gizmo.centre.to_array(), ..Placement::default() };
         let larger = gizmo.dragged(place, Handle::Scale, centre, centre + DVec2::new(SCALE_PX, 0.0)).unwrap();
         assert!((larger.scale - 1f64.exp()).abs() < 1e-9 && larger.translation == place.translation);
         assert!(Gizmo::new(&gizmo.view, gizmo.view.position - gizmo.view.forward()).is_none());

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use egui::{Key, KeyboardShortcut, Modifiers};
 use serde::Deserialize;
 
-/// An action that has a key. Those from `Forward` to `Slow` act while the key is held.
+/// An action that has a key. Actions from `Forward` to `Slow` last while the key is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Action {
@@ -55,7 +55,7 @@ pub enum Action {
     Quit,
 }
 
-/// Every action: its name in the file, its default key and what it does.
+/// Every action: its name in the file, its default key, and its help text.
 pub const ACTIONS: [(Action, &str, &str, &str); 42] = [
     (Action::Forward, "forward", "W", "fly ahead"),
     (Action::Back, "back", "S", "fly back"),
@@ -101,11 +101,11 @@ pub const ACTIONS: [(Action, &str, &str, &str); 42] = [
     (Action::Quit, "quit", "Ctrl+Q", "quit"),
 ];
 
-/// A key with its modifiers, or modifiers alone that are held together with other keys.
+/// A key with its modifiers, or modifiers alone, which are held together with other keys.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Chord {
     Key(KeyboardShortcut),
-    Held(Modifiers),
+    LoadedScene(Modifiers),
 }
 
 /// The key of every action.
@@ -129,12 +129,12 @@ impl Default for Bindings {
 }
 
 impl Bindings {
-    /// The place of the file if the user names none; `None` without a folder for settings.
+    /// Path of the file that is read by default; `None` without a folder for settings.
     pub fn default_file() -> Option<PathBuf> {
         Some(dirs::config_dir()?.join("smalto").join("viewer.toml"))
     }
 
-    /// The default keys, changed by those that the file names.
+    /// The default keys, with the changes of the file.
     ///
     /// # Errors
     /// The file cannot be read, a key or an action is unknown, or two actions have the same key.
@@ -161,7 +161,7 @@ impl Bindings {
         self.chords[&action]
     }
 
-    /// The key of an action, as the help shows it.
+    /// The text of an action's key, for the help.
     pub fn text(&self, action: Action) -> String {
         match self.chord(action) {
             Chord::Key(shortcut) => {
@@ -169,7 +169,7 @@ impl Bindings {
                 parts.push(shortcut.logical_key.symbol_or_name());
                 parts.join("+")
             }
-            Chord::Held(modifiers) => held(modifiers).join("+"),
+            Chord::LoadedScene(modifiers) => held(modifiers).join("+"),
         }
     }
 }
@@ -200,7 +200,7 @@ fn parse(text: &str) -> Result<Chord> {
     }
     Ok(match key {
         Some(key) => Chord::Key(KeyboardShortcut::new(modifiers, key)),
-        None => Chord::Held(modifiers),
+        None => Chord::LoadedScene(modifiers),
     })
 }
 

@@ -7,19 +7,19 @@ use anyhow::{Context, Result};
 use glam::{DQuat, DVec3, EulerRot};
 
 use super::edit::Edit;
-use super::edit_result::Edited;
-use super::loaded_scene::{Held, Opened};
+use super::edit_result::EditResult;
+use super::loaded_scene::{LoadedScene, OpenedScene};
 use crate::formats;
 use crate::formats::Reading;
 use crate::pagefile;
 use crate::pagefile::PageFile;
 use crate::procedural::Procedural;
 use crate::scene::{Focus, Gaussians, Scene, Transform, Watch, remarks};
-use crate::viewer::jobs::{Cancel, JobEvent, Jobs, Stamp, file_watch};
+use crate::viewer::jobs::{Cancel, FileStamp, JobEvent, Jobs, file_watch};
 
 /// The source of a scene.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Source {
+pub enum LayerSource {
     File(PathBuf),
     Procedural(Procedural),
 }
@@ -27,38 +27,39 @@ pub enum Source {
 /// A scene that is open or being read.
 pub struct Layer {
     pub number: u64,
-    pub source: Source,
+    pub source: LayerSource,
     pub name: String,
-    pub held: Option<Held>,
+    /// The Gaussians that were read, perhaps only a part of them; `None` before the first part.
+    pub scene: Option<LoadedScene>,
     pub is_antialiased: bool,
-    /// A text about what was read and what was dropped.
+    /// A text about the file and about Gaussians that were dropped.
     pub summary: String,
-    pub place: Place,
-    /// What is done to its Gaussians; `None` if nothing is.
+    pub placement: Placement,
+    /// Selection, hidden and deleted Gaussians; `None` if no Gaussian has a flag.
     pub edit: Option<Arc<Edit>>,
-    /// What a project did to it, until it is read.
-    pub saved_edit: Vec<(usize, u8)>,
-    /// Where most of it lies, in its own axes, once it is read.
+    /// Edit of a project, as runs, to apply once the scene has been read.
+    pub project_edit: Vec<(usize, u8)>,
+    /// Bounds of the main content in the scene's own axes, once it is loaded.
     pub focus: Option<Focus>,
-    /// The Gaussians that an edit leaves.
-    pub edited: Option<Edited>,
+    /// The result of the last edit that a job has computed.
+    pub edit_result: Option<EditResult>,
     /// By side: the picture includes this scene.
     pub is_shown: [bool; 2],
     /// The fraction read, 0 to 1; `None` once all is read.
     pub progress: Option<f64>,
-    /// All of it was read at least once.
-    pub is_read: bool,
-    /// Its file changed, and is to be read again when nothing is edited.
+    /// The whole scene was read at least once.
+    pub is_loaded: bool,
+    /// The file has changed; it is read again once the scene has no edit.
     pub has_changed: bool,
     reading: Reading,
-    /// Of the file, when it was read last.
-    seen: Stamp,
+    /// Stamp of the file when it was read last.
+    stamp: FileStamp,
     cancel: Cancel,
 }
 
 /// The placement of a scene, as the panel edits it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct Placement {
     /// World units.
     pub translation: [f64; 3],
     /// Degrees around y, then x, then z.
@@ -66,13 +67,13 @@ pub struct Place {
     pub scale: f64,
 }
 
-impl Default for Place {
+impl Default for Placement {
     fn default() -> Self {
         Self { translation: [0.0; 3], rotation: [0.0; 3], scale: 1.0 }
     }
 }
 
-impl Place {
+impl Placement {
     /// The transform of this placement: exactly the identity for the default numbers.
     ///
     /// # Errors
@@ -84,7 +85,7 @@ impl Place {
     }
 }
 
-impl Source {
+impl LayerSource {
     /// The procedural scene, the file, or the scene file in the model folder that `path` names.
     pub fn of(path: &Path) -> Result<Self> {
         match path.to_str().and_then(Procedural::parse) {
@@ -102,38 +103,38 @@ impl Source {
 }
 
 impl Layer {
-    /// Starts to read a scene, on another thread.
-    pub fn open(number: u64, source: Source, reading: Reading, jobs: &Jobs) -> Self {
+    /// A layer whose scene a job starts to read.
+    pub fn open(number: u64, source: LayerSource, reading: Reading, jobs: &Jobs) -> Self {
         let mut layer = Self {
             number,
             name: source.name(),
             source,
-            held: None,
+            scene: None,
             is_antialiased: false,
             summary: String::new(),
-            place: Place::default(),
+            placement: Placement::default(),
             edit: None,
-            saved_edit: Vec::new(),
+            project_edit: Vec::new(),
             focus: None,
-            edited: None,
+            edit_result: None,
             is_shown: [true; 2],
             progress: None,
-            is_read: false,
+            is_loaded: false,
             has_changed: false,
             reading,
-            seen: None,
+            stamp: None,
             cancel: Cancel::default(),
         };
         layer.read(jobs);
         layer
     }
 
-    /// Starts to read the scene, on another thread. What was read before stays until all is there.
+    /// Starts a job that reads the scene. The scene that was read before stays until the job has finished.
     pub fn read(&mut self, jobs: &Jobs) {
-        let (number, reading, shows_parts) = (self.number, self.reading, !self.is_read);
+        let (number, reading, shows_parts) = (self.number, self.reading, !self.is_loaded);
         let (source, cancel) = (self.source.clone(), self.cancel.clone());
-        if let Source::File(path) = &source {
-            self.seen = file_watch::stamp(path);
+        if let LayerSource::File(path) = &source {
+            self.stamp = file_watch::stamp(path);
         }
         self.progress = Some(0.0);
         jobs.start(
@@ -146,98 +147,97 @@ impl Layer {
         );
     }
 
-    /// Waits, on another thread, until the file changes.
-    pub fn follow(&self, jobs: &Jobs) {
-        let Source::File(path) = self.source.clone() else { return };
-        let (number, seen, cancel) = (self.number, self.seen, self.cancel.clone());
+    /// Starts a job that waits until the file changes.
+    pub fn watch_file(&self, jobs: &Jobs) {
+        let LayerSource::File(path) = self.source.clone() else { return };
+        let (number, stamp, cancel) = (self.number, self.stamp, self.cancel.clone());
         jobs.start(
-            move |_| file_watch::wait_for_change(&path, seen, &cancel),
+            move |_| file_watch::wait_for_change(&path, stamp, &cancel),
             move |changed| JobEvent::Changed(number, changed),
         );
     }
 
-    /// Takes in the scene that was opened, and returns its Gaussians, and what a user should know of them.
-    pub fn fill(&mut self, opened: Opened) -> (Held, Vec<String>) {
-        let (format, count, degree, report, notices, is_antialiased, held) = match opened {
-            Opened::Whole(scene) => {
+    /// Stores the scene that was opened. Returns its Gaussians, and remarks for the user.
+    pub fn set_opened(&mut self, opened: OpenedScene) -> (LoadedScene, Vec<String>) {
+        let (format, count, degree, report, notices, is_antialiased, scene) = match opened {
+            OpenedScene::Whole(scene) => {
                 let Scene { gaussians, report, format, is_antialiased, notices, .. } = *scene;
                 let (count, degree) = (gaussians.len(), gaussians.sh_degree());
-                (format, count, degree, report, notices, is_antialiased, Held::Whole(Arc::new(gaussians)))
+                (format, count, degree, report, notices, is_antialiased, LoadedScene::Whole(Arc::new(gaussians)))
             }
-            Opened::Pages(file) => {
+            OpenedScene::Paged(file) => {
                 let header = file.header();
                 let (format, report, is_antialiased) = (header.format_of_pages(), header.report, header.is_antialiased);
                 let (count, degree) = (header.statistics.count, header.statistics.sh_degree);
-                (format, count, degree, report, Vec::new(), is_antialiased, Held::Pages(file.clone()))
+                (format, count, degree, report, Vec::new(), is_antialiased, LoadedScene::Paged(file.clone()))
             }
         };
         self.summary = format!("{format}, {count} Gaussians, SH degree {degree}; {report}");
         notices.iter().for_each(|notice| self.summary += &format!("; {notice}"));
-        if matches!(held, Held::Pages(_)) {
+        if matches!(scene, LoadedScene::Paged(_)) {
             self.summary += "; levels of detail, read page by page";
         }
         self.is_antialiased = is_antialiased;
-        (self.progress, self.is_read) = (None, true);
-        self.focus = Some(held.focus());
-        (self.held.insert(held).clone(), remarks(&self.name, &report, &notices))
+        (self.progress, self.is_loaded) = (None, true);
+        self.focus = Some(scene.focus());
+        (self.scene.insert(scene).clone(), remarks(&self.name, &report, &notices))
     }
 
-    /// Where most of it lies in the world; `None` before all is read, or where its placement is no transform.
+    /// Bounds of the main content in the world; `None` before the scene is loaded, or if its placement is no transform.
     pub fn placed_focus(&self) -> Option<Focus> {
-        let (focus, place) = (self.focus?, self.place.transform().ok()?);
-        let centre = place.point(DVec3::from(focus.centre)).to_array();
-        Some(Focus { centre, radius: focus.radius * place.scale() })
+        let (focus, transform) = (self.focus?, self.placement.transform().ok()?);
+        let centre = transform.point(DVec3::from(focus.centre)).to_array();
+        Some(Focus { centre, radius: focus.radius * transform.scale() })
     }
 
-    /// True if the Gaussians that an edit leaves are not there yet.
-    pub fn is_being_edited(&self) -> bool {
-        match (&self.edit, &self.edited) {
+    /// True while a job computes the result of the edit.
+    pub fn has_running_edit(&self) -> bool {
+        match (&self.edit, &self.edit_result) {
             (None, None) => false,
-            (Some(edit), Some(edited)) => !Arc::ptr_eq(edit, &edited.of),
+            (Some(edit), Some(result)) => !Arc::ptr_eq(edit, &result.edit),
             _ => true,
         }
     }
 
     /// The Gaussians and the transform that the picture of this side draws; `None` if it does not show the scene. With
-    /// `is_tinted`, what is selected has another colour.
+    /// `is_tinted`, selected Gaussians are tinted.
     ///
     /// # Errors
     /// The placement is not a valid transform.
-    pub fn part(&self, side: usize, is_tinted: bool) -> Result<Option<(Held, Transform)>> {
-        let held = match &self.edited {
-            Some(Edited { tinted: Some(tinted), .. }) if is_tinted => Some(tinted),
-            Some(edited) => Some(&edited.kept),
-            None => self.held.as_ref(),
+    pub fn drawn_scene(&self, side: usize, is_tinted: bool) -> Result<Option<(LoadedScene, Transform)>> {
+        let scene = match &self.edit_result {
+            Some(EditResult { tinted: Some(tinted), .. }) if is_tinted => Some(tinted),
+            Some(result) => Some(&result.scene),
+            None => self.scene.as_ref(),
         };
-        let Some(held) = held.filter(|held| self.is_shown[side] && held.count() > 0) else { return Ok(None) };
-        let transform = self.place.transform().with_context(|| format!("{} cannot be placed there", self.name))?;
-        Ok(Some((held.clone(), transform)))
+        let Some(scene) = scene.filter(|scene| self.is_shown[side] && scene.count() > 0) else { return Ok(None) };
+        let transform = self.placement.transform().with_context(|| format!("{} cannot be placed there", self.name))?;
+        Ok(Some((scene.clone(), transform)))
     }
 }
 
-/// Reads the scene of a layer, or opens it if its pages are read later.
-/// `show` receives what is read so far.
+/// Reads the scene of a layer, or opens its page file. `show` receives the Gaussians read so far.
 fn read(
-    source: Source,
+    source: LayerSource,
     reading: Reading,
     progress: &dyn Fn(f64),
     show: Option<&dyn Fn(Arc<Gaussians>)>,
     cancel: &Cancel,
-) -> Result<Opened> {
+) -> Result<OpenedScene> {
     let path = match source {
-        Source::Procedural(procedural) => return reading.make(procedural).map(Box::new).map(Opened::Whole),
-        Source::File(path) => path,
+        LayerSource::Procedural(procedural) => return reading.make(procedural).map(Box::new).map(OpenedScene::Whole),
+        LayerSource::File(path) => path,
     };
     if reading == Reading::default()
-        && let Some(file) = with_levels(&path)
+        && let Some(file) = lod_file(&path)
     {
-        return Ok(Opened::Pages(Arc::new(file)));
+        return Ok(OpenedScene::Paged(Arc::new(file)));
     }
     let watch = Watch {
         progress,
         partial: &|so_far| {
             let Some(show) = show else { return };
-            // A failure to place the scene is reported when all is read.
+            // A failure to place the scene is reported once the whole scene is read.
             let part = so_far.so_far().map_err(anyhow::Error::from);
             if let Ok(placed) = part.and_then(|part| reading.placed(part)) {
                 show(Arc::new(placed));
@@ -245,11 +245,11 @@ fn read(
         },
         is_cancelled: &|| cancel.is_cancelled(),
     };
-    pagefile::read(&reading, &path, &watch).map(Box::new).map(Opened::Whole)
+    pagefile::read(&reading, &path, &watch).map(Box::new).map(OpenedScene::Whole)
 }
 
-/// The page file, if it has levels of detail. What is wrong with a file is reported where it is read.
-fn with_levels(path: &Path) -> Option<PageFile> {
+/// The page file, if it has levels of detail. A damaged file is reported by the reader.
+fn lod_file(path: &Path) -> Option<PageFile> {
     let file = pagefile::is_page_file(path).then(|| PageFile::open(path).ok()).flatten()?;
     file.levels().is_some().then_some(file)
 }

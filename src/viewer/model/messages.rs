@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-/// A message, and the time since which it is shown.
+/// A message, and the time at which it was shown.
 pub struct Message {
     pub text: String,
     pub is_error: bool,
@@ -13,8 +13,10 @@ pub struct Message {
 #[derive(Default)]
 pub struct Messages {
     all: Vec<Message>,
-    /// Messages since the last [`Messages::take_new`]: whether each is an error, and its text.
+    /// Messages since the last [`Messages::take_new`]: true for an error, and its text.
     new: Vec<(bool, String)>,
+    /// The first failure to open or build something, for callers without a window.
+    pub failure: Option<anyhow::Error>,
 }
 
 const NOTE_DURATION: Duration = Duration::from_secs(6);
@@ -30,12 +32,12 @@ impl Messages {
 
     fn show(&mut self, text: String, is_error: bool) {
         self.new.push((is_error, text.clone()));
-        // A repeated message starts again.
+        // A repeated message starts its time again.
         self.all.retain(|message| message.text != text);
         self.all.push(Message { text, is_error, since: Instant::now() });
     }
 
-    /// The messages to show now, the oldest first.
+    /// The visible messages, the oldest first.
     pub fn shown(&mut self) -> &[Message] {
         self.all.retain(|message| message.is_error || message.since.elapsed() < NOTE_DURATION);
         &self.all
@@ -46,8 +48,8 @@ impl Messages {
         self.all.retain(|message| message.text != text);
     }
 
-    pub fn close(&mut self, place: usize) {
-        self.all.remove(place);
+    pub fn close(&mut self, index: usize) {
+        self.all.remove(index);
     }
 
     pub fn close_errors(&mut self) {
@@ -60,7 +62,7 @@ impl Messages {
         notes.map(|message| NOTE_DURATION.saturating_sub(message.since.elapsed())).min()
     }
 
-    /// The messages since the last call: whether each is an error, and its text.
+    /// The messages since the last call: true for an error, and its text.
     pub fn take_new(&mut self) -> Vec<(bool, String)> {
         std::mem::take(&mut self.new)
     }

@@ -1,53 +1,83 @@
-//! MAP
+//! The state of a viewer: plain data that actions change and panels show.
+//!
+//! The viewer and its parts:
+//! - `viewer` - `Viewer`, which owns the parts below, and the plans of its pictures
+//! - `setup` - the settings with which a viewer is started
+//! - `requests` - requests of panels and keys that need the device or the window
+//! - `scenes`, `layers`, `loaded_scene` - the open scenes, one layer each, and their Gaussians
+//! - `view`, `cameras`, `photographs`, `evaluation` - the view, the camera file, and its photographs
+//! - `pictures` - which of the two pictures are stale, building or refused
+//! - `comparison`, `snapshot` - the second picture, and pixel values read back for numbers
+//! - `inspector`, `view_modes` - view modes, marks, and the explained pixel
+//! - `timing`, `rate` - frame times, and the control that keeps a frame rate
+//! - `measuring` - costs of knobs and error budgets
+//! - `film`, `export` - the camera path, and the files to write
+//! - `editing`, `edit`, `edit_result`, `contributions`, `undo` - tools, selections, their results, and undo
+//! - `drag`, `gizmo` - the pointer over the picture, and the handles of a scene
+//! - `panels`, `dialog`, `recent`, `messages` - panels, file dialogs, the state kept between windows, messages
+//! - `keys`, `events`, `project` - key bindings, events for scripts, and project files
 
+mod cameras;
 mod comparison;
+mod contributions;
 mod dialog;
 mod drag;
 mod edit;
 mod edit_result;
+mod editing;
 mod evaluation;
 mod events;
 mod export;
 mod film;
 mod gizmo;
+mod inspector;
 mod keys;
 mod layers;
 mod loaded_scene;
+mod measuring;
 mod messages;
+mod panels;
 mod photographs;
-mod plans;
+mod pictures;
 mod project;
 mod rate;
 mod recent;
-mod shares;
+mod requests;
+mod scenes;
+mod setup;
 mod snapshot;
-mod state;
+mod timing;
 mod undo;
+mod view;
 mod view_modes;
+mod viewer;
 
 pub use comparison::{CompareMode, CompareTarget};
-pub(crate) use comparison::{Comparison, Depicted, fitted, over};
-pub(crate) use dialog::{Chosen, Saved};
+pub(crate) use comparison::{Comparison, PictureContent, fitted, over};
+pub(crate) use contributions::{Contributions, DrawnScene, MIN_VISIBLE};
+pub(crate) use dialog::{DialogResult, SaveTarget};
 pub use drag::Tool;
-pub(crate) use drag::{Drag, Handle, Motion, Stroke};
+pub(crate) use drag::{Drag, DragMotion, Handle, ToolStroke};
 pub(crate) use edit::Edit;
-pub use edit::{Change, Counts, How, Outline, Property, Selection};
-pub(crate) use edit_result::Edited;
-pub(crate) use evaluation::{Evaluation, Pose, Row};
+pub use edit::{Change, Counts, Outline, Property, Selection, SelectionMode};
+pub(crate) use edit_result::EditResult;
+pub(crate) use evaluation::{Evaluation, EvaluationRow, PosedPhotograph};
 pub(crate) use events::Event;
 pub(crate) use gizmo::{Gizmo, turned};
+pub(crate) use inspector::ExplainedPixel;
 pub use keys::Bindings;
 pub(crate) use keys::{ACTIONS, Action, Chord};
-pub(crate) use layers::{Layer, Place, Source};
-pub(crate) use loaded_scene::{Held, Opened, are_same};
+pub(crate) use layers::{Layer, LayerSource, Placement};
+pub(crate) use loaded_scene::{LoadedScene, OpenedScene, are_same};
+pub(crate) use measuring::{Measurement, Purpose};
 pub(crate) use photographs::{Photographs, camera_of, holds_photographs};
-pub(crate) use project::{ENDING, PlacedScene, Project, Shown, is_project, seen_from};
-pub(crate) use rate::Rate;
-pub use recent::{Kept, Tab};
-pub(crate) use shares::{Part, SEEN, Shares};
-pub(crate) use snapshot::{Apart, Still, area_between, fitted_range, part};
-pub use state::{CompareWith, Request, Setup, Viewer, WindowRequest};
-pub(crate) use state::{ExplainedPixel, Measurement, Purpose};
-pub(crate) use undo::{State, Undo};
+pub(crate) use project::{PROJECT_ENDING, PlacedScene, Project, ProjectView, is_project, relative_to};
+pub(crate) use rate::RateControl;
+pub use recent::{RecentState, Tab};
+pub use requests::{Request, WindowRequest};
+pub use setup::{CompareWith, Setup};
+pub(crate) use snapshot::{PairDifference, area_between, cropped};
+pub(crate) use undo::{Undo, UndoState};
 pub(crate) use view_modes::{InspectionSettings, Numbers, VIEW_MODES};
 pub use view_modes::{view_mode, view_mode_names};
+pub use viewer::Viewer;

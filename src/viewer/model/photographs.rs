@@ -1,4 +1,4 @@
-//! The photographs that cameras were calibrated with: pictures of a folder, found by the names of the cameras.
+//! The photographs of cameras: pictures in a folder, found by the names of the cameras.
 
 use std::collections::BTreeMap;
 use std::ffi::{OsStr, OsString};
@@ -9,43 +9,43 @@ use anyhow::{Result, anyhow, ensure};
 use crate::camera::NamedCamera;
 use crate::files::describe;
 
-/// Endings of photographs.
+/// File extensions of photographs.
 const ENDINGS: [&str; 5] = ["jpg", "jpeg", "png", "exr", "npy"];
 
-/// Folders below the one that is named, in which photographs are found.
+/// Levels of subfolders in which photographs are searched.
 const DEPTH: u32 = 4;
 
-/// Folders above a camera file, in whose folder `images` photographs are found.
+/// Folders above a camera file whose subfolder `images` is searched.
 const LEVELS_UP: usize = 3;
 
-/// The photographs of a folder and those below it.
+/// The photographs in a folder and its subfolders.
 #[derive(Debug)]
 pub struct Photographs {
     pub folder: PathBuf,
-    /// By their paths in the folder, without endings.
+    /// Files by path in the folder, without extension.
     files: BTreeMap<PathBuf, PathBuf>,
-    /// By their names without folder and ending; `None` where several have a name.
+    /// Files by name without folder and extension; `None` if the name is ambiguous.
     by_name: BTreeMap<OsString, Option<PathBuf>>,
 }
 
-/// The path without the ending of a photograph.
+/// The path without the extension of a photograph.
 fn stem(path: &Path) -> PathBuf {
     if is_photograph(path) { path.with_extension("") } else { path.to_owned() }
 }
 
-/// True if a file has the ending of a photograph.
+/// True if a file has the extension of a photograph.
 pub fn is_photograph(path: &Path) -> bool {
     let has = |ending: &OsStr| ENDINGS.iter().any(|known| ending.eq_ignore_ascii_case(known));
     path.extension().is_some_and(has)
 }
 
-/// True if photographs lie in the folder itself.
+/// True if the folder itself contains photographs.
 pub fn holds_photographs(folder: &Path) -> bool {
     let files = folder.read_dir().into_iter().flatten().flatten();
     files.map(|entry| entry.path()).any(|file| is_photograph(&file) && file.is_file())
 }
 
-/// The camera of a photograph: the only one whose name is that of the file.
+/// Index of the camera with the name of the file; `None` if there is none, or several.
 pub fn camera_of(file: &Path, cameras: &[NamedCamera]) -> Option<usize> {
     let name = stem(Path::new(file.file_name()?));
     let is_it = |camera: &NamedCamera| stem(Path::new(&camera.name)).file_name() == Some(name.as_os_str());
@@ -54,10 +54,10 @@ pub fn camera_of(file: &Path, cameras: &[NamedCamera]) -> Option<usize> {
 }
 
 impl Photographs {
-    /// The photographs in a folder and those below it.
+    /// Finds the photographs in a folder and its subfolders.
     ///
     /// # Errors
-    /// A sentence without the name of the folder if it cannot be read, or holds none.
+    /// The folder cannot be read, or contains no photographs. The sentence does not name the folder.
     pub fn read(folder: &Path) -> Result<Self> {
         let mut found = Self { folder: folder.to_owned(), files: BTreeMap::new(), by_name: BTreeMap::new() };
         found.add(Path::new(""), DEPTH)?;
@@ -65,7 +65,7 @@ impl Photographs {
         Ok(found)
     }
 
-    /// The photographs beside a camera file, in a folder `images`, as COLMAP and many data sets have it.
+    /// Finds photographs in a folder `images` beside a camera file, the layout of COLMAP and many data sets.
     pub fn beside(cameras: &Path) -> Option<Self> {
         let folders = cameras.ancestors().skip(usize::from(cameras.is_file())).take(LEVELS_UP);
         folders.map(|folder| folder.join("images")).find_map(|folder| Self::read(&folder).ok())
@@ -76,7 +76,7 @@ impl Photographs {
         let entries = entries.map_err(|problem| anyhow!("cannot be read: {}", describe(&problem)))?;
         for entry in entries.flatten() {
             let name = below.join(entry.file_name());
-            // Links to folders are not followed: they may lead in a circle.
+            // Links to folders are not followed: they may form a cycle.
             if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
                 if depth > 0 {
                     self.add(&name, depth - 1)?;
@@ -91,7 +91,7 @@ impl Photographs {
         Ok(())
     }
 
-    /// The photograph of a camera: the one with its name and folder, or else the only one with its name.
+    /// The photograph of a camera: by name and folder, or else by an unambiguous name.
     pub fn of(&self, camera: &NamedCamera) -> Option<&Path> {
         let wanted = stem(Path::new(&camera.name));
         let by_name = || self.by_name.get(wanted.file_name()?)?.as_ref();
@@ -144,7 +144,7 @@ mod tests {
         assert_eq!(photographs.count_of(&[camera("a"), camera("x"), camera("d")]), 2);
         let cameras = [camera("x/a.png"), camera("left/c"), camera("right/c")];
         assert_eq!(camera_of(Path::new("/tmp/a.jpg"), &cameras), Some(0));
-        assert_eq!(camera_of(Path::new("c.png"), &cameras), None, "two have that name");
+        assert_eq!(camera_of(Path::new("c.png"), &cameras), None, "two cameras have that name");
         assert!(Photographs::read(&sparse).is_err() && !holds_photographs(&sparse) && holds_photographs(&images));
     }
 }

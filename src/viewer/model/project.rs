@@ -1,4 +1,4 @@
-//! The file of a project: what a window shows, to go on with later.
+//! Project files: the state of a window, to continue later.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,17 +7,17 @@ use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::layers::Place;
+use super::layers::Placement;
 use crate::camera::{Camera, Timeline, Up, from_json, to_json};
 use crate::files::{read_whole, write_whole};
 use crate::options::{KNOBS, Knob, Options};
 
-/// The ending of project files.
-pub const ENDING: &str = ".project.json";
+/// The ending of names of project files.
+pub const PROJECT_ENDING: &str = ".project.json";
 
 const FORMAT: &str = "smalto project 1";
 
-/// A project. Files are named as seen from the folder of the project.
+/// A project. Paths of files are relative to the folder of the project.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Project {
@@ -37,7 +37,7 @@ pub struct Project {
     /// A camera path (docs/side-files.md).
     path: Value,
     pub repeats: bool,
-    /// The name of what is shown in place of colours.
+    /// The name of the view mode.
     pub look: String,
 }
 
@@ -53,13 +53,13 @@ pub struct PlacedScene {
     pub scale: f64,
     /// In the first picture, and in the second.
     pub shown: [bool; 2],
-    /// Runs of Gaussians to which the same was done: their number, and 1 for selected, 2 for hidden, 4 for deleted.
+    /// Runs of Gaussians with equal flags: their number, and 1 for selected, 2 for hidden, 4 for deleted.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub edit: Vec<(usize, u8)>,
 }
 
-/// What a window shows but for its scenes.
-pub struct Shown<'a> {
+/// View, options and path of a project.
+pub struct ProjectView<'a> {
     pub view: &'a Camera,
     pub up: Up,
     pub options: &'a Options,
@@ -68,18 +68,18 @@ pub struct Shown<'a> {
 
 /// True if a file has the name of a project.
 pub fn is_project(path: &Path) -> bool {
-    path.file_name().is_some_and(|name| name.to_string_lossy().to_ascii_lowercase().ends_with(ENDING))
+    path.file_name().is_some_and(|name| name.to_string_lossy().to_ascii_lowercase().ends_with(PROJECT_ENDING))
 }
 
 impl PlacedScene {
-    pub fn place(&self) -> Place {
-        Place { translation: self.position, rotation: self.rotation, scale: self.scale }
+    pub fn placement(&self) -> Placement {
+        Placement { translation: self.position, rotation: self.rotation, scale: self.scale }
     }
 }
 
 impl Project {
-    pub fn new(shown: &Shown) -> Self {
-        let Shown { view, up, options, path } = shown;
+    pub fn new(shown: &ProjectView) -> Self {
+        let ProjectView { view, up, options, path } = shown;
         let option = |knob: &Knob| (knob.name.to_owned(), (knob.get)(options).to_string());
         Self {
             format: FORMAT.to_owned(),
@@ -100,7 +100,7 @@ impl Project {
     /// Reads a project.
     ///
     /// # Errors
-    /// One sentence without the name of the file if it is none, or of another version.
+    /// The file is no project, or of another version. The sentence does not name the file.
     pub fn read(file: &Path) -> Result<Self> {
         let value: Value = serde_json::from_slice(&read_whole(file)?).context("is not a project: it is no JSON")?;
         match value.get("format").and_then(Value::as_str) {
@@ -114,20 +114,20 @@ impl Project {
         project.path()?;
         project.up()?;
         for scene in &project.scenes {
-            scene.place().transform().with_context(|| scene.scene.clone())?;
+            scene.placement().transform().with_context(|| scene.scene.clone())?;
         }
         Ok(project)
     }
 
-    /// Writes the file; what is there is replaced once it is whole.
+    /// Writes the file. An existing file is replaced at the end.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// The file cannot be written.
     pub fn write(&self, file: &Path) -> Result<()> {
         write_whole(file, |writer| Ok(serde_json::to_writer_pretty(writer, self)?))
     }
 
-    /// The options. Knobs that the file does not name have their defaults.
+    /// The options. Knobs that the file omits have their defaults.
     pub fn options(&self) -> Result<Options> {
         let mut options = Options::default();
         for (name, text) in &self.options {
@@ -153,8 +153,8 @@ impl Project {
     }
 }
 
-/// A file as seen from a folder: with its own path if it lies elsewhere.
-pub fn seen_from(folder: &Path, file: &Path) -> PathBuf {
+/// The path of a file relative to a folder; its absolute path if it is not in the folder.
+pub fn relative_to(folder: &Path, file: &Path) -> PathBuf {
     let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     file.strip_prefix(folder).map(Path::to_owned).unwrap_or(file)
 }

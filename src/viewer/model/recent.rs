@@ -1,4 +1,4 @@
-//! What a window keeps for the next one: the files that were opened, and how the panels looked.
+//! The state kept from one window to the next: recent files, and the appearance of the panels.
 
 use std::path::{Path, PathBuf};
 
@@ -32,14 +32,15 @@ impl Tab {
     ];
 }
 
-/// What is kept, in a file of JSON.
+/// The state kept from one window to the next, in a JSON file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub struct Kept {
-    /// Files of scenes, the last that was opened first.
-    pub recent: Vec<PathBuf>,
+pub struct RecentState {
+    /// Files of scenes, the most recent first.
+    #[serde(rename = "recent")]
+    pub files: Vec<PathBuf>,
     pub tab: Tab,
-    /// The panels are dark letters on a light ground.
+    /// The panels have dark text on a light ground.
     pub is_light: bool,
     /// The cameras of the file are drawn over the picture.
     pub shows_cameras: bool,
@@ -47,16 +48,16 @@ pub struct Kept {
     pub shows_guides: bool,
 }
 
-/// Most files that are kept.
-const RECENT: usize = 8;
+/// Most recent files.
+const MAX_FILES: usize = 8;
 
-impl Kept {
-    /// The place of the file; `None` without a folder for it.
+impl RecentState {
+    /// Path of the file; `None` without a folder for it.
     pub fn default_file() -> Option<PathBuf> {
         Some(dirs::state_dir().or_else(dirs::data_local_dir)?.join("smalto").join("viewer.json"))
     }
 
-    /// What the file keeps; nothing if there is none, or it cannot be understood.
+    /// Reads the file. Returns the default state if it is missing or cannot be parsed.
     pub fn read(file: &Path) -> Self {
         read_whole(file).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default()
     }
@@ -70,12 +71,12 @@ impl Kept {
         write_whole(file, |writer| Ok(serde_json::to_writer_pretty(writer, self)?))
     }
 
-    /// Notes that a scene was opened.
-    pub fn note(&mut self, scene: &Path) {
+    /// Adds a scene file, as the most recent one.
+    pub fn add(&mut self, scene: &Path) {
         let Ok(scene) = std::path::absolute(scene) else { return };
-        self.recent.retain(|recent| *recent != scene);
-        self.recent.insert(0, scene);
-        self.recent.truncate(RECENT);
+        self.files.retain(|file| *file != scene);
+        self.files.insert(0, scene);
+        self.files.truncate(MAX_FILES);
     }
 }
 
@@ -84,18 +85,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_kept_is_read_again() {
+    fn the_state_is_read_as_it_was_written() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("state").join("viewer.json");
-        assert_eq!(Kept::read(&file), Kept::default());
-        let mut kept = Kept { tab: Tab::Inside, is_light: true, ..Kept::default() };
-        (0..RECENT + 3).for_each(|i| kept.note(Path::new(&format!("/scenes/{i}.ply"))));
-        kept.note(Path::new("/scenes/9.ply"));
-        let recent: Vec<_> = kept.recent.iter().map(|path| path.file_stem().unwrap().to_str().unwrap()).collect();
+        assert_eq!(RecentState::read(&file), RecentState::default());
+        let mut state = RecentState { tab: Tab::Inside, is_light: true, ..RecentState::default() };
+        (0..MAX_FILES + 3).for_each(|i| state.add(Path::new(&format!("/scenes/{i}.ply"))));
+        state.add(Path::new("/scenes/9.ply"));
+        let recent: Vec<_> = state.files.iter().map(|path| path.file_stem().unwrap().to_str().unwrap()).collect();
         assert_eq!(recent, ["9", "10", "8", "7", "6", "5", "4", "3"]);
-        kept.write(&file).unwrap();
-        assert_eq!(Kept::read(&file), kept);
+        state.write(&file).unwrap();
+        assert_eq!(RecentState::read(&file), state);
         std::fs::write(&file, r#"{"tab": "no such page"}"#).unwrap();
-        assert_eq!(Kept::read(&file), Kept::default());
+        assert_eq!(RecentState::read(&file), RecentState::default());
     }
 }

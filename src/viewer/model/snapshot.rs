@@ -1,4 +1,4 @@
-//! The pictures of a window that stands still, on the host: the values of pixels, and how far two pictures are apart.
+//! The pictures at rest, read back to the host, for pixel values and the difference of two pictures.
 
 use std::sync::Arc;
 
@@ -7,52 +7,52 @@ use crate::pixels::Pixels;
 use crate::render::Quantity;
 
 /// The pictures that the window shows, read back.
-pub struct Still {
-    /// Tells it from those before.
+pub struct Snapshot {
+    /// Identifies the snapshot.
     pub number: u64,
     pub first: Arc<Pixels>,
     pub second: Option<Arc<Pixels>>,
 }
 
-/// A rectangle of a picture: left, top, and the right and lower ends, which are not part of it. Pixels.
+/// A rectangle of a picture in pixels: left, top, right, bottom; right and bottom are exclusive.
 pub type Area = [u32; 4];
 
-/// How far two pictures are apart.
+/// The measured difference of two pictures.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Apart {
-    /// The number of the [`Still`] that was measured.
+pub struct PairDifference {
+    /// The number of the measured [`Snapshot`].
     pub number: u64,
-    /// `None` for all of the picture.
+    /// `None` for the whole picture.
     pub area: Option<Area>,
     pub difference: Difference,
 }
 
-/// The least side of an area in pixels: that of the windows of SSIM.
-const LEAST_SIDE: u32 = 11;
+/// Least side of an area in pixels: the side of a window of SSIM.
+const MIN_SIDE: u32 = 11;
 
-/// The area between two pixels, both part of it, within a picture of this size. `None` if it is too small to measure.
+/// The area spanned by two pixels, both inclusive, in a picture of this size. `None` if it is too small to measure.
 pub fn area_between(a: [u32; 2], b: [u32; 2], size: [u32; 2]) -> Option<Area> {
     let [low, high] = [u32::min, u32::max].map(|of| [0, 1].map(|side: usize| of(a[side], b[side]).min(size[side] - 1)));
-    let has_side = |side: usize| high[side] + 1 - low[side] >= LEAST_SIDE;
+    let has_side = |side: usize| high[side] + 1 - low[side] >= MIN_SIDE;
     (has_side(0) && has_side(1)).then_some([low[0], low[1], high[0] + 1, high[1] + 1])
 }
 
-impl Still {
-    /// Compares the two pictures, if there are two.
-    pub fn apart(&self, area: Option<Area>) -> Option<impl FnOnce() -> Apart + Send + use<>> {
+impl Snapshot {
+    /// The comparison of the two pictures, as work for a job; `None` without a second picture of the same size.
+    pub fn compare(&self, area: Option<Area>) -> Option<impl FnOnce() -> PairDifference + Send + use<>> {
         let (number, first, second) = (self.number, self.first.clone(), self.second.clone()?);
         (first.size == second.size).then_some(move || {
             let difference = match area {
-                Some(area) => Difference::between(&part(&first, area), &part(&second, area)),
+                Some(area) => Difference::between(&cropped(&first, area), &cropped(&second, area)),
                 None => Difference::between(&first, &second),
             };
-            Apart { number, area, difference }
+            PairDifference { number, area, difference }
         })
     }
 }
 
-/// A part of a picture.
-pub fn part(pixels: &Pixels, [left, top, right, bottom]: Area) -> Pixels {
+/// The pixels of an area.
+pub fn cropped(pixels: &Pixels, [left, top, right, bottom]: Area) -> Pixels {
     let row = |y: u32| {
         let begin = (y * pixels.size[0]) as usize;
         pixels.rgba[begin + left as usize..begin + right as usize].iter().copied()
@@ -60,8 +60,7 @@ pub fn part(pixels: &Pixels, [left, top, right, bottom]: Area) -> Pixels {
     Pixels { size: [right - left, bottom - top], rgba: (top..bottom).flat_map(row).collect() }
 }
 
-/// The ends of a scale that has all but the lowest and the highest hundredth of the values of a picture between them.
-/// `None` if it has no values.
+/// The ends of a scale between the first and the last percentile of the values of a picture. `None` without values.
 pub fn fitted_range(pixels: &Pixels, quantity: Quantity) -> Option<[f32; 2]> {
     let mut values: Vec<f32> = pixels.rgba.iter().filter_map(|pixel| quantity.value(*pixel)).collect();
     if values.is_empty() {
@@ -86,25 +85,25 @@ mod tests {
     }
 
     #[test]
-    fn a_part_is_measured_alone() {
+    fn an_area_is_measured_alone() {
         let pixel = |i: u32| if i % 40 < 20 { [0.5, 0.5, 0.5, 1.0] } else { [0.25, 0.5, 0.5, 1.0] };
         let second = Pixels { size: [40, 20], rgba: (0..800).map(pixel).collect() };
         let first = Pixels { size: [40, 20], rgba: vec![[0.5, 0.5, 0.5, 1.0]; 800] };
-        let still = Still { number: 7, first: Arc::new(first), second: Some(Arc::new(second)) };
-        let of = |area| (still.apart(area).unwrap())();
+        let still = Snapshot { number: 7, first: Arc::new(first), second: Some(Arc::new(second)) };
+        let of = |area| (still.compare(area).unwrap())();
         assert_eq!(of(Some([0, 0, 20, 20])).difference.psnr_db, None, "the left half is equal");
-        let Apart { number, difference, .. } = of(Some([20, 3, 40, 20]));
+        let PairDifference { number, difference, .. } = of(Some([20, 3, 40, 20]));
         assert_eq!((number, difference.max_error), (7, 0.25));
         assert!((of(None).difference.mse - difference.mse / 2.0).abs() < 1e-12);
-        assert!(Still { second: None, ..still }.apart(None).is_none());
+        assert!(Snapshot { second: None, ..still }.compare(None).is_none());
     }
 
     #[test]
-    fn a_scale_is_fitted_to_what_is_shown() {
+    fn a_scale_is_fitted_to_the_values_of_a_picture() {
         let scale = Scale { low: 0.0, high: 1.0, is_logarithmic: false };
         let pixel = |i: u32| [i as f32 / 2.0, 0.0, 0.0, if i < 1000 { 0.5 } else { 0.0 }];
         let pixels = Pixels { size: [1100, 1], rgba: (0..1100).map(pixel).collect() };
-        // Pixels that show nothing have no mean.
+        // Pixels without coverage have no mean.
         assert_eq!(fitted_range(&pixels, Quantity::Mean(scale)), Some([10.0, 989.0]));
         assert_eq!(fitted_range(&Pixels { size: [1, 1], rgba: vec![[3.0; 4]] }, Quantity::Colour), None);
         assert_eq!(

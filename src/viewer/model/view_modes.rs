@@ -1,4 +1,4 @@
-//! View modes: what is shown in place of colours, and the ends of the scale for false colours.
+//! View modes: values shown in place of colours, and the scales of false colours.
 
 use crate::camera::Camera;
 use crate::render::{Attribute, Inspection, Look, Quantity, Scale, Work};
@@ -8,9 +8,9 @@ use crate::viewer::frame::{Drawn, Side};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewMode {
     pub name: &'static str,
-    /// As the window writes it.
+    /// The name in the window.
     pub title: &'static str,
-    /// What its numbers mean; empty without numbers.
+    /// The meaning of the numbers; empty without numbers.
     pub unit: &'static str,
     pub look: Look,
     pub numbers: Numbers,
@@ -23,8 +23,8 @@ pub enum Numbers {
     None,
     /// Counts, on a logarithmic scale.
     Counts,
-    /// The mean over what the pixel shows: world units, logarithms to base 2, or fractions. Holds the default ends of
-    /// the scale, low and high.
+    /// Means over the splats of a pixel: world units, logarithms to base 2, or fractions. Holds the default ends of the
+    /// scale, low and high.
     Mean([f32; 2]),
     Coverage,
     Transmittance,
@@ -161,13 +161,12 @@ pub const VIEW_MODES: [ViewMode; 18] = [
 ];
 
 impl ViewMode {
-    /// True if it shows something of scenes that are read page by page, with levels of detail, or of those that are in
-    /// memory as a whole.
-    pub fn suits(&self, in_pages: bool) -> bool {
+    /// True if the mode applies to paged scenes with levels of detail, or else to scenes that are in memory as a whole.
+    pub fn suits(&self, is_paged: bool) -> bool {
         match self.look {
-            Look::Attribute(Attribute::Level | Attribute::PredictedError | Attribute::Lag) => in_pages,
+            Look::Attribute(Attribute::Level | Attribute::PredictedError | Attribute::Lag) => is_paged,
             Look::Colour | Look::Attribute(_) => true,
-            Look::Work(_) => !in_pages,
+            Look::Work(_) => !is_paged,
         }
     }
 }
@@ -177,17 +176,17 @@ pub fn view_mode_names() -> impl Iterator<Item = &'static str> {
     VIEW_MODES.iter().map(|mode| mode.name)
 }
 
-/// The index of the view mode of this name.
+/// The index of the view mode with this name.
 pub fn view_mode(name: &str) -> Option<usize> {
     view_mode_names().position(|known| known == name)
 }
 
-/// The view mode, and what else the inspection of the pictures is set to.
+/// The view mode, its scale, and other settings of the inspection.
 #[derive(Clone)]
 pub struct InspectionSettings {
     /// Index into [`VIEW_MODES`].
     pub mode: usize,
-    /// By view mode: the low and the high end of its scale.
+    /// Low and high end of the scale, by view mode.
     pub ranges: [[f32; 2]; VIEW_MODES.len()],
     /// The camera at which culling is frozen.
     pub culled_from: Option<Camera>,
@@ -211,17 +210,17 @@ impl InspectionSettings {
         &VIEW_MODES[self.mode]
     }
 
-    /// True if both show the same, but for the ends of scales.
+    /// True if both are equal except for the ends of scales.
     pub fn is_same(&self, other: &Self) -> bool {
         let Self { mode, culled_from, isolated, .. } = self;
         (*mode, culled_from, *isolated) == (other.mode, &other.culled_from, other.isolated)
     }
 
     /// Goes to the next view mode that suits the scenes, or to the previous one.
-    pub fn step(&mut self, forward: bool, in_pages: bool) {
+    pub fn step(&mut self, forward: bool, is_paged: bool) {
         let modes = VIEW_MODES.len();
         let after = |i: usize| (self.mode + if forward { i } else { modes - i }) % modes;
-        self.mode = (1..=modes).map(after).find(|mode| VIEW_MODES[*mode].suits(in_pages)).unwrap_or(0);
+        self.mode = (1..=modes).map(after).find(|mode| VIEW_MODES[*mode].suits(is_paged)).unwrap_or(0);
     }
 
     /// Sets the range of depths for a scene of this radius, in world units.
@@ -238,7 +237,7 @@ impl InspectionSettings {
         Inspection { look: self.view_mode().look, culled_from: culled_from.clone(), isolated: *isolated }
     }
 
-    /// The quantity that is shown of each pixel.
+    /// The quantity that each pixel shows.
     pub fn quantity(&self) -> Quantity {
         let [low, high] = self.ranges[self.mode];
         match self.view_mode().numbers {
@@ -250,8 +249,8 @@ impl InspectionSettings {
         }
     }
 
-    /// Sets the inspection of a picture; returns true if it changed. An isolated Gaussian is one of the first picture,
-    /// so it does not apply to the second.
+    /// Sets the inspection of a picture; returns true if it changed. An isolated Gaussian belongs to the first picture, so
+    /// the second ignores it.
     pub fn apply(&self, side: Side, drawn: &mut Drawn) -> anyhow::Result<bool> {
         let mut inspection = self.inspection();
         let exists = |index: u32| side == Side::First && (index as usize) < drawn.statistics.count;
@@ -271,12 +270,12 @@ mod tests {
 
     #[test]
     fn steps_go_through_all_modes_that_suit_the_scenes() {
-        for (in_pages, modes, left_out) in [(false, 15, "level"), (true, 13, "evaluations")] {
+        for (is_paged, modes, left_out) in [(false, 15, "level"), (true, 13, "evaluations")] {
             for forward in [true, false] {
                 let (mut settings, mut seen) = (InspectionSettings::default(), Vec::new());
                 loop {
                     seen.push(settings.view_mode().name);
-                    settings.step(forward, in_pages);
+                    settings.step(forward, is_paged);
                     if settings.mode == 0 {
                         break;
                     }

@@ -1,45 +1,52 @@
-//! The cameras of the file over the picture, and how near the picture comes to their photographs.
+//! The cameras of the file over the picture, and the table of their photographs.
 
 use egui::{Align2, Color32, ColorImage, Grid, RichText, ScrollArea, Stroke, TextureOptions, Ui, vec2};
 
-use super::over::label;
-use super::quality::going_on;
-use super::space::Space;
+use super::overlay::label;
+use super::quality::progress;
+use super::world_painter::WorldPainter;
 use crate::pixels::Pixels;
 use crate::viewer::frame::{Plan, Side};
-use crate::viewer::model::{Evaluation, Purpose, Request, Row, Viewer, WindowRequest};
+use crate::viewer::model::{Evaluation, EvaluationRow, Purpose, Request, Viewer, WindowRequest};
 
-/// The share of the scene's size that a camera takes.
+/// Depth of a drawn frustum, as a fraction of the scene's radius.
 const SIZE: f64 = 0.06;
 
-/// Over this number of cameras, only their places are drawn.
-const MOST_FRUSTUMS: usize = 400;
+/// With more cameras, only their positions are drawn.
+const MAX_FRUSTUMS: usize = 400;
 
 /// Width of a photograph over the picture, in points.
 const THUMBNAIL: f32 = 220.0;
 
-/// Draws the cameras, and what the one under the cursor saw.
-pub(super) fn over_picture(viewer: &mut Viewer, space: &Space, ui: &Ui) {
-    let deep = SIZE * viewer.navigator.radius();
-    let colour = |index: usize| match Some(index) == viewer.pointed {
+/// Draws the cameras, and the photograph of the camera under the cursor.
+pub(super) fn over_picture(viewer: &mut Viewer, world: &WorldPainter, ui: &Ui) {
+    let deep = SIZE * viewer.view.navigator.radius();
+    let colour = |index: usize| match Some(index) == viewer.pointer.camera {
         true => Color32::from_rgb(255, 200, 60),
         false => Color32::from_rgb(120, 200, 255),
     };
-    // The edges of what the view itself sees would frame the picture.
-    for (index, named) in viewer.cameras.iter().enumerate().filter(|(index, _)| viewer.camera != Some(*index)) {
-        if viewer.cameras.len() <= MOST_FRUSTUMS {
-            space.frustum(&named.camera, deep, Stroke::new(1.0, colour(index)));
+    // The frustum of the current camera would only frame the picture.
+    for (index, named) in
+        viewer.cameras.list.iter().enumerate().filter(|(index, _)| viewer.view.camera_index != Some(*index))
+    {
+        if viewer.cameras.list.len() <= MAX_FRUSTUMS {
+            world.frustum(&named.camera, deep, Stroke::new(1.0, colour(index)));
         }
-        space.dot(named.camera.position, 2.5, colour(index), "");
+        world.dot(named.camera.position, 2.5, colour(index), "");
     }
-    let Some((index, at)) = viewer.pointed.and_then(|i| Some((i, space.place(viewer.cameras[i].camera.position)?)))
+    let Some((index, at)) =
+        viewer.pointer.camera.and_then(|i| Some((i, world.position(viewer.cameras.list[i].camera.position)?)))
     else {
         return;
     };
-    let painter = super::over::painter(ui);
-    label(&painter, (at + vec2(8.0, -8.0), Align2::LEFT_BOTTOM), format!("{index}  {}", viewer.cameras[index].name));
+    let painter = super::overlay::painter(ui);
+    label(
+        &painter,
+        (at + vec2(8.0, -8.0), Align2::LEFT_BOTTOM),
+        format!("{index}  {}", viewer.cameras.list[index].name),
+    );
     viewer.read_thumbnail(index);
-    let Some(Some(pixels)) = viewer.thumbnails.get(&index) else { return };
+    let Some(Some(pixels)) = viewer.cameras.thumbnails.get(&index) else { return };
     let id = ui.id().with("thumbnail");
     let kept = ui.data(|data| data.get_temp::<(usize, egui::TextureHandle)>(id)).filter(|(of, _)| *of == index);
     let (_, texture) = kept.unwrap_or_else(|| {
@@ -48,7 +55,7 @@ pub(super) fn over_picture(viewer: &mut Viewer, space: &Space, ui: &Ui) {
         (index, texture)
     });
     let size = vec2(THUMBNAIL, THUMBNAIL * pixels.size[1] as f32 / pixels.size[0].max(1) as f32);
-    // It lies where there is room.
+    // The photograph stays inside the picture.
     let free = ui.clip_rect();
     let low = (free.max - size).max(free.min);
     let rect = egui::Rect::from_min_size((at + vec2(12.0, 12.0)).clamp(free.min, low), size);
@@ -63,35 +70,36 @@ fn image(pixels: &Pixels) -> ColorImage {
 
 /// The table of cameras and their photographs.
 pub(super) fn table(viewer: &mut Viewer, ui: &mut Ui) {
-    let Some(photographs) = &viewer.photographs else { return };
-    let (count, of) = (photographs.count_of(&viewer.cameras), viewer.cameras.len());
+    let Some(photographs) = &viewer.cameras.photographs else { return };
+    let (count, of) = (photographs.count_of(&viewer.cameras.list), viewer.cameras.list.len());
     ui.label(format!("{count} of {of} cameras have a photograph."))
         .on_hover_text(photographs.folder.display().to_string());
     ui.horizontal(|ui| {
         let hint =
             "Draws every camera in the size of its photograph, with these options; colours are clamped to 0 and 1";
-        let can = count > 0 && viewer.measurement.is_none();
+        let can = count > 0 && viewer.measuring.running.is_none();
         if ui.add_enabled(can, egui::Button::new("Measure all")).on_hover_text(hint).clicked() {
             viewer.requests.push(Request::Evaluate);
         }
-        if let Some(evaluation) = &viewer.evaluation
+        if let Some(evaluation) = &viewer.cameras.evaluation
             && ui.button("Copy").on_hover_text("the table, as CSV").clicked()
         {
             viewer.requests.push(Request::Window(WindowRequest::Copy(evaluation.to_csv())));
         }
     });
-    going_on(viewer, Purpose::Evaluation, ui);
-    let Some(evaluation) = &viewer.evaluation else { return };
+    progress(viewer, Purpose::Evaluation, ui);
+    let Some(evaluation) = &viewer.cameras.evaluation else { return };
     let Evaluation { rows, plan, background } = evaluation;
     let now = viewer.plan(Side::First).ok().flatten();
-    let is_old = !now.is_some_and(|now: Plan| now.is_same(plan)) || background.colour() != viewer.background.colour();
+    let is_old =
+        !now.is_some_and(|now: Plan| now.is_same(plan)) || background.colour() != viewer.view.background.colour();
     if is_old {
         ui.weak("These numbers are of other scenes, options or another background.");
     }
     let [psnr, ssim] = evaluation.means();
-    let mut order: Vec<&Row> = rows.iter().collect();
+    let mut order: Vec<&EvaluationRow> = rows.iter().collect();
     // Equal pictures come last.
-    let db = |row: &Row| row.psnr_db.unwrap_or(f64::INFINITY);
+    let db = |row: &EvaluationRow| row.psnr_db.unwrap_or(f64::INFINITY);
     order.sort_by(|a, b| db(a).total_cmp(&db(b)));
     let mut wanted = None;
     ScrollArea::vertical().max_height(240.0).show(ui, |ui| {
@@ -112,7 +120,7 @@ pub(super) fn table(viewer: &mut Viewer, ui: &mut Ui) {
                 is_chosen
             };
             line(ui, "mean", [number(psnr, 2), number(ssim, 4)]);
-            for Row { camera, name, psnr_db, ssim } in order {
+            for EvaluationRow { camera, name, psnr_db, ssim } in order {
                 let db = psnr_db.map_or_else(|| "equal".to_owned(), |db| format!("{db:.2}"));
                 if line(ui, name, [db, number(*ssim, 4)]) {
                     wanted = Some(*camera);

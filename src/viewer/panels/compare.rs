@@ -1,9 +1,9 @@
-//! The comparison panel: what the picture is compared with, and how the two are shown.
+//! The page Compare: the second picture, the way to show both, and the numbers of their difference.
 
 use egui::{DragValue, Slider, Ui};
 
 use crate::options::Options;
-use crate::viewer::model::{Action, Apart, CompareMode, CompareTarget, Viewer};
+use crate::viewer::model::{Action, CompareMode, CompareTarget, PairDifference, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
@@ -14,32 +14,34 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         for (name, preset) in &Options::PRESETS {
             ui.selectable_value(&mut comparison.target, CompareTarget::Options(Some(*preset)), *name);
         }
-        let is_file = comparison.picture.is_some() && comparison.drawn_of.is_none();
-        if is_file && comparison.of_camera.is_none() {
+        let is_file = comparison.picture.is_some() && comparison.reference_content.is_none();
+        if is_file && comparison.photograph_camera.is_none() {
             ui.selectable_value(&mut comparison.target, CompareTarget::Picture, "picture");
         }
-        let follows = comparison.target == CompareTarget::Picture && comparison.of_camera.is_some();
+        let follows = comparison.target == CompareTarget::Picture && comparison.photograph_camera.is_some();
         let hint = "Each camera is compared with its own photograph, also the next ones";
-        if viewer.photographs.is_some() && ui.selectable_label(follows, "photographs").on_hover_text(hint).clicked() {
+        if viewer.cameras.photographs.is_some()
+            && ui.selectable_label(follows, "photographs").on_hover_text(hint).clicked()
+        {
             viewer.compare_with_photographs();
         }
     });
     let comparison = &mut viewer.comparison;
-    let is_drawing = comparison.is_drawing;
+    let is_loading = comparison.is_loading;
     ui.horizontal(|ui| {
-        if ui.add_enabled(!is_drawing, egui::Button::new("Draw the float64 reference")).clicked() {
+        if ui.add_enabled(!is_loading, egui::Button::new("Draw the float64 reference")).clicked() {
             viewer.compare_with_reference();
         }
-        if is_drawing {
+        if is_loading {
             ui.spinner();
         }
     });
-    if let Some(of) = viewer.reference_of_another() {
+    if let Some(of) = viewer.reference_mismatch() {
         ui.label(format!("The reference was drawn of {of}: draw it again."));
     }
     let flicker_key = viewer.setup.bindings.text(Action::Flicker);
     let comparison = &mut viewer.comparison;
-    if viewer.photographs.is_none() {
+    if viewer.cameras.photographs.is_none() {
         ui.label("To compare with photographs, drop them or their folder on the window.");
     }
     ui.horizontal(|ui| {
@@ -65,13 +67,13 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     super::cameras::table(viewer, ui);
 }
 
-/// How far the pictures are apart.
+/// The measured difference of the two pictures.
 fn numbers(viewer: &mut Viewer, ui: &mut Ui) {
     let comparison = &mut viewer.comparison;
     if comparison.target == CompareTarget::Nothing {
         return;
     }
-    let now = viewer.still.as_ref().map(|still| (still.number, comparison.area));
+    let now = viewer.inspector.snapshot.as_ref().map(|snapshot| (snapshot.number, comparison.area));
     ui.separator();
     ui.horizontal(|ui| {
         match comparison.area {
@@ -87,8 +89,8 @@ fn numbers(viewer: &mut Viewer, ui: &mut Ui) {
             ui.spinner();
         }
     });
-    let Some(Apart { number, area, difference }) = &comparison.apart else { return };
-    // While the view moves, the last numbers stay, as old ones.
+    let Some(PairDifference { number, area, difference }) = &comparison.pair_difference else { return };
+    // While the view moves, the last numbers are shown as outdated.
     let is_old = now != Some((*number, *area));
     let infinite = |value: Option<f64>, text: &dyn Fn(f64) -> String| value.map_or_else(|| "equal".to_owned(), text);
     let rows = [

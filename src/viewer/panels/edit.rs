@@ -1,13 +1,14 @@
-//! The page of edits: tools, selections by value and by box, what is done with them, and saving.
+//! The page Edit: tools, selections by value and by box, changes of the selected Gaussians, and saving.
 
 use egui::{Button, Color32, ComboBox, DragValue, Grid, Stroke, Ui, vec2};
 use glam::{DVec2, DVec3};
 use indicatif::HumanCount as count;
 
 use super::section;
-use super::space::Space;
+use super::world_painter::WorldPainter;
 use crate::viewer::model::{
-    Action, Change, Counts, Gizmo, Handle, How, Motion, Property, Saved, Selection, Stroke as ToolStroke, Tool, Viewer,
+    Action, Change, Counts, DragMotion, Gizmo, Handle, Property, SaveTarget, Selection, SelectionMode, Tab, Tool,
+    ToolStroke, Viewer,
 };
 
 /// Colours of the axes x, y and z.
@@ -17,19 +18,19 @@ pub(super) const AXES: [Color32; 3] =
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
         for (tool, name, help) in Tool::ALL {
-            ui.selectable_value(&mut viewer.tool, tool, name).on_hover_text(help);
+            ui.selectable_value(&mut viewer.editing.tool, tool, name).on_hover_text(help);
         }
     });
     ui.weak("Shift adds, Ctrl subtracts; with Alt, and with the other buttons, the view moves as ever.");
-    match viewer.tool {
+    match viewer.editing.tool {
         Tool::Brush => {
-            let field = DragValue::new(&mut viewer.brush_px).range(1.0..=500.0).suffix(" px");
+            let field = DragValue::new(&mut viewer.editing.brush_px).range(1.0..=500.0).suffix(" px");
             ui.horizontal(|ui| (ui.label("Radius of the brush"), ui.add(field)));
         }
         Tool::Place => placing(viewer, ui),
         _ => {}
     }
-    ui.checkbox(&mut viewer.only_seen, "Only what is seen").on_hover_text(
+    ui.checkbox(&mut viewer.editing.only_visible, "Only what is seen").on_hover_text(
         "Selections leave out Gaussians that have less than 1/255 of the light of every pixel: what is hidden by \
          others, or too faint",
     );
@@ -40,31 +41,31 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         ui.label("The scenes that are shown, where they are placed, without what is deleted. Hidden ones are saved.");
         ui.horizontal(|ui| {
             if ui.button("Save the scene...").clicked() {
-                viewer.dialog.ask_where(Saved::Scene);
+                viewer.panels.dialog.save_file(SaveTarget::Scene);
             }
             let hint = viewer.setup.bindings.text(Action::Save);
             if ui.button("Save a project...").on_hover_text(hint).clicked() {
-                viewer.dialog.ask_where(Saved::Project);
+                viewer.panels.dialog.save_file(SaveTarget::Project);
             }
         });
     });
 }
 
 fn placing(viewer: &mut Viewer, ui: &mut Ui) {
-    let placed = viewer.placed();
-    let name = |number| viewer.layers.iter().find(|layer| layer.number == number).map(|layer| layer.name.clone());
+    let placed = viewer.placed_layer();
+    let name = |number| viewer.scenes.layer(number).map(|layer| layer.name.clone());
     let text = placed.and_then(name).unwrap_or_else(|| "no scene".to_owned());
     ui.horizontal(|ui| {
         ui.label("Scene");
         ComboBox::from_id_salt("placed").width(180.0).selected_text(text).show_ui(ui, |ui| {
-            for layer in &viewer.layers {
-                ui.selectable_value(&mut viewer.placed, Some(layer.number), &layer.name);
+            for layer in &viewer.scenes.layers {
+                ui.selectable_value(&mut viewer.editing.placed_layer, Some(layer.number), &layer.name);
             }
         });
     });
     let key = viewer.setup.bindings.text(Action::Mark);
     let hint = format!("Mark three points of the ground with {key}: the scene is turned until they lie level");
-    let can = viewer.marks.len() == 3 && placed.is_some();
+    let can = viewer.inspector.marks.len() == 3 && placed.is_some();
     if ui
         .add_enabled(can, Button::new("Level by three marks"))
         .on_hover_text(&hint)
@@ -76,7 +77,7 @@ fn placing(viewer: &mut Viewer, ui: &mut Ui) {
 }
 
 fn selection(viewer: &mut Viewer, ui: &mut Ui) {
-    let Counts { selected, hidden, deleted } = viewer.edit_counts();
+    let Counts { selected, hidden, deleted } = viewer.scenes.edit_counts();
     ui.label(format!(
         "{} selected, {} hidden, {} deleted",
         count(selected as u64),
@@ -105,7 +106,7 @@ fn selection(viewer: &mut Viewer, ui: &mut Ui) {
     }
 }
 
-/// The ends of the ranges that the page edits.
+/// The ranges that the page edits.
 #[derive(Clone, Copy)]
 struct Ranges {
     property: Property,
@@ -114,8 +115,8 @@ struct Ranges {
 }
 
 fn ranges(viewer: &Viewer, ui: &Ui) -> Ranges {
-    let around = DVec3::splat(viewer.navigator.radius());
-    let pivot = viewer.navigator.pivot();
+    let around = DVec3::splat(viewer.view.navigator.radius());
+    let pivot = viewer.view.navigator.pivot();
     let fresh = Ranges { property: Property::Opacity, values: [0.0, 0.05], corners: [pivot - around, pivot + around] };
     ui.ctx().data(|data| data.get_temp(egui::Id::new("ranges"))).unwrap_or(fresh)
 }
@@ -124,13 +125,15 @@ fn keep(ranges: Ranges, ui: &Ui) {
     ui.ctx().data_mut(|data| data.insert_temp(egui::Id::new("ranges"), ranges));
 }
 
-/// Buttons that select something in each of the three ways.
-fn ways(ui: &mut Ui) -> Option<How> {
+/// The buttons of the three selection modes.
+fn mode_buttons(ui: &mut Ui) -> Option<SelectionMode> {
     let mut wanted = None;
     ui.horizontal(|ui| {
-        for (name, how) in [("Select", How::Replace), ("Add", How::Add), ("Subtract", How::Subtract)] {
+        for (name, mode) in
+            [("Select", SelectionMode::Replace), ("Add", SelectionMode::Add), ("Subtract", SelectionMode::Subtract)]
+        {
             if ui.button(name).clicked() {
-                wanted = Some(how);
+                wanted = Some(mode);
             }
         }
     });
@@ -152,8 +155,8 @@ fn by_value(viewer: &mut Viewer, ui: &mut Ui) {
         ui.label("to");
         ui.add(DragValue::new(high).speed(0.005).range(0.0..=f32::MAX));
     });
-    if let Some(how) = ways(ui) {
-        viewer.select(&Selection::Values(now.property, now.values[0]..=now.values[1]), how);
+    if let Some(mode) = mode_buttons(ui) {
+        viewer.select(&Selection::Values(now.property, now.values[0]..=now.values[1]), mode);
     }
     keep(now, ui);
 }
@@ -169,66 +172,67 @@ fn by_box(viewer: &mut Viewer, ui: &mut Ui) {
             ui.end_row();
         }
     });
-    if let Some(how) = ways(ui) {
-        viewer.select(&Selection::Box(now.corners[0], now.corners[1]), how);
+    if let Some(mode) = mode_buttons(ui) {
+        viewer.select(&Selection::Box(now.corners[0], now.corners[1]), mode);
     }
     keep(now, ui);
 }
 
-/// The stroke of a tool, the brush, the box, and the handles of a scene.
-pub(super) fn over_picture(viewer: &Viewer, space: &Space, ui: &Ui) {
-    if !viewer.edits() {
+/// Draws the stroke of a tool, the brush, and the handles of a scene over the picture.
+pub(super) fn over_picture(viewer: &Viewer, world: &WorldPainter, ui: &Ui) {
+    if !viewer.panels.shows(Tab::Edit) {
         return;
     }
     let line = Stroke::new(1.5, Color32::from_rgb(255, 200, 60));
-    let painter = super::over::painter(ui);
+    let painter = super::overlay::painter(ui);
     let points = f64::from(ui.ctx().pixels_per_point());
     let at = |place: DVec2| egui::pos2((place.x / points) as f32, (place.y / points) as f32);
-    if let Some(ToolStroke { way, .. }) = &viewer.stroke
-        && let (Some(first), Some(last)) = (way.first(), way.last())
+    if let Some(ToolStroke { points: stroke, .. }) = &viewer.pointer.stroke
+        && let (Some(first), Some(last)) = (stroke.first(), stroke.last())
     {
-        match viewer.tool {
+        match viewer.editing.tool {
             Tool::Rectangle => {
                 let rect = egui::Rect::from_two_pos(at(*first), at(*last));
                 painter.rect_stroke(rect, 0.0, line, egui::StrokeKind::Middle);
             }
             Tool::Lasso => {
-                let closed = way.iter().chain([first]).map(|place| at(*place)).collect();
+                let closed = stroke.iter().chain([first]).map(|place| at(*place)).collect();
                 painter.line(closed, line);
             }
             Tool::Brush => {
-                let wide = Stroke::new((2.0 * viewer.brush_px / points) as f32, line.color.gamma_multiply(0.35));
-                painter.line(way.iter().map(|place| at(*place)).collect(), wide);
+                let wide =
+                    Stroke::new((2.0 * viewer.editing.brush_px / points) as f32, line.color.gamma_multiply(0.35));
+                painter.line(stroke.iter().map(|place| at(*place)).collect(), wide);
             }
             Tool::Ball => drop(painter.circle_stroke(at(*first), (first.distance(*last) / points) as f32, line)),
             Tool::Look | Tool::Place => {}
         }
     }
-    if let (Tool::Brush, Some(pixel)) = (viewer.tool, viewer.cursor) {
-        painter.circle_stroke(at(DVec2::from(pixel.map(f64::from))), (viewer.brush_px / points) as f32, line);
+    if let (Tool::Brush, Some(pixel)) = (viewer.editing.tool, viewer.pointer.pixel) {
+        painter.circle_stroke(at(DVec2::from(pixel.map(f64::from))), (viewer.editing.brush_px / points) as f32, line);
     }
-    if let (Tool::Place, Some(gizmo)) = (viewer.tool, viewer.gizmo()) {
-        handles(viewer, &gizmo, space, ui);
+    if let (Tool::Place, Some(gizmo)) = (viewer.editing.tool, viewer.gizmo()) {
+        handles(viewer, &gizmo, world, ui);
     }
 }
 
-/// The arrows, the rings and the square of a scene.
-fn handles(viewer: &Viewer, gizmo: &Gizmo, space: &Space, ui: &Ui) {
-    let held = viewer.drag.and_then(|drag| match drag.motion {
-        Motion::Handle(_, handle) => Some(handle),
+/// The arrows, the rings and the square of the gizmo.
+fn handles(viewer: &Viewer, gizmo: &Gizmo, world: &WorldPainter, ui: &Ui) {
+    let held = viewer.pointer.drag.and_then(|drag| match drag.motion {
+        DragMotion::Handle(_, handle) => Some(handle),
         _ => None,
     });
     let width = |handle: Handle| if held == Some(handle) { 4.0 } else { 2.0 };
     for (axis, colour) in AXES.into_iter().enumerate() {
         let end = gizmo.end(axis);
-        space.line([gizmo.centre, end], Stroke::new(width(Handle::Move(axis)), colour));
-        space.dot(end, 5.0, colour, ["x", "y", "z"][axis]);
+        world.line([gizmo.centre, end], Stroke::new(width(Handle::Move(axis)), colour));
+        world.dot(end, 5.0, colour, ["x", "y", "z"][axis]);
         for ends in gizmo.ring(axis).windows(2) {
-            space.line([ends[0], ends[1]], Stroke::new(width(Handle::Turn(axis)), colour.gamma_multiply(0.8)));
+            world.line([ends[0], ends[1]], Stroke::new(width(Handle::Turn(axis)), colour.gamma_multiply(0.8)));
         }
     }
-    if let Some(centre) = space.place(gizmo.centre) {
+    if let Some(centre) = world.position(gizmo.centre) {
         let square = egui::Rect::from_center_size(centre, vec2(10.0, 10.0));
-        super::over::painter(ui).rect_filled(square, 1.0, Color32::WHITE);
+        super::overlay::painter(ui).rect_filled(square, 1.0, Color32::WHITE);
     }
 }

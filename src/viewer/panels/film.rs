@@ -1,10 +1,10 @@
-//! The panel of paths and files: keys on a timeline, playing, and writing pictures and frames.
+//! The page Path: keys of the camera path, playing, and writing pictures and films.
 
 use std::path::PathBuf;
 
 use egui::{Button, Color32, DragValue, Slider, Stroke, TextEdit, Ui};
 
-use super::space::Space;
+use super::world_painter::WorldPainter;
 use crate::camera::Timeline;
 use crate::viewer::model::{Action, Request, Viewer};
 
@@ -55,16 +55,16 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     export(viewer, ui);
 }
 
-/// Seconds between keys that are dragged.
-const APART: f64 = 0.05;
+/// Least seconds between keys that are dragged.
+const KEY_GAP: f64 = 0.05;
 
 fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     let (mut moved, mut change) = (None, None);
     let keys = viewer.film.timeline.keys();
     for (i, key) in keys.iter().enumerate() {
-        // Keys stay in their order, so that a key which is dragged replaces none and stays under the pointer.
-        let low = if i == 0 { 0.0 } else { keys[i - 1].seconds + APART };
-        let high = keys.get(i + 1).map_or(3600.0, |next| next.seconds - APART).max(low);
+        // Keys keep their order, so that a dragged key replaces no other and stays under the pointer.
+        let low = if i == 0 { 0.0 } else { keys[i - 1].seconds + KEY_GAP };
+        let high = keys.get(i + 1).map_or(3600.0, |next| next.seconds - KEY_GAP).max(low);
         ui.horizontal(|ui| {
             let mut seconds = key.seconds;
             let field = DragValue::new(&mut seconds).speed(0.05).range(low..=high).clamp_existing_to_range(false);
@@ -102,7 +102,7 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     }
 }
 
-/// What is done with a key, by its index or its time.
+/// A change of a key, by its index or its time.
 enum Change {
     Show(f64),
     Replace(f64),
@@ -130,7 +130,7 @@ fn files(viewer: &mut Viewer, ui: &mut Ui) {
 }
 
 fn export(viewer: &mut Viewer, ui: &mut Ui) {
-    let window = viewer.size;
+    let window = viewer.view.size;
     let export = &mut viewer.export;
     ui.horizontal(|ui| {
         let mut is_own = export.size.is_some();
@@ -175,8 +175,8 @@ fn export(viewer: &mut Viewer, ui: &mut Ui) {
     });
 }
 
-/// The path in the picture: its curve, its keys, and the place at the time that is shown.
-pub(super) fn curve(viewer: &Viewer, space: &Space) {
+/// Draws the path over the picture: its curve, its keys, and the position at the current time.
+pub(super) fn curve(viewer: &Viewer, world: &WorldPainter) {
     let keys = viewer.film.timeline.keys();
     let [colour, at] = [Color32::from_rgb(120, 200, 255), Color32::from_rgb(255, 200, 60)];
     let steps = (CURVE_STEPS * keys.len()).min(LARGEST_CURVE);
@@ -185,16 +185,16 @@ pub(super) fn curve(viewer: &Viewer, space: &Space) {
     let place = |seconds: f64| viewer.film.timeline.at(seconds).map(|camera| camera.position);
     let places: Vec<_> = (0..=steps).filter_map(|i| place(time(i))).collect();
     for ends in places.windows(2) {
-        space.line([ends[0], ends[1]], Stroke::new(1.5, colour));
+        world.line([ends[0], ends[1]], Stroke::new(1.5, colour));
     }
     for (i, key) in keys.iter().enumerate() {
-        space.dot(key.camera.position, 3.0, colour, &i.to_string());
+        world.dot(key.camera.position, 3.0, colour, &i.to_string());
     }
     if let Some(now) = place(viewer.film.now) {
-        space.dot(now, 4.0, at, "");
+        world.dot(now, 4.0, at, "");
     }
 }
 
-/// Pieces of the curve for each key, and most pieces.
+/// Segments of the curve per key, and most segments.
 const CURVE_STEPS: usize = 16;
 const LARGEST_CURVE: usize = 2000;

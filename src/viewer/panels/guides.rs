@@ -4,25 +4,25 @@ use egui::{Color32, Rect, Sense, Stroke, Ui, pos2, vec2};
 use glam::DVec3;
 
 use super::edit::AXES;
-use super::over::painter;
-use super::space::Space;
+use super::overlay::painter;
+use super::world_painter::WorldPainter;
 use crate::viewer::model::Viewer;
 
 /// Lines of the grid to each side.
 const LINES: i32 = 10;
 
-/// Points from the middle of the directions to their ends, and radius of an end.
+/// Length of the drawn axes, and radius of their ends, in points.
 const SIZE: f32 = 30.0;
 const END: f32 = 8.0;
 
-/// Draws the guides, if they are wanted. `free` is the part of the window that the picture has.
-pub(super) fn show(viewer: &mut Viewer, space: &Space, free: Rect, ui: &mut Ui) {
-    if !viewer.kept.shows_guides || viewer.panels.are_hidden {
+/// Draws the guides, if they are on. `free` is the rectangle of the picture.
+pub(super) fn show(viewer: &mut Viewer, world: &WorldPainter, free: Rect, ui: &mut Ui) {
+    if !viewer.panels.recent.shows_guides || viewer.panels.are_hidden {
         return;
     }
-    // A power of ten, so that the grid is about as large as the scene.
-    let step = 10f64.powf((viewer.navigator.radius() / 3.0).log10().round());
-    let up = viewer.navigator.up().vector();
+    // A power of ten that makes the grid about as large as the scene.
+    let step = 10f64.powf((viewer.view.navigator.radius() / 3.0).log10().round());
+    let up = viewer.view.navigator.up().vector();
     let sides = DVec3::AXES.map(|axis| axis * f64::from(u8::from(axis.dot(up) == 0.0)));
     let mut sides = sides.into_iter().filter(|side| *side != DVec3::ZERO);
     if let (Some(a), Some(b)) = (sides.next(), sides.next()) {
@@ -32,14 +32,14 @@ pub(super) fn show(viewer: &mut Viewer, space: &Space, free: Rect, ui: &mut Ui) 
             let at = f64::from(i) * step;
             for (along, aside) in [(a, b), (b, a)] {
                 let ends = [aside * at - along * reach, aside * at + along * reach];
-                space.line(ends, Stroke::new(1.0, colour));
+                world.line(ends, Stroke::new(1.0, colour));
             }
         }
     }
     for (axis, colour) in AXES.into_iter().enumerate() {
-        space.line([DVec3::ZERO, DVec3::AXES[axis] * step], Stroke::new(2.0, colour));
+        world.line([DVec3::ZERO, DVec3::AXES[axis] * step], Stroke::new(2.0, colour));
     }
-    super::over::label(
+    super::overlay::label(
         &painter(ui),
         (free.right_top() + vec2(-12.0, 2.0 * (SIZE + END) + 14.0), egui::Align2::RIGHT_TOP),
         format!("grid {step}"),
@@ -47,10 +47,10 @@ pub(super) fn show(viewer: &mut Viewer, space: &Space, free: Rect, ui: &mut Ui) 
     directions(viewer, free, ui);
 }
 
-/// The axes as they lie in the view, in the upper right corner; a click on an end looks from there.
+/// The axes of the world in the upper right corner, rotated as in the view; a click on an end looks from there.
 fn directions(viewer: &mut Viewer, free: Rect, ui: &mut Ui) {
     let middle = free.right_top() + vec2(-SIZE - END - 10.0, SIZE + END + 6.0);
-    let view = viewer.view();
+    let view = viewer.view.camera();
     let mut ends: Vec<(f64, DVec3, usize, bool)> = Vec::new();
     for axis in 0..3 {
         for is_positive in [true, false] {
@@ -78,7 +78,7 @@ fn directions(viewer: &mut Viewer, free: Rect, ui: &mut Ui) {
         let sign = if is_positive { "+" } else { "-" };
         let hint = format!("Look at the pivot from {sign}{}", ["x", "y", "z"][axis]);
         if response.on_hover_text(hint).clicked() {
-            viewer.look_from(from);
+            viewer.view.look_from(from);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The help window: what the mouse and the keys do.
+//! The help window: actions of the mouse and the keys.
 
 use egui::{Align2, Context, Grid, ScrollArea, Window};
 
@@ -13,7 +13,7 @@ const MOUSE: [(&str, &str); 6] = [
     ("drop a file", "open a scene, a camera file, or a picture to compare with"),
 ];
 
-/// Width of the window in points from which on the help has two columns.
+/// Least width of the window for two columns of help, in points.
 const WIDE: f32 = 900.0;
 
 pub(super) fn show(viewer: &mut Viewer, context: &Context) {

@@ -1,25 +1,25 @@
-//! The quality panel: presets, every knob with its cost in this view, and the error budget.
+//! The page Quality: presets, every knob with its cost in this view, and the error budget.
 
 use egui::{ComboBox, DragValue, Grid, ProgressBar, RichText, Ui};
 
 use crate::options::{KNOBS, Kind, Knob, Options, Value};
 use crate::viewer::frame::Pair;
-use crate::viewer::jobs::{ALL, Cost};
-use crate::viewer::model::{Measurement, Purpose, Rate, Request, Viewer};
+use crate::viewer::jobs::{ALL_KNOBS, KnobCost};
+use crate::viewer::model::{Measurement, Purpose, RateControl, Request, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     presets(viewer, ui);
-    let in_pages = viewer.is_in_pages();
-    let (costs, of) = viewer.costs.clone().unzip();
-    let of_another = of.flatten().and_then(|of| of.difference(&viewer.depicted()?));
+    let is_paged = viewer.scenes.are_paged();
+    let (costs, content) = viewer.measuring.costs.clone().unzip();
+    let mismatch = content.flatten().and_then(|content| content.difference(&viewer.picture_content()?));
     let cost = |knob: &str| costs.as_ref().and_then(|costs| costs.knobs.iter().find(|cost| cost.knob == knob));
     let exact_ms = costs.as_ref().map(|costs| costs.exact_ms);
     let options = &mut viewer.options;
-    // Figures of another picture, or of another value of a knob, are no longer true of what is set here.
+    // Costs are outdated if the picture or the value of the knob has changed.
     let is_old = |name: &str, options: &Options| {
         let measured = costs.as_ref().map(|costs| costs.options);
         let knob = KNOBS.iter().find(|knob| knob.name == name);
-        of_another.is_some()
+        mismatch.is_some()
             || measured.is_some_and(|measured| match knob {
                 Some(knob) => (knob.get)(&measured) != (knob.get)(options),
                 None => measured != *options,
@@ -40,41 +40,41 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             ui.end_row();
         };
         // The near plane is in the view panel.
-        for knob in KNOBS.iter().filter(|knob| knob.name != "near" && (in_pages || !knob.is_of_levels())) {
+        for knob in KNOBS.iter().filter(|knob| knob.name != "near" && (is_paged || !knob.is_of_levels())) {
             row(knob.name, knob.help, &mut |ui, options| edit(ui, knob, options));
         }
         if exact_ms.is_some() {
-            row(ALL, "All of these settings together", &mut |ui, _| drop(ui.label("")));
+            row(ALL_KNOBS, "All of these settings together", &mut |ui, _| drop(ui.label("")));
         }
     });
     ui.horizontal(|ui| {
         let measure = egui::Button::new("Measure what they cost here");
-        if ui.add_enabled(viewer.measurement.is_none() && pair.first.is_some(), measure).clicked() {
+        if ui.add_enabled(viewer.measuring.running.is_none() && pair.first.is_some(), measure).clicked() {
             viewer.requests.push(Request::Measure);
         }
     });
     rate(viewer, ui);
-    going_on(viewer, Purpose::Costs, ui);
+    progress(viewer, Purpose::Costs, ui);
     if let Some(ms) = exact_ms {
         ui.label(format!("GPU time of the exact frame {ms:.3} ms; each knob alone, dB to the exact picture"));
-        if let Some(of) = of_another {
+        if let Some(of) = mismatch {
             ui.label(format!("These figures are of {of}: measure again."));
         }
     }
     budget(viewer, pair, ui);
 }
 
-/// The rate that frames keep.
+/// The frame rate to keep.
 fn rate(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal(|ui| {
-        let mut keeps = viewer.rate.is_some();
+        let mut keeps = viewer.timing.rate.is_some();
         let hint = "While the view moves, pictures that take too long are drawn at a lower scale, and whole again when \
                     it rests. Scenes with levels of detail have fewer nodes, also at rest. What is written has neither";
         if ui.checkbox(&mut keeps, "Keep").on_hover_text(hint).changed() {
-            viewer.rate = keeps.then(|| Rate::of(60.0));
-            viewer.is_stale = true;
+            viewer.timing.rate = keeps.then(|| RateControl::new(60.0));
+            viewer.pictures.are_stale = true;
         }
-        match &mut viewer.rate {
+        match &mut viewer.timing.rate {
             Some(rate) => drop(ui.add(DragValue::new(&mut rate.fps).range(1.0..=1000.0))),
             None => drop(ui.label("60")),
         }
@@ -112,15 +112,15 @@ fn edit(ui: &mut Ui, knob: &Knob, options: &mut Options) {
     }
 }
 
-/// What the time of a frame becomes, compared with `exact_ms`, and the PSNR to the exact picture: briefly, and whole.
-fn described(cost: &Cost, exact_ms: Option<f64>) -> (String, String) {
+/// Change of the frame time from `exact_ms`, and PSNR to the exact picture: a short and a long text.
+fn described(cost: &KnobCost, exact_ms: Option<f64>) -> (String, String) {
     let saved = cost.ms - exact_ms.unwrap_or(cost.ms);
     let psnr = if cost.psnr.is_finite() { format!("{:.1} dB", cost.psnr) } else { "equal".to_owned() };
     let whole = format!("A frame takes {:.3} ms, {saved:+.3} ms to the exact one; {psnr} to its picture", cost.ms);
     (format!("{saved:+.3} ms, {psnr}"), whole)
 }
 
-/// A widget for a threshold that is written as a fraction, such as 1/255.
+/// A widget for a threshold that is shown as a fraction, such as 1/255.
 fn fraction(ui: &mut Ui, value: &mut f32, range: std::ops::RangeInclusive<f32>) {
     let formatted = |v: f64, _: std::ops::RangeInclusive<usize>| match v {
         v if v <= 0.0 => "0".to_owned(),
@@ -156,7 +156,7 @@ fn presets(viewer: &mut Viewer, ui: &mut Ui) {
 
 fn budget(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     ui.horizontal(|ui| {
-        let budget = &mut viewer.budget;
+        let budget = &mut viewer.measuring.budget;
         ui.label("budget:");
         ui.selectable_value(&mut budget.is_psnr, false, "error");
         ui.selectable_value(&mut budget.is_psnr, true, "dB");
@@ -165,19 +165,19 @@ fn budget(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             false => ui.add(DragValue::new(&mut budget.max_error).speed(0.001).range(1e-5..=1.0)),
         };
         let button = egui::Button::new("Choose");
-        if ui.add_enabled(viewer.measurement.is_none() && pair.first.is_some(), button).clicked() {
+        if ui.add_enabled(viewer.measuring.running.is_none() && pair.first.is_some(), button).clicked() {
             viewer.requests.push(Request::Choose);
         }
     });
-    going_on(viewer, Purpose::Choice, ui);
-    if let Some(chosen) = &viewer.budget.chosen {
+    progress(viewer, Purpose::Choice, ui);
+    if let Some(chosen) = &viewer.measuring.budget.chosen {
         ui.label(chosen);
     }
 }
 
-/// How far a measurement is, how long it takes yet, and a button that ends it.
-pub(super) fn going_on(viewer: &Viewer, purpose: Purpose, ui: &mut Ui) {
-    let Some(measurement) = viewer.measurement.as_ref().filter(|work| work.purpose == purpose) else { return };
+/// Progress of a measurement, the remaining time, and a button that cancels it.
+pub(super) fn progress(viewer: &Viewer, purpose: Purpose, ui: &mut Ui) {
+    let Some(measurement) = viewer.measuring.running.as_ref().filter(|work| work.purpose == purpose) else { return };
     let Measurement { fraction, since, cancel, .. } = measurement;
     let passed = since.elapsed().as_secs_f64();
     let left = if *fraction > 0.0 { format!(", {:.0} s left", passed / fraction - passed) } else { String::new() };

@@ -1,15 +1,15 @@
-//! Numbers over the picture: the values of the pixel under the cursor, the scale of a look, marks and their distance.
+//! Numbers over the picture: values of the pixel under the cursor, the scale of the view mode, and marks.
 
 use egui::{Align2, Color32, Rect, Stroke, StrokeKind, Ui, pos2, vec2};
 use glam::{DVec2, DVec3};
 
-use super::over::{MARGIN, label, painter};
-use super::space::Space;
+use super::overlay::{MARGIN, label, painter};
+use super::world_painter::WorldPainter;
 use crate::pixels::{Pixels, to_byte};
 use crate::render::{Attribute, Look, Quantity, false_colour};
 use crate::viewer::model::{CompareTarget, Numbers, Viewer};
 
-/// `free`: the part of the window that the picture has.
+/// Draws the numbers. `free` is the rectangle of the picture.
 pub(super) fn show(viewer: &Viewer, free: Rect, ui: &Ui) {
     if viewer.panels.are_hidden {
         return;
@@ -21,13 +21,13 @@ pub(super) fn show(viewer: &Viewer, free: Rect, ui: &Ui) {
     }
 }
 
-/// The values of the pixel under the cursor, once the pictures stand still.
+/// The values of the pixel under the cursor, once the pictures are at rest.
 fn under_cursor(viewer: &Viewer) -> Option<String> {
-    let (still, [x, y]) = (viewer.still.as_ref()?, viewer.cursor?);
+    let (snapshot, [x, y]) = (viewer.inspector.snapshot.as_ref()?, viewer.pointer.pixel?);
     let pixel = |pixels: &Pixels| (x < pixels.size[0] && y < pixels.size[1]).then(|| pixels.at(x, y));
-    let first = pixel(&still.first)?;
-    let second = still.second.as_ref().and_then(|second| pixel(second));
-    let quantity = viewer.inspection.quantity();
+    let first = pixel(&snapshot.first)?;
+    let second = snapshot.second.as_ref().and_then(|second| pixel(second));
+    let quantity = viewer.inspector.settings.quantity();
     let mut lines = vec![format!("pixel {x}, {y}")];
     match second.filter(|_| viewer.comparison.target != CompareTarget::Nothing) {
         Some(second) => {
@@ -42,11 +42,11 @@ fn under_cursor(viewer: &Viewer) -> Option<String> {
         }
         None => lines.push(value(quantity, first)),
     }
-    if viewer.inspection.view_mode().look == Look::Attribute(Attribute::Depth)
+    if viewer.inspector.settings.view_mode().look == Look::Attribute(Attribute::Depth)
         && let Some(depth) = quantity.value(first)
     {
         let place = DVec2::new(x.into(), y.into()) + 0.5;
-        let DVec3 { x, y, z } = viewer.view().unprojected(place, f64::from(depth));
+        let DVec3 { x, y, z } = viewer.view.camera().unprojected(place, f64::from(depth));
         lines.push(format!("world {x:.4} {y:.4} {z:.4}"));
     }
     Some(lines.join("\n"))
@@ -65,17 +65,17 @@ fn value(quantity: Quantity, pixel: [f32; 4]) -> String {
     }
 }
 
-/// The name of the look, its colours and what their ends mean.
+/// The name of the view mode, its false colours, and the ends of the scale.
 fn legend(viewer: &Viewer, free: Rect, ui: &Ui) {
-    let mode = viewer.inspection.view_mode();
-    if viewer.inspection.mode == 0 {
+    let mode = viewer.inspector.settings.view_mode();
+    if viewer.inspector.settings.mode == 0 {
         return;
     }
     let painter = painter(ui);
     let right = free.right() - MARGIN;
     let ends = match mode.numbers {
         Numbers::None => None,
-        Numbers::Counts | Numbers::Mean(_) => Some(viewer.inspection.ranges[viewer.inspection.mode]),
+        Numbers::Counts | Numbers::Mean(_) => Some(viewer.inspector.settings.ranges[viewer.inspector.settings.mode]),
         Numbers::Coverage | Numbers::Transmittance => Some([0.0, 1.0]),
     };
     let title = if mode.unit.is_empty() { mode.title.to_owned() } else { format!("{}: {}", mode.title, mode.unit) };
@@ -94,28 +94,28 @@ fn legend(viewer: &Viewer, free: Rect, ui: &Ui) {
     label(&painter, (bar.right_bottom() + vec2(0.0, 4.0), Align2::RIGHT_TOP), short(high));
 }
 
-/// A number with four digits that count.
+/// A number with four significant digits.
 fn short(value: f32) -> String {
     let digits = 3 - (value.abs().max(1e-6).log10().floor() as i32);
     let text = format!("{value:.*}", digits.clamp(0, 6) as usize);
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
-/// The points that were marked, and the distances from each to the next.
-pub(super) fn marks(viewer: &Viewer, space: &Space, ui: &Ui) {
+/// The marks, and the distances between them.
+pub(super) fn marks(viewer: &Viewer, world: &WorldPainter, ui: &Ui) {
     let colour = Color32::from_rgb(255, 200, 60);
-    viewer.marks.iter().for_each(|mark| space.dot(*mark, 3.0, colour, ""));
-    for ends in viewer.marks.windows(2) {
+    viewer.inspector.marks.iter().for_each(|mark| world.dot(*mark, 3.0, colour, ""));
+    for ends in viewer.inspector.marks.windows(2) {
         let (from, to) = (ends[0], ends[1]);
-        space.line([from, to], Stroke::new(1.5, colour));
-        if let (Some(a), Some(b)) = (space.place(from), space.place(to)) {
+        world.line([from, to], Stroke::new(1.5, colour));
+        if let (Some(a), Some(b)) = (world.position(from), world.position(to)) {
             let middle = a + (b - a) / 2.0;
             label(&painter(ui), (middle, Align2::CENTER_CENTER), format!("{:.4}", from.distance(to)));
         }
     }
 }
 
-/// The part of the pictures that is compared.
+/// The area of the pictures that is compared.
 fn area(viewer: &Viewer, ui: &Ui) {
     let Some([left, top, right, bottom]) = viewer.comparison.area else { return };
     if viewer.comparison.target == CompareTarget::Nothing {

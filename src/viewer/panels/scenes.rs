@@ -1,4 +1,4 @@
-//! The scenes panel: open scenes, their placement, counts, and the path that draws them.
+//! The list of scenes: visibility, placement, counts, and the path that draws them.
 
 use std::path::PathBuf;
 
@@ -11,17 +11,17 @@ use crate::viewer::model::{Action, CompareTarget, Layer, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let has_second = matches!(viewer.comparison.target, CompareTarget::Options(_));
-    let mut asked = None;
-    for layer in &mut viewer.layers {
+    let mut request = None;
+    for layer in &mut viewer.scenes.layers {
         ui.push_id(layer.number, |ui| {
             if let Some(what) = show_layer(layer, has_second, ui) {
-                asked = Some((what, layer.number));
+                request = Some((what, layer.number));
             }
         });
     }
-    match asked {
-        Some((Asked::Look, number)) => viewer.frame_layer(number),
-        Some((Asked::Close, number)) => viewer.close(number),
+    match request {
+        Some((RowRequest::Look, number)) => viewer.frame_layer(number),
+        Some((RowRequest::Close, number)) => viewer.close(number),
         None => {}
     }
     ui.horizontal(|ui| {
@@ -35,7 +35,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         }
         let key = viewer.setup.bindings.text(Action::OpenFile);
         if ui.button("Open...").on_hover_text(format!("Choose files ({key})")).clicked() {
-            viewer.dialog.ask();
+            viewer.panels.dialog.open_files();
         }
         recent(viewer, ui);
         ui.data_mut(|data| data.insert_temp(id, path));
@@ -69,14 +69,14 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     }
 }
 
-/// A menu of the files that were opened lately.
+/// The menu of recent files.
 fn recent(viewer: &mut Viewer, ui: &mut Ui) {
-    if viewer.kept.recent.is_empty() {
+    if viewer.panels.recent.files.is_empty() {
         return;
     }
     let mut chosen = None;
     ui.menu_button("⏷", |ui| {
-        for file in &viewer.kept.recent {
+        for file in &viewer.panels.recent.files {
             let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy();
             if ui.button(name).on_hover_text(file.display().to_string()).clicked() {
                 chosen = Some(file.clone());
@@ -85,55 +85,56 @@ fn recent(viewer: &mut Viewer, ui: &mut Ui) {
         }
     })
     .response
-    .on_hover_text("Opened lately");
+    .on_hover_text("OpenedScene lately");
     if let Some(file) = chosen {
         viewer.drop_file(&file);
     }
 }
 
-/// What the row of a scene asks for.
-enum Asked {
+/// The request of a row.
+enum RowRequest {
     Look,
     Close,
 }
 
-/// The row of a scene.
-fn show_layer(layer: &mut Layer, has_second: bool, ui: &mut Ui) -> Option<Asked> {
-    let mut asked = None;
+/// The row of a layer.
+fn show_layer(layer: &mut Layer, has_second: bool, ui: &mut Ui) -> Option<RowRequest> {
+    let mut request = None;
     ui.horizontal(|ui| {
         ui.checkbox(&mut layer.is_shown[0], "").on_hover_text("show it");
         if has_second {
             ui.checkbox(&mut layer.is_shown[1], "").on_hover_text("show it in the second picture");
         }
         ui.label(&layer.name).on_hover_text(&layer.summary);
-        if layer.is_read && ui.small_button("look").on_hover_text("move the view so that it is seen whole").clicked() {
-            asked = Some(Asked::Look);
+        if layer.is_loaded && ui.small_button("look").on_hover_text("move the view so that it is seen whole").clicked()
+        {
+            request = Some(RowRequest::Look);
         }
         if ui.small_button("x").on_hover_text("close it").clicked() {
-            asked = Some(Asked::Close);
+            request = Some(RowRequest::Close);
         }
     });
     if let Some(fraction) = layer.progress {
         ui.add(egui::ProgressBar::new(fraction as f32).show_percentage());
-        return asked;
+        return request;
     }
     ui.collapsing("Placement", |ui| {
-        let place = &mut layer.place;
+        let placement = &mut layer.placement;
         egui::Grid::new("place").show(ui, |ui| {
             ui.label("Position x y z");
-            for value in &mut place.translation {
+            for value in &mut placement.translation {
                 ui.add(DragValue::new(value).speed(0.01));
             }
             ui.end_row();
             ui.label("Rotation x y z, °").on_hover_text("around y, then x, then z");
-            for value in &mut place.rotation {
+            for value in &mut placement.rotation {
                 ui.add(DragValue::new(value).speed(0.5));
             }
             ui.end_row();
             ui.label("Scale");
-            ui.add(DragValue::new(&mut place.scale).speed(0.01).range(1e-6..=1e6));
+            ui.add(DragValue::new(&mut placement.scale).speed(0.01).range(1e-6..=1e6));
             ui.end_row();
         });
     });
-    asked
+    request
 }

@@ -11,15 +11,15 @@ use crate::viewer::model::{Action, Request, Viewer, WindowRequest};
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     cameras(viewer, ui);
     let hint = "The axes of the world, a grid on the ground, and directions to look from";
-    ui.checkbox(&mut viewer.kept.shows_guides, "Show axes and a grid").on_hover_text(hint);
+    ui.checkbox(&mut viewer.panels.recent.shows_guides, "Show axes and a grid").on_hover_text(hint);
     Grid::new("view").num_columns(2).show(ui, |ui| {
         ui.label("Field of view");
-        let mut degrees = viewer.navigator.field_of_view();
-        // Few views are narrower than a degree or so; the slider gives them little room.
+        let mut degrees = viewer.view.navigator.field_of_view();
+        // Few views are narrower than a degree, so the slider gives them little room.
         let slider = Slider::new(&mut degrees, FIELDS_OF_VIEW).suffix("°").logarithmic(true).smallest_positive(5.0);
         if ui.add(slider).on_hover_text("Horizontal, in degrees").changed() {
-            viewer.navigator.set_field_of_view(degrees);
-            viewer.camera = None;
+            viewer.view.navigator.set_field_of_view(degrees);
+            viewer.view.camera_index = None;
         }
         ui.end_row();
         ui.label("Near plane");
@@ -28,41 +28,41 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         field.on_hover_text("World units. Gaussians closer to the camera are not drawn");
         ui.end_row();
         ui.label("Fly speed");
-        let mut speed = viewer.navigator.speed();
+        let mut speed = viewer.view.navigator.speed();
         let step = speed * 0.01;
         let field = ui.add(DragValue::new(&mut speed).speed(step).range(1e-9..=1e9));
         if field.on_hover_text("World units a second").changed() {
-            viewer.navigator.set_speed(speed);
+            viewer.view.navigator.set_speed(speed);
         }
         ui.end_row();
         ui.label("Up");
-        let mut up = viewer.navigator.up();
+        let mut up = viewer.view.navigator.up();
         ComboBox::from_id_salt("up").width(50.0).selected_text(up.to_string()).show_ui(ui, |ui| {
             for axis in Up::ALL {
                 ui.selectable_value(&mut up, axis, axis.to_string());
             }
         });
-        if up != viewer.navigator.up() {
-            viewer.navigator.set_up(up);
-            viewer.camera = None;
+        if up != viewer.view.navigator.up() {
+            viewer.view.navigator.set_up(up);
+            viewer.view.camera_index = None;
         }
         ui.end_row();
         ui.label("Vertical sync");
-        let mut vsync = viewer.vsync;
+        let mut vsync = viewer.timing.vsync;
         ComboBox::from_id_salt("vsync").width(70.0).selected_text(format!("{vsync:?}")).show_ui(ui, |ui| {
             for mode in [Vsync::On, Vsync::Off, Vsync::Mailbox] {
                 ui.selectable_value(&mut vsync, mode, format!("{mode:?}"));
             }
         });
-        if vsync != viewer.vsync {
+        if vsync != viewer.timing.vsync {
             viewer.requests.push(Request::Window(WindowRequest::Vsync(vsync)));
         }
         ui.end_row();
         ui.label("Background");
-        let mut colour = viewer.background.colour();
+        let mut colour = viewer.view.background.colour();
         if ui.color_edit_button_rgb(&mut colour).changed() {
-            viewer.background = Background::Colour(colour);
-            viewer.is_stale = true;
+            viewer.view.background = Background::Colour(colour);
+            viewer.pictures.are_stale = true;
             viewer.comparison.is_stale = true;
         }
         ui.end_row();
@@ -70,7 +70,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
         let keys = [Action::Reset, Action::CopyView, Action::CopyCommand].map(|key| viewer.setup.bindings.text(key));
         let hint = "A narrow view from far away, nearly orthographic: its rays differ by less than two degrees";
-        if ui.selectable_label(viewer.is_flat(), "Flat").on_hover_text(hint).clicked() {
+        if ui.selectable_label(viewer.view.is_flat(), "Flat").on_hover_text(hint).clicked() {
             viewer.toggle_flat();
         }
         if ui.button("First view").on_hover_text(format!("Go back to it ({})", keys[0])).clicked() {
@@ -93,16 +93,16 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
 }
 
 fn cameras(viewer: &mut Viewer, ui: &mut Ui) {
-    if viewer.cameras.is_empty() {
+    if viewer.cameras.list.is_empty() {
         return;
     }
-    let label = |i: usize, viewer: &Viewer| format!("{i}  {}", viewer.cameras[i].name);
-    let chosen = viewer.camera.map_or_else(|| "camera".to_owned(), |i| label(i, viewer));
+    let label = |i: usize, viewer: &Viewer| format!("{i}  {}", viewer.cameras.list[i].name);
+    let chosen = viewer.view.camera_index.map_or_else(|| "camera".to_owned(), |i| label(i, viewer));
     ui.horizontal(|ui| {
         let mut wanted = None;
         ComboBox::from_id_salt("cameras").width(150.0).selected_text(chosen).show_ui(ui, |ui| {
-            for i in 0..viewer.cameras.len() {
-                if ui.selectable_label(viewer.camera == Some(i), label(i, viewer)).clicked() {
+            for i in 0..viewer.cameras.list.len() {
+                if ui.selectable_label(viewer.view.camera_index == Some(i), label(i, viewer)).clicked() {
                     wanted = Some(i);
                 }
             }
@@ -122,5 +122,5 @@ fn cameras(viewer: &mut Viewer, ui: &mut Ui) {
     });
     let key = viewer.setup.bindings.text(Action::ShowCameras);
     let hint = format!("Over the picture; a click goes to one ({key})");
-    ui.checkbox(&mut viewer.kept.shows_cameras, "Show the cameras").on_hover_text(hint);
+    ui.checkbox(&mut viewer.panels.recent.shows_cameras, "Show the cameras").on_hover_text(hint);
 }

@@ -1,10 +1,10 @@
-//! Faults that are injected on purpose, for tests of recovery.
+//! Faults to inject for tests of recovery, set by the environment variable SMALTO_FAULT.
 
 use std::str::FromStr;
 
 use anyhow::{Context, Result};
 
-/// A fault to inject, and the frame at which it happens: `device@100`, `surface@100` or `memory@100`.
+/// A fault to inject, and the number of its frame: `device@100`, `surface@100` or `memory@100`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
     pub(crate) kind: FaultKind,

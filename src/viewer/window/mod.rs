@@ -1,11 +1,15 @@
-//! The window: passes events to the session, shows its frames, and recovers when the device or the surface is lost.
+//! The window: passes events to the session, shows its frames, and recovers from a lost device or surface.
+//!
+//! - `setup` - the settings of a window
+//! - `offscreen` - the viewer without a window
+//! - `fault` - faults injected by SMALTO_FAULT
 
 mod fault;
-pub(crate) mod input;
 mod offscreen;
 mod setup;
 
-pub use offscreen::{Offscreen, PACE, PageCounts, Summary, run as run_offscreen};
+pub use fault::Fault;
+pub use offscreen::{Offscreen, PATH_FPS, PageCounts, Summary, run as run_offscreen};
 pub use setup::{DEFAULT_SIZE, WindowSetup};
 
 use std::sync::Arc;
@@ -19,13 +23,11 @@ use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy}
 use winit::window::{Fullscreen, Window, WindowId};
 
 use self::fault::FaultKind;
+use crate::gpu::{DeviceLost, Unavailable};
+use crate::host_memory::OutOfMemory;
 use crate::viewer::frame::{FrameOutput, Screen, Session, Shown};
 use crate::viewer::jobs::Jobs;
 use crate::viewer::model::{Event, Viewer, WindowRequest};
-pub use fault::Fault;
-
-use crate::gpu::{DeviceLost, Unavailable};
-use crate::host_memory::OutOfMemory;
 
 /// Wakes the event loop: a job has sent an event.
 #[derive(Debug)]
@@ -50,7 +52,7 @@ pub fn run(setup: WindowSetup) -> Result<()> {
     }
 }
 
-/// The reason why there is no window, without the source location that winit puts before it.
+/// The reason why no window can be opened, without the source location that winit puts before it.
 fn no_window(problem: &dyn std::error::Error) -> Unavailable {
     let text = problem.to_string();
     let reason = text.rsplit_once(".rs:").and_then(|(_, rest)| Some(rest.split_once(": ")?.1)).unwrap_or(&text);
@@ -101,11 +103,11 @@ impl App {
         let proxy = self.proxy.clone();
         let wake = Arc::new(move || drop(proxy.send_event(Wake)));
         let mut viewer = Viewer::new(setup.viewer.clone(), Jobs::new(wake), [size.width.max(1), size.height.max(1)]);
-        viewer.started = self.started;
+        viewer.timing.started = self.started;
         if let Some(refresh) = window.current_monitor().and_then(|monitor| monitor.refresh_rate_millihertz()) {
-            viewer.refresh_ms = 1e6 / f64::from(refresh.max(1));
+            viewer.timing.refresh_ms = 1e6 / f64::from(refresh.max(1));
         }
-        viewer.events.emit(&Event::Open { device: device.capabilities().name.clone(), size: viewer.size });
+        viewer.events.emit(&Event::Open { device: device.capabilities().name.clone(), size: viewer.view.size });
         let context = egui::Context::default();
         let input = input_of(&context, &window);
         window.request_redraw();
@@ -176,7 +178,7 @@ impl ApplicationHandler<Wake> for App {
             WindowEvent::RedrawRequested => open.frame(events),
             _ => {
                 if response.repaint {
-                    open.session.viewer.input_at.get_or_insert_with(Instant::now);
+                    open.session.viewer.timing.input_at.get_or_insert_with(Instant::now);
                     open.window.request_redraw();
                 }
                 Ok(())
@@ -198,7 +200,7 @@ impl ApplicationHandler<Wake> for App {
         if let Some(open) = &mut self.window {
             // Wait for the frames in flight; a device lost now does not matter.
             let _ = open.session.retire_frames(true);
-            open.session.viewer.keep();
+            open.session.viewer.save_recent_state();
             open.session.viewer.events.emit(&open.session.closing());
         }
     }
@@ -213,7 +215,7 @@ impl OpenWindow {
         messages
     }
 
-    /// Takes the results of finished frames, looks for changed shaders, and requests a frame that is due.
+    /// Takes the results of finished frames, polls for changed shaders, and requests a frame that is due.
     fn poll(&mut self) -> Result<()> {
         let has_results = self.session.retire_frames(false)?;
         let has_news = has_results | self.session.poll_shaders();
@@ -264,7 +266,7 @@ impl OpenWindow {
         self.finish(output?, events)
     }
 
-    /// Executes what a frame left to the owner of the window.
+    /// Handles the output of a frame, and executes its requests to the window.
     fn finish(&mut self, output: FrameOutput, events: &ActiveEventLoop) -> Result<()> {
         let FrameOutput { platform, repaint_delay, requests, shown } = output;
         if let Some(platform) = platform {
@@ -306,7 +308,7 @@ impl OpenWindow {
             }
             WindowRequest::Quit => events.exit(),
             WindowRequest::Vsync(vsync) => {
-                self.session.viewer.vsync = vsync;
+                self.session.viewer.timing.vsync = vsync;
                 let size = self.window.inner_size();
                 let shown = self.session.screen.set_vsync(vsync, [size.width, size.height]);
                 self.handle_shown(shown)?;
@@ -336,15 +338,15 @@ impl OpenWindow {
             // A window can have only one surface at a time.
             self.session.screen.close();
             self.session.viewer.messages.note("the window's surface was lost and is open again");
-            self.session.screen = Screen::of_window(&device, &self.window, self.session.viewer.vsync)?;
+            self.session.screen = Screen::of_window(&device, &self.window, self.session.viewer.timing.vsync)?;
             self.session.reset_font_atlas();
             self.reset_input();
         }
         Ok(())
     }
 
-    /// Recovers from a lost device by opening it again, and from too little memory or a changed shader that does not
-    /// compile by dropping the pictures. Returns other failures.
+    /// Recovers from a lost device by opening it again, and from a lack of memory or a changed shader that does not compile
+    /// by dropping the pictures. Returns other failures.
     fn recover(&mut self, failure: anyhow::Error, setup: &WindowSetup) -> Result<()> {
         let viewer = &mut self.session.viewer;
         if failure.is::<OutOfMemory>() {
@@ -357,10 +359,10 @@ impl OpenWindow {
             self.session.drop_pictures();
             self.session.screen.close();
             let device = setup.open_device(&self.window)?;
-            let screen = Screen::of_window(&device, &self.window, self.session.viewer.vsync)?;
+            let screen = Screen::of_window(&device, &self.window, self.session.viewer.timing.vsync)?;
             self.session.replace_screen(screen);
             self.reset_input();
-        } else if viewer.shaders.is_some() && !failure.is::<DeviceLost>() {
+        } else if viewer.pictures.shaders.is_some() && !failure.is::<DeviceLost>() {
             viewer.messages.error(format!("{failure:#}"));
             self.session.drop_pictures();
         } else {

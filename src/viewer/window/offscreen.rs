@@ -42,13 +42,13 @@ pub struct Summary {
     pub screen: Vec<[u8; 4]>,
 }
 
-/// What frames lacked that did not wait for pages.
+/// Missing pages of frames that did not wait for pages.
 pub struct PageCounts {
-    /// Pages that a frame drew coarser than asked for: in the mean, and the most.
+    /// Pages drawn coarser than requested: mean and maximum over the frames.
     pub missing: [f64; 2],
-    /// The part of the frames that lacked none.
+    /// Fraction of the frames without missing pages.
     pub whole: f64,
-    /// At the end.
+    /// Residency after the last frame.
     pub residency: Residency,
 }
 
@@ -89,7 +89,7 @@ impl Offscreen {
         loop {
             let has_layout = self.frame(Vec::new())?.platform.is_some();
             self.session.retire_frames(true)?;
-            if let Some(failure) = self.viewer().failure.take() {
+            if let Some(failure) = self.viewer().messages.failure.take() {
                 return Err(failure);
             }
             if let Some(problem) = self.viewer().messages.shown().iter().find(|message| message.is_error) {
@@ -109,7 +109,7 @@ impl Offscreen {
 }
 
 /// Opens scenes and draws `frames` frames, each from the next camera of the file or, without a file, from the first
-/// view. With a path, each from the next camera of it, and not before a screen with [`PACE`] shows it.
+/// view. With a path, each from its next camera, at [`PATH_FPS`] frames a second at most.
 pub fn run(setup: Setup, device: &Device, size: [u32; 2], frames: u32, path: Vec<NamedCamera>) -> Result<Summary> {
     let mut offscreen = Offscreen::new(setup, device, size)?;
     let summary = draw(&mut offscreen, frames, path);
@@ -117,15 +117,15 @@ pub fn run(setup: Setup, device: &Device, size: [u32; 2], frames: u32, path: Vec
     summary
 }
 
-/// Frames a second along a path.
-pub const PACE: f64 = 60.0;
+/// Most frames a second along a path: the refresh rate of a usual screen.
+pub const PATH_FPS: f64 = 60.0;
 
 fn draw(offscreen: &mut Offscreen, frames: u32, path: Vec<NamedCamera>) -> Result<Summary> {
     offscreen.settle()?;
     let first_frame_ms = offscreen.started.elapsed().as_secs_f64() * 1e3;
     let is_paced = !path.is_empty();
     if is_paced {
-        offscreen.viewer().cameras = path;
+        offscreen.viewer().cameras.list = path;
         offscreen.viewer().go_to_camera(0, true);
         offscreen.settle()?;
     }
@@ -135,13 +135,13 @@ fn draw(offscreen: &mut Offscreen, frames: u32, path: Vec<NamedCamera>) -> Resul
         let begun = Instant::now();
         let viewer = offscreen.viewer();
         // The reference is drawn for one view only.
-        if !viewer.cameras.is_empty() && viewer.comparison.target != CompareTarget::Reference {
-            viewer.go_to_camera(frame as usize % viewer.cameras.len(), true);
+        if !viewer.cameras.list.is_empty() && viewer.comparison.target != CompareTarget::Reference {
+            viewer.go_to_camera(frame as usize % viewer.cameras.list.len(), true);
         }
-        viewer.is_stale = true;
+        viewer.pictures.are_stale = true;
         offscreen.frame(vec![egui::Event::PointerMoved(egui::pos2(frame as f32 % 100.0, 50.0))])?;
         if is_paced {
-            due += Duration::from_secs_f64(1.0 / PACE);
+            due += Duration::from_secs_f64(1.0 / PATH_FPS);
             late += u32::from(due < Instant::now());
             due = due.max(Instant::now());
             std::thread::sleep(due - Instant::now());
@@ -164,10 +164,10 @@ fn draw(offscreen: &mut Offscreen, frames: u32, path: Vec<NamedCamera>) -> Resul
         interval_ms: Statistics::of(measured),
         late: is_paced.then_some(late),
         path,
-        gpu: viewer.history.digest_now(),
+        gpu: viewer.timing.frame_times.digest_now(),
         pages,
         first_frame_ms,
-        latency_ms: viewer.pace.mean_latency_ms,
+        latency_ms: viewer.timing.pace.mean_latency_ms,
         screen,
     })
 }

@@ -25,11 +25,11 @@ pub struct WindowSetup {
     pub is_full_screen: bool,
     pub device: DeviceChoice,
     pub validation: Validation,
-    /// The most device memory to take, in bytes.
+    /// Limit of device memory in bytes.
     pub memory: Option<u64>,
     /// Folder of shaders to compile at run time.
     pub shaders: Option<PathBuf>,
-    /// Gives an opened device what earlier runs left.
+    /// Gives an opened device the pipeline cache of earlier runs.
     pub with_pipeline_cache: fn(Device) -> Device,
     /// A fault to inject, for tests.
     pub fault: Option<Fault>,
@@ -42,7 +42,7 @@ impl WindowSetup {
         Ok((self.with_pipeline_cache)(device))
     }
 
-    /// What the window is created with.
+    /// The attributes of the window.
     pub(crate) fn attributes(&self) -> WindowAttributes {
         let size = match self.size {
             Some(size) => Size::from(PhysicalSize::<u32>::from(size)),

@@ -1,18 +1,18 @@
-//! The inspection panel: view modes, frozen culling, and the explanation of a pixel.
+//! The page Inside: view modes, frozen culling, and the explanation of a pixel.
 
 use egui::{Color32, ComboBox, Context, DragValue, Grid, ScrollArea, Stroke, Ui, Window};
 
-use super::space::Space;
+use super::world_painter::WorldPainter;
 use crate::pixels::to_byte;
 use crate::render::{Explained, false_colour};
 use crate::viewer::frame::{Pair, Side};
 use crate::viewer::model::{Action, ExplainedPixel, Numbers, Request, VIEW_MODES, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
-    let in_pages = viewer.is_in_pages();
-    let inspection = &mut viewer.inspection;
+    let is_paged = viewer.scenes.are_paged();
+    let inspection = &mut viewer.inspector.settings;
     ComboBox::from_id_salt("view mode").width(180.0).selected_text(inspection.view_mode().title).show_ui(ui, |ui| {
-        for (i, mode) in VIEW_MODES.iter().enumerate().filter(|(_, mode)| mode.suits(in_pages)) {
+        for (i, mode) in VIEW_MODES.iter().enumerate().filter(|(_, mode)| mode.suits(is_paged)) {
             ui.selectable_value(&mut inspection.mode, i, mode.title).on_hover_text(mode.unit);
         }
     });
@@ -27,12 +27,12 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             }
         });
     }
-    let mut is_frozen = viewer.inspection.culled_from.is_some();
+    let mut is_frozen = viewer.inspector.settings.culled_from.is_some();
     let hint = "What is culled stays culled while the view moves, and the frustum is shown";
     if ui.checkbox(&mut is_frozen, "Freeze culling").on_hover_text(hint).changed() {
         viewer.toggle_frozen_culling();
     }
-    let inspection = &mut viewer.inspection;
+    let inspection = &mut viewer.inspector.settings;
     if let Some(index) = inspection.isolated {
         ui.horizontal(|ui| {
             ui.label(format!("only Gaussian {index} is drawn"));
@@ -45,7 +45,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     ui.label(format!("{key} explains the pixel under the cursor."));
     let key = viewer.setup.bindings.text(Action::Mark);
     ui.label(format!("{key} marks the point under the cursor; lines show how far marks are apart."));
-    if let (Some(first), Some(index)) = (&pair.first, viewer.inspection.isolated) {
+    if let (Some(first), Some(index)) = (&pair.first, viewer.inspector.settings.isolated) {
         let i = index as usize;
         if let Some(gaussians) = first.gaussians.as_ref().filter(|gaussians| i < gaussians.len()) {
             ui.label(format!(
@@ -71,7 +71,7 @@ fn scale(ui: &mut Ui) {
     }
 }
 
-/// Marks a pixel that is explained, without covering it.
+/// Marks the explained pixel without covering it.
 fn mark(context: &Context, at: egui::Pos2) {
     let painter = context.layer_painter(egui::LayerId::background());
     for (radius, colour) in [(7.0, Color32::BLACK), (6.0, Color32::WHITE)] {
@@ -81,19 +81,19 @@ fn mark(context: &Context, at: egui::Pos2) {
 
 /// The window that explains a pixel: its splats front to back, each of which can be isolated.
 pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
-    let Some(ExplainedPixel { pixel, side, view, explanation }) = &viewer.explanation else { return };
+    let Some(ExplainedPixel { pixel, side, view, explanation }) = &viewer.inspector.explanation else { return };
     let mut is_open = true;
     let mut chosen = None;
-    let is_moved = *view != viewer.view();
+    let is_moved = *view != viewer.view.camera();
     let points = context.pixels_per_point();
     let at = egui::pos2(pixel[0] as f32 + 0.5, pixel[1] as f32 + 0.5) / points;
     if !is_moved {
         mark(context, at);
     }
-    // The window opens where the pixel is not.
-    let width = viewer.size[0] as f32 / points;
+    // The window opens beside the pixel.
+    let width = viewer.view.size[0] as f32 / points;
     let beside = if at.x < width / 2.0 { width / 2.0 } else { 12.0 };
-    let [r, g, b] = explanation.colour(viewer.background);
+    let [r, g, b] = explanation.colour(viewer.view.background);
     let of = if *side == Side::Second { " of the second picture" } else { "" };
     let window = Window::new(format!("Pixel {}, {}{of}", pixel[0], pixel[1])).open(&mut is_open);
     window.default_size([460.0, 320.0]).default_pos([beside, 24.0]).show(context, |ui| {
@@ -119,7 +119,7 @@ pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
         ScrollArea::vertical().auto_shrink([false, false]).max_height(360.0).show_rows(ui, 18.0, rows, |ui, rows| {
             Grid::new("splats").num_columns(6).min_col_width(62.0).striped(true).show(ui, |ui| {
                 for Explained { gaussian, depth, alpha, transmittance, colour, share } in &explanation.splats[rows] {
-                    let is_alone = *side == Side::First && viewer.inspection.isolated == Some(*gaussian);
+                    let is_alone = *side == Side::First && viewer.inspector.settings.isolated == Some(*gaussian);
                     let name = egui::Button::selectable(is_alone, gaussian.to_string());
                     // Only Gaussians of the first picture can be drawn alone.
                     if ui.add_enabled(*side == Side::First, name).clicked() {
@@ -130,23 +130,26 @@ pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
                     ui.monospace(format!("{transmittance:.4}"));
                     ui.monospace(format!("{share:.4}"));
                     let [r, g, b] = colour.map(to_byte);
-                    super::time::swatch(ui, Color32::from_rgb(r, g, b)).on_hover_text(format!("{colour:.4?}"));
+                    super::gpu_time::swatch(ui, Color32::from_rgb(r, g, b)).on_hover_text(format!("{colour:.4?}"));
                     ui.end_row();
                 }
             });
         });
     });
     if let Some(isolated) = chosen {
-        viewer.inspection.isolated = isolated.filter(|_| pair.first.is_some());
+        viewer.inspector.settings.isolated = isolated.filter(|_| pair.first.is_some());
     }
     if !is_open {
-        viewer.explanation = None;
+        viewer.inspector.explanation = None;
     }
 }
 
 /// Draws the frustum at which culling is frozen, if the view has left it.
-pub(super) fn frustum(viewer: &Viewer, space: &Space) {
-    let Some(from) = viewer.inspection.culled_from.as_ref().filter(|from| **from != viewer.view()) else { return };
-    let deep = from.position.distance(viewer.navigator.pivot()).max(1e-6);
-    space.frustum(from, deep, Stroke::new(1.5, Color32::from_rgb(255, 200, 60)));
+pub(super) fn frustum(viewer: &Viewer, world: &WorldPainter) {
+    let Some(from) = viewer.inspector.settings.culled_from.as_ref().filter(|from| **from != viewer.view.camera())
+    else {
+        return;
+    };
+    let deep = from.position.distance(viewer.view.navigator.pivot()).max(1e-6);
+    world.frustum(from, deep, Stroke::new(1.5, Color32::from_rgb(255, 200, 60)));
 }

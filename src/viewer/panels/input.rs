@@ -7,8 +7,8 @@ use glam::{DVec2, DVec3};
 
 use crate::viewer::actions::Program;
 use crate::viewer::model::{
-    Action, Change, Chord, CompareMode, CompareTarget, Comparison, Drag, How, Motion, Request, Saved, Stroke, Tool,
-    Viewer, WindowRequest, area_between,
+    Action, Change, Chord, CompareMode, CompareTarget, Comparison, Drag, DragMotion, Request, SaveTarget,
+    SelectionMode, Tab, Tool, ToolStroke, Viewer, WindowRequest, area_between,
 };
 
 /// The factor by which the fast key speeds flying up, and the slow key slows it down.
@@ -23,45 +23,45 @@ const FIRST_STEP: f64 = 0.1;
 /// The longest time of a step, in seconds, so that the view does not jump after the program stood still.
 const LONGEST_STEP: f64 = 5.0;
 
-/// Time after which a wheel that does not turn any more has come to rest, by the measure of egui.
+/// Time after the last event of a wheel for which egui smooths its scrolling.
 const SCROLLING: Duration = Duration::from_millis(160);
 
-/// Handles keys, dropped files and motion since the previous frame, `seconds` ago. A motion that goes on takes all of
-/// that time, also where frames are slow.
+/// Handles keys, dropped files and motion since the previous frame, `seconds` ago. A motion that continues lasts all of
+/// that time, even if frames are slow.
 pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
-    let (was_gliding, was_playing) = (viewer.navigator.is_gliding(), viewer.film.is_playing);
+    let (was_gliding, was_playing) = (viewer.view.navigator.is_gliding(), viewer.film.is_playing);
     let dropped = ui.input(|input| input.raw.dropped_files.clone());
     for file in &dropped {
         viewer.drop_file(file.path());
     }
-    // A header or a button that Tab has reached takes no letters.
+    // A header or a button with the keyboard focus takes no letters.
     let is_typing = ui.ctx().text_edit_focused();
     if !is_typing {
         keys(viewer, ui);
     }
     let step = |goes_on: bool| seconds.min(if goes_on { LONGEST_STEP } else { FIRST_STEP });
-    viewer.is_flying = !is_typing && fly(viewer, ui, step(viewer.is_flying));
-    let is_gliding = viewer.navigator.advance(step(was_gliding));
+    viewer.view.is_flying = !is_typing && fly(viewer, ui, step(viewer.view.is_flying));
+    let is_gliding = viewer.view.navigator.advance(step(was_gliding));
     if was_playing {
         viewer.play(step(true));
     }
-    if viewer.is_flying || is_gliding {
+    if viewer.view.is_flying || is_gliding {
         ui.ctx().request_repaint();
     }
     let is_pressed = ui.input(|input| input.pointer.any_down()) || ui.ctx().egui_is_using_pointer();
-    // A turn of the wheel goes on for some frames, and is one step.
+    // The smoothed scrolling of a wheel lasts several frames, and is one undo step.
     let is_scrolling = ui.input(|input| input.is_scrolling());
     if is_scrolling {
         ui.ctx().request_repaint_after(SCROLLING);
     }
-    let is_moving = viewer.is_flying || viewer.navigator.is_gliding() || viewer.film.is_playing || is_scrolling;
-    if !(is_moving || is_pressed || viewer.drag.is_some()) {
-        viewer.note_changes();
+    let is_moving =
+        viewer.view.is_flying || viewer.view.navigator.is_gliding() || viewer.film.is_playing || is_scrolling;
+    if !(is_moving || is_pressed || viewer.pointer.drag.is_some()) {
+        viewer.record_undo_step();
     }
 }
 
-/// Number of presses of an action's key since the previous frame, which may be several if frames take long. The repeats
-/// of a held key count only if `repeats`.
+/// Number of presses of an action's key since the previous frame. With `repeats`, repeats of a held key count, too.
 fn presses(viewer: &Viewer, ui: &Ui, action: Action, repeats: bool) -> usize {
     let Chord::Key(shortcut) = viewer.setup.bindings.chord(action) else { return 0 };
     let mut count = 0;
@@ -84,7 +84,7 @@ fn pressed(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
 fn held(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
     ui.input(|input| match viewer.setup.bindings.chord(action) {
         Chord::Key(shortcut) => input.key_down(shortcut.logical_key),
-        Chord::Held(modifiers) => input.modifiers.contains(modifiers),
+        Chord::LoadedScene(modifiers) => input.modifiers.contains(modifiers),
     })
 }
 
@@ -104,11 +104,11 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
         viewer.go_to_nearest_camera();
     }
     if pressed(viewer, ui, Action::ShowCameras) {
-        viewer.kept.shows_cameras = !viewer.kept.shows_cameras;
+        viewer.panels.recent.shows_cameras = !viewer.panels.recent.shows_cameras;
     }
     if pressed(viewer, ui, Action::FlipUp) {
-        viewer.navigator.flip_up();
-        viewer.camera = None;
+        viewer.view.navigator.flip_up();
+        viewer.view.camera_index = None;
     }
     if pressed(viewer, ui, Action::Frame) {
         viewer.frame_scene();
@@ -121,8 +121,8 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     }
     if pressed(viewer, ui, Action::HidePanels) {
         viewer.panels.are_hidden = !viewer.panels.are_hidden;
-        // Stages are timed for the panels only.
-        viewer.history.clear();
+        // Stages are timed only if the panels show them.
+        viewer.timing.frame_times.clear();
     }
     // Some keyboards have a key for the question mark, others need Shift and another key.
     let asks = ui.input(|input| input.events.iter().any(|event| *event == Input::Text("?".to_owned())));
@@ -133,12 +133,11 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
         viewer.panels.shows_help = false;
         viewer.messages.close_errors();
         viewer.comparison.area = None;
-        (viewer.drag, viewer.stroke) = (None, None);
-        viewer.marks.clear();
-        viewer.explanation = None;
-        viewer.inspection.isolated = None;
+        viewer.pointer.cancel();
+        viewer.inspector.marks.clear();
+        viewer.inspector.clear_explanation();
     }
-    // Before the one whose key it has with another modifier.
+    // Before the action that has the same key without Shift.
     if pressed(viewer, ui, Action::CopyPicture) {
         viewer.requests.push(Request::CopyPicture);
     }
@@ -148,7 +147,7 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     (0..presses(viewer, ui, Action::Undo, true)).for_each(|_| viewer.undo(false));
     (0..presses(viewer, ui, Action::Redo, true)).for_each(|_| viewer.undo(true));
     for (action, change) in [
-        // Before the one whose key it has with another modifier.
+        // Before the action that has the same key without Shift.
         (Action::ShowHidden, Change::ShowHidden),
         (Action::Hide, Change::Hide),
         (Action::Delete, Change::Delete),
@@ -156,15 +155,15 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
         (Action::SelectNone, Change::SelectNone),
         (Action::Invert, Change::Invert),
     ] {
-        if viewer.edits() && pressed(viewer, ui, action) {
+        if viewer.panels.shows(Tab::Edit) && pressed(viewer, ui, action) {
             viewer.change(change);
         }
     }
     if pressed(viewer, ui, Action::Save) {
-        viewer.dialog.ask_where(Saved::Project);
+        viewer.panels.dialog.save_file(SaveTarget::Project);
     }
     if pressed(viewer, ui, Action::OpenFile) {
-        viewer.dialog.ask();
+        viewer.panels.dialog.open_files();
     }
     if pressed(viewer, ui, Action::CopyCommand) {
         viewer.copy_command(Program::Render);
@@ -191,9 +190,9 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     if pressed(viewer, ui, Action::Play) {
         viewer.film.toggle();
     }
-    let in_pages = viewer.is_in_pages();
-    (0..presses(viewer, ui, Action::NextLook, true)).for_each(|_| viewer.inspection.step(true, in_pages));
-    (0..presses(viewer, ui, Action::PreviousLook, true)).for_each(|_| viewer.inspection.step(false, in_pages));
+    let is_paged = viewer.scenes.are_paged();
+    (0..presses(viewer, ui, Action::NextLook, true)).for_each(|_| viewer.inspector.settings.step(true, is_paged));
+    (0..presses(viewer, ui, Action::PreviousLook, true)).for_each(|_| viewer.inspector.settings.step(false, is_paged));
     if pressed(viewer, ui, Action::Quit) {
         viewer.requests.push(Request::Window(WindowRequest::Quit));
     }
@@ -204,7 +203,7 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
 /// Flies while keys are held; returns true if the view moves.
 fn fly(viewer: &mut Viewer, ui: &Ui, seconds: f64) -> bool {
     let held = |action| held(viewer, ui, action);
-    // A held Ctrl also slows down, so Ctrl with a direction key is not taken for a shortcut here.
+    // Ctrl is the slow key, so Ctrl with a direction key is no shortcut here.
     let along = |plus, minus| f64::from(u8::from(held(plus))) - f64::from(u8::from(held(minus)));
     let direction = DVec3::new(
         along(Action::Right, Action::Left),
@@ -215,59 +214,63 @@ fn fly(viewer: &mut Viewer, ui: &Ui, seconds: f64) -> bool {
         return false;
     }
     let pace = if held(Action::Fast) { FAST } else { 1.0 } * if held(Action::Slow) { 1.0 / FAST } else { 1.0 };
-    viewer.navigator.fly(direction, seconds, pace);
-    viewer.camera = None;
+    viewer.view.navigator.fly(direction, seconds, pace);
+    viewer.view.camera_index = None;
     true
 }
 
-/// Handles the mouse over the picture. Moves and clicks are followed event by event, in their order: nothing of a drag
-/// is lost, however many of its events come between two frames.
+/// Handles the mouse over the picture. Moves and clicks are handled event by event, in their order, so that a drag loses
+/// no event between two frames.
 pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
     let rect = ui.available_rect_before_wrap();
     let response = ui.allocate_rect(rect, Sense::click_and_drag());
-    let size = viewer.size;
-    let before = viewer.navigator.camera(size);
+    let size = viewer.view.size;
+    let before = viewer.view.navigator.camera(size);
     for event in ui.input(|input| input.events.clone()) {
         match event {
-            Input::PointerButton { pos, button, pressed: true, modifiers } if viewer.drag.is_none() => {
-                viewer.drag = drag_at(viewer, ui, (rect, pos), button, modifiers);
-                if viewer.drag.is_some_and(|drag| drag.motion == Motion::Stroke) {
-                    viewer.stroke = Some(Stroke { way: vec![place_at(ui, pos)], how: how(modifiers) });
+            Input::PointerButton { pos, button, pressed: true, modifiers } if viewer.pointer.drag.is_none() => {
+                viewer.pointer.drag = drag_at(viewer, ui, (rect, pos), button, modifiers);
+                if viewer.pointer.drag.is_some_and(|drag| drag.motion == DragMotion::Stroke) {
+                    viewer.pointer.stroke =
+                        Some(ToolStroke { points: vec![pixel_position(ui, pos)], mode: mode(modifiers) });
                 }
             }
             Input::PointerMoved(pos) => follow(viewer, ui, pos),
             Input::PointerButton { pos, button, pressed: false, .. }
-                if viewer.drag.is_some_and(|drag| drag.button == button) =>
+                if viewer.pointer.drag.is_some_and(|drag| drag.button == button) =>
             {
                 follow(viewer, ui, pos);
-                viewer.drag = None;
+                viewer.pointer.drag = None;
                 viewer.end_stroke();
             }
-            Input::WindowFocused(false) => (viewer.drag, viewer.stroke) = (None, None),
+            Input::WindowFocused(false) => viewer.pointer.cancel(),
             _ => {}
         }
     }
-    viewer.cursor = response.hovered().then(|| pixel_under_cursor(viewer, ui)).flatten();
+    viewer.pointer.pixel = response.hovered().then(|| pixel_under_cursor(viewer, ui)).flatten();
     if response.hovered() {
         if response.hover_pos().is_some_and(|pos| is_at_split(viewer, ui, pos)) {
             ui.ctx().set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
         }
         let scrolled = ui.input(|input| input.smooth_scroll_delta().y);
-        viewer.navigator.dolly(f64::from(scrolled) / STEP_POINTS);
+        viewer.view.navigator.dolly(f64::from(scrolled) / STEP_POINTS);
         let zoom = ui.input(|input| input.zoom_delta());
         if zoom != 1.0 {
-            viewer.navigator.dolly(f64::from(zoom).ln() * 10.0);
+            viewer.view.navigator.dolly(f64::from(zoom).ln() * 10.0);
         }
     }
-    if viewer.navigator.camera(size) != before {
-        viewer.camera = None;
+    if viewer.view.navigator.camera(size) != before {
+        viewer.view.camera_index = None;
         viewer.film.is_playing = false;
     }
     let points = f64::from(ui.ctx().pixels_per_point());
-    let place = viewer.cursor.map(|pixel| DVec2::from(pixel.map(f64::from)) + 0.5);
-    let shows_cameras = viewer.kept.shows_cameras && !viewer.panels.are_hidden && viewer.drag.is_none();
-    let near = place.filter(|_| shows_cameras).and_then(|place| viewer.camera_at(place, GRIP_POINTS as f64 * points));
-    viewer.pointed = near;
+    let place = viewer.pointer.pixel.map(|pixel| DVec2::from(pixel.map(f64::from)) + 0.5);
+    let shows_cameras =
+        viewer.panels.recent.shows_cameras && !viewer.panels.are_hidden && viewer.pointer.drag.is_none();
+    let near = place
+        .filter(|_| shows_cameras)
+        .and_then(|place| viewer.cameras.at(&viewer.view.camera(), place, GRIP_POINTS as f64 * points));
+    viewer.pointer.camera = near;
     if let Some(camera) = near {
         ui.ctx().set_cursor_icon(egui::CursorIcon::PointingHand);
         if response.clicked() {
@@ -281,7 +284,7 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
     }
 }
 
-/// The drag that a press begins, if it is one of the picture: not of a window over it, nor of the edge of the panel.
+/// The drag that a press starts; `None` if the press hits a window over the picture, or the edge of the panel.
 fn drag_at(
     viewer: &Viewer,
     ui: &Ui,
@@ -295,83 +298,84 @@ fn drag_at(
         return None;
     }
     let motion = match button {
-        PointerButton::Primary if is_at_split(viewer, ui, pos) => Motion::Split,
-        PointerButton::Primary if viewer.uses_tool() && !held.alt => match viewer.tool {
-            Tool::Place => viewer.handle_at(place_at(ui, pos), f64::from(ui.ctx().pixels_per_point()))?,
-            _ => Motion::Stroke,
+        PointerButton::Primary if is_at_split(viewer, ui, pos) => DragMotion::Split,
+        PointerButton::Primary if viewer.uses_tool() && !held.alt => match viewer.editing.tool {
+            Tool::Place => viewer.handle_at(pixel_position(ui, pos), f64::from(ui.ctx().pixels_per_point()))?,
+            _ => DragMotion::Stroke,
         },
-        PointerButton::Primary if held.shift => Motion::Pan,
+        PointerButton::Primary if held.shift => DragMotion::Pan,
         PointerButton::Primary if held.command && viewer.comparison.target != CompareTarget::Nothing => {
-            Motion::Area(pixel_at(viewer, ui, pos)?)
+            DragMotion::Area(pixel_at(viewer, ui, pos)?)
         }
-        PointerButton::Primary => Motion::Orbit,
-        PointerButton::Middle => Motion::Pan,
-        PointerButton::Secondary => Motion::Look,
+        PointerButton::Primary => DragMotion::Orbit,
+        PointerButton::Middle => DragMotion::Pan,
+        PointerButton::Secondary => DragMotion::Look,
         _ => return None,
     };
-    Some(Drag { button, motion, at: pos })
+    Some(Drag { button, motion, position: pos })
 }
 
-/// Follows a drag to this place.
+/// Continues a drag to this position.
 fn follow(viewer: &mut Viewer, ui: &Ui, pos: Pos2) {
-    let Some(drag) = &mut viewer.drag else { return };
+    let Some(drag) = &mut viewer.pointer.drag else { return };
     let points = ui.ctx().pixels_per_point();
-    let moved = (pos - drag.at) * points;
-    drag.at = pos;
+    let moved = (pos - drag.position) * points;
+    drag.position = pos;
     if moved == egui::Vec2::ZERO {
         return;
     }
-    let (motion, moved, size) = (drag.motion, DVec2::new(moved.x.into(), moved.y.into()), viewer.size);
+    let (motion, moved, size) = (drag.motion, DVec2::new(moved.x.into(), moved.y.into()), viewer.view.size);
     match motion {
-        Motion::Orbit => viewer.navigator.orbit(moved, size),
-        Motion::Pan => viewer.navigator.pan(moved, size),
-        Motion::Look => viewer.navigator.look(moved, size),
-        Motion::Split => viewer.comparison.split = (pos.x * points / size[0] as f32).clamp(0.0, 1.0),
-        Motion::Stroke => {
-            let place = place_at(ui, pos);
-            viewer.stroke.iter_mut().for_each(|stroke| stroke.way.push(place));
+        DragMotion::Orbit => viewer.view.navigator.orbit(moved, size),
+        DragMotion::Pan => viewer.view.navigator.pan(moved, size),
+        DragMotion::Look => viewer.view.navigator.look(moved, size),
+        DragMotion::Split => viewer.comparison.split = (pos.x * points / size[0] as f32).clamp(0.0, 1.0),
+        DragMotion::Stroke => {
+            let place = pixel_position(ui, pos);
+            viewer.pointer.stroke.iter_mut().for_each(|stroke| stroke.points.push(place));
         }
-        Motion::Handle(number, handle) => {
-            let to = place_at(ui, pos);
+        DragMotion::Handle(number, handle) => {
+            let to = pixel_position(ui, pos);
             viewer.drag_handle(number, handle, to - moved, to);
         }
-        Motion::Area(from) => {
+        DragMotion::Area(from) => {
             let to = [pos.x, pos.y].map(|place| (place * points).max(0.0) as u32);
             viewer.comparison.area = area_between(from, to, size);
         }
     }
 }
 
-/// How a stroke that begins with these keys goes together with the selection before.
-fn how(held: Modifiers) -> How {
+/// The selection mode of a stroke that starts with these modifiers.
+fn mode(held: Modifiers) -> SelectionMode {
     match held {
-        Modifiers { shift: true, .. } => How::Add,
-        Modifiers { command: true, .. } => How::Subtract,
-        _ => How::Replace,
+        Modifiers { shift: true, .. } => SelectionMode::Add,
+        Modifiers { command: true, .. } => SelectionMode::Subtract,
+        _ => SelectionMode::Replace,
     }
 }
 
-/// A place of the window in pixels.
-fn place_at(ui: &Ui, pos: Pos2) -> DVec2 {
+/// A position in the window, in pixels.
+fn pixel_position(ui: &Ui, pos: Pos2) -> DVec2 {
     let place = pos * ui.ctx().pixels_per_point();
     DVec2::new(place.x.into(), place.y.into())
 }
 
-/// True if a place is near the line between two pictures.
+/// True if a position is near the line between two pictures.
 fn is_at_split(viewer: &Viewer, ui: &Ui, pos: Pos2) -> bool {
     let Comparison { target, mode, split, .. } = &viewer.comparison;
-    let width = viewer.size[0] as f32 / ui.ctx().pixels_per_point();
+    let width = viewer.view.size[0] as f32 / ui.ctx().pixels_per_point();
     *target != CompareTarget::Nothing && *mode == CompareMode::Split && (pos.x - split * width).abs() < GRIP_POINTS
 }
 
-/// The pixel of the picture under the cursor; `None` if the cursor is outside the window.
+/// The pixel of the picture under the cursor; `None` if the cursor is outside the picture.
 fn pixel_under_cursor(viewer: &Viewer, ui: &Ui) -> Option<[u32; 2]> {
     pixel_at(viewer, ui, ui.input(|input| input.pointer.latest_pos())?)
 }
 
-/// The pixel of the picture at a place in points; `None` beside the picture.
+/// The pixel of the picture at a position in points; `None` outside the picture.
 fn pixel_at(viewer: &Viewer, ui: &Ui, pos: Pos2) -> Option<[u32; 2]> {
     let at = pos * ui.ctx().pixels_per_point();
-    let is_inside = at.x >= 0.0 && at.y >= 0.0 && at.x < viewer.size[0] as f32 && at.y < viewer.size[1] as f32;
+    let is_inside =
+        at.x >= 0.0 && at.y >= 0.0 && at.x < viewer.view.size[0] as f32 && at.y < viewer.view.size[1] as f32;
     is_inside.then_some([at.x as u32, at.y as u32])
 }

@@ -11,12 +11,12 @@ use crate::viewer::model::Viewer;
 
 /// Frames in the plot.
 const PLOTTED: usize = 120;
-/// Height in points below which a bar is not drawn.
+/// Least height of a drawn bar, in points.
 const MIN_HEIGHT: f32 = 0.25;
 
-/// The colour of a stage: the same one in every frame and on every path, since its name decides.
+/// The colour of a stage, determined by its name so that it is the same in every frame and on every path.
 fn colour(stage: &str) -> Color32 {
-    // The golden angle keeps names apart that differ by little.
+    // Multiples of the golden ratio separate the hues of similar names.
     let code: u32 = stage.bytes().fold(7, |code, byte| code.wrapping_mul(31).wrapping_add(byte.into()));
     let colorous::Color { r, g, b } = colorous::SINEBOW.eval_continuous(f64::from(code) * 0.618_034 % 1.0);
     Color32::from_rgb(r, g, b)
@@ -31,11 +31,11 @@ pub(super) fn swatch(ui: &mut Ui, colour: Color32) -> egui::Response {
 }
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
-    viewer.history.summarize();
+    viewer.timing.frame_times.summarize();
     if pair.second.as_ref().is_some_and(|second| second.drawn().is_some()) {
         ui.label("both pictures together");
     }
-    let Some(Digest { stages, whole }) = viewer.history.digest() else {
+    let Some(Digest { stages, whole }) = viewer.timing.frame_times.digest() else {
         ui.label("no frame yet");
         return;
     };
@@ -62,12 +62,12 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         milliseconds(whole, ui);
         ui.end_row();
     });
-    let pace = &viewer.pace;
+    let pace = &viewer.timing.pace;
     ui.label(format!("{} frames drawn, {} missed a refresh", HumanCount(pace.drawn), HumanCount(pace.dropped)));
     ui.label(format!("{:.1} ms from an input to its frame, mean", pace.mean_latency_ms));
 }
 
-/// What a stage does.
+/// The help text of a stage.
 fn stage_help(stage: &str) -> &'static str {
     match stage {
         "cull" => "Finds the Gaussians that can be seen",
@@ -99,11 +99,11 @@ fn plot(viewer: &Viewer, top_ms: f32, ui: &mut Ui) {
     let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 90.0), Sense::hover());
     let rect = response.rect;
     painter.rect_filled(rect, 2.0, Color32::from_gray(16));
-    let stages = viewer.history.stages();
+    let stages = viewer.timing.frame_times.stages();
     let width = rect.width() / PLOTTED as f32;
-    let frames = viewer.history.frames();
+    let frames = viewer.timing.frame_times.frames();
     let (first, skipped) = (PLOTTED.saturating_sub(frames.len()), frames.len().saturating_sub(PLOTTED));
-    // One mesh, because thousands of bars would be as many shapes.
+    // One mesh instead of thousands of shapes.
     let mut bars = Mesh::default();
     let colours: Vec<Color32> = stages.iter().map(|stage| colour(stage)).collect();
     for (i, frame) in frames.skip(skipped).enumerate() {

@@ -1,23 +1,23 @@
-//! What is said over the picture: names of two pictures, why there is none, messages, and what a dropped file becomes.
+//! Labels over the picture: names of two pictures, progress, messages, the start page, and the hint for dropped files.
 
 use egui::{Align2, Area, Color32, Context, FontId, Frame, LayerId, Painter, Pos2, Rect, RichText, Stroke, Ui};
 use indicatif::HumanCount;
 
 use crate::viewer::frame::{Pair, Side};
-use crate::viewer::model::{Action, CompareMode, CompareTarget, Viewer};
+use crate::viewer::model::{Action, CompareMode, CompareTarget, LoadedScene, Viewer};
 
-/// Space in points between the edge of the picture and what is said over it.
+/// Space between the edge of the picture and labels, in points.
 pub(super) const MARGIN: f32 = 6.0;
 
-/// The name of the messages among what lies over the picture.
+/// The identifier of the area of messages.
 const MESSAGES: &str = "messages";
 
-/// `free`: the part of the window that the picture has.
+/// Draws the labels. `free` is the rectangle of the picture.
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, free: Rect, ui: &Ui) {
     split_line(viewer, ui);
-    if viewer.layers.is_empty() && !viewer.panels.are_hidden {
-        begin(viewer, free, ui.ctx());
-    } else if let Some(text) = waits_for(viewer, pair) {
+    if viewer.scenes.layers.is_empty() && !viewer.panels.are_hidden {
+        start_page(viewer, free, ui.ctx());
+    } else if let Some(text) = progress_text(viewer, pair) {
         let messages = ui.ctx().memory(|memory| memory.area_rect(MESSAGES));
         let messages = messages.filter(|_| !viewer.messages.shown().is_empty());
         let bottom = messages.map_or(free.bottom(), |messages| messages.top());
@@ -37,7 +37,7 @@ pub(super) fn painter(ui: &Ui) -> Painter {
     ui.ctx().layer_painter(LayerId::background()).with_clip_rect(ui.clip_rect())
 }
 
-/// Writes a text that can be read over any picture, with this corner of it at a place.
+/// Draws a text on a dark ground, with this corner at a position.
 pub(super) fn label(painter: &Painter, (place, corner): (Pos2, Align2), text: String) {
     let galley = painter.layout_no_wrap(text, FontId::proportional(13.0), Color32::WHITE);
     let rect = corner.anchor_size(place, galley.size());
@@ -45,27 +45,27 @@ pub(super) fn label(painter: &Painter, (place, corner): (Pos2, Align2), text: St
     painter.galley(rect.min, galley, Color32::WHITE);
 }
 
-/// What the picture waits for, or why it is black.
-fn waits_for(viewer: &Viewer, pair: &Pair) -> Option<String> {
+/// A text about running reads and builds, or the reason why the picture is black.
+fn progress_text(viewer: &Viewer, pair: &Pair) -> Option<String> {
     let mut parts = Vec::new();
-    for layer in &viewer.layers {
+    for layer in &viewer.scenes.layers {
         let Some(fraction) = layer.progress else { continue };
         parts.push(format!("reading {}, {:.0} %", layer.name, 100.0 * fraction));
     }
-    if viewer.building[Side::First as usize] {
-        let held = viewer.layers.iter().filter_map(|layer| layer.held.as_ref());
-        let gaussians: usize = held.map(crate::viewer::model::Held::count).sum();
+    if viewer.pictures.are_building[Side::First as usize] {
+        let scenes = viewer.scenes.layers.iter().filter_map(|layer| layer.scene.as_ref());
+        let gaussians: usize = scenes.map(LoadedScene::count).sum();
         parts.push(format!("bringing {} Gaussians to the GPU", HumanCount(gaussians as u64)));
     }
-    let are_hidden = !viewer.layers.iter().any(|layer| layer.is_shown[0]);
-    if parts.is_empty() && are_hidden && !viewer.layers.is_empty() && pair.first.is_none() {
+    let are_hidden = !viewer.scenes.layers.iter().any(|layer| layer.is_shown[0]);
+    if parts.is_empty() && are_hidden && !viewer.scenes.layers.is_empty() && pair.first.is_none() {
         parts.push("no scene is shown: tick one in the page Scene".to_owned());
     }
     (!parts.is_empty()).then(|| parts.join("; "))
 }
 
-/// What can be done with an empty window.
-fn begin(viewer: &mut Viewer, free: Rect, context: &Context) {
+/// The start page of a window without scenes.
+fn start_page(viewer: &mut Viewer, free: Rect, context: &Context) {
     let mut chosen = None;
     Area::new("begin".into()).pivot(Align2::CENTER_CENTER).fixed_pos(free.center()).show(context, |ui| {
         Frame::window(ui.style()).inner_margin(16.0).show(ui, |ui| {
@@ -75,16 +75,16 @@ fn begin(viewer: &mut Viewer, free: Rect, context: &Context) {
             ui.horizontal_wrapped(|ui| {
                 let key = viewer.setup.bindings.text(Action::OpenFile);
                 if ui.button(format!("Open... ({key})")).clicked() {
-                    viewer.dialog.ask();
+                    viewer.panels.dialog.open_files();
                 }
                 if ui.button("A cactus").on_hover_text("a procedural scene of 200,000 Gaussians").clicked() {
                     chosen = Some("cactus:200000".into());
                 }
             });
-            if !viewer.kept.recent.is_empty() {
+            if !viewer.panels.recent.files.is_empty() {
                 ui.add_space(6.0);
-                ui.strong("Opened lately");
-                for file in &viewer.kept.recent {
+                ui.strong("OpenedScene lately");
+                for file in &viewer.panels.recent.files {
                     let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy();
                     if ui.link(name).on_hover_text(file.display().to_string()).clicked() {
                         chosen = Some(file.clone());
@@ -100,23 +100,23 @@ fn begin(viewer: &mut Viewer, free: Rect, context: &Context) {
     }
 }
 
-/// A picture that could not be built can be tried again.
+/// The button to retry a build that failed.
 fn refusal(viewer: &mut Viewer, pair: &Pair, free: Rect, context: &Context) {
-    if pair.first.is_some() || viewer.refused[0].is_none() || viewer.building[0] {
+    if pair.first.is_some() || viewer.pictures.refused[0].is_none() || viewer.pictures.are_building[0] {
         return;
     }
     Area::new("refusal".into()).pivot(Align2::CENTER_CENTER).fixed_pos(free.center()).show(context, |ui| {
         Frame::popup(ui.style()).show(ui, |ui| {
             ui.label("These scenes could not be drawn.");
             if ui.button("Try again").clicked() {
-                viewer.refused = [None, None];
-                viewer.is_stale = true;
+                viewer.pictures.refused = [None, None];
+                viewer.pictures.are_stale = true;
             }
         });
     });
 }
 
-/// Says what a file becomes that is held over the window.
+/// The hint for files that are held over the window.
 fn drop_hint(free: Rect, context: &Context) {
     if context.input(|input| input.raw.hovered_files.is_empty()) {
         return;
@@ -134,12 +134,12 @@ fn messages(viewer: &mut Viewer, context: &Context) {
     Area::new(MESSAGES.into()).anchor(Align2::LEFT_BOTTOM, [12.0, -12.0]).show(context, |ui| {
         ui.set_max_width(560f32.min(context.content_rect().width() - 40.0));
         let errors = viewer.messages.shown().iter().filter(|message| message.is_error).count();
-        for (place, message) in viewer.messages.shown().iter().enumerate() {
+        for (index, message) in viewer.messages.shown().iter().enumerate() {
             let colour = if message.is_error { ui.visuals().error_fg_color } else { ui.visuals().strong_text_color() };
             Frame::popup(ui.style()).show(ui, |ui| {
                 ui.horizontal_top(|ui| {
                     if message.is_error && ui.small_button("x").on_hover_text("close").clicked() {
-                        closed = Some(place);
+                        closed = Some(index);
                     }
                     ui.add(egui::Label::new(RichText::new(&message.text).color(colour)).wrap());
                 });
@@ -149,8 +149,8 @@ fn messages(viewer: &mut Viewer, context: &Context) {
             viewer.messages.close_errors();
         }
     });
-    if let Some(place) = closed {
-        viewer.messages.close(place);
+    if let Some(index) = closed {
+        viewer.messages.close(index);
     }
 }
 
@@ -161,11 +161,11 @@ fn split_line(viewer: &Viewer, ui: &Ui) {
         return;
     }
     let points = ui.ctx().pixels_per_point();
-    let [width, height] = viewer.size.map(|side| side as f32 / points);
+    let [width, height] = viewer.view.size.map(|side| side as f32 / points);
     let x = comparison.split * width;
     let painter = painter(ui);
     let left = (Pos2::new(MARGIN, MARGIN), Align2::LEFT_TOP);
-    if let Some(of) = viewer.reference_of_another() {
+    if let Some(of) = viewer.reference_mismatch() {
         return label(&painter, left, format!("the float64 reference was drawn of {of}: only these options are shown"));
     }
     let [first, second] = [viewer.first_name(), viewer.second_name()];

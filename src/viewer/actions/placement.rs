@@ -1,0 +1,64 @@
+//! Actions that place a scene: by dragging handles, and level by three marks.
+
+use glam::{DQuat, DVec2, DVec3};
+
+use crate::viewer::model::{DragMotion, Gizmo, Handle, Tab, Tool, Viewer, turned};
+
+impl Viewer {
+    /// True if the left button has a tool other than turning the view.
+    pub fn uses_tool(&self) -> bool {
+        self.panels.shows(Tab::Edit) && self.editing.tool != Tool::Look
+    }
+
+    /// Number of the layer that the handles place: the chosen one, or else the first shown one.
+    pub fn placed_layer(&self) -> Option<u64> {
+        let is_open = |number: &u64| self.scenes.layers.iter().any(|layer| layer.number == *number);
+        let first = || self.scenes.layers.iter().find(|layer| layer.is_shown[0]).map(|layer| layer.number);
+        self.editing.placed_layer.filter(is_open).or_else(first)
+    }
+
+    /// The handles of the placed layer.
+    pub fn gizmo(&self) -> Option<Gizmo> {
+        let number = self.placed_layer()?;
+        let layer = self.scenes.layer(number)?;
+        Gizmo::new(&self.view.camera(), DVec3::from(layer.placed_focus()?.centre))
+    }
+
+    /// The drag of the handle at a position in the picture, in pixels; `points` is the number of pixels per point.
+    pub fn handle_at(&self, place: DVec2, points: f64) -> Option<DragMotion> {
+        Some(DragMotion::Handle(self.placed_layer()?, self.gizmo()?.at(place, points)?))
+    }
+
+    /// Drags a handle of a layer from one position in the picture to another, in pixels.
+    pub fn drag_handle(&mut self, number: u64, handle: Handle, from: DVec2, to: DVec2) {
+        let Some(gizmo) = self.gizmo() else { return };
+        let Some(layer) = self.scenes.layer_mut(number) else { return };
+        // A placement that is no valid transform is ignored.
+        if let Some(place) = gizmo.dragged(layer.placement, handle, from, to).filter(|place| place.transform().is_ok())
+        {
+            layer.placement = place;
+            self.pictures.are_stale = true;
+        }
+    }
+
+    /// Rotates the placed layer until the three marks are level.
+    pub fn level_by_marks(&mut self) {
+        let [a, b, c] = self.inspector.marks[..] else {
+            return self.messages.note("mark three points of the ground first");
+        };
+        let Some(normal) = (b - a).cross(c - a).try_normalize() else {
+            return self.messages.note("the three marks lie on a line: they say nothing of the ground");
+        };
+        let up = self.view.navigator.up().vector();
+        // The ground is seen from above.
+        let normal = if normal.dot(self.view.camera().position - a) < 0.0 { -normal } else { normal };
+        let turn = DQuat::from_rotation_arc(normal, up);
+        let Some(number) = self.placed_layer() else { return };
+        let Some(layer) = self.scenes.layer_mut(number) else { return };
+        layer.placement = turned(layer.placement, a, turn);
+        self.inspector.marks = vec![a, a + turn * (b - a), a + turn * (c - a)];
+        self.pictures.are_stale = true;
+        let degrees = normal.angle_between(up).to_degrees();
+        self.messages.note(format!("{} is turned by {degrees:.2} degrees", layer.name));
+    }
+}

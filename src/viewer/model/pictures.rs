@@ -1,0 +1,47 @@
+//! The state of the two pictures: drawing and building them.
+
+use std::time::SystemTime;
+
+use crate::viewer::frame::Plan;
+
+/// The state of the two pictures. Arrays are indexed by [`Side`](crate::viewer::frame::Side).
+pub struct Pictures {
+    /// The pictures must be drawn again.
+    pub are_stale: bool,
+    /// Builds under way.
+    pub are_building: [bool; 2],
+    /// Plans whose build failed, so that the build is not repeated every frame.
+    pub refused: [Option<Plan>; 2],
+    /// Messages about shaders that could not be compiled.
+    pub shader_errors: [Option<String>; 2],
+    /// The newest change of the shaders that are compiled at run time; `None` if all shaders are built in.
+    pub shaders: Option<SystemTime>,
+    /// Number of the last build.
+    generation: u64,
+}
+
+impl Default for Pictures {
+    fn default() -> Self {
+        Self {
+            are_stale: true,
+            are_building: [false; 2],
+            refused: [None, None],
+            shader_errors: [None, None],
+            shaders: None,
+            generation: 0,
+        }
+    }
+}
+
+impl Pictures {
+    /// True while a picture is being built.
+    pub fn is_any_building(&self) -> bool {
+        self.are_building.contains(&true)
+    }
+
+    /// The number of the next build.
+    pub fn next_generation(&mut self) -> u64 {
+        self.generation += 1;
+        self.generation
+    }
+}

@@ -1,0 +1,53 @@
+//! The settings with which a viewer is started.
+
+use std::path::PathBuf;
+
+use super::comparison::CompareMode;
+use super::keys::Bindings;
+use crate::formats::Reading;
+use crate::gpu::Vsync;
+use crate::options::Options;
+
+/// The settings with which the program was started.
+#[derive(Clone)]
+pub struct Setup {
+    pub scenes: Vec<PathBuf>,
+    /// Applies to `scenes`. Scenes that are opened later are read with the defaults.
+    pub reading: Reading,
+    pub cameras: Option<PathBuf>,
+    /// Folder with the photographs of the cameras.
+    pub photographs: Option<PathBuf>,
+    pub options: Options,
+    /// The user set antialiasing explicitly, so the scene's flag is ignored.
+    pub antialiased_is_explicit: bool,
+    /// The user set the near plane explicitly. Otherwise it moves closer for a small scene without cameras.
+    pub near_is_explicit: bool,
+    pub bindings: Bindings,
+    /// The file of the state kept from one window to the next.
+    pub recent_file: Option<PathBuf>,
+    pub vsync: Vsync,
+    pub hides_panels: bool,
+    pub compares_with: Option<CompareWith>,
+    pub compare_mode: CompareMode,
+    /// Index of a view mode among [`view_mode_names`](super::view_modes::view_mode_names).
+    pub view_mode: usize,
+    /// Frames a second to keep.
+    pub fps: Option<f64>,
+    /// Read scene files again when they change.
+    pub watches_files: bool,
+    /// Write events to standard output, one line of JSON each.
+    pub prints_events: bool,
+    /// Receives remarks for the terminal, such as the reason why the fast path is not used.
+    pub remark: fn(&str),
+}
+
+/// The initial target of the comparison.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CompareWith {
+    /// The same scenes, drawn with other options.
+    Options(Options),
+    /// The float64 reference.
+    Reference,
+    /// A picture or photograph.
+    File(PathBuf),
+}

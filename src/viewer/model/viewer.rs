@@ -1,0 +1,197 @@
+//! The state of a viewer: scenes, view, options, and running jobs. Actions change it, panels show it.
+
+use anyhow::Result;
+
+use super::cameras::Cameras;
+use super::comparison::{CompareTarget, Comparison, PictureContent};
+use super::dialog::Dialog;
+use super::drag::{Drag, Pointer};
+use super::editing::Editing;
+use super::events::Events;
+use super::export::Export;
+use super::film::Film;
+use super::inspector::Inspector;
+use super::measuring::Measuring;
+use super::messages::Messages;
+use super::panels::Panels;
+use super::pictures::Pictures;
+use super::recent::{RecentState, Tab};
+use super::requests::Request;
+use super::scenes::Scenes;
+use super::setup::Setup;
+use super::timing::Timing;
+use super::view::View;
+use super::view_modes::InspectionSettings;
+use crate::options::Options;
+use crate::render::Quantity;
+use crate::rules::Rules;
+use crate::viewer::frame::{Plan, Side};
+use crate::viewer::jobs::Jobs;
+
+/// The state of a viewer.
+pub struct Viewer {
+    pub setup: Setup,
+    pub jobs: Jobs,
+    pub events: Events,
+    pub messages: Messages,
+    pub requests: Vec<Request>,
+    pub scenes: Scenes,
+    pub cameras: Cameras,
+    pub view: View,
+    pub options: Options,
+    pub pictures: Pictures,
+    pub comparison: Comparison,
+    pub inspector: Inspector,
+    pub timing: Timing,
+    pub measuring: Measuring,
+    pub film: Film,
+    pub export: Export,
+    pub editing: Editing,
+    pub pointer: Pointer,
+    pub panels: Panels,
+}
+
+impl Viewer {
+    /// A viewer without scenes for a window of `size` pixels.
+    pub fn new(setup: Setup, jobs: Jobs, size: [u32; 2]) -> Self {
+        let recent = setup.recent_file.as_deref().map(RecentState::read).unwrap_or_default();
+        Self {
+            jobs,
+            events: Events::new(setup.prints_events),
+            messages: Messages::default(),
+            requests: Vec::new(),
+            scenes: Scenes::default(),
+            cameras: Cameras::default(),
+            view: View::new(size),
+            options: setup.options,
+            pictures: Pictures::default(),
+            comparison: Comparison { mode: setup.compare_mode, ..Comparison::default() },
+            inspector: Inspector {
+                settings: InspectionSettings { mode: setup.view_mode, ..InspectionSettings::default() },
+                ..Inspector::default()
+            },
+            timing: Timing::new(setup.fps, setup.vsync),
+            measuring: Measuring::default(),
+            film: Film::default(),
+            export: Export::default(),
+            editing: Editing::default(),
+            pointer: Pointer::default(),
+            panels: Panels { are_hidden: setup.hides_panels, shows_help: false, dialog: Dialog::default(), recent },
+            setup,
+        }
+    }
+
+    /// True while the user or an animation moves the view.
+    pub fn is_moving(&self) -> bool {
+        let is_dragged = self.pointer.drag.is_some_and(Drag::moves_view);
+        self.view.is_flying || self.view.navigator.is_gliding() || self.film.is_playing || is_dragged
+    }
+
+    /// True if pixel values of the pictures are needed on the host.
+    pub fn needs_snapshot(&self) -> bool {
+        let has_numbers = self.inspector.settings.quantity() != Quantity::Colour;
+        self.comparison.target != CompareTarget::Nothing || has_numbers || self.panels.shows(Tab::Inside)
+    }
+
+    /// The options of a preset for the open scenes. Antialiasing is that of the scene, and so is the near plane where
+    /// it must be nearer; how much of levels of detail is drawn is no part of a preset.
+    pub fn preset(&self, preset: &Options) -> Options {
+        let Options { lod_error, lod_psnr, splats, lod_fade, .. } = self.options;
+        let nearest = self.view.near_limit.unwrap_or(f32::INFINITY);
+        let near = if self.setup.near_is_explicit { self.options.rules.near } else { preset.rules.near.min(nearest) };
+        let rules = Rules { near, antialiased: self.options.rules.antialiased, ..preset.rules };
+        Options { rules, lod_error, lod_psnr, splats, lod_fade, ..*preset }
+    }
+
+    /// The content of the first picture; `None` if it shows no scene.
+    pub fn picture_content(&self) -> Option<PictureContent> {
+        let Plan { scenes, options, .. } = self.plan(Side::First).ok().flatten()?;
+        Some(PictureContent {
+            view: self.view.camera(),
+            scenes,
+            rules: options.untraded().rules,
+            background: self.view.background,
+        })
+    }
+
+    /// Names the first difference between the content of the reference and of the first picture; `None` if they can be
+    /// compared.
+    pub fn reference_mismatch(&self) -> Option<&'static str> {
+        let Comparison { target: CompareTarget::Reference, reference_content, .. } = &self.comparison else {
+            return None;
+        };
+        match (self.picture_content(), reference_content) {
+            (Some(shown), Some(reference)) => reference.difference(&shown),
+            _ => Some("other scenes or places"),
+        }
+    }
+
+    /// The plan for a side; `None` if the GPU draws nothing for it.
+    ///
+    /// # Errors
+    /// The placement of a scene is not a valid transform.
+    pub fn plan(&self, side: Side) -> Result<Option<Plan>> {
+        self.plan_of(side, false)
+    }
+
+    fn plan_of(&self, side: Side, is_tinted: bool) -> Result<Option<Plan>> {
+        let options = match side {
+            Side::First => self.options,
+            Side::Second => match self.comparison.options(&self.options) {
+                Some(options) => options,
+                None => return Ok(None),
+            },
+        };
+        let scenes =
+            self.scenes.layers.iter().filter_map(|layer| layer.drawn_scene(side as usize, is_tinted).transpose());
+        let scenes = scenes.collect::<Result<Vec<_>>>()?;
+        Ok((!scenes.is_empty()).then_some(Plan { scenes, options, shaders: self.pictures.shaders }))
+    }
+
+    /// The plan for the picture in the window: [`Viewer::plan`] at the scale of the motion, with selected Gaussians
+    /// tinted unless pictures are compared.
+    ///
+    /// # Errors
+    /// Those of [`Viewer::plan`].
+    pub fn shown_plan(&self, side: Side) -> Result<Option<Plan>> {
+        let mut plan = self.plan_of(side, self.comparison.target == CompareTarget::Nothing)?;
+        if let Some(plan) = plan.as_mut().filter(|plan| !plan.is_paged()) {
+            plan.options.scale *= self.timing.motion_scale();
+        }
+        Ok(plan)
+    }
+
+    /// True if a picture of this plan shows the current scenes completely.
+    pub fn is_current(&self, plan: &Plan) -> bool {
+        self.shown_plan(Side::First).is_ok_and(|planned| planned.is_some_and(|planned| planned.has_scene_of(plan)))
+    }
+
+    /// The name of the first picture of a comparison.
+    pub fn first_name(&self) -> String {
+        let like = |preset: &Options| {
+            let wanted = self.preset(preset);
+            Options { rules: Rules { near: self.options.rules.near, ..wanted.rules }, ..wanted } == self.options
+        };
+        let known = Options::PRESETS.iter().find(|(_, preset)| like(preset));
+        known.map_or_else(|| "these options".to_owned(), |(name, _)| (*name).to_owned())
+    }
+
+    /// The name of the second picture of a comparison.
+    pub fn second_name(&self) -> String {
+        match &self.comparison.target {
+            CompareTarget::Nothing => String::new(),
+            CompareTarget::Options(None) => "other scenes".to_owned(),
+            CompareTarget::Options(Some(options)) => {
+                let known = Options::PRESETS.iter().find(|(_, preset)| preset == options);
+                known.map_or_else(|| "other options".to_owned(), |(name, _)| (*name).to_owned())
+            }
+            CompareTarget::Reference | CompareTarget::Picture => {
+                let name = self.comparison.picture.as_ref().map_or("", |(name, _)| name);
+                match self.comparison.photograph_camera {
+                    Some(camera) if self.view.camera_index != Some(camera) => format!("{name}, of another view"),
+                    _ => name.to_owned(),
+                }
+            }
+        }
+    }
+}
