@@ -28,7 +28,7 @@ use smalto::pagefile::{PADDING, PAGE, PARTS, PageFile};
 use smalto::pixels::Pixels;
 use smalto::procedural::Procedural;
 use smalto::procedural::TownPath;
-use smalto::render::{Attribute, Content, Inspection, Renderer, SceneSource};
+use smalto::render::{Attribute, Inspection, Renderer, SceneSource, Upload};
 use smalto::rules::{Background, Rules};
 
 const GROUPS: usize = 1000;
@@ -219,11 +219,11 @@ type Over = (String, f64);
 fn frames(file: &Arc<PageFile>, views: &[Camera]) -> Result<(Vec<Point>, Vec<Over>)> {
     let environment = Environment::read()?;
     let device = Device::open(&environment.device, environment.validation.unwrap_or(Validation::Off))?;
-    let source = SceneSource { content: Content::File(file.clone()), placements: None };
+    let source = SceneSource::of_file(file.clone());
     let rules = Rules { near: 0.1, antialiased: true, ..Options::BALANCED.rules };
     let options = Options { rules, ..Options::BALANCED };
     let draw = |options: &Options, inspection: Option<Inspection>| -> Result<Vec<(Pixels, Option<f64>, u32)>> {
-        let scene = source.bring(&device, options, false, 1 << 28)?;
+        let scene = source.upload_with(&device, options, Upload::reserving(1 << 28))?;
         let mut renderer = Renderer::new(&device, options, &scene)?;
         renderer.set_inspection(inspection.unwrap_or_default())?;
         let draw = |view: &Camera| {

@@ -1,35 +1,35 @@
-//! Renders a scene file to a PNG: `cargo run --release --example render -- SCENE PICTURE.png`.
+//! Renders a scene file of any format to a PNG: `cargo run --release --example render -- SCENE PICTURE.png`.
 
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
-use glam::DVec3;
+use anyhow::{Context, Result};
 use smalto::camera::Camera;
-use smalto::formats;
 use smalto::gpu::{Device, DeviceChoice, Validation};
 use smalto::options::Options;
-use smalto::render::{GpuScene, Renderer};
-use smalto::rules::{Background, Rules};
-use smalto::scene::Focus;
+use smalto::pixels::Alpha;
+use smalto::render::{Frame, Renderer, SceneSource};
+use smalto::rules::Background;
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args_os().skip(1);
-    let input = arguments.next().context("the first argument names a scene")?;
-    let output = arguments.next().context("the second argument names a PNG file")?;
-
-    let scene = formats::read(Path::new(&input))?;
-    let focus = Focus::of(&scene.gaussians);
-    let camera = Camera::framing(DVec3::from(focus.centre), focus.radius, [640, 480]);
-    let rules = Rules { antialiased: scene.is_antialiased, ..Rules::TRAINED };
-    let options = Options { rules, ..Options::BALANCED };
-
-    let device = Device::open(&DeviceChoice::Best, Validation::Off)?;
-    let gpu_scene = GpuScene::new(&device, &scene.gaussians, &options)?;
-    let mut renderer = Renderer::new(&device, &options, &gpu_scene)?;
-    let frame = renderer.render(&camera, Background::BLACK)?;
-    ensure!(frame.totals.visible > 0, "no Gaussian is in view");
-    renderer.pixels()?.write(Path::new(&output), false)?;
-
-    println!("{} of {} Gaussians are visible", frame.totals.visible, scene.gaussians.len());
+    let scene = arguments.next().context("the first argument names a scene")?;
+    let picture = arguments.next().context("the second argument names a PNG file")?;
+    let frame = render(Path::new(&scene), Path::new(&picture), &DeviceChoice::Best)?;
+    println!("{} Gaussians are visible", frame.totals.visible);
     Ok(())
+}
+
+/// Draws a scene file within 1 GiB of device memory, and at most about 100,000 splats if it has levels of detail.
+pub fn render(scene: &Path, picture: &Path, device: &DeviceChoice) -> Result<Frame> {
+    let source = SceneSource::open(scene)?;
+    let options = source.suited(&Options { splats: 100_000, ..Options::BALANCED });
+    let focus = source.focus();
+    let camera = Camera::framing(focus.centre.into(), focus.radius, [640, 480]);
+
+    let device = Device::open(device, Validation::Off)?.with_memory_limit(Some(1 << 30))?;
+    let on_device = source.upload(&device, &options)?;
+    let mut renderer = Renderer::new(&device, &options, &on_device)?;
+    let frame = renderer.render(&camera, Background::BLACK)?;
+    renderer.pixels()?.write(picture, Alpha::Opaque)?;
+    Ok(frame)
 }

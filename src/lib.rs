@@ -1,36 +1,46 @@
 //! smalto: a renderer of 3D Gaussian splatting scenes on hand-written Vulkan compute pipelines.
 //!
-//! The public interface reads a scene, takes a camera and options, renders, and gives pixels:
+//! A program opens a scene, uploads it to a device, renders it from a camera, and reads the pixels. The scene may be a
+//! file of any format: a page file (`.smalto`) stays on the disk and is loaded page by page, so it may be larger than the
+//! memory of the device.
 //!
 //! ```no_run
 //! use smalto::camera::Camera;
 //! use smalto::gpu::{Device, DeviceChoice, Validation};
 //! use smalto::options::Options;
-//! use smalto::render::{GpuScene, Renderer};
+//! use smalto::pixels::Alpha;
+//! use smalto::render::{Renderer, SceneSource};
 //! use smalto::rules::Background;
 //!
 //! # fn main() -> anyhow::Result<()> {
-//! let scene = smalto::formats::read("garden.ply".as_ref())?;
-//! let camera = Camera::looking_at([0.0, -1.0, -4.0].into(), [0.0; 3].into(), [1920, 1080], 0.9);
-//! let options = Options::BALANCED;
+//! let source = SceneSource::open("garden.smalto")?;
+//! // A budget of 2 million splats, if the file has levels of detail.
+//! let options = source.suited(&Options { splats: 2_000_000, ..Options::BALANCED });
+//! let focus = source.focus();
+//! let camera = Camera::framing(focus.centre.into(), focus.radius, [1920, 1080]);
 //!
-//! let device = Device::open(&DeviceChoice::Best, Validation::Off)?;
-//! let on_gpu = GpuScene::new(&device, &scene.gaussians, &options)?;
-//! let mut renderer = Renderer::new(&device, &options, &on_gpu)?;
+//! // Within 4 GiB of device memory.
+//! let device = Device::open(&DeviceChoice::Best, Validation::Off)?.with_memory_limit(Some(4 << 30))?;
+//! let scene = source.upload(&device, &options)?;
+//! let mut renderer = Renderer::new(&device, &options, &scene)?;
 //! renderer.render(&camera, Background::BLACK)?;
-//! renderer.pixels()?.write("garden.png".as_ref(), false)?;
+//! renderer.pixels()?.write("garden.png", Alpha::Opaque)?;
 //! # Ok(())
 //! # }
 //! ```
 //!
+//! `examples/render.rs` is the same as a program. [`formats::read`] reads a file into memory, whose Gaussians a program
+//! can look at and change; [`SceneSource::of`](render::SceneSource::of) draws them.
+//!
 //! | module | holds |
 //! |---|---|
-//! | [`scene`] | Gaussians and the file formats they come in |
+//! | [`formats`] | file formats of scenes: reading and writing |
+//! | [`scene`] | Gaussians in memory |
 //! | [`camera`] | cameras, camera files, camera paths |
 //! | [`rules`] | the rules of a picture |
 //! | [`options`] | the knobs that trade accuracy for speed, and the presets |
 //! | [`gpu`] | Vulkan for compute; it knows no Gaussians |
-//! | [`render`] | the pipelines on the GPU |
+//! | [`render`] | scenes on the GPU, and the pipelines that draw them |
 //! | [`mod@reference`] | the pipelines on the CPU in f64: the oracle |
 //! | [`pixels`] | images in memory and in files |
 //! | [`measure`] | speed, accuracy, and what one costs the other |

@@ -8,7 +8,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 use smalto::measure::metrics::Difference;
-use smalto::pixels::{Depths, Integers, Pixels};
+use smalto::pixels::{Alpha, Depths, Integers, Pixels};
 use smalto::render::{HostFrame, depths};
 
 use crate::arrays::numbers;
@@ -248,7 +248,7 @@ impl Picture {
 
     /// Writes the picture as .png or .exr, as `smalto render` does. Errors: smalto.Error if it cannot be written.
     fn save(&self, py: Python, path: PathBuf) -> PyResult<()> {
-        py.detach(|| self.content.pixels().write(&path, self.is_transparent)).map_err(exception)
+        py.detach(|| self.content.pixels().write(&path, Alpha::of(self.is_transparent))).map_err(exception)
     }
 
     /// Width and height in pixels.
@@ -264,7 +264,7 @@ impl Picture {
 
     /// The picture as PNG, which notebooks show.
     fn _repr_png_<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let png = py.detach(|| self.content.pixels().to_png(self.is_transparent)).map_err(exception)?;
+        let png = py.detach(|| self.content.pixels().to_png(Alpha::of(self.is_transparent))).map_err(exception)?;
         Ok(PyBytes::new(py, &png))
     }
 }

@@ -10,7 +10,9 @@ use pyo3::types::PyDict;
 use smalto::cli::open_device;
 use smalto::gpu::{Device, Feature, Handle};
 use smalto::render;
-use smalto::render::{Finished, Frame, FrameOutputs, FrameQueue, GpuScene, HostFrame, QueuedFrame, SceneSource};
+use smalto::render::{
+    Finished, Frame, FrameOutputs, FrameQueue, GpuScene, HostFrame, QueuedFrame, SceneSource, Upload,
+};
 use smalto::rules::{Background, Order, Rules};
 
 use crate::asked::{Asked, exported, ground, wanted};
@@ -22,9 +24,6 @@ use crate::scene::Scene;
 
 /// Views on the GPU at a time: one is drawn while another is brought to the host.
 const IN_FLIGHT: usize = 3;
-
-/// Bytes of device memory that pages leave for pictures, as `smalto render` has it for pictures of 1080p.
-const RESERVE: u64 = 256 << 20;
 
 /// A device by its name, and a limit of its memory.
 type Choice = (Option<String>, Option<u64>);
@@ -67,7 +66,6 @@ struct Inner {
     asked: Asked,
     is_certified: bool,
     source: SceneSource,
-    is_antialiased: bool,
     /// Made when they are needed and not there, as after an update that failed.
     scene: Option<GpuScene>,
     drawing: Option<Arc<Mutex<Drawing>>>,
@@ -103,18 +101,17 @@ impl Renderer {
     ) -> PyResult<Self> {
         check_process()?;
         let asked = Asked::of(preset, knobs)?;
-        let options = asked.options(scene.is_antialiased);
+        let options = asked.options(scene.source.is_antialiased);
         if let Some(why) = options.undrawable().or(options.uncertifiable().filter(|_| certified)) {
             return Err(PyValueError::new_err(why));
         }
-        let (source, is_antialiased) = (scene.source.clone(), scene.is_antialiased);
+        let source = scene.source.clone();
         let made = py.detach(|| {
             let mut inner = Inner {
                 device: open((device, memory))?,
                 asked,
                 is_certified: certified,
                 source,
-                is_antialiased,
                 scene: None,
                 drawing: None,
                 spare: Arc::default(),
@@ -170,15 +167,14 @@ impl Renderer {
     /// the old one is free before the new one is brought to the device.
     fn update(&self, py: Python, scene: &Scene) -> PyResult<()> {
         check_process()?;
-        let (source, is_antialiased) = (scene.source.clone(), scene.is_antialiased);
+        let source = scene.source.clone();
         let updated = py.detach(|| {
             let mut inner = lock(&self.0);
             let near = inner.release();
-            let before = (inner.source.clone(), inner.is_antialiased);
-            (inner.source, inner.is_antialiased) = (source, is_antialiased);
+            let before = std::mem::replace(&mut inner.source, source);
             let made = inner.drawing(near).map(|_| ());
             if made.is_err() {
-                (inner.source, inner.is_antialiased) = before;
+                inner.source = before;
                 inner.release();
             }
             made
@@ -232,16 +228,20 @@ impl Inner {
     fn release(&mut self) -> f32 {
         self.scene = None;
         let last = self.drawing.take().map(|drawing| lock(&drawing).near);
-        last.unwrap_or_else(|| self.asked.options(self.is_antialiased).rules.near)
+        last.unwrap_or_else(|| self.asked.options(self.source.is_antialiased).rules.near)
     }
 
     /// What draws the scene with this near plane.
     fn drawing(&mut self, near: f32) -> Result<&Arc<Mutex<Drawing>>> {
         if self.drawing.as_ref().is_none_or(|drawing| lock(drawing).near != near) {
-            let mut options = self.asked.options(self.is_antialiased);
+            let mut options = self.asked.options(self.source.is_antialiased);
             options.rules.near = near;
             if self.scene.is_none() {
-                self.scene = Some(self.source.bring(&self.device, &options, self.is_certified, RESERVE)?);
+                self.scene = Some(self.source.upload_with(
+                    &self.device,
+                    &options,
+                    Upload { is_certifiable: self.is_certified, ..Upload::default() },
+                )?);
             }
             let scene = self.scene.as_ref().expect("it was brought");
             let make = if self.is_certified { render::Renderer::certified } else { render::Renderer::new };
@@ -367,7 +367,7 @@ pub fn reference(
     check_process()?;
     let asked = Asked::exact(preset, knobs)?;
     let (background, gaussians) = (ground(background)?, scene.gaussians("reference")?);
-    let options = asked.options(scene.is_antialiased);
+    let options = asked.options(scene.source.is_antialiased);
     let rules = Rules { near: asked.near(camera), ..options.rules };
     Ok(py.detach(|| {
         let shortened = options.sh_degree < gaussians.sh_degree();

@@ -1,4 +1,4 @@
-//! Scenes.
+//! `smalto.Scene`: a scene in memory or in a page file.
 
 use std::cell::Cell;
 use std::path::PathBuf;
@@ -8,8 +8,7 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use smalto::camera;
-use smalto::formats::{Reading, SceneFile, write_file};
-use smalto::pagefile::PageFile;
+use smalto::formats::{SceneFile, write_file};
 use smalto::procedural::Procedural;
 use smalto::render::SceneSource;
 use smalto::scene::{Builder, Gaussians, Raw, Watch, sh_coefficients};
@@ -18,14 +17,11 @@ use crate::arrays::numbers;
 use crate::camera::{Camera, usable};
 use crate::errors::exception;
 use crate::process::check_process;
-use smalto::pagefile;
 
 /// Gaussians, in the memory of the host or in a page file.
 #[pyclass(module = "smalto", frozen)]
 pub struct Scene {
     pub source: SceneSource,
-    pub is_antialiased: bool,
-    notices: Vec<String>,
 }
 
 #[pymethods]
@@ -43,16 +39,11 @@ impl Scene {
         py.detach(|| {
             if let Some(made) = path.to_str().and_then(Procedural::parse) {
                 let made = made.map_err(|why| PyValueError::new_err(format!("{}: {why:#}", path.display())))?;
-                return Ok(Self::of(reading.make(made).map_err(exception)?, &path));
-            }
-            let path = smalto::formats::in_folder(&path);
-            if reading == Reading::default() && pagefile::is_page_file(&path) {
-                let file = PageFile::open(&path).map_err(exception)?;
-                let is_antialiased = file.header().is_antialiased;
-                return Ok(Self { source: SceneSource::of_file(file), is_antialiased, notices: Vec::new() });
+                let made = reading.make(made).map_err(exception)?;
+                return Ok(Self { source: SceneSource::of_scene(made, &path.display().to_string()) });
             }
             let (asked, pressed) = (Cell::new(Instant::now()), Cell::new(false));
-            // Asking Python takes its lock, so it is seldom asked.
+            // A question to Python takes its lock, so it is asked every 50 ms at most.
             let is_cancelled = || {
                 if asked.get().elapsed().as_millis() > 50 && !pressed.get() {
                     asked.set(Instant::now());
@@ -61,7 +52,7 @@ impl Scene {
                 pressed.get()
             };
             let watch = Watch { is_cancelled: &is_cancelled, ..Watch::NONE };
-            Ok(Self::of(pagefile::read(&reading, &path, &watch).map_err(exception)?, &path))
+            Ok(Self { source: SceneSource::open_watched(path, &reading, &watch).map_err(exception)? })
         })
     }
 
@@ -111,7 +102,7 @@ impl Scene {
         let gaussians = self.gaussians("write")?;
         py.detach(|| {
             let arranged = kind.arranged(gaussians)?;
-            write_file(&path, kind, &arranged, self.is_antialiased, &|_| {}).map(|_| ())
+            write_file(&path, kind, &arranged, self.antialiased(), &|_| {}).map(|_| ())
         })
         .map_err(exception)
     }
@@ -128,13 +119,13 @@ impl Scene {
     /// True if it was trained with the antialiasing of Mip-Splatting, and is drawn so.
     #[getter]
     fn antialiased(&self) -> bool {
-        self.is_antialiased
+        self.source.is_antialiased
     }
 
     /// How the scene differs from its file, a sentence each.
     #[getter]
     fn notices(&self) -> Vec<String> {
-        self.notices.clone()
+        self.source.notices.clone()
     }
 
     /// The highest degree of its spherical harmonics.
@@ -175,7 +166,7 @@ impl Scene {
     }
 
     fn __len__(&self) -> usize {
-        self.source.statistics().count
+        self.source.count()
     }
 
     fn __repr__(&self) -> String {
@@ -184,14 +175,9 @@ impl Scene {
 }
 
 impl Scene {
-    fn of(scene: smalto::scene::Scene, path: &std::path::Path) -> Self {
-        let notices = smalto::scene::remarks(&path.display().to_string(), &scene.report, &scene.notices);
-        Self { is_antialiased: scene.is_antialiased, source: SceneSource::of(scene.gaussians), notices }
-    }
-
-    /// The Gaussians, for what needs them in memory.
-    pub fn gaussians(&self, wants: &str) -> PyResult<&Gaussians> {
-        let missing = || PyValueError::new_err(format!("{wants}: the Gaussians of a page file are not in memory"));
+    /// The Gaussians in memory. `user` names the method that needs them.
+    pub fn gaussians(&self, user: &str) -> PyResult<&Gaussians> {
+        let missing = || PyValueError::new_err(format!("{user}: the Gaussians of a page file are not in memory"));
         self.source.gaussians().ok_or_else(missing)
     }
 }
@@ -236,7 +222,7 @@ impl Arrays<'_> {
         if unusable > 0 {
             return Err(PyValueError::new_err(format!("{unusable} Gaussians have values too large to be drawn")));
         }
-        Ok(Scene { source: SceneSource::of(gaussians), is_antialiased, notices: Vec::new() })
+        Ok(Scene { source: SceneSource { is_antialiased, ..SceneSource::of(gaussians) } })
     }
 }
 

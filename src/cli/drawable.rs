@@ -1,4 +1,4 @@
-//! A scene that commands draw: Gaussians in memory, or a page file that is drawn page by page, perhaps at many places.
+//! A scene that commands draw, with its name and its entry in reports.
 
 use std::path::Path;
 
@@ -10,17 +10,16 @@ use crate::gpu::Device;
 use crate::measure::bench::SceneReport;
 use crate::packing::Statistics;
 use crate::render::{Content, SceneSource};
-use crate::scene::{Gaussians, Placements, Scene, Unreadable};
+use crate::scene::{Gaussians, Scene, SceneInstances, Unreadable};
 
-/// A scene that is read as far as it has to be before it is drawn.
+/// A scene that is opened for drawing: read into memory, or a page file.
 pub(super) struct Drawable {
     pub source: SceneSource,
-    pub is_antialiased: bool,
     title: String,
 }
 
 impl Drawable {
-    /// Reads a scene for a device, if any.
+    /// Opens a scene for a device, if any.
     pub fn read(scene: &SceneArg, device: Option<&Device>) -> Result<Self> {
         match Self::in_pages(scene)? {
             Some(paged) => Ok(paged),
@@ -31,34 +30,31 @@ impl Drawable {
     /// The scene, if it is a page file and is drawn as it is.
     pub fn in_pages(scene: &SceneArg) -> Result<Option<Self>> {
         let file = scene.page_file()?;
-        Ok(file.map(|file| {
-            let is_antialiased = file.header().is_antialiased;
-            Self { source: SceneSource::of_file(file), is_antialiased, title: scene.title() }
-        }))
+        Ok(file.map(|file| Self { source: SceneSource::of_file(file), title: scene.title() }))
     }
 
-    /// A scene that was read.
+    /// A scene in memory.
     pub fn of(arg: &SceneArg, scene: Scene) -> Self {
-        let Scene { gaussians, is_antialiased, .. } = scene;
-        Self { source: SceneSource::of(gaussians), is_antialiased, title: arg.title() }
+        let title = arg.title();
+        Self { source: SceneSource::of_scene(scene, &title), title }
     }
 
-    /// The scene at these places, if there are any.
-    pub fn placed(self, placements: Option<Placements>) -> Self {
-        Self { source: SceneSource { placements, ..self.source }, ..self }
+    /// The scene with these instances, if any.
+    pub fn placed(self, instances: Option<SceneInstances>) -> Self {
+        Self { source: SceneSource { instances, ..self.source }, ..self }
     }
 
-    /// Its entry in reports. The hash of a page file is that of its header, which holds checksums of all the rest. A
-    /// scene at places has the Gaussians of all places, and a hash that depends on them.
+    /// Its entry in reports. The hash of a page file is that of its header, which holds checksums of all the rest. The
+    /// instances of a scene add their Gaussians, and change the hash.
     pub fn report(&self) -> SceneReport {
         let report = self.report_of_one();
-        let Some(placements) = &self.source.placements else { return report };
-        let hash = blake3::Hasher::new().update(report.hash.as_bytes()).update(placements.hash().as_bytes()).finalize();
-        let gaussians = report.gaussians.saturating_mul(placements.all().len());
+        let Some(instances) = &self.source.instances else { return report };
+        let hash = blake3::Hasher::new().update(report.hash.as_bytes()).update(instances.hash().as_bytes()).finalize();
+        let gaussians = report.gaussians.saturating_mul(instances.all().len());
         SceneReport { gaussians, hash: hash.to_hex().to_string(), ..report }
     }
 
-    /// The entry of the scene at one place.
+    /// The entry of one instance of the scene.
     fn report_of_one(&self) -> SceneReport {
         match &self.source.content {
             Content::Memory { gaussians, .. } => SceneReport::of(self.title.clone(), gaussians),
@@ -91,7 +87,7 @@ impl Drawable {
 }
 
 /// Reads the list of places of `--place`, if one is given.
-pub(super) fn read_places(file: Option<&Path>) -> Result<Option<Placements>> {
-    let read = |file: &Path| Placements::read(file).map_err(|problem| Unreadable::new(file, &problem));
+pub(super) fn read_places(file: Option<&Path>) -> Result<Option<SceneInstances>> {
+    let read = |file: &Path| SceneInstances::read(file).map_err(|problem| Unreadable::new(file, &problem));
     Ok(file.map(read).transpose()?)
 }

@@ -11,7 +11,7 @@ use crate::options::{Options, Storage};
 use crate::packing::{Layout, Packing, Statistics};
 use crate::pagefile::{PAGE, PageFile};
 use crate::render::depth_bits;
-use crate::scene::{Bounds, Focus, Gaussians, Level, LoadReport, Requirements, Scene, percentiles};
+use crate::scene::{Bounds, Focus, Gaussians, LoadReport, Requirements, Scene, SceneLevel, percentiles};
 
 /// Describe a scene: counts, bounds, distributions and the GPU storage that it needs
 #[derive(clap::Args)]
@@ -42,7 +42,7 @@ pub(super) struct Report {
     /// It was trained with the antialiasing of Mip-Splatting, and is drawn with it.
     is_antialiased: bool,
     /// The levels of detail of the file, the finest first; empty if its format has none.
-    levels: Vec<Level>,
+    levels: Vec<SceneLevel>,
     /// Differences between what the file asks for and what is drawn.
     notices: Vec<String>,
     tally: LoadReport,
@@ -267,7 +267,7 @@ fn print(report: &Report) -> Result<()> {
     if report.is_antialiased {
         say!("trained     with the antialiasing of Mip-Splatting, and drawn with it")?;
     }
-    for Level { level, gaussians } in &report.levels {
+    for SceneLevel { level, gaussians } in &report.levels {
         say!("level {level:<5} {gaussians} Gaussians in the file")?;
     }
     say!("box         {} to {}", point(low), point(high))?;

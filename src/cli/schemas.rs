@@ -9,7 +9,7 @@ use schemars::{Schema, schema_for};
 use super::say;
 use crate::files::{make_folder, write_whole};
 use crate::measure::{bench, metrics, prune, trade};
-use crate::scene::PlacesFile;
+use crate::scene::InstancesFile;
 
 /// Write the JSON schemas of reports and of lists of places
 #[derive(clap::Args)]
@@ -29,7 +29,7 @@ const SCHEMAS: [Entry; 10] = [
     ("convert", || schema_for!(super::convert::Report)),
     ("doctor", || schema_for!(super::doctor::Report)),
     ("info", || schema_for!(super::info::Report)),
-    ("places", || schema_for!(PlacesFile)),
+    ("places", || schema_for!(InstancesFile)),
     ("prune", || schema_for!(prune::Report)),
     ("render", || schema_for!(super::render::Report)),
     ("trade", || schema_for!(trade::Report)),

@@ -104,7 +104,7 @@ impl Reading {
 }
 
 /// Reads a scene file into memory with the defaults of [`Reading`]: the finest level, no flip, no transform. Page files
-/// are opened by [`SceneSource::open`](https://docs.rs/smalto).
+/// are opened by [`SceneSource::open`](crate::render::SceneSource::open).
 ///
 /// # Errors
 /// Those of [`Reading::read`].

@@ -76,7 +76,7 @@ impl SceneFile {
     }
 
     /// Writes a scene that is [`SceneFile::arranged`]. The same Gaussians give the same bytes on any number of cores.
-    /// Both kinds of SOG are written as an archive; [`write_sog_folder`] writes a folder.
+    /// Both kinds of SOG are written as an archive; [`write_file`](super::write_file) writes a folder.
     ///
     /// # Errors
     /// If the format cannot hold the scene, or `out` fails.

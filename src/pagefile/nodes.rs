@@ -10,14 +10,14 @@ use super::reader::PageFile;
 use crate::host_memory::OutOfMemory;
 use crate::lod::value_of_code;
 use crate::packing::Shape;
-use crate::scene::{Gaussians, Parts, Unreadable};
+use crate::scene::{CanonicalBuilder, Gaussians, Unreadable};
 
 /// Reads nodes as Gaussians of any format. Opacities above 1, which no other format holds, become wider Gaussians.
 pub struct NodeReader<'f> {
     file: &'f PageFile,
     geometry: Vec<u32>,
     colours: Vec<u32>,
-    parts: Parts,
+    parts: CanonicalBuilder,
     /// Number of nodes that were read.
     taken: usize,
 }
@@ -29,7 +29,7 @@ impl<'f> NodeReader<'f> {
     /// [`OutOfMemory`].
     pub fn new(file: &'f PageFile, count: usize) -> Result<Self, OutOfMemory> {
         let (words, degree) = (file.words(), file.statistics().sh_degree);
-        let parts = Parts::new(degree, count)?;
+        let parts = CanonicalBuilder::new(degree, count)?;
         Ok(Self { file, geometry: vec![0; words.geometry()], colours: vec![0; words.colours()], parts, taken: 0 })
     }
 
@@ -92,7 +92,7 @@ pub fn nodes_of(file: &PageFile, pages: &[Range<usize>]) -> Result<Gaussians> {
 }
 
 /// Stores Gaussian `place` of a scene. `sh` may have more coefficients than the scene.
-pub fn put(parts: &mut Parts, place: usize, shape: Shape, sh: &[[f32; 3]]) {
+pub fn put(parts: &mut CanonicalBuilder, place: usize, shape: Shape, sh: &[[f32; 3]]) {
     let Shape { mean, rotation, scale, opacity } = shape;
     (parts.means[place], parts.rotations[place], parts.scales[place]) = (mean, rotation, scale);
     // Opacities of 16 bits may be rounded to 0, which scenes do not allow.

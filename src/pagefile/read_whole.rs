@@ -9,7 +9,7 @@ use super::page::{PADDING, PAGE};
 use super::reader::{PageFile, is_page_file};
 use crate::formats::Reading;
 use crate::host_memory::OutOfMemory;
-use crate::scene::{Cancelled, NoLevel, Parts, Scene, Unreadable, Watch};
+use crate::scene::{Cancelled, CanonicalBuilder, NoLevel, Scene, Unreadable, Watch};
 
 /// Pages that are read at a time.
 pub const BATCH_PAGES: usize = 64;
@@ -34,7 +34,7 @@ fn whole(file: &PageFile, watch: &Watch) -> Result<Scene> {
     let header = file.header();
     let (count, degree) = (header.statistics.count, header.statistics.sh_degree);
     let named = |problem: OutOfMemory| anyhow::Error::new(problem).context(file.path().display().to_string());
-    let mut parts = Parts::new(degree, count).map_err(named)?;
+    let mut parts = CanonicalBuilder::new(degree, count).map_err(named)?;
     let (words, layout) = (file.words(), &header.layout);
     let mut geometry = vec![0; BATCH_PAGES * words.geometry()];
     let mut colours = vec![0; BATCH_PAGES * words.colours()];

@@ -61,6 +61,22 @@ impl FileKind {
     }
 }
 
+/// The alpha channel of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Alpha {
+    /// The file has no alpha channel.
+    Opaque,
+    /// The file has an alpha channel with the coverage of each pixel.
+    Transparent,
+}
+
+impl Alpha {
+    /// [`Alpha::Transparent`] if the background of the picture is transparent.
+    pub fn of(is_transparent: bool) -> Self {
+        if is_transparent { Self::Transparent } else { Self::Opaque }
+    }
+}
+
 /// How hard files are compressed. The values in them are the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -132,48 +148,53 @@ impl Integers {
 }
 
 impl Pixels {
-    /// Writes a file of the format that its extension stands for, with an alpha channel if `transparent`.
+    /// Writes a file of the format that its extension stands for: `.png` (8 bits), `.exr` or `.npy`.
     ///
     /// # Errors
     /// If the extension is unknown or the file cannot be written.
-    pub fn write(&self, path: &Path, transparent: bool) -> Result<()> {
-        self.write_as(FileKind::of(path)?, Compression::Fast, path, transparent)
+    pub fn write(&self, path: impl AsRef<Path>, alpha: Alpha) -> Result<()> {
+        let path = path.as_ref();
+        self.write_as(FileKind::of(path)?, Compression::Fast, path, alpha)
     }
 
-    /// Writes a file of this format, with an alpha channel if `transparent`.
+    /// Writes a file of this format.
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn write_as(&self, kind: FileKind, compression: Compression, path: &Path, transparent: bool) -> Result<()> {
+    pub fn write_as(&self, kind: FileKind, compression: Compression, path: &Path, alpha: Alpha) -> Result<()> {
         let png = |bytes: &[u8], kind| write_bytes(path, self.size, bytes, kind, compression);
-        match (kind, transparent) {
-            (FileKind::Png, false) => png(&self.to_rgb8(), ExtendedColorType::Rgb8),
-            (FileKind::Png, true) => png(&self.to_rgba8(), ExtendedColorType::Rgba8),
-            (FileKind::Png16, false) => png(bytemuck::cast_slice(&self.to_rgb16()), ExtendedColorType::Rgb16),
-            (FileKind::Png16, true) => png(bytemuck::cast_slice(&self.to_rgba16()), ExtendedColorType::Rgba16),
-            (FileKind::Exr, _) => self.write_exr(compression, path, transparent),
-            (FileKind::Npy, _) => self.write_npy(path, transparent),
+        match (kind, alpha) {
+            (FileKind::Png, Alpha::Opaque) => png(&self.to_rgb8(), ExtendedColorType::Rgb8),
+            (FileKind::Png, Alpha::Transparent) => png(&self.to_rgba8(), ExtendedColorType::Rgba8),
+            (FileKind::Png16, Alpha::Opaque) => png(bytemuck::cast_slice(&self.to_rgb16()), ExtendedColorType::Rgb16),
+            (FileKind::Png16, Alpha::Transparent) => {
+                png(bytemuck::cast_slice(&self.to_rgba16()), ExtendedColorType::Rgba16)
+            }
+            (FileKind::Exr, _) => self.write_exr(compression, path, alpha),
+            (FileKind::Npy, _) => self.write_npy(path, alpha),
         }
     }
 
-    /// The bytes of a PNG file with 8 bits per channel, with an alpha channel if `transparent`.
+    /// The bytes of a PNG file with 8 bits per channel.
     ///
     /// # Errors
     /// If PNG cannot hold pictures of this size.
-    pub fn to_png(&self, transparent: bool) -> Result<Vec<u8>> {
+    pub fn to_png(&self, alpha: Alpha) -> Result<Vec<u8>> {
         let mut file = Vec::new();
-        match transparent {
-            false => encode(&mut file, self.size, &self.to_rgb8(), ExtendedColorType::Rgb8, Compression::Fast)?,
-            true => encode(&mut file, self.size, &self.to_rgba8(), ExtendedColorType::Rgba8, Compression::Fast)?,
+        match alpha {
+            Alpha::Opaque => encode(&mut file, self.size, &self.to_rgb8(), ExtendedColorType::Rgb8, Compression::Fast)?,
+            Alpha::Transparent => {
+                encode(&mut file, self.size, &self.to_rgba8(), ExtendedColorType::Rgba8, Compression::Fast)?
+            }
         }
         Ok(file)
     }
 
-    fn write_exr(&self, compression: Compression, path: &Path, transparent: bool) -> Result<()> {
+    fn write_exr(&self, compression: Compression, path: &Path, alpha: Alpha) -> Result<()> {
         let width = self.size[0] as usize;
         let pixel = |at: Vec2<usize>| self.rgba[at.1 * width + at.0];
         let colours = |[red, green, blue, _]: [f32; 4]| (red, green, blue);
-        if transparent {
+        if alpha == Alpha::Transparent {
             let channels = SpecificChannels::rgba(|at| <(f32, f32, f32, f32)>::from(pixel(at)));
             write_whole(path, |file| Ok(exr(self.size, compression, channels).write().to_buffered(file)?))
         } else {
@@ -200,10 +221,10 @@ impl Pixels {
         write_whole(path, |file| Ok(image.write().to_buffered(file)?))
     }
 
-    /// Writes an array of height, width, and three or, if `transparent`, four channels.
-    fn write_npy(&self, path: &Path, transparent: bool) -> Result<()> {
+    /// Writes an array of height, width, and three or, with alpha, four channels.
+    fn write_npy(&self, path: &Path, alpha: Alpha) -> Result<()> {
         let [width, height] = self.size.map(u64::from);
-        let channels = if transparent { 4 } else { 3 };
+        let channels = if alpha == Alpha::Transparent { 4 } else { 3 };
         let floats = self.rgba.iter().flat_map(|pixel| &pixel[..channels]).copied();
         write_array(path, &[height, width, channels as u64], floats)
     }

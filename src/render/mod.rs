@@ -82,7 +82,9 @@ pub use recorded::Frame;
 #[doc(hidden)]
 pub use recorded::{Recorded, Started};
 pub use renderer::Renderer;
-pub use scene::{Content, GpuScene, NoLevels, PagesRead, SceneSource};
+#[doc(hidden)]
+pub use scene::Content;
+pub use scene::{GpuScene, NoLevels, PagesRead, SceneSource, Upload};
 #[doc(hidden)]
 pub use shaders::Splat;
 pub use shaders::Totals;

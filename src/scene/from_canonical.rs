@@ -1,4 +1,4 @@
-//! Gaussians from values that are canonical already, as page files hold them.
+//! Builds Gaussians from values that are canonical already, as page files hold them.
 
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
@@ -7,8 +7,8 @@ use super::Gaussians;
 use super::canonical::is_canonical;
 use crate::host_memory::OutOfMemory;
 
-/// Room for Gaussians that are filled in any order.
-pub struct Parts {
+/// Buffers for Gaussians that are filled in any order.
+pub struct CanonicalBuilder {
     pub means: Vec<[f32; 3]>,
     pub scales: Vec<[f32; 3]>,
     pub rotations: Vec<[f32; 4]>,
@@ -18,8 +18,8 @@ pub struct Parts {
     sh_degree: u32,
 }
 
-impl Parts {
-    /// Room for `count` Gaussians of this SH degree, which are 0.
+impl CanonicalBuilder {
+    /// Buffers for `count` Gaussians of this SH degree, filled with zeros.
     ///
     /// # Errors
     /// [`OutOfMemory`] if it cannot be allocated.

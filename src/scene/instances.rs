@@ -1,4 +1,4 @@
-//! Where copies of a scene stand in the world, and the file that lists them (docs/side-files.md).
+//! Scene instances: copies of a scene with a transform each, and the file that lists them (docs/side-files.md).
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,22 +12,24 @@ use serde::{Deserialize, Serialize};
 use super::{Bounds, Focus, Transform};
 use crate::files::read_whole;
 
-/// The placements of a scene, at least one. Their order is that of the Gaussians of equal depth. A clone shares them.
+/// The instances of a scene, at least one. Their order is that of the Gaussians of equal depth. A clone shares them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Placements(Arc<[Transform]>);
+pub struct SceneInstances(Arc<[Transform]>);
 
 /// A list of places, as `--place` reads it.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct PlacesFile {
+#[schemars(rename = "PlacesFile")]
+pub struct InstancesFile {
     /// At least one.
-    pub places: Vec<Place>,
+    pub places: Vec<SceneInstance>,
 }
 
 /// A place of a scene: a point p of the scene comes to position + scale * (p, turned by rotation).
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Place {
+#[schemars(rename = "Place")]
+pub struct SceneInstance {
     /// World units; each coordinate within 1e30.
     pub position: [f64; 3],
     /// A quaternion w, x, y, z of any length but 0; none: not turned.
@@ -50,11 +52,11 @@ const MAX_POSITION: f64 = 1e30;
 /// Smallest and largest scale.
 const SCALES: [f64; 2] = [1e-6, 1e6];
 
-impl Placements {
-    /// These placements.
+impl SceneInstances {
+    /// Instances with these transforms.
     ///
     /// # Errors
-    /// If there are none, or if one is too far away, or too small or large to be drawn in 32-bit floats.
+    /// If the list is empty, or an instance is too far away, too small or too large for 32-bit floats.
     pub fn new(transforms: Vec<Transform>) -> Result<Self> {
         ensure!(!transforms.is_empty(), "there is no place in the list");
         transforms.par_iter().enumerate().try_for_each(|(number, transform)| named(number, check(transform)))?;
@@ -69,7 +71,7 @@ impl Placements {
         Self::parse(&read_whole(file)?)
     }
 
-    /// The placements in the bytes of a list of places.
+    /// The instances in the bytes of a list of places.
     ///
     /// # Errors
     /// If it is no such list. The error names the entry.
@@ -77,18 +79,18 @@ impl Placements {
         let raw: Raw = serde_json::from_slice(bytes)
             .map_err(|error| anyhow!("expected an object with the list \"places\": {error}"))?;
         let parse = |(number, place): (usize, serde_json::Value)| {
-            let place = serde_json::from_value::<Place>(place).map_err(anyhow::Error::new);
+            let place = serde_json::from_value::<SceneInstance>(place).map_err(anyhow::Error::new);
             named(number, place.and_then(|place| place.transform()))
         };
         Self::new(raw.places.into_par_iter().enumerate().map(parse).collect::<Result<_>>()?)
     }
 
-    /// All of them.
+    /// The transforms of all instances.
     pub fn all(&self) -> &[Transform] {
         &self.0
     }
 
-    /// The box around a box at all places.
+    /// The box around all instances of a box.
     pub fn extent(&self, extent: &Bounds) -> Bounds {
         if self.is_unmoved() {
             return *extent;
@@ -112,7 +114,7 @@ impl Placements {
         }
     }
 
-    /// The sphere around a sphere at all places; its centre is the mean of their centres.
+    /// The sphere around all instances of a sphere. Its centre is the mean of their centres.
     pub fn focus(&self, focus: Focus) -> Focus {
         if self.is_unmoved() {
             return focus;
@@ -123,7 +125,7 @@ impl Placements {
         Focus { centre: centre.to_array(), radius: reaches.fold(0.0, f64::max) }
     }
 
-    /// BLAKE3 of the placements.
+    /// BLAKE3 of the instances.
     pub fn hash(&self) -> blake3::Hash {
         let mut hasher = blake3::Hasher::new();
         for place in self.0.iter() {
@@ -135,7 +137,7 @@ impl Placements {
         hasher.finalize()
     }
 
-    /// True if there is one, which changes nothing.
+    /// True if there is a single instance with the identity as its transform.
     fn is_unmoved(&self) -> bool {
         *self.0 == [Transform::IDENTITY]
     }
@@ -144,7 +146,7 @@ impl Placements {
 /// The box of nothing.
 const EMPTY: [DVec3; 2] = [DVec3::INFINITY, DVec3::NEG_INFINITY];
 
-impl Place {
+impl SceneInstance {
     fn transform(&self) -> Result<Transform> {
         let [w, x, y, z] = self.rotation.unwrap_or([1.0, 0.0, 0.0, 0.0]);
         Transform::new(DQuat::from_xyzw(x, y, z, w), self.position.into(), self.scale.unwrap_or(1.0))
@@ -168,7 +170,7 @@ mod tests {
     use super::*;
 
     fn problem(text: &str) -> String {
-        format!("{:#}", Placements::parse(text.as_bytes()).unwrap_err())
+        format!("{:#}", SceneInstances::parse(text.as_bytes()).unwrap_err())
     }
 
     #[test]
@@ -177,7 +179,7 @@ mod tests {
             {"position": [0, 0, -1.5], "rotation": [2, 0, 0, 0], "scale": 0.5}]}"#;
         let expected = [(DVec3::new(1.0, 2.0, 3.0), 1.0), (DVec3::new(0.0, 0.0, -1.5), 0.5)];
         let expected = expected.map(|(at, scale)| Transform::new(DQuat::IDENTITY, at, scale).unwrap());
-        assert_eq!(Placements::parse(text.as_bytes()).unwrap().all(), expected);
+        assert_eq!(SceneInstances::parse(text.as_bytes()).unwrap().all(), expected);
     }
 
     #[test]
@@ -204,11 +206,11 @@ mod tests {
     fn box_and_sphere_are_around_all_places() {
         let (bounds, focus) =
             (Bounds { low: [-1.0, -2.0, -3.0], high: [1.0, 2.0, 3.0] }, Focus { centre: [0.5, 0.0, 0.0], radius: 2.0 });
-        let one = Placements::new(vec![Transform::IDENTITY]).unwrap();
+        let one = SceneInstances::new(vec![Transform::IDENTITY]).unwrap();
         assert_eq!((one.extent(&bounds), one.focus(focus)), (bounds, focus));
         let turn = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);
         let place = |at: f64, turn, scale| Transform::new(turn, DVec3::new(at, 0.0, 0.0), scale).unwrap();
-        let two = Placements::new(vec![place(-10.0, DQuat::IDENTITY, 1.0), place(20.0, turn, 2.0)]).unwrap();
+        let two = SceneInstances::new(vec![place(-10.0, DQuat::IDENTITY, 1.0), place(20.0, turn, 2.0)]).unwrap();
         let (extent, around) = (two.extent(&bounds), two.focus(focus));
         let expected = [[-11.0, -2.0, -6.0], [24.0, 2.0, 6.0]];
         for (found, expected) in [extent.low, extent.high].as_flattened().iter().zip(expected.as_flattened()) {
@@ -222,7 +224,7 @@ mod tests {
 
     #[test]
     fn the_hash_depends_on_every_number_and_on_the_order() {
-        let hash = |text: &str| Placements::parse(format!(r#"{{"places": [{text}]}}"#).as_bytes()).unwrap().hash();
+        let hash = |text: &str| SceneInstances::parse(format!(r#"{{"places": [{text}]}}"#).as_bytes()).unwrap().hash();
         let all = [
             r#"{"position": [1, 2, 3]}"#,
             r#"{"position": [1, 2, 4]}"#,

@@ -87,7 +87,7 @@ pub struct Scene {
     /// Differences between what the file asks for and what is drawn, one clause each.
     pub notices: Vec<String>,
     /// The levels of detail of the file, the finest first; empty if its format has none.
-    pub levels: Vec<Level>,
+    pub levels: Vec<SceneLevel>,
 }
 
 impl Scene {
@@ -111,7 +111,8 @@ impl Scene {
 
 /// A level of detail of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
-pub struct Level {
+#[schemars(rename = "Level")]
+pub struct SceneLevel {
     /// Its number, 0 the finest.
     pub level: u32,
     /// Its number of Gaussians in the file, with those of the environment, which belong to all levels.

@@ -1,4 +1,18 @@
-//! Scenes: Gaussians, validated and made canonical once when they are read, and the file formats they come in.
+//! Scenes in memory: Gaussians, validated and made canonical once when they are read or generated.
+//!
+//! - `gaussians` - the Gaussians of a scene as a structure of arrays
+//! - `canonical` - validates raw values and makes them canonical: `Builder`
+//! - `from_canonical` - Gaussians from values that are canonical already
+//! - `loaded` - a scene with its load report, and the errors of reading
+//! - `watch` - progress, partial scenes and cancelling while a scene is read
+//! - `transform`, `edit` - rigid transforms with a scale; flips, selections and joins
+//! - `instances` - copies of a scene with a transform each
+//! - `bounds` - the box of a scene, and the sphere that holds most of it
+//! - `harmonics`, `rotation` - spherical harmonics; quaternions and their encoding
+//! - `requirements` - number formats that store a scene without loss
+//! - `grid`, `columns` - values that lie on a grid of 256 steps
+//! - `morton` - the order of points along a space-filling curve
+//! - `random` - seeded random numbers, equal on every machine
 
 mod bounds;
 mod canonical;
@@ -7,6 +21,7 @@ mod edit;
 mod from_canonical;
 mod gaussians;
 mod grid;
+#[doc(hidden)]
 pub mod harmonics;
 mod instances;
 mod loaded;
@@ -17,21 +32,33 @@ mod rotation;
 mod transform;
 mod watch;
 
-pub use bounds::{Bounds, Focus, percentiles};
-pub(crate) use canonical::{BLOCK, logit};
+pub use bounds::{Bounds, Focus};
 pub use canonical::{Builder, Raw};
-pub use edit::RIGHT_UP_BACK;
-pub(crate) use edit::{axis_signs, rotation_signs};
-pub use from_canonical::Parts;
-pub(crate) use gaussians::rest_values;
 pub use gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
-pub use grid::Grid;
-pub use instances::{Place, Placements, PlacesFile};
-pub use loaded::{Level, LoadReport, NoLevel, Scene, Unreadable, remarks};
-pub use morton::{Curve, along_curve};
-pub(crate) use random::Random;
-pub use requirements::{Band, Colours, Requirements, SUMMED, StoredValues, bands};
-pub(crate) use rotation::from_smallest_three;
-pub use rotation::{decode_rotation, encode_rotation};
+pub use instances::SceneInstances;
+pub use loaded::{LoadReport, NoLevel, Scene, SceneLevel, Unreadable, remarks};
 pub use transform::Transform;
 pub use watch::{Cancelled, Watch};
+
+#[doc(hidden)]
+pub use bounds::percentiles;
+#[doc(hidden)]
+pub use edit::RIGHT_UP_BACK;
+#[doc(hidden)]
+pub use from_canonical::CanonicalBuilder;
+#[doc(hidden)]
+pub use grid::Grid;
+#[doc(hidden)]
+pub use instances::InstancesFile;
+#[doc(hidden)]
+pub use morton::{Curve, along_curve};
+#[doc(hidden)]
+pub use requirements::{Band, Colours, Requirements, SUMMED, StoredValues, bands};
+#[doc(hidden)]
+pub use rotation::{decode_rotation, encode_rotation};
+
+pub(crate) use canonical::{BLOCK, logit};
+pub(crate) use edit::{axis_signs, rotation_signs};
+pub(crate) use gaussians::rest_values;
+pub(crate) use random::Random;
+pub(crate) use rotation::from_smallest_three;

@@ -22,7 +22,7 @@ const EDGES: [(&str, &str); 21] = [
     ("lod", "scene rules"),
     ("packing", "host_memory scene options rules"),
     ("pagefile", "host_memory files formats lod packing scene options rules"),
-    ("render", "host_memory gpu lod scene packing pagefile camera rules options pixels"),
+    ("render", "host_memory gpu lod scene formats packing pagefile camera rules options pixels"),
     ("measure::metrics", "pixels"),
     ("measure::bench", "files gpu render scene pagefile camera rules options pixels"),
     (

@@ -10,7 +10,7 @@ use smalto::camera::{self, NamedCamera, Timeline};
 use smalto::formats::Reading;
 use smalto::measure::bench;
 use smalto::pagefile;
-use smalto::pixels::{Compression, FileKind, Pixels};
+use smalto::pixels::{Alpha, Compression, FileKind, Pixels};
 use smalto::scene::{Scene, Unreadable, Watch};
 
 /// Reads a file; the error is what the commands print.
@@ -175,7 +175,7 @@ fn others(subjects: &mut Subjects) {
     let picture = Pixels { size: [5, 4], rgba: vec![[0.25, 0.5, 0.75, 1.0]; 20] };
     for (name, kind) in [("a.png", FileKind::Png), ("a.exr", FileKind::Exr), ("a.npy", FileKind::Npy)] {
         let path = subjects.folder.join(name);
-        picture.write_as(kind, Compression::Fast, &path, false).unwrap();
+        picture.write_as(kind, Compression::Fast, &path, Alpha::Opaque).unwrap();
         subjects.file(name, fs::read(path).unwrap(), Change::Bytes, image);
     }
     let path = subjects.folder.join("report.json");

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::common::program::{fails, ok, path};
 use serde_json::Value;
-use smalto::pixels::Pixels;
+use smalto::pixels::{Alpha, Pixels};
 
 /// 16x12 pixels of grey, and one that differs by `error`.
 fn picture(error: f32) -> Pixels {
@@ -17,7 +17,7 @@ fn picture(error: f32) -> Pixels {
 fn write(folder: &tempfile::TempDir, name: &str, pixels: &Pixels) -> String {
     let file = folder.path().join(name);
     fs::create_dir_all(file.parent().unwrap()).unwrap();
-    pixels.write(&file, false).unwrap();
+    pixels.write(&file, Alpha::Opaque).unwrap();
     file.display().to_string()
 }
 

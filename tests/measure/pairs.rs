@@ -9,7 +9,7 @@ use crate::common::program::{fails, ok, path, smalto};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use serde_json::Value;
-use smalto::pixels::{self, FileKind, Pixels, Plane};
+use smalto::pixels::{self, Alpha, FileKind, Pixels, Plane};
 
 const SIZE: [u32; 2] = [16, 12];
 
@@ -25,7 +25,7 @@ fn place(folder: &tempfile::TempDir, name: &str) -> String {
 
 fn write(folder: &tempfile::TempDir, name: &str, pixels: &Pixels, transparent: bool) -> String {
     let file = place(folder, name);
-    pixels.write(Path::new(&file), transparent).unwrap();
+    pixels.write(&file, Alpha::of(transparent)).unwrap();
     file
 }
 

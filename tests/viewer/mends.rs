@@ -6,7 +6,7 @@ use std::time::Duration;
 use egui::{Event, Key, Modifiers, PointerButton, Pos2, pos2, vec2};
 use glam::DVec2;
 use smalto::camera::{Camera, Navigator};
-use smalto::pixels::Pixels;
+use smalto::pixels::{Alpha, Pixels};
 use smalto::rules::Background;
 use smalto::viewer::{CompareMode, CompareTarget, CompareWith, Offscreen, Request, Setup, view_mode};
 
@@ -198,7 +198,7 @@ fn the_picture_under_the_cursor_is_explained() {
     // A picture that the GPU did not draw has nothing to explain.
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("photo.png");
-    Pixels { size: SIZE, rgba: vec![[0.5; 4]; 160 * 96] }.write(&file, false).unwrap();
+    Pixels { size: SIZE, rgba: vec![[0.5; 4]; 160 * 96] }.write(&file, Alpha::Opaque).unwrap();
     offscreen.viewer().drop_file(&file);
     offscreen.settle().unwrap();
     offscreen.viewer().requests.push(Request::Pick([120, 48]));

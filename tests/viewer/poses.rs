@@ -6,7 +6,7 @@ use egui::{Event, Key, Modifiers, PointerButton, pos2};
 use glam::{DVec2, DVec3};
 use smalto::camera::{self, Camera, NamedCamera};
 use smalto::measure::metrics::psnr;
-use smalto::pixels::Pixels;
+use smalto::pixels::{Alpha, Pixels};
 use smalto::rules::Background;
 use smalto::viewer::{CompareTarget, Offscreen, Request, Setup};
 
@@ -38,7 +38,7 @@ fn with_photographs(folder: &Path) -> (Gpu, Offscreen, Vec<NamedCamera>) {
         if name == "b.jpg" {
             photograph.rgba.iter_mut().flatten().for_each(|value| *value *= 0.8);
         }
-        photograph.write(&folder.join("images").join(name).with_extension("png"), false).unwrap();
+        photograph.write(&folder.join("images").join(name).with_extension("png"), Alpha::Opaque).unwrap();
     }
     offscreen.viewer().drop_file(&folder.join("cameras.json"));
     offscreen.settle().unwrap();
@@ -200,7 +200,7 @@ fn photographs_with_alpha_lie_over_the_background() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:500"]));
     let file = folder.path().join("half.exr");
-    Pixels { size: SIZE, rgba: vec![[0.25, 0.0, 0.0, 0.5]; 160 * 96] }.write(&file, true).unwrap();
+    Pixels { size: SIZE, rgba: vec![[0.25, 0.0, 0.0, 0.5]; 160 * 96] }.write(&file, Alpha::Transparent).unwrap();
     let viewer = offscreen.viewer();
     viewer.view.background = Background::Colour([0.0, 1.0, 0.5]);
     viewer.drop_file(&file);

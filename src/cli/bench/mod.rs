@@ -29,9 +29,9 @@ use crate::measure::metrics::psnr;
 use crate::options::Options;
 use crate::procedural::Procedural;
 use crate::reference;
-use crate::render::{GpuScene, Renderer};
+use crate::render::{GpuScene, Renderer, Upload};
 use crate::rules::{Background, Rules};
-use crate::scene::{Gaussians, Placements, Unreadable};
+use crate::scene::{Gaussians, SceneInstances, Unreadable};
 pub(super) use views::{CameraPath, Cameras, PATHS};
 
 /// Measure the speed of rendering: whole frames, every stage, counts, memory
@@ -141,24 +141,24 @@ pub(super) fn run(args: &Args) -> Result<()> {
         path: cameras.name.clone(),
         runs: Vec::new(),
     };
-    let placements = read_places(args.place.as_deref())?;
+    let instances = read_places(args.place.as_deref())?;
     let mut changes = Vec::new();
     if let Some(baseline) = &baseline {
         baseline.same_conditions(&report).map_err(other_conditions)?;
     }
     for scene in args.scenes() {
-        let scene = Loaded::read(&scene, args.reading, placements.clone(), &device)?;
+        let scene = Loaded::read(&scene, args.reading, instances.clone(), &device)?;
         let checked = args.check.then(|| scene.drawable.in_memory("--check")).transpose()?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
             let (views, nearest) =
                 cameras.views((&|| scene.drawable.source.focus(), scene.town), size, args.frames())?;
             let options = Options::preset(preset).context("the preset is unknown")?;
-            let rules = args.knobs.options(&options.untraded(), scene.drawable.is_antialiased, nearest).rules;
-            let options = args.knobs.options(&options, scene.drawable.is_antialiased, nearest);
+            let rules = args.knobs.options(&options.untraded(), scene.drawable.source.is_antialiased, nearest).rules;
+            let options = args.knobs.options(&options, scene.drawable.source.is_antialiased, nearest);
             if let Some(why) = options.uncertifiable().filter(|_| args.certificate) {
                 return Err(Usage(format!("--certificate: {why}")).into());
             }
-            let gpu = scene.drawable.source.bring(&device, &options, false, reserve(size))?;
+            let gpu = scene.drawable.source.upload_with(&device, &options, Upload::reserving(reserve(size)))?;
             let subject = Subject::new(&scene.report, preset, &options, &views);
             let before = baseline.as_ref().map(|b| b.run_of(&subject)).transpose().map_err(other_conditions)?;
             let bar = progress::Bar::new(subject.title());
@@ -177,7 +177,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 detail.measured_psnr = measured_levels(&device, &gpu, &views, &options)?;
             }
             if devices.len() > 1 {
-                let bring = |device: &Device| scene.drawable.source.bring(device, &options, false, reserve(size));
+                let bring = |device: &Device| {
+                    scene.drawable.source.upload_with(device, &options, Upload::reserving(reserve(size)))
+                };
                 run.together = Some(bench::together(&devices, &bring, &options, &views)?);
             }
             table::print_run(&run, args.check)?;
@@ -213,9 +215,9 @@ struct Loaded {
 }
 
 impl Loaded {
-    fn read(path: &Path, reading: ReadingArgs, placements: Option<Placements>, device: &Device) -> Result<Self> {
+    fn read(path: &Path, reading: ReadingArgs, instances: Option<SceneInstances>, device: &Device) -> Result<Self> {
         let scene = SceneArg { scene: path.to_owned(), reading };
-        let drawable = Drawable::read(&scene, Some(device))?.placed(placements);
+        let drawable = Drawable::read(&scene, Some(device))?.placed(instances);
         let report = drawable.report();
         ensure!(report.gaussians > 0, "{}: the scene has no Gaussians", scene.title());
         Ok(Self { report, drawable, town: scene.town()? })
@@ -267,7 +269,11 @@ fn measured_levels(
 
 /// The largest certified bound of any pixel of any view.
 fn certified_error(device: &Device, scene: &Loaded, views: &[Camera], options: &Options) -> Result<f32> {
-    let gpu = scene.drawable.source.bring(device, options, true, reserve(views[0].size_px))?;
+    let gpu = scene.drawable.source.upload_with(
+        device,
+        options,
+        Upload { is_certifiable: true, reserve_bytes: reserve(views[0].size_px) },
+    )?;
     let mut renderer = Renderer::certified(device, options, &gpu)?;
     let mut largest = 0.0_f32;
     for view in views {

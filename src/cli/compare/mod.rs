@@ -22,7 +22,7 @@ use crate::measure::metrics::{
     AlphaDifference, BYTES_PER_PIXEL, Difference, NumberDifference, PIXELS_PER_DEGREE, Pair, Report, flip,
     relative_errors,
 };
-use crate::pixels::{Channels, Compression, FileKind, Picture, Pixels};
+use crate::pixels::{Alpha, Channels, Compression, FileKind, Picture, Pixels};
 use crate::scene::Unreadable;
 use folders::{Files, pairs};
 
@@ -143,7 +143,7 @@ fn compare_one(args: &Args, files: &Files, is_folder: bool) -> Result<Compared> 
         if let Some(folder) = file.parent().filter(|_| is_folder) {
             make_folder(folder)?;
         }
-        draw(&map, pair.size).write_as(FileKind::Png, Compression::Fast, &file, false)?;
+        draw(&map, pair.size).write_as(FileKind::Png, Compression::Fast, &file, Alpha::Opaque)?;
     }
     Ok(Compared { title: files.title.clone(), pair })
 }

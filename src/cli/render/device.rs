@@ -17,7 +17,7 @@ use crate::gpu::{Commands, Device, DeviceKind, DeviceLost};
 use crate::options::Options;
 use crate::pixels::Integers;
 use crate::render::{
-    Finished, Form, FrameOutputs, FrameQueue, HostFrame, Inspection, QueuedFrame, Renderer, SceneSource,
+    Finished, Form, FrameOutputs, FrameQueue, HostFrame, Inspection, QueuedFrame, Renderer, SceneSource, Upload,
 };
 
 /// Views that are submitted to a device and not waited for: one is drawn while the pixels of the one before are copied.
@@ -165,7 +165,11 @@ impl<'r, 'p> Worker<'r, 'p> {
         // The phases of the start are those of the first device.
         let start = (number == 0).then_some(&run.args.start);
         let certifies = run.args.certificate.is_some();
-        let gpu_scene = scene.bring(device, &run.options, certifies, run.reserve(device))?;
+        let gpu_scene = scene.upload_with(
+            device,
+            &run.options,
+            Upload { is_certifiable: certifies, reserve_bytes: run.reserve(device) },
+        )?;
         if run.args.dump.is_some() && gpu_scene.is_paged() {
             let why =
                 "--dump writes the buffers of a frame that is drawn at once, and this scene is drawn page by page";

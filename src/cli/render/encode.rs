@@ -10,7 +10,7 @@ use super::buffer_pool::{PooledFrame, Rgb8};
 use super::outputs::{Output, Shot};
 use super::records::Content;
 use crate::files;
-use crate::pixels::Pixels;
+use crate::pixels::{Alpha, Pixels};
 use crate::render::{Frame, HostFrame, depths};
 
 /// A view of the plan and those of its files that are not complete yet.
@@ -90,7 +90,7 @@ impl<'p> Job<'p> {
                 rgb8 = picture.as_ref().filter(|_| task.is_of_video).map(|pixels| Rgb8::Owned(pixels.to_rgb8()));
                 task.write_read(args, picture.as_ref(), depths.as_ref())?;
                 if let (Some(file), Some(certificate)) = (&task.shot.certificate, certificate) {
-                    certificate.write(file, false)?;
+                    certificate.write(file, Alpha::Opaque)?;
                     certified = Some(certificate.largest());
                 }
             }

@@ -210,13 +210,13 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return verify::verify(args);
     }
     let file = args.scene.file();
-    let placements = read_places(args.place.as_deref())?;
+    let instances = read_places(args.place.as_deref())?;
     let (devices, scene) = start::devices_and_scene(args)?;
-    let scene = scene.placed(placements);
-    let source = file.map(|file| Source { file, is_antialiased: scene.is_antialiased });
+    let scene = scene.placed(instances);
+    let source = file.map(|file| Source { file, is_antialiased: scene.source.is_antialiased });
     let plan = Plan { source, ..plan(args, &|| Ok(scene.source.focus()))? };
     plan.make_folders()?;
-    let (exact, options) = options(args, scene.is_antialiased, plan.nearest);
+    let (exact, options) = options(args, scene.source.is_antialiased, plan.nearest);
     if let Some(why) = options.uncertifiable().filter(|_| args.certificate.is_some()) {
         return Err(Usage(format!("--certificate: {why}")).into());
     }

@@ -8,7 +8,7 @@ use clap::ValueEnum;
 use super::Args;
 use crate::camera::Camera;
 use crate::cli::Usage;
-use crate::pixels::{Depths, FileKind, Integers, Pixels};
+use crate::pixels::{Alpha, Depths, FileKind, Integers, Pixels};
 use crate::rules::Background;
 
 /// One picture.
@@ -103,10 +103,10 @@ impl Output {
 
     /// Writes a layer of the picture.
     pub fn write_picture(&self, pixels: &Pixels, args: &Args) -> Result<()> {
-        let is_transparent = args.background == Background::Transparent;
+        let alpha = Alpha::of(args.background == Background::Transparent);
         match self.layer {
             Layer::Alpha => pixels.alpha().write_as(self.kind, args.compression, &self.path),
-            _ => pixels.write_as(self.kind, args.compression, &self.path, is_transparent),
+            _ => pixels.write_as(self.kind, args.compression, &self.path, alpha),
         }
     }
 

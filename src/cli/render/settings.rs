@@ -54,11 +54,11 @@ pub(super) struct SceneKey {
 impl Settings {
     /// The settings of the whole run of `plan`. `device` is `None` for the reference.
     pub fn of(args: &Args, plan: &Plan, scene: &str, options: &Options, device: Option<&str>) -> Result<Self> {
-        let placements = read_places(args.place.as_deref())?;
+        let instances = read_places(args.place.as_deref())?;
         let members = Members {
             program: VersionReport::current(),
             scene: scene.to_owned(),
-            places: placements.map(|placements| placements.hash().to_hex().to_string()),
+            places: instances.map(|instances| instances.hash().to_hex().to_string()),
             cameras: plan.cameras_hash.clone(),
             files: plan.files_hash.clone(),
             layers: plan.outputs.layers().map(|layer| layer.name()).collect(),

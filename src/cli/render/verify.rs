@@ -246,6 +246,6 @@ impl LazyScene<'_> {
         }
         let scene = self.get()?;
         let hash = scene.report().hash;
-        Ok(SceneKey { hash, is_antialiased: scene.is_antialiased })
+        Ok(SceneKey { hash, is_antialiased: scene.source.is_antialiased })
     }
 }

@@ -133,7 +133,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         (Some(Scene { gaussians, is_antialiased, .. }), _) => {
             (SceneReport::of(args.scene.title(), gaussians), *is_antialiased, Focus::of(gaussians))
         }
-        (None, Some(paged)) => (paged.report(), paged.is_antialiased, paged.source.focus()),
+        (None, Some(paged)) => (paged.report(), paged.source.is_antialiased, paged.source.focus()),
         (None, None) => return Err(NoLevels.into()),
     };
     if scene.gaussians == 0 {

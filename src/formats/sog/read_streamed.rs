@@ -11,7 +11,7 @@ use super::files::Files;
 use super::unit::{Unit, decode_all};
 use crate::formats::input::Input;
 use crate::formats::linked_file::inside;
-use crate::scene::{Cancelled, Level, NoLevel, Scene, Watch};
+use crate::scene::{Cancelled, NoLevel, Scene, SceneLevel, Watch};
 
 /// Largest `lod-meta.json` in bytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 28;
@@ -91,7 +91,7 @@ pub(crate) fn read(input: &mut Input, json: &[u8], folder: &Path, level: Option<
         units.push(unit);
     }
     let levels =
-        levels.iter().map(|(level, count)| Level { level: *level, gaussians: count.saturating_add(environment) });
+        levels.iter().map(|(level, count)| SceneLevel { level: *level, gaussians: count.saturating_add(environment) });
     let of = written.levels.map_or_else(String::new, |levels| format!(" of {levels}"));
     let scene = decode_all(input, units, format!("streamed SOG, level {level}{of}"), watch)?;
     Ok(Scene { levels: levels.collect(), ..scene })

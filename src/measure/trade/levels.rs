@@ -18,7 +18,7 @@ use crate::gpu::Device;
 use crate::measure::bench::Protocol;
 use crate::options::Options;
 use crate::pixels::Pixels;
-use crate::render::{GpuScene, Renderer, SceneSource};
+use crate::render::{GpuScene, Renderer, SceneSource, Upload};
 use crate::rules::Background;
 
 /// Samples of a pixel of supersampled pictures along each side.
@@ -92,7 +92,7 @@ impl LevelTrade<'_> {
     fn scene(&self, options: &Options, splats: u32, samples: u32) -> Result<GpuScene> {
         let pixels: u64 = self.views[0].size_px.map(u64::from).iter().product();
         let reserve = 4 * 16 * pixels * u64::from(samples);
-        self.source.bring(self.device, &Options { splats, ..*options }, false, reserve)
+        self.source.upload_with(self.device, &Options { splats, ..*options }, Upload::reserving(reserve))
     }
 
     /// The views by the exact options, each pixel the mean of its samples.

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::files::{Checkpoint, read_exact_at};
 use crate::host_memory::host_zeros;
-use crate::scene::{Curve, Gaussians, Parts, sh_coefficients};
+use crate::scene::{CanonicalBuilder, Curve, Gaussians, sh_coefficients};
 
 /// Most buckets: each is an open file.
 const MOST: usize = 500;
@@ -146,7 +146,7 @@ pub fn mean_of(record: &[u32]) -> [f32; 3] {
 /// If memory runs out, or the records are damaged.
 pub fn gaussians_of(records: &[u32], sh_degree: u32) -> Result<Gaussians> {
     let each = record_words(sh_degree);
-    let mut parts = Parts::new(sh_degree, records.len() / each)?;
+    let mut parts = CanonicalBuilder::new(sh_degree, records.len() / each)?;
     let stride = sh_coefficients(sh_degree);
     for (index, record) in records.chunks_exact(each).enumerate() {
         let float = |i: usize| f32::from_bits(record[i]);

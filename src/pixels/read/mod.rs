@@ -195,7 +195,7 @@ mod tests {
     use npyz::Order;
 
     use super::*;
-    use crate::pixels::{Compression, FileKind, Plane};
+    use crate::pixels::{Alpha, Compression, FileKind, Plane};
 
     /// Values that 8 bits cannot hold, among them NaN, infinity and -0.
     fn floats() -> Pixels {
@@ -211,7 +211,7 @@ mod tests {
 
     fn written(pixels: &Pixels, name: &str, transparent: bool) -> Pixels {
         let folder = tempfile::tempdir().unwrap();
-        pixels.write(&folder.path().join(name), transparent).unwrap();
+        pixels.write(&folder.path().join(name), Alpha::of(transparent)).unwrap();
         // The name does not matter.
         std::fs::rename(folder.path().join(name), folder.path().join("picture")).unwrap();
         Pixels::read(&folder.path().join("picture")).unwrap()
@@ -328,7 +328,7 @@ mod tests {
         save(&path, &[4, 4, 3], Order::C, &[0.0_f32; 48]);
         let part = std::fs::read(&path).unwrap();
         assert!(of_bytes(&part[..part.len() - 1]).starts_with("is a damaged .npy file"));
-        floats().write(&folder.path().join("a.exr"), true).unwrap();
+        floats().write(&folder.path().join("a.exr"), Alpha::Transparent).unwrap();
         let part = std::fs::read(folder.path().join("a.exr")).unwrap();
         assert!(of_bytes(&part[..part.len() / 2]).starts_with("cannot be decoded"));
     }

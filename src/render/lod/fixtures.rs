@@ -6,8 +6,8 @@ use crate::gpu::{Device, DeviceChoice, Validation};
 use crate::options::Options;
 use crate::pagefile::PageFile;
 use crate::pagefile::write::{Job, Settings, write_whole};
-use crate::render::scene::{Content, GpuScene, SceneSource};
-use crate::scene::{Placements, Scene, Transform};
+use crate::render::scene::{GpuScene, SceneSource, Upload};
+use crate::scene::{Scene, SceneInstances, Transform};
 
 /// Writes a scene to a page file with levels of detail.
 pub(crate) fn with_levels(scene: Scene, options: Options) -> Arc<PageFile> {
@@ -37,9 +37,9 @@ pub(crate) fn open(limit: Option<u64>) -> Device {
     device
 }
 
-/// Opens a page file on a device, with these placements.
+/// Opens a page file on a device, with these instances.
 pub(crate) fn opened_scene(device: &Device, file: &Arc<PageFile>, places: &[Transform], options: &Options) -> GpuScene {
-    let placements = (!places.is_empty()).then(|| Placements::new(places.to_vec()).unwrap());
-    let source = SceneSource { content: Content::File(file.clone()), placements };
-    source.bring(device, options, false, 1 << 20).unwrap()
+    let instances = (!places.is_empty()).then(|| SceneInstances::new(places.to_vec()).unwrap());
+    let source = SceneSource { instances, ..SceneSource::of_file(file.clone()) };
+    source.upload_with(device, options, Upload::reserving(1 << 20)).unwrap()
 }

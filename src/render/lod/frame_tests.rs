@@ -13,9 +13,9 @@ use crate::pixels::Pixels;
 use crate::procedural::cactus;
 use crate::render::inspect::{Attribute, Inspection};
 use crate::render::renderer::Renderer;
-use crate::render::scene::{Content, SceneSource};
+use crate::render::scene::{SceneSource, Upload};
 use crate::rules::{Background, Rules};
-use crate::scene::{Focus, Gaussians, Placements, Transform};
+use crate::scene::{Focus, Gaussians, SceneInstances, Transform};
 
 const SIZE: [u32; 2] = [200, 130];
 const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
@@ -31,7 +31,7 @@ fn view(gaussians: &Gaussians, zoom: f64) -> Camera {
 }
 
 fn draw(device: &Device, source: &SceneSource, options: &Options, camera: &Camera) -> (Pixels, Option<LodReport>) {
-    let scene = source.bring(device, options, false, 1 << 20).unwrap();
+    let scene = source.upload_with(device, options, Upload::reserving(1 << 20)).unwrap();
     let mut renderer = Renderer::new(device, options, &scene).unwrap();
     let frame = renderer.render(camera, BACKGROUND).unwrap();
     let pixels = renderer.pixels().unwrap();
@@ -40,7 +40,7 @@ fn draw(device: &Device, source: &SceneSource, options: &Options, camera: &Camer
 }
 
 fn source(file: &Arc<PageFile>) -> SceneSource {
-    SceneSource { content: Content::File(file.clone()), placements: None }
+    SceneSource::of_file(file.clone())
 }
 
 fn differing(a: &Pixels, b: &Pixels) -> usize {
@@ -86,8 +86,8 @@ fn a_scene_by_levels_at_one_place_is_the_scene() {
     let ((gaussians, file), device) = (scene(), open(None));
     let camera = view(&gaussians, 1.0);
     let options = Options { splats: 8000, ..Options::BALANCED };
-    let placements = Placements::new(vec![Transform::IDENTITY; 1]).unwrap();
-    let placed = SceneSource { placements: Some(placements), ..source(&file) };
+    let instances = SceneInstances::new(vec![Transform::IDENTITY; 1]).unwrap();
+    let placed = SceneSource { instances: Some(instances), ..source(&file) };
     let (expected, detail) = draw(&device, &source(&file), &options, &camera);
     let (pixels, same) = draw(&device, &placed, &options, &camera);
     assert_eq!((differing(&pixels, &expected), same), (0, detail));
@@ -121,7 +121,7 @@ fn the_finest_cut_may_be_drawn_between_others() {
     let ((gaussians, file), device) = (scene(), open(None));
     let (camera, options) = (view(&gaussians, 1.0), Options { splats: 3000, ..Options::BALANCED });
     let whole = draw(&device, &SceneSource::of(gaussians), &Options::BALANCED, &camera);
-    let scene = source(&file).bring(&device, &options, false, 1 << 20).unwrap();
+    let scene = source(&file).upload_with(&device, &options, Upload::reserving(1 << 20)).unwrap();
     let mut renderer = Renderer::new(&device, &options, &scene).unwrap();
     let mut drawn = |is_finest| {
         renderer.set_finest(is_finest);
@@ -154,7 +154,7 @@ fn a_splat_budget_is_kept() {
 
 /// Draws an attribute: its mean over the visible splats of each pixel, and alpha.
 fn attributes(device: &Device, source: &SceneSource, options: &Options, camera: &Camera, shown: Attribute) -> Pixels {
-    let scene = source.bring(device, options, false, 1 << 20).unwrap();
+    let scene = source.upload_with(device, options, Upload::reserving(1 << 20)).unwrap();
     let mut renderer = Renderer::new(device, options, &scene).unwrap();
     let inspection = Inspection::of_attribute(shown);
     assert!(renderer.can_show(&inspection));
@@ -176,8 +176,8 @@ fn pages_show_the_attributes_of_the_scene() {
     let whole = SceneSource::of(gaussians.clone());
     let turned = Transform::new(glam::DQuat::from_rotation_y(0.7), [0.1, 0.0, 0.2].into(), 1.5).unwrap();
     let there = SceneSource::of(gaussians.transformed(&turned).unwrap());
-    let placements = Some(Placements::new(vec![turned]).unwrap());
-    let placed = SceneSource { placements, ..source(&file) };
+    let instances = Some(SceneInstances::new(vec![turned]).unwrap());
+    let placed = SceneSource { instances, ..source(&file) };
     use Attribute::*;
     for shown in [Depth, Normal, Opacity, Size, Anisotropy, BaseColour, Identity, Level, PredictedError, Lag] {
         for (whole, pages) in [(&whole, &source(&file)), (&there, &placed)] {
@@ -220,6 +220,7 @@ fn attributes_show_levels_and_their_errors() {
 fn a_scene_without_levels_is_refused() {
     let device = open(None);
     let source = SceneSource::of(cactus::cactus(100).unwrap().gaussians);
-    let problem = source.bring(&device, &Options { splats: 10, ..Options::EXACT }, false, 0).err().unwrap();
+    let problem =
+        source.upload_with(&device, &Options { splats: 10, ..Options::EXACT }, Upload::reserving(0)).err().unwrap();
     assert!(problem.to_string().contains("smalto lod"), "{problem}");
 }

@@ -48,7 +48,7 @@ impl PageDraw {
 /// Largest number of pages of a draw list, unless the page cache holds more.
 const MAX_PAGES: usize = 1 << 16;
 
-/// The number of the element with the first page, after the views of all placements and the number of pages.
+/// The number of the element with the first page, after the views of all instances and the number of pages.
 pub fn first_page(scene: &GpuScene) -> u32 {
     VIEW_ELEMENTS * scene.transforms().len() as u32 + 1
 }
@@ -66,7 +66,7 @@ pub fn max_pages(scene: &GpuScene) -> usize {
     placed.min(MAX_PAGES).max(cache.capacity())
 }
 
-/// The views of a scene, one for each of its placements.
+/// The views of a scene, one for each of its instances.
 pub fn views_of(scene: &GpuScene, camera: &Camera, rules: &Rules) -> Vec<Element> {
     let one = |place: &Transform| {
         let placed = PlacedCamera::of(camera, place);

@@ -69,7 +69,8 @@ impl Renderer {
         Self::varied(device, options, scene, Variation::Plain)
     }
 
-    /// Builds a renderer that also makes a certificate of every picture. `scene` is made by [`GpuScene::certifiable`].
+    /// Builds a renderer that also makes a certificate of every picture. `scene` is uploaded for
+    /// certificates: [`Upload::is_certifiable`](crate::render::Upload::is_certifiable).
     ///
     /// # Errors
     /// If pictures with these options have no certificate: [`Options::uncertifiable`].

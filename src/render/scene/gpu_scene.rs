@@ -17,7 +17,7 @@ use crate::pagefile::{LEVEL_WORDS, PAGE, Pages};
 use crate::render::shaders::Grids;
 use crate::render::shaders::lod::WEIGHT_SHIFT;
 use crate::rules::{LISTED_ALPHA, Rules};
-use crate::scene::{Bounds, Gaussians, Grid, Placements, Transform};
+use crate::scene::{Bounds, Gaussians, Grid, SceneInstances, Transform};
 
 /// Gaussians in device memory, in planes with four words per element: one plane of bounds, and as many planes of shapes
 /// and of spherical harmonics as the layout needs. In a last plane with one or two words per Gaussian, four or two
@@ -32,7 +32,7 @@ pub struct GpuScene {
     pub(crate) grids: Buffer<Grids>,
     pub(crate) layout: Layout,
     len: usize,
-    /// The number of Gaussians at one placement, LOD nodes included.
+    /// The number of Gaussians at one scene instance, LOD nodes included.
     pub(crate) nodes: usize,
     pub(crate) extent: Bounds,
     /// The camera of the self-test, which draws the first Gaussians.
@@ -65,14 +65,14 @@ pub(crate) struct Paged {
     pub indices: Buffer<u32>,
     /// The errors and levels of the nodes in the planes, if the scene has levels of detail.
     pub lod: Option<Buffer<u32>>,
-    /// The placements of the scene in the world; without any, it stands where its file puts it.
-    placements: Option<Placements>,
+    /// The scene instances; without any, the scene is drawn once, as its file holds it.
+    instances: Option<SceneInstances>,
     /// The reason why the pages are stored in another form than the options request.
     notice: Option<Arc<str>>,
 }
 
-/// The most placements, whose numbers the draw list of pages has bits for.
-const MAX_PLACEMENTS: usize = 1 << WEIGHT_SHIFT;
+/// The most scene instances, whose numbers the draw list of pages has bits for.
+const MAX_INSTANCES: usize = 1 << WEIGHT_SHIFT;
 /// The number of Gaussians uploaded at a time: enough to share among threads, few enough to need little memory.
 const UPLOAD_CHUNK: usize = 1 << 17;
 /// The number of Gaussians that a thread packs at a time: a multiple of the number that shares an element.
@@ -85,7 +85,7 @@ const MIN_LIST_BYTES: u64 = 8 << 20;
 /// The least capacity of the page cache, in pages.
 const MIN_PAGES: usize = 64;
 
-/// The most Gaussians of all placements together that can be sorted.
+/// The most Gaussians of all scene instances together that can be sorted.
 const MAX_POSITIONS: u64 = u32::MAX as u64;
 
 /// The name of the plane that every scene has, with an element per Gaussian.
@@ -97,6 +97,7 @@ impl GpuScene {
     ///
     /// # Errors
     /// If device memory runs out or a plane is longer than the device can bind.
+    #[doc(hidden)]
     pub fn new(device: &Device, gaussians: &Gaussians, options: &Options) -> Result<Self> {
         Self::with(device, gaussians, &Statistics::of(gaussians), options)
     }
@@ -105,6 +106,7 @@ impl GpuScene {
     ///
     /// # Errors
     /// [`OutOfMemory`](crate::host_memory::OutOfMemory).
+    #[doc(hidden)]
     pub fn check_count(device: &Device, count: usize) -> Result<()> {
         Ok(Buffer::<[u32; 4]>::check_len(device, BOUNDS, count)?)
     }
@@ -114,6 +116,7 @@ impl GpuScene {
     ///
     /// # Errors
     /// As for [`new`](Self::new).
+    #[doc(hidden)]
     pub fn certifiable(
         device: &Device,
         gaussians: &Gaussians,
@@ -128,6 +131,7 @@ impl GpuScene {
     ///
     /// # Errors
     /// As for [`new`](Self::new).
+    #[doc(hidden)]
     pub fn with(device: &Device, gaussians: &Gaussians, statistics: &Statistics, options: &Options) -> Result<Self> {
         let len = gaussians.len();
         let layout = Layout::of(statistics, options);
@@ -162,7 +166,7 @@ impl GpuScene {
     ///
     /// # Errors
     /// As for [`new`](Self::new).
-    pub fn with_reserve(
+    pub(crate) fn with_reserve(
         device: &Device,
         gaussians: &Gaussians,
         statistics: &Statistics,
@@ -185,7 +189,7 @@ impl GpuScene {
     ///
     /// # Errors
     /// If the least number of pages does not fit, or a page cannot be read.
-    pub fn of_pages(device: &Device, pages: &Pages, options: &Options, reserve: u64) -> Result<Self> {
+    pub(crate) fn of_pages(device: &Device, pages: &Pages, options: &Options, reserve: u64) -> Result<Self> {
         let (all, each, free) = (pages.pages().len(), PageCache::bytes_each(pages), device.free_bytes());
         let least = MIN_PAGES.min(all) as u64 * each;
         let needed = reserve + ((least as f64 / CACHE_FRACTION) as u64).max(least + MIN_LIST_BYTES);
@@ -236,7 +240,7 @@ impl GpuScene {
                 cache: Arc::new(Mutex::new(cache)),
                 indices,
                 lod,
-                placements: None,
+                instances: None,
                 notice: pages.notice().map(Arc::from),
             })),
         };
@@ -246,40 +250,40 @@ impl GpuScene {
         Ok(scene)
     }
 
-    /// The scene at these placements, which share its pages.
+    /// The scene at these scene instances, which share its pages.
     ///
     /// # Errors
-    /// If the placements have more Gaussians than can be sorted.
+    /// If the scene instances have more Gaussians than can be sorted.
     ///
     /// # Panics
     /// If the scene is not in pages.
-    pub fn placed(self, placements: &Placements) -> Result<Self> {
-        let SceneMemory::Paged(paged) = self.memory else { panic!("a scene with placements is paged") };
-        let (places, count) = (placements.all().len(), self.nodes);
+    pub(crate) fn placed(self, instances: &SceneInstances) -> Result<Self> {
+        let SceneMemory::Paged(paged) = self.memory else { panic!("a scene with instances is paged") };
+        let (places, count) = (instances.all().len(), self.nodes);
         ensure!(
             (places as u64).saturating_mul(count as u64) <= MAX_POSITIONS,
             "{places} places of {count} Gaussians are more than {MAX_POSITIONS} Gaussians, which is the most that can \
              be ordered"
         );
         ensure!(
-            places <= MAX_PLACEMENTS,
-            "{places} places are more than {MAX_PLACEMENTS}, which is the most that are drawn"
+            places <= MAX_INSTANCES,
+            "{places} places are more than {MAX_INSTANCES}, which is the most that are drawn"
         );
-        let memory = SceneMemory::Paged(Box::new(Paged { placements: Some(placements.clone()), ..*paged }));
-        Ok(Self { extent: placements.extent(&self.extent), memory, ..self })
+        let memory = SceneMemory::Paged(Box::new(Paged { instances: Some(instances.clone()), ..*paged }));
+        Ok(Self { extent: instances.extent(&self.extent), memory, ..self })
     }
 
-    /// True if the scene has placements.
+    /// True if the scene has scene instances.
     pub fn is_placed(&self) -> bool {
-        self.placements().is_some()
+        self.instances().is_some()
     }
 
     /// The transforms at which the scene is drawn.
     pub(crate) fn transforms(&self) -> &[Transform] {
-        self.placements().map_or(&[Transform::IDENTITY], Placements::all)
+        self.instances().map_or(&[Transform::IDENTITY], SceneInstances::all)
     }
 
-    /// The number of Gaussians at all placements, LOD nodes included.
+    /// The number of Gaussians at all scene instances, LOD nodes included.
     pub(crate) fn placed_len(&self) -> usize {
         self.nodes * self.transforms().len()
     }
@@ -302,8 +306,8 @@ impl GpuScene {
         }
     }
 
-    fn placements(&self) -> Option<&Placements> {
-        self.paged()?.placements.as_ref()
+    fn instances(&self) -> Option<&SceneInstances> {
+        self.paged()?.instances.as_ref()
     }
 
     /// The indices of the Gaussians and their levels of detail; `none` for each that the scene lacks.

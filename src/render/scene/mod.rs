@@ -1,7 +1,7 @@
-//! Scenes before and in device memory: [`SceneSource`] is brought to a device as a [`GpuScene`], whole or as a cache of
+//! Scenes before and in device memory: [`SceneSource`] is uploaded to a device as a [`GpuScene`], whole or as a cache of
 //! pages.
 //!
-//! - `scene_source` - a scene before it is on a device: Gaussians in memory or a page file, with placements
+//! - `scene_source` - a scene before it is on a device: Gaussians in memory or a page file, with scene instances
 //! - `gpu_scene` - the planes of Gaussians in device memory, with all of them or with the resident pages
 //! - `page_cache` - the pages in device memory, the least recently used of which are evicted
 //! - `self_test_input` - the Gaussians and the camera of the self-test of the fast path
@@ -15,5 +15,5 @@ pub use gpu_scene::GpuScene;
 pub(crate) use gpu_scene::Paged;
 pub use page_cache::PagesRead;
 pub(crate) use page_cache::{LoadedPage, PageCache};
-pub use scene_source::{Content, NoLevels, SceneSource};
+pub use scene_source::{Content, NoLevels, SceneSource, Upload};
 pub(crate) use self_test_input::{SELF_TEST_GAUSSIANS, SELF_TEST_SIZE};

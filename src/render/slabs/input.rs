@@ -176,10 +176,10 @@ impl PagedInput<'_> {
     }
 
     /// Cuts the pages of a slab into batches that one dispatch each draws, of at most `list_capacity` pages. A page may
-    /// be listed for many placements, and takes one slot for all of them.
+    /// be listed for many scene instances, and takes one slot for all of them.
     pub fn batches(&mut self, needed: &mut [VisiblePage], list_capacity: usize) -> Vec<Range<usize>> {
         if !self.cache.has_all() {
-            // Each page is loaded once for all of its placements. With one placement, the order stays that of depths.
+            // Each page is loaded once for all of its scene instances. With one scene instance, the order stays that of depths.
             if needed.iter().any(|page| page.view != needed[0].view) {
                 needed.par_sort_unstable_by_key(|page| (page.page, page.view));
             }

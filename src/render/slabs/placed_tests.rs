@@ -1,4 +1,4 @@
-//! Scenes with placements show the pictures of transformed and joined scenes, in the memory of one.
+//! Scenes with scene instances show the pictures of transformed and joined scenes, in the memory of one.
 
 use std::sync::Arc;
 
@@ -14,9 +14,9 @@ use crate::procedural::cactus;
 use crate::render::lod::fixtures::open;
 use crate::render::renderer::Renderer;
 use crate::render::scene::gpu_scene::CACHE_FRACTION;
-use crate::render::scene::{Content, GpuScene, SceneSource};
+use crate::render::scene::{Content, GpuScene, SceneSource, Upload};
 use crate::rules::{Background, Order, Rules};
-use crate::scene::{Focus, Gaussians, Placements, Transform};
+use crate::scene::{Focus, Gaussians, SceneInstances, Transform};
 
 use crate::render::scene::PageCache;
 
@@ -31,15 +31,15 @@ fn draw(device: &Device, options: &Options, scene: &GpuScene, camera: &Camera) -
     (pixels, frame.parts.map_or(0, |parts| parts.pages_in_view))
 }
 
-/// The picture of a scene with placements.
+/// The picture of a scene with scene instances.
 fn placed(device: &Device, options: &Options, gaussians: &Gaussians, places: &[Transform], camera: &Camera) -> Pixels {
     draw(device, options, &bring(device, options, gaussians, places), camera).0
 }
 
 fn bring(device: &Device, options: &Options, gaussians: &Gaussians, places: &[Transform]) -> GpuScene {
-    let placements = Placements::new(places.to_vec()).unwrap();
-    let source = SceneSource { placements: Some(placements), ..SceneSource::of(gaussians.clone()) };
-    source.bring(device, options, false, 1 << 20).unwrap()
+    let instances = SceneInstances::new(places.to_vec()).unwrap();
+    let source = SceneSource { instances: Some(instances), ..SceneSource::of(gaussians.clone()) };
+    source.upload_with(device, options, Upload::reserving(1 << 20)).unwrap()
 }
 
 /// The picture of a scene in memory as a whole.
@@ -62,7 +62,7 @@ fn place(position: [f64; 3], turn: [f64; 4], scale: f64) -> Transform {
 
 const UNTURNED: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 
-/// Two placements that are apart, one of them turned and made larger, and a camera that sees both.
+/// Two scene instances that are apart, one of them turned and made larger, and a camera that sees both.
 fn two(gaussians: &Gaussians) -> ([Transform; 2], Camera) {
     let focus = Focus::of(gaussians);
     let aside = focus.radius * 1.5;
@@ -70,7 +70,7 @@ fn two(gaussians: &Gaussians) -> ([Transform; 2], Camera) {
         place([-aside, 0.0, 0.0], UNTURNED, 1.0),
         place([aside, 0.1, 2.0 * focus.radius], [0.3, -0.6, 0.2, 0.7], 1.75),
     ];
-    let seen = Placements::new(places.to_vec()).unwrap().focus(focus);
+    let seen = SceneInstances::new(places.to_vec()).unwrap().focus(focus);
     (places, Camera::framing(seen.centre.into(), seen.radius * 0.8, SIZE))
 }
 
@@ -153,7 +153,7 @@ fn bits_do_not_depend_on_the_number_of_pages_in_memory() {
     let reserve = device.free_bytes() - (70.5 * PageCache::bytes_each(&pages) as f64 / CACHE_FRACTION) as u64;
     let scene = GpuScene::of_pages(&device, &pages, &options, reserve).unwrap();
     assert_eq!(scene.paged().unwrap().cache().capacity(), 70);
-    let scene = scene.placed(&Placements::new(places.to_vec()).unwrap()).unwrap();
+    let scene = scene.placed(&SceneInstances::new(places.to_vec()).unwrap()).unwrap();
     let (drawn, seen) = draw(&device, &options, &scene, &camera);
     assert!(seen > 140, "{seen} pages of two places in view");
     assert_eq!(differing(&drawn, &expected), 0);
@@ -210,7 +210,7 @@ fn more_gaussians_than_can_be_ordered_are_refused() {
     let pages = Pages::of_gaussians(Arc::clone(gaussians), (**statistics).clone(), &Options::FAST);
     let scene = GpuScene::of_pages(&device, &pages, &Options::FAST, 1 << 20).unwrap();
     let count = u32::MAX as usize / scene.len();
-    let places = |count: usize| Placements::new(vec![Transform::IDENTITY; count]).unwrap();
+    let places = |count: usize| SceneInstances::new(vec![Transform::IDENTITY; count]).unwrap();
     assert!(scene.clone().placed(&places(count)).is_ok());
     let error = scene.placed(&places(count + 1)).err().unwrap().to_string();
     assert!(error.contains("which is the most that can be ordered"), "{error}");

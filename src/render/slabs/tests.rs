@@ -18,7 +18,7 @@ use crate::render::portable::PortableWorkspace;
 use crate::render::readback::read_pixels;
 use crate::render::recorded::Counted;
 use crate::render::renderer::Renderer;
-use crate::render::scene::{GpuScene, SceneSource};
+use crate::render::scene::{GpuScene, SceneSource, Upload};
 use crate::rules::{Background, Rules};
 use crate::scene::{Builder, Focus, Gaussians, Raw};
 
@@ -99,7 +99,7 @@ fn compare_under_limit(
     let source = SceneSource::of(gaussians);
     let (whole_device, device) = (open(None), open(Some(limit)));
     let draw = |device: &Device, cameras: Vec<&Camera>| {
-        let scene = source.bring(device, options, false, 1 << 20).unwrap();
+        let scene = source.upload_with(device, options, Upload::reserving(1 << 20)).unwrap();
         if let Some(paged) = scene.paged() {
             paged.cache().churn = churns.then_some(7);
         }
@@ -173,7 +173,7 @@ fn hidden_pages_are_not_read() {
     let camera = crate::camera::path::looking(&view, SIZE).remove(0);
     let device = open(Some(56 << 20));
     let source = SceneSource::of(gaussians);
-    let scene = source.bring(&device, &Options::BALANCED, false, 1 << 20).unwrap();
+    let scene = source.upload_with(&device, &Options::BALANCED, Upload::reserving(1 << 20)).unwrap();
     let frame = Renderer::new(&device, &Options::BALANCED, &scene).unwrap().render(&camera, BACKGROUND).unwrap();
     let parts = frame.parts.expect("the town is larger than the limit");
     assert!(parts.pages_in_view < 391, "pages behind the camera are not in view: {parts:?}");
@@ -188,13 +188,14 @@ fn certificates_and_depths_have_the_same_bits_in_slabs() {
     let source = SceneSource::of(gaussians);
     let draw = |device: Device| {
         let options = Options::BALANCED;
-        let scene = source.bring(&device, &options, true, 2 << 20).unwrap();
+        let scene =
+            source.upload_with(&device, &options, Upload { is_certifiable: true, reserve_bytes: 2 << 20 }).unwrap();
         let mut certified = Renderer::certified(&device, &options, &scene).unwrap();
         let frame = certified.render(&camera, BACKGROUND).unwrap();
         let certificate = certified.certificate().unwrap().unwrap();
         let picture = certified.pixels().unwrap();
         drop((certified, scene));
-        let scene = source.bring(&device, &options, false, 2 << 20).unwrap();
+        let scene = source.upload_with(&device, &options, Upload::reserving(2 << 20)).unwrap();
         let mut queue = FrameQueue::new(&device, Renderer::new(&device, &options, &scene).unwrap());
         let outputs = FrameOutputs { picture: vec![Form::Floats], depths: true, is_exported: false };
         let view = queue.start(&camera, BACKGROUND, &outputs, HostFrame::default()).unwrap();
@@ -217,7 +218,7 @@ fn a_limit_under_the_least_is_refused_with_the_bytes_that_are_needed() {
     let source = SceneSource::of(cactus::cactus(300_000).unwrap().gaussians);
     let bring = |limit: u64| {
         let device = open(Some(limit));
-        source.bring(&device, &Options::EXACT, false, 1 << 20).map(|scene| (device, scene))
+        source.upload_with(&device, &Options::EXACT, Upload::reserving(1 << 20)).map(|scene| (device, scene))
     };
     let limit = 34 << 20;
     let error = bring(limit).err().expect("so little memory is refused");

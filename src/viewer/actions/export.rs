@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::camera::Camera;
 use crate::files::{make_folder, write_checked};
 use crate::gpu::Device;
-use crate::pixels::{Pixels, Video, has_ffmpeg, is_video, write_rgba8};
+use crate::pixels::{Alpha, Pixels, Video, has_ffmpeg, is_video, write_rgba8};
 use crate::render::{Inspection, depths};
 use crate::rules::Background;
 use crate::scene::Cancelled;
@@ -49,7 +49,10 @@ impl Shots {
         let mut drawn = plan.build(device, reusable, first, self.background, None)?;
         match &self.output {
             Output::Files(files) => self.draw(&mut drawn, progress, |begin, pictures| {
-                pictures.par_iter().zip(&files[begin..]).try_for_each(|(pixels, file)| pixels.write(file, false))
+                pictures
+                    .par_iter()
+                    .zip(&files[begin..])
+                    .try_for_each(|(pixels, file)| pixels.write(file, Alpha::Opaque))
             }),
             Output::Layers(file) => {
                 drawn.renderer.render(first, self.background)?;

@@ -9,9 +9,9 @@ use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
 use crate::packing::{Layout, Statistics};
-use crate::render::{Content, Frame, GpuScene, Inspection, Path, Renderer, Residency, SceneSource};
+use crate::render::{Content, Frame, GpuScene, Inspection, Path, Renderer, Residency, SceneSource, Upload};
 use crate::rules::Background;
-use crate::scene::{Gaussians, Placements, Transform};
+use crate::scene::{Gaussians, SceneInstances, Transform};
 use crate::viewer::model::{LoadedScene, are_same};
 
 /// One of the two pictures that a window can show.
@@ -100,7 +100,7 @@ impl Plan {
             Some(old) => old.scene,
             None => {
                 let pixels: u64 = view.size_px.iter().map(|side| u64::from(*side)).product();
-                source.bring(device, &options, false, BYTES_PER_PIXEL * pixels)?
+                source.upload_with(device, &options, Upload::reserving(BYTES_PER_PIXEL * pixels))?
             }
         };
         let mut renderer = Renderer::new(device, &options, &scene)?;
@@ -126,8 +126,8 @@ impl Plan {
     fn source(&self) -> Result<SceneSource> {
         match &self.scenes[..] {
             [(LoadedScene::Paged(file), transform)] => {
-                let placed = (*transform != Transform::IDENTITY).then(|| Placements::new(vec![*transform]));
-                Ok(SceneSource { content: Content::File(file.clone()), placements: placed.transpose()? })
+                let placed = (*transform != Transform::IDENTITY).then(|| SceneInstances::new(vec![*transform]));
+                Ok(SceneSource { instances: placed.transpose()?, ..SceneSource::of_file(file.clone()) })
             }
             _ => {
                 let gaussians = self.joined()?;

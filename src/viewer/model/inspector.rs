@@ -15,7 +15,6 @@ use crate::viewer::frame::Side;
 const MARKS: usize = 3;
 
 /// The inspection of the pictures.
-#[derive(Default)]
 pub struct Inspector {
     pub settings: InspectionSettings,
     /// The pictures, read back while they are at rest and their values are needed.
@@ -36,6 +35,12 @@ pub struct ExplainedPixel {
 }
 
 impl Inspector {
+    /// `view_mode`: index of the view mode.
+    pub fn new(view_mode: usize) -> Self {
+        let settings = InspectionSettings { mode: view_mode, ..InspectionSettings::default() };
+        Self { settings, snapshot: None, last_snapshot: 0, marks: Vec::new(), explanation: None }
+    }
+
     /// Stores the pictures that were read back, with the next number.
     pub fn set_snapshot(&mut self, first: Arc<Pixels>, second: Option<Arc<Pixels>>) {
         self.last_snapshot += 1;

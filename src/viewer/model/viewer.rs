@@ -21,7 +21,6 @@ use super::scenes::Scenes;
 use super::setup::Setup;
 use super::timing::Timing;
 use super::view::View;
-use super::view_modes::InspectionSettings;
 use crate::options::Options;
 use crate::render::Quantity;
 use crate::rules::Rules;
@@ -66,10 +65,7 @@ impl Viewer {
             options: setup.options,
             pictures: Pictures::default(),
             comparison: Comparison { mode: setup.compare_mode, ..Comparison::default() },
-            inspector: Inspector {
-                settings: InspectionSettings { mode: setup.view_mode, ..InspectionSettings::default() },
-                ..Inspector::default()
-            },
+            inspector: Inspector::new(setup.view_mode),
             timing: Timing::new(setup.fps, setup.vsync),
             measuring: Measuring::default(),
             film: Film::default(),
