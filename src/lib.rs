@@ -1,8 +1,8 @@
 //! smalto: a renderer of 3D Gaussian splatting scenes on hand-written Vulkan compute pipelines.
 //!
 //! A program opens a scene, uploads it to a device, renders it from a camera, and reads the pixels. The scene may be a
-//! file of any format: a page file (`.smalto`) stays on the disk and is loaded page by page, so it may be larger than the
-//! memory of the device.
+//! file of any format: a page file (`.smalto`) stays on the disk and is loaded page by page, so it may be larger than
+//! the memory of the device.
 //!
 //! ```no_run
 //! use smalto::camera::Camera;

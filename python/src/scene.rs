@@ -122,7 +122,7 @@ impl Scene {
         self.source.is_antialiased
     }
 
-    /// How the scene differs from its file, a sentence each.
+    /// Differences between the scene and its file, a sentence each.
     #[getter]
     fn notices(&self) -> Vec<String> {
         self.source.notices.clone()

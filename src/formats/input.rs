@@ -156,7 +156,8 @@ pub(crate) fn word(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes(std::array::from_fn(|i| bytes[at + i]))
 }
 
-/// A count from a file header as a length. Fails if `available` bytes cannot hold so many elements of `bytes` each.
+/// A count from a file header as a length. Fails if `available` bytes cannot hold that number of elements of `bytes`
+/// each.
 pub(crate) fn checked_count(count: u64, bytes: u64, available: u64, what: &str) -> Result<usize> {
     let needed = count.checked_mul(bytes).with_context(|| format!("the header claims {count} {what}"))?;
     ensure!(

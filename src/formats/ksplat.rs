@@ -1,5 +1,6 @@
 //! Reads `.ksplat` of GaussianSplats3D: sections of Gaussians at one of three compression levels. Positions of levels 1
-//! and 2 are relative to buckets. The format has no magic number: the name of the file and consistent numbers tell it.
+//! and 2 are relative to buckets. The format has no magic number: the name of the file and consistent numbers identify
+//! it.
 
 use anyhow::{Result, bail, ensure};
 use half::f16;
@@ -27,7 +28,7 @@ enum Level {
     Zero,
     /// Positions in 16 bits inside a bucket, other values as 16-bit floats.
     One,
-    /// As level 1, but coefficients of degrees 1 and up in 8 bits from `low` to `high`.
+    /// Level 1, with coefficients of degrees 1 and up in 8 bits from `low` to `high`.
     Two { low: f64, high: f64 },
 }
 

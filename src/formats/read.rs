@@ -53,8 +53,9 @@ impl Reading {
         block_reader(&mut input, path).is_ok_and(|blocks| blocks.is_some_and(|blocks| (blocks.applies)(&mut input)))
     }
 
-    /// Reads a scene file block by block, if its format allows that: `.ply` with Gaussians, and `.splat`. `take` gets the blocks in the order of the file, flipped and transformed, and the number of Gaussians
-    /// that the file claims. Returns everything but the Gaussians, or `None` if the format is read as a whole.
+    /// Reads a scene file block by block, if its format allows that: `.ply` with Gaussians, and `.splat`. `take` gets
+    /// the blocks in the order of the file, flipped and transformed, and the number of Gaussians that the file claims.
+    /// Returns everything but the Gaussians, or `None` if the format is read as a whole.
     ///
     /// # Errors
     /// Those of [`Reading::read_watched`], and those of `take`.

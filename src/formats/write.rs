@@ -47,8 +47,8 @@ impl SceneFile {
         bail!("{}: scenes are written as {all}", path.display())
     }
 
-    /// The Gaussians as the format holds them: in its order, without those that it would make fully transparent, and
-    /// with the SH degrees that it has. A reader returns them in this order.
+    /// The Gaussians as the format holds them: in its order and up to its SH degree, without Gaussians that it would
+    /// make fully transparent. A reader returns them in this order.
     ///
     /// # Errors
     /// [`OutOfMemory`] if the copy cannot be allocated.

@@ -18,12 +18,12 @@ pub struct WrittenFile {
     pub format: String,
     /// Its size in bytes; for a folder, that of all its files.
     pub bytes: u64,
-    /// What the format changed.
+    /// Differences that the format made.
     pub loss: Vec<Loss>,
 }
 
 /// Writes Gaussians that are [`SceneFile::arranged`] into a file or, for a SOG named by its `meta.json`, a folder, and
-/// reads them back before they replace what is there. `progress` gets the fraction that is read back, 0 to 1.
+/// reads them back before they replace an older file. `progress` gets the fraction that is read back, 0 to 1.
 ///
 /// # Errors
 /// If the format cannot hold the scene, the file cannot be written, or is not what was written.

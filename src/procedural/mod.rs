@@ -1,5 +1,10 @@
-//! Procedural scenes: the cactus, places around the camera, a town, and two clouds at the extremes of tile density.
-//! They are seeded and equal everywhere.
+//! Procedural scenes, seeded and equal on every machine.
+//!
+//! - `cactus` - a potted cactus with the statistics of trained scenes
+//! - `rooms` - scenes around the camera: a furnished room, and a plain with a horizon
+//! - `town/` - a town of a size that depends on the count, with camera paths of its own
+//!
+//! The two clouds at the extremes of tile density are in this file.
 
 pub mod cactus;
 mod rooms;
@@ -90,7 +95,7 @@ impl Procedural {
         self.count
     }
 
-    /// Where `views` cameras along a path are, and what they look at: the eyes and the targets. `None` if the scene is
+    /// Eyes and targets of `views` cameras along a path. `None` if the scene is
     /// no town. The cameras are outside of houses.
     pub fn views(&self, path: TownPath, views: usize) -> Option<Vec<[DVec3; 2]>> {
         self.is_town().then(|| town::views(self.count, path, views))

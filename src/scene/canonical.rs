@@ -50,7 +50,8 @@ impl Builder {
         Ok(Self { gaussians: Gaussians::zeros(sh_degree, capacity)?, kept: 0, report: LoadReport::default() })
     }
 
-    /// Adds `count` Gaussians; those that cannot be drawn are dropped and counted. `decode(index, sh)` returns Gaussian
+    /// Adds `count` Gaussians; Gaussians that cannot be drawn are dropped and counted. `decode(index, sh)` returns
+    /// Gaussian
     /// `index` from 0 to `count - 1` and writes its spherical harmonics, which are 0 before; it runs on many threads.
     pub fn extend(&mut self, count: usize, decode: impl Fn(usize, &mut [[f32; 3]]) -> Raw + Sync) {
         let range = self.kept..self.kept + count;
@@ -132,7 +133,7 @@ fn parts(all: &mut Gaussians, range: Range<usize>) -> impl IndexedParallelIterat
 }
 
 impl Part<'_> {
-    /// Decodes as many Gaussians as there is room for, and keeps those that can be drawn at the front.
+    /// Decodes Gaussians up to the capacity of the block, and moves drawable ones to the front.
     fn fill(self, decode: impl Fn(usize, &mut [[f32; 3]]) -> Raw) -> LoadReport {
         let mut report = LoadReport::default();
         let stride = self.sh.len() / self.means.len();

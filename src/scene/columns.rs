@@ -133,7 +133,7 @@ impl Distinct {
         Self { slots: vec![Self::NONE; 1 << Self::BITS], count: 0 }
     }
 
-    /// Adds a value. False if there are too many then.
+    /// Adds a value. False if the table has too many values then.
     fn insert(&mut self, value: f64) -> bool {
         let bits = (value + 0.0).to_bits(); // -0 is 0
         let mut at = (bits.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (u64::BITS - Self::BITS)) as usize;

@@ -51,7 +51,7 @@ impl Gaussians {
     /// The scene with `colour` as this share of the colours of some Gaussians, in every direction.
     ///
     /// # Panics
-    /// If `which` does not say it for every Gaussian.
+    /// If the length of `which` is not the number of Gaussians.
     pub fn tinted(mut self, which: &[bool], colour: [f32; 3], share: f32) -> Self {
         assert_eq!(which.len(), self.len(), "it is said for every Gaussian");
         let stride = sh_coefficients(self.sh_degree);

@@ -50,7 +50,7 @@ impl Gaussians {
         self.means.len()
     }
 
-    /// True if there is no Gaussian.
+    /// True if the scene has no Gaussians.
     pub fn is_empty(&self) -> bool {
         self.means.is_empty()
     }

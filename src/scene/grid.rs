@@ -26,7 +26,7 @@ impl Grid {
     /// The grid of values that are not stored on one.
     pub const UNUSED: Self = Self { offset: 0.0, step: 1.0 };
 
-    /// The grid that spans the values from `low` to `high`; any grid if there are none, which `low > high` says.
+    /// The grid that spans the values from `low` to `high`. For no values, `low > high`, it is any grid.
     pub fn spanning([low, high]: [f64; 2]) -> Self {
         if low > high {
             return Self::UNUSED;

@@ -63,7 +63,7 @@ impl fmt::Display for LoadReport {
     }
 }
 
-/// What a user should know of a scene that was read: how it differs from its file, one sentence each.
+/// Differences between a scene and its file, one sentence each.
 pub fn remarks(name: &str, report: &LoadReport, notices: &[String]) -> Vec<String> {
     let mut remarks: Vec<String> = notices.iter().map(|notice| format!("note: {name}: {notice}")).collect();
     if report.dropped() + report.clamped_scale > 0 {
@@ -78,13 +78,13 @@ pub fn remarks(name: &str, report: &LoadReport, notices: &[String]) -> Vec<Strin
 pub struct Scene {
     /// The Gaussians that can be drawn.
     pub gaussians: Gaussians,
-    /// What was dropped or changed to make it canonical.
+    /// Counts of Gaussians that were dropped or changed.
     pub report: LoadReport,
     /// The format of the file: "SPZ 4", "PLY", ...
     pub format: String,
     /// It was trained with the antialiasing of Mip-Splatting and should be drawn with it.
     pub is_antialiased: bool,
-    /// Differences between what the file asks for and what is drawn, one clause each.
+    /// Differences between the file and the picture, one clause each.
     pub notices: Vec<String>,
     /// The levels of detail of the file, the finest first; empty if its format has none.
     pub levels: Vec<SceneLevel>,

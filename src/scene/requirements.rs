@@ -36,7 +36,7 @@ pub struct Band {
 /// Gaussians whose colours are added up one after another: the sum does not depend on threads or blocks.
 pub const SUMMED: usize = 1 << 12;
 
-/// What the colours of some Gaussians demand.
+/// Requirements of the colours of some Gaussians.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Colours {
     /// The largest bounds, and the sums of the mean squares.

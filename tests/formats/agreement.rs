@@ -172,7 +172,7 @@ fn replaced(bytes: &[u8], from: &str, to: impl AsRef<[u8]>) -> Vec<u8> {
     [&bytes[..at], to.as_ref(), &bytes[at + from.len()..]].concat()
 }
 
-/// An SPZ 4 file whose second stream holds this many alphas, whatever its table of contents says.
+/// An SPZ 4 file whose second stream holds this many alphas, whatever its table of contents claims.
 fn with_alphas(spz: &[u8], count: usize) -> Vec<u8> {
     let size = |stream: usize| u64::from_le_bytes(spz[32 + 16 * stream..][..8].try_into().unwrap()) as usize;
     let at = 32 + 6 * 16 + size(0);

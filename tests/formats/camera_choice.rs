@@ -1,4 +1,5 @@
-//! Which cameras a command draws from: found beside the scene, chosen from a file, or given on the command line.
+//! Selection of the cameras that a command draws from: found beside the scene, chosen from a file, or given on the
+//! command line.
 
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! `smalto convert`: what is written is what was read, changed as asked for, and what is lost is told.
+//! `smalto convert`: writes what it read, with the edits, and reports the loss.
 
 use std::fs;
 use std::path::Path;
@@ -84,7 +84,7 @@ fn quantized_values_are_not_quantized_again() {
     }
 }
 
-/// What splat-transform reads from the files that smalto writes, and that these are still what it writes.
+/// splat-transform's reading of files that smalto wrote earlier, and smalto still writes them.
 #[test]
 fn splat_transform_reads_what_is_written() {
     let folder = tempfile::tempdir().unwrap();

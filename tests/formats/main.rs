@@ -1,4 +1,4 @@
-//! Scene and camera files: what is read, refused, written and converted.
+//! Scene and camera files: reading, refusing, writing and converting.
 
 #[path = "../common/mod.rs"]
 mod common;

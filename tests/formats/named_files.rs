@@ -1,4 +1,4 @@
-//! Files that scenes name: only regular ones, inside the folder of the scene, read no further than the scene says.
+//! Linked files of scenes: regular files inside the folder of the scene, read up to the length that the scene records.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -91,7 +91,7 @@ fn antialiased_scenes_are_recognized() {
     assert!(read(folder.path()).is_antialiased);
 }
 
-/// As PlayCanvas' engine repairs it: a mean step before the second.
+/// A repair as in PlayCanvas' engine: a mean step before the second.
 #[test]
 fn a_null_first_codebook_value_is_repaired() {
     let folder = unpacked("plush.sog");
@@ -115,12 +115,12 @@ fn a_null_first_codebook_value_is_repaired() {
         }
     }
     assert!(changed > 0);
-    // Any other value that is lost takes its Gaussians with it, and says so.
+    // Any other lost value drops its Gaussians, and the report counts them.
     change(&folder.path().join("meta.json"), |meta| meta["sh0"]["codebook"] = json!([0.5]));
     assert!(parse_at(folder.path()).unwrap_err().contains("dropped as not finite"));
 }
 
-/// Level 0 and what is around it, one after another.
+/// Level 0, then its environment.
 #[test]
 fn the_finest_level_of_a_streamed_sog_is_read() {
     let scene = read(&fixture("lod"));
@@ -180,7 +180,7 @@ fn a_level_of_a_streamed_sog_can_be_chosen() {
     }
 }
 
-/// What is changed in `meta.json`, and what is said of it.
+/// A change of `meta.json`, and the error message.
 #[test]
 fn inconsistent_meta_json_is_refused() {
     type Change = fn(&mut Value);

@@ -22,7 +22,7 @@ fn lod_meta(folder: &Path) -> Value {
     serde_json::from_slice(&fs::read(folder.join("lod-meta.json")).unwrap()).unwrap()
 }
 
-/// The leaves of a tree. Every node has a box that holds those of its children.
+/// The leaves of a tree. The box of every node holds the boxes of its children.
 fn leaves<'n>(node: &'n Value, found: &mut Vec<&'n Value>) {
     let Some(children) = node["children"].as_array() else { return found.push(node) };
     assert_eq!(children.len(), 2);
@@ -41,7 +41,7 @@ fn holds(node: &Value, point: &[f64; 3], margin: f64) -> bool {
     (0..3).all(|axis| (min[axis] - margin..=max[axis] + margin).contains(&point[axis]))
 }
 
-/// Every level stands for the whole scene, and the ranges of the leaves are those of its files.
+/// Every level represents the whole scene, and the ranges of the leaves cover its files.
 #[test]
 fn leaves_name_all_gaussians_of_all_levels() {
     let folder = tempfile::tempdir().unwrap();

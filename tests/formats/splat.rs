@@ -16,8 +16,8 @@ fn splat_agrees_with_splat_transform() {
     agrees_with_splat_transform("plush.splat", &Tolerance { rotation: 4e-5, ..SAME });
 }
 
-/// Of level 0 with three sections and SH degree 2, of level 1 with one section and SH degree 1, of level 2 with two
-/// sections, full and partial buckets, and SH degree 2.
+/// Files of level 0 with three sections and SH degree 2, of level 1 with one section and SH degree 1, of level 2 with
+/// two sections, full and partial buckets, and SH degree 2.
 #[test]
 fn ksplat_of_every_level_agrees_with_splat_transform() {
     for level in 0..3 {
@@ -52,7 +52,7 @@ fn splat_files_are_recognized_by_their_ending() {
     }
     let nameless = parse("", &fs::read(fixture("plush.splat")).unwrap()).unwrap_err();
     assert!(nameless.contains("or a file named .splat, .ksplat or .gltf"), "{nameless}");
-    // Content that tells its format is read under any name.
+    // Content with a signature is read under any name.
     assert_eq!(parse(".splat", &fs::read(fixture("plush.ply")).unwrap()).unwrap().format, "PLY");
 }
 
@@ -86,7 +86,7 @@ fn damaged_gaussians_of_a_splat_file_are_counted() {
     assert_eq!((report.read, report.not_finite, report.zero_rotation), (61, 2, 1));
 }
 
-/// A number in a header, and what is said of it.
+/// A wrong number in a header, and the error message.
 #[test]
 fn inconsistent_ksplat_headers_are_refused() {
     let whole = fs::read(fixture("plush.l2.ksplat")).unwrap();
@@ -124,7 +124,7 @@ fn inconsistent_ksplat_headers_are_refused() {
     }
 }
 
-/// Room for Gaussians that are not used lies behind those that are.
+/// Unused capacity of a section lies behind its Gaussians.
 #[test]
 fn ksplat_sections_may_have_unused_room() {
     let mut bytes = fs::read(fixture("plush.l0.ksplat")).unwrap();

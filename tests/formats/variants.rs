@@ -82,7 +82,7 @@ fn ply_comments_are_applied_or_reported() {
     assert_eq!(with("kernel_size=0.3\ncomment Vertical axis: y").notices.len(), 1, "two scales alone");
 }
 
-/// splat-transform writes glTF in axes that are turned by half a turn about z from those of a PLY.
+/// splat-transform writes glTF in axes that are turned by half a turn about z from the axes of a PLY.
 #[test]
 fn gltf_agrees_with_splat_transform() {
     let found = read("plush.glb").gaussians;

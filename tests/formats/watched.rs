@@ -1,4 +1,4 @@
-//! Scene files watched while they are read: what is shown on the way, and that reading can be cancelled.
+//! Reading with a watch: partial scenes, progress and cancelling.
 
 use std::cell::{Cell, RefCell};
 use std::fs;
@@ -132,7 +132,7 @@ fn small_scenes_have_no_preview() {
     Reading::default().read_watched(&path, &Watch { partial: &partial, ..Watch::NONE }).unwrap();
 }
 
-/// After a number of questions, whichever part of the reader asks.
+/// Reading is cancelled after any number of questions, in every part of the reader.
 #[test]
 fn reading_ends_soon_after_it_is_cancelled() {
     let (_folder, paths) = files();

@@ -99,7 +99,7 @@ impl Target {
     }
 }
 
-/// Writes Gaussians in a format, and says what it cannot hold.
+/// Writes Gaussians in a format, and prints a warning for properties that the format lacks.
 pub(in crate::cli) fn write_scene(
     output: &Path,
     kind: SceneFile,

@@ -44,8 +44,8 @@ pub(crate) struct SceneFile {
 }
 
 impl SceneArg {
-    /// The file of the scene as it is now. `None` if the scene is not what one file holds: if it is procedural, comes
-    /// from a pipe, lies in several files, or is read otherwise than the file says.
+    /// The current file of the scene. `None` if the scene is procedural, comes from a pipe, lies in several files, or
+    /// is read with --up, --flip or --lod.
     pub fn file(&self) -> Option<SceneFile> {
         let path = self.path()?;
         let names_others = path.extension().is_some_and(|end| end == "json" || end == "gltf");
@@ -75,7 +75,7 @@ impl SceneArg {
     pub fn town(&self) -> Result<Option<Procedural>> {
         let made = match self.procedural().transpose()? {
             Some(made) => Some(made),
-            // A page file says what it was made of.
+            // A page file records its source.
             None => self.page_file()?.and_then(|file| {
                 let header = file.header();
                 let name = header.format.strip_prefix("procedural ")?;
@@ -153,7 +153,7 @@ impl SceneArg {
         read.map_err(no_level)
     }
 
-    /// Prints to stderr what the reader had to say about a scene.
+    /// Prints the notices of the reader to stderr.
     pub fn remark(&self, scene: &Scene) {
         let path = self.path().unwrap_or_else(|| self.scene.clone());
         let remarks = crate::scene::remarks(&path.display().to_string(), &scene.report, &scene.notices);
@@ -210,7 +210,7 @@ impl ReadingArgs {
     }
 }
 
-/// How a file is read with these values of --up, --flip and --lod.
+/// The reading of a file with these values of --up, --flip and --lod.
 ///
 /// # Errors
 /// If a value is none that the option takes.

@@ -19,7 +19,7 @@ pub(crate) struct Buffer {
     byte_length: u64,
 }
 
-/// Loads the bytes of all buffers. `embedded` are those of the first one if it is inside the file.
+/// Loads the bytes of all buffers. `embedded` is the first buffer, if it is inside the file.
 pub(crate) fn load(buffers: &[Buffer], path: &Path, mut embedded: Option<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
     let mut all = Vec::new();
     for (index, buffer) in buffers.iter().enumerate() {

@@ -116,7 +116,7 @@ impl Element {
         (0..).take_while(|i| self.has(&format!("{stem}{i}"))).count()
     }
 
-    /// This element with 64-bit floats for all properties, the form in which parsed lines of text are kept.
+    /// The element with 64-bit floats for all properties, the form in which parsed lines of text are kept.
     pub fn widened(&self) -> Self {
         let widen = |(i, p): (usize, &Property)| Property { kind: Scalar::F64, offset: 8 * i, ..p.clone() };
         let properties = self.properties.iter().enumerate().map(widen).collect();
@@ -246,7 +246,7 @@ impl Comments {
         }
     }
 
-    /// Differences between these settings and what is drawn.
+    /// Differences between these settings and the picture.
     fn notices(&self) -> Vec<String> {
         let size = self.kernel_size.filter(|size| *size != LOW_PASS);
         let size = size.map(|size| format!("it asks for a kernel of {size} px^2, but is drawn with {LOW_PASS}"));

@@ -86,7 +86,7 @@ fn vertices(input: &mut Input, element: &Element) -> Result<Scene> {
 type Decode<'d> = &'d (dyn Fn(usize, &mut [[f32; 3]]) -> Raw + Sync);
 
 /// Reads all rows in blocks. `take` gets the SH degree, the number of Gaussians of a block and what decodes them.
-/// Returns what there is to say about the file.
+/// Returns a notice about the file, if any.
 fn blocks(
     input: &mut Input,
     rows: &mut Rows,

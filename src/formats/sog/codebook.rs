@@ -6,11 +6,11 @@ const VALUES: usize = 256;
 /// Largest number of rounds of Lloyd's algorithm. A round takes a few thousand steps for any number of values.
 const ROUNDS: usize = 1000;
 
-/// 256 ascending values; if there are fewer, the last is repeated.
+/// 256 ascending values; the last is repeated if fewer are used.
 pub(crate) struct Codebook([f32; VALUES]);
 
 impl Codebook {
-    /// A codebook with a small sum of squared rounding errors of `values`. It is exact if there are at most 256
+    /// A codebook with a small sum of squared rounding errors of `values`. It is exact for at most 256
     /// distinct values. No value may be NaN.
     pub fn of(mut values: Vec<f32>) -> Self {
         values.par_sort_unstable_by(f32::total_cmp);

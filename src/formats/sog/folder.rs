@@ -1,4 +1,4 @@
-//! Writes a SOG into a folder: a new one, or in place of the SOG that is there; removes one.
+//! Writes a SOG into a folder, where it may replace an older SOG; removes a SOG.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -15,9 +15,9 @@ use crate::scene::Gaussians;
 /// gets the path of a `meta.json` of the complete set before any file of the folder is replaced, and its result is
 /// returned.
 ///
-/// A SOG that is in the folder stays readable until the new one takes its place: the new textures have other names,
-/// which `meta.json` says, and the old ones are removed when it has been replaced. So the set is the old one or the new
-/// one, whatever happens, and never a mixture.
+/// A SOG in the folder stays readable until the new one takes its place: the new textures have other names,
+/// which `meta.json` records, and the old textures are removed after `meta.json` was replaced. So the folder holds the
+/// old set or the new one at any time, and never a mixture.
 ///
 /// # Errors
 /// If the folder cannot be made, a file in it cannot be written, another run writes into it, or `check` fails.
@@ -36,7 +36,7 @@ pub(crate) fn in_locked<T>(folder: &Path, write: impl FnOnce() -> Result<T>) -> 
     let made: Vec<&Path> =
         folder.ancestors().take_while(|above| !above.as_os_str().is_empty() && !above.exists()).collect();
     make_folder(folder)?;
-    // A system that cannot open folders has no lock, and two runs at once are the user's care.
+    // A system that cannot open folders has no lock; there the user must not start two runs at once.
     let opened = fs::File::open(folder).ok();
     let locked = opened.as_ref().map_or(Ok(()), lock).with_context(|| folder.display().to_string());
     let written = locked.and_then(|()| write());

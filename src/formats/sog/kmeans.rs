@@ -9,7 +9,7 @@ use crate::scene::Random;
 const ROUNDS: usize = 8;
 /// Sampled points per cell when the cells are computed.
 const SAMPLE: usize = 256;
-/// Up to so many clusters, one level is enough.
+/// Up to this number of clusters, one level is enough.
 const FEW: usize = 1024;
 
 /// At most `most` centroids, one after another, and the index of the nearest for each of `count` points. The result is

@@ -28,5 +28,5 @@ pub(crate) use read::{in_folder, read_bundle, read_json};
 pub(crate) use write::write;
 pub use write_streamed::{Streamed, WrittenLevels, write_streamed_sog};
 
-/// The name that readers know a streamed SOG by.
+/// The file name of a streamed SOG.
 pub const LOD_META: &str = "lod-meta.json";

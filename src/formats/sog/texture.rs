@@ -15,7 +15,7 @@ pub(crate) struct Bounds {
 }
 
 impl Bounds {
-    /// Upper bound on the size of an image file with so many texels, however badly compressed.
+    /// Upper bound on the size of an image file with this number of texels, however badly compressed.
     pub fn most_bytes(self) -> u64 {
         self.most.saturating_mul(5).saturating_add(1 << 16)
     }

@@ -9,7 +9,7 @@ use super::texture::{self, Texture};
 use crate::formats::input::Input;
 use crate::scene::{BLOCK, Builder, Raw, Scene, Watch, from_smallest_three, sh_coefficients};
 
-/// Bytes of all texels of a Gaussian without those of degrees 1 and up.
+/// Bytes of all texels of a Gaussian, without the coefficients of degrees 1 and up.
 const TEXEL_BYTES: u64 = 20;
 /// Position of the palette in [`Meta::textures`]. Every other texture has a texel per Gaussian.
 const PALETTE: usize = 5;

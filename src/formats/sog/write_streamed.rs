@@ -36,7 +36,7 @@ pub struct Streamed<'s> {
     pub progress: &'s dyn Fn(f64),
 }
 
-/// What was written.
+/// The levels that were written.
 pub struct WrittenLevels {
     /// Gaussians by level.
     pub counts: Vec<usize>,
@@ -54,7 +54,7 @@ struct Bound {
     max: [f32; 3],
 }
 
-/// Where the Gaussians of a leaf at a level are.
+/// Position of the Gaussians of a leaf at a level.
 #[derive(Serialize)]
 struct Range {
     file: usize,
@@ -96,7 +96,7 @@ struct Names {
 }
 
 /// Writes a streamed SOG as the file `lod-meta.json` in a folder, which is made if needed, and folders of textures
-/// beside it. Every file is read back before it counts. A streamed SOG that is there already stays readable until the
+/// beside it. Every file is read back before it counts. An older streamed SOG in the folder stays readable until the
 /// new one takes its place; then its files are removed.
 ///
 /// # Errors
@@ -182,7 +182,7 @@ impl Writer<'_> {
     }
 
     /// Writes the Gaussians that were collected as a SOG folder, and reads it back. Their number and what they lost is
-    /// returned; nothing if there are none. `first` is the number of folders of finer levels.
+    /// returned, if any. `first` is the number of folders of finer levels.
     fn finish_unit(&mut self, level: usize, first: usize) -> Result<Option<(usize, Vec<Loss>)>> {
         if self.unit.is_empty() {
             return Ok(None);

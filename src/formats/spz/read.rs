@@ -19,7 +19,7 @@ pub(crate) const MAGIC: u32 = 0x5053_474e; // "NGSP"
 pub(crate) const COLOUR_SCALE: f64 = 0.15;
 /// Bytes that a zstd stream may take beyond twice its content: its headers, of content that cannot be compressed.
 const MAX_OVERHEAD: u64 = 1 << 16;
-/// Progress when all bytes are read: those of a gzip stream are decompressed then, those of zstd streams later.
+/// Progress when all bytes are read. A gzip stream is decompressed by then, zstd streams are not.
 const READ_GZIP: f64 = 0.4;
 const READ_V4: f64 = 0.05;
 /// Largest accepted compression ratio, as in the reference implementation.
@@ -200,7 +200,7 @@ fn decode<R: Read + Send>(
     })
 }
 
-/// Decompresses the block of Gaussians from `first` on, if there are any, of every plane.
+/// Decompresses the block of Gaussians from `first` on of every plane.
 fn read_blocks<R: Read + Send>(planes: &mut [R], blocks: &mut [Vec<u8>], header: &Header, first: usize) -> Result<()> {
     let count = BLOCK.min(header.count.saturating_sub(first));
     let parts = planes.par_iter_mut().zip(blocks).zip(header.planes());

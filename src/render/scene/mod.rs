@@ -1,5 +1,5 @@
-//! Scenes before and in device memory: [`SceneSource`] is uploaded to a device as a [`GpuScene`], whole or as a cache of
-//! pages.
+//! Scenes before and in device memory: [`SceneSource`] is uploaded to a device as a [`GpuScene`], whole or as a cache
+//! of pages.
 //!
 //! - `scene_source` - a scene before it is on a device: Gaussians in memory or a page file, with scene instances
 //! - `gpu_scene` - the planes of Gaussians in device memory, with all of them or with the resident pages

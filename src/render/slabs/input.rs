@@ -179,7 +179,8 @@ impl PagedInput<'_> {
     /// be listed for many scene instances, and takes one slot for all of them.
     pub fn batches(&mut self, needed: &mut [VisiblePage], list_capacity: usize) -> Vec<Range<usize>> {
         if !self.cache.has_all() {
-            // Each page is loaded once for all of its scene instances. With one scene instance, the order stays that of depths.
+            // Each page is loaded once for all of its scene instances. With one scene instance, the order stays that of
+            // depths.
             if needed.iter().any(|page| page.view != needed[0].view) {
                 needed.par_sort_unstable_by_key(|page| (page.page, page.view));
             }

@@ -1,4 +1,4 @@
-//! Damage of page files: what is flipped, cut, changed or cannot be read is found.
+//! Damage of page files: flipped bits, cut files, changed numbers and failed reads are found.
 
 use std::fs;
 

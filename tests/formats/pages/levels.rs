@@ -34,7 +34,7 @@ fn a_file_with_levels_holds_the_scene() {
             let nodes = file.pages().iter().map(|page| page.count as usize).sum::<usize>();
             assert!(nodes >= count && nodes < 2 * count + PAGE, "{nodes} nodes of {count}");
             assert_eq!(file.levels().unwrap().len(), file.pages().len());
-            // Without a wish for levels, there are the pages of the scene alone.
+            // Options without a limit of levels use the pages of the scene alone.
             assert_eq!(of_file(&out, &options).nodes(), count);
             let wanted = of_file(&out, &Options { splats: 1, ..options });
             assert_eq!((wanted.nodes(), wanted.level_words()), (nodes, LEVEL_WORDS * PAGE));
@@ -95,7 +95,7 @@ fn an_interrupted_build_ends_with_the_same_file() {
     let blocks = super::writing::in_blocks(&gaussians, 7777);
     let mut interrupted = 0;
     for questions in 0.. {
-        // The blocks of levels ask, too: the last interruptions are among them.
+        // Groups of levels are also interrupted: among the last interruptions.
         let asked = AtomicUsize::new(0);
         let is_cancelled = || asked.fetch_add(1, Ordering::Relaxed) >= questions;
         let cancelled = Job { is_cancelled: &is_cancelled, ..job(&out, settings) };
@@ -203,7 +203,7 @@ fn a_level_is_a_scene_of_any_format() {
     assert!(said.contains("standard output"), "{said}");
 }
 
-/// Errors are moved towards what is typical of their level, and still never fall from children to parents.
+/// Errors are moved towards the mean of their level, and still never fall from children to parents.
 #[test]
 fn errors_of_a_level_are_alike() {
     let folder = tempfile::tempdir().unwrap();

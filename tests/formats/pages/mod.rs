@@ -1,4 +1,4 @@
-//! Page files: what is written is what was read, whatever the way, and damage is found.
+//! Page files: every way of writing gives the same file, a file holds its scene, and damage is found.
 
 mod damage;
 mod levels;
