@@ -38,7 +38,7 @@ fn with_photographs(folder: &Path) -> (Gpu, Offscreen, Vec<NamedCamera>) {
         if name == "b.jpg" {
             photograph.rgba.iter_mut().flatten().for_each(|value| *value *= 0.8);
         }
-        photograph.write(&folder.join("images").join(name).with_extension("png"), Alpha::Opaque).unwrap();
+        photograph.write(folder.join("images").join(name).with_extension("png"), Alpha::Opaque).unwrap();
     }
     offscreen.viewer().drop_file(&folder.join("cameras.json"));
     offscreen.settle().unwrap();

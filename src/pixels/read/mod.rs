@@ -211,7 +211,7 @@ mod tests {
 
     fn written(pixels: &Pixels, name: &str, transparent: bool) -> Pixels {
         let folder = tempfile::tempdir().unwrap();
-        pixels.write(&folder.path().join(name), Alpha::of(transparent)).unwrap();
+        pixels.write(folder.path().join(name), Alpha::of(transparent)).unwrap();
         // The name does not matter.
         std::fs::rename(folder.path().join(name), folder.path().join("picture")).unwrap();
         Pixels::read(&folder.path().join("picture")).unwrap()
@@ -328,7 +328,7 @@ mod tests {
         save(&path, &[4, 4, 3], Order::C, &[0.0_f32; 48]);
         let part = std::fs::read(&path).unwrap();
         assert!(of_bytes(&part[..part.len() - 1]).starts_with("is a damaged .npy file"));
-        floats().write(&folder.path().join("a.exr"), Alpha::Transparent).unwrap();
+        floats().write(folder.path().join("a.exr"), Alpha::Transparent).unwrap();
         let part = std::fs::read(folder.path().join("a.exr")).unwrap();
         assert!(of_bytes(&part[..part.len() / 2]).starts_with("cannot be decoded"));
     }
