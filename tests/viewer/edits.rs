@@ -177,7 +177,7 @@ fn gaussians_are_selected_by_place_and_value() {
     for (property, range) in
         [(Property::Opacity, 0.0..=0.5), (Property::Scale, 0.05..=9.0), (Property::Anisotropy, 2.0..=5.0)]
     {
-        let expected = (0..all.len()).filter(|i| range.contains(&property.of(&all, *i, 0.0))).count();
+        let expected = (0..all.len()).filter(|i| range.contains(&property.value(&all, *i, 0.0))).count();
         offscreen.viewer().select(&Selection::Values(property, range.clone()), SelectionMode::Replace);
         assert_eq!(selected(&mut offscreen), expected, "{property:?}");
     }

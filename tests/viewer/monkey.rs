@@ -60,7 +60,8 @@ fn a_monkey_breaks_nothing() {
     viewer.film.is_playing = false;
     viewer.panels.are_hidden = true;
     viewer.panels.shows_help = false;
-    (viewer.explanation, viewer.inspection.mode, viewer.inspection.culled_from) = (None, 0, None);
+    (viewer.inspector.explanation, viewer.inspector.settings.mode, viewer.inspector.settings.culled_from) =
+        (None, 0, None);
     while offscreen.viewer().view.navigator.is_gliding()
         || offscreen.session.context().input(|input| input.is_scrolling())
     {

@@ -278,5 +278,5 @@ fn a_window_keeps_what_was_opened() {
     assert!(!offscreen.viewer().panels.dialog.is_open());
     offscreen.viewer().drop_file(&scene);
     offscreen.settle().unwrap();
-    assert_eq!(RecentState::read(&kept).recent, [scene]);
+    assert_eq!(RecentState::read(&kept).files, [scene]);
 }
