@@ -1,5 +1,5 @@
-//! Frames of paged scenes in one submission: the GPU selects the pages, and the host reads afterwards whether a page was
-//! missing.
+//! Frames of paged scenes in one submission: the GPU selects the pages, and the host reads afterwards whether a page
+//! was missing.
 
 use anyhow::Result;
 

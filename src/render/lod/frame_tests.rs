@@ -109,8 +109,8 @@ fn measured_errors_are_near_the_prediction() {
             shown.push(format!("{zoom}: {nodes:.0} nodes, {predicted_psnr:.1} dB predicted, {measured:.1} shown"));
             // One page more or less in the cut changes the prediction by half a dB here.
             assert!((-0.05..1.5).contains(&(predicted_psnr - f64::from(db))), "{shown:?}");
-            // The prediction counts hidden nodes, and at a distance errors decrease faster than predicted. Errors in one
-            // direction may be larger than the mean of several.
+            // The prediction counts hidden nodes, and at a distance errors decrease faster than predicted. Errors in
+            // one direction may be larger than the mean of several.
             assert!((-6.0..25.0).contains(&(measured - predicted_psnr)), "{shown:?}");
         }
     }

@@ -323,8 +323,8 @@ fn check_pages(
     }
 }
 
-/// Each Gaussian adds its opacity to one node on each path to the root, so every cut has the same sum: also with missing
-/// pages, whose fallback limits select coarser nodes.
+/// Each Gaussian adds its opacity to one node on each path to the root, so every cut has the same sum: also with
+/// missing pages, whose fallback limits select coarser nodes.
 #[test]
 fn every_cut_stands_for_every_gaussian_once() {
     let scene = cactus::cactus(30_000).unwrap();

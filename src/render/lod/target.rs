@@ -1,9 +1,9 @@
 //! The target of a selection of levels of detail, and the report of its result.
 //!
-//! A node is drawn if its error is within the error limit of its group, and its parent's error is above the limit of the
-//! parent's group. The limit of a group follows from the width of a pixel at its box. Boxes contain the boxes of their
-//! children, and errors do not decrease towards the root, so exactly one node is drawn on the path from any Gaussian to
-//! the root.
+//! A node is drawn if its error is within the error limit of its group, and its parent's error is above the limit of
+//! the parent's group. The limit of a group follows from the width of a pixel at its box. Boxes contain the boxes of
+//! their children, and errors do not decrease towards the root, so exactly one node is drawn on the path from any
+//! Gaussian to the root.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

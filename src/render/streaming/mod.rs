@@ -6,8 +6,8 @@
 //!    frame's stamp and a priority (`last_used`), and requests it if it is missing. `PageStreamer::record_requests`
 //!    (`streamer`) reads the requests back, and also those for the predicted camera.
 //! 2. **Snapshot and schedule**. `PageStreamer::handle_requests` (`streamer`) combines the requests with the residency
-//!    of all pages in a `ResidencySnapshot`; a worker thread turns that into a `LoadSchedule` (`schedule`): the pages to
-//!    load, and the pages to evict for them.
+//!    of all pages in a `ResidencySnapshot`; a worker thread turns that into a `LoadSchedule` (`schedule`): the pages
+//!    to load, and the pages to evict for them.
 //! 3. **Load**. `PageStreamer::start_loads` (`streamer`) hands the pages to threads, which read them into host memory
 //!    with `LoadedPage::read` (`scene/page_cache`). `PageStreamer::poll` collects them.
 //! 4. **Insert and evict**. Before the next frame, `PageStreamer::advance` (`streamer`) passes loaded pages to

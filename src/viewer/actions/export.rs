@@ -37,8 +37,8 @@ struct Shots {
 }
 
 impl Shots {
-    /// Draws all pictures. The build may reuse parts of the picture in the window. `progress` receives the fraction that
-    /// is written, and returns true to cancel the rest.
+    /// Draws all pictures. The build may reuse parts of the picture in the window. `progress` receives the fraction
+    /// that is written, and returns true to cancel the rest.
     fn write(
         &self,
         device: &Device,

@@ -52,8 +52,8 @@ impl Viewer {
         }
     }
 
-    /// Opens a scene in addition to the open ones. With the first scene, also opens a camera file next to it, unless the
-    /// setup names one.
+    /// Opens a scene in addition to the open ones. With the first scene, also opens a camera file next to it, unless
+    /// the setup names one.
     pub fn open(&mut self, path: &Path, reading: Reading) {
         let source = match LayerSource::of(path) {
             Ok(source) => source,

@@ -27,7 +27,8 @@ impl Viewer {
         self.editing.undo.current = None;
     }
 
-    /// Records an undo step if the state has changed. Call it when no drag or glide is under way, so that each is one step.
+    /// Records an undo step if the state has changed. Call it when no drag or glide is under way, so that each is one
+    /// step.
     pub fn record_undo_step(&mut self) {
         let now = self.state();
         if let Some(before) = self.editing.undo.current.take().filter(|before| before.difference(&now).is_some()) {

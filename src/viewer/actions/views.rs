@@ -91,7 +91,8 @@ impl Viewer {
         }
     }
 
-    /// Shows all scenes if the layer, opened in addition to others, is out of view. A view at a camera of the file stays.
+    /// Shows all scenes if the layer, opened in addition to others, is out of view. A view at a camera of the file
+    /// stays.
     pub fn reveal_layer(&mut self, place: usize) {
         let layer = &self.scenes.layers[place];
         let (Some(own), Some(all)) = (layer.placed_focus(), self.scenes.focus()) else { return };

@@ -70,8 +70,8 @@ impl Session {
         Ok(for_window)
     }
 
-    /// The depth of the picture at a pixel: `Some(None)` where nothing is drawn. `None`, with a message, if the picture has
-    /// no depths.
+    /// The depth of the picture at a pixel: `Some(None)` where nothing is drawn. `None`, with a message, if the picture
+    /// has no depths.
     fn depth_at(&mut self, pixel: [u32; 2]) -> Result<Option<Option<f32>>> {
         let Some((_, drawn)) = self.drawn_at(pixel) else { return Ok(None) };
         if drawn.gaussians.is_none() && !drawn.renderer.can_show(&Inspection::of_attribute(Attribute::Depth)) {
@@ -127,8 +127,8 @@ impl Session {
         Ok(())
     }
 
-    /// The picture as the window shows it, without panels: red, green, blue and alpha, row by row. `None`, with a message,
-    /// without a picture at full scale.
+    /// The picture as the window shows it, without panels: red, green, blue and alpha, row by row. `None`, with a
+    /// message, without a picture at full scale.
     fn shown_pixels(&mut self) -> Result<Option<Vec<[u8; 4]>>> {
         if self.pair.first.is_none() || !self.has_full_scale() {
             self.viewer.messages.error(if self.pair.first.is_none() { "there is no picture yet" } else { IN_MOTION });

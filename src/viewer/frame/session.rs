@@ -143,8 +143,8 @@ impl Session {
         }
     }
 
-    /// Polls for changed shaders, at most once per [`SHADER_POLL`], if shaders are compiled at run time. Returns true if
-    /// they changed: the next frame then starts another build.
+    /// Polls for changed shaders, at most once per [`SHADER_POLL`], if shaders are compiled at run time. Returns true
+    /// if they changed: the next frame then starts another build.
     pub fn poll_shaders(&mut self) -> bool {
         if self.shaders_polled.is_some_and(|polled| polled.elapsed() < SHADER_POLL) {
             return false;
@@ -224,8 +224,8 @@ impl Session {
         Ok(FrameOutput { platform, repaint_delay, requests, shown })
     }
 
-    /// Handles the input, lays the panels out and executes the requests; returns the output and the requests for the owner
-    /// of the window.
+    /// Handles the input, lays the panels out and executes the requests; returns the output and the requests for the
+    /// owner of the window.
     fn lay_out_ui(&mut self, raw: RawInput, now: Instant) -> Result<(Option<PlatformOutput>, Vec<WindowRequest>)> {
         let mut seconds = self.layout.at.map_or(0.0, |at| (now - at).as_secs_f64());
         let view_before = self.viewer.view.camera();

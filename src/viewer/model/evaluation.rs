@@ -49,8 +49,8 @@ fn taking(camera: &Camera, size: [u32; 2]) -> Camera {
 pub type PosedPhotograph = (usize, NamedCamera, PathBuf);
 
 impl Evaluation {
-    /// Draws every camera at the size of its photograph, and compares the two. `progress` receives the fraction done; its
-    /// error ends the work.
+    /// Draws every camera at the size of its photograph, and compares the two. `progress` receives the fraction done;
+    /// its error ends the work.
     pub fn new(
         device: &Device,
         (plan, reusable): (Plan, Option<Reusable>),

@@ -13,9 +13,9 @@ pub enum Event {
         device: String,
         size: [u32; 2],
     },
-    /// The first frame with a scene was shown, `ms` after the start. If the scene was read only in part, the first frame
-    /// of the whole scene is reported, too. For a paged scene only the first frame is reported, and it is whole if it
-    /// missed no page.
+    /// The first frame with a scene was shown, `ms` after the start. If the scene was read only in part, the first
+    /// frame of the whole scene is reported, too. For a paged scene only the first frame is reported, and it is whole
+    /// if it missed no page.
     FirstFrame {
         ms: f64,
         is_whole: bool,

@@ -94,8 +94,8 @@ impl Gizmo {
         }
     }
 
-    /// The point on the plane of a ring at a position in the picture, relative to the centre. `None` if the plane is seen
-    /// edge-on, or lies behind the camera.
+    /// The point on the plane of a ring at a position in the picture, relative to the centre. `None` if the plane is
+    /// seen edge-on, or lies behind the camera.
     fn on_plane(&self, axis: usize, place: DVec2) -> Option<DVec3> {
         let (axis, eye) = (DVec3::AXES[axis], self.view.position);
         let ray = (self.view.unprojected(place, 1.0) - eye).normalize();

@@ -41,8 +41,9 @@ impl RateControl {
             (self.splats * (self.target_ms() / ms).clamp(smallest, largest)).clamp(SPLATS[1], f64::from(u32::MAX));
     }
 
-    /// Adapts the scale to the GPU time of a picture in motion that had this scale, in milliseconds. Returns true if the
-    /// scale has decreased. It never increases during a motion, so that pictures do not alternate between two scales.
+    /// Adapts the scale to the GPU time of a picture in motion that had this scale, in milliseconds. Returns true if
+    /// the scale has decreased. It never increases during a motion, so that pictures do not alternate between two
+    /// scales.
     pub fn adjust_scale(&mut self, ms: f64, scale: f32) -> bool {
         if scale != self.scale || ms <= self.target_ms() {
             return false;

@@ -249,8 +249,8 @@ impl InspectionSettings {
         }
     }
 
-    /// Sets the inspection of a picture; returns true if it changed. An isolated Gaussian belongs to the first picture, so
-    /// the second ignores it.
+    /// Sets the inspection of a picture; returns true if it changed. An isolated Gaussian belongs to the first picture,
+    /// so the second ignores it.
     pub fn apply(&self, side: Side, drawn: &mut Drawn) -> anyhow::Result<bool> {
         let mut inspection = self.inspection();
         let exists = |index: u32| side == Side::First && (index as usize) < drawn.statistics.count;

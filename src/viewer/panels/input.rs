@@ -219,8 +219,8 @@ fn fly(viewer: &mut Viewer, ui: &Ui, seconds: f64) -> bool {
     true
 }
 
-/// Handles the mouse over the picture. Moves and clicks are handled event by event, in their order, so that a drag loses
-/// no event between two frames.
+/// Handles the mouse over the picture. Moves and clicks are handled event by event, in their order, so that a drag
+/// loses no event between two frames.
 pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
     let rect = ui.available_rect_before_wrap();
     let response = ui.allocate_rect(rect, Sense::click_and_drag());

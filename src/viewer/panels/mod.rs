@@ -7,7 +7,8 @@
 //! - `compare`, `cameras` - the page Compare, cameras over the picture, and the table of photographs
 //! - `film` - the page Path: keys, playing, and files to write
 //! - `edit` - the page Edit: tools, selections, placement
-//! - `overlay`, `readout`, `guides`, `world_painter` - labels and messages, numbers, axes and grid, lines in world space
+//! - `overlay`, `readout`, `guides`, `world_painter` - labels and messages, numbers, axes and grid, lines in world
+//!   space
 //! - `help` - the help window
 
 mod cameras;

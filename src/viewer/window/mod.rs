@@ -345,8 +345,8 @@ impl OpenWindow {
         Ok(())
     }
 
-    /// Recovers from a lost device by opening it again, and from a lack of memory or a changed shader that does not compile
-    /// by dropping the pictures. Returns other failures.
+    /// Recovers from a lost device by opening it again, and from a lack of memory or a changed shader that does not
+    /// compile by dropping the pictures. Returns other failures.
     fn recover(&mut self, failure: anyhow::Error, setup: &WindowSetup) -> Result<()> {
         let viewer = &mut self.session.viewer;
         if failure.is::<OutOfMemory>() {
