@@ -17,8 +17,10 @@ fn documented_schemas_are_those_of_the_program() {
     let folder = tempfile::tempdir().unwrap();
     let written = path(&folder, "schemas");
     ok(&["schemas", &written]);
-    let (current, documented) =
-        (files(Path::new(&written)), files(&Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/schemas")));
+    let current = files(Path::new(&written));
+    let mut documented = files(&Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/schemas"));
+    // The schema of a bench: `tests/measure/ladder.rs` compares it.
+    documented.remove("ladder.schema.json").expect("the schema of the ladder");
     assert!(current.keys().eq(documented.keys()), "{:?}\n{:?}", current.keys(), documented.keys());
     for (name, text) in &current {
         assert!(documented[name] == *text, "{name} is old: `smalto schemas docs/schemas` writes the new one");
